@@ -1,0 +1,101 @@
+# dfr_add_library, dfr_add_app, dfr_add_test, dfr_add_bench: how a target looks in this repository.
+
+if(NOT CMAKE_BUILD_TYPE AND NOT CMAKE_CONFIGURATION_TYPES)
+  set(CMAKE_BUILD_TYPE Release CACHE STRING "Build type" FORCE)
+endif()
+if(PROJECT_IS_TOP_LEVEL)
+  set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
+  set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
+endif()
+set(THREADS_PREFER_PTHREAD_FLAG ON)
+find_package(Threads REQUIRED)
+
+# Warnings and sanitizers are for our own build; consumers never inherit them.
+add_library(dfr_build_flags INTERFACE)
+target_compile_options(dfr_build_flags INTERFACE
+  -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor -Woverloaded-virtual
+  $<$<BOOL:${DFR_WERROR}>:-Werror>)
+if(DFR_SANITIZE)
+  target_compile_options(dfr_build_flags INTERFACE -fsanitize=${DFR_SANITIZE} -fno-omit-frame-pointer)
+  target_link_options(dfr_build_flags INTERFACE -fsanitize=${DFR_SANITIZE})
+endif()
+
+# dfr_add_library(kernel SOURCES ... [PUBLIC ...] [PRIVATE ...])
+# makes dfr_kernel, its alias dfr::kernel, and the install component and export set "kernel".
+# Public headers are in include/ beside the CMakeLists.txt.
+function(dfr_add_library name)
+  cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;PUBLIC;PRIVATE")
+  set(target dfr_${name})
+  add_library(${target} STATIC ${arg_SOURCES})
+  add_library(dfr::${name} ALIAS ${target})
+  set_target_properties(${target} PROPERTIES EXPORT_NAME ${name} POSITION_INDEPENDENT_CODE ON)
+  target_compile_features(${target} PUBLIC cxx_std_20)
+  target_compile_definitions(${target} PUBLIC EIGEN_MPL2_ONLY)
+  target_include_directories(${target} PUBLIC
+    $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/include>
+    $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
+  target_link_libraries(${target} PUBLIC ${arg_PUBLIC} PRIVATE ${arg_PRIVATE}
+    $<BUILD_INTERFACE:dfr_build_flags>)
+  install(TARGETS ${target} EXPORT dfr_${name}
+    ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT ${name})
+  install(DIRECTORY include/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT ${name})
+  install(EXPORT dfr_${name} NAMESPACE dfr:: FILE dfr_${name}.cmake
+    DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/dfr COMPONENT ${name})
+  set_property(GLOBAL APPEND PROPERTY DFR_LIBRARIES ${name})
+endfunction()
+
+# dfr_add_app(pusher SOURCES ... LINK ...) makes bin/pusher.
+function(dfr_add_app name)
+  cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;LINK")
+  add_executable(${name} ${arg_SOURCES})
+  target_compile_features(${name} PRIVATE cxx_std_20)
+  target_link_libraries(${name} PRIVATE ${arg_LINK} dfr_build_flags)
+  install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT ${name})
+  set_property(GLOBAL APPEND PROPERTY DFR_APPS ${name})
+endfunction()
+
+# dfr_add_test(random_test LINK dfr::core [SOURCES ...] [LABELS ...]): one file per public header,
+# <name>.cc unless SOURCES says otherwise. Every TEST is a ctest case of its own.
+function(dfr_add_test name)
+  cmake_parse_arguments(PARSE_ARGV 1 arg "" "TIMEOUT" "SOURCES;LINK;LABELS")
+  if(NOT arg_SOURCES)
+    set(arg_SOURCES ${name}.cc)
+  endif()
+  if(NOT arg_TIMEOUT)
+    set(arg_TIMEOUT 120)
+  endif()
+  add_executable(${name} ${arg_SOURCES})
+  set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/tests)
+  target_link_libraries(${name} PRIVATE ${arg_LINK} dfr_test_support GTest::gmock GTest::gtest_main
+    dfr_build_flags)
+  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60
+    PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${arg_LABELS}")
+endfunction()
+
+# dfr_add_bench(decision_bench LINK dfr::kernel ...): bin/decision_bench, which also runs once,
+# untimed, as a test, so that it cannot rot.
+function(dfr_add_bench name)
+  cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;LINK")
+  if(NOT arg_SOURCES)
+    set(arg_SOURCES ${name}.cc)
+  endif()
+  add_executable(${name} ${arg_SOURCES})
+  target_compile_features(${name} PRIVATE cxx_std_20)
+  target_link_libraries(${name} PRIVATE ${arg_LINK} benchmark::benchmark dfr_build_flags)
+  if(DFR_BUILD_TESTS)
+    add_test(NAME ${name}.smoke COMMAND ${name} --benchmark_min_time=0)
+    set_tests_properties(${name}.smoke PROPERTIES LABELS bench)
+  endif()
+endfunction()
+
+# find_package(dfr COMPONENTS ...) for those who install.
+function(dfr_install_package)
+  get_property(libraries GLOBAL PROPERTY DFR_LIBRARIES)
+  set(destination ${CMAKE_INSTALL_LIBDIR}/cmake/dfr)
+  configure_package_config_file(${PROJECT_SOURCE_DIR}/cmake/dfrConfig.cmake.in
+    ${PROJECT_BINARY_DIR}/dfrConfig.cmake INSTALL_DESTINATION ${destination})
+  write_basic_package_version_file(${PROJECT_BINARY_DIR}/dfrConfigVersion.cmake
+    COMPATIBILITY SameMinorVersion)
+  install(FILES ${PROJECT_BINARY_DIR}/dfrConfig.cmake ${PROJECT_BINARY_DIR}/dfrConfigVersion.cmake
+    DESTINATION ${destination} COMPONENT core)
+endfunction()

@@ -1,0 +1,83 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "dfr/core/decision_function.h"
+#include "dfr/core/matrix.h"
+
+namespace dfr::core {
+
+/// Names for the parts of a state vector: "object" is entries [offset, offset + size). The same
+/// names are the obs/<key> datasets of a demonstration file.
+struct StateLayout {
+  struct Block {
+    std::string name;
+    int offset = 0;
+    int size = 0;
+    bool operator==(const Block&) const = default;
+  };
+  std::vector<Block> blocks;
+
+  /// Appends a block behind the last one.
+  void Add(std::string name, int size);
+  [[nodiscard]] int state_dim() const noexcept;
+  bool operator==(const StateLayout&) const = default;
+};
+
+/// The entries of a state that an estimator looks at.
+class FeatureSelection {
+ public:
+  /// Parses "object,tip[0:2]": whole blocks or half-open index ranges within one, in this order.
+  /// @throws std::invalid_argument naming the unknown block or the range that does not fit, with
+  ///   the blocks there are.
+  FeatureSelection(const StateLayout& layout, std::string_view spec);
+  /// Every entry of a state of `state_dim` entries.
+  static FeatureSelection All(int state_dim);
+
+  [[nodiscard]] int state_dim() const noexcept { return state_dim_; }
+  [[nodiscard]] int num_features() const noexcept { return static_cast<int>(indices_.size()); }
+  [[nodiscard]] const std::vector<int>& indices() const noexcept { return indices_; }
+  /// What was parsed, empty for All().
+  [[nodiscard]] const std::string& spec() const noexcept { return spec_; }
+
+  /// Copies the features of `state` (state_dim()) to `features` (num_features()). Never allocates.
+  void Apply(std::span<const double> state, std::span<double> features) const noexcept;
+  /// The features of each row.
+  [[nodiscard]] Matrix Apply(const Matrix& states) const;
+
+ private:
+  FeatureSelection() = default;
+  int state_dim_ = 0;
+  std::vector<int> indices_;
+  std::string spec_;
+};
+
+/// A decision function of selected features as one of the whole state. At most kMaxFeatures
+/// features, which are gathered on the stack. Borrows `inner`, which must outlive it.
+class FeatureDecision final : public DecisionFunction {
+ public:
+  static constexpr int kMaxFeatures = 256;
+
+  /// @throws std::invalid_argument if the selection's size is not inner's state_dim(), or over
+  ///   kMaxFeatures.
+  FeatureDecision(FeatureSelection selection, const DecisionFunction& inner);
+
+  [[nodiscard]] int state_dim() const noexcept override { return selection_.state_dim(); }
+  [[nodiscard]] int num_steps() const noexcept override { return inner_->num_steps(); }
+  [[nodiscard]] double Decision(int t, std::span<const double> x) const noexcept override;
+  double Gradient(int t, std::span<const double> x,
+                  std::span<double> gradient) const noexcept override;
+  [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
+    return inner_->lipschitz_bound(t);
+  }
+
+ private:
+  FeatureSelection selection_;
+  const DecisionFunction* inner_;
+};
+
+}  // namespace dfr::core

@@ -1,0 +1,140 @@
+#include "dfr/core/features.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <limits>
+#include <numeric>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::core {
+namespace {
+
+// "name" or "name[first:last]" -> its index range within the state.
+struct Range {
+  int first;
+  int last;
+};
+
+std::string KnownBlocks(const StateLayout& layout) {
+  std::string names;
+  for (const auto& block : layout.blocks) {
+    names += (names.empty() ? "" : ", ") + block.name + "[0:" + std::to_string(block.size) + "]";
+  }
+  return names;
+}
+
+bool ParseInt(std::string_view text, int& value) {
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return error == std::errc() && end == text.data() + text.size();
+}
+
+Range ParseItem(const StateLayout& layout, std::string_view item) {
+  const std::size_t bracket = item.find('[');
+  const std::string_view name = item.substr(0, bracket);
+  const auto block = std::find_if(layout.blocks.begin(), layout.blocks.end(),
+                                  [&](const auto& b) { return b.name == name; });
+  DFR_THROW_UNLESS(block != layout.blocks.end(), "feature '" << name
+                                                             << "' is not part of the state; "
+                                                             << "it has " << KnownBlocks(layout));
+  Range range{0, block->size};
+  if (bracket != std::string_view::npos) {
+    const std::string_view inside = item.substr(bracket);
+    const std::size_t colon = inside.find(':');
+    const bool parsed = colon != std::string_view::npos && inside.back() == ']' &&
+                        ParseInt(inside.substr(1, colon - 1), range.first) &&
+                        ParseInt(inside.substr(colon + 1, inside.size() - colon - 2), range.last);
+    DFR_THROW_UNLESS(parsed, "feature '" << item << "': a range is written name[first:last]");
+    DFR_THROW_UNLESS(
+        0 <= range.first && range.first < range.last && range.last <= block->size,
+        "feature '" << item << "' is empty or not within " << name << "[0:" << block->size << "]");
+  }
+  return {block->offset + range.first, block->offset + range.last};
+}
+
+}  // namespace
+
+void StateLayout::Add(std::string name, int size) {
+  DFR_THROW_UNLESS(size > 0, "state block '" << name << "' needs at least one entry");
+  const int offset = state_dim();
+  blocks.push_back({std::move(name), offset, size});
+}
+
+int StateLayout::state_dim() const noexcept {
+  return blocks.empty() ? 0 : blocks.back().offset + blocks.back().size;
+}
+
+FeatureSelection::FeatureSelection(const StateLayout& layout, std::string_view spec)
+    : state_dim_(layout.state_dim()), spec_(spec) {
+  DFR_THROW_UNLESS(!spec.empty(), "no feature is named; the state has " << KnownBlocks(layout));
+  while (true) {
+    const std::size_t comma = spec.find(',');
+    const Range range = ParseItem(layout, spec.substr(0, comma));
+    for (int i = range.first; i < range.last; ++i) indices_.push_back(i);
+    if (comma == std::string_view::npos) break;
+    spec.remove_prefix(comma + 1);
+  }
+}
+
+FeatureSelection FeatureSelection::All(int state_dim) {
+  DFR_THROW_UNLESS(state_dim > 0, "state_dim must be positive, not " << state_dim);
+  FeatureSelection selection;
+  selection.state_dim_ = state_dim;
+  selection.indices_.resize(static_cast<std::size_t>(state_dim));
+  std::iota(selection.indices_.begin(), selection.indices_.end(), 0);
+  return selection;
+}
+
+void FeatureSelection::Apply(std::span<const double> state,
+                             std::span<double> features) const noexcept {
+  for (std::size_t i = 0; i < indices_.size(); ++i) {
+    features[i] = state[static_cast<std::size_t>(indices_[i])];
+  }
+}
+
+Matrix FeatureSelection::Apply(const Matrix& states) const {
+  DFR_THROW_UNLESS(states.cols() == state_dim_,
+                   "states have " << states.cols() << " columns, not " << state_dim_);
+  Matrix features(states.rows(), num_features());
+  for (Eigen::Index i = 0; i < states.rows(); ++i) Apply(Row(states, i), Row(features, i));
+  return features;
+}
+
+FeatureDecision::FeatureDecision(FeatureSelection selection, const DecisionFunction& inner)
+    : selection_(std::move(selection)), inner_(&inner) {
+  DFR_THROW_UNLESS(selection_.num_features() == inner.state_dim(),
+                   "the selection gives " << selection_.num_features()
+                                          << " features, the decision function takes "
+                                          << inner.state_dim());
+  DFR_THROW_UNLESS(selection_.num_features() <= kMaxFeatures,
+                   "at most " << kMaxFeatures << " features, not " << selection_.num_features());
+}
+
+double FeatureDecision::Decision(int t, std::span<const double> x) const noexcept {
+  if (static_cast<int>(x.size()) != state_dim()) return -std::numeric_limits<double>::infinity();
+  std::array<double, kMaxFeatures> buffer;
+  const std::span<double> features(buffer.data(),
+                                   static_cast<std::size_t>(selection_.num_features()));
+  selection_.Apply(x, features);
+  return inner_->Decision(t, features);
+}
+
+double FeatureDecision::Gradient(int t, std::span<const double> x,
+                                 std::span<double> gradient) const noexcept {
+  std::fill(gradient.begin(), gradient.end(), 0.0);
+  if (static_cast<int>(x.size()) != state_dim()) return -std::numeric_limits<double>::infinity();
+  std::array<double, kMaxFeatures> buffer;
+  std::array<double, kMaxFeatures> inner_buffer;
+  const auto size = static_cast<std::size_t>(selection_.num_features());
+  const std::span<double> features(buffer.data(), size);
+  const std::span<double> inner_gradient(inner_buffer.data(), size);
+  selection_.Apply(x, features);
+  const double g = inner_->Gradient(t, features, inner_gradient);
+  for (std::size_t i = 0; i < size; ++i) {
+    gradient[static_cast<std::size_t>(selection_.indices()[i])] += inner_gradient[i];
+  }
+  return g;
+}
+
+}  // namespace dfr::core

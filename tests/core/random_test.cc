@@ -1,0 +1,111 @@
+#include "dfr/core/random.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <set>
+#include <vector>
+
+#include "tests/support/no_alloc.h"
+
+namespace dfr::core {
+namespace {
+
+// From the authors' reference code (prng.di.unimi.it): xoshiro256++ behind SplitMix64 with seed 0.
+// SplitMix64(0) begins e220a8397b1dcdaf 6e789e6aa1b965f4 06c45d188009454f f88bb8a8724c81ec, and the
+// first output is rotl(s0 + s3, 23) + s0 of these.
+TEST(RandomTest, FirstOutputIsXoshiroOfSplitMixState) {
+  const std::uint64_t s0 = 0xe220a8397b1dcdafu;
+  const std::uint64_t s3 = 0xf88bb8a8724c81ecu;
+  const std::uint64_t sum = s0 + s3;
+  const std::uint64_t expected = ((sum << 23) | (sum >> 41)) + s0;
+  Random random(0);
+  EXPECT_EQ(random(), expected);
+}
+
+TEST(RandomTest, StreamsOfDifferentPathsShareNoSeed) {
+  std::set<std::uint64_t> seeds;
+  for (std::uint64_t trial = 0; trial < 100; ++trial) {
+    for (std::uint64_t episode = 0; episode < 100; ++episode) {
+      seeds.insert(DeriveSeed(7, {trial, episode}));
+    }
+    seeds.insert(DeriveSeed(7, {trial}));
+  }
+  EXPECT_EQ(seeds.size(), 100u * 100u + 100u);
+  EXPECT_NE(DeriveSeed(7, {1, 2}), DeriveSeed(8, {1, 2}));
+}
+
+TEST(RandomTest, UniformFillsItsBinsEvenly) {
+  constexpr int kBins = 64;
+  constexpr int kDraws = 64000;
+  std::vector<int> counts(kBins, 0);
+  Random random(3);
+  for (int i = 0; i < kDraws; ++i) {
+    const double u = random.Uniform();
+    ASSERT_GE(u, 0.0);
+    ASSERT_LT(u, 1.0);
+    ++counts[static_cast<std::size_t>(u * kBins)];
+  }
+  double chi_squared = 0.0;
+  for (const int count : counts) chi_squared += (count - 1000.0) * (count - 1000.0) / 1000.0;
+  EXPECT_LT(chi_squared, 103.4);  // 63 degrees of freedom, 0.1 % tail
+}
+
+TEST(RandomTest, NormalHasTheMomentsOfTheNormalDistribution) {
+  constexpr int kDraws = 200000;
+  Random random(4);
+  double sum = 0.0, square = 0.0, fourth = 0.0;
+  for (int i = 0; i < kDraws; ++i) {
+    const double z = random.Normal();
+    sum += z;
+    square += z * z;
+    fourth += z * z * z * z;
+  }
+  // Four standard errors each: 1, sqrt(2) and sqrt(96) over sqrt(n).
+  EXPECT_NEAR(sum / kDraws, 0.0, 4.0 / std::sqrt(kDraws));
+  EXPECT_NEAR(square / kDraws, 1.0, 4.0 * std::sqrt(2.0 / kDraws));
+  EXPECT_NEAR(fourth / kDraws, 3.0, 4.0 * std::sqrt(96.0 / kDraws));
+}
+
+TEST(RandomTest, BelowReachesEveryValueAndNoOther) {
+  Random random(5);
+  std::vector<int> counts(7, 0);
+  for (int i = 0; i < 7000; ++i) ++counts.at(random.Below(7));
+  for (const int count : counts) EXPECT_NEAR(count, 1000, 4 * std::sqrt(7000 * 6.0 / 49.0));
+}
+
+TEST(RandomTest, DirectionIsAUnitVectorWithoutPreference) {
+  Random random(6);
+  std::vector<double> mean(7, 0.0), direction(7);
+  for (int i = 0; i < 10000; ++i) {
+    random.Direction(direction);
+    const double norm =
+        std::sqrt(std::inner_product(direction.begin(), direction.end(), direction.begin(), 0.0));
+    ASSERT_NEAR(norm, 1.0, 1e-14);
+    for (std::size_t k = 0; k < 7; ++k) mean[k] += direction[k] / 10000;
+  }
+  for (const double m : mean) EXPECT_NEAR(m, 0.0, 4.0 / std::sqrt(7.0 * 10000.0));
+}
+
+TEST(RandomTest, ShuffleKeepsTheItemsAndChangesTheOrder) {
+  std::vector<int> items(50);
+  std::iota(items.begin(), items.end(), 0);
+  const std::vector<int> before = items;
+  Random random(8);
+  random.Shuffle(std::span<int>(items));
+  EXPECT_NE(items, before);
+  EXPECT_THAT(items, testing::UnorderedElementsAreArray(before));
+}
+
+TEST(RandomTest, DrawingNeverAllocates) {
+  std::vector<double> direction(7);
+  const test::NoAlloc guard;
+  Random random(DeriveSeed(1, {2, 3}));
+  random.Direction(direction);
+}
+
+}  // namespace
+}  // namespace dfr::core
