@@ -1,0 +1,163 @@
+#include "dfr/core/archive.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+
+#include <cmath>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
+
+namespace dfr::core {
+namespace {
+
+using testing::HasSubstr;
+
+class ArchiveTest : public testing::Test {
+ protected:
+  ArchiveTest()
+      : folder_(std::filesystem::path(testing::TempDir()) /
+                testing::UnitTest::GetInstance()->current_test_info()->name()) {
+    std::filesystem::create_directories(folder_);
+  }
+  ~ArchiveTest() override { std::filesystem::remove_all(folder_); }
+
+  std::filesystem::path File(const char* name = "values.dfr") const { return folder_ / name; }
+
+  static ArchiveWriter Sample() {
+    ArchiveWriter writer("sample", 2);
+    writer.Integer(-7);
+    writer.Number(0.1);
+    writer.Text("object,tip");
+    writer.Numbers(std::vector<double>{1.5, std::numeric_limits<double>::infinity()});
+    writer.Integers(std::vector<int>{3, -4});
+    Matrix m(2, 3);
+    m << 1, 2, 3, 4, 5, 6;
+    writer.MatrixBlock(m);
+    return writer;
+  }
+
+  std::string Content() const {
+    std::ostringstream out;
+    out << std::ifstream(File(), std::ios::binary).rdbuf();
+    return out.str();
+  }
+
+  void Replace(const std::string& content) const {
+    std::ofstream(File(), std::ios::binary | std::ios::trunc) << content;
+  }
+
+  static std::string Error(const std::function<void()>& run) {
+    try {
+      run();
+    } catch (const std::runtime_error& e) {
+      return e.what();
+    }
+    return "nothing thrown";
+  }
+
+ private:
+  std::filesystem::path folder_;
+};
+
+TEST_F(ArchiveTest, ReturnsWhatWasWritten) {
+  Sample().Save(File());
+  ArchiveReader reader(File(), "sample", 3);
+  EXPECT_EQ(reader.version(), 2);
+  EXPECT_EQ(reader.Integer(), -7);
+  EXPECT_EQ(reader.Number(), 0.1);
+  EXPECT_EQ(reader.Text(), "object,tip");
+  EXPECT_THAT(reader.Numbers(), testing::ElementsAre(1.5, std::numeric_limits<double>::infinity()));
+  EXPECT_THAT(reader.Integers(), testing::ElementsAre(3, -4));
+  const Matrix m = reader.MatrixBlock();
+  EXPECT_EQ(m(1, 2), 6.0);
+  EXPECT_EQ(m.rows(), 2);
+  reader.End();
+}
+
+TEST_F(ArchiveTest, EveryTruncationIsRefused) {
+  Sample().Save(File());
+  const std::string whole = Content();
+  for (std::size_t size = 0; size < whole.size(); ++size) {
+    Replace(whole.substr(0, size));
+    EXPECT_THROW(ArchiveReader(File(), "sample", 2), std::runtime_error) << size << " bytes";
+  }
+}
+
+TEST_F(ArchiveTest, EveryFlippedBitIsRefused) {
+  Sample().Save(File());
+  const std::string whole = Content();
+  for (std::size_t i = 0; i < whole.size() * 8; ++i) {
+    std::string damaged = whole;
+    damaged[i / 8] = static_cast<char>(damaged[i / 8] ^ (1 << (i % 8)));
+    Replace(damaged);
+    EXPECT_THROW(ArchiveReader(File(), "sample", 2), std::runtime_error) << "bit " << i;
+  }
+}
+
+TEST_F(ArchiveTest, ErrorsNameFileAndReason) {
+  EXPECT_THAT(Error([&] { ArchiveReader(File("absent.dfr"), "sample", 2); }),
+              testing::AllOf(HasSubstr("absent.dfr"), HasSubstr("No such file")));
+  Sample().Save(File());
+  EXPECT_THAT(Error([&] { ArchiveReader(File(), "policy", 2); }),
+              HasSubstr("holds a sample, where a policy is needed"));
+  EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 1); }), HasSubstr("update dfr"));
+  EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).Number(); }),
+              HasSubstr("type 'i' at byte"));
+  EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).End(); }), HasSubstr("bytes more"));
+  EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).IntegerIn(0, 5); }),
+              HasSubstr("-7 where one in [0, 5]"));
+  Replace("some text that is longer than a header would be");
+  EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2); }), HasSubstr("not a file written"));
+}
+
+// A hostile file with a right checksum must not make the reader allocate what it announces.
+TEST_F(ArchiveTest, AnnouncedSizesAreCheckedAgainstTheFile) {
+  ArchiveWriter writer("sample", 1);
+  writer.Numbers(std::vector<double>{1.0});
+  writer.Save(File());
+  std::string content = Content();
+  const std::size_t size_at = content.size() - 8 - 8 - 8;  // checksum, one number, the size
+  content[size_at + 6] = 1;
+  content.resize(content.size() - 8);
+  std::uint64_t hash = 0xcbf29ce484222325u;
+  for (const char c : content) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+  content.append(reinterpret_cast<const char*>(&hash), 8);
+  Replace(content);
+  EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 1).Numbers(); }),
+              HasSubstr("does not hold them"));
+}
+
+TEST_F(ArchiveTest, AFailedSaveKeepsThePreviousFile) {
+  Sample().Save(File());
+  const std::string before = Content();
+  // The temporary file's name is taken by a folder, so that it cannot be created.
+  std::filesystem::create_directory(File("values.dfr.partial"));
+  EXPECT_THAT(Error([&] { Sample().Save(File()); }), HasSubstr("values.dfr"));
+  EXPECT_EQ(Content(), before);
+}
+
+// A limit on file sizes stands in for a full disk: the write, not the creation, fails.
+TEST_F(ArchiveTest, AFullDiskIsReportedAndKeepsThePreviousFile) {
+  Sample().Save(File());
+  const std::string before = Content();
+  rlimit unlimited{};
+  getrlimit(RLIMIT_FSIZE, &unlimited);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  const rlimit small{100, unlimited.rlim_max};
+  setrlimit(RLIMIT_FSIZE, &small);
+  const std::string error = Error([&] { Sample().Save(File()); });
+  setrlimit(RLIMIT_FSIZE, &unlimited);
+  std::signal(SIGXFSZ, handler);
+  EXPECT_THAT(error, HasSubstr("cannot be written"));
+  EXPECT_EQ(Content(), before);
+  EXPECT_FALSE(std::filesystem::exists(File("values.dfr.partial")));
+}
+
+}  // namespace
+}  // namespace dfr::core
