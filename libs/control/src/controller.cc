@@ -1,0 +1,99 @@
+#include "dfr/control/controller.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+
+namespace dfr::control {
+namespace {
+
+bool AllFinite(std::span<const double> values) noexcept {
+  return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
+}
+
+}  // namespace
+
+const char* Name(Mode mode) noexcept {
+  switch (mode) {
+    case Mode::kPolicy:
+      return "policy";
+    case Mode::kProbe:
+      return "probe";
+    case Mode::kRecovery:
+      return "recovery";
+    case Mode::kHalt:
+      return "halt";
+  }
+  return "unknown";
+}
+
+const char* Name(HaltCause cause) noexcept {
+  switch (cause) {
+    case HaltCause::kNone:
+      return "none";
+    case HaltCause::kNotReset:
+      return "not-reset";
+    case HaltCause::kTimeUp:
+      return "time-up";
+    case HaltCause::kStateInvalid:
+      return "state-invalid";
+    case HaltCause::kControlInvalid:
+      return "control-invalid";
+    case HaltCause::kSupportInvalid:
+      return "support-invalid";
+    case HaltCause::kOutsideSupport:
+      return "outside-support";
+    case HaltCause::kEarlyStopping:
+      return "early-stopping";
+    case HaltCause::kIterationLimit:
+      return "iteration-limit";
+    case HaltCause::kNoDirection:
+      return "no-direction";
+    case HaltCause::kControlLimit:
+      return "control-limit";
+    case HaltCause::kPlantRefused:
+      return "plant-refused";
+    case HaltCause::kPlantFault:
+      return "plant-fault";
+    case HaltCause::kStopRequested:
+      return "stop-requested";
+  }
+  return "unknown";
+}
+
+void Controller::Reset(std::uint64_t seed) noexcept {
+  cause_ = HaltCause::kNone;
+  last_ = Step{};
+  DoReset(seed);
+}
+
+void Controller::Stop(HaltCause cause) noexcept {
+  assert(cause != HaltCause::kNone);
+  if (cause_ == HaltCause::kNone) cause_ = cause;
+}
+
+Step Controller::Next(std::span<const double> x, std::span<double> u) noexcept {
+  if (cause_ == HaltCause::kNone) {
+    if (static_cast<int>(x.size()) != state_dim() || !AllFinite(x)) {
+      cause_ = HaltCause::kStateInvalid;
+    } else if (static_cast<int>(u.size()) != control_dim()) {
+      cause_ = HaltCause::kControlInvalid;
+    } else {
+      last_ = DoNext(x, u);
+      if (last_.mode == Mode::kHalt) {
+        assert(last_.cause != HaltCause::kNone);
+        cause_ = last_.cause;
+      } else if (!AllFinite(u)) {
+        cause_ = HaltCause::kControlInvalid;
+      }
+    }
+  }
+  if (cause_ != HaltCause::kNone) {
+    last_.mode = Mode::kHalt;
+    last_.cause = cause_;
+    std::fill(u.begin(), u.end(), 0.0);
+  }
+  return last_;
+}
+
+}  // namespace dfr::control

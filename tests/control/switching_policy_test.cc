@@ -1,0 +1,431 @@
+#include "dfr/control/switching_policy.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "tests/control/analytic.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::control {
+namespace {
+
+using test::Norm;
+using test::PointPlant;
+using testing::HasSubstr;
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+TEST(SwitchingPolicyTest, AppliesTheLearnedControlExactlyWhereTheGateIsOpen) {
+  // lambda |u| = 0.25; in one dimension g(x) = 1 - |x|.
+  const auto ball = test::UnitBall(1);
+  const auto policy = test::ConstantPolicy(1, 0.125);
+  SwitchingPolicy stopping(policy, ball, 2.0, {.recovery = Recovery::kEarlyStopping});
+  std::vector<double> u(1);
+
+  stopping.Reset(0);
+  Step step = stopping.Next(std::vector{0.75 - 1e-9}, u);
+  EXPECT_EQ(step.mode, Mode::kPolicy);
+  EXPECT_EQ(step.threshold, 0.25);
+  EXPECT_NEAR(step.g, 0.25, 1e-8);
+  EXPECT_EQ(u[0], 0.125);
+
+  stopping.Reset(0);
+  step = stopping.Next(std::vector{0.75}, u);  // g = lambda |u|: line 4 has <=
+  EXPECT_EQ(step.mode, Mode::kHalt);
+  EXPECT_EQ(step.cause, HaltCause::kEarlyStopping);
+  EXPECT_EQ(u[0], 0.0);
+}
+
+// x = 0.9, g = 0.1, lambda = 2: |u_delta| = 0.1 / (500 * 2) = 1e-4. With gain 1 it leads to
+// g(x_delta) = 0.1 -+ 1e-4, and |u_R| = g(x_delta) / (50 * 2), towards the centre whichever way the
+// probe went.
+TEST(SwitchingPolicyTest, ProbeAndStepHaveTheAuthorsSizesAndABadProbeIsReversed) {
+  const auto ball = test::UnitBall(1);
+  const auto policy = test::ConstantPolicy(1, 1.0);
+  std::set<double> probe_signs;
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    PointPlant plant({.start = {0.9}});
+    SwitchingPolicy dfr(policy, ball, 2.0);
+    dfr.Reset(seed);
+    std::vector<double> u(1);
+
+    Step step = dfr.Next(plant.x, u);
+    ASSERT_EQ(step.mode, Mode::kProbe);
+    EXPECT_EQ(step.threshold, 2.0);
+    EXPECT_NEAR(std::abs(u[0]), 1e-4, 1e-18);
+    probe_signs.insert(std::copysign(1.0, u[0]));
+    ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
+
+    step = dfr.Next(plant.x, u);
+    ASSERT_EQ(step.mode, Mode::kRecovery);
+    const double g_delta = 1.0 - plant.x[0];
+    EXPECT_EQ(step.g, g_delta);
+    EXPECT_NEAR(u[0], -g_delta / 100.0, 1e-18);
+    ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
+
+    // The gate is still shut: the next iteration.
+    step = dfr.Next(plant.x, u);
+    EXPECT_EQ(step.mode, Mode::kProbe);
+    EXPECT_EQ(step.iteration, 1);
+    EXPECT_NEAR(std::abs(u[0]), (1.0 - plant.x[0]) / 1000.0, 1e-18);
+  }
+  EXPECT_EQ(probe_signs.size(), 2u) << "both directions must have been tried";
+}
+
+TEST(SwitchingPolicyTest, AProbeThatChangesNothingIsReversed) {
+  // Line 7 has g(x_delta) <= g(x_t).
+  const auto flat = test::ConstantSupport(3, 0.1);
+  const auto policy = test::ConstantPolicy(3, 1.0);
+  SwitchingPolicy dfr(policy, flat, 1.0);
+  dfr.Reset(1);
+  const std::vector<double> x(3, 0.0);
+  std::vector<double> probe(3), step(3);
+  ASSERT_EQ(dfr.Next(x, probe).mode, Mode::kProbe);
+  ASSERT_EQ(dfr.Next(x, step).mode, Mode::kRecovery);
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(step[i], -10.0 * probe[i], 1e-18);
+}
+
+TEST(SwitchingPolicyTest, AProbeThatEndsOutsideIsFollowedByAStepBack) {
+  // g is 0.1 at the start and -0.2 wherever a probe leads.
+  const test::FunctionSupport cliff(
+      1, [](int, std::span<const double> x) { return x[0] == 0.0 ? 0.1 : -0.2; });
+  const auto policy = test::ConstantPolicy(1, 1.0);
+  SwitchingPolicy dfr(policy, cliff, 1.0);
+  dfr.Reset(1);
+  std::vector<double> probe(1), step(1);
+  ASSERT_EQ(dfr.Next(std::vector{0.0}, probe).mode, Mode::kProbe);
+  ASSERT_EQ(dfr.Next(probe, step).mode, Mode::kRecovery);
+  EXPECT_NEAR(step[0], -std::copysign(0.2 / 50.0, probe[0]), 1e-18);
+  EXPECT_EQ(dfr.Next(std::vector{probe[0] + step[0]}, step).cause, HaltCause::kOutsideSupport);
+}
+
+TEST(SwitchingPolicyTest, HaltsAfterItsIterations) {
+  const auto flat = test::ConstantSupport(2, 0.1);
+  const auto policy = test::ConstantPolicy(2, 1.0);
+  SwitchingPolicy dfr(policy, flat, 1.0);
+  dfr.Reset(1);
+  const std::vector<double> x(2, 0.0);
+  std::vector<double> u(2);
+  for (int i = 0; i < 500; ++i) {
+    ASSERT_EQ(dfr.Next(x, u).mode, Mode::kProbe) << i;
+    ASSERT_EQ(dfr.Next(x, u).mode, Mode::kRecovery) << i;
+  }
+  const Step step = dfr.Next(x, u);
+  EXPECT_EQ(step.mode, Mode::kHalt);
+  EXPECT_EQ(step.cause, HaltCause::kIterationLimit);
+  EXPECT_EQ(step.t, 0);
+}
+
+TEST(SwitchingPolicyTest, HaltsAtAndOutsideTheBoundary) {
+  const auto ball = test::UnitBall(1);
+  const auto still = test::ConstantPolicy(1, 0.0);  // even a zero control
+  for (const Recovery recovery : {Recovery::kEarlyStopping, Recovery::kDfr}) {
+    for (const double x : {1.0, 1.5}) {
+      SwitchingPolicy policy(still, ball, 1.0, {.recovery = recovery});
+      policy.Reset(0);
+      std::vector<double> u(1);
+      EXPECT_EQ(policy.Next(std::vector{x}, u).cause, HaltCause::kOutsideSupport)
+          << Name(recovery) << " at " << x;
+    }
+  }
+}
+
+TEST(SwitchingPolicyTest, RecoveryDoesNotConsumeTime) {
+  // g_t opens the gate at times 0 and 2; at time 1 from the fifth look on, two iterations later.
+  int looks = 0;
+  std::vector<int> times;
+  const test::FunctionSupport support(1, [&](int t, std::span<const double>) {
+    times.push_back(t);
+    if (t != 1) return 10.0;
+    return ++looks >= 5 ? 10.0 : 0.5;
+  });
+  std::vector<int> policy_times;
+  const test::FunctionPolicy policy(1, 1, [&](int t, std::span<const double>, std::span<double> u) {
+    policy_times.push_back(t);
+    u[0] = 1.0;
+  });
+  SwitchingPolicy dfr(policy, support, 1.0, {.horizon = 3});
+  dfr.Reset(0);
+  std::vector<double> x(1, 0.0), u(1);
+  std::string modes;
+  for (Step step = dfr.Next(x, u); step.mode != Mode::kHalt; step = dfr.Next(x, u)) {
+    modes += std::string(Name(step.mode)) + std::to_string(step.t) + " ";
+  }
+  EXPECT_EQ(modes, "policy0 probe1 recovery1 probe1 recovery1 policy1 policy2 ");
+  EXPECT_EQ(dfr.halt_cause(), HaltCause::kTimeUp);
+  EXPECT_THAT(times, testing::ElementsAre(0, 1, 1, 1, 1, 1, 2));
+  // The learned control is asked for again in the state that each iteration led to (line 13).
+  EXPECT_THAT(policy_times, testing::ElementsAre(0, 1, 1, 1, 2));
+}
+
+TEST(SwitchingPolicyTest, IterationsAreCountedPerRecovery) {
+  // Alternates between one iteration and an open gate: never 3 iterations in one go.
+  int looks = 0;
+  const test::FunctionSupport support(
+      1, [&](int, std::span<const double>) { return ++looks % 3 == 0 ? 10.0 : 0.5; });
+  const auto policy = test::ConstantPolicy(1, 1.0);
+  SwitchingPolicy dfr(policy, support, 1.0, {.horizon = 20, .max_iterations = 2});
+  dfr.Reset(0);
+  std::vector<double> x(1, 0.0), u(1);
+  while (dfr.Next(x, u).mode != Mode::kHalt) continue;
+  EXPECT_EQ(dfr.halt_cause(), HaltCause::kTimeUp);
+}
+
+TEST(SwitchingPolicyTest, BaselineNeverLooksAtTheSupport) {
+  const auto outside = test::ConstantSupport(1, kNaN);
+  const auto policy = test::ConstantPolicy(1, 0.5);
+  SwitchingPolicy baseline(policy, outside, 1.0, {.recovery = Recovery::kNone, .horizon = 7});
+  baseline.Reset(0);
+  std::vector<double> x(1, 0.0), u(1);
+  for (int t = 0; t < 7; ++t) {
+    const Step step = baseline.Next(x, u);
+    EXPECT_EQ(step.mode, Mode::kPolicy);
+    EXPECT_EQ(step.t, t);
+    EXPECT_TRUE(std::isnan(step.g));
+    EXPECT_EQ(u[0], 0.5);
+  }
+  EXPECT_EQ(baseline.Next(x, u).cause, HaltCause::kTimeUp);
+  EXPECT_EQ(outside.calls, 0);
+}
+
+TEST(SwitchingPolicyTest, LambdaIsThatOfTheTimeStepAndTheLastOneBeyond) {
+  const auto wide = test::ConstantSupport(1, 100.0);
+  const auto policy = test::ConstantPolicy(1, 1.0);
+  SwitchingPolicy dfr(policy, wide, std::vector<double>{1.0, 2.0, 4.0}, {.horizon = 5});
+  dfr.Reset(0);
+  std::vector<double> x(1, 0.0), u(1);
+  for (const double threshold : {1.0, 2.0, 4.0, 4.0, 4.0}) {
+    EXPECT_EQ(dfr.Next(x, u).threshold, threshold);
+  }
+}
+
+// Prop. IV.3 where its proof holds, for a support that does not depend on time: where
+// |x' - x| <= K |u| and lambda = L K, g never goes below zero, whatever the learned policy asks for
+// and however the plant turns the command. The ball's g is 1-Lipschitz, so lambda = K.
+TEST(SwitchingPolicyTest, NeverLeavesSupportWhenLambdaIsLipschitzTimesGain) {
+  constexpr double kGain = 2.0;
+  const auto ball = test::UnitBall(2);
+  const auto outward = test::OutwardPolicy(2, 0.05);
+  const DfrOptions authors;
+  const DfrOptions coarse{.probe_fraction = 0.3, .step_fraction = 0.9};
+  const DfrOptions momentum{.probe_fraction = 0.3, .step_fraction = 0.9, .momentum = 0.75};
+  const DfrOptions coordinate{.direction = ProbeDirection::kCoordinateSign};
+  for (const DfrOptions& options : {authors, coarse, momentum, coordinate}) {
+    for (std::uint64_t seed = 0; seed < 50; ++seed) {
+      SCOPED_TRACE(testing::Message() << "seed = " << seed);
+      PointPlant plant({.gain = kGain, .turns = true});
+      plant.Reset(seed);
+      SwitchingPolicy dfr(outward, ball, kGain, {.horizon = 200, .dfr = options});
+      dfr.Reset(seed);
+      std::vector<double> u(2);
+      while (dfr.Next(plant.x, u).mode != Mode::kHalt) {
+        ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
+        ASSERT_GE(ball.Decision(0, plant.x), 0.0);
+      }
+    }
+  }
+}
+
+// The step of the proof that fails with one support per time step: g_{t+1}(x_{t+1}) is bounded by
+// g_t(x_t), although they are different functions. Here the gate passes u = 0.001 at time 0 and the
+// state ends at g_1 = -0.42, while g_0 says that it has hardly moved.
+TEST(SwitchingPolicyTest, ATimeVaryingSupportCanBeLeftThroughAnOpenGate) {
+  const test::FunctionSupport moving(1, [](int t, std::span<const double> x) {
+    const double centre = t == 0 ? 0.0 : 1.0;
+    return std::exp(-(x[0] - centre) * (x[0] - centre)) - 0.5;
+  });
+  const double lipschitz = std::sqrt(2.0 / std::exp(1.0));  // of exp(-x^2)
+  const auto policy = test::ConstantPolicy(1, 0.001);
+  PointPlant plant({.start = {-0.6}});
+  SwitchingPolicy dfr(policy, moving, lipschitz);
+  dfr.Reset(0);
+  std::vector<double> u(1);
+  ASSERT_EQ(dfr.Next(plant.x, u).mode, Mode::kPolicy);
+  ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
+  EXPECT_NEAR(moving.Decision(1, plant.x), -0.422, 5e-4);
+  EXPECT_GT(moving.Decision(0, plant.x), 0.19) << "still in B_0";
+  EXPECT_EQ(dfr.Next(plant.x, u).cause, HaltCause::kOutsideSupport);
+}
+
+// With lambda = L K an iteration raises g by at most step_fraction and twice the probe, so a factor
+// F takes about 50 ln F iterations at best: what makes the method slow.
+TEST(SwitchingPolicyTest, DfrClimbsAndGainsAtMostItsStepPerIteration) {
+  const auto ball = test::UnitBall(2);
+  const auto policy = test::ConstantPolicy(2, 0.5);
+  PointPlant plant({.start = {0.7, 0.5}});
+  SwitchingPolicy dfr(policy, ball, 1.0);
+  dfr.Reset(4);
+  std::vector<double> u(2);
+  double g = 0.0;
+  int iterations = 0;
+  while (true) {
+    const Step step = dfr.Next(plant.x, u);
+    if (step.mode == Mode::kPolicy) break;
+    ASSERT_NE(step.mode, Mode::kHalt);
+    if (step.mode == Mode::kProbe) {
+      if (g > 0.0) {
+        EXPECT_LE(step.g, g * (1.0 + 1.0 / 50.0) * (1.0 + 1.0 / 500.0));
+        EXPECT_GE(step.g, g * (1.0 - 1.0 / 500.0));
+      }
+      g = step.g;
+      ++iterations;
+    }
+    ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
+  }
+  EXPECT_GT(ball.Decision(0, plant.x), 0.5);
+  EXPECT_GT(iterations, 50.0 * std::log(0.5 / (1.0 - std::hypot(0.7, 0.5))));
+}
+
+TEST(SwitchingPolicyTest, CoordinateProbesMoveOneEntryAndReachAllOfThem) {
+  const auto flat = test::ConstantSupport(3, 0.1);
+  const auto policy = test::ConstantPolicy(3, 1.0);
+  SwitchingPolicy dfr(policy, flat, 1.0, {.dfr = {.direction = ProbeDirection::kCoordinateSign}});
+  dfr.Reset(1);
+  const std::vector<double> x(3, 0.0);
+  std::vector<double> u(3);
+  std::set<int> seen;
+  for (int i = 0; i < 100; ++i) {
+    ASSERT_EQ(dfr.Next(x, u).mode, Mode::kProbe);
+    ASSERT_EQ(std::count(u.begin(), u.end(), 0.0), 2);
+    for (int k = 0; k < 3; ++k) {
+      if (u[static_cast<std::size_t>(k)] == 0.0) continue;
+      EXPECT_NEAR(std::abs(u[static_cast<std::size_t>(k)]), 0.1 / 500.0, 1e-18);
+      seen.insert(u[static_cast<std::size_t>(k)] > 0.0 ? k : -1 - k);
+    }
+    ASSERT_EQ(dfr.Next(x, u).mode, Mode::kRecovery);
+  }
+  EXPECT_EQ(seen.size(), 6u);
+}
+
+TEST(SwitchingPolicyTest, MomentumKeepsPartOfThePreviousDirectionAndTheStepSize) {
+  const auto flat = test::ConstantSupport(2, 0.1);
+  const auto policy = test::ConstantPolicy(2, 1.0);
+  SwitchingPolicy dfr(policy, flat, 1.0, {.dfr = {.momentum = 0.75}});
+  dfr.Reset(1);
+  const std::vector<double> x(2, 0.0);
+  std::vector<double> probe(2), step(2);
+  ASSERT_EQ(dfr.Next(x, probe).mode, Mode::kProbe);
+  ASSERT_EQ(dfr.Next(x, step).mode, Mode::kRecovery);
+  const std::vector<double> first = {step[0] / Norm(step), step[1] / Norm(step)};
+  for (std::size_t i = 0; i < 2; ++i) EXPECT_NEAR(first[i], -probe[i] / Norm(probe), 1e-14);
+  ASSERT_EQ(dfr.Next(x, probe).mode, Mode::kProbe);
+  ASSERT_EQ(dfr.Next(x, step).mode, Mode::kRecovery);
+  std::vector<double> expected(2);
+  for (std::size_t i = 0; i < 2; ++i) expected[i] = 0.75 * first[i] - probe[i] / Norm(probe);
+  EXPECT_NEAR(Norm(step), 0.1 / 50.0, 1e-17);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_NEAR(step[i] / Norm(step), expected[i] / Norm(expected), 1e-14);
+  }
+}
+
+TEST(SwitchingPolicyTest, HaltsAtEveryDoubt) {
+  const auto policy = test::ConstantPolicy(1, 0.1);
+  const auto ball = test::UnitBall(1);
+  std::vector<double> u(1);
+  const auto cause = [&](const core::Policy& p, const core::DecisionFunction& g, double x,
+                         Recovery recovery) {
+    SwitchingPolicy controller(p, g, 1.0, {.recovery = recovery});
+    controller.Reset(0);
+    u[0] = 9.0;
+    const Step step = controller.Next(std::vector{x}, u);
+    EXPECT_EQ(step.mode, Mode::kHalt);
+    EXPECT_EQ(u[0], 0.0);
+    return step.cause;
+  };
+  const auto no_control = test::ConstantPolicy(1, kNaN);
+  const auto huge = test::ConstantPolicy(1, 1e200);
+  const auto lost = test::ConstantSupport(1, kNaN);
+  const auto minus_infinity = test::ConstantSupport(1, -std::numeric_limits<double>::infinity());
+  for (const Recovery recovery : {Recovery::kEarlyStopping, Recovery::kDfr}) {
+    EXPECT_EQ(cause(policy, ball, kNaN, recovery), HaltCause::kStateInvalid);
+    EXPECT_EQ(cause(no_control, ball, 0.0, recovery), HaltCause::kControlInvalid);
+    EXPECT_EQ(cause(huge, ball, 0.0, recovery), HaltCause::kControlInvalid) << "|u| overflows";
+    EXPECT_EQ(cause(policy, lost, 0.0, recovery), HaltCause::kSupportInvalid);
+    EXPECT_EQ(cause(policy, minus_infinity, 0.0, recovery), HaltCause::kSupportInvalid);
+  }
+  EXPECT_EQ(cause(no_control, ball, 0.0, Recovery::kNone), HaltCause::kControlInvalid);
+  EXPECT_EQ(cause(policy, ball, kNaN, Recovery::kNone), HaltCause::kStateInvalid);
+}
+
+TEST(SwitchingPolicyTest, HaltsWhenGIsLostAfterAProbe) {
+  int looks = 0;
+  const test::FunctionSupport support(
+      1, [&](int, std::span<const double>) { return ++looks == 1 ? 0.1 : kNaN; });
+  const auto policy = test::ConstantPolicy(1, 1.0);
+  SwitchingPolicy dfr(policy, support, 1.0);
+  dfr.Reset(0);
+  std::vector<double> x(1, 0.0), u(1);
+  ASSERT_EQ(dfr.Next(x, u).mode, Mode::kProbe);
+  EXPECT_EQ(dfr.Next(x, u).cause, HaltCause::kSupportInvalid);
+}
+
+TEST(SwitchingPolicyTest, TheSeedDecidesEverythingAndResetStartsAfresh) {
+  const auto flat = test::ConstantSupport(3, 0.1);
+  const auto policy = test::ConstantPolicy(3, 1.0);
+  SwitchingPolicy dfr(policy, flat, 1.0);
+  const std::vector<double> x(3, 0.0);
+  const auto probes = [&](std::uint64_t seed, int controls) {
+    dfr.Reset(seed);
+    std::vector<double> all, u(3);
+    for (int i = 0; i < controls; ++i) {
+      (void)dfr.Next(x, u);
+      all.insert(all.end(), u.begin(), u.end());
+    }
+    return all;
+  };
+  const std::vector<double> first = probes(1, 9);  // ends between a probe and its step
+  EXPECT_NE(probes(2, 9), first);
+  EXPECT_EQ(probes(1, 9), first);
+}
+
+TEST(SwitchingPolicyTest, NextNeverAllocates) {
+  const auto ball = test::UnitBall(2);
+  const auto policy = test::ConstantPolicy(2, 0.4);
+  PointPlant plant({});
+  for (const Recovery recovery :
+       {Recovery::kNone, Recovery::kEarlyStopping, Recovery::kDfr, Recovery::kFiniteDifference}) {
+    plant.Reset(1);
+    SwitchingPolicy controller(policy, ball, 1.0, {.recovery = recovery, .oracle_plant = &plant});
+    std::vector<double> u(2);
+    const test::NoAlloc guard;
+    controller.Reset(1);
+    for (int i = 0; i < 300; ++i) {
+      (void)controller.Next(plant.x, u);
+      (void)plant.Apply(u);
+    }
+  }
+}
+
+TEST(SwitchingPolicyTest, ErrorsNameTheOption) {
+  const auto ball = test::UnitBall(2);
+  const auto policy = test::ConstantPolicy(2, 1.0);
+  const auto message = [&](const core::DecisionFunction& g, std::vector<double> lambda,
+                           const SwitchingPolicyOptions& options) -> std::string {
+    try {
+      SwitchingPolicy(policy, g, lambda, options);
+    } catch (const std::invalid_argument& e) {
+      return e.what();
+    }
+    return "nothing thrown";
+  };
+  EXPECT_THAT(message(test::UnitBall(3), {1}, {}), HasSubstr("the support of 3"));
+  EXPECT_THAT(message(ball, {}, {}), HasSubstr("lambda needs"));
+  EXPECT_THAT(message(ball, {1, 0}, {}), HasSubstr("not 0 at step 1"));
+  EXPECT_THAT(message(ball, {kNaN}, {}), HasSubstr("at step 0"));
+  EXPECT_THAT(message(ball, {1}, {.horizon = 0}), HasSubstr("horizon"));
+  EXPECT_THAT(message(ball, {1}, {.max_iterations = 0}), HasSubstr("max_iterations"));
+  EXPECT_THAT(message(ball, {1}, {.dfr = {.probe_fraction = 1.0}}), HasSubstr("probe_fraction"));
+  EXPECT_THAT(message(ball, {1}, {.dfr = {.step_fraction = 0.0}}), HasSubstr("step_fraction"));
+  EXPECT_THAT(message(ball, {1}, {.dfr = {.momentum = 1.0}}), HasSubstr("momentum"));
+}
+
+}  // namespace
+}  // namespace dfr::control
