@@ -1,0 +1,258 @@
+#include "dfr/control/rollout.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <stdexcept>
+#include <vector>
+
+#include "dfr/control/switching_policy.h"
+#include "tests/control/analytic.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::control {
+namespace {
+
+using core::Outcome;
+using test::PointPlant;
+
+// The learned policy moves by 0.25 along the first axis.
+class RolloutTest : public testing::Test {
+ protected:
+  SwitchingPolicy Make(Recovery recovery, double lambda = 1.0, int horizon = 10) const {
+    return {policy, ball, lambda, {.recovery = recovery, .horizon = horizon}};
+  }
+  test::FunctionSupport ball = test::UnitBall(2);
+  test::FunctionPolicy policy = test::ConstantPolicy(2, 0.25);
+};
+
+TEST_F(RolloutTest, CompletesAtTheGoal) {
+  PointPlant plant({.goal = 0.75});
+  auto baseline = Make(Recovery::kNone);
+  const RolloutResult result = Rollout(plant, baseline, {});
+  EXPECT_EQ(result.outcome, Outcome::kCompleted);
+  EXPECT_EQ(result.halt_cause, HaltCause::kNone);
+  EXPECT_EQ(result.policy_steps, 3);
+  EXPECT_EQ(result.controls(), 3);
+  EXPECT_EQ(result.recoveries, 0);
+  EXPECT_EQ(result.last_mode, Mode::kPolicy);
+  EXPECT_EQ(plant.halts, 1);
+}
+
+TEST_F(RolloutTest, ACollisionOnTheWayIsNotACompletion) {
+  PointPlant plant({.wall = 0.6, .goal = 0.75});
+  auto baseline = Make(Recovery::kNone);
+  const RolloutResult result = Rollout(plant, baseline, {});
+  EXPECT_EQ(result.outcome, Outcome::kCollided);
+  EXPECT_EQ(result.controls(), 3);
+  EXPECT_EQ(plant.halts, 1);
+}
+
+TEST_F(RolloutTest, ACollisionInTheControlThatReachesTheGoalCounts) {
+  PointPlant plant({.wall = 0.7, .goal = 0.75});
+  auto baseline = Make(Recovery::kNone);
+  EXPECT_EQ(Rollout(plant, baseline, {}).outcome, Outcome::kCollided);
+}
+
+TEST_F(RolloutTest, OutOfTimeIsHalted) {
+  PointPlant plant({});
+  auto baseline = Make(Recovery::kNone, 1.0, 4);
+  const RolloutResult result = Rollout(plant, baseline, {});
+  EXPECT_EQ(result.outcome, Outcome::kHalted);
+  EXPECT_EQ(result.halt_cause, HaltCause::kTimeUp);
+  EXPECT_EQ(result.controls(), 4);
+  EXPECT_EQ(plant.halts, 1);
+}
+
+TEST_F(RolloutTest, TheStartStateIsLookedAt) {
+  auto baseline = Make(Recovery::kNone);
+  PointPlant inside_wall({.start = {2.0, 0.0}, .wall = 1.0});
+  EXPECT_EQ(Rollout(inside_wall, baseline, {}).outcome, Outcome::kCollided);
+  PointPlant at_goal({.start = {2.0, 0.0}, .goal = 1.0});
+  const RolloutResult result = Rollout(at_goal, baseline, {});
+  EXPECT_EQ(result.outcome, Outcome::kCompleted);
+  EXPECT_EQ(result.controls(), 0);
+  EXPECT_EQ(at_goal.halts, 1);
+}
+
+TEST_F(RolloutTest, ACollisionDuringAProbeCounts) {
+  // The wall is nearer than any probe goes, so the first one that points outwards hits it.
+  constexpr double kStart = 0.9;
+  bool in_probe = false;
+  for (std::uint64_t seed = 0; seed < 10; ++seed) {
+    PointPlant plant({.start = {kStart, 0.0}, .wall = kStart + 1e-9});
+    auto dfr = Make(Recovery::kDfr);
+    const RolloutResult result = Rollout(plant, dfr, {.controller_seed = seed});
+    if (result.outcome != Outcome::kCollided || result.last_mode != Mode::kProbe) continue;
+    in_probe = true;
+    EXPECT_EQ(result.probes, result.recovery_steps + 1);
+    EXPECT_EQ(result.policy_steps, 0);
+  }
+  EXPECT_TRUE(in_probe);
+}
+
+TEST_F(RolloutTest, CountsRecoveriesAndTheirControls) {
+  // From x_0 = 0.76 the gate g > 0.25 is shut, and opens after some iterations; the learned control
+  // then goes to the right again, where it is shut once more, until the time is up.
+  PointPlant plant({.start = {0.76, 0.0}});
+  auto dfr = Make(Recovery::kDfr, 1.0, 3);
+  struct Counter final : RolloutObserver {
+    int policy = 0, probes = 0, steps = 0, recoveries = 0;
+    bool recovering = false;
+    void OnControl(const RolloutEvent& event) override {
+      const bool now = event.step.mode != Mode::kPolicy;
+      recoveries += now && !recovering ? 1 : 0;
+      recovering = now;
+      policy += event.step.mode == Mode::kPolicy ? 1 : 0;
+      probes += event.step.mode == Mode::kProbe ? 1 : 0;
+      steps += event.step.mode == Mode::kRecovery ? 1 : 0;
+    }
+  } counter;
+  const RolloutResult result = Rollout(plant, dfr, {.controller_seed = 2}, &counter);
+  EXPECT_GE(result.recoveries, 1);
+  EXPECT_EQ(result.recoveries, counter.recoveries);
+  EXPECT_EQ(result.policy_steps, counter.policy);
+  EXPECT_EQ(result.probes, counter.probes);
+  EXPECT_EQ(result.recovery_steps, counter.steps);
+  EXPECT_EQ(result.recovery_controls(), counter.probes + counter.steps);
+  EXPECT_EQ(result.controls(), plant.applied);
+}
+
+TEST_F(RolloutTest, EarlyStoppingSaysHowNearTheBoundaryItWas) {
+  PointPlant plant({});
+  auto stopping = Make(Recovery::kEarlyStopping);
+  const RolloutResult result = Rollout(plant, stopping, {});
+  EXPECT_EQ(result.halt_cause, HaltCause::kEarlyStopping);
+  EXPECT_EQ(result.controls(), 3);  // g = 1, .75, .5 pass the gate; .25 does not
+  EXPECT_EQ(result.last_step.g, 0.25);
+  EXPECT_EQ(result.last_step.threshold, 0.25);
+  EXPECT_EQ(result.last_step.t, 3);
+}
+
+TEST_F(RolloutTest, ARefusedControlHaltsAndIsNotCounted) {
+  PointPlant plant({.refuse_at = 2});
+  auto baseline = Make(Recovery::kNone);
+  const RolloutResult result = Rollout(plant, baseline, {});
+  EXPECT_EQ(result.outcome, Outcome::kHalted);
+  EXPECT_EQ(result.halt_cause, HaltCause::kPlantRefused);
+  EXPECT_EQ(result.controls(), 2);
+  EXPECT_EQ(plant.halts, 1);
+  // Whoever asks the controller again gets nothing out of it.
+  std::vector<double> u(2, 1.0);
+  EXPECT_EQ(baseline.Next(plant.x, u).cause, HaltCause::kPlantRefused);
+  EXPECT_THAT(u, testing::Each(0.0));
+}
+
+TEST_F(RolloutTest, AFaultHaltsUnlessItCollided) {
+  PointPlant plant({.fault_at = 2});
+  auto baseline = Make(Recovery::kNone);
+  const RolloutResult result = Rollout(plant, baseline, {});
+  EXPECT_EQ(result.halt_cause, HaltCause::kPlantFault);
+  EXPECT_EQ(result.controls(), 3) << "it may have been applied";
+  EXPECT_EQ(plant.halts, 1);
+
+  PointPlant crash({.wall = 0.6, .fault_at = 2});
+  EXPECT_EQ(Rollout(crash, baseline, {}).outcome, Outcome::kCollided);
+  PointPlant doubtful({.goal = 0.75, .fault_at = 2});
+  EXPECT_EQ(Rollout(doubtful, baseline, {}).outcome, Outcome::kHalted)
+      << "a completion that the plant is not sure of is none";
+}
+
+TEST_F(RolloutTest, StopsAtTheLimitOfControls) {
+  PointPlant plant({});
+  auto baseline = Make(Recovery::kNone);
+  const RolloutResult result = Rollout(plant, baseline, {.max_controls = 5});
+  EXPECT_EQ(result.halt_cause, HaltCause::kControlLimit);
+  EXPECT_EQ(plant.applied, 5);
+}
+
+TEST_F(RolloutTest, TheObserverSeesEveryControlWithWhatItLedTo) {
+  struct Recorder final : RolloutObserver {
+    std::vector<double> start;
+    std::vector<double> x, next_x, u;
+    int ends = 0;
+    RolloutResult end;
+    void OnStart(std::span<const double> state) override {
+      start.assign(state.begin(), state.end());
+    }
+    void OnControl(const RolloutEvent& event) override {
+      x.push_back(event.x[0]);
+      u.push_back(event.u[0]);
+      next_x.push_back(event.next_x[0]);
+      EXPECT_EQ(event.step.mode, Mode::kPolicy);
+      EXPECT_EQ(event.completed, event.next_x[0] >= 0.75);
+    }
+    void OnEnd(const RolloutResult& result) override {
+      ++ends;
+      end = result;
+    }
+  } recorder;
+  PointPlant plant({.goal = 0.75});
+  auto baseline = Make(Recovery::kNone);
+  Rollout(plant, baseline, {}, &recorder);
+  EXPECT_THAT(recorder.start, testing::ElementsAre(0.0, 0.0));
+  EXPECT_THAT(recorder.x, testing::ElementsAre(0.0, 0.25, 0.5));
+  EXPECT_THAT(recorder.u, testing::Each(0.25));
+  EXPECT_THAT(recorder.next_x, testing::ElementsAre(0.25, 0.5, 0.75));
+  EXPECT_EQ(recorder.ends, 1);
+  EXPECT_EQ(recorder.end.outcome, Outcome::kCompleted);
+}
+
+TEST_F(RolloutTest, ThePlantIsHaltedWhenAnObserverThrows) {
+  struct Thrower final : RolloutObserver {
+    void OnControl(const RolloutEvent&) override { throw std::runtime_error("disk full"); }
+  } thrower;
+  PointPlant plant({});
+  auto baseline = Make(Recovery::kNone);
+  EXPECT_THROW(Rollout(plant, baseline, {}, &thrower), std::runtime_error);
+  EXPECT_EQ(plant.halts, 1);
+}
+
+TEST_F(RolloutTest, TheSeedsDecideEverything) {
+  PointPlant plant({.start = {0.76, 0.0}, .turns = true});
+  auto dfr = Make(Recovery::kDfr);
+  const auto end = [&](std::uint64_t plant_seed, std::uint64_t controller_seed) {
+    Rollout(plant, dfr, {.plant_seed = plant_seed, .controller_seed = controller_seed});
+    return plant.x;
+  };
+  const std::vector<double> first = end(1, 2);
+  EXPECT_NE(end(3, 2), first);
+  EXPECT_NE(end(1, 3), first);
+  EXPECT_EQ(end(1, 2), first);
+}
+
+TEST_F(RolloutTest, NeverAllocatesWithAWorkspace) {
+  PointPlant plant({.start = {0.76, 0.0}});
+  auto dfr = Make(Recovery::kDfr);
+  RolloutWorkspace workspace;
+  Rollout(plant, dfr, {}, nullptr, &workspace);
+  const test::NoAlloc guard;
+  Rollout(plant, dfr, {}, nullptr, &workspace);
+}
+
+TEST_F(RolloutTest, CpuTimeIsSplitIntoPlantAndDecision) {
+  // The policy burns about as many operations as the plant none.
+  const test::FunctionPolicy slow(2, 2, [](int, std::span<const double>, std::span<double> u) {
+    volatile double sum = 0.0;
+    for (int i = 0; i < 100'000; ++i) sum = sum + i;
+    u[0] = u[1] = 0.0;
+  });
+  SwitchingPolicy baseline(slow, ball, 1.0, {.recovery = Recovery::kNone, .horizon = 20});
+  PointPlant plant({});
+  const RolloutResult result = Rollout(plant, baseline, {});
+  EXPECT_GT(result.decision_seconds, 10.0 * result.plant_seconds);
+  EXPECT_GT(result.plant_seconds, 0.0);
+  EXPECT_EQ(result.seconds(), result.plant_seconds + result.decision_seconds);
+}
+
+TEST_F(RolloutTest, RefusesSizesThatDoNotFit) {
+  PointPlant plant({.start = {0.0, 0.0, 0.0}});
+  auto baseline = Make(Recovery::kNone);
+  EXPECT_THROW(Rollout(plant, baseline, {}), std::invalid_argument);
+  PointPlant fitting({});
+  EXPECT_THROW(Rollout(fitting, baseline, {.max_controls = 0}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::control
