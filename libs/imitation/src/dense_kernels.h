@@ -1,0 +1,40 @@
+#pragma once
+
+#include <cstddef>
+
+namespace dfr::imitation::internal {
+
+/// C = start + A B for A (m x k), B (k x n), C (m x n). Rows of B and C are contiguous; A has any
+/// strides, so that a transposed A, or a constant one (both strides 0), costs nothing extra.
+///
+/// Each entry of C is summed over k in order, from the start value, whatever m, n and the position
+/// within C: a row of a batch gets bit for bit the result that it would get alone.
+struct Product {
+  int m = 0;
+  int n = 0;
+  int k = 0;
+  const double* a = nullptr;
+  std::ptrdiff_t a_row = 0;
+  std::ptrdiff_t a_col = 0;
+  const double* b = nullptr;
+  std::ptrdiff_t b_row = 0;
+  double* c = nullptr;
+  std::ptrdiff_t c_row = 0;
+  const double* bias = nullptr;  ///< n entries that every row of C starts from; null means zero.
+  bool accumulate = false;       ///< Start from C's present entries instead.
+};
+
+// Each runs on the widest instruction set of the machine, in one thread, and never allocates.
+void Multiply(const Product& product) noexcept;
+/// values = tanh(values), within 4 units in the last place; NaN stays NaN.
+void Tanh(double* values, std::size_t size) noexcept;
+/// gradients *= 1 - tanh(a)^2, given activations = tanh(a).
+void TimesTanhSlope(double* gradients, const double* activations, std::size_t size) noexcept;
+
+// The definitions of the above.
+void MultiplyReference(const Product& product) noexcept;
+void TanhReference(double* values, std::size_t size) noexcept;
+void TimesTanhSlopeReference(double* gradients, const double* activations,
+                             std::size_t size) noexcept;
+
+}  // namespace dfr::imitation::internal

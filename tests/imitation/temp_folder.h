@@ -1,0 +1,42 @@
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <string>
+
+namespace dfr::test {
+
+/// An empty folder of the running test's own, removed with all that is in it.
+class TempFolder {
+ public:
+  TempFolder()
+      : path_(std::filesystem::path(testing::TempDir()) /
+              (std::string("dfr_") +
+               testing::UnitTest::GetInstance()->current_test_info()->test_suite_name() + "_" +
+               testing::UnitTest::GetInstance()->current_test_info()->name())) {
+    std::filesystem::remove_all(path_);
+    std::filesystem::create_directories(path_);
+  }
+  ~TempFolder() { std::filesystem::remove_all(path_); }
+  TempFolder(const TempFolder&) = delete;
+  TempFolder& operator=(const TempFolder&) = delete;
+
+  std::filesystem::path operator/(const std::string& name) const { return path_ / name; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+/// What the call throws says, or a remark that it throws nothing.
+template <typename Exception, typename Call>
+std::string Message(Call call) {
+  try {
+    call();
+  } catch (const Exception& e) {
+    return e.what();
+  }
+  return "nothing thrown";
+}
+
+}  // namespace dfr::test
