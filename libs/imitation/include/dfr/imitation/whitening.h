@@ -1,0 +1,49 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+
+#include "dfr/core/archive.h"
+#include "dfr/core/matrix.h"
+
+namespace dfr::imitation {
+
+/// Standardisation feature by feature: z = (x - mean) / scale. Features keep their meaning: nothing
+/// is rotated. Immutable; concurrent calls are safe.
+class Whitening {
+ public:
+  /// z = x.
+  static Whitening Identity(int dim);
+
+  /// Mean and standard deviation (divisor n) of the rows of `samples`. A feature that is constant
+  /// up to rounding (deviation below 1e-9 of its magnitude) gets scale 1.
+  /// @throws std::invalid_argument if there is no row or column, or an entry is not finite; the
+  ///   message names it.
+  static Whitening FromData(const core::Matrix& samples);
+
+  /// @throws std::invalid_argument if sizes differ, an entry is not finite, or a scale not
+  /// positive.
+  Whitening(Eigen::VectorXd mean, Eigen::VectorXd scale);
+
+  [[nodiscard]] int dim() const noexcept { return static_cast<int>(mean_.size()); }
+  [[nodiscard]] const Eigen::VectorXd& mean() const noexcept { return mean_; }
+  [[nodiscard]] const Eigen::VectorXd& scale() const noexcept { return scale_; }
+
+  /// x to z, dim() entries each; they may be the same memory. Never allocates.
+  void Apply(std::span<const double> x, std::span<double> z) const noexcept;
+  /// z to x likewise.
+  void ApplyInverse(std::span<const double> z, std::span<double> x) const noexcept;
+  /// The same for each row. @throws std::invalid_argument for another number of columns.
+  [[nodiscard]] core::Matrix Apply(const core::Matrix& samples) const;
+  [[nodiscard]] core::Matrix ApplyInverse(const core::Matrix& whitened) const;
+
+  void Save(core::ArchiveWriter& archive) const;
+  /// @throws std::runtime_error naming the file.
+  static Whitening Load(core::ArchiveReader& archive);
+
+ private:
+  Eigen::VectorXd mean_;
+  Eigen::VectorXd scale_;
+};
+
+}  // namespace dfr::imitation

@@ -1,0 +1,17 @@
+#pragma once
+
+#include <span>
+#include <string_view>
+
+#include "dfr/core/matrix.h"
+
+namespace dfr::imitation::internal {
+
+/// @throws std::invalid_argument naming the first entry of `rows` that is not finite, as in
+///   "states: row 3, column 1 is nan".
+void CheckFinite(const core::Matrix& rows, std::string_view name);
+
+/// Whether every entry is finite. Never allocates.
+[[nodiscard]] bool AllFinite(std::span<const double> values) noexcept;
+
+}  // namespace dfr::imitation::internal

@@ -1,0 +1,141 @@
+#include "dfr/imitation/mlp_policy.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <limits>
+#include <stdexcept>
+
+#include "tests/imitation/temp_folder.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::imitation {
+namespace {
+
+using testing::Each;
+using testing::HasSubstr;
+
+core::StateLayout Layout() {
+  core::StateLayout layout;
+  layout.Add("arm", 2);
+  layout.Add("object", 3);
+  return layout;
+}
+
+Whitening TheWhitening() { return {Eigen::Vector2d(1, -1), Eigen::Vector2d(2, 0.5)}; }
+
+MlpPolicy Policy(double limit = 1.0) {
+  core::Random random(1);
+  return {Layout(), "object[1:3]", TheWhitening(), Mlp({2, 6, 2}, random),
+          Eigen::Vector2d::Constant(limit)};
+}
+
+TEST(MlpPolicyTest, ControlIsTheNetworkOfWhitenedFeatures) {
+  const MlpPolicy policy = Policy(100.0);
+  const std::vector<double> x = {9, 9, 9, 0.3, -0.7};
+  const std::vector<double> z = {(0.3 - 1) / 2, (-0.7 + 1) / 0.5};
+  std::vector<double> u(2), expected(2);
+  policy.mlp().Forward(z, expected);
+  policy.Control(0, x, u);
+  EXPECT_EQ(u, expected);
+}
+
+TEST(MlpPolicyTest, ControlsStayWithinTheirLimits) {
+  Mlp mlp({5, 3});
+  Eigen::VectorXd parameters = Eigen::VectorXd::Zero(mlp.num_parameters());
+  parameters.tail(3) << 4.0, -4.0, 0.25;  // the biases
+  mlp.SetParameters(parameters);
+  const MlpPolicy policy(Layout(), "", Whitening::Identity(5), mlp, Eigen::Vector3d(1, 2, 3));
+  std::vector<double> u(3);
+  policy.Control(0, std::vector<double>(5, 0.0), u);
+  EXPECT_THAT(u, testing::ElementsAre(1.0, -2.0, 0.25));
+  policy.Unlimited(std::vector<double>(5, 0.0), u);
+  EXPECT_THAT(u, testing::ElementsAre(4.0, -4.0, 0.25));
+}
+
+TEST(MlpPolicyTest, BrokenStatesGiveNan) {
+  const MlpPolicy policy = Policy();
+  const auto is_nan = testing::Truly([](double v) { return std::isnan(v); });
+  for (const double broken :
+       {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
+    for (std::size_t i = 0; i < 5; ++i) {
+      std::vector<double> x(5, 0.1), u(2, 0.0);
+      x[i] = broken;
+      policy.Control(0, x, u);
+      EXPECT_THAT(u, Each(is_nan)) << "entry " << i;
+    }
+  }
+  std::vector<double> u(2, 0.0);
+  policy.Control(0, std::vector<double>(4, 0.1), u);
+  EXPECT_THAT(u, Each(is_nan));
+}
+
+TEST(MlpPolicyTest, ControlNeverAllocates) {
+  const MlpPolicy policy = Policy();
+  const std::vector<double> x(5, 0.1);
+  std::vector<double> u(2);
+  const test::NoAlloc guard;
+  policy.Control(0, x, u);
+}
+
+TEST(MlpPolicyTest, AFileRestoresThePolicyToTheLastBit) {
+  const test::TempFolder folder;
+  const MlpPolicy policy = Policy();
+  policy.Save(folder / "policy.dfr");
+  const MlpPolicy loaded = MlpPolicy::Load(folder / "policy.dfr");
+  EXPECT_EQ(loaded.layout(), policy.layout());
+  EXPECT_EQ(loaded.selection().spec(), "object[1:3]");
+  EXPECT_EQ(loaded.control_limit(), policy.control_limit());
+  core::Random random(2);
+  for (int i = 0; i < 100; ++i) {
+    std::vector<double> x(5), u(2), expected(2);
+    for (double& entry : x) entry = random.Normal();
+    policy.Control(0, x, expected);
+    loaded.Control(0, x, u);
+    EXPECT_EQ(u, expected);
+  }
+}
+
+TEST(MlpPolicyTest, WrongFilesAreRefusedByName) {
+  const test::TempFolder folder;
+  using Error = std::runtime_error;
+  const auto load = [&](const char* name) {
+    return test::Message<Error>([&] { MlpPolicy::Load(folder / name); });
+  };
+  EXPECT_THAT(load("absent.dfr"), HasSubstr("absent.dfr"));
+
+  core::ArchiveWriter other("support", 1);
+  other.Save(folder / "support.dfr");
+  EXPECT_THAT(load("support.dfr"), HasSubstr("support"));
+
+  // Parts that do not fit together, in an undamaged file.
+  core::ArchiveWriter writer("mlp-policy", 1);
+  writer.Integer(1);
+  writer.Text("object");
+  writer.Integer(3);
+  writer.Text("object");
+  Whitening::Identity(3).Save(writer);
+  Mlp({2, 2}).Save(writer);
+  writer.Numbers(std::vector<double>{1, 1});
+  writer.Save(folder / "unfit.dfr");
+  EXPECT_THAT(load("unfit.dfr"), HasSubstr("unfit.dfr"));
+  EXPECT_THAT(load("unfit.dfr"), HasSubstr("3 features, its network takes 2"));
+}
+
+TEST(MlpPolicyTest, ErrorsNameThePartThatDoesNotFit) {
+  const auto message = [](const char* features, Mlp mlp, Eigen::VectorXd limit) {
+    return test::Message<std::invalid_argument>(
+        [&] { MlpPolicy(Layout(), features, TheWhitening(), std::move(mlp), std::move(limit)); });
+  };
+  const Eigen::Vector2d ones = Eigen::Vector2d::Ones();
+  EXPECT_THAT(message("tip", Mlp({2, 2}), ones), HasSubstr("'tip'"));
+  EXPECT_THAT(message("object", Mlp({3, 2}), ones), HasSubstr("3 features, its whitening has 2"));
+  EXPECT_THAT(message("arm", Mlp({3, 2}), ones), HasSubstr("network takes 3"));
+  EXPECT_THAT(message("arm", Mlp({2, 3}), ones), HasSubstr("3 outputs, and 2 control limits"));
+  EXPECT_THAT(message("arm", Mlp({2, 2}), Eigen::Vector2d(1, 0)), HasSubstr("limit 1 is 0"));
+}
+
+}  // namespace
+}  // namespace dfr::imitation
