@@ -1,0 +1,90 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "dfr/core/matrix.h"
+
+namespace dfr::kernel {
+
+/// Options for OneClassSvm::Fit(). Defaults are the Pusher values of Sec. V-A.
+struct OneClassSvmOptions {
+  double nu = 0.05;         ///< Outlier bound and support-vector floor, in (0, 1].
+  double gamma = 5.0;       ///< Gaussian width, > 0, in 1/[state unit]^2.
+  double tolerance = 1e-4;  ///< Stop once the largest KKT violation is below this (FitSummary).
+  /// Most working-set steps; 0 chooses a number that no sensible problem reaches.
+  std::int64_t max_iterations = 0;
+  double memory_mib = 512.0;  ///< Bound on the fit's own memory, >= 1. Slower where it is tight.
+};
+
+/// How a fit ended and what it cost.
+struct FitSummary {
+  enum class Reason {
+    kConverged,      ///< kkt_gap is below the tolerance.
+    kMaxIterations,  ///< Stopped by max_iterations: the estimate is usable, kkt_gap says how well.
+  };
+  Reason reason = Reason::kConverged;
+  std::int64_t iterations = 0;
+  /// max G_i over alpha_i > 0, minus min G_i over alpha_i < 1, with G = K alpha. Like LIBSVM's it
+  /// is taken with alpha scaled to sum to nu m, so tolerances mean the same in both.
+  double kkt_gap = 0.0;
+  double objective = 0.0;  ///< alpha' K alpha / 2 in LIBSVM's scale.
+  int num_support_vectors = 0;
+  std::int64_t kernel_evaluations = 0;
+  double seconds = 0.0;  ///< Wall time.
+};
+
+/// Support estimate of a sample cloud (Sec. IV-A):
+///   g(x) = sum_i alpha_i exp(-gamma |x - x_i|^2) - rho,  0 <= alpha_i <= 1/(nu m).
+///
+/// g > 0 inside the support. alpha sums to 1 as in the paper; LIBSVM's alpha sums to nu m, so its g
+/// (and any lambda tuned on it) is libsvm_scale() times ours.
+/// Immutable once made, and cheap to copy: copies share their data. Concurrent calls are safe.
+class OneClassSvm {
+ public:
+  /// Most entries of a state.
+  static constexpr int kMaxStateDim = 2048;
+
+  /// Fits to `samples` (m x n, one state per row).
+  /// @throws std::invalid_argument if m < 2, n < 1, n > kMaxStateDim, an entry is not finite, or an
+  ///   option is out of range; the message names which.
+  static OneClassSvm Fit(const Eigen::Ref<const core::Matrix>& samples,
+                         const OneClassSvmOptions& options, FitSummary* summary = nullptr);
+
+  /// An estimate from its parts, as Fit() would have made it: one support vector per row, alpha
+  /// positive and summing to 1, rho finite. `libsvm_scale` is nu m.
+  /// @throws std::invalid_argument naming what is wrong.
+  static OneClassSvm FromParts(core::Matrix support_vectors, Eigen::VectorXd alpha, double gamma,
+                               double rho, double libsvm_scale = 1.0);
+
+  /// g(x) for one state of size state_dim(). Never allocates, never throws. A non-finite entry or
+  /// another size returns -infinity, so a broken sensor reads as outside the support.
+  [[nodiscard]] double Decision(std::span<const double> x) const noexcept;
+
+  /// g(x), with its derivative 2 gamma sum_i alpha_i k(x, x_i) (x_i - x) written to `gradient`
+  /// (state_dim() entries). Where g is -infinity the gradient is zero. Never allocates.
+  double Gradient(std::span<const double> x, std::span<double> gradient) const noexcept;
+
+  /// L with |g(x) - g(y)| <= L |x - y|: the steepest slope of one kernel, sqrt(2 gamma / e), since
+  /// alpha sums to 1.
+  [[nodiscard]] double lipschitz_bound() const noexcept;
+
+  [[nodiscard]] int state_dim() const noexcept;
+  [[nodiscard]] int num_support_vectors() const noexcept;
+  /// One support vector per row, in the order of alpha().
+  [[nodiscard]] const core::Matrix& support_vectors() const noexcept;
+  [[nodiscard]] const Eigen::VectorXd& alpha() const noexcept;
+  [[nodiscard]] double gamma() const noexcept;
+  [[nodiscard]] double rho() const noexcept;
+  /// nu m: what alpha, rho and g are to be multiplied by for LIBSVM's.
+  [[nodiscard]] double libsvm_scale() const noexcept;
+
+ private:
+  struct Data;
+  explicit OneClassSvm(std::shared_ptr<const Data> data) noexcept;
+  std::shared_ptr<const Data> data_;
+};
+
+}  // namespace dfr::kernel

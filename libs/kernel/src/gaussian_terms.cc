@@ -1,0 +1,58 @@
+#include "gaussian_terms.h"
+
+#include <cassert>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+namespace dfr::kernel::internal {
+
+template <typename T>
+GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const double> weights,
+                                double gamma)
+    : dim(static_cast<std::size_t>(points.cols())),
+      count(static_cast<std::size_t>(points.rows())),
+      num_blocks((count + kLanes - 1) / kLanes),
+      scale(std::sqrt(gamma * std::numbers::log2e)),
+      center(dim),
+      data(num_blocks * (dim + 1) * kLanes) {
+  assert(weights.empty() || weights.size() == count);
+  // Centred, coordinates are about as large as the differences that matter, which keeps the
+  // rounding of x' below that of the exponent.
+  for (std::size_t k = 0; k < dim; ++k) {
+    center[k] = points.col(static_cast<Eigen::Index>(k)).mean();
+  }
+  for (std::size_t b = 0; b < num_blocks; ++b) {
+    T* block = data.data() + b * (dim + 1) * kLanes;
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const std::size_t i = b * kLanes + lane;
+      if (i >= count) {
+        block[lane] = -std::numeric_limits<T>::infinity();
+        continue;
+      }
+      block[lane] = weights.empty() ? T{0} : static_cast<T>(std::log2(weights[i]));
+      for (std::size_t k = 0; k < dim; ++k) {
+        const double x = points(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k));
+        block[(1 + k) * kLanes + lane] = static_cast<T>(scale * (x - center[k]));
+      }
+    }
+  }
+}
+
+template <typename T>
+bool GaussianTerms<T>::Scale(const double* x, T* scaled) const noexcept {
+  // Beyond this limit squares overflow; the kernel is zero long before.
+  constexpr double kFar = sizeof(T) == sizeof(double) ? 1e150 : 1e18;
+  bool near = true;
+  for (std::size_t k = 0; k < dim; ++k) {
+    const double v = scale * (x[k] - center[k]);
+    near &= std::abs(v) < kFar;  // false for NaN
+    scaled[k] = static_cast<T>(v);
+  }
+  return near;
+}
+
+template struct GaussianTerms<double>;
+template struct GaussianTerms<float>;
+
+}  // namespace dfr::kernel::internal

@@ -1,0 +1,66 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <new>
+#include <span>
+#include <vector>
+
+#include "dfr/core/matrix.h"
+
+namespace dfr::kernel::internal {
+
+/// std::vector's allocator for whole SIMD vectors.
+template <typename T>
+struct AlignedAllocator {
+  using value_type = T;
+  static constexpr std::align_val_t kAlignment{64};
+  AlignedAllocator() = default;
+  template <typename U>
+  AlignedAllocator(const AlignedAllocator<U>&) noexcept {}
+  T* allocate(std::size_t n) { return static_cast<T*>(::operator new(n * sizeof(T), kAlignment)); }
+  void deallocate(T* p, std::size_t) noexcept { ::operator delete(p, kAlignment); }
+  bool operator==(const AlignedAllocator&) const = default;
+};
+template <typename T>
+using AlignedVector = std::vector<T, AlignedAllocator<T>>;
+
+/// Most entries of a state: queries are scaled into a buffer on the stack.
+inline constexpr int kMaxStateDim = 2048;
+
+/// The terms w_i exp(-gamma |x - s_i|^2) of a sum, as the SIMD code reads them.
+///
+/// A term is 2^(log2 w_i - |x' - s'_i|^2) with x' = sqrt(gamma log2 e) (x - center): weight, width
+/// and the change of base cost nothing per query. Terms stand in blocks of kLanes, one cache line
+/// per row: row 0 of a block holds log2 w_i, row 1 + k coordinate k. The last block is filled up
+/// with terms of weight zero (log2 w = -infinity), so there is no remainder loop.
+template <typename T>
+struct GaussianTerms {
+  static constexpr std::size_t kLanes = 64 / sizeof(T);
+
+  GaussianTerms() = default;
+  /// One term per row of `points`. No weights: all are one.
+  /// @pre weights are positive and as many as points, or none; gamma > 0
+  GaussianTerms(const core::Matrix& points, std::span<const double> weights, double gamma);
+
+  /// x' of `x` (dim entries). False where an entry is not finite or so far away that x' is not:
+  /// every term is then zero.
+  [[nodiscard]] bool Scale(const double* x, T* scaled) const noexcept;
+
+  /// Coordinate k of term i, scaled.
+  [[nodiscard]] T coordinate(std::size_t i, std::size_t k) const noexcept {
+    return data[(i / kLanes * (dim + 1) + 1 + k) * kLanes + i % kLanes];
+  }
+
+  std::size_t dim = 0;
+  std::size_t count = 0;
+  std::size_t num_blocks = 0;
+  double scale = 0.0;  ///< sqrt(gamma log2 e)
+  std::vector<double> center;
+  AlignedVector<T> data;
+};
+
+extern template struct GaussianTerms<double>;
+extern template struct GaussianTerms<float>;
+
+}  // namespace dfr::kernel::internal

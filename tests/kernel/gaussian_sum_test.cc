@@ -1,0 +1,208 @@
+#include "gaussian_sum.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "gaussian_terms.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::kernel::internal {
+namespace {
+
+// Every test runs once with each instruction set that this machine has.
+class GaussianSumTest : public testing::TestWithParam<std::int64_t> {
+ protected:
+  void SetUp() override { ForceTarget(GetParam()); }
+  void TearDown() override { ForceTarget(0); }
+};
+
+struct Problem {
+  Problem(int m, int n, double gamma_, std::uint64_t seed) : gamma(gamma_), points(m, n) {
+    core::Random random(seed);
+    double total = 0.0;
+    for (int i = 0; i < m; ++i) {
+      weights.push_back(random.Uniform(0.01, 1.0));
+      total += weights.back();
+      for (int k = 0; k < n; ++k) points(i, k) = random.Normal();
+    }
+    for (double& w : weights) w /= total;
+  }
+  double gamma;
+  core::Matrix points;
+  std::vector<double> weights;
+};
+
+struct Reference {
+  long double sum = 0.0L;
+  std::vector<long double> shift;
+};
+
+Reference LongDouble(const Problem& p, std::span<const double> x) {
+  Reference result;
+  result.shift.resize(x.size());
+  for (std::size_t i = 0; i < p.weights.size(); ++i) {
+    long double squared = 0.0L;
+    for (std::size_t k = 0; k < x.size(); ++k) {
+      const long double diff = static_cast<long double>(x[k]) -
+                               p.points(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k));
+      squared += diff * diff;
+    }
+    const long double term = p.weights[i] * std::exp(-static_cast<long double>(p.gamma) * squared);
+    result.sum += term;
+    for (std::size_t k = 0; k < x.size(); ++k) {
+      const long double s = p.points(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k));
+      result.shift[k] += term * (s - x[k]);
+    }
+  }
+  return result;
+}
+
+// Block counts around every group size of the unrolled loops, with and without a partial block.
+constexpr int kCounts[] = {1, 2, 7, 8, 9, 16, 17, 24, 31, 32, 33, 63, 64, 65, 127, 128, 129, 600};
+
+TEST_P(GaussianSumTest, DoubleAgreesWithLongDouble) {
+  core::Random random(11);
+  for (const int m : kCounts) {
+    for (const int n : {1, 3, 4, 9}) {
+      const Problem p(m, n, 0.7, static_cast<std::uint64_t>(m * 100 + n));
+      const GaussianTerms<double> terms(p.points, p.weights, p.gamma);
+      std::vector<double> x(static_cast<std::size_t>(n)), scaled(x.size()), shift(x.size());
+      for (int query = 0; query < 20; ++query) {
+        for (double& v : x) v = 1.5 * random.Normal();
+        const Reference expected = LongDouble(p, x);
+        ASSERT_TRUE(terms.Scale(x.data(), scaled.data()));
+        // Exponents here reach 60; each of a term's d + 1 roundings is 1.1e-16 of that.
+        const double tolerance = 4e-14 * static_cast<double>(expected.sum);
+        EXPECT_NEAR(GaussianSum(terms, scaled.data()), static_cast<double>(expected.sum), tolerance)
+            << m << " x " << n;
+        EXPECT_NEAR(GaussianSumReference(p.points, p.weights, p.gamma, x),
+                    static_cast<double>(expected.sum), tolerance);
+        EXPECT_NEAR(GaussianSumShift(terms, scaled.data(), shift.data()),
+                    static_cast<double>(expected.sum), tolerance);
+        for (std::size_t k = 0; k < x.size(); ++k) {
+          // Differences reach 8 in each coordinate.
+          EXPECT_NEAR(shift[k] / terms.scale, static_cast<double>(expected.shift[k]),
+                      8.0 * tolerance);
+        }
+      }
+    }
+  }
+}
+
+TEST_P(GaussianSumTest, FloatAgreesWithLongDouble) {
+  core::Random random(12);
+  for (const int m : kCounts) {
+    const Problem p(m, 9, 1.0 / 9.0, static_cast<std::uint64_t>(m));
+    const GaussianTerms<float> terms(p.points, p.weights, p.gamma);
+    std::vector<double> x(9);
+    std::vector<float> scaled(9), shift(9);
+    for (int query = 0; query < 20; ++query) {
+      for (double& v : x) v = random.Normal();
+      const Reference expected = LongDouble(p, x);
+      ASSERT_TRUE(terms.Scale(x.data(), scaled.data()));
+      // Exponents of the terms that matter are below 10: 3e-7 + 10 * 1e-7.
+      const double tolerance = 1.3e-6 * static_cast<double>(expected.sum);
+      EXPECT_NEAR(GaussianSum(terms, scaled.data()), static_cast<double>(expected.sum), tolerance);
+      EXPECT_NEAR(GaussianSumShift(terms, scaled.data(), shift.data()),
+                  static_cast<double>(expected.sum), tolerance);
+      for (std::size_t k = 0; k < x.size(); ++k) {
+        EXPECT_NEAR(shift[k] / terms.scale, static_cast<double>(expected.shift[k]),
+                    6.0 * tolerance);
+      }
+    }
+  }
+}
+
+// One term with every exponent from 0 down to beyond the smallest normal number: its relative error
+// is what the documentation states.
+template <typename T>
+void CheckExponents(double polynomial, double per_exponent) {
+  core::Matrix points(1, 1);
+  points(0, 0) = 0.0;
+  const GaussianTerms<T> terms(points, {}, 1.0 / std::numbers::log2e);
+  const double lowest = std::numeric_limits<T>::min_exponent;
+  double worst = 0.0;
+  for (int i = 0; i <= 200000; ++i) {
+    const T x = static_cast<T>(std::sqrt(-lowest * 1.05 * i / 200000.0));
+    const long double exponent = -static_cast<long double>(x) * x;
+    const T actual = GaussianSum(terms, &x);
+    if (exponent < lowest) {
+      EXPECT_LE(actual, 2 * std::numeric_limits<T>::min());
+      continue;
+    }
+    const long double expected = std::exp2(exponent);
+    const auto error = static_cast<double>(std::abs(actual - expected) / expected);
+    worst = std::max(worst, error / (polynomial - per_exponent * static_cast<double>(exponent)));
+  }
+  EXPECT_LE(worst, 1.0);
+}
+
+TEST_P(GaussianSumTest, ErrorOfOneTermIsAsDocumented) {
+  CheckExponents<double>(4e-16, 2e-16);
+  CheckExponents<float>(3e-7, 1e-7);
+}
+
+TEST_P(GaussianSumTest, AtItsOwnPointATermIsItsWeight) {
+  core::Matrix points(1, 3);
+  points << 0.3, -7.0, 1e6;
+  const GaussianTerms<double> terms(points, {}, 5.0);
+  std::vector<double> scaled(3);
+  ASSERT_TRUE(terms.Scale(points.data(), scaled.data()));
+  EXPECT_EQ(GaussianSum(terms, scaled.data()), 1.0);
+}
+
+TEST_P(GaussianSumTest, RowHoldsEachTermAndThePaddingIsZero) {
+  const Problem p(37, 5, 0.4, 3);
+  const GaussianTerms<double> terms(p.points, {}, p.gamma);
+  AlignedVector<double> row(terms.num_blocks * terms.kLanes, -1.0);
+  std::vector<double> scaled(5);
+  ASSERT_TRUE(terms.Scale(p.points.data(), scaled.data()));
+  GaussianRow(terms, scaled.data(), row.data());
+  EXPECT_EQ(row[0], 1.0);
+  for (int i = 0; i < 37; ++i) {
+    const double squared = (p.points.row(i) - p.points.row(0)).squaredNorm();
+    // Exponents reach 30: see DoubleAgreesWithLongDouble.
+    EXPECT_NEAR(row[static_cast<std::size_t>(i)], std::exp(-0.4 * squared), 1e-14);
+  }
+  for (std::size_t i = 37; i < row.size(); ++i) EXPECT_EQ(row[i], 0.0);
+}
+
+TEST_P(GaussianSumTest, FarQueriesAreZeroAndNonFiniteOnesAreRefused) {
+  const Problem p(20, 2, 5.0, 4);
+  const GaussianTerms<double> terms(p.points, p.weights, p.gamma);
+  std::vector<double> scaled(2), shift(2);
+  for (const double far : {30.0, 1e10, 1e149}) {
+    const std::vector<double> x = {far, -far};
+    ASSERT_TRUE(terms.Scale(x.data(), scaled.data()));
+    EXPECT_LE(GaussianSum(terms, scaled.data()), 1e-300);
+    EXPECT_LE(GaussianSumShift(terms, scaled.data(), shift.data()), 1e-300);
+    EXPECT_TRUE(std::isfinite(shift[0]) && std::isfinite(shift[1]));
+  }
+  for (const double bad :
+       {1e200, std::numeric_limits<double>::infinity(), std::numeric_limits<double>::quiet_NaN()}) {
+    const std::vector<double> x = {0.0, bad};
+    EXPECT_FALSE(terms.Scale(x.data(), scaled.data()));
+  }
+}
+
+TEST_P(GaussianSumTest, NeverAllocates) {
+  const Problem p(600, 9, 0.5, 5);
+  const GaussianTerms<double> terms(p.points, p.weights, p.gamma);
+  std::vector<double> scaled(9), shift(9);
+  const dfr::test::NoAlloc guard;
+  ASSERT_TRUE(terms.Scale(p.points.data(), scaled.data()));
+  EXPECT_EQ(GaussianSum(terms, scaled.data()), GaussianSum(terms, scaled.data()));
+  GaussianSumShift(terms, scaled.data(), shift.data());
+}
+
+INSTANTIATE_TEST_SUITE_P(Targets, GaussianSumTest, testing::ValuesIn(SupportedTargets()),
+                         [](const auto& test) { return std::string(TargetName(test.param)); });
+
+}  // namespace
+}  // namespace dfr::kernel::internal

@@ -1,0 +1,314 @@
+#include "dfr/kernel/one_class_svm.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <ostream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "tests/kernel/libsvm_peer.h"
+#include "tests/support/all_close.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::kernel {
+namespace {
+
+using test::LibsvmPeer;
+using test::Tube;
+using testing::HasSubstr;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// g of every row.
+Eigen::VectorXd Decisions(const OneClassSvm& svm, const core::Matrix& queries) {
+  Eigen::VectorXd g(queries.rows());
+  for (Eigen::Index i = 0; i < queries.rows(); ++i) g[i] = svm.Decision(core::Row(queries, i));
+  return g;
+}
+
+// max G over alpha > 0 minus min G over alpha < 1, from the definition, in LIBSVM's scale.
+double KktGap(const OneClassSvm& svm, const core::Matrix& samples, double nu) {
+  const double bound = 1.0 / (nu * static_cast<double>(samples.rows()));
+  double largest = -kInfinity;
+  double smallest = kInfinity;
+  for (Eigen::Index i = 0; i < samples.rows(); ++i) {
+    double gradient = 0.0;
+    double alpha = 0.0;
+    for (Eigen::Index j = 0; j < svm.alpha().size(); ++j) {
+      const double squared = (samples.row(i) - svm.support_vectors().row(j)).squaredNorm();
+      gradient += svm.alpha()[j] * std::exp(-svm.gamma() * squared);
+      if (squared == 0.0) alpha = svm.alpha()[j];  // samples are distinct here
+    }
+    gradient *= svm.libsvm_scale();
+    if (alpha > 0.0) largest = std::max(largest, gradient);
+    if (alpha < bound * (1.0 - 1e-12)) smallest = std::min(smallest, gradient);
+  }
+  return largest - smallest;
+}
+
+struct Case {
+  int m;
+  int n;
+  double nu;
+  double gamma;
+
+  friend std::ostream& operator<<(std::ostream& out, const Case& c) {
+    return out << c.m << " x " << c.n << ", nu " << c.nu << ", gamma " << c.gamma;
+  }
+};
+
+class OneClassSvmPeerTest : public testing::TestWithParam<Case> {};
+
+TEST_P(OneClassSvmPeerTest, DecisionsAndObjectiveAgreeWithLibsvm) {
+  const Case c = GetParam();
+  core::Random random(21);
+  const core::Matrix samples = Tube(c.m, c.n, random);
+  const core::Matrix queries = Tube(200, c.n, random);
+  const LibsvmPeer peer(samples, c.nu, c.gamma, 1e-6);
+  FitSummary summary;
+  const auto svm =
+      OneClassSvm::Fit(samples, {.nu = c.nu, .gamma = c.gamma, .tolerance = 1e-6}, &summary);
+  EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+
+  Eigen::VectorXd expected(queries.rows());
+  for (Eigen::Index i = 0; i < queries.rows(); ++i) {
+    expected[i] = peer.Decision(core::Row(queries, i)) / (c.nu * c.m);
+  }
+  // 1e-6 of the largest term of g, rho: LIBSVM keeps its kernel rows in float.
+  EXPECT_TRUE(dfr::test::AllClose(Decisions(svm, queries), expected, 1e-6 * svm.rho()));
+  EXPECT_NEAR(svm.rho(), peer.rho() / (c.nu * c.m), 1e-6 * svm.rho());
+  // Both are within about tolerance * nu m of the minimum.
+  EXPECT_NEAR(summary.objective, peer.Objective(), 1e-6 * c.nu * c.m + 1e-7 * summary.objective);
+}
+
+TEST_P(OneClassSvmPeerTest, KktGapIsBelowTheTolerance) {
+  const Case c = GetParam();
+  core::Random random(22);
+  const core::Matrix samples = Tube(c.m, c.n, random);
+  for (const double tolerance : {1e-2, 1e-4, 1e-6}) {
+    FitSummary summary;
+    const auto svm =
+        OneClassSvm::Fit(samples, {.nu = c.nu, .gamma = c.gamma, .tolerance = tolerance}, &summary);
+    EXPECT_LT(summary.kkt_gap, tolerance);
+    // The definition rounds differently, by about 1e-16 nu m.
+    EXPECT_LT(KktGap(svm, samples, c.nu), tolerance + 1e-10);
+  }
+}
+
+TEST_P(OneClassSvmPeerTest, NuBoundsOutliersFromAboveAndSupportVectorsFromBelow) {
+  const Case c = GetParam();
+  core::Random random(23);
+  const core::Matrix samples = Tube(c.m, c.n, random);
+  const auto svm = OneClassSvm::Fit(samples, {.nu = c.nu, .gamma = c.gamma, .tolerance = 1e-6});
+  EXPECT_GE(svm.num_support_vectors(), c.nu * c.m - 1e-9);
+  // Samples on the boundary have g = 0 up to the tolerance, in our scale.
+  const double boundary = 2e-6 / svm.libsvm_scale();
+  EXPECT_LE((Decisions(svm, samples).array() < -boundary).count(), c.nu * c.m + 1e-9);
+  EXPECT_NEAR(svm.alpha().sum(), 1.0, 1e-12);
+  EXPECT_LE(svm.alpha().maxCoeff(), 1.0 / (c.nu * c.m) * (1.0 + 1e-12));
+  EXPECT_NEAR(svm.libsvm_scale(), c.nu * c.m, 1e-9 * c.nu * c.m);
+}
+
+INSTANTIATE_TEST_SUITE_P(Cases, OneClassSvmPeerTest,
+                         testing::Values(Case{120, 12, 0.05, 5.0}, Case{120, 3, 0.5, 1.0},
+                                         Case{400, 9, 0.05, 1.0 / 9.0}, Case{400, 2, 0.2, 20.0},
+                                         Case{1500, 4, 0.1, 0.25}));
+
+TEST(OneClassSvmTest, LittleMemoryGivesTheSameEstimate) {
+  core::Random random(24);
+  const core::Matrix samples = Tube(1000, 3, random);
+  const core::Matrix queries = Tube(100, 3, random);
+  const auto plenty = OneClassSvm::Fit(samples, {.nu = 0.1, .gamma = 2.0, .tolerance = 1e-6});
+  FitSummary summary;
+  const auto little = OneClassSvm::Fit(
+      samples, {.nu = 0.1, .gamma = 2.0, .tolerance = 1e-6, .memory_mib = 1.0}, &summary);
+  EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+  // Two solutions within the tolerance of each other: 1e-6 over nu m = 100, with a margin of ten.
+  EXPECT_TRUE(dfr::test::AllClose(Decisions(little, queries), Decisions(plenty, queries), 1e-7));
+}
+
+TEST(OneClassSvmTest, StopsAtTheIterationLimitAndSaysSo) {
+  core::Random random(25);
+  FitSummary summary;
+  const auto svm =
+      OneClassSvm::Fit(Tube(200, 3, random), {.tolerance = 1e-9, .max_iterations = 3}, &summary);
+  EXPECT_EQ(summary.reason, FitSummary::Reason::kMaxIterations);
+  EXPECT_EQ(summary.iterations, 3);
+  EXPECT_GT(summary.kkt_gap, 1e-9);
+  EXPECT_GT(svm.num_support_vectors(), 0);
+}
+
+TEST(OneClassSvmTest, GradientIsTheDerivative) {
+  core::Random random(26);
+  const core::Matrix samples = Tube(150, 5, random);
+  const auto svm = OneClassSvm::Fit(samples, {.gamma = 2.0});
+  const core::Matrix queries = Tube(20, 5, random);
+  for (Eigen::Index i = 0; i < queries.rows(); ++i) {
+    Eigen::VectorXd x = queries.row(i);
+    Eigen::VectorXd gradient(5), differences(5);
+    EXPECT_EQ(svm.Gradient(core::AsSpan(std::as_const(x)), core::AsSpan(gradient)),
+              svm.Decision(core::AsSpan(std::as_const(x))));
+    constexpr double kStep = 1e-5;
+    for (Eigen::Index k = 0; k < 5; ++k) {
+      Eigen::VectorXd y = x;
+      y[k] += kStep;
+      const double ahead = svm.Decision(core::AsSpan(std::as_const(y)));
+      y[k] = x[k] - kStep;
+      differences[k] = (ahead - svm.Decision(core::AsSpan(std::as_const(y)))) / (2.0 * kStep);
+    }
+    // Truncation h^2 gamma^1.5 and rounding 1e-16 / h are both below 1e-9.
+    EXPECT_TRUE(dfr::test::AllClose(gradient, differences, 1e-8));
+  }
+}
+
+TEST(OneClassSvmTest, LipschitzBoundHoldsAndIsTightForOneSample) {
+  core::Random random(27);
+  const core::Matrix samples = Tube(100, 3, random);
+  const auto svm = OneClassSvm::Fit(samples, {.gamma = 5.0});
+  std::vector<double> x(3), y(3);
+  for (int i = 0; i < 20000; ++i) {
+    double squared = 0.0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      x[k] = random.Uniform(-2.0, 2.0);
+      y[k] = x[k] + 0.1 * random.Normal();
+      squared += (x[k] - y[k]) * (x[k] - y[k]);
+    }
+    ASSERT_LE(std::abs(svm.Decision(x) - svm.Decision(y)),
+              svm.lipschitz_bound() * std::sqrt(squared) * (1.0 + 1e-12));
+  }
+  // A single kernel is steepest at |x| = 1/sqrt(2 gamma).
+  const auto one =
+      OneClassSvm::FromParts(core::Matrix::Zero(1, 1), Eigen::VectorXd::Ones(1), 5.0, 0.5);
+  const double steepest[] = {1.0 / std::sqrt(10.0)};
+  double slope = 0.0;
+  one.Gradient(steepest, {&slope, 1});
+  EXPECT_NEAR(-slope, one.lipschitz_bound(), 1e-14);
+}
+
+TEST(OneClassSvmTest, BrokenSensorsReadAsOutside) {
+  core::Random random(28);
+  const auto svm = OneClassSvm::Fit(Tube(50, 3, random), {});
+  std::vector<double> gradient(3, 7.0);
+  for (const double bad : {std::numeric_limits<double>::quiet_NaN(), kInfinity, -kInfinity}) {
+    const std::vector<double> x = {0.0, bad, 0.0};
+    EXPECT_EQ(svm.Decision(x), -kInfinity);
+    EXPECT_EQ(svm.Gradient(x, gradient), -kInfinity);
+    EXPECT_THAT(gradient, testing::Each(0.0));
+  }
+  const std::vector<double> wrong_size(4, 0.0);
+  EXPECT_EQ(svm.Decision(wrong_size), -kInfinity);
+  EXPECT_EQ(svm.Decision({}), -kInfinity);
+  // Far, but finite: no kernel reaches it.
+  const std::vector<double> far = {1e300, -1e300, 0.0};
+  EXPECT_EQ(svm.Decision(far), -svm.rho());
+  EXPECT_EQ(svm.Gradient(far, gradient), -svm.rho());
+  EXPECT_THAT(gradient, testing::Each(0.0));
+}
+
+TEST(OneClassSvmTest, DecisionNeverAllocatesAndRepeatsItsBits) {
+  core::Random random(29);
+  const auto svm = OneClassSvm::Fit(Tube(300, 9, random), {.gamma = 1.0});
+  const core::Matrix queries = Tube(50, 9, random);
+  const Eigen::VectorXd first = Decisions(svm, queries);
+  const OneClassSvm copy = svm;
+  std::vector<double> gradient(9);
+  const dfr::test::NoAlloc guard;
+  for (Eigen::Index i = 0; i < queries.rows(); ++i) {
+    EXPECT_EQ(copy.Decision(core::Row(queries, i)), first[i]);
+    svm.Gradient(core::Row(queries, i), gradient);
+  }
+}
+
+TEST(OneClassSvmTest, ErrorsNameTheCulprit) {
+  const auto message = [](const std::function<void()>& call) -> std::string {
+    try {
+      call();
+    } catch (const std::invalid_argument& e) {
+      return e.what();
+    }
+    return "nothing thrown";
+  };
+  const core::Matrix fine = core::Matrix::Random(10, 2);
+  const auto fit = [&](const core::Matrix& samples, OneClassSvmOptions options) {
+    return message([&] { (void)OneClassSvm::Fit(samples, options); });
+  };
+  EXPECT_THAT(fit(fine, {.nu = 0.0}), HasSubstr("nu must lie in (0, 1], not 0"));
+  EXPECT_THAT(fit(fine, {.nu = 1.1}), HasSubstr("nu must lie in (0, 1], not 1.1"));
+  EXPECT_THAT(fit(fine, {.nu = std::nan("")}), HasSubstr("nu must"));
+  EXPECT_THAT(fit(fine, {.gamma = -1.0}), HasSubstr("gamma must be positive"));
+  EXPECT_THAT(fit(fine, {.gamma = kInfinity}), HasSubstr("gamma must be positive and finite"));
+  EXPECT_THAT(fit(fine, {.tolerance = 0.0}), HasSubstr("tolerance must be positive"));
+  EXPECT_THAT(fit(fine, {.max_iterations = -1}), HasSubstr("max_iterations"));
+  EXPECT_THAT(fit(fine, {.memory_mib = 0.0}), HasSubstr("memory_mib"));
+  EXPECT_THAT(fit(core::Matrix(1, 2), {}), HasSubstr("at least 2 samples; there are 1"));
+  EXPECT_THAT(fit(core::Matrix(5, 0), {}), HasSubstr("1 to 2048 entries, not 0"));
+  core::Matrix broken = fine;
+  broken(7, 1) = std::nan("");
+  EXPECT_THAT(fit(broken, {}), HasSubstr("sample 7, entry 1 is nan"));
+  EXPECT_THAT(message([] {
+                (void)OneClassSvm::FromParts(core::Matrix::Zero(2, 1), Eigen::VectorXd::Ones(2),
+                                             1.0, 0.0);
+              }),
+              HasSubstr("alpha must sum to 1, not 2"));
+}
+
+// Problems without a unique alpha or without free support vectors: the estimate is still defined.
+TEST(OneClassSvmTest, OneDistinctPointIsItsOwnSupport) {
+  const core::Matrix samples = core::Matrix::Constant(40, 3, 0.7);
+  for (const double nu : {0.01, 0.3, 1.0}) {
+    const auto svm = OneClassSvm::Fit(samples, {.nu = nu, .gamma = 2.0});
+    const std::vector<double> same(3, 0.7);
+    const std::vector<double> other(3, 0.8);
+    EXPECT_NEAR(svm.Decision(same), 0.0, 1e-12);
+    EXPECT_LT(svm.Decision(other), -0.01);
+  }
+}
+
+TEST(OneClassSvmTest, DuplicatedSamplesGiveTheEstimateOfTheDistinctOnes) {
+  core::Random random(30);
+  const core::Matrix once = Tube(60, 3, random);
+  const core::Matrix thrice = once.replicate(3, 1);
+  const core::Matrix queries = Tube(50, 3, random);
+  const auto a = OneClassSvm::Fit(once, {.nu = 0.2, .gamma = 3.0, .tolerance = 1e-7});
+  const auto b = OneClassSvm::Fit(thrice, {.nu = 0.2, .gamma = 3.0, .tolerance = 1e-7});
+  // The tolerance over nu m = 12, with a margin of ten.
+  EXPECT_TRUE(dfr::test::AllClose(Decisions(b, queries), Decisions(a, queries), 1e-7));
+}
+
+TEST(OneClassSvmTest, NuOfOneIsTheParzenDensity) {
+  core::Random random(31);
+  const core::Matrix samples = Tube(50, 2, random);
+  const auto svm = OneClassSvm::Fit(samples, {.nu = 1.0, .gamma = 1.0});
+  EXPECT_EQ(svm.num_support_vectors(), 50);
+  EXPECT_TRUE(dfr::test::AllClose(svm.alpha(), Eigen::VectorXd::Constant(50, 0.02), 1e-15));
+  // The densest sample lies on the boundary, all others outside.
+  EXPECT_NEAR(Decisions(svm, samples).maxCoeff(), 0.0, 1e-12);
+}
+
+TEST(OneClassSvmTest, FewerSamplesThanOneOverNuContainAllOfThem) {
+  core::Random random(32);
+  const core::Matrix samples = Tube(10, 2, random);
+  const auto svm = OneClassSvm::Fit(samples, {.nu = 0.01, .gamma = 1.0, .tolerance = 1e-7});
+  EXPECT_GE(Decisions(svm, samples).minCoeff(), -1e-5);  // the tolerance over nu m = 0.1
+}
+
+TEST(OneClassSvmTest, ConstantFeaturesChangeNothing) {
+  core::Random random(33);
+  const core::Matrix samples = Tube(80, 2, random);
+  core::Matrix wide(80, 3);
+  wide << samples, Eigen::VectorXd::Constant(80, -4.0);
+  const auto a = OneClassSvm::Fit(samples, {.gamma = 1.0, .tolerance = 1e-7});
+  const auto b = OneClassSvm::Fit(wide, {.gamma = 1.0, .tolerance = 1e-7});
+  // The tolerance over nu m = 4, with a margin of ten.
+  EXPECT_TRUE(dfr::test::AllClose(Decisions(b, wide), Decisions(a, samples), 3e-7));
+}
+
+}  // namespace
+}  // namespace dfr::kernel
