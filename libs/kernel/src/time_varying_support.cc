@@ -1,0 +1,186 @@
+#include "dfr/kernel/time_varying_support.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <exception>
+#include <mutex>
+#include <optional>
+#include <stdexcept>
+#include <thread>
+#include <utility>
+
+#include "dfr/core/archive.h"
+#include "dfr/core/contract.h"
+
+namespace dfr::kernel {
+namespace {
+
+constexpr char kKind[] = "time-varying-support";
+constexpr int kVersion = 1;
+
+void CheckDemonstrations(std::span<const core::Matrix> demonstrations) {
+  DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    const core::Matrix& states = demonstrations[d];
+    DFR_THROW_UNLESS(states.rows() >= 1, "demonstration " << d << " has no states");
+    DFR_THROW_UNLESS(states.cols() == demonstrations[0].cols(),
+                     "demonstration " << d << " has states of " << states.cols()
+                                      << " entries, demonstration 0 of "
+                                      << demonstrations[0].cols());
+    for (Eigen::Index i = 0; i < states.rows(); ++i) {
+      DFR_THROW_UNLESS(states.row(i).allFinite(),
+                       "demonstration " << d << ", state " << i << " has a non-finite entry");
+    }
+  }
+}
+
+core::Matrix StatesAt(std::span<const core::Matrix> demonstrations, int t) {
+  core::Matrix states(static_cast<Eigen::Index>(demonstrations.size()), demonstrations[0].cols());
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    const core::Matrix& all = demonstrations[d];
+    const Eigen::Index last = all.rows() - 1;
+    states.row(static_cast<Eigen::Index>(d)) = all.row(std::min<Eigen::Index>(t, last));
+  }
+  return states;
+}
+
+core::Matrix AllStates(std::span<const core::Matrix> demonstrations, int num_steps) {
+  Eigen::Index count = 0;
+  for (const core::Matrix& states : demonstrations) {
+    count += std::min<Eigen::Index>(states.rows(), num_steps);
+  }
+  core::Matrix pool(count, demonstrations[0].cols());
+  Eigen::Index row = 0;
+  for (const core::Matrix& states : demonstrations) {
+    const Eigen::Index rows = std::min<Eigen::Index>(states.rows(), num_steps);
+    pool.middleRows(row, rows) = states.topRows(rows);
+    row += rows;
+  }
+  return pool;
+}
+
+}  // namespace
+
+TimeVaryingSupport TimeVaryingSupport::Fit(std::span<const core::Matrix> demonstrations,
+                                           const TimeVaryingSupportOptions& options,
+                                           std::vector<FitSummary>* summaries) {
+  DFR_THROW_UNLESS(options.num_steps >= 0, "num_steps must not be negative: " << options.num_steps);
+  DFR_THROW_UNLESS(options.threads >= 1, "threads must be at least 1, not " << options.threads);
+  CheckDemonstrations(demonstrations);
+  int num_steps = options.num_steps;
+  if (num_steps == 0) {
+    for (const core::Matrix& states : demonstrations) {
+      num_steps = std::max(num_steps, static_cast<int>(states.rows()));
+    }
+  }
+  if (options.pooled) {
+    FitSummary summary;
+    OneClassSvm pooled =
+        OneClassSvm::Fit(AllStates(demonstrations, num_steps), options.svm, &summary);
+    if (summaries != nullptr) *summaries = {summary};
+    return TimeVaryingSupport({std::move(pooled)});
+  }
+  DFR_THROW_UNLESS(demonstrations.size() >= 2,
+                   "an estimate per time step needs at least 2 demonstrations; there is 1");
+
+  const auto count = static_cast<std::size_t>(num_steps);
+  std::vector<std::optional<OneClassSvm>> fitted(count);
+  std::vector<FitSummary> results(count);
+  std::atomic<int> next{0};
+  std::exception_ptr failure;
+  std::mutex failure_mutex;
+  const auto work = [&] {
+    try {
+      for (int t = next++; t < num_steps; t = next++) {
+        const auto index = static_cast<std::size_t>(t);
+        fitted[index] = OneClassSvm::Fit(StatesAt(demonstrations, t), options.svm, &results[index]);
+      }
+    } catch (...) {
+      const std::lock_guard lock(failure_mutex);
+      if (!failure) failure = std::current_exception();
+    }
+  };
+  {
+    std::vector<std::jthread> helpers;
+    for (int i = 1; i < std::min(options.threads, num_steps); ++i) helpers.emplace_back(work);
+    work();
+  }
+  if (failure) std::rethrow_exception(failure);
+
+  std::vector<OneClassSvm> estimates;
+  estimates.reserve(count);
+  for (auto& estimate : fitted) estimates.push_back(std::move(*estimate));
+  if (summaries != nullptr) *summaries = std::move(results);
+  return TimeVaryingSupport(std::move(estimates));
+}
+
+TimeVaryingSupport::TimeVaryingSupport(std::vector<OneClassSvm> estimates)
+    : estimates_(std::move(estimates)) {
+  DFR_THROW_UNLESS(!estimates_.empty(), "a support needs at least one estimate");
+  for (const OneClassSvm& estimate : estimates_) {
+    DFR_THROW_UNLESS(estimate.state_dim() == estimates_[0].state_dim(),
+                     "estimates have states of " << estimates_[0].state_dim() << " and of "
+                                                 << estimate.state_dim() << " entries");
+  }
+}
+
+void TimeVaryingSupport::Save(const std::filesystem::path& path) const {
+  core::ArchiveWriter file(kKind, kVersion);
+  file.Integer(num_steps());
+  for (const OneClassSvm& estimate : estimates_) {
+    file.Number(estimate.gamma());
+    file.Number(estimate.rho());
+    file.Number(estimate.libsvm_scale());
+    file.Numbers(core::AsSpan(estimate.alpha()));
+    file.MatrixBlock(estimate.support_vectors());
+  }
+  file.Save(path);
+}
+
+TimeVaryingSupport TimeVaryingSupport::Load(const std::filesystem::path& path) {
+  core::ArchiveReader file(path, kKind, kVersion);
+  constexpr int kMostSteps = 1'000'000;
+  const int num_steps = file.IntegerIn(1, kMostSteps);
+  std::vector<OneClassSvm> estimates;
+  for (int t = 0; t < num_steps; ++t) {
+    const double gamma = file.Number();
+    const double rho = file.Number();
+    const double scale = file.Number();
+    const std::vector<double> alpha = file.Numbers();
+    core::Matrix support_vectors = file.MatrixBlock();
+    try {
+      estimates.push_back(OneClassSvm::FromParts(std::move(support_vectors), core::AsVector(alpha),
+                                                 gamma, rho, scale));
+    } catch (const std::invalid_argument& e) {
+      file.Fail("estimate " + std::to_string(t) + ": " + e.what());
+    }
+  }
+  file.End();
+  try {
+    return TimeVaryingSupport(std::move(estimates));
+  } catch (const std::invalid_argument& e) {
+    file.Fail(e.what());
+  }
+}
+
+const OneClassSvm& TimeVaryingSupport::at(int t) const noexcept {
+  return estimates_[static_cast<std::size_t>(std::clamp(t, 0, num_steps() - 1))];
+}
+
+int TimeVaryingSupport::state_dim() const noexcept { return estimates_[0].state_dim(); }
+
+int TimeVaryingSupport::num_steps() const noexcept { return static_cast<int>(estimates_.size()); }
+
+double TimeVaryingSupport::Decision(int t, std::span<const double> x) const noexcept {
+  return at(t).Decision(x);
+}
+
+double TimeVaryingSupport::Gradient(int t, std::span<const double> x,
+                                    std::span<double> gradient) const noexcept {
+  return at(t).Gradient(x, gradient);
+}
+
+double TimeVaryingSupport::lipschitz_bound(int t) const noexcept { return at(t).lipschitz_bound(); }
+
+}  // namespace dfr::kernel
