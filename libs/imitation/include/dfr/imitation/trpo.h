@@ -1,0 +1,124 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "dfr/core/plant.h"
+#include "dfr/imitation/gaussian_policy.h"
+
+namespace dfr::imitation {
+
+/// A task to be learned: a plant, and a reward for what it does.
+class Environment {
+ public:
+  struct StepResult {
+    double reward = 0.0;
+    bool terminal = false;  ///< The episode ends here, before its horizon.
+  };
+
+  virtual ~Environment() = default;
+
+  /// The plant inside. Trpo reads its layout, states, completed() and collided(), and drives it
+  /// through the environment alone.
+  [[nodiscard]] virtual const core::Plant& plant() const noexcept = 0;
+
+  /// Begins an episode; the same seed gives the same start state.
+  virtual void Reset(std::uint64_t seed) = 0;
+
+  /// Applies one control, already within Trpo's control limit.
+  /// @throws std::runtime_error if the plant fails.
+  virtual StepResult Step(std::span<const double> control) = 0;
+};
+
+/// Options of Trpo. Defaults are the Pusher's.
+struct TrpoOptions {
+  std::vector<int> hidden = {64, 64};         ///< Tanh units of the policy's layers.
+  std::vector<int> critic_hidden = {64, 64};  ///< And of the critic's.
+  std::string features = "";   ///< What the policy sees, as core::FeatureSelection; empty: all.
+  double control_limit = 1.0;  ///< Controls are clipped to +-this, > 0.
+  int horizon = 60;            ///< Steps of an episode, T.
+  int batch_steps = 4000;      ///< An iteration collects whole episodes of at least so many steps.
+  double discount = 0.98;      ///< gamma in [0, 1].
+  double gae_lambda = 0.97;    ///< Bias (0) against variance (1) of the advantages, in [0, 1].
+  double max_kl = 0.04;        ///< Bound of the mean KL divergence per iteration, > 0.
+  int cg_iterations = 10;      ///< Conjugate gradient steps towards the natural gradient.
+  double cg_damping = 0.1;     ///< Added to the Fisher matrix's diagonal, >= 0.
+  double initial_log_std = -0.7;  ///< Of the controls, before their limit.
+  double min_log_std = -1.2;      ///< Exploration never falls below this.
+  int critic_epochs = 5;          ///< Passes of Adam over each batch.
+  int critic_batch = 64;          ///< Samples of one Adam step.
+  double critic_learning_rate = 1e-3;
+  std::uint64_t seed = 0;  ///< Of all that is random: start states, noise, weights, shuffling.
+};
+
+/// One iteration in numbers.
+struct TrpoProgress {
+  int iteration = 0;            ///< From 1.
+  std::int64_t steps = 0;       ///< Controls applied so far.
+  int episodes = 0;             ///< In this iteration.
+  double mean_return = 0.0;     ///< Undiscounted sum of rewards per episode.
+  double mean_length = 0.0;     ///< Steps per episode.
+  double completed = 0.0;       ///< Fraction of episodes that ended completed without a collision.
+  double collided = 0.0;        ///< Fraction of episodes with a collision.
+  double kl = 0.0;              ///< Of the update; 0 if it was rejected.
+  double surrogate_gain = 0.0;  ///< In standard deviations of the advantage; 0 if rejected.
+  double entropy = 0.0;         ///< Of the policy's controls before their limit, in nats.
+  double explained_variance = 0.0;  ///< Of the returns by the critic before its fit; 1 is perfect.
+  bool accepted = false;  ///< Whether the line search found an improvement within the bound.
+};
+
+/// Trust Region Policy Optimization (Schulman et al., 2015): each iteration moves a Gaussian policy
+/// along the natural gradient of the surrogate return, as far as a bound on the KL divergence
+/// allows. Advantages by GAE(lambda) (Schulman et al., 2016) from a critic that also sees t/T, so
+/// that the horizon is a proper end. The inputs are whitened by the states seen so far, frozen
+/// during an iteration; before the first, a quarter of a batch is collected for that.
+///
+/// Deterministic: the same seed, environment and machine give the same policy. One object belongs
+/// to one thread.
+class Trpo {
+ public:
+  /// Borrows `environment`, which must outlive this.
+  /// @throws std::invalid_argument if an option is out of range; the message names it.
+  explicit Trpo(Environment& environment, TrpoOptions options = {});
+
+  /// Continues from a checkpoint as if never interrupted, to the last bit. The environment may be a
+  /// different one of the same layout, to continue on a harder task.
+  /// @throws std::runtime_error naming the file and what is wrong with it.
+  static Trpo Resume(Environment& environment, const std::filesystem::path& checkpoint);
+
+  Trpo(Trpo&&) noexcept;
+  Trpo& operator=(Trpo&&) noexcept;
+  ~Trpo();
+
+  /// Collects a batch, updates the policy, fits the critic.
+  /// @throws std::runtime_error if the environment gives a state or reward that is not finite, or
+  ///   throws itself.
+  TrpoProgress Iterate();
+
+  /// The present policy.
+  [[nodiscard]] GaussianPolicy policy() const;
+
+  [[nodiscard]] int iteration() const noexcept;       ///< Completed iterations.
+  [[nodiscard]] std::int64_t steps() const noexcept;  ///< Controls applied so far.
+  [[nodiscard]] const TrpoOptions& options() const noexcept;
+
+  /// Writes a checkpoint. @throws std::runtime_error naming the file.
+  void Save(const std::filesystem::path& checkpoint) const;
+
+ private:
+  class Learner;
+  explicit Trpo(std::unique_ptr<Learner> learner);
+  std::unique_ptr<Learner> learner_;
+};
+
+/// Generalised advantage estimation for one episode that ends with its last reward:
+///   A_t = sum_k (discount lambda)^k (r_{t+k} + discount V_{t+k+1} - V_{t+k}),  V_T = 0.
+/// All three spans have one entry per step. Never allocates.
+void GeneralizedAdvantages(std::span<const double> rewards, std::span<const double> values,
+                           double discount, double lambda, std::span<double> advantages) noexcept;
+
+}  // namespace dfr::imitation

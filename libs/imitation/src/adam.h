@@ -1,0 +1,29 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+
+#include "dfr/core/archive.h"
+
+namespace dfr::imitation::internal {
+
+/// Stochastic gradient descent with moment estimates (Kingma and Ba, 2015, Algorithm 1).
+class Adam {
+ public:
+  Adam(Eigen::Index parameters, double learning_rate);
+
+  /// One step down `gradient`. Never allocates.
+  void Step(const Eigen::VectorXd& gradient, Eigen::VectorXd& parameters) noexcept;
+
+  void Save(core::ArchiveWriter& archive) const;
+  /// Takes over a saved state. @throws std::runtime_error for another number of parameters.
+  void Load(core::ArchiveReader& archive);
+
+ private:
+  double learning_rate_;
+  std::int64_t steps_ = 0;
+  Eigen::VectorXd first_;
+  Eigen::VectorXd second_;
+};
+
+}  // namespace dfr::imitation::internal

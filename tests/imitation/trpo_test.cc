@@ -1,0 +1,187 @@
+#include "dfr/imitation/trpo.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <stdexcept>
+#include <vector>
+
+#include "tests/imitation/point_reach.h"
+#include "tests/imitation/temp_folder.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::imitation {
+namespace {
+
+using test::PointReach;
+using testing::DoubleNear;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+TrpoOptions SmallOptions() {
+  return {.hidden = {16}, .critic_hidden = {16}, .horizon = 40, .batch_steps = 1000, .seed = 1};
+}
+
+// By hand: discount 0.5, lambda 0.5, V = (2, 4, 6), r = (1, 2, 3).
+// Residuals: 1 + 2 - 2 = 1; 2 + 3 - 4 = 1; 3 + 0 - 6 = -3.
+// A_2 = -3; A_1 = 1 + 0.25 (-3) = 0.25; A_0 = 1 + 0.25 * 0.25 = 1.0625.
+TEST(GeneralizedAdvantagesTest, MatchesValuesComputedByHand) {
+  const std::vector<double> rewards = {1, 2, 3}, values = {2, 4, 6};
+  std::vector<double> advantages(3);
+  const test::NoAlloc guard;
+  GeneralizedAdvantages(rewards, values, 0.5, 0.5, advantages);
+  EXPECT_EQ(advantages[0], 1.0625);
+  EXPECT_EQ(advantages[1], 0.25);
+  EXPECT_EQ(advantages[2], -3.0);
+}
+
+// lambda = 1 gives the discounted return minus the value, lambda = 0 the one-step residual. Sums of
+// a few terms below 10: 1e-14 is above their rounding.
+TEST(GeneralizedAdvantagesTest, LambdaJoinsReturnsAndResiduals) {
+  const std::vector<double> rewards = {1, -2, 5, 0.5}, values = {0.3, 0.1, -2, 4};
+  std::vector<double> advantages(4);
+  GeneralizedAdvantages(rewards, values, 0.9, 1.0, advantages);
+  EXPECT_NEAR(advantages[0], 1 - 0.9 * 2 + 0.81 * 5 + 0.729 * 0.5 - 0.3, 1e-14);
+  GeneralizedAdvantages(rewards, values, 0.9, 0.0, advantages);
+  EXPECT_THAT(advantages, ElementsAre(DoubleNear(1 + 0.9 * 0.1 - 0.3, 1e-14),
+                                      DoubleNear(-2 - 0.9 * 2 - 0.1, 1e-14),
+                                      DoubleNear(5 + 0.9 * 4 + 2, 1e-14), -3.5));
+}
+
+TEST(TrpoTest, LearnsToReachAGoalFromEverySeed) {
+  for (std::uint64_t seed = 0; seed < 3; ++seed) {
+    SCOPED_TRACE(testing::Message() << "seed = " << seed);
+    PointReach environment;
+    TrpoOptions options = SmallOptions();
+    options.seed = seed;
+    Trpo trpo(environment, options);
+    TrpoProgress progress = trpo.Iterate();
+    EXPECT_LT(progress.completed, 0.5);  // a random walk
+    for (int i = 1; i < 80; ++i) {
+      progress = trpo.Iterate();
+      if (progress.accepted) {
+        EXPECT_LE(progress.kl, options.max_kl);
+        EXPECT_GT(progress.surrogate_gain, 0.0);
+      }
+    }
+    EXPECT_EQ(progress.iteration, 80);
+    EXPECT_EQ(progress.steps, trpo.steps());
+    EXPECT_GT(progress.explained_variance, 0.5);
+
+    // The mean action on starts of its own; 200 episodes.
+    const GaussianPolicy policy = trpo.policy();
+    test::PointPlant plant;
+    int completed = 0;
+    std::vector<double> x(4), u(2);
+    for (std::uint64_t episode = 0; episode < 200; ++episode) {
+      plant.Reset(core::DeriveSeed(99, {episode}));
+      for (int t = 0; t < 40 && !plant.completed(); ++t) {
+        plant.Observe(x);
+        policy.mean().Control(t, x, u);
+        ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
+      }
+      completed += plant.completed();
+    }
+    EXPECT_GE(completed, 195);
+  }
+}
+
+void ExpectSame(const TrpoProgress& a, const TrpoProgress& b) {
+  EXPECT_EQ(a.iteration, b.iteration);
+  EXPECT_EQ(a.steps, b.steps);
+  EXPECT_EQ(a.episodes, b.episodes);
+  EXPECT_EQ(a.mean_return, b.mean_return);
+  EXPECT_EQ(a.kl, b.kl);
+  EXPECT_EQ(a.entropy, b.entropy);
+  EXPECT_EQ(a.explained_variance, b.explained_variance);
+}
+
+TEST(TrpoTest, AResumedRunContinuesBitForBit) {
+  const test::TempFolder folder;
+  PointReach environment, other;
+  Trpo whole(environment, SmallOptions());
+  for (int i = 0; i < 3; ++i) whole.Iterate();
+  whole.Save(folder / "checkpoint.dfr");
+  Trpo resumed = Trpo::Resume(other, folder / "checkpoint.dfr");
+  EXPECT_EQ(resumed.iteration(), 3);
+  for (int i = 0; i < 3; ++i) ExpectSame(whole.Iterate(), resumed.Iterate());
+  EXPECT_EQ(whole.policy().mean().mlp().parameters(), resumed.policy().mean().mlp().parameters());
+  EXPECT_EQ(whole.policy().mean().whitening().mean(), resumed.policy().mean().whitening().mean());
+  EXPECT_EQ(whole.policy().log_std(), resumed.policy().log_std());
+}
+
+TEST(TrpoTest, AFreshLearnerCanBeSavedAndResumedToo) {
+  const test::TempFolder folder;
+  PointReach environment, other;
+  Trpo whole(environment, SmallOptions());
+  whole.Save(folder / "checkpoint.dfr");
+  Trpo resumed = Trpo::Resume(other, folder / "checkpoint.dfr");
+  ExpectSame(whole.Iterate(), resumed.Iterate());
+}
+
+TEST(TrpoTest, OnlyTheSeedDecides) {
+  PointReach a, b, c;
+  TrpoOptions options = SmallOptions();
+  Trpo first(a, options), second(b, options);
+  options.seed = 2;
+  Trpo third(c, options);
+  const TrpoProgress progress = first.Iterate();
+  ExpectSame(progress, second.Iterate());
+  EXPECT_NE(progress.mean_return, third.Iterate().mean_return);
+}
+
+TEST(TrpoTest, ExplorationNeverFallsBelowItsFloor) {
+  PointReach environment;
+  TrpoOptions options = SmallOptions();
+  options.initial_log_std = -1.0;
+  options.min_log_std = -1.05;
+  Trpo trpo(environment, options);
+  for (int i = 0; i < 15; ++i) trpo.Iterate();
+  EXPECT_GE(trpo.policy().log_std().minCoeff(), -1.05);
+}
+
+TEST(TrpoTest, FeaturesLimitWhatThePolicySees) {
+  PointReach environment;
+  TrpoOptions options = SmallOptions();
+  options.features = "goal";
+  Trpo trpo(environment, options);
+  trpo.Iterate();
+  EXPECT_EQ(trpo.policy().mean().mlp().input_dim(), 2);
+  EXPECT_EQ(trpo.policy().state_dim(), 4);
+}
+
+TEST(TrpoTest, ABrokenRewardIsAnErrorThatNamesStepAndSeed) {
+  PointReach environment;
+  environment.broken_reward = true;
+  Trpo trpo(environment, SmallOptions());
+  EXPECT_THAT(test::Message<std::runtime_error>([&] { trpo.Iterate(); }),
+              HasSubstr("reward is not finite at step 0 of the episode with seed"));
+}
+
+TEST(TrpoTest, OptionsOutOfRangeAreNamed) {
+  PointReach environment;
+  const auto message = [&](auto change) {
+    TrpoOptions options = SmallOptions();
+    change(options);
+    return test::Message<std::invalid_argument>([&] { Trpo(environment, options); });
+  };
+  EXPECT_THAT(message([](TrpoOptions& o) { o.discount = 1.5; }), HasSubstr("discount"));
+  EXPECT_THAT(message([](TrpoOptions& o) { o.horizon = 0; }), HasSubstr("horizon"));
+  EXPECT_THAT(message([](TrpoOptions& o) { o.max_kl = 0; }), HasSubstr("KL"));
+  EXPECT_THAT(message([](TrpoOptions& o) { o.min_log_std = 0; }), HasSubstr("floor 0"));
+  EXPECT_THAT(message([](TrpoOptions& o) { o.features = "tip"; }), HasSubstr("'tip'"));
+  EXPECT_THAT(message([](TrpoOptions& o) { o.hidden = {0}; }), HasSubstr("layer 1"));
+}
+
+TEST(TrpoTest, ACheckpointOfAnotherKindIsRefusedByName) {
+  const test::TempFolder folder;
+  PointReach environment;
+  Trpo(environment, SmallOptions()).policy().Save(folder / "policy.dfr");
+  EXPECT_THAT(
+      test::Message<std::runtime_error>([&] { Trpo::Resume(environment, folder / "policy.dfr"); }),
+      HasSubstr("policy.dfr"));
+}
+
+}  // namespace
+}  // namespace dfr::imitation
