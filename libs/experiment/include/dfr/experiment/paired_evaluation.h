@@ -1,0 +1,95 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "dfr/core/trajectory.h"
+#include "dfr/experiment/progress.h"
+
+namespace dfr::experiment {
+
+/// What is compared: every method from every start state, at every data point of every trial.
+struct EvaluationPlan {
+  std::vector<std::string> methods;   ///< The reference (Baseline) first.
+  std::vector<std::string> learners;  ///< Kinds of learned policies.
+  std::vector<int> demonstrations;    ///< Data points: how many demonstrations, ascending.
+  int trials = 10;                    ///< Independent repetitions of everything.
+  int episodes = 60;                  ///< Start states per trial and data point.
+  std::uint64_t seed = 0;
+  /// Gives up with an error after this many start states in a row that are not accepted.
+  int max_redraws = 10'000;
+};
+
+/// What is learned once and then evaluated.
+struct EvaluationUnit {
+  int trial = 0;
+  int demonstrations = 0;
+  std::string learner;
+  bool operator==(const EvaluationUnit&) const = default;
+};
+
+struct EpisodeResult {
+  core::Outcome outcome = core::Outcome::kHalted;
+  /// Why it halted, or who chose the control that collided. Empty for completed ones.
+  std::string cause;
+  int controls = 0;           ///< All applied ones.
+  int recovery_controls = 0;  ///< Of these, recoveries' ones, probes included.
+  double seconds = 0.0;       ///< Processor time.
+  bool operator==(const EpisodeResult&) const = default;
+};
+
+/// One unit, learned and ready to run, on one thread.
+class EvaluationSite {
+ public:
+  virtual ~EvaluationSite() = default;
+  /// Whether the start state that follows from the seed is inside the estimated support: no control
+  /// could mend one outside. Must not depend on the method.
+  [[nodiscard]] virtual bool Accepts(std::uint64_t start_seed) = 0;
+  /// One episode of plan.methods[method]. `controller_seed` is the same for all methods.
+  [[nodiscard]] virtual EpisodeResult Run(int method, std::uint64_t start_seed,
+                                          std::uint64_t controller_seed) = 0;
+  /// Further figures of this unit, to be averaged over trials ("overlap", "training loss").
+  [[nodiscard]] virtual std::map<std::string, double> Measures() { return {}; }
+};
+
+/// Learns what a unit needs. Called by worker threads, several at once.
+using MakeSite = std::function<std::unique_ptr<EvaluationSite>(const EvaluationUnit&)>;
+
+struct UnitResult {
+  EvaluationUnit unit;
+  int redrawn = 0;                                   ///< Start states that were not accepted.
+  std::vector<std::uint64_t> starts;                 ///< Seeds of those that were.
+  std::vector<std::vector<EpisodeResult>> episodes;  ///< [method][start]
+  std::map<std::string, double> measures;
+  bool operator==(const UnitResult&) const = default;
+};
+
+struct EvaluationOptions {
+  int threads = 0;  ///< 0: one per core.
+  /// Where finished units are written, one line each, and read back by a later run of the same
+  /// plan and settings, which then goes on where this one ended. Empty: nowhere.
+  std::filesystem::path ledger = {};
+  /// All else that decides the results, by name: what a ledger is compared by.
+  std::map<std::string, std::string> settings = {};
+  ProgressCallback progress = {};  ///< In episodes. May be empty.
+};
+
+/// Runs the plan, units spread over threads, and returns them in the order trial, demonstrations,
+/// learner. Everything but `seconds` is the same for any number of threads, and for a run that was
+/// killed and resumed, which loses at most the units under way.
+///
+/// The start state i of a trial is the first of the seeds DeriveSeed(seed, {0, trial, i, 0}),
+/// {0, trial, i, 1}, ... that the site accepts, so methods, learners and, as far as each support
+/// accepts them, data points share their start states. The controller's is {1, trial, i}.
+/// @throws std::invalid_argument for a plan that cannot be run; std::runtime_error for a ledger of
+///   other settings (names the first that differs), a damaged one, or one that cannot be written;
+///   and whatever a site throws.
+[[nodiscard]] std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeSite& make,
+                                               const EvaluationOptions& options = {});
+
+}  // namespace dfr::experiment

@@ -1,0 +1,114 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <iosfwd>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "dfr/experiment/intervals.h"
+#include "dfr/experiment/paired_evaluation.h"
+
+namespace dfr::experiment {
+
+/// A share of the episodes, with ProportionInterval().
+struct Share {
+  double value = 0.0;
+  Interval interval;
+};
+
+/// One method with one kind of learner at one data point, over all trials.
+struct Cell {
+  std::string method;
+  std::string learner;
+  int demonstrations = 0;  ///< 0 for an average over all data points.
+  int trials = 0;
+  int episodes = 0;
+  Share completed;
+  Share halted;
+  Share collided;
+  double seconds_per_trajectory = 0.0;  ///< Processor time.
+  double controls_per_trajectory = 0.0;
+  double recovery_controls = 0.0;  ///< Per trajectory, probes included.
+  int redrawn_starts = 0;          ///< Start states outside the support, drawn anew.
+  std::map<std::string, int> halt_causes;
+  std::map<std::string, int> collision_causes;  ///< By who chose the control that collided.
+};
+
+/// A method against the reference with one kind of learner, over all data points: totals against
+/// totals, which is the ratio of the averages, as every data point has as many episodes.
+struct Contrast {
+  std::string method;
+  std::string against;
+  std::string learner;
+  PairedContrast ratios;
+  /// What was resampled for the intervals: "trials", or "episodes" of each trial where there are
+  /// fewer than 5 trials to resample. The latter say nothing of how trials differ.
+  std::string resampled;
+  std::optional<double> seconds_ratio;   ///< Seconds per trajectory / reference's.
+  std::optional<double> controls_ratio;  ///< Controls per trajectory / reference's.
+  int only_method_collided = 0;     ///< Pairs (one start state) in which just the method collided,
+  int only_reference_collided = 0;  ///< or just the reference.
+  double mcnemar_p = 1.0;           ///< McNemarExact() of these.
+};
+
+/// The mean over trials of a figure that the sites reported.
+struct MeasureMean {
+  std::string name;
+  std::string learner;
+  int demonstrations = 0;
+  double mean = 0.0;
+};
+
+struct Summary {
+  std::string experiment;
+  std::string preset;
+  std::string commit;
+  std::uint64_t seed = 0;
+  std::vector<Cell> cells;     ///< By learner, method, demonstrations.
+  std::vector<Cell> averages;  ///< By learner, method: all data points together.
+  std::vector<Contrast> contrasts;
+  std::vector<MeasureMean> measures;  ///< By name, learner, demonstrations.
+};
+
+struct SummaryOptions {
+  std::string experiment = {};
+  std::string preset = {};
+  std::string commit = {};
+  BootstrapOptions bootstrap = {};
+};
+
+/// Aggregates what Evaluate() returned for `plan`; the plan's first method is the reference.
+/// @throws std::invalid_argument if the results are not those of the whole plan.
+[[nodiscard]] Summary Summarize(const EvaluationPlan& plan, std::span<const UnitResult> results,
+                                const SummaryOptions& options);
+
+/// The summary as JSON; figures that do not exist are null:
+///   {"experiment": "pusher", "preset": ..., "commit": ..., "seed": ...,
+///    "cells": [{"method": "dfr", "learner": "8", "demonstrations": 120, "trials": 10,
+///      "episodes": 600, "completed": 0.41, "completed_interval": [lo, hi], "halted": ...,
+///      "halted_interval": ..., "collided": ..., "collided_interval": ...,
+///      "seconds_per_trajectory": ..., "controls_per_trajectory": ..., "recovery_controls": ...,
+///      "redrawn_starts": ..., "halt_causes": {"outside-support": 3, ...},
+///      "collision_causes": {...}}, ...],
+///    "averages": [the same with "demonstrations": null, ...],
+///    "contrasts": [{"method": "dfr", "against": "baseline", "learner": "8",
+///      "collision_reduction": ..., "interval": [..], "collision_reduction_interval": [..],
+///      "completion_ratio": ..., "completion_ratio_interval": [..], "resampled": "trials",
+///      "seconds_ratio": ..., "controls_ratio": ..., "only_method_collided": ...,
+///      "only_reference_collided": ..., "mcnemar_p": ...}, ...],
+///    "measures": [{"name": ..., "learner": ..., "demonstrations": ..., "mean": ...}, ...]}
+/// "interval" of a contrast is that of its collision reduction.
+[[nodiscard]] std::string ToJson(const Summary& summary);
+
+/// Writes ToJson() through a temporary file that is renamed when complete.
+/// @throws std::runtime_error naming the file.
+void SaveSummary(const Summary& summary, const std::filesystem::path& path);
+
+/// Prints the averages with contrasts, then the data points, as text for a terminal.
+void PrintTable(const Summary& summary, std::ostream& out);
+
+}  // namespace dfr::experiment

@@ -1,0 +1,149 @@
+#include "dfr/experiment/paired_evaluation.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cstddef>
+#include <exception>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <stdexcept>
+#include <thread>
+#include <utility>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/random.h"
+#include "ledger.h"
+
+namespace dfr::experiment {
+namespace {
+
+// First steps of the seed paths, so that start states and controllers draw from unrelated streams.
+constexpr std::uint64_t kStartStream = 0;
+constexpr std::uint64_t kControllerStream = 1;
+
+template <typename T>
+bool AllDistinct(const std::vector<T>& values) {
+  return std::set<T>(values.begin(), values.end()).size() == values.size();
+}
+
+void Check(const EvaluationPlan& plan) {
+  DFR_THROW_UNLESS(!plan.methods.empty() && AllDistinct(plan.methods),
+                   "a plan needs methods with distinct names");
+  DFR_THROW_UNLESS(!plan.learners.empty() && AllDistinct(plan.learners),
+                   "a plan needs learners with distinct names");
+  DFR_THROW_UNLESS(!plan.demonstrations.empty() && AllDistinct(plan.demonstrations) &&
+                       std::is_sorted(plan.demonstrations.begin(), plan.demonstrations.end()),
+                   "a plan needs numbers of demonstrations, ascending and distinct");
+  DFR_THROW_UNLESS(plan.demonstrations.front() > 0,
+                   "demonstrations must be positive, not " << plan.demonstrations.front());
+  DFR_THROW_UNLESS(plan.trials > 0, "trials must be positive, not " << plan.trials);
+  DFR_THROW_UNLESS(plan.episodes > 0, "episodes must be positive, not " << plan.episodes);
+  DFR_THROW_UNLESS(plan.max_redraws > 0, "max_redraws must be positive, not " << plan.max_redraws);
+}
+
+std::uint64_t Step(int value) { return static_cast<std::uint64_t>(value); }
+
+UnitResult RunUnit(const EvaluationPlan& plan, const EvaluationUnit& unit, const MakeSite& make,
+                   ProgressMeter& meter, const std::atomic<bool>& stop) {
+  const std::unique_ptr<EvaluationSite> site = make(unit);
+  const std::string label = "trial " + std::to_string(unit.trial + 1) + ", " +
+                            std::to_string(unit.demonstrations) + " demonstrations, " +
+                            unit.learner;
+  UnitResult result;
+  result.unit = unit;
+  result.episodes.resize(plan.methods.size());
+  for (int i = 0; i < plan.episodes && !stop; ++i) {
+    std::uint64_t start = 0;
+    for (int attempt = 0;; ++attempt) {
+      if (attempt == plan.max_redraws) {
+        throw std::runtime_error("no start state is inside the support after " +
+                                 std::to_string(plan.max_redraws) + " draws (" + label + ")");
+      }
+      start = core::DeriveSeed(plan.seed, {kStartStream, Step(unit.trial), Step(i), Step(attempt)});
+      if (site->Accepts(start)) break;
+      ++result.redrawn;
+    }
+    result.starts.push_back(start);
+    const std::uint64_t controller =
+        core::DeriveSeed(plan.seed, {kControllerStream, Step(unit.trial), Step(i)});
+    for (std::size_t method = 0; method < plan.methods.size(); ++method) {
+      result.episodes[method].push_back(site->Run(static_cast<int>(method), start, controller));
+      meter.Advance(1, label);
+    }
+  }
+  result.measures = site->Measures();
+  return result;
+}
+
+}  // namespace
+
+std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeSite& make,
+                                 const EvaluationOptions& options) {
+  Check(plan);
+  DFR_THROW_UNLESS(options.threads >= 0, "threads must not be negative: " << options.threads);
+  std::vector<EvaluationUnit> units;
+  for (int trial = 0; trial < plan.trials; ++trial) {
+    for (const int demonstrations : plan.demonstrations) {
+      for (const std::string& learner : plan.learners) {
+        units.push_back({trial, demonstrations, learner});
+      }
+    }
+  }
+  std::vector<UnitResult> results(units.size());
+  std::vector<std::size_t> to_do;
+  std::optional<internal::Ledger> ledger;
+  if (!options.ledger.empty()) ledger.emplace(options.ledger, plan, options.settings);
+  for (std::size_t i = 0; i < units.size(); ++i) {
+    const UnitResult* found = nullptr;
+    if (ledger) {
+      for (const UnitResult& done : ledger->finished()) {
+        if (done.unit == units[i]) found = &done;
+      }
+    }
+    if (found != nullptr) {
+      results[i] = *found;
+    } else {
+      to_do.push_back(i);
+    }
+  }
+
+  const auto episodes_per_unit =
+      static_cast<std::int64_t>(plan.methods.size()) * std::int64_t{plan.episodes};
+  ProgressMeter meter(episodes_per_unit * std::ssize(units), options.progress,
+                      episodes_per_unit * (std::ssize(units) - std::ssize(to_do)));
+  std::atomic<std::size_t> next{0};
+  std::atomic<bool> stop{false};
+  std::exception_ptr error;
+  std::mutex mutex;  // of error and ledger
+  const auto work = [&] {
+    while (!stop) {
+      const std::size_t k = next++;
+      if (k >= to_do.size()) return;
+      const std::size_t i = to_do[k];
+      try {
+        UnitResult result = RunUnit(plan, units[i], make, meter, stop);
+        if (stop) return;
+        const std::lock_guard lock(mutex);
+        if (ledger) ledger->Append(result);
+        results[i] = std::move(result);
+      } catch (...) {
+        stop = true;
+        const std::lock_guard lock(mutex);
+        if (!error) error = std::current_exception();
+      }
+    }
+  };
+  {
+    const std::size_t wanted = options.threads > 0
+                                   ? static_cast<std::size_t>(options.threads)
+                                   : std::max(1u, std::thread::hardware_concurrency());
+    std::vector<std::jthread> threads;
+    for (std::size_t i = 1; i < std::min(wanted, to_do.size()); ++i) threads.emplace_back(work);
+    work();
+  }
+  if (error) std::rethrow_exception(error);
+  return results;
+}
+
+}  // namespace dfr::experiment

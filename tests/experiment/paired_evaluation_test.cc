@@ -1,0 +1,266 @@
+#include "dfr/experiment/paired_evaluation.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <fstream>
+#include <mutex>
+#include <set>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+
+#include "tests/experiment/fake_site.h"
+
+namespace dfr::experiment {
+namespace {
+
+using test::EmptyFolder;
+using test::FakePlan;
+using test::MakeFakeSite;
+using testing::HasSubstr;
+
+std::string MessageOf(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const std::exception& e) {
+    return e.what();
+  }
+  return "nothing thrown";
+}
+
+std::string Read(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+void Write(const std::filesystem::path& path, const std::string& text) {
+  std::ofstream(path, std::ios::binary) << text;
+}
+
+TEST(EvaluateTest, CoversThePlanInItsOrder) {
+  const EvaluationPlan plan = FakePlan();
+  const auto results = Evaluate(plan, MakeFakeSite);
+  ASSERT_EQ(results.size(), 20u);
+  EXPECT_EQ(results[0].unit, (EvaluationUnit{0, 6, "8"}));
+  EXPECT_EQ(results[1].unit, (EvaluationUnit{0, 6, "64-64"}));
+  EXPECT_EQ(results[2].unit, (EvaluationUnit{0, 60, "8"}));
+  EXPECT_EQ(results[4].unit, (EvaluationUnit{1, 6, "8"}));
+  for (const UnitResult& result : results) {
+    ASSERT_EQ(result.episodes.size(), 2u);
+    EXPECT_EQ(result.episodes[0].size(), 12u);
+    EXPECT_EQ(result.episodes[1].size(), 12u);
+  }
+}
+
+TEST(EvaluateTest, AnyNumberOfThreadsGivesTheSame) {
+  const EvaluationPlan plan = FakePlan();
+  const auto one = Evaluate(plan, MakeFakeSite, {.threads = 1});
+  EXPECT_EQ(Evaluate(plan, MakeFakeSite, {.threads = 2}), one);
+  EXPECT_EQ(Evaluate(plan, MakeFakeSite, {.threads = 7}), one);
+}
+
+TEST(EvaluateTest, MethodsAndLearnersShareStartStatesAndControllerSeeds) {
+  struct Seen {
+    int method;
+    std::uint64_t start, controller;
+  };
+  std::mutex mutex;
+  std::map<std::string, std::vector<Seen>> seen;  // by learner
+  struct Site final : EvaluationSite {
+    bool Accepts(std::uint64_t) override { return true; }
+    EpisodeResult Run(int method, std::uint64_t start, std::uint64_t controller) override {
+      const std::lock_guard lock(*mutex);
+      (*seen)[learner].push_back({method, start, controller});
+      return {};
+    }
+    std::mutex* mutex = nullptr;
+    std::map<std::string, std::vector<Seen>>* seen = nullptr;
+    std::string learner;
+  };
+  EvaluationPlan plan = FakePlan();
+  plan.trials = 2;
+  plan.demonstrations = {6};
+  const auto results = Evaluate(plan,
+                                [&](const EvaluationUnit& unit) {
+                                  auto site = std::make_unique<Site>();
+                                  site->mutex = &mutex;
+                                  site->seen = &seen;
+                                  site->learner = unit.learner;
+                                  return site;
+                                },
+                                {.threads = 1});
+  const auto& weak = seen.at("8");
+  const auto& strong = seen.at("64-64");
+  ASSERT_EQ(weak.size(), 48u);
+  std::set<std::uint64_t> starts, controllers;
+  for (std::size_t i = 0; i < weak.size(); ++i) {
+    EXPECT_EQ(weak[i].start, strong[i].start);
+    EXPECT_EQ(weak[i].controller, strong[i].controller);
+    EXPECT_EQ(weak[i].method, static_cast<int>(i % 2));
+    EXPECT_EQ(weak[i].start, weak[i / 2 * 2].start);
+    EXPECT_EQ(weak[i].controller, weak[i / 2 * 2].controller);
+    starts.insert(weak[i].start);
+    controllers.insert(weak[i].controller);
+  }
+  EXPECT_EQ(starts.size(), 24u) << "12 episodes in each of 2 trials, all different";
+  EXPECT_EQ(controllers.size(), 24u);
+}
+
+TEST(EvaluateTest, StartStatesOutsideAreRedrawnAndCounted) {
+  // Accepts only what its own record says, and notes every question.
+  struct Site final : EvaluationSite {
+    bool Accepts(std::uint64_t seed) override {
+      asked.push_back(seed);
+      return asked.size() % 3 == 0;
+    }
+    EpisodeResult Run(int, std::uint64_t start, std::uint64_t) override {
+      EXPECT_EQ(start, asked.back());
+      return {};
+    }
+    std::vector<std::uint64_t> asked;
+  };
+  EvaluationPlan plan = FakePlan();
+  plan.trials = 1;
+  plan.demonstrations = {6};
+  plan.learners = {"8"};
+  const auto make = [](const EvaluationUnit&) { return std::make_unique<Site>(); };
+  const auto results = Evaluate(plan, make);
+  EXPECT_EQ(results[0].redrawn, 2 * 12);
+  plan.max_redraws = 2;
+  EXPECT_THAT(MessageOf([&] { (void)Evaluate(plan, make); }),
+              HasSubstr("no start state is inside the support after 2 draws (trial 1, 6 "
+                        "demonstrations, 8)"));
+}
+
+TEST(EvaluateTest, ReportsProgressUpToTheEnd) {
+  std::int64_t last = 0;
+  std::int64_t total = 0;
+  (void)Evaluate(FakePlan(), MakeFakeSite, {.threads = 2, .progress = [&](const Progress& p) {
+                                              EXPECT_GT(p.done, last);
+                                              last = p.done;
+                                              total = p.total;
+                                            }});
+  EXPECT_EQ(total, 5 * 2 * 2 * 12 * 2);
+  EXPECT_EQ(last, total);
+}
+
+TEST(EvaluateTest, ASiteThatThrowsEndsTheRun) {
+  for (const int threads : {1, 2}) {
+    std::atomic<int> made{0};
+    const auto make = [&](const EvaluationUnit& unit) {
+      if (++made == 3) throw std::runtime_error("no such policy");
+      return MakeFakeSite(unit);
+    };
+    EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), make, {.threads = threads}); }),
+                HasSubstr("no such policy"));
+    if (threads == 1) {
+      EXPECT_EQ(made, 3);
+    }
+  }
+}
+
+TEST(EvaluateTest, RefusesPlansThatCannotBeRun) {
+  const auto message = [](const std::function<void(EvaluationPlan&)>& change) {
+    EvaluationPlan plan = FakePlan();
+    change(plan);
+    return MessageOf([&] { (void)Evaluate(plan, MakeFakeSite); });
+  };
+  EXPECT_THAT(message([](auto& plan) { plan.methods.clear(); }), HasSubstr("methods"));
+  EXPECT_THAT(message([](auto& plan) { plan.methods = {"a", "a"}; }), HasSubstr("distinct"));
+  EXPECT_THAT(message([](auto& plan) { plan.learners.clear(); }), HasSubstr("learners"));
+  EXPECT_THAT(message([](auto& plan) { plan.demonstrations = {6, 3}; }), HasSubstr("ascending"));
+  EXPECT_THAT(message([](auto& plan) { plan.demonstrations = {0, 3}; }), HasSubstr("not 0"));
+  EXPECT_THAT(message([](auto& plan) { plan.trials = 0; }), HasSubstr("trials"));
+  EXPECT_THAT(message([](auto& plan) { plan.episodes = 0; }), HasSubstr("episodes"));
+}
+
+class LedgerTest : public testing::Test {
+ protected:
+  EvaluationOptions Options() const {
+    return {.threads = 1, .ledger = ledger, .settings = {{"nu", "0.05"}, {"gamma", "5"}}};
+  }
+  std::filesystem::path ledger =
+      EmptyFolder(std::string("ledger_") +
+                  testing::UnitTest::GetInstance()->current_test_info()->name()) /
+      "ledger.jsonl";
+};
+
+TEST_F(LedgerTest, AResumedRunEqualsAnUninterruptedOne) {
+  const auto whole = Evaluate(FakePlan(), MakeFakeSite);
+  int made = 0;
+  const auto dies = [&](const EvaluationUnit& unit) {
+    if (made == 8) throw std::runtime_error("killed");
+    ++made;
+    return MakeFakeSite(unit);
+  };
+  EXPECT_THROW((void)Evaluate(FakePlan(), dies, Options()), std::runtime_error);
+  made = -100;
+  std::int64_t first_done = -1;
+  EvaluationOptions options = Options();
+  options.progress = [&](const Progress& p) { first_done = first_done < 0 ? p.done : first_done; };
+  EXPECT_EQ(Evaluate(FakePlan(), dies, options), whole);
+  EXPECT_EQ(made, -100 + 20 - 8) << "finished units are not run again";
+  EXPECT_EQ(first_done, 8 * 24 + 1);
+  made = -100;
+  EXPECT_EQ(Evaluate(FakePlan(), dies, Options()), whole);
+  EXPECT_EQ(made, -100);
+}
+
+TEST_F(LedgerTest, ALineThatAKilledRunLeftUnfinishedIsRunAgain) {
+  const auto whole = Evaluate(FakePlan(), MakeFakeSite, Options());
+  const std::string text = Read(ledger);
+  for (const std::size_t cut : {std::size_t{1}, std::size_t{100}, text.size() - 20}) {
+    Write(ledger, text.substr(0, text.size() - cut));
+    EXPECT_EQ(Evaluate(FakePlan(), MakeFakeSite, Options()), whole) << cut;
+    EXPECT_EQ(Read(ledger).size(), text.size()) << cut;
+  }
+}
+
+TEST_F(LedgerTest, OtherSettingsAreRefusedWithTheFirstDifference) {
+  (void)Evaluate(FakePlan(), MakeFakeSite, Options());
+  const std::string before = Read(ledger);
+  EvaluationOptions options = Options();
+  options.settings["gamma"] = "7";
+  EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeSite, options); }),
+              testing::AllOf(HasSubstr(ledger.string()),
+                             HasSubstr("settings.gamma is \"5\" there and \"7\" now")));
+  EvaluationPlan plan = FakePlan();
+  plan.seed = 4;
+  EXPECT_THAT(MessageOf([&] { (void)Evaluate(plan, MakeFakeSite, Options()); }),
+              HasSubstr("seed is 3 there and 4 now"));
+  EXPECT_EQ(Read(ledger), before);
+}
+
+TEST_F(LedgerTest, DamageAndForeignFilesAreRefused) {
+  (void)Evaluate(FakePlan(), MakeFakeSite, Options());
+  const std::string text = Read(ledger);
+  const auto message = [&](const std::string& content) {
+    Write(ledger, content);
+    return MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeSite, Options()); });
+  };
+  const std::size_t second = text.find('\n') + 1;
+  const std::size_t third = text.find('\n', second) + 1;
+  EXPECT_THAT(message(text.substr(0, second) + "nonsense\n" + text.substr(second)),
+              HasSubstr("line 2 is damaged"));
+  EXPECT_THAT(message(text + text.substr(second, third - second)),
+              HasSubstr("repeats an earlier unit"));
+  std::string missing = text;
+  missing.replace(missing.find("\"outcomes\":\"") + 12, 1, "");
+  EXPECT_THAT(message(missing), HasSubstr("another number of episodes"));
+  EXPECT_THAT(message("shopping list\n"), HasSubstr("is not a ledger"));
+}
+
+TEST_F(LedgerTest, AFolderThatDoesNotExistIsNamed) {
+  EvaluationOptions options = Options();
+  options.ledger = ledger.parent_path() / "missing" / "ledger.jsonl";
+  EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeSite, options); }),
+              testing::AllOf(HasSubstr("missing"), HasSubstr("cannot be written")));
+}
+
+}  // namespace
+}  // namespace dfr::experiment

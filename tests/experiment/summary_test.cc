@@ -1,0 +1,186 @@
+#include "dfr/experiment/summary.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <stdexcept>
+
+#include "tests/experiment/fake_site.h"
+
+namespace dfr::experiment {
+namespace {
+
+using core::Outcome;
+using nlohmann::json;
+using testing::HasSubstr;
+
+// One learner, two data points, `trials` of two episodes:
+//   baseline  XX at the first, CH at the second;   dfr  HX and CC.
+struct ByHand {
+  EvaluationPlan plan;
+  std::vector<UnitResult> results;
+
+  explicit ByHand(int trials) {
+    plan.methods = {"baseline", "dfr"};
+    plan.learners = {"8"};
+    plan.demonstrations = {6, 60};
+    plan.trials = trials;
+    plan.episodes = 2;
+    plan.seed = 17;
+    const EpisodeResult collided{Outcome::kCollided, "policy", 5, 0, 0.5};
+    const EpisodeResult completed{Outcome::kCompleted, "", 10, 0, 1.0};
+    const EpisodeResult out_of_time{Outcome::kHalted, "time-up", 10, 0, 1.0};
+    const EpisodeResult halted{Outcome::kHalted, "iteration-limit", 1010, 1000, 20.0};
+    const EpisodeResult probe{Outcome::kCollided, "probe", 15, 11, 4.0};
+    for (int trial = 0; trial < trials; ++trial) {
+      results.push_back({{trial, 6, "8"}, 3, {1, 2}, {{collided, collided}, {halted, probe}}, {}});
+      results.push_back(
+          {{trial, 60, "8"}, 0, {1, 2}, {{completed, out_of_time}, {completed, completed}}, {}});
+      results.back().measures["overlap"] = trial;
+    }
+  }
+};
+
+TEST(SummarizeTest, CountsByHand) {
+  const ByHand input(3);
+  const Summary summary = Summarize(input.plan, input.results, {});
+  ASSERT_EQ(summary.cells.size(), 4u);
+  const Cell& dfr = summary.cells[2];
+  EXPECT_EQ(dfr.method, "dfr");
+  EXPECT_EQ(dfr.demonstrations, 6);
+  EXPECT_EQ(dfr.trials, 3);
+  EXPECT_EQ(dfr.episodes, 6);
+  EXPECT_EQ(dfr.completed.value, 0.0);
+  EXPECT_EQ(dfr.halted.value, 0.5);
+  EXPECT_EQ(dfr.collided.value, 0.5);
+  EXPECT_EQ(dfr.collided.interval.low, ProportionInterval(3, 6).low);
+  EXPECT_EQ(dfr.seconds_per_trajectory, 12.0);
+  EXPECT_EQ(dfr.controls_per_trajectory, (1010 + 15) / 2.0);
+  EXPECT_EQ(dfr.recovery_controls, 1011 / 2.0);
+  EXPECT_EQ(dfr.redrawn_starts, 9);
+  EXPECT_EQ(dfr.halt_causes.at("iteration-limit"), 3);
+  EXPECT_EQ(dfr.collision_causes.at("probe"), 3);
+
+  ASSERT_EQ(summary.averages.size(), 2u);
+  EXPECT_EQ(summary.averages[0].episodes, 12);
+  EXPECT_EQ(summary.averages[0].collided.value, 0.5);
+  EXPECT_EQ(summary.averages[1].completed.value, 0.5);
+
+  ASSERT_EQ(summary.contrasts.size(), 1u);
+  const Contrast& contrast = summary.contrasts[0];
+  EXPECT_EQ(contrast.against, "baseline");
+  EXPECT_EQ(contrast.ratios.collision_reduction.value(), 0.5);
+  EXPECT_EQ(contrast.ratios.completion_ratio.value(), 2.0);
+  EXPECT_EQ(contrast.seconds_ratio.value(), (24.0 + 2.0) / (1.0 + 2.0));
+  EXPECT_EQ(contrast.controls_ratio.value(), (1025.0 + 20.0) / (10.0 + 20.0));
+  EXPECT_EQ(contrast.only_method_collided, 0);
+  EXPECT_EQ(contrast.only_reference_collided, 3);
+  EXPECT_NEAR(contrast.mcnemar_p, 2.0 / 8.0, 1e-15);
+
+  ASSERT_EQ(summary.measures.size(), 1u);
+  EXPECT_EQ(summary.measures[0].demonstrations, 60);
+  EXPECT_EQ(summary.measures[0].mean, 1.0);
+}
+
+TEST(SummarizeTest, TrialsAreResampledWhereThereAreEnough) {
+  const ByHand few(4);
+  EXPECT_EQ(Summarize(few.plan, few.results, {}).contrasts[0].resampled, "episodes");
+  const ByHand enough(5);
+  const Contrast contrast = Summarize(enough.plan, enough.results, {}).contrasts[0];
+  EXPECT_EQ(contrast.resampled, "trials");
+  // All trials are alike, so that resampling them changes nothing.
+  EXPECT_EQ(contrast.ratios.collision_reduction_interval.value().low, 0.5);
+  EXPECT_EQ(contrast.ratios.collision_reduction_interval.value().high, 0.5);
+}
+
+TEST(SummarizeTest, RefusesResultsOfAnotherPlan) {
+  ByHand input(2);
+  input.results.pop_back();
+  EXPECT_THROW((void)Summarize(input.plan, input.results, {}), std::invalid_argument);
+  input.results.push_back(input.results.front());
+  EXPECT_THROW((void)Summarize(input.plan, input.results, {}), std::invalid_argument);
+}
+
+TEST(SummaryJsonTest, HasItsShapeToTheLetter) {
+  const auto results = Evaluate(test::FakePlan(), test::MakeFakeSite);
+  const Summary summary = Summarize(test::FakePlan(), results,
+                                    {.experiment = "pusher", .preset = "quick", .commit = "abc"});
+  const std::filesystem::path path = test::EmptyFolder("summary") / "summary.json";
+  SaveSummary(summary, path);
+  std::ifstream file(path);
+  const json parsed = json::parse(file);
+  EXPECT_EQ(parsed.at("experiment"), "pusher");
+  EXPECT_EQ(parsed.at("preset"), "quick");
+  EXPECT_EQ(parsed.at("commit"), "abc");
+  EXPECT_EQ(parsed.at("seed"), 3);
+  ASSERT_EQ(parsed.at("cells").size(), 2u * 2u * 2u);
+  for (const json& cell : parsed.at("cells")) {
+    EXPECT_TRUE(cell.at("method") == "baseline" || cell.at("method") == "dfr");
+    EXPECT_TRUE(cell.at("learner") == "8" || cell.at("learner") == "64-64");
+    EXPECT_TRUE(cell.at("demonstrations").is_number_integer());
+    EXPECT_EQ(cell.at("trials"), 5);
+    EXPECT_EQ(cell.at("episodes"), 60);
+    double sum = 0.0;
+    for (const std::string share : {"completed", "halted", "collided"}) {
+      const double value = cell.at(share);
+      const json& interval = cell.at(share + "_interval");
+      ASSERT_EQ(interval.size(), 2u);
+      EXPECT_LE(interval[0], value);
+      EXPECT_GE(interval[1], value);
+      sum += value;
+    }
+    EXPECT_NEAR(sum, 1.0, 1e-12);
+    EXPECT_GT(cell.at("seconds_per_trajectory"), 0.0);
+    EXPECT_GT(cell.at("controls_per_trajectory"), 0.0);
+    EXPECT_TRUE(cell.at("recovery_controls").is_number());
+  }
+  ASSERT_EQ(parsed.at("contrasts").size(), 2u);
+  for (const json& contrast : parsed.at("contrasts")) {
+    EXPECT_EQ(contrast.at("method"), "dfr");
+    EXPECT_EQ(contrast.at("against"), "baseline");
+    EXPECT_TRUE(contrast.at("learner").is_string());
+    EXPECT_TRUE(contrast.at("collision_reduction").is_number());
+    EXPECT_EQ(contrast.at("interval").size(), 2u);
+    EXPECT_EQ(contrast.at("interval"), contrast.at("collision_reduction_interval"));
+    EXPECT_TRUE(contrast.at("completion_ratio").is_number());
+    EXPECT_EQ(contrast.at("completion_ratio_interval").size(), 2u);
+  }
+}
+
+TEST(SummaryJsonTest, FiguresThatDoNotExistAreNull) {
+  ByHand input(1);
+  input.plan.demonstrations = {60};
+  input.results.erase(input.results.begin());  // leaves a Baseline without collisions
+  const std::string text = ToJson(Summarize(input.plan, input.results, {}));
+  const json parsed = json::parse(text);  // throws on NaN
+  EXPECT_TRUE(parsed.at("contrasts")[0].at("collision_reduction").is_null());
+  EXPECT_TRUE(parsed.at("contrasts")[0].at("interval").is_null());
+  EXPECT_EQ(parsed.at("contrasts")[0].at("completion_ratio"), 2.0);
+}
+
+TEST(SummaryJsonTest, AFolderThatDoesNotExistIsNamed) {
+  const std::filesystem::path path = test::EmptyFolder("summary_missing") / "no" / "summary.json";
+  try {
+    SaveSummary({}, path);
+    FAIL() << "nothing thrown";
+  } catch (const std::runtime_error& e) {
+    EXPECT_THAT(e.what(), HasSubstr(path.string()));
+  }
+}
+
+TEST(PrintTableTest, ShowsEveryCellAndTheContrast) {
+  const ByHand input(5);
+  std::ostringstream out;
+  PrintTable(Summarize(input.plan, input.results, {}), out);
+  EXPECT_THAT(out.str(), HasSubstr("learner 8: all data points, 20 episodes a method in 5 trials"));
+  EXPECT_THAT(out.str(), HasSubstr("dfr        50.0 [ 29.9, 70.1]"));
+  EXPECT_THAT(out.str(), HasSubstr("against baseline: completions 200 % [200, 200], "
+                                   "collisions -50 % [-50, -50], time x8.67"));
+  EXPECT_THAT(out.str(), HasSubstr("dfr          60  100.0"));
+}
+
+}  // namespace
+}  // namespace dfr::experiment
