@@ -1,0 +1,70 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "dfr/core/features.h"
+#include "dfr/core/trajectory.h"
+
+namespace dfr::imitation {
+
+/// What a supervisor has shown.
+struct DemonstrationSet {
+  core::StateLayout layout;  ///< Of the trajectories' states.
+  int control_dim = 0;
+  std::string environment;  ///< The name of the plant or task.
+  std::vector<core::Trajectory> trajectories;
+  int discarded = 0;  ///< Demonstrations that violated a constraint and are not among these.
+};
+
+// robomimic's HDF5 format: group data/demo_<i> per episode of N controls, with datasets
+//   actions (N x control_dim, within [-1, 1]),  states (N x state_dim),
+//   obs/<block> and next_obs/<block> (N x block size) for each block of the layout,
+//   rewards (N; 1 at the step that completes the task, else 0) and dones (N; 1 there likewise).
+// The last state is the last row of next_obs. On top of the format, each demo has the attributes
+// `seed` and `outcome`, each obs dataset its `offset` within the state, and data has `discarded`;
+// other readers ignore them.
+//
+// The functions below throw std::runtime_error naming file, episode, dataset and reason. libhdf5 is
+// called from one thread at a time.
+
+/// Writes episodes as they come. Each is flushed: a process that is killed leaves a file with all
+/// episodes appended before.
+class RobomimicWriter {
+ public:
+  /// Creates the file, replacing any.
+  /// @param model_xml  the simulation's model, kept with each episode as robomimic wants it.
+  RobomimicWriter(const std::filesystem::path& path, core::StateLayout layout, int control_dim,
+                  std::string environment, std::string model_xml = "");
+  RobomimicWriter(RobomimicWriter&&) noexcept;
+  RobomimicWriter& operator=(RobomimicWriter&&) noexcept;
+  ~RobomimicWriter();
+
+  /// @throws std::invalid_argument if the trajectory is empty, has other dimensions, an entry that
+  ///   is not finite or a control beyond [-1, 1]; nothing is written then.
+  void Append(const core::Trajectory& trajectory);
+
+  /// Counts one that was left out.
+  void CountDiscarded();
+
+  [[nodiscard]] int num_episodes() const noexcept;
+
+ private:
+  class File;
+  std::unique_ptr<File> file_;
+};
+
+/// Writes a whole set.
+void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem::path& path,
+                   const std::string& model_xml = "");
+
+/// Reads a file written here or by others. Episodes come in the order of their numbers. A state is
+/// all vector-valued obs datasets one after another, by `offset` where all have one, else by name;
+/// those of more than two dimensions (images) are left out. Without next_obs the state after the
+/// last control is not in the file, and that control is left out. Without `outcome`, an episode
+/// whose last done is 1 completed.
+[[nodiscard]] DemonstrationSet LoadRobomimic(const std::filesystem::path& path);
+
+}  // namespace dfr::imitation

@@ -1,0 +1,63 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "dfr/core/matrix.h"
+
+namespace dfr::imitation::internal {
+
+/// The part of libhdf5 that demonstration files need. Objects are named by paths within the file,
+/// "data/demo_0/obs/tip". Everything throws std::runtime_error naming file and object, with what
+/// libhdf5 says.
+class Hdf5File {
+ public:
+  static Hdf5File Create(const std::filesystem::path& path);
+  static Hdf5File Open(const std::filesystem::path& path);
+
+  Hdf5File(Hdf5File&& other) noexcept;
+  Hdf5File& operator=(Hdf5File&& other) noexcept;
+  ~Hdf5File();
+
+  void CreateGroup(const std::string& path);
+  /// A two-dimensional dataset of doubles, one row after another.
+  void Write(const std::string& path, const core::Matrix& values);
+  /// A one-dimensional one.
+  void Write(const std::string& path, std::span<const double> values);
+  void Write(const std::string& path, std::span<const std::int64_t> values);
+  /// Sets or replaces an attribute of a group or dataset; text has variable length, UTF-8.
+  void SetAttribute(const std::string& path, const char* name, std::int64_t value);
+  void SetAttribute(const std::string& path, const char* name, const std::string& value);
+  /// Hands all that was written to the operating system.
+  void Flush();
+
+  [[nodiscard]] bool Exists(const std::string& path) const;
+  /// Names of the members of a group, in alphabetical order.
+  [[nodiscard]] std::vector<std::string> Members(const std::string& group) const;
+  /// Dimensions of a dataset.
+  [[nodiscard]] std::vector<std::int64_t> Shape(const std::string& path) const;
+  /// A numeric dataset of one dimension (as one column) or two, converted to doubles.
+  [[nodiscard]] core::Matrix Read(const std::string& path) const;
+  /// Nothing where the attribute does not exist.
+  [[nodiscard]] std::optional<std::int64_t> IntegerAttribute(const std::string& path,
+                                                             const char* name) const;
+  [[nodiscard]] std::optional<std::string> TextAttribute(const std::string& path,
+                                                         const char* name) const;
+
+  /// For what a caller finds wrong with an object.
+  [[noreturn]] void Fail(const std::string& path, const std::string& reason) const;
+
+ private:
+  Hdf5File(std::string name, std::int64_t id);
+  void WriteBlock(const std::string& path, std::int64_t type, std::int64_t space,
+                  const void* values);
+
+  std::string name_;
+  std::int64_t id_;  // hid_t
+};
+
+}  // namespace dfr::imitation::internal

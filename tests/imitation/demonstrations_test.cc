@@ -1,0 +1,254 @@
+#include "dfr/imitation/demonstrations.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <stdexcept>
+
+#include "hdf5_file.h"
+#include "tests/imitation/temp_folder.h"
+#include "tests/support/all_close.h"
+
+namespace dfr::imitation {
+namespace {
+
+using core::Outcome;
+using internal::Hdf5File;
+using testing::AllOf;
+using testing::HasSubstr;
+
+// The same numbers as in robomimic_peer.py, all exact in binary but the thirds, which both sides
+// compute alike.
+core::Trajectory Episode(int index) {
+  static constexpr int kLengths[] = {3, 1, 12};
+  const int n = kLengths[index];
+  core::Trajectory trajectory;
+  trajectory.states.resize(n + 1, 6);
+  trajectory.controls.resize(n, 2);
+  for (int t = 0; t <= n; ++t) {
+    for (int k = 0; k < 6; ++k) trajectory.states(t, k) = index + 0.25 * t + k / 3.0;
+    for (int k = 0; k < 2 && t < n; ++k) trajectory.controls(t, k) = (index - t) / 16.0 + k / 2.0;
+  }
+  trajectory.outcome = index == 1 ? Outcome::kHalted : Outcome::kCompleted;
+  trajectory.seed = 0xfedcba9876543210u + static_cast<std::uint64_t>(index);
+  return trajectory;
+}
+
+DemonstrationSet Episodes() {
+  DemonstrationSet set;
+  set.layout.Add("tip", 3);
+  set.layout.Add("object", 2);
+  set.layout.Add("angle", 1);
+  set.control_dim = 2;
+  set.environment = "pusher \"P\"";
+  set.trajectories = {Episode(0), Episode(1), Episode(2)};
+  set.discarded = 2;
+  return set;
+}
+
+void RunPeer(const char* mode, const std::filesystem::path& file) {
+  const std::string command =
+      std::string(DFR_PYTHON " " DFR_PEER " ") + mode + " '" + file.string() + "'";
+  ASSERT_EQ(std::system(command.c_str()), 0) << command << "\n(needs Debian's python3-h5py)";
+}
+
+TEST(DemonstrationsTest, AFileRestoresEverything) {
+  const test::TempFolder folder;
+  const DemonstrationSet set = Episodes();
+  SaveRobomimic(set, folder / "demos.hdf5", "<mujoco/>");
+  const DemonstrationSet loaded = LoadRobomimic(folder / "demos.hdf5");
+  EXPECT_EQ(loaded.layout, set.layout);
+  EXPECT_EQ(loaded.control_dim, 2);
+  EXPECT_EQ(loaded.environment, set.environment);
+  EXPECT_EQ(loaded.discarded, 2);
+  ASSERT_EQ(loaded.trajectories.size(), 3u);
+  for (std::size_t i = 0; i < 3; ++i) {
+    EXPECT_EQ(loaded.trajectories[i].states, set.trajectories[i].states);
+    EXPECT_EQ(loaded.trajectories[i].controls, set.trajectories[i].controls);
+    EXPECT_EQ(loaded.trajectories[i].outcome, set.trajectories[i].outcome);
+    EXPECT_EQ(loaded.trajectories[i].seed, set.trajectories[i].seed);
+  }
+}
+
+TEST(DemonstrationsTest, AnIndependentReaderFindsEveryValue) {
+  const test::TempFolder folder;
+  SaveRobomimic(Episodes(), folder / "demos.hdf5", "<mujoco/>");
+  RunPeer("check", folder / "demos.hdf5");
+}
+
+TEST(DemonstrationsTest, AFileOfAnIndependentWriterIsRead) {
+  const test::TempFolder folder;
+  RunPeer("write", folder / "peer.hdf5");
+  const DemonstrationSet loaded = LoadRobomimic(folder / "peer.hdf5");
+  EXPECT_EQ(loaded.environment, "Lift");
+  EXPECT_EQ(loaded.control_dim, 2);
+  core::StateLayout by_name;
+  by_name.Add("angle", 1);
+  by_name.Add("object", 2);
+  by_name.Add("tip", 3);
+  EXPECT_EQ(loaded.layout, by_name);
+  ASSERT_EQ(loaded.trajectories.size(), 3u);
+  for (int i = 0; i < 3; ++i) {
+    const core::Trajectory& actual = loaded.trajectories[static_cast<std::size_t>(i)];
+    const core::Trajectory expected = Episode(i);
+    EXPECT_EQ(actual.states.col(0), expected.states.col(5));
+    EXPECT_EQ(actual.states.middleCols(1, 2), expected.states.middleCols(3, 2));
+    EXPECT_EQ(actual.states.rightCols(3), expected.states.leftCols(3));
+    EXPECT_EQ(actual.controls, expected.controls);  // sixteenths are exact in float32
+    EXPECT_EQ(actual.outcome, Outcome::kCompleted);
+  }
+}
+
+TEST(DemonstrationsTest, WithoutNextObsTheLastControlIsLeftOut) {
+  const test::TempFolder folder;
+  {
+    Hdf5File file = Hdf5File::Create(folder / "demos.hdf5");
+    for (const char* group : {"data", "data/demo_0", "data/demo_0/obs"}) file.CreateGroup(group);
+    const core::Trajectory episode = Episode(0);
+    file.Write("data/demo_0/obs/tip", core::Matrix(episode.states.topRows(3)));
+    file.Write("data/demo_0/actions", episode.controls);
+    file.SetAttribute("data/demo_0", "num_samples", 3);
+  }
+  const DemonstrationSet loaded = LoadRobomimic(folder / "demos.hdf5");
+  EXPECT_EQ(loaded.trajectories[0].num_steps(), 2);
+  EXPECT_EQ(loaded.trajectories[0].states, Episode(0).states.topRows(3));
+  EXPECT_EQ(loaded.trajectories[0].outcome, Outcome::kHalted);
+}
+
+TEST(DemonstrationsTest, AKilledWriterLeavesAllAppendedEpisodes) {
+  const test::TempFolder folder;
+  const std::filesystem::path path = folder / "demos.hdf5";
+  const pid_t child = fork();
+  ASSERT_GE(child, 0);
+  if (child == 0) {
+    const DemonstrationSet set = Episodes();
+    RobomimicWriter writer(path, set.layout, 2, set.environment);
+    for (int i = 0; i < 50; ++i) writer.Append(Episode(i % 3));
+    writer.CountDiscarded();
+    raise(SIGKILL);
+  }
+  int status = 0;
+  ASSERT_EQ(waitpid(child, &status, 0), child);
+  ASSERT_TRUE(WIFSIGNALED(status));
+  const DemonstrationSet loaded = LoadRobomimic(path);
+  ASSERT_EQ(loaded.trajectories.size(), 50u);
+  EXPECT_EQ(loaded.discarded, 1);
+  for (int i = 0; i < 50; ++i) {
+    EXPECT_EQ(loaded.trajectories[static_cast<std::size_t>(i)].states, Episode(i % 3).states);
+  }
+}
+
+TEST(DemonstrationsTest, WhatDoesNotFitIsRefusedBeforeAnythingIsWritten) {
+  const test::TempFolder folder;
+  const auto message = [&](auto change) {
+    DemonstrationSet set = Episodes();
+    change(set);
+    return test::Message<std::invalid_argument>([&] { SaveRobomimic(set, folder / "demos.hdf5"); });
+  };
+  EXPECT_THAT(message([](auto& set) { set.trajectories[2].controls(7, 1) = 1.5; }),
+              HasSubstr("demonstration 2, step 7: control 1 is 1.5"));
+  EXPECT_THAT(message([](auto& set) {
+                set.trajectories[1].states(1, 5) = std::numeric_limits<double>::quiet_NaN();
+              }),
+              HasSubstr("demonstration 1, step 1: state entry 5 is nan"));
+  EXPECT_THAT(message([](auto& set) { set.trajectories[0].states.conservativeResize(3, 6); }),
+              HasSubstr("demonstration 0 has states of 3 x 6"));
+  EXPECT_THAT(message([](auto& set) { set.trajectories[0].controls.resize(0, 2); }),
+              HasSubstr("demonstration 0 has no control"));
+  EXPECT_THAT(message([](auto& set) { set.layout.blocks[1].name = "a/b"; }), HasSubstr("'a/b'"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "demos.hdf5"));
+}
+
+// Each damage is done to a good file by a writer that knows nothing of the format.
+TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
+  const test::TempFolder folder;
+  const std::filesystem::path path = folder / "demos.hdf5";
+  const auto message = [&](auto damage) {
+    Hdf5File file = Hdf5File::Create(path);
+    for (const char* group : {"data", "data/demo_0", "data/demo_0/obs", "data/demo_0/next_obs"}) {
+      file.CreateGroup(group);
+    }
+    file.SetAttribute("data/demo_0", "num_samples", 3);
+    const core::Matrix tip = core::Matrix::Zero(3, 2);
+    file.Write("data/demo_0/obs/tip", tip);
+    file.Write("data/demo_0/next_obs/tip", tip);
+    damage(file);
+    file.Flush();
+    return test::Message<std::runtime_error>([&] { (void)LoadRobomimic(path); });
+  };
+  const auto actions = [](Eigen::Index rows) { return core::Matrix::Zero(rows, 2).eval(); };
+
+  EXPECT_THAT(message([](Hdf5File&) {}),
+              AllOf(HasSubstr(path.string()), HasSubstr("data/demo_0/actions: does not exist")));
+  EXPECT_THAT(message([&](Hdf5File& f) { f.Write("data/demo_0/actions", actions(4)); }),
+              HasSubstr("data/demo_0/actions: has 4 rows; num_samples is 3"));
+  EXPECT_THAT(message([&](Hdf5File& f) {
+                core::Matrix u = actions(3);
+                u(2, 1) = std::numeric_limits<double>::infinity();
+                f.Write("data/demo_0/actions", u);
+              }),
+              HasSubstr("data/demo_0/actions: row 2, column 1 is inf"));
+  EXPECT_THAT(message([&](Hdf5File& f) {
+                f.Write("data/demo_0/actions", actions(3));
+                f.Write("data/demo_0/obs/object", actions(3));
+              }),
+              HasSubstr("data/demo_0/next_obs/object: does not exist"));
+  EXPECT_THAT(message([&](Hdf5File& f) {
+                f.Write("data/demo_0/actions", actions(3));
+                f.CreateGroup("data/demo_1");
+                f.CreateGroup("data/demo_1/obs");
+                f.Write("data/demo_1/obs/tip", actions(3));
+              }),
+              HasSubstr("data/demo_1: has no attribute num_samples"));
+  EXPECT_THAT(message([&](Hdf5File& f) {
+                f.Write("data/demo_0/actions", actions(3));
+                f.CreateGroup("data/demo_1");
+                f.CreateGroup("data/demo_1/obs");
+                f.Write("data/demo_1/obs/object", actions(3));
+              }),
+              HasSubstr("data/demo_1/obs: has other datasets"));
+  EXPECT_THAT(message([&](Hdf5File& f) {
+                f.Write("data/demo_0/actions", actions(3));
+                f.SetAttribute("data/demo_0", "outcome", std::string("won"));
+              }),
+              HasSubstr("data/demo_0: outcome 'won'"));
+  EXPECT_THAT(message([&](Hdf5File& f) { f.CreateGroup("data/episode_1"); }),
+              HasSubstr("data/episode_1: is not named demo_<number>"));
+  EXPECT_THAT(message([&](Hdf5File& f) { f.SetAttribute("data", "env_args", std::string("{")); }),
+              HasSubstr("env_args is not a JSON object"));
+}
+
+TEST(DemonstrationsTest, FilesThatAreNoneAreRefusedByName) {
+  const test::TempFolder folder;
+  const auto message = [&](const char* name) {
+    return test::Message<std::runtime_error>([&] { (void)LoadRobomimic(folder / name); });
+  };
+  EXPECT_THAT(message("absent.hdf5"), AllOf(HasSubstr("absent.hdf5"), HasSubstr("no such file")));
+  std::ofstream(folder / "text.hdf5") << "not HDF5";
+  EXPECT_THAT(message("text.hdf5"), AllOf(HasSubstr("text.hdf5"), HasSubstr("cannot be opened")));
+  { Hdf5File::Create(folder / "empty.hdf5"); }
+  EXPECT_THAT(message("empty.hdf5"), HasSubstr("data: does not exist"));
+
+  // Cut anywhere, a file is refused or read, but never crashes the reader.
+  SaveRobomimic(Episodes(), folder / "whole.hdf5");
+  const auto size = std::filesystem::file_size(folder / "whole.hdf5");
+  for (std::uintmax_t cut = 0; cut < size; cut += size / 50) {
+    std::filesystem::copy_file(folder / "whole.hdf5", folder / "cut.hdf5",
+                               std::filesystem::copy_options::overwrite_existing);
+    std::filesystem::resize_file(folder / "cut.hdf5", cut);
+    EXPECT_THAT(message("cut.hdf5"), HasSubstr("cut.hdf5")) << "after " << cut << " bytes";
+  }
+  EXPECT_THAT(test::Message<std::runtime_error>(
+                  [&] { SaveRobomimic(Episodes(), folder / "no/demos.hdf5"); }),
+              AllOf(HasSubstr("demos.hdf5"), HasSubstr("cannot be created")));
+}
+
+}  // namespace
+}  // namespace dfr::imitation
