@@ -1,0 +1,154 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string_view>
+
+#include "dfr/core/plant.h"
+
+namespace dfr::sim {
+
+/// What the arm pushes with.
+enum class Gripper {
+  kBar,      ///< A flat bar of half width 0.025 m: the cylinder can slip off either end.
+  kWideBar,  ///< A flat bar of half width 0.05 m.
+  kFork,     ///< A bar of half width 0.07 m with prongs of 0.04 m: the cylinder is caged.
+};
+
+[[nodiscard]] std::string_view Name(Gripper gripper) noexcept;
+
+/// Options for PusherPlant. The defaults are the scene of the experiment. Metres.
+struct PusherOptions {
+  Gripper gripper = Gripper::kBar;
+  /// The red regions are at y = +-red_y; in (0.1, 0.3], for the cylinder has to fit between them.
+  /// Supervisors are trained at a tighter gate than they are judged at, which gives their
+  /// demonstrations a margin.
+  double red_y = 0.15;
+  /// The cylinder starts uniformly in [start_x_min, start_x_max] x [-start_y, start_y]. In front of
+  /// the gripper and before the gate: x in [0.42, 0.54], start_y in [0, 0.2].
+  double start_x_min = 0.43;
+  double start_x_max = 0.53;
+  double start_y = 0.12;
+};
+
+/// Counts since construction. Speeds in m/s of simulated time, of which a substep has 0.01 s.
+struct PusherStatistics {
+  std::int64_t controls = 0;          ///< Applied, kOk or not.
+  std::int64_t saturated = 0;         ///< Of these, with an entry beyond +-1.
+  std::int64_t stopped_by_table = 0;  ///< Of these, deflected so as not to enter the table.
+  std::int64_t stalled = 0;           ///< Of these, undone for pressing the cylinder down.
+  std::int64_t simulated = 0;         ///< Of these, near enough to touch: MuJoCo steps were taken.
+  std::int64_t substeps = 0;          ///< MuJoCo steps, settling included.
+  double max_residual_speed = 0.0;    ///< Largest residual_speed() so far.
+  double max_penetration_m = 0.0;     ///< Deepest overlap of gripper and cylinder in motion.
+  double max_rest_penetration_m = 0.0;  ///< The same at rest.
+};
+
+/// The Pusher task of Sec. V-A in MuJoCo 2.2: a 7-joint arm pushes a cylinder over the goal without
+/// touching, with cylinder, gripper or arm, one of two red regions.
+///
+/// State, in metres and radians, world frame (x from the arm to the goal, z up):
+///   qpos(7)      joint angles: shoulder pan and lift, upper-arm roll, elbow flex, forearm roll,
+///                wrist flex and roll
+///   tip(3)       centre of the gripper's bar
+///   object(3)    centre of the cylinder
+///   goal(3)      centre of the goal, constant
+///   red(6)       centres of the two red regions on the table, constant: left (y > 0), then right
+///   tip_tilt(3)  0.1 m times the sines of the gripper's turn from its home pose, from its rotation
+///                matrix R: yaw R_yx, pitch R_zx, roll R_zy
+/// The support of Sec. V-A looks at "red,object,tip". The paper's state also has joint velocities;
+/// at rest, where states are observed, they are zero and left out.
+///
+/// Control (7): change of each joint angle, in units of kJointStep = 0.06 rad. Entries beyond +-1
+/// saturate: that is the actuators' limit, not an error. The arm stops at its joint limits, and
+/// slides along the table rather than enter it; it stalls (the control changes nothing) where it
+/// would press the cylinder onto the table by more than 0.5 mm. A control of another size or with a
+/// non-finite entry is refused and moves nothing.
+///
+/// Physics: pushing is quasi-static. The arm moves along the straight line in joint space in
+/// substeps that displace the gripper by about 2 mm at most; each starts with the cylinder
+/// at rest, so that nothing has momentum, and MuJoCo's contact solver gives the cylinder's motion.
+/// Under Coulomb friction at the contact that is the motion of a point with isotropic friction
+/// on the table. The last substeps repeat with the arm at rest until the cylinder is, too. Controls
+/// that provably cannot touch anything need the arm's kinematics only.
+///
+/// The collision check runs after every substep for the cylinder, the upper arm, forearm, hand and
+/// gripper against both red regions, in 3-D by exact distances of capsules. (The shoulder cannot
+/// reach that far.) The regions are posts of radius 0.06 m, 0.1 m high with a rounded top.
+///
+/// The next state is a function of the present one and the control: no solver state is carried
+/// over, so a clone, or the same state reached otherwise, continues bit for bit alike.
+///
+/// One object belongs to one thread; clones share only the immutable model.
+class PusherPlant final : public core::SimulatedPlant {
+ public:
+  static constexpr int kNumJoints = 7;
+  static constexpr double kJointStep = 0.06;     ///< rad per unit of control.
+  static constexpr double kObjectRadius = 0.04;  ///< m
+  static constexpr double kGoalRadius = 0.04;    ///< m
+  static constexpr double kRedRadius = 0.06;     ///< m
+
+  /// @throws std::invalid_argument naming the option out of range; std::runtime_error if the MuJoCo
+  ///   library found at run time is not the version built against.
+  explicit PusherPlant(const PusherOptions& options = {});
+  ~PusherPlant() override;
+  PusherPlant(const PusherPlant&) = delete;
+  PusherPlant& operator=(const PusherPlant&) = delete;
+
+  [[nodiscard]] const core::StateLayout& layout() const noexcept override;
+  [[nodiscard]] int control_dim() const noexcept override { return kNumJoints; }
+  [[nodiscard]] const PusherOptions& options() const noexcept;
+
+  /// The arm at home, tip at (0.35, 0, -0.285), and the cylinder at a start position drawn by
+  /// core::Random(seed).
+  void Reset(std::uint64_t seed) override;
+
+  /// Puts arm and cylinder where an observed `state` says (its qpos and object entries), at rest,
+  /// collided() judged for that state alone. For replays and for tests.
+  /// @throws std::invalid_argument if the size is wrong, an entry is not finite, or a joint is
+  ///   outside its limits.
+  void SetState(std::span<const double> state);
+
+  /// kFault once MuJoCo reports an error or a diverging state; then until Reset() or SetState().
+  [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;
+  void Observe(std::span<double> state) const noexcept override;
+
+  /// The cylinder's centre is over the goal, and collided() is false.
+  [[nodiscard]] bool completed() const noexcept override;
+  [[nodiscard]] bool collided() const noexcept override;
+  /// What touched a red region first: "object", "upper_arm", "forearm", "hand", "bar",
+  /// "prong_left" or "prong_right"; empty if nothing has.
+  [[nodiscard]] std::string_view collided_part() const noexcept;
+  /// Every state is at rest: nothing to do.
+  void Halt() noexcept override {}
+
+  [[nodiscard]] std::unique_ptr<core::SimulatedPlant> Clone() const override;
+  /// @pre other is a PusherPlant with the same options.
+  void CopyStateFrom(const core::SimulatedPlant& other) noexcept override;
+
+  /// Speed of the cylinder, in m/s, in the last substep of the last control, before it was set to
+  /// zero. Zero if nothing was touched.
+  [[nodiscard]] double residual_speed() const noexcept;
+  [[nodiscard]] const PusherStatistics& statistics() const noexcept;
+
+  /// Centre of the cylinder, of the bar, and of the goal.
+  [[nodiscard]] std::array<double, 3> object_m() const noexcept;
+  [[nodiscard]] std::array<double, 3> tip_m() const noexcept;
+  [[nodiscard]] std::array<double, 3> goal_m() const noexcept;
+
+  /// The MuJoCo side, for the renderer in this folder.
+  struct World;
+  struct Data;
+  [[nodiscard]] const World& world() const noexcept { return *world_; }
+  [[nodiscard]] const Data& data() const noexcept { return *data_; }
+
+ private:
+  explicit PusherPlant(std::shared_ptr<const World> world);
+
+  std::shared_ptr<const World> world_;
+  std::unique_ptr<Data> data_;
+};
+
+}  // namespace dfr::sim

@@ -1,0 +1,117 @@
+#include "pusher_world.h"
+
+#include <mutex>
+#include <stdexcept>
+#include <string>
+
+#include "dfr/core/contract.h"
+#include "pusher_model.h"
+#include "quasi_static_step.h"
+
+namespace dfr::sim {
+namespace {
+
+std::unique_ptr<mjModel, MjDeleter> LoadModel() {
+  // The compiled header and the library found at run time must agree on every struct.
+  if (mj_version() != mjVERSION_HEADER) {
+    throw std::runtime_error("MuJoCo " + std::string(mj_versionString()) +
+                             " was found at run time, but this program was built against version " +
+                             std::to_string(mjVERSION_HEADER) + "; install libmujoco2.2.2");
+  }
+  internal::InstallMujocoHandlers();
+  static std::mutex mutex;  // mj_loadXML() keeps the last model in a global
+  const std::lock_guard lock(mutex);
+  const std::string_view xml = internal::kPusherXml;
+  const auto vfs = std::make_unique<mjVFS>();
+  mj_defaultVFS(vfs.get());
+  mj_makeEmptyFileVFS(vfs.get(), "pusher.xml", static_cast<int>(xml.size()));
+  xml.copy(static_cast<char*>(vfs->filedata[mj_findFileVFS(vfs.get(), "pusher.xml")]), xml.size());
+  char error[512] = "";
+  std::unique_ptr<mjModel, MjDeleter> model(
+      mj_loadXML("pusher.xml", vfs.get(), error, sizeof error));
+  mj_deleteVFS(vfs.get());
+  if (model == nullptr) throw std::runtime_error(std::string("sim/pusher model: ") + error);
+  return model;
+}
+
+int Id(const mjModel& model, mjtObj type, const char* name) {
+  const int id = mj_name2id(&model, type, name);
+  if (id < 0) throw std::runtime_error(std::string("sim/pusher model: no object '") + name + "'");
+  return id;
+}
+
+void CheckOptions(const PusherOptions& o) {
+  DFR_THROW_UNLESS(o.red_y > 0.1 && o.red_y <= 0.3,
+                   "PusherOptions: red_y must lie in (0.1, 0.3] m, got " << o.red_y);
+  DFR_THROW_UNLESS(o.start_x_min >= 0.42 && o.start_x_min <= o.start_x_max && o.start_x_max <= 0.54,
+                   "PusherOptions: need 0.42 <= start_x_min <= start_x_max <= 0.54 m, got "
+                       << o.start_x_min << " and " << o.start_x_max);
+  DFR_THROW_UNLESS(o.start_y >= 0.0 && o.start_y <= 0.2,
+                   "PusherOptions: start_y must lie in [0, 0.2] m, got " << o.start_y);
+  // The corners of the start area that are nearest to a region.
+  const double dx = 0.64 - o.start_x_max;
+  const double dy = std::max(0.0, o.red_y - o.start_y);
+  const double apart = PusherPlant::kObjectRadius + PusherPlant::kRedRadius;
+  DFR_THROW_UNLESS(dx * dx + dy * dy > apart * apart,
+                   "PusherOptions: with start_x_max = "
+                       << o.start_x_max << ", start_y = " << o.start_y << ", red_y = " << o.red_y
+                       << " m the cylinder can start inside a red region");
+}
+
+// Without prongs their geoms stay in the model: invisible, and never near anything.
+void ApplyGripper(Gripper gripper, mjModel& model) {
+  const bool fork = gripper == Gripper::kFork;
+  const double half_width = fork ? 0.07 : gripper == Gripper::kWideBar ? 0.05 : 0.025;
+  const int bar = Id(model, mjOBJ_GEOM, "bar");
+  model.geom_size[3 * bar + 1] = half_width;
+  model.geom_rbound[bar] = half_width + model.geom_size[3 * bar];
+  if (fork) return;
+  for (const char* name : {"prong_left", "prong_right"}) {
+    const int prong = Id(model, mjOBJ_GEOM, name);
+    model.geom_rgba[4 * prong + 3] = 0.0f;
+    model.geom_matid[prong] = -1;
+    for (int pair = 0; pair < model.npair; ++pair) {
+      if (model.pair_geom1[pair] == prong || model.pair_geom2[pair] == prong) {
+        model.pair_margin[pair] = -1.0;  // m of overlap before there is a contact
+      }
+    }
+  }
+}
+
+}  // namespace
+
+PusherPlant::World::World(const PusherOptions& scene) : options(scene) {
+  CheckOptions(options);
+  model = LoadModel();
+  ApplyGripper(options.gripper, *model);
+
+  std::vector<const char*> names = {"upper_arm", "forearm", "hand", "bar"};
+  if (options.gripper == Gripper::kFork) names.insert(names.end(), {"prong_left", "prong_right"});
+  for (const char* name : names) {
+    const int geom = Id(*model, mjOBJ_GEOM, name);
+    parts.push_back({name, geom, model->geom_size[3 * geom], model->geom_size[3 * geom + 1]});
+  }
+  tip_site = Id(*model, mjOBJ_SITE, "tip");
+  object_body = Id(*model, mjOBJ_BODY, "object");
+  object_half_length = model->geom_size[3 * Id(*model, mjOBJ_GEOM, "object") + 1];
+
+  const int goal_geom = Id(*model, mjOBJ_GEOM, "goal");
+  std::copy_n(model->geom_pos + 3 * goal_geom, 3, goal.begin());
+  const char* red_names[] = {"red_left", "red_right"};
+  for (int i = 0; i < 2; ++i) {
+    const int geom = Id(*model, mjOBJ_GEOM, red_names[i]);
+    mjtNum* center = model->geom_pos + 3 * geom;
+    center[1] = i == 0 ? options.red_y : -options.red_y;
+    reds[i].a = reds[i].b = {center[0], center[1], center[2]};
+    reds[i].b[2] += model->geom_size[3 * geom + 1];
+  }
+
+  layout.Add("qpos", kNumJoints);
+  layout.Add("tip", 3);
+  layout.Add("object", 3);
+  layout.Add("goal", 3);
+  layout.Add("red", 6);
+  layout.Add("tip_tilt", 3);
+}
+
+}  // namespace dfr::sim

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <mujoco/mujoco.h>
+
+#include <array>
+#include <memory>
+#include <string_view>
+#include <vector>
+
+#include "dfr/core/features.h"
+#include "dfr/sim/pusher/pusher_plant.h"
+#include "segments.h"
+
+namespace dfr::sim {
+
+struct MjDeleter {
+  void operator()(mjModel* model) const noexcept { mj_deleteModel(model); }
+  void operator()(mjData* data) const noexcept { mj_deleteData(data); }
+};
+
+/// What all clones share: the model of one scene and where things are in it. Immutable.
+struct PusherPlant::World {
+  /// A capsule of the arm.
+  struct Part {
+    std::string_view name;
+    int geom = 0;
+    double radius = 0.0;
+    double half_length = 0.0;
+  };
+
+  explicit World(const PusherOptions& scene);
+
+  PusherOptions options;
+  std::unique_ptr<mjModel, MjDeleter> model;
+  core::StateLayout layout;
+  std::vector<Part> parts;
+  int tip_site = 0;
+  int object_body = 0;
+  internal::Point goal{};
+  std::array<internal::Segment, 2> reds{};  ///< Axes of the posts.
+  double object_half_length = 0.0;          ///< Of its collision capsule's axis.
+};
+
+/// One simulation. Between calls it is at rest, velocities zero, kinematics up to date.
+struct PusherPlant::Data {
+  std::unique_ptr<mjData, MjDeleter> mj;
+  std::string_view collided_part;
+  bool faulted = false;
+  double residual_speed = 0.0;
+  PusherStatistics statistics;
+};
+
+}  // namespace dfr::sim

@@ -1,0 +1,17 @@
+#pragma once
+
+#include <array>
+
+namespace dfr::sim::internal {
+
+using Point = std::array<double, 3>;
+
+struct Segment {
+  Point a{};
+  Point b{};
+};
+
+/// Squared distance of two segments. Exact also for parallel and zero-length ones.
+[[nodiscard]] double SquaredDistance(const Segment& p, const Segment& q) noexcept;
+
+}  // namespace dfr::sim::internal

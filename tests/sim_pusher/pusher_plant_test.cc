@@ -1,0 +1,515 @@
+#include "dfr/sim/pusher/pusher_plant.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <map>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "tests/sim_pusher/arm_kinematics.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::sim {
+namespace {
+
+using core::PlantStatus;
+using test::kObject;
+using test::kTilt;
+using test::kTip;
+using test::MoveTip;
+using test::Observe;
+using test::WithObjectAt;
+using State = std::vector<double>;
+using Control = std::array<double, 7>;
+
+constexpr double kTableZ = -0.325;
+
+Control RandomControl(core::Random& random, double scale) {
+  Control control;
+  for (double& u : control) u = scale * random.Normal();
+  return control;
+}
+
+// Pushes roughly forward with noise: most controls have contact.
+Control NoisyPush(const PusherPlant& plant, core::Random& random) {
+  const State s = Observe(plant);
+  Control control = MoveTip(plant, {0.015, 0.5 * (s[kObject + 1] - s[kTip + 1])});
+  for (double& u : control) u += 0.15 * random.Normal();
+  return control;
+}
+
+double PostDistance(const Eigen::Vector3d& p, double red_y) {
+  const double z = std::clamp(p.z(), kTableZ, kTableZ + 0.04);
+  return (p - Eigen::Vector3d(0.64, red_y, z)).norm();
+}
+
+TEST(PusherPlantTest, HomeTipIsWhereTheSceneSays) {
+  const PusherPlant plant;
+  const State s = Observe(plant);
+  // The home angles have 16 digits.
+  EXPECT_NEAR(s[kTip], 0.35, 1e-12);
+  EXPECT_NEAR(s[kTip + 1], 0.0, 1e-12);
+  EXPECT_NEAR(s[kTip + 2], -0.285, 1e-12);
+  for (int k = 0; k < 3; ++k) EXPECT_NEAR(s[kTilt + k], 0.0, 1e-12);
+}
+
+TEST(PusherPlantTest, LayoutNamesTheState) {
+  const PusherPlant plant;
+  EXPECT_EQ(plant.state_dim(), 25);
+  EXPECT_EQ(core::FeatureSelection(plant.layout(), "red,object,tip").num_features(), 12);
+  const core::FeatureSelection named(plant.layout(), "object,goal,red");
+  const State s = Observe(plant);
+  State part(named.num_features());
+  named.Apply(s, part);
+  EXPECT_DOUBLE_EQ(part[2], -0.275);
+  EXPECT_THAT(State(part.begin() + 3, part.begin() + 5), testing::ElementsAre(0.76, 0.0));
+  EXPECT_THAT(State(part.begin() + 6, part.end()),
+              testing::ElementsAre(0.64, 0.15, kTableZ, 0.64, -0.15, kTableZ));
+}
+
+// MuJoCo's chain against the one written out from the documented dimensions.
+TEST(PusherPlantTest, KinematicsAgreeWithTheDocumentedDimensions) {
+  PusherPlant plant;
+  core::Random random(2);
+  State s = Observe(plant);
+  for (int i = 0; i < 200; ++i) {
+    for (int j = 0; j < 7; ++j) s[j] = random.Uniform(-0.9, 0.9) + (j == 3 ? 1.2 : 0.0);
+    plant.SetState(s);
+    const State seen = Observe(plant);
+    const test::ArmPose pose = test::Forward(s, 0.025);
+    for (int k = 0; k < 3; ++k) EXPECT_NEAR(seen[kTip + k], pose.tip[k], 1e-12);
+    EXPECT_NEAR(seen[kTilt], 0.1 * pose.tip_frame(1, 0), 1e-12);
+    EXPECT_NEAR(seen[kTilt + 1], 0.1 * pose.tip_frame(2, 0), 1e-12);
+    EXPECT_NEAR(seen[kTilt + 2], 0.1 * pose.tip_frame(2, 1), 1e-12);
+  }
+}
+
+TEST(PusherPlantTest, StartStatesAreUniformInTheirRectangleAndReproducible) {
+  PusherPlant plant;
+  constexpr int kStarts = 4000;
+  double mean_x = 0.0;
+  double mean_y = 0.0;
+  double min_y = 1.0;
+  double max_y = -1.0;
+  for (int i = 0; i < kStarts; ++i) {
+    plant.Reset(i);
+    const State s = Observe(plant);
+    ASSERT_GE(s[kObject], 0.43);
+    ASSERT_LE(s[kObject], 0.53);
+    ASSERT_LE(std::abs(s[kObject + 1]), 0.12);
+    ASSERT_FALSE(plant.collided());
+    mean_x += s[kObject] / kStarts;
+    mean_y += s[kObject + 1] / kStarts;
+    min_y = std::min(min_y, s[kObject + 1]);
+    max_y = std::max(max_y, s[kObject + 1]);
+  }
+  // Four standard errors of a uniform mean: 4 width / sqrt(12 * 4000).
+  EXPECT_NEAR(mean_x, 0.48, 4 * 0.1 / std::sqrt(12.0 * kStarts));
+  EXPECT_NEAR(mean_y, 0.0, 4 * 0.24 / std::sqrt(12.0 * kStarts));
+  EXPECT_LT(min_y, -0.119);  // missed with probability (1 - 1/240)^4000 < 1e-7
+  EXPECT_GT(max_y, 0.119);
+
+  plant.Reset(17);
+  const State first = Observe(plant);
+  ASSERT_EQ(plant.Apply(MoveTip(plant, {0.02, 0.0})), PlantStatus::kOk);
+  plant.Reset(17);
+  EXPECT_EQ(Observe(plant), first);
+  plant.Reset(18);
+  EXPECT_NE(Observe(plant), first);
+}
+
+TEST(PusherPlantTest, AControlIsAChangeOfPose) {
+  PusherPlant plant;
+  State s = Observe(plant);
+  const Control control = {0.5, -0.25, 0.1, 0.0, -1.0, 0.3, 1.0};
+  ASSERT_EQ(plant.Apply(control), PlantStatus::kOk);
+  const State after = Observe(plant);
+  for (int j = 0; j < 7; ++j) EXPECT_DOUBLE_EQ(after[j], s[j] + 0.06 * control[j]);
+}
+
+TEST(PusherPlantTest, SaturatesAtTheActuatorsLimit) {
+  PusherPlant a;
+  PusherPlant b;
+  a.Reset(1);
+  b.Reset(1);
+  ASSERT_EQ(a.Apply(Control{7.0, -1.5, 0.2, 0.0, -3.0, 1.0, 1.0}), PlantStatus::kOk);
+  ASSERT_EQ(b.Apply(Control{1.0, -1.0, 0.2, 0.0, -1.0, 1.0, 1.0}), PlantStatus::kOk);
+  EXPECT_EQ(Observe(a), Observe(b));
+  EXPECT_EQ(a.statistics().saturated, 1);
+  EXPECT_EQ(b.statistics().saturated, 0);
+}
+
+TEST(PusherPlantTest, RefusesWhatIsNoControlAndMovesNothing) {
+  PusherPlant plant;
+  plant.Reset(4);
+  const State before = Observe(plant);
+  Control control{};
+  for (const double bad :
+       {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(),
+        -std::numeric_limits<double>::infinity()}) {
+    for (int j = 0; j < 7; ++j) {
+      control.fill(0.5);
+      control[j] = bad;
+      EXPECT_EQ(plant.Apply(control), PlantStatus::kRefused);
+    }
+  }
+  EXPECT_EQ(plant.Apply(std::span(control).first(6)), PlantStatus::kRefused);
+  EXPECT_EQ(plant.Apply({}), PlantStatus::kRefused);
+  EXPECT_EQ(Observe(plant), before);
+  EXPECT_EQ(plant.statistics().controls, 0);
+}
+
+TEST(PusherPlantTest, StopsAtJointLimits) {
+  PusherPlant plant;
+  Control roll{};
+  roll[6] = 1.0;
+  for (int t = 0; t < 40; ++t) ASSERT_EQ(plant.Apply(roll), PlantStatus::kOk);
+  EXPECT_DOUBLE_EQ(Observe(plant)[6], 1.5);
+}
+
+TEST(PusherPlantTest, SlidesAlongTheTableInsteadOfEnteringIt) {
+  PusherPlant plant;
+  core::Random random(8);
+  for (int episode = 0; episode < 20; ++episode) {
+    plant.Reset(episode);
+    for (int t = 0; t < 60; ++t) {
+      Control control = RandomControl(random, 0.5);
+      control[1] += 0.4;  // down
+      ASSERT_EQ(plant.Apply(control), PlantStatus::kOk);
+      const State s = Observe(plant);
+      for (const auto& part : test::Forward(s, 0.025).parts) {
+        // Rounding of the forward kinematics.
+        ASSERT_GE(std::min(part.a.z(), part.b.z()) - part.radius, kTableZ - 1e-12) << part.name;
+      }
+    }
+  }
+  EXPECT_GT(plant.statistics().stopped_by_table, 100);
+}
+
+// "The system comes to rest at each time step" (Sec. III): a further control of zero changes
+// nothing beyond what the settle tolerance, 5 um per substep, can leave.
+TEST(PusherPlantTest, IsAtRestAfterEveryControl) {
+  PusherPlant plant;
+  core::Random random(5);
+  for (int episode = 0; episode < 30; ++episode) {
+    plant.Reset(episode);
+    for (int t = 0; t < 30; ++t) {
+      ASSERT_EQ(plant.Apply(NoisyPush(plant, random)), PlantStatus::kOk);
+      const State rest = Observe(plant);
+      ASSERT_LE(plant.residual_speed(), 0.01);
+      auto clone = plant.Clone();
+      ASSERT_EQ(clone->Apply(Control{}), PlantStatus::kOk);
+      State later(rest.size());
+      clone->Observe(later);
+      for (std::size_t i = 0; i < rest.size(); ++i) ASSERT_NEAR(later[i], rest[i], 2e-4);
+    }
+  }
+  const PusherStatistics& statistics = plant.statistics();
+  EXPECT_GT(statistics.simulated, 500);
+  EXPECT_LE(statistics.max_rest_penetration_m, 5e-4);
+  RecordProperty("max_residual_speed_m_s", std::to_string(statistics.max_residual_speed));
+}
+
+TEST(PusherPlantTest, ACloneContinuesBitForBit) {
+  PusherPlant plant;
+  core::Random random(6);
+  PusherPlant copy;  // with another history
+  PusherPlant restored;
+  int moved = 0;
+  for (int episode = 0; episode < 20; ++episode) {
+    plant.Reset(100 + episode);
+    for (int t = 0; t < 40; ++t) {
+      const Control control = NoisyPush(plant, random);
+      const auto clone = plant.Clone();
+      ASSERT_EQ(copy.Apply(RandomControl(random, 1.0)), PlantStatus::kOk);
+      copy.CopyStateFrom(plant);
+      restored.SetState(Observe(plant));
+      const State before = Observe(plant);
+      ASSERT_EQ(plant.Apply(control), PlantStatus::kOk);
+      ASSERT_EQ(clone->Apply(control), PlantStatus::kOk);
+      ASSERT_EQ(copy.Apply(control), PlantStatus::kOk);
+      ASSERT_EQ(restored.Apply(control), PlantStatus::kOk);
+      const State after = Observe(plant);
+      moved += after[kObject] != before[kObject];
+      State of_clone(after.size());
+      clone->Observe(of_clone);
+      ASSERT_EQ(of_clone, after);
+      ASSERT_EQ(Observe(copy), after);
+      ASSERT_EQ(Observe(restored), after);
+      ASSERT_EQ(clone->collided(), plant.collided());
+      ASSERT_EQ(copy.completed(), plant.completed());
+    }
+  }
+  EXPECT_GT(moved, 300) << "the test is about contact";
+}
+
+TEST(PusherPlantTest, ApplyAndObserveNeverAllocate) {
+  PusherPlant plant;
+  const auto other = plant.Clone();
+  core::Random random(9);
+  State s(plant.state_dim());
+  for (int episode = 0; episode < 5; ++episode) {
+    plant.Reset(episode);
+    for (int t = 0; t < 40; ++t) {
+      const Control control = t % 2 == 0 ? NoisyPush(plant, random) : RandomControl(random, 0.7);
+      const test::NoAlloc guard;
+      ASSERT_EQ(plant.Apply(control), PlantStatus::kOk);
+      plant.Observe(s);
+      other->CopyStateFrom(plant);
+      plant.Halt();
+    }
+  }
+  EXPECT_GT(plant.statistics().simulated, 50);
+}
+
+// Straight at the cylinder: it moves with the bar, never ahead of it and never into it, and stops
+// over the goal.
+TEST(PusherPlantTest, AStraightPushCarriesTheCylinderToTheGoal) {
+  PusherPlant plant;
+  plant.SetState(WithObjectAt(Observe(plant), 0.45, 0.0));
+  bool touched = false;
+  int steps = 0;
+  for (; steps < 60 && !plant.completed(); ++steps) {
+    const double object_before = Observe(plant)[kObject];
+    ASSERT_EQ(plant.Apply(MoveTip(plant, {0.018, 0.0})), PlantStatus::kOk);
+    const State s = Observe(plant);
+    if (s[kObject] > object_before) touched = true;
+    if (touched) {
+      // The arm's path bends by about 0.1 mm within a substep of 2 mm.
+      const double gap = s[kObject] - s[kTip] - PusherPlant::kObjectRadius - 0.012;
+      ASSERT_NEAR(gap, 0.0, 2e-4) << "step " << steps;
+    }
+    ASSERT_NEAR(s[kObject + 1], 0.0, 1e-6);
+  }
+  EXPECT_TRUE(plant.completed());
+  EXPECT_FALSE(plant.collided());
+  EXPECT_GT(steps, 15);
+  EXPECT_LE(plant.statistics().max_penetration_m, 2e-4);
+}
+
+// Isotropic friction below a point, Coulomb friction 0.5 at the contact: while the push is within
+// atan(0.5) of the bar's normal the cylinder sticks to the bar and goes where the bar goes; beyond,
+// it slides along it and moves at that angle.
+TEST(PusherPlantTest, PushesObliquelyWithinTheFrictionCone) {
+  for (const double angle : {0.2, 0.4, 0.7}) {
+    SCOPED_TRACE(angle);
+    PusherPlant plant;
+    plant.SetState(WithObjectAt(Observe(plant), 0.403, 0.0));
+    // Small enough for the tip to keep its height: slip in z would use up friction.
+    const Eigen::Vector2d step = 0.002 * Eigen::Vector2d(std::cos(angle), std::sin(angle));
+    ASSERT_EQ(plant.Apply(MoveTip(plant, step)), PlantStatus::kOk);  // closes the gap
+    const State before = Observe(plant);
+    ASSERT_EQ(plant.Apply(MoveTip(plant, step)), PlantStatus::kOk);
+    const State after = Observe(plant);
+    const double moved =
+        std::atan2(after[kObject + 1] - before[kObject + 1], after[kObject] - before[kObject]);
+    const double tip = std::atan2(after[kTip + 1] - before[kTip + 1], after[kTip] - before[kTip]);
+    // 0.03 rad: the bar yaws by a few mrad on the way, and MuJoCo's regularised cone.
+    EXPECT_NEAR(moved, std::min(tip, std::atan(0.5)), 0.03);
+  }
+}
+
+// Every arm pose, judged by points sampled along the documented capsules.
+TEST(PusherPlantTest, CollisionsOfArmPartsAgreeWithSampledDistances) {
+  PusherPlant plant;
+  core::Random random(12);
+  State s = WithObjectAt(Observe(plant), 0.45, 0.0);
+  std::map<std::string, int> hits;
+  int free_poses = 0;
+  for (int i = 0; i < 20000; ++i) {
+    const double centers[] = {0.0, 0.3, 0.0, 1.0, 0.0, -0.3, 0.0};
+    const double widths[] = {0.6, 0.9, 1.0, 0.8, 1.0, 1.2, 1.4};
+    for (int j = 0; j < 7; ++j) s[j] = centers[j] + random.Uniform(-widths[j], widths[j]);
+    double closest = 1.0;
+    std::vector<std::string> touching;
+    for (const auto& part : test::Forward(s, 0.025).parts) {
+      double clearance = 1.0;
+      for (int k = 0; k <= 100; ++k) {
+        const Eigen::Vector3d p = part.a + 0.01 * k * (part.b - part.a);
+        for (const double red_y : {0.15, -0.15}) {
+          clearance =
+              std::min(clearance, PostDistance(p, red_y) - part.radius - PusherPlant::kRedRadius);
+        }
+      }
+      if (clearance < 0.0) touching.push_back(part.name);
+      if (std::abs(clearance) < std::abs(closest)) closest = clearance;
+    }
+    // Samples are 3.2 mm apart at most, so a sampled distance of about 7 cm is off by 0.02 mm.
+    if (std::abs(closest) < 1e-4) continue;
+    plant.SetState(s);
+    ASSERT_EQ(plant.collided(), !touching.empty()) << "pose " << i;
+    if (plant.collided()) {
+      ASSERT_THAT(touching, testing::Contains(std::string(plant.collided_part())));
+      ++hits[std::string(plant.collided_part())];
+    } else {
+      ++free_poses;
+    }
+  }
+  EXPECT_GT(free_poses, 1000);
+  for (const char* part : {"forearm", "hand", "bar"}) EXPECT_GT(hits[part], 50) << part;
+  EXPECT_EQ(hits["upper_arm"], 0) << "cannot reach the regions: 0.5 + 0.045 < 0.657 - 0.06";
+}
+
+TEST(PusherPlantTest, ForkProngsCollideToo) {
+  PusherPlant plant({.gripper = Gripper::kFork, .red_y = 0.16});
+  State s = WithObjectAt(Observe(plant), 0.45, 0.0);
+  const State home = s;
+  std::map<std::string, int> hits;
+  core::Random random(3);
+  for (int i = 0; i < 20000; ++i) {
+    const double widths[] = {0.6, 0.5, 0.4, 1.2, 0.4, 0.8, 0.6};
+    for (int j = 0; j < 7; ++j) s[j] = home[j] + random.Uniform(-widths[j], widths[j]);
+    s[3] = std::min(s[3], 2.7);
+    plant.SetState(s);
+    if (plant.collided()) ++hits[std::string(plant.collided_part())];
+  }
+  EXPECT_GT(hits["prong_left"], 0);
+  EXPECT_GT(hits["prong_right"], 0);
+}
+
+TEST(PusherPlantTest, TheCylinderCollidesAtTheSumOfTheRadii) {
+  PusherPlant plant;
+  const State home = Observe(plant);
+  plant.SetState(WithObjectAt(home, 0.64, 0.0499));
+  EXPECT_FALSE(plant.collided());
+  plant.SetState(WithObjectAt(home, 0.64, 0.0501));
+  EXPECT_TRUE(plant.collided());
+  EXPECT_EQ(plant.collided_part(), "object");
+  plant.SetState(WithObjectAt(home, 0.64, -0.0501));
+  EXPECT_TRUE(plant.collided());
+  plant.SetState(WithObjectAt(home, 0.64 - 0.1001, 0.15));
+  EXPECT_FALSE(plant.collided());
+}
+
+TEST(PusherPlantTest, PushingTheCylinderIntoARegionCollidesAndStaysSo) {
+  PusherPlant plant;
+  plant.SetState(WithObjectAt(Observe(plant), 0.45, 0.0));
+  int t = 0;
+  for (; t < 60 && !plant.collided(); ++t) {
+    ASSERT_EQ(plant.Apply(MoveTip(plant, {0.014, 0.005})), PlantStatus::kOk);
+    ASSERT_FALSE(plant.completed());
+  }
+  ASSERT_TRUE(plant.collided());
+  EXPECT_EQ(plant.collided_part(), "object");
+  const auto clone = plant.Clone();
+  EXPECT_TRUE(clone->collided());
+  plant.SetState(WithObjectAt(Observe(plant), 0.45, 0.0));
+  EXPECT_FALSE(plant.collided());
+  for (int back = 0; back < 10; ++back) {
+    ASSERT_EQ(clone->Apply(MoveTip(plant, {-0.014, -0.005})), PlantStatus::kOk);
+  }
+  EXPECT_TRUE(clone->collided()) << "since Reset()";
+  clone->Reset(0);
+  EXPECT_FALSE(clone->collided());
+}
+
+// The way from pose to pose counts: a control whose both ends are free can cut a region's corner.
+TEST(PusherPlantTest, CollisionsOnTheWayCount) {
+  PusherPlant plant;
+  PusherPlant judge;
+  core::Random random(21);
+  State s = WithObjectAt(Observe(plant), 0.45, 0.0);
+  const Eigen::Matrix<double, 7, 1> home = Eigen::Map<Eigen::Matrix<double, 7, 1>>(s.data());
+  int only_between = 0;
+  for (int i = 0; i < 30000 && only_between < 3; ++i) {
+    const double widths[] = {0.6, 0.6, 0.4, 1.2, 0.4, 0.8, 0.6};
+    for (int j = 0; j < 7; ++j) s[j] = home[j] + random.Uniform(-widths[j], widths[j]);
+    s[3] = std::min(s[3], 2.7);
+    plant.SetState(s);
+    if (plant.collided()) continue;
+    Control control;
+    for (double& u : control) u = random.Uniform() < 0.5 ? -1.0 : 1.0;
+    const auto before = plant.statistics();
+    ASSERT_EQ(plant.Apply(control), PlantStatus::kOk);
+    if (plant.statistics().stopped_by_table > before.stopped_by_table) continue;
+    if (plant.statistics().stalled > before.stalled) continue;
+    const State end = Observe(plant);
+    const std::string part(plant.collided_part());
+    const bool on_the_way = plant.collided();
+    judge.SetState(WithObjectAt(end, 0.45, 0.0));
+    if (judge.collided()) {
+      EXPECT_TRUE(on_the_way);
+      continue;
+    }
+    if (!on_the_way || part == "object") continue;
+    bool found = false;
+    State between = s;
+    for (int k = 1; k < 400 && !found; ++k) {
+      for (int j = 0; j < 7; ++j) between[j] = s[j] + (end[j] - s[j]) * k / 400.0;
+      judge.SetState(between);
+      found = judge.collided();
+    }
+    EXPECT_TRUE(found) << part;
+    ++only_between;
+  }
+  EXPECT_GE(only_between, 3);
+}
+
+TEST(PusherPlantTest, CompletedIsTheCylindersCentreOverTheGoal) {
+  PusherPlant plant;
+  const State home = Observe(plant);
+  plant.SetState(WithObjectAt(home, 0.7201, 0.0));
+  EXPECT_TRUE(plant.completed());
+  plant.SetState(WithObjectAt(home, 0.7199, 0.0));
+  EXPECT_FALSE(plant.completed());
+  plant.SetState(WithObjectAt(home, 0.76, 0.0399));
+  EXPECT_TRUE(plant.completed());
+  plant.SetState(WithObjectAt(home, 0.76 + 0.029, -0.029));
+  EXPECT_FALSE(plant.completed());
+}
+
+TEST(PusherPlantTest, SetStateNamesWhatIsWrong) {
+  PusherPlant plant;
+  State s = Observe(plant);
+  s[4] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THAT([&] { plant.SetState(s); },
+              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("entry 4")));
+  s[4] = 0.0;
+  s[3] = 4.0;
+  EXPECT_THAT([&] { plant.SetState(s); },
+              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("joint 3")));
+  s.pop_back();
+  EXPECT_THAT([&] { plant.SetState(s); },
+              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("25 entries")));
+}
+
+TEST(PusherPlantTest, OptionsOutOfRangeAreNamed) {
+  EXPECT_THAT([] { PusherPlant plant({.red_y = 0.1}); },
+              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("red_y")));
+  EXPECT_THAT([] { PusherPlant plant({.start_x_min = 0.5, .start_x_max = 0.45}); },
+              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("start_x_min")));
+  EXPECT_THAT([] { PusherPlant plant({.start_y = 0.3}); },
+              testing::ThrowsMessage<std::invalid_argument>(testing::HasSubstr("start_y")));
+}
+
+// A few numbers of one push, as they were when the supervisor was trained: a changed model or
+// MuJoCo shows here first. 1e-9 m leaves room for another compiler's rounding, not for another
+// physics.
+TEST(PusherPlantTest, GoldenTrace) {
+  PusherPlant plant;
+  plant.Reset(2018);
+  core::Random random(2018);
+  for (int t = 0; t < 20; ++t) {
+    Control control = RandomControl(random, 0.1);
+    control[1] += t < 8 ? -0.25 : 0.15;
+    control[3] -= 0.75;
+    control[5] += 0.75;
+    ASSERT_EQ(plant.Apply(control), PlantStatus::kOk);
+    if (t != 9 && t != 19) continue;
+    SCOPED_TRACE(t);
+    const double half_way[] = {0.528730117980, 0.003562122921, -0.279847090241, 0.580843793502,
+                               0.002338432554};
+    const double end[] = {0.640709647337, -0.002995740577, -0.297126501939, 0.692915743612,
+                          -0.003703737336};
+    const double* expected = t == 9 ? half_way : end;
+    const State s = Observe(plant);
+    for (int k = 0; k < 3; ++k) EXPECT_NEAR(s[kTip + k], expected[k], 1e-9);
+    for (int k = 0; k < 2; ++k) EXPECT_NEAR(s[kObject + k], expected[3 + k], 1e-9);
+  }
+}
+
+}  // namespace
+}  // namespace dfr::sim
