@@ -1,0 +1,9 @@
+#include "dfr/core/features.h"
+
+// The features of a lab's own state, by name.
+int main() {
+  dfr::core::StateLayout layout;
+  layout.Add("joints", 7);
+  layout.Add("object", 3);
+  return dfr::core::FeatureSelection(layout, "object").num_features() == 3 ? 0 : 1;
+}
