@@ -39,13 +39,14 @@ Mlp RandomMlp(std::vector<int> sizes, std::uint64_t seed) {
 Matrix Definition(const Mlp& mlp, const Matrix& inputs) {
   Matrix h = inputs;
   Eigen::Index offset = 0;
-  for (int l = 0; l < mlp.num_layers(); ++l) {
+  const int layers = static_cast<int>(mlp.sizes().size()) - 1;
+  for (int l = 0; l < layers; ++l) {
     const int in = mlp.sizes()[static_cast<std::size_t>(l)];
     const int out = mlp.sizes()[static_cast<std::size_t>(l) + 1];
     const Eigen::Map<const Matrix> w(mlp.parameters().data() + offset, in, out);
     const auto b = mlp.parameters().segment(offset + Eigen::Index{in} * out, out);
     h = ((h * w).rowwise() + b.transpose()).eval();
-    if (l + 1 < mlp.num_layers()) h = h.array().tanh().matrix().eval();
+    if (l + 1 < layers) h = h.array().tanh().matrix().eval();
     offset += Eigen::Index{in} * out + out;
   }
   return h;

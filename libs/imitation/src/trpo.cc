@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <numeric>
 #include <stdexcept>
 #include <string_view>
 #include <utility>
@@ -12,6 +11,7 @@
 #include "adam.h"
 #include "checks.h"
 #include "dfr/core/contract.h"
+#include "regression.h"
 #include "trust_region.h"
 
 namespace dfr::imitation {
@@ -375,32 +375,11 @@ void Trpo::Learner::FitCritic(const core::Matrix& inputs, const Eigen::VectorXd&
   const double scale = std::sqrt((targets.array() - mean).square().mean());
   RescaleCritic(mean, scale > 0.0 ? scale : 1.0);
 
+  const core::Matrix whitened = (targets.array() - critic_mean_) / critic_scale_;
   core::Random random(
       core::DeriveSeed(options_.seed, {kShuffle, static_cast<std::uint64_t>(iteration_)}));
-  const Eigen::Index n = inputs.rows();
-  const Eigen::Index batch = std::min<Eigen::Index>(options_.critic_batch, n);
-  std::vector<Eigen::Index> order(static_cast<std::size_t>(n));
-  std::iota(order.begin(), order.end(), 0);
-  core::Matrix rows(batch, inputs.cols());
-  core::Matrix error(batch, 1);
-  Eigen::VectorXd gradient;
-  Eigen::VectorXd parameters = critic_.parameters();
-  Mlp::Workspace workspace;
-  for (int epoch = 0; epoch < options_.critic_epochs; ++epoch) {
-    random.Shuffle(std::span(order));
-    // Whole batches only: the few samples left over differ from epoch to epoch.
-    for (Eigen::Index first = 0; first + batch <= n; first += batch) {
-      for (Eigen::Index i = 0; i < batch; ++i) {
-        const Eigen::Index row = order[static_cast<std::size_t>(first + i)];
-        rows.row(i) = inputs.row(row);
-        error(i, 0) = (targets[row] - critic_mean_) / critic_scale_;
-      }
-      error = (critic_.Forward(rows, workspace) - error) / static_cast<double>(batch);
-      critic_.Backward(rows, error, workspace, gradient);
-      critic_adam_.Step(gradient, parameters);
-      critic_.SetParameters(parameters);
-    }
-  }
+  internal::FitByAdam(inputs, whitened, options_.critic_epochs, options_.critic_batch,
+                      /*weight_decay=*/0.0, critic_adam_, random, critic_);
 }
 
 GaussianPolicy Trpo::Learner::policy() const {

@@ -31,6 +31,14 @@ class Mlp {
   /// Units of the widest layer allowed, so that one sample's activations fit on the stack.
   static constexpr int kMaxWidth = 1024;
 
+  /// Where a layer's part of the parameters begins.
+  struct Layer {
+    int inputs;
+    int outputs;
+    Eigen::Index weights;  ///< inputs x outputs of them, row-major.
+    Eigen::Index biases;   ///< One per output.
+  };
+
   /// Buffers of the batched calls, and the activations that Forward() leaves to the calls after it.
   class Workspace {
    public:
@@ -60,7 +68,8 @@ class Mlp {
   [[nodiscard]] const std::vector<int>& sizes() const noexcept { return sizes_; }
   [[nodiscard]] int input_dim() const noexcept { return sizes_.front(); }
   [[nodiscard]] int output_dim() const noexcept { return sizes_.back(); }
-  [[nodiscard]] int num_layers() const noexcept { return static_cast<int>(sizes_.size()) - 1; }
+  /// Hidden layers, then the output layer.
+  [[nodiscard]] const std::vector<Layer>& layers() const noexcept { return layers_; }
   [[nodiscard]] Eigen::Index num_parameters() const noexcept { return parameters_.size(); }
 
   [[nodiscard]] const Eigen::VectorXd& parameters() const noexcept { return parameters_; }
@@ -102,13 +111,6 @@ class Mlp {
   static Mlp Load(core::ArchiveReader& archive);
 
  private:
-  struct Layer {
-    int inputs;
-    int outputs;
-    Eigen::Index weights;  // where they begin in the parameters
-    Eigen::Index biases;
-  };
-
   [[nodiscard]] const double* at(Eigen::Index offset) const noexcept {
     return parameters_.data() + offset;
   }

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#include "adam.h"
+#include "dfr/core/random.h"
+#include "dfr/imitation/mlp.h"
+
+namespace dfr::imitation::internal {
+
+/// loss = mean_i |mlp(x_i) - t_i|^2 / 2 + weight_decay |W|^2 / 2 with W all weights, not the
+/// biases.
+class RegressionLoss {
+ public:
+  /// For networks of the sizes of `mlp`.
+  RegressionLoss(Mlp mlp, double weight_decay);
+
+  /// The loss of `parameters`, and its gradient unless that is null.
+  /// @throws std::invalid_argument for a parameter that is not finite.
+  double Evaluate(const Eigen::Ref<const Eigen::VectorXd>& parameters, const Rows& inputs,
+                  const Rows& targets, Eigen::VectorXd* gradient);
+
+ private:
+  Mlp mlp_;
+  double weight_decay_;
+  core::Matrix error_;
+  Mlp::Workspace workspace_;
+};
+
+/// Passes of mini-batch Adam over the rows of `inputs` and `targets`, shuffled anew for each; the
+/// last batch of a pass has the rows that remain.
+void FitByAdam(const core::Matrix& inputs, const core::Matrix& targets, int epochs, int batch,
+               double weight_decay, Adam& adam, core::Random& random, Mlp& mlp);
+
+}  // namespace dfr::imitation::internal
