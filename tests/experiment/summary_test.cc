@@ -179,7 +179,9 @@ TEST(PrintTableTest, ShowsEveryCellAndTheContrast) {
   EXPECT_THAT(out.str(), HasSubstr("dfr        50.0 [ 29.9, 70.1]"));
   EXPECT_THAT(out.str(), HasSubstr("against baseline: completions 200 % [200, 200], "
                                    "collisions -50 % [-50, -50], time x8.67"));
-  EXPECT_THAT(out.str(), HasSubstr("dfr          60  100.0"));
+  EXPECT_THAT(out.str(), HasSubstr("  demos              baseline                   dfr\n"
+                                   "      6     0.0 /  0.0 /100.0     0.0 / 50.0 / 50.0\n"
+                                   "     60    50.0 / 50.0 /  0.0   100.0 /  0.0 /  0.0\n"));
 }
 
 }  // namespace

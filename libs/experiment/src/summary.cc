@@ -327,17 +327,32 @@ void PrintTable(const Summary& summary, std::ostream& out) {
       out << "\n";
     }
   }
-  learner.clear();
-  for (const Cell& cell : summary.cells) {
-    if (cell.learner != learner) {
-      learner = cell.learner;
-      out << "\nlearner " << learner << ": by demonstrations, %\n"
-          << Format("  %-*s  %5s", name_width, "method", "demos")
-          << Format("  %19s  %19s  %19s", "completed", "halted", "collided") << "\n";
+  // One row per data point, a column per method: intervals are in the file.
+  std::vector<std::string> methods;
+  for (const Cell& cell : summary.averages) {
+    if (std::find(methods.begin(), methods.end(), cell.method) == methods.end()) {
+      methods.push_back(cell.method);
     }
-    out << Format("  %-*s  %5d  ", name_width, cell.method.c_str(), cell.demonstrations)
-        << Percent(cell.completed) << "  " << Percent(cell.halted) << "  " << Percent(cell.collided)
-        << "\n";
+  }
+  learner.clear();
+  for (const Cell& average : summary.averages) {
+    if (average.learner == learner) continue;
+    learner = average.learner;
+    std::map<int, std::vector<const Cell*>> by_demonstrations;
+    for (const Cell& cell : summary.cells) {
+      if (cell.learner == learner) by_demonstrations[cell.demonstrations].push_back(&cell);
+    }
+    out << "\nlearner " << learner << ": completed / halted / collided, %\n  demos";
+    for (const std::string& method : methods) out << Format("  %20s", method.c_str());
+    out << "\n";
+    for (const auto& [demonstrations, cells] : by_demonstrations) {
+      out << Format("  %5d", demonstrations);
+      for (const Cell* cell : cells) {
+        out << Format("   %5.1f /%5.1f /%5.1f", 100.0 * cell->completed.value,
+                      100.0 * cell->halted.value, 100.0 * cell->collided.value);
+      }
+      out << "\n";
+    }
   }
 }
 

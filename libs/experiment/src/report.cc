@@ -1,0 +1,491 @@
+#include "dfr/experiment/report.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <set>
+#include <sstream>
+#include <stdexcept>
+
+#include "dfr/core/contract.h"
+#include "html.h"
+#include "svg_plot.h"
+#include "text_file.h"
+
+namespace dfr::experiment {
+namespace {
+
+using internal::Escape;
+using internal::Number;
+
+// Colours of methods differ in lightness as well as hue, and each has its marker. Baseline is grey:
+// it is what the others are compared with.
+constexpr const char* kStyleSheet = R"(
+:root {
+  color-scheme: light dark;
+  --paper: #ffffff; --ink: #1d2430; --soft: #5a6472; --grid: #e3e7ec; --axis: #8a94a2;
+  --card: #f6f7f9;
+  --s0: #59636f; --s1: #c76a00; --s2: #1f5fd0; --s3: #0f8a78; --s4: #b0228c; --s5: #7a5c00;
+  --done: #3f9c7a; --hit: #c23b3b;
+  --h0: #f0c774; --h1: #b9c1cb; --h2: #8f9aa8; --h3: #d8b4e2; --h4: #9fc5e8; --h5: #cbd3dc;
+}
+@media (prefers-color-scheme: dark) {
+  :root {
+    --paper: #14181e; --ink: #e8ecf1; --soft: #a2adba; --grid: #2b323c; --axis: #6c7785;
+    --card: #1c222a;
+    --s0: #a9b4c0; --s1: #f19a3e; --s2: #6ea3ff; --s3: #3cc7b0; --s4: #ec74c8; --s5: #d3b14c;
+    --done: #4fb892; --hit: #e06a62;
+    --h0: #c9a04e; --h1: #77828f; --h2: #566170; --h3: #9c79a8; --h4: #5f8fb8; --h5: #434c57;
+  }
+}
+* { box-sizing: border-box; }
+body { margin: 0; background: var(--paper); color: var(--ink);
+  font: 15px/1.55 system-ui, -apple-system, "Segoe UI", "Liberation Sans", Arial, sans-serif; }
+main { max-width: 1180px; margin: 0 auto; padding: 36px 28px 64px; }
+h1 { font-size: 27px; line-height: 1.2; margin: 0 0 6px; letter-spacing: -0.01em; }
+h2 { font-size: 19px; margin: 44px 0 6px; }
+h3 { font-size: 15px; margin: 22px 0 8px; }
+p { max-width: 78ch; margin: 8px 0; }
+.meta, figcaption, caption, .caption { color: var(--soft); font-size: 13.5px; }
+.meta code { color: var(--ink); }
+code { font: 0.92em ui-monospace, "SFMono-Regular", "Liberation Mono", monospace; }
+.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(270px, 1fr)); gap: 14px; }
+.card { background: var(--card); border-radius: 8px; padding: 14px 16px 12px;
+  border-left: 4px solid var(--c); }
+.card h4 { margin: 0 0 6px; font-size: 14px; color: var(--c); }
+.card div { display: flex; gap: 18px; }
+.card b { display: block; color: var(--ink); font-size: 23px; line-height: 1.15; font-weight: 650; white-space: nowrap;
+  font-variant-numeric: tabular-nums; }
+.card span { color: var(--soft); font-size: 12.5px; line-height: 1.35; display: block; }
+figure { margin: 10px 0 18px; }
+figcaption, p.caption { max-width: 100ch; margin-top: 6px; }
+.row { display: grid; grid-template-columns: repeat(3, 1fr); gap: 16px 20px; }
+.row.two { grid-template-columns: repeat(2, 1fr); }
+@media (max-width: 900px) { .row, .row.two { grid-template-columns: 1fr; } }
+svg { display: block; width: 100%; height: auto; overflow: visible; font-family: inherit; }
+.row:not(.two) svg { max-width: 430px; }
+svg text { fill: var(--ink); }
+.panel { font-size: 14px; font-weight: 650; }
+.tick { font-size: 11px; fill: var(--soft); font-variant-numeric: tabular-nums; }
+svg .tick, svg .label { fill: var(--soft); }
+.label { font-size: 11.5px; }
+svg .name { font-size: 11.5px; font-weight: 600; fill: var(--c); }
+svg .name.ink { fill: var(--ink); }
+.grid { stroke: var(--grid); stroke-width: 1; }
+.axis { stroke: var(--axis); stroke-width: 1; }
+.band { fill: var(--c); fill-opacity: 0.16; }
+.line { fill: none; stroke: var(--c); stroke-width: 2; stroke-linejoin: round; }
+.mark { fill: var(--c); stroke: var(--paper); stroke-width: 1; }
+.leader { fill: none; stroke: var(--c); stroke-width: 1; stroke-opacity: 0.6; }
+.done { fill: var(--done); } .hit { fill: var(--hit); }
+.h0 { fill: var(--h0); } .h1 { fill: var(--h1); } .h2 { fill: var(--h2); }
+.h3 { fill: var(--h3); } .h4 { fill: var(--h4); } .h5 { fill: var(--h5); }
+svg text.inside { font-size: 11px; font-weight: 600; fill: #10151b;
+  font-variant-numeric: tabular-nums; }
+svg text.inside.hit, svg text.inside.done { fill: var(--paper); }
+.key { display: flex; flex-wrap: wrap; gap: 4px 18px; margin: 8px 0 2px; font-size: 12.5px;
+  color: var(--soft); }
+.key svg { display: inline-block; width: 12px; height: 12px; margin-right: 6px;
+  vertical-align: -1px; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-size: 13.5px; font-variant-numeric: tabular-nums; }
+caption { text-align: left; padding: 0 0 8px; }
+th, td { padding: 5px 14px 5px 0; text-align: left; vertical-align: top; white-space: nowrap; }
+td.n, th.n { text-align: right; padding-right: 20px; }
+td.text { white-space: normal; }
+thead th { border-bottom: 1px solid var(--axis); font-weight: 600; vertical-align: bottom; }
+tbody td { border-bottom: 1px solid var(--grid); }
+tbody tr.first td { border-top: 1px solid var(--axis); }
+td small { color: var(--soft); font-size: 12px; }
+.dot { display: inline-block; width: 9px; height: 9px; border-radius: 2px; margin-right: 7px;
+  background: var(--c); }
+details summary { cursor: pointer; color: var(--soft); margin: 8px 0; }
+.media { display: grid; grid-template-columns: repeat(auto-fit, minmax(300px, 1fr)); gap: 20px; }
+.media figure { margin: 0; }
+video, img { width: 100%; border-radius: 6px; background: #000; display: block; }
+@media print { main { max-width: none; padding: 0; } figure, .card { break-inside: avoid; } }
+)";
+
+class Page {
+ public:
+  Page(const Summary& summary, const ReportOptions& options)
+      : summary_(summary), options_(options) {
+    for (const Cell& cell : summary.averages) {
+      if (std::find(methods_.begin(), methods_.end(), cell.method) == methods_.end()) {
+        methods_.push_back(cell.method);
+      }
+      if (std::find(learners_.begin(), learners_.end(), cell.learner) == learners_.end()) {
+        learners_.push_back(cell.learner);
+      }
+    }
+  }
+
+  std::string Render() {
+    const std::string title = options_.title.empty() ? summary_.experiment : options_.title;
+    out_ << "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
+         << "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>"
+         << Escape(title) << "</title>\n<style>" << kStyleSheet << "</style>\n</head>\n<body>\n"
+         << "<main>\n<h1>" << Escape(title) << "</h1>\n<p class=\"meta\">experiment <code>"
+         << Escape(summary_.experiment) << "</code>, preset <code>" << Escape(summary_.preset)
+         << "</code>, seed <code>" << summary_.seed << "</code>, commit <code>"
+         << Escape(summary_.commit) << "</code></p>\n"
+         << internal::Paragraphs(options_.introduction);
+    Contrasts();
+    Curves();
+    Media();
+    Averages();
+    Endings();
+    for (const ReportFigure& figure : options_.figures) Figure(figure);
+    for (const ReportTable& table : options_.tables) Table(table);
+    for (const ReportNote& note : options_.notes) {
+      out_ << "<h2>" << Escape(note.heading) << "</h2>\n" << internal::Paragraphs(note.text);
+    }
+    Settings();
+    Cells();
+    out_ << "</main>\n</body>\n</html>\n";
+    return out_.str();
+  }
+
+ private:
+  std::string NameOf(const std::string& method) const {
+    const auto named = options_.method_names.find(method);
+    if (named != options_.method_names.end()) return named->second;
+    if (method == "baseline") return "Baseline";
+    if (method == "early-stopping") return "Early stopping";
+    if (method == "dfr") return "DFR";
+    if (method == "finite-difference") return "Oracle";
+    return method;
+  }
+
+  std::string LearnerNameOf(const std::string& learner) const {
+    const auto named = options_.learner_names.find(learner);
+    return named != options_.learner_names.end() ? named->second : learner;
+  }
+
+  int StyleOf(const std::string& method) const {
+    return static_cast<int>(std::find(methods_.begin(), methods_.end(), method) - methods_.begin());
+  }
+
+  std::string ColourOf(const std::string& method) const {
+    return "style=\"--c:var(--s" + std::to_string(StyleOf(method) % 6) + ")\"";
+  }
+
+  static std::string Percent(double value, int digits) {
+    return Number(100.0 * value, digits) + "\u2009%";
+  }
+
+  static std::string Range(double low, double high, int digits) {
+    return "[" + Number(100.0 * low, digits) + ", " + Number(100.0 * high, digits) + "]";
+  }
+
+  // The change of collisions, negative where there are fewer.
+  static std::string Change(const std::optional<double>& reduction) {
+    if (!reduction) return "\u2013";
+    return (*reduction < 0.0 ? "+" : "") + Percent(-*reduction, 0);
+  }
+
+  static std::string Times(const std::optional<double>& ratio) {
+    if (!ratio) return "\u2013";
+    return Number(*ratio, *ratio < 10.0 ? 2 : 1) + "\u2009\u00d7";
+  }
+
+  void Contrasts() {
+    if (summary_.contrasts.empty()) return;
+    const std::string reference = Escape(NameOf(summary_.contrasts.front().against));
+    for (const std::string& learner : learners_) {
+      out_ << "<h3>Against " << reference << ", learner " << Escape(LearnerNameOf(learner))
+           << "</h3>\n"
+           << "<div class=\"cards\">\n";
+      for (const Contrast& contrast : summary_.contrasts) {
+        if (contrast.learner != learner) continue;
+        const PairedContrast& ratios = contrast.ratios;
+        out_ << "<div class=\"card\" " << ColourOf(contrast.method) << "><h4>"
+             << Escape(NameOf(contrast.method)) << "</h4><div><span><b>"
+             << Change(ratios.collision_reduction) << "</b>collisions<br>";
+        if (const auto& interval = ratios.collision_reduction_interval) {
+          out_ << Range(-interval->high, -interval->low, 0);
+        }
+        out_ << "</span><span><b>"
+             << (ratios.completion_ratio ? Percent(*ratios.completion_ratio, 0) : "\u2013")
+             << "</b>of its completions<br>";
+        if (const auto& interval = ratios.completion_ratio_interval) {
+          out_ << Range(interval->low, interval->high, 0);
+        }
+        out_ << "</span><span><b>" << Times(contrast.seconds_ratio)
+             << "</b>time per trajectory</span></div></div>\n";
+      }
+      out_ << "</div>\n";
+    }
+    out_ << "<p class=\"caption\">Totals over all data points against " << reference
+         << "'s, from the same start states; in brackets 95 % intervals of a bootstrap over "
+         << (summary_.contrasts.front().resampled == "trials"
+                 ? "trials."
+                 : "the start states of each trial. There are too few trials to resample these, so "
+                   "the intervals say nothing of how trials differ.")
+         << "</p>\n";
+  }
+
+  void Curves() {
+    out_ << "<h2>Completed, halted, collided</h2>\n";
+    struct Panel {
+      const char* title;
+      Share Cell::*share;
+    };
+    constexpr std::array<Panel, 3> kPanels = {Panel{"Completed", &Cell::completed},
+                                              Panel{"Halted", &Cell::halted},
+                                              Panel{"Collided", &Cell::collided}};
+    int episodes = 0;
+    for (const std::string& learner : learners_) {
+      out_ << "<figure>\n<h3>Learner " << Escape(LearnerNameOf(learner))
+           << "</h3>\n<div class=\"row\">\n";
+      for (const Panel& panel : kPanels) {
+        ReportPlot plot{.title = panel.title, .x_label = "demonstrations", .percent = true};
+        plot.y_min = 0.0;
+        // The same axis for all learners, so that their rows can be compared.
+        double highest = 0.0;
+        for (const Cell& cell : summary_.cells) {
+          highest = std::max(highest, (cell.*panel.share).interval.high);
+          episodes = cell.episodes;
+        }
+        const double step = highest > 0.5 ? 0.2 : 0.1;
+        plot.y_max = std::min(1.0, step * std::max(1.0, std::ceil(highest / step - 1e-9)));
+        for (const std::string& method : methods_) {
+          ReportSeries series{.name = NameOf(method), .x = {}, .y = {}, .style = StyleOf(method)};
+          for (const Cell& cell : summary_.cells) {
+            if (cell.method != method || cell.learner != learner) continue;
+            const Share& share = cell.*panel.share;
+            series.x.push_back(cell.demonstrations);
+            series.y.push_back(share.value);
+            series.low.push_back(share.interval.low);
+            series.high.push_back(share.interval.high);
+          }
+          plot.series.push_back(std::move(series));
+        }
+        out_ << internal::SvgPlot(plot);
+      }
+      out_ << "</div>\n</figure>\n";
+    }
+    out_
+        << "<p class=\"caption\">Share of " << episodes
+        << " episodes per point; bands are 95 % intervals (Wilson; Clopper-Pearson with fewer than "
+           "5 events), which take episodes as independent.</p>\n";
+  }
+
+  void Media() {
+    if (options_.media.empty()) return;
+    out_ << "<h2>Pictures and videos</h2>\n<div class=\"media\">\n";
+    for (const ReportMedia& media : options_.media) {
+      static const std::map<std::string, std::string> kTypes = {
+          {".png", "image/png"}, {".jpg", "image/jpeg"},  {".jpeg", "image/jpeg"},
+          {".gif", "image/gif"}, {".webp", "image/webp"}, {".webm", "video/webm"},
+          {".mp4", "video/mp4"}};
+      const auto type = kTypes.find(media.path.extension().string());
+      DFR_THROW_UNLESS(type != kTypes.end(),
+                       media.path.string()
+                           << ": a report embeds png, jpg, gif, webp, webm and mp4 files");
+      const std::string uri =
+          "data:" + type->second + ";base64," + internal::Base64(internal::ReadFile(media.path));
+      if (type->second.starts_with("video")) {
+        out_ << "<figure><video controls loop muted playsinline src=\"" << uri << "\"></video>";
+      } else {
+        out_ << "<figure><img alt=\"" << Escape(media.caption) << "\" src=\"" << uri << "\">";
+      }
+      out_ << "<figcaption>" << Escape(media.caption) << "</figcaption></figure>\n";
+    }
+    out_ << "</div>\n";
+  }
+
+  void ShareCells(const Cell& cell) {
+    for (const Share* share : {&cell.completed, &cell.halted, &cell.collided}) {
+      out_ << "<td class=\"n\">" << Number(100.0 * share->value, 1) << " <small>"
+           << Range(share->interval.low, share->interval.high, 1) << "</small></td>";
+    }
+  }
+
+  void Averages() {
+    out_ << "<h2>All data points together</h2>\n<div class=\"wide\"><table><thead><tr>"
+            "<th>Learner</th><th>Method</th><th class=\"n\">Completed, %</th>"
+            "<th class=\"n\">Halted, %</th><th class=\"n\">Collided, %</th>"
+            "<th class=\"n\">ms per<br>trajectory</th><th class=\"n\">Time<br>ratio</th>"
+            "<th class=\"n\">Controls per<br>trajectory</th>"
+            "<th class=\"n\">of these<br>recovery</th><th class=\"n\">Collided alone,<br>reference "
+            "alone</th></tr></thead><tbody>\n";
+    std::string learner;
+    for (const Cell& cell : summary_.averages) {
+      StartRow(cell, learner);
+      ShareCells(cell);
+      const Contrast* contrast = nullptr;
+      for (const Contrast& candidate : summary_.contrasts) {
+        if (candidate.method == cell.method && candidate.learner == learner) contrast = &candidate;
+      }
+      out_ << "<td class=\"n\">" << Number(1e3 * cell.seconds_per_trajectory, 3)
+           << "</td><td class=\"n\">" << (contrast != nullptr ? Times(contrast->seconds_ratio) : "")
+           << "</td><td class=\"n\">" << Number(cell.controls_per_trajectory, 1)
+           << "</td><td class=\"n\">" << Number(cell.recovery_controls, 1) << "</td>"
+           << "<td class=\"n\">";
+      if (contrast != nullptr) {
+        out_ << contrast->only_method_collided << ", " << contrast->only_reference_collided;
+      }
+      out_ << "</td></tr>\n";
+    }
+    out_ << "</tbody></table></div>\n<p class=\"caption\">Time is processor time of plant and "
+            "decisions. Alone: start states from which just one of the two collided.</p>\n";
+  }
+
+  void Endings() {
+    std::set<std::string> causes;
+    for (const Cell& cell : summary_.averages) {
+      for (const auto& [cause, count] : cell.halt_causes) causes.insert(cause);
+    }
+    const auto class_of = [&](const std::string& cause) {
+      return "h" + std::to_string(std::distance(causes.begin(), causes.find(cause)) % 6);
+    };
+    out_ << "<h2>How episodes ended</h2>\n<figure>\n<div class=\"row two\">\n";
+    for (const std::string& learner : learners_) {
+      std::vector<internal::Bar> bars;
+      for (const Cell& cell : summary_.averages) {
+        if (cell.learner != learner) continue;
+        internal::Bar bar{NameOf(cell.method), {{"completed", "done", cell.completed.value}}};
+        for (const auto& [cause, count] : cell.halt_causes) {
+          bar.parts.push_back(
+              {"halted: " + cause, class_of(cause), static_cast<double>(count) / cell.episodes});
+        }
+        bar.parts.push_back({"collided", "hit", cell.collided.value});
+        bars.push_back(std::move(bar));
+      }
+      out_ << "<div><h3>Learner " << Escape(LearnerNameOf(learner)) << "</h3>\n"
+           << internal::SvgBars(bars) << "</div>\n";
+    }
+    out_ << "</div>\n<div class=\"key\">";
+    const auto key = [&](const std::string& css_class, const std::string& name) {
+      out_ << "<span><svg viewBox=\"0 0 12 12\"><rect class=\"" << css_class
+           << "\" width=\"12\" height=\"12\" rx=\"2\"/></svg>" << Escape(name) << "</span>";
+    };
+    key("done", "completed");
+    for (const std::string& cause : causes) key(class_of(cause), "halted: " + cause);
+    key("hit", "collided");
+    out_ << "</div>\n<figcaption>Shares of all episodes, in percent.";
+    out_ << "</figcaption>\n</figure>\n";
+    CollisionCauses();
+  }
+
+  void CollisionCauses() {
+    std::set<std::string> causes;
+    for (const Cell& cell : summary_.averages) {
+      for (const auto& [cause, count] : cell.collision_causes) causes.insert(cause);
+    }
+    if (causes.empty()) return;
+    out_ << "<div class=\"wide\"><table><caption>Collisions, by who chose the control that "
+            "collided</caption><thead><tr><th>Learner</th><th>Method</th>";
+    for (const std::string& cause : causes) out_ << "<th class=\"n\">" << Escape(cause) << "</th>";
+    out_ << "</tr></thead><tbody>\n";
+    std::string learner;
+    for (const Cell& cell : summary_.averages) {
+      StartRow(cell, learner);
+      for (const std::string& cause : causes) {
+        const auto found = cell.collision_causes.find(cause);
+        out_ << "<td class=\"n\">" << (found == cell.collision_causes.end() ? 0 : found->second)
+             << "</td>";
+      }
+      out_ << "</tr>\n";
+    }
+    out_ << "</tbody></table></div>\n";
+  }
+
+  // Learner, named in its first row only, and method.
+  void StartRow(const Cell& cell, std::string& learner) {
+    const bool first = cell.learner != learner;
+    learner = cell.learner;
+    out_ << (first ? "<tr class=\"first\"><td>" + Escape(learner) : "<tr><td>")
+         << "</td><td><span class=\"dot\" " << ColourOf(cell.method) << "></span>"
+         << Escape(NameOf(cell.method)) << "</td>";
+  }
+
+  void Figure(const ReportFigure& figure) {
+    out_ << "<h2>" << Escape(figure.heading) << "</h2>\n<figure>\n<div class=\"row\">\n";
+    for (const ReportPlot& plot : figure.plots) out_ << internal::SvgPlot(plot);
+    out_ << "</div>\n<figcaption>" << Escape(figure.caption) << "</figcaption>\n</figure>\n";
+  }
+
+  void Table(const ReportTable& table) {
+    out_ << "<h2>" << Escape(table.heading) << "</h2>\n<div class=\"wide\"><table><caption>"
+         << Escape(table.caption) << "</caption><thead><tr>";
+    for (const std::string& head : table.header) out_ << "<th>" << Escape(head) << "</th>";
+    out_ << "</tr></thead><tbody>\n";
+    for (const auto& row : table.rows) {
+      DFR_THROW_UNLESS(row.size() == table.header.size(),
+                       "report table '" << table.heading << "' has rows of different lengths");
+      out_ << "<tr>";
+      for (const std::string& entry : row)
+        out_ << "<td class=\"text\">" << Escape(entry) << "</td>";
+      out_ << "</tr>\n";
+    }
+    out_ << "</tbody></table></div>\n";
+  }
+
+  void Settings() {
+    out_ << "<h2>Settings</h2>\n<div class=\"wide\"><table><tbody>\n";
+    const auto row = [&](const std::string& name, const std::string& value) {
+      out_ << "<tr><td>" << Escape(name) << "</td><td class=\"text\"><code>" << Escape(value)
+           << "</code></td></tr>\n";
+    };
+    row("seed", std::to_string(summary_.seed));
+    row("commit", summary_.commit);
+    for (const auto& [name, value] : options_.settings) row(name, value);
+    out_ << "</tbody></table></div>\n";
+  }
+
+  void Cells() {
+    out_ << "<h2>Every data point</h2>\n<details><summary>Show the table of "
+         << summary_.cells.size()
+         << " cells</summary>\n<div class=\"wide\"><table><thead><tr><th>Learner</th>"
+            "<th>Method</th><th class=\"n\">Demonstrations</th><th class=\"n\">Episodes</th>"
+            "<th class=\"n\">Completed, %</th><th class=\"n\">Halted, %</th>"
+            "<th class=\"n\">Collided, %</th><th class=\"n\">ms per<br>trajectory</th>"
+            "<th class=\"n\">Controls per<br>trajectory</th><th class=\"n\">Start states<br>redrawn"
+            "</th></tr></thead><tbody>\n";
+    std::string previous;
+    for (const Cell& cell : summary_.cells) {
+      const bool first = cell.learner + "\n" + cell.method != previous;
+      previous = cell.learner + "\n" + cell.method;
+      out_ << (first ? "<tr class=\"first\">" : "<tr>") << "<td>" << Escape(cell.learner)
+           << "</td><td>" << Escape(NameOf(cell.method)) << "</td><td class=\"n\">"
+           << cell.demonstrations << "</td><td class=\"n\">" << cell.episodes << "</td>";
+      ShareCells(cell);
+      out_ << "<td class=\"n\">" << Number(1e3 * cell.seconds_per_trajectory, 3)
+           << "</td><td class=\"n\">" << Number(cell.controls_per_trajectory, 1)
+           << "</td><td class=\"n\">" << cell.redrawn_starts << "</td></tr>\n";
+    }
+    out_ << "</tbody></table></div>\n</details>\n";
+    if (summary_.measures.empty()) return;
+    out_ << "<h3>Further figures, means over trials</h3>\n<details><summary>Show</summary>\n"
+            "<div class=\"wide\"><table><thead><tr><th>Figure</th><th>Learner</th>"
+            "<th class=\"n\">Demonstrations</th><th class=\"n\">Mean</th></tr></thead><tbody>\n";
+    for (const MeasureMean& measure : summary_.measures) {
+      out_ << "<tr><td>" << Escape(measure.name) << "</td><td>" << Escape(measure.learner)
+           << "</td><td class=\"n\">" << measure.demonstrations << "</td><td class=\"n\">"
+           << Number(measure.mean, 5) << "</td></tr>\n";
+    }
+    out_ << "</tbody></table></div>\n</details>\n";
+  }
+
+  const Summary& summary_;
+  const ReportOptions& options_;
+  std::vector<std::string> methods_;
+  std::vector<std::string> learners_;
+  std::ostringstream out_;
+};
+
+}  // namespace
+
+std::string RenderReport(const Summary& summary, const ReportOptions& options) {
+  return Page(summary, options).Render();
+}
+
+void SaveReport(const Summary& summary, const ReportOptions& options,
+                const std::filesystem::path& path) {
+  internal::ReplaceFile(path, RenderReport(summary, options));
+}
+
+}  // namespace dfr::experiment

@@ -1,0 +1,328 @@
+#include "svg_plot.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <numeric>
+#include <sstream>
+
+#include "dfr/core/contract.h"
+#include "html.h"
+
+namespace dfr::experiment::internal {
+namespace {
+
+// One panel, in units of its viewBox.
+constexpr double kWidth = 380.0;
+constexpr double kHeight = 262.0;
+constexpr double kLeft = 46.0;
+constexpr double kRight = 102.0;  // room for the names of the lines
+constexpr double kTop = 34.0;
+constexpr double kBottom = 44.0;
+constexpr double kLabelGap = 15.0;
+constexpr int kNumStyles = 6;
+
+std::string Coordinate(double value) {
+  std::ostringstream text;
+  text.precision(2);
+  text << std::fixed << value;
+  return text.str();
+}
+
+// The smallest of 1, 2, 2.5, 5 times a power of ten that gives at most `most` steps.
+double NiceStep(double range, int most) {
+  const double raw = range / most;
+  const double power = std::pow(10.0, std::floor(std::log10(raw)));
+  for (const double factor : {1.0, 2.0, 2.5, 5.0}) {
+    if (factor * power >= raw * (1.0 - 1e-9)) return factor * power;
+  }
+  return 10.0 * power;
+}
+
+struct Axis {
+  double low = 0.0;
+  double high = 1.0;
+  std::vector<double> ticks;
+};
+
+int DigitsOf(double step) {
+  for (int digits = 0; digits < 6; ++digits) {
+    const double scaled = step * std::pow(10.0, digits);
+    if (std::abs(scaled - std::round(scaled)) < 1e-6 * scaled) return digits;
+  }
+  return 6;
+}
+
+void AddTicks(Axis& axis, double step) {
+  for (double tick = std::ceil(axis.low / step - 1e-9) * step; tick <= axis.high + 1e-9 * step;
+       tick += step) {
+    axis.ticks.push_back(tick);
+  }
+}
+
+// From zero or the least value to the largest. Few distinct values are ticks themselves.
+Axis MakeXAxis(const ReportPlot& plot) {
+  std::vector<double> values;
+  for (const ReportSeries& series : plot.series) {
+    values.insert(values.end(), series.x.begin(), series.x.end());
+  }
+  std::sort(values.begin(), values.end());
+  values.erase(std::unique(values.begin(), values.end()), values.end());
+  if (values.empty()) values = {0.0, 1.0};
+  Axis axis;
+  axis.low = std::min(0.0, values.front());
+  axis.high = values.back() > axis.low ? values.back() : axis.low + 1.0;
+  // Ticks need room for their numbers: a fourteenth of the axis between any two.
+  bool roomy = values.size() <= 8;
+  for (std::size_t i = 1; i < values.size(); ++i) {
+    roomy = roomy && values[i] - values[i - 1] >= (axis.high - axis.low) / 14.0;
+  }
+  if (roomy) {
+    axis.ticks = values;
+  } else {
+    AddTicks(axis, NiceStep(axis.high - axis.low, 6));
+  }
+  return axis;
+}
+
+Axis MakeYAxis(const ReportPlot& plot) {
+  double low = plot.y_min.value_or(0.0);
+  double high = low;
+  for (const ReportSeries& series : plot.series) {
+    for (const auto* values : {&series.y, &series.low, &series.high}) {
+      for (const double value : *values) {
+        if (!std::isfinite(value)) continue;
+        low = plot.y_min ? low : std::min(low, value);
+        high = std::max(high, value);
+      }
+    }
+  }
+  high = plot.y_max.value_or(high);
+  if (!(high > low)) high = low + 1.0;
+  const double step = NiceStep(high - low, 5);
+  Axis axis;
+  axis.low = plot.y_min.value_or(std::floor(low / step + 1e-9) * step);
+  axis.high = plot.y_max.value_or(std::ceil(high / step - 1e-9) * step);
+  AddTicks(axis, step);
+  return axis;
+}
+
+std::string TickText(double tick, double step, bool percent) {
+  if (percent) return Number(100.0 * tick, DigitsOf(100.0 * step)) + "\u2009%";
+  return Number(tick, DigitsOf(step));
+}
+
+// Where each name goes, so that none covers another: sorted by y, then pushed apart.
+std::vector<double> SpreadLabels(const std::vector<double>& wanted) {
+  std::vector<std::size_t> order(wanted.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return wanted[a] < wanted[b]; });
+  std::vector<double> placed = wanted;
+  // Groups of touching labels, each centred on the mean of what its members want.
+  struct Group {
+    double sum = 0.0;
+    std::vector<std::size_t> members;
+    [[nodiscard]] double first() const {
+      const auto n = static_cast<double>(members.size());
+      const double height = (n - 1.0) * kLabelGap;
+      const double least = kTop;
+      const double most = kHeight - kBottom - height;
+      return std::clamp(sum / n - 0.5 * height, least, std::max(least, most));
+    }
+  };
+  std::vector<Group> groups;
+  for (const std::size_t i : order) {
+    groups.push_back({wanted[i], {i}});
+    while (groups.size() > 1) {
+      Group& last = groups.back();
+      Group& before = groups[groups.size() - 2];
+      const double end = before.first() + static_cast<double>(before.members.size()) * kLabelGap;
+      if (last.first() >= end) break;
+      before.sum += last.sum;
+      before.members.insert(before.members.end(), last.members.begin(), last.members.end());
+      groups.pop_back();
+    }
+  }
+  for (const Group& group : groups) {
+    double y = group.first();
+    for (const std::size_t i : group.members) {
+      placed[i] = y;
+      y += kLabelGap;
+    }
+  }
+  return placed;
+}
+
+void CheckSeries(const ReportSeries& series) {
+  const bool fits = series.x.size() == series.y.size() && series.low.size() == series.high.size() &&
+                    (series.low.empty() || series.low.size() == series.x.size());
+  DFR_THROW_UNLESS(fits,
+                   "report series '" << series.name << "': x, y, low and high differ in size");
+}
+
+std::string StyleAttribute(int style) {
+  return "style=\"--c:var(--s" + std::to_string(style % kNumStyles) + ")\"";
+}
+
+}  // namespace
+
+std::string SvgMarker(int style, double x, double y) {
+  const auto at = [&](double dx, double dy) {
+    return Coordinate(x + dx) + "," + Coordinate(y + dy) + " ";
+  };
+  switch (style % kNumStyles) {
+    case 1:
+      return "<polygon class=\"mark\" points=\"" + at(-3, -3) + at(3, -3) + at(3, 3) + at(-3, 3) +
+             "\"/>";
+    case 2:
+      return "<polygon class=\"mark\" points=\"" + at(0, -4.2) + at(4.2, 0) + at(0, 4.2) +
+             at(-4.2, 0) + "\"/>";
+    case 3:
+      return "<polygon class=\"mark\" points=\"" + at(0, -4) + at(3.8, 3) + at(-3.8, 3) + "\"/>";
+    case 4:
+      return "<polygon class=\"mark\" points=\"" + at(0, 4) + at(3.8, -3) + at(-3.8, -3) + "\"/>";
+    case 5:
+      return "<polygon class=\"mark\" points=\"" + at(-1.2, -4) + at(1.2, -4) + at(1.2, 4) +
+             at(-1.2, 4) + "\"/>";
+    default:
+      return "<circle class=\"mark\" cx=\"" + Coordinate(x) + "\" cy=\"" + Coordinate(y) +
+             "\" r=\"3.3\"/>";
+  }
+}
+
+std::string SvgPlot(const ReportPlot& plot) {
+  for (const ReportSeries& series : plot.series) CheckSeries(series);
+  const Axis x_axis = MakeXAxis(plot);
+  const Axis y_axis = MakeYAxis(plot);
+  const double y_step = y_axis.ticks.size() > 1 ? y_axis.ticks[1] - y_axis.ticks[0] : 1.0;
+  double x_step = x_axis.high;
+  for (std::size_t i = 0; i < x_axis.ticks.size(); ++i) {
+    const double tick = std::abs(x_axis.ticks[i]);
+    if (tick > 0.0) x_step = std::min(x_step, tick);
+  }
+  const double right = kWidth - kRight;
+  const double bottom = kHeight - kBottom;
+  const auto map_x = [&](double x) {
+    return kLeft + (x - x_axis.low) / (x_axis.high - x_axis.low) * (right - kLeft);
+  };
+  const auto map_y = [&](double y) {
+    const double share = (y - y_axis.low) / (y_axis.high - y_axis.low);
+    return bottom - std::clamp(share, 0.0, 1.0) * (bottom - kTop);
+  };
+
+  std::ostringstream svg;
+  svg << "<svg viewBox=\"0 0 " << kWidth << " " << kHeight << "\" role=\"img\" aria-label=\""
+      << Escape(plot.title) << "\">\n"
+      << "<text class=\"panel\" x=\"0\" y=\"14\">" << Escape(plot.title) << "</text>\n";
+  for (const double tick : y_axis.ticks) {
+    const std::string y = Coordinate(map_y(tick));
+    svg << "<line class=\"" << (tick == y_axis.low ? "axis" : "grid") << "\" x1=\"" << kLeft
+        << "\" x2=\"" << right << "\" y1=\"" << y << "\" y2=\"" << y << "\"/>"
+        << "<text class=\"tick\" text-anchor=\"end\" x=\"" << kLeft - 7 << "\" y=\"" << y
+        << "\" dy=\"0.35em\">" << TickText(tick, y_step, plot.percent) << "</text>\n";
+  }
+  for (const double tick : x_axis.ticks) {
+    const std::string x = Coordinate(map_x(tick));
+    svg << "<line class=\"axis\" x1=\"" << x << "\" x2=\"" << x << "\" y1=\"" << bottom
+        << "\" y2=\"" << bottom + 4 << "\"/><text class=\"tick\" text-anchor=\"middle\" x=\"" << x
+        << "\" y=\"" << bottom + 16 << "\">" << Number(tick, DigitsOf(x_step)) << "</text>\n";
+  }
+  svg << "<text class=\"label\" text-anchor=\"middle\" x=\"" << 0.5 * (kLeft + right) << "\" y=\""
+      << kHeight - 8 << "\">" << Escape(plot.x_label) << "</text>\n";
+
+  // All bands first: a line must not vanish below a neighbour's band.
+  std::vector<double> ends;
+  std::ostringstream lines;
+  for (std::size_t i = 0; i < plot.series.size(); ++i) {
+    const ReportSeries& series = plot.series[i];
+    const int style = series.style >= 0 ? series.style : static_cast<int>(i);
+    const std::string colour = StyleAttribute(style);
+    std::string upper;
+    std::string lower;
+    for (std::size_t k = 0; k < series.low.size(); ++k) {
+      if (!std::isfinite(series.low[k]) || !std::isfinite(series.high[k])) continue;
+      const std::string x = Coordinate(map_x(series.x[k]));
+      upper += x + "," + Coordinate(map_y(series.high[k])) + " ";
+      lower = x + "," + Coordinate(map_y(series.low[k])) + " " + lower;
+    }
+    if (!upper.empty()) {
+      svg << "<polygon class=\"band\" " << colour << " points=\"" << upper << lower << "\"/>\n";
+    }
+    lines << "<g " << colour << ">";
+    std::string path;
+    std::ostringstream markers;
+    double end = bottom;
+    for (std::size_t k = 0; k < series.x.size(); ++k) {
+      if (!std::isfinite(series.y[k])) continue;
+      const double x = map_x(series.x[k]);
+      const double y = map_y(series.y[k]);
+      path += (path.empty() ? "M" : "L") + Coordinate(x) + " " + Coordinate(y);
+      end = y;
+      // Long curves are lines only; a point of its own then says nothing.
+      if (series.x.size() > 40) continue;
+      const auto text = [&](double value) {
+        return plot.percent ? Number(100.0 * value, 1) + " %" : Number(value, 4);
+      };
+      markers << "<g>" << SvgMarker(style, x, y) << "<title>" << Escape(series.name) << ", "
+              << Escape(plot.x_label) << " " << Number(series.x[k], DigitsOf(x_step)) << ": "
+              << text(series.y[k]);
+      if (!series.low.empty()) {
+        markers << " [" << text(series.low[k]) << ", " << text(series.high[k]) << "]";
+      }
+      markers << "</title></g>";
+    }
+    ends.push_back(end);
+    lines << "<path class=\"line\" d=\"" << path << "\"/>" << markers.str() << "</g>\n";
+  }
+  svg << lines.str();
+  const std::vector<double> labels = SpreadLabels(ends);
+  for (std::size_t i = 0; i < plot.series.size(); ++i) {
+    const ReportSeries& series = plot.series[i];
+    const int style = series.style >= 0 ? series.style : static_cast<int>(i);
+    svg << "<g " << StyleAttribute(style) << "><path class=\"leader\" d=\"M" << right + 5 << " "
+        << Coordinate(ends[i]) << "L" << right + 13 << " " << Coordinate(labels[i])
+        << "\"/><text class=\"name\" x=\"" << right + 16 << "\" y=\"" << Coordinate(labels[i])
+        << "\" dy=\"0.35em\">" << Escape(series.name) << "</text></g>\n";
+  }
+  svg << "</svg>\n";
+  return svg.str();
+}
+
+std::string SvgBars(const std::vector<Bar>& bars) {
+  constexpr double kBarsWidth = 560.0;
+  constexpr double kNames = 104.0;
+  constexpr double kRow = 30.0;
+  constexpr double kThickness = 20.0;
+  const double width = kBarsWidth - kNames;
+  std::ostringstream svg;
+  svg << "<svg viewBox=\"0 0 " << kBarsWidth << " " << kRow * static_cast<double>(bars.size())
+      << "\" role=\"img\" aria-label=\"How episodes ended\">\n";
+  for (std::size_t i = 0; i < bars.size(); ++i) {
+    const double y = kRow * static_cast<double>(i) + 0.5 * (kRow - kThickness);
+    svg << "<text class=\"name ink\" text-anchor=\"end\" x=\"" << kNames - 10 << "\" y=\""
+        << y + 0.5 * kThickness << "\" dy=\"0.35em\">" << Escape(bars[i].name) << "</text>";
+    double x = kNames;
+    for (const BarPart& part : bars[i].parts) {
+      const double length = part.share * width;
+      if (length <= 0.0) continue;
+      svg << "<g><rect class=\"" << part.css_class << "\" x=\"" << Coordinate(x) << "\" y=\""
+          << Coordinate(y) << "\" width=\"" << Coordinate(std::max(length - 1.0, 0.6))
+          << "\" height=\"" << kThickness << "\"/>";
+      if (length > 30.0) {
+        svg << "<text class=\"inside " << part.css_class << "\" text-anchor=\"middle\" x=\""
+            << Coordinate(x + 0.5 * length) << "\" y=\"" << y + 0.5 * kThickness
+            << "\" dy=\"0.35em\">" << Number(100.0 * part.share, 0) << "</text>";
+      }
+      svg << "<title>" << Escape(bars[i].name) << ", " << Escape(part.name) << ": "
+          << Number(100.0 * part.share, 1) << " %</title></g>";
+      x += length;
+    }
+    svg << "\n";
+  }
+  svg << "</svg>\n";
+  return svg.str();
+}
+
+}  // namespace dfr::experiment::internal

@@ -1,0 +1,217 @@
+#include "dfr/experiment/report.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cctype>
+#include <fstream>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "tests/experiment/fake_site.h"
+
+namespace dfr::experiment {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+Summary MakeSummary() {
+  const EvaluationPlan plan = test::FakePlan();
+  return Summarize(plan, Evaluate(plan, test::MakeFakeSite),
+                   {.experiment = "pusher", .preset = "quick", .commit = "0123abc"});
+}
+
+int Count(const std::string& text, const std::string& part) {
+  int count = 0;
+  for (std::size_t at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) {
+    ++count;
+  }
+  return count;
+}
+
+// Checks that elements nest, as XML would. HTML's void elements and the doctype are left out.
+void ExpectNested(const std::string& html) {
+  std::vector<std::string> open;
+  for (std::size_t at = html.find('<'); at != std::string::npos; at = html.find('<', at + 1)) {
+    const std::size_t end = html.find('>', at);
+    ASSERT_NE(end, std::string::npos);
+    const bool closing = html[at + 1] == '/';
+    std::string name;
+    for (std::size_t i = at + (closing ? 2 : 1); std::isalnum(static_cast<unsigned char>(html[i]));
+         ++i) {
+      name += html[i];
+    }
+    if (name.empty() || name == "meta" || name == "br" || name == "img" || html[end - 1] == '/') {
+      continue;
+    }
+    if (!closing) {
+      open.push_back(name);
+      continue;
+    }
+    ASSERT_FALSE(open.empty()) << "</" << name << "> closes nothing";
+    ASSERT_EQ(open.back(), name) << html.substr(at > 200 ? at - 200 : 0, 220);
+    open.pop_back();
+  }
+  EXPECT_TRUE(open.empty());
+}
+
+TEST(ReportTest, ShowsThePapersThreePanelsPerLearner) {
+  const std::string html = RenderReport(MakeSummary(), {.title = "Pusher"});
+  ExpectNested(html);
+  for (const char* panel : {"Completed", "Halted", "Collided"}) {
+    EXPECT_EQ(Count(html, std::string("aria-label=\"") + panel + "\""), 2) << panel;
+  }
+  // Two methods in each of 2 x 3 panels, with a band, a line, a name and a marker per data point.
+  EXPECT_EQ(Count(html, "class=\"band\""), 12);
+  EXPECT_EQ(Count(html, "class=\"line\""), 12);
+  EXPECT_EQ(Count(html, "class=\"mark\""), 24);
+  EXPECT_EQ(Count(html, "class=\"name\""), 12);
+  EXPECT_THAT(html, HasSubstr("<h1>Pusher</h1>"));
+  EXPECT_THAT(html, HasSubstr("0123abc"));
+  EXPECT_THAT(html, HasSubstr("halted: outside-support"));
+}
+
+TEST(ReportTest, NumbersAreThoseOfTheSummary) {
+  Summary summary = MakeSummary();
+  summary.contrasts[0].ratios.collision_reduction = 0.83;
+  summary.contrasts[0].ratios.collision_reduction_interval = Interval{0.79, 0.87};
+  summary.contrasts[0].ratios.completion_ratio = 0.65;
+  summary.contrasts[0].seconds_ratio = 11.54;
+  summary.contrasts[1].ratios.collision_reduction = -0.12;
+  summary.averages[0].completed = {0.412, {0.3731, 0.4523}};
+  const std::string html = RenderReport(summary, {});
+  EXPECT_THAT(html, HasSubstr("<b>\u221283\u2009%</b>collisions<br>[\u221287, \u221279]"));
+  EXPECT_THAT(html, HasSubstr("<b>65\u2009%</b>of its completions"));
+  EXPECT_THAT(html, HasSubstr("<b>11.5\u2009\u00d7</b>time per trajectory"));
+  EXPECT_THAT(html, HasSubstr("<b>+12\u2009%</b>collisions"));
+  EXPECT_THAT(html, HasSubstr("41.2 <small>[37.3, 45.2]</small>"));
+}
+
+TEST(ReportTest, WhatDoesNotExistIsADash) {
+  Summary summary = MakeSummary();
+  summary.contrasts[0].ratios = {};
+  summary.contrasts[0].seconds_ratio.reset();
+  const std::string html = RenderReport(summary, {});
+  EXPECT_THAT(html, HasSubstr("<b>\u2013</b>collisions"));
+  EXPECT_THAT(html, Not(HasSubstr("nan")));
+  EXPECT_THAT(html, Not(HasSubstr("inf,")));
+}
+
+TEST(ReportTest, NeedsNothingButItself) {
+  ReportOptions options;
+  const std::filesystem::path folder = test::EmptyFolder("report");
+  std::ofstream(folder / "scene.png", std::ios::binary) << "Man";
+  std::ofstream(folder / "rollout.webm", std::ios::binary) << "Ma";
+  options.media = {{folder / "scene.png", "The scene"}, {folder / "rollout.webm", "A rollout"}};
+  const std::string html = RenderReport(MakeSummary(), options);
+  ExpectNested(html);
+  EXPECT_THAT(html, HasSubstr("src=\"data:image/png;base64,TWFu\""));
+  EXPECT_THAT(html, HasSubstr("src=\"data:video/webm;base64,TWE=\""));
+  for (const char* reference : {"http:", "https:", "//", "@import", "url(", "<script", "<link"}) {
+    EXPECT_THAT(html, Not(HasSubstr(reference)));
+  }
+  // Whatever is referred to is a data URI.
+  EXPECT_EQ(Count(html, "src=\""), Count(html, "src=\"data:"));
+  EXPECT_EQ(Count(html, "href="), 0);
+}
+
+TEST(ReportTest, EscapesEveryText) {
+  const std::string evil = "<b>&\"'";
+  Summary summary = MakeSummary();
+  summary.experiment = summary.preset = summary.commit = evil;
+  for (Cell& cell : summary.cells) {
+    cell.method += evil;
+    cell.learner += evil;
+  }
+  for (Cell& cell : summary.averages) {
+    cell.method += evil;
+    cell.learner += evil;
+    cell.halt_causes = {{evil, 1}};
+    cell.collision_causes = {{evil, 1}};
+  }
+  for (Contrast& contrast : summary.contrasts) {
+    contrast.method += evil;
+    contrast.learner += evil;
+    contrast.against += evil;
+  }
+  for (MeasureMean& measure : summary.measures) measure.name = measure.learner = evil;
+  ReportOptions options;
+  options.title = options.introduction = evil;
+  options.settings = {{evil, evil}};
+  ReportPlot plot{.title = evil, .x_label = evil};
+  plot.series.push_back({.name = evil, .x = {1, 2}, .y = {3, 4}});
+  options.figures = {{evil, evil, {plot}}};
+  options.tables = {{evil, evil, {evil}, {{evil}}}};
+  options.notes = {{evil, evil}};
+  const std::string html = RenderReport(summary, options);
+  ExpectNested(html);
+  EXPECT_EQ(Count(html, evil), 0);
+  EXPECT_EQ(Count(html, "<b>&"), 0);
+  EXPECT_GT(Count(html, "&lt;b&gt;&amp;&quot;&#39;"), 30);
+}
+
+TEST(ReportTest, TakesFurtherFiguresTablesNotesAndSettings) {
+  ReportOptions options;
+  options.method_names = {{"dfr", "Derivative-free"}};
+  options.learner_names = {{"8", "of 8 tanh units"}};
+  ReportPlot plot{.title = "Convergence", .x_label = "iterations"};
+  plot.series.push_back({.name = "mean", .x = {0, 1, 2}, .y = {0.5, 0.75, 1.0}});
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  plot.series.push_back({.name = "gap", .x = {0, 1, 2}, .y = {0.5, nan, 1.0}});
+  options.figures = {{"How recoveries climb", "Means of 50.", {plot}}};
+  options.tables = {{"Beside the paper", "", {"figure", "paper"}, {{"collisions", "-83 %"}}}};
+  options.notes = {{"Why", "First.\n\nSecond."}};
+  options.settings = {{"gamma", "5"}};
+  const std::string html = RenderReport(MakeSummary(), options);
+  ExpectNested(html);
+  EXPECT_THAT(html, HasSubstr("Derivative-free"));
+  EXPECT_THAT(html, HasSubstr("<h3>Learner of 8 tanh units</h3>"));
+  EXPECT_THAT(html, HasSubstr("aria-label=\"Convergence\""));
+  EXPECT_THAT(html, HasSubstr("-83 %"));
+  EXPECT_THAT(html, HasSubstr("<p>First.</p>\n<p>Second.</p>"));
+  EXPECT_THAT(html, HasSubstr("<td>gamma</td><td class=\"text\"><code>5</code>"));
+  EXPECT_THAT(html, Not(HasSubstr("nan")));
+}
+
+TEST(ReportTest, ErrorsNameTheCulprit) {
+  const Summary summary = MakeSummary();
+  const auto message = [&](const ReportOptions& options) -> std::string {
+    try {
+      (void)RenderReport(summary, options);
+    } catch (const std::exception& e) {
+      return e.what();
+    }
+    return "nothing thrown";
+  };
+  ReportOptions options;
+  ReportPlot plot;
+  plot.series.push_back({.name = "climb", .x = {1, 2}, .y = {3}});
+  options.figures = {{"", "", {plot}}};
+  EXPECT_THAT(message(options), HasSubstr("'climb'"));
+  options = {};
+  options.tables = {{"paper", "", {"a", "b"}, {{"1"}}}};
+  EXPECT_THAT(message(options), HasSubstr("'paper'"));
+  options = {};
+  options.media = {{"scene.bmp", ""}};
+  EXPECT_THAT(message(options), HasSubstr("scene.bmp"));
+  options.media = {{"/no/such/scene.png", ""}};
+  EXPECT_THAT(message(options), HasSubstr("/no/such/scene.png"));
+}
+
+TEST(ReportTest, SavesThePage) {
+  const std::filesystem::path path = test::EmptyFolder("report_save") / "report.html";
+  const Summary summary = MakeSummary();
+  SaveReport(summary, {}, path);
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  text << file.rdbuf();
+  EXPECT_EQ(text.str(), RenderReport(summary, {}));
+  EXPECT_THROW(SaveReport(summary, {}, path / "no" / "report.html"), std::runtime_error);
+}
+
+}  // namespace
+}  // namespace dfr::experiment
