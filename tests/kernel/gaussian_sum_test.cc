@@ -83,7 +83,7 @@ TEST_P(GaussianSumTest, DoubleAgreesWithLongDouble) {
             << m << " x " << n;
         EXPECT_NEAR(GaussianSumReference(p.points, p.weights, p.gamma, x),
                     static_cast<double>(expected.sum), tolerance);
-        EXPECT_NEAR(GaussianSumShift(terms, scaled.data(), shift.data()),
+        EXPECT_NEAR(GaussianSumShift(terms, scaled.data(), 0.0, shift.data()),
                     static_cast<double>(expected.sum), tolerance);
         for (std::size_t k = 0; k < x.size(); ++k) {
           // Differences reach 8 in each coordinate.
@@ -109,7 +109,7 @@ TEST_P(GaussianSumTest, FloatAgreesWithLongDouble) {
       // Exponents of the terms that matter are below 10: 3e-7 + 10 * 1e-7.
       const double tolerance = 1.3e-6 * static_cast<double>(expected.sum);
       EXPECT_NEAR(GaussianSum(terms, scaled.data()), static_cast<double>(expected.sum), tolerance);
-      EXPECT_NEAR(GaussianSumShift(terms, scaled.data(), shift.data()),
+      EXPECT_NEAR(GaussianSumShift(terms, scaled.data(), 0.0f, shift.data()),
                   static_cast<double>(expected.sum), tolerance);
       for (std::size_t k = 0; k < x.size(); ++k) {
         EXPECT_NEAR(shift[k] / terms.scale, static_cast<double>(expected.shift[k]),
@@ -181,7 +181,7 @@ TEST_P(GaussianSumTest, FarQueriesAreZeroAndNonFiniteOnesAreRefused) {
     const std::vector<double> x = {far, -far};
     ASSERT_TRUE(terms.Scale(x.data(), scaled.data()));
     EXPECT_LE(GaussianSum(terms, scaled.data()), 1e-300);
-    EXPECT_LE(GaussianSumShift(terms, scaled.data(), shift.data()), 1e-300);
+    EXPECT_LE(GaussianSumShift(terms, scaled.data(), 0.0, shift.data()), 1e-300);
     EXPECT_TRUE(std::isfinite(shift[0]) && std::isfinite(shift[1]));
   }
   for (const double bad :
@@ -198,7 +198,7 @@ TEST_P(GaussianSumTest, NeverAllocates) {
   const dfr::test::NoAlloc guard;
   ASSERT_TRUE(terms.Scale(p.points.data(), scaled.data()));
   EXPECT_EQ(GaussianSum(terms, scaled.data()), GaussianSum(terms, scaled.data()));
-  GaussianSumShift(terms, scaled.data(), shift.data());
+  GaussianSumShift(terms, scaled.data(), 0.0, shift.data());
 }
 
 INSTANTIATE_TEST_SUITE_P(Targets, GaussianSumTest, testing::ValuesIn(SupportedTargets()),

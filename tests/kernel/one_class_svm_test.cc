@@ -226,6 +226,157 @@ TEST(OneClassSvmTest, DecisionNeverAllocatesAndRepeatsItsBits) {
   }
 }
 
+TEST(OneClassSvmTest, BatchGivesTheBitsOfSingleDecisions) {
+  core::Random random(34);
+  for (const int n : {1, 9, 200}) {
+    const auto in_double = OneClassSvm::Fit(Tube(700, n, random), {.nu = 0.5, .gamma = 1.0 / n});
+    const auto in_float = in_double.InSinglePrecision();
+    for (const int count : {1, 2, 31, 33, 150}) {
+      core::Matrix queries = Tube(count, n, random);
+      queries(count / 2, 0) = std::nan("");
+      queries(0, n - 1) = 1e200;
+      std::vector<double> g(static_cast<std::size_t>(count));
+      for (const OneClassSvm* svm : {&in_double, &in_float}) {
+        svm->DecisionBatch(queries, g);
+        for (int i = 0; i < count; ++i) {
+          ASSERT_EQ(g[static_cast<std::size_t>(i)], svm->Decision(core::Row(queries, i)))
+              << "query " << i << " of " << count;
+        }
+      }
+    }
+  }
+}
+
+TEST(OneClassSvmTest, SinglePrecisionIsWithinAMillionthOfTheSum) {
+  core::Random random(35);
+  const auto svm = OneClassSvm::Fit(Tube(400, 9, random), {.nu = 0.3, .gamma = 1.0 / 9.0});
+  const auto single = svm.InSinglePrecision();
+  const core::Matrix queries = Tube(500, 9, random);
+  std::vector<double> a(9), b(9);
+  for (Eigen::Index i = 0; i < queries.rows(); ++i) {
+    const auto x = core::Row(queries, i);
+    const double sum = svm.Decision(x) + svm.rho();
+    EXPECT_NEAR(single.Decision(x), svm.Decision(x), 1e-6 * sum);
+    EXPECT_NEAR(single.LogDecision(x), svm.LogDecision(x), 1e-6);
+    single.Gradient(x, a);
+    svm.Gradient(x, b);
+    // Each summand of the gradient is at most 2 gamma |x - x_i| = 2 of the sum.
+    for (std::size_t k = 0; k < 9; ++k) EXPECT_NEAR(a[k], b[k], 2e-6 * sum);
+  }
+}
+
+TEST(OneClassSvmTest, LogDecisionHasTheSignOfGAndReachesFar) {
+  core::Random random(36);
+  const auto in_double = OneClassSvm::Fit(Tube(200, 3, random), {.gamma = 5.0});
+  const core::Matrix queries = 2.0 * Tube(200, 3, random);
+  for (const OneClassSvm& svm : {in_double, in_double.InSinglePrecision()}) {
+    for (Eigen::Index i = 0; i < queries.rows(); ++i) {
+      const auto x = core::Row(queries, i);
+      const double g = svm.Decision(x);
+      EXPECT_NEAR(svm.LogDecision(x), std::log((g + svm.rho()) / svm.rho()),
+                  1e-12 * svm.rho() / (g + svm.rho()) + 1e-12);
+    }
+    // Far away one term remains: l = log a_i - gamma |x - x_i|^2 - log rho, by definition.
+    const std::vector<double> far = {40.0, -30.0, 20.0};
+    double largest = -kInfinity;
+    double total = 0.0;
+    const auto exponent = [&](Eigen::Index i) {
+      return std::log(svm.alpha()[i]) -
+             5.0 * (svm.support_vectors().row(i).transpose() - core::AsVector(far)).squaredNorm();
+    };
+    for (Eigen::Index i = 0; i < svm.alpha().size(); ++i) largest = std::max(largest, exponent(i));
+    for (Eigen::Index i = 0; i < svm.alpha().size(); ++i) {
+      total += std::exp(exponent(i) - largest);
+    }
+    EXPECT_LT(largest, -10000.0);
+    // Relative to the exponent: float has 24 bits.
+    EXPECT_NEAR(svm.LogDecision(far), largest + std::log(total) - std::log(svm.rho()),
+                3e-7 * std::abs(largest));
+    std::vector<double> gradient(3);
+    EXPECT_EQ(svm.LogGradient(far, gradient), svm.LogDecision(far));
+    EXPECT_LT(gradient[0], -100.0);  // towards the samples
+    EXPECT_GT(gradient[1], 100.0);
+    const std::vector<double> broken = {0.0, std::nan(""), 0.0};
+    EXPECT_EQ(svm.LogDecision(broken), -kInfinity);
+    EXPECT_EQ(svm.LogGradient(broken, gradient), -kInfinity);
+    EXPECT_THAT(gradient, testing::Each(0.0));
+  }
+}
+
+TEST(OneClassSvmTest, LogGradientIsTheDerivativeOfLogDecision) {
+  core::Random random(37);
+  const auto svm = OneClassSvm::Fit(Tube(150, 4, random), {.gamma = 2.0});
+  const core::Matrix queries = 1.5 * Tube(20, 4, random);
+  for (Eigen::Index i = 0; i < queries.rows(); ++i) {
+    std::vector<double> x(core::Row(queries, i).begin(), core::Row(queries, i).end());
+    std::vector<double> gradient(4);
+    svm.LogGradient(x, gradient);
+    constexpr double kStep = 1e-5;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const double at = x[k];
+      x[k] = at + kStep;
+      const double ahead = svm.LogDecision(x);
+      x[k] = at - kStep;
+      // Rounding of l, about 1e-15, over the step; truncation is gamma^2 h^2.
+      EXPECT_NEAR(gradient[k], (ahead - svm.LogDecision(x)) / (2.0 * kStep), 3e-8);
+      x[k] = at;
+    }
+  }
+}
+
+// The certificate is a proof: no state of the ball may be outside, and it must say more than
+// g / L does.
+TEST(OneClassSvmTest, NoStateOfTheCertifiedBallIsOutside) {
+  core::Random random(38);
+  const core::Matrix samples = Tube(150, 3, random);
+  const auto svm = OneClassSvm::Fit(samples, {.nu = 0.1, .gamma = 2.0});
+  std::vector<double> shift(3), y(3), direction(3);
+  int certified = 0;
+  double radius_sum = 0.0;
+  double lipschitz_sum = 0.0;
+  for (Eigen::Index i = 0; i < samples.rows(); ++i) {
+    const auto x = core::Row(samples, i);
+    const Certificate c = svm.Certify(x, shift);
+    EXPECT_NEAR(c.log_decision, svm.LogDecision(x), 1e-14);
+    if (svm.Decision(x) < 0.0) {
+      EXPECT_LT(c.radius, 0.0);
+      continue;
+    }
+    ++certified;
+    EXPECT_GE(c.radius, 0.0);
+    radius_sum += c.radius;
+    lipschitz_sum += svm.Decision(x) / svm.lipschitz_bound();
+    for (int trial = 0; trial < 100; ++trial) {
+      random.Direction(direction);
+      for (std::size_t k = 0; k < 3; ++k) y[k] = x[k] + shift[k] + c.ball_radius * direction[k];
+      EXPECT_GE(svm.Decision(y), -1e-14);
+      for (std::size_t k = 0; k < 3; ++k) y[k] = x[k] + c.radius * direction[k];
+      EXPECT_GE(svm.Decision(y), -1e-14);
+    }
+  }
+  EXPECT_GT(certified, 100);
+  EXPECT_GT(radius_sum, 1.5 * lipschitz_sum);
+}
+
+TEST(OneClassSvmTest, FarOutsideNothingIsCertain) {
+  core::Random random(39);
+  const auto svm = OneClassSvm::Fit(Tube(50, 2, random), {});
+  std::vector<double> shift(2);
+  const std::vector<double> broken = {std::nan(""), 0.0};
+  EXPECT_EQ(svm.Certify(broken, shift).radius, -kInfinity);
+  EXPECT_THAT(shift, testing::Each(0.0));
+  // One kernel: the support is a ball, and the certificate is exact wherever one stands.
+  const auto one =
+      OneClassSvm::FromParts(core::Matrix::Zero(1, 1), Eigen::VectorXd::Ones(1), 2.0, 0.5);
+  const double true_radius = std::sqrt(std::log(2.0) / 2.0);
+  for (const double x : {0.0, 0.3, 5.0, 300.0}) {
+    double ms = 0.0;
+    const Certificate c = one.Certify({&x, 1}, {&ms, 1});
+    EXPECT_NEAR(x + ms, 0.0, 1e-13 * x);
+    EXPECT_NEAR(c.ball_radius, true_radius, 1e-10);  // cancels 2 * 300^2 in l
+  }
+}
+
 TEST(OneClassSvmTest, ErrorsNameTheCulprit) {
   const auto message = [](const std::function<void()>& call) -> std::string {
     try {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
+#include <type_traits>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "gaussian_sum.cc"
@@ -77,13 +79,11 @@ constexpr std::size_t VectorsPerBlock() {
 // registers more than four spill.
 constexpr std::size_t kTogether = HWY_TARGET <= HWY_AVX3 ? 8 : 4;
 
-// Terms of kVectors successive vectors of which the first begins at `block`, each handed to
-// `use(index, term)`.
-template <std::size_t kVectors, typename T, class Use>
-HWY_INLINE void ForTerms(const T* HWY_RESTRICT block, std::size_t dim, const T* HWY_RESTRICT x,
-                         Use&& use) {
-  using D = Tag<T>;
-  constexpr D d;
+// Exponents of kVectors successive vectors of terms, the first of which begins at `block`.
+template <std::size_t kVectors, typename T>
+HWY_INLINE void Exponents(const T* HWY_RESTRICT block, std::size_t dim, const T* HWY_RESTRICT x,
+                          hn::Vec<Tag<T>>* HWY_RESTRICT exponent) {
+  constexpr Tag<T> d;
   constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
   constexpr std::size_t kPerBlock = VectorsPerBlock<T>();
   const std::size_t stride = (dim + 1) * kLanes;
@@ -91,7 +91,6 @@ HWY_INLINE void ForTerms(const T* HWY_RESTRICT block, std::size_t dim, const T* 
     return hn::Load(
         d, block + j / kPerBlock * stride + row * kLanes + j % kPerBlock * hn::MaxLanes(d));
   };
-  hn::Vec<D> exponent[kVectors];
   HWY_UNROLL(8)
   for (std::size_t j = 0; j < kVectors; ++j) exponent[j] = at(j, 0);
   for (std::size_t k = 0; k < dim; ++k) {
@@ -102,45 +101,45 @@ HWY_INLINE void ForTerms(const T* HWY_RESTRICT block, std::size_t dim, const T* 
       exponent[j] = hn::NegMulAdd(diff, diff, exponent[j]);
     }
   }
-  HWY_UNROLL(8)
-  for (std::size_t j = 0; j < kVectors; ++j) exponent[j] = Exp2(d, exponent[j]);
-  HWY_UNROLL(8)
-  for (std::size_t j = 0; j < kVectors; ++j) use(j, exponent[j]);
 }
 
-// All terms of num_blocks blocks, in groups of kTogether vectors and then one block at a time.
+// Hands the exponents of each vector of terms to `use(index, exponents, count)`, `count` vectors at
+// a time, in groups of kTogether and then of whole blocks.
 template <typename T, class Use>
-HWY_INLINE void ForAllTerms(const T* HWY_RESTRICT data, std::size_t num_blocks, std::size_t dim,
-                            const T* HWY_RESTRICT x, Use&& use) {
+HWY_INLINE void ForGroups(const T* HWY_RESTRICT data, std::size_t num_blocks, std::size_t dim,
+                          const T* HWY_RESTRICT x, Use&& use) {
   constexpr std::size_t kPerBlock = VectorsPerBlock<T>();
   constexpr std::size_t kBlocks = std::max<std::size_t>(1, kTogether / kPerBlock);
   const std::size_t stride = (dim + 1) * GaussianTerms<T>::kLanes;
   std::size_t b = 0;
-  for (; b + kBlocks <= num_blocks; b += kBlocks) {
-    ForTerms<kBlocks * kPerBlock>(data + b * stride, dim, x,
-                                  [&](std::size_t j, auto term)
-                                      HWY_ATTR { use(b * kPerBlock + j, term); });
-  }
+  const auto group = [&](auto blocks) HWY_ATTR {
+    constexpr std::size_t kVectors = decltype(blocks)::value * kPerBlock;
+    hn::Vec<Tag<T>> exponent[kVectors];
+    Exponents<kVectors>(data + b * stride, dim, x, exponent);
+    use(b * kPerBlock, exponent, std::integral_constant<std::size_t, kVectors>());
+    b += decltype(blocks)::value;
+  };
+  while (b + kBlocks <= num_blocks) group(std::integral_constant<std::size_t, kBlocks>());
   if constexpr (kBlocks > 4) {
-    if (b + 4 <= num_blocks) {
-      ForTerms<4 * kPerBlock>(data + b * stride, dim, x, [&](std::size_t j, auto term) HWY_ATTR {
-        use(b * kPerBlock + j, term);
-      });
-      b += 4;
-    }
+    if (b + 4 <= num_blocks) group(std::integral_constant<std::size_t, 4>());
   }
   if constexpr (kBlocks > 2) {
-    if (b + 2 <= num_blocks) {
-      ForTerms<2 * kPerBlock>(data + b * stride, dim, x, [&](std::size_t j, auto term) HWY_ATTR {
-        use(b * kPerBlock + j, term);
-      });
-      b += 2;
-    }
+    if (b + 2 <= num_blocks) group(std::integral_constant<std::size_t, 2>());
   }
-  for (; b < num_blocks; ++b) {
-    ForTerms<kPerBlock>(data + b * stride, dim, x,
-                        [&](std::size_t j, auto term) HWY_ATTR { use(b * kPerBlock + j, term); });
-  }
+  while (b < num_blocks) group(std::integral_constant<std::size_t, 1>());
+}
+
+// Hands each vector of terms to `use(index, term)`.
+template <typename T, class Use>
+HWY_INLINE void ForTerms(const T* HWY_RESTRICT data, std::size_t num_blocks, std::size_t dim,
+                         const T* HWY_RESTRICT x, Use&& use) {
+  ForGroups(data, num_blocks, dim, x, [&](std::size_t first, auto* exponent, auto count) HWY_ATTR {
+    constexpr std::size_t kCount = decltype(count)::value;
+    HWY_UNROLL(8)
+    for (std::size_t j = 0; j < kCount; ++j) exponent[j] = Exp2(Tag<T>(), exponent[j]);
+    HWY_UNROLL(8)
+    for (std::size_t j = 0; j < kCount; ++j) use(first + j, exponent[j]);
+  });
 }
 
 // Sums terms in two chains, the same ones however the terms are visited.
@@ -162,20 +161,64 @@ struct Total {
   HWY_INLINE T Value() const { return hn::GetLane(hn::SumOfLanes(Tag<T>(), hn::Add(even, odd))); }
 };
 
+// Terms that stay in L1 while a batch of queries passes over them: 16 KiB, and a multiple of every
+// group, so that the order of summation is Sum()'s.
 template <typename T>
-HWY_INLINE T Sum(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x) {
+std::size_t TileBlocks(std::size_t dim) {
+  constexpr std::size_t kGroup = 8;
+  const std::size_t fit = (std::size_t{16} << 10) / (64 * (dim + 1));
+  return std::max(fit / kGroup, std::size_t{1}) * kGroup;
+}
+
+template <typename T>
+void Sums(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, std::size_t count,
+          T* HWY_RESTRICT sums) {
+  constexpr std::size_t kBatch = 32;
+  const std::size_t tile = TileBlocks<T>(terms.dim);
+  const std::size_t stride = (terms.dim + 1) * GaussianTerms<T>::kLanes;
+  for (std::size_t first = 0; first < count; first += kBatch) {
+    const std::size_t queries = std::min(kBatch, count - first);
+    Total<T> totals[kBatch];
+    for (std::size_t b = 0; b < terms.num_blocks; b += tile) {
+      const std::size_t blocks = std::min(tile, terms.num_blocks - b);
+      for (std::size_t q = 0; q < queries; ++q) {
+        Total<T> total = totals[q];
+        ForTerms(terms.data.data() + b * stride, blocks, terms.dim, x + (first + q) * terms.dim,
+                 [&](std::size_t j, auto term) HWY_ATTR { total.Add(j, term); });
+        totals[q] = total;
+      }
+    }
+    for (std::size_t q = 0; q < queries; ++q) sums[first + q] = totals[q].Value();
+  }
+}
+
+template <typename T>
+T Largest(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x) {
+  constexpr Tag<T> d;
+  auto largest = hn::Set(d, -std::numeric_limits<T>::infinity());
+  ForGroups(terms.data.data(), terms.num_blocks, terms.dim, x,
+            [&](std::size_t, const auto* exponent, auto count) HWY_ATTR {
+              for (std::size_t j = 0; j < decltype(count)::value; ++j) {
+                largest = hn::Max(largest, exponent[j]);
+              }
+            });
+  return hn::GetLane(hn::MaxOfLanes(d, largest));
+}
+
+template <typename T>
+T Sum(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x) {
   Total<T> total;
-  ForAllTerms(terms.data.data(), terms.num_blocks, terms.dim, x,
-              [&](std::size_t j, auto term) HWY_ATTR { total.Add(j, term); });
+  ForTerms(terms.data.data(), terms.num_blocks, terms.dim, x,
+           [&](std::size_t j, auto term) HWY_ATTR { total.Add(j, term); });
   return total.Value();
 }
 
 template <typename T>
-HWY_INLINE void Row(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T* HWY_RESTRICT row) {
+void Row(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T* HWY_RESTRICT row) {
   constexpr Tag<T> d;
-  ForAllTerms(terms.data.data(), terms.num_blocks, terms.dim, x,
-              [&](std::size_t j, auto term)
-                  HWY_ATTR { hn::Store(term, d, row + j * hn::MaxLanes(d)); });
+  ForTerms(terms.data.data(), terms.num_blocks, terms.dim, x,
+           [&](std::size_t j, auto term)
+               HWY_ATTR { hn::Store(term, d, row + j * hn::MaxLanes(d)); });
 }
 
 // Features summed together in the second pass: each loads the term once.
@@ -211,8 +254,8 @@ HWY_INLINE void AddShift(const T* HWY_RESTRICT data, const T* HWY_RESTRICT row,
 }
 
 template <typename T>
-HWY_INLINE T SumShift(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x,
-                      T* HWY_RESTRICT shift) {
+T SumShift(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T offset,
+           T* HWY_RESTRICT shift) {
   constexpr Tag<T> d;
   constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
   // Blocks whose terms fill 4 KiB; a multiple of every group, so that the sum equals Sum()'s.
@@ -223,10 +266,15 @@ HWY_INLINE T SumShift(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x,
   for (std::size_t b = 0; b < terms.num_blocks; b += kChunk) {
     const std::size_t blocks = std::min(kChunk, terms.num_blocks - b);
     const T* data = terms.data.data() + b * (terms.dim + 1) * kLanes;
-    ForAllTerms(data, blocks, terms.dim, x, [&](std::size_t j, auto term) HWY_ATTR {
-      hn::Store(term, d, row + j * hn::MaxLanes(d));
-      total.Add(j, term);
-    });
+    ForGroups(data, blocks, terms.dim, x,
+              [&](std::size_t first, auto* exponent, auto count) HWY_ATTR {
+                HWY_UNROLL(8)
+                for (std::size_t j = 0; j < decltype(count)::value; ++j) {
+                  const auto term = Exp2(d, hn::Add(exponent[j], hn::Set(d, offset)));
+                  hn::Store(term, d, row + (first + j) * hn::MaxLanes(d));
+                  total.Add(first + j, term);
+                }
+              });
     std::size_t k = 0;
     for (; k + kFeatures <= terms.dim; k += kFeatures) {
       AddShift<kFeatures>(data, row, blocks, terms.dim, k, x, shift);
@@ -236,18 +284,16 @@ HWY_INLINE T SumShift(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x,
   return total.Value();
 }
 
-double SumDouble(const GaussianTerms<double>& terms, const double* x) { return Sum(terms, x); }
-float SumFloat(const GaussianTerms<float>& terms, const float* x) { return Sum(terms, x); }
-void RowDouble(const GaussianTerms<double>& terms, const double* x, double* row) {
-  Row(terms, x, row);
+template <typename T>
+GaussianFunctions<T> Functions() {
+  return {.sum = &Sum<T>,
+          .sums = &Sums<T>,
+          .sum_shift = &SumShift<T>,
+          .largest = &Largest<T>,
+          .row = &Row<T>};
 }
-void RowFloat(const GaussianTerms<float>& terms, const float* x, float* row) { Row(terms, x, row); }
-double SumShiftDouble(const GaussianTerms<double>& terms, const double* x, double* shift) {
-  return SumShift(terms, x, shift);
-}
-float SumShiftFloat(const GaussianTerms<float>& terms, const float* x, float* shift) {
-  return SumShift(terms, x, shift);
-}
+GaussianFunctions<double> DoubleFunctions() { return Functions<double>(); }
+GaussianFunctions<float> FloatFunctions() { return Functions<float>(); }
 
 }  // namespace dfr::kernel::internal::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
@@ -255,12 +301,8 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace dfr::kernel::internal {
 
-HWY_EXPORT(SumDouble);
-HWY_EXPORT(SumFloat);
-HWY_EXPORT(RowDouble);
-HWY_EXPORT(RowFloat);
-HWY_EXPORT(SumShiftDouble);
-HWY_EXPORT(SumShiftFloat);
+HWY_EXPORT(DoubleFunctions);
+HWY_EXPORT(FloatFunctions);
 
 double GaussianSumReference(const core::Matrix& points, std::span<const double> weights,
                             double gamma, std::span<const double> x) noexcept {
@@ -277,29 +319,12 @@ double GaussianSumReference(const core::Matrix& points, std::span<const double> 
 }
 
 template <>
-double GaussianSum(const GaussianTerms<double>& terms, const double* x) noexcept {
-  return HWY_DYNAMIC_DISPATCH(SumDouble)(terms, x);
+GaussianFunctions<double> BestFunctions() {
+  return HWY_DYNAMIC_DISPATCH(DoubleFunctions)();
 }
 template <>
-float GaussianSum(const GaussianTerms<float>& terms, const float* x) noexcept {
-  return HWY_DYNAMIC_DISPATCH(SumFloat)(terms, x);
-}
-template <>
-void GaussianRow(const GaussianTerms<double>& terms, const double* x, double* row) noexcept {
-  HWY_DYNAMIC_DISPATCH(RowDouble)(terms, x, row);
-}
-template <>
-void GaussianRow(const GaussianTerms<float>& terms, const float* x, float* row) noexcept {
-  HWY_DYNAMIC_DISPATCH(RowFloat)(terms, x, row);
-}
-template <>
-double GaussianSumShift(const GaussianTerms<double>& terms, const double* x,
-                        double* shift) noexcept {
-  return HWY_DYNAMIC_DISPATCH(SumShiftDouble)(terms, x, shift);
-}
-template <>
-float GaussianSumShift(const GaussianTerms<float>& terms, const float* x, float* shift) noexcept {
-  return HWY_DYNAMIC_DISPATCH(SumShiftFloat)(terms, x, shift);
+GaussianFunctions<float> BestFunctions() {
+  return HWY_DYNAMIC_DISPATCH(FloatFunctions)();
 }
 
 std::vector<std::int64_t> SupportedTargets() { return hwy::SupportedAndGeneratedTargets(); }

@@ -14,27 +14,50 @@ namespace dfr::kernel::internal {
                                           std::span<const double> weights, double gamma,
                                           std::span<const double> x) noexcept;
 
-/// The same sum through the widest instruction set of this machine; `x` scaled by terms.Scale().
-/// The order of summation depends on nothing but the number of terms and the instruction set.
+/// The functions for the widest instruction set of this machine, or for the forced one.
+template <typename T>
+[[nodiscard]] GaussianFunctions<T> BestFunctions();
+
+/// The same sum by SIMD; `x` scaled by terms.Scale(). The order of summation depends on nothing but
+/// the number of terms and the instruction set.
 /// Relative error of each term: 4e-16 + 2e-16 |exponent| in double, 3e-7 + 1e-7 |exponent| in
 /// float, where terms below the smallest normal number count as zero.
 template <typename T>
-[[nodiscard]] T GaussianSum(const GaussianTerms<T>& terms, const T* x) noexcept;
+[[nodiscard]] T GaussianSum(const GaussianTerms<T>& terms, const T* x) noexcept {
+  return terms.functions.sum(terms, x);
+}
 
-/// The sum, with sum_i term_i (s'_i - x') written to `shift` (dim entries).
+/// GaussianSum() of `count` queries, `x` holding one after the other; the same bits.
 template <typename T>
-T GaussianSumShift(const GaussianTerms<T>& terms, const T* x, T* shift) noexcept;
+void GaussianSums(const GaussianTerms<T>& terms, const T* x, std::size_t count, T* sums) noexcept {
+  terms.functions.sums(terms, x, count, sums);
+}
+
+/// The sum of all terms times 2^offset, with that of term_i 2^offset (s'_i - x') written to `shift`
+/// (dim entries). With offset 0 the same bits as GaussianSum().
+template <typename T>
+T GaussianSumShift(const GaussianTerms<T>& terms, const T* x, T offset, T* shift) noexcept {
+  return terms.functions.sum_shift(terms, x, offset, shift);
+}
+
+/// The largest exponent log2 w_i - |x' - s'_i|^2: the offset that keeps far sums from underflow.
+template <typename T>
+[[nodiscard]] T LargestExponent(const GaussianTerms<T>& terms, const T* x) noexcept {
+  return terms.functions.largest(terms, x);
+}
 
 /// Every term by itself, as a row of the kernel matrix: `row` has num_blocks * kLanes entries,
 /// aligned to 64 bytes; those beyond count are zero.
 template <typename T>
-void GaussianRow(const GaussianTerms<T>& terms, const T* x, T* row) noexcept;
+void GaussianRow(const GaussianTerms<T>& terms, const T* x, T* row) noexcept {
+  terms.functions.row(terms, x, row);
+}
 
 /// The instruction sets that this build has and this machine runs, best first.
 [[nodiscard]] std::vector<std::int64_t> SupportedTargets();
 [[nodiscard]] const char* TargetName(std::int64_t target);
-/// Restricts dispatch to one of SupportedTargets(), or lifts the restriction with 0. For tests and
-/// benchmarks; not while another thread evaluates.
+/// Restricts BestFunctions() to one of SupportedTargets(), or lifts the restriction with 0. For
+/// tests and benchmarks; terms made before keep their functions.
 void ForceTarget(std::int64_t target);
 
 }  // namespace dfr::kernel::internal

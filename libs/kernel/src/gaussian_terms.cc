@@ -5,12 +5,15 @@
 #include <limits>
 #include <numbers>
 
+#include "gaussian_sum.h"
+
 namespace dfr::kernel::internal {
 
 template <typename T>
 GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const double> weights,
                                 double gamma)
-    : dim(static_cast<std::size_t>(points.cols())),
+    : functions(BestFunctions<T>()),
+      dim(static_cast<std::size_t>(points.cols())),
       count(static_cast<std::size_t>(points.rows())),
       num_blocks((count + kLanes - 1) / kLanes),
       scale(std::sqrt(gamma * std::numbers::log2e)),
@@ -37,19 +40,6 @@ GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const doub
       }
     }
   }
-}
-
-template <typename T>
-bool GaussianTerms<T>::Scale(const double* x, T* scaled) const noexcept {
-  // Beyond this limit squares overflow; the kernel is zero long before.
-  constexpr double kFar = sizeof(T) == sizeof(double) ? 1e150 : 1e18;
-  bool near = true;
-  for (std::size_t k = 0; k < dim; ++k) {
-    const double v = scale * (x[k] - center[k]);
-    near &= std::abs(v) < kFar;  // false for NaN
-    scaled[k] = static_cast<T>(v);
-  }
-  return near;
 }
 
 template struct GaussianTerms<double>;

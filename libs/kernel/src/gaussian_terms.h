@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <cstddef>
 #include <new>
 #include <span>
@@ -28,6 +29,19 @@ using AlignedVector = std::vector<T, AlignedAllocator<T>>;
 /// Most entries of a state: queries are scaled into a buffer on the stack.
 inline constexpr int kMaxStateDim = 2048;
 
+template <typename T>
+struct GaussianTerms;
+
+/// The functions of gaussian_sum.h for one instruction set.
+template <typename T>
+struct GaussianFunctions {
+  T (*sum)(const GaussianTerms<T>&, const T* x) = nullptr;
+  void (*sums)(const GaussianTerms<T>&, const T* x, std::size_t count, T* sums) = nullptr;
+  T (*sum_shift)(const GaussianTerms<T>&, const T* x, T offset, T* shift) = nullptr;
+  T (*largest)(const GaussianTerms<T>&, const T* x) = nullptr;
+  void (*row)(const GaussianTerms<T>&, const T* x, T* row) = nullptr;
+};
+
 /// The terms w_i exp(-gamma |x - s_i|^2) of a sum, as the SIMD code reads them.
 ///
 /// A term is 2^(log2 w_i - |x' - s'_i|^2) with x' = sqrt(gamma log2 e) (x - center): weight, width
@@ -43,15 +57,27 @@ struct GaussianTerms {
   /// @pre weights are positive and as many as points, or none; gamma > 0
   GaussianTerms(const core::Matrix& points, std::span<const double> weights, double gamma);
 
-  /// x' of `x` (dim entries). False where an entry is not finite or so far away that x' is not:
-  /// every term is then zero.
-  [[nodiscard]] bool Scale(const double* x, T* scaled) const noexcept;
+  /// x' of `x` (dim entries). False where an entry is not finite or so far away that its square
+  /// overflows: every term is then zero.
+  [[nodiscard]] bool Scale(const double* x, T* scaled) const noexcept {
+    constexpr double kFar = sizeof(T) == sizeof(double) ? 1e150 : 1e18;
+    bool near = true;
+    for (std::size_t k = 0; k < dim; ++k) {
+      const double v = scale * (x[k] - center[k]);
+      near &= std::abs(v) < kFar;  // false for NaN
+      scaled[k] = static_cast<T>(v);
+    }
+    return near;
+  }
 
   /// Coordinate k of term i, scaled.
   [[nodiscard]] T coordinate(std::size_t i, std::size_t k) const noexcept {
     return data[(i / kLanes * (dim + 1) + 1 + k) * kLanes + i % kLanes];
   }
 
+  /// Chosen when the terms are made: a cold query then touches neither Highway's tables nor its
+  /// code.
+  GaussianFunctions<T> functions;
   std::size_t dim = 0;
   std::size_t count = 0;
   std::size_t num_blocks = 0;

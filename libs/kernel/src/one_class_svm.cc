@@ -23,7 +23,11 @@ struct OneClassSvm::Data {
   double gamma;
   double rho;
   double libsvm_scale;
-  internal::GaussianTerms<double> terms;
+  double log_rho;
+  // Exactly one of them is filled.
+  internal::GaussianTerms<double> in_double;
+  internal::GaussianTerms<float> in_float;
+  bool single = false;
 };
 
 namespace {
@@ -35,6 +39,91 @@ bool AllFinite(std::span<const double> x) noexcept {
   double sum = 0.0;
   for (const double v : x) sum += 0.0 * v;
   return sum == 0.0;
+}
+
+double OutsideOrFar(std::span<const double> x, double far) noexcept {
+  return AllFinite(x) ? far : kOutside;
+}
+
+// One decision, in the precision of `terms`, for states of at most kCapacity entries. `x` has the
+// right size.
+template <int kCapacity, typename T>
+double DecideWithin(const internal::GaussianTerms<T>& terms, double rho,
+                    std::span<const double> x) noexcept {
+  T scaled[kCapacity];
+  if (!terms.Scale(x.data(), scaled)) return OutsideOrFar(x, -rho);
+  return static_cast<double>(internal::GaussianSum(terms, scaled)) - rho;
+}
+
+template <typename T>
+double Decide(const internal::GaussianTerms<T>& terms, double rho,
+              std::span<const double> x) noexcept {
+  // The usual small state stays on the part of the stack that the caller has in its cache.
+  constexpr int kSmall = 64;
+  return x.size() <= kSmall ? DecideWithin<kSmall>(terms, rho, x)
+                            : DecideWithin<internal::kMaxStateDim>(terms, rho, x);
+}
+
+// Below this a sum has lost terms to underflow and is computed again around its largest term.
+template <typename T>
+constexpr T kSmallSum = sizeof(T) == sizeof(double) ? T(1e-280) : T(1e-25);
+
+template <typename T>
+double LogSum(const internal::GaussianTerms<T>& terms, std::span<const double> x) noexcept {
+  T scaled[internal::kMaxStateDim];
+  if (!terms.Scale(x.data(), scaled)) return kOutside;
+  const T sum = internal::GaussianSum(terms, scaled);
+  if (sum > kSmallSum<T>) return std::log(static_cast<double>(sum));
+  T unused[internal::kMaxStateDim];
+  const T largest = internal::LargestExponent(terms, scaled);
+  const T shifted = internal::GaussianSumShift(terms, scaled, -largest, unused);
+  return std::log(static_cast<double>(shifted)) + std::numbers::ln2 * largest;
+}
+
+// log(sum), with sum_i w_i (x_i - x) in `mean_shift`.
+template <typename T>
+double LogSumShift(const internal::GaussianTerms<T>& terms, std::span<const double> x,
+                   std::span<double> mean_shift) noexcept {
+  T scaled[internal::kMaxStateDim];
+  T shift[internal::kMaxStateDim];
+  if (!terms.Scale(x.data(), scaled)) return kOutside;
+  double offset = 0.0;
+  T sum = internal::GaussianSumShift(terms, scaled, T{0}, shift);
+  if (!(sum > kSmallSum<T>)) {
+    const T largest = internal::LargestExponent(terms, scaled);
+    sum = internal::GaussianSumShift(terms, scaled, -largest, shift);
+    offset = std::numbers::ln2 * largest;
+  }
+  const double unscale = 1.0 / (static_cast<double>(sum) * terms.scale);
+  for (std::size_t k = 0; k < terms.dim; ++k) mean_shift[k] = unscale * shift[k];
+  return std::log(static_cast<double>(sum)) + offset;
+}
+
+template <typename T>
+void DecideBatch(const internal::GaussianTerms<T>& terms, double rho,
+                 const Eigen::Ref<const core::Matrix>& x, std::span<double> g) noexcept {
+  constexpr std::size_t kMostQueries = 64;
+  T scaled[2 * internal::kMaxStateDim];
+  T sums[kMostQueries];
+  bool near[kMostQueries];
+  const std::size_t together =
+      std::clamp<std::size_t>(std::size(scaled) / terms.dim, 1, kMostQueries);
+  const auto row = [&](std::size_t i) {
+    return std::span(x.data() + static_cast<Eigen::Index>(i) * x.outerStride(), terms.dim);
+  };
+  for (std::size_t first = 0; first < g.size(); first += together) {
+    const std::size_t count = std::min(together, g.size() - first);
+    for (std::size_t q = 0; q < count; ++q) {
+      T* query = scaled + q * terms.dim;
+      near[q] = terms.Scale(row(first + q).data(), query);
+      if (!near[q]) std::fill_n(query, terms.dim, T{0});
+    }
+    internal::GaussianSums(terms, scaled, count, sums);
+    for (std::size_t q = 0; q < count; ++q) {
+      g[first + q] =
+          near[q] ? static_cast<double>(sums[q]) - rho : OutsideOrFar(row(first + q), -rho);
+    }
+  }
 }
 
 void CheckSamples(const Eigen::Ref<const core::Matrix>& samples) {
@@ -112,36 +201,110 @@ OneClassSvm OneClassSvm::FromParts(core::Matrix support_vectors, Eigen::VectorXd
   DFR_THROW_UNLESS(libsvm_scale > 0.0 && std::isfinite(libsvm_scale),
                    "libsvm_scale must be positive and finite, not " << libsvm_scale);
   internal::GaussianTerms<double> terms(support_vectors, core::AsSpan(alpha), gamma);
-  return OneClassSvm(std::make_shared<const Data>(Data{
-      std::move(support_vectors), std::move(alpha), gamma, rho, libsvm_scale, std::move(terms)}));
+  const double log_rho = rho > 0.0 ? std::log(rho) : kOutside;
+  return OneClassSvm(std::make_shared<const Data>(Data{std::move(support_vectors),
+                                                       std::move(alpha),
+                                                       gamma,
+                                                       rho,
+                                                       libsvm_scale,
+                                                       log_rho,
+                                                       std::move(terms),
+                                                       {},
+                                                       false}));
+}
+
+OneClassSvm OneClassSvm::InSinglePrecision() const {
+  const Data& d = *data_;
+  return OneClassSvm(std::make_shared<const Data>(
+      Data{d.support_vectors,
+           d.alpha,
+           d.gamma,
+           d.rho,
+           d.libsvm_scale,
+           d.log_rho,
+           {},
+           internal::GaussianTerms<float>(d.support_vectors, core::AsSpan(d.alpha), d.gamma),
+           true}));
 }
 
 double OneClassSvm::Decision(std::span<const double> x) const noexcept {
-  const auto& terms = data_->terms;
-  if (x.size() != terms.dim) return kOutside;
-  double scaled[kMaxStateDim];
-  if (!terms.Scale(x.data(), scaled)) return AllFinite(x) ? -data_->rho : kOutside;
-  return internal::GaussianSum(terms, scaled) - data_->rho;
+  const Data& d = *data_;
+  if (static_cast<int>(x.size()) != state_dim()) return kOutside;
+  return d.single ? Decide(d.in_float, d.rho, x) : Decide(d.in_double, d.rho, x);
 }
 
 double OneClassSvm::Gradient(std::span<const double> x, std::span<double> gradient) const noexcept {
-  const auto& terms = data_->terms;
+  const Data& d = *data_;
   std::fill(gradient.begin(), gradient.end(), 0.0);
-  if (x.size() != terms.dim || gradient.size() != terms.dim) return kOutside;
-  double scaled[kMaxStateDim];
-  if (!terms.Scale(x.data(), scaled)) return AllFinite(x) ? -data_->rho : kOutside;
-  const double sum = internal::GaussianSumShift(terms, scaled, gradient.data());
-  for (double& g : gradient) g *= 2.0 * data_->gamma / terms.scale;
-  return sum - data_->rho;
+  if (static_cast<int>(x.size()) != state_dim() || gradient.size() != x.size()) return kOutside;
+  const auto evaluate = [&]<typename T>(const internal::GaussianTerms<T>& terms) {
+    T scaled[kMaxStateDim];
+    T shift[kMaxStateDim];
+    if (!terms.Scale(x.data(), scaled)) return OutsideOrFar(x, -d.rho);
+    const T sum = internal::GaussianSumShift(terms, scaled, T{0}, shift);
+    const double factor = 2.0 * d.gamma / terms.scale;
+    for (std::size_t k = 0; k < terms.dim; ++k) gradient[k] = factor * shift[k];
+    return static_cast<double>(sum) - d.rho;
+  };
+  return d.single ? evaluate(d.in_float) : evaluate(d.in_double);
+}
+
+double OneClassSvm::LogDecision(std::span<const double> x) const noexcept {
+  const Data& d = *data_;
+  if (static_cast<int>(x.size()) != state_dim()) return kOutside;
+  const double log_sum = d.single ? LogSum(d.in_float, x) : LogSum(d.in_double, x);
+  return log_sum == kOutside ? kOutside : log_sum - d.log_rho;
+}
+
+double OneClassSvm::LogGradient(std::span<const double> x,
+                                std::span<double> gradient) const noexcept {
+  const double l = Certify(x, gradient).log_decision;
+  for (double& g : gradient) g *= 2.0 * data_->gamma;
+  return l;
+}
+
+Certificate OneClassSvm::Certify(std::span<const double> x,
+                                 std::span<double> mean_shift) const noexcept {
+  const Data& d = *data_;
+  std::fill(mean_shift.begin(), mean_shift.end(), 0.0);
+  if (static_cast<int>(x.size()) != state_dim() || mean_shift.size() != x.size()) {
+    return {kOutside, kOutside, kOutside};
+  }
+  const double log_sum =
+      d.single ? LogSumShift(d.in_float, x, mean_shift) : LogSumShift(d.in_double, x, mean_shift);
+  if (log_sum == kOutside) return {kOutside, kOutside, kOutside};
+  const double l = log_sum - d.log_rho;
+  const double squared_shift = core::AsVector(std::span<const double>(mean_shift)).squaredNorm();
+  const double squared_radius = squared_shift + l / d.gamma;
+  if (!(squared_radius >= 0.0)) return {l, kOutside, kOutside};
+  const double ball_radius = std::sqrt(squared_radius);
+  return {l, ball_radius, ball_radius - std::sqrt(squared_shift)};
+}
+
+void OneClassSvm::DecisionBatch(const Eigen::Ref<const core::Matrix>& x,
+                                std::span<double> g) const {
+  const Data& d = *data_;
+  DFR_THROW_UNLESS(x.cols() == state_dim(), "a batch of states with "
+                                                << x.cols() << " entries; the estimate has "
+                                                << state_dim());
+  DFR_THROW_UNLESS(static_cast<std::size_t>(x.rows()) == g.size(),
+                   x.rows() << " states, but room for " << g.size() << " decisions");
+  if (d.single) {
+    DecideBatch(d.in_float, d.rho, x, g);
+  } else {
+    DecideBatch(d.in_double, d.rho, x, g);
+  }
 }
 
 double OneClassSvm::lipschitz_bound() const noexcept {
   return std::sqrt(2.0 * data_->gamma / std::numbers::e);
 }
 
-int OneClassSvm::state_dim() const noexcept { return static_cast<int>(data_->terms.dim); }
+int OneClassSvm::state_dim() const noexcept {
+  return static_cast<int>(data_->support_vectors.cols());
+}
 int OneClassSvm::num_support_vectors() const noexcept {
-  return static_cast<int>(data_->terms.count);
+  return static_cast<int>(data_->support_vectors.rows());
 }
 const core::Matrix& OneClassSvm::support_vectors() const noexcept { return data_->support_vectors; }
 const Eigen::VectorXd& OneClassSvm::alpha() const noexcept { return data_->alpha; }

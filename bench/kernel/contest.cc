@@ -1,0 +1,188 @@
+#include "bench/kernel/contest.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <ctime>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <string_view>
+
+#include "bench/kernel/machine.h"
+
+namespace dfr::bench {
+namespace {
+
+double Median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+void OpenOrThrow(std::ofstream& file, const std::string& path) {
+  file.open(path);
+  if (!file) throw std::runtime_error("cannot write " + path);
+}
+
+// Bars of how many times faster the subject is than each peer, on a logarithmic axis from 1 to
+// 1000.
+void WritePicture(const std::string& title, const std::vector<CaseResult>& results,
+                  const std::string& path) {
+  static constexpr const char* kColors[] = {"#4878a8", "#e08214", "#5aae61", "#9970ab", "#888888"};
+  std::ofstream svg;
+  OpenOrThrow(svg, path);
+  std::size_t bars = 0;
+  for (const CaseResult& r : results) bars += r.timings.size();
+  const double height = 60.0 + 14.0 * static_cast<double>(bars);
+  const auto place = [](double ratio) {
+    return 260.0 + 160.0 * std::clamp(std::log10(ratio), 0.0, 3.2);
+  };
+  svg << "<svg xmlns='http://www.w3.org/2000/svg' width='820' height='" << height
+      << "' font-family='sans-serif' font-size='11'>\n<rect width='100%' height='100%' "
+         "fill='white'/>\n<text x='10' y='18' font-size='14'>"
+      << title << ": times faster than each peer</text>\n";
+  for (const int ratio : {1, 10, 100, 1000}) {
+    svg << "<line x1='" << place(ratio) << "' x2='" << place(ratio) << "' y1='34' y2='" << height
+        << "' stroke='#ccc'/><text x='" << place(ratio) << "' y='32' text-anchor='middle'>" << ratio
+        << "</text>\n";
+  }
+  double y = 40.0;
+  for (const CaseResult& r : results) {
+    svg << "<text x='10' y='" << y + 10 << "'>" << r.name << "</text>\n";
+    for (std::size_t i = 1; i < r.timings.size(); ++i) {
+      const double ratio = r.timings[i].nanoseconds / r.timings[0].nanoseconds;
+      if (ratio > 0.0) {
+        svg << "<rect x='" << place(1.0) << "' y='" << y << "' height='11' width='"
+            << place(ratio) - place(1.0) << "' fill='" << kColors[(i - 1) % 5] << "'/><text x='"
+            << place(ratio) + 4 << "' y='" << y + 9 << "'>" << r.timings[i].name << " "
+            << std::round(ratio * 10.0) / 10.0 << "</text>\n";
+      }
+      y += 13.0;
+    }
+    y += 14.0;
+  }
+  svg << "</svg>\n";
+}
+
+}  // namespace
+
+double CpuSeconds() {
+  timespec now{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+ContestOptions ContestOptions::Parse(int argc, char** argv) {
+  ContestOptions options;
+  for (int i = 1; i < argc; ++i) {
+    const std::string_view argument = argv[i];
+    const auto value = [&](std::string_view key, auto&& assign) {
+      if (!argument.starts_with(key)) return false;
+      assign(std::string(argument.substr(key.size())));
+      return true;
+    };
+    const bool known =
+        value("--benchmark_filter=", [&](std::string v) { options.filter = std::move(v); }) ||
+        value("--benchmark_min_time=",
+              [&](const std::string& v) { options.min_time = std::strtod(v.c_str(), nullptr); }) ||
+        value("--rounds=", [&](const std::string& v) { options.rounds = std::atoi(v.c_str()); }) ||
+        value("--benchmark_out=", [&](std::string v) { options.json = std::move(v); }) ||
+        value("--picture=", [&](std::string v) { options.picture = std::move(v); });
+    if (!known || options.rounds < 1 || !(options.min_time >= 0.0)) {
+      throw std::invalid_argument(
+          "cannot use '" + std::string(argument) +
+          "'. Known: --benchmark_filter=TEXT --benchmark_min_time=SECONDS --rounds=N "
+          "--benchmark_out=FILE.json --picture=FILE.svg");
+    }
+  }
+  return options;
+}
+
+bool ContestOptions::Selects(const std::string& name) const {
+  return name.find(filter) != std::string::npos;
+}
+
+std::vector<Timing> RunContest(const std::vector<Contestant>& contestants, int operations,
+                               const ContestOptions& options) {
+  std::vector<Timing> timings;
+  std::vector<int> repetitions;
+  std::vector<std::vector<double>> samples(contestants.size());
+  for (const Contestant& c : contestants) {
+    timings.push_back({c.name, 0.0, c.wrong});
+    repetitions.push_back(1);
+    if (!c.wrong.empty()) continue;
+    const double start = CpuSeconds();
+    c.run();
+    const double once = std::max(CpuSeconds() - start, 1e-7);
+    repetitions.back() = static_cast<int>(std::clamp(std::ceil(options.min_time / once), 1.0, 1e6));
+  }
+  if (options.smoke()) return timings;
+  for (int round = 0; round < options.rounds; ++round) {
+    for (std::size_t i = 0; i < contestants.size(); ++i) {
+      if (!contestants[i].wrong.empty()) continue;
+      const double start = CpuSeconds();
+      for (int k = 0; k < repetitions[i]; ++k) contestants[i].run();
+      samples[i].push_back((CpuSeconds() - start) / repetitions[i] / operations * 1e9);
+    }
+  }
+  for (std::size_t i = 0; i < contestants.size(); ++i) {
+    if (!samples[i].empty()) timings[i].nanoseconds = Median(samples[i]);
+  }
+  return timings;
+}
+
+void PrintRow(const CaseResult& result) {
+  const Timing& subject = result.timings.at(0);
+  const bool milliseconds = subject.nanoseconds > 1e5;
+  std::printf("%-38s", result.name.c_str());
+  if (!subject.wrong.empty()) {
+    std::printf(" not timed: %s\n", subject.wrong.c_str());
+    return;
+  }
+  std::printf(" %9.4g %s", subject.nanoseconds * (milliseconds ? 1e-6 : 1.0),
+              milliseconds ? "ms" : "ns");
+  for (std::size_t i = 1; i < result.timings.size(); ++i) {
+    const Timing& peer = result.timings[i];
+    if (!peer.wrong.empty()) {
+      std::printf("  %s: %s", peer.name.c_str(), peer.wrong.c_str());
+    } else {
+      std::printf("  %s %.1fx", peer.name.c_str(), peer.nanoseconds / subject.nanoseconds);
+    }
+  }
+  if (result.bound_nanoseconds > 0.0) {
+    std::printf("  bound %.2fx", subject.nanoseconds / result.bound_nanoseconds);
+  }
+  for (const auto& [name, value] : result.counters) std::printf("  %s %g", name.c_str(), value);
+  std::printf("\n");
+  std::fflush(stdout);
+}
+
+void WriteReports(const std::string& title, const std::vector<CaseResult>& results,
+                  const ContestOptions& options) {
+  if (!options.json.empty()) {
+    nlohmann::json cases = nlohmann::json::array();
+    for (const CaseResult& r : results) {
+      nlohmann::json timings = nlohmann::json::array();
+      for (const Timing& t : r.timings) {
+        timings.push_back(
+            {{"name", t.name}, {"cpu_nanoseconds", t.nanoseconds}, {"wrong", t.wrong}});
+      }
+      nlohmann::json counters = nlohmann::json::object();
+      for (const auto& [name, value] : r.counters) counters[name] = value;
+      cases.push_back({{"name", r.name},
+                       {"timings", timings},
+                       {"bound_nanoseconds", r.bound_nanoseconds},
+                       {"counters", counters}});
+    }
+    std::ofstream file;
+    OpenOrThrow(file, options.json);
+    file << nlohmann::json{{"title", title}, {"machine", Describe(Measure())}, {"cases", cases}}
+                .dump(1)
+         << '\n';
+  }
+  if (!options.picture.empty()) WritePicture(title, results, options.picture);
+}
+
+}  // namespace dfr::bench

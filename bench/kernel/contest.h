@@ -1,0 +1,61 @@
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace dfr::bench {
+
+/// Command line that every contest understands, in the words of Google Benchmark.
+struct ContestOptions {
+  std::string filter;      ///< --benchmark_filter=TEXT: cases whose name contains it.
+  double min_time = 0.01;  ///< --benchmark_min_time=SECONDS a round; 0: one repetition, untimed.
+  int rounds = 9;          ///< --rounds=N, of which the median counts.
+  std::string json;        ///< --benchmark_out=FILE
+  std::string picture;     ///< --picture=FILE.svg
+
+  /// @throws std::invalid_argument naming the argument it does not know.
+  static ContestOptions Parse(int argc, char** argv);
+  [[nodiscard]] bool Selects(const std::string& name) const;
+  [[nodiscard]] bool smoke() const { return min_time == 0.0; }
+};
+
+/// One way to do a job. `run` does `operations` of it; `wrong` says why its answers do not count
+/// (empty: they agree with the reference), and then it is not timed.
+struct Contestant {
+  std::string name;
+  std::function<void()> run;
+  std::string wrong;
+};
+
+struct Timing {
+  std::string name;
+  double nanoseconds = 0.0;  ///< CPU time of one operation, median over the rounds; 0: not timed.
+  std::string wrong;
+};
+
+/// Times contestants in turn, round after round, so that a machine that drifts treats all alike.
+/// The first one is the subject, the others its peers.
+std::vector<Timing> RunContest(const std::vector<Contestant>& contestants, int operations,
+                               const ContestOptions& options);
+
+/// A case with its timings, bound (ns, 0: none) and remarks.
+struct CaseResult {
+  std::string name;
+  std::vector<Timing> timings;
+  double bound_nanoseconds = 0.0;
+  std::vector<std::pair<std::string, double>> counters;
+};
+
+/// Prints one row a case: the subject's time, every peer's as a multiple of it, and the subject's
+/// multiple of the bound.
+void PrintRow(const CaseResult& result);
+
+/// Writes what the options ask for: all cases as JSON, and the ratios as a bar chart.
+void WriteReports(const std::string& title, const std::vector<CaseResult>& results,
+                  const ContestOptions& options);
+
+/// CPU time of this process, in seconds.
+[[nodiscard]] double CpuSeconds();
+
+}  // namespace dfr::bench

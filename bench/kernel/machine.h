@@ -1,0 +1,29 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+namespace dfr::bench {
+
+/// What one core does at best, measured with the widest instruction set that dispatch chooses.
+struct Machine {
+  std::string instruction_set;
+  std::size_t vector_bytes = 0;
+  double fma_nanoseconds = 0.0;      ///< One vector multiply-add, in a throughput-bound loop.
+  double load_l1_nanoseconds = 0.0;  ///< One vector load from 16 KiB.
+  double load_l2_nanoseconds = 0.0;  ///< One vector load from 256 KiB.
+};
+
+/// Measures once; later calls return the same.
+[[nodiscard]] const Machine& Measure();
+[[nodiscard]] std::string Describe(const Machine& machine);
+
+/// Least time of one decision with `terms` support vectors of `dim` entries, of `bytes_per_value`
+/// (4 or 8): per vector of terms dim + 7 (float) or dim + 12 (double) operations on the
+/// multiply-add ports (one FMA a coordinate, the polynomial, and two to split and join the
+/// exponent), or dim + 1 loads, whichever takes longer. Loads come from L1 where all terms fit
+/// 32 KiB, else from L2.
+[[nodiscard]] double DecisionBound(const Machine& machine, std::size_t terms, std::size_t dim,
+                                   std::size_t bytes_per_value);
+
+}  // namespace dfr::bench

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+
+#include "dfr/core/matrix.h"
+
+namespace dfr::bench {
+
+/// A one-class SVM of another library, trained by itself on the same data and options, as its
+/// documentation has users do it.
+class Peer {
+ public:
+  virtual ~Peer() = default;
+  /// Row `i` of the queries given to Prepare(), in LIBSVM's scale.
+  virtual double Decide(int i) = 0;
+  /// Every row, by the library's own batch call where it has one.
+  virtual void DecideAll(std::span<double> values) = 0;
+  /// Converts queries to the library's form, outside of the timing.
+  virtual void Prepare(const core::Matrix& queries) = 0;
+  [[nodiscard]] virtual int num_support_vectors() const = 0;
+};
+
+struct PeerOptions {
+  double nu = 0.05;
+  double gamma = 1.0;
+  double tolerance = 1e-3;
+};
+
+std::unique_ptr<Peer> TrainLibsvm(const core::Matrix& samples, const PeerOptions& options);
+std::unique_ptr<Peer> TrainOpenCv(const core::Matrix& samples, const PeerOptions& options);
+std::unique_ptr<Peer> TrainDlib(const core::Matrix& samples, const PeerOptions& options);
+/// Not trained: the sum in plain Eigen over given support vectors, alpha in LIBSVM's scale.
+std::unique_ptr<Peer> PlainEigen(const core::Matrix& support_vectors, const Eigen::VectorXd& alpha,
+                                 double gamma, double rho);
+
+/// alpha' K alpha / 2 of LIBSVM's solution, in double from its alpha.
+double LibsvmObjective(const Peer& libsvm);
+
+}  // namespace dfr::bench
