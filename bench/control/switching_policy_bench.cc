@@ -1,0 +1,195 @@
+// One Next() of each strategy, as the robot would call it: a new state every time, 12 state
+// entries, 7 control entries, 120 demonstrations, 60 time steps. The counters are percentiles of
+// single calls, in ns; each includes one reading of the clock, which BM_Clock shows alone. (Open)
+// is a call that lets the learned control through, (Shut) the calls of a recovery.
+
+#include <benchmark/benchmark.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "dfr/control/switching_policy.h"
+#include "dfr/core/matrix.h"
+#include "dfr/core/random.h"
+#if DFR_BENCH_HAS_KERNEL
+#include "dfr/kernel/time_varying_support.h"
+#endif
+
+namespace dfr::control {
+namespace {
+
+constexpr int kStateDim = 12;
+constexpr int kControlDim = 7;
+constexpr int kHorizon = 60;
+constexpr int kDemonstrations = 120;
+
+// Demonstrated states: a mean path with a spread of 0.03 around it, the Pusher's in metres.
+std::vector<core::Matrix> Demonstrations() {
+  core::Random random(1);
+  std::vector<core::Matrix> demonstrations;
+  for (int i = 0; i < kDemonstrations; ++i) {
+    core::Matrix states(kHorizon + 1, kStateDim);
+    for (int t = 0; t <= kHorizon; ++t) {
+      for (int k = 0; k < kStateDim; ++k) {
+        states(t, k) = std::sin(0.05 * t + k) + 0.03 * random.Normal();
+      }
+    }
+    demonstrations.push_back(std::move(states));
+  }
+  return demonstrations;
+}
+
+// g_t(x) = exp(-|x - mean_t|^2) - 0.5
+class Bump final : public core::DecisionFunction {
+ public:
+  int state_dim() const noexcept override { return kStateDim; }
+  int num_steps() const noexcept override { return kHorizon; }
+  double Decision(int t, std::span<const double> x) const noexcept override {
+    double square = 0.0;
+    for (int k = 0; k < kStateDim; ++k) {
+      const double d = x[static_cast<std::size_t>(k)] - std::sin(0.05 * t + k);
+      square += d * d;
+    }
+    return std::exp(-square) - 0.5;
+  }
+  double Gradient(int t, std::span<const double> x, std::span<double> g) const noexcept override {
+    std::fill(g.begin(), g.end(), 0.0);
+    return Decision(t, x);
+  }
+  double lipschitz_bound(int) const noexcept override { return std::sqrt(2.0 / std::exp(1.0)); }
+};
+
+// A linear policy: the cost is that of the gate, not of a network.
+class Linear final : public core::Policy {
+ public:
+  int state_dim() const noexcept override { return kStateDim; }
+  int control_dim() const noexcept override { return kControlDim; }
+  void Control(int, std::span<const double> x, std::span<double> u) const noexcept override {
+    for (std::size_t i = 0; i < u.size(); ++i) u[i] = 0.1 * x[i] - 0.05 * x[i + 5];
+  }
+};
+
+// x' = x + B u, for the oracle.
+class Integrator final : public core::SimulatedPlant {
+ public:
+  Integrator() : x(kStateDim, 0.0) { layout_.Add("x", kStateDim); }
+  const core::StateLayout& layout() const noexcept override { return layout_; }
+  int control_dim() const noexcept override { return kControlDim; }
+  void Reset(std::uint64_t) override {}
+  core::PlantStatus Apply(std::span<const double> u) noexcept override {
+    for (std::size_t i = 0; i < u.size(); ++i) x[i] += u[i];
+    return core::PlantStatus::kOk;
+  }
+  void Observe(std::span<double> state) const noexcept override {
+    std::copy(x.begin(), x.end(), state.begin());
+  }
+  bool completed() const noexcept override { return false; }
+  bool collided() const noexcept override { return false; }
+  void Halt() noexcept override {}
+  std::unique_ptr<core::SimulatedPlant> Clone() const override {
+    return std::make_unique<Integrator>(*this);
+  }
+  void CopyStateFrom(const core::SimulatedPlant& other) noexcept override {
+    x = static_cast<const Integrator&>(other).x;
+  }
+  std::vector<double> x;
+
+ private:
+  core::StateLayout layout_;
+};
+
+std::unique_ptr<core::DecisionFunction> MakeSupport(bool kernel) {
+#if DFR_BENCH_HAS_KERNEL
+  if (kernel) {
+    const auto demonstrations = Demonstrations();
+    return std::make_unique<kernel::TimeVaryingSupport>(
+        kernel::TimeVaryingSupport::Fit(demonstrations, {.svm = {.nu = 0.05, .gamma = 5.0}}));
+  }
+#endif
+  return kernel ? nullptr : std::make_unique<Bump>();
+}
+
+void AddPercentiles(benchmark::State& state, std::vector<double>& nanoseconds) {
+  std::sort(nanoseconds.begin(), nanoseconds.end());
+  const auto at = [&](double share) {
+    const auto last = static_cast<double>(nanoseconds.size() - 1);
+    return nanoseconds[static_cast<std::size_t>(share * last)];
+  };
+  state.counters["p50"] = at(0.5);
+  state.counters["p99"] = at(0.99);
+  state.counters["p99.9"] = at(0.999);
+}
+
+using Clock = std::chrono::steady_clock;
+
+void BM_Clock(benchmark::State& state) {
+  std::vector<double> nanoseconds;
+  nanoseconds.reserve(state.max_iterations);
+  for (auto _ : state) {
+    const auto start = Clock::now();
+    nanoseconds.push_back(std::chrono::duration<double, std::nano>(Clock::now() - start).count());
+  }
+  AddPercentiles(state, nanoseconds);
+}
+
+void BM_Next(benchmark::State& state, Recovery recovery, bool kernel, bool open) {
+  const auto support = MakeSupport(kernel);
+  const Linear policy;
+  Integrator plant;
+  // A tiny lambda opens the gate wherever g > 0, a huge one shuts it.
+  SwitchingPolicy controller(policy, *support, open ? 1e-9 : 1e9,
+                             {.recovery = recovery,
+                              .horizon = kHorizon,
+                              .max_iterations = 1 << 30,
+                              .oracle_plant = &plant});
+  core::Random random(2);
+  core::Matrix queries(1024 * kHorizon, kStateDim);
+  for (Eigen::Index i = 0; i < queries.rows(); ++i) {
+    const auto t = static_cast<double>(open ? i % kHorizon : 0);
+    for (int k = 0; k < kStateDim; ++k) {
+      queries(i, k) = std::sin(0.05 * t + k) + 0.01 * random.Normal();
+    }
+  }
+  std::vector<double> u(kControlDim);
+  std::vector<double> nanoseconds;
+  nanoseconds.reserve(state.max_iterations);
+  Eigen::Index query = 0;
+  bool wrong = false;
+  for (auto _ : state) {
+    if (query % kHorizon == 0 && open) controller.Reset(static_cast<std::uint64_t>(query));
+    if (query == 0 && !open) controller.Reset(1);
+    const std::span<const double> x = core::Row(std::as_const(queries), query);
+    std::copy(x.begin(), x.end(), plant.x.begin());
+    const auto start = Clock::now();
+    const Step step = controller.Next(x, u);
+    nanoseconds.push_back(std::chrono::duration<double, std::nano>(Clock::now() - start).count());
+    wrong = wrong || (step.mode == Mode::kPolicy) != open || step.mode == Mode::kHalt;
+    query = (query + 1) % queries.rows();
+  }
+  if (wrong) return state.SkipWithError("another mode than the one to be measured");
+  AddPercentiles(state, nanoseconds);
+}
+
+#define DFR_BENCH_NEXT(kernel, support)                                                        \
+  BENCHMARK_CAPTURE(BM_Next, Baseline_##support, Recovery::kNone, kernel, true);               \
+  BENCHMARK_CAPTURE(BM_Next, EarlyStopping_##support##_Open, Recovery::kEarlyStopping, kernel, \
+                    true);                                                                     \
+  BENCHMARK_CAPTURE(BM_Next, Dfr_##support##_Open, Recovery::kDfr, kernel, true);              \
+  BENCHMARK_CAPTURE(BM_Next, Dfr_##support##_Shut, Recovery::kDfr, kernel, false);             \
+  BENCHMARK_CAPTURE(BM_Next, Oracle_##support##_Shut, Recovery::kFiniteDifference, kernel, false)
+
+BENCHMARK(BM_Clock);
+DFR_BENCH_NEXT(false, Analytic);
+#if DFR_BENCH_HAS_KERNEL
+DFR_BENCH_NEXT(true, Kernel);
+#endif
+
+}  // namespace
+}  // namespace dfr::control
+
+BENCHMARK_MAIN();
