@@ -176,13 +176,20 @@ class Page {
   }
 
   static std::string Range(double low, double high, int digits) {
-    return "[" + Number(100.0 * low, digits) + ", " + Number(100.0 * high, digits) + "]";
+    std::string text = "[";
+    text += Number(100.0 * low, digits);
+    text += ", ";
+    text += Number(100.0 * high, digits);
+    text += "]";
+    return text;
   }
 
   // The change of collisions, negative where there are fewer.
   static std::string Change(const std::optional<double>& reduction) {
     if (!reduction) return "\u2013";
-    return (*reduction < 0.0 ? "+" : "") + Percent(-*reduction, 0);
+    std::string text = *reduction < 0.0 ? "+" : "";
+    text += Percent(-*reduction, 0);
+    return text;
   }
 
   static std::string Times(const std::optional<double>& ratio) {
@@ -338,8 +345,10 @@ class Page {
     for (const Cell& cell : summary_.averages) {
       for (const auto& [cause, count] : cell.halt_causes) causes.insert(cause);
     }
+    constexpr std::array<const char*, 6> kClasses = {"h0", "h1", "h2", "h3", "h4", "h5"};
     const auto class_of = [&](const std::string& cause) {
-      return "h" + std::to_string(std::distance(causes.begin(), causes.find(cause)) % 6);
+      const auto place = std::distance(causes.begin(), causes.find(cause));
+      return std::string(kClasses[static_cast<std::size_t>(place) % kClasses.size()]);
     };
     out_ << "<h2>How episodes ended</h2>\n<figure>\n<div class=\"row two\">\n";
     for (const std::string& learner : learners_) {
@@ -397,7 +406,7 @@ class Page {
   void StartRow(const Cell& cell, std::string& learner) {
     const bool first = cell.learner != learner;
     learner = cell.learner;
-    out_ << (first ? "<tr class=\"first\"><td>" + Escape(learner) : "<tr><td>")
+    out_ << (first ? "<tr class=\"first\"><td>" : "<tr><td>") << (first ? Escape(learner) : "")
          << "</td><td><span class=\"dot\" " << ColourOf(cell.method) << "></span>"
          << Escape(NameOf(cell.method)) << "</td>";
   }
@@ -445,10 +454,11 @@ class Page {
             "<th class=\"n\">Collided, %</th><th class=\"n\">ms per<br>trajectory</th>"
             "<th class=\"n\">Controls per<br>trajectory</th><th class=\"n\">Start states<br>redrawn"
             "</th></tr></thead><tbody>\n";
-    std::string previous;
+    const Cell* previous = nullptr;
     for (const Cell& cell : summary_.cells) {
-      const bool first = cell.learner + "\n" + cell.method != previous;
-      previous = cell.learner + "\n" + cell.method;
+      const bool first = previous == nullptr || cell.learner != previous->learner ||
+                         cell.method != previous->method;
+      previous = &cell;
       out_ << (first ? "<tr class=\"first\">" : "<tr>") << "<td>" << Escape(cell.learner)
            << "</td><td>" << Escape(NameOf(cell.method)) << "</td><td class=\"n\">"
            << cell.demonstrations << "</td><td class=\"n\">" << cell.episodes << "</td>";

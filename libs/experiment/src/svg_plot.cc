@@ -258,7 +258,8 @@ std::string SvgPlot(const ReportPlot& plot) {
       if (!std::isfinite(series.y[k])) continue;
       const double x = map_x(series.x[k]);
       const double y = map_y(series.y[k]);
-      path += (path.empty() ? "M" : "L") + Coordinate(x) + " " + Coordinate(y);
+      path += path.empty() ? "M" : "L";
+      path += Coordinate(x) + " " + Coordinate(y);
       end = y;
       // Long curves are lines only; a point of its own then says nothing.
       if (series.x.size() > 40) continue;
