@@ -221,6 +221,54 @@ void Row(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T* HWY_RESTRICT
                HWY_ATTR { hn::Store(term, d, row + j * hn::MaxLanes(d)); });
 }
 
+// Adds sum_q weight_q term_i(x_q) to total_i for one group of kVectors vectors of terms that stay
+// in L1 while all queries pass over them. T sums run over few queries, then go into doubles.
+template <std::size_t kVectors, typename T>
+HWY_INLINE void AddRowsToGroup(const T* HWY_RESTRICT block, std::size_t dim,
+                               const T* HWY_RESTRICT queries, const T* HWY_RESTRICT weights,
+                               std::size_t count, double* HWY_RESTRICT totals) {
+  constexpr Tag<T> d;
+  constexpr std::size_t kStep = hn::MaxLanes(d);
+  constexpr std::size_t kRun = 32;
+  alignas(64) T flushed[kVectors * kStep];
+  for (std::size_t first = 0; first < count; first += kRun) {
+    const std::size_t last = std::min(first + kRun, count);
+    hn::Vec<Tag<T>> sum[kVectors];
+    HWY_UNROLL(8)
+    for (std::size_t j = 0; j < kVectors; ++j) sum[j] = hn::Zero(d);
+    for (std::size_t q = first; q < last; ++q) {
+      hn::Vec<Tag<T>> exponent[kVectors];
+      Exponents<kVectors>(block, dim, queries + q * dim, exponent);
+      const auto weight = hn::Set(d, weights[q]);
+      HWY_UNROLL(8)
+      for (std::size_t j = 0; j < kVectors; ++j) {
+        sum[j] = hn::MulAdd(weight, Exp2(d, exponent[j]), sum[j]);
+      }
+    }
+    HWY_UNROLL(8)
+    for (std::size_t j = 0; j < kVectors; ++j) hn::Store(sum[j], d, flushed + j * kStep);
+    for (std::size_t i = 0; i < kVectors * kStep; ++i) totals[i] += static_cast<double>(flushed[i]);
+  }
+}
+
+template <typename T>
+void AddRows(const GaussianTerms<T>& terms, const T* HWY_RESTRICT queries,
+             const T* HWY_RESTRICT weights, std::size_t count, double* HWY_RESTRICT totals) {
+  constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
+  constexpr std::size_t kPerBlock = VectorsPerBlock<T>();
+  constexpr std::size_t kBlocks = std::max<std::size_t>(1, kTogether / kPerBlock);
+  const std::size_t stride = (terms.dim + 1) * kLanes;
+  std::size_t b = 0;
+  for (; b + kBlocks <= terms.num_blocks; b += kBlocks) {
+    AddRowsToGroup<kBlocks * kPerBlock>(terms.data.data() + b * stride, terms.dim, queries, weights,
+                                        count, totals + b * kLanes);
+  }
+  for (; b < terms.num_blocks; ++b) {
+    AddRowsToGroup<kPerBlock>(terms.data.data() + b * stride, terms.dim, queries, weights, count,
+                              totals + b * kLanes);
+  }
+}
+
 // Features summed together in the second pass: each loads the term once.
 constexpr std::size_t kFeatures = 4;
 
@@ -290,7 +338,8 @@ GaussianFunctions<T> Functions() {
           .sums = &Sums<T>,
           .sum_shift = &SumShift<T>,
           .largest = &Largest<T>,
-          .row = &Row<T>};
+          .row = &Row<T>,
+          .add_rows = &AddRows<T>};
 }
 GaussianFunctions<double> DoubleFunctions() { return Functions<double>(); }
 GaussianFunctions<float> FloatFunctions() { return Functions<float>(); }

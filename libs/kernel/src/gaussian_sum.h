@@ -53,6 +53,14 @@ void GaussianRow(const GaussianTerms<T>& terms, const T* x, T* row) noexcept {
   terms.functions.row(terms, x, row);
 }
 
+/// totals[i] += sum_q weights[q] term_i(x_q) over `count` queries, `x` holding one after the other;
+/// `totals` has num_blocks * kLanes entries.
+template <typename T>
+void AddGaussianRows(const GaussianTerms<T>& terms, const T* x, const T* weights, std::size_t count,
+                     double* totals) noexcept {
+  terms.functions.add_rows(terms, x, weights, count, totals);
+}
+
 /// The instruction sets that this build has and this machine runs, best first.
 [[nodiscard]] std::vector<std::int64_t> SupportedTargets();
 [[nodiscard]] const char* TargetName(std::int64_t target);

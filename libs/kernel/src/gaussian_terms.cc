@@ -8,6 +8,17 @@
 #include "gaussian_sum.h"
 
 namespace dfr::kernel::internal {
+namespace {
+
+// A term of weight zero.
+template <typename T>
+void ClearLane(T* block, std::size_t dim, std::size_t lane) {
+  constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
+  block[lane] = -std::numeric_limits<T>::infinity();
+  for (std::size_t k = 0; k < dim; ++k) block[(1 + k) * kLanes + lane] = T{0};
+}
+
+}  // namespace
 
 template <typename T>
 GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const double> weights,
@@ -30,7 +41,7 @@ GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const doub
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const std::size_t i = b * kLanes + lane;
       if (i >= count) {
-        block[lane] = -std::numeric_limits<T>::infinity();
+        ClearLane(block, dim, lane);
         continue;
       }
       block[lane] = weights.empty() ? T{0} : static_cast<T>(std::log2(weights[i]));
@@ -40,6 +51,35 @@ GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const doub
       }
     }
   }
+}
+
+template <typename T>
+GaussianTerms<T> GaussianTerms<T>::Subset(std::span<const std::size_t> indices) const {
+  GaussianTerms subset;
+  subset.functions = functions;
+  subset.dim = dim;
+  subset.count = indices.size();
+  subset.num_blocks = (subset.count + kLanes - 1) / kLanes;
+  subset.scale = scale;
+  subset.center = center;
+  subset.data.resize(subset.num_blocks * (dim + 1) * kLanes);
+  const std::size_t stride = (dim + 1) * kLanes;
+  for (std::size_t b = 0; b < subset.num_blocks; ++b) {
+    T* block = subset.data.data() + b * stride;
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const std::size_t to = b * kLanes + lane;
+      if (to >= subset.count) {
+        ClearLane(block, dim, lane);
+        continue;
+      }
+      const std::size_t from = indices[to];
+      const T* column = data.data() + from / kLanes * stride + from % kLanes;
+      for (std::size_t row = 0; row <= dim; ++row) {
+        block[row * kLanes + lane] = column[row * kLanes];
+      }
+    }
+  }
+  return subset;
 }
 
 template struct GaussianTerms<double>;

@@ -5,13 +5,15 @@
 #include <cstddef>
 #include <new>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "dfr/core/matrix.h"
 
 namespace dfr::kernel::internal {
 
-/// std::vector's allocator for whole SIMD vectors.
+/// std::vector's allocator for whole SIMD vectors. Entries without a value are left as they are:
+/// rows of the kernel matrix are written before they are read.
 template <typename T>
 struct AlignedAllocator {
   using value_type = T;
@@ -21,6 +23,14 @@ struct AlignedAllocator {
   AlignedAllocator(const AlignedAllocator<U>&) noexcept {}
   T* allocate(std::size_t n) { return static_cast<T*>(::operator new(n * sizeof(T), kAlignment)); }
   void deallocate(T* p, std::size_t) noexcept { ::operator delete(p, kAlignment); }
+  template <typename U>
+  void construct(U* p) noexcept {
+    ::new (static_cast<void*>(p)) U;
+  }
+  template <typename U, typename V>
+  void construct(U* p, V&& value) noexcept {
+    ::new (static_cast<void*>(p)) U(std::forward<V>(value));
+  }
   bool operator==(const AlignedAllocator&) const = default;
 };
 template <typename T>
@@ -40,6 +50,8 @@ struct GaussianFunctions {
   T (*sum_shift)(const GaussianTerms<T>&, const T* x, T offset, T* shift) = nullptr;
   T (*largest)(const GaussianTerms<T>&, const T* x) = nullptr;
   void (*row)(const GaussianTerms<T>&, const T* x, T* row) = nullptr;
+  void (*add_rows)(const GaussianTerms<T>&, const T* x, const T* weights, std::size_t count,
+                   double* totals) = nullptr;
 };
 
 /// The terms w_i exp(-gamma |x - s_i|^2) of a sum, as the SIMD code reads them.
@@ -70,10 +82,17 @@ struct GaussianTerms {
     return near;
   }
 
-  /// Coordinate k of term i, scaled.
-  [[nodiscard]] T coordinate(std::size_t i, std::size_t k) const noexcept {
-    return data[(i / kLanes * (dim + 1) + 1 + k) * kLanes + i % kLanes];
+  /// The terms of these indices, in this order, by themselves.
+  [[nodiscard]] GaussianTerms Subset(std::span<const std::size_t> indices) const;
+
+  /// x' of the point of term i (dim entries).
+  void Point(std::size_t i, T* scaled) const noexcept {
+    const T* column = data.data() + i / kLanes * (dim + 1) * kLanes + i % kLanes;
+    for (std::size_t k = 0; k < dim; ++k) scaled[k] = column[(1 + k) * kLanes];
   }
+
+  /// Entries of a row over all terms.
+  [[nodiscard]] std::size_t row_size() const noexcept { return num_blocks * kLanes; }
 
   /// Chosen when the terms are made: a cold query then touches neither Highway's tables nor its
   /// code.

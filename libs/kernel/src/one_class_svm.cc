@@ -141,6 +141,18 @@ void CheckSamples(const Eigen::Ref<const core::Matrix>& samples) {
   }
 }
 
+void CheckStart(std::span<const double> start, Eigen::Index samples) {
+  if (start.empty()) return;
+  DFR_THROW_UNLESS(static_cast<Eigen::Index>(start.size()) == samples,
+                   "the start has " << start.size() << " alpha for " << samples << " samples");
+  double sum = 0.0;
+  for (const double a : start) {
+    DFR_THROW_UNLESS(a >= 0.0 && std::isfinite(a), "the start has an alpha of " << a);
+    sum += a;
+  }
+  DFR_THROW_UNLESS(sum > 0.0 && std::isfinite(sum), "the start's alpha sum to " << sum);
+}
+
 void CheckOptions(const OneClassSvmOptions& options) {
   DFR_THROW_UNLESS(options.nu > 0.0 && options.nu <= 1.0,
                    "nu must lie in (0, 1], not " << options.nu);
@@ -162,6 +174,7 @@ OneClassSvm OneClassSvm::Fit(const Eigen::Ref<const core::Matrix>& samples,
                              const OneClassSvmOptions& options, FitSummary* summary) {
   CheckOptions(options);
   CheckSamples(samples);
+  CheckStart(options.start, samples.rows());
   const auto start = std::chrono::steady_clock::now();
   FitSummary result;
   const internal::DualSolution dual = internal::SolveDual(samples, options, result);
@@ -179,7 +192,8 @@ OneClassSvm OneClassSvm::Fit(const Eigen::Ref<const core::Matrix>& samples,
                               dual.rho / scale, scale);
   result.num_support_vectors = svm.num_support_vectors();
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  if (summary != nullptr) *summary = result;
+  result.alpha = dual.alpha / scale;
+  if (summary != nullptr) *summary = std::move(result);
   return svm;
 }
 

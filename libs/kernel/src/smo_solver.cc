@@ -4,173 +4,513 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <list>
+#include <numeric>
+#include <span>
 #include <vector>
 
+#include "dfr/core/contract.h"
+#include "dfr/core/random.h"
 #include "gaussian_sum.h"
+#include "smo_passes.h"
 
 namespace dfr::kernel::internal {
 namespace {
 
-// Rows of the kernel matrix, computed when first asked for and kept while the budget lasts; then
-// the row that was used longest ago makes room.
-class KernelRows {
+using Reason = FitSummary::Reason;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// Up to here all samples are solved at once, on their whole kernel matrix.
+constexpr std::size_t kWholeProblem = 1500;
+// A row that is this small, 16 MiB for all of them, is read faster than it is computed.
+constexpr double kQuickCacheBytes = 16.0 * 0x1p20;
+// From this dimension on computing a row takes longer than reading it from memory.
+constexpr std::size_t kManyFeatures = 16;
+
+// Largest and smallest G that may still move, and with them the KKT gap.
+struct Bounds {
+  double largest = -kInfinity;  // over alpha > 0
+  double smallest = kInfinity;  // over alpha < 1
+  // nu = 1 has no alpha < 1 and no gap.
+  [[nodiscard]] double gap() const {
+    return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
+  }
+  // Any rho between them satisfies the KKT conditions up to the gap.
+  [[nodiscard]] double middle() const {
+    return std::isinf(smallest) ? largest : 0.5 * (largest + smallest);
+  }
+};
+
+// Rows of a kernel matrix, computed when asked for and kept while there is room; then one that was
+// not used since the last round makes room.
+template <typename T>
+class RowStore {
  public:
-  KernelRows(const core::Matrix& samples, double gamma, double budget_bytes)
-      : terms_(samples, {}, gamma),
-        stride_(terms_.num_blocks * GaussianTerms<double>::kLanes),
-        query_(terms_.dim),
-        rows_(terms_.count) {
-    const double row_bytes = static_cast<double>(stride_ * sizeof(double));
-    const double count = std::clamp(budget_bytes / row_bytes, 2.0, 1e9);  // a step needs two
-    capacity_ = std::min(terms_.count, static_cast<std::size_t>(count));
+  explicit RowStore(double budget_bytes) : budget_bytes_(budget_bytes) {}
+
+  void Reset(const GaussianTerms<T>& terms) {
+    terms_ = &terms;
+    stride_ = terms.row_size();
+    query_.resize(terms.dim);
+    const double row_bytes = static_cast<double>(stride_ * sizeof(T));
+    const double all = row_bytes * static_cast<double>(terms.count);
+    const bool keep = all <= kQuickCacheBytes || terms.dim >= kManyFeatures;
+    const double fit = keep ? std::min(budget_bytes_ / row_bytes, 1e9) : 0.0;
+    // A step looks at two rows; with three, the one that is used next is never overwritten.
+    capacity_ = std::min(terms.count, std::max<std::size_t>(3, static_cast<std::size_t>(fit)));
+    if (values_.size() < capacity_ * stride_) values_.resize(capacity_ * stride_);
+    slot_of_.assign(terms.count, kNone);
+    owner_.assign(capacity_, kNone);
+    used_.assign(capacity_, 0);
+    hand_ = 0;
   }
 
-  const double* Row(std::size_t i) {
-    Slot& slot = rows_[i];
-    if (!slot.values.empty()) {
-      recent_.splice(recent_.begin(), recent_, slot.position);
-      return slot.values.data();
+  // Valid until the next but one call.
+  const T* Row(std::size_t i) {
+    std::size_t slot = slot_of_[i];
+    if (slot == kNone) {
+      slot = FreeSlot();
+      owner_[slot] = i;
+      slot_of_[i] = slot;
+      terms_->Point(i, query_.data());
+      GaussianRow(*terms_, query_.data(), values_.data() + slot * stride_);
+      evaluations_ += static_cast<std::int64_t>(terms_->count);
     }
-    if (recent_.size() == capacity_) {
-      const std::size_t oldest = recent_.back();
-      recent_.pop_back();
-      slot.values = std::move(rows_[oldest].values);
-      rows_[oldest].values.clear();
-    } else {
-      slot.values.resize(stride_);
-    }
-    recent_.push_front(i);
-    slot.position = recent_.begin();
-    for (std::size_t k = 0; k < terms_.dim; ++k) query_[k] = terms_.coordinate(i, k);
-    GaussianRow(terms_, query_.data(), slot.values.data());
-    evaluations_ += static_cast<std::int64_t>(terms_.count);
-    return slot.values.data();
+    used_[slot] = 1;
+    last_ = slot;
+    return values_.data() + slot * stride_;
   }
 
-  [[nodiscard]] std::int64_t evaluations() const noexcept { return evaluations_; }
+  [[nodiscard]] std::int64_t evaluations() const { return evaluations_; }
 
  private:
-  struct Slot {
-    AlignedVector<double> values;
-    std::list<std::size_t>::iterator position;
-  };
-  GaussianTerms<double> terms_;
-  std::size_t stride_;
+  static constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
+
+  std::size_t FreeSlot() {
+    while (owner_[hand_] != kNone && (used_[hand_] != 0 || hand_ == last_)) {
+      used_[hand_] = 0;
+      hand_ = (hand_ + 1) % capacity_;
+    }
+    const std::size_t slot = hand_;
+    if (owner_[slot] != kNone) slot_of_[owner_[slot]] = kNone;
+    hand_ = (hand_ + 1) % capacity_;
+    return slot;
+  }
+
+  double budget_bytes_;
+  const GaussianTerms<T>* terms_ = nullptr;
+  std::size_t stride_ = 0;
   std::size_t capacity_ = 0;
-  std::vector<double> query_;
-  std::vector<Slot> rows_;
-  std::list<std::size_t> recent_;
+  std::size_t hand_ = 0;
+  std::size_t last_ = 0;
+  std::vector<T> query_;
+  AlignedVector<T> values_;
+  std::vector<std::size_t> slot_of_;
+  std::vector<std::size_t> owner_;
+  std::vector<char> used_;
   std::int64_t evaluations_ = 0;
 };
 
-// Mean of G over the free alpha; without any, the middle of the interval that the KKT conditions
-// leave, or its finite end.
-double Rho(const Eigen::VectorXd& alpha, const std::vector<double>& gradient) {
-  double free_sum = 0.0;
-  int free_count = 0;
-  double low = -std::numeric_limits<double>::infinity();
-  double high = std::numeric_limits<double>::infinity();
-  for (Eigen::Index i = 0; i < alpha.size(); ++i) {
-    const double g = gradient[static_cast<std::size_t>(i)];
-    if (alpha[i] >= 1.0) {
-      low = std::max(low, g);
-    } else if (alpha[i] <= 0.0) {
-      high = std::min(high, g);
-    } else {
-      free_sum += g;
-      ++free_count;
+// Kernel values in T, alpha and the gradient of all samples in double.
+//
+// The outer loop knows the exact gradient G = K alpha. It picks an active set (free alpha and the
+// samples nearest to or beyond their KKT condition), the inner loop does SMO on that set alone with
+// a gradient in T relative to rho, and one tiled pass brings G up to date.
+template <typename T>
+class Solver {
+ public:
+  Solver(const core::Matrix& samples, const OneClassSvmOptions& options, FitSummary& summary)
+      : options_(options),
+        summary_(summary),
+        terms_(samples, {}, options.gamma),
+        passes_(BestSmoPasses<T>()),
+        alpha_(terms_.count, 0.0),
+        gradient_(terms_.row_size(), 0.0),
+        rows_(RowBudget(samples)) {}
+
+  void Start(std::span<const double> alpha) {
+    std::copy(alpha.begin(), alpha.end(), alpha_.begin());
+    std::vector<std::size_t> changed;
+    std::vector<double> change;
+    for (std::size_t i = 0; i < alpha_.size(); ++i) {
+      if (alpha_[i] > 0.0) {
+        changed.push_back(i);
+        change.push_back(alpha_[i]);
+      }
+    }
+    AddToGradient(changed, change);
+  }
+
+  Reason Run() {
+    double least_gap = kInfinity;
+    int rounds_without_gain = 0;
+    while (true) {
+      bounds_ = Scan();
+      summary_.kkt_gap = bounds_.gap();
+      if (summary_.kkt_gap < options_.tolerance) return Reason::kConverged;
+      if (!Continue()) return Reason::kInterrupted;
+      if (summary_.iterations >= MaxIterations()) return Reason::kMaxIterations;
+      // Samples that enter may raise the gap for a while, but not for long.
+      constexpr int kPatience = 20;
+      rounds_without_gain = summary_.kkt_gap < 0.9 * least_gap ? 0 : rounds_without_gain + 1;
+      least_gap = std::min(least_gap, summary_.kkt_gap);
+      if (rounds_without_gain > kPatience) return Reason::kStalled;
+      ChooseActive();
+      if (!SolveActive()) return Reason::kInterrupted;
     }
   }
-  if (free_count > 0) return free_sum / free_count;
-  if (std::isinf(high)) return low;  // nu = 1: every sample at its bound
-  if (std::isinf(low)) return high;
-  return 0.5 * (low + high);
+
+  [[nodiscard]] const std::vector<double>& alpha() const { return alpha_; }
+  [[nodiscard]] std::span<const double> gradient() const {
+    return {gradient_.data(), alpha_.size()};
+  }
+  [[nodiscard]] std::int64_t evaluations() const { return evaluations_ + rows_.evaluations(); }
+
+ private:
+  double RowBudget(const core::Matrix& samples) const {
+    const double n = static_cast<double>(samples.rows());
+    const double d = static_cast<double>(samples.cols());
+    // Terms of all and of the active samples, two vectors of doubles, indices.
+    const double fixed = 2.0 * n * (d + 1.0) * sizeof(T) + 64.0 * n + 0x1p16;
+    const double budget = options_.memory_mib * 0x1p20;
+    DFR_THROW_UNLESS(fixed + 3.0 * n * sizeof(T) <= budget,
+                     "memory_mib of " << options_.memory_mib << " is too little for " << n << " x "
+                                      << d << " samples: the least is "
+                                      << std::ceil((fixed + 3.0 * n * sizeof(T)) / 0x1p20));
+    return budget - fixed;
+  }
+
+  [[nodiscard]] std::int64_t MaxIterations() const {
+    const auto n = static_cast<std::int64_t>(alpha_.size());
+    return options_.max_iterations > 0 ? options_.max_iterations
+                                       : std::max<std::int64_t>(10'000'000, 100 * n);
+  }
+
+  [[nodiscard]] bool Continue() const {
+    return !options_.progress ||
+           options_.progress({summary_.iterations, summary_.kkt_gap, options_.tolerance});
+  }
+
+  [[nodiscard]] Bounds Scan() const {
+    Bounds bounds;
+    for (std::size_t i = 0; i < alpha_.size(); ++i) {
+      if (alpha_[i] > 0.0) bounds.largest = std::max(bounds.largest, gradient_[i]);
+      if (alpha_[i] < 1.0) bounds.smallest = std::min(bounds.smallest, gradient_[i]);
+    }
+    return bounds;
+  }
+
+  // G += K change, for these samples' alpha.
+  void AddToGradient(std::span<const std::size_t> samples, std::span<const double> change) {
+    constexpr std::size_t kChunk = 512;  // points of a chunk stay in L2
+    std::vector<T> points(std::min(kChunk, samples.size()) * terms_.dim);
+    std::vector<T> weights(std::min(kChunk, samples.size()));
+    for (std::size_t first = 0; first < samples.size(); first += kChunk) {
+      const std::size_t count = std::min(kChunk, samples.size() - first);
+      for (std::size_t q = 0; q < count; ++q) {
+        terms_.Point(samples[first + q], points.data() + q * terms_.dim);
+        weights[q] = static_cast<T>(change[first + q]);
+      }
+      AddGaussianRows(terms_, points.data(), weights.data(), count, gradient_.data());
+      evaluations_ += static_cast<std::int64_t>(count * terms_.count);
+    }
+  }
+
+  void ChooseActive() {
+    active_.clear();
+    if (alpha_.size() <= kWholeProblem) {
+      active_.resize(alpha_.size());
+      std::iota(active_.begin(), active_.end(), std::size_t{0});
+      return;
+    }
+    // How far each bounded sample is from moving; violators are below zero.
+    struct Candidate {
+      double slack;
+      std::size_t sample;
+    };
+    std::vector<Candidate> candidates;
+    const double rho = bounds_.middle();
+    std::size_t violators = 0;
+    for (std::size_t i = 0; i < alpha_.size(); ++i) {
+      if (alpha_[i] > 0.0 && alpha_[i] < 1.0) {
+        active_.push_back(i);
+        continue;
+      }
+      const double slack = alpha_[i] <= 0.0 ? gradient_[i] - rho : rho - gradient_[i];
+      candidates.push_back({slack, i});
+      violators += slack < 0.0 ? 1 : 0;
+    }
+    const std::size_t wanted =
+        std::min(candidates.size(), std::min(violators, kMostViolators + active_.size()) +
+                                        kLeastMargin + active_.size() / 4);
+    std::nth_element(candidates.begin(),
+                     candidates.begin() + static_cast<std::ptrdiff_t>(wanted) -
+                         (wanted == candidates.size() ? 1 : 0),
+                     candidates.end(), [](const Candidate& a, const Candidate& b) {
+                       return a.slack != b.slack ? a.slack < b.slack : a.sample < b.sample;
+                     });
+    for (std::size_t i = 0; i < wanted; ++i) active_.push_back(candidates[i].sample);
+    std::sort(active_.begin(), active_.end());
+  }
+
+  // SMO on the active samples, with all others fixed. False if interrupted.
+  bool SolveActive() {
+    const bool whole = active_.size() == alpha_.size();
+    GaussianTerms<T> subset;
+    if (!whole) subset = terms_.Subset(active_);
+    const GaussianTerms<T>& terms = whole ? terms_ : subset;
+    rows_.Reset(terms);
+
+    const std::size_t count = terms.row_size();
+    const double rho = bounds_.middle();
+    AlignedVector<T> gradient(count, T{0});
+    AlignedVector<T> may_rise(count, std::numeric_limits<T>::infinity());
+    AlignedVector<T> may_fall(count, -std::numeric_limits<T>::infinity());
+    std::vector<double> alpha(active_.size());
+    const auto mark = [&](std::size_t k) {
+      may_rise[k] = alpha[k] < 1.0 ? T{0} : std::numeric_limits<T>::infinity();
+      may_fall[k] = alpha[k] > 0.0 ? T{0} : -std::numeric_limits<T>::infinity();
+    };
+    for (std::size_t k = 0; k < active_.size(); ++k) {
+      alpha[k] = alpha_[active_[k]];
+      gradient[k] = static_cast<T>(gradient_[active_[k]] - rho);
+      mark(k);
+    }
+
+    // Half the tolerance leaves room for the rounding of T and for what the others do.
+    const double target =
+        whole ? 0.5 * options_.tolerance
+              : std::max(0.5 * options_.tolerance, kInnerTolerance * summary_.kkt_gap);
+    const T* any = rows_.Row(0);
+    Extremes<T> extremes =
+        passes_.update(gradient.data(), any, any, T{0}, may_rise.data(), may_fall.data(), count);
+    // Curvature between equal points: the step then ends at a bound.
+    constexpr double kLeastCurvature = sizeof(T) == 4 ? 1e-7 : 1e-12;
+    bool go_on = true;
+    const std::int64_t limit = MaxIterations();
+    while (static_cast<double>(extremes.largest) - extremes.smallest >= target &&
+           summary_.iterations < limit) {
+      ++summary_.iterations;
+      if ((summary_.iterations & 0x3ff) == 0 && !Continue()) {
+        go_on = false;
+        break;
+      }
+      const std::size_t i = extremes.smallest_at;
+      const T* row_i = rows_.Row(i);
+      const std::size_t j =
+          passes_.choose_second(row_i, gradient.data(), may_fall.data(), extremes.smallest, count);
+      if (j == count) break;
+      const T* row_j = rows_.Row(j);
+      const double curvature = std::max(2.0 - 2.0 * row_i[j], kLeastCurvature);
+      const double wanted = (static_cast<double>(gradient[j]) - extremes.smallest) / curvature;
+      const double room = std::min(alpha[j], 1.0 - alpha[i]);
+      const double step = std::min(wanted, room);
+      // Exactly at a bound where one is reached, whatever the rounding.
+      const bool fills = step >= 1.0 - alpha[i];
+      const bool empties = step >= alpha[j];
+      alpha[i] = fills ? 1.0 : alpha[i] + step;
+      alpha[j] = empties ? 0.0 : alpha[j] - step;
+      mark(i);
+      mark(j);
+      extremes = passes_.update(gradient.data(), row_i, row_j, static_cast<T>(step),
+                                may_rise.data(), may_fall.data(), count);
+    }
+
+    std::vector<std::size_t> changed;
+    std::vector<double> change;
+    for (std::size_t k = 0; k < active_.size(); ++k) {
+      const std::size_t i = active_[k];
+      if (alpha[k] != alpha_[i]) {
+        changed.push_back(i);
+        change.push_back(alpha[k] - alpha_[i]);
+        alpha_[i] = alpha[k];
+      }
+    }
+    AddToGradient(changed, change);
+    return go_on;
+  }
+
+  static constexpr std::size_t kLeastMargin = 256;
+  static constexpr std::size_t kMostViolators = 2048;
+  static constexpr double kInnerTolerance = 0.3;
+
+  const OneClassSvmOptions& options_;
+  FitSummary& summary_;
+  GaussianTerms<T> terms_;
+  SmoPasses<T> passes_;
+  std::vector<double> alpha_;
+  AlignedVector<double> gradient_;
+  RowStore<T> rows_;
+  Bounds bounds_;
+  std::vector<std::size_t> active_;
+  std::int64_t evaluations_ = 0;
+};
+
+// Samples whose G determines rho: free ones, or where there are none, those at both ends of the
+// interval that the KKT conditions leave. The mean of their G is rho.
+std::vector<std::size_t> RhoSamples(std::span<const double> alpha,
+                                    std::span<const double> gradient) {
+  std::vector<std::size_t> free;
+  std::size_t low = alpha.size();
+  std::size_t high = alpha.size();
+  for (std::size_t i = 0; i < alpha.size(); ++i) {
+    if (alpha[i] >= 1.0) {
+      if (low == alpha.size() || gradient[i] > gradient[low]) low = i;
+    } else if (alpha[i] <= 0.0) {
+      if (high == alpha.size() || gradient[i] < gradient[high]) high = i;
+    } else {
+      free.push_back(i);
+    }
+  }
+  // More would not change the mean by more than the tolerance.
+  constexpr std::size_t kEnough = 256;
+  if (free.size() > kEnough) {
+    for (std::size_t k = 0; k < kEnough; ++k) free[k] = free[k * free.size() / kEnough];
+    free.resize(kEnough);
+  }
+  if (free.empty() && low != alpha.size()) free.push_back(low);
+  if (free.empty() || (free[0] == low && high != alpha.size())) free.push_back(high);
+  return free;
+}
+
+// rho to the precision of double, from the solution that a solver in float may have found.
+double Rho(const core::Matrix& samples, double gamma, std::span<const double> alpha,
+           std::span<const double> gradient) {
+  std::vector<Eigen::Index> support;
+  std::vector<double> weights;
+  for (std::size_t i = 0; i < alpha.size(); ++i) {
+    if (alpha[i] > 0.0) {
+      support.push_back(static_cast<Eigen::Index>(i));
+      weights.push_back(alpha[i]);
+    }
+  }
+  const GaussianTerms<double> terms(samples(support, Eigen::all), weights, gamma);
+  std::vector<double> query(terms.dim);
+  double sum = 0.0;
+  const std::vector<std::size_t> chosen = RhoSamples(alpha, gradient);
+  for (const std::size_t i : chosen) {
+    const bool near =
+        terms.Scale(core::Row(samples, static_cast<Eigen::Index>(i)).data(), query.data());
+    if (near) sum += GaussianSum(terms, query.data());
+  }
+  return sum / static_cast<double>(chosen.size());
+}
+
+// The first samples of `order` at the bound, until alpha sums to `total`.
+std::vector<double> Fill(std::span<const std::size_t> order, double total) {
+  std::vector<double> alpha(order.size(), 0.0);
+  for (const std::size_t i : order) {
+    if (total <= 0.0) break;
+    alpha[i] = std::min(1.0, total);
+    total -= alpha[i];
+  }
+  return alpha;
+}
+
+// The given start, scaled, cut at the bound and filled up to `total`.
+std::vector<double> Feasible(std::span<const double> start, double total) {
+  const double scale = total / std::accumulate(start.begin(), start.end(), 0.0);
+  std::vector<double> alpha(start.size());
+  double rest = total;
+  for (std::size_t i = 0; i < alpha.size(); ++i) {
+    alpha[i] = std::min({1.0, scale * start[i], rest});
+    rest -= alpha[i];
+  }
+  // First those that are support vectors already.
+  for (const bool support : {true, false}) {
+    for (std::size_t i = 0; i < alpha.size() && rest > 0.0; ++i) {
+      if ((start[i] > 0.0) != support) continue;
+      const double more = std::min(1.0 - alpha[i], rest);
+      alpha[i] += more;
+      rest -= more;
+    }
+  }
+  return alpha;
+}
+
+// Samples in random order, the same every time.
+std::vector<std::size_t> Shuffled(std::size_t count) {
+  std::vector<std::size_t> order(count);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  core::Random random(20190917);
+  random.Shuffle(std::span(order));
+  return order;
+}
+
+std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOptions& options,
+                              FitSummary& summary);
+
+template <typename T>
+DualSolution SolveIn(const core::Matrix& samples, const OneClassSvmOptions& options,
+                     std::span<const double> start, FitSummary& summary) {
+  Solver<T> solver(samples, options, summary);
+  solver.Start(start);
+  summary.reason = solver.Run();
+  summary.kernel_evaluations += solver.evaluations();
+  const std::vector<double>& alpha = solver.alpha();
+  summary.objective = 0.0;
+  for (std::size_t i = 0; i < alpha.size(); ++i) {
+    summary.objective += 0.5 * alpha[i] * solver.gradient()[i];
+  }
+  return {core::AsVector(alpha), Rho(samples, options.gamma, alpha, solver.gradient())};
+}
+
+DualSolution Solve(const core::Matrix& samples, const OneClassSvmOptions& options,
+                   FitSummary& summary) {
+  std::vector<double> start = FindStart(samples, options, summary);
+  // A kernel value in float is off by up to 1e-7, G by nu m times that at most.
+  const double total = options.nu * static_cast<double>(samples.rows());
+  if (options.tolerance >= 2e-7 * total) {
+    DualSolution solution = SolveIn<float>(samples, options, start, summary);
+    if (summary.reason != Reason::kStalled) return solution;
+    start.assign(solution.alpha.begin(), solution.alpha.end());
+  }
+  return SolveIn<double>(samples, options, start, summary);
+}
+
+std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOptions& options,
+                              FitSummary& summary) {
+  const auto count = static_cast<std::size_t>(samples.rows());
+  const double total = options.nu * static_cast<double>(count);
+  if (!options.start.empty()) return Feasible(options.start, total);
+  std::vector<std::size_t> order = Shuffled(count);
+  constexpr std::size_t kWorthwhile = 4000;
+  if (count < kWorthwhile) return Fill(order, total);
+
+  // The estimate from every sixteenth sample says which ones lie outermost.
+  constexpr std::size_t kPart = 16;
+  std::vector<Eigen::Index> chosen(order.begin(),
+                                   order.begin() + static_cast<std::ptrdiff_t>(count / kPart));
+  const core::Matrix part = samples(chosen, Eigen::all);
+  OneClassSvmOptions part_options = options;
+  part_options.tolerance = std::max(options.tolerance, 1e-3 * options.nu * count / kPart);
+  const DualSolution solution = Solve(part, part_options, summary);
+  std::vector<std::size_t> support;
+  for (Eigen::Index i = 0; i < solution.alpha.size(); ++i) {
+    if (solution.alpha[i] > 0.0) support.push_back(static_cast<std::size_t>(i));
+  }
+  const GaussianTerms<float> terms(samples, {}, options.gamma);
+  std::vector<float> points(support.size() * terms.dim);
+  std::vector<float> weights(support.size());
+  for (std::size_t q = 0; q < support.size(); ++q) {
+    terms.Point(order[support[q]], points.data() + q * terms.dim);
+    weights[q] = static_cast<float>(solution.alpha[static_cast<Eigen::Index>(support[q])]);
+  }
+  AlignedVector<double> g(terms.row_size(), 0.0);
+  AddGaussianRows(terms, points.data(), weights.data(), support.size(), g.data());
+  summary.kernel_evaluations += static_cast<std::int64_t>(support.size() * count);
+  const auto outermost = std::min(count, static_cast<std::size_t>(std::ceil(total)));
+  std::nth_element(
+      order.begin(), order.begin() + static_cast<std::ptrdiff_t>(outermost) - 1, order.end(),
+      [&](std::size_t a, std::size_t b) { return g[a] != g[b] ? g[a] < g[b] : a < b; });
+  return Fill(order, total);
 }
 
 }  // namespace
 
 DualSolution SolveDual(const core::Matrix& samples, const OneClassSvmOptions& options,
                        FitSummary& summary) {
-  const auto m = static_cast<std::size_t>(samples.rows());
-  KernelRows rows(samples, options.gamma, options.memory_mib * 0x1p20);
-
-  // LIBSVM's start: the first nu m samples at the bound.
-  Eigen::VectorXd alpha = Eigen::VectorXd::Zero(samples.rows());
-  std::vector<double> gradient(m, 0.0);
-  double rest = options.nu * static_cast<double>(m);
-  for (std::size_t i = 0; i < m && rest > 0.0; ++i) {
-    const double a = std::min(1.0, rest);
-    alpha[static_cast<Eigen::Index>(i)] = a;
-    rest -= a;
-    const double* row = rows.Row(i);
-    for (std::size_t j = 0; j < m; ++j) gradient[j] += a * row[j];
-  }
-
-  const std::int64_t max_iterations =
-      options.max_iterations > 0
-          ? options.max_iterations
-          : std::max<std::int64_t>(10'000'000, 100 * static_cast<std::int64_t>(m));
-  double* a = alpha.data();
-  summary.reason = FitSummary::Reason::kMaxIterations;
-  while (true) {
-    // Pair: i gains where its gradient is smallest; j gives, chosen for the largest decrease.
-    std::size_t i = m;
-    double smallest = std::numeric_limits<double>::infinity();
-    double largest = -std::numeric_limits<double>::infinity();
-    for (std::size_t k = 0; k < m; ++k) {
-      if (a[k] < 1.0 && gradient[k] < smallest) {
-        smallest = gradient[k];
-        i = k;
-      }
-      if (a[k] > 0.0) largest = std::max(largest, gradient[k]);
-    }
-    summary.kkt_gap = i == m ? 0.0 : std::max(0.0, largest - smallest);
-    if (summary.kkt_gap < options.tolerance) {
-      summary.reason = FitSummary::Reason::kConverged;
-      break;
-    }
-    if (summary.iterations == max_iterations) break;
-    ++summary.iterations;
-
-    // Equal points have no curvature between them; a tiny one makes the step end at a bound.
-    constexpr double kLeastCurvature = 1e-12;
-    const double* row_i = rows.Row(i);
-    std::size_t j = m;
-    double best = 0.0;
-    for (std::size_t k = 0; k < m; ++k) {
-      const double slope = gradient[k] - smallest;
-      if (a[k] > 0.0 && slope > 0.0) {
-        const double decrease = slope * slope / std::max(2.0 - 2.0 * row_i[k], kLeastCurvature);
-        if (decrease > best) {
-          best = decrease;
-          j = k;
-        }
-      }
-    }
-    const double curvature = std::max(2.0 - 2.0 * row_i[j], kLeastCurvature);
-    const double wanted = (gradient[j] - smallest) / curvature;
-    double step = wanted;
-    if (wanted >= a[j] || wanted >= 1.0 - a[i]) {
-      step = std::min(a[j], 1.0 - a[i]);
-      // Exactly at the bound, whatever the rounding.
-      const bool empties = a[j] <= 1.0 - a[i];
-      const bool fills = 1.0 - a[i] <= a[j];
-      a[i] = fills ? 1.0 : a[i] + step;
-      a[j] = empties ? 0.0 : a[j] - step;
-    } else {
-      a[i] += step;
-      a[j] -= step;
-    }
-    const double* row_j = rows.Row(j);
-    for (std::size_t k = 0; k < m; ++k) gradient[k] += step * (row_i[k] - row_j[k]);
-  }
-
-  summary.objective = 0.0;
-  for (std::size_t k = 0; k < m; ++k) summary.objective += 0.5 * a[k] * gradient[k];
-  summary.kernel_evaluations = rows.evaluations();
-  const double rho = Rho(alpha, gradient);
-  return {std::move(alpha), rho};
+  return Solve(samples, options, summary);
 }
 
 }  // namespace dfr::kernel::internal

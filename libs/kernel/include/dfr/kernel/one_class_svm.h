@@ -2,12 +2,20 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 
 #include "dfr/core/matrix.h"
 
 namespace dfr::kernel {
+
+/// What OneClassSvmOptions::progress is told.
+struct FitProgress {
+  std::int64_t iterations = 0;
+  double kkt_gap = 0.0;  ///< Falls to the tolerance, not always monotonically.
+  double tolerance = 0.0;
+};
 
 /// Options for OneClassSvm::Fit(). Defaults are the Pusher values of Sec. V-A.
 struct OneClassSvmOptions {
@@ -17,6 +25,12 @@ struct OneClassSvmOptions {
   /// Most working-set steps; 0 chooses a number that no sensible problem reaches.
   std::int64_t max_iterations = 0;
   double memory_mib = 512.0;  ///< Bound on the fit's own memory, >= 1. Slower where it is tight.
+  /// Where to start: alpha per sample, in any scale, from a neighbouring problem (the previous time
+  /// step, gamma or nu; FitSummary::alpha holds it). Empty: the solver finds a start. The estimate
+  /// is the same within the tolerance.
+  std::span<const double> start = {};
+  /// Called every few milliseconds from the thread that fits; false stops the fit.
+  std::function<bool(const FitProgress&)> progress = {};
 };
 
 /// How a fit ended and what it cost.
@@ -24,6 +38,8 @@ struct FitSummary {
   enum class Reason {
     kConverged,      ///< kkt_gap is below the tolerance.
     kMaxIterations,  ///< Stopped by max_iterations: the estimate is usable, kkt_gap says how well.
+    kInterrupted,    ///< Stopped by `progress`, likewise.
+    kStalled,        ///< Rounding allows no better: the tolerance is below what doubles can do.
   };
   Reason reason = Reason::kConverged;
   std::int64_t iterations = 0;
@@ -33,7 +49,8 @@ struct FitSummary {
   double objective = 0.0;  ///< alpha' K alpha / 2 in LIBSVM's scale.
   int num_support_vectors = 0;
   std::int64_t kernel_evaluations = 0;
-  double seconds = 0.0;  ///< Wall time.
+  double seconds = 0.0;   ///< Wall time.
+  Eigen::VectorXd alpha;  ///< Of every sample, in the paper's scale: a start for a neighbour.
 };
 
 /// A ball around which the support is certain: B(x + mean_shift, ball_radius) lies inside
