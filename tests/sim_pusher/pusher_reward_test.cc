@@ -17,7 +17,7 @@ double Potential(const PusherPlant& plant) {
     reach += std::pow(state[test::kTip + k] - state[test::kObject + k], 2);
   }
   return -20.0 * (std::sqrt(reach) + std::abs(state[test::kObject] - 0.76) +
-                  1.5 * std::abs(state[test::kObject + 1]));
+                  5.0 * std::abs(state[test::kObject + 1]));
 }
 
 // A sum of potential differences telescopes: policies earn by where they end, not by the way.
@@ -34,8 +34,7 @@ TEST(PusherRewardTest, SumsToThePotentialGainedLessTheCosts) {
     control[6] = 2.0;  // saturated: counts as 1
     ASSERT_EQ(plant.Apply(control), core::PlantStatus::kOk);
     sum += reward.Step(control);
-    costs += 0.05;
-    for (const double u : control) costs += 0.01 * std::pow(std::clamp(u, -1.0, 1.0), 2);
+    for (const double u : control) costs += 0.05 * std::pow(std::clamp(u, -1.0, 1.0), 2);
   }
   ASSERT_FALSE(plant.collided());
   EXPECT_NEAR(sum, Potential(plant) - before - costs, 1e-12);  // rounding of 6 terms of order 1
@@ -48,13 +47,13 @@ TEST(PusherRewardTest, PaysForTheGoalAndChargesForACollision) {
   plant.SetState(test::WithObjectAt(test::Observe(plant), 0.75, 0.0));
   reward.Reset();
   ASSERT_EQ(plant.Apply(still), core::PlantStatus::kOk);
-  EXPECT_NEAR(reward.Step(still), 10.0 - 0.05, 1e-12);
+  EXPECT_NEAR(reward.Step(still), 10.0, 1e-12);
 
   plant.SetState(test::WithObjectAt(test::Observe(plant), 0.64, 0.1));
   reward.Reset();
   ASSERT_TRUE(plant.collided());
   ASSERT_EQ(plant.Apply(still), core::PlantStatus::kOk);
-  EXPECT_NEAR(reward.Step(still), -1.0 - 0.05, 1e-12);
+  EXPECT_NEAR(reward.Step(still), -1.0, 1e-12);
 }
 
 }  // namespace
