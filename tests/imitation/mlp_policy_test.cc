@@ -7,6 +7,8 @@
 #include <fstream>
 #include <limits>
 #include <stdexcept>
+#include <thread>
+#include <vector>
 
 #include "tests/imitation/temp_folder.h"
 #include "tests/support/no_alloc.h"
@@ -78,6 +80,27 @@ TEST(MlpPolicyTest, ControlNeverAllocates) {
   std::vector<double> u(2);
   const test::NoAlloc guard;
   policy.Control(0, x, u);
+}
+
+TEST(MlpPolicyTest, ThreadsShareAPolicy) {
+  const MlpPolicy policy = Policy();
+  const auto run = [&policy](std::vector<double>& controls) {
+    core::Random random(3);
+    std::vector<double> x(5), u(2);
+    for (int i = 0; i < 500; ++i) {
+      for (double& entry : x) entry = random.Normal();
+      policy.Control(0, x, u);
+      controls.insert(controls.end(), u.begin(), u.end());
+    }
+  };
+  std::vector<double> alone;
+  run(alone);
+  std::vector<std::vector<double>> together(4);
+  {
+    std::vector<std::jthread> threads;
+    for (auto& controls : together) threads.emplace_back([&] { run(controls); });
+  }
+  EXPECT_THAT(together, Each(alone));
 }
 
 TEST(MlpPolicyTest, AFileRestoresThePolicyToTheLastBit) {

@@ -27,7 +27,7 @@ enum Purpose : std::uint64_t { kWeights, kCriticWeights, kEpisode, kNoise, kShuf
 constexpr double kBacktrack = 0.8;
 constexpr int kMaxBacktracks = 15;
 
-void CheckOptions(const TrpoOptions& o) {
+TrpoOptions Checked(TrpoOptions o) {
   DFR_THROW_UNLESS(o.control_limit > 0.0,
                    "TRPO control limit must be positive, not " << o.control_limit);
   DFR_THROW_UNLESS(o.horizon > 0, "TRPO horizon must be positive, not " << o.horizon);
@@ -50,6 +50,7 @@ void CheckOptions(const TrpoOptions& o) {
                    "TRPO critic needs positive epochs, batch and learning rate, not "
                        << o.critic_epochs << ", " << o.critic_batch << ", "
                        << o.critic_learning_rate);
+  return o;
 }
 
 void SaveOptions(const TrpoOptions& o, core::ArchiveWriter& archive) {
@@ -144,7 +145,7 @@ class Trpo::Learner {
  public:
   Learner(Environment& environment, TrpoOptions options)
       : environment_(&environment),
-        options_((CheckOptions(options), std::move(options))),
+        options_(Checked(std::move(options))),
         selection_(Select(environment.plant().layout(), options_.features)),
         mlp_(Network(kWeights, selection_.num_features(), options_.hidden,
                      environment.plant().control_dim(), 0.01)),
