@@ -1,0 +1,157 @@
+#include "offscreen_context.h"
+
+#include <EGL/egl.h>
+#include <EGL/eglext.h>
+#include <GL/osmesa.h>
+#include <dlfcn.h>
+
+#include <array>
+#include <cstdlib>
+#include <sstream>
+#include <stdexcept>
+#include <string_view>
+#include <vector>
+
+namespace dfr::sim::internal {
+namespace {
+
+// MuJoCo looks which of these libraries the process has loaded and takes OpenGL's functions from
+// there, from EGL's if it sees both. So neither is linked: the one that is used is loaded.
+class Library {
+ public:
+  explicit Library(const char* file) : handle_(dlopen(file, RTLD_NOW | RTLD_GLOBAL)) {
+    if (handle_ == nullptr) throw std::runtime_error(dlerror());
+  }
+
+  template <typename Function>
+  [[nodiscard]] Function* Get(const char* name) const {
+    void* const symbol = dlsym(handle_, name);
+    if (symbol == nullptr) throw std::runtime_error(dlerror());
+    return reinterpret_cast<Function*>(symbol);
+  }
+
+ private:
+  void* handle_;  // stays loaded: MuJoCo keeps the functions
+};
+
+class OsMesaContext final : public OffscreenContext {
+ public:
+  OsMesaContext()
+      : destroy_(library_.Get<decltype(OSMesaDestroyContext)>("OSMesaDestroyContext")),
+        context_(library_.Get<decltype(OSMesaCreateContextExt)>("OSMesaCreateContextExt")(
+            OSMESA_RGBA, 24, 8, 8, nullptr)) {
+    if (context_ == nullptr) throw std::runtime_error("OSMesa makes no context");
+    // MuJoCo draws into a framebuffer of its own; this one only has to exist.
+    if (library_.Get<decltype(OSMesaMakeCurrent)>("OSMesaMakeCurrent")(
+            context_, buffer_.data(), GL_UNSIGNED_BYTE, kSize, kSize) == GL_FALSE) {
+      destroy_(context_);
+      throw std::runtime_error("OSMesa does not make its context current");
+    }
+  }
+  ~OsMesaContext() override { destroy_(context_); }
+  [[nodiscard]] const std::string& name() const noexcept override { return name_; }
+
+ private:
+  static constexpr int kSize = 16;
+  std::string name_ = "OSMesa";
+  Library library_{"libOSMesa.so.8"};
+  decltype(OSMesaDestroyContext)* destroy_;
+  std::vector<unsigned char> buffer_ = std::vector<unsigned char>(4 * kSize * kSize);
+  OSMesaContext context_;
+};
+
+struct EglFunctions {
+  Library library{"libEGL.so.1"};
+#define DFR_EGL(member, name) decltype(name)* member = library.Get<decltype(name)>(#name)
+  DFR_EGL(get_proc_address, eglGetProcAddress);
+  DFR_EGL(get_display, eglGetDisplay);
+  DFR_EGL(initialize, eglInitialize);
+  DFR_EGL(choose_config, eglChooseConfig);
+  DFR_EGL(bind_api, eglBindAPI);
+  DFR_EGL(create_context, eglCreateContext);
+  DFR_EGL(make_current, eglMakeCurrent);
+  DFR_EGL(destroy_context, eglDestroyContext);
+  DFR_EGL(terminate, eglTerminate);
+  DFR_EGL(get_error, eglGetError);
+#undef DFR_EGL
+};
+
+class EglContext final : public OffscreenContext {
+ public:
+  EglContext() {
+    const auto get_platform_display = reinterpret_cast<PFNEGLGETPLATFORMDISPLAYEXTPROC>(
+        egl_.get_proc_address("eglGetPlatformDisplayEXT"));
+    if (get_platform_display != nullptr) {
+      display_ = get_platform_display(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr);
+    }
+    if (display_ == EGL_NO_DISPLAY) display_ = egl_.get_display(EGL_DEFAULT_DISPLAY);
+    Check(display_ != EGL_NO_DISPLAY, "no display");
+    Check(egl_.initialize(display_, nullptr, nullptr) == EGL_TRUE, "cannot be initialised");
+    const std::array<EGLint, 13> wanted = {EGL_RED_SIZE,
+                                           8,
+                                           EGL_GREEN_SIZE,
+                                           8,
+                                           EGL_BLUE_SIZE,
+                                           8,
+                                           EGL_DEPTH_SIZE,
+                                           24,
+                                           EGL_SURFACE_TYPE,
+                                           EGL_PBUFFER_BIT,
+                                           EGL_RENDERABLE_TYPE,
+                                           EGL_OPENGL_BIT,
+                                           EGL_NONE};
+    EGLConfig config = nullptr;
+    EGLint configs = 0;
+    Check(egl_.choose_config(display_, wanted.data(), &config, 1, &configs) == EGL_TRUE &&
+              configs > 0,
+          "has no configuration with 24 bits of depth");
+    Check(egl_.bind_api(EGL_OPENGL_API) == EGL_TRUE, "has no OpenGL");
+    context_ = egl_.create_context(display_, config, EGL_NO_CONTEXT, nullptr);
+    Check(context_ != EGL_NO_CONTEXT, "makes no context");
+    Check(egl_.make_current(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, context_) == EGL_TRUE,
+          "does not make its context current");
+  }
+  ~EglContext() override { Release(); }
+  [[nodiscard]] const std::string& name() const noexcept override { return name_; }
+
+ private:
+  void Check(bool good, const char* what) {
+    if (good) return;
+    std::ostringstream message;
+    message << "EGL " << what << " (error 0x" << std::hex << egl_.get_error() << ")";
+    Release();
+    throw std::runtime_error(message.str());
+  }
+  void Release() noexcept {
+    if (display_ == EGL_NO_DISPLAY) return;
+    egl_.make_current(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+    if (context_ != EGL_NO_CONTEXT) egl_.destroy_context(display_, context_);
+    egl_.terminate(display_);
+  }
+
+  std::string name_ = "EGL";
+  EglFunctions egl_;
+  EGLDisplay display_ = EGL_NO_DISPLAY;
+  EGLContext context_ = EGL_NO_CONTEXT;
+};
+
+}  // namespace
+
+std::unique_ptr<OffscreenContext> OffscreenContext::Make() {
+  const char* wanted = std::getenv("DFR_GL");
+  std::string failures;
+  if (wanted == nullptr || std::string_view(wanted) != "egl") {
+    try {
+      return std::make_unique<OsMesaContext>();
+    } catch (const std::runtime_error& e) {
+      failures = std::string(e.what()) + "; ";
+    }
+  }
+  try {
+    return std::make_unique<EglContext>();
+  } catch (const std::runtime_error& e) {
+    throw std::runtime_error("nothing can be drawn here: " + failures + e.what());
+  }
+}
+
+}  // namespace dfr::sim::internal
