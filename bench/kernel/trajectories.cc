@@ -1,7 +1,7 @@
 #include "bench/kernel/trajectories.h"
 
+#include <array>
 #include <cmath>
-#include <vector>
 
 #include "dfr/core/random.h"
 
@@ -9,28 +9,29 @@ namespace dfr::bench {
 
 core::Matrix PooledTrajectories(int n, int d, std::uint64_t seed) {
   constexpr int kSteps = 100;
+  constexpr int kTraits = 2;  // in which trajectories differ: start or goal, and pace
+  constexpr double kSpread = 0.3;
+  constexpr double kNoise = 0.05;
   core::Random common(core::DeriveSeed(seed, {0}));
-  std::vector<double> frequency, phase, slope;
+  core::Matrix path(d, 3), response(d, kTraits);
   for (int k = 0; k < d; ++k) {
-    frequency.push_back(common.Uniform(0.5, 1.5));
-    phase.push_back(common.Uniform(0.0, 6.0));
-    slope.push_back(common.Normal());
+    path.row(k) << common.Uniform(0.5, 1.5), common.Uniform(0.0, 6.0), common.Normal();
+    for (int j = 0; j < kTraits; ++j) response(k, j) = common.Normal();
   }
   core::Random random(core::DeriveSeed(seed, {1}));
   core::Matrix states(n, d);
-  std::vector<double> offset(static_cast<std::size_t>(d)), swing(static_cast<std::size_t>(d));
-  double pace = 1.0;
+  std::array<double, kTraits> traits{};
   for (int i = 0; i < n; ++i) {
     if (i % kSteps == 0) {
-      pace = random.Uniform(0.8, 1.2);
-      for (double& o : offset) o = 0.25 * random.Normal();
-      for (double& s : swing) s = 1.0 + 0.2 * random.Normal();
+      for (double& trait : traits) trait = kSpread * random.Normal();
     }
-    const double t = pace * (i % kSteps) / kSteps;
+    const double t = (1.0 + 0.5 * traits[0]) * (i % kSteps) / kSteps;
     for (int k = 0; k < d; ++k) {
-      const auto c = static_cast<std::size_t>(k);
-      states(i, k) = swing[c] * std::sin(6.28 * frequency[c] * t + phase[c]) + slope[c] * t +
-                     offset[c] + 0.05 * random.Normal();
+      states(i, k) =
+          std::sin(6.28 * path(k, 0) * t + path(k, 1)) + path(k, 2) * t + kNoise * random.Normal();
+      for (std::size_t j = 0; j < kTraits; ++j) {
+        states(i, k) += response(k, static_cast<Eigen::Index>(j)) * traits[j];
+      }
     }
   }
   for (int k = 0; k < d; ++k) {

@@ -6,8 +6,9 @@
 
 namespace dfr::bench {
 
-/// `n` states of `d` entries pooled from robot-like trajectories of 100 steps (slow sums of sines
-/// around a common path, with its own offset and pace each), standardised to mean 0 and variance 1.
+/// `n` states of `d` entries pooled from robot-like trajectories of 100 steps: a common smooth path
+/// that each follows at its own pace and with its own offset, and a little noise; standardised to
+/// mean 0 and variance 1.
 [[nodiscard]] core::Matrix PooledTrajectories(int n, int d, std::uint64_t seed);
 
 }  // namespace dfr::bench
