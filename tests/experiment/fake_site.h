@@ -73,7 +73,7 @@ inline std::unique_ptr<experiment::EvaluationSite> MakeFakeSite(
 
 /// An empty folder of the running test's own.
 inline std::filesystem::path EmptyFolder(const std::string& name) {
-  const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / ("dfr_" + name);
+  std::filesystem::path path = std::filesystem::path(testing::TempDir()) / ("dfr_" + name);
   std::filesystem::remove_all(path);
   std::filesystem::create_directories(path);
   return path;

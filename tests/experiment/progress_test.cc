@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <sstream>
 #include <stdexcept>
 #include <thread>
@@ -26,9 +27,9 @@ TEST(ProgressMeterTest, CountsFromManyThreadsAndEndsWithTheWhole) {
       },
       /*already_done=*/1000, /*interval_s=*/0.0);
   {
-    std::vector<std::jthread> threads;
-    for (int i = 0; i < 3; ++i) {
-      threads.emplace_back([&] {
+    std::array<std::jthread, 3> threads;
+    for (std::jthread& thread : threads) {
+      thread = std::jthread([&] {
         for (int k = 0; k < 1000; ++k) meter.Advance(1, "label");
       });
     }

@@ -90,16 +90,15 @@ Contrast MakeContrast(const EvaluationPlan& plan, std::size_t method, const std:
   contrast.learner = learner;
   const bool by_trial = plan.trials >= kFewTrials;
   contrast.resampled = by_trial ? "trials" : "episodes";
-  const int units_per_trial = by_trial ? 1 : plan.episodes;
-  std::vector<PairedCounts> units(static_cast<std::size_t>(plan.trials * units_per_trial));
+  const auto units_per_trial = static_cast<std::size_t>(by_trial ? 1 : plan.episodes);
+  std::vector<PairedCounts> units(static_cast<std::size_t>(plan.trials) * units_per_trial);
   for (const UnitResult& result : results) {
     if (result.unit.learner != learner) continue;
-    for (int i = 0; i < plan.episodes; ++i) {
-      const auto k = static_cast<std::size_t>(i);
+    for (std::size_t k = 0; k < static_cast<std::size_t>(plan.episodes); ++k) {
       const core::Outcome outcome = result.episodes[method][k].outcome;
       const core::Outcome reference = result.episodes[0][k].outcome;
       PairedCounts& unit =
-          units[static_cast<std::size_t>(result.unit.trial * units_per_trial + (by_trial ? 0 : i))];
+          units[static_cast<std::size_t>(result.unit.trial) * units_per_trial + (by_trial ? 0 : k)];
       unit.stratum = by_trial ? 0 : result.unit.trial;
       ++unit.episodes;
       unit.completed += outcome == core::Outcome::kCompleted ? 1 : 0;

@@ -55,10 +55,9 @@ int DigitsOf(double step) {
 }
 
 void AddTicks(Axis& axis, double step) {
-  for (double tick = std::ceil(axis.low / step - 1e-9) * step; tick <= axis.high + 1e-9 * step;
-       tick += step) {
-    axis.ticks.push_back(tick);
-  }
+  const auto first = static_cast<int>(std::ceil(axis.low / step - 1e-9));
+  const auto last = static_cast<int>(std::floor(axis.high / step + 1e-9));
+  for (int i = first; i <= last; ++i) axis.ticks.push_back(i * step);
 }
 
 // From zero or the least value to the largest. Few distinct values are ticks themselves.
@@ -239,16 +238,17 @@ std::string SvgPlot(const ReportPlot& plot) {
     const ReportSeries& series = plot.series[i];
     const int style = series.style >= 0 ? series.style : static_cast<int>(i);
     const std::string colour = StyleAttribute(style);
-    std::string upper;
-    std::string lower;
-    for (std::size_t k = 0; k < series.low.size(); ++k) {
-      if (!std::isfinite(series.low[k]) || !std::isfinite(series.high[k])) continue;
-      const std::string x = Coordinate(map_x(series.x[k]));
-      upper += x + "," + Coordinate(map_y(series.high[k])) + " ";
-      lower = x + "," + Coordinate(map_y(series.low[k])) + " " + lower;
-    }
-    if (!upper.empty()) {
-      svg << "<polygon class=\"band\" " << colour << " points=\"" << upper << lower << "\"/>\n";
+    if (!series.low.empty()) {
+      // There along the upper ends, back along the lower ones.
+      svg << "<polygon class=\"band\" " << colour << " points=\"";
+      const std::size_t n = series.low.size();
+      for (std::size_t j = 0; j < 2 * n; ++j) {
+        const std::size_t k = j < n ? j : 2 * n - 1 - j;
+        if (!std::isfinite(series.low[k]) || !std::isfinite(series.high[k])) continue;
+        svg << Coordinate(map_x(series.x[k])) << ","
+            << Coordinate(map_y(j < n ? series.high[k] : series.low[k])) << " ";
+      }
+      svg << "\"/>\n";
     }
     lines << "<g " << colour << ">";
     std::string path;
@@ -259,7 +259,7 @@ std::string SvgPlot(const ReportPlot& plot) {
       const double x = map_x(series.x[k]);
       const double y = map_y(series.y[k]);
       path += path.empty() ? "M" : "L";
-      path += Coordinate(x) + " " + Coordinate(y);
+      path.append(Coordinate(x)).append(" ").append(Coordinate(y));
       end = y;
       // Long curves are lines only; a point of its own then says nothing.
       if (series.x.size() > 40) continue;
