@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "dfr/control/switching_policy.h"
@@ -26,24 +27,6 @@ namespace {
 constexpr int kStateDim = 12;
 constexpr int kControlDim = 7;
 constexpr int kHorizon = 60;
-constexpr int kDemonstrations = 120;
-
-// Demonstrated states: a mean path with a spread of 0.03 around it, the Pusher's in metres.
-std::vector<core::Matrix> Demonstrations() {
-  core::Random random(1);
-  std::vector<core::Matrix> demonstrations;
-  for (int i = 0; i < kDemonstrations; ++i) {
-    core::Matrix states(kHorizon + 1, kStateDim);
-    for (int t = 0; t <= kHorizon; ++t) {
-      for (int k = 0; k < kStateDim; ++k) {
-        states(t, k) = std::sin(0.05 * t + k) + 0.03 * random.Normal();
-      }
-    }
-    demonstrations.push_back(std::move(states));
-  }
-  return demonstrations;
-}
-
 // g_t(x) = exp(-|x - mean_t|^2) - 0.5
 class Bump final : public core::DecisionFunction {
  public:
@@ -102,6 +85,24 @@ class Integrator final : public core::SimulatedPlant {
  private:
   core::StateLayout layout_;
 };
+
+#if DFR_BENCH_HAS_KERNEL
+// 120 demonstrations: a mean path with a spread of 0.03 around it, the Pusher's in metres.
+std::vector<core::Matrix> Demonstrations() {
+  core::Random random(1);
+  std::vector<core::Matrix> demonstrations;
+  for (int i = 0; i < 120; ++i) {
+    core::Matrix states(kHorizon + 1, kStateDim);
+    for (int t = 0; t <= kHorizon; ++t) {
+      for (int k = 0; k < kStateDim; ++k) {
+        states(t, k) = std::sin(0.05 * t + k) + 0.03 * random.Normal();
+      }
+    }
+    demonstrations.push_back(std::move(states));
+  }
+  return demonstrations;
+}
+#endif
 
 std::unique_ptr<core::DecisionFunction> MakeSupport(bool kernel) {
 #if DFR_BENCH_HAS_KERNEL
