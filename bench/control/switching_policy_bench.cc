@@ -27,6 +27,7 @@ namespace {
 constexpr int kStateDim = 12;
 constexpr int kControlDim = 7;
 constexpr int kHorizon = 60;
+
 // g_t(x) = exp(-|x - mean_t|^2) - 0.5
 class Bump final : public core::DecisionFunction {
  public:
