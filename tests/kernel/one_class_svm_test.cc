@@ -136,6 +136,67 @@ TEST(OneClassSvmTest, LittleMemoryGivesTheSameEstimate) {
   EXPECT_TRUE(dfr::test::AllClose(Decisions(little, queries), Decisions(plenty, queries), 1e-7));
 }
 
+TEST(OneClassSvmTest, ActiveSetFindsTheSolutionOfTheWholeProblem) {
+  core::Random random(40);
+  // More samples than are solved at once: nearly all alpha at the bound, and nearly all free.
+  const core::Matrix samples = Tube(5000, 3, random);
+  for (const double gamma : {0.3, 30.0}) {
+    for (const double tolerance : {1e-3, 1e-5}) {  // kernel values in float, and in double
+      FitSummary summary;
+      const auto svm =
+          OneClassSvm::Fit(samples, {.nu = 0.05, .gamma = gamma, .tolerance = tolerance}, &summary);
+      EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+      // Kernel values in float shift the gap by up to 1e-7 nu m.
+      EXPECT_LT(KktGap(svm, samples, 0.05), tolerance + (tolerance > 1e-4 ? 2.5e-5 : 1e-9));
+    }
+  }
+}
+
+TEST(OneClassSvmTest, AStartLeadsToTheSameEstimateAndTheSolutionItselfAtOnce) {
+  core::Random random(41);
+  const core::Matrix samples = Tube(800, 3, random);
+  OneClassSvmOptions options{.nu = 0.1, .gamma = 2.0, .tolerance = 1e-6};
+  FitSummary neighbour, cold, warm;
+  (void)OneClassSvm::Fit(samples, {.nu = 0.11, .gamma = 2.1, .tolerance = 1e-6}, &neighbour);
+  const auto a = OneClassSvm::Fit(samples, options, &cold);
+  options.start = core::AsSpan(std::as_const(neighbour.alpha));
+  const auto b = OneClassSvm::Fit(samples, options, &warm);
+  // The tolerance over nu m = 80, with a margin of ten.
+  EXPECT_TRUE(dfr::test::AllClose(Decisions(b, samples), Decisions(a, samples), 1.3e-7));
+  EXPECT_NEAR(warm.alpha.sum(), 1.0, 1e-12);
+  options.start = core::AsSpan(std::as_const(cold.alpha));
+  (void)OneClassSvm::Fit(samples, options, &warm);
+  EXPECT_LT(warm.iterations, cold.iterations / 20);  // scaling alpha and back rounds
+}
+
+TEST(OneClassSvmTest, ProgressIsReportedAndMayStopTheFit) {
+  core::Random random(42);
+  const core::Matrix samples = Tube(5000, 3, random);
+  int calls = 0;
+  OneClassSvmOptions options{.gamma = 30.0, .tolerance = 1e-5};
+  options.progress = [&](const FitProgress& p) {
+    EXPECT_GE(p.iterations, 0);
+    EXPECT_GE(p.kkt_gap, 0.0);
+    return ++calls < 5;
+  };
+  FitSummary summary;
+  const auto svm = OneClassSvm::Fit(samples, options, &summary);
+  EXPECT_EQ(calls, 5);
+  EXPECT_EQ(summary.reason, FitSummary::Reason::kInterrupted);
+  EXPECT_NEAR(svm.alpha().sum(), 1.0, 1e-12);  // still a valid estimate
+}
+
+TEST(OneClassSvmTest, TooLittleMemoryIsRefusedWithTheLeastThatWorks) {
+  core::Random random(43);
+  const core::Matrix samples = Tube(20000, 8, random);
+  try {
+    (void)OneClassSvm::Fit(samples, {.memory_mib = 1.0});
+    FAIL() << "nothing thrown";
+  } catch (const std::invalid_argument& e) {
+    EXPECT_THAT(e.what(), HasSubstr("memory_mib of 1 is too little for 20000 x 8 samples"));
+  }
+}
+
 TEST(OneClassSvmTest, StopsAtTheIterationLimitAndSaysSo) {
   core::Random random(25);
   FitSummary summary;
@@ -400,6 +461,10 @@ TEST(OneClassSvmTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(fit(fine, {.tolerance = 0.0}), HasSubstr("tolerance must be positive"));
   EXPECT_THAT(fit(fine, {.max_iterations = -1}), HasSubstr("max_iterations"));
   EXPECT_THAT(fit(fine, {.memory_mib = 0.0}), HasSubstr("memory_mib"));
+  const std::vector<double> few(3, 1.0), negative(10, -1.0), none(10, 0.0);
+  EXPECT_THAT(fit(fine, {.start = few}), HasSubstr("3 alpha for 10 samples"));
+  EXPECT_THAT(fit(fine, {.start = negative}), HasSubstr("alpha of -1"));
+  EXPECT_THAT(fit(fine, {.start = none}), HasSubstr("sum to 0"));
   EXPECT_THAT(fit(core::Matrix(1, 2), {}), HasSubstr("at least 2 samples; there are 1"));
   EXPECT_THAT(fit(core::Matrix(5, 0), {}), HasSubstr("1 to 2048 entries, not 0"));
   core::Matrix broken = fine;

@@ -386,20 +386,19 @@ std::vector<std::size_t> RhoSamples(std::span<const double> alpha,
       free.push_back(i);
     }
   }
-  // More would not change the mean by more than the tolerance.
-  constexpr std::size_t kEnough = 256;
-  if (free.size() > kEnough) {
-    for (std::size_t k = 0; k < kEnough; ++k) free[k] = free[k * free.size() / kEnough];
-    free.resize(kEnough);
-  }
   if (free.empty() && low != alpha.size()) free.push_back(low);
   if (free.empty() || (free[0] == low && high != alpha.size())) free.push_back(high);
   return free;
 }
 
-// rho to the precision of double, from the solution that a solver in float may have found.
+// rho = mean of G over these samples. The solver's G may stem from kernel values in float, which
+// are all off in the same direction; a few values in double show by how much.
 double Rho(const core::Matrix& samples, double gamma, std::span<const double> alpha,
            std::span<const double> gradient) {
+  const std::vector<std::size_t> chosen = RhoSamples(alpha, gradient);
+  double mean = 0.0;
+  for (const std::size_t i : chosen) mean += gradient[i] / static_cast<double>(chosen.size());
+
   std::vector<Eigen::Index> support;
   std::vector<double> weights;
   for (std::size_t i = 0; i < alpha.size(); ++i) {
@@ -410,14 +409,17 @@ double Rho(const core::Matrix& samples, double gamma, std::span<const double> al
   }
   const GaussianTerms<double> terms(samples(support, Eigen::all), weights, gamma);
   std::vector<double> query(terms.dim);
-  double sum = 0.0;
-  const std::vector<std::size_t> chosen = RhoSamples(alpha, gradient);
-  for (const std::size_t i : chosen) {
-    const bool near =
-        terms.Scale(core::Row(samples, static_cast<Eigen::Index>(i)).data(), query.data());
-    if (near) sum += GaussianSum(terms, query.data());
+  constexpr std::size_t kEnough = 16;
+  const std::size_t count = std::min(kEnough, chosen.size());
+  double correction = 0.0;
+  for (std::size_t k = 0; k < count; ++k) {
+    const std::size_t i = chosen[k * chosen.size() / count];
+    const auto row = core::Row(samples, static_cast<Eigen::Index>(i));
+    if (terms.Scale(row.data(), query.data())) {
+      correction += GaussianSum(terms, query.data()) - gradient[i];
+    }
   }
-  return sum / static_cast<double>(chosen.size());
+  return mean + correction / static_cast<double>(count);
 }
 
 // The first samples of `order` at the bound, until alpha sums to `total`.
