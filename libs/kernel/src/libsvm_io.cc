@@ -1,0 +1,316 @@
+#include "dfr/kernel/libsvm_io.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <limits>
+#include <optional>
+#include <span>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace dfr::kernel {
+namespace {
+
+// A text file line by line, with errors that name the place.
+class LineReader {
+ public:
+  explicit LineReader(const std::filesystem::path& path) : name_(path.string()), in_(path) {
+    if (!in_ || std::filesystem::is_directory(path)) {
+      throw std::runtime_error(name_ +
+                               ": cannot be opened: " + std::strerror(errno != 0 ? errno : EISDIR));
+    }
+  }
+
+  // The next line that is not blank. False at the end.
+  bool Next() {
+    while (std::getline(in_, line_)) {
+      ++number_;
+      if (!line_.empty() && line_.back() == '\r') line_.pop_back();
+      if (line_.find_first_not_of(" \t") != std::string::npos) return true;
+    }
+    if (in_.bad()) Fail("cannot be read");
+    return false;
+  }
+
+  [[nodiscard]] std::string_view line() const { return line_; }
+
+  [[noreturn]] void Fail(const std::string& reason) const {
+    throw std::runtime_error(name_ + ":" + std::to_string(number_) + ": " + reason);
+  }
+
+  // Cuts the next word, between spaces, from `text`.
+  static std::string_view Word(std::string_view& text) {
+    const auto first = std::min(text.find_first_not_of(" \t"), text.size());
+    text.remove_prefix(first);
+    const std::string_view word = text.substr(0, text.find_first_of(" \t"));
+    text.remove_prefix(word.size());
+    return word;
+  }
+
+  [[nodiscard]] double Number(std::string_view word, const char* what) const {
+    const std::optional<double> value = Parse<double>(word);
+    if (!value || !std::isfinite(*value)) {
+      Fail(std::string(what) + " must be a finite number, not '" + Quoted(word) + "'");
+    }
+    return *value;
+  }
+
+  [[nodiscard]] int Integer(std::string_view word, const char* what, int low, int high) const {
+    const std::optional<int> value = Parse<int>(word);
+    if (!value || *value < low || *value > high) {
+      Fail(std::string(what) + " must be an integer from " + std::to_string(low) + " to " +
+           std::to_string(high) + ", not '" + Quoted(word) + "'");
+    }
+    return *value;
+  }
+
+  template <typename T>
+  static std::optional<T> Parse(std::string_view word) {
+    if (word.starts_with('+')) word.remove_prefix(1);
+    T value{};
+    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
+    if (error != std::errc() || end != word.data() + word.size()) return std::nullopt;
+    return value;
+  }
+
+  // Damaged files hold anything: short and printable.
+  static std::string Quoted(std::string_view word) {
+    std::string text(word.substr(0, 40));
+    for (char& c : text) {
+      if (c < ' ' || c > '~') c = '?';
+    }
+    return text;
+  }
+
+ private:
+  std::string name_;
+  std::ifstream in_;
+  std::string line_;
+  int number_ = 0;
+};
+
+// The entries "1:v 3:v ..." of one line.
+struct SparseRow {
+  std::vector<std::pair<int, double>> entries;  // 0-based index, value
+
+  [[nodiscard]] int width() const { return entries.empty() ? 0 : entries.back().first + 1; }
+};
+
+SparseRow ReadSparse(const LineReader& reader, std::string_view text) {
+  SparseRow row;
+  int last = 0;
+  while (true) {
+    const std::string_view word = LineReader::Word(text);
+    if (word.empty()) return row;
+    const auto colon = word.find(':');
+    if (colon == std::string_view::npos) {
+      reader.Fail("expected index:value, not '" + LineReader::Quoted(word) + "'");
+    }
+    const int index =
+        reader.Integer(word.substr(0, colon), "an index", 1, OneClassSvm::kMaxStateDim);
+    if (index <= last) {
+      reader.Fail("indices must ascend: " + std::to_string(index) + " follows " +
+                  std::to_string(last));
+    }
+    row.entries.emplace_back(index - 1, reader.Number(word.substr(colon + 1), "a value"));
+    last = index;
+  }
+}
+
+core::Matrix Dense(const std::vector<SparseRow>& rows, int width) {
+  core::Matrix matrix = core::Matrix::Zero(static_cast<Eigen::Index>(rows.size()), width);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    for (const auto& [index, value] : rows[i].entries) {
+      matrix(static_cast<Eigen::Index>(i), index) = value;
+    }
+  }
+  return matrix;
+}
+
+std::vector<double> ReadCommas(const LineReader& reader) {
+  std::vector<double> values;
+  std::string_view text = reader.line();
+  while (true) {
+    const auto comma = text.find(',');
+    std::string_view cell = text.substr(0, comma);
+    const std::string_view word = LineReader::Word(cell);
+    values.push_back(reader.Number(word, "an entry"));
+    if (!LineReader::Word(cell).empty()) reader.Fail("an entry holds more than one number");
+    if (values.size() > OneClassSvm::kMaxStateDim) {
+      reader.Fail("more than " + std::to_string(OneClassSvm::kMaxStateDim) + " entries");
+    }
+    if (comma == std::string_view::npos) return values;
+    text.remove_prefix(comma + 1);
+  }
+}
+
+core::Matrix LoadCommas(LineReader& reader, int state_dim) {
+  std::vector<double> all;
+  std::size_t width = state_dim > 0 ? static_cast<std::size_t>(state_dim) : 0;
+  bool first = true;
+  do {
+    std::string_view cell = reader.line().substr(0, reader.line().find(','));
+    const bool header = first && !LineReader::Parse<double>(LineReader::Word(cell));
+    first = false;
+    if (header) continue;
+    const std::vector<double> row = ReadCommas(reader);
+    if (width == 0) width = row.size();
+    if (row.size() != width) {
+      reader.Fail(std::to_string(row.size()) + " entries where " + std::to_string(width) +
+                  " are expected");
+    }
+    all.insert(all.end(), row.begin(), row.end());
+  } while (reader.Next());
+  if (all.empty()) reader.Fail("there are no samples");
+  return Eigen::Map<const core::Matrix>(all.data(), static_cast<Eigen::Index>(all.size() / width),
+                                        static_cast<Eigen::Index>(width));
+}
+
+core::Matrix LoadSparse(LineReader& reader, int state_dim) {
+  std::vector<SparseRow> rows;
+  int width = 1;
+  do {
+    std::string_view text = reader.line();
+    const std::string_view label = LineReader::Word(text);
+    (void)reader.Number(label, "a label");
+    rows.push_back(ReadSparse(reader, text));
+    width = std::max(width, rows.back().width());
+    if (state_dim > 0 && width > state_dim) {
+      reader.Fail("index " + std::to_string(width) + " where " + std::to_string(state_dim) +
+                  " entries are expected");
+    }
+  } while (reader.Next());
+  return Dense(rows, state_dim > 0 ? state_dim : width);
+}
+
+}  // namespace
+
+void SaveLibsvmModel(const OneClassSvm& svm, const std::filesystem::path& path) {
+  std::ostringstream out;
+  out.precision(std::numeric_limits<double>::max_digits10);
+  out << "svm_type one_class\nkernel_type rbf\ngamma " << svm.gamma() << "\nnr_class 2\ntotal_sv "
+      << svm.num_support_vectors() << "\nrho " << svm.rho() * svm.libsvm_scale() << "\nSV\n";
+  for (Eigen::Index i = 0; i < svm.alpha().size(); ++i) {
+    out << svm.alpha()[i] * svm.libsvm_scale();
+    for (Eigen::Index k = 0; k < svm.support_vectors().cols(); ++k) {
+      // The last entry is written even if zero: it says how wide a state is.
+      const double value = svm.support_vectors()(i, k);
+      if (value != 0.0 || k + 1 == svm.support_vectors().cols())
+        out << ' ' << k + 1 << ':' << value;
+    }
+    out << " \n";
+  }
+  std::filesystem::path temporary = path;
+  temporary += ".tmp";
+  const auto fail = [&] {
+    const std::string reason = std::strerror(errno);
+    std::error_code ignored;
+    std::filesystem::remove(temporary, ignored);
+    throw std::runtime_error(path.string() + ": cannot be written: " + reason);
+  };
+  {
+    std::ofstream file(temporary, std::ios::binary);
+    file << out.view();
+    file.flush();
+    if (!file) fail();
+  }
+  if (std::rename(temporary.c_str(), path.c_str()) != 0) fail();
+}
+
+OneClassSvm LoadLibsvmModel(const std::filesystem::path& path) {
+  LineReader reader(path);
+  std::optional<double> gamma, rho;
+  std::optional<int> total;
+  bool one_class = false;
+  bool gaussian = false;
+  bool vectors = false;
+  while (!vectors && reader.Next()) {
+    std::string_view text = reader.line();
+    const std::string_view key = LineReader::Word(text);
+    const std::string_view value = LineReader::Word(text);
+    if (key == "svm_type") {
+      if (value != "one_class") {
+        reader.Fail("svm_type must be one_class, not '" + LineReader::Quoted(value) + "'");
+      }
+      one_class = true;
+    } else if (key == "kernel_type") {
+      if (value != "rbf") {
+        reader.Fail("kernel_type must be rbf, not '" + LineReader::Quoted(value) + "'");
+      }
+      gaussian = true;
+    } else if (key == "gamma") {
+      gamma = reader.Number(value, "gamma");
+      if (*gamma <= 0.0) reader.Fail("gamma must be positive");
+    } else if (key == "rho") {
+      rho = reader.Number(value, "rho");
+    } else if (key == "total_sv") {
+      total = reader.Integer(value, "total_sv", 1, std::numeric_limits<int>::max());
+    } else if (key == "nr_class") {
+      (void)reader.Integer(value, "nr_class", 2, 2);
+    } else if (key == "SV") {
+      vectors = true;
+    } else if (key != "prob_density_marks") {  // newer LIBSVM; a one-class g does not need it
+      reader.Fail("unknown key '" + LineReader::Quoted(key) + "'");
+    }
+    if (key != "SV" && key != "prob_density_marks") {
+      if (value.empty()) reader.Fail(std::string(key) + " has no value");
+      if (!LineReader::Word(text).empty()) reader.Fail(std::string(key) + " has two values");
+    }
+  }
+  const auto need = [&](bool present, const char* key) {
+    if (!present) reader.Fail(std::string("the header has no ") + key);
+  };
+  need(vectors, "SV");
+  need(one_class, "svm_type");
+  need(gaussian, "kernel_type");
+  need(gamma.has_value(), "gamma");
+  need(rho.has_value(), "rho");
+  need(total.has_value(), "total_sv");
+
+  std::vector<double> alpha;
+  std::vector<SparseRow> rows;
+  int width = 1;
+  while (reader.Next()) {
+    if (static_cast<int>(rows.size()) == *total) {
+      reader.Fail("more than the " + std::to_string(*total) + " support vectors of total_sv");
+    }
+    std::string_view text = reader.line();
+    alpha.push_back(reader.Number(LineReader::Word(text), "a coefficient"));
+    if (!(alpha.back() > 0.0)) reader.Fail("a coefficient must be positive");
+    rows.push_back(ReadSparse(reader, text));
+    width = std::max(width, rows.back().width());
+  }
+  if (static_cast<int>(rows.size()) != *total) {
+    reader.Fail("the file ends after " + std::to_string(rows.size()) + " of " +
+                std::to_string(*total) + " support vectors");
+  }
+  Eigen::VectorXd weights = core::AsVector(std::span<const double>(alpha));
+  const double scale = weights.sum();
+  if (!std::isfinite(scale)) reader.Fail("the coefficients are too large");
+  weights /= scale;
+  try {
+    return OneClassSvm::FromParts(Dense(rows, width), std::move(weights), *gamma, *rho / scale,
+                                  scale);
+  } catch (const std::invalid_argument& e) {
+    reader.Fail(e.what());
+  }
+}
+
+core::Matrix LoadSamples(const std::filesystem::path& path, int state_dim) {
+  LineReader reader(path);
+  if (!reader.Next()) reader.Fail("the file is empty");
+  // One column of plain numbers is comma-separated too; a sparse line has a colon.
+  const bool sparse = reader.line().find(':') != std::string_view::npos;
+  return sparse ? LoadSparse(reader, state_dim) : LoadCommas(reader, state_dim);
+}
+
+}  // namespace dfr::kernel
