@@ -98,6 +98,7 @@ TEST(MlpPolicyTest, ThreadsShareAPolicy) {
   std::vector<std::vector<double>> together(4);
   {
     std::vector<std::jthread> threads;
+    threads.reserve(together.size());
     for (auto& controls : together) threads.emplace_back([&] { run(controls); });
   }
   EXPECT_THAT(together, Each(alone));

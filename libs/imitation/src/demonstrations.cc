@@ -75,6 +75,7 @@ std::vector<std::string> Episodes(const Hdf5File& file) {
   }
   std::sort(numbered.begin(), numbered.end());
   std::vector<std::string> paths;
+  paths.reserve(numbered.size());
   for (auto& [number, path] : numbered) paths.push_back(std::move(path));
   return paths;
 }
@@ -113,7 +114,8 @@ core::StateLayout ReadLayout(const Hdf5File& file, const std::string& episode) {
   std::vector<Key> keys;
   bool all_have_offsets = true;
   for (const std::string& name : file.Members(group)) {
-    const std::string path = group + "/" + name;
+    std::string path = group;
+    path += "/" + name;
     const std::vector<std::int64_t> shape = file.Shape(path);
     if (shape.empty()) file.Fail(path, "is a single value, not one row per step");
     if (shape.size() > 2) continue;
@@ -265,7 +267,8 @@ class RobomimicWriter::File {
 };
 
 RobomimicWriter::RobomimicWriter(const std::filesystem::path& path, core::StateLayout layout,
-                                 int control_dim, std::string environment, std::string model_xml) {
+                                 int control_dim, const std::string& environment,
+                                 std::string model_xml) {
   DFR_THROW_UNLESS(layout.state_dim() > 0, "demonstrations need a state layout");
   DFR_THROW_UNLESS(control_dim > 0, "demonstrations need controls, not " << control_dim);
   for (const auto& block : layout.blocks) {

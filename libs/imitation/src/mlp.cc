@@ -14,7 +14,6 @@ namespace dfr::imitation {
 namespace {
 
 using internal::Multiply;
-using internal::Product;
 using internal::Tanh;
 using internal::TimesTanhSlope;
 

@@ -203,7 +203,8 @@ Batch Trpo::Learner::Collect(int min_steps, core::Random& noise) {
   std::vector<double> state(state_dim), features(num_features), whitened(num_features);
   std::vector<double> control(control_dim), clipped(control_dim);
   std::vector<double> all_features, all_controls;
-  const auto room = static_cast<std::size_t>(min_steps + options_.horizon);
+  const std::size_t room =
+      static_cast<std::size_t>(min_steps) + static_cast<std::size_t>(options_.horizon);
   all_features.reserve(room * num_features);
   all_controls.reserve(room * control_dim);
   const Eigen::ArrayXd std = log_std_.array().exp();

@@ -37,7 +37,7 @@ class RobomimicWriter {
   /// Creates the file, replacing any.
   /// @param model_xml  the simulation's model, kept with each episode as robomimic wants it.
   RobomimicWriter(const std::filesystem::path& path, core::StateLayout layout, int control_dim,
-                  std::string environment, std::string model_xml = "");
+                  const std::string& environment, std::string model_xml = "");
   RobomimicWriter(RobomimicWriter&&) noexcept;
   RobomimicWriter& operator=(RobomimicWriter&&) noexcept;
   ~RobomimicWriter();

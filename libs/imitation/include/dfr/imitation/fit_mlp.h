@@ -22,7 +22,7 @@ enum class FitMethod {
 struct FitMlpOptions {
   std::vector<int> hidden = {64, 64};  ///< Tanh units; none for a linear policy.
   FitMethod method = FitMethod::kAdam;
-  std::string features = "";       ///< What the policy sees, as core::FeatureSelection; empty: all.
+  std::string features = {};       ///< What the policy sees, as core::FeatureSelection; empty: all.
   double control_limit = 1.0;      ///< Of the policy: controls are clipped to +-this, > 0.
   double weight_decay = 0.0;       ///< Of the loss below, >= 0.
   bool skip_zero_controls = true;  ///< Leave out rows with u = 0, which pad finished episodes.

@@ -38,7 +38,7 @@ class Environment {
 struct TrpoOptions {
   std::vector<int> hidden = {64, 64};         ///< Tanh units of the policy's layers.
   std::vector<int> critic_hidden = {64, 64};  ///< And of the critic's.
-  std::string features = "";   ///< What the policy sees, as core::FeatureSelection; empty: all.
+  std::string features = {};   ///< What the policy sees, as core::FeatureSelection; empty: all.
   double control_limit = 1.0;  ///< Controls are clipped to +-this, > 0.
   int horizon = 60;            ///< Steps of an episode, T.
   int batch_steps = 4000;      ///< An iteration collects whole episodes of at least so many steps.
