@@ -10,7 +10,10 @@ namespace dfr::sim::internal {
 
 /// MuJoCo's visualisation of one model in the OpenGL context that is current when it is made.
 struct Scene {
-  explicit Scene(const mjModel& the_model) : model(&the_model), data(mj_makeData(model)) {
+  explicit Scene(const mjModel& the_model)
+      : model(&the_model),
+        overhead(mj_name2id(model, mjOBJ_CAMERA, "overhead")),
+        data(mj_makeData(model)) {
     mjv_defaultCamera(&camera);
     mjv_defaultOption(&option);
     mjv_defaultScene(&scene);
@@ -33,11 +36,23 @@ struct Scene {
     mj_comPos(model, data.get());
     mj_camlight(model, data.get());
     mjv_updateScene(model, data.get(), &option, nullptr, &camera, mjCAT_ALL, &scene);
+    if (camera.type == mjCAMERA_FIXED && camera.fixedcamid == overhead) FadeArm();
     mjr_render(viewport, &scene, &context);
+  }
+
+  // Seen from above the arm's links hide what the gripper does.
+  void FadeArm() {
+    constexpr mjtNum kAboveGripper = -0.2;  // m
+    for (int i = 0; i < scene.ngeom; ++i) {
+      if (scene.geoms[i].pos[2] < kAboveGripper) continue;
+      scene.geoms[i].rgba[3] *= 0.25f;
+      scene.geoms[i].transparent = 1;
+    }
   }
 
   static constexpr int kMaxGeoms = 256;
   const mjModel* model;
+  int overhead;  // the camera
   std::unique_ptr<mjData, MjDeleter> data;
   mjvCamera camera;
   mjvOption option;

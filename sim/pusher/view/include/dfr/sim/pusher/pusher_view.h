@@ -13,7 +13,7 @@ namespace dfr::sim {
 /// A fixed camera of the scene.
 enum class PusherCamera {
   kAngled,    ///< From beside the goal, over the table.
-  kOverhead,  ///< Straight down, the goal on top.
+  kOverhead,  ///< Straight down, the goal on top, the arm's links translucent.
 };
 
 /// Options for PusherRenderer. Pixels.
