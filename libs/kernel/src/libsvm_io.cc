@@ -23,12 +23,7 @@ namespace {
 // A text file line by line, with errors that name the place.
 class LineReader {
  public:
-  explicit LineReader(const std::filesystem::path& path) : name_(path.string()), in_(path) {
-    if (!in_ || std::filesystem::is_directory(path)) {
-      throw std::runtime_error(name_ +
-                               ": cannot be opened: " + std::strerror(errno != 0 ? errno : EISDIR));
-    }
-  }
+  LineReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {}
 
   // The next line that is not blank. False at the end.
   bool Next() {
@@ -92,11 +87,20 @@ class LineReader {
   }
 
  private:
+  std::istream& in_;
   std::string name_;
-  std::ifstream in_;
   std::string line_;
   int number_ = 0;
 };
+
+std::ifstream Open(const std::filesystem::path& path) {
+  std::ifstream in(path);
+  if (!in || std::filesystem::is_directory(path)) {
+    throw std::runtime_error(path.string() +
+                             ": cannot be opened: " + std::strerror(in ? EISDIR : errno));
+  }
+  return in;
+}
 
 // The entries "1:v 3:v ..." of one line.
 struct SparseRow {
@@ -227,7 +231,12 @@ void SaveLibsvmModel(const OneClassSvm& svm, const std::filesystem::path& path) 
 }
 
 OneClassSvm LoadLibsvmModel(const std::filesystem::path& path) {
-  LineReader reader(path);
+  std::ifstream in = Open(path);
+  return LoadLibsvmModel(in, path.string());
+}
+
+OneClassSvm LoadLibsvmModel(std::istream& in, const std::string& name) {
+  LineReader reader(in, name);
   std::optional<double> gamma, rho;
   std::optional<int> total;
   bool one_class = false;
@@ -306,7 +315,8 @@ OneClassSvm LoadLibsvmModel(const std::filesystem::path& path) {
 }
 
 core::Matrix LoadSamples(const std::filesystem::path& path, int state_dim) {
-  LineReader reader(path);
+  std::ifstream in = Open(path);
+  LineReader reader(in, path.string());
   if (!reader.Next()) reader.Fail("the file is empty");
   // One column of plain numbers is comma-separated too; a sparse line has a colon.
   const bool sparse = reader.line().find(':') != std::string_view::npos;

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <filesystem>
+#include <istream>
+#include <string>
 
 #include "dfr/core/matrix.h"
 #include "dfr/kernel/one_class_svm.h"
@@ -19,6 +21,8 @@ void SaveLibsvmModel(const OneClassSvm& svm, const std::filesystem::path& path);
 ///   kind, truncated, damaged or hostile (huge counts and indices are refused before anything is
 ///   allocated for them).
 OneClassSvm LoadLibsvmModel(const std::filesystem::path& path);
+/// The same from an open stream; `name` stands for the file in messages.
+OneClassSvm LoadLibsvmModel(std::istream& in, const std::string& name);
 
 /// Reads samples in LIBSVM's sparse form, "label 1:v 3:v ..." with 1-based ascending indices
 /// (labels are ignored, absent entries zero), or as comma-separated values, one sample per line,

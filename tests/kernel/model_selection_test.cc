@@ -1,0 +1,158 @@
+#include "dfr/kernel/model_selection.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <iterator>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "dfr/core/random.h"
+
+namespace dfr::kernel {
+namespace {
+
+using testing::HasSubstr;
+
+// Demonstrations that differ from each other much more than their states do from one another.
+std::vector<core::Matrix> Demonstrations(int count, std::uint64_t seed) {
+  core::Random random(seed);
+  std::vector<core::Matrix> all;
+  for (int d = 0; d < count; ++d) {
+    const double offset = random.Normal();
+    core::Matrix states(10, 2);
+    for (Eigen::Index t = 0; t < 10; ++t) {
+      states.row(t) << 0.3 * static_cast<double>(t) + offset + 0.05 * random.Normal(),
+          0.5 * offset + 0.05 * random.Normal();
+    }
+    all.push_back(states);
+  }
+  return all;
+}
+
+std::string Message(const std::function<void()>& call) {
+  try {
+    call();
+  } catch (const std::exception& e) {
+    return e.what();
+  }
+  return "nothing thrown";
+}
+
+TEST(ConformalThresholdTest, IsTheScoreOfRankCeilNPlusOneTimesOneMinusAlpha) {
+  const std::vector<double> scores = {5, 1, 4, 2, 3, 9, 8, 7, 6};  // n = 9
+  EXPECT_EQ(ConformalThreshold(scores, 0.1), 9.0);                 // rank 9
+  EXPECT_EQ(ConformalThreshold(scores, 0.2), 8.0);                 // rank 8
+  EXPECT_EQ(ConformalThreshold(scores, 0.25), 8.0);                // rank ceil(7.5)
+  EXPECT_EQ(ConformalThreshold(scores, 0.5), 5.0);
+  EXPECT_EQ(ConformalThreshold(scores, 0.99), 1.0);
+  // Nine items cannot promise less than one alarm in ten.
+  EXPECT_EQ(ConformalThreshold(scores, 0.09), std::numeric_limits<double>::infinity());
+}
+
+// The promise itself: a new score exceeds the threshold with probability at most alpha, and hardly
+// less.
+TEST(ConformalThresholdTest, NewScoresExceedItAsOftenAsPromised) {
+  core::Random random(61);
+  constexpr int kTrials = 20000;
+  int exceeded = 0;
+  std::vector<double> scores(39);
+  for (int trial = 0; trial < kTrials; ++trial) {
+    for (double& s : scores) s = random.Normal();
+    exceeded += random.Normal() > ConformalThreshold(scores, 0.1) ? 1 : 0;
+  }
+  // Rank 36 of 39: a tenth exactly, within four standard errors.
+  EXPECT_NEAR(exceeded / static_cast<double>(kTrials), 0.1, 4.0 * std::sqrt(0.1 * 0.9 / kTrials));
+}
+
+TEST(ConformalThresholdTest, ErrorsNameTheReason) {
+  const std::vector<double> none, broken = {1.0, std::nan("")}, fine = {1.0};
+  EXPECT_THAT(Message([&] { (void)ConformalThreshold(none, 0.1); }), HasSubstr("no held-out"));
+  EXPECT_THAT(Message([&] { (void)ConformalThreshold(broken, 0.1); }), HasSubstr("NaN"));
+  EXPECT_THAT(Message([&] { (void)ConformalThreshold(fine, 1.0); }), HasSubstr("alpha must lie"));
+}
+
+TEST(ModelSelectionTest, ExcursionScoreIsTheWorstStep) {
+  const auto demonstrations = Demonstrations(30, 62);
+  const auto support = TimeVaryingSupport::Fit(demonstrations, {.svm = {.nu = 0.1, .gamma = 1.0}});
+  core::Matrix states = demonstrations[0];
+  double expected = -std::numeric_limits<double>::infinity();
+  for (Eigen::Index t = 0; t < states.rows(); ++t) {
+    const auto& g = support.at(static_cast<int>(t));
+    const double sum = g.Decision(core::Row(states, t)) + g.rho();
+    expected = std::max(expected, -std::log(sum / g.rho()));
+  }
+  EXPECT_NEAR(ExcursionScore(support, states), expected, 1e-12);
+  states(4, 0) += 10.0;
+  EXPECT_GT(ExcursionScore(support, states), 10.0);
+}
+
+TEST(ModelSelectionTest, WiderKernelsAcceptMoreAndTheTightestThatAcceptsEnoughIsChosen) {
+  const auto demonstrations = Demonstrations(60, 63);
+  SelectionOptions options;
+  options.gammas = {0.02, 0.1, 0.5, 5.0, 100.0};
+  options.acceptance = 0.85;
+  const Selection s = SelectModel(demonstrations, options);
+  ASSERT_EQ(s.rows.size(), 5u);
+  EXPECT_TRUE(s.accepted);
+  EXPECT_GT(s.rows.front().acceptance, s.rows.back().acceptance + 0.2);
+  EXPECT_GT(s.rows.front().volume, s.rows.back().volume);
+  for (const SelectionRow& r : s.rows) {
+    if (r.acceptance >= 0.85) {
+      EXPECT_GE(r.volume, s.rows[s.chosen].volume);
+    }
+  }
+  EXPECT_LT(s.rows[s.chosen].gamma, 100.0);
+}
+
+TEST(ModelSelectionTest, WhereNoneAcceptsEnoughTheBestIsGivenAndSaidToFail) {
+  SelectionOptions options;
+  options.gammas = {50.0, 1000.0};
+  options.acceptance = 1.0;
+  const Selection s = SelectModel(Demonstrations(20, 64), options);
+  EXPECT_FALSE(s.accepted);
+  EXPECT_EQ(s.chosen, 0u);
+}
+
+TEST(ModelSelectionTest, ResultExplainsItself) {
+  SelectionOptions options;
+  options.gammas = {0.1, 1.0};
+  options.nus = {0.05, 0.2};
+  const Selection s = SelectModel(Demonstrations(16, 65), options);
+  ASSERT_EQ(s.rows.size(), 4u);
+  EXPECT_EQ(s.rows[2].nu, 0.2);
+  EXPECT_THAT(s.Table(), HasSubstr("\n->"));
+  const auto path = std::filesystem::path(testing::TempDir()) / "dfr_selection.svg";
+  s.SavePicture(path);
+  std::ifstream file(path);
+  const std::string svg(std::istreambuf_iterator<char>(file), {});
+  EXPECT_THAT(svg, HasSubstr("nu = 0.2"));
+  EXPECT_THAT(svg, HasSubstr("</svg>"));
+  std::filesystem::remove(path);
+  EXPECT_THAT(Message([&] { s.SavePicture("/no/such/folder/a.svg"); }),
+              HasSubstr("/no/such/folder/a.svg"));
+}
+
+TEST(ModelSelectionTest, ErrorsNameTheOption) {
+  const auto demonstrations = Demonstrations(7, 66);
+  const auto with = [&](auto&& change) {
+    SelectionOptions options;
+    change(options);
+    return Message([&] { (void)SelectModel(demonstrations, options); });
+  };
+  EXPECT_THAT(with([](auto& o) { o.gammas = {}; }), HasSubstr("no gamma"));
+  EXPECT_THAT(with([](auto& o) { o.nus = {}; }), HasSubstr("no nu"));
+  EXPECT_THAT(with([](auto& o) { o.folds = 1; }), HasSubstr("folds must be at least 2"));
+  EXPECT_THAT(with([](auto& o) { o.acceptance = 0.0; }), HasSubstr("acceptance"));
+  EXPECT_THAT(with([](auto& o) { o.false_alarms = 1.0; }), HasSubstr("false_alarms"));
+  EXPECT_THAT(with([](auto&) {}), HasSubstr("4 folds need at least 8 demonstrations; there are 7"));
+}
+
+}  // namespace
+}  // namespace dfr::kernel
