@@ -1,0 +1,254 @@
+// One-class SVMs from the command line, for those who know LIBSVM's svm-train and svm-predict.
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <exception>
+#include <fstream>
+#include <iostream>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "dfr/kernel/libsvm_io.h"
+#include "dfr/kernel/model_selection.h"
+#include "dfr/kernel/one_class_svm.h"
+
+namespace {
+
+using dfr::core::Matrix;
+using dfr::kernel::FitSummary;
+using dfr::kernel::OneClassSvm;
+
+volatile std::sig_atomic_t interrupted = 0;
+
+// One line on a terminal, a few times a second: the gap falls to the tolerance on a log scale.
+class ProgressLine {
+ public:
+  explicit ProgressLine(bool quiet) : shown_(!quiet && isatty(STDERR_FILENO) != 0) {}
+  ~ProgressLine() { Clear(); }
+
+  void Show(const dfr::kernel::FitProgress& p) {
+    const auto now = std::chrono::steady_clock::now();
+    if (!shown_ || now - last_ < std::chrono::milliseconds(200)) return;
+    last_ = now;
+    dirty_ = true;
+    std::fprintf(stderr, "\r%lld iterations, largest violation %.2e, to reach %.0e   ",
+                 static_cast<long long>(p.iterations), p.kkt_gap, p.tolerance);
+  }
+  void Clear() {
+    if (dirty_) std::fprintf(stderr, "\r%70s\r", "");
+    dirty_ = false;
+  }
+
+ private:
+  bool shown_;
+  bool dirty_ = false;
+  std::chrono::steady_clock::time_point last_;
+};
+
+struct TrainOptions {
+  double nu = 0.5;
+  double gamma = 0.0;
+  double tolerance = 1e-3;
+  double memory_mib = 512.0;
+  bool quiet = false;
+  std::string data;
+  std::string model;
+};
+
+int Train(const TrainOptions& o) {
+  const Matrix samples = dfr::kernel::LoadSamples(o.data);
+  dfr::kernel::OneClassSvmOptions options{
+      .nu = o.nu,
+      .gamma = o.gamma > 0.0 ? o.gamma : 1.0 / static_cast<double>(samples.cols()),
+      .tolerance = o.tolerance,
+      .memory_mib = o.memory_mib};
+  ProgressLine line(o.quiet);
+  options.progress = [&](const dfr::kernel::FitProgress& p) {
+    line.Show(p);
+    return interrupted == 0;
+  };
+  FitSummary summary;
+  const auto svm = OneClassSvm::Fit(samples, options, &summary);
+  line.Clear();
+  if (summary.reason == FitSummary::Reason::kInterrupted) {
+    throw std::runtime_error("interrupted; nothing was written");
+  }
+  dfr::kernel::SaveLibsvmModel(svm, o.model);
+  if (!o.quiet) {
+    std::printf("samples          %ld x %ld\n", static_cast<long>(samples.rows()),
+                static_cast<long>(samples.cols()));
+    std::printf("support vectors  %d\n", svm.num_support_vectors());
+    std::printf("objective        %.10g\n", summary.objective);
+    std::printf("rho              %.10g\n", svm.rho() * svm.libsvm_scale());
+    std::printf("KKT gap          %.3g\n", summary.kkt_gap);
+    std::printf("iterations       %lld\n", static_cast<long long>(summary.iterations));
+    std::printf("kernel values    %.4g million\n",
+                static_cast<double>(summary.kernel_evaluations) * 1e-6);
+    std::printf("time             %.3g s\n", summary.seconds);
+  }
+  if (summary.reason == FitSummary::Reason::kConverged) return EXIT_SUCCESS;
+  std::fprintf(stderr,
+               "ocsvm: stopped at a KKT gap of %.3g, above the tolerance of %.3g; the model is "
+               "written as it stands\n",
+               summary.kkt_gap, o.tolerance);
+  return EXIT_FAILURE;
+}
+
+// LIBSVM leaves zeros out: a model may be narrower than its data.
+OneClassSvm Widened(const OneClassSvm& svm, Eigen::Index width) {
+  if (width <= svm.state_dim()) return svm;
+  Matrix wide = Matrix::Zero(svm.num_support_vectors(), width);
+  wide.leftCols(svm.state_dim()) = svm.support_vectors();
+  return OneClassSvm::FromParts(std::move(wide), svm.alpha(), svm.gamma(), svm.rho(),
+                                svm.libsvm_scale());
+}
+
+struct PredictOptions {
+  bool decision_values = false;
+  std::string data;
+  std::string model;
+  std::string out;
+};
+
+int Predict(const PredictOptions& o) {
+  const OneClassSvm model = dfr::kernel::LoadLibsvmModel(o.model);
+  Matrix states = dfr::kernel::LoadSamples(o.data);
+  if (states.cols() < model.state_dim())
+    states = dfr::kernel::LoadSamples(o.data, model.state_dim());
+  const OneClassSvm svm = Widened(model, states.cols());
+  std::vector<double> g(static_cast<std::size_t>(states.rows()));
+  svm.DecisionBatch(states, g);
+  std::ofstream out(o.out);
+  out.precision(17);
+  std::size_t inside = 0;
+  for (const double value : g) {
+    inside += value > 0.0 ? 1 : 0;
+    if (o.decision_values) {
+      out << value * svm.libsvm_scale() << '\n';
+    } else {
+      out << (value > 0.0 ? 1 : -1) << '\n';
+    }
+  }
+  out.flush();
+  if (!out) throw std::runtime_error(o.out + ": cannot be written");
+  std::printf("%zu of %zu inside (%.4g %%)\n", inside, g.size(),
+              100.0 * static_cast<double>(inside) / static_cast<double>(g.size()));
+  return EXIT_SUCCESS;
+}
+
+struct TuneOptions {
+  std::vector<double> nus = {0.05, 0.1};
+  std::vector<double> gammas;
+  int length = 1;
+  int folds = 4;
+  double acceptance = 0.9;
+  std::string data;
+  std::string picture;
+};
+
+int Tune(const TuneOptions& o) {
+  const Matrix samples = dfr::kernel::LoadSamples(o.data);
+  if (samples.rows() % o.length != 0) {
+    throw std::runtime_error(o.data + ": " + std::to_string(samples.rows()) +
+                             " samples are no whole number of demonstrations of " +
+                             std::to_string(o.length));
+  }
+  std::vector<Matrix> demonstrations;
+  for (Eigen::Index i = 0; i < samples.rows(); i += o.length) {
+    demonstrations.push_back(samples.middleRows(i, o.length));
+  }
+  dfr::kernel::SelectionOptions options;
+  options.nus = o.nus;
+  options.gammas = o.gammas;
+  for (double gamma = 0.0625; o.gammas.empty() && gamma <= 16.0; gamma *= 2.0) {
+    options.gammas.push_back(gamma / static_cast<double>(samples.cols()));
+  }
+  options.folds = o.folds;
+  options.acceptance = o.acceptance;
+  options.support.pooled = true;
+  options.support.svm.tolerance = 1e-3;
+  options.support.svm.progress = [](const dfr::kernel::FitProgress&) { return interrupted == 0; };
+  const dfr::kernel::Selection selection = dfr::kernel::SelectModel(demonstrations, options);
+  if (interrupted != 0) throw std::runtime_error("interrupted");
+  std::cout << selection.Table();
+  const auto& best = selection.rows[selection.chosen];
+  std::printf("%s: ocsvm train -n %g -g %g %s MODEL\n",
+              selection.accepted ? "Least volume of those that accept enough"
+                                 : "None accepts enough; the one that accepts most",
+              best.nu, best.gamma, o.data.c_str());
+  if (!o.picture.empty()) selection.SavePicture(o.picture);
+  return EXIT_SUCCESS;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  CLI::App app(
+      "One-class SVMs with the Gaussian kernel. DATA is LIBSVM's sparse form or "
+      "comma-separated values, one sample a line; MODEL is LIBSVM's model file.");
+  app.require_subcommand(1);
+
+  TrainOptions train;
+  CLI::App* train_command = app.add_subcommand("train", "Fits a model to DATA");
+  train_command->add_option("-n,--nu", train.nu, "share of outliers at most, (0, 1]")
+      ->capture_default_str();
+  train_command
+      ->add_option("-g,--gamma", train.gamma,
+                   "width of the kernel exp(-gamma |x - y|^2); default: 1 / features")
+      ->check(CLI::PositiveNumber);
+  train_command->add_option("-e,--tolerance", train.tolerance, "stop at this KKT violation")
+      ->capture_default_str();
+  train_command->add_option("-m,--memory", train.memory_mib, "memory of the fit, in MiB")
+      ->capture_default_str();
+  train_command->add_flag("-q,--quiet", train.quiet, "print errors only");
+  train_command->add_option("DATA", train.data)->required();
+  train_command->add_option("MODEL", train.model)->required();
+
+  PredictOptions predict;
+  CLI::App* predict_command =
+      app.add_subcommand("predict", "Writes 1 (inside) or -1 for each sample of DATA to OUT");
+  predict_command->add_flag("--decision-values", predict.decision_values,
+                            "write LIBSVM's decision values instead");
+  predict_command->add_option("DATA", predict.data)->required();
+  predict_command->add_option("MODEL", predict.model)->required();
+  predict_command->add_option("OUT", predict.out)->required();
+
+  TuneOptions tune;
+  CLI::App* tune_command = app.add_subcommand(
+      "tune", "Compares nu and gamma on held-out parts of DATA and prints a table");
+  tune_command->add_option("-n,--nu", tune.nus, "candidates")
+      ->delimiter(',')
+      ->capture_default_str();
+  tune_command
+      ->add_option("-g,--gamma", tune.gammas,
+                   "candidates; default: 1/16, 1/8, ... 16 over the number of features")
+      ->delimiter(',');
+  tune_command
+      ->add_option("-l,--length", tune.length,
+                   "samples of one demonstration, in successive lines; they are held out together")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  tune_command->add_option("-f,--folds", tune.folds, "parts, held out in turn")
+      ->capture_default_str();
+  tune_command->add_option("-a,--acceptance", tune.acceptance, "share of held-out samples inside")
+      ->capture_default_str();
+  tune_command->add_option("--picture", tune.picture, "write an SVG of the comparison");
+  tune_command->add_option("DATA", tune.data)->required();
+
+  CLI11_PARSE(app, argc, argv);
+  std::signal(SIGINT, [](int) { interrupted = 1; });
+  if (train_command->parsed()) return Train(train);
+  if (predict_command->parsed()) return Predict(predict);
+  return Tune(tune);
+} catch (const std::exception& e) {
+  std::fprintf(stderr, "ocsvm: %s\n", e.what());
+  return EXIT_FAILURE;
+}

@@ -1,0 +1,98 @@
+"""Runs ocsvm as a user would: train, predict and tune on small files, and wrong calls."""
+import math
+import pathlib
+import random
+import subprocess
+import sys
+import tempfile
+import unittest
+
+
+def run(*arguments):
+    return subprocess.run([OCSVM, *map(str, arguments)], capture_output=True, text=True)
+
+
+class OcsvmTest(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.path = pathlib.Path(self.folder.name)
+        rng = random.Random(1)
+        self.rows = [[rng.gauss(0, 1), 0.0, rng.gauss(0, 1)] for _ in range(400)]
+        (self.path / "data.csv").write_text(
+            "a,b,c\n" + "".join(",".join(map(repr, r)) + "\n" for r in self.rows))
+        (self.path / "data.svm").write_text("".join(
+            "1 " + " ".join(f"{k + 1}:{v!r}" for k, v in enumerate(r) if v) + "\n" for r in self.rows))
+
+    def tearDown(self):
+        self.folder.cleanup()
+
+    def test_train_and_predict_agree_with_the_model_file(self):
+        model, out = self.path / "model", self.path / "out"
+        trained = run("train", "-n", 0.1, "-g", 0.5, "-e", 1e-6, self.path / "data.csv", model)
+        self.assertEqual(trained.returncode, 0, trained.stderr)
+        self.assertIn("support vectors", trained.stdout)
+        header, _, vectors = model.read_text().partition("SV\n")
+        header = dict(line.split(" ", 1) for line in header.splitlines())
+        self.assertEqual(header["svm_type"], "one_class")
+        support = []
+        for line in vectors.splitlines():
+            alpha, *entries = line.split()
+            x = [0.0] * 3
+            for entry in entries:
+                index, value = entry.split(":")
+                x[int(index) - 1] = float(value)
+            support.append((float(alpha), x))
+        self.assertAlmostEqual(sum(a for a, _ in support), 40.0, places=9)
+
+        self.assertEqual(run("predict", "--decision-values", self.path / "data.csv", model, out).returncode, 0)
+        values = [float(v) for v in out.read_text().split()]
+        for x, value in zip(self.rows[:50], values):
+            g = sum(a * math.exp(-0.5 * sum((p - q) ** 2 for p, q in zip(x, s))) for a, s in support)
+            self.assertAlmostEqual(value, g - float(header["rho"]), places=10)
+        # The nu-property.
+        self.assertLessEqual(sum(v < -1e-5 for v in values), 40)
+
+        predicted = run("predict", self.path / "data.svm", model, out)
+        self.assertEqual(predicted.returncode, 0, predicted.stderr)
+        self.assertEqual([int(v) for v in out.read_text().split()], [1 if v > 0 else -1 for v in values])
+        self.assertIn("of 400 inside", predicted.stdout)
+
+    def test_a_model_without_trailing_zeros_meets_wider_data(self):
+        model, out = self.path / "model", self.path / "out"
+        model.write_text("svm_type one_class\nkernel_type rbf\ngamma 1\nnr_class 2\ntotal_sv 1\n"
+                         "rho 0.5\nSV\n1 1:0 \n")
+        (self.path / "wide.csv").write_text("0,0\n0,1\n")
+        run("predict", "--decision-values", self.path / "wide.csv", model, out)
+        near, far = map(float, out.read_text().split())
+        self.assertAlmostEqual(near, 0.5, places=15)
+        self.assertAlmostEqual(far, math.exp(-1) - 0.5, places=15)
+
+    def test_tune_prints_a_table_and_a_command(self):
+        picture = self.path / "tune.svg"
+        tuned = run("tune", "-n", "0.05,0.1", "-g", "0.1,1", "--length", 4, "--picture", picture,
+                    self.path / "data.csv")
+        self.assertEqual(tuned.returncode, 0, tuned.stderr)
+        self.assertIn("->", tuned.stdout)
+        self.assertIn("ocsvm train -n ", tuned.stdout)
+        self.assertIn("</svg>", picture.read_text())
+
+    def test_wrong_calls_get_one_clear_line_and_a_failing_exit(self):
+        data, model = self.path / "data.csv", self.path / "model"
+        (self.path / "broken.csv").write_text("1,2\n3,x\n")
+        for arguments, reason in [
+                (["train", self.path / "none.csv", model], "none.csv: cannot be opened"),
+                (["train", self.path / "broken.csv", model], "broken.csv:2: an entry must be a finite number"),
+                (["train", "-n", 0, data, model], "nu must lie in (0, 1]"),
+                (["train", data, self.path / "no" / "model"], "cannot be written"),
+                (["predict", data, data, model], "data.csv:1: unknown key"),
+                (["tune", "-l", 7, data], "no whole number of demonstrations of 7")]:
+            result = run(*arguments)
+            self.assertNotEqual(result.returncode, 0)
+            self.assertIn(reason, result.stderr)
+            self.assertEqual(len(result.stderr.splitlines()), 1, result.stderr)
+        self.assertNotEqual(run("train", "-g", -1, data, model).returncode, 0)
+        self.assertNotEqual(run().returncode, 0)
+
+
+OCSVM = sys.argv.pop(1)
+unittest.main()
