@@ -65,8 +65,7 @@ UnitResult RunUnit(const EvaluationPlan& plan, const EvaluationUnit& unit, const
       ++result.redrawn;
     }
     result.starts.push_back(start);
-    const std::uint64_t controller =
-        core::DeriveSeed(plan.seed, {kControllerStream, Step(unit.trial), Step(i)});
+    const std::uint64_t controller = ControllerSeed(plan, unit.trial, i);
     for (std::size_t method = 0; method < plan.methods.size(); ++method) {
       result.episodes[method].push_back(site->Run(static_cast<int>(method), start, controller));
       meter.Advance(1, label);
@@ -77,6 +76,10 @@ UnitResult RunUnit(const EvaluationPlan& plan, const EvaluationUnit& unit, const
 }
 
 }  // namespace
+
+std::uint64_t ControllerSeed(const EvaluationPlan& plan, int trial, int start) noexcept {
+  return core::DeriveSeed(plan.seed, {kControllerStream, Step(trial), Step(start)});
+}
 
 std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeSite& make,
                                  const EvaluationOptions& options) {

@@ -69,6 +69,11 @@ struct UnitResult {
   bool operator==(const UnitResult&) const = default;
 };
 
+/// The seed of the controllers in episode `start` of `trial`: to run one of Evaluate()'s episodes
+/// again, for a video say, from UnitResult::starts.
+[[nodiscard]] std::uint64_t ControllerSeed(const EvaluationPlan& plan, int trial,
+                                           int start) noexcept;
+
 struct EvaluationOptions {
   int threads = 0;  ///< 0: one per core.
   /// Where finished units are written, one line each, and read back by a later run of the same

@@ -1,0 +1,83 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "dfr/sim/pusher/pusher_plant.h"
+#include "model.h"
+
+namespace dfr::apps {
+
+// One struct and one function a command; main.cc fills the one and calls the other. All throw
+// std::exception with a message for the user.
+
+struct DemonstrateOptions {
+  std::filesystem::path supervisor;  ///< Empty: the shipped one.
+  std::filesystem::path out = "demonstrations.hdf5";
+  int count = 120;
+  int horizon = 60;
+  std::uint64_t seed = 1;
+  sim::PusherOptions plant;
+};
+void RunDemonstrate(const DemonstrateOptions& options);
+
+struct FitOptions {
+  std::filesystem::path demonstrations = "demonstrations.hdf5";
+  std::filesystem::path out = "model";
+  int use = 0;  ///< 0: all of them.
+  std::string learner = "8";
+  ModelOptions model;
+};
+void RunFit(const FitOptions& options);
+
+struct EvaluateOptions {
+  std::filesystem::path model = "model";
+  std::vector<std::string> methods = {"baseline", "early-stopping", "dfr"};
+  int episodes = 60;
+  std::uint64_t seed = 1001;
+  int threads = 0;
+  sim::PusherOptions plant;
+};
+void RunEvaluate(const EvaluateOptions& options);
+
+struct ExperimentOptions {
+  std::string preset = "quick";
+  std::filesystem::path out = "out/pusher";
+  std::filesystem::path supervisor;
+  std::uint64_t seed = 2018;
+  int threads = 0;
+  bool restart = false;
+  bool video = true;
+  // Empty, or 0: as the preset says.
+  std::vector<std::string> methods;
+  std::vector<std::string> learners;
+  std::vector<int> demonstrations;
+  int trials = 0;
+  int episodes = 0;
+  ModelOptions model;
+  sim::PusherOptions plant;
+};
+void RunExperiment(const ExperimentOptions& options);
+
+struct RenderOptions {
+  std::filesystem::path model = "model";
+  std::vector<std::string> methods = {"dfr"};
+  std::uint64_t seed = 1;  ///< Of the start state.
+  std::filesystem::path out = "rollout.mp4";
+  int width = 640;
+  int height = 480;
+  sim::PusherOptions plant;
+};
+void RunRender(const RenderOptions& options);
+
+struct ViewOptions {
+  std::filesystem::path model = "model";
+  std::string method = "dfr";
+  std::uint64_t seed = 1;
+  sim::PusherOptions plant;
+};
+void RunView(const ViewOptions& options);
+
+}  // namespace dfr::apps

@@ -1,0 +1,26 @@
+#include <cstdio>
+
+#include "commands.h"
+#include "dfr/experiment/progress.h"
+#include "dfr/imitation/demonstrations.h"
+#include "supervisor.h"
+
+namespace dfr::apps {
+
+void RunDemonstrate(const DemonstrateOptions& options) {
+  const auto supervisor = imitation::GaussianPolicy::Load(
+      options.supervisor.empty() ? ShippedSupervisor() : options.supervisor);
+  sim::PusherPlant plant(options.plant);
+  experiment::ProgressBar bar("demonstrate");
+  experiment::ProgressMeter meter(options.count,
+                                  [&](const experiment::Progress& p) { bar.Show(p); });
+  DemonstrationCounts counts;
+  const imitation::DemonstrationSet set =
+      Demonstrate(plant, supervisor, options.count, options.horizon, options.seed, &counts,
+                  [&](int) { meter.Advance(); });
+  imitation::SaveRobomimic(set, options.out);
+  std::printf("%s: %d demonstrations; discarded: %d with a violation, %d out of time\n",
+              options.out.c_str(), counts.kept, counts.collided, counts.incomplete);
+}
+
+}  // namespace dfr::apps

@@ -1,0 +1,44 @@
+#include <iostream>
+
+#include "commands.h"
+#include "dfr/core/build_info.h"
+#include "dfr/experiment/paired_evaluation.h"
+#include "dfr/experiment/summary.h"
+#include "site.h"
+
+namespace dfr::apps {
+
+void RunEvaluate(const EvaluateOptions& options) {
+  std::vector<control::Recovery> methods;
+  for (const std::string& name : options.methods) methods.push_back(ParseMethod(name));
+  const Model model = Model::Load(options.model);
+  const std::vector<int>& sizes = model.policy().mlp().sizes();
+  const Learner learner{.hidden = {sizes.begin() + 1, sizes.end() - 1}};
+
+  experiment::EvaluationPlan plan;
+  plan.methods = options.methods;
+  plan.learners = {learner.Name()};
+  plan.demonstrations = {model.demonstrations()};
+  plan.trials = 1;
+  plan.episodes = options.episodes;
+  plan.seed = options.seed;
+  experiment::ProgressBar bar("evaluate");
+  experiment::EvaluationOptions evaluation;
+  evaluation.threads = options.threads;
+  evaluation.progress = [&](const experiment::Progress& p) { bar.Show(p); };
+  const auto results = experiment::Evaluate(
+      plan,
+      [&](const experiment::EvaluationUnit&) {
+        return std::make_unique<PusherSite>(Model::Load(options.model), methods, options.plant,
+                                            std::map<std::string, double>());
+      },
+      evaluation);
+  experiment::PrintTable(experiment::Summarize(plan, results,
+                                               {.experiment = "pusher",
+                                                .preset = "evaluate",
+                                                .commit = core::BuildCommit(),
+                                                .bootstrap = {.seed = options.seed}}),
+                         std::cout);
+}
+
+}  // namespace dfr::apps

@@ -1,0 +1,252 @@
+#include "film.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+#include <stdexcept>
+
+namespace dfr::apps {
+namespace {
+
+constexpr int kStripHeight = 150;
+constexpr int kHeaderHeight = 44;
+constexpr int kMargin = 12;
+constexpr double kFramesPerSecond = 15.0;
+constexpr int kHoldFrames = 20;  // after the longest film has ended
+
+// OpenCV's colours are blue, green, red. Chosen to be told apart by colour-blind eyes as well.
+const cv::Scalar kPaper(252, 251, 250);
+const cv::Scalar kInk(45, 42, 40);
+const cv::Scalar kFaint(205, 200, 196);
+const cv::Scalar kPolicyColour(178, 114, 0);
+const cv::Scalar kRecoveryColour(0, 110, 213);
+const cv::Scalar kThresholdColour(120, 116, 112);
+const cv::Scalar kCollidedColour(30, 20, 190);
+const cv::Scalar kCompletedColour(80, 140, 20);
+
+cv::Scalar Colour(control::Mode mode) {
+  switch (mode) {
+    case control::Mode::kPolicy:
+      return kPolicyColour;
+    case control::Mode::kProbe:
+    case control::Mode::kRecovery:
+      return kRecoveryColour;
+    case control::Mode::kHalt:
+      break;
+  }
+  return kInk;
+}
+
+void Write(cv::Mat& canvas, const std::string& text, cv::Point at, double scale,
+           const cv::Scalar& colour, int thickness = 1) {
+  cv::putText(canvas, text, at, cv::FONT_HERSHEY_SIMPLEX, scale, colour, thickness, cv::LINE_AA);
+}
+
+// What the scale of g must show: all values and thresholds, and zero.
+struct Range {
+  double low = 0.0;
+  double high = 1e-6;
+  void Include(double value) {
+    if (!std::isfinite(value)) return;
+    low = std::min(low, value);
+    high = std::max(high, value);
+  }
+};
+
+Range RangeOf(const Film& film) {
+  Range range;
+  for (const FilmFrame& frame : film.frames) {
+    range.Include(frame.step.g);
+    range.Include(std::min(frame.step.threshold, 4.0 * std::max(range.high, 1e-3)));
+  }
+  return range;
+}
+
+// g over the frames up to `now`, the gate's threshold, and the boundary g = 0.
+void DrawStrip(cv::Mat& strip, const Film& film, std::size_t now) {
+  strip.setTo(kPaper);
+  const Range range = RangeOf(film);
+  const int left = 56;
+  const int right = strip.cols - kMargin;
+  const int top = 26;
+  const int bottom = strip.rows - 16;
+  const auto x_of = [&](std::size_t i) {
+    const double f = film.frames.size() > 1
+                         ? static_cast<double>(i) / static_cast<double>(film.frames.size() - 1)
+                         : 0.0;
+    return left + static_cast<int>(std::lround(f * (right - left)));
+  };
+  const auto y_of = [&](double value) {
+    const double f = std::clamp((value - range.low) / (range.high - range.low), 0.0, 1.0);
+    return bottom - static_cast<int>(std::lround(f * (bottom - top)));
+  };
+  cv::line(strip, {left, y_of(0.0)}, {right, y_of(0.0)}, kFaint, 1, cv::LINE_AA);
+  Write(strip, "g = 0", {8, y_of(0.0) + 4}, 0.38, kInk);
+  Write(strip, "decision function g", {left, 16}, 0.42, kInk);
+  Write(strip, "threshold", {left + 160, 16}, 0.42, kThresholdColour);
+  bool any = false;
+  for (std::size_t i = 1; i <= now && i < film.frames.size(); ++i) {
+    const control::Step& a = film.frames[i - 1].step;
+    const control::Step& b = film.frames[i].step;
+    if (std::isfinite(a.threshold) && std::isfinite(b.threshold)) {
+      cv::line(strip, {x_of(i - 1), y_of(a.threshold)}, {x_of(i), y_of(b.threshold)},
+               kThresholdColour, 1, cv::LINE_AA);
+    }
+    if (std::isfinite(a.g) && std::isfinite(b.g)) {
+      any = true;
+      cv::line(strip, {x_of(i - 1), y_of(a.g)}, {x_of(i), y_of(b.g)}, Colour(b.mode), 2,
+               cv::LINE_AA);
+    }
+  }
+  if (now < film.frames.size() && std::isfinite(film.frames[now].step.g)) {
+    any = true;
+    cv::circle(strip, {x_of(now), y_of(film.frames[now].step.g)}, 4,
+               Colour(film.frames[now].step.mode), cv::FILLED, cv::LINE_AA);
+  }
+  if (!any && now > 0)
+    Write(strip, "this method does not look at g", {left, bottom - 30}, 0.42, kThresholdColour);
+}
+
+std::string StateText(const Film& film, std::size_t now, cv::Scalar& colour) {
+  const FilmFrame& frame = film.frames[now];
+  char text[128];
+  if (now + 1 == film.frames.size()) {
+    colour = film.result.outcome == core::Outcome::kCollided    ? kCollidedColour
+             : film.result.outcome == core::Outcome::kCompleted ? kCompletedColour
+                                                                : kInk;
+    const bool halted = film.result.outcome == core::Outcome::kHalted;
+    std::snprintf(text, sizeof text, "%s%s%s after %d controls", core::Name(film.result.outcome),
+                  halted ? ": " : "", halted ? control::Name(film.result.halt_cause) : "",
+                  frame.controls);
+    return text;
+  }
+  colour = Colour(frame.step.mode);
+  const bool recovering =
+      frame.step.mode == control::Mode::kProbe || frame.step.mode == control::Mode::kRecovery;
+  if (recovering) {
+    std::snprintf(text, sizeof text, "t = %d  recovery, iteration %d", frame.step.t,
+                  frame.step.iteration);
+  } else {
+    std::snprintf(text, sizeof text, "t = %d  learned policy", frame.step.t);
+  }
+  return text;
+}
+
+cv::Mat Panel(const Film& film, std::size_t frame) {
+  const std::size_t now = std::min(frame, film.frames.size() - 1);
+  const cv::Mat picture = cv::imdecode(film.frames[now].jpeg, cv::IMREAD_COLOR);
+  cv::Mat panel(kHeaderHeight + picture.rows + kStripHeight, picture.cols, CV_8UC3, kPaper);
+  picture.copyTo(panel(cv::Rect(0, kHeaderHeight, picture.cols, picture.rows)));
+  cv::Mat strip = panel(cv::Rect(0, kHeaderHeight + picture.rows, picture.cols, kStripHeight));
+  DrawStrip(strip, film, now);
+  Write(panel, film.title, {kMargin, 18}, 0.52, kInk, 1);
+  cv::Scalar colour;
+  const std::string state = StateText(film, now, colour);
+  Write(panel, state, {kMargin, 38}, 0.46, colour, 1);
+  return panel;
+}
+
+cv::Mat Composite(std::span<const Film> films, std::size_t frame) {
+  std::vector<cv::Mat> panels;
+  for (const Film& film : films) {
+    if (!panels.empty()) {
+      panels.emplace_back(panels.front().rows, 4, CV_8UC3, kFaint);
+    }
+    panels.push_back(Panel(film, frame));
+  }
+  cv::Mat canvas;
+  cv::hconcat(panels, canvas);
+  return canvas;
+}
+
+void CheckFilms(std::span<const Film> films) {
+  if (films.empty() || std::any_of(films.begin(), films.end(),
+                                   [](const Film& film) { return film.frames.empty(); })) {
+    throw std::runtime_error("there is no picture to write: no rollout was recorded");
+  }
+}
+
+}  // namespace
+
+FilmRecorder::FilmRecorder(std::string title, int width, int height, Draw draw, int recovery_stride)
+    : width_(width),
+      height_(height),
+      draw_(std::move(draw)),
+      recovery_stride_(recovery_stride),
+      rgb_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * 3) {
+  film_.title = std::move(title);
+}
+
+void FilmRecorder::Capture(const control::Step& step) {
+  draw_(rgb_);
+  const cv::Mat rgb(height_, width_, CV_8UC3, rgb_.data());
+  cv::Mat bgr;
+  cv::cvtColor(rgb, bgr, cv::COLOR_RGB2BGR);
+  FilmFrame frame;
+  cv::imencode(".jpg", bgr, frame.jpeg, {cv::IMWRITE_JPEG_QUALITY, 92});
+  frame.step = step;
+  frame.controls = controls_;
+  film_.frames.push_back(std::move(frame));
+}
+
+void FilmRecorder::OnStart(std::span<const double> /*x*/) {
+  control::Step step;
+  step.mode = control::Mode::kPolicy;
+  Capture(step);
+}
+
+void FilmRecorder::OnControl(const control::RolloutEvent& event) {
+  ++controls_;
+  const bool policy = event.step.mode == control::Mode::kPolicy;
+  if (!policy) ++recovery_controls_;
+  if (policy || event.collided || event.completed || recovery_controls_ % recovery_stride_ == 1) {
+    Capture(event.step);
+  }
+}
+
+void FilmRecorder::OnEnd(const control::RolloutResult& result) {
+  film_.result = result;
+  Capture(result.last_step);
+}
+
+void WriteVideo(const std::filesystem::path& path, std::span<const Film> films) {
+  CheckFilms(films);
+  int codec = 0;
+  if (path.extension() == ".mp4") {
+    codec = cv::VideoWriter::fourcc('a', 'v', 'c', '1');
+  } else if (path.extension() == ".webm") {
+    codec = cv::VideoWriter::fourcc('V', 'P', '8', '0');
+  } else {
+    throw std::runtime_error(path.string() + ": a video's name ends in .mp4 or .webm");
+  }
+  std::size_t frames = 0;
+  for (const Film& film : films) frames = std::max(frames, film.frames.size());
+  const cv::Size size = Composite(films, 0).size();
+  // Encoders want even sizes.
+  const cv::Size even(size.width & ~1, size.height & ~1);
+  cv::VideoWriter writer(path.string(), cv::CAP_FFMPEG, codec, kFramesPerSecond, even);
+  if (!writer.isOpened()) {
+    throw std::runtime_error(path.string() +
+                             ": the video cannot be written here; does its folder "
+                             "exist?");
+  }
+  for (std::size_t i = 0; i < frames + kHoldFrames; ++i) {
+    writer.write(Composite(films, i)(cv::Rect({0, 0}, even)));
+  }
+}
+
+void WriteStill(const std::filesystem::path& path, std::span<const Film> films, std::size_t index) {
+  CheckFilms(films);
+  bool written = false;
+  try {
+    written = cv::imwrite(path.string(), Composite(films, index));
+  } catch (const cv::Exception& e) {
+    throw std::runtime_error(path.string() + ": " + e.err);
+  }
+  if (!written) throw std::runtime_error(path.string() + ": the picture cannot be written");
+}
+
+}  // namespace dfr::apps

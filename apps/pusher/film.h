@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "dfr/control/rollout.h"
+
+namespace dfr::apps {
+
+/// One picture of a rollout with what the controller thought at that moment.
+struct FilmFrame {
+  std::vector<std::uint8_t> jpeg;
+  control::Step step;
+  int controls = 0;  ///< Applied so far.
+};
+
+/// A rollout as pictures, kept compressed.
+struct Film {
+  std::string title;
+  control::RolloutResult result;
+  std::vector<FilmFrame> frames;
+};
+
+/// Takes a picture after every control of the learned policy, and after every `recovery_stride`-th
+/// control of a recovery, which are many and small.
+class FilmRecorder final : public control::RolloutObserver {
+ public:
+  /// Draws the plant's present state: width x height RGB bytes, top row first.
+  using Draw = std::function<void(std::span<std::uint8_t> rgb)>;
+
+  FilmRecorder(std::string title, int width, int height, Draw draw, int recovery_stride = 8);
+
+  void OnStart(std::span<const double> x) override;
+  void OnControl(const control::RolloutEvent& event) override;
+  void OnEnd(const control::RolloutResult& result) override;
+
+  [[nodiscard]] Film Take() { return std::move(film_); }
+
+ private:
+  void Capture(const control::Step& step);
+
+  int width_;
+  int height_;
+  Draw draw_;
+  int recovery_stride_;
+  Film film_;
+  std::vector<std::uint8_t> rgb_;
+  int controls_ = 0;
+  int recovery_controls_ = 0;
+};
+
+/// Writes films side by side, each over its decision function g(t), the gate's threshold and the
+/// mode. A film that ends early holds its last picture with its outcome. The ending of `path`
+/// chooses the format: .mp4 (H.264) or .webm (VP8).
+/// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
+void WriteVideo(const std::filesystem::path& path, std::span<const Film> films);
+
+/// Writes picture `index` of the same, or the last one, as a PNG or JPEG chosen by the ending.
+void WriteStill(const std::filesystem::path& path, std::span<const Film> films, std::size_t index);
+
+}  // namespace dfr::apps

@@ -1,0 +1,38 @@
+#include <algorithm>
+#include <cstdio>
+
+#include "commands.h"
+#include "dfr/imitation/demonstrations.h"
+#include "model.h"
+
+namespace dfr::apps {
+
+void RunFit(const FitOptions& options) {
+  const imitation::DemonstrationSet set = imitation::LoadRobomimic(options.demonstrations);
+  const int use = options.use > 0 ? options.use : static_cast<int>(set.trajectories.size());
+  ModelOptions model_options = options.model;
+  model_options.learner = Learner::Parse(options.learner);
+  const Model model = Model::Fit(set, use, model_options);
+  model.Save(options.out);
+
+  // How far the demonstrations themselves stay inside: what the support makes of its own data.
+  int states = 0;
+  int outside = 0;
+  for (int i = 0; i < use; ++i) {
+    const core::Trajectory& trajectory = set.trajectories[static_cast<std::size_t>(i)];
+    for (Eigen::Index t = 0; t < trajectory.states.rows(); ++t) {
+      ++states;
+      const double g =
+          model.support().Decision(static_cast<int>(t), core::Row(trajectory.states, t));
+      if (g < 0.0) ++outside;
+    }
+  }
+  const auto [low, high] = std::minmax_element(model.lambda().begin(), model.lambda().end());
+  std::printf("%s: policy %s, support of %d time steps, lambda_t in [%.3g, %.3g]\n",
+              options.out.c_str(), model_options.learner.Name().c_str(),
+              model.estimate().num_steps(), *low, *high);
+  std::printf("of the %d demonstrated states %.1f %% are outside (nu = %g bounds it)\n", states,
+              100.0 * outside / states, model_options.nu);
+}
+
+}  // namespace dfr::apps

@@ -1,0 +1,179 @@
+// The Pusher experiment of Sec. V-A: train a supervisor, demonstrate, fit, evaluate, compare, look.
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+#include <iostream>
+#include <string>
+
+#include "commands.h"
+#include "dfr/core/build_info.h"
+#include "train_supervisor.h"
+
+namespace dfr::apps {
+namespace {
+
+void AddScene(CLI::App& command, sim::PusherOptions& plant) {
+  command.add_option("--red-y", plant.red_y, "the red regions are at y = +- this [m]")
+      ->capture_default_str();
+  command.add_option("--start-y", plant.start_y, "the cylinder starts within y = +- this [m]")
+      ->capture_default_str();
+  command.add_option("--gripper", plant.gripper, "bar, wide-bar or fork")
+      ->transform(CLI::CheckedTransformer(
+          std::map<std::string, sim::Gripper>{{"bar", sim::Gripper::kBar},
+                                              {"wide-bar", sim::Gripper::kWideBar},
+                                              {"fork", sim::Gripper::kFork}}))
+      ->default_str("bar");
+}
+
+void AddModelOptions(CLI::App& command, ModelOptions& model) {
+  command.add_option("--nu", model.nu, "bound on the outliers of each support, in (0, 1]")
+      ->capture_default_str();
+  command.add_option("--gamma", model.gamma, "width of the Gaussian kernel [1/m^2]")
+      ->capture_default_str();
+  command
+      .add_option("--features", model.support_features,
+                  "what the support looks at: blocks of the state, as in red,object,tip[0:2]")
+      ->capture_default_str();
+  command.add_option("--horizon", model.horizon, "T: controls of the learned policy per episode")
+      ->capture_default_str();
+  command.add_option("--epochs", model.learner.epochs, "passes of Adam over the demonstrations")
+      ->capture_default_str();
+}
+
+int Main(int argc, char** argv) {
+  CLI::App app(
+      "The Pusher experiment: a 7-joint arm pushes a cylinder over a goal, past two red regions\n"
+      "that neither arm nor cylinder may touch. Controls are changes of the joint angles in units\n"
+      "of 0.06 rad, within [-1, 1]; lengths are metres. Without arguments of their own, the\n"
+      "commands follow one another: demonstrate, fit, evaluate, render.",
+      "pusher");
+  app.set_version_flag("--version",
+                       std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
+  app.require_subcommand(1);
+  app.failure_message(CLI::FailureMessage::simple);
+
+  ExperimentOptions experiment;
+  CLI::App* command = app.add_subcommand(
+      "experiment", "the paper's comparison: all methods over the number of demonstrations");
+  command
+      ->add_option("--preset", experiment.preset,
+                   "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials, 6, 12, ..., 120")
+      ->check(CLI::IsMember({"quick", "paper"}))
+      ->capture_default_str();
+  command->add_option("--out", experiment.out, "folder of summary.json and report.html")
+      ->capture_default_str();
+  command->add_option("--supervisor", experiment.supervisor,
+                      "file of train-supervisor (default: the shipped one)");
+  command->add_option("--seed", experiment.seed, "of all that is random")->capture_default_str();
+  command->add_option("--threads", experiment.threads, "0: one per core; the results are the same")
+      ->capture_default_str();
+  command->add_flag("--restart", experiment.restart,
+                    "forget what an interrupted run left in --out instead of going on with it");
+  command->add_flag("!--no-video", experiment.video, "leave the video out");
+  command
+      ->add_option("--methods", experiment.methods,
+                   "baseline, early-stopping, dfr, finite-difference (slow: an oracle); the first "
+                   "is the reference")
+      ->delimiter(',');
+  command
+      ->add_option("--learners", experiment.learners,
+                   "hidden units of the learned policies, as in 8,64-64")
+      ->delimiter(',');
+  command->add_option("--demonstrations", experiment.demonstrations, "the data points, ascending")
+      ->delimiter(',');
+  command->add_option("--trials", experiment.trials, "independent repetitions of everything");
+  command->add_option("--episodes", experiment.episodes, "start states per trial and data point");
+  AddModelOptions(*command, experiment.model);
+  AddScene(*command, experiment.plant);
+  command->callback([&] { RunExperiment(experiment); });
+
+  TrainSupervisorOptions train;
+  AddTrainSupervisor(app, train);
+
+  DemonstrateOptions demonstrate;
+  command =
+      app.add_subcommand("demonstrate", "write demonstrations of the supervisor as robomimic HDF5");
+  command->add_option("--out", demonstrate.out, "the file")->capture_default_str();
+  command->add_option("--count", demonstrate.count, "demonstrations, those discarded not counted")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--supervisor", demonstrate.supervisor,
+                      "file of train-supervisor (default: the shipped one)");
+  command->add_option("--horizon", demonstrate.horizon, "T: most controls of a demonstration")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--seed", demonstrate.seed, "of start states and noise")
+      ->capture_default_str();
+  AddScene(*command, demonstrate.plant);
+  command->callback([&] { RunDemonstrate(demonstrate); });
+
+  FitOptions fit;
+  command = app.add_subcommand("fit", "learn policy, support and lambda from demonstrations");
+  command->add_option("--demonstrations", fit.demonstrations, "robomimic HDF5 file")
+      ->capture_default_str();
+  command->add_option("--use", fit.use, "only the first so many demonstrations; 0: all")
+      ->capture_default_str();
+  command->add_option("--out", fit.out, "folder of the model's files")->capture_default_str();
+  command->add_option("--learner", fit.learner, "hidden units of the policy, as in 8 or 64-64")
+      ->capture_default_str();
+  command->add_option("--seed", fit.model.seed, "of the network's initial weights and batches")
+      ->capture_default_str();
+  AddModelOptions(*command, fit.model);
+  command->callback([&] { RunFit(fit); });
+
+  EvaluateOptions evaluate;
+  command = app.add_subcommand("evaluate", "run a model from fresh start states, by each method");
+  command->add_option("--model", evaluate.model, "folder of fit")->capture_default_str();
+  command
+      ->add_option("--methods", evaluate.methods,
+                   "baseline, early-stopping, dfr, finite-difference")
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--episodes", evaluate.episodes, "start states")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--seed", evaluate.seed, "of start states and recoveries")
+      ->capture_default_str();
+  command->add_option("--threads", evaluate.threads, "0: one per core")->capture_default_str();
+  AddScene(*command, evaluate.plant);
+  command->callback([&] { RunEvaluate(evaluate); });
+
+  RenderOptions render;
+  command =
+      app.add_subcommand("render", "a video of rollouts from one start state, without a display");
+  command->add_option("--model", render.model, "folder of fit")->capture_default_str();
+  command->add_option("--methods", render.methods, "side by side, as in baseline,dfr")
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--seed", render.seed, "of the start state")->capture_default_str();
+  command->add_option("--out", render.out, "a video (.mp4, .webm) or the last picture (.png, .jpg)")
+      ->capture_default_str();
+  command->add_option("--width", render.width, "of each picture")
+      ->check(CLI::Range(160, 1920))
+      ->capture_default_str();
+  command->add_option("--height", render.height, "of each picture")
+      ->check(CLI::Range(120, 1080))
+      ->capture_default_str();
+  AddScene(*command, render.plant);
+  command->callback([&] { RunRender(render); });
+
+  ViewOptions view;
+  command = app.add_subcommand("view", "watch rollouts in a window; needs a display");
+  command->add_option("--model", view.model, "folder of fit")->capture_default_str();
+  command->add_option("--method", view.method, "who is in control")->capture_default_str();
+  command->add_option("--seed", view.seed, "of the first start state")->capture_default_str();
+  AddScene(*command, view.plant);
+  command->callback([&] { RunView(view); });
+
+  CLI11_PARSE(app, argc, argv);
+  return EXIT_SUCCESS;
+}
+
+}  // namespace
+}  // namespace dfr::apps
+
+int main(int argc, char** argv) try {
+  return dfr::apps::Main(argc, argv);
+} catch (const std::exception& e) {
+  std::cerr << "pusher: " << e.what() << '\n';
+  return EXIT_FAILURE;
+}

@@ -1,0 +1,90 @@
+#include <cstdio>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "commands.h"
+#include "dfr/core/random.h"
+#include "dfr/sim/pusher/pusher_view.h"
+#include "film.h"
+#include "site.h"
+
+namespace dfr::apps {
+
+void RunRender(const RenderOptions& options) {
+  std::vector<control::Recovery> methods;
+  for (const std::string& name : options.methods) methods.push_back(ParseMethod(name));
+  PusherSite site(Model::Load(options.model), methods, options.plant, {});
+  const std::vector<Film> films =
+      Shoot(site, options.methods, options.seed, core::DeriveSeed(options.seed, {1}), options.width,
+            options.height);
+  const std::string ending = options.out.extension();
+  if (ending == ".png" || ending == ".jpg") {
+    WriteStill(options.out, films, SIZE_MAX);
+  } else {
+    WriteVideo(options.out, films);
+  }
+  for (const Film& film : films) {
+    const bool halted = film.result.outcome == core::Outcome::kHalted;
+    std::printf("%-16s %s%s%s after %d controls, %d of them recovery\n", film.title.c_str(),
+                core::Name(film.result.outcome), halted ? ": " : "",
+                halted ? control::Name(film.result.halt_cause) : "", film.result.controls(),
+                film.result.recovery_controls());
+  }
+  std::printf("%s\n", options.out.c_str());
+}
+
+namespace {
+
+// Shows each state in the window, slowly enough to follow.
+class WindowObserver final : public control::RolloutObserver {
+ public:
+  WindowObserver(sim::PusherWindow& window, const sim::PusherPlant& plant, std::string title)
+      : window_(&window), plant_(&plant), title_(std::move(title)) {}
+
+  void OnStart(std::span<const double> /*x*/) override { Show("start", 0.7); }
+
+  void OnControl(const control::RolloutEvent& event) override {
+    const bool policy = event.step.mode == control::Mode::kPolicy;
+    char text[96];
+    std::snprintf(text, sizeof text, "t = %d  %s  g = %.4f", event.step.t,
+                  control::Name(event.step.mode), event.step.g);
+    Show(text, policy ? 0.12 : 0.016);
+  }
+
+  void OnEnd(const control::RolloutResult& result) override {
+    const bool halted = result.outcome == core::Outcome::kHalted;
+    Show(std::string(core::Name(result.outcome)) +
+             (halted ? std::string(": ") + control::Name(result.halt_cause) : ""),
+         1.5);
+  }
+
+  [[nodiscard]] bool open() const noexcept { return open_; }
+
+ private:
+  void Show(const std::string& text, double seconds) {
+    if (open_) open_ = window_->Show(*plant_, title_, text, seconds);
+  }
+
+  sim::PusherWindow* window_;
+  const sim::PusherPlant* plant_;
+  std::string title_;
+  bool open_ = true;
+};
+
+}  // namespace
+
+void RunView(const ViewOptions& options) {
+  PusherSite site(Model::Load(options.model), {ParseMethod(options.method)}, options.plant, {});
+  sim::PusherWindow window(site.plant(), "pusher: " + options.method);
+  bool open = true;
+  for (std::uint64_t episode = 0; open; ++episode) {
+    const std::uint64_t seed = options.seed + episode;
+    WindowObserver observer(window, site.plant(),
+                            options.method + ", start state " + std::to_string(seed));
+    site.Watch(0, seed, core::DeriveSeed(seed, {1}), &observer);
+    open = observer.open();
+  }
+}
+
+}  // namespace dfr::apps

@@ -1,0 +1,167 @@
+#include "site.h"
+
+#include <array>
+#include <span>
+#include <stdexcept>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/random.h"
+#include "dfr/sim/pusher/pusher_view.h"
+
+namespace dfr::apps {
+namespace {
+
+constexpr std::array kMethods = {control::Recovery::kNone, control::Recovery::kEarlyStopping,
+                                 control::Recovery::kDfr, control::Recovery::kFiniteDifference};
+
+// Streams of the experiment's seed; 0 and 1 are the evaluation's start states and controllers.
+constexpr std::uint64_t kDemonstrationStream = 2;
+constexpr std::uint64_t kLearnerStream = 3;
+constexpr std::uint64_t kOverlapStream = 4;
+
+constexpr int kOverlapSamples = 4000;
+
+}  // namespace
+
+control::Recovery ParseMethod(const std::string& name) {
+  std::string known;
+  for (const control::Recovery method : kMethods) {
+    if (name == control::Name(method)) return method;
+    known += std::string(known.empty() ? "" : ", ") + control::Name(method);
+  }
+  throw std::invalid_argument("there is no method '" + name + "'; there are: " + known);
+}
+
+double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set,
+                      sim::PusherPlant& plant, int samples, std::uint64_t seed) {
+  constexpr double kObjectReach = 0.15;  // m
+  constexpr double kJointReach = 0.1;    // rad
+  const auto& blocks = plant.layout().blocks;
+  const auto offset_of = [&](std::string_view name) {
+    for (const auto& block : blocks) {
+      if (block.name == name) return static_cast<std::size_t>(block.offset);
+    }
+    throw std::logic_error("the plant's state has no block " + std::string(name));
+  };
+  const std::size_t qpos = offset_of("qpos");
+  const std::size_t object = offset_of("object");
+  core::Random random(seed);
+  std::vector<double> state(static_cast<std::size_t>(plant.state_dim()));
+  int inside = 0;
+  int red = 0;
+  for (int i = 0; i < samples; ++i) {
+    const core::Trajectory& trajectory =
+        set.trajectories[random.Below(static_cast<std::uint64_t>(model.demonstrations()))];
+    const auto t =
+        static_cast<int>(random.Below(static_cast<std::uint64_t>(trajectory.states.rows())));
+    const std::span<const double> demonstrated = core::Row(trajectory.states, t);
+    state.assign(demonstrated.begin(), demonstrated.end());
+    for (std::size_t k = 0; k < 2; ++k) {
+      state[object + k] += random.Uniform(-kObjectReach, kObjectReach);
+    }
+    for (std::size_t k = 0; k < sim::PusherPlant::kNumJoints; ++k) {
+      state[qpos + k] += random.Uniform(-kJointReach, kJointReach);
+    }
+    try {
+      plant.SetState(state);
+    } catch (const std::invalid_argument&) {
+      continue;  // beyond a joint's limit: no state of this plant
+    }
+    plant.Observe(state);
+    if (model.support().Decision(t, state) < 0.0) continue;
+    ++inside;
+    if (plant.collided()) ++red;
+  }
+  return inside > 0 ? static_cast<double>(red) / inside : 0.0;
+}
+
+PusherSite::PusherSite(Model model, std::vector<control::Recovery> methods,
+                       const sim::PusherOptions& plant_options,
+                       std::map<std::string, double> measures)
+    : plant_(std::make_unique<sim::PusherPlant>(plant_options)),
+      model_(std::move(model)),
+      measures_(std::move(measures)),
+      start_(static_cast<std::size_t>(plant_->state_dim())) {
+  for (const control::Recovery method : methods) {
+    controllers_.push_back(model_.MakeController(method, plant_.get()));
+  }
+}
+
+bool PusherSite::Accepts(std::uint64_t start_seed) {
+  plant_->Reset(start_seed);
+  plant_->Observe(start_);
+  return model_.support().Decision(0, start_) >= 0.0;
+}
+
+control::RolloutResult PusherSite::Watch(int method, std::uint64_t start_seed,
+                                         std::uint64_t controller_seed,
+                                         control::RolloutObserver* observer) {
+  return control::Rollout(*plant_, controllers_.at(static_cast<std::size_t>(method)),
+                          {.plant_seed = start_seed, .controller_seed = controller_seed}, observer,
+                          &workspace_);
+}
+
+experiment::EpisodeResult PusherSite::Run(int method, std::uint64_t start_seed,
+                                          std::uint64_t controller_seed) {
+  const control::RolloutResult result = Watch(method, start_seed, controller_seed, nullptr);
+  experiment::EpisodeResult episode;
+  episode.outcome = result.outcome;
+  if (result.outcome == core::Outcome::kHalted) episode.cause = control::Name(result.halt_cause);
+  if (result.outcome == core::Outcome::kCollided) episode.cause = control::Name(result.last_mode);
+  episode.controls = result.controls();
+  episode.recovery_controls = result.recovery_controls();
+  episode.seconds = result.seconds();
+  return episode;
+}
+
+std::vector<Film> Shoot(PusherSite& site, const std::vector<std::string>& titles,
+                        std::uint64_t start_seed, std::uint64_t controller_seed, int width,
+                        int height) {
+  sim::PusherRenderer renderer(site.plant(), {.width = width, .height = height});
+  std::vector<Film> films;
+  for (std::size_t i = 0; i < titles.size(); ++i) {
+    FilmRecorder recorder(titles[i], width, height,
+                          [&](std::span<std::uint8_t> rgb) { renderer.Draw(site.plant(), rgb); });
+    site.Watch(static_cast<int>(i), start_seed, controller_seed, &recorder);
+    films.push_back(recorder.Take());
+  }
+  return films;
+}
+
+SiteFactory::SiteFactory(imitation::GaussianPolicy supervisor, SiteOptions options, int trials)
+    : supervisor_(std::move(supervisor)), options_(std::move(options)) {
+  for (int i = 0; i < trials; ++i) trials_.push_back(std::make_unique<Trial>());
+}
+
+std::unique_ptr<PusherSite> SiteFactory::Make(const experiment::EvaluationUnit& unit) {
+  Trial& trial = *trials_.at(static_cast<std::size_t>(unit.trial));
+  const auto trial_number = static_cast<std::uint64_t>(unit.trial);
+  const auto demonstrations = static_cast<std::uint64_t>(unit.demonstrations);
+  std::call_once(trial.collected, [&] {
+    sim::PusherPlant plant(options_.plant);
+    trial.set = Demonstrate(
+        plant, supervisor_, options_.most_demonstrations, options_.model.horizon,
+        core::DeriveSeed(options_.seed, {kDemonstrationStream, trial_number}), &trial.counts);
+  });
+  ModelOptions model_options = options_.model;
+  model_options.learner.hidden = Learner::Parse(unit.learner).hidden;
+  model_options.seed =
+      core::DeriveSeed(options_.seed, {kLearnerStream, trial_number, demonstrations});
+  Model model = Model::Fit(trial.set, unit.demonstrations, model_options);
+
+  sim::PusherPlant plant(options_.plant);
+  double steps = 0.0;
+  for (int i = 0; i < unit.demonstrations; ++i) {
+    steps += trial.set.trajectories[static_cast<std::size_t>(i)].num_steps();
+  }
+  std::map<std::string, double> measures;
+  measures["overlap"] = SupportOverlap(
+      model, trial.set, plant, kOverlapSamples,
+      core::DeriveSeed(options_.seed, {kOverlapStream, trial_number, demonstrations}));
+  measures["demonstration_steps"] = steps / unit.demonstrations;
+  measures["discarded_demonstrations"] = trial.counts.collided + trial.counts.incomplete;
+  return std::make_unique<PusherSite>(std::move(model), options_.methods, options_.plant,
+                                      std::move(measures));
+}
+
+}  // namespace dfr::apps

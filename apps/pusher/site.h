@@ -1,0 +1,91 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "dfr/control/rollout.h"
+#include "dfr/control/switching_policy.h"
+#include "dfr/experiment/paired_evaluation.h"
+#include "dfr/imitation/gaussian_policy.h"
+#include "dfr/sim/pusher/pusher_plant.h"
+#include "film.h"
+#include "model.h"
+#include "supervisor.h"
+
+namespace dfr::apps {
+
+/// "baseline", "early-stopping", "dfr", "finite-difference".
+/// @throws std::invalid_argument naming what is unknown and what there is.
+[[nodiscard]] control::Recovery ParseMethod(const std::string& name);
+
+/// An estimate's overlap with the red regions, P(red | g >= 0): states drawn around the
+/// demonstrated ones (cylinder displaced uniformly by at most 0.15 m, each joint by at most 0.1
+/// rad), kept where g_t >= 0, of which the share that collides. It is what no recovery on g can
+/// avoid.
+[[nodiscard]] double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set,
+                                    sim::PusherPlant& plant, int samples, std::uint64_t seed);
+
+/// One unit of the experiment: a model, and a plant to run it on.
+class PusherSite final : public experiment::EvaluationSite {
+ public:
+  PusherSite(Model model, std::vector<control::Recovery> methods,
+             const sim::PusherOptions& plant_options, std::map<std::string, double> measures);
+
+  [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
+  [[nodiscard]] experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
+                                              std::uint64_t controller_seed) override;
+  [[nodiscard]] std::map<std::string, double> Measures() override { return measures_; }
+
+  /// Run() with an observer, who may draw plant().
+  control::RolloutResult Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
+                               control::RolloutObserver* observer);
+  [[nodiscard]] const sim::PusherPlant& plant() const noexcept { return *plant_; }
+
+ private:
+  std::unique_ptr<sim::PusherPlant> plant_;
+  Model model_;
+  std::vector<control::SwitchingPolicy> controllers_;
+  std::map<std::string, double> measures_;
+  control::RolloutWorkspace workspace_;
+  std::vector<double> start_;
+};
+
+/// Rolls each of the site's methods out from one start state and draws it. `titles` has one entry
+/// per method.
+[[nodiscard]] std::vector<Film> Shoot(PusherSite& site, const std::vector<std::string>& titles,
+                                      std::uint64_t start_seed, std::uint64_t controller_seed,
+                                      int width, int height);
+
+/// Options of the experiment that decide its results.
+struct SiteOptions {
+  std::vector<control::Recovery> methods;
+  ModelOptions model;  ///< Learner and seed are the unit's.
+  sim::PusherOptions plant;
+  int most_demonstrations = 120;
+  std::uint64_t seed = 1;
+};
+
+/// Makes sites; each trial's demonstrations are collected once and shared by its units. Safe to
+/// call from several threads.
+class SiteFactory {
+ public:
+  SiteFactory(imitation::GaussianPolicy supervisor, SiteOptions options, int trials);
+
+  [[nodiscard]] std::unique_ptr<PusherSite> Make(const experiment::EvaluationUnit& unit);
+
+ private:
+  struct Trial {
+    std::once_flag collected;
+    imitation::DemonstrationSet set;
+    DemonstrationCounts counts;
+  };
+  imitation::GaussianPolicy supervisor_;
+  SiteOptions options_;
+  std::vector<std::unique_ptr<Trial>> trials_;
+};
+
+}  // namespace dfr::apps
