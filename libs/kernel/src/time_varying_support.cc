@@ -12,38 +12,13 @@
 
 #include "dfr/core/archive.h"
 #include "dfr/core/contract.h"
+#include "states_at.h"
 
 namespace dfr::kernel {
 namespace {
 
 constexpr char kKind[] = "time-varying-support";
 constexpr int kVersion = 1;
-
-void CheckDemonstrations(std::span<const core::Matrix> demonstrations) {
-  DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
-  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
-    const core::Matrix& states = demonstrations[d];
-    DFR_THROW_UNLESS(states.rows() >= 1, "demonstration " << d << " has no states");
-    DFR_THROW_UNLESS(states.cols() == demonstrations[0].cols(),
-                     "demonstration " << d << " has states of " << states.cols()
-                                      << " entries, demonstration 0 of "
-                                      << demonstrations[0].cols());
-    for (Eigen::Index i = 0; i < states.rows(); ++i) {
-      DFR_THROW_UNLESS(states.row(i).allFinite(),
-                       "demonstration " << d << ", state " << i << " has a non-finite entry");
-    }
-  }
-}
-
-core::Matrix StatesAt(std::span<const core::Matrix> demonstrations, int t) {
-  core::Matrix states(static_cast<Eigen::Index>(demonstrations.size()), demonstrations[0].cols());
-  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
-    const core::Matrix& all = demonstrations[d];
-    const Eigen::Index last = all.rows() - 1;
-    states.row(static_cast<Eigen::Index>(d)) = all.row(std::min<Eigen::Index>(t, last));
-  }
-  return states;
-}
 
 core::Matrix AllStates(std::span<const core::Matrix> demonstrations, int num_steps) {
   Eigen::Index count = 0;
@@ -67,13 +42,9 @@ TimeVaryingSupport TimeVaryingSupport::Fit(std::span<const core::Matrix> demonst
                                            std::vector<FitSummary>* summaries) {
   DFR_THROW_UNLESS(options.num_steps >= 0, "num_steps must not be negative: " << options.num_steps);
   DFR_THROW_UNLESS(options.threads >= 1, "threads must be at least 1, not " << options.threads);
-  CheckDemonstrations(demonstrations);
-  int num_steps = options.num_steps;
-  if (num_steps == 0) {
-    for (const core::Matrix& states : demonstrations) {
-      num_steps = std::max(num_steps, static_cast<int>(states.rows()));
-    }
-  }
+  internal::CheckDemonstrations(demonstrations);
+  const int num_steps =
+      options.num_steps > 0 ? options.num_steps : internal::LongestLength(demonstrations);
   if (options.pooled) {
     FitSummary summary;
     OneClassSvm pooled =
@@ -94,7 +65,8 @@ TimeVaryingSupport TimeVaryingSupport::Fit(std::span<const core::Matrix> demonst
     try {
       for (int t = next++; t < num_steps; t = next++) {
         const auto index = static_cast<std::size_t>(t);
-        fitted[index] = OneClassSvm::Fit(StatesAt(demonstrations, t), options.svm, &results[index]);
+        fitted[index] =
+            OneClassSvm::Fit(internal::StatesAt(demonstrations, t), options.svm, &results[index]);
       }
     } catch (...) {
       const std::lock_guard lock(failure_mutex);

@@ -1,0 +1,41 @@
+#include "states_at.h"
+
+#include <algorithm>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::kernel::internal {
+
+void CheckDemonstrations(std::span<const core::Matrix> demonstrations) {
+  DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    const core::Matrix& states = demonstrations[d];
+    DFR_THROW_UNLESS(states.rows() >= 1, "demonstration " << d << " has no states");
+    DFR_THROW_UNLESS(states.cols() == demonstrations[0].cols(),
+                     "demonstration " << d << " has states of " << states.cols()
+                                      << " entries, demonstration 0 of "
+                                      << demonstrations[0].cols());
+    for (Eigen::Index i = 0; i < states.rows(); ++i) {
+      DFR_THROW_UNLESS(states.row(i).allFinite(),
+                       "demonstration " << d << ", state " << i << " has a non-finite entry");
+    }
+  }
+}
+
+int LongestLength(std::span<const core::Matrix> demonstrations) {
+  Eigen::Index longest = 0;
+  for (const core::Matrix& states : demonstrations) longest = std::max(longest, states.rows());
+  return static_cast<int>(longest);
+}
+
+core::Matrix StatesAt(std::span<const core::Matrix> demonstrations, int t) {
+  core::Matrix states(static_cast<Eigen::Index>(demonstrations.size()), demonstrations[0].cols());
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    const core::Matrix& all = demonstrations[d];
+    const Eigen::Index last = all.rows() - 1;
+    states.row(static_cast<Eigen::Index>(d)) = all.row(std::min<Eigen::Index>(t, last));
+  }
+  return states;
+}
+
+}  // namespace dfr::kernel::internal
