@@ -11,6 +11,7 @@
 #include <string_view>
 
 #include "bench/kernel/machine.h"
+#include "gaussian_sum.h"
 
 namespace dfr::bench {
 namespace {
@@ -89,15 +90,29 @@ ContestOptions ContestOptions::Parse(int argc, char** argv) {
               [&](const std::string& v) { options.min_time = std::strtod(v.c_str(), nullptr); }) ||
         value("--rounds=", [&](const std::string& v) { options.rounds = std::atoi(v.c_str()); }) ||
         value("--benchmark_out=", [&](std::string v) { options.json = std::move(v); }) ||
-        value("--picture=", [&](std::string v) { options.picture = std::move(v); });
+        value("--picture=", [&](std::string v) { options.picture = std::move(v); }) ||
+        value("--target=", [&](std::string v) { options.target = std::move(v); });
     if (!known || options.rounds < 1 || !(options.min_time >= 0.0)) {
       throw std::invalid_argument(
           "cannot use '" + std::string(argument) +
           "'. Known: --benchmark_filter=TEXT --benchmark_min_time=SECONDS --rounds=N "
-          "--benchmark_out=FILE.json --picture=FILE.svg");
+          "--benchmark_out=FILE.json --picture=FILE.svg --target=NAME");
     }
   }
   return options;
+}
+
+void ContestOptions::ForceTarget() const {
+  if (target.empty()) return;
+  std::string names;
+  for (const std::int64_t candidate : kernel::internal::SupportedTargets()) {
+    if (kernel::internal::TargetName(candidate) == target) {
+      kernel::internal::ForceTarget(candidate);
+      return;
+    }
+    names += std::string(" ") + kernel::internal::TargetName(candidate);
+  }
+  throw std::invalid_argument("this machine has no target '" + target + "', but" + names);
 }
 
 bool ContestOptions::Selects(const std::string& name) const {

@@ -13,10 +13,14 @@ struct ContestOptions {
   int rounds = 9;          ///< --rounds=N, of which the median counts.
   std::string json;        ///< --benchmark_out=FILE
   std::string picture;     ///< --picture=FILE.svg
+  std::string target;      ///< --target=NAME: our instruction set, AVX2 say, not the best.
 
   /// @throws std::invalid_argument naming the argument it does not know.
   static ContestOptions Parse(int argc, char** argv);
   [[nodiscard]] bool Selects(const std::string& name) const;
+  /// Restricts our own code to --target, before any estimate is made.
+  /// @throws std::invalid_argument with the names there are, if this machine has none such.
+  void ForceTarget() const;
   [[nodiscard]] bool smoke() const { return min_time == 0.0; }
 };
 

@@ -171,8 +171,8 @@ class DecisionCase {
       CaseResult result{name, {timings[ours]}, 0.0, {}};
       result.timings.insert(result.timings.end(), timings.begin() + 2, timings.end());
       if (std::string(what) != "cold") {
-        result.bound_nanoseconds =
-            DecisionBound(Measure(), terms, static_cast<std::size_t>(d_), bytes);
+        result.bound_nanoseconds = DecisionBound(Measure(), terms, static_cast<std::size_t>(d_),
+                                                 bytes, std::string(what) == "batch");
       }
       PrintRow(result);
       results.push_back(std::move(result));
@@ -192,6 +192,7 @@ class DecisionCase {
 int main(int argc, char** argv) try {
   using namespace dfr::bench;
   const ContestOptions options = ContestOptions::Parse(argc, argv);
+  options.ForceTarget();
   std::printf("%s\n", Describe(Measure()).c_str());
   std::vector<CaseResult> results;
   for (const int d : {3, 9, 16, 32}) {

@@ -123,13 +123,13 @@ std::string Describe(const Machine& machine) {
 }
 
 double DecisionBound(const Machine& machine, std::size_t terms, std::size_t dim,
-                     std::size_t bytes_per_value) {
+                     std::size_t bytes_per_value, bool batch) {
   const double lanes = static_cast<double>(machine.vector_bytes / bytes_per_value);
   const double vectors = static_cast<double>(terms) / lanes;
   const double operations = static_cast<double>(dim + (bytes_per_value == 4 ? 7 : 12));
   const std::size_t bytes = terms * (dim + 1) * bytes_per_value;
-  const double load =
-      bytes <= (std::size_t{32} << 10) ? machine.load_l1_nanoseconds : machine.load_l2_nanoseconds;
+  const double load = batch || bytes <= (std::size_t{32} << 10) ? machine.load_l1_nanoseconds
+                                                                : machine.load_l2_nanoseconds;
   return vectors *
          std::max(operations * machine.fma_nanoseconds, static_cast<double>(dim + 1) * load);
 }

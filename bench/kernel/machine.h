@@ -21,9 +21,9 @@ struct Machine {
 /// Least time of one decision with `terms` support vectors of `dim` entries, of `bytes_per_value`
 /// (4 or 8): per vector of terms dim + 7 (float) or dim + 12 (double) operations on the
 /// multiply-add ports (one FMA a coordinate, the polynomial, and two to split and join the
-/// exponent), or dim + 1 loads, whichever takes longer. Loads come from L1 where all terms fit
-/// 32 KiB, else from L2.
+/// exponent), or dim + 1 loads, whichever takes longer. A single query loads from L1 where all
+/// terms fit 32 KiB, else from L2; a batch, whose queries share tiles of terms, always from L1.
 [[nodiscard]] double DecisionBound(const Machine& machine, std::size_t terms, std::size_t dim,
-                                   std::size_t bytes_per_value);
+                                   std::size_t bytes_per_value, bool batch);
 
 }  // namespace dfr::bench

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -199,6 +200,88 @@ TEST_P(GaussianSumTest, NeverAllocates) {
   ASSERT_TRUE(terms.Scale(p.points.data(), scaled.data()));
   EXPECT_EQ(GaussianSum(terms, scaled.data()), GaussianSum(terms, scaled.data()));
   GaussianSumShift(terms, scaled.data(), 0.0, shift.data());
+}
+
+// States that a broken or hostile caller may send, relative to sums around 1: each entry is near,
+// far, equal to a point's, denormal, or huge.
+void AdversarialState(const Problem& p, core::Random& random, std::span<double> x) {
+  const auto nearest = static_cast<Eigen::Index>(random.Below(p.weights.size()));
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    const double own = p.points(nearest, static_cast<Eigen::Index>(k));
+    switch (random.Below(8)) {
+      case 0:
+        x[k] = own + 1e-9 * random.Normal();
+        break;
+      case 1:
+        x[k] = 4.9e-324 * random.Normal();
+        break;
+      case 2:
+        x[k] = random.Below(50) == 0 ? 1e17 * random.Normal() : own;
+        break;
+      case 3:
+        x[k] = random.Below(20) == 0 ? 30.0 * random.Normal() : own;
+        break;
+      case 4:
+        x[k] = random.Normal();
+        break;
+      default:
+        x[k] = own;
+    }
+  }
+}
+
+// 10^6 states in all over the instruction sets of a machine with AVX-512. g = sum - rho is judged
+// relative to max(sum, rho), with rho = 0.1: where they cancel there is no relative accuracy.
+TEST_P(GaussianSumTest, GIsAccurateOnAMillionRandomAndAdversarialStates) {
+  const Problem p(24, 9, 1.0 / 9.0, 13);
+  const GaussianTerms<double> in_double(p.points, p.weights, p.gamma);
+  const GaussianTerms<float> in_float(p.points, p.weights, p.gamma);
+  core::Random random(14);
+  std::vector<double> x(9), scaled(9);
+  std::vector<float> scaled_float(9);
+  constexpr double kRho = 0.1;
+  double worst_double = 0.0;
+  double worst_float = 0.0;
+  for (int i = 0; i < 250000; ++i) {
+    AdversarialState(p, random, x);
+    const auto expected = static_cast<double>(LongDouble(p, x).sum);
+    const double scale = std::max(expected, kRho);
+    ASSERT_TRUE(in_double.Scale(x.data(), scaled.data()));
+    ASSERT_TRUE(in_float.Scale(x.data(), scaled_float.data()));
+    worst_double =
+        std::max(worst_double, std::abs(GaussianSum(in_double, scaled.data()) - expected) / scale);
+    worst_float = std::max(worst_float,
+                           std::abs(GaussianSum(in_float, scaled_float.data()) - expected) / scale);
+  }
+  EXPECT_LT(worst_double, 1e-12);
+  EXPECT_LT(worst_float, 1e-6);
+}
+
+// Instruction sets round in another order: each is as near to the truth, so they are to each other.
+TEST(GaussianSumTargetsTest, InstructionSetsDifferByRoundingOnly) {
+  const Problem p(600, 9, 1.0 / 9.0, 15);
+  core::Random random(16);
+  std::vector<double> x(9), scaled(9);
+  std::vector<float> scaled_float(9);
+  std::vector<GaussianTerms<double>> in_double;
+  std::vector<GaussianTerms<float>> in_float;
+  for (const std::int64_t target : SupportedTargets()) {
+    ForceTarget(target);
+    in_double.emplace_back(p.points, p.weights, p.gamma);
+    in_float.emplace_back(p.points, p.weights, p.gamma);
+  }
+  ForceTarget(0);
+  for (int i = 0; i < 2000; ++i) {
+    for (double& v : x) v = random.Normal();
+    ASSERT_TRUE(in_double[0].Scale(x.data(), scaled.data()));
+    ASSERT_TRUE(in_float[0].Scale(x.data(), scaled_float.data()));
+    const double best = GaussianSum(in_double[0], scaled.data());
+    for (std::size_t k = 1; k < in_double.size(); ++k) {
+      EXPECT_NEAR(GaussianSum(in_double[k], scaled.data()), best, 1e-14 * best);
+      EXPECT_NEAR(GaussianSum(in_float[k], scaled_float.data()),
+                  GaussianSum(in_float[0], scaled_float.data()), 1e-6 * best);
+    }
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Targets, GaussianSumTest, testing::ValuesIn(SupportedTargets()),

@@ -7,6 +7,7 @@
 #include <functional>
 #include <limits>
 #include <memory>
+#include <ostream>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -35,6 +36,8 @@ core::Matrix Cloud(int m, core::Random& random) {
 struct Named {
   std::string name;
   std::function<std::shared_ptr<const SupportEstimate>(const core::Matrix&, double nu)> fit;
+
+  friend std::ostream& operator<<(std::ostream& out, const Named& n) { return out << n.name; }
 };
 
 class SupportEstimatesTest : public testing::TestWithParam<Named> {
