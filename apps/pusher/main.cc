@@ -2,6 +2,8 @@
 #include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <iostream>
+#include <map>
+#include <stdexcept>
 #include <string>
 
 #include "commands.h"
@@ -21,7 +23,8 @@ void AddScene(CLI::App& command, sim::PusherOptions& plant) {
           std::map<std::string, sim::Gripper>{{"bar", sim::Gripper::kBar},
                                               {"wide-bar", sim::Gripper::kWideBar},
                                               {"fork", sim::Gripper::kFork}}))
-      ->default_str("bar");
+      ->type_name("")
+      ->option_text("TEXT=bar");
 }
 
 void AddModelOptions(CLI::App& command, ModelOptions& model) {
@@ -164,6 +167,10 @@ int Main(int argc, char** argv) {
   AddScene(*command, view.plant);
   command->callback([&] { RunView(view); });
 
+  if (argc > 1 && argv[1][0] != '-' && app.get_subcommand_no_throw(argv[1]) == nullptr) {
+    throw std::invalid_argument("there is no command '" + std::string(argv[1]) +
+                                "'; pusher --help lists them");
+  }
   CLI11_PARSE(app, argc, argv);
   return EXIT_SUCCESS;
 }

@@ -1,0 +1,127 @@
+"""The program `pusher` as its users run it: each command on small numbers, and each kind of mistake.
+
+usage: pusher_test.py PROGRAM
+"""
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+PROGRAM = pathlib.Path(sys.argv.pop(1)).resolve()
+SMALL = ["--learners", "8", "--demonstrations", "8,16", "--trials", "2", "--episodes", "4", "--no-video"]
+CELL_KEYS = {
+    "method", "learner", "demonstrations", "trials", "episodes", "completed", "completed_interval",
+    "halted", "halted_interval", "collided", "collided_interval", "seconds_per_trajectory",
+    "controls_per_trajectory", "recovery_controls",
+}
+
+
+def without_times(value):
+    """A summary without what differs between two runs: processor times."""
+    if isinstance(value, dict):
+        return {k: without_times(v) for k, v in value.items() if "seconds" not in k}
+    if isinstance(value, list):
+        return [without_times(v) for v in value]
+    return value
+
+
+class PusherTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.temporary = tempfile.TemporaryDirectory()
+        cls.folder = pathlib.Path(cls.temporary.name)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.temporary.cleanup()
+
+    def run_pusher(self, *arguments, fails=False):
+        done = subprocess.run([PROGRAM, *map(str, arguments)], cwd=self.folder, text=True,
+                              capture_output=True, check=False, timeout=240)
+        if fails:
+            self.assertNotEqual(done.returncode, 0, done.stdout)
+            lines = done.stderr.strip().splitlines()
+            self.assertLessEqual(len(lines), 2, done.stderr)
+            return lines[0]
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return done.stdout
+
+    def summary(self, out):
+        return json.loads((self.folder / out / "summary.json").read_text())
+
+    def test_commands_follow_one_another(self):
+        out = self.run_pusher("demonstrate", "--count", 12, "--out", "d.hdf5")
+        self.assertIn("12 demonstrations", out)
+        out = self.run_pusher("fit", "--demonstrations", "d.hdf5", "--out", "m")
+        self.assertIn("policy 8", out)
+        out = self.run_pusher("evaluate", "--model", "m", "--episodes", 3)
+        for method in ("baseline", "early-stopping", "dfr"):
+            self.assertIn(method, out)
+        out = self.run_pusher("render", "--model", "m", "--methods", "early-stopping", "--width", 160,
+                              "--height", 120, "--out", "last.png")
+        self.assertIn("controls", out)
+        self.assertEqual((self.folder / "last.png").read_bytes()[:4], b"\x89PNG")
+
+    def test_summary_has_its_shape_and_does_not_depend_on_threads(self):
+        self.run_pusher("experiment", *SMALL, "--out", "one", "--threads", 1)
+        self.run_pusher("experiment", *SMALL, "--out", "two", "--threads", 2)
+        one = self.summary("one")
+        self.assertEqual(without_times(one), without_times(self.summary("two")))
+        self.assertEqual(one["experiment"], "pusher")
+        self.assertEqual(len(one["cells"]), 3 * 2)
+        for cell in one["cells"]:
+            self.assertLessEqual(CELL_KEYS, cell.keys())
+            self.assertEqual(cell["episodes"], 2 * 4)
+            self.assertAlmostEqual(cell["completed"] + cell["halted"] + cell["collided"], 1.0)
+            low, high = cell["collided_interval"]
+            self.assertTrue(0.0 <= low <= cell["collided"] <= high <= 1.0)
+        self.assertEqual({c["method"] for c in one["contrasts"]}, {"early-stopping", "dfr"})
+        report = (self.folder / "one" / "report.html").read_text()
+        self.assertIn(one["commit"], report)
+
+    def test_an_interrupted_experiment_goes_on_where_it_ended(self):
+        self.run_pusher("experiment", *SMALL, "--out", "whole")
+        ledger = (self.folder / "whole" / "ledger.jsonl").read_text().splitlines(keepends=True)
+        (self.folder / "half").mkdir()
+        # Killed while it wrote its third unit.
+        (self.folder / "half" / "ledger.jsonl").write_text("".join(ledger[:3]) + ledger[3][:20])
+        self.run_pusher("experiment", *SMALL, "--out", "half")
+        self.assertEqual(without_times(self.summary("whole")), without_times(self.summary("half")))
+
+    def test_a_ledger_of_other_settings_is_refused_until_restart(self):
+        self.run_pusher("experiment", *SMALL, "--out", "other")
+        error = self.run_pusher("experiment", *SMALL, "--out", "other", "--gamma", 7, fails=True)
+        self.assertIn("gamma", error)
+        self.run_pusher("experiment", *SMALL, "--out", "other", "--gamma", 7, "--restart")
+
+    def test_mistakes_get_one_clear_line(self):
+        (self.folder / "text").write_text("not a file of ours, and long enough to be looked into\n")
+        (self.folder / "empty").mkdir(exist_ok=True)
+        for arguments, says in [
+            (["fit", "--demonstrations", "absent.hdf5"], "absent.hdf5"),
+            (["fit", "--demonstrations", "text"], "text"),
+            (["evaluate", "--model", "empty"], "policy.dfr"),
+            (["demonstrate", "--supervisor", "text"], "text: is not a file written by dfr"),
+            (["experiment", "--methods", "baseline,magic"], "no method 'magic'"),
+            (["experiment", "--learners", "8-x"], "learner '8-x'"),
+            (["experiment", "--preset", "huge"], "huge"),
+            (["experiment", "--out", "text/below"], "text/below"),
+            (["experiment", *SMALL, "--red-y", "0.05", "--out", "r"], "red"),
+            (["experiment", *SMALL, "--features", "gripper", "--out", "f"], "gripper"),
+            (["demonstrate", "--count", "-3"], "count"),
+            (["view", "--model", "empty"], "policy.dfr"),
+            (["nonsense"], "nonsense"),
+        ]:
+            with self.subTest(arguments=arguments):
+                self.assertIn(says, self.run_pusher(*arguments, fails=True))
+
+    def test_help_tells_units_and_defaults(self):
+        out = self.run_pusher("experiment", "--help")
+        for word in ("[m]", "[1/m^2]", "quick", "paper", "0.05"):
+            self.assertIn(word, out)
+
+
+if __name__ == "__main__":
+    unittest.main()
