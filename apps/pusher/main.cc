@@ -1,5 +1,6 @@
 // The Pusher experiment of Sec. V-A: train a supervisor, demonstrate, fit, evaluate, compare, look.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdlib>
 #include <iostream>
 #include <map>
@@ -167,7 +168,10 @@ int Main(int argc, char** argv) {
   AddScene(*command, view.plant);
   command->callback([&] { RunView(view); });
 
-  if (argc > 1 && argv[1][0] != '-' && app.get_subcommand_no_throw(argv[1]) == nullptr) {
+  const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
+  if (argc > 1 && argv[1][0] != '-' &&
+      std::none_of(commands.begin(), commands.end(),
+                   [&](const CLI::App* known) { return known->get_name() == argv[1]; })) {
     throw std::invalid_argument("there is no command '" + std::string(argv[1]) +
                                 "'; pusher --help lists them");
   }
