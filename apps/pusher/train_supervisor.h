@@ -20,7 +20,7 @@ struct TrainSupervisorOptions {
   sim::PusherOptions scene;       ///< What the supervisor is judged in.
   double training_red_y = 0.112;  ///< The tighter gate that it is trained at [m]: its margin.
   /// Controls before the supervisor is judged for the first time, and at most.
-  std::int64_t min_steps = 480'000;
+  std::int64_t min_steps = 280'000;
   std::int64_t max_steps = 1'200'000;
 };
 

@@ -17,7 +17,7 @@ double Potential(const PusherPlant& plant) {
     reach += std::pow(state[test::kTip + k] - state[test::kObject + k], 2);
   }
   return -20.0 * (std::sqrt(reach) + std::abs(state[test::kObject] - 0.76) +
-                  5.0 * std::abs(state[test::kObject + 1]));
+                  4.0 * std::abs(state[test::kObject + 1]));
 }
 
 // A sum of potential differences telescopes: policies earn by where they end, not by the way.

@@ -29,7 +29,7 @@ struct PusherOptions {
   /// The cylinder starts uniformly in [start_x_min, start_x_max] x [-start_y, start_y]. In front of
   /// the gripper and before the gate: x in [0.42, 0.54], start_y in [0, 0.2].
   double start_x_min = 0.43;
-  double start_x_max = 0.53;
+  double start_x_max = 0.49;
   double start_y = 0.12;
 };
 

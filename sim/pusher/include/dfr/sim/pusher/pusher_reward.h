@@ -11,7 +11,7 @@ struct PusherRewardOptions {
   double scale = 20.0;      ///< Of the potential.
   double reach = 1.0;       ///< Of the distance from tip to cylinder.
   double forward = 1.0;     ///< Of |c_x - g_x|, cylinder to goal.
-  double sideways = 5.0;    ///< Of |c_y - g_y|.
+  double sideways = 4.0;    ///< Of |c_y - g_y|.
   double success = 10.0;    ///< Once, when completed.
   double collision = -1.0;  ///< Once, when collided.
   double step = 0.0;        ///< Each control.
