@@ -11,6 +11,7 @@ import json
 import os
 import pathlib
 import shutil
+import signal
 import statistics
 import subprocess
 import sys
@@ -96,7 +97,7 @@ def main():
                 print(f"The base has no {options.bench} yet: there is nothing to compare with.")
                 return
             base = build(worktree, work / "build_base", options.bench)
-        new = build(ROOT, work / "build_new", options.bench)
+        new = build(ROOT, ROOT / "build" / "compare", options.bench)  # kept: built faster next time
         ratios = alternate((base, new), options.filter, options.turns, 0.01)
         if not ratios:
             sys.exit(f"compare.py: no case matches '{options.filter}' in both builds")
@@ -116,4 +117,5 @@ def main():
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the base's worktree goes too
     main()

@@ -136,7 +136,7 @@ std::vector<Timing> RunContest(const std::vector<Contestant>& contestants, int o
   if (options.smoke()) return timings;
   for (int round = 0; round < options.rounds; ++round) {
     for (std::size_t i = 0; i < contestants.size(); ++i) {
-      if (!contestants[i].wrong.empty()) continue;
+      if (!contestants[i].wrong.empty() || repetitions[i] == 0) continue;
       const double start = CpuSeconds();
       for (int k = 0; k < repetitions[i]; ++k) contestants[i].run();
       samples[i].push_back((CpuSeconds() - start) / repetitions[i] / operations * 1e9);

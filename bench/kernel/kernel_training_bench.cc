@@ -26,7 +26,7 @@ struct TrainingCase {
   int d;
   double gamma;
   double nu;
-  bool peers_take_long;
+  bool libsvm_only = false;  // the others take minutes
 };
 
 // KKT gap and objective from the support vectors alone, in double, in LIBSVM's scale.
@@ -71,8 +71,6 @@ void Train(const TrainingCase& c, const ContestOptions& options, std::vector<Cas
     std::snprintf(text, sizeof(text), "KKT gap %.2e", audit.gap);
     wrong = text;
   }
-  ContestOptions contest = options;
-  if (c.peers_take_long) contest.rounds = 1;
   double libsvm_objective = 0.0;
   int libsvm_support = 0;
   std::vector<Contestant> contestants;
@@ -86,9 +84,11 @@ void Train(const TrainingCase& c, const ContestOptions& options, std::vector<Cas
                            }
                          },
                          ""});
-  contestants.push_back({"OpenCV", [&] { (void)TrainOpenCv(samples, peer_options); }, ""});
-  contestants.push_back({"dlib", [&] { (void)TrainDlib(samples, peer_options); }, ""});
-  CaseResult result{name, RunContest(contestants, 1, contest), 0.0, {}};
+  if (!c.libsvm_only) {
+    contestants.push_back({"OpenCV", [&] { (void)TrainOpenCv(samples, peer_options); }, ""});
+    contestants.push_back({"dlib", [&] { (void)TrainDlib(samples, peer_options); }, ""});
+  }
+  CaseResult result{name, RunContest(contestants, 1, options), 0.0, {}};
   const double excess = audit.objective / libsvm_objective - 1.0;
   // Ours may be lower; 1e-4 above LIBSVM's minimum it is not the same solution.
   if (excess > 1e-4) result.timings[0].wrong = "objective " + std::to_string(excess) + " too high";
@@ -158,16 +158,12 @@ int main(int argc, char** argv) try {
   options.ForceTarget();
   std::printf("%s\n", Describe(Measure()).c_str());
   std::vector<CaseResult> results;
-  for (const TrainingCase& c : {TrainingCase{120, 9, 5.0, 0.05, false},
-                                {1200, 9, 5.0, 0.05, false},
-                                {1200, 9, 1.0 / 9.0, 0.05, false},
-                                {12000, 3, 5.0, 0.05, false},
-                                {12000, 9, 1.0 / 9.0, 0.05, false},
-                                {12000, 9, 5.0, 0.05, true},
-                                {12000, 32, 1.0 / 32.0, 0.05, false},
-                                {50000, 9, 1.0 / 9.0, 0.05, true},
-                                {100000, 9, 1.0 / 9.0, 0.05, true},
-                                {50000, 9, 5.0, 0.05, true}}) {
+  constexpr TrainingCase kCases[] = {{120, 9, 5.0, 0.05},          {1200, 9, 5.0, 0.05},
+                                     {1200, 9, 1.0 / 9.0, 0.05},   {12000, 3, 5.0, 0.05},
+                                     {12000, 9, 1.0 / 9.0, 0.05},  {12000, 9, 5.0, 0.05},
+                                     {12000, 32, 1.0 / 32, 0.05},  {50000, 9, 1.0 / 9.0, 0.05},
+                                     {100000, 9, 1.0 / 9.0, 0.05}, {50000, 9, 5.0, 0.05, true}};
+  for (const TrainingCase& c : kCases) {
     Train(c, options, results);
   }
   TrainPerStep(options, results);
