@@ -162,6 +162,10 @@ void PrintRow(const CaseResult& result) {
     std::printf(" not timed: %s\n", subject.wrong.c_str());
     return;
   }
+  if (subject.nanoseconds == 0.0) {
+    std::printf(" ran, untimed\n");
+    return;
+  }
   std::printf(" %9.4g %s", subject.nanoseconds * (milliseconds ? 1e-6 : 1.0),
               milliseconds ? "ms" : "ns");
   for (std::size_t i = 1; i < result.timings.size(); ++i) {
@@ -178,6 +182,13 @@ void PrintRow(const CaseResult& result) {
   for (const auto& [name, value] : result.counters) std::printf("  %s %g", name.c_str(), value);
   std::printf("\n");
   std::fflush(stdout);
+}
+
+int ExitCode(const std::vector<CaseResult>& results) {
+  const bool wrong = std::any_of(results.begin(), results.end(), [](const CaseResult& r) {
+    return !r.timings.at(0).wrong.empty();
+  });
+  return wrong ? EXIT_FAILURE : EXIT_SUCCESS;
 }
 
 void WriteReports(const std::string& title, const std::vector<CaseResult>& results,

@@ -59,6 +59,9 @@ void PrintRow(const CaseResult& result);
 void WriteReports(const std::string& title, const std::vector<CaseResult>& results,
                   const ContestOptions& options);
 
+/// Failure if the subject of any case gave a wrong answer.
+[[nodiscard]] int ExitCode(const std::vector<CaseResult>& results);
+
 /// CPU time of this process, in seconds.
 [[nodiscard]] double CpuSeconds();
 

@@ -208,6 +208,7 @@ int main(int argc, char** argv) try {
     }
   }
   WriteReports("Decision function", results, options);
+  return ExitCode(results);
 } catch (const std::exception& e) {
   std::fprintf(stderr, "kernel_decision_bench: %s\n", e.what());
   return EXIT_FAILURE;

@@ -168,6 +168,7 @@ int main(int argc, char** argv) try {
   }
   TrainPerStep(options, results);
   WriteReports("Training", results, options);
+  return ExitCode(results);
 } catch (const std::exception& e) {
   std::fprintf(stderr, "kernel_training_bench: %s\n", e.what());
   return EXIT_FAILURE;
