@@ -50,7 +50,7 @@ std::string Learner::Name() const {
   return name;
 }
 
-Model::Model(imitation::MlpPolicy policy, core::FeatureSelection features,
+Model::Model(imitation::MlpPolicy policy, const core::FeatureSelection& features,
              kernel::TimeVaryingSupport support, std::vector<double> lambda, int horizon,
              int demonstrations)
     : policy_(std::make_unique<imitation::MlpPolicy>(std::move(policy))),

@@ -61,7 +61,7 @@ class Model {
       control::Recovery recovery, const core::SimulatedPlant* oracle_plant = nullptr) const;
 
  private:
-  Model(imitation::MlpPolicy policy, core::FeatureSelection features,
+  Model(imitation::MlpPolicy policy, const core::FeatureSelection& features,
         kernel::TimeVaryingSupport support, std::vector<double> lambda, int horizon,
         int demonstrations);
 

@@ -75,7 +75,7 @@ double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set
   return inside > 0 ? static_cast<double>(red) / inside : 0.0;
 }
 
-PusherSite::PusherSite(Model model, std::vector<control::Recovery> methods,
+PusherSite::PusherSite(Model model, const std::vector<control::Recovery>& methods,
                        const sim::PusherOptions& plant_options,
                        std::map<std::string, double> measures)
     : plant_(std::make_unique<sim::PusherPlant>(plant_options)),

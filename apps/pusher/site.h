@@ -32,7 +32,7 @@ namespace dfr::apps {
 /// One unit of the experiment: a model, and a plant to run it on.
 class PusherSite final : public experiment::EvaluationSite {
  public:
-  PusherSite(Model model, std::vector<control::Recovery> methods,
+  PusherSite(Model model, const std::vector<control::Recovery>& methods,
              const sim::PusherOptions& plant_options, std::map<std::string, double> measures);
 
   [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;

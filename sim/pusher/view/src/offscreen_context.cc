@@ -62,7 +62,8 @@ class OsMesaContext final : public OffscreenContext {
 
 struct EglFunctions {
   Library library{"libEGL.so.1"};
-#define DFR_EGL(member, name) decltype(name)* member = library.Get<decltype(name)>(#name)
+#define DFR_EGL(member, name) /* NOLINTNEXTLINE(bugprone-macro-parentheses) */ \
+  decltype(name)* member = library.Get<decltype(name)>(#name)
   DFR_EGL(get_proc_address, eglGetProcAddress);
   DFR_EGL(get_display, eglGetDisplay);
   DFR_EGL(initialize, eglInitialize);
