@@ -119,6 +119,7 @@ HWY_INLINE void ForGroups(const T* HWY_RESTRICT data, std::size_t num_blocks, st
     use(b * kPerBlock, exponent, std::integral_constant<std::size_t, kVectors>());
     b += decltype(blocks)::value;
   };
+  // group() advances b. NOLINTNEXTLINE(bugprone-infinite-loop)
   while (b + kBlocks <= num_blocks) group(std::integral_constant<std::size_t, kBlocks>());
   if constexpr (kBlocks > 4) {
     if (b + 4 <= num_blocks) group(std::integral_constant<std::size_t, 4>());
@@ -126,6 +127,7 @@ HWY_INLINE void ForGroups(const T* HWY_RESTRICT data, std::size_t num_blocks, st
   if constexpr (kBlocks > 2) {
     if (b + 2 <= num_blocks) group(std::integral_constant<std::size_t, 2>());
   }
+  // NOLINTNEXTLINE(bugprone-infinite-loop)
   while (b < num_blocks) group(std::integral_constant<std::size_t, 1>());
 }
 

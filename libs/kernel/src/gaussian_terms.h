@@ -19,8 +19,9 @@ struct AlignedAllocator {
   using value_type = T;
   static constexpr std::align_val_t kAlignment{64};
   AlignedAllocator() = default;
+  // Allocators of different types convert to each other.
   template <typename U>
-  AlignedAllocator(const AlignedAllocator<U>&) noexcept {}
+  AlignedAllocator(const AlignedAllocator<U>&) noexcept {}  // NOLINT(google-explicit-constructor)
   T* allocate(std::size_t n) { return static_cast<T*>(::operator new(n * sizeof(T), kAlignment)); }
   void deallocate(T* p, std::size_t) noexcept { ::operator delete(p, kAlignment); }
   template <typename U>
