@@ -40,6 +40,7 @@ void ExpectSame(const TimeVaryingSupport& a, const TimeVaryingSupport& b, double
 TEST(IncrementalSupportTest, AnyRunOfChangesEndsWhereAFreshFitDoes) {
   core::Random random(82);
   std::vector<core::Matrix> demonstrations;
+  demonstrations.reserve(50);
   for (int d = 0; d < 30; ++d) demonstrations.push_back(Walk(random, 8));
   const TimeVaryingSupportOptions options{.svm = {.nu = 0.2, .gamma = 0.5, .tolerance = 1e-7}};
   IncrementalSupport incremental(demonstrations, options);
@@ -61,6 +62,7 @@ TEST(IncrementalSupportTest, AnyRunOfChangesEndsWhereAFreshFitDoes) {
 TEST(IncrementalSupportTest, AChangeTakesFewerStepsThanAFreshFit) {
   core::Random random(83);
   std::vector<core::Matrix> demonstrations;
+  demonstrations.reserve(201);
   for (int d = 0; d < 200; ++d) demonstrations.push_back(Walk(random, 5));
   const TimeVaryingSupportOptions options{.svm = {.nu = 0.1, .gamma = 0.2}};
   IncrementalSupport incremental(demonstrations, options);

@@ -12,7 +12,7 @@
 namespace dfr::core {
 
 /// Names for the parts of a state vector: "object" is entries [offset, offset + size). The same
-/// names are the obs/<key> datasets of a demonstration file.
+/// names are the `obs/<key>` datasets of a demonstration file.
 struct StateLayout {
   struct Block {
     std::string name;

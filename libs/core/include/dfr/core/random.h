@@ -16,9 +16,9 @@ namespace dfr::core {
 
 /// Random numbers by xoshiro256++ (Blackman and Vigna, 2019), seeded through SplitMix64.
 ///
-/// Unlike the distributions of <random>, the sequence is defined by this class alone and so the
-/// same with every standard library. Never allocates, never throws. One object belongs to one
-/// thread.
+/// Unlike the distributions of the standard library, the sequence is defined by this class alone
+/// and so the same with every standard library. Never allocates, never throws. One object belongs
+/// to one thread.
 class Random {
  public:
   using result_type = std::uint64_t;
