@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/progress.h"
 #include "dfr/imitation/trpo.h"
@@ -112,6 +113,9 @@ imitation::Trpo Start(imitation::Environment& environment, const TrainSupervisor
 }  // namespace
 
 int TrainSupervisor(const TrainSupervisorOptions& options) {
+  DFR_THROW_UNLESS(options.min_steps <= options.max_steps,
+                   "train-supervisor: --min-steps " << options.min_steps << " is over --max-steps "
+                                                    << options.max_steps);
   std::filesystem::path checkpoint = options.checkpoint;
   if (checkpoint.empty()) checkpoint = options.out.string() + ".checkpoint";
   sim::PusherOptions training_scene = options.scene;
@@ -153,6 +157,7 @@ int TrainSupervisor(const TrainSupervisorOptions& options) {
               .label = label});
   }
 
+  trpo.Save(checkpoint);
   const imitation::GaussianPolicy policy = trpo.policy();
   policy.Save(options.out);
   const std::uint64_t stream = core::DeriveSeed(seed, {kFinal});
