@@ -75,6 +75,7 @@ TEST_F(LibsvmIoTest, LibsvmLoadsOurModelWithIdenticalDecisionValues) {
   const core::Matrix queries = Tube(50, 4, random);
   for (Eigen::Index i = 0; i < queries.rows(); ++i) {
     std::vector<svm_node> nodes;
+    nodes.reserve(5);
     for (int k = 0; k < 4; ++k) nodes.push_back({k + 1, queries(i, k)});
     nodes.push_back({-1, 0.0});
     double theirs = 0.0;
