@@ -280,7 +280,7 @@ TEST(OneClassSvmTest, DecisionNeverAllocatesAndRepeatsItsBits) {
   const auto svm = OneClassSvm::Fit(Tube(300, 9, random), {.gamma = 1.0});
   const core::Matrix queries = Tube(50, 9, random);
   const Eigen::VectorXd first = Decisions(svm, queries);
-  const OneClassSvm copy = svm;
+  const OneClassSvm copy = svm;  // NOLINT(performance-unnecessary-copy-initialization)
   std::vector<double> gradient(9);
   const dfr::test::NoAlloc guard;
   for (Eigen::Index i = 0; i < queries.rows(); ++i) {

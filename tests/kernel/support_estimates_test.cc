@@ -7,6 +7,7 @@
 #include <functional>
 #include <limits>
 #include <memory>
+#include <numbers>
 #include <ostream>
 #include <stdexcept>
 #include <string>
@@ -172,7 +173,8 @@ TEST(AffineMapTest, WhiteningGivesUnitCovarianceAndPcaKeepsDistancesInItsPlane) 
   EXPECT_NEAR(pca.matrix.norm(), 1.0, 1e-14);
   // The first direction is the one of most variance.
   const double most = pca.Apply(samples).squaredNorm();
-  for (double angle = 0.0; angle < 3.14; angle += 0.01) {
+  for (int degrees = 0; degrees < 180; ++degrees) {
+    const double angle = degrees * std::numbers::pi / 180.0;
     const Eigen::Vector2d direction(std::cos(angle), std::sin(angle));
     EXPECT_LE(((samples.rowwise() - pca.mean.transpose()) * direction).squaredNorm(),
               most * (1.0 + 1e-12));
