@@ -224,9 +224,11 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
            "no arm motion can mend them.\n\n"
            "The scene decides these figures as much as the method does: where the gate is tight, "
            "or the demonstrations spread, the support covers part of the red regions, and then "
-           "DFR collides inside it. This scene was chosen, with seeds that are not used here, so "
-           "that Baseline collides as often as in the paper's regime; the algorithm and its "
-           "constants are the authors'. docs/pusher.md tells what was tried."});
+           "DFR collides inside it. Start states, the supervisor's reward and the end of its "
+           "training were chosen while looking at Baseline's and DFR's figures, with seeds that "
+           "are "
+           "not used here; the algorithm and its constants are the authors'. docs/pusher.md tells "
+           "what was tried."});
   if (options.preset == "quick") {
     report.notes.push_back(
         {"Quick preset",

@@ -20,6 +20,7 @@ thread_local std::size_t allocations = 0;
 #if DFR_COUNTS_ALLOCATIONS
 // glibc's own allocator under its internal names: replacing malloc catches operator new, Eigen's
 // aligned allocations and C libraries alike.
+// NOLINTBEGIN(bugprone-reserved-identifier): the names are glibc's.
 extern "C" {
 void* __libc_malloc(std::size_t);
 void* __libc_calloc(std::size_t, std::size_t);
@@ -52,6 +53,7 @@ int posix_memalign(void** p, std::size_t alignment, std::size_t size) {
   return *p == nullptr ? ENOMEM : 0;
 }
 }
+// NOLINTEND(bugprone-reserved-identifier)
 #endif
 
 namespace dfr::test {
