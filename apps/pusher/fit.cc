@@ -31,8 +31,10 @@ void RunFit(const FitOptions& options) {
   std::printf("%s: policy %s, support of %d time steps, lambda_t in [%.3g, %.3g]\n",
               options.out.c_str(), model_options.learner.Name().c_str(),
               model.estimate().num_steps(), *low, *high);
-  std::printf("of the %d demonstrated states %.1f %% are outside (nu = %g bounds it)\n", states,
-              100.0 * outside / states, model_options.nu);
+  std::printf(
+      "of the %d demonstrated states %.1f %% are outside; nu = %g bounds the share per time step, "
+      "held last states included\n",
+      states, 100.0 * outside / states, model_options.nu);
 }
 
 }  // namespace dfr::apps
