@@ -155,4 +155,11 @@ double TimeVaryingSupport::Gradient(int t, std::span<const double> x,
 
 double TimeVaryingSupport::lipschitz_bound(int t) const noexcept { return at(t).lipschitz_bound(); }
 
+double TimeVaryingSupport::LogDecision(int t, std::span<const double> x,
+                                       std::span<double> gradient) const noexcept {
+  return gradient.empty() ? at(t).LogDecision(x) : at(t).LogGradient(x, gradient);
+}
+
+double TimeVaryingSupport::curvature_bound(int t) const noexcept { return at(t).gamma(); }
+
 }  // namespace dfr::kernel

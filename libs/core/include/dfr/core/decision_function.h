@@ -33,4 +33,20 @@ class DecisionFunction {
   [[nodiscard]] virtual double lipschitz_bound(int t) const noexcept = 0;
 };
 
+/// A decision function that also has a log form l_t: the same sign and zero set as g_t, but with a
+/// slope that still points back to the support far outside, where g_t is flat.
+class LogDecisionFunction : public DecisionFunction {
+ public:
+  /// l_t(x), with its derivative by x written to `gradient` (state_dim() entries, or none to leave
+  /// it out). -infinity, with a zero gradient, where Decision() is.
+  virtual double LogDecision(int t, std::span<const double> x,
+                             std::span<double> gradient) const noexcept = 0;
+
+  /// How far l_t may bend downwards: the smallest known c >= 0 with
+  ///   l_t(x + d) >= l_t(x) + d . grad l_t(x) - c |d|^2   for all x, d.
+  /// For c > 0 the ball around x + grad l_t(x) / (2 c) of radius R,
+  /// R^2 = |grad l_t(x)|^2 / (4 c^2) + l_t(x) / c, therefore lies inside B_t.
+  [[nodiscard]] virtual double curvature_bound(int t) const noexcept = 0;
+};
+
 }  // namespace dfr::core

@@ -27,7 +27,7 @@ struct TimeVaryingSupportOptions {
 /// counts with its last state from then on, for it rests there.
 ///
 /// Immutable once made, and cheap to copy: copies share their data. Concurrent calls are safe.
-class TimeVaryingSupport final : public core::DecisionFunction {
+class TimeVaryingSupport final : public core::LogDecisionFunction {
  public:
   /// Fits to one matrix of states a demonstration, (T_i + 1) x n, rows in order of time.
   /// `summaries`, if given, receives one entry per estimate.
@@ -55,6 +55,10 @@ class TimeVaryingSupport final : public core::DecisionFunction {
   double Gradient(int t, std::span<const double> x,
                   std::span<double> gradient) const noexcept override;
   [[nodiscard]] double lipschitz_bound(int t) const noexcept override;
+  double LogDecision(int t, std::span<const double> x,
+                     std::span<double> gradient) const noexcept override;
+  /// gamma, by Jensen's inequality as in Certificate.
+  [[nodiscard]] double curvature_bound(int t) const noexcept override;
 
   /// g_t; times out of range use the nearest one.
   [[nodiscard]] const OneClassSvm& at(int t) const noexcept;
