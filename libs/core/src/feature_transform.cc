@@ -1,0 +1,120 @@
+#include "dfr/core/feature_transform.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::core {
+
+FeatureTransform::FeatureTransform(FeatureSelection selection, Eigen::VectorXd offset, Matrix scale)
+    : selection_(std::move(selection)), offset_(std::move(offset)), scale_(std::move(scale)) {
+  const int features = selection_.num_features();
+  DFR_THROW_UNLESS(features <= FeatureDecision::kMaxFeatures,
+                   "at most " << FeatureDecision::kMaxFeatures << " features, not " << features);
+  DFR_THROW_UNLESS(offset_.size() == features, "the offset has " << offset_.size()
+                                                                 << " entries for " << features
+                                                                 << " features");
+  DFR_THROW_UNLESS(scale_.rows() > 0 && scale_.cols() == features,
+                   "the scale is " << scale_.rows() << " x " << scale_.cols() << " for " << features
+                                   << " features");
+  DFR_THROW_UNLESS(offset_.allFinite() && scale_.allFinite(),
+                   "offset and scale of a feature transform must be finite");
+}
+
+FeatureTransform FeatureTransform::Identity(FeatureSelection selection) {
+  const int n = selection.num_features();
+  return {std::move(selection), Eigen::VectorXd::Zero(n), Matrix::Identity(n, n)};
+}
+
+FeatureTransform FeatureTransform::Whitening(FeatureSelection selection,
+                                             std::span<const Matrix> demonstrations,
+                                             const WhiteningOptions& options) {
+  DFR_THROW_UNLESS(demonstrations.size() >= 2,
+                   "whitening needs at least 2 demonstrations, not " << demonstrations.size());
+  const int median = MedianNumStates(demonstrations);
+  const int n = selection.num_features();
+  std::vector<Matrix> features;
+  for (const Matrix& states : demonstrations) features.push_back(selection.Apply(states));
+
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(n);
+  Matrix scatter = Matrix::Zero(n, n);
+  int count = 0;
+  for (int t = 0; t < median; ++t) {
+    Eigen::VectorXd mean = Eigen::VectorXd::Zero(n);
+    int here = 0;
+    for (const Matrix& f : features) {
+      if (t >= f.rows()) continue;
+      mean += f.row(t).transpose();
+      ++here;
+    }
+    sum += mean;
+    mean /= here;
+    for (const Matrix& f : features) {
+      if (t >= f.rows()) continue;
+      const Eigen::VectorXd residual = f.row(t).transpose() - mean;
+      scatter += residual * residual.transpose();
+    }
+    count += here;
+  }
+  scatter /= count;
+
+  Eigen::VectorXd sd = scatter.diagonal().cwiseSqrt();
+  const double largest = sd.maxCoeff();
+  DFR_THROW_UNLESS(largest > 0.0, "no selected feature ever differs between demonstrations");
+  // A constant feature carries no scale of its own; the floor keeps it harmless.
+  constexpr double kConstant = 1e-9;
+  for (double& s : sd) {
+    if (s < kConstant * largest) s = largest;
+  }
+  const Matrix inverse_sd = sd.cwiseInverse().asDiagonal();
+  const Matrix correlation = inverse_sd * scatter * inverse_sd;
+  Matrix scale = inverse_sd;
+  if (options.decorrelate) {
+    scale = InverseSquareRoot(correlation, options.ridge) * inverse_sd;
+  }
+  return {std::move(selection), sum / count, std::move(scale)};
+}
+
+void FeatureTransform::Apply(std::span<const double> state,
+                             std::span<double> features) const noexcept {
+  std::array<double, FeatureDecision::kMaxFeatures> selected;
+  const auto& indices = selection_.indices();
+  const auto n = static_cast<Eigen::Index>(indices.size());
+  for (std::size_t i = 0; i < indices.size(); ++i) {
+    selected[i] =
+        state[static_cast<std::size_t>(indices[i])] - offset_[static_cast<Eigen::Index>(i)];
+  }
+  AsVector(features).noalias() =
+      scale_.lazyProduct(Eigen::Map<const Eigen::VectorXd>(selected.data(), n));
+}
+
+Matrix FeatureTransform::Apply(const Matrix& states) const {
+  DFR_THROW_UNLESS(states.cols() == state_dim(),
+                   "states have " << states.cols() << " columns, not " << state_dim());
+  Matrix features(states.rows(), num_features());
+  for (Eigen::Index i = 0; i < states.rows(); ++i) Apply(Row(states, i), Row(features, i));
+  return features;
+}
+
+int MedianNumStates(std::span<const Matrix> demonstrations) {
+  DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
+  std::vector<Eigen::Index> lengths;
+  for (const Matrix& states : demonstrations) lengths.push_back(states.rows());
+  const auto middle = lengths.begin() + static_cast<std::ptrdiff_t>(lengths.size() / 2);
+  std::nth_element(lengths.begin(), middle, lengths.end());
+  return static_cast<int>(*middle);
+}
+
+Matrix InverseSquareRoot(const Matrix& covariance, double ridge) {
+  DFR_THROW_UNLESS(ridge > 0.0, "the ridge must be positive, not " << ridge);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(covariance);
+  const Eigen::VectorXd scale = (solver.eigenvalues().array().max(0.0) + ridge).rsqrt();
+  return solver.eigenvectors() * scale.asDiagonal() * solver.eigenvectors().transpose();
+}
+
+}  // namespace dfr::core

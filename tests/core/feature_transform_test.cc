@@ -1,0 +1,112 @@
+#include "dfr/core/feature_transform.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <stdexcept>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "tests/support/all_close.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::core {
+namespace {
+
+// 200 walks of 10 or 20 states: feature 1 goes on with t, features 0 and 1 are correlated across
+// walks, feature 2 in other units, feature 3 constant.
+std::vector<Matrix> Walks() {
+  Random random(1);
+  std::vector<Matrix> walks;
+  for (int d = 0; d < 200; ++d) {
+    Matrix states(d % 2 == 0 ? 10 : 20, 4);
+    for (Eigen::Index t = 0; t < states.rows(); ++t) {
+      const double a = random.Normal();
+      const double b = random.Normal();
+      states.row(t) << 3.0 + a, 5.0 * static_cast<double>(t) + 0.1 * (0.8 * a + 0.6 * b),
+          1000.0 * random.Normal(), 7.0;
+    }
+    walks.push_back(states);
+  }
+  return walks;
+}
+
+// The definition: across demonstrations at the same time, the correlation of z is
+// (Corr + r)^(-1/2) Corr (Corr + r)^(-1/2), whatever the units, and progress does not count.
+TEST(FeatureTransformTest, WhitensTheSpreadAcrossDemonstrations) {
+  const auto walks = Walks();
+  const auto transform =
+      FeatureTransform::Whitening(FeatureSelection::All(4), walks, {.ridge = 1e-6});
+  Matrix scatter = Matrix::Zero(4, 4);
+  int count = 0;
+  for (int t = 0; t < 10; ++t) {
+    Matrix z(static_cast<Eigen::Index>(walks.size()), 4);
+    for (Eigen::Index d = 0; d < z.rows(); ++d) {
+      z.row(d) = transform.Apply(walks[static_cast<std::size_t>(d)]).row(t);
+    }
+    z.rowwise() -= z.colwise().mean().eval();
+    scatter += z.transpose() * z;
+    count += static_cast<int>(z.rows());
+  }
+  scatter /= count;
+  Matrix expected = Matrix::Identity(4, 4);
+  expected(3, 3) = 0.0;  // a constant stays one
+  // States beyond t = 10, of half of the walks, are in the estimate, not in this check.
+  EXPECT_TRUE(test::AllClose(scatter, expected, 0.05));
+}
+
+TEST(FeatureTransformTest, WithoutDecorrelationItDividesByTheStandardDeviation) {
+  const auto transform =
+      FeatureTransform::Whitening(FeatureSelection::All(4), Walks(), {.decorrelate = false});
+  const Eigen::VectorXd diagonal = transform.scale().diagonal();
+  EXPECT_TRUE(test::AllClose(Matrix(diagonal.asDiagonal()), transform.scale(), 0.0));
+  EXPECT_NEAR(diagonal[0], 1.0, 0.05);
+  EXPECT_NEAR(diagonal[1], 10.0, 0.5);
+  EXPECT_NEAR(diagonal[2], 0.001, 0.00005);
+}
+
+TEST(FeatureTransformTest, IdentityIsTheSelectionAndRowsAgreeWithSingleStates) {
+  StateLayout layout;
+  layout.Add("arm", 3);
+  layout.Add("object", 2);
+  const auto identity = FeatureTransform::Identity(FeatureSelection(layout, "object,arm[0:1]"));
+  std::vector<double> z(3);
+  identity.Apply(std::vector<double>{1, 2, 3, 4, 5}, z);
+  EXPECT_EQ(z, (std::vector<double>{4, 5, 1}));
+  const auto walks = Walks();
+  const auto transform = FeatureTransform::Whitening(FeatureSelection::All(4), walks);
+  const Matrix rows = transform.Apply(walks[0]);
+  std::vector<double> one(4);
+  const test::NoAlloc guard;
+  transform.Apply(Row(walks[0], 3), one);
+  for (int i = 0; i < 4; ++i) ASSERT_EQ(one[static_cast<std::size_t>(i)], rows(3, i));
+}
+
+TEST(InverseSquareRootTest, IsWhatItsNameSays) {
+  Random random(2);
+  Matrix a(5, 5);
+  for (Eigen::Index i = 0; i < a.size(); ++i) a.data()[i] = random.Normal();
+  const Matrix covariance = a * a.transpose();
+  const Matrix root = InverseSquareRoot(covariance, 0.3);
+  const Matrix regular = covariance + 0.3 * Matrix::Identity(5, 5);
+  // Condition about 1e2: a few of the sixteen digits are lost.
+  EXPECT_TRUE(test::AllClose(root * regular * root, Matrix::Identity(5, 5), 1e-12));
+  EXPECT_TRUE(test::AllClose(root, root.transpose(), 1e-14));
+}
+
+TEST(FeatureTransformTest, Errors) {
+  const auto all = FeatureSelection::All(4);
+  EXPECT_THROW(FeatureTransform::Whitening(all, std::vector{Walks()[0]}), std::invalid_argument);
+  const std::vector<Matrix> same(3, Matrix::Ones(4, 4));
+  EXPECT_THROW(FeatureTransform::Whitening(all, same), std::invalid_argument);
+  EXPECT_THROW(FeatureTransform(all, Eigen::VectorXd::Zero(3), Matrix::Identity(4, 4)),
+               std::invalid_argument);
+  EXPECT_THROW(FeatureTransform(all, Eigen::VectorXd::Zero(4), Matrix::Identity(4, 3)),
+               std::invalid_argument);
+  EXPECT_THROW((void)MedianNumStates({}), std::invalid_argument);
+  EXPECT_THROW((void)InverseSquareRoot(Matrix::Identity(2, 2), 0.0), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::core
