@@ -1,0 +1,78 @@
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "dfr/core/decision_function.h"
+#include "dfr/core/matrix.h"
+#include "dfr/kernel/one_class_svm.h"
+
+namespace dfr::kernel {
+
+/// Options for WhitenedSupport::Fit(). Defaults suit features that are whitened already
+/// (core::FeatureTransform): gamma is then in units that all tasks share.
+struct WhitenedSupportOptions {
+  OneClassSvmOptions svm = {.nu = 0.05, .gamma = 0.35, .tolerance = 1e-6};
+  int window = 2;            ///< The estimate at t sees the states of t - window ... t + window.
+  double phase_ridge = 0.3;  ///< Added to each time step's covariance before it is inverted, > 0.
+  bool phase_whitening = true;
+  /// Evaluates in float, in about half the time; OneClassSvm::InSinglePrecision() says how near.
+  /// Not for certificates, which are to hold to the last digit.
+  bool single_precision = false;
+  /// A demonstration that has ended counts, once, with its last state: the goal stays inside.
+  bool hold_ended = true;
+  /// There are estimates for the time steps that at least this share of the demonstrations, and two
+  /// of them, are still under way at.
+  double least_share = 0.1;
+};
+
+/// The support of demonstrated features at each time step, as guided recovery wants it: a tight
+/// core of what was demonstrated rather than an estimate that accepts nearly everything.
+///
+/// Against TimeVaryingSupport: states of neighbouring time steps are pooled, so that few
+/// demonstrations suffice and timing matters less; each time step has its own linear map
+/// y = V_t z, V_t = (Cov over the pooled states + phase_ridge I)^(-1/2), for the spread of
+/// demonstrations changes along a task; and demonstrations that have ended count no more, so the
+/// last estimates are of the slow ones and the very last holds from then on.
+///
+/// Immutable once made. Concurrent calls are safe.
+class WhitenedSupport final : public core::LogDecisionFunction {
+ public:
+  /// Most features: queries are mapped into a buffer on the stack.
+  static constexpr int kMaxFeatures = 256;
+
+  /// Fits to one matrix of features a demonstration, rows in order of time.
+  /// @throws std::invalid_argument if there are fewer than two demonstrations, widths differ, an
+  ///   entry is not finite or an option is out of range.
+  static WhitenedSupport Fit(std::span<const core::Matrix> demonstrations,
+                             const WhitenedSupportOptions& options = {});
+
+  [[nodiscard]] int state_dim() const noexcept override;
+  [[nodiscard]] int num_steps() const noexcept override;
+  [[nodiscard]] double Decision(int t, std::span<const double> z) const noexcept override;
+  double Gradient(int t, std::span<const double> z,
+                  std::span<double> gradient) const noexcept override;
+  /// OneClassSvm::lipschitz_bound() times the spectral norm of V_t.
+  [[nodiscard]] double lipschitz_bound(int t) const noexcept override;
+  double LogDecision(int t, std::span<const double> z,
+                     std::span<double> gradient) const noexcept override;
+  /// gamma times the squared spectral norm of V_t, by Jensen's inequality as in Certificate.
+  [[nodiscard]] double curvature_bound(int t) const noexcept override;
+
+  /// g_t in the coordinates y = map(t) z; times out of range use the nearest one.
+  [[nodiscard]] const OneClassSvm& estimate(int t) const noexcept { return at(t).svm; }
+  [[nodiscard]] const core::Matrix& map(int t) const noexcept { return at(t).map; }
+
+ private:
+  struct Phase {
+    core::Matrix map;
+    double norm;  ///< Spectral norm of map.
+    OneClassSvm svm;
+  };
+  explicit WhitenedSupport(std::vector<Phase> phases);
+  [[nodiscard]] const Phase& at(int t) const noexcept;
+
+  std::vector<Phase> phases_;
+};
+
+}  // namespace dfr::kernel

@@ -1,0 +1,149 @@
+#include "dfr/kernel/whitened_support.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <utility>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/feature_transform.h"
+
+namespace dfr::kernel {
+namespace {
+
+constexpr double kOutside = -std::numeric_limits<double>::infinity();
+
+using Buffer = std::array<double, WhitenedSupport::kMaxFeatures>;
+
+// States of all demonstrations in [first, last]; one that has ended before counts once with its
+// last state if `hold`.
+core::Matrix Pool(std::span<const core::Matrix> demonstrations, int first, int last, bool hold) {
+  std::vector<std::pair<const core::Matrix*, Eigen::Index>> rows;
+  for (const core::Matrix& states : demonstrations) {
+    const Eigen::Index end = std::min<Eigen::Index>(last + 1, states.rows());
+    for (Eigen::Index i = first; i < end; ++i) rows.emplace_back(&states, i);
+    if (end <= first && hold) rows.emplace_back(&states, states.rows() - 1);
+  }
+  core::Matrix pool(static_cast<Eigen::Index>(rows.size()), demonstrations[0].cols());
+  for (Eigen::Index i = 0; i < pool.rows(); ++i) {
+    const auto& [states, row] = rows[static_cast<std::size_t>(i)];
+    pool.row(i) = states->row(row);
+  }
+  return pool;
+}
+
+// Time steps that at least a share of the demonstrations reach, and two of them.
+int NumSteps(std::span<const core::Matrix> demonstrations, double share) {
+  std::vector<Eigen::Index> lengths;
+  for (const core::Matrix& states : demonstrations) lengths.push_back(states.rows());
+  std::sort(lengths.begin(), lengths.end(), std::greater<>());
+  const auto least =
+      static_cast<std::size_t>(std::ceil(share * static_cast<double>(lengths.size())));
+  return static_cast<int>(lengths[std::clamp<std::size_t>(least, 2, lengths.size()) - 1]);
+}
+
+}  // namespace
+
+WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstrations,
+                                     const WhitenedSupportOptions& options) {
+  DFR_THROW_UNLESS(demonstrations.size() >= 2,
+                   "a support per time step needs at least 2 "
+                   "demonstrations, not "
+                       << demonstrations.size());
+  DFR_THROW_UNLESS(options.window >= 0, "window must not be negative: " << options.window);
+  DFR_THROW_UNLESS(options.least_share >= 0.0 && options.least_share <= 1.0,
+                   "least_share must lie in [0, 1], not " << options.least_share);
+  const Eigen::Index n = demonstrations[0].cols();
+  DFR_THROW_UNLESS(n >= 1 && n <= kMaxFeatures, "1 to " << kMaxFeatures << " features, not " << n);
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    DFR_THROW_UNLESS(demonstrations[d].cols() == n && demonstrations[d].rows() >= 1,
+                     "demonstration " << d << " is " << demonstrations[d].rows() << " x "
+                                      << demonstrations[d].cols() << ", demonstration 0 has " << n
+                                      << " columns");
+    DFR_THROW_UNLESS(demonstrations[d].allFinite(),
+                     "demonstration " << d << " has a non-finite entry");
+  }
+  const int num_steps = NumSteps(demonstrations, options.least_share);
+  std::vector<Phase> phases;
+  for (int t = 0; t < num_steps; ++t) {
+    const core::Matrix states =
+        Pool(demonstrations, std::max(0, t - options.window),
+             std::min(num_steps - 1, t) + options.window, options.hold_ended);
+    core::Matrix map = core::Matrix::Identity(n, n);
+    double norm = 1.0;
+    if (options.phase_whitening) {
+      const core::Matrix centred = states.rowwise() - states.colwise().mean();
+      const core::Matrix covariance =
+          centred.transpose() * centred / static_cast<double>(states.rows());
+      map = core::InverseSquareRoot(covariance, options.phase_ridge);
+      norm = Eigen::MatrixXd(map).operatorNorm();
+    }
+    // map is symmetric.
+    const OneClassSvm svm = OneClassSvm::Fit(states * map, options.svm);
+    phases.push_back({map, norm, options.single_precision ? svm.InSinglePrecision() : svm});
+  }
+  return WhitenedSupport(std::move(phases));
+}
+
+WhitenedSupport::WhitenedSupport(std::vector<Phase> phases) : phases_(std::move(phases)) {}
+
+const WhitenedSupport::Phase& WhitenedSupport::at(int t) const noexcept {
+  return phases_[static_cast<std::size_t>(std::clamp(t, 0, num_steps() - 1))];
+}
+
+int WhitenedSupport::state_dim() const noexcept { return static_cast<int>(phases_[0].map.cols()); }
+
+int WhitenedSupport::num_steps() const noexcept { return static_cast<int>(phases_.size()); }
+
+double WhitenedSupport::Decision(int t, std::span<const double> z) const noexcept {
+  if (static_cast<int>(z.size()) != state_dim()) return kOutside;
+  Buffer buffer;
+  const std::span<double> y(buffer.data(), z.size());
+  core::AsVector(y).noalias() = at(t).map.lazyProduct(core::AsVector(z));
+  return at(t).svm.Decision(y);
+}
+
+double WhitenedSupport::Gradient(int t, std::span<const double> z,
+                                 std::span<double> gradient) const noexcept {
+  std::fill(gradient.begin(), gradient.end(), 0.0);
+  if (static_cast<int>(z.size()) != state_dim() || gradient.size() != z.size()) return kOutside;
+  Buffer buffer;
+  Buffer inner_buffer;
+  const std::span<double> y(buffer.data(), z.size());
+  const std::span<double> inner(inner_buffer.data(), z.size());
+  const Phase& phase = at(t);
+  core::AsVector(y).noalias() = phase.map.lazyProduct(core::AsVector(z));
+  const double g = phase.svm.Gradient(y, inner);
+  core::AsVector(gradient).noalias() = phase.map.lazyProduct(core::AsVector(inner));
+  return g;
+}
+
+double WhitenedSupport::LogDecision(int t, std::span<const double> z,
+                                    std::span<double> gradient) const noexcept {
+  std::fill(gradient.begin(), gradient.end(), 0.0);
+  if (static_cast<int>(z.size()) != state_dim()) return kOutside;
+  if (!gradient.empty() && gradient.size() != z.size()) return kOutside;
+  Buffer buffer;
+  Buffer inner_buffer;
+  const std::span<double> y(buffer.data(), z.size());
+  const Phase& phase = at(t);
+  core::AsVector(y).noalias() = phase.map.lazyProduct(core::AsVector(z));
+  if (gradient.empty()) return phase.svm.LogDecision(y);
+  const std::span<double> inner(inner_buffer.data(), z.size());
+  const double l = phase.svm.LogGradient(y, inner);
+  core::AsVector(gradient).noalias() = phase.map.lazyProduct(core::AsVector(inner));
+  return l;
+}
+
+double WhitenedSupport::lipschitz_bound(int t) const noexcept {
+  return at(t).svm.lipschitz_bound() * at(t).norm;
+}
+
+double WhitenedSupport::curvature_bound(int t) const noexcept {
+  return at(t).svm.gamma() * at(t).norm * at(t).norm;
+}
+
+}  // namespace dfr::kernel

@@ -1,0 +1,157 @@
+#include "dfr/kernel/whitened_support.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::kernel {
+namespace {
+
+// Walks to the right of 8 to 12 steps that spread out as they go.
+std::vector<core::Matrix> Walks(int count) {
+  core::Random random(1);
+  std::vector<core::Matrix> walks;
+  for (int d = 0; d < count; ++d) {
+    core::Matrix states(9 + static_cast<int>(random.Below(5)), 2);
+    states.row(0) << 0.1 * random.Normal(), 0.1 * random.Normal();
+    for (Eigen::Index t = 1; t < states.rows(); ++t) {
+      states.row(t) = states.row(t - 1);
+      states(t, 0) += 1.0 + 0.1 * random.Normal();
+      states(t, 1) += 0.3 * random.Normal();
+    }
+    walks.push_back(states);
+  }
+  return walks;
+}
+
+TEST(WhitenedSupportTest, LogFormHasTheSignOfGAndGradientsAreDerivatives) {
+  const auto support = WhitenedSupport::Fit(Walks(60));
+  core::Random random(2);
+  std::vector<double> z(2), gradient(2), log_gradient(2), unused(2);
+  for (int i = 0; i < 300; ++i) {
+    const int t = static_cast<int>(random.Below(14));
+    for (double& entry : z) entry = random.Uniform(-2.0, 12.0);
+    const double g = support.Gradient(t, z, gradient);
+    const double l = support.LogDecision(t, z, log_gradient);
+    ASSERT_EQ(support.Decision(t, z), g);
+    ASSERT_EQ(support.LogDecision(t, z, {}), l);
+    if (std::abs(g) > 1e-12) {
+      ASSERT_EQ(g > 0.0, l > 0.0);
+    }
+    for (std::size_t k = 0; k < 2; ++k) {
+      constexpr double kStep = 1e-5;
+      std::vector<double> ahead = z, behind = z;
+      ahead[k] += kStep;
+      behind[k] -= kStep;
+      // Central differences: kStep^2 times third derivatives of order one, and rounding / kStep.
+      ASSERT_NEAR(gradient[k],
+                  (support.Decision(t, ahead) - support.Decision(t, behind)) / (2 * kStep), 1e-8);
+      ASSERT_NEAR(
+          log_gradient[k],
+          (support.LogDecision(t, ahead, {}) - support.LogDecision(t, behind, {})) / (2 * kStep),
+          1e-6 * (1.0 + std::abs(log_gradient[k])));
+    }
+  }
+}
+
+// l(z + d) >= l(z) + d . grad l(z) - c |d|^2, what certificates rest on; and L.
+TEST(WhitenedSupportTest, CurvatureAndLipschitzBoundsHold) {
+  const auto support = WhitenedSupport::Fit(Walks(60));
+  core::Random random(3);
+  std::vector<double> z(2), d(2), there(2), gradient(2);
+  for (int i = 0; i < 5000; ++i) {
+    const int t = static_cast<int>(random.Below(10));
+    double square = 0.0, along = 0.0;
+    for (double& entry : z) entry = random.Uniform(-2.0, 12.0);
+    const double l = support.LogDecision(t, z, gradient);
+    for (std::size_t k = 0; k < 2; ++k) {
+      d[k] = std::pow(10.0, random.Uniform(-3.0, 0.7)) * random.Normal();
+      there[k] = z[k] + d[k];
+      square += d[k] * d[k];
+      along += d[k] * gradient[k];
+    }
+    const double bound = l + along - support.curvature_bound(t) * square;
+    // Rounding: relative to the terms that are added.
+    ASSERT_GE(support.LogDecision(t, there, {}), bound - 1e-12 * (1.0 + std::abs(l) + square));
+    ASSERT_LE(std::abs(support.Decision(t, there) - support.Decision(t, z)),
+              support.lipschitz_bound(t) * std::sqrt(square) + 1e-14);
+  }
+}
+
+TEST(WhitenedSupportTest, PhaseWhiteningMakesTheMapsFollowTheSpread) {
+  const auto support = WhitenedSupport::Fit(Walks(60));
+  // The y spread grows along the walk, so its scale falls.
+  EXPECT_LT(support.map(8)(1, 1), 0.8 * support.map(1)(1, 1));
+  const auto plain = WhitenedSupport::Fit(Walks(60), {.phase_whitening = false});
+  EXPECT_TRUE(plain.map(4).isIdentity(0.0));
+  EXPECT_EQ(plain.curvature_bound(4), plain.estimate(4).gamma());
+}
+
+TEST(WhitenedSupportTest, AcceptsMostOfWhatItWasFittedTo) {
+  const auto walks = Walks(60);
+  const auto support = WhitenedSupport::Fit(walks);
+  int inside = 0, count = 0;
+  for (const auto& walk : walks) {
+    for (Eigen::Index t = 0; t < 9; ++t) {
+      inside += support.Decision(static_cast<int>(t), core::Row(walk, t)) > -1e-5 ? 1 : 0;
+      ++count;
+    }
+  }
+  // nu = 0.05 bounds the outliers of the pool of five time steps; those of the middle one are
+  // fewer.
+  EXPECT_GT(inside, 0.93 * count);
+}
+
+TEST(WhitenedSupportTest, GoalsStayInsideWhereEndedDemonstrationsCount) {
+  const auto walks = Walks(60);
+  Eigen::Index longest = 0;
+  for (const auto& walk : walks) longest = std::max(longest, walk.rows());
+  const auto held = WhitenedSupport::Fit(walks, {.least_share = 0.0});
+  EXPECT_EQ(held.num_steps(), longest);
+  const auto share = [&](const WhitenedSupport& support) {
+    int inside = 0;
+    for (const auto& walk : walks) {
+      const auto last = core::Row(walk, walk.rows() - 1);
+      inside += support.Decision(support.num_steps() - 1, last) >= 0.0 ? 1 : 0;
+    }
+    return inside;
+  };
+  EXPECT_GT(share(held),
+            share(WhitenedSupport::Fit(walks, {.hold_ended = false, .least_share = 0.0})));
+}
+
+TEST(WhitenedSupportTest, BrokenSensorsReadAsOutsideAndNothingAllocates) {
+  const auto support = WhitenedSupport::Fit(Walks(30));
+  std::vector<double> gradient(2);
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const std::vector<double> broken = {0.0, std::nan("")};
+  EXPECT_EQ(support.Decision(1, broken), -kInfinity);
+  EXPECT_EQ(support.LogDecision(1, broken, gradient), -kInfinity);
+  EXPECT_EQ(gradient, std::vector<double>(2, 0.0));
+  EXPECT_EQ(support.LogDecision(1, std::vector{1.0}, {}), -kInfinity);
+  const std::vector<double> z = {1.0, 0.0};
+  const test::NoAlloc guard;
+  (void)support.Decision(1, z);
+  (void)support.Gradient(1, z, gradient);
+  (void)support.LogDecision(1, z, gradient);
+}
+
+TEST(WhitenedSupportTest, Errors) {
+  const auto walks = Walks(5);
+  EXPECT_THROW(WhitenedSupport::Fit(std::vector{walks[0]}), std::invalid_argument);
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.window = -1}), std::invalid_argument);
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.phase_ridge = 0.0}), std::invalid_argument);
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.least_share = 1.5}), std::invalid_argument);
+  auto broken = walks;
+  broken[2](1, 1) = std::nan("");
+  EXPECT_THROW(WhitenedSupport::Fit(broken), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::kernel
