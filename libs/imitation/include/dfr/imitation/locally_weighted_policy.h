@@ -1,0 +1,51 @@
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "dfr/core/feature_transform.h"
+#include "dfr/core/policy.h"
+#include "dfr/core/trajectory.h"
+
+namespace dfr::imitation {
+
+/// Options for LocallyWeightedPolicy.
+struct LocallyWeightedOptions {
+  int window = 5;         ///< Demonstrated pairs of time steps t - window ... t + window count.
+  double width = 1.0;     ///< Weights are exp(-|z - z_i|^2 / (2 width^2)), > 0.
+  double ridge = 0.1;     ///< Pulls the local slope to zero, > 0.
+  int max_per_step = 24;  ///< Most demonstrations kept of one time step: bounds the time.
+};
+
+/// Locally weighted linear regression on the demonstrations themselves (Atkeson, Moore and Schaal,
+/// 1997): u = a + B (z - z_0), fitted by weighted least squares around the present features z.
+///
+/// Of the time step it looks only at the window. Immutable; concurrent calls are safe. At most
+/// kMaxFeatures features and kMaxControls control entries, for which the stack holds the equations.
+class LocallyWeightedPolicy final : public core::Policy {
+ public:
+  static constexpr int kMaxFeatures = 24;
+  static constexpr int kMaxControls = 16;
+
+  /// Pairs with u = 0 (padding) are left out; controls are clipped to +-1.
+  /// @throws std::invalid_argument if shapes do not fit, no control differs from zero, or an option
+  ///   is out of range.
+  LocallyWeightedPolicy(core::FeatureTransform features,
+                        std::span<const core::Trajectory> demonstrations,
+                        const LocallyWeightedOptions& options = {});
+
+  [[nodiscard]] int state_dim() const noexcept override { return features_.state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override {
+    return static_cast<int>(controls_.cols());
+  }
+  void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override;
+
+ private:
+  core::FeatureTransform features_;
+  LocallyWeightedOptions options_;
+  std::vector<int> begin_;  ///< Row at which time step t begins; one more entry at the end.
+  core::Matrix points_;
+  core::Matrix controls_;
+};
+
+}  // namespace dfr::imitation

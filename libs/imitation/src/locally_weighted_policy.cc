@@ -1,0 +1,108 @@
+#include "dfr/imitation/locally_weighted_policy.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::imitation {
+
+LocallyWeightedPolicy::LocallyWeightedPolicy(core::FeatureTransform features,
+                                             std::span<const core::Trajectory> demonstrations,
+                                             const LocallyWeightedOptions& options)
+    : features_(std::move(features)), options_(options) {
+  DFR_THROW_UNLESS(options.window >= 0, "window must not be negative: " << options.window);
+  DFR_THROW_UNLESS(options.width > 0.0, "width must be positive, not " << options.width);
+  DFR_THROW_UNLESS(options.ridge > 0.0, "ridge must be positive, not " << options.ridge);
+  DFR_THROW_UNLESS(options.max_per_step > 0,
+                   "max_per_step must be positive, not " << options.max_per_step);
+  DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
+  const int n = features_.num_features();
+  const Eigen::Index m = demonstrations[0].controls.cols();
+  DFR_THROW_UNLESS(n <= kMaxFeatures, "at most " << kMaxFeatures << " features, not " << n);
+  DFR_THROW_UNLESS(m >= 1 && m <= kMaxControls,
+                   "1 to " << kMaxControls << " control entries, not " << m);
+  std::vector<core::Matrix> points;
+  Eigen::Index longest = 0;
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    const core::Trajectory& demonstration = demonstrations[d];
+    DFR_THROW_UNLESS(demonstration.controls.cols() == m &&
+                         demonstration.states.rows() == demonstration.controls.rows() + 1,
+                     "demonstration " << d << " does not fit demonstration 0 or itself");
+    points.push_back(features_.Apply(demonstration.states));
+    longest = std::max(longest, demonstration.controls.rows());
+  }
+  std::vector<std::pair<std::size_t, Eigen::Index>> chosen;
+  std::vector<std::size_t> moving;
+  for (Eigen::Index t = 0; t < longest; ++t) {
+    begin_.push_back(static_cast<int>(chosen.size()));
+    moving.clear();
+    for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+      const core::Matrix& controls = demonstrations[d].controls;
+      if (t < controls.rows() && controls.row(t).squaredNorm() > 0.0) moving.push_back(d);
+    }
+    const std::size_t most =
+        std::min<std::size_t>(moving.size(), static_cast<std::size_t>(options.max_per_step));
+    for (std::size_t i = 0; i < most; ++i) chosen.emplace_back(moving[i * moving.size() / most], t);
+  }
+  begin_.push_back(static_cast<int>(chosen.size()));
+  DFR_THROW_UNLESS(!chosen.empty(), "no demonstrated control differs from zero");
+  points_.resize(static_cast<Eigen::Index>(chosen.size()), n);
+  controls_.resize(points_.rows(), m);
+  for (Eigen::Index row = 0; row < points_.rows(); ++row) {
+    const auto [d, t] = chosen[static_cast<std::size_t>(row)];
+    points_.row(row) = points[d].row(t);
+    controls_.row(row) = demonstrations[d].controls.row(t);
+  }
+}
+
+void LocallyWeightedPolicy::Control(int t, std::span<const double> x,
+                                    std::span<double> u) const noexcept {
+  using Square =
+      Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxFeatures + 1, kMaxFeatures + 1>;
+  using Right =
+      Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxFeatures + 1, kMaxControls>;
+  using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxFeatures + 1, 1>;
+  const int n = features_.num_features();
+  std::array<double, kMaxFeatures> buffer;
+  const std::span<double> z(buffer.data(), static_cast<std::size_t>(n));
+  features_.Apply(x, z);
+
+  const int steps = static_cast<int>(begin_.size()) - 1;
+  // Beyond the last step the last ones still say where to go.
+  const int here = std::clamp(t, 0, steps - 1);
+  const int first = begin_[static_cast<std::size_t>(std::max(0, here - options_.window))];
+  const int last = begin_[static_cast<std::size_t>(std::min(steps, here + options_.window + 1))];
+  // Distances are taken relative to the nearest, so that far from all demonstrations the nearest
+  // ones decide instead of nothing.
+  double nearest = std::numeric_limits<double>::infinity();
+  for (int row = first; row < last; ++row) {
+    nearest = std::min(nearest, (points_.row(row).transpose() - core::AsVector(z)).squaredNorm());
+  }
+  Square a = Square::Zero(n + 1, n + 1);
+  Right b = Right::Zero(n + 1, controls_.cols());
+  a.diagonal().tail(n).setConstant(options_.ridge);
+  a(0, 0) = 1e-9;
+  Vector point(n + 1);
+  point[0] = 1.0;
+  for (int row = first; row < last; ++row) {
+    point.tail(n) = points_.row(row).transpose() - core::AsVector(z);
+    const double weight = std::exp(-0.5 * (point.tail(n).squaredNorm() - nearest) /
+                                   (options_.width * options_.width));
+    if (weight < 1e-6) continue;
+    a.noalias() += weight * point.lazyProduct(point.transpose());
+    b.noalias() += weight * point.lazyProduct(controls_.row(row));
+  }
+  const Eigen::LLT<Square> cholesky(a);
+  cholesky.solveInPlace(b);
+  for (std::size_t i = 0; i < u.size(); ++i) {
+    u[i] = first < last ? std::clamp(b(0, static_cast<Eigen::Index>(i)), -1.0, 1.0)
+                        : std::numeric_limits<double>::quiet_NaN();
+  }
+}
+
+}  // namespace dfr::imitation

@@ -1,0 +1,82 @@
+#include "dfr/imitation/locally_weighted_policy.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <stdexcept>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::imitation {
+namespace {
+
+// u = 0.1 - 0.3 x, at random x.
+std::vector<core::Trajectory> Linear() {
+  core::Random random(1);
+  std::vector<core::Trajectory> demonstrations;
+  for (int d = 0; d < 40; ++d) {
+    core::Trajectory trajectory;
+    trajectory.states.resize(11, 2);
+    trajectory.controls.resize(10, 2);
+    for (double& x : trajectory.states.reshaped()) x = random.Uniform(-1.0, 1.0);
+    for (int t = 0; t < 10; ++t) {
+      trajectory.controls.row(t) = (0.1 - 0.3 * trajectory.states.row(t).array()).matrix();
+    }
+    demonstrations.push_back(trajectory);
+  }
+  return demonstrations;
+}
+
+core::FeatureTransform Identity() {
+  return core::FeatureTransform::Identity(core::FeatureSelection::All(2));
+}
+
+// Locally linear regression of a linear law is exact up to the ridge.
+TEST(LocallyWeightedPolicyTest, ReproducesALinearLaw) {
+  const LocallyWeightedPolicy policy(Identity(), Linear(), {.ridge = 1e-6});
+  core::Random random(2);
+  std::vector<double> x(2), u(2);
+  for (int i = 0; i < 200; ++i) {
+    for (double& entry : x) entry = random.Uniform(-1.0, 1.0);
+    policy.Control(static_cast<int>(random.Below(10)), x, u);
+    for (std::size_t k = 0; k < 2; ++k) ASSERT_NEAR(u[k], 0.1 - 0.3 * x[k], 1e-6);
+  }
+}
+
+TEST(LocallyWeightedPolicyTest, LooksAtNeighbouringTimeStepsOnly) {
+  auto demonstrations = Linear();
+  for (auto& d : demonstrations) d.controls.bottomRows(5).setConstant(0.5);
+  const LocallyWeightedPolicy policy(Identity(), demonstrations, {.window = 0});
+  std::vector<double> u(2);
+  policy.Control(2, std::vector{0.0, 0.0}, u);
+  EXPECT_NEAR(u[0], 0.1, 0.02);  // the ridge
+  policy.Control(7, std::vector{0.0, 0.0}, u);
+  EXPECT_NEAR(u[0], 0.5, 1e-6);
+  policy.Control(1000, std::vector{0.0, 0.0}, u);
+  EXPECT_NEAR(u[0], 0.5, 1e-6) << "the last step holds beyond the end";
+}
+
+TEST(LocallyWeightedPolicyTest, FarAwayItStillGivesAControlWithinTheLimits) {
+  const LocallyWeightedPolicy policy(Identity(), Linear());
+  std::vector<double> u(2);
+  const std::vector<double> far = {1e3, -1e3};
+  {
+    const test::NoAlloc guard;
+    policy.Control(3, far, u);
+  }
+  for (const double entry : u) EXPECT_LE(std::abs(entry), 1.0);
+}
+
+TEST(LocallyWeightedPolicyTest, Errors) {
+  EXPECT_THROW(LocallyWeightedPolicy(Identity(), {}), std::invalid_argument);
+  EXPECT_THROW(LocallyWeightedPolicy(Identity(), Linear(), {.width = 0.0}), std::invalid_argument);
+  EXPECT_THROW(LocallyWeightedPolicy(Identity(), Linear(), {.ridge = 0.0}), std::invalid_argument);
+  auto still = Linear();
+  for (auto& d : still) d.controls.setZero();
+  EXPECT_THROW(LocallyWeightedPolicy(Identity(), still), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::imitation
