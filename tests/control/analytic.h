@@ -57,6 +57,61 @@ inline FunctionSupport ConstantSupport(int dim, double value) {
   return {dim, [value](int, std::span<const double>) { return value; }};
 }
 
+/// l_t(x) = log(sum_i exp(-gamma |x - c_i - t drift|^2) / k) - log rho with k equal Gaussians, term
+/// by term from the definition; B_t wanders with t. g_t(x) = rho (exp(l_t(x)) - 1).
+class GaussianSupport : public core::LogDecisionFunction {
+ public:
+  GaussianSupport(std::vector<std::vector<double>> centres, double gamma, double rho,
+                  std::vector<double> drift = {}, int steps = 1)
+      : centres_(std::move(centres)),
+        gamma_(gamma),
+        rho_(rho),
+        drift_(std::move(drift)),
+        steps_(steps) {
+    if (drift_.empty()) drift_.assign(centres_[0].size(), 0.0);
+  }
+  int state_dim() const noexcept override { return static_cast<int>(centres_[0].size()); }
+  int num_steps() const noexcept override { return steps_; }
+  double LogDecision(int t, std::span<const double> x,
+                     std::span<double> gradient) const noexcept override {
+    const double time = std::clamp(t, 0, steps_ - 1);
+    std::fill(gradient.begin(), gradient.end(), 0.0);
+    double sum = 0.0;
+    for (const auto& c : centres_) {
+      double square = 0.0;
+      for (std::size_t i = 0; i < x.size(); ++i) {
+        square += (x[i] - c[i] - time * drift_[i]) * (x[i] - c[i] - time * drift_[i]);
+      }
+      const double term = std::exp(-gamma_ * square) / static_cast<double>(centres_.size());
+      sum += term;
+      for (std::size_t i = 0; i < gradient.size(); ++i) {
+        gradient[i] += 2.0 * gamma_ * term * (c[i] + time * drift_[i] - x[i]);
+      }
+    }
+    for (double& g : gradient) g /= sum;
+    return std::log(sum) - std::log(rho_);
+  }
+  double curvature_bound(int) const noexcept override { return gamma_; }
+  double Decision(int t, std::span<const double> x) const noexcept override {
+    return rho_ * (std::exp(LogDecision(t, x, {})) - 1.0);
+  }
+  double Gradient(int t, std::span<const double> x, std::span<double> g) const noexcept override {
+    const double l = LogDecision(t, x, g);
+    for (double& entry : g) entry *= rho_ * std::exp(l);
+    return rho_ * (std::exp(l) - 1.0);
+  }
+  double lipschitz_bound(int) const noexcept override {
+    return std::sqrt(2.0 * gamma_ / 2.718281828459045);
+  }
+
+ private:
+  std::vector<std::vector<double>> centres_;
+  double gamma_;
+  double rho_;
+  std::vector<double> drift_;
+  int steps_;
+};
+
 /// u = pi(t, x) by a function.
 class FunctionPolicy : public core::Policy {
  public:

@@ -49,6 +49,10 @@ const char* Name(HaltCause cause) noexcept {
       return "iteration-limit";
     case HaltCause::kNoDirection:
       return "no-direction";
+    case HaltCause::kNoProgress:
+      return "no-progress";
+    case HaltCause::kViolated:
+      return "assumption-violated";
     case HaltCause::kControlLimit:
       return "control-limit";
     case HaltCause::kPlantRefused:

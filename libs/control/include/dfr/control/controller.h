@@ -26,6 +26,8 @@ enum class HaltCause {
   kEarlyStopping,   ///< 0 < g <= lambda |u|, and the strategy is to stop there.
   kIterationLimit,  ///< A recovery has used up its iterations.
   kNoDirection,     ///< A recovery found no direction to go.
+  kNoProgress,      ///< A recovery no longer gains anything: it holds at the best it found.
+  kViolated,        ///< An assumption of a certificate was seen not to hold.
   kControlLimit,    ///< The rollout's limit on applied controls.
   kPlantRefused,    ///< core::PlantStatus::kRefused
   kPlantFault,      ///< core::PlantStatus::kFault
@@ -46,6 +48,12 @@ struct Step {
   double g = std::numeric_limits<double>::quiet_NaN();
   /// The learned control is applied where g > threshold; NaN where there is no such gate.
   double threshold = std::numeric_limits<double>::quiet_NaN();
+  /// l_t(x), the log form of g_t(x), where the controller works with that.
+  double log_g = std::numeric_limits<double>::quiet_NaN();
+  /// Mode kPolicy: the learned control was changed so as to stay inside the support.
+  bool filtered = false;
+  /// Under the assumptions of the controller's certificate, the next state is inside the support.
+  bool certified = false;
 };
 
 /// What drives a plant: observation in, command out. The loop around it belongs to the caller

@@ -1,0 +1,45 @@
+#pragma once
+
+#include <span>
+
+#include "dfr/core/decision_function.h"
+
+namespace dfr::control {
+
+/// What a certified controller trusts, beyond "no B_t meets the constraints".
+enum class CertificateKind {
+  kNone,       ///< Nothing is certified.
+  kLipschitz,  ///< |dz| <= K |u|, and the Lipschitz constant of g: lambda = L K, as in Sec. IV-C.
+  kRadius,     ///< |dz| <= K |u|, and the ball of core::LogDecisionFunction::curvature_bound().
+  kDirection,  ///< |dz - J u| <= eps |u|, and the same ball: a better J lets larger steps pass.
+};
+
+/// "none", "certified-lipschitz", "certified-radius", "certified-direction".
+[[nodiscard]] const char* Name(CertificateKind kind) noexcept;
+
+/// A kind of certificate with its constants, in feature units per unit of control.
+struct Certificate {
+  CertificateKind kind = CertificateKind::kNone;
+  double gain = 0.0;             ///< K, > 0 for kLipschitz and kRadius.
+  double direction_error = 0.0;  ///< eps, > 0 for kDirection.
+};
+
+/// The ball inside B_t around which l_t cannot fall below zero, seen from z:
+/// {z + d : |d - shift| <= radius}, shift = grad l / (2 c), radius^2 = |shift|^2 + l / c.
+struct SafeBall {
+  double radius = 0.0;      ///< Negative where l < 0: there is no ball.
+  double shift_norm = 0.0;  ///< |shift|
+  /// How far any change of state may go, whatever its direction.
+  [[nodiscard]] double worst_radius() const noexcept { return radius - shift_norm; }
+};
+
+/// The ball at z, its `shift` written out (state_dim() entries). Never allocates.
+SafeBall ComputeSafeBall(const core::LogDecisionFunction& support, int t, std::span<const double> z,
+                         std::span<double> shift) noexcept;
+
+/// The largest s in [0, 1] with |s a - shift| + s e <= radius: the share of a control that moves
+/// the features by `a`, give or take `e`, which provably stays in the ball. 0 where there is none.
+[[nodiscard]] double LargestShare(const SafeBall& ball, std::span<const double> shift,
+                                  std::span<const double> a, double e) noexcept;
+
+}  // namespace dfr::control

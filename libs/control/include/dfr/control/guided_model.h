@@ -1,0 +1,62 @@
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "dfr/control/jacobian_estimate.h"
+#include "dfr/core/decision_function.h"
+#include "dfr/core/feature_transform.h"
+#include "dfr/core/trajectory.h"
+
+namespace dfr::control {
+
+/// Options for GuidedModel.
+struct GuidedModelOptions {
+  double accept_quantile = 0.2;  ///< Of l_t over demonstrated states: what a control may lead to.
+  double gate_quantile = 0.5;    ///< The same: where the learned control passes unseen.
+  double least_gate = 0.02;      ///< The gate level is at least this.
+  int control_window = 5;        ///< umax_t looks at time steps t - window ... t + window.
+  JacobianOptions jacobian = {};
+};
+
+/// What guided recovery knows from the demonstrations: how deep inside the support they were, how
+/// large their controls, how features answered them. Immutable; controllers share it.
+class GuidedModel {
+ public:
+  /// `support` is one of features z = features(x). Borrows it; it must outlive this.
+  /// @throws std::invalid_argument if shapes do not fit, no demonstrated control differs from zero,
+  ///   or an option is out of range.
+  GuidedModel(core::FeatureTransform features, const core::LogDecisionFunction& support,
+              std::span<const core::Trajectory> demonstrations,
+              const GuidedModelOptions& options = {});
+
+  [[nodiscard]] const core::FeatureTransform& features() const noexcept { return features_; }
+  [[nodiscard]] const core::LogDecisionFunction& support() const noexcept { return *support_; }
+  [[nodiscard]] int control_dim() const noexcept { return prior_->control_dim(); }
+  [[nodiscard]] const std::shared_ptr<const JacobianPrior>& prior() const noexcept {
+    return prior_;
+  }
+
+  /// The level of l_t that states are to keep, lo_t = max(0, quantile) ...
+  [[nodiscard]] double accept_level(int t) const noexcept { return Clamped(accept_, t); }
+  /// ... and hi_t, at which there is nothing to do.
+  [[nodiscard]] double gate_level(int t) const noexcept { return Clamped(gate_, t); }
+  /// us, the root mean square of |u|: the unit of v = u / us.
+  [[nodiscard]] double control_unit() const noexcept { return control_unit_; }
+  /// Largest demonstrated |v| near time step t.
+  [[nodiscard]] double largest_control(int t) const noexcept { return Clamped(largest_, t); }
+
+ private:
+  static double Clamped(const std::vector<double>& values, int t) noexcept;
+
+  core::FeatureTransform features_;
+  const core::LogDecisionFunction* support_;
+  std::shared_ptr<const JacobianPrior> prior_;
+  std::vector<double> accept_;
+  std::vector<double> gate_;
+  std::vector<double> largest_;
+  double control_unit_ = 1.0;
+};
+
+}  // namespace dfr::control

@@ -1,0 +1,89 @@
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "dfr/core/matrix.h"
+
+namespace dfr::control {
+
+/// Options for JacobianEstimate.
+struct JacobianOptions {
+  double ridge = 0.02;         ///< Pulls J to zero where nothing is known, > 0.
+  double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
+  int window = 5;              ///< Transitions of the time steps t - window ... t + window count.
+  int max_per_step = 12;       ///< Most transitions kept of one time step: bounds the time.
+  double forgetting = 0.93;    ///< Weight that an applied control keeps at the next, in [0, 1).
+};
+
+/// What demonstrated transitions say of J; immutable, shared by all estimates made from it.
+///
+/// Controls are v = u / us, us the root mean square of |u|, so that 1 is an ordinary control.
+class JacobianPrior {
+ public:
+  /// One matrix of features (T_i + 1 x n) and of controls (T_i x m), in units of us, a
+  /// demonstration. Transitions with a zero control are left out.
+  /// @throws std::invalid_argument if shapes do not fit or an option is out of range.
+  JacobianPrior(std::span<const core::Matrix> features, std::span<const core::Matrix> controls,
+                const JacobianOptions& options);
+
+  [[nodiscard]] int feature_dim() const noexcept { return feature_dim_; }
+  [[nodiscard]] int control_dim() const noexcept { return control_dim_; }
+  [[nodiscard]] const JacobianOptions& options() const noexcept { return options_; }
+
+  /// Adds sum w v v' to `a` (its lower triangle) and sum w v dz' to `b` (m x n), over transitions
+  /// near time step `t`, w falling with the distance to `z` and summing to prior_weight.
+  void AddTo(int t, std::span<const double> z, Eigen::MatrixXd& a,
+             Eigen::MatrixXd& b) const noexcept;
+
+ private:
+  JacobianOptions options_;
+  int feature_dim_ = 0;
+  int control_dim_ = 0;
+  std::vector<int> begin_;  ///< Row at which time step t begins; one more entry at the end.
+  core::Matrix points_;     ///< z of each transition, in order of time.
+  core::Matrix products_;   ///< Lower triangle of v v', then v dz', of each.
+};
+
+/// Estimates how features answer a control, dz = J v, without a model: a weighted least-squares fit
+/// of what the demonstrations did nearby and of every control that was applied since,
+///   A = ridge I + A_demo + A_on,  B = B_demo + B_on,  J = (A^-1 B)',
+///   after every applied control  A_on = f A_on + v v',  B_on = f B_on + v dz'.
+/// (recursive least squares with forgetting f). Nothing after construction allocates.
+class JacobianEstimate {
+ public:
+  explicit JacobianEstimate(std::shared_ptr<const JacobianPrior> prior);
+
+  /// Forgets the applied controls.
+  void Reset() noexcept;
+  /// Control `v` changed the features by `dz`.
+  void Update(std::span<const double> v, std::span<const double> dz) noexcept;
+  /// Computes J for time step `t` at `z`.
+  void Compute(int t, std::span<const double> z) noexcept;
+
+  /// J, n x m, of the last Compute().
+  [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return jacobian_; }
+
+  /// The control direction that is known least: the largest eigenvalue of A^-1, its eigenvector to
+  /// `direction` (m entries).
+  double LeastKnown(std::span<double> direction) noexcept;
+  /// The sum of eigenvalues of A^-1: an upper bound on the largest, for less time.
+  [[nodiscard]] double Ignorance() const noexcept { return inverse_.trace(); }
+
+ private:
+  std::shared_ptr<const JacobianPrior> prior_;
+  Eigen::MatrixXd a_online_;
+  Eigen::MatrixXd b_online_;
+  Eigen::MatrixXd a_;
+  Eigen::MatrixXd b_;
+  Eigen::LLT<Eigen::MatrixXd> cholesky_;
+  Eigen::MatrixXd inverse_;
+  Eigen::MatrixXd jacobian_;
+  Eigen::VectorXd direction_;
+  Eigen::VectorXd scratch_;
+};
+
+}  // namespace dfr::control

@@ -1,0 +1,93 @@
+#include "dfr/control/guided_model.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::control {
+namespace {
+
+double Quantile(std::vector<double>& values, double q) {
+  std::sort(values.begin(), values.end());
+  const double position = q * static_cast<double>(values.size() - 1);
+  const auto below = static_cast<std::size_t>(position);
+  const std::size_t above = std::min(below + 1, values.size() - 1);
+  return values[below] + (position - static_cast<double>(below)) * (values[above] - values[below]);
+}
+
+}  // namespace
+
+GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisionFunction& support,
+                         std::span<const core::Trajectory> demonstrations,
+                         const GuidedModelOptions& options)
+    : features_(std::move(features)), support_(&support) {
+  DFR_THROW_UNLESS(features_.num_features() == support.state_dim(),
+                   "there are " << features_.num_features() << " features, the support takes "
+                                << support.state_dim());
+  DFR_THROW_UNLESS(options.accept_quantile >= 0.0 && options.accept_quantile <= 1.0 &&
+                       options.gate_quantile >= options.accept_quantile &&
+                       options.gate_quantile <= 1.0,
+                   "0 <= accept_quantile <= gate_quantile <= 1 must hold, not "
+                       << options.accept_quantile << ", " << options.gate_quantile);
+  DFR_THROW_UNLESS(options.least_gate >= 0.0,
+                   "least_gate must not be negative: " << options.least_gate);
+  DFR_THROW_UNLESS(options.control_window >= 0,
+                   "control_window must not be negative: " << options.control_window);
+  DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
+
+  std::vector<core::Matrix> points;
+  std::vector<core::Matrix> controls;
+  double square = 0.0;
+  int moving = 0;
+  Eigen::Index longest = 0;
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    const core::Trajectory& demonstration = demonstrations[d];
+    DFR_THROW_UNLESS(demonstration.states.rows() == demonstration.controls.rows() + 1,
+                     "demonstration " << d << " has " << demonstration.states.rows()
+                                      << " states and " << demonstration.controls.rows()
+                                      << " controls");
+    DFR_THROW_UNLESS(demonstration.states.allFinite() && demonstration.controls.allFinite(),
+                     "demonstration " << d << " has a non-finite entry");
+    points.push_back(features_.Apply(demonstration.states));
+    controls.push_back(demonstration.controls);
+    longest = std::max(longest, demonstration.controls.rows());
+    for (Eigen::Index t = 0; t < controls.back().rows(); ++t) {
+      const double norm = controls.back().row(t).squaredNorm();
+      square += norm;
+      moving += norm > 0.0 ? 1 : 0;
+    }
+  }
+  DFR_THROW_UNLESS(moving > 0, "no demonstrated control differs from zero");
+  control_unit_ = std::sqrt(square / moving);
+  for (core::Matrix& c : controls) c /= control_unit_;
+  prior_ = std::make_shared<const JacobianPrior>(points, controls, options.jacobian);
+
+  std::vector<double> levels;
+  for (int t = 0; t < support.num_steps(); ++t) {
+    levels.clear();
+    for (const core::Matrix& z : points) {
+      if (t < z.rows()) levels.push_back(support.LogDecision(t, core::Row(z, t), {}));
+    }
+    // A support may have more time steps than any demonstration has states.
+    if (levels.empty()) break;
+    accept_.push_back(std::max(0.0, Quantile(levels, options.accept_quantile)));
+    gate_.push_back(std::max(options.least_gate, Quantile(levels, options.gate_quantile)));
+  }
+  for (Eigen::Index t = 0; t < longest; ++t) {
+    double largest = 0.0;
+    for (const core::Matrix& c : controls) {
+      const Eigen::Index first = std::max<Eigen::Index>(0, t - options.control_window);
+      const Eigen::Index last = std::min(c.rows(), t + options.control_window + 1);
+      for (Eigen::Index i = first; i < last; ++i) largest = std::max(largest, c.row(i).norm());
+    }
+    largest_.push_back(largest);
+  }
+}
+
+double GuidedModel::Clamped(const std::vector<double>& values, int t) noexcept {
+  return values[static_cast<std::size_t>(std::clamp(t, 0, static_cast<int>(values.size()) - 1))];
+}
+
+}  // namespace dfr::control

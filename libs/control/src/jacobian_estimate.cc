@@ -1,0 +1,171 @@
+#include "dfr/control/jacobian_estimate.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::control {
+namespace {
+
+// Transitions that one estimate may look at: their weights are kept on the stack.
+constexpr int kMaxTransitions = 1024;
+
+}  // namespace
+
+JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
+                             std::span<const core::Matrix> controls, const JacobianOptions& options)
+    : options_(options) {
+  DFR_THROW_UNLESS(options.ridge > 0.0, "ridge must be positive, not " << options.ridge);
+  DFR_THROW_UNLESS(options.prior_weight >= 0.0,
+                   "prior_weight must not be negative: " << options.prior_weight);
+  DFR_THROW_UNLESS(options.window >= 0, "window must not be negative: " << options.window);
+  DFR_THROW_UNLESS(options.max_per_step > 0,
+                   "max_per_step must be positive, not " << options.max_per_step);
+  DFR_THROW_UNLESS((2 * options.window + 1) * options.max_per_step <= kMaxTransitions,
+                   "(2 window + 1) max_per_step must be at most "
+                       << kMaxTransitions << ", not "
+                       << (2 * options.window + 1) * options.max_per_step);
+  DFR_THROW_UNLESS(options.forgetting >= 0.0 && options.forgetting < 1.0,
+                   "forgetting must lie in [0, 1), not be " << options.forgetting);
+  DFR_THROW_UNLESS(!features.empty() && features.size() == controls.size(),
+                   features.size()
+                       << " demonstrations of features, " << controls.size() << " of controls");
+  feature_dim_ = static_cast<int>(features[0].cols());
+  control_dim_ = static_cast<int>(controls[0].cols());
+  const int n = feature_dim_;
+  const int m = control_dim_;
+  Eigen::Index longest = 0;
+  for (std::size_t d = 0; d < features.size(); ++d) {
+    DFR_THROW_UNLESS(features[d].cols() == n && controls[d].cols() == m &&
+                         features[d].rows() == controls[d].rows() + 1,
+                     "demonstration " << d << ": features " << features[d].rows() << " x "
+                                      << features[d].cols() << ", controls " << controls[d].rows()
+                                      << " x " << controls[d].cols());
+    longest = std::max(longest, controls[d].rows());
+  }
+
+  std::vector<std::pair<std::size_t, Eigen::Index>> chosen;
+  std::vector<std::size_t> moving;
+  for (Eigen::Index t = 0; t < longest; ++t) {
+    begin_.push_back(static_cast<int>(chosen.size()));
+    moving.clear();
+    for (std::size_t d = 0; d < controls.size(); ++d) {
+      if (t < controls[d].rows() && controls[d].row(t).squaredNorm() > 0.0) moving.push_back(d);
+    }
+    const std::size_t most =
+        std::min<std::size_t>(moving.size(), static_cast<std::size_t>(options.max_per_step));
+    for (std::size_t i = 0; i < most; ++i) chosen.emplace_back(moving[i * moving.size() / most], t);
+  }
+  begin_.push_back(static_cast<int>(chosen.size()));
+
+  const auto rows = static_cast<Eigen::Index>(chosen.size());
+  points_.resize(rows, n);
+  products_.resize(rows, m * (m + 1) / 2 + m * n);
+  for (Eigen::Index row = 0; row < rows; ++row) {
+    const auto [d, t] = chosen[static_cast<std::size_t>(row)];
+    points_.row(row) = features[d].row(t);
+    Eigen::Index column = 0;
+    for (int i = 0; i < m; ++i) {
+      for (int j = 0; j <= i; ++j) {
+        products_(row, column++) = controls[d](t, i) * controls[d](t, j);
+      }
+    }
+    for (int k = 0; k < n; ++k) {
+      for (int i = 0; i < m; ++i) {
+        products_(row, column++) = controls[d](t, i) * (features[d](t + 1, k) - features[d](t, k));
+      }
+    }
+  }
+}
+
+void JacobianPrior::AddTo(int t, std::span<const double> z, Eigen::MatrixXd& a,
+                          Eigen::MatrixXd& b) const noexcept {
+  const int steps = static_cast<int>(begin_.size()) - 1;
+  const int first = begin_[static_cast<std::size_t>(std::clamp(t - options_.window, 0, steps))];
+  const int last = begin_[static_cast<std::size_t>(std::clamp(t + options_.window + 1, 0, steps))];
+  const int n = feature_dim_;
+  const int m = control_dim_;
+  const auto point = core::AsVector(z).transpose();
+  std::array<double, kMaxTransitions> weights;
+  double total = 0.0;
+  for (int row = first; row < last; ++row) {
+    const double weight = 1e-6 + std::exp(-0.125 * (points_.row(row) - point).squaredNorm() / n);
+    weights[static_cast<std::size_t>(row - first)] = weight;
+    total += weight;
+  }
+  if (total <= 0.0) return;
+  for (int row = first; row < last; ++row) {
+    const double weight =
+        options_.prior_weight / total * weights[static_cast<std::size_t>(row - first)];
+    const double* product = products_.row(row).data();
+    for (int i = 0; i < m; ++i) {
+      for (int j = 0; j <= i; ++j) a(i, j) += weight * *product++;
+    }
+    double* target = b.data();
+    for (int i = 0; i < n * m; ++i) target[i] += weight * product[i];
+  }
+}
+
+JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior)
+    : prior_(std::move(prior)) {
+  const int n = prior_->feature_dim();
+  const int m = prior_->control_dim();
+  a_online_ = Eigen::MatrixXd::Zero(m, m);
+  b_online_ = Eigen::MatrixXd::Zero(m, n);
+  a_ = Eigen::MatrixXd::Identity(m, m);
+  b_ = Eigen::MatrixXd::Zero(m, n);
+  inverse_ = Eigen::MatrixXd::Identity(m, m);
+  jacobian_ = Eigen::MatrixXd::Zero(n, m);
+  cholesky_ = Eigen::LLT<Eigen::MatrixXd>(a_);
+  direction_ = Eigen::VectorXd::Zero(m);
+  scratch_ = Eigen::VectorXd::Zero(m);
+}
+
+void JacobianEstimate::Reset() noexcept {
+  a_online_.setZero();
+  b_online_.setZero();
+}
+
+void JacobianEstimate::Update(std::span<const double> v, std::span<const double> dz) noexcept {
+  const double keep = prior_->options().forgetting;
+  a_online_ *= keep;
+  b_online_ *= keep;
+  a_online_.noalias() += core::AsVector(v).lazyProduct(core::AsVector(v).transpose());
+  b_online_.noalias() += core::AsVector(v).lazyProduct(core::AsVector(dz).transpose());
+}
+
+void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
+  a_ = a_online_;
+  a_.diagonal().array() += prior_->options().ridge;
+  b_ = b_online_;
+  prior_->AddTo(t, z, a_, b_);
+  // Only the lower triangle is read.
+  cholesky_.compute(a_);
+  inverse_.setIdentity();
+  cholesky_.solveInPlace(inverse_);
+  jacobian_.noalias() = b_.transpose().lazyProduct(inverse_);
+}
+
+double JacobianEstimate::LeastKnown(std::span<double> direction) noexcept {
+  // Power iteration: A^-1 is a few rows wide, and a direction that is nearly the least known is as
+  // good as the least known.
+  direction_.setConstant(1.0 / std::sqrt(static_cast<double>(direction_.size())));
+  // Off the constant vector, which may by symmetry be orthogonal to the answer.
+  for (Eigen::Index i = 0; i < direction_.size(); ++i) {
+    direction_[i] += 0.01 * static_cast<double>(i);
+  }
+  double value = 0.0;
+  constexpr int kIterations = 30;
+  for (int i = 0; i < kIterations; ++i) {
+    scratch_.noalias() = inverse_.lazyProduct(direction_);
+    value = scratch_.norm();
+    direction_ = scratch_ / value;
+  }
+  std::copy(direction_.begin(), direction_.end(), direction.begin());
+  return value;
+}
+
+}  // namespace dfr::control

@@ -1,0 +1,94 @@
+#include "dfr/control/assumptions.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <stdexcept>
+#include <vector>
+
+#include "dfr/core/random.h"
+
+namespace dfr::control {
+namespace {
+
+core::FeatureTransform Doubled() {
+  return {core::FeatureSelection::All(2), Eigen::Vector2d(1.0, -1.0),
+          2.0 * core::Matrix::Identity(2, 2)};
+}
+
+// x' = x + 0.3 R u, R turned by up to `wobble` rad at random.
+std::vector<core::Trajectory> Walks(int count, double wobble) {
+  core::Random random(1);
+  std::vector<core::Trajectory> walks;
+  for (int d = 0; d < count; ++d) {
+    core::Trajectory walk;
+    walk.states.resize(11, 2);
+    walk.controls.resize(10, 2);
+    walk.states.row(0).setZero();
+    for (int t = 0; t < 10; ++t) {
+      const double a = random.Normal();
+      const double b = random.Normal();
+      const double angle = 0.4 + wobble * random.Uniform(-1.0, 1.0);
+      walk.controls.row(t) << a, b;
+      walk.states(t + 1, 0) = walk.states(t, 0) + 0.3 * (std::cos(angle) * a - std::sin(angle) * b);
+      walk.states(t + 1, 1) = walk.states(t, 1) + 0.3 * (std::sin(angle) * a + std::cos(angle) * b);
+    }
+    walks.push_back(walk);
+  }
+  return walks;
+}
+
+TEST(AssumptionsTest, GainIsFoundInFeatureUnits) {
+  const auto gain = EstimateGain(Doubled(), Walks(59, 0.5));
+  EXPECT_NEAR(gain.value, 0.6, 1e-12);
+  EXPECT_EQ(gain.demonstrations, 59);
+  // Wilks: 59 samples are the fewest whose largest covers 95 % with 95 % confidence.
+  EXPECT_NEAR(gain.coverage, 0.95, 1e-3);
+  EXPECT_GE(gain.coverage, 0.95);
+  EXPECT_LT(EstimateGain(Doubled(), Walks(58, 0.5)).coverage, 0.95);
+}
+
+TEST(AssumptionsTest, DirectionErrorIsThatOfTheJacobian) {
+  // Linear: only the ridge keeps J from being exact.
+  EXPECT_LT(EstimateDirectionError(Doubled(), Walks(40, 0.0)).value, 0.02);
+  // Turned by up to 0.5 rad around the mean: at most 2 sin(0.25) K, and J's own error.
+  const double wobbly = EstimateDirectionError(Doubled(), Walks(40, 0.5)).value;
+  EXPECT_GT(wobbly, 0.15);
+  EXPECT_LT(wobbly, 2.0 * std::sin(0.25) * 0.6 + 0.1);
+}
+
+// What the coverage promises: over fresh demonstrations, the share that stays below the estimated
+// constant falls short of `coverage` in about 5 % of estimates.
+TEST(AssumptionsTest, CoverageHolds) {
+  core::Random random(3);
+  int short_of = 0;
+  constexpr int kRuns = 400;
+  for (int run = 0; run < kRuns; ++run) {
+    // Each demonstration has one step with |dz| / |u| uniform in (0, 1): shares can be read off.
+    std::vector<core::Trajectory> walks(20);
+    for (auto& walk : walks) {
+      walk.states.resize(2, 1);
+      walk.states << 0.0, random.Uniform();
+      walk.controls.resize(1, 1);
+      walk.controls << 1.0;
+    }
+    const auto gain =
+        EstimateGain(core::FeatureTransform::Identity(core::FeatureSelection::All(1)), walks);
+    short_of += gain.value < gain.coverage ? 1 : 0;
+  }
+  // Binomial(400, 0.05): 20 expected, standard deviation 4.4; three of these.
+  EXPECT_NEAR(short_of, 20, 13);
+}
+
+TEST(AssumptionsTest, Errors) {
+  EXPECT_THROW((void)EstimateGain(Doubled(), {}), std::invalid_argument);
+  EXPECT_THROW((void)EstimateGain(Doubled(), Walks(3, 0.0), 1.0), std::invalid_argument);
+  EXPECT_THROW((void)EstimateDirectionError(Doubled(), Walks(1, 0.0)), std::invalid_argument);
+  auto still = Walks(3, 0.0);
+  for (auto& walk : still) walk.controls.setZero();
+  EXPECT_THROW((void)EstimateGain(Doubled(), still), std::invalid_argument);
+  EXPECT_THROW((void)EstimateDirectionError(Doubled(), still), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::control

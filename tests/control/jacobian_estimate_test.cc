@@ -1,0 +1,157 @@
+#include "dfr/control/jacobian_estimate.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <memory>
+#include <stdexcept>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "tests/support/all_close.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::control {
+namespace {
+
+constexpr int kN = 3;
+constexpr int kM = 2;
+
+core::Matrix RandomMatrix(core::Random& random, int rows, int cols) {
+  core::Matrix m(rows, cols);
+  for (Eigen::Index i = 0; i < m.size(); ++i) m.data()[i] = random.Normal();
+  return m;
+}
+
+struct Demonstrations {
+  std::vector<core::Matrix> features;
+  std::vector<core::Matrix> controls;
+};
+
+// z' = z + J u exactly.
+Demonstrations Linear(const core::Matrix& jacobian, int count, int length, core::Random& random) {
+  Demonstrations demonstrations;
+  for (int d = 0; d < count; ++d) {
+    core::Matrix u = RandomMatrix(random, length, static_cast<int>(jacobian.cols()));
+    core::Matrix z(length + 1, jacobian.rows());
+    z.row(0).setZero();
+    for (int t = 0; t < length; ++t) z.row(t + 1) = z.row(t) + u.row(t) * jacobian.transpose();
+    demonstrations.features.push_back(z);
+    demonstrations.controls.push_back(u);
+  }
+  return demonstrations;
+}
+
+TEST(JacobianEstimateTest, RecoversALinearSystemFromDemonstrations) {
+  core::Random random(1);
+  const core::Matrix truth = RandomMatrix(random, kN, kM);
+  const auto d = Linear(truth, 20, 10, random);
+  JacobianEstimate estimate(std::make_shared<const JacobianPrior>(d.features, d.controls,
+                                                                  JacobianOptions{.ridge = 1e-9}));
+  estimate.Compute(4, core::Row(d.features[3], 4));
+  EXPECT_TRUE(test::AllClose(estimate.jacobian(), truth, 1e-8));  // ridge / weight
+}
+
+// The definition: J minimises ridge |J|^2 + sum of weights |dz - J v|^2.
+TEST(JacobianEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
+  core::Random random(2);
+  const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
+  const JacobianOptions options{.prior_weight = 0.0};
+  JacobianEstimate estimate(std::make_shared<const JacobianPrior>(d.features, d.controls, options));
+  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(kM, kM);
+  Eigen::MatrixXd b = Eigen::MatrixXd::Zero(kM, kN);
+  for (int i = 0; i < 12; ++i) {
+    const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
+    const Eigen::VectorXd dz = RandomMatrix(random, kN, 1);
+    a = options.forgetting * a + v * v.transpose();
+    b = options.forgetting * b + v * dz.transpose();
+    estimate.Update(core::AsSpan(v), core::AsSpan(dz));
+  }
+  a += options.ridge * Eigen::MatrixXd::Identity(kM, kM);
+  estimate.Compute(0, std::vector<double>(kN, 0.0));
+  const Eigen::MatrixXd expected = a.ldlt().solve(b).transpose();
+  EXPECT_TRUE(test::AllClose(estimate.jacobian(), expected, 1e-12));
+  estimate.Reset();
+  estimate.Compute(0, std::vector<double>(kN, 0.0));
+  EXPECT_TRUE(test::AllClose(estimate.jacobian(), Eigen::MatrixXd::Zero(kN, kM), 0.0));
+}
+
+// A control that is turned by 90 degrees at test time is learned from what it does.
+TEST(JacobianEstimateTest, FollowsAPlantThatHasChanged) {
+  core::Random random(3);
+  core::Matrix before = core::Matrix::Identity(2, 2);
+  core::Matrix after(2, 2);
+  after << 0.0, -1.0, 1.0, 0.0;
+  const auto d = Linear(before, 30, 10, random);
+  JacobianEstimate estimate(
+      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{}));
+  const std::vector<double> z(2, 0.0);
+  estimate.Compute(5, z);
+  EXPECT_TRUE(test::AllClose(estimate.jacobian(), before, 0.02));  // ridge / prior weight
+  for (int i = 0; i < 40; ++i) {
+    const Eigen::VectorXd v = RandomMatrix(random, 2, 1);
+    const Eigen::VectorXd dz = after * v;
+    estimate.Update(core::AsSpan(v), core::AsSpan(dz));
+  }
+  estimate.Compute(5, z);
+  // The prior weighs 15, the applied controls 1 / (1 - 0.93) = 14: half way by now.
+  EXPECT_LT((estimate.jacobian() - after).norm(), 0.6 * (before - after).norm());
+}
+
+TEST(JacobianEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
+  core::Random random(4);
+  // Demonstrations that never use the third control.
+  auto d = Linear(RandomMatrix(random, kN, 3), 10, 8, random);
+  for (auto& u : d.controls) u.col(2).setZero();
+  JacobianEstimate estimate(
+      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{}));
+  estimate.Compute(3, core::Row(d.features[0], 3));
+  std::vector<double> direction(3);
+  const double value = estimate.LeastKnown(direction);
+  EXPECT_NEAR(value, 1.0 / JacobianOptions{}.ridge, 1e-6);
+  EXPECT_NEAR(std::abs(direction[2]), 1.0, 1e-6);
+  EXPECT_GE(estimate.Ignorance(), value);
+  const Eigen::VectorXd v = Eigen::Vector3d(0, 0, 2);
+  const Eigen::VectorXd dz = Eigen::VectorXd::Zero(kN);
+  estimate.Update(core::AsSpan(v), core::AsSpan(dz));
+  estimate.Compute(3, core::Row(d.features[0], 3));
+  EXPECT_LT(estimate.LeastKnown(direction), 1.0) << "after it was tried";
+}
+
+TEST(JacobianEstimateTest, NothingAllocatesAfterConstruction) {
+  core::Random random(5);
+  const auto d = Linear(RandomMatrix(random, 12, 7), 20, 10, random);
+  JacobianEstimate estimate(
+      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{}));
+  const std::vector<double> v(7, 0.5);
+  const std::vector<double> z(12, 0.1);
+  std::vector<double> direction(7);
+  const test::NoAlloc guard;
+  for (int t = 0; t < 12; ++t) {
+    estimate.Update(v, z);
+    estimate.Compute(t, z);
+    (void)estimate.LeastKnown(direction);
+  }
+}
+
+TEST(JacobianPriorTest, ErrorsNameTheCulprit) {
+  core::Random random(6);
+  auto d = Linear(RandomMatrix(random, kN, kM), 3, 5, random);
+  const auto message = [&](const JacobianOptions& options) -> std::string {
+    try {
+      const JacobianPrior prior(d.features, d.controls, options);
+    } catch (const std::invalid_argument& e) {
+      return e.what();
+    }
+    return "nothing thrown";
+  };
+  EXPECT_THAT(message({.ridge = 0.0}), testing::HasSubstr("ridge"));
+  EXPECT_THAT(message({.forgetting = 1.0}), testing::HasSubstr("forgetting"));
+  EXPECT_THAT(message({.max_per_step = 0}), testing::HasSubstr("max_per_step"));
+  d.controls[1].conservativeResize(4, kM);
+  EXPECT_THAT(message({}), testing::HasSubstr("demonstration 1"));
+}
+
+}  // namespace
+}  // namespace dfr::control
