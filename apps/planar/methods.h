@@ -1,0 +1,82 @@
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "apps/planar/polynomial_policy.h"
+#include "apps/planar/task.h"
+#include "dfr/control/assumptions.h"
+#include "dfr/control/controller.h"
+#include "dfr/control/guided_model.h"
+#include "dfr/control/guided_policy.h"
+#include "dfr/imitation/locally_weighted_policy.h"
+#include "dfr/kernel/time_varying_support.h"
+#include "dfr/kernel/whitened_support.h"
+
+namespace dfr::apps {
+
+/// What may be varied of the methods.
+struct MethodOptions {
+  double gamma = 0.35;  ///< Of guided recovery's support, in whitened units.
+  bool whitening = true;
+  bool phase_whitening = true;
+  bool hold_ended = true;
+  int window = 2;
+  control::GuidedOptions guided = {};
+  double raw_gamma = 0.0;         ///< Of the paper's support; 0: the task's.
+  double certified_gamma = 0.35;  ///< Of the certified modes' support, in standard deviations.
+  double gain_factor = 1.0;       ///< Safety factor on an estimated K or eps.
+};
+
+/// Everything that is learned from one set of demonstrations, and the controllers made of it.
+class Methods {
+ public:
+  /// @throws std::invalid_argument if the demonstrations do not suffice.
+  Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
+          const MethodOptions& options = {});
+  Methods(const Methods&) = delete;
+  Methods& operator=(const Methods&) = delete;
+
+  /// "baseline", "early-stopping", "dfr", "finite-difference", "guided", "guided-lwr", "lwr",
+  /// "certified-lipschitz", "certified-radius", "certified-direction", or "guided-without-<part>"
+  /// with a part of control::GuidedPartNames(). `plant` is borrowed, by the oracle only.
+  /// @throws std::invalid_argument for another name.
+  [[nodiscard]] std::unique_ptr<control::Controller> Make(std::string_view method,
+                                                          const core::SimulatedPlant& plant) const;
+
+  [[nodiscard]] const std::vector<core::Trajectory>& demonstrations() const noexcept {
+    return demonstrations_;
+  }
+  /// The paper's support, of whole states.
+  [[nodiscard]] const kernel::TimeVaryingSupport& raw_support() const noexcept { return raw_; }
+  [[nodiscard]] const control::GuidedModel& model() const noexcept { return *model_; }
+  [[nodiscard]] const control::GuidedModel& certified_model() const noexcept {
+    return *certified_model_;
+  }
+  [[nodiscard]] const control::EstimatedConstant& gain() const noexcept { return gain_; }
+  [[nodiscard]] const control::EstimatedConstant& direction_error() const noexcept {
+    return direction_error_;
+  }
+  /// With the constants that Make() gives to a certified mode.
+  [[nodiscard]] control::Certificate certificate(control::CertificateKind kind) const noexcept;
+
+ private:
+  Task task_;
+  MethodOptions options_;
+  std::vector<core::Trajectory> demonstrations_;
+  PolynomialPolicy policy_;
+  kernel::TimeVaryingSupport raw_;
+  std::vector<double> lambda_;
+  std::unique_ptr<kernel::WhitenedSupport> support_;
+  std::unique_ptr<control::GuidedModel> model_;
+  std::unique_ptr<kernel::WhitenedSupport> certified_support_;
+  std::unique_ptr<control::GuidedModel> certified_model_;
+  std::unique_ptr<imitation::LocallyWeightedPolicy> lwr_;
+  control::EstimatedConstant gain_;
+  control::EstimatedConstant direction_error_;
+};
+
+}  // namespace dfr::apps

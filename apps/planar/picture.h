@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "apps/planar/methods.h"
+#include "apps/planar/task.h"
+#include "dfr/control/controller.h"
+#include "dfr/core/trajectory.h"
+
+namespace dfr::apps {
+
+/// One applied control of one method, as pictures show it.
+struct Shot {
+  std::vector<double> x;  ///< The state before it; the last shot of an episode has no control.
+  std::vector<double> u;
+  control::Step step;
+};
+
+/// One method's episode.
+struct Episode {
+  std::string method;
+  std::vector<Shot> shots;
+  core::Outcome outcome = core::Outcome::kHalted;
+  std::string cause;
+};
+
+/// Rolls each method out from the start state of `start_seed`.
+[[nodiscard]] std::vector<Episode> Record(const Task& task, const Methods& methods,
+                                          const std::vector<std::string>& names,
+                                          std::uint64_t start_seed);
+
+/// Draws episodes as in the paper's Fig. 2: the stay-out regions, the demonstrations, level sets of
+/// the support at the time step at hand (over the point of the corridor; over the pushed object,
+/// with the pusher where it is), the way so far, and the circle that the control can reach.
+class Painter {
+ public:
+  Painter(const Task& task, const Methods& methods);
+
+  /// Frame `frame` of an episode, BGR, height() x width(). Frames beyond the end show the end.
+  [[nodiscard]] std::vector<std::uint8_t> Draw(const Episode& episode, int frame) const;
+  [[nodiscard]] int width() const noexcept { return width_; }
+  [[nodiscard]] int height() const noexcept { return height_; }
+
+  /// @throws std::runtime_error naming the file that cannot be written.
+  void WritePng(const Episode& episode, int frame, const std::filesystem::path& path) const;
+  /// All episodes below one another, frame by frame.
+  void WriteVideo(const std::vector<Episode>& episodes, const std::filesystem::path& path) const;
+  /// One page without any other file, to scrub through time and methods.
+  void WritePage(const std::vector<Episode>& episodes, const std::filesystem::path& path) const;
+
+ private:
+  [[nodiscard]] double Level(const Episode& episode, const Shot& shot, double x, double y) const;
+
+  const Task* task_;
+  const Methods* methods_;
+  double left_, right_, bottom_, top_;
+  double scale_;
+  int width_, height_;
+  std::vector<std::uint8_t> background_;  ///< Stay-out regions and demonstrations.
+};
+
+}  // namespace dfr::apps

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "dfr/core/plant.h"
+#include "dfr/core/policy.h"
+#include "dfr/core/trajectory.h"
+
+namespace dfr::apps {
+
+/// A planar task: who demonstrates it, and who tries to imitate that.
+struct Task {
+  std::string name;
+  std::shared_ptr<const core::SimulatedPlant> plant;  ///< To be cloned.
+  std::shared_ptr<const core::Policy> supervisor;
+  double supervisor_noise = 0.0;  ///< Standard deviation, added to each control entry.
+  int degree = 1;                 ///< Of the learner's polynomial.
+  int horizon = 100;
+  double raw_gamma = 1.0;  ///< Kernel width of the paper's support, in the state's own units.
+  double gain = 0.0;       ///< K of |dx| <= K |u| where it is known; 0: to be estimated.
+};
+
+/// "corridor", "push" (a learner that imitates well) or "push-weak".
+/// @throws std::invalid_argument naming the tasks there are.
+[[nodiscard]] Task MakeTask(std::string_view name);
+[[nodiscard]] const std::vector<std::string>& TaskNames();
+
+/// Demonstrations that completed the task without violating a constraint; others are discarded.
+[[nodiscard]] std::vector<core::Trajectory> Demonstrate(const Task& task, int count,
+                                                        std::uint64_t seed);
+
+}  // namespace dfr::apps

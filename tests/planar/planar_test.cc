@@ -1,0 +1,131 @@
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "apps/planar/evaluation.h"
+#include "apps/planar/methods.h"
+#include "apps/planar/picture.h"
+#include "apps/planar/proof.h"
+#include "apps/planar/task.h"
+
+namespace dfr::apps {
+namespace {
+
+struct Counts {
+  int completed = 0;
+  int collided = 0;
+};
+
+Counts Count(const PlanarResult& result, std::size_t method) {
+  Counts counts;
+  for (const auto& unit : result.units) {
+    for (const auto& episode : unit.episodes[method]) {
+      counts.completed += episode.outcome == core::Outcome::kCompleted ? 1 : 0;
+      counts.collided += episode.outcome == core::Outcome::kCollided ? 1 : 0;
+    }
+  }
+  return counts;
+}
+
+PlanarStudy Small(const std::string& task, std::vector<std::string> methods) {
+  PlanarStudy study;
+  study.task = task;
+  study.plan.methods = std::move(methods);
+  study.plan.learners = {"polynomial"};
+  study.plan.demonstrations = {60};
+  study.plan.trials = 2;
+  study.plan.episodes = 20;
+  study.plan.seed = 11;
+  return study;
+}
+
+TEST(PlanarTest, GuidedRecoveryCompletesTheCorridorWithoutCollisions) {
+  const auto result = RunStudy(Small("corridor", {"guided", "certified-radius"}));
+  EXPECT_GE(Count(result, 0).completed, 38);
+  EXPECT_EQ(Count(result, 0).collided, 0);
+  EXPECT_GE(Count(result, 1).completed, 36);
+  EXPECT_EQ(Count(result, 1).collided, 0);
+}
+
+TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
+  const auto result = RunStudy(Small("push-weak", {"baseline", "guided"}));
+  EXPECT_GT(Count(result, 1).completed, Count(result, 0).completed);
+  EXPECT_LT(Count(result, 1).collided, Count(result, 0).collided);
+}
+
+TEST(PlanarTest, ResultsDoNotDependOnTheNumberOfThreads) {
+  PlanarStudy study = Small("push", {"dfr", "guided-lwr"});
+  study.plan.episodes = 5;
+  study.threads = 1;
+  const auto one = RunStudy(study);
+  study.threads = 2;
+  const auto two = RunStudy(study);
+  EXPECT_EQ(one.recovery_lengths, two.recovery_lengths);
+  for (std::size_t unit = 0; unit < one.units.size(); ++unit) {
+    EXPECT_EQ(one.units[unit].starts, two.units[unit].starts);
+    for (std::size_t m = 0; m < 2; ++m) {
+      for (std::size_t e = 0; e < 5; ++e) {
+        EXPECT_EQ(one.units[unit].episodes[m][e].outcome, two.units[unit].episodes[m][e].outcome);
+        EXPECT_EQ(one.units[unit].episodes[m][e].controls, two.units[unit].episodes[m][e].controls);
+      }
+    }
+  }
+}
+
+// Prop. IV.3 as mended, 3 x 100 000 controls; `planar prove --steps 10000000` is the long version.
+TEST(ProofTest, NoCertifiedModeEverLeavesTheUnionOfSupports) {
+  for (const auto kind : {control::CertificateKind::kLipschitz, control::CertificateKind::kRadius,
+                          control::CertificateKind::kDirection}) {
+    SCOPED_TRACE(control::Name(kind));
+    const ProofResult result = Prove(kind, 100'000, 1);
+    EXPECT_EQ(result.controls, 100'000);
+    EXPECT_EQ(result.left, 0);
+    EXPECT_EQ(result.violations, 0);
+    EXPECT_GT(result.probes, 1000);
+    EXPECT_GT(result.recoveries, 1000);
+    EXPECT_GT(result.phases, 500);
+  }
+}
+
+TEST(PlanarTest, EveryMethodRunsAndUnknownNamesAreNamed) {
+  const Task task = MakeTask("push");
+  const Methods methods(task, Demonstrate(task, 20, 1));
+  for (const auto& name : {"baseline", "early-stopping", "dfr", "finite-difference", "lwr",
+                           "guided", "guided-lwr", "guided-without-filter", "certified-lipschitz",
+                           "certified-radius", "certified-direction"}) {
+    EXPECT_EQ(methods.Make(name, *task.plant)->state_dim(), 4) << name;
+  }
+  EXPECT_THROW((void)methods.Make("magic", *task.plant), std::invalid_argument);
+  EXPECT_THROW((void)methods.Make("guided-without-magic", *task.plant), std::invalid_argument);
+  EXPECT_THROW((void)MakeTask("magic"), std::invalid_argument);
+}
+
+TEST(PictureTest, ThePageHoldsAllFramesOfAllMethods) {
+  const Task task = MakeTask("push");
+  const Methods methods(task, Demonstrate(task, 20, 1));
+  const auto episodes = Record(task, methods, {"baseline", "guided"}, 3);
+  ASSERT_EQ(episodes.size(), 2u);
+  const Painter painter(task, methods);
+  const auto path = std::filesystem::path(testing::TempDir()) / "planar_test.html";
+  painter.WritePage(episodes, path);
+  std::ifstream file(path);
+  const std::string page((std::istreambuf_iterator<char>(file)), {});
+  std::size_t frames = 0;
+  // The signature of a PNG in base64.
+  for (std::size_t at = page.find("'iVBORw0KGgo"); at != std::string::npos;
+       at = page.find("'iVBORw0KGgo", at + 1)) {
+    ++frames;
+  }
+  EXPECT_EQ(frames, episodes[0].shots.size() + episodes[1].shots.size());
+  EXPECT_EQ(page.find("://"), std::string::npos) << "self-contained";
+  std::filesystem::remove(path);
+  EXPECT_THROW(painter.WritePage(episodes, "/nowhere/page.html"), std::runtime_error);
+}
+
+}  // namespace
+}  // namespace dfr::apps
