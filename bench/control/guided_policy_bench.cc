@@ -1,0 +1,132 @@
+// One Next() of guided recovery and of the certified modes, decision included, as the robot would
+// call it: 12 features, 7 control entries, 120 demonstrations, 60 time steps, a new state every
+// time. The counters are percentiles of single calls in ns; each includes one reading of the clock.
+// Deep: the learned control passes. Edge: states one to three standard deviations off, where the
+// control is filtered or a recovery runs. The budget is 20 000 ns (p99).
+
+#include <benchmark/benchmark.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "dfr/control/guided_model.h"
+#include "dfr/control/guided_policy.h"
+#include "dfr/core/feature_transform.h"
+#include "dfr/core/random.h"
+#include "dfr/kernel/whitened_support.h"
+
+namespace dfr::control {
+namespace {
+
+constexpr int kStateDim = 12;
+constexpr int kControlDim = 7;
+constexpr int kHorizon = 60;
+constexpr int kDemonstrations = 120;
+
+double Mean(int t, int k) { return std::sin(0.05 * t + k); }
+
+// A mean path with a spread of 0.03; controls move the first seven entries.
+std::vector<core::Trajectory> Demonstrations() {
+  core::Random random(1);
+  std::vector<core::Trajectory> demonstrations;
+  for (int i = 0; i < kDemonstrations; ++i) {
+    core::Trajectory trajectory;
+    trajectory.states.resize(kHorizon + 1, kStateDim);
+    trajectory.controls.resize(kHorizon, kControlDim);
+    for (int t = 0; t <= kHorizon; ++t) {
+      for (int k = 0; k < kStateDim; ++k) {
+        trajectory.states(t, k) = Mean(t, k) + 0.03 * random.Normal();
+      }
+    }
+    for (int t = 0; t < kHorizon; ++t) {
+      for (int k = 0; k < kControlDim; ++k) {
+        trajectory.controls(t, k) = trajectory.states(t + 1, k) - trajectory.states(t, k);
+      }
+    }
+    demonstrations.push_back(std::move(trajectory));
+  }
+  return demonstrations;
+}
+
+class Linear final : public core::Policy {
+ public:
+  int state_dim() const noexcept override { return kStateDim; }
+  int control_dim() const noexcept override { return kControlDim; }
+  void Control(int, std::span<const double> x, std::span<double> u) const noexcept override {
+    for (std::size_t i = 0; i < u.size(); ++i) u[i] = 0.1 * x[i] - 0.05 * x[i + 5];
+  }
+};
+
+void BM_Next(benchmark::State& state, CertificateKind kind, double spread, bool single) {
+  const auto demonstrations = Demonstrations();
+  std::vector<core::Matrix> states;
+  for (const auto& d : demonstrations) states.push_back(d.states);
+  const auto features =
+      core::FeatureTransform::Whitening(core::FeatureSelection::All(kStateDim), states);
+  std::vector<core::Matrix> points;
+  for (const auto& s : states) points.push_back(features.Apply(s));
+  const auto support = kernel::WhitenedSupport::Fit(points, {.single_precision = single});
+  const GuidedModel model(features, support, demonstrations);
+  const Linear policy;
+  GuidedOptions options;
+  options.horizon = 1 << 30;
+  options.max_controls = 1 << 30;
+  // States are drawn afresh, so no assumption can hold but one that allows everything.
+  options.certificate = {kind, 1e6, 1e6};
+  GuidedPolicy controller(policy, model, options);
+
+  core::Random random(2);
+  core::Matrix queries(64 * kHorizon, kStateDim);
+  for (Eigen::Index i = 0; i < queries.rows(); ++i) {
+    const double size = spread * random.Uniform(0.3, 1.0);
+    for (int k = 0; k < kStateDim; ++k) {
+      queries(i, k) = Mean(static_cast<int>(i % kHorizon), k) + size * random.Normal();
+    }
+  }
+  std::vector<double> u(kControlDim);
+  std::vector<double> nanoseconds;
+  nanoseconds.reserve(state.max_iterations);
+  Eigen::Index query = 0;
+  std::int64_t other = 0;
+  for (auto _ : state) {
+    if (query % kHorizon == 0 || controller.halt_cause() != HaltCause::kNone) {
+      controller.Reset(static_cast<std::uint64_t>(query));
+    }
+    const std::span<const double> x = core::Row(std::as_const(queries), query);
+    const auto start = std::chrono::steady_clock::now();
+    const Step step = controller.Next(x, u);
+    nanoseconds.push_back(
+        std::chrono::duration<double, std::nano>(std::chrono::steady_clock::now() - start).count());
+    other += step.mode != Mode::kPolicy || step.filtered ? 1 : 0;
+    query = (query + 1) % queries.rows();
+  }
+  std::sort(nanoseconds.begin(), nanoseconds.end());
+  const auto at = [&](double share) {
+    return nanoseconds[static_cast<std::size_t>(share *
+                                                static_cast<double>(nanoseconds.size() - 1))];
+  };
+  state.counters["p50"] = at(0.5);
+  state.counters["p99"] = at(0.99);
+  state.counters["p99.9"] = at(0.999);
+  state.counters["not_learned_%"] =
+      100.0 * static_cast<double>(other) / static_cast<double>(nanoseconds.size());
+  state.counters["support_vectors"] = support.estimate(kHorizon / 2).num_support_vectors();
+}
+
+BENCHMARK_CAPTURE(BM_Next, Guided_Deep, CertificateKind::kNone, 0.01, false);
+BENCHMARK_CAPTURE(BM_Next, Guided_Deep_Float, CertificateKind::kNone, 0.01, true);
+BENCHMARK_CAPTURE(BM_Next, Guided_Edge, CertificateKind::kNone, 0.06, false);
+BENCHMARK_CAPTURE(BM_Next, Guided_Edge_Float, CertificateKind::kNone, 0.06, true);
+BENCHMARK_CAPTURE(BM_Next, CertifiedLipschitz, CertificateKind::kLipschitz, 0.02, false);
+BENCHMARK_CAPTURE(BM_Next, CertifiedRadius, CertificateKind::kRadius, 0.02, false);
+BENCHMARK_CAPTURE(BM_Next, CertifiedDirection, CertificateKind::kDirection, 0.02, false);
+
+}  // namespace
+}  // namespace dfr::control
+
+BENCHMARK_MAIN();
