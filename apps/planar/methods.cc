@@ -52,13 +52,18 @@ Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
   const std::vector<core::Matrix> states = States(demonstrations_);
   const core::FeatureTransform features =
       core::FeatureTransform::Whitening(All(task), states, {.decorrelate = options.whitening});
-  support_ = std::make_unique<kernel::WhitenedSupport>(
-      kernel::WhitenedSupport::Fit(Features(features, demonstrations_),
-                                   {.svm = {.gamma = options.gamma, .tolerance = 1e-6},
-                                    .window = options.window,
-                                    .phase_whitening = options.whitening && options.phase_whitening,
-                                    .hold_ended = options.hold_ended}));
-  model_ = std::make_unique<control::GuidedModel>(features, *support_, demonstrations_);
+  const kernel::WhitenedSupportOptions whitened{
+      .svm = {.gamma = options.gamma, .tolerance = 1e-6},
+      .window = options.window,
+      .phase_whitening = options.whitening && options.phase_whitening,
+      .hold_ended = options.hold_ended};
+  const std::vector<core::Matrix> points = Features(features, demonstrations_);
+  support_ =
+      std::make_unique<kernel::WhitenedSupport>(kernel::WhitenedSupport::Fit(points, whitened));
+  model_ = std::make_unique<control::GuidedModel>(
+      features, *support_, demonstrations_,
+      control::GuidedModelOptions{.slack =
+                                      control::SlackFrom(kernel::HeldOutLevels(points, whitened))});
   lwr_ = std::make_unique<imitation::LocallyWeightedPolicy>(features, demonstrations_);
 
   const core::FeatureTransform plain = Isotropic(task, demonstrations_);

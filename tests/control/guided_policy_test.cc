@@ -131,6 +131,53 @@ TEST(GuidedPolicyTest, ComesBackFromOutsideUnlessReentryIsOff) {
   EXPECT_EQ(stays.Next(std::vector{0.0, 1.5}, u).cause, HaltCause::kOutsideSupport);
 }
 
+// A third entry of the state, an object off to the side, that no control moves: the best that can
+// be reached is l = -0.3. A slack of as much goes on, and keeps the rest at its best; less holds.
+TEST(GuidedPolicyTest, SlackGoesOnWithWhatNoControlCanMend) {
+  const test::GaussianSupport support({{0.0, 0.0, 0.0}}, 4.0, 0.5, {kSpeed, 0.0, 0.0}, kSteps + 1);
+  std::vector<core::Trajectory> demonstrations = Rightwards();
+  for (core::Trajectory& d : demonstrations) {
+    d.states.conservativeResize(Eigen::NoChange, 3);
+    d.states.col(2).setZero();
+  }
+  const core::FeatureTransform features =
+      core::FeatureTransform::Identity(core::FeatureSelection::All(3));
+  const auto policy = test::FunctionPolicy(3, 2, [](int, std::span<const double>, auto u) {
+    u[0] = kSpeed;
+    u[1] = 0.0;
+  });
+  const double offset = std::sqrt((0.3 - std::log(0.5)) / 4.0);  // -4 offset^2 - log 0.5 = -0.3
+  for (const double slack : {0.25, 0.35}) {
+    SCOPED_TRACE(slack);
+    const GuidedModel model(features, support, demonstrations, {.slack = slack});
+    GuidedPolicy guided(policy, model);
+    guided.Reset(1);
+    std::vector<double> u(2), x = {0.0, 0.0, offset};
+    Step step;
+    for (int i = 0; i < kSteps; ++i) {
+      step = guided.Next(x, u);
+      if (step.mode == Mode::kHalt) break;
+      x[0] += u[0];
+      x[1] += u[1];
+    }
+    if (slack < 0.3) {
+      EXPECT_EQ(step.cause, HaltCause::kNoProgress);
+      EXPECT_LT(x[0], 3 * kSpeed);
+    } else {
+      EXPECT_NEAR(x[0], kSteps * kSpeed, 2 * kSpeed) << "one step of the task after another";
+      EXPECT_LT(std::abs(x[1]), 0.1);
+    }
+  }
+}
+
+TEST(GuidedModelTest, SlackIsWhatUnseenDemonstrationsNeed) {
+  std::vector<double> levels;
+  for (int i = 0; i <= 100; ++i) levels.push_back(0.5 - 0.02 * i);  // 0.5 ... -1.5
+  EXPECT_NEAR(SlackFrom(levels), 1.1, 1e-12);                       // the 0.2-quantile
+  EXPECT_EQ(SlackFrom({0.1, 0.2, 0.3}), GuidedModelOptions().slack) << "never less";
+  EXPECT_THROW((void)SlackFrom({}), std::invalid_argument);
+}
+
 // Where no control changes anything there is nothing to gain, and it stops in the end.
 TEST(GuidedPolicyTest, HoldsWhereNothingHelps) {
   const auto support = Moving();

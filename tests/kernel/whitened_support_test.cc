@@ -2,8 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <limits>
+#include <span>
 #include <stdexcept>
 #include <vector>
 
@@ -126,6 +129,34 @@ TEST(WhitenedSupportTest, GoalsStayInsideWhereEndedDemonstrationsCount) {
             share(WhitenedSupport::Fit(walks, {.hold_ended = false, .least_share = 0.0})));
 }
 
+// Unseen demonstrations are less deep inside than those fitted to, and the fewer there are to fit
+// to, the further outside.
+TEST(WhitenedSupportTest, HeldOutLevelsShowWhatFewDemonstrationsDoNotCover) {
+  const auto low = [](std::vector<double> levels) {
+    const auto fifth = levels.begin() + static_cast<std::ptrdiff_t>(levels.size() / 5);
+    std::nth_element(levels.begin(), fifth, levels.end());
+    return *fifth;
+  };
+  const auto walks = Walks(60);
+  const std::span<const core::Matrix> some = std::span(walks).first(6);
+  const WhitenedSupportOptions tight{.svm = {.gamma = 3.0}};
+  const double of_many = low(HeldOutLevels(walks, tight));
+  const double of_few = low(HeldOutLevels(some, tight));
+  EXPECT_LT(of_few, of_many - 0.2);
+  std::vector<double> seen;
+  const auto support = WhitenedSupport::Fit(some, tight);
+  for (const auto& walk : some) {
+    for (int t = 0; t < support.num_steps() && t < walk.rows(); ++t) {
+      seen.push_back(support.LogDecision(t, core::Row(walk, t), {}));
+    }
+  }
+  EXPECT_LT(of_few, low(seen) - 0.2);
+  // As many levels as there are states that an estimate exists for: none is left out of all folds.
+  const auto levels = HeldOutLevels(walks, {.least_share = 0.0}, 3, 0);
+  EXPECT_GE(levels.size(), 60u * 9u);
+  for (const double level : levels) EXPECT_TRUE(std::isfinite(level));
+}
+
 TEST(WhitenedSupportTest, BrokenSensorsReadAsOutsideAndNothingAllocates) {
   const auto support = WhitenedSupport::Fit(Walks(30));
   std::vector<double> gradient(2);
@@ -148,6 +179,9 @@ TEST(WhitenedSupportTest, Errors) {
   EXPECT_THROW(WhitenedSupport::Fit(walks, {.window = -1}), std::invalid_argument);
   EXPECT_THROW(WhitenedSupport::Fit(walks, {.phase_ridge = 0.0}), std::invalid_argument);
   EXPECT_THROW(WhitenedSupport::Fit(walks, {.least_share = 1.5}), std::invalid_argument);
+  EXPECT_THROW((void)HeldOutLevels(std::span(walks).first(2)), std::invalid_argument);
+  EXPECT_THROW((void)HeldOutLevels(walks, {}, 1), std::invalid_argument);
+  EXPECT_THROW((void)HeldOutLevels(walks, {}, 5, -1), std::invalid_argument);
   auto broken = walks;
   broken[2](1, 1) = std::nan("");
   EXPECT_THROW(WhitenedSupport::Fit(broken), std::invalid_argument);

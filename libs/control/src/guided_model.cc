@@ -19,10 +19,16 @@ double Quantile(std::vector<double>& values, double q) {
 
 }  // namespace
 
+double SlackFrom(std::vector<double> held_out_levels) {
+  constexpr double kQuantile = 0.2;
+  DFR_THROW_UNLESS(!held_out_levels.empty(), "there are no levels of unseen demonstrations");
+  return std::max(GuidedModelOptions().slack, -Quantile(held_out_levels, kQuantile));
+}
+
 GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisionFunction& support,
                          std::span<const core::Trajectory> demonstrations,
                          const GuidedModelOptions& options)
-    : features_(std::move(features)), support_(&support) {
+    : features_(std::move(features)), support_(&support), slack_(options.slack) {
   DFR_THROW_UNLESS(features_.num_features() == support.state_dim(),
                    "there are " << features_.num_features() << " features, the support takes "
                                 << support.state_dim());
@@ -33,6 +39,7 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
                        << options.accept_quantile << ", " << options.gate_quantile);
   DFR_THROW_UNLESS(options.least_gate >= 0.0,
                    "least_gate must not be negative: " << options.least_gate);
+  DFR_THROW_UNLESS(options.slack >= 0.0, "slack must not be negative: " << options.slack);
   DFR_THROW_UNLESS(options.control_window >= 0,
                    "control_window must not be negative: " << options.control_window);
   DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");

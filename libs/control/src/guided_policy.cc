@@ -331,11 +331,10 @@ bool GuidedPolicy::Filter(const Eigen::VectorXd& wanted, double limit) noexcept 
   l = Climb(phase_ + 1, v_, lo, limit, options_.least_progress);
   if (l >= lo) return true;
   // What no control can mend (an object that is off to the side, say) must not stop the rest.
-  const double scale = model_->gate_level(phase_ + 1);
-  if (!options_.parts.slack || l < options_.slack_level * scale) return false;
+  if (!options_.parts.slack || l < -model_->slack()) return false;
   reach_ = v_;
   const double best = Climb(phase_ + 1, reach_, kInfinity, limit, kAnywhere);
-  return best < lo && l >= best - options_.slack_margin * scale;
+  return best < lo && l >= best - options_.slack_margin * model_->slack();
 }
 
 bool GuidedPolicy::Recover(double limit, Mode& mode) noexcept {

@@ -146,4 +146,38 @@ double WhitenedSupport::curvature_bound(int t) const noexcept {
   return at(t).svm.gamma() * at(t).norm * at(t).norm;
 }
 
+std::vector<double> HeldOutLevels(std::span<const core::Matrix> demonstrations,
+                                  const WhitenedSupportOptions& options, int folds,
+                                  int phase_window) {
+  DFR_THROW_UNLESS(demonstrations.size() >= 3,
+                   "leaving demonstrations out needs at least 3, not " << demonstrations.size());
+  DFR_THROW_UNLESS(folds >= 2, "folds must be at least 2: " << folds);
+  DFR_THROW_UNLESS(phase_window >= 0, "phase_window must not be negative: " << phase_window);
+  // Two must remain to fit to.
+  const std::size_t groups =
+      std::clamp<std::size_t>(demonstrations.size() / 2, 2, static_cast<std::size_t>(folds));
+  std::vector<double> levels;
+  std::vector<core::Matrix> others;
+  for (std::size_t group = 0; group < groups; ++group) {
+    others.clear();
+    for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+      if (d % groups != group) others.push_back(demonstrations[d]);
+    }
+    if (others.size() < 2) continue;
+    const WhitenedSupport support = WhitenedSupport::Fit(others, options);
+    for (std::size_t d = group; d < demonstrations.size(); d += groups) {
+      const core::Matrix& states = demonstrations[d];
+      const int last = support.num_steps() - 1;
+      for (int t = 0; t < std::min<int>(static_cast<int>(states.rows()), last + 1); ++t) {
+        double level = kOutside;
+        for (int q = std::max(0, t - phase_window); q <= std::min(last, t + phase_window); ++q) {
+          level = std::max(level, support.LogDecision(q, core::Row(states, t), {}));
+        }
+        levels.push_back(level);
+      }
+    }
+  }
+  return levels;
+}
+
 }  // namespace dfr::kernel

@@ -16,9 +16,20 @@ struct GuidedModelOptions {
   double accept_quantile = 0.2;  ///< Of l_t over demonstrated states: what a control may lead to.
   double gate_quantile = 0.5;    ///< The same: where the learned control passes unseen.
   double least_gate = 0.02;      ///< The gate level is at least this.
-  int control_window = 5;        ///< umax_t looks at time steps t - window ... t + window.
+  /// Where not even the best control reaches the accept level, one that comes near the best passes,
+  /// down to l = -slack: an object that is off to the side must not stop the rest. SlackFrom() has
+  /// it from demonstrations.
+  double slack = 0.2;
+  int control_window = 5;  ///< umax_t looks at time steps t - window ... t + window.
   JacobianOptions jacobian = {};
 };
+
+/// The slack that unseen demonstrations need: the supervisor's own states are as far outside an
+/// estimate that has not seen them, the further the fewer demonstrations there are. The
+/// 0.2-quantile of -l, and no less than GuidedModelOptions' default.
+/// @param held_out_levels  l of demonstrated states under supports fitted without them.
+/// @throws std::invalid_argument if there are none.
+[[nodiscard]] double SlackFrom(std::vector<double> held_out_levels);
 
 /// What guided recovery knows from the demonstrations: how deep inside the support they were, how
 /// large their controls, how features answered them. Immutable; controllers share it.
@@ -42,6 +53,8 @@ class GuidedModel {
   [[nodiscard]] double accept_level(int t) const noexcept { return Clamped(accept_, t); }
   /// ... and hi_t, at which there is nothing to do.
   [[nodiscard]] double gate_level(int t) const noexcept { return Clamped(gate_, t); }
+  /// GuidedModelOptions::slack
+  [[nodiscard]] double slack() const noexcept { return slack_; }
   /// us, the root mean square of |u|: the unit of v = u / us.
   [[nodiscard]] double control_unit() const noexcept { return control_unit_; }
   /// Largest demonstrated |v| near time step t.
@@ -56,6 +69,7 @@ class GuidedModel {
   std::vector<double> accept_;
   std::vector<double> gate_;
   std::vector<double> largest_;
+  double slack_;
   double control_unit_ = 1.0;
 };
 

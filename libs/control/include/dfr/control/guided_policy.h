@@ -51,8 +51,7 @@ struct GuidedOptions {
   double ample_progress = 0.5;  ///< A filtered control keeps this share of the learned one's effect
                                 ///< on the way to hi,
   double least_progress = 0.1;  ///< and this on the way to lo.
-  double slack_level = -0.2;    ///< With slack: l of the predicted state is at least this,
-  double slack_margin = 0.05;   ///< and within this of the best that J can reach.
+  double slack_margin = 0.25;   ///< With slack: within this share of it of the best J can reach.
   double probe_size = 0.35;     ///< Above the noise of observations, unlike g / (500 lambda).
   double probe_above = 5.0;     ///< Probes where the largest eigenvalue of A^-1 is beyond this.
   double outside_share = 0.25;  ///< Of the largest demonstrated control, while outside.

@@ -75,4 +75,15 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   std::vector<Phase> phases_;
 };
 
+/// How deep inside demonstrations are that a support has not seen: l_t of each state of each
+/// demonstration under an estimate fitted without it, the largest over the time steps t -
+/// phase_window ... t + phase_window, as a controller that re-aligns its phase finds it. Every
+/// `folds`-th demonstration is left out at a time, whole demonstrations, for the states of one are
+/// alike. Values come in no particular order.
+/// @throws as WhitenedSupport::Fit(), and std::invalid_argument if there are fewer than three
+///   demonstrations, fewer than two folds, or phase_window is negative.
+[[nodiscard]] std::vector<double> HeldOutLevels(std::span<const core::Matrix> demonstrations,
+                                                const WhitenedSupportOptions& options = {},
+                                                int folds = 5, int phase_window = 3);
+
 }  // namespace dfr::kernel
