@@ -34,7 +34,7 @@ void RunFit(const FitOptions& options);
 
 struct EvaluateOptions {
   std::filesystem::path model = "model";
-  std::vector<std::string> methods = {"baseline", "early-stopping", "dfr"};
+  std::vector<std::string> methods = {"baseline", "early-stopping", "dfr", "guided"};
   int episodes = 60;
   std::uint64_t seed = 1001;
   int threads = 0;
@@ -63,7 +63,7 @@ void RunExperiment(const ExperimentOptions& options);
 
 struct RenderOptions {
   std::filesystem::path model = "model";
-  std::vector<std::string> methods = {"dfr"};
+  std::vector<std::string> methods = {"baseline", "dfr", "guided"};
   std::uint64_t seed = 1;  ///< Of the start state.
   std::filesystem::path out = "rollout.mp4";
   int width = 640;
@@ -74,7 +74,7 @@ void RunRender(const RenderOptions& options);
 
 struct ViewOptions {
   std::filesystem::path model = "model";
-  std::string method = "dfr";
+  std::string method = "guided";
   std::uint64_t seed = 1;
   sim::PusherOptions plant;
 };

@@ -9,8 +9,8 @@
 namespace dfr::apps {
 
 void RunEvaluate(const EvaluateOptions& options) {
-  std::vector<control::Recovery> methods;
-  for (const std::string& name : options.methods) methods.push_back(ParseMethod(name));
+  std::vector<Method> methods;
+  for (const std::string& name : options.methods) methods.push_back(Method::Parse(name));
   const Model model = Model::Load(options.model);
   const std::vector<int>& sizes = model.policy().mlp().sizes();
   const Learner learner{.hidden = {sizes.begin() + 1, sizes.end() - 1}};

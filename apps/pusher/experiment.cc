@@ -22,7 +22,7 @@ constexpr int kFilmHeight = 360;
 
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   experiment::EvaluationPlan plan;
-  plan.methods = {"baseline", "early-stopping", "dfr"};
+  plan.methods = {"baseline", "early-stopping", "dfr", "guided"};
   plan.learners = {"8", "64-64"};
   plan.seed = options.seed;
   plan.episodes = 60;
@@ -65,6 +65,7 @@ std::map<std::string, std::string> Settings(const ExperimentOptions& options,
           {"start_y", Text(options.plant.start_y)},
           {"nu", Text(model.nu)},
           {"gamma", Text(model.gamma)},
+          {"guided_gamma", Text(model.guided_gamma)},
           {"horizon", std::to_string(model.horizon)},
           {"support_features", model.support_features},
           {"epochs", std::to_string(model.learner.epochs)},
@@ -197,8 +198,9 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
       "A 7-joint arm pushes a cylinder over a goal, past two red regions that neither arm nor "
       "cylinder may touch. A policy is learned from a supervisor's demonstrations, and run alone "
       "(Baseline), until it comes near the boundary of the demonstrated states' support (Early "
-      "Stopping), or with Derivative-Free Recovery (DFR) there. All methods start from the same "
-      "states.";
+      "Stopping), or with Derivative-Free Recovery (DFR) there: these are the paper's methods. "
+      "Guided recovery learns from every control how the state answers, and changes the learned "
+      "control as little as keeps it inside. All methods start from the same states.";
   for (const std::string& learner : plan.learners) {
     report.learner_names[learner] = learner + " tanh";
   }
@@ -209,6 +211,7 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
   report.settings.emplace_back("lambda", "per time step, the demonstrations' maximum");
   report.settings.emplace_back(
       "DFR", "probe g/(500 lambda), step |g|/(50 lambda), at most 500 iterations");
+  report.settings.emplace_back("guided recovery", "the defaults of control::GuidedOptions");
   report.figures.push_back(OverlapFigure(summary, plan));
   report.tables.push_back(PaperTable(summary, plan));
   report.notes.push_back(
@@ -245,7 +248,7 @@ void RunExperiment(const ExperimentOptions& options) {
   const std::filesystem::path supervisor_file =
       options.supervisor.empty() ? ShippedSupervisor() : options.supervisor;
   SiteOptions site_options;
-  for (const std::string& name : plan.methods) site_options.methods.push_back(ParseMethod(name));
+  for (const std::string& name : plan.methods) site_options.methods.push_back(Method::Parse(name));
   for (const std::string& name : plan.learners) static_cast<void>(Learner::Parse(name));
   site_options.model = options.model;
   site_options.plant = options.plant;

@@ -59,8 +59,8 @@ struct Range {
 Range RangeOf(const Film& film) {
   Range range;
   for (const FilmFrame& frame : film.frames) {
-    range.Include(frame.step.g);
-    range.Include(std::min(frame.step.threshold, 4.0 * std::max(range.high, 1e-3)));
+    range.Include(frame.level);
+    range.Include(std::min(frame.threshold, 4.0 * std::max(range.high, 1e-3)));
   }
   return range;
 }
@@ -84,30 +84,27 @@ void DrawStrip(cv::Mat& strip, const Film& film, std::size_t now) {
     return bottom - static_cast<int>(std::lround(f * (bottom - top)));
   };
   cv::line(strip, {left, y_of(0.0)}, {right, y_of(0.0)}, kFaint, 1, cv::LINE_AA);
-  Write(strip, "g = 0", {8, y_of(0.0) + 4}, 0.38, kInk);
-  Write(strip, "decision function g", {left, 16}, 0.42, kInk);
-  Write(strip, "threshold", {left + 160, 16}, 0.42, kThresholdColour);
-  bool any = false;
+  const bool logarithmic = film.frames.back().logarithmic;
+  Write(strip, logarithmic ? "l = 0" : "g = 0", {8, y_of(0.0) + 4}, 0.38, kInk);
+  Write(strip, logarithmic ? "log decision function l" : "decision function g", {left, 16}, 0.42,
+        kInk);
+  Write(strip, "threshold", {left + 190, 16}, 0.42, kThresholdColour);
   for (std::size_t i = 1; i <= now && i < film.frames.size(); ++i) {
-    const control::Step& a = film.frames[i - 1].step;
-    const control::Step& b = film.frames[i].step;
+    const FilmFrame& a = film.frames[i - 1];
+    const FilmFrame& b = film.frames[i];
     if (std::isfinite(a.threshold) && std::isfinite(b.threshold)) {
       cv::line(strip, {x_of(i - 1), y_of(a.threshold)}, {x_of(i), y_of(b.threshold)},
                kThresholdColour, 1, cv::LINE_AA);
     }
-    if (std::isfinite(a.g) && std::isfinite(b.g)) {
-      any = true;
-      cv::line(strip, {x_of(i - 1), y_of(a.g)}, {x_of(i), y_of(b.g)}, Colour(b.mode), 2,
-               cv::LINE_AA);
+    if (std::isfinite(a.level) && std::isfinite(b.level)) {
+      cv::line(strip, {x_of(i - 1), y_of(a.level)}, {x_of(i), y_of(b.level)}, Colour(b.step.mode),
+               2, cv::LINE_AA);
     }
   }
-  if (now < film.frames.size() && std::isfinite(film.frames[now].step.g)) {
-    any = true;
-    cv::circle(strip, {x_of(now), y_of(film.frames[now].step.g)}, 4,
+  if (now < film.frames.size() && std::isfinite(film.frames[now].level)) {
+    cv::circle(strip, {x_of(now), y_of(film.frames[now].level)}, 4,
                Colour(film.frames[now].step.mode), cv::FILLED, cv::LINE_AA);
   }
-  if (!any && now > 0)
-    Write(strip, "this method does not look at g", {left, bottom - 30}, 0.42, kThresholdColour);
 }
 
 std::string StateText(const Film& film, std::size_t now, cv::Scalar& colour) {
@@ -130,7 +127,8 @@ std::string StateText(const Film& film, std::size_t now, cv::Scalar& colour) {
     std::snprintf(text, sizeof text, "t = %d  recovery, iteration %d", frame.step.t,
                   frame.step.iteration);
   } else {
-    std::snprintf(text, sizeof text, "t = %d  learned policy", frame.step.t);
+    std::snprintf(text, sizeof text, "t = %d  learned policy%s", frame.step.t,
+                  frame.step.filtered ? ", filtered" : "");
   }
   return text;
 }
@@ -171,16 +169,18 @@ void CheckFilms(std::span<const Film> films) {
 
 }  // namespace
 
-FilmRecorder::FilmRecorder(std::string title, int width, int height, Draw draw, int recovery_stride)
+FilmRecorder::FilmRecorder(std::string title, int width, int height, Draw draw,
+                           const core::DecisionFunction& support, int recovery_stride)
     : width_(width),
       height_(height),
       draw_(std::move(draw)),
+      support_(&support),
       recovery_stride_(recovery_stride),
       rgb_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * 3) {
   film_.title = std::move(title);
 }
 
-void FilmRecorder::Capture(const control::Step& step) {
+void FilmRecorder::Capture(const control::Step& step, std::span<const double> x) {
   draw_(rgb_);
   const cv::Mat rgb(height_, width_, CV_8UC3, rgb_.data());
   cv::Mat bgr;
@@ -188,28 +188,37 @@ void FilmRecorder::Capture(const control::Step& step) {
   FilmFrame frame;
   cv::imencode(".jpg", bgr, frame.jpeg, {cv::IMWRITE_JPEG_QUALITY, 92});
   frame.step = step;
+  frame.logarithmic = std::isfinite(step.log_g);
+  frame.level = frame.logarithmic       ? step.log_g
+                : std::isfinite(step.g) ? step.g
+                                        : support_->Decision(step.t, x);
+  frame.threshold = step.threshold;
   frame.controls = controls_;
   film_.frames.push_back(std::move(frame));
 }
 
-void FilmRecorder::OnStart(std::span<const double> /*x*/) {
+void FilmRecorder::OnStart(std::span<const double> x) {
   control::Step step;
   step.mode = control::Mode::kPolicy;
-  Capture(step);
+  last_x_.assign(x.begin(), x.end());
+  Capture(step, x);
 }
 
 void FilmRecorder::OnControl(const control::RolloutEvent& event) {
   ++controls_;
+  last_x_.assign(event.next_x.begin(), event.next_x.end());
   const bool policy = event.step.mode == control::Mode::kPolicy;
   if (!policy) ++recovery_controls_;
   if (policy || event.collided || event.completed || recovery_controls_ % recovery_stride_ == 1) {
-    Capture(event.step);
+    Capture(event.step, event.x);
+    // The first control was chosen in the start state, whose picture it did not know.
+    if (film_.frames.size() == 2) film_.frames.front().CopyLevel(film_.frames.back());
   }
 }
 
 void FilmRecorder::OnEnd(const control::RolloutResult& result) {
   film_.result = result;
-  Capture(result.last_step);
+  Capture(result.last_step, last_x_);
 }
 
 void WriteVideo(const std::filesystem::path& path, std::span<const Film> films) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "dfr/control/rollout.h"
+#include "dfr/core/decision_function.h"
 
 namespace dfr::apps {
 
@@ -15,7 +16,16 @@ namespace dfr::apps {
 struct FilmFrame {
   std::vector<std::uint8_t> jpeg;
   control::Step step;
+  double level = 0.0;      ///< g, or its log form where the controller works with that.
+  double threshold = 0.0;  ///< Of the same; NaN: none.
+  bool logarithmic = false;
   int controls = 0;  ///< Applied so far.
+
+  void CopyLevel(const FilmFrame& other) {
+    level = other.level;
+    threshold = other.threshold;
+    logarithmic = other.logarithmic;
+  }
 };
 
 /// A rollout as pictures, kept compressed.
@@ -32,7 +42,9 @@ class FilmRecorder final : public control::RolloutObserver {
   /// Draws the plant's present state: width x height RGB bytes, top row first.
   using Draw = std::function<void(std::span<std::uint8_t> rgb)>;
 
-  FilmRecorder(std::string title, int width, int height, Draw draw, int recovery_stride = 8);
+  /// Borrows `support`, whose g is shown where the controller does not look at any.
+  FilmRecorder(std::string title, int width, int height, Draw draw,
+               const core::DecisionFunction& support, int recovery_stride = 8);
 
   void OnStart(std::span<const double> x) override;
   void OnControl(const control::RolloutEvent& event) override;
@@ -41,14 +53,16 @@ class FilmRecorder final : public control::RolloutObserver {
   [[nodiscard]] Film Take() { return std::move(film_); }
 
  private:
-  void Capture(const control::Step& step);
+  void Capture(const control::Step& step, std::span<const double> x);
 
   int width_;
   int height_;
   Draw draw_;
+  const core::DecisionFunction* support_;
   int recovery_stride_;
   Film film_;
   std::vector<std::uint8_t> rgb_;
+  std::vector<double> last_x_;
   int controls_ = 0;
   int recovery_controls_ = 0;
 };

@@ -39,6 +39,10 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
       ->capture_default_str();
   command.add_option("--horizon", model.horizon, "T: controls of the learned policy per episode")
       ->capture_default_str();
+  command
+      .add_option("--guided-gamma", model.guided_gamma,
+                  "the same of guided recovery's support, whose features are whitened")
+      ->capture_default_str();
   command.add_option("--epochs", model.learner.epochs, "passes of Adam over the demonstrations")
       ->capture_default_str();
 }
@@ -75,8 +79,9 @@ int Main(int argc, char** argv) {
   command->add_flag("!--no-video", experiment.video, "leave the video out");
   command
       ->add_option("--methods", experiment.methods,
-                   "baseline, early-stopping, dfr, finite-difference (slow: an oracle); the first "
-                   "is the reference")
+                   "baseline, early-stopping, dfr, guided, guided-lwr (falls back on the "
+                   "demonstrations), guided-without-<part>, finite-difference (slow: an oracle); "
+                   "the first is the reference")
       ->delimiter(',');
   command
       ->add_option("--learners", experiment.learners,
@@ -127,9 +132,7 @@ int Main(int argc, char** argv) {
   EvaluateOptions evaluate;
   command = app.add_subcommand("evaluate", "run a model from fresh start states, by each method");
   command->add_option("--model", evaluate.model, "folder of fit")->capture_default_str();
-  command
-      ->add_option("--methods", evaluate.methods,
-                   "baseline, early-stopping, dfr, finite-difference")
+  command->add_option("--methods", evaluate.methods, "those of experiment")
       ->delimiter(',')
       ->capture_default_str();
   command->add_option("--episodes", evaluate.episodes, "start states")

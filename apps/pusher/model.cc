@@ -1,9 +1,8 @@
 #include "model.h"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
-#include <limits>
-#include <span>
 #include <stdexcept>
 
 #include "dfr/control/lambda.h"
@@ -15,14 +14,39 @@ namespace dfr::apps {
 namespace {
 
 constexpr std::string_view kSwitchingKind = "pusher-switching";
-constexpr int kSwitchingVersion = 1;
+constexpr int kSwitchingVersion = 2;
 
 // The state of Sec. V-A at rest: without the entries that no controller of the paper saw.
 constexpr std::string_view kPolicyFeatures = "qpos,tip,object,goal";
 
+// What guided recovery's support looks at: where the cylinder is, and where and how the gripper.
+constexpr std::string_view kGuidedFeatures = "object[0:2],tip,tip_tilt";
+
+constexpr std::array kRecoveries = {control::Recovery::kNone, control::Recovery::kEarlyStopping,
+                                    control::Recovery::kDfr, control::Recovery::kFiniteDifference};
+constexpr std::string_view kWithout = "guided-without-";
+
 // Layers of 1 to 1024 units, four at the most: what a learner of this task may need.
 constexpr int kMostUnits = 1024;
 constexpr std::size_t kMostLayers = 4;
+
+core::FeatureTransform GuidedFeatures(const imitation::DemonstrationSet& set) {
+  std::vector<core::Matrix> states;
+  states.reserve(set.trajectories.size());
+  for (const core::Trajectory& trajectory : set.trajectories) states.push_back(trajectory.states);
+  return core::FeatureTransform::Whitening(core::FeatureSelection(set.layout, kGuidedFeatures),
+                                           states);
+}
+
+std::vector<core::Matrix> Points(const imitation::DemonstrationSet& set,
+                                 const core::FeatureTransform& features) {
+  std::vector<core::Matrix> points;
+  points.reserve(set.trajectories.size());
+  for (const core::Trajectory& trajectory : set.trajectories) {
+    points.push_back(features.Apply(trajectory.states));
+  }
+  return points;
+}
 
 }  // namespace
 
@@ -46,20 +70,65 @@ Learner Learner::Parse(const std::string& name) {
 
 std::string Learner::Name() const {
   std::string name;
-  for (const int units : hidden) name += (name.empty() ? "" : "-") + std::to_string(units);
+  for (const int units : hidden) {
+    if (!name.empty()) name += '-';
+    name += std::to_string(units);
+  }
   return name;
 }
 
+Method Method::Parse(const std::string& name) {
+  Method method{.name = name};
+  std::string known;
+  for (const control::Recovery recovery : kRecoveries) {
+    method.recovery = recovery;
+    if (name == control::Name(recovery)) return method;
+    known.append(control::Name(recovery)).append(", ");
+  }
+  method.guided = true;
+  method.locally_weighted = name == "guided-lwr";
+  if (name == "guided" || method.locally_weighted) return method;
+  known += "guided, guided-lwr";
+  for (const control::GuidedPartName& part : control::GuidedPartNames()) {
+    const std::string without = std::string(kWithout).append(part.name);
+    if (name == without) {
+      method.parts.*part.part = false;
+      return method;
+    }
+    known.append(", ").append(without);
+  }
+  throw std::invalid_argument("there is no method '" + name + "'; there are: " + known);
+}
+
+kernel::WhitenedSupportOptions GuidedSupportOptions(double gamma) {
+  kernel::WhitenedSupportOptions options;
+  options.svm.gamma = gamma;
+  options.single_precision = true;
+  return options;
+}
+
+GuidedRecovery::GuidedRecovery(const imitation::DemonstrationSet& set, double gamma)
+    : GuidedRecovery(set, GuidedFeatures(set), GuidedSupportOptions(gamma)) {}
+
+GuidedRecovery::GuidedRecovery(const imitation::DemonstrationSet& set,
+                               const core::FeatureTransform& features,
+                               const kernel::WhitenedSupportOptions& options)
+    : support_(kernel::WhitenedSupport::Fit(Points(set, features), options)),
+      model_(features, support_, set.trajectories,
+             {.slack = control::SlackFrom(kernel::HeldOutLevels(Points(set, features), options))}),
+      locally_weighted_(features, set.trajectories) {}
+
 Model::Model(imitation::MlpPolicy policy, const core::FeatureSelection& features,
              kernel::TimeVaryingSupport support, std::vector<double> lambda, int horizon,
-             int demonstrations)
+             double guided_gamma, imitation::DemonstrationSet set)
     : policy_(std::make_unique<imitation::MlpPolicy>(std::move(policy))),
       support_(std::make_unique<kernel::TimeVaryingSupport>(std::move(support))),
       decision_(std::make_unique<core::FeatureDecision>(features, *support_)),
       feature_spec_(features.spec()),
       lambda_(std::move(lambda)),
       horizon_(horizon),
-      demonstrations_(demonstrations) {}
+      guided_gamma_(guided_gamma),
+      set_(std::make_unique<imitation::DemonstrationSet>(std::move(set))) {}
 
 Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
                  const ModelOptions& options) {
@@ -67,7 +136,8 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
       demonstrations >= 2 && static_cast<std::size_t>(demonstrations) <= set.trajectories.size(),
       "cannot fit to " << demonstrations << " demonstrations: there are " << set.trajectories.size()
                        << ", and 2 are needed");
-  const auto used = std::span(set.trajectories).first(static_cast<std::size_t>(demonstrations));
+  imitation::DemonstrationSet some = set;
+  some.trajectories.resize(static_cast<std::size_t>(demonstrations));
 
   imitation::FitMlpOptions fit;
   fit.hidden = options.learner.hidden;
@@ -75,14 +145,12 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
   fit.learning_rate = options.learner.learning_rate;
   fit.features = kPolicyFeatures;
   fit.seed = options.seed;
-  imitation::DemonstrationSet some = set;
-  some.trajectories.assign(used.begin(), used.end());
   imitation::MlpPolicy policy = imitation::FitMlp(some, fit);
 
   const core::FeatureSelection features(set.layout, options.support_features);
   std::vector<core::Matrix> supported;
-  supported.reserve(used.size());
-  for (const core::Trajectory& trajectory : used) {
+  supported.reserve(some.trajectories.size());
+  for (const core::Trajectory& trajectory : some.trajectories) {
     supported.push_back(features.Apply(trajectory.states));
   }
   kernel::TimeVaryingSupportOptions support_options;
@@ -91,9 +159,9 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
   support_options.num_steps = options.horizon + 1;
   kernel::TimeVaryingSupport support = kernel::TimeVaryingSupport::Fit(supported, support_options);
   const core::FeatureDecision decision(features, support);
-  std::vector<double> lambda = control::EstimateLambda(decision, used);
+  std::vector<double> lambda = control::EstimateLambda(decision, some.trajectories);
   return Model(std::move(policy), features, std::move(support), std::move(lambda), options.horizon,
-               demonstrations);
+               options.guided_gamma, std::move(some));
 }
 
 void Model::Save(const std::filesystem::path& folder) const {
@@ -108,8 +176,9 @@ void Model::Save(const std::filesystem::path& folder) const {
   switching.Text(feature_spec_);
   switching.Numbers(lambda_);
   switching.Integer(horizon_);
-  switching.Integer(demonstrations_);
+  switching.Number(guided_gamma_);
   switching.Save(folder / "switching.dfr");
+  imitation::SaveRobomimic(*set_, folder / "demonstrations.hdf5");
 }
 
 Model Model::Load(const std::filesystem::path& folder) {
@@ -119,24 +188,38 @@ Model Model::Load(const std::filesystem::path& folder) {
   const std::string spec = switching.Text();
   std::vector<double> lambda = switching.Numbers();
   const int horizon = switching.IntegerIn(1, 1'000'000);
-  const int demonstrations = switching.IntegerIn(1, std::numeric_limits<int>::max());
+  const double guided_gamma = switching.Number();
   switching.End();
+  imitation::DemonstrationSet set = imitation::LoadRobomimic(folder / "demonstrations.hdf5");
   try {
     const core::FeatureSelection features(policy.layout(), spec);
     return Model(std::move(policy), features, std::move(support), std::move(lambda), horizon,
-                 demonstrations);
+                 guided_gamma, std::move(set));
   } catch (const std::invalid_argument& e) {
     switching.Fail(std::string("does not fit the other files of this model: ") + e.what());
   }
 }
 
-control::SwitchingPolicy Model::MakeController(control::Recovery recovery,
-                                               const core::SimulatedPlant* oracle_plant) const {
+const GuidedRecovery& Model::guided() {
+  if (guided_ == nullptr) guided_ = std::make_unique<GuidedRecovery>(*set_, guided_gamma_);
+  return *guided_;
+}
+
+std::unique_ptr<control::Controller> Model::MakeController(
+    const Method& method, const core::SimulatedPlant* oracle_plant) {
+  if (method.guided) {
+    control::GuidedOptions options;
+    options.parts = method.parts;
+    options.horizon = horizon_;
+    return std::make_unique<control::GuidedPolicy>(
+        *policy_, guided().model(), options,
+        method.locally_weighted ? &guided().locally_weighted() : nullptr);
+  }
   control::SwitchingPolicyOptions options;
-  options.recovery = recovery;
+  options.recovery = method.recovery;
   options.horizon = horizon_;
   options.oracle_plant = oracle_plant;
-  return {*policy_, *decision_, lambda_, options};
+  return std::make_unique<control::SwitchingPolicy>(*policy_, *decision_, lambda_, options);
 }
 
 }  // namespace dfr::apps

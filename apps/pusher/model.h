@@ -6,11 +6,17 @@
 #include <string>
 #include <vector>
 
+#include "dfr/control/controller.h"
+#include "dfr/control/guided_model.h"
+#include "dfr/control/guided_policy.h"
 #include "dfr/control/switching_policy.h"
 #include "dfr/core/features.h"
+#include "dfr/core/plant.h"
 #include "dfr/imitation/demonstrations.h"
+#include "dfr/imitation/locally_weighted_policy.h"
 #include "dfr/imitation/mlp_policy.h"
 #include "dfr/kernel/time_varying_support.h"
+#include "dfr/kernel/whitened_support.h"
 
 namespace dfr::apps {
 
@@ -31,12 +37,47 @@ struct ModelOptions {
   Learner learner;
   std::string support_features = "red,object,tip";
   double nu = 0.05;
-  double gamma = 5.0;  ///< 1/m^2
-  int horizon = 60;    ///< T
+  double gamma = 5.0;          ///< 1/m^2
+  int horizon = 60;            ///< T
+  double guided_gamma = 0.35;  ///< Of guided recovery's support, in whitened units.
   std::uint64_t seed = 1;
 };
 
-/// All that is learned from one set of demonstrations: policy, support, and lambda.
+/// Who is in control of an episode.
+struct Method {
+  std::string name;
+  bool guided = false;
+  control::Recovery recovery = control::Recovery::kNone;  ///< If not guided: Algorithm 1's.
+  control::GuidedParts parts = {};                        ///< If guided: its parts, and whether it
+  bool locally_weighted = false;                          ///< falls back on the demonstrations.
+
+  /// "baseline", "early-stopping", "dfr", "finite-difference", "guided", "guided-lwr", or
+  /// "guided-without-<part>" with a part of control::GuidedPartNames().
+  /// @throws std::invalid_argument naming what is unknown and what there is.
+  static Method Parse(const std::string& name);
+};
+
+/// What guided recovery learns from demonstrations of this task. Its parts borrow from each other.
+class GuidedRecovery {
+ public:
+  GuidedRecovery(const imitation::DemonstrationSet& set, double gamma);
+  GuidedRecovery(const GuidedRecovery&) = delete;
+  GuidedRecovery& operator=(const GuidedRecovery&) = delete;
+
+  [[nodiscard]] const control::GuidedModel& model() const noexcept { return model_; }
+  [[nodiscard]] const core::Policy& locally_weighted() const noexcept { return locally_weighted_; }
+
+ private:
+  GuidedRecovery(const imitation::DemonstrationSet& set, const core::FeatureTransform& features,
+                 const kernel::WhitenedSupportOptions& options);
+
+  kernel::WhitenedSupport support_;
+  control::GuidedModel model_;
+  imitation::LocallyWeightedPolicy locally_weighted_;
+};
+
+/// All that is learned from one set of demonstrations: policy, support, lambda, and, once a method
+/// asks for it, what guided recovery needs.
 class Model {
  public:
   /// Fits to the first `demonstrations` trajectories of the set.
@@ -44,7 +85,8 @@ class Model {
   static Model Fit(const imitation::DemonstrationSet& set, int demonstrations,
                    const ModelOptions& options);
 
-  /// Writes policy.dfr, support.dfr and switching.dfr into `folder`, which is made if need be.
+  /// Writes policy.dfr, support.dfr, switching.dfr and demonstrations.hdf5, from which guided
+  /// recovery is fitted, into `folder`, which is made if need be.
   void Save(const std::filesystem::path& folder) const;
   static Model Load(const std::filesystem::path& folder);
 
@@ -54,16 +96,20 @@ class Model {
   [[nodiscard]] const kernel::TimeVaryingSupport& estimate() const noexcept { return *support_; }
   [[nodiscard]] const std::vector<double>& lambda() const noexcept { return lambda_; }
   [[nodiscard]] int horizon() const noexcept { return horizon_; }
-  [[nodiscard]] int demonstrations() const noexcept { return demonstrations_; }
+  [[nodiscard]] int demonstrations() const noexcept {
+    return static_cast<int>(set_->trajectories.size());
+  }
+  /// Fitted on the first call, in a fraction of a second; for one thread.
+  [[nodiscard]] const GuidedRecovery& guided();
 
-  /// Algorithm 1 with this model; `oracle_plant` is for Recovery::kFiniteDifference only.
-  [[nodiscard]] control::SwitchingPolicy MakeController(
-      control::Recovery recovery, const core::SimulatedPlant* oracle_plant = nullptr) const;
+  /// Borrows this model; `oracle_plant` is for Recovery::kFiniteDifference only.
+  [[nodiscard]] std::unique_ptr<control::Controller> MakeController(
+      const Method& method, const core::SimulatedPlant* oracle_plant = nullptr);
 
  private:
   Model(imitation::MlpPolicy policy, const core::FeatureSelection& features,
         kernel::TimeVaryingSupport support, std::vector<double> lambda, int horizon,
-        int demonstrations);
+        double guided_gamma, imitation::DemonstrationSet set);
 
   // On the heap, so that what borrows them stays valid when a Model moves.
   std::unique_ptr<const imitation::MlpPolicy> policy_;
@@ -72,7 +118,9 @@ class Model {
   std::string feature_spec_;
   std::vector<double> lambda_;
   int horizon_;
-  int demonstrations_;
+  double guided_gamma_;
+  std::unique_ptr<const imitation::DemonstrationSet> set_;
+  std::unique_ptr<const GuidedRecovery> guided_;
 };
 
 }  // namespace dfr::apps

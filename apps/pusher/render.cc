@@ -12,8 +12,8 @@
 namespace dfr::apps {
 
 void RunRender(const RenderOptions& options) {
-  std::vector<control::Recovery> methods;
-  for (const std::string& name : options.methods) methods.push_back(ParseMethod(name));
+  std::vector<Method> methods;
+  for (const std::string& name : options.methods) methods.push_back(Method::Parse(name));
   PusherSite site(Model::Load(options.model), methods, options.plant, {});
   const std::vector<Film> films =
       Shoot(site, options.methods, options.seed, core::DeriveSeed(options.seed, {1}), options.width,
@@ -75,7 +75,7 @@ class WindowObserver final : public control::RolloutObserver {
 }  // namespace
 
 void RunView(const ViewOptions& options) {
-  PusherSite site(Model::Load(options.model), {ParseMethod(options.method)}, options.plant, {});
+  PusherSite site(Model::Load(options.model), {Method::Parse(options.method)}, options.plant, {});
   sim::PusherWindow window(site.plant(), "pusher: " + options.method);
   bool open = true;
   for (std::uint64_t episode = 0; open; ++episode) {

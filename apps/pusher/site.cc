@@ -1,6 +1,5 @@
 #include "site.h"
 
-#include <array>
 #include <span>
 #include <stdexcept>
 
@@ -11,9 +10,6 @@
 namespace dfr::apps {
 namespace {
 
-constexpr std::array kMethods = {control::Recovery::kNone, control::Recovery::kEarlyStopping,
-                                 control::Recovery::kDfr, control::Recovery::kFiniteDifference};
-
 // Streams of the experiment's seed; 0 and 1 are the evaluation's start states and controllers.
 constexpr std::uint64_t kDemonstrationStream = 2;
 constexpr std::uint64_t kLearnerStream = 3;
@@ -22,15 +18,6 @@ constexpr std::uint64_t kOverlapStream = 4;
 constexpr int kOverlapSamples = 4000;
 
 }  // namespace
-
-control::Recovery ParseMethod(const std::string& name) {
-  std::string known;
-  for (const control::Recovery method : kMethods) {
-    if (name == control::Name(method)) return method;
-    known += std::string(known.empty() ? "" : ", ") + control::Name(method);
-  }
-  throw std::invalid_argument("there is no method '" + name + "'; there are: " + known);
-}
 
 double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set,
                       sim::PusherPlant& plant, int samples, std::uint64_t seed) {
@@ -75,14 +62,14 @@ double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set
   return inside > 0 ? static_cast<double>(red) / inside : 0.0;
 }
 
-PusherSite::PusherSite(Model model, const std::vector<control::Recovery>& methods,
+PusherSite::PusherSite(Model model, const std::vector<Method>& methods,
                        const sim::PusherOptions& plant_options,
                        std::map<std::string, double> measures)
     : plant_(std::make_unique<sim::PusherPlant>(plant_options)),
       model_(std::move(model)),
       measures_(std::move(measures)),
       start_(static_cast<std::size_t>(plant_->state_dim())) {
-  for (const control::Recovery method : methods) {
+  for (const Method& method : methods) {
     controllers_.push_back(model_.MakeController(method, plant_.get()));
   }
 }
@@ -96,7 +83,7 @@ bool PusherSite::Accepts(std::uint64_t start_seed) {
 control::RolloutResult PusherSite::Watch(int method, std::uint64_t start_seed,
                                          std::uint64_t controller_seed,
                                          control::RolloutObserver* observer) {
-  return control::Rollout(*plant_, controllers_.at(static_cast<std::size_t>(method)),
+  return control::Rollout(*plant_, *controllers_.at(static_cast<std::size_t>(method)),
                           {.plant_seed = start_seed, .controller_seed = controller_seed}, observer,
                           &workspace_);
 }
@@ -120,8 +107,10 @@ std::vector<Film> Shoot(PusherSite& site, const std::vector<std::string>& titles
   sim::PusherRenderer renderer(site.plant(), {.width = width, .height = height});
   std::vector<Film> films;
   for (std::size_t i = 0; i < titles.size(); ++i) {
-    FilmRecorder recorder(titles[i], width, height,
-                          [&](std::span<std::uint8_t> rgb) { renderer.Draw(site.plant(), rgb); });
+    FilmRecorder recorder(
+        titles[i], width, height,
+        [&](std::span<std::uint8_t> rgb) { renderer.Draw(site.plant(), rgb); },
+        site.model().support());
     site.Watch(static_cast<int>(i), start_seed, controller_seed, &recorder);
     films.push_back(recorder.Take());
   }

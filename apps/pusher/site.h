@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "dfr/control/controller.h"
 #include "dfr/control/rollout.h"
-#include "dfr/control/switching_policy.h"
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/imitation/gaussian_policy.h"
 #include "dfr/sim/pusher/pusher_plant.h"
@@ -17,10 +17,6 @@
 #include "supervisor.h"
 
 namespace dfr::apps {
-
-/// "baseline", "early-stopping", "dfr", "finite-difference".
-/// @throws std::invalid_argument naming what is unknown and what there is.
-[[nodiscard]] control::Recovery ParseMethod(const std::string& name);
 
 /// An estimate's overlap with the red regions, P(red | g >= 0): states drawn around the
 /// demonstrated ones (cylinder displaced uniformly by at most 0.15 m, each joint by at most 0.1
@@ -32,7 +28,7 @@ namespace dfr::apps {
 /// One unit of the experiment: a model, and a plant to run it on.
 class PusherSite final : public experiment::EvaluationSite {
  public:
-  PusherSite(Model model, const std::vector<control::Recovery>& methods,
+  PusherSite(Model model, const std::vector<Method>& methods,
              const sim::PusherOptions& plant_options, std::map<std::string, double> measures);
 
   [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
@@ -44,11 +40,12 @@ class PusherSite final : public experiment::EvaluationSite {
   control::RolloutResult Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
                                control::RolloutObserver* observer);
   [[nodiscard]] const sim::PusherPlant& plant() const noexcept { return *plant_; }
+  [[nodiscard]] const Model& model() const noexcept { return model_; }
 
  private:
   std::unique_ptr<sim::PusherPlant> plant_;
   Model model_;
-  std::vector<control::SwitchingPolicy> controllers_;
+  std::vector<std::unique_ptr<control::Controller>> controllers_;
   std::map<std::string, double> measures_;
   control::RolloutWorkspace workspace_;
   std::vector<double> start_;
@@ -62,7 +59,7 @@ class PusherSite final : public experiment::EvaluationSite {
 
 /// Options of the experiment that decide its results.
 struct SiteOptions {
-  std::vector<control::Recovery> methods;
+  std::vector<Method> methods;
   ModelOptions model;  ///< Learner and seed are the unit's.
   sim::PusherOptions plant;
   int most_demonstrations = 120;

@@ -57,9 +57,9 @@ class PusherTest(unittest.TestCase):
         out = self.run_pusher("fit", "--demonstrations", "d.hdf5", "--out", "m")
         self.assertIn("policy 8", out)
         out = self.run_pusher("evaluate", "--model", "m", "--episodes", 3)
-        for method in ("baseline", "early-stopping", "dfr"):
+        for method in ("baseline", "early-stopping", "dfr", "guided"):
             self.assertIn(method, out)
-        out = self.run_pusher("render", "--model", "m", "--methods", "early-stopping", "--width", 160,
+        out = self.run_pusher("render", "--model", "m", "--methods", "early-stopping,guided", "--width", 160,
                               "--height", 120, "--out", "last.png")
         self.assertIn("controls", out)
         self.assertEqual((self.folder / "last.png").read_bytes()[:4], b"\x89PNG")
@@ -70,14 +70,14 @@ class PusherTest(unittest.TestCase):
         one = self.summary("one")
         self.assertEqual(without_times(one), without_times(self.summary("two")))
         self.assertEqual(one["experiment"], "pusher")
-        self.assertEqual(len(one["cells"]), 3 * 2)
+        self.assertEqual(len(one["cells"]), 4 * 2)
         for cell in one["cells"]:
             self.assertLessEqual(CELL_KEYS, cell.keys())
             self.assertEqual(cell["episodes"], 2 * 4)
             self.assertAlmostEqual(cell["completed"] + cell["halted"] + cell["collided"], 1.0)
             low, high = cell["collided_interval"]
             self.assertTrue(0.0 <= low <= cell["collided"] <= high <= 1.0)
-        self.assertEqual({c["method"] for c in one["contrasts"]}, {"early-stopping", "dfr"})
+        self.assertEqual({c["method"] for c in one["contrasts"]}, {"early-stopping", "dfr", "guided"})
         report = (self.folder / "one" / "report.html").read_text()
         self.assertIn(one["commit"], report)
 

@@ -155,6 +155,8 @@ class Page {
     if (method == "early-stopping") return "Early stopping";
     if (method == "dfr") return "DFR";
     if (method == "finite-difference") return "Oracle";
+    if (method == "guided") return "Guided";
+    if (method == "guided-lwr") return "Guided + LWR";
     return method;
   }
 
