@@ -1,0 +1,130 @@
+#include "dfr/kinematics/psm.h"
+
+#include <cmath>
+
+#include "dfr/kinematics/psm_chain.h"
+
+namespace dfr::kinematics {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kDegree = kPi / 180.0;
+// From the remote centre to the wrist-pitch axis at insertion 0, negative: 0.4162 m - 0.4318 m.
+constexpr double kShaftOffset = 0.4162 - 0.4318;
+constexpr double kWristLength = 0.0091;  // wrist-pitch to wrist-yaw axis
+
+// Rx(alpha) Tx(a) Rz(theta) Tz(d).
+Eigen::Isometry3d Link(const PsmLink& row, double q) noexcept {
+  const double theta = row.theta + (row.prismatic ? 0.0 : q);
+  const double d = row.d + (row.prismatic ? q : 0.0);
+  const double ca = std::cos(row.alpha);
+  const double sa = std::sin(row.alpha);
+  const double ct = std::cos(theta);
+  const double st = std::sin(theta);
+  Eigen::Isometry3d link;
+  link.matrix() << ct, -st, 0.0, row.a,  //
+      ca * st, ca * ct, -sa, -sa * d,    //
+      sa * st, sa * ct, ca, ca * d,      //
+      0.0, 0.0, 0.0, 1.0;
+  return link;
+}
+
+// From the last link's frame to the console's tool frame.
+Eigen::Matrix3d ToolRotation() noexcept {
+  Eigen::Matrix3d r;
+  r << 0.0, -1.0, 0.0, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0;
+  return r;
+}
+
+}  // namespace
+
+const char* Name(PsmReach reach) noexcept {
+  switch (reach) {
+    case PsmReach::kOk:
+      return "ok";
+    case PsmReach::kInvalid:
+      return "invalid";
+    case PsmReach::kSingular:
+      return "singular";
+    case PsmReach::kJointLimit:
+      return "joint-limit";
+  }
+  return "unknown";
+}
+
+PsmJoints Psm::lower_limits() noexcept {
+  PsmJoints q;
+  q << -91 * kDegree, -53 * kDegree, 0.0, -260 * kDegree, -80 * kDegree, -80 * kDegree;
+  return q;
+}
+
+PsmJoints Psm::upper_limits() noexcept {
+  PsmJoints q;
+  q << 91 * kDegree, 53 * kDegree, 0.240, 260 * kDegree, 80 * kDegree, 80 * kDegree;
+  return q;
+}
+
+bool Psm::WithinLimits(const PsmJoints& q) noexcept {
+  return (q.array() >= lower_limits().array()).all() && (q.array() <= upper_limits().array()).all();
+}
+
+Eigen::Isometry3d Psm::Forward(const PsmJoints& q) noexcept {
+  Eigen::Isometry3d pose = Link(kPsmLinks[0], q[0]);
+  for (int i = 1; i < 6; ++i) pose = pose * Link(kPsmLinks[static_cast<std::size_t>(i)], q[i]);
+  pose.linear() = pose.linear() * ToolRotation();
+  return pose;
+}
+
+Eigen::Vector3d Psm::Tip(const PsmJoints& q) noexcept {
+  return Forward(q) * Eigen::Vector3d(0.0, 0.0, kJawLength);
+}
+
+Eigen::Vector3d Psm::ShaftEnd(const PsmJoints& q) noexcept {
+  return (q[2] + kShaftOffset) * Eigen::Vector3d(std::sin(q[0]) * std::cos(q[1]), -std::sin(q[1]),
+                                                 -std::cos(q[0]) * std::cos(q[1]));
+}
+
+PsmReach Psm::Inverse(const Eigen::Isometry3d& pose, PsmJoints& q) noexcept {
+  if (!pose.matrix().allFinite()) return PsmReach::kInvalid;
+  const Eigen::Matrix3d r6 = pose.linear() * ToolRotation().transpose();
+  const Eigen::Vector3d p6 = pose.translation();
+
+  // x5, from the wrist-pitch to the wrist-yaw axis, is normal to the yaw axis z6, and the shaft's
+  // axis z4, which passes through the origin, lies in the plane of x5 and z6 (both are normal to
+  // the pitch axis). So the wrist-yaw axis p6, on that plane too, shows x5 once its part along z6
+  // is taken away. The other sign is a wrist folded back by more than a right angle.
+  const Eigen::Vector3d z6 = r6.col(2);
+  const Eigen::Vector3d normal_part = p6 - p6.dot(z6) * z6;
+  if (normal_part.norm() < 1e-9) return PsmReach::kSingular;
+  const Eigen::Vector3d x5 = normal_part.normalized();
+  const Eigen::Vector3d p5 = p6 - kWristLength * x5;
+  const double depth = p5.norm();
+  if (depth < 1e-6) return PsmReach::kSingular;
+
+  // The shaft's direction is (sin q0 cos q1, -sin q1, -cos q0 cos q1).
+  const Eigen::Vector3d shaft = p5 / depth;
+  q[0] = std::atan2(shaft.x(), -shaft.z());
+  q[1] = -std::asin(std::fmin(1.0, std::fmax(-1.0, shaft.y())));
+  q[2] = depth - kShaftOffset;
+  const Eigen::Matrix3d r3 =
+      (Link(kPsmLinks[0], q[0]) * Link(kPsmLinks[1], q[1]) * Link(kPsmLinks[2], q[2])).linear();
+  const Eigen::Vector3d z5_in_3 = r3.transpose() * x5.cross(z6);
+  q[3] = std::atan2(-z5_in_3.x(), z5_in_3.y());
+  const Eigen::Matrix3d r4 = r3 * Link(kPsmLinks[3], q[3]).linear();
+  const Eigen::Vector3d x5_in_4 = r4.transpose() * x5;
+  q[4] = std::atan2(x5_in_4.x(), x5_in_4.z());
+  const Eigen::Matrix3d r5 = r4 * Link(kPsmLinks[4], q[4]).linear();
+  const Eigen::Vector3d x6_in_5 = r5.transpose() * r6.col(0);
+  q[5] = std::atan2(x6_in_5.x(), x6_in_5.z());
+  return WithinLimits(q) ? PsmReach::kOk : PsmReach::kJointLimit;
+}
+
+PsmJoints PsmCorrection::Apply(const PsmJoints& q) const noexcept {
+  return q + offset + scale.cwiseProduct(q - reference);
+}
+
+PsmJoints PsmCorrection::Invert(const PsmJoints& q) const noexcept {
+  return reference + (q - offset - reference).cwiseQuotient((PsmJoints::Ones() + scale).eval());
+}
+
+}  // namespace dfr::kinematics

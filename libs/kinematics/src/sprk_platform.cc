@@ -1,0 +1,110 @@
+#include "dfr/kinematics/sprk_platform.h"
+
+#include <cmath>
+
+namespace dfr::kinematics {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kBaseRadius = 3.0398 * 0.0254;
+constexpr double kPlateRadius = 3.188 * 0.0254;
+constexpr double kHalfPair = 0.540042611 / 2;  // half the angle between the two joints of a pair
+
+// Direction from the centre to the joints of leg i: three pairs, at 150, 30 and 270 degrees.
+double JointAngle(int i) noexcept {
+  constexpr std::array<double, 6> kPair = {150, 150, 30, 30, 270, 270};
+  constexpr std::array<double, 6> kSide = {1, -1, 1, -1, 1, -1};
+  const auto k = static_cast<std::size_t>(i);
+  return kPair[k] * kPi / 180.0 + kSide[k] * kHalfPair;
+}
+
+// Direction in which servo i's arm points at angle 0: along the base's edge, away from its pair.
+double ArmDirection(int i) noexcept {
+  constexpr std::array<double, 6> kBeta = {4 * kPi / 3, kPi / 3, 2 * kPi / 3, -kPi / 3, 0.0, kPi};
+  return kBeta[static_cast<std::size_t>(i)];
+}
+
+Eigen::Vector3d OnCircle(double radius, double angle) noexcept {
+  return {radius * std::cos(angle), radius * std::sin(angle), 0.0};
+}
+
+// |leg|^2 is linear in cos and sin of the servo angle a:
+//   m sin(a) + n cos(a) = l,  with m = 2 r z, n = 2 r (leg's base along the arm), r the arm.
+bool ServoAngle(const Eigen::Vector3d& leg, int i, double& angle) noexcept {
+  constexpr double kArm = SprkPlatform::kArmLength;
+  constexpr double kLeg = SprkPlatform::kLegLength;
+  const double along = leg.dot(OnCircle(1.0, ArmDirection(i)));
+  const double l = leg.squaredNorm() + kArm * kArm - kLeg * kLeg;
+  const double m = 2.0 * kArm * leg.z();
+  const double n = 2.0 * kArm * along;
+  const double ratio = l / std::hypot(m, n);
+  if (!(std::abs(ratio) <= 1.0)) return false;
+  angle = std::remainder(std::asin(ratio) - std::atan2(n, m), 2.0 * kPi);
+  return std::abs(angle) <= SprkPlatform::kServoLimit;
+}
+
+}  // namespace
+
+Eigen::Isometry3d PlatformPose::Transform() const noexcept {
+  Eigen::Isometry3d transform = Eigen::Isometry3d::Identity();
+  transform.linear() = (Eigen::AngleAxisd(angles_rad.z(), Eigen::Vector3d::UnitZ()) *
+                        Eigen::AngleAxisd(angles_rad.y(), Eigen::Vector3d::UnitY()) *
+                        Eigen::AngleAxisd(angles_rad.x(), Eigen::Vector3d::UnitX()))
+                           .toRotationMatrix();
+  transform.translation() = translation_m;
+  return transform;
+}
+
+bool SprkPlatform::Inverse(const PlatformPose& pose, std::array<double, 6>& angles) noexcept {
+  if (!pose.translation_m.allFinite() || !pose.angles_rad.allFinite()) return false;
+  Eigen::Isometry3d plate = pose.Transform();
+  plate.translation().z() += kHomeHeight;
+  for (int i = 0; i < 6; ++i) {
+    const Eigen::Vector3d leg = plate * PlateJoint(i) - ServoAxis(i);
+    if (!ServoAngle(leg, i, angles[static_cast<std::size_t>(i)])) return false;
+  }
+  return true;
+}
+
+bool SprkPlatform::Reachable(const PlatformPose& pose) noexcept {
+  std::array<double, 6> angles;
+  return Inverse(pose, angles);
+}
+
+double SprkPlatform::ReachableShare(const PlatformPose& pose) noexcept {
+  constexpr int kSteps = 32;  // the reach is a connected region around home, not always convex
+  double reached = 0.0;
+  double beyond = 0.0;
+  for (int i = 1; i <= kSteps; ++i) {
+    const double share = static_cast<double>(i) / kSteps;
+    if (!Reachable({share * pose.translation_m, share * pose.angles_rad})) {
+      beyond = share;
+      break;
+    }
+    reached = share;
+  }
+  if (reached == 1.0) return 1.0;
+  while (beyond - reached > 1.0 / 1024.0) {
+    const double middle = 0.5 * (reached + beyond);
+    const bool ok = Reachable({middle * pose.translation_m, middle * pose.angles_rad});
+    (ok ? reached : beyond) = middle;
+  }
+  return reached;
+}
+
+Eigen::Vector3d SprkPlatform::PlateJoint(int i) noexcept {
+  return OnCircle(kPlateRadius, JointAngle(i));
+}
+
+Eigen::Vector3d SprkPlatform::ServoAxis(int i) noexcept {
+  return OnCircle(kBaseRadius, JointAngle(i));
+}
+
+Eigen::Vector3d SprkPlatform::ArmEnd(int i, double angle) noexcept {
+  Eigen::Vector3d end =
+      ServoAxis(i) + kArmLength * std::cos(angle) * OnCircle(1.0, ArmDirection(i));
+  end.z() = kArmLength * std::sin(angle);
+  return end;
+}
+
+}  // namespace dfr::kinematics

@@ -1,0 +1,149 @@
+#include "dfr/kinematics/psm.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "dfr/core/random.h"
+#include "dfr/kinematics/psm_chain.h"
+#include "tests/support/all_close.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::kinematics {
+namespace {
+
+using test::AllClose;
+
+constexpr double kDegree = 0.017453292519943295;
+
+PsmJoints Home() {
+  PsmJoints q = PsmJoints::Zero();
+  q[2] = 0.12;
+  return q;
+}
+
+PsmJoints RandomJoints(core::Random& random) {
+  PsmJoints q;
+  for (int i = 0; i < 6; ++i) {
+    // Insertion beyond the wrist's length: nearer, the wrist cannot be outside the remote centre.
+    const double low = i == 2 ? 0.05 : Psm::lower_limits()[i];
+    q[i] = random.Uniform(low, Psm::upper_limits()[i]);
+  }
+  // A roll of a full turn more is the same pose; the inverse gives the nearest to zero.
+  q[3] = random.Uniform(-3.1, 3.1);
+  return q;
+}
+
+// The published check of the kinematic table.
+TEST(PsmTest, HomeIsWhereTheManualHasIt) {
+  const Eigen::Isometry3d pose = Psm::Forward(Home());
+  EXPECT_TRUE(AllClose(pose.translation(), Eigen::Vector3d(0.0, 0.0, -0.1135), 1e-12));
+  EXPECT_TRUE(AllClose(pose.linear().col(2), Eigen::Vector3d(0.0, 0.0, -1.0), 1e-12));
+  EXPECT_TRUE(AllClose(Psm::Tip(Home()), Eigen::Vector3d(0.0, 0.0, -0.1237), 1e-12));
+}
+
+TEST(PsmTest, OneDegreeOfYawOrPitchMovesTheWristByTwoMillimetres) {
+  for (int joint : {0, 1}) {
+    PsmJoints q = Home();
+    q[joint] = kDegree;
+    const double moved =
+        (Psm::Forward(q).translation() - Psm::Forward(Home()).translation()).norm();
+    EXPECT_NEAR(moved, 0.1135 * kDegree, 1e-6);  // arc against chord
+    EXPECT_NEAR(moved, 0.0020, 5e-5);
+  }
+}
+
+// Along the shaft: insertion changes the position along a line through the origin only.
+TEST(PsmTest, ShaftPassesThroughTheRemoteCentreInEveryConfiguration) {
+  core::Random random(1);
+  for (int i = 0; i < 200; ++i) {
+    PsmJoints q = RandomJoints(random);
+    q[4] = q[5] = 0.0;  // a straight wrist: the pose's origin is on the shaft's axis
+    const Eigen::Isometry3d pose = Psm::Forward(q);
+    const Eigen::Vector3d axis = pose.linear().col(2);
+    EXPECT_LT(pose.translation().cross(axis).norm(), 1e-12);
+    EXPECT_GT(pose.translation().dot(axis), 0.0);
+    // A straight wrist continues the shaft by its length.
+    EXPECT_TRUE(AllClose(pose.translation() - 0.0091 * axis, Psm::ShaftEnd(q), 1e-15));
+  }
+}
+
+TEST(PsmTest, InverseUndoesForward) {
+  core::Random random(2);
+  for (int i = 0; i < 2000; ++i) {
+    SCOPED_TRACE(i);
+    const PsmJoints q = RandomJoints(random);
+    PsmJoints found;
+    ASSERT_EQ(Psm::Inverse(Psm::Forward(q), found), PsmReach::kOk);
+    // Rounding, magnified near wrist yaw 80 degrees, where the wrist is close to its singularity.
+    EXPECT_TRUE(AllClose(found, q, 1e-11));
+  }
+}
+
+TEST(PsmTest, PosesAreRigidAndInsertionMovesTheTipByItself) {
+  core::Random random(3);
+  for (int i = 0; i < 50; ++i) {
+    const PsmJoints q = RandomJoints(random);
+    const Eigen::Isometry3d pose = Psm::Forward(q);
+    EXPECT_TRUE(
+        AllClose(pose.linear() * pose.linear().transpose(), Eigen::Matrix3d::Identity(), 1e-14));
+    EXPECT_NEAR(pose.linear().determinant(), 1.0, 1e-14);
+    PsmJoints further = q;
+    further[2] += 0.01;
+    EXPECT_NEAR((Psm::Tip(further) - Psm::Tip(q)).norm(), 0.01, 1e-14);
+  }
+}
+
+// Two ways through the same table: frames as matrices, and one point from link to link.
+TEST(PsmTest, TheChainForAnyNumberTypeGivesTheSameTip) {
+  core::Random random(4);
+  for (int i = 0; i < 100; ++i) {
+    const PsmJoints q = RandomJoints(random);
+    Eigen::Vector3d tip;
+    PsmTip(q.data(), Psm::kJawLength, tip.data());
+    EXPECT_TRUE(AllClose(tip, Psm::Tip(q), 1e-15));
+  }
+}
+
+TEST(PsmTest, SaysWhyAPoseCannotBeReached) {
+  PsmJoints q;
+  Eigen::Isometry3d pose = Psm::Forward(Home());
+  pose.translation().x() = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(Psm::Inverse(pose, q), PsmReach::kInvalid);
+
+  pose = Psm::Forward(Home());
+  pose.translation().setZero();
+  EXPECT_EQ(Psm::Inverse(pose, q), PsmReach::kSingular);
+
+  pose = Psm::Forward(Home());
+  pose.translation().z() = -0.30;
+  EXPECT_EQ(Psm::Inverse(pose, q), PsmReach::kJointLimit);
+  EXPECT_GT(q[2], Psm::upper_limits()[2]);  // tells which joint
+
+  pose = Psm::Forward(Home());
+  pose.translation() = Eigen::Vector3d(0.0, 0.11, -0.05);
+  EXPECT_EQ(Psm::Inverse(pose, q), PsmReach::kJointLimit);
+}
+
+TEST(PsmTest, CorrectionInvertsItself) {
+  PsmCorrection correction;
+  correction.offset << 0.02, -0.01, 0.003, 0.1, -0.05, 0.04;
+  correction.scale << 0.02, -0.03, 0.01, 0.0, 0.05, -0.02;
+  correction.reference = Home();
+  const PsmJoints q = Home() + PsmJoints::Constant(0.05);
+  EXPECT_TRUE(AllClose(correction.Invert(correction.Apply(q)), q, 1e-15));
+  PsmJoints expected = q;
+  expected[0] += 0.02 + 0.02 * 0.05;
+  EXPECT_NEAR(correction.Apply(q)[0], expected[0], 1e-15);
+}
+
+TEST(PsmTest, NeverAllocates) {
+  const Eigen::Isometry3d pose = Psm::Forward(Home());
+  PsmJoints q;
+  const test::NoAlloc guard;
+  EXPECT_EQ(Psm::Inverse(pose, q), PsmReach::kOk);
+}
+
+}  // namespace
+}  // namespace dfr::kinematics

@@ -1,0 +1,121 @@
+#include "dfr/kinematics/sprk_platform.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "dfr/core/random.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::kinematics {
+namespace {
+
+constexpr double kDegree = 0.017453292519943295;
+
+// entries 0-2 translation, 3-5 angles
+PlatformPose Along(int entry, double value) {
+  PlatformPose pose;
+  (entry < 3 ? pose.translation_m[entry] : pose.angles_rad[entry - 3]) = value;
+  return pose;
+}
+
+// How far one entry can go from home.
+double Reach(int entry, double sign, double step) {
+  double value = 0.0;
+  while (SprkPlatform::Reachable(Along(entry, sign * (value + step)))) value += step;
+  return value;
+}
+
+// The definition of the mechanism: each leg, from the end of its arm to the plate, has its length.
+TEST(SprkPlatformTest, ServoAnglesGiveEveryLegItsLength) {
+  core::Random random(1);
+  int reachable = 0;
+  for (int trial = 0; trial < 1000; ++trial) {
+    PlatformPose pose;
+    for (int k = 0; k < 3; ++k) {
+      pose.translation_m[k] = random.Uniform(-0.01, 0.01);
+      pose.angles_rad[k] = random.Uniform(-0.1, 0.1);
+    }
+    std::array<double, 6> angles;
+    if (!SprkPlatform::Inverse(pose, angles)) continue;
+    ++reachable;
+    Eigen::Isometry3d plate = pose.Transform();
+    plate.translation().z() += SprkPlatform::kHomeHeight;
+    for (int i = 0; i < 6; ++i) {
+      const double angle = angles[static_cast<std::size_t>(i)];
+      const Eigen::Vector3d leg =
+          plate * SprkPlatform::PlateJoint(i) - SprkPlatform::ArmEnd(i, angle);
+      EXPECT_NEAR(leg.norm(), SprkPlatform::kLegLength, 1e-15);
+      EXPECT_LE(std::abs(angle), SprkPlatform::kServoLimit);
+    }
+  }
+  EXPECT_GT(reachable, 300);
+}
+
+TEST(SprkPlatformTest, HomeTurnsAllServosAlike) {
+  std::array<double, 6> angles;
+  ASSERT_TRUE(SprkPlatform::Inverse({}, angles));
+  for (double angle : angles) EXPECT_NEAR(angle, angles[0], 1e-12);
+}
+
+// Measured with the firmware's constants, to a tenth of a millimetre or degree.
+TEST(SprkPlatformTest, ReachIsThatOfTheFirmwaresGeometry) {
+  const auto millimetres = [](int entry, double sign) { return 1e3 * Reach(entry, sign, 2e-5); };
+  const auto degrees = [](int entry, double sign) {
+    return Reach(entry, sign, 0.02 * kDegree) / kDegree;
+  };
+  EXPECT_NEAR(millimetres(2, 1), 8.3, 0.1);
+  EXPECT_NEAR(millimetres(2, -1), 17.1, 0.1);
+  EXPECT_NEAR(millimetres(0, 1), 27.4, 0.1);
+  EXPECT_NEAR(millimetres(0, -1), 27.4, 0.1);
+  EXPECT_NEAR(millimetres(1, 1), 29.8, 0.1);
+  EXPECT_NEAR(millimetres(1, -1), 26.7, 0.1);
+  EXPECT_NEAR(degrees(3, 1), 8.3, 0.1);
+  EXPECT_NEAR(degrees(4, 1), 6.1, 0.1);
+  EXPECT_NEAR(degrees(4, -1), 6.1, 0.1);
+  // The firmware's search, which accepts legs within 0.25 mm, goes up to 24.1 degrees.
+  EXPECT_NEAR(degrees(5, 1), 23.3, 0.1);
+  EXPECT_NEAR(degrees(5, -1), 23.3, 0.1);
+}
+
+TEST(SprkPlatformTest, PublishedFifteenDegreesAreOutsideReach) {
+  EXPECT_FALSE(SprkPlatform::Reachable(Along(3, 15 * kDegree)));
+  EXPECT_FALSE(SprkPlatform::Reachable(Along(4, 15 * kDegree)));
+  PlatformPose broken;
+  broken.translation_m.x() = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(SprkPlatform::Reachable(broken));
+}
+
+TEST(SprkPlatformTest, ReachableShareEndsAtTheBoundary) {
+  PlatformPose far;
+  far.translation_m << 0.03, 0.02, 0.02;
+  far.angles_rad << 0.1, 0.0, 0.2;
+  const double share = SprkPlatform::ReachableShare(far);
+  EXPECT_GT(share, 0.1);
+  EXPECT_LT(share, 0.9);
+  const auto scaled = [&](double s) {
+    return PlatformPose{s * far.translation_m, s * far.angles_rad};
+  };
+  EXPECT_TRUE(SprkPlatform::Reachable(scaled(share)));
+  EXPECT_FALSE(SprkPlatform::Reachable(scaled(share + 2.0 / 1024)));
+  EXPECT_EQ(SprkPlatform::ReachableShare(Along(0, 0.01)), 1.0);
+}
+
+TEST(SprkPlatformTest, RotationIsYawAfterPitchAfterRoll) {
+  PlatformPose pose;
+  pose.angles_rad << 90 * kDegree, 0.0, 90 * kDegree;
+  // Roll takes y to z; yaw leaves it there.
+  EXPECT_LT((pose.Transform() * Eigen::Vector3d::UnitY() - Eigen::Vector3d::UnitZ()).norm(), 1e-15);
+  // x is not moved by roll; yaw takes it to y.
+  EXPECT_LT((pose.Transform() * Eigen::Vector3d::UnitX() - Eigen::Vector3d::UnitY()).norm(), 1e-15);
+}
+
+TEST(SprkPlatformTest, NeverAllocates) {
+  const test::NoAlloc guard;
+  EXPECT_TRUE(SprkPlatform::Reachable(Along(2, 0.001)));
+}
+
+}  // namespace
+}  // namespace dfr::kinematics
