@@ -1,0 +1,578 @@
+#include "dfr/vision/line_vision.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+#include <utility>
+
+#include "dfr/core/contract.h"
+#include "plane_pose.h"
+
+namespace dfr::vision {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+// A colour counts where one channel exceeds both others by this share of the gauze's brightness,
+// which makes the segmentation independent of the light.
+constexpr double kColorShare = 0.15;
+// The line's columns sum over many pixels of gauze, so the noise there must not count at all; half
+// of the red's own excess, about.
+constexpr double kLineShare = 0.3;
+constexpr double kGoodMarkErrorPx = 0.15;  // RMS; sub-pixel centres of whole marks fit within 0.1
+constexpr double kMaxMarkErrorPx = 0.6;
+constexpr double kMaxLineErrorM = 2.5e-4;  // RMS over the columns that count
+constexpr double kMinLineLengthM = 0.015;
+constexpr double kMaxBeyondLineM = 0.002;  // how far the tip may be ahead of what is seen of it
+constexpr int kMinColumns = 50;
+
+struct Exposure {
+  double brightness = 0.0;  // 90 % quantile of the green channel: the gauze
+  double mean = 0.0;
+  double saturated = 0.0;  // share of pixels
+  std::uint64_t hash = 0;
+};
+
+// Every 13th pixel tells brightness and identity.
+Exposure Measure(const ImageView& image) noexcept {
+  std::array<int, 256> histogram{};
+  Exposure exposure;
+  exposure.hash = 1469598103934665603ULL;
+  int count = 0;
+  int saturated = 0;
+  double sum = 0.0;
+  for (int y = 0; y < image.height; ++y) {
+    const std::uint8_t* row = image.data + static_cast<std::size_t>(y) * image.stride;
+    for (int x = (y * 5) % 13; x < image.width; x += 13) {
+      const std::uint8_t* p = row + 3 * x;
+      exposure.hash = (exposure.hash ^
+                       (static_cast<std::uint64_t>(p[0]) | static_cast<std::uint64_t>(p[1]) << 8 |
+                        static_cast<std::uint64_t>(p[2]) << 16)) *
+                      1099511628211ULL;
+      ++histogram[p[1]];
+      sum += p[1];
+      if (p[0] >= 253 && p[1] >= 253 && p[2] >= 253) ++saturated;
+      ++count;
+    }
+  }
+  exposure.mean = sum / count;
+  exposure.saturated = static_cast<double>(saturated) / count;
+  int above = 0;
+  int level = 255;
+  while (level > 0 && above < count / 10) above += histogram[static_cast<std::size_t>(level--)];
+  exposure.brightness = level;
+  return exposure;
+}
+
+NotSeen Judge(const Exposure& exposure) noexcept {
+  if (exposure.brightness < 25.0) return NotSeen::kDark;
+  if (exposure.saturated > 0.3) return NotSeen::kOverexposed;
+  return NotSeen::kNothing;
+}
+
+double SmallestDistance(const std::vector<Eigen::Vector2d>& points) {
+  double smallest = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      smallest = std::min(smallest, (points[i] - points[j]).norm());
+    }
+  }
+  return smallest;
+}
+
+Eigen::Vector3d On(const Eigen::Vector2d& p) noexcept { return {p.x(), p.y(), 0.0}; }
+
+// Marks on one line leave the target free to turn about it.
+bool OnOneLine(const std::vector<internal::MarkSighting>& sightings) noexcept {
+  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+  for (const auto& s : sightings) mean += s.on_target.head<2>();
+  mean /= static_cast<double>(sightings.size());
+  Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();
+  for (const auto& s : sightings) {
+    const Eigen::Vector2d d = s.on_target.head<2>() - mean;
+    scatter += d * d.transpose();
+  }
+  // The smaller eigenvalue against the larger: a thin row of marks has a small ratio.
+  const double trace = scatter.trace();
+  return !(scatter.determinant() > 0.01 * trace * trace);
+}
+
+struct Blob {
+  Eigen::Vector2d center;
+  double area = 0.0;  // pixels, counting partly covered ones as parts
+  bool round = false;
+};
+
+struct LinePoint {
+  double x = 0.0;
+  double y = 0.0;
+};
+
+// y = c0 + c1 x + c2 x^2 by least squares with Tukey's weights, re-weighted until they settle. x in
+// units of 0.03 m, so that the normal equations are well scaled. Returns the inliers' share.
+class RobustQuadratic {
+ public:
+  bool Fit(const std::vector<LinePoint>& points, std::vector<double>& weights) noexcept {
+    weights.assign(points.size(), 1.0);
+    if (!Solve(points, weights)) return false;
+    // The first fit is pulled by outliers: start from a wide scale and narrow it.
+    for (const double scale : {2e-3, 1e-3, 5e-4, 3e-4, 3e-4, 3e-4}) {
+      for (std::size_t i = 0; i < points.size(); ++i) {
+        const double r = (points[i].y - At(points[i].x)) / scale;
+        const double w = 1.0 - r * r;
+        weights[i] = std::abs(r) < 1.0 ? w * w : 0.0;
+      }
+      if (!Solve(points, weights)) return false;
+    }
+    return true;
+  }
+
+  [[nodiscard]] double At(double x) const noexcept { return c_[0] + x * (c_[1] + x * c_[2]); }
+  [[nodiscard]] double SlopeAt(double x) const noexcept { return c_[1] + 2.0 * c_[2] * x; }
+  [[nodiscard]] const Eigen::Vector3d& coefficients() const noexcept { return c_; }
+
+ private:
+  bool Solve(const std::vector<LinePoint>& points, const std::vector<double>& weights) noexcept {
+    constexpr double kUnit = 0.03;
+    Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d right = Eigen::Vector3d::Zero();
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      if (weights[i] == 0.0) continue;
+      const double s = points[i].x / kUnit;
+      const Eigen::Vector3d row(1.0, s, s * s);
+      normal += weights[i] * row * row.transpose();
+      right += weights[i] * points[i].y * row;
+    }
+    if (!(std::abs(normal.determinant()) > 1e-6)) return false;
+    const Eigen::Vector3d c = normal.inverse() * right;
+    c_ = {c[0], c[1] / kUnit, c[2] / (kUnit * kUnit)};
+    return c_.allFinite();
+  }
+
+  Eigen::Vector3d c_ = Eigen::Vector3d::Zero();
+};
+
+}  // namespace
+
+const char* Name(NotSeen reason) noexcept {
+  switch (reason) {
+    case NotSeen::kNothing:
+      return "seen";
+    case NotSeen::kWrongSize:
+      return "wrong-size";
+    case NotSeen::kDark:
+      return "dark";
+    case NotSeen::kOverexposed:
+      return "overexposed";
+    case NotSeen::kFrozen:
+      return "frozen";
+    case NotSeen::kTarget:
+      return "target";
+    case NotSeen::kForeignCamera:
+      return "foreign-camera";
+    case NotSeen::kLine:
+      return "line";
+    case NotSeen::kTip:
+      return "tip";
+    case NotSeen::kFault:
+      return "fault";
+  }
+  return "unknown";
+}
+
+struct LineVision::Buffers {
+  std::array<cv::Mat, 3> channels;  // blue, green, red
+  cv::Mat other;                    // the larger of the two other channels
+  cv::Mat excess;                   // of one channel over both others, 0 where negative
+  cv::Mat mask;
+  cv::Mat labels;
+  cv::Mat stats;
+  cv::Mat centroids;
+  std::vector<Blob> blobs;
+  std::vector<Eigen::Vector2d> mark_pixels;  // where each mark is expected
+  double mark_gate = 0.0;                    // px, the farthest from there
+  std::vector<double> mark_distance;
+  double mark_area = 0.0;  // px^2, expected
+  double tip_area = 0.0;
+  std::vector<Eigen::Vector2d> marks;
+  std::vector<internal::MarkSighting> sightings;
+  std::vector<int> weight;  // per image column: sums of excess, times 1, y, y^2
+  std::vector<int> weighted_y;
+  std::vector<double> weighted_y2;
+  std::vector<int> sorted;
+  std::vector<LinePoint> points;
+  std::vector<double> point_weights;
+  std::uint64_t last_hash = 0;
+  bool has_last = false;
+
+  void Split(const ImageView& image) {
+    const cv::Mat view(image.height, image.width, CV_8UC3,
+                       const_cast<std::uint8_t*>(image.data),  // read only
+                       image.stride);
+    cv::split(view, channels.data());
+  }
+
+  // Where channel `c` exceeds both others, by how much.
+  void Excess(int c) {
+    const auto i = static_cast<std::size_t>(c);
+    cv::max(channels[(i + 1) % 3], channels[(i + 2) % 3], other);
+    cv::subtract(channels[i], other, excess);
+  }
+
+  // Connected regions of the present excess above `threshold`.
+  void FindBlobs(double threshold) {
+    cv::threshold(excess, mask, threshold, 255.0, cv::THRESH_BINARY);
+    const int count = cv::connectedComponentsWithStats(mask, labels, stats, centroids, 8, CV_16U);
+    blobs.clear();
+    for (int i = 1; i < count; ++i) {
+      const int* row = stats.ptr<int>(i);
+      if (row[cv::CC_STAT_AREA] < 6 || row[cv::CC_STAT_AREA] > 4000) continue;
+      blobs.push_back(Refine(row, threshold));
+    }
+  }
+
+  // Sub-pixel centre and area: pixels at the edge count by how much of the full colour they have.
+  Blob Refine(const int* row, double threshold) const {
+    const int x0 = std::max(0, row[cv::CC_STAT_LEFT] - 2);
+    const int y0 = std::max(0, row[cv::CC_STAT_TOP] - 2);
+    const int x1 = std::min(excess.cols, row[cv::CC_STAT_LEFT] + row[cv::CC_STAT_WIDTH] + 2);
+    const int y1 = std::min(excess.rows, row[cv::CC_STAT_TOP] + row[cv::CC_STAT_HEIGHT] + 2);
+    std::array<int, 256> histogram{};
+    for (int y = y0; y < y1; ++y) {
+      const std::uint8_t* p = excess.ptr<std::uint8_t>(y);
+      for (int x = x0; x < x1; ++x) ++histogram[p[x]];
+    }
+    // The full colour: a high quantile of what is above the threshold, not to follow noise.
+    int remaining = row[cv::CC_STAT_AREA] / 3;
+    int full = 255;
+    while (full > threshold && remaining > 0)
+      remaining -= histogram[static_cast<std::size_t>(full--)];
+    // Below a fifth of it is background and its noise, above four fifths is inside.
+    const double low = 0.2 * full;
+    const double high = 0.8 * full;
+    double sum = 0.0;
+    double sum_x = 0.0;
+    double sum_y = 0.0;
+    for (int y = y0; y < y1; ++y) {
+      const std::uint8_t* p = excess.ptr<std::uint8_t>(y);
+      for (int x = x0; x < x1; ++x) {
+        const double w = std::clamp((p[x] - low) / (high - low), 0.0, 1.0);
+        sum += w;
+        sum_x += w * x;
+        sum_y += w * y;
+      }
+    }
+    Blob blob;
+    blob.area = sum;
+    blob.center = {sum_x / sum, sum_y / sum};
+    const double aspect =
+        static_cast<double>(row[cv::CC_STAT_WIDTH]) / static_cast<double>(row[cv::CC_STAT_HEIGHT]);
+    const double box =
+        static_cast<double>(row[cv::CC_STAT_WIDTH]) * static_cast<double>(row[cv::CC_STAT_HEIGHT]);
+    const bool inside = row[cv::CC_STAT_LEFT] > 0 && row[cv::CC_STAT_TOP] > 0 &&
+                        row[cv::CC_STAT_LEFT] + row[cv::CC_STAT_WIDTH] < excess.cols &&
+                        row[cv::CC_STAT_TOP] + row[cv::CC_STAT_HEIGHT] < excess.rows;
+    blob.round = inside && aspect > 0.7 && aspect < 1.43 && row[cv::CC_STAT_AREA] > 0.6 * box;
+    return blob;
+  }
+
+  // NaN for marks that are not seen; returns how many are.
+  int MatchMarks(double threshold) {
+    Excess(0);
+    FindBlobs(threshold);
+    marks.assign(mark_pixels.size(), Eigen::Vector2d(kNaN, kNaN));
+    // A mark belongs to the place that is nearest: motions up to half the distance of two marks,
+    // along the direction in which those two lie, cannot confuse them.
+    mark_distance.assign(mark_pixels.size(), mark_gate);
+    int found = 0;
+    for (const Blob& blob : blobs) {
+      if (!blob.round || blob.area < 0.6 * mark_area || blob.area > 1.6 * mark_area) continue;
+      std::size_t nearest = 0;
+      for (std::size_t i = 1; i < mark_pixels.size(); ++i) {
+        if ((blob.center - mark_pixels[i]).norm() < (blob.center - mark_pixels[nearest]).norm()) {
+          nearest = i;
+        }
+      }
+      const double distance = (blob.center - mark_pixels[nearest]).norm();
+      if (distance >= mark_distance[nearest]) continue;
+      if (mark_distance[nearest] == mark_gate) ++found;
+      mark_distance[nearest] = distance;
+      marks[nearest] = blob.center;
+    }
+    return found;
+  }
+
+  bool MatchTip(double threshold, Blob& tip) {
+    Excess(1);
+    FindBlobs(threshold);
+    bool found = false;
+    for (const Blob& blob : blobs) {
+      if (blob.area < 0.5 * tip_area || blob.area > 2.0 * tip_area || !blob.round) continue;
+      if (found) return false;  // two candidates: do not guess
+      tip = blob;
+      found = true;
+    }
+    return found;
+  }
+
+  // Sums over each column of [x0, x1) within rows [y0, y1).
+  void SumColumns(int x0, int y0, int x1, int y1, int threshold) {
+    const auto columns = static_cast<std::size_t>(excess.cols);
+    weight.assign(columns, 0);
+    weighted_y.assign(columns, 0);
+    weighted_y2.assign(columns, 0.0);
+    for (int y = y0; y < y1; ++y) {
+      const std::uint8_t* p = excess.ptr<std::uint8_t>(y);
+      for (int x = x0; x < x1; ++x) {
+        const int w = std::max(0, static_cast<int>(p[x]) - threshold);
+        if (w == 0) continue;
+        const auto i = static_cast<std::size_t>(x);
+        weight[i] += w;
+        weighted_y[i] += w * y;
+        weighted_y2[i] += static_cast<double>(w) * y * y;
+      }
+    }
+  }
+};
+
+LineVision::LineVision(const CameraModel& camera, const LineVisionOptions& options)
+    : camera_(camera), options_(options), buffers_(std::make_unique<Buffers>()) {
+  camera_.Check();
+  const LineTarget& target = options_.target;
+  DFR_THROW_UNLESS(
+      target.marks_m.size() >= 4,
+      "line vision: the gauze's frame needs at least 4 marks, not " << target.marks_m.size());
+  DFR_THROW_UNLESS(target.mark_radius_m > 0 && target.line_width_m > 0 && target.tip_radius_m > 0,
+                   "line vision: mark_radius_m, line_width_m and tip_radius_m must be positive");
+  DFR_THROW_UNLESS(options_.max_motion_m > 0,
+                   "line vision: max_motion_m must be positive, not " << options_.max_motion_m);
+  DFR_THROW_UNLESS(
+      options_.min_confidence >= 0 && options_.min_confidence <= 1,
+      "line vision: min_confidence must lie in [0, 1], not " << options_.min_confidence);
+  for (const Eigen::Vector2d& mark : target.marks_m) {
+    buffers_->mark_pixels.push_back(camera_.Project(options_.p_cam_target * On(mark)));
+    DFR_THROW_UNLESS(buffers_->mark_pixels.back().allFinite(),
+                     "line vision: p_cam_target puts a mark behind the camera");
+  }
+  DFR_THROW_UNLESS(SmallestDistance(buffers_->mark_pixels) > 10.0,
+                   "line vision: two marks are nearer than 10 pixels to each other");
+  const double scale = camera_.fx / options_.p_cam_target.translation().z();  // px per m
+  buffers_->mark_gate = options_.max_motion_m * scale;
+  constexpr double kPi = 3.14159265358979323846;
+  buffers_->mark_area = kPi * std::pow(target.mark_radius_m * scale, 2);
+  buffers_->tip_area = kPi * std::pow(target.tip_radius_m * scale, 2);
+}
+
+LineVision::~LineVision() = default;
+LineVision::LineVision(LineVision&&) noexcept = default;
+LineVision& LineVision::operator=(LineVision&&) noexcept = default;
+
+const CameraModel& LineVision::camera() const noexcept { return camera_; }
+
+void LineVision::ForgetLastImage() noexcept { buffers_->has_last = false; }
+
+Eigen::Vector2d LineVision::FindTip(const ImageView& image) noexcept try {
+  if (image.width != camera_.width || image.height != camera_.height) return {kNaN, kNaN};
+  const Exposure exposure = Measure(image);
+  if (Judge(exposure) != NotSeen::kNothing) return {kNaN, kNaN};
+  buffers_->Split(image);
+  Blob tip;
+  if (!buffers_->MatchTip(kColorShare * exposure.brightness, tip)) return {kNaN, kNaN};
+  return tip.center;
+} catch (const std::exception&) {
+  return {kNaN, kNaN};
+}
+
+bool LineVision::FindMarks(const ImageView& image, std::vector<Eigen::Vector2d>& marks) noexcept
+    try {
+  if (image.width != camera_.width || image.height != camera_.height) return false;
+  const Exposure exposure = Measure(image);
+  if (Judge(exposure) != NotSeen::kNothing) return false;
+  buffers_->Split(image);
+  const int found = buffers_->MatchMarks(kColorShare * exposure.brightness);
+  marks = buffers_->marks;
+  return found >= 4;
+} catch (const std::exception&) {
+  return false;
+}
+
+LineObservation LineVision::Observe(const ImageView& image,
+                                    const Eigen::Hyperplane<double, 3>& tip_plane_cam) noexcept
+    try {
+  Buffers& b = *buffers_;
+  LineObservation seen;
+  const auto missing = [&seen](NotSeen reason) {
+    seen.missing = reason;
+    return seen;
+  };
+  if (image.width != camera_.width || image.height != camera_.height) {
+    return missing(NotSeen::kWrongSize);
+  }
+  const Exposure exposure = Measure(image);
+  const bool frozen = b.has_last && exposure.hash == b.last_hash;
+  b.last_hash = exposure.hash;
+  b.has_last = true;
+  if (const NotSeen reason = Judge(exposure); reason != NotSeen::kNothing) return missing(reason);
+  if (frozen) return missing(NotSeen::kFrozen);
+  const double threshold = kColorShare * exposure.brightness;
+  b.Split(image);
+
+  // The gauze's plane.
+  if (b.MatchMarks(threshold) < 4) return missing(NotSeen::kTarget);
+  b.sightings.clear();
+  for (std::size_t i = 0; i < b.marks.size(); ++i) {
+    if (!b.marks[i].allFinite()) continue;
+    const Eigen::Vector2d normalized = camera_.ToNormalized(b.marks[i]);
+    if (!normalized.allFinite()) return missing(NotSeen::kForeignCamera);
+    b.sightings.push_back({On(options_.target.marks_m[i]), normalized});
+  }
+  if (OnOneLine(b.sightings)) return missing(NotSeen::kTarget);
+  Eigen::Isometry3d pose = options_.p_cam_target;
+  seen.mark_error_px = camera_.fx * internal::RefinePose(b.sightings, pose);
+  // A mark that the tool hides in part is out of place: leave the worst ones out, not more than
+  // two.
+  for (int left_out = 0;
+       left_out < 2 && b.sightings.size() > 4 && !(seen.mark_error_px < kGoodMarkErrorPx);
+       ++left_out) {
+    const auto error = [&pose](const internal::MarkSighting& sighting) {
+      const Eigen::Vector3d p = pose * sighting.on_target;
+      return (p.head<2>() / p.z() - sighting.normalized).squaredNorm();
+    };
+    b.sightings.erase(std::max_element(
+        b.sightings.begin(), b.sightings.end(),
+        [&error](const auto& one, const auto& other) { return error(one) < error(other); }));
+    if (OnOneLine(b.sightings)) return missing(NotSeen::kTarget);
+    pose = options_.p_cam_target;
+    seen.mark_error_px = camera_.fx * internal::RefinePose(b.sightings, pose);
+  }
+  if (!(seen.mark_error_px < kMaxMarkErrorPx) ||
+      (pose.translation() - options_.p_cam_target.translation()).norm() > options_.max_motion_m) {
+    return missing(NotSeen::kForeignCamera);
+  }
+  seen.p_cam_target = pose;
+  const double mark_share =
+      static_cast<double>(b.sightings.size()) / static_cast<double>(b.marks.size());
+
+  // The tip.
+  Blob tip;
+  if (!b.MatchTip(threshold, tip)) return missing(NotSeen::kTip);
+  seen.tip_pixel = tip.center;
+  const Eigen::Vector2d tip_ray = camera_.ToNormalized(tip.center);
+  const Eigen::Vector3d ray(tip_ray.x(), tip_ray.y(), 1.0);
+  const double depth = -tip_plane_cam.offset() / tip_plane_cam.normal().dot(ray);
+  if (!(depth > 0.0) || !std::isfinite(depth)) return missing(NotSeen::kTip);
+  const Eigen::Vector3d p_cam_tip = depth * ray;
+  const Eigen::Vector3d tip_on_target = pose.inverse() * p_cam_tip;
+  const double tip_share = std::min(tip.area / b.tip_area, b.tip_area / tip.area);
+
+  // The line, within the marks.
+  double left = camera_.width;
+  double right = 0.0;
+  double top = camera_.height;
+  double bottom = 0.0;
+  for (const Eigen::Vector2d& mark : options_.target.marks_m) {
+    const Eigen::Vector2d p = camera_.Project(pose * On(mark));
+    left = std::min(left, p.x());
+    right = std::max(right, p.x());
+    top = std::min(top, p.y());
+    bottom = std::max(bottom, p.y());
+  }
+  if (!std::isfinite(left + right + top + bottom)) return missing(NotSeen::kTarget);
+  const int x0 = static_cast<int>(std::clamp(left, 0.0, camera_.width - 1.0));
+  const int x1 = static_cast<int>(std::clamp(right, 0.0, static_cast<double>(camera_.width)));
+  const int y0 = static_cast<int>(std::clamp(top, 0.0, camera_.height - 1.0));
+  const int y1 = static_cast<int>(std::clamp(bottom, 0.0, static_cast<double>(camera_.height)));
+  b.Excess(2);
+  const double line_threshold = kLineShare * exposure.brightness;
+  b.SumColumns(x0, y0, x1, y1, static_cast<int>(line_threshold));
+  b.sorted.clear();
+  for (int x = x0; x < x1; ++x) {
+    const int w = b.weight[static_cast<std::size_t>(x)];
+    if (w > line_threshold) b.sorted.push_back(w);
+  }
+  if (b.sorted.size() < static_cast<std::size_t>(kMinColumns)) return missing(NotSeen::kLine);
+  const auto middle = b.sorted.begin() + static_cast<std::ptrdiff_t>(b.sorted.size() / 2);
+  std::nth_element(b.sorted.begin(), middle, b.sorted.end());
+  const double median = *middle;
+  const double width_px = options_.target.line_width_m * camera_.fx / pose.translation().z();
+  const Eigen::Vector3d normal = pose.linear().col(2);
+  const double plane_distance = normal.dot(pose.translation());
+  b.points.clear();
+  for (int x = x0; x < x1; ++x) {
+    const auto i = static_cast<std::size_t>(x);
+    const double w = b.weight[i];
+    // A column that the tool hides in part has a displaced centre: leave it out.
+    if (w < 0.7 * median || w > 1.5 * median) continue;
+    const double y = b.weighted_y[i] / w;
+    const double variance = b.weighted_y2[i] / w - y * y;
+    if (variance > width_px * width_px + 4.0) continue;  // two runs
+    const Eigen::Vector2d n = camera_.ToNormalized({static_cast<double>(x), y});
+    if (!n.allFinite()) continue;
+    const Eigen::Vector3d r(n.x(), n.y(), 1.0);
+    const Eigen::Vector3d p = pose.inverse() * Eigen::Vector3d(plane_distance / normal.dot(r) * r);
+    b.points.push_back({p.x(), p.y()});
+  }
+  RobustQuadratic line;
+  if (b.points.size() < static_cast<std::size_t>(kMinColumns) ||
+      !line.Fit(b.points, b.point_weights)) {
+    return missing(NotSeen::kLine);
+  }
+  double squared = 0.0;
+  double inliers = 0.0;
+  seen.x_min = std::numeric_limits<double>::infinity();
+  seen.x_max = -seen.x_min;
+  for (std::size_t i = 0; i < b.points.size(); ++i) {
+    if (b.point_weights[i] == 0.0) continue;
+    const double error = b.points[i].y - line.At(b.points[i].x);
+    squared += error * error;
+    inliers += 1.0;
+    seen.x_min = std::min(seen.x_min, b.points[i].x);
+    seen.x_max = std::max(seen.x_max, b.points[i].x);
+  }
+  const double line_share = inliers / static_cast<double>(b.points.size());
+  seen.line = line.coefficients();
+  seen.line_error_m = inliers > 0 ? std::sqrt(squared / inliers) : kNaN;
+  if (inliers < kMinColumns || seen.x_max - seen.x_min < kMinLineLengthM ||
+      !(seen.line_error_m < kMaxLineErrorM)) {
+    return missing(NotSeen::kLine);
+  }
+
+  // The point of the line nearest to the tip: Newton on (x - tx) + (f(x) - ty) f'(x) = 0, whose
+  // derivative stays positive for a gently curved line a few millimetres away.
+  double x = tip_on_target.x();
+  for (int iteration = 0; iteration < 8; ++iteration) {
+    const double f = line.At(x) - tip_on_target.y();
+    const double slope = line.SlopeAt(x);
+    const double derivative = 1.0 + slope * slope + f * 2.0 * line.coefficients()[2];
+    if (!(derivative > 0.1)) return missing(NotSeen::kLine);
+    x -= (x - tip_on_target.x() + f * slope) / derivative;
+  }
+  if (!(x > seen.x_min - kMaxBeyondLineM && x < seen.x_max + kMaxBeyondLineM)) {
+    return missing(NotSeen::kLine);
+  }
+  const double slope = line.SlopeAt(x);
+  const double length = std::sqrt(1.0 + slope * slope);
+  const double distance =
+      ((tip_on_target.y() - line.At(x)) - slope * (tip_on_target.x() - x)) / length;
+
+  seen.confidence = std::min({mark_share, line_share, tip_share});
+  if (seen.confidence < options_.min_confidence) {
+    return missing(tip_share < options_.min_confidence    ? NotSeen::kTip
+                   : line_share < options_.min_confidence ? NotSeen::kLine
+                                                          : NotSeen::kTarget);
+  }
+  seen.distance_m = distance;
+  seen.p_cam_tip = p_cam_tip;
+  seen.tangent_cam = pose.linear() * Eigen::Vector3d(1.0 / length, slope / length, 0.0);
+  seen.missing = NotSeen::kNothing;
+  return seen;
+} catch (const std::exception&) {
+  LineObservation failed;
+  failed.missing = NotSeen::kFault;
+  return failed;
+}
+
+}  // namespace dfr::vision
