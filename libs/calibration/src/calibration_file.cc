@@ -1,0 +1,76 @@
+#include <array>
+#include <cmath>
+#include <stdexcept>
+
+#include "dfr/calibration/calibrate.h"
+#include "dfr/core/archive.h"
+
+namespace dfr::calibration {
+namespace {
+
+constexpr int kVersion = 1;
+
+template <typename Vector>
+void Append(core::ArchiveWriter& archive, const Vector& v) {
+  archive.Numbers({v.data(), static_cast<std::size_t>(v.size())});
+}
+
+template <typename Vector>
+void Read(core::ArchiveReader& archive, Vector& v) {
+  const std::vector<double> numbers = archive.Numbers();
+  if (numbers.size() != static_cast<std::size_t>(v.size())) {
+    archive.Fail("holds " + std::to_string(numbers.size()) + " numbers where " +
+                 std::to_string(v.size()) + " belong");
+  }
+  for (std::size_t i = 0; i < numbers.size(); ++i) {
+    if (!std::isfinite(numbers[i])) archive.Fail("holds a number that is not finite");
+    v.data()[i] = numbers[i];
+  }
+}
+
+}  // namespace
+
+void Calibration::Save(const std::filesystem::path& path) const {
+  core::ArchiveWriter archive("calibration", kVersion);
+  archive.Integer(camera.width);
+  archive.Integer(camera.height);
+  Append(archive, std::array{camera.fx, camera.fy, camera.cx, camera.cy});
+  Append(archive, camera.distortion);
+  const Eigen::Matrix4d pose = p_base_cam.matrix();
+  Append(archive, pose);
+  Append(archive, arm.offset);
+  Append(archive, arm.scale);
+  Append(archive, arm.reference);
+  archive.Save(path);
+}
+
+Calibration Calibration::Load(const std::filesystem::path& path) {
+  core::ArchiveReader archive(path, "calibration", kVersion);
+  Calibration loaded;
+  loaded.camera.width = archive.IntegerIn(1, 1 << 16);
+  loaded.camera.height = archive.IntegerIn(1, 1 << 16);
+  std::array<double, 4> pinhole{};
+  Read(archive, pinhole);
+  loaded.camera.fx = pinhole[0];
+  loaded.camera.fy = pinhole[1];
+  loaded.camera.cx = pinhole[2];
+  loaded.camera.cy = pinhole[3];
+  Read(archive, loaded.camera.distortion);
+  Eigen::Matrix4d pose;
+  Read(archive, pose);
+  Read(archive, loaded.arm.offset);
+  Read(archive, loaded.arm.scale);
+  Read(archive, loaded.arm.reference);
+  archive.End();
+  loaded.p_base_cam.matrix() = pose;
+  const Eigen::Matrix3d r = loaded.p_base_cam.linear();
+  if (!(r * r.transpose()).isIdentity(1e-9)) archive.Fail("the camera's rotation is none");
+  try {
+    loaded.camera.Check();
+  } catch (const std::invalid_argument& error) {
+    archive.Fail(error.what());
+  }
+  return loaded;
+}
+
+}  // namespace dfr::calibration

@@ -1,0 +1,13 @@
+#include <stdexcept>
+
+#include "dfr/calibration/calibrate.h"
+
+// Nothing to calibrate from.
+int main() {
+  try {
+    static_cast<void>(dfr::calibration::Calibrate({}, {}, {}, Eigen::Isometry3d::Identity()));
+  } catch (const std::invalid_argument&) {
+    return 0;
+  }
+  return 1;
+}
