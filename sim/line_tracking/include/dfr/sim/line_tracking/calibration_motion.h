@@ -1,0 +1,28 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "dfr/sim/line_tracking/line_tracking_plant.h"
+#include "dfr/vision/calibration_frame.h"
+
+namespace dfr::sim {
+
+/// What is known before a calibration: the maker's data of lens and mounting, without distortion
+/// and with errors of a few millimetres and degrees, and an arm taken at its word.
+[[nodiscard]] LineTrackingCalibration NominalCalibration();
+
+/// Moves platform and arm through `frames` random poses (tilted, raised and lowered; the tip over
+/// and above the gauze, and in every other frame down to its touch) and records what the endoscope
+/// shows, found with NominalCalibration() only. Leaves the plant in the last of these poses.
+/// @throws std::invalid_argument unless frames > 0.
+[[nodiscard]] std::vector<vision::CalibrationFrame> RecordCalibrationMotion(
+    LineTrackingPlant& plant, int frames, std::uint64_t seed);
+
+/// Tip errors in mm over `poses` random poses that were not recorded: the true tip against the one
+/// that a calibration has for the arm's readings, both in the camera's frame.
+[[nodiscard]] std::vector<double> HeldOutTipErrors(LineTrackingPlant& plant,
+                                                   const LineTrackingCalibration& calibration,
+                                                   int poses, std::uint64_t seed);
+
+}  // namespace dfr::sim

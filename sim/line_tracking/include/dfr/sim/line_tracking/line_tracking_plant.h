@@ -1,0 +1,185 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "dfr/core/matrix.h"
+#include "dfr/core/plant.h"
+#include "dfr/kinematics/psm.h"
+#include "dfr/kinematics/sprk_platform.h"
+#include "dfr/sim/line_tracking/arm_error.h"
+#include "dfr/sim/line_tracking/disturbance.h"
+#include "dfr/sim/line_tracking/endoscope.h"
+#include "dfr/vision/line_vision.h"
+
+namespace dfr::sim {
+
+/// What Observe() reports.
+enum class Observation {
+  kVision,       ///< What the endoscope's image shows.
+  kGroundTruth,  ///< The simulation's own numbers: fast, and free of error.
+};
+
+/// What goes wrong with the camera, for tests of what then happens.
+enum class CameraFault {
+  kNone,
+  kFrozen,       ///< The last image again and again.
+  kBlack,        ///< The lamp is off.
+  kOverexposed,  ///< White.
+  kNoLine,       ///< The line is not in the picture.
+  kNoTip,        ///< The end-effector is not in the picture.
+};
+
+/// What is known of camera and arm: what a calibration finds, and what vision works with.
+struct LineTrackingCalibration {
+  vision::CameraModel camera;
+  Eigen::Isometry3d p_base_cam =
+      Eigen::Isometry3d::Identity();  ///< Camera in the arm's base frame.
+  kinematics::PsmCorrection arm;
+};
+
+/// Light and optics of the simulated endoscope. Per episode and image they vary by themselves.
+struct EndoscopeOptions {
+  double light_change = 0.2;  ///< Share by which the gain changes, at most; in [0, 0.6].
+  double glare = 20.0;        ///< Brightest spot, of 255.
+  double blur_px = 0.5;       ///< Half width of edges.
+  double noise = 3.0;         ///< Standard deviation, of 255.
+};
+
+/// Options for LineTrackingPlant. Defaults are the scene of the experiment, without disturbance.
+struct LineTrackingOptions {
+  Observation observation = Observation::kVision;
+  DisturbanceOptions disturbance;
+  ArmErrorOptions arm;
+  EndoscopeOptions endoscope;
+  std::uint64_t platform_seed = 1;     ///< Of the individual platform: its positioning error.
+  double max_curvature = 1.0 / 150.0;  ///< 1/mm, of half of the lines; the others are straight.
+  double start_scatter_m = 6e-4;  ///< Standard deviation of the tip's first distance to the line.
+};
+
+/// The simulation's own numbers.
+struct LineTrackingTruth {
+  Eigen::Vector3d tip_m = Eigen::Vector3d::Zero();  ///< World frame.
+  Eigen::Isometry3d p_world_gauze = Eigen::Isometry3d::Identity();
+  double distance_m = 0.0;   ///< As LineObservation::distance_m.
+  double progress_m = 0.0;   ///< Along the line since Reset().
+  double heading_rad = 0.0;  ///< Of the line's tangent next to the tip, in the world's xy-plane.
+};
+
+/// The line tracking task of Sec. V-B: a PSM follows a red line on gauze that a Stewart platform
+/// moves, seen by an overhead endoscope.
+///
+/// World frame: origin in the gauze's middle when the platform is at home, z up, the line roughly
+/// along x. The arm reaches in from +y, inclined by 40 degrees, and holds its orientation.
+///
+/// State (4), in millimetres so that its entries are of one magnitude:
+///   tip(2)       the tool's tip, x and y in the world frame
+///   distance(1)  of the tip to the line in the gauze's plane, positive to the left (+y)
+///   heading(1)   direction of the line next to the tip: 10 mm times its angle to the x-axis, rad
+/// All entries are NaN when the image does not show line and tip ("not seen" in three pictures
+/// running), which every controller turns into a halt.
+///
+/// Control (2): displacement of the tool in x and y, in units of kStep = 2 mm; the height above the
+/// table stays as commanded. Entries beyond +-1 saturate. A control of another size, with a
+/// non-finite entry, or to where the arm cannot reach is refused and moves nothing.
+///
+/// The world is kinematic. The tip goes where the true joints put it, which are not where the arm
+/// believes (ArmError). The platform follows its commanded pose with a 0.2 s lag and a positioning
+/// error of 1.22, 1.07 and 0.20 mm RMS in x, y and z. After every control everything comes to rest
+/// before the state is observed. A control takes |u| kStep / kSpeed of the disturbance's time if
+/// the disturbance acts during controls, and pause_s more if it acts between them.
+///
+/// collided(): at any moment, sampled every 20 ms of motion and at rest, the true tip was more than
+/// kCollision from the line in the gauze's plane. completed(): kCompletion tracked, not collided.
+///
+/// Apply() allocates nothing with kGroundTruth; with kVision OpenCV may. One object belongs to one
+/// thread; clones share the immutable scene.
+class LineTrackingPlant final : public core::SimulatedPlant {
+ public:
+  static constexpr double kStep = 0.002;        ///< m per unit of control.
+  static constexpr double kSpeed = 0.010;       ///< m/s of the tool.
+  static constexpr double kCollision = 0.004;   ///< m
+  static constexpr double kCompletion = 0.040;  ///< m
+
+  /// @param calibration  what vision and commands take for true; nullptr: the true camera, at its
+  ///   true place, and an uncorrected arm.
+  /// @throws std::invalid_argument naming what is out of range, a disturbance beyond the platform's
+  ///   reach included.
+  explicit LineTrackingPlant(const LineTrackingOptions& options = {},
+                             const LineTrackingCalibration* calibration = nullptr);
+  ~LineTrackingPlant() override;
+  LineTrackingPlant(const LineTrackingPlant&) = delete;
+  LineTrackingPlant& operator=(const LineTrackingPlant&) = delete;
+
+  [[nodiscard]] const core::StateLayout& layout() const noexcept override;
+  [[nodiscard]] int control_dim() const noexcept override { return 2; }
+  [[nodiscard]] const LineTrackingOptions& options() const noexcept;
+  [[nodiscard]] const LineTrackingCalibration& calibration() const noexcept;
+
+  /// Draws line, disturbance and light, and puts the tip over the line's beginning, platform at
+  /// home.
+  void Reset(std::uint64_t seed) override;
+  [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;
+  void Observe(std::span<double> state) const noexcept override;
+  [[nodiscard]] bool completed() const noexcept override;
+  [[nodiscard]] bool collided() const noexcept override;
+  /// The platform stops where it is, and the disturbance with it, until Reset().
+  void Halt() noexcept override;
+
+  [[nodiscard]] std::unique_ptr<core::SimulatedPlant> Clone() const override;
+  /// @pre other is a LineTrackingPlant made by Clone() from this one or from the same one.
+  void CopyStateFrom(const core::SimulatedPlant& other) noexcept override;
+
+  /// Puts the platform's rest pose there, on top of the disturbance; for calibration and tests.
+  /// @throws std::invalid_argument if it is beyond the platform's reach.
+  void MovePlatform(const kinematics::PlatformPose& pose);
+  /// Puts the tool's commanded tip there, world frame; for calibration and tests. False, and
+  /// nothing moves, if the arm cannot reach it.
+  [[nodiscard]] bool MoveTip(const Eigen::Vector3d& tip_m) noexcept;
+  void SetCameraFault(CameraFault fault) noexcept;
+  /// Takes the next picture and looks at it again, as Apply() does.
+  void Look() noexcept;
+
+  [[nodiscard]] LineTrackingTruth truth() const noexcept;
+  /// What vision saw last. With kGroundTruth: nothing yet.
+  [[nodiscard]] const vision::LineObservation& last_observation() const noexcept;
+  /// Renders the present scene as the endoscope shows it now; `bgr` has endoscope().image_size()
+  /// bytes.
+  void RenderEndoscope(std::uint8_t* bgr) const noexcept;
+  [[nodiscard]] const Endoscope& endoscope() const noexcept;
+
+  /// What the encoders say, and where the joints really are.
+  [[nodiscard]] kinematics::PsmJoints reported_joints() const noexcept;
+  [[nodiscard]] kinematics::PsmJoints true_joints() const noexcept;
+  /// The tip according to encoders and calibration, world frame, m.
+  [[nodiscard]] Eigen::Vector3d reported_tip_m() const noexcept;
+
+  /// Where things really are. The arm's base is known by construction.
+  [[nodiscard]] static Eigen::Isometry3d p_world_base() noexcept;
+  [[nodiscard]] static Eigen::Isometry3d p_world_cam() noexcept;
+  [[nodiscard]] static vision::CameraModel true_camera() noexcept;
+  /// The marks and sizes that vision looks for.
+  [[nodiscard]] static vision::LineTarget target();
+
+  /// The controls of an open-loop demonstration from the present state, one per row: steps of
+  /// `step_m` along the line as drawn, planned now and not looked at again.
+  [[nodiscard]] core::Matrix OpenLoopControls(int steps, double step_m) const;
+
+ private:
+  struct World;
+  struct State;
+  explicit LineTrackingPlant(std::shared_ptr<const World> world);
+  void Travel(const kinematics::PsmJoints& from, const kinematics::PsmJoints& to,
+              double duration_s) noexcept;
+
+  std::shared_ptr<const World> world_;
+  std::unique_ptr<State> state_;
+  std::unique_ptr<vision::LineVision> vision_;
+  std::unique_ptr<std::uint8_t[]> image_;
+};
+
+}  // namespace dfr::sim

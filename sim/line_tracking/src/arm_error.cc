@@ -1,0 +1,100 @@
+#include "dfr/sim/line_tracking/arm_error.h"
+
+#include <cmath>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/random.h"
+
+namespace dfr::sim {
+namespace {
+
+using kinematics::Psm;
+using kinematics::PsmJoints;
+
+constexpr double kPi = 3.14159265358979323846;
+
+// Half the range of joint values over the gauze, about `Centre()`.
+PsmJoints Spread() noexcept {
+  PsmJoints q;
+  q << 0.25, 0.2, 0.015, 0.25, 0.25, 0.25;
+  return q;
+}
+
+PsmJoints Centre() noexcept {
+  PsmJoints q = PsmJoints::Zero();
+  q[2] = 0.12;
+  return q;
+}
+
+// Mean distance of tips over a fixed sample of the workspace.
+template <typename Error>
+double MeanTipError(const Error& truth) {
+  core::Random random(20170919);
+  double sum = 0.0;
+  constexpr int kSamples = 500;
+  for (int i = 0; i < kSamples; ++i) {
+    PsmJoints q = Centre();
+    for (int k = 0; k < 6; ++k) q[k] += random.Uniform(-1.0, 1.0) * Spread()[k];
+    const double drift = random.Uniform(0.0, 2.0 * kPi);
+    sum += (Psm::Tip(truth(q, drift)) - Psm::Tip(q)).norm();
+  }
+  return sum / kSamples;
+}
+
+}  // namespace
+
+ArmError::ArmError(const ArmErrorOptions& options) {
+  DFR_THROW_UNLESS(std::isfinite(options.mean_error_m) && options.mean_error_m >= 0.0,
+                   "arm error: mean_error_m must not be negative: " << options.mean_error_m);
+  DFR_THROW_UNLESS(
+      options.mean_residual_m >= 0.0 && options.mean_residual_m <= options.mean_error_m,
+      "arm error: mean_residual_m must lie in [0, mean_error_m], not " << options.mean_residual_m);
+  core::Random random(options.seed);
+  // One unit of each moves the tip by a few millimetres; the amounts are scaled below.
+  PsmJoints unit;
+  unit << 0.02, 0.02, 0.002, 0.05, 0.05, 0.05;
+  ArmError raw;
+  raw.systematic_.reference = Centre();
+  for (int k = 0; k < 6; ++k) {
+    raw.systematic_.offset[k] = unit[k] * random.Normal();
+    raw.systematic_.scale[k] = 0.2 * unit[k] / Spread()[k] * random.Normal();
+    raw.wave_[k] = unit[k] * random.Normal();
+    raw.wave_rate_[k] = random.Uniform(1.0, 2.0) * kPi / Spread()[k];
+    raw.wave_phase_[k] = random.Uniform(0.0, 2.0 * kPi);
+    raw.creep_[k] = 0.5 * unit[k] * random.Normal();
+    raw.creep_phase_[k] = random.Uniform(0.0, 2.0 * kPi);
+  }
+  ArmError residual = raw;
+  residual.systematic_ = {};
+  const double residual_mean =
+      MeanTipError([&](const PsmJoints& q, double drift) { return residual.Truth(q, drift); });
+  const double residual_share = options.mean_residual_m / residual_mean;
+  wave_ = residual_share * raw.wave_;
+  wave_rate_ = raw.wave_rate_;
+  wave_phase_ = raw.wave_phase_;
+  creep_ = residual_share * raw.creep_;
+  creep_phase_ = raw.creep_phase_;
+  systematic_.reference = raw.systematic_.reference;
+  // The whole grows with the systematic part: bisection finds the share that gives the mean.
+  double low = 0.0;
+  double high = 20.0;
+  for (int i = 0; i < 40; ++i) {
+    const double share = 0.5 * (low + high);
+    systematic_.offset = share * raw.systematic_.offset;
+    systematic_.scale = share * raw.systematic_.scale;
+    const double mean =
+        MeanTipError([this](const PsmJoints& q, double drift) { return Truth(q, drift); });
+    (mean < options.mean_error_m ? low : high) = share;
+  }
+}
+
+PsmJoints ArmError::Truth(const PsmJoints& q, double drift) const noexcept {
+  PsmJoints truth = systematic_.Apply(q);
+  for (int k = 0; k < 6; ++k) {
+    truth[k] += wave_[k] * std::sin(wave_rate_[k] * q[k] + wave_phase_[k]) +
+                creep_[k] * std::sin(drift + creep_phase_[k]);
+  }
+  return truth;
+}
+
+}  // namespace dfr::sim

@@ -1,0 +1,501 @@
+#include "dfr/sim/line_tracking/line_tracking_plant.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/random.h"
+#include "gauze_line.h"
+
+namespace dfr::sim {
+namespace {
+
+using internal::GauzeLine;
+using kinematics::PlatformPose;
+using kinematics::Psm;
+using kinematics::PsmJoints;
+using kinematics::PsmReach;
+using kinematics::SprkPlatform;
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kMillimetre = 1e3;
+constexpr double kHeadingScale = 10.0;  // mm per rad
+constexpr double kSampleTime = 0.02;    // s, between two looks at the tip's distance
+constexpr double kHover = 0.0025;       // m, the tip above the gauze at the start
+constexpr double kStartX = -0.023;      // m, in the middle of
+constexpr double kStartSpread = 0.0035;  // m, either way
+constexpr double kInclination = 40.0 * kPi / 180.0;
+constexpr int kMaxLooks = 3;
+
+// Streams of random numbers below an episode's seed.
+enum Purpose : std::uint64_t { kLineStream, kDisturbanceStream, kLightStream, kNoiseStream };
+
+// The positioning error of the individual platform: waves over its workspace, whose RMS is the
+// published one.
+struct PlatformError {
+  struct Term {
+    double amplitude = 0.0;
+    Eigen::Matrix<double, 6, 1> rate = Eigen::Matrix<double, 6, 1>::Zero();  // per m, per rad
+    double phase = 0.0;
+  };
+  std::array<std::array<Term, 2>, 3> terms;
+
+  explicit PlatformError(std::uint64_t seed) {
+    constexpr std::array<double, 3> kRms = {1.22e-3, 1.07e-3, 0.20e-3};
+    core::Random random(seed);
+    for (std::size_t k = 0; k < 3; ++k) {
+      for (Term& term : terms[k]) {
+        // Two sines of random phase, each with half of the square.
+        term.amplitude = kRms[k];
+        for (int i = 0; i < 6; ++i) term.rate[i] = (i < 3 ? 150.0 : 15.0) * random.Normal();
+        term.phase = random.Uniform(0.0, 2.0 * kPi);
+      }
+    }
+  }
+
+  [[nodiscard]] Eigen::Vector3d At(const PlatformPose& pose) const noexcept {
+    Eigen::Matrix<double, 6, 1> p;
+    p << pose.translation_m, pose.angles_rad;
+    Eigen::Vector3d error = Eigen::Vector3d::Zero();
+    for (int k = 0; k < 3; ++k) {
+      for (const Term& term : terms[static_cast<std::size_t>(k)]) {
+        error[k] += term.amplitude * std::sin(term.rate.dot(p) + term.phase);
+      }
+    }
+    return error;
+  }
+};
+
+PlatformPose Plus(const PlatformPose& a, const PlatformPose& b) noexcept {
+  return {a.translation_m + b.translation_m, a.angles_rad + b.angles_rad};
+}
+
+// The orientation that the tool holds, in the base frame: that of the arm's home.
+Eigen::Matrix3d ToolRotation() noexcept {
+  PsmJoints home = PsmJoints::Zero();
+  home[2] = 0.12;
+  return Psm::Forward(home).linear();
+}
+
+core::StateLayout MakeLayout() {
+  core::StateLayout layout;
+  layout.Add("tip", 2);
+  layout.Add("distance", 1);
+  layout.Add("heading", 1);
+  return layout;
+}
+
+}  // namespace
+
+struct LineTrackingPlant::World {
+  LineTrackingOptions options;
+  LineTrackingCalibration calibration;
+  core::StateLayout layout = MakeLayout();
+  ArmError arm_error;
+  PlatformError platform_error;
+  Endoscope endoscope;
+  vision::LineTarget target = LineTrackingPlant::target();
+  vision::LineVisionOptions vision;
+  Eigen::Isometry3d base_from_world = p_world_base().inverse();
+  Eigen::Isometry3d cam_from_world = p_world_cam().inverse();
+  Eigen::Isometry3d known_world_cam;
+  Eigen::Isometry3d known_cam_from_world;
+  Eigen::Matrix3d tool_rotation = ToolRotation();
+
+  World(const LineTrackingOptions& o, const LineTrackingCalibration* known)
+      : options(o), arm_error(o.arm), platform_error(o.platform_seed), endoscope(true_camera()) {
+    const EndoscopeOptions& e = options.endoscope;
+    DFR_THROW_UNLESS(e.light_change >= 0 && e.light_change <= 0.6,
+                     "endoscope: light_change must lie in [0, 0.6], not " << e.light_change);
+    DFR_THROW_UNLESS(e.glare >= 0 && e.glare <= 255,
+                     "endoscope: glare must lie in [0, 255], not " << e.glare);
+    DFR_THROW_UNLESS(e.blur_px >= 0 && e.blur_px <= 10,
+                     "endoscope: blur_px must lie in [0, 10], not " << e.blur_px);
+    DFR_THROW_UNLESS(e.noise >= 0 && e.noise <= 60,
+                     "endoscope: noise must lie in [0, 60], not " << e.noise);
+    DFR_THROW_UNLESS(
+        options.max_curvature >= 0 && options.max_curvature <= 1.0 / 80.0,
+        "line tracking: max_curvature must lie in [0, 1/80] per mm, not " << options.max_curvature);
+    DFR_THROW_UNLESS(
+        options.start_scatter_m >= 0 && options.start_scatter_m <= 1e-3,
+        "line tracking: start_scatter_m must lie in [0, 0.001], not " << options.start_scatter_m);
+    DFR_THROW_UNLESS(
+        options.disturbance.pause_s >= 0 && options.disturbance.pause_s <= 10,
+        "line tracking: pause_s must lie in [0, 10], not " << options.disturbance.pause_s);
+    static_cast<void>(Disturbance(options.disturbance, 0));  // checks it
+    if (known != nullptr) {
+      calibration = *known;
+    } else {
+      calibration.camera = true_camera();
+      calibration.p_base_cam = base_from_world * p_world_cam();
+    }
+    known_world_cam = p_world_base() * calibration.p_base_cam;
+    known_cam_from_world = known_world_cam.inverse();
+    vision.target = target;
+    vision.p_cam_target = known_cam_from_world;  // at home the gauze's frame is the world's
+  }
+
+  // The encoder readings to command for a tip position, as the calibration has it.
+  [[nodiscard]] bool Reading(const Eigen::Vector3d& tip_world, PsmJoints& reading) const noexcept {
+    Eigen::Isometry3d wrist = Eigen::Isometry3d::Identity();
+    wrist.linear() = tool_rotation;
+    wrist.translation() = base_from_world * tip_world - tool_rotation.col(2) * Psm::kJawLength;
+    PsmJoints q;
+    if (Psm::Inverse(wrist, q) != PsmReach::kOk) return false;
+    reading = calibration.arm.Invert(q);
+    return Psm::WithinLimits(reading);
+  }
+};
+
+// Everything that changes; plain values, so that copying it copies the plant.
+struct LineTrackingPlant::State {
+  std::uint64_t seed = 0;
+  GauzeLine line;
+  Disturbance disturbance;
+  double time_s = 0.0;      // of the disturbance
+  double arm_time_s = 0.0;  // of the arm's creep
+  double drift_phase = 0.0;
+  PlatformPose offset;                                  // MovePlatform()
+  PlatformPose platform;                                // where the lag has it
+  Eigen::Vector3d command_m = Eigen::Vector3d::Zero();  // tip, world
+  PsmJoints reading = PsmJoints::Zero();
+  double start_x = 0.0;
+  bool collided = false;
+  bool halted = false;
+  std::uint64_t pictures = 0;
+  double light_phase = 0.0;
+  Eigen::Vector2d gradient = Eigen::Vector2d::Zero();
+  Eigen::Vector2d glare_at = Eigen::Vector2d::Zero();
+  CameraFault fault = CameraFault::kNone;
+  std::array<double, 4> observed{};
+  vision::LineObservation seen;
+
+  [[nodiscard]] double drift() const noexcept {
+    return drift_phase + 2.0 * kPi * arm_time_s / 120.0;
+  }
+};
+
+LineTrackingPlant::LineTrackingPlant(const LineTrackingOptions& options,
+                                     const LineTrackingCalibration* calibration)
+    : LineTrackingPlant(std::make_shared<const World>(options, calibration)) {
+  Reset(0);
+}
+
+LineTrackingPlant::LineTrackingPlant(std::shared_ptr<const World> world)
+    : world_(std::move(world)),
+      state_(std::make_unique<State>()),
+      image_(std::make_unique<std::uint8_t[]>(world_->endoscope.image_size())) {
+  vision_ = std::make_unique<vision::LineVision>(world_->calibration.camera, world_->vision);
+}
+
+LineTrackingPlant::~LineTrackingPlant() = default;
+
+const core::StateLayout& LineTrackingPlant::layout() const noexcept { return world_->layout; }
+const LineTrackingOptions& LineTrackingPlant::options() const noexcept { return world_->options; }
+const LineTrackingCalibration& LineTrackingPlant::calibration() const noexcept {
+  return world_->calibration;
+}
+const Endoscope& LineTrackingPlant::endoscope() const noexcept { return world_->endoscope; }
+const vision::LineObservation& LineTrackingPlant::last_observation() const noexcept {
+  return state_->seen;
+}
+
+Eigen::Isometry3d LineTrackingPlant::p_world_base() noexcept {
+  // At home the tip is kHover above the world's origin. The tool points along -z of the base.
+  const Eigen::Vector3d up(0.0, std::sin(kInclination), std::cos(kInclination));
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.linear().col(0) = Eigen::Vector3d::UnitX();
+  pose.linear().col(1) = up.cross(Eigen::Vector3d::UnitX());
+  pose.linear().col(2) = up;
+  PsmJoints home = PsmJoints::Zero();
+  home[2] = 0.12;
+  pose.translation() = Eigen::Vector3d(0.0, 0.0, kHover) - pose.linear() * Psm::Tip(home);
+  return pose;
+}
+
+Eigen::Isometry3d LineTrackingPlant::p_world_cam() noexcept {
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  Eigen::Matrix3d down;
+  down << 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0;
+  pose.linear() = down * (Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitX()) *
+                          Eigen::AngleAxisd(-0.03, Eigen::Vector3d::UnitY()) *
+                          Eigen::AngleAxisd(0.02, Eigen::Vector3d::UnitZ()))
+                             .toRotationMatrix();
+  // The optical axis meets the gauze 1 mm from its middle.
+  pose.translation() = Eigen::Vector3d(0.001, 0.0, 0.0) - 0.125 * pose.linear().col(2);
+  return pose;
+}
+
+vision::CameraModel LineTrackingPlant::true_camera() noexcept {
+  vision::CameraModel camera;
+  camera.fx = 702.0;
+  camera.fy = 699.0;
+  camera.cx = 322.5;
+  camera.cy = 236.0;
+  camera.distortion = {-0.18, 0.05, 8e-4, -6e-4, 0.0};
+  return camera;
+}
+
+vision::LineTarget LineTrackingPlant::target() {
+  vision::LineTarget target;
+  for (double y : {-0.0265, 0.0265}) {
+    for (double x : {-0.038, -0.0127, 0.0127, 0.038}) target.marks_m.emplace_back(x, y);
+  }
+  return target;
+}
+
+void LineTrackingPlant::Reset(std::uint64_t seed) {
+  State& s = *state_;
+  const World& w = *world_;
+  s = State{};
+  s.seed = seed;
+  core::Random random(core::DeriveSeed(seed, {kLineStream}));
+  s.line.c[0] = random.Uniform(-0.003, 0.003);
+  s.line.c[1] = random.Uniform(-0.1, 0.1);
+  const bool curved = random.Uniform() < 0.5;
+  const double curvature = random.Uniform(-1.0, 1.0) * w.options.max_curvature * kMillimetre;
+  s.line.c[2] = curved ? 0.5 * curvature : 0.0;
+  const double start_x = kStartX + random.Uniform(-kStartSpread, kStartSpread);
+  const double start_distance = w.options.start_scatter_m * random.Normal();
+  s.drift_phase = random.Uniform(0.0, 2.0 * kPi);
+
+  core::Random light(core::DeriveSeed(seed, {kLightStream}));
+  s.light_phase = light.Uniform(0.0, 2.0 * kPi);
+  s.gradient = {light.Uniform(-0.3, 0.3), light.Uniform(-0.3, 0.3)};
+  s.glare_at = {light.Uniform(-0.4, 0.4), light.Uniform(-0.3, 0.3)};
+  s.disturbance = Disturbance(w.options.disturbance, core::DeriveSeed(seed, {kDisturbanceStream}));
+
+  // The operator puts the true tip there, whatever the encoders say: corrections until it is.
+  const Eigen::Isometry3d gauze = truth().p_world_gauze;
+  const double slope = s.line.SlopeAt(start_x);
+  const Eigen::Vector3d beside(-slope, 1.0, 0.0);
+  const Eigen::Vector3d start =
+      gauze * Eigen::Vector3d(Eigen::Vector3d(start_x, s.line.At(start_x), 0.0) +
+                              start_distance * beside.normalized()) +
+      Eigen::Vector3d(0.0, 0.0, kHover);
+  Eigen::Vector3d command = start;
+  for (int i = 0; i < 8; ++i) {
+    if (!MoveTip(command)) {
+      throw std::runtime_error("line tracking: the arm cannot reach the line's beginning");
+    }
+    command += start - truth().tip_m;
+  }
+  const GauzeLine::Nearest nearest = s.line.NearestTo((gauze.inverse() * truth().tip_m).head<2>());
+  s.start_x = nearest.x;
+  s.collided = std::abs(nearest.distance) > kCollision;
+  vision_->ForgetLastImage();
+  Look();
+}
+
+bool LineTrackingPlant::MoveTip(const Eigen::Vector3d& tip_m) noexcept {
+  PsmJoints reading;
+  if (!tip_m.allFinite() || !world_->Reading(tip_m, reading)) return false;
+  state_->command_m = tip_m;
+  state_->reading = reading;
+  return true;
+}
+
+void LineTrackingPlant::MovePlatform(const PlatformPose& pose) {
+  DFR_THROW_UNLESS(SprkPlatform::Reachable(pose),
+                   "platform: out of reach: x "
+                       << pose.translation_m.x() << ", y " << pose.translation_m.y() << ", z "
+                       << pose.translation_m.z() << " m, roll " << pose.angles_rad.x() << ", pitch "
+                       << pose.angles_rad.y() << ", yaw " << pose.angles_rad.z() << " rad");
+  State& s = *state_;
+  s.platform.translation_m += pose.translation_m - s.offset.translation_m;
+  s.platform.angles_rad += pose.angles_rad - s.offset.angles_rad;
+  s.offset = pose;
+}
+
+void LineTrackingPlant::SetCameraFault(CameraFault fault) noexcept { state_->fault = fault; }
+
+PsmJoints LineTrackingPlant::reported_joints() const noexcept { return state_->reading; }
+
+PsmJoints LineTrackingPlant::true_joints() const noexcept {
+  return world_->arm_error.Truth(state_->reading, state_->drift());
+}
+
+Eigen::Vector3d LineTrackingPlant::reported_tip_m() const noexcept {
+  return p_world_base() * Psm::Tip(world_->calibration.arm.Apply(state_->reading));
+}
+
+LineTrackingTruth LineTrackingPlant::truth() const noexcept {
+  const State& s = *state_;
+  LineTrackingTruth truth;
+  truth.tip_m = p_world_base() * Psm::Tip(true_joints());
+  truth.p_world_gauze = s.platform.Transform();
+  truth.p_world_gauze.translation() += world_->platform_error.At(s.platform);
+  const Eigen::Vector3d on_gauze = truth.p_world_gauze.inverse() * truth.tip_m;
+  const GauzeLine::Nearest nearest = s.line.NearestTo(on_gauze.head<2>());
+  truth.distance_m = nearest.distance;
+  truth.progress_m = s.line.Length(s.start_x, nearest.x);
+  const Eigen::Vector3d tangent =
+      truth.p_world_gauze.linear() * Eigen::Vector3d(1.0, s.line.SlopeAt(nearest.x), 0.0);
+  truth.heading_rad = std::atan2(tangent.y(), tangent.x());
+  return truth;
+}
+
+// The arm goes from one reading to the other while the platform follows the disturbance.
+void LineTrackingPlant::Travel(const PsmJoints& from, const PsmJoints& to,
+                               double duration_s) noexcept {
+  State& s = *state_;
+  const bool moves = world_->options.disturbance.during && !s.halted;
+  const int samples = std::max(1, static_cast<int>(std::ceil(duration_s / kSampleTime)));
+  const double dt = duration_s / samples;
+  const double follow = 1.0 - std::exp(-dt / SprkPlatform::kTimeConstant);
+  for (int i = 1; i <= samples; ++i) {
+    s.reading = from + (to - from) * (static_cast<double>(i) / samples);
+    s.arm_time_s += dt;
+    if (moves) {
+      s.time_s += dt;
+      const PlatformPose command = Plus(s.disturbance.At(s.time_s), s.offset);
+      s.platform.translation_m += follow * (command.translation_m - s.platform.translation_m);
+      s.platform.angles_rad += follow * (command.angles_rad - s.platform.angles_rad);
+    }
+    if (i < samples && std::abs(truth().distance_m) > kCollision) s.collided = true;
+  }
+}
+
+core::PlantStatus LineTrackingPlant::Apply(std::span<const double> control) noexcept {
+  if (control.size() != 2) return core::PlantStatus::kRefused;
+  if (!std::isfinite(control[0]) || !std::isfinite(control[1])) return core::PlantStatus::kRefused;
+  State& s = *state_;
+  const Eigen::Vector3d step(kStep * std::clamp(control[0], -1.0, 1.0),
+                             kStep * std::clamp(control[1], -1.0, 1.0), 0.0);
+  const Eigen::Vector3d goal = s.command_m + step;
+  PsmJoints reading;
+  if (!world_->Reading(goal, reading)) return core::PlantStatus::kRefused;
+  const PsmJoints from = s.reading;
+  s.command_m = goal;
+  Travel(from, reading, step.norm() / kSpeed);
+  // At rest: the platform's lag dies out while the disturbance holds still.
+  const DisturbanceOptions& disturbance = world_->options.disturbance;
+  if (!s.halted) {
+    s.platform = Plus(s.disturbance.At(s.time_s), s.offset);
+    if (std::abs(truth().distance_m) > kCollision) s.collided = true;
+    if (disturbance.between) {
+      s.time_s += disturbance.pause_s;
+      s.platform = Plus(s.disturbance.At(s.time_s), s.offset);
+    }
+  }
+  if (std::abs(truth().distance_m) > kCollision) s.collided = true;
+  Look();
+  return core::PlantStatus::kOk;
+}
+
+void LineTrackingPlant::Look() noexcept {
+  State& s = *state_;
+  const World& w = *world_;
+  if (w.options.observation == Observation::kGroundTruth) {
+    const LineTrackingTruth t = truth();
+    s.observed = {kMillimetre * t.tip_m.x(), kMillimetre * t.tip_m.y(), kMillimetre * t.distance_m,
+                  kHeadingScale * t.heading_rad};
+    return;
+  }
+  // The arm knows how high its tip is, the camera does not.
+  const Eigen::Vector3d up = w.known_cam_from_world.linear() * Eigen::Vector3d::UnitZ();
+  const Eigen::Hyperplane<double, 3> tip_plane(up, w.known_cam_from_world * reported_tip_m());
+  for (int look = 0; look < kMaxLooks; ++look) {
+    if (s.fault != CameraFault::kFrozen) {
+      ++s.pictures;
+      RenderEndoscope(image_.get());
+    }
+    s.seen = vision_->Observe(w.endoscope.View(image_.get()), tip_plane);
+    if (s.seen.seen()) break;
+  }
+  if (!s.seen.seen()) {
+    s.observed.fill(std::numeric_limits<double>::quiet_NaN());
+    return;
+  }
+  const Eigen::Vector3d tip = w.known_world_cam * s.seen.p_cam_tip;
+  const Eigen::Vector3d tangent = w.known_world_cam.linear() * s.seen.tangent_cam;
+  s.observed = {kMillimetre * tip.x(), kMillimetre * tip.y(), kMillimetre * s.seen.distance_m,
+                kHeadingScale * std::atan2(tangent.y(), tangent.x())};
+}
+
+void LineTrackingPlant::RenderEndoscope(std::uint8_t* bgr) const noexcept {
+  const State& s = *state_;
+  const World& w = *world_;
+  const EndoscopeOptions& o = w.options.endoscope;
+  EndoscopeScene scene;
+  scene.p_cam_gauze = w.cam_from_world * truth().p_world_gauze;
+  scene.marks_m = &w.target.marks_m;
+  scene.mark_radius_m = w.target.mark_radius_m;
+  scene.line = s.line.c;
+  if (s.fault == CameraFault::kNoLine) scene.line_half_length_m = 0.0;
+  scene.line_width_m = w.target.line_width_m;
+  scene.tip_radius_m = w.target.tip_radius_m;
+  const PsmJoints q = true_joints();
+  const Eigen::Isometry3d cam_from_base = w.cam_from_world * p_world_base();
+  const Eigen::Vector3d wrist = Psm::Forward(q).translation();
+  const Eigen::Vector3d shaft = Psm::ShaftEnd(q);
+  scene.tool_cam = {cam_from_base * Psm::Tip(q), cam_from_base * wrist, cam_from_base * shaft,
+                    cam_from_base * Eigen::Vector3d(0.45 * shaft)};
+  if (s.fault == CameraFault::kNoTip) {
+    for (Eigen::Vector3d& p : scene.tool_cam) p.x() += 0.2;
+  }
+  EndoscopeLight light;
+  // The light flickers a little and wanders over an episode.
+  const double t = 0.05 * static_cast<double>(s.pictures) + s.light_phase;
+  light.gain = 0.95 * (1.0 + 0.8 * o.light_change * std::sin(0.7 * t) +
+                       0.2 * o.light_change * std::sin(13.0 * t));
+  light.gradient = s.gradient;
+  light.glare = o.glare;
+  light.glare_at = s.glare_at + Eigen::Vector2d(0.1 * std::sin(0.3 * t), 0.1 * std::cos(0.4 * t));
+  light.blur_px = o.blur_px;
+  light.noise = o.noise;
+  if (s.fault == CameraFault::kBlack) {
+    light.gain = 0.0;
+    light.glare = 0.0;
+  } else if (s.fault == CameraFault::kOverexposed) {
+    light.gain = 6.0;
+  }
+  w.endoscope.Render(scene, light, core::DeriveSeed(s.seed, {kNoiseStream, s.pictures}), bgr);
+}
+
+void LineTrackingPlant::Observe(std::span<double> state) const noexcept {
+  std::copy(state_->observed.begin(), state_->observed.end(), state.begin());
+}
+
+bool LineTrackingPlant::completed() const noexcept {
+  return !state_->collided && truth().progress_m >= kCompletion;
+}
+
+bool LineTrackingPlant::collided() const noexcept { return state_->collided; }
+
+void LineTrackingPlant::Halt() noexcept { state_->halted = true; }
+
+std::unique_ptr<core::SimulatedPlant> LineTrackingPlant::Clone() const {
+  std::unique_ptr<LineTrackingPlant> copy(new LineTrackingPlant(world_));
+  copy->CopyStateFrom(*this);
+  return copy;
+}
+
+void LineTrackingPlant::CopyStateFrom(const core::SimulatedPlant& other) noexcept {
+  const auto& source = static_cast<const LineTrackingPlant&>(other);
+  *state_ = *source.state_;
+  std::copy_n(source.image_.get(), world_->endoscope.image_size(), image_.get());
+  vision_->ForgetLastImage();
+}
+
+core::Matrix LineTrackingPlant::OpenLoopControls(int steps, double step_m) const {
+  DFR_THROW_UNLESS(steps > 0 && step_m > 0 && step_m <= kStep,
+                   "line tracking: a demonstration has at least one step of at most "
+                       << 1e3 * kStep << " mm, not " << steps << " of " << 1e3 * step_m << " mm");
+  const Eigen::Isometry3d gauze = truth().p_world_gauze;
+  const GauzeLine& line = state_->line;
+  const auto at = [&](double x) {
+    return Eigen::Vector3d(gauze * Eigen::Vector3d(x, line.At(x), 0.0));
+  };
+  core::Matrix controls(steps, 2);
+  double x = line.NearestTo((gauze.inverse() * truth().tip_m).head<2>()).x;
+  for (int i = 0; i < steps; ++i) {
+    const double next = line.Along(x, step_m);
+    controls.row(i) = (at(next) - at(x)).head<2>().transpose() / kStep;
+    x = next;
+  }
+  return controls;
+}
+
+}  // namespace dfr::sim

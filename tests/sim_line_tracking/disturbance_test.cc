@@ -1,0 +1,110 @@
+#include "dfr/sim/line_tracking/disturbance.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <stdexcept>
+
+#include "tests/support/no_alloc.h"
+
+namespace dfr::sim {
+namespace {
+
+using kinematics::PlatformPose;
+using kinematics::SprkPlatform;
+
+double Entry(const PlatformPose& pose, int k) {
+  return k < 3 ? pose.translation_m[k] : pose.angles_rad[k - 3];
+}
+
+DisturbanceOptions Options(Wave wave) {
+  DisturbanceOptions options;
+  options.wave = wave;
+  options.amplitude = {0.003, 0.002, 0.001, 0.01, 0.02, 0.03};
+  options.frequency = {0.5, 0.7, 0.9, 1.1, 1.3, 1.5};
+  return options;
+}
+
+TEST(DisturbanceTest, AllWavesStartAtHome) {
+  for (Wave wave : {Wave::kNone, Wave::kSine, Wave::kBreath, Wave::kRandom}) {
+    const PlatformPose pose = Disturbance(Options(wave), 1).At(0.0);
+    for (int k = 0; k < 6; ++k) EXPECT_NEAR(Entry(pose, k), 0.0, 1e-16) << Name(wave) << k;
+  }
+}
+
+TEST(DisturbanceTest, SineIsTheFirmwares) {
+  const DisturbanceOptions options = Options(Wave::kSine);
+  const PlatformPose pose = Disturbance(options, 1).At(0.3);
+  for (std::size_t k = 0; k < 6; ++k) {
+    EXPECT_DOUBLE_EQ(
+        Entry(pose, static_cast<int>(k)),
+        options.amplitude[k] * std::sin(6.283185307179586 * options.frequency[k] * 0.3));
+  }
+}
+
+// In [0, 2 amplitude], angles in [-amplitude, amplitude], with both ends reached, and the frequency
+// in rad/s.
+TEST(DisturbanceTest, BreathHasTheFirmwaresRangeAndPeriod) {
+  const DisturbanceOptions options = Options(Wave::kBreath);
+  const Disturbance breath(options, 1);
+  for (int k = 0; k < 6; ++k) {
+    const double a = options.amplitude[static_cast<std::size_t>(k)];
+    const double period = 6.283185307179586 / options.frequency[static_cast<std::size_t>(k)];
+    double lowest = 1.0;
+    double highest = -1.0;
+    for (int i = 0; i < 10000; ++i) {
+      const double t = i * period / 10000;
+      lowest = std::fmin(lowest, Entry(breath.At(t), k));
+      highest = std::fmax(highest, Entry(breath.At(t), k));
+    }
+    EXPECT_NEAR(lowest, k < 3 ? 0.0 : -a, 1e-6 * a);  // sampled 10000 times a period
+    EXPECT_NEAR(highest, k < 3 ? 2 * a : a, 1e-6 * a);
+    EXPECT_NEAR(Entry(breath.At(period), k), Entry(breath.At(0.0), k), 1e-12);
+  }
+}
+
+TEST(DisturbanceTest, RandomStaysWithinItsAmplitudeAndDependsOnTheSeed) {
+  const DisturbanceOptions options = Options(Wave::kRandom);
+  const Disturbance one(options, 1);
+  const Disturbance same(options, 1);
+  const Disturbance other(options, 2);
+  double largest = 0.0;
+  for (double t = 0.1; t < 100; t += 0.1) {
+    for (int k = 0; k < 6; ++k) {
+      const double a = options.amplitude[static_cast<std::size_t>(k)];
+      EXPECT_LE(std::abs(Entry(one.At(t), k)), a);
+      largest = std::fmax(largest, std::abs(Entry(one.At(t), k)) / a);
+      EXPECT_EQ(Entry(one.At(t), k), Entry(same.At(t), k));
+    }
+    EXPECT_NE(Entry(one.At(t), 0), Entry(other.At(t), 0));
+  }
+  EXPECT_GT(largest, 0.7);
+}
+
+TEST(DisturbanceTest, RandomIsShortenedToThePlatformsReach) {
+  DisturbanceOptions options = Options(Wave::kRandom);
+  options.amplitude = {0.02, 0.02, 0.02, 0.1, 0.1, 0.1};
+  const Disturbance wild(options, 1);
+  for (double t = 0.0; t < 100; t += 0.1) EXPECT_TRUE(SprkPlatform::Reachable(wild.At(t))) << t;
+}
+
+TEST(DisturbanceTest, SineOrBreathBeyondReachThrows) {
+  DisturbanceOptions options = Options(Wave::kSine);
+  options.amplitude[4] = 0.26;  // the published 15 degrees
+  EXPECT_THROW(Disturbance(options, 1), std::invalid_argument);
+  options = Options(Wave::kBreath);
+  options.amplitude[2] = 0.005;  // 10 mm up; the reach ends at 8.3
+  EXPECT_THROW(Disturbance(options, 1), std::invalid_argument);
+  options = Options(Wave::kSine);
+  options.frequency[0] = std::nan("");
+  EXPECT_THROW(Disturbance(options, 1), std::invalid_argument);
+}
+
+TEST(DisturbanceTest, NeverAllocates) {
+  const Disturbance wave(Options(Wave::kRandom), 1);
+  const test::NoAlloc guard;
+  EXPECT_TRUE(wave.At(1.0).translation_m.allFinite());
+}
+
+}  // namespace
+}  // namespace dfr::sim

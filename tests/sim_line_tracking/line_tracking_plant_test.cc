@@ -1,0 +1,317 @@
+#include "dfr/sim/line_tracking/line_tracking_plant.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::sim {
+namespace {
+
+using core::PlantStatus;
+using State = std::array<double, 4>;
+
+State Observe(const core::Plant& plant) {
+  State x;
+  plant.Observe(x);
+  return x;
+}
+
+LineTrackingOptions Truth(Wave wave = Wave::kNone) {
+  LineTrackingOptions options;
+  options.observation = Observation::kGroundTruth;
+  options.disturbance.wave = wave;
+  return options;
+}
+
+// What a perfect calibration would find.
+LineTrackingCalibration PerfectCalibration(const LineTrackingOptions& options) {
+  LineTrackingCalibration known;
+  known.camera = LineTrackingPlant::true_camera();
+  known.p_base_cam = LineTrackingPlant::p_world_base().inverse() * LineTrackingPlant::p_world_cam();
+  known.arm = ArmError(options.arm).systematic();
+  return known;
+}
+
+PlantStatus Apply(core::Plant& plant, double x, double y) { return plant.Apply(std::array{x, y}); }
+
+TEST(LineTrackingPlantTest, OpenLoopDemonstrationsFollowTheLineWhenNothingMoves) {
+  LineTrackingPlant plant(Truth());
+  for (std::uint64_t seed = 0; seed < 50; ++seed) {
+    SCOPED_TRACE(seed);
+    plant.Reset(seed);
+    ASSERT_FALSE(plant.completed());
+    const core::Matrix controls = plant.OpenLoopControls(50, 1e-3);
+    double farthest = 0.0;
+    for (int i = 0; i < controls.rows(); ++i) {
+      ASSERT_EQ(plant.Apply(core::Row(controls, i)), PlantStatus::kOk);
+      farthest = std::max(farthest, std::abs(plant.truth().distance_m));
+    }
+    EXPECT_TRUE(plant.completed());
+    // Where it began, 0.6 mm off (sd), and what the uncorrected arm bends off over 50 mm.
+    EXPECT_LT(farthest, LineTrackingPlant::kCollision);
+    // Its scale errors are some per cent.
+    EXPECT_NEAR(plant.truth().progress_m, 0.050, 4e-3);
+  }
+}
+
+TEST(LineTrackingPlantTest, StateIsInMillimetresAndDistanceIsPositiveToTheLeft) {
+  LineTrackingPlant plant(Truth());
+  plant.Reset(1);
+  const State before = Observe(plant);
+  ASSERT_EQ(Apply(plant, 0.0, 0.5), PlantStatus::kOk);  // 1 mm to +y
+  const State after = Observe(plant);
+  // The arm's scale errors are a few per cent.
+  EXPECT_NEAR(after[1] - before[1], 1.0, 0.15);
+  EXPECT_NEAR(after[0] - before[0], 0.0, 0.15);
+  EXPECT_NEAR(after[2] - before[2], 1.0, 0.15);
+  EXPECT_NEAR(after[2], 1e3 * plant.truth().distance_m, 1e-12);
+  EXPECT_NEAR(after[3], 10.0 * plant.truth().heading_rad, 1e-12);
+}
+
+TEST(LineTrackingPlantTest, CollidesBeyondFourMillimetresAndStaysCollided) {
+  LineTrackingPlant plant(Truth());
+  plant.Reset(2);
+  while (std::abs(plant.truth().distance_m) < 0.0037) {
+    ASSERT_FALSE(plant.collided());
+    ASSERT_EQ(Apply(plant, 0.0, 0.1), PlantStatus::kOk);
+  }
+  EXPECT_FALSE(plant.collided());
+  ASSERT_EQ(Apply(plant, 0.0, 0.5), PlantStatus::kOk);
+  EXPECT_GT(std::abs(plant.truth().distance_m), LineTrackingPlant::kCollision);
+  EXPECT_TRUE(plant.collided());
+  for (int i = 0; i < 5; ++i) ASSERT_EQ(Apply(plant, 0.0, -0.4), PlantStatus::kOk);
+  EXPECT_LT(std::abs(plant.truth().distance_m), 0.003);
+  EXPECT_TRUE(plant.collided());
+  plant.Reset(2);
+  EXPECT_FALSE(plant.collided());
+}
+
+TEST(LineTrackingPlantTest, ControlsSaturateAndBadOnesAreRefused) {
+  LineTrackingPlant plant(Truth());
+  plant.Reset(3);
+  const State x = Observe(plant);
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(Apply(plant, nan, 0.0), PlantStatus::kRefused);
+  EXPECT_EQ(plant.Apply(std::array{0.1}), PlantStatus::kRefused);
+  EXPECT_EQ(Observe(plant), x);
+
+  const auto copy = plant.Clone();
+  ASSERT_EQ(Apply(plant, 7.0, 0.0), PlantStatus::kOk);
+  ASSERT_EQ(Apply(*copy, 1.0, 0.0), PlantStatus::kOk);
+  EXPECT_EQ(Observe(plant), Observe(*copy));
+}
+
+TEST(LineTrackingPlantTest, ControlsBeyondTheArmsReachAreRefused) {
+  LineTrackingPlant plant(Truth());
+  plant.Reset(4);
+  PlantStatus status = PlantStatus::kOk;
+  for (int i = 0; i < 500 && status == PlantStatus::kOk; ++i) status = Apply(plant, 1.0, 0.0);
+  ASSERT_EQ(status, PlantStatus::kRefused);
+  const State x = Observe(plant);
+  EXPECT_EQ(Apply(plant, 1.0, 0.0), PlantStatus::kRefused);
+  EXPECT_EQ(Observe(plant), x);
+  EXPECT_EQ(Apply(plant, -1.0, 0.0), PlantStatus::kOk);
+  EXPECT_FALSE(plant.MoveTip({0.0, 0.0, 1.0}));
+  EXPECT_FALSE(plant.MoveTip({std::nan(""), 0.0, 0.0}));
+}
+
+TEST(LineTrackingPlantTest, PlatformCommandsBeyondReachThrow) {
+  LineTrackingPlant plant(Truth());
+  kinematics::PlatformPose pose;
+  pose.angles_rad.y() = 0.26;
+  EXPECT_THROW(plant.MovePlatform(pose), std::invalid_argument);
+  LineTrackingOptions options = Truth(Wave::kSine);
+  options.disturbance.amplitude[2] = 0.02;
+  EXPECT_THROW(LineTrackingPlant{options}, std::invalid_argument);
+}
+
+// Time passes with travel when the disturbance acts during controls, with controls when between.
+TEST(LineTrackingPlantTest, DisturbanceActsWhenItWasAskedTo) {
+  const auto gauze_moves = [](bool during, bool between, double u) {
+    LineTrackingOptions options = Truth(Wave::kSine);
+    options.disturbance.during = during;
+    options.disturbance.between = between;
+    LineTrackingPlant plant(options);
+    plant.Reset(5);
+    const Eigen::Vector3d before = plant.truth().p_world_gauze.translation();
+    for (int i = 0; i < 10; ++i) EXPECT_EQ(Apply(plant, u, 0.0), PlantStatus::kOk);
+    return (plant.truth().p_world_gauze.translation() - before).norm();
+  };
+  EXPECT_EQ(gauze_moves(false, false, 0.5), 0.0);
+  EXPECT_EQ(gauze_moves(true, false, 0.0), 0.0);  // no travel, no time
+  EXPECT_GT(gauze_moves(true, false, 0.5), 1e-3);
+  EXPECT_GT(gauze_moves(false, true, 0.0), 1e-3);
+  EXPECT_LT(gauze_moves(true, false, 0.001), 1e-4);
+}
+
+TEST(LineTrackingPlantTest, DisturbanceStopsWithHalt) {
+  LineTrackingPlant plant(Truth(Wave::kRandom));
+  plant.Reset(6);
+  for (int i = 0; i < 10; ++i) ASSERT_EQ(Apply(plant, 0.5, 0.0), PlantStatus::kOk);
+  plant.Halt();
+  const Eigen::Vector3d before = plant.truth().p_world_gauze.translation();
+  ASSERT_EQ(Apply(plant, 0.5, 0.0), PlantStatus::kOk);
+  EXPECT_EQ(plant.truth().p_world_gauze.translation(), before);
+}
+
+TEST(LineTrackingPlantTest, CloneContinuesBitForBitAndSeedsDecideEverything) {
+  for (const Observation observation : {Observation::kGroundTruth, Observation::kVision}) {
+    LineTrackingOptions options = Truth(Wave::kRandom);
+    options.observation = observation;
+    options.disturbance.between = true;
+    LineTrackingPlant plant(options);
+    LineTrackingPlant same(options);
+    plant.Reset(7);
+    same.Reset(8);
+    EXPECT_NE(Observe(plant), Observe(same));
+    same.Reset(7);
+    EXPECT_EQ(Observe(plant), Observe(same));
+    for (int i = 0; i < 10; ++i) ASSERT_EQ(Apply(plant, 0.5, 0.02 * i), PlantStatus::kOk);
+    const auto clone = plant.Clone();
+    same.CopyStateFrom(plant);
+    EXPECT_EQ(Observe(plant), Observe(*clone));
+    for (int i = 0; i < 5; ++i) {
+      ASSERT_EQ(Apply(plant, 0.4, -0.1), PlantStatus::kOk);
+      ASSERT_EQ(Apply(*clone, 0.4, -0.1), PlantStatus::kOk);
+      ASSERT_EQ(Apply(same, 0.4, -0.1), PlantStatus::kOk);
+      EXPECT_EQ(Observe(plant), Observe(*clone));
+      EXPECT_EQ(Observe(plant), Observe(same));
+    }
+  }
+}
+
+TEST(LineTrackingPlantTest, GroundTruthControlsNeverAllocate) {
+  LineTrackingPlant plant(Truth(Wave::kRandom));
+  plant.Reset(9);
+  const auto clone = plant.Clone();
+  const test::NoAlloc guard;
+  for (int i = 0; i < 20; ++i) {
+    ASSERT_EQ(Apply(plant, 0.5, 0.1), PlantStatus::kOk);
+    static_cast<void>(plant.completed());
+  }
+  clone->CopyStateFrom(plant);
+  plant.Halt();
+}
+
+// The requirement on vision: 95 % of errors below 0.3 mm, and never the wrong side, over poses of
+// tool and platform, light and blur. A side counts from 0.3 mm on: nearer it is within the errors.
+TEST(LineTrackingPlantTest, VisionIsAccurateOverPosesLightAndBlur) {
+  std::vector<double> distance_errors;
+  std::vector<double> tip_errors;
+  int wrong_sides = 0;
+  int not_seen = 0;
+  int looks = 0;
+  for (const double blur : {0.0, 1.0, 2.0}) {
+    for (const double light_change : {0.0, 0.5}) {
+      LineTrackingOptions options;
+      options.disturbance.wave = Wave::kRandom;
+      options.endoscope.blur_px = blur;
+      options.endoscope.light_change = light_change;
+      options.endoscope.glare = 60.0;
+      const LineTrackingCalibration known = PerfectCalibration(options);
+      LineTrackingPlant plant(options, &known);
+      core::Random random(10);
+      for (std::uint64_t seed = 0; seed < 5; ++seed) {
+        plant.Reset(seed);
+        const core::Matrix controls = plant.OpenLoopControls(25, 2e-3);
+        for (int i = 0; i < 25; ++i) {
+          const PlantStatus status = Apply(plant, controls(i, 0) + 0.2 * random.Normal(),
+                                           controls(i, 1) + 0.3 * random.Normal());
+          ASSERT_EQ(status, PlantStatus::kOk);
+          if (std::abs(plant.truth().distance_m) > 0.006) break;
+          ++looks;
+          const vision::LineObservation& seen = plant.last_observation();
+          if (!seen.seen()) {
+            ++not_seen;
+            continue;
+          }
+          const LineTrackingTruth truth = plant.truth();
+          const State x = Observe(plant);
+          distance_errors.push_back(std::abs(seen.distance_m - truth.distance_m));
+          tip_errors.push_back(
+              std::hypot(1e-3 * x[0] - truth.tip_m.x(), 1e-3 * x[1] - truth.tip_m.y()));
+          if (std::abs(truth.distance_m) > 3e-4 && seen.distance_m * truth.distance_m < 0) {
+            ++wrong_sides;
+          }
+        }
+      }
+    }
+  }
+  const auto quantile95 = [](std::vector<double>& errors) {
+    std::sort(errors.begin(), errors.end());
+    return errors[errors.size() * 95 / 100];
+  };
+  ASSERT_GT(distance_errors.size(), 500U);
+  EXPECT_LT(quantile95(distance_errors), 3e-4);
+  EXPECT_LT(quantile95(tip_errors), 3e-4);
+  EXPECT_EQ(wrong_sides, 0);
+  EXPECT_LT(not_seen, looks / 20);
+}
+
+// Each is an end in NaN, which controllers turn into a halt.
+TEST(LineTrackingPlantTest, AStateThatTheImageDoesNotShowIsNaN) {
+  LineTrackingPlant plant;
+  const auto reason = [&plant](CameraFault fault) {
+    plant.Reset(11);
+    EXPECT_TRUE(plant.last_observation().seen());
+    plant.SetCameraFault(fault);
+    EXPECT_EQ(Apply(plant, 0.5, 0.0), PlantStatus::kOk);
+    for (double entry : Observe(plant)) EXPECT_TRUE(std::isnan(entry));
+    return plant.last_observation().missing;
+  };
+  EXPECT_EQ(reason(CameraFault::kFrozen), vision::NotSeen::kFrozen);
+  EXPECT_EQ(reason(CameraFault::kBlack), vision::NotSeen::kDark);
+  EXPECT_EQ(reason(CameraFault::kOverexposed), vision::NotSeen::kOverexposed);
+  EXPECT_EQ(reason(CameraFault::kNoLine), vision::NotSeen::kLine);
+  EXPECT_EQ(reason(CameraFault::kNoTip), vision::NotSeen::kTip);
+
+  // The tip truly out of the picture.
+  plant.Reset(12);
+  ASSERT_TRUE(plant.MoveTip({0.075, 0.0, 0.003}));
+  plant.Look();
+  EXPECT_FALSE(plant.last_observation().seen());
+}
+
+TEST(LineTrackingPlantTest, IntrinsicsOfAnotherCameraAreNoticed) {
+  const LineTrackingOptions options;
+  LineTrackingCalibration known = PerfectCalibration(options);
+  known.camera.fx = known.camera.fy = 1000.0;
+  LineTrackingPlant zoomed(options, &known);
+  zoomed.Reset(1);
+  EXPECT_FALSE(zoomed.last_observation().seen());
+  known = PerfectCalibration(options);
+  known.camera.distortion = {0.2, 0.0, 0.0, 0.0, 0.0};
+  LineTrackingPlant bent(options, &known);
+  bent.Reset(1);
+  EXPECT_FALSE(bent.last_observation().seen());
+  known = PerfectCalibration(options);
+  known.camera.width = 1280;
+  LineTrackingPlant large(options, &known);
+  large.Reset(1);
+  EXPECT_EQ(large.last_observation().missing, vision::NotSeen::kWrongSize);
+}
+
+TEST(LineTrackingPlantTest, BadOptionsThrow) {
+  const auto construct = [](auto change) {
+    LineTrackingOptions options;
+    change(options);
+    LineTrackingPlant plant(options);
+  };
+  EXPECT_THROW(construct([](auto& o) { o.endoscope.light_change = 2.0; }), std::invalid_argument);
+  EXPECT_THROW(construct([](auto& o) { o.endoscope.blur_px = -1.0; }), std::invalid_argument);
+  EXPECT_THROW(construct([](auto& o) { o.max_curvature = 1.0; }), std::invalid_argument);
+  EXPECT_THROW(construct([](auto& o) { o.start_scatter_m = -1.0; }), std::invalid_argument);
+  EXPECT_THROW(construct([](auto& o) { o.disturbance.pause_s = -1.0; }), std::invalid_argument);
+  LineTrackingPlant plant(Truth());
+  EXPECT_THROW(static_cast<void>(plant.OpenLoopControls(0, 1e-3)), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::sim
