@@ -1,0 +1,62 @@
+#include "dfr/calibration/calibrate.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <iostream>
+#include <numeric>
+#include <stdexcept>
+
+#include "commands.h"
+#include "dfr/core/random.h"
+#include "dfr/sim/line_tracking/calibration_motion.h"
+#include "site.h"
+
+namespace dfr::apps {
+namespace {
+
+void PrintErrors(const char* name, std::vector<double> errors_mm) {
+  std::sort(errors_mm.begin(), errors_mm.end());
+  const double mean = std::accumulate(errors_mm.begin(), errors_mm.end(), 0.0) /
+                      static_cast<double>(errors_mm.size());
+  std::printf("%-22s %6.2f %6.2f %6.2f\n", name, mean, errors_mm[errors_mm.size() * 95 / 100],
+              errors_mm.back());
+}
+
+}  // namespace
+
+sim::LineTrackingCalibration LoadCalibration(const SceneOptions& scene) {
+  if (!scene.calibration.empty()) return ToPlant(calibration::Calibration::Load(scene.calibration));
+  sim::LineTrackingCalibration known;
+  known.camera = sim::LineTrackingPlant::true_camera();
+  known.p_base_cam =
+      sim::LineTrackingPlant::p_world_base().inverse() * sim::LineTrackingPlant::p_world_cam();
+  return known;
+}
+
+void RunCalibrate(const CalibrateOptions& options) {
+  if (options.held_out < 1) throw std::invalid_argument("--held-out must be positive");
+  calibration::CalibrationSummary summary;
+  const calibration::Calibration found =
+      CalibratePlant(options.scene.plant, options.frames, options.seed, &summary);
+  calibration::Print(std::cout, found, summary);
+
+  sim::LineTrackingOptions still = options.scene.plant;
+  still.disturbance.wave = sim::Wave::kNone;
+  still.observation = sim::Observation::kGroundTruth;
+  sim::LineTrackingPlant plant(still);
+  const std::uint64_t seed = core::DeriveSeed(options.seed, {1});
+  std::cout << "tip errors at " << options.held_out << " held-out poses [mm]\n"
+            << "                         mean   95 %    max\n";
+  SceneOptions uncalibrated;
+  PrintErrors("arm taken at its word",
+              sim::HeldOutTipErrors(plant, LoadCalibration(uncalibrated), options.held_out, seed));
+  PrintErrors("calibrated", sim::HeldOutTipErrors(plant, ToPlant(found), options.held_out, seed));
+  if (!summary.converged) {
+    throw std::runtime_error("the calibration did not converge (" + summary.message +
+                             "); nothing was written");
+  }
+  found.Save(options.out);
+  std::cout << options.out.string() << " written\n";
+}
+
+}  // namespace dfr::apps

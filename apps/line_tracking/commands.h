@@ -1,0 +1,92 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "dfr/sim/line_tracking/line_tracking_plant.h"
+#include "model.h"
+
+namespace dfr::apps {
+
+// One struct and one function a command; main.cc fills the one and calls the other. All throw
+// std::exception with a message for the user.
+
+/// The world, for all commands.
+struct SceneOptions {
+  sim::LineTrackingOptions plant;
+  /// A file of `calibrate`. Empty: camera and mounting as they are, the arm uncorrected.
+  std::filesystem::path calibration;
+};
+
+struct DemonstrateOptions {
+  SceneOptions scene;
+  std::filesystem::path out = "demonstrations.hdf5";
+  int count = 50;
+  int steps = 50;
+  std::uint64_t seed = 1;
+};
+void RunDemonstrate(const DemonstrateOptions& options);
+
+struct CalibrateOptions {
+  SceneOptions scene;
+  std::filesystem::path out = "calibration.dfr";
+  int frames = 120;
+  int held_out = 200;
+  std::uint64_t seed = 1;
+};
+void RunCalibrate(const CalibrateOptions& options);
+
+struct FitOptions {
+  std::filesystem::path demonstrations = "demonstrations.hdf5";
+  std::filesystem::path out = "model";
+  LineModelOptions model;
+};
+void RunFit(const FitOptions& options);
+
+struct RunOptions {
+  SceneOptions scene;
+  std::filesystem::path model = "model";
+  std::string method = "dfr";
+  int episodes = 10;
+  std::uint64_t seed = 1001;
+};
+void RunRun(const RunOptions& options);
+
+struct ExperimentOptions {
+  std::string preset = "quick";
+  std::filesystem::path out = "out/line_tracking";
+  std::uint64_t seed = 2018;
+  int threads = 0;
+  bool restart = false;
+  bool video = true;
+  // Empty, or 0: as the preset says.
+  std::vector<std::string> methods;
+  int trials = 0;
+  int episodes = 0;
+  LineModelOptions model;
+  sim::LineTrackingOptions plant;
+};
+void RunExperiment(const ExperimentOptions& options);
+
+struct RenderOptions {
+  SceneOptions scene;
+  std::filesystem::path model = "model";
+  std::string method = "dfr";
+  std::uint64_t seed = 1;
+  std::filesystem::path out = "rollout.mp4";
+};
+void RunRender(const RenderOptions& options);
+
+struct VisionOptions {
+  SceneOptions scene;
+  int episodes = 10;
+  std::uint64_t seed = 1;
+};
+void RunVision(const VisionOptions& options);
+
+/// What the scene's calibration file holds, or the truth.
+[[nodiscard]] sim::LineTrackingCalibration LoadCalibration(const SceneOptions& scene);
+
+}  // namespace dfr::apps

@@ -1,0 +1,23 @@
+#include <iostream>
+
+#include "commands.h"
+#include "dfr/imitation/demonstrations.h"
+#include "site.h"
+
+namespace dfr::apps {
+
+void RunDemonstrate(const DemonstrateOptions& options) {
+  const imitation::DemonstrationSet set =
+      Demonstrate(options.scene.plant, LoadCalibration(options.scene), options.count, options.steps,
+                  options.seed);
+  imitation::SaveRobomimic(set, options.out);
+  double farthest = 0.0;
+  for (const core::Trajectory& trajectory : set.trajectories) {
+    farthest = std::max(farthest, trajectory.states.col(2).cwiseAbs().maxCoeff());
+  }
+  std::cout << options.out.string() << ": " << set.trajectories.size()
+            << " open-loop demonstrations of " << options.steps << " controls, " << set.discarded
+            << " discarded; at most " << farthest << " mm from the line\n";
+}
+
+}  // namespace dfr::apps

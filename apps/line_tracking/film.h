@@ -1,0 +1,21 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+#include "dfr/control/rollout.h"
+#include "site.h"
+
+namespace dfr::apps {
+
+/// Runs one episode and writes it as a video: the endoscope's picture with what vision sees, an
+/// outside view of arm and platform, and g(t), threshold and mode below. The ending of `path`
+/// chooses the format: .mp4 (H.264) or .webm (VP8). Recoveries are shown every tenth control, for
+/// they are many and small.
+/// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
+control::RolloutResult RecordEpisode(LineSite& site, int method, const std::string& title,
+                                     std::uint64_t start_seed, std::uint64_t controller_seed,
+                                     const std::filesystem::path& path);
+
+}  // namespace dfr::apps

@@ -1,0 +1,18 @@
+#include <iostream>
+
+#include "commands.h"
+#include "dfr/imitation/demonstrations.h"
+
+namespace dfr::apps {
+
+void RunFit(const FitOptions& options) {
+  const imitation::DemonstrationSet set = imitation::LoadRobomimic(options.demonstrations);
+  kernel::Selection selection;
+  const LineModel model = LineModel::Fit(set, options.model, &selection);
+  model.Save(options.out);
+  if (!selection.rows.empty()) std::cout << selection.Table();
+  std::cout << options.out.string() << ": policy, " << model.support().num_steps()
+            << " supports and lambda of " << set.trajectories.size() << " demonstrations\n";
+}
+
+}  // namespace dfr::apps

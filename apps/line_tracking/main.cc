@@ -1,0 +1,198 @@
+// The line tracking experiment of Sec. V-B in simulation: calibrate, demonstrate, fit, run,
+// compare.
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+#include <iostream>
+#include <map>
+#include <string>
+
+#include "commands.h"
+#include "dfr/core/build_info.h"
+
+namespace dfr::apps {
+namespace {
+
+void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed) {
+  command
+      .add_option("--observation", plant.observation,
+                  "images, or truth: the simulation's own numbers")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, sim::Observation>{
+          {"images", sim::Observation::kVision}, {"truth", sim::Observation::kGroundTruth}}))
+      ->default_str("images");
+  command.add_option("--arm", plant.arm.seed, "which individual arm: its cable errors")
+      ->capture_default_str();
+  command.add_option("--blur", plant.endoscope.blur_px, "half width of edges in the image [px]")
+      ->capture_default_str();
+  command.add_option("--noise", plant.endoscope.noise, "of the image, of 255")
+      ->capture_default_str();
+  command
+      .add_option("--start-scatter", plant.start_scatter_m,
+                  "standard deviation of the tip's first distance to the line [m]")
+      ->capture_default_str();
+  if (!disturbed) return;
+  sim::DisturbanceOptions& d = plant.disturbance;
+  command.add_option("--wave", d.wave, "how the platform moves: none, sine, breath or random")
+      ->transform(
+          CLI::CheckedTransformer(std::map<std::string, sim::Wave>{{"none", sim::Wave::kNone},
+                                                                   {"sine", sim::Wave::kSine},
+                                                                   {"breath", sim::Wave::kBreath},
+                                                                   {"random", sim::Wave::kRandom}}))
+      ->default_str(sim::Name(d.wave));
+  command
+      .add_option("--amplitude", d.amplitude, "of x, y, z [m], roll, pitch, yaw [rad]; six numbers")
+      ->delimiter(',');
+  command
+      .add_option("--frequency", d.frequency, "of the same [Hz], of breath [rad/s]; six numbers")
+      ->delimiter(',');
+  command.add_flag("--during,!--not-during", d.during,
+                   "the platform moves while the arm does, for as long (default: yes)");
+  command.add_flag("--between", d.between, "it moves for --pause after every control, too");
+  command.add_option("--pause", d.pause_s, "[s]")->capture_default_str();
+}
+
+void AddScene(CLI::App& command, SceneOptions& scene, bool disturbed) {
+  AddPlant(command, scene.plant, disturbed);
+  command.add_option("--calibration", scene.calibration,
+                     "file of calibrate (default: the true camera and an uncorrected arm)");
+}
+
+void AddModelOptions(CLI::App& command, LineModelOptions& model) {
+  command.add_option("--nu", model.nu, "bound on the outliers of each support, in (0, 1]")
+      ->capture_default_str();
+  command
+      .add_option("--gammas", model.gammas,
+                  "kernel widths to choose from by held-out demonstrations [1/mm^2]")
+      ->delimiter(',')
+      ->capture_default_str();
+  command.add_option("--acceptance", model.acceptance, "held-out states that must be inside")
+      ->capture_default_str();
+  command
+      .add_option("--features", model.support_features,
+                  "what the support looks at: blocks of the state tip, distance, heading")
+      ->capture_default_str();
+  command.add_option("--horizon", model.horizon, "T: controls of the learned policy per episode")
+      ->capture_default_str();
+}
+
+int Main(int argc, char** argv) {
+  CLI::App app(
+      "Line tracking: a da Vinci arm follows a red line on gauze, which a Stewart platform moves\n"
+      "under an endoscope. States are in mm (tip x, y; distance to the line, positive to its "
+      "left;\n"
+      "10 mm times the line's angle in rad); controls are displacements of the tool in x and y in\n"
+      "units of 2 mm, within [-1, 1]. Without arguments of their own, the commands follow one\n"
+      "another: calibrate, demonstrate, fit, run, render.",
+      "line_tracking");
+  app.set_version_flag("--version",
+                       std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
+  app.require_subcommand(1);
+  app.failure_message(CLI::FailureMessage::simple);
+
+  ExperimentOptions experiment;
+  experiment.plant.disturbance.wave = sim::Wave::kRandom;
+  CLI::App* command = app.add_subcommand("experiment", "the paper's comparison of all methods");
+  command
+      ->add_option("--preset", experiment.preset,
+                   "quick: 2 trials of 15 episodes; paper: 5 trials of 50")
+      ->check(CLI::IsMember({"quick", "paper"}))
+      ->capture_default_str();
+  command->add_option("--out", experiment.out, "folder of summary.json and report.html")
+      ->capture_default_str();
+  command->add_option("--seed", experiment.seed, "of all that is random")->capture_default_str();
+  command->add_option("--threads", experiment.threads, "0: one per core; the results are the same")
+      ->capture_default_str();
+  command->add_flag("--restart", experiment.restart,
+                    "forget what an interrupted run left in --out instead of going on with it");
+  command->add_flag("!--no-video", experiment.video, "leave the videos out");
+  command
+      ->add_option("--methods", experiment.methods,
+                   "baseline, early-stopping, dfr, dfr-coarse; the first is the reference")
+      ->delimiter(',');
+  command->add_option("--trials", experiment.trials, "independent repetitions of everything");
+  command->add_option("--episodes", experiment.episodes, "start states per trial");
+  AddModelOptions(*command, experiment.model);
+  AddPlant(*command, experiment.plant, true);
+  command->callback([&] { RunExperiment(experiment); });
+
+  CalibrateOptions calibrate;
+  command = app.add_subcommand("calibrate",
+                               "camera, its place, and the arm's joint errors from a motion");
+  command->add_option("--out", calibrate.out, "the file")->capture_default_str();
+  command->add_option("--frames", calibrate.frames, "pictures of the motion")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--held-out", calibrate.held_out, "poses to judge it at")
+      ->capture_default_str();
+  command->add_option("--seed", calibrate.seed, "of the motion")->capture_default_str();
+  AddPlant(*command, calibrate.scene.plant, false);
+  command->callback([&] { RunCalibrate(calibrate); });
+
+  DemonstrateOptions demonstrate;
+  command = app.add_subcommand("demonstrate",
+                               "write open-loop, undisturbed demonstrations as robomimic HDF5");
+  command->add_option("--out", demonstrate.out, "the file")->capture_default_str();
+  command->add_option("--count", demonstrate.count, "demonstrations")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--steps", demonstrate.steps, "controls of 1 mm each")
+      ->check(CLI::Range(41, 54))
+      ->capture_default_str();
+  command->add_option("--seed", demonstrate.seed, "of lines and start states")
+      ->capture_default_str();
+  AddScene(*command, demonstrate.scene, false);
+  command->callback([&] { RunDemonstrate(demonstrate); });
+
+  FitOptions fit;
+  command = app.add_subcommand("fit", "learn policy, supports and lambda from demonstrations");
+  command->add_option("--demonstrations", fit.demonstrations, "robomimic HDF5 file")
+      ->capture_default_str();
+  command->add_option("--out", fit.out, "folder of the model's files")->capture_default_str();
+  command->add_option("--seed", fit.model.seed, "of the network's first weights")
+      ->capture_default_str();
+  AddModelOptions(*command, fit.model);
+  command->callback([&] { RunFit(fit); });
+
+  RunOptions run;
+  run.scene.plant.disturbance.wave = sim::Wave::kRandom;
+  command = app.add_subcommand("run", "run a model on a moving platform");
+  command->add_option("--model", run.model, "folder of fit")->capture_default_str();
+  command->add_option("--method", run.method, "baseline, early-stopping, dfr or dfr-coarse")
+      ->capture_default_str();
+  command->add_option("--episodes", run.episodes, "start states")->capture_default_str();
+  command->add_option("--seed", run.seed, "of start states, platform and recoveries")
+      ->capture_default_str();
+  AddScene(*command, run.scene, true);
+  command->callback([&] { RunRun(run); });
+
+  RenderOptions render;
+  render.scene.plant.disturbance.wave = sim::Wave::kRandom;
+  command = app.add_subcommand("render", "a video of one episode, without a display");
+  command->add_option("--model", render.model, "folder of fit")->capture_default_str();
+  command->add_option("--method", render.method, "baseline, early-stopping, dfr or dfr-coarse")
+      ->capture_default_str();
+  command->add_option("--seed", render.seed, "of the episode")->capture_default_str();
+  command->add_option("--out", render.out, "a video: .mp4 or .webm")->capture_default_str();
+  AddScene(*command, render.scene, true);
+  command->callback([&] { RunRender(render); });
+
+  VisionOptions vision;
+  command = app.add_subcommand(
+      "vision", "a table of vision's errors against the truth over poses, blur, light and noise");
+  command->add_option("--episodes", vision.episodes, "per row")->capture_default_str();
+  command->add_option("--seed", vision.seed, "of poses")->capture_default_str();
+  AddScene(*command, vision.scene, true);
+  command->callback([&] { RunVision(vision); });
+
+  CLI11_PARSE(app, argc, argv);
+  return EXIT_SUCCESS;
+}
+
+}  // namespace
+}  // namespace dfr::apps
+
+int main(int argc, char** argv) try {
+  return dfr::apps::Main(argc, argv);
+} catch (const std::exception& e) {
+  std::cerr << "line_tracking: " << e.what() << '\n';
+  return EXIT_FAILURE;
+}

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "dfr/control/switching_policy.h"
+#include "dfr/core/features.h"
+#include "dfr/imitation/demonstrations.h"
+#include "dfr/imitation/mlp_policy.h"
+#include "dfr/kernel/model_selection.h"
+#include "dfr/kernel/time_varying_support.h"
+
+namespace dfr::apps {
+
+/// Options for LineModel::Fit().
+struct LineModelOptions {
+  std::vector<int> hidden = {64, 64};  ///< Tanh units of the policy's layers.
+  std::string support_features = "tip[0:1],distance";
+  double nu = 0.05;  ///< The quantile of the demonstrated states that may be outside.
+  /// Candidates for the kernel's width, 1/mm^2. Where there are several, kernel::SelectModel()
+  /// chooses by held-out demonstrations (Sec. V-B): the tightest support that accepts `acceptance`
+  /// of their states.
+  std::vector<double> gammas = {0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0};
+  double acceptance = 0.9;
+  int horizon = 55;        ///< T: controls of the learned policy in an episode.
+  std::uint64_t seed = 1;  ///< Of the network's first weights.
+};
+
+/// All that is learned from one set of demonstrations: policy, supports, lambda.
+class LineModel {
+ public:
+  /// @throws std::invalid_argument if there are fewer than 8 demonstrations, or they do not fit.
+  static LineModel Fit(const imitation::DemonstrationSet& set, const LineModelOptions& options,
+                       kernel::Selection* selection = nullptr);
+
+  /// Writes policy.dfr, support.dfr and switching.dfr into `folder`, which is made if need be.
+  void Save(const std::filesystem::path& folder) const;
+  static LineModel Load(const std::filesystem::path& folder);
+
+  [[nodiscard]] const imitation::MlpPolicy& policy() const noexcept { return *policy_; }
+  /// g_t of a whole state.
+  [[nodiscard]] const core::DecisionFunction& support() const noexcept { return *decision_; }
+  [[nodiscard]] const std::vector<double>& lambda() const noexcept { return lambda_; }
+  [[nodiscard]] double gamma() const noexcept { return gamma_; }
+
+  /// Algorithm 1 with this model.
+  [[nodiscard]] control::SwitchingPolicy MakeController(
+      const control::SwitchingPolicyOptions& options) const;
+
+ private:
+  LineModel(imitation::MlpPolicy policy, const core::FeatureSelection& features,
+            kernel::TimeVaryingSupport support, std::vector<double> lambda, double gamma,
+            int horizon);
+
+  // On the heap, so that what borrows them stays valid when a model moves.
+  std::unique_ptr<const imitation::MlpPolicy> policy_;
+  std::unique_ptr<const kernel::TimeVaryingSupport> support_;
+  std::unique_ptr<const core::FeatureDecision> decision_;
+  std::string feature_spec_;
+  std::vector<double> lambda_;
+  double gamma_;
+  int horizon_;
+};
+
+}  // namespace dfr::apps

@@ -1,0 +1,144 @@
+#include "site.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/random.h"
+#include "dfr/sim/line_tracking/calibration_motion.h"
+
+namespace dfr::apps {
+
+control::SwitchingPolicyOptions ParseMethod(const std::string& name) {
+  control::SwitchingPolicyOptions options;
+  std::string known;
+  for (const control::Recovery recovery :
+       {control::Recovery::kNone, control::Recovery::kEarlyStopping, control::Recovery::kDfr}) {
+    options.recovery = recovery;
+    if (name == control::Name(recovery)) return options;
+    known += std::string(control::Name(recovery)) + ", ";
+  }
+  if (name == "dfr-coarse") {
+    options.dfr.probe_fraction = 0.1;
+    options.dfr.step_fraction = 0.5;
+    return options;
+  }
+  throw std::invalid_argument("there is no method '" + name + "'; there are: " + known +
+                              "dfr-coarse");
+}
+
+imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
+                                        const sim::LineTrackingCalibration& known, int count,
+                                        int steps, std::uint64_t seed) {
+  DFR_THROW_UNLESS(count > 0, "the number of demonstrations must be positive, not " << count);
+  constexpr double kDemonstratedStep = 1e-3;  // m
+  sim::LineTrackingOptions calm = options;
+  calm.disturbance.wave = sim::Wave::kNone;
+  sim::LineTrackingPlant plant(calm, &known);
+  imitation::DemonstrationSet set;
+  set.layout = plant.layout();
+  set.control_dim = plant.control_dim();
+  set.environment = "line-tracking";
+  for (std::uint64_t i = 0; set.trajectories.size() < static_cast<std::size_t>(count); ++i) {
+    if (set.discarded > count) {
+      throw std::runtime_error("of " + std::to_string(i) + " demonstrations " +
+                               std::to_string(set.discarded) +
+                               " were unusable: is the arm's error too large?");
+    }
+    core::Trajectory trajectory;
+    trajectory.seed = core::DeriveSeed(seed, {i});
+    plant.Reset(trajectory.seed);
+    trajectory.controls = plant.OpenLoopControls(steps, kDemonstratedStep);
+    trajectory.states.resize(steps + 1, plant.state_dim());
+    plant.Observe(core::Row(trajectory.states, 0));
+    bool usable = true;
+    for (int t = 0; t < steps && usable; ++t) {
+      usable = plant.Apply(core::Row(trajectory.controls, t)) == core::PlantStatus::kOk;
+      plant.Observe(core::Row(trajectory.states, t + 1));
+    }
+    if (!usable || !plant.completed() || !trajectory.states.allFinite()) {
+      ++set.discarded;
+      continue;
+    }
+    trajectory.outcome = core::Outcome::kCompleted;
+    set.trajectories.push_back(std::move(trajectory));
+  }
+  return set;
+}
+
+sim::LineTrackingCalibration ToPlant(const calibration::Calibration& found) {
+  return {found.camera, found.p_base_cam, found.arm};
+}
+
+calibration::Calibration CalibratePlant(const sim::LineTrackingOptions& options, int frames,
+                                        std::uint64_t seed,
+                                        calibration::CalibrationSummary* summary) {
+  sim::LineTrackingOptions still = options;
+  still.disturbance.wave = sim::Wave::kNone;
+  still.observation = sim::Observation::kGroundTruth;  // the motion looks for itself
+  sim::LineTrackingPlant plant(still);
+  const sim::LineTrackingCalibration nominal = sim::NominalCalibration();
+  return calibration::Calibrate(
+      sim::RecordCalibrationMotion(plant, frames, seed), sim::LineTrackingPlant::target().marks_m,
+      {nominal.camera, nominal.p_base_cam, nominal.arm},
+      (sim::LineTrackingPlant::p_world_base() * nominal.p_base_cam).inverse(), {}, summary);
+}
+
+LineSite::LineSite(LineModel model, const std::vector<std::string>& methods,
+                   const sim::LineTrackingOptions& plant, const sim::LineTrackingCalibration& known)
+    : plant_(std::make_unique<sim::LineTrackingPlant>(plant, &known)), model_(std::move(model)) {
+  for (const std::string& method : methods) {
+    controllers_.push_back(model_.MakeController(ParseMethod(method)));
+  }
+}
+
+bool LineSite::Accepts(std::uint64_t start_seed) {
+  plant_->Reset(start_seed);
+  std::array<double, 4> start;
+  plant_->Observe(start);
+  return model_.support().Decision(0, start) >= 0.0;
+}
+
+control::RolloutResult LineSite::Watch(int method, std::uint64_t start_seed,
+                                       std::uint64_t controller_seed,
+                                       control::RolloutObserver* observer) {
+  return control::Rollout(*plant_, controllers_.at(static_cast<std::size_t>(method)),
+                          {.plant_seed = start_seed, .controller_seed = controller_seed}, observer,
+                          &workspace_);
+}
+
+experiment::EpisodeResult LineSite::Run(int method, std::uint64_t start_seed,
+                                        std::uint64_t controller_seed) {
+  const control::RolloutResult result = Watch(method, start_seed, controller_seed, nullptr);
+  experiment::EpisodeResult episode;
+  episode.outcome = result.outcome;
+  if (result.outcome == core::Outcome::kHalted) episode.cause = control::Name(result.halt_cause);
+  if (result.outcome == core::Outcome::kCollided) episode.cause = control::Name(result.last_mode);
+  episode.controls = result.controls();
+  episode.recovery_controls = result.recovery_controls();
+  episode.seconds = result.seconds();
+  return episode;
+}
+
+std::map<std::string, double> LineSite::Measures() { return {{"gamma", model_.gamma()}}; }
+
+void RecoveryCurves::OnControl(const control::RolloutEvent& event) {
+  const control::Step& step = event.step;
+  if (step.mode == control::Mode::kPolicy) {
+    Finish(true);
+  } else if (step.mode == control::Mode::kProbe && std::isfinite(step.threshold)) {
+    current_.push_back(std::clamp(step.g / step.threshold, 0.0, 1.0));
+  }
+}
+
+void RecoveryCurves::OnEnd(const control::RolloutResult& /*result*/) { Finish(false); }
+
+void RecoveryCurves::Finish(bool reached) {
+  if (current_.empty()) return;
+  if (reached) current_.push_back(1.0);
+  if (!complete()) curves_.push_back(current_);
+  current_.clear();
+}
+
+}  // namespace dfr::apps

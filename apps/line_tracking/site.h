@@ -1,0 +1,77 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "dfr/calibration/calibrate.h"
+#include "dfr/control/rollout.h"
+#include "dfr/control/switching_policy.h"
+#include "dfr/experiment/paired_evaluation.h"
+#include "dfr/sim/line_tracking/line_tracking_plant.h"
+#include "model.h"
+
+namespace dfr::apps {
+
+/// A method of the comparison by its name: the paper's, and "dfr-coarse", Algorithm 1 with steps
+/// that are larger than the noise of images (probe g / (10 lambda), step g / (2 lambda)).
+/// @throws std::invalid_argument naming what is unknown and what there is.
+[[nodiscard]] control::SwitchingPolicyOptions ParseMethod(const std::string& name);
+
+/// Runs `count` open-loop demonstrations without disturbance, whatever `options` says of one, and
+/// keeps those that complete without a collision. Start states are a stream of `seed`.
+/// @throws std::runtime_error if more than half are unusable.
+[[nodiscard]] imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
+                                                      const sim::LineTrackingCalibration& known,
+                                                      int count, int steps, std::uint64_t seed);
+
+/// Records a motion with the plant's own arm and platform, and calibrates from it.
+[[nodiscard]] calibration::Calibration CalibratePlant(const sim::LineTrackingOptions& options,
+                                                      int frames, std::uint64_t seed,
+                                                      calibration::CalibrationSummary* summary);
+[[nodiscard]] sim::LineTrackingCalibration ToPlant(const calibration::Calibration& found);
+
+/// One unit of the experiment: a model, and a plant to run it on.
+class LineSite final : public experiment::EvaluationSite {
+ public:
+  LineSite(LineModel model, const std::vector<std::string>& methods,
+           const sim::LineTrackingOptions& plant, const sim::LineTrackingCalibration& known);
+
+  [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
+  [[nodiscard]] experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
+                                              std::uint64_t controller_seed) override;
+  [[nodiscard]] std::map<std::string, double> Measures() override;
+
+  /// Run() with an observer, who may look at plant().
+  control::RolloutResult Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
+                               control::RolloutObserver* observer);
+  [[nodiscard]] const sim::LineTrackingPlant& plant() const noexcept { return *plant_; }
+
+ private:
+  std::unique_ptr<sim::LineTrackingPlant> plant_;
+  LineModel model_;
+  std::vector<control::SwitchingPolicy> controllers_;
+  control::RolloutWorkspace workspace_;
+};
+
+/// Collects how g rises during recoveries: g over the gate's threshold after each iteration.
+class RecoveryCurves final : public control::RolloutObserver {
+ public:
+  explicit RecoveryCurves(std::size_t wanted) : wanted_(wanted) {}
+  void OnControl(const control::RolloutEvent& event) override;
+  void OnEnd(const control::RolloutResult& result) override;
+  [[nodiscard]] bool complete() const noexcept { return curves_.size() >= wanted_; }
+  /// One per recovery: entry i is min(1, g / threshold) at its iteration i.
+  [[nodiscard]] const std::vector<std::vector<double>>& curves() const noexcept { return curves_; }
+
+ private:
+  void Finish(bool reached);
+
+  std::size_t wanted_;
+  std::vector<double> current_;
+  std::vector<std::vector<double>> curves_;
+};
+
+}  // namespace dfr::apps

@@ -1,0 +1,160 @@
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <string>
+
+#include "dfr/core/random.h"
+#include "dfr/sim/line_tracking/calibration_motion.h"
+#include "site.h"
+
+namespace dfr::apps {
+namespace {
+
+using sim::LineTrackingPlant;
+
+sim::LineTrackingOptions Disturbed() {
+  sim::LineTrackingOptions options;
+  options.disturbance.wave = sim::Wave::kRandom;
+  return options;
+}
+
+sim::LineTrackingOptions FromTruth() {
+  sim::LineTrackingOptions options = Disturbed();
+  options.observation = sim::Observation::kGroundTruth;
+  return options;
+}
+
+sim::LineTrackingCalibration Known(const sim::LineTrackingOptions& options) {
+  sim::LineTrackingCalibration known;
+  known.camera = LineTrackingPlant::true_camera();
+  known.p_base_cam = LineTrackingPlant::p_world_base().inverse() * LineTrackingPlant::p_world_cam();
+  known.arm = sim::ArmError(options.arm).systematic();
+  return known;
+}
+
+// One fit for all tests.
+const LineModel& Model() {
+  static const LineModel model = [] {
+    LineModelOptions options;
+    options.hidden = {8};
+    options.gammas = {0.1, 0.5};
+    return LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 20, 50, 1), options);
+  }();
+  return model;
+}
+
+// Breaks the camera after a few controls.
+class Saboteur final : public control::RolloutObserver {
+ public:
+  Saboteur(LineTrackingPlant& plant, sim::CameraFault fault) : plant_(plant), fault_(fault) {}
+  void OnControl(const control::RolloutEvent& /*event*/) override {
+    if (++controls_ == 3) plant_.SetCameraFault(fault_);
+  }
+
+ private:
+  LineTrackingPlant& plant_;
+  sim::CameraFault fault_;
+  int controls_ = 0;
+};
+
+TEST(LineSiteTest, CalibrationBringsTheArmBelowAMillimetre) {
+  for (const std::uint64_t arm : {1, 2}) {
+    sim::LineTrackingOptions options = FromTruth();
+    options.arm.seed = arm;
+    calibration::CalibrationSummary summary;
+    const calibration::Calibration found = CalibratePlant(options, 120, 3, &summary);
+    ASSERT_TRUE(summary.converged && summary.has_covariance) << summary.message;
+    LineTrackingPlant plant(options);
+    const auto mean = [&](const sim::LineTrackingCalibration& known) {
+      double sum = 0.0;
+      for (double error : sim::HeldOutTipErrors(plant, known, 200, 4)) sum += error;
+      return sum / 200;
+    };
+    sim::LineTrackingCalibration uncorrected = Known(options);
+    uncorrected.arm = {};
+    EXPECT_GT(mean(uncorrected), 3.5);
+    EXPECT_LT(mean(ToPlant(found)), 1.0);
+  }
+}
+
+TEST(LineSiteTest, DemonstrationsAreUndisturbedAndStayAtTheLine) {
+  const imitation::DemonstrationSet set = Demonstrate(Disturbed(), Known(Disturbed()), 3, 50, 1);
+  ASSERT_EQ(set.trajectories.size(), 3U);
+  for (const core::Trajectory& trajectory : set.trajectories) {
+    EXPECT_EQ(trajectory.outcome, core::Outcome::kCompleted);
+    EXPECT_EQ(trajectory.num_steps(), 50);
+    // Beyond where it began, an arm with a good calibration bends off by some tenths of a mm.
+    EXPECT_LT((trajectory.states.col(2).array() - trajectory.states(0, 2)).abs().maxCoeff(), 0.7);
+    EXPECT_LT((trajectory.controls.rowwise().norm().array() - 0.5).abs().maxCoeff(), 0.01);
+  }
+}
+
+TEST(LineSiteTest, SameSeedsGiveTheSameEpisode) {
+  const std::vector<std::string> methods = {"baseline", "dfr"};
+  LineSite one(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1),
+                              {.hidden = {4}, .gammas = {0.2}}),
+               methods, FromTruth(), Known(FromTruth()));
+  LineSite other(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1),
+                                {.hidden = {4}, .gammas = {0.2}}),
+                 methods, FromTruth(), Known(FromTruth()));
+  for (std::uint64_t seed = 0; seed < 5; ++seed) {
+    for (int method = 0; method < 2; ++method) {
+      experiment::EpisodeResult a = one.Run(method, seed, seed + 100);
+      experiment::EpisodeResult b = other.Run(method, seed, seed + 100);
+      a.seconds = b.seconds = 0.0;
+      EXPECT_EQ(a, b) << "seed " << seed << " method " << method;
+    }
+  }
+}
+
+// From a file the model is the same, bit for bit.
+TEST(LineSiteTest, ModelsSurviveTheirFiles) {
+  const std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / ("line_site_test_" + std::to_string(getpid()));
+  Model().Save(folder);
+  const LineModel loaded = LineModel::Load(folder);
+  EXPECT_EQ(loaded.gamma(), Model().gamma());
+  EXPECT_EQ(loaded.lambda(), Model().lambda());
+  const std::array<double, 4> x = {-20.0, 1.0, 0.2, 0.3};
+  EXPECT_EQ(loaded.support().Decision(4, x), Model().support().Decision(4, x));
+  std::filesystem::remove(folder / "support.dfr");
+  EXPECT_THROW(static_cast<void>(LineModel::Load(folder)), std::runtime_error);
+  std::filesystem::remove_all(folder);
+}
+
+TEST(LineSiteTest, ABlindCameraHaltsTheEpisode) {
+  const sim::LineTrackingOptions options;
+  const sim::LineTrackingCalibration known = Known(options);
+  for (const sim::CameraFault fault :
+       {sim::CameraFault::kFrozen, sim::CameraFault::kBlack, sim::CameraFault::kOverexposed,
+        sim::CameraFault::kNoLine, sim::CameraFault::kNoTip}) {
+    LineTrackingPlant plant(options, &known);
+    control::SwitchingPolicy controller = Model().MakeController(ParseMethod("baseline"));
+    Saboteur saboteur(plant, fault);
+    const control::RolloutResult result =
+        control::Rollout(plant, controller, {.plant_seed = 1}, &saboteur);
+    EXPECT_EQ(result.outcome, core::Outcome::kHalted);
+    EXPECT_EQ(result.halt_cause, control::HaltCause::kStateInvalid);
+    EXPECT_EQ(result.policy_steps, 4);
+  }
+}
+
+TEST(LineSiteTest, UnknownMethodsAreNamed) {
+  try {
+    static_cast<void>(ParseMethod("magic"));
+    FAIL();
+  } catch (const std::invalid_argument& error) {
+    EXPECT_NE(std::string(error.what()).find("magic"), std::string::npos);
+    EXPECT_NE(std::string(error.what()).find("early-stopping"), std::string::npos);
+  }
+}
+
+TEST(LineSiteTest, TooFewDemonstrationsThrow) {
+  const imitation::DemonstrationSet set = Demonstrate(FromTruth(), Known(FromTruth()), 4, 45, 1);
+  EXPECT_THROW(static_cast<void>(LineModel::Fit(set, {})), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::apps
