@@ -1,8 +1,6 @@
 #include "pusher_world.h"
 
-#include <mutex>
-#include <stdexcept>
-#include <string>
+#include <algorithm>
 
 #include "dfr/core/contract.h"
 #include "pusher_model.h"
@@ -10,35 +8,6 @@
 
 namespace dfr::sim {
 namespace {
-
-std::unique_ptr<mjModel, MjDeleter> LoadModel() {
-  // The compiled header and the library found at run time must agree on every struct.
-  if (mj_version() != mjVERSION_HEADER) {
-    throw std::runtime_error("MuJoCo " + std::string(mj_versionString()) +
-                             " was found at run time, but this program was built against version " +
-                             std::to_string(mjVERSION_HEADER) + "; install libmujoco2.2.2");
-  }
-  internal::InstallMujocoHandlers();
-  static std::mutex mutex;  // mj_loadXML() keeps the last model in a global
-  const std::lock_guard lock(mutex);
-  const std::string_view xml = internal::kPusherXml;
-  const auto vfs = std::make_unique<mjVFS>();
-  mj_defaultVFS(vfs.get());
-  mj_makeEmptyFileVFS(vfs.get(), "pusher.xml", static_cast<int>(xml.size()));
-  xml.copy(static_cast<char*>(vfs->filedata[mj_findFileVFS(vfs.get(), "pusher.xml")]), xml.size());
-  char error[512] = "";
-  std::unique_ptr<mjModel, MjDeleter> model(
-      mj_loadXML("pusher.xml", vfs.get(), error, sizeof error));
-  mj_deleteVFS(vfs.get());
-  if (model == nullptr) throw std::runtime_error(std::string("sim/pusher model: ") + error);
-  return model;
-}
-
-int Id(const mjModel& model, mjtObj type, const char* name) {
-  const int id = mj_name2id(&model, type, name);
-  if (id < 0) throw std::runtime_error(std::string("sim/pusher model: no object '") + name + "'");
-  return id;
-}
 
 void CheckOptions(const PusherOptions& o) {
   DFR_THROW_UNLESS(o.red_y > 0.1 && o.red_y <= 0.3,
@@ -62,12 +31,12 @@ void CheckOptions(const PusherOptions& o) {
 void ApplyGripper(Gripper gripper, mjModel& model) {
   const bool fork = gripper == Gripper::kFork;
   const double half_width = fork ? 0.07 : gripper == Gripper::kWideBar ? 0.05 : 0.025;
-  const int bar = Id(model, mjOBJ_GEOM, "bar");
+  const int bar = MujocoId(model, mjOBJ_GEOM, "bar");
   model.geom_size[3 * bar + 1] = half_width;
   model.geom_rbound[bar] = half_width + model.geom_size[3 * bar];
   if (fork) return;
   for (const char* name : {"prong_left", "prong_right"}) {
-    const int prong = Id(model, mjOBJ_GEOM, name);
+    const int prong = MujocoId(model, mjOBJ_GEOM, name);
     model.geom_rgba[4 * prong + 3] = 0.0f;
     model.geom_matid[prong] = -1;
     for (int pair = 0; pair < model.npair; ++pair) {
@@ -82,24 +51,25 @@ void ApplyGripper(Gripper gripper, mjModel& model) {
 
 PusherPlant::World::World(const PusherOptions& scene) : options(scene) {
   CheckOptions(options);
-  model = LoadModel();
+  internal::InstallMujocoHandlers();
+  model = LoadMujocoModel(internal::kPusherXml, "sim/pusher");
   ApplyGripper(options.gripper, *model);
 
   std::vector<const char*> names = {"upper_arm", "forearm", "hand", "bar"};
   if (options.gripper == Gripper::kFork) names.insert(names.end(), {"prong_left", "prong_right"});
   for (const char* name : names) {
-    const int geom = Id(*model, mjOBJ_GEOM, name);
+    const int geom = MujocoId(*model, mjOBJ_GEOM, name);
     parts.push_back({name, geom, model->geom_size[3 * geom], model->geom_size[3 * geom + 1]});
   }
-  tip_site = Id(*model, mjOBJ_SITE, "tip");
-  object_body = Id(*model, mjOBJ_BODY, "object");
-  object_half_length = model->geom_size[3 * Id(*model, mjOBJ_GEOM, "object") + 1];
+  tip_site = MujocoId(*model, mjOBJ_SITE, "tip");
+  object_body = MujocoId(*model, mjOBJ_BODY, "object");
+  object_half_length = model->geom_size[3 * MujocoId(*model, mjOBJ_GEOM, "object") + 1];
 
-  const int goal_geom = Id(*model, mjOBJ_GEOM, "goal");
+  const int goal_geom = MujocoId(*model, mjOBJ_GEOM, "goal");
   std::copy_n(model->geom_pos + 3 * goal_geom, 3, goal.begin());
   const char* red_names[] = {"red_left", "red_right"};
   for (int i = 0; i < 2; ++i) {
-    const int geom = Id(*model, mjOBJ_GEOM, red_names[i]);
+    const int geom = MujocoId(*model, mjOBJ_GEOM, red_names[i]);
     mjtNum* center = model->geom_pos + 3 * geom;
     center[1] = i == 0 ? options.red_y : -options.red_y;
     reds[i].a = reds[i].b = {center[0], center[1], center[2]};

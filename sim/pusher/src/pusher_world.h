@@ -3,20 +3,15 @@
 #include <mujoco/mujoco.h>
 
 #include <array>
-#include <memory>
 #include <string_view>
 #include <vector>
 
 #include "dfr/core/features.h"
+#include "dfr/sim/mujoco/mujoco_model.h"
 #include "dfr/sim/pusher/pusher_plant.h"
 #include "segments.h"
 
 namespace dfr::sim {
-
-struct MjDeleter {
-  void operator()(mjModel* model) const noexcept { mj_deleteModel(model); }
-  void operator()(mjData* data) const noexcept { mj_deleteData(data); }
-};
 
 /// What all clones share: the model of one scene and where things are in it. Immutable.
 struct PusherPlant::World {
@@ -31,7 +26,7 @@ struct PusherPlant::World {
   explicit World(const PusherOptions& scene);
 
   PusherOptions options;
-  std::unique_ptr<mjModel, MjDeleter> model;
+  MjModelPtr model;
   core::StateLayout layout;
   std::vector<Part> parts;
   int tip_site = 0;
@@ -43,7 +38,7 @@ struct PusherPlant::World {
 
 /// One simulation. Between calls it is at rest, velocities zero, kinematics up to date.
 struct PusherPlant::Data {
-  std::unique_ptr<mjData, MjDeleter> mj;
+  MjDataPtr mj;
   std::string_view collided_part;
   bool faulted = false;
   double residual_speed = 0.0;

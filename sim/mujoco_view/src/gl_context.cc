@@ -1,4 +1,4 @@
-#include "offscreen_context.h"
+#include "gl_context.h"
 
 #include <EGL/egl.h>
 #include <EGL/eglext.h>
@@ -34,7 +34,7 @@ class Library {
   void* handle_;  // stays loaded: MuJoCo keeps the functions
 };
 
-class OsMesaContext final : public OffscreenContext {
+class OsMesaContext final : public GlContext {
  public:
   OsMesaContext()
       : destroy_(library_.Get<decltype(OSMesaDestroyContext)>("OSMesaDestroyContext")),
@@ -77,7 +77,7 @@ struct EglFunctions {
 #undef DFR_EGL
 };
 
-class EglContext final : public OffscreenContext {
+class EglContext final : public GlContext {
  public:
   EglContext() {
     const auto get_platform_display = reinterpret_cast<PFNEGLGETPLATFORMDISPLAYEXTPROC>(
@@ -136,23 +136,44 @@ class EglContext final : public OffscreenContext {
   EGLContext context_ = EGL_NO_CONTEXT;
 };
 
-}  // namespace
-
-std::unique_ptr<OffscreenContext> OffscreenContext::Make() {
+std::shared_ptr<GlContext> MakeOffscreen() {
   const char* wanted = std::getenv("DFR_GL");
   std::string failures;
   if (wanted == nullptr || std::string_view(wanted) != "egl") {
     try {
-      return std::make_unique<OsMesaContext>();
+      return std::make_shared<OsMesaContext>();
     } catch (const std::runtime_error& e) {
       failures = std::string(e.what()) + "; ";
     }
   }
   try {
-    return std::make_unique<EglContext>();
+    return std::make_shared<EglContext>();
   } catch (const std::runtime_error& e) {
     throw std::runtime_error("nothing can be drawn here: " + failures + e.what());
   }
+}
+
+std::weak_ptr<GlContext>& ThreadContext() {
+  thread_local std::weak_ptr<GlContext> context;
+  return context;
+}
+
+}  // namespace
+
+std::shared_ptr<GlContext> GlContext::OfThisThread() {
+  std::shared_ptr<GlContext> context = ThreadContext().lock();
+  if (context == nullptr) {
+    context = MakeOffscreen();
+    ThreadContext() = context;
+  }
+  return context;
+}
+
+void GlContext::Adopt(const std::shared_ptr<GlContext>& window) {
+  if (!ThreadContext().expired()) {
+    throw std::logic_error("a window must be opened before anything else is drawn on its thread");
+  }
+  ThreadContext() = window;
 }
 
 }  // namespace dfr::sim::internal

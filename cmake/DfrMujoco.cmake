@@ -1,0 +1,22 @@
+# MuJoCo for the folders of sim/, each of which may be the first to look for it.
+macro(dfr_find_mujoco)
+  dfr_find_package(mujoco 2.2)
+  if(mujoco_VERSION VERSION_GREATER_EQUAL 2.3)
+    message(FATAL_ERROR "The simulations are calibrated on MuJoCo 2.2; this is ${mujoco_VERSION}.")
+  endif()
+  get_target_property(mujoco_is_global mujoco::mujoco IMPORTED_GLOBAL)
+  if(NOT mujoco_is_global)
+    # Debian's target names the headers of Qhull, which it neither needs here nor depends on.
+    get_target_property(mujoco_include_dirs mujoco::mujoco INTERFACE_INCLUDE_DIRECTORIES)
+    list(FILTER mujoco_include_dirs EXCLUDE REGEX "qhull")
+    set_target_properties(mujoco::mujoco PROPERTIES
+      INTERFACE_INCLUDE_DIRECTORIES "${mujoco_include_dirs}" IMPORTED_GLOBAL TRUE)
+  endif()
+endmacro()
+
+# dfr_embed_model(pusher DFR_PUSHER_XML) puts the text of models/pusher.xml into that variable, for
+# a configure_file that carries it into the library.
+macro(dfr_embed_model name variable)
+  set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS models/${name}.xml)
+  file(READ models/${name}.xml ${variable})
+endmacro()

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <mujoco/mujoco.h>
+
+#include "dfr/sim/mujoco/mujoco_model.h"
+
+namespace dfr::sim::internal {
+
+/// MuJoCo's visualisation of one model in the OpenGL context that is current when it is made.
+class Scene {
+ public:
+  explicit Scene(const mjModel& the_model);
+  ~Scene();
+  Scene(const Scene&) = delete;
+  Scene& operator=(const Scene&) = delete;
+
+  /// Places the geoms for the positions of `state`, as `camera` sees them. A plant computes the
+  /// poses that it needs; cameras and lights are placed here, in data of our own.
+  void Update(const mjData& state);
+  void Render(const mjrRect& viewport) { mjr_render(viewport, &scene, &context); }
+
+  const mjModel* model;
+  mjvCamera camera;
+  mjvOption option;
+  mjvScene scene;
+  mjrContext context;
+
+ private:
+  MjDataPtr data_;
+};
+
+}  // namespace dfr::sim::internal
