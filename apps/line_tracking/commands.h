@@ -32,7 +32,7 @@ void RunDemonstrate(const DemonstrateOptions& options);
 struct CalibrateOptions {
   SceneOptions scene;
   std::filesystem::path out = "calibration.dfr";
-  int frames = 120;
+  int frames = 300;
   int held_out = 200;
   std::uint64_t seed = 1;
 };

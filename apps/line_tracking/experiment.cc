@@ -22,7 +22,7 @@ namespace {
 
 constexpr int kDemonstrations = 50;
 constexpr int kDemonstratedSteps = 50;
-constexpr int kCalibrationFrames = 120;
+constexpr int kCalibrationFrames = 300;
 constexpr std::size_t kCurves = 30;
 
 // Streams of the experiment's seed; 0 and 1 are the evaluation's start states and controllers.

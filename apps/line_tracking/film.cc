@@ -187,7 +187,7 @@ class Recorder final : public control::RolloutObserver {
 
  private:
   void Capture() {
-    plant_.RenderEndoscope(picture_.data());
+    plant_.RenderEndoscope(picture_);
     cv::Mat endoscope = cv::Mat(plant_.endoscope().camera().height,
                                 plant_.endoscope().camera().width, CV_8UC3, picture_.data())
                             .clone();

@@ -64,8 +64,8 @@ LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModel
   kernel::TimeVaryingSupport support = kernel::TimeVaryingSupport::Fit(states, support_options);
   const core::FeatureDecision decision(features, support);
   std::vector<double> lambda = control::EstimateLambda(decision, set.trajectories);
-  return {std::move(policy), features, std::move(support),
-          std::move(lambda), gamma,    options.horizon};
+  return {std::move(policy),         features,       std::move(support), std::move(lambda),
+          support_options.svm.gamma, options.horizon};
 }
 
 void LineModel::Save(const std::filesystem::path& folder) const {

@@ -46,7 +46,7 @@ void PrintRow(const VisionOptions& options, double blur_px, double light_change,
       const sim::LineTrackingTruth truth = plant.truth();
       if (std::abs(truth.distance_m) > 0.006) break;
       double start = ThreadSeconds();
-      plant.RenderEndoscope(picture.data());
+      plant.RenderEndoscope(picture);
       render_s += ThreadSeconds() - start;
       start = ThreadSeconds();
       plant.Look();

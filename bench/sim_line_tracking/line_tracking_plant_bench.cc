@@ -32,7 +32,7 @@ BENCHMARK(BM_Control)->ArgName("u/1000")->Arg(10)->Arg(500)->Arg(1000);
 void BM_Render(benchmark::State& state) {
   LineTrackingPlant plant(Options(Observation::kGroundTruth));
   std::vector<std::uint8_t> picture(plant.endoscope().image_size());
-  for (auto _ : state) plant.RenderEndoscope(picture.data());
+  for (auto _ : state) plant.RenderEndoscope(picture);
 }
 BENCHMARK(BM_Render)->Unit(benchmark::kMillisecond);
 
@@ -48,7 +48,7 @@ void BM_Vision(benchmark::State& state) {
   for (auto& picture : pictures) {
     plant.Look();
     picture.resize(plant.endoscope().image_size());
-    plant.RenderEndoscope(picture.data());
+    plant.RenderEndoscope(picture);
   }
   const Eigen::Isometry3d cam_from_world = LineTrackingPlant::p_world_cam().inverse();
   const Eigen::Hyperplane<double, 3> plane(cam_from_world.linear() * Eigen::Vector3d::UnitZ(),

@@ -70,7 +70,7 @@ std::vector<vision::CalibrationFrame> RecordCalibrationMotion(LineTrackingPlant&
     vision::CalibrationFrame frame;
     frame.touching = i % 2 == 0 && Touch(plant, random);
     if (!frame.touching) MoveTipAnywhere(plant, random);
-    plant.RenderEndoscope(picture.data());
+    plant.RenderEndoscope(picture);
     const kinematics::PsmJoints joints = plant.reported_joints();
     std::copy_n(joints.data(), 6, frame.joints.begin());
     frame.tip_px = vision.FindTip(plant.endoscope().View(picture.data()));

@@ -3,10 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "gauze_line.h"
+#include "line_tracking_scene.h"
+#include "line_tracking_views.h"
 
 namespace dfr::sim {
 namespace {
@@ -20,10 +23,11 @@ using kinematics::SprkPlatform;
 
 constexpr double kPi = 3.14159265358979323846;
 constexpr double kMillimetre = 1e3;
-constexpr double kHeadingScale = 10.0;  // mm per rad
-constexpr double kSampleTime = 0.02;    // s, between two looks at the tip's distance
-constexpr double kHover = 0.0025;       // m, the tip above the gauze at the start
-constexpr double kStartX = -0.023;      // m, in the middle of
+constexpr double kHeadingScale = 10.0;   // mm per rad
+constexpr double kSampleTime = 0.02;     // s, between two looks at the tip's distance
+constexpr double kArmLag = 0.02;         // s, of the joints behind their readings
+constexpr double kHover = 0.0025;        // m, the tip above the gauze at the start
+constexpr double kStartX = -0.023;       // m, in the middle of
 constexpr double kStartSpread = 0.0035;  // m, either way
 constexpr double kInclination = 40.0 * kPi / 180.0;
 constexpr int kMaxLooks = 3;
@@ -96,6 +100,7 @@ struct LineTrackingPlant::World {
   PlatformError platform_error;
   Endoscope endoscope;
   vision::LineTarget target = LineTrackingPlant::target();
+  internal::SceneModel scene;
   vision::LineVisionOptions vision;
   Eigen::Isometry3d base_from_world = p_world_base().inverse();
   Eigen::Isometry3d cam_from_world = p_world_cam().inverse();
@@ -104,7 +109,11 @@ struct LineTrackingPlant::World {
   Eigen::Matrix3d tool_rotation = ToolRotation();
 
   World(const LineTrackingOptions& o, const LineTrackingCalibration* known)
-      : options(o), arm_error(o.arm), platform_error(o.platform_seed), endoscope(true_camera()) {
+      : options(o),
+        arm_error(o.arm),
+        platform_error(o.platform_seed),
+        endoscope(true_camera()),
+        scene({p_world_base(), p_world_cam(), endoscope.pinhole_fovy_rad(), target.marks_m}) {
     const EndoscopeOptions& e = options.endoscope;
     DFR_THROW_UNLESS(e.light_change >= 0 && e.light_change <= 0.6,
                      "endoscope: light_change must lie in [0, 0.6], not " << e.light_change);
@@ -148,6 +157,13 @@ struct LineTrackingPlant::World {
   }
 };
 
+// MuJoCo's positions, which follow from the state, and the cameras that look at them.
+struct LineTrackingPlant::Simulation {
+  internal::SceneData data;
+  std::optional<internal::SceneView> endoscope;  // made when they are needed
+  std::optional<internal::SceneView> outside;
+};
+
 // Everything that changes; plain values, so that copying it copies the plant.
 struct LineTrackingPlant::State {
   std::uint64_t seed = 0;
@@ -185,8 +201,12 @@ LineTrackingPlant::LineTrackingPlant(const LineTrackingOptions& options,
 LineTrackingPlant::LineTrackingPlant(std::shared_ptr<const World> world)
     : world_(std::move(world)),
       state_(std::make_unique<State>()),
+      simulation_(new Simulation{internal::SceneData(world_->scene), {}, {}}),
       image_(std::make_unique<std::uint8_t[]>(world_->endoscope.image_size())) {
   vision_ = std::make_unique<vision::LineVision>(world_->calibration.camera, world_->vision);
+  if (world_->options.observation == Observation::kVision) {
+    simulation_->endoscope.emplace(world_->scene, false);
+  }
 }
 
 LineTrackingPlant::~LineTrackingPlant() = default;
@@ -266,6 +286,8 @@ void LineTrackingPlant::Reset(std::uint64_t seed) {
   s.glare_at = {light.Uniform(-0.4, 0.4), light.Uniform(-0.3, 0.3)};
   s.disturbance = Disturbance(w.options.disturbance, core::DeriveSeed(seed, {kDisturbanceStream}));
 
+  Place();
+
   // The operator puts the true tip there, whatever the encoders say: corrections until it is.
   const Eigen::Isometry3d gauze = truth().p_world_gauze;
   const double slope = s.line.SlopeAt(start_x);
@@ -293,6 +315,7 @@ bool LineTrackingPlant::MoveTip(const Eigen::Vector3d& tip_m) noexcept {
   if (!tip_m.allFinite() || !world_->Reading(tip_m, reading)) return false;
   state_->command_m = tip_m;
   state_->reading = reading;
+  Place();
   return true;
 }
 
@@ -306,6 +329,7 @@ void LineTrackingPlant::MovePlatform(const PlatformPose& pose) {
   s.platform.translation_m += pose.translation_m - s.offset.translation_m;
   s.platform.angles_rad += pose.angles_rad - s.offset.angles_rad;
   s.offset = pose;
+  Place();
 }
 
 void LineTrackingPlant::SetCameraFault(CameraFault fault) noexcept { state_->fault = fault; }
@@ -320,12 +344,19 @@ Eigen::Vector3d LineTrackingPlant::reported_tip_m() const noexcept {
   return p_world_base() * Psm::Tip(world_->calibration.arm.Apply(state_->reading));
 }
 
+// Joints and platform to where the state has them. After every change of it.
+void LineTrackingPlant::Place() noexcept {
+  const PlatformPose& platform = state_->platform;
+  Eigen::Isometry3d gauze = platform.Transform();
+  gauze.translation() += world_->platform_error.At(platform);
+  simulation_->data.Place(true_joints(), gauze);
+}
+
 LineTrackingTruth LineTrackingPlant::truth() const noexcept {
   const State& s = *state_;
   LineTrackingTruth truth;
-  truth.tip_m = p_world_base() * Psm::Tip(true_joints());
-  truth.p_world_gauze = s.platform.Transform();
-  truth.p_world_gauze.translation() += world_->platform_error.At(s.platform);
+  truth.tip_m = simulation_->data.tip_m();
+  truth.p_world_gauze = simulation_->data.p_world_gauze();
   const Eigen::Vector3d on_gauze = truth.p_world_gauze.inverse() * truth.tip_m;
   const GauzeLine::Nearest nearest = s.line.NearestTo(on_gauze.head<2>());
   truth.distance_m = nearest.distance;
@@ -344,8 +375,10 @@ void LineTrackingPlant::Travel(const PsmJoints& from, const PsmJoints& to,
   const int samples = std::max(1, static_cast<int>(std::ceil(duration_s / kSampleTime)));
   const double dt = duration_s / samples;
   const double follow = 1.0 - std::exp(-dt / SprkPlatform::kTimeConstant);
+  const double arm_follow = 1.0 - std::exp(-dt / kArmLag);
   for (int i = 1; i <= samples; ++i) {
-    s.reading = from + (to - from) * (static_cast<double>(i) / samples);
+    const PsmJoints target = from + (to - from) * (static_cast<double>(i) / samples);
+    s.reading += arm_follow * (target - s.reading);
     s.arm_time_s += dt;
     if (moves) {
       s.time_s += dt;
@@ -353,7 +386,8 @@ void LineTrackingPlant::Travel(const PsmJoints& from, const PsmJoints& to,
       s.platform.translation_m += follow * (command.translation_m - s.platform.translation_m);
       s.platform.angles_rad += follow * (command.angles_rad - s.platform.angles_rad);
     }
-    if (i < samples && std::abs(truth().distance_m) > kCollision) s.collided = true;
+    Place();
+    if (std::abs(truth().distance_m) > kCollision) s.collided = true;
   }
 }
 
@@ -369,17 +403,18 @@ core::PlantStatus LineTrackingPlant::Apply(std::span<const double> control) noex
   const PsmJoints from = s.reading;
   s.command_m = goal;
   Travel(from, reading, step.norm() / kSpeed);
-  // At rest: the platform's lag dies out while the disturbance holds still.
+  // At rest: the lags die out while the disturbance holds still.
+  s.reading = reading;
   const DisturbanceOptions& disturbance = world_->options.disturbance;
-  if (!s.halted) {
-    s.platform = Plus(s.disturbance.At(s.time_s), s.offset);
-    if (std::abs(truth().distance_m) > kCollision) s.collided = true;
-    if (disturbance.between) {
-      s.time_s += disturbance.pause_s;
-      s.platform = Plus(s.disturbance.At(s.time_s), s.offset);
-    }
-  }
+  if (!s.halted) s.platform = Plus(s.disturbance.At(s.time_s), s.offset);
+  Place();
   if (std::abs(truth().distance_m) > kCollision) s.collided = true;
+  if (!s.halted && disturbance.between) {
+    s.time_s += disturbance.pause_s;
+    s.platform = Plus(s.disturbance.At(s.time_s), s.offset);
+    Place();
+    if (std::abs(truth().distance_m) > kCollision) s.collided = true;
+  }
   Look();
   return core::PlantStatus::kOk;
 }
@@ -399,7 +434,7 @@ void LineTrackingPlant::Look() noexcept {
   for (int look = 0; look < kMaxLooks; ++look) {
     if (s.fault != CameraFault::kFrozen) {
       ++s.pictures;
-      RenderEndoscope(image_.get());
+      RenderEndoscope({image_.get(), w.endoscope.image_size()});
     }
     s.seen = vision_->Observe(w.endoscope.View(image_.get()), tip_plane);
     if (s.seen.seen()) break;
@@ -414,27 +449,14 @@ void LineTrackingPlant::Look() noexcept {
                 kHeadingScale * std::atan2(tangent.y(), tangent.x())};
 }
 
-void LineTrackingPlant::RenderEndoscope(std::uint8_t* bgr) const noexcept {
+void LineTrackingPlant::RenderEndoscope(std::span<std::uint8_t> bgr) const {
   const State& s = *state_;
   const World& w = *world_;
   const EndoscopeOptions& o = w.options.endoscope;
-  EndoscopeScene scene;
-  scene.p_cam_gauze = w.cam_from_world * truth().p_world_gauze;
-  scene.marks_m = &w.target.marks_m;
-  scene.mark_radius_m = w.target.mark_radius_m;
-  scene.line = s.line.c;
-  if (s.fault == CameraFault::kNoLine) scene.line_half_length_m = 0.0;
-  scene.line_width_m = w.target.line_width_m;
-  scene.tip_radius_m = w.target.tip_radius_m;
-  const PsmJoints q = true_joints();
-  const Eigen::Isometry3d cam_from_base = w.cam_from_world * p_world_base();
-  const Eigen::Vector3d wrist = Psm::Forward(q).translation();
-  const Eigen::Vector3d shaft = Psm::ShaftEnd(q);
-  scene.tool_cam = {cam_from_base * Psm::Tip(q), cam_from_base * wrist, cam_from_base * shaft,
-                    cam_from_base * Eigen::Vector3d(0.45 * shaft)};
-  if (s.fault == CameraFault::kNoTip) {
-    for (Eigen::Vector3d& p : scene.tool_cam) p.x() += 0.2;
-  }
+  std::optional<internal::SceneView>& view = simulation_->endoscope;
+  if (!view) view.emplace(w.scene, false);
+  const std::span<const std::uint8_t> pinhole = view->Draw(
+      simulation_->data, {s.line, s.fault != CameraFault::kNoLine, s.fault != CameraFault::kNoTip});
   EndoscopeLight light;
   // The light flickers a little and wanders over an episode.
   const double t = 0.05 * static_cast<double>(s.pictures) + s.light_phase;
@@ -451,7 +473,20 @@ void LineTrackingPlant::RenderEndoscope(std::uint8_t* bgr) const noexcept {
   } else if (s.fault == CameraFault::kOverexposed) {
     light.gain = 6.0;
   }
-  w.endoscope.Render(scene, light, core::DeriveSeed(s.seed, {kNoiseStream, s.pictures}), bgr);
+  w.endoscope.Develop(pinhole, light, core::DeriveSeed(s.seed, {kNoiseStream, s.pictures}), bgr);
+}
+
+void LineTrackingPlant::RenderOutside(std::span<std::uint8_t> rgb) const {
+  std::optional<internal::SceneView>& view = simulation_->outside;
+  if (!view) view.emplace(world_->scene, true);
+  simulation_->data.PlaceLegs();
+  const std::span<const std::uint8_t> picture =
+      view->Draw(simulation_->data, {state_->line, true, true});
+  constexpr std::size_t kRow = std::size_t{3} * internal::SceneView::kWidth;
+  for (std::size_t i = 0; i < internal::SceneView::kHeight; ++i) {
+    const auto from = picture.subspan((internal::SceneView::kHeight - 1 - i) * kRow, kRow);
+    std::copy(from.begin(), from.end(), rgb.begin() + static_cast<std::ptrdiff_t>(i * kRow));
+  }
 }
 
 void LineTrackingPlant::Observe(std::span<double> state) const noexcept {
@@ -475,6 +510,7 @@ std::unique_ptr<core::SimulatedPlant> LineTrackingPlant::Clone() const {
 void LineTrackingPlant::CopyStateFrom(const core::SimulatedPlant& other) noexcept {
   const auto& source = static_cast<const LineTrackingPlant&>(other);
   *state_ = *source.state_;
+  Place();
   std::copy_n(source.image_.get(), world_->endoscope.image_size(), image_.get());
   vision_->ForgetLastImage();
 }

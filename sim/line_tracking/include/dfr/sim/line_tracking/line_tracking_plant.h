@@ -42,11 +42,12 @@ struct LineTrackingCalibration {
   kinematics::PsmCorrection arm;
 };
 
-/// Light and optics of the simulated endoscope. Per episode and image they vary by themselves.
+/// Light and optics of the simulated endoscope. Per episode and image light and glare vary by
+/// themselves.
 struct EndoscopeOptions {
   double light_change = 0.2;  ///< Share by which the gain changes, at most; in [0, 0.6].
   double glare = 20.0;        ///< Brightest spot, of 255.
-  double blur_px = 0.5;       ///< Half width of edges.
+  double blur_px = 0.5;       ///< Standard deviation of the focus' blur.
   double noise = 3.0;         ///< Standard deviation, of 255.
 };
 
@@ -87,17 +88,22 @@ struct LineTrackingTruth {
 /// table stays as commanded. Entries beyond +-1 saturate. A control of another size, with a
 /// non-finite entry, or to where the arm cannot reach is refused and moves nothing.
 ///
-/// The world is kinematic. The tip goes where the true joints put it, which are not where the arm
-/// believes (ArmError). The platform follows its commanded pose with a 0.2 s lag and a positioning
-/// error of 1.22, 1.07 and 0.20 mm RMS in x, y and z. After every control everything comes to rest
-/// before the state is observed. A control takes |u| kStep / kSpeed of the disturbance's time if
-/// the disturbance acts during controls, and pause_s more if it acts between them.
+/// The world is a MuJoCo model that is placed, never integrated: position control, everything at
+/// rest after each control, no force that matters. Joints follow their readings with a lag of 20 ms
+/// and the tip goes where the true joints put it, which are not where the arm believes (ArmError).
+/// The platform follows its commanded pose with a 0.2 s lag and a positioning error of 1.22, 1.07
+/// and 0.20 mm RMS in x, y and z. After every control everything comes to rest before the state is
+/// observed. A control takes |u| kStep / kSpeed of the disturbance's time if the disturbance acts
+/// during controls, and pause_s more if it acts between them.
 ///
 /// collided(): at any moment, sampled every 20 ms of motion and at rest, the true tip was more than
 /// kCollision from the line in the gauze's plane. completed(): kCompletion tracked, not collided.
 ///
-/// Apply() allocates nothing with kGroundTruth; with kVision OpenCV may. One object belongs to one
-/// thread; clones share the immutable scene.
+/// The endoscope's picture is MuJoCo's of what its camera sees (MujocoRenderer, without a display),
+/// put through an Endoscope.
+///
+/// Apply() allocates nothing with kGroundTruth; with kVision OpenCV and OpenGL may. One object
+/// belongs to the thread that made it; clones share the immutable scene.
 class LineTrackingPlant final : public core::SimulatedPlant {
  public:
   static constexpr double kStep = 0.002;        ///< m per unit of control.
@@ -108,7 +114,7 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   /// @param calibration  what vision and commands take for true; nullptr: the true camera, at its
   ///   true place, and an uncorrected arm.
   /// @throws std::invalid_argument naming what is out of range, a disturbance beyond the platform's
-  ///   reach included.
+  ///   reach included; std::runtime_error with kVision if nothing can be drawn here.
   explicit LineTrackingPlant(const LineTrackingOptions& options = {},
                              const LineTrackingCalibration* calibration = nullptr);
   ~LineTrackingPlant() override;
@@ -147,9 +153,11 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   [[nodiscard]] LineTrackingTruth truth() const noexcept;
   /// What vision saw last. With kGroundTruth: nothing yet.
   [[nodiscard]] const vision::LineObservation& last_observation() const noexcept;
-  /// Renders the present scene as the endoscope shows it now; `bgr` has endoscope().image_size()
-  /// bytes.
-  void RenderEndoscope(std::uint8_t* bgr) const noexcept;
+  /// Renders the present scene as the endoscope shows it now, rows from the top; `bgr` has
+  /// endoscope().image_size() bytes. May throw as the constructor does with kVision.
+  void RenderEndoscope(std::span<std::uint8_t> bgr) const;
+  /// Renders arm and platform from outside, 640 x 480 RGB, rows from the top. May throw likewise.
+  void RenderOutside(std::span<std::uint8_t> rgb) const;
   [[nodiscard]] const Endoscope& endoscope() const noexcept;
 
   /// What the encoders say, and where the joints really are.
@@ -170,14 +178,18 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   [[nodiscard]] core::Matrix OpenLoopControls(int steps, double step_m) const;
 
  private:
+  friend class LineTrackingWindow;
   struct World;
   struct State;
+  struct Simulation;
   explicit LineTrackingPlant(std::shared_ptr<const World> world);
+  void Place() noexcept;
   void Travel(const kinematics::PsmJoints& from, const kinematics::PsmJoints& to,
               double duration_s) noexcept;
 
   std::shared_ptr<const World> world_;
   std::unique_ptr<State> state_;
+  std::unique_ptr<Simulation> simulation_;
   std::unique_ptr<vision::LineVision> vision_;
   std::unique_ptr<std::uint8_t[]> image_;
 };

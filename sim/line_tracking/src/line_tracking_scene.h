@@ -1,0 +1,79 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "dfr/kinematics/psm.h"
+#include "dfr/sim/mujoco/mujoco_model.h"
+#include "gauze_line.h"
+
+namespace dfr::sim::internal {
+
+/// The text of models/line_tracking.xml, so that a binary needs no file beside it.
+extern const std::string_view kLineTrackingXml;
+
+/// Where things are that other parts of the program decide.
+struct ScenePlaces {
+  Eigen::Isometry3d p_world_base = Eigen::Isometry3d::Identity();
+  Eigen::Isometry3d p_world_cam = Eigen::Isometry3d::Identity();  ///< OpenCV's axes.
+  double camera_fovy_rad = 0.7;
+  std::vector<Eigen::Vector2d> marks_m;  ///< Eight, in the gauze's frame.
+};
+
+/// The MuJoCo model with everything in its place, and the indices to find it by. Immutable: who
+/// wants to draw on the gauze copies it.
+class SceneModel {
+ public:
+  /// @throws std::runtime_error if the model cannot be compiled.
+  explicit SceneModel(const ScenePlaces& places);
+
+  [[nodiscard]] const mjModel_& mj() const noexcept { return *model_; }
+  [[nodiscard]] MjModelPtr CopyMj() const;
+
+  std::array<int, 6> joint_qpos{};
+  int tip_site = 0;
+  int gauze_body = 0;
+  int gauze_mocap = 0;
+  std::array<int, 6> arm_mocap{};
+  std::array<int, 6> leg_mocap{};
+  int gauze_texture = 0;
+
+ private:
+  MjModelPtr model_;
+};
+
+/// The simulation's positions: joints and platform in, poses of all bodies out. Never allocates
+/// once made.
+class SceneData {
+ public:
+  explicit SceneData(const SceneModel& model);
+
+  /// Puts the true joints and the gauze there.
+  void Place(const kinematics::PsmJoints& joints, const Eigen::Isometry3d& p_world_gauze) noexcept;
+
+  /// Puts the platform's servo arms and legs where they then are: for pictures only.
+  void PlaceLegs() noexcept;
+
+  [[nodiscard]] Eigen::Vector3d tip_m() const noexcept;  ///< World frame.
+  [[nodiscard]] Eigen::Isometry3d p_world_gauze() const noexcept;
+  [[nodiscard]] const mjData_& mj() const noexcept { return *data_; }
+
+ private:
+  void PlaceRod(int mocap, const Eigen::Vector3d& from, const Eigen::Vector3d& to) noexcept;
+
+  const SceneModel* model_;
+  MjDataPtr data_;
+};
+
+inline constexpr double kLineWidth = 0.0015;      ///< m
+inline constexpr double kLineHalfLength = 0.032;  ///< m; drawn for |x| below this.
+
+/// Draws gauze and line on the texture of `model`, a copy of the scene's.
+void DrawGauze(const SceneModel& scene, const GauzeLine& line, bool with_line, mjModel_& model);
+
+}  // namespace dfr::sim::internal
