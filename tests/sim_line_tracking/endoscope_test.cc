@@ -17,7 +17,9 @@ using Picture = std::vector<std::uint8_t>;
 constexpr int kWidth = 640;
 constexpr int kHeight = 480;
 
-std::size_t At(int x, int y) { return 3 * static_cast<std::size_t>(y * kWidth + x); }
+std::size_t At(int x, int y) {
+  return std::size_t{3} * (static_cast<std::size_t>(y) * kWidth + static_cast<std::size_t>(x));
+}
 
 // Neither noise nor blur, an even light.
 EndoscopeLight Plain() {

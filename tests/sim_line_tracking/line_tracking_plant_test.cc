@@ -210,7 +210,8 @@ Eigen::Vector2d BlueCentre(const std::vector<std::uint8_t>& bgr, const Eigen::Ve
        ++y) {
     for (int x = static_cast<int>(near.x()) - kRadius; x <= static_cast<int>(near.x()) + kRadius;
          ++x) {
-      const auto i = static_cast<std::size_t>(3 * (y * 640 + x));
+      const auto i =
+          std::size_t{3} * (static_cast<std::size_t>(y) * 640 + static_cast<std::size_t>(x));
       const double blue = std::max(0.0, static_cast<double>(bgr[i]) - bgr[i + 2] - 15.0);
       sum += blue;
       centre += blue * Eigen::Vector2d(x, y);

@@ -32,8 +32,8 @@ struct Endoscope::Tables {
 Endoscope::Endoscope(const vision::CameraModel& camera) : camera_(camera) {
   camera_.Check();
   auto tables = std::make_shared<Tables>();
-  const auto pixels =
-      static_cast<std::size_t>(camera_.width) * static_cast<std::size_t>(camera_.height);
+  const auto width = static_cast<std::size_t>(camera_.width);
+  const std::size_t pixels = width * static_cast<std::size_t>(camera_.height);
   tables->u.reserve(pixels);
   tables->v.reserve(pixels);
   double farthest_u = 0.0;
@@ -58,8 +58,7 @@ Endoscope::Endoscope(const vision::CameraModel& camera) : camera_(camera) {
   cv::Mat map_y(camera_.height, camera_.width, CV_32F);
   for (int y = 0; y < camera_.height; ++y) {
     for (int x = 0; x < camera_.width; ++x) {
-      const std::size_t i = static_cast<std::size_t>(y) * static_cast<std::size_t>(camera_.width) +
-                            static_cast<std::size_t>(x);
+      const std::size_t i = static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x);
       map_x.at<float>(y, x) = static_cast<float>(center_x + focal * tables->u[i]);
       // The bottom row comes first.
       map_y.at<float>(y, x) = static_cast<float>(center_y - focal * tables->v[i]);
