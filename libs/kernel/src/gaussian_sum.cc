@@ -223,6 +223,27 @@ void Row(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T* HWY_RESTRICT
                HWY_ATTR { hn::Store(term, d, row + j * hn::MaxLanes(d)); });
 }
 
+template <typename T>
+void ExponentsOf(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T* HWY_RESTRICT row) {
+  constexpr Tag<T> d;
+  ForGroups(terms.data.data(), terms.num_blocks, terms.dim, x,
+            [&](std::size_t first, const auto* exponent, auto count) HWY_ATTR {
+              for (std::size_t j = 0; j < decltype(count)::value; ++j) {
+                hn::Store(exponent[j], d, row + (first + j) * hn::MaxLanes(d));
+              }
+            });
+}
+
+template <typename T>
+void Powers(const T* HWY_RESTRICT exponents, T factor, std::size_t size, T* HWY_RESTRICT row) {
+  constexpr Tag<T> d;
+  const auto scale = hn::Set(d, factor);
+  HWY_UNROLL(4)
+  for (std::size_t k = 0; k < size; k += hn::MaxLanes(d)) {
+    hn::Store(Exp2(d, hn::Mul(scale, hn::Load(d, exponents + k))), d, row + k);
+  }
+}
+
 // Adds sum_q weight_q term_i(x_q) to total_i for one group of kVectors vectors of terms that stay
 // in L1 while all queries pass over them. T sums run over few queries, then go into doubles.
 template <std::size_t kVectors, typename T>
@@ -341,6 +362,8 @@ GaussianFunctions<T> Functions() {
           .sum_shift = &SumShift<T>,
           .largest = &Largest<T>,
           .row = &Row<T>,
+          .exponents = &ExponentsOf<T>,
+          .powers = &Powers<T>,
           .add_rows = &AddRows<T>};
 }
 GaussianFunctions<double> DoubleFunctions() { return Functions<double>(); }

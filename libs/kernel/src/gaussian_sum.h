@@ -53,6 +53,20 @@ void GaussianRow(const GaussianTerms<T>& terms, const T* x, T* row) noexcept {
   terms.functions.row(terms, x, row);
 }
 
+/// The exponents log2 w_i - |x' - s'_i|^2 of the terms of GaussianRow(), -infinity in the padding.
+template <typename T>
+void ExponentRow(const GaussianTerms<T>& terms, const T* x, T* row) noexcept {
+  terms.functions.exponents(terms, x, row);
+}
+
+/// row[i] = 2^(factor exponents[i]) for `size` entries, whole cache lines: GaussianRow() for
+/// another gamma, without the distances.
+template <typename T>
+void PowerRow(const GaussianTerms<T>& terms, const T* exponents, T factor, std::size_t size,
+              T* row) noexcept {
+  terms.functions.powers(exponents, factor, size, row);
+}
+
 /// totals[i] += sum_q weights[q] term_i(x_q) over `count` queries, `x` holding one after the other;
 /// `totals` has num_blocks * kLanes entries.
 template <typename T>

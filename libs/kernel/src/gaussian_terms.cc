@@ -33,9 +33,11 @@ GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const doub
   assert(weights.empty() || weights.size() == count);
   // Centred, coordinates are about as large as the differences that matter, which keeps the
   // rounding of x' below that of the exponent.
-  for (std::size_t k = 0; k < dim; ++k) {
-    center[k] = points.col(static_cast<Eigen::Index>(k)).mean();
+  for (std::size_t i = 0; i < count; ++i) {
+    const double* row = points.data() + i * dim;
+    for (std::size_t k = 0; k < dim; ++k) center[k] += row[k];
   }
+  for (double& c : center) c /= static_cast<double>(count);
   for (std::size_t b = 0; b < num_blocks; ++b) {
     T* block = data.data() + b * (dim + 1) * kLanes;
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
@@ -45,9 +47,9 @@ GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const doub
         continue;
       }
       block[lane] = weights.empty() ? T{0} : static_cast<T>(std::log2(weights[i]));
+      const double* row = points.data() + i * dim;
       for (std::size_t k = 0; k < dim; ++k) {
-        const double x = points(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k));
-        block[(1 + k) * kLanes + lane] = static_cast<T>(scale * (x - center[k]));
+        block[(1 + k) * kLanes + lane] = static_cast<T>(scale * (row[k] - center[k]));
       }
     }
   }

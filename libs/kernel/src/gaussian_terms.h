@@ -51,6 +51,8 @@ struct GaussianFunctions {
   T (*sum_shift)(const GaussianTerms<T>&, const T* x, T offset, T* shift) = nullptr;
   T (*largest)(const GaussianTerms<T>&, const T* x) = nullptr;
   void (*row)(const GaussianTerms<T>&, const T* x, T* row) = nullptr;
+  void (*exponents)(const GaussianTerms<T>&, const T* x, T* row) = nullptr;
+  void (*powers)(const T* exponents, T factor, std::size_t size, T* row) = nullptr;
   void (*add_rows)(const GaussianTerms<T>&, const T* x, const T* weights, std::size_t count,
                    double* totals) = nullptr;
 };

@@ -9,9 +9,11 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
+#include "fit_sharing.h"
 #include "gaussian_sum.h"
 #include "gaussian_terms.h"
 #include "smo_solver.h"
+#include "states_at.h"
 
 namespace dfr::kernel {
 
@@ -54,6 +56,13 @@ double DecideWithin(const internal::GaussianTerms<T>& terms, double rho,
   if (!terms.Scale(x.data(), scaled)) return OutsideOrFar(x, -rho);
   return static_cast<double>(internal::GaussianSum(terms, scaled)) - rho;
 }
+
+// The sum of all terms, for a state of the right size.
+double SumAt(const internal::GaussianTerms<double>& terms, std::span<const double> x) noexcept {
+  return DecideWithin<internal::kMaxStateDim>(terms, 0.0, x);
+}
+
+double LogOfRho(double rho) { return rho > 0.0 ? std::log(rho) : kOutside; }
 
 template <typename T>
 double Decide(const internal::GaussianTerms<T>& terms, double rho,
@@ -132,6 +141,7 @@ void CheckSamples(const Eigen::Ref<const core::Matrix>& samples) {
   DFR_THROW_UNLESS(samples.cols() >= 1 && samples.cols() <= OneClassSvm::kMaxStateDim,
                    "a sample must have 1 to " << OneClassSvm::kMaxStateDim << " entries, not "
                                               << samples.cols());
+  if (internal::AllFinite(samples)) return;
   for (Eigen::Index i = 0; i < samples.rows(); ++i) {
     for (Eigen::Index k = 0; k < samples.cols(); ++k) {
       DFR_THROW_UNLESS(std::isfinite(samples(i, k)), "sample " << i << ", entry " << k << " is "
@@ -172,29 +182,55 @@ OneClassSvm::OneClassSvm(std::shared_ptr<const Data> data) noexcept : data_(std:
 
 OneClassSvm OneClassSvm::Fit(const Eigen::Ref<const core::Matrix>& samples,
                              const OneClassSvmOptions& options, FitSummary* summary) {
+  internal::Scratch scratch;
+  return internal::FitSharing(samples, options, scratch, summary);
+}
+
+OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmOptions& options,
+                                 Scratch& scratch, FitSummary* summary) {
   CheckOptions(options);
   CheckSamples(samples);
   CheckStart(options.start, samples.rows());
   const auto start = std::chrono::steady_clock::now();
   FitSummary result;
-  const internal::DualSolution dual = internal::SolveDual(samples, options, result);
+  const DualSolution dual = SolveDual(samples, options, scratch, result);
 
   std::vector<Eigen::Index> chosen;
+  chosen.reserve(static_cast<std::size_t>(dual.alpha.size()));
   for (Eigen::Index i = 0; i < dual.alpha.size(); ++i) {
     if (dual.alpha[i] > 0.0) chosen.push_back(i);
   }
-  core::Matrix support_vectors = samples(chosen, Eigen::all);
-  Eigen::VectorXd alpha = dual.alpha(chosen);
+  core::Matrix support_vectors(static_cast<Eigen::Index>(chosen.size()), samples.cols());
+  Eigen::VectorXd alpha(support_vectors.rows());
+  for (Eigen::Index k = 0; k < alpha.size(); ++k) {
+    const Eigen::Index i = chosen[static_cast<std::size_t>(k)];
+    support_vectors.row(k) = samples.row(i);
+    alpha[k] = dual.alpha[i];
+  }
   // nu m up to the rounding of the solver's steps.
   const double scale = alpha.sum();
   alpha /= scale;
-  OneClassSvm svm = FromParts(std::move(support_vectors), std::move(alpha), options.gamma,
-                              dual.rho / scale, scale);
-  result.num_support_vectors = svm.num_support_vectors();
+  OneClassSvm::Data data{std::move(support_vectors),
+                         std::move(alpha),
+                         options.gamma,
+                         dual.rho / scale,
+                         scale,
+                         0.0,
+                         {},
+                         {},
+                         false};
+  data.in_double =
+      GaussianTerms<double>(data.support_vectors, core::AsSpan(data.alpha), data.gamma);
+  for (const DualSolution::RhoSample& s : dual.rho_samples) {
+    const double exact = SumAt(data.in_double, core::Row(samples, s.sample));
+    data.rho += (exact - s.gradient / scale) / static_cast<double>(dual.rho_samples.size());
+  }
+  data.log_rho = LogOfRho(data.rho);
+  result.num_support_vectors = static_cast<int>(chosen.size());
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   result.alpha = dual.alpha / scale;
   if (summary != nullptr) *summary = std::move(result);
-  return svm;
+  return OneClassSvm(std::make_shared<const OneClassSvm::Data>(std::move(data)));
 }
 
 OneClassSvm OneClassSvm::FromParts(core::Matrix support_vectors, Eigen::VectorXd alpha,
@@ -215,13 +251,12 @@ OneClassSvm OneClassSvm::FromParts(core::Matrix support_vectors, Eigen::VectorXd
   DFR_THROW_UNLESS(libsvm_scale > 0.0 && std::isfinite(libsvm_scale),
                    "libsvm_scale must be positive and finite, not " << libsvm_scale);
   internal::GaussianTerms<double> terms(support_vectors, core::AsSpan(alpha), gamma);
-  const double log_rho = rho > 0.0 ? std::log(rho) : kOutside;
   return OneClassSvm(std::make_shared<const Data>(Data{std::move(support_vectors),
                                                        std::move(alpha),
                                                        gamma,
                                                        rho,
                                                        libsvm_scale,
-                                                       log_rho,
+                                                       LogOfRho(rho),
                                                        std::move(terms),
                                                        {},
                                                        false}));

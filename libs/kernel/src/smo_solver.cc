@@ -11,37 +11,17 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "gaussian_sum.h"
-#include "smo_passes.h"
+#include "kkt.h"
+#include "small_problem.h"
+#include "smo_loop.h"
 
 namespace dfr::kernel::internal {
 namespace {
 
-using Reason = FitSummary::Reason;
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-// Up to here all samples are solved at once, on their whole kernel matrix.
-constexpr std::size_t kWholeProblem = 1500;
 // A row that is this small, 16 MiB for all of them, is read faster than it is computed.
 constexpr double kQuickCacheBytes = 16.0 * 0x1p20;
 // From this dimension on computing a row takes longer than reading it from memory.
 constexpr std::size_t kManyFeatures = 16;
-
-// Largest and smallest G that may still move, and with them the KKT gap.
-struct Bounds {
-  double largest = -kInfinity;  // over alpha > 0
-  double smallest = kInfinity;  // over alpha < 1
-  double free_sum = 0.0;
-  std::size_t free = 0;
-  // nu = 1 has no alpha < 1 and no gap.
-  [[nodiscard]] double gap() const {
-    return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
-  }
-  [[nodiscard]] double rho() const {
-    if (free > 0) return free_sum / static_cast<double>(free);
-    return std::isinf(smallest) ? largest : 0.5 * (largest + smallest);
-  }
-};
 
 // Rows of a kernel matrix, computed when asked for and kept while there is room; then one that was
 // not used since the last round makes room.
@@ -60,27 +40,21 @@ class RowStore {
     const double fit = keep ? std::min(budget_bytes_ / row_bytes, 1e9) : 0.0;
     // A step looks at two rows; with three, the one that is used next is never overwritten.
     capacity_ = std::min(terms.count, std::max<std::size_t>(3, static_cast<std::size_t>(fit)));
-    if (values_.size() < capacity_ * stride_) values_.resize(capacity_ * stride_);
-    slot_of_.assign(terms.count, kNone);
+    if (values_.size() < capacity_ * stride_) {
+      values_.clear();  // nothing to carry over
+      values_.resize(capacity_ * stride_);
+    }
+    known_.assign(terms.count, nullptr);
+    used_.assign(terms.count, 0);
     owner_.assign(capacity_, kNone);
-    used_.assign(capacity_, 0);
     hand_ = 0;
   }
 
-  // Valid until the next but one call.
-  const T* Row(std::size_t i) {
-    std::size_t slot = slot_of_[i];
-    if (slot == kNone) {
-      slot = FreeSlot();
-      owner_[slot] = i;
-      slot_of_[i] = slot;
-      terms_->Point(i, query_.data());
-      GaussianRow(*terms_, query_.data(), values_.data() + slot * stride_);
-      evaluations_ += static_cast<std::int64_t>(terms_->count);
-    }
-    used_[slot] = 1;
-    last_ = slot;
-    return values_.data() + slot * stride_;
+  [[nodiscard]] RowTable<T> Table() {
+    const auto compute = [](void* store, std::size_t i, std::size_t keep) {
+      return static_cast<RowStore*>(store)->Compute(i, keep);
+    };
+    return {known_.data(), used_.data(), compute, this};
   }
 
   [[nodiscard]] std::int64_t evaluations() const { return evaluations_; }
@@ -88,15 +62,20 @@ class RowStore {
  private:
   static constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
-  std::size_t FreeSlot() {
-    while (owner_[hand_] != kNone && (used_[hand_] != 0 || hand_ == last_)) {
-      used_[hand_] = 0;
+  const T* Compute(std::size_t i, std::size_t keep) {
+    while (owner_[hand_] != kNone && (used_[owner_[hand_]] != 0 || owner_[hand_] == keep)) {
+      used_[owner_[hand_]] = 0;
       hand_ = (hand_ + 1) % capacity_;
     }
-    const std::size_t slot = hand_;
-    if (owner_[slot] != kNone) slot_of_[owner_[slot]] = kNone;
+    T* row = values_.data() + hand_ * stride_;
+    if (owner_[hand_] != kNone) known_[owner_[hand_]] = nullptr;
+    owner_[hand_] = i;
+    known_[i] = row;
     hand_ = (hand_ + 1) % capacity_;
-    return slot;
+    terms_->Point(i, query_.data());
+    GaussianRow(*terms_, query_.data(), row);
+    evaluations_ += static_cast<std::int64_t>(terms_->count);
+    return row;
   }
 
   double budget_bytes_;
@@ -104,12 +83,11 @@ class RowStore {
   std::size_t stride_ = 0;
   std::size_t capacity_ = 0;
   std::size_t hand_ = 0;
-  std::size_t last_ = 0;
   std::vector<T> query_;
   AlignedVector<T> values_;
-  std::vector<std::size_t> slot_of_;
-  std::vector<std::size_t> owner_;
-  std::vector<char> used_;
+  std::vector<const T*> known_;
+  std::vector<unsigned char> used_;
+  std::vector<std::size_t> owner_;  // of each slot
   std::int64_t evaluations_ = 0;
 };
 
@@ -125,13 +103,14 @@ class Solver {
       : options_(options),
         summary_(summary),
         terms_(samples, {}, options.gamma),
-        passes_(BestSmoPasses<T>()),
+        smo_(BestSmoFunctions<T>()),
         alpha_(terms_.count, 0.0),
         gradient_(terms_.row_size(), 0.0),
+        rounds_(options, terms_.count, summary),
         rows_(RowBudget(samples)) {}
 
-  void Start(std::span<const double> alpha) {
-    std::copy(alpha.begin(), alpha.end(), alpha_.begin());
+  void Run(std::span<const double> start) {
+    std::copy(start.begin(), start.end(), alpha_.begin());
     std::vector<std::size_t> changed;
     std::vector<double> change;
     for (std::size_t i = 0; i < alpha_.size(); ++i) {
@@ -141,38 +120,15 @@ class Solver {
       }
     }
     AddToGradient(changed, change);
-  }
-
-  Reason Run() {
-    double least_gap = kInfinity;
-    double least_objective = kInfinity;
-    int rounds_without_gain = 0;
     while (true) {
-      bounds_ = Scan();
-      summary_.kkt_gap = bounds_.gap();
-      const double objective = Objective();
-      if (summary_.kkt_gap < options_.tolerance) return Reason::kConverged;
-      if (!Continue()) return Reason::kInterrupted;
-      if (summary_.iterations >= MaxIterations()) return Reason::kMaxIterations;
-      // Samples that enter may keep the gap up while the objective falls.
-      constexpr int kPatience = 10;
-      const bool gain =
-          summary_.kkt_gap < 0.9 * least_gap || objective < (1.0 - 1e-6) * least_objective;
-      rounds_without_gain = gain ? 0 : rounds_without_gain + 1;
-      least_gap = std::min(least_gap, summary_.kkt_gap);
-      least_objective = std::min(least_objective, objective);
-      if (rounds_without_gain > kPatience) return Reason::kStalled;
-      ChooseActive();
-      if (!SolveActive()) return Reason::kInterrupted;
+      const KktBounds bounds(alpha_, gradient());
+      if (!rounds_.Next(bounds.gap(), Objective(alpha_, gradient()))) return;
+      ChooseActive(bounds.rho());
+      SolveActive(bounds.rho());
     }
   }
 
-  [[nodiscard]] double Objective() const {
-    double sum = 0.0;
-    for (std::size_t i = 0; i < alpha_.size(); ++i) sum += alpha_[i] * gradient_[i];
-    return 0.5 * sum;
-  }
-  [[nodiscard]] const std::vector<double>& alpha() const { return alpha_; }
+  [[nodiscard]] std::span<const double> alpha() const { return alpha_; }
   [[nodiscard]] std::span<const double> gradient() const {
     return {gradient_.data(), alpha_.size()};
   }
@@ -192,30 +148,6 @@ class Solver {
     return budget - fixed;
   }
 
-  [[nodiscard]] std::int64_t MaxIterations() const {
-    const auto n = static_cast<std::int64_t>(alpha_.size());
-    return options_.max_iterations > 0 ? options_.max_iterations
-                                       : std::max<std::int64_t>(10'000'000, 100 * n);
-  }
-
-  [[nodiscard]] bool Continue() const {
-    return !options_.progress ||
-           options_.progress({summary_.iterations, summary_.kkt_gap, options_.tolerance});
-  }
-
-  [[nodiscard]] Bounds Scan() const {
-    Bounds bounds;
-    for (std::size_t i = 0; i < alpha_.size(); ++i) {
-      if (alpha_[i] > 0.0) bounds.largest = std::max(bounds.largest, gradient_[i]);
-      if (alpha_[i] < 1.0) bounds.smallest = std::min(bounds.smallest, gradient_[i]);
-      if (alpha_[i] > 0.0 && alpha_[i] < 1.0) {
-        bounds.free_sum += gradient_[i];
-        ++bounds.free;
-      }
-    }
-    return bounds;
-  }
-
   // G += K change, for these samples' alpha.
   void AddToGradient(std::span<const std::size_t> samples, std::span<const double> change) {
     constexpr std::size_t kChunk = 512;  // points of a chunk stay in L2
@@ -232,20 +164,14 @@ class Solver {
     }
   }
 
-  void ChooseActive() {
+  void ChooseActive(double rho) {
     active_.clear();
-    if (alpha_.size() <= kWholeProblem) {
-      active_.resize(alpha_.size());
-      std::iota(active_.begin(), active_.end(), std::size_t{0});
-      return;
-    }
     // How far each bounded sample is from moving; violators are below zero.
     struct Candidate {
       double slack;
       std::size_t sample;
     };
     std::vector<Candidate> candidates;
-    const double rho = bounds_.rho();
     std::size_t violators = 0;
     for (std::size_t i = 0; i < alpha_.size(); ++i) {
       if (alpha_[i] > 0.0 && alpha_[i] < 1.0) {
@@ -269,73 +195,39 @@ class Solver {
     std::sort(active_.begin(), active_.end());
   }
 
-  // SMO on the active samples, with all others fixed. False if interrupted.
-  bool SolveActive() {
-    const bool whole = active_.size() == alpha_.size();
-    GaussianTerms<T> subset;
-    if (!whole) subset = terms_.Subset(active_);
-    const GaussianTerms<T>& terms = whole ? terms_ : subset;
+  // SMO on the active samples, with all others fixed.
+  void SolveActive(double rho) {
+    const GaussianTerms<T> terms = terms_.Subset(active_);
     rows_.Reset(terms);
-
     const std::size_t count = terms.row_size();
-    const double rho = bounds_.rho();
     AlignedVector<T> gradient(count, T{0});
-    AlignedVector<T> may_rise(count, std::numeric_limits<T>::infinity());
-    AlignedVector<T> may_fall(count, -std::numeric_limits<T>::infinity());
+    AlignedVector<T> may_rise(count, SmoProblem<T>::kNever);
+    AlignedVector<T> may_fall(count, -SmoProblem<T>::kNever);
     std::vector<double> alpha(active_.size());
-    const auto mark = [&](std::size_t k) {
-      may_rise[k] = alpha[k] < 1.0 ? T{0} : std::numeric_limits<T>::infinity();
-      may_fall[k] = alpha[k] > 0.0 ? T{0} : -std::numeric_limits<T>::infinity();
-    };
     for (std::size_t k = 0; k < active_.size(); ++k) {
       alpha[k] = alpha_[active_[k]];
       gradient[k] = static_cast<T>(gradient_[active_[k]] - rho);
-      mark(k);
+      if (alpha[k] < 1.0) may_rise[k] = T{0};
+      if (alpha[k] > 0.0) may_fall[k] = T{0};
     }
+    const SmoProblem<T> problem{count,           rows_.Table(),   alpha.data(),
+                                gradient.data(), may_rise.data(), may_fall.data()};
 
     // Half the tolerance leaves room for the rounding of T and for what the others do. On the way
     // there the others come in when the gap has fallen enough and as much was spent as bringing all
     // of G up to date will cost, two samples an iteration.
     const double target = 0.5 * options_.tolerance;
-    const double early = whole ? target : std::max(target, kInnerTolerance * summary_.kkt_gap);
+    const double early = std::max(target, kInnerTolerance * summary_.kkt_gap);
     const auto worthwhile = static_cast<std::int64_t>(kSpend * static_cast<double>(alpha_.size()));
-    const std::int64_t first_iteration = summary_.iterations;
-    const auto go_on_until = [&] {
-      return summary_.iterations - first_iteration < worthwhile ? target : early;
-    };
-    const T* any = rows_.Row(0);
-    Extremes<T> extremes =
-        passes_.update(gradient.data(), any, any, T{0}, may_rise.data(), may_fall.data(), count);
-    // Curvature between equal points: the step then ends at a bound.
-    constexpr double kLeastCurvature = sizeof(T) == 4 ? 1e-7 : 1e-12;
-    bool go_on = true;
-    const std::int64_t limit = MaxIterations();
-    while (static_cast<double>(extremes.largest) - extremes.smallest >= go_on_until() &&
-           summary_.iterations < limit) {
-      ++summary_.iterations;
-      if ((summary_.iterations & 0x3ff) == 0 && !Continue()) {
-        go_on = false;
-        break;
-      }
-      const std::size_t i = extremes.smallest_at;
-      const T* row_i = rows_.Row(i);
-      const std::size_t j =
-          passes_.choose_second(row_i, gradient.data(), may_fall.data(), extremes.smallest, count);
-      if (j == count) break;
-      const T* row_j = rows_.Row(j);
-      const double curvature = std::max(2.0 - 2.0 * row_i[j], kLeastCurvature);
-      const double wanted = (static_cast<double>(gradient[j]) - extremes.smallest) / curvature;
-      const double room = std::min(alpha[j], 1.0 - alpha[i]);
-      const double step = std::min(wanted, room);
-      // Exactly at a bound where one is reached, whatever the rounding.
-      const bool fills = step >= 1.0 - alpha[i];
-      const bool empties = step >= alpha[j];
-      alpha[i] = fills ? 1.0 : alpha[i] + step;
-      alpha[j] = empties ? 0.0 : alpha[j] - step;
-      mark(i);
-      mark(j);
-      extremes = passes_.update(gradient.data(), row_i, row_j, static_cast<T>(step),
-                                may_rise.data(), may_fall.data(), count);
+    bool done = false;
+    rounds_.Take(worthwhile, [&](std::int64_t most) {
+      const SmoSteps steps = smo_.loop(problem, target, most);
+      done = !steps.more;
+      return steps;
+    });
+    if (!done) {
+      rounds_.Take(std::numeric_limits<std::int64_t>::max(),
+                   [&](std::int64_t most) { return smo_.loop(problem, early, most); });
     }
 
     std::vector<std::size_t> changed;
@@ -349,7 +241,6 @@ class Solver {
       }
     }
     AddToGradient(changed, change);
-    return go_on;
   }
 
   // Found by experiment between n = 4000 and 100000; within a factor of two nothing much changes.
@@ -361,11 +252,11 @@ class Solver {
   const OneClassSvmOptions& options_;
   FitSummary& summary_;
   GaussianTerms<T> terms_;
-  SmoPasses<T> passes_;
+  SmoFunctions<T> smo_;
   std::vector<double> alpha_;
   AlignedVector<double> gradient_;
+  Rounds rounds_;
   RowStore<T> rows_;
-  Bounds bounds_;
   std::vector<std::size_t> active_;
   std::int64_t evaluations_ = 0;
 };
@@ -374,63 +265,54 @@ class Solver {
 // interval that the KKT conditions leave. The mean of their G is rho.
 std::vector<std::size_t> RhoSamples(std::span<const double> alpha,
                                     std::span<const double> gradient) {
-  std::vector<std::size_t> free;
+  std::vector<std::size_t> free(alpha.size());
+  std::size_t count = 0;
   std::size_t low = alpha.size();
   std::size_t high = alpha.size();
   for (std::size_t i = 0; i < alpha.size(); ++i) {
-    if (alpha[i] >= 1.0) {
-      if (low == alpha.size() || gradient[i] > gradient[low]) low = i;
-    } else if (alpha[i] <= 0.0) {
-      if (high == alpha.size() || gradient[i] < gradient[high]) high = i;
-    } else {
-      free.push_back(i);
-    }
+    free[count] = i;
+    count += alpha[i] > 0.0 && alpha[i] < 1.0 ? 1 : 0;
+    if (alpha[i] >= 1.0 && (low == alpha.size() || gradient[i] > gradient[low])) low = i;
+    if (alpha[i] <= 0.0 && (high == alpha.size() || gradient[i] < gradient[high])) high = i;
   }
+  free.resize(count);
   if (free.empty() && low != alpha.size()) free.push_back(low);
   if (free.empty() || (free[0] == low && high != alpha.size())) free.push_back(high);
   return free;
 }
 
-// rho = mean of G over these samples. The solver's G may stem from kernel values in float, which
-// are all off in the same direction; a few values in double show by how much.
-double Rho(const core::Matrix& samples, double gamma, std::span<const double> alpha,
-           std::span<const double> gradient) {
-  const std::vector<std::size_t> chosen = RhoSamples(alpha, gradient);
-  double mean = 0.0;
-  for (const std::size_t i : chosen) mean += gradient[i] / static_cast<double>(chosen.size());
-
-  std::vector<Eigen::Index> support;
-  std::vector<double> weights;
-  for (std::size_t i = 0; i < alpha.size(); ++i) {
-    if (alpha[i] > 0.0) {
-      support.push_back(static_cast<Eigen::Index>(i));
-      weights.push_back(alpha[i]);
-    }
-  }
-  const GaussianTerms<double> terms(samples(support, Eigen::all), weights, gamma);
-  std::vector<double> query(terms.dim);
-  constexpr std::size_t kEnough = 16;
+template <typename T>
+DualSolution Solution(const T& solver) {
+  DualSolution solution{core::AsVector(solver.alpha()), 0.0, {}};
+  const std::span<const double> gradient = solver.gradient();
+  const std::vector<std::size_t> chosen = RhoSamples(solver.alpha(), gradient);
+  for (const std::size_t i : chosen) solution.rho += gradient[i];
+  solution.rho /= static_cast<double>(chosen.size());
+  constexpr std::size_t kEnough = 8;
   const std::size_t count = std::min(kEnough, chosen.size());
-  double correction = 0.0;
   for (std::size_t k = 0; k < count; ++k) {
     const std::size_t i = chosen[k * chosen.size() / count];
-    const auto row = core::Row(samples, static_cast<Eigen::Index>(i));
-    if (terms.Scale(row.data(), query.data())) {
-      correction += GaussianSum(terms, query.data()) - gradient[i];
-    }
+    solution.rho_samples.push_back({static_cast<Eigen::Index>(i), gradient[i]});
   }
-  return mean + correction / static_cast<double>(count);
+  return solution;
 }
 
-// The first samples of `order` at the bound, until alpha sums to `total`.
-std::vector<double> Fill(std::span<const std::size_t> order, double total) {
-  std::vector<double> alpha(order.size(), 0.0);
+// The first samples of `order` at the bound, until alpha, of all `count` samples, sums to `total`.
+std::vector<double> Fill(std::span<const std::size_t> order, std::size_t count, double total) {
+  std::vector<double> alpha(count, 0.0);
   for (const std::size_t i : order) {
     if (total <= 0.0) break;
     alpha[i] = std::min(1.0, total);
     total -= alpha[i];
   }
   return alpha;
+}
+
+// As many samples as hold `total` at the bound.
+std::vector<std::size_t> EvenlySpread(std::size_t count, double total) {
+  std::vector<std::size_t> chosen(std::min(count, static_cast<std::size_t>(std::ceil(total))));
+  for (std::size_t k = 0; k < chosen.size(); ++k) chosen[k] = k * count / chosen.size();
+  return chosen;
 }
 
 // The given start, scaled, cut at the bound and filled up to `total`.
@@ -468,27 +350,30 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
 
 template <typename T>
 DualSolution SolveIn(const core::Matrix& samples, const OneClassSvmOptions& options,
-                     std::span<const double> start, FitSummary& summary) {
+                     std::span<const double> start, Scratch& scratch, FitSummary& summary) {
+  if (SmallProblem<T>::Fits(samples, options)) {
+    SmallProblem<T> problem(samples, options, scratch, summary);
+    problem.Run(start);
+    summary.kernel_evaluations += problem.evaluations();
+    return Solution(problem);
+  }
   Solver<T> solver(samples, options, summary);
-  solver.Start(start);
-  summary.reason = solver.Run();
+  solver.Run(start);
   summary.kernel_evaluations += solver.evaluations();
-  const std::vector<double>& alpha = solver.alpha();
-  summary.objective = solver.Objective();
-  return {core::AsVector(alpha), Rho(samples, options.gamma, alpha, solver.gradient())};
+  return Solution(solver);
 }
 
-DualSolution Solve(const core::Matrix& samples, const OneClassSvmOptions& options,
+DualSolution Solve(const core::Matrix& samples, const OneClassSvmOptions& options, Scratch& scratch,
                    FitSummary& summary) {
   std::vector<double> start = FindStart(samples, options, summary);
   // A kernel value in float is off by up to 1e-7, G by nu m times that at most.
   const double total = options.nu * static_cast<double>(samples.rows());
   if (options.tolerance >= 2e-7 * total) {
-    DualSolution solution = SolveIn<float>(samples, options, start, summary);
-    if (summary.reason != Reason::kStalled) return solution;
+    DualSolution solution = SolveIn<float>(samples, options, start, scratch, summary);
+    if (summary.reason != FitSummary::Reason::kStalled) return solution;
     start.assign(solution.alpha.begin(), solution.alpha.end());
   }
-  return SolveIn<double>(samples, options, start, summary);
+  return SolveIn<double>(samples, options, start, scratch, summary);
 }
 
 std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOptions& options,
@@ -496,9 +381,9 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   const auto count = static_cast<std::size_t>(samples.rows());
   const double total = options.nu * static_cast<double>(count);
   if (!options.start.empty()) return Feasible(options.start, total);
-  std::vector<std::size_t> order = Shuffled(count);
   constexpr std::size_t kWorthwhile = 4000;
-  if (count < kWorthwhile) return Fill(order, total);
+  if (count < kWorthwhile) return Fill(EvenlySpread(count, total), count, total);
+  std::vector<std::size_t> order = Shuffled(count);
 
   // The estimate from every eighth sample says which ones lie outermost.
   constexpr std::size_t kPart = 8;
@@ -507,7 +392,8 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   const core::Matrix part = samples(chosen, Eigen::all);
   OneClassSvmOptions part_options = options;
   part_options.tolerance = std::max(options.tolerance, 1e-3 * options.nu * count / kPart);
-  const DualSolution solution = Solve(part, part_options, summary);
+  Scratch scratch;
+  const DualSolution solution = Solve(part, part_options, scratch, summary);
   std::vector<std::size_t> support;
   for (Eigen::Index i = 0; i < solution.alpha.size(); ++i) {
     if (solution.alpha[i] > 0.0) support.push_back(static_cast<std::size_t>(i));
@@ -526,14 +412,14 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   std::nth_element(
       order.begin(), order.begin() + static_cast<std::ptrdiff_t>(outermost) - 1, order.end(),
       [&](std::size_t a, std::size_t b) { return g[a] != g[b] ? g[a] < g[b] : a < b; });
-  return Fill(order, total);
+  return Fill(order, count, total);
 }
 
 }  // namespace
 
 DualSolution SolveDual(const core::Matrix& samples, const OneClassSvmOptions& options,
-                       FitSummary& summary) {
-  return Solve(samples, options, summary);
+                       Scratch& scratch, FitSummary& summary) {
+  return Solve(samples, options, scratch, summary);
 }
 
 }  // namespace dfr::kernel::internal

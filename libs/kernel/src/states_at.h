@@ -6,6 +6,9 @@
 
 namespace dfr::kernel::internal {
 
+/// Whether no entry is NaN or infinite.
+[[nodiscard]] bool AllFinite(const core::Matrix& states);
+
 /// @throws std::invalid_argument naming the demonstration that is empty, of another width than the
 ///   first, or not finite.
 void CheckDemonstrations(std::span<const core::Matrix> demonstrations);

@@ -12,6 +12,7 @@
 
 #include "dfr/core/archive.h"
 #include "dfr/core/contract.h"
+#include "fit_sharing.h"
 #include "states_at.h"
 
 namespace dfr::kernel {
@@ -62,11 +63,12 @@ TimeVaryingSupport TimeVaryingSupport::Fit(std::span<const core::Matrix> demonst
   std::exception_ptr failure;
   std::mutex failure_mutex;
   const auto work = [&] {
+    internal::Scratch scratch;
     try {
       for (int t = next++; t < num_steps; t = next++) {
         const auto index = static_cast<std::size_t>(t);
-        fitted[index] =
-            OneClassSvm::Fit(internal::StatesAt(demonstrations, t), options.svm, &results[index]);
+        fitted[index] = internal::FitSharing(internal::StatesAt(demonstrations, t), options.svm,
+                                             scratch, &results[index]);
       }
     } catch (...) {
       const std::lock_guard lock(failure_mutex);

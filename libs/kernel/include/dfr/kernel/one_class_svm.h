@@ -53,6 +53,13 @@ struct FitSummary {
   Eigen::VectorXd alpha;  ///< Of every sample, in the paper's scale: a start for a neighbour.
 };
 
+class OneClassSvm;
+namespace internal {
+class Scratch;
+OneClassSvm FitSharing(const core::Matrix& samples, const OneClassSvmOptions& options,
+                       Scratch& scratch, FitSummary* summary);
+}  // namespace internal
+
 /// A ball around which the support is certain: B(x + mean_shift, ball_radius) lies inside
 /// {g >= 0}. Closed form, without any assumption on the samples: with weights w_i proportional to
 /// alpha_i k(x, x_i) Jensen's inequality gives l(x + d) >= l(x) + 2 gamma d'ms - gamma |d|^2.
@@ -134,6 +141,9 @@ class OneClassSvm {
 
  private:
   struct Data;
+  friend OneClassSvm internal::FitSharing(const core::Matrix& samples,
+                                          const OneClassSvmOptions& options,
+                                          internal::Scratch& scratch, FitSummary* summary);
   explicit OneClassSvm(std::shared_ptr<const Data> data) noexcept;
   std::shared_ptr<const Data> data_;
 };

@@ -1,0 +1,114 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <span>
+
+#include "dfr/kernel/one_class_svm.h"
+#include "smo_loop.h"
+
+namespace dfr::kernel::internal {
+
+/// Largest and smallest G that may still move, and with them the KKT gap and rho.
+struct KktBounds {
+  double largest = -std::numeric_limits<double>::infinity();  ///< over alpha > 0
+  double smallest = std::numeric_limits<double>::infinity();  ///< over alpha < 1
+  double free_sum = 0.0;
+  std::size_t free = 0;
+
+  KktBounds(std::span<const double> alpha, std::span<const double> gradient) {
+    for (std::size_t i = 0; i < alpha.size(); ++i) {
+      // Without branches, which nothing could predict here.
+      const bool falls = alpha[i] > 0.0;
+      const bool rises = alpha[i] < 1.0;
+      largest = std::max(largest, falls ? gradient[i] : largest);
+      smallest = std::min(smallest, rises ? gradient[i] : smallest);
+      free_sum += falls && rises ? gradient[i] : 0.0;
+      free += falls && rises ? 1 : 0;
+    }
+  }
+  /// nu = 1 has no alpha < 1 and no gap.
+  [[nodiscard]] double gap() const {
+    return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
+  }
+  [[nodiscard]] double rho() const {
+    if (free > 0) return free_sum / static_cast<double>(free);
+    return std::isinf(smallest) ? largest : 0.5 * (largest + smallest);
+  }
+};
+
+/// alpha' G / 2.
+[[nodiscard]] inline double Objective(std::span<const double> alpha,
+                                      std::span<const double> gradient) {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < alpha.size(); ++i) sum += alpha[i] * gradient[i];
+  return 0.5 * sum;
+}
+
+/// Decides after every round with an exact gradient whether there is to be another one.
+class Rounds {
+ public:
+  Rounds(const OneClassSvmOptions& options, std::size_t samples, FitSummary& summary)
+      : options_(options),
+        summary_(summary),
+        most_iterations_(
+            options.max_iterations > 0
+                ? options.max_iterations
+                : std::max<std::int64_t>(10'000'000, 100 * static_cast<std::int64_t>(samples))) {}
+
+  /// Writes gap and objective to the summary. True to go on, else with the reason there.
+  [[nodiscard]] bool Next(double gap, double objective) {
+    summary_.kkt_gap = gap;
+    summary_.objective = objective;
+    if (gap < options_.tolerance) return End(FitSummary::Reason::kConverged);
+    if (interrupted_ || !Continue()) return End(FitSummary::Reason::kInterrupted);
+    if (summary_.iterations >= most_iterations_) return End(FitSummary::Reason::kMaxIterations);
+    // Samples that enter may keep the gap up while the objective falls.
+    constexpr int kPatience = 10;
+    const bool gain = gap < 0.9 * least_gap_ || objective < (1.0 - 1e-6) * least_objective_;
+    without_gain_ = gain ? 0 : without_gain_ + 1;
+    least_gap_ = std::min(least_gap_, gap);
+    least_objective_ = std::min(least_objective_, objective);
+    return without_gain_ <= kPatience || End(FitSummary::Reason::kStalled);
+  }
+
+  /// Takes up to `most` steps: step(count) takes up to `count` and says how it went. Progress is
+  /// reported in between.
+  template <typename Step>
+  void Take(std::int64_t most, Step&& step) {
+    constexpr std::int64_t kBetweenReports = 1024;
+    while (true) {
+      const std::int64_t count =
+          std::min({kBetweenReports, most, most_iterations_ - summary_.iterations});
+      if (count <= 0 || interrupted_) return;
+      const SmoSteps steps = step(count);
+      summary_.iterations += steps.taken;
+      most -= steps.taken;
+      if (!steps.more || !Continue()) return;
+    }
+  }
+
+ private:
+  // Reports progress; false where the caller wants to stop.
+  bool Continue() {
+    interrupted_ = options_.progress &&
+                   !options_.progress({summary_.iterations, summary_.kkt_gap, options_.tolerance});
+    return !interrupted_;
+  }
+  bool End(FitSummary::Reason reason) {
+    summary_.reason = reason;
+    return false;
+  }
+
+  const OneClassSvmOptions& options_;
+  FitSummary& summary_;
+  std::int64_t most_iterations_;
+  double least_gap_ = std::numeric_limits<double>::infinity();
+  double least_objective_ = std::numeric_limits<double>::infinity();
+  int without_gain_ = 0;
+  bool interrupted_ = false;
+};
+
+}  // namespace dfr::kernel::internal

@@ -1,0 +1,137 @@
+#include "small_problem.h"
+
+#include <limits>
+#include <numbers>
+
+#include "gaussian_sum.h"
+#include "kkt.h"
+
+namespace dfr::kernel::internal {
+namespace {
+
+// exp(-gamma r^2) = 2^(-r^2) for this gamma.
+constexpr double kBaseTwo = 1.0 / std::numbers::log2e;
+
+template <typename T>
+std::size_t RowSize(std::size_t samples) {
+  constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
+  return (samples + kLanes - 1) / kLanes * kLanes;
+}
+
+}  // namespace
+
+template <typename T>
+Distances<T>::Distances(const core::Matrix& samples)
+    : terms_(samples, {}, kBaseTwo),
+      exponents_(terms_.count * terms_.row_size()),
+      known_(terms_.count, 0),
+      point_(terms_.dim) {}
+
+template <typename T>
+void Distances<T>::KernelRow(std::size_t i, double gamma, T* row) {
+  T* exponents = exponents_.data() + i * terms_.row_size();
+  if (known_[i] == 0) {
+    terms_.Point(i, point_.data());
+    ExponentRow(terms_, point_.data(), exponents);
+    known_[i] = 1;
+  }
+  PowerRow(terms_, exponents, static_cast<T>(gamma / kBaseTwo), terms_.row_size(), row);
+}
+
+template <typename T>
+bool SmallProblem<T>::Fits(const core::Matrix& samples, const OneClassSvmOptions& options) {
+  constexpr double kMostBytes = 16.0 * 0x1p20;
+  const auto count = static_cast<std::size_t>(samples.rows());
+  const auto row = static_cast<double>(RowSize<T>(count) * sizeof(T));
+  const double matrix = static_cast<double>(count) * row;
+  const double rest = row * static_cast<double>(samples.cols() + 1) + 64.0 * row + 0x1p16;
+  return matrix <= kMostBytes && matrix + rest <= options.memory_mib * 0x1p20;
+}
+
+template <typename T>
+SmallProblem<T>::SmallProblem(const core::Matrix& samples, const OneClassSvmOptions& options,
+                              Scratch& scratch, FitSummary& summary)
+    : options_(options),
+      summary_(summary),
+      distances_(scratch.DistancesIn<T>()),
+      smo_(BestSmoFunctions<T>()),
+      row_size_(RowSize<T>(static_cast<std::size_t>(samples.rows()))),
+      rows_(scratch.Room<T>(static_cast<std::size_t>(samples.rows()) * row_size_)),
+      known_(static_cast<std::size_t>(samples.rows()), nullptr),
+      used_(known_.size(), 0),
+      point_(static_cast<std::size_t>(samples.cols())),
+      gradient_(row_size_) {
+  if (distances_ == nullptr) terms_.emplace(samples, std::span<const double>(), options.gamma);
+}
+
+template <typename T>
+const T* SmallProblem<T>::Row(std::size_t i) {
+  if (known_[i] != nullptr) return known_[i];
+  T* row = rows_ + i * row_size_;
+  if (distances_ != nullptr) {
+    distances_->KernelRow(i, options_.gamma, row);
+  } else {
+    terms_->Point(i, point_.data());
+    GaussianRow(*terms_, point_.data(), row);
+  }
+  evaluations_ += static_cast<std::int64_t>(known_.size());
+  known_[i] = row;
+  return row;
+}
+
+// G = K alpha, afresh: no rounding of earlier rounds is left in it.
+template <typename T>
+void SmallProblem<T>::UpdateGradient() {
+  std::vector<std::size_t> support(alpha_.size());
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < alpha_.size(); ++i) {
+    support[count] = i;
+    count += alpha_[i] > 0.0 ? 1 : 0;
+  }
+  std::vector<const T*> rows(count);
+  std::vector<double> weights(count);
+  for (std::size_t q = 0; q < count; ++q) {
+    rows[q] = Row(support[q]);
+    weights[q] = alpha_[support[q]];
+  }
+  smo_.combine(rows.data(), weights.data(), rows.size(), row_size_, gradient_.data());
+}
+
+template <typename T>
+void SmallProblem<T>::Run(std::span<const double> start) {
+  alpha_.assign(start.begin(), start.end());
+  constexpr T kNever = SmoProblem<T>::kNever;
+  AlignedVector<T> gradient(row_size_, T{0});
+  AlignedVector<T> may_rise(row_size_, kNever);
+  AlignedVector<T> may_fall(row_size_, -kNever);
+  for (std::size_t i = 0; i < alpha_.size(); ++i) {
+    if (alpha_[i] < 1.0) may_rise[i] = T{0};
+    if (alpha_[i] > 0.0) may_fall[i] = T{0};
+  }
+  const auto compute = [](void* problem, std::size_t i, std::size_t) {
+    return static_cast<SmallProblem*>(problem)->Row(i);
+  };
+  const SmoProblem<T> problem{row_size_,       {known_.data(), used_.data(), compute, this},
+                              alpha_.data(),   gradient.data(),
+                              may_rise.data(), may_fall.data()};
+  Rounds rounds(options_, alpha_.size(), summary_);
+  while (true) {
+    UpdateGradient();
+    const KktBounds bounds(alpha_, this->gradient());
+    if (!rounds.Next(bounds.gap(), Objective(alpha_, this->gradient()))) return;
+    for (std::size_t i = 0; i < alpha_.size(); ++i) {
+      gradient[i] = static_cast<T>(gradient_[i] - bounds.rho());
+    }
+    // A tenth of the tolerance is left for the rounding of T.
+    const double target = 0.9 * options_.tolerance;
+    rounds.Take(std::numeric_limits<std::int64_t>::max(),
+                [&](std::int64_t most) { return smo_.loop(problem, target, most); });
+  }
+}
+
+template class Distances<float>;
+template class Distances<double>;
+template class SmallProblem<float>;
+template class SmallProblem<double>;
+
+}  // namespace dfr::kernel::internal

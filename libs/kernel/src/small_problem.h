@@ -1,0 +1,117 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <tuple>
+#include <vector>
+
+#include "dfr/core/matrix.h"
+#include "dfr/kernel/one_class_svm.h"
+#include "gaussian_terms.h"
+#include "smo_loop.h"
+
+namespace dfr::kernel::internal {
+
+/// Squared distances from each sample to all others, row by row as they are asked for: what fits
+/// with another gamma or nu have in common. For one thread at a time.
+template <typename T>
+class Distances {
+ public:
+  explicit Distances(const core::Matrix& samples);
+
+  /// row[j] = exp(-gamma |x_i - x_j|^2), row_size() entries.
+  void KernelRow(std::size_t i, double gamma, T* row);
+
+ private:
+  GaussianTerms<T> terms_;
+  AlignedVector<T> exponents_;  // of terms_: -|x_i - x_j|^2
+  std::vector<unsigned char> known_;
+  std::vector<T> point_;
+};
+
+/// Distances in the precisions that fits turn out to need. `samples` must outlive it.
+class SharedDistances {
+ public:
+  explicit SharedDistances(const core::Matrix& samples) : samples_(samples) {}
+  template <typename T>
+  [[nodiscard]] Distances<T>& In() {
+    auto& distances = std::get<std::optional<Distances<T>>>(distances_);
+    if (!distances) distances.emplace(samples_);
+    return *distances;
+  }
+
+ private:
+  const core::Matrix& samples_;
+  std::tuple<std::optional<Distances<float>>, std::optional<Distances<double>>> distances_;
+};
+
+/// What fits in turn hand on to each other: memory, and distances where their samples are the same.
+/// For one thread at a time.
+class Scratch {
+ public:
+  explicit Scratch(SharedDistances* distances = nullptr) : distances_(distances) {}
+  template <typename T>
+  [[nodiscard]] Distances<T>* DistancesIn() {
+    return distances_ == nullptr ? nullptr : &distances_->In<T>();
+  }
+  /// Room for `size` entries, in no defined state.
+  template <typename T>
+  [[nodiscard]] T* Room(std::size_t size) {
+    auto& room = std::get<AlignedVector<T>>(room_);
+    if (room.size() < size) {
+      room.clear();
+      room.resize(size);
+    }
+    return room.data();
+  }
+
+ private:
+  SharedDistances* distances_;
+  std::tuple<AlignedVector<float>, AlignedVector<double>> room_;
+};
+
+/// A dual whose whole kernel matrix is kept, in T: no active set, no row ever makes room, and the
+/// exact gradient is a sum of rows that are there already.
+template <typename T>
+class SmallProblem {
+ public:
+  /// Whether the matrix is small enough to be read faster than it is computed, and `memory_mib`
+  /// holds it.
+  [[nodiscard]] static bool Fits(const core::Matrix& samples, const OneClassSvmOptions& options);
+
+  /// All arguments must outlive the problem, and no other one use `scratch` meanwhile.
+  SmallProblem(const core::Matrix& samples, const OneClassSvmOptions& options, Scratch& scratch,
+               FitSummary& summary);
+
+  /// Solves from `start`, which is feasible. Writes reason, iterations, gap and objective to the
+  /// summary.
+  void Run(std::span<const double> start);
+
+  [[nodiscard]] std::span<const double> alpha() const { return alpha_; }
+  [[nodiscard]] std::span<const double> gradient() const {
+    return {gradient_.data(), alpha_.size()};
+  }
+  [[nodiscard]] std::int64_t evaluations() const { return evaluations_; }
+
+ private:
+  const T* Row(std::size_t i);
+  void UpdateGradient();
+
+  const OneClassSvmOptions& options_;
+  FitSummary& summary_;
+  Distances<T>* distances_;
+  std::optional<GaussianTerms<T>> terms_;  // without distances
+  SmoFunctions<T> smo_;
+  std::size_t row_size_;
+  T* rows_;
+  std::vector<const T*> known_;
+  std::vector<unsigned char> used_;
+  std::vector<T> point_;
+  std::vector<double> alpha_;
+  AlignedVector<double> gradient_;
+  std::int64_t evaluations_ = 0;
+};
+
+}  // namespace dfr::kernel::internal

@@ -1,0 +1,216 @@
+#include "smo_loop.h"
+
+#include <algorithm>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "smo_loop.cc"
+#include "hwy/foreach_target.h"  // recompiles this file for each instruction set
+#include "hwy/highway.h"
+HWY_BEFORE_NAMESPACE();
+namespace dfr::kernel::internal::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+template <typename T>
+using Tag = hn::CappedTag<T, 64 / sizeof(T)>;
+template <typename T>
+using Bits = hn::RebindToSigned<Tag<T>>;
+
+// 1 / v, to 14 bits where an instruction defines them: the choice of a pair need not be exact, the
+// step is.
+template <class D, class V>
+HWY_INLINE V RoughReciprocal(D d, V v) {
+#if HWY_TARGET <= HWY_AVX3
+  if constexpr (sizeof(hn::TFromD<D>) == 4) return hn::ApproximateReciprocal(v);
+#endif
+  return hn::Div(hn::Set(d, hn::TFromD<D>(1)), v);
+}
+
+// 1 - K_ij where points are equal.
+template <typename T>
+constexpr T kLeastCurvature = sizeof(T) == 4 ? T(1.2e-7) : T(1e-12);
+
+// Finds the extreme of many vectors and where it is, by carrying the number of its vector in the
+// low bits of each value: then one reduction gives both. Values are cut by up to 2^-10 (float,
+// 10^5 samples) thereby, which the choice of a pair need not know.
+template <typename T>
+struct Numbered {
+  using Int = hn::TFromD<Bits<T>>;
+
+  HWY_INLINE explicit Numbered(std::size_t vectors) : low_bits(0) {
+    while (static_cast<std::size_t>(low_bits) + 1 < vectors) low_bits = 2 * low_bits + 1;
+  }
+  template <class V, class I>
+  HWY_INLINE V Mark(V value, I number) const {
+    return hn::IfVecThenElse(hn::BitCast(Tag<T>(), hn::Set(Bits<T>(), low_bits)),
+                             hn::BitCast(Tag<T>(), number), value);
+  }
+  // Where `extreme`, that of all lanes, stands in the vector of each lane's extremes.
+  template <class V>
+  HWY_INLINE std::size_t Index(V extremes, V extreme) const {
+    constexpr Tag<T> d;
+    const auto lane = static_cast<std::size_t>(hn::FindFirstTrue(d, hn::Eq(extremes, extreme)));
+    const auto number =
+        static_cast<std::size_t>(hn::GetLane(hn::BitCast(Bits<T>(), extreme)) & low_bits);
+    return number * hn::MaxLanes(d) + lane;
+  }
+  Int low_bits;
+};
+
+template <typename T>
+HWY_INLINE const T* Row(const RowTable<T>& rows, std::size_t i, std::size_t keep) {
+  rows.used[i] = 1;
+  const T* row = rows.known[i];
+  return HWY_LIKELY(row != nullptr) ? row : rows.compute(rows.store, i, keep);
+}
+
+template <typename T>
+struct Choice {
+  std::size_t smallest_at;
+  hn::Vec<Tag<T>> smallest;  // cut; kNever, in about, if there is none
+  hn::Vec<Tag<T>> largest;
+};
+
+// G += step (K_i - K_j), then min G over alpha < 1 and max G over alpha > 0.
+template <typename T>
+HWY_INLINE Choice<T> Update(const SmoProblem<T>& p, Numbered<T> numbered, const T* row_i,
+                            const T* row_j, T step) {
+  constexpr Tag<T> d;
+  constexpr Bits<T> di;
+  const auto factor = hn::Set(d, step);
+  const auto one = hn::Set(di, 1);
+  auto number = hn::Zero(di);
+  auto smallest = numbered.Mark(hn::Set(d, SmoProblem<T>::kNever), number);
+  auto largest = hn::Set(d, -SmoProblem<T>::kNever);
+  HWY_UNROLL(4)
+  for (std::size_t k = 0; k < p.count; k += hn::MaxLanes(d)) {
+    const auto change = hn::Sub(hn::Load(d, row_i + k), hn::Load(d, row_j + k));
+    const auto g = hn::MulAdd(factor, change, hn::Load(d, p.gradient + k));
+    hn::Store(g, d, p.gradient + k);
+    const auto rise = hn::Add(g, hn::Load(d, p.may_rise + k));
+    smallest = hn::Min(smallest, numbered.Mark(rise, number));
+    largest = hn::Max(largest, hn::Add(g, hn::Load(d, p.may_fall + k)));
+    number = hn::Add(number, one);
+  }
+  const auto least = hn::MinOfLanes(d, smallest);
+  return {numbered.Index(smallest, least), least, hn::MaxOfLanes(d, largest)};
+}
+
+// The j that, paired with i, decreases the objective most (second order): the largest
+// (G_j - G_i)^2 / (1 - K_ij) among alpha_j > 0.
+template <typename T>
+HWY_INLINE std::size_t ChooseSecond(const SmoProblem<T>& p, Numbered<T> numbered, const T* row_i,
+                                    hn::Vec<Tag<T>> g_i) {
+  constexpr Tag<T> d;
+  constexpr Bits<T> di;
+  const auto zero = hn::Zero(d);
+  const auto above_one = hn::Set(d, T(1) + kLeastCurvature<T>);
+  const auto one = hn::Set(di, 1);
+  auto best = zero;
+  auto number = hn::Zero(di);
+  HWY_UNROLL(4)
+  for (std::size_t k = 0; k < p.count; k += hn::MaxLanes(d)) {
+    const auto fall = hn::Add(hn::Load(d, p.gradient + k), hn::Load(d, p.may_fall + k));
+    const auto slope = hn::Max(hn::Sub(fall, g_i), zero);
+    const auto curvature = hn::Sub(above_one, hn::Load(d, row_i + k));
+    const auto decrease = hn::Mul(hn::Mul(slope, slope), RoughReciprocal(d, curvature));
+    best = hn::Max(best, numbered.Mark(decrease, number));
+    number = hn::Add(number, one);
+  }
+  return numbered.Index(best, hn::MaxOfLanes(d, best));
+}
+
+template <typename T>
+SmoSteps Loop(const SmoProblem<T>& problem, double target, std::int64_t most) {
+  const SmoProblem<T> p = problem;
+  const Numbered<T> numbered(p.count / hn::MaxLanes(Tag<T>()));
+  constexpr T kNever = SmoProblem<T>::kNever;
+  std::int64_t steps = 0;
+  const T* row_i = p.gradient;  // any two equal rows leave G as it is
+  const T* row_j = p.gradient;
+  T step = 0;
+  while (true) {
+    const Choice<T> choice = Update(p, numbered, row_i, row_j, step);
+    const std::size_t i = choice.smallest_at;
+    const T g_i = p.gradient[i] + p.may_rise[i];
+    const T largest = hn::GetLane(choice.largest);
+    if (g_i >= kNever || largest - g_i < static_cast<T>(target)) return {steps, false};
+    if (steps == most) return {steps, true};
+    row_i = Row(p.rows, i, i);
+    const std::size_t j = ChooseSecond(p, numbered, row_i, choice.smallest);
+    const T g_j = p.gradient[j] + p.may_fall[j];
+    if (!(g_j > g_i)) return {steps, false};
+    row_j = Row(p.rows, j, i);
+    ++steps;
+    // Between equal points the step ends at a bound.
+    const T curvature = T(2) * std::max(T(1) - row_i[j], kLeastCurvature<T>);
+    const double alpha_i = p.alpha[i];
+    const double alpha_j = p.alpha[j];
+    const double room = std::min(alpha_j, 1.0 - alpha_i);
+    const T wanted = (g_j - g_i) / curvature;
+    step = std::min(wanted, static_cast<T>(room));
+    // Exactly at a bound where one is reached, whatever the rounding. What may move is written only
+    // where it changes: reading a vector soon after writing a part of it takes long.
+    const double taken = std::min(static_cast<double>(wanted), room);
+    const bool fills = taken >= 1.0 - alpha_i;
+    const bool empties = taken >= alpha_j;
+    p.alpha[i] = fills ? 1.0 : alpha_i + taken;
+    p.alpha[j] = empties ? 0.0 : alpha_j - taken;
+    if (fills) p.may_rise[i] = kNever;
+    if (empties) p.may_fall[j] = -kNever;
+    if (alpha_i <= 0.0) p.may_fall[i] = T(0);
+    if (alpha_j >= 1.0) p.may_rise[j] = T(0);
+  }
+}
+
+// One cache line of T at a time; its sums stay in registers.
+template <typename T>
+void Combine(const T* const* HWY_RESTRICT rows, const double* HWY_RESTRICT weights,
+             std::size_t rows_count, std::size_t size, double* HWY_RESTRICT totals) {
+  constexpr Tag<double> d;
+  const hn::Rebind<T, Tag<double>> dt;
+  constexpr std::size_t kStep = hn::MaxLanes(d);
+  constexpr std::size_t kVectors = 64 / sizeof(T) / kStep;
+  for (std::size_t k = 0; k < size; k += kVectors * kStep) {
+    hn::Vec<Tag<double>> sum[kVectors];
+    HWY_UNROLL(8)
+    for (std::size_t v = 0; v < kVectors; ++v) sum[v] = hn::Zero(d);
+    for (std::size_t q = 0; q < rows_count; ++q) {
+      const auto weight = hn::Set(d, weights[q]);
+      HWY_UNROLL(8)
+      for (std::size_t v = 0; v < kVectors; ++v) {
+        const auto values = hn::Load(dt, rows[q] + k + v * kStep);
+        if constexpr (sizeof(T) == sizeof(double)) {
+          sum[v] = hn::MulAdd(weight, values, sum[v]);
+        } else {
+          sum[v] = hn::MulAdd(weight, hn::PromoteTo(d, values), sum[v]);
+        }
+      }
+    }
+    HWY_UNROLL(8)
+    for (std::size_t v = 0; v < kVectors; ++v) hn::Store(sum[v], d, totals + k + v * kStep);
+  }
+}
+
+SmoFunctions<double> DoubleSmo() { return {.loop = &Loop<double>, .combine = &Combine<double>}; }
+SmoFunctions<float> FloatSmo() { return {.loop = &Loop<float>, .combine = &Combine<float>}; }
+
+}  // namespace dfr::kernel::internal::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace dfr::kernel::internal {
+
+HWY_EXPORT(DoubleSmo);
+HWY_EXPORT(FloatSmo);
+
+template <>
+SmoFunctions<double> BestSmoFunctions() {
+  return HWY_DYNAMIC_DISPATCH(DoubleSmo)();
+}
+template <>
+SmoFunctions<float> BestSmoFunctions() {
+  return HWY_DYNAMIC_DISPATCH(FloatSmo)();
+}
+
+}  // namespace dfr::kernel::internal
+#endif  // HWY_ONCE
