@@ -50,6 +50,7 @@ struct ExperimentOptions {
   int threads = 0;
   bool restart = false;
   bool video = true;
+  bool convergence = true;
   // Empty, or 0: as the preset says.
   std::vector<std::string> methods;
   std::vector<std::string> learners;
@@ -60,6 +61,18 @@ struct ExperimentOptions {
   sim::PusherOptions plant;
 };
 void RunExperiment(const ExperimentOptions& options);
+
+struct DriftOptions {
+  std::string learner = "8";
+  std::vector<std::string> methods = {"baseline", "dfr", "guided", "guided-lwr"};
+  int demonstrations = 60;
+  int trials = 4;
+  int episodes = 60;
+  std::uint64_t seed = 6001;
+  int threads = 0;
+  std::filesystem::path supervisor;
+};
+void RunDrift(const DriftOptions& options);
 
 struct RenderOptions {
   std::filesystem::path model = "model";

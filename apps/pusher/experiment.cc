@@ -7,7 +7,9 @@
 #include <string>
 
 #include "commands.h"
+#include "convergence.h"
 #include "dfr/core/build_info.h"
+#include "dfr/core/random.h"
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/experiment/report.h"
 #include "dfr/experiment/summary.h"
@@ -19,6 +21,7 @@ namespace {
 
 constexpr int kFilmWidth = 480;
 constexpr int kFilmHeight = 360;
+constexpr std::uint64_t kConvergenceStream = 5;  // of the experiment's seed; see site.cc
 
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   experiment::EvaluationPlan plan;
@@ -188,6 +191,55 @@ experiment::ReportFigure OverlapFigure(const experiment::Summary& summary,
   return figure;
 }
 
+constexpr int kRecoveries = 50;
+
+// The paper's Fig. 5, left: over iterations; and over what a robot's time is proportional to.
+experiment::ReportFigure ConvergenceFigure(const std::vector<ConvergenceCurve>& curves,
+                                           const experiment::EvaluationPlan& plan) {
+  experiment::ReportFigure figure;
+  figure.heading = "How fast recoveries climb";
+  figure.caption =
+      "The decision function over the threshold of the switching policy, mean and standard error "
+      "of " +
+      std::to_string(kRecoveries) + " recoveries: learner " + plan.learners.front() + ", " +
+      std::to_string(plan.demonstrations.back()) +
+      " demonstrations. The oracle simulates its probes and applies none of them; an iteration of "
+      "DFR is a probe and a step. Guided recovery climbs the same g here.";
+  for (const bool iterations : {true, false}) {
+    experiment::ReportPlot plot;
+    plot.title = iterations ? "Over iterations" : "Over applied controls";
+    plot.x_label = iterations ? "iterations" : "applied controls";
+    plot.y_min = 0.5;
+    plot.y_max = 1.0;
+    for (const ConvergenceCurve& curve : curves) {
+      experiment::ReportSeries series;
+      series.name = curve.method == "dfr" ? "DFR" : curve.method == "guided" ? "Guided" : "Oracle";
+      const std::size_t stride =
+          iterations ? static_cast<std::size_t>(curve.controls_per_iteration) : 1;
+      for (std::size_t k = 0; k * stride < curve.mean.size() && k <= 500; ++k) {
+        const double mean = curve.mean[k * stride];
+        const double error = curve.standard_error[k * stride];
+        series.x.push_back(static_cast<double>(k));
+        series.y.push_back(mean);
+        series.low.push_back(mean - error);
+        series.high.push_back(mean + error);
+      }
+      plot.series.push_back(std::move(series));
+    }
+    figure.plots.push_back(std::move(plot));
+  }
+  return figure;
+}
+
+void PrintConvergence(const std::vector<ConvergenceCurve>& curves) {
+  std::printf("\n%d recoveries, g over its threshold after\n  %-18s %8s %8s %8s %8s   reached it\n",
+              kRecoveries, "controls", "0", "10", "100", "1000");
+  for (const ConvergenceCurve& curve : curves) {
+    std::printf("  %-18s %8.3f %8.3f %8.3f %8.3f   %d\n", curve.method.c_str(), curve.mean[0],
+                curve.mean[10], curve.mean[100], curve.mean[1000], curve.reached);
+  }
+}
+
 experiment::ReportOptions MakeReport(const ExperimentOptions& options,
                                      const experiment::EvaluationPlan& plan,
                                      const experiment::Summary& summary,
@@ -283,7 +335,25 @@ void RunExperiment(const ExperimentOptions& options) {
   std::printf("overlap P(red | g >= 0): %s on average over the data points\n",
               Percent(MeanMeasure(summary, "overlap")).c_str());
 
+  for (const experiment::MeasureMean& measure : summary.measures) {
+    if (measure.name == "controls_per_recovery guided" &&
+        measure.demonstrations == plan.demonstrations.back()) {
+      std::printf("guided, learner %s, %d demonstrations: median of %.1f controls per recovery\n",
+                  measure.learner.c_str(), measure.demonstrations, measure.mean);
+    }
+  }
+
   experiment::ReportOptions report = MakeReport(options, plan, summary, evaluation.settings);
+  if (options.convergence) {
+    const std::unique_ptr<PusherSite> last_site =
+        factory.Make({.trial = 0,
+                      .demonstrations = plan.demonstrations.back(),
+                      .learner = plan.learners.front()});
+    const std::vector<ConvergenceCurve> curves = MeasureConvergence(
+        *last_site, kRecoveries, core::DeriveSeed(plan.seed, {kConvergenceStream}));
+    PrintConvergence(curves);
+    report.figures.push_back(ConvergenceFigure(curves, plan));
+  }
   if (options.video) {
     const Scene scene = ChooseScene(plan, results);
     const std::unique_ptr<PusherSite> site = factory.Make(scene.unit);

@@ -77,6 +77,8 @@ int Main(int argc, char** argv) {
   command->add_flag("--restart", experiment.restart,
                     "forget what an interrupted run left in --out instead of going on with it");
   command->add_flag("!--no-video", experiment.video, "leave the video out");
+  command->add_flag("!--no-convergence", experiment.convergence,
+                    "leave out how fast recoveries climb, which takes seconds");
   command
       ->add_option("--methods", experiment.methods,
                    "baseline, early-stopping, dfr, guided, guided-lwr (falls back on the "
@@ -143,6 +145,30 @@ int Main(int argc, char** argv) {
   command->add_option("--threads", evaluate.threads, "0: one per core")->capture_default_str();
   AddScene(*command, evaluate.plant);
   command->callback([&] { RunEvaluate(evaluate); });
+
+  DriftOptions drift;
+  command = app.add_subcommand(
+      "drift",
+      "how methods degrade: noise, turned and scaled controls, other grippers, little data");
+  command->add_option("--learner", drift.learner, "hidden units of the policy, as in 8 or 64-64")
+      ->capture_default_str();
+  command->add_option("--methods", drift.methods, "those of experiment")
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--demonstrations", drift.demonstrations, "in each trial")
+      ->check(CLI::Range(2, 10'000))
+      ->capture_default_str();
+  command->add_option("--trials", drift.trials, "independent repetitions of everything")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--episodes", drift.episodes, "start states per trial")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--supervisor", drift.supervisor,
+                      "file of train-supervisor (default: the shipped one)");
+  command->add_option("--seed", drift.seed, "of all that is random")->capture_default_str();
+  command->add_option("--threads", drift.threads, "0: one per core")->capture_default_str();
+  command->callback([&] { RunDrift(drift); });
 
   RenderOptions render;
   command =

@@ -205,12 +205,14 @@ const GuidedRecovery& Model::guided() {
   return *guided_;
 }
 
-std::unique_ptr<control::Controller> Model::MakeController(
-    const Method& method, const core::SimulatedPlant* oracle_plant) {
+std::unique_ptr<control::Controller> Model::MakeController(const Method& method,
+                                                           const core::SimulatedPlant* oracle_plant,
+                                                           int first_step) {
   if (method.guided) {
     control::GuidedOptions options;
     options.parts = method.parts;
     options.horizon = horizon_;
+    options.first_step = first_step;
     return std::make_unique<control::GuidedPolicy>(
         *policy_, guided().model(), options,
         method.locally_weighted ? &guided().locally_weighted() : nullptr);
@@ -218,6 +220,7 @@ std::unique_ptr<control::Controller> Model::MakeController(
   control::SwitchingPolicyOptions options;
   options.recovery = method.recovery;
   options.horizon = horizon_;
+  options.first_step = first_step;
   options.oracle_plant = oracle_plant;
   return std::make_unique<control::SwitchingPolicy>(*policy_, *decision_, lambda_, options);
 }

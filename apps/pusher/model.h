@@ -99,12 +99,18 @@ class Model {
   [[nodiscard]] int demonstrations() const noexcept {
     return static_cast<int>(set_->trajectories.size());
   }
+  [[nodiscard]] const imitation::DemonstrationSet& demonstration_set() const noexcept {
+    return *set_;
+  }
+  /// What the support looks at, as ModelOptions::support_features.
+  [[nodiscard]] const std::string& support_features() const noexcept { return feature_spec_; }
   /// Fitted on the first call, in a fraction of a second; for one thread.
   [[nodiscard]] const GuidedRecovery& guided();
 
-  /// Borrows this model; `oracle_plant` is for Recovery::kFiniteDifference only.
+  /// Borrows this model; `oracle_plant` is for Recovery::kFiniteDifference only. Episodes begin at
+  /// time step `first_step`.
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(
-      const Method& method, const core::SimulatedPlant* oracle_plant = nullptr);
+      const Method& method, const core::SimulatedPlant* oracle_plant = nullptr, int first_step = 0);
 
  private:
   Model(imitation::MlpPolicy policy, const core::FeatureSelection& features,

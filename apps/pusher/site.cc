@@ -1,5 +1,8 @@
 #include "site.h"
 
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
 #include <span>
 #include <stdexcept>
 
@@ -16,6 +19,30 @@ constexpr std::uint64_t kLearnerStream = 3;
 constexpr std::uint64_t kOverlapStream = 4;
 
 constexpr int kOverlapSamples = 4000;
+
+// How many controls each recovery took.
+class RecoveryCounter final : public control::RolloutObserver {
+ public:
+  explicit RecoveryCounter(std::vector<int>& lengths) : lengths_(&lengths) {}
+  void OnControl(const control::RolloutEvent& event) override {
+    if (event.step.mode == control::Mode::kPolicy) return Flush();
+    ++length_;
+  }
+  void OnEnd(const control::RolloutResult& /*result*/) override { Flush(); }
+
+ private:
+  void Flush() {
+    if (length_ > 0) lengths_->push_back(length_);
+    length_ = 0;
+  }
+  std::vector<int>* lengths_;
+  int length_ = 0;
+};
+
+imitation::GaussianPolicy WithNoise(const imitation::GaussianPolicy& supervisor, double factor) {
+  const Eigen::VectorXd log_std = supervisor.log_std().array() + std::log(factor);
+  return {supervisor.mean(), log_std};
+}
 
 }  // namespace
 
@@ -64,13 +91,20 @@ double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set
 
 PusherSite::PusherSite(Model model, const std::vector<Method>& methods,
                        const sim::PusherOptions& plant_options,
-                       std::map<std::string, double> measures)
+                       std::map<std::string, double> measures,
+                       const control::DisturbanceOptions& disturbance)
     : plant_(std::make_unique<sim::PusherPlant>(plant_options)),
       model_(std::move(model)),
+      methods_(methods),
+      recovery_lengths_(methods.size()),
       measures_(std::move(measures)),
       start_(static_cast<std::size_t>(plant_->state_dim())) {
+  if (disturbance != control::DisturbanceOptions()) {
+    disturbed_ = std::make_unique<control::DisturbedPlant>(plant_->Clone(), disturbance);
+  }
   for (const Method& method : methods) {
-    controllers_.push_back(model_.MakeController(method, plant_.get()));
+    controllers_.push_back(
+        model_.MakeController(method, disturbed_ != nullptr ? disturbed_.get() : plant_.get()));
   }
 }
 
@@ -83,14 +117,16 @@ bool PusherSite::Accepts(std::uint64_t start_seed) {
 control::RolloutResult PusherSite::Watch(int method, std::uint64_t start_seed,
                                          std::uint64_t controller_seed,
                                          control::RolloutObserver* observer) {
-  return control::Rollout(*plant_, *controllers_.at(static_cast<std::size_t>(method)),
+  core::Plant& plant = disturbed_ != nullptr ? static_cast<core::Plant&>(*disturbed_) : *plant_;
+  return control::Rollout(plant, *controllers_.at(static_cast<std::size_t>(method)),
                           {.plant_seed = start_seed, .controller_seed = controller_seed}, observer,
                           &workspace_);
 }
 
 experiment::EpisodeResult PusherSite::Run(int method, std::uint64_t start_seed,
                                           std::uint64_t controller_seed) {
-  const control::RolloutResult result = Watch(method, start_seed, controller_seed, nullptr);
+  RecoveryCounter counter(recovery_lengths_.at(static_cast<std::size_t>(method)));
+  const control::RolloutResult result = Watch(method, start_seed, controller_seed, &counter);
   experiment::EpisodeResult episode;
   episode.outcome = result.outcome;
   if (result.outcome == core::Outcome::kHalted) episode.cause = control::Name(result.halt_cause);
@@ -99,6 +135,18 @@ experiment::EpisodeResult PusherSite::Run(int method, std::uint64_t start_seed,
   episode.recovery_controls = result.recovery_controls();
   episode.seconds = result.seconds();
   return episode;
+}
+
+std::map<std::string, double> PusherSite::Measures() {
+  std::map<std::string, double> measures = measures_;
+  for (std::size_t i = 0; i < methods_.size(); ++i) {
+    std::vector<int>& lengths = recovery_lengths_[i];
+    if (lengths.empty()) continue;
+    const auto middle = lengths.begin() + static_cast<std::ptrdiff_t>(lengths.size() / 2);
+    std::nth_element(lengths.begin(), middle, lengths.end());
+    measures["controls_per_recovery " + methods_[i].name] = *middle;
+  }
+  return measures;
 }
 
 std::vector<Film> Shoot(PusherSite& site, const std::vector<std::string>& titles,
@@ -117,8 +165,9 @@ std::vector<Film> Shoot(PusherSite& site, const std::vector<std::string>& titles
   return films;
 }
 
-SiteFactory::SiteFactory(imitation::GaussianPolicy supervisor, SiteOptions options, int trials)
-    : supervisor_(std::move(supervisor)), options_(std::move(options)) {
+SiteFactory::SiteFactory(const imitation::GaussianPolicy& supervisor, SiteOptions options,
+                         int trials)
+    : supervisor_(WithNoise(supervisor, options.supervisor_noise)), options_(std::move(options)) {
   for (int i = 0; i < trials; ++i) trials_.push_back(std::make_unique<Trial>());
 }
 
@@ -150,7 +199,7 @@ std::unique_ptr<PusherSite> SiteFactory::Make(const experiment::EvaluationUnit& 
   measures["demonstration_steps"] = steps / unit.demonstrations;
   measures["discarded_demonstrations"] = trial.counts.collided + trial.counts.incomplete;
   return std::make_unique<PusherSite>(std::move(model), options_.methods, options_.plant,
-                                      std::move(measures));
+                                      std::move(measures), options_.disturbance);
 }
 
 }  // namespace dfr::apps

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "dfr/control/controller.h"
+#include "dfr/control/disturbed_plant.h"
 #include "dfr/control/rollout.h"
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/imitation/gaussian_policy.h"
@@ -28,23 +29,30 @@ namespace dfr::apps {
 /// One unit of the experiment: a model, and a plant to run it on.
 class PusherSite final : public experiment::EvaluationSite {
  public:
+  /// @param disturbance  of the plant that methods run on; start states are accepted without it.
   PusherSite(Model model, const std::vector<Method>& methods,
-             const sim::PusherOptions& plant_options, std::map<std::string, double> measures);
+             const sim::PusherOptions& plant_options, std::map<std::string, double> measures,
+             const control::DisturbanceOptions& disturbance = {});
 
   [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
   [[nodiscard]] experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
                                               std::uint64_t controller_seed) override;
-  [[nodiscard]] std::map<std::string, double> Measures() override { return measures_; }
+  /// Those given, and for each method that recovered "controls_per_recovery <method>", the median.
+  [[nodiscard]] std::map<std::string, double> Measures() override;
 
   /// Run() with an observer, who may draw plant().
   control::RolloutResult Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
                                control::RolloutObserver* observer);
+  /// The plant that Watch() drives where there is no disturbance.
   [[nodiscard]] const sim::PusherPlant& plant() const noexcept { return *plant_; }
-  [[nodiscard]] const Model& model() const noexcept { return model_; }
+  [[nodiscard]] Model& model() noexcept { return model_; }
 
  private:
   std::unique_ptr<sim::PusherPlant> plant_;
+  std::unique_ptr<core::SimulatedPlant> disturbed_;  ///< Null: plant_ itself is driven.
   Model model_;
+  std::vector<Method> methods_;
+  std::vector<std::vector<int>> recovery_lengths_;  ///< Controls of each recovery, by method.
   std::vector<std::unique_ptr<control::Controller>> controllers_;
   std::map<std::string, double> measures_;
   control::RolloutWorkspace workspace_;
@@ -62,6 +70,8 @@ struct SiteOptions {
   std::vector<Method> methods;
   ModelOptions model;  ///< Learner and seed are the unit's.
   sim::PusherOptions plant;
+  control::DisturbanceOptions disturbance;  ///< At test time only.
+  double supervisor_noise = 1.0;            ///< Factor on the supervisor's standard deviation.
   int most_demonstrations = 120;
   std::uint64_t seed = 1;
 };
@@ -70,7 +80,7 @@ struct SiteOptions {
 /// call from several threads.
 class SiteFactory {
  public:
-  SiteFactory(imitation::GaussianPolicy supervisor, SiteOptions options, int trials);
+  SiteFactory(const imitation::GaussianPolicy& supervisor, SiteOptions options, int trials);
 
   [[nodiscard]] std::unique_ptr<PusherSite> Make(const experiment::EvaluationUnit& unit);
 

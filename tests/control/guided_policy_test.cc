@@ -131,6 +131,26 @@ TEST(GuidedPolicyTest, ComesBackFromOutsideUnlessReentryIsOff) {
   EXPECT_EQ(stays.Next(std::vector{0.0, 1.5}, u).cause, HaltCause::kOutsideSupport);
 }
 
+// A controller that takes over in mid-task looks for its phase there.
+TEST(GuidedPolicyTest, BeginsAtTheFirstStepItIsGiven) {
+  const auto support = Moving();
+  const GuidedModel model(Identity(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, 0.08);
+  std::vector<double> u(2);
+  GuidedPolicy guided(policy, model, {.horizon = 20, .first_step = 12});
+  guided.Reset(1);
+  const Step step = guided.Next(std::vector{12 * kSpeed, 0.0}, u);
+  EXPECT_EQ(step.t, 12);
+  EXPECT_EQ(step.mode, Mode::kPolicy);
+  SwitchingPolicy dfr(policy, support, 0.01, {.horizon = 20, .first_step = 12});
+  dfr.Reset(1);
+  EXPECT_EQ(dfr.Next(std::vector{12 * kSpeed, 0.0}, u).t, 12);
+  EXPECT_THROW(GuidedPolicy(policy, model, {.horizon = 20, .first_step = 20}),
+               std::invalid_argument);
+  EXPECT_THROW(SwitchingPolicy(policy, support, 0.01, {.horizon = 20, .first_step = -1}),
+               std::invalid_argument);
+}
+
 // A third entry of the state, an object off to the side, that no control moves: the best that can
 // be reached is l = -0.3. A slack of as much goes on, and keeps the rest at its best; less holds.
 TEST(GuidedPolicyTest, SlackGoesOnWithWhatNoControlCanMend) {

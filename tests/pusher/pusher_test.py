@@ -10,7 +10,7 @@ import tempfile
 import unittest
 
 PROGRAM = pathlib.Path(sys.argv.pop(1)).resolve()
-SMALL = ["--learners", "8", "--demonstrations", "8,16", "--trials", "2", "--episodes", "4", "--no-video"]
+SMALL = ["--learners", "8", "--demonstrations", "8,16", "--trials", "2", "--episodes", "4", "--no-video", "--no-convergence"]
 CELL_KEYS = {
     "method", "learner", "demonstrations", "trials", "episodes", "completed", "completed_interval",
     "halted", "halted_interval", "collided", "collided_interval", "seconds_per_trajectory",
@@ -80,6 +80,28 @@ class PusherTest(unittest.TestCase):
         self.assertEqual({c["method"] for c in one["contrasts"]}, {"early-stopping", "dfr", "guided"})
         report = (self.folder / "one" / "report.html").read_text()
         self.assertIn(one["commit"], report)
+
+    def test_drift_compares_methods_under_every_condition(self):
+        out = self.run_pusher("drift", "--trials", 1, "--episodes", 2, "--demonstrations", 12,
+                              "--methods", "baseline,guided")
+        self.assertEqual(out, self.run_pusher("drift", "--trials", 1, "--episodes", 2, "--threads", 1,
+                                              "--demonstrations", 12, "--methods", "baseline,guided"))
+        for condition in ("as demonstrated", "noise doubled", "wide bar", "turned", "scaled"):
+            self.assertIn(condition, out)
+        self.assertEqual(out.count("  baseline "), out.count("  guided "))
+
+    def test_recoveries_climb_in_the_report(self):
+        out = self.run_pusher("experiment", *(o for o in SMALL if o != "--no-convergence"), "--out",
+                              "climb")
+        rows = {line.split()[0]: [float(x) for x in line.split()[1:]]
+                for line in out.split("recoveries, g over its threshold")[1].splitlines()
+                if line.strip().startswith(("dfr", "finite-difference", "guided"))}
+        self.assertEqual(set(rows), {"dfr", "finite-difference", "guided"})
+        for start, *_, last, reached in rows.values():
+            self.assertEqual(start, rows["dfr"][0], "all begin in the same states")
+            self.assertGreaterEqual(last, start)
+            self.assertTrue(0 <= reached <= 50)
+        self.assertIn("How fast recoveries climb", (self.folder / "climb" / "report.html").read_text())
 
     def test_an_interrupted_experiment_goes_on_where_it_ended(self):
         self.run_pusher("experiment", *SMALL, "--out", "whole")

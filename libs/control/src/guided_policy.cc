@@ -60,6 +60,8 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
                                            fallback->control_dim() == policy.control_dim()),
                    "the fallback policy differs in its sizes from the policy");
   DFR_THROW_UNLESS(options.horizon > 0, "horizon must be positive, not " << options.horizon);
+  DFR_THROW_UNLESS(options.first_step >= 0 && options.first_step < options.horizon,
+                   "first_step must lie in [0, horizon), not " << options.first_step);
   DFR_THROW_UNLESS(options.max_controls > 0,
                    "max_controls must be positive, not " << options.max_controls);
   DFR_THROW_UNLESS(options.control_limit > 0.0,
@@ -93,8 +95,8 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
 void GuidedPolicy::DoReset(std::uint64_t seed) noexcept {
   estimate_.Reset();
   random_ = core::Random(seed);
-  phase_ = 0;
-  time_ = 0.0;
+  phase_ = options_.first_step;
+  time_ = options_.first_step;
   controls_ = 0;
   recovery_controls_ = 0;
   stalls_ = 0;

@@ -75,6 +75,8 @@ SwitchingPolicy::SwitchingPolicy(const core::Policy& policy, const core::Decisio
                      "lambda must be positive and finite, not " << lambda_[t] << " at step " << t);
   }
   DFR_THROW_UNLESS(options.horizon > 0, "horizon must be positive, not " << options.horizon);
+  DFR_THROW_UNLESS(options.first_step >= 0 && options.first_step < options.horizon,
+                   "first_step must lie in [0, horizon), not " << options.first_step);
   DFR_THROW_UNLESS(options.max_iterations > 0,
                    "max_iterations must be positive, not " << options.max_iterations);
   strategy_ = MakeStrategy(policy, support, options);
@@ -89,7 +91,7 @@ double SwitchingPolicy::lambda(int t) const noexcept {
 }
 
 void SwitchingPolicy::DoReset(std::uint64_t seed) noexcept {
-  t_ = 0;
+  t_ = options_.first_step;
   iteration_ = 0;
   probing_ = false;
   threshold_ = 0.0;

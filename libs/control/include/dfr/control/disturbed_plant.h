@@ -18,6 +18,8 @@ struct DisturbanceOptions {
   double actuator_noise = 0.0;  ///< Standard deviation of each control entry, at every control.
   /// Standard deviation of each state entry as observed; drawn anew at every control.
   double observation_noise = 0.0;
+
+  bool operator==(const DisturbanceOptions&) const = default;
 };
 
 /// A plant that differs from the one that was demonstrated on: control turned, scaled, biased or

@@ -42,6 +42,7 @@ struct GuidedPartName {
 struct GuidedOptions {
   GuidedParts parts = {};
   int horizon = 100;           ///< T: controls of the learned policy in an episode, > 0.
+  int first_step = 0;          ///< Time step and phase that an episode begins with, in [0, T).
   int max_controls = 1200;     ///< Of any kind in an episode, > 0.
   double control_limit = 1.0;  ///< Each entry of an applied control is within +- this.
   int phase_window = 3;        ///< Re-alignment looks this many phases to either side.

@@ -28,6 +28,7 @@ enum class Recovery {
 struct SwitchingPolicyOptions {
   Recovery recovery = Recovery::kDfr;
   int horizon = 100;         ///< T: the policy's controls in an episode, > 0.
+  int first_step = 0;        ///< t of an episode's first control, in [0, T): to begin in mid-task.
   int max_iterations = 500;  ///< Of one recovery, > 0; the policy then halts.
   DfrOptions dfr = {};       ///< The fractions are kFiniteDifference's too.
   /// Only for kFiniteDifference, which needs it: the plant that is driven. Borrowed.

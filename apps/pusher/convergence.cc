@@ -1,0 +1,123 @@
+#include "convergence.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <memory>
+#include <stdexcept>
+#include <utility>
+
+#include "dfr/control/rollout.h"
+#include "dfr/core/random.h"
+
+namespace dfr::apps {
+namespace {
+
+constexpr int kMostControls = 1000;  // 500 iterations of two
+constexpr int kMostStarts = 100'000;
+
+// Where a recovery begins.
+struct Gate {
+  std::unique_ptr<core::SimulatedPlant> plant;
+  int t = 0;
+  double threshold = 0.0;
+};
+
+std::vector<Gate> FindGates(PusherSite& site, int count, std::uint64_t seed) {
+  const std::unique_ptr<core::SimulatedPlant> plant = site.plant().Clone();
+  const auto stopping = site.model().MakeController(Method::Parse("early-stopping"));
+  std::vector<Gate> gates;
+  for (std::uint64_t i = 0; static_cast<int>(gates.size()) < count; ++i) {
+    if (i == kMostStarts) {
+      throw std::runtime_error("too few start states lead to a recovery: " +
+                               std::to_string(gates.size()) + " of " + std::to_string(i));
+    }
+    const control::RolloutResult result =
+        control::Rollout(*plant, *stopping, {.plant_seed = core::DeriveSeed(seed, {i})});
+    if (result.halt_cause != control::HaltCause::kEarlyStopping) continue;
+    gates.push_back({plant->Clone(), result.last_step.t, result.last_step.threshold});
+  }
+  return gates;
+}
+
+// Guided recovery's model of the paper's support: its features as they are.
+control::GuidedModel PaperSupport(const Model& model) {
+  const core::FeatureSelection selection(model.demonstration_set().layout,
+                                         model.support_features());
+  const int n = selection.num_features();
+  const core::FeatureTransform features(selection, Eigen::VectorXd::Zero(n),
+                                        core::Matrix::Identity(n, n));
+  // Its gate stays shut: the curves end at the paper's threshold.
+  return {features, model.estimate(), model.demonstration_set().trajectories,
+          control::GuidedModelOptions{.gate_quantile = 1.0}};
+}
+
+// g_t / threshold after each control, until the learned policy may go on or the recovery gives up.
+std::vector<double> Climb(const Model& model, const Gate& gate, core::SimulatedPlant& plant,
+                          control::Controller& controller, std::uint64_t seed) {
+  controller.Reset(seed);
+  std::vector<double> x(static_cast<std::size_t>(plant.state_dim()));
+  std::vector<double> u(static_cast<std::size_t>(plant.control_dim()));
+  std::vector<double> curve;
+  while (true) {
+    plant.Observe(x);
+    curve.push_back(std::min(1.0, model.support().Decision(gate.t, x) / gate.threshold));
+    if (curve.back() >= 1.0 || curve.size() > kMostControls) return curve;
+    const control::Mode mode = controller.Next(x, u).mode;
+    if (mode == control::Mode::kHalt || mode == control::Mode::kPolicy) return curve;
+    if (plant.Apply(u) != core::PlantStatus::kOk) return curve;
+  }
+}
+
+}  // namespace
+
+std::vector<ConvergenceCurve> MeasureConvergence(PusherSite& site, int recoveries,
+                                                 std::uint64_t seed) {
+  Model& model = site.model();
+  const std::vector<Gate> gates = FindGates(site, recoveries, seed);
+  const control::GuidedModel paper_support = PaperSupport(model);
+  std::vector<ConvergenceCurve> curves;
+  for (const std::string name : {"dfr", "finite-difference", "guided"}) {
+    const Method method = Method::Parse(name);
+    ConvergenceCurve curve;
+    curve.method = name;
+    curve.controls_per_iteration = method.recovery == control::Recovery::kDfr ? 2 : 1;
+    std::vector<double> sum(kMostControls + 1, 0.0);
+    std::vector<double> square(sum);
+    for (std::size_t i = 0; i < gates.size(); ++i) {
+      const Gate& gate = gates[i];
+      const std::unique_ptr<core::SimulatedPlant> plant = gate.plant->Clone();
+      std::unique_ptr<control::Controller> controller;
+      if (method.guided) {
+        control::GuidedOptions options;
+        options.parts.filter = false;
+        options.parts.realignment = false;
+        options.horizon = model.horizon();
+        options.first_step = gate.t;
+        controller =
+            std::make_unique<control::GuidedPolicy>(model.policy(), paper_support, options);
+      } else {
+        controller = model.MakeController(method, plant.get(), gate.t);
+      }
+      std::vector<double> climb =
+          Climb(model, gate, *plant, *controller, core::DeriveSeed(seed, {i, 1}));
+      curve.reached += climb.back() >= 1.0 ? 1 : 0;
+      climb.resize(sum.size(), climb.back());
+      for (std::size_t k = 0; k < sum.size(); ++k) {
+        sum[k] += climb[k];
+        square[k] += climb[k] * climb[k];
+      }
+    }
+    const auto n = static_cast<double>(gates.size());
+    for (std::size_t k = 0; k < sum.size(); ++k) {
+      const double mean = sum[k] / n;
+      curve.mean.push_back(mean);
+      curve.standard_error.push_back(
+          std::sqrt(std::max(0.0, square[k] / n - mean * mean) / std::max(1.0, n - 1.0)));
+    }
+    curves.push_back(std::move(curve));
+  }
+  return curves;
+}
+
+}  // namespace dfr::apps

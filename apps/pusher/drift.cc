@@ -1,0 +1,111 @@
+#include <cstdio>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "commands.h"
+#include "dfr/core/build_info.h"
+#include "dfr/experiment/paired_evaluation.h"
+#include "dfr/experiment/summary.h"
+#include "site.h"
+
+namespace dfr::apps {
+namespace {
+
+constexpr double kDegree = 3.14159265358979323846 / 180.0;
+constexpr int kFewDemonstrations = 20;
+
+// What differs from the experiment.
+struct Condition {
+  std::string name;
+  control::DisturbanceOptions disturbance = {};
+  double supervisor_noise = 1.0;
+  sim::Gripper gripper = sim::Gripper::kBar;
+  bool few_demonstrations = false;
+};
+
+std::vector<Condition> Conditions() {
+  return {
+      {.name = "as demonstrated"},
+      {.name = "20 demonstrations", .few_demonstrations = true},
+      {.name = "supervisor's noise doubled", .supervisor_noise = 2.0},
+      {.name = "gripper: wide bar", .gripper = sim::Gripper::kWideBar},
+      {.name = "gripper: fork", .gripper = sim::Gripper::kFork},
+      {.name = "observation noise, sd 0.5 mm, 0.5 mrad",
+       .disturbance = {.observation_noise = 0.0005}},
+      {.name = "observation noise, sd 2 mm, 2 mrad", .disturbance = {.observation_noise = 0.002}},
+      {.name = "control turned, sd 10 degrees", .disturbance = {.rotation_sd = 10.0 * kDegree}},
+      {.name = "control turned, sd 20 degrees", .disturbance = {.rotation_sd = 20.0 * kDegree}},
+      {.name = "control turned, sd 40 degrees", .disturbance = {.rotation_sd = 40.0 * kDegree}},
+      {.name = "control scaled, sd of log 0.2", .disturbance = {.scale_sd = 0.2}},
+      {.name = "control scaled, sd of log 0.4", .disturbance = {.scale_sd = 0.4}},
+      {.name = "actuator bias 0.1 of its range", .disturbance = {.bias = 0.1}},
+  };
+}
+
+const experiment::Cell& CellOf(const experiment::Summary& summary, const std::string& method) {
+  for (const experiment::Cell& cell : summary.averages) {
+    if (cell.method == method) return cell;
+  }
+  throw std::logic_error("no results of " + method);
+}
+
+}  // namespace
+
+void RunDrift(const DriftOptions& options) {
+  SiteOptions site_options;
+  for (const std::string& name : options.methods) {
+    site_options.methods.push_back(Method::Parse(name));
+  }
+  site_options.most_demonstrations = std::max(options.demonstrations, kFewDemonstrations);
+  site_options.seed = options.seed;
+  experiment::EvaluationPlan plan;
+  plan.methods = options.methods;
+  plan.learners = {options.learner};
+  plan.trials = options.trials;
+  plan.episodes = options.episodes;
+  plan.seed = options.seed;
+  const auto supervisor = imitation::GaussianPolicy::Load(
+      options.supervisor.empty() ? ShippedSupervisor() : options.supervisor);
+
+  std::printf(
+      "learner %s, %d demonstrations, %d episodes a method in %d trials, seed %llu, commit %s\n"
+      "completed [95 %% interval] / collided [95 %% interval], %%\n",
+      options.learner.c_str(), options.demonstrations, options.trials * options.episodes,
+      options.trials, static_cast<unsigned long long>(options.seed),
+      std::string(core::BuildCommit()).c_str());
+  experiment::ProgressBar bar("drift");
+  const std::vector<Condition> conditions = Conditions();
+  for (std::size_t i = 0; i < conditions.size(); ++i) {
+    const Condition& condition = conditions[i];
+    site_options.disturbance = condition.disturbance;
+    site_options.supervisor_noise = condition.supervisor_noise;
+    site_options.plant.gripper = condition.gripper;
+    plan.demonstrations = {condition.few_demonstrations ? kFewDemonstrations
+                                                        : options.demonstrations};
+    SiteFactory factory(supervisor, site_options, plan.trials);
+    const auto results = experiment::Evaluate(
+        plan, [&](const experiment::EvaluationUnit& unit) { return factory.Make(unit); },
+        {.threads = options.threads});
+    const experiment::Summary summary =
+        experiment::Summarize(plan, results,
+                              {.experiment = "pusher",
+                               .preset = "drift",
+                               .commit = core::BuildCommit(),
+                               .bootstrap = {.seed = options.seed}});
+    std::printf("\n%s\n", condition.name.c_str());
+    for (const std::string& method : options.methods) {
+      const experiment::Cell& cell = CellOf(summary, method);
+      const auto& completed = cell.completed;
+      const auto& collided = cell.collided;
+      std::printf("  %-16s %5.1f [%5.1f, %5.1f] / %5.1f [%5.1f, %5.1f]\n", method.c_str(),
+                  100.0 * completed.value, 100.0 * completed.interval.low,
+                  100.0 * completed.interval.high, 100.0 * collided.value,
+                  100.0 * collided.interval.low, 100.0 * collided.interval.high);
+    }
+    std::fflush(stdout);
+  }
+}
+
+}  // namespace dfr::apps
