@@ -14,6 +14,8 @@
 #include <vector>
 
 #include "dfr/core/random.h"
+#include "fit_sharing.h"
+#include "tests/support/all_close.h"
 
 namespace dfr::kernel {
 namespace {
@@ -109,6 +111,38 @@ TEST(ModelSelectionTest, WiderKernelsAcceptMoreAndTheTightestThatAcceptsEnoughIs
     }
   }
   EXPECT_LT(s.rows[s.chosen].gamma, 100.0);
+}
+
+TEST(ModelSelectionTest, SharedDistancesGiveTheEstimatesOfSeparateFits) {
+  const std::vector<core::Matrix> demonstrations = Demonstrations(60, 66);
+  const internal::NuGamma grid[] = {{0.05, 0.1}, {0.05, 5.0}, {0.3, 5.0}, {0.3, 40.0}};
+  for (const bool pooled : {false, true}) {
+    for (const double tolerance : {1e-4, 1e-7}) {  // kernel values in float, and in double
+      TimeVaryingSupportOptions options{.svm = {.tolerance = tolerance}, .pooled = pooled};
+      options.threads = 2;
+      const auto together = internal::FitGrid(demonstrations, options, grid);
+      ASSERT_EQ(together.size(), std::size(grid));
+      for (std::size_t g = 0; g < std::size(grid); ++g) {
+        options.svm.nu = grid[g].nu;
+        options.svm.gamma = grid[g].gamma;
+        const auto separate = TimeVaryingSupport::Fit(demonstrations, options);
+        ASSERT_EQ(together[g].num_steps(), separate.num_steps());
+        for (int t = 0; t < separate.num_steps(); ++t) {
+          const OneClassSvm& a = together[g].at(t);
+          const OneClassSvm& b = separate.at(t);
+          EXPECT_EQ(a.gamma(), grid[g].gamma);
+          Eigen::VectorXd at_a(60), at_b(60);
+          for (Eigen::Index i = 0; i < 60; ++i) {
+            const auto x = core::Row(demonstrations[static_cast<std::size_t>(i)], t);
+            at_a[i] = a.Decision(x);
+            at_b[i] = b.Decision(x);
+          }
+          // Two solutions within the tolerance, over nu m, with a margin of ten.
+          EXPECT_TRUE(dfr::test::AllClose(at_a, at_b, 10.0 * tolerance / b.libsvm_scale()));
+        }
+      }
+    }
+  }
 }
 
 TEST(ModelSelectionTest, WhereNoneAcceptsEnoughTheBestIsGivenAndSaidToFail) {

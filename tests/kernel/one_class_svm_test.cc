@@ -510,6 +510,41 @@ TEST(OneClassSvmTest, NuOfOneIsTheParzenDensity) {
   EXPECT_NEAR(Decisions(svm, samples).maxCoeff(), 0.0, 1e-12);
 }
 
+TEST(OneClassSvmTest, NuNearBothEndsConverges) {
+  core::Random random(44);
+  const core::Matrix samples = Tube(300, 3, random);
+  for (const double tolerance : {1e-3, 1e-7}) {  // kernel values in float, and in double
+    for (const double nu : {1e-12, 1e-4, 1.0 / 300.0, 0.999, 1.0 - 1e-12}) {
+      SCOPED_TRACE(testing::Message() << "nu = " << nu << ", tolerance " << tolerance);
+      FitSummary summary;
+      const auto svm =
+          OneClassSvm::Fit(samples, {.nu = nu, .gamma = 1.0, .tolerance = tolerance}, &summary);
+      EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+      EXPECT_NEAR(svm.alpha().sum(), 1.0, 1e-12);
+      EXPECT_GE(svm.num_support_vectors(), nu * 300.0 - 1e-6);
+      // Outliers, beyond what the tolerance leaves open in our scale.
+      EXPECT_LE((Decisions(svm, samples).array() < -2.0 * tolerance / svm.libsvm_scale()).count(),
+                nu * 300.0 + 1e-6);
+      EXPECT_TRUE(std::isfinite(svm.rho()));
+    }
+  }
+}
+
+// Two samples, and a few more than fill a vector of lanes: the least that there is to choose from.
+TEST(OneClassSvmTest, TheSmallestProblemsConverge) {
+  core::Random random(45);
+  for (const int m : {2, 3, 15, 16, 17, 33}) {
+    const core::Matrix samples = Tube(m, 2, random);
+    for (const double tolerance : {1e-3, 1e-8}) {
+      FitSummary summary;
+      const auto svm =
+          OneClassSvm::Fit(samples, {.nu = 0.5, .gamma = 1.0, .tolerance = tolerance}, &summary);
+      EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged) << m;
+      EXPECT_LT(KktGap(svm, samples, 0.5), tolerance + 1e-10) << m;
+    }
+  }
+}
+
 TEST(OneClassSvmTest, FewerSamplesThanOneOverNuContainAllOfThem) {
   core::Random random(32);
   const core::Matrix samples = Tube(10, 2, random);

@@ -10,6 +10,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "fit_sharing.h"
 
 namespace dfr::kernel {
 namespace {
@@ -55,54 +56,49 @@ core::Matrix DrawFromBox(std::span<const core::Matrix> demonstrations, std::uint
   return draws;
 }
 
-SelectionRow Evaluate(std::span<const core::Matrix> demonstrations, const std::vector<int>& fold,
-                      const core::Matrix& draws, const SelectionOptions& options, double nu,
-                      double gamma) {
-  SelectionRow row;
-  row.nu = nu;
-  row.gamma = gamma;
+// What a row is counted from, over all folds.
+struct Tally {
   std::int64_t states = 0;
   std::int64_t inside = 0;
   std::int64_t steps = 0;
   std::int64_t drawn_inside = 0;
+  std::int64_t support_vectors = 0;
   int never_left = 0;
   std::vector<double> scores;
-  for (int held_out = 0; held_out < options.folds; ++held_out) {
-    std::vector<core::Matrix> training;
-    for (std::size_t i = 0; i < demonstrations.size(); ++i) {
-      if (fold[i] != held_out) training.push_back(demonstrations[i]);
-    }
-    TimeVaryingSupportOptions fit = options.support;
-    fit.svm.nu = nu;
-    fit.svm.gamma = gamma;
-    const auto support = TimeVaryingSupport::Fit(training, fit);
+
+  void Add(const TimeVaryingSupport& support, std::span<const core::Matrix* const> held_out,
+           const core::Matrix& draws) {
     for (int t = 0; t < support.num_steps(); ++t) {
-      row.support_vectors += support.at(t).num_support_vectors();
+      support_vectors += support.at(t).num_support_vectors();
     }
     for (Eigen::Index i = 0; i < draws.rows(); ++i) {
       const int t = static_cast<int>(i) % support.num_steps();
       drawn_inside += support.Decision(t, core::Row(draws, i)) >= 0.0 ? 1 : 0;
     }
     steps += support.num_steps();
-    for (std::size_t i = 0; i < demonstrations.size(); ++i) {
-      if (fold[i] != held_out) continue;
-      const core::Matrix& held = demonstrations[i];
-      for (Eigen::Index t = 0; t < held.rows(); ++t) {
-        inside += support.Decision(static_cast<int>(t), core::Row(held, t)) >= 0.0 ? 1 : 0;
+    for (const core::Matrix* held : held_out) {
+      for (Eigen::Index t = 0; t < held->rows(); ++t) {
+        inside += support.Decision(static_cast<int>(t), core::Row(*held, t)) >= 0.0 ? 1 : 0;
       }
-      states += held.rows();
-      scores.push_back(ExcursionScore(support, held));
+      states += held->rows();
+      scores.push_back(ExcursionScore(support, *held));
       never_left += scores.back() <= 0.0 ? 1 : 0;
     }
   }
-  row.acceptance = static_cast<double>(inside) / static_cast<double>(states);
-  row.inside_throughout = static_cast<double>(never_left) / static_cast<double>(scores.size());
-  row.support_vectors /= static_cast<double>(steps);
-  row.volume =
-      static_cast<double>(drawn_inside) / static_cast<double>(options.folds * draws.rows());
-  row.threshold = ConformalThreshold(scores, options.false_alarms);
-  return row;
-}
+
+  [[nodiscard]] SelectionRow Row(internal::NuGamma pair, const SelectionOptions& options,
+                                 Eigen::Index draws) const {
+    SelectionRow row;
+    row.nu = pair.nu;
+    row.gamma = pair.gamma;
+    row.acceptance = static_cast<double>(inside) / static_cast<double>(states);
+    row.inside_throughout = static_cast<double>(never_left) / static_cast<double>(scores.size());
+    row.support_vectors = static_cast<double>(support_vectors) / static_cast<double>(steps);
+    row.volume = static_cast<double>(drawn_inside) / static_cast<double>(options.folds * draws);
+    row.threshold = ConformalThreshold(scores, options.false_alarms);
+    return row;
+  }
+};
 
 }  // namespace
 
@@ -133,11 +129,28 @@ Selection SelectModel(std::span<const core::Matrix> demonstrations,
   CheckOptions(options, demonstrations.size());
   const std::vector<int> fold = AssignFolds(demonstrations.size(), options);
   const core::Matrix draws = DrawFromBox(demonstrations, options.seed);
-  Selection selection;
+  std::vector<internal::NuGamma> grid;
   for (const double nu : options.nus) {
-    for (const double gamma : options.gammas) {
-      selection.rows.push_back(Evaluate(demonstrations, fold, draws, options, nu, gamma));
+    for (const double gamma : options.gammas) grid.push_back({nu, gamma});
+  }
+  std::vector<Tally> tallies(grid.size());
+  for (int held_out = 0; held_out < options.folds; ++held_out) {
+    std::vector<core::Matrix> training;
+    std::vector<const core::Matrix*> held;
+    for (std::size_t i = 0; i < demonstrations.size(); ++i) {
+      if (fold[i] == held_out) {
+        held.push_back(&demonstrations[i]);
+      } else {
+        training.push_back(demonstrations[i]);
+      }
     }
+    const std::vector<TimeVaryingSupport> supports =
+        internal::FitGrid(training, options.support, grid);
+    for (std::size_t g = 0; g < grid.size(); ++g) tallies[g].Add(supports[g], held, draws);
+  }
+  Selection selection;
+  for (std::size_t g = 0; g < grid.size(); ++g) {
+    selection.rows.push_back(tallies[g].Row(grid[g], options, draws.rows()));
   }
   const auto better = [&](const SelectionRow& a, const SelectionRow& b) {
     const bool a_accepts = a.acceptance >= options.acceptance;

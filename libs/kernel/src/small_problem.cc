@@ -39,13 +39,15 @@ void Distances<T>::KernelRow(std::size_t i, double gamma, T* row) {
 }
 
 template <typename T>
-bool SmallProblem<T>::Fits(const core::Matrix& samples, const OneClassSvmOptions& options) {
+bool SmallProblem<T>::Fits(const core::Matrix& samples, const OneClassSvmOptions& options,
+                           const Scratch& scratch) {
   constexpr double kMostBytes = 16.0 * 0x1p20;
   const auto count = static_cast<std::size_t>(samples.rows());
   const auto row = static_cast<double>(RowSize<T>(count) * sizeof(T));
   const double matrix = static_cast<double>(count) * row;
   const double rest = row * static_cast<double>(samples.cols() + 1) + 64.0 * row + 0x1p16;
-  return matrix <= kMostBytes && matrix + rest <= options.memory_mib * 0x1p20;
+  const double all = scratch.has_distances() ? 2.0 * (matrix + rest) : matrix + rest;
+  return matrix <= kMostBytes && all <= options.memory_mib * 0x1p20;
 }
 
 template <typename T>

@@ -52,6 +52,7 @@ class SharedDistances {
 class Scratch {
  public:
   explicit Scratch(SharedDistances* distances = nullptr) : distances_(distances) {}
+  [[nodiscard]] bool has_distances() const noexcept { return distances_ != nullptr; }
   template <typename T>
   [[nodiscard]] Distances<T>* DistancesIn() {
     return distances_ == nullptr ? nullptr : &distances_->In<T>();
@@ -78,8 +79,9 @@ template <typename T>
 class SmallProblem {
  public:
   /// Whether the matrix is small enough to be read faster than it is computed, and `memory_mib`
-  /// holds it.
-  [[nodiscard]] static bool Fits(const core::Matrix& samples, const OneClassSvmOptions& options);
+  /// holds it, with distances as large as it where these are shared.
+  [[nodiscard]] static bool Fits(const core::Matrix& samples, const OneClassSvmOptions& options,
+                                 const Scratch& scratch);
 
   /// All arguments must outlive the problem, and no other one use `scratch` meanwhile.
   SmallProblem(const core::Matrix& samples, const OneClassSvmOptions& options, Scratch& scratch,

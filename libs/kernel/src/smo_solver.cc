@@ -351,7 +351,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
 template <typename T>
 DualSolution SolveIn(const core::Matrix& samples, const OneClassSvmOptions& options,
                      std::span<const double> start, Scratch& scratch, FitSummary& summary) {
-  if (SmallProblem<T>::Fits(samples, options)) {
+  if (SmallProblem<T>::Fits(samples, options, scratch)) {
     SmallProblem<T> problem(samples, options, scratch, summary);
     problem.Run(start);
     summary.kernel_evaluations += problem.evaluations();

@@ -41,34 +41,43 @@ core::Matrix AllStates(std::span<const core::Matrix> demonstrations, int num_ste
 TimeVaryingSupport TimeVaryingSupport::Fit(std::span<const core::Matrix> demonstrations,
                                            const TimeVaryingSupportOptions& options,
                                            std::vector<FitSummary>* summaries) {
+  const internal::NuGamma own[] = {{options.svm.nu, options.svm.gamma}};
+  return std::move(internal::FitGrid(demonstrations, options, own, summaries)[0]);
+}
+
+std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const core::Matrix> demonstrations,
+                                                  const TimeVaryingSupportOptions& options,
+                                                  std::span<const NuGamma> grid,
+                                                  std::vector<FitSummary>* summaries) {
   DFR_THROW_UNLESS(options.num_steps >= 0, "num_steps must not be negative: " << options.num_steps);
   DFR_THROW_UNLESS(options.threads >= 1, "threads must be at least 1, not " << options.threads);
-  internal::CheckDemonstrations(demonstrations);
-  const int num_steps =
-      options.num_steps > 0 ? options.num_steps : internal::LongestLength(demonstrations);
-  if (options.pooled) {
-    FitSummary summary;
-    OneClassSvm pooled =
-        OneClassSvm::Fit(AllStates(demonstrations, num_steps), options.svm, &summary);
-    if (summaries != nullptr) *summaries = {summary};
-    return TimeVaryingSupport({std::move(pooled)});
-  }
-  DFR_THROW_UNLESS(demonstrations.size() >= 2,
+  CheckDemonstrations(demonstrations);
+  const int num_steps = options.num_steps > 0 ? options.num_steps : LongestLength(demonstrations);
+  DFR_THROW_UNLESS(options.pooled || demonstrations.size() >= 2,
                    "an estimate per time step needs at least 2 demonstrations; there is 1");
 
-  const auto count = static_cast<std::size_t>(num_steps);
-  std::vector<std::optional<OneClassSvm>> fitted(count);
-  std::vector<FitSummary> results(count);
-  std::atomic<int> next{0};
+  const std::size_t count = options.pooled ? 1 : static_cast<std::size_t>(num_steps);
+  std::vector<std::optional<OneClassSvm>> fitted(grid.size() * count);
+  std::vector<FitSummary> results(fitted.size());
+  std::atomic<std::size_t> next{0};
   std::exception_ptr failure;
   std::mutex failure_mutex;
   const auto work = [&] {
-    internal::Scratch scratch;
+    Scratch alone;
     try {
-      for (int t = next++; t < num_steps; t = next++) {
-        const auto index = static_cast<std::size_t>(t);
-        fitted[index] = internal::FitSharing(internal::StatesAt(demonstrations, t), options.svm,
-                                             scratch, &results[index]);
+      for (std::size_t t = next++; t < count; t = next++) {
+        const core::Matrix samples = options.pooled ? AllStates(demonstrations, num_steps)
+                                                    : StatesAt(demonstrations, static_cast<int>(t));
+        SharedDistances distances(samples);
+        Scratch together(&distances);
+        OneClassSvmOptions svm = options.svm;
+        for (std::size_t g = 0; g < grid.size(); ++g) {
+          svm.nu = grid[g].nu;
+          svm.gamma = grid[g].gamma;
+          const std::size_t index = g * count + t;
+          fitted[index] =
+              FitSharing(samples, svm, grid.size() > 1 ? together : alone, &results[index]);
+        }
       }
     } catch (...) {
       const std::lock_guard lock(failure_mutex);
@@ -77,16 +86,21 @@ TimeVaryingSupport TimeVaryingSupport::Fit(std::span<const core::Matrix> demonst
   };
   {
     std::vector<std::jthread> helpers;
-    for (int i = 1; i < std::min(options.threads, num_steps); ++i) helpers.emplace_back(work);
+    const std::size_t threads = std::min(static_cast<std::size_t>(options.threads), count);
+    for (std::size_t i = 1; i < threads; ++i) helpers.emplace_back(work);
     work();
   }
   if (failure) std::rethrow_exception(failure);
 
-  std::vector<OneClassSvm> estimates;
-  estimates.reserve(count);
-  for (auto& estimate : fitted) estimates.push_back(std::move(*estimate));
+  std::vector<TimeVaryingSupport> supports;
+  for (std::size_t g = 0; g < grid.size(); ++g) {
+    std::vector<OneClassSvm> estimates;
+    estimates.reserve(count);
+    for (std::size_t t = 0; t < count; ++t) estimates.push_back(std::move(*fitted[g * count + t]));
+    supports.emplace_back(std::move(estimates));
+  }
   if (summaries != nullptr) *summaries = std::move(results);
-  return TimeVaryingSupport(std::move(estimates));
+  return supports;
 }
 
 TimeVaryingSupport::TimeVaryingSupport(std::vector<OneClassSvm> estimates)

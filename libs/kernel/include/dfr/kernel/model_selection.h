@@ -64,7 +64,8 @@ struct Selection {
   void SavePicture(const std::filesystem::path& path) const;
 };
 
-/// Compares pairs of nu and gamma by cross-validation over whole demonstrations.
+/// Compares pairs of nu and gamma by cross-validation over whole demonstrations. The distances
+/// between samples are computed once for the whole grid.
 /// @throws std::invalid_argument naming the option out of range, or if there are fewer
 ///   demonstrations than 2 folds.
 Selection SelectModel(std::span<const core::Matrix> demonstrations,
