@@ -1,0 +1,38 @@
+#!/usr/bin/env bash
+# Compiles the kernel library for 64-bit ARM, where Highway's NEON code stands in for AVX, and runs
+# its tests under QEMU. Nothing is installed but, with apt-get, the two cross tools named below; the
+# libraries for ARM are unpacked into the folder given.
+#   usage: tests/kernel/neon.sh FOLDER
+set -euo pipefail
+folder=$(realpath -m "${1:?usage: tests/kernel/neon.sh FOLDER}")
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+for tool in aarch64-linux-gnu-g++ qemu-aarch64; do
+  command -v "$tool" >/dev/null || { echo "neon.sh: no $tool: apt-get install g++-aarch64-linux-gnu qemu-user" >&2; exit 1; }
+done
+
+root=$folder/root/usr
+lib=$root/lib/aarch64-linux-gnu
+if [ ! -d "$lib" ]; then
+  mkdir -p "$folder"/apt/lists/partial "$folder"/apt/archives/partial "$folder"/packages
+  touch "$folder/apt/status"
+  apt=(apt-get -qq -o "Dir::State=$folder/apt" -o "Dir::Cache=$folder/apt" -o "Dir::State::status=$folder/apt/status"
+       -o APT::Architecture=arm64 -o APT::Architectures=arm64 -o APT::Sandbox::User=root)
+  "${apt[@]}" update
+  (cd "$folder/packages" && "${apt[@]}" download libhwy-dev libhwy1 libgtest-dev libgmock-dev)
+  for package in "$folder"/packages/*.deb; do dpkg-deb -x "$package" "$folder/root"; done
+fi
+
+tests=(gaussian_sum time_varying_support model_selection)
+mkdir -p "$folder/objects"
+# The definition is that of libs/kernel/CMakeLists.txt.
+printf '%s\n' libs/{core,kernel}/src/*.cc tests/support/no_alloc.cc "${tests[@]/%/_test.cc}" |
+  sed -E 's|^([a-z_]+_test.cc)$|tests/kernel/\1|' |
+  xargs -P "$(nproc)" -I{} sh -c 'aarch64-linux-gnu-g++ -std=c++20 -O2 -Wall -Wextra -Wpedantic -Wshadow -Werror \
+    "-DHWY_DISABLED_TARGETS=(HWY_SVE|HWY_SVE2|HWY_SVE_256|HWY_SVE2_128|HWY_RVV)" -DEIGEN_MPL2_ONLY \
+    -I. -Ilibs/core/include -Ilibs/kernel/include -Ilibs/kernel/src -isystem /usr/include/eigen3 \
+    -isystem "$1/include" -c "$2" -o "$3/$(echo "$2" | tr / _).o"' sh "$root" {} "$folder/objects"
+for test in "${tests[@]}"; do
+  aarch64-linux-gnu-g++ -o "$folder/${test}_test" "$folder/objects/tests_kernel_${test}_test.cc.o" \
+    "$folder"/objects/libs_*.o "$folder/objects/tests_support_no_alloc.cc.o" -L"$lib" -lhwy -lgmock -lgtest -lgtest_main
+  qemu-aarch64 -L /usr/aarch64-linux-gnu -E "LD_LIBRARY_PATH=$lib" "$folder/${test}_test" --gtest_brief=1
+done
