@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "dfr/core/random.h"
+#include "gaussian_sum.h"
 #include "tests/kernel/libsvm_peer.h"
 #include "tests/support/all_close.h"
 #include "tests/support/no_alloc.h"
@@ -527,6 +528,32 @@ TEST(OneClassSvmTest, NuNearBothEndsConverges) {
                 nu * 300.0 + 1e-6);
       EXPECT_TRUE(std::isfinite(svm.rho()));
     }
+  }
+}
+
+// With samples that nearly coincide: their kernel value rounds to 1, or above it.
+TEST(OneClassSvmTest, EveryInstructionSetFindsTheSolution) {
+  core::Random random(46);
+  core::Matrix few = Tube(600, 3, random);
+  core::Matrix many = Tube(3000, 3, random);
+  for (core::Matrix* samples : {&few, &many}) {
+    const Eigen::Index half = samples->rows() / 2;
+    samples->bottomRows(half) = samples->topRows(half);
+    for (Eigen::Index i = 0; i < half; ++i) (*samples)(i, 0) += 1e-4 * random.Normal();
+    for (const std::int64_t target : internal::SupportedTargets()) {
+      internal::ForceTarget(target);
+      for (const double tolerance : {1e-3, 1e-6}) {  // kernel values in float, and in double
+        SCOPED_TRACE(testing::Message() << internal::TargetName(target) << ", " << samples->rows()
+                                        << " samples, tolerance " << tolerance);
+        FitSummary summary;
+        const auto svm =
+            OneClassSvm::Fit(*samples, {.nu = 0.1, .gamma = 5.0, .tolerance = tolerance}, &summary);
+        EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+        // Kernel values in float shift the gap by up to 1e-7 nu m.
+        EXPECT_LT(KktGap(svm, *samples, 0.1), tolerance + (tolerance > 1e-4 ? 3e-5 : 1e-9));
+      }
+    }
+    internal::ForceTarget(0);
   }
 }
 

@@ -41,8 +41,8 @@ struct Numbered {
   }
   template <class V, class I>
   HWY_INLINE V Mark(V value, I number) const {
-    return hn::IfVecThenElse(hn::BitCast(Tag<T>(), hn::Set(Bits<T>(), low_bits)),
-                             hn::BitCast(Tag<T>(), number), value);
+    const auto rest = hn::BitCast(Tag<T>(), hn::Set(Bits<T>(), ~low_bits));
+    return hn::OrAnd(hn::BitCast(Tag<T>(), number), value, rest);
   }
   // Where `extreme`, that of all lanes, stands in the vector of each lane's extremes.
   template <class V>
@@ -103,7 +103,8 @@ HWY_INLINE std::size_t ChooseSecond(const SmoProblem<T>& p, Numbered<T> numbered
   constexpr Tag<T> d;
   constexpr Bits<T> di;
   const auto zero = hn::Zero(d);
-  const auto above_one = hn::Set(d, T(1) + kLeastCurvature<T>);
+  const auto unit = hn::Set(d, T(1));
+  const auto least = hn::Set(d, kLeastCurvature<T>);
   const auto one = hn::Set(di, 1);
   auto best = zero;
   auto number = hn::Zero(di);
@@ -111,7 +112,9 @@ HWY_INLINE std::size_t ChooseSecond(const SmoProblem<T>& p, Numbered<T> numbered
   for (std::size_t k = 0; k < p.count; k += hn::MaxLanes(d)) {
     const auto fall = hn::Add(hn::Load(d, p.gradient + k), hn::Load(d, p.may_fall + k));
     const auto slope = hn::Max(hn::Sub(fall, g_i), zero);
-    const auto curvature = hn::Sub(above_one, hn::Load(d, row_i + k));
+    // Between nearly equal points K rounds to 1 or the next number: no division by zero, for an
+    // infinity with a number in its low bits is a NaN.
+    const auto curvature = hn::Max(hn::Sub(unit, hn::Load(d, row_i + k)), least);
     const auto decrease = hn::Mul(hn::Mul(slope, slope), RoughReciprocal(d, curvature));
     best = hn::Max(best, numbered.Mark(decrease, number));
     number = hn::Add(number, one);
