@@ -35,9 +35,11 @@ class JacobianPrior {
   [[nodiscard]] const JacobianOptions& options() const noexcept { return options_; }
 
   /// Adds sum w v v' to `a` (its lower triangle) and sum w v dz' to `b` (m x n), over transitions
-  /// near time step `t`, w falling with the distance to `z` and summing to prior_weight.
-  void AddTo(int t, std::span<const double> z, Eigen::MatrixXd& a,
+  /// near time step `t`, w falling with the distance to `z` and summing to prior_weight. `sums` is
+  /// room for num_sums() entries.
+  void AddTo(int t, std::span<const double> z, Eigen::VectorXd& sums, Eigen::MatrixXd& a,
              Eigen::MatrixXd& b) const noexcept;
+  [[nodiscard]] Eigen::Index num_sums() const noexcept { return products_.cols(); }
 
  private:
   JacobianOptions options_;
@@ -84,6 +86,7 @@ class JacobianEstimate {
   Eigen::MatrixXd jacobian_;
   Eigen::VectorXd direction_;
   Eigen::VectorXd scratch_;
+  Eigen::VectorXd sums_;
 };
 
 }  // namespace dfr::control
