@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <memory>
 #include <stdexcept>
@@ -238,11 +239,89 @@ TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
   }
 }
 
+// A policy at a third of the demonstrated speed falls behind: the next phase's margin is out of
+// reach, but getting on within the present one is not, and recoveries become fewer.
+TEST(GuidedPolicyTest, HoldsThePhaseForAPolicyThatIsLate) {
+  const auto support = Moving();
+  const GuidedModel model(Identity(), support, Rightwards());
+  const auto slow = test::ConstantPolicy(2, kSpeed / 3.0);
+  const auto recoveries = [&](bool hold) {
+    GuidedOptions options;
+    options.parts.phase_hold = hold;
+    options.parts.realignment = false;
+    options.parts.slack = false;
+    options.control_limit = kSpeed / 3.0;
+    Turned plant;
+    GuidedPolicy guided(slow, model, options);
+    guided.Reset(1);
+    std::vector<double> u(2);
+    int count = 0;
+    while (plant.x[0] < 1.5) {
+      const Step step = guided.Next(plant.x, u);
+      if (step.mode == Mode::kHalt) {
+        ADD_FAILURE() << Name(step.cause) << " at x = " << plant.x[0];
+        break;
+      }
+      count += step.mode == Mode::kPolicy ? 0 : 1;
+      plant.Apply(u);
+      EXPECT_LT(std::abs(plant.x[1]), 0.42) << "the half width of every B_t";
+    }
+    return count;
+  };
+  EXPECT_LT(recoveries(true), recoveries(false));
+}
+
+// Where the supports of some phases are somewhere else entirely, the phases after them are found.
+TEST(GuidedPolicyTest, SearchesForAPhaseBeyondThoseThatCannotBeReached) {
+  class Gap final : public core::LogDecisionFunction {
+   public:
+    int state_dim() const noexcept override { return 2; }
+    int num_steps() const noexcept override { return support_.num_steps(); }
+    double Decision(int t, std::span<const double> x) const noexcept override {
+      return support_.Decision(t, Moved(t, x));
+    }
+    double Gradient(int t, std::span<const double> x,
+                    std::span<double> gradient) const noexcept override {
+      return support_.Gradient(t, Moved(t, x), gradient);
+    }
+    double LogDecision(int t, std::span<const double> x,
+                       std::span<double> gradient) const noexcept override {
+      return support_.LogDecision(t, Moved(t, x), gradient);
+    }
+    double lipschitz_bound(int t) const noexcept override { return support_.lipschitz_bound(t); }
+    double curvature_bound(int t) const noexcept override { return support_.curvature_bound(t); }
+
+   private:
+    static std::array<double, 2> Moved(int t, std::span<const double> x) noexcept {
+      return {x[0], x[1] + (t >= 8 && t < 12 ? 3.0 : 0.0)};
+    }
+    test::GaussianSupport support_ = Moving();
+  };
+  const Gap support;
+  const GuidedModel model(Identity(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, kSpeed);
+  for (const bool search : {true, false}) {
+    SCOPED_TRACE(search);
+    GuidedOptions options;
+    options.parts.phase_search = search;
+    Turned plant;
+    GuidedPolicy guided(policy, model, options);
+    guided.Reset(1);
+    std::vector<double> u(2);
+    bool halted = false;
+    for (int i = 0; i < 200 && plant.x[0] < 1.8 && !halted; ++i) {
+      halted = guided.Next(plant.x, u).mode == Mode::kHalt;
+      plant.Apply(u);
+    }
+    EXPECT_EQ(plant.x[0] >= 1.8, search) << plant.x[0];
+  }
+}
+
 TEST(GuidedPolicyTest, EveryPartCanBeSwitchedOffAndHasAName) {
   const auto support = Moving();
   const GuidedModel model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
-  EXPECT_EQ(GuidedPartNames().size(), 12u);
+  EXPECT_EQ(GuidedPartNames().size(), 14u);
   for (const GuidedPartName& part : GuidedPartNames()) {
     SCOPED_TRACE(part.name);
     GuidedOptions options;

@@ -17,7 +17,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // As a share of the learned control's effect that a climb has to keep: none.
 constexpr double kAnywhere = -kInfinity;
 
-constexpr std::array<GuidedPartName, 12> kPartNames = {{
+constexpr std::array<GuidedPartName, 14> kPartNames = {{
     {"margin-gate", &GuidedParts::margin_gate},
     {"filter", &GuidedParts::filter},
     {"re-entry", &GuidedParts::reentry},
@@ -30,6 +30,8 @@ constexpr std::array<GuidedPartName, 12> kPartNames = {{
     {"gentle-outside", &GuidedParts::gentle_outside},
     {"hold-best", &GuidedParts::hold_best},
     {"patience", &GuidedParts::patience},
+    {"phase-hold", &GuidedParts::phase_hold},
+    {"phase-search", &GuidedParts::phase_search},
 }};
 
 Step Halt(Step step, HaltCause cause) noexcept {
@@ -158,23 +160,28 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
     open = LogAfter(phase_ + 1, v_, {}) >= hi;
   }
   step.mode = Mode::kPolicy;
+  next_phase_ = phase_ + 1;
   if (!open) {
-    bool filtered = parts.filter && Filter(learned_, limit);
+    const bool margins = !(parts.patience && without_advance_ > options_.patience);
+    bool filtered = Pass(learned_, limit, margins);
     if (!filtered && fallback_ != nullptr) {
       fallback_->Control(phase_, x, u);
       trial_ = core::AsVector(std::span<const double>(u)) / model_->control_unit();
       if (trial_.allFinite()) {
         Limit(trial_, kInfinity);
         learned_ = trial_;
-        filtered = Filter(learned_, limit);
+        filtered = Pass(learned_, limit, margins);
       }
     }
-    if (filtered) {
-      step.filtered = true;
-    } else if (!Recover(limit, step.mode)) {
-      return Halt(step, recovery_controls_ >= options_.max_recovery ? HaltCause::kIterationLimit
-                                                                    : HaltCause::kNoProgress);
+    if (!filtered && !Recover(limit, step.mode)) {
+      // Margins are a wish, being inside the aim: they must not be what ends the task.
+      filtered = parts.patience && margins && log_ >= 0.0 && Pass(learned_, limit, false);
+      if (!filtered) {
+        return Halt(step, recovery_controls_ >= options_.max_recovery ? HaltCause::kIterationLimit
+                                                                      : HaltCause::kNoProgress);
+      }
     }
+    step.filtered = filtered;
   }
 
   double share = 1.0;
@@ -208,7 +215,7 @@ Step GuidedPolicy::Emit(Step step, double share, std::span<double> u) noexcept {
   ++controls_;
   if (step.mode == Mode::kPolicy) {
     time_ += share;
-    if (share >= 0.5) ++phase_;
+    if (share >= 0.5) phase_ = next_phase_;
     recovery_controls_ = 0;
     stalls_ = 0;
     without_gain_ = 0;
@@ -250,25 +257,40 @@ bool GuidedPolicy::Align() noexcept {
   const int first = std::max(0, phase_ - (certified ? options_.phase_window + 1 : window));
   const int last = phase_ + (certified ? options_.phase_window : window);
   const double penalty = options_.phase_penalty * model_->gate_level(phase_);
-  int best = phase_;
+  const int from = phase_;
   double best_score = -kInfinity;
   log_ = -kInfinity;
   bool found = false;
-  for (int q = first; q <= last; ++q) {
+  const auto consider = [&](int q) {
     const double l = model_->support().LogDecision(q, AsSpan(z_), {});
-    if (certified && l < 0.0 && !(q == phase_ && !found)) continue;
-    const double score = l - penalty * std::abs(q - phase_);
+    if (certified && l < 0.0 && (found || q != from)) return;
     if (certified && l >= 0.0 && !found) {
       best_score = -kInfinity;
       found = true;
     }
+    const double score = l - penalty * std::min(std::abs(q - from), options_.phase_window);
     if (score > best_score) {
       best_score = score;
-      best = q;
+      phase_ = q;
       log_ = l;
     }
+  };
+  for (int q = first; q <= last; ++q) consider(q);
+  // A phase that does not advance may be the wrong one: one further on that the state is inside of
+  // as well, or an earlier one to approach from again. Four phases a control, further away from
+  // control to control, and round again.
+  if (options_.parts.phase_search && without_advance_ > options_.patience / 2) {
+    const int steps = model_->support().num_steps();
+    const int furthest = std::max({1, from, steps - 1 - from});
+    const int reach = window + 1 + 2 * (without_advance_ - options_.patience / 2) % furthest;
+    for (const int q : {from + reach, from + reach + 1, from - reach, from - reach - 1}) {
+      if (q >= 0 && q < steps) consider(q);
+    }
+    if (std::abs(phase_ - from) > window + 1) {
+      furthest_ = phase_;
+      without_advance_ = 0;
+    }
   }
-  phase_ = best;
   return !certified || log_ >= 0.0;
 }
 
@@ -317,25 +339,36 @@ double GuidedPolicy::Climb(int phase, Eigen::VectorXd& v, double target, double 
   return l;
 }
 
-bool GuidedPolicy::Filter(const Eigen::VectorXd& wanted, double limit) noexcept {
-  double lo = options_.parts.margin_gate ? model_->accept_level(phase_ + 1) : 0.0;
-  double hi = options_.parts.margin_gate ? model_->gate_level(phase_ + 1) : 0.02;
-  if (options_.parts.patience && without_advance_ > options_.patience) {
-    // The margin is a wish, being inside the aim: it must not keep the task from going on for ever.
+bool GuidedPolicy::Pass(const Eigen::VectorXd& wanted, double limit, bool margins) noexcept {
+  if (!options_.parts.filter) return false;
+  next_phase_ = phase_ + 1;
+  if (Filter(wanted, limit, margins)) return true;
+  if (!options_.parts.phase_hold || log_ < 0.0) return false;
+  // Where demonstrations were further on by now (an object a little farther away, say), getting on
+  // within the present phase is what leads to the next.
+  next_phase_ = phase_;
+  return Filter(wanted, limit, margins);
+}
+
+bool GuidedPolicy::Filter(const Eigen::VectorXd& wanted, double limit, bool margins) noexcept {
+  const int phase = next_phase_;
+  double lo = options_.parts.margin_gate ? model_->accept_level(phase) : 0.0;
+  double hi = options_.parts.margin_gate ? model_->gate_level(phase) : 0.02;
+  if (!margins) {
     hi = std::max(lo, 0.02);
     lo = 0.0;
   }
   learned_effect_.noalias() = estimate_.jacobian().lazyProduct(wanted);
   v_ = wanted;
   // The climb ends where it would give up the learned control's purpose for the last bit of l.
-  double l = Climb(phase_ + 1, v_, hi, limit, options_.ample_progress);
+  double l = Climb(phase, v_, hi, limit, options_.ample_progress);
   if (l >= lo) return true;
-  l = Climb(phase_ + 1, v_, lo, limit, options_.least_progress);
+  l = Climb(phase, v_, lo, limit, options_.least_progress);
   if (l >= lo) return true;
   // What no control can mend (an object that is off to the side, say) must not stop the rest.
   if (!options_.parts.slack || l < -model_->slack()) return false;
   reach_ = v_;
-  const double best = Climb(phase_ + 1, reach_, kInfinity, limit, kAnywhere);
+  const double best = Climb(phase, reach_, kInfinity, limit, kAnywhere);
   return best < lo && l >= best - options_.slack_margin * model_->slack();
 }
 

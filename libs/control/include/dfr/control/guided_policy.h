@@ -27,7 +27,9 @@ struct GuidedParts {
   bool slack = true;            ///< Accepts the best that J can reach, slightly outside included.
   bool gentle_outside = true;   ///< Recovers with small controls while outside the support.
   bool hold_best = true;        ///< Gives a recovery up that gains nothing more.
-  bool patience = true;  ///< Is content with l >= 0 where margins keep the phase from going on.
+  bool patience = true;      ///< Is content with l >= 0 where margins keep the task from going on.
+  bool phase_hold = true;    ///< Gets on within the present phase where the next is out of reach.
+  bool phase_search = true;  ///< Looks ever further for a phase where none nearby advances.
 };
 
 /// Every part with its name, for command lines and ablation tables.
@@ -59,7 +61,9 @@ struct GuidedOptions {
   int max_recovery = 40;        ///< Controls of one recovery.
   int max_stalls = 6;           ///< Of these, with next to no move predicted.
   int max_without_gain = 8;     ///< Controls of one recovery since l was last raised.
-  int patience = 12;            ///< Controls without a new phase before margins are given up.
+  /// Controls without a new phase before margins are given up; after half of them the search for
+  /// a phase begins to widen.
+  int patience = 12;
   /// A certified control is applied only if at least this share of it passes; less is a stall.
   double least_share = 0.02;
   Certificate certificate = {};
@@ -122,7 +126,8 @@ class GuidedPolicy final : public Controller {
   void Limit(Eigen::VectorXd& v, double limit) const noexcept;
   double Climb(int phase, Eigen::VectorXd& v, double target, double limit,
                double progress) noexcept;
-  [[nodiscard]] bool Filter(const Eigen::VectorXd& wanted, double limit) noexcept;
+  [[nodiscard]] bool Pass(const Eigen::VectorXd& wanted, double limit, bool margins) noexcept;
+  [[nodiscard]] bool Filter(const Eigen::VectorXd& wanted, double limit, bool margins) noexcept;
   [[nodiscard]] bool Recover(double limit, Mode& mode) noexcept;
   [[nodiscard]] double Certify() noexcept;
   [[nodiscard]] Step Emit(Step step, double share, std::span<double> u) noexcept;
@@ -135,6 +140,7 @@ class GuidedPolicy final : public Controller {
   core::Random random_{0};
 
   int phase_ = 0;
+  int next_phase_ = 0;  ///< Where an applied control of the learned policy leads.
   double time_ = 0.0;
   int controls_ = 0;
   double log_ = 0.0;  ///< l at phase_ and z_.
