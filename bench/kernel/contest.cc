@@ -7,6 +7,7 @@
 #include <ctime>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <stdexcept>
 #include <string_view>
 
@@ -99,6 +100,10 @@ ContestOptions ContestOptions::Parse(int argc, char** argv) {
           "--benchmark_out=FILE.json --picture=FILE.svg --target=NAME");
     }
   }
+  if (!options.smoke()) {
+    if (options.json.empty()) options.json = std::string(argv[0]) + ".json";
+    if (options.picture.empty()) options.picture = std::string(argv[0]) + ".svg";
+  }
   return options;
 }
 
@@ -117,6 +122,15 @@ void ContestOptions::ForceTarget() const {
 
 bool ContestOptions::Selects(const std::string& name) const {
   return name.find(filter) != std::string::npos;
+}
+
+std::optional<std::int64_t> ContestOptions::SecondTarget() const {
+  if (!target.empty()) return std::nullopt;
+  const std::vector<std::int64_t> targets = kernel::internal::SupportedTargets();
+  const auto second = std::find_if(targets.begin() + 1, targets.end(), [](std::int64_t candidate) {
+    return std::string_view(kernel::internal::TargetName(candidate)) == "AVX2";
+  });
+  return second == targets.end() ? std::nullopt : std::optional(*second);
 }
 
 std::vector<Timing> RunContest(const std::vector<Contestant>& contestants, int operations,
@@ -215,6 +229,9 @@ void WriteReports(const std::string& title, const std::vector<CaseResult>& resul
          << '\n';
   }
   if (!options.picture.empty()) WritePicture(title, results, options.picture);
+  for (const std::string& path : {options.json, options.picture}) {
+    if (!path.empty()) std::printf("wrote %s\n", path.c_str());
+  }
 }
 
 }  // namespace dfr::bench

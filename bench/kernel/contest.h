@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -11,8 +13,8 @@ struct ContestOptions {
   std::string filter;      ///< --benchmark_filter=TEXT: cases whose name contains it.
   double min_time = 0.01;  ///< --benchmark_min_time=SECONDS a round; 0: one repetition, untimed.
   int rounds = 9;          ///< --rounds=N, of which the median counts.
-  std::string json;        ///< --benchmark_out=FILE
-  std::string picture;     ///< --picture=FILE.svg
+  std::string json;        ///< --benchmark_out=FILE; PROGRAM.json unless it is a smoke run
+  std::string picture;     ///< --picture=FILE.svg; PROGRAM.svg likewise
   std::string target;      ///< --target=NAME: our instruction set, AVX2 say, not the best.
 
   /// @throws std::invalid_argument naming the argument it does not know.
@@ -21,6 +23,8 @@ struct ContestOptions {
   /// Restricts our own code to --target, before any estimate is made.
   /// @throws std::invalid_argument with the names there are, if this machine has none such.
   void ForceTarget() const;
+  /// AVX2 where this machine has better and no --target was given: what else to time.
+  [[nodiscard]] std::optional<std::int64_t> SecondTarget() const;
   [[nodiscard]] bool smoke() const { return min_time == 0.0; }
 };
 

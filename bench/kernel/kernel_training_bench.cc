@@ -6,7 +6,9 @@
 #include <exception>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "bench/kernel/contest.h"
@@ -15,6 +17,8 @@
 #include "bench/kernel/trajectories.h"
 #include "dfr/kernel/one_class_svm.h"
 #include "dfr/kernel/time_varying_support.h"
+#include "fit_sharing.h"
+#include "gaussian_sum.h"
 
 namespace dfr::bench {
 namespace {
@@ -84,6 +88,16 @@ void Train(const TrainingCase& c, const ContestOptions& options, std::vector<Cas
                            }
                          },
                          ""});
+  const std::optional<std::int64_t> avx2 = options.SecondTarget();
+  if (avx2) {
+    contestants.push_back({"ours with AVX2",
+                           [&] {
+                             kernel::internal::ForceTarget(*avx2);
+                             (void)kernel::OneClassSvm::Fit(samples, ours);
+                             kernel::internal::ForceTarget(0);
+                           },
+                           ""});
+  }
   if (!c.libsvm_only) {
     contestants.push_back({"OpenCV", [&] { (void)TrainOpenCv(samples, peer_options); }, ""});
     contestants.push_back({"dlib", [&] { (void)TrainDlib(samples, peer_options); }, ""});
@@ -101,51 +115,103 @@ void Train(const TrainingCase& c, const ContestOptions& options, std::vector<Cas
                      {"iterations", static_cast<double>(summary.iterations)},
                      {"gap", audit.gap},
                      {"objective_excess", excess}};
+  if (avx2 && !options.smoke()) {
+    result.counters.emplace_back("libsvm_over_avx2",
+                                 result.timings[1].nanoseconds / result.timings[2].nanoseconds);
+  }
   PrintRow(result);
   results.push_back(std::move(result));
 }
 
 // One estimate per time step: 100 problems of 120 samples of 12 entries.
-void TrainPerStep(const ContestOptions& options, std::vector<CaseResult>& results) {
-  const char* name = "100 problems of n=120 d=12 gamma=5";
-  if (!options.Selects(name)) return;
-  constexpr int kDemonstrations = 120;
-  constexpr int kSteps = 100;
-  const core::Matrix states = 0.3 * PooledTrajectories(kDemonstrations * kSteps, 12, 4);
-  std::vector<core::Matrix> demonstrations, problems;
-  for (int i = 0; i < kDemonstrations; ++i) {
-    demonstrations.push_back(states.middleRows(i * kSteps, kSteps));
+class PerStep {
+ public:
+  PerStep() {
+    const core::Matrix states = 0.3 * PooledTrajectories(kDemonstrations * kSteps, 12, 4);
+    for (int i = 0; i < kDemonstrations; ++i) {
+      demonstrations_.push_back(states.middleRows(i * kSteps, kSteps));
+    }
+    for (int t = 0; t < kSteps; ++t) {
+      core::Matrix problem(kDemonstrations, 12);
+      for (int i = 0; i < kDemonstrations; ++i) problem.row(i) = states.row(i * kSteps + t);
+      problems_.push_back(problem);
+    }
   }
-  for (int t = 0; t < kSteps; ++t) {
-    core::Matrix problem(kDemonstrations, 12);
-    for (int i = 0; i < kDemonstrations; ++i) problem.row(i) = states.row(i * kSteps + t);
-    problems.push_back(problem);
+
+  // All at once; and each beginning with the alpha of the time step before.
+  void Train(const ContestOptions& options, std::vector<CaseResult>& results) const {
+    const kernel::TimeVaryingSupportOptions ours{
+        .svm = {.nu = kNu, .gamma = kGamma, .tolerance = kTolerance}};
+    std::vector<kernel::FitSummary> summaries;
+    (void)kernel::TimeVaryingSupport::Fit(demonstrations_, ours, &summaries);
+    Run("100 problems of n=120 d=12 gamma=5",
+        {"ours", [&] { (void)kernel::TimeVaryingSupport::Fit(demonstrations_, ours); }, ""},
+        Peers({kGamma}), options, results);
+    const auto warm = [&] {
+      for (std::size_t t = 0; t < problems_.size(); ++t) {
+        kernel::OneClassSvmOptions svm = ours.svm;
+        svm.start = core::AsSpan(std::as_const(summaries[t == 0 ? 0 : t - 1].alpha));
+        (void)kernel::OneClassSvm::Fit(problems_[t], svm);
+      }
+    };
+    Run("100 problems of n=120 from the last step", {"ours", warm, ""}, Peers({kGamma}), options,
+        results);
   }
-  const kernel::TimeVaryingSupportOptions ours{
-      .svm = {.nu = 0.05, .gamma = 5.0, .tolerance = kTolerance}};
-  const PeerOptions theirs{.nu = 0.05, .gamma = 5.0, .tolerance = kTolerance};
-  std::vector<Contestant> contestants;
-  contestants.push_back(
-      {"ours", [&] { (void)kernel::TimeVaryingSupport::Fit(demonstrations, ours); }, ""});
-  contestants.push_back({"LIBSVM",
-                         [&] {
-                           for (const auto& p : problems) (void)TrainLibsvm(p, theirs);
-                         },
-                         ""});
-  contestants.push_back({"OpenCV",
-                         [&] {
-                           for (const auto& p : problems) (void)TrainOpenCv(p, theirs);
-                         },
-                         ""});
-  contestants.push_back({"dlib",
-                         [&] {
-                           for (const auto& p : problems) (void)TrainDlib(p, theirs);
-                         },
-                         ""});
-  CaseResult result{name, RunContest(contestants, 1, options), 0.0, {}};
-  PrintRow(result);
-  results.push_back(std::move(result));
-}
+
+  // What SelectModel() fits for each fold.
+  void TrainGrid(const ContestOptions& options, std::vector<CaseResult>& results) const {
+    const std::vector<double> gammas = {0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0};
+    kernel::TimeVaryingSupportOptions ours{.svm = {.nu = kNu, .tolerance = kTolerance}};
+    std::vector<kernel::internal::NuGamma> grid;
+    for (const double gamma : gammas) grid.push_back({kNu, gamma});
+    std::vector<Contestant> peers = {{"each gamma by itself",
+                                      [&] {
+                                        for (const double gamma : gammas) {
+                                          ours.svm.gamma = gamma;
+                                          (void)kernel::TimeVaryingSupport::Fit(demonstrations_,
+                                                                                ours);
+                                        }
+                                      },
+                                      ""}};
+    for (Contestant& peer : Peers(gammas)) peers.push_back(std::move(peer));
+    Run("100 problems of n=120, 7 gammas",
+        {"ours", [&] { (void)kernel::internal::FitGrid(demonstrations_, ours, grid); }, ""}, peers,
+        options, results);
+  }
+
+ private:
+  static constexpr int kDemonstrations = 120;
+  static constexpr int kSteps = 100;
+  static constexpr double kNu = 0.05;
+  static constexpr double kGamma = 5.0;
+
+  [[nodiscard]] std::vector<Contestant> Peers(const std::vector<double>& gammas) const {
+    const auto all = [this, gammas](auto&& train) {
+      return [this, gammas, train] {
+        for (const double gamma : gammas) {
+          for (const core::Matrix& problem : problems_) {
+            (void)train(problem, PeerOptions{.nu = kNu, .gamma = gamma, .tolerance = kTolerance});
+          }
+        }
+      };
+    };
+    return {{"LIBSVM", all(TrainLibsvm), ""},
+            {"OpenCV", all(TrainOpenCv), ""},
+            {"dlib", all(TrainDlib), ""}};
+  }
+
+  static void Run(const char* name, Contestant ours, const std::vector<Contestant>& peers,
+                  const ContestOptions& options, std::vector<CaseResult>& results) {
+    if (!options.Selects(name)) return;
+    std::vector<Contestant> contestants = {std::move(ours)};
+    contestants.insert(contestants.end(), peers.begin(), peers.end());
+    CaseResult result{name, RunContest(contestants, 1, options), 0.0, {}};
+    PrintRow(result);
+    results.push_back(std::move(result));
+  }
+
+  std::vector<core::Matrix> demonstrations_, problems_;
+};
 
 }  // namespace
 }  // namespace dfr::bench
@@ -166,7 +232,9 @@ int main(int argc, char** argv) try {
   for (const TrainingCase& c : kCases) {
     Train(c, options, results);
   }
-  TrainPerStep(options, results);
+  const PerStep per_step;
+  per_step.Train(options, results);
+  per_step.TrainGrid(options, results);
   WriteReports("Training", results, options);
   return ExitCode(results);
 } catch (const std::exception& e) {
