@@ -20,7 +20,8 @@ namespace dfr::apps {
 
 /// What may be varied of the methods.
 struct MethodOptions {
-  double gamma = 0.35;  ///< Of guided recovery's support, in whitened units.
+  /// Of guided recovery's support, in whitened units.
+  double gamma = kernel::WhitenedSupportOptions().svm.gamma;
   bool whitening = true;
   bool phase_whitening = true;
   bool hold_ended = true;

@@ -37,9 +37,10 @@ struct ModelOptions {
   Learner learner;
   std::string support_features = "red,object,tip";
   double nu = 0.05;
-  double gamma = 5.0;          ///< 1/m^2
-  int horizon = 60;            ///< T
-  double guided_gamma = 0.35;  ///< Of guided recovery's support, in whitened units.
+  double gamma = 5.0;  ///< 1/m^2
+  int horizon = 60;    ///< T
+  double guided_gamma = kernel::WhitenedSupportOptions()
+                            .svm.gamma;  ///< Of guided recovery's support, in whitened units.
   std::uint64_t seed = 1;
 };
 
