@@ -50,7 +50,7 @@ p { max-width: 78ch; margin: 8px 0; }
 .meta, figcaption, caption, .caption { color: var(--soft); font-size: 13.5px; }
 .meta code { color: var(--ink); }
 code { font: 0.92em ui-monospace, "SFMono-Regular", "Liberation Mono", monospace; }
-.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(270px, 1fr)); gap: 14px; }
+.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(350px, 1fr)); gap: 14px; }
 .card { background: var(--card); border-radius: 8px; padding: 14px 16px 12px;
   border-left: 4px solid var(--c); }
 .card h4 { margin: 0 0 6px; font-size: 14px; color: var(--c); }
