@@ -12,8 +12,8 @@ namespace dfr::kernel {
 /// Options for WhitenedSupport::Fit(). Defaults suit features that are whitened already
 /// (core::FeatureTransform): gamma is then in units that all tasks share.
 struct WhitenedSupportOptions {
-  /// One gamma does for all tasks, whose features are whitened: docs/recovery.md has what others do.
-  OneClassSvmOptions svm = {.nu = 0.05, .gamma = 0.25, .tolerance = 1e-6};
+  /// One gamma for all tasks, whose features are whitened; docs/recovery.md tells what others do.
+  OneClassSvmOptions svm = {.nu = 0.05, .gamma = 0.35, .tolerance = 1e-6};
   int window = 2;            ///< The estimate at t sees the states of t - window ... t + window.
   double phase_ridge = 0.3;  ///< Added to each time step's covariance before it is inverted, > 0.
   bool phase_whitening = true;
