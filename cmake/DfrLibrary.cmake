@@ -21,7 +21,8 @@ if(DFR_SANITIZE)
 endif()
 
 # dfr_add_library(kernel SOURCES ... [PUBLIC ...] [PRIVATE ...])
-# makes dfr_kernel, its alias dfr::kernel, and the install component and export set "kernel".
+# makes dfr_kernel, its alias dfr::kernel, the install component and export set "kernel", and
+# dfr-kernel.pc.
 # Public headers are in include/ beside the CMakeLists.txt.
 function(dfr_add_library name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;PUBLIC;PRIVATE")
@@ -41,6 +42,7 @@ function(dfr_add_library name)
   install(DIRECTORY include/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT ${name})
   install(EXPORT dfr_${name} NAMESPACE dfr:: FILE dfr_${name}.cmake
     DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/dfr COMPONENT ${name})
+  dfr_write_pkg_config(${name} ${arg_PUBLIC} ${arg_PRIVATE})
   set_property(GLOBAL APPEND PROPERTY DFR_LIBRARIES ${name})
 endfunction()
 

@@ -1,0 +1,110 @@
+# What pkg-config and dpkg are told about the components: dfr_write_pkg_config for each library, and
+# dfr_describe_packages, from which `cpack -G DEB` (./dev package) makes one package per component.
+
+# What CMake calls a dependency, and what pkg-config does: a module of its own or flags.
+set(DFR_PKG_CONFIG_MODULES
+  "Eigen3::Eigen=eigen3" "hwy::hwy=libhwy" "hdf5::hdf5=hdf5-serial" "glfw=glfw3")
+set(DFR_PKG_CONFIG_FLAGS
+  "Threads::Threads=-pthread" "dl=-ldl" "Ceres::ceres=-lceres -lglog" "mujoco::mujoco=-lmujoco"
+  "nlohmann_json::nlohmann_json=" "OpenCVImgproc::OpenCVImgproc=-lopencv_imgproc -lopencv_core")
+
+# dfr_write_pkg_config(kernel dfr::core Eigen3::Eigen hwy::hwy ...) writes and installs dfr-kernel.pc.
+# The libraries are static: who links one needs its private dependencies too, so that all of them
+# are in Requires and Libs.
+function(dfr_write_pkg_config name)
+  set(requires "")
+  set(flags "")
+  foreach(item IN LISTS ARGN)
+    set(modules ${DFR_PKG_CONFIG_MODULES})
+    list(FILTER modules INCLUDE REGEX "^${item}=")
+    set(known ${DFR_PKG_CONFIG_FLAGS})
+    list(FILTER known INCLUDE REGEX "^${item}=")
+    if(item MATCHES "^dfr::(.*)$")
+      list(APPEND requires "dfr-${CMAKE_MATCH_1} = ${PROJECT_VERSION}")
+    elseif(modules)
+      string(REGEX REPLACE "^.*=" "" module ${modules})
+      list(APPEND requires ${module})
+    elseif(known)
+      string(REGEX REPLACE "^[^=]*=" "" flag ${known})
+      list(APPEND flags ${flag})
+    else()
+      message(SEND_ERROR "dfr_${name} links ${item}: cmake/DfrPackages.cmake must say what pkg-config "
+                         "calls it")
+    endif()
+  endforeach()
+  list(REMOVE_DUPLICATES requires)
+  list(JOIN requires ", " requires)
+  list(JOIN flags " " flags)
+  string(REPLACE "_" "-" module ${name})
+  string(REPLACE "_" "-" requires "${requires}")
+  file(RELATIVE_PATH prefix /prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig /prefix)
+  string(REGEX REPLACE "/$" "" prefix ${prefix})
+  # The folder that was installed may be moved: its place is taken from that of the file.
+  file(CONFIGURE OUTPUT ${CMAKE_CURRENT_BINARY_DIR}/dfr-${module}.pc @ONLY CONTENT
+[[prefix=${pcfiledir}/@prefix@
+libdir=${prefix}/@CMAKE_INSTALL_LIBDIR@
+includedir=${prefix}/@CMAKE_INSTALL_INCLUDEDIR@
+
+Name: dfr-@module@
+Description: @PROJECT_DESCRIPTION@: the library dfr::@name@
+Version: @PROJECT_VERSION@
+Requires: @requires@
+Libs: -L${libdir} -ldfr_@name@ @flags@
+Cflags: -std=c++20 -DEIGEN_MPL2_ONLY -I${includedir}
+]])
+  install(FILES ${CMAKE_CURRENT_BINARY_DIR}/dfr-${module}.pc
+    DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT ${name})
+endfunction()
+
+# The Debian package that a component becomes.
+function(dfr_debian_name name result)
+  string(REPLACE "_" "-" package ${name})
+  if(name IN_LIST libraries)
+    set(${result} libdfr-${package}-dev PARENT_SCOPE)
+  else()
+    set(${result} dfr-${package} PARENT_SCOPE)
+  endif()
+endfunction()
+
+# dfr_describe_packages(core kernel ...): these components, in the order of components.txt. What a
+# library's package depends on is what its row needs; a program's are the shared libraries that
+# dpkg-shlibdeps finds in it.
+function(dfr_describe_packages)
+  if(NOT PROJECT_IS_TOP_LEVEL)
+    return()
+  endif()
+  get_property(libraries GLOBAL PROPERTY DFR_LIBRARIES)
+  dfr_read_components(component)
+  set(CPACK_COMPONENTS_ALL ${ARGN})
+  set(CPACK_GENERATOR DEB)
+  set(CPACK_DEB_COMPONENT_INSTALL ON)
+  set(CPACK_COMPONENTS_GROUPING IGNORE)
+  set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
+  set(CPACK_PACKAGE_NAME dfr)
+  set(CPACK_PACKAGE_VENDOR dfr)
+  set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "${PROJECT_DESCRIPTION}")
+  set(CPACK_STRIP_FILES ON)
+  set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+  set(CPACK_DEBIAN_PACKAGE_MAINTAINER "The dfr maintainers <maintainers@dfr.invalid>")
+  set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
+  foreach(name IN LISTS ARGN)
+    string(TOUPPER ${name} id)
+    dfr_debian_name(${name} package)
+    set(CPACK_DEBIAN_${id}_PACKAGE_NAME ${package})
+    set(CPACK_DEBIAN_${id}_DESCRIPTION "${PROJECT_DESCRIPTION}: ${name}")
+    if(name IN_LIST libraries)
+      string(REGEX REPLACE " +" ";" depends "${component_${name}_packages}")
+      foreach(need IN LISTS component_${name}_needs)
+        dfr_debian_name(${need} needed)
+        list(APPEND depends "${needed} (= ${PROJECT_VERSION})")
+      endforeach()
+      list(JOIN depends ", " depends)
+      set(CPACK_DEBIAN_${id}_PACKAGE_DEPENDS "${depends}")
+      set(CPACK_DEBIAN_${id}_PACKAGE_SECTION libdevel)
+    else()
+      set(CPACK_DEBIAN_${id}_PACKAGE_SHLIBDEPS ON)
+      set(CPACK_DEBIAN_${id}_PACKAGE_SECTION science)
+    endif()
+  endforeach()
+  include(CPack)
+endfunction()
