@@ -31,7 +31,7 @@ enum Stream : std::uint64_t { kDemonstrationStream = 2, kLearnerStream, kCalibra
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   const bool paper = options.preset == "paper";
   experiment::EvaluationPlan plan;
-  plan.methods = {"baseline", "early-stopping", "dfr", "dfr-coarse"};
+  plan.methods = {"baseline", "early-stopping", "dfr", "dfr-coarse", "guided"};
   plan.learners = {"64-64"};
   plan.demonstrations = {kDemonstrations};
   plan.trials = paper ? 5 : 2;
@@ -40,7 +40,7 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   if (!options.methods.empty()) plan.methods = options.methods;
   if (options.trials > 0) plan.trials = options.trials;
   if (options.episodes > 0) plan.episodes = options.episodes;
-  for (const std::string& method : plan.methods) static_cast<void>(ParseMethod(method));
+  for (const std::string& method : plan.methods) static_cast<void>(Method::Parse(method));
   return plan;
 }
 
@@ -192,7 +192,8 @@ void RunExperiment(const ExperimentOptions& options) {
                               .y_min = 0.0,
                               .y_max = 1.0};
   for (std::size_t m = 0; m < plan.methods.size(); ++m) {
-    if (ParseMethod(plan.methods[m]).recovery != control::Recovery::kDfr) continue;
+    const Method method = Method::Parse(plan.methods[m]);
+    if (method.guided || method.switching.recovery != control::Recovery::kDfr) continue;
     RecoveryCurves curves(kCurves);
     for (std::size_t i = 0; i < first.starts.size() && !curves.complete(); ++i) {
       site->Watch(static_cast<int>(m), first.starts[i],

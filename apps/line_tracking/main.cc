@@ -106,7 +106,8 @@ int Main(int argc, char** argv) {
   command->add_flag("!--no-video", experiment.video, "leave the videos out");
   command
       ->add_option("--methods", experiment.methods,
-                   "baseline, early-stopping, dfr, dfr-coarse; the first is the reference")
+                   "baseline, early-stopping, dfr, dfr-coarse, guided, guided-without-<part>;\nthe "
+                   "first is the reference")
       ->delimiter(',');
   command->add_option("--trials", experiment.trials, "independent repetitions of everything");
   command->add_option("--episodes", experiment.episodes, "start states per trial");
@@ -156,7 +157,7 @@ int Main(int argc, char** argv) {
   run.scene.plant.disturbance.wave = sim::Wave::kRandom;
   command = app.add_subcommand("run", "run a model on a moving platform");
   command->add_option("--model", run.model, "folder of fit")->capture_default_str();
-  command->add_option("--method", run.method, "baseline, early-stopping, dfr or dfr-coarse")
+  command->add_option("--method", run.method, "baseline, early-stopping, dfr, dfr-coarse or guided")
       ->capture_default_str();
   command->add_option("--episodes", run.episodes, "start states")->capture_default_str();
   command->add_option("--seed", run.seed, "of start states, platform and recoveries")
@@ -168,7 +169,8 @@ int Main(int argc, char** argv) {
   render.scene.plant.disturbance.wave = sim::Wave::kRandom;
   command = app.add_subcommand("render", "a video of one episode, without a display");
   command->add_option("--model", render.model, "folder of fit")->capture_default_str();
-  command->add_option("--method", render.method, "baseline, early-stopping, dfr or dfr-coarse")
+  command
+      ->add_option("--method", render.method, "baseline, early-stopping, dfr, dfr-coarse or guided")
       ->capture_default_str();
   command->add_option("--seed", render.seed, "of the episode")->capture_default_str();
   command->add_option("--out", render.out, "a video: .mp4 or .webm")->capture_default_str();

@@ -1,5 +1,6 @@
 #include "model.h"
 
+#include <array>
 #include <stdexcept>
 #include <string_view>
 #include <utility>
@@ -13,20 +14,95 @@ namespace dfr::apps {
 namespace {
 
 constexpr std::string_view kSwitchingKind = "line-tracking-switching";
-constexpr int kSwitchingVersion = 1;
+constexpr int kSwitchingVersion = 2;
+
+// What guided recovery's support looks at: the progress, and what the task is about. The tip's y is
+// left out as in Algorithm 1's: the platform carries the line away.
+constexpr std::string_view kGuidedFeatures = "tip[0:1],distance";
+
+constexpr std::array kRecoveries = {control::Recovery::kNone, control::Recovery::kEarlyStopping,
+                                    control::Recovery::kDfr};
+constexpr std::string_view kWithout = "guided-without-";
+
+std::vector<core::Matrix> Points(const imitation::DemonstrationSet& set,
+                                 const core::FeatureTransform& features) {
+  std::vector<core::Matrix> points;
+  points.reserve(set.trajectories.size());
+  for (const core::Trajectory& trajectory : set.trajectories) {
+    points.push_back(features.Apply(trajectory.states));
+  }
+  return points;
+}
+
+core::FeatureTransform GuidedFeatures(const imitation::DemonstrationSet& set) {
+  const core::FeatureSelection selection(set.layout, kGuidedFeatures);
+  std::vector<core::Matrix> states;
+  states.reserve(set.trajectories.size());
+  for (const core::Trajectory& trajectory : set.trajectories) states.push_back(trajectory.states);
+  return core::FeatureTransform::Whitening(selection, states);
+}
+
+kernel::WhitenedSupportOptions GuidedSupportOptions(double gamma) {
+  kernel::WhitenedSupportOptions options;
+  options.svm.gamma = gamma;
+  return options;
+}
 
 }  // namespace
 
+Method Method::Parse(const std::string& name) {
+  Method method;
+  method.name = name;
+  std::string known;
+  for (const control::Recovery recovery : kRecoveries) {
+    method.switching.recovery = recovery;
+    if (name == control::Name(recovery)) return method;
+    known.append(control::Name(recovery)).append(", ");
+  }
+  if (name == "dfr-coarse") {
+    method.switching.recovery = control::Recovery::kDfr;
+    method.switching.dfr.probe_fraction = 0.1;
+    method.switching.dfr.step_fraction = 0.5;
+    return method;
+  }
+  method.guided = true;
+  if (name == "guided") return method;
+  known += "dfr-coarse, guided";
+  for (const control::GuidedPartName& part : control::GuidedPartNames()) {
+    const std::string without = std::string(kWithout).append(part.name);
+    if (name == without) {
+      method.parts.*part.part = false;
+      return method;
+    }
+    known.append(", ").append(without);
+  }
+  throw std::invalid_argument("there is no method '" + name + "'; there are: " + known);
+}
+
+GuidedRecovery::GuidedRecovery(const imitation::DemonstrationSet& set, double gamma)
+    : GuidedRecovery(set, GuidedFeatures(set), GuidedSupportOptions(gamma)) {}
+
+GuidedRecovery::GuidedRecovery(const imitation::DemonstrationSet& set,
+                               const core::FeatureTransform& features,
+                               const kernel::WhitenedSupportOptions& options)
+    : support_(kernel::WhitenedSupport::Fit(Points(set, features), options)),
+      model_(features, support_, set.trajectories,
+             {.slack = control::SlackFrom(kernel::HeldOutLevels(Points(set, features), options))}) {
+}
+
 LineModel::LineModel(imitation::MlpPolicy policy, const core::FeatureSelection& features,
                      kernel::TimeVaryingSupport support, std::vector<double> lambda, double gamma,
-                     int horizon)
+                     int horizon, double guided_gamma, imitation::DemonstrationSet set)
     : policy_(std::make_unique<imitation::MlpPolicy>(std::move(policy))),
       support_(std::make_unique<kernel::TimeVaryingSupport>(std::move(support))),
       decision_(std::make_unique<core::FeatureDecision>(features, *support_)),
       feature_spec_(features.spec()),
       lambda_(std::move(lambda)),
       gamma_(gamma),
-      horizon_(horizon) {}
+      horizon_(horizon),
+      guided_gamma_(guided_gamma),
+      set_(std::move(set)),
+      guided_(std::make_unique<GuidedRecovery>(set_, guided_gamma)) {}
 
 LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModelOptions& options,
                          kernel::Selection* selection) {
@@ -64,8 +140,8 @@ LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModel
   kernel::TimeVaryingSupport support = kernel::TimeVaryingSupport::Fit(states, support_options);
   const core::FeatureDecision decision(features, support);
   std::vector<double> lambda = control::EstimateLambda(decision, set.trajectories);
-  return {std::move(policy),         features,       std::move(support), std::move(lambda),
-          support_options.svm.gamma, options.horizon};
+  return {std::move(policy),         features,        std::move(support),   std::move(lambda),
+          support_options.svm.gamma, options.horizon, options.guided_gamma, set};
 }
 
 void LineModel::Save(const std::filesystem::path& folder) const {
@@ -81,7 +157,9 @@ void LineModel::Save(const std::filesystem::path& folder) const {
   switching.Numbers(lambda_);
   switching.Number(gamma_);
   switching.Integer(horizon_);
+  switching.Number(guided_gamma_);
   switching.Save(folder / "switching.dfr");
+  imitation::SaveRobomimic(set_, folder / "demonstrations.hdf5");
 }
 
 LineModel LineModel::Load(const std::filesystem::path& folder) {
@@ -92,20 +170,28 @@ LineModel LineModel::Load(const std::filesystem::path& folder) {
   std::vector<double> lambda = switching.Numbers();
   const double gamma = switching.Number();
   const int horizon = switching.IntegerIn(1, 1'000'000);
+  const double guided_gamma = switching.Number();
   switching.End();
+  imitation::DemonstrationSet set = imitation::LoadRobomimic(folder / "demonstrations.hdf5");
   try {
     const core::FeatureSelection features(policy.layout(), spec);
-    return {std::move(policy), features, std::move(support), std::move(lambda), gamma, horizon};
+    return {std::move(policy), features,     std::move(support), std::move(lambda), gamma,
+            horizon,           guided_gamma, std::move(set)};
   } catch (const std::invalid_argument& e) {
     switching.Fail(std::string("does not fit the other files of this model: ") + e.what());
   }
 }
 
-control::SwitchingPolicy LineModel::MakeController(
-    const control::SwitchingPolicyOptions& options) const {
-  control::SwitchingPolicyOptions complete = options;
-  complete.horizon = horizon_;
-  return {*policy_, *decision_, lambda_, complete};
+std::unique_ptr<control::Controller> LineModel::MakeController(const Method& method) const {
+  if (method.guided) {
+    control::GuidedOptions options;
+    options.parts = method.parts;
+    options.horizon = horizon_;
+    return std::make_unique<control::GuidedPolicy>(*policy_, guided_->model(), options);
+  }
+  control::SwitchingPolicyOptions options = method.switching;
+  options.horizon = horizon_;
+  return std::make_unique<control::SwitchingPolicy>(*policy_, *decision_, lambda_, options);
 }
 
 }  // namespace dfr::apps

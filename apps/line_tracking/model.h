@@ -6,12 +6,16 @@
 #include <string>
 #include <vector>
 
+#include "dfr/control/controller.h"
+#include "dfr/control/guided_model.h"
+#include "dfr/control/guided_policy.h"
 #include "dfr/control/switching_policy.h"
 #include "dfr/core/features.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/imitation/mlp_policy.h"
 #include "dfr/kernel/model_selection.h"
 #include "dfr/kernel/time_varying_support.h"
+#include "dfr/kernel/whitened_support.h"
 
 namespace dfr::apps {
 
@@ -25,18 +29,52 @@ struct LineModelOptions {
   /// of their states.
   std::vector<double> gammas = {0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0};
   double acceptance = 0.9;
-  int horizon = 55;        ///< T: controls of the learned policy in an episode.
-  std::uint64_t seed = 1;  ///< Of the network's first weights.
+  double guided_gamma = 0.35;  ///< Of guided recovery's support, in whitened units.
+  int horizon = 55;            ///< T: controls of the learned policy in an episode.
+  std::uint64_t seed = 1;      ///< Of the network's first weights.
 };
 
-/// All that is learned from one set of demonstrations: policy, supports, lambda.
+/// Who is in control of an episode.
+struct Method {
+  std::string name;
+  bool guided = false;
+  control::SwitchingPolicyOptions switching = {};  ///< If not guided: Algorithm 1's.
+  control::GuidedParts parts = {};                 ///< If guided.
+
+  /// "baseline", "early-stopping", "dfr", "dfr-coarse", "guided", or "guided-without-<part>" with a
+  /// part of control::GuidedPartNames(). "dfr-coarse" is Algorithm 1 with steps that are larger
+  /// than the noise of images: probe g / (10 lambda), step g / (2 lambda).
+  /// @throws std::invalid_argument naming what is unknown and what there is.
+  static Method Parse(const std::string& name);
+};
+
+/// What guided recovery learns from demonstrations of this task. Its parts borrow from each other.
+class GuidedRecovery {
+ public:
+  GuidedRecovery(const imitation::DemonstrationSet& set, double gamma);
+  GuidedRecovery(const GuidedRecovery&) = delete;
+  GuidedRecovery& operator=(const GuidedRecovery&) = delete;
+
+  [[nodiscard]] const control::GuidedModel& model() const noexcept { return model_; }
+
+ private:
+  GuidedRecovery(const imitation::DemonstrationSet& set, const core::FeatureTransform& features,
+                 const kernel::WhitenedSupportOptions& options);
+
+  kernel::WhitenedSupport support_;
+  control::GuidedModel model_;
+};
+
+/// All that is learned from one set of demonstrations: policy, supports, lambda, and what guided
+/// recovery needs.
 class LineModel {
  public:
   /// @throws std::invalid_argument if there are fewer than 8 demonstrations, or they do not fit.
   static LineModel Fit(const imitation::DemonstrationSet& set, const LineModelOptions& options,
                        kernel::Selection* selection = nullptr);
 
-  /// Writes policy.dfr, support.dfr and switching.dfr into `folder`, which is made if need be.
+  /// Writes policy.dfr, support.dfr, switching.dfr and demonstrations.hdf5, from which guided
+  /// recovery is fitted, into `folder`, which is made if need be.
   void Save(const std::filesystem::path& folder) const;
   static LineModel Load(const std::filesystem::path& folder);
 
@@ -46,14 +84,13 @@ class LineModel {
   [[nodiscard]] const std::vector<double>& lambda() const noexcept { return lambda_; }
   [[nodiscard]] double gamma() const noexcept { return gamma_; }
 
-  /// Algorithm 1 with this model.
-  [[nodiscard]] control::SwitchingPolicy MakeController(
-      const control::SwitchingPolicyOptions& options) const;
+  /// Borrows this model.
+  [[nodiscard]] std::unique_ptr<control::Controller> MakeController(const Method& method) const;
 
  private:
   LineModel(imitation::MlpPolicy policy, const core::FeatureSelection& features,
             kernel::TimeVaryingSupport support, std::vector<double> lambda, double gamma,
-            int horizon);
+            int horizon, double guided_gamma, imitation::DemonstrationSet set);
 
   // On the heap, so that what borrows them stays valid when a model moves.
   std::unique_ptr<const imitation::MlpPolicy> policy_;
@@ -63,6 +100,9 @@ class LineModel {
   std::vector<double> lambda_;
   double gamma_;
   int horizon_;
+  double guided_gamma_;
+  imitation::DemonstrationSet set_;
+  std::unique_ptr<const GuidedRecovery> guided_;
 };
 
 }  // namespace dfr::apps

@@ -10,24 +10,6 @@
 
 namespace dfr::apps {
 
-control::SwitchingPolicyOptions ParseMethod(const std::string& name) {
-  control::SwitchingPolicyOptions options;
-  std::string known;
-  for (const control::Recovery recovery :
-       {control::Recovery::kNone, control::Recovery::kEarlyStopping, control::Recovery::kDfr}) {
-    options.recovery = recovery;
-    if (name == control::Name(recovery)) return options;
-    known += std::string(control::Name(recovery)) + ", ";
-  }
-  if (name == "dfr-coarse") {
-    options.dfr.probe_fraction = 0.1;
-    options.dfr.step_fraction = 0.5;
-    return options;
-  }
-  throw std::invalid_argument("there is no method '" + name + "'; there are: " + known +
-                              "dfr-coarse");
-}
-
 imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
                                         const sim::LineTrackingCalibration& known, int count,
                                         int steps, std::uint64_t seed) {
@@ -89,7 +71,7 @@ LineSite::LineSite(LineModel model, const std::vector<std::string>& methods,
                    const sim::LineTrackingOptions& plant, const sim::LineTrackingCalibration& known)
     : plant_(std::make_unique<sim::LineTrackingPlant>(plant, &known)), model_(std::move(model)) {
   for (const std::string& method : methods) {
-    controllers_.push_back(model_.MakeController(ParseMethod(method)));
+    controllers_.push_back(model_.MakeController(Method::Parse(method)));
   }
 }
 
@@ -103,7 +85,7 @@ bool LineSite::Accepts(std::uint64_t start_seed) {
 control::RolloutResult LineSite::Watch(int method, std::uint64_t start_seed,
                                        std::uint64_t controller_seed,
                                        control::RolloutObserver* observer) {
-  return control::Rollout(*plant_, controllers_.at(static_cast<std::size_t>(method)),
+  return control::Rollout(*plant_, *controllers_.at(static_cast<std::size_t>(method)),
                           {.plant_seed = start_seed, .controller_seed = controller_seed}, observer,
                           &workspace_);
 }

@@ -15,11 +15,6 @@
 
 namespace dfr::apps {
 
-/// A method of the comparison by its name: the paper's, and "dfr-coarse", Algorithm 1 with steps
-/// that are larger than the noise of images (probe g / (10 lambda), step g / (2 lambda)).
-/// @throws std::invalid_argument naming what is unknown and what there is.
-[[nodiscard]] control::SwitchingPolicyOptions ParseMethod(const std::string& name);
-
 /// Runs `count` open-loop demonstrations without disturbance, whatever `options` says of one, and
 /// keeps those that complete without a collision. Start states are a stream of `seed`.
 /// @throws std::runtime_error if more than half are unusable.
@@ -52,7 +47,7 @@ class LineSite final : public experiment::EvaluationSite {
  private:
   std::unique_ptr<sim::LineTrackingPlant> plant_;
   LineModel model_;
-  std::vector<control::SwitchingPolicy> controllers_;
+  std::vector<std::unique_ptr<control::Controller>> controllers_;
   control::RolloutWorkspace workspace_;
 };
 

@@ -131,10 +131,10 @@ TEST(LineSiteTest, ABlindCameraHaltsTheEpisode) {
        {sim::CameraFault::kFrozen, sim::CameraFault::kBlack, sim::CameraFault::kOverexposed,
         sim::CameraFault::kNoLine, sim::CameraFault::kNoTip}) {
     LineTrackingPlant plant(options, &known);
-    control::SwitchingPolicy controller = Model().MakeController(ParseMethod("baseline"));
+    const auto controller = Model().MakeController(Method::Parse("baseline"));
     Saboteur saboteur(plant, fault);
     const control::RolloutResult result =
-        control::Rollout(plant, controller, {.plant_seed = 1}, &saboteur);
+        control::Rollout(plant, *controller, {.plant_seed = 1}, &saboteur);
     EXPECT_EQ(result.outcome, core::Outcome::kHalted);
     EXPECT_EQ(result.halt_cause, control::HaltCause::kStateInvalid);
     EXPECT_EQ(result.policy_steps, 4);
@@ -143,7 +143,7 @@ TEST(LineSiteTest, ABlindCameraHaltsTheEpisode) {
 
 TEST(LineSiteTest, UnknownMethodsAreNamed) {
   try {
-    static_cast<void>(ParseMethod("magic"));
+    static_cast<void>(Method::Parse("magic"));
     FAIL();
   } catch (const std::invalid_argument& error) {
     EXPECT_NE(std::string(error.what()).find("magic"), std::string::npos);
