@@ -48,7 +48,7 @@ void RunFit(const FitOptions& options);
 struct RunOptions {
   SceneOptions scene;
   std::filesystem::path model = "model";
-  std::string method = "dfr";
+  std::string method = "guided";
   int episodes = 10;
   std::uint64_t seed = 1001;
 };
@@ -73,11 +73,20 @@ void RunExperiment(const ExperimentOptions& options);
 struct RenderOptions {
   SceneOptions scene;
   std::filesystem::path model = "model";
-  std::string method = "dfr";
+  std::string method = "guided";
   std::uint64_t seed = 1;
   std::filesystem::path out = "rollout.mp4";
 };
 void RunRender(const RenderOptions& options);
+
+struct ViewOptions {
+  SceneOptions scene;
+  std::filesystem::path model = "model";
+  std::string method = "guided";
+  std::uint64_t seed = 1;
+  int episodes = 0;  ///< 0: until the window is closed.
+};
+void RunView(const ViewOptions& options);
 
 struct VisionOptions {
   SceneOptions scene;

@@ -70,6 +70,7 @@ std::map<std::string, std::string> Settings(const ExperimentOptions& options) {
   settings["gamma candidates [1/mm^2]"] = gammas;
   settings["held-out acceptance wanted"] = Text(options.model.acceptance);
   settings["support features"] = options.model.support_features;
+  settings["guided gamma [whitened]"] = Text(options.model.guided_gamma);
   settings["horizon"] = std::to_string(options.model.horizon);
   return settings;
 }
@@ -139,6 +140,8 @@ void RunExperiment(const ExperimentOptions& options) {
   calibration.Save(options.out / "calibration.dfr");
   const sim::LineTrackingCalibration known = ToPlant(calibration);
 
+  // The first trial's recoveries, for their curves; only the thread that runs it writes here.
+  std::vector<RecoveryCurves> curves(plan.methods.size(), RecoveryCurves(kCurves));
   const auto make = [&](const experiment::EvaluationUnit& unit) {
     const auto trial = static_cast<std::uint64_t>(unit.trial);
     const imitation::DemonstrationSet set =
@@ -146,8 +149,10 @@ void RunExperiment(const ExperimentOptions& options) {
                     core::DeriveSeed(options.seed, {kDemonstrationStream, trial}));
     LineModelOptions model = options.model;
     model.seed = core::DeriveSeed(options.seed, {kLearnerStream, trial});
-    return std::make_unique<LineSite>(LineModel::Fit(set, model), plan.methods, options.plant,
-                                      known);
+    auto site =
+        std::make_unique<LineSite>(LineModel::Fit(set, model), plan.methods, options.plant, known);
+    if (unit.trial == 0) site->Collect(curves);
+    return site;
   };
   experiment::ProgressBar bar("line tracking");
   experiment::EvaluationOptions evaluation;
@@ -184,7 +189,9 @@ void RunExperiment(const ExperimentOptions& options) {
        "\"DFR, coarse steps\" is the same algorithm with probes of g / (10 lambda) and steps of "
        "g / (2 lambda), above that error."});
 
-  // Curves and videos come from the first trial, run again.
+  // Videos come from the first trial, run again.
+  const bool resumed = std::all_of(curves.begin(), curves.end(),
+                                   [](const RecoveryCurves& c) { return c.curves().empty(); });
   const std::unique_ptr<LineSite> site = make(results.front().unit);
   const experiment::UnitResult& first = results.front();
   experiment::ReportPlot plot{.title = "g over the gate's threshold",
@@ -194,13 +201,13 @@ void RunExperiment(const ExperimentOptions& options) {
   for (std::size_t m = 0; m < plan.methods.size(); ++m) {
     const Method method = Method::Parse(plan.methods[m]);
     if (method.guided || method.switching.recovery != control::Recovery::kDfr) continue;
-    RecoveryCurves curves(kCurves);
-    for (std::size_t i = 0; i < first.starts.size() && !curves.complete(); ++i) {
+    // Nothing was collected if an earlier run had finished the first trial.
+    for (std::size_t i = 0; resumed && i < first.starts.size() && !curves[m].complete(); ++i) {
       site->Watch(static_cast<int>(m), first.starts[i],
-                  core::DeriveSeed(plan.seed, {1, 0, static_cast<std::uint64_t>(i)}), &curves);
+                  experiment::ControllerSeed(plan, 0, static_cast<int>(i)), &curves[m]);
     }
-    if (curves.curves().empty()) continue;
-    experiment::ReportSeries series = Average(curves.curves());
+    if (curves[m].curves().empty()) continue;
+    experiment::ReportSeries series = Average(curves[m].curves());
     series.name = plan.methods[m] + ", " + series.name;
     series.style = static_cast<int>(m);
     plot.series.push_back(std::move(series));
@@ -212,9 +219,9 @@ void RunExperiment(const ExperimentOptions& options) {
     const auto last = plan.methods.size() - 1;
     for (const auto& [name, start] : PickEpisodes(first, last)) {
       const std::filesystem::path path = options.out / (name + ".mp4");
-      const control::RolloutResult result =
-          RecordEpisode(*site, static_cast<int>(last), plan.methods[last] + ", " + name,
-                        first.starts[start], core::DeriveSeed(plan.seed, {1, 0, start}), path);
+      const control::RolloutResult result = RecordEpisode(
+          *site, static_cast<int>(last), plan.methods[last] + ", " + name, first.starts[start],
+          experiment::ControllerSeed(plan, 0, static_cast<int>(start)), path);
       report.media.push_back(
           {path, plan.methods[last] + ", " + name + " episode: " + core::Name(result.outcome)});
     }

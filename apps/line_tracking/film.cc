@@ -61,6 +61,18 @@ void DrawSeen(cv::Mat& picture, const LineTrackingPlant& plant) {
   Write(picture, text, {20, 460}, kSeen, 0.55);
 }
 
+}  // namespace
+
+std::vector<std::uint8_t> DrawWhatVisionSees(const LineTrackingPlant& plant) {
+  std::vector<std::uint8_t> bgr(plant.endoscope().image_size());
+  plant.RenderEndoscope(bgr);
+  cv::Mat picture(kHeight, kWidth, CV_8UC3, bgr.data());
+  DrawSeen(picture, plant);
+  return bgr;
+}
+
+namespace {
+
 struct Sample {
   double g = 0.0;
   double threshold = 0.0;
@@ -74,7 +86,10 @@ class Recorder final : public control::RolloutObserver {
 
   void OnStart(std::span<const double> /*x*/) override { Capture(); }
   void OnControl(const control::RolloutEvent& event) override {
-    samples_.push_back({event.step.g, event.step.threshold, event.step.mode});
+    const control::Step& step = event.step;
+    // Guided recovery works with the log form, and has no one threshold.
+    samples_.push_back(
+        {std::isfinite(step.log_g) ? step.log_g : step.g, step.threshold, step.mode});
     const bool policy = event.step.mode == control::Mode::kPolicy;
     if (policy || event.collided || event.completed ||
         ++recovery_controls_ % kRecoveryStride == 1) {
@@ -94,11 +109,8 @@ class Recorder final : public control::RolloutObserver {
 
  private:
   void Capture() {
-    plant_.RenderEndoscope(picture_);
-    cv::Mat endoscope = cv::Mat(plant_.endoscope().camera().height,
-                                plant_.endoscope().camera().width, CV_8UC3, picture_.data())
-                            .clone();
-    DrawSeen(endoscope, plant_);
+    std::vector<std::uint8_t> seen = DrawWhatVisionSees(plant_);
+    const cv::Mat endoscope(kHeight, kWidth, CV_8UC3, seen.data());
     cv::Mat frame(kHeight + kStripHeight, 2 * kWidth, CV_8UC3, kPaper);
     endoscope.copyTo(frame(cv::Rect(0, 0, kWidth, kHeight)));
     plant_.RenderOutside(picture_);

@@ -3,11 +3,16 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "dfr/control/rollout.h"
 #include "site.h"
 
 namespace dfr::apps {
+
+/// The endoscope's picture that was looked at last, with what vision saw in it, BGR, rows from the
+/// top.
+[[nodiscard]] std::vector<std::uint8_t> DrawWhatVisionSees(const sim::LineTrackingPlant& plant);
 
 /// Runs one episode and writes it as a video: the endoscope's picture with what vision sees, an
 /// outside view of arm and platform, and g(t), threshold and mode below. The ending of `path`

@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <iostream>
 #include <map>
+#include <opencv2/core/utility.hpp>
 #include <string>
 
 #include "commands.h"
@@ -21,7 +22,9 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
       ->default_str("images");
   command.add_option("--arm", plant.arm.seed, "which individual arm: its cable errors")
       ->capture_default_str();
-  command.add_option("--blur", plant.endoscope.blur_px, "half width of edges in the image [px]")
+  command
+      .add_option("--blur", plant.endoscope.blur_px,
+                  "standard deviation of the blur in the image [px]")
       ->capture_default_str();
   command.add_option("--noise", plant.endoscope.noise, "of the image, of 255")
       ->capture_default_str();
@@ -70,6 +73,10 @@ void AddModelOptions(CLI::App& command, LineModelOptions& model) {
       .add_option("--features", model.support_features,
                   "what the support looks at: blocks of the state tip, distance, heading")
       ->capture_default_str();
+  command
+      .add_option("--guided-gamma", model.guided_gamma,
+                  "kernel width of guided recovery's support, in whitened units")
+      ->capture_default_str();
   command.add_option("--horizon", model.horizon, "T: controls of the learned policy per episode")
       ->capture_default_str();
 }
@@ -81,7 +88,7 @@ int Main(int argc, char** argv) {
       "left;\n"
       "10 mm times the line's angle in rad); controls are displacements of the tool in x and y in\n"
       "units of 2 mm, within [-1, 1]. Without arguments of their own, the commands follow one\n"
-      "another: calibrate, demonstrate, fit, run, render.",
+      "another: calibrate, demonstrate, fit, run, render, view.",
       "line_tracking");
   app.set_version_flag("--version",
                        std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
@@ -177,6 +184,18 @@ int Main(int argc, char** argv) {
   AddScene(*command, render.scene, true);
   command->callback([&] { RunRender(render); });
 
+  ViewOptions view;
+  view.scene.plant.disturbance.wave = sim::Wave::kRandom;
+  command = app.add_subcommand("view", "watch episodes in a window, with what vision sees");
+  command->add_option("--model", view.model, "folder of fit")->capture_default_str();
+  command->add_option("--method", view.method, "as for run")->capture_default_str();
+  command->add_option("--seed", view.seed, "of the first episode; the next has the next")
+      ->capture_default_str();
+  command->add_option("--episodes", view.episodes, "how many; 0: until the window is closed")
+      ->capture_default_str();
+  AddScene(*command, view.scene, true);
+  command->callback([&] { RunView(view); });
+
   VisionOptions vision;
   command = app.add_subcommand(
       "vision", "a table of vision's errors against the truth over poses, blur, light and noise");
@@ -185,6 +204,8 @@ int Main(int argc, char** argv) {
   AddScene(*command, vision.scene, true);
   command->callback([&] { RunVision(vision); });
 
+  // One thread a trial is enough; OpenCV's own would only wait for each other.
+  cv::setNumThreads(1);
   CLI11_PARSE(app, argc, argv);
   return EXIT_SUCCESS;
 }

@@ -66,6 +66,10 @@ Method Method::Parse(const std::string& name) {
     return method;
   }
   method.guided = true;
+  // Being careful outside the support, and content with offsets that seem to stay, is for objects
+  // that a control may knock over or not reach. Here the platform moves on meanwhile.
+  method.parts.gentle_outside = false;
+  method.parts.slack = false;
   if (name == "guided") return method;
   known += "dfr-coarse, guided";
   for (const control::GuidedPartName& part : control::GuidedPartNames()) {

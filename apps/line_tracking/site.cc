@@ -92,7 +92,9 @@ control::RolloutResult LineSite::Watch(int method, std::uint64_t start_seed,
 
 experiment::EpisodeResult LineSite::Run(int method, std::uint64_t start_seed,
                                         std::uint64_t controller_seed) {
-  const control::RolloutResult result = Watch(method, start_seed, controller_seed, nullptr);
+  const control::RolloutResult result =
+      Watch(method, start_seed, controller_seed,
+            curves_ == nullptr ? nullptr : &curves_->at(static_cast<std::size_t>(method)));
   experiment::EpisodeResult episode;
   episode.outcome = result.outcome;
   if (result.outcome == core::Outcome::kHalted) episode.cause = control::Name(result.halt_cause);

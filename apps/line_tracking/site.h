@@ -28,29 +28,6 @@ namespace dfr::apps {
                                                       calibration::CalibrationSummary* summary);
 [[nodiscard]] sim::LineTrackingCalibration ToPlant(const calibration::Calibration& found);
 
-/// One unit of the experiment: a model, and a plant to run it on.
-class LineSite final : public experiment::EvaluationSite {
- public:
-  LineSite(LineModel model, const std::vector<std::string>& methods,
-           const sim::LineTrackingOptions& plant, const sim::LineTrackingCalibration& known);
-
-  [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
-  [[nodiscard]] experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
-                                              std::uint64_t controller_seed) override;
-  [[nodiscard]] std::map<std::string, double> Measures() override;
-
-  /// Run() with an observer, who may look at plant().
-  control::RolloutResult Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
-                               control::RolloutObserver* observer);
-  [[nodiscard]] const sim::LineTrackingPlant& plant() const noexcept { return *plant_; }
-
- private:
-  std::unique_ptr<sim::LineTrackingPlant> plant_;
-  LineModel model_;
-  std::vector<std::unique_ptr<control::Controller>> controllers_;
-  control::RolloutWorkspace workspace_;
-};
-
 /// Collects how g rises during recoveries: g over the gate's threshold after each iteration.
 class RecoveryCurves final : public control::RolloutObserver {
  public:
@@ -67,6 +44,33 @@ class RecoveryCurves final : public control::RolloutObserver {
   std::size_t wanted_;
   std::vector<double> current_;
   std::vector<std::vector<double>> curves_;
+};
+
+/// One unit of the experiment: a model, and a plant to run it on.
+class LineSite final : public experiment::EvaluationSite {
+ public:
+  LineSite(LineModel model, const std::vector<std::string>& methods,
+           const sim::LineTrackingOptions& plant, const sim::LineTrackingCalibration& known);
+
+  [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
+  [[nodiscard]] experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
+                                              std::uint64_t controller_seed) override;
+  [[nodiscard]] std::map<std::string, double> Measures() override;
+
+  /// From now on Run() shows its episodes to these, too: one per method, borrowed.
+  void Collect(std::vector<RecoveryCurves>& curves) noexcept { curves_ = &curves; }
+
+  /// Run() with an observer, who may look at plant().
+  control::RolloutResult Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
+                               control::RolloutObserver* observer);
+  [[nodiscard]] const sim::LineTrackingPlant& plant() const noexcept { return *plant_; }
+
+ private:
+  std::unique_ptr<sim::LineTrackingPlant> plant_;
+  LineModel model_;
+  std::vector<std::unique_ptr<control::Controller>> controllers_;
+  control::RolloutWorkspace workspace_;
+  std::vector<RecoveryCurves>* curves_ = nullptr;
 };
 
 }  // namespace dfr::apps

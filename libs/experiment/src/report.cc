@@ -132,10 +132,12 @@ class Page {
          << Escape(summary_.commit) << "</code></p>\n"
          << internal::Paragraphs(options_.introduction);
     Contrasts();
-    Curves();
+    // With one data point there are no curves: bars say it all.
+    const bool one_point = DataPoints() < 2;
+    one_point ? Endings() : Curves();
     Media();
     Averages();
-    Endings();
+    if (!one_point) Endings();
     for (const ReportFigure& figure : options_.figures) Figure(figure);
     for (const ReportTable& table : options_.tables) Table(table);
     for (const ReportNote& note : options_.notes) {
@@ -233,6 +235,12 @@ class Page {
                  : "the start states of each trial. There are too few trials to resample these, so "
                    "the intervals say nothing of how trials differ.")
          << "</p>\n";
+  }
+
+  [[nodiscard]] std::size_t DataPoints() const {
+    std::set<int> points;
+    for (const Cell& cell : summary_.cells) points.insert(cell.demonstrations);
+    return points.size();
   }
 
   void Curves() {

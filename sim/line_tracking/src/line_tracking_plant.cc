@@ -9,6 +9,7 @@
 #include "dfr/core/random.h"
 #include "gauze_line.h"
 #include "line_tracking_scene.h"
+#include "line_tracking_simulation.h"
 #include "line_tracking_views.h"
 
 namespace dfr::sim {
@@ -155,13 +156,6 @@ struct LineTrackingPlant::World {
     reading = calibration.arm.Invert(q);
     return Psm::WithinLimits(reading);
   }
-};
-
-// MuJoCo's positions, which follow from the state, and the cameras that look at them.
-struct LineTrackingPlant::Simulation {
-  internal::SceneData data;
-  std::optional<internal::SceneView> endoscope;  // made when they are needed
-  std::optional<internal::SceneView> outside;
 };
 
 // Everything that changes; plain values, so that copying it copies the plant.
@@ -488,6 +482,8 @@ void LineTrackingPlant::RenderOutside(std::span<std::uint8_t> rgb) const {
     std::copy(from.begin(), from.end(), rgb.begin() + static_cast<std::ptrdiff_t>(i * kRow));
   }
 }
+
+const internal::GauzeLine& LineTrackingPlant::line() const noexcept { return state_->line; }
 
 void LineTrackingPlant::Observe(std::span<double> state) const noexcept {
   std::copy(state_->observed.begin(), state_->observed.end(), state.begin());

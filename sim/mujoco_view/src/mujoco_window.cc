@@ -111,6 +111,10 @@ MujocoWindow::MujocoWindow(const mjModel& model, const MujocoWindowOptions& opti
 
 MujocoWindow::~MujocoWindow() = default;
 
+void MujocoWindow::UploadTexture(int texture) {
+  mjr_uploadTexture(impl_->scene.model, &impl_->scene.context, texture);
+}
+
 bool MujocoWindow::Show(const mjData& data, const std::string& first_line,
                         const std::string& second_line, double seconds, const Inset& inset) {
   Impl& impl = *impl_;

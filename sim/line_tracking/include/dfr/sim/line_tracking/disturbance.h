@@ -24,7 +24,7 @@ enum class Wave {
 /// Options for Disturbance. Entries: x, y, z in m, then roll, pitch, yaw in rad.
 struct DisturbanceOptions {
   Wave wave = Wave::kNone;
-  std::array<double, 6> amplitude = {0.008, 0.015, 0.001, 0.01, 0.01, 0.1};
+  std::array<double, 6> amplitude = {0.008, 0.017, 0.001, 0.01, 0.01, 0.1};
   /// Hz, for kBreath rad/s; kRandom draws its own between half and one and a half of it.
   std::array<double, 6> frequency = {0.04, 0.04, 0.04, 0.04, 0.04, 0.04};
   bool during = true;    ///< The platform moves while the arm does, for as long as that takes.

@@ -18,6 +18,10 @@
 
 namespace dfr::sim {
 
+namespace internal {
+struct GauzeLine;
+}  // namespace internal
+
 /// What Observe() reports.
 enum class Observation {
   kVision,       ///< What the endoscope's image shows.
@@ -184,6 +188,7 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   struct Simulation;
   explicit LineTrackingPlant(std::shared_ptr<const World> world);
   void Place() noexcept;
+  [[nodiscard]] const internal::GauzeLine& line() const noexcept;
   void Travel(const kinematics::PsmJoints& from, const kinematics::PsmJoints& to,
               double duration_s) noexcept;
 

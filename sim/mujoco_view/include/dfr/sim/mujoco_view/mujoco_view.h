@@ -93,6 +93,9 @@ class MujocoWindow {
   bool Show(const mjData_& data, const std::string& first_line, const std::string& second_line,
             double seconds, const Inset& inset = {});
 
+  /// Takes over the model's present pixels of a texture.
+  void UploadTexture(int texture);
+
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
