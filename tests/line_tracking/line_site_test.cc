@@ -141,6 +141,33 @@ TEST(LineSiteTest, ABlindCameraHaltsTheEpisode) {
   }
 }
 
+// The goal of guided recovery, also when the platform goes on moving after every control: 95 %
+// completed, 2 % collided. Of 100 episodes a method that completes 98 % fails this 5 % of the time;
+// the seeds are fixed.
+TEST(LineSiteTest, GuidedRecoveryCompletesOnAMovingPlatform) {
+  for (const bool between : {false, true}) {
+    SCOPED_TRACE(between);
+    sim::LineTrackingOptions options = FromTruth();
+    options.disturbance.between = between;
+    LineModelOptions model;
+    model.hidden = {16};
+    model.gammas = {0.1};
+    LineSite site(LineModel::Fit(Demonstrate(options, Known(options), 50, 50, 1), model),
+                  {"baseline", "guided"}, options, Known(options));
+    std::array<std::array<int, 3>, 2> counts{};
+    for (std::uint64_t seed = 0; seed < 100; ++seed) {
+      for (int method = 0; method < 2; ++method) {
+        const auto outcome = site.Run(method, core::DeriveSeed(2, {seed}), seed).outcome;
+        ++counts[static_cast<std::size_t>(method)][static_cast<std::size_t>(outcome)];
+      }
+    }
+    EXPECT_GE(counts[1][static_cast<std::size_t>(core::Outcome::kCompleted)], 95);
+    EXPECT_LE(counts[1][static_cast<std::size_t>(core::Outcome::kCollided)], 2);
+    // Without recovery most collide: the platform does disturb.
+    EXPECT_GE(counts[0][static_cast<std::size_t>(core::Outcome::kCollided)], 50);
+  }
+}
+
 TEST(LineSiteTest, UnknownMethodsAreNamed) {
   try {
     static_cast<void>(Method::Parse("magic"));

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <thread>
 #include <vector>
 
 #include "dfr/core/random.h"
@@ -249,6 +250,32 @@ TEST(LineTrackingPlantTest, ThePictureShowsMarksWhereTheCameraProjectsThem) {
   }
   // Of 16 such, the mean scatters by 0.02. Half a pixel, say, would be a wrong convention.
   EXPECT_LT(mean.norm(), 0.06);
+}
+
+// Each thread draws in an OpenGL context of its own; pictures, and so states, are the same bits.
+TEST(LineTrackingPlantTest, ImagesDoNotDependOnTheThread) {
+  LineTrackingOptions options;
+  options.disturbance.wave = Wave::kRandom;
+  const auto run = [&options](std::vector<State>& states) {
+    LineTrackingPlant plant(options);
+    LineTrackingPlant other(options);  // draws in turn on the same thread
+    plant.Reset(3);
+    other.Reset(4);
+    for (int i = 0; i < 5; ++i) {
+      ASSERT_EQ(Apply(plant, 0.5, 0.1), PlantStatus::kOk);
+      ASSERT_EQ(Apply(other, 0.5, -0.1), PlantStatus::kOk);
+      states.push_back(Observe(plant));
+    }
+  };
+  std::array<std::vector<State>, 3> states;
+  std::thread one([&] { run(states[0]); });
+  std::thread two([&] { run(states[1]); });
+  one.join();
+  two.join();
+  run(states[2]);
+  EXPECT_EQ(states[0], states[1]);
+  EXPECT_EQ(states[0], states[2]);
+  EXPECT_TRUE(std::isfinite(states[0].back()[2]));
 }
 
 TEST(LineTrackingPlantTest, TheOutsideViewShowsTheArmMove) {
