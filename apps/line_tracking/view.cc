@@ -35,9 +35,12 @@ class WindowObserver final : public control::RolloutObserver {
   void Show(const std::string& text, double seconds) {
     if (!open_) return;
     std::vector<std::uint8_t> seen = DrawWhatVisionSees(*plant_);
-    cv::Mat picture(480, 640, CV_8UC3, seen.data());
-    cv::cvtColor(picture, picture, cv::COLOR_BGR2RGB);
-    open_ = window_->Show(*plant_, title_, text, seconds, seen);
+    const cv::Mat picture(480, 640, CV_8UC3, seen.data());
+    std::vector<std::uint8_t> inset(std::size_t{3} * 240 * 320);
+    cv::Mat half(240, 320, CV_8UC3, inset.data());
+    cv::resize(picture, half, half.size(), 0.0, 0.0, cv::INTER_AREA);
+    cv::cvtColor(half, half, cv::COLOR_BGR2RGB);
+    open_ = window_->Show(*plant_, title_, text, seconds, inset);
   }
 
   sim::LineTrackingWindow* window_;

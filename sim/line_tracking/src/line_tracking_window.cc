@@ -44,7 +44,7 @@ bool LineTrackingWindow::Show(const LineTrackingPlant& plant, const std::string&
   }
   plant.simulation_->data.PlaceLegs();
   return impl.window.Show(plant.simulation_->data.mj(), first_line, second_line, seconds,
-                          {rgb, internal::SceneView::kWidth, internal::SceneView::kHeight});
+                          {rgb, 320, 240});
 }
 
 }  // namespace dfr::sim

@@ -19,7 +19,7 @@ class LineTrackingWindow {
   LineTrackingWindow& operator=(const LineTrackingWindow&) = delete;
 
   /// Draws the plant with up to two lines of text over it, and in the lower right corner a picture
-  /// of 640 x 480 RGB bytes, top row first, if there is one; handles input for `seconds`.
+  /// of 320 x 240 RGB bytes, top row first, if there is one; handles input for `seconds`.
   /// @return false once the window has been closed.
   bool Show(const LineTrackingPlant& plant, const std::string& first_line,
             const std::string& second_line, double seconds, std::span<const std::uint8_t> rgb = {});
