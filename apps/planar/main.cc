@@ -3,6 +3,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
@@ -13,6 +14,7 @@
 #include <vector>
 
 #include "apps/planar/evaluation.h"
+#include "apps/planar/page.h"
 #include "apps/planar/picture.h"
 #include "apps/planar/proof.h"
 #include "dfr/core/random.h"
@@ -228,21 +230,22 @@ void Picture(const PlanarStudy& study, std::uint64_t start, const std::filesyste
   const std::vector<Episode> episodes = Record(task, methods, study.plan.methods, start);
   const Painter painter(task, methods);
   for (const Episode& episode : episodes) {
-    // (a) the learned policy deep inside, (b) at the first control that is not the learned one, (c)
-    // the end: as in the paper's Fig. 2.
+    // As in the paper's Fig. 2: (a) the learned policy deep inside, (b) the first control that is
+    // not the learned one, (c) when that is over; and the end.
+    const auto learned = [&](int i) {
+      const control::Step& step = episode.shots[static_cast<std::size_t>(i)].step;
+      return step.mode == control::Mode::kPolicy && !step.filtered;
+    };
+    const int last = static_cast<int>(episode.shots.size()) - 1;
     int first = 0;
-    while (first + 1 < static_cast<int>(episode.shots.size()) &&
-           episode.shots[static_cast<std::size_t>(first)].step.mode == control::Mode::kPolicy &&
-           !episode.shots[static_cast<std::size_t>(first)].step.filtered) {
-      ++first;
-    }
-    painter.WritePng(episode, std::max(0, first / 2), folder / (episode.method + "_a.png"));
-    painter.WritePng(episode, first, folder / (episode.method + "_b.png"));
-    painter.WritePng(episode, static_cast<int>(episode.shots.size()) - 1,
-                     folder / (episode.method + "_c.png"));
+    while (first < last && (learned(first) || first == 0)) ++first;
+    int over = first;
+    while (over < last && !learned(over)) ++over;
+    painter.WritePng(episode, std::array{first / 2, first, over, last},
+                     folder / (episode.method + ".png"));
   }
   painter.WriteVideo(episodes, folder / "planar.mp4");
-  painter.WritePage(episodes, folder / "planar.html");
+  WritePage(task, methods, episodes, folder / "planar.html");
   std::printf("%s, planar.mp4 and pictures beside it\n", (folder / "planar.html").c_str());
 }
 

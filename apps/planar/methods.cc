@@ -76,6 +76,20 @@ Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
   direction_error_ = control::EstimateDirectionError(plain, demonstrations_);
 }
 
+SupportKind SupportOf(std::string_view method) {
+  if (method.starts_with("guided")) return SupportKind::kGuided;
+  if (method.starts_with("certified")) return SupportKind::kCertified;
+  return SupportKind::kRaw;
+}
+
+double Methods::Level(SupportKind kind, int t, std::span<const double> x) const {
+  if (kind == SupportKind::kRaw) return raw_.LogDecision(t, x, {});
+  const control::GuidedModel& guided = model(kind);
+  std::vector<double> z(static_cast<std::size_t>(guided.features().num_features()));
+  guided.features().Apply(x, z);
+  return guided.support().LogDecision(t, z, {});
+}
+
 control::Certificate Methods::certificate(control::CertificateKind kind) const noexcept {
   const double scale = certified_model_->features().scale()(0, 0);
   // A known K needs no safety factor, but its two factors are rounded apart.

@@ -32,6 +32,10 @@ struct MethodOptions {
   double gain_factor = 1.0;       ///< Safety factor on an estimated K or eps.
 };
 
+/// Which of the supports a method looks at.
+enum class SupportKind { kRaw, kGuided, kCertified };
+[[nodiscard]] SupportKind SupportOf(std::string_view method);
+
 /// Everything that is learned from one set of demonstrations, and the controllers made of it.
 class Methods {
  public:
@@ -57,6 +61,15 @@ class Methods {
   [[nodiscard]] const control::GuidedModel& certified_model() const noexcept {
     return *certified_model_;
   }
+  /// Of kGuided or kCertified.
+  [[nodiscard]] const control::GuidedModel& model(SupportKind kind) const noexcept {
+    return kind == SupportKind::kGuided ? *model_ : *certified_model_;
+  }
+  [[nodiscard]] const kernel::WhitenedSupport& whitened_support(SupportKind kind) const noexcept {
+    return kind == SupportKind::kGuided ? *support_ : *certified_support_;
+  }
+  /// l_t(x) of a whole state.
+  [[nodiscard]] double Level(SupportKind kind, int t, std::span<const double> x) const;
   [[nodiscard]] const control::EstimatedConstant& gain() const noexcept { return gain_; }
   [[nodiscard]] const control::EstimatedConstant& direction_error() const noexcept {
     return direction_error_;

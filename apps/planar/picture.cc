@@ -16,9 +16,9 @@
 namespace dfr::apps {
 namespace {
 
-constexpr int kWidth = 720;
-constexpr int kCaption = 24;
-constexpr int kGrid = 4;  // pixels per cell of the level sets
+constexpr int kWidth = 1100;
+constexpr int kCaption = 32;
+constexpr int kGrid = 6;  // pixels per cell of the level sets
 
 const cv::Scalar kInk(60, 60, 60);
 const cv::Scalar kRed(80, 80, 220);
@@ -48,28 +48,6 @@ class Recorder final : public control::RolloutObserver {
   std::vector<double> last_;
 };
 
-const control::GuidedModel* ModelOf(const Methods& methods, const std::string& method) {
-  if (method.starts_with("guided")) return &methods.model();
-  if (method.starts_with("certified")) return &methods.certified_model();
-  return nullptr;
-}
-
-std::string Base64(const std::vector<std::uint8_t>& bytes) {
-  constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string text;
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const std::size_t left = bytes.size() - i;
-    const unsigned word = static_cast<unsigned>(bytes[i]) << 16 |
-                          (left > 1 ? static_cast<unsigned>(bytes[i + 1]) << 8 : 0U) |
-                          (left > 2 ? static_cast<unsigned>(bytes[i + 2]) : 0U);
-    text += kDigits[word >> 18 & 63];
-    text += kDigits[word >> 12 & 63];
-    text += left > 1 ? kDigits[word >> 6 & 63] : '=';
-    text += left > 2 ? kDigits[word & 63] : '=';
-  }
-  return text;
-}
-
 }  // namespace
 
 std::vector<Episode> Record(const Task& task, const Methods& methods,
@@ -88,41 +66,50 @@ std::vector<Episode> Record(const Task& task, const Methods& methods,
   return episodes;
 }
 
-Painter::Painter(const Task& task, const Methods& methods) : task_(&task), methods_(&methods) {
-  const auto* corridor = dynamic_cast<const sim::CorridorPlant*>(task.plant.get());
-  if (corridor != nullptr) {
+View ViewOf(const Task& task) {
+  if (const auto* corridor = dynamic_cast<const sim::CorridorPlant*>(task.plant.get())) {
     const auto& o = corridor->options();
-    left_ = -0.3;
-    right_ = o.length + 0.3;
-    top_ = o.amplitude + 1.5 * o.half_width;
-    bottom_ = -top_;
-  } else {
-    const auto& o = dynamic_cast<const sim::DiscPushPlant&>(*task.plant).options();
-    left_ = -0.05;
-    right_ = o.goal_x + 0.08;
-    top_ = o.gate_y + 0.04;
-    bottom_ = -top_;
+    const double top = o.amplitude + 1.5 * o.half_width;
+    return {-0.3, o.length + 0.3, -top, top};
   }
-  scale_ = kWidth / (right_ - left_);
+  const auto& o = dynamic_cast<const sim::DiscPushPlant&>(*task.plant).options();
+  const double top = o.gate_y + 0.04;
+  return {-0.05, o.goal_x + 0.08, -top, top};
+}
+
+double Reach(const Task& task, std::span<const double> control) {
+  double norm = 0.0;
+  for (const double u : control) norm = std::hypot(norm, u);
+  if (const auto* corridor = dynamic_cast<const sim::CorridorPlant*>(task.plant.get())) {
+    return corridor->options().gain * norm;
+  }
+  const auto& o = dynamic_cast<const sim::DiscPushPlant&>(*task.plant).options();
+  return o.pusher_radius + o.step * norm;
+}
+
+Painter::Painter(const Task& task, const Methods& methods)
+    : task_(&task), methods_(&methods), view_(ViewOf(task)) {
+  const auto* corridor = dynamic_cast<const sim::CorridorPlant*>(task.plant.get());
+  scale_ = kWidth / (view_.right - view_.left);
   width_ = kWidth;
-  height_ = static_cast<int>(scale_ * (top_ - bottom_)) / 2 * 2 + kCaption;
+  height_ = static_cast<int>(scale_ * (view_.top - view_.bottom)) / 2 * 2 + kCaption;
 
   background_.assign(static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_) * 3, 255);
   cv::Mat image(height_, width_, CV_8UC3, background_.data());
   const auto at = [&](double x, double y) {
-    return cv::Point(static_cast<int>(scale_ * (x - left_)),
-                     kCaption + static_cast<int>(scale_ * (top_ - y)));
+    return cv::Point(static_cast<int>(scale_ * (x - view_.left)),
+                     kCaption + static_cast<int>(scale_ * (view_.top - y)));
   };
   if (corridor != nullptr) {
     for (int row = kCaption; row < height_; ++row) {
       for (int col = 0; col < width_; ++col) {
-        const double x = left_ + col / scale_;
-        const double y = top_ - (row - kCaption) / scale_;
+        const double x = view_.left + col / scale_;
+        const double y = view_.top - (row - kCaption) / scale_;
         if (corridor->Clearance(x, y) < 0.0) image.at<cv::Vec3b>(row, col) = {190, 190, 245};
       }
     }
-    cv::line(image, at(corridor->options().length, bottom_), at(corridor->options().length, top_),
-             cv::Scalar(80, 180, 80), 2);
+    cv::line(image, at(corridor->options().length, view_.bottom),
+             at(corridor->options().length, view_.top), cv::Scalar(80, 180, 80), 2);
   } else {
     const auto& o = dynamic_cast<const sim::DiscPushPlant&>(*task.plant).options();
     for (const double side : {-1.0, 1.0}) {
@@ -142,23 +129,12 @@ Painter::Painter(const Task& task, const Methods& methods) : task_(&task), metho
   }
 }
 
-double Painter::Level(const Episode& episode, const Shot& shot, double x, double y) const {
-  std::vector<double> state = shot.x;
-  state[state.size() - 2] = x;
-  state[state.size() - 1] = y;
-  const control::GuidedModel* model = ModelOf(*methods_, episode.method);
-  if (model == nullptr) return methods_->raw_support().LogDecision(shot.step.t, state, {});
-  std::vector<double> z(static_cast<std::size_t>(model->features().num_features()));
-  model->features().Apply(state, z);
-  return model->support().LogDecision(shot.step.t, z, {});
-}
-
 std::vector<std::uint8_t> Painter::Draw(const Episode& episode, int frame) const {
   std::vector<std::uint8_t> pixels = background_;
   cv::Mat image(height_, width_, CV_8UC3, pixels.data());
   const auto at = [&](double x, double y) {
-    return cv::Point(static_cast<int>(scale_ * (x - left_)),
-                     kCaption + static_cast<int>(scale_ * (top_ - y)));
+    return cv::Point(static_cast<int>(scale_ * (x - view_.left)),
+                     kCaption + static_cast<int>(scale_ * (view_.top - y)));
   };
   const int last = static_cast<int>(episode.shots.size()) - 1;
   const int now = std::clamp(frame, 0, last);
@@ -169,9 +145,13 @@ std::vector<std::uint8_t> Painter::Draw(const Episode& episode, int frame) const
   const int cols = width_ / kGrid + 1;
   cv::Mat levels(rows, cols, CV_32F);
   double largest = 1e-9;
+  std::vector<double> state = shot.x;
+  const SupportKind support = SupportOf(episode.method);
   for (int i = 0; i < rows; ++i) {
     for (int j = 0; j < cols; ++j) {
-      const double l = Level(episode, shot, left_ + j * kGrid / scale_, top_ - i * kGrid / scale_);
+      state[state.size() - 2] = view_.left + j * kGrid / scale_;
+      state[state.size() - 1] = view_.top - i * kGrid / scale_;
+      const double l = methods_->Level(support, shot.step.t, state);
       levels.at<float>(i, j) = static_cast<float>(std::max(l, -1.0));
       largest = std::max(largest, l);
     }
@@ -211,21 +191,18 @@ std::vector<std::uint8_t> Painter::Draw(const Episode& episode, int frame) const
                learned ? kWay : kRecovery, 2, cv::LINE_AA);
     }
   }
-  double norm = 0.0;
-  for (const double u : shot.u) norm = std::hypot(norm, u);
+  const double reach = shot.u.empty() ? 0.0 : Reach(*task_, shot.u);
   if (push) {
     const auto& o = dynamic_cast<const sim::DiscPushPlant&>(*task_->plant).options();
-    cv::circle(image, at(shot.x[2], shot.x[3]), static_cast<int>(scale_ * o.object_radius), kInk, 1,
+    cv::circle(image, at(shot.x[2], shot.x[3]), static_cast<int>(scale_ * o.object_radius), kInk, 2,
                cv::LINE_AA);
     cv::circle(image, at(shot.x[0], shot.x[1]), static_cast<int>(scale_ * o.pusher_radius), kInk,
                cv::FILLED, cv::LINE_AA);
-    cv::circle(image, at(shot.x[0], shot.x[1]),
-               static_cast<int>(scale_ * (o.pusher_radius + o.step * norm)), kRecovery, 1,
-               cv::LINE_AA);
   } else {
-    cv::circle(image, at(shot.x[0], shot.x[1]), 4, kInk, cv::FILLED, cv::LINE_AA);
-    cv::circle(image, at(shot.x[0], shot.x[1]),
-               std::max(5, static_cast<int>(scale_ * task_->gain * norm)), kRecovery, 1,
+    cv::circle(image, at(shot.x[0], shot.x[1]), 6, kInk, cv::FILLED, cv::LINE_AA);
+  }
+  if (reach > 0.0) {
+    cv::circle(image, at(shot.x[0], shot.x[1]), static_cast<int>(scale_ * reach), kRecovery, 2,
                cv::LINE_AA);
   }
   char caption[200];
@@ -237,14 +214,22 @@ std::vector<std::uint8_t> Painter::Draw(const Episode& episode, int frame) const
   }
   std::snprintf(caption, sizeof(caption), "%s   control %d   t = %d   %s", episode.method.c_str(),
                 now, shot.step.t, what.c_str());
-  cv::putText(image, caption, cv::Point(8, 17), cv::FONT_HERSHEY_SIMPLEX, 0.48, kInk, 1,
+  cv::rectangle(image, cv::Rect(0, 0, width_, kCaption), cv::Scalar(240, 242, 243), cv::FILLED);
+  cv::putText(image, caption, cv::Point(10, 22), cv::FONT_HERSHEY_SIMPLEX, 0.6, kInk, 1,
               cv::LINE_AA);
   return pixels;
 }
 
-void Painter::WritePng(const Episode& episode, int frame, const std::filesystem::path& path) const {
-  std::vector<std::uint8_t> pixels = Draw(episode, frame);
-  if (!cv::imwrite(path.string(), cv::Mat(height_, width_, CV_8UC3, pixels.data()))) {
+void Painter::WritePng(const Episode& episode, std::span<const int> frames,
+                       const std::filesystem::path& path) const {
+  const int count = static_cast<int>(frames.size());
+  cv::Mat all(count * height_, width_, CV_8UC3);
+  for (int i = 0; i < count; ++i) {
+    std::vector<std::uint8_t> pixels = Draw(episode, frames[static_cast<std::size_t>(i)]);
+    cv::Mat(height_, width_, CV_8UC3, pixels.data())
+        .copyTo(all.rowRange(i * height_, (i + 1) * height_));
+  }
+  if (!cv::imwrite(path.string(), all)) {
     throw std::runtime_error(path.string() + ": the picture cannot be written");
   }
 }
@@ -252,7 +237,7 @@ void Painter::WritePng(const Episode& episode, int frame, const std::filesystem:
 void Painter::WriteVideo(const std::vector<Episode>& episodes,
                          const std::filesystem::path& path) const {
   const int count = static_cast<int>(episodes.size());
-  cv::VideoWriter video(path.string(), cv::VideoWriter::fourcc('m', 'p', '4', 'v'), 12.0,
+  cv::VideoWriter video(path.string(), cv::VideoWriter::fourcc('a', 'v', 'c', '1'), 12.0,
                         cv::Size(width_, count * height_));
   if (!video.isOpened()) {
     throw std::runtime_error(path.string() + ": the video cannot be written");
@@ -260,7 +245,7 @@ void Painter::WriteVideo(const std::vector<Episode>& episodes,
   std::size_t frames = 0;
   for (const Episode& e : episodes) frames = std::max(frames, e.shots.size());
   // DFR may need thousands of controls: the video then skips some.
-  constexpr std::size_t kMostFrames = 600;
+  constexpr std::size_t kMostFrames = 240;
   const std::size_t stride = frames / kMostFrames + 1;
   for (std::size_t frame = 0; frame < frames + stride; frame += stride) {
     cv::Mat all(count * height_, width_, CV_8UC3);
@@ -272,46 +257,6 @@ void Painter::WriteVideo(const std::vector<Episode>& episodes,
     }
     video.write(all);
   }
-}
-
-void Painter::WritePage(const std::vector<Episode>& episodes,
-                        const std::filesystem::path& path) const {
-  std::ofstream page(path);
-  page
-      << "<!doctype html><html lang='en'><meta charset='utf-8'><title>" << task_->name
-      << "</title>\n<style>body{font:14px sans-serif;margin:1em}img{display:block;border:1px solid "
-         "#ccc}input{width:"
-      << width_ << "px}button{margin-right:.5em}button.on{font-weight:bold}</style>\n<h3>"
-      << task_->name
-      << ": the support at each moment, and what each method does in it</h3>\n<p>Shaded: level "
-         "sets of the support, the dark line is its boundary. Red: stay-out regions. Grey: "
-         "demonstrations. Blue: learned controls, orange: changed or recovery controls and their "
-         "reach. Arrow keys scrub.</p><div id=b></div><img id=i><input id=s type=range min=0 "
-         "value=0>\n<script>const frames={\n";
-  for (const Episode& episode : episodes) {
-    page << "'" << episode.method << "':[";
-    // Long recoveries are thinned out: a page holds at most this many frames of each method.
-    constexpr std::size_t kMostFrames = 200;
-    const std::size_t stride = episode.shots.size() / kMostFrames + 1;
-    for (std::size_t frame = 0; frame < episode.shots.size() + stride - 1; frame += stride) {
-      std::vector<std::uint8_t> pixels = Draw(episode, static_cast<int>(frame));
-      std::vector<std::uint8_t> png;
-      cv::imencode(".png", cv::Mat(height_, width_, CV_8UC3, pixels.data()), png,
-                   {cv::IMWRITE_PNG_COMPRESSION, 9});
-      page << "\n'" << Base64(png) << "',";
-    }
-    page << "],\n";
-  }
-  page << "};\nlet m=Object.keys(frames)[0];const s=document.getElementById('s'),"
-          "i=document.getElementById('i'),b=document.getElementById('b');\n"
-          "function show(){s.max=frames[m].length-1;i.src='data:image/png;base64,'+"
-          "frames[m][Math.min(s.value,s.max)];for(const c of b.children)"
-          "c.className=c.textContent==m?'on':'';}\n"
-          "for(const k in frames){const c=document.createElement('button');c.textContent=k;"
-          "c.onclick=()=>{m=k;show();};b.append(c);}\ns.oninput=show;show();s.focus();\n"
-          "</script></html>\n";
-  page.close();
-  if (!page) throw std::runtime_error(path.string() + ": the page cannot be written");
 }
 
 }  // namespace dfr::apps

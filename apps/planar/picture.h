@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -32,6 +33,15 @@ struct Episode {
                                           const std::vector<std::string>& names,
                                           std::uint64_t start_seed);
 
+/// The part of the plane that pictures show.
+struct View {
+  double left, right, bottom, top;
+};
+[[nodiscard]] View ViewOf(const Task& task);
+
+/// How far from its place the moving point or disc can get to by a control.
+[[nodiscard]] double Reach(const Task& task, std::span<const double> control);
+
 /// Draws episodes as in the paper's Fig. 2: the stay-out regions, the demonstrations, level sets of
 /// the support at the time step at hand (over the point of the corridor; over the pushed object,
 /// with the pusher where it is), the way so far, and the circle that the control can reach.
@@ -45,18 +55,16 @@ class Painter {
   [[nodiscard]] int height() const noexcept { return height_; }
 
   /// @throws std::runtime_error naming the file that cannot be written.
-  void WritePng(const Episode& episode, int frame, const std::filesystem::path& path) const;
+  /// Several frames below one another.
+  void WritePng(const Episode& episode, std::span<const int> frames,
+                const std::filesystem::path& path) const;
   /// All episodes below one another, frame by frame.
   void WriteVideo(const std::vector<Episode>& episodes, const std::filesystem::path& path) const;
-  /// One page without any other file, to scrub through time and methods.
-  void WritePage(const std::vector<Episode>& episodes, const std::filesystem::path& path) const;
 
  private:
-  [[nodiscard]] double Level(const Episode& episode, const Shot& shot, double x, double y) const;
-
   const Task* task_;
   const Methods* methods_;
-  double left_, right_, bottom_, top_;
+  View view_;
   double scale_;
   int width_, height_;
   std::vector<std::uint8_t> background_;  ///< Stay-out regions and demonstrations.

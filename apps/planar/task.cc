@@ -24,7 +24,7 @@ Task MakeTask(std::string_view name) {
     task.supervisor_noise = 0.5;
     task.degree = 2;
     task.horizon = 200;
-    task.raw_gamma = 8.0;
+    task.raw_gamma = 1.0;
     task.gain = options.gain;
     return task;
   }
@@ -36,7 +36,7 @@ Task MakeTask(std::string_view name) {
   task.supervisor_noise = 0.2;
   task.degree = name == "push" ? 3 : 1;
   task.horizon = 120;
-  task.raw_gamma = 300.0;
+  task.raw_gamma = 30.0;
   return task;
 }
 

@@ -58,6 +58,22 @@ double CorridorPlant::Clearance(double x, double y) const noexcept {
   return options_.half_width - std::sqrt(nearest);
 }
 
+std::vector<std::array<double, 2>> CorridorPlant::Wall(double side, double left,
+                                                       double right) const {
+  std::vector<std::array<double, 2>> wall;
+  for (std::size_t i = 0; i + 1 < centre_.size(); ++i) {
+    const double dx = centre_[i + 1][0] - centre_[i][0];
+    const double dy = centre_[i + 1][1] - centre_[i][1];
+    const double offset = side * options_.half_width / std::hypot(dx, dy);
+    const double x = 0.5 * (centre_[i][0] + centre_[i + 1][0]) - offset * dy;
+    const double y = 0.5 * (centre_[i][1] + centre_[i + 1][1]) + offset * dx;
+    // Inside a bend tighter than the half width the offset line doubles back.
+    if (x < left || x > right || Clearance(x, y) > 1e-3) continue;
+    wall.push_back({x, y});
+  }
+  return wall;
+}
+
 void CorridorPlant::Reset(std::uint64_t seed) {
   core::Random random(seed);
   do {

@@ -47,6 +47,10 @@ class CorridorPlant final : public core::SimulatedPlant {
 
   /// Distance of (x, y) to the centre line, negated beyond the half width: > 0 inside.
   [[nodiscard]] double Clearance(double x, double y) const noexcept;
+  /// Points along the wall on one side (1: above the centre line, -1: below), for drawing: those
+  /// whose x lies in [left, right], a twentieth of a unit apart along the centre line.
+  [[nodiscard]] std::vector<std::array<double, 2>> Wall(double side, double left,
+                                                        double right) const;
 
  private:
   CorridorOptions options_;
