@@ -120,7 +120,7 @@ PoseBlock ToBlock(const Eigen::Isometry3d& pose) {
   PoseBlock block{};
   const Eigen::Matrix3d r = pose.linear();
   ceres::RotationMatrixToAngleAxis(r.data(), block.data());
-  for (int k = 0; k < 3; ++k) block[static_cast<std::size_t>(3 + k)] = pose.translation()[k];
+  for (int k = 0; k < 3; ++k) block[static_cast<std::size_t>(k) + 3] = pose.translation()[k];
   return block;
 }
 
@@ -188,7 +188,7 @@ Calibration Calibrate(std::span<const vision::CalibrationFrame> frames,
   ArmBlock arm{};
   for (int k = 0; k < 6; ++k) {
     arm[static_cast<std::size_t>(k)] = guess.arm.offset[k];
-    arm[static_cast<std::size_t>(6 + k)] = guess.arm.scale[k];
+    arm[static_cast<std::size_t>(k) + 6] = guess.arm.scale[k];
   }
   std::vector<PoseBlock> targets(usable.size(), ToBlock(p_cam_target));
 
@@ -249,7 +249,7 @@ Calibration Calibrate(std::span<const vision::CalibrationFrame> frames,
   found.arm.reference = guess.arm.reference;
   for (int k = 0; k < 6; ++k) {
     found.arm.offset[k] = arm[static_cast<std::size_t>(k)];
-    found.arm.scale[k] = arm[static_cast<std::size_t>(6 + k)];
+    found.arm.scale[k] = arm[static_cast<std::size_t>(k) + 6];
   }
   if (summary == nullptr) return found;
 
