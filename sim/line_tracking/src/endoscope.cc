@@ -66,7 +66,7 @@ Endoscope::Endoscope(const vision::CameraModel& camera) : camera_(camera) {
   }
   cv::convertMaps(map_x, map_y, tables->source, tables->source_fraction, CV_16SC2);
   core::Random random(640480);
-  tables->noise.resize(static_cast<std::size_t>(kNoiseEntries + camera_.width));
+  tables->noise.resize(static_cast<std::size_t>(kNoiseEntries) + width);
   for (float& value : tables->noise) value = static_cast<float>(random.Normal());
   tables_ = std::move(tables);
 }
