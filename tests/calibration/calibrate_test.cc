@@ -11,14 +11,12 @@
 #include <utility>
 
 #include "dfr/core/random.h"
-#include "tests/support/all_close.h"
 
 namespace dfr::calibration {
 namespace {
 
 using kinematics::Psm;
 using kinematics::PsmJoints;
-using test::AllClose;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
