@@ -69,7 +69,8 @@ TEST(DisturbanceTest, RandomStaysWithinItsAmplitudeAndDependsOnTheSeed) {
   const Disturbance same(options, 1);
   const Disturbance other(options, 2);
   double largest = 0.0;
-  for (double t = 0.1; t < 100; t += 0.1) {
+  for (int i = 1; i < 1000; ++i) {
+    const double t = 0.1 * i;
     for (int k = 0; k < 6; ++k) {
       const double a = options.amplitude[static_cast<std::size_t>(k)];
       EXPECT_LE(std::abs(Entry(one.At(t), k)), a);
@@ -85,7 +86,10 @@ TEST(DisturbanceTest, RandomIsShortenedToThePlatformsReach) {
   DisturbanceOptions options = Options(Wave::kRandom);
   options.amplitude = {0.02, 0.02, 0.02, 0.1, 0.1, 0.1};
   const Disturbance wild(options, 1);
-  for (double t = 0.0; t < 100; t += 0.1) EXPECT_TRUE(SprkPlatform::Reachable(wild.At(t))) << t;
+  for (int i = 0; i < 1000; ++i) {
+    const double t = 0.1 * i;
+    EXPECT_TRUE(SprkPlatform::Reachable(wild.At(t))) << t;
+  }
 }
 
 TEST(DisturbanceTest, SineOrBreathBeyondReachThrows) {

@@ -44,14 +44,17 @@ class Picture {
       for (int column = 0; column < 640; ++column) {
         double bgr[3] = {0, 0, 0};
         constexpr int kSub = 4;  // sub-pixels give soft edges
-        for (int sub = 0; sub < kSub * kSub; ++sub) {
-          const double u = column + (sub % kSub + 0.5) / kSub - 0.5;
-          const double v = row + (sub / kSub + 0.5) / kSub - 0.5;
-          AddColor((u - 319.5) / 700 * kDepth, -(v - 239.5) / 700 * kDepth, bgr);
+        for (int i = 0; i < kSub; ++i) {
+          for (int j = 0; j < kSub; ++j) {
+            const double u = column + (j + 0.5) / kSub - 0.5;
+            const double v = row + (i + 0.5) / kSub - 0.5;
+            AddColor((u - 319.5) / 700 * kDepth, -(v - 239.5) / 700 * kDepth, bgr);
+          }
         }
         for (int c = 0; c < 3; ++c) {
           const double value = bgr[c] / (kSub * kSub) + 2.0 * random.Normal() + 0.5;
-          data_[static_cast<std::size_t>((row * 640 + column) * 3 + c)] =
+          const int entry = (row * 640 + column) * 3 + c;
+          data_[static_cast<std::size_t>(entry)] =
               static_cast<std::uint8_t>(std::fmin(255.0, std::fmax(0.0, value)));
         }
       }
