@@ -308,33 +308,61 @@ void GuidedPolicy::Limit(Eigen::VectorXd& v, double limit) const noexcept {
   v = v.cwiseMax(-most).cwiseMin(most);
 }
 
-double GuidedPolicy::Climb(int phase, Eigen::VectorXd& v, double target, double limit,
+double GuidedPolicy::Climb(int phase, Eigen::VectorXd& v, double l, double target, double limit,
                            double progress) noexcept {
-  Limit(v, limit);
+  // What is less than these, changes nothing that is decided by a climb.
+  constexpr double kLeastStep = 0.02;
+  constexpr double kLeastGain = 1e-3;
+  constexpr double kLeastShare = 0.05;  // Of what is missing to the target.
+  constexpr double kGrowth = 1.5;
+  const double curvature = model_->support().curvature_bound(phase);
   double size = options_.climb_step;
-  double l = LogAfter(phase, v, AsSpan(gradient_));
   for (int i = 0; i < options_.climb_iterations && l < target; ++i) {
     direction_.noalias() = estimate_.jacobian().transpose().lazyProduct(gradient_);
-    const double norm = direction_.norm();
-    if (!(norm > 0.0)) break;
-    direction_ *= size / norm;
-    trial_ = v + direction_;
-    Limit(trial_, limit);
+    const double slope = direction_.norm();
+    if (!(slope > 0.0)) break;
+    direction_ /= slope;
+    effect_.noalias() = estimate_.jacobian().lazyProduct(direction_);
+    // A step s gains slope s - bend s^2 at least, which is most at this one.
+    const double bend = curvature * effect_.squaredNorm();
+    const double sure = slope / (2.0 * bend);
+    const double sure_gain = slope * sure / 2.0;
+    const double missing = target - l + 1e-9;
+    if (sure_gain < std::min(missing, kLeastGain)) break;
+    double step = std::max(size, sure);
+    if (sure_gain > missing) {
+      // No further than surely reaches the target.
+      step = std::min(step, sure * (1.0 - std::sqrt(1.0 - missing / sure_gain)));
+    }
+    step = std::max(step, kLeastStep);
     if (progress > kAnywhere) {
-      effect_.noalias() = estimate_.jacobian().lazyProduct(trial_);
-      if (effect_.dot(learned_effect_) < progress * learned_effect_.squaredNorm()) {
-        size /= 2.0;
-        continue;
+      // The learned control's effect falls linearly, as everything that J says.
+      const double loss = -effect_.dot(learned_effect_);
+      if (loss > 0.0) {
+        shift_.noalias() = estimate_.jacobian().lazyProduct(v);
+        const double room = shift_.dot(learned_effect_) - progress * learned_effect_.squaredNorm();
+        step = std::min(step, room / loss);
+        if (!(step >= kLeastStep)) break;
       }
     }
-    const double trial_l = LogAfter(phase, trial_, AsSpan(shift_));
-    if (trial_l < l && options_.parts.backtracking) {
-      size /= 2.0;
-      continue;
+    trial_ = v + step * direction_;
+    Limit(trial_, limit);
+    double trial_l = LogAfter(phase, trial_, AsSpan(shift_));
+    if (options_.parts.backtracking) {
+      if (trial_l <= l && step > sure) {
+        step = sure;
+        trial_ = v + step * direction_;
+        Limit(trial_, limit);
+        trial_l = LogAfter(phase, trial_, AsSpan(shift_));
+      }
+      if (trial_l <= l) break;
     }
+    const double gain = trial_l - l;
     v.swap(trial_);
     gradient_.swap(shift_);
     l = trial_l;
+    if (options_.parts.backtracking && gain < kLeastShare * (target - l)) break;
+    size = kGrowth * step;
   }
   return l;
 }
@@ -360,16 +388,18 @@ bool GuidedPolicy::Filter(const Eigen::VectorXd& wanted, double limit, bool marg
   }
   learned_effect_.noalias() = estimate_.jacobian().lazyProduct(wanted);
   v_ = wanted;
+  Limit(v_, limit);
+  double l = LogAfter(phase, v_, AsSpan(gradient_));
   // The climb ends where it would give up the learned control's purpose for the last bit of l.
-  double l = Climb(phase, v_, hi, limit, options_.ample_progress);
+  l = Climb(phase, v_, l, hi, limit, options_.ample_progress);
   if (l >= lo) return true;
-  l = Climb(phase, v_, lo, limit, options_.least_progress);
+  l = Climb(phase, v_, l, lo, limit, options_.least_progress);
   if (l >= lo) return true;
   // What no control can mend (an object that is off to the side, say) must not stop the rest.
   if (!options_.parts.slack || l < -model_->slack()) return false;
   reach_ = v_;
-  const double best = Climb(phase, reach_, kInfinity, limit, kAnywhere);
-  return best < lo && l >= best - options_.slack_margin * model_->slack();
+  const double mendable = std::min(lo, l + options_.slack_margin * model_->slack());
+  return Climb(phase, reach_, l, mendable, limit, kAnywhere) < mendable;
 }
 
 bool GuidedPolicy::Recover(double limit, Mode& mode) noexcept {
@@ -396,7 +426,8 @@ bool GuidedPolicy::Recover(double limit, Mode& mode) noexcept {
   }
   mode = Mode::kRecovery;
   v_.setZero();
-  Climb(phase_, v_, model_->gate_level(phase_), limit * trust_, kAnywhere);
+  Climb(phase_, v_, LogAfter(phase_, v_, AsSpan(gradient_)), model_->gate_level(phase_),
+        limit * trust_, kAnywhere);
   constexpr double kStall = 0.05;
   constexpr double kShake = 0.15;
   if (v_.norm() < kStall) {

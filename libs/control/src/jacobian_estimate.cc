@@ -88,22 +88,17 @@ void JacobianPrior::AddTo(int t, std::span<const double> z, Eigen::VectorXd& sum
   const int last = begin_[static_cast<std::size_t>(std::clamp(t + options_.window + 1, 0, steps))];
   const int n = feature_dim_;
   const int m = control_dim_;
-  const auto point = core::AsVector(z).transpose();
-  std::array<double, kMaxTransitions> weights;
-  double total = 0.0;
-  for (int row = first; row < last; ++row) {
-    const double weight = 1e-6 + std::exp(-0.125 * (points_.row(row) - point).squaredNorm() / n);
-    weights[static_cast<std::size_t>(row - first)] = weight;
-    total += weight;
+  const Eigen::Index rows = last - first;
+  if (rows <= 0) return;
+  std::array<double, kMaxTransitions> buffer;
+  Eigen::Map<Eigen::ArrayXd> weights(buffer.data(), rows);
+  for (Eigen::Index row = 0; row < rows; ++row) {
+    weights[row] = (points_.row(first + row) - core::AsVector(z).transpose()).squaredNorm();
   }
-  if (total <= 0.0) return;
-  // Most of the work of an estimate: one long sum, which compilers turn into SIMD.
-  sums.setZero();
-  for (int row = first; row < last; ++row) {
-    const double weight =
-        options_.prior_weight / total * weights[static_cast<std::size_t>(row - first)];
-    sums += weight * products_.row(row).transpose();
-  }
+  weights = 1e-6 + (-0.125 / n * weights).exp();
+  weights *= options_.prior_weight / weights.sum();
+  // Most of the work of an estimate.
+  sums.noalias() = products_.middleRows(first, rows).transpose() * weights.matrix();
   const double* sum = sums.data();
   for (int i = 0; i < m; ++i) {
     for (int j = 0; j <= i; ++j) a(i, j) += *sum++;

@@ -23,7 +23,7 @@ struct GuidedParts {
   bool realignment = true;      ///< The phase follows the state; off: it is the time step.
   bool probing = true;          ///< A control direction that is hardly known is tried out.
   bool trust_region = true;     ///< Recovery steps shrink where J predicted wrongly.
-  bool backtracking = true;     ///< Climbing on the model halves its step where l falls.
+  bool backtracking = true;     ///< Where l falls, climbing takes the step that surely raises it.
   bool slack = true;            ///< Accepts the best that J can reach, slightly outside included.
   bool gentle_outside = true;   ///< Recovers with small controls while outside the support.
   bool hold_best = true;        ///< Gives a recovery up that gains nothing more.
@@ -49,7 +49,7 @@ struct GuidedOptions {
   double control_limit = 1.0;  ///< Each entry of an applied control is within +- this.
   int phase_window = 3;        ///< Re-alignment looks this many phases to either side.
   double phase_penalty = 0.3;  ///< Per phase moved, as a share of the gate level.
-  int climb_iterations = 15;
+  int climb_iterations = 6;
   double climb_step = 0.3;
   double ample_progress = 0.5;  ///< A filtered control keeps this share of the learned one's effect
                                 ///< on the way to hi,
@@ -59,8 +59,8 @@ struct GuidedOptions {
   double probe_above = 5.0;     ///< Probes where the largest eigenvalue of A^-1 is beyond this.
   double outside_share = 0.25;  ///< Of the largest demonstrated control, while outside.
   int max_recovery = 40;        ///< Controls of one recovery.
-  int max_stalls = 6;           ///< Of these, with next to no move predicted.
-  int max_without_gain = 8;     ///< Controls of one recovery since l was last raised.
+  int max_stalls = 3;           ///< Of these, with next to no move predicted.
+  int max_without_gain = 6;     ///< Controls of one recovery since l was last raised.
   /// Controls without a new phase before margins are given up; after half of them the search for
   /// a phase begins to widen.
   int patience = 12;
@@ -124,7 +124,8 @@ class GuidedPolicy final : public Controller {
   [[nodiscard]] bool Align() noexcept;
   double LogAfter(int phase, const Eigen::VectorXd& v, std::span<double> gradient) noexcept;
   void Limit(Eigen::VectorXd& v, double limit) const noexcept;
-  double Climb(int phase, Eigen::VectorXd& v, double target, double limit,
+  /// Raises l_phase(z + J v), which is `l` with its gradient in gradient_, towards `target`.
+  double Climb(int phase, Eigen::VectorXd& v, double l, double target, double limit,
                double progress) noexcept;
   [[nodiscard]] bool Pass(const Eigen::VectorXd& wanted, double limit, bool margins) noexcept;
   [[nodiscard]] bool Filter(const Eigen::VectorXd& wanted, double limit, bool margins) noexcept;
