@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <memory>
@@ -237,6 +238,44 @@ TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
       EXPECT_GT(std::abs(u[1]), 10.0 * std::abs(u[0]));
     }
   }
+}
+
+// The world drifts sideways by more than a probe moves it, which nobody ever did on purpose. Who
+// takes the drift for the probe's effect steers the wrong way; who knows that time passes does not.
+TEST(GuidedPolicyTest, HoldsItsPlaceInADrift) {
+  constexpr double kDrift = 0.06;  // a probe is 0.035
+  auto demonstrations = Rightwards();
+  for (auto& d : demonstrations) d.controls.col(1).setZero();
+  const auto support = Moving();
+  const GuidedModel model(Identity(), support, demonstrations);
+  const auto rightwards = test::FunctionPolicy(
+      2, 2, [](int, std::span<const double>, std::span<double> u) { u[0] = 0.1, u[1] = 0.0; });
+  const auto farthest = [&](const DriftTime& drift_time, double sign) {
+    GuidedOptions options;
+    options.horizon = 60;
+    options.drift_time = drift_time;
+    // Content with what lies outside, it would be carried off.
+    options.parts.slack = false;
+    options.parts.gentle_outside = false;
+    GuidedPolicy guided(rightwards, model, options);
+    guided.Reset(1);
+    std::vector<double> x = {0.0, 0.0};
+    std::vector<double> u(2);
+    double y = 0.0;
+    for (int controls = 0; x[0] < 1.8; ++controls) {
+      if (controls == 60 || guided.Next(x, u).mode == Mode::kHalt) return 1.0;
+      x[0] += u[0];
+      x[1] += u[1] + sign * kDrift;
+      y = std::max(y, std::abs(x[1]));
+    }
+    return y;
+  };
+  for (const double sign : {1.0, -1.0}) {
+    EXPECT_LT(farthest({.rest = 1.0}, sign), 0.42) << "the half width of every B_t";
+    // Half of it known as time that a control's travel takes is near enough.
+    EXPECT_LT(farthest({.rest = 0.5, .travel = 0.5}, sign), 0.42);
+  }
+  EXPECT_GT(std::max(farthest({}, 1.0), farthest({}, -1.0)), 0.42);
 }
 
 // A policy at a third of the demonstrated speed falls behind: the next phase's margin is out of
@@ -519,6 +558,7 @@ TEST(GuidedPolicyTest, NextNeverAllocates) {
                           CertificateKind::kRadius, CertificateKind::kDirection}) {
     GuidedOptions options;
     options.certificate = {kind, 2.0, 2.0};
+    if (kind == CertificateKind::kNone) options.drift_time = {.rest = 0.5, .travel = 1.0};
     GuidedPolicy guided(policy, model, options, &fallback);
     core::Random random(1);
     std::vector<double> x(2), u(2);
@@ -556,6 +596,10 @@ TEST(GuidedPolicyTest, ErrorsNameTheCulprit) {
               HasSubstr("certified-radius needs a gain"));
   EXPECT_THAT(message({.certificate = {CertificateKind::kDirection, 0.0, 0.0}}),
               HasSubstr("certified-direction needs an eps"));
+  EXPECT_THAT(message({.drift_time = {.rest = -1.0}}), HasSubstr("drift times"));
+  EXPECT_THAT(
+      message({.drift_time = {.travel = 1.0}, .certificate = {CertificateKind::kRadius, 1.0, 0.0}}),
+      HasSubstr("certified-radius holds only where nothing else moves"));
   EXPECT_THROW(GuidedModel(Identity(), support, {}), std::invalid_argument);
   EXPECT_THROW(GuidedModel(Identity(), support, Rightwards(), {.accept_quantile = 0.9}),
                std::invalid_argument);

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <cmath>
 #include <memory>
 #include <stdexcept>
 #include <vector>
@@ -97,6 +98,52 @@ TEST(JacobianEstimateTest, FollowsAPlantThatHasChanged) {
   estimate.Compute(5, z);
   // The prior weighs 15, the applied controls 1 / (1 - 0.93) = 14: half way by now.
   EXPECT_LT((estimate.jacobian() - after).norm(), 0.6 * (before - after).norm());
+}
+
+// z' = z + J v + s d: whoever takes the drift for an answer to the control gets J wrong.
+TEST(JacobianEstimateTest, TellsADriftFromTheAnswerToControls) {
+  core::Random random(5);
+  const core::Matrix truth = RandomMatrix(random, kN, kM);
+  const Eigen::VectorXd drift = RandomMatrix(random, kN, 1);
+  const DriftTime time{.rest = 0.5, .travel = 1.0};
+  const auto d = Linear(truth, 4, 3, random);
+  const auto prior = std::make_shared<const JacobianPrior>(
+      d.features, d.controls, JacobianOptions{.ridge = 1e-9, .prior_weight = 0.0});
+  JacobianEstimate aware(prior, time);
+  JacobianEstimate blind(prior);
+  const std::vector<double> z(kN, 0.0);
+  for (int i = 0; i < 12; ++i) {
+    const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
+    const Eigen::VectorXd dz = truth * v + (time.rest + time.travel * v.norm()) * drift;
+    for (JacobianEstimate* estimate : {&aware, &blind}) {
+      estimate->Update(core::AsSpan(v), core::AsSpan(dz));
+    }
+  }
+  aware.Compute(0, z);
+  blind.Compute(0, z);
+  EXPECT_TRUE(test::AllClose(aware.jacobian(), truth, 1e-7));  // ridge against 12 controls
+  EXPECT_TRUE(test::AllClose(aware.drift(), drift, 1e-7));
+  EXPECT_GT((blind.jacobian() - truth).norm(), 0.1);
+  EXPECT_TRUE(test::AllClose(blind.drift(), Eigen::VectorXd::Zero(kN), 0.0));
+
+  const Eigen::VectorXd v = Eigen::Vector2d(0.3, -0.4);
+  Eigen::VectorXd there = Eigen::VectorXd::Ones(kN);
+  aware.AddEffect(v, there);
+  // |v| = 0.5, so s = 1.
+  const Eigen::VectorXd expected = Eigen::VectorXd::Ones(kN) + truth * v + drift;
+  EXPECT_TRUE(test::AllClose(there, expected, 1e-7));
+  aware.Reset();
+  aware.Compute(0, z);
+  EXPECT_TRUE(test::AllClose(aware.drift(), Eigen::VectorXd::Zero(kN), 0.0));
+}
+
+TEST(JacobianEstimateTest, DriftTimesAreChecked) {
+  core::Random random(6);
+  const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
+  const auto prior =
+      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{});
+  EXPECT_THROW(JacobianEstimate(prior, {.rest = -0.1}), std::invalid_argument);
+  EXPECT_THROW(JacobianEstimate(prior, {.travel = std::nan("")}), std::invalid_argument);
 }
 
 TEST(JacobianEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {

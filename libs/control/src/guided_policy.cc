@@ -50,7 +50,7 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
       model_(&model),
       fallback_(fallback),
       options_(options),
-      estimate_(model.prior()) {
+      estimate_(model.prior(), options.drift_time) {
   DFR_THROW_UNLESS(policy.state_dim() == model.features().state_dim(),
                    "the policy takes states of " << policy.state_dim() << " entries, the features "
                                                  << model.features().state_dim());
@@ -83,6 +83,10 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
           (certificate.direction_error > 0.0 && std::isfinite(certificate.direction_error)),
       "certified-direction needs an eps that is positive and finite, not "
           << certificate.direction_error);
+  DFR_THROW_UNLESS(certificate.kind == CertificateKind::kNone ||
+                       (options.drift_time.rest == 0.0 && options.drift_time.travel == 0.0),
+                   Name(certificate.kind) << " holds only where nothing else moves the world: "
+                                             "drift_time must be zero");
   const int n = model.features().num_features();
   const int m = model.control_dim();
   for (Eigen::VectorXd* v : {&z_, &last_z_, &last_effect_, &dz_, &effect_, &learned_effect_,
@@ -297,7 +301,7 @@ bool GuidedPolicy::Align() noexcept {
 double GuidedPolicy::LogAfter(int phase, const Eigen::VectorXd& v,
                               std::span<double> gradient) noexcept {
   there_ = z_;
-  there_.noalias() += estimate_.jacobian().lazyProduct(v);
+  estimate_.AddEffect(v, there_);
   return model_->support().LogDecision(phase, AsSpan(there_), gradient);
 }
 

@@ -103,20 +103,31 @@ void JacobianPrior::AddTo(int t, std::span<const double> z, Eigen::VectorXd& sum
   for (int i = 0; i < m; ++i) {
     for (int j = 0; j <= i; ++j) a(i, j) += *sum++;
   }
-  double* target = b.data();
-  for (int i = 0; i < n * m; ++i) target[i] += sum[i];
+  for (int k = 0; k < n; ++k) {
+    for (int i = 0; i < m; ++i) b(i, k) += *sum++;
+  }
 }
 
-JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior)
-    : prior_(std::move(prior)) {
+JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
+                                   const DriftTime& drift_time)
+    : prior_(std::move(prior)),
+      drift_time_(drift_time),
+      drifts_(drift_time.rest > 0.0 || drift_time.travel > 0.0) {
+  DFR_THROW_UNLESS(drift_time.rest >= 0.0 && std::isfinite(drift_time.rest) &&
+                       drift_time.travel >= 0.0 && std::isfinite(drift_time.travel),
+                   "drift times must not be negative, and finite: rest "
+                       << drift_time.rest << ", travel " << drift_time.travel);
   const int n = prior_->feature_dim();
   const int m = prior_->control_dim();
-  a_online_ = Eigen::MatrixXd::Zero(m, m);
-  b_online_ = Eigen::MatrixXd::Zero(m, n);
-  a_ = Eigen::MatrixXd::Identity(m, m);
-  b_ = Eigen::MatrixXd::Zero(m, n);
-  inverse_ = Eigen::MatrixXd::Identity(m, m);
+  const int columns = m + (drifts_ ? 1 : 0);
+  a_online_ = Eigen::MatrixXd::Zero(columns, columns);
+  b_online_ = Eigen::MatrixXd::Zero(columns, n);
+  a_ = Eigen::MatrixXd::Identity(columns, columns);
+  b_ = Eigen::MatrixXd::Zero(columns, n);
+  inverse_ = Eigen::MatrixXd::Identity(columns, columns);
   jacobian_ = Eigen::MatrixXd::Zero(n, m);
+  drift_ = Eigen::VectorXd::Zero(n);
+  regressor_ = Eigen::VectorXd::Zero(columns);
   cholesky_ = Eigen::LLT<Eigen::MatrixXd>(a_);
   direction_ = Eigen::VectorXd::Zero(m);
   scratch_ = Eigen::VectorXd::Zero(m);
@@ -132,8 +143,11 @@ void JacobianEstimate::Update(std::span<const double> v, std::span<const double>
   const double keep = prior_->options().forgetting;
   a_online_ *= keep;
   b_online_ *= keep;
-  a_online_.noalias() += core::AsVector(v).lazyProduct(core::AsVector(v).transpose());
-  b_online_.noalias() += core::AsVector(v).lazyProduct(core::AsVector(dz).transpose());
+  const int m = prior_->control_dim();
+  regressor_.head(m) = core::AsVector(v);
+  if (drifts_) regressor_[m] = Time(regressor_.head(m).norm());
+  a_online_.noalias() += regressor_.lazyProduct(regressor_.transpose());
+  b_online_.noalias() += regressor_.lazyProduct(core::AsVector(dz).transpose());
 }
 
 void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
@@ -145,7 +159,18 @@ void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
   cholesky_.compute(a_);
   inverse_.setIdentity();
   cholesky_.solveInPlace(inverse_);
-  jacobian_.noalias() = b_.transpose().lazyProduct(inverse_);
+  const int m = prior_->control_dim();
+  jacobian_.noalias() = b_.transpose().lazyProduct(inverse_.leftCols(m));
+  if (drifts_) drift_.noalias() = b_.transpose().lazyProduct(inverse_.col(m));
+}
+
+void JacobianEstimate::AddEffect(const Eigen::VectorXd& v, Eigen::VectorXd& z) const noexcept {
+  z.noalias() += jacobian_.lazyProduct(v);
+  if (drifts_) z += Time(v.norm()) * drift_;
+}
+
+double JacobianEstimate::Ignorance() const noexcept {
+  return inverse_.diagonal().head(prior_->control_dim()).sum();
 }
 
 double JacobianEstimate::LeastKnown(std::span<double> direction) noexcept {
@@ -156,10 +181,11 @@ double JacobianEstimate::LeastKnown(std::span<double> direction) noexcept {
   for (Eigen::Index i = 0; i < direction_.size(); ++i) {
     direction_[i] += 0.01 * static_cast<double>(i);
   }
+  const int m = prior_->control_dim();
   double value = 0.0;
   constexpr int kIterations = 30;
   for (int i = 0; i < kIterations; ++i) {
-    scratch_.noalias() = inverse_.lazyProduct(direction_);
+    scratch_.noalias() = inverse_.topLeftCorner(m, m).lazyProduct(direction_);
     value = scratch_.norm();
     direction_ = scratch_ / value;
   }

@@ -66,6 +66,9 @@ struct GuidedOptions {
   int patience = 12;
   /// A certified control is applied only if at least this share of it passes; less is a stall.
   double least_share = 0.02;
+  /// Where something else moves the world: the time that controls take, |v| = 1 an ordinary one.
+  /// Not with a certificate, which holds only where nothing else does.
+  DriftTime drift_time = {};
   Certificate certificate = {};
 };
 

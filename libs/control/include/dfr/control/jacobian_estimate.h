@@ -19,6 +19,14 @@ struct JacobianOptions {
   double forgetting = 0.93;    ///< Weight that an applied control keeps at the next, in [0, 1).
 };
 
+/// The time that a control v takes, s = rest + travel |v|, while the world moves by itself:
+/// features then change by J v + s d. Its unit does not matter. Both 0: nothing else moves the
+/// world.
+struct DriftTime {
+  double rest = 0.0;    ///< Whatever the control, >= 0.
+  double travel = 0.0;  ///< Of an ordinary control, >= 0.
+};
+
 /// What demonstrated transitions say of J; immutable, shared by all estimates made from it.
 ///
 /// Controls are v = u / us, us the root mean square of |u|, so that 1 is an ordinary control.
@@ -54,10 +62,14 @@ class JacobianPrior {
 /// of what the demonstrations did nearby and of every control that was applied since,
 ///   A = ridge I + A_demo + A_on,  B = B_demo + B_on,  J = (A^-1 B)',
 ///   after every applied control  A_on = f A_on + v v',  B_on = f B_on + v dz'.
-/// (recursive least squares with forgetting f). Nothing after construction allocates.
+/// (recursive least squares with forgetting f). Where the world moves by itself, w = [v; s] takes
+/// the place of v, so that the drift d is told apart from the answer to controls; demonstrations
+/// were not disturbed, their s is 0. Nothing after construction allocates.
 class JacobianEstimate {
  public:
-  explicit JacobianEstimate(std::shared_ptr<const JacobianPrior> prior);
+  /// @throws std::invalid_argument if a time is negative or not finite.
+  explicit JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
+                            const DriftTime& drift_time = {});
 
   /// Forgets the applied controls.
   void Reset() noexcept;
@@ -68,15 +80,25 @@ class JacobianEstimate {
 
   /// J, n x m, of the last Compute().
   [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return jacobian_; }
+  /// d, n, of the last Compute(); 0 where nothing else moves the world.
+  [[nodiscard]] const Eigen::VectorXd& drift() const noexcept { return drift_; }
+  /// z += J v + s d of the last Compute().
+  void AddEffect(const Eigen::VectorXd& v, Eigen::VectorXd& z) const noexcept;
 
-  /// The control direction that is known least: the largest eigenvalue of A^-1, its eigenvector to
-  /// `direction` (m entries).
+  /// The control direction that is known least: the largest eigenvalue of A^-1 (of its part that
+  /// belongs to v), its eigenvector to `direction` (m entries).
   double LeastKnown(std::span<double> direction) noexcept;
-  /// The sum of eigenvalues of A^-1: an upper bound on the largest, for less time.
-  [[nodiscard]] double Ignorance() const noexcept { return inverse_.trace(); }
+  /// The sum of its eigenvalues: an upper bound on the largest, for less time.
+  [[nodiscard]] double Ignorance() const noexcept;
 
  private:
+  [[nodiscard]] double Time(double norm) const noexcept {
+    return drift_time_.rest + drift_time_.travel * norm;
+  }
+
   std::shared_ptr<const JacobianPrior> prior_;
+  DriftTime drift_time_;
+  bool drifts_;
   Eigen::MatrixXd a_online_;
   Eigen::MatrixXd b_online_;
   Eigen::MatrixXd a_;
@@ -84,6 +106,8 @@ class JacobianEstimate {
   Eigen::LLT<Eigen::MatrixXd> cholesky_;
   Eigen::MatrixXd inverse_;
   Eigen::MatrixXd jacobian_;
+  Eigen::VectorXd drift_;
+  Eigen::VectorXd regressor_;
   Eigen::VectorXd direction_;
   Eigen::VectorXd scratch_;
   Eigen::VectorXd sums_;
