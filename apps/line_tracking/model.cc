@@ -23,6 +23,7 @@ constexpr std::string_view kGuidedFeatures = "tip[0:1],distance";
 constexpr std::array kRecoveries = {control::Recovery::kNone, control::Recovery::kEarlyStopping,
                                     control::Recovery::kDfr};
 constexpr std::string_view kWithout = "guided-without-";
+constexpr std::string_view kWithoutDrift = "guided-without-drift";
 
 std::vector<core::Matrix> Points(const imitation::DemonstrationSet& set,
                                  const core::FeatureTransform& features) {
@@ -68,14 +69,25 @@ Method Method::Parse(const std::string& name) {
   method.guided = true;
   // Being careful outside the support, and content with offsets that seem to stay, is for objects
   // that a control may knock over or not reach. Here the platform moves on meanwhile.
-  method.parts.gentle_outside = false;
-  method.parts.slack = false;
+  control::GuidedOptions& recovery = method.recovery;
+  recovery.parts.gentle_outside = false;
+  recovery.parts.slack = false;
+  // The platform moves on during each control, and for as long as the arm rests between two: half
+  // of the 0.1 s that an ordinary control takes is near enough (--pause is 0.05 s by default).
+  recovery.drift_time = {.rest = 0.5, .travel = 1.0};
+  // A probe must move the tool by more than the platform moves the line meanwhile.
+  recovery.probe_size = 1.0;
   if (name == "guided") return method;
   known += "dfr-coarse, guided";
+  known.append(", ").append(kWithoutDrift);
+  if (name == kWithoutDrift) {
+    recovery.drift_time = {};
+    return method;
+  }
   for (const control::GuidedPartName& part : control::GuidedPartNames()) {
     const std::string without = std::string(kWithout).append(part.name);
     if (name == without) {
-      method.parts.*part.part = false;
+      recovery.parts.*part.part = false;
       return method;
     }
     known.append(", ").append(without);
@@ -188,8 +200,7 @@ LineModel LineModel::Load(const std::filesystem::path& folder) {
 
 std::unique_ptr<control::Controller> LineModel::MakeController(const Method& method) const {
   if (method.guided) {
-    control::GuidedOptions options;
-    options.parts = method.parts;
+    control::GuidedOptions options = method.recovery;
     options.horizon = horizon_;
     return std::make_unique<control::GuidedPolicy>(*policy_, guided_->model(), options);
   }

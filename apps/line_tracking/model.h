@@ -39,11 +39,12 @@ struct Method {
   std::string name;
   bool guided = false;
   control::SwitchingPolicyOptions switching = {};  ///< If not guided: Algorithm 1's.
-  control::GuidedParts parts = {};                 ///< If guided.
+  control::GuidedOptions recovery = {};            ///< If guided; its horizon is the model's.
 
-  /// "baseline", "early-stopping", "dfr", "dfr-coarse", "guided", or "guided-without-<part>" with a
-  /// part of control::GuidedPartNames(). "dfr-coarse" is Algorithm 1 with steps that are larger
-  /// than the noise of images: probe g / (10 lambda), step g / (2 lambda).
+  /// "baseline", "early-stopping", "dfr", "dfr-coarse", "guided", "guided-without-drift", or
+  /// "guided-without-<part>" with a part of control::GuidedPartNames(). "dfr-coarse" is Algorithm 1
+  /// with steps that are larger than the noise of images: probe g / (10 lambda), step g / (2
+  /// lambda). "guided-without-drift" takes what the platform does for the answer to controls.
   /// @throws std::invalid_argument naming what is unknown and what there is.
   static Method Parse(const std::string& name);
 };
