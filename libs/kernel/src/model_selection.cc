@@ -6,6 +6,7 @@
 #include <fstream>
 #include <limits>
 #include <numeric>
+#include <set>
 #include <stdexcept>
 
 #include "dfr/core/contract.h"
@@ -219,9 +220,12 @@ void Selection::SavePicture(const std::filesystem::path& path) const {
     ++color;
     first = last;
   }
-  for (const SelectionRow& r : rows) {
-    svg << "<text x='" << x(r.gamma) << "' y='340' text-anchor='middle'>" << r.gamma << "</text>\n";
+  std::set<double> gammas;
+  for (const SelectionRow& r : rows) gammas.insert(r.gamma);
+  for (const double gamma : gammas) {
+    svg << "<text x='" << x(gamma) << "' y='340' text-anchor='middle'>" << gamma << "</text>\n";
   }
+  svg << "<text x='300' y='362' text-anchor='middle'>gamma (circle: chosen)</text>\n";
   const SelectionRow& best = rows.at(chosen);
   svg << "<circle cx='" << x(best.gamma) << "' cy='" << y(best.acceptance)
       << "' r='6' fill='none' stroke='black' stroke-width='2'/>\n</svg>\n";
