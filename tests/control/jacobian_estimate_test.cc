@@ -51,7 +51,8 @@ TEST(JacobianEstimateTest, RecoversALinearSystemFromDemonstrations) {
   JacobianEstimate estimate(std::make_shared<const JacobianPrior>(d.features, d.controls,
                                                                   JacobianOptions{.ridge = 1e-9}));
   estimate.Compute(4, core::Row(d.features[3], 4));
-  EXPECT_TRUE(test::AllClose(estimate.jacobian(), truth, 1e-8));  // ridge / weight
+  // Products of controls and changes are kept in float, of relative error 6e-8.
+  EXPECT_TRUE(test::AllClose(estimate.jacobian(), truth, 1e-6));
 }
 
 // The definition: J minimises ridge |J|^2 + sum of weights |dz - J v|^2.

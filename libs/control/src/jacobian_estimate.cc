@@ -70,18 +70,19 @@ JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
     Eigen::Index column = 0;
     for (int i = 0; i < m; ++i) {
       for (int j = 0; j <= i; ++j) {
-        products_(row, column++) = controls[d](t, i) * controls[d](t, j);
+        products_(row, column++) = static_cast<float>(controls[d](t, i) * controls[d](t, j));
       }
     }
     for (int k = 0; k < n; ++k) {
       for (int i = 0; i < m; ++i) {
-        products_(row, column++) = controls[d](t, i) * (features[d](t + 1, k) - features[d](t, k));
+        products_(row, column++) =
+            static_cast<float>(controls[d](t, i) * (features[d](t + 1, k) - features[d](t, k)));
       }
     }
   }
 }
 
-void JacobianPrior::AddTo(int t, std::span<const double> z, Eigen::VectorXd& sums,
+void JacobianPrior::AddTo(int t, std::span<const double> z, Eigen::VectorXf& sums,
                           Eigen::MatrixXd& a, Eigen::MatrixXd& b) const noexcept {
   const int steps = static_cast<int>(begin_.size()) - 1;
   const int first = begin_[static_cast<std::size_t>(std::clamp(t - options_.window, 0, steps))];
@@ -90,16 +91,17 @@ void JacobianPrior::AddTo(int t, std::span<const double> z, Eigen::VectorXd& sum
   const int m = control_dim_;
   const Eigen::Index rows = last - first;
   if (rows <= 0) return;
-  std::array<double, kMaxTransitions> buffer;
-  Eigen::Map<Eigen::ArrayXd> weights(buffer.data(), rows);
+  std::array<float, kMaxTransitions> buffer;
+  Eigen::Map<Eigen::ArrayXf> weights(buffer.data(), rows);
   for (Eigen::Index row = 0; row < rows; ++row) {
-    weights[row] = (points_.row(first + row) - core::AsVector(z).transpose()).squaredNorm();
+    weights[row] = static_cast<float>(
+        (points_.row(first + row) - core::AsVector(z).transpose()).squaredNorm());
   }
-  weights = 1e-6 + (-0.125 / n * weights).exp();
-  weights *= options_.prior_weight / weights.sum();
+  weights = 1e-6F + (-0.125F / static_cast<float>(n) * weights).exp();
+  weights *= static_cast<float>(options_.prior_weight) / weights.sum();
   // Most of the work of an estimate.
   sums.noalias() = products_.middleRows(first, rows).transpose() * weights.matrix();
-  const double* sum = sums.data();
+  const float* sum = sums.data();
   for (int i = 0; i < m; ++i) {
     for (int j = 0; j <= i; ++j) a(i, j) += *sum++;
   }
@@ -131,7 +133,7 @@ JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
   cholesky_ = Eigen::LLT<Eigen::MatrixXd>(a_);
   direction_ = Eigen::VectorXd::Zero(m);
   scratch_ = Eigen::VectorXd::Zero(m);
-  sums_ = Eigen::VectorXd::Zero(prior_->num_sums());
+  sums_ = Eigen::VectorXf::Zero(prior_->num_sums());
 }
 
 void JacobianEstimate::Reset() noexcept {

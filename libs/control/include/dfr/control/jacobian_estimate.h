@@ -45,7 +45,7 @@ class JacobianPrior {
   /// Adds sum w v v' to `a` (its lower triangle) and sum w v dz' to `b` (m x n), over transitions
   /// near time step `t`, w falling with the distance to `z` and summing to prior_weight. `sums` is
   /// room for num_sums() entries.
-  void AddTo(int t, std::span<const double> z, Eigen::VectorXd& sums, Eigen::MatrixXd& a,
+  void AddTo(int t, std::span<const double> z, Eigen::VectorXf& sums, Eigen::MatrixXd& a,
              Eigen::MatrixXd& b) const noexcept;
   [[nodiscard]] Eigen::Index num_sums() const noexcept { return products_.cols(); }
 
@@ -55,7 +55,9 @@ class JacobianPrior {
   int control_dim_ = 0;
   std::vector<int> begin_;  ///< Row at which time step t begins; one more entry at the end.
   core::Matrix points_;     ///< z of each transition, in order of time.
-  core::Matrix products_;   ///< Lower triangle of v v', then v dz', of each.
+  /// Lower triangle of v v', then v dz', of each; in float, for the sum over them is most of the
+  /// work.
+  Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> products_;
 };
 
 /// Estimates how features answer a control, dz = J v, without a model: a weighted least-squares fit
@@ -110,7 +112,7 @@ class JacobianEstimate {
   Eigen::VectorXd regressor_;
   Eigen::VectorXd direction_;
   Eigen::VectorXd scratch_;
-  Eigen::VectorXd sums_;
+  Eigen::VectorXf sums_;
 };
 
 }  // namespace dfr::control
