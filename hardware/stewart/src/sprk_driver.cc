@@ -1,0 +1,188 @@
+#include "dfr/hardware/sprk_driver.h"
+
+#include <fcntl.h>
+#include <sys/ioctl.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <stdexcept>
+#include <thread>
+
+namespace dfr::hardware {
+namespace {
+
+using kinematics::PlatformPose;
+
+double SteadySeconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+std::string OpenRemedy(int error) {
+  switch (error) {
+    case ENOENT:
+    case ENXIO:
+    case ENODEV:
+      return "; is the platform plugged in and powered? `ls /dev/ttyACM* /dev/ttyUSB*` shows the "
+             "serial ports";
+    case EACCES:
+    case EPERM:
+      return "; add the user to the port's group (`sudo adduser $USER dialout`) and log in again";
+    case EBUSY:
+      return "; another program has the port open, `fuser` says which";
+    default:
+      return "";
+  }
+}
+
+[[noreturn]] void Fail(int fd, const std::string& device, const std::string& what, int error,
+                       const std::string& remedy) {
+  if (fd >= 0) ::close(fd);
+  throw std::runtime_error(device + ": " + what + ": " + std::strerror(error) + remedy);
+}
+
+int OpenPort(const std::string& device) {
+  const int fd = ::open(device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+  if (fd < 0) Fail(fd, device, "cannot be opened", errno, OpenRemedy(errno));
+  termios port{};
+  if (::tcgetattr(fd, &port) != 0) {
+    Fail(fd, device, "is not a serial port", errno,
+         "; give the platform's port, /dev/ttyACM0 for example");
+  }
+  // Root may open a claimed port: the claim is asked for as well.
+  int claimed = 0;
+  if (::ioctl(fd, TIOCGEXCL, &claimed) == 0 && claimed != 0) {
+    Fail(fd, device, "cannot be opened", EBUSY, OpenRemedy(EBUSY));
+  }
+  if (::ioctl(fd, TIOCEXCL) != 0) Fail(fd, device, "cannot be claimed", errno, "");
+  ::cfmakeraw(&port);
+  ::cfsetspeed(&port, B57600);
+  port.c_cflag &= ~static_cast<tcflag_t>(CSTOPB | CRTSCTS | HUPCL);
+  port.c_cflag |= CLOCAL | CREAD;
+  termios set{};
+  // tcsetattr() succeeds when any of the settings could be made.
+  if (::tcsetattr(fd, TCSANOW, &port) != 0 || ::tcgetattr(fd, &set) != 0) {
+    Fail(fd, device, "cannot be set to 57600 8N1", errno, "");
+  }
+  constexpr tcflag_t kShape = CSIZE | CSTOPB | PARENB | CRTSCTS;
+  if (::cfgetospeed(&set) != B57600 || (set.c_cflag & kShape) != (port.c_cflag & kShape) ||
+      (set.c_oflag & OPOST) != 0) {
+    Fail(fd, device, "does not take 57600 8N1", EINVAL, "; is this the platform's port?");
+  }
+  ::tcflush(fd, TCIOFLUSH);
+  return fd;
+}
+
+}  // namespace
+
+SprkDriver::SprkDriver(const SprkOptions& options)
+    : clock_s_(options.clock_s ? options.clock_s : SteadySeconds), fd_(OpenPort(options.device)) {}
+
+SprkDriver::~SprkDriver() {
+  ::ioctl(fd_, TIOCNXCL);
+  ::close(fd_);
+}
+
+SprkStatus SprkDriver::Ready() const noexcept {
+  if (error_ != 0) return SprkStatus::kDeviceFailed;
+  if (!homed_) return SprkStatus::kNotHomed;
+  if (sent_ && clock_s_() - sent_s_ < kSprkFramePeriod) return SprkStatus::kTooSoon;
+  return SprkStatus::kOk;
+}
+
+void SprkDriver::AwaitFrame() const noexcept {
+  if (!sent_) return;
+  const double wait_s = kSprkFramePeriod - (clock_s_() - sent_s_);
+  if (wait_s > 0.0) std::this_thread::sleep_for(std::chrono::duration<double>(wait_s));
+}
+
+SprkStatus SprkDriver::Send(std::span<const char> frame) noexcept {
+  // Whatever the firmware prints would otherwise fill the kernel's buffer.
+  ::tcflush(fd_, TCIFLUSH);
+  ssize_t written = 0;
+  do {
+    written = ::write(fd_, frame.data(), frame.size());
+  } while (written < 0 && errno == EINTR);
+  // The firmware takes the start of a frame for all of it: where the rest does not fit, what the
+  // platform does is anybody's guess.
+  if (written != static_cast<ssize_t>(frame.size())) {
+    error_ = written < 0 ? errno : EIO;
+    return SprkStatus::kDeviceFailed;
+  }
+  sent_ = true;
+  sent_s_ = clock_s_();
+  return SprkStatus::kOk;
+}
+
+SprkStatus SprkDriver::Home() noexcept {
+  if (error_ != 0) return SprkStatus::kDeviceFailed;
+  AwaitFrame();
+  const SprkStatus status = Send(std::span<const char>("h", 1));
+  if (status != SprkStatus::kOk) return status;
+  if (homed_) {
+    lag_.Command({}, sent_s_);
+  } else {
+    lag_.Rest({}, sent_s_);
+  }
+  homed_ = true;
+  sweep_ = {};
+  return SprkStatus::kOk;
+}
+
+SprkStatus SprkDriver::MoveTo(const PlatformPose& pose) noexcept {
+  SprkStatus status = Ready();
+  if (status != SprkStatus::kOk) return status;
+  SprkPositionFrame frame{};
+  PlatformPose sent;
+  status = EncodeSprkPosition(pose, frame, sent);
+  if (status != SprkStatus::kOk) return status;
+  status = Send(frame);
+  if (status != SprkStatus::kOk) return status;
+  lag_.Command(sent, sent_s_);
+  sweep_ = {};
+  return SprkStatus::kOk;
+}
+
+SprkStatus SprkDriver::Start(SprkWaveKind kind, const SprkWave& wave) noexcept {
+  SprkStatus status = Ready();
+  if (status != SprkStatus::kOk) return status;
+  SprkWaveFrame frame{};
+  SprkWave sent;
+  status = EncodeSprkWave(kind, wave, frame, sent);
+  if (status != SprkStatus::kOk) return status;
+  status = Send(frame);
+  if (status != SprkStatus::kOk) return status;
+  lag_.Command(kind == SprkWaveKind::kSine ? PlatformPose{} : sent.amplitude, sent_s_);
+  sweep_.translation_m = sent.amplitude.translation_m.cwiseAbs();
+  sweep_.angles_rad = sent.amplitude.angles_rad.cwiseAbs();
+  return SprkStatus::kOk;
+}
+
+SprkStatus SprkDriver::Hold() noexcept {
+  if (error_ != 0) return SprkStatus::kDeviceFailed;
+  if (!homed_) return SprkStatus::kNotHomed;
+  AwaitFrame();
+  const PlatformPose here = lag_.At(clock_s_());
+  SprkPositionFrame frame{};
+  PlatformPose sent;
+  // Rounding may put a pose at the end of the reach just beyond it. Home, at the latest, is there.
+  for (int tenth = 10; tenth >= 0; --tenth) {
+    const double share = 0.1 * tenth;
+    const PlatformPose near{share * here.translation_m, share * here.angles_rad};
+    if (EncodeSprkPosition(near, frame, sent) == SprkStatus::kOk) break;
+  }
+  const SprkStatus status = Send(frame);
+  if (status != SprkStatus::kOk) return status;
+  lag_.Command(sent, sent_s_);
+  sweep_ = {};
+  return SprkStatus::kOk;
+}
+
+SprkEstimate SprkDriver::Estimate() const noexcept {
+  return {lag_.At(clock_s_()), sweep_, homed_ && error_ == 0};
+}
+
+}  // namespace dfr::hardware

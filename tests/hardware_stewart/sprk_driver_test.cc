@@ -1,0 +1,244 @@
+#include "dfr/hardware/sprk_driver.h"
+
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+#include <thread>
+
+#include "tests/hardware_stewart/sprk_emulator.h"
+#include "tests/support/all_close.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::hardware {
+namespace {
+
+using kinematics::PlatformPose;
+using testing::HasSubstr;
+
+constexpr double kDegree = 0.017453292519943295;
+
+PlatformPose Pose(double x, double y, double z, double yaw = 0.0) {
+  PlatformPose pose;
+  pose.translation_m << x, y, z;
+  pose.angles_rad.z() = yaw;
+  return pose;
+}
+
+// A driver at an emulated platform, on a clock that the test moves.
+class SprkDriverTest : public testing::Test {
+ protected:
+  [[nodiscard]] SprkOptions Options() {
+    return {.device = emulator_.device(), .clock_s = [this] { return now_s_; }};
+  }
+  void Wait(double seconds) { now_s_ += seconds; }
+
+  test::SprkEmulator emulator_;
+  double now_s_ = 1000.0;
+};
+
+TEST_F(SprkDriverTest, EveryFrameArrivesInOnePiece) {
+  SprkDriver driver(Options());
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  for (int i = 0; i < 300; ++i) {
+    Wait(0.006);
+    const double angle = 0.1 * i;
+    ASSERT_EQ(driver.MoveTo(Pose(0.005 * std::cos(angle), 0.005 * std::sin(angle), 0.0, 0.1)),
+              SprkStatus::kOk);
+  }
+  const auto commands = emulator_.Await(301);
+  ASSERT_EQ(commands.size(), 301U);
+  EXPECT_EQ(commands[0].letter, 'h');
+  for (std::size_t i = 1; i < commands.size(); ++i) {
+    ASSERT_EQ(commands[i].letter, 'a');
+    ASSERT_TRUE(commands[i].whole);
+    ASSERT_FALSE(commands[i].saturated);
+  }
+  // The frame says what the driver says it says.
+  EXPECT_TRUE(test::AllClose(commands.back().Pose().translation_m, driver.commanded().translation_m,
+                             1e-16));
+  EXPECT_TRUE(
+      test::AllClose(commands.back().Pose().angles_rad, driver.commanded().angles_rad, 1e-15));
+}
+
+// Why a frame has to go out in one write: the emulator shows what the firmware does otherwise.
+TEST_F(SprkDriverTest, FrameInTwoWritesIsMisunderstood) {
+  const SprkDriver raw_mode(Options());
+  const int fd = ::open(emulator_.device().c_str(), O_WRONLY | O_NOCTTY);
+  if (fd < 0) {
+    // Another user than root is kept out by the driver's claim.
+    ASSERT_EQ(errno, EBUSY);
+    return;
+  }
+  ASSERT_EQ(::write(fd, "a05", 3), 3);
+  const auto commands = emulator_.Await(1);
+  ::close(fd);
+  ASSERT_FALSE(commands.empty());
+  EXPECT_FALSE(commands[0].whole);
+  EXPECT_TRUE(commands[0].saturated);
+}
+
+TEST_F(SprkDriverTest, NothingMovesBeforeHoming) {
+  SprkDriver driver(Options());
+  EXPECT_FALSE(driver.Estimate().known);
+  EXPECT_EQ(driver.MoveTo(Pose(0.001, 0, 0)), SprkStatus::kNotHomed);
+  EXPECT_EQ(driver.Start(SprkWaveKind::kSine, {}), SprkStatus::kNotHomed);
+  EXPECT_EQ(driver.Hold(), SprkStatus::kNotHomed);
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  EXPECT_TRUE(driver.Estimate().known);
+  const auto commands = emulator_.Await(1);
+  ASSERT_EQ(commands.size(), 1U);
+  EXPECT_EQ(commands[0].letter, 'h');
+}
+
+TEST_F(SprkDriverTest, WhatIsRefusedIsNotSentAndNotBelieved) {
+  SprkDriver driver(Options());
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  Wait(1.0);
+  EXPECT_EQ(driver.MoveTo(Pose(0.0127, 0, 0)), SprkStatus::kOutOfRange);
+  EXPECT_EQ(driver.MoveTo(Pose(0, 0, 0.012)), SprkStatus::kOutOfReach);
+  EXPECT_EQ(driver.MoveTo(Pose(NAN, 0, 0)), SprkStatus::kInvalid);
+  EXPECT_EQ(driver.Estimate().pose.translation_m, Eigen::Vector3d::Zero());
+  ASSERT_EQ(driver.MoveTo(Pose(0.00508, 0, 0)), SprkStatus::kOk);
+  Wait(0.0049);
+  EXPECT_EQ(driver.MoveTo(Pose(0, 0, 0)), SprkStatus::kTooSoon);
+  Wait(0.0002);
+  EXPECT_EQ(driver.MoveTo(Pose(0, 0, 0)), SprkStatus::kOk);
+  EXPECT_EQ(emulator_.Await(3).size(), 3U);
+}
+
+TEST_F(SprkDriverTest, EstimateIsTheCommandThroughTheLag) {
+  SprkDriver driver(Options());
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  Wait(1.0);
+  // 20 steps of the protocol; the rounding shows in the estimate.
+  ASSERT_EQ(driver.MoveTo(Pose(0.00509, 0, 0)), SprkStatus::kOk);
+  EXPECT_NEAR(driver.commanded().translation_m.x(), 0.00508, 1e-15);
+  Wait(0.2);
+  EXPECT_NEAR(driver.Estimate().pose.translation_m.x(), 0.00508 * (1 - std::exp(-1.0)), 1e-12);
+  Wait(10.0);
+  EXPECT_NEAR(driver.Estimate().pose.translation_m.x(), 0.00508, 1e-12);
+}
+
+TEST_F(SprkDriverTest, HoldStopsWhereThePlatformIs) {
+  SprkDriver driver(Options());
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  Wait(1.0);
+  ASSERT_EQ(driver.MoveTo(Pose(0.00762, -0.00508, 0, 5 * kDegree)), SprkStatus::kOk);
+  Wait(0.1);
+  const PlatformPose here = driver.Estimate().pose;
+  ASSERT_EQ(driver.Hold(), SprkStatus::kOk);
+  Wait(5.0);
+  const PlatformPose after = driver.Estimate().pose;
+  // Half a step of the protocol.
+  EXPECT_TRUE(test::AllClose(after.translation_m, here.translation_m, 0.000128));
+  EXPECT_TRUE(test::AllClose(after.angles_rad, here.angles_rad, 0.5001 * kDegree));
+  const auto commands = emulator_.Await(3);
+  ASSERT_EQ(commands.size(), 3U);
+  EXPECT_FALSE(commands[2].saturated);
+  EXPECT_EQ(driver.Hold(), SprkStatus::kOk);  // any number of times
+}
+
+TEST_F(SprkDriverTest, WavesSweepAndHoldInTheirMiddle) {
+  SprkDriver driver(Options());
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  Wait(1.0);
+  SprkWave wave;
+  wave.amplitude = Pose(0.00254, 0, 0);
+  wave.frequency_hz[0] = 0.1;
+  ASSERT_EQ(driver.Start(SprkWaveKind::kBreath, wave), SprkStatus::kOk);
+  Wait(20.0);
+  EXPECT_NEAR(driver.Estimate().pose.translation_m.x(), 0.00254, 1e-12);
+  EXPECT_NEAR(driver.Estimate().sweep.translation_m.x(), 0.00254, 1e-12);
+  ASSERT_EQ(driver.Hold(), SprkStatus::kOk);
+  EXPECT_EQ(driver.Estimate().sweep.translation_m.x(), 0.0);
+  const auto commands = emulator_.Await(3);
+  ASSERT_EQ(commands.size(), 3U);
+  EXPECT_EQ(commands[1].letter, 'd');
+  EXPECT_NEAR(commands[2].Pose().translation_m.x(), 0.00254, 1e-12);
+}
+
+TEST_F(SprkDriverTest, PulledPlugIsToldAndFinal) {
+  SprkDriver driver(Options());
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  ASSERT_EQ(emulator_.Await(1).size(), 1U);
+  emulator_.Unplug();
+  Wait(1.0);
+  EXPECT_EQ(driver.MoveTo(Pose(0.001, 0, 0)), SprkStatus::kDeviceFailed);
+  EXPECT_EQ(driver.error(), EIO);
+  EXPECT_FALSE(driver.Estimate().known);
+  EXPECT_EQ(driver.Home(), SprkStatus::kDeviceFailed);
+  EXPECT_EQ(driver.Hold(), SprkStatus::kDeviceFailed);
+}
+
+// A port whose other end does not read: the frame that does not fit is a failure, not a wait.
+TEST_F(SprkDriverTest, FullPortFailsInsteadOfBlocking) {
+  const int master = ::posix_openpt(O_RDWR | O_NOCTTY);
+  ASSERT_GE(master, 0);
+  ASSERT_EQ(::grantpt(master), 0);
+  ASSERT_EQ(::unlockpt(master), 0);
+  SprkDriver driver({.device = ::ptsname(master), .clock_s = [this] { return now_s_; }});
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  SprkStatus status = SprkStatus::kOk;
+  for (int i = 0; i < 100000 && status == SprkStatus::kOk; ++i) {
+    Wait(1.0);
+    status = driver.MoveTo({});
+  }
+  EXPECT_EQ(status, SprkStatus::kDeviceFailed);
+  ::close(master);
+}
+
+TEST_F(SprkDriverTest, CommandsDoNotAllocate) {
+  SprkDriver driver(Options());
+  const test::NoAlloc guard;
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  Wait(1.0);
+  EXPECT_EQ(driver.MoveTo(Pose(0.001, 0, 0)), SprkStatus::kOk);
+  Wait(1.0);
+  EXPECT_EQ(driver.Start(SprkWaveKind::kSine, {}), SprkStatus::kOk);
+  Wait(1.0);
+  EXPECT_EQ(driver.Hold(), SprkStatus::kOk);
+  EXPECT_TRUE(driver.Estimate().known);
+}
+
+std::string OpenError(const std::string& device) {
+  try {
+    const SprkDriver driver({.device = device, .clock_s = {}});
+  } catch (const std::runtime_error& e) {
+    return e.what();
+  }
+  return "";
+}
+
+TEST_F(SprkDriverTest, OpeningTellsWhatIsWrong) {
+  EXPECT_THAT(OpenError("/dev/no-such-port"),
+              testing::AllOf(HasSubstr("/dev/no-such-port"), HasSubstr("plugged in")));
+  EXPECT_THAT(OpenError("/dev/null"), HasSubstr("not a serial port"));
+  const SprkDriver first(Options());
+  EXPECT_THAT(OpenError(emulator_.device()), HasSubstr("another program"));
+}
+
+TEST_F(SprkDriverTest, ClosingFreesThePort) {
+  { const SprkDriver driver(Options()); }
+  EXPECT_EQ(OpenError(emulator_.device()), "");
+}
+
+// The steady clock: Hold() right behind another frame waits until the firmware can take it.
+TEST_F(SprkDriverTest, HoldWaitsForTheFirmware) {
+  SprkDriver driver({.device = emulator_.device(), .clock_s = {}});
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  const auto start = std::chrono::steady_clock::now();
+  ASSERT_EQ(driver.Hold(), SprkStatus::kOk);
+  ASSERT_EQ(driver.Hold(), SprkStatus::kOk);
+  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+  EXPECT_GE(took.count(), kSprkFramePeriod);
+  EXPECT_EQ(emulator_.Await(3).size(), 3U);
+}
+
+}  // namespace
+}  // namespace dfr::hardware

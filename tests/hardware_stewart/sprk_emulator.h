@@ -1,0 +1,40 @@
+#pragma once
+
+#include <cstddef>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tests/hardware_stewart/sprk_firmware.h"
+
+namespace dfr::test {
+
+/// A SprkFirmware behind a pseudo-terminal, on a thread of its own.
+class SprkEmulator {
+ public:
+  /// @throws std::runtime_error if there is no pseudo-terminal.
+  SprkEmulator();
+  ~SprkEmulator();
+  SprkEmulator(const SprkEmulator&) = delete;
+  SprkEmulator& operator=(const SprkEmulator&) = delete;
+
+  /// The port that a driver opens.
+  [[nodiscard]] const std::string& device() const noexcept { return device_; }
+  /// What arrived, once there are `count` commands; fewer after 20 s.
+  [[nodiscard]] std::vector<SprkFirmware::Command> Await(std::size_t count);
+  /// Pulls the plug.
+  void Unplug();
+
+ private:
+  void Run();
+
+  int master_ = -1;
+  int stop_[2] = {-1, -1};
+  std::string device_;
+  std::mutex mutex_;
+  SprkFirmware firmware_;
+  std::thread thread_;
+};
+
+}  // namespace dfr::test

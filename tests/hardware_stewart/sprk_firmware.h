@@ -1,0 +1,40 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <string_view>
+#include <vector>
+
+#include "dfr/kinematics/sprk_platform.h"
+
+namespace dfr::test {
+
+/// What the platform's firmware makes of the bytes that it gets, its bugs included:
+/// it takes the bytes that are there for the whole frame (a missing one reads as -1), knows no
+/// range, saturates silently at the end of the mechanism's reach, turns pitch and yaw left-handed,
+/// and multiplies the sine's frequencies by 2 pi but not the breath's.
+class SprkFirmware {
+ public:
+  struct Command {
+    char letter = 0;
+    /// As the firmware decodes them: inches and degrees, in its own directions.
+    Eigen::Matrix<double, 6, 1> values = Eigen::Matrix<double, 6, 1>::Zero();
+    Eigen::Matrix<double, 6, 1> rad_per_s = Eigen::Matrix<double, 6, 1>::Zero();
+    bool whole = true;       ///< All of its bytes were there.
+    bool saturated = false;  ///< Somewhere on its way the mechanism ends.
+
+    /// Entry values in m and rad, right-handed.
+    [[nodiscard]] kinematics::PlatformPose Pose() const;
+    /// Where the platform is `time_s` into the command: at the pose, or on the wave.
+    [[nodiscard]] kinematics::PlatformPose PoseAt(double time_s) const;
+  };
+
+  /// Bytes that arrived together.
+  void Receive(std::string_view bytes);
+  [[nodiscard]] const std::vector<Command>& commands() const noexcept { return commands_; }
+
+ private:
+  std::vector<Command> commands_;
+};
+
+}  // namespace dfr::test
