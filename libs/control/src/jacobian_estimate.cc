@@ -66,7 +66,7 @@ JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
   products_.resize(rows, m * (m + 1) / 2 + m * n);
   for (Eigen::Index row = 0; row < rows; ++row) {
     const auto [d, t] = chosen[static_cast<std::size_t>(row)];
-    points_.row(row) = features[d].row(t);
+    points_.row(row) = features[d].row(t).cast<float>();
     Eigen::Index column = 0;
     for (int i = 0; i < m; ++i) {
       for (int j = 0; j <= i; ++j) {
@@ -93,9 +93,10 @@ void JacobianPrior::AddTo(int t, std::span<const double> z, Eigen::VectorXf& sum
   if (rows <= 0) return;
   std::array<float, kMaxTransitions> buffer;
   Eigen::Map<Eigen::ArrayXf> weights(buffer.data(), rows);
-  for (Eigen::Index row = 0; row < rows; ++row) {
-    weights[row] = static_cast<float>(
-        (points_.row(first + row) - core::AsVector(z).transpose()).squaredNorm());
+  weights.setZero();
+  for (int k = 0; k < n; ++k) {
+    const auto z_k = static_cast<float>(z[static_cast<std::size_t>(k)]);
+    weights += (points_.col(k).segment(first, rows).array() - z_k).square();
   }
   weights = 1e-6F + (-0.125F / static_cast<float>(n) * weights).exp();
   weights *= static_cast<float>(options_.prior_weight) / weights.sum();

@@ -54,9 +54,9 @@ class JacobianPrior {
   int feature_dim_ = 0;
   int control_dim_ = 0;
   std::vector<int> begin_;  ///< Row at which time step t begins; one more entry at the end.
-  core::Matrix points_;     ///< z of each transition, in order of time.
-  /// Lower triangle of v v', then v dz', of each; in float, for the sum over them is most of the
-  /// work.
+  // In float, for the sums over transitions are most of the work.
+  Eigen::MatrixXf points_;  ///< z of each transition, in order of time.
+  /// Lower triangle of v v', then v dz', of each.
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> products_;
 };
 
