@@ -96,6 +96,9 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
   for (Eigen::VectorXd* v : {&last_v_, &learned_, &v_, &reach_, &trial_, &direction_}) {
     *v = Eigen::VectorXd::Zero(m);
   }
+  const int phases = 2 * options.phase_window + 1;
+  balls_.resize(static_cast<std::size_t>(phases));
+  shifts_ = core::Matrix::Zero(phases, n);
 }
 
 void GuidedPolicy::DoReset(std::uint64_t seed) noexcept {
@@ -121,6 +124,7 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   model_->features().Apply(x, AsSpan(z_));
   Step step;
   step.iteration = recovery_controls_;
+  known_balls_ = 0;
   if (pending_) {
     dz_ = z_ - last_z_;
     if (certified && !AssumptionHolds()) {
@@ -448,26 +452,27 @@ double GuidedPolicy::Certify() noexcept {
   const core::LogDecisionFunction& support = model_->support();
   const double norm = v_.norm() * model_->control_unit();
   if (norm == 0.0) return 1.0;
+  const int first = std::max(0, phase_ - options_.phase_window);
+  const int last = phase_ + options_.phase_window;
   effect_.noalias() = estimate_.jacobian().lazyProduct(v_);
   double best = 0.0;
-  for (int q = std::max(0, phase_ - options_.phase_window); q <= phase_ + options_.phase_window;
-       ++q) {
+  for (int q = first; q <= last && best < 1.0; ++q) {
     double share = 0.0;
     if (certificate.kind == CertificateKind::kLipschitz) {
       const double room = support.Decision(q, AsSpan(z_)) / support.lipschitz_bound(q);
-      share = std::clamp(room / (certificate.gain * norm) * (1.0 - 1e-9), 0.0, 1.0);
+      share = room / (certificate.gain * norm) * (1.0 - 1e-9);
     } else {
-      const SafeBall ball = ComputeSafeBall(support, q, AsSpan(z_), AsSpan(shift_));
-      if (certificate.kind == CertificateKind::kRadius) {
-        share =
-            std::clamp(ball.worst_radius() / (certificate.gain * norm) * (1.0 - 1e-9), 0.0, 1.0);
-      } else {
-        share =
-            LargestShare(ball, AsSpan(shift_), AsSpan(effect_), certificate.direction_error * norm);
+      SafeBall& ball = balls_[static_cast<std::size_t>(q - first)];
+      const std::span<double> shift = core::Row(shifts_, q - first);
+      if (q - first == known_balls_) {
+        ball = ComputeSafeBall(support, q, AsSpan(z_), shift);
+        ++known_balls_;
       }
+      share = certificate.kind == CertificateKind::kRadius
+                  ? ball.worst_radius() / (certificate.gain * norm) * (1.0 - 1e-9)
+                  : LargestShare(ball, shift, AsSpan(effect_), certificate.direction_error * norm);
     }
-    best = std::max(best, share);
-    if (best == 1.0) break;
+    best = std::max(best, std::clamp(share, 0.0, 1.0));
   }
   return best;
 }

@@ -9,6 +9,7 @@
 #include "dfr/control/controller.h"
 #include "dfr/control/guided_model.h"
 #include "dfr/control/jacobian_estimate.h"
+#include "dfr/core/matrix.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/random.h"
 
@@ -163,6 +164,11 @@ class GuidedPolicy final : public Controller {
   int pending_phase_ = 0;
   double pending_log_ = 0.0;
   double pending_predicted_ = 0.0;
+
+  // What a certificate trusts at z_, for the phases around phase_ from the first on.
+  int known_balls_ = 0;
+  std::vector<SafeBall> balls_;
+  core::Matrix shifts_;  ///< One row each.
 
   Eigen::VectorXd z_;
   Eigen::VectorXd last_z_;
