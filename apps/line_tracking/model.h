@@ -41,10 +41,11 @@ struct Method {
   control::SwitchingPolicyOptions switching = {};  ///< If not guided: Algorithm 1's.
   control::GuidedOptions recovery = {};            ///< If guided; its horizon is the model's.
 
-  /// "baseline", "early-stopping", "dfr", "dfr-coarse", "guided", "guided-without-drift", or
-  /// "guided-without-<part>" with a part of control::GuidedPartNames(). "dfr-coarse" is Algorithm 1
-  /// with steps that are larger than the noise of images: probe g / (10 lambda), step g / (2
-  /// lambda). "guided-without-drift" takes what the platform does for the answer to controls.
+  /// "baseline", "early-stopping", "dfr", "dfr-fine", "guided", "guided-without-drift", or
+  /// "guided-without-<part>" with a part of control::GuidedPartNames(). "dfr" is Algorithm 1 with
+  /// steps larger than the noise of images: probe g / (10 lambda), step g / (2 lambda); "dfr-fine"
+  /// has the constants of the paper's simulations, g / (500 lambda) and g / (50 lambda).
+  /// "guided-without-drift" takes what the platform does for the answer to controls.
   /// @throws std::invalid_argument naming what is unknown and what there is.
   static Method Parse(const std::string& name);
 };
@@ -84,6 +85,7 @@ class LineModel {
   [[nodiscard]] const core::DecisionFunction& support() const noexcept { return *decision_; }
   [[nodiscard]] const std::vector<double>& lambda() const noexcept { return lambda_; }
   [[nodiscard]] double gamma() const noexcept { return gamma_; }
+  [[nodiscard]] const imitation::DemonstrationSet& demonstrations() const noexcept { return set_; }
 
   /// Borrows this model.
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(const Method& method) const;

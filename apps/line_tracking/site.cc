@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+#include <utility>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
@@ -12,7 +13,8 @@ namespace dfr::apps {
 
 imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
                                         const sim::LineTrackingCalibration& known, int count,
-                                        int steps, std::uint64_t seed) {
+                                        int steps, std::uint64_t seed,
+                                        experiment::ProgressCallback progress) {
   DFR_THROW_UNLESS(count > 0, "the number of demonstrations must be positive, not " << count);
   constexpr double kDemonstratedStep = 1e-3;  // m
   sim::LineTrackingOptions calm = options;
@@ -22,6 +24,7 @@ imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
   set.layout = plant.layout();
   set.control_dim = plant.control_dim();
   set.environment = "line-tracking";
+  experiment::ProgressMeter meter(count, std::move(progress));
   for (std::uint64_t i = 0; set.trajectories.size() < static_cast<std::size_t>(count); ++i) {
     if (set.discarded > count) {
       throw std::runtime_error("of " + std::to_string(i) + " demonstrations " +
@@ -45,6 +48,7 @@ imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
     }
     trajectory.outcome = core::Outcome::kCompleted;
     set.trajectories.push_back(std::move(trajectory));
+    meter.Advance();
   }
   return set;
 }
@@ -84,10 +88,11 @@ bool LineSite::Accepts(std::uint64_t start_seed) {
 
 control::RolloutResult LineSite::Watch(int method, std::uint64_t start_seed,
                                        std::uint64_t controller_seed,
-                                       control::RolloutObserver* observer) {
-  return control::Rollout(*plant_, *controllers_.at(static_cast<std::size_t>(method)),
-                          {.plant_seed = start_seed, .controller_seed = controller_seed}, observer,
-                          &workspace_);
+                                       control::RolloutObserver* observer, int max_controls) {
+  return control::Rollout(
+      *plant_, *controllers_.at(static_cast<std::size_t>(method)),
+      {.plant_seed = start_seed, .controller_seed = controller_seed, .max_controls = max_controls},
+      observer, &workspace_);
 }
 
 experiment::EpisodeResult LineSite::Run(int method, std::uint64_t start_seed,

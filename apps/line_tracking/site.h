@@ -10,17 +10,20 @@
 #include "dfr/control/rollout.h"
 #include "dfr/control/switching_policy.h"
 #include "dfr/experiment/paired_evaluation.h"
+#include "dfr/experiment/progress.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 #include "model.h"
 
 namespace dfr::apps {
 
 /// Runs `count` open-loop demonstrations without disturbance, whatever `options` says of one, and
-/// keeps those that complete without a collision. Start states are a stream of `seed`.
+/// keeps those that complete without a collision. Start states are a stream of `seed`. `progress`
+/// may be empty.
 /// @throws std::runtime_error if more than half are unusable.
 [[nodiscard]] imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
                                                       const sim::LineTrackingCalibration& known,
-                                                      int count, int steps, std::uint64_t seed);
+                                                      int count, int steps, std::uint64_t seed,
+                                                      experiment::ProgressCallback progress = {});
 
 /// Records a motion with the plant's own arm and platform, and calibrates from it.
 [[nodiscard]] calibration::Calibration CalibratePlant(const sim::LineTrackingOptions& options,
@@ -60,10 +63,11 @@ class LineSite final : public experiment::EvaluationSite {
   /// From now on Run() shows its episodes to these, too: one per method, borrowed.
   void Collect(std::vector<RecoveryCurves>& curves) noexcept { curves_ = &curves; }
 
-  /// Run() with an observer, who may look at plant().
+  /// Run() with an observer, who may look at plant(); ends after `max_controls`.
   control::RolloutResult Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
-                               control::RolloutObserver* observer);
+                               control::RolloutObserver* observer, int max_controls = 1'000'000);
   [[nodiscard]] const sim::LineTrackingPlant& plant() const noexcept { return *plant_; }
+  [[nodiscard]] const LineModel& model() const noexcept { return model_; }
 
  private:
   std::unique_ptr<sim::LineTrackingPlant> plant_;

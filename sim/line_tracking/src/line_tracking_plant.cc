@@ -361,6 +361,12 @@ LineTrackingTruth LineTrackingPlant::truth() const noexcept {
   return truth;
 }
 
+std::array<double, 4> LineTrackingPlant::TrueState() const noexcept {
+  const LineTrackingTruth t = truth();
+  return {kMillimetre * t.tip_m.x(), kMillimetre * t.tip_m.y(), kMillimetre * t.distance_m,
+          kHeadingScale * t.heading_rad};
+}
+
 // The arm goes from one reading to the other while the platform follows the disturbance.
 void LineTrackingPlant::Travel(const PsmJoints& from, const PsmJoints& to,
                                double duration_s) noexcept {
@@ -417,9 +423,7 @@ void LineTrackingPlant::Look() noexcept {
   State& s = *state_;
   const World& w = *world_;
   if (w.options.observation == Observation::kGroundTruth) {
-    const LineTrackingTruth t = truth();
-    s.observed = {kMillimetre * t.tip_m.x(), kMillimetre * t.tip_m.y(), kMillimetre * t.distance_m,
-                  kHeadingScale * t.heading_rad};
+    s.observed = TrueState();
     return;
   }
   // The arm knows how high its tip is, the camera does not.

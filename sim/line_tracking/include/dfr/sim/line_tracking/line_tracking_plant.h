@@ -155,6 +155,8 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   void Look() noexcept;
 
   [[nodiscard]] LineTrackingTruth truth() const noexcept;
+  /// The state that Observe() would report with kGroundTruth.
+  [[nodiscard]] std::array<double, 4> TrueState() const noexcept;
   /// What vision saw last. With kGroundTruth: nothing yet.
   [[nodiscard]] const vision::LineObservation& last_observation() const noexcept;
   /// Renders the present scene as the endoscope shows it now, rows from the top; `bgr` has
