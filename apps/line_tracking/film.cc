@@ -87,9 +87,11 @@ class Recorder final : public control::RolloutObserver {
   void OnStart(std::span<const double> /*x*/) override { Capture(); }
   void OnControl(const control::RolloutEvent& event) override {
     const control::Step& step = event.step;
-    // Guided recovery works with the log form, and has no one threshold.
-    samples_.push_back(
-        {std::isfinite(step.log_g) ? step.log_g : step.g, step.threshold, step.mode});
+    // Guided recovery works with the log form.
+    log_form_ = std::isfinite(step.log_g);
+    samples_.push_back({log_form_ ? step.log_g : step.g, step.threshold, step.mode});
+    mode_ = std::string("t = ") + std::to_string(step.t) + ", " + control::Name(step.mode) +
+            (step.filtered ? ", filtered" : "");
     const bool policy = event.step.mode == control::Mode::kPolicy;
     if (policy || event.collided || event.completed ||
         ++recovery_controls_ % kRecoveryStride == 1) {
@@ -118,6 +120,7 @@ class Recorder final : public control::RolloutObserver {
     cv::cvtColor(cv::Mat(kHeight, kWidth, CV_8UC3, picture_.data()), outside, cv::COLOR_RGB2BGR);
     outside.copyTo(frame(cv::Rect(kWidth, 0, kWidth, kHeight)));
     Write(frame, title_ + (ending_.empty() ? "" : "   " + ending_), {kWidth + 20, 30}, kPaper, 0.6);
+    Write(frame, mode_, {kWidth + 20, 56}, kPaper, 0.5);
     cv::Mat strip = frame(cv::Rect(0, kHeight, 2 * kWidth, kStripHeight));
     DrawStrip(strip);
     frames_.push_back(frame);
@@ -125,7 +128,11 @@ class Recorder final : public control::RolloutObserver {
 
   // g over the controls so far, the threshold, and who chose each control.
   void DrawStrip(cv::Mat& strip) const {
-    Write(strip, "g(t), threshold; blue: learned policy, orange: recovery", {12, 18}, kInk, 0.42);
+    Write(strip,
+          std::string(log_form_ ? "log form of g(t), 0 at the support's boundary"
+                                : "g(t), 0 at the support's boundary") +
+              "; grey: the gate's threshold; blue: learned policy, orange: recovery",
+          {12, 18}, kInk, 0.42);
     double high = 1e-9;
     double low = 0.0;
     for (const Sample& s : samples_) {
@@ -159,6 +166,8 @@ class Recorder final : public control::RolloutObserver {
   const LineTrackingPlant& plant_;
   std::string title_;
   std::string ending_;
+  std::string mode_;
+  bool log_form_ = false;
   std::vector<std::uint8_t> picture_;
   std::vector<Sample> samples_;
   std::vector<cv::Mat> frames_;
