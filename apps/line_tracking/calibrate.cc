@@ -25,7 +25,15 @@ void PrintErrors(const char* name, std::vector<double> errors_mm) {
 }  // namespace
 
 sim::LineTrackingCalibration LoadCalibration(const SceneOptions& scene) {
-  if (!scene.calibration.empty()) return ToPlant(calibration::Calibration::Load(scene.calibration));
+  if (scene.calibration != kNoCalibration) {
+    if (!std::filesystem::exists(scene.calibration)) {
+      throw std::runtime_error(
+          scene.calibration.string() +
+          ": no such file. Run `line_tracking calibrate` first, or go on with --calibration none: "
+          "the true camera and an uncorrected arm");
+    }
+    return ToPlant(calibration::Calibration::Load(scene.calibration));
+  }
   sim::LineTrackingCalibration known;
   known.camera = sim::LineTrackingPlant::true_camera();
   known.p_base_cam =
@@ -48,6 +56,7 @@ void RunCalibrate(const CalibrateOptions& options) {
   std::cout << "tip errors at " << options.held_out << " held-out poses [mm]\n"
             << "                         mean   95 %    max\n";
   SceneOptions uncalibrated;
+  uncalibrated.calibration = kNoCalibration;
   PrintErrors("arm taken at its word",
               sim::HeldOutTipErrors(plant, LoadCalibration(uncalibrated), options.held_out, seed));
   PrintErrors("calibrated", sim::HeldOutTipErrors(plant, ToPlant(found), options.held_out, seed));

@@ -13,11 +13,14 @@ namespace dfr::apps {
 // One struct and one function a command; main.cc fills the one and calls the other. All throw
 // std::exception with a message for the user.
 
+inline constexpr const char* kNoCalibration = "none";
+
 /// The world, for all commands.
 struct SceneOptions {
   sim::LineTrackingOptions plant;
-  /// A file of `calibrate`. Empty: camera and mounting as they are, the arm uncorrected.
-  std::filesystem::path calibration;
+  /// A file of `calibrate`, or kNoCalibration: camera and mounting as they are, the arm
+  /// uncorrected.
+  std::filesystem::path calibration = "calibration.dfr";
 };
 
 struct DemonstrateOptions {
@@ -96,6 +99,7 @@ struct VisionOptions {
 void RunVision(const VisionOptions& options);
 
 /// What the scene's calibration file holds, or the truth.
+/// @throws std::runtime_error naming the file, and what writes one, if it is not there.
 [[nodiscard]] sim::LineTrackingCalibration LoadCalibration(const SceneOptions& scene);
 
 }  // namespace dfr::apps

@@ -1,15 +1,17 @@
 #include <iostream>
 
 #include "commands.h"
+#include "dfr/experiment/progress.h"
 #include "dfr/imitation/demonstrations.h"
 #include "site.h"
 
 namespace dfr::apps {
 
 void RunDemonstrate(const DemonstrateOptions& options) {
-  const imitation::DemonstrationSet set =
-      Demonstrate(options.scene.plant, LoadCalibration(options.scene), options.count, options.steps,
-                  options.seed);
+  experiment::ProgressBar bar("demonstrations");
+  const imitation::DemonstrationSet set = Demonstrate(
+      options.scene.plant, LoadCalibration(options.scene), options.count, options.steps,
+      options.seed, [&bar](const experiment::Progress& progress) { bar.Show(progress); });
   imitation::SaveRobomimic(set, options.out);
   double farthest = 0.0;
   for (const core::Trajectory& trajectory : set.trajectories) {

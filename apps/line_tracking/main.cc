@@ -13,12 +13,33 @@
 namespace dfr::apps {
 namespace {
 
+constexpr const char* kMethods =
+    "baseline, early-stopping, dfr, dfr-fine (the constants of the paper's\nsimulations), guided "
+    "or "
+    "guided-without-<part>";
+
+// One of a few words, and help and errors that show just these.
+template <typename T>
+CLI::Validator OneOf(const std::map<std::string, T>& words) {
+  std::string list;
+  for (const auto& [word, value] : words) list.append(list.empty() ? "{" : ",").append(word);
+  list += "}";
+  return {[words, list](std::string& text) {
+            const auto found = words.find(text);
+            if (found == words.end()) return "'" + text + "' is none of " + list;
+            text = std::to_string(static_cast<int>(found->second));
+            return std::string();
+          },
+          list};
+}
+
 void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed) {
   command
       .add_option("--observation", plant.observation,
                   "images, or truth: the simulation's own numbers")
-      ->transform(CLI::CheckedTransformer(std::map<std::string, sim::Observation>{
-          {"images", sim::Observation::kVision}, {"truth", sim::Observation::kGroundTruth}}))
+      ->transform(OneOf<sim::Observation>(
+          {{"images", sim::Observation::kVision}, {"truth", sim::Observation::kGroundTruth}}))
+      ->type_name("")
       ->default_str("images");
   command.add_option("--arm", plant.arm.seed, "which individual arm: its cable errors")
       ->capture_default_str();
@@ -35,11 +56,11 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
   if (!disturbed) return;
   sim::DisturbanceOptions& d = plant.disturbance;
   command.add_option("--wave", d.wave, "how the platform moves: none, sine, breath or random")
-      ->transform(
-          CLI::CheckedTransformer(std::map<std::string, sim::Wave>{{"none", sim::Wave::kNone},
-                                                                   {"sine", sim::Wave::kSine},
-                                                                   {"breath", sim::Wave::kBreath},
-                                                                   {"random", sim::Wave::kRandom}}))
+      ->transform(OneOf<sim::Wave>({{"none", sim::Wave::kNone},
+                                    {"sine", sim::Wave::kSine},
+                                    {"breath", sim::Wave::kBreath},
+                                    {"random", sim::Wave::kRandom}}))
+      ->type_name("")
       ->default_str(sim::Name(d.wave));
   command
       .add_option("--amplitude", d.amplitude, "of x, y, z [m], roll, pitch, yaw [rad]; six numbers")
@@ -55,8 +76,10 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
 
 void AddScene(CLI::App& command, SceneOptions& scene, bool disturbed) {
   AddPlant(command, scene.plant, disturbed);
-  command.add_option("--calibration", scene.calibration,
-                     "file of calibrate (default: the true camera and an uncorrected arm)");
+  command
+      .add_option("--calibration", scene.calibration,
+                  "file of calibrate; none: the true camera and an uncorrected arm")
+      ->capture_default_str();
 }
 
 void AddModelOptions(CLI::App& command, LineModelOptions& model) {
@@ -88,7 +111,7 @@ int Main(int argc, char** argv) {
       "left;\n"
       "10 mm times the line's angle in rad); controls are displacements of the tool in x and y in\n"
       "units of 2 mm, within [-1, 1]. Without arguments of their own, the commands follow one\n"
-      "another: calibrate, demonstrate, fit, run, render, view.",
+      "another: calibrate, demonstrate, fit, run, render, view. experiment needs none of them.",
       "line_tracking");
   app.set_version_flag("--version",
                        std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
@@ -112,9 +135,10 @@ int Main(int argc, char** argv) {
                     "forget what an interrupted run left in --out instead of going on with it");
   command->add_flag("!--no-video", experiment.video, "leave the videos out");
   command
-      ->add_option("--methods", experiment.methods,
-                   "baseline, early-stopping, dfr, dfr-coarse, guided, guided-without-<part>;\nthe "
-                   "first is the reference")
+      ->add_option(
+          "--methods", experiment.methods,
+          "of baseline, early-stopping, dfr, dfr-fine, guided, guided-without-<part>;\nthe "
+          "first is the reference (default: all but dfr-fine and guided-without-<part>)")
       ->delimiter(',');
   command->add_option("--trials", experiment.trials, "independent repetitions of everything");
   command->add_option("--episodes", experiment.episodes, "start states per trial");
@@ -164,8 +188,7 @@ int Main(int argc, char** argv) {
   run.scene.plant.disturbance.wave = sim::Wave::kRandom;
   command = app.add_subcommand("run", "run a model on a moving platform");
   command->add_option("--model", run.model, "folder of fit")->capture_default_str();
-  command->add_option("--method", run.method, "baseline, early-stopping, dfr, dfr-coarse or guided")
-      ->capture_default_str();
+  command->add_option("--method", run.method, kMethods)->capture_default_str();
   command->add_option("--episodes", run.episodes, "start states")->capture_default_str();
   command->add_option("--seed", run.seed, "of start states, platform and recoveries")
       ->capture_default_str();
@@ -176,9 +199,7 @@ int Main(int argc, char** argv) {
   render.scene.plant.disturbance.wave = sim::Wave::kRandom;
   command = app.add_subcommand("render", "a video of one episode, without a display");
   command->add_option("--model", render.model, "folder of fit")->capture_default_str();
-  command
-      ->add_option("--method", render.method, "baseline, early-stopping, dfr, dfr-coarse or guided")
-      ->capture_default_str();
+  command->add_option("--method", render.method, kMethods)->capture_default_str();
   command->add_option("--seed", render.seed, "of the episode")->capture_default_str();
   command->add_option("--out", render.out, "a video: .mp4 or .webm")->capture_default_str();
   AddScene(*command, render.scene, true);

@@ -24,6 +24,7 @@ void RunRun(const RunOptions& options) {
     std::printf("%7d  %-9s  %-18s  %8d  %8d  %12.1f\n", i, core::Name(result.outcome),
                 result.cause.c_str(), result.controls, result.recovery_controls,
                 1e3 * site.plant().truth().progress_m);
+    std::fflush(stdout);
   }
   std::cout << options.method << ": " << counts[0] << " completed, " << counts[1] << " halted, "
             << counts[2] << " collided\n";
