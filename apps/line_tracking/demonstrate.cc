@@ -1,3 +1,4 @@
+#include <iomanip>
 #include <iostream>
 
 #include "commands.h"
@@ -17,9 +18,10 @@ void RunDemonstrate(const DemonstrateOptions& options) {
   for (const core::Trajectory& trajectory : set.trajectories) {
     farthest = std::max(farthest, trajectory.states.col(2).cwiseAbs().maxCoeff());
   }
-  std::cout << options.out.string() << ": " << set.trajectories.size()
-            << " open-loop demonstrations of " << options.steps << " controls, " << set.discarded
-            << " discarded; at most " << farthest << " mm from the line\n";
+  std::cout << std::fixed << std::setprecision(2) << options.out.string() << ": "
+            << set.trajectories.size() << " open-loop demonstrations of " << options.steps
+            << " controls, " << set.discarded << " discarded; at most " << farthest
+            << " mm from the line\n";
 }
 
 }  // namespace dfr::apps

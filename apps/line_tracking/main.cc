@@ -39,7 +39,7 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
                   "images, or truth: the simulation's own numbers")
       ->transform(OneOf<sim::Observation>(
           {{"images", sim::Observation::kVision}, {"truth", sim::Observation::kGroundTruth}}))
-      ->type_name("")
+      ->type_name("TEXT")
       ->default_str("images");
   command.add_option("--arm", plant.arm.seed, "which individual arm: its cable errors")
       ->capture_default_str();
@@ -60,7 +60,7 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
                                     {"sine", sim::Wave::kSine},
                                     {"breath", sim::Wave::kBreath},
                                     {"random", sim::Wave::kRandom}}))
-      ->type_name("")
+      ->type_name("TEXT")
       ->default_str(sim::Name(d.wave));
   command
       .add_option("--amplitude", d.amplitude, "of x, y, z [m], roll, pitch, yaw [rad]; six numbers")

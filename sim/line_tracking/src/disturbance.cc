@@ -63,8 +63,9 @@ Disturbance::Disturbance(const DisturbanceOptions& options, std::uint64_t seed)
       }
       DFR_THROW_UNLESS(kinematics::SprkPlatform::ReachableShare(ToPose(v)) == 1.0,
                        "disturbance: the platform cannot reach x "
-                           << 1e3 * v[0] << ", y " << 1e3 * v[1] << ", z " << 1e3 * v[2]
-                           << " mm, roll " << v[3] << ", pitch " << v[4] << ", yaw " << v[5]
+                           << 1e3 * v[0] + 0.0 << ", y " << 1e3 * v[1] + 0.0 << ", z "
+                           << 1e3 * v[2] + 0.0 << " mm, roll " << v[3] + 0.0 << ", pitch "
+                           << v[4] + 0.0 << ", yaw " << v[5] + 0.0  // + 0.0: no "-0"
                            << " rad; lower the amplitudes");
     }
   }
