@@ -26,9 +26,11 @@ struct LineModelOptions {
   double nu = 0.05;  ///< The quantile of the demonstrated states that may be outside.
   /// Candidates for the kernel's width, 1/mm^2. Where there are several, kernel::SelectModel()
   /// chooses by held-out demonstrations (Sec. V-B): the tightest support that accepts `acceptance`
-  /// of their states.
+  /// of their states; where none does, the one that accepts most.
   std::vector<double> gammas = {0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0};
-  double acceptance = 0.9;
+  /// What nu promises, 1 - nu. A tighter support has its gate's threshold lambda |u| beyond the
+  /// largest g at some time step, and DFR halts there.
+  double acceptance = 0.95;
   double guided_gamma = 0.35;  ///< Of guided recovery's support, in whitened units.
   int horizon = 55;            ///< T: controls of the learned policy in an episode.
   std::uint64_t seed = 1;      ///< Of the network's first weights.
