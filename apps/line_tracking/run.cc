@@ -1,6 +1,7 @@
 #include <cstdio>
 #include <iostream>
 #include <stdexcept>
+#include <utility>
 
 #include "commands.h"
 #include "dfr/core/random.h"
@@ -11,7 +12,8 @@ namespace dfr::apps {
 
 void RunRun(const RunOptions& options) {
   if (options.episodes < 1) throw std::invalid_argument("--episodes must be positive");
-  LineSite site(LineModel::Load(options.model), {options.method}, options.scene.plant,
+  LineModel model = LineModel::Load(options.model);
+  LineSite site(std::move(model), {options.method}, options.scene.plant,
                 LoadCalibration(options.scene));
   std::array<int, 3> counts{};
   std::cout << "episode  outcome    cause               controls  recovery  tracked [mm]\n";
@@ -31,7 +33,8 @@ void RunRun(const RunOptions& options) {
 }
 
 void RunRender(const RenderOptions& options) {
-  LineSite site(LineModel::Load(options.model), {options.method}, options.scene.plant,
+  LineModel model = LineModel::Load(options.model);
+  LineSite site(std::move(model), {options.method}, options.scene.plant,
                 LoadCalibration(options.scene));
   const control::RolloutResult result =
       RecordEpisode(site, 0, options.method, options.seed, options.seed, options.out);
