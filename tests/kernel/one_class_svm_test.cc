@@ -170,6 +170,70 @@ TEST(OneClassSvmTest, AStartLeadsToTheSameEstimateAndTheSolutionItselfAtOnce) {
   EXPECT_LT(warm.iterations, cold.iterations / 20);  // scaling alpha and back rounds
 }
 
+TEST(OneClassSvmTest, WholeWeightsAreRepeatedSamples) {
+  core::Random random(44);
+  const core::Matrix samples = Tube(300, 3, random);
+  std::vector<double> weights(300);
+  std::vector<Eigen::Index> repeated;
+  for (Eigen::Index i = 0; i < samples.rows(); ++i) {
+    const auto weight = static_cast<int>(random.Below(4));  // some are left out
+    weights[static_cast<std::size_t>(i)] = weight;
+    repeated.insert(repeated.end(), static_cast<std::size_t>(weight), i);
+  }
+  for (const double gamma : {0.3, 20.0}) {
+    OneClassSvmOptions options{.nu = 0.2, .gamma = gamma, .tolerance = 1e-8};
+    const auto expected = OneClassSvm::Fit(samples(repeated, Eigen::all), options);
+    options.weights = weights;
+    FitSummary summary;
+    const auto svm = OneClassSvm::Fit(samples, options, &summary);
+    EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+    EXPECT_LT(summary.kkt_gap, 1e-8);
+    // The tolerance over nu m = 90 and more, with a margin of ten.
+    EXPECT_TRUE(dfr::test::AllClose(Decisions(svm, samples), Decisions(expected, samples), 1e-9));
+    EXPECT_NEAR(svm.libsvm_scale(), expected.libsvm_scale(), 1e-9 * expected.libsvm_scale());
+    for (Eigen::Index i = 0; i < samples.rows(); ++i) {
+      const double bound = weights[static_cast<std::size_t>(i)] / svm.libsvm_scale();
+      EXPECT_LE(summary.alpha[i], bound * (1.0 + 1e-12));
+    }
+  }
+}
+
+TEST(OneClassSvmTest, OnlyTheRatioOfWeightsMatters) {
+  core::Random random(45);
+  const core::Matrix samples = Tube(200, 2, random);
+  OneClassSvmOptions options{.nu = 0.1, .gamma = 1.0, .tolerance = 1e-8};
+  const auto expected = OneClassSvm::Fit(samples, options);
+  const std::vector<double> weights(200, 2.5);
+  options.weights = weights;
+  options.tolerance *= 2.5;  // means LIBSVM's scale, which weights stretch
+  const auto svm = OneClassSvm::Fit(samples, options);
+  // The tolerance over nu m = 20, with a margin of ten.
+  EXPECT_TRUE(dfr::test::AllClose(Decisions(svm, samples), Decisions(expected, samples), 5e-9));
+  EXPECT_NEAR(svm.libsvm_scale(), 2.5 * expected.libsvm_scale(), 1e-9);
+}
+
+TEST(OneClassSvmTest, WrongWeightsAreNamed) {
+  core::Random random(46);
+  const core::Matrix samples = Tube(4, 2, random);
+  const auto message = [&](const std::vector<double>& weights, std::span<const double> start) {
+    OneClassSvmOptions options;
+    options.weights = weights;
+    options.start = start;
+    try {
+      (void)OneClassSvm::Fit(samples, options);
+    } catch (const std::invalid_argument& e) {
+      return std::string(e.what());
+    }
+    return std::string("nothing thrown");
+  };
+  const std::vector<double> start(4, 0.25);
+  EXPECT_THAT(message({1.0, 1.0}, {}), HasSubstr("there are 2 weights for 4 samples"));
+  EXPECT_THAT(message({1.0, 1.0, -2.0, 1.0}, {}), HasSubstr("the weight of sample 2 is -2"));
+  EXPECT_THAT(message({1.0, 1.0, 1.0, kInfinity}, {}), HasSubstr("the weight of sample 3 is inf"));
+  EXPECT_THAT(message({0.0, 0.0, 0.0, 0.0}, {}), HasSubstr("the weights sum to 0"));
+  EXPECT_THAT(message({1.0, 1.0, 1.0, 1.0}, start), HasSubstr("cannot be given a start"));
+}
+
 TEST(OneClassSvmTest, ProgressIsReportedAndMayStopTheFit) {
   core::Random random(42);
   const core::Matrix samples = Tube(5000, 3, random);

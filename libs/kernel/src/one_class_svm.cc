@@ -14,6 +14,7 @@
 #include "gaussian_terms.h"
 #include "smo_solver.h"
 #include "states_at.h"
+#include "weighted_dual.h"
 
 namespace dfr::kernel {
 
@@ -163,6 +164,23 @@ void CheckStart(std::span<const double> start, Eigen::Index samples) {
   DFR_THROW_UNLESS(sum > 0.0 && std::isfinite(sum), "the start's alpha sum to " << sum);
 }
 
+void CheckWeights(const OneClassSvmOptions& options, Eigen::Index samples) {
+  if (options.weights.empty()) return;
+  DFR_THROW_UNLESS(
+      static_cast<Eigen::Index>(options.weights.size()) == samples,
+      "there are " << options.weights.size() << " weights for " << samples << " samples");
+  DFR_THROW_UNLESS(options.start.empty(), "a fit with weights cannot be given a start");
+  double sum = 0.0;
+  for (std::size_t i = 0; i < options.weights.size(); ++i) {
+    const double w = options.weights[i];
+    DFR_THROW_UNLESS(w >= 0.0 && std::isfinite(w), "the weight of sample "
+                                                       << i << " is " << w
+                                                       << "; it must be finite, not negative");
+    sum += w;
+  }
+  DFR_THROW_UNLESS(sum > 0.0 && std::isfinite(sum), "the weights sum to " << sum);
+}
+
 void CheckOptions(const OneClassSvmOptions& options) {
   DFR_THROW_UNLESS(options.nu > 0.0 && options.nu <= 1.0,
                    "nu must lie in (0, 1], not " << options.nu);
@@ -191,9 +209,11 @@ OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmO
   CheckOptions(options);
   CheckSamples(samples);
   CheckStart(options.start, samples.rows());
+  CheckWeights(options, samples.rows());
   const auto start = std::chrono::steady_clock::now();
   FitSummary result;
-  const DualSolution dual = SolveDual(samples, options, scratch, result);
+  const DualSolution dual = options.weights.empty() ? SolveDual(samples, options, scratch, result)
+                                                    : SolveWeightedDual(samples, options, result);
 
   std::vector<Eigen::Index> chosen;
   chosen.reserve(static_cast<std::size_t>(dual.alpha.size()));

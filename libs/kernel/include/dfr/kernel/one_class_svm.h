@@ -29,6 +29,10 @@ struct OneClassSvmOptions {
   /// step, gamma or nu; FitSummary::alpha holds it). Empty: the solver finds a start. The estimate
   /// is the same within the tolerance.
   std::span<const double> start = {};
+  /// How much each sample counts, >= 0, as LIBSVM and scikit-learn take it: 0 <= alpha_i <=
+  /// w_i/(nu sum w). Empty: all the same. Whole numbers are as good as repeating samples. Such a
+  /// fit is slower, for its kernel is always computed in double and never kept; not with `start`.
+  std::span<const double> weights = {};
   /// Called every few milliseconds from the thread that fits; false stops the fit.
   std::function<bool(const FitProgress&)> progress = {};
 };
@@ -136,7 +140,7 @@ class OneClassSvm {
   [[nodiscard]] const Eigen::VectorXd& alpha() const noexcept;
   [[nodiscard]] double gamma() const noexcept;
   [[nodiscard]] double rho() const noexcept;
-  /// nu m: what alpha, rho and g are to be multiplied by for LIBSVM's.
+  /// nu m (with weights nu sum w): what alpha, rho and g are to be multiplied by for LIBSVM's.
   [[nodiscard]] double libsvm_scale() const noexcept;
 
  private:
