@@ -19,6 +19,7 @@
 #include "dfr/kernel/time_varying_support.h"
 #include "fit_sharing.h"
 #include "gaussian_sum.h"
+#include "states_at.h"
 
 namespace dfr::bench {
 namespace {
@@ -173,8 +174,12 @@ class PerStep {
     };
     peers.push_back({"each gamma by itself", separately, ""});
     Run("100 problems of n=120, 7 gammas",
-        {"ours", [&] { (void)kernel::internal::FitGrid(demonstrations_, ours, grid); }, ""}, peers,
-        options, results);
+        {"ours",
+         [&] {
+           (void)kernel::internal::FitGrid(kernel::internal::Views(demonstrations_), ours, grid);
+         },
+         ""},
+        peers, options, results);
   }
 
  private:

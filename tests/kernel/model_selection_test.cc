@@ -15,6 +15,7 @@
 
 #include "dfr/core/random.h"
 #include "fit_sharing.h"
+#include "states_at.h"
 #include "tests/support/all_close.h"
 
 namespace dfr::kernel {
@@ -120,7 +121,7 @@ TEST(ModelSelectionTest, SharedDistancesGiveTheEstimatesOfSeparateFits) {
     for (const double tolerance : {1e-4, 1e-7}) {  // kernel values in float, and in double
       TimeVaryingSupportOptions options{.svm = {.tolerance = tolerance}, .pooled = pooled};
       options.threads = 2;
-      const auto together = internal::FitGrid(demonstrations, options, grid);
+      const auto together = internal::FitGrid(internal::Views(demonstrations), options, grid);
       ASSERT_EQ(together.size(), std::size(grid));
       for (std::size_t g = 0; g < std::size(grid); ++g) {
         options.svm.nu = grid[g].nu;

@@ -7,6 +7,7 @@
 #include "dfr/kernel/one_class_svm.h"
 #include "dfr/kernel/time_varying_support.h"
 #include "small_problem.h"
+#include "states_at.h"
 
 namespace dfr::kernel::internal {
 
@@ -23,7 +24,7 @@ struct NuGamma {
 /// TimeVaryingSupport::Fit() for each pair of `grid` (their own in `options` count for nothing).
 /// What is small enough computes the distances between its samples once for the whole grid.
 /// `summaries`, if given, receives one entry per estimate of each pair in turn.
-std::vector<TimeVaryingSupport> FitGrid(std::span<const core::Matrix> demonstrations,
+std::vector<TimeVaryingSupport> FitGrid(std::span<const StatesView> demonstrations,
                                         const TimeVaryingSupportOptions& options,
                                         std::span<const NuGamma> grid,
                                         std::vector<FitSummary>* summaries = nullptr);

@@ -27,7 +27,7 @@ IncrementalSupport::IncrementalSupport(std::vector<core::Matrix> demonstrations,
 void IncrementalSupport::Add(core::Matrix states) {
   std::vector<core::Matrix> demonstrations = demonstrations_;
   demonstrations.push_back(std::move(states));
-  internal::CheckDemonstrations(demonstrations);
+  internal::CheckDemonstrations(internal::Views(demonstrations));
   // The newcomer begins outside the support vectors.
   std::vector<Eigen::VectorXd> starts;
   for (const FitSummary& summary : summaries_) {
@@ -55,8 +55,9 @@ void IncrementalSupport::Remove(int index) {
 
 void IncrementalSupport::Refit(const std::vector<Eigen::VectorXd>& starts,
                                std::vector<core::Matrix> demonstrations) {
+  const std::vector<internal::StatesView> views = internal::Views(demonstrations);
   const int num_steps =
-      options_.num_steps > 0 ? options_.num_steps : internal::LongestLength(demonstrations);
+      options_.num_steps > 0 ? options_.num_steps : internal::LongestLength(views);
   std::vector<OneClassSvm> estimates;
   std::vector<FitSummary> summaries(static_cast<std::size_t>(num_steps));
   for (int t = 0; t < num_steps; ++t) {
@@ -65,8 +66,7 @@ void IncrementalSupport::Refit(const std::vector<Eigen::VectorXd>& starts,
     // A new time step continues the last one. A start whose weight has all been removed is none.
     const Eigen::VectorXd& start = starts[std::min(index, starts.size() - 1)];
     if (start.sum() > 0.0) svm.start = core::AsSpan(start);
-    estimates.push_back(
-        OneClassSvm::Fit(internal::StatesAt(demonstrations, t), svm, &summaries[index]));
+    estimates.push_back(OneClassSvm::Fit(internal::StatesAt(views, t), svm, &summaries[index]));
   }
   support_ = TimeVaryingSupport(std::move(estimates));
   summaries_ = std::move(summaries);

@@ -146,7 +146,7 @@ Selection SelectModel(std::span<const core::Matrix> demonstrations,
       }
     }
     const std::vector<TimeVaryingSupport> supports =
-        internal::FitGrid(training, options.support, grid);
+        internal::FitGrid(internal::Views(training), options.support, grid);
     for (std::size_t g = 0; g < grid.size(); ++g) tallies[g].Add(supports[g], held, draws);
   }
   Selection selection;

@@ -6,16 +6,25 @@
 
 namespace dfr::kernel::internal {
 
-bool AllFinite(const core::Matrix& states) {
+bool AllFinite(const Eigen::Ref<const core::Matrix>& states) {
   // A non-finite entry makes its product with zero, and so the sum, NaN. Many times faster than a
   // look at each.
   return (0.0 * states.array()).sum() == 0.0;
 }
 
-void CheckDemonstrations(std::span<const core::Matrix> demonstrations) {
+std::vector<StatesView> Views(std::span<const core::Matrix> demonstrations) {
+  std::vector<StatesView> views;
+  views.reserve(demonstrations.size());
+  for (const core::Matrix& states : demonstrations) {
+    views.emplace_back(states.data(), states.rows(), states.cols());
+  }
+  return views;
+}
+
+void CheckDemonstrations(std::span<const StatesView> demonstrations) {
   DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
-    const core::Matrix& states = demonstrations[d];
+    const StatesView& states = demonstrations[d];
     DFR_THROW_UNLESS(states.rows() >= 1, "demonstration " << d << " has no states");
     DFR_THROW_UNLESS(states.cols() == demonstrations[0].cols(),
                      "demonstration " << d << " has states of " << states.cols()
@@ -29,16 +38,16 @@ void CheckDemonstrations(std::span<const core::Matrix> demonstrations) {
   }
 }
 
-int LongestLength(std::span<const core::Matrix> demonstrations) {
+int LongestLength(std::span<const StatesView> demonstrations) {
   Eigen::Index longest = 0;
-  for (const core::Matrix& states : demonstrations) longest = std::max(longest, states.rows());
+  for (const StatesView& states : demonstrations) longest = std::max(longest, states.rows());
   return static_cast<int>(longest);
 }
 
-core::Matrix StatesAt(std::span<const core::Matrix> demonstrations, int t) {
+core::Matrix StatesAt(std::span<const StatesView> demonstrations, int t) {
   core::Matrix states(static_cast<Eigen::Index>(demonstrations.size()), demonstrations[0].cols());
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
-    const core::Matrix& all = demonstrations[d];
+    const StatesView& all = demonstrations[d];
     const Eigen::Index last = all.rows() - 1;
     states.row(static_cast<Eigen::Index>(d)) = all.row(std::min<Eigen::Index>(t, last));
   }

@@ -273,11 +273,12 @@ double MappedEstimate::Gradient(std::span<const double> x,
 EstimatePerStep EstimatePerStep::Fit(std::span<const core::Matrix> demonstrations,
                                      const EstimateFitter& fit, int num_steps) {
   DFR_THROW_UNLESS(num_steps >= 0, "num_steps must not be negative: " << num_steps);
-  internal::CheckDemonstrations(demonstrations);
-  if (num_steps == 0) num_steps = internal::LongestLength(demonstrations);
+  const std::vector<internal::StatesView> views = internal::Views(demonstrations);
+  internal::CheckDemonstrations(views);
+  if (num_steps == 0) num_steps = internal::LongestLength(views);
   EstimatePerStep result;
   for (int t = 0; t < num_steps; ++t) {
-    result.estimates_.push_back(fit(internal::StatesAt(demonstrations, t)));
+    result.estimates_.push_back(fit(internal::StatesAt(views, t)));
     DFR_THROW_UNLESS(result.estimates_.back() != nullptr &&
                          result.estimates_.back()->state_dim() == demonstrations[0].cols(),
                      "the fit of time step " << t << " returned no estimate of these states");

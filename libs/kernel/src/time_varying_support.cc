@@ -21,14 +21,14 @@ namespace {
 constexpr char kKind[] = "time-varying-support";
 constexpr int kVersion = 1;
 
-core::Matrix AllStates(std::span<const core::Matrix> demonstrations, int num_steps) {
+core::Matrix AllStates(std::span<const internal::StatesView> demonstrations, int num_steps) {
   Eigen::Index count = 0;
-  for (const core::Matrix& states : demonstrations) {
+  for (const internal::StatesView& states : demonstrations) {
     count += std::min<Eigen::Index>(states.rows(), num_steps);
   }
   core::Matrix pool(count, demonstrations[0].cols());
   Eigen::Index row = 0;
-  for (const core::Matrix& states : demonstrations) {
+  for (const internal::StatesView& states : demonstrations) {
     const Eigen::Index rows = std::min<Eigen::Index>(states.rows(), num_steps);
     pool.middleRows(row, rows) = states.topRows(rows);
     row += rows;
@@ -41,11 +41,18 @@ core::Matrix AllStates(std::span<const core::Matrix> demonstrations, int num_ste
 TimeVaryingSupport TimeVaryingSupport::Fit(std::span<const core::Matrix> demonstrations,
                                            const TimeVaryingSupportOptions& options,
                                            std::vector<FitSummary>* summaries) {
+  return Fit(std::span<const internal::StatesView>(internal::Views(demonstrations)), options,
+             summaries);
+}
+
+TimeVaryingSupport TimeVaryingSupport::Fit(
+    std::span<const Eigen::Map<const core::Matrix>> demonstrations,
+    const TimeVaryingSupportOptions& options, std::vector<FitSummary>* summaries) {
   const internal::NuGamma own[] = {{options.svm.nu, options.svm.gamma}};
   return std::move(internal::FitGrid(demonstrations, options, own, summaries)[0]);
 }
 
-std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const core::Matrix> demonstrations,
+std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const StatesView> demonstrations,
                                                   const TimeVaryingSupportOptions& options,
                                                   std::span<const NuGamma> grid,
                                                   std::vector<FitSummary>* summaries) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <filesystem>
 #include <span>
 #include <vector>
@@ -12,7 +13,7 @@ namespace dfr::kernel {
 
 /// Options for TimeVaryingSupport::Fit().
 struct TimeVaryingSupportOptions {
-  OneClassSvmOptions svm = {};  ///< The same for every time step.
+  OneClassSvmOptions svm = {};  ///< The same for every time step; `weights`: one a demonstration.
   /// How many time steps t = 0, 1, ... get an estimate; 0: as many as the longest demonstration has
   /// states.
   int num_steps = 0;
@@ -35,6 +36,10 @@ class TimeVaryingSupport final : public core::LogDecisionFunction {
   ///   one is empty, their widths differ, an entry is not finite, or an option is out of range; the
   ///   message names the demonstration and row.
   static TimeVaryingSupport Fit(std::span<const core::Matrix> demonstrations,
+                                const TimeVaryingSupportOptions& options,
+                                std::vector<FitSummary>* summaries = nullptr);
+  /// The same for demonstrations in memory that others own, NumPy's say.
+  static TimeVaryingSupport Fit(std::span<const Eigen::Map<const core::Matrix>> demonstrations,
                                 const TimeVaryingSupportOptions& options,
                                 std::vector<FitSummary>* summaries = nullptr);
 
