@@ -1,15 +1,12 @@
 #include "dfr/imitation/demonstrations.h"
 
-#include <algorithm>
-#include <charconv>
-#include <cmath>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <stdexcept>
 #include <string_view>
 #include <utility>
 
-#include "dfr/core/contract.h"
+#include "dfr/imitation/minari.h"
+#include "episode_io.h"
 #include "hdf5_file.h"
 
 namespace dfr::imitation {
@@ -22,147 +19,19 @@ using internal::Hdf5File;
 constexpr std::string_view kEpisodePrefix = "demo_";
 constexpr int kGymEnvironment = 2;  // robomimic's EnvType.GYM_TYPE
 
-void CheckTrajectory(const core::Trajectory& trajectory, int state_dim, int control_dim,
-                     int episode) {
-  const Eigen::Index steps = trajectory.controls.rows();
-  DFR_THROW_UNLESS(steps > 0, "demonstration " << episode << " has no control");
-  DFR_THROW_UNLESS(trajectory.controls.cols() == control_dim &&
-                       trajectory.states.cols() == state_dim &&
-                       trajectory.states.rows() == steps + 1,
-                   "demonstration " << episode << " has states of " << trajectory.states.rows()
-                                    << " x " << trajectory.states.cols() << " and controls of "
-                                    << steps << " x " << trajectory.controls.cols() << "; " << steps
-                                    << " controls need " << steps + 1 << " x " << state_dim
-                                    << " and " << steps << " x " << control_dim);
-  for (Eigen::Index t = 0; t < steps; ++t) {
-    for (Eigen::Index j = 0; j < control_dim; ++j) {
-      const double u = trajectory.controls(t, j);
-      DFR_THROW_UNLESS(std::abs(u) <= 1.0, "demonstration "
-                                               << episode << ", step " << t << ": control " << j
-                                               << " is " << u
-                                               << "; robomimic files hold controls scaled to "
-                                                  "[-1, 1]");
-    }
-  }
-  for (Eigen::Index t = 0; t <= steps; ++t) {
-    for (Eigen::Index j = 0; j < state_dim; ++j) {
-      DFR_THROW_UNLESS(std::isfinite(trajectory.states(t, j)),
-                       "demonstration " << episode << ", step " << t << ": state entry " << j
-                                        << " is " << trajectory.states(t, j));
-    }
-  }
-}
-
-std::optional<Outcome> ParseOutcome(std::string_view name) {
-  for (const Outcome outcome : {Outcome::kCompleted, Outcome::kHalted, Outcome::kCollided}) {
-    if (name == core::Name(outcome)) return outcome;
-  }
-  return std::nullopt;
-}
-
-// Paths of the episodes in the order of their numbers.
-std::vector<std::string> Episodes(const Hdf5File& file) {
-  std::vector<std::pair<std::int64_t, std::string>> numbered;
-  for (const std::string& name : file.Members("data")) {
-    std::int64_t number = 0;
-    const char* const begin = name.data() + std::min(kEpisodePrefix.size(), name.size());
-    const char* const end = name.data() + name.size();
-    const auto [stop, error] = std::from_chars(begin, end, number);
-    if (!name.starts_with(kEpisodePrefix) || error != std::errc() || stop != end) {
-      file.Fail("data/" + name, "is not named demo_<number>");
-    }
-    numbered.emplace_back(number, "data/" + name);
-  }
-  std::sort(numbered.begin(), numbered.end());
-  std::vector<std::string> paths;
-  paths.reserve(numbered.size());
-  for (auto& [number, path] : numbered) paths.push_back(std::move(path));
-  return paths;
-}
-
-void CheckFinite(const Hdf5File& file, const std::string& path, const Matrix& values) {
-  for (Eigen::Index i = 0; i < values.rows(); ++i) {
-    for (Eigen::Index j = 0; j < values.cols(); ++j) {
-      if (!std::isfinite(values(i, j))) {
-        file.Fail(path, "row " + std::to_string(i) + ", column " + std::to_string(j) + " is " +
-                            std::to_string(values(i, j)));
-      }
-    }
-  }
-}
-
-Matrix ReadRows(const Hdf5File& file, const std::string& path, Eigen::Index rows) {
-  if (!file.Exists(path)) file.Fail(path, "does not exist");
-  Matrix values = file.Read(path);
-  if (values.rows() != rows) {
-    file.Fail(path, "has " + std::to_string(values.rows()) + " rows; num_samples is " +
-                        std::to_string(rows));
-  }
-  CheckFinite(file, path, values);
-  return values;
-}
-
-// The vector-valued observations of an episode, in the order of the state.
-core::StateLayout ReadLayout(const Hdf5File& file, const std::string& episode) {
-  const std::string group = episode + "/obs";
-  if (!file.Exists(group)) file.Fail(group, "does not exist");
-  struct Key {
-    std::int64_t offset;
-    std::string name;
-    int size;
-  };
-  std::vector<Key> keys;
-  bool all_have_offsets = true;
-  for (const std::string& name : file.Members(group)) {
-    std::string path = group;
-    path += "/" + name;
-    const std::vector<std::int64_t> shape = file.Shape(path);
-    if (shape.empty()) file.Fail(path, "is a single value, not one row per step");
-    if (shape.size() > 2) continue;
-    const std::int64_t size = shape.size() == 2 ? shape[1] : 1;
-    constexpr std::int64_t kMost = 1 << 20;
-    if (size < 1 || size > kMost) file.Fail(path, "has " + std::to_string(size) + " columns");
-    const std::optional<std::int64_t> offset = file.IntegerAttribute(path, "offset");
-    all_have_offsets = all_have_offsets && offset.has_value();
-    keys.push_back({offset.value_or(0), name, static_cast<int>(size)});
-  }
-  if (keys.empty()) file.Fail(group, "has no vector-valued dataset");
-  if (all_have_offsets) {
-    std::stable_sort(keys.begin(), keys.end(),
-                     [](const Key& a, const Key& b) { return a.offset < b.offset; });
-  }
-  core::StateLayout layout;
-  for (const Key& key : keys) layout.Add(key.name, key.size);
-  return layout;
-}
-
-Matrix ReadStates(const Hdf5File& file, const std::string& group, const core::StateLayout& layout,
-                  Eigen::Index rows) {
-  Matrix states(rows, layout.state_dim());
-  for (const auto& block : layout.blocks) {
-    const std::string path = group + "/" + block.name;
-    const Matrix values = ReadRows(file, path, rows);
-    if (values.cols() != block.size) {
-      file.Fail(path, "has " + std::to_string(values.cols()) + " columns, not " +
-                          std::to_string(block.size));
-    }
-    states.middleCols(block.offset, block.size) = values;
-  }
-  return states;
-}
-
 core::Trajectory ReadEpisode(const Hdf5File& file, const std::string& episode,
                              const core::StateLayout& layout) {
   const std::optional<std::int64_t> samples = file.IntegerAttribute(episode, "num_samples");
   if (!samples) file.Fail(episode, "has no attribute num_samples");
   if (*samples < 1) file.Fail(episode, "num_samples is " + std::to_string(*samples));
   const Eigen::Index n = *samples;
+  constexpr char kCount[] = "num_samples";
 
   core::Trajectory trajectory;
-  trajectory.controls = ReadRows(file, episode + "/actions", n);
-  trajectory.states = ReadStates(file, episode + "/obs", layout, n);
+  trajectory.controls = internal::ReadRows(file, episode + "/actions", n, kCount);
+  trajectory.states = internal::ReadBlocks(file, episode + "/obs", layout, n, kCount);
   if (file.Exists(episode + "/next_obs")) {
-    const Matrix next = ReadStates(file, episode + "/next_obs", layout, n);
+    const Matrix next = internal::ReadBlocks(file, episode + "/next_obs", layout, n, kCount);
     trajectory.states.conservativeResize(n + 1, Eigen::NoChange);
     trajectory.states.row(n) = next.row(n - 1);
   } else {
@@ -172,11 +41,11 @@ core::Trajectory ReadEpisode(const Hdf5File& file, const std::string& episode,
 
   trajectory.seed = static_cast<std::uint64_t>(file.IntegerAttribute(episode, "seed").value_or(0));
   if (const std::optional<std::string> name = file.TextAttribute(episode, "outcome")) {
-    const std::optional<Outcome> outcome = ParseOutcome(*name);
+    const std::optional<Outcome> outcome = internal::ParseOutcome(*name);
     if (!outcome) file.Fail(episode, "outcome '" + *name + "' is unknown");
     trajectory.outcome = *outcome;
   } else if (file.Exists(episode + "/dones")) {
-    const Matrix dones = ReadRows(file, episode + "/dones", n);
+    const Matrix dones = internal::ReadRows(file, episode + "/dones", n, kCount);
     trajectory.outcome = dones(n - 1, 0) != 0.0 ? Outcome::kCompleted : Outcome::kHalted;
   }
   return trajectory;
@@ -189,6 +58,68 @@ std::string EnvironmentName(const Hdf5File& file) {
   if (!json.is_object()) file.Fail("data", "attribute env_args is not a JSON object");
   const auto name = json.find("env_name");
   return name != json.end() && name->is_string() ? name->get<std::string>() : "";
+}
+
+class RobomimicReader final : public DemonstrationReader {
+ public:
+  explicit RobomimicReader(const std::filesystem::path& path) : file_(Hdf5File::Open(path)) {
+    if (!file_.Exists("data")) file_.Fail("data", "does not exist: this is no robomimic file");
+    environment_ = EnvironmentName(file_);
+    discarded_ = static_cast<int>(file_.IntegerAttribute("data", "discarded").value_or(0));
+    episodes_ = internal::NumberedMembers(file_, "data", kEpisodePrefix);
+    if (episodes_.empty()) file_.Fail("data", "holds no episode");
+    layout_ = internal::ReadLayout(file_, episodes_[0] + "/obs");
+    const std::string actions = episodes_[0] + "/actions";
+    if (!file_.Exists(actions)) file_.Fail(actions, "does not exist");
+    const std::vector<std::int64_t> shape = file_.Shape(actions);
+    control_dim_ = shape.size() == 2 ? static_cast<int>(shape[1]) : 1;
+  }
+
+  [[nodiscard]] const core::StateLayout& layout() const noexcept override { return layout_; }
+  [[nodiscard]] int control_dim() const noexcept override { return control_dim_; }
+  [[nodiscard]] const std::string& environment() const noexcept override { return environment_; }
+  [[nodiscard]] int discarded() const noexcept override { return discarded_; }
+  [[nodiscard]] int num_episodes() const noexcept override {
+    return static_cast<int>(episodes_.size());
+  }
+  [[nodiscard]] const std::string& name(int i) const override {
+    return episodes_.at(static_cast<std::size_t>(i));
+  }
+
+  [[nodiscard]] core::Trajectory Read(int i) const override {
+    const std::string& episode = name(i);
+    if (internal::ReadLayout(file_, episode + "/obs") != layout_) {
+      file_.Fail(episode + "/obs", "has other datasets or sizes than the first episode's");
+    }
+    core::Trajectory trajectory = ReadEpisode(file_, episode, layout_);
+    if (trajectory.controls.cols() != control_dim_) {
+      file_.Fail(episode + "/actions", "has " + std::to_string(trajectory.controls.cols()) +
+                                           " columns, the first episode's has " +
+                                           std::to_string(control_dim_));
+    }
+    return trajectory;
+  }
+
+ private:
+  Hdf5File file_;
+  std::vector<std::string> episodes_;
+  core::StateLayout layout_;
+  int control_dim_ = 0;
+  int discarded_ = 0;
+  std::string environment_;
+};
+
+DemonstrationSet ReadAll(const DemonstrationReader& reader) {
+  DemonstrationSet demonstrations;
+  demonstrations.layout = reader.layout();
+  demonstrations.control_dim = reader.control_dim();
+  demonstrations.environment = reader.environment();
+  demonstrations.discarded = reader.discarded();
+  demonstrations.trajectories.reserve(static_cast<std::size_t>(reader.num_episodes()));
+  for (int i = 0; i < reader.num_episodes(); ++i) {
+    demonstrations.trajectories.push_back(reader.Read(i));
+  }
+  return demonstrations;
 }
 
 }  // namespace
@@ -214,7 +145,7 @@ class RobomimicWriter::File {
   }
 
   void Append(const core::Trajectory& trajectory) {
-    CheckTrajectory(trajectory, layout_.state_dim(), control_dim_, episodes_);
+    internal::CheckTrajectory(trajectory, layout_.state_dim(), control_dim_, episodes_);
     const Eigen::Index n = trajectory.controls.rows();
     const std::string episode = "data/" + std::string(kEpisodePrefix) + std::to_string(episodes_);
     const bool completed = trajectory.outcome == Outcome::kCompleted;
@@ -269,12 +200,7 @@ class RobomimicWriter::File {
 RobomimicWriter::RobomimicWriter(const std::filesystem::path& path, core::StateLayout layout,
                                  int control_dim, const std::string& environment,
                                  std::string model_xml) {
-  DFR_THROW_UNLESS(layout.state_dim() > 0, "demonstrations need a state layout");
-  DFR_THROW_UNLESS(control_dim > 0, "demonstrations need controls, not " << control_dim);
-  for (const auto& block : layout.blocks) {
-    DFR_THROW_UNLESS(!block.name.empty() && block.name.find('/') == std::string::npos,
-                     "state block '" << block.name << "' cannot name a dataset");
-  }
+  internal::CheckLayout(layout, control_dim);
   file_ = std::make_unique<File>(path, std::move(layout), control_dim, environment,
                                  std::move(model_xml));
 }
@@ -294,8 +220,8 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
   const int state_dim = demonstrations.layout.state_dim();
   for (std::size_t i = 0; i < demonstrations.trajectories.size(); ++i) {
     // All are checked before the first is written, and an existing file replaced.
-    CheckTrajectory(demonstrations.trajectories[i], state_dim, demonstrations.control_dim,
-                    static_cast<int>(i));
+    internal::CheckTrajectory(demonstrations.trajectories[i], state_dim, demonstrations.control_dim,
+                              static_cast<int>(i));
   }
   RobomimicWriter writer(path, demonstrations.layout, demonstrations.control_dim,
                          demonstrations.environment, model_xml);
@@ -303,33 +229,23 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
   for (int i = 0; i < demonstrations.discarded; ++i) writer.CountDiscarded();
 }
 
+std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& path) {
+  return std::make_unique<RobomimicReader>(path);
+}
+
+std::unique_ptr<DemonstrationReader> OpenDemonstrations(const std::filesystem::path& path) {
+  if (std::filesystem::is_directory(path)) return OpenMinari(path);
+  // Closed again before the reader opens it.
+  const bool robomimic = Hdf5File::Open(path).Exists("data");
+  return robomimic ? OpenRobomimic(path) : OpenMinari(path);
+}
+
+DemonstrationSet LoadDemonstrations(const std::filesystem::path& path) {
+  return ReadAll(*OpenDemonstrations(path));
+}
+
 DemonstrationSet LoadRobomimic(const std::filesystem::path& path) {
-  const Hdf5File file = Hdf5File::Open(path);
-  if (!file.Exists("data")) file.Fail("data", "does not exist: this is no robomimic file");
-  DemonstrationSet demonstrations;
-  demonstrations.environment = EnvironmentName(file);
-  demonstrations.discarded =
-      static_cast<int>(file.IntegerAttribute("data", "discarded").value_or(0));
-  for (const std::string& episode : Episodes(file)) {
-    core::StateLayout layout = ReadLayout(file, episode);
-    if (demonstrations.trajectories.empty()) {
-      demonstrations.layout = std::move(layout);
-    } else if (layout != demonstrations.layout) {
-      file.Fail(episode + "/obs", "has other datasets or sizes than the first episode's");
-    }
-    core::Trajectory trajectory = ReadEpisode(file, episode, demonstrations.layout);
-    const int control_dim = static_cast<int>(trajectory.controls.cols());
-    if (demonstrations.trajectories.empty()) {
-      demonstrations.control_dim = control_dim;
-    } else if (control_dim != demonstrations.control_dim) {
-      file.Fail(episode + "/actions", "has " + std::to_string(control_dim) +
-                                          " columns, the first episode's has " +
-                                          std::to_string(demonstrations.control_dim));
-    }
-    demonstrations.trajectories.push_back(std::move(trajectory));
-  }
-  if (demonstrations.trajectories.empty()) file.Fail("data", "holds no episode");
-  return demonstrations;
+  return ReadAll(*OpenRobomimic(path));
 }
 
 }  // namespace dfr::imitation

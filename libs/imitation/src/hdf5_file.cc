@@ -68,11 +68,14 @@ std::string LastError() {
 Hdf5File::Hdf5File(std::string name, std::int64_t id) : name_(std::move(name)), id_(id) {}
 
 Hdf5File::Hdf5File(Hdf5File&& other) noexcept
-    : name_(std::move(other.name_)), id_(std::exchange(other.id_, H5I_INVALID_HID)) {}
+    : name_(std::move(other.name_)),
+      id_(std::exchange(other.id_, H5I_INVALID_HID)),
+      track_order_(other.track_order_) {}
 
 Hdf5File& Hdf5File::operator=(Hdf5File&& other) noexcept {
   std::swap(name_, other.name_);
   std::swap(id_, other.id_);
+  std::swap(track_order_, other.track_order_);
   return *this;
 }
 
@@ -82,13 +85,19 @@ Hdf5File::~Hdf5File() {
   H5Fclose(id_);
 }
 
-Hdf5File Hdf5File::Create(const std::filesystem::path& path) {
+Hdf5File Hdf5File::Create(const std::filesystem::path& path, bool track_order) {
   const Quiet quiet;
+  const Handle properties(H5Pcreate(H5P_FILE_CREATE), H5Pclose);
+  if (track_order) {
+    H5Pset_link_creation_order(properties.id(), H5P_CRT_ORDER_TRACKED | H5P_CRT_ORDER_INDEXED);
+  }
   // The library's default version bounds: with "latest" a file whose writer was killed does not
   // open.
-  const hid_t id = H5Fcreate(path.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+  const hid_t id = H5Fcreate(path.c_str(), H5F_ACC_TRUNC, properties.id(), H5P_DEFAULT);
   if (id < 0) FailFile(path.string(), "cannot be created: " + LastError());
-  return {path.string(), id};
+  Hdf5File file(path.string(), id);
+  file.track_order_ = track_order;
+  return file;
 }
 
 Hdf5File Hdf5File::Open(const std::filesystem::path& path) {
@@ -105,15 +114,35 @@ void Hdf5File::Fail(const std::string& path, const std::string& reason) const {
 
 void Hdf5File::CreateGroup(const std::string& path) {
   const Quiet quiet;
-  const Handle group(H5Gcreate2(id_, path.c_str(), H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT),
+  const Handle properties(H5Pcreate(H5P_GROUP_CREATE), H5Pclose);
+  if (track_order_) {
+    H5Pset_link_creation_order(properties.id(), H5P_CRT_ORDER_TRACKED | H5P_CRT_ORDER_INDEXED);
+  }
+  const Handle group(H5Gcreate2(id_, path.c_str(), H5P_DEFAULT, properties.id(), H5P_DEFAULT),
                      H5Gclose);
   if (!group.ok()) Fail(path, "cannot be created: " + LastError());
 }
 
-void Hdf5File::WriteBlock(const std::string& path, std::int64_t type, std::int64_t space,
-                          const void* values) {
+void Hdf5File::WriteBlock(const std::string& path, std::int64_t type,
+                          std::span<const std::int64_t> shape, bool growable, const void* values) {
+  std::vector<hsize_t> now(shape.begin(), shape.end());
+  std::vector<hsize_t> most = now;
+  const Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
+  if (growable) {
+    // An episode's rows are read together: one chunk, within the mebibyte that libhdf5 caches.
+    constexpr hsize_t kChunkBytes = 1 << 20;
+    std::vector<hsize_t> chunk = now;
+    hsize_t row_bytes = H5Tget_size(type);
+    for (std::size_t k = 1; k < chunk.size(); ++k) row_bytes *= chunk[k];
+    chunk[0] = std::clamp<hsize_t>(kChunkBytes / row_bytes, 1, std::max<hsize_t>(1, chunk[0]));
+    H5Pset_chunk(properties.id(), static_cast<int>(chunk.size()), chunk.data());
+    most[0] = H5S_UNLIMITED;
+  }
+  const Handle space(H5Screate_simple(static_cast<int>(now.size()), now.data(), most.data()),
+                     H5Sclose);
   const Handle dataset(
-      H5Dcreate2(id_, path.c_str(), type, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT), H5Dclose);
+      H5Dcreate2(id_, path.c_str(), type, space.id(), H5P_DEFAULT, properties.id(), H5P_DEFAULT),
+      H5Dclose);
   if (!dataset.ok() || H5Dwrite(dataset.id(), type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0) {
     Fail(path, "cannot be written: " + LastError());
   }
@@ -121,24 +150,44 @@ void Hdf5File::WriteBlock(const std::string& path, std::int64_t type, std::int64
 
 void Hdf5File::Write(const std::string& path, const core::Matrix& values) {
   const Quiet quiet;
-  const hsize_t shape[] = {static_cast<hsize_t>(values.rows()),
-                           static_cast<hsize_t>(values.cols())};
-  const Handle space(H5Screate_simple(2, shape, nullptr), H5Sclose);
-  WriteBlock(path, H5T_NATIVE_DOUBLE, space.id(), values.data());
+  const std::int64_t shape[] = {values.rows(), values.cols()};
+  WriteBlock(path, H5T_NATIVE_DOUBLE, shape, false, values.data());
 }
 
 void Hdf5File::Write(const std::string& path, std::span<const double> values) {
   const Quiet quiet;
-  const hsize_t shape[] = {values.size()};
-  const Handle space(H5Screate_simple(1, shape, nullptr), H5Sclose);
-  WriteBlock(path, H5T_NATIVE_DOUBLE, space.id(), values.data());
+  const std::int64_t shape[] = {static_cast<std::int64_t>(values.size())};
+  WriteBlock(path, H5T_NATIVE_DOUBLE, shape, false, values.data());
 }
 
 void Hdf5File::Write(const std::string& path, std::span<const std::int64_t> values) {
   const Quiet quiet;
-  const hsize_t shape[] = {values.size()};
-  const Handle space(H5Screate_simple(1, shape, nullptr), H5Sclose);
-  WriteBlock(path, H5T_NATIVE_INT64, space.id(), values.data());
+  const std::int64_t shape[] = {static_cast<std::int64_t>(values.size())};
+  WriteBlock(path, H5T_NATIVE_INT64, shape, false, values.data());
+}
+
+void Hdf5File::WriteGrowable(const std::string& path, const core::Matrix& values) {
+  const Quiet quiet;
+  const std::int64_t shape[] = {values.rows(), values.cols()};
+  WriteBlock(path, H5T_NATIVE_DOUBLE, shape, true, values.data());
+}
+
+void Hdf5File::WriteGrowable(const std::string& path, std::span<const double> values) {
+  const Quiet quiet;
+  const std::int64_t shape[] = {static_cast<std::int64_t>(values.size())};
+  WriteBlock(path, H5T_NATIVE_DOUBLE, shape, true, values.data());
+}
+
+void Hdf5File::WriteGrowable(const std::string& path, const std::vector<bool>& values) {
+  const Quiet quiet;
+  const Handle type(H5Tenum_create(H5T_NATIVE_INT8), H5Tclose);
+  const std::int8_t no = 0;
+  const std::int8_t yes = 1;
+  H5Tenum_insert(type.id(), "FALSE", &no);
+  H5Tenum_insert(type.id(), "TRUE", &yes);
+  const std::vector<std::int8_t> bytes(values.begin(), values.end());
+  const std::int64_t shape[] = {static_cast<std::int64_t>(bytes.size())};
+  WriteBlock(path, type.id(), shape, true, bytes.data());
 }
 
 void Hdf5File::SetAttribute(const std::string& path, const char* name, std::int64_t value) {
@@ -185,9 +234,15 @@ bool Hdf5File::Exists(const std::string& path) const {
   }
 }
 
+bool Hdf5File::IsGroup(const std::string& path) const {
+  const Quiet quiet;
+  const Handle object(H5Oopen(id_, path.c_str(), H5P_DEFAULT), H5Oclose);
+  return object.ok() && H5Iget_type(object.id()) == H5I_GROUP;
+}
+
 std::vector<std::string> Hdf5File::Members(const std::string& group) const {
   const Quiet quiet;
-  const Handle handle(H5Gopen2(id_, group.c_str(), H5P_DEFAULT), H5Gclose);
+  const Handle handle(H5Gopen2(id_, group.empty() ? "/" : group.c_str(), H5P_DEFAULT), H5Gclose);
   if (!handle.ok()) Fail(group, "is not a group: " + LastError());
   std::vector<std::string> names;
   const auto collect = [](hid_t, const char* name, const H5L_info_t*, void* out) -> herr_t {

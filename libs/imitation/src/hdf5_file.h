@@ -16,7 +16,9 @@ namespace dfr::imitation::internal {
 /// libhdf5 says.
 class Hdf5File {
  public:
-  static Hdf5File Create(const std::filesystem::path& path);
+  /// @param track_order  groups list their members in the order of creation, as Minari's readers
+  ///   expect.
+  static Hdf5File Create(const std::filesystem::path& path, bool track_order = false);
   static Hdf5File Open(const std::filesystem::path& path);
 
   Hdf5File(Hdf5File&& other) noexcept;
@@ -29,6 +31,11 @@ class Hdf5File {
   /// A one-dimensional one.
   void Write(const std::string& path, std::span<const double> values);
   void Write(const std::string& path, std::span<const std::int64_t> values);
+  /// The same as datasets that can grow in their first dimension, in chunks.
+  void WriteGrowable(const std::string& path, const core::Matrix& values);
+  void WriteGrowable(const std::string& path, std::span<const double> values);
+  /// Truth values as h5py stores them: an enumeration {FALSE = 0, TRUE = 1} over one byte.
+  void WriteGrowable(const std::string& path, const std::vector<bool>& values);
   /// Sets or replaces an attribute of a group or dataset; text has variable length, UTF-8.
   void SetAttribute(const std::string& path, const char* name, std::int64_t value);
   void SetAttribute(const std::string& path, const char* name, const std::string& value);
@@ -36,7 +43,8 @@ class Hdf5File {
   void Flush();
 
   [[nodiscard]] bool Exists(const std::string& path) const;
-  /// Names of the members of a group, in alphabetical order.
+  [[nodiscard]] bool IsGroup(const std::string& path) const;
+  /// Names of the members of a group, in alphabetical order; "" is the file's top.
   [[nodiscard]] std::vector<std::string> Members(const std::string& group) const;
   /// Dimensions of a dataset.
   [[nodiscard]] std::vector<std::int64_t> Shape(const std::string& path) const;
@@ -53,11 +61,12 @@ class Hdf5File {
 
  private:
   Hdf5File(std::string name, std::int64_t id);
-  void WriteBlock(const std::string& path, std::int64_t type, std::int64_t space,
-                  const void* values);
+  void WriteBlock(const std::string& path, std::int64_t type, std::span<const std::int64_t> shape,
+                  bool growable, const void* values);
 
   std::string name_;
   std::int64_t id_;  // hid_t
+  bool track_order_ = false;
 };
 
 }  // namespace dfr::imitation::internal

@@ -19,6 +19,32 @@ struct DemonstrationSet {
   int discarded = 0;  ///< Demonstrations that violated a constraint and are not among these.
 };
 
+/// A file of demonstrations that is read one episode at a time: it takes the memory of its longest
+/// episode, whatever its size. One object belongs to one thread.
+class DemonstrationReader {
+ public:
+  virtual ~DemonstrationReader() = default;
+
+  [[nodiscard]] virtual const core::StateLayout& layout() const noexcept = 0;
+  [[nodiscard]] virtual int control_dim() const noexcept = 0;
+  [[nodiscard]] virtual const std::string& environment() const noexcept = 0;
+  /// DemonstrationSet::discarded, where the file says so.
+  [[nodiscard]] virtual int discarded() const noexcept { return 0; }
+  [[nodiscard]] virtual int num_episodes() const noexcept = 0;
+
+  /// What the file calls episode i, in [0, num_episodes()): "data/demo_7".
+  [[nodiscard]] virtual const std::string& name(int i) const = 0;
+  /// @throws std::runtime_error naming file, episode, dataset and reason.
+  [[nodiscard]] virtual core::Trajectory Read(int i) const = 0;
+};
+
+/// Opens demonstrations of robomimic or Minari (see minari.h), whichever it is.
+/// @throws std::runtime_error naming file and reason.
+[[nodiscard]] std::unique_ptr<DemonstrationReader> OpenDemonstrations(
+    const std::filesystem::path& path);
+/// Reads all of it.
+[[nodiscard]] DemonstrationSet LoadDemonstrations(const std::filesystem::path& path);
+
 // robomimic's HDF5 format: group data/demo_<i> per episode of N controls, with datasets
 //   actions (N x control_dim, within [-1, 1]),  states (N x state_dim),
 //   obs/<block> and next_obs/<block> (N x block size) for each block of the layout,
@@ -60,11 +86,13 @@ class RobomimicWriter {
 void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem::path& path,
                    const std::string& model_xml = "");
 
-/// Reads a file written here or by others. Episodes come in the order of their numbers. A state is
+/// Opens a file written here or by others. Episodes come in the order of their numbers. A state is
 /// all vector-valued obs datasets one after another, by `offset` where all have one, else by name;
 /// those of more than two dimensions (images) are left out. Without next_obs the state after the
 /// last control is not in the file, and that control is left out. Without `outcome`, an episode
 /// whose last done is 1 completed.
+[[nodiscard]] std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& path);
+/// Reads all of it.
 [[nodiscard]] DemonstrationSet LoadRobomimic(const std::filesystem::path& path);
 
 }  // namespace dfr::imitation

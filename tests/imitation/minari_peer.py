@@ -1,0 +1,120 @@
+"""Writes and checks Minari datasets with h5py alone, for minari_test.
+
+minari_peer.py check FOLDER        exits non-zero unless FOLDER holds what the test's Episodes() made
+minari_peer.py check-plain FOLDER  the same with observations that are one dataset
+minari_peer.py write FOLDER        writes such a dataset as Minari's own tools do: observations in groups
+minari_peer.py write-plain FOLDER  with plain observations
+"""
+
+import json
+import pathlib
+import sys
+
+import h5py
+import numpy as np
+
+LENGTHS = [3, 1, 12]
+BLOCKS = [("tip", 0, 3), ("object", 3, 2), ("angle", 5, 1)]
+
+
+def states(episode):
+    t, k = np.mgrid[0 : LENGTHS[episode] + 1, 0:6]
+    return episode + 0.25 * t + k / 3.0
+
+
+def controls(episode):
+    t, k = np.mgrid[0 : LENGTHS[episode], 0:2]
+    return (episode - t) / 16.0 + k / 2.0
+
+
+def check(folder, plain):
+    metadata = json.loads((folder / "data/metadata.json").read_text())
+    assert metadata["total_episodes"] == len(LENGTHS)
+    assert metadata["total_steps"] == sum(LENGTHS)
+    assert metadata["data_format"] == "hdf5"
+    assert metadata["jpeg_encoding"] is False
+    assert metadata["dataset_id"] == "dfr/test-v0"
+    assert metadata["minari_version"]
+    assert json.loads(metadata["env_spec"])["id"] == 'pusher "P"'
+    # Spaces are JSON inside a string.
+    action = json.loads(metadata["action_space"])
+    assert action == {"type": "Box", "dtype": "float64", "shape": [2], "low": [-1.0] * 2, "high": [1.0] * 2}
+    observation = json.loads(metadata["observation_space"])
+    if plain:
+        boxes = [(observation, 6)]
+    else:
+        assert observation["type"] == "Dict"
+        assert list(observation["subspaces"]) == [name for name, _, _ in BLOCKS]
+        boxes = [(observation["subspaces"][name], size) for name, _, size in BLOCKS]
+    for box, size in boxes:
+        assert box["type"] == "Box" and box["shape"] == [size], box
+        assert box["low"] == [-np.inf] * size and box["high"] == [np.inf] * size
+
+    with h5py.File(folder / "data/main_data.hdf5", "r") as f:
+        # Of the group: a file that is opened again no longer tells its own properties.
+        order = h5py.h5g.open(f.id, b"/").get_create_plist().get_link_creation_order()
+        assert order == h5py.h5p.CRT_ORDER_TRACKED | h5py.h5p.CRT_ORDER_INDEXED
+        assert list(f) == ["episode_0", "episode_1", "episode_2"]
+        for i, n in enumerate(LENGTHS):
+            episode = f[f"episode_{i}"]
+            assert episode.attrs["id"] == i
+            assert episode.attrs["total_steps"] == n
+            assert episode.attrs["seed"].dtype == np.int64
+            if plain:
+                np.testing.assert_array_equal(episode["observations"][()], states(i))
+            else:
+                for name, offset, size in BLOCKS:
+                    block = episode["observations"][name]
+                    np.testing.assert_array_equal(block[()], states(i)[:, offset : offset + size])
+                    assert block.maxshape == (None, size) and block.chunks is not None
+            np.testing.assert_array_equal(episode["actions"][()], controls(i))
+            done = np.zeros(n, bool)
+            done[-1] = True
+            completed = i != 1  # episode 1 was halted
+            np.testing.assert_array_equal(episode["rewards"][()], done * completed)
+            for name, expected in (("terminations", completed), ("truncations", not completed)):
+                dataset = episode[name]
+                assert dataset.dtype == bool, dataset.dtype  # h5py's enumeration
+                assert dataset.maxshape == (None,)
+                np.testing.assert_array_equal(dataset[()], done & expected)
+            assert isinstance(episode["infos"], h5py.Group)
+
+
+def write(folder, plain):
+    data = folder / "data"
+    data.mkdir(parents=True)
+    metadata = {
+        "total_episodes": 3,
+        "total_steps": sum(LENGTHS),
+        "data_format": "hdf5",
+        "jpeg_encoding": False,
+        "dataset_id": "peer/lift-v0",
+        "minari_version": "0.5.1",
+        "env_spec": json.dumps({"id": "Lift-v1", "kwargs": {}}),
+        "author": ["somebody"],
+    }
+    (data / "metadata.json").write_text(json.dumps(metadata))
+    with h5py.File(data / "main_data.hdf5", "w", track_order=True) as f:
+        for i, n in enumerate(LENGTHS):
+            # episode_10 comes before episode_9 by name, after it by number.
+            episode = f.create_group(f"episode_{8 + i}")
+            episode.attrs.update({"id": 8 + i, "total_steps": n, "seed": 70 + i})
+            x = states(i)
+            if plain:
+                episode.create_dataset("observations", data=x, maxshape=(None, 6), chunks=True)
+            else:
+                for name, offset, size in BLOCKS:
+                    key = "goal/" + name if name == "object" else name  # a space within a space
+                    block = x[:, offset] if size == 1 else x[:, offset : offset + size]
+                    episode.create_dataset(f"observations/{key}", data=block, compression="gzip")
+                episode.create_dataset("observations/image", data=np.zeros((n + 1, 4, 4, 3), np.uint8))
+            episode.create_dataset("actions", data=controls(i).astype(np.float32), maxshape=(None, 2), chunks=True)
+            episode.create_dataset("rewards", data=np.zeros(n))
+            episode.create_dataset("terminations", data=np.zeros(n, bool))
+            episode.create_dataset("truncations", data=np.arange(n) == n - 1)
+            episode.create_dataset("infos/success", data=np.arange(n + 1) == (n if i == 2 else -1))
+
+
+if __name__ == "__main__":
+    mode, folder = sys.argv[1], pathlib.Path(sys.argv[2])
+    {"check": check, "write": write}[mode.removesuffix("-plain")](folder, mode.endswith("-plain"))
