@@ -61,14 +61,16 @@ function(dfr_debian_name name result)
   string(REPLACE "_" "-" package ${name})
   if(name IN_LIST libraries)
     set(${result} libdfr-${package}-dev PARENT_SCOPE)
+  elseif(name STREQUAL "python")
+    set(${result} python3-dfr PARENT_SCOPE)
   else()
     set(${result} dfr-${package} PARENT_SCOPE)
   endif()
 endfunction()
 
 # dfr_describe_packages(core kernel ...): these components, in the order of components.txt. What a
-# library's package depends on is what its row needs; a program's are the shared libraries that
-# dpkg-shlibdeps finds in it.
+# library's package depends on is what its row needs; a program's and the Python module's are the
+# shared libraries that dpkg-shlibdeps finds in them.
 function(dfr_describe_packages)
   if(NOT PROJECT_IS_TOP_LEVEL)
     return()
@@ -104,6 +106,17 @@ function(dfr_describe_packages)
     else()
       set(CPACK_DEBIAN_${id}_PACKAGE_SHLIBDEPS ON)
       set(CPACK_DEBIAN_${id}_PACKAGE_SECTION science)
+    endif()
+    if(name STREQUAL "python")
+      # A module is built for one minor version of Python.
+      get_property(version GLOBAL PROPERTY DFR_PYTHON_VERSION)
+      string(REPLACE "." ";" parts ${version})
+      list(GET parts 1 minor)
+      math(EXPR next "${minor} + 1")
+      set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS
+        "python3 (>= ${version}), python3 (<< 3.${next}), python3-numpy")
+      set(CPACK_DEBIAN_PYTHON_PACKAGE_SUGGESTS python3-sklearn)
+      set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
     endif()
   endforeach()
   include(CPack)

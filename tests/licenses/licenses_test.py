@@ -44,7 +44,7 @@ def main(source, binary):
             for package in row.split("|")[3].split():
                 if package not in packages:
                     errors.append(f"components.txt: {package} has no row")
-    programs = [p for d in ("bin", "tests") for p in sorted((binary / d).glob("*")) if p.is_file()]
+    programs = [p for d in ("bin", "tests", "python/dfr") for p in sorted((binary / d).glob("*")) if p.is_file() and p.suffix not in (".py", ".pyi", ".typed")]
     for program in programs:
         for library in sorted(linked(program) - libraries - SYSTEM):
             errors.append(f"{program.name} links {library}, which has no row")

@@ -106,7 +106,7 @@ class PackagesTest(unittest.TestCase):
             (cls.root / "var/lib/dpkg" / part).mkdir(parents=True)
         status = [cls.host.stanzas[name][0] for name in sorted(cls.host.closure(names))]
         (cls.root / "var/lib/dpkg/status").write_text("\n\n".join(status) + "\n\n")
-        for name in ("libdfr", "dfr"):
+        for name in ("libdfr", "dfr", "python3-dfr"):
             assert f"\nPackage: {name}" not in "\n".join(status), "dfr is installed on this machine"
         command = ["dpkg", f"--root={cls.root}", "--log=/dev/null", "--force-not-root", "--force-script-chrootless",
                    "--no-triggers", "--install", *cls.debs]
@@ -114,8 +114,8 @@ class PackagesTest(unittest.TestCase):
 
     def component(self, deb):
         name = self.info[deb]["Package"]
-        name = re.sub(r"^(libdfr-|dfr-)", "", name).removesuffix("-dev").replace("-", "_")
-        return name
+        name = re.sub(r"^(libdfr-|dfr-|python3-dfr$)", "", name).removesuffix("-dev").replace("-", "_")
+        return name or "python"
 
     def test_one_package_per_component_with_this_version(self):
         version = re.search(r"project\(dfr VERSION (\S+)", (SOURCE / "CMakeLists.txt").read_text()).group(1)
@@ -190,9 +190,14 @@ class PackagesTest(unittest.TestCase):
         run("cmake", "--build", build)
         run(build / "consumer")
 
-    def test_programs_run(self):
+    def test_programs_and_the_module_run(self):
         for program in self.root.glob("usr/bin/*"):
             self.assertIn("sage", run(program, "--help"))
+        built = {info["Package"] for info in self.info.values()}
+        if "python3-dfr" in built:
+            packages = self.root / "usr/lib/python3/dist-packages"
+            run("/usr/bin/python3", "-c", "import dfr; dfr.OneClassSVM().fit_predict([[0.0], [1.0], [2.0]])",
+                env={**os.environ, "PYTHONPATH": str(packages), "PYTHONDONTWRITEBYTECODE": "1"})
 
 
 if __name__ == "__main__":

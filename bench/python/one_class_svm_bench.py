@@ -1,0 +1,79 @@
+#!@DFR_PYTHON@
+"""Fits and decisions of dfr.OneClassSVM beside sklearn.svm.OneClassSVM, in turn in one run.
+
+usage: python_one_class_svm_bench [--benchmark_min_time=0]   (then small sizes, timed once: a smoke test)
+
+Times are processor seconds of the calling thread, the least of some repetitions. Different answers
+are not timed: the program fails.
+"""
+
+import os
+import sys
+import time
+
+os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+sys.path.insert(0, "@PROJECT_BINARY_DIR@/python")
+
+import numpy as np
+import sklearn.svm
+
+import dfr
+
+# samples, features, gamma ("scale" of whitened data is 1/features), the factors asked for
+CASES = [
+    (1200, 9, "scale", None, None),
+    (12000, 9, "scale", 10.0, 20.0),
+    (12000, 9, 5.0, 10.0, 20.0),
+    (12000, 32, "scale", None, None),
+]
+NU = 0.05
+
+
+def least_time(work, repetitions):
+    times = []
+    for _ in range(repetitions):
+        start = time.thread_time()
+        work()
+        times.append(time.thread_time() - start)
+    return min(times)
+
+
+def main():
+    smoke = "--benchmark_min_time=0" in sys.argv
+    print(f"dfr {dfr.__version__} ({dfr._core.build_commit}), scikit-learn {sklearn.__version__}, nu {NU}, tol 1e-3")
+    print(f"{'n':>6} {'d':>3} {'gamma':>6} | {'fit ms':>8} {'sklearn':>9} {'factor':>7} | {'decide ms':>9} {'sklearn':>9} {'factor':>7}")
+    missed = []
+    for n, d, gamma, fit_goal, decide_goal in CASES:
+        if smoke:
+            n //= 20
+        rng = np.random.default_rng(1)
+        phase = rng.uniform(0, 6, size=(n, 1))  # states along trajectories, whitened
+        X = np.sin(phase * (1 + np.arange(d)) / 2) + 0.3 * rng.normal(size=(n, d))
+        X = (X - X.mean(axis=0)) / X.std(axis=0)
+        queries = X + 0.2 * rng.normal(size=X.shape)
+        ours = dfr.OneClassSVM(nu=NU, gamma=gamma)
+        theirs = sklearn.svm.OneClassSVM(nu=NU, gamma=gamma)
+        fit = least_time(lambda: ours.fit(X), 1 if smoke else 5)
+        peer_fit = least_time(lambda: theirs.fit(X), 1 if smoke else 2)
+        # Two solutions within the tolerance: 1e-3 in this scale, where values go up to rho.
+        difference = np.abs(ours.decision_function(queries) - theirs.decision_function(queries)).max()
+        if not difference < 5e-3 + 1e-3 * ours.offset_[0]:
+            sys.exit(f"n {n}, d {d}, gamma {gamma}: decisions differ by {difference}")
+        decide = least_time(lambda: ours.decision_function(queries), 1 if smoke else 5)
+        peer_decide = least_time(lambda: theirs.decision_function(queries), 1 if smoke else 2)
+        print(
+            f"{n:>6} {d:>3} {gamma!s:>6} | {1e3 * fit:>8.2f} {1e3 * peer_fit:>9.1f} {peer_fit / fit:>6.1f}x"
+            f" | {1e3 * decide:>9.2f} {1e3 * peer_decide:>9.1f} {peer_decide / decide:>6.1f}x",
+            flush=True,
+        )
+        for what, factor, goal in (("fit", peer_fit / fit, fit_goal), ("decision", peer_decide / decide, decide_goal)):
+            if goal is not None and factor < goal:
+                missed.append(f"{what} at n {n}, d {d}, gamma {gamma}: {factor:.1f} times, not {goal:.0f}")
+    if smoke:
+        print("sizes of a smoke test: its times say nothing")
+    elif missed:
+        sys.exit("below the goal: " + "; ".join(missed))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,284 @@
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <cmath>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "arrays.h"
+#include "dfr/core/contract.h"
+#include "dfr/kernel/one_class_svm.h"
+#include "dfr/kernel/onnx_export.h"
+
+namespace py = pybind11;
+
+namespace dfr::python {
+namespace {
+
+using kernel::FitSummary;
+using kernel::OneClassSvm;
+using kernel::OneClassSvmOptions;
+
+const char* Name(FitSummary::Reason reason) {
+  switch (reason) {
+    case FitSummary::Reason::kConverged:
+      return "converged";
+    case FitSummary::Reason::kMaxIterations:
+      return "max_iterations";
+    case FitSummary::Reason::kInterrupted:
+      return "interrupted";
+    case FitSummary::Reason::kStalled:
+      return "stalled";
+  }
+  return "unknown";
+}
+
+std::pair<OneClassSvm, FitSummary> Fit(const Array& samples, double nu, double gamma,
+                                       double tolerance, std::int64_t max_iterations,
+                                       double memory_mib, const std::optional<Array>& weights) {
+  OneClassSvmOptions options{.nu = nu,
+                             .gamma = gamma,
+                             .tolerance = tolerance,
+                             .max_iterations = max_iterations,
+                             .memory_mib = memory_mib};
+  if (weights) options.weights = Entries(*weights);
+  Interruptible interruptible;
+  options.progress = [&](const kernel::FitProgress&) { return interruptible.GoOn(); };
+  FitSummary summary;
+  const MatrixView rows = Rows(samples, "samples");
+  auto svm = [&] {
+    const py::gil_scoped_release unlocked;
+    return OneClassSvm::Fit(rows, options, &summary);
+  }();
+  interruptible.Throw();
+  return {std::move(svm), std::move(summary)};
+}
+
+// g as scikit-learn gives it. On the boundary, where the sum and rho cancel, only rounding is left:
+// the same samples in another order would give it the other sign.
+double InLibsvmScale(const OneClassSvm& svm, double g) {
+  constexpr double kAccuracy = 1e-12;  // of sum and rho, see GaussianSum()
+  return std::abs(g) <= kAccuracy * svm.rho() ? 0.0 : svm.libsvm_scale() * g;
+}
+
+// g of one state as a number, of several as an array.
+py::object Decision(const OneClassSvm& svm, const Array& x, bool libsvm_scale) {
+  const MatrixView rows = Rows(x, "x");
+  DFR_THROW_UNLESS(rows.cols() == svm.state_dim(),
+                   "states of " << rows.cols() << " entries; the estimate has " << svm.state_dim());
+  if (x.ndim() == 1) {
+    const double g = svm.Decision(Entries(x));
+    return py::float_(libsvm_scale ? InLibsvmScale(svm, g) : g);
+  }
+  py::array_t<double> g(rows.rows());
+  const std::span<double> values = Entries(g);
+  {
+    const py::gil_scoped_release unlocked;
+    svm.DecisionBatch(rows, values);
+    if (libsvm_scale) {
+      for (double& value : values) value = InLibsvmScale(svm, value);
+    }
+  }
+  return g;
+}
+
+py::tuple Gradient(const OneClassSvm& svm, const Array& x) {
+  DFR_THROW_UNLESS(x.ndim() == 1 && x.size() == svm.state_dim(),
+                   "x must be one state of " << svm.state_dim() << " entries");
+  py::array_t<double> gradient(svm.state_dim());
+  const double g = svm.Gradient(Entries(x), Entries(gradient));
+  return py::make_tuple(g, std::move(gradient));
+}
+
+// The first entry that is not finite, or none.
+std::optional<std::pair<Eigen::Index, Eigen::Index>> FindNonFinite(const Array& x) {
+  const MatrixView rows = Rows(x, "x");
+  const py::gil_scoped_release unlocked;
+  for (Eigen::Index i = 0; i < rows.rows(); ++i) {
+    // A non-finite entry makes its product with zero, and so the sum, NaN.
+    double sum = 0.0;
+    for (Eigen::Index k = 0; k < rows.cols(); ++k) sum += 0.0 * rows(i, k);
+    if (sum == 0.0) continue;
+    for (Eigen::Index k = 0; k < rows.cols(); ++k) {
+      if (!std::isfinite(rows(i, k))) return std::pair(i, k);
+    }
+  }
+  return std::nullopt;
+}
+
+double Variance(const Array& x) {
+  const MatrixView rows = Rows(x, "x");
+  const py::gil_scoped_release unlocked;
+  const double mean = rows.mean();
+  return (rows.array() - mean).square().mean();
+}
+
+}  // namespace
+
+py::tuple GetState(const OneClassSvm& svm) {
+  const py::object owner = py::cast(svm);
+  return py::make_tuple(View(svm.support_vectors(), owner), View(svm.alpha(), owner), svm.gamma(),
+                        svm.rho(), svm.libsvm_scale());
+}
+
+OneClassSvm FromState(const py::tuple& state) {
+  DFR_THROW_UNLESS(state.size() == 5, "this is not a pickled SupportEstimate");
+  const auto alpha = state[1].cast<Array>();
+  return OneClassSvm::FromParts(Rows(state[0].cast<Array>(), "support_vectors"),
+                                core::AsVector(Entries(alpha)), state[2].cast<double>(),
+                                state[3].cast<double>(), state[4].cast<double>());
+}
+
+void AddSupportEstimate(py::module_& module) {
+  py::class_<FitSummary>(module, "FitSummary", R"(How a fit ended and what it cost.
+
+Attributes
+----------
+reason : str
+    "converged", "max_iterations" (usable, `kkt_gap` says how well), or "stalled" (the tolerance is
+    below what doubles can do).
+iterations : int
+kkt_gap : float
+    The largest violation of the optimality conditions, in LIBSVM's scale.
+objective : float
+    alpha' K alpha / 2, in LIBSVM's scale.
+kernel_evaluations : int
+seconds : float
+alpha : ndarray of shape (n_samples,)
+    Of every sample; they sum to 1.
+)")
+      .def_property_readonly("reason", [](const FitSummary& s) { return Name(s.reason); })
+      .def_readonly("iterations", &FitSummary::iterations)
+      .def_readonly("kkt_gap", &FitSummary::kkt_gap)
+      .def_readonly("objective", &FitSummary::objective)
+      .def_readonly("kernel_evaluations", &FitSummary::kernel_evaluations)
+      .def_readonly("seconds", &FitSummary::seconds)
+      .def_property_readonly(
+          "alpha",
+          [](const py::object& self) { return View(self.cast<const FitSummary&>().alpha, self); })
+      .def(py::pickle(
+          [](const py::object& self) {
+            const auto& s = self.cast<const FitSummary&>();
+            return py::make_tuple(static_cast<int>(s.reason), s.iterations, s.kkt_gap, s.objective,
+                                  s.num_support_vectors, s.kernel_evaluations, s.seconds,
+                                  View(s.alpha, self));
+          },
+          [](const py::tuple& state) {
+            DFR_THROW_UNLESS(state.size() == 8, "this is not a pickled FitSummary");
+            const auto alpha = state[7].cast<Array>();
+            return FitSummary{static_cast<FitSummary::Reason>(state[0].cast<int>()),
+                              state[1].cast<std::int64_t>(),
+                              state[2].cast<double>(),
+                              state[3].cast<double>(),
+                              state[4].cast<int>(),
+                              state[5].cast<std::int64_t>(),
+                              state[6].cast<double>(),
+                              core::AsVector(Entries(alpha))};
+          }));
+
+  py::class_<OneClassSvm>(module, "SupportEstimate", R"(Support estimate of a sample cloud.
+
+g(x) = sum_i alpha_i exp(-gamma |x - x_i|^2) - rho, positive inside. alpha sums to 1, so that g does
+not grow with the number of samples; scikit-learn's and LIBSVM's decision values are `libsvm_scale`
+times these. Immutable: threads may share one.
+
+Attributes
+----------
+state_dim : int
+gamma, rho, libsvm_scale : float
+lipschitz_bound : float
+    L with \|g(x) - g(y)\| <= L \|x - y\|.
+alpha : ndarray of shape (n_support_vectors,)
+support_vectors : ndarray of shape (n_support_vectors, state_dim)
+    Both are views that cannot be written to.
+)")
+      .def_static("fit", &Fit, py::arg("samples"), py::kw_only(), py::arg("nu") = 0.05,
+                  py::arg("gamma") = 5.0, py::arg("tolerance") = 1e-4,
+                  py::arg("max_iterations") = 0, py::arg("memory_mib") = 512.0,
+                  py::arg("weights") = py::none(), R"(Fit an estimate to samples.
+
+Parameters
+----------
+samples : array_like of shape (n_samples, state_dim)
+    Not converted if C-contiguous float64.
+nu : float
+    In (0, 1]: bounds the share of samples left outside from above, that of support vectors from
+    below.
+gamma : float
+    Of the Gaussian kernel, in 1/unit^2.
+tolerance : float
+    Stop once the largest violation of the optimality conditions is below it, in LIBSVM's scale.
+max_iterations : int
+    0: no sensible limit.
+memory_mib : float
+    Bound on the fit's own memory.
+weights : array_like of shape (n_samples,), optional
+    How much each sample counts.
+
+Returns
+-------
+estimate : SupportEstimate
+summary : FitSummary
+
+Raises
+------
+ValueError
+    Naming the sample, weight or option that is wrong.
+KeyboardInterrupt
+    Ctrl-C stops a fit. Other threads go on meanwhile: it does not hold the interpreter's lock.
+)")
+      .def("decision", &Decision, py::arg("x"), py::kw_only(), py::arg("libsvm_scale") = false,
+           R"(g of one state (a float) or of one state per row (an array).
+
+Parameters
+----------
+x : array_like of shape (state_dim,) or (n, state_dim)
+    Read in place if C-contiguous float64. A state with a non-finite entry gives -inf.
+libsvm_scale : bool
+    Times `libsvm_scale`: what scikit-learn and LIBSVM give. Values below their accuracy of
+    1e-12 rho are 0, so that a sample on the boundary is inside.
+)")
+      .def("gradient", &Gradient, py::arg("x"), R"(g and its derivative at one state.
+
+Returns
+-------
+g : float
+gradient : ndarray of shape (state_dim,)
+)")
+      .def(
+          "export_onnx",
+          [](const OneClassSvm& svm, const std::filesystem::path& path) {
+            const py::gil_scoped_release unlocked;
+            kernel::ExportOnnx(svm, path);
+          },
+          py::arg("path"),
+          "Write g as an ONNX file in double: input x (rows, state_dim), output g.")
+      .def_property_readonly("state_dim", &OneClassSvm::state_dim)
+      .def_property_readonly("gamma", &OneClassSvm::gamma)
+      .def_property_readonly("rho", &OneClassSvm::rho)
+      .def_property_readonly("libsvm_scale", &OneClassSvm::libsvm_scale)
+      .def_property_readonly("lipschitz_bound", &OneClassSvm::lipschitz_bound)
+      .def_property_readonly("alpha",
+                             [](const py::object& self) {
+                               return View(self.cast<const OneClassSvm&>().alpha(), self);
+                             })
+      .def_property_readonly("support_vectors",
+                             [](const py::object& self) {
+                               return View(self.cast<const OneClassSvm&>().support_vectors(), self);
+                             })
+      .def("__repr__",
+           [](const OneClassSvm& svm) {
+             return "<dfr.SupportEstimate: " + std::to_string(svm.num_support_vectors()) +
+                    " support vectors of " + std::to_string(svm.state_dim()) + " entries>";
+           })
+      .def(py::pickle(&GetState, &FromState));
+
+  module.def("find_non_finite", &FindNonFinite, py::arg("x"),
+             "Row and column of the first entry that is not finite, or None.");
+  module.def("variance", &Variance, py::arg("x"), "Of all entries, without a temporary array.");
+}
+
+}  // namespace dfr::python

@@ -1,0 +1,224 @@
+#include "dfr/kernel/time_varying_support.h"
+
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "arrays.h"
+#include "dfr/core/contract.h"
+#include "dfr/kernel/onnx_export.h"
+
+namespace py = pybind11;
+
+namespace dfr::python {
+namespace {
+
+using kernel::OneClassSvm;
+using kernel::TimeVaryingSupport;
+
+using Steps = py::array_t<int, py::array::c_style | py::array::forcecast>;
+
+TimeVaryingSupport Fit(const std::vector<Array>& demonstrations, double nu, double gamma,
+                       double tolerance, int num_steps, bool pooled, int threads,
+                       const std::optional<Array>& weights) {
+  std::vector<MatrixView> views;
+  for (std::size_t i = 0; i < demonstrations.size(); ++i) {
+    DFR_THROW_UNLESS(demonstrations[i].ndim() == 2,
+                     "demonstration " << i << " must have 2 dimensions (states x entries), not "
+                                      << demonstrations[i].ndim());
+    views.push_back(Rows(demonstrations[i], "a demonstration"));
+  }
+  kernel::TimeVaryingSupportOptions options{
+      .svm = {.nu = nu, .gamma = gamma, .tolerance = tolerance},
+      .num_steps = num_steps,
+      .pooled = pooled,
+      .threads = threads};
+  if (weights) options.svm.weights = Entries(*weights);
+  Interruptible interruptible;
+  options.svm.progress = [&](const kernel::FitProgress&) { return interruptible.GoOn(); };
+  auto support = [&] {
+    const py::gil_scoped_release unlocked;
+    return TimeVaryingSupport::Fit(std::span<const MatrixView>(views), options);
+  }();
+  interruptible.Throw();
+  return support;
+}
+
+void CheckWidth(const TimeVaryingSupport& support, Eigen::Index width) {
+  DFR_THROW_UNLESS(width == support.state_dim(),
+                   "states of " << width << " entries; the support has " << support.state_dim());
+}
+
+py::object DecisionAt(const TimeVaryingSupport& support, int t, const Array& x) {
+  const MatrixView rows = Rows(x, "x");
+  CheckWidth(support, rows.cols());
+  if (x.ndim() == 1) return py::float_(support.Decision(t, Entries(x)));
+  py::array_t<double> g(rows.rows());
+  const std::span<double> values = Entries(g);
+  {
+    const py::gil_scoped_release unlocked;
+    support.at(t).DecisionBatch(rows, values);
+  }
+  return g;
+}
+
+py::array_t<double> DecisionOver(const TimeVaryingSupport& support, const Steps& t,
+                                 const Array& x) {
+  DFR_THROW_UNLESS(x.ndim() == 2 && t.ndim() == 1 && t.shape(0) == x.shape(0),
+                   "with an array of time steps, x must have one row for each of them");
+  const MatrixView rows = Rows(x, "x");
+  CheckWidth(support, rows.cols());
+  const int* steps = t.data();
+  py::array_t<double> g(rows.rows());
+  const std::span<double> values = Entries(g);
+  {
+    const py::gil_scoped_release unlocked;
+    for (Eigen::Index i = 0; i < rows.rows(); ++i) {
+      values[static_cast<std::size_t>(i)] =
+          support.Decision(steps[i], {rows.row(i).data(), static_cast<std::size_t>(rows.cols())});
+    }
+  }
+  return g;
+}
+
+py::tuple Gradient(const TimeVaryingSupport& support, int t, const Array& x) {
+  DFR_THROW_UNLESS(x.ndim() == 1, "x must be one state of " << support.state_dim() << " entries");
+  CheckWidth(support, x.size());
+  py::array_t<double> gradient(support.state_dim());
+  const double g = support.Gradient(t, Entries(x), Entries(gradient));
+  return py::make_tuple(g, std::move(gradient));
+}
+
+}  // namespace
+
+void AddTimeVaryingSupport(py::module_& module) {
+  py::class_<TimeVaryingSupport>(module, "TimeVaryingSupport",
+                                 R"(The support of the demonstrated states at each time step.
+
+One `SupportEstimate` g_t per time step t, fitted to the states that all demonstrations were in at t.
+A demonstration that ends early counts with its last state from then on. Immutable: threads may
+share one.
+
+Parameters
+----------
+estimates : sequence of SupportEstimate
+    g_0 first, all of the same width.
+
+Attributes
+----------
+state_dim : int
+num_steps : int
+    Times beyond use the last estimate, negative ones the first.
+)")
+      .def(py::init<std::vector<OneClassSvm>>(), py::arg("estimates"))
+      .def_static("fit", &Fit, py::arg("demonstrations"), py::kw_only(), py::arg("nu") = 0.05,
+                  py::arg("gamma") = 5.0, py::arg("tolerance") = 1e-4, py::arg("num_steps") = 0,
+                  py::arg("pooled") = false, py::arg("threads") = 1,
+                  py::arg("weights") = py::none(), R"(Fit one estimate per time step.
+
+Parameters
+----------
+demonstrations : sequence of array_like of shape (n_states_i, state_dim)
+    One array a demonstration, rows in order of time. Read in place if C-contiguous float64.
+nu, gamma, tolerance : float
+    As of `SupportEstimate.fit`, the same for every time step.
+num_steps : int
+    How many time steps get an estimate; 0: as many as the longest demonstration has states.
+pooled : bool
+    One estimate from all states of all time steps instead.
+threads : int
+    Fits at a time. The result does not depend on it.
+weights : array_like of shape (n_demonstrations,), optional
+    How much each demonstration counts.
+
+Raises
+------
+ValueError
+    Naming the demonstration and state, or the option, that is wrong.
+)")
+      .def_static(
+          "load",
+          [](const std::filesystem::path& path) {
+            const py::gil_scoped_release unlocked;
+            return TimeVaryingSupport::Load(path);
+          },
+          py::arg("path"), R"(Read a file that `save`, or the C++ library, wrote.
+
+Raises
+------
+RuntimeError
+    Naming the file and what is wrong with it.
+)")
+      .def(
+          "save",
+          [](const TimeVaryingSupport& support, const std::filesystem::path& path) {
+            const py::gil_scoped_release unlocked;
+            support.Save(path);
+          },
+          py::arg("path"), "Write all estimates, bit for bit.")
+      .def(
+          "export_onnx",
+          [](const TimeVaryingSupport& support, const std::filesystem::path& path) {
+            const py::gil_scoped_release unlocked;
+            kernel::ExportOnnx(support, path);
+          },
+          py::arg("path"), R"(Write g_t as an ONNX file in double.
+
+Its inputs are t (rows, int64) and x (rows, state_dim), its output g (rows).
+)")
+      .def("decision", &DecisionAt, py::arg("t"), py::arg("x"),
+           R"(g_t, positive inside the support.
+
+Parameters
+----------
+t : int or array_like of shape (n,)
+    The time step, of all rows or of each.
+x : array_like of shape (state_dim,) or (n, state_dim)
+    Read in place if C-contiguous float64. A state with a non-finite entry gives -inf.
+
+Returns
+-------
+float or ndarray of shape (n,)
+)")
+      .def("decision", &DecisionOver, py::arg("t"), py::arg("x"))
+      .def("gradient", &Gradient, py::arg("t"), py::arg("x"),
+           R"(g_t and its derivative at one state.
+
+Returns
+-------
+g : float
+gradient : ndarray of shape (state_dim,)
+)")
+      .def("at", &TimeVaryingSupport::at, py::arg("t"),
+           "The SupportEstimate of time step t; times out of range use the nearest one.")
+      .def("lipschitz_bound", &TimeVaryingSupport::lipschitz_bound, py::arg("t"),
+           "L with |g_t(x) - g_t(y)| <= L |x - y|.")
+      .def_property_readonly("state_dim", &TimeVaryingSupport::state_dim)
+      .def_property_readonly("num_steps", &TimeVaryingSupport::num_steps)
+      .def("__repr__",
+           [](const TimeVaryingSupport& support) {
+             return "<dfr.TimeVaryingSupport: " + std::to_string(support.num_steps()) +
+                    " time steps, states of " + std::to_string(support.state_dim()) + " entries>";
+           })
+      .def(py::pickle(
+          [](const TimeVaryingSupport& support) {
+            py::list estimates;
+            for (int t = 0; t < support.num_steps(); ++t) estimates.append(GetState(support.at(t)));
+            return py::make_tuple(estimates);
+          },
+          [](const py::tuple& state) {
+            std::vector<OneClassSvm> estimates;
+            for (const py::handle estimate : state[0].cast<py::list>()) {
+              estimates.push_back(FromState(estimate.cast<py::tuple>()));
+            }
+            return TimeVaryingSupport(std::move(estimates));
+          }));
+}
+
+}  // namespace dfr::python
