@@ -321,7 +321,8 @@ void RunExperiment(const ExperimentOptions& options) {
           again, static_cast<int>(last), plan.methods[last] + ", " + name, first.starts[start],
           experiment::ControllerSeed(plan, 0, static_cast<int>(start)), path);
       report.media.push_back(
-          {path, plan.methods[last] + ", " + name + " episode: " + core::Name(result.outcome)});
+          {path, plan.methods[last] + ", " + name +
+                     " episode of the first trial: " + core::Name(result.outcome)});
     }
   }
   experiment::SaveReport(summary, report, options.out / "report.html");
