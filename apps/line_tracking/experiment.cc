@@ -149,8 +149,9 @@ experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
                   std::to_string(kStudiedControls) +
                   " controls each, against the simulation's own numbers: the median probe, the "
                   "median error of the change of distance that was seen across it, and how often g "
-                  "was seen to rise where it rose and to fall where it fell. Out of reach: the "
-                  "gate's threshold lambda |u| was beyond g of every demonstrated state.";
+                  "was seen to rise where it rose and to fall where it fell, the platform's own "
+                  "motion included. Out of reach: the gate's threshold lambda |u| was beyond g of "
+                  "every demonstrated state.";
   table.header = {"method",     "probe, step", "probes", "size [um]",   "error [um]",
                   "sign right", "recoveries",  "ended",  "out of reach"};
   for (const StudiedMethod& method : studied) {
