@@ -263,21 +263,27 @@ void RunExperiment(const ExperimentOptions& options) {
                            "Sec. V-B, on the da Vinci; collisions -84 %, completions x 2.2.",
                            {"method", "completed", "halted", "collided"},
                            {{"Baseline", "24 %", "0 %", "76 %"}, {"DFR", "52 %", "36 %", "12 %"}}});
+  const bool images = options.plant.observation == sim::Observation::kVision;
   report.notes.push_back(
       {"DFR's two constants",
-       "Algorithm 1 asks for a probe |u_delta| << g / lambda and a step eta < g / lambda; what "
-       "they were on its robot the paper does not say. \"DFR\" here probes with g / (10 lambda) "
-       "and steps by g / (2 lambda). With the constants of the paper's simulations, g / (500 "
-       "lambda) "
-       "and g / (50 lambda), the table above says what happens: the probe is shorter than the "
-       "image's error from picture to picture, the sign of its effect is nearly a coin flip, and "
-       "the steps are a random walk that the iteration limit ends. From the simulation's own "
-       "numbers (--observation truth) both choices do the same. --methods baseline,dfr-fine runs "
-       "whole episodes with the fine ones.\n\nWhere DFR halts with iteration-limit, the gate asks "
-       "for more than recovery reaches: its threshold lambda |u| grows with the kernel's gamma; "
-       "with gamma 0.05 or more it is beyond the largest g of some time step. Where it halts "
-       "outside-support, a control or the platform has carried the tip to g < 0, from where "
-       "Algorithm 1 has no way back."});
+       std::string(
+           "Algorithm 1 asks for a probe |u_delta| << g / lambda and a step eta < g / "
+           "lambda; what they were on its robot the paper does not say. \"DFR\" here probes "
+           "with g / (10 lambda) and steps by g / (2 lambda); \"dfr-fine\" has the constants "
+           "of the paper's simulations, g / (500 lambda) and g / (50 lambda). ") +
+           (images ? "The table above says what becomes of those: the probe is shorter than the "
+                     "image's error from picture to picture, the sign of its effect is nearly a "
+                     "coin flip, and the steps are a random walk that the iteration limit ends. "
+                     "From the simulation's own numbers (--observation truth) both choices do the "
+                     "same."
+                   : "From the simulation's own numbers, as here, both choices do the same. From "
+                     "images the fine probe is shorter than the error from picture to picture.") +
+           " --methods baseline,dfr-fine runs whole episodes with the fine ones.\n\n"
+           "Where DFR halts with iteration-limit, the gate asks for more than recovery reaches: "
+           "its threshold "
+           "lambda |u| grows with the kernel's gamma; with gamma 0.05 or more it is beyond the "
+           "largest g of some time step. Where it halts outside-support, a control or the platform "
+           "has carried the tip to g < 0, from where Algorithm 1 has no way back."});
 
   // Study and videos come from the first trial, run again.
   const bool resumed = std::all_of(curves.begin(), curves.end(),

@@ -35,6 +35,13 @@ void Write(cv::Mat& canvas, const std::string& text, cv::Point at, const cv::Sca
 
 // What vision sees, over the picture that it saw.
 void DrawSeen(cv::Mat& picture, const LineTrackingPlant& plant) {
+  if (plant.options().observation == sim::Observation::kGroundTruth) {
+    char text[96];
+    std::snprintf(text, sizeof text, "not looked at: true distance %+.2f mm  tracked %.1f mm",
+                  1e3 * plant.truth().distance_m, 1e3 * plant.truth().progress_m);
+    Write(picture, text, {20, 460}, kSeen, 0.55);
+    return;
+  }
   const vision::LineObservation& seen = plant.last_observation();
   if (!seen.seen()) {
     Write(picture, std::string("not seen: ") + vision::Name(seen.missing), {20, 460}, kSeen, 0.6);
