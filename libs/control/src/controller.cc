@@ -59,6 +59,8 @@ const char* Name(HaltCause cause) noexcept {
       return "plant-refused";
     case HaltCause::kPlantFault:
       return "plant-fault";
+    case HaltCause::kStepSkipped:
+      return "step-skipped";
     case HaltCause::kStopRequested:
       return "stop-requested";
   }

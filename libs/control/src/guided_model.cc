@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 #include <utility>
 
 #include "dfr/core/contract.h"
@@ -91,6 +92,43 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
     }
     largest_.push_back(largest);
   }
+}
+
+void GuidedModel::Save(core::ArchiveWriter& archive) const {
+  archive.Numbers(accept_);
+  archive.Numbers(gate_);
+  archive.Numbers(largest_);
+  archive.Number(slack_);
+  archive.Number(control_unit_);
+  prior_->Save(archive);
+}
+
+GuidedModel GuidedModel::Load(core::ArchiveReader& archive, core::FeatureTransform features,
+                              const core::LogDecisionFunction& support) {
+  GuidedModel model(std::move(features), support);
+  const auto levels = [&](const char* what) {
+    std::vector<double> values = archive.Numbers();
+    if (values.empty() || !std::all_of(values.begin(), values.end(),
+                                       [](double v) { return v >= 0.0 && std::isfinite(v); })) {
+      archive.Fail(std::string(what) + " must be finite and not negative, one a time step");
+    }
+    return values;
+  };
+  model.accept_ = levels("accept levels");
+  model.gate_ = levels("gate levels");
+  model.largest_ = levels("the largest controls");
+  model.slack_ = archive.Number();
+  model.control_unit_ = archive.Number();
+  if (!(model.slack_ >= 0.0 && std::isfinite(model.slack_) && model.control_unit_ > 0.0 &&
+        std::isfinite(model.control_unit_))) {
+    archive.Fail("slack and the unit of controls must be finite, and the unit positive");
+  }
+  model.prior_ = std::make_shared<const JacobianPrior>(JacobianPrior::Load(archive));
+  if (model.prior_->feature_dim() != model.features_.num_features()) {
+    archive.Fail("the Jacobian prior is one of " + std::to_string(model.prior_->feature_dim()) +
+                 " features, there are " + std::to_string(model.features_.num_features()));
+  }
+  return model;
 }
 
 double GuidedModel::Clamped(const std::vector<double>& values, int t) noexcept {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <stdexcept>
 #include <utility>
 
 #include "dfr/core/contract.h"
@@ -13,23 +14,28 @@ namespace {
 // Transitions that one estimate may look at: their weights are kept on the stack.
 constexpr int kMaxTransitions = 1024;
 
-}  // namespace
-
-JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
-                             std::span<const core::Matrix> controls, const JacobianOptions& options)
-    : options_(options) {
+void Check(const JacobianOptions& options) {
   DFR_THROW_UNLESS(options.ridge > 0.0, "ridge must be positive, not " << options.ridge);
   DFR_THROW_UNLESS(options.prior_weight >= 0.0,
                    "prior_weight must not be negative: " << options.prior_weight);
   DFR_THROW_UNLESS(options.window >= 0, "window must not be negative: " << options.window);
   DFR_THROW_UNLESS(options.max_per_step > 0,
                    "max_per_step must be positive, not " << options.max_per_step);
-  DFR_THROW_UNLESS((2 * options.window + 1) * options.max_per_step <= kMaxTransitions,
+  DFR_THROW_UNLESS(options.window < kMaxTransitions &&
+                       options.max_per_step <= kMaxTransitions / (2 * options.window + 1),
                    "(2 window + 1) max_per_step must be at most "
-                       << kMaxTransitions << ", not "
-                       << (2 * options.window + 1) * options.max_per_step);
+                       << kMaxTransitions << "; window is " << options.window << ", max_per_step "
+                       << options.max_per_step);
   DFR_THROW_UNLESS(options.forgetting >= 0.0 && options.forgetting < 1.0,
                    "forgetting must lie in [0, 1), not be " << options.forgetting);
+}
+
+}  // namespace
+
+JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
+                             std::span<const core::Matrix> controls, const JacobianOptions& options)
+    : options_(options) {
+  Check(options);
   DFR_THROW_UNLESS(!features.empty() && features.size() == controls.size(),
                    features.size()
                        << " demonstrations of features, " << controls.size() << " of controls");
@@ -80,6 +86,57 @@ JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
       }
     }
   }
+}
+
+void JacobianPrior::Save(core::ArchiveWriter& archive) const {
+  archive.Number(options_.ridge);
+  archive.Number(options_.prior_weight);
+  archive.Integer(options_.window);
+  archive.Integer(options_.max_per_step);
+  archive.Number(options_.forgetting);
+  archive.Integer(feature_dim_);
+  archive.Integer(control_dim_);
+  archive.Integers(begin_);
+  archive.MatrixBlock(points_.cast<double>());
+  archive.MatrixBlock(products_.cast<double>());
+}
+
+JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
+  constexpr int kMostEntries = 4096;
+  JacobianPrior prior;
+  try {
+    prior.options_.ridge = archive.Number();
+    prior.options_.prior_weight = archive.Number();
+    prior.options_.window = archive.IntegerIn(0, kMaxTransitions);
+    prior.options_.max_per_step = archive.IntegerIn(1, kMaxTransitions);
+    prior.options_.forgetting = archive.Number();
+    Check(prior.options_);
+    prior.feature_dim_ = archive.IntegerIn(1, kMostEntries);
+    prior.control_dim_ = archive.IntegerIn(1, kMostEntries);
+    prior.begin_ = archive.Integers();
+    prior.points_ = archive.MatrixBlock().cast<float>();
+    prior.products_ = archive.MatrixBlock().cast<float>();
+    const std::vector<int>& begin = prior.begin_;
+    DFR_THROW_UNLESS(
+        begin.size() >= 2 && begin.front() == 0 && begin.back() == prior.points_.rows(),
+        "the transitions of the Jacobian prior do not begin and end where they should");
+    for (std::size_t t = 1; t < begin.size(); ++t) {
+      DFR_THROW_UNLESS(
+          begin[t] >= begin[t - 1] && begin[t] - begin[t - 1] <= prior.options_.max_per_step,
+          "time step " << t - 1 << " of the Jacobian prior has " << begin[t] - begin[t - 1]
+                       << " transitions");
+    }
+    const Eigen::Index n = prior.feature_dim_;
+    const Eigen::Index m = prior.control_dim_;
+    DFR_THROW_UNLESS(prior.points_.cols() == n && prior.products_.rows() == prior.points_.rows() &&
+                         prior.products_.cols() == m * (m + 1) / 2 + m * n,
+                     "the matrices of the Jacobian prior do not fit each other");
+    DFR_THROW_UNLESS(prior.points_.allFinite() && prior.products_.allFinite(),
+                     "the Jacobian prior has a non-finite entry");
+  } catch (const std::invalid_argument& e) {
+    archive.Fail(e.what());
+  }
+  return prior;
 }
 
 void JacobianPrior::AddTo(int t, std::span<const double> z, Eigen::VectorXf& sums,

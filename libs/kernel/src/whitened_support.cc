@@ -67,28 +67,39 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
                      "demonstration " << d << " has a non-finite entry");
   }
   const int num_steps = NumSteps(demonstrations, options.least_share);
-  std::vector<Phase> phases;
+  std::vector<Estimate> estimates;
   for (int t = 0; t < num_steps; ++t) {
     const core::Matrix states =
         Pool(demonstrations, std::max(0, t - options.window),
              std::min(num_steps - 1, t) + options.window, options.hold_ended);
     core::Matrix map = core::Matrix::Identity(n, n);
-    double norm = 1.0;
     if (options.phase_whitening) {
       const core::Matrix centred = states.rowwise() - states.colwise().mean();
       const core::Matrix covariance =
           centred.transpose() * centred / static_cast<double>(states.rows());
       map = core::InverseSquareRoot(covariance, options.phase_ridge);
-      norm = Eigen::MatrixXd(map).operatorNorm();
     }
     // map is symmetric.
     const OneClassSvm svm = OneClassSvm::Fit(states * map, options.svm);
-    phases.push_back({map, norm, options.single_precision ? svm.InSinglePrecision() : svm});
+    estimates.push_back({map, options.single_precision ? svm.InSinglePrecision() : svm});
   }
-  return WhitenedSupport(std::move(phases));
+  return WhitenedSupport(std::move(estimates));
 }
 
-WhitenedSupport::WhitenedSupport(std::vector<Phase> phases) : phases_(std::move(phases)) {}
+WhitenedSupport::WhitenedSupport(std::vector<Estimate> estimates) {
+  DFR_THROW_UNLESS(!estimates.empty(), "a support needs at least one estimate");
+  const Eigen::Index n = estimates[0].map.rows();
+  DFR_THROW_UNLESS(n >= 1 && n <= kMaxFeatures, "1 to " << kMaxFeatures << " features, not " << n);
+  for (std::size_t t = 0; t < estimates.size(); ++t) {
+    Estimate& estimate = estimates[t];
+    DFR_THROW_UNLESS(estimate.map.rows() == n && estimate.map.cols() == n &&
+                         estimate.svm.state_dim() == n && estimate.map.allFinite(),
+                     "estimate " << t << ": its map must be " << n << " x " << n
+                                 << " and finite, and its states have " << n << " entries");
+    const double norm = Eigen::MatrixXd(estimate.map).operatorNorm();
+    phases_.push_back({std::move(estimate.map), norm, std::move(estimate.svm)});
+  }
+}
 
 const WhitenedSupport::Phase& WhitenedSupport::at(int t) const noexcept {
   return phases_[static_cast<std::size_t>(std::clamp(t, 0, num_steps() - 1))];

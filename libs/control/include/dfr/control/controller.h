@@ -31,6 +31,7 @@ enum class HaltCause {
   kControlLimit,    ///< The rollout's limit on applied controls.
   kPlantRefused,    ///< core::PlantStatus::kRefused
   kPlantFault,      ///< core::PlantStatus::kFault
+  kStepSkipped,     ///< A call was lost or doubled: what was applied last is not known.
   kStopRequested,   ///< Somebody outside asked for it.
 };
 inline constexpr int kNumHaltCauses = static_cast<int>(HaltCause::kStopRequested) + 1;

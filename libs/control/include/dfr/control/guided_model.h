@@ -2,9 +2,11 @@
 
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "dfr/control/jacobian_estimate.h"
+#include "dfr/core/archive.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/trajectory.h"
@@ -42,6 +44,13 @@ class GuidedModel {
               std::span<const core::Trajectory> demonstrations,
               const GuidedModelOptions& options = {});
 
+  /// Appends to a file what is learned from demonstrations, without features and support.
+  void Save(core::ArchiveWriter& archive) const;
+  /// Reads what Save() wrote. @throws std::runtime_error naming the file and what is wrong with it,
+  ///   for one that does not fit features and support.
+  static GuidedModel Load(core::ArchiveReader& archive, core::FeatureTransform features,
+                          const core::LogDecisionFunction& support);
+
   [[nodiscard]] const core::FeatureTransform& features() const noexcept { return features_; }
   [[nodiscard]] const core::LogDecisionFunction& support() const noexcept { return *support_; }
   [[nodiscard]] int control_dim() const noexcept { return prior_->control_dim(); }
@@ -61,6 +70,8 @@ class GuidedModel {
   [[nodiscard]] double largest_control(int t) const noexcept { return Clamped(largest_, t); }
 
  private:
+  GuidedModel(core::FeatureTransform features, const core::LogDecisionFunction& support)
+      : features_(std::move(features)), support_(&support) {}
   static double Clamped(const std::vector<double>& values, int t) noexcept;
 
   core::FeatureTransform features_;
@@ -69,7 +80,7 @@ class GuidedModel {
   std::vector<double> accept_;
   std::vector<double> gate_;
   std::vector<double> largest_;
-  double slack_;
+  double slack_ = 0.0;
   double control_unit_ = 1.0;
 };
 

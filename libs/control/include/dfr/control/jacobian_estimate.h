@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "dfr/core/archive.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {
@@ -38,6 +39,11 @@ class JacobianPrior {
   JacobianPrior(std::span<const core::Matrix> features, std::span<const core::Matrix> controls,
                 const JacobianOptions& options);
 
+  /// Appends all of it to a file.
+  void Save(core::ArchiveWriter& archive) const;
+  /// Reads what Save() wrote. @throws std::runtime_error naming the file and what is wrong with it.
+  static JacobianPrior Load(core::ArchiveReader& archive);
+
   [[nodiscard]] int feature_dim() const noexcept { return feature_dim_; }
   [[nodiscard]] int control_dim() const noexcept { return control_dim_; }
   [[nodiscard]] const JacobianOptions& options() const noexcept { return options_; }
@@ -50,6 +56,8 @@ class JacobianPrior {
   [[nodiscard]] Eigen::Index num_sums() const noexcept { return products_.cols(); }
 
  private:
+  JacobianPrior() = default;
+
   JacobianOptions options_;
   int feature_dim_ = 0;
   int control_dim_ = 0;

@@ -44,6 +44,7 @@ class FeatureTransform {
   [[nodiscard]] int num_features() const noexcept { return static_cast<int>(scale_.rows()); }
   [[nodiscard]] const FeatureSelection& selection() const noexcept { return selection_; }
   [[nodiscard]] const Matrix& scale() const noexcept { return scale_; }
+  [[nodiscard]] const Eigen::VectorXd& offset() const noexcept { return offset_; }
 
   /// z of one state (state_dim() entries) to `features` (num_features()). Never allocates; at most
   /// FeatureDecision::kMaxFeatures features.

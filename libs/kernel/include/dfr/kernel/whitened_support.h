@@ -48,6 +48,16 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   static WhitenedSupport Fit(std::span<const core::Matrix> demonstrations,
                              const WhitenedSupportOptions& options = {});
 
+  /// g_t in coordinates of its own: y = map z.
+  struct Estimate {
+    core::Matrix map;  ///< state_dim x state_dim
+    OneClassSvm svm;
+  };
+  /// Puts estimates together, g_0 first, as Fit() would have made them.
+  /// @throws std::invalid_argument naming the one whose sizes do not fit or whose map is not
+  /// finite.
+  explicit WhitenedSupport(std::vector<Estimate> estimates);
+
   [[nodiscard]] int state_dim() const noexcept override;
   [[nodiscard]] int num_steps() const noexcept override;
   [[nodiscard]] double Decision(int t, std::span<const double> z) const noexcept override;
@@ -70,7 +80,6 @@ class WhitenedSupport final : public core::LogDecisionFunction {
     double norm;  ///< Spectral norm of map.
     OneClassSvm svm;
   };
-  explicit WhitenedSupport(std::vector<Phase> phases);
   [[nodiscard]] const Phase& at(int t) const noexcept;
 
   std::vector<Phase> phases_;
