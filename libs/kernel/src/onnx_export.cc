@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 namespace dfr::kernel {
@@ -17,6 +18,14 @@ std::string SquaredDistances(OnnxGraph& graph, const std::string& x, const std::
   const std::string difference = graph.Node("Sub", {column, vectors});
   const std::string squared = graph.Node("Mul", {difference, difference});
   return graph.Node("ReduceSum", {squared, graph.Integers({2})}, {{"keepdims", 0}});
+}
+
+// t, or the nearest time step that has an estimate.
+std::string ClippedStep(OnnxGraph& graph, const std::string& t, std::int64_t steps) {
+  const std::int64_t first = 0;
+  const std::int64_t last = steps - 1;
+  return graph.Node("Clip", {t, graph.Constant(std::span(&first, 1), {}),
+                             graph.Constant(std::span(&last, 1), {})});
 }
 
 }  // namespace
@@ -54,10 +63,7 @@ std::string AppendDecision(OnnxGraph& graph, const TimeVaryingSupport& support,
   const std::int64_t alpha_shape[] = {steps, most};
   const std::int64_t gamma_shape[] = {steps, 1};
 
-  const std::int64_t first = 0;
-  const std::int64_t last = steps - 1;
-  const std::string step = graph.Node("Clip", {t, graph.Constant(std::span(&first, 1), {}),
-                                               graph.Constant(std::span(&last, 1), {})});
+  const std::string step = ClippedStep(graph, t, steps);
   const auto at_step = [&](const std::string& values) {
     return graph.Node("Gather", {values, step}, {{"axis", 0}});
   };
@@ -71,6 +77,27 @@ std::string AppendDecision(OnnxGraph& graph, const TimeVaryingSupport& support,
   const std::string sum =
       graph.Node("ReduceSum", {weighted, graph.Integers({1})}, {{"keepdims", 0}});
   return graph.Node("Sub", {sum, at_step(graph.Vector(rho))});
+}
+
+std::string AppendDecision(OnnxGraph& graph, const WhitenedSupport& support, const std::string& t,
+                           const std::string& z) {
+  const std::int64_t steps = support.num_steps();
+  const std::int64_t dim = support.state_dim();
+  std::vector<double> maps;
+  std::vector<OneClassSvm> estimates;
+  for (int i = 0; i < steps; ++i) {
+    const core::Matrix& map = support.map(i);
+    maps.insert(maps.end(), map.data(), map.data() + map.size());
+    estimates.push_back(support.estimate(i));
+  }
+  const std::int64_t shape[] = {steps, dim, dim};
+  const std::string at_step = graph.Node(
+      "Gather", {graph.Constant(maps, shape), ClippedStep(graph, t, steps)}, {{"axis", 0}});
+  // y = map z, row by row: (rows x dim x dim) times (rows x dim x 1).
+  const std::string column = graph.Node("Unsqueeze", {z, graph.Integers({2})});
+  const std::string product = graph.Node("MatMul", {at_step, column});
+  const std::string y = graph.Node("Squeeze", {product, graph.Integers({2})});
+  return AppendDecision(graph, TimeVaryingSupport(std::move(estimates)), t, y);
 }
 
 void ExportOnnx(const OneClassSvm& svm, const std::filesystem::path& path) {

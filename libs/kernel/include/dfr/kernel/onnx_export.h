@@ -6,6 +6,7 @@
 #include "dfr/core/onnx_graph.h"
 #include "dfr/kernel/one_class_svm.h"
 #include "dfr/kernel/time_varying_support.h"
+#include "dfr/kernel/whitened_support.h"
 
 namespace dfr::kernel {
 
@@ -24,5 +25,8 @@ void ExportOnnx(const TimeVaryingSupport& support, const std::filesystem::path& 
 std::string AppendDecision(core::OnnxGraph& graph, const OneClassSvm& svm, const std::string& x);
 std::string AppendDecision(core::OnnxGraph& graph, const TimeVaryingSupport& support,
                            const std::string& t, const std::string& x);
+/// Of features z, with the map of each time step.
+std::string AppendDecision(core::OnnxGraph& graph, const WhitenedSupport& support,
+                           const std::string& t, const std::string& z);
 
 }  // namespace dfr::kernel
