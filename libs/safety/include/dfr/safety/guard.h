@@ -1,0 +1,81 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <limits>
+#include <memory>
+#include <span>
+
+#include "dfr/control/controller.h"
+#include "dfr/safety/guard_model.h"
+
+namespace dfr::safety {
+
+/// What a guard decided, and on what grounds.
+struct Verdict {
+  /// kPolicy: the policy's action, changed or not; kProbe and kRecovery: the guard's own, for the
+  /// policy's would leave the support; kHalt: zero, and so until Reset().
+  control::Mode mode = control::Mode::kHalt;
+  control::HaltCause cause = control::HaltCause::kNone;  ///< Why it halted; else kNone.
+  bool changed = false;                                  ///< The action differs from the policy's.
+  bool alarm = false;  ///< The state is further outside than demonstrations are: see GuardSettings.
+  int step = 0;        ///< The time step of the demonstrations that the state is taken to be in.
+  /// g at that time step, positive inside; NaN if the state is not one.
+  double g = std::numeric_limits<double>::quiet_NaN();
+  /// The policy's action passes unseen where g is at least this; NaN where there is no such gate.
+  double threshold = std::numeric_limits<double>::quiet_NaN();
+
+  /// Of kPolicy "inside", "outside" (and passed all the same) or "changed"; "probe", "recovery", or
+  /// control::Name(cause).
+  [[nodiscard]] const char* reason() const noexcept;
+};
+
+/// Stands between any policy and its robot, and keeps what is applied inside what was demonstrated:
+///
+///   guard.Reset(seed);
+///   for (int t = 0; !done; ++t) {
+///     observe state; ask the policy for an action;
+///     const Verdict verdict = guard.Filter(t, state, action, action);
+///     apply action, wait until it has had its effect;
+///   }
+///
+/// The guard learns from every applied action how states answer. It takes each call to mean that
+/// the action it gave last was applied in full and that `state` is what it led to; `t` counts the
+/// calls, so that a lost or doubled one is noticed. It fails closed: a state or action of the wrong
+/// size or with a non-finite entry, a `t` that is not the next one, a call before Reset() and
+/// whatever else is doubtful halt it, and then every action is zero until Reset().
+///
+/// One object belongs to one thread; guards of several share a model. Reset() and Filter() neither
+/// allocate, lock nor throw.
+class Guard {
+ public:
+  explicit Guard(std::shared_ptr<const GuardModel> model);
+  /// The guard of a file. @throws std::runtime_error as GuardModel::Load() does.
+  static Guard Load(const std::filesystem::path& path);
+  Guard(Guard&&) noexcept;
+  Guard& operator=(Guard&&) noexcept;
+  ~Guard();
+
+  [[nodiscard]] const GuardModel& model() const noexcept { return *model_; }
+  [[nodiscard]] int state_dim() const noexcept { return model_->state_dim(); }
+  [[nodiscard]] int action_dim() const noexcept { return model_->action_dim(); }
+
+  /// Starts an episode. All that is random follows from `seed`.
+  void Reset(std::uint64_t seed = 0) noexcept;
+
+  /// Writes what to apply instead of `action` (action_dim() entries) in `state` (state_dim()
+  /// entries) to `safe` (action_dim(); may be `action` itself). `t` is 0 in the first call after
+  /// Reset() and goes up by one with each.
+  [[nodiscard]] Verdict Filter(int t, std::span<const double> state, std::span<const double> action,
+                               std::span<double> safe) noexcept;
+
+  /// Halts from outside, if an operator asks or the robot failed.
+  void Stop(control::HaltCause cause = control::HaltCause::kStopRequested) noexcept;
+
+ private:
+  struct Loop;
+  std::shared_ptr<const GuardModel> model_;
+  std::unique_ptr<Loop> loop_;
+};
+
+}  // namespace dfr::safety

@@ -1,0 +1,171 @@
+#include "dfr/safety/guard.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "dfr/control/guided_policy.h"
+#include "dfr/control/switching_policy.h"
+#include "dfr/core/policy.h"
+#include "phase_tracker.h"
+
+namespace dfr::safety {
+namespace {
+
+using control::HaltCause;
+using control::Mode;
+
+bool AllFinite(std::span<const double> values) noexcept {
+  return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
+}
+
+// The action of a policy that runs somewhere else, as a policy.
+class Proposal final : public core::Policy {
+ public:
+  Proposal(int state_dim, int action_dim, double limit)
+      : state_dim_(state_dim), action_(static_cast<std::size_t>(action_dim), 0.0), limit_(limit) {}
+
+  void Set(std::span<const double> action) noexcept {
+    std::transform(action.begin(), action.end(), action_.begin(),
+                   [this](double a) { return std::clamp(a, -limit_, limit_); });
+  }
+
+  [[nodiscard]] int state_dim() const noexcept override { return state_dim_; }
+  [[nodiscard]] int control_dim() const noexcept override {
+    return static_cast<int>(action_.size());
+  }
+  void Control(int /*t*/, std::span<const double> /*x*/,
+               std::span<double> u) const noexcept override {
+    std::copy(action_.begin(), action_.end(), u.begin());
+  }
+
+ private:
+  int state_dim_;
+  std::vector<double> action_;
+  double limit_;
+};
+
+control::GuidedOptions Guided(const GuardSettings& settings) {
+  control::GuidedOptions options;
+  options.horizon = settings.horizon;
+  options.max_controls = settings.max_actions;
+  options.control_limit = settings.action_limit;
+  return options;
+}
+
+control::SwitchingPolicyOptions Switching(const GuardSettings& settings) {
+  control::SwitchingPolicyOptions options;
+  options.horizon = settings.horizon;
+  switch (settings.strategy) {
+    case Strategy::kDfr:
+      options.recovery = control::Recovery::kDfr;
+      break;
+    case Strategy::kEarlyStopping:
+      options.recovery = control::Recovery::kEarlyStopping;
+      break;
+    default:
+      options.recovery = control::Recovery::kNone;
+  }
+  return options;
+}
+
+std::unique_ptr<control::Controller> MakeController(const Proposal& proposal,
+                                                    const GuardModel& model) {
+  if (model.settings().strategy == Strategy::kGuided) {
+    return std::make_unique<control::GuidedPolicy>(proposal, model.recovery().model(),
+                                                   Guided(model.settings()));
+  }
+  return std::make_unique<control::SwitchingPolicy>(proposal, model.support(), model.lambda(),
+                                                    Switching(model.settings()));
+}
+
+}  // namespace
+
+struct Guard::Loop {
+  explicit Loop(const GuardModel& model)
+      : proposal(model.state_dim(), model.action_dim(), model.settings().action_limit),
+        controller(MakeController(proposal, model)),
+        tracker(model.support()),
+        proposed(static_cast<std::size_t>(model.action_dim()), 0.0) {}
+
+  Proposal proposal;
+  std::unique_ptr<control::Controller> controller;
+  internal::PhaseTracker tracker;
+  std::vector<double> proposed;
+  int next = 0;
+};
+
+const char* Verdict::reason() const noexcept {
+  switch (mode) {
+    case Mode::kPolicy:
+      if (changed) return "changed";
+      return g >= 0.0 ? "inside" : "outside";
+    case Mode::kProbe:
+    case Mode::kRecovery:
+      return Name(mode);
+    case Mode::kHalt:
+      break;
+  }
+  return Name(cause);
+}
+
+Guard::Guard(std::shared_ptr<const GuardModel> model)
+    : model_(std::move(model)), loop_(std::make_unique<Loop>(*model_)) {}
+
+Guard Guard::Load(const std::filesystem::path& path) { return Guard(GuardModel::Load(path)); }
+
+Guard::Guard(Guard&&) noexcept = default;
+Guard& Guard::operator=(Guard&&) noexcept = default;
+Guard::~Guard() = default;
+
+void Guard::Reset(std::uint64_t seed) noexcept {
+  loop_->controller->Reset(seed);
+  loop_->tracker.Reset();
+  loop_->next = 0;
+}
+
+void Guard::Stop(HaltCause cause) noexcept { loop_->controller->Stop(cause); }
+
+Verdict Guard::Filter(int t, std::span<const double> state, std::span<const double> action,
+                      std::span<double> safe) noexcept {
+  Loop& loop = *loop_;
+  control::Controller& controller = *loop.controller;
+  const bool action_usable = action.size() == loop.proposed.size() && AllFinite(action);
+  if (action_usable) std::copy(action.begin(), action.end(), loop.proposed.begin());
+  if (t != loop.next) {
+    controller.Stop(HaltCause::kStepSkipped);
+  } else if (static_cast<int>(state.size()) != state_dim() || !AllFinite(state)) {
+    controller.Stop(HaltCause::kStateInvalid);
+  } else if (!action_usable) {
+    controller.Stop(HaltCause::kControlInvalid);
+  } else {
+    ++loop.next;
+    loop.proposal.Set(loop.proposed);
+  }
+  const control::Step step = controller.Next(state, safe);
+
+  Verdict verdict;
+  verdict.mode = step.mode;
+  verdict.cause = step.cause;
+  verdict.step = step.t;
+  verdict.g = step.g;
+  verdict.threshold = step.threshold;
+  if (static_cast<int>(state.size()) == state_dim() && AllFinite(state)) {
+    const double level = loop.tracker.Follow(state);
+    verdict.alarm = !(level >= -model_->settings().alarm_level);
+    if (model_->settings().strategy == Strategy::kMonitor) verdict.step = loop.tracker.phase();
+    verdict.g = model_->support().Decision(verdict.step, state);
+    if (model_->settings().strategy == Strategy::kGuided) {
+      // l >= level, said of g = rho (e^l - 1).
+      verdict.threshold =
+          model_->recovery().support().estimate(verdict.step).rho() * std::expm1(step.threshold);
+    }
+  }
+  // Not against `action`, which may be the memory that has just been written to.
+  verdict.changed = !action_usable || !std::equal(safe.begin(), safe.end(), loop.proposed.begin(),
+                                                  loop.proposed.end());
+  return verdict;
+}
+
+}  // namespace dfr::safety

@@ -1,0 +1,75 @@
+#include "state_decision.h"
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <vector>
+
+#include "dfr/core/features.h"
+#include "dfr/core/matrix.h"
+
+namespace dfr::safety::internal {
+namespace {
+
+constexpr double kOutside = -std::numeric_limits<double>::infinity();
+
+using Buffer = std::array<double, core::FeatureDecision::kMaxFeatures>;
+
+}  // namespace
+
+StateDecision::StateDecision(const core::FeatureTransform& features,
+                             const core::LogDecisionFunction& inner)
+    : features_(&features),
+      inner_(&inner),
+      norm_(Eigen::MatrixXd(features.scale()).operatorNorm()) {}
+
+double StateDecision::Decision(int t, std::span<const double> x) const noexcept {
+  if (static_cast<int>(x.size()) != state_dim()) return kOutside;
+  Buffer buffer;
+  const std::span<double> z(buffer.data(), static_cast<std::size_t>(features_->num_features()));
+  features_->Apply(x, z);
+  return inner_->Decision(t, z);
+}
+
+double StateDecision::Gradient(int t, std::span<const double> x,
+                               std::span<double> gradient) const noexcept {
+  std::fill(gradient.begin(), gradient.end(), 0.0);
+  if (static_cast<int>(x.size()) != state_dim() || gradient.size() != x.size()) return kOutside;
+  Buffer buffer;
+  Buffer inner_buffer;
+  const auto n = static_cast<std::size_t>(features_->num_features());
+  const std::span<double> z(buffer.data(), n);
+  const std::span<double> inner(inner_buffer.data(), n);
+  features_->Apply(x, z);
+  const double g = inner_->Gradient(t, z, inner);
+  Pull(inner, gradient);
+  return g;
+}
+
+double StateDecision::LogDecision(int t, std::span<const double> x,
+                                  std::span<double> gradient) const noexcept {
+  std::fill(gradient.begin(), gradient.end(), 0.0);
+  if (static_cast<int>(x.size()) != state_dim()) return kOutside;
+  if (!gradient.empty() && gradient.size() != x.size()) return kOutside;
+  Buffer buffer;
+  const auto n = static_cast<std::size_t>(features_->num_features());
+  const std::span<double> z(buffer.data(), n);
+  features_->Apply(x, z);
+  if (gradient.empty()) return inner_->LogDecision(t, z, {});
+  Buffer inner_buffer;
+  const std::span<double> inner(inner_buffer.data(), n);
+  const double l = inner_->LogDecision(t, z, inner);
+  Pull(inner, gradient);
+  return l;
+}
+
+void StateDecision::Pull(std::span<const double> inner, std::span<double> gradient) const noexcept {
+  const std::vector<int>& indices = features_->selection().indices();
+  const core::Matrix& scale = features_->scale();
+  for (Eigen::Index k = 0; k < scale.cols(); ++k) {
+    gradient[static_cast<std::size_t>(indices[static_cast<std::size_t>(k)])] +=
+        scale.col(k).dot(core::AsVector(inner));
+  }
+}
+
+}  // namespace dfr::safety::internal

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <span>
+
+#include "dfr/core/decision_function.h"
+#include "dfr/core/feature_transform.h"
+
+namespace dfr::safety::internal {
+
+/// A decision function of features z as one of whole states: g_t(z(x)). Borrows both.
+class StateDecision final : public core::LogDecisionFunction {
+ public:
+  StateDecision(const core::FeatureTransform& features, const core::LogDecisionFunction& inner);
+
+  [[nodiscard]] int state_dim() const noexcept override { return features_->state_dim(); }
+  [[nodiscard]] int num_steps() const noexcept override { return inner_->num_steps(); }
+  [[nodiscard]] double Decision(int t, std::span<const double> x) const noexcept override;
+  double Gradient(int t, std::span<const double> x,
+                  std::span<double> gradient) const noexcept override;
+  double LogDecision(int t, std::span<const double> x,
+                     std::span<double> gradient) const noexcept override;
+  [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
+    return inner_->lipschitz_bound(t) * norm_;
+  }
+  [[nodiscard]] double curvature_bound(int t) const noexcept override {
+    return inner_->curvature_bound(t) * norm_ * norm_;
+  }
+
+ private:
+  // The chain rule: from a gradient in z to one in x.
+  void Pull(std::span<const double> inner, std::span<double> gradient) const noexcept;
+
+  const core::FeatureTransform* features_;
+  const core::LogDecisionFunction* inner_;
+  double norm_;  // Spectral norm of the transform.
+};
+
+}  // namespace dfr::safety::internal

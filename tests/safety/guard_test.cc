@@ -1,0 +1,295 @@
+#include "dfr/safety/guard.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "dfr/control/guided_policy.h"
+#include "dfr/control/switching_policy.h"
+#include "tests/safety/corridor.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::safety {
+namespace {
+
+using control::HaltCause;
+using control::Mode;
+using test::ActionFor;
+using test::CorridorPlant;
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+std::shared_ptr<const GuardModel> Model(Strategy strategy = Strategy::kGuided) {
+  static const std::shared_ptr<const GuardModel> kModel = GuardModel::Fit(
+      test::CorridorLayout(), test::CorridorDemonstrations(1, 30), {.features = "tip"});
+  GuardSettings settings = kModel->settings();
+  settings.strategy = strategy;
+  return kModel->With(settings);
+}
+
+std::vector<double> Action(double dx, double dy) {
+  const Eigen::Vector2d u = ActionFor(dx, dy);
+  return {u[0], u[1]};
+}
+
+TEST(GuardTest, PassesTheActionDeepInside) {
+  Guard guard(Model());
+  guard.Reset(1);
+  const std::vector<double> action = Action(0.1, 0.0);
+  std::vector<double> safe(2);
+  const Verdict verdict = guard.Filter(0, std::vector{0.0, 0.02, 0.0}, action, safe);
+  EXPECT_EQ(verdict.mode, Mode::kPolicy);
+  EXPECT_STREQ(verdict.reason(), "inside");
+  // To the unit of controls and back.
+  EXPECT_NEAR(safe[0], action[0], 1e-15);
+  EXPECT_NEAR(safe[1], action[1], 1e-15);
+  EXPECT_GE(verdict.g, verdict.threshold);
+  EXPECT_FALSE(verdict.alarm);
+  EXPECT_EQ(verdict.g, guard.model().support().Decision(verdict.step, std::vector{0.0, 0.02, 0.0}));
+}
+
+// A policy that drifts off sideways leaves the demonstrated corridor; guarded it does not, and
+// still gets to the end.
+TEST(GuardTest, KeepsADriftingPolicyInsideAndMoving) {
+  const std::vector<double> action = Action(0.09, 0.06);
+  CorridorPlant alone;
+  for (int t = 0; t < 20; ++t) alone.Apply(action);
+  ASSERT_GT(alone.x[2], 1.0);
+
+  Guard guard(Model());
+  guard.Reset(1);
+  CorridorPlant plant;
+  std::vector<double> safe(2);
+  int changed = 0;
+  int t = 0;
+  for (; plant.x[1] < 1.8 && t < 80; ++t) {
+    const Verdict verdict = guard.Filter(t, plant.x, action, safe);
+    ASSERT_NE(verdict.mode, Mode::kHalt) << verdict.reason() << " at x = " << plant.x[1];
+    changed += verdict.changed ? 1 : 0;
+    plant.Apply(safe);
+    // Five standard deviations of where demonstrations were.
+    ASSERT_LT(std::abs(plant.x[2]), 0.5);
+  }
+  EXPECT_GE(plant.x[1], 1.8);
+  EXPECT_GT(changed, 0);
+}
+
+// The guard is the controller that it names, around the action as a policy.
+TEST(GuardTest, IsTheControllerOfItsStrategy) {
+  class Constant final : public core::Policy {
+   public:
+    [[nodiscard]] int state_dim() const noexcept override { return 3; }
+    [[nodiscard]] int control_dim() const noexcept override { return 2; }
+    void Control(int, std::span<const double>, std::span<double> u) const noexcept override {
+      const Eigen::Vector2d action = ActionFor(0.09, 0.04);
+      u[0] = action[0];
+      u[1] = action[1];
+    }
+  };
+  const Constant policy;
+  for (const Strategy strategy : {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping}) {
+    SCOPED_TRACE(Name(strategy));
+    const auto model = Model(strategy);
+    std::unique_ptr<control::Controller> direct;
+    if (strategy == Strategy::kGuided) {
+      direct = std::make_unique<control::GuidedPolicy>(
+          policy, model->recovery().model(),
+          control::GuidedOptions{.horizon = 40, .max_controls = 480, .control_limit = 1.0});
+    } else {
+      direct = std::make_unique<control::SwitchingPolicy>(
+          policy, model->support(), model->lambda(),
+          control::SwitchingPolicyOptions{.recovery = strategy == Strategy::kDfr
+                                                          ? control::Recovery::kDfr
+                                                          : control::Recovery::kEarlyStopping,
+                                          .horizon = 40});
+    }
+    ASSERT_EQ(model->settings().horizon, 40);
+    Guard guard(model);
+    guard.Reset(7);
+    direct->Reset(7);
+    CorridorPlant plant;
+    std::vector<double> safe(2);
+    std::vector<double> expected(2);
+    for (int t = 0; t < 100; ++t) {
+      const control::Step step = direct->Next(plant.x, expected);
+      const Verdict verdict = guard.Filter(t, plant.x, Action(0.09, 0.04), safe);
+      ASSERT_EQ(verdict.mode, step.mode) << "t = " << t;
+      ASSERT_EQ(verdict.cause, step.cause);
+      ASSERT_EQ(safe, expected);
+      plant.Apply(safe);
+    }
+  }
+}
+
+TEST(GuardTest, AMonitorPassesEverythingAndRaisesAlarms) {
+  Guard guard(Model(Strategy::kMonitor));
+  guard.Reset();
+  CorridorPlant plant;
+  const std::vector<double> action = Action(0.1, 0.1);
+  std::vector<double> safe(2);
+  int first_alarm = -1;
+  for (int t = 0; t < 20; ++t) {
+    const Verdict verdict = guard.Filter(t, plant.x, action, safe);
+    ASSERT_EQ(verdict.mode, Mode::kPolicy);
+    ASSERT_EQ(safe, action);
+    EXPECT_STREQ(verdict.reason(), verdict.g >= 0.0 ? "inside" : "outside");
+    if (verdict.alarm && first_alarm < 0) first_alarm = t;
+    // Once out it goes on drifting away, and the alarm stays.
+    if (first_alarm >= 0) {
+      EXPECT_TRUE(verdict.alarm) << "t = " << t;
+      EXPECT_LT(verdict.g, 0.0);
+    }
+    plant.Apply(safe);
+  }
+  EXPECT_GT(first_alarm, 1);
+  EXPECT_LT(first_alarm, 10);
+}
+
+struct Doubt {
+  const char* name;
+  HaltCause cause;
+  std::function<Verdict(Guard&, std::span<double> safe)> call;
+};
+
+std::vector<Doubt> Doubts() {
+  static const std::vector<double> kState = {3.0, 0.3, 0.0};
+  static const std::vector<double> kAction = Action(0.1, 0.0);
+  const auto with_state = [](std::vector<double> state) {
+    return [state = std::move(state)](Guard& guard, std::span<double> safe) {
+      return guard.Filter(3, state, kAction, safe);
+    };
+  };
+  const auto with_action = [](std::vector<double> action) {
+    return [action = std::move(action)](Guard& guard, std::span<double> safe) {
+      return guard.Filter(3, kState, action, safe);
+    };
+  };
+  const auto at = [](int t) {
+    return [t](Guard& guard, std::span<double> safe) {
+      return guard.Filter(t, kState, kAction, safe);
+    };
+  };
+  return {
+      {"NaN in a feature", HaltCause::kStateInvalid, with_state({3.0, kNaN, 0.0})},
+      {"NaN in an entry that no feature looks at", HaltCause::kStateInvalid,
+       with_state({kNaN, 0.3, 0.0})},
+      {"infinite state", HaltCause::kStateInvalid, with_state({3.0, 0.3, -kInfinity})},
+      {"short state", HaltCause::kStateInvalid, with_state({0.3, 0.0})},
+      {"long state", HaltCause::kStateInvalid, with_state({3.0, 0.3, 0.0, 0.0})},
+      {"no state", HaltCause::kStateInvalid, with_state({})},
+      {"NaN action", HaltCause::kControlInvalid, with_action({0.1, kNaN})},
+      {"infinite action", HaltCause::kControlInvalid, with_action({kInfinity, 0.0})},
+      {"short action", HaltCause::kControlInvalid, with_action({0.1})},
+      {"no action", HaltCause::kControlInvalid, with_action({})},
+      {"a step twice", HaltCause::kStepSkipped, at(2)},
+      {"a step left out", HaltCause::kStepSkipped, at(4)},
+      {"a negative step", HaltCause::kStepSkipped, at(-1)},
+      {"a step far out of range", HaltCause::kStepSkipped, at(std::numeric_limits<int>::max())},
+      {"no room for the result", HaltCause::kControlInvalid,
+       [](Guard& guard, std::span<double> safe) {
+         return guard.Filter(3, kState, kAction, safe.first(1));
+       }},
+  };
+}
+
+TEST(GuardTest, EveryDoubtHoldsUntilReset) {
+  for (const Strategy strategy :
+       {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping, Strategy::kMonitor}) {
+    for (const Doubt& doubt : Doubts()) {
+      SCOPED_TRACE(testing::Message() << Name(strategy) << ": " << doubt.name);
+      Guard guard(Model(strategy));
+      guard.Reset(1);
+      std::vector<double> safe(2);
+      for (int t = 0; t < 3; ++t) {
+        ASSERT_EQ(guard.Filter(t, std::vector{0.0 + t, 0.1 * t, 0.0}, Action(0.0, 0.0), safe).mode,
+                  Mode::kPolicy);
+      }
+      std::fill(safe.begin(), safe.end(), 1.0);
+      const Verdict verdict = doubt.call(guard, safe);
+      EXPECT_EQ(verdict.mode, Mode::kHalt);
+      EXPECT_EQ(verdict.cause, doubt.cause) << verdict.reason();
+      EXPECT_EQ(safe[0], 0.0);
+      // Good input afterwards changes nothing.
+      const Verdict after = guard.Filter(4, std::vector{4.0, 0.4, 0.0}, Action(0.1, 0.0), safe);
+      EXPECT_EQ(after.mode, Mode::kHalt);
+      EXPECT_EQ(after.cause, doubt.cause);
+      EXPECT_THAT(safe, testing::Each(0.0));
+      guard.Reset(1);
+      EXPECT_EQ(guard.Filter(0, std::vector{0.0, 0.0, 0.0}, Action(0.0, 0.0), safe).mode,
+                Mode::kPolicy);
+    }
+  }
+}
+
+TEST(GuardTest, HoldsBeforeResetAndWhenStopped) {
+  Guard guard(Model());
+  std::vector<double> safe = {1.0, 1.0};
+  const Verdict early = guard.Filter(0, std::vector{0.0, 0.0, 0.0}, Action(0.1, 0.0), safe);
+  EXPECT_EQ(early.mode, Mode::kHalt);
+  EXPECT_STREQ(early.reason(), "not-reset");
+  EXPECT_THAT(safe, testing::Each(0.0));
+  guard.Reset();
+  guard.Stop();
+  const Verdict stopped = guard.Filter(0, std::vector{0.0, 0.0, 0.0}, Action(0.1, 0.0), safe);
+  EXPECT_STREQ(stopped.reason(), "stop-requested");
+}
+
+TEST(GuardTest, ActionsAreWithinTheirLimit) {
+  GuardSettings settings = Model()->settings();
+  settings.action_limit = 0.05;
+  for (const Strategy strategy : {Strategy::kGuided, Strategy::kMonitor}) {
+    settings.strategy = strategy;
+    Guard guard(Model()->With(settings));
+    guard.Reset(1);
+    std::vector<double> safe = {10.0, -10.0};
+    const Verdict verdict = guard.Filter(0, std::vector{0.0, 0.0, 0.0}, safe, safe);
+    EXPECT_EQ(verdict.mode, Mode::kPolicy);
+    EXPECT_TRUE(verdict.changed);
+    // Rounding by the unit of controls.
+    EXPECT_THAT(
+        safe, testing::Each(testing::AllOf(testing::Ge(-0.05 - 1e-15), testing::Le(0.05 + 1e-15))));
+  }
+}
+
+TEST(GuardTest, TheLoopNeverAllocates) {
+  for (const Strategy strategy :
+       {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping, Strategy::kMonitor}) {
+    Guard guard(Model(strategy));
+    const std::vector<double> action = Action(0.09, 0.06);
+    std::vector<double> safe(2);
+    const std::vector<double> broken = {0.0, kNaN, 0.0};
+    CorridorPlant plant;
+    const test::NoAlloc no_alloc;
+    for (int episode = 0; episode < 2; ++episode) {
+      guard.Reset(static_cast<std::uint64_t>(episode));
+      std::fill(plant.x.begin(), plant.x.end(), 0.0);
+      for (int t = 0; t < 50; ++t) {
+        static_cast<void>(guard.Filter(t, plant.x, action, safe));
+        plant.Apply(safe);
+      }
+      static_cast<void>(guard.Filter(50, broken, action, safe));
+    }
+  }
+}
+
+TEST(GuardTest, MovesWithItsState) {
+  Guard first(Model());
+  first.Reset(1);
+  std::vector<double> safe(2);
+  ASSERT_EQ(first.Filter(0, std::vector{0.0, 0.0, 0.0}, Action(0.1, 0.0), safe).mode,
+            Mode::kPolicy);
+  Guard second = std::move(first);
+  EXPECT_EQ(second.Filter(1, std::vector{1.0, 0.1, 0.0}, Action(0.1, 0.0), safe).mode,
+            Mode::kPolicy);
+}
+
+}  // namespace
+}  // namespace dfr::safety
