@@ -6,7 +6,8 @@ set(DFR_PKG_CONFIG_MODULES
   "Eigen3::Eigen=eigen3" "hwy::hwy=libhwy" "hdf5::hdf5=hdf5-serial" "glfw=glfw3")
 set(DFR_PKG_CONFIG_FLAGS
   "Threads::Threads=-pthread" "dl=-ldl" "Ceres::ceres=-lceres -lglog" "mujoco::mujoco=-lmujoco"
-  "nlohmann_json::nlohmann_json=" "OpenCVImgproc::OpenCVImgproc=-lopencv_imgproc -lopencv_core")
+  "nlohmann_json::nlohmann_json=" "fastrtps=-lfastrtps" "fastcdr=-lfastcdr"
+  "OpenCVImgproc::OpenCVImgproc=-lopencv_imgproc -lopencv_core")
 
 # dfr_write_pkg_config(kernel dfr::core Eigen3::Eigen hwy::hwy ...) writes and installs dfr-kernel.pc.
 # The libraries are static: who links one needs its private dependencies too, so that all of them

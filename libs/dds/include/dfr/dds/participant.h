@@ -1,0 +1,51 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+namespace dfr::dds {
+
+/// How processes find each other.
+enum class Discovery {
+  kLoopback,      ///< Processes of this machine alone, also where the loopback has no multicast.
+  kNetwork,       ///< Everyone on the local network, by multicast, as ROS 2 does.
+  kServerClient,  ///< Through a discovery server, where multicast is not allowed.
+  kServer,        ///< Being that server.
+};
+
+/// Options for Participant.
+struct ParticipantOptions {
+  int domain = 0;            ///< As ROS_DOMAIN_ID, in [0, 232].
+  std::string name = "dfr";  ///< What discovery tools show.
+  Discovery discovery = Discovery::kLoopback;
+  std::string server_address = "127.0.0.1";  ///< IPv4, with the two kinds of discovery by server.
+  std::uint16_t server_port = 11811;
+  /// Shared memory towards processes on this machine, for images: a second participant beside that
+  /// of the control loop, which stays on UDP, because a killed process can leave shared memory in
+  /// a state that stalls others, and files in /dev/shm.
+  bool shared_memory = false;
+};
+
+/// A process' membership in a DDS domain (Fast DDS 2.9): what publishers and subscribers are made
+/// from, which have to be destroyed first. Fast DDS runs threads of its own. Safe to use from
+/// several threads.
+class Participant {
+ public:
+  /// @throws std::invalid_argument if an option is out of range; std::runtime_error if the
+  ///   participant cannot be made: no ports left in the domain, address not of this machine.
+  explicit Participant(const ParticipantOptions& options);
+  ~Participant();
+  Participant(const Participant&) = delete;
+  Participant& operator=(const Participant&) = delete;
+
+  [[nodiscard]] const ParticipantOptions& options() const noexcept;
+
+  struct Impl;
+  [[nodiscard]] Impl& impl() noexcept { return *impl_; }
+
+ private:
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace dfr::dds

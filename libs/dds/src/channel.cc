@@ -1,0 +1,210 @@
+#include "dfr/dds/channel.h"
+
+#include <cmath>
+#include <exception>
+#include <fastdds/dds/publisher/DataWriter.hpp>
+#include <fastdds/dds/publisher/qos/DataWriterQos.hpp>
+#include <fastdds/dds/subscriber/DataReader.hpp>
+#include <fastdds/dds/subscriber/SampleInfo.hpp>
+#include <fastdds/dds/subscriber/qos/DataReaderQos.hpp>
+#include <stdexcept>
+
+#include "participant_impl.h"
+#include "wire.h"
+
+namespace dfr::dds {
+namespace {
+
+namespace fdds = eprosima::fastdds::dds;
+using eprosima::fastrtps::Duration_t;
+using eprosima::fastrtps::types::ReturnCode_t;
+
+constexpr std::uint32_t kMillisecond = 1'000'000;
+constexpr int kConsoleDepth = 100;
+
+bool Commands(Role role) { return role == Role::kCommand || role == Role::kOwnCommand; }
+bool Latched(Role role) { return role == Role::kEvent || role == Role::kEmergencyStop; }
+
+// What a writer offers and what a reader asks for, in the same words.
+template <typename Qos>
+void Contract(Qos& qos) {
+  qos.deadline().period = Duration_t(0, 40 * kMillisecond);
+  qos.liveliness().kind = fdds::MANUAL_BY_TOPIC_LIVELINESS_QOS;
+  qos.liveliness().lease_duration = Duration_t(0, 100 * kMillisecond);
+  qos.liveliness().announcement_period = Duration_t(0, 50 * kMillisecond);
+}
+
+// A command that nobody took in time is not carried out late, wherever it waits.
+const Duration_t kCommandLifespan(0, 50 * kMillisecond);
+
+fdds::DataWriterQos WriterQos(Role role) {
+  fdds::DataWriterQos qos = fdds::DATAWRITER_QOS_DEFAULT;
+  qos.reliability().kind = fdds::RELIABLE_RELIABILITY_QOS;
+  qos.reliability().max_blocking_time = Duration_t(0, 100 * kMillisecond);
+  // Strings and sequences have no largest size.
+  qos.endpoint().history_memory_policy =
+      eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
+  qos.history().kind = fdds::KEEP_LAST_HISTORY_QOS;
+  qos.history().depth =
+      role == Role::kState || role == Role::kEvent || role == Role::kRequest ? kConsoleDepth : 1;
+  qos.durability().kind = Latched(role) || role == Role::kRequest
+                              ? fdds::TRANSIENT_LOCAL_DURABILITY_QOS
+                              : fdds::VOLATILE_DURABILITY_QOS;
+  // A late joiner gets what is kept at the next heartbeat, and a lost sample is asked for then.
+  qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0, 100 * kMillisecond);
+  if (Commands(role)) {
+    Contract(qos);
+    qos.lifespan().duration = kCommandLifespan;
+  }
+  if (role == Role::kImage) qos.publish_mode().kind = fdds::ASYNCHRONOUS_PUBLISH_MODE;
+  return qos;
+}
+
+fdds::DataReaderQos ReaderQos(Role role) {
+  fdds::DataReaderQos qos = fdds::DATAREADER_QOS_DEFAULT;
+  qos.reliability().kind = fdds::RELIABLE_RELIABILITY_QOS;
+  qos.endpoint().history_memory_policy =
+      eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
+  qos.history().kind = fdds::KEEP_LAST_HISTORY_QOS;
+  qos.history().depth = role == Role::kEvent || role == Role::kRequest ? kConsoleDepth : 1;
+  qos.durability().kind =
+      Latched(role) ? fdds::TRANSIENT_LOCAL_DURABILITY_QOS : fdds::VOLATILE_DURABILITY_QOS;
+  if (role == Role::kOwnCommand) Contract(qos);
+  if (Commands(role)) qos.lifespan().duration = kCommandLifespan;
+  return qos;
+}
+
+[[noreturn]] void Refused(const char* what, const std::string& topic) {
+  throw std::runtime_error("DDS refuses to make a " + std::string(what) + " of " + topic +
+                           ": is it permitted in this domain's security profile?");
+}
+
+}  // namespace
+
+template <typename T>
+struct Publisher<T>::Impl {
+  Participant::Impl& participant;
+  fdds::DataWriter* writer = nullptr;
+  typename internal::WireOf<T>::Type wire;
+};
+
+template <typename T>
+Publisher<T>::Publisher(Participant& participant, const std::string& topic, Role role)
+    : impl_(std::make_unique<Impl>(Impl{participant.impl(), nullptr, {}})) {
+  Participant::Impl& owner = participant.impl();
+  fdds::Topic* dds_topic =
+      owner.Topic(topic, fdds::TypeSupport(new typename internal::WireOf<T>::Support()));
+  impl_->writer = owner.publisher->create_datawriter(dds_topic, WriterQos(role));
+  if (impl_->writer == nullptr) Refused("publisher", topic);
+}
+
+template <typename T>
+Publisher<T>::~Publisher() {
+  impl_->participant.publisher->delete_datawriter(impl_->writer);
+}
+
+template <typename T>
+bool Publisher<T>::Write(const T& message) noexcept {
+  try {
+    internal::ToWire(message, impl_->wire);
+    return impl_->writer->write(&impl_->wire);
+  } catch (const std::exception&) {
+    return false;
+  }
+}
+
+template <typename T>
+int Publisher<T>::num_subscribers() const noexcept {
+  fdds::PublicationMatchedStatus status;
+  impl_->writer->get_publication_matched_status(status);
+  return status.current_count;
+}
+
+template <typename T>
+struct Subscriber<T>::Impl {
+  Participant::Impl& participant;
+  fdds::DataReader* reader = nullptr;
+  typename internal::WireOf<T>::Type wire;
+};
+
+template <typename T>
+Subscriber<T>::Subscriber(Participant& participant, const std::string& topic, Role role)
+    : impl_(std::make_unique<Impl>(Impl{participant.impl(), nullptr, {}})) {
+  Participant::Impl& owner = participant.impl();
+  fdds::Topic* dds_topic =
+      owner.Topic(topic, fdds::TypeSupport(new typename internal::WireOf<T>::Support()));
+  impl_->reader = owner.subscriber->create_datareader(dds_topic, ReaderQos(role));
+  if (impl_->reader == nullptr) Refused("subscriber", topic);
+}
+
+template <typename T>
+Subscriber<T>::~Subscriber() {
+  impl_->participant.subscriber->delete_datareader(impl_->reader);
+}
+
+template <typename T>
+bool Subscriber<T>::Take(T& message) noexcept {
+  try {
+    fdds::SampleInfo info;
+    // Samples without data tell that a publisher has gone.
+    while (impl_->reader->take_next_sample(&impl_->wire, &info) == ReturnCode_t::RETCODE_OK) {
+      if (!info.valid_data) continue;
+      internal::FromWire(impl_->wire, message);
+      return true;
+    }
+  } catch (const std::exception&) {
+    return false;
+  }
+  return false;
+}
+
+template <typename T>
+bool Subscriber<T>::TakeNewest(T& message) noexcept {
+  bool any = false;
+  while (Take(message)) any = true;
+  return any;
+}
+
+template <typename T>
+bool Subscriber<T>::Wait(double timeout_s) noexcept {
+  const double whole = std::floor(timeout_s);
+  return impl_->reader->wait_for_unread_message(Duration_t(
+      static_cast<std::int32_t>(whole), static_cast<std::uint32_t>(1e9 * (timeout_s - whole))));
+}
+
+template <typename T>
+Health Subscriber<T>::health() const noexcept {
+  Health health;
+  fdds::SubscriptionMatchedStatus matched;
+  impl_->reader->get_subscription_matched_status(matched);
+  health.publishers = matched.current_count;
+  fdds::LivelinessChangedStatus liveliness;
+  impl_->reader->get_liveliness_changed_status(liveliness);
+  health.alive = liveliness.alive_count;
+  fdds::RequestedDeadlineMissedStatus deadline;
+  impl_->reader->get_requested_deadline_missed_status(deadline);
+  health.missed_deadlines = static_cast<int>(deadline.total_count);
+  fdds::RequestedIncompatibleQosStatus incompatible;
+  impl_->reader->get_requested_incompatible_qos_status(incompatible);
+  health.incompatible = static_cast<int>(incompatible.total_count);
+  return health;
+}
+
+template class Publisher<PoseStamped>;
+template class Publisher<JointState>;
+template class Publisher<OperatingState>;
+template class Publisher<StringStamped>;
+template class Publisher<Image>;
+template class Publisher<Text>;
+template class Publisher<Flag>;
+template class Publisher<Signal>;
+template class Subscriber<PoseStamped>;
+template class Subscriber<JointState>;
+template class Subscriber<OperatingState>;
+template class Subscriber<StringStamped>;
+template class Subscriber<Image>;
+template class Subscriber<Text>;
+template class Subscriber<Flag>;
+template class Subscriber<Signal>;
+
+}  // namespace dfr::dds

@@ -1,0 +1,148 @@
+#include "wire.h"
+
+#include <chrono>
+
+namespace dfr::dds {
+
+namespace {
+
+constexpr std::int64_t kSecond = 1'000'000'000;
+
+}  // namespace
+
+Stamp Stamp::FromNanoseconds(std::int64_t since_epoch_ns) noexcept {
+  std::int64_t sec = since_epoch_ns / kSecond;
+  std::int64_t nanosec = since_epoch_ns % kSecond;
+  if (nanosec < 0) {
+    nanosec += kSecond;
+    --sec;
+  }
+  return {static_cast<std::int32_t>(sec), static_cast<std::uint32_t>(nanosec)};
+}
+
+Stamp Stamp::Now() noexcept {
+  return FromNanoseconds(std::chrono::duration_cast<std::chrono::nanoseconds>(
+                             std::chrono::system_clock::now().time_since_epoch())
+                             .count());
+}
+
+std::int64_t Stamp::nanoseconds() const noexcept {
+  return kSecond * static_cast<std::int64_t>(sec) + static_cast<std::int64_t>(nanosec);
+}
+
+namespace internal {
+
+namespace {
+
+template <typename T>
+void HeaderToWire(const T& message, std_msgs::msg::dds_::Header_& header) {
+  header.stamp_().sec_(message.stamp.sec);
+  header.stamp_().nanosec_(message.stamp.nanosec);
+  header.frame_id_(message.frame_id);
+}
+
+template <typename T>
+void HeaderFromWire(const std_msgs::msg::dds_::Header_& header, T& message) {
+  message.stamp.sec = header.stamp_().sec_();
+  message.stamp.nanosec = header.stamp_().nanosec_();
+  message.frame_id = header.frame_id_();
+}
+
+}  // namespace
+
+void ToWire(const PoseStamped& message, WireOf<PoseStamped>::Type& wire) {
+  HeaderToWire(message, wire.header_());
+  auto& position = wire.pose_().position_();
+  position.x_(message.position_m.x());
+  position.y_(message.position_m.y());
+  position.z_(message.position_m.z());
+  auto& orientation = wire.pose_().orientation_();
+  orientation.x_(message.orientation.x());
+  orientation.y_(message.orientation.y());
+  orientation.z_(message.orientation.z());
+  orientation.w_(message.orientation.w());
+}
+
+void FromWire(const WireOf<PoseStamped>::Type& wire, PoseStamped& message) {
+  HeaderFromWire(wire.header_(), message);
+  const auto& position = wire.pose_().position_();
+  message.position_m = {position.x_(), position.y_(), position.z_()};
+  const auto& orientation = wire.pose_().orientation_();
+  message.orientation =
+      Eigen::Quaterniond(orientation.w_(), orientation.x_(), orientation.y_(), orientation.z_());
+}
+
+void ToWire(const JointState& message, WireOf<JointState>::Type& wire) {
+  HeaderToWire(message, wire.header_());
+  wire.name_(message.name);
+  wire.position_(message.position);
+  wire.velocity_(message.velocity);
+  wire.effort_(message.effort);
+}
+
+void FromWire(const WireOf<JointState>::Type& wire, JointState& message) {
+  HeaderFromWire(wire.header_(), message);
+  message.name = wire.name_();
+  message.position = wire.position_();
+  message.velocity = wire.velocity_();
+  message.effort = wire.effort_();
+}
+
+void ToWire(const OperatingState& message, WireOf<OperatingState>::Type& wire) {
+  HeaderToWire(message, wire.header_());
+  wire.state_(message.state);
+  wire.is_homed_(message.is_homed);
+  wire.is_busy_(message.is_busy);
+}
+
+void FromWire(const WireOf<OperatingState>::Type& wire, OperatingState& message) {
+  HeaderFromWire(wire.header_(), message);
+  message.state = wire.state_();
+  message.is_homed = wire.is_homed_();
+  message.is_busy = wire.is_busy_();
+}
+
+void ToWire(const StringStamped& message, WireOf<StringStamped>::Type& wire) {
+  HeaderToWire(message, wire.header_());
+  wire.string_(message.text);
+}
+
+void FromWire(const WireOf<StringStamped>::Type& wire, StringStamped& message) {
+  HeaderFromWire(wire.header_(), message);
+  message.text = wire.string_();
+}
+
+void ToWire(const Image& message, WireOf<Image>::Type& wire) {
+  HeaderToWire(message, wire.header_());
+  wire.height_(message.height);
+  wire.width_(message.width);
+  wire.encoding_(message.encoding);
+  wire.is_bigendian_(message.is_bigendian ? 1 : 0);
+  wire.step_(message.step);
+  wire.data_(message.data);
+}
+
+void FromWire(const WireOf<Image>::Type& wire, Image& message) {
+  HeaderFromWire(wire.header_(), message);
+  message.height = wire.height_();
+  message.width = wire.width_();
+  message.encoding = wire.encoding_();
+  message.is_bigendian = wire.is_bigendian_() != 0;
+  message.step = wire.step_();
+  message.data = wire.data_();
+}
+
+void ToWire(const Text& message, WireOf<Text>::Type& wire) { wire.data_(message.text); }
+void FromWire(const WireOf<Text>::Type& wire, Text& message) { message.text = wire.data_(); }
+
+void ToWire(const Flag& message, WireOf<Flag>::Type& wire) { wire.data_(message.value); }
+void FromWire(const WireOf<Flag>::Type& wire, Flag& message) { message.value = wire.data_(); }
+
+void ToWire(const Signal& /*message*/, WireOf<Signal>::Type& wire) {
+  wire.structure_needs_at_least_one_member_(0);
+}
+void FromWire(const WireOf<Signal>::Type& /*wire*/, Signal& /*message*/) {}
+
+}  // namespace internal
+
+}  // namespace dfr::dds

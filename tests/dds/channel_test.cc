@@ -1,0 +1,178 @@
+#include "dfr/dds/channel.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <functional>
+#include <stdexcept>
+#include <string>
+#include <thread>
+
+#include "tests/dds/domain.h"
+
+namespace dfr::dds {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+ParticipantOptions Loopback() { return {.domain = test::OwnDomain()}; }
+
+// True as soon as `condition` is; a busy machine gets a minute.
+bool Eventually(const std::function<bool()>& condition) {
+  const auto end = Clock::now() + std::chrono::seconds(60);
+  while (!condition()) {
+    if (Clock::now() > end) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  return true;
+}
+
+TEST(ParticipantTest, OptionsOutOfRangeAreRefused) {
+  EXPECT_THROW(Participant({.domain = 233}), std::invalid_argument);
+  EXPECT_THROW(Participant({.domain = -1}), std::invalid_argument);
+  EXPECT_THROW(Participant({.discovery = Discovery::kServerClient, .server_address = "somewhere"}),
+               std::invalid_argument);
+}
+
+TEST(ChannelTest, TopicsHaveOneTypeAndBeginWithASlash) {
+  Participant participant(Loopback());
+  EXPECT_THROW(Publisher<Text>(participant, "no_slash", Role::kEvent), std::invalid_argument);
+  const Publisher<Text> text(participant, "/topic", Role::kEvent);
+  EXPECT_THROW(Publisher<Flag>(participant, "/topic", Role::kEvent), std::runtime_error);
+}
+
+// All of a few events, in order.
+TEST(ChannelTest, EventsReachLateJoinersInOrder) {
+  Participant first(Loopback());
+  Participant second(Loopback());
+  Publisher<Text> publisher(first, "/error", Role::kEvent);
+  for (int i = 0; i < 20; ++i) ASSERT_TRUE(publisher.Write({std::to_string(i)}));
+  Subscriber<Text> subscriber(second, "/error", Role::kEvent);
+  Text text;
+  for (int i = 0; i < 20; ++i) {
+    ASSERT_TRUE(Eventually([&] { return subscriber.Take(text); })) << i;
+    EXPECT_EQ(text.text, std::to_string(i));
+  }
+  EXPECT_FALSE(subscriber.Take(text));
+  EXPECT_EQ(text.text, "19");  // unchanged
+}
+
+TEST(ChannelTest, StateKeepsTheNewestAlone) {
+  Participant first(Loopback());
+  Participant second(Loopback());
+  Publisher<PoseStamped> publisher(first, "/measured_cp", Role::kState);
+  Subscriber<PoseStamped> subscriber(second, "/measured_cp", Role::kState);
+  ASSERT_TRUE(Eventually([&] { return publisher.num_subscribers() == 1; }));
+  ASSERT_TRUE(Eventually([&] { return subscriber.health().publishers == 1; }));
+  PoseStamped pose;
+  for (int i = 1; i <= 50; ++i) {
+    pose.position_m.x() = i;
+    ASSERT_TRUE(publisher.Write(pose));
+  }
+  PoseStamped got;
+  ASSERT_TRUE(Eventually([&] { return subscriber.TakeNewest(got) && got.position_m.x() == 50; }));
+  EXPECT_FALSE(subscriber.Wait(0.01));
+}
+
+TEST(ChannelTest, LatchedStopReachesALateJoiner) {
+  Participant first(Loopback());
+  Participant second(Loopback());
+  Publisher<Flag> publisher(first, "/emergency_stop", Role::kEmergencyStop);
+  ASSERT_TRUE(publisher.Write({false}));
+  ASSERT_TRUE(publisher.Write({true}));
+  Subscriber<Flag> subscriber(second, "/emergency_stop", Role::kEmergencyStop);
+  ASSERT_TRUE(subscriber.Wait(60.0));
+  Flag flag;
+  ASSERT_TRUE(subscriber.Take(flag));
+  EXPECT_TRUE(flag.value);
+  EXPECT_FALSE(subscriber.Take(flag));
+}
+
+// The publisher's process lives on, but its loop hangs: nobody writes.
+TEST(ChannelTest, SilentCommanderLosesItsLiveliness) {
+  Participant first(Loopback());
+  Participant second(Loopback());
+  Publisher<PoseStamped> publisher(first, "/servo_cp", Role::kOwnCommand);
+  const Subscriber<PoseStamped> subscriber(second, "/servo_cp", Role::kOwnCommand);
+  ASSERT_TRUE(Eventually([&] {
+    publisher.Write({});
+    return subscriber.health().alive == 1;
+  }));
+  EXPECT_TRUE(Eventually([&] { return subscriber.health().alive == 0; }));
+  EXPECT_EQ(subscriber.health().publishers, 1);
+  EXPECT_GT(subscriber.health().missed_deadlines, 0);
+}
+
+TEST(ChannelTest, SecondCommanderIsSeen) {
+  Participant first(Loopback());
+  Participant second(Loopback());
+  const Subscriber<PoseStamped> subscriber(first, "/servo_cp", Role::kCommand);
+  const Publisher<PoseStamped> mine(first, "/servo_cp", Role::kCommand);
+  ASSERT_TRUE(Eventually([&] { return subscriber.health().publishers == 1; }));
+  {
+    const Publisher<PoseStamped> other(second, "/servo_cp", Role::kCommand);
+    EXPECT_TRUE(Eventually([&] { return subscriber.health().publishers == 2; }));
+  }
+  EXPECT_TRUE(Eventually([&] { return subscriber.health().publishers == 1; }));
+}
+
+// A command that waited for a reader is not carried out late.
+TEST(ChannelTest, OldCommandsExpire) {
+  Participant first(Loopback());
+  Participant second(Loopback());
+  Publisher<PoseStamped> publisher(first, "/servo_cp", Role::kCommand);
+  Subscriber<PoseStamped> subscriber(second, "/servo_cp", Role::kCommand);
+  ASSERT_TRUE(Eventually([&] { return publisher.num_subscribers() == 1; }));
+  ASSERT_TRUE(Eventually([&] { return subscriber.health().publishers == 1; }));
+  ASSERT_TRUE(publisher.Write({}));
+  std::this_thread::sleep_for(std::chrono::milliseconds(500));
+  PoseStamped got;
+  EXPECT_FALSE(subscriber.Take(got));
+}
+
+TEST(ChannelTest, ImageOverSharedMemory) {
+  ParticipantOptions options = Loopback();
+  options.shared_memory = true;
+  Participant first(options);
+  Participant second(options);
+  Publisher<Image> publisher(first, "/image_raw", Role::kImage);
+  Subscriber<Image> subscriber(second, "/image_raw", Role::kImage);
+  ASSERT_TRUE(Eventually([&] { return publisher.num_subscribers() == 1; }));
+  ASSERT_TRUE(Eventually([&] { return subscriber.health().publishers == 1; }));
+  Image image;
+  image.height = 480;
+  image.width = 640;
+  image.step = 1920;
+  image.encoding = "bgr8";
+  image.data.assign(std::size_t{480} * 1920, 7);
+  image.data.back() = 9;
+  Image got;
+  ASSERT_TRUE(Eventually([&] {
+    publisher.Write(image);
+    subscriber.Wait(0.5);
+    return subscriber.Take(got);
+  }));
+  EXPECT_EQ(got.data, image.data);
+  EXPECT_EQ(got.encoding, "bgr8");
+}
+
+// Clients that were told of nobody but the server find each other.
+TEST(ChannelTest, DiscoveryServerIntroducesItsClients) {
+  ParticipantOptions options = Loopback();
+  options.server_port = static_cast<std::uint16_t>(11811 + test::OwnDomain());
+  options.discovery = Discovery::kServer;
+  const Participant server(options);
+  options.discovery = Discovery::kServerClient;
+  Participant first(options);
+  Participant second(options);
+  Publisher<Text> publisher(first, "/status", Role::kEvent);
+  Subscriber<Text> subscriber(second, "/status", Role::kEvent);
+  ASSERT_TRUE(publisher.Write({"here"}));
+  Text text;
+  ASSERT_TRUE(Eventually([&] { return subscriber.Take(text); }));
+  EXPECT_EQ(text.text, "here");
+}
+
+}  // namespace
+}  // namespace dfr::dds

@@ -1,0 +1,133 @@
+// Both directions with CycloneDDS, an independent implementation: what it read of ours it changes
+// field by field and sends back.
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "dfr/dds/channel.h"
+#include "tests/dds/domain.h"
+#include "tests/dds/peer_process.h"
+
+namespace dfr::dds {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+constexpr std::chrono::seconds kPatience(60);  // of a machine that is busy with other things
+
+class InteroperabilityTest : public testing::Test {
+ protected:
+  // Asks until there is an answer: the first questions come before the peer has found us.
+  template <typename T>
+  testing::AssertionResult Ask(const std::string& name, Role role, const T& question, T& answer) {
+    Publisher<T> ask(participant_, "/peer/ask/" + name, role);
+    Subscriber<T> answers(participant_, "/peer/answer/" + name, role);
+    const auto end = Clock::now() + kPatience;
+    while (Clock::now() < end) {
+      if (ask.num_subscribers() > 0 && answers.health().publishers > 0 && !ask.Write(question)) {
+        return testing::AssertionFailure() << "cannot write";
+      }
+      // Long enough for lost parts of an image to be repeated: the next one would replace it.
+      answers.Wait(ask.num_subscribers() > 0 ? 2.0 : 0.05);
+      if (answers.Take(answer)) return testing::AssertionSuccess();
+    }
+    return testing::AssertionFailure() << ask.num_subscribers() << " subscribers, "
+                                       << answers.health().publishers << " publishers";
+  }
+
+  Participant participant_{{.domain = test::OwnDomain()}};
+  test::PeerProcess peer_{{DFR_CYCLONE_PEER, std::to_string(test::OwnDomain())}};
+};
+
+TEST_F(InteroperabilityTest, PoseStampedAsMeasuredState) {
+  PoseStamped question;
+  question.stamp = {17, 42};
+  question.frame_id = "PSM1_base";
+  question.position_m << 0.1, -0.2, 0.3;
+  question.orientation = Eigen::Quaterniond(0.4, 0.1, 0.2, 0.3);  // w, x, y, z
+  PoseStamped answer;
+  ASSERT_TRUE(Ask("pose", Role::kState, question, answer));
+  EXPECT_EQ(answer.stamp, (Stamp{42, 17}));
+  EXPECT_EQ(answer.frame_id, "PSM1_base");
+  EXPECT_EQ(answer.position_m, Eigen::Vector3d(0.1 + 1.0, -0.2 + 2.0, 0.3 + 3.0));
+  EXPECT_EQ(answer.orientation.coeffs(), Eigen::Vector4d(0.4, 0.3, 0.2, 0.1));  // x, y, z, w
+}
+
+// The contracts that a command publisher offers do not keep a plain ROS 2 reader away.
+TEST_F(InteroperabilityTest, PoseStampedAsCommand) {
+  PoseStamped question;
+  question.position_m << 1.0, 2.0, 3.0;
+  PoseStamped answer;
+  ASSERT_TRUE(Ask("pose", Role::kCommand, question, answer));
+  EXPECT_EQ(answer.position_m, Eigen::Vector3d(2.0, 4.0, 6.0));
+}
+
+TEST_F(InteroperabilityTest, JointState) {
+  JointState question;
+  question.stamp = {1, 2};
+  question.name = {"yaw", "pitch", "insertion"};
+  question.position = {0.1, 0.2, 0.3};
+  question.velocity = {-1.0, 0.0, 1e-300};
+  JointState answer;
+  ASSERT_TRUE(Ask("joints", Role::kState, question, answer));
+  EXPECT_EQ(answer.stamp, (Stamp{2, 1}));
+  EXPECT_EQ(answer.name, (std::vector<std::string>{"insertion", "pitch", "yaw"}));
+  EXPECT_EQ(answer.position, (std::vector<double>{0.3, 0.2, 0.1}));
+  EXPECT_EQ(answer.velocity, (std::vector<double>{-2.0, 0.0, 2e-300}));
+  EXPECT_TRUE(answer.effort.empty());
+}
+
+TEST_F(InteroperabilityTest, OperatingState) {
+  OperatingState question;
+  question.state = "ENABLED";
+  question.is_homed = true;
+  OperatingState answer;
+  // A subscriber that asks for samples kept for late joiners refuses the peer's plain publisher.
+  ASSERT_TRUE(Ask("state", Role::kState, question, answer));
+  EXPECT_EQ(answer.state, "DELBANE");
+  EXPECT_FALSE(answer.is_homed);
+  EXPECT_TRUE(answer.is_busy);
+}
+
+TEST_F(InteroperabilityTest, Image640By480) {
+  Image question;
+  question.stamp = {3, 4};
+  question.height = 480;
+  question.width = 640;
+  question.encoding = "rgb8";
+  question.step = 1920;
+  question.data.resize(std::size_t{480} * 1920);
+  for (std::size_t i = 0; i < question.data.size(); ++i) {
+    question.data[i] = static_cast<std::uint8_t>(i * 31 + i / 1920);
+  }
+  Image answer;
+  ASSERT_TRUE(Ask("image", Role::kImage, question, answer));
+  EXPECT_EQ(answer.height, 640U);
+  EXPECT_EQ(answer.width, 480U);
+  EXPECT_EQ(answer.encoding, "rgb8");
+  EXPECT_EQ(answer.step, 1920U);
+  ASSERT_EQ(answer.data.size(), question.data.size());
+  std::size_t wrong = 0;
+  for (std::size_t i = 0; i < question.data.size(); ++i) {
+    wrong += answer.data[i] != static_cast<std::uint8_t>(~question.data[i]);
+  }
+  EXPECT_EQ(wrong, 0U);
+}
+
+// Deadline, liveliness: a plain publisher promises neither.
+TEST_F(InteroperabilityTest, OwnCommandRefusesAPlainPublisher) {
+  const Subscriber<PoseStamped> subscriber(participant_, "/peer/answer/pose", Role::kOwnCommand);
+  const auto end = Clock::now() + kPatience;
+  while (subscriber.health().incompatible == 0 && Clock::now() < end) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  EXPECT_EQ(subscriber.health().incompatible, 1);
+  EXPECT_EQ(subscriber.health().publishers, 0);
+}
+
+}  // namespace
+}  // namespace dfr::dds

@@ -1,0 +1,29 @@
+#pragma once
+
+#include <sys/types.h>
+
+#include <string>
+#include <vector>
+
+namespace dfr::test {
+
+/// Another program that runs beside the test, and ends with it.
+class PeerProcess {
+ public:
+  /// Runs `command` (program and arguments) with CycloneDDS kept to the loopback.
+  /// @throws std::runtime_error if it cannot be started.
+  explicit PeerProcess(const std::vector<std::string>& command);
+  ~PeerProcess();
+  PeerProcess(const PeerProcess&) = delete;
+  PeerProcess& operator=(const PeerProcess&) = delete;
+
+  /// Sends a signal: SIGKILL, SIGSTOP, ...
+  void Signal(int number) const;
+  /// Waits for the end. The exit code, or -1 if it was killed or did not end in `timeout_s`.
+  [[nodiscard]] int Await(double timeout_s);
+
+ private:
+  pid_t pid_ = -1;
+};
+
+}  // namespace dfr::test

@@ -1,0 +1,89 @@
+#include "dfr/dds/watchdog.h"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <stdexcept>
+
+#include "tests/support/no_alloc.h"
+
+namespace dfr::dds {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kWall = 1'700'000'000'123'456'789;  // not a whole second
+constexpr std::int64_t kSteady = 5'000 * kMs;
+
+Watchdog Make() {
+  return Watchdog({.max_age_s = 0.05, .max_silence_s = 0.04, .max_ahead_s = 0.01});
+}
+
+TEST(StampTest, NanosecondsGoThereAndBack) {
+  for (const std::int64_t ns : {std::int64_t{0}, std::int64_t{1}, kWall, -kWall, 999 * kMs}) {
+    EXPECT_EQ(Stamp::FromNanoseconds(ns).nanoseconds(), ns);
+    EXPECT_LT(Stamp::FromNanoseconds(ns).nanosec, 1'000'000'000U);
+  }
+  EXPECT_FALSE(Stamp{}.valid());
+  EXPECT_TRUE(Stamp::FromNanoseconds(1).valid());
+  EXPECT_TRUE(Stamp::Now().valid());
+}
+
+TEST(WatchdogTest, EachLimitIsKeptToTheNanosecond) {
+  Watchdog dog = Make();
+  EXPECT_EQ(dog.Check(kWall, kSteady), Freshness::kNever);
+  dog.Arrived(Stamp::FromNanoseconds(kWall), kSteady);
+  EXPECT_EQ(dog.Check(kWall, kSteady), Freshness::kFresh);
+  EXPECT_EQ(dog.Check(kWall + 50 * kMs, kSteady), Freshness::kFresh);
+  EXPECT_EQ(dog.Check(kWall + 50 * kMs + 1, kSteady), Freshness::kOld);
+  EXPECT_EQ(dog.Check(kWall - 10 * kMs, kSteady), Freshness::kFresh);
+  EXPECT_EQ(dog.Check(kWall - 10 * kMs - 1, kSteady), Freshness::kAhead);
+  EXPECT_EQ(dog.Check(kWall, kSteady + 40 * kMs), Freshness::kFresh);
+  EXPECT_EQ(dog.Check(kWall, kSteady + 40 * kMs + 1), Freshness::kSilent);
+}
+
+TEST(WatchdogTest, StampZeroIsInvalidHoweverOftenItComes) {
+  Watchdog dog = Make();
+  dog.Arrived(Stamp{}, kSteady);
+  EXPECT_EQ(dog.Check(kWall, kSteady), Freshness::kInvalidStamp);
+  dog.Arrived(Stamp::FromNanoseconds(kWall), kSteady);
+  EXPECT_EQ(dog.Check(kWall, kSteady), Freshness::kFresh);
+}
+
+// A console that hangs may go on publishing what it last knew.
+TEST(WatchdogTest, RepeatedSampleGrowsOldAlthoughItKeepsArriving) {
+  Watchdog dog = Make();
+  Freshness last = Freshness::kFresh;
+  std::int64_t noticed = 0;
+  for (int ms = 0; ms <= 100 && last == Freshness::kFresh; ms += 10) {
+    dog.Arrived(Stamp::FromNanoseconds(kWall), kSteady + ms * kMs);
+    last = dog.Check(kWall + ms * kMs, kSteady + ms * kMs);
+    noticed = ms;
+  }
+  EXPECT_EQ(last, Freshness::kOld);
+  EXPECT_EQ(noticed, 60);
+}
+
+// Somebody sets the system's clock back while the publisher is dead.
+TEST(WatchdogTest, ClockJumpDoesNotHideSilence) {
+  Watchdog dog = Make();
+  dog.Arrived(Stamp::FromNanoseconds(kWall), kSteady);
+  EXPECT_EQ(dog.Check(kWall - 3'600'000 * kMs, kSteady + 100 * kMs), Freshness::kSilent);
+}
+
+TEST(WatchdogTest, LimitsOutOfRangeAreRefused) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(Watchdog({.max_age_s = 0.0}), std::invalid_argument);
+  EXPECT_THROW(Watchdog({.max_silence_s = -1.0}), std::invalid_argument);
+  EXPECT_THROW(Watchdog({.max_ahead_s = -1e-3}), std::invalid_argument);
+  EXPECT_THROW(Watchdog({.max_age_s = nan}), std::invalid_argument);
+}
+
+TEST(WatchdogTest, NeverAllocates) {
+  Watchdog dog = Make();
+  const test::NoAlloc guard;
+  dog.Arrived(Stamp::Now(), kSteady);
+  EXPECT_STREQ(Name(dog.Check(kWall, kSteady + 100 * kMs)), "nothing has arrived for too long");
+}
+
+}  // namespace
+}  // namespace dfr::dds
