@@ -1,0 +1,281 @@
+#include "dfr/sim/dvrk/psm_console.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <sstream>
+#include <utility>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::sim {
+namespace {
+
+using kinematics::Psm;
+using kinematics::PsmJoints;
+
+constexpr double kDegree = 0.017453292519943295;
+constexpr double kJawSpeed = 90.0 * kDegree;
+constexpr double kJawLower = -40.0 * kDegree;
+constexpr double kJawUpper = 80.0 * kDegree;
+constexpr std::array<const char*, 6> kJointNames = {"yaw",  "pitch",       "insertion",
+                                                    "roll", "wrist pitch", "wrist yaw"};
+
+PsmJoints Home() {
+  PsmJoints home = PsmJoints::Zero();
+  home[2] = 0.12;
+  return home;
+}
+
+// rad/s, m/s
+PsmJoints SpeedLimits() {
+  PsmJoints limits = PsmJoints::Constant(90.0 * kDegree);
+  limits[2] = 0.2;
+  return limits;
+}
+
+// From 0 to 1, at rest at both ends; its largest slope is 1.5.
+double Smooth(double share) { return share * share * (3.0 - 2.0 * share); }
+
+}  // namespace
+
+const char* Name(ArmState state) noexcept {
+  switch (state) {
+    case ArmState::kDisabled:
+      return "DISABLED";
+    case ArmState::kEnabled:
+      return "ENABLED";
+    case ArmState::kPaused:
+      return "PAUSED";
+    case ArmState::kFault:
+      return "FAULT";
+  }
+  return "UNKNOWN";
+}
+
+PsmConsole::PsmConsole(const PsmConsoleOptions& options)
+    : options_(options),
+      move_from_(PsmJoints::Zero()),
+      goal_(PsmJoints::Zero()),
+      setpoint_(PsmJoints::Zero()),
+      measured_(PsmJoints::Zero()),
+      velocity_(PsmJoints::Zero()) {
+  DFR_THROW_UNLESS(!options.arm.empty(), "arm must have a name");
+  DFR_THROW_UNLESS(options.homing_s >= 0.0 && options.homing_s < 1e3,
+                   "homing_s must lie in [0, 1000)");
+  DFR_THROW_UNLESS(options.lag_s > 0.0 && options.lag_s < 1e3, "lag_s must lie in (0, 1000)");
+  DFR_THROW_UNLESS(options.joint_error.offset.allFinite() &&
+                       options.joint_error.scale.allFinite() &&
+                       options.joint_error.reference.allFinite(),
+                   "joint_error must be finite");
+}
+
+void PsmConsole::Say(ConsoleMessage::Severity severity, const std::string& text) {
+  messages_.push_back({severity, options_.arm + ": " + text});
+}
+
+void PsmConsole::Enter(ArmState state) {
+  if (state == state_) return;
+  state_ = state;
+  Say(ConsoleMessage::Severity::kStatus, std::string("now ") + Name(state));
+}
+
+void PsmConsole::StopMoves() {
+  if (moving_ || jaw_moving_) goals_.push_back(false);
+  moving_ = false;
+  jaw_moving_ = false;
+  goal_ = setpoint_;
+  jaw_goal_ = jaw_setpoint_;
+}
+
+void PsmConsole::Fail(const std::string& reason) {
+  homing_left_s_ = 0.0;
+  StopMoves();
+  Say(ConsoleMessage::Severity::kError, reason);
+  Enter(ArmState::kFault);
+}
+
+void PsmConsole::StateCommand(std::string_view command) {
+  const bool always = command == "disable" || command == "unhome";
+  if (state_ == ArmState::kFault && !always) {
+    Say(ConsoleMessage::Severity::kWarning,
+        "state command \"" + std::string(command) + "\" ignored in FAULT; disable first");
+    return;
+  }
+  if (command == "disable" || command == "unhome") {
+    homing_left_s_ = 0.0;
+    StopMoves();
+    if (command == "unhome") homed_ = false;
+    Enter(ArmState::kDisabled);
+  } else if (command == "enable") {
+    if (state_ == ArmState::kDisabled) Enter(ArmState::kEnabled);
+  } else if (command == "home") {
+    if (homing_left_s_ > 0.0) return;
+    Enter(ArmState::kEnabled);
+    if (homed_) return;
+    homing_left_s_ = std::max(options_.homing_s, 1e-9);
+  } else if (command == "pause") {
+    if (state_ != ArmState::kEnabled || homing_left_s_ > 0.0) {
+      Say(ConsoleMessage::Severity::kWarning, "cannot pause: not ENABLED, or homing");
+      return;
+    }
+    StopMoves();
+    Enter(ArmState::kPaused);
+  } else if (command == "resume") {
+    if (state_ != ArmState::kPaused) {
+      Say(ConsoleMessage::Severity::kWarning, "cannot resume: not PAUSED");
+      return;
+    }
+    Enter(ArmState::kEnabled);
+  } else {
+    Say(ConsoleMessage::Severity::kWarning,
+        "unknown state command \"" + std::string(command) +
+            "\"; known: enable, disable, pause, resume, home, unhome");
+  }
+}
+
+bool PsmConsole::Ready(const char* command) {
+  const char* reason = nullptr;
+  if (state_ != ArmState::kEnabled) {
+    reason = Name(state_);
+  } else if (homing_left_s_ > 0.0) {
+    reason = "homing";
+  } else if (!homed_) {
+    reason = "not homed";
+  }
+  if (reason == nullptr) return true;
+  Say(ConsoleMessage::Severity::kWarning,
+      std::string(command) + " dropped, arm not ready: " + reason);
+  return false;
+}
+
+bool PsmConsole::Within(const char* command, const PsmJoints& goal) {
+  if (Psm::WithinLimits(goal)) return true;
+  std::ostringstream text;
+  text << command << " dropped, beyond the limits of";
+  for (int i = 0; i < 6; ++i) {
+    if (!(goal[i] >= Psm::lower_limits()[i] && goal[i] <= Psm::upper_limits()[i])) {
+      text << ' ' << kJointNames[static_cast<std::size_t>(i)] << " (" << goal[i] << ')';
+    }
+  }
+  Say(ConsoleMessage::Severity::kError, text.str());
+  return false;
+}
+
+bool PsmConsole::Reach(const char* command, const Eigen::Isometry3d& goal, PsmJoints& joints) {
+  const kinematics::PsmReach reach = Psm::Inverse(goal, joints);
+  if (reach == kinematics::PsmReach::kOk) return true;
+  if (reach == kinematics::PsmReach::kJointLimit) return Within(command, joints);
+  Say(ConsoleMessage::Severity::kError,
+      std::string(command) + " dropped, inverse kinematics failed: " + Name(reach));
+  return false;
+}
+
+bool PsmConsole::JawWithin(const char* command, double angle) {
+  if (angle >= kJawLower && angle <= kJawUpper) return true;
+  Say(ConsoleMessage::Severity::kError, std::string(command) + " dropped, beyond the jaw's limits");
+  return false;
+}
+
+void PsmConsole::StartMove(const PsmJoints& goal) {
+  if (moving_) goals_.push_back(false);
+  moving_ = true;
+  move_s_ = 0.0;
+  move_from_ = setpoint_;
+  goal_ = goal;
+  move_duration_s_ = 1.5 * (goal - setpoint_).cwiseAbs().cwiseQuotient(SpeedLimits()).maxCoeff();
+}
+
+void PsmConsole::ServoJp(const PsmJoints& goal) {
+  if (!Ready("servo_jp") || !Within("servo_jp", goal)) return;
+  if (moving_) goals_.push_back(false);
+  moving_ = false;
+  goal_ = goal;
+}
+
+void PsmConsole::ServoCp(const Eigen::Isometry3d& goal) {
+  PsmJoints joints;
+  if (!Ready("servo_cp") || !Reach("servo_cp", goal, joints)) return;
+  if (moving_) goals_.push_back(false);
+  moving_ = false;
+  goal_ = joints;
+}
+
+void PsmConsole::MoveJp(const PsmJoints& goal) {
+  if (!Ready("move_jp") || !Within("move_jp", goal)) return;
+  StartMove(goal);
+}
+
+void PsmConsole::MoveCp(const Eigen::Isometry3d& goal) {
+  PsmJoints joints;
+  if (!Ready("move_cp") || !Reach("move_cp", goal, joints)) return;
+  StartMove(joints);
+}
+
+void PsmConsole::ServoJaw(double angle) {
+  if (!Ready("jaw/servo_jp") || !JawWithin("jaw/servo_jp", angle)) return;
+  if (jaw_moving_) goals_.push_back(false);
+  jaw_moving_ = false;
+  jaw_goal_ = angle;
+}
+
+void PsmConsole::MoveJaw(double angle) {
+  if (!Ready("jaw/move_jp") || !JawWithin("jaw/move_jp", angle)) return;
+  if (jaw_moving_) goals_.push_back(false);
+  jaw_moving_ = true;
+  jaw_goal_ = angle;
+}
+
+void PsmConsole::Hold() {
+  if (Ready("hold")) StopMoves();
+}
+
+void PsmConsole::Step(double dt_s) {
+  if (homing_left_s_ > 0.0) {
+    homing_left_s_ -= dt_s;
+    if (homing_left_s_ > 0.0) return;
+    homing_left_s_ = 0.0;
+    homed_ = true;
+    goal_ = setpoint_ = measured_ = Home();
+    jaw_goal_ = jaw_setpoint_ = jaw_ = 0.0;
+    velocity_.setZero();
+    Say(ConsoleMessage::Severity::kStatus, "homed");
+    return;
+  }
+  if (!homed_) return;
+  // A set-point beyond what the joints can do in dt_s is approached at the limit.
+  const PsmJoints largest = dt_s * SpeedLimits();
+  if (moving_) {
+    move_s_ += dt_s;
+    const bool done = move_s_ >= move_duration_s_;
+    setpoint_ =
+        done ? goal_
+             : PsmJoints(move_from_ + Smooth(move_s_ / move_duration_s_) * (goal_ - move_from_));
+    if (done) {
+      moving_ = false;
+      goals_.push_back(true);
+    }
+  } else {
+    setpoint_ += (goal_ - setpoint_).cwiseMax(-largest).cwiseMin(largest);
+  }
+  const double jaw_largest = dt_s * kJawSpeed;
+  jaw_setpoint_ += std::clamp(jaw_goal_ - jaw_setpoint_, -jaw_largest, jaw_largest);
+  if (jaw_moving_ && jaw_setpoint_ == jaw_goal_) {
+    jaw_moving_ = false;
+    goals_.push_back(true);
+  }
+  const double share = -std::expm1(-dt_s / options_.lag_s);
+  const PsmJoints before = measured_;
+  measured_ += share * (setpoint_ - measured_);
+  jaw_ += share * (jaw_setpoint_ - jaw_);
+  if (dt_s > 0.0) velocity_ = (measured_ - before) / dt_s;
+}
+
+Eigen::Isometry3d PsmConsole::measured_pose() const noexcept { return Psm::Forward(measured_); }
+Eigen::Isometry3d PsmConsole::setpoint_pose() const noexcept { return Psm::Forward(setpoint_); }
+PsmJoints PsmConsole::true_joints() const noexcept { return options_.joint_error.Apply(measured_); }
+
+std::vector<ConsoleMessage> PsmConsole::TakeMessages() { return std::exchange(messages_, {}); }
+std::vector<bool> PsmConsole::TakeGoals() { return std::exchange(goals_, {}); }
+
+}  // namespace dfr::sim

@@ -1,0 +1,9 @@
+#include "dfr/sim/dvrk/psm_console.h"
+
+// An arm is homed in its own time.
+int main() {
+  dfr::sim::PsmConsole console({.arm = "PSM1", .homing_s = 0.5});
+  console.StateCommand("home");
+  for (int i = 0; i < 100; ++i) console.Step(0.01);
+  return console.homed() && !console.busy() ? 0 : 1;
+}

@@ -1,0 +1,278 @@
+#include "dfr/sim/dvrk/psm_console.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "tests/support/all_close.h"
+
+namespace dfr::sim {
+namespace {
+
+using kinematics::Psm;
+using kinematics::PsmJoints;
+using testing::Contains;
+using testing::ElementsAre;
+using testing::Field;
+using testing::HasSubstr;
+
+constexpr double kDegree = 0.017453292519943295;
+
+auto Says(ConsoleMessage::Severity severity, const std::string& text) {
+  return Contains(testing::AllOf(Field(&ConsoleMessage::severity, severity),
+                                 Field(&ConsoleMessage::text, HasSubstr(text))));
+}
+auto Warns(const std::string& text) { return Says(ConsoleMessage::Severity::kWarning, text); }
+auto Errs(const std::string& text) { return Says(ConsoleMessage::Severity::kError, text); }
+
+void Pass(PsmConsole& console, double seconds) {
+  for (int i = 0; i < static_cast<int>(std::lround(1000.0 * seconds)); ++i) console.Step(1e-3);
+}
+
+PsmConsole Homed() {
+  PsmConsole console({.arm = "PSM1", .homing_s = 0.1});
+  console.StateCommand("home");
+  Pass(console, 0.2);
+  (void)console.TakeMessages();
+  return console;
+}
+
+PsmJoints At(int joint, double value) {
+  PsmJoints q = PsmJoints::Zero();
+  q[2] = 0.12;
+  q[joint] = value;
+  return q;
+}
+
+TEST(PsmConsoleTest, HomingGoesThroughBusyToHomed) {
+  PsmConsole console({.arm = "PSM1", .homing_s = 0.5});
+  EXPECT_EQ(console.state(), ArmState::kDisabled);
+  EXPECT_FALSE(console.valid());
+  console.StateCommand("home");
+  EXPECT_EQ(console.state(), ArmState::kEnabled);
+  EXPECT_TRUE(console.busy());
+  Pass(console, 0.4);
+  EXPECT_FALSE(console.homed());
+  Pass(console, 0.2);
+  EXPECT_TRUE(console.homed());
+  EXPECT_TRUE(console.valid());
+  EXPECT_FALSE(console.busy());
+  EXPECT_TRUE(test::AllClose(console.measured_pose().translation(),
+                             Eigen::Vector3d(0.0, 0.0, -0.1135), 1e-12));
+}
+
+TEST(PsmConsoleTest, CommandsWhenNotReadyAreDroppedWithAWarning) {
+  PsmConsole console({.arm = "PSM1", .homing_s = 0.1});
+  console.ServoJp(At(0, 0.1));
+  EXPECT_THAT(console.TakeMessages(), Warns("PSM1: servo_jp dropped, arm not ready: DISABLED"));
+  console.StateCommand("enable");
+  console.MoveCp(Psm::Forward(At(0, 0.1)));
+  EXPECT_THAT(console.TakeMessages(), Warns("move_cp dropped, arm not ready: not homed"));
+  console.StateCommand("home");
+  console.ServoCp(Psm::Forward(At(0, 0.1)));
+  EXPECT_THAT(console.TakeMessages(), Warns("arm not ready: homing"));
+  Pass(console, 0.2);
+  console.StateCommand("pause");
+  console.MoveJaw(0.1);
+  EXPECT_THAT(console.TakeMessages(), Warns("jaw/move_jp dropped, arm not ready: PAUSED"));
+  Pass(console, 0.5);
+  EXPECT_EQ(console.measured_joints(), At(0, 0.0));
+  console.StateCommand("resume");
+  console.ServoJp(At(0, 0.01));
+  EXPECT_THAT(console.TakeMessages(), testing::Not(Warns("dropped")));
+}
+
+// What each state makes of each command, as a table: the state afterwards.
+TEST(PsmConsoleTest, StateCommandsAsInTheTable) {
+  struct Row {
+    const char* command;
+    ArmState from_disabled, from_enabled, from_paused, from_fault;
+  };
+  const auto d = ArmState::kDisabled;
+  const auto e = ArmState::kEnabled;
+  const auto p = ArmState::kPaused;
+  const auto f = ArmState::kFault;
+  for (const Row& row :
+       {Row{"enable", e, e, p, f}, Row{"disable", d, d, d, d}, Row{"pause", d, p, p, f},
+        Row{"resume", d, e, e, f}, Row{"home", e, e, e, f}, Row{"unhome", d, d, d, d},
+        Row{"dance", d, e, p, f}}) {
+    SCOPED_TRACE(row.command);
+    PsmConsole disabled = Homed();
+    disabled.StateCommand("disable");
+    PsmConsole enabled = Homed();
+    PsmConsole paused = Homed();
+    paused.StateCommand("pause");
+    PsmConsole fault = Homed();
+    fault.Fail("a cable is off");
+    for (PsmConsole* console : {&disabled, &enabled, &paused, &fault}) {
+      console->StateCommand(row.command);
+    }
+    EXPECT_EQ(disabled.state(), row.from_disabled);
+    EXPECT_EQ(enabled.state(), row.from_enabled);
+    EXPECT_EQ(paused.state(), row.from_paused);
+    EXPECT_EQ(fault.state(), row.from_fault);
+    EXPECT_EQ(enabled.homed(), std::string(row.command) != "unhome");
+  }
+}
+
+TEST(PsmConsoleTest, FaultStopsTheArmAndTellsWhy) {
+  PsmConsole console = Homed();
+  console.MoveJp(At(0, 0.5));
+  Pass(console, 0.2);
+  console.Fail("encoder of joint 2 lost");
+  EXPECT_THAT(console.TakeMessages(), Errs("PSM1: encoder of joint 2 lost"));
+  EXPECT_THAT(console.TakeGoals(), ElementsAre(false));
+  Pass(console, 0.2);  // ten time constants of the lag
+  const PsmJoints rest = console.measured_joints();
+  console.ServoJp(At(0, 0.0));
+  console.StateCommand("enable");
+  EXPECT_THAT(console.TakeMessages(), Warns("ignored in FAULT"));
+  Pass(console, 0.5);
+  EXPECT_TRUE(test::AllClose(console.measured_joints(), rest, 1e-5));
+  console.StateCommand("disable");
+  console.StateCommand("enable");
+  EXPECT_EQ(console.state(), ArmState::kEnabled);
+}
+
+// There is no stale-command timeout on a console.
+TEST(PsmConsoleTest, LastServoGoalIsHeldForEver) {
+  PsmConsole console = Homed();
+  console.ServoJp(At(1, 0.2));
+  Pass(console, 20.0);
+  EXPECT_TRUE(test::AllClose(console.measured_joints(), At(1, 0.2), 1e-9));
+  EXPECT_FALSE(console.busy());
+}
+
+TEST(PsmConsoleTest, JointsKeepTheirSpeedLimitsWhateverIsAsked) {
+  core::Random random(1);
+  PsmConsole console = Homed();
+  PsmJoints before = console.setpoint_joints();
+  for (int step = 0; step < 20000; ++step) {
+    if (step % 500 == 0) {
+      PsmJoints goal;
+      for (int i = 0; i < 6; ++i) {
+        goal[i] = random.Uniform(Psm::lower_limits()[i], Psm::upper_limits()[i]);
+      }
+      step % 1000 == 0 ? console.ServoJp(goal) : console.MoveJp(goal);
+    }
+    console.Step(1e-3);
+    const PsmJoints speed = (console.setpoint_joints() - before).cwiseAbs() / 1e-3;
+    before = console.setpoint_joints();
+    for (int i = 0; i < 6; ++i) {
+      // Differences of joint values over a millisecond: 1e-16 / 1e-3.
+      ASSERT_LE(speed[i], (i == 2 ? 0.2 : 90 * kDegree) + 1e-11);
+    }
+  }
+}
+
+// The tip does not go straight.
+TEST(PsmConsoleTest, MoveInterpolatesInJointSpaceAndReportsTheGoal) {
+  PsmConsole console = Homed();
+  const PsmJoints from = console.setpoint_joints();
+  PsmJoints goal = At(0, 0.6);
+  goal[1] = -0.3;
+  goal[2] = 0.18;
+  console.MoveCp(Psm::Forward(goal));
+  EXPECT_TRUE(console.busy());
+  double furthest = 0.0;
+  while (console.busy()) {
+    console.Step(1e-3);
+    const PsmJoints q = console.setpoint_joints();
+    const double share = (q[0] - from[0]) / (goal[0] - from[0]);
+    ASSERT_TRUE(test::AllClose(q, from + share * (goal - from), 1e-9));
+    const Eigen::Vector3d a = Psm::Forward(from).translation();
+    const Eigen::Vector3d b = Psm::Forward(goal).translation();
+    const Eigen::Vector3d p = console.setpoint_pose().translation();
+    furthest = std::max(furthest, (p - a).cross((b - a).normalized()).norm());
+  }
+  EXPECT_GT(furthest, 1e-3);
+  EXPECT_THAT(console.TakeGoals(), ElementsAre(true));
+  EXPECT_TRUE(test::AllClose(console.setpoint_joints(), goal, 1e-12));
+}
+
+TEST(PsmConsoleTest, AnotherCommandEndsAMove) {
+  PsmConsole console = Homed();
+  console.MoveJp(At(0, 0.5));
+  Pass(console, 0.1);
+  console.MoveJp(At(0, -0.1));
+  EXPECT_THAT(console.TakeGoals(), ElementsAre(false));
+  Pass(console, 5.0);
+  EXPECT_THAT(console.TakeGoals(), ElementsAre(true));
+  console.MoveJp(At(0, 0.5));
+  Pass(console, 0.1);
+  console.Hold();
+  EXPECT_THAT(console.TakeGoals(), ElementsAre(false));
+  const PsmJoints held = console.setpoint_joints();
+  Pass(console, 1.0);
+  EXPECT_EQ(console.setpoint_joints(), held);
+}
+
+TEST(PsmConsoleTest, GoalsOutOfReachAreDroppedAndNamed) {
+  PsmConsole console = Homed();
+  console.ServoJp(At(2, 0.3));
+  EXPECT_THAT(console.TakeMessages(),
+              Errs("servo_jp dropped, beyond the limits of insertion (0.3)"));
+  console.MoveCp(Psm::Forward(At(0, 95 * kDegree)));
+  EXPECT_THAT(console.TakeMessages(), Errs("move_cp dropped, beyond the limits of yaw"));
+  Eigen::Isometry3d broken = Eigen::Isometry3d::Identity();
+  broken.translation().x() = std::numeric_limits<double>::quiet_NaN();
+  console.ServoCp(broken);
+  EXPECT_THAT(console.TakeMessages(), Errs("inverse kinematics failed"));
+  console.ServoJp(PsmJoints::Constant(std::numeric_limits<double>::quiet_NaN()));
+  EXPECT_THAT(console.TakeMessages(), Errs("servo_jp dropped"));
+  console.ServoJaw(81 * kDegree);
+  console.MoveJaw(std::numeric_limits<double>::quiet_NaN());
+  EXPECT_EQ(console.TakeMessages().size(), 2U);
+  Pass(console, 1.0);
+  EXPECT_EQ(console.measured_joints(), At(0, 0.0));
+  EXPECT_EQ(console.measured_jaw(), 0.0);
+}
+
+TEST(PsmConsoleTest, JawOpensAtItsSpeed) {
+  PsmConsole console = Homed();
+  console.MoveJaw(45 * kDegree);
+  Pass(console, 0.4);
+  EXPECT_NEAR(console.setpoint_jaw(), 36 * kDegree, 1e-9);
+  EXPECT_TRUE(console.busy());
+  Pass(console, 0.6);
+  EXPECT_NEAR(console.measured_jaw(), 45 * kDegree, 1e-6);
+  EXPECT_THAT(console.TakeGoals(), ElementsAre(true));
+}
+
+TEST(PsmConsoleTest, JointErrorIsNotSeenByTheEncoders) {
+  PsmConsoleOptions options{.arm = "PSM2", .homing_s = 0.0, .lag_s = 0.02, .joint_error = {}};
+  options.joint_error.offset[0] = 0.02;
+  PsmConsole console(options);
+  console.StateCommand("home");
+  Pass(console, 0.01);
+  EXPECT_EQ(console.measured_joints(), At(0, 0.0));
+  EXPECT_EQ(console.true_joints(), At(0, 0.02));
+}
+
+// Lock-step: the same calls give the same motion, to the bit.
+TEST(PsmConsoleTest, IsDeterministic) {
+  PsmConsole a = Homed();
+  PsmConsole b = Homed();
+  for (PsmConsole* console : {&a, &b}) {
+    console->MoveJp(At(3, 1.0));
+    Pass(*console, 0.3);
+    console->ServoJp(At(4, -0.4));
+    Pass(*console, 0.1);
+  }
+  EXPECT_EQ(a.measured_joints(), b.measured_joints());
+}
+
+TEST(PsmConsoleTest, OptionsOutOfRangeAreRefused) {
+  EXPECT_THROW(PsmConsole({.arm = ""}), std::invalid_argument);
+  EXPECT_THROW(PsmConsole({.arm = "PSM1", .homing_s = -1.0}), std::invalid_argument);
+  EXPECT_THROW(PsmConsole({.arm = "PSM1", .homing_s = 1.0, .lag_s = 0.0}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::sim
