@@ -2,14 +2,24 @@
 
 `TimeVaryingSupport` estimates which states were demonstrated at each time step, `OneClassSVM` does so
 for any cloud of samples with scikit-learn's interface. Both fit and decide in C++, without holding
-the interpreter's lock.
+the interpreter's lock. `Guard` keeps what any policy does inside what was demonstrated, and
+`GuardedEnv` puts it around an environment.
 """
 
-from dfr._core import FitSummary, SupportEstimate, TimeVaryingSupport, __version__
+from dfr._core import FitSummary, Guard, SupportEstimate, TimeVaryingSupport, __version__
+from dfr._guarded_env import GuardedEnv
 from dfr._one_class_svm import OneClassSVM
 
-__all__ = ["FitSummary", "OneClassSVM", "SupportEstimate", "TimeVaryingSupport", "__version__"]
+__all__ = [
+    "FitSummary",
+    "Guard",
+    "GuardedEnv",
+    "OneClassSVM",
+    "SupportEstimate",
+    "TimeVaryingSupport",
+    "__version__",
+]
 
-for _public in (FitSummary, SupportEstimate, TimeVaryingSupport):
+for _public in (FitSummary, Guard, SupportEstimate, TimeVaryingSupport):
     _public.__module__ = "dfr"
 del _public

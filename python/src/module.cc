@@ -9,4 +9,5 @@ PYBIND11_MODULE(_core, module) {
   module.attr("build_commit") = dfr::core::BuildCommit();
   dfr::python::AddSupportEstimate(module);
   dfr::python::AddTimeVaryingSupport(module);
+  dfr::python::AddGuard(module);
 }

@@ -1,0 +1,357 @@
+#include "dfr/safety/guard.h"
+
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "arrays.h"
+#include "dfr/core/contract.h"
+#include "dfr/safety/guard_model.h"
+#include "dfr/safety/onnx_export.h"
+
+namespace py = pybind11;
+
+namespace dfr::python {
+namespace {
+
+using safety::Guard;
+using safety::GuardModel;
+using safety::GuardSettings;
+using safety::Verdict;
+
+using Steps = py::array_t<int, py::array::c_style | py::array::forcecast>;
+
+core::StateLayout Layout(const std::vector<std::pair<std::string, int>>& blocks, int state_dim) {
+  core::StateLayout layout;
+  for (const auto& [name, size] : blocks) layout.Add(name, size);
+  if (blocks.empty()) layout.Add("state", state_dim);
+  return layout;
+}
+
+Guard Fit(const std::vector<Array>& states, const std::vector<Array>& actions,
+          const std::vector<std::pair<std::string, int>>& layout, const std::string& features,
+          double nu, double gamma, const std::string& strategy, int horizon, double action_limit,
+          double false_alarms, const std::string& source, const py::object& progress) {
+  DFR_THROW_UNLESS(states.size() == actions.size(), "there are "
+                                                        << states.size() << " arrays of states and "
+                                                        << actions.size() << " of actions");
+  DFR_THROW_UNLESS(!states.empty(), "there are no demonstrations");
+  std::vector<core::Trajectory> demonstrations;
+  for (std::size_t i = 0; i < states.size(); ++i) {
+    DFR_THROW_UNLESS(states[i].ndim() == 2 && actions[i].ndim() == 2,
+                     "states and actions of demonstration " << i << " must have 2 dimensions");
+    core::Trajectory demonstration;
+    demonstration.states = Rows(states[i], "states");
+    demonstration.controls = Rows(actions[i], "actions");
+    demonstrations.push_back(std::move(demonstration));
+  }
+  safety::GuardOptions options;
+  options.features = safety::StripObservationPrefixes(features);
+  options.support.svm.nu = nu;
+  options.support.svm.gamma = gamma;
+  options.strategy = safety::ParseStrategy(strategy);
+  options.horizon = horizon;
+  options.action_limit = action_limit;
+  options.false_alarms = false_alarms;
+  options.source = source;
+  Interruptible interruptible;
+  options.support.svm.progress = [&](const kernel::FitProgress&) { return interruptible.GoOn(); };
+  options.progress = [&](std::string_view stage, double share) {
+    if (!interruptible.GoOn()) return false;
+    if (!progress.is_none()) {
+      const py::gil_scoped_acquire lock;
+      progress(std::string(stage), share);
+    }
+    return true;
+  };
+  const core::StateLayout blocks =
+      Layout(layout, static_cast<int>(demonstrations[0].states.cols()));
+  std::shared_ptr<const GuardModel> model;
+  try {
+    const py::gil_scoped_release unlocked;
+    model = GuardModel::Fit(blocks, demonstrations, options);
+  } catch (const std::invalid_argument&) {
+    // Fits that were stopped halfway may not go together.
+    interruptible.Throw();
+    throw;
+  }
+  interruptible.Throw();
+  return Guard(std::move(model));
+}
+
+// NaN has no place in what users compare and log: None says that there is no such value.
+py::object Number(double value) {
+  return std::isnan(value) ? py::object(py::none()) : py::object(py::float_(value));
+}
+
+py::tuple Filter(Guard& guard, int t, const Array& state, const Array& action) {
+  py::array_t<double> safe(guard.action_dim());
+  const Verdict verdict = guard.Filter(t, Entries(state), Entries(action), Entries(safe));
+  py::dict info;
+  info["g"] = Number(verdict.g);
+  info["threshold"] = Number(verdict.threshold);
+  info["mode"] = control::Name(verdict.mode);
+  info["reason"] = verdict.reason();
+  info["changed"] = verdict.changed;
+  info["alarm"] = verdict.alarm;
+  info["step"] = verdict.step;
+  return py::make_tuple(std::move(safe), std::move(info));
+}
+
+py::object Decision(const Guard& guard, const Steps& t, const Array& x) {
+  const MatrixView rows = Rows(x, "x");
+  DFR_THROW_UNLESS(rows.cols() == guard.state_dim(),
+                   "states of " << rows.cols() << " entries; the guard has " << guard.state_dim());
+  DFR_THROW_UNLESS(t.ndim() == 0 || (t.ndim() == 1 && t.shape(0) == rows.rows()),
+                   "t must be one time step, or one for each row of x");
+  const bool shared = t.ndim() == 0;
+  const int* steps = t.data();
+  const auto width = static_cast<std::size_t>(rows.cols());
+  const core::LogDecisionFunction& support = guard.model().support();
+  if (x.ndim() == 1) return py::float_(support.Decision(steps[0], Entries(x)));
+  py::array_t<double> g(rows.rows());
+  const std::span<double> values = Entries(g);
+  {
+    const py::gil_scoped_release unlocked;
+    for (Eigen::Index i = 0; i < rows.rows(); ++i) {
+      values[static_cast<std::size_t>(i)] =
+          support.Decision(steps[shared ? 0 : i], {rows.row(i).data(), width});
+    }
+  }
+  return g;
+}
+
+Guard With(const Guard& guard, const std::optional<std::string>& strategy,
+           std::optional<int> horizon, std::optional<int> max_actions,
+           std::optional<double> action_limit, std::optional<double> alarm_level) {
+  GuardSettings settings = guard.model().settings();
+  if (strategy) settings.strategy = safety::ParseStrategy(*strategy);
+  settings.horizon = horizon.value_or(settings.horizon);
+  settings.max_actions = max_actions.value_or(settings.max_actions);
+  settings.action_limit = action_limit.value_or(settings.action_limit);
+  settings.alarm_level = alarm_level.value_or(settings.alarm_level);
+  return Guard(guard.model().With(settings));
+}
+
+py::dict Summary(const Guard& guard) {
+  const safety::GuardSummary& summary = guard.model().summary();
+  py::dict values;
+  values["source"] = summary.source;
+  values["version"] = summary.version;
+  values["demonstrations"] = summary.demonstrations;
+  values["transitions"] = summary.transitions;
+  values["nu"] = summary.nu;
+  values["gamma"] = summary.gamma;
+  values["acceptance"] = summary.acceptance;
+  values["inside_throughout"] = summary.inside_throughout;
+  values["false_alarms"] = summary.false_alarms;
+  return values;
+}
+
+py::dict Settings(const Guard& guard) {
+  const GuardSettings& settings = guard.model().settings();
+  py::dict values;
+  values["strategy"] = safety::Name(settings.strategy);
+  values["horizon"] = settings.horizon;
+  values["max_actions"] = settings.max_actions;
+  values["action_limit"] = settings.action_limit;
+  values["alarm_level"] = settings.alarm_level;
+  return values;
+}
+
+std::vector<std::pair<std::string, int>> Blocks(const Guard& guard) {
+  std::vector<std::pair<std::string, int>> blocks;
+  for (const auto& block : guard.model().layout().blocks) {
+    blocks.emplace_back(block.name, block.size);
+  }
+  return blocks;
+}
+
+}  // namespace
+
+void AddGuard(py::module_& module) {
+  py::class_<Guard>(module, "Guard", R"(Keeps what any policy does inside what was demonstrated.
+
+>>> guard = dfr.Guard.load("task.guard")                            # doctest: +SKIP
+>>> guard.reset(seed=0)                                             # doctest: +SKIP
+>>> action, info = guard.filter(t, state, policy(state))            # doctest: +SKIP
+
+It learns from every applied action how states answer, so each call of `filter` means that the action
+it gave last was applied and that `state` is what it led to. It fails closed: on a state or action of
+the wrong size or with a NaN, a `t` that is not the next one, or before `reset`, it halts, and all
+actions are zero until `reset`. Zero must hold the robot still: actions are velocities or increments.
+
+One object belongs to one thread.
+
+Attributes
+----------
+state_dim, action_dim : int
+num_steps : int
+    Time steps with an estimate of their own; later ones use the last.
+layout : list of (str, int)
+    Name and size of each part of a state.
+features : str
+    What is looked at; empty for all of it.
+settings : dict
+    strategy, horizon, max_actions, action_limit, alarm_level; `with_settings` changes them.
+summary : dict
+    What the fit found, among it acceptance, the share of states inside of demonstrations that were left
+    out, and false_alarms, the share of further demonstrations that may raise an alarm.
+)")
+      .def_static("fit", &Fit, py::arg("states"), py::arg("actions"), py::kw_only(),
+                  py::arg("layout") = std::vector<std::pair<std::string, int>>(),
+                  py::arg("features") = "", py::arg("nu") = 0.05, py::arg("gamma") = 0.35,
+                  py::arg("strategy") = "guided", py::arg("horizon") = 0,
+                  py::arg("action_limit") = 0.0, py::arg("false_alarms") = 0.1,
+                  py::arg("source") = "", py::arg("progress") = py::none(),
+                  R"(Learn a guard from demonstrations.
+
+Parameters
+----------
+states : sequence of array_like of shape (n_actions_i + 1, state_dim)
+    One array a demonstration, the state after the last action included.
+actions : sequence of array_like of shape (n_actions_i, action_dim)
+layout : sequence of (name, size), optional
+    What the entries of a state are called, for `features`. Without it there is one block "state".
+features : str
+    What is looked at, as in "object,tip[0:2]"; all entries if empty. "obs/object" is "object".
+nu, gamma : float
+    Of the supports; gamma in whitened units, which all tasks share.
+strategy : {"guided", "dfr", "early-stopping", "monitor"}
+    What happens to an action near the boundary: it is changed as little as keeps the state inside;
+    Derivative-Free Recovery as published; a halt; nothing but alarms.
+horizon : int
+    Actions of the policy in an episode; 0: twice as many as the longest demonstration has.
+action_limit : float
+    Each entry of an action is kept within +- this; 0: 1, or the largest demonstrated if that is more.
+false_alarms : float
+    Demonstrations that may raise an alarm.
+source : str
+    Kept in the file: where the demonstrations came from.
+progress : callable(stage: str, share: float), optional
+
+Raises
+------
+ValueError
+    Naming the demonstration or option that is wrong.
+)")
+      .def_static(
+          "load",
+          [](const std::filesystem::path& path) {
+            const py::gil_scoped_release unlocked;
+            return Guard::Load(path);
+          },
+          py::arg("path"), R"(Read a file that `save`, the program `guard` or the C++ library wrote.
+
+Raises
+------
+RuntimeError
+    Naming the file and what is wrong with it: truncated, damaged, or of a newer version.
+)")
+      .def(
+          "save",
+          [](const Guard& guard, const std::filesystem::path& path) {
+            const py::gil_scoped_release unlocked;
+            guard.model().Save(path);
+          },
+          py::arg("path"), "Write one file, bit for bit, with a checksum.")
+      .def(
+          "export_onnx",
+          [](const Guard& guard, const std::filesystem::path& path) {
+            const py::gil_scoped_release unlocked;
+            safety::ExportOnnx(guard.model(), path);
+          },
+          py::arg("path"), R"(Write g of whole states as an ONNX file in double.
+
+Its inputs are t (rows, int64) and x (rows, state_dim), its output g (rows).
+)")
+      .def("reset", &Guard::Reset, py::arg("seed") = 0,
+           "Start an episode; all that is random follows from the seed.")
+      .def(
+          "stop", [](Guard& guard) { guard.Stop(); },
+          "Halt from outside: all actions are zero until `reset`.")
+      .def("filter", &Filter, py::arg("t"), py::arg("state"), py::arg("action"),
+           R"(What to apply instead of `action`.
+
+Parameters
+----------
+t : int
+    0 in the first call after `reset`, one more in each.
+state : array_like of shape (state_dim,)
+action : array_like of shape (action_dim,)
+    The policy's.
+
+Returns
+-------
+action : ndarray of shape (action_dim,)
+info : dict
+    g : float or None, positive inside what was demonstrated at the time step `step`.
+    threshold : float or None, the policy's action passes unseen where g is at least this.
+    mode : "policy", "probe", "recovery" or "halt".
+    reason : "inside", "outside" (passed all the same), "changed", "probe", "recovery", or why it
+        halted.
+    changed : bool, whether the action differs from the policy's.
+    alarm : bool, whether the state is further outside than demonstrations are.
+    step : int
+)")
+      .def("decision", &Decision, py::arg("t"), py::arg("x"),
+           R"(g at time step(s) `t`, of one state or of each row; positive inside.
+
+Returns
+-------
+float or ndarray of shape (n,)
+)")
+      .def(
+          "levels",
+          [](const Guard& guard, const Array& states) {
+            DFR_THROW_UNLESS(states.ndim() == 2, "states must have 2 dimensions");
+            const core::Matrix rows = Rows(states, "states");
+            std::vector<double> levels;
+            {
+              const py::gil_scoped_release unlocked;
+              levels = guard.model().Levels(rows);
+            }
+            return py::array_t<double>(static_cast<py::ssize_t>(levels.size()), levels.data());
+          },
+          py::arg("states"),
+          R"(l, the log form of g, of each state of an episode, followed through the time steps.
+
+An alarm is raised where l < -settings["alarm_level"].
+
+Returns
+-------
+ndarray of shape (n_states,)
+)")
+      .def("with_settings", &With, py::kw_only(), py::arg("strategy") = py::none(),
+           py::arg("horizon") = py::none(), py::arg("max_actions") = py::none(),
+           py::arg("action_limit") = py::none(), py::arg("alarm_level") = py::none(),
+           "A guard of the same knowledge with other settings.")
+      .def_property_readonly("state_dim", &Guard::state_dim)
+      .def_property_readonly("action_dim", &Guard::action_dim)
+      .def_property_readonly("num_steps",
+                             [](const Guard& guard) { return guard.model().num_steps(); })
+      .def_property_readonly("layout", &Blocks, "(name, size) of each part of a state.")
+      .def_property_readonly(
+          "features",
+          [](const Guard& guard) { return guard.model().recovery().features().selection().spec(); },
+          "What is looked at; empty for all.")
+      .def_property_readonly("settings", &Settings)
+      .def_property_readonly("summary", &Summary)
+      .def("__repr__", [](const Guard& guard) {
+        return "<dfr.Guard: " + std::to_string(guard.model().num_steps()) +
+               " time steps, states of " + std::to_string(guard.state_dim()) +
+               " entries, actions of " + std::to_string(guard.action_dim()) + ", " +
+               safety::Name(guard.model().settings().strategy) + ">";
+      });
+}
+
+}  // namespace dfr::python

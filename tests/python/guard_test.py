@@ -1,0 +1,254 @@
+"""dfr.Guard and dfr.GuardedEnv: a drifting policy stays inside, every doubt halts, files keep all."""
+
+import doctest
+import gc
+import pathlib
+import sys
+import tempfile
+import threading
+import unittest
+
+import numpy as np
+
+import dfr
+from corridor import LAYOUT, Corridor, action_for, demonstrations
+
+DRIFT = action_for(0.09, 0.06)
+
+
+def fit(count=30, seed=1, **options):
+    states, actions = demonstrations(seed, count)
+    return dfr.Guard.fit(states, actions, layout=LAYOUT, features="obs/tip", **options)
+
+
+class GuardTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.guard = fit()
+
+    def test_a_drifting_policy_stays_inside_and_gets_there(self):
+        alone = Corridor()
+        alone.reset(seed=3)
+        while not alone.step(DRIFT)[2]:
+            pass
+        self.assertGreater(abs(alone.x[2]), 0.6)
+        plant = Corridor()
+        plant.reset(seed=3)
+        self.guard.reset(3)
+        changed = 0
+        for t in range(80):
+            action, info = self.guard.filter(t, plant.x, DRIFT)
+            self.assertIn(info["mode"], ("policy", "recovery", "probe"), info)
+            changed += info["changed"]
+            if plant.step(action)[2]:
+                break
+        self.assertGreaterEqual(plant.x[1], 1.8)
+        self.assertLess(abs(plant.x[2]), 0.6)
+        self.assertGreater(changed, 0)
+
+    def test_info_says_why(self):
+        self.guard.reset()
+        state = [0.0, 0.02, 0.0]
+        action, info = self.guard.filter(0, state, action_for(0.1, 0.0))
+        self.assertEqual(info["mode"], "policy")
+        self.assertEqual(info["reason"], "inside")
+        self.assertGreaterEqual(info["g"], info["threshold"])
+        self.assertEqual(info["g"], self.guard.decision(info["step"], state))
+        self.assertIs(info["alarm"], False)
+        np.testing.assert_allclose(action, action_for(0.1, 0.0), atol=1e-15)
+        self.assertEqual((action.dtype, action.shape), (np.float64, (2,)))
+
+    def test_every_doubt_halts(self):
+        good = np.zeros(3), action_for(0.05, 0.0)
+        for reason, t, state, action in [
+            ("state-invalid", 1, [0.0, np.nan, 0.0], good[1]),
+            ("state-invalid", 1, [0.0, 0.0], good[1]),
+            ("control-invalid", 1, good[0], [np.inf, 0.0]),
+            ("control-invalid", 1, good[0], [0.0]),
+            ("step-skipped", 2, *good),
+            ("step-skipped", 0, *good),
+            ("step-skipped", -1, *good),
+        ]:
+            with self.subTest(reason=reason, t=t, state=state):
+                self.guard.reset()
+                self.assertEqual(self.guard.filter(0, *good)[1]["mode"], "policy")
+                for again in range(2):
+                    safe, info = self.guard.filter(t if not again else 1, *((state, action) if not again else good))
+                    self.assertEqual((info["mode"], info["reason"]), ("halt", reason))
+                    np.testing.assert_array_equal(safe, [0.0, 0.0])
+        fresh = self.guard.with_settings()
+        safe, info = fresh.filter(0, *good)
+        self.assertEqual(info["reason"], "not-reset")
+        fresh.reset()
+        fresh.stop()
+        self.assertEqual(fresh.filter(0, *good)[1]["reason"], "stop-requested")
+
+    def test_files_keep_all_bits_and_refuse_damage(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "task.guard"
+            self.guard.save(path)
+            loaded = dfr.Guard.load(str(path))
+            self.assertEqual(loaded.layout, LAYOUT)
+            self.assertEqual(loaded.features, "tip")
+            self.assertEqual(loaded.settings, self.guard.settings)
+            self.assertEqual(loaded.summary, self.guard.summary)
+            x = np.random.default_rng(0).normal(size=(50, 3))
+            np.testing.assert_array_equal(
+                loaded.decision(np.arange(50) % 25, x), self.guard.decision(np.arange(50) % 25, x)
+            )
+            content = path.read_bytes()
+            for damaged in (content[:-1], content[: len(content) // 2], b"", content[:200] + b"x" + content[201:]):
+                path.write_bytes(damaged)
+                with self.assertRaisesRegex(RuntimeError, "task.guard"):
+                    dfr.Guard.load(path)
+
+    def test_decision_takes_one_or_many(self):
+        x = np.random.default_rng(1).normal(size=(40, 3))
+        t = np.arange(40) % 30
+        each = [self.guard.decision(int(s), row) for s, row in zip(t, x)]
+        np.testing.assert_array_equal(self.guard.decision(t, x), each)
+        np.testing.assert_array_equal(self.guard.decision(4, x), [self.guard.decision(4, row) for row in x])
+        self.assertEqual(self.guard.decision(0, [0.0, np.nan, 0.0]), -np.inf)
+        with self.assertRaisesRegex(ValueError, "states of 2 entries; the guard has 3"):
+            self.guard.decision(0, np.zeros((3, 2)))
+        with self.assertRaisesRegex(ValueError, "one time step, or one for each row"):
+            self.guard.decision([0, 1], np.zeros((3, 3)))
+
+    def test_settings_and_strategies(self):
+        monitor = self.guard.with_settings(strategy="monitor", action_limit=0.5)
+        self.assertEqual(monitor.settings["strategy"], "monitor")
+        self.assertEqual(self.guard.settings["strategy"], "guided")
+        plant = Corridor()
+        plant.reset(seed=0)
+        monitor.reset()
+        alarms = []
+        for t in range(20):
+            action, info = monitor.filter(t, plant.x, [0.2, 0.3])
+            np.testing.assert_array_equal(action, [0.2, 0.3])
+            alarms.append(info["alarm"])
+            plant.step(action)
+        self.assertFalse(alarms[0])
+        self.assertTrue(alarms[-1])
+        stopping = self.guard.with_settings(strategy="early-stopping")
+        stopping.reset()
+        self.assertEqual(stopping.filter(0, [0.0, 0.0, 0.9], [0.1, 0.1])[1]["reason"], "outside-support")
+        with self.assertRaisesRegex(ValueError, "no strategy 'brave'"):
+            self.guard.with_settings(strategy="brave")
+
+    def test_alarms_on_demonstrations_are_few(self):
+        states, _ = demonstrations(2, 200)
+        level = -self.guard.settings["alarm_level"]
+        alarms = sum(self.guard.levels(x).min() < level for x in states)
+        # .1 promised on the average over sets of 30 demonstrations; sqrt(.1 .9 / 32) = .053 is the
+        # scatter between sets. Three of these.
+        self.assertLess(alarms / 200, 0.1 + 3 * 0.053)
+
+    def test_wrong_demonstrations_are_named(self):
+        states, actions = demonstrations(1, 4)
+        bad = [x.copy() for x in states]
+        bad[2][3, 1] = np.nan
+        for s, a, message in [
+            (bad, actions, "demonstration 2 has a non-finite entry"),
+            (states, actions[:-1], "4 arrays of states and 3 of actions"),
+            (states, [u[:-1] for u in actions], "21 states and 19 actions"),
+            ([], [], "no demonstrations"),
+            (states[:2], actions[:2], "at least 3 demonstrations"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(ValueError, message):
+                dfr.Guard.fit(s, a, layout=LAYOUT, features="tip")
+        with self.assertRaisesRegex(ValueError, "feature 'gripper' is not part of the state"):
+            dfr.Guard.fit(states, actions, layout=LAYOUT, features="gripper")
+
+    def test_progress_and_its_exceptions(self):
+        stages = []
+        fit(8, progress=lambda stage, share: stages.append((stage, share)))
+        self.assertEqual(stages[-1][1], 1.0)
+        self.assertEqual([share for _, share in stages], sorted(share for _, share in stages))
+
+        def fail(stage, share):
+            raise RuntimeError("enough")
+
+        with self.assertRaisesRegex(RuntimeError, "enough"):
+            fit(8, progress=fail)
+
+    def test_threads_have_guards_of_their_own(self):
+        def run(guard, out):
+            plant = Corridor()
+            plant.reset(seed=5)
+            guard.reset(5)
+            for t in range(30):
+                action, _ = guard.filter(t, plant.x, DRIFT)
+                plant.step(action)
+            out.append(plant.x.copy())
+
+        results = []
+        threads = [threading.Thread(target=run, args=(self.guard.with_settings(), results)) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        for result in results[1:]:
+            np.testing.assert_array_equal(result, results[0])
+
+    def test_actions_outlive_the_guard(self):
+        guard = fit(8)
+        guard.reset()
+        action, _ = guard.filter(0, np.zeros(3), DRIFT)
+        before = action.copy()
+        del guard
+        gc.collect()
+        np.testing.assert_array_equal(action, before)
+
+
+class GuardedEnvTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.guard = fit()
+
+    def test_an_episode_in_gymnasiums_shape(self):
+        for as_dict in (False, True):
+            env = dfr.GuardedEnv(Corridor(as_dict), self.guard)
+            obs, info = env.reset(seed=3, options="given")
+            self.assertEqual(info, {"options": "given"})
+            for _ in range(80):
+                obs, reward, terminated, truncated, info = env.step(DRIFT)
+                self.assertFalse(info["hit"])
+                self.assertEqual(info["action"].shape, (2,))
+                if terminated or truncated:
+                    break
+            self.assertTrue(terminated)
+            self.assertFalse(truncated)
+
+    def test_a_halt_truncates_with_action_zero(self):
+        env = dfr.GuardedEnv(Corridor(), self.guard)
+        env.reset(seed=0)
+        x = env.x.copy()
+        _, _, _, truncated, info = env.step([np.nan, 0.0])
+        self.assertTrue(truncated)
+        self.assertEqual(info["guard"]["reason"], "control-invalid")
+        np.testing.assert_array_equal(env.x[1:], x[1:])
+        env.reset(seed=0)
+        self.assertEqual(env.step(action_for(0.05, 0.0))[4]["guard"]["mode"], "policy")
+
+    def test_own_states(self):
+        env = dfr.GuardedEnv(Corridor(as_dict=True), self.guard, state=lambda obs: [0.0, *obs["tip"]])
+        env.reset(seed=1)
+        self.assertEqual(env.step(action_for(0.05, 0.0))[4]["guard"]["mode"], "policy")
+
+        class Other(Corridor):
+            def _observe(self):
+                return {"position": self.x}
+
+        with self.assertRaisesRegex(ValueError, "no clock, tip; it has position. Give GuardedEnv"):
+            dfr.GuardedEnv(Other(), self.guard).reset(seed=0)
+
+
+class Documentation(unittest.TestCase):
+    def test_docstrings_run(self):
+        self.assertEqual(doctest.testmod(sys.modules["dfr._guarded_env"]).failed, 0)
+        for name in ("fit", "load", "save", "filter", "reset", "decision", "levels"):
+            self.assertTrue(getattr(dfr.Guard, name).__doc__, name)
+
+
+if __name__ == "__main__":
+    unittest.main()
