@@ -103,6 +103,11 @@ experiment::EpisodeResult LineSite::Run(int method, std::uint64_t start_seed,
   experiment::EpisodeResult episode;
   episode.outcome = result.outcome;
   if (result.outcome == core::Outcome::kHalted) episode.cause = control::Name(result.halt_cause);
+  // The state is invalid where the picture does not show it: better to say what is missing.
+  if (result.halt_cause == control::HaltCause::kStateInvalid &&
+      plant_->options().observation == sim::Observation::kVision) {
+    episode.cause = std::string("not-seen-") + vision::Name(plant_->last_observation().missing);
+  }
   if (result.outcome == core::Outcome::kCollided) episode.cause = control::Name(result.last_mode);
   episode.controls = result.controls();
   episode.recovery_controls = result.recovery_controls();

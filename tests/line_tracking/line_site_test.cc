@@ -138,6 +138,22 @@ TEST(LineSiteTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
   }
 }
 
+// Results say what the picture did not show.
+TEST(LineSiteTest, HaltsNameWhatWasNotSeen) {
+  const sim::LineTrackingOptions options;
+  sim::LineTrackingCalibration foreign = Known(options);
+  foreign.camera.fx *= 1.5;
+  foreign.camera.fy *= 1.5;
+  LineSite site(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1),
+                               {.hidden = {4}, .gammas = {0.2}}),
+                {"baseline"}, options, foreign);
+  const experiment::EpisodeResult result = site.Run(0, 1, 1);
+  EXPECT_EQ(result.outcome, core::Outcome::kHalted);
+  EXPECT_EQ(result.cause,
+            std::string("not-seen-") + vision::Name(site.plant().last_observation().missing));
+  EXPECT_NE(site.plant().last_observation().missing, vision::NotSeen::kNothing);
+}
+
 // From images, each thread with its own OpenGL context.
 TEST(LineSiteTest, TheNumberOfThreadsDoesNotMatter) {
   const sim::LineTrackingOptions options = Disturbed();
