@@ -177,6 +177,26 @@ TEST(ReportTest, TakesFurtherFiguresTablesNotesAndSettings) {
   EXPECT_THAT(html, Not(HasSubstr("nan")));
 }
 
+TEST(ReportTest, WithoutMethodsItIsWhatTheOptionsHold) {
+  Summary nothing;
+  nothing.commit = "0123abc";
+  ReportOptions options;
+  options.title = "Guard";
+  options.introduction = "How far demonstrations stay inside.";
+  options.figures = {
+      {"Levels", "over time", {{.title = "l", .series = {{"median", {0, 1}, {1, 2}}}}}}};
+  options.tables = {{"Entries", "by share", {"Entry"}, {{"tip[0]"}}}};
+  const std::string page = RenderReport(nothing, options);
+  ExpectNested(page);
+  for (const char* part :
+       {"<h1>Guard</h1>", "How far demonstrations", "Levels", "tip[0]", "0123abc"}) {
+    EXPECT_THAT(page, HasSubstr(part));
+  }
+  for (const char* part : {"All data points", "How episodes ended", "Every data point", "seed"}) {
+    EXPECT_THAT(page, Not(HasSubstr(part)));
+  }
+}
+
 TEST(ReportTest, ErrorsNameTheCulprit) {
   const Summary summary = MakeSummary();
   const auto message = [&](const ReportOptions& options) -> std::string {

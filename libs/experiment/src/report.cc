@@ -126,17 +126,22 @@ class Page {
     out_ << "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
          << "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>"
          << Escape(title) << "</title>\n<style>" << kStyleSheet << "</style>\n</head>\n<body>\n"
-         << "<main>\n<h1>" << Escape(title) << "</h1>\n<p class=\"meta\">experiment <code>"
-         << Escape(summary_.experiment) << "</code>, preset <code>" << Escape(summary_.preset)
-         << "</code>, seed <code>" << summary_.seed << "</code>, commit <code>"
-         << Escape(summary_.commit) << "</code></p>\n"
-         << internal::Paragraphs(options_.introduction);
+         << "<main>\n<h1>" << Escape(title) << "</h1>\n";
+    // Without methods to compare there are the options' own parts alone.
+    const bool compared = !summary_.cells.empty();
+    if (compared) {
+      out_ << "<p class=\"meta\">experiment <code>" << Escape(summary_.experiment)
+           << "</code>, preset <code>" << Escape(summary_.preset) << "</code>, seed <code>"
+           << summary_.seed << "</code>, commit <code>" << Escape(summary_.commit)
+           << "</code></p>\n";
+    }
+    out_ << internal::Paragraphs(options_.introduction);
     Contrasts();
     // With one data point there are no curves: bars say it all.
     const bool one_point = DataPoints() < 2;
-    one_point ? Endings() : Curves();
+    if (compared) one_point ? Endings() : Curves();
     Media();
-    Averages();
+    if (compared) Averages();
     if (!one_point) Endings();
     for (const ReportFigure& figure : options_.figures) Figure(figure);
     for (const ReportTable& table : options_.tables) Table(table);
@@ -144,7 +149,7 @@ class Page {
       out_ << "<h2>" << Escape(note.heading) << "</h2>\n" << internal::Paragraphs(note.text);
     }
     Settings();
-    Cells();
+    if (compared) Cells();
     out_ << "</main>\n</body>\n</html>\n";
     return out_.str();
   }
@@ -449,7 +454,7 @@ class Page {
       out_ << "<tr><td>" << Escape(name) << "</td><td class=\"text\"><code>" << Escape(value)
            << "</code></td></tr>\n";
     };
-    row("seed", std::to_string(summary_.seed));
+    if (!summary_.cells.empty()) row("seed", std::to_string(summary_.seed));
     row("commit", summary_.commit);
     for (const auto& [name, value] : options_.settings) row(name, value);
     out_ << "</tbody></table></div>\n";
