@@ -1,0 +1,246 @@
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <map>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "commands.h"
+#include "dfr/core/features.h"
+#include "dfr/core/matrix.h"
+#include "dfr/imitation/demonstrations.h"
+
+namespace dfr::apps {
+namespace {
+
+// "object[2]": the entry of a state as --features takes it, but for the range.
+std::string EntryName(const core::StateLayout& layout, Eigen::Index entry) {
+  for (const auto& block : layout.blocks) {
+    if (entry >= block.offset && entry < block.offset + block.size) {
+      return block.name + "[" + std::to_string(entry - block.offset) + "]";
+    }
+  }
+  return "state[" + std::to_string(entry) + "]";
+}
+
+// Tells problems as they are found; of one kind the first few.
+class Findings {
+ public:
+  void Error(const std::string& what) { Say("error", what, errors_); }
+  void Warning(const std::string& kind, const std::string& what) { Say(kind, what, counts_[kind]); }
+  [[nodiscard]] int errors() const { return errors_; }
+  [[nodiscard]] int warnings() const {
+    int sum = 0;
+    for (const auto& [kind, count] : counts_) sum += count;
+    return sum;
+  }
+
+ private:
+  void Say(const std::string& kind, const std::string& what, int& count) {
+    constexpr int kMost = 10;
+    if (++count <= kMost) std::printf("%-10s %s\n", (kind + ":").c_str(), what.c_str());
+    if (count == kMost + 1) std::printf("%-10s ... and more\n", (kind + ":").c_str());
+  }
+  int errors_ = 0;
+  std::map<std::string, int> counts_;
+};
+
+// Linear regression of the change of states on actions, one episode at a time.
+class LaggedFit {
+ public:
+  LaggedFit(Eigen::Index state_dim, Eigen::Index action_dim)
+      : u_(Eigen::VectorXd::Zero(action_dim)),
+        x_(Eigen::VectorXd::Zero(state_dim)),
+        uu_(Eigen::MatrixXd::Zero(action_dim, action_dim)),
+        ux_(Eigen::MatrixXd::Zero(action_dim, state_dim)),
+        xx_(Eigen::VectorXd::Zero(state_dim)) {}
+
+  // Pairs the change from state t with action t + lag.
+  void Add(const core::Trajectory& episode, Eigen::Index lag) {
+    // The same changes for every lag, so that fits can be compared.
+    for (Eigen::Index t = 1; t + 1 < episode.controls.rows(); ++t) {
+      const Eigen::VectorXd change = episode.states.row(t + 1) - episode.states.row(t);
+      const Eigen::VectorXd action = episode.controls.row(t + lag);
+      u_ += action;
+      x_ += change;
+      uu_ += action * action.transpose();
+      ux_ += action * change.transpose();
+      xx_ += change.cwiseAbs2();
+      ++count_;
+    }
+  }
+
+  // The share of the variance of each entry's changes that actions explain.
+  [[nodiscard]] Eigen::VectorXd Shares() const {
+    Eigen::VectorXd shares = Eigen::VectorXd::Zero(xx_.size());
+    if (count_ == 0) return shares;
+    Eigen::MatrixXd uu = uu_ - u_ * u_.transpose() / count_;
+    uu.diagonal().array() += 1e-9 * uu.trace() + 1e-300;
+    const Eigen::MatrixXd ux = ux_ - u_ * x_.transpose() / count_;
+    const Eigen::VectorXd xx = xx_ - x_.cwiseAbs2() / count_;
+    const Eigen::VectorXd explained = (ux.array() * uu.ldlt().solve(ux).array()).colwise().sum();
+    for (Eigen::Index k = 0; k < xx.size(); ++k) {
+      // What is left of a constant change by rounding is no variance.
+      if (xx[k] > 1e-12 * xx_[k]) shares[k] = explained[k] / xx[k];
+    }
+    return shares;
+  }
+
+ private:
+  Eigen::VectorXd u_;
+  Eigen::VectorXd x_;
+  Eigen::MatrixXd uu_;
+  Eigen::MatrixXd ux_;
+  Eigen::VectorXd xx_;
+  double count_ = 0.0;
+};
+
+// What is collected over all episodes, in memory of the size of one.
+class Collected {
+ public:
+  Collected(const core::StateLayout& layout, int action_dim)
+      : layout_(&layout),
+        low_(
+            Eigen::VectorXd::Constant(layout.state_dim(), std::numeric_limits<double>::infinity())),
+        high_(-low_),
+        action_low_(Eigen::VectorXd::Constant(action_dim, std::numeric_limits<double>::infinity())),
+        action_high_(-action_low_),
+        differ_(layout.state_dim(), layout.state_dim()),
+        fits_(3, LaggedFit(layout.state_dim(), action_dim)) {
+    differ_.setConstant(false);
+  }
+
+  void Add(const core::Trajectory& episode) {
+    const core::Matrix& x = episode.states;
+    const core::Matrix& u = episode.controls;
+    low_ = low_.cwiseMin(x.colwise().minCoeff().transpose());
+    high_ = high_.cwiseMax(x.colwise().maxCoeff().transpose());
+    action_low_ = action_low_.cwiseMin(u.colwise().minCoeff().transpose());
+    action_high_ = action_high_.cwiseMax(u.colwise().maxCoeff().transpose());
+    for (Eigen::Index a = 0; a < x.cols(); ++a) {
+      for (Eigen::Index b = 0; b < a; ++b) {
+        if (!differ_(a, b)) differ_(a, b) = (x.col(a) != x.col(b));
+      }
+    }
+    for (std::size_t i = 0; i < fits_.size(); ++i) {
+      fits_[i].Add(episode, static_cast<Eigen::Index>(i) - 1);
+    }
+    steps_.push_back(episode.num_steps());
+  }
+
+  void Report(Findings& findings) {
+    for (Eigen::Index k = 0; k < low_.size(); ++k) {
+      if (low_[k] == high_[k]) {
+        findings.Warning("dead", EntryName(*layout_, k) + " is always " + std::to_string(low_[k]) +
+                                     ": leave it out of --features");
+      }
+      for (Eigen::Index b = 0; b < k; ++b) {
+        if (!differ_(k, b) && low_[k] != high_[k]) {
+          findings.Warning("doubled", EntryName(*layout_, k) + " always equals " +
+                                          EntryName(*layout_, b) + ": one of them is enough");
+        }
+      }
+    }
+    for (Eigen::Index k = 0; k < action_low_.size(); ++k) {
+      if (action_low_[k] == action_high_[k]) {
+        findings.Warning(
+            "dead", "action " + std::to_string(k) + " is always " + std::to_string(action_low_[k]));
+      }
+    }
+    Alignment(findings);
+    std::sort(steps_.begin(), steps_.end());
+    std::printf(
+        "%zu episodes of %d to %d actions (median %d), states of %ld entries, actions of %ld "
+        "within [%.4g, %.4g]\n",
+        steps_.size(), steps_.front(), steps_.back(), steps_[steps_.size() / 2],
+        static_cast<long>(low_.size()), static_cast<long>(action_low_.size()),
+        action_low_.minCoeff(), action_high_.maxCoeff());
+  }
+
+ private:
+  void Alignment(Findings& findings) const {
+    // What actions explain best as recorded is what they move; there the neighbours must not do
+    // better.
+    constexpr double kClearly = 0.1;
+    const Eigen::VectorXd as_recorded = fits_[1].Shares();
+    for (const std::size_t i : {std::size_t{0}, std::size_t{2}}) {
+      const Eigen::VectorXd moved = fits_[i].Shares();
+      Eigen::Index entry = 0;
+      const double share = moved.maxCoeff(&entry);
+      if (share <= as_recorded[entry] + kClearly || share <= as_recorded.maxCoeff() + kClearly) {
+        continue;
+      }
+      char text[256];
+      std::snprintf(text, sizeof text,
+                    "how %s changes from step t on is explained to %.0f %% by the action of step "
+                    "t %c 1, to %.0f %% by that of step t: are actions and states out of step?",
+                    EntryName(*layout_, entry).c_str(), 100.0 * share, i == 0 ? '-' : '+',
+                    100.0 * as_recorded[entry]);
+      findings.Warning("alignment", text);
+    }
+  }
+
+  const core::StateLayout* layout_;
+  Eigen::VectorXd low_;
+  Eigen::VectorXd high_;
+  Eigen::VectorXd action_low_;
+  Eigen::VectorXd action_high_;
+  Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> differ_;  // below the diagonal
+  std::vector<LaggedFit> fits_;
+  std::vector<int> steps_;
+};
+
+void CheckActions(const std::string& name, const core::Matrix& actions, double limit,
+                  Findings& findings) {
+  Eigen::Index t = 0;
+  Eigen::Index k = 0;
+  const double largest = actions.cwiseAbs().maxCoeff(&t, &k);
+  if (largest > limit) {
+    findings.Warning("bounds", name + ", action " + std::to_string(k) + " is " +
+                                   std::to_string(actions(t, k)) + " at step " + std::to_string(t) +
+                                   ", beyond +-" + std::to_string(limit));
+  }
+  if (actions.rows() < 3) {
+    findings.Warning("short", name + " has " + std::to_string(actions.rows()) + " actions");
+  }
+}
+
+}  // namespace
+
+bool RunCheck(const CheckOptions& options) {
+  const auto reader = imitation::OpenDemonstrations(options.demonstrations);
+  Findings findings;
+  Collected collected(reader->layout(), reader->control_dim());
+  std::map<std::pair<double, Eigen::Index>, std::string> seen;
+  int good = 0;
+  for (int i = 0; i < reader->num_episodes(); ++i) {
+    core::Trajectory episode;
+    try {
+      episode = reader->Read(i);
+    } catch (const std::runtime_error& e) {
+      findings.Error(e.what());
+      continue;
+    }
+    CheckActions(reader->name(i), episode.controls, options.action_limit, findings);
+    // Equal sums to the last bit are equal episodes.
+    const std::pair<double, Eigen::Index> mark{
+        episode.states.squaredNorm() + 3.0 * episode.controls.squaredNorm(), episode.states.rows()};
+    const auto [first, fresh] = seen.emplace(mark, reader->name(i));
+    if (!fresh) {
+      findings.Warning("doubled", reader->name(i) + " is the same episode as " + first->second);
+    }
+    collected.Add(episode);
+    ++good;
+  }
+  if (good > 0) collected.Report(findings);
+  std::printf("%s: %d errors, %d warnings%s\n", options.demonstrations.c_str(), findings.errors(),
+              findings.warnings(),
+              findings.errors() > 0 ? "; a fit needs a file without errors" : "");
+  return findings.errors() == 0;
+}
+
+}  // namespace dfr::apps

@@ -1,0 +1,61 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "dfr/safety/guard_model.h"
+
+namespace dfr::apps {
+
+// One struct and one function a command; main.cc fills the one and calls the other. All throw
+// std::exception with a message for the user.
+
+struct CheckOptions {
+  std::filesystem::path demonstrations;
+  double action_limit = 1.0;
+};
+/// Prints what is wrong with demonstrations. @returns whether nothing is that would spoil a fit.
+bool RunCheck(const CheckOptions& options);
+
+struct ConvertOptions {
+  std::filesystem::path demonstrations;
+  std::filesystem::path
+      out;         ///< .hdf5: robomimic's format; otherwise the folder of a Minari dataset.
+  std::string id;  ///< Of the dataset; empty: the last two folders' names.
+};
+void RunConvert(const ConvertOptions& options);
+
+struct FitOptions {
+  std::filesystem::path demonstrations;
+  std::filesystem::path out = "task.guard";
+  std::string strategy = "guided";
+  bool all = false;  ///< Episodes that did not complete the task, too.
+  safety::GuardOptions guard;
+};
+void RunFit(const FitOptions& options);
+
+/// Prints what a file holds, and what its figures mean.
+void Describe(const safety::GuardModel& model);
+
+struct ReportOptions {
+  std::filesystem::path guard;
+  std::filesystem::path demonstrations;
+  std::filesystem::path failures;  ///< Episodes that went wrong; empty: none.
+  std::filesystem::path out = "report.html";
+};
+void RunReport(const ReportOptions& options);
+
+struct EvaluateOptions {
+  std::filesystem::path guard;
+  std::filesystem::path demonstrations;
+};
+void RunEvaluate(const EvaluateOptions& options);
+
+struct ExportOptions {
+  std::filesystem::path guard;
+  std::filesystem::path onnx;
+  std::filesystem::path libsvm;
+};
+void RunExport(const ExportOptions& options);
+
+}  // namespace dfr::apps

@@ -1,0 +1,73 @@
+#include <cstdio>
+#include <fstream>
+#include <stdexcept>
+#include <string>
+#include <system_error>
+
+#include "commands.h"
+#include "dfr/kernel/libsvm_io.h"
+#include "dfr/safety/onnx_export.h"
+
+namespace dfr::apps {
+namespace {
+
+void WriteMatrix(std::ofstream& out, const core::Matrix& values) {
+  for (Eigen::Index i = 0; i < values.rows(); ++i) {
+    for (Eigen::Index k = 0; k < values.cols(); ++k) out << (k == 0 ? "" : ",") << values(i, k);
+    out << '\n';
+  }
+}
+
+// t_000.model, t_001.model, ... of y, and features.txt and t_000.csv that say how a state becomes
+// y.
+void ExportLibsvm(const safety::GuardModel& model, const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) {
+    throw std::runtime_error(folder.string() + ": the folder cannot be made: " + error.message());
+  }
+  const core::FeatureTransform& features = model.recovery().features();
+  const kernel::WhitenedSupport& support = model.recovery().support();
+  for (int t = 0; t < model.num_steps(); ++t) {
+    char name[32];
+    std::snprintf(name, sizeof name, "t_%03d", t);
+    kernel::SaveLibsvmModel(support.estimate(t), folder / (std::string(name) + ".model"));
+    // y = V_t W (f(x) - offset)
+    std::ofstream map(folder / (std::string(name) + ".csv"));
+    map.precision(17);
+    WriteMatrix(map, support.map(t) * features.scale());
+    if (!map) throw std::runtime_error(folder.string() + ": cannot be written to");
+  }
+  std::ofstream out(folder / "features.csv");
+  out.precision(17);
+  out << "entry of the state,offset\n";
+  for (int k = 0; k < features.selection().num_features(); ++k) {
+    out << features.selection().indices()[static_cast<std::size_t>(k)] << ','
+        << features.offset()[k] << '\n';
+  }
+  out.flush();
+  if (!out) throw std::runtime_error(folder.string() + ": cannot be written to");
+}
+
+}  // namespace
+
+void RunExport(const ExportOptions& options) {
+  if (options.onnx.empty() && options.libsvm.empty()) {
+    throw std::runtime_error("export needs --onnx FILE or --libsvm FOLDER");
+  }
+  const auto model = safety::GuardModel::Load(options.guard);
+  if (!options.onnx.empty()) {
+    safety::ExportOnnx(*model, options.onnx);
+    std::printf("%s: t (rows), x (rows x %d) -> g (rows)\n", options.onnx.c_str(),
+                model->state_dim());
+  }
+  if (!options.libsvm.empty()) {
+    ExportLibsvm(*model, options.libsvm);
+    std::printf(
+        "%s: %d models; row y of t_<t>.csv times (entries of features.csv less their "
+        "offsets) is feature y\n",
+        options.libsvm.c_str(), model->num_steps());
+  }
+}
+
+}  // namespace dfr::apps

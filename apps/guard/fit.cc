@@ -1,0 +1,81 @@
+#include <algorithm>
+#include <cstdio>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "commands.h"
+#include "dfr/experiment/progress.h"
+#include "dfr/imitation/demonstrations.h"
+
+namespace dfr::apps {
+
+void Describe(const safety::GuardModel& model) {
+  const safety::GuardSummary& summary = model.summary();
+  const safety::GuardSettings& settings = model.settings();
+  const control::GuidedModel& guided = model.recovery().model();
+  const std::string& spec = model.recovery().features().selection().spec();
+  const auto [low, high] = std::minmax_element(model.lambda().begin(), model.lambda().end());
+  std::printf("demonstrations  %d with %d actions, from %s\n", summary.demonstrations,
+              summary.transitions, summary.source.c_str());
+  std::printf("features        %s: %d of %d entries of a state\n",
+              spec.empty() ? "the whole state" : spec.c_str(),
+              model.recovery().features().selection().num_features(), model.state_dim());
+  std::printf("support         %d time steps, nu %g, gamma %g (whitened)\n", model.num_steps(),
+              summary.nu, summary.gamma);
+  std::printf(
+      "                of demonstrations left out of a fit, %.1f %% of states are inside; "
+      "%.1f %% of demonstrations never leave\n",
+      100.0 * summary.acceptance, 100.0 * summary.inside_throughout);
+  std::printf(
+      "levels of l     the policy's action passes at %.3g (first step), is changed to stay "
+      "above %.3g; slack %.3g\n",
+      guided.gate_level(0), guided.accept_level(0), guided.slack());
+  std::printf(
+      "alarm           at l < %.3g: a further demonstration raises one with probability "
+      "%.3g at most\n",
+      -settings.alarm_level, summary.false_alarms);
+  std::printf("lambda_t        %.3g to %.3g, the change of g per unit of action\n", *low, *high);
+  std::printf(
+      "actions         %d entries, each within +-%g; halts after %d of the policy's, or %d "
+      "of any kind\n",
+      model.action_dim(), settings.action_limit, settings.horizon, settings.max_actions);
+  std::printf("strategy        %s\n", safety::Name(settings.strategy));
+}
+
+void RunFit(const FitOptions& options) {
+  const auto reader = imitation::OpenDemonstrations(options.demonstrations);
+  std::vector<core::Trajectory> all;
+  std::vector<core::Trajectory> completed;
+  for (int i = 0; i < reader->num_episodes(); ++i) {
+    all.push_back(reader->Read(i));
+    if (all.back().outcome == core::Outcome::kCompleted) completed.push_back(all.back());
+  }
+  // Files that do not say what became of an episode hold good ones, one hopes.
+  const bool choose = !options.all && !completed.empty() && completed.size() < all.size();
+  if (choose) {
+    std::printf("%zu episodes did not complete the task and are left out (--all takes them)\n",
+                all.size() - completed.size());
+  }
+
+  safety::GuardOptions guard = options.guard;
+  guard.features = safety::StripObservationPrefixes(guard.features);
+  guard.strategy = safety::ParseStrategy(options.strategy);
+  guard.source = options.demonstrations.filename().string();
+  experiment::ProgressBar bar("fit");
+  experiment::ProgressMeter meter(
+      1000, [&](const experiment::Progress& progress) { bar.Show(progress); });
+  int done = 0;
+  guard.progress = [&](std::string_view stage, double share) {
+    const int now = static_cast<int>(1000.0 * share);
+    meter.Advance(now - done, std::string(stage));
+    done = now;
+    return true;
+  };
+  const auto model = safety::GuardModel::Fit(reader->layout(), choose ? completed : all, guard);
+  model->Save(options.out);
+  Describe(*model);
+  std::printf("%s\n", options.out.c_str());
+}
+
+}  // namespace dfr::apps

@@ -1,0 +1,138 @@
+// A guard around any policy, from any demonstrations: check, fit, report, evaluate, export.
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+#include <iostream>
+#include <stdexcept>
+#include <string>
+
+#include "commands.h"
+#include "dfr/core/build_info.h"
+
+namespace dfr::apps {
+namespace {
+
+void AddDemonstrations(CLI::App& command, std::filesystem::path& path) {
+  command.add_option("DEMOS", path, "robomimic's HDF5 file, or the folder of a Minari dataset")
+      ->required();
+}
+
+int Main(int argc, char** argv) {
+  CLI::App app(
+      "Keeps what a policy does inside what was demonstrated. A guard is learned from "
+      "demonstrations\n"
+      "in robomimic's or Minari's files and stored in one file, which C++ and Python load:\n\n"
+      "  guard check demos.hdf5\n"
+      "  guard fit demos.hdf5 --features obs/object,obs/robot0_eef_pos -o task.guard\n"
+      "  guard report task.guard demos.hdf5 -o report.html",
+      "guard");
+  app.set_version_flag("--version",
+                       std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
+  app.require_subcommand(1);
+  app.failure_message(CLI::FailureMessage::simple);
+  int result = EXIT_SUCCESS;
+
+  CheckOptions check;
+  CLI::App* command = app.add_subcommand(
+      "check",
+      "what is wrong with demonstrations: shapes, NaN, dead or doubled entries, alignment");
+  AddDemonstrations(*command, check.demonstrations);
+  command
+      ->add_option("--action-limit", check.action_limit,
+                   "entries of actions beyond +- this are reported")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->callback([&] { result = RunCheck(check) ? EXIT_SUCCESS : EXIT_FAILURE; });
+
+  ConvertOptions convert;
+  command = app.add_subcommand("convert",
+                               "robomimic's format to Minari's or back, one episode at a time");
+  AddDemonstrations(*command, convert.demonstrations);
+  command
+      ->add_option("OUT", convert.out,
+                   "a .hdf5 file: robomimic's format; otherwise the folder of a Minari dataset")
+      ->required();
+  command->add_option("--id", convert.id,
+                      "of the Minari dataset, namespace/name-v0; by default from its folder");
+  command->callback([&] { RunConvert(convert); });
+
+  FitOptions fit;
+  command = app.add_subcommand("fit", "learn a guard from demonstrations");
+  AddDemonstrations(*command, fit.demonstrations);
+  command->add_option("-o,--out", fit.out, "the file")->capture_default_str();
+  command->add_option("-f,--features", fit.guard.features,
+                      "what it looks at: parts of the state, as in obs/object,obs/tip[0:2]; all "
+                      "without this. Leave out what the robot cannot influence, and joint angles "
+                      "where the tool's pose says the same");
+  command
+      ->add_option("--strategy", fit.strategy,
+                   "near the boundary: guided (changes the action as little as it takes), dfr (as "
+                   "published), early-stopping (halts), monitor (alarms alone)")
+      ->capture_default_str();
+  command
+      ->add_option("--nu", fit.guard.support.svm.nu,
+                   "bound on the outliers of each support, in (0, 1]")
+      ->capture_default_str();
+  command
+      ->add_option("--gamma", fit.guard.support.svm.gamma,
+                   "width of the kernel, in whitened units that all tasks share: larger is tighter")
+      ->capture_default_str();
+  command
+      ->add_option("--false-alarms", fit.guard.false_alarms,
+                   "demonstrations that may raise an alarm")
+      ->capture_default_str();
+  command
+      ->add_option("--horizon", fit.guard.horizon,
+                   "actions of the policy in an episode; 0: twice the longest demonstration")
+      ->capture_default_str();
+  command
+      ->add_option(
+          "--action-limit", fit.guard.action_limit,
+          "each entry of an action is kept within +- this; 0: 1, or the largest demonstrated")
+      ->capture_default_str();
+  command->add_flag("--all", fit.all, "episodes that did not complete the task count, too");
+  command->callback([&] { RunFit(fit); });
+
+  std::filesystem::path shown;
+  command = app.add_subcommand("show", "what a guard's file holds");
+  command->add_option("GUARD", shown)->required();
+  command->callback([&] { Describe(*safety::GuardModel::Load(shown)); });
+
+  ReportOptions report;
+  command = app.add_subcommand(
+      "report", "a page: how far episodes stay inside, false alarms, lead times, features");
+  command->add_option("GUARD", report.guard)->required();
+  AddDemonstrations(*command, report.demonstrations);
+  command->add_option("--failures", report.failures,
+                      "episodes that went wrong: how long before their end alarms come");
+  command->add_option("-o,--out", report.out)->capture_default_str();
+  command->callback([&] { RunReport(report); });
+
+  EvaluateOptions evaluate;
+  command = app.add_subcommand(
+      "evaluate", "replay episodes: when the guard would first change an action, and its time");
+  command->add_option("GUARD", evaluate.guard)->required();
+  AddDemonstrations(*command, evaluate.demonstrations);
+  command->callback([&] { RunEvaluate(evaluate); });
+
+  ExportOptions exported;
+  command = app.add_subcommand("export", "g for other tools");
+  command->add_option("GUARD", exported.guard)->required();
+  command->add_option("--onnx", exported.onnx, "one ONNX file: time step and whole state to g");
+  command->add_option(
+      "--libsvm", exported.libsvm,
+      "a folder: one LIBSVM model per time step, and how states become its features");
+  command->callback([&] { RunExport(exported); });
+
+  CLI11_PARSE(app, argc, argv);
+  return result;
+}
+
+}  // namespace
+}  // namespace dfr::apps
+
+int main(int argc, char** argv) try {
+  return dfr::apps::Main(argc, argv);
+} catch (const std::exception& e) {
+  std::cerr << "guard: " << e.what() << '\n';
+  return EXIT_FAILURE;
+}

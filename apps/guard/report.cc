@@ -1,0 +1,294 @@
+#include "dfr/experiment/report.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <numeric>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "commands.h"
+#include "dfr/core/build_info.h"
+#include "dfr/experiment/intervals.h"
+#include "dfr/imitation/demonstrations.h"
+
+namespace dfr::apps {
+namespace {
+
+template <typename... Values>
+std::string Format(const char* format, Values... values) {
+  char text[512];
+  std::snprintf(text, sizeof text, format, values...);
+  return text;
+}
+
+struct Episode {
+  std::string name;
+  std::vector<double> levels;
+  double lowest = 0.0;
+  double inside = 0.0;   // Share of states.
+  int first_alarm = -1;  // Step, or -1.
+};
+
+// How much each entry of a state moves l: the mean of |dl/dx| times how far apart demonstrations
+// are in that entry at the same time.
+class Drivers {
+ public:
+  explicit Drivers(const safety::GuardModel& model)
+      : model_(&model), sums_(Eigen::VectorXd::Zero(model.state_dim())) {}
+
+  void Add(const core::Matrix& states, const std::vector<int>& steps) {
+    std::vector<double> gradient(static_cast<std::size_t>(model_->state_dim()));
+    for (Eigen::Index i = 0; i < states.rows(); ++i) {
+      const double l = model_->support().LogDecision(steps[static_cast<std::size_t>(i)],
+                                                     core::Row(states, i), gradient);
+      if (std::isfinite(l)) sums_ += core::AsVector(std::span<const double>(gradient)).cwiseAbs();
+    }
+  }
+  void AddSpread(const core::Matrix& states) { states_.push_back(states); }
+
+  // Shares, largest first.
+  [[nodiscard]] std::vector<std::pair<double, int>> Ranked() const {
+    Eigen::VectorXd weights = sums_;
+    const Eigen::VectorXd spread = Spread();
+    weights = weights.cwiseProduct(spread);
+    const double total = weights.sum();
+    std::vector<std::pair<double, int>> ranked;
+    std::vector<int> entries = model_->recovery().features().selection().indices();
+    std::sort(entries.begin(), entries.end());
+    entries.erase(std::unique(entries.begin(), entries.end()), entries.end());
+    ranked.reserve(entries.size());
+    for (const int k : entries) ranked.emplace_back(total > 0.0 ? weights[k] / total : 0.0, k);
+    std::sort(ranked.rbegin(), ranked.rend());
+    return ranked;
+  }
+
+ private:
+  // Standard deviation of each entry across episodes at the same step.
+  [[nodiscard]] Eigen::VectorXd Spread() const {
+    const Eigen::Index n = model_->state_dim();
+    Eigen::VectorXd scatter = Eigen::VectorXd::Zero(n);
+    double count = 0.0;
+    Eigen::Index longest = 0;
+    for (const core::Matrix& states : states_) longest = std::max(longest, states.rows());
+    for (Eigen::Index t = 0; t < longest; ++t) {
+      Eigen::VectorXd mean = Eigen::VectorXd::Zero(n);
+      double here = 0.0;
+      for (const core::Matrix& states : states_) {
+        if (t >= states.rows()) continue;
+        mean += states.row(t).transpose();
+        here += 1.0;
+      }
+      if (here < 2.0) break;
+      mean /= here;
+      for (const core::Matrix& states : states_) {
+        if (t < states.rows()) scatter += (states.row(t).transpose() - mean).cwiseAbs2();
+      }
+      count += here - 1.0;
+    }
+    if (count == 0.0) return Eigen::VectorXd::Ones(n);
+    return (scatter / count).cwiseSqrt();
+  }
+
+  const safety::GuardModel* model_;
+  Eigen::VectorXd sums_;
+  std::vector<core::Matrix> states_;
+};
+
+std::string EntryName(const core::StateLayout& layout, int entry) {
+  for (const auto& block : layout.blocks) {
+    if (entry >= block.offset && entry < block.offset + block.size) {
+      return block.name + "[" + std::to_string(entry - block.offset) + "]";
+    }
+  }
+  return std::to_string(entry);
+}
+
+std::vector<Episode> Follow(const safety::GuardModel& model, const std::filesystem::path& path,
+                            Drivers* drivers) {
+  const auto reader = imitation::OpenDemonstrations(path);
+  if (reader->layout() != model.layout()) {
+    throw std::runtime_error(path.string() + ": its states have other parts than the guard's");
+  }
+  std::vector<Episode> episodes;
+  for (int i = 0; i < reader->num_episodes(); ++i) {
+    const core::Trajectory trajectory = reader->Read(i);
+    Episode episode{.name = reader->name(i), .levels = {}};
+    std::vector<int> steps;
+    episode.levels = model.Levels(trajectory.states, &steps);
+    if (drivers != nullptr) {
+      drivers->Add(trajectory.states, steps);
+      drivers->AddSpread(trajectory.states);
+    }
+    episode.lowest = *std::min_element(episode.levels.begin(), episode.levels.end());
+    episode.inside = static_cast<double>(std::count_if(episode.levels.begin(), episode.levels.end(),
+                                                       [](double l) { return l >= 0.0; })) /
+                     static_cast<double>(episode.levels.size());
+    for (std::size_t t = 0; t < episode.levels.size() && episode.first_alarm < 0; ++t) {
+      if (episode.levels[t] < -model.settings().alarm_level) {
+        episode.first_alarm = static_cast<int>(t);
+      }
+    }
+    episodes.push_back(std::move(episode));
+  }
+  if (episodes.empty()) throw std::runtime_error(path.string() + ": holds no episode");
+  return episodes;
+}
+
+double Quantile(std::vector<double> values, double q) {
+  std::sort(values.begin(), values.end());
+  return values[static_cast<std::size_t>(std::lround(q * static_cast<double>(values.size() - 1)))];
+}
+
+// The middle half of l over time, with the lowest.
+experiment::ReportPlot LevelPlot(const std::string& title, const std::vector<Episode>& episodes,
+                                 double alarm_level) {
+  experiment::ReportPlot plot{.title = title, .x_label = "step"};
+  experiment::ReportSeries middle{.name = "median", .x = {}, .y = {}};
+  experiment::ReportSeries lowest{.name = "lowest", .x = {}, .y = {}};
+  experiment::ReportSeries alarm{.name = "alarm", .x = {}, .y = {}};
+  std::size_t longest = 0;
+  for (const Episode& episode : episodes) longest = std::max(longest, episode.levels.size());
+  // Far outside l falls with the square of the distance and would flatten all else.
+  const double floor = -4.0 * std::max(1.0, alarm_level);
+  for (std::size_t t = 0; t < longest; ++t) {
+    std::vector<double> here;
+    for (const Episode& episode : episodes) {
+      if (t < episode.levels.size()) here.push_back(std::max(floor, episode.levels[t]));
+    }
+    const double x = static_cast<double>(t);
+    middle.x.push_back(x);
+    middle.y.push_back(Quantile(here, 0.5));
+    middle.low.push_back(Quantile(here, 0.25));
+    middle.high.push_back(Quantile(here, 0.75));
+    lowest.x.push_back(x);
+    lowest.y.push_back(Quantile(here, 0.0));
+    alarm.x.push_back(x);
+    alarm.y.push_back(-alarm_level);
+  }
+  plot.series = {std::move(middle), std::move(lowest), std::move(alarm)};
+  return plot;
+}
+
+experiment::ReportTable EpisodeTable(const std::string& heading, const std::string& caption,
+                                     std::vector<Episode> episodes) {
+  std::sort(episodes.begin(), episodes.end(),
+            [](const Episode& a, const Episode& b) { return a.lowest < b.lowest; });
+  experiment::ReportTable table{
+      .heading = heading,
+      .caption = caption,
+      .header = {"Episode", "Steps", "Inside, %", "Lowest l", "First alarm", "Lead, steps"},
+      .rows = {}};
+  for (const Episode& episode : episodes) {
+    const int last = static_cast<int>(episode.levels.size()) - 1;
+    const bool alarm = episode.first_alarm >= 0;
+    table.rows.push_back({episode.name, std::to_string(last),
+                          Format("%.1f", 100.0 * episode.inside), Format("%.3f", episode.lowest),
+                          alarm ? std::to_string(episode.first_alarm) : "-",
+                          alarm ? std::to_string(last - episode.first_alarm) : "-"});
+  }
+  return table;
+}
+
+int Alarms(const std::vector<Episode>& episodes) {
+  return static_cast<int>(std::count_if(episodes.begin(), episodes.end(),
+                                        [](const Episode& e) { return e.first_alarm >= 0; }));
+}
+
+std::string Rate(int count, int of) {
+  const auto interval = experiment::ProportionInterval(count, of);
+  return Format("%d of %d, %.1f %% [%.1f, %.1f]", count, of, 100.0 * count / of,
+                100.0 * interval.low, 100.0 * interval.high);
+}
+
+}  // namespace
+
+void RunReport(const ReportOptions& options) {
+  const auto model = safety::GuardModel::Load(options.guard);
+  const safety::GuardSettings& settings = model->settings();
+  const safety::GuardSummary& summary = model->summary();
+  Drivers drivers(*model);
+  const std::vector<Episode> episodes = Follow(*model, options.demonstrations, &drivers);
+
+  experiment::ReportOptions page;
+  page.title = "Guard " + options.guard.filename().string();
+  const int alarms = Alarms(episodes);
+  const int count = static_cast<int>(episodes.size());
+  const double inside =
+      std::accumulate(episodes.begin(), episodes.end(), 0.0,
+                      [](double sum, const Episode& e) { return sum + e.inside; }) /
+      count;
+  page.introduction =
+      Format(
+          "l is the log form of g: positive inside what was demonstrated at a time step, and "
+          "falling with the squared distance outside. Of the states in %s, %.1f %% are inside "
+          "(mean over episodes). An alarm is raised at l < %.3g.",
+          options.demonstrations.filename().c_str(), 100.0 * inside, -settings.alarm_level) +
+      "\n\nEpisodes with an alarm: " + Rate(alarms, count) +
+      Format(
+          " (95 %% interval). The fit promises at most %.3g of further demonstrations, by "
+          "leaving demonstrations out of it; those that it was fitted to raise fewer.",
+          summary.false_alarms);
+  experiment::ReportFigure levels{
+      .heading = "How far inside",
+      .caption =
+          "l over time: median with the middle half of the episodes, the lowest, and the "
+          "alarm level. Values far outside are cut off.",
+      .plots = {LevelPlot("Demonstrations", episodes, settings.alarm_level)}};
+  std::vector<Episode> failures;
+  if (!options.failures.empty()) {
+    failures = Follow(*model, options.failures, nullptr);
+    levels.plots.push_back(LevelPlot("Failures", failures, settings.alarm_level));
+    std::vector<double> leads;
+    for (const Episode& episode : failures) {
+      if (episode.first_alarm >= 0) {
+        leads.push_back(static_cast<double>(episode.levels.size()) - 1.0 - episode.first_alarm);
+      }
+    }
+    page.introduction +=
+        "\n\nEpisodes that went wrong, with an alarm: " +
+        Rate(static_cast<int>(leads.size()), static_cast<int>(failures.size())) +
+        (leads.empty()
+             ? std::string(".")
+             : Format("; it comes %.0f steps before their end (median; %.0f to %.0f for "
+                      "the middle half).",
+                      Quantile(leads, 0.5), Quantile(leads, 0.25), Quantile(leads, 0.75)));
+  }
+  page.figures.push_back(std::move(levels));
+
+  experiment::ReportTable features{
+      .heading = "What drives g",
+      .caption =
+          "Mean slope of l along each entry times how far apart demonstrations are in it, as "
+          "a share of the sum. An entry with next to none can be left out; one that dominates "
+          "should be one that matters.",
+      .header = {"Entry", "Share, %"},
+      .rows = {}};
+  for (const auto& [share, entry] : drivers.Ranked()) {
+    features.rows.push_back({EntryName(model->layout(), entry), Format("%.1f", 100.0 * share)});
+  }
+  page.tables.push_back(std::move(features));
+  if (!failures.empty()) {
+    page.tables.push_back(EpisodeTable("Episodes that went wrong",
+                                       "Lowest first. Lead: steps from the first alarm to the end.",
+                                       failures));
+  }
+  page.tables.push_back(EpisodeTable("Demonstrations", "Lowest first.", episodes));
+  const std::string& spec = model->recovery().features().selection().spec();
+  page.settings = {{"fitted to", Format("%d demonstrations, %d actions, %s", summary.demonstrations,
+                                        summary.transitions, summary.source.c_str())},
+                   {"features", spec.empty() ? "the whole state" : spec},
+                   {"nu, gamma", Format("%g, %g", summary.nu, summary.gamma)},
+                   {"time steps", std::to_string(model->num_steps())},
+                   {"strategy", safety::Name(settings.strategy)},
+                   {"horizon", std::to_string(settings.horizon)},
+                   {"action limit", Format("%g", settings.action_limit)}};
+  experiment::Summary nothing;
+  nothing.commit = core::BuildCommit();
+  experiment::SaveReport(nothing, page, options.out);
+  std::printf("%s\n", options.out.c_str());
+}
+
+}  // namespace dfr::apps

@@ -1,0 +1,212 @@
+"""The program `guard` as its users run it, on files that know nothing of it.
+
+usage: guard_app_test.py PROGRAM
+"""
+
+import json
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import h5py
+import numpy as np
+from foreign_files import episodes, write_minari, write_robomimic
+
+PROGRAM = pathlib.Path(sys.argv.pop(1)).resolve()
+
+
+class GuardAppTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.temporary = tempfile.TemporaryDirectory()
+        cls.folder = pathlib.Path(cls.temporary.name)
+        write_robomimic(cls.folder / "demos.hdf5", episodes(1, 30))
+        write_robomimic(cls.folder / "fresh.hdf5", episodes(2, 60))
+        write_robomimic(cls.folder / "failures.hdf5", episodes(3, 10, drift=0.08), done=False)
+        write_minari(cls.folder / "right-v0", episodes(1, 30))
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.temporary.cleanup()
+
+    def run_guard(self, *arguments, fails=False):
+        done = subprocess.run(
+            [PROGRAM, *map(str, arguments)], cwd=self.folder, text=True, capture_output=True, timeout=120
+        )
+        if fails:
+            self.assertNotEqual(done.returncode, 0, done.stdout)
+            self.assertLessEqual(len(done.stderr.strip().splitlines()), 2, done.stderr)
+            return done.stderr + done.stdout
+        self.assertEqual(done.returncode, 0, done.stderr + done.stdout)
+        return done.stdout
+
+    def fit(self, name, demonstrations="demos.hdf5", *more):
+        return self.run_guard("fit", demonstrations, "--features", "obs/object,obs/tip", "-o", name, *more)
+
+    def test_commands_follow_one_another(self):
+        out = self.run_guard("check", "demos.hdf5")
+        self.assertIn("30 episodes of 20 to 20 actions", out)
+        self.assertIn("0 errors", out)
+        out = self.fit("task.guard")
+        self.assertIn("object,tip: 4 of 5 entries", out)
+        self.assertIn("30 with 600 actions, from demos.hdf5", out)
+        self.assertEqual(self.run_guard("show", "task.guard"), out.replace("task.guard\n", ""))
+        out = self.run_guard("evaluate", "task.guard", "fresh.hdf5")
+        alarms = int(re.search(r"(\d+) of 60 episodes raise an alarm", out).group(1))
+        # .1 on the average over sets of 30 demonstrations, sqrt(.1 .9 / 32) = .053 between sets and
+        # sqrt(.1 .9 / 60) = .039 by chance; three of both together.
+        self.assertLess(alarms / 60, 0.1 + 3 * 0.066)
+        out = self.run_guard("evaluate", "task.guard", "failures.hdf5")
+        self.assertIn("10 of 10 episodes raise an alarm", out)
+        self.assertIn("0 pass untouched", out)
+        self.run_guard("report", "task.guard", "fresh.hdf5", "--failures", "failures.hdf5", "-o", "r.html")
+        page = (self.folder / "r.html").read_text()
+        self.assertIn("10 of 10, 100.0 %", page)
+        self.assertIn("steps before their end", page)
+        for name in ("tip[1]", "object[0]", "data/demo_59", "demos.hdf5"):
+            self.assertIn(name, page)
+        self.assertNotIn("clock", page)
+        self.assertNotRegex(page, "https?://")
+
+    def test_minari_gives_the_same_guard(self):
+        self.fit("a.guard")
+        self.fit("b.guard", "right-v0", "--strategy", "guided")
+        a, b = (self.run_guard("show", name).splitlines() for name in ("a.guard", "b.guard"))
+        self.assertNotEqual(a[0], b[0])
+        self.assertEqual(a[1:], b[1:])
+
+    def test_check_names_episode_and_key(self):
+        def spoil(file):
+            file["data/demo_3/obs/tip"][5, 1] = np.nan
+            file["data/demo_4/actions"][7, 0] = 1.5
+            del file["data/demo_5/obs/object"]
+            file["data/demo_7/obs/clock"][:] = 1.0
+
+        data = episodes(1, 12)
+        for observations, _ in data:
+            observations["still"] = np.ones((21, 1))
+            observations["twin"] = observations["tip"][:, :1]
+        data[9] = data[2]
+        write_robomimic(self.folder / "spoilt.hdf5", data, edit=spoil)
+        out = self.run_guard("check", "spoilt.hdf5", fails=True)
+        self.assertRegex(out, r"error: +spoilt.hdf5: data/demo_3/obs/tip: row 5, column 1 is nan")
+        self.assertRegex(out, r"error: +.*spoilt.hdf5.*data/demo_5/obs")
+        self.assertRegex(out, r"bounds: +data/demo_4, action 0 is 1.5\d* at step 7, beyond \+-1")
+        self.assertRegex(out, r"dead: +still\[0\] is always 1")
+        self.assertRegex(out, r"doubled: +twin\[0\] always equals tip\[0\]|doubled: +tip\[0\] always equals twin\[0\]")
+        self.assertRegex(out, r"doubled: +data/demo_9 is the same episode as data/demo_2")
+        self.assertIn("2 errors", out)
+
+    def test_check_sees_actions_out_of_step(self):
+        for shift, sign in ((1, "-"), (-1, r"\+")):
+            data = [(observations, np.roll(action, -shift, axis=0)) for observations, action in episodes(4, 30)]
+            write_robomimic(self.folder / "late.hdf5", data)
+            out = self.run_guard("check", "late.hdf5")
+            self.assertRegex(out, rf"alignment: how tip\[\d\] changes.*step t {sign} 1.*out of step")
+        self.assertNotIn("alignment", self.run_guard("check", "demos.hdf5"))
+
+    def test_failed_episodes_are_left_out(self):
+        good, bad = episodes(1, 12), episodes(3, 4, drift=0.08)
+
+        def mark(file):
+            for i in range(12, 16):
+                file[f"data/demo_{i}/dones"][:] = 0
+
+        write_robomimic(self.folder / "mixed.hdf5", good + bad, edit=mark)
+        out = self.fit("m.guard", "mixed.hdf5")
+        self.assertIn("4 episodes did not complete the task and are left out", out)
+        self.assertIn("12 with 240 actions", out)
+        self.assertIn("16 with 320 actions", self.fit("m.guard", "mixed.hdf5", "--all"))
+
+    def test_conversions_keep_everything(self):
+        self.run_guard("convert", "demos.hdf5", "data/corridor/right-v1")
+        metadata = json.loads((self.folder / "data/corridor/right-v1/data/metadata.json").read_text())
+        self.assertEqual(metadata["dataset_id"], "corridor/right-v1")
+        self.assertEqual(metadata["total_steps"], 600)
+        self.run_guard("convert", "data/corridor/right-v1", "back.hdf5")
+        self.run_guard("convert", "right-v0", "other.hdf5")
+        expected = episodes(1, 30)
+        with h5py.File(self.folder / "data/corridor/right-v1/data/main_data.hdf5") as file:
+            for i, (observations, action) in enumerate(expected):
+                for name, values in observations.items():
+                    np.testing.assert_array_equal(file[f"episode_{i}/observations/{name}"], values)
+                np.testing.assert_array_equal(file[f"episode_{i}/actions"], action)
+                self.assertTrue(file[f"episode_{i}/terminations"][-1])
+        for name in ("back.hdf5", "other.hdf5"):
+            with h5py.File(self.folder / name) as file:
+                self.assertEqual(file["data"].attrs["total"], 600)
+                for i, (observations, action) in enumerate(expected):
+                    demo = file[f"data/demo_{i}"]
+                    self.assertEqual(demo.attrs["num_samples"], 20)
+                    self.assertEqual(demo["dones"][-1], 1)
+                    np.testing.assert_array_equal(demo["actions"], action)
+                    for part, values in observations.items():
+                        np.testing.assert_array_equal(demo[f"obs/{part}"], values[:-1])
+                        np.testing.assert_array_equal(demo[f"next_obs/{part}"], values[1:])
+
+    def test_conversion_takes_the_memory_of_an_episode(self):
+        """Ten times as many episodes take little more."""
+        rng = np.random.default_rng(0)
+
+        def large(count):
+            with h5py.File(self.folder / "large.hdf5", "w") as file:
+                file.create_group("data").attrs["total"] = 1000 * count
+                for i in range(count):
+                    demo = file.create_group(f"data/demo_{i}")
+                    demo.attrs["num_samples"] = 1000
+                    demo["actions"] = np.zeros((1000, 1))
+                    demo["obs/x"] = rng.normal(size=(1000, 250))
+                    demo["next_obs/x"] = demo["obs/x"][:]
+
+        def peak():
+            script = (
+                "import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True);"
+                "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
+            )
+            done = subprocess.run(
+                [sys.executable, "-c", script, PROGRAM, "convert", "large.hdf5", "large-v0"],
+                cwd=self.folder, text=True, capture_output=True, check=True,
+            )
+            return int(done.stdout.split()[-1])
+
+        large(2)
+        small = peak()
+        large(20)  # 36 MB of observations more
+        self.assertLess(peak() - small, 12_000)
+
+    def test_exports(self):
+        self.fit("e.guard")
+        self.run_guard("export", "e.guard", "--onnx", "e.onnx", "--libsvm", "models")
+        self.assertGreater((self.folder / "e.onnx").stat().st_size, 1000)
+        models = sorted((self.folder / "models").glob("t_*.model"))
+        self.assertEqual(models[0].name, "t_000.model")
+        self.assertIn("svm_type one_class", models[0].read_text())
+        features = np.loadtxt(self.folder / "models/features.csv", delimiter=",", skiprows=1)
+        # Parts of a state in the order of their names: clock, object, tip.
+        np.testing.assert_array_equal(features[:, 0], [1, 2, 3, 4])
+        self.assertEqual(np.loadtxt(self.folder / "models/t_000.csv", delimiter=",").shape, (4, 4))
+        self.assertIn("--onnx FILE or --libsvm FOLDER", self.run_guard("export", "e.guard", fails=True))
+
+    def test_mistakes_are_one_line_with_a_remedy(self):
+        self.fit("x.guard")
+        content = (self.folder / "x.guard").read_bytes()
+        (self.folder / "cut.guard").write_bytes(content[:-20])
+        for arguments, message in [
+            (["fit", "missing.hdf5"], "missing.hdf5"),
+            (["fit", "demos.hdf5", "--features", "gripper"], "feature 'gripper' is not part of the state; it has"),
+            (["fit", "demos.hdf5", "--strategy", "brave"], "no strategy 'brave'; there are: guided"),
+            (["fit", "demos.hdf5", "--features", "tip", "--nu", "2"], "nu"),
+            (["show", "cut.guard"], "cut.guard: is truncated or damaged"),
+            (["show", "demos.hdf5"], "is not a file written by dfr"),
+            ([], "subcommand"),
+        ]:
+            with self.subTest(arguments):
+                self.assertIn(message, self.run_guard(*arguments, fails=True))
+        self.assertIn("--features", self.run_guard("fit", "--help"))
+
+
+if __name__ == "__main__":
+    unittest.main()
