@@ -50,7 +50,7 @@ class JacobianPrior {
 
   /// Adds sum w v v' to `a` (its lower triangle) and sum w v dz' to `b` (m x n), over transitions
   /// near time step `t`, w falling with the distance to `z` and summing to prior_weight. `sums` is
-  /// room for num_sums() entries.
+  /// room for num_sums() entries. Sums are in single precision, which leaves J to about 1e-6.
   void AddTo(int t, std::span<const double> z, Eigen::VectorXf& sums, Eigen::MatrixXd& a,
              Eigen::MatrixXd& b) const noexcept;
   [[nodiscard]] Eigen::Index num_sums() const noexcept { return products_.cols(); }
