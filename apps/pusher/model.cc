@@ -30,22 +30,11 @@ constexpr std::string_view kWithout = "guided-without-";
 constexpr int kMostUnits = 1024;
 constexpr std::size_t kMostLayers = 4;
 
-core::FeatureTransform GuidedFeatures(const imitation::DemonstrationSet& set) {
-  std::vector<core::Matrix> states;
-  states.reserve(set.trajectories.size());
-  for (const core::Trajectory& trajectory : set.trajectories) states.push_back(trajectory.states);
-  return core::FeatureTransform::Whitening(core::FeatureSelection(set.layout, kGuidedFeatures),
-                                           states);
-}
-
-std::vector<core::Matrix> Points(const imitation::DemonstrationSet& set,
-                                 const core::FeatureTransform& features) {
-  std::vector<core::Matrix> points;
-  points.reserve(set.trajectories.size());
-  for (const core::Trajectory& trajectory : set.trajectories) {
-    points.push_back(features.Apply(trajectory.states));
-  }
-  return points;
+kernel::WhitenedSupportOptions GuidedSupportOptions(double gamma) {
+  kernel::WhitenedSupportOptions options;
+  options.svm.gamma = gamma;
+  options.single_precision = true;
+  return options;
 }
 
 }  // namespace
@@ -99,24 +88,6 @@ Method Method::Parse(const std::string& name) {
   }
   throw std::invalid_argument("there is no method '" + name + "'; there are: " + known);
 }
-
-kernel::WhitenedSupportOptions GuidedSupportOptions(double gamma) {
-  kernel::WhitenedSupportOptions options;
-  options.svm.gamma = gamma;
-  options.single_precision = true;
-  return options;
-}
-
-GuidedRecovery::GuidedRecovery(const imitation::DemonstrationSet& set, double gamma)
-    : GuidedRecovery(set, GuidedFeatures(set), GuidedSupportOptions(gamma)) {}
-
-GuidedRecovery::GuidedRecovery(const imitation::DemonstrationSet& set,
-                               const core::FeatureTransform& features,
-                               const kernel::WhitenedSupportOptions& options)
-    : support_(kernel::WhitenedSupport::Fit(Points(set, features), options)),
-      model_(features, support_, set.trajectories,
-             {.slack = control::SlackFrom(kernel::HeldOutLevels(Points(set, features), options))}),
-      locally_weighted_(features, set.trajectories) {}
 
 Model::Model(imitation::MlpPolicy policy, const core::FeatureSelection& features,
              kernel::TimeVaryingSupport support, std::vector<double> lambda, int horizon,
@@ -200,8 +171,14 @@ Model Model::Load(const std::filesystem::path& folder) {
   }
 }
 
-const GuidedRecovery& Model::guided() {
-  if (guided_ == nullptr) guided_ = std::make_unique<GuidedRecovery>(*set_, guided_gamma_);
+const safety::GuidedRecovery& Model::guided() {
+  if (guided_ == nullptr) {
+    guided_ = std::make_unique<safety::GuidedRecovery>(
+        core::FeatureSelection(set_->layout, kGuidedFeatures), set_->trajectories,
+        GuidedSupportOptions(guided_gamma_));
+    locally_weighted_ =
+        std::make_unique<imitation::LocallyWeightedPolicy>(guided_->features(), set_->trajectories);
+  }
   return *guided_;
 }
 
@@ -213,9 +190,9 @@ std::unique_ptr<control::Controller> Model::MakeController(const Method& method,
     options.parts = method.parts;
     options.horizon = horizon_;
     options.first_step = first_step;
+    const control::GuidedModel& model = guided().model();
     return std::make_unique<control::GuidedPolicy>(
-        *policy_, guided().model(), options,
-        method.locally_weighted ? &guided().locally_weighted() : nullptr);
+        *policy_, model, options, method.locally_weighted ? locally_weighted_.get() : nullptr);
   }
   control::SwitchingPolicyOptions options;
   options.recovery = method.recovery;

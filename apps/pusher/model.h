@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "dfr/control/controller.h"
-#include "dfr/control/guided_model.h"
 #include "dfr/control/guided_policy.h"
 #include "dfr/control/switching_policy.h"
 #include "dfr/core/features.h"
@@ -17,6 +16,7 @@
 #include "dfr/imitation/mlp_policy.h"
 #include "dfr/kernel/time_varying_support.h"
 #include "dfr/kernel/whitened_support.h"
+#include "dfr/safety/guided_recovery.h"
 
 namespace dfr::apps {
 
@@ -58,25 +58,6 @@ struct Method {
   static Method Parse(const std::string& name);
 };
 
-/// What guided recovery learns from demonstrations of this task. Its parts borrow from each other.
-class GuidedRecovery {
- public:
-  GuidedRecovery(const imitation::DemonstrationSet& set, double gamma);
-  GuidedRecovery(const GuidedRecovery&) = delete;
-  GuidedRecovery& operator=(const GuidedRecovery&) = delete;
-
-  [[nodiscard]] const control::GuidedModel& model() const noexcept { return model_; }
-  [[nodiscard]] const core::Policy& locally_weighted() const noexcept { return locally_weighted_; }
-
- private:
-  GuidedRecovery(const imitation::DemonstrationSet& set, const core::FeatureTransform& features,
-                 const kernel::WhitenedSupportOptions& options);
-
-  kernel::WhitenedSupport support_;
-  control::GuidedModel model_;
-  imitation::LocallyWeightedPolicy locally_weighted_;
-};
-
 /// All that is learned from one set of demonstrations: policy, support, lambda, and, once a method
 /// asks for it, what guided recovery needs.
 class Model {
@@ -106,7 +87,7 @@ class Model {
   /// What the support looks at, as ModelOptions::support_features.
   [[nodiscard]] const std::string& support_features() const noexcept { return feature_spec_; }
   /// Fitted on the first call, in a fraction of a second; for one thread.
-  [[nodiscard]] const GuidedRecovery& guided();
+  [[nodiscard]] const safety::GuidedRecovery& guided();
 
   /// Borrows this model; `oracle_plant` is for Recovery::kFiniteDifference only. Episodes begin at
   /// time step `first_step`.
@@ -127,7 +108,8 @@ class Model {
   int horizon_;
   double guided_gamma_;
   std::unique_ptr<const imitation::DemonstrationSet> set_;
-  std::unique_ptr<const GuidedRecovery> guided_;
+  std::unique_ptr<const safety::GuidedRecovery> guided_;
+  std::unique_ptr<const imitation::LocallyWeightedPolicy> locally_weighted_;
 };
 
 }  // namespace dfr::apps
