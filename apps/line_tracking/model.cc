@@ -26,24 +26,6 @@ constexpr std::string_view kDfrFine = "dfr-fine";
 constexpr std::string_view kWithout = "guided-without-";
 constexpr std::string_view kWithoutDrift = "guided-without-drift";
 
-std::vector<core::Matrix> Points(const imitation::DemonstrationSet& set,
-                                 const core::FeatureTransform& features) {
-  std::vector<core::Matrix> points;
-  points.reserve(set.trajectories.size());
-  for (const core::Trajectory& trajectory : set.trajectories) {
-    points.push_back(features.Apply(trajectory.states));
-  }
-  return points;
-}
-
-core::FeatureTransform GuidedFeatures(const imitation::DemonstrationSet& set) {
-  const core::FeatureSelection selection(set.layout, kGuidedFeatures);
-  std::vector<core::Matrix> states;
-  states.reserve(set.trajectories.size());
-  for (const core::Trajectory& trajectory : set.trajectories) states.push_back(trajectory.states);
-  return core::FeatureTransform::Whitening(selection, states);
-}
-
 kernel::WhitenedSupportOptions GuidedSupportOptions(double gamma) {
   kernel::WhitenedSupportOptions options;
   options.svm.gamma = gamma;
@@ -96,17 +78,6 @@ Method Method::Parse(const std::string& name) {
   throw std::invalid_argument("there is no method '" + name + "'; there are: " + known);
 }
 
-GuidedRecovery::GuidedRecovery(const imitation::DemonstrationSet& set, double gamma)
-    : GuidedRecovery(set, GuidedFeatures(set), GuidedSupportOptions(gamma)) {}
-
-GuidedRecovery::GuidedRecovery(const imitation::DemonstrationSet& set,
-                               const core::FeatureTransform& features,
-                               const kernel::WhitenedSupportOptions& options)
-    : support_(kernel::WhitenedSupport::Fit(Points(set, features), options)),
-      model_(features, support_, set.trajectories,
-             {.slack = control::SlackFrom(kernel::HeldOutLevels(Points(set, features), options))}) {
-}
-
 LineModel::LineModel(imitation::MlpPolicy policy, const core::FeatureSelection& features,
                      kernel::TimeVaryingSupport support, std::vector<double> lambda, double gamma,
                      int horizon, double guided_gamma, imitation::DemonstrationSet set)
@@ -119,7 +90,9 @@ LineModel::LineModel(imitation::MlpPolicy policy, const core::FeatureSelection& 
       horizon_(horizon),
       guided_gamma_(guided_gamma),
       set_(std::move(set)),
-      guided_(std::make_unique<GuidedRecovery>(set_, guided_gamma)) {}
+      guided_(std::make_unique<safety::GuidedRecovery>(
+          core::FeatureSelection(set_.layout, kGuidedFeatures), set_.trajectories,
+          GuidedSupportOptions(guided_gamma))) {}
 
 LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModelOptions& options,
                          kernel::Selection* selection) {

@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "dfr/control/controller.h"
-#include "dfr/control/guided_model.h"
 #include "dfr/control/guided_policy.h"
 #include "dfr/control/switching_policy.h"
 #include "dfr/core/features.h"
@@ -16,6 +15,7 @@
 #include "dfr/kernel/model_selection.h"
 #include "dfr/kernel/time_varying_support.h"
 #include "dfr/kernel/whitened_support.h"
+#include "dfr/safety/guided_recovery.h"
 
 namespace dfr::apps {
 
@@ -50,23 +50,6 @@ struct Method {
   /// "guided-without-drift" takes what the platform does for the answer to controls.
   /// @throws std::invalid_argument naming what is unknown and what there is.
   static Method Parse(const std::string& name);
-};
-
-/// What guided recovery learns from demonstrations of this task. Its parts borrow from each other.
-class GuidedRecovery {
- public:
-  GuidedRecovery(const imitation::DemonstrationSet& set, double gamma);
-  GuidedRecovery(const GuidedRecovery&) = delete;
-  GuidedRecovery& operator=(const GuidedRecovery&) = delete;
-
-  [[nodiscard]] const control::GuidedModel& model() const noexcept { return model_; }
-
- private:
-  GuidedRecovery(const imitation::DemonstrationSet& set, const core::FeatureTransform& features,
-                 const kernel::WhitenedSupportOptions& options);
-
-  kernel::WhitenedSupport support_;
-  control::GuidedModel model_;
 };
 
 /// All that is learned from one set of demonstrations: policy, supports, lambda, and what guided
@@ -107,7 +90,7 @@ class LineModel {
   int horizon_;
   double guided_gamma_;
   imitation::DemonstrationSet set_;
-  std::unique_ptr<const GuidedRecovery> guided_;
+  std::unique_ptr<const safety::GuidedRecovery> guided_;
 };
 
 }  // namespace dfr::apps
