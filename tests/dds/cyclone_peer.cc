@@ -2,12 +2,15 @@
 // every sample on /peer/ask/X with a changed one on /peer/answer/X, until it is killed:
 //   cyclone_peer DOMAIN
 // pose: position + (1, 2, 3), quaternion reversed; joints: names and values reversed, velocities
-// doubled; state: text reversed, flags swapped; image: bytes inverted, width and height swapped.
+// doubled; state: text reversed, flags swapped; image: bytes inverted, width and height swapped;
+// twist: linear and angular swapped; compressed: format and bytes reversed; camera: k, r and p
+// reversed, distortion negated, width and height, binning, offsets and sizes of the region swapped.
 #include <dds/dds.h>
 
 #include <algorithm>
 #include <cstdlib>
 #include <cstring>
+#include <iterator>
 #include <string>
 #include <utility>
 
@@ -60,6 +63,27 @@ void Change(sensor_msgs_msg_dds__Image_& m) {
   for (std::uint32_t i = 0; i < m.data_._length; ++i) {
     m.data_._buffer[i] = static_cast<std::uint8_t>(~m.data_._buffer[i]);
   }
+}
+
+void Change(geometry_msgs_msg_dds__TwistStamped_& m) {
+  std::swap(m.twist_.linear_, m.twist_.angular_);
+}
+
+void Change(sensor_msgs_msg_dds__CompressedImage_& m) {
+  std::reverse(m.format_, m.format_ + std::strlen(m.format_));
+  std::reverse(m.data_._buffer, m.data_._buffer + m.data_._length);
+}
+
+void Change(sensor_msgs_msg_dds__CameraInfo_& m) {
+  std::swap(m.width_, m.height_);
+  for (std::uint32_t i = 0; i < m.d_._length; ++i) m.d_._buffer[i] *= -1.0;
+  std::reverse(std::begin(m.k_), std::end(m.k_));
+  std::reverse(std::begin(m.r_), std::end(m.r_));
+  std::reverse(std::begin(m.p_), std::end(m.p_));
+  std::swap(m.binning_x_, m.binning_y_);
+  std::swap(m.roi_.x_offset_, m.roi_.y_offset_);
+  std::swap(m.roi_.width_, m.roi_.height_);
+  m.roi_.do_rectify_ = !m.roi_.do_rectify_;
 }
 
 template <typename T>
@@ -115,11 +139,20 @@ int main(int argc, char** argv) {
       participant, crtk_msgs_msg_dds__OperatingState__desc, "state");
   Answerer<sensor_msgs_msg_dds__Image_> image(participant, sensor_msgs_msg_dds__Image__desc,
                                               "image");
+  Answerer<geometry_msgs_msg_dds__TwistStamped_> twist(
+      participant, geometry_msgs_msg_dds__TwistStamped__desc, "twist");
+  Answerer<sensor_msgs_msg_dds__CompressedImage_> compressed(
+      participant, sensor_msgs_msg_dds__CompressedImage__desc, "compressed");
+  Answerer<sensor_msgs_msg_dds__CameraInfo_> camera(
+      participant, sensor_msgs_msg_dds__CameraInfo__desc, "camera");
   for (;;) {
     pose.Poll();
     joints.Poll();
     state.Poll();
     image.Poll();
+    twist.Poll();
+    compressed.Poll();
+    camera.Poll();
     dds_sleepfor(DDS_MSECS(2));
   }
 }

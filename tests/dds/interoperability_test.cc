@@ -2,6 +2,7 @@
 // field by field and sends back.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -116,6 +117,72 @@ TEST_F(InteroperabilityTest, Image640By480) {
     wrong += answer.data[i] != static_cast<std::uint8_t>(~question.data[i]);
   }
   EXPECT_EQ(wrong, 0U);
+}
+
+TEST_F(InteroperabilityTest, TwistStamped) {
+  TwistStamped question;
+  question.stamp = {5, 6};
+  question.frame_id = "PSM1_base";
+  question.linear_m_s << 0.1, -0.2, 0.3;
+  question.angular_rad_s << 1.0, 2.0, -3.0;
+  TwistStamped answer;
+  ASSERT_TRUE(Ask("twist", Role::kState, question, answer));
+  EXPECT_EQ(answer.stamp, (Stamp{6, 5}));
+  EXPECT_EQ(answer.frame_id, "PSM1_base");
+  EXPECT_EQ(answer.linear_m_s, question.angular_rad_s);
+  EXPECT_EQ(answer.angular_rad_s, question.linear_m_s);
+}
+
+TEST_F(InteroperabilityTest, CompressedImage) {
+  CompressedImage question;
+  question.stamp = {7, 8};
+  question.frame_id = "ECM";
+  question.format = "jpeg";
+  question.data = {0xff, 0xd8, 1, 2, 3};
+  CompressedImage answer;
+  ASSERT_TRUE(Ask("compressed", Role::kImage, question, answer));
+  EXPECT_EQ(answer.stamp, (Stamp{8, 7}));
+  EXPECT_EQ(answer.frame_id, "ECM");
+  EXPECT_EQ(answer.format, "gepj");
+  EXPECT_EQ(answer.data, (std::vector<std::uint8_t>{3, 2, 1, 0xd8, 0xff}));
+}
+
+TEST_F(InteroperabilityTest, CameraInfo) {
+  CameraInfo question;
+  question.stamp = {9, 10};
+  question.frame_id = "ECM";
+  question.height = 480;
+  question.width = 640;
+  question.distortion_model = "plumb_bob";
+  question.d = {-0.2, 0.05, 1e-3, -1e-3, 0.25};
+  question.k = {1, 2, 3, 4, 5, 6, 7, 8, 9};
+  question.r = {11, 12, 13, 14, 15, 16, 17, 18, 19};
+  question.p = {21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31, 32};
+  question.binning_x = 1;
+  question.binning_y = 2;
+  question.roi_x_offset = 3;
+  question.roi_y_offset = 4;
+  question.roi_height = 5;
+  question.roi_width = 6;
+  question.roi_do_rectify = true;
+  CameraInfo answer;
+  ASSERT_TRUE(Ask("camera", Role::kState, question, answer));
+  EXPECT_EQ(answer.stamp, (Stamp{10, 9}));
+  EXPECT_EQ(answer.frame_id, "ECM");
+  EXPECT_EQ(answer.height, 640U);
+  EXPECT_EQ(answer.width, 480U);
+  EXPECT_EQ(answer.distortion_model, "plumb_bob");
+  EXPECT_EQ(answer.d, (std::vector<double>{0.2, -0.05, -1e-3, 1e-3, -0.25}));
+  EXPECT_EQ(answer.k, (std::array<double, 9>{9, 8, 7, 6, 5, 4, 3, 2, 1}));
+  EXPECT_EQ(answer.r, (std::array<double, 9>{19, 18, 17, 16, 15, 14, 13, 12, 11}));
+  EXPECT_EQ(answer.p, (std::array<double, 12>{32, 31, 30, 29, 28, 27, 26, 25, 24, 23, 22, 21}));
+  EXPECT_EQ(answer.binning_x, 2U);
+  EXPECT_EQ(answer.binning_y, 1U);
+  EXPECT_EQ(answer.roi_x_offset, 4U);
+  EXPECT_EQ(answer.roi_y_offset, 3U);
+  EXPECT_EQ(answer.roi_height, 6U);
+  EXPECT_EQ(answer.roi_width, 5U);
+  EXPECT_FALSE(answer.roi_do_rectify);
 }
 
 // Deadline, liveliness: a plain publisher promises neither.

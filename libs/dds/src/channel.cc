@@ -191,18 +191,24 @@ Health Subscriber<T>::health() const noexcept {
 }
 
 template class Publisher<PoseStamped>;
+template class Publisher<TwistStamped>;
 template class Publisher<JointState>;
 template class Publisher<OperatingState>;
 template class Publisher<StringStamped>;
 template class Publisher<Image>;
+template class Publisher<CompressedImage>;
+template class Publisher<CameraInfo>;
 template class Publisher<Text>;
 template class Publisher<Flag>;
 template class Publisher<Signal>;
 template class Subscriber<PoseStamped>;
+template class Subscriber<TwistStamped>;
 template class Subscriber<JointState>;
 template class Subscriber<OperatingState>;
 template class Subscriber<StringStamped>;
 template class Subscriber<Image>;
+template class Subscriber<CompressedImage>;
+template class Subscriber<CameraInfo>;
 template class Subscriber<Text>;
 template class Subscriber<Flag>;
 template class Subscriber<Signal>;

@@ -72,6 +72,26 @@ void FromWire(const WireOf<PoseStamped>::Type& wire, PoseStamped& message) {
       Eigen::Quaterniond(orientation.w_(), orientation.x_(), orientation.y_(), orientation.z_());
 }
 
+void ToWire(const TwistStamped& message, WireOf<TwistStamped>::Type& wire) {
+  HeaderToWire(message, wire.header_());
+  auto& linear = wire.twist_().linear_();
+  linear.x_(message.linear_m_s.x());
+  linear.y_(message.linear_m_s.y());
+  linear.z_(message.linear_m_s.z());
+  auto& angular = wire.twist_().angular_();
+  angular.x_(message.angular_rad_s.x());
+  angular.y_(message.angular_rad_s.y());
+  angular.z_(message.angular_rad_s.z());
+}
+
+void FromWire(const WireOf<TwistStamped>::Type& wire, TwistStamped& message) {
+  HeaderFromWire(wire.header_(), message);
+  const auto& linear = wire.twist_().linear_();
+  message.linear_m_s = {linear.x_(), linear.y_(), linear.z_()};
+  const auto& angular = wire.twist_().angular_();
+  message.angular_rad_s = {angular.x_(), angular.y_(), angular.z_()};
+}
+
 void ToWire(const JointState& message, WireOf<JointState>::Type& wire) {
   HeaderToWire(message, wire.header_());
   wire.name_(message.name);
@@ -130,6 +150,56 @@ void FromWire(const WireOf<Image>::Type& wire, Image& message) {
   message.is_bigendian = wire.is_bigendian_() != 0;
   message.step = wire.step_();
   message.data = wire.data_();
+}
+
+void ToWire(const CompressedImage& message, WireOf<CompressedImage>::Type& wire) {
+  HeaderToWire(message, wire.header_());
+  wire.format_(message.format);
+  wire.data_(message.data);
+}
+
+void FromWire(const WireOf<CompressedImage>::Type& wire, CompressedImage& message) {
+  HeaderFromWire(wire.header_(), message);
+  message.format = wire.format_();
+  message.data = wire.data_();
+}
+
+void ToWire(const CameraInfo& message, WireOf<CameraInfo>::Type& wire) {
+  HeaderToWire(message, wire.header_());
+  wire.height_(message.height);
+  wire.width_(message.width);
+  wire.distortion_model_(message.distortion_model);
+  wire.d_(message.d);
+  wire.k_(message.k);
+  wire.r_(message.r);
+  wire.p_(message.p);
+  wire.binning_x_(message.binning_x);
+  wire.binning_y_(message.binning_y);
+  auto& roi = wire.roi_();
+  roi.x_offset_(message.roi_x_offset);
+  roi.y_offset_(message.roi_y_offset);
+  roi.height_(message.roi_height);
+  roi.width_(message.roi_width);
+  roi.do_rectify_(message.roi_do_rectify);
+}
+
+void FromWire(const WireOf<CameraInfo>::Type& wire, CameraInfo& message) {
+  HeaderFromWire(wire.header_(), message);
+  message.height = wire.height_();
+  message.width = wire.width_();
+  message.distortion_model = wire.distortion_model_();
+  message.d = wire.d_();
+  message.k = wire.k_();
+  message.r = wire.r_();
+  message.p = wire.p_();
+  message.binning_x = wire.binning_x_();
+  message.binning_y = wire.binning_y_();
+  const auto& roi = wire.roi_();
+  message.roi_x_offset = roi.x_offset_();
+  message.roi_y_offset = roi.y_offset_();
+  message.roi_height = roi.height_();
+  message.roi_width = roi.width_();
+  message.roi_do_rectify = roi.do_rectify_();
 }
 
 void ToWire(const Text& message, WireOf<Text>::Type& wire) { wire.data_(message.text); }

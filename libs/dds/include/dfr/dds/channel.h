@@ -91,18 +91,24 @@ class Subscriber {
 };
 
 extern template class Publisher<PoseStamped>;
+extern template class Publisher<TwistStamped>;
 extern template class Publisher<JointState>;
 extern template class Publisher<OperatingState>;
 extern template class Publisher<StringStamped>;
 extern template class Publisher<Image>;
+extern template class Publisher<CompressedImage>;
+extern template class Publisher<CameraInfo>;
 extern template class Publisher<Text>;
 extern template class Publisher<Flag>;
 extern template class Publisher<Signal>;
 extern template class Subscriber<PoseStamped>;
+extern template class Subscriber<TwistStamped>;
 extern template class Subscriber<JointState>;
 extern template class Subscriber<OperatingState>;
 extern template class Subscriber<StringStamped>;
 extern template class Subscriber<Image>;
+extern template class Subscriber<CompressedImage>;
+extern template class Subscriber<CameraInfo>;
 extern template class Subscriber<Text>;
 extern template class Subscriber<Flag>;
 extern template class Subscriber<Signal>;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -30,6 +31,14 @@ struct PoseStamped {
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   /// As received: not normalised, not checked.
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
+};
+
+/// geometry_msgs/TwistStamped: measured_cv.
+struct TwistStamped {
+  Stamp stamp;
+  std::string frame_id;
+  Eigen::Vector3d linear_m_s = Eigen::Vector3d::Zero();
+  Eigen::Vector3d angular_rad_s = Eigen::Vector3d::Zero();
 };
 
 /// sensor_msgs/JointState: measured_js, servo_jp, jaw/measured_js, ... Each vector may be empty.
@@ -68,6 +77,34 @@ struct Image {
   bool is_bigendian = false;
   std::uint32_t step = 0;
   std::vector<std::uint8_t> data;
+};
+
+/// sensor_msgs/CompressedImage: image_raw/compressed.
+struct CompressedImage {
+  Stamp stamp;
+  std::string frame_id;
+  std::string format;  ///< "jpeg", "png", or as image_transport writes it, "bgr8; jpeg compressed".
+  std::vector<std::uint8_t> data;
+};
+
+/// sensor_msgs/CameraInfo: camera_info. Matrices by rows.
+struct CameraInfo {
+  Stamp stamp;
+  std::string frame_id;
+  std::uint32_t height = 0;
+  std::uint32_t width = 0;
+  std::string distortion_model;    ///< "plumb_bob", "rational_polynomial", ...
+  std::vector<double> d;           ///< Distortion; plumb_bob: k1, k2, p1, p2, k3.
+  std::array<double, 9> k{};       ///< fx 0 cx, 0 fy cy, 0 0 1: of the image as it comes.
+  std::array<double, 9> r{};       ///< Rectifying rotation; identity with one camera.
+  std::array<double, 12> p{};      ///< Of the rectified image, 3 x 4.
+  std::uint32_t binning_x = 0;     ///< Pixels made into one; 0 is 1.
+  std::uint32_t binning_y = 0;     ///< The same.
+  std::uint32_t roi_x_offset = 0;  ///< Region of interest; all zero is the whole image.
+  std::uint32_t roi_y_offset = 0;
+  std::uint32_t roi_height = 0;
+  std::uint32_t roi_width = 0;
+  bool roi_do_rectify = false;
 };
 
 /// std_msgs/String: error, warning, status.
