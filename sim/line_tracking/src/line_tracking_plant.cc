@@ -19,12 +19,10 @@ using internal::GauzeLine;
 using kinematics::PlatformPose;
 using kinematics::Psm;
 using kinematics::PsmJoints;
-using kinematics::PsmReach;
 using kinematics::SprkPlatform;
 
 constexpr double kPi = 3.14159265358979323846;
 constexpr double kMillimetre = 1e3;
-constexpr double kHeadingScale = 10.0;   // mm per rad
 constexpr double kSampleTime = 0.02;     // s, between two looks at the tip's distance
 constexpr double kArmLag = 0.02;         // s, of the joints behind their readings
 constexpr double kHover = 0.0025;        // m, the tip above the gauze at the start
@@ -35,6 +33,13 @@ constexpr int kMaxLooks = 3;
 
 // Streams of random numbers below an episode's seed.
 enum Purpose : std::uint64_t { kLineStream, kDisturbanceStream, kLightStream, kNoiseStream };
+
+LineTrackingCalibration TrueCalibration() {
+  LineTrackingCalibration truth;
+  truth.camera = LineTrackingPlant::true_camera();
+  truth.p_base_cam = LineTrackingPlant::p_world_base().inverse() * LineTrackingPlant::p_world_cam();
+  return truth;
+}
 
 // The positioning error of the individual platform: waves over its workspace, whose RMS is the
 // published one.
@@ -76,45 +81,23 @@ PlatformPose Plus(const PlatformPose& a, const PlatformPose& b) noexcept {
   return {a.translation_m + b.translation_m, a.angles_rad + b.angles_rad};
 }
 
-// The orientation that the tool holds, in the base frame: that of the arm's home.
-Eigen::Matrix3d ToolRotation() noexcept {
-  PsmJoints home = PsmJoints::Zero();
-  home[2] = 0.12;
-  return Psm::Forward(home).linear();
-}
-
-core::StateLayout MakeLayout() {
-  core::StateLayout layout;
-  layout.Add("tip", 2);
-  layout.Add("distance", 1);
-  layout.Add("heading", 1);
-  return layout;
-}
-
 }  // namespace
 
 struct LineTrackingPlant::World {
   LineTrackingOptions options;
-  LineTrackingCalibration calibration;
-  core::StateLayout layout = MakeLayout();
+  line_task::LineTask task;
   ArmError arm_error;
   PlatformError platform_error;
   Endoscope endoscope;
-  vision::LineTarget target = LineTrackingPlant::target();
   internal::SceneModel scene;
-  vision::LineVisionOptions vision;
-  Eigen::Isometry3d base_from_world = p_world_base().inverse();
-  Eigen::Isometry3d cam_from_world = p_world_cam().inverse();
-  Eigen::Isometry3d known_world_cam;
-  Eigen::Isometry3d known_cam_from_world;
-  Eigen::Matrix3d tool_rotation = ToolRotation();
 
   World(const LineTrackingOptions& o, const LineTrackingCalibration* known)
       : options(o),
+        task(known != nullptr ? *known : TrueCalibration(), p_world_base()),
         arm_error(o.arm),
         platform_error(o.platform_seed),
         endoscope(true_camera()),
-        scene({p_world_base(), p_world_cam(), endoscope.pinhole_fovy_rad(), target.marks_m}) {
+        scene({p_world_base(), p_world_cam(), endoscope.pinhole_fovy_rad(), target().marks_m}) {
     const EndoscopeOptions& e = options.endoscope;
     DFR_THROW_UNLESS(e.light_change >= 0 && e.light_change <= 0.6,
                      "endoscope: light_change must lie in [0, 0.6], not " << e.light_change);
@@ -134,27 +117,6 @@ struct LineTrackingPlant::World {
         options.disturbance.pause_s >= 0 && options.disturbance.pause_s <= 10,
         "line tracking: pause_s must lie in [0, 10], not " << options.disturbance.pause_s);
     static_cast<void>(Disturbance(options.disturbance, 0));  // checks it
-    if (known != nullptr) {
-      calibration = *known;
-    } else {
-      calibration.camera = true_camera();
-      calibration.p_base_cam = base_from_world * p_world_cam();
-    }
-    known_world_cam = p_world_base() * calibration.p_base_cam;
-    known_cam_from_world = known_world_cam.inverse();
-    vision.target = target;
-    vision.p_cam_target = known_cam_from_world;  // at home the gauze's frame is the world's
-  }
-
-  // The encoder readings to command for a tip position, as the calibration has it.
-  [[nodiscard]] bool Reading(const Eigen::Vector3d& tip_world, PsmJoints& reading) const noexcept {
-    Eigen::Isometry3d wrist = Eigen::Isometry3d::Identity();
-    wrist.linear() = tool_rotation;
-    wrist.translation() = base_from_world * tip_world - tool_rotation.col(2) * Psm::kJawLength;
-    PsmJoints q;
-    if (Psm::Inverse(wrist, q) != PsmReach::kOk) return false;
-    reading = calibration.arm.Invert(q);
-    return Psm::WithinLimits(reading);
   }
 };
 
@@ -197,7 +159,8 @@ LineTrackingPlant::LineTrackingPlant(std::shared_ptr<const World> world)
       state_(std::make_unique<State>()),
       simulation_(new Simulation{internal::SceneData(world_->scene), {}, {}}),
       image_(std::make_unique<std::uint8_t[]>(world_->endoscope.image_size())) {
-  vision_ = std::make_unique<vision::LineVision>(world_->calibration.camera, world_->vision);
+  vision_ = std::make_unique<vision::LineVision>(world_->task.calibration().camera,
+                                                 world_->task.vision());
   if (world_->options.observation == Observation::kVision) {
     simulation_->endoscope.emplace(world_->scene, false);
   }
@@ -205,10 +168,12 @@ LineTrackingPlant::LineTrackingPlant(std::shared_ptr<const World> world)
 
 LineTrackingPlant::~LineTrackingPlant() = default;
 
-const core::StateLayout& LineTrackingPlant::layout() const noexcept { return world_->layout; }
+const core::StateLayout& LineTrackingPlant::layout() const noexcept {
+  return world_->task.layout();
+}
 const LineTrackingOptions& LineTrackingPlant::options() const noexcept { return world_->options; }
 const LineTrackingCalibration& LineTrackingPlant::calibration() const noexcept {
-  return world_->calibration;
+  return world_->task.calibration();
 }
 const Endoscope& LineTrackingPlant::endoscope() const noexcept { return world_->endoscope; }
 const vision::LineObservation& LineTrackingPlant::last_observation() const noexcept {
@@ -251,13 +216,7 @@ vision::CameraModel LineTrackingPlant::true_camera() noexcept {
   return camera;
 }
 
-vision::LineTarget LineTrackingPlant::target() {
-  vision::LineTarget target;
-  for (double y : {-0.0265, 0.0265}) {
-    for (double x : {-0.038, -0.0127, 0.0127, 0.038}) target.marks_m.emplace_back(x, y);
-  }
-  return target;
-}
+vision::LineTarget LineTrackingPlant::target() { return line_task::StandardTarget(); }
 
 void LineTrackingPlant::Reset(std::uint64_t seed) {
   State& s = *state_;
@@ -306,7 +265,7 @@ void LineTrackingPlant::Reset(std::uint64_t seed) {
 
 bool LineTrackingPlant::MoveTip(const Eigen::Vector3d& tip_m) noexcept {
   PsmJoints reading;
-  if (!tip_m.allFinite() || !world_->Reading(tip_m, reading)) return false;
+  if (!tip_m.allFinite() || !world_->task.Reading(tip_m, reading)) return false;
   state_->command_m = tip_m;
   state_->reading = reading;
   Place();
@@ -335,7 +294,7 @@ PsmJoints LineTrackingPlant::true_joints() const noexcept {
 }
 
 Eigen::Vector3d LineTrackingPlant::reported_tip_m() const noexcept {
-  return p_world_base() * Psm::Tip(world_->calibration.arm.Apply(state_->reading));
+  return world_->task.Tip(state_->reading);
 }
 
 // Joints and platform to where the state has them. After every change of it.
@@ -363,8 +322,9 @@ LineTrackingTruth LineTrackingPlant::truth() const noexcept {
 
 std::array<double, 4> LineTrackingPlant::TrueState() const noexcept {
   const LineTrackingTruth t = truth();
-  return {kMillimetre * t.tip_m.x(), kMillimetre * t.tip_m.y(), kMillimetre * t.distance_m,
-          kHeadingScale * t.heading_rad};
+  std::array<double, 4> state;
+  line_task::LineTask::State(t.tip_m, t.distance_m, t.heading_rad, state);
+  return state;
 }
 
 // The arm goes from one reading to the other while the platform follows the disturbance.
@@ -395,11 +355,10 @@ core::PlantStatus LineTrackingPlant::Apply(std::span<const double> control) noex
   if (control.size() != 2) return core::PlantStatus::kRefused;
   if (!std::isfinite(control[0]) || !std::isfinite(control[1])) return core::PlantStatus::kRefused;
   State& s = *state_;
-  const Eigen::Vector3d step(kStep * std::clamp(control[0], -1.0, 1.0),
-                             kStep * std::clamp(control[1], -1.0, 1.0), 0.0);
+  const Eigen::Vector3d step = line_task::LineTask::Displacement(control);
   const Eigen::Vector3d goal = s.command_m + step;
   PsmJoints reading;
-  if (!world_->Reading(goal, reading)) return core::PlantStatus::kRefused;
+  if (!world_->task.Reading(goal, reading)) return core::PlantStatus::kRefused;
   const PsmJoints from = s.reading;
   s.command_m = goal;
   Travel(from, reading, step.norm() / kSpeed);
@@ -426,9 +385,7 @@ void LineTrackingPlant::Look() noexcept {
     s.observed = TrueState();
     return;
   }
-  // The arm knows how high its tip is, the camera does not.
-  const Eigen::Vector3d up = w.known_cam_from_world.linear() * Eigen::Vector3d::UnitZ();
-  const Eigen::Hyperplane<double, 3> tip_plane(up, w.known_cam_from_world * reported_tip_m());
+  const Eigen::Hyperplane<double, 3> tip_plane = w.task.TipPlane(s.reading);
   for (int look = 0; look < kMaxLooks; ++look) {
     if (s.fault != CameraFault::kFrozen) {
       ++s.pictures;
@@ -437,14 +394,7 @@ void LineTrackingPlant::Look() noexcept {
     s.seen = vision_->Observe(w.endoscope.View(image_.get()), tip_plane);
     if (s.seen.seen()) break;
   }
-  if (!s.seen.seen()) {
-    s.observed.fill(std::numeric_limits<double>::quiet_NaN());
-    return;
-  }
-  const Eigen::Vector3d tip = w.known_world_cam * s.seen.p_cam_tip;
-  const Eigen::Vector3d tangent = w.known_world_cam.linear() * s.seen.tangent_cam;
-  s.observed = {kMillimetre * tip.x(), kMillimetre * tip.y(), kMillimetre * s.seen.distance_m,
-                kHeadingScale * std::atan2(tangent.y(), tangent.x())};
+  w.task.State(s.seen, s.observed);
 }
 
 void LineTrackingPlant::RenderEndoscope(std::span<std::uint8_t> bgr) const {

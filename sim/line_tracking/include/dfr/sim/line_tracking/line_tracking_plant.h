@@ -11,6 +11,7 @@
 #include "dfr/core/plant.h"
 #include "dfr/kinematics/psm.h"
 #include "dfr/kinematics/sprk_platform.h"
+#include "dfr/line_task/line_task.h"
 #include "dfr/sim/line_tracking/arm_error.h"
 #include "dfr/sim/line_tracking/disturbance.h"
 #include "dfr/sim/line_tracking/endoscope.h"
@@ -38,13 +39,7 @@ enum class CameraFault {
   kNoTip,        ///< The end-effector is not in the picture.
 };
 
-/// What is known of camera and arm: what a calibration finds, and what vision works with.
-struct LineTrackingCalibration {
-  vision::CameraModel camera;
-  Eigen::Isometry3d p_base_cam =
-      Eigen::Isometry3d::Identity();  ///< Camera in the arm's base frame.
-  kinematics::PsmCorrection arm;
-};
+using LineTrackingCalibration = line_task::LineCalibration;
 
 /// Light and optics of the simulated endoscope. Per episode and image light and glare vary by
 /// themselves.
@@ -110,10 +105,10 @@ struct LineTrackingTruth {
 /// belongs to the thread that made it; clones share the immutable scene.
 class LineTrackingPlant final : public core::SimulatedPlant {
  public:
-  static constexpr double kStep = 0.002;        ///< m per unit of control.
-  static constexpr double kSpeed = 0.010;       ///< m/s of the tool.
-  static constexpr double kCollision = 0.004;   ///< m
-  static constexpr double kCompletion = 0.040;  ///< m
+  static constexpr double kStep = line_task::LineTask::kStep;            ///< m per unit of control.
+  static constexpr double kSpeed = line_task::LineTask::kSpeed;          ///< m/s of the tool.
+  static constexpr double kCollision = line_task::LineTask::kCollision;  ///< m
+  static constexpr double kCompletion = line_task::LineTask::kCompletion;  ///< m
 
   /// @param calibration  what vision and commands take for true; nullptr: the true camera, at its
   ///   true place, and an uncorrected arm.

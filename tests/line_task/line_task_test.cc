@@ -1,0 +1,114 @@
+#include "dfr/line_task/line_task.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "dfr/core/random.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::line_task {
+namespace {
+
+using kinematics::Psm;
+using kinematics::PsmJoints;
+
+PsmJoints Home() {
+  PsmJoints home = PsmJoints::Zero();
+  home[2] = 0.12;
+  return home;
+}
+
+// At home the tip is in the world's origin, and the arm comes straight down; the camera looks down
+// from 0.1 m, its x along the world's.
+LineTask StraightTask(const kinematics::PsmCorrection& arm = {}) {
+  Eigen::Isometry3d p_world_base = Eigen::Isometry3d::Identity();
+  p_world_base.translation() = -Psm::Tip(Home());
+  Eigen::Isometry3d p_world_cam = Eigen::Isometry3d::Identity();
+  p_world_cam.linear() = Eigen::Vector3d(1.0, -1.0, -1.0).asDiagonal();
+  p_world_cam.translation().z() = 0.1;
+  LineCalibration calibration;
+  calibration.p_base_cam = p_world_base.inverse() * p_world_cam;
+  calibration.arm = arm;
+  return {calibration, p_world_base};
+}
+
+kinematics::PsmCorrection SomeCorrection() {
+  kinematics::PsmCorrection arm;
+  arm.offset << 0.02, -0.01, 0.002, 0.03, 0.01, -0.02;
+  arm.scale << 0.01, -0.02, 0.015, 0.0, 0.02, 0.01;
+  arm.reference = Home();
+  return arm;
+}
+
+TEST(LineTaskTest, ReadingsPutTheTipThereUprightWhateverTheArmsErrors) {
+  const LineTask task = StraightTask(SomeCorrection());
+  core::Random random(3);
+  for (int i = 0; i < 100; ++i) {
+    const Eigen::Vector3d tip(random.Uniform(-0.03, 0.03), random.Uniform(-0.03, 0.03),
+                              random.Uniform(-0.01, 0.02));
+    PsmJoints reading;
+    ASSERT_TRUE(task.Reading(tip, reading));
+    // Rounding of a chain of six joints, lengths below 0.5 m.
+    EXPECT_LT((task.Tip(reading) - tip).norm(), 1e-14);
+    const Eigen::Isometry3d truth = Psm::Forward(task.calibration().arm.Apply(reading));
+    EXPECT_LT((truth.linear() - Psm::Forward(Home()).linear()).norm(), 1e-13);
+  }
+}
+
+TEST(LineTaskTest, RefusesWhereTheArmCannotReach) {
+  const LineTask task = StraightTask();
+  PsmJoints reading;
+  EXPECT_FALSE(task.Reading({0.0, 0.0, -0.5}, reading));
+  EXPECT_FALSE(task.Reading({std::numeric_limits<double>::quiet_NaN(), 0.0, 0.0}, reading));
+}
+
+TEST(LineTaskTest, ControlsAreTwoMillimetresAUnitAndSaturate) {
+  EXPECT_EQ(LineTask::Displacement(std::array{0.5, -0.25}), Eigen::Vector3d(0.001, -0.0005, 0.0));
+  EXPECT_EQ(LineTask::Displacement(std::array{7.0, -1.5}), Eigen::Vector3d(0.002, -0.002, 0.0));
+}
+
+TEST(LineTaskTest, StatesAreInTheWorldFrameInMillimetres) {
+  const LineTask task = StraightTask();
+  vision::LineObservation seen;
+  seen.missing = vision::NotSeen::kNothing;
+  // The camera's y and z point against the world's.
+  seen.p_cam_tip = {0.004, -0.003, 0.09};
+  seen.distance_m = -0.0015;
+  seen.tangent_cam = {std::cos(0.2), -std::sin(0.2), 0.0};
+  std::array<double, 4> state{};
+  task.State(seen, state);
+  const std::array<double, 4> expected = {4.0, 3.0, -1.5, 2.0};
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_NEAR(state[i], expected[i], 1e-12) << i;
+
+  seen.missing = vision::NotSeen::kLine;
+  task.State(seen, state);
+  for (const double entry : state) EXPECT_TRUE(std::isnan(entry));
+}
+
+TEST(LineTaskTest, TheTipIsOnItsPlaneAndThePlaneIsLevel) {
+  const LineTask task = StraightTask(SomeCorrection());
+  PsmJoints reading;
+  ASSERT_TRUE(task.Reading({0.01, -0.02, 0.004}, reading));
+  const Eigen::Hyperplane<double, 3> plane = task.TipPlane(reading);
+  // The tip at height 4 mm is 96 mm before the camera, as is everything at that height.
+  EXPECT_NEAR(plane.signedDistance(Eigen::Vector3d(0.01, 0.02, 0.096)), 0.0, 1e-14);
+  EXPECT_NEAR(plane.signedDistance(Eigen::Vector3d(-0.03, 0.0, 0.096)), 0.0, 1e-14);
+  EXPECT_NEAR(plane.absDistance(Eigen::Vector3d(0.0, 0.0, 0.1)), 0.004, 1e-14);
+}
+
+TEST(LineTaskTest, NeverAllocates) {
+  const LineTask task = StraightTask();
+  const vision::LineObservation unseen;
+  std::array<double, 4> state{};
+  PsmJoints reading;
+  const test::NoAlloc no_alloc;
+  ASSERT_TRUE(task.Reading(LineTask::Displacement(std::array{1.0, 1.0}), reading));
+  static_cast<void>(task.TipPlane(reading));
+  task.State(unseen, state);
+}
+
+}  // namespace
+}  // namespace dfr::line_task

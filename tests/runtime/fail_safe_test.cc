@@ -1,0 +1,213 @@
+#include "dfr/runtime/fail_safe.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <set>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "tests/support/no_alloc.h"
+
+namespace dfr::runtime {
+namespace {
+
+constexpr std::int64_t kPeriod = 10'000'000;  // ns
+
+// A machine and its loop's clock.
+struct Loop {
+  FailSafe machine{FailSafeOptions{.max_period_s = 0.05, .calm_s = 0.1}};
+  std::int64_t now_ns = 1'000'000'000;
+
+  void Tick(int periods = 1) {
+    for (int i = 0; i < periods; ++i) {
+      now_ns += kPeriod;
+      machine.Tick(now_ns);
+    }
+  }
+  void Bring(RunState state) {
+    Tick();
+    if (state == RunState::kIdle) return;
+    if (state == RunState::kFaulted) return machine.Doubted(Doubt::kArmSilent);
+    ASSERT_TRUE(machine.Arm());
+    if (state == RunState::kHolding) return machine.Doubted(Doubt::kOperator);
+    if (state == RunState::kArmed) return;
+    ASSERT_TRUE(machine.Start());
+    machine.Recovering(state == RunState::kRecovering);
+  }
+};
+
+constexpr std::array kAllStates = {RunState::kIdle,       RunState::kArmed,   RunState::kRunning,
+                                   RunState::kRecovering, RunState::kHolding, RunState::kFaulted};
+static_assert(kAllStates.size() == kNumRunStates);
+
+TEST(FailSafeTest, EveryDoubtEndsInStandingStillInEveryState) {
+  for (const RunState state : kAllStates) {
+    for (int d = 1; d < kNumDoubts; ++d) {
+      const auto doubt = static_cast<Doubt>(d);
+      SCOPED_TRACE(std::string(Name(state)) + ", " + Name(doubt));
+      Loop loop;
+      loop.Bring(state);
+      ASSERT_EQ(loop.machine.state(), state);
+      loop.machine.Doubted(doubt);
+      EXPECT_FALSE(loop.machine.may_move());
+      if (IsFault(doubt) || state == RunState::kFaulted) {
+        EXPECT_EQ(loop.machine.state(), RunState::kFaulted);
+      } else if (state == RunState::kIdle) {
+        EXPECT_EQ(loop.machine.state(), RunState::kIdle);
+      } else {
+        EXPECT_EQ(loop.machine.state(), RunState::kHolding);
+      }
+      EXPECT_FALSE(loop.machine.Arm()) << "while it is in doubt";
+    }
+  }
+}
+
+TEST(FailSafeTest, NothingButAnOperatorMakesItMoveAgain) {
+  for (int d = 1; d < kNumDoubts; ++d) {
+    const auto doubt = static_cast<Doubt>(d);
+    SCOPED_TRACE(Name(doubt));
+    Loop loop;
+    loop.Bring(RunState::kRunning);
+    loop.machine.Doubted(doubt);
+    // The doubt is gone for a long time.
+    for (int i = 0; i < 1000; ++i) {
+      loop.Tick();
+      loop.machine.Recovering(i % 2 == 0);
+      loop.machine.Done();
+      ASSERT_FALSE(loop.machine.may_move());
+    }
+    EXPECT_FALSE(loop.machine.Start()) << "it has to be armed first";
+    if (IsFault(doubt)) {
+      EXPECT_FALSE(loop.machine.Arm()) << "a fault has to be cleared first";
+      EXPECT_TRUE(loop.machine.Clear());
+    }
+    EXPECT_TRUE(loop.machine.Arm());
+    EXPECT_TRUE(loop.machine.Start());
+    EXPECT_TRUE(loop.machine.may_move());
+  }
+}
+
+TEST(FailSafeTest, IsArmedOnlyAfterATimeWithoutDoubt) {
+  Loop loop;
+  EXPECT_FALSE(loop.machine.Arm()) << "its loop does not run yet";
+  loop.Tick();
+  loop.machine.Doubted(Doubt::kNotSeen);
+  EXPECT_EQ(loop.machine.state(), RunState::kIdle);
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_EQ(loop.machine.blocking(), Doubt::kNotSeen);
+    EXPECT_FALSE(loop.machine.Arm());
+    loop.Tick();
+  }
+  loop.Tick();  // 0.11 s later
+  EXPECT_EQ(loop.machine.blocking(), Doubt::kNone);
+  EXPECT_TRUE(loop.machine.Arm());
+}
+
+TEST(FailSafeTest, AFaultCannotBeClearedWhileItLasts) {
+  Loop loop;
+  loop.Bring(RunState::kRunning);
+  for (int i = 0; i < 100; ++i) {
+    loop.Tick();
+    loop.machine.Doubted(Doubt::kEmergencyStop);
+    ASSERT_FALSE(loop.machine.Clear());
+  }
+  loop.Tick(11);
+  EXPECT_TRUE(loop.machine.Clear());
+  EXPECT_EQ(loop.machine.state(), RunState::kIdle);
+}
+
+TEST(FailSafeTest, ALateLoopIsAFault) {
+  Loop loop;
+  loop.Bring(RunState::kRunning);
+  loop.Tick(100);
+  EXPECT_TRUE(loop.machine.may_move());
+  loop.machine.Tick(loop.now_ns + 50'000'000);
+  EXPECT_TRUE(loop.machine.may_move()) << "just within the limit";
+  loop.machine.Tick(loop.now_ns + 100'000'001);
+  EXPECT_EQ(loop.machine.state(), RunState::kFaulted);
+
+  Loop backwards;
+  backwards.Bring(RunState::kRunning);
+  backwards.machine.Tick(backwards.now_ns - 1);
+  EXPECT_EQ(backwards.machine.state(), RunState::kFaulted);
+}
+
+TEST(FailSafeTest, LogsEveryTransitionWithItsCause) {
+  Loop loop;
+  loop.Bring(RunState::kRunning);
+  loop.machine.Recovering(true);
+  loop.machine.Recovering(true);  // no change
+  loop.machine.Recovering(false);
+  loop.Tick();
+  loop.machine.Doubted(Doubt::kControllerHalted, "no-progress");
+  loop.machine.Doubted(Doubt::kArmSilent, std::string(200, 'x'));
+  loop.machine.Doubted(Doubt::kImageOld, "too late to matter");
+
+  struct Expected {
+    RunState from, to;
+    Doubt doubt;
+    std::string detail;
+  };
+  const std::vector<Expected> expected = {
+      {RunState::kIdle, RunState::kArmed, Doubt::kNone, ""},
+      {RunState::kArmed, RunState::kRunning, Doubt::kNone, ""},
+      {RunState::kRunning, RunState::kRecovering, Doubt::kNone, ""},
+      {RunState::kRecovering, RunState::kRunning, Doubt::kNone, ""},
+      {RunState::kRunning, RunState::kHolding, Doubt::kControllerHalted, "no-progress"},
+      {RunState::kHolding, RunState::kFaulted, Doubt::kArmSilent, std::string(95, 'x')},
+  };
+  for (const Expected& e : expected) {
+    Transition t;
+    ASSERT_TRUE(loop.machine.Take(t));
+    EXPECT_EQ(t.from, e.from);
+    EXPECT_EQ(t.to, e.to);
+    EXPECT_EQ(t.doubt, e.doubt);
+    EXPECT_EQ(t.detail.data(), e.detail);
+    EXPECT_LE(t.steady_ns, loop.now_ns);
+  }
+  Transition none;
+  EXPECT_FALSE(loop.machine.Take(none));
+}
+
+TEST(FailSafeTest, ALogThatNobodyReadsLosesTheNewestAndSaysSo) {
+  Loop loop;
+  loop.Bring(RunState::kRunning);  // two transitions
+  for (int i = 0; i < 100; ++i) loop.machine.Recovering(i % 2 == 0);
+  EXPECT_EQ(loop.machine.lost_transitions(), 102 - 64);
+  int taken = 0;
+  Transition t;
+  while (loop.machine.Take(t)) ++taken;
+  EXPECT_EQ(taken, 64);
+}
+
+TEST(FailSafeTest, EveryDoubtAndStateHasANameOfItsOwn) {
+  std::set<std::string> names;
+  for (int i = 0; i < kNumDoubts; ++i) names.insert(Name(static_cast<Doubt>(i)));
+  EXPECT_EQ(names.size(), static_cast<std::size_t>(kNumDoubts));
+  EXPECT_EQ(names.count("?"), 0U);
+  std::set<std::string> states;
+  for (const RunState state : kAllStates) states.insert(Name(state));
+  EXPECT_EQ(states.size(), static_cast<std::size_t>(kNumRunStates));
+}
+
+TEST(FailSafeTest, ThrowsForOptionsOutOfRange) {
+  EXPECT_THROW(FailSafe({.max_period_s = 0.0, .calm_s = 0.1}), std::invalid_argument);
+  EXPECT_THROW(FailSafe({.max_period_s = 0.1, .calm_s = -1.0}), std::invalid_argument);
+}
+
+TEST(FailSafeTest, NeverAllocates) {
+  Loop loop;
+  Transition t;
+  const test::NoAlloc no_alloc;
+  loop.Bring(RunState::kRecovering);
+  loop.machine.Doubted(Doubt::kArmJump, "a detail that is longer than a short string can hold");
+  loop.Tick(20);
+  ASSERT_TRUE(loop.machine.Clear());
+  while (loop.machine.Take(t)) {
+  }
+}
+
+}  // namespace
+}  // namespace dfr::runtime
