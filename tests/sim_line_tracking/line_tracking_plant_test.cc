@@ -163,6 +163,71 @@ TEST(LineTrackingPlantTest, DisturbanceStopsWithHalt) {
   EXPECT_EQ(plant.truth().p_world_gauze.translation(), before);
 }
 
+// An arm and a clock of somebody else's, with the readings that Apply() goes through.
+TEST(LineTrackingPlantTest, DrivenByReadingsItDoesWhatItDoesByControls) {
+  LineTrackingOptions options = Truth(Wave::kRandom);
+  options.disturbance.between = true;
+  for (const bool during : {true, false}) {
+    options.disturbance.during = during;
+    LineTrackingPlant plant(options);
+    plant.Reset(7);
+    const auto copy = plant.Clone();
+    auto& driven = static_cast<LineTrackingPlant&>(*copy);
+    for (int i = 0; i < 40; ++i) {
+      const std::array<double, 2> u = {0.5 + 0.4 * std::sin(i), 0.5 * std::cos(3.0 * i)};
+      const kinematics::PsmJoints from = driven.reported_joints();
+      ASSERT_EQ(plant.Apply(u), PlantStatus::kOk);
+      const kinematics::PsmJoints to = plant.reported_joints();
+      const double duration_s =
+          LineTrackingPlant::kStep * std::hypot(u[0], u[1]) / LineTrackingPlant::kSpeed;
+      const int samples = static_cast<int>(std::ceil(duration_s / 0.02));
+      const double dt_s = duration_s / samples;
+      const test::NoAlloc guard;
+      for (int k = 1; k <= samples; ++k) {
+        const kinematics::PsmJoints target =
+            from + (to - from) * (static_cast<double>(k) / samples);
+        const kinematics::PsmJoints now = driven.reported_joints();
+        driven.Drive(now + (1.0 - std::exp(-dt_s / 0.02)) * (target - now), dt_s, during);
+      }
+      driven.Rest(to);
+    }
+    EXPECT_EQ(driven.TrueState(), plant.TrueState());
+    EXPECT_EQ(driven.collided(), plant.collided());
+    EXPECT_EQ(driven.platform_pose().translation_m, plant.platform_pose().translation_m);
+  }
+}
+
+// A platform that nothing moves on settles where it is commanded to be, with its time constant.
+TEST(LineTrackingPlantTest, DrivenPlatformLagsBehindItsCommand) {
+  LineTrackingPlant plant(Truth(Wave::kRandom));
+  plant.Reset(7);
+  const kinematics::PsmJoints reading = plant.reported_joints();
+  for (int i = 0; i < 500; ++i) plant.Drive(reading, 2e-3, true);
+  const Eigen::Vector3d there = plant.platform_setpoint().translation_m;
+  const double behind = (plant.platform_pose().translation_m - there).norm();
+  ASSERT_GT(behind, 2e-5);
+  for (int i = 0; i < 100; ++i) plant.Drive(reading, 2e-3, false);
+  EXPECT_EQ(plant.platform_setpoint().translation_m, there);
+  EXPECT_NEAR((plant.platform_pose().translation_m - there).norm(), std::exp(-1.0) * behind, 1e-12);
+  plant.Rest(reading);
+  EXPECT_EQ(plant.platform_pose().translation_m, there);
+}
+
+TEST(LineTrackingPlantTest, PicturesCountedByOthersAreThoseThatLookTakes) {
+  LineTrackingPlant plant;
+  plant.Reset(8);  // takes the first
+  plant.Look();
+  std::vector<std::uint8_t> second(plant.endoscope().image_size());
+  plant.RenderEndoscope(second);
+  std::vector<std::uint8_t> counted(second.size());
+  LineTrackingPlant other(Truth());  // takes none
+  other.Reset(8);
+  other.RenderPicture(2, counted);
+  EXPECT_EQ(counted, second);
+  other.RenderPicture(3, counted);
+  EXPECT_NE(counted, second);
+}
+
 TEST(LineTrackingPlantTest, CloneContinuesBitForBitAndSeedsDecideEverything) {
   for (const Observation observation : {Observation::kGroundTruth, Observation::kVision}) {
     LineTrackingOptions options = Truth(Wave::kRandom);

@@ -330,26 +330,51 @@ std::array<double, 4> LineTrackingPlant::TrueState() const noexcept {
 // The arm goes from one reading to the other while the platform follows the disturbance.
 void LineTrackingPlant::Travel(const PsmJoints& from, const PsmJoints& to,
                                double duration_s) noexcept {
-  State& s = *state_;
-  const bool moves = world_->options.disturbance.during && !s.halted;
+  const State& s = *state_;
   const int samples = std::max(1, static_cast<int>(std::ceil(duration_s / kSampleTime)));
   const double dt = duration_s / samples;
-  const double follow = 1.0 - std::exp(-dt / SprkPlatform::kTimeConstant);
   const double arm_follow = 1.0 - std::exp(-dt / kArmLag);
   for (int i = 1; i <= samples; ++i) {
     const PsmJoints target = from + (to - from) * (static_cast<double>(i) / samples);
-    s.reading += arm_follow * (target - s.reading);
-    s.arm_time_s += dt;
-    if (moves) {
-      s.time_s += dt;
-      const PlatformPose command = Plus(s.disturbance.At(s.time_s), s.offset);
-      s.platform.translation_m += follow * (command.translation_m - s.platform.translation_m);
-      s.platform.angles_rad += follow * (command.angles_rad - s.platform.angles_rad);
-    }
-    Place();
-    if (std::abs(truth().distance_m) > kCollision) s.collided = true;
+    Drive(s.reading + arm_follow * (target - s.reading), dt, world_->options.disturbance.during);
   }
 }
+
+void LineTrackingPlant::Drive(const PsmJoints& reading, double dt_s, bool platform_moves) noexcept {
+  State& s = *state_;
+  s.reading = reading;
+  s.arm_time_s += dt_s;
+  if (!s.halted) {
+    if (platform_moves) s.time_s += dt_s;
+    const double follow = 1.0 - std::exp(-dt_s / SprkPlatform::kTimeConstant);
+    const PlatformPose command = platform_setpoint();
+    s.platform.translation_m += follow * (command.translation_m - s.platform.translation_m);
+    s.platform.angles_rad += follow * (command.angles_rad - s.platform.angles_rad);
+  }
+  Place();
+  if (std::abs(truth().distance_m) > kCollision) s.collided = true;
+}
+
+void LineTrackingPlant::Rest(const PsmJoints& reading) noexcept {
+  // The lags die out while the disturbance holds still.
+  State& s = *state_;
+  s.reading = reading;
+  const DisturbanceOptions& disturbance = world_->options.disturbance;
+  if (!s.halted) s.platform = platform_setpoint();
+  Place();
+  if (std::abs(truth().distance_m) > kCollision) s.collided = true;
+  if (s.halted || !disturbance.between) return;
+  s.time_s += disturbance.pause_s;
+  s.platform = platform_setpoint();
+  Place();
+  if (std::abs(truth().distance_m) > kCollision) s.collided = true;
+}
+
+PlatformPose LineTrackingPlant::platform_setpoint() const noexcept {
+  return Plus(state_->disturbance.At(state_->time_s), state_->offset);
+}
+
+PlatformPose LineTrackingPlant::platform_pose() const noexcept { return state_->platform; }
 
 core::PlantStatus LineTrackingPlant::Apply(std::span<const double> control) noexcept {
   if (control.size() != 2) return core::PlantStatus::kRefused;
@@ -362,18 +387,7 @@ core::PlantStatus LineTrackingPlant::Apply(std::span<const double> control) noex
   const PsmJoints from = s.reading;
   s.command_m = goal;
   Travel(from, reading, step.norm() / kSpeed);
-  // At rest: the lags die out while the disturbance holds still.
-  s.reading = reading;
-  const DisturbanceOptions& disturbance = world_->options.disturbance;
-  if (!s.halted) s.platform = Plus(s.disturbance.At(s.time_s), s.offset);
-  Place();
-  if (std::abs(truth().distance_m) > kCollision) s.collided = true;
-  if (!s.halted && disturbance.between) {
-    s.time_s += disturbance.pause_s;
-    s.platform = Plus(s.disturbance.At(s.time_s), s.offset);
-    Place();
-    if (std::abs(truth().distance_m) > kCollision) s.collided = true;
-  }
+  Rest(reading);
   Look();
   return core::PlantStatus::kOk;
 }
@@ -398,6 +412,10 @@ void LineTrackingPlant::Look() noexcept {
 }
 
 void LineTrackingPlant::RenderEndoscope(std::span<std::uint8_t> bgr) const {
+  RenderPicture(state_->pictures, bgr);
+}
+
+void LineTrackingPlant::RenderPicture(std::uint64_t number, std::span<std::uint8_t> bgr) const {
   const State& s = *state_;
   const World& w = *world_;
   const EndoscopeOptions& o = w.options.endoscope;
@@ -407,7 +425,7 @@ void LineTrackingPlant::RenderEndoscope(std::span<std::uint8_t> bgr) const {
       simulation_->data, {s.line, s.fault != CameraFault::kNoLine, s.fault != CameraFault::kNoTip});
   EndoscopeLight light;
   // The light flickers a little and wanders over an episode.
-  const double t = 0.05 * static_cast<double>(s.pictures) + s.light_phase;
+  const double t = 0.05 * static_cast<double>(number) + s.light_phase;
   light.gain = 0.95 * (1.0 + 0.8 * o.light_change * std::sin(0.7 * t) +
                        0.2 * o.light_change * std::sin(13.0 * t));
   light.gradient = s.gradient;
@@ -421,7 +439,7 @@ void LineTrackingPlant::RenderEndoscope(std::span<std::uint8_t> bgr) const {
   } else if (s.fault == CameraFault::kOverexposed) {
     light.gain = 6.0;
   }
-  w.endoscope.Develop(pinhole, light, core::DeriveSeed(s.seed, {kNoiseStream, s.pictures}), bgr);
+  w.endoscope.Develop(pinhole, light, core::DeriveSeed(s.seed, {kNoiseStream, number}), bgr);
 }
 
 void LineTrackingPlant::RenderOutside(std::span<std::uint8_t> rgb) const {

@@ -149,6 +149,20 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   /// Takes the next picture and looks at it again, as Apply() does.
   void Look() noexcept;
 
+  /// For an arm and a clock that are somebody else's (a console's): `dt_s` later the encoders say
+  /// `reading`. The platform follows its commanded pose, which the disturbance moves on if
+  /// `platform_moves` and Halt() was not called. The tip's distance is sampled once. Where the
+  /// readings are those of Apply(), so is everything else, to the bit. Never allocates.
+  /// @pre dt_s >= 0, `reading` finite
+  void Drive(const kinematics::PsmJoints& reading, double dt_s, bool platform_moves) noexcept;
+  /// Everything comes to rest, as after a control: the encoders say `reading`, the platform is
+  /// where it is commanded, and moves on by the disturbance's pause if it acts between controls.
+  void Rest(const kinematics::PsmJoints& reading) noexcept;
+  /// Where the platform is commanded to be, and where its lag has it: what a driver can report,
+  /// for the platform's own error nobody measures.
+  [[nodiscard]] kinematics::PlatformPose platform_setpoint() const noexcept;
+  [[nodiscard]] kinematics::PlatformPose platform_pose() const noexcept;
+
   [[nodiscard]] LineTrackingTruth truth() const noexcept;
   /// The state that Observe() would report with kGroundTruth.
   [[nodiscard]] std::array<double, 4> TrueState() const noexcept;
@@ -157,6 +171,9 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   /// Renders the present scene as the endoscope shows it now, rows from the top; `bgr` has
   /// endoscope().image_size() bytes. May throw as the constructor does with kVision.
   void RenderEndoscope(std::span<std::uint8_t> bgr) const;
+  /// The same as picture `number` since Reset(), on which light and noise depend: the first that
+  /// Look() takes is 1. For those who count their pictures themselves.
+  void RenderPicture(std::uint64_t number, std::span<std::uint8_t> bgr) const;
   /// Renders arm and platform from outside, 640 x 480 RGB, rows from the top. May throw likewise.
   void RenderOutside(std::span<std::uint8_t> rgb) const;
   [[nodiscard]] const Endoscope& endoscope() const noexcept;
