@@ -1,0 +1,43 @@
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <type_traits>
+
+namespace dfr::runtime {
+
+/// Hands the newest value from one thread to another, neither of which ever waits (a triple
+/// buffer): Put() never blocks the writer, and Take() sees whole values only. What was put twice
+/// between two calls of Take() is lost but for the newest.
+///
+/// One thread calls Put(), one other thread Take(). Both never allocate, lock or throw.
+template <typename T>
+class Latest {
+  static_assert(std::is_trivially_copyable_v<T>, "copying must not allocate");
+
+ public:
+  void Put(const T& value) noexcept {
+    slots_[back_] = value;
+    back_ = shared_.exchange(back_ | kFresh, std::memory_order_acq_rel) & kIndex;
+  }
+
+  /// False, with `value` unchanged, if nothing was put since the last call.
+  bool Take(T& value) noexcept {
+    if ((shared_.load(std::memory_order_relaxed) & kFresh) == 0) return false;
+    front_ = shared_.exchange(front_, std::memory_order_acq_rel) & kIndex;
+    value = slots_[front_];
+    return true;
+  }
+
+ private:
+  static constexpr std::uint8_t kIndex = 3;
+  static constexpr std::uint8_t kFresh = 4;
+
+  std::array<T, 3> slots_{};
+  std::uint8_t back_ = 0;                 // the writer's
+  std::atomic<std::uint8_t> shared_ = 1;  // which one is between, and whether it is fresh
+  std::uint8_t front_ = 2;                // the reader's
+};
+
+}  // namespace dfr::runtime

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+namespace dfr::runtime {
+
+/// Nanoseconds on a clock that never goes back (CLOCK_MONOTONIC).
+[[nodiscard]] std::int64_t SteadyNow() noexcept;
+/// Nanoseconds since the Unix epoch, by the system's clock.
+[[nodiscard]] std::int64_t WallNow() noexcept;
+
+/// Wakes a loop at equal times and keeps book of how late each period was. One object belongs to
+/// one thread. Only the constructor allocates or throws.
+class PeriodicTimer {
+ public:
+  /// The first period ends `period_s` from now. @throws std::invalid_argument unless it lies in
+  /// [0.0001, 10].
+  explicit PeriodicTimer(double period_s);
+  ~PeriodicTimer();
+  PeriodicTimer(const PeriodicTimer&) = delete;
+  PeriodicTimer& operator=(const PeriodicTimer&) = delete;
+
+  /// Sleeps until the present period ends. Periods that are over already are left out, so that a
+  /// loop that was held up does not hurry afterwards.
+  void Wait() noexcept;
+
+  /// Periods so far.
+  [[nodiscard]] std::int64_t periods() const noexcept { return periods_; }
+  /// Periods that were left out.
+  [[nodiscard]] std::int64_t missed() const noexcept { return missed_; }
+  /// The quantile of | time between two wake-ups - period |, s; to 1 us, and at most 0.02 s.
+  /// @pre 0 <= quantile <= 1
+  [[nodiscard]] double Jitter(double quantile) const noexcept;
+  /// The largest of all, s.
+  [[nodiscard]] double worst() const noexcept { return worst_s_; }
+
+ private:
+  std::int64_t period_ns_;
+  std::int64_t due_ns_;
+  std::int64_t last_ns_;
+  std::int64_t periods_ = 0;
+  std::int64_t missed_ = 0;
+  double worst_s_ = 0.0;
+  std::unique_ptr<std::int64_t[]> histogram_;
+};
+
+/// Asks the system to favour the calling thread: SCHED_FIFO at `priority` in [1, 99], and the
+/// process's memory locked against paging. Empty if both were granted; else in words what was not,
+/// and which right is missing. The program works all the same.
+[[nodiscard]] std::string AskForRealTime(int priority);
+
+}  // namespace dfr::runtime
