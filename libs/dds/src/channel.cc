@@ -37,6 +37,22 @@ void Contract(Qos& qos) {
 // A command that nobody took in time is not carried out late, wherever it waits.
 const Duration_t kCommandLifespan(0, 50 * kMillisecond);
 
+int WriterDepth(Role role) {
+  switch (role) {
+    case Role::kState:
+    case Role::kEvent:
+    case Role::kRequest:
+      return kConsoleDepth;
+    case Role::kEmergencyStop:
+      return 10;  // who presses and lets go at once has pressed
+    case Role::kCommand:
+    case Role::kOwnCommand:
+    case Role::kImage:
+      return 1;
+  }
+  return 1;
+}
+
 fdds::DataWriterQos WriterQos(Role role) {
   fdds::DataWriterQos qos = fdds::DATAWRITER_QOS_DEFAULT;
   qos.reliability().kind = fdds::RELIABLE_RELIABILITY_QOS;
@@ -45,8 +61,7 @@ fdds::DataWriterQos WriterQos(Role role) {
   qos.endpoint().history_memory_policy =
       eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
   qos.history().kind = fdds::KEEP_LAST_HISTORY_QOS;
-  qos.history().depth =
-      role == Role::kState || role == Role::kEvent || role == Role::kRequest ? kConsoleDepth : 1;
+  qos.history().depth = WriterDepth(role);
   qos.durability().kind = Latched(role) || role == Role::kRequest
                               ? fdds::TRANSIENT_LOCAL_DURABILITY_QOS
                               : fdds::VOLATILE_DURABILITY_QOS;
@@ -66,7 +81,9 @@ fdds::DataReaderQos ReaderQos(Role role) {
   qos.endpoint().history_memory_policy =
       eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
   qos.history().kind = fdds::KEEP_LAST_HISTORY_QOS;
-  qos.history().depth = role == Role::kEvent || role == Role::kRequest ? kConsoleDepth : 1;
+  qos.history().depth =
+      role == Role::kEvent || role == Role::kRequest || role == Role::kEmergencyStop ? kConsoleDepth
+                                                                                     : 1;
   qos.durability().kind =
       Latched(role) ? fdds::TRANSIENT_LOCAL_DURABILITY_QOS : fdds::VOLATILE_DURABILITY_QOS;
   if (role == Role::kOwnCommand) Contract(qos);

@@ -1,0 +1,67 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "dfr/dds/channel.h"
+
+namespace dfr::dds {
+
+/// Default topic of the emergency stop (std_msgs/Bool: true while it is pressed).
+inline constexpr const char* kEmergencyStopTopic = "/emergency_stop";
+
+/// The sending end of an emergency stop over the network: an operator's button. It says at least
+/// ten times a second how it stands, for its silence stops, too. Never the only emergency stop:
+/// the robot's own is a switch. One object belongs to one thread at a time.
+class EmergencyStopButton {
+ public:
+  /// @throws as Publisher.
+  explicit EmergencyStopButton(Participant& participant,
+                               const std::string& topic = kEmergencyStopTopic);
+
+  /// Says how it stands. To be called every kBeat_s or more often. False if it could not be sent.
+  bool Beat() noexcept;
+  /// Latches, and says so at once.
+  void Press() noexcept;
+  /// The operator pulls it out again: who was stopped stays stopped until told otherwise.
+  void Release() noexcept;
+  [[nodiscard]] bool pressed() const noexcept { return pressed_; }
+  /// Robots that listen now.
+  [[nodiscard]] int num_listeners() const noexcept { return publisher_.num_subscribers(); }
+
+  static constexpr double kBeat_s = 0.02;  ///< 50 times a second.
+
+ private:
+  Publisher<Flag> publisher_;
+  bool pressed_ = false;
+};
+
+/// How an emergency stop stands, as its receiver knows.
+enum class EmergencyStop {
+  kClear,    ///< Heard of, and not pressed.
+  kPressed,  ///< Pressed now, or since the last Acknowledge().
+  kSilent,   ///< Nothing was heard for too long, or ever: it could not stop anything.
+};
+
+/// The receiving end. One object belongs to one thread at a time.
+class EmergencyStopReceiver {
+ public:
+  /// @param max_silence_s  after which it counts as absent, in [0.05, 10].
+  /// @throws as Subscriber, and std::invalid_argument for another max_silence_s.
+  EmergencyStopReceiver(Participant& participant, double max_silence_s = 0.1,
+                        const std::string& topic = kEmergencyStopTopic);
+
+  /// @param steady_ns  a clock that never goes back.
+  EmergencyStop Check(std::int64_t steady_ns) noexcept;
+  /// The operator knows that it was pressed. Without effect while it still is.
+  void Acknowledge() noexcept { latched_ = false; }
+
+ private:
+  Subscriber<Flag> subscriber_;
+  std::int64_t max_silence_ns_;
+  bool any_ = false;
+  bool latched_ = false;
+  std::int64_t heard_ns_ = 0;
+};
+
+}  // namespace dfr::dds
