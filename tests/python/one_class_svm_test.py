@@ -32,6 +32,10 @@ def cloud(kind, n, d, rng):
         X = np.sin(phase * (1 + np.arange(d)) / 2) + 0.1 * rng.normal(size=(n, d))
     elif kind == "clusters":
         X = rng.normal(size=(n, d)) + 6.0 * rng.integers(0, 3, size=(n, 1))
+    elif kind == "repeated":  # every sample three times
+        X = np.repeat(rng.normal(size=(n // 3, d)), 3, axis=0)
+    elif kind == "scales":  # features from thousandths to thousands
+        X = rng.normal(size=(n, d)) * np.logspace(-3, 3, d)
     else:  # "offset": large coordinates, small spread
         X = 1e3 + 0.1 * rng.normal(size=(n, d))
     spread = X.std(axis=0)
@@ -42,13 +46,11 @@ def cloud(kind, n, d, rng):
 DATA_SETS = [
     ("normal", 60, 1, 0.5, "scale"),
     ("normal", 200, 2, 0.05, "scale"),
-    ("normal", 500, 9, 0.05, 1 / 9),
     ("normal", 500, 9, 0.05, 5.0),
     ("normal", 1200, 9, 0.01, "auto"),
     ("normal", 300, 40, 0.1, "auto"),
     ("uniform", 80, 3, 0.9, 2.0),
     ("uniform", 400, 2, 0.2, 20.0),
-    ("uniform", 1000, 5, 0.05, "scale"),
     ("uniform", 700, 3, 0.3, 0.01),
     ("tube", 120, 12, 0.05, 5.0),
     ("tube", 600, 9, 0.05, "scale"),
@@ -57,6 +59,8 @@ DATA_SETS = [
     ("clusters", 150, 2, 0.1, "scale"),
     ("clusters", 900, 6, 0.05, 0.5),
     ("clusters", 400, 3, 0.95, 1.0),
+    ("repeated", 600, 5, 0.1, 0.5),
+    ("scales", 1000, 5, 0.05, "scale"),
     ("offset", 200, 4, 0.1, "scale"),
     ("offset", 800, 2, 0.5, 30.0),
     ("offset", 500, 7, 0.05, 10.0),
