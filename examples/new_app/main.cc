@@ -1,0 +1,190 @@
+// A new app: an own task, what is learned from demonstrations of it, and the comparison of methods
+// over trials, with intervals. Replace Task, Supervise() and Policy by yours.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <exception>
+#include <iostream>
+#include <memory>
+#include <vector>
+
+#include "dfr/control/guided_policy.h"
+#include "dfr/control/lambda.h"
+#include "dfr/control/rollout.h"
+#include "dfr/control/switching_policy.h"
+#include "dfr/core/build_info.h"
+#include "dfr/core/random.h"
+#include "dfr/experiment/paired_evaluation.h"
+#include "dfr/experiment/summary.h"
+#include "dfr/kernel/time_varying_support.h"
+#include "dfr/safety/guided_recovery.h"
+
+namespace control = dfr::control;
+namespace core = dfr::core;
+namespace experiment = dfr::experiment;
+namespace kernel = dfr::kernel;
+namespace safety = dfr::safety;
+
+namespace {
+
+constexpr double kHalfWidth = 0.2;  // of the corridor
+constexpr double kEnd = 3.0;
+
+double Centre(double x) { return 0.3 * std::sin(2.0 * x); }
+
+// A tip in a winding corridor. Controls of 1 are steps of 0.1.
+class Task final : public core::Plant {
+ public:
+  Task() { layout_.Add("tip", 2); }
+  const core::StateLayout& layout() const noexcept override { return layout_; }
+  int control_dim() const noexcept override { return 2; }
+  void Reset(std::uint64_t seed) override {
+    tip_ = {0.0, 0.05 * core::Random(seed).Normal()};
+    collided_ = false;
+  }
+  core::PlantStatus Apply(std::span<const double> control) noexcept override {
+    if (control.size() != 2 || !std::isfinite(control[0] + control[1])) {
+      return core::PlantStatus::kRefused;
+    }
+    for (std::size_t k = 0; k < 2; ++k) tip_[k] += 0.1 * std::clamp(control[k], -1.0, 1.0);
+    collided_ = collided_ || std::abs(tip_[1] - Centre(tip_[0])) > kHalfWidth;
+    return core::PlantStatus::kOk;
+  }
+  void Observe(std::span<double> state) const noexcept override {
+    std::copy(tip_.begin(), tip_.end(), state.begin());
+  }
+  bool completed() const noexcept override { return tip_[0] >= kEnd; }
+  bool collided() const noexcept override { return collided_; }
+  void Halt() noexcept override {}
+
+ private:
+  core::StateLayout layout_;
+  std::array<double, 2> tip_ = {};
+  bool collided_ = false;
+};
+
+core::Trajectory Supervise(std::uint64_t seed) {
+  Task task;
+  task.Reset(seed);
+  core::Random random(core::DeriveSeed(seed, {1}));
+  core::Trajectory demonstration;
+  demonstration.states.resize(41, 2);
+  demonstration.controls.resize(40, 2);
+  for (int t = 0; t < 40; ++t) {
+    task.Observe(core::Row(demonstration.states, t));
+    const double x = demonstration.states(t, 0);
+    const double y = demonstration.states(t, 1);
+    demonstration.controls.row(t) << 0.8 + 0.1 * random.Normal(),
+        10.0 * (Centre(x + 0.08) - y) + 0.1 * random.Normal();
+    if (task.Apply(core::Row(demonstration.controls, t)) != core::PlantStatus::kOk) break;
+  }
+  task.Observe(core::Row(demonstration.states, 40));
+  demonstration.outcome = task.completed() ? core::Outcome::kCompleted : core::Outcome::kHalted;
+  return demonstration;
+}
+
+// Cuts corners. imitation::FitMlp() learns one from demonstrations.
+class Policy final : public core::Policy {
+ public:
+  int state_dim() const noexcept override { return 2; }
+  int control_dim() const noexcept override { return 2; }
+  void Control(int, std::span<const double> x, std::span<double> u) const noexcept override {
+    const double ahead = 0.8;
+    const double rise = Centre(x[0] + ahead) - x[1];
+    u[0] = 0.8 * ahead / std::hypot(ahead, rise);
+    u[1] = 0.8 * rise / std::hypot(ahead, rise);
+  }
+};
+
+// What is learned in one trial, with a controller for each method.
+class Site final : public experiment::EvaluationSite {
+ public:
+  Site(const experiment::EvaluationUnit& unit, std::uint64_t seed) {
+    std::vector<core::Trajectory> demonstrations;
+    std::vector<core::Matrix> states;
+    const auto trial = static_cast<std::uint64_t>(unit.trial);
+    const auto count = static_cast<std::uint64_t>(unit.demonstrations);
+    for (std::uint64_t i = 0; i < count; ++i) {
+      demonstrations.push_back(Supervise(core::DeriveSeed(seed, {2, trial, i})));
+      states.push_back(demonstrations.back().states);
+    }
+    support_ = std::make_unique<kernel::TimeVaryingSupport>(
+        kernel::TimeVaryingSupport::Fit(states, {.svm = {.nu = 0.05, .gamma = 20.0}}));
+    const auto lambda = control::EstimateLambda(*support_, demonstrations);
+    guided_ = std::make_unique<safety::GuidedRecovery>(
+        core::FeatureSelection(task_.layout(), "tip"), demonstrations);
+    for (const auto recovery : {control::Recovery::kNone, control::Recovery::kDfr}) {
+      controllers_.push_back(std::make_unique<control::SwitchingPolicy>(
+          policy_, *support_, lambda,
+          control::SwitchingPolicyOptions{.recovery = recovery, .horizon = 60}));
+    }
+    controllers_.push_back(std::make_unique<control::GuidedPolicy>(
+        policy_, guided_->model(), control::GuidedOptions{.horizon = 60}));
+  }
+  bool Accepts(std::uint64_t start_seed) override {
+    std::array<double, 2> x{};
+    task_.Reset(start_seed);
+    task_.Observe(x);
+    return support_->Decision(0, x) >= 0.0;
+  }
+  experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
+                                std::uint64_t controller_seed) override {
+    const auto result =
+        control::Rollout(task_, *controllers_.at(static_cast<std::size_t>(method)),
+                         {.plant_seed = start_seed, .controller_seed = controller_seed});
+    experiment::EpisodeResult episode;
+    episode.outcome = result.outcome;
+    if (result.outcome == core::Outcome::kHalted) episode.cause = Name(result.halt_cause);
+    episode.controls = result.controls();
+    episode.recovery_controls = result.recovery_controls();
+    episode.seconds = result.seconds();
+    return episode;
+  }
+
+ private:
+  Task task_;
+  Policy policy_;
+  std::unique_ptr<kernel::TimeVaryingSupport> support_;
+  std::unique_ptr<safety::GuidedRecovery> guided_;
+  std::vector<std::unique_ptr<control::Controller>> controllers_;
+};
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  experiment::EvaluationPlan plan;
+  plan.methods = {"baseline", "dfr", "guided"};
+  plan.learners = {"cutter"};
+  plan.demonstrations = {20, 60};
+  plan.trials = 5;
+  plan.episodes = 20;
+  plan.seed = 1;
+  std::string out;
+  CLI::App app("Recovery of a policy that cuts corners, in a corridor");
+  app.option_defaults()->always_capture_default();
+  app.add_option("--demonstrations", plan.demonstrations, "the data points, ascending");
+  app.add_option("--trials", plan.trials, "independent repetitions of everything");
+  app.add_option("--episodes", plan.episodes, "start states per trial and data point");
+  app.add_option("--seed", plan.seed, "of all that is random");
+  app.add_option("--out", out, "file of all figures, JSON");
+  CLI11_PARSE(app, argc, argv);
+
+  experiment::ProgressBar bar("corridor");
+  experiment::EvaluationOptions options;
+  options.progress = [&](const experiment::Progress& progress) { bar.Show(progress); };
+  const auto results = experiment::Evaluate(
+      plan,
+      [&](const experiment::EvaluationUnit& unit) {
+        return std::make_unique<Site>(unit, plan.seed);
+      },
+      options);
+  const auto summary = experiment::Summarize(
+      plan, results, {.experiment = "corridor", .commit = core::BuildCommit()});
+  experiment::PrintTable(summary, std::cout);
+  if (!out.empty()) experiment::SaveSummary(summary, out);
+} catch (const std::exception& e) {
+  std::cerr << "corridor: " << e.what() << '\n';
+  return EXIT_FAILURE;
+}
