@@ -24,8 +24,8 @@ namespace dfr::imitation {
 class MinariWriter {
  public:
   /// Creates the folder, replacing its data.
-  /// @param folder  the dataset's, <root>/<namespace>/<name>-v<version> for Minari to find it.
-  /// @param dataset_id  <namespace>/<name>-v<version>.
+  /// @param folder  the dataset's, ROOT/NAMESPACE/NAME-vVERSION for Minari to find it.
+  /// @param dataset_id  NAMESPACE/NAME-vVERSION.
   /// @param layout  with one block: plain observations; with several: one dataset each.
   MinariWriter(const std::filesystem::path& folder, const std::string& dataset_id,
                core::StateLayout layout, int control_dim, const std::string& environment);

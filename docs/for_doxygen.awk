@@ -1,0 +1,44 @@
+# Doxygen's filter of Markdown: what GitHub resolves by itself, Doxygen 1.9 has to be told. Headings
+# get the anchors that GitHub gives them, links to sources become references, and links to what is no
+# page of the manual become text.
+function base(path) { sub(/.*\//, "", path); sub(/\.md$/, "", path); return path }
+function slug(text) {
+  text = tolower(text)
+  gsub(/[^a-z0-9 _-]/, "", text)
+  gsub(/ /, "-", text)
+  return text
+}
+function target(link,   parts) {
+  if (link ~ /^[a-z]+:/ || link ~ /\.(png|jpg)$/) return link
+  split(link, parts, "#")
+  if (link ~ /#/) return "@ref " (parts[1] == "" ? base(FILENAME) : base(parts[1])) "_" parts[2]
+  if (link ~ /\.md$/) return link
+  if (link ~ /examples\/[a-z_]+\.(cc|py)$/) return "@ref " base(link)
+  if (link ~ /examples\/new_app$/) return "@ref new_app/main.cc"
+  if (link ~ /^(\.\.\/)?libs$/) return "annotated.html"
+  return ""
+}
+/^ *```/ { fenced = !fenced }
+!fenced && /^##+ / {
+  title = $0
+  sub(/^#+ /, "", title)
+  $0 = $0 " {#" base(FILENAME) "_" slug(title) "}"
+}
+!fenced {
+  rest = $0
+  $0 = ""
+  while (match(rest, /\[[^][]*\]\([^() ]+\)/)) {
+    found = substr(rest, RSTART, RLENGTH)
+    $0 = $0 substr(rest, 1, RSTART - 1)
+    rest = substr(rest, RSTART + RLENGTH)
+    text = found
+    sub(/\]\(.*/, "", text)
+    link = found
+    sub(/.*\]\(/, "", link)
+    sub(/\)$/, "", link)
+    link = target(link)
+    $0 = $0 (link == "" ? substr(text, 2) : text "](" link ")")
+  }
+  $0 = $0 rest
+}
+{ print }

@@ -1,0 +1,77 @@
+"""The pages of docs: links lead somewhere, and the commands of the first guard do what the page says.
+
+usage: docs_test.py SOURCE_DIR GUARD     (with the module dfr on PYTHONPATH)
+"""
+
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+import unittest
+
+SOURCE, GUARD = (pathlib.Path(p).resolve() for p in sys.argv[1:3])
+del sys.argv[1:3]
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
+
+
+def pages():
+    tracked = subprocess.run(["git", "ls-files", "*.md"], cwd=SOURCE, capture_output=True, text=True)
+    names = tracked.stdout.split() if tracked.returncode == 0 else []
+    return [SOURCE / name for name in names] or sorted(SOURCE.glob("docs/*.md")) + [SOURCE / "README.md"]
+
+
+def anchors(page):
+    """What GitHub calls the headings of a page."""
+    titles = re.findall(r"^#+ (.*)$", FENCE.sub("", page.read_text()), re.M)
+    return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+class Links(unittest.TestCase):
+    def test_each_leads_to_a_file_and_a_heading(self):
+        self.assertGreater(len(pages()), 10)
+        for page in pages():
+            for link in re.findall(r"\]\(([^() ]+)\)", FENCE.sub("", page.read_text())):
+                if re.match(r"[a-z]+:", link):
+                    continue
+                with self.subTest(page=page.name, link=link):
+                    path, _, anchor = link.partition("#")
+                    target = (page.parent / path).resolve() if path else page
+                    self.assertTrue(target.exists())
+                    if anchor:
+                        self.assertIn(anchor, anchors(target))
+
+
+class FirstGuard(unittest.TestCase):
+    def test_the_commands_print_what_the_page_shows(self):
+        with tempfile.TemporaryDirectory() as folder:
+            programs = pathlib.Path(folder) / "bin"
+            programs.mkdir()
+            (programs / "guard").symlink_to(GUARD)
+            (programs / "python3").symlink_to(sys.executable)
+            environment = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"}
+            printed = ""
+            commands = 0
+            for language, text in FENCE.findall((SOURCE / "docs/first_guard.md").read_text()):
+                if language == "sh" and not text.startswith("apt "):
+                    text = text.replace("/usr/share/dfr/examples", str(SOURCE / "examples"))
+                    done = subprocess.run(["bash", "-ec", text], cwd=folder, env=environment, text=True,
+                                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=100)
+                    self.assertEqual(done.returncode, 0, text + done.stderr)
+                    printed = done.stdout
+                    commands += len(text.splitlines())
+                elif language == "":
+                    # Other processors may round otherwise: numbers are not compared here.
+                    plain = re.sub(r"[\d.]+", "#", printed)
+                    for line in text.splitlines():
+                        if line != "...":
+                            self.assertIn(re.sub(r"[\d.]+", "#", line), plain)
+            self.assertEqual(commands, 5)
+            alone, guarded = re.findall(r"'collided': (\d+)|(?<=guarded:) \{'completed': (\d+)\}", printed)
+            self.assertGreater(int(alone[0]), 40)
+            self.assertEqual(int(guarded[1]), 100)
+
+
+if __name__ == "__main__":
+    unittest.main()
