@@ -31,7 +31,7 @@ enum class Role {
   kRequest,
   /// Images: the newest alone.
   kImage,
-  /// The latched emergency stop: the last one reaches late joiners within 200 ms.
+  /// The latched emergency stop: the last ten reach late joiners within 200 ms.
   kEmergencyStop,
 };
 
