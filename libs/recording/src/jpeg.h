@@ -1,0 +1,30 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "dfr/recording/recorder.h"
+
+namespace dfr::recording::internal {
+
+/// Makes JPEG files of pictures. One object belongs to one thread.
+class JpegEncoder {
+ public:
+  /// @throws std::runtime_error if the library has no memory.
+  explicit JpegEncoder(int quality);
+  ~JpegEncoder();
+  JpegEncoder(const JpegEncoder&) = delete;
+  JpegEncoder& operator=(const JpegEncoder&) = delete;
+
+  /// The JPEG file, valid until the next call; empty if it cannot be made. Pictures that are one
+  /// already are returned as they are.
+  [[nodiscard]] std::string_view Encode(const PictureView& picture);
+
+ private:
+  int quality_;
+  void* compressor_;
+  unsigned char* bytes_ = nullptr;
+  unsigned long capacity_ = 0;  // NOLINT(google-runtime-int): the library's type
+};
+
+}  // namespace dfr::recording::internal

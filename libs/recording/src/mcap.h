@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+
+namespace dfr::recording::internal {
+
+/// MCAP (mcap.dev/spec), version 0 of the format as its magic says.
+inline constexpr std::string_view kMagic("\x89MCAP0\r\n", 8);
+
+/// Kinds of records. Each is its kind, eight bytes of size, and its content.
+enum class Op : std::uint8_t {
+  kHeader = 1,
+  kFooter,
+  kSchema,
+  kChannel,
+  kMessage,
+  kChunk,
+  kMessageIndex,
+  kChunkIndex,
+  kAttachment,
+  kAttachmentIndex,
+  kStatistics,
+  kMetadata,
+  kMetadataIndex,
+  kSummaryOffset,
+  kDataEnd,
+};
+inline constexpr std::size_t kRecordHead = 9;
+
+inline constexpr std::string_view kLibrary = "dfr";
+inline constexpr std::string_view kMetadataName = "dfr";
+inline constexpr std::string_view kConfigurationName = "configuration";
+
+}  // namespace dfr::recording::internal

@@ -1,0 +1,348 @@
+#include "dfr/recording/read_recording.h"
+
+#include <array>
+#include <charconv>
+#include <cstddef>
+#include <fstream>
+#include <ios>
+#include <limits>
+#include <stdexcept>
+#include <string_view>
+#include <utility>
+
+#include "bytes.h"
+#include "channels.h"
+#include "crc32.h"
+#include "mcap.h"
+
+namespace dfr::recording {
+namespace {
+
+using internal::ByteReader;
+using internal::Channel;
+using internal::kChannels;
+using internal::kMagic;
+using internal::kRecordHead;
+using internal::Op;
+
+// A file that is read from the front, with a checksum of all that was read.
+class File {
+ public:
+  explicit File(const std::filesystem::path& path) : name_(path.string()) {
+    in_.open(path, std::ios::binary | std::ios::ate);
+    if (!in_) throw std::runtime_error("cannot read the log " + name_ + ": is it there?");
+    size_ = static_cast<std::uint64_t>(in_.tellg());
+    in_.seekg(0);
+  }
+
+  [[nodiscard]] std::uint64_t left() const noexcept { return size_ - position_; }
+  [[nodiscard]] std::uint64_t position() const noexcept { return position_; }
+  [[nodiscard]] std::uint32_t crc() const noexcept { return crc_; }
+
+  /// `size` <= left() bytes, without moving on.
+  std::string Peek(std::uint64_t at, std::uint64_t size) {
+    std::string bytes(size, '\0');
+    in_.seekg(static_cast<std::streamoff>(at));
+    in_.read(bytes.data(), static_cast<std::streamsize>(size));
+    if (!in_) throw std::runtime_error("cannot read the log " + name_ + " at byte " + At(at));
+    return bytes;
+  }
+  std::string Take(std::uint64_t size) {
+    std::string bytes = Peek(position_, size);
+    position_ += size;
+    crc_ = internal::Crc32(bytes, crc_);
+    return bytes;
+  }
+  [[nodiscard]] bool EndsWithMagic() {
+    return size_ >= 2 * kMagic.size() && Peek(size_ - kMagic.size(), kMagic.size()) == kMagic;
+  }
+  [[nodiscard]] std::uint64_t size() const noexcept { return size_; }
+
+  [[noreturn]] void Damaged(std::uint64_t at, const std::string& what) const {
+    throw std::runtime_error("the log " + name_ + " is damaged at byte " + At(at) + ": " + what);
+  }
+  [[noreturn]] void Foreign(const std::string& what) const {
+    throw std::runtime_error(name_ + " is not a log of this program: " + what);
+  }
+
+ private:
+  static std::string At(std::uint64_t at) { return std::to_string(at); }
+
+  std::string name_;
+  std::ifstream in_;
+  std::uint64_t size_ = 0;
+  std::uint64_t position_ = 0;
+  std::uint32_t crc_ = 0;
+};
+
+class Reader {
+ public:
+  explicit Reader(const std::filesystem::path& path) : file_(path) {}
+
+  Recording Read() {
+    if (file_.left() < kMagic.size() || file_.Take(kMagic.size()) != kMagic) {
+      file_.Foreign("it does not begin as an MCAP file does");
+    }
+    complete_ = file_.EndsWithMagic();
+    while (Record()) {
+    }
+    if (!header_) file_.Damaged(file_.position(), "it is cut off before its header");
+    if (complete_ && !recording_.finished) {
+      file_.Damaged(file_.position(), "records before its end are missing");
+    }
+    return std::move(recording_);
+  }
+
+ private:
+  // False at the end of what can be read.
+  bool Record() {
+    const std::uint64_t at = file_.position();
+    if (file_.left() < kRecordHead) return false;
+    const std::uint32_t crc = file_.crc();
+    std::string head = file_.Peek(at, kRecordHead);
+    ByteReader fields(head);
+    const auto op = static_cast<Op>(fields.Number<std::uint8_t>());
+    const auto size = fields.Number<std::uint64_t>();
+    if (size > file_.left() - kRecordHead) {
+      if (complete_) file_.Damaged(at, "a record is larger than the file");
+      return false;
+    }
+    file_.Take(kRecordHead);
+    const std::uint64_t content_at = file_.position();
+    const std::string content = file_.Take(size);
+    if (!header_ && op != Op::kHeader) file_.Damaged(at, "its header is missing");
+    switch (op) {
+      case Op::kHeader:
+        Header(content);
+        return true;
+      case Op::kSchema:
+        Schema(at, content);
+        return true;
+      case Op::kChannel:
+        ChannelRecord(at, content);
+        return true;
+      case Op::kMetadata:
+        Metadata(at, content);
+        return true;
+      case Op::kAttachment:
+        Attachment(at, content);
+        return true;
+      case Op::kChunk:
+        Chunk(content_at, content);
+        return true;
+      case Op::kMessageIndex:
+        return true;
+      case Op::kDataEnd:
+        if (size != sizeof crc || ByteReader(content).Number<std::uint32_t>() != crc) {
+          file_.Damaged(at, "the checksum of all before does not match");
+        }
+        Summary();
+        return false;
+      default:
+        file_.Damaged(at, "there is no record of kind " +
+                              std::to_string(static_cast<unsigned>(op)) + " here");
+    }
+  }
+
+  void Header(std::string_view content) {
+    ByteReader reader(content);
+    reader.Text();
+    const std::string_view library = reader.Text();
+    if (!reader.ok() || library != internal::kLibrary) {
+      file_.Foreign("it was written by '" + std::string(library) + "'");
+    }
+    header_ = true;
+  }
+
+  void Schema(std::uint64_t at, std::string_view content) {
+    ByteReader reader(content);
+    const auto& info = Info(at, reader.Number<std::uint16_t>());
+    const bool same =
+        reader.Text() == info.type && reader.Text() == "ros2msg" && reader.Text() == info.schema;
+    if (!same || !reader.at_end()) {
+      file_.Damaged(at, "the schema of " + std::string(info.topic) +
+                            " is not the one that this version writes");
+    }
+  }
+
+  void ChannelRecord(std::uint64_t at, std::string_view content) {
+    ByteReader reader(content);
+    const auto id = reader.Number<std::uint16_t>();
+    const auto& info = Info(at, id);
+    if (reader.Number<std::uint16_t>() != id || reader.Text() != info.topic ||
+        reader.Text() != "cdr" || !reader.ok()) {
+      file_.Damaged(at, "channel " + std::to_string(id) + " is not " + std::string(info.topic));
+    }
+  }
+
+  const internal::ChannelInfo& Info(std::uint64_t at, std::uint16_t id) const {
+    if (id < 1 || id > kChannels.size()) {
+      file_.Damaged(at, "there is no channel " + std::to_string(id));
+    }
+    return kChannels[id - 1U];
+  }
+
+  void Metadata(std::uint64_t at, std::string_view content) {
+    ByteReader reader(content);
+    const bool ours = reader.Text() == internal::kMetadataName;
+    ByteReader entries(reader.Text());
+    if (!ours || !reader.ok()) file_.Damaged(at, "the metadata are incomplete");
+    RecordingMetadata& metadata = recording_.metadata;
+    while (!entries.at_end()) {
+      const std::string key(entries.Text());
+      std::string value(entries.Text());
+      if (!entries.ok()) file_.Damaged(at, "the metadata are incomplete");
+      if (key == "program") {
+        metadata.program = value;
+      } else if (key == "commit") {
+        metadata.commit = value;
+      } else if (key == "model") {
+        metadata.model = value;
+      } else if (key == "model_checksum") {
+        metadata.model_checksum = value;
+      } else if (key == "method") {
+        metadata.method = value;
+      } else if (key == "seed") {
+        const auto [end, error] =
+            std::from_chars(value.data(), value.data() + value.size(), metadata.seed);
+        if (error != std::errc() || end != value.data() + value.size()) {
+          file_.Damaged(at, "the seed is not a number: '" + value + "'");
+        }
+      } else {
+        metadata.more[key] = std::move(value);
+      }
+    }
+  }
+
+  void Attachment(std::uint64_t at, std::string_view content) {
+    ByteReader reader(content);
+    reader.Number<std::uint64_t>();
+    reader.Number<std::uint64_t>();
+    const bool configuration = reader.Text() == internal::kConfigurationName;
+    reader.Text();
+    const std::string_view text = reader.Bytes(reader.Number<std::uint64_t>());
+    const std::uint32_t crc = internal::Crc32(content.substr(0, reader.position()));
+    if (reader.Number<std::uint32_t>() != crc || !reader.ok() || !configuration) {
+      file_.Damaged(at, "the checksum of the configuration does not match");
+    }
+    recording_.metadata.configuration = text;
+  }
+
+  void Chunk(std::uint64_t at, std::string_view content) {
+    ByteReader reader(content);
+    reader.Number<std::uint64_t>();
+    reader.Number<std::uint64_t>();
+    const auto size = reader.Number<std::uint64_t>();
+    const auto crc = reader.Number<std::uint32_t>();
+    const bool plain = reader.Text().empty();
+    const std::string_view records = reader.Bytes(reader.Number<std::uint64_t>());
+    if (!reader.ok() || !plain || size != records.size() || internal::Crc32(records) != crc) {
+      file_.Damaged(at, "the checksum of a chunk does not match");
+    }
+    const std::uint64_t records_at =
+        at + static_cast<std::uint64_t>(records.data() - content.data());
+    ByteReader inner(records);
+    while (!inner.at_end()) {
+      const std::uint64_t record_at = records_at + inner.position();
+      const auto op = static_cast<Op>(inner.Number<std::uint8_t>());
+      const std::string_view message = inner.Bytes(inner.Number<std::uint64_t>());
+      if (!inner.ok() || op != Op::kMessage) file_.Damaged(record_at, "this is not a message");
+      Message(record_at + kRecordHead, message);
+    }
+  }
+
+  void Message(std::uint64_t at, std::string_view content) {
+    ByteReader reader(content);
+    const auto& info = Info(at, reader.Number<std::uint16_t>());
+    const auto sequence = reader.Number<std::uint32_t>();
+    const auto time_ns = static_cast<std::int64_t>(reader.Number<std::uint64_t>());
+    reader.Number<std::uint64_t>();
+    const std::uint64_t data_at = at + reader.position();
+    const std::string_view data = reader.Bytes(content.size() - reader.position());
+    bool good = reader.ok();
+    switch (info.id) {
+      case Channel::kStep: {
+        StepRecord step;
+        step.time_ns = time_ns;
+        good = good && internal::Decode(data, step);
+        recording_.steps.push_back(step);
+        CountDropped(sequence, steps_);
+        break;
+      }
+      case Channel::kTransition: {
+        TransitionRecord transition;
+        transition.time_ns = time_ns;
+        good = good && internal::Decode(data, transition);
+        recording_.transitions.push_back(transition);
+        CountDropped(sequence, transitions_);
+        break;
+      }
+      case Channel::kPicture: {
+        RecordedPicture picture{.time_ns = time_ns, .sequence = sequence, .offset = 0, .size = 0};
+        good = good && internal::DecodePicture(data, picture.offset, picture.size);
+        picture.offset += data_at;
+        recording_.pictures.push_back(picture);
+        break;
+      }
+      case Channel::kNote: {
+        RecordedNote note{.time_ns = time_ns, .text = {}};
+        good = good && internal::DecodeNote(data, note.text);
+        recording_.notes.push_back(std::move(note));
+        break;
+      }
+    }
+    if (!good) {
+      file_.Damaged(at, "a message of " + std::string(info.topic) + " is not what its schema says");
+    }
+  }
+
+  // Numbers without a message are those of messages that were dropped.
+  void CountDropped(std::uint32_t sequence, std::uint32_t& last) {
+    recording_.dropped_records += sequence - last - 1;
+    last = sequence;
+  }
+
+  // What repeats the file's content in brief; nothing is taken from it.
+  void Summary() {
+    constexpr std::uint64_t kFooter = kRecordHead + 20;
+    if (!complete_) return;
+    const std::uint64_t at = file_.position();
+    if (file_.left() < kFooter + kMagic.size()) file_.Damaged(at, "its summary is missing");
+    const std::string summary = file_.Take(file_.left() - kMagic.size());
+    const std::string_view footer = std::string_view(summary).substr(summary.size() - kFooter);
+    const std::string_view covered = std::string_view(summary).substr(0, summary.size() - 4);
+    ByteReader reader(footer);
+    const auto op = static_cast<Op>(reader.Number<std::uint8_t>());
+    reader.Number<std::uint64_t>();
+    const auto start = reader.Number<std::uint64_t>();
+    reader.Number<std::uint64_t>();
+    if (op != Op::kFooter || start != at ||
+        reader.Number<std::uint32_t>() != internal::Crc32(covered)) {
+      file_.Damaged(at, "the checksum of its summary does not match");
+    }
+    recording_.finished = true;
+  }
+
+  File file_;
+  Recording recording_;
+  bool complete_ = false;  // by its last bytes
+  bool header_ = false;
+  std::uint32_t steps_ = 0;
+  std::uint32_t transitions_ = 0;
+};
+
+}  // namespace
+
+Recording ReadRecording(const std::filesystem::path& path) { return Reader(path).Read(); }
+
+std::vector<std::uint8_t> ReadPicture(const std::filesystem::path& path,
+                                      const RecordedPicture& picture) {
+  File file(path);
+  if (picture.size > file.size() || picture.offset > file.size() - picture.size) {
+    file.Damaged(picture.offset, "there is no picture");
+  }
+  const std::string bytes = file.Peek(picture.offset, picture.size);
+  return {bytes.begin(), bytes.end()};
+}
+
+}  // namespace dfr::recording

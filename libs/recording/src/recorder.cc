@@ -1,0 +1,287 @@
+#include "dfr/recording/recorder.h"
+
+#include <pthread.h>
+#include <sched.h>
+#include <signal.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <exception>
+#include <map>
+#include <stdexcept>
+#include <thread>
+#include <vector>
+
+#include "dfr/core/contract.h"
+#include "jpeg.h"
+#include "mcap_writer.h"
+#include "spsc_ring.h"
+
+namespace dfr::recording {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+constexpr std::chrono::milliseconds kPeriod(25);
+constexpr std::chrono::milliseconds kFlush(200);
+constexpr std::size_t kChunkBytes = std::size_t{1} << 20;
+
+// One of the two.
+struct WaitingRecord {
+  StepRecord step;
+  TransitionRecord transition;
+  std::uint32_t sequence = 0;
+  internal::Channel channel = internal::Channel::kStep;
+};
+
+struct WaitingPicture {
+  PictureView view;  // its data is `bytes`
+  std::vector<std::uint8_t> bytes;
+};
+
+std::int64_t Now() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
+std::map<std::string, std::string> Entries(const RecordingMetadata& metadata) {
+  std::map<std::string, std::string> entries = metadata.more;
+  entries["program"] = metadata.program;
+  entries["commit"] = metadata.commit;
+  entries["model"] = metadata.model;
+  entries["model_checksum"] = metadata.model_checksum;
+  entries["method"] = metadata.method;
+  entries["seed"] = std::to_string(metadata.seed);
+  return entries;
+}
+
+RecorderOptions Checked(const RecorderOptions& options) {
+  DFR_THROW_UNLESS(options.waiting_records >= 1, "waiting_records must be positive");
+  DFR_THROW_UNLESS(options.waiting_pictures >= 1, "waiting_pictures must be positive");
+  DFR_THROW_UNLESS(options.jpeg_quality >= 1 && options.jpeg_quality <= 100,
+                   "jpeg_quality must lie in [1, 100], not " << options.jpeg_quality);
+  return options;
+}
+
+std::string Lost(std::uint64_t records, std::uint64_t pictures) {
+  return std::to_string(records) + " steps or transitions and " + std::to_string(pictures) +
+         " pictures were lost: the disk or the processor does not keep up, or a picture was larger "
+         "than agreed or not one";
+}
+
+// While one lives, threads that are started inherit no signals: those are for the program's own.
+class BlockedSignals {
+ public:
+  BlockedSignals() {
+    sigset_t all;
+    ::sigfillset(&all);
+    ::pthread_sigmask(SIG_SETMASK, &all, &before_);
+  }
+  ~BlockedSignals() { ::pthread_sigmask(SIG_SETMASK, &before_, nullptr); }
+  BlockedSignals(const BlockedSignals&) = delete;
+  BlockedSignals& operator=(const BlockedSignals&) = delete;
+
+ private:
+  sigset_t before_{};
+};
+
+}  // namespace
+
+struct Recorder::Impl {
+  Impl(const std::filesystem::path& file, const RecordingMetadata& metadata,
+       const RecorderOptions& chosen)
+      : path(file),
+        options(Checked(chosen)),
+        records(options.waiting_records, {}),
+        pictures(options.waiting_pictures,
+                 {.view = {}, .bytes = std::vector<std::uint8_t>(options.picture_bytes)}),
+        jpeg(options.jpeg_quality),
+        writer(file, Entries(metadata), metadata.configuration, Now()) {
+    const BlockedSignals blocked;
+    thread = std::thread([this] { Run(); });
+  }
+  ~Impl() { Stop(); }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+
+  void Stop() noexcept {
+    stopping.store(true, std::memory_order_release);
+    if (thread.joinable()) thread.join();
+  }
+
+  // The thread that writes. A loop's priority is not for it.
+  void Run() noexcept {
+    const sched_param none{};
+    ::pthread_setschedparam(::pthread_self(), SCHED_OTHER, &none);
+    try {
+      auto flushed = Clock::now();
+      bool last = false;
+      while (!last) {
+        last = stopping.load(std::memory_order_acquire);
+        if (!last) std::this_thread::sleep_for(kPeriod);
+        Drain();
+        Report();
+        if (last || Clock::now() - flushed >= kFlush) {
+          Check(writer.Flush());
+          flushed = Clock::now();
+        }
+      }
+      Check(writer.Finish());
+    } catch (const std::exception& e) {
+      thrown = e.what();
+      failed.store(true, std::memory_order_relaxed);
+    }
+  }
+
+  void Check(bool written) {
+    if (!written) failed.store(true, std::memory_order_relaxed);
+  }
+
+  void Drain() {
+    while (const WaitingRecord* waiting = records.Front()) {
+      const bool step = waiting->channel == internal::Channel::kStep;
+      message.clear();
+      if (step) {
+        internal::Encode(waiting->step, message);
+      } else {
+        internal::Encode(waiting->transition, message);
+      }
+      writer.Message(waiting->channel, waiting->sequence,
+                     step ? waiting->step.time_ns : waiting->transition.time_ns, message);
+      records.Pop();
+      Count(records_written, dropped_records);
+    }
+    while (const WaitingPicture* waiting = pictures.Front()) {
+      const std::string_view file = jpeg.Encode(waiting->view);
+      if (file.empty()) {
+        dropped_pictures.fetch_add(1, std::memory_order_relaxed);
+      } else {
+        message.clear();
+        internal::EncodePicture(waiting->view.time_ns, file, message);
+        writer.Message(internal::Channel::kPicture, waiting->view.sequence, waiting->view.time_ns,
+                       message);
+        Count(pictures_written, dropped_pictures);
+      }
+      pictures.Pop();
+    }
+  }
+
+  void Count(std::atomic<std::uint64_t>& written, std::atomic<std::uint64_t>& dropped) {
+    const bool lost = failed.load(std::memory_order_relaxed);
+    (lost ? dropped : written).fetch_add(1, std::memory_order_relaxed);
+    if (writer.chunk_bytes() >= kChunkBytes) Check(writer.Flush());
+  }
+
+  // Notes in the file what was lost since the last time.
+  void Report() {
+    const std::uint64_t lost_records = dropped_records.load(std::memory_order_relaxed);
+    const std::uint64_t lost_pictures = dropped_pictures.load(std::memory_order_relaxed);
+    if (lost_records == reported_records && lost_pictures == reported_pictures) return;
+    const std::int64_t now = Now();
+    message.clear();
+    internal::EncodeNote(
+        now, Lost(lost_records - reported_records, lost_pictures - reported_pictures), message);
+    writer.Message(internal::Channel::kNote, ++notes, now, message);
+    reported_records = lost_records;
+    reported_pictures = lost_pictures;
+  }
+
+  template <typename T>
+  bool Push(internal::Channel channel, T WaitingRecord::*member, const T& record,
+            std::uint32_t sequence) noexcept {
+    WaitingRecord* waiting = records.Free();
+    if (waiting == nullptr) {
+      dropped_records.fetch_add(1, std::memory_order_relaxed);
+      return false;
+    }
+    waiting->channel = channel;
+    waiting->sequence = sequence;
+    waiting->*member = record;
+    records.Push();
+    return true;
+  }
+
+  const std::filesystem::path path;
+  const RecorderOptions options;
+  internal::SpscRing<WaitingRecord> records;
+  internal::SpscRing<WaitingPicture> pictures;
+  std::atomic<std::uint64_t> dropped_records{0};
+  std::atomic<std::uint64_t> dropped_pictures{0};
+  std::atomic<std::uint64_t> records_written{0};
+  std::atomic<std::uint64_t> pictures_written{0};
+  std::atomic<bool> failed{false};
+  std::atomic<bool> stopping{false};
+  // Of the thread that records.
+  std::uint32_t steps = 0;
+  std::uint32_t transitions = 0;
+  // Of the thread that writes, and of nobody else while it runs.
+  internal::JpegEncoder jpeg;
+  internal::McapWriter writer;
+  std::string message;
+  std::string thrown;
+  std::uint64_t reported_records = 0;
+  std::uint64_t reported_pictures = 0;
+  std::uint32_t notes = 0;
+  std::thread thread;
+};
+
+Recorder::Recorder(const std::filesystem::path& path, const RecordingMetadata& metadata,
+                   const RecorderOptions& options)
+    : impl_(std::make_unique<Impl>(path, metadata, options)) {}
+
+Recorder::~Recorder() = default;
+
+// Numbered even when dropped, so that a gap in the file shows how many.
+bool Recorder::Record(const StepRecord& step) noexcept {
+  return impl_->Push(internal::Channel::kStep, &WaitingRecord::step, step, ++impl_->steps);
+}
+
+bool Recorder::Transition(const TransitionRecord& transition) noexcept {
+  return impl_->Push(internal::Channel::kTransition, &WaitingRecord::transition, transition,
+                     ++impl_->transitions);
+}
+
+bool Recorder::Picture(const PictureView& picture) noexcept {
+  WaitingPicture* waiting = impl_->pictures.Free();
+  const int pixel = picture.format == PictureFormat::kMono8 ? 1 : 3;
+  const bool is_picture =
+      picture.format == PictureFormat::kJpeg ||
+      (picture.width > 0 && picture.height > 0 && picture.step / pixel >= picture.width &&
+       static_cast<std::size_t>(picture.step) * static_cast<std::size_t>(picture.height) <=
+           picture.data.size());
+  if (waiting == nullptr || !is_picture || picture.data.size() > waiting->bytes.size()) {
+    impl_->dropped_pictures.fetch_add(1, std::memory_order_relaxed);
+    return false;
+  }
+  std::copy(picture.data.begin(), picture.data.end(), waiting->bytes.begin());
+  waiting->view = picture;
+  waiting->view.data = std::span(waiting->bytes).first(picture.data.size());
+  impl_->pictures.Push();
+  return true;
+}
+
+bool Recorder::failed() const noexcept { return impl_->failed.load(std::memory_order_relaxed); }
+
+std::uint64_t Recorder::dropped() const noexcept {
+  return impl_->dropped_records.load(std::memory_order_relaxed) +
+         impl_->dropped_pictures.load(std::memory_order_relaxed);
+}
+
+RecorderCounts Recorder::counts() const noexcept {
+  return {.records = impl_->records_written.load(std::memory_order_relaxed),
+          .pictures = impl_->pictures_written.load(std::memory_order_relaxed),
+          .dropped_records = impl_->dropped_records.load(std::memory_order_relaxed),
+          .dropped_pictures = impl_->dropped_pictures.load(std::memory_order_relaxed)};
+}
+
+void Recorder::Finish() {
+  impl_->Stop();
+  const std::string wrong = impl_->thrown.empty() ? impl_->writer.error() : impl_->thrown;
+  if (!wrong.empty()) {
+    throw std::runtime_error("the log " + impl_->path.string() + " is incomplete: " + wrong +
+                             "; it can be read up to there");
+  }
+}
+
+}  // namespace dfr::recording

@@ -1,0 +1,149 @@
+#include "dfr/recording/read_recording.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <stdexcept>
+#include <string>
+#include <thread>
+
+#include "dfr/core/random.h"
+#include "dfr/recording/recorder.h"
+#include "tests/recording/example.h"
+#include "tests/recording/same.h"
+#include "tests/recording/temp_folder.h"
+
+namespace dfr::recording {
+namespace {
+
+constexpr std::uint32_t kSteps = 12;
+
+std::string Load(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
+
+void Save(const std::filesystem::path& path, const std::string& bytes) {
+  std::ofstream(path, std::ios::binary) << bytes;
+}
+
+// A small file of two chunks.
+std::string SmallFile(const test::TempFolder& folder) {
+  Recorder recorder(folder / "small.mcap", test::ExampleMetadata());
+  for (std::uint32_t i = 0; i < kSteps / 2; ++i) recorder.Record(test::ExampleStep(i));
+  recorder.Transition(test::ExampleTransition(0));
+  std::this_thread::sleep_for(std::chrono::milliseconds(400));
+  for (std::uint32_t i = kSteps / 2; i < kSteps; ++i) recorder.Record(test::ExampleStep(i));
+  recorder.Picture(test::ExamplePicture(0, test::ExamplePixels(0)));
+  recorder.Finish();
+  return Load(folder / "small.mcap");
+}
+
+// All that is there is right.
+void ExpectPrefix(const Recording& recording) {
+  ASSERT_LE(recording.steps.size(), kSteps);
+  for (std::uint32_t i = 0; i < recording.steps.size(); ++i) {
+    ASSERT_TRUE(test::Same(recording.steps[i], test::ExampleStep(i)));
+  }
+  ASSERT_LE(recording.transitions.size(), 1U);
+  if (!recording.transitions.empty()) {
+    ASSERT_TRUE(test::Same(recording.transitions[0], test::ExampleTransition(0)));
+  }
+}
+
+TEST(ReadRecordingTest, AFileCutOffAnywhereGivesWhatIsWhole) {
+  const test::TempFolder folder;
+  const std::string whole = SmallFile(folder);
+  Save(folder / "cut", whole);
+  std::size_t least = kSteps;
+  std::size_t refused = 0;
+  for (std::size_t size = whole.size() - 1; size + 1 > 0; --size) {
+    SCOPED_TRACE(size);
+    std::filesystem::resize_file(folder / "cut", size);
+    try {
+      const Recording recording = ReadRecording(folder / "cut");
+      EXPECT_FALSE(recording.finished);
+      ExpectPrefix(recording);
+      // Shorter files give no more.
+      EXPECT_LE(recording.steps.size(), least);
+      if (size == whole.size() - 1) {
+        EXPECT_EQ(recording.steps.size(), kSteps);
+      }
+      least = recording.steps.size();
+    } catch (const std::runtime_error& e) {
+      ++refused;
+      EXPECT_THAT(e.what(), testing::HasSubstr((folder / "cut").string()));
+    }
+  }
+  EXPECT_EQ(least, 0U);
+  // Just those that end within the magic or the header, 8 + 9 + 4 + 4 + 3 bytes.
+  EXPECT_EQ(refused, 28U);
+  EXPECT_TRUE(ReadRecording(folder / "small.mcap").finished);
+}
+
+// A byte that has changed is found: either it is said, or it is in what only repeats the content.
+TEST(ReadRecordingTest, AChangedByteNeverGivesOtherContent) {
+  const test::TempFolder folder;
+  const std::string whole = SmallFile(folder);
+  core::Random random(1);
+  int accepted = 0;
+  Save(folder / "changed", whole);
+  std::fstream file(folder / "changed", std::ios::in | std::ios::out | std::ios::binary);
+  const auto put = [&](std::size_t at, char byte) {
+    file.seekp(static_cast<std::streamoff>(at));
+    file.put(byte).flush();
+  };
+  for (std::size_t at = 0; at < whole.size(); ++at) {
+    SCOPED_TRACE(at);
+    put(at, static_cast<char>(whole[at] ^ static_cast<char>(1 + random.Below(255))));
+    try {
+      const Recording recording = ReadRecording(folder / "changed");
+      ExpectPrefix(recording);
+      EXPECT_FALSE(recording.finished);
+      EXPECT_EQ(recording.metadata, test::ExampleMetadata());
+      EXPECT_EQ(recording.steps.size(), kSteps);
+      ++accepted;
+    } catch (const std::runtime_error& e) {
+      EXPECT_THAT(e.what(), testing::HasSubstr((folder / "changed").string()));
+    }
+    put(at, whole[at]);
+  }
+  // The magic at the end, without which a file counts as cut off.
+  EXPECT_EQ(accepted, 8);
+}
+
+TEST(ReadRecordingTest, OtherFilesAreRefusedByName) {
+  const test::TempFolder folder;
+  const auto complaint = [&](const std::string& name) -> std::string {
+    try {
+      static_cast<void>(ReadRecording(folder / name));
+    } catch (const std::runtime_error& e) {
+      return e.what();
+    }
+    return "nothing";
+  };
+  EXPECT_THAT(complaint("missing"), testing::HasSubstr("is it there?"));
+  Save(folder / "text", "a text of some length");
+  EXPECT_THAT(complaint("text"), testing::HasSubstr("does not begin as an MCAP file"));
+  std::string foreign = SmallFile(folder);
+  foreign.replace(foreign.find("dfr"), 3, "cat");
+  Save(folder / "foreign", foreign);
+  EXPECT_THAT(complaint("foreign"), testing::HasSubstr("it was written by 'cat'"));
+}
+
+TEST(ReadRecordingTest, AbsurdSizesAllocateNothing) {
+  const test::TempFolder folder;
+  const std::string whole = SmallFile(folder);
+  // A chunk that claims to have 2^63 bytes, in a file without an end.
+  Save(folder / "absurd",
+       whole.substr(0, 28) + std::string("\x06\0\0\0\0\0\0\0\x80", 9) + std::string(100, 'x'));
+  const Recording recording = ReadRecording(folder / "absurd");
+  EXPECT_FALSE(recording.finished);
+  EXPECT_TRUE(recording.steps.empty());
+}
+
+}  // namespace
+}  // namespace dfr::recording
