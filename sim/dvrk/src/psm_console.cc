@@ -201,6 +201,40 @@ void PsmConsole::ServoCp(const Eigen::Isometry3d& goal) {
   goal_ = joints;
 }
 
+void PsmConsole::ServoJr(const PsmJoints& difference) {
+  if (!Ready("servo_jr")) return;
+  const PsmJoints goal = (moving_ ? setpoint_ : goal_) + difference;
+  if (!Within("servo_jr", goal)) return;
+  if (moving_) goals_.push_back(false);
+  moving_ = false;
+  goal_ = goal;
+}
+
+void PsmConsole::ServoCr(const Eigen::Isometry3d& difference) {
+  if (!Ready("servo_cr")) return;
+  Eigen::Isometry3d goal = Psm::Forward(moving_ ? setpoint_ : goal_);
+  goal.translation() += difference.translation();
+  goal.linear() = difference.linear() * goal.linear();
+  PsmJoints joints;
+  if (!Reach("servo_cr", goal, joints)) return;
+  if (moving_) goals_.push_back(false);
+  moving_ = false;
+  goal_ = joints;
+}
+
+void PsmConsole::ServoJf() {
+  if (!Ready("servo_jf")) return;
+  Say(ConsoleMessage::Severity::kError,
+      "servo_jf dropped, the simulated arm has no dynamics that an effort could move");
+}
+
+void PsmConsole::MoveJr(const PsmJoints& difference) {
+  if (!Ready("move_jr")) return;
+  const PsmJoints goal = (moving_ ? goal_ : setpoint_) + difference;
+  if (!Within("move_jr", goal)) return;
+  StartMove(goal);
+}
+
 void PsmConsole::MoveJp(const PsmJoints& goal) {
   if (!Ready("move_jp") || !Within("move_jp", goal)) return;
   StartMove(goal);
@@ -230,6 +264,32 @@ void PsmConsole::Hold() {
   if (Ready("hold")) StopMoves();
 }
 
+void PsmConsole::Free() {
+  if (!Ready("free")) return;
+  StopMoves();
+  goal_ = setpoint_ = measured_;
+  jaw_goal_ = jaw_setpoint_ = jaw_;
+}
+
+void PsmConsole::Place(const PsmJoints& joints) {
+  DFR_THROW_UNLESS(Psm::WithinLimits(joints), "joints must lie within the arm's limits");
+  homing_left_s_ = 0.0;
+  StopMoves();
+  goal_ = setpoint_ = joints;
+  homed_ = true;
+  Settle();
+  Enter(ArmState::kEnabled);
+}
+
+void PsmConsole::Settle() {
+  if (moving_) goals_.push_back(true);
+  if (jaw_moving_) goals_.push_back(true);
+  moving_ = jaw_moving_ = false;
+  measured_ = setpoint_ = goal_;
+  jaw_ = jaw_setpoint_ = jaw_goal_;
+  velocity_.setZero();
+}
+
 void PsmConsole::Step(double dt_s) {
   if (homing_left_s_ > 0.0) {
     homing_left_s_ -= dt_s;
@@ -256,7 +316,13 @@ void PsmConsole::Step(double dt_s) {
       goals_.push_back(true);
     }
   } else {
-    setpoint_ += (goal_ - setpoint_).cwiseMax(-largest).cwiseMin(largest);
+    for (int i = 0; i < 6; ++i) {
+      const double left = goal_[i] - setpoint_[i];
+      // Exactly there at last, which adding the difference need not give.
+      setpoint_[i] = std::abs(left) <= largest[i]
+                         ? goal_[i]
+                         : setpoint_[i] + std::clamp(left, -largest[i], largest[i]);
+    }
   }
   const double jaw_largest = dt_s * kJawSpeed;
   jaw_setpoint_ += std::clamp(jaw_goal_ - jaw_setpoint_, -jaw_largest, jaw_largest);
@@ -264,7 +330,7 @@ void PsmConsole::Step(double dt_s) {
     jaw_moving_ = false;
     goals_.push_back(true);
   }
-  const double share = -std::expm1(-dt_s / options_.lag_s);
+  const double share = 1.0 - std::exp(-dt_s / options_.lag_s);
   const PsmJoints before = measured_;
   measured_ += share * (setpoint_ - measured_);
   jaw_ += share * (jaw_setpoint_ - jaw_);
@@ -273,6 +339,18 @@ void PsmConsole::Step(double dt_s) {
 
 Eigen::Isometry3d PsmConsole::measured_pose() const noexcept { return Psm::Forward(measured_); }
 Eigen::Isometry3d PsmConsole::setpoint_pose() const noexcept { return Psm::Forward(setpoint_); }
+Eigen::Matrix<double, 6, 1> PsmConsole::measured_twist() const noexcept {
+  // Central difference over a millisecond of motion: to 1e-7 of the speed.
+  constexpr double kHalf = 5e-4;
+  const Eigen::Isometry3d before = Psm::Forward(measured_ - kHalf * velocity_);
+  const Eigen::Isometry3d after = Psm::Forward(measured_ + kHalf * velocity_);
+  const Eigen::AngleAxisd turn(after.linear() * before.linear().transpose());
+  Eigen::Matrix<double, 6, 1> twist;
+  twist << (after.translation() - before.translation()) / (2.0 * kHalf),
+      turn.angle() / (2.0 * kHalf) * turn.axis();
+  return twist;
+}
+
 PsmJoints PsmConsole::true_joints() const noexcept { return options_.joint_error.Apply(measured_); }
 
 std::vector<ConsoleMessage> PsmConsole::TakeMessages() { return std::exchange(messages_, {}); }

@@ -1,8 +1,13 @@
 #include "dfr/sim/dvrk/psm_console_server.h"
 
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
 #include <deque>
 #include <limits>
 #include <string>
+#include <utility>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
@@ -21,11 +26,12 @@ const std::vector<std::string>& JointNames() {
 
 // All that is published about motion at one moment.
 struct Snapshot {
-  double time_s = 0.0;
+  double due_s = 0.0;
   dds::JointState measured_js;
   dds::JointState setpoint_js;
   dds::PoseStamped measured_cp;
   dds::PoseStamped setpoint_cp;
+  dds::TwistStamped measured_cv;
   dds::JointState jaw_measured_js;
   dds::JointState jaw_setpoint_js;
 };
@@ -88,41 +94,94 @@ struct PsmConsoleServer::Impl {
     return "/" + console.options().arm + "/" + name;
   }
 
+  // A motion command that has come may have been lost on its way.
+  bool Counts() {
+    ++commands_taken;
+    return random.Uniform() >= faults.drop_commands;
+  }
+
   void TakeCommands() {
     dds::StringStamped command;
     while (state_command.Take(command)) console.StateCommand(command.text);
     dds::Signal signal;
     while (hold.Take(signal)) console.Hold();
+    while (free.Take(signal)) console.Free();
     dds::PoseStamped pose;
-    while (move_cp.Take(pose)) console.MoveCp(Transform(pose));
-    while (servo_cp.Take(pose)) console.ServoCp(Transform(pose));
+    while (move_cp.Take(pose)) {
+      if (Counts()) console.MoveCp(Transform(pose));
+    }
+    while (servo_cp.Take(pose)) {
+      if (Counts()) console.ServoCp(Transform(pose));
+    }
+    while (servo_cr.Take(pose)) {
+      if (Counts()) console.ServoCr(Transform(pose));
+    }
     dds::JointState joints;
-    while (move_jp.Take(joints)) console.MoveJp(JointGoal(joints));
-    while (servo_jp.Take(joints)) console.ServoJp(JointGoal(joints));
-    while (jaw_move_jp.Take(joints)) console.MoveJaw(JawGoal(joints));
-    while (jaw_servo_jp.Take(joints)) console.ServoJaw(JawGoal(joints));
+    while (move_jp.Take(joints)) {
+      if (Counts()) console.MoveJp(JointGoal(joints));
+    }
+    while (move_jr.Take(joints)) {
+      if (Counts()) console.MoveJr(JointGoal(joints));
+    }
+    while (servo_jp.Take(joints)) {
+      if (Counts()) console.ServoJp(JointGoal(joints));
+    }
+    while (servo_jr.Take(joints)) {
+      if (Counts()) console.ServoJr(JointGoal(joints));
+    }
+    while (servo_jf.Take(joints)) {
+      if (Counts()) console.ServoJf();
+    }
+    while (jaw_move_jp.Take(joints)) {
+      if (Counts()) console.MoveJaw(JawGoal(joints));
+    }
+    while (jaw_servo_jp.Take(joints)) {
+      if (Counts()) console.ServoJaw(JawGoal(joints));
+    }
   }
 
-  void Remember() {
-    const dds::Stamp stamp = console.valid() && !faults.invalid ? dds::Stamp::Now() : dds::Stamp{};
+  [[nodiscard]] dds::Stamp Now() const {
+    const std::int64_t jump_ns = std::llround(1e9 * faults.clock_jump_s);
+    const dds::Stamp now = options.clock();
+    return jump_ns == 0 ? now : dds::Stamp::FromNanoseconds(now.nanoseconds() + jump_ns);
+  }
+
+  [[nodiscard]] Snapshot Measure() const {
+    const dds::Stamp stamp = console.valid() && !faults.invalid ? Now() : dds::Stamp{};
     const std::string frame = console.options().arm + "_base";
     Snapshot now;
-    now.time_s = time_s;
     now.measured_js = Joints(stamp, console.measured_joints());
     const PsmJoints& velocity = console.joint_velocity();
     now.measured_js.velocity.assign(velocity.data(), velocity.data() + velocity.size());
     now.setpoint_js = Joints(stamp, console.setpoint_joints());
     now.measured_cp = Pose(stamp, frame, console.measured_pose());
     now.setpoint_cp = Pose(stamp, frame, console.setpoint_pose());
+    const Eigen::Matrix<double, 6, 1> twist = console.measured_twist();
+    now.measured_cv.stamp = stamp;
+    now.measured_cv.frame_id = frame;
+    now.measured_cv.linear_m_s = twist.head<3>();
+    now.measured_cv.angular_rad_s = twist.tail<3>();
     now.jaw_measured_js = Jaw(stamp, console.measured_jaw());
     now.jaw_setpoint_js = Jaw(stamp, console.setpoint_jaw());
     if (faults.corrupt) {
       constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
       now.measured_js.position.assign(6, kNan);
+      now.measured_js.velocity.assign(6, kNan);
       now.measured_cp.position_m.setConstant(kNan);
+      now.measured_cv.linear_m_s.setConstant(kNan);
     }
-    past.push_back(now);
-    while (past.size() > 1 && past[1].time_s <= time_s - faults.delay_s) past.pop_front();
+    return now;
+  }
+
+  // A state leaves for the clients, and may be some time on its way.
+  void SendState() {
+    Snapshot shown = faults.freeze && measured_any ? last_measured : Measure();
+    last_measured = shown;
+    measured_any = true;
+    if (faults.silent) return;
+    shown.due_s = time_s + faults.delay_s + random.Uniform(0.0, faults.jitter_s);
+    if (!on_its_way.empty()) shown.due_s = std::max(shown.due_s, on_its_way.back().due_s);
+    on_its_way.push_back(std::move(shown));
   }
 
   template <typename T>
@@ -130,16 +189,20 @@ struct PsmConsoleServer::Impl {
     if (random.Uniform() >= faults.drop) publisher.Write(message);
   }
 
-  void PublishMotion() {
-    if (!faults.freeze || past.empty()) Remember();
-    if (faults.silent) return;
-    const Snapshot& shown = past.front();
-    Send(measured_js, shown.measured_js);
-    Send(setpoint_js, shown.setpoint_js);
-    Send(measured_cp, shown.measured_cp);
-    Send(setpoint_cp, shown.setpoint_cp);
-    Send(jaw_measured_js, shown.jaw_measured_js);
-    Send(jaw_setpoint_js, shown.jaw_setpoint_js);
+  void DeliverStates() {
+    for (; !on_its_way.empty() && on_its_way.front().due_s <= time_s; on_its_way.pop_front()) {
+      const Snapshot& shown = on_its_way.front();
+      Send(measured_js, shown.measured_js);
+      Send(setpoint_js, shown.setpoint_js);
+      Send(measured_cp, shown.measured_cp);
+      Send(setpoint_cp, shown.setpoint_cp);
+      Send(local_measured_cp, shown.measured_cp);
+      Send(local_setpoint_cp, shown.setpoint_cp);
+      Send(measured_cv, shown.measured_cv);
+      Send(jaw_measured_js, shown.jaw_measured_js);
+      Send(jaw_setpoint_js, shown.jaw_setpoint_js);
+      ++states_published;
+    }
   }
 
   void PublishEvents() {
@@ -165,7 +228,7 @@ struct PsmConsoleServer::Impl {
                          state.is_busy != last_state.is_busy;
     if (!changed && time_s < next_state_s) return;
     next_state_s = time_s + 1.0;
-    state.stamp = dds::Stamp::Now();
+    state.stamp = faults.invalid ? dds::Stamp{} : Now();
     last_state = state;
     operating_state.Write(state);
   }
@@ -179,13 +242,22 @@ struct PsmConsoleServer::Impl {
   double next_motion_s = 0.0;
   double next_state_s = 0.0;
   dds::OperatingState last_state;
-  std::deque<Snapshot> past;
+  Snapshot last_measured;
+  bool measured_any = false;
+  std::deque<Snapshot> on_its_way;
+  std::uint64_t commands_taken = 0;
+  std::uint64_t states_published = 0;
 
   dds::Subscriber<dds::StringStamped> state_command{p, Topic("state_command"), dds::Role::kRequest};
   dds::Subscriber<dds::PoseStamped> servo_cp{p, Topic("servo_cp"), dds::Role::kCommand};
+  dds::Subscriber<dds::PoseStamped> servo_cr{p, Topic("servo_cr"), dds::Role::kCommand};
   dds::Subscriber<dds::JointState> servo_jp{p, Topic("servo_jp"), dds::Role::kCommand};
+  dds::Subscriber<dds::JointState> servo_jr{p, Topic("servo_jr"), dds::Role::kCommand};
+  dds::Subscriber<dds::JointState> servo_jf{p, Topic("servo_jf"), dds::Role::kCommand};
   dds::Subscriber<dds::PoseStamped> move_cp{p, Topic("move_cp"), dds::Role::kRequest};
   dds::Subscriber<dds::JointState> move_jp{p, Topic("move_jp"), dds::Role::kRequest};
+  dds::Subscriber<dds::JointState> move_jr{p, Topic("move_jr"), dds::Role::kRequest};
+  dds::Subscriber<dds::Signal> free{p, Topic("free"), dds::Role::kRequest};
   dds::Subscriber<dds::Signal> hold{p, Topic("hold"), dds::Role::kRequest};
   dds::Subscriber<dds::JointState> jaw_servo_jp{p, Topic("jaw/servo_jp"), dds::Role::kCommand};
   dds::Subscriber<dds::JointState> jaw_move_jp{p, Topic("jaw/move_jp"), dds::Role::kRequest};
@@ -194,6 +266,11 @@ struct PsmConsoleServer::Impl {
   dds::Publisher<dds::JointState> setpoint_js{p, Topic("setpoint_js"), dds::Role::kState};
   dds::Publisher<dds::PoseStamped> measured_cp{p, Topic("measured_cp"), dds::Role::kState};
   dds::Publisher<dds::PoseStamped> setpoint_cp{p, Topic("setpoint_cp"), dds::Role::kState};
+  dds::Publisher<dds::PoseStamped> local_measured_cp{p, Topic("local/measured_cp"),
+                                                     dds::Role::kState};
+  dds::Publisher<dds::PoseStamped> local_setpoint_cp{p, Topic("local/setpoint_cp"),
+                                                     dds::Role::kState};
+  dds::Publisher<dds::TwistStamped> measured_cv{p, Topic("measured_cv"), dds::Role::kState};
   dds::Publisher<dds::JointState> jaw_measured_js{p, Topic("jaw/measured_js"), dds::Role::kState};
   dds::Publisher<dds::JointState> jaw_setpoint_js{p, Topic("jaw/setpoint_js"), dds::Role::kState};
   dds::Publisher<dds::OperatingState> operating_state{p, Topic("operating_state"),
@@ -213,24 +290,79 @@ PsmConsoleServer::PsmConsoleServer(dds::Participant& participant, PsmConsole& co
 PsmConsoleServer::~PsmConsoleServer() = default;
 
 void PsmConsoleServer::Tick(double dt_s) {
-  impl_->TakeCommands();
+  TakeCommands();
   impl_->console.Step(dt_s);
-  impl_->time_s += dt_s;
-  if (impl_->time_s >= impl_->next_motion_s) {
-    impl_->next_motion_s += impl_->options.state_period_s;
-    // After a long pause, go on from here instead of catching up.
-    if (impl_->next_motion_s < impl_->time_s) impl_->next_motion_s = impl_->time_s;
-    impl_->PublishMotion();
-  }
-  impl_->PublishEvents();
+  Publish(dt_s, false);
 }
 
+void PsmConsoleServer::TakeCommands() { impl_->TakeCommands(); }
+
+void PsmConsoleServer::PublishEvents() { impl_->PublishEvents(); }
+
+void PsmConsoleServer::Publish(double dt_s, bool now) {
+  Impl& i = *impl_;
+  i.time_s += dt_s;
+  const bool due = i.time_s >= i.next_motion_s;
+  if (due) {
+    i.next_motion_s += i.options.state_period_s;
+    // After a long pause, go on from here instead of catching up.
+    if (i.next_motion_s < i.time_s) i.next_motion_s = i.time_s;
+  }
+  if (due || now) i.SendState();
+  i.DeliverStates();
+  i.PublishEvents();
+}
+
+std::uint64_t PsmConsoleServer::commands_taken() const noexcept { return impl_->commands_taken; }
+std::uint64_t PsmConsoleServer::states_published() const noexcept {
+  return impl_->states_published;
+}
+dds::Stamp PsmConsoleServer::now() const { return impl_->Now(); }
+
 void PsmConsoleServer::SetFaults(const ConsoleFaults& faults) {
-  DFR_THROW_UNLESS(faults.delay_s >= 0.0 && faults.delay_s <= 2.0, "delay_s must lie in [0, 2]");
+  DFR_THROW_UNLESS(faults.delay_s >= 0.0 && faults.delay_s <= 2.0, "delay must lie in [0, 2] s");
+  DFR_THROW_UNLESS(faults.jitter_s >= 0.0 && faults.jitter_s <= 2.0, "jitter must lie in [0, 2] s");
   DFR_THROW_UNLESS(faults.drop >= 0.0 && faults.drop <= 1.0, "drop must lie in [0, 1]");
+  DFR_THROW_UNLESS(faults.drop_commands >= 0.0 && faults.drop_commands <= 1.0,
+                   "drop_commands must lie in [0, 1]");
+  DFR_THROW_UNLESS(std::abs(faults.clock_jump_s) <= 1e6, "clock_jump must lie in [-1e6, 1e6] s");
   impl_->faults = faults;
+  impl_->on_its_way.clear();
 }
 
 const ConsoleFaults& PsmConsoleServer::faults() const noexcept { return impl_->faults; }
+
+bool SetFault(ConsoleFaults& faults, std::string_view name, std::string_view value) {
+  const std::array<std::pair<std::string_view, double*>, 5> numbers = {{
+      {"delay", &faults.delay_s},
+      {"jitter", &faults.jitter_s},
+      {"drop", &faults.drop},
+      {"drop_commands", &faults.drop_commands},
+      {"clock_jump", &faults.clock_jump_s},
+  }};
+  const std::array<std::pair<std::string_view, bool*>, 4> flags = {{
+      {"freeze", &faults.freeze},
+      {"silent", &faults.silent},
+      {"invalid", &faults.invalid},
+      {"corrupt", &faults.corrupt},
+  }};
+  for (const auto& [known, flag] : flags) {
+    if (name != known) continue;
+    DFR_THROW_UNLESS(value == "0" || value == "1",
+                     name << " is switched on by 1 and off by 0, not by '" << value << "'");
+    *flag = value == "1";
+    return true;
+  }
+  for (const auto& [known, number] : numbers) {
+    if (name != known) continue;
+    double parsed = 0.0;
+    const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), parsed);
+    DFR_THROW_UNLESS(error == std::errc() && end == value.data() + value.size(),
+                     name << " takes a number, not '" << value << "'");
+    *number = parsed;
+    return true;
+  }
+  return false;
+}
 
 }  // namespace dfr::sim

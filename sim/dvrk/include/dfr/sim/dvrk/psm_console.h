@@ -44,7 +44,10 @@ struct PsmConsoleOptions {
 ///
 /// servo_* sets the set-point, which the joints approach no faster than 90 degrees/s and 0.2 m/s.
 /// move_* interpolates in joint space, so that the tip's way is not straight, and reports the goal.
-/// The last goal is held for ever: there is no timeout for commands, as on a real console.
+/// *_jr and *_cr are relative to the last goal of the same kind, or where there is none to the
+/// set-point. The last goal is held for ever: there is no timeout for commands, as on a real
+/// console. The simulated arm has no dynamics: free leaves it where it is, servo_jf is dropped with
+/// an error.
 ///
 /// Until the arm is homed nothing it measures is valid. One object belongs to one thread at a time.
 class PsmConsole {
@@ -55,15 +58,30 @@ class PsmConsole {
   void StateCommand(std::string_view command);
   void ServoCp(const Eigen::Isometry3d& goal);
   void ServoJp(const kinematics::PsmJoints& goal);
+  /// Base frame: the translation is added, the rotation goes before the present one. (The real
+  /// console's own servo_cr is marked as not working.)
+  void ServoCr(const Eigen::Isometry3d& difference);
+  void ServoJr(const kinematics::PsmJoints& difference);
+  void ServoJf();
   void MoveCp(const Eigen::Isometry3d& goal);
   void MoveJp(const kinematics::PsmJoints& goal);
+  void MoveJr(const kinematics::PsmJoints& difference);
   /// The jaw's angle, rad, in [-40, 80] degrees.
   void ServoJaw(double angle);
   void MoveJaw(double angle);
   /// Stops where the set-point is.
   void Hold();
+  /// Gives up the goal: the set-point becomes what is measured.
+  void Free();
   /// The arm fails: FAULT, at rest, `reason` on the topic error.
   void Fail(const std::string& reason);
+
+  /// For a simulation: homed, ENABLED and at rest there, whatever was before.
+  /// @throws std::invalid_argument if a joint is beyond its limits.
+  void Place(const kinematics::PsmJoints& joints);
+  /// For a simulation: everything that was asked for is done and at rest, as if there had been time
+  /// for it.
+  void Settle();
 
   /// Time goes on. @pre dt_s >= 0, at most 0.1
   void Step(double dt_s);
@@ -85,6 +103,8 @@ class PsmConsole {
   /// Of the wrist in the base frame, by the encoders.
   [[nodiscard]] Eigen::Isometry3d measured_pose() const noexcept;
   [[nodiscard]] Eigen::Isometry3d setpoint_pose() const noexcept;
+  /// Of the wrist, base frame, by the encoders: m/s, then rad/s.
+  [[nodiscard]] Eigen::Matrix<double, 6, 1> measured_twist() const noexcept;
   /// Where the joints really are.
   [[nodiscard]] kinematics::PsmJoints true_joints() const noexcept;
 
