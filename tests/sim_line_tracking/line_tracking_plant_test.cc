@@ -178,8 +178,9 @@ TEST(LineTrackingPlantTest, DrivenByReadingsItDoesWhatItDoesByControls) {
       const kinematics::PsmJoints from = driven.reported_joints();
       ASSERT_EQ(plant.Apply(u), PlantStatus::kOk);
       const kinematics::PsmJoints to = plant.reported_joints();
-      const double duration_s =
-          LineTrackingPlant::kStep * std::hypot(u[0], u[1]) / LineTrackingPlant::kSpeed;
+      const Eigen::Vector3d step(LineTrackingPlant::kStep * u[0], LineTrackingPlant::kStep * u[1],
+                                 0.0);
+      const double duration_s = step.norm() / LineTrackingPlant::kSpeed;
       const int samples = static_cast<int>(std::ceil(duration_s / 0.02));
       const double dt_s = duration_s / samples;
       const test::NoAlloc guard;
