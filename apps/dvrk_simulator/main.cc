@@ -1,98 +1,306 @@
-// A simulated PSM on the topics of a da Vinci Research Kit console, in real time.
+// A simulated PSM, endoscope and platform on the topics of a da Vinci Research Kit console.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <chrono>
 #include <csignal>
+#include <cstdint>
 #include <cstdlib>
 #include <exception>
+#include <iomanip>
 #include <iostream>
 #include <map>
 #include <string>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include "dfr/core/build_info.h"
-#include "dfr/sim/dvrk/psm_console_server.h"
+#include "dfr/sim/dvrk_scene/dvrk_scene_server.h"
 
 namespace {
+
+using dfr::dds::Discovery;
+using dfr::sim::Wave;
+using Clock = std::chrono::steady_clock;
 
 volatile std::sig_atomic_t stopped = 0;
 
 void Stop(int /*signal*/) { stopped = 1; }
 
-}  // namespace
-
-int main(int argc, char** argv) try {
+struct Options {
   dfr::dds::ParticipantOptions network;
-  dfr::sim::PsmConsoleOptions arm;
-  dfr::sim::PsmConsoleServerOptions server_options;
-  dfr::sim::ConsoleFaults faults;
+  dfr::sim::DvrkSceneOptions scene;
+  dfr::sim::DvrkSceneServerOptions server;
+  bool shared_memory = true;
   double duration_s = 0.0;
-  double joint_error_deg = 0.0;
-  network.name = "dvrk_simulator";
+  double status_s = 0.0;
+  std::vector<std::pair<std::string, std::string>> faults;
+};
 
-  CLI::App app(
-      "Simulates a PSM behind the topics of a da Vinci Research Kit console (CRTK over ROS 2's "
-      "DDS), "
-      "until Ctrl-C. ROS 2 nodes and dfr's own clients find it under --arm's name.");
-  app.set_version_flag("--version",
-                       std::string(dfr::core::BuildVersion()) + " " + dfr::core::BuildCommit());
-  const std::map<std::string, dfr::dds::Discovery> kDiscovery = {
-      {"loopback", dfr::dds::Discovery::kLoopback},
-      {"network", dfr::dds::Discovery::kNetwork},
-      {"server", dfr::dds::Discovery::kServerClient}};
-  app.add_option("--arm", arm.arm, "the arm's name, first part of its topics")
-      ->capture_default_str();
+// One of a few words, and help and errors that show just these.
+template <typename T>
+CLI::Validator OneOf(const std::map<std::string, T>& words) {
+  std::string list;
+  for (const auto& [word, value] : words) list.append(list.empty() ? "{" : ",").append(word);
+  list += "}";
+  return {[words, list](std::string& text) {
+            const auto found = words.find(text);
+            if (found == words.end()) return "'" + text + "' is none of " + list;
+            text = std::to_string(static_cast<int>(found->second));
+            return std::string();
+          },
+          list};
+}
+
+void AddNetwork(CLI::App& app, Options& options) {
+  auto& network = options.network;
+  const std::string group = "Network";
   app.add_option("--domain", network.domain, "DDS domain, as ROS_DOMAIN_ID")
       ->capture_default_str()
-      ->check(CLI::Range(0, 232));
+      ->check(CLI::Range(0, 232))
+      ->group(group);
   app.add_option("--discovery", network.discovery,
                  "who finds it: loopback (this machine), network, or server (--server)")
       ->default_str("loopback")
-      ->transform(CLI::CheckedTransformer(kDiscovery).description("loopback, network or server"));
+      ->type_name("TEXT")
+      ->transform(OneOf<Discovery>({{"loopback", Discovery::kLoopback},
+                                    {"network", Discovery::kNetwork},
+                                    {"server", Discovery::kServerClient}}))
+      ->group(group);
   app.add_option("--server", network.server_address, "IPv4 address of the discovery server")
-      ->capture_default_str();
-  app.add_option("--homing", arm.homing_s, "seconds that homing takes")->capture_default_str();
-  app.add_option("--period", server_options.state_period_s, "seconds between published states")
-      ->capture_default_str();
-  app.add_option("--duration", duration_s, "stop by itself after so many seconds; 0: never")
-      ->capture_default_str();
-  app.add_option("--joint-error", joint_error_deg,
-                 "degrees by which yaw and pitch really are off their encoders")
-      ->capture_default_str();
-  app.add_option("--delay", faults.delay_s, "fault: published motion is so many seconds old")
-      ->capture_default_str();
-  app.add_option("--drop", faults.drop, "fault: share of the state samples that are lost")
-      ->capture_default_str();
-  app.add_option("--seed", server_options.seed, "of what --drop loses")->capture_default_str();
-  app.add_flag("--invalid", faults.invalid, "fault: everything is stamped zero");
-  app.add_flag("--corrupt", faults.corrupt, "fault: positions are NaN");
-  CLI11_PARSE(app, argc, argv);
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--server-port", network.server_port, "its port")
+      ->capture_default_str()
+      ->group(group);
+  app.add_flag("--shared-memory,!--no-shared-memory", options.shared_memory,
+               "pictures go through shared memory to clients on this machine that offer it\n"
+               "(default: yes); the arm stays on UDP")
+      ->group(group);
+}
 
-  constexpr double kDegree = 0.017453292519943295;
-  arm.joint_error.offset.head<2>().setConstant(joint_error_deg * kDegree);
-  dfr::sim::PsmConsole console(arm);
-  dfr::dds::Participant participant(network);
-  dfr::sim::PsmConsoleServer server(participant, console, server_options);
-  server.SetFaults(faults);
+void AddScene(CLI::App& app, Options& options) {
+  auto& [arm, world, seed, linger_s] = options.scene;
+  const std::string group = "Scene";
+  app.add_option("--arm", arm.arm, "the arm's name, first part of its topics")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--seed", seed, "of the first episode: line, light, disturbance")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--homing", arm.homing_s, "seconds that homing takes")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--arm-error-seed", world.arm.seed, "which individual arm: its cable errors")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--arm-error", world.arm.mean_error_m,
+                 "mean distance of the tip from where the encoders have it [m]; up to\n0.0005 of "
+                 "it is what no calibration finds")
+      ->capture_default_str()
+      ->group(group);
+  auto& d = world.disturbance;
+  app.add_option("--wave", d.wave, "how the platform moves: none, sine, breath or random")
+      ->transform(OneOf<Wave>({{"none", Wave::kNone},
+                               {"sine", Wave::kSine},
+                               {"breath", Wave::kBreath},
+                               {"random", Wave::kRandom}}))
+      ->type_name("TEXT")
+      ->default_str(dfr::sim::Name(d.wave))
+      ->group(group);
+  app.add_option("--amplitude", d.amplitude, "of x, y, z [m], roll, pitch, yaw [rad]; six numbers")
+      ->delimiter(',')
+      ->group(group);
+  app.add_option("--frequency", d.frequency, "of the same [Hz], of breath [rad/s]; six numbers")
+      ->delimiter(',')
+      ->group(group);
+  app.add_flag("--during,!--not-during", d.during,
+               "the platform moves while the arm does (default: yes)")
+      ->group(group);
+  app.add_flag("--between", d.between,
+               "it moves while the arm does not; in lock-step, for --pause at each rest")
+      ->group(group);
+  app.add_option("--pause", d.pause_s, "[s]")->capture_default_str()->group(group);
+  app.add_flag("!--no-camera", options.server.camera,
+               "draw and publish no pictures; needs no OpenGL then")
+      ->group(group);
+}
 
-  std::signal(SIGINT, Stop);
-  std::signal(SIGTERM, Stop);
-  std::cout << "dvrk_simulator: " << arm.arm << " in domain " << network.domain
-            << "; home it with \"home\" on /" << arm.arm << "/state_command" << std::endl;
-  using Clock = std::chrono::steady_clock;
+void AddTime(CLI::App& app, Options& options) {
+  const std::string group = "Time";
+  app.add_flag("--lock-step", options.server.lock_step,
+               "no time passes unless /simulator/request asks for it")
+      ->group(group);
+  app.add_option("--period", options.server.console.state_period_s,
+                 "seconds between published states")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--image-period", options.server.image_period_s, "seconds between pictures")
+      ->default_str("1/30")
+      ->group(group);
+  app.add_option("--duration", options.duration_s, "stop by itself after so many seconds; 0: never")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--status", options.status_s,
+                 "print a line every so many seconds: state, rates, tip; 0: never")
+      ->capture_default_str()
+      ->group(group);
+}
+
+void AddFaults(CLI::App& app, Options& options) {
+  const std::string group = "Faults, also at run time: \"fault NAME VALUE\" on /simulator/request";
+  const auto number = [&](const std::string& name, const std::string& option, const char* help) {
+    app.add_option_function<std::string>(
+           option, [&options, name](const std::string& v) { options.faults.emplace_back(name, v); },
+           help)
+        ->type_name("NUMBER")
+        ->group(group);
+  };
+  const auto flag = [&](const std::string& name, const char* help) {
+    app.add_flag_callback(
+           "--" + name, [&options, name] { options.faults.emplace_back(name, "1"); }, help)
+        ->group(group);
+  };
+  number("delay", "--delay", "what is measured arrives so many seconds late");
+  number("jitter", "--jitter", "and up to so many seconds later still");
+  number("drop", "--drop", "share of the state samples that are lost");
+  number("drop_commands", "--drop-commands", "share of the motion commands that are lost");
+  number("clock_jump", "--clock-jump", "seconds added to all stamps");
+  app.add_option("--fault-seed", options.server.console.seed, "of what is lost or late")
+      ->capture_default_str()
+      ->group(group);
+  flag("freeze", "the same state again and again");
+  flag("silent", "no state");
+  flag("invalid", "everything is stamped zero");
+  flag("corrupt", "positions are NaN");
+  app.add_option_function<std::string>(
+         "--camera-fault",
+         [&options](const std::string& v) { options.faults.emplace_back("camera", v); },
+         "frozen, black, overexposed, no_line, no_tip or silent")
+      ->group(group);
+}
+
+void Introduce(const Options& options) {
+  const std::string arm = "/" + options.scene.arm.arm;
+  std::cout << "dvrk_simulator: " << options.scene.arm.arm << ", "
+            << (options.server.camera ? "endoscope ECM and platform SPRK" : "platform SPRK")
+            << " in domain " << options.network.domain << '\n'
+            << "  state    " << arm << "/measured_cp measured_js setpoint_cp ... at "
+            << 1.0 / options.server.console.state_period_s << " Hz, " << arm
+            << "/operating_state error warning status\n"
+            << "  commands " << arm << "/state_command (home first), servo_cp, move_cp, ...\n";
+  if (options.server.camera) {
+    std::cout << "  pictures /ECM/image_raw image_raw/compressed camera_info";
+    if (!options.server.lock_step) {
+      std::cout << " at " << 1.0 / options.server.image_period_s
+                << " Hz, while somebody subscribes";
+    }
+    std::cout << '\n';
+  }
+  std::cout << "  platform /SPRK/measured_cp setpoint_cp\n"
+            << "  itself   /simulator/request: reset SEED, truth, fault NAME VALUE"
+            << (options.server.lock_step ? ", run DT, rest, look" : "") << '\n'
+            << (options.server.lock_step ? "No time passes unless it is asked to. " : "")
+            << "Ctrl-C ends it." << std::endl;
+}
+
+// A line about what goes on, every so often.
+class Status {
+ public:
+  Status(const Options& options, const dfr::sim::DvrkScene& scene,
+         const dfr::sim::DvrkSceneServer& server)
+      : period_s_(options.status_s), scene_(&scene), server_(&server) {}
+
+  void Print(Clock::time_point now) {
+    const double since_s = std::chrono::duration<double>(now - last_).count();
+    if (period_s_ <= 0.0 || since_s < period_s_) return;
+    const auto& console = scene_->console();
+    const auto truth = scene_->plant().truth();
+    std::cout << std::fixed << std::setprecision(1)
+              << std::chrono::duration<double>(now - start_).count() << " s  "
+              << dfr::sim::Name(console.state()) << (console.homed() ? ", homed" : ", not homed")
+              << (console.busy() ? ", busy" : "") << "  state "
+              << static_cast<double>(server_->states_published() - states_) / since_s
+              << " Hz, pictures "
+              << static_cast<double>(server_->images_published() - images_) / since_s << " Hz  tip "
+              << std::setprecision(2) << 1e3 * truth.tip_m.x() << ' ' << 1e3 * truth.tip_m.y()
+              << ' ' << 1e3 * truth.tip_m.z() << " mm, " << 1e3 * truth.distance_m
+              << " mm off the line" << std::endl;
+    states_ = server_->states_published();
+    images_ = server_->images_published();
+    last_ = now;
+  }
+
+ private:
+  double period_s_;
+  const dfr::sim::DvrkScene* scene_;
+  const dfr::sim::DvrkSceneServer* server_;
+  Clock::time_point start_ = Clock::now();
+  Clock::time_point last_ = start_;
+  std::uint64_t states_ = 0;
+  std::uint64_t images_ = 0;
+};
+
+void Run(Options options) {
+  if (options.server.lock_step) options.scene.linger_s = 0.0;
+  // What no calibration finds is part of the whole.
+  auto& error = options.scene.world.arm;
+  error.mean_residual_m = std::min(error.mean_residual_m, error.mean_error_m);
+  options.network.name = "dvrk_simulator";
+  dfr::dds::Participant control(options.network);
+  options.network.name = "dvrk_simulator_images";
+  options.network.shared_memory = options.shared_memory;
+  dfr::dds::Participant images(options.network);
+  dfr::sim::DvrkScene scene(options.scene);
+  dfr::sim::DvrkSceneServer server(control, images, scene, options.server);
+  for (const auto& [name, value] : options.faults) server.SetFault(name, value);
+  Introduce(options);
+
+  Status status(options, scene, server);
   constexpr std::chrono::milliseconds kPeriod(1);
   // Simulated time is the clock's; where the machine falls behind, a step is longer, up to what the
   // console takes.
   constexpr double kLongestStep = 0.1;
   const auto start = Clock::now();
-  auto last = start;
-  while (stopped == 0) {
+  for (auto last = start; stopped == 0;) {
     const auto now = Clock::now();
-    const double since_s = std::chrono::duration<double>(now - last).count();
+    if (options.server.lock_step) {
+      server.Serve(0.1);
+    } else {
+      server.Tick(std::min(std::chrono::duration<double>(now - last).count(), kLongestStep));
+    }
     last = now;
-    server.Tick(since_s < kLongestStep ? since_s : kLongestStep);
-    if (duration_s > 0.0 && std::chrono::duration<double>(now - start).count() >= duration_s) break;
-    std::this_thread::sleep_until(now + kPeriod);
+    status.Print(now);
+    if (options.duration_s > 0.0 &&
+        std::chrono::duration<double>(now - start).count() >= options.duration_s) {
+      break;
+    }
+    if (!options.server.lock_step) std::this_thread::sleep_until(now + kPeriod);
   }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  Options options;
+  CLI::App app(
+      "Simulates a PSM, an endoscope and a platform behind the topics of a da Vinci Research Kit\n"
+      "console (CRTK over ROS 2's DDS), until Ctrl-C. ROS 2 nodes and dfr's own clients find them\n"
+      "by their usual names. Try: dvrk_simulator --status 1",
+      "dvrk_simulator");
+  app.set_version_flag("--version",
+                       std::string(dfr::core::BuildVersion()) + " " + dfr::core::BuildCommit());
+  app.failure_message(CLI::FailureMessage::simple);
+  AddScene(app, options);
+  AddTime(app, options);
+  AddNetwork(app, options);
+  AddFaults(app, options);
+  CLI11_PARSE(app, argc, argv);
+
+  // Before any thread is made, and so before any time in which a signal would kill.
+  std::signal(SIGINT, Stop);
+  std::signal(SIGTERM, Stop);
+  Run(options);
   std::cout << "dvrk_simulator: stopped" << std::endl;
   return EXIT_SUCCESS;
 } catch (const std::exception& e) {

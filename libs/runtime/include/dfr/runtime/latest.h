@@ -11,11 +11,10 @@ namespace dfr::runtime {
 /// buffer): Put() never blocks the writer, and Take() sees whole values only. What was put twice
 /// between two calls of Take() is lost but for the newest.
 ///
-/// One thread calls Put(), one other thread Take(). Both never lock, and neither allocate nor throw
-/// where copying a T does neither.
+/// One thread calls Put(), one other thread Take(). Both never allocate, lock or throw.
 template <typename T>
 class Latest {
-  static_assert(std::is_copy_assignable_v<T>);
+  static_assert(std::is_trivially_copyable_v<T>, "copying must not allocate");
 
  public:
   void Put(const T& value) noexcept {
