@@ -1,19 +1,22 @@
 # Reads components.txt and adds the folders of the chosen components with all that they need.
 
-# Sets <prefix>_names, and per component <prefix>_<name>_{folder,needs,packages}.
+# Sets <prefix>_names, and per component <prefix>_<name>_{folder,needs,packages,build_packages}: who
+# uses the component needs packages, who builds it build_packages too.
 function(dfr_read_components prefix)
   set(file ${PROJECT_SOURCE_DIR}/components.txt)
   set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${file})
   file(STRINGS ${file} rows REGEX "^[a-z]")
   set(names "")
   foreach(row IN LISTS rows)
-    if(NOT row MATCHES "^([a-z_]+) *\\|([^|]*)\\|([^|]*)\\|(.*)$")
-      message(FATAL_ERROR "components.txt: this row is not 'name | folder | needs | packages': ${row}")
+    if(NOT row MATCHES "^([a-z_]+) *\\|([^|]*)\\|([^|]*)\\|([^|]*)(\\|([^|]*))?$")
+      message(FATAL_ERROR "components.txt: this row is not 'name | folder | needs | packages', or that "
+                          "and '| build packages': ${row}")
     endif()
     set(name ${CMAKE_MATCH_1})
     string(STRIP "${CMAKE_MATCH_2}" folder)
     string(STRIP "${CMAKE_MATCH_3}" needs)
     string(STRIP "${CMAKE_MATCH_4}" packages)
+    string(STRIP "${CMAKE_MATCH_6}" build_packages)
     if(folder STREQUAL "-")
       continue()
     endif()
@@ -22,6 +25,7 @@ function(dfr_read_components prefix)
     set(${prefix}_${name}_folder "${folder}" PARENT_SCOPE)
     set(${prefix}_${name}_needs "${needs}" PARENT_SCOPE)
     set(${prefix}_${name}_packages "${packages}" PARENT_SCOPE)
+    set(${prefix}_${name}_build_packages "${build_packages}" PARENT_SCOPE)
   endforeach()
   set(${prefix}_names "${names}" PARENT_SCOPE)
 endfunction()
@@ -48,10 +52,11 @@ macro(dfr_add_component name)
     endif()
   elseif(DFR_COMPONENTS STREQUAL "all")
     message(WARNING "${name} is left out: ${DFR_MISSING} not found. "
-                    "Install: ${component_${name}_packages}")
+                    "Install: ${component_${name}_packages} ${component_${name}_build_packages}")
   else()
     message(FATAL_ERROR "${name} cannot be built: ${DFR_MISSING} not found. "
-                        "Install with: apt-get install ${component_${name}_packages}")
+                        "Install with: apt-get install ${component_${name}_packages} "
+                        "${component_${name}_build_packages}")
   endif()
 endmacro()
 

@@ -1,6 +1,6 @@
 # Doxygen's filter of Markdown: what GitHub resolves by itself, Doxygen 1.9 has to be told. Headings
-# get the anchors that GitHub gives them, links to sources become references, and links to what is no
-# page of the manual become text.
+# get the anchors that GitHub gives them, links to sources become references, links to what is no page
+# of the manual become text.
 function base(path) { sub(/.*\//, "", path); sub(/\.md$/, "", path); return path }
 function slug(text) {
   text = tolower(text)
@@ -18,6 +18,15 @@ function target(link,   parts) {
   if (link ~ /^(\.\.\/)?libs$/) return "annotated.html"
   return ""
 }
+# A name such as @mcap/core is no command; between backticks Doxygen knows that.
+function unquoted(line,   parts, count, i, out) {
+  count = split(line, parts, "`")
+  for (i = 1; i <= count; ++i) {
+    if (i % 2 == 1) gsub(/@/, "\\@", parts[i])
+    out = out (i > 1 ? "`" : "") parts[i]
+  }
+  return out
+}
 /^ *```/ { fenced = !fenced }
 !fenced && /^##+ / {
   title = $0
@@ -25,7 +34,7 @@ function target(link,   parts) {
   $0 = $0 " {#" base(FILENAME) "_" slug(title) "}"
 }
 !fenced {
-  rest = $0
+  rest = unquoted($0)
   $0 = ""
   while (match(rest, /\[[^][]*\]\([^() ]+\)/)) {
     found = substr(rest, RSTART, RLENGTH)

@@ -3,12 +3,30 @@
 #include <cstdlib>
 #include <exception>
 #include <iostream>
+#include <map>
 #include <string>
 
 #include "dfr/core/build_info.h"
+#include "emergency_stop.h"
 
 namespace dfr::apps {
 namespace {
+
+void AddNetwork(CLI::App& command, dds::ParticipantOptions& network) {
+  const std::map<std::string, dds::Discovery> words = {{"loopback", dds::Discovery::kLoopback},
+                                                       {"network", dds::Discovery::kNetwork},
+                                                       {"server", dds::Discovery::kServerClient}};
+  command.add_option("--domain", network.domain, "DDS domain, as ROS_DOMAIN_ID")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 232));
+  command
+      .add_option("--discovery", network.discovery,
+                  "who finds it: loopback (this machine), network, or server (--server)")
+      ->default_str("loopback")
+      ->transform(CLI::CheckedTransformer(words).description("loopback, network or server"));
+  command.add_option("--server", network.server_address, "IPv4 address of the discovery server")
+      ->capture_default_str();
+}
 
 int Main(int argc, char** argv) {
   CLI::App app("What a robot's network and devices need before a program drives them.", "hardware");
@@ -17,6 +35,14 @@ int Main(int argc, char** argv) {
   app.require_subcommand(1);
   app.failure_message(CLI::FailureMessage::simple);
   int result = EXIT_SUCCESS;
+
+  EmergencyStopOptions stop;
+  CLI::App* command = app.add_subcommand(
+      "stop", "an emergency stop at the keyboard, whose silence stops, too; never the only one");
+  AddNetwork(*command, stop.network);
+  command->add_flag("--unattended", stop.unattended,
+                    "nobody sits here: only says that nothing is pressed, for simulations");
+  command->callback([&] { RunEmergencyStop(stop); });
 
   CLI11_PARSE(app, argc, argv);
   return result;

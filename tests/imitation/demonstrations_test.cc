@@ -13,6 +13,7 @@
 #include <stdexcept>
 
 #include "hdf5_file.h"
+#include "tests/imitation/episodes.h"
 #include "tests/imitation/temp_folder.h"
 #include "tests/support/all_close.h"
 
@@ -21,71 +22,29 @@ namespace {
 
 using core::Outcome;
 using internal::Hdf5File;
+using test::Episode;
+using test::Episodes;
 using testing::AllOf;
 using testing::HasSubstr;
-
-// The same numbers as in robomimic_peer.py, all exact in binary but the thirds, which both sides
-// compute alike.
-core::Trajectory Episode(int index) {
-  static constexpr int kLengths[] = {3, 1, 12};
-  const int n = kLengths[index];
-  core::Trajectory trajectory;
-  trajectory.states.resize(n + 1, 6);
-  trajectory.controls.resize(n, 2);
-  for (int t = 0; t <= n; ++t) {
-    for (int k = 0; k < 6; ++k) trajectory.states(t, k) = index + 0.25 * t + k / 3.0;
-    for (int k = 0; k < 2 && t < n; ++k) trajectory.controls(t, k) = (index - t) / 16.0 + k / 2.0;
-  }
-  trajectory.outcome = index == 1 ? Outcome::kHalted : Outcome::kCompleted;
-  trajectory.seed = 0xfedcba9876543210u + static_cast<std::uint64_t>(index);
-  return trajectory;
-}
-
-DemonstrationSet Episodes() {
-  DemonstrationSet set;
-  set.layout.Add("tip", 3);
-  set.layout.Add("object", 2);
-  set.layout.Add("angle", 1);
-  set.control_dim = 2;
-  set.environment = "pusher \"P\"";
-  set.trajectories = {Episode(0), Episode(1), Episode(2)};
-  set.discarded = 2;
-  return set;
-}
-
-void RunPeer(const char* mode, const std::filesystem::path& file) {
-  const std::string command =
-      std::string(DFR_PYTHON " " DFR_PEER " ") + mode + " '" + file.string() + "'";
-  ASSERT_EQ(std::system(command.c_str()), 0) << command << "\n(needs Debian's python3-h5py)";
-}
 
 TEST(DemonstrationsTest, AFileRestoresEverything) {
   const test::TempFolder folder;
   const DemonstrationSet set = Episodes();
   SaveRobomimic(set, folder / "demos.hdf5", "<mujoco/>");
   const DemonstrationSet loaded = LoadRobomimic(folder / "demos.hdf5");
-  EXPECT_EQ(loaded.layout, set.layout);
-  EXPECT_EQ(loaded.control_dim, 2);
-  EXPECT_EQ(loaded.environment, set.environment);
+  test::ExpectSame(loaded, set);
   EXPECT_EQ(loaded.discarded, 2);
-  ASSERT_EQ(loaded.trajectories.size(), 3u);
-  for (std::size_t i = 0; i < 3; ++i) {
-    EXPECT_EQ(loaded.trajectories[i].states, set.trajectories[i].states);
-    EXPECT_EQ(loaded.trajectories[i].controls, set.trajectories[i].controls);
-    EXPECT_EQ(loaded.trajectories[i].outcome, set.trajectories[i].outcome);
-    EXPECT_EQ(loaded.trajectories[i].seed, set.trajectories[i].seed);
-  }
 }
 
 TEST(DemonstrationsTest, AnIndependentReaderFindsEveryValue) {
   const test::TempFolder folder;
   SaveRobomimic(Episodes(), folder / "demos.hdf5", "<mujoco/>");
-  RunPeer("check", folder / "demos.hdf5");
+  test::RunPeer("robomimic_peer.py", "check", folder / "demos.hdf5");
 }
 
 TEST(DemonstrationsTest, AFileOfAnIndependentWriterIsRead) {
   const test::TempFolder folder;
-  RunPeer("write", folder / "peer.hdf5");
+  test::RunPeer("robomimic_peer.py", "write", folder / "peer.hdf5");
   const DemonstrationSet loaded = LoadRobomimic(folder / "peer.hdf5");
   EXPECT_EQ(loaded.environment, "Lift");
   EXPECT_EQ(loaded.control_dim, 2);
@@ -98,9 +57,7 @@ TEST(DemonstrationsTest, AFileOfAnIndependentWriterIsRead) {
   for (int i = 0; i < 3; ++i) {
     const core::Trajectory& actual = loaded.trajectories[static_cast<std::size_t>(i)];
     const core::Trajectory expected = Episode(i);
-    EXPECT_EQ(actual.states.col(0), expected.states.col(5));
-    EXPECT_EQ(actual.states.middleCols(1, 2), expected.states.middleCols(3, 2));
-    EXPECT_EQ(actual.states.rightCols(3), expected.states.leftCols(3));
+    test::ExpectStatesByName(actual.states, expected.states);
     EXPECT_EQ(actual.controls, expected.controls);  // sixteenths are exact in float32
     EXPECT_EQ(actual.outcome, Outcome::kCompleted);
   }

@@ -4,14 +4,15 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
-#include <cstdlib>
+#include <exception>
 #include <filesystem>
+#include <fstream>
 #include <functional>
 #include <limits>
-#include <stdexcept>
 #include <string>
 
 #include "hdf5_file.h"
+#include "tests/imitation/episodes.h"
 #include "tests/imitation/temp_folder.h"
 
 namespace dfr::imitation {
@@ -19,56 +20,15 @@ namespace {
 
 using core::Outcome;
 using internal::Hdf5File;
+using test::Episode;
+using test::Episodes;
 using testing::AllOf;
 using testing::HasSubstr;
 
 constexpr char kId[] = "dfr/test-v0";
 
-// The same numbers as in minari_peer.py, all exact in binary but the thirds, which both sides
-// compute alike.
-core::Trajectory Episode(int index) {
-  static constexpr int kLengths[] = {3, 1, 12};
-  const int n = kLengths[index];
-  core::Trajectory trajectory;
-  trajectory.states.resize(n + 1, 6);
-  trajectory.controls.resize(n, 2);
-  for (int t = 0; t <= n; ++t) {
-    for (int k = 0; k < 6; ++k) trajectory.states(t, k) = index + 0.25 * t + k / 3.0;
-    for (int k = 0; k < 2 && t < n; ++k) trajectory.controls(t, k) = (index - t) / 16.0 + k / 2.0;
-  }
-  trajectory.outcome = index == 1 ? Outcome::kHalted : Outcome::kCompleted;
-  trajectory.seed = 0xfedcba9876543210u + static_cast<std::uint64_t>(index);
-  return trajectory;
-}
-
-DemonstrationSet Episodes(bool plain) {
-  DemonstrationSet set;
-  if (plain) {
-    set.layout.Add("observations", 6);
-  } else {
-    set.layout.Add("tip", 3);
-    set.layout.Add("object", 2);
-    set.layout.Add("angle", 1);
-  }
-  set.control_dim = 2;
-  set.environment = "pusher \"P\"";
-  set.trajectories = {Episode(0), Episode(1), Episode(2)};
-  return set;
-}
-
-void RunPeer(const std::string& mode, const std::filesystem::path& folder) {
-  const std::string command =
-      DFR_PYTHON " " DFR_MINARI_PEER " " + mode + " '" + folder.string() + "'";
-  ASSERT_EQ(std::system(command.c_str()), 0) << command << "\n(needs Debian's python3-h5py)";
-}
-
-std::string MessageOf(const std::function<void()>& call) {
-  try {
-    call();
-  } catch (const std::exception& e) {
-    return e.what();
-  }
-  return "nothing thrown";
+std::string Message(const std::function<void()>& call) {
+  return test::Message<std::exception>(call);
 }
 
 class MinariTest : public testing::TestWithParam<bool> {};
@@ -79,28 +39,19 @@ TEST_P(MinariTest, ADatasetRestoresEverything) {
   SaveMinari(set, folder / "test-v0", kId);
   for (const char* path : {"test-v0", "test-v0/data", "test-v0/data/main_data.hdf5"}) {
     const DemonstrationSet loaded = LoadDemonstrations(folder / path);
-    EXPECT_EQ(loaded.layout, set.layout);
-    EXPECT_EQ(loaded.control_dim, 2);
-    EXPECT_EQ(loaded.environment, set.environment);
-    ASSERT_EQ(loaded.trajectories.size(), 3u);
-    for (std::size_t i = 0; i < 3; ++i) {
-      EXPECT_EQ(loaded.trajectories[i].states, set.trajectories[i].states);
-      EXPECT_EQ(loaded.trajectories[i].controls, set.trajectories[i].controls);
-      EXPECT_EQ(loaded.trajectories[i].outcome, set.trajectories[i].outcome);
-      EXPECT_EQ(loaded.trajectories[i].seed, set.trajectories[i].seed);
-    }
+    test::ExpectSame(loaded, set);
   }
 }
 
 TEST_P(MinariTest, AnIndependentReaderFindsEveryValue) {
   const test::TempFolder folder;
   SaveMinari(Episodes(GetParam()), folder / "test-v0", kId);
-  RunPeer(GetParam() ? "check-plain" : "check", folder / "test-v0");
+  test::RunPeer("minari_peer.py", GetParam() ? "check-plain" : "check", folder / "test-v0");
 }
 
 TEST_P(MinariTest, ADatasetOfAnIndependentWriterIsRead) {
   const test::TempFolder folder;
-  RunPeer(GetParam() ? "write-plain" : "write", folder / "lift-v0");
+  test::RunPeer("minari_peer.py", GetParam() ? "write-plain" : "write", folder / "lift-v0");
   const auto reader = OpenDemonstrations(folder / "lift-v0");
   EXPECT_EQ(reader->environment(), "Lift-v1");
   EXPECT_EQ(reader->control_dim(), 2);
@@ -121,9 +72,7 @@ TEST_P(MinariTest, ADatasetOfAnIndependentWriterIsRead) {
     if (GetParam()) {
       EXPECT_EQ(actual.states, expected.states);
     } else {
-      EXPECT_EQ(actual.states.col(0), expected.states.col(5));
-      EXPECT_EQ(actual.states.middleCols(1, 2), expected.states.middleCols(3, 2));
-      EXPECT_EQ(actual.states.rightCols(3), expected.states.leftCols(3));
+      test::ExpectStatesByName(actual.states, expected.states);
     }
     EXPECT_EQ(actual.controls, expected.controls);  // sixteenths are exact in float32
     EXPECT_EQ(actual.outcome, i == 2 ? Outcome::kCompleted : Outcome::kHalted);
@@ -144,7 +93,7 @@ TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
       f.CreateGroup("episode_0");
       build(f);
     }
-    return MessageOf([&] { (void)OpenMinari(folder / "broken.hdf5")->Read(0); });
+    return Message([&] { (void)OpenMinari(folder / "broken.hdf5")->Read(0); });
   };
   const core::Matrix four = core::Matrix::Ones(4, 2);
   const core::Matrix three = core::Matrix::Ones(3, 2);
@@ -171,14 +120,29 @@ TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
               }),
               HasSubstr("episode_0/observations: row 2, column 1 is nan"));
   std::filesystem::create_directories(folder / "empty");
-  EXPECT_THAT(MessageOf([&] { (void)OpenDemonstrations(folder / "empty"); }),
+  EXPECT_THAT(Message([&] { (void)OpenDemonstrations(folder / "empty"); }),
               HasSubstr("has no data/main_data.hdf5"));
-  EXPECT_THAT(MessageOf([&] { (void)OpenDemonstrations(folder / "absent"); }),
+  EXPECT_THAT(Message([&] { (void)OpenDemonstrations(folder / "absent"); }),
               HasSubstr("no such file"));
+
+  // Beside data that can be read.
+  const std::filesystem::path metadata = folder / "m/data/metadata.json";
+  SaveMinari(Episodes(false), folder / "m", kId);
+  const auto with_metadata = [&](const std::string& text) {
+    std::ofstream(metadata) << text;
+    return Message([&] { (void)OpenMinari(folder / "m"); });
+  };
+  EXPECT_THAT(with_metadata("[1]"), AllOf(HasSubstr("metadata.json"), HasSubstr("JSON object")));
+  EXPECT_THAT(with_metadata(R"({"data_format": "arrow"})"),
+              HasSubstr("data_format is 'arrow'; only hdf5 can be read"));
+  EXPECT_THAT(with_metadata(R"({"data_format": 5})"),
+              AllOf(HasSubstr("metadata.json"), HasSubstr("data_format is not a text")));
+  EXPECT_THAT(with_metadata(R"({"dataset_id": ["a"]})"), HasSubstr("dataset_id is not a text"));
+  EXPECT_THAT(with_metadata(R"({"env_spec": "{\"id\": 1}"})"), HasSubstr("id is not a text"));
 
   DemonstrationSet beyond = Episodes(false);
   beyond.trajectories[2].controls(7, 1) = 1.5;
-  EXPECT_THAT(MessageOf([&] { SaveMinari(beyond, folder / "d", kId); }),
+  EXPECT_THAT(Message([&] { SaveMinari(beyond, folder / "d", kId); }),
               HasSubstr("demonstration 2, step 7: control 1 is 1.5"));
   EXPECT_EQ(OpenMinari(file)->num_episodes(), 3);  // what was there is untouched
 }

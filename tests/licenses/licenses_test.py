@@ -41,7 +41,7 @@ def main(source, binary):
 
     for row in (source / "components.txt").read_text().splitlines():
         if re.match("[a-z]", row):
-            for package in row.split("|")[3].split():
+            for package in " ".join(row.split("|")[3:]).split():
                 if package not in packages:
                     errors.append(f"components.txt: {package} has no row")
     programs = [p for d in ("bin", "tests", "python/dfr") for p in sorted((binary / d).glob("*")) if p.is_file() and p.suffix not in (".py", ".pyi", ".typed")]

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "dfr/core/random.h"
 #include "tests/support/no_alloc.h"
@@ -86,6 +87,27 @@ TEST(LineTaskTest, StatesAreInTheWorldFrameInMillimetres) {
   seen.missing = vision::NotSeen::kLine;
   task.State(seen, state);
   for (const double entry : state) EXPECT_TRUE(std::isnan(entry));
+}
+
+TEST(LineTaskTest, ProgressIsTheLengthOfTheLineWhereverTheGauzeHasMoved) {
+  vision::LineObservation first;
+  first.missing = vision::NotSeen::kNothing;
+  first.p_cam_tip = {-0.02, 0.001, 0.0};
+  vision::LineObservation now = first;
+  now.line = {0.002, 0.1, 0.0};
+  now.p_cam_target.translation() << 0.003, -0.002, 0.001;
+  now.p_cam_tip = {0.023, 0.001, 0.0};  // x = 0.02 on the gauze
+  EXPECT_NEAR(LineTask::Progress(first, now), 0.04 * std::sqrt(1.01), 1e-12);
+  // An arc: the length of y = c x^2 has a closed form.
+  now.line = {0.0, 0.0, 3.0};
+  const double s = 2.0 * 3.0 * 0.02;
+  EXPECT_NEAR(LineTask::Progress(first, now),
+              2.0 * (s * std::sqrt(1.0 + s * s) + std::asinh(s)) / (4.0 * 3.0), 1e-9);
+  std::swap(first, now);
+  first.line = now.line = {0.0, 0.0, 0.0};
+  EXPECT_NEAR(LineTask::Progress(first, now), -0.04, 1e-12) << "backwards";
+  now.missing = vision::NotSeen::kTip;
+  EXPECT_TRUE(std::isnan(LineTask::Progress(first, now)));
 }
 
 TEST(LineTaskTest, TheTipIsOnItsPlaneAndThePlaneIsLevel) {

@@ -181,6 +181,33 @@ TEST_F(GuardFileTest, NewerAndOtherFilesAreRefusedByName) {
   EXPECT_THAT(Refusal(), HasSubstr("cannot be opened"));
 }
 
+// docs/packages.md: every version reads the files of all before it. The file is what Small() saved
+// when that was the newest version, and so are the numbers.
+TEST_F(GuardFileTest, AFileOfVersion1IsReadByAllLaterOnes) {
+  const auto model = GuardModel::Load(DFR_SAFETY_FILES "/version_1.guard");
+  EXPECT_EQ(model->layout(), test::CorridorLayout());
+  EXPECT_EQ(model->num_steps(), 5);
+  EXPECT_EQ(model->action_dim(), 2);
+  EXPECT_EQ(model->settings().strategy, Strategy::kGuided);
+  EXPECT_EQ(model->settings().horizon, 8);
+  EXPECT_EQ(model->summary().source, "six demonstrations");
+  const std::vector<double> inside = {0.0, 0.02, 0.01};
+  const std::vector<double> outside = {0.0, 0.5, -0.4};
+  // Other instruction sets round g otherwise, by 1e-12 of rho at the most.
+  EXPECT_NEAR(model->support().Decision(0, inside), 0.030404204367598886, 1e-12);
+  EXPECT_NEAR(model->support().Decision(2, outside), -0.27505503021144639, 1e-12);
+  EXPECT_NEAR(model->lambda()[1], 0.31560438024818965, 1e-12);
+  Guard guard(model);
+  guard.Reset(1);
+  std::vector<double> action = {0.3, -0.2};
+  const Verdict verdict = guard.Filter(0, inside, action, action);
+  EXPECT_EQ(verdict.mode, control::Mode::kPolicy);
+  EXPECT_TRUE(verdict.changed);
+  // A climb of several steps, each of which is as exact as the one before.
+  EXPECT_NEAR(action[0], 0.23413131645609556, 1e-9);
+  EXPECT_NEAR(action[1], -0.18906948851200045, 1e-9);
+}
+
 TEST(GuardModelTest, AlarmsOnFewUnseenDemonstrations) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 60),
                                      {.features = "tip", .false_alarms = 0.1});

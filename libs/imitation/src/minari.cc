@@ -165,16 +165,24 @@ class MinariReader final : public DemonstrationReader {
     if (!in) return;
     const json metadata = json::parse(in, nullptr, /*allow_exceptions=*/false);
     if (!metadata.is_object()) throw std::runtime_error(path.string() + ": is not a JSON object");
-    const std::string format = metadata.value("data_format", "hdf5");
+    const auto text = [&path](const json& object, const char* key, const char* otherwise) {
+      const auto found = object.find(key);
+      if (found == object.end()) return std::string(otherwise);
+      if (!found->is_string()) {
+        throw std::runtime_error(path.string() + ": " + key + " is not a text");
+      }
+      return found->get<std::string>();
+    };
+    const std::string format = text(metadata, "data_format", "hdf5");
     if (format != "hdf5") {
       throw std::runtime_error(path.string() + ": data_format is '" + format +
                                "'; only hdf5 can be read");
     }
     if (const auto spec = metadata.find("env_spec"); spec != metadata.end() && spec->is_string()) {
       const json environment = json::parse(spec->get<std::string>(), nullptr, false);
-      if (environment.is_object()) environment_ = environment.value("id", "");
+      if (environment.is_object()) environment_ = text(environment, "id", "");
     }
-    if (environment_.empty()) environment_ = metadata.value("dataset_id", "");
+    if (environment_.empty()) environment_ = text(metadata, "dataset_id", "");
   }
 
   Hdf5File file_;

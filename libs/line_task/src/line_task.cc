@@ -78,6 +78,26 @@ void LineTask::State(const vision::LineObservation& seen, std::span<double> stat
         state);
 }
 
+double LineTask::Progress(const vision::LineObservation& first,
+                          const vision::LineObservation& now) noexcept {
+  if (!first.seen() || !now.seen()) return std::numeric_limits<double>::quiet_NaN();
+  const auto x_on_gauze = [](const vision::LineObservation& seen) {
+    return (seen.p_cam_target.inverse() * seen.p_cam_tip).x();
+  };
+  const double begin = x_on_gauze(first);
+  const double end = x_on_gauze(now);
+  // Simpson's rule: the lines are nearly straight.
+  constexpr int kHalves = 8;
+  const double h = (end - begin) / kHalves;
+  double sum = 0.0;
+  for (int i = 0; i <= kHalves; ++i) {
+    const double slope = now.line[1] + 2.0 * now.line[2] * (begin + i * h);
+    const double weight = i == 0 || i == kHalves ? 1.0 : (i % 2 == 1 ? 4.0 : 2.0);
+    sum += weight * std::sqrt(1.0 + slope * slope);
+  }
+  return sum * h / 3.0;
+}
+
 void LineTask::State(const Eigen::Vector3d& tip_m, double distance_m, double heading_rad,
                      std::span<double> state) noexcept {
   state[0] = kMillimetre * tip_m.x();

@@ -70,6 +70,10 @@ class LineTask {
       const kinematics::PsmJoints& reading) const noexcept;
   /// Writes the state that `seen` shows (4 entries).
   void State(const vision::LineObservation& seen, std::span<double> state) const noexcept;
+  /// The length of line between the tips of two observations of an episode, along the line as the
+  /// second shows it, m; NaN unless both were seen.
+  [[nodiscard]] static double Progress(const vision::LineObservation& first,
+                                       const vision::LineObservation& now) noexcept;
   /// The state of a tip in the world frame and a line with this distance and angle to the x-axis.
   static void State(const Eigen::Vector3d& tip_m, double distance_m, double heading_rad,
                     std::span<double> state) noexcept;

@@ -11,10 +11,11 @@ namespace dfr::runtime {
 /// buffer): Put() never blocks the writer, and Take() sees whole values only. What was put twice
 /// between two calls of Take() is lost but for the newest.
 ///
-/// One thread calls Put(), one other thread Take(). Both never allocate, lock or throw.
+/// One thread calls Put(), one other thread Take(). Both never lock, and neither allocate nor throw
+/// where copying a T does neither.
 template <typename T>
 class Latest {
-  static_assert(std::is_trivially_copyable_v<T>, "copying must not allocate");
+  static_assert(std::is_copy_assignable_v<T>);
 
  public:
   void Put(const T& value) noexcept {

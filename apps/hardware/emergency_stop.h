@@ -1,0 +1,16 @@
+#pragma once
+
+#include "dfr/dds/participant.h"
+
+namespace dfr::apps {
+
+struct EmergencyStopOptions {
+  dds::ParticipantOptions network = {.name = "emergency_stop"};
+  bool unattended = false;  ///< Nobody sits at the terminal: it only says that nothing is pressed.
+};
+
+/// An operator's emergency stop in a terminal, until Ctrl-C or q: Enter presses it, r releases it.
+/// Also where nobody listens, for a robot may join later.
+void RunEmergencyStop(const EmergencyStopOptions& options);
+
+}  // namespace dfr::apps
