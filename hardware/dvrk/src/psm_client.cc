@@ -1,0 +1,455 @@
+#include "dfr/hardware/psm_client.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::hardware {
+namespace {
+
+using dds::Freshness;
+using kinematics::Psm;
+using kinematics::PsmJoints;
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kTipSpeed = 1.0;  // m/s, more than any motion of the arm's wrist
+
+bool Positive(const PsmJoints& q) { return q.allFinite() && (q.array() > 0.0).all(); }
+bool Positive(double value) { return value > 0.0 && value < 1e6; }
+
+double Seconds(std::int64_t ns) noexcept { return 1e-9 * static_cast<double>(ns); }
+
+PsmStatus FromFreshness(Freshness freshness) noexcept {
+  switch (freshness) {
+    case Freshness::kFresh:
+      return PsmStatus::kOk;
+    case Freshness::kNever:
+    case Freshness::kSilent:
+      return PsmStatus::kStateSilent;
+    case Freshness::kInvalidStamp:
+      return PsmStatus::kStateInvalid;
+    case Freshness::kOld:
+      return PsmStatus::kStateOld;
+    case Freshness::kAhead:
+      return PsmStatus::kStateAhead;
+  }
+  return PsmStatus::kStateSilent;
+}
+
+bool Finite(const PsmPoseSample& pose) noexcept {
+  // A quaternion of zeros is no orientation.
+  return pose.position_m.allFinite() && pose.orientation.coeffs().allFinite() &&
+         pose.orientation.norm() > 0.5;
+}
+
+}  // namespace
+
+const char* Name(PsmPhase phase) noexcept {
+  switch (phase) {
+    case PsmPhase::kIdle:
+      return "idle";
+    case PsmPhase::kRequested:
+      return "waiting for the console";
+    case PsmPhase::kArmed:
+      return "armed";
+    case PsmPhase::kHolding:
+      return "holding";
+  }
+  return "unknown";
+}
+
+const char* Name(PsmRequest request) noexcept {
+  switch (request) {
+    case PsmRequest::kNone:
+      return "";
+    case PsmRequest::kEnable:
+      return "enable";
+    case PsmRequest::kDisable:
+      return "disable";
+    case PsmRequest::kPause:
+      return "pause";
+    case PsmRequest::kResume:
+      return "resume";
+    case PsmRequest::kHome:
+      return "home";
+    case PsmRequest::kUnhome:
+      return "unhome";
+  }
+  return "";
+}
+
+const char* Name(PsmConsoleState state) noexcept {
+  switch (state) {
+    case PsmConsoleState::kUnknown:
+      return "unknown";
+    case PsmConsoleState::kDisabled:
+      return "DISABLED";
+    case PsmConsoleState::kEnabled:
+      return "ENABLED";
+    case PsmConsoleState::kPaused:
+      return "PAUSED";
+    case PsmConsoleState::kFault:
+      return "FAULT";
+  }
+  return "unknown";
+}
+
+PsmStatus Readiness(const PsmOperatingState& state) noexcept {
+  switch (state.state) {
+    case PsmConsoleState::kUnknown:
+      return PsmStatus::kUnknownState;
+    case PsmConsoleState::kDisabled:
+      return PsmStatus::kDisabled;
+    case PsmConsoleState::kPaused:
+      return PsmStatus::kPaused;
+    case PsmConsoleState::kFault:
+      return PsmStatus::kConsoleFault;
+    case PsmConsoleState::kEnabled:
+      break;
+  }
+  // Before the other, for an arm that homes is not homed either.
+  if (state.busy) return PsmStatus::kBusy;
+  return state.homed ? PsmStatus::kOk : PsmStatus::kNotHomed;
+}
+
+void PsmClientOptions::Check() const {
+  limits.Check();
+  rest.Check();
+  DFR_THROW_UNLESS(Positive(longest_step_s), "longest_step_s must be positive");
+  DFR_THROW_UNLESS(Positive(max_tick_gap_s), "max_tick_gap_s must be positive");
+  DFR_THROW_UNLESS(Positive(max_lag), "max_lag must be positive and finite");
+  DFR_THROW_UNLESS(Positive(reach_timeout_s), "reach_timeout_s must be positive");
+  DFR_THROW_UNLESS(Positive(jump_speed), "jump_speed must be positive and finite");
+  DFR_THROW_UNLESS(jump_noise.allFinite() && (jump_noise.array() >= 0.0).all(),
+                   "jump_noise must be finite and not negative");
+  DFR_THROW_UNLESS(Positive(jump_distance_m), "jump_distance_m must be positive");
+  DFR_THROW_UNLESS(Positive(max_frame_distance_m), "max_frame_distance_m must be positive");
+  DFR_THROW_UNLESS(Positive(max_frame_angle), "max_frame_angle must be positive");
+  DFR_THROW_UNLESS(Positive(enable_timeout_s), "enable_timeout_s must be positive");
+  DFR_THROW_UNLESS(Positive(home_timeout_s), "home_timeout_s must be positive");
+  DFR_THROW_UNLESS(Positive(repeat_request_s), "repeat_request_s must be positive");
+}
+
+PsmClient::PsmClient(const PsmClientOptions& options)
+    : options_(options),
+      motion_(options.limits, options.profile),
+      rest_(options.rest),
+      js_watchdog_(options.watchdog),
+      cp_watchdog_(options.watchdog),
+      age_s_(kNan) {
+  options.Check();
+}
+
+PsmStatus PsmClient::status() const noexcept {
+  return phase_ == PsmPhase::kHolding ? cause_ : doubt_;
+}
+
+void PsmClient::Take(const PsmInput& input) noexcept {
+  const bool armed = phase_ == PsmPhase::kArmed;
+  jumped_ = erred_ = false;
+  lapse_ = PsmStatus::kOk;
+  if (input.measured_js) {
+    PsmJointSample next = *input.measured_js;
+    const double dt = std::max(0.0, Seconds(next.stamp.nanoseconds() - js_.stamp.nanoseconds()));
+    if (!next.has_velocity) {
+      next.velocity = any_js_ && dt > 0.0 ? PsmJoints((next.position - js_.position) / dt)
+                                          : PsmJoints(PsmJoints::Zero());
+    }
+    const bool comparable =
+        any_js_ && js_.well_formed && next.well_formed && js_.stamp.valid() && next.stamp.valid();
+    if (armed && comparable) {
+      const PsmJoints most = options_.jump_noise + dt * options_.jump_speed;
+      jumped_ = ((next.position - js_.position).cwiseAbs().array() > most.array()).any();
+    }
+    js_ = next;
+    any_js_ = true;
+    ++num_samples_;
+    js_arrival_ns_ = now_ns_;
+    js_watchdog_.Arrived(next.stamp, now_ns_);
+    // While a move is under way, or nothing is known, no sample speaks for rest.
+    if (!next.well_formed || !next.stamp.valid() || !next.position.allFinite() ||
+        !next.velocity.allFinite()) {
+      rest_.Forget();
+    } else {
+      const PsmJoints& setpoint =
+          armed || !any_setpoint_ ? motion_.setpoint() : setpoint_js_.position;
+      rest_.Sample(next.position, next.velocity, setpoint, Seconds(now_ns_));
+    }
+  }
+  if (input.measured_cp) {
+    const PsmPoseSample& next = *input.measured_cp;
+    if (armed && any_cp_ && cp_.stamp.valid() && next.stamp.valid()) {
+      const double dt = std::max(0.0, Seconds(next.stamp.nanoseconds() - cp_.stamp.nanoseconds()));
+      jumped_ = jumped_ || (next.position_m - cp_.position_m).norm() >
+                               options_.jump_distance_m + kTipSpeed * dt;
+    }
+    cp_ = next;
+    any_cp_ = true;
+    cp_arrival_ns_ = now_ns_;
+    cp_watchdog_.Arrived(next.stamp, now_ns_);
+  }
+  if (input.setpoint_js && input.setpoint_js->well_formed && input.setpoint_js->stamp.valid() &&
+      input.setpoint_js->position.allFinite()) {
+    setpoint_js_ = *input.setpoint_js;
+    any_setpoint_ = true;
+  }
+  if (input.jaw_measured) jaw_measured_ = *input.jaw_measured;
+  if (input.jaw_setpoint && input.jaw_setpoint->stamp.valid() &&
+      std::isfinite(input.jaw_setpoint->angle)) {
+    jaw_setpoint_ = *input.jaw_setpoint;
+    any_jaw_setpoint_ = true;
+  }
+  if (input.operating_state) {
+    if (any_operating_ && input.operating_state->lapses != operating_.lapses) {
+      lapse_ = input.operating_state->last_lapse;
+    }
+    operating_ = *input.operating_state;
+    any_operating_ = true;
+  }
+  had_publisher_ = had_publisher_ || input.state_publishers > 0 || any_js_;
+  erred_ = input.errors > 0;
+  age_s_ = any_js_ ? Seconds(wall_ns_ - js_.stamp.nanoseconds()) : kNan;
+}
+
+PsmStatus PsmClient::MeasurementDoubt() const noexcept {
+  struct Stream {
+    const dds::Watchdog& watchdog;
+    const dds::Stamp& stamp;
+    std::int64_t arrival_ns;
+  };
+  for (const Stream& stream : {Stream{js_watchdog_, js_.stamp, js_arrival_ns_},
+                               Stream{cp_watchdog_, cp_.stamp, cp_arrival_ns_}}) {
+    const PsmStatus status = FromFreshness(stream.watchdog.Check(wall_ns_, now_ns_));
+    // What was young when it came has only waited for its successor.
+    const std::int64_t waited_ns = now_ns_ - stream.arrival_ns;
+    if (status == PsmStatus::kStateOld && wall_ns_ - stream.stamp.nanoseconds() < 2 * waited_ns) {
+      return PsmStatus::kStateSilent;
+    }
+    if (status != PsmStatus::kOk) return status;
+  }
+  if (!js_.well_formed) return PsmStatus::kStateMalformed;
+  if (!js_.position.allFinite() || !js_.velocity.allFinite() || !Finite(cp_)) {
+    return PsmStatus::kStateNotFinite;
+  }
+  return jumped_ ? PsmStatus::kStateJumped : PsmStatus::kOk;
+}
+
+PsmStatus PsmClient::Doubt(const PsmInput& input) const noexcept {
+  const bool silent = js_watchdog_.Check(wall_ns_, now_ns_) == Freshness::kSilent;
+  if (input.state_publishers == 0 && (!any_js_ || silent)) {
+    if (input.incompatible > 0) return PsmStatus::kIncompatible;
+    return had_publisher_ ? PsmStatus::kConsoleGone : PsmStatus::kNoConsole;
+  }
+  if (silent) return PsmStatus::kStateSilent;
+  if (!any_operating_) return PsmStatus::kNoOperatingState;
+  const PsmStatus ready = Readiness(operating_);
+  if (ready != PsmStatus::kOk) return ready;
+  const PsmStatus measured = MeasurementDoubt();
+  if (measured != PsmStatus::kOk) return measured;
+  if (options_.sole_commander && input.other_publishers > 0) return PsmStatus::kOtherPublisher;
+  return PsmStatus::kOk;
+}
+
+PsmStatus PsmClient::FollowDoubt() const noexcept {
+  const PsmJoints lag = (js_.position - motion_.setpoint()).cwiseAbs();
+  if ((lag.array() > options_.max_lag.array()).any()) return PsmStatus::kNotFollowing;
+  if (Seconds(now_ns_ - restless_ns_) > options_.reach_timeout_s) {
+    return PsmStatus::kNotReached;
+  }
+  return PsmStatus::kOk;
+}
+
+bool PsmClient::FrameAgrees() const noexcept {
+  const Eigen::Isometry3d expected = Psm::Forward(js_.position);
+  const Eigen::Quaterniond turned(expected.linear());
+  return (expected.translation() - cp_.position_m).norm() <= options_.max_frame_distance_m &&
+         turned.angularDistance(cp_.orientation.normalized()) <= options_.max_frame_angle;
+}
+
+void PsmClient::HoldBecause(PsmStatus cause, PsmOutput& output) noexcept {
+  phase_ = PsmPhase::kHolding;
+  cause_ = cause;
+  request_ = PsmRequest::kNone;
+  motion_.Rest(motion_.setpoint());
+  jaw_moving_ = false;
+  output.hold = true;
+}
+
+void PsmClient::Pursue(const PsmInput& input, PsmOutput& output) noexcept {
+  const bool homing = request_ == PsmRequest::kHome;
+  if (request_sent_) {
+    const bool enabled = any_operating_ && operating_.state == PsmConsoleState::kEnabled;
+    bool done = false;
+    switch (request_) {
+      case PsmRequest::kHome:
+        done = enabled && operating_.homed && !operating_.busy;
+        break;
+      case PsmRequest::kEnable:
+      case PsmRequest::kResume:
+        done = enabled;
+        break;
+      default:
+        done = true;
+        break;
+    }
+    if (done) {
+      request_ = PsmRequest::kNone;
+      phase_ = PsmPhase::kIdle;
+      return;
+    }
+    if (any_operating_ && operating_.state == PsmConsoleState::kFault) {
+      HoldBecause(PsmStatus::kConsoleFault, output);
+      return;
+    }
+  }
+  const double timeout_s = homing ? options_.home_timeout_s : options_.enable_timeout_s;
+  if (Seconds(now_ns_ - request_start_ns_) > timeout_s) {
+    HoldBecause(had_publisher_ ? PsmStatus::kTimedOut : PsmStatus::kNoConsole, output);
+    return;
+  }
+  // A console that has not been found yet, or has not found us, hears nothing.
+  if (input.command_subscribers == 0) return;
+  const bool idle = !any_operating_ || (!operating_.busy &&
+                                        (!homing || operating_.state != PsmConsoleState::kEnabled));
+  if (!request_sent_ || (idle && Seconds(now_ns_ - request_sent_ns_) > options_.repeat_request_s)) {
+    output.hold = hold_first_;
+    hold_first_ = false;
+    output.request = request_;
+    request_sent_ = true;
+    request_sent_ns_ = now_ns_;
+  }
+}
+
+PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
+                          std::int64_t wall_ns) noexcept {
+  PsmOutput output;
+  const double dt = stepped_ ? std::max(0.0, Seconds(steady_ns - now_ns_)) : 0.0;
+  now_ns_ = steady_ns;
+  wall_ns_ = wall_ns;
+  stepped_ = true;
+  Take(input);
+  doubt_ = Doubt(input);
+  at_rest_ = doubt_ == PsmStatus::kOk && !moving() && rest_.At(Seconds(now_ns_));
+  if (at_rest_ || motion_.moving()) restless_ns_ = now_ns_;
+
+  if (hold_wanted_) {
+    hold_wanted_ = false;
+    const PsmStatus cause = phase_ == PsmPhase::kHolding ? cause_ : PsmStatus::kHeld;
+    HoldBecause(cause, output);
+    return output;
+  }
+  if (phase_ == PsmPhase::kRequested) {
+    Pursue(input, output);
+    return output;
+  }
+  if (phase_ != PsmPhase::kArmed) return output;
+
+  PsmStatus cause = doubt_;
+  if (cause == PsmStatus::kOk) cause = lapse_;
+  if (cause == PsmStatus::kOk && erred_) cause = PsmStatus::kConsoleError;
+  if (cause == PsmStatus::kOk && dt > options_.max_tick_gap_s) cause = PsmStatus::kTickLate;
+  if (cause == PsmStatus::kOk && input.send_failed) cause = PsmStatus::kSendFailed;
+  if (cause == PsmStatus::kOk) cause = FollowDoubt();
+  if (cause != PsmStatus::kOk) {
+    HoldBecause(cause, output);
+    return output;
+  }
+
+  const double step_s = std::min(dt, options_.longest_step_s);
+  if (motion_.moving()) {
+    motion_.Advance(step_s);
+    rest_.Forget();
+    at_rest_ = false;
+  }
+  output.servo = true;
+  output.servo_cp = Psm::Forward(motion_.setpoint());
+  if (jaw_ours_) {
+    const double most = jaw_speed_ * step_s;
+    const double way = jaw_goal_ - jaw_;
+    jaw_moving_ = jaw_moving_ && std::abs(way) > most;
+    jaw_ = jaw_moving_ ? jaw_ + std::copysign(most, way) : jaw_goal_;
+    output.servo_jaw = true;
+    output.jaw = jaw_;
+  }
+  return output;
+}
+
+PsmStatus PsmClient::Request(PsmRequest request) noexcept {
+  if (request == PsmRequest::kNone) return PsmStatus::kInvalidGoal;
+  const bool always = request == PsmRequest::kDisable || request == PsmRequest::kUnhome;
+  if (!always && any_operating_ && operating_.state == PsmConsoleState::kFault) {
+    return PsmStatus::kConsoleFault;
+  }
+  hold_first_ = phase_ == PsmPhase::kArmed;
+  phase_ = PsmPhase::kRequested;
+  motion_.Rest(motion_.setpoint());
+  jaw_moving_ = jaw_ours_ = false;
+  request_ = request;
+  request_sent_ = false;
+  request_start_ns_ = now_ns_;
+  return PsmStatus::kOk;
+}
+
+PsmStatus PsmClient::Arm() noexcept {
+  if (phase_ == PsmPhase::kArmed) return PsmStatus::kOk;
+  if (phase_ == PsmPhase::kRequested) return PsmStatus::kBusy;
+  if (hold_wanted_) return PsmStatus::kHeld;
+  if (doubt_ != PsmStatus::kOk) return doubt_;
+  if (!any_setpoint_) return PsmStatus::kStateSilent;
+  if (!FrameAgrees()) return PsmStatus::kFrameMismatch;
+  const PsmJoints lag = (js_.position - setpoint_js_.position).cwiseAbs();
+  if ((lag.array() > options_.max_lag.array()).any()) return PsmStatus::kNotFollowing;
+  motion_.Rest(setpoint_js_.position);
+  rest_.Forget();
+  at_rest_ = false;
+  restless_ns_ = now_ns_;
+  jaw_ours_ = jaw_moving_ = false;
+  cause_ = PsmStatus::kOk;
+  phase_ = PsmPhase::kArmed;
+  return PsmStatus::kOk;
+}
+
+PsmStatus PsmClient::MoveTo(const PsmJoints& goal, double duration_s) noexcept {
+  if (phase_ != PsmPhase::kArmed || hold_wanted_) return PsmStatus::kNotArmed;
+  const PsmStatus status = motion_.Start(goal, duration_s);
+  if (status != PsmStatus::kOk) return status;
+  rest_.Forget();
+  at_rest_ = false;
+  restless_ns_ = now_ns_;
+  return PsmStatus::kOk;
+}
+
+PsmStatus PsmClient::MoveTo(const Eigen::Isometry3d& goal, double duration_s) noexcept {
+  if (phase_ != PsmPhase::kArmed || hold_wanted_) return PsmStatus::kNotArmed;
+  const PsmStatus status = motion_.Start(goal, duration_s);
+  if (status != PsmStatus::kOk) return status;
+  rest_.Forget();
+  at_rest_ = false;
+  restless_ns_ = now_ns_;
+  return PsmStatus::kOk;
+}
+
+PsmStatus PsmClient::MoveJaw(double angle, double duration_s) noexcept {
+  if (phase_ != PsmPhase::kArmed || hold_wanted_) return PsmStatus::kNotArmed;
+  if (!std::isfinite(angle) || !(duration_s >= 0.0) || !std::isfinite(duration_s)) {
+    return PsmStatus::kInvalidGoal;
+  }
+  if (angle < options_.limits.jaw_lower || angle > options_.limits.jaw_upper) {
+    return PsmStatus::kBeyondLimits;
+  }
+  if (!jaw_ours_ && !any_jaw_setpoint_) return PsmStatus::kStateSilent;
+  const double from = jaw_ours_ ? jaw_ : jaw_setpoint_.angle;
+  const double way = std::abs(angle - from);
+  if (way > (1.0 + 1e-9) * duration_s * options_.limits.max_jaw_speed) return PsmStatus::kTooFast;
+  jaw_ = from;
+  jaw_goal_ = angle;
+  jaw_speed_ = way > 0.0 ? way / duration_s : 0.0;
+  jaw_moving_ = way > 0.0;
+  jaw_ours_ = true;
+  at_rest_ = false;
+  return PsmStatus::kOk;
+}
+
+}  // namespace dfr::hardware

@@ -1,0 +1,393 @@
+#include "dfr/hardware/psm_driver.h"
+
+#include <semaphore.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstring>
+#include <ctime>
+#include <stdexcept>
+#include <thread>
+
+#include "dfr/core/contract.h"
+#include "dfr/dds/channel.h"
+#include "mailbox.h"
+
+namespace dfr::hardware {
+namespace {
+
+using dds::Role;
+
+constexpr long kPollNs = 1'000'000;
+constexpr int kPollsPerCount = 10;
+constexpr std::size_t kMostWords = 64;
+
+std::int64_t SteadyNs() noexcept {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+PsmConsoleState StateOf(const std::string& text) {
+  for (const PsmConsoleState state : {PsmConsoleState::kDisabled, PsmConsoleState::kEnabled,
+                                      PsmConsoleState::kPaused, PsmConsoleState::kFault}) {
+    if (text == Name(state)) return state;
+  }
+  return PsmConsoleState::kUnknown;
+}
+
+PsmJointSample Joints(const dds::JointState& message) {
+  PsmJointSample sample;
+  sample.stamp = message.stamp;
+  sample.well_formed = message.position.size() == 6;
+  sample.has_velocity = message.velocity.size() == 6;
+  if (sample.well_formed) {
+    sample.position = Eigen::Map<const kinematics::PsmJoints>(message.position.data());
+  }
+  if (sample.has_velocity) {
+    sample.velocity = Eigen::Map<const kinematics::PsmJoints>(message.velocity.data());
+  }
+  return sample;
+}
+
+// What Step() wants to be sent, less the hold, which has a flag of its own so that it always gets
+// through.
+struct Outgoing {
+  bool servo = false;
+  bool servo_jaw = false;
+  PsmRequest request = PsmRequest::kNone;
+  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
+  Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
+  double jaw = 0.0;
+  dds::Stamp stamp;
+};
+
+}  // namespace
+
+const char* Name(ConsoleWord::Severity severity) noexcept {
+  switch (severity) {
+    case ConsoleWord::Severity::kError:
+      return "error";
+    case ConsoleWord::Severity::kWarning:
+      return "warning";
+    case ConsoleWord::Severity::kStatus:
+      return "status";
+  }
+  return "unknown";
+}
+
+// The DDS side: a thread that sends what Tick() has put into the mailboxes and puts there what has
+// come. Only that thread touches publishers and subscribers.
+struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): by meaning
+  Link(dds::Participant& participant, std::string name) : p(participant), arm(std::move(name)) {
+    ::sem_init(&wake, 0, 0);
+    pose.frame_id = arm + "_base";
+    jaw.name = {"jaw"};
+    jaw.position = {0.0};
+    thread = std::thread([this] { Run(); });
+  }
+  ~Link() {
+    stop.store(true, std::memory_order_release);
+    ::sem_post(&wake);
+    thread.join();
+    ::sem_destroy(&wake);
+  }
+  Link(const Link&) = delete;
+  Link& operator=(const Link&) = delete;
+
+  [[nodiscard]] std::string Topic(const char* name) const { return "/" + arm + "/" + name; }
+
+  void Run() noexcept {
+    for (int poll = 0;; ++poll) {
+      const bool stopping = stop.load(std::memory_order_acquire);
+      const std::uint64_t wanted = cycle_wanted.load(std::memory_order_acquire);
+      const bool flushing = wanted != cycle_done.load(std::memory_order_relaxed);
+      Send();
+      Receive();
+      if (flushing || poll % kPollsPerCount == 0) Count();
+      if (flushing) {
+        cycle_done.store(wanted, std::memory_order_release);
+        cycle_done.notify_all();
+      }
+      if (stopping) return;
+      timespec until{};
+      ::clock_gettime(CLOCK_MONOTONIC, &until);
+      until.tv_nsec += kPollNs;
+      if (until.tv_nsec >= 1'000'000'000) {
+        until.tv_nsec -= 1'000'000'000;
+        ++until.tv_sec;
+      }
+      (void)::sem_clockwait(&wake, CLOCK_MONOTONIC, &until);
+      while (::sem_trywait(&wake) == 0) {
+      }
+    }
+  }
+
+  void Send() noexcept {
+    // Read before the set-points: those that were put before it are not sent any more.
+    const bool holding = hold_wanted.exchange(false, std::memory_order_acq_rel);
+    Outgoing next;
+    bool servo = false;
+    bool servo_jaw = false;
+    // Where several wait, the last set-point is the only one that counts.
+    while (outbox.Take(next)) {
+      if (next.servo) {
+        servo = true;
+        pose.stamp = next.stamp;
+        pose.position_m = next.position_m;
+        pose.orientation = next.orientation;
+      }
+      if (next.servo_jaw) {
+        servo_jaw = true;
+        jaw.stamp = next.stamp;
+        jaw.position[0] = next.jaw;
+      }
+      if (next.request != PsmRequest::kNone) {
+        if (holding) hold.Write({});
+        dds::StringStamped command;
+        command.stamp = next.stamp;
+        command.text = Name(next.request);
+        if (!state_command.Write(command)) failed.store(true, std::memory_order_relaxed);
+      }
+    }
+    if (holding) {
+      hold.Write({});
+      return;
+    }
+    if (servo && !servo_cp.Write(pose)) failed.store(true, std::memory_order_relaxed);
+    if (servo_jaw && !jaw_servo_jp.Write(jaw)) failed.store(true, std::memory_order_relaxed);
+  }
+
+  void Receive() noexcept {
+    // Words first: who learns of a FAULT has its reason.
+    for (const auto& [subscriber, severity] :
+         {std::pair{&error, ConsoleWord::Severity::kError},
+          std::pair{&warning, ConsoleWord::Severity::kWarning},
+          std::pair{&status, ConsoleWord::Severity::kStatus}}) {
+      while (subscriber->Take(text)) {
+        ConsoleWord word;
+        word.severity = severity;
+        const std::size_t size = std::min(text.text.size(), word.text.size() - 1);
+        std::memcpy(word.text.data(), text.text.data(), size);
+        words.Put(word);
+        if (severity == ConsoleWord::Severity::kError) {
+          new_error.Put(word);
+          num_errors.fetch_add(1, std::memory_order_acq_rel);
+        }
+      }
+    }
+    while (operating_state.Take(operating)) {
+      PsmOperatingState state;
+      state.state = StateOf(operating.state);
+      state.homed = operating.is_homed;
+      state.busy = operating.is_busy;
+      const PsmStatus readiness = Readiness(state);
+      if (readiness != PsmStatus::kOk) {
+        ++lapses;
+        last_lapse = readiness;
+      }
+      state.lapses = lapses;
+      state.last_lapse = last_lapse;
+      new_operating.Put(state);
+    }
+    if (measured_js.TakeNewest(joints)) new_measured_js.Put(Joints(joints));
+    if (setpoint_js.TakeNewest(joints)) new_setpoint_js.Put(Joints(joints));
+    if (measured_cp.TakeNewest(measured_pose)) {
+      new_measured_cp.Put(
+          {measured_pose.stamp, measured_pose.position_m, measured_pose.orientation});
+    }
+    if (jaw_measured_js.TakeNewest(joints) && joints.position.size() == 1) {
+      new_jaw_measured.Put({joints.stamp, joints.position[0]});
+    }
+    if (jaw_setpoint_js.TakeNewest(joints) && joints.position.size() == 1) {
+      new_jaw_setpoint.Put({joints.stamp, joints.position[0]});
+    }
+  }
+
+  void Count() noexcept {
+    const dds::Health state = measured_js.health();
+    state_publishers.store(state.publishers, std::memory_order_relaxed);
+    incompatible.store(state.incompatible, std::memory_order_relaxed);
+    command_subscribers.store(state_command.num_subscribers(), std::memory_order_relaxed);
+    // Our own is one of those on servo_cp.
+    const int others = std::max(0, watched_servo_cp.health().publishers - 1) +
+                       watched_servo_jp.health().publishers + watched_move_cp.health().publishers +
+                       watched_move_jp.health().publishers;
+    other_publishers.store(others, std::memory_order_relaxed);
+  }
+
+  dds::Participant& p;
+  std::string arm;
+  sem_t wake{};
+  std::atomic<bool> stop{false};
+  std::atomic<std::uint64_t> cycle_wanted{0};
+  std::atomic<std::uint64_t> cycle_done{0};
+
+  internal::Queue<Outgoing, 256> outbox;
+  std::atomic<bool> hold_wanted{false};
+  std::atomic<bool> failed{false};
+  internal::Newest<PsmJointSample> new_measured_js;
+  internal::Newest<PsmJointSample> new_setpoint_js;
+  internal::Newest<PsmPoseSample> new_measured_cp;
+  internal::Newest<PsmJawSample> new_jaw_measured;
+  internal::Newest<PsmJawSample> new_jaw_setpoint;
+  internal::Newest<PsmOperatingState> new_operating;
+  internal::Queue<ConsoleWord, kMostWords> words;
+  internal::Newest<ConsoleWord> new_error;
+  std::atomic<int> num_errors{0};
+  std::atomic<int> state_publishers{0};
+  std::atomic<int> incompatible{0};
+  std::atomic<int> other_publishers{0};
+  std::atomic<int> command_subscribers{0};
+
+  // Of the thread alone.
+  std::uint32_t lapses = 0;
+  PsmStatus last_lapse = PsmStatus::kOk;
+  dds::PoseStamped pose;
+  dds::PoseStamped measured_pose;
+  dds::JointState joints;
+  dds::JointState jaw;
+  dds::OperatingState operating;
+  dds::Text text;
+
+  dds::Publisher<dds::PoseStamped> servo_cp{p, Topic("servo_cp"), Role::kCommand};
+  dds::Publisher<dds::JointState> jaw_servo_jp{p, Topic("jaw/servo_jp"), Role::kCommand};
+  dds::Publisher<dds::Signal> hold{p, Topic("hold"), Role::kRequest};
+  dds::Publisher<dds::StringStamped> state_command{p, Topic("state_command"), Role::kRequest};
+  dds::Subscriber<dds::JointState> measured_js{p, Topic("measured_js"), Role::kState};
+  dds::Subscriber<dds::JointState> setpoint_js{p, Topic("setpoint_js"), Role::kState};
+  dds::Subscriber<dds::PoseStamped> measured_cp{p, Topic("measured_cp"), Role::kState};
+  dds::Subscriber<dds::JointState> jaw_measured_js{p, Topic("jaw/measured_js"), Role::kState};
+  dds::Subscriber<dds::JointState> jaw_setpoint_js{p, Topic("jaw/setpoint_js"), Role::kState};
+  dds::Subscriber<dds::OperatingState> operating_state{p, Topic("operating_state"), Role::kEvent};
+  dds::Subscriber<dds::Text> error{p, Topic("error"), Role::kEvent};
+  dds::Subscriber<dds::Text> warning{p, Topic("warning"), Role::kEvent};
+  dds::Subscriber<dds::Text> status{p, Topic("status"), Role::kEvent};
+  // Only to see who publishes there.
+  dds::Subscriber<dds::PoseStamped> watched_servo_cp{p, Topic("servo_cp"), Role::kState};
+  dds::Subscriber<dds::JointState> watched_servo_jp{p, Topic("servo_jp"), Role::kState};
+  dds::Subscriber<dds::PoseStamped> watched_move_cp{p, Topic("move_cp"), Role::kState};
+  dds::Subscriber<dds::JointState> watched_move_jp{p, Topic("move_jp"), Role::kState};
+  std::thread thread;
+};
+
+PsmDriver::PsmDriver(dds::Participant& participant, const PsmDriverOptions& options)
+    : arm_(options.arm), client_(options.client) {
+  DFR_THROW_UNLESS(
+      !options.arm.empty() && options.arm.front() != '/',
+      "arm must be the arm's name without a slash, PSM1 say, not '" << options.arm << "'");
+  link_ = std::make_unique<Link>(participant, options.arm);
+}
+
+PsmDriver::~PsmDriver() {
+  if (client_.phase() == PsmPhase::kArmed) {
+    link_->hold_wanted.store(true, std::memory_order_release);
+  }
+}
+
+PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept {
+  Link& link = *link_;
+  PsmInput input;
+  (void)link.new_error.Take(last_error_);
+  const auto take = [](auto& mailbox, auto& entry) {
+    if (!mailbox.Take(entry.emplace())) entry.reset();
+  };
+  take(link.new_operating, input.operating_state);
+  take(link.new_measured_js, input.measured_js);
+  take(link.new_setpoint_js, input.setpoint_js);
+  take(link.new_measured_cp, input.measured_cp);
+  take(link.new_jaw_measured, input.jaw_measured);
+  take(link.new_jaw_setpoint, input.jaw_setpoint);
+  input.errors = link.num_errors.exchange(0, std::memory_order_acq_rel);
+  input.state_publishers = state_publishers_ =
+      link.state_publishers.load(std::memory_order_relaxed);
+  input.incompatible = link.incompatible.load(std::memory_order_relaxed);
+  input.other_publishers = other_publishers_ =
+      link.other_publishers.load(std::memory_order_relaxed);
+  input.command_subscribers = link.command_subscribers.load(std::memory_order_relaxed);
+  input.send_failed = link.failed.exchange(false, std::memory_order_relaxed);
+
+  const PsmOutput output = client_.Step(input, steady_ns, wall_ns);
+  if (output.servo || output.servo_jaw || output.request != PsmRequest::kNone) {
+    Outgoing next;
+    next.servo = output.servo;
+    next.position_m = output.servo_cp.translation();
+    next.orientation = Eigen::Quaterniond(output.servo_cp.linear());
+    next.servo_jaw = output.servo_jaw;
+    next.jaw = output.jaw;
+    next.request = output.request;
+    next.stamp = dds::Stamp::FromNanoseconds(wall_ns);
+    if (!link.outbox.Put(next)) link.failed.store(true, std::memory_order_relaxed);
+  }
+  if (output.hold) link.hold_wanted.store(true, std::memory_order_release);
+  ::sem_post(&link.wake);
+  return status();
+}
+
+PsmStatus PsmDriver::Tick() noexcept { return Tick(SteadyNs(), dds::Stamp::Now().nanoseconds()); }
+
+bool PsmDriver::TakeWord(ConsoleWord& word) noexcept { return link_->words.Take(word); }
+
+std::string PsmDriver::Explain() const {
+  const PsmStatus now = status();
+  std::string text = arm_ + ": " + Name(now);
+  if ((now == PsmStatus::kConsoleFault || now == PsmStatus::kConsoleError ||
+       now == PsmStatus::kTimedOut) &&
+      !last_error().empty()) {
+    text += " (\"" + std::string(last_error()) + "\")";
+  }
+  if (*Remedy(now) != '\0') text += std::string("; ") + Remedy(now);
+  return text;
+}
+
+void PsmDriver::Flush() {
+  const std::uint64_t wanted = link_->cycle_wanted.fetch_add(1, std::memory_order_acq_rel) + 1;
+  ::sem_post(&link_->wake);
+  for (std::uint64_t done = link_->cycle_done.load(std::memory_order_acquire); done < wanted;
+       done = link_->cycle_done.load(std::memory_order_acquire)) {
+    link_->cycle_done.wait(done, std::memory_order_acquire);
+  }
+}
+
+PsmStatus BringUp(PsmDriver& driver, double timeout_s,
+                  const std::function<void(std::string_view)>& say) {
+  const auto tell = [&](std::string_view text) {
+    if (say) say(text);
+  };
+  const std::int64_t end = SteadyNs() + static_cast<std::int64_t>(1e9 * timeout_s);
+  PsmStatus told = PsmStatus::kOk;
+  bool asked = false;
+  for (; SteadyNs() < end; std::this_thread::sleep_for(std::chrono::milliseconds(5))) {
+    driver.Tick();
+    ConsoleWord word;
+    while (driver.TakeWord(word)) {
+      tell(std::string("the console says (") + Name(word.severity) +
+           "): " + std::string(word.view()));
+    }
+    if (driver.phase() == PsmPhase::kArmed) return PsmStatus::kOk;
+    if (driver.phase() == PsmPhase::kRequested) continue;
+    if (asked && driver.phase() == PsmPhase::kHolding) return driver.status();
+    const PsmStatus doubt = driver.client().doubt();
+    if (doubt == PsmStatus::kOk) {
+      const PsmStatus armed = driver.Arm();
+      if (armed == PsmStatus::kFrameMismatch || armed == PsmStatus::kNotFollowing) return armed;
+      continue;
+    }
+    if ((doubt == PsmStatus::kDisabled || doubt == PsmStatus::kNotHomed) && !asked) {
+      asked = true;
+      tell(driver.arm() + ": homing");
+      (void)driver.Home();
+    } else if (doubt == PsmStatus::kConsoleFault || doubt == PsmStatus::kPaused ||
+               doubt == PsmStatus::kUnknownState || doubt == PsmStatus::kIncompatible ||
+               doubt == PsmStatus::kOtherPublisher) {
+      return doubt;
+    } else if (doubt != told) {
+      told = doubt;
+      tell("waiting: " + driver.Explain());
+    }
+  }
+  return driver.client().doubt() == PsmStatus::kOk ? PsmStatus::kTimedOut : driver.client().doubt();
+}
+
+}  // namespace dfr::hardware

@@ -1,0 +1,162 @@
+#include "dfr/hardware/psm_motion.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::hardware {
+namespace {
+
+using kinematics::Psm;
+using kinematics::PsmJoints;
+using kinematics::PsmReach;
+
+constexpr double kTwoPi = 6.2831853071795865;
+// Clocks count whole nanoseconds, so that a sum of steps may miss the end by some of them.
+constexpr double kClockError = 1e-6;
+// Of a pose turned into joint values and back; sine and cosine leave 1e-15.
+constexpr double kRoundTrip = 1e-6;
+constexpr double kWayStep = 5e-4;  // m, between two looks at the way
+constexpr int kMaxLooks = 1024;
+// Lever of a joint at most, m: from the remote centre to the jaw tips at full insertion.
+constexpr double kReach = 0.26;
+
+bool Positive(const PsmJoints& q) { return q.allFinite() && (q.array() > 0.0).all(); }
+
+// A pose, sent on its own, has to mean these joint values to its receiver.
+bool Unambiguous(const PsmJoints& q) noexcept {
+  PsmJoints back;
+  return Psm::Inverse(Psm::Forward(q), back) == PsmReach::kOk &&
+         (back - q).cwiseAbs().maxCoeff() < kRoundTrip;
+}
+
+}  // namespace
+
+void PsmLimits::Check() const {
+  for (int i = 0; i < 6; ++i) {
+    DFR_THROW_UNLESS(lower[i] < upper[i] && lower[i] >= Psm::lower_limits()[i] &&
+                         upper[i] <= Psm::upper_limits()[i],
+                     "limits of joint " << i << " must lie in order and within the arm's own, ["
+                                        << Psm::lower_limits()[i] << ", " << Psm::upper_limits()[i]
+                                        << "], not [" << lower[i] << ", " << upper[i] << "]");
+  }
+  DFR_THROW_UNLESS(Positive(max_speed), "max_speed must be positive and finite");
+  DFR_THROW_UNLESS(max_tip_speed > 0.0 && std::isfinite(max_tip_speed),
+                   "max_tip_speed must be positive and finite");
+  DFR_THROW_UNLESS((workspace_min_m.array() < workspace_max_m.array()).all(),
+                   "workspace_min_m must be below workspace_max_m in every entry");
+  DFR_THROW_UNLESS(jaw_lower < jaw_upper && std::isfinite(jaw_lower) && std::isfinite(jaw_upper),
+                   "jaw_lower must be below jaw_upper, both finite");
+  DFR_THROW_UNLESS(max_jaw_speed > 0.0 && std::isfinite(max_jaw_speed),
+                   "max_jaw_speed must be positive and finite");
+}
+
+PsmMotion::PsmMotion(const PsmLimits& limits, PsmProfile profile)
+    : limits_(limits), profile_(profile) {
+  limits.Check();
+}
+
+double PsmMotion::Peak() const noexcept { return profile_ == PsmProfile::kSmooth ? 1.5 : 1.0; }
+
+void PsmMotion::Rest(const PsmJoints& joints) noexcept {
+  moving_ = false;
+  from_ = goal_ = setpoint_ = joints;
+}
+
+double PsmMotion::ShortestDuration(const PsmJoints& goal) const noexcept {
+  const PsmJoints way = goal - setpoint_;
+  // The tip's speed along the way is looked at where Start() looks.
+  double tip = 0.0;
+  Eigen::Vector3d before = Psm::Tip(setpoint_);
+  constexpr int kParts = 32;
+  for (int i = 1; i <= kParts; ++i) {
+    const Eigen::Vector3d at = Psm::Tip(setpoint_ + (static_cast<double>(i) / kParts) * way);
+    tip = std::max(tip, kParts * (at - before).norm());
+    before = at;
+  }
+  return Peak() * std::max(way.cwiseAbs().cwiseQuotient(limits_.max_speed).maxCoeff(),
+                           tip / limits_.max_tip_speed);
+}
+
+PsmStatus PsmMotion::Start(const PsmJoints& goal, double duration_s) noexcept {
+  if (!goal.allFinite() || !(duration_s >= 0.0) || !std::isfinite(duration_s)) {
+    return PsmStatus::kInvalidGoal;
+  }
+  if (!((goal.array() >= limits_.lower.array()).all() &&
+        (goal.array() <= limits_.upper.array()).all())) {
+    return PsmStatus::kBeyondLimits;
+  }
+  const PsmJoints way = goal - setpoint_;
+  // No point of the tool moves farther than this.
+  const double length = kReach * (way.cwiseAbs().sum() - std::abs(way[2])) + std::abs(way[2]);
+  const int looks =
+      std::clamp(static_cast<int>(std::ceil(std::min(length / kWayStep, 1e6))), 1, kMaxLooks);
+  for (int i = 0; i <= looks; ++i) {
+    const PsmJoints q = setpoint_ + (static_cast<double>(i) / looks) * way;
+    if (!Unambiguous(q)) return PsmStatus::kUnreachable;
+    const Eigen::Vector3d tip = Psm::Tip(q);
+    const bool inside = (tip.array() >= limits_.workspace_min_m.array()).all() &&
+                        (tip.array() <= limits_.workspace_max_m.array()).all();
+    // Where it is now nobody can help; from there on it must be inside.
+    if (i > 0 && !inside) return PsmStatus::kOutsideWorkspace;
+  }
+  if (duration_s < (1.0 - 1e-9) * ShortestDuration(goal)) return PsmStatus::kTooFast;
+  from_ = setpoint_;
+  goal_ = goal;
+  elapsed_s_ = 0.0;
+  duration_s_ = duration_s;
+  moving_ = duration_s > 0.0;
+  if (!moving_) setpoint_ = goal;
+  return PsmStatus::kOk;
+}
+
+PsmStatus PsmMotion::Start(const Eigen::Isometry3d& goal, double duration_s) noexcept {
+  PsmJoints joints;
+  const PsmReach reach = Psm::Inverse(goal, joints);
+  if (reach == PsmReach::kInvalid) return PsmStatus::kInvalidGoal;
+  if (reach == PsmReach::kSingular) return PsmStatus::kUnreachable;
+  // A roll of more than half a turn away is the same pose the other way round.
+  for (const double turn : {kTwoPi, -kTwoPi}) {
+    if (std::abs(joints[3] + turn - setpoint_[3]) < std::abs(joints[3] - setpoint_[3])) {
+      return PsmStatus::kUnreachable;
+    }
+  }
+  return Start(joints, duration_s);
+}
+
+void PsmMotion::Advance(double dt_s) noexcept {
+  if (!moving_) return;
+  elapsed_s_ += dt_s;
+  if (elapsed_s_ >= duration_s_ - kClockError) {
+    moving_ = false;
+    setpoint_ = goal_;
+    return;
+  }
+  const double s = elapsed_s_ / duration_s_;
+  const double share = profile_ == PsmProfile::kSmooth ? s * s * (3.0 - 2.0 * s) : s;
+  setpoint_ = from_ + share * (goal_ - from_);
+}
+
+void PsmRestOptions::Check() const {
+  DFR_THROW_UNLESS(Positive(max_distance), "rest: max_distance must be positive and finite");
+  DFR_THROW_UNLESS(Positive(max_speed), "rest: max_speed must be positive and finite");
+  DFR_THROW_UNLESS(settle_s >= 0.0 && settle_s < 1e3, "rest: settle_s must lie in [0, 1000)");
+}
+
+PsmRest::PsmRest(const PsmRestOptions& options) : options_(options) { options.Check(); }
+
+void PsmRest::Sample(const PsmJoints& measured, const PsmJoints& velocity,
+                     const PsmJoints& setpoint, double time_s) noexcept {
+  const bool calm =
+      ((measured - setpoint).cwiseAbs().array() <= options_.max_distance.array()).all() &&
+      (velocity.cwiseAbs().array() <= options_.max_speed.array()).all();
+  if (calm && !calm_) since_s_ = time_s;
+  calm_ = calm;
+}
+
+bool PsmRest::At(double time_s) const noexcept {
+  return calm_ && time_s - since_s_ >= options_.settle_s - kClockError;
+}
+
+}  // namespace dfr::hardware

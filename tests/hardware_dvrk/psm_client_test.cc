@@ -1,0 +1,556 @@
+#include "dfr/hardware/psm_client.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+#include "tests/support/all_close.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::hardware {
+namespace {
+
+using kinematics::Psm;
+using kinematics::PsmJoints;
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kWall = 1'700'000'000'000'000'000;
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+PsmJoints Home() {
+  PsmJoints q = PsmJoints::Zero();
+  q[2] = 0.12;
+  return q;
+}
+
+PsmJoints Yaw(double angle) {
+  PsmJoints q = Home();
+  q[0] = angle;
+  return q;
+}
+
+// A client and a console that does at once what it is told, with a sample every 10 ms; a step is 5
+// ms. What `spoil` does to a step's input is what goes wrong.
+class PsmClientTest : public testing::Test {
+ protected:
+  PsmInput Input() {
+    PsmInput input;
+    input.state_publishers = 1;
+    input.command_subscribers = 1;
+    if (num_steps_ == 0 || operating_changed_) {
+      input.operating_state = operating_;
+      operating_changed_ = false;
+    }
+    if (num_steps_ % 2 == 0) {
+      PsmJointSample sample;
+      sample.stamp = dds::Stamp::FromNanoseconds(kWall + now_ns_);
+      sample.well_formed = sample.has_velocity = true;
+      sample.position = at_;
+      input.measured_js = input.setpoint_js = sample;
+      const Eigen::Isometry3d pose = Psm::Forward(at_);
+      input.measured_cp =
+          PsmPoseSample{sample.stamp, pose.translation(), Eigen::Quaterniond(pose.linear())};
+      input.jaw_measured = input.jaw_setpoint = PsmJawSample{sample.stamp, jaw_};
+    }
+    return input;
+  }
+
+  PsmOutput Step(const std::function<void(PsmInput&)>& spoil = {}) {
+    PsmInput input = Input();
+    if (spoil) spoil(input);
+    PsmOutput output = client_.Step(input, now_ns_, kWall + now_ns_);
+    ++num_steps_;
+    now_ns_ += 5 * kMs;
+    if (output.servo) {
+      EXPECT_EQ(Psm::Inverse(output.servo_cp, at_), kinematics::PsmReach::kOk);
+      ++num_servo_;
+    }
+    if (output.servo_jaw) jaw_ = output.jaw;
+    num_holds_ += output.hold;
+    if (output.request != PsmRequest::kNone) requests_ += std::string(Name(output.request)) + ' ';
+    return output;
+  }
+
+  void Steps(int n) {
+    for (int i = 0; i < n; ++i) Step();
+  }
+
+  void Become(PsmConsoleState state, bool homed, bool busy) {
+    operating_.state = state;
+    operating_.homed = homed;
+    operating_.busy = busy;
+    const PsmStatus now = Readiness(operating_);
+    if (now != PsmStatus::kOk) {
+      ++operating_.lapses;
+      operating_.last_lapse = now;
+    }
+    operating_changed_ = true;
+  }
+
+  void ArmNow() {
+    Become(PsmConsoleState::kEnabled, true, false);
+    Steps(4);
+    ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.status());
+    Steps(30);
+    ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
+  }
+
+  // Under way to a goal when `spoil` strikes, in each of `steps` steps: the client holds at once,
+  // sends nothing more, says why, and does not go on by itself when all is well again.
+  void ExpectHold(PsmStatus cause, const std::function<void(PsmInput&)>& spoil, int steps = 1) {
+    ArmNow();
+    ASSERT_EQ(client_.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
+    Steps(41);
+    ASSERT_TRUE(client_.moving());
+    num_holds_ = 0;
+    for (int i = 0; i < steps && client_.phase() == PsmPhase::kArmed; ++i) Step(spoil);
+    ASSERT_EQ(client_.phase(), PsmPhase::kHolding) << "after " << steps << " steps";
+    EXPECT_EQ(client_.status(), cause) << Name(client_.status());
+    EXPECT_EQ(num_holds_, 1);
+    const int sent = num_servo_;
+    const PsmJoints there = at_;
+    operating_.state = PsmConsoleState::kEnabled;
+    Become(PsmConsoleState::kEnabled, true, false);
+    Steps(100);
+    EXPECT_EQ(client_.phase(), PsmPhase::kHolding);
+    EXPECT_EQ(client_.status(), cause);  // the first cause stays
+    EXPECT_EQ(num_servo_, sent);
+    EXPECT_EQ(client_.MoveTo(Yaw(0.0), 10.0), PsmStatus::kNotArmed);
+    // Only this goes on, from where the arm is.
+    ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.doubt());
+    Steps(2);
+    EXPECT_EQ(client_.status(), PsmStatus::kOk);
+    EXPECT_TRUE(test::AllClose(client_.setpoint(), there, 1e-9));
+  }
+
+  PsmClient client_{PsmClientOptions{}};
+  PsmOperatingState operating_;
+  bool operating_changed_ = false;
+  PsmJoints at_ = Home();
+  double jaw_ = 0.1;
+  std::int64_t now_ns_ = 1000 * kMs;
+  int num_steps_ = 0;
+  int num_servo_ = 0;
+  int num_holds_ = 0;
+  std::string requests_;
+};
+
+TEST_F(PsmClientTest, OnlyListensUntilArmed) {
+  Become(PsmConsoleState::kEnabled, true, false);
+  Steps(10);
+  EXPECT_EQ(client_.phase(), PsmPhase::kIdle);
+  EXPECT_EQ(client_.status(), PsmStatus::kOk);
+  EXPECT_EQ(client_.MoveTo(Yaw(0.1), 5.0), PsmStatus::kNotArmed);
+  EXPECT_EQ(client_.MoveJaw(0.2, 5.0), PsmStatus::kNotArmed);
+  EXPECT_EQ(num_servo_ + num_holds_, 0);
+  EXPECT_EQ(requests_, "");
+}
+
+TEST_F(PsmClientTest, MovesAndComesToRestAtTheGoal) {
+  ArmNow();
+  EXPECT_TRUE(client_.at_rest());
+  ASSERT_EQ(client_.MoveTo(Yaw(0.1), 1.0), PsmStatus::kOk);
+  EXPECT_FALSE(client_.at_rest());
+  int steps = 0;
+  for (; !client_.at_rest() && steps < 1000; ++steps) Step();
+  EXPECT_TRUE(test::AllClose(at_, Yaw(0.1), 1e-9));
+  // The duration, 0.1 s to settle, and a sample every other step.
+  EXPECT_NEAR(steps, 200 + 20, 4);
+  // While armed the set-point is repeated.
+  const int sent = num_servo_;
+  Steps(10);
+  EXPECT_EQ(num_servo_, sent + 10);
+}
+
+TEST_F(PsmClientTest, MoveToAPoseIsTheMoveToItsJoints) {
+  ArmNow();
+  ASSERT_EQ(client_.MoveTo(Psm::Forward(Yaw(0.05)), 1.0), PsmStatus::kOk);
+  Steps(250);
+  EXPECT_TRUE(test::AllClose(at_, Yaw(0.05), 1e-9));
+}
+
+TEST_F(PsmClientTest, LateStepsStretchTheMoveInsteadOfLeaping) {
+  ArmNow();
+  ASSERT_EQ(client_.MoveTo(Yaw(0.2), 2.0), PsmStatus::kOk);
+  Steps(200);
+  const double before = client_.setpoint()[0];
+  now_ns_ += 30 * kMs;
+  Step();
+  // As in any step of 5 ms: at most the limit.
+  EXPECT_LE(client_.setpoint()[0] - before, 0.005 * client_.motion().limits().max_speed[0]);
+  EXPECT_EQ(client_.phase(), PsmPhase::kArmed);
+}
+
+TEST_F(PsmClientTest, RefusedGoalsChangeNothing) {
+  ArmNow();
+  EXPECT_EQ(client_.MoveTo(Yaw(1.7), 100.0), PsmStatus::kBeyondLimits);
+  EXPECT_EQ(client_.MoveTo(Yaw(0.2), 0.1), PsmStatus::kTooFast);
+  EXPECT_EQ(client_.MoveTo(Yaw(kNan), 1.0), PsmStatus::kInvalidGoal);
+  EXPECT_EQ(client_.MoveJaw(2.0, 10.0), PsmStatus::kBeyondLimits);
+  EXPECT_EQ(client_.MoveJaw(0.9, 0.1), PsmStatus::kTooFast);
+  EXPECT_FALSE(client_.moving());
+  Steps(10);
+  EXPECT_EQ(client_.phase(), PsmPhase::kArmed);
+  EXPECT_TRUE(test::AllClose(at_, Home(), 1e-9));
+}
+
+TEST_F(PsmClientTest, JawTurnsAtConstantSpeedAndIsLeftAloneUntilAsked) {
+  ArmNow();
+  EXPECT_FALSE(Step().servo_jaw);
+  ASSERT_EQ(client_.MoveJaw(0.4, 1.0), PsmStatus::kOk);
+  EXPECT_TRUE(client_.moving());
+  Steps(100);
+  EXPECT_NEAR(jaw_, 0.25, 1e-9);
+  Steps(102);
+  EXPECT_EQ(jaw_, 0.4);
+  EXPECT_FALSE(client_.moving());
+}
+
+TEST_F(PsmClientTest, HoldWorksAtAnyTime) {
+  client_.Hold();
+  Step();
+  EXPECT_EQ(client_.phase(), PsmPhase::kHolding);
+  EXPECT_EQ(client_.status(), PsmStatus::kHeld);
+  EXPECT_EQ(num_holds_, 1);
+  ArmNow();
+  ASSERT_EQ(client_.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
+  Steps(100);
+  client_.Hold();
+  EXPECT_EQ(client_.MoveTo(Yaw(0.2), 3.0), PsmStatus::kNotArmed);
+  EXPECT_EQ(client_.Arm(), PsmStatus::kOk);  // still armed: the hold comes with the next step
+  EXPECT_FALSE(Step().servo);
+  EXPECT_EQ(client_.status(), PsmStatus::kHeld);
+}
+
+TEST_F(PsmClientTest, StampZeroHolds) {
+  ExpectHold(
+      PsmStatus::kStateInvalid,
+      [](PsmInput& input) {
+        if (input.measured_js) input.measured_js->stamp = {};
+      },
+      2);
+}
+TEST_F(PsmClientTest, PoseStampZeroHolds) {
+  ExpectHold(
+      PsmStatus::kStateInvalid,
+      [](PsmInput& input) {
+        if (input.measured_cp) input.measured_cp->stamp = {};
+      },
+      2);
+}
+TEST_F(PsmClientTest, NanHolds) {
+  ExpectHold(
+      PsmStatus::kStateNotFinite,
+      [](PsmInput& input) {
+        if (input.measured_cp) input.measured_cp->position_m.y() = kNan;
+      },
+      2);
+}
+TEST_F(PsmClientTest, WrongNumberOfJointsHolds) {
+  ExpectHold(
+      PsmStatus::kStateMalformed,
+      [](PsmInput& input) {
+        if (input.measured_js) input.measured_js->well_formed = false;
+      },
+      2);
+}
+TEST_F(PsmClientTest, JumpOfTheJointsHolds) {
+  ExpectHold(
+      PsmStatus::kStateJumped,
+      [](PsmInput& input) {
+        if (input.measured_js) input.measured_js->position[1] += 0.05;
+      },
+      2);
+}
+TEST_F(PsmClientTest, JumpOfThePoseHolds) {
+  ExpectHold(
+      PsmStatus::kStateJumped,
+      [](PsmInput& input) {
+        if (input.measured_cp) input.measured_cp->position_m.x() += 0.02;
+      },
+      2);
+}
+// 50 ms of silence at the most, and a sample every 10 ms.
+TEST_F(PsmClientTest, SilenceHolds) {
+  ExpectHold(
+      PsmStatus::kStateSilent,
+      [](PsmInput& input) {
+        input.measured_js.reset();
+        input.measured_cp.reset();
+      },
+      12);
+}
+TEST_F(PsmClientTest, SilenceOfThePoseAloneHolds) {
+  ExpectHold(
+      PsmStatus::kStateSilent, [](PsmInput& input) { input.measured_cp.reset(); }, 12);
+}
+TEST_F(PsmClientTest, FrozenStateHolds) {
+  std::optional<PsmJointSample> frozen;
+  ExpectHold(
+      PsmStatus::kStateOld,
+      [&](PsmInput& input) {
+        if (!frozen && input.measured_js) frozen = input.measured_js;
+        if (input.measured_js) input.measured_js = frozen;
+      },
+      13);
+}
+TEST_F(PsmClientTest, ClockJumpHolds) {
+  ExpectHold(
+      PsmStatus::kStateAhead,
+      [](PsmInput& input) {
+        if (input.measured_js) input.measured_js->stamp.sec += 3;
+      },
+      2);
+}
+TEST_F(PsmClientTest, ConsoleGoneHolds) {
+  ExpectHold(
+      PsmStatus::kConsoleGone,
+      [](PsmInput& input) {
+        input.measured_js.reset();
+        input.measured_cp.reset();
+        input.state_publishers = 0;
+      },
+      12);
+}
+TEST_F(PsmClientTest, FaultHolds) {
+  ExpectHold(PsmStatus::kConsoleFault, [&](PsmInput& input) {
+    Become(PsmConsoleState::kFault, true, false);
+    input.operating_state = operating_;
+  });
+}
+TEST_F(PsmClientTest, PauseHolds) {
+  ExpectHold(PsmStatus::kPaused, [&](PsmInput& input) {
+    Become(PsmConsoleState::kPaused, true, false);
+    input.operating_state = operating_;
+  });
+}
+TEST_F(PsmClientTest, DisabledHolds) {
+  ExpectHold(PsmStatus::kDisabled, [&](PsmInput& input) {
+    Become(PsmConsoleState::kDisabled, true, false);
+    input.operating_state = operating_;
+  });
+}
+TEST_F(PsmClientTest, NotHomedHolds) {
+  ExpectHold(PsmStatus::kNotHomed, [&](PsmInput& input) {
+    Become(PsmConsoleState::kEnabled, false, false);
+    input.operating_state = operating_;
+  });
+}
+TEST_F(PsmClientTest, BusyHolds) {
+  ExpectHold(PsmStatus::kBusy, [&](PsmInput& input) {
+    Become(PsmConsoleState::kEnabled, true, true);
+    input.operating_state = operating_;
+  });
+}
+// FAULT and ENABLED again before the client looked.
+TEST_F(PsmClientTest, LapseBetweenTwoStepsHolds) {
+  ExpectHold(PsmStatus::kConsoleFault, [&](PsmInput& input) {
+    Become(PsmConsoleState::kFault, true, false);
+    Become(PsmConsoleState::kEnabled, true, false);
+    input.operating_state = operating_;
+  });
+}
+TEST_F(PsmClientTest, ConsoleErrorHolds) {
+  ExpectHold(PsmStatus::kConsoleError, [](PsmInput& input) { input.errors = 1; });
+}
+TEST_F(PsmClientTest, SecondPublisherHolds) {
+  ExpectHold(PsmStatus::kOtherPublisher, [](PsmInput& input) { input.other_publishers = 1; });
+}
+TEST_F(PsmClientTest, SendFailureHolds) {
+  ExpectHold(PsmStatus::kSendFailed, [](PsmInput& input) { input.send_failed = true; });
+}
+TEST_F(PsmClientTest, LoopThatStoodStillHolds) {
+  ExpectHold(PsmStatus::kTickLate, [&](PsmInput& input) {
+    // All else is in time: the samples are those of the moment.
+    now_ns_ += 200 * kMs;
+    input = Input();
+    num_steps_ -= num_steps_ % 2;
+    input = Input();
+  });
+}
+TEST_F(PsmClientTest, ArmThatStaysBehindHolds) {
+  // 0.09 rad behind at 0.1 rad/s.
+  ExpectHold(
+      PsmStatus::kNotFollowing,
+      [&, stuck = std::optional<PsmJointSample>()](PsmInput& input) mutable {
+        if (!stuck && input.measured_js) stuck = input.measured_js;
+        if (!input.measured_js) return;
+        input.measured_js->position = stuck->position;
+        const Eigen::Isometry3d pose = Psm::Forward(stuck->position);
+        input.measured_cp->position_m = pose.translation();
+      },
+      400);
+}
+TEST_F(PsmClientTest, ArmThatDoesNotComeToRestHolds) {
+  ExpectHold(
+      PsmStatus::kNotReached,
+      [&](PsmInput& input) {
+        if (input.measured_js)
+          input.measured_js->position[0] += num_steps_ % 4 == 0 ? 0.011 : 0.012;
+      },
+      1200);
+}
+
+TEST_F(PsmClientTest, OthersMayPublishWhereThatIsAllowed) {
+  PsmClientOptions options;
+  options.sole_commander = false;
+  client_ = PsmClient(options);
+  ArmNow();
+  Step([](PsmInput& input) { input.other_publishers = 3; });
+  EXPECT_EQ(client_.status(), PsmStatus::kOk);
+}
+
+TEST_F(PsmClientTest, ArmRefusesAnotherFrameOrInstrument) {
+  Become(PsmConsoleState::kEnabled, true, false);
+  for (int i = 0; i < 4; ++i) {
+    Step([](PsmInput& input) {
+      if (input.measured_cp) input.measured_cp->position_m.z() -= 0.003;
+    });
+  }
+  EXPECT_EQ(client_.status(), PsmStatus::kOk);
+  EXPECT_EQ(client_.Arm(), PsmStatus::kFrameMismatch);
+  for (int i = 0; i < 4; ++i) {
+    Step([](PsmInput& input) {
+      if (input.measured_cp) input.measured_cp->orientation = Eigen::Quaterniond(1, 0, 0, 0);
+    });
+  }
+  EXPECT_EQ(client_.Arm(), PsmStatus::kFrameMismatch);
+  EXPECT_EQ(client_.phase(), PsmPhase::kIdle);
+}
+
+TEST_F(PsmClientTest, ArmSaysWhatIsWrong) {
+  EXPECT_EQ(client_.Arm(), PsmStatus::kNoConsole);
+  Step([](PsmInput& input) { input = {}; });
+  EXPECT_EQ(client_.Arm(), PsmStatus::kNoConsole);
+  Step([](PsmInput& input) {
+    input = {};
+    input.incompatible = 1;
+  });
+  EXPECT_EQ(client_.Arm(), PsmStatus::kIncompatible);
+  Step([](PsmInput& input) { input.operating_state.reset(); });
+  EXPECT_EQ(client_.Arm(), PsmStatus::kNoOperatingState);
+  Become(PsmConsoleState::kDisabled, false, false);
+  Steps(2);
+  EXPECT_EQ(client_.Arm(), PsmStatus::kDisabled);
+  Become(PsmConsoleState::kUnknown, false, false);
+  Steps(2);
+  EXPECT_EQ(client_.Arm(), PsmStatus::kUnknownState);
+}
+
+TEST_F(PsmClientTest, HomingIsAskedForOnceAndEndsInIdle) {
+  Become(PsmConsoleState::kDisabled, false, false);
+  Steps(4);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  EXPECT_EQ(client_.phase(), PsmPhase::kRequested);
+  Steps(2);
+  Become(PsmConsoleState::kEnabled, false, true);
+  Steps(2000);  // 10 s
+  EXPECT_EQ(client_.phase(), PsmPhase::kRequested);
+  EXPECT_EQ(requests_, "home ");
+  Become(PsmConsoleState::kEnabled, true, false);
+  Steps(2);
+  EXPECT_EQ(client_.phase(), PsmPhase::kIdle);
+  EXPECT_EQ(client_.status(), PsmStatus::kOk);
+  EXPECT_EQ(num_servo_, 0);
+}
+
+TEST_F(PsmClientTest, RequestsAreRepeatedUntilTheyShowAndThenTimeOut) {
+  Become(PsmConsoleState::kDisabled, false, false);
+  Steps(4);
+  ASSERT_EQ(client_.Request(PsmRequest::kEnable), PsmStatus::kOk);
+  Steps(1990);
+  EXPECT_EQ(requests_, "enable enable enable enable enable ");  // every 2 s
+  EXPECT_EQ(client_.phase(), PsmPhase::kRequested);
+  Steps(20);
+  EXPECT_EQ(client_.phase(), PsmPhase::kHolding);
+  EXPECT_EQ(client_.status(), PsmStatus::kTimedOut);
+}
+
+TEST_F(PsmClientTest, RequestWaitsForTheConsoleToListen) {
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  for (int i = 0; i < 10; ++i) Step([](PsmInput& input) { input.command_subscribers = 0; });
+  EXPECT_EQ(requests_, "");
+  Step();
+  EXPECT_EQ(requests_, "home ");
+}
+
+TEST_F(PsmClientTest, FaultEndsHomingAndOnlyDisableIsTakenThen) {
+  Become(PsmConsoleState::kEnabled, false, true);
+  Steps(4);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  Steps(2);
+  Become(PsmConsoleState::kFault, false, false);
+  Steps(2);
+  EXPECT_EQ(client_.status(), PsmStatus::kConsoleFault);
+  EXPECT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kConsoleFault);
+  EXPECT_EQ(client_.Request(PsmRequest::kDisable), PsmStatus::kOk);
+  Steps(2);
+  EXPECT_EQ(client_.phase(), PsmPhase::kIdle);
+  EXPECT_EQ(requests_, "home disable ");
+}
+
+TEST_F(PsmClientTest, PauseHoldsFirst) {
+  ArmNow();
+  ASSERT_EQ(client_.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
+  Steps(20);
+  ASSERT_EQ(client_.Request(PsmRequest::kPause), PsmStatus::kOk);
+  const PsmOutput output = Step();
+  EXPECT_TRUE(output.hold);
+  EXPECT_FALSE(output.servo);
+  EXPECT_EQ(output.request, PsmRequest::kPause);
+}
+
+// Consoles may leave velocities out: they are then those of the positions.
+TEST_F(PsmClientTest, VelocityIsThatOfThePositionsWhereNoneComes) {
+  ArmNow();
+  ASSERT_EQ(client_.MoveTo(Yaw(0.2), 2.0), PsmStatus::kOk);
+  for (int i = 0; i < 200; ++i) {
+    Step([](PsmInput& input) {
+      if (input.measured_js) input.measured_js->has_velocity = false;
+    });
+  }
+  // In the middle of s^2 (3 - 2 s).
+  EXPECT_NEAR(client_.measured_js().velocity[0], 1.5 * 0.2 / 2.0, 1e-3);
+}
+
+TEST_F(PsmClientTest, NeverAllocates) {
+  ArmNow();
+  const PsmInput input = Input();
+  const test::NoAlloc guard;
+  (void)client_.MoveTo(Yaw(0.3), 3.0);
+  (void)client_.MoveJaw(0.2, 3.0);
+  (void)client_.Step(input, now_ns_, kWall + now_ns_);
+  client_.Hold();
+  (void)client_.Step(input, now_ns_, kWall + now_ns_);
+  (void)client_.Arm();
+  (void)client_.Request(PsmRequest::kHome);
+  (void)client_.Step(input, now_ns_, kWall + now_ns_);
+}
+
+TEST(PsmStatusTest, EveryStatusHasANameAndARemedyOfItsOwn) {
+  for (int i = 1; i <= static_cast<int>(PsmStatus::kTooFast); ++i) {
+    const auto status = static_cast<PsmStatus>(i);
+    EXPECT_STRNE(Name(status), "unknown") << i;
+    EXPECT_STRNE(Remedy(status), "") << Name(status);
+    for (int j = 0; j < i; ++j) EXPECT_STRNE(Name(status), Name(static_cast<PsmStatus>(j)));
+  }
+}
+
+TEST(PsmClientOptionsTest, OptionsOutOfRangeAreRefused) {
+  PsmClientOptions options;
+  options.longest_step_s = 0.0;
+  EXPECT_THROW(PsmClient{options}, std::invalid_argument);
+  options = {};
+  options.max_lag[2] = -1.0;
+  EXPECT_THROW(PsmClient{options}, std::invalid_argument);
+  options = {};
+  options.watchdog.max_age_s = kNan;
+  EXPECT_THROW(PsmClient{options}, std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::hardware

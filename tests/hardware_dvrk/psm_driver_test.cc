@@ -1,0 +1,305 @@
+#include "dfr/hardware/psm_driver.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <functional>
+#include <mutex>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "dfr/dds/channel.h"
+#include "dfr/sim/dvrk/psm_console_server.h"
+#include "tests/dds/domain.h"
+#include "tests/support/all_close.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::hardware {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using kinematics::PsmJoints;
+using testing::HasSubstr;
+
+PsmJoints Home() {
+  PsmJoints q = PsmJoints::Zero();
+  q[2] = 0.12;
+  return q;
+}
+
+PsmJoints Yaw(double angle) {
+  PsmJoints q = Home();
+  q[0] = angle;
+  return q;
+}
+
+// Limits that forgive a machine that is busy with other things; the exact ones are tested without
+// a network.
+PsmDriverOptions Patient() {
+  PsmDriverOptions options;
+  options.client.watchdog = {.max_age_s = 0.5, .max_silence_s = 0.5, .max_ahead_s = 0.01};
+  options.client.max_tick_gap_s = 2.0;
+  return options;
+}
+
+// A simulated console in a thread of its own, in real time, and a driver that this thread ticks.
+class PsmDriverTest : public testing::Test {
+ protected:
+  PsmDriverTest() : console_thread_([this] { Serve(); }) {}
+  ~PsmDriverTest() override {
+    stop_ = true;
+    console_thread_.join();
+  }
+
+  void Serve() {
+    auto last = Clock::now();
+    while (!stop_) {
+      const auto now = Clock::now();
+      const std::lock_guard lock(mutex_);
+      if (!halted_) {
+        server_.Tick(std::min(0.05, std::chrono::duration<double>(now - last).count()));
+      }
+      last = now;
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+  }
+
+  void Console(const std::function<void()>& change) {
+    const std::lock_guard lock(mutex_);
+    change();
+  }
+
+  bool Until(PsmDriver& driver, const std::function<bool()>& condition) {
+    const auto end = Clock::now() + std::chrono::seconds(60);
+    while (!condition()) {
+      if (Clock::now() > end) return false;
+      driver.Tick();
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    }
+    return true;
+  }
+
+  void ExpectHolds(PsmDriver& driver, PsmStatus cause) {
+    ASSERT_TRUE(Until(driver, [&] { return driver.phase() == PsmPhase::kHolding; }))
+        << driver.Explain();
+    EXPECT_EQ(driver.status(), cause) << driver.Explain();
+  }
+
+  sim::PsmConsole console_{{.arm = "PSM1", .homing_s = 0.2}};
+  dds::Participant server_participant_{{.domain = test::OwnDomain()}};
+  sim::PsmConsoleServer server_{server_participant_, console_};
+  dds::Participant participant_{{.domain = test::OwnDomain()}};
+  std::mutex mutex_;
+  std::atomic<bool> stop_{false};
+  bool halted_ = false;
+  std::thread console_thread_;
+};
+
+TEST_F(PsmDriverTest, HomesMovesAndComesToRest) {
+  PsmDriver driver(participant_, Patient());
+  std::vector<std::string> said;
+  ASSERT_EQ(BringUp(driver, 60.0, [&](std::string_view text) { said.emplace_back(text); }),
+            PsmStatus::kOk)
+      << driver.Explain();
+  EXPECT_THAT(said, testing::Contains(HasSubstr("homed")));
+  PsmJoints goal = Home();
+  goal << 0.05, -0.03, 0.125, 0.1, 0.05, -0.05;
+  ASSERT_EQ(driver.MoveTo(goal, 1.0), PsmStatus::kOk);
+  ASSERT_EQ(driver.MoveJaw(0.3, 1.0), PsmStatus::kOk);
+  ASSERT_TRUE(Until(driver, [&] { return driver.at_rest(); })) << driver.Explain();
+  // At rest is within rest_options of the goal; the console goes on to it.
+  EXPECT_TRUE(test::AllClose(driver.client().measured_js().position, goal, 0.02));
+  Console([&] {
+    EXPECT_TRUE(test::AllClose(console_.setpoint_joints(), goal, 1e-9));
+    EXPECT_NEAR(console_.setpoint_jaw(), 0.3, 1e-12);
+  });
+  EXPECT_EQ(driver.other_publishers(), 0);
+}
+
+// Goals that the console refuses are refused here first.
+TEST_F(PsmDriverTest, NothingBeyondTheLimitsReachesTheConsole) {
+  PsmDriver driver(participant_, Patient());
+  ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
+  EXPECT_EQ(driver.MoveTo(Yaw(1.6), 60.0), PsmStatus::kBeyondLimits);
+  EXPECT_EQ(driver.MoveTo(Yaw(0.3), 0.2), PsmStatus::kTooFast);
+  ASSERT_EQ(driver.MoveTo(Yaw(0.02), 0.5), PsmStatus::kOk);
+  ASSERT_TRUE(Until(driver, [&] { return driver.at_rest(); })) << driver.Explain();
+  ConsoleWord word;
+  while (driver.TakeWord(word)) EXPECT_EQ(word.severity, ConsoleWord::Severity::kStatus);
+}
+
+TEST_F(PsmDriverTest, NotReadyIsRefusedByItsName) {
+  PsmDriver driver(participant_, Patient());
+  ASSERT_TRUE(Until(driver, [&] { return driver.status() == PsmStatus::kDisabled; }));
+  EXPECT_EQ(driver.Arm(), PsmStatus::kDisabled);
+  EXPECT_EQ(driver.MoveTo(Yaw(0.1), 1.0), PsmStatus::kNotArmed);
+  ASSERT_EQ(driver.Enable(), PsmStatus::kOk);
+  ASSERT_TRUE(Until(driver, [&] { return driver.phase() == PsmPhase::kIdle; }));
+  EXPECT_EQ(driver.Arm(), PsmStatus::kNotHomed);
+  EXPECT_THAT(driver.Explain(), HasSubstr("PSM1: the arm is not homed; home the arm"));
+}
+
+TEST_F(PsmDriverTest, FaultIsToldInTheConsolesWordsAndNeedsDisableHomeArm) {
+  PsmDriver driver(participant_, Patient());
+  ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
+  ASSERT_EQ(driver.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
+  ASSERT_TRUE(Until(driver, [&] { return driver.client().setpoint()[0] > 0.01; }));
+  Console([&] { console_.Fail("encoder 3 is off"); });
+  ASSERT_TRUE(Until(driver, [&] { return driver.phase() == PsmPhase::kHolding; }));
+  EXPECT_THAT(driver.status(), testing::AnyOf(PsmStatus::kConsoleFault, PsmStatus::kConsoleError));
+  EXPECT_THAT(driver.Explain(), HasSubstr("\"PSM1: encoder 3 is off\""));
+  EXPECT_EQ(BringUp(driver, 60.0), PsmStatus::kConsoleFault);
+  ASSERT_EQ(driver.Request(PsmRequest::kDisable), PsmStatus::kOk);
+  ASSERT_TRUE(Until(driver, [&] { return driver.status() == PsmStatus::kDisabled; }));
+  EXPECT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
+}
+
+TEST_F(PsmDriverTest, PauseStampZeroNanAndFreezeEachHoldByName) {
+  PsmDriver driver(participant_, Patient());
+  ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
+  const auto rearm = [&] {
+    Console([&] { server_.SetFaults({}); });
+    return Until(driver, [&] { return driver.Arm() == PsmStatus::kOk; });
+  };
+  Console([&] { server_.SetFaults({.invalid = true}); });
+  ExpectHolds(driver, PsmStatus::kStateInvalid);
+  ASSERT_TRUE(rearm());
+  Console([&] { server_.SetFaults({.corrupt = true}); });
+  ExpectHolds(driver, PsmStatus::kStateNotFinite);
+  ASSERT_TRUE(rearm());
+  Console([&] { server_.SetFaults({.freeze = true}); });
+  ExpectHolds(driver, PsmStatus::kStateOld);
+  ASSERT_TRUE(rearm());
+  Console([&] { server_.SetFaults({.silent = true}); });
+  ExpectHolds(driver, PsmStatus::kStateSilent);
+  ASSERT_TRUE(rearm());
+  Console([&] { console_.StateCommand("pause"); });
+  ExpectHolds(driver, PsmStatus::kPaused);
+  ASSERT_EQ(driver.Request(PsmRequest::kResume), PsmStatus::kOk);
+  ASSERT_TRUE(Until(driver, [&] { return driver.phase() == PsmPhase::kIdle; }));
+  ASSERT_TRUE(rearm());
+}
+
+// A console that stops without a word, and goes on.
+TEST_F(PsmDriverTest, HaltedConsoleHoldsAndNothingRestartsByItself) {
+  PsmDriver driver(participant_, Patient());
+  ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
+  ASSERT_EQ(driver.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
+  ASSERT_TRUE(Until(driver, [&] { return driver.client().setpoint()[0] > 0.01; }));
+  PsmJoints before;
+  Console([&] {
+    halted_ = true;
+    before = console_.setpoint_joints();
+  });
+  ExpectHolds(driver, PsmStatus::kStateSilent);
+  // Long enough for the last set-point, which nobody took, to expire.
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  Console([&] { halted_ = false; });
+  ASSERT_TRUE(Until(driver, [&] { return driver.client().doubt() == PsmStatus::kOk; }));
+  for (int i = 0; i < 100; ++i) {
+    driver.Tick();
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
+  EXPECT_EQ(driver.phase(), PsmPhase::kHolding);
+  // What it had been told last it may still have reached.
+  Console([&] { EXPECT_TRUE(test::AllClose(console_.setpoint_joints(), before, 1e-3)); });
+}
+
+TEST_F(PsmDriverTest, AnyOtherPublisherOnACommandTopicHolds) {
+  PsmDriver driver(participant_, Patient());
+  ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
+  dds::Participant intruder({.domain = test::OwnDomain()});
+  {
+    const dds::Publisher<dds::PoseStamped> second(intruder, "/PSM1/servo_cp", dds::Role::kCommand);
+    ExpectHolds(driver, PsmStatus::kOtherPublisher);
+    EXPECT_EQ(driver.Arm(), PsmStatus::kOtherPublisher);
+  }
+  ASSERT_TRUE(Until(driver, [&] { return driver.Arm() == PsmStatus::kOk; })) << driver.Explain();
+  const dds::Publisher<dds::JointState> second(intruder, "/PSM1/move_jp", dds::Role::kRequest);
+  ExpectHolds(driver, PsmStatus::kOtherPublisher);
+}
+
+TEST_F(PsmDriverTest, HoldStopsTheArmWhereItIs) {
+  PsmDriver driver(participant_, Patient());
+  ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
+  ASSERT_EQ(driver.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
+  ASSERT_TRUE(Until(driver, [&] { return driver.client().setpoint()[0] > 0.05; }));
+  driver.Hold();
+  driver.Tick();
+  EXPECT_EQ(driver.status(), PsmStatus::kHeld);
+  const double stopped_at = driver.client().setpoint()[0];
+  ASSERT_TRUE(Until(driver, [&] { return driver.at_rest(); }));
+  Console([&] { EXPECT_NEAR(console_.measured_joints()[0], stopped_at, 5e-3); });
+}
+
+// From the first tick to the last, whatever DDS does meanwhile.
+TEST_F(PsmDriverTest, TickNeverAllocates) {
+  PsmDriver driver(participant_, Patient());
+  ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
+  const PsmJoints goal = Yaw(0.05);
+  for (int i = 0; i < 300; ++i) {
+    {
+      const test::NoAlloc guard;
+      driver.Tick();
+      if (i == 10) (void)driver.MoveTo(goal, 0.5);
+      if (i == 200) driver.Hold();
+      ConsoleWord word;
+      (void)driver.TakeWord(word);
+    }
+    if (i == 150) Console([&] { console_.StateCommand("dance"); });  // a warning comes
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
+  EXPECT_EQ(driver.status(), PsmStatus::kHeld);
+}
+
+// Time is the caller's: what was sent before Flush() has arrived when the console goes on.
+TEST(PsmDriverLockStepTest, TimeGoesOnAsTheCallerSays) {
+  sim::PsmConsole console({.arm = "PSM2", .homing_s = 0.1});
+  dds::Participant server_participant({.domain = test::OwnDomain()});
+  sim::PsmConsoleServer server(server_participant, console);
+  dds::Participant participant({.domain = test::OwnDomain()});
+  PsmDriverOptions options;
+  options.arm = "PSM2";
+  options.client.profile = PsmProfile::kLinear;
+  options.client.longest_step_s = 0.02;
+  // Stamps are of the system's clock, which this test leaves alone.
+  options.client.watchdog = {.max_age_s = 1e3, .max_silence_s = 1.0, .max_ahead_s = 1e3};
+  PsmDriver driver(participant, options);
+  std::int64_t now_ns = 0;
+  const auto step = [&](double dt_s) {
+    now_ns += std::llround(1e9 * dt_s);
+    driver.Tick(now_ns, dds::Stamp::Now().nanoseconds());
+    driver.Flush();
+    server.Tick(dt_s);
+    // The console's words come when they come.
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    driver.Flush();
+  };
+  for (int i = 0; i < 5000 && driver.status() != PsmStatus::kDisabled; ++i) step(0.01);
+  ASSERT_EQ(driver.Home(), PsmStatus::kOk);
+  for (int i = 0; i < 5000 && driver.Arm() != PsmStatus::kOk; ++i) step(0.01);
+  ASSERT_EQ(driver.phase(), PsmPhase::kArmed) << driver.Explain();
+  ASSERT_EQ(driver.MoveTo(Yaw(0.01), 0.2), PsmStatus::kOk);
+  for (int i = 1; i <= 10; ++i) {
+    step(0.02);
+    EXPECT_NEAR(console.setpoint_joints()[0], 0.001 * i, 1e-12) << i;
+  }
+}
+
+TEST(PsmDriverNoConsoleTest, SaysThatNobodyIsThere) {
+  dds::Participant participant({.domain = test::OwnDomain()});
+  PsmDriver driver(participant, {.arm = "PSM3"});
+  EXPECT_EQ(driver.Tick(), PsmStatus::kNoConsole);
+  EXPECT_EQ(BringUp(driver, 0.2), PsmStatus::kNoConsole);
+  EXPECT_THAT(driver.Explain(), HasSubstr("is the console (or dvrk_simulator) running"));
+  EXPECT_THROW(PsmDriver(participant, {.arm = "/PSM1"}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::hardware

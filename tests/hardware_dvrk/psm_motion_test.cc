@@ -1,0 +1,191 @@
+#include "dfr/hardware/psm_motion.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include "dfr/core/random.h"
+#include "tests/support/all_close.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::hardware {
+namespace {
+
+using kinematics::Psm;
+using kinematics::PsmJoints;
+
+constexpr double kDegree = 0.017453292519943295;
+
+PsmJoints Home() {
+  PsmJoints q = PsmJoints::Zero();
+  q[2] = 0.12;
+  return q;
+}
+
+PsmJoints Off(int joint, double by) {
+  PsmJoints q = Home();
+  q[joint] += by;
+  return q;
+}
+
+PsmMotion AtHome(const PsmLimits& limits = {}, PsmProfile profile = PsmProfile::kSmooth) {
+  PsmMotion motion(limits, profile);
+  motion.Rest(Home());
+  return motion;
+}
+
+TEST(PsmMotionTest, LinearMoveIsAConstantShareOfTheWayPerTime) {
+  PsmMotion motion = AtHome({}, PsmProfile::kLinear);
+  PsmJoints goal = Off(0, 0.02);
+  goal[2] += 0.01;
+  ASSERT_EQ(motion.Start(goal, 1.0), PsmStatus::kOk);
+  for (int i = 1; i <= 50; ++i) {
+    motion.Advance(0.02);
+    const PsmJoints expected = Home() + (i / 50.0) * (goal - Home());
+    ASSERT_TRUE(test::AllClose(motion.setpoint(), expected, 1e-15)) << i;
+    ASSERT_EQ(motion.moving(), i < 50);
+  }
+  EXPECT_EQ(motion.setpoint(), goal);  // exactly, whatever the steps summed up to
+}
+
+// At whatever moments it is asked: no step is larger than the speed limits allow for its time.
+TEST(PsmMotionTest, EveryStepKeepsToTheSpeedLimits) {
+  core::Random random(11);
+  for (const PsmProfile profile : {PsmProfile::kSmooth, PsmProfile::kLinear}) {
+    PsmMotion motion = AtHome({}, profile);
+    const PsmLimits& limits = motion.limits();
+    for (int move = 0; move < 200; ++move) {
+      PsmJoints goal;
+      for (int i = 0; i < 6; ++i) goal[i] = random.Uniform(-0.6, 0.6);
+      goal[2] = random.Uniform(0.05, 0.2);
+      ASSERT_EQ(motion.Start(goal, motion.ShortestDuration(goal)), PsmStatus::kOk);
+      while (motion.moving()) {
+        const PsmJoints before = motion.setpoint();
+        const double dt = random.Uniform(1e-4, 5e-3);
+        motion.Advance(dt);
+        const PsmJoints step = (motion.setpoint() - before).cwiseAbs();
+        // The last step may make up for a microsecond of the clocks.
+        ASSERT_TRUE((step.array() <= (dt + 2e-6) * limits.max_speed.array() + 1e-12).all());
+        const double tip = (Psm::Tip(motion.setpoint()) - Psm::Tip(before)).norm();
+        // Between two looks of ShortestDuration() the tip's speed differs by a little.
+        ASSERT_LE(tip, 1.02 * (dt + 2e-6) * limits.max_tip_speed + 1e-9);
+      }
+      ASSERT_EQ(motion.setpoint(), goal);
+    }
+  }
+}
+
+TEST(PsmMotionTest, SmoothMoveStartsAndEndsAtRest) {
+  PsmMotion motion = AtHome();
+  const PsmJoints goal = Off(1, 0.1);
+  ASSERT_EQ(motion.Start(goal, 2.0), PsmStatus::kOk);
+  motion.Advance(0.005);
+  // s^2 (3 - 2 s) of s = 1/400
+  EXPECT_NEAR(motion.setpoint()[1], 0.1 * (3.0 - 0.005) / 160000.0, 1e-12);
+  motion.Advance(0.995);
+  EXPECT_NEAR(motion.setpoint()[1], 0.05, 1e-12);
+}
+
+TEST(PsmMotionTest, RefusesAndChangesNothing) {
+  PsmLimits limits;
+  limits.upper[0] = 0.3;
+  limits.workspace_min_m << -0.05, -0.05, -0.2;
+  limits.workspace_max_m << 0.05, 0.05, -0.05;
+  PsmMotion motion = AtHome(limits);
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(motion.Start(Off(3, nan), 1.0), PsmStatus::kInvalidGoal);
+  EXPECT_EQ(motion.Start(Off(3, 0.1), nan), PsmStatus::kInvalidGoal);
+  EXPECT_EQ(motion.Start(Off(3, 0.1), -1.0), PsmStatus::kInvalidGoal);
+  EXPECT_EQ(motion.Start(Off(0, 0.31), 100.0), PsmStatus::kBeyondLimits);
+  EXPECT_EQ(motion.Start(Off(2, 0.121), 100.0), PsmStatus::kBeyondLimits);
+  EXPECT_EQ(motion.Start(Off(2, 0.10), 100.0), PsmStatus::kOutsideWorkspace);
+  EXPECT_EQ(motion.Start(Off(0, 0.1), 0.1), PsmStatus::kTooFast);
+  EXPECT_EQ(motion.Start(Off(0, 0.1), 0.0), PsmStatus::kTooFast);
+  // A roll of 200 degrees is, as a pose, one of -160.
+  EXPECT_EQ(motion.Start(Off(3, 200 * kDegree), 100.0), PsmStatus::kUnreachable);
+  EXPECT_FALSE(motion.moving());
+  motion.Advance(1.0);
+  EXPECT_EQ(motion.setpoint(), Home());
+  EXPECT_EQ(motion.Start(Home(), 0.0), PsmStatus::kOk);
+}
+
+// Both ends inside, the way between them not.
+TEST(PsmMotionTest, WorkspaceHoldsOnTheWayToo) {
+  PsmLimits limits;
+  // On a straight way through joint space the tip swings lower in the middle than at both ends.
+  limits.workspace_min_m << -1.0, -1.0, -0.115;
+  PsmMotion motion(limits, PsmProfile::kSmooth);
+  motion.Rest(Off(0, -0.5));
+  ASSERT_GT(Psm::Tip(Off(0, -0.5)).z(), -0.115);
+  ASSERT_LT(Psm::Tip(Home()).z(), -0.115);
+  EXPECT_EQ(motion.Start(Off(0, 0.5), 100.0), PsmStatus::kOutsideWorkspace);
+  EXPECT_EQ(motion.Start(Off(0, -0.45), 100.0), PsmStatus::kOk);
+}
+
+TEST(PsmMotionTest, PoseGoalsAreThoseOfTheirJoints) {
+  PsmMotion motion = AtHome();
+  PsmJoints goal = Home();
+  goal << 0.05, -0.04, 0.13, 0.3, 0.2, -0.1;
+  ASSERT_EQ(motion.Start(Psm::Forward(goal), 10.0), PsmStatus::kOk);
+  EXPECT_TRUE(test::AllClose(motion.goal(), goal, 1e-12));  // inverse kinematics' rounding
+  Eigen::Isometry3d far = Psm::Forward(goal);
+  far.translation().z() = -0.4;
+  EXPECT_EQ(motion.Start(far, 100.0), PsmStatus::kBeyondLimits);
+  far.translation().setConstant(std::numeric_limits<double>::infinity());
+  EXPECT_EQ(motion.Start(far, 100.0), PsmStatus::kInvalidGoal);
+  // 170 degrees of roll to -170: the short way as a pose, the long way as joints.
+  motion.Rest(Off(3, 170 * kDegree));
+  EXPECT_EQ(motion.Start(Psm::Forward(Off(3, -170 * kDegree)), 100.0), PsmStatus::kUnreachable);
+}
+
+// Withdrawn beyond the remote centre the shaft would point the other way round.
+TEST(PsmMotionTest, WayThroughTheRemoteCentreIsRefused) {
+  PsmMotion motion = AtHome();
+  EXPECT_EQ(motion.Start(Off(2, -0.12), 100.0), PsmStatus::kUnreachable);
+  EXPECT_EQ(motion.Start(Off(2, -0.10), 100.0), PsmStatus::kOk);
+}
+
+TEST(PsmMotionTest, NeverAllocates) {
+  PsmMotion motion = AtHome();
+  const test::NoAlloc guard;
+  ASSERT_EQ(motion.Start(Off(0, 0.4), 5.0), PsmStatus::kOk);
+  ASSERT_EQ(motion.Start(Psm::Forward(Off(1, 0.4)), 5.0), PsmStatus::kOk);
+  motion.Advance(0.01);
+}
+
+TEST(PsmMotionTest, LimitsThatMakeNoSenseAreRefused) {
+  PsmLimits limits;
+  limits.max_speed[4] = 0.0;
+  EXPECT_THROW(PsmMotion(limits, PsmProfile::kSmooth), std::invalid_argument);
+  limits = {};
+  limits.upper[1] = 2.0;  // beyond the arm's own
+  EXPECT_THROW(PsmMotion(limits, PsmProfile::kSmooth), std::invalid_argument);
+  limits = {};
+  limits.workspace_max_m.x() = limits.workspace_min_m.x();
+  EXPECT_THROW(PsmMotion(limits, PsmProfile::kSmooth), std::invalid_argument);
+  EXPECT_THROW(PsmRest({.settle_s = -1.0}), std::invalid_argument);
+}
+
+TEST(PsmRestTest, RestNeedsDistanceAndSpeedForTheSettlingTime) {
+  PsmRest rest({.settle_s = 0.1});
+  const PsmJoints still = PsmJoints::Zero();
+  EXPECT_FALSE(rest.At(0.0));
+  rest.Sample(Home(), still, Home(), 1.00);
+  EXPECT_FALSE(rest.At(1.09));
+  EXPECT_TRUE(rest.At(1.10));
+  rest.Sample(Off(2, 0.0011), still, Home(), 1.11);  // 1.1 mm of insertion away
+  EXPECT_FALSE(rest.At(1.3));
+  rest.Sample(Home(), still, Home(), 1.2);
+  EXPECT_FALSE(rest.At(1.25));
+  rest.Sample(Home(), Off(2, 0.0) - Off(2, 0.003), Home(), 1.25);  // 3 mm/s
+  EXPECT_FALSE(rest.At(2.0));
+  rest.Sample(Home(), still, Home(), 2.0);
+  EXPECT_TRUE(rest.At(2.2));
+  rest.Forget();
+  EXPECT_FALSE(rest.At(3.0));
+}
+
+}  // namespace
+}  // namespace dfr::hardware
