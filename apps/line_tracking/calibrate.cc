@@ -32,7 +32,7 @@ sim::LineTrackingCalibration LoadCalibration(const SceneOptions& scene) {
           ": no such file. Run `line_tracking calibrate` first, or go on with --calibration none: "
           "the true camera and an uncorrected arm");
     }
-    return ToPlant(calibration::Calibration::Load(scene.calibration));
+    return sim::LineTrackingCalibration::Load(scene.calibration);
   }
   sim::LineTrackingCalibration known;
   known.camera = sim::LineTrackingPlant::true_camera();
@@ -59,7 +59,7 @@ void RunCalibrate(const CalibrateOptions& options) {
   uncalibrated.calibration = kNoCalibration;
   PrintErrors("arm taken at its word",
               sim::HeldOutTipErrors(plant, LoadCalibration(uncalibrated), options.held_out, seed));
-  PrintErrors("calibrated", sim::HeldOutTipErrors(plant, ToPlant(found), options.held_out, seed));
+  PrintErrors("calibrated", sim::HeldOutTipErrors(plant, found, options.held_out, seed));
   if (!summary.converged) {
     throw std::runtime_error("the calibration did not converge (" + summary.message +
                              "); nothing was written");

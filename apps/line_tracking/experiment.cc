@@ -212,14 +212,13 @@ void RunExperiment(const ExperimentOptions& options) {
   if (options.restart) std::filesystem::remove(ledger);
 
   calibration::CalibrationSummary calibration_summary;
-  const calibration::Calibration calibration =
+  const calibration::Calibration known =
       CalibratePlant(options.plant, kCalibrationFrames,
                      core::DeriveSeed(options.seed, {kCalibrationStream}), &calibration_summary);
   if (!calibration_summary.converged) {
     throw std::runtime_error("the calibration did not converge: " + calibration_summary.message);
   }
-  calibration.Save(options.out / "calibration.dfr");
-  const sim::LineTrackingCalibration known = ToPlant(calibration);
+  known.Save(options.out / "calibration.dfr");
 
   // The first trial's model stays, for videos and for those who want to run it.
   const std::filesystem::path model_folder = options.out / "model";

@@ -53,10 +53,6 @@ imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
   return set;
 }
 
-sim::LineTrackingCalibration ToPlant(const calibration::Calibration& found) {
-  return {found.camera, found.p_base_cam, found.arm};
-}
-
 calibration::Calibration CalibratePlant(const sim::LineTrackingOptions& options, int frames,
                                         std::uint64_t seed,
                                         calibration::CalibrationSummary* summary) {
@@ -67,8 +63,8 @@ calibration::Calibration CalibratePlant(const sim::LineTrackingOptions& options,
   const sim::LineTrackingCalibration nominal = sim::NominalCalibration();
   return calibration::Calibrate(
       sim::RecordCalibrationMotion(plant, frames, seed), sim::LineTrackingPlant::target().marks_m,
-      {nominal.camera, nominal.p_base_cam, nominal.arm},
-      (sim::LineTrackingPlant::p_world_base() * nominal.p_base_cam).inverse(), {}, summary);
+      nominal, (sim::LineTrackingPlant::p_world_base() * nominal.p_base_cam).inverse(), {},
+      summary);
 }
 
 LineSite::LineSite(LineModel model, const std::vector<std::string>& methods,

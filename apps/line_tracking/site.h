@@ -29,7 +29,6 @@ namespace dfr::apps {
 [[nodiscard]] calibration::Calibration CalibratePlant(const sim::LineTrackingOptions& options,
                                                       int frames, std::uint64_t seed,
                                                       calibration::CalibrationSummary* summary);
-[[nodiscard]] sim::LineTrackingCalibration ToPlant(const calibration::Calibration& found);
 
 /// Collects how g rises during recoveries: g over the gate's threshold after each iteration.
 class RecoveryCurves final : public control::RolloutObserver {

@@ -57,7 +57,7 @@ TEST(LineSiteTest, CalibrationBringsTheArmBelowAMillimetre) {
     sim::LineTrackingCalibration uncorrected = Known(options);
     uncorrected.arm = {};
     EXPECT_GT(mean(uncorrected), 3.5);
-    EXPECT_LT(mean(ToPlant(found)), 1.0);
+    EXPECT_LT(mean(found), 1.0);
   }
 }
 

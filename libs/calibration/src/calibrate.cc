@@ -151,10 +151,6 @@ bool StandardDeviations(const ceres::Covariance& covariance, const double* block
 
 }  // namespace
 
-Eigen::Vector3d Calibration::TipInCamera(const PsmJoints& joints) const noexcept {
-  return p_base_cam.inverse() * Psm::Tip(arm.Apply(joints));
-}
-
 Calibration Calibrate(std::span<const vision::CalibrationFrame> frames,
                       std::span<const Eigen::Vector2d> marks_m, const Calibration& guess,
                       const Eigen::Isometry3d& p_cam_target, const CalibrateOptions& options,

@@ -3,33 +3,18 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <array>
-#include <filesystem>
 #include <iosfwd>
 #include <span>
 #include <string>
 #include <vector>
 
-#include "dfr/kinematics/psm.h"
+#include "dfr/line_task/line_task.h"
 #include "dfr/vision/calibration_frame.h"
-#include "dfr/vision/camera_model.h"
 
 namespace dfr::calibration {
 
 /// What a calibration finds out about an endoscope and an arm.
-struct Calibration {
-  vision::CameraModel camera;
-  Eigen::Isometry3d p_base_cam =
-      Eigen::Isometry3d::Identity();  ///< Camera in the arm's base frame.
-  kinematics::PsmCorrection arm;
-
-  /// Where the camera sees the jaw tips when the arm reports `joints`, camera frame, m.
-  [[nodiscard]] Eigen::Vector3d TipInCamera(const kinematics::PsmJoints& joints) const noexcept;
-
-  /// A file of kind "calibration". @throws std::runtime_error naming the file.
-  void Save(const std::filesystem::path& path) const;
-  /// @throws std::runtime_error naming the file and what is wrong with it.
-  static Calibration Load(const std::filesystem::path& path);
-};
+using Calibration = line_task::LineCalibration;
 
 /// Options for Calibrate(). Standard deviations say how much to believe each kind of data.
 struct CalibrateOptions {

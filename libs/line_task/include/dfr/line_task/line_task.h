@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <filesystem>
 #include <span>
 
 #include "dfr/core/features.h"
@@ -17,6 +18,14 @@ struct LineCalibration {
   Eigen::Isometry3d p_base_cam =
       Eigen::Isometry3d::Identity();  ///< Camera in the arm's base frame.
   kinematics::PsmCorrection arm;
+
+  /// Where the camera sees the jaw tips when the arm reports `joints`, camera frame, m.
+  [[nodiscard]] Eigen::Vector3d TipInCamera(const kinematics::PsmJoints& joints) const noexcept;
+
+  /// A file of kind "calibration". @throws std::runtime_error naming the file.
+  void Save(const std::filesystem::path& path) const;
+  /// @throws std::runtime_error naming the file and what is wrong with it.
+  static LineCalibration Load(const std::filesystem::path& path);
 };
 
 /// Marks and sizes of the gauze and its frame, as printed.

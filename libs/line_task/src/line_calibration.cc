@@ -2,10 +2,10 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "dfr/calibration/calibrate.h"
 #include "dfr/core/archive.h"
+#include "dfr/line_task/line_task.h"
 
-namespace dfr::calibration {
+namespace dfr::line_task {
 namespace {
 
 constexpr int kVersion = 1;
@@ -30,7 +30,11 @@ void Read(core::ArchiveReader& archive, Vector& v) {
 
 }  // namespace
 
-void Calibration::Save(const std::filesystem::path& path) const {
+Eigen::Vector3d LineCalibration::TipInCamera(const kinematics::PsmJoints& joints) const noexcept {
+  return p_base_cam.inverse() * kinematics::Psm::Tip(arm.Apply(joints));
+}
+
+void LineCalibration::Save(const std::filesystem::path& path) const {
   core::ArchiveWriter archive("calibration", kVersion);
   archive.Integer(camera.width);
   archive.Integer(camera.height);
@@ -44,9 +48,9 @@ void Calibration::Save(const std::filesystem::path& path) const {
   archive.Save(path);
 }
 
-Calibration Calibration::Load(const std::filesystem::path& path) {
+LineCalibration LineCalibration::Load(const std::filesystem::path& path) {
   core::ArchiveReader archive(path, "calibration", kVersion);
-  Calibration loaded;
+  LineCalibration loaded;
   loaded.camera.width = archive.IntegerIn(1, 1 << 16);
   loaded.camera.height = archive.IntegerIn(1, 1 << 16);
   std::array<double, 4> pinhole{};
@@ -73,4 +77,4 @@ Calibration Calibration::Load(const std::filesystem::path& path) {
   return loaded;
 }
 
-}  // namespace dfr::calibration
+}  // namespace dfr::line_task
