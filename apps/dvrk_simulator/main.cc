@@ -9,6 +9,7 @@
 #include <iomanip>
 #include <iostream>
 #include <map>
+#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
@@ -31,6 +32,7 @@ struct Options {
   dfr::dds::ParticipantOptions network;
   dfr::sim::DvrkSceneOptions scene;
   dfr::sim::DvrkSceneServerOptions server;
+  std::string calibration;
   bool shared_memory = true;
   double duration_s = 0.0;
   double status_s = 0.0;
@@ -98,6 +100,10 @@ void AddScene(CLI::App& app, Options& options) {
                  "mean distance of the tip from where the encoders have it [m]; up to\n0.0005 of "
                  "it is what no calibration finds")
       ->capture_default_str()
+      ->group(group);
+  app.add_option("--calibration", options.calibration,
+                 "what the operator knows who puts the tip over the line: a file of line_tracking\n"
+                 "calibrate; else the true camera and an uncorrected arm")
       ->group(group);
   auto& d = world.disturbance;
   app.add_option("--wave", d.wave, "how the platform moves: none, sine, breath or random")
@@ -251,7 +257,11 @@ void Run(Options options) {
   options.network.name = "dvrk_simulator_images";
   options.network.shared_memory = options.shared_memory;
   dfr::dds::Participant images(options.network);
-  dfr::sim::DvrkScene scene(options.scene);
+  std::optional<dfr::sim::LineTrackingCalibration> known;
+  if (!options.calibration.empty()) {
+    known = dfr::sim::LineTrackingCalibration::Load(options.calibration);
+  }
+  dfr::sim::DvrkScene scene(options.scene, known ? &*known : nullptr);
   dfr::sim::DvrkSceneServer server(control, images, scene, options.server);
   for (const auto& [name, value] : options.faults) server.SetFault(name, value);
   Introduce(options);
