@@ -1,0 +1,205 @@
+// A console written with CycloneDDS, which shares with ours the names and types of the topics and
+// the arm's dimensions, nothing else. PSM1 homes in 0.3 s and follows servo_cp at once, until the
+// program is killed:
+//   cyclone_console DOMAIN [FAIL_YAW]
+// As the real one, it stamps measurements zero until it is homed, drops servo_cp with a warning
+// when it is not ready, keeps events for late joiners, and holds the last goal for ever. Where yaw
+// passes FAIL_YAW (rad), the arm fails.
+#include <dds/dds.h>
+
+#include <chrono>
+#include <cstdint>
+#include <cstdlib>
+#include <string>
+
+#include "dfr/kinematics/psm.h"
+#include "ros2_types.h"
+
+namespace {
+
+using dfr::kinematics::Psm;
+using dfr::kinematics::PsmJoints;
+
+dds_entity_t participant;
+
+dds_entity_t Check(dds_entity_t code) {
+  if (code < 0) std::exit(EXIT_FAILURE);
+  return code;
+}
+
+dds_entity_t Topic(const dds_topic_descriptor_t& type, const char* name) {
+  const std::string full = std::string("rt/PSM1/") + name;
+  return Check(dds_create_topic(participant, &type, full.c_str(), nullptr, nullptr));
+}
+
+dds_qos_t* Qos(int depth, bool latched) {
+  dds_qos_t* qos = dds_create_qos();
+  dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
+  dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, depth);
+  dds_qset_durability(qos, latched ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE);
+  return qos;
+}
+
+dds_entity_t Reader(const dds_topic_descriptor_t& type, const char* name) {
+  dds_qos_t* qos = Qos(1, false);
+  const dds_entity_t reader =
+      Check(dds_create_reader(participant, Topic(type, name), qos, nullptr));
+  dds_delete_qos(qos);
+  return reader;
+}
+
+dds_entity_t Writer(const dds_topic_descriptor_t& type, const char* name, bool latched) {
+  dds_qos_t* qos = Qos(100, latched);
+  const dds_entity_t writer =
+      Check(dds_create_writer(participant, Topic(type, name), qos, nullptr));
+  dds_delete_qos(qos);
+  return writer;
+}
+
+template <typename T, typename Use>
+void Take(dds_entity_t reader, Use use) {
+  void* sample = nullptr;
+  dds_sample_info_t info;
+  const dds_return_t count = dds_take(reader, &sample, &info, 1, 1);
+  Check(count);
+  if (count > 0 && info.valid_data) use(*static_cast<const T*>(sample));
+  if (count > 0) dds_return_loan(reader, &sample, count);
+}
+
+class Console {
+ public:
+  explicit Console(double fail_yaw) : fail_yaw_(fail_yaw) { at_.setZero(); }
+
+  void Command(const std::string& text) {
+    if (text == "disable") {
+      Become("DISABLED");
+    } else if (state_ == "FAULT") {
+      Say(warning_, "PSM1: ignored in FAULT: " + text);
+    } else if (text == "home") {
+      Become("ENABLED");
+      if (!homed_) homing_ticks_ = 300;
+    }
+    PublishState();
+  }
+
+  void Servo(const geometry_msgs_msg_dds__Pose_& pose) {
+    if (state_ != "ENABLED" || !homed_) {
+      Say(warning_, "PSM1: servo_cp dropped, not ready");
+      return;
+    }
+    Eigen::Isometry3d goal = Eigen::Isometry3d::Identity();
+    goal.translation() << pose.position_.x_, pose.position_.y_, pose.position_.z_;
+    goal.linear() = Eigen::Quaterniond(pose.orientation_.w_, pose.orientation_.x_,
+                                       pose.orientation_.y_, pose.orientation_.z_)
+                        .toRotationMatrix();
+    PsmJoints joints;
+    if (Psm::Inverse(goal, joints) != dfr::kinematics::PsmReach::kOk) {
+      Say(error_, "PSM1: servo_cp dropped, out of reach");
+      return;
+    }
+    velocity_ += 1e3 * (joints - at_);
+    at_ = joints;
+    if (at_[0] > fail_yaw_) {
+      Say(error_, "PSM1: yaw motor, over temperature");
+      Become("FAULT");
+      PublishState();
+    }
+  }
+
+  void Tick() {
+    if (homing_ticks_ > 0 && --homing_ticks_ == 0) {
+      homed_ = true;
+      at_.setZero();
+      at_[2] = 0.12;
+      PublishState();
+    }
+    if (++ticks_ % 10 == 0) PublishMotion();
+  }
+
+ private:
+  void Become(const char* state) { state_ = state; }
+
+  static void Say(dds_entity_t writer, const std::string& text) {
+    std_msgs_msg_dds__String_ message;
+    message.data_ = const_cast<char*>(text.c_str());
+    Check(dds_write(writer, &message));
+  }
+
+  void PublishState() {
+    crtk_msgs_msg_dds__OperatingState_ message{};
+    char frame[] = "";
+    message.header_.frame_id_ = frame;
+    message.state_ = state_.data();
+    message.is_homed_ = homed_;
+    message.is_busy_ = homing_ticks_ > 0;
+    Check(dds_write(operating_state_, &message));
+  }
+
+  void PublishMotion() {
+    std_msgs_msg_dds__Header_ header{};
+    char frame[] = "PSM1_base";
+    header.frame_id_ = frame;
+    if (homed_) {
+      const std::int64_t ns = std::chrono::duration_cast<std::chrono::nanoseconds>(
+                                  std::chrono::system_clock::now().time_since_epoch())
+                                  .count();
+      header.stamp_.sec_ = static_cast<std::int32_t>(ns / 1'000'000'000);
+      header.stamp_.nanosec_ = static_cast<std::uint32_t>(ns % 1'000'000'000);
+    }
+    // The names are left out, as older consoles do.
+    sensor_msgs_msg_dds__JointState_ joints{};
+    joints.header_ = header;
+    joints.position_._buffer = at_.data();
+    joints.position_._length = joints.position_._maximum = 6;
+    Check(dds_write(setpoint_js_, &joints));
+    velocity_ /= 10.0;  // of the ten ticks since the last
+    joints.velocity_._buffer = velocity_.data();
+    joints.velocity_._length = joints.velocity_._maximum = 6;
+    Check(dds_write(measured_js_, &joints));
+    velocity_.setZero();
+
+    geometry_msgs_msg_dds__PoseStamped_ pose{};
+    pose.header_ = header;
+    const Eigen::Isometry3d at = Psm::Forward(at_);
+    const Eigen::Quaterniond turned(at.linear());
+    pose.pose_.position_ = {at.translation().x(), at.translation().y(), at.translation().z()};
+    pose.pose_.orientation_ = {turned.x(), turned.y(), turned.z(), turned.w()};
+    Check(dds_write(measured_cp_, &pose));
+  }
+
+  double fail_yaw_;
+  PsmJoints at_;
+  PsmJoints velocity_ = PsmJoints::Zero();
+  std::string state_ = "DISABLED";
+  bool homed_ = false;
+  int homing_ticks_ = 0;
+  int ticks_ = 0;
+  dds_entity_t measured_js_ = Writer(sensor_msgs_msg_dds__JointState__desc, "measured_js", false);
+  dds_entity_t setpoint_js_ = Writer(sensor_msgs_msg_dds__JointState__desc, "setpoint_js", false);
+  dds_entity_t measured_cp_ =
+      Writer(geometry_msgs_msg_dds__PoseStamped__desc, "measured_cp", false);
+  dds_entity_t operating_state_ =
+      Writer(crtk_msgs_msg_dds__OperatingState__desc, "operating_state", true);
+  dds_entity_t error_ = Writer(std_msgs_msg_dds__String__desc, "error", true);
+  dds_entity_t warning_ = Writer(std_msgs_msg_dds__String__desc, "warning", true);
+};
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 2) return EXIT_FAILURE;
+  participant = Check(dds_create_participant(
+      static_cast<dds_domainid_t>(std::strtoul(argv[1], nullptr, 10)), nullptr, nullptr));
+  Console console(argc > 2 ? std::strtod(argv[2], nullptr) : 1e9);
+  const dds_entity_t command = Reader(crtk_msgs_msg_dds__StringStamped__desc, "state_command");
+  const dds_entity_t servo = Reader(geometry_msgs_msg_dds__PoseStamped__desc, "servo_cp");
+  console.Command("");
+  for (;;) {
+    Take<crtk_msgs_msg_dds__StringStamped_>(command,
+                                            [&](const auto& m) { console.Command(m.string_); });
+    Take<geometry_msgs_msg_dds__PoseStamped_>(servo,
+                                              [&](const auto& m) { console.Servo(m.pose_); });
+    console.Tick();
+    dds_sleepfor(DDS_MSECS(1));
+  }
+}
