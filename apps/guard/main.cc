@@ -16,6 +16,10 @@ void AddDemonstrations(CLI::App& command, std::filesystem::path& path) {
       ->required();
 }
 
+void AddGuard(CLI::App& command, std::filesystem::path& path) {
+  command.add_option("GUARD", path, "file that guard fit wrote")->required();
+}
+
 int Main(int argc, char** argv) {
   CLI::App app(
       "Keeps what a policy does inside what was demonstrated. A guard is learned from "
@@ -94,29 +98,29 @@ int Main(int argc, char** argv) {
 
   std::filesystem::path shown;
   command = app.add_subcommand("show", "what a guard's file holds");
-  command->add_option("GUARD", shown)->required();
+  AddGuard(*command, shown);
   command->callback([&] { Describe(*safety::GuardModel::Load(shown)); });
 
   ReportOptions report;
   command = app.add_subcommand(
       "report", "a page: how far episodes stay inside, false alarms, lead times, features");
-  command->add_option("GUARD", report.guard)->required();
+  AddGuard(*command, report.guard);
   AddDemonstrations(*command, report.demonstrations);
   command->add_option("--failures", report.failures,
                       "episodes that went wrong: how long before their end alarms come");
-  command->add_option("-o,--out", report.out)->capture_default_str();
+  command->add_option("-o,--out", report.out, "the page")->capture_default_str();
   command->callback([&] { RunReport(report); });
 
   EvaluateOptions evaluate;
   command = app.add_subcommand(
       "evaluate", "replay episodes: when the guard would first change an action, and its time");
-  command->add_option("GUARD", evaluate.guard)->required();
+  AddGuard(*command, evaluate.guard);
   AddDemonstrations(*command, evaluate.demonstrations);
   command->callback([&] { RunEvaluate(evaluate); });
 
   ExportOptions exported;
   command = app.add_subcommand("export", "g for other tools");
-  command->add_option("GUARD", exported.guard)->required();
+  AddGuard(*command, exported.guard);
   command->add_option("--onnx", exported.onnx, "one ONNX file: time step and whole state to g");
   command->add_option(
       "--libsvm", exported.libsvm,

@@ -100,6 +100,42 @@ class GuardAppTest(unittest.TestCase):
         self.assertRegex(out, r"doubled: +data/demo_9 is the same episode as data/demo_2")
         self.assertIn("2 errors", out)
 
+    def test_check_survives_what_files_may_hold(self):
+        def replace(key, **dataset):
+            def edit(file):
+                del file["data/demo_3/" + key]
+                if dataset:
+                    file["data/demo_3"].create_dataset(key, **dataset)
+
+            return edit
+
+        def cycle(file):
+            file["data/demo_3/obs/loop"] = file["data"]
+
+        def outside(file):
+            del file["data/demo_3/actions"]
+            file["data/demo_3/actions"] = h5py.ExternalLink("/etc/passwd", "/x")
+
+        for edit, message in [
+            (replace("actions"), "data/demo_3/actions: does not exist"),
+            (replace("obs"), "data/demo_3/obs: does not exist"),
+            (replace("actions", data=np.array([b"a", b"b"])), "data/demo_3/actions: is not numeric"),
+            (replace("actions", shape=(2**40, 2), dtype="f8", chunks=(1024, 2)), "claims 1099511627776 x 2 entries"),
+            (replace("actions", shape=(0, 2), dtype="f8"), "data/demo_3/actions: has 0 rows"),
+            (outside, "data/demo_3/actions: is not a dataset"),
+            (cycle, "groups within groups"),
+            (lambda file: file["data/demo_3"].attrs.create("num_samples", "many"), "num_samples is not an integer"),
+            (lambda file: file.__delitem__("data"), "holds no episode"),
+        ]:
+            with self.subTest(message):
+                write_robomimic(self.folder / "hostile.hdf5", episodes(1, 6), edit=edit)
+                self.assertIn(message, self.run_guard("check", "hostile.hdf5", fails=True))
+        content = (self.folder / "demos.hdf5").read_bytes()
+        for size in (0, 7, 1000, len(content) // 2, len(content) - 1):
+            with self.subTest(size=size):
+                (self.folder / "cut.hdf5").write_bytes(content[:size])
+                self.assertIn("cut.hdf5: ", self.run_guard("check", "cut.hdf5", fails=True))
+
     def test_check_sees_actions_out_of_step(self):
         for shift, sign in ((1, "-"), (-1, r"\+")):
             data = [(observations, np.roll(action, -shift, axis=0)) for observations, action in episodes(4, 30)]

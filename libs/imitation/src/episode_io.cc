@@ -19,16 +19,22 @@ struct Key {
   int size;
 };
 
+// Groups within groups of observations. More are no format's: a link leads back.
+constexpr int kDeepest = 8;
+
 // Appends the datasets below `group`; false where one has no offset.
 bool CollectKeys(const Hdf5File& file, const std::string& group, const std::string& prefix,
-                 std::vector<Key>& keys) {
+                 int depth, std::vector<Key>& keys) {
+  if (depth > kDeepest) {
+    file.Fail(group, "is beyond " + std::to_string(kDeepest) + " groups within groups");
+  }
   bool all_have_offsets = true;
   for (const std::string& member : file.Members(group)) {
     std::string path = group;
     path += "/" + member;
     const std::string name = prefix + member;
     if (file.IsGroup(path)) {
-      all_have_offsets = CollectKeys(file, path, name + "/", keys) && all_have_offsets;
+      all_have_offsets = CollectKeys(file, path, name + "/", depth + 1, keys) && all_have_offsets;
       continue;
     }
     const std::vector<std::int64_t> shape = file.Shape(path);
@@ -135,7 +141,7 @@ Matrix ReadRows(const Hdf5File& file, const std::string& path, Eigen::Index rows
 core::StateLayout ReadLayout(const Hdf5File& file, const std::string& group) {
   if (!file.Exists(group)) file.Fail(group, "does not exist");
   std::vector<Key> keys;
-  const bool all_have_offsets = CollectKeys(file, group, "", keys);
+  const bool all_have_offsets = CollectKeys(file, group, "", 0, keys);
   if (keys.empty()) file.Fail(group, "has no vector-valued dataset");
   if (all_have_offsets) {
     std::stable_sort(keys.begin(), keys.end(),
