@@ -7,7 +7,9 @@ set(DFR_PKG_CONFIG_MODULES
 set(DFR_PKG_CONFIG_FLAGS
   "Threads::Threads=-pthread" "dl=-ldl" "Ceres::ceres=-lceres -lglog" "mujoco::mujoco=-lmujoco"
   "nlohmann_json::nlohmann_json=" "fastrtps=-lfastrtps" "fastcdr=-lfastcdr"
-  "OpenCVImgproc::OpenCVImgproc=-lopencv_imgproc -lopencv_core" "libjpeg-turbo::turbojpeg=-lturbojpeg")
+  "OpenCVImgproc::OpenCVImgproc=-lopencv_imgproc -lopencv_core"
+  "OpenCVVideo::OpenCVVideo=-lopencv_videoio -lopencv_imgcodecs -lopencv_imgproc -lopencv_core"
+  "libjpeg-turbo::turbojpeg=-lturbojpeg")
 
 # dfr_write_pkg_config(kernel dfr::core Eigen3::Eigen hwy::hwy ...) writes and installs dfr-kernel.pc.
 # The libraries are static: who links one needs its private dependencies too, so that all of them

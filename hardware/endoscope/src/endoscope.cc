@@ -1,0 +1,93 @@
+#include "dfr/hardware/endoscope.h"
+
+#include <chrono>
+#include <cmath>
+
+#include "dfr/core/contract.h"
+#include "dfr/dds/messages.h"
+
+namespace dfr::hardware {
+
+const char* Name(FrameStatus status) noexcept {
+  switch (status) {
+    case FrameStatus::kOk:
+      return "ok";
+    case FrameStatus::kNever:
+      return "no picture has come yet";
+    case FrameStatus::kSilent:
+      return "no picture has come for too long";
+    case FrameStatus::kOld:
+      return "pictures are too old";
+    case FrameStatus::kAhead:
+      return "pictures are stamped in the future";
+    case FrameStatus::kInvalidStamp:
+      return "pictures are stamped zero";
+    case FrameStatus::kEnded:
+      return "the video has ended";
+    case FrameStatus::kTruncated:
+      return "the video file is truncated";
+    case FrameStatus::kFailed:
+      return "the video device delivers no more pictures";
+    case FrameStatus::kWrongSize:
+      return "pictures have not the size of the intrinsics";
+    case FrameStatus::kWrongEncoding:
+      return "pictures are in an encoding that is not understood";
+    case FrameStatus::kDark:
+      return "pictures are black";
+    case FrameStatus::kFrozen:
+      return "the same picture comes again and again";
+  }
+  return "unknown";
+}
+
+const char* Remedy(FrameStatus status) noexcept {
+  switch (status) {
+    case FrameStatus::kOk:
+      return "";
+    case FrameStatus::kNever:
+      return "does anybody publish images on this topic, in this DDS domain?";
+    case FrameStatus::kSilent:
+      return "is the camera's program alive, the cable in, the network sound?";
+    case FrameStatus::kOld:
+      return "set both machines' clocks by NTP or PTP; if they agree, the camera's program stalls";
+    case FrameStatus::kAhead:
+      return "set both machines' clocks by NTP or PTP";
+    case FrameStatus::kInvalidStamp:
+      return "the camera's driver has to stamp its pictures";
+    case FrameStatus::kEnded:
+      return "a file plays once; open it again";
+    case FrameStatus::kTruncated:
+      return "record or copy the file again";
+    case FrameStatus::kFailed:
+      return "is the cable in and the device powered? then open it again";
+    case FrameStatus::kWrongSize:
+      return "set the camera to the size it was calibrated at, or calibrate at this one";
+    case FrameStatus::kWrongEncoding:
+      return "let the driver publish bgr8, rgb8, mono8 or jpeg";
+    case FrameStatus::kDark:
+      return "switch the light source on, take the cap off, and look at the cable";
+    case FrameStatus::kFrozen:
+      return "start the camera's program, or the frame grabber, again";
+  }
+  return "";
+}
+
+void EndoscopeOptions::Check() const {
+  const auto positive = [](double value) { return value > 0.0 && value < 1e6; };
+  DFR_THROW_UNLESS(width > 0 && height > 0 && width <= 16384 && height <= 16384,
+                   "width and height must lie in [1, 16384], not " << width << " x " << height);
+  DFR_THROW_UNLESS(positive(period_s), "period_s must be positive");
+  DFR_THROW_UNLESS(positive(max_age_s), "max_age_s must be positive");
+  DFR_THROW_UNLESS(max_ahead_s >= 0.0 && max_ahead_s < 1e6, "max_ahead_s must not be negative");
+  DFR_THROW_UNLESS(max_repeats > 1, "max_repeats must be larger than 1");
+  DFR_THROW_UNLESS(positive(open_timeout_s), "open_timeout_s must be positive");
+}
+
+FrameStatus Endoscope::Grab(Frame& frame) noexcept {
+  return Grab(std::chrono::duration_cast<std::chrono::nanoseconds>(
+                  std::chrono::steady_clock::now().time_since_epoch())
+                  .count(),
+              dds::Stamp::Now().nanoseconds(), frame);
+}
+
+}  // namespace dfr::hardware

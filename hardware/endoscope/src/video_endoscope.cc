@@ -1,0 +1,176 @@
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cctype>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <opencv2/core.hpp>
+#include <opencv2/videoio.hpp>
+#include <stdexcept>
+#include <string>
+#include <thread>
+
+#include "dfr/dds/messages.h"
+#include "dfr/hardware/endoscope.h"
+#include "feed.h"
+
+namespace dfr::hardware {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+std::int64_t SteadyNs() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch())
+      .count();
+}
+
+[[noreturn]] void Fail(const std::string& source, const std::string& what,
+                       const std::string& remedy) {
+  throw std::runtime_error(source + ": " + what + "; " + remedy);
+}
+
+// What the system says of a device or a file, before OpenCV only says that it did not open.
+void CheckReadable(const std::string& path, bool device) {
+  const int fd = ::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+  if (fd >= 0) {
+    ::close(fd);
+    return;
+  }
+  const int error = errno;
+  std::string remedy = "is the path right?";
+  if (device && (error == ENOENT || error == ENODEV || error == ENXIO)) {
+    remedy = "is the camera or frame grabber plugged in? `ls /dev/video*` shows what there is";
+  } else if (device && (error == EACCES || error == EPERM)) {
+    remedy = "add the user to the group video (`sudo adduser $USER video`) and log in again";
+  } else if (error == EACCES) {
+    remedy = "may this user read it?";
+  } else if (error == EBUSY) {
+    remedy = "another program has it open, `fuser` says which";
+  }
+  Fail(path, std::string("cannot be opened: ") + std::strerror(error), remedy);
+}
+
+class VideoEndoscope final : public Endoscope {
+ public:
+  VideoEndoscope(const std::string& source, const EndoscopeOptions& options)
+      : source_(source), options_(options), feed_(options) {
+    Open();
+    thread_ = std::thread([this] { Read(); });
+  }
+  ~VideoEndoscope() override {
+    stop_.store(true, std::memory_order_relaxed);
+    thread_.join();
+  }
+  VideoEndoscope(const VideoEndoscope&) = delete;
+  VideoEndoscope& operator=(const VideoEndoscope&) = delete;
+
+  using Endoscope::Grab;
+  FrameStatus Grab(std::int64_t steady_ns, std::int64_t wall_ns, Frame& frame) noexcept override {
+    return feed_.Grab(steady_ns, wall_ns, frame);
+  }
+  [[nodiscard]] EndoscopeCounts counts() const noexcept override { return feed_.counts(); }
+  [[nodiscard]] const std::string& source() const noexcept override { return source_; }
+
+ private:
+  void Open() {
+    const bool number = !source_.empty() && std::all_of(source_.begin(), source_.end(), [](char c) {
+      return std::isdigit(static_cast<unsigned char>(c)) != 0;
+    });
+    const std::string path = number ? "/dev/video" + source_ : source_;
+    const bool pipeline = source_.find('!') != std::string::npos;
+    const bool device = path.rfind("/dev/", 0) == 0;
+    file_ = !pipeline && !device;
+    if (!pipeline) CheckReadable(path, device);
+    bool open = false;
+    try {
+      const int backend = pipeline ? cv::CAP_GSTREAMER : (device ? cv::CAP_V4L2 : cv::CAP_FFMPEG);
+      open = capture_.open(path, backend);
+      if (open && device) {
+        capture_.set(cv::CAP_PROP_FRAME_WIDTH, options_.width);
+        capture_.set(cv::CAP_PROP_FRAME_HEIGHT, options_.height);
+        capture_.set(cv::CAP_PROP_BUFFERSIZE, 1);  // old pictures are of no use
+      }
+      if (file_ && open) {
+        const double rate = capture_.get(cv::CAP_PROP_FPS);
+        if (rate > 0.1 && rate < 1e4) options_.period_s = 1.0 / rate;
+        announced_ = capture_.get(cv::CAP_PROP_FRAME_COUNT);
+      }
+      if (open && !capture_.read(first_)) open = false;
+    } catch (const cv::Exception& e) {
+      Fail(source_, std::string("OpenCV cannot open it: ") + e.what(), "is it a video?");
+    }
+    if (!open && pipeline) {
+      Fail(source_, "GStreamer does not make pictures of this pipeline",
+           "try it with gst-launch-1.0; it has to end with 'videoconvert ! video/x-raw,format=BGR "
+           "! appsink', and its elements' packages (gstreamer1.0-plugins-*) be installed");
+    }
+    if (!open && device) {
+      Fail(source_, "delivers no pictures",
+           "is it a capture device (`v4l2-ctl --list-devices`), and no other program using it?");
+    }
+    if (!open) Fail(source_, "is not a video that can be decoded", "is it whole?");
+    if (first_.cols != options_.width || first_.rows != options_.height) {
+      Fail(source_,
+           "delivers pictures of " + std::to_string(first_.cols) + " x " +
+               std::to_string(first_.rows) + ", and the intrinsics are for " +
+               std::to_string(options_.width) + " x " + std::to_string(options_.height),
+           Remedy(FrameStatus::kWrongSize));
+    }
+  }
+
+  void Read() noexcept {
+    try {
+      const auto start = Clock::now();
+      double count = 0.0;
+      for (cv::Mat picture = first_; !stop_.load(std::memory_order_relaxed);) {
+        Put(picture);
+        count += 1.0;
+        if (file_) {
+          std::this_thread::sleep_until(
+              start + std::chrono::duration_cast<Clock::duration>(
+                          std::chrono::duration<double>(count * options_.period_s)));
+        }
+        if (!capture_.read(picture)) {
+          const bool whole = count >= announced_ - 1.0;
+          feed_.End(!file_ ? FrameStatus::kFailed
+                           : (whole ? FrameStatus::kEnded : FrameStatus::kTruncated));
+          return;
+        }
+      }
+    } catch (const std::exception&) {
+      feed_.End(FrameStatus::kFailed);
+    }
+  }
+
+  void Put(const cv::Mat& picture) {
+    const std::int64_t wall_ns = dds::Stamp::Now().nanoseconds();
+    if (picture.depth() != CV_8U || (picture.channels() != 3 && picture.channels() != 1)) {
+      feed_.PutWrongEncoding(wall_ns, SteadyNs());
+      return;
+    }
+    feed_.Put(picture.data, picture.cols, picture.rows, picture.step, picture.channels(), false,
+              wall_ns, SteadyNs());
+  }
+
+  std::string source_;
+  EndoscopeOptions options_;
+  internal::Feed feed_;
+  cv::VideoCapture capture_;
+  cv::Mat first_;
+  double announced_ = 0.0;
+  bool file_ = false;
+  std::atomic<bool> stop_{false};
+  std::thread thread_;
+};
+
+}  // namespace
+
+std::unique_ptr<Endoscope> OpenVideo(const std::string& source, const EndoscopeOptions& options) {
+  options.Check();
+  return std::make_unique<VideoEndoscope>(source, options);
+}
+
+}  // namespace dfr::hardware

@@ -1,0 +1,142 @@
+#include "dfr/hardware/intrinsics_file.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <opencv2/core.hpp>
+#include <stdexcept>
+#include <string>
+
+namespace dfr::hardware {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+
+vision::CameraModel Odd() {
+  vision::CameraModel camera;
+  camera.width = 720;
+  camera.height = 576;
+  camera.fx = 1.0 / 3.0 * 2000.0;
+  camera.fy = 700.1;
+  camera.cx = 359.123456789012345;
+  camera.cy = 287.7;
+  camera.distortion = {-0.31, 0.1 / 3.0, 1e-4, -2.2e-5, 1e-300};
+  return camera;
+}
+
+class IntrinsicsFileTest : public testing::Test {
+ protected:
+  IntrinsicsFileTest()
+      : folder_(std::filesystem::path(testing::TempDir()) /
+                (std::string("intrinsics_") +
+                 testing::UnitTest::GetInstance()->current_test_info()->name())) {
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directories(folder_);
+  }
+  ~IntrinsicsFileTest() override { std::filesystem::remove_all(folder_); }
+
+  std::filesystem::path Write(const std::string& text) {
+    const auto path = folder_ / "camera.yaml";
+    std::ofstream(path) << text;
+    return path;
+  }
+
+  std::string ErrorOf(const std::string& text) {
+    const auto path = Write(text);
+    try {
+      (void)ReadIntrinsics(path);
+    } catch (const std::runtime_error& e) {
+      EXPECT_THAT(e.what(), HasSubstr(path.string()));
+      return e.what();
+    }
+    return "no error";
+  }
+
+  std::filesystem::path folder_;
+};
+
+TEST_F(IntrinsicsFileTest, WhatIsWrittenComesBackToTheBit) {
+  const auto path = folder_ / "camera.yaml";
+  WriteIntrinsics(path, Odd());
+  EXPECT_EQ(ReadIntrinsics(path), Odd());
+  EXPECT_FALSE(std::filesystem::exists(path.string() + ".part"));
+}
+
+// OpenCV itself understands what is written, and we what it writes.
+TEST_F(IntrinsicsFileTest, OpenCvReadsAndWritesTheSame) {
+  const auto path = folder_ / "camera.yaml";
+  WriteIntrinsics(path, Odd());
+  cv::FileStorage in(path.string(), cv::FileStorage::READ);
+  ASSERT_TRUE(in.isOpened());
+  cv::Mat k;
+  cv::Mat d;
+  in["camera_matrix"] >> k;
+  in["distortion_coefficients"] >> d;
+  EXPECT_EQ(static_cast<int>(in["image_width"]), 720);
+  EXPECT_EQ(k.at<double>(0, 0), Odd().fx);
+  EXPECT_EQ(k.at<double>(1, 2), Odd().cy);
+  ASSERT_EQ(d.total(), 5U);
+  EXPECT_EQ(d.at<double>(4), 1e-300);
+
+  for (const char* name : {"other.yml", "other.xml"}) {
+    cv::FileStorage out((folder_ / name).string(), cv::FileStorage::WRITE);
+    out << "calibration_time"
+        << "today"
+        << "image_width" << 720 << "image_height" << 576 << "camera_matrix" << k
+        << "distortion_coefficients" << cv::Mat(d.t()) << "avg_reprojection_error" << 0.2;
+    out.release();
+    EXPECT_EQ(ReadIntrinsics(folder_ / name), Odd()) << name;
+  }
+}
+
+// As camera_calibration of ROS writes them, without OpenCV's first line and types.
+TEST_F(IntrinsicsFileTest, RosFilesAreRead) {
+  const auto path = Write(
+      "image_width: 640\nimage_height: 480\ncamera_name: ecm_left\ncamera_matrix:\n  rows: 3\n  "
+      "cols: 3\n  data: [700.5, 0., 319.5, 0., 701, 239.5, 0., 0., 1.]\ndistortion_model: "
+      "plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [-0.3, 0.1, 0., 0.001, "
+      "0.]\n");
+  const vision::CameraModel camera = ReadIntrinsics(path);
+  EXPECT_EQ(camera.width, 640);
+  EXPECT_EQ(camera.fx, 700.5);
+  EXPECT_EQ(camera.fy, 701.0);
+  EXPECT_EQ(camera.distortion[0], -0.3);
+  EXPECT_EQ(camera.distortion[3], 0.001);
+}
+
+TEST_F(IntrinsicsFileTest, ErrorsNameFileAndKey) {
+  const std::string size = "image_width: 640\nimage_height: 480\n";
+  const std::string k =
+      "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [700., 0., 319.5, 0., 700., 239.5, 0., 0., "
+      "1.]\n";
+  const auto d = [](const std::string& data, int cols) {
+    return "distortion_coefficients:\n  rows: 1\n  cols: " + std::to_string(cols) + "\n  data: [" +
+           data + "]\n";
+  };
+  EXPECT_THAT(ErrorOf("camera_matrix: [1, 2"), HasSubstr("neither YAML nor XML"));
+  EXPECT_THAT(ErrorOf(k), HasSubstr("image_width is missing"));
+  EXPECT_THAT(ErrorOf("image_width: big\nimage_height: 1\n"),
+              HasSubstr("image_width is not a whole number"));
+  EXPECT_THAT(ErrorOf(size), HasSubstr("camera_matrix is missing"));
+  EXPECT_THAT(ErrorOf(size + "camera_matrix: 7\n"), HasSubstr("camera_matrix is not a matrix"));
+  EXPECT_THAT(ErrorOf(size + k), HasSubstr("distortion_coefficients is missing"));
+  EXPECT_THAT(ErrorOf(size + k + d("1., 2., 3.", 3)), HasSubstr("has 3 entries; known are 4, 5"));
+  EXPECT_THAT(ErrorOf(size + k + d("1., 2., 3.", 5)), HasSubstr("has 3 entries, not 1 x 5"));
+  EXPECT_THAT(ErrorOf(size + k + d("0., 0., 0., 0., 0., 0.1, 0., 0.", 8)),
+              AllOf(HasSubstr("entry 6"), HasSubstr("CALIB_RATIONAL_MODEL")));
+  EXPECT_THAT(ErrorOf(size + k + d("0., .Nan, 0., 0., 0.", 5)),
+              HasSubstr("distortion_coefficients has an entry that is not finite"));
+  EXPECT_THAT(ErrorOf("image_width: -640\nimage_height: 480\n" + k + d("0., 0., 0., 0.", 4)),
+              HasSubstr("makes no camera"));
+  EXPECT_THROW((void)ReadIntrinsics(folder_ / "none.yaml"), std::runtime_error);
+  EXPECT_THROW(WriteIntrinsics(folder_ / "no" / "such" / "folder.yaml", Odd()), std::runtime_error);
+  vision::CameraModel none = Odd();
+  none.fx = 0.0;
+  EXPECT_THROW(WriteIntrinsics(folder_ / "camera.yaml", none), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::hardware

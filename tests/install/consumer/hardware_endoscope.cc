@@ -1,0 +1,20 @@
+#include <cstdio>
+#include <stdexcept>
+
+#include "dfr/hardware/endoscope.h"
+#include "dfr/hardware/intrinsics_file.h"
+
+// Intrinsics there and back, and a camera that is not there.
+int main() {
+  dfr::vision::CameraModel camera;
+  camera.fx = 612.25;
+  dfr::hardware::WriteIntrinsics("consumer_camera.yaml", camera);
+  if (!(dfr::hardware::ReadIntrinsics("consumer_camera.yaml") == camera)) return 1;
+  try {
+    (void)dfr::hardware::OpenVideo("/dev/no-such-camera", {});
+  } catch (const std::runtime_error& e) {
+    std::puts(e.what());
+    return 0;
+  }
+  return 1;
+}
