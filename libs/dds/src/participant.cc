@@ -7,9 +7,13 @@
 
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/domain/qos/DomainParticipantQos.hpp>
+#include <sstream>
 #include <stdexcept>
+#include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/dds/security.h"
+#include "openssl.h"
 #include "participant_impl.h"
 
 namespace dfr::dds {
@@ -31,6 +35,43 @@ rtps::Locator_t Ipv4(const std::string& address, std::uint16_t port) {
                    "server_address must be an IPv4 address, not '" << address << "'");
   locator.port = port;
   return locator;
+}
+
+// Two participants that admit each other have done so by then, however busy their machines are.
+constexpr std::chrono::seconds kHandshake(5);
+
+std::string Text(const rtps::GUID_t& guid) {
+  std::ostringstream text;
+  text << guid;
+  return text.str();
+}
+
+// The built-in plugins with one participant's files.
+void Secure(const SecurityFiles& files, fdds::DomainParticipantQos& qos) {
+  auto& properties = qos.properties().properties();
+  const auto set = [&](const char* name, const std::string& value) {
+    properties.emplace_back(name, value);
+  };
+  const auto file = [&](const char* name, const std::filesystem::path& path) {
+    set(name, "file://" + std::filesystem::absolute(path).string());
+  };
+  set("dds.sec.auth.plugin", "builtin.PKI-DH");
+  file("dds.sec.auth.builtin.PKI-DH.identity_ca", files.identity_ca);
+  file("dds.sec.auth.builtin.PKI-DH.identity_certificate", files.certificate);
+  file("dds.sec.auth.builtin.PKI-DH.private_key", files.key);
+  set("dds.sec.access.plugin", "builtin.Access-Permissions");
+  file("dds.sec.access.builtin.Access-Permissions.permissions_ca", files.permissions_ca);
+  file("dds.sec.access.builtin.Access-Permissions.governance", files.governance);
+  file("dds.sec.access.builtin.Access-Permissions.permissions", files.permissions);
+  set("dds.sec.crypto.plugin", "builtin.AES-GCM-GMAC");
+}
+
+// Whose certificates this participant admits; empty without security.
+std::string Authority(const ParticipantOptions& options) {
+  if (options.security.empty()) return {};
+  CheckSecurity(options.security);
+  const auto ca = internal::LoadCertificate(SecurityFiles(options.security).identity_ca);
+  return internal::CommonName(*ca);
 }
 
 fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
@@ -77,10 +118,81 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
     memory->max_message_size(2 << 20);
     qos.transport().user_transports.push_back(memory);
   }
+  if (!options.security.empty()) Secure(SecurityFiles(options.security), qos);
   return qos;
 }
 
 }  // namespace
+
+void PeerListener::on_participant_discovery(fdds::DomainParticipant* /*participant*/,
+                                            rtps::ParticipantDiscoveryInfo&& info) {
+  using Info = rtps::ParticipantDiscoveryInfo;
+  const std::lock_guard lock(mutex_);
+  const std::string guid = Text(info.info.m_guid);
+  if (info.status == Info::DISCOVERED_PARTICIPANT) {
+    const auto& token = info.info.identity_token_;
+    const std::string* authority = rtps::DataHolderHelper::find_property_value(token, "dds.ca.sn");
+    peers_[guid] = {.name = info.info.m_participantName.to_string(),
+                    .has_certificate = !token.class_id().empty(),
+                    .authority = authority == nullptr ? std::string() : *authority,
+                    .found = Clock::now()};
+  } else if (info.status != Info::CHANGED_QOS_PARTICIPANT) {
+    // One that was admitted, or left before that was decided, is none of our business any more.
+    const auto peer = peers_.find(guid);
+    if (peer != peers_.end() && Reason(peer->second).empty()) peers_.erase(peer);
+  }
+}
+
+void PeerListener::onParticipantAuthentication(fdds::DomainParticipant* /*participant*/,
+                                               rtps::ParticipantAuthenticationInfo&& info) {
+  const std::lock_guard lock(mutex_);
+  const auto peer = peers_.find(Text(info.guid));
+  if (peer == peers_.end()) return;
+  const bool admitted = info.status == rtps::ParticipantAuthenticationInfo::AUTHORIZED_PARTICIPANT;
+  (admitted ? peer->second.admitted : peer->second.refused) = true;
+}
+
+std::string PeerListener::Reason(const Peer& peer) const {
+  if (!secured_) {
+    return peer.has_certificate ? "it belongs to a secured network, and this process has no "
+                                  "certificate"
+                                : "";
+  }
+  if (!peer.has_certificate) return "it has no certificate";
+  if (peer.admitted) return "";
+  // Implementations spell a whole name in different ways.
+  if (peer.authority.find(authority_) == std::string::npos) {
+    return "its certificate is of the authority '" + peer.authority + "', and this process' of '" +
+           authority_ + "'";
+  }
+  if (peer.refused) return "its certificate or its permissions are forged, or have expired";
+  // Of two participants just one learns that the other's certificate is of no use to it.
+  return Clock::now() - peer.found < kHandshake ? ""
+                                                : "it does not accept this process' certificate, "
+                                                  "or does not answer";
+}
+
+std::vector<RefusedPeer> PeerListener::refused() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<RefusedPeer> refused;
+  for (const auto& [guid, peer] : peers_) {
+    std::string reason = Reason(peer);
+    if (!reason.empty()) refused.push_back({peer.name, guid, std::move(reason)});
+  }
+  return refused;
+}
+
+std::vector<RefusedPeer> PeerListener::TakeRefused() {
+  const std::lock_guard lock(mutex_);
+  std::vector<RefusedPeer> refused;
+  for (auto& [guid, peer] : peers_) {
+    std::string reason = peer.told ? std::string() : Reason(peer);
+    if (reason.empty()) continue;
+    refused.push_back({peer.name, guid, std::move(reason)});
+    peer.told = true;
+  }
+  return refused;
+}
 
 Participant::Impl::~Impl() {
   if (participant == nullptr) return;
@@ -112,26 +224,34 @@ fdds::Topic* Participant::Impl::Topic(const std::string& ros_name, const fdds::T
 }
 
 Participant::Participant(const ParticipantOptions& options)
-    : impl_(std::make_unique<Impl>(options)) {
+    : impl_(std::make_unique<Impl>(options, Authority(options))) {
   DFR_THROW_UNLESS(options.domain >= 0 && options.domain <= 232,
                    "domain must lie in [0, 232], not " << options.domain);
   DFR_THROW_UNLESS(options.server_port > 0, "server_port must be positive");
   auto* factory = fdds::DomainParticipantFactory::get_instance();
   impl_->participant =
-      factory->create_participant(static_cast<fdds::DomainId_t>(options.domain), Qos(options));
+      factory->create_participant(static_cast<fdds::DomainId_t>(options.domain), Qos(options),
+                                  &impl_->listener, fdds::StatusMask::none());
   if (impl_->participant != nullptr) {
     impl_->publisher = impl_->participant->create_publisher(fdds::PUBLISHER_QOS_DEFAULT);
     impl_->subscriber = impl_->participant->create_subscriber(fdds::SUBSCRIBER_QOS_DEFAULT);
   }
   if (impl_->publisher == nullptr || impl_->subscriber == nullptr) {
-    throw std::runtime_error("DDS refuses to make a participant in domain " +
-                             std::to_string(options.domain) +
-                             ": too many processes in it, or its UDP ports are taken; try another "
-                             "domain");
+    throw std::runtime_error(
+        "DDS refuses to make a participant in domain " + std::to_string(options.domain) +
+        ": too many processes in it, or its UDP ports are taken; try another "
+        "domain" +
+        (options.security.empty() ? std::string()
+                                  : ". Or the governance or permissions in " +
+                                        options.security.string() + " do not cover this domain"));
   }
 }
 
 Participant::~Participant() = default;
+
+std::vector<RefusedPeer> Participant::refused_peers() const { return impl_->listener.refused(); }
+
+std::vector<RefusedPeer> Participant::TakeRefusedPeers() { return impl_->listener.TakeRefused(); }
 
 const ParticipantOptions& Participant::options() const noexcept { return impl_->options; }
 

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <chrono>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/domain/DomainParticipantListener.hpp>
 #include <fastdds/dds/publisher/Publisher.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
 #include <fastdds/dds/topic/Topic.hpp>
@@ -8,13 +10,50 @@
 #include <map>
 #include <mutex>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "dfr/dds/participant.h"
 
 namespace dfr::dds {
 
+/// Hears who is found, and who of them is admitted.
+class PeerListener : public eprosima::fastdds::dds::DomainParticipantListener {
+ public:
+  /// @param authority  common name of the one whose certificates are admitted.
+  PeerListener(bool secured, std::string authority)
+      : secured_(secured), authority_(std::move(authority)) {}
+
+  void on_participant_discovery(eprosima::fastdds::dds::DomainParticipant* participant,
+                                eprosima::fastrtps::rtps::ParticipantDiscoveryInfo&& info) override;
+  void onParticipantAuthentication(
+      eprosima::fastdds::dds::DomainParticipant* participant,
+      eprosima::fastrtps::rtps::ParticipantAuthenticationInfo&& info) override;
+  [[nodiscard]] std::vector<RefusedPeer> refused() const;
+  [[nodiscard]] std::vector<RefusedPeer> TakeRefused();
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  struct Peer {
+    std::string name;
+    bool has_certificate = false;
+    std::string authority;
+    Clock::time_point found;
+    bool admitted = false;
+    bool refused = false;
+    bool told = false;
+  };
+  [[nodiscard]] std::string Reason(const Peer& peer) const;
+
+  const bool secured_;
+  const std::string authority_;
+  mutable std::mutex mutex_;
+  std::map<std::string, Peer> peers_;  // by GUID
+};
+
 struct Participant::Impl {
-  explicit Impl(const ParticipantOptions& chosen) : options(chosen) {}
+  Impl(const ParticipantOptions& chosen, std::string authority)
+      : options(chosen), listener(!chosen.security.empty(), std::move(authority)) {}
   ~Impl();
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
@@ -24,6 +63,7 @@ struct Participant::Impl {
                                        const eprosima::fastdds::dds::TypeSupport& type);
 
   ParticipantOptions options;
+  PeerListener listener;
   eprosima::fastdds::dds::DomainParticipant* participant = nullptr;
   eprosima::fastdds::dds::Publisher* publisher = nullptr;
   eprosima::fastdds::dds::Subscriber* subscriber = nullptr;

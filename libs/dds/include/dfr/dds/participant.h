@@ -1,8 +1,10 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace dfr::dds {
 
@@ -25,6 +27,17 @@ struct ParticipantOptions {
   /// of the control loop, which stays on UDP, because a killed process can leave shared memory in
   /// a state that stalls others, and files in /dev/shm.
   bool shared_memory = false;
+  /// The participant's folder in a secured network (security.h), where only participants with a
+  /// certificate of the same authority hear and are heard, encrypted. Empty: anybody.
+  std::filesystem::path security = {};
+};
+
+/// A participant that is there but neither hears nor is heard, for reasons of security. What it says
+/// of itself is not proven.
+struct RefusedPeer {
+  std::string name;    ///< As its ParticipantOptions::name or ROS 2's enclave.
+  std::string guid;    ///< As discovery tools show it: the machine, its process, its participant.
+  std::string reason;  ///< In words: no certificate, one of another authority, ...
 };
 
 /// A process' membership in a DDS domain (Fast DDS 2.9): what publishers and subscribers are made
@@ -33,13 +46,21 @@ struct ParticipantOptions {
 class Participant {
  public:
   /// @throws std::invalid_argument if an option is out of range; std::runtime_error if the
-  ///   participant cannot be made: no ports left in the domain, address not of this machine.
+  ///   participant cannot be made: no ports left in the domain, address not of this machine; or
+  ///   what CheckSecurity() finds.
   explicit Participant(const ParticipantOptions& options);
   ~Participant();
   Participant(const Participant&) = delete;
   Participant& operator=(const Participant&) = delete;
 
   [[nodiscard]] const ParticipantOptions& options() const noexcept;
+
+  /// Who was found since the start and not admitted, those that have left included; within 5 s
+  /// after it was found. Empty means that nobody was: who is not in here is not there, or was
+  /// admitted. Also works without security, for peers that have it.
+  [[nodiscard]] std::vector<RefusedPeer> refused_peers() const;
+  /// Of these, those that no earlier call has returned: for a line in a log, once each.
+  [[nodiscard]] std::vector<RefusedPeer> TakeRefusedPeers();
 
   struct Impl;
   [[nodiscard]] Impl& impl() noexcept { return *impl_; }

@@ -1,0 +1,71 @@
+#include "openssl.h"
+
+#include <openssl/err.h>
+#include <openssl/pem.h>
+
+#include <array>
+#include <cstdio>
+#include <ctime>
+#include <stdexcept>
+
+namespace dfr::dds::internal {
+namespace {
+
+Owned<BIO> Open(const std::filesystem::path& file) {
+  Owned<BIO> bio(BIO_new_file(file.c_str(), "r"));
+  if (bio == nullptr) {
+    ERR_clear_error();
+    throw std::runtime_error("cannot read " + file.string() +
+                             ": `hardware certificates` makes it, and it must be readable for the "
+                             "user of this program");
+  }
+  return bio;
+}
+
+// Keys with a passphrase are no keys for a program that starts by itself.
+int NoPassphrase(char* /*buffer*/, int /*size*/, int /*writing*/, void* /*data*/) { return -1; }
+
+}  // namespace
+
+std::string Complaint() {
+  std::array<char, 256> text{};
+  ERR_error_string_n(ERR_get_error(), text.data(), text.size());
+  ERR_clear_error();
+  return text.data();
+}
+
+Owned<X509> LoadCertificate(const std::filesystem::path& file) {
+  const Owned<BIO> bio = Open(file);
+  Owned<X509> certificate(PEM_read_bio_X509(bio.get(), nullptr, nullptr, nullptr));
+  if (certificate == nullptr) {
+    throw std::runtime_error(file.string() + " is not a certificate in PEM: " + Complaint());
+  }
+  return certificate;
+}
+
+Owned<EVP_PKEY> LoadKey(const std::filesystem::path& file) {
+  const Owned<BIO> bio = Open(file);
+  Owned<EVP_PKEY> key(PEM_read_bio_PrivateKey(bio.get(), nullptr, NoPassphrase, nullptr));
+  if (key == nullptr) {
+    throw std::runtime_error(file.string() +
+                             " is not a private key in PEM without a passphrase: " + Complaint());
+  }
+  return key;
+}
+
+std::string CommonName(const X509& certificate) {
+  std::array<char, 256> text{};
+  const int size = X509_NAME_get_text_by_NID(X509_get_subject_name(&certificate), NID_commonName,
+                                             text.data(), static_cast<int>(text.size()));
+  return size < 0 ? std::string() : std::string(text.data());
+}
+
+std::string Timestamp(const ASN1_TIME& time) {
+  std::tm parts{};
+  ASN1_TIME_to_tm(&time, &parts);
+  std::array<char, 32> text{};
+  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%S", &parts);
+  return text.data();
+}
+
+}  // namespace dfr::dds::internal

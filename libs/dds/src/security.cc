@@ -1,0 +1,142 @@
+#include "dfr/dds/security.h"
+
+#include <openssl/pem.h>
+#include <openssl/x509_vfy.h>
+
+#include <ctime>
+#include <fstream>
+#include <iterator>
+#include <stdexcept>
+
+#include "openssl.h"
+
+namespace dfr::dds {
+namespace {
+
+using internal::Owned;
+
+constexpr const char* kRemake = "`hardware certificates` makes a new one";
+
+[[noreturn]] void Wrong(const std::filesystem::path& file, const std::string& what) {
+  throw std::runtime_error(file.string() + " " + what);
+}
+
+void CheckCertificate(const std::filesystem::path& file, X509& certificate,
+                      const std::filesystem::path& ca_file, X509& ca) {
+  const Owned<X509_STORE> store(X509_STORE_new());
+  const Owned<X509_STORE_CTX> context(X509_STORE_CTX_new());
+  if (store == nullptr || context == nullptr || X509_STORE_add_cert(store.get(), &ca) != 1 ||
+      X509_STORE_CTX_init(context.get(), store.get(), &certificate, nullptr) != 1) {
+    throw std::runtime_error("OpenSSL fails: " + internal::Complaint());
+  }
+  if (X509_verify_cert(context.get()) == 1) return;
+  const int error = X509_STORE_CTX_get_error(context.get());
+  const std::filesystem::path& which =
+      X509_STORE_CTX_get_error_depth(context.get()) == 0 ? file : ca_file;
+  const X509& dated = which == file ? certificate : ca;
+  switch (error) {
+    case X509_V_ERR_CERT_HAS_EXPIRED:
+      Wrong(which, "expired on " + internal::Timestamp(*X509_get0_notAfter(&dated)) + "; " +
+                       kRemake + ", or is this machine's clock wrong?");
+    case X509_V_ERR_CERT_NOT_YET_VALID:
+      Wrong(which, "is valid from " + internal::Timestamp(*X509_get0_notBefore(&dated)) +
+                       " on alone: is this machine's clock right?");
+    default:
+      Wrong(file, "was not signed by the authority '" + internal::CommonName(ca) + "' of " +
+                      ca_file.string() + " (" + X509_verify_cert_error_string(error) +
+                      "): take all files from one folder of `hardware certificates`");
+  }
+}
+
+// The signed document.
+std::string CheckSigned(const std::filesystem::path& file, const std::filesystem::path& ca_file,
+                        X509& ca) {
+  const Owned<BIO> in(BIO_new_file(file.c_str(), "r"));
+  if (in == nullptr) Wrong(file, std::string("cannot be read: ") + kRemake);
+  BIO* content = nullptr;
+  const Owned<PKCS7> signature(SMIME_read_PKCS7(in.get(), &content));
+  const Owned<BIO> owned_content(content);
+  if (signature == nullptr) {
+    Wrong(file, "is not a signed document (S/MIME): " + internal::Complaint());
+  }
+  const Owned<X509_STORE> store(X509_STORE_new());
+  const Owned<BIO> out(BIO_new(BIO_s_mem()));
+  STACK_OF(X509)* signers = sk_X509_new_null();
+  sk_X509_push(signers, &ca);
+  const int good = PKCS7_verify(signature.get(), signers, store.get(), content, out.get(),
+                                PKCS7_TEXT | PKCS7_NOVERIFY | PKCS7_NOINTERN);
+  sk_X509_free(signers);
+  if (good != 1) {
+    static_cast<void>(internal::Complaint());
+    Wrong(file, "was changed after it was signed, or signed by another authority than '" +
+                    internal::CommonName(ca) + "' of " + ca_file.string() + "; " + kRemake);
+  }
+  char* data = nullptr;
+  const auto size = BIO_get_mem_data(out.get(), &data);
+  return {data, static_cast<std::size_t>(size)};
+}
+
+// The text of the first element of this name; empty if there is none.
+std::string Element(const std::string& document, const std::string& name) {
+  const std::size_t tag = document.find("<" + name + ">");
+  if (tag == std::string::npos) return {};
+  const std::size_t begin = tag + name.size() + 2;
+  const std::size_t end = document.find("</" + name + ">", begin);
+  return end == std::string::npos ? std::string() : document.substr(begin, end - begin);
+}
+
+std::string Now() {
+  const Owned<ASN1_TIME> now(ASN1_TIME_set(nullptr, std::time(nullptr)));
+  return internal::Timestamp(*now);
+}
+
+}  // namespace
+
+SecurityFiles::SecurityFiles(const std::filesystem::path& folder)
+    : identity_ca(folder / "identity_ca.cert.pem"),
+      certificate(folder / "cert.pem"),
+      key(folder / "key.pem"),
+      permissions_ca(folder / "permissions_ca.cert.pem"),
+      governance(folder / "governance.p7s"),
+      permissions(folder / "permissions.p7s") {}
+
+std::string CheckSecurity(const std::filesystem::path& folder) {
+  if (!std::filesystem::is_directory(folder)) {
+    Wrong(folder,
+          "is not a folder: `hardware certificates` makes one for each participant, below "
+          "enclaves/");
+  }
+  const SecurityFiles files(folder);
+  const Owned<X509> identity_ca = internal::LoadCertificate(files.identity_ca);
+  const Owned<X509> certificate = internal::LoadCertificate(files.certificate);
+  const Owned<EVP_PKEY> key = internal::LoadKey(files.key);
+  constexpr auto kOthers = std::filesystem::perms::group_all | std::filesystem::perms::others_all;
+  if ((std::filesystem::status(files.key).permissions() & kOthers) !=
+      std::filesystem::perms::none) {
+    Wrong(files.key, "can be read by others: chmod 600 " + files.key.string());
+  }
+  if (X509_check_private_key(certificate.get(), key.get()) != 1) {
+    static_cast<void>(internal::Complaint());
+    Wrong(files.key, "is not the key of " + files.certificate.string() +
+                         ": take both from the same folder of `hardware certificates`");
+  }
+  CheckCertificate(files.certificate, *certificate, files.identity_ca, *identity_ca);
+  const Owned<X509> permissions_ca = internal::LoadCertificate(files.permissions_ca);
+  CheckSigned(files.governance, files.permissions_ca, *permissions_ca);
+  const std::string permissions =
+      CheckSigned(files.permissions, files.permissions_ca, *permissions_ca);
+  std::string name = internal::CommonName(*certificate);
+  if (permissions.find("CN=" + name + "<") == std::string::npos) {
+    Wrong(files.permissions, "is for '" + Element(permissions, "subject_name") + "', and " +
+                                 files.certificate.string() + " is of 'CN=" + name +
+                                 "': take both from the same folder of `hardware certificates`");
+  }
+  // Dates compare as their texts do.
+  const std::string until = Element(permissions, "not_after");
+  if (!until.empty() && until < Now()) {
+    Wrong(files.permissions, "expired on " + until + "; " + kRemake);
+  }
+  return name;
+}
+
+}  // namespace dfr::dds

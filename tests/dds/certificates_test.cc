@@ -1,0 +1,190 @@
+#include "dfr/dds/certificates.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <stdexcept>
+#include <string>
+
+#include "dfr/dds/security.h"
+#include "tests/dds/keystore.h"
+
+namespace dfr::dds {
+namespace {
+
+using std::filesystem::path;
+using std::filesystem::perms;
+using testing::HasSubstr;
+
+std::string Load(const path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
+
+// What is wrong with a participant's folder.
+std::string Complaint(const path& folder) {
+  try {
+    CheckSecurity(folder);
+  } catch (const std::runtime_error& e) {
+    return e.what();
+  }
+  return "nothing";
+}
+
+// The program openssl, as a lab's administrator would call it.
+testing::AssertionResult OpenSsl(const std::string& arguments) {
+  const std::string command = "openssl " + arguments + " >/dev/null 2>&1";
+  if (std::system(command.c_str()) == 0) return testing::AssertionSuccess();
+  return testing::AssertionFailure() << command;
+}
+
+void Replace(const path& file, const path& by) {
+  std::filesystem::copy_file(by, file, std::filesystem::copy_options::overwrite_existing);
+}
+
+class CertificatesTest : public testing::Test {
+ protected:
+  const test::Keystore keystore_{{"client", Permission::kController},
+                                 {"console", Permission::kConsole}};
+  const path client_ = keystore_.enclave("client");
+  const SecurityFiles files_{client_};
+  const path ca_ = keystore_.folder() / "public" / "ca.cert.pem";
+  const path ca_key_ = keystore_.folder() / "private" / "ca.key.pem";
+};
+
+TEST_F(CertificatesTest, WhatIsMadeIsAccepted) {
+  EXPECT_EQ(CheckSecurity(client_), "client");
+  EXPECT_EQ(CheckSecurity(keystore_.enclave("console")), "console");
+}
+
+TEST_F(CertificatesTest, OpenSslAgrees) {
+  EXPECT_TRUE(
+      OpenSsl("verify -x509_strict -CAfile " + ca_.string() + " " + files_.certificate.string()));
+  for (const path& file : {files_.permissions, files_.governance}) {
+    EXPECT_TRUE(OpenSsl("smime -verify -text -in " + file.string() + " -CAfile " + ca_.string()));
+  }
+  const test::Keystore other({});
+  EXPECT_FALSE(OpenSsl("verify -CAfile " + (other.folder() / "public/ca.cert.pem").string() + " " +
+                       files_.certificate.string()));
+}
+
+TEST_F(CertificatesTest, KeysAreForTheirUserAlone) {
+  constexpr perms kMine = perms::owner_read | perms::owner_write;
+  EXPECT_EQ(std::filesystem::status(files_.key).permissions(), kMine);
+  EXPECT_EQ(std::filesystem::status(ca_key_).permissions(), kMine);
+  EXPECT_EQ(std::filesystem::status(keystore_.folder() / "private").permissions(),
+            perms::owner_all);
+  std::filesystem::permissions(files_.key, perms::group_read, std::filesystem::perm_options::add);
+  EXPECT_THAT(Complaint(client_), HasSubstr("key.pem can be read by others: chmod 600"));
+}
+
+TEST_F(CertificatesTest, NothingIsOverwritten) {
+  const std::string before = Load(files_.key);
+  EXPECT_THROW(MakeAuthority(keystore_.folder()), std::runtime_error);
+  EXPECT_THROW(AddParticipant(keystore_.folder(), "client", Permission::kConsole),
+               std::runtime_error);
+  EXPECT_EQ(Load(files_.key), before);
+  // A third one later is no trouble.
+  AddParticipant(keystore_.folder(), "monitor", Permission::kMonitor);
+  EXPECT_EQ(CheckSecurity(keystore_.enclave("monitor")), "monitor");
+}
+
+TEST_F(CertificatesTest, EachMissingFileIsNamed) {
+  EXPECT_THAT(Complaint(keystore_.enclave("nobody")), HasSubstr("nobody is not a folder"));
+  for (const path& file : {files_.identity_ca, files_.certificate, files_.key,
+                           files_.permissions_ca, files_.governance, files_.permissions}) {
+    const path aside = file.string() + ".aside";
+    std::filesystem::rename(file, aside);
+    EXPECT_THAT(Complaint(client_), HasSubstr(file.string()));
+    EXPECT_THAT(Complaint(client_), HasSubstr("hardware certificates"));
+    std::ofstream(file) << "not what it should be\n";
+    std::filesystem::permissions(file, perms::owner_read | perms::owner_write);
+    EXPECT_THAT(Complaint(client_), HasSubstr(file.string() + " is not a"));
+    std::filesystem::remove(file);
+    std::filesystem::rename(aside, file);
+  }
+  EXPECT_EQ(Complaint(client_), "nothing");
+}
+
+TEST_F(CertificatesTest, FilesOfTwoParticipantsDoNotMix) {
+  const SecurityFiles console(keystore_.enclave("console"));
+  Replace(files_.key, console.key);
+  EXPECT_THAT(Complaint(client_), HasSubstr("key.pem is not the key of"));
+  Replace(files_.certificate, console.certificate);
+  EXPECT_THAT(Complaint(client_), HasSubstr("permissions.p7s is for 'CN=client', and"));
+  Replace(files_.permissions, console.permissions);
+  EXPECT_EQ(CheckSecurity(client_), "console");
+}
+
+TEST_F(CertificatesTest, AnotherAuthorityIsRefused) {
+  const test::Keystore other({{"client", Permission::kController}});
+  const SecurityFiles others(other.enclave("client"));
+  Replace(files_.identity_ca, others.identity_ca);
+  EXPECT_THAT(Complaint(client_),
+              HasSubstr("cert.pem was not signed by the authority 'dfr authority"));
+  Replace(files_.certificate, others.certificate);
+  Replace(files_.key, others.key);
+  EXPECT_EQ(Complaint(client_), "nothing");  // who I am and what I may do may come from two
+  Replace(files_.permissions_ca, others.permissions_ca);
+  EXPECT_THAT(Complaint(client_), HasSubstr("governance.p7s was changed after it was signed"));
+}
+
+// More rights than were signed.
+TEST_F(CertificatesTest, ChangedPermissionsAreRefused) {
+  std::string permissions = Load(files_.permissions);
+  const std::size_t rule = permissions.find("<deny_rule>");
+  ASSERT_NE(rule, std::string::npos);
+  permissions.replace(rule, 11, "<nota_rule>");
+  std::ofstream(files_.permissions, std::ios::binary) << permissions;
+  EXPECT_THAT(Complaint(client_), HasSubstr("permissions.p7s was changed after it was signed"));
+}
+
+TEST_F(CertificatesTest, ExpiredOnesAreRefused) {
+  const std::string request = (keystore_.folder() / "request").string();
+  ASSERT_TRUE(
+      OpenSsl("req -new -key " + files_.key.string() + " -subj /CN=client -out " + request));
+  const auto certify = [&](const std::string& days) {
+    return OpenSsl("x509 -req -in " + request + " -CA " + ca_.string() + " -CAkey " +
+                   ca_key_.string() + " -set_serial 1 -days " + days + " -out " +
+                   files_.certificate.string());
+  };
+  ASSERT_TRUE(certify("1"));
+  EXPECT_EQ(Complaint(client_), "nothing");
+  ASSERT_TRUE(certify("-1"));
+  EXPECT_THAT(Complaint(client_), HasSubstr("cert.pem expired on 20"));
+  ASSERT_TRUE(certify("1"));
+
+  std::string permissions = Load(client_ / "permissions.xml");
+  const std::size_t until = permissions.find("<not_after>20");
+  ASSERT_NE(until, std::string::npos);
+  permissions.replace(until, 15, "<not_after>2001");
+  std::ofstream(client_ / "permissions.xml") << permissions;
+  ASSERT_TRUE(OpenSsl("smime -sign -text -in " + (client_ / "permissions.xml").string() +
+                      " -signer " + ca_.string() + " -inkey " + ca_key_.string() + " -out " +
+                      files_.permissions.string()));
+  EXPECT_THAT(Complaint(client_), HasSubstr("permissions.p7s expired on 2001-"));
+}
+
+TEST_F(CertificatesTest, NamesAndOptionsOutOfRangeAreRefused) {
+  for (const char* name : {"", "..", "a/b", "a b", ".hidden", "a<b"}) {
+    EXPECT_THROW(AddParticipant(keystore_.folder(), name, Permission::kMonitor),
+                 std::invalid_argument)
+        << name;
+  }
+  EXPECT_THROW(AddParticipant(keystore_.folder(), "a", Permission::kMonitor, {.days = 0}),
+               std::invalid_argument);
+  EXPECT_THROW(AddParticipant(keystore_.folder() / "empty", "a", Permission::kMonitor),
+               std::runtime_error);
+  for (const Permission permission :
+       {Permission::kController, Permission::kConsole, Permission::kButton, Permission::kMonitor}) {
+    EXPECT_EQ(ParsePermission(Name(permission)), permission);
+  }
+  EXPECT_THROW(static_cast<void>(ParsePermission("root")), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::dds
