@@ -6,6 +6,7 @@
 #include <map>
 #include <string>
 
+#include "certificates.h"
 #include "dfr/core/build_info.h"
 #include "emergency_stop.h"
 
@@ -26,6 +27,8 @@ void AddNetwork(CLI::App& command, dds::ParticipantOptions& network) {
       ->transform(CLI::CheckedTransformer(words).description("loopback, network or server"));
   command.add_option("--server", network.server_address, "IPv4 address of the discovery server")
       ->capture_default_str();
+  command.add_option("--security", network.security,
+                     "this participant's folder in a secured network (`hardware certificates`)");
 }
 
 int Main(int argc, char** argv) {
@@ -43,6 +46,25 @@ int Main(int argc, char** argv) {
   command->add_flag("--unattended", stop.unattended,
                     "nobody sits here: only says that nothing is pressed, for simulations");
   command->callback([&] { RunEmergencyStop(stop); });
+
+  CertificatesOptions certificates;
+  command = app.add_subcommand(
+      "certificates",
+      "make a secured network's authority, and what each participant needs to be admitted.\n"
+      "Once more with other --participants, adds them");
+  command->add_option("FOLDER", certificates.folder, "where they are put; keep it safe")
+      ->required();
+  command
+      ->add_option("-p,--participants", certificates.participants,
+                   "NAME or NAME:PERMISSION each, separated by commas. Permissions: controller "
+                   "(may command arms), console (may say what arms measure), button (may stop), "
+                   "monitor (may listen); all may listen")
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--days", certificates.certificates.days, "until they expire")
+      ->check(CLI::Range(1, 36500))
+      ->capture_default_str();
+  command->callback([&] { RunCertificates(certificates); });
 
   CLI11_PARSE(app, argc, argv);
   return result;

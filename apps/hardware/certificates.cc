@@ -1,0 +1,91 @@
+#include "certificates.h"
+
+#include <iostream>
+#include <map>
+#include <set>
+#include <stdexcept>
+#include <utility>
+
+#include "dfr/dds/security.h"
+
+namespace dfr::apps {
+namespace {
+
+// What our own programs are.
+dds::Permission PermissionOf(const std::string& name) {
+  static const std::map<std::string, dds::Permission> kKnown = {
+      {"line_tracking", dds::Permission::kController},
+      {"dvrk_simulator", dds::Permission::kConsole},
+      {"stop", dds::Permission::kButton},
+      {"monitor", dds::Permission::kMonitor}};
+  const auto known = kKnown.find(name);
+  if (known == kKnown.end()) {
+    throw std::invalid_argument("what may '" + name + "' do? Write " + name + ":controller, " +
+                                name + ":console, " + name + ":button or " + name + ":monitor");
+  }
+  return known->second;
+}
+
+std::pair<std::string, dds::Permission> Parse(const std::string& participant) {
+  const std::size_t colon = participant.find(':');
+  if (colon == std::string::npos) return {participant, PermissionOf(participant)};
+  return {participant.substr(0, colon), dds::ParsePermission(participant.substr(colon + 1))};
+}
+
+const char* Meaning(dds::Permission permission) {
+  switch (permission) {
+    case dds::Permission::kController:
+      return "commands the arm; measures nothing";
+    case dds::Permission::kConsole:
+      return "measures; commands nothing";
+    case dds::Permission::kButton:
+      return "stops; nothing else";
+    case dds::Permission::kMonitor:
+      return "listens; says nothing";
+  }
+  return "";
+}
+
+}  // namespace
+
+void RunCertificates(const CertificatesOptions& options) {
+  // All that can be wrong with what was asked for is found before anything is made.
+  std::vector<std::pair<std::string, dds::Permission>> participants;
+  std::set<std::string> names;
+  const auto enclaves = options.folder / "enclaves";
+  for (const std::string& text : options.participants) {
+    participants.push_back(Parse(text));
+    const std::string& name = participants.back().first;
+    if (!names.insert(name).second) throw std::invalid_argument("'" + name + "' is named twice");
+    if (std::filesystem::exists(enclaves / name)) {
+      throw std::runtime_error("there is a participant '" + name +
+                               "' already: leave it out, or "
+                               "remove " +
+                               (enclaves / name).string() + " to make it anew");
+    }
+  }
+  const bool is_new = !std::filesystem::exists(options.folder / "private");
+  if (is_new) dds::MakeAuthority(options.folder, options.certificates);
+  for (const auto& [name, permission] : participants) {
+    dds::AddParticipant(options.folder, name, permission, options.certificates);
+    dds::CheckSecurity(enclaves / name);
+  }
+
+  std::cout << (is_new ? "Made an authority and " : "Added ") << participants.size()
+            << (participants.size() == 1 ? " participant" : " participants") << ", valid for "
+            << options.certificates.days << " days:\n\n";
+  for (const auto& [name, permission] : participants) {
+    std::cout << "  " << (enclaves / name).string() << "  " << dds::Name(permission) << ": "
+              << Meaning(permission) << '\n';
+  }
+  std::cout
+      << "\nCarry each participant's folder, and nothing else, to the machine that it runs on, "
+         "where its\nuser alone can read key.pem, and name it with --security FOLDER, or in "
+         "the configuration file.\nA ROS 2 console takes one of these folders as its enclave.\n"
+         "\nKeep "
+      << (options.folder / "private").string()
+      << " away from the robot's network: who has it can admit anybody.\nIt is needed to add "
+         "participants, and to renew these before they expire.\n";
+}
+
+}  // namespace dfr::apps
