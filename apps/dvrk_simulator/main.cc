@@ -75,6 +75,10 @@ void AddNetwork(CLI::App& app, Options& options) {
   app.add_option("--server-port", network.server_port, "its port")
       ->capture_default_str()
       ->group(group);
+  app.add_option("--security", network.security,
+                 "its folder in a secured network, made by `hardware certificates`; who has none\n"
+                 "then neither hears nor commands it")
+      ->group(group);
   app.add_flag("--shared-memory,!--no-shared-memory", options.shared_memory,
                "pictures go through shared memory to clients on this machine that offer it\n"
                "(default: yes); the arm stays on UDP")
@@ -247,6 +251,14 @@ class Status {
   std::uint64_t images_ = 0;
 };
 
+// Who was found and not admitted, once each.
+void ReportRefused(dfr::dds::Participant& participant) {
+  for (const auto& [name, guid, reason] : participant.TakeRefusedPeers()) {
+    std::cout << "dvrk_simulator: refused '" << name << "' (" << guid << "): " << reason
+              << std::endl;
+  }
+}
+
 void Run(Options options) {
   if (options.server.lock_step) options.scene.linger_s = 0.0;
   // What no calibration finds is part of the whole.
@@ -272,6 +284,7 @@ void Run(Options options) {
   // console takes.
   constexpr double kLongestStep = 0.1;
   const auto start = Clock::now();
+  auto look_for_refused = start;
   for (auto last = start; stopped == 0;) {
     const auto now = Clock::now();
     if (options.server.lock_step) {
@@ -281,6 +294,10 @@ void Run(Options options) {
     }
     last = now;
     status.Print(now);
+    if (now >= look_for_refused) {
+      ReportRefused(control);
+      look_for_refused = now + std::chrono::seconds(1);
+    }
     if (options.duration_s > 0.0 &&
         std::chrono::duration<double>(now - start).count() >= options.duration_s) {
       break;

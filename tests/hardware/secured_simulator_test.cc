@@ -1,0 +1,102 @@
+// The simulated console in a secured network made by `hardware certificates`.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+
+#include "dfr/dds/channel.h"
+#include "tests/dds/domain.h"
+#include "tests/dds/peer_process.h"
+
+namespace dfr::test {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+constexpr std::chrono::seconds kPatience(60);  // of a machine that is busy with other things
+
+bool Contains(const std::filesystem::path& file, const std::string& text) {
+  std::ifstream in(file);
+  return std::string(std::istreambuf_iterator<char>(in), {}).find(text) != std::string::npos;
+}
+
+// A client that asks for a state and reads what the arm says.
+class Client {
+ public:
+  explicit Client(const std::filesystem::path& security)
+      : participant_({.domain = OwnDomain(), .name = "client", .security = security}) {}
+
+  void Ask(const std::string& state) {
+    dds::StringStamped command;
+    command.stamp = dds::Stamp::Now();
+    command.text = state;
+    command_.Write(command);
+  }
+  void Listen() {
+    state_.Wait(0.1);
+    state_.TakeNewest(operating_);
+    dds::PoseStamped pose;
+    if (measured_.TakeNewest(pose)) ++poses_;
+  }
+  [[nodiscard]] int poses() const { return poses_; }
+  [[nodiscard]] const dds::OperatingState& operating() const { return operating_; }
+  dds::Participant& participant() { return participant_; }
+
+ private:
+  dds::Participant participant_;
+  dds::Publisher<dds::StringStamped> command_{participant_, "/PSM1/state_command",
+                                              dds::Role::kRequest};
+  dds::Subscriber<dds::OperatingState> state_{participant_, "/PSM1/operating_state",
+                                              dds::Role::kEvent};
+  dds::Subscriber<dds::PoseStamped> measured_{participant_, "/PSM1/measured_cp", dds::Role::kState};
+  dds::OperatingState operating_;
+  int poses_ = 0;
+};
+
+TEST(SecuredSimulatorTest, OnlyThoseWithCertificatesHearAndCommandTheArm) {
+  const std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / ("dfr-secured-" + std::to_string(::getpid()));
+  const auto enclave = [&](const std::string& name) { return folder / "enclaves" / name; };
+  ASSERT_EQ(PeerProcess({DFR_HARDWARE, "certificates", folder}).Await(30.0), 0);
+  // A second call overwrites nothing.
+  ASSERT_EQ(PeerProcess({DFR_HARDWARE, "certificates", folder}).Await(30.0), 1);
+  const std::string log = folder / "log";
+  PeerProcess simulator({"/bin/sh", "-c",
+                         "exec " DFR_SIMULATOR " --no-camera --homing 0.2 --domain " +
+                             std::to_string(OwnDomain()) + " --security " +
+                             enclave("dvrk_simulator").string() + " > " + log});
+  Client member(enclave("line_tracking"));
+  const auto end = Clock::now() + kPatience;
+  while (!(member.operating().is_homed && member.poses() > 0) && Clock::now() < end) {
+    member.Ask("home");
+    member.Listen();
+  }
+  ASSERT_TRUE(member.operating().is_homed);
+  EXPECT_TRUE(member.participant().refused_peers().empty());
+
+  Client stranger("");
+  const int poses = member.poses();
+  for (const auto until = Clock::now() + std::chrono::seconds(2); Clock::now() < until;) {
+    stranger.Ask("disable");
+    stranger.Listen();
+    member.Listen();
+  }
+  EXPECT_EQ(stranger.poses(), 0);
+  EXPECT_EQ(stranger.operating().state, "");
+  EXPECT_FALSE(stranger.participant().refused_peers().empty());
+  EXPECT_GT(member.poses(), poses);
+  EXPECT_EQ(member.operating().state, "ENABLED");
+  EXPECT_TRUE(member.operating().is_homed);
+  while (!Contains(log, "refused 'client'") && Clock::now() < end) member.Listen();
+  EXPECT_TRUE(Contains(log, "it has no certificate"));
+  simulator.Signal(SIGINT);
+  EXPECT_EQ(simulator.Await(60.0), 0);
+  std::filesystem::remove_all(folder);
+}
+
+}  // namespace
+}  // namespace dfr::test
