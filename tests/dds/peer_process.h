@@ -17,6 +17,7 @@ class PeerProcess {
   PeerProcess(const PeerProcess&) = delete;
   PeerProcess& operator=(const PeerProcess&) = delete;
 
+  [[nodiscard]] pid_t pid() const noexcept { return pid_; }
   /// Sends a signal: SIGKILL, SIGSTOP, ...
   void Signal(int number) const;
   /// Waits for the end. The exit code, or -1 if it was killed or did not end in `timeout_s`.

@@ -1,7 +1,10 @@
 #include <gtest/gtest.h>
 
 #include <csignal>
+#include <filesystem>
+#include <fstream>
 #include <string>
+#include <vector>
 
 #include "tests/dds/domain.h"
 #include "tests/dds/peer_process.h"
@@ -9,19 +12,47 @@
 namespace dfr::test {
 namespace {
 
+// What the program has mapped below /dev/shm.
+std::vector<std::string> SharedMemory(const PeerProcess& process) {
+  std::ifstream maps("/proc/" + std::to_string(process.pid()) + "/maps");
+  std::vector<std::string> files;
+  for (std::string line; std::getline(maps, line);) {
+    const std::size_t at = line.find("/dev/shm/");
+    if (at != std::string::npos && line.find("(deleted)") == std::string::npos) {
+      files.push_back(line.substr(at));
+    }
+  }
+  return files;
+}
+
 // Two programs of two DDS implementations, in real time.
-TEST(DvrkSimulatorTest, CycloneClientHomesAndMovesTheArmAndCtrlCStopsCleanly) {
+TEST(DvrkSimulatorTest, CycloneClientHomesAndMovesTheArmAndSeesWhatTheEndoscopeSees) {
   const std::string domain = std::to_string(OwnDomain());
   PeerProcess simulator({DFR_SIMULATOR, "--domain", domain, "--homing", "0.5"});
-  PeerProcess client({DFR_CYCLONE_CLIENT, domain});
+  PeerProcess client({DFR_CYCLONE_CLIENT, domain, "picture"});
   EXPECT_EQ(client.Await(90.0), 0);
-  simulator.Signal(SIGINT);
-  EXPECT_EQ(simulator.Await(60.0), 0);
+}
+
+TEST(DvrkSimulatorTest, StopsCleanlyAndLeavesNoSharedMemory) {
+  for (const int signal : {SIGINT, SIGTERM}) {
+    const std::string domain = std::to_string(OwnDomain());
+    PeerProcess simulator({DFR_SIMULATOR, "--domain", domain, "--homing", "0.1"});
+    PeerProcess client({DFR_CYCLONE_CLIENT, domain});
+    ASSERT_EQ(client.Await(90.0), 0);
+    const std::vector<std::string> files = SharedMemory(simulator);
+    EXPECT_FALSE(files.empty());
+    simulator.Signal(signal);
+    EXPECT_EQ(simulator.Await(60.0), 0);
+    for (const std::string& file : files) EXPECT_FALSE(std::filesystem::exists(file)) << file;
+  }
 }
 
 TEST(DvrkSimulatorTest, WrongOptionsAreRefused) {
   EXPECT_GT(PeerProcess({DFR_SIMULATOR, "--domain", "400"}).Await(30.0), 0);
   EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--drop", "2"}).Await(30.0), 1);
+  EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--camera-fault", "upside_down"}).Await(30.0), 1);
+  EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--arm-error", "-1"}).Await(30.0), 1);
+  EXPECT_GT(PeerProcess({DFR_SIMULATOR, "--wave", "tsunami"}).Await(30.0), 0);
   EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--help"}).Await(30.0), 0);
 }
 

@@ -1,8 +1,10 @@
 // A client of a console written with CycloneDDS, that knows only the CRTK names and types. It homes
-// PSM1, moves the wrist 8 mm along x with servo_cp, a millimetre a tick, and opens nothing:
-//   cyclone_client DOMAIN
+// PSM1, moves the wrist 8 mm along x with servo_cp, a millimetre a tick, opens nothing, and on
+// demand waits for a picture of the endoscope and what camera took it:
+//   cyclone_client DOMAIN [picture]
 // Exit code: 0 done; 2 never homed; 3 no valid pose; 4 not where it was sent; 5 measured_js does
-// not agree; 1 DDS failed.
+// not agree; 6 no picture of 640 x 480, or a black one; 7 no camera_info that fits it; 1 DDS
+// failed.
 #include <dds/dds.h>
 
 #include <algorithm>
@@ -34,7 +36,7 @@ dds_qos_t* RosDefaults(int depth) {
 }
 
 dds_entity_t Topic(const dds_topic_descriptor_t& type, const char* name) {
-  const std::string full = std::string("rt/PSM1/") + name;
+  const std::string full = std::string("rt/") + name;
   return Check(dds_create_topic(participant, &type, full.c_str(), nullptr, nullptr));
 }
 
@@ -75,19 +77,48 @@ double Distance(const Position& a, const Position& b) {
   return std::hypot(a.x - b.x, a.y - b.y, a.z - b.z);
 }
 
+// 0, or the exit code.
+int AwaitPicture(Clock::time_point end) {
+  const dds_entity_t image = Reader(sensor_msgs_msg_dds__Image__desc, "ECM/image_raw");
+  const dds_entity_t info = Reader(sensor_msgs_msg_dds__CameraInfo__desc, "ECM/camera_info");
+  for (bool good = false; !good;) {
+    if (Clock::now() > end) return 6;
+    dds_sleepfor(DDS_MSECS(2));
+    Take<sensor_msgs_msg_dds__Image_>(image, [&](const auto& m) {
+      if (m.height_ != 480 || m.width_ != 640 || m.step_ != 1920 ||
+          std::strcmp(m.encoding_, "bgr8") != 0 || m.data_._length != 480 * 1920) {
+        return;
+      }
+      double sum = 0.0;
+      for (std::uint32_t i = 0; i < m.data_._length; ++i) sum += m.data_._buffer[i];
+      good = sum / m.data_._length > 20.0;
+    });
+  }
+  for (bool good = false; !good;) {
+    if (Clock::now() > end) return 7;
+    dds_sleepfor(DDS_MSECS(2));
+    Take<sensor_msgs_msg_dds__CameraInfo_>(info, [&](const auto& m) {
+      good = m.height_ == 480 && m.width_ == 640 && m.d_._length == 5 && m.k_[0] > 100.0 &&
+             m.k_[8] == 1.0 && std::strcmp(m.distortion_model_, "plumb_bob") == 0;
+    });
+  }
+  return 0;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 2) return 1;
+  if (argc != 2 && argc != 3) return 1;
   participant = Check(dds_create_participant(
       static_cast<dds_domainid_t>(std::strtoul(argv[1], nullptr, 10)), nullptr, nullptr));
   const auto end = Clock::now() + std::chrono::seconds(60);
 
-  const dds_entity_t state = Reader(crtk_msgs_msg_dds__OperatingState__desc, "operating_state");
-  const dds_entity_t cp = Reader(geometry_msgs_msg_dds__PoseStamped__desc, "measured_cp");
-  const dds_entity_t js = Reader(sensor_msgs_msg_dds__JointState__desc, "measured_js");
-  const dds_entity_t command = Writer(crtk_msgs_msg_dds__StringStamped__desc, "state_command");
-  const dds_entity_t servo = Writer(geometry_msgs_msg_dds__PoseStamped__desc, "servo_cp");
+  const dds_entity_t state =
+      Reader(crtk_msgs_msg_dds__OperatingState__desc, "PSM1/operating_state");
+  const dds_entity_t cp = Reader(geometry_msgs_msg_dds__PoseStamped__desc, "PSM1/measured_cp");
+  const dds_entity_t js = Reader(sensor_msgs_msg_dds__JointState__desc, "PSM1/measured_js");
+  const dds_entity_t command = Writer(crtk_msgs_msg_dds__StringStamped__desc, "PSM1/state_command");
+  const dds_entity_t servo = Writer(geometry_msgs_msg_dds__PoseStamped__desc, "PSM1/servo_cp");
 
   bool homed = false;
   for (int tick = 0; !homed; ++tick) {
@@ -149,5 +180,5 @@ int main(int argc, char** argv) {
     });
     if (any && !agrees) return 5;
   }
-  return 0;
+  return argc == 3 ? AwaitPicture(end) : 0;
 }

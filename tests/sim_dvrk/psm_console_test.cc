@@ -234,6 +234,102 @@ TEST(PsmConsoleTest, GoalsOutOfReachAreDroppedAndNamed) {
   EXPECT_EQ(console.measured_jaw(), 0.0);
 }
 
+TEST(PsmConsoleTest, RelativeGoalsAddUp) {
+  PsmConsole console = Homed();
+  PsmJoints step = PsmJoints::Zero();
+  step[0] = 0.01;
+  console.ServoJr(step);
+  console.ServoJr(step);  // before the first is reached
+  Pass(console, 0.5);
+  EXPECT_EQ(console.setpoint_joints(), At(0, 0.02));
+  console.MoveJr(step);
+  Pass(console, 0.001);
+  console.MoveJr(step);  // on the way: from its goal on
+  EXPECT_THAT(console.TakeGoals(), ElementsAre(false));
+  Pass(console, 2.0);
+  EXPECT_NEAR(console.setpoint_joints()[0], 0.04, 1e-15);
+  EXPECT_THAT(console.TakeGoals(), ElementsAre(true));
+  step[2] = 0.2;
+  console.ServoJr(step);
+  EXPECT_THAT(console.TakeMessages(), Errs("servo_jr dropped, beyond the limits of insertion"));
+  console.MoveJr(step);
+  EXPECT_THAT(console.TakeMessages(), Errs("move_jr dropped, beyond the limits of insertion"));
+  console.ServoJr(PsmJoints::Constant(std::numeric_limits<double>::quiet_NaN()));
+  EXPECT_THAT(console.TakeMessages(), Errs("servo_jr dropped"));
+}
+
+TEST(PsmConsoleTest, RelativePosesAreInTheBaseFrame) {
+  PsmConsole console = Homed();
+  const Eigen::Isometry3d from = console.setpoint_pose();
+  Eigen::Isometry3d difference = Eigen::Isometry3d::Identity();
+  difference.translation() = Eigen::Vector3d(0.003, -0.002, 0.001);
+  difference.linear() = Eigen::AngleAxisd(0.1, Eigen::Vector3d::UnitX()).toRotationMatrix();
+  console.ServoCr(difference);
+  Pass(console, 0.5);
+  const Eigen::Isometry3d to = console.setpoint_pose();
+  EXPECT_TRUE(
+      test::AllClose(to.translation(), from.translation() + difference.translation(), 1e-12));
+  EXPECT_TRUE(test::AllClose(to.linear(), difference.linear() * from.linear(), 1e-12));
+  difference.translation().z() = 1.0;
+  console.ServoCr(difference);
+  EXPECT_THAT(console.TakeMessages(), Errs("servo_cr dropped"));
+}
+
+TEST(PsmConsoleTest, FreeGivesUpTheGoalAndEffortsAreRefused) {
+  PsmConsole console = Homed();
+  console.MoveJp(At(0, 0.5));
+  Pass(console, 0.2);
+  const PsmJoints there = console.measured_joints();
+  console.Free();
+  EXPECT_THAT(console.TakeGoals(), ElementsAre(false));
+  EXPECT_FALSE(console.busy());
+  Pass(console, 1.0);
+  EXPECT_EQ(console.measured_joints(), there);
+  console.ServoJf();
+  EXPECT_THAT(console.TakeMessages(), Errs("PSM1: servo_jf dropped, the simulated arm has no"));
+  console.StateCommand("disable");
+  console.Free();
+  console.ServoJf();
+  EXPECT_THAT(console.TakeMessages(), Warns("servo_jf dropped, arm not ready: DISABLED"));
+}
+
+TEST(PsmConsoleTest, TwistIsThatOfTheWristInTheBaseFrame) {
+  PsmConsole console = Homed();
+  EXPECT_EQ(console.measured_twist(), (Eigen::Matrix<double, 6, 1>::Zero()));
+  for (int i = 1; i <= 600; ++i) {
+    console.ServoJp(At(0, -0.2 + 1e-3 * i));
+    console.Step(1e-3);
+  }
+  // 1 rad/s about -y, which moves a tool that points down to +x, once the lag has settled (to
+  // exp(-20)).
+  const Eigen::Vector3d wrist = console.measured_pose().translation();
+  EXPECT_NEAR(wrist.norm(), 0.1135, 1e-12);
+  const Eigen::Vector3d turn = -Eigen::Vector3d::UnitY();
+  Eigen::Matrix<double, 6, 1> expected;
+  expected << turn.cross(wrist), turn;
+  EXPECT_TRUE(test::AllClose(console.measured_twist(), expected, 1e-7));
+}
+
+TEST(PsmConsoleTest, PlacedItIsHomedAndSettledItIsWhereItWasSent) {
+  PsmConsole console({.arm = "PSM1"});
+  console.Place(At(1, 0.3));
+  EXPECT_EQ(console.state(), ArmState::kEnabled);
+  EXPECT_TRUE(console.homed());
+  EXPECT_EQ(console.measured_joints(), At(1, 0.3));
+  console.MoveJp(At(1, 0.1));
+  console.MoveJaw(0.4);
+  Pass(console, 0.01);
+  console.Settle();
+  EXPECT_EQ(console.measured_joints(), At(1, 0.1));
+  EXPECT_EQ(console.setpoint_joints(), At(1, 0.1));
+  EXPECT_EQ(console.measured_jaw(), 0.4);
+  EXPECT_FALSE(console.busy());
+  EXPECT_THAT(console.TakeGoals(), ElementsAre(true, true));
+  Pass(console, 0.5);
+  EXPECT_EQ(console.measured_joints(), At(1, 0.1));
+  EXPECT_THROW(console.Place(At(2, 0.3)), std::invalid_argument);
+}
+
 TEST(PsmConsoleTest, JawOpensAtItsSpeed) {
   PsmConsole console = Homed();
   console.MoveJaw(45 * kDegree);

@@ -2,10 +2,13 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <time.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <sstream>
@@ -59,10 +62,16 @@ class DvrkSceneServerTest : public testing::Test {
     return true;
   }
 
-  // The reply, or what is missing.
+  // The reply, or what is missing. A question that changes nothing comes first, again and again:
+  // that this side has found the other does not mean that the other has found this side.
   std::string Ask(const std::string& text) {
-    if (!Until([&] { return request_.num_subscribers() == 1 && reply_.health().publishers == 1; }))
-      return "nobody is there";
+    if (!known_) {
+      known_ = Until([&] {
+        if (asked_ % 100 == 0) request_.Write({{-1, 0}, "", "truth"});
+        dds::StringStamped reply;
+        return (++asked_, reply_.Take(reply));
+      });
+    }
     const dds::Stamp id = {++asked_, 0};
     request_.Write({id, "", text});
     dds::StringStamped reply;
@@ -79,6 +88,7 @@ class DvrkSceneServerTest : public testing::Test {
   dds::Participant participant_{{.domain = test::OwnDomain()}};
   dds::Participant client_{{.domain = test::OwnDomain()}};
   bool lock_step_ = false;
+  bool known_ = false;
   std::int32_t asked_ = 0;
   std::unique_ptr<DvrkScene> scene_;
   std::unique_ptr<DvrkSceneServer> server_;
@@ -99,10 +109,14 @@ TEST_F(DvrkSceneServerTest, InLockStepTheWireChangesNothing) {
   LineTrackingOptions world = SceneOptions(true).world;
   LineTrackingPlant plant(world);
   std::vector<std::uint8_t> expected(plant.endoscope().image_size());
-  ASSERT_TRUE(Until([&] {
-    return servo_jp_.num_subscribers() == 1 && joints_.health().publishers == 1 &&
-           images.health().publishers == 1;
-  }));
+  ASSERT_TRUE(
+      Until([&] { return joints_.health().publishers == 1 && images.health().publishers == 1; }));
+  bool heard = false;  // by the console
+  for (int i = 0; i < 20 && !heard; ++i) {
+    servo_jp_.Write({});
+    heard = Now(Ask("run 0 1")).valid();
+  }
+  ASSERT_TRUE(heard);
   plant.Reset(7);
   dds::Stamp now = Now(Ask("reset 7"));
   ASSERT_TRUE(now.valid());
@@ -196,12 +210,145 @@ TEST_F(DvrkSceneServerTest, WhatCannotBeDoneIsAnsweredWithTheReason) {
   EXPECT_THAT(Ask("fault drop 2"), HasSubstr("drop must lie in [0, 1]"));
   EXPECT_THAT(Ask("fault camera upside_down"), HasSubstr("there is no camera fault"));
   server_.reset();
+  known_ = false;
   Serve(false, false);
   EXPECT_THAT(Ask("run 0.01"), StartsWith("error: run is for lock-step alone"));
   EXPECT_THROW(server_->SetFault("dust", "1"), std::invalid_argument);
   DvrkSceneServerOptions bad;
   bad.jpeg_quality = 0;
   EXPECT_THROW(DvrkSceneServer(participant_, participant_, *scene_, bad), std::invalid_argument);
+}
+
+// What the camera of a real-time scene shows to a client.
+class SceneCameraTest : public DvrkSceneServerTest {
+ protected:
+  void SetUp() override {
+    Serve(false, true);
+    ASSERT_TRUE(Until([&] { return images_.TakeNewest(image_); }));
+  }
+
+  // The next picture that was taken after all that has been said so far.
+  bool Next() {
+    const dds::Stamp now = dds::Stamp::Now();
+    return Until([&] {
+      return images_.TakeNewest(image_) && image_.stamp.nanoseconds() > now.nanoseconds();
+    });
+  }
+  [[nodiscard]] double Brightness() const {
+    double sum = 0.0;
+    for (const std::uint8_t value : image_.data) sum += value;
+    return sum / static_cast<double>(image_.data.size());
+  }
+
+  dds::Subscriber<dds::Image> images_{client_, "/ECM/image_raw", dds::Role::kImage};
+  dds::Image image_;
+};
+
+TEST_F(SceneCameraTest, PicturesComeWithTheirCompressedFormAndTheCamera) {
+  dds::Subscriber<dds::CompressedImage> compressed(client_, "/ECM/image_raw/compressed",
+                                                   dds::Role::kImage);
+  dds::Subscriber<dds::CameraInfo> infos(client_, "/ECM/camera_info", dds::Role::kState);
+  dds::CompressedImage jpeg;
+  dds::CameraInfo info;
+  ASSERT_TRUE(Until([&] {
+    images_.TakeNewest(image_);
+    compressed.TakeNewest(jpeg);
+    infos.TakeNewest(info);
+    return image_.stamp == jpeg.stamp && image_.stamp == info.stamp;
+  }));
+  EXPECT_EQ(image_.frame_id, "ECM");
+  EXPECT_EQ(image_.encoding, "bgr8");
+  EXPECT_EQ(image_.step, 1920U);
+  EXPECT_EQ(image_.data.size(), std::size_t{480} * 1920);
+  EXPECT_THAT(jpeg.format, HasSubstr("jpeg"));
+  // Start and end of a JPEG file, a tenth of the size or less.
+  ASSERT_GT(jpeg.data.size(), 1000U);
+  EXPECT_LT(jpeg.data.size(), image_.data.size() / 5);
+  EXPECT_EQ(jpeg.data[0], 0xff);
+  EXPECT_EQ(jpeg.data[1], 0xd8);
+  EXPECT_EQ(jpeg.data[jpeg.data.size() - 2], 0xff);
+  EXPECT_EQ(jpeg.data[jpeg.data.size() - 1], 0xd9);
+  const vision::CameraModel& camera = scene_->plant().calibration().camera;
+  EXPECT_EQ(info.width, 640U);
+  EXPECT_EQ(info.height, 480U);
+  EXPECT_EQ(info.distortion_model, "plumb_bob");
+  EXPECT_EQ(info.k,
+            (std::array<double, 9>{camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1}));
+  EXPECT_EQ(info.d, std::vector<double>(camera.distortion.begin(), camera.distortion.end()));
+}
+
+TEST_F(SceneCameraTest, FaultsOfTheCameraAreSeen) {
+  ASSERT_TRUE(Next());
+  const double lit = Brightness();
+  EXPECT_GT(lit, 30.0);
+  ASSERT_EQ(Ask("fault camera frozen"), "ok");
+  ASSERT_TRUE(Next());
+  const std::vector<std::uint8_t> frozen = image_.data;
+  const dds::Stamp first = image_.stamp;
+  ASSERT_TRUE(Next());
+  EXPECT_EQ(image_.data, frozen);
+  EXPECT_NE(image_.stamp, first);  // a grabber does not know
+  ASSERT_EQ(Ask("fault camera black"), "ok");
+  ASSERT_TRUE(Next());
+  EXPECT_LT(Brightness(), 5.0);  // the sensor's noise
+  ASSERT_EQ(Ask("fault camera overexposed"), "ok");
+  ASSERT_TRUE(Next());
+  const auto white = std::count(image_.data.begin(), image_.data.end(), std::uint8_t{255});
+  EXPECT_GT(white, static_cast<std::ptrdiff_t>(image_.data.size() / 4));  // all of the gauze
+  ASSERT_EQ(Ask("fault camera silent"), "ok");
+  images_.TakeNewest(image_);
+  const std::uint64_t published = server_->images_published();
+  for (int i = 0; i < 200; ++i) {
+    server_->Tick(1e-3);
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  EXPECT_LE(server_->images_published(), published + 1);  // one was being drawn
+  ASSERT_EQ(Ask("fault none"), "ok");
+  ASSERT_TRUE(Next());
+  EXPECT_NEAR(Brightness(), lit, 0.3 * lit);  // the light wanders
+}
+
+TEST_F(DvrkSceneServerTest, FaultsOfTheArmAndTheClockAreSetByRequest) {
+  Serve(false, false);
+  ASSERT_TRUE(Now(Ask("reset 2")).valid());
+  dds::Subscriber<dds::Text> errors(client_, "/PSM1/error", dds::Role::kEvent);
+  EXPECT_EQ(Ask("fault arm_fault encoder of joint 2 lost"), "ok");
+  dds::Text error;
+  ASSERT_TRUE(Until([&] { return errors.TakeNewest(error); }));
+  EXPECT_EQ(error.text, "PSM1: encoder of joint 2 lost");
+  dds::OperatingState state;
+  ASSERT_TRUE(Until([&] { return state_.TakeNewest(state) && state.state == "FAULT"; }));
+  EXPECT_EQ(Ask("fault clock_jump 1000"), "ok");
+  dds::JointState joints;
+  ASSERT_TRUE(Until([&] {
+    return joints_.TakeNewest(joints) &&
+           joints.stamp.nanoseconds() > dds::Stamp::Now().nanoseconds() + 900'000'000'000;
+  }));
+  EXPECT_EQ(Ask("fault none"), "ok");
+  const dds::Stamp now = Now(Ask("reset 2"));
+  EXPECT_LT(now.nanoseconds(), dds::Stamp::Now().nanoseconds() + 1);
+  ASSERT_TRUE(Until([&] { return state_.TakeNewest(state) && state.state == "ENABLED"; }));
+}
+
+// Pictures take tens of milliseconds to draw, states are due every ten: no tick waits for them.
+TEST_F(SceneCameraTest, DrawingDoesNotDelayTheState) {
+  // Of the thread alone, so that a busy machine does not count.
+  const auto thread_s = [] {
+    timespec t;
+    ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+  };
+  const std::uint64_t before = server_->images_published();
+  std::vector<double> ticks;
+  while (server_->images_published() < before + 10 && ticks.size() < 20000) {
+    const double start = thread_s();
+    server_->Tick(1e-3);
+    ticks.push_back(thread_s() - start);
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  ASSERT_GE(server_->images_published(), before + 10);
+  std::nth_element(ticks.begin(), ticks.end() - 1, ticks.end());
+  EXPECT_LT(ticks.back(), 5e-3);
 }
 
 }  // namespace
