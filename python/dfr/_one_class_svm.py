@@ -195,31 +195,13 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         return self.estimate_.decision(check_rows(self, X, fitting=False), libsvm_scale=True)
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
-        """The sum of the kernels: decision_function + offset_.
-
-        Parameters
-        ----------
-        X : array_like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-        """
+        """The sum of the kernels at each row of X: decision_function + offset_."""
         scores = self.decision_function(X)
         scores += self.offset_
         return scores
 
     def predict(self, X: ArrayLike) -> NDArray[np.intp]:
-        """Tell which samples are inside (1) and which outside (-1).
-
-        Parameters
-        ----------
-        X : array_like of shape (n_samples, n_features)
-
-        Returns
-        -------
-        ndarray of shape (n_samples,)
-        """
+        """Tell which rows of X are inside (1) and which outside (-1)."""
         return np.where(self.decision_function(X) >= 0.0, np.intp(1), np.intp(-1))
 
     @property

@@ -433,8 +433,9 @@ class Page {
   }
 
   void Table(const ReportTable& table) {
-    out_ << "<h2>" << Escape(table.heading) << "</h2>\n<div class=\"wide\"><table><caption>"
-         << Escape(table.caption) << "</caption><thead><tr>";
+    // A caption of the table's own would be as narrow as the table.
+    out_ << "<h2>" << Escape(table.heading) << "</h2>\n<p class=\"caption\">"
+         << Escape(table.caption) << "</p>\n<div class=\"wide\"><table><thead><tr>";
     for (const std::string& head : table.header) out_ << "<th>" << Escape(head) << "</th>";
     out_ << "</tr></thead><tbody>\n";
     for (const auto& row : table.rows) {
