@@ -42,6 +42,15 @@ struct EvaluateOptions {
 };
 void RunEvaluate(const EvaluateOptions& options);
 
+struct GuardedOptions {
+  std::filesystem::path guard = "task.guard";
+  std::filesystem::path policy = "policy.txt";
+  int episodes = 60;
+  std::uint64_t seed = 1001;
+  sim::PusherOptions plant;
+};
+void RunGuarded(const GuardedOptions& options);
+
 struct ExperimentOptions {
   std::string preset = "quick";
   std::filesystem::path out = "out/pusher";

@@ -146,6 +146,22 @@ int Main(int argc, char** argv) {
   AddScene(*command, evaluate.plant);
   command->callback([&] { RunEvaluate(evaluate); });
 
+  GuardedOptions guarded;
+  command = app.add_subcommand(
+      "guarded", "a linear policy of your own inside a guard's file: an episode a line");
+  command->add_option("--guard", guarded.guard, "file of the program guard, from demonstrations")
+      ->capture_default_str();
+  command
+      ->add_option("--policy", guarded.policy,
+                   "text: for each of the 7 controls an offset, and a gain per state entry")
+      ->capture_default_str();
+  command->add_option("--episodes", guarded.episodes, "start states")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--seed", guarded.seed, "of the first, counting up")->capture_default_str();
+  AddScene(*command, guarded.plant);
+  command->callback([&] { RunGuarded(guarded); });
+
   DriftOptions drift;
   command = app.add_subcommand(
       "drift",

@@ -1,6 +1,6 @@
-"""A guard around a scripted policy on the Pusher, from Python: what the C++ controllers do, bit for bit.
+"""A guard around a scripted policy on the Pusher, from Python: what `pusher guarded` does, bit for bit.
 
-usage: pusher_guard_test.py PUSHER GUARD PUSHER_ROLLOUTS
+usage: pusher_guard_test.py PUSHER GUARD
 
 Only files come from C++: demonstrations of the program `pusher`, read by h5py, and the guard of the
 program `guard`.
@@ -18,8 +18,8 @@ import numpy as np
 import dfr
 from pusher_plant import PusherPlant
 
-PUSHER, GUARD, ROLLOUTS = (pathlib.Path(p).resolve() for p in sys.argv[1:4])
-del sys.argv[1:4]
+PUSHER, GUARD = (pathlib.Path(p).resolve() for p in sys.argv[1:3])
+del sys.argv[1:3]
 SEEDS = 30
 
 
@@ -92,11 +92,12 @@ class PusherGuardTest(unittest.TestCase):
     def test_the_same_outcomes_as_in_cpp(self):
         guard = dfr.Guard.load(self.folder / "pusher.guard")
         plant = PusherPlant()
-        lines = self.run_program(ROLLOUTS, "pusher.guard", "policy.txt", SEEDS).splitlines()
+        arguments = ["--guard", "pusher.guard", "--policy", "policy.txt", "--episodes", SEEDS, "--seed", 0]
+        lines = self.run_program(PUSHER, "guarded", *arguments).splitlines()[1:]
         self.assertEqual(len(lines), SEEDS)
         outcomes = []
         for seed, line in enumerate(lines):
-            outcome, controls, *state = line.split()
+            _, outcome, controls, *state = line.split()
             with self.subTest(seed=seed):
                 self.assertEqual(self.rollout(plant, guard, seed), (outcome, int(controls)))
                 np.testing.assert_array_equal(plant.observe(), [float(entry) for entry in state])
