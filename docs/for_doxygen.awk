@@ -34,6 +34,8 @@ function unquoted(line,   parts, count, i, out) {
   $0 = $0 " {#" base(FILENAME) "_" slug(title) "}"
 }
 !fenced {
+  gsub(/\*\*`/, "<b>`")  # code in bold
+  gsub(/`\*\*/, "`</b>")
   rest = unquoted($0)
   $0 = ""
   while (match(rest, /\[[^][]*\]\([^() ]+\)/)) {
