@@ -237,8 +237,9 @@ bool RunCheck(const CheckOptions& options) {
     ++good;
   }
   if (good > 0) collected.Report(findings);
-  std::printf("%s: %d errors, %d warnings%s\n", options.demonstrations.c_str(), findings.errors(),
-              findings.warnings(),
+  std::printf("%s: %d error%s, %d warning%s%s\n", options.demonstrations.c_str(), findings.errors(),
+              findings.errors() == 1 ? "" : "s", findings.warnings(),
+              findings.warnings() == 1 ? "" : "s",
               findings.errors() > 0 ? "; a fit needs a file without errors" : "");
   return findings.errors() == 0;
 }
