@@ -157,6 +157,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     }
     if (servo && !servo_cp.Write(pose)) failed.store(true, std::memory_order_relaxed);
     if (servo_jaw && !jaw_servo_jp.Write(jaw)) failed.store(true, std::memory_order_relaxed);
+    sent.fetch_add((servo ? 1U : 0U) + (servo_jaw ? 1U : 0U), std::memory_order_release);
   }
 
   void Receive() noexcept {
@@ -227,6 +228,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   internal::Queue<Outgoing, 256> outbox;
   std::atomic<bool> hold_wanted{false};
   std::atomic<bool> failed{false};
+  std::atomic<std::uint64_t> sent{0};
   internal::Newest<PsmJointSample> new_measured_js;
   internal::Newest<PsmJointSample> new_setpoint_js;
   internal::Newest<PsmPoseSample> new_measured_cp;
@@ -339,6 +341,10 @@ std::string PsmDriver::Explain() const {
   }
   if (*Remedy(now) != '\0') text += std::string("; ") + Remedy(now);
   return text;
+}
+
+std::uint64_t PsmDriver::setpoints_sent() const noexcept {
+  return link_->sent.load(std::memory_order_acquire);
 }
 
 void PsmDriver::Flush() {

@@ -95,6 +95,8 @@ class PsmDriver {
   [[nodiscard]] int other_publishers() const noexcept { return other_publishers_; }
   [[nodiscard]] int state_publishers() const noexcept { return state_publishers_; }
 
+  /// Set-points sent so far, the jaw's included. After Flush() all that were handed over count.
+  [[nodiscard]] std::uint64_t setpoints_sent() const noexcept;
   /// Waits until all that was handed over has been sent, and all that had arrived before the call
   /// is there for the next Tick(). For lock-step; blocks, so not for a control loop.
   void Flush();
