@@ -48,14 +48,33 @@ struct FitOptions {
 };
 void RunFit(const FitOptions& options);
 
+inline constexpr const char* kNoRecordings = "none";
+
 struct RunOptions {
   SceneOptions scene;
-  std::filesystem::path model = "model";
-  std::string method = "guided";
+  std::filesystem::path config;  ///< Of a robot; empty: the simulation in this process.
+  // Empty: as the configuration says, or "model", "guided", "recordings".
+  std::filesystem::path model;
+  std::string method;
+  std::filesystem::path recordings;  ///< Or kNoRecordings.
   int episodes = 10;
   std::uint64_t seed = 1001;
 };
 void RunRun(const RunOptions& options);
+
+struct ReplayOptions {
+  std::filesystem::path recording;
+  std::filesystem::path model;  ///< Empty: the one that the recording names.
+};
+void RunReplay(const ReplayOptions& options);
+
+struct LaunchOptions {
+  std::filesystem::path config;
+  std::filesystem::path folder = "out/line_tracking";
+  int episodes = 3;
+  std::uint64_t seed = 1001;
+};
+void RunLaunch(const LaunchOptions& options);
 
 struct ExperimentOptions {
   std::string preset = "quick";

@@ -186,14 +186,36 @@ int Main(int argc, char** argv) {
 
   RunOptions run;
   run.scene.plant.disturbance.wave = sim::Wave::kRandom;
-  command = app.add_subcommand("run", "run a model on a moving platform");
-  command->add_option("--model", run.model, "folder of fit")->capture_default_str();
-  command->add_option("--method", run.method, kMethods)->capture_default_str();
+  command = app.add_subcommand("run", "run a model on a moving platform, or on a robot");
+  command->add_option("--config", run.config,
+                      "file that says which robot, and how to reach it (docs/robot.md); its other\n"
+                      "settings can be overruled here. Without: the simulation in this process");
+  command->add_option("--model", run.model, "folder of fit (default: model)");
+  command->add_option("--method", run.method, std::string(kMethods) + " (default: guided)");
+  command->add_option("--recordings", run.recordings,
+                      "folder of the logs that runs leave (default: recordings); none: no log");
   command->add_option("--episodes", run.episodes, "start states")->capture_default_str();
   command->add_option("--seed", run.seed, "of start states, platform and recoveries")
       ->capture_default_str();
   AddScene(*command, run.scene, true);
   command->callback([&] { RunRun(run); });
+
+  ReplayOptions replay;
+  command = app.add_subcommand("replay", "make the decisions of a log again, and say which differ");
+  command->add_option("LOG", replay.recording, "what a run has recorded: .mcap")->required();
+  command->add_option("--model", replay.model, "folder of fit; else the one that the log names");
+  command->callback([&] { RunReplay(replay); });
+
+  LaunchOptions launch;
+  command = app.add_subcommand(
+      "launch", "a simulated console, an emergency stop and a run on it, all over the network");
+  command->add_option("--config", launch.config, "as of run, with a simulator")->required();
+  command->add_option("--out", launch.folder, "folder of what is learned on the way")
+      ->capture_default_str();
+  command->add_option("--episodes", launch.episodes, "start states")->capture_default_str();
+  command->add_option("--seed", launch.seed, "of start states, platform and recoveries")
+      ->capture_default_str();
+  command->callback([&] { RunLaunch(launch); });
 
   RenderOptions render;
   render.scene.plant.disturbance.wave = sim::Wave::kRandom;

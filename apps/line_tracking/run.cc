@@ -1,35 +1,258 @@
+#include <poll.h>
+#include <unistd.h>
+
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <csignal>
 #include <cstdio>
+#include <ctime>
 #include <iostream>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 
 #include "commands.h"
+#include "dfr/control/rollout.h"
+#include "dfr/core/build_info.h"
 #include "dfr/core/random.h"
+#include "dfr/runtime/periodic_timer.h"
 #include "film.h"
+#include "recorded_controller.h"
+#include "robot_plant.h"
 #include "site.h"
 
 namespace dfr::apps {
+namespace {
+
+std::atomic<bool> interrupted = false;
+static_assert(std::atomic<bool>::is_always_lock_free);
+
+void Interrupt(int /*signal*/) { interrupted = true; }
+
+// The plant of a run, and what only one kind of it knows.
+struct Robot {
+  std::unique_ptr<core::Plant> plant;
+  sim::LineTrackingPlant* simulation = nullptr;  // one of these two
+  RobotPlant* wire = nullptr;
+
+  [[nodiscard]] const vision::LineObservation& seen() const {
+    return wire != nullptr ? wire->last_observation() : simulation->last_observation();
+  }
+  [[nodiscard]] double progress_m() const {
+    return wire != nullptr ? wire->progress_m() : simulation->truth().progress_m;
+  }
+};
+
+void Show(const runtime::Transition& t) {
+  std::printf("  %s -> %s", runtime::Name(t.from), runtime::Name(t.to));
+  if (t.doubt != runtime::Doubt::kNone) std::printf(": %s", runtime::Name(t.doubt));
+  if (t.detail[0] != '\0') std::printf(" (%s)", t.detail.data());
+  std::printf("\n");
+  std::fflush(stdout);
+}
+
+// Waits for a line from the terminal while the robot's loop goes on. Nothing at the end of input.
+std::optional<std::string> Typed(RobotPlant& plant) {
+  std::string line;
+  while (!interrupted) {
+    pollfd input{STDIN_FILENO, POLLIN, 0};
+    if (poll(&input, 1, 0) > 0) {
+      char letter = 0;
+      if (read(STDIN_FILENO, &letter, 1) != 1) return std::nullopt;
+      if (letter == '\n') return line;
+      line += letter;
+      continue;
+    }
+    plant.Idle(0.02);
+  }
+  return std::nullopt;
+}
+
+// A robot's episodes begin with an operator's word, a simulation's by themselves; but nothing goes
+// on after a fault without one. False: no more episodes.
+bool AskOperator(RobotPlant& plant, bool simulated) {
+  while (true) {
+    const bool faulted = plant.state() == runtime::RunState::kFaulted;
+    if (simulated && !faulted) return true;
+    if (simulated) return false;
+    std::cout << (faulted ? "faulted: " + plant.cause() +
+                                ". Mend it, then type c to clear the fault, or q to end"
+                          : "Put the tip over the line's beginning; Enter starts, q ends")
+              << std::endl;
+    const std::optional<std::string> line = Typed(plant);
+    if (!line || *line == "q") return false;
+    if (*line == "c" && !plant.Clear()) {
+      std::cout << "it is still there: " << plant.cause() << std::endl;
+    }
+    if (line->empty() && !faulted) return true;
+  }
+}
+
+std::string CauseOf(const control::RolloutResult& result, const Robot& robot) {
+  if (result.outcome == core::Outcome::kCollided) return control::Name(result.last_mode);
+  if (result.outcome != core::Outcome::kHalted) return {};
+  if (robot.wire != nullptr && robot.wire->state() == runtime::RunState::kFaulted) {
+    return robot.wire->cause();
+  }
+  if (result.halt_cause == control::HaltCause::kStateInvalid && !robot.seen().seen()) {
+    return std::string("not-seen-") + vision::Name(robot.seen().missing);
+  }
+  return control::Name(result.halt_cause);
+}
+
+std::filesystem::path RecordingName(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) {
+    throw std::runtime_error(folder.string() + ": the folder cannot be made: " + error.message());
+  }
+  const std::time_t now = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  std::array<char, 32> stamp;
+  std::strftime(stamp.data(), stamp.size(), "%Y%m%d-%H%M%S", &utc);
+  std::filesystem::path path = folder / (std::string(stamp.data()) + ".mcap");
+  for (int i = 2; std::filesystem::exists(path); ++i) {
+    path = folder / (std::string(stamp.data()) + "-" + std::to_string(i) + ".mcap");
+  }
+  return path;
+}
+
+recording::RecordingMetadata Metadata(const RobotConfig& config, std::uint64_t seed) {
+  recording::RecordingMetadata metadata;
+  metadata.program = std::string("line_tracking ") + core::BuildVersion();
+  metadata.commit = core::BuildCommit();
+  metadata.model = config.model.string();
+  metadata.model_checksum = recording::Checksum(config.model);
+  metadata.method = config.method;
+  metadata.seed = seed;
+  metadata.configuration = config.text;
+  return metadata;
+}
+
+// The configuration file, with what the command line says otherwise.
+RobotConfig Configuration(const RunOptions& options) {
+  RobotConfig config;
+  if (!options.config.empty()) {
+    config = RobotConfig::Load(options.config);
+  } else {
+    config.model = "model";
+    config.calibration = options.scene.calibration;
+    config.recordings = "recordings";
+  }
+  if (!options.model.empty()) config.model = options.model;
+  if (!options.method.empty()) config.method = options.method;
+  if (!options.recordings.empty()) config.recordings = options.recordings;
+  if (config.recordings == kNoRecordings) config.recordings.clear();
+  return config;
+}
+
+Robot MakeRobot(const RobotConfig& config, const RunOptions& options,
+                const sim::LineTrackingCalibration& known, recording::Recorder* recorder) {
+  Robot robot;
+  if (config.robot == RobotPlace::kProcess) {
+    auto plant = std::make_unique<sim::LineTrackingPlant>(options.scene.plant, &known);
+    robot.simulation = plant.get();
+    robot.plant = std::move(plant);
+    return robot;
+  }
+  if (config.priority > 0) {
+    const std::string refused = runtime::AskForRealTime(config.priority);
+    if (!refused.empty()) std::cout << "note: " << refused << '\n';
+  }
+  auto plant = std::make_unique<RobotPlant>(config, known, recorder);
+  plant->on_transition = Show;
+  plant->interrupted = &interrupted;
+  plant->BringUp([](std::string_view words) { std::cout << "  " << words << std::endl; });
+  robot.wire = plant.get();
+  robot.plant = std::move(plant);
+  return robot;
+}
+
+}  // namespace
 
 void RunRun(const RunOptions& options) {
   if (options.episodes < 1) throw std::invalid_argument("--episodes must be positive");
-  LineModel model = LineModel::Load(options.model);
-  LineSite site(std::move(model), {options.method}, options.scene.plant,
-                LoadCalibration(options.scene));
-  std::array<int, 3> counts{};
-  std::cout << "episode  outcome    cause               controls  recovery  tracked [mm]\n";
-  for (int i = 0; i < options.episodes; ++i) {
-    const auto episode = static_cast<std::uint64_t>(i);
-    const experiment::EpisodeResult result =
-        site.Run(0, core::DeriveSeed(options.seed, {0, episode}),
-                 core::DeriveSeed(options.seed, {1, episode}));
-    ++counts[static_cast<std::size_t>(result.outcome)];
-    std::printf("%7d  %-9s  %-18s  %8d  %8d  %12.1f\n", i, core::Name(result.outcome),
-                result.cause.c_str(), result.controls, result.recovery_controls,
-                1e3 * site.plant().truth().progress_m);
-    std::fflush(stdout);
+  const RobotConfig config = Configuration(options);
+  const LineModel model = LineModel::Load(config.model);
+  SceneOptions scene = options.scene;
+  scene.calibration = config.calibration;
+  const sim::LineTrackingCalibration known = LoadCalibration(scene);
+  std::optional<recording::Recorder> recorder;
+  std::filesystem::path log;
+  if (!config.recordings.empty()) {
+    log = RecordingName(config.recordings);
+    recorder.emplace(log, Metadata(config, options.seed));
   }
-  std::cout << options.method << ": " << counts[0] << " completed, " << counts[1] << " halted, "
+  std::signal(SIGINT, Interrupt);
+  std::signal(SIGTERM, Interrupt);
+  const Robot robot = MakeRobot(config, options, known, recorder ? &*recorder : nullptr);
+  const std::unique_ptr<control::Controller> decides =
+      model.MakeController(Method::Parse(config.method));
+  RecordedController controller(*decides, recorder ? &*recorder : nullptr);
+  if (robot.wire != nullptr) {
+    controller.on_decision = [&robot](const control::Step& step) {
+      using control::Mode;
+      robot.wire->Recovering(step.mode == Mode::kProbe || step.mode == Mode::kRecovery);
+      if (step.mode != Mode::kHalt) return;
+      robot.wire->Doubted(step.cause == control::HaltCause::kControlInvalid
+                              ? runtime::Doubt::kControlInvalid
+                              : runtime::Doubt::kControllerHalted,
+                          control::Name(step.cause));
+    };
+    controller.describe = [&robot](recording::StepRecord& record) {
+      record.machine = runtime::Name(robot.wire->state());
+      record.image_sequence = robot.wire->image_sequence();
+      record.image_time_ns = robot.wire->image_time_ns();
+    };
+  }
+
+  std::array<int, 3> counts{};
+  control::RolloutWorkspace workspace;
+  std::cout << "episode  outcome    controls  recovery  tracked [mm]  cause\n";
+  bool faulted = false;
+  for (int i = 0; i < options.episodes && !interrupted; ++i) {
+    if (robot.wire != nullptr && !AskOperator(*robot.wire, config.simulator)) break;
+    const auto episode = static_cast<std::uint64_t>(i);
+    controller.BeginEpisode(episode);
+    const control::RolloutResult result =
+        control::Rollout(*robot.plant, controller,
+                         {.plant_seed = core::DeriveSeed(options.seed, {0, episode}),
+                          .controller_seed = core::DeriveSeed(options.seed, {1, episode})},
+                         nullptr, &workspace);
+    if (result.halt_cause == control::HaltCause::kStateInvalid) {
+      controller.Record(result.last_step, workspace.x, workspace.u);
+    }
+    const std::string cause = CauseOf(result, robot);
+    ++counts[static_cast<std::size_t>(result.outcome)];
+    std::printf("%7d  %-9s  %8d  %8d  %12.1f  %s\n", i, core::Name(result.outcome),
+                result.controls(), result.recovery_controls(), 1e3 * robot.progress_m(),
+                cause.c_str());
+    std::fflush(stdout);
+    faulted = robot.wire != nullptr && robot.wire->state() == runtime::RunState::kFaulted;
+  }
+  std::cout << config.method << ": " << counts[0] << " completed, " << counts[1] << " halted, "
             << counts[2] << " collided\n";
+  if (robot.wire != nullptr && !config.lock_step) {
+    const LoopTimes times = robot.wire->loop_times();
+    std::printf(
+        "loop: %lld periods of %.1f ms, off by %.3f ms (median), %.3f ms (99.9 %%), %.3f ms "
+        "(worst); %lld left out\n",
+        static_cast<long long>(times.periods), 1e3 * config.period_s, 1e3 * times.jitter_p50_s,
+        1e3 * times.jitter_p999_s, 1e3 * times.worst_s, static_cast<long long>(times.missed));
+  }
+  if (recorder) {
+    recorder->Finish();
+    std::cout << log.string() << " written: line_tracking replay makes its decisions again\n";
+  }
+  if (faulted) throw std::runtime_error("the robot stands still: " + robot.wire->cause());
+}
+
+void RunReplay(const ReplayOptions& options) {
+  if (!ReplayRecording(options.recording, options.model)) {
+    throw std::runtime_error(options.recording.string() + ": its decisions are not made again");
+  }
 }
 
 void RunRender(const RenderOptions& options) {

@@ -57,6 +57,8 @@ fdds::DataWriterQos WriterQos(Role role) {
   fdds::DataWriterQos qos = fdds::DATAWRITER_QOS_DEFAULT;
   qos.reliability().kind = fdds::RELIABLE_RELIABILITY_QOS;
   qos.reliability().max_blocking_time = Duration_t(0, 100 * kMillisecond);
+  // By itself Fast DDS would share memory for types of fixed size, whatever the transports are.
+  qos.data_sharing().off();
   // Strings and sequences have no largest size.
   qos.endpoint().history_memory_policy =
       eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
@@ -78,6 +80,7 @@ fdds::DataWriterQos WriterQos(Role role) {
 fdds::DataReaderQos ReaderQos(Role role) {
   fdds::DataReaderQos qos = fdds::DATAREADER_QOS_DEFAULT;
   qos.reliability().kind = fdds::RELIABLE_RELIABILITY_QOS;
+  qos.data_sharing().off();
   qos.endpoint().history_memory_policy =
       eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
   qos.history().kind = fdds::KEEP_LAST_HISTORY_QOS;

@@ -72,8 +72,8 @@ const char* Name(Doubt doubt) noexcept {
       return "image-silent";
     case Doubt::kImageOld:
       return "image-old";
-    case Doubt::kImageFrozen:
-      return "image-frozen";
+    case Doubt::kImageInvalid:
+      return "image-invalid";
     case Doubt::kOverrun:
       return "overrun";
     case Doubt::kRecorder:

@@ -42,7 +42,7 @@ enum class Doubt {
   kClock,                ///< Stamps lie in the future: a clock has jumped.
   kImageSilent,          ///< No picture arrives.
   kImageOld,             ///< The newest picture is too old.
-  kImageFrozen,          ///< The same picture again and again.
+  kImageInvalid,         ///< Frozen, black, or of another size or kind.
   kOverrun,              ///< The control loop was late: what it knows is old.
   kRecorder,             ///< The run can no longer be recorded.
 };

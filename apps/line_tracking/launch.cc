@@ -1,0 +1,246 @@
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <filesystem>
+#include <iostream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "commands.h"
+#include "robot_config.h"
+
+namespace dfr::apps {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+std::atomic<bool> interrupted = false;
+static_assert(std::atomic<bool>::is_always_lock_free);
+
+void Interrupt(int /*signal*/) { interrupted = true; }
+
+/// A program that runs beside this one. What it says appears line by line behind its name. It ends
+/// with this process, however that ends.
+class Child {
+ public:
+  Child(std::string name, const std::vector<std::string>& command) : name_(std::move(name)) {
+    std::array<int, 2> ends{};
+    if (pipe2(ends.data(), O_CLOEXEC) != 0) Fail("has no pipe");
+    std::vector<char*> arguments;
+    arguments.reserve(command.size() + 1);
+    for (const std::string& argument : command) {
+      arguments.push_back(const_cast<char*>(argument.c_str()));
+    }
+    arguments.push_back(nullptr);
+    const pid_t parent = getpid();
+    pid_ = fork();
+    if (pid_ < 0) Fail("cannot be started");
+    if (pid_ == 0) {
+      // Its own group: Ctrl-C reaches this process, which stops all in their order.
+      setpgid(0, 0);
+      prctl(PR_SET_PDEATHSIG, SIGINT);
+      if (getppid() != parent) _exit(1);
+      dup2(ends[1], STDOUT_FILENO);
+      dup2(ends[1], STDERR_FILENO);
+      const int nothing = open("/dev/null", O_RDONLY);
+      if (nothing >= 0) dup2(nothing, STDIN_FILENO);
+      execv(arguments[0], arguments.data());
+      const std::string reason = std::string(arguments[0]) + ": " + std::strerror(errno) + "\n";
+      static_cast<void>(write(STDERR_FILENO, reason.data(), reason.size()));
+      _exit(127);
+    }
+    close(ends[1]);
+    output_ = ends[0];
+  }
+  ~Child() {
+    Stop(SIGINT);
+    if (output_ >= 0) close(output_);
+  }
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
+
+  [[nodiscard]] int output() const noexcept { return output_; }
+  [[nodiscard]] bool running() const noexcept { return pid_ > 0; }
+  /// 0 if it ended well.
+  [[nodiscard]] int status() const noexcept { return status_; }
+
+  /// Shows what it has said. False at the end of its output.
+  bool Show() {
+    std::array<char, 4096> buffer;
+    const ssize_t size = read(output_, buffer.data(), buffer.size());
+    if (size < 0 && errno == EINTR) return true;
+    if (size <= 0) {
+      if (!line_.empty()) Print();
+      close(output_);
+      output_ = -1;
+      return false;
+    }
+    for (ssize_t i = 0; i < size; ++i) {
+      const char letter = buffer[static_cast<std::size_t>(i)];
+      if (letter == '\n') {
+        Print();
+      } else {
+        line_ += letter;
+      }
+    }
+    return true;
+  }
+
+  /// Looks whether it has ended, and says how unless it was asked to.
+  void Look() {
+    int how = 0;
+    if (pid_ <= 0 || waitpid(pid_, &how, WNOHANG) != pid_) return;
+    Ended(how);
+  }
+
+  /// Asks it to end, and after five seconds makes it.
+  void Stop(int with) {
+    if (pid_ <= 0) return;
+    asked_ = true;
+    kill(pid_, with);
+    const auto end = Clock::now() + std::chrono::seconds(5);
+    int how = 0;
+    while (waitpid(pid_, &how, WNOHANG) != pid_) {
+      if (Clock::now() > end) {
+        std::cout << "[" << name_ << "] does not end: killed" << std::endl;
+        kill(pid_, SIGKILL);
+        waitpid(pid_, &how, 0);
+        break;
+      }
+      pollfd output{output_, POLLIN, 0};
+      if (output_ >= 0 && poll(&output, 1, 20) > 0) {
+        Show();
+      } else if (output_ < 0) {
+        usleep(20'000);
+      }
+    }
+    Ended(how);
+    while (output_ >= 0 && Show()) {
+    }
+  }
+
+ private:
+  [[noreturn]] void Fail(const char* what) const {
+    throw std::runtime_error(name_ + " " + what + ": " + std::strerror(errno));
+  }
+  void Print() {
+    std::cout << "[" << name_ << "] " << line_ << std::endl;
+    line_.clear();
+  }
+  void Ended(int how) {
+    pid_ = -1;
+    status_ = WIFEXITED(how) ? WEXITSTATUS(how) : 128 + WTERMSIG(how);
+    if (asked_ && status_ == 0) return;
+    if (WIFSIGNALED(how)) {
+      std::cout << "[" << name_ << "] was killed by signal " << WTERMSIG(how) << std::endl;
+    } else if (!asked_ || status_ != 0) {
+      std::cout << "[" << name_ << "] ended with status " << status_ << std::endl;
+    }
+  }
+
+  std::string name_;
+  pid_t pid_ = -1;
+  int output_ = -1;
+  int status_ = 0;
+  bool asked_ = false;
+  std::string line_;
+};
+
+std::string Beside(const char* program) {
+  const std::filesystem::path path =
+      std::filesystem::read_symlink("/proc/self/exe").parent_path() / program;
+  if (!std::filesystem::exists(path)) {
+    throw std::runtime_error(path.string() + " is not there: build it with ./dev build " + program);
+  }
+  return path.string();
+}
+
+// Whatever is missing of calibration and model, made as the commands of these names make it.
+void Prepare(const RobotConfig& config, const std::filesystem::path& folder) {
+  std::filesystem::create_directories(folder);
+  SceneOptions scene;
+  scene.calibration = config.calibration;
+  if (!std::filesystem::exists(config.calibration)) {
+    std::cout << "Calibrating: " << config.calibration.string() << std::endl;
+    CalibrateOptions calibrate;
+    calibrate.scene = scene;
+    calibrate.out = config.calibration;
+    RunCalibrate(calibrate);
+  }
+  if (std::filesystem::exists(config.model)) return;
+  const std::filesystem::path demonstrations = folder / "demonstrations.hdf5";
+  if (!std::filesystem::exists(demonstrations)) {
+    std::cout << "Demonstrating: " << demonstrations.string() << std::endl;
+    DemonstrateOptions demonstrate;
+    demonstrate.scene = scene;
+    demonstrate.out = demonstrations;
+    RunDemonstrate(demonstrate);
+  }
+  std::cout << "Fitting: " << config.model.string() << std::endl;
+  FitOptions fit;
+  fit.demonstrations = demonstrations;
+  fit.out = config.model;
+  RunFit(fit);
+}
+
+}  // namespace
+
+void RunLaunch(const LaunchOptions& options) {
+  const RobotConfig config = RobotConfig::Load(options.config);
+  if (config.robot != RobotPlace::kDds || !config.simulator) {
+    throw std::runtime_error(
+        options.config.string() +
+        ": launch starts the simulated robot; this configuration is for another "
+        "one. Start its console yourself, then `line_tracking run --config`");
+  }
+  Prepare(config, options.folder);
+  struct sigaction action {};
+  action.sa_handler = Interrupt;
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+
+  const std::string domain = std::to_string(config.network.domain);
+  std::vector<std::string> simulate = {
+      Beside("dvrk_simulator"), "--domain", domain, "--arm", config.arm, "--wave", "random"};
+  simulate.insert(simulate.end(), {"--calibration", config.calibration.string()});
+  if (config.lock_step) simulate.emplace_back("--lock-step");
+  std::vector<std::string> run = {Beside("line_tracking"),
+                                  "run",
+                                  "--config",
+                                  options.config.string(),
+                                  "--episodes",
+                                  std::to_string(options.episodes),
+                                  "--seed",
+                                  std::to_string(options.seed)};
+  Child simulator("simulator", simulate);
+  Child stop("stop", {Beside("hardware"), "stop", "--unattended", "--domain", domain});
+  Child client("robot", run);
+  const std::array<Child*, 3> all = {&client, &simulator, &stop};
+  while (client.running() && !interrupted) {
+    std::array<pollfd, 3> outputs{};
+    for (std::size_t i = 0; i < all.size(); ++i) outputs[i] = {all[i]->output(), POLLIN, 0};
+    if (poll(outputs.data(), outputs.size(), 100) > 0) {
+      for (std::size_t i = 0; i < all.size(); ++i) {
+        if (outputs[i].fd >= 0 && outputs[i].revents != 0) all[i]->Show();
+      }
+    }
+    for (Child* child : all) child->Look();
+  }
+  // The robot first, so that it holds while everybody still listens.
+  for (Child* child : all) child->Stop(SIGINT);
+  while (client.output() >= 0 && client.Show()) {
+  }
+  if (client.status() != 0) throw std::runtime_error("the run failed; its words are above");
+}
+
+}  // namespace dfr::apps

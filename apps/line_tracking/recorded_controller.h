@@ -1,0 +1,53 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <span>
+
+#include "dfr/control/controller.h"
+#include "dfr/recording/recorder.h"
+
+namespace dfr::apps {
+
+/// Passes everything on to another controller and shows each decision to whom it concerns, before
+/// the control is applied. Neither allocates nor throws if who looks does not.
+class RecordedController final : public control::Controller {
+ public:
+  /// Borrows `controller`. @param recorder  may be nullptr, else outlives this.
+  RecordedController(control::Controller& controller, recording::Recorder* recorder)
+      : controller_(&controller), recorder_(recorder) {}
+
+  [[nodiscard]] int state_dim() const noexcept override { return controller_->state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override { return controller_->control_dim(); }
+
+  /// From now on decisions belong to this episode.
+  void BeginEpisode(std::uint64_t episode) noexcept { episode_ = episode; }
+  /// Records a decision that was made without asking the controller: about a state that is none.
+  void Record(const control::Step& step, std::span<const double> x,
+              std::span<const double> u) noexcept;
+
+  /// What the records say of picture and machine; empty: nothing.
+  std::function<void(recording::StepRecord&)> describe;
+  /// Sees each decision before it is applied.
+  std::function<void(const control::Step&)> on_decision;
+
+ private:
+  void DoReset(std::uint64_t seed) noexcept override;
+  [[nodiscard]] control::Step DoNext(std::span<const double> x,
+                                     std::span<double> u) noexcept override;
+
+  control::Controller* controller_;
+  recording::Recorder* recorder_;
+  std::uint64_t episode_ = 0;
+  std::uint64_t seed_ = 0;
+  double decision_s_ = 0.0;
+};
+
+/// Makes the decisions of a recording again, with the model that it names or with `model`, and says
+/// which differ, and how. True if none does.
+/// @throws std::runtime_error if recording or model cannot be read.
+[[nodiscard]] bool ReplayRecording(const std::filesystem::path& recording,
+                                   const std::filesystem::path& model);
+
+}  // namespace dfr::apps

@@ -1,0 +1,249 @@
+#include "robot_config.h"
+
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <sstream>
+#include <stdexcept>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace dfr::apps {
+namespace {
+
+[[noreturn]] void Fail(const std::filesystem::path& file, const toml::source_region& where,
+                       const std::string& what) {
+  throw std::runtime_error(file.string() + ":" + std::to_string(where.begin.line) + ": " + what);
+}
+
+// One table of the file; at the end all of its keys must have been asked for.
+class Section {
+ public:
+  Section(const std::filesystem::path& file, const toml::table& table, std::string name)
+      : file_(file), table_(table), name_(std::move(name)) {}
+
+  void Get(const char* key, std::string& value) {
+    if (const toml::node* node = Find(key)) {
+      const auto text = node->value_exact<std::string>();
+      if (!text) Wrong(*node, key, "a text in quotes");
+      value = *text;
+    }
+  }
+  void Get(const char* key, std::filesystem::path& value) {
+    std::string text = value.string();
+    Get(key, text);
+    value = text;
+  }
+  void Get(const char* key, bool& value) {
+    if (const toml::node* node = Find(key)) {
+      const auto flag = node->value_exact<bool>();
+      if (!flag) Wrong(*node, key, "true or false");
+      value = *flag;
+    }
+  }
+  void Get(const char* key, double& value, double lowest, double highest) {
+    if (const toml::node* node = Find(key)) {
+      const auto number = node->value<double>();
+      if (!number || !(*number >= lowest && *number <= highest)) {
+        std::ostringstream range;
+        range << "a number in [" << lowest << ", " << highest << "]";
+        Wrong(*node, key, range.str());
+      }
+      value = *number;
+    }
+  }
+  void Get(const char* key, int& value, int lowest, int highest) {
+    if (const toml::node* node = Find(key)) {
+      const auto number = node->value_exact<std::int64_t>();
+      if (!number || *number < lowest || *number > highest) {
+        Wrong(
+            *node, key,
+            "a whole number in [" + std::to_string(lowest) + ", " + std::to_string(highest) + "]");
+      }
+      value = static_cast<int>(*number);
+    }
+  }
+  // False if the key is not there.
+  bool Get(const char* key, std::span<double> values) {
+    const toml::node* node = Find(key);
+    if (node == nullptr) return false;
+    const std::string wanted = std::to_string(values.size()) + " numbers in brackets";
+    const toml::array* array = node->as_array();
+    if (array == nullptr || array->size() != values.size()) Wrong(*node, key, wanted);
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      const auto number = (*array)[i].value<double>();
+      if (!number || std::isnan(*number)) Wrong(*node, key, wanted);
+      values[i] = *number;
+    }
+    return true;
+  }
+  template <typename T>
+  void Get(const char* key, T& value, const std::map<std::string, T>& words) {
+    const toml::node* node = Find(key);
+    if (node == nullptr) return;
+    const auto text = node->value_exact<std::string>();
+    const auto found = text ? words.find(*text) : words.end();
+    if (found == words.end()) {
+      std::string all;
+      for (const auto& [word, meaning] : words) {
+        all += (all.empty() ? "\"" : ", \"") + word + "\"";
+      }
+      Wrong(*node, key, "one of " + all);
+    }
+    value = found->second;
+  }
+  [[nodiscard]] const toml::table* Table(const char* key) {
+    const toml::node* node = Find(key);
+    if (node == nullptr) return nullptr;
+    if (!node->is_table()) Wrong(*node, key, "a table: [" + std::string(key) + "]");
+    return node->as_table();
+  }
+
+  void End() const {
+    for (const auto& [key, node] : table_) {
+      if (std::find(known_.begin(), known_.end(), key.str()) != known_.end()) continue;
+      std::string all;
+      for (const std::string& known : known_) all += (all.empty() ? "" : ", ") + known;
+      Fail(file_, node.source(),
+           "there is no key '" + Full(std::string(key.str()).c_str()) + "'" +
+               (name_.empty() ? "" : " in [" + name_ + "]") + ". There are: " + all);
+    }
+  }
+
+  [[noreturn]] void Wrong(const toml::node& node, const char* key,
+                          const std::string& wanted) const {
+    Fail(file_, node.source(), Full(key) + " must be " + wanted);
+  }
+  [[noreturn]] void Wrong(const char* key, const std::string& wanted) const {
+    const toml::node* node = table_.get(key);
+    Wrong(node != nullptr ? *node : table_, key, wanted);
+  }
+
+ private:
+  [[nodiscard]] std::string Full(const char* key) const {
+    return name_.empty() ? key : name_ + "." + key;
+  }
+  const toml::node* Find(const char* key) {
+    known_.emplace_back(key);
+    return table_.get(key);
+  }
+
+  const std::filesystem::path& file_;
+  const toml::table& table_;
+  std::string name_;
+  std::vector<std::string> known_;
+};
+
+void GetBase(Section& arm, RobotConfig& config) {
+  std::array<double, 3> place{};
+  std::array<double, 4> turn{};
+  const bool placed = arm.Get("base_position_m", place);
+  const bool turned = arm.Get("base_quaternion_xyzw", turn);
+  if (placed != turned) {
+    arm.Wrong(placed ? "base_position_m" : "base_quaternion_xyzw",
+              "given together with the other of base_position_m and base_quaternion_xyzw");
+  }
+  if (!placed) return;
+  const Eigen::Quaterniond rotation(turn[3], turn[0], turn[1], turn[2]);
+  if (!(std::abs(rotation.norm() - 1.0) < 1e-3)) {
+    arm.Wrong("base_quaternion_xyzw", "of length 1");
+  }
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.linear() = rotation.normalized().toRotationMatrix();
+  pose.translation() = Eigen::Vector3d(place.data());
+  config.p_world_base = pose;
+}
+
+}  // namespace
+
+RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
+  RobotConfig config;
+  config.file = file;
+  std::ifstream in(file);
+  config.text.assign(std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>());
+  if (!in) {
+    throw std::runtime_error(file.string() +
+                             ": the configuration cannot be read. Examples are in "
+                             "apps/line_tracking/config");
+  }
+  toml::table root;
+  try {
+    root = toml::parse(config.text, file.string());
+  } catch (const toml::parse_error& e) {
+    Fail(file, e.source(), std::string(e.description()));
+  }
+  const toml::table none;
+  Section top(config.file, root, "");
+  const auto section = [&](const char* name) {
+    const toml::table* table = top.Table(name);
+    return Section(config.file, table == nullptr ? none : *table, name);
+  };
+
+  top.Get("robot", config.robot, {{"process", RobotPlace::kProcess}, {"dds", RobotPlace::kDds}});
+  top.Get("model", config.model);
+  top.Get("calibration", config.calibration);
+  top.Get("method", config.method);
+  top.Get("recordings", config.recordings);
+
+  Section network = section("network");
+  network.Get("domain", config.network.domain, 0, 232);
+  network.Get("discovery", config.network.discovery,
+              {{"loopback", dds::Discovery::kLoopback},
+               {"network", dds::Discovery::kNetwork},
+               {"server", dds::Discovery::kServerClient}});
+  network.Get("server", config.network.server_address);
+  network.Get("security", config.network.security);
+  network.End();
+
+  Section arm = section("arm");
+  arm.Get("name", config.arm);
+  GetBase(arm, config);
+  hardware::PsmLimits& limits = config.arm_client.limits;
+  arm.Get("workspace_min_m", {limits.workspace_min_m.data(), 3});
+  arm.Get("workspace_max_m", {limits.workspace_max_m.data(), 3});
+  arm.Get("speed", config.speed_m_s, 1e-4, 0.05);
+  arm.Get("max_tip_speed", limits.max_tip_speed, 1e-4, 0.2);
+  arm.Get("max_age_s", config.arm_client.watchdog.max_age_s, 0.001, 10.0);
+  arm.Get("max_silence_s", config.arm_client.watchdog.max_silence_s, 0.001, 10.0);
+  arm.Get("settle_s", config.arm_client.rest.settle_s, 0.0, 10.0);
+  arm.End();
+
+  Section camera = section("camera");
+  camera.Get("source", config.camera);
+  camera.Get("max_age_s", config.image_max_age_s, 0.001, 10.0);
+  camera.Get("latency_s", config.image_latency_s, 0.0, 1.0);
+  camera.End();
+
+  Section simulator = section("simulator");
+  simulator.Get("present", config.simulator);
+  simulator.Get("lock_step", config.lock_step);
+  if (config.lock_step && !config.simulator) {
+    simulator.Wrong("lock_step", "false without a simulator: simulator.present is not true");
+  }
+  simulator.End();
+
+  Section stop = section("emergency_stop");
+  stop.Get("required", config.emergency_stop);
+  stop.Get("max_silence_s", config.emergency_stop_silence_s, 0.05, 10.0);
+  stop.End();
+
+  Section loop = section("loop");
+  loop.Get("period_s", config.period_s, 1e-3, 0.02);
+  loop.Get("max_period_s", config.max_period_s, 2e-3, 10.0);
+  loop.Get("priority", config.priority, 0, 99);
+  loop.Get("max_state_jump_mm", config.max_state_jump_mm, 0.1, 100.0);
+  if (config.max_period_s < 2.0 * config.period_s) {
+    loop.Wrong("max_period_s", "at least twice period_s");
+  }
+  loop.End();
+  top.End();
+  config.arm_client.longest_step_s = config.period_s;
+  return config;
+}
+
+}  // namespace dfr::apps

@@ -1,0 +1,69 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "dfr/dds/participant.h"
+#include "dfr/hardware/psm_client.h"
+#include "dfr/line_task/line_task.h"
+
+namespace dfr::apps {
+
+/// Which robot a run drives.
+enum class RobotPlace {
+  kProcess,  ///< The simulation in this process.
+  kDds,      ///< An arm behind a console on the network: dvrk_simulator's, or a real one.
+};
+
+/// A configuration file of `run --config`, in TOML; config/*.toml say what each key means. All that
+/// is not set has the value here.
+struct RobotConfig {
+  std::filesystem::path file;  ///< For messages.
+  std::string text;            ///< The whole file, for recordings.
+
+  RobotPlace robot = RobotPlace::kProcess;
+  std::filesystem::path model = "out/line_tracking/model";
+  std::filesystem::path calibration = "out/line_tracking/calibration.dfr";
+  std::string method = "guided";
+  std::filesystem::path recordings = "out/line_tracking/recordings";  ///< Empty: none are made.
+
+  // [network]
+  dds::ParticipantOptions network = {.name = "line_tracking"};
+
+  // [arm]
+  std::string arm = "PSM1";
+  hardware::PsmClientOptions arm_client;
+  double speed_m_s = line_task::LineTask::kSpeed;  ///< Of the tip while a control is carried out.
+  /// The arm's base in the world frame: the gauze's when nothing moves it. Absent: as in the
+  /// simulation.
+  std::optional<Eigen::Isometry3d> p_world_base;
+
+  // [camera]
+  std::string camera = "/ECM/image_raw";  ///< A DDS topic, a device, a file or a pipeline.
+  double image_max_age_s = 0.1;           ///< Of its stamp and of its arrival.
+  double image_latency_s = 0.0;           ///< What a stamp may be later than the light it shows.
+
+  // [simulator]
+  bool simulator = false;  ///< The console is dvrk_simulator's, which sets up episodes.
+  bool lock_step = false;  ///< Its time goes on only when asked.
+
+  // [emergency_stop]
+  bool emergency_stop = true;
+  double emergency_stop_silence_s = 0.1;
+
+  // [loop]
+  double period_s = 0.005;
+  double max_period_s = 0.05;  ///< A later one is a fault.
+  int priority = 20;           ///< SCHED_FIFO; 0: the usual scheduling.
+  /// How much further than a control asked for the tip may seem to have moved, mm.
+  double max_state_jump_mm = 3.0;
+
+  /// @throws std::runtime_error naming file, line and key, what is wrong and what there is.
+  static RobotConfig Load(const std::filesystem::path& file);
+};
+
+}  // namespace dfr::apps

@@ -1,0 +1,95 @@
+#include "simulator_link.h"
+
+#include <array>
+#include <charconv>
+#include <chrono>
+#include <sstream>
+#include <stdexcept>
+#include <utility>
+
+namespace dfr::apps {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr double kAnswerTime = 5.0;  // s: drawing a picture may take a while
+
+}  // namespace
+
+SimulatorLink::SimulatorLink(dds::Participant& participant)
+    : request_(participant, "/simulator/request", dds::Role::kRequest),
+      reply_(participant, "/simulator/reply", dds::Role::kRequest) {}
+
+void SimulatorLink::Await(double timeout_s) {
+  // Each end learns of the other at its own time: only an answer says that both have.
+  constexpr double kTry = 0.1;
+  const auto end = Clock::now() + std::chrono::duration<double>(timeout_s);
+  while (!TryAsk("truth", kTry)) {
+    if (Clock::now() > end) {
+      throw std::runtime_error(
+          "there is no simulator on the network: start dvrk_simulator with the same --domain and "
+          "--discovery, or set simulator.present = false for a robot");
+    }
+  }
+}
+
+std::optional<std::string> SimulatorLink::TryAsk(const std::string& request, double timeout_s) {
+  dds::StringStamped message;
+  // The stamp is the question's number: never the same twice.
+  last_id_ = std::max(last_id_ + 1, dds::Stamp::Now().nanoseconds());
+  message.stamp = dds::Stamp::FromNanoseconds(last_id_);
+  message.text = request;
+  if (!request_.Write(message)) {
+    throw std::runtime_error("the simulator cannot be asked: DDS does not take the message");
+  }
+  const auto end = Clock::now() + std::chrono::duration<double>(timeout_s);
+  dds::StringStamped reply;
+  while (true) {
+    while (reply_.Take(reply)) {
+      if (reply.stamp != message.stamp) continue;
+      if (reply.text.rfind("ok", 0) == 0) return reply.text.substr(2);
+      throw std::runtime_error("the simulator answers '" + request + "' with: " + reply.text);
+    }
+    const double left_s = std::chrono::duration<double>(end - Clock::now()).count();
+    if (left_s <= 0.0) return std::nullopt;
+    reply_.Wait(left_s);
+  }
+}
+
+std::string SimulatorLink::Ask(const std::string& request) {
+  std::optional<std::string> answer = TryAsk(request, kAnswerTime);
+  if (!answer) throw std::runtime_error("the simulator does not answer '" + request + "'");
+  return *std::move(answer);
+}
+
+void SimulatorLink::AskForTime(const std::string& request) {
+  const std::string text = Ask(request);
+  std::istringstream in(text);
+  if (!(in >> now_ns_)) {
+    throw std::runtime_error("the simulator's time is not understood: '" + text + "'");
+  }
+}
+
+void SimulatorLink::Reset(std::uint64_t seed) { AskForTime("reset " + std::to_string(seed)); }
+
+SimulatorTruth SimulatorLink::Truth() {
+  const std::string text = Ask("truth");
+  std::istringstream in(text);
+  SimulatorTruth truth;
+  if (!(in >> truth.completed >> truth.collided >> truth.progress_m)) {
+    throw std::runtime_error("the simulator's truth is not understood: " + text);
+  }
+  return truth;
+}
+
+void SimulatorLink::Run(double dt_s, int commands) {
+  std::array<char, 32> digits;
+  const auto end = std::to_chars(digits.begin(), digits.end(), dt_s);
+  AskForTime("run " + std::string(digits.begin(), end.ptr) + " " + std::to_string(commands));
+}
+
+void SimulatorLink::Rest() { AskForTime("rest"); }
+
+void SimulatorLink::Look() { AskForTime("look"); }
+
+}  // namespace dfr::apps

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "dfr/dds/channel.h"
+
+namespace dfr::apps {
+
+/// What dvrk_simulator knows of its world and a robot does not.
+struct SimulatorTruth {
+  bool completed = false;
+  bool collided = false;
+  double progress_m = 0.0;
+};
+
+/// Asks dvrk_simulator for what a robot's console has no topic for: episodes, the truth, and in
+/// lock-step that its time goes on. Every call waits for the answer. One object belongs to one
+/// thread.
+class SimulatorLink {
+ public:
+  explicit SimulatorLink(dds::Participant& participant);
+
+  /// @throws std::runtime_error if there is no simulator after `timeout_s`.
+  void Await(double timeout_s);
+  /// A new episode, as sim::LineTrackingPlant::Reset(seed).
+  void Reset(std::uint64_t seed);
+  [[nodiscard]] SimulatorTruth Truth();
+  // In lock-step:
+  /// Time goes on, after `commands` motion commands have come since the last time.
+  void Run(double dt_s, int commands);
+  void Rest();  ///< Everything comes to rest.
+  void Look();  ///< The next picture is taken and published.
+
+  /// The simulator's time, ns since the epoch: that of the last answer to the above but Truth().
+  [[nodiscard]] std::int64_t now_ns() const noexcept { return now_ns_; }
+
+ private:
+  // The answer behind "ok". @throws std::runtime_error if there is none, or an error.
+  std::string Ask(const std::string& request);
+  // The same, or nothing if there is no answer in time.
+  std::optional<std::string> TryAsk(const std::string& request, double timeout_s);
+  void AskForTime(const std::string& request);
+
+  dds::Publisher<dds::StringStamped> request_;
+  dds::Subscriber<dds::StringStamped> reply_;
+  std::int64_t last_id_ = 0;
+  std::int64_t now_ns_ = 0;
+};
+
+}  // namespace dfr::apps

@@ -1,0 +1,162 @@
+// Line tracking over the network against line tracking in one process, and what is left of a run.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "dfr/control/rollout.h"
+#include "dfr/core/random.h"
+#include "dfr/recording/read_recording.h"
+#include "recorded_controller.h"
+#include "robot_plant.h"
+#include "site.h"
+#include "tests/dds/domain.h"
+#include "tests/dds/peer_process.h"
+#include "tests/line_tracking/scene.h"
+
+namespace dfr::apps {
+namespace {
+
+// A folder with model and calibration, for all tests; it goes with the last of them.
+class Folder {
+ public:
+  Folder() {
+    std::filesystem::create_directories(path);
+    calibration::CalibrationSummary summary;
+    CalibratePlant(Disturbed(), 60, 3, &summary).Save(path / "calibration.dfr");
+    LineModelOptions options;
+    options.hidden = {8};
+    options.gammas = {0.5};
+    LineModel::Fit(Demonstrate(FromTruth(), Calibration(), 20, 50, 1), options)
+        .Save(path / "model");
+  }
+  ~Folder() { std::filesystem::remove_all(path); }
+  [[nodiscard]] sim::LineTrackingCalibration Calibration() const {
+    return sim::LineTrackingCalibration::Load(path / "calibration.dfr");
+  }
+
+  const std::filesystem::path path =
+      std::filesystem::temp_directory_path() / ("wire_test_" + std::to_string(getpid()));
+};
+
+const Folder& Data() {
+  static const Folder folder;
+  return folder;
+}
+
+RobotConfig LockStep(int domain) {
+  RobotConfig config;
+  config.robot = RobotPlace::kDds;
+  config.network.domain = domain;
+  config.simulator = true;
+  config.lock_step = true;
+  config.emergency_stop = false;
+  return config;
+}
+
+struct Result {
+  core::Outcome outcome;
+  control::HaltCause cause;
+  bool operator==(const Result&) const = default;
+};
+
+Result Episode(core::Plant& plant, control::Controller& controller, std::uint64_t seed) {
+  const control::RolloutResult result = control::Rollout(
+      plant, controller, {.plant_seed = core::DeriveSeed(seed, {0}), .controller_seed = seed});
+  return {result.outcome, result.halt_cause};
+}
+
+TEST(WireTest, InLockStepTheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
+  const int domain = test::OwnDomain();
+  const sim::LineTrackingCalibration known = Data().Calibration();
+  const test::PeerProcess simulator({DFR_SIMULATOR, "--lock-step", "--domain",
+                                     std::to_string(domain), "--wave", "random", "--calibration",
+                                     (Data().path / "calibration.dfr").string()});
+  sim::LineTrackingPlant here(Disturbed(), &known);
+  RobotPlant there(LockStep(domain), known, nullptr);
+  there.BringUp({});
+  const LineModel model = LineModel::Load(Data().path / "model");
+  int ends = 0;  // bit by outcome
+  for (const char* method : {"baseline", "early-stopping", "guided"}) {
+    const std::unique_ptr<control::Controller> controller =
+        model.MakeController(Method::Parse(method));
+    for (std::uint64_t seed = 0; seed < 3; ++seed) {
+      SCOPED_TRACE(std::string(method) + ", seed " + std::to_string(seed));
+      const Result in_process = Episode(here, *controller, seed);
+      const Result over_the_wire = Episode(there, *controller, seed);
+      EXPECT_EQ(over_the_wire, in_process)
+          << "here " << core::Name(in_process.outcome) << ", there "
+          << core::Name(over_the_wire.outcome) << ' ' << control::Name(over_the_wire.cause);
+      ends |= 1 << static_cast<int>(in_process.outcome);
+    }
+  }
+  EXPECT_EQ(ends, 7) << "not all kinds of outcomes were compared";
+}
+
+TEST(WireTest, AStateMachineThatDoubtsStandsStillUntilStarted) {
+  const int domain = test::OwnDomain();
+  const sim::LineTrackingCalibration known = Data().Calibration();
+  std::optional<test::PeerProcess> simulator;
+  simulator.emplace(
+      std::vector<std::string>{DFR_SIMULATOR, "--lock-step", "--domain", std::to_string(domain)});
+  RobotPlant robot(LockStep(domain), known, nullptr);
+  robot.BringUp({});
+  robot.Reset(1);
+  EXPECT_EQ(robot.state(), runtime::RunState::kRunning);
+  ASSERT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kOk) << robot.cause();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(robot.Apply(std::array{nan, 0.0}), core::PlantStatus::kRefused);
+  EXPECT_EQ(robot.state(), runtime::RunState::kHolding);
+  EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kFault) << "it was not started";
+  ASSERT_EQ(robot.Start(), runtime::Doubt::kNone);
+  EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kOk);
+
+  simulator->Signal(SIGKILL);
+  EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kFault);
+  EXPECT_EQ(robot.state(), runtime::RunState::kFaulted);
+  EXPECT_NE(robot.cause().find("arm-silent"), std::string::npos) << robot.cause();
+  EXPECT_NE(robot.Start(), runtime::Doubt::kNone);
+}
+
+TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSeen) {
+  const std::filesystem::path path = Data().path / "run.mcap";
+  const std::filesystem::path folder = Data().path / "model";
+  const LineModel model = LineModel::Load(folder);
+  recording::RecordingMetadata metadata;
+  metadata.model = folder.string();
+  metadata.model_checksum = recording::Checksum(folder);
+  metadata.method = "guided";
+  const sim::LineTrackingCalibration known = Data().Calibration();
+  sim::LineTrackingPlant plant(FromTruth(), &known);
+  {
+    recording::Recorder recorder(path, metadata);
+    const std::unique_ptr<control::Controller> guided =
+        model.MakeController(Method::Parse("guided"));
+    RecordedController controller(*guided, &recorder);
+    for (std::uint64_t episode = 0; episode < 3; ++episode) {
+      controller.BeginEpisode(episode);
+      static_cast<void>(Episode(plant, controller, episode));
+    }
+    recorder.Finish();
+  }
+  const recording::Recording log = recording::ReadRecording(path);
+  EXPECT_GT(log.steps.size(), 60U);
+  EXPECT_EQ(log.steps.front().state.view().size(), 4U);
+  EXPECT_TRUE(ReplayRecording(path, {}));
+
+  // Another model decides otherwise.
+  LineModelOptions other;
+  other.hidden = {8};
+  other.gammas = {0.5};
+  const std::filesystem::path elsewhere = Data().path / "other";
+  LineModel::Fit(Demonstrate(FromTruth(), known, 12, 50, 9), other).Save(elsewhere);
+  EXPECT_FALSE(ReplayRecording(path, elsewhere));
+}
+
+}  // namespace
+}  // namespace dfr::apps
