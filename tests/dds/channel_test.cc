@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <fstream>
 #include <functional>
 #include <stdexcept>
 #include <string>
@@ -131,6 +132,20 @@ TEST(ChannelTest, OldCommandsExpire) {
   std::this_thread::sleep_for(std::chrono::milliseconds(500));
   PoseStamped got;
   EXPECT_FALSE(subscriber.Take(got));
+}
+
+// Whatever the type: a flag, which has no strings, is one that DDS would share of its own accord.
+TEST(ChannelTest, NothingIsSharedUnlessAskedFor) {
+  Participant first(Loopback());
+  Participant second(Loopback());
+  Publisher<Flag> publisher(first, "/emergency_stop", Role::kEmergencyStop);
+  Subscriber<Flag> subscriber(second, "/emergency_stop", Role::kEmergencyStop);
+  ASSERT_TRUE(publisher.Write({true}));
+  ASSERT_TRUE(subscriber.Wait(60.0));
+  std::ifstream maps("/proc/self/maps");
+  for (std::string line; std::getline(maps, line);) {
+    EXPECT_EQ(line.find("/dev/shm/fast"), std::string::npos) << line;
+  }
 }
 
 TEST(ChannelTest, ImageOverSharedMemory) {

@@ -15,6 +15,7 @@
 #include "dfr/dds/security.h"
 #include "openssl.h"
 #include "participant_impl.h"
+#include "stale_memory.h"
 
 namespace dfr::dds {
 namespace {
@@ -112,6 +113,7 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
   }
   qos.transport().user_transports.push_back(udp);
   if (options.shared_memory) {
+    internal::RemoveStaleSegments();
     // With the defaults, an image of 0.9 MB takes 30 times as long.
     auto memory = std::make_shared<eprosima::fastdds::rtps::SharedMemTransportDescriptor>();
     memory->segment_size(8 << 20);

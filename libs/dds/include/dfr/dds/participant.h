@@ -25,15 +25,16 @@ struct ParticipantOptions {
   std::uint16_t server_port = 11811;
   /// Shared memory towards processes on this machine, for images: a second participant beside that
   /// of the control loop, which stays on UDP, because a killed process can leave shared memory in
-  /// a state that stalls others, and files in /dev/shm.
+  /// a state that stalls others, and files in /dev/shm. Those that hold pictures, of processes that
+  /// are no more, are removed here.
   bool shared_memory = false;
   /// The participant's folder in a secured network (security.h), where only participants with a
   /// certificate of the same authority hear and are heard, encrypted. Empty: anybody.
   std::filesystem::path security = {};
 };
 
-/// A participant that is there but neither hears nor is heard, for reasons of security. What it says
-/// of itself is not proven.
+/// A participant that is there but neither hears nor is heard, for reasons of security. What it
+/// says of itself is not proven.
 struct RefusedPeer {
   std::string name;    ///< As its ParticipantOptions::name or ROS 2's enclave.
   std::string guid;    ///< As discovery tools show it: the machine, its process, its participant.

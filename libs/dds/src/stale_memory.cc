@@ -1,0 +1,57 @@
+#include "stale_memory.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <ctime>
+#include <exception>
+#include <string>
+#include <string_view>
+#include <system_error>
+
+namespace dfr::dds::internal {
+namespace {
+
+// Between making a lock file and locking it a process that lives looks dead.
+constexpr std::time_t kGraceSeconds = 10;
+
+// Whether nobody holds the lock, and nobody is about to.
+bool Abandoned(const std::filesystem::path& lock) {
+  const int fd = ::open(lock.c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd < 0) return false;
+  struct stat status {};
+  const bool abandoned = ::fstat(fd, &status) == 0 &&
+                         status.st_mtime + kGraceSeconds < std::time(nullptr) &&
+                         ::flock(fd, LOCK_EX | LOCK_NB) == 0;
+  ::close(fd);
+  return abandoned;
+}
+
+}  // namespace
+
+void RemoveStaleSegments(const std::filesystem::path& folder) noexcept {
+  constexpr std::string_view kPrefix = "fastrtps_";
+  constexpr std::string_view kSuffix = "_el";
+  constexpr std::size_t kId = 16;  // hexadecimal digits
+  try {
+    std::error_code error;
+    for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
+      const std::string name = entry.path().filename().string();
+      // Ports, which processes share, have another form.
+      if (name.size() != kPrefix.size() + kId + kSuffix.size() || !name.starts_with(kPrefix) ||
+          !name.ends_with(kSuffix) ||
+          name.find_first_not_of("0123456789abcdef", kPrefix.size()) != kPrefix.size() + kId ||
+          !Abandoned(entry.path())) {
+        continue;
+      }
+      std::filesystem::remove(folder / name.substr(0, name.size() - kSuffix.size()), error);
+      std::filesystem::remove(entry.path(), error);
+    }
+  } catch (const std::exception&) {
+    return;
+  }
+}
+
+}  // namespace dfr::dds::internal
