@@ -73,7 +73,7 @@ class VideoTest : public testing::Test {
 
   // Without loss, so that what is read is what was written.
   std::string Video(int num_frames, double rate) {
-    const std::string path = (folder_ / "video.avi").string();
+    std::string path = (folder_ / "video.avi").string();
     cv::VideoWriter writer(path, cv::CAP_FFMPEG, cv::VideoWriter::fourcc('F', 'F', 'V', '1'), rate,
                            {kWidth, kHeight});
     EXPECT_TRUE(writer.isOpened());
@@ -266,6 +266,8 @@ TEST_F(TopicTest, BlackFrozenSmallAndBadlyStampedPicturesAreNamed) {
   EXPECT_TRUE(Becomes(FrameStatus::kOk, [](std::uint64_t i) { return Message(Picture(i)); }));
   EXPECT_TRUE(Becomes(FrameStatus::kWrongSize,
                       [](std::uint64_t i) { return Message(Picture(i, 32, 24)); }));
+  EXPECT_EQ(frame_.width, 32);
+  EXPECT_EQ(frame_.height, 24);
   EXPECT_TRUE(Becomes(FrameStatus::kInvalidStamp, [](std::uint64_t i) {
     dds::Image image = Message(Picture(i));
     image.stamp = {};

@@ -39,7 +39,7 @@ class IntrinsicsFileTest : public testing::Test {
   ~IntrinsicsFileTest() override { std::filesystem::remove_all(folder_); }
 
   std::filesystem::path Write(const std::string& text) {
-    const auto path = folder_ / "camera.yaml";
+    std::filesystem::path path = folder_ / "camera.yaml";
     std::ofstream(path) << text;
     return path;
   }

@@ -392,7 +392,7 @@ PsmStatus PsmClient::Request(PsmRequest request) noexcept {
   return PsmStatus::kOk;
 }
 
-PsmStatus PsmClient::Arm() noexcept {
+PsmStatus PsmClient::Armable() const noexcept {
   if (phase_ == PsmPhase::kArmed) return PsmStatus::kOk;
   if (phase_ == PsmPhase::kRequested) return PsmStatus::kBusy;
   if (hold_wanted_) return PsmStatus::kHeld;
@@ -400,7 +400,12 @@ PsmStatus PsmClient::Arm() noexcept {
   if (!any_setpoint_) return PsmStatus::kStateSilent;
   if (!FrameAgrees()) return PsmStatus::kFrameMismatch;
   const PsmJoints lag = (js_.position - setpoint_js_.position).cwiseAbs();
-  if ((lag.array() > options_.max_lag.array()).any()) return PsmStatus::kNotFollowing;
+  return (lag.array() > options_.max_lag.array()).any() ? PsmStatus::kNotFollowing : PsmStatus::kOk;
+}
+
+PsmStatus PsmClient::Arm() noexcept {
+  const PsmStatus status = Armable();
+  if (status != PsmStatus::kOk || phase_ == PsmPhase::kArmed) return status;
   motion_.Rest(setpoint_js_.position);
   rest_.Forget();
   at_rest_ = false;

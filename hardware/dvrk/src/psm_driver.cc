@@ -211,6 +211,8 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     state_publishers.store(state.publishers, std::memory_order_relaxed);
     incompatible.store(state.incompatible, std::memory_order_relaxed);
     command_subscribers.store(state_command.num_subscribers(), std::memory_order_relaxed);
+    // The one that only watches is our own.
+    servo_subscribers.store(std::max(0, servo_cp.num_subscribers() - 1), std::memory_order_relaxed);
     // Our own is one of those on servo_cp.
     const int others = std::max(0, watched_servo_cp.health().publishers - 1) +
                        watched_servo_jp.health().publishers + watched_move_cp.health().publishers +
@@ -242,6 +244,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<int> incompatible{0};
   std::atomic<int> other_publishers{0};
   std::atomic<int> command_subscribers{0};
+  std::atomic<int> servo_subscribers{0};
 
   // Of the thread alone.
   std::uint32_t lapses = 0;
@@ -307,7 +310,9 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   input.incompatible = link.incompatible.load(std::memory_order_relaxed);
   input.other_publishers = other_publishers_ =
       link.other_publishers.load(std::memory_order_relaxed);
-  input.command_subscribers = link.command_subscribers.load(std::memory_order_relaxed);
+  servo_subscribers_ = link.servo_subscribers.load(std::memory_order_relaxed);
+  input.command_subscribers = request_subscribers_ =
+      link.command_subscribers.load(std::memory_order_relaxed);
   input.send_failed = link.failed.exchange(false, std::memory_order_relaxed);
 
   const PsmOutput output = client_.Step(input, steady_ns, wall_ns);
@@ -362,7 +367,11 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
     if (say) say(text);
   };
   const std::int64_t end = SteadyNs() + static_cast<std::int64_t>(1e9 * timeout_s);
+  // What lasts no longer than discovery, or the first sample after homing, is not worth a word.
+  constexpr std::int64_t kPatienceNs = 1'000'000'000;
   PsmStatus told = PsmStatus::kOk;
+  PsmStatus seen = PsmStatus::kOk;
+  std::int64_t seen_ns = 0;
   bool asked = false;
   for (; SteadyNs() < end; std::this_thread::sleep_for(std::chrono::milliseconds(5))) {
     driver.Tick();
@@ -388,7 +397,10 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
                doubt == PsmStatus::kUnknownState || doubt == PsmStatus::kIncompatible ||
                doubt == PsmStatus::kOtherPublisher) {
       return doubt;
-    } else if (doubt != told) {
+    } else if (doubt != seen) {
+      seen = doubt;
+      seen_ns = SteadyNs();
+    } else if (doubt != told && SteadyNs() - seen_ns > kPatienceNs) {
       told = doubt;
       tell("waiting: " + driver.Explain());
     }

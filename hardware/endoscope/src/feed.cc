@@ -71,6 +71,8 @@ void Feed::Hand(FrameStatus judgement, std::int64_t stamp_ns, std::int64_t arriv
 
 void Feed::Put(const std::uint8_t* data, int width, int height, std::size_t stride, int channels,
                bool swap, std::int64_t stamp_ns, std::int64_t arrival_ns) {
+  slots_[back_].width = width;
+  slots_[back_].height = height;
   if (width != options_.width || height != options_.height) {
     Hand(FrameStatus::kWrongSize, stamp_ns, arrival_ns);
     return;
@@ -114,6 +116,8 @@ FrameStatus Feed::Grab(std::int64_t steady_ns, std::int64_t wall_ns, Frame& fram
   frame.stamp_ns = slot.stamp_ns;
   frame.age_s = 1e-9 * static_cast<double>(wall_ns - slot.stamp_ns);
   frame.sequence = slot.sequence;
+  frame.width = slot.width;
+  frame.height = slot.height;
   const bool readable =
       slot.judgement != FrameStatus::kWrongSize && slot.judgement != FrameStatus::kWrongEncoding;
   frame.image = {};

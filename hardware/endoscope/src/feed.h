@@ -34,6 +34,8 @@ class Feed {
   struct Slot {
     std::vector<std::uint8_t> pixels;
     FrameStatus judgement = FrameStatus::kNever;
+    int width = 0;
+    int height = 0;
     std::int64_t stamp_ns = 0;
     std::int64_t arrival_ns = 0;
     std::uint64_t sequence = 0;

@@ -159,6 +159,8 @@ class PsmClient {
   /// Starts sending set-points, the console's own at first, if the last step found no reason
   /// against; else says the reason and changes nothing. After a fault this is the only way back.
   PsmStatus Arm() noexcept;
+  /// What Arm() would return, without doing it.
+  [[nodiscard]] PsmStatus Armable() const noexcept;
   /// See PsmMotion::Start(). Replaces a move under way, from the present set-point.
   PsmStatus MoveTo(const kinematics::PsmJoints& goal, double duration_s) noexcept;
   PsmStatus MoveTo(const Eigen::Isometry3d& goal, double duration_s) noexcept;
@@ -170,7 +172,7 @@ class PsmClient {
   [[nodiscard]] PsmPhase phase() const noexcept { return phase_; }
   /// In kHolding: why. Otherwise: what now keeps the arm from being armed.
   [[nodiscard]] PsmStatus status() const noexcept;
-  /// What the last step found, also while holding: kOk if Arm() would succeed.
+  /// What the last step found, also while holding.
   [[nodiscard]] PsmStatus doubt() const noexcept { return doubt_; }
   /// The state command under way.
   [[nodiscard]] PsmRequest request() const noexcept { return request_; }

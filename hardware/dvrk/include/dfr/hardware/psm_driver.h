@@ -94,6 +94,9 @@ class PsmDriver {
   /// last Tick().
   [[nodiscard]] int other_publishers() const noexcept { return other_publishers_; }
   [[nodiscard]] int state_publishers() const noexcept { return state_publishers_; }
+  /// Who listens to servo_cp and to state_command, likewise.
+  [[nodiscard]] int servo_subscribers() const noexcept { return servo_subscribers_; }
+  [[nodiscard]] int request_subscribers() const noexcept { return request_subscribers_; }
 
   /// Set-points sent so far, the jaw's included. After Flush() all that were handed over count.
   [[nodiscard]] std::uint64_t setpoints_sent() const noexcept;
@@ -108,6 +111,8 @@ class PsmDriver {
   ConsoleWord last_error_;
   int other_publishers_ = 0;
   int state_publishers_ = 0;
+  int servo_subscribers_ = 0;
+  int request_subscribers_ = 0;
   std::unique_ptr<Link> link_;
 };
 

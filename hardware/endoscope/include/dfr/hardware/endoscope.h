@@ -34,6 +34,8 @@ enum class FrameStatus {
 /// A picture and when it was taken.
 struct Frame {
   vision::ImageView image;  ///< Valid until the next Grab(). Blue, green, red.
+  int width = 0;   ///< Of the picture as it came, also where `image` is empty because of it.
+  int height = 0;  ///< The same.
   /// When it was taken, since the epoch: by the sender's stamp, with VideoCapture by its arrival.
   std::int64_t stamp_ns = 0;
   double age_s = 0.0;            ///< From the stamp to the call of Grab().
