@@ -1,4 +1,7 @@
 // Connects a robot: what has to be made and checked before line_tracking runs on one.
+
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <exception>
@@ -7,6 +10,7 @@
 #include <string>
 
 #include "certificates.h"
+#include "check.h"
 #include "dfr/core/build_info.h"
 #include "emergency_stop.h"
 
@@ -29,6 +33,17 @@ void AddNetwork(CLI::App& command, dds::ParticipantOptions& network) {
       ->capture_default_str();
   command.add_option("--security", network.security,
                      "this participant's folder in a secured network (`hardware certificates`)");
+}
+
+// Nobody moves a device by mistake: without a terminal the answer is no.
+bool AskAtTerminal(const std::string& question) {
+  if (::isatty(STDIN_FILENO) == 0) {
+    std::cerr << question << " Nobody is at the terminal to answer (--yes answers): no.\n";
+    return false;
+  }
+  std::cerr << question << " [y/N] " << std::flush;
+  std::string answer;
+  return std::getline(std::cin, answer) && (answer == "y" || answer == "yes");
 }
 
 int Main(int argc, char** argv) {
@@ -65,6 +80,41 @@ int Main(int argc, char** argv) {
       ->check(CLI::Range(1, 36500))
       ->capture_default_str();
   command->callback([&] { RunCertificates(certificates); });
+
+  CheckOptions check;
+  bool yes = false;
+  command = app.add_subcommand(
+      "check",
+      "look at each device, name what is wrong and what to do about it. Without devices: PSM1 and\n"
+      "/ECM/image_raw. Moves nothing unless asked to, and asks before. Exit code 1 if anything is "
+      "wrong");
+  AddNetwork(*command, check.network);
+  command->add_option("--arm", check.arm, "the arm's name at the console, PSM1 say");
+  command->add_option(
+      "--endoscope", check.endoscope,
+      "an image topic (/ECM/image_raw), a video device (0, /dev/video0), a file, or "
+      "a GStreamer pipeline");
+  command
+      ->add_option("--camera", check.camera,
+                   "the endoscope's intrinsics, as OpenCV or ROS write them")
+      ->check(CLI::ExistingFile);
+  command->add_option("--platform", check.platform,
+                      "the Stewart platform's serial port, /dev/ttyACM0 say");
+  command->add_option("--wait", check.find_s, "seconds to look for a device on the network")
+      ->capture_default_str()
+      ->check(CLI::Range(0.1, 600.0));
+  command->add_option("--seconds", check.listen_s, "seconds to listen to it then")
+      ->capture_default_str()
+      ->check(CLI::Range(0.1, 600.0));
+  command->add_flag("--home", check.home, "home the arm if it is not");
+  command->add_flag("--move", check.move, "move the arm by 2 mm, tilt the platform by 3 degrees");
+  command->add_flag("--yes", yes, "answers all questions: nobody is near the arm");
+  command->add_flag("--json", check.json, "the report for programs");
+  command->callback([&] {
+    check.ask = [&](const std::string& question) { return yes || AskAtTerminal(question); };
+    check.say = [](const std::string& text) { std::cerr << text << '\n'; };
+    result = RunCheck(check);
+  });
 
   CLI11_PARSE(app, argc, argv);
   return result;

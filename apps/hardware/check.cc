@@ -1,0 +1,595 @@
+#include "check.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <exception>
+#include <iostream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <system_error>
+#include <thread>
+
+#include "dfr/dds/channel.h"
+#include "dfr/hardware/endoscope.h"
+#include "dfr/hardware/intrinsics_file.h"
+#include "dfr/hardware/psm_driver.h"
+#include "dfr/hardware/sprk_driver.h"
+
+namespace dfr::apps {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using hardware::FrameStatus;
+using hardware::PsmPhase;
+using hardware::PsmStatus;
+
+constexpr double kClockTolerance = 0.01;  // s, that two machines' clocks may differ
+constexpr double kLeastStateRate = 50.0;  // 1/s: the watchdog takes 50 ms for silence
+constexpr double kTinyMove = 0.002;       // m of insertion
+constexpr double kTinyMoveTime = 1.0;     // s
+constexpr double kBringUpTime = 120.0;    // s
+
+void Ok(DeviceReport& report, const std::string& what) {
+  report.findings.push_back({Finding::Level::kOk, what, ""});
+}
+void Note(DeviceReport& report, const std::string& what, const std::string& remedy) {
+  report.findings.push_back({Finding::Level::kNote, what, remedy});
+}
+void Wrong(DeviceReport& report, const std::string& what, const std::string& remedy) {
+  report.findings.push_back({Finding::Level::kWrong, what, remedy});
+}
+
+std::string Text(double value, int digits) {
+  std::ostringstream text;
+  text.setf(std::ios::fixed);
+  text.precision(digits);
+  text << value;
+  return text.str();
+}
+
+const char* Name(dds::Discovery discovery) {
+  switch (discovery) {
+    case dds::Discovery::kLoopback:
+      return "loopback";
+    case dds::Discovery::kNetwork:
+      return "network";
+    case dds::Discovery::kServerClient:
+    case dds::Discovery::kServer:
+      return "server";
+  }
+  return "unknown";
+}
+
+const char* Word(Finding::Level level) {
+  switch (level) {
+    case Finding::Level::kOk:
+      return "ok";
+    case Finding::Level::kNote:
+      return "note";
+    case Finding::Level::kWrong:
+      return "wrong";
+  }
+  return "unknown";
+}
+
+void Say(const CheckOptions& options, const std::string& text) {
+  if (options.say) options.say(text);
+}
+bool Ask(const CheckOptions& options, const std::string& question) {
+  return options.ask && options.ask(question);
+}
+
+template <typename Condition>
+bool Within(double seconds, const Condition& condition) {
+  const auto end = Clock::now() + std::chrono::duration<double>(seconds);
+  while (!condition()) {
+    if (Clock::now() > end) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  return true;
+}
+
+// Arms that publish where `network` looks, though not the one that was asked for.
+std::vector<std::string> OtherArms(const dds::ParticipantOptions& network, const std::string& arm,
+                                   double seconds) {
+  dds::Participant participant(network);
+  struct Candidate {
+    std::string name;
+    std::unique_ptr<dds::Subscriber<dds::JointState>> subscriber;
+  };
+  std::vector<Candidate> candidates;
+  for (const char* name : {"PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR"}) {
+    if (name == arm) continue;
+    candidates.push_back(
+        {name, std::make_unique<dds::Subscriber<dds::JointState>>(
+                   participant, std::string("/") + name + "/measured_js", dds::Role::kState)});
+  }
+  std::vector<std::string> found;
+  (void)Within(seconds, [&] {
+    found.clear();
+    for (const Candidate& candidate : candidates) {
+      if (candidate.subscriber->health().publishers > 0) found.push_back(candidate.name);
+    }
+    return !found.empty();
+  });
+  return found;
+}
+
+bool PublishedIn(const dds::ParticipantOptions& network, const std::string& topic, double seconds) {
+  dds::Participant participant(network);
+  const dds::Subscriber<dds::JointState> subscriber(participant, topic, dds::Role::kState);
+  return Within(seconds, [&] { return subscriber.health().publishers > 0; });
+}
+
+// Why nobody was found: another domain, another kind of discovery, another arm.
+void ExplainSilence(const CheckOptions& options, DeviceReport& report) {
+  const std::string topic = "/" + options.arm + "/measured_js";
+  const double seconds = std::min(options.find_s, 2.0);
+  std::string remedy = "start the console (or dvrk_simulator); its ROS_DOMAIN_ID must be " +
+                       std::to_string(options.network.domain) + " and its network reachable";
+  for (const dds::Discovery other : {dds::Discovery::kNetwork, dds::Discovery::kLoopback}) {
+    dds::ParticipantOptions network = options.network;
+    if (other == network.discovery || network.discovery == dds::Discovery::kServerClient) continue;
+    network.discovery = other;
+    if (PublishedIn(network, topic, seconds)) {
+      remedy = std::string("it is found with --discovery ") + Name(other) + ": give that option";
+    }
+  }
+  const char* text = std::getenv("ROS_DOMAIN_ID");
+  char* end = nullptr;
+  const long domain = text == nullptr ? 0 : std::strtol(text, &end, 10);
+  if (text != nullptr && end != text && domain != options.network.domain && domain >= 0 &&
+      domain <= 232) {
+    dds::ParticipantOptions network = options.network;
+    network.domain = static_cast<int>(domain);
+    if (PublishedIn(network, topic, seconds)) {
+      remedy =
+          "it is in domain " + std::string(text) + ", as ROS_DOMAIN_ID says: give --domain " + text;
+    }
+  }
+  const std::vector<std::string> others = OtherArms(options.network, options.arm, seconds);
+  if (!others.empty()) {
+    remedy = "there is " + others.front();
+    for (std::size_t i = 1; i < others.size(); ++i) remedy += ", " + others[i];
+    remedy += ": give --arm, or configure the console for " + options.arm;
+  }
+  Wrong(report,
+        "nobody publishes " + topic + " in domain " + std::to_string(options.network.domain) +
+            " (discovery: " + Name(options.network.discovery) + ")",
+        remedy);
+}
+
+// The topics besides measured_js: who publishes them, and how.
+class Topics {
+ public:
+  Topics(dds::Participant& participant, const std::string& arm)
+      : arm_(arm),
+        measured_js_(participant, Full("measured_js"), dds::Role::kState),
+        measured_cp_(participant, Full("measured_cp"), dds::Role::kState),
+        setpoint_js_(participant, Full("setpoint_js"), dds::Role::kState),
+        jaw_(participant, Full("jaw/measured_js"), dds::Role::kState),
+        operating_state_(participant, Full("operating_state"), dds::Role::kEvent),
+        error_(participant, Full("error"), dds::Role::kEvent) {}
+
+  [[nodiscard]] bool all_found() const {
+    return measured_js_.health().publishers > 0 && measured_cp_.health().publishers > 0 &&
+           setpoint_js_.health().publishers > 0 && jaw_.health().publishers > 0 &&
+           operating_state_.health().publishers > 0 && error_.health().publishers > 0;
+  }
+
+  void Report(DeviceReport& report) const {
+    int published = 0;
+    const auto look = [&](const char* name, const dds::Health& health, bool needed) {
+      if (health.publishers == 1) {
+        ++published;
+      } else if (health.publishers > 1) {
+        Wrong(report,
+              std::to_string(health.publishers) + " publishers on " + Full(name) +
+                  ": their samples get mixed up",
+              "end all consoles and simulators of this arm but one");
+      } else if (health.incompatible > 0) {
+        Wrong(report, "a publisher on " + Full(name) + " does not match (QoS)",
+              "it has to be reliable, and transient-local for operating_state and error");
+      } else if (needed) {
+        Wrong(report, "nobody publishes " + Full(name),
+              "is this a CRTK console, dVRK 2.0 or later?");
+      } else {
+        Note(report, "nobody publishes " + Full(name),
+             "the arm works without, the driver says less");
+      }
+    };
+    look("measured_js", measured_js_.health(), true);
+    look("measured_cp", measured_cp_.health(), true);
+    look("setpoint_js", setpoint_js_.health(), true);
+    look("operating_state", operating_state_.health(), true);
+    look("jaw/measured_js", jaw_.health(), false);
+    look("error", error_.health(), false);
+    if (published > 0) Ok(report, std::to_string(published) + " of the console's topics found");
+  }
+
+ private:
+  [[nodiscard]] std::string Full(const char* name) const { return "/" + arm_ + "/" + name; }
+
+  std::string arm_;
+  dds::Subscriber<dds::JointState> measured_js_;
+  dds::Subscriber<dds::PoseStamped> measured_cp_;
+  dds::Subscriber<dds::JointState> setpoint_js_;
+  dds::Subscriber<dds::JointState> jaw_;
+  dds::Subscriber<dds::OperatingState> operating_state_;
+  dds::Subscriber<dds::Text> error_;
+};
+
+void TellWords(const CheckOptions& options, hardware::PsmDriver& driver) {
+  hardware::ConsoleWord word;
+  while (driver.TakeWord(word)) {
+    Say(options, std::string("the console says (") + hardware::Name(word.severity) +
+                     "): " + std::string(word.view()));
+  }
+}
+
+// Ticks for `seconds`, or until `done`.
+template <typename Done>
+void Listen(const CheckOptions& options, hardware::PsmDriver& driver, double seconds,
+            const Done& done) {
+  (void)Within(seconds, [&] {
+    driver.Tick();
+    TellWords(options, driver);
+    return done();
+  });
+}
+
+void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client, double rate,
+                        std::vector<double>& ages) {
+  if (rate < kLeastStateRate) {
+    Wrong(report, "measured_js comes " + Text(rate, 0) + " times a second",
+          "a console publishes 100 times; below " + Text(kLeastStateRate, 0) +
+              " the driver takes it for silent: look at the console's period and the network");
+  } else {
+    Ok(report, "measured_js comes " + Text(rate, 0) + " times a second");
+  }
+  const hardware::PsmJointSample& js = client.measured_js();
+  if (!js.well_formed) {
+    Wrong(report, hardware::Name(PsmStatus::kStateMalformed),
+          hardware::Remedy(PsmStatus::kStateMalformed));
+  } else if (!js.position.allFinite() || !client.measured_cp().position_m.allFinite()) {
+    Wrong(report, hardware::Name(PsmStatus::kStateNotFinite),
+          hardware::Remedy(PsmStatus::kStateNotFinite));
+  }
+  if (!js.stamp.valid()) {
+    // An arm that is not homed measures nothing: that is said elsewhere.
+    if (client.operating_state().homed) {
+      Wrong(report, "measurements are stamped zero though the arm is homed",
+            hardware::Remedy(PsmStatus::kStateInvalid));
+    }
+    return;
+  }
+  if (ages.empty()) return;
+  std::nth_element(ages.begin(), ages.begin() + static_cast<std::ptrdiff_t>(ages.size() / 2),
+                   ages.end());
+  const double age = ages[ages.size() / 2];
+  if (age < -kClockTolerance || age > client.options().watchdog.max_age_s) {
+    Wrong(report,
+          "the console's clock, or its samples, are " + Text(std::abs(age), 3) + " s " +
+              (age < 0.0 ? "ahead of" : "behind") + " this machine's clock",
+          "set both machines' clocks by NTP or PTP; samples may be 50 ms old at most");
+  } else {
+    Ok(report, "samples are " + Text(1e3 * age, 1) + " ms old when they come");
+  }
+}
+
+void MoveALittle(const CheckOptions& options, hardware::PsmDriver& driver, DeviceReport& report) {
+  const PsmStatus armed = driver.phase() == PsmPhase::kArmed ? PsmStatus::kOk : driver.Arm();
+  if (armed != PsmStatus::kOk) {
+    Wrong(report, std::string("the arm cannot be moved: ") + hardware::Name(armed),
+          hardware::Remedy(armed));
+    return;
+  }
+  const kinematics::PsmJoints start = driver.client().setpoint();
+  const double sign = start[2] > 0.12 ? -1.0 : 1.0;
+  kinematics::PsmJoints there = start;
+  there[2] += sign * kTinyMove;
+  const kinematics::PsmJoints from = driver.client().measured_js().position;
+  kinematics::PsmJoints reached = from;
+  for (const kinematics::PsmJoints& goal : {there, start}) {
+    driver.Tick();
+    const PsmStatus status = driver.MoveTo(goal, kTinyMoveTime);
+    if (status != PsmStatus::kOk) {
+      Wrong(report, std::string("a move of 2 mm is refused: ") + hardware::Name(status),
+            hardware::Remedy(status));
+      break;
+    }
+    Listen(options, driver, 10.0,
+           [&] { return driver.at_rest() || driver.phase() != PsmPhase::kArmed; });
+    if (driver.phase() != PsmPhase::kArmed || !driver.at_rest()) {
+      Wrong(report, "while moving by 2 mm: " + driver.Explain(), hardware::Remedy(driver.status()));
+      break;
+    }
+    if (goal == there) reached = driver.client().measured_js().position;
+  }
+  const double moved = 1e3 * sign * (reached[2] - from[2]);
+  if (driver.phase() == PsmPhase::kArmed) {
+    if (std::abs(moved - 1e3 * kTinyMove) < 1.0) {
+      Ok(report, "told to insert by " + Text(1e3 * sign * kTinyMove, 1) + " mm, the arm moved " +
+                     Text(sign * moved, 2) + " mm, and came back");
+    } else {
+      Wrong(report, "told to insert by 2 mm, the arm measured " + Text(moved, 2) + " mm",
+            "does somebody else hold the arm, or is the instrument stuck?");
+    }
+  }
+  driver.Hold();
+  driver.Tick();
+  driver.Flush();
+}
+
+nlohmann::json Json(const DeviceReport& report) {
+  nlohmann::json findings = nlohmann::json::array();
+  for (const Finding& finding : report.findings) {
+    findings.push_back(
+        {{"level", Word(finding.level)}, {"what", finding.what}, {"remedy", finding.remedy}});
+  }
+  return {{"device", report.device}, {"ok", report.ok()}, {"findings", findings}};
+}
+
+bool IsTopic(const std::string& source) {
+  std::error_code error;
+  return !source.empty() && source.front() == '/' && source.rfind("/dev/", 0) != 0 &&
+         source.find('!') == std::string::npos && !std::filesystem::exists(source, error) &&
+         source.find('.') == std::string::npos;
+}
+
+}  // namespace
+
+bool DeviceReport::ok() const noexcept {
+  return std::none_of(findings.begin(), findings.end(),
+                      [](const Finding& f) { return f.level == Finding::Level::kWrong; });
+}
+
+DeviceReport CheckArm(const CheckOptions& options) {
+  DeviceReport report;
+  report.device = options.arm + " (DDS domain " + std::to_string(options.network.domain) +
+                  ", discovery: " + Name(options.network.discovery) + ")";
+  dds::Participant participant(options.network);
+  const Topics topics(participant, options.arm);
+  hardware::PsmDriver driver(participant, {.arm = options.arm, .client = {}});
+  Say(options, "looking for " + options.arm);
+  Listen(options, driver, options.find_s, [&] {
+    return topics.all_found() && driver.client().num_samples() > 0 &&
+           driver.request_subscribers() > 0 && driver.servo_subscribers() > 0;
+  });
+  if (driver.client().num_samples() == 0 && driver.state_publishers() == 0 &&
+      driver.status() != PsmStatus::kIncompatible) {
+    ExplainSilence(options, report);
+    return report;
+  }
+  Say(options, "listening for " + Text(options.listen_s, 0) + " s");
+  const auto start = Clock::now();
+  const std::uint64_t first = driver.client().num_samples();
+  std::uint64_t last = first;
+  std::vector<double> ages;
+  Listen(options, driver, options.listen_s, [&] {
+    if (driver.client().num_samples() != last) {
+      last = driver.client().num_samples();
+      if (driver.client().measured_js().stamp.valid()) ages.push_back(driver.client().age_s());
+    }
+    return false;
+  });
+  const double listened = std::chrono::duration<double>(Clock::now() - start).count();
+  topics.Report(report);
+  ReportMeasurements(report, driver.client(), static_cast<double>(last - first) / listened, ages);
+  if (driver.request_subscribers() == 0 || driver.servo_subscribers() == 0) {
+    Wrong(report,
+          std::string("nobody listens to ") +
+              (driver.request_subscribers() == 0 ? "state_command" : "servo_cp"),
+          "is this a monitor only? a console takes both");
+  } else {
+    Ok(report, "the console listens to state_command and servo_cp");
+  }
+  if (driver.other_publishers() > 0) {
+    Wrong(report, hardware::Name(PsmStatus::kOtherPublisher),
+          hardware::Remedy(PsmStatus::kOtherPublisher));
+  }
+
+  PsmStatus status = driver.client().Armable();
+  if ((status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed) && options.home &&
+      Ask(options,
+          options.arm + " is going to move while it homes. Is it clear of people and things?")) {
+    (void)hardware::BringUp(driver, kBringUpTime,
+                            [&](std::string_view text) { Say(options, std::string(text)); });
+    status = driver.phase() == PsmPhase::kArmed ? PsmStatus::kOk : driver.status();
+  }
+  if (status == PsmStatus::kOk) {
+    Ok(report,
+       "ENABLED and homed; measured_cp is where measured_js puts the wrist of a Large "
+       "Needle Driver");
+  } else if (status != PsmStatus::kOtherPublisher) {
+    std::string what = hardware::Name(status);
+    if (status == PsmStatus::kConsoleFault && !driver.last_error().empty()) {
+      what += ": \"" + std::string(driver.last_error()) + "\"";
+    }
+    const bool homes = status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed;
+    Wrong(
+        report, what,
+        homes ? "home it at the console, or run this check with --home" : hardware::Remedy(status));
+  }
+  if (options.move && status == PsmStatus::kOk &&
+      Ask(options,
+          options.arm + " is going to insert its instrument by 2 mm and back. Is it clear?")) {
+    MoveALittle(options, driver, report);
+  }
+  return report;
+}
+
+DeviceReport CheckEndoscope(const CheckOptions& options) {
+  DeviceReport report;
+  report.device = "endoscope " + options.endoscope;
+  hardware::EndoscopeOptions camera;
+  if (!options.camera.empty()) {
+    try {
+      const vision::CameraModel model = hardware::ReadIntrinsics(options.camera);
+      camera.width = model.width;
+      camera.height = model.height;
+      Ok(report, "intrinsics for " + std::to_string(model.width) + " x " +
+                     std::to_string(model.height) + " pixels, focal length " + Text(model.fx, 1) +
+                     " x " + Text(model.fy, 1) + " pixels");
+    } catch (const std::runtime_error& e) {
+      Wrong(report, e.what(), "calibrate the camera; docs/robot.md tells how");
+      return report;
+    }
+  }
+  std::unique_ptr<dds::Participant> participant;
+  std::unique_ptr<hardware::Endoscope> endoscope;
+  Say(options, "looking at " + options.endoscope);
+  try {
+    if (IsTopic(options.endoscope)) {
+      participant = std::make_unique<dds::Participant>(options.network);
+      report.device += " (DDS domain " + std::to_string(options.network.domain) +
+                       ", discovery: " + Name(options.network.discovery) + ")";
+      endoscope = hardware::OpenTopic(*participant, options.endoscope, camera);
+    } else {
+      endoscope = hardware::OpenVideo(options.endoscope, camera);
+    }
+  } catch (const std::runtime_error& e) {
+    const std::string text = e.what();
+    const std::size_t split = text.rfind("; ");
+    Wrong(report, text.substr(0, split), split == std::string::npos ? "" : text.substr(split + 2));
+    return report;
+  }
+
+  hardware::Frame frame;
+  (void)Within(options.find_s, [&] { return endoscope->Grab(frame) != FrameStatus::kNever; });
+  const auto start = Clock::now();
+  const hardware::EndoscopeCounts before = endoscope->counts();
+  std::vector<int> times(static_cast<std::size_t>(FrameStatus::kFrozen) + 1, 0);
+  std::vector<double> ages;
+  std::uint64_t last = 0;
+  (void)Within(options.listen_s, [&] {
+    const FrameStatus status = endoscope->Grab(frame);
+    ++times[static_cast<std::size_t>(status)];
+    if (frame.sequence != last) ages.push_back(frame.age_s);
+    last = frame.sequence;
+    return status == FrameStatus::kEnded || status == FrameStatus::kTruncated ||
+           status == FrameStatus::kFailed;
+  });
+  const hardware::EndoscopeCounts after = endoscope->counts();
+  const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
+  const double rate = static_cast<double>(after.received - before.received) / seconds;
+  const auto worst = std::max_element(times.begin() + 1, times.end());
+  const int looks = std::max(1, *std::max_element(times.begin(), times.end()));
+  const auto status = static_cast<FrameStatus>(worst - times.begin());
+  const bool late = status == FrameStatus::kOld || status == FrameStatus::kSilent;
+  if (times[0] > 0) {
+    Ok(report, Text(rate, 1) + " pictures a second of " + std::to_string(frame.width) + " x " +
+                   std::to_string(frame.height) + " pixels");
+  }
+  if (*worst > 0 && status == FrameStatus::kEnded) {
+    Note(report, hardware::Name(status), hardware::Remedy(status));
+  } else if (late && 10 * *worst > looks && 2 * *worst <= looks) {
+    Note(report, std::string("now and then ") + hardware::Name(status),
+         "is the network, or the machine, overloaded?");
+  } else if (10 * *worst > looks) {
+    std::string what = hardware::Name(status);
+    if (status == FrameStatus::kWrongSize) {
+      what = "pictures have " + std::to_string(frame.width) + " x " + std::to_string(frame.height) +
+             " pixels, the intrinsics are for " + std::to_string(camera.width) + " x " +
+             std::to_string(camera.height);
+    } else if (status == FrameStatus::kOld || status == FrameStatus::kAhead) {
+      what += ": by " + Text(std::abs(frame.age_s), 3) + " s";
+    } else if (status == FrameStatus::kNever) {
+      what = "nobody publishes pictures on " + options.endoscope;
+    }
+    Wrong(report, what, hardware::Remedy(status));
+  }
+  if (times[0] > 0 && !ages.empty()) {
+    std::nth_element(ages.begin(), ages.begin() + static_cast<std::ptrdiff_t>(ages.size() / 2),
+                     ages.end());
+    if (participant) Ok(report, "pictures are " + Text(1e3 * ages[ages.size() / 2], 1) + " ms old");
+    const std::uint64_t lost = after.lost - before.lost;
+    if (10 * lost > after.received - before.received) {
+      Note(report, std::to_string(lost) + " pictures were lost on the way",
+           "is the network, or the machine, overloaded? send compressed pictures");
+    }
+  }
+  return report;
+}
+
+DeviceReport CheckPlatform(const CheckOptions& options) {
+  DeviceReport report;
+  report.device = "platform at " + options.platform;
+  try {
+    hardware::SprkDriver driver({.device = options.platform, .clock_s = {}});
+    Ok(report, "the port opens at 57600 8N1 and is ours");
+    Note(report, "the firmware never answers, so whether the platform listens only a move shows",
+         "run this check with --move, and watch");
+    if (options.move && Ask(options,
+                            "the platform is going home and will tilt by 3 degrees and "
+                            "back. Is it clear?")) {
+      hardware::SprkStatus status = driver.Home();
+      kinematics::PlatformPose tilted;
+      tilted.angles_rad.x() = 3.0 * 0.017453292519943295;
+      for (const kinematics::PlatformPose& pose : {tilted, kinematics::PlatformPose{}}) {
+        std::this_thread::sleep_for(std::chrono::seconds(1));
+        if (status == hardware::SprkStatus::kOk) status = driver.MoveTo(pose);
+      }
+      if (status != hardware::SprkStatus::kOk) {
+        Wrong(report, std::string("the platform cannot be commanded: ") + hardware::Name(status),
+              "is the cable in and the board powered?");
+      } else {
+        Ok(report,
+           "went home, tilted by 3 degrees and back: if it did not, power and plug it anew");
+      }
+    }
+  } catch (const std::runtime_error& e) {
+    const std::string text = e.what();
+    const std::size_t split = text.find("; ");
+    Wrong(report, text.substr(0, split),
+          split == std::string::npos ? "is this the platform's port?" : text.substr(split + 2));
+  }
+  return report;
+}
+
+void Print(const DeviceReport& report, std::ostream& out) {
+  out << report.device << '\n';
+  for (const Finding& finding : report.findings) {
+    const std::string word = std::string("[") + Word(finding.level) + "]";
+    out << "  " << word << std::string(8 - word.size(), ' ') << finding.what << '\n';
+    if (!finding.remedy.empty()) out << "          -> " << finding.remedy << '\n';
+  }
+}
+
+void PrintJson(const std::vector<DeviceReport>& reports, std::ostream& out) {
+  nlohmann::json all;
+  all["ok"] = std::all_of(reports.begin(), reports.end(),
+                          [](const DeviceReport& report) { return report.ok(); });
+  all["devices"] = nlohmann::json::array();
+  for (const DeviceReport& report : reports) all["devices"].push_back(Json(report));
+  out << all.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) << std::endl;
+}
+
+int RunCheck(CheckOptions options) {
+  if (options.arm.empty() && options.endoscope.empty() && options.platform.empty()) {
+    options.arm = "PSM1";
+    options.endoscope = "/ECM/image_raw";
+  }
+  std::vector<DeviceReport> reports;
+  const auto add = [&](DeviceReport report) {
+    if (!options.json) Print(report, std::cout);
+    std::cout.flush();
+    reports.push_back(std::move(report));
+  };
+  if (!options.arm.empty()) add(CheckArm(options));
+  if (!options.endoscope.empty()) add(CheckEndoscope(options));
+  if (!options.platform.empty()) add(CheckPlatform(options));
+  const bool ok = std::all_of(reports.begin(), reports.end(),
+                              [](const DeviceReport& report) { return report.ok(); });
+  if (options.json) {
+    PrintJson(reports, std::cout);
+  } else {
+    std::cout << (ok ? "all is well" : "something is wrong: see above") << std::endl;
+  }
+  return ok ? EXIT_SUCCESS : EXIT_FAILURE;
+}
+
+}  // namespace dfr::apps

@@ -1,0 +1,65 @@
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <iosfwd>
+#include <string>
+#include <vector>
+
+#include "dfr/dds/participant.h"
+
+namespace dfr::apps {
+
+/// One thing that was looked at.
+struct Finding {
+  enum class Level { kOk, kNote, kWrong };
+  Level level = Level::kOk;
+  std::string what;
+  std::string remedy;  ///< Where level is not kOk.
+};
+
+/// All that was found out about one device.
+struct DeviceReport {
+  std::string device;
+  std::vector<Finding> findings;
+
+  [[nodiscard]] bool ok() const noexcept;
+};
+
+/// Options for the checks.
+struct CheckOptions {
+  dds::ParticipantOptions network = {.name = "hardware_check"};
+  std::string arm;               ///< Empty: no arm is checked.
+  std::string endoscope;         ///< Empty: none is checked.
+  std::filesystem::path camera;  ///< The endoscope's intrinsics file; empty: 640 x 480.
+  std::string platform;          ///< Serial port; empty: none is checked.
+  double find_s = 3.0;           ///< How long to look for a device on the network, > 0.
+  double listen_s = 3.0;         ///< How long to listen to it then, > 0.
+  bool home = false;             ///< Asks whether to home the arm.
+  bool move = false;             ///< Asks whether to move a device by a little.
+  bool json = false;
+  /// Asks the user; no moves where it is false.
+  std::function<bool(const std::string& question)> ask;
+  /// Tells the user what goes on; may be empty.
+  std::function<void(const std::string& text)> say;
+};
+
+/// Listens to the console of options.arm, names what is wrong, and moves the arm if asked to.
+[[nodiscard]] DeviceReport CheckArm(const CheckOptions& options);
+/// Looks at the pictures of options.endoscope: a ROS 2 topic if it begins with a slash and is no
+/// file, else what hardware::OpenVideo() takes.
+[[nodiscard]] DeviceReport CheckEndoscope(const CheckOptions& options);
+/// Opens the Stewart platform's port.
+[[nodiscard]] DeviceReport CheckPlatform(const CheckOptions& options);
+
+/// A report as the user reads it, or all of them as JSON:
+///   {"ok": true, "devices": [{"device": "...", "ok": true,
+///    "findings": [{"level": "ok", "what": "...", "remedy": ""}]}]}
+void Print(const DeviceReport& report, std::ostream& out);
+void PrintJson(const std::vector<DeviceReport>& reports, std::ostream& out);
+
+/// All checks that are asked for, in turn; without any, those of PSM1 and /ECM/image_raw. Prints to
+/// standard output. Returns the program's exit code: 1 if anything is wrong.
+int RunCheck(CheckOptions options);
+
+}  // namespace dfr::apps
