@@ -147,7 +147,8 @@ class PsmClient {
   explicit PsmClient(const PsmClientOptions& options);
 
   /// Takes what has come, decides, and says what to send. To be called at 200 Hz or more.
-  /// @param steady_ns  a clock that never goes back; @param wall_ns  since the epoch, as stamps.
+  /// @param steady_ns  a clock that never goes back.
+  /// @param wall_ns  since the epoch, as stamps are.
   PsmOutput Step(const PsmInput& input, std::int64_t steady_ns, std::int64_t wall_ns) noexcept;
 
   /// Asks for a state command with the next steps. An armed client holds first. Ends in kIdle, or

@@ -53,7 +53,8 @@ class PsmDriver {
 
   /// One step, at 200 Hz or more: takes what has come, checks it, and sends the next set-point or
   /// hold. Returns status().
-  /// @param steady_ns  a clock that never goes back; @param wall_ns  since the epoch, as stamps.
+  /// @param steady_ns  a clock that never goes back.
+  /// @param wall_ns  since the epoch, as stamps are.
   PsmStatus Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept;
   /// By this machine's clocks.
   PsmStatus Tick() noexcept;

@@ -75,8 +75,8 @@ class Endoscope {
   /// The newest picture, without waiting: with kOk, also if it was grabbed before and is still
   /// young enough (its sequence tells). Otherwise says what is wrong; `frame` then has the newest
   /// picture all the same, if there is one of the right size. Never allocates, locks or throws.
-  /// @param steady_ns  a clock that never goes back, std::chrono::steady_clock's; @param wall_ns
-  ///   since the epoch, as stamps.
+  /// @param steady_ns  of std::chrono::steady_clock.
+  /// @param wall_ns  since the epoch, as stamps are.
   [[nodiscard]] virtual FrameStatus Grab(std::int64_t steady_ns, std::int64_t wall_ns,
                                          Frame& frame) noexcept = 0;
   /// By this machine's clocks.
