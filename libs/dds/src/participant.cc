@@ -80,6 +80,10 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
   qos.name(options.name);
   qos.transport().use_builtin_transports = false;
   auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
+  // The system's default holds two or three parts of an image, and the others come again only after
+  // some ten milliseconds. What net.core.rmem_max does not allow is cut to it.
+  udp->receiveBufferSize = 4 << 20;
+  udp->sendBufferSize = 4 << 20;
   auto& builtin = qos.wire_protocol().builtin;
   // A peer that dies without a word is forgotten after 5 s; one whose first announcements were lost
   // is found half a second later.
