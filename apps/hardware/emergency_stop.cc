@@ -6,6 +6,7 @@
 #include <array>
 #include <atomic>
 #include <cerrno>
+#include <chrono>
 #include <csignal>
 #include <iostream>
 #include <string>
@@ -33,6 +34,35 @@ std::string Typed(bool& open) {
   return {};
 }
 
+// Says how the robot's program fares, by what it announces.
+class RobotWatch {
+ public:
+  explicit RobotWatch(dds::Participant& participant)
+      : subscriber_(participant, "/line_tracking/operating_state", dds::Role::kState) {}
+
+  void Show() {
+    const auto now = std::chrono::steady_clock::now();
+    dds::OperatingState message;
+    if (subscriber_.TakeNewest(message)) {
+      heard_ = now;
+      if (silent_ || message.state != state_) std::cout << "robot: " << message.state << std::endl;
+      silent_ = false;
+      state_ = message.state;
+    } else if (!silent_ && now - heard_ > kSilence) {
+      silent_ = true;
+      std::cout << "robot: SILENT while " << state_
+                << ". Its program has ended, hangs or was killed; the arm holds" << std::endl;
+    }
+  }
+
+ private:
+  static constexpr std::chrono::milliseconds kSilence{150};
+  dds::Subscriber<dds::OperatingState> subscriber_;
+  std::string state_;
+  bool silent_ = true;  // until it is heard for the first time
+  std::chrono::steady_clock::time_point heard_;
+};
+
 }  // namespace
 
 void RunEmergencyStop(const EmergencyStopOptions& options) {
@@ -47,6 +77,7 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
                     : ": Enter presses it, r and Enter releases it, q and Enter ends (and stops)")
             << std::endl;
   bool open = !options.unattended;
+  RobotWatch robot(participant);
   int listeners = -1;
   while (!stopped) {
     const std::string typed = Typed(open);
@@ -64,6 +95,7 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
       break;
     }
     button.Beat();
+    robot.Show();
     if (button.num_listeners() != listeners) {
       listeners = button.num_listeners();
       std::cout << listeners << (listeners == 1 ? " robot listens" : " robots listen") << std::endl;

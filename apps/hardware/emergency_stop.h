@@ -10,7 +10,8 @@ struct EmergencyStopOptions {
 };
 
 /// An operator's emergency stop in a terminal, until Ctrl-C or q: Enter presses it, r releases it.
-/// Also where nobody listens, for a robot may join later.
+/// Also where nobody listens, for a robot may join later. Shows what line_tracking is doing, and
+/// when nothing is heard of it any more.
 void RunEmergencyStop(const EmergencyStopOptions& options);
 
 }  // namespace dfr::apps

@@ -7,12 +7,12 @@
 #include <stdexcept>
 #include <utility>
 
-#include "dfr/dds/emergency_stop.h"
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/runtime/periodic_timer.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 #include "line_eye.h"
 #include "simulator_link.h"
+#include "watchman.h"
 
 namespace dfr::apps {
 namespace {
@@ -152,9 +152,9 @@ struct RobotPlant::Impl {
         images(ImageNetwork(chosen.network)),
         driver(network, DriverOptions(chosen)),
         machine({.max_period_s = chosen.lock_step ? 10.0 : chosen.max_period_s, .calm_s = 0.2}),
+        watchman(network, chosen.emergency_stop, chosen.emergency_stop_silence_s),
         eye(OpenCamera(images, chosen, calibration.camera), task, log) {
     if (config.simulator) link.emplace(network);
-    if (config.emergency_stop) stop.emplace(network, config.emergency_stop_silence_s);
     state.fill(std::numeric_limits<double>::quiet_NaN());
   }
 
@@ -190,6 +190,7 @@ struct RobotPlant::Impl {
     machine.Tick(SteadyNs());
     Watch();
     Report();
+    watchman.Beat(machine.state());
     return machine.may_move();
   }
 
@@ -207,18 +208,16 @@ struct RobotPlant::Impl {
               : std::string_view();
       machine.Doubted(ToDoubt(found), error.empty() ? hardware::Name(found) : error);
     }
-    if (stop) {
-      switch (stop->Check(runtime::SteadyNow())) {
-        case dds::EmergencyStop::kClear:
-          break;
-        case dds::EmergencyStop::kPressed:
-          machine.Doubted(Doubt::kEmergencyStop, "pressed");
-          break;
-        case dds::EmergencyStop::kSilent:
-          machine.Doubted(Doubt::kEmergencyStopSilent,
-                          "no word from it: is `hardware stop` running?");
-          break;
-      }
+    switch (watchman.emergency_stop()) {
+      case dds::EmergencyStop::kClear:
+        break;
+      case dds::EmergencyStop::kPressed:
+        machine.Doubted(Doubt::kEmergencyStop, "pressed");
+        break;
+      case dds::EmergencyStop::kSilent:
+        machine.Doubted(Doubt::kEmergencyStopSilent,
+                        "no word from it: is `hardware stop` running?");
+        break;
     }
     WatchCamera();
     if (interrupted != nullptr && *interrupted != nullptr && **interrupted) {
@@ -245,7 +244,7 @@ struct RobotPlant::Impl {
   void Report() noexcept {
     runtime::Transition transition;
     while (machine.Take(transition)) {
-      if (transition.doubt != Doubt::kNone) {
+      if (transition.doubt != Doubt::kNone || transition.to == runtime::RunState::kArmed) {
         last_cause = transition.doubt;
         last_detail = transition.detail;
       }
@@ -351,8 +350,8 @@ struct RobotPlant::Impl {
   dds::Participant images;
   hardware::PsmDriver driver;
   std::optional<SimulatorLink> link;
-  std::optional<dds::EmergencyStopReceiver> stop;
   runtime::FailSafe machine;
+  Watchman watchman;
   LineEye eye;
   std::optional<runtime::PeriodicTimer> timer;
   bool link_lost = false;
@@ -393,7 +392,15 @@ void RobotPlant::BringUp(const std::function<void(std::string_view)>& say) {
     throw std::runtime_error(i.driver.Explain());
   }
   i.driver.Hold();
-  i.driver.Tick();
+  // The camera and the emergency stop may be found later than the arm.
+  constexpr int kTenths = 100;
+  for (int n = 0; n < kTenths; ++n) {
+    Idle(0.1);
+    if (n > 2 && i.machine.blocking() == Doubt::kNone) return;
+    if (n == kTenths / 10 && say)
+      say(std::string("waiting: ") + runtime::Name(i.machine.blocking()));
+  }
+  throw std::runtime_error("the robot is not ready: " + cause());
 }
 
 void RobotPlant::Idle(double seconds) noexcept {
@@ -421,7 +428,7 @@ Doubt RobotPlant::Start() noexcept {
 }
 
 bool RobotPlant::Clear() noexcept {
-  if (impl_->stop) impl_->stop->Acknowledge();
+  impl_->watchman.Acknowledge();
   impl_->link_lost = false;
   Idle(0.25);
   const bool cleared = impl_->machine.Clear();
@@ -434,8 +441,15 @@ void RobotPlant::Doubted(Doubt doubt, std::string_view detail) noexcept {
   impl_->Report();
 }
 
-void RobotPlant::Recovering(bool recovering) noexcept {
-  impl_->machine.Recovering(recovering);
+void RobotPlant::Decided(const control::Step& step) noexcept {
+  using control::Mode;
+  impl_->machine.Recovering(step.mode == Mode::kProbe || step.mode == Mode::kRecovery);
+  if (step.mode == Mode::kHalt) {
+    impl_->machine.Doubted(step.cause == control::HaltCause::kControlInvalid
+                               ? Doubt::kControlInvalid
+                               : Doubt::kControllerHalted,
+                           control::Name(step.cause));
+  }
   impl_->Report();
 }
 
@@ -531,6 +545,12 @@ void RobotPlant::Halt() noexcept {
 }
 
 runtime::RunState RobotPlant::state() const noexcept { return impl_->machine.state(); }
+
+bool RobotPlant::ended_regularly() const noexcept {
+  const Doubt cause = impl_->last_cause;
+  return state() != runtime::RunState::kFaulted &&
+         (cause == Doubt::kNone || cause == Doubt::kControllerHalted || cause == Doubt::kNotSeen);
+}
 
 std::string RobotPlant::cause() const {
   const std::string detail = impl_->last_detail.data();

@@ -56,8 +56,9 @@ class RobotPlant final : public core::Plant {
   /// Somebody outside is in doubt: it stands still from now on.
   void Doubted(runtime::Doubt doubt, std::string_view detail) noexcept;
 
-  /// Whether a recovery drives: what the machine shows.
-  void Recovering(bool recovering) noexcept;
+  /// What the controller has decided, before Apply(): whether the policy or a recovery drives, or
+  /// why it halts.
+  void Decided(const control::Step& step) noexcept;
 
   [[nodiscard]] const core::StateLayout& layout() const noexcept override;
   [[nodiscard]] int control_dim() const noexcept override { return 2; }
@@ -73,6 +74,9 @@ class RobotPlant final : public core::Plant {
   void Halt() noexcept override;
 
   [[nodiscard]] runtime::RunState state() const noexcept;
+  /// Whether it stands still for a reason that an episode may have: it was completed, or the
+  /// controller halted it.
+  [[nodiscard]] bool ended_regularly() const noexcept;
   /// Why it last stood still, in words.
   [[nodiscard]] std::string cause() const;
   [[nodiscard]] const vision::LineObservation& last_observation() const noexcept;

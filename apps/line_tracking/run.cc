@@ -69,13 +69,12 @@ std::optional<std::string> Typed(RobotPlant& plant) {
   return std::nullopt;
 }
 
-// A robot's episodes begin with an operator's word, a simulation's by themselves; but nothing goes
-// on after a fault without one. False: no more episodes.
+// A robot's episodes begin with an operator's word, a simulation's by themselves as long as they
+// end as episodes do; nothing goes on after another doubt without one. False: no more episodes.
 bool AskOperator(RobotPlant& plant, bool simulated) {
   while (true) {
     const bool faulted = plant.state() == runtime::RunState::kFaulted;
-    if (simulated && !faulted) return true;
-    if (simulated) return false;
+    if (simulated) return plant.ended_regularly();
     std::cout << (faulted ? "faulted: " + plant.cause() +
                                 ". Mend it, then type c to clear the fault, or q to end"
                           : "Put the tip over the line's beginning; Enter starts, q ends")
@@ -192,15 +191,7 @@ void RunRun(const RunOptions& options) {
       model.MakeController(Method::Parse(config.method));
   RecordedController controller(*decides, recorder ? &*recorder : nullptr);
   if (robot.wire != nullptr) {
-    controller.on_decision = [&robot](const control::Step& step) {
-      using control::Mode;
-      robot.wire->Recovering(step.mode == Mode::kProbe || step.mode == Mode::kRecovery);
-      if (step.mode != Mode::kHalt) return;
-      robot.wire->Doubted(step.cause == control::HaltCause::kControlInvalid
-                              ? runtime::Doubt::kControlInvalid
-                              : runtime::Doubt::kControllerHalted,
-                          control::Name(step.cause));
-    };
+    controller.on_decision = [&robot](const control::Step& step) { robot.wire->Decided(step); };
     controller.describe = [&robot](recording::StepRecord& record) {
       record.machine = runtime::Name(robot.wire->state());
       record.image_sequence = robot.wire->image_sequence();
@@ -211,7 +202,7 @@ void RunRun(const RunOptions& options) {
   std::array<int, 3> counts{};
   control::RolloutWorkspace workspace;
   std::cout << "episode  outcome    controls  recovery  tracked [mm]  cause\n";
-  bool faulted = false;
+  bool stopped = false;
   for (int i = 0; i < options.episodes && !interrupted; ++i) {
     if (robot.wire != nullptr && !AskOperator(*robot.wire, config.simulator)) break;
     const auto episode = static_cast<std::uint64_t>(i);
@@ -230,7 +221,7 @@ void RunRun(const RunOptions& options) {
                 result.controls(), result.recovery_controls(), 1e3 * robot.progress_m(),
                 cause.c_str());
     std::fflush(stdout);
-    faulted = robot.wire != nullptr && robot.wire->state() == runtime::RunState::kFaulted;
+    stopped = robot.wire != nullptr && !robot.wire->ended_regularly();
   }
   std::cout << config.method << ": " << counts[0] << " completed, " << counts[1] << " halted, "
             << counts[2] << " collided\n";
@@ -246,7 +237,7 @@ void RunRun(const RunOptions& options) {
     recorder->Finish();
     std::cout << log.string() << " written: line_tracking replay makes its decisions again\n";
   }
-  if (faulted) throw std::runtime_error("the robot stands still: " + robot.wire->cause());
+  if (stopped) throw std::runtime_error("the robot stands still: " + robot.wire->cause());
 }
 
 void RunReplay(const ReplayOptions& options) {

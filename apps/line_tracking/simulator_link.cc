@@ -76,10 +76,15 @@ SimulatorTruth SimulatorLink::Truth() {
   const std::string text = Ask("truth");
   std::istringstream in(text);
   SimulatorTruth truth;
-  if (!(in >> truth.completed >> truth.collided >> truth.progress_m)) {
+  if (!(in >> truth.completed >> truth.collided >> truth.progress_m >> truth.distance_m >>
+        truth.tip_m.x() >> truth.tip_m.y() >> truth.tip_m.z())) {
     throw std::runtime_error("the simulator's truth is not understood: " + text);
   }
   return truth;
+}
+
+void SimulatorLink::Fault(const std::string& name, const std::string& value) {
+  Ask("fault " + name + " " + value);
 }
 
 void SimulatorLink::Run(double dt_s, int commands) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -13,6 +14,8 @@ struct SimulatorTruth {
   bool completed = false;
   bool collided = false;
   double progress_m = 0.0;
+  double distance_m = 0.0;
+  Eigen::Vector3d tip_m = Eigen::Vector3d::Zero();  ///< World frame.
 };
 
 /// Asks dvrk_simulator for what a robot's console has no topic for: episodes, the truth, and in
@@ -27,6 +30,8 @@ class SimulatorLink {
   /// A new episode, as sim::LineTrackingPlant::Reset(seed).
   void Reset(std::uint64_t seed);
   [[nodiscard]] SimulatorTruth Truth();
+  /// From now on something goes wrong; `name` and `value` as DvrkSceneServer::SetFault() has them.
+  void Fault(const std::string& name, const std::string& value);
   // In lock-step:
   /// Time goes on, after `commands` motion commands have come since the last time.
   void Run(double dt_s, int commands);

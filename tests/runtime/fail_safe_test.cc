@@ -29,8 +29,8 @@ struct Loop {
   void Bring(RunState state) {
     Tick();
     if (state == RunState::kIdle) return;
-    if (state == RunState::kFaulted) return machine.Doubted(Doubt::kArmSilent);
     ASSERT_TRUE(machine.Arm());
+    if (state == RunState::kFaulted) return machine.Doubted(Doubt::kArmSilent);
     if (state == RunState::kHolding) return machine.Doubted(Doubt::kOperator);
     if (state == RunState::kArmed) return;
     ASSERT_TRUE(machine.Start());
@@ -52,10 +52,10 @@ TEST(FailSafeTest, EveryDoubtEndsInStandingStillInEveryState) {
       ASSERT_EQ(loop.machine.state(), state);
       loop.machine.Doubted(doubt);
       EXPECT_FALSE(loop.machine.may_move());
-      if (IsFault(doubt) || state == RunState::kFaulted) {
+      if (state == RunState::kIdle) {
+        EXPECT_EQ(loop.machine.state(), RunState::kIdle) << "there is nothing to stop";
+      } else if (IsFault(doubt) || state == RunState::kFaulted) {
         EXPECT_EQ(loop.machine.state(), RunState::kFaulted);
-      } else if (state == RunState::kIdle) {
-        EXPECT_EQ(loop.machine.state(), RunState::kIdle);
       } else {
         EXPECT_EQ(loop.machine.state(), RunState::kHolding);
       }

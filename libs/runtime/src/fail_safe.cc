@@ -105,10 +105,10 @@ void FailSafe::Doubted(Doubt doubt, std::string_view detail) noexcept {
   if (doubt == Doubt::kNone) return;
   last_doubt_ = doubt;
   last_doubt_ns_ = now_ns_;
-  if (state_ == RunState::kFaulted) return;
+  if (state_ == RunState::kFaulted || state_ == RunState::kIdle) return;
   if (IsFault(doubt)) {
     Enter(RunState::kFaulted, doubt, detail);
-  } else if (state_ != RunState::kIdle && state_ != RunState::kHolding) {
+  } else if (state_ != RunState::kHolding) {
     Enter(RunState::kHolding, doubt, detail);
   }
 }

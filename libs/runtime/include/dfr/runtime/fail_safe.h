@@ -75,7 +75,7 @@ struct FailSafeOptions {
 ///   Arm()    idle, holding -> armed, if nothing is in doubt and nothing was for calm_s
 ///   Start()  armed -> running
 ///   Doubted() armed, running, recovering -> holding, or faulted if it IsFault();
-///             idle, holding -> faulted likewise
+///             holding -> faulted likewise; idle stays idle, and cannot be armed
 ///   Done()   running, recovering -> idle: the task is completed
 ///   Clear()  faulted -> idle, if nothing is in doubt any more
 ///

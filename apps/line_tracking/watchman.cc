@@ -1,0 +1,61 @@
+#include "watchman.h"
+
+#include <chrono>
+
+#include "dfr/runtime/periodic_timer.h"
+
+namespace dfr::apps {
+namespace {
+
+constexpr std::int64_t kHangs = 100'000'000;          // ns
+constexpr std::int64_t kAnnouncePeriod = 20'000'000;  // ns
+
+}  // namespace
+
+Watchman::Watchman(dds::Participant& participant, bool with_stop, double max_silence_s)
+    : announcer_(participant, "/line_tracking/operating_state", dds::Role::kState),
+      stop_state_(with_stop ? dds::EmergencyStop::kSilent : dds::EmergencyStop::kClear),
+      looked_ns_(runtime::SteadyNow()) {
+  if (with_stop) receiver_.emplace(participant, max_silence_s);
+  thread_ = std::thread([this] { Run(); });
+}
+
+Watchman::~Watchman() {
+  end_ = true;
+  thread_.join();
+}
+
+void Watchman::Beat(runtime::RunState state) noexcept {
+  state_ = state;
+  beat_ns_ = runtime::SteadyNow();
+}
+
+dds::EmergencyStop Watchman::emergency_stop() const noexcept {
+  // A thread that hangs hears nothing.
+  if (runtime::SteadyNow() - looked_ns_ > kHangs) return dds::EmergencyStop::kSilent;
+  return stop_state_;
+}
+
+void Watchman::Run() {
+  std::int64_t announced_ns = 0;
+  runtime::RunState announced = runtime::RunState::kIdle;
+  for (; !end_; std::this_thread::sleep_for(std::chrono::milliseconds(2))) {
+    const std::int64_t now_ns = runtime::SteadyNow();
+    if (receiver_) {
+      if (acknowledge_.exchange(false)) receiver_->Acknowledge();
+      stop_state_ = receiver_->Check(now_ns);
+    }
+    looked_ns_ = now_ns;
+    const runtime::RunState state = state_;
+    if (now_ns - beat_ns_ > kHangs) continue;
+    if (state == announced && now_ns - announced_ns < kAnnouncePeriod) continue;
+    dds::OperatingState message;
+    message.stamp = dds::Stamp::Now();
+    message.state = runtime::Name(state);
+    announcer_.Write(message);
+    announced = state;
+    announced_ns = now_ns;
+  }
+}
+
+}  // namespace dfr::apps

@@ -1,0 +1,494 @@
+// What happens when something goes wrong while line tracking runs over the network: each fault many
+// times at random moments of motion, in one table. The robot's program is this one with --robot.
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cstdio>
+#include <filesystem>
+#include <functional>
+#include <iostream>
+#include <limits>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "commands.h"
+#include "dfr/control/rollout.h"
+#include "dfr/core/build_info.h"
+#include "dfr/core/random.h"
+#include "dfr/dds/channel.h"
+#include "dfr/runtime/periodic_timer.h"
+#include "recorded_controller.h"
+#include "robot_plant.h"
+#include "simulator_link.h"
+#include "site.h"
+
+namespace dfr::apps {
+namespace {
+
+constexpr double kMillisecond = 1e6;  // ns
+
+void SleepMs(double ms) {
+  std::this_thread::sleep_for(std::chrono::microseconds(std::lround(1e3 * ms)));
+}
+
+// -- the robot's program ------------------------------------------------------------------------
+
+std::atomic<bool> policy_is_broken = false;
+
+// A policy that says NaN from some moment on.
+class BreakingPolicy final : public control::Controller {
+ public:
+  explicit BreakingPolicy(control::Controller& inner) : inner_(&inner) {}
+  [[nodiscard]] int state_dim() const noexcept override { return inner_->state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override { return inner_->control_dim(); }
+
+ private:
+  void DoReset(std::uint64_t seed) noexcept override { inner_->Reset(seed); }
+  [[nodiscard]] control::Step DoNext(std::span<const double> x,
+                                     std::span<double> u) noexcept override {
+    const control::Step step = inner_->Next(x, u);
+    if (policy_is_broken) std::fill(u.begin(), u.end(), std::numeric_limits<double>::quiet_NaN());
+    return step;
+  }
+  control::Controller* inner_;
+};
+
+RobotConfig Configuration(int domain) {
+  RobotConfig config;
+  config.robot = RobotPlace::kDds;
+  config.network.domain = domain;
+  config.simulator = true;
+  config.image_max_age_s = 0.1;
+  return config;
+}
+
+// Episode after episode until something is in doubt; then waits for "go" on its input.
+void RunRobot(const std::filesystem::path& folder, int domain) {
+  const LineModel model = LineModel::Load(folder / "model");
+  const RobotConfig config = Configuration(domain);
+  if (const std::string refused = runtime::AskForRealTime(config.priority); !refused.empty()) {
+    std::cout << "note " << refused << std::endl;
+  }
+  RobotPlant plant(config, sim::LineTrackingCalibration::Load(folder / "calibration.dfr"), nullptr);
+  plant.on_transition = [](const runtime::Transition& t) {
+    std::printf("%lld %s %s %s\n", static_cast<long long>(t.steady_ns), runtime::Name(t.to),
+                runtime::Name(t.doubt), t.detail.data());
+    std::fflush(stdout);
+  };
+  plant.BringUp({});
+  const std::unique_ptr<control::Controller> guided = model.MakeController(Method::Parse("guided"));
+  BreakingPolicy breaking(*guided);
+  RecordedController controller(breaking, nullptr);
+  controller.on_decision = [&plant](const control::Step& step) { plant.Decided(step); };
+  for (std::uint64_t episode = 0;; ++episode) {
+    const control::RolloutResult result =
+        control::Rollout(plant, controller, {.plant_seed = episode, .controller_seed = episode});
+    if (result.halt_cause == control::HaltCause::kControlInvalid) {
+      plant.Doubted(runtime::Doubt::kControlInvalid, "the policy's control is not finite");
+    }
+    while (!plant.ended_regularly()) {
+      pollfd input{STDIN_FILENO, POLLIN, 0};
+      plant.Idle(0.02);
+      std::array<char, 64> text;
+      if (poll(&input, 1, 0) <= 0 || read(STDIN_FILENO, text.data(), text.size()) <= 0) continue;
+      policy_is_broken = false;
+      if (plant.state() == runtime::RunState::kFaulted && !plant.Clear()) continue;
+      break;
+    }
+  }
+}
+
+// -- programs beside it -------------------------------------------------------------------------
+
+/// A program with pipes to its input and from its output.
+class Program {
+ public:
+  explicit Program(const std::vector<std::string>& command) {
+    std::array<int, 2> in{};
+    std::array<int, 2> out{};
+    if (pipe2(in.data(), O_CLOEXEC) != 0 || pipe2(out.data(), O_CLOEXEC) != 0) {
+      throw std::runtime_error("no pipe");
+    }
+    pid_ = fork();
+    if (pid_ == 0) {
+      prctl(PR_SET_PDEATHSIG, SIGKILL);
+      dup2(in[0], STDIN_FILENO);
+      dup2(out[1], STDOUT_FILENO);
+      std::vector<char*> arguments;
+      arguments.reserve(command.size() + 1);
+      for (const std::string& argument : command) {
+        arguments.push_back(const_cast<char*>(argument.c_str()));
+      }
+      arguments.push_back(nullptr);
+      execv(arguments[0], arguments.data());
+      _exit(127);
+    }
+    close(in[0]);
+    close(out[1]);
+    input_ = in[1];
+    output_ = out[0];
+    fcntl(output_, F_SETFL, O_NONBLOCK);
+  }
+  ~Program() {
+    Kill();
+    close(input_);
+    close(output_);
+  }
+  Program(const Program&) = delete;
+  Program& operator=(const Program&) = delete;
+
+  void Signal(int number) const {
+    if (pid_ > 0) kill(pid_, number);
+  }
+  void Kill() {
+    if (pid_ <= 0) return;
+    kill(pid_, SIGCONT);
+    kill(pid_, SIGKILL);
+    waitpid(pid_, nullptr, 0);
+    pid_ = -1;
+  }
+  void Type(const std::string& text) const {
+    if (write(input_, text.data(), text.size()) < 0) throw std::runtime_error("nobody reads");
+  }
+  /// The next whole line that it has printed, without waiting.
+  std::optional<std::string> Line() {
+    std::array<char, 4096> buffer;
+    for (ssize_t size = 0; (size = read(output_, buffer.data(), buffer.size())) > 0;) {
+      text_.append(buffer.data(), static_cast<std::size_t>(size));
+    }
+    const std::size_t end = text_.find('\n');
+    if (end == std::string::npos) return std::nullopt;
+    std::string line = text_.substr(0, end);
+    text_.erase(0, end + 1);
+    return line;
+  }
+
+ private:
+  pid_t pid_ = -1;
+  int input_ = -1;
+  int output_ = -1;
+  std::string text_;
+};
+
+// -- one fault after the other ------------------------------------------------------------------
+
+/// All processes of a run, and what each has said last.
+class Site {
+ public:
+  Site(std::filesystem::path folder, int domain)
+      : folder_(std::move(folder)), domain_(domain), participant({.domain = domain}) {
+    StartSimulator();
+    StartStop();
+    StartRobot();
+  }
+
+  void StartSimulator() {
+    link.reset();
+    simulator.reset();
+    simulator.emplace(std::vector<std::string>{
+        DFR_SIMULATOR, "--domain", std::to_string(domain_), "--homing", "0.1", "--wave", "random",
+        "--calibration", (folder_ / "calibration.dfr").string()});
+    link.emplace(participant);
+    link->Await(30.0);
+  }
+  void StartStop() {
+    stop.reset();
+    stop.emplace(
+        std::vector<std::string>{DFR_HARDWARE, "stop", "--domain", std::to_string(domain_)});
+  }
+  void StartRobot() {
+    robot.reset();
+    robot.emplace(std::vector<std::string>{std::filesystem::read_symlink("/proc/self/exe").string(),
+                                           "--robot", folder_.string(), "--domain",
+                                           std::to_string(domain_)});
+    state_ = "idle";
+  }
+
+  /// Reads what the robot's program and the stop have printed.
+  void Listen() {
+    while (std::optional<std::string> line = robot->Line()) {
+      std::array<char, 32> to{};
+      std::array<char, 64> doubt{};
+      long long ns = 0;
+      if (std::sscanf(line->c_str(), "%lld %31s %63s", &ns, to.data(), doubt.data()) != 3) continue;
+      state_ = to.data();
+      if (std::string(doubt.data()) != "none" && !told_) {
+        told_ = doubt.data();
+        told_ns_ = ns;
+      }
+      if (state_ == "running" && told_) ++restarts_;
+    }
+    while (std::optional<std::string> line = stop->Line()) {
+      if (line->find("SILENT") != std::string::npos && !operator_ns_) {
+        operator_ns_ = runtime::SteadyNow();
+      }
+    }
+  }
+  [[nodiscard]] bool Moving() const { return state_ == "running" || state_ == "recovering"; }
+
+  /// Until the robot moves. @throws std::runtime_error if it does not within a minute.
+  void AwaitMotion() {
+    const std::int64_t end_ns = runtime::SteadyNow() + 60'000'000'000;
+    for (std::int64_t asked_ns = 0; !Moving(); SleepMs(2)) {
+      Listen();
+      if (runtime::SteadyNow() > end_ns) throw std::runtime_error("the robot does not start");
+      if ((state_ == "holding" || state_ == "faulted") &&
+          runtime::SteadyNow() - asked_ns > 500'000'000) {
+        robot->Type("go\n");
+        asked_ns = runtime::SteadyNow();
+      }
+    }
+  }
+  void Forget() {
+    Listen();
+    told_.reset();
+    operator_ns_.reset();
+    restarts_ = 0;
+  }
+
+  [[nodiscard]] const std::optional<std::string>& told() const { return told_; }
+  [[nodiscard]] std::int64_t told_ns() const { return told_ns_; }
+  [[nodiscard]] const std::optional<std::int64_t>& operator_ns() const { return operator_ns_; }
+  [[nodiscard]] int restarts() const { return restarts_; }
+
+ private:
+  std::filesystem::path folder_;
+  int domain_;
+  std::string state_;
+  std::optional<std::string> told_;
+  std::int64_t told_ns_ = 0;
+  std::optional<std::int64_t> operator_ns_;
+  int restarts_ = 0;
+
+ public:
+  dds::Participant participant;
+  std::optional<Program> simulator;
+  std::optional<Program> stop;
+  std::optional<Program> robot;
+  std::optional<SimulatorLink> link;
+};
+
+struct Fault {
+  std::string name;
+  std::function<void(Site&)> begin;
+  std::function<void(Site&)> end;
+  bool blind = false;        ///< The simulator cannot be asked meanwhile: it stands still.
+  bool to_operator = false;  ///< The robot's program itself fails: the operator's screen tells.
+};
+
+Fault Injected(const std::string& name, const std::string& fault, const std::string& on,
+               const std::string& off) {
+  return {name, [=](Site& s) { s.link->Fault(fault, on); },
+          [=](Site& s) { s.link->Fault(fault, off); }, false, false};
+}
+
+// What jitter and losses together do to the measured state.
+Fault Lossy(const std::string& name, const std::string& drop) {
+  return {name,
+          [=](Site& s) {
+            s.link->Fault("drop", drop);
+            s.link->Fault("jitter", "0.05");
+          },
+          [=](Site& s) {
+            s.link->Fault("drop", "0");
+            s.link->Fault("jitter", "0");
+          },
+          false, false};
+}
+
+std::vector<Fault> Faults() {
+  std::vector<Fault> faults;
+  faults.push_back({"kill-robot", [](Site& s) { s.robot->Signal(SIGKILL); },
+                    [](Site& s) { s.StartRobot(); }, false, true});
+  faults.push_back({"stop-robot", [](Site& s) { s.robot->Signal(SIGSTOP); },
+                    [](Site& s) { s.robot->Signal(SIGCONT); }, false, true});
+  faults.push_back({"kill-console", [](Site& s) { s.simulator->Kill(); },
+                    [](Site& s) { s.StartSimulator(); }, true, false});
+  faults.push_back({"stop-console", [](Site& s) { s.simulator->Signal(SIGSTOP); },
+                    [](Site& s) { s.simulator->Signal(SIGCONT); }, true, false});
+  faults.push_back({"kill-stop-button", [](Site& s) { s.stop->Kill(); },
+                    [](Site& s) { s.StartStop(); }, false, false});
+  faults.push_back({"stop-stop-button", [](Site& s) { s.stop->Signal(SIGSTOP); },
+                    [](Site& s) { s.stop->Signal(SIGCONT); }, false, false});
+  faults.push_back({"emergency-stop", [](Site& s) { s.stop->Type("\n"); },
+                    [](Site& s) { s.stop->Type("r\n"); }, false, false});
+  faults.push_back(Lossy("loss-5-jitter-50ms", "0.05"));
+  faults.push_back(Lossy("loss-15-jitter-50ms", "0.15"));
+  faults.push_back(Lossy("loss-30-jitter-50ms", "0.3"));
+  faults.push_back(Injected("frozen-image", "camera", "frozen", "none"));
+  faults.push_back(Injected("black-image", "camera", "black", "none"));
+  faults.push_back(Injected("no-image", "camera", "silent", "none"));
+  faults.push_back(Injected("stamp-zero", "invalid", "1", "0"));
+  faults.push_back(Injected("nan-pose", "corrupt", "1", "0"));
+  faults.push_back(Injected("frozen-state", "freeze", "1", "0"));
+  faults.push_back(Injected("no-state", "silent", "1", "0"));
+  faults.push_back(Injected("clock-ahead-1s", "clock_jump", "1", "0"));
+  faults.push_back(Injected("clock-behind-1s", "clock_jump", "-1", "0"));
+  faults.push_back(
+      {"nan-policy", [](Site& s) { s.robot->Signal(SIGUSR1); }, [](Site&) {}, false, false});
+  faults.push_back({"arm-fault", [](Site& s) { s.link->Fault("arm_fault", "overcurrent"); },
+                    [](Site& s) { s.link->Reset(1); }, false, false});
+  const auto second = std::make_shared<std::optional<dds::Publisher<dds::PoseStamped>>>();
+  faults.push_back(
+      {"second-commander",
+       [second](Site& s) { second->emplace(s.participant, "/PSM1/servo_cp", dds::Role::kCommand); },
+       [second](Site&) { second->reset(); }, false, false});
+  return faults;
+}
+
+struct Row {
+  int trials = 0;
+  int detected = 0;
+  int restarts = 0;
+  std::set<std::string> told;
+  std::vector<double> detection_ms;
+  std::vector<double> hold_ms;
+  std::vector<double> motion_mm;
+};
+
+double Quantile(std::vector<double> values, double q) {
+  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
+  std::sort(values.begin(), values.end());
+  return values[static_cast<std::size_t>(q * static_cast<double>(values.size() - 1))];
+}
+
+void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
+  constexpr double kObserved = 700.0;  // ms
+  constexpr double kStill = 0.02;      // mm: less is rounding and noise
+  site.AwaitMotion();
+  SleepMs(random.Uniform(200.0, 900.0));
+  for (site.Forget(); !site.Moving(); site.Forget()) site.AwaitMotion();  // between two episodes
+
+  const Eigen::Vector3d before = site.link->Truth().tip_m;
+  const std::int64_t start_ns = runtime::SteadyNow();
+  fault.begin(site);
+  struct Sample {
+    double ms;
+    Eigen::Vector3d tip_m;
+  };
+  std::vector<Sample> samples;
+  const auto now_ms = [&] {
+    return static_cast<double>(runtime::SteadyNow() - start_ns) / kMillisecond;
+  };
+  while (now_ms() < kObserved) {
+    site.Listen();
+    if (!fault.blind) samples.push_back({now_ms(), site.link->Truth().tip_m});
+    SleepMs(1.0);
+  }
+  fault.end(site);
+  // What was held up may come now, and nothing may begin anew.
+  for (const double end_ms = now_ms() + 300.0; now_ms() < end_ms; SleepMs(2.0)) {
+    site.Listen();
+    samples.push_back({now_ms(), site.link->Truth().tip_m});
+  }
+
+  ++row.trials;
+  row.restarts += site.restarts();
+  const bool told = fault.to_operator ? site.operator_ns().has_value() : site.told().has_value();
+  if (told) {
+    ++row.detected;
+    const std::int64_t ns = fault.to_operator ? *site.operator_ns() : site.told_ns();
+    row.detection_ms.push_back(static_cast<double>(ns - start_ns) / kMillisecond);
+    row.told.insert(fault.to_operator ? "operator's screen" : *site.told());
+  }
+  double motion_mm = 0.0;
+  double hold_ms = 0.0;
+  const Eigen::Vector3d last = samples.back().tip_m;
+  // A simulator that was started anew is another arm.
+  if (fault.name != "kill-console" && fault.name != "arm-fault") {
+    for (const Sample& sample : samples) {
+      motion_mm = std::max(motion_mm, 1e3 * (sample.tip_m - before).norm());
+      if (1e3 * (sample.tip_m - last).norm() > kStill) hold_ms = sample.ms;
+    }
+  }
+  row.motion_mm.push_back(motion_mm);
+  if (!fault.blind) row.hold_ms.push_back(hold_ms);
+}
+
+void Measure(const std::filesystem::path& folder, int domain, int trials,
+             const std::vector<std::string>& only, std::uint64_t seed) {
+  Site site(folder, domain);
+  core::Random random(seed);
+  std::printf("%-20s %8s %8s  %12s  %8s  %10s  %8s  %s\n", "fault", "trials", "detected",
+              "after [ms]", "hold [ms]", "motion [mm]", "restarts", "what the operator is told");
+  std::printf("%-20s %8s %8s  %12s  %8s  %10s\n", "", "", "", "p50     max", "max", "max");
+  for (const Fault& fault : Faults()) {
+    if (!only.empty() && std::find(only.begin(), only.end(), fault.name) == only.end()) continue;
+    Row row;
+    for (int i = 0; i < trials; ++i) Try(site, fault, random, row);
+    std::string told;
+    for (const std::string& word : row.told) told += (told.empty() ? "" : ", ") + word;
+    std::printf("%-20s %8d %8d  %5.0f %6.0f  %8.0f  %10.2f  %8d  %s\n", fault.name.c_str(),
+                row.trials, row.detected, Quantile(row.detection_ms, 0.5),
+                Quantile(row.detection_ms, 1.0), Quantile(row.hold_ms, 1.0),
+                Quantile(row.motion_mm, 1.0), row.restarts, told.c_str());
+    std::fflush(stdout);
+  }
+}
+
+// A model and a calibration to run with.
+void Prepare(const std::filesystem::path& folder) {
+  std::filesystem::create_directories(folder);
+  sim::LineTrackingOptions world;
+  world.observation = sim::Observation::kGroundTruth;
+  calibration::CalibrationSummary summary;
+  const calibration::Calibration known = CalibratePlant(world, 100, 3, &summary);
+  known.Save(folder / "calibration.dfr");
+  LineModelOptions options;
+  options.gammas = {0.5};
+  LineModel::Fit(Demonstrate(world, known, 50, 50, 1), options).Save(folder / "model");
+}
+
+int Main(int argc, char** argv) {
+  CLI::App app("Line tracking over the network while something goes wrong, as a table.",
+               "faults_bench");
+  std::filesystem::path robot;
+  int domain = 97;
+  int trials = 20;
+  std::uint64_t seed = 1;
+  std::vector<std::string> only;
+  app.add_option("--trials", trials, "of each fault")->capture_default_str();
+  app.add_option("--only", only, "these faults, separated by commas")->delimiter(',');
+  app.add_option("--seed", seed, "of the moments")->capture_default_str();
+  app.add_option("--domain", domain, "DDS domain that nobody else uses")->capture_default_str();
+  app.add_option("--robot", robot)->group("");
+  CLI11_PARSE(app, argc, argv);
+  signal(SIGPIPE, SIG_IGN);
+  if (!robot.empty()) {
+    signal(SIGUSR1, [](int) { policy_is_broken = true; });
+    RunRobot(robot, domain);
+    return EXIT_SUCCESS;
+  }
+  const std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / ("faults_bench_" + std::to_string(getpid()));
+  std::printf("commit %s, seed %llu\n", core::BuildCommit(), static_cast<unsigned long long>(seed));
+  std::fflush(stdout);
+  Prepare(folder);
+  Measure(folder, domain, trials, only, seed);
+  std::filesystem::remove_all(folder);
+  return EXIT_SUCCESS;
+}
+
+}  // namespace
+}  // namespace dfr::apps
+
+int main(int argc, char** argv) try {
+  return dfr::apps::Main(argc, argv);
+} catch (const std::exception& e) {
+  std::cerr << "faults_bench: " << e.what() << '\n';
+  return EXIT_FAILURE;
+}
