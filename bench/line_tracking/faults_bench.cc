@@ -317,7 +317,11 @@ std::vector<Fault> Faults() {
   faults.push_back({"stop-robot", [](Site& s) { s.robot->Signal(SIGSTOP); },
                     [](Site& s) { s.robot->Signal(SIGCONT); }, false, true});
   faults.push_back({"kill-console", [](Site& s) { s.simulator->Kill(); },
-                    [](Site& s) { s.StartSimulator(); }, true, false});
+                    [](Site& s) {
+                      s.StartSimulator();
+                      s.link->Reset(1);  // homes the arm
+                    },
+                    true, false});
   faults.push_back({"stop-console", [](Site& s) { s.simulator->Signal(SIGSTOP); },
                     [](Site& s) { s.simulator->Signal(SIGCONT); }, true, false});
   faults.push_back({"kill-stop-button", [](Site& s) { s.stop->Kill(); },
