@@ -124,6 +124,17 @@ bool PublishedIn(const dds::ParticipantOptions& network, const std::string& topi
   return Within(seconds, [&] { return subscriber.health().publishers > 0; });
 }
 
+// Who is there and does not talk with us, for reasons of security.
+void ExplainRefused(const CheckOptions& options, const dds::Participant& participant,
+                    DeviceReport& report) {
+  for (const dds::RefusedPeer& peer : participant.refused_peers()) {
+    Wrong(report, "'" + peer.name + "' is there, and not admitted: " + peer.reason,
+          options.network.security.empty()
+              ? "give --security with a folder of that network's `hardware certificates`"
+              : "give both folders of the same `hardware certificates`");
+  }
+}
+
 // Why nobody was found: another domain, another kind of discovery, another arm.
 void ExplainSilence(const CheckOptions& options, DeviceReport& report) {
   const std::string topic = "/" + options.arm + "/measured_js";
@@ -361,7 +372,8 @@ DeviceReport CheckArm(const CheckOptions& options) {
   });
   if (driver.client().num_samples() == 0 && driver.state_publishers() == 0 &&
       driver.status() != PsmStatus::kIncompatible) {
-    ExplainSilence(options, report);
+    ExplainRefused(options, participant, report);
+    if (report.ok()) ExplainSilence(options, report);
     return report;
   }
   Say(options, "listening for " + Text(options.listen_s, 0) + " s");
