@@ -25,6 +25,7 @@ void LineEye::Ask(std::uint64_t question, std::int64_t after_ns,
 }
 
 void LineEye::Run() {
+  runtime::GiveUpRealTime();
   constexpr std::chrono::milliseconds kPoll(2);
   Question question;
   std::uint64_t answered = 0;

@@ -235,7 +235,7 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   Section loop = section("loop");
   loop.Get("period_s", config.period_s, 1e-3, 0.02);
   loop.Get("max_period_s", config.max_period_s, 2e-3, 10.0);
-  loop.Get("priority", config.priority, 0, 99);
+  loop.Get("priority", config.priority, 0, 98);
   loop.Get("max_state_jump_mm", config.max_state_jump_mm, 0.1, 100.0);
   if (config.max_period_s < 2.0 * config.period_s) {
     loop.Wrong("max_period_s", "at least twice period_s");

@@ -333,8 +333,15 @@ struct RobotPlant::Impl {
   }
 
   void AskForTruth() {
-    if (link) {
+    if (link && config.lock_step) {
       truth = link->Truth();
+      return;
+    }
+    if (link) {
+      // The loop goes on meanwhile: the console may have died.
+      link->BeginTruth();
+      while (!link->PollTruth(truth) && Tick(config.period_s)) {
+      }
       return;
     }
     if (!seen.seen()) return;
@@ -517,9 +524,8 @@ PlantStatus RobotPlant::Apply(std::span<const double> control) noexcept {
     i.AskForTruth();
   } catch (const std::exception& e) {
     i.machine.Doubted(Doubt::kArmSilent, e.what());
-    return PlantStatus::kFault;
   }
-  return PlantStatus::kOk;
+  return i.machine.may_move() ? PlantStatus::kOk : PlantStatus::kFault;
 }
 
 void RobotPlant::Observe(std::span<double> state) const noexcept {

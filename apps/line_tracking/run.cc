@@ -161,6 +161,8 @@ Robot MakeRobot(const RobotConfig& config, const RunOptions& options,
     if (!refused.empty()) std::cout << "note: " << refused << '\n';
   }
   auto plant = std::make_unique<RobotPlant>(config, known, recorder);
+  // The loop, which is this thread, before those of the network.
+  if (config.priority > 0) static_cast<void>(runtime::AskForRealTime(config.priority + 1));
   plant->on_transition = Show;
   plant->interrupted = &interrupted;
   plant->BringUp([](std::string_view words) { std::cout << "  " << words << std::endl; });

@@ -14,6 +14,16 @@ using Clock = std::chrono::steady_clock;
 
 constexpr double kAnswerTime = 5.0;  // s: drawing a picture may take a while
 
+SimulatorTruth ReadTruth(const std::string& text) {
+  std::istringstream in(text);
+  SimulatorTruth truth;
+  if (!(in >> truth.completed >> truth.collided >> truth.progress_m >> truth.distance_m >>
+        truth.tip_m.x() >> truth.tip_m.y() >> truth.tip_m.z())) {
+    throw std::runtime_error("the simulator's truth is not understood: " + text);
+  }
+  return truth;
+}
+
 }  // namespace
 
 SimulatorLink::SimulatorLink(dds::Participant& participant)
@@ -33,23 +43,32 @@ void SimulatorLink::Await(double timeout_s) {
   }
 }
 
-std::optional<std::string> SimulatorLink::TryAsk(const std::string& request, double timeout_s) {
-  dds::StringStamped message;
+void SimulatorLink::Begin(const std::string& request) {
   // The stamp is the question's number: never the same twice.
   last_id_ = std::max(last_id_ + 1, dds::Stamp::Now().nanoseconds());
+  dds::StringStamped message;
   message.stamp = dds::Stamp::FromNanoseconds(last_id_);
   message.text = request;
   if (!request_.Write(message)) {
     throw std::runtime_error("the simulator cannot be asked: DDS does not take the message");
   }
-  const auto end = Clock::now() + std::chrono::duration<double>(timeout_s);
+}
+
+std::optional<std::string> SimulatorLink::Poll() {
   dds::StringStamped reply;
+  while (reply_.Take(reply)) {
+    if (reply.stamp.nanoseconds() != last_id_) continue;
+    if (reply.text.rfind("ok", 0) == 0) return reply.text.substr(2);
+    throw std::runtime_error("the simulator answers: " + reply.text);
+  }
+  return std::nullopt;
+}
+
+std::optional<std::string> SimulatorLink::TryAsk(const std::string& request, double timeout_s) {
+  Begin(request);
+  const auto end = Clock::now() + std::chrono::duration<double>(timeout_s);
   while (true) {
-    while (reply_.Take(reply)) {
-      if (reply.stamp != message.stamp) continue;
-      if (reply.text.rfind("ok", 0) == 0) return reply.text.substr(2);
-      throw std::runtime_error("the simulator answers '" + request + "' with: " + reply.text);
-    }
+    if (std::optional<std::string> answer = Poll()) return answer;
     const double left_s = std::chrono::duration<double>(end - Clock::now()).count();
     if (left_s <= 0.0) return std::nullopt;
     reply_.Wait(left_s);
@@ -72,15 +91,14 @@ void SimulatorLink::AskForTime(const std::string& request) {
 
 void SimulatorLink::Reset(std::uint64_t seed) { AskForTime("reset " + std::to_string(seed)); }
 
-SimulatorTruth SimulatorLink::Truth() {
-  const std::string text = Ask("truth");
-  std::istringstream in(text);
-  SimulatorTruth truth;
-  if (!(in >> truth.completed >> truth.collided >> truth.progress_m >> truth.distance_m >>
-        truth.tip_m.x() >> truth.tip_m.y() >> truth.tip_m.z())) {
-    throw std::runtime_error("the simulator's truth is not understood: " + text);
-  }
-  return truth;
+SimulatorTruth SimulatorLink::Truth() { return ReadTruth(Ask("truth")); }
+
+void SimulatorLink::BeginTruth() { Begin("truth"); }
+
+bool SimulatorLink::PollTruth(SimulatorTruth& truth) {
+  const std::optional<std::string> answer = Poll();
+  if (answer) truth = ReadTruth(*answer);
+  return answer.has_value();
 }
 
 void SimulatorLink::Fault(const std::string& name, const std::string& value) {

@@ -19,8 +19,8 @@ struct SimulatorTruth {
 };
 
 /// Asks dvrk_simulator for what a robot's console has no topic for: episodes, the truth, and in
-/// lock-step that its time goes on. Every call waits for the answer. One object belongs to one
-/// thread.
+/// lock-step that its time goes on. Calls wait for the answer, but for two. One object belongs to
+/// one thread.
 class SimulatorLink {
  public:
   explicit SimulatorLink(dds::Participant& participant);
@@ -30,6 +30,9 @@ class SimulatorLink {
   /// A new episode, as sim::LineTrackingPlant::Reset(seed).
   void Reset(std::uint64_t seed);
   [[nodiscard]] SimulatorTruth Truth();
+  /// The same without waiting: false while the answer has not come.
+  void BeginTruth();
+  [[nodiscard]] bool PollTruth(SimulatorTruth& truth);
   /// From now on something goes wrong; `name` and `value` as DvrkSceneServer::SetFault() has them.
   void Fault(const std::string& name, const std::string& value);
   // In lock-step:
@@ -44,7 +47,9 @@ class SimulatorLink {
  private:
   // The answer behind "ok". @throws std::runtime_error if there is none, or an error.
   std::string Ask(const std::string& request);
-  // The same, or nothing if there is no answer in time.
+  void Begin(const std::string& request);
+  std::optional<std::string> Poll();
+  // The answer, or nothing if there is none in time.
   std::optional<std::string> TryAsk(const std::string& request, double timeout_s);
   void AskForTime(const std::string& request);
 

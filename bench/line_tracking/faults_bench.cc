@@ -72,7 +72,7 @@ RobotConfig Configuration(int domain) {
   config.robot = RobotPlace::kDds;
   config.network.domain = domain;
   config.simulator = true;
-  config.image_max_age_s = 0.1;
+  config.image_max_age_s = 0.08;
   return config;
 }
 
@@ -89,6 +89,7 @@ void RunRobot(const std::filesystem::path& folder, int domain) {
                 runtime::Name(t.doubt), t.detail.data());
     std::fflush(stdout);
   };
+  static_cast<void>(runtime::AskForRealTime(config.priority + 1));
   plant.BringUp({});
   const std::unique_ptr<control::Controller> guided = model.MakeController(Method::Parse("guided"));
   BreakingPolicy breaking(*guided);

@@ -1,9 +1,12 @@
 #include "dfr/runtime/periodic_timer.h"
 
 #include <gtest/gtest.h>
+#include <sched.h>
+#include <sys/mman.h>
 
 #include <chrono>
 #include <stdexcept>
+#include <string>
 #include <thread>
 
 #include "tests/support/no_alloc.h"
@@ -46,6 +49,21 @@ TEST(PeriodicTimerTest, ClocksAreInNanoseconds) {
   const std::int64_t before = SteadyNow();
   std::this_thread::sleep_for(std::chrono::milliseconds(2));
   EXPECT_GE(SteadyNow() - before, 2'000'000);
+}
+
+// Granted or not, which depends on the user's rights, the program goes on, and knows.
+TEST(PeriodicTimerTest, RealTimeIsGrantedOrTheMissingRightIsNamed) {
+  std::string refused;
+  int granted = -1;
+  std::thread([&] {
+    refused = AskForRealTime(1);
+    granted = sched_getscheduler(0);
+    GiveUpRealTime();
+    EXPECT_EQ(sched_getscheduler(0), SCHED_OTHER);
+  }).join();
+  munlockall();
+  EXPECT_EQ(granted == SCHED_FIFO, refused.find("no real-time scheduling") == std::string::npos)
+      << refused;
 }
 
 TEST(PeriodicTimerTest, ThrowsForPeriodsOutOfRange) {

@@ -86,4 +86,9 @@ std::string AskForRealTime(int priority) {
   return refused;
 }
 
+void GiveUpRealTime() noexcept {
+  const sched_param parameters{};
+  pthread_setschedparam(pthread_self(), SCHED_OTHER, &parameters);
+}
+
 }  // namespace dfr::runtime

@@ -49,6 +49,9 @@ class PeriodicTimer {
 /// Asks the system to favour the calling thread: SCHED_FIFO at `priority` in [1, 99], and the
 /// process's memory locked against paging. Empty if both were granted; else in words what was not,
 /// and which right is missing. The program works all the same.
+/// Threads that it makes from then on are favoured, too.
 [[nodiscard]] std::string AskForRealTime(int priority);
+/// The calling thread is scheduled as usual again: for work that may wait, in a favoured process.
+void GiveUpRealTime() noexcept;
 
 }  // namespace dfr::runtime
