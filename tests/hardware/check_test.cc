@@ -4,13 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <functional>
-#include <mutex>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
@@ -19,157 +18,20 @@
 #include "dfr/core/random.h"
 #include "dfr/dds/channel.h"
 #include "dfr/hardware/intrinsics_file.h"
-#include "dfr/sim/dvrk/psm_console_server.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/peer_process.h"
+#include "tests/hardware/check_support.h"
 #include "tests/hardware_stewart/sprk_emulator.h"
 
 namespace dfr::apps {
 namespace {
 
-using Clock = std::chrono::steady_clock;
+using test::Background;
+using test::ForArm;
+using test::Options;
+using test::Shown;
 using testing::AllOf;
 using testing::HasSubstr;
-using testing::Not;
-
-CheckOptions Options() {
-  CheckOptions options;
-  options.network.domain = test::OwnDomain();
-  options.find_s = 20.0;  // of a machine that is busy with other things
-  options.listen_s = 0.4;
-  return options;
-}
-
-// `find_s` is waited for in vain where something is missing.
-CheckOptions ForArm(const std::string& arm = "PSM1", double find_s = 20.0) {
-  CheckOptions options = Options();
-  options.find_s = find_s;
-  options.arm = arm;
-  return options;
-}
-
-std::string Shown(const DeviceReport& report) {
-  std::ostringstream out;
-  Print(report, out);
-  return out.str();
-}
-
-// Something that goes on in a thread of its own while the test checks.
-class Background {
- public:
-  explicit Background(const std::function<void()>& step)
-      : thread_([this, step] {
-          while (!stop_) {
-            step();
-            std::this_thread::sleep_for(std::chrono::milliseconds(1));
-          }
-        }) {}
-  ~Background() {
-    stop_ = true;
-    thread_.join();
-  }
-  Background(const Background&) = delete;
-  Background& operator=(const Background&) = delete;
-
- private:
-  std::atomic<bool> stop_{false};
-  std::thread thread_;
-};
-
-class ArmCheckTest : public testing::Test {
- protected:
-  void Change(const std::function<void()>& change) {
-    const std::lock_guard lock(mutex_);
-    change();
-  }
-
-  std::mutex mutex_;
-  sim::PsmConsole console_{{.arm = "PSM1", .homing_s = 0.1}};
-  dds::Participant participant_{{.domain = test::OwnDomain()}};
-  sim::PsmConsoleServer server_{participant_, console_};
-  Clock::time_point last_ = Clock::now();
-  Background background_{[this] {
-    const auto now = Clock::now();
-    const std::lock_guard lock(mutex_);
-    server_.Tick(std::min(0.05, std::chrono::duration<double>(now - last_).count()));
-    last_ = now;
-  }};
-};
-
-TEST_F(ArmCheckTest, FindsTheConsoleAndSaysToHome) {
-  const DeviceReport report = CheckArm(ForArm());
-  EXPECT_FALSE(report.ok());
-  EXPECT_THAT(Shown(report), AllOf(HasSubstr("6 of the console's topics found"),
-                                   HasSubstr("[wrong] the arm is DISABLED"), HasSubstr("--home")));
-}
-
-TEST_F(ArmCheckTest, HomesAndMovesOnlyAfterAsking) {
-  CheckOptions options = ForArm();
-  options.home = options.move = true;
-  int asked = 0;
-  options.ask = [&](const std::string&) {
-    ++asked;
-    return false;
-  };
-  EXPECT_FALSE(CheckArm(options).ok());
-  EXPECT_EQ(asked, 1);
-  Change([&] { EXPECT_FALSE(console_.homed()); });
-  options.ask = [&](const std::string&) {
-    ++asked;
-    return true;
-  };
-  const DeviceReport report = CheckArm(options);
-  EXPECT_TRUE(report.ok()) << Shown(report);
-  EXPECT_EQ(asked, 3);
-  EXPECT_THAT(Shown(report), HasSubstr("told to insert by 2.0 mm, the arm moved"));
-  Change([&] { EXPECT_NEAR(console_.setpoint_joints()[2], 0.12, 1e-9); });
-}
-
-TEST_F(ArmCheckTest, NamesFaultInTheConsolesWords) {
-  Change([&] {
-    console_.StateCommand("home");
-    console_.Fail("the brake is stuck");
-  });
-  EXPECT_THAT(Shown(CheckArm(ForArm())),
-              AllOf(HasSubstr("FAULT"), HasSubstr("\"PSM1: the brake is stuck\""),
-                    HasSubstr("disable, home")));
-}
-
-TEST_F(ArmCheckTest, NamesWhatIsWrongWithTheSamples) {
-  Change([&] { console_.StateCommand("home"); });
-  std::this_thread::sleep_for(std::chrono::milliseconds(300));
-  sim::ConsoleFaults faults;
-  faults.delay_s = 1.0;
-  Change([&] { server_.SetFaults(faults); });
-  EXPECT_THAT(Shown(CheckArm(ForArm())), HasSubstr("s behind this machine's clock"));
-  faults = {};
-  faults.invalid = true;
-  Change([&] { server_.SetFaults(faults); });
-  EXPECT_THAT(Shown(CheckArm(ForArm())), HasSubstr("stamped zero though the arm is homed"));
-  faults = {};
-  faults.corrupt = true;
-  Change([&] { server_.SetFaults(faults); });
-  EXPECT_THAT(Shown(CheckArm(ForArm())), HasSubstr("not finite"));
-  faults = {};
-  faults.drop = 0.9;
-  Change([&] { server_.SetFaults(faults); });
-  EXPECT_THAT(Shown(CheckArm(ForArm())), HasSubstr("a console publishes 100 times"));
-}
-
-TEST_F(ArmCheckTest, NamesOtherClientsAndASecondConsole) {
-  Change([&] { console_.StateCommand("home"); });
-  const dds::Publisher<dds::PoseStamped> other(participant_, "/PSM1/servo_cp", dds::Role::kCommand);
-  const dds::Publisher<dds::JointState> console(participant_, "/PSM1/measured_js",
-                                                dds::Role::kState);
-  EXPECT_THAT(Shown(CheckArm(ForArm())),
-              AllOf(HasSubstr("someone else can command the arm"),
-                    HasSubstr("2 publishers on /PSM1/measured_js"), HasSubstr("but one")));
-}
-
-TEST_F(ArmCheckTest, AnotherArmsNameIsNamed) {
-  EXPECT_THAT(Shown(CheckArm(ForArm("PSM2", 1.0))),
-              AllOf(HasSubstr("nobody publishes /PSM2/measured_js"), HasSubstr("there is PSM1")));
-}
 
 TEST(NoArmCheckTest, SaysWhatToStart) {
   const DeviceReport report = CheckArm(ForArm("PSM1", 0.3));
