@@ -174,11 +174,7 @@ struct RobotPlant::Impl {
       if (link_lost) machine.Doubted(Doubt::kArmSilent, "the simulator does not answer");
       try {
         if (link_lost) return false;
-        driver.Flush();
-        const std::uint64_t sent = driver.setpoints_sent();
-        link->Run(dt_s, static_cast<int>(sent - setpoints_seen));
-        setpoints_seen = sent;
-        driver.Flush();
+        RunSimulator(dt_s);
       } catch (const std::exception& e) {
         link_lost = true;
         machine.Doubted(Doubt::kArmSilent, e.what());
@@ -192,6 +188,24 @@ struct RobotPlant::Impl {
     Report();
     watchman.Beat(machine.state());
     return machine.may_move();
+  }
+
+  // Lets the simulator's time go on with the set-points that the driver has sent, and sends them
+  // again if they have expired on the way.
+  void RunSimulator(double dt_s) {
+    constexpr int kTries = 20;
+    for (int n = 0; n < kTries; ++n) {
+      driver.Flush();
+      const std::uint64_t sent = driver.setpoints_sent();
+      const bool ran = link->Run(dt_s, n == 0 ? static_cast<int>(sent - setpoints_seen) : 1);
+      setpoints_seen = sent;
+      if (ran) {
+        driver.Flush();
+        return;
+      }
+      static_cast<void>(driver.Tick(SteadyNs(), WallNs()));
+    }
+    throw std::runtime_error("set-points do not reach the simulator");
   }
 
   // Looks at everything that can be in doubt.

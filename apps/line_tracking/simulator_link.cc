@@ -5,6 +5,7 @@
 #include <chrono>
 #include <sstream>
 #include <stdexcept>
+#include <string_view>
 #include <utility>
 
 namespace dfr::apps {
@@ -105,10 +106,16 @@ void SimulatorLink::Fault(const std::string& name, const std::string& value) {
   Ask("fault " + name + " " + value);
 }
 
-void SimulatorLink::Run(double dt_s, int commands) {
+bool SimulatorLink::Run(double dt_s, int commands) {
   std::array<char, 32> digits;
   const auto end = std::to_chars(digits.begin(), digits.end(), dt_s);
-  AskForTime("run " + std::string(digits.begin(), end.ptr) + " " + std::to_string(commands));
+  try {
+    AskForTime("run " + std::string(digits.begin(), end.ptr) + " " + std::to_string(commands));
+  } catch (const std::runtime_error& e) {
+    if (std::string_view(e.what()).find("commands have come") == std::string_view::npos) throw;
+    return false;
+  }
+  return true;
 }
 
 void SimulatorLink::Rest() { AskForTime("rest"); }

@@ -36,8 +36,9 @@ class SimulatorLink {
   /// From now on something goes wrong; `name` and `value` as DvrkSceneServer::SetFault() has them.
   void Fault(const std::string& name, const std::string& value);
   // In lock-step:
-  /// Time goes on, after `commands` motion commands have come since the last time.
-  void Run(double dt_s, int commands);
+  /// Time goes on, after `commands` motion commands have come since the last time. False, and time
+  /// stands still, if they have not: set-points expire after 50 ms where the machine is busy.
+  [[nodiscard]] bool Run(double dt_s, int commands);
   void Rest();  ///< Everything comes to rest.
   void Look();  ///< The next picture is taken and published.
 
