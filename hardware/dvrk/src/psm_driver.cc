@@ -12,7 +12,8 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/dds/channel.h"
-#include "mailbox.h"
+#include "dfr/runtime/latest.h"
+#include "queue.h"
 
 namespace dfr::hardware {
 namespace {
@@ -231,14 +232,14 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<bool> hold_wanted{false};
   std::atomic<bool> failed{false};
   std::atomic<std::uint64_t> sent{0};
-  internal::Newest<PsmJointSample> new_measured_js;
-  internal::Newest<PsmJointSample> new_setpoint_js;
-  internal::Newest<PsmPoseSample> new_measured_cp;
-  internal::Newest<PsmJawSample> new_jaw_measured;
-  internal::Newest<PsmJawSample> new_jaw_setpoint;
-  internal::Newest<PsmOperatingState> new_operating;
+  runtime::Latest<PsmJointSample> new_measured_js;
+  runtime::Latest<PsmJointSample> new_setpoint_js;
+  runtime::Latest<PsmPoseSample> new_measured_cp;
+  runtime::Latest<PsmJawSample> new_jaw_measured;
+  runtime::Latest<PsmJawSample> new_jaw_setpoint;
+  runtime::Latest<PsmOperatingState> new_operating;
   internal::Queue<ConsoleWord, kMostWords> words;
-  internal::Newest<ConsoleWord> new_error;
+  runtime::Latest<ConsoleWord> new_error;
   std::atomic<int> num_errors{0};
   std::atomic<int> state_publishers{0};
   std::atomic<int> incompatible{0};
