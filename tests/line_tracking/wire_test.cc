@@ -18,6 +18,7 @@
 #include "tests/dds/domain.h"
 #include "tests/dds/peer_process.h"
 #include "tests/line_tracking/scene.h"
+#include "tests/support/no_alloc.h"
 
 namespace dfr::apps {
 namespace {
@@ -121,6 +122,28 @@ TEST(WireTest, AStateMachineThatDoubtsStandsStillUntilStarted) {
   EXPECT_EQ(robot.state(), runtime::RunState::kFaulted);
   EXPECT_NE(robot.cause().find("arm-silent"), std::string::npos) << robot.cause();
   EXPECT_NE(robot.Start(), runtime::Doubt::kNone);
+}
+
+TEST(WireTest, TheLoopAllocatesNothingInRealTime) {
+  const int domain = test::OwnDomain();
+  const sim::LineTrackingCalibration known = Data().Calibration();
+  const test::PeerProcess simulator({DFR_SIMULATOR, "--domain", std::to_string(domain), "--homing",
+                                     "0.1", "--image-period", "0.1"});
+  RobotConfig config = LockStep(domain);
+  config.lock_step = false;
+  config.image_max_age_s = 5.0;  // pictures are drawn by a processor that others use, too
+  config.max_period_s = 5.0;
+  config.arm_client.watchdog.max_age_s = config.arm_client.watchdog.max_silence_s = 5.0;
+  config.arm_client.max_tick_gap_s = 5.0;
+  RobotPlant robot(config, known, nullptr);
+  robot.BringUp({});
+  robot.Reset(1);
+  ASSERT_EQ(robot.state(), runtime::RunState::kRunning) << robot.cause();
+  {
+    const test::NoAlloc no_alloc;
+    robot.Idle(0.5);
+  }
+  EXPECT_EQ(robot.state(), runtime::RunState::kRunning) << robot.cause();
 }
 
 TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSeen) {
