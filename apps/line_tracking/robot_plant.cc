@@ -410,7 +410,7 @@ void RobotPlant::BringUp(const std::function<void(std::string_view)>& say) {
     return;
   }
   if (const PsmStatus status = hardware::BringUp(i.driver, 120.0, say); status != PsmStatus::kOk) {
-    throw std::runtime_error(i.driver.Explain());
+    throw std::runtime_error(i.driver.Explain() + dds::ExplainRefused(i.network));
   }
   i.driver.Hold();
   // The camera and the emergency stop may be found later than the arm.

@@ -28,7 +28,8 @@ SimulatorTruth ReadTruth(const std::string& text) {
 }  // namespace
 
 SimulatorLink::SimulatorLink(dds::Participant& participant)
-    : request_(participant, "/simulator/request", dds::Role::kRequest),
+    : participant_(&participant),
+      request_(participant, "/simulator/request", dds::Role::kRequest),
       reply_(participant, "/simulator/reply", dds::Role::kRequest) {}
 
 void SimulatorLink::Await(double timeout_s) {
@@ -39,7 +40,8 @@ void SimulatorLink::Await(double timeout_s) {
     if (Clock::now() > end) {
       throw std::runtime_error(
           "there is no simulator on the network: start dvrk_simulator with the same --domain and "
-          "--discovery, or set simulator.present = false for a robot");
+          "--discovery, or set simulator.present = false for a robot" +
+          dds::ExplainRefused(*participant_));
     }
   }
 }

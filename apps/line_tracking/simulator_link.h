@@ -54,6 +54,7 @@ class SimulatorLink {
   std::optional<std::string> TryAsk(const std::string& request, double timeout_s);
   void AskForTime(const std::string& request);
 
+  dds::Participant* participant_;
   dds::Publisher<dds::StringStamped> request_;
   dds::Subscriber<dds::StringStamped> reply_;
   std::int64_t last_id_ = 0;

@@ -152,6 +152,8 @@ TEST_F(SecurityTest, APeerWithoutCertificateHearsAndCommandsNothing) {
     ASSERT_EQ(member->refused_peers().size(), 1U);
     EXPECT_EQ(member->refused_peers()[0].name, "stranger");
     EXPECT_EQ(member->refused_peers()[0].reason, "it has no certificate");
+    EXPECT_EQ(ExplainRefused(*member),
+              "; 'stranger' is there, and not admitted: it has no certificate");
   }
   EXPECT_EQ(lab.client.TakeRefusedPeers().size(), 1U);
   EXPECT_TRUE(lab.client.TakeRefusedPeers().empty());

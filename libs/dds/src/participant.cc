@@ -259,6 +259,14 @@ std::vector<RefusedPeer> Participant::refused_peers() const { return impl_->list
 
 std::vector<RefusedPeer> Participant::TakeRefusedPeers() { return impl_->listener.TakeRefused(); }
 
+std::string ExplainRefused(const Participant& participant) {
+  std::string text;
+  for (const RefusedPeer& peer : participant.refused_peers()) {
+    text += "; '" + peer.name + "' is there, and not admitted: " + peer.reason;
+  }
+  return text;
+}
+
 const ParticipantOptions& Participant::options() const noexcept { return impl_->options; }
 
 }  // namespace dfr::dds
