@@ -53,7 +53,7 @@ struct RobotConfig {
 
   // [emergency_stop]
   bool emergency_stop = true;
-  double emergency_stop_silence_s = 0.07;
+  double emergency_stop_silence_s = 0.06;
 
   // [loop]
   double period_s = 0.005;

@@ -240,7 +240,10 @@ struct RobotPlant::Impl {
     if (recorder != nullptr && recorder->failed()) {
       machine.Doubted(Doubt::kRecorder, "the recording cannot be written: is the disk full?");
     }
-    if (!machine.may_move() && driver.phase() == hardware::PsmPhase::kArmed) driver.Hold();
+    if (!machine.may_move() && driver.phase() == hardware::PsmPhase::kArmed) {
+      driver.Hold();
+      static_cast<void>(driver.Tick(now_ns, WallNs()));  // at once, not with the next period
+    }
   }
 
   void WatchCamera() noexcept {

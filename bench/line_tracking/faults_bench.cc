@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <functional>
@@ -72,7 +73,7 @@ RobotConfig Configuration(int domain) {
   config.robot = RobotPlace::kDds;
   config.network.domain = domain;
   config.simulator = true;
-  config.image_max_age_s = 0.08;
+  config.image_max_age_s = 0.07;
   return config;
 }
 
@@ -428,6 +429,10 @@ void Measure(const std::filesystem::path& folder, int domain, int trials,
              const std::vector<std::string>& only, std::uint64_t seed) {
   Site site(folder, domain);
   core::Random random(seed);
+  constexpr double kTrialMinutes = 0.055;
+  const std::size_t kinds = only.empty() ? Faults().size() : only.size();
+  std::printf("%zu faults, %d times each: about %.0f minutes\n", kinds, trials,
+              std::ceil(kTrialMinutes * static_cast<double>(kinds) * trials));
   std::printf("%-20s %8s %8s  %12s  %8s  %10s  %8s  %s\n", "fault", "trials", "detected",
               "after [ms]", "hold [ms]", "motion [mm]", "restarts", "what the operator is told");
   std::printf("%-20s %8s %8s  %12s  %8s  %10s\n", "", "", "", "p50     max", "max", "max");

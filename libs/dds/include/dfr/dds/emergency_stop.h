@@ -48,7 +48,7 @@ class EmergencyStopReceiver {
  public:
   /// @param max_silence_s  after which it counts as absent, in [0.05, 10].
   /// @throws as Subscriber, and std::invalid_argument for another max_silence_s.
-  explicit EmergencyStopReceiver(Participant& participant, double max_silence_s = 0.07,
+  explicit EmergencyStopReceiver(Participant& participant, double max_silence_s = 0.06,
                                  const std::string& topic = kEmergencyStopTopic);
 
   /// @param steady_ns  a clock that never goes back.
