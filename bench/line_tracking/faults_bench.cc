@@ -62,10 +62,19 @@ class BreakingPolicy final : public control::Controller {
   [[nodiscard]] control::Step DoNext(std::span<const double> x,
                                      std::span<double> u) noexcept override {
     const control::Step step = inner_->Next(x, u);
-    if (policy_is_broken) std::fill(u.begin(), u.end(), std::numeric_limits<double>::quiet_NaN());
+    if (!policy_is_broken) said_ = false;
+    if (policy_is_broken) {
+      if (!said_) {
+        std::printf("%lld broken none\n", static_cast<long long>(runtime::SteadyNow()));
+        std::fflush(stdout);
+      }
+      said_ = true;
+      std::fill(u.begin(), u.end(), std::numeric_limits<double>::quiet_NaN());
+    }
     return step;
   }
   control::Controller* inner_;
+  bool said_ = false;
 };
 
 RobotConfig Configuration(int domain) {
@@ -227,6 +236,10 @@ class Site {
       std::array<char, 64> doubt{};
       long long ns = 0;
       if (std::sscanf(line->c_str(), "%lld %31s %63s", &ns, to.data(), doubt.data()) != 3) continue;
+      if (std::string(to.data()) == "broken") {
+        broken_ns_ = ns;
+        continue;
+      }
       state_ = to.data();
       if (std::string(doubt.data()) != "none" && !told_) {
         told_ = doubt.data();
@@ -259,12 +272,15 @@ class Site {
     Listen();
     told_.reset();
     operator_ns_.reset();
+    broken_ns_.reset();
     restarts_ = 0;
   }
 
   [[nodiscard]] const std::optional<std::string>& told() const { return told_; }
   [[nodiscard]] std::int64_t told_ns() const { return told_ns_; }
   [[nodiscard]] const std::optional<std::int64_t>& operator_ns() const { return operator_ns_; }
+  /// When the policy first said NaN.
+  [[nodiscard]] const std::optional<std::int64_t>& broken_ns() const { return broken_ns_; }
   [[nodiscard]] int restarts() const { return restarts_; }
 
  private:
@@ -274,6 +290,7 @@ class Site {
   std::optional<std::string> told_;
   std::int64_t told_ns_ = 0;
   std::optional<std::int64_t> operator_ns_;
+  std::optional<std::int64_t> broken_ns_;
   int restarts_ = 0;
 
  public:
@@ -379,7 +396,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   SleepMs(random.Uniform(200.0, 900.0));
   for (site.Forget(); !site.Moving(); site.Forget()) site.AwaitMotion();  // between two episodes
 
-  const Eigen::Vector3d before = site.link->Truth().tip_m;
+  Eigen::Vector3d before = site.link->Truth().tip_m;
   const std::int64_t start_ns = runtime::SteadyNow();
   fault.begin(site);
   struct Sample {
@@ -402,13 +419,19 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
     samples.push_back({now_ms(), site.link->Truth().tip_m});
   }
 
+  // A broken policy does no harm before it is asked.
+  const double since_ms =
+      site.broken_ns() ? static_cast<double>(*site.broken_ns() - start_ns) / kMillisecond : 0.0;
+  std::erase_if(samples, [&](const Sample& sample) { return sample.ms < since_ms; });
+  if (site.broken_ns()) before = samples.front().tip_m;
+
   ++row.trials;
   row.restarts += site.restarts();
   const bool told = fault.to_operator ? site.operator_ns().has_value() : site.told().has_value();
   if (told) {
     ++row.detected;
     const std::int64_t ns = fault.to_operator ? *site.operator_ns() : site.told_ns();
-    row.detection_ms.push_back(static_cast<double>(ns - start_ns) / kMillisecond);
+    row.detection_ms.push_back(static_cast<double>(ns - start_ns) / kMillisecond - since_ms);
     row.told.insert(fault.to_operator ? "operator's screen" : *site.told());
   }
   double motion_mm = 0.0;
@@ -418,7 +441,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   if (fault.name != "kill-console" && fault.name != "arm-fault") {
     for (const Sample& sample : samples) {
       motion_mm = std::max(motion_mm, 1e3 * (sample.tip_m - before).norm());
-      if (1e3 * (sample.tip_m - last).norm() > kStill) hold_ms = sample.ms;
+      if (1e3 * (sample.tip_m - last).norm() > kStill) hold_ms = sample.ms - since_ms;
     }
   }
   row.motion_mm.push_back(motion_mm);
