@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "dfr/core/build_info.h"
+#include "dfr/runtime/periodic_timer.h"
 #include "dfr/sim/dvrk_scene/dvrk_scene_server.h"
 
 namespace {
@@ -36,6 +37,7 @@ struct Options {
   bool shared_memory = true;
   double duration_s = 0.0;
   double status_s = 0.0;
+  int priority = 0;
   std::vector<std::pair<std::string, std::string>> faults;
 };
 
@@ -147,6 +149,11 @@ void AddTime(CLI::App& app, Options& options) {
       ->group(group);
   app.add_option("--image-period", options.server.image_period_s, "seconds between pictures")
       ->default_str("1/30")
+      ->group(group);
+  app.add_option("--priority", options.priority,
+                 "SCHED_FIFO of the arm, as a console has its own processor; 0: as usual")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 99))
       ->group(group);
   app.add_option("--duration", options.duration_s, "stop by itself after so many seconds; 0: never")
       ->capture_default_str()
@@ -278,6 +285,11 @@ void Run(Options options) {
   for (const auto& [name, value] : options.faults) server.SetFault(name, value);
   Introduce(options);
 
+  // Here, so that whoever draws the pictures is not favoured.
+  if (options.priority > 0) {
+    const std::string refused = dfr::runtime::AskForRealTime(options.priority);
+    if (!refused.empty()) std::cout << "note: " << refused << std::endl;
+  }
   Status status(options, scene, server);
   constexpr std::chrono::milliseconds kPeriod(1);
   // Simulated time is the clock's; where the machine falls behind, a step is longer, up to what the

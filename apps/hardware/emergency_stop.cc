@@ -39,7 +39,7 @@ std::string Typed(bool& open) {
 class RobotWatch {
  public:
   explicit RobotWatch(dds::Participant& participant)
-      : subscriber_(participant, "/line_tracking/operating_state", dds::Role::kState) {}
+      : subscriber_(participant, "/line_tracking/run_state", dds::Role::kState) {}
 
   void Show() {
     const auto now = std::chrono::steady_clock::now();

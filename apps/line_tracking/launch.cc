@@ -213,7 +213,11 @@ void RunLaunch(const LaunchOptions& options) {
   std::vector<std::string> simulate = {
       Beside("dvrk_simulator"), "--domain", domain, "--arm", config.arm, "--wave", "random"};
   simulate.insert(simulate.end(), {"--calibration", config.calibration.string()});
-  if (config.lock_step) simulate.emplace_back("--lock-step");
+  if (config.lock_step) {
+    simulate.emplace_back("--lock-step");
+  } else {
+    simulate.insert(simulate.end(), {"--priority", std::to_string(config.priority)});
+  }
   std::vector<std::string> run = {Beside("line_tracking"),
                                   "run",
                                   "--config",

@@ -13,7 +13,7 @@ constexpr std::int64_t kAnnouncePeriod = 20'000'000;  // ns
 }  // namespace
 
 Watchman::Watchman(dds::Participant& participant, bool with_stop, double max_silence_s)
-    : announcer_(participant, "/line_tracking/operating_state", dds::Role::kState),
+    : announcer_(participant, "/line_tracking/run_state", dds::Role::kState),
       stop_state_(with_stop ? dds::EmergencyStop::kSilent : dds::EmergencyStop::kClear),
       looked_ns_(runtime::SteadyNow()) {
   if (with_stop) receiver_.emplace(participant, max_silence_s);

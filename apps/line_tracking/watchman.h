@@ -11,7 +11,7 @@
 namespace dfr::apps {
 
 /// Listens to the emergency stop and tells the operator's programs how the control loop fares, on
-/// the topic /line_tracking/operating_state, which `hardware stop` shows, in a thread of its own:
+/// the topic /line_tracking/run_state, which `hardware stop` shows, in a thread of its own:
 /// what the loop calls here neither allocates, locks nor waits, and makes no call of DDS.
 class Watchman {
  public:
