@@ -70,8 +70,8 @@ class Participant {
   std::unique_ptr<Impl> impl_;
 };
 
-/// For the end of a complaint that nobody answers: "; 'NAME' is there, and not admitted: REASON" for
-/// each of the participant's refused_peers().
+/// For the end of a complaint that nobody answers: "; 'NAME' is there, and not admitted: REASON"
+/// for each of the participant's refused_peers().
 [[nodiscard]] std::string ExplainRefused(const Participant& participant);
 
 }  // namespace dfr::dds
