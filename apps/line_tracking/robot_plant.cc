@@ -404,7 +404,7 @@ RobotPlant::RobotPlant(const RobotConfig& config, const line_task::LineCalibrati
   if (impl_->link) impl_->link->Await(10.0);
 }
 
-RobotPlant::~RobotPlant() { Halt(); }
+RobotPlant::~RobotPlant() = default;  // its driver tells the console to hold
 
 void RobotPlant::BringUp(const std::function<void(std::string_view)>& say) {
   Impl& i = *impl_;

@@ -188,7 +188,7 @@ void RunRun(const RunOptions& options) {
   }
   std::signal(SIGINT, Interrupt);
   std::signal(SIGTERM, Interrupt);
-  const Robot robot = MakeRobot(config, options, known, recorder ? &*recorder : nullptr);
+  Robot robot = MakeRobot(config, options, known, recorder ? &*recorder : nullptr);
   const std::unique_ptr<control::Controller> decides =
       model.MakeController(Method::Parse(config.method));
   RecordedController controller(*decides, recorder ? &*recorder : nullptr);
@@ -235,11 +235,13 @@ void RunRun(const RunOptions& options) {
         static_cast<long long>(times.periods), 1e3 * config.period_s, 1e3 * times.jitter_p50_s,
         1e3 * times.jitter_p999_s, 1e3 * times.worst_s, static_cast<long long>(times.missed));
   }
+  const std::string why = stopped ? robot.wire->cause() : std::string();
+  robot = {};  // its threads record no more
   if (recorder) {
     recorder->Finish();
     std::cout << log.string() << " written: line_tracking replay makes its decisions again\n";
   }
-  if (stopped) throw std::runtime_error("the robot stands still: " + robot.wire->cause());
+  if (stopped) throw std::runtime_error("the robot stands still: " + why);
 }
 
 void RunReplay(const ReplayOptions& options) {
