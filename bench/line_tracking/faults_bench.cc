@@ -431,7 +431,9 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   if (told) {
     ++row.detected;
     const std::int64_t ns = fault.to_operator ? *site.operator_ns() : site.told_ns();
-    row.detection_ms.push_back(static_cast<double>(ns - start_ns) / kMillisecond - since_ms);
+    // A period's doubts are told with its beginning.
+    row.detection_ms.push_back(
+        std::max(0.0, static_cast<double>(ns - start_ns) / kMillisecond - since_ms));
     row.told.insert(fault.to_operator ? "operator's screen" : *site.told());
   }
   double motion_mm = 0.0;
