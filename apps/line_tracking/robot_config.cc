@@ -167,9 +167,10 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   std::ifstream in(file);
   config.text.assign(std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>());
   if (!in) {
-    throw std::runtime_error(file.string() +
-                             ": the configuration cannot be read. Examples are in "
-                             "apps/line_tracking/config");
+    throw std::runtime_error(
+        file.string() +
+        ": the configuration cannot be read. Examples are in "
+        "apps/line_tracking/config, or share/dfr/line_tracking where it is installed");
   }
   toml::table root;
   try {
