@@ -71,8 +71,7 @@ void Print(std::ostream& out, const Calibration& calibration, const CalibrationS
 ///   and 10 degrees. Its arm.reference is kept.
 /// @param p_cam_target  guess for the target's pose in all pictures.
 /// @throws std::invalid_argument if there are fewer than 10 frames with at least 4 marks and a tip,
-/// a
-///   frame's number of marks is wrong, or an option is out of range.
+///   a frame's number of marks is wrong, or an option is out of range.
 [[nodiscard]] Calibration Calibrate(std::span<const vision::CalibrationFrame> frames,
                                     std::span<const Eigen::Vector2d> marks_m,
                                     const Calibration& guess, const Eigen::Isometry3d& p_cam_target,

@@ -32,8 +32,7 @@ struct CertificateOptions {
 ///
 /// Keys are readable for their user alone.
 /// @throws std::invalid_argument if an option is out of range; std::runtime_error naming the file
-/// if
-///   it exists, or cannot be written.
+///   if it exists, or cannot be written.
 void MakeAuthority(const std::filesystem::path& folder, const CertificateOptions& options = {});
 
 /// Adds a participant: its key, certificate and signed permissions. They stay valid for

@@ -12,11 +12,9 @@ namespace dfr::dds {
 /// role match subscribers of the same role, and both match a plain ROS 2 peer, except where noted.
 enum class Role {
   /// Set-points in quick succession: only the newest counts. The publisher offers a deadline of
-  /// 40 ms and liveliness by writing with a lease of 100 ms. Samples that were not taken expire 50
-  /// ms
-  /// after they were sent, so clocks of two machines must agree to a few milliseconds. The
-  /// subscriber asks for nothing, as a
-  /// console does.
+  /// 40 ms and liveliness by writing with a lease of 100 ms. Samples that were not taken expire
+  /// 50 ms after they were sent, so clocks of two machines must agree to a few milliseconds. The
+  /// subscriber asks for nothing, as a console does.
   kCommand,
   /// The same, and the subscriber asks for deadline and liveliness: its Health() then tells within
   /// 100 ms that the publisher has died or hangs. Refuses a plain ROS 2 publisher.

@@ -57,8 +57,7 @@ OneClassSvm FitKernelDensity(const Eigen::Ref<const core::Matrix>& samples, doub
 class GaussianEstimate final : public SupportEstimate {
  public:
   /// @throws std::invalid_argument if there are fewer than 2 samples, one is not finite, nu is not
-  /// in
-  ///   (0, 1], ridge is negative, or C is singular (constant features need ridge > 0, and some
+  ///   in (0, 1], ridge is negative, or C is singular (constant features need ridge > 0, and some
   ///   variance at all).
   static GaussianEstimate Fit(const Eigen::Ref<const core::Matrix>& samples, double nu,
                               double ridge = 1e-6);
@@ -85,8 +84,7 @@ class NeighbourEstimate final : public SupportEstimate {
   static constexpr int kMostNeighbours = 64;
 
   /// @throws std::invalid_argument if there are not more than k samples, one is not finite, nu is
-  /// not
-  ///   in (0, 1], or k is not in [1, kMostNeighbours].
+  ///   not in (0, 1], or k is not in [1, kMostNeighbours].
   static NeighbourEstimate Fit(const Eigen::Ref<const core::Matrix>& samples, double nu, int k = 5);
 
   [[nodiscard]] int state_dim() const noexcept override {

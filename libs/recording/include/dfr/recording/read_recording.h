@@ -39,8 +39,7 @@ struct Recording {
 
 /// Reads a file of Recorder's, finished or not.
 /// @throws std::runtime_error naming the file, the place and the reason if it cannot be read, is
-/// not
-///   such a file, or is damaged otherwise than by being cut off.
+///   not such a file, or is damaged otherwise than by being cut off.
 [[nodiscard]] Recording ReadRecording(const std::filesystem::path& path);
 
 /// The JPEG file of one picture of the recording at `path`. @throws std::runtime_error

@@ -54,8 +54,7 @@ class PsmConsoleServer {
  public:
   /// Borrows both, which must outlive it.
   /// @throws std::invalid_argument naming the option that is out of range; std::runtime_error if
-  /// DDS
-  ///   refuses a topic.
+  ///   DDS refuses a topic.
   PsmConsoleServer(dds::Participant& participant, PsmConsole& console,
                    const PsmConsoleServerOptions& options = {});
   ~PsmConsoleServer();

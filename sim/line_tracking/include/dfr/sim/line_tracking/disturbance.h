@@ -37,8 +37,7 @@ class Disturbance {
  public:
   Disturbance() = default;
   /// @throws std::invalid_argument naming the entry, if an amplitude or frequency is negative or
-  /// not
-  ///   finite, or if sine or breath would leave the platform's reach.
+  ///   not finite, or if sine or breath would leave the platform's reach.
   Disturbance(const DisturbanceOptions& options, std::uint64_t seed);
 
   /// Never allocates. What the platform cannot reach is shortened towards home to its boundary.
