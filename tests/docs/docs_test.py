@@ -6,6 +6,7 @@ usage: docs_test.py SOURCE_DIR GUARD     (with the module dfr on PYTHONPATH)
 import os
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -17,9 +18,11 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
 
 
 def pages():
-    tracked = subprocess.run(["git", "ls-files", "*.md"], cwd=SOURCE, capture_output=True, text=True)
-    names = tracked.stdout.split() if tracked.returncode == 0 else []
-    return [SOURCE / name for name in names] or sorted(SOURCE.glob("docs/*.md")) + [SOURCE / "README.md"]
+    if shutil.which("git"):
+        tracked = subprocess.run(["git", "ls-files", "*.md"], cwd=SOURCE, capture_output=True, text=True)
+        if tracked.returncode == 0:
+            return [SOURCE / name for name in tracked.stdout.split()]
+    return sorted(SOURCE.glob("docs/*.md")) + [SOURCE / "README.md"]
 
 
 def anchors(page):
