@@ -32,6 +32,7 @@
 #include "dfr/core/random.h"
 #include "dfr/dds/channel.h"
 #include "dfr/runtime/periodic_timer.h"
+#include "lossy_wire.h"
 #include "recorded_controller.h"
 #include "robot_plant.h"
 #include "simulator_link.h"
@@ -77,19 +78,20 @@ class BreakingPolicy final : public control::Controller {
   bool said_ = false;
 };
 
-RobotConfig Configuration(int domain) {
+RobotConfig Configuration(int domain, dds::Discovery discovery) {
   RobotConfig config;
   config.robot = RobotPlace::kDds;
   config.network.domain = domain;
+  config.network.discovery = discovery;
   config.simulator = true;
   config.image_max_age_s = 0.07;
   return config;
 }
 
 // Episode after episode until something is in doubt; then waits for "go" on its input.
-void RunRobot(const std::filesystem::path& folder, int domain) {
+void RunRobot(const std::filesystem::path& folder, int domain, dds::Discovery discovery) {
   const LineModel model = LineModel::Load(folder / "model");
-  const RobotConfig config = Configuration(domain);
+  const RobotConfig config = Configuration(domain, discovery);
   if (const std::string refused = runtime::AskForRealTime(config.priority); !refused.empty()) {
     std::cout << "note " << refused << std::endl;
   }
@@ -128,7 +130,9 @@ void RunRobot(const std::filesystem::path& folder, int domain) {
 /// A program with pipes to its input and from its output.
 class Program {
  public:
-  explicit Program(const std::vector<std::string>& command) {
+  /// @param wire  whose far host it runs on; nullptr: here.
+  explicit Program(const std::vector<std::string>& command,
+                   const bench::LossyWire* wire = nullptr) {
     std::array<int, 2> in{};
     std::array<int, 2> out{};
     if (pipe2(in.data(), O_CLOEXEC) != 0 || pipe2(out.data(), O_CLOEXEC) != 0) {
@@ -139,6 +143,7 @@ class Program {
       prctl(PR_SET_PDEATHSIG, SIGKILL);
       dup2(in[0], STDIN_FILENO);
       dup2(out[1], STDOUT_FILENO);
+      if (wire != nullptr && !wire->EnterFarHost()) _exit(126);
       std::vector<char*> arguments;
       arguments.reserve(command.size() + 1);
       for (const std::string& argument : command) {
@@ -200,8 +205,15 @@ class Program {
 /// All processes of a run, and what each has said last.
 class Site {
  public:
-  Site(std::filesystem::path folder, int domain)
-      : folder_(std::move(folder)), domain_(domain), participant({.domain = domain}) {
+  /// @param wire  at whose far end the robot's program and its emergency stop are; nullptr: all of
+  ///   them are on one host.
+  Site(std::filesystem::path folder, int domain, bench::LossyWire* wire_to_robot)
+      : folder_(std::move(folder)),
+        domain_(domain),
+        wire(wire_to_robot),
+        participant(
+            {.domain = domain,
+             .discovery = wire != nullptr ? dds::Discovery::kNetwork : dds::Discovery::kLoopback}) {
     StartSimulator();
     StartStop();
     StartRobot();
@@ -211,21 +223,24 @@ class Site {
     link.reset();
     simulator.reset();
     simulator.emplace(std::vector<std::string>{
-        DFR_SIMULATOR, "--domain", std::to_string(domain_), "--homing", "0.1", "--wave", "random",
-        "--calibration", (folder_ / "calibration.dfr").string()});
+        DFR_SIMULATOR, "--domain", std::to_string(domain_), "--discovery", discovery(), "--homing",
+        "0.1", "--wave", "random", "--calibration", (folder_ / "calibration.dfr").string()});
     link.emplace(participant);
     link->Await(30.0);
   }
   void StartStop() {
     stop.reset();
-    stop.emplace(
-        std::vector<std::string>{DFR_HARDWARE, "stop", "--domain", std::to_string(domain_)});
+    stop.emplace(std::vector<std::string>{DFR_HARDWARE, "stop", "--domain", std::to_string(domain_),
+                                          "--discovery", discovery()},
+                 wire);
   }
   void StartRobot() {
     robot.reset();
-    robot.emplace(std::vector<std::string>{std::filesystem::read_symlink("/proc/self/exe").string(),
-                                           "--robot", folder_.string(), "--domain",
-                                           std::to_string(domain_)});
+    std::vector<std::string> command = {std::filesystem::read_symlink("/proc/self/exe").string(),
+                                        "--robot", folder_.string(), "--domain",
+                                        std::to_string(domain_)};
+    if (wire != nullptr) command.emplace_back("--far");
+    robot.emplace(command, wire);
     state_ = "idle";
   }
 
@@ -284,6 +299,8 @@ class Site {
   [[nodiscard]] int restarts() const { return restarts_; }
 
  private:
+  [[nodiscard]] std::string discovery() const { return wire != nullptr ? "network" : "loopback"; }
+
   std::filesystem::path folder_;
   int domain_;
   std::string state_;
@@ -294,6 +311,7 @@ class Site {
   int restarts_ = 0;
 
  public:
+  bench::LossyWire* wire;
   dds::Participant participant;
   std::optional<Program> simulator;
   std::optional<Program> stop;
@@ -307,6 +325,7 @@ struct Fault {
   std::function<void(Site&)> end;
   bool blind = false;        ///< The simulator cannot be asked meanwhile: it stands still.
   bool to_operator = false;  ///< The robot's program itself fails: the operator's screen tells.
+  bool wire = false;         ///< Between two hosts, where the system allows to have two.
 };
 
 Fault Injected(const std::string& name, const std::string& fault, const std::string& on,
@@ -315,18 +334,19 @@ Fault Injected(const std::string& name, const std::string& fault, const std::str
           [=](Site& s) { s.link->Fault(fault, off); }, false, false};
 }
 
-// What jitter and losses together do to the measured state.
-Fault Lossy(const std::string& name, const std::string& drop) {
-  return {name,
-          [=](Site& s) {
-            s.link->Fault("drop", drop);
-            s.link->Fault("jitter", "0.05");
-          },
-          [=](Site& s) {
-            s.link->Fault("drop", "0");
-            s.link->Fault("jitter", "0");
-          },
-          false, false};
+// A bad cable; on one host, what it does to the measured state.
+Fault Lossy(const std::string& name, double loss) {
+  const auto set = [](Site& s, double share, double jitter_s) {
+    if (s.wire != nullptr) {
+      s.wire->Disturb(share, jitter_s);
+    } else {
+      s.link->Fault("drop", std::to_string(share));
+      s.link->Fault("jitter", std::to_string(jitter_s));
+    }
+  };
+  return {
+      name, [=](Site& s) { set(s, loss, 0.05); }, [=](Site& s) { set(s, 0.0, 0.0); }, false, false,
+      true};
 }
 
 std::vector<Fault> Faults() {
@@ -349,9 +369,9 @@ std::vector<Fault> Faults() {
                     [](Site& s) { s.stop->Signal(SIGCONT); }, false, false});
   faults.push_back({"emergency-stop", [](Site& s) { s.stop->Type("\n"); },
                     [](Site& s) { s.stop->Type("r\n"); }, false, false});
-  faults.push_back(Lossy("loss-5-jitter-50ms", "0.05"));
-  faults.push_back(Lossy("loss-15-jitter-50ms", "0.15"));
-  faults.push_back(Lossy("loss-30-jitter-50ms", "0.3"));
+  faults.push_back(Lossy("loss-5-jitter-50ms", 0.05));
+  faults.push_back(Lossy("loss-15-jitter-50ms", 0.15));
+  faults.push_back(Lossy("loss-30-jitter-50ms", 0.3));
   faults.push_back(Injected("frozen-image", "camera", "frozen", "none"));
   faults.push_back(Injected("black-image", "camera", "black", "none"));
   faults.push_back(Injected("no-image", "camera", "silent", "none"));
@@ -378,9 +398,9 @@ struct Row {
   int detected = 0;
   int restarts = 0;
   std::set<std::string> told;
-  std::vector<double> detection_ms;
-  std::vector<double> hold_ms;
-  std::vector<double> motion_mm;
+  std::vector<double> detection_ms;  // until the robot's program holds, or the operator is told
+  std::vector<double> rest_ms;       // until the tip is at rest
+  std::vector<double> motion_mm;     // of the tip, at most
 };
 
 double Quantile(std::vector<double> values, double q) {
@@ -437,39 +457,44 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
     row.told.insert(fault.to_operator ? "operator's screen" : *site.told());
   }
   double motion_mm = 0.0;
-  double hold_ms = 0.0;
+  double rest_ms = 0.0;
   const Eigen::Vector3d last = samples.back().tip_m;
   // A simulator that was started anew is another arm.
   if (fault.name != "kill-console" && fault.name != "arm-fault") {
     for (const Sample& sample : samples) {
       motion_mm = std::max(motion_mm, 1e3 * (sample.tip_m - before).norm());
-      if (1e3 * (sample.tip_m - last).norm() > kStill) hold_ms = sample.ms - since_ms;
+      if (1e3 * (sample.tip_m - last).norm() > kStill) rest_ms = sample.ms - since_ms;
     }
   }
   row.motion_mm.push_back(motion_mm);
-  if (!fault.blind) row.hold_ms.push_back(hold_ms);
+  if (!fault.blind) row.rest_ms.push_back(rest_ms);
 }
 
-void Measure(const std::filesystem::path& folder, int domain, int trials,
+void Measure(const std::filesystem::path& folder, int domain, bench::LossyWire* wire, int trials,
              const std::vector<std::string>& only, std::uint64_t seed) {
-  Site site(folder, domain);
+  std::unique_ptr<Site> site;
   core::Random random(seed);
   constexpr double kTrialMinutes = 0.055;
   const std::size_t kinds = only.empty() ? Faults().size() : only.size();
   std::printf("%zu faults, %d times each: about %.0f minutes\n", kinds, trials,
               std::ceil(kTrialMinutes * static_cast<double>(kinds) * trials));
-  std::printf("%-20s %8s %8s  %12s  %8s  %10s  %8s  %s\n", "fault", "trials", "detected",
-              "after [ms]", "hold [ms]", "motion [mm]", "restarts", "what the operator is told");
-  std::printf("%-20s %8s %8s  %12s  %8s  %10s\n", "", "", "", "p50     max", "max", "max");
+  std::printf("%-20s %6s %8s  %12s  %9s  %11s  %8s  %s\n", "fault", "trials", "detected",
+              "after [ms]", "rest [ms]", "motion [mm]", "restarts", "what the operator is told");
+  std::printf("%-20s %6s %8s  %12s  %9s  %11s\n", "", "", "", "p50     max", "max", "max");
   for (const Fault& fault : Faults()) {
     if (!only.empty() && std::find(only.begin(), only.end(), fault.name) == only.end()) continue;
+    bench::LossyWire* const its_wire = fault.wire ? wire : nullptr;
+    if (!site || site->wire != its_wire) {
+      site.reset();
+      site = std::make_unique<Site>(folder, domain, its_wire);
+    }
     Row row;
-    for (int i = 0; i < trials; ++i) Try(site, fault, random, row);
+    for (int i = 0; i < trials; ++i) Try(*site, fault, random, row);
     std::string told;
     for (const std::string& word : row.told) told += (told.empty() ? "" : ", ") + word;
-    std::printf("%-20s %8d %8d  %5.0f %6.0f  %8.0f  %10.2f  %8d  %s\n", fault.name.c_str(),
+    std::printf("%-20s %6d %8d  %5.0f %6.0f  %9.0f  %11.2f  %8d  %s\n", fault.name.c_str(),
                 row.trials, row.detected, Quantile(row.detection_ms, 0.5),
-                Quantile(row.detection_ms, 1.0), Quantile(row.hold_ms, 1.0),
+                Quantile(row.detection_ms, 1.0), Quantile(row.rest_ms, 1.0),
                 Quantile(row.motion_mm, 1.0), row.restarts, told.c_str());
     std::fflush(stdout);
   }
@@ -492,6 +517,7 @@ int Main(int argc, char** argv) {
   CLI::App app("Line tracking over the network while something goes wrong, as a table.",
                "faults_bench");
   std::filesystem::path robot;
+  bool far = false;
   int domain = 97;
   int trials = 20;
   std::uint64_t seed = 1;
@@ -501,19 +527,27 @@ int Main(int argc, char** argv) {
   app.add_option("--seed", seed, "of the moments")->capture_default_str();
   app.add_option("--domain", domain, "DDS domain that nobody else uses")->capture_default_str();
   app.add_option("--robot", robot)->group("");
+  app.add_flag("--far", far)->group("");
   CLI11_PARSE(app, argc, argv);
   signal(SIGPIPE, SIG_IGN);
   if (!robot.empty()) {
     signal(SIGUSR1, [](int) { policy_is_broken = true; });
-    RunRobot(robot, domain);
+    RunRobot(robot, domain, far ? dds::Discovery::kNetwork : dds::Discovery::kLoopback);
     return EXIT_SUCCESS;
   }
   const std::filesystem::path folder =
       std::filesystem::temp_directory_path() / ("faults_bench_" + std::to_string(getpid()));
   std::printf("commit %s, seed %llu\n", core::BuildCommit(), static_cast<unsigned long long>(seed));
+  std::optional<bench::LossyWire> wire;
+  try {
+    wire.emplace(core::DeriveSeed(seed, {1}));
+  } catch (const std::runtime_error& e) {
+    std::printf("no network namespaces here (%s): losses and jitter are the console's own\n",
+                e.what());
+  }
   std::fflush(stdout);
   Prepare(folder);
-  Measure(folder, domain, trials, only, seed);
+  Measure(folder, domain, wire ? &*wire : nullptr, trials, only, seed);
   std::filesystem::remove_all(folder);
   return EXIT_SUCCESS;
 }
