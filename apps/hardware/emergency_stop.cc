@@ -39,7 +39,7 @@ std::string Typed(bool& open) {
 class RobotWatch {
  public:
   explicit RobotWatch(dds::Participant& participant)
-      : subscriber_(participant, "/line_tracking/run_state", dds::Role::kState) {}
+      : subscriber_(participant, dds::kRunStateTopic, dds::Role::kState) {}
 
   void Show() {
     const auto now = std::chrono::steady_clock::now();
@@ -47,12 +47,12 @@ class RobotWatch {
     if (subscriber_.TakeNewest(message)) {
       heard_ = now;
       if (silent_ || message.state != state_) std::cout << "robot: " << message.state << std::endl;
-      silent_ = false;
+      silent_ = message.state == dds::kRunEnded;  // and nobody is missed
       state_ = message.state;
     } else if (!silent_ && now - heard_ > kSilence) {
       silent_ = true;
       std::cout << "robot: SILENT while " << state_
-                << ". Its program has ended, hangs or was killed; the arm holds" << std::endl;
+                << ". Its program hangs, was killed or cannot be heard; the arm holds" << std::endl;
     }
   }
 
@@ -60,7 +60,7 @@ class RobotWatch {
   static constexpr std::chrono::milliseconds kSilence{150};
   dds::Subscriber<dds::OperatingState> subscriber_;
   std::string state_;
-  bool silent_ = true;  // until it is heard for the first time
+  bool silent_ = true;  // nobody is missed before it is heard for the first time
   std::chrono::steady_clock::time_point heard_;
 };
 

@@ -13,7 +13,7 @@ constexpr std::int64_t kAnnouncePeriod = 20'000'000;  // ns
 }  // namespace
 
 Watchman::Watchman(dds::Participant& participant, bool with_stop, double max_silence_s)
-    : announcer_(participant, "/line_tracking/run_state", dds::Role::kState),
+    : announcer_(participant, dds::kRunStateTopic, dds::Role::kState),
       stop_state_(with_stop ? dds::EmergencyStop::kSilent : dds::EmergencyStop::kClear),
       looked_ns_(runtime::SteadyNow()) {
   if (with_stop) receiver_.emplace(participant, max_silence_s);
@@ -56,6 +56,12 @@ void Watchman::Run() {
     announced = state;
     announced_ns = now_ns;
   }
+  // Who ends in order is not missed. What is lost is sent anew within that time.
+  dds::OperatingState farewell;
+  farewell.stamp = dds::Stamp::Now();
+  farewell.state = dds::kRunEnded;
+  announcer_.Write(farewell);
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
 }
 
 }  // namespace dfr::apps

@@ -10,6 +10,12 @@ namespace dfr::dds {
 /// Default topic of the emergency stop (std_msgs/Bool: true while it is pressed).
 inline constexpr const char* kEmergencyStopTopic = "/emergency_stop";
 
+/// Where line tracking's program says how its control loop stands (crtk_msgs/OperatingState, the
+/// states of runtime::RunState), so that whoever is at the emergency stop sees it.
+inline constexpr const char* kRunStateTopic = "/line_tracking/run_state";
+/// The last state of a program that ends in order. Silence without it is a reason to worry.
+inline constexpr const char* kRunEnded = "ended";
+
 /// The sending end of an emergency stop over the network: an operator's button. It says at least
 /// ten times a second how it stands, for its silence stops, too. Never the only emergency stop:
 /// the robot's own is a switch. One object belongs to one thread at a time.
