@@ -4,6 +4,7 @@
 
 #include <csignal>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <optional>
 #include <string>
@@ -16,9 +17,11 @@
 #include "robot_plant.h"
 #include "site.h"
 #include "tests/dds/domain.h"
+#include "tests/dds/keystore.h"
 #include "tests/dds/peer_process.h"
 #include "tests/line_tracking/scene.h"
 #include "tests/support/no_alloc.h"
+#include "watchman.h"
 
 namespace dfr::apps {
 namespace {
@@ -144,6 +147,46 @@ TEST(WireTest, TheLoopAllocatesNothingInRealTime) {
     robot.Idle(0.5);
   }
   EXPECT_EQ(robot.state(), runtime::RunState::kRunning) << robot.cause();
+}
+
+TEST(WatchmanTest, SaysHowTheLoopStandsAndThatItEnds) {
+  dds::Participant network({.domain = test::OwnDomain()});
+  dds::Subscriber<dds::OperatingState> listener(network, dds::kRunStateTopic, dds::Role::kState);
+  std::optional<Watchman> watchman;
+  watchman.emplace(network, false, 1.0);
+  dds::OperatingState heard;
+  for (int i = 0; i < 500 && heard.state != "holding"; ++i) {
+    watchman->Beat(runtime::RunState::kHolding);
+    if (listener.Wait(0.01)) static_cast<void>(listener.TakeNewest(heard));
+  }
+  EXPECT_EQ(heard.state, "holding");
+  watchman.reset();
+  while (listener.Wait(1.0) && heard.state != dds::kRunEnded) {
+    static_cast<void>(listener.TakeNewest(heard));
+  }
+  EXPECT_EQ(heard.state, dds::kRunEnded);
+}
+
+TEST(LaunchTest, AllItStartsIsOfTheRunsSecuredNetwork) {
+  const test::Keystore keys = {{"line_tracking", dds::Permission::kController},
+                               {"dvrk_simulator", dds::Permission::kConsole},
+                               {"stop", dds::Permission::kButton}};
+  const std::filesystem::path config = Data().path / "secured.toml";
+  const std::filesystem::path recordings = Data().path / "secured";
+  std::ofstream(config) << "robot = 'dds'\nmodel = '" << (Data().path / "model").string()
+                        << "'\ncalibration = '" << (Data().path / "calibration.dfr").string()
+                        << "'\nrecordings = '" << recordings.string()
+                        << "'\n[network]\ndomain = " << test::OwnDomain() << "\nsecurity = '"
+                        << keys.enclave("line_tracking").string()
+                        << "'\n[simulator]\npresent = true\nlock_step = true\n"
+                           "[emergency_stop]\nmax_silence_s = 10.0\n";
+  test::PeerProcess launch(
+      {DFR_LINE_TRACKING, "launch", "--config", config.string(), "--episodes", "1"});
+  ASSERT_EQ(launch.Await(120.0), 0);
+  ASSERT_TRUE(std::filesystem::exists(recordings));
+  const recording::Recording log =
+      recording::ReadRecording(std::filesystem::directory_iterator(recordings)->path());
+  EXPECT_GT(log.steps.size(), 0U);
 }
 
 TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSeen) {
