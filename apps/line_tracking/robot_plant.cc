@@ -120,6 +120,11 @@ std::unique_ptr<hardware::Endoscope> OpenCamera(dds::Participant& network,
                : hardware::OpenVideo(config.camera, options);
 }
 
+std::string InWords(Doubt doubt, std::string_view detail) {
+  const std::string name = runtime::Name(doubt);
+  return detail.empty() ? name : name + ": " + std::string(detail);
+}
+
 hardware::PsmDriverOptions DriverOptions(const RobotConfig& config) {
   hardware::PsmDriverOptions options;
   options.arm = config.arm;
@@ -410,21 +415,26 @@ void RobotPlant::BringUp(const std::function<void(std::string_view)>& say) {
   Impl& i = *impl_;
   if (i.config.lock_step) {
     i.link->Reset(0);  // enables and homes
-    return;
+  } else {
+    if (const PsmStatus status = hardware::BringUp(i.driver, 120.0, say);
+        status != PsmStatus::kOk) {
+      throw std::runtime_error(i.driver.Explain() + dds::ExplainRefused(i.network));
+    }
+    i.driver.Hold();
+    Idle(0.3);
   }
-  if (const PsmStatus status = hardware::BringUp(i.driver, 120.0, say); status != PsmStatus::kOk) {
-    throw std::runtime_error(i.driver.Explain() + dds::ExplainRefused(i.network));
-  }
-  i.driver.Hold();
   // The camera and the emergency stop may be found later than the arm.
-  constexpr int kTenths = 100;
-  for (int n = 0; n < kTenths; ++n) {
+  constexpr std::int64_t kSecond = 1'000'000'000;  // ns
+  const std::int64_t start_ns = runtime::SteadyNow();
+  for (bool said = false;;) {
     Idle(0.1);
-    if (n > 2 && i.machine.blocking() == Doubt::kNone) return;
-    if (n == kTenths / 10 && say)
-      say(std::string("waiting: ") + runtime::Name(i.machine.blocking()));
+    if (i.machine.blocking() == Doubt::kNone) return;
+    const std::int64_t waited_ns = runtime::SteadyNow() - start_ns;
+    if (waited_ns > 10 * kSecond) break;
+    if (!said && waited_ns > kSecond && say) say("waiting: " + blocking());
+    said = said || waited_ns > kSecond;
   }
-  throw std::runtime_error("the robot is not ready: " + cause());
+  throw std::runtime_error("the robot is not ready: " + blocking());
 }
 
 void RobotPlant::Idle(double seconds) noexcept {
@@ -490,7 +500,8 @@ void RobotPlant::Reset(std::uint64_t seed) {
   i.eye.Forget();
   i.truth = {};
   if (const Doubt doubt = Start(); doubt != Doubt::kNone) {
-    throw std::runtime_error("the robot is not started: " + cause());
+    throw std::runtime_error("the robot is not started: " +
+                             (doubt == i.machine.blocking() ? blocking() : cause()));
   }
   // The tool may not be upright yet, or not as upright as the calibration has it.
   PsmJoints upright;
@@ -576,8 +587,11 @@ bool RobotPlant::ended_regularly() const noexcept {
 }
 
 std::string RobotPlant::cause() const {
-  const std::string detail = impl_->last_detail.data();
-  return std::string(runtime::Name(impl_->last_cause)) + (detail.empty() ? "" : ": " + detail);
+  return InWords(impl_->last_cause, impl_->last_detail.data());
+}
+
+std::string RobotPlant::blocking() const {
+  return InWords(impl_->machine.blocking(), impl_->machine.blocking_detail());
 }
 
 const vision::LineObservation& RobotPlant::last_observation() const noexcept { return impl_->seen; }

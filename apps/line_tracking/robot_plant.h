@@ -79,6 +79,8 @@ class RobotPlant final : public core::Plant {
   [[nodiscard]] bool ended_regularly() const noexcept;
   /// Why it last stood still, in words.
   [[nodiscard]] std::string cause() const;
+  /// What now keeps it from being started, in words.
+  [[nodiscard]] std::string blocking() const;
   [[nodiscard]] const vision::LineObservation& last_observation() const noexcept;
   /// Which picture Observe() was taken from.
   [[nodiscard]] std::uint64_t image_sequence() const noexcept;

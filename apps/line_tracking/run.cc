@@ -82,7 +82,7 @@ bool AskOperator(RobotPlant& plant, bool simulated) {
     const std::optional<std::string> line = Typed(plant);
     if (!line || *line == "q") return false;
     if (*line == "c" && !plant.Clear()) {
-      std::cout << "it is still there: " << plant.cause() << std::endl;
+      std::cout << "it is still there: " << plant.blocking() << std::endl;
     }
     if (line->empty() && !faulted) return true;
   }

@@ -2,16 +2,21 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <atomic>
+#include <chrono>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <thread>
 #include <vector>
 
 #include "dfr/control/rollout.h"
 #include "dfr/core/random.h"
+#include "dfr/dds/emergency_stop.h"
 #include "dfr/recording/read_recording.h"
 #include "recorded_controller.h"
 #include "robot_plant.h"
@@ -125,6 +130,29 @@ TEST(WireTest, AStateMachineThatDoubtsStandsStillUntilStarted) {
   EXPECT_EQ(robot.state(), runtime::RunState::kFaulted);
   EXPECT_NE(robot.cause().find("arm-silent"), std::string::npos) << robot.cause();
   EXPECT_NE(robot.Start(), runtime::Doubt::kNone);
+}
+
+TEST(WireTest, AnEmergencyStopThatComesLateIsWaitedFor) {
+  const int domain = test::OwnDomain();
+  const test::PeerProcess simulator(
+      {DFR_SIMULATOR, "--lock-step", "--domain", std::to_string(domain)});
+  RobotConfig config = LockStep(domain);
+  config.emergency_stop = true;
+  config.emergency_stop_silence_s = 10.0;
+  RobotPlant robot(config, Data().Calibration(), nullptr);
+  std::atomic<bool> end = false;
+  std::thread operators([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1500));
+    dds::Participant network({.domain = domain});
+    dds::EmergencyStopButton button(network);
+    for (; !end; std::this_thread::sleep_for(std::chrono::milliseconds(20))) button.Beat();
+  });
+  std::string said;
+  EXPECT_NO_THROW(robot.BringUp([&](std::string_view words) { said = words; }));
+  EXPECT_NE(said.find("emergency-stop-silent"), std::string::npos) << said;
+  EXPECT_EQ(robot.Start(), runtime::Doubt::kNone) << robot.blocking();
+  end = true;
+  operators.join();
 }
 
 TEST(WireTest, TheLoopAllocatesNothingInRealTime) {

@@ -93,15 +93,17 @@ TEST(FailSafeTest, IsArmedOnlyAfterATimeWithoutDoubt) {
   Loop loop;
   EXPECT_FALSE(loop.machine.Arm()) << "its loop does not run yet";
   loop.Tick();
-  loop.machine.Doubted(Doubt::kNotSeen);
+  loop.machine.Doubted(Doubt::kNotSeen, "no line");
   EXPECT_EQ(loop.machine.state(), RunState::kIdle);
   for (int i = 0; i < 10; ++i) {
     EXPECT_EQ(loop.machine.blocking(), Doubt::kNotSeen);
+    EXPECT_EQ(loop.machine.blocking_detail(), "no line");
     EXPECT_FALSE(loop.machine.Arm());
     loop.Tick();
   }
   loop.Tick();  // 0.11 s later
   EXPECT_EQ(loop.machine.blocking(), Doubt::kNone);
+  EXPECT_EQ(loop.machine.blocking_detail(), "");
   EXPECT_TRUE(loop.machine.Arm());
 }
 

@@ -10,6 +10,12 @@ namespace {
 
 constexpr double kNanoseconds = 1e9;
 
+// Cut if need be, and zero-terminated.
+void Copy(std::string_view text, std::array<char, 96>& to) {
+  to.fill('\0');
+  std::copy_n(text.begin(), std::min(text.size(), to.size() - 1), to.begin());
+}
+
 }  // namespace
 
 const char* Name(RunState state) noexcept {
@@ -105,6 +111,7 @@ void FailSafe::Doubted(Doubt doubt, std::string_view detail) noexcept {
   if (doubt == Doubt::kNone) return;
   last_doubt_ = doubt;
   last_doubt_ns_ = now_ns_;
+  Copy(detail, last_detail_);
   if (state_ == RunState::kFaulted || state_ == RunState::kIdle) return;
   if (IsFault(doubt)) {
     Enter(RunState::kFaulted, doubt, detail);
@@ -116,6 +123,10 @@ void FailSafe::Doubted(Doubt doubt, std::string_view detail) noexcept {
 Doubt FailSafe::blocking() const noexcept {
   return last_doubt_ != Doubt::kNone && now_ns_ - last_doubt_ns_ <= calm_ns_ ? last_doubt_
                                                                              : Doubt::kNone;
+}
+
+std::string_view FailSafe::blocking_detail() const noexcept {
+  return blocking() == Doubt::kNone ? std::string_view() : last_detail_.data();
 }
 
 bool FailSafe::Arm() noexcept {
@@ -155,8 +166,7 @@ void FailSafe::Enter(RunState to, Doubt doubt, std::string_view detail) noexcept
   }
   Transition& entry = log_[(log_begin_ + log_size_++) % log_.size()];
   entry = {now_ns_, from, to, doubt, {}};
-  std::copy_n(detail.begin(), std::min(detail.size(), entry.detail.size() - 1),
-              entry.detail.begin());
+  Copy(detail, entry.detail);
 }
 
 bool FailSafe::Take(Transition& transition) noexcept {

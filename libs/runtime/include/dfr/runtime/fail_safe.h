@@ -65,8 +65,8 @@ struct Transition {
 /// Options for FailSafe.
 struct FailSafeOptions {
   double max_period_s = 0.05;  ///< From one Tick() to the next, > 0.
-  double calm_s =
-      0.3;  ///< For so long nothing may have been in doubt before it can be armed, >= 0.
+  /// For so long nothing may have been in doubt before it can be armed, >= 0.
+  double calm_s = 0.3;
 };
 
 /// The state machine between a control loop and a robot, which fails into hold: whatever is in
@@ -108,6 +108,8 @@ class FailSafe {
   }
   /// What was last in doubt less than calm_s ago; kNone: nothing keeps it from being armed.
   [[nodiscard]] Doubt blocking() const noexcept;
+  /// What was said of it in words: valid until the next doubt.
+  [[nodiscard]] std::string_view blocking_detail() const noexcept;
 
   /// Takes the oldest transition that was not taken. False if there is none. Of more than 64 that
   /// were not taken the newest are lost: lost_transitions().
@@ -124,6 +126,7 @@ class FailSafe {
   std::int64_t now_ns_ = 0;
   Doubt last_doubt_ = Doubt::kNone;
   std::int64_t last_doubt_ns_ = 0;
+  std::array<char, 96> last_detail_{};
   std::array<Transition, 64> log_{};
   std::size_t log_begin_ = 0;
   std::size_t log_size_ = 0;
