@@ -499,7 +499,15 @@ void RobotPlant::Reset(std::uint64_t seed) {
   }
   i.eye.Forget();
   i.truth = {};
-  if (const Doubt doubt = Start(); doubt != Doubt::kNone) {
+  // States and pictures may come late while a simulator sets up its scene.
+  constexpr std::int64_t kPatience = 3'000'000'000;  // ns
+  const std::int64_t end_ns = runtime::SteadyNow() + kPatience;
+  Doubt doubt = Start();
+  while (doubt != Doubt::kNone && i.machine.state() != runtime::RunState::kFaulted &&
+         runtime::SteadyNow() < end_ns) {
+    doubt = Start();
+  }
+  if (doubt != Doubt::kNone) {
     throw std::runtime_error("the robot is not started: " +
                              (doubt == i.machine.blocking() ? blocking() : cause()));
   }

@@ -63,7 +63,8 @@ class RobotPlant final : public core::Plant {
   [[nodiscard]] const core::StateLayout& layout() const noexcept override;
   [[nodiscard]] int control_dim() const noexcept override { return 2; }
   /// With a simulator: the next episode. On a robot the tip is where the operator put it. Then
-  /// starts, as Start(), unless a fault was not cleared.
+  /// starts, as Start(), as soon as nothing is in doubt any more.
+  /// @throws std::runtime_error with what still is after 3 s; at once if a fault was not cleared.
   void Reset(std::uint64_t seed) override;
   [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;
   void Observe(std::span<double> state) const noexcept override;

@@ -9,6 +9,7 @@
 #include <fstream>
 #include <memory>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <thread>
@@ -20,6 +21,7 @@
 #include "dfr/recording/read_recording.h"
 #include "recorded_controller.h"
 #include "robot_plant.h"
+#include "simulator_link.h"
 #include "site.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/keystore.h"
@@ -155,18 +157,23 @@ TEST(WireTest, AnEmergencyStopThatComesLateIsWaitedFor) {
   operators.join();
 }
 
+// In real time, on a machine that others use, too: pictures are drawn by its processor.
+RobotConfig RealTime(int domain) {
+  RobotConfig config = LockStep(domain);
+  config.lock_step = false;
+  config.image_max_age_s = 5.0;
+  config.max_period_s = 5.0;
+  config.arm_client.watchdog.max_age_s = config.arm_client.watchdog.max_silence_s = 5.0;
+  config.arm_client.max_tick_gap_s = 5.0;
+  return config;
+}
+
 TEST(WireTest, TheLoopAllocatesNothingInRealTime) {
   const int domain = test::OwnDomain();
   const sim::LineTrackingCalibration known = Data().Calibration();
   const test::PeerProcess simulator({DFR_SIMULATOR, "--domain", std::to_string(domain), "--homing",
                                      "0.1", "--image-period", "0.1"});
-  RobotConfig config = LockStep(domain);
-  config.lock_step = false;
-  config.image_max_age_s = 5.0;  // pictures are drawn by a processor that others use, too
-  config.max_period_s = 5.0;
-  config.arm_client.watchdog.max_age_s = config.arm_client.watchdog.max_silence_s = 5.0;
-  config.arm_client.max_tick_gap_s = 5.0;
-  RobotPlant robot(config, known, nullptr);
+  RobotPlant robot(RealTime(domain), known, nullptr);
   robot.BringUp({});
   robot.Reset(1);
   ASSERT_EQ(robot.state(), runtime::RunState::kRunning) << robot.cause();
@@ -175,6 +182,28 @@ TEST(WireTest, TheLoopAllocatesNothingInRealTime) {
     robot.Idle(0.5);
   }
   EXPECT_EQ(robot.state(), runtime::RunState::kRunning) << robot.cause();
+}
+
+TEST(WireTest, AnEpisodeBeginsAsSoonAsWhatWasWrongBeforeIsOver) {
+  const int domain = test::OwnDomain();
+  const test::PeerProcess simulator({DFR_SIMULATOR, "--domain", std::to_string(domain), "--homing",
+                                     "0.1", "--image-period", "0.1"});
+  RobotPlant robot(RealTime(domain), Data().Calibration(), nullptr);
+  robot.BringUp({});
+  dds::Participant network({.domain = domain});
+  SimulatorLink link(network);
+  link.Await(10.0);
+  link.Fault("invalid", "1");
+  std::thread repair([&] {
+    std::this_thread::sleep_for(std::chrono::seconds(1));
+    link.Fault("invalid", "0");
+  });
+  EXPECT_NO_THROW(robot.Reset(1));
+  repair.join();
+  EXPECT_EQ(robot.state(), runtime::RunState::kRunning) << robot.cause();
+  link.Fault("invalid", "1");
+  EXPECT_THROW(robot.Reset(2), std::runtime_error) << "it lasts";
+  EXPECT_FALSE(robot.blocking().empty());
 }
 
 TEST(WatchmanTest, SaysHowTheLoopStandsAndThatItEnds) {
