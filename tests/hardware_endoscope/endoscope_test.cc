@@ -134,6 +134,49 @@ TEST_F(VideoTest, FilePlaysInItsOwnTimeAndEnds) {
   EXPECT_GE(Clock::now() - start, std::chrono::milliseconds(450));  // 20 pictures a second
 }
 
+// GStreamer's test pictures, as a capture card's pipeline has them.
+std::string Pipeline(const std::string& source) {
+  return "videotestsrc is-live=true " + source +
+         " ! video/x-raw,width=64,height=48,framerate=30/1 ! videoconvert ! "
+         "video/x-raw,format=BGR ! appsink";
+}
+
+TEST_F(VideoTest, PipelineDeliversUntilItsSourceEnds) {
+  const auto endoscope = OpenVideo(Pipeline("pattern=snow num-buffers=20"), Small());
+  Frame frame;
+  std::uint64_t last = 0;
+  int seen = 0;
+  FrameStatus status = FrameStatus::kOk;
+  ASSERT_TRUE(Eventually([&] {
+    status = endoscope->Grab(frame);
+    if (status == FrameStatus::kOk && frame.sequence != last) {
+      EXPECT_EQ(frame.image.width, kWidth);
+      EXPECT_EQ(frame.image.height, kHeight);
+      EXPECT_LT(frame.age_s, 1.0);
+      last = frame.sequence;
+      ++seen;
+    }
+    return status != FrameStatus::kOk && status != FrameStatus::kNever;
+  }));
+  EXPECT_EQ(status, FrameStatus::kFailed);
+  EXPECT_GT(seen, 1);
+  EXPECT_EQ(endoscope->counts().received, 20U);
+}
+
+TEST_F(VideoTest, PipelineOfOnePictureIsFrozenAndOfNoneDark) {
+  const auto orange =
+      OpenVideo(Pipeline("pattern=solid-color foreground-color=0xffff8000"), Small());
+  Frame frame;
+  ASSERT_TRUE(Eventually([&] { return orange->Grab(frame) == FrameStatus::kFrozen; }));
+  ASSERT_NE(frame.image.data, nullptr);
+  constexpr int kRounding = 6;                       // of the way through YUV
+  EXPECT_NEAR(frame.image.data[0], 0, kRounding);    // blue
+  EXPECT_NEAR(frame.image.data[1], 128, kRounding);  // green
+  EXPECT_NEAR(frame.image.data[2], 255, kRounding);  // red
+  const auto black = OpenVideo(Pipeline("pattern=black"), Small());
+  EXPECT_TRUE(Eventually([&] { return black->Grab(frame) == FrameStatus::kDark; }));
+}
+
 TEST_F(VideoTest, PicturesNobodyLooksAtAreCounted) {
   const auto endoscope = OpenVideo(Video(30, 100.0), Small());
   ASSERT_TRUE(Eventually([&] { return endoscope->counts().received >= 10; }));
