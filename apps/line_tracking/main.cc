@@ -6,6 +6,8 @@
 #include <map>
 #include <opencv2/core/utility.hpp>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include "commands.h"
 #include "dfr/core/build_info.h"
@@ -249,7 +251,12 @@ int Main(int argc, char** argv) {
 
   // One thread a trial is enough; OpenCV's own would only wait for each other.
   cv::setNumThreads(1);
-  CLI11_PARSE(app, argc, argv);
+  // A configuration file says enough: `line_tracking --config FILE` is a run.
+  std::vector<const char*> arguments(argv, argv + argc);
+  if (argc > 1 && std::string_view(argv[1]).rfind("--config", 0) == 0) {
+    arguments.insert(arguments.begin() + 1, "run");
+  }
+  CLI11_PARSE(app, static_cast<int>(arguments.size()), arguments.data());
   return EXIT_SUCCESS;
 }
 
