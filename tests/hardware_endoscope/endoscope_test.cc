@@ -60,6 +60,20 @@ bool Eventually(const std::function<bool()>& condition) {
   return true;
 }
 
+// Looks at each picture once, until there is something wrong: what it is.
+FrameStatus LookUntilWrong(Endoscope& endoscope, const std::function<void(const Frame&)>& look) {
+  Frame frame;
+  std::uint64_t last = 0;
+  FrameStatus status = FrameStatus::kOk;
+  EXPECT_TRUE(Eventually([&] {
+    status = endoscope.Grab(frame);
+    if (status == FrameStatus::kOk && frame.sequence != last) look(frame);
+    last = frame.sequence;
+    return status != FrameStatus::kOk && status != FrameStatus::kNever;
+  }));
+  return status;
+}
+
 class VideoTest : public testing::Test {
  protected:
   VideoTest()
@@ -98,35 +112,26 @@ TEST_F(VideoTest, FilePlaysInItsOwnTimeAndEnds) {
   const auto start = Clock::now();
   const auto endoscope = OpenVideo(path, Small());
   EXPECT_EQ(endoscope->source(), path);
-  Frame frame;
-  std::uint64_t last = 0;
   std::uint64_t missed = 0;
   int seen = 0;
-  FrameStatus status = FrameStatus::kOk;
-  ASSERT_TRUE(Eventually([&] {
-    status = endoscope->Grab(frame);
-    if (status == FrameStatus::kOk && frame.sequence != last) {
-      // Colours go through YUV in this codec: a few grey values off.
-      const cv::Mat expected = Picture(frame.sequence - 1);
-      EXPECT_EQ(frame.image.width, kWidth);
-      double worst = 0.0;
-      for (int i = 0; i < kHeight; ++i) {
-        for (int j = 0; j < 3 * kWidth; ++j) {
-          const double difference =
-              static_cast<double>(
-                  frame.image.data[static_cast<std::size_t>(i) * frame.image.stride +
-                                   static_cast<std::size_t>(j)]) -
-              expected.at<std::uint8_t>(i, j);
-          worst += std::abs(difference) / (3.0 * kWidth * kHeight);
-        }
+  const FrameStatus status = LookUntilWrong(*endoscope, [&](const Frame& frame) {
+    // Colours go through YUV in this codec: a few grey values off.
+    const cv::Mat expected = Picture(frame.sequence - 1);
+    EXPECT_EQ(frame.image.width, kWidth);
+    double worst = 0.0;
+    for (int i = 0; i < kHeight; ++i) {
+      for (int j = 0; j < 3 * kWidth; ++j) {
+        const double difference =
+            static_cast<double>(frame.image.data[static_cast<std::size_t>(i) * frame.image.stride +
+                                                 static_cast<std::size_t>(j)]) -
+            expected.at<std::uint8_t>(i, j);
+        worst += std::abs(difference) / (3.0 * kWidth * kHeight);
       }
-      EXPECT_LT(worst, 12.0);
-      last = frame.sequence;
-      missed += frame.num_missed;
-      ++seen;
     }
-    return status != FrameStatus::kOk && status != FrameStatus::kNever;
-  }));
+    EXPECT_LT(worst, 12.0);
+    missed += frame.num_missed;
+    ++seen;
+  });
   EXPECT_EQ(status, FrameStatus::kEnded);
   EXPECT_EQ(seen + static_cast<int>(missed), 10);
   EXPECT_EQ(endoscope->counts().received, 10U);
@@ -143,21 +148,13 @@ std::string Pipeline(const std::string& source) {
 
 TEST_F(VideoTest, PipelineDeliversUntilItsSourceEnds) {
   const auto endoscope = OpenVideo(Pipeline("pattern=snow num-buffers=20"), Small());
-  Frame frame;
-  std::uint64_t last = 0;
   int seen = 0;
-  FrameStatus status = FrameStatus::kOk;
-  ASSERT_TRUE(Eventually([&] {
-    status = endoscope->Grab(frame);
-    if (status == FrameStatus::kOk && frame.sequence != last) {
-      EXPECT_EQ(frame.image.width, kWidth);
-      EXPECT_EQ(frame.image.height, kHeight);
-      EXPECT_LT(frame.age_s, 1.0);
-      last = frame.sequence;
-      ++seen;
-    }
-    return status != FrameStatus::kOk && status != FrameStatus::kNever;
-  }));
+  const FrameStatus status = LookUntilWrong(*endoscope, [&](const Frame& frame) {
+    EXPECT_EQ(frame.image.width, kWidth);
+    EXPECT_EQ(frame.image.height, kHeight);
+    EXPECT_LT(frame.age_s, 1.0);
+    ++seen;
+  });
   EXPECT_EQ(status, FrameStatus::kFailed);
   EXPECT_GT(seen, 1);
   EXPECT_EQ(endoscope->counts().received, 20U);
