@@ -165,17 +165,18 @@ std::string Beside(const char* program) {
   return path.string();
 }
 
-// With which a program of this name finds the run's network; in a secured one its folder is beside
-// the run's own, as `hardware certificates` puts it.
-std::vector<std::string> NetworkOptions(const dds::ParticipantOptions& network,
-                                        const std::string& name) {
-  std::vector<std::string> options = {"--domain", std::to_string(network.domain)};
+// `command` with what makes it a member, as `name`, of the run's network; in a secured one its
+// folder is beside the run's own, as `hardware certificates` puts it.
+std::vector<std::string> InNetwork(std::vector<std::string> command,
+                                   const dds::ParticipantOptions& network,
+                                   const std::string& name) {
+  command.insert(command.end(), {"--domain", std::to_string(network.domain)});
   if (network.discovery == dds::Discovery::kNetwork) {
-    options.insert(options.end(), {"--discovery", "network"});
+    command.insert(command.end(), {"--discovery", "network"});
   } else if (network.discovery == dds::Discovery::kServerClient) {
-    options.insert(options.end(), {"--discovery", "server", "--server", network.server_address});
+    command.insert(command.end(), {"--discovery", "server", "--server", network.server_address});
   }
-  if (network.security.empty()) return options;
+  if (network.security.empty()) return command;
   const std::filesystem::path folder = (network.security / "." / ".." / name).lexically_normal();
   if (!std::filesystem::exists(folder)) {
     throw std::runtime_error(folder.string() +
@@ -183,8 +184,8 @@ std::vector<std::string> NetworkOptions(const dds::ParticipantOptions& network,
                              "it with `hardware certificates`, which makes those of " +
                              name + " and line_tracking side by side");
   }
-  options.insert(options.end(), {"--security", folder.string()});
-  return options;
+  command.insert(command.end(), {"--security", folder.string()});
+  return command;
 }
 
 // Whatever is missing of calibration and model, made as the commands of these names make it.
@@ -234,8 +235,6 @@ void RunLaunch(const LaunchOptions& options) {
   std::vector<std::string> simulate = {
       Beside("dvrk_simulator"),   "--arm", config.arm, "--wave", "random", "--calibration",
       config.calibration.string()};
-  const std::vector<std::string> its_network = NetworkOptions(config.network, "dvrk_simulator");
-  simulate.insert(simulate.end(), its_network.begin(), its_network.end());
   if (config.lock_step) {
     simulate.emplace_back("--lock-step");
   } else {
@@ -249,11 +248,9 @@ void RunLaunch(const LaunchOptions& options) {
                                   std::to_string(options.episodes),
                                   "--seed",
                                   std::to_string(options.seed)};
-  std::vector<std::string> button = {Beside("hardware"), "stop", "--unattended"};
-  const std::vector<std::string> buttons_network = NetworkOptions(config.network, "stop");
-  button.insert(button.end(), buttons_network.begin(), buttons_network.end());
-  Child simulator("simulator", simulate);
-  Child stop("stop", button);
+  Child simulator("simulator", InNetwork(simulate, config.network, "dvrk_simulator"));
+  Child stop("stop",
+             InNetwork({Beside("hardware"), "stop", "--unattended"}, config.network, "stop"));
   Child client("robot", run);
   const std::array<Child*, 3> all = {&client, &simulator, &stop};
   while (client.running() && !interrupted) {

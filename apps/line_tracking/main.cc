@@ -191,7 +191,8 @@ int Main(int argc, char** argv) {
   command = app.add_subcommand("run", "run a model on a moving platform, or on a robot");
   command->add_option("--config", run.config,
                       "file that says which robot, and how to reach it (docs/robot.md); its other\n"
-                      "settings can be overruled here. Without: the simulation in this process");
+                      "settings can be overruled here. Without: the simulation in this process.\n"
+                      "`line_tracking --config FILE` is short for this");
   command->add_option("--model", run.model, "folder of fit (default: model)");
   command->add_option("--method", run.method, std::string(kMethods) + " (default: guided)");
   command->add_option("--recordings", run.recordings,

@@ -499,9 +499,10 @@ void RobotPlant::Reset(std::uint64_t seed) {
   }
   i.eye.Forget();
   i.truth = {};
-  // States and pictures may come late while a simulator sets up its scene.
+  // States and pictures may come late while a simulator sets up its scene. A robot begins at once
+  // on its operator's word, or not at all.
   constexpr std::int64_t kPatience = 3'000'000'000;  // ns
-  const std::int64_t end_ns = runtime::SteadyNow() + kPatience;
+  const std::int64_t end_ns = runtime::SteadyNow() + (i.link ? kPatience : 0);
   Doubt doubt = Start();
   while (doubt != Doubt::kNone && i.machine.state() != runtime::RunState::kFaulted &&
          runtime::SteadyNow() < end_ns) {

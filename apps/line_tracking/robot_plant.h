@@ -62,9 +62,10 @@ class RobotPlant final : public core::Plant {
 
   [[nodiscard]] const core::StateLayout& layout() const noexcept override;
   [[nodiscard]] int control_dim() const noexcept override { return 2; }
-  /// With a simulator: the next episode. On a robot the tip is where the operator put it. Then
-  /// starts, as Start(), as soon as nothing is in doubt any more.
-  /// @throws std::runtime_error with what still is after 3 s; at once if a fault was not cleared.
+  /// With a simulator: the next episode, which starts as soon as nothing is in doubt any more. On a
+  /// robot the tip is where the operator put it, and it starts at once, as Start().
+  /// @throws std::runtime_error with what is in doubt: at once on a robot and if a fault was not
+  ///   cleared, with a simulator after 3 s.
   void Reset(std::uint64_t seed) override;
   [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;
   void Observe(std::span<double> state) const noexcept override;
