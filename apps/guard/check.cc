@@ -14,7 +14,7 @@
 #include "dfr/core/matrix.h"
 #include "dfr/imitation/demonstrations.h"
 
-namespace dfr::apps {
+namespace dfr::apps::guard {
 namespace {
 
 // "object[2]": the entry of a state as --features takes it, but for the range.
@@ -244,4 +244,4 @@ bool RunCheck(const CheckOptions& options) {
   return findings.errors() == 0;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::guard

@@ -8,7 +8,7 @@
 #include "dfr/kernel/libsvm_io.h"
 #include "dfr/safety/onnx_export.h"
 
-namespace dfr::apps {
+namespace dfr::apps::guard {
 namespace {
 
 void WriteMatrix(std::ofstream& out, const core::Matrix& values) {
@@ -70,4 +70,4 @@ void RunExport(const ExportOptions& options) {
   }
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::guard

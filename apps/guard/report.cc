@@ -14,7 +14,7 @@
 #include "dfr/experiment/intervals.h"
 #include "dfr/imitation/demonstrations.h"
 
-namespace dfr::apps {
+namespace dfr::apps::guard {
 namespace {
 
 template <typename... Values>
@@ -291,4 +291,4 @@ void RunReport(const ReportOptions& options) {
   std::printf("%s\n", options.out.c_str());
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::guard

@@ -18,7 +18,7 @@
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/hardware/sprk_driver.h"
 
-namespace dfr::apps {
+namespace dfr::apps::hardware_app {
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -604,4 +604,4 @@ int RunCheck(CheckOptions options) {
   return ok ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::hardware_app

@@ -11,7 +11,7 @@
 #include "dfr/sim/line_tracking/calibration_motion.h"
 #include "site.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 void PrintErrors(const char* name, std::vector<double> errors_mm) {
@@ -68,4 +68,4 @@ void RunCalibrate(const CalibrateOptions& options) {
   std::cout << options.out.string() << " written\n";
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

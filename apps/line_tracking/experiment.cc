@@ -18,7 +18,7 @@
 #include "probe_study.h"
 #include "site.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 constexpr int kDemonstrations = 50;
@@ -340,4 +340,4 @@ void RunExperiment(const ExperimentOptions& options) {
             << "first trial also model and calibration.dfr, for run, render and view\n";
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

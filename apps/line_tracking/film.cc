@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <vector>
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 using sim::LineTrackingPlant;
@@ -207,4 +207,4 @@ control::RolloutResult RecordEpisode(LineSite& site, int method, const std::stri
   return result;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -8,7 +8,7 @@
 #include "dfr/control/rollout.h"
 #include "site.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// The endoscope's picture that was looked at last, with what vision saw in it, BGR, rows from the
 /// top.
@@ -23,4 +23,4 @@ control::RolloutResult RecordEpisode(LineSite& site, int method, const std::stri
                                      std::uint64_t start_seed, std::uint64_t controller_seed,
                                      const std::filesystem::path& path);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

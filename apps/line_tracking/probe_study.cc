@@ -5,7 +5,7 @@
 #include <cstddef>
 #include <limits>
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 constexpr std::size_t kDistance = 2;  // of LineTrackingPlant's state
@@ -70,4 +70,4 @@ double ProbeStudy::right_sign() const noexcept {
                            : static_cast<double>(right_) / static_cast<double>(sizes_um_.size());
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

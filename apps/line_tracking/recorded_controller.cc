@@ -13,7 +13,7 @@
 #include "dfr/runtime/periodic_timer.h"
 #include "model.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 bool Same(double a, double b) {
@@ -131,4 +131,4 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
   return differences == 0;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -22,7 +22,7 @@
 #include "robot_plant.h"
 #include "site.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 std::atomic<bool> interrupted = false;
@@ -260,4 +260,4 @@ void RunRender(const RenderOptions& options) {
             << result.controls() << " controls\n";
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

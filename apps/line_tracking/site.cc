@@ -9,7 +9,7 @@
 #include "dfr/core/random.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
                                         const sim::LineTrackingCalibration& known, int count,
@@ -131,4 +131,4 @@ void RecoveryCurves::Finish(bool reached) {
   current_.clear();
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -14,7 +14,7 @@
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 #include "model.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// Runs `count` open-loop demonstrations without disturbance, whatever `options` says of one, and
 /// keeps those that complete without a collision. Start states are a stream of `seed`. `progress`
@@ -76,4 +76,4 @@ class LineSite final : public experiment::EvaluationSite {
   std::vector<RecoveryCurves>* curves_ = nullptr;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -6,7 +6,7 @@
 #include "film.h"
 #include "site.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 // Shows every control, recoveries' many small ones faster.
@@ -69,4 +69,4 @@ void RunView(const ViewOptions& options) {
   }
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -8,7 +8,7 @@
 #include "commands.h"
 #include "dfr/core/random.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 double ThreadSeconds() {
@@ -84,4 +84,4 @@ void RunVision(const VisionOptions& options) {
   for (const double noise : {6.0, 12.0, 20.0}) PrintRow(options, 0.5, 0.2, noise);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

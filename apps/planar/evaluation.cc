@@ -10,7 +10,7 @@
 #include "dfr/control/rollout.h"
 #include "dfr/core/random.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 namespace {
 
 // How many controls each recovery took.
@@ -129,4 +129,4 @@ PlanarResult RunStudy(const PlanarStudy& study) {
   return result;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar

@@ -13,7 +13,7 @@
 #include "dfr/sim/planar/corridor.h"
 #include "dfr/sim/planar/disc_push.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 namespace {
 
 constexpr int kWidth = 1100;
@@ -259,4 +259,4 @@ void Painter::WriteVideo(const std::vector<Episode>& episodes,
   }
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar

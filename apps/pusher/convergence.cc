@@ -10,7 +10,7 @@
 #include "dfr/control/rollout.h"
 #include "dfr/core/random.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 constexpr int kMostControls = 1000;  // 500 iterations of two
@@ -120,4 +120,4 @@ std::vector<ConvergenceCurve> MeasureConvergence(PusherSite& site, int recoverie
   return curves;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

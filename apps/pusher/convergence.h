@@ -7,7 +7,7 @@
 #include "model.h"
 #include "site.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 /// How fast one method's recoveries climb: g_t over the threshold that it has to reach, at most 1,
 /// averaged over recoveries; one that has ended keeps its last value.
@@ -27,4 +27,4 @@ struct ConvergenceCurve {
 [[nodiscard]] std::vector<ConvergenceCurve> MeasureConvergence(PusherSite& site, int recoveries,
                                                                std::uint64_t seed);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

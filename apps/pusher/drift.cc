@@ -10,7 +10,7 @@
 #include "dfr/experiment/summary.h"
 #include "site.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 constexpr double kDegree = 3.14159265358979323846 / 180.0;
@@ -108,4 +108,4 @@ void RunDrift(const DriftOptions& options) {
   }
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -6,7 +6,7 @@
 #include "dfr/experiment/summary.h"
 #include "site.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 void RunEvaluate(const EvaluateOptions& options) {
   std::vector<Method> methods;
@@ -41,4 +41,4 @@ void RunEvaluate(const EvaluateOptions& options) {
                          std::cout);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -16,7 +16,7 @@
 #include "film.h"
 #include "site.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 constexpr int kFilmWidth = 480;
@@ -374,4 +374,4 @@ void RunExperiment(const ExperimentOptions& options) {
               (options.out / "summary.json").c_str());
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -8,7 +8,7 @@
 #include <opencv2/videoio.hpp>
 #include <stdexcept>
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 constexpr int kStripHeight = 150;
@@ -258,4 +258,4 @@ void WriteStill(const std::filesystem::path& path, std::span<const Film> films, 
   if (!written) throw std::runtime_error(path.string() + ": the picture cannot be written");
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -10,7 +10,7 @@
 #include "dfr/control/rollout.h"
 #include "dfr/core/decision_function.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 /// One picture of a rollout with what the controller thought at that moment.
 struct FilmFrame {
@@ -76,4 +76,4 @@ void WriteVideo(const std::filesystem::path& path, std::span<const Film> films);
 /// Writes picture `index` of the same, or the last one, as a PNG or JPEG chosen by the ending.
 void WriteStill(const std::filesystem::path& path, std::span<const Film> films, std::size_t index);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -9,7 +9,7 @@
 #include "film.h"
 #include "site.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 void RunRender(const RenderOptions& options) {
   std::vector<Method> methods;
@@ -87,4 +87,4 @@ void RunView(const ViewOptions& options) {
   }
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -10,7 +10,7 @@
 #include "dfr/core/random.h"
 #include "dfr/sim/pusher/pusher_view.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 // Streams of the experiment's seed; 0 and 1 are the evaluation's start states and controllers.
@@ -202,4 +202,4 @@ std::unique_ptr<PusherSite> SiteFactory::Make(const experiment::EvaluationUnit& 
                                       std::move(measures), options_.disturbance);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

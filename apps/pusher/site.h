@@ -17,7 +17,7 @@
 #include "model.h"
 #include "supervisor.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 /// An estimate's overlap with the red regions, P(red | g >= 0): states drawn around the
 /// demonstrated ones (cylinder displaced uniformly by at most 0.15 m, each joint by at most 0.1
@@ -95,4 +95,4 @@ class SiteFactory {
   std::vector<std::unique_ptr<Trial>> trials_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -17,7 +17,7 @@
 #include "dfr/imitation/trpo.h"
 #include "dfr/sim/pusher/pusher_reward.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 constexpr int kJudgeEvery = 10;  // iterations
@@ -208,4 +208,4 @@ void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options) {
   });
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -38,7 +38,7 @@
 #include "simulator_link.h"
 #include "site.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 constexpr double kMillisecond = 1e6;  // ns
@@ -553,10 +553,10 @@ int Main(int argc, char** argv) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking
 
 int main(int argc, char** argv) try {
-  return dfr::apps::Main(argc, argv);
+  return dfr::apps::line_tracking::Main(argc, argv);
 } catch (const std::exception& e) {
   std::cerr << "faults_bench: " << e.what() << '\n';
   return EXIT_FAILURE;

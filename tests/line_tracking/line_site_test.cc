@@ -11,7 +11,7 @@
 #include "site.h"
 #include "tests/line_tracking/scene.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 using sim::LineTrackingPlant;
@@ -227,4 +227,4 @@ TEST(LineSiteTest, TooFewDemonstrationsThrow) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

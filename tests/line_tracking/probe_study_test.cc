@@ -9,7 +9,7 @@
 #include "site.h"
 #include "tests/line_tracking/scene.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 // What the paper reports of its robot: at least twice Baseline's completions, 84 % fewer
@@ -72,4 +72,4 @@ TEST(ProbeStudyTest, ExactStatesHaveNoWrongSigns) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -3,7 +3,7 @@
 #include "dfr/sim/line_tracking/arm_error.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// A platform that moves at random.
 inline sim::LineTrackingOptions Disturbed() {
@@ -29,4 +29,4 @@ inline sim::LineTrackingCalibration Known(const sim::LineTrackingOptions& option
   return known;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -30,7 +30,7 @@
 #include "tests/support/no_alloc.h"
 #include "watchman.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 // A folder with model and calibration, for all tests; it goes with the last of them.
@@ -282,4 +282,4 @@ TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSee
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

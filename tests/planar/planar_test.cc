@@ -16,7 +16,7 @@
 #include "apps/planar/proof.h"
 #include "apps/planar/task.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 namespace {
 
 struct Counts {
@@ -152,4 +152,4 @@ TEST(PageTest, HoldsEveryMethodAndItsSupport) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar
