@@ -119,6 +119,6 @@ void RunVision(const VisionOptions& options);
 
 /// What the scene's calibration file holds, or the truth.
 /// @throws std::runtime_error naming the file, and what writes one, if it is not there.
-[[nodiscard]] sim::LineTrackingCalibration LoadCalibration(const SceneOptions& scene);
+[[nodiscard]] line_task::LineCalibration LoadCalibration(const SceneOptions& scene);
 
 }  // namespace dfr::apps::line_tracking

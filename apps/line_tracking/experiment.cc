@@ -212,7 +212,7 @@ void RunExperiment(const ExperimentOptions& options) {
   if (options.restart) std::filesystem::remove(ledger);
 
   calibration::CalibrationSummary calibration_summary;
-  const calibration::Calibration known =
+  const line_task::LineCalibration known =
       CalibratePlant(options.plant, kCalibrationFrames,
                      core::DeriveSeed(options.seed, {kCalibrationStream}), &calibration_summary);
   if (!calibration_summary.converged) {

@@ -148,7 +148,7 @@ RobotConfig Configuration(const RunOptions& options) {
 }
 
 Robot MakeRobot(const RobotConfig& config, const RunOptions& options,
-                const sim::LineTrackingCalibration& known, recording::Recorder* recorder) {
+                const line_task::LineCalibration& known, recording::Recorder* recorder) {
   Robot robot;
   if (config.robot == RobotPlace::kProcess) {
     auto plant = std::make_unique<sim::LineTrackingPlant>(options.scene.plant, &known);
@@ -179,7 +179,7 @@ void RunRun(const RunOptions& options) {
   const LineModel model = LineModel::Load(config.model);
   SceneOptions scene = options.scene;
   scene.calibration = config.calibration;
-  const sim::LineTrackingCalibration known = LoadCalibration(scene);
+  const line_task::LineCalibration known = LoadCalibration(scene);
   std::optional<recording::Recorder> recorder;
   std::filesystem::path log;
   if (!config.recordings.empty()) {

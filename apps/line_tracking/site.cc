@@ -12,7 +12,7 @@
 namespace dfr::apps::line_tracking {
 
 imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
-                                        const sim::LineTrackingCalibration& known, int count,
+                                        const line_task::LineCalibration& known, int count,
                                         int steps, std::uint64_t seed,
                                         experiment::ProgressCallback progress) {
   DFR_THROW_UNLESS(count > 0, "the number of demonstrations must be positive, not " << count);
@@ -53,14 +53,14 @@ imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
   return set;
 }
 
-calibration::Calibration CalibratePlant(const sim::LineTrackingOptions& options, int frames,
-                                        std::uint64_t seed,
-                                        calibration::CalibrationSummary* summary) {
+line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& options, int frames,
+                                          std::uint64_t seed,
+                                          calibration::CalibrationSummary* summary) {
   sim::LineTrackingOptions still = options;
   still.disturbance.wave = sim::Wave::kNone;
   still.observation = sim::Observation::kGroundTruth;  // the motion looks for itself
   sim::LineTrackingPlant plant(still);
-  const sim::LineTrackingCalibration nominal = sim::NominalCalibration();
+  const line_task::LineCalibration nominal = sim::NominalCalibration();
   return calibration::Calibrate(
       sim::RecordCalibrationMotion(plant, frames, seed), sim::LineTrackingPlant::target().marks_m,
       nominal, (sim::LineTrackingPlant::p_world_base() * nominal.p_base_cam).inverse(), {},
@@ -68,7 +68,7 @@ calibration::Calibration CalibratePlant(const sim::LineTrackingOptions& options,
 }
 
 LineSite::LineSite(LineModel model, const std::vector<std::string>& methods,
-                   const sim::LineTrackingOptions& plant, const sim::LineTrackingCalibration& known)
+                   const sim::LineTrackingOptions& plant, const line_task::LineCalibration& known)
     : plant_(std::make_unique<sim::LineTrackingPlant>(plant, &known)), model_(std::move(model)) {
   for (const std::string& method : methods) {
     controllers_.push_back(model_.MakeController(Method::Parse(method)));

@@ -21,14 +21,14 @@ namespace dfr::apps::line_tracking {
 /// may be empty.
 /// @throws std::runtime_error if more than half are unusable.
 [[nodiscard]] imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
-                                                      const sim::LineTrackingCalibration& known,
+                                                      const line_task::LineCalibration& known,
                                                       int count, int steps, std::uint64_t seed,
                                                       experiment::ProgressCallback progress = {});
 
 /// Records a motion with the plant's own arm and platform, and calibrates from it.
-[[nodiscard]] calibration::Calibration CalibratePlant(const sim::LineTrackingOptions& options,
-                                                      int frames, std::uint64_t seed,
-                                                      calibration::CalibrationSummary* summary);
+[[nodiscard]] line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& options,
+                                                        int frames, std::uint64_t seed,
+                                                        calibration::CalibrationSummary* summary);
 
 /// Collects how g rises during recoveries: g over the gate's threshold after each iteration.
 class RecoveryCurves final : public control::RolloutObserver {
@@ -52,7 +52,7 @@ class RecoveryCurves final : public control::RolloutObserver {
 class LineSite final : public experiment::EvaluationSite {
  public:
   LineSite(LineModel model, const std::vector<std::string>& methods,
-           const sim::LineTrackingOptions& plant, const sim::LineTrackingCalibration& known);
+           const sim::LineTrackingOptions& plant, const line_task::LineCalibration& known);
 
   [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
   [[nodiscard]] experiment::EpisodeResult Run(int method, std::uint64_t start_seed,

@@ -27,7 +27,7 @@ void PrintRow(const VisionOptions& options, double blur_px, double light_change,
   plant_options.endoscope.blur_px = blur_px;
   plant_options.endoscope.light_change = light_change;
   plant_options.endoscope.noise = noise;
-  const sim::LineTrackingCalibration known = LoadCalibration(options.scene);
+  const line_task::LineCalibration known = LoadCalibration(options.scene);
   sim::LineTrackingPlant plant(plant_options, &known);
   core::Random random(options.seed);
   std::vector<double> errors_mm;

@@ -95,7 +95,7 @@ void RunRobot(const std::filesystem::path& folder, int domain, dds::Discovery di
   if (const std::string refused = runtime::AskForRealTime(config.priority); !refused.empty()) {
     std::cout << "note " << refused << std::endl;
   }
-  RobotPlant plant(config, sim::LineTrackingCalibration::Load(folder / "calibration.dfr"), nullptr);
+  RobotPlant plant(config, line_task::LineCalibration::Load(folder / "calibration.dfr"), nullptr);
   plant.on_transition = [](const runtime::Transition& t) {
     std::printf("%lld %s %s %s\n", static_cast<long long>(t.steady_ns), runtime::Name(t.to),
                 runtime::Name(t.doubt), t.detail.data());
@@ -506,7 +506,7 @@ void Prepare(const std::filesystem::path& folder) {
   sim::LineTrackingOptions world;
   world.observation = sim::Observation::kGroundTruth;
   calibration::CalibrationSummary summary;
-  const calibration::Calibration known = CalibratePlant(world, 100, 3, &summary);
+  const line_task::LineCalibration known = CalibratePlant(world, 100, 3, &summary);
   known.Save(folder / "calibration.dfr");
   LineModelOptions options;
   options.gammas = {0.5};

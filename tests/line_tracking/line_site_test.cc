@@ -46,15 +46,15 @@ TEST(LineSiteTest, CalibrationBringsTheArmBelowAMillimetre) {
     sim::LineTrackingOptions options = FromTruth();
     options.arm.seed = arm;
     calibration::CalibrationSummary summary;
-    const calibration::Calibration found = CalibratePlant(options, 120, 3, &summary);
+    const line_task::LineCalibration found = CalibratePlant(options, 120, 3, &summary);
     ASSERT_TRUE(summary.converged && summary.has_covariance) << summary.message;
     LineTrackingPlant plant(options);
-    const auto mean = [&](const sim::LineTrackingCalibration& known) {
+    const auto mean = [&](const line_task::LineCalibration& known) {
       double sum = 0.0;
       for (double error : sim::HeldOutTipErrors(plant, known, 200, 4)) sum += error;
       return sum / 200;
     };
-    sim::LineTrackingCalibration uncorrected = Known(options);
+    line_task::LineCalibration uncorrected = Known(options);
     uncorrected.arm = {};
     EXPECT_GT(mean(uncorrected), 3.5);
     EXPECT_LT(mean(found), 1.0);
@@ -108,7 +108,7 @@ TEST(LineSiteTest, ModelsSurviveTheirFiles) {
 
 TEST(LineSiteTest, ABlindCameraHaltsTheEpisode) {
   const sim::LineTrackingOptions options;
-  const sim::LineTrackingCalibration known = Known(options);
+  const line_task::LineCalibration known = Known(options);
   for (const sim::CameraFault fault :
        {sim::CameraFault::kFrozen, sim::CameraFault::kBlack, sim::CameraFault::kOverexposed,
         sim::CameraFault::kNoLine, sim::CameraFault::kNoTip}) {
@@ -125,7 +125,7 @@ TEST(LineSiteTest, ABlindCameraHaltsTheEpisode) {
 
 TEST(LineSiteTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
   const sim::LineTrackingOptions options;
-  sim::LineTrackingCalibration foreign = Known(options);
+  line_task::LineCalibration foreign = Known(options);
   foreign.camera.fx *= 1.5;
   foreign.camera.fy *= 1.5;
   LineTrackingPlant plant(options, &foreign);
@@ -141,7 +141,7 @@ TEST(LineSiteTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
 // Results say what the picture did not show.
 TEST(LineSiteTest, HaltsNameWhatWasNotSeen) {
   const sim::LineTrackingOptions options;
-  sim::LineTrackingCalibration foreign = Known(options);
+  line_task::LineCalibration foreign = Known(options);
   foreign.camera.fx *= 1.5;
   foreign.camera.fy *= 1.5;
   LineSite site(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1),
