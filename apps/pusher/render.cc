@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "commands.h"
+#include "dfr/core/format.h"
 #include "dfr/core/random.h"
 #include "dfr/sim/pusher/pusher_view.h"
 #include "film.h"
@@ -46,10 +47,9 @@ class WindowObserver final : public control::RolloutObserver {
 
   void OnControl(const control::RolloutEvent& event) override {
     const bool policy = event.step.mode == control::Mode::kPolicy;
-    char text[96];
-    std::snprintf(text, sizeof text, "t = %d  %s  g = %.4f", event.step.t,
-                  control::Name(event.step.mode), event.step.g);
-    Show(text, policy ? 0.12 : 0.016);
+    Show(core::Format("t = %d  %s  g = %.4f", event.step.t, control::Name(event.step.mode),
+                      event.step.g),
+         policy ? 0.12 : 0.016);
   }
 
   void OnEnd(const control::RolloutResult& result) override {

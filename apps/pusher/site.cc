@@ -1,12 +1,12 @@
 #include "site.h"
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <span>
 #include <stdexcept>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/quantile.h"
 #include "dfr/core/random.h"
 #include "dfr/sim/pusher/pusher_view.h"
 
@@ -142,9 +142,7 @@ std::map<std::string, double> PusherSite::Measures() {
   for (std::size_t i = 0; i < methods_.size(); ++i) {
     std::vector<int>& lengths = recovery_lengths_[i];
     if (lengths.empty()) continue;
-    const auto middle = lengths.begin() + static_cast<std::ptrdiff_t>(lengths.size() / 2);
-    std::nth_element(lengths.begin(), middle, lengths.end());
-    measures["controls_per_recovery " + methods_[i].name] = *middle;
+    measures["controls_per_recovery " + methods_[i].name] = core::Median(lengths);
   }
   return measures;
 }

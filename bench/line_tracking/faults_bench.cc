@@ -29,6 +29,7 @@
 #include "commands.h"
 #include "dfr/control/rollout.h"
 #include "dfr/core/build_info.h"
+#include "dfr/core/quantile.h"
 #include "dfr/core/random.h"
 #include "dfr/dds/channel.h"
 #include "dfr/runtime/periodic_timer.h"
@@ -405,8 +406,7 @@ struct Row {
 
 double Quantile(std::vector<double> values, double q) {
   if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  std::sort(values.begin(), values.end());
-  return values[static_cast<std::size_t>(q * static_cast<double>(values.size() - 1))];
+  return core::Quantile(values, q);
 }
 
 void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
