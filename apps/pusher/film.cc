@@ -2,11 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 #include <stdexcept>
+
+#include "apps/video_writer.h"
+#include "dfr/core/format.h"
 
 namespace dfr::apps::pusher {
 namespace {
@@ -109,28 +110,23 @@ void DrawStrip(cv::Mat& strip, const Film& film, std::size_t now) {
 
 std::string StateText(const Film& film, std::size_t now, cv::Scalar& colour) {
   const FilmFrame& frame = film.frames[now];
-  char text[128];
   if (now + 1 == film.frames.size()) {
     colour = film.result.outcome == core::Outcome::kCollided    ? kCollidedColour
              : film.result.outcome == core::Outcome::kCompleted ? kCompletedColour
                                                                 : kInk;
     const bool halted = film.result.outcome == core::Outcome::kHalted;
-    std::snprintf(text, sizeof text, "%s%s%s after %d controls", core::Name(film.result.outcome),
-                  halted ? ": " : "", halted ? control::Name(film.result.halt_cause) : "",
-                  frame.controls);
-    return text;
+    return core::Format("%s%s%s after %d controls", core::Name(film.result.outcome),
+                        halted ? ": " : "", halted ? control::Name(film.result.halt_cause) : "",
+                        frame.controls);
   }
   colour = Colour(frame.step.mode);
   const bool recovering =
       frame.step.mode == control::Mode::kProbe || frame.step.mode == control::Mode::kRecovery;
   if (recovering) {
-    std::snprintf(text, sizeof text, "t = %d  recovery, iteration %d", frame.step.t,
-                  frame.step.iteration);
-  } else {
-    std::snprintf(text, sizeof text, "t = %d  learned policy%s", frame.step.t,
-                  frame.step.filtered ? ", filtered" : "");
+    return core::Format("t = %d  recovery, iteration %d", frame.step.t, frame.step.iteration);
   }
-  return text;
+  return core::Format("t = %d  learned policy%s", frame.step.t,
+                      frame.step.filtered ? ", filtered" : "");
 }
 
 cv::Mat Panel(const Film& film, std::size_t frame) {
@@ -223,28 +219,10 @@ void FilmRecorder::OnEnd(const control::RolloutResult& result) {
 
 void WriteVideo(const std::filesystem::path& path, std::span<const Film> films) {
   CheckFilms(films);
-  int codec = 0;
-  if (path.extension() == ".mp4") {
-    codec = cv::VideoWriter::fourcc('a', 'v', 'c', '1');
-  } else if (path.extension() == ".webm") {
-    codec = cv::VideoWriter::fourcc('V', 'P', '8', '0');
-  } else {
-    throw std::runtime_error(path.string() + ": a video's name ends in .mp4 or .webm");
-  }
   std::size_t frames = 0;
   for (const Film& film : films) frames = std::max(frames, film.frames.size());
-  const cv::Size size = Composite(films, 0).size();
-  // Encoders want even sizes.
-  const cv::Size even(size.width & ~1, size.height & ~1);
-  cv::VideoWriter writer(path.string(), cv::CAP_FFMPEG, codec, kFramesPerSecond, even);
-  if (!writer.isOpened()) {
-    throw std::runtime_error(path.string() +
-                             ": the video cannot be written here; does its folder "
-                             "exist?");
-  }
-  for (std::size_t i = 0; i < frames + kHoldFrames; ++i) {
-    writer.write(Composite(films, i)(cv::Rect({0, 0}, even)));
-  }
+  VideoWriter writer(path, Composite(films, 0).size(), kFramesPerSecond);
+  for (std::size_t i = 0; i < frames + kHoldFrames; ++i) writer.Write(Composite(films, i));
 }
 
 void WriteStill(const std::filesystem::path& path, std::span<const Film> films, std::size_t index) {
