@@ -9,7 +9,7 @@
 #include "commands.h"
 #include "dfr/core/random.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
-#include "site.h"
+#include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
 namespace {

@@ -4,7 +4,7 @@
 #include "commands.h"
 #include "dfr/experiment/progress.h"
 #include "dfr/imitation/demonstrations.h"
-#include "site.h"
+#include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
 

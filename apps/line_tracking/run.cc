@@ -17,10 +17,10 @@
 #include "dfr/core/build_info.h"
 #include "dfr/core/random.h"
 #include "dfr/runtime/periodic_timer.h"
-#include "film.h"
 #include "recorded_controller.h"
 #include "robot_plant.h"
-#include "site.h"
+#include "rollout_video.h"
+#include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
@@ -252,10 +252,10 @@ void RunReplay(const ReplayOptions& options) {
 
 void RunRender(const RenderOptions& options) {
   LineModel model = LineModel::Load(options.model);
-  LineSite site(std::move(model), {options.method}, options.scene.plant,
-                LoadCalibration(options.scene));
+  LineTrialRunner runner(std::move(model), {options.method}, options.scene.plant,
+                         LoadCalibration(options.scene));
   const control::RolloutResult result =
-      RecordEpisode(site, 0, options.method, options.seed, options.seed, options.out);
+      RecordEpisode(runner, 0, options.method, options.seed, options.seed, options.out);
   std::cout << options.out.string() << ": " << core::Name(result.outcome) << " after "
             << result.controls() << " controls\n";
 }

@@ -37,7 +37,7 @@
 #include "recorded_controller.h"
 #include "robot_plant.h"
 #include "simulator_link.h"
-#include "site.h"
+#include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
 namespace {

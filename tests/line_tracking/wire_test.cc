@@ -22,12 +22,12 @@
 #include "recorded_controller.h"
 #include "robot_plant.h"
 #include "simulator_link.h"
-#include "site.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/keystore.h"
 #include "tests/dds/peer_process.h"
 #include "tests/line_tracking/scene.h"
 #include "tests/support/no_alloc.h"
+#include "trial_runner.h"
 #include "watchman.h"
 
 namespace dfr::apps::line_tracking {

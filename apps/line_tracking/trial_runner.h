@@ -49,10 +49,10 @@ class RecoveryCurves final : public control::RolloutObserver {
 };
 
 /// One unit of the experiment: a model, and a plant to run it on.
-class LineSite final : public experiment::EvaluationSite {
+class LineTrialRunner final : public experiment::TrialRunner {
  public:
-  LineSite(LineModel model, const std::vector<std::string>& methods,
-           const sim::LineTrackingOptions& plant, const line_task::LineCalibration& known);
+  LineTrialRunner(LineModel model, const std::vector<std::string>& methods,
+                  const sim::LineTrackingOptions& plant, const line_task::LineCalibration& known);
 
   [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
   [[nodiscard]] experiment::EpisodeResult Run(int method, std::uint64_t start_seed,

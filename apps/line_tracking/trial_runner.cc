@@ -1,4 +1,4 @@
-#include "site.h"
+#include "trial_runner.h"
 
 #include <algorithm>
 #include <cmath>
@@ -67,32 +67,34 @@ line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& option
       summary);
 }
 
-LineSite::LineSite(LineModel model, const std::vector<std::string>& methods,
-                   const sim::LineTrackingOptions& plant, const line_task::LineCalibration& known)
+LineTrialRunner::LineTrialRunner(LineModel model, const std::vector<std::string>& methods,
+                                 const sim::LineTrackingOptions& plant,
+                                 const line_task::LineCalibration& known)
     : plant_(std::make_unique<sim::LineTrackingPlant>(plant, &known)), model_(std::move(model)) {
   for (const std::string& method : methods) {
     controllers_.push_back(model_.MakeController(Method::Parse(method)));
   }
 }
 
-bool LineSite::Accepts(std::uint64_t start_seed) {
+bool LineTrialRunner::Accepts(std::uint64_t start_seed) {
   plant_->Reset(start_seed);
   std::array<double, 4> start;
   plant_->Observe(start);
   return model_.support().Decision(0, start) >= 0.0;
 }
 
-control::RolloutResult LineSite::Watch(int method, std::uint64_t start_seed,
-                                       std::uint64_t controller_seed,
-                                       control::RolloutObserver* observer, int max_controls) {
+control::RolloutResult LineTrialRunner::Watch(int method, std::uint64_t start_seed,
+                                              std::uint64_t controller_seed,
+                                              control::RolloutObserver* observer,
+                                              int max_controls) {
   return control::Rollout(
       *plant_, *controllers_.at(static_cast<std::size_t>(method)),
       {.plant_seed = start_seed, .controller_seed = controller_seed, .max_controls = max_controls},
       observer, &workspace_);
 }
 
-experiment::EpisodeResult LineSite::Run(int method, std::uint64_t start_seed,
-                                        std::uint64_t controller_seed) {
+experiment::EpisodeResult LineTrialRunner::Run(int method, std::uint64_t start_seed,
+                                               std::uint64_t controller_seed) {
   const control::RolloutResult result =
       Watch(method, start_seed, controller_seed,
             curves_ == nullptr ? nullptr : &curves_->at(static_cast<std::size_t>(method)));
@@ -111,7 +113,7 @@ experiment::EpisodeResult LineSite::Run(int method, std::uint64_t start_seed,
   return episode;
 }
 
-std::map<std::string, double> LineSite::Measures() { return {{"gamma", model_.gamma()}}; }
+std::map<std::string, double> LineTrialRunner::Measures() { return {{"gamma", model_.gamma()}}; }
 
 void RecoveryCurves::OnControl(const control::RolloutEvent& event) {
   const control::Step& step = event.step;

@@ -1,4 +1,4 @@
-#include "film.h"
+#include "rollout_video.h"
 
 #include <algorithm>
 #include <cmath>
@@ -183,13 +183,14 @@ class Recorder final : public control::RolloutObserver {
 
 }  // namespace
 
-control::RolloutResult RecordEpisode(LineSite& site, int method, const std::string& title,
+control::RolloutResult RecordEpisode(LineTrialRunner& runner, int method, const std::string& title,
                                      std::uint64_t start_seed, std::uint64_t controller_seed,
                                      const std::filesystem::path& path) {
   // Opened first: a name that it refuses is refused before an episode runs.
   VideoWriter writer(path, {2 * kWidth, kHeight + kStripHeight}, kFramesPerSecond);
-  Recorder recorder(site.plant(), title);
-  const control::RolloutResult result = site.Watch(method, start_seed, controller_seed, &recorder);
+  Recorder recorder(runner.plant(), title);
+  const control::RolloutResult result =
+      runner.Watch(method, start_seed, controller_seed, &recorder);
   for (const cv::Mat& frame : recorder.frames()) writer.Write(frame);
   return result;
 }

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "dfr/control/rollout.h"
-#include "site.h"
+#include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
 
@@ -19,7 +19,7 @@ namespace dfr::apps::line_tracking {
 /// chooses the format: .mp4 (H.264) or .webm (VP8). Recoveries are shown every tenth control, for
 /// they are many and small.
 /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
-control::RolloutResult RecordEpisode(LineSite& site, int method, const std::string& title,
+control::RolloutResult RecordEpisode(LineTrialRunner& runner, int method, const std::string& title,
                                      std::uint64_t start_seed, std::uint64_t controller_seed,
                                      const std::filesystem::path& path);
 
