@@ -110,10 +110,8 @@ class LineVision {
   [[nodiscard]] const CameraModel& camera() const noexcept;
 
  private:
-  struct Buffers;
-  CameraModel camera_;
-  LineVisionOptions options_;
-  std::unique_ptr<Buffers> buffers_;
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
 }  // namespace dfr::vision
