@@ -93,7 +93,7 @@ class Page {
   // The style sheet's colours differ in lightness as well as hue, and each has its marker. The
   // first method is grey: the others are compared with it.
   std::string ColourOf(const std::string& method) const {
-    return "style=\"--c:var(--s" + std::to_string(StyleOf(method) % 6) + ")\"";
+    return internal::StyleAttribute(StyleOf(method));
   }
 
   static std::string Percent(double value, int digits) {
@@ -299,8 +299,7 @@ class Page {
     }
     out_ << "</div>\n<div class=\"key\">";
     const auto key = [&](const std::string& css_class, const std::string& name) {
-      out_ << "<span><svg viewBox=\"0 0 12 12\"><rect class=\"" << css_class
-           << "\" width=\"12\" height=\"12\" rx=\"2\"/></svg>" << Escape(name) << "</span>";
+      out_ << "<span>" << internal::SvgSwatch(css_class) << Escape(name) << "</span>";
     };
     key("done", "completed");
     for (const std::string& cause : causes) key(class_of(cause), "halted: " + cause);
@@ -420,6 +419,10 @@ class Page {
 };
 
 }  // namespace
+
+void SavePlot(const ReportPlot& plot, const std::filesystem::path& path) {
+  internal::ReplaceFile(path, internal::SvgDocument(plot));
+}
 
 std::string RenderReport(const Summary& summary, const ReportOptions& options) {
   return Page(summary, options).Render();
