@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <span>
 #include <string>
 #include <vector>
@@ -60,8 +59,6 @@ struct Selection {
 
   /// The table as text, the chosen row marked.
   [[nodiscard]] std::string Table() const;
-  /// Acceptance and volume over gamma, as a picture. @throws std::runtime_error naming the file.
-  void SavePicture(const std::filesystem::path& path) const;
 };
 
 /// Compares pairs of nu and gamma by cross-validation over whole demonstrations. The distances
