@@ -31,7 +31,7 @@ class Whitening {
 
   /// x to z, dim() entries each; they may be the same memory. Never allocates.
   void Apply(std::span<const double> x, std::span<double> z) const noexcept;
-  /// z to x likewise.
+  /// z to x, under the same conditions.
   void ApplyInverse(std::span<const double> z, std::span<double> x) const noexcept;
   /// The same for each row. @throws std::invalid_argument for another number of columns.
   [[nodiscard]] core::Matrix Apply(const core::Matrix& samples) const;

@@ -14,7 +14,7 @@ namespace dfr::kernel {
 
 /// Split-conformal threshold: with `scores` of n exchangeable held-out items (larger is stranger),
 /// the value that a further item of the same kind exceeds with probability at most `alpha`. It is
-/// the score of rank ceil((n + 1)(1 - alpha)); +infinity where that is beyond n, for then n items
+/// the score of rank ceil((n + 1)(1 - alpha)); +infinity where that is beyond n: n items
 /// cannot promise so little.
 /// @throws std::invalid_argument if there are no scores, one is NaN, or alpha is not in (0, 1).
 [[nodiscard]] double ConformalThreshold(std::span<const double> scores, double alpha);
@@ -50,7 +50,7 @@ struct SelectionRow {
 };
 
 /// The table, in the order of nus and then gammas, and the row that was chosen: of those that
-/// accept enough the one of least volume, for a support that holds the demonstrations and little
+/// accept enough the one of least volume, so that the support holds the demonstrations and little
 /// else; where none does, the one that accepts most.
 struct Selection {
   std::vector<SelectionRow> rows;
