@@ -1,4 +1,5 @@
-# dfr_add_library, dfr_add_app, dfr_add_test, dfr_add_bench: how a target looks in this repository.
+# dfr_add_library, dfr_add_app, dfr_add_test, dfr_add_bench, dfr_embed: how a target looks in this
+# repository.
 
 if(NOT CMAKE_BUILD_TYPE AND NOT CMAKE_CONFIGURATION_TYPES)
   set(CMAKE_BUILD_TYPE Release CACHE STRING "Build type" FORCE)
@@ -54,6 +55,37 @@ function(dfr_add_app name)
   target_link_libraries(${name} PRIVATE ${arg_LINK} dfr_build_flags)
   install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT ${name})
   set_property(GLOBAL APPEND PROPERTY DFR_APPS ${name})
+endfunction()
+
+# dfr_embed(dfr_sim_pusher models/pusher.xml): the text of each file travels inside the target.
+# The generated pusher.xml.h, which only this target sees, holds it as dfr::embedded::kPusherXml.
+function(dfr_embed target)
+  set(directory ${CMAKE_CURRENT_BINARY_DIR}/embedded)
+  target_include_directories(${target} PRIVATE ${directory})
+  foreach(file IN LISTS ARGN)
+    set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${file})
+    get_filename_component(name ${file} NAME)
+    string(REGEX REPLACE "[._]" ";" words ${name})
+    set(constant k)
+    foreach(word IN LISTS words)
+      string(SUBSTRING ${word} 0 1 initial)
+      string(TOUPPER ${initial} initial)
+      string(SUBSTRING ${word} 1 -1 rest)
+      string(APPEND constant ${initial}${rest})
+    endforeach()
+    file(READ ${file} text)
+    file(CONFIGURE OUTPUT ${directory}/${name}.h @ONLY CONTENT [[
+// Generated from @file@.
+#pragma once
+#include <string_view>
+
+namespace dfr::embedded {
+
+constexpr std::string_view @constant@ = R"embedded(@text@)embedded";
+
+}  // namespace dfr::embedded
+]])
+  endforeach()
 endfunction()
 
 # dfr_add_test(random_test LINK dfr::core [SOURCES ...] [LABELS ...]): one file per public header,

@@ -13,10 +13,3 @@ macro(dfr_find_mujoco)
       INTERFACE_INCLUDE_DIRECTORIES "${mujoco_include_dirs}" IMPORTED_GLOBAL TRUE)
   endif()
 endmacro()
-
-# dfr_embed_model(pusher DFR_PUSHER_XML) puts the text of models/pusher.xml into that variable, for
-# a configure_file that carries it into the library.
-macro(dfr_embed_model name variable)
-  set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS models/${name}.xml)
-  file(READ models/${name}.xml ${variable})
-endmacro()

@@ -21,7 +21,7 @@ struct ConvertOptions {
   std::filesystem::path demonstrations;
   std::filesystem::path
       out;         ///< .hdf5: robomimic's format; otherwise the folder of a Minari dataset.
-  std::string id;  ///< Of the dataset; empty: the last two folders' names.
+  std::string id;  ///< The dataset's id; empty: the names of the last two folders.
 };
 void RunConvert(const ConvertOptions& options);
 

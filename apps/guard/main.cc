@@ -1,7 +1,9 @@
 // A guard around any policy, from any demonstrations: check, fit, report, evaluate, export.
 #include <CLI/CLI.hpp>
 #include <cstdlib>
+#include <filesystem>
 #include <iostream>
+#include <memory>
 #include <stdexcept>
 #include <string>
 
@@ -20,6 +22,113 @@ void AddGuard(CLI::App& command, std::filesystem::path& path) {
   command.add_option("GUARD", path, "file that guard fit wrote")->required();
 }
 
+void AddCheck(CLI::App& app, int& result) {
+  const auto options = std::make_shared<CheckOptions>();
+  CLI::App* command = app.add_subcommand(
+      "check",
+      "what is wrong with demonstrations: shapes, NaN, dead or doubled entries, alignment");
+  AddDemonstrations(*command, options->demonstrations);
+  command
+      ->add_option("--action-limit", options->action_limit,
+                   "entries of actions beyond +- this are reported")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->callback(
+      [options, &result] { result = RunCheck(*options) ? EXIT_SUCCESS : EXIT_FAILURE; });
+}
+
+void AddConvert(CLI::App& app) {
+  const auto options = std::make_shared<ConvertOptions>();
+  CLI::App* command = app.add_subcommand(
+      "convert", "robomimic's format to Minari's or back, one episode at a time");
+  AddDemonstrations(*command, options->demonstrations);
+  command
+      ->add_option("OUT", options->out,
+                   "a .hdf5 file: robomimic's format; otherwise the folder of a Minari dataset")
+      ->required();
+  command->add_option("--id", options->id,
+                      "of the Minari dataset, namespace/name-v0; by default from its folder");
+  command->callback([options] { RunConvert(*options); });
+}
+
+void AddFit(CLI::App& app) {
+  const auto options = std::make_shared<FitOptions>();
+  CLI::App* command = app.add_subcommand("fit", "learn a guard from demonstrations");
+  AddDemonstrations(*command, options->demonstrations);
+  command->add_option("-o,--out", options->out, "the file")->capture_default_str();
+  command->add_option("-f,--features", options->guard.features,
+                      "what it looks at: parts of the state, as in obs/object,obs/tip[0:2]; all "
+                      "without this. Leave out what the robot cannot influence, and joint angles "
+                      "where the tool's pose says the same");
+  command
+      ->add_option("--strategy", options->strategy,
+                   "near the boundary: guided (changes the action as little as it takes), dfr (as "
+                   "published), early-stopping (halts), monitor (alarms alone)")
+      ->capture_default_str();
+  command
+      ->add_option("--nu", options->guard.support.svm.nu,
+                   "bound on the outliers of each support, in (0, 1]")
+      ->capture_default_str();
+  command
+      ->add_option("--gamma", options->guard.support.svm.gamma,
+                   "width of the kernel, in whitened units that all tasks share: larger is tighter")
+      ->capture_default_str();
+  command
+      ->add_option("--false-alarms", options->guard.false_alarms,
+                   "demonstrations that may raise an alarm")
+      ->capture_default_str();
+  command
+      ->add_option("--horizon", options->guard.horizon,
+                   "actions of the policy in an episode; 0: twice the longest demonstration")
+      ->capture_default_str();
+  command
+      ->add_option(
+          "--action-limit", options->guard.action_limit,
+          "each entry of an action is kept within +- this; 0: 1, or the largest demonstrated")
+      ->capture_default_str();
+  command->add_flag("--all", options->all, "episodes that did not complete the task count, too");
+  command->callback([options] { RunFit(*options); });
+}
+
+void AddShow(CLI::App& app) {
+  const auto path = std::make_shared<std::filesystem::path>();
+  CLI::App* command = app.add_subcommand("show", "what a guard's file holds");
+  AddGuard(*command, *path);
+  command->callback([path] { Describe(*safety::GuardModel::Load(*path)); });
+}
+
+void AddReport(CLI::App& app) {
+  const auto options = std::make_shared<ReportOptions>();
+  CLI::App* command = app.add_subcommand(
+      "report", "a page: how far episodes stay inside, false alarms, lead times, features");
+  AddGuard(*command, options->guard);
+  AddDemonstrations(*command, options->demonstrations);
+  command->add_option("--failures", options->failures,
+                      "episodes that went wrong: how long before their end alarms come");
+  command->add_option("-o,--out", options->out, "the page")->capture_default_str();
+  command->callback([options] { RunReport(*options); });
+}
+
+void AddEvaluate(CLI::App& app) {
+  const auto options = std::make_shared<EvaluateOptions>();
+  CLI::App* command = app.add_subcommand(
+      "evaluate", "replay episodes: when the guard would first change an action, and its time");
+  AddGuard(*command, options->guard);
+  AddDemonstrations(*command, options->demonstrations);
+  command->callback([options] { RunEvaluate(*options); });
+}
+
+void AddExport(CLI::App& app) {
+  const auto options = std::make_shared<ExportOptions>();
+  CLI::App* command = app.add_subcommand("export", "g for other tools");
+  AddGuard(*command, options->guard);
+  command->add_option("--onnx", options->onnx, "one ONNX file: time step and whole state to g");
+  command->add_option(
+      "--libsvm", options->libsvm,
+      "a folder: one LIBSVM model per time step, and how states become its features");
+  command->callback([options] { RunExport(*options); });
+}
+
 int Main(int argc, char** argv) {
   CLI::App app(
       "Keeps what a policy does inside what was demonstrated. A guard is learned from "
@@ -34,99 +143,13 @@ int Main(int argc, char** argv) {
   app.require_subcommand(1);
   app.failure_message(CLI::FailureMessage::simple);
   int result = EXIT_SUCCESS;
-
-  CheckOptions check;
-  CLI::App* command = app.add_subcommand(
-      "check",
-      "what is wrong with demonstrations: shapes, NaN, dead or doubled entries, alignment");
-  AddDemonstrations(*command, check.demonstrations);
-  command
-      ->add_option("--action-limit", check.action_limit,
-                   "entries of actions beyond +- this are reported")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  command->callback([&] { result = RunCheck(check) ? EXIT_SUCCESS : EXIT_FAILURE; });
-
-  ConvertOptions convert;
-  command = app.add_subcommand("convert",
-                               "robomimic's format to Minari's or back, one episode at a time");
-  AddDemonstrations(*command, convert.demonstrations);
-  command
-      ->add_option("OUT", convert.out,
-                   "a .hdf5 file: robomimic's format; otherwise the folder of a Minari dataset")
-      ->required();
-  command->add_option("--id", convert.id,
-                      "of the Minari dataset, namespace/name-v0; by default from its folder");
-  command->callback([&] { RunConvert(convert); });
-
-  FitOptions fit;
-  command = app.add_subcommand("fit", "learn a guard from demonstrations");
-  AddDemonstrations(*command, fit.demonstrations);
-  command->add_option("-o,--out", fit.out, "the file")->capture_default_str();
-  command->add_option("-f,--features", fit.guard.features,
-                      "what it looks at: parts of the state, as in obs/object,obs/tip[0:2]; all "
-                      "without this. Leave out what the robot cannot influence, and joint angles "
-                      "where the tool's pose says the same");
-  command
-      ->add_option("--strategy", fit.strategy,
-                   "near the boundary: guided (changes the action as little as it takes), dfr (as "
-                   "published), early-stopping (halts), monitor (alarms alone)")
-      ->capture_default_str();
-  command
-      ->add_option("--nu", fit.guard.support.svm.nu,
-                   "bound on the outliers of each support, in (0, 1]")
-      ->capture_default_str();
-  command
-      ->add_option("--gamma", fit.guard.support.svm.gamma,
-                   "width of the kernel, in whitened units that all tasks share: larger is tighter")
-      ->capture_default_str();
-  command
-      ->add_option("--false-alarms", fit.guard.false_alarms,
-                   "demonstrations that may raise an alarm")
-      ->capture_default_str();
-  command
-      ->add_option("--horizon", fit.guard.horizon,
-                   "actions of the policy in an episode; 0: twice the longest demonstration")
-      ->capture_default_str();
-  command
-      ->add_option(
-          "--action-limit", fit.guard.action_limit,
-          "each entry of an action is kept within +- this; 0: 1, or the largest demonstrated")
-      ->capture_default_str();
-  command->add_flag("--all", fit.all, "episodes that did not complete the task count, too");
-  command->callback([&] { RunFit(fit); });
-
-  std::filesystem::path shown;
-  command = app.add_subcommand("show", "what a guard's file holds");
-  AddGuard(*command, shown);
-  command->callback([&] { Describe(*safety::GuardModel::Load(shown)); });
-
-  ReportOptions report;
-  command = app.add_subcommand(
-      "report", "a page: how far episodes stay inside, false alarms, lead times, features");
-  AddGuard(*command, report.guard);
-  AddDemonstrations(*command, report.demonstrations);
-  command->add_option("--failures", report.failures,
-                      "episodes that went wrong: how long before their end alarms come");
-  command->add_option("-o,--out", report.out, "the page")->capture_default_str();
-  command->callback([&] { RunReport(report); });
-
-  EvaluateOptions evaluate;
-  command = app.add_subcommand(
-      "evaluate", "replay episodes: when the guard would first change an action, and its time");
-  AddGuard(*command, evaluate.guard);
-  AddDemonstrations(*command, evaluate.demonstrations);
-  command->callback([&] { RunEvaluate(evaluate); });
-
-  ExportOptions exported;
-  command = app.add_subcommand("export", "g for other tools");
-  AddGuard(*command, exported.guard);
-  command->add_option("--onnx", exported.onnx, "one ONNX file: time step and whole state to g");
-  command->add_option(
-      "--libsvm", exported.libsvm,
-      "a folder: one LIBSVM model per time step, and how states become its features");
-  command->callback([&] { RunExport(exported); });
-
+  AddCheck(app, result);
+  AddConvert(app);
+  AddFit(app);
+  AddShow(app);
+  AddReport(app);
+  AddEvaluate(app);
+  AddExport(app);
   CLI11_PARSE(app, argc, argv);
   return result;
 }

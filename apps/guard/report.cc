@@ -197,62 +197,47 @@ std::string Rate(int count, int of) {
                       100.0 * interval.low, 100.0 * interval.high);
 }
 
-}  // namespace
+double MeanInside(const std::vector<Episode>& episodes) {
+  return std::accumulate(episodes.begin(), episodes.end(), 0.0,
+                         [](double sum, const Episode& e) { return sum + e.inside; }) /
+         static_cast<double>(episodes.size());
+}
 
-void RunReport(const ReportOptions& options) {
-  const auto model = safety::GuardModel::Load(options.guard);
-  const safety::GuardSettings& settings = model->settings();
-  const safety::GuardSummary& summary = model->summary();
-  Drivers drivers(*model);
-  const std::vector<Episode> episodes = Follow(*model, options.demonstrations, &drivers);
+std::string Introduction(const safety::GuardModel& model, const ReportOptions& options,
+                         const std::vector<Episode>& episodes) {
+  const double alarm_level = model.settings().alarm_level;
+  return core::Format(
+             "l is the log form of g: positive inside what was demonstrated at a time step, and "
+             "falling with the squared distance outside. Of the states in %s, %.1f %% are inside "
+             "(mean over episodes). An alarm is raised at l < %.3g.",
+             options.demonstrations.filename().c_str(), 100.0 * MeanInside(episodes),
+             -alarm_level) +
+         "\n\nEpisodes with an alarm: " +
+         Rate(Alarms(episodes), static_cast<int>(episodes.size())) +
+         core::Format(
+             " (95 %% interval). The fit promises at most %.3g of further demonstrations, by "
+             "leaving demonstrations out of it; those that it was fitted to raise fewer.",
+             model.summary().false_alarms);
+}
 
-  experiment::ReportOptions page;
-  page.title = "Guard " + options.guard.filename().string();
-  const int alarms = Alarms(episodes);
-  const int count = static_cast<int>(episodes.size());
-  const double inside =
-      std::accumulate(episodes.begin(), episodes.end(), 0.0,
-                      [](double sum, const Episode& e) { return sum + e.inside; }) /
-      count;
-  page.introduction =
-      core::Format(
-          "l is the log form of g: positive inside what was demonstrated at a time step, and "
-          "falling with the squared distance outside. Of the states in %s, %.1f %% are inside "
-          "(mean over episodes). An alarm is raised at l < %.3g.",
-          options.demonstrations.filename().c_str(), 100.0 * inside, -settings.alarm_level) +
-      "\n\nEpisodes with an alarm: " + Rate(alarms, count) +
-      core::Format(
-          " (95 %% interval). The fit promises at most %.3g of further demonstrations, by "
-          "leaving demonstrations out of it; those that it was fitted to raise fewer.",
-          summary.false_alarms);
-  experiment::ReportFigure levels{
-      .heading = "How far inside",
-      .caption =
-          "l over time: median with the middle half of the episodes, the lowest, and the "
-          "alarm level. Values far outside are cut off.",
-      .plots = {LevelPlot("Demonstrations", episodes, settings.alarm_level)}};
-  std::vector<Episode> failures;
-  if (!options.failures.empty()) {
-    failures = Follow(*model, options.failures, nullptr);
-    levels.plots.push_back(LevelPlot("Failures", failures, settings.alarm_level));
-    std::vector<double> leads;
-    for (const Episode& episode : failures) {
-      if (episode.first_alarm >= 0) {
-        leads.push_back(static_cast<double>(episode.levels.size()) - 1.0 - episode.first_alarm);
-      }
+std::string FailureNote(const std::vector<Episode>& failures) {
+  std::vector<double> leads;
+  for (const Episode& episode : failures) {
+    if (episode.first_alarm >= 0) {
+      leads.push_back(static_cast<double>(episode.levels.size()) - 1.0 - episode.first_alarm);
     }
-    page.introduction +=
-        "\n\nEpisodes that went wrong, with an alarm: " +
-        Rate(static_cast<int>(leads.size()), static_cast<int>(failures.size())) +
-        (leads.empty()
-             ? std::string(".")
-             : core::Format("; it comes %.0f steps before their end (median; %.0f to %.0f for "
-                            "the middle half).",
-                            Quantile(leads, 0.5), Quantile(leads, 0.25), Quantile(leads, 0.75)));
   }
-  page.figures.push_back(std::move(levels));
+  return "\n\nEpisodes that went wrong, with an alarm: " +
+         Rate(static_cast<int>(leads.size()), static_cast<int>(failures.size())) +
+         (leads.empty()
+              ? std::string(".")
+              : core::Format("; it comes %.0f steps before their end (median; %.0f to %.0f for "
+                             "the middle half).",
+                             Quantile(leads, 0.5), Quantile(leads, 0.25), Quantile(leads, 0.75)));
+}
 
-  experiment::ReportTable features{
+experiment::ReportTable FeatureTable(const safety::GuardModel& model, const Drivers& drivers) {
+  experiment::ReportTable table{
       .heading = "What drives g",
       .caption =
           "Mean slope of l along each entry times how far apart demonstrations are in it, as "
@@ -261,26 +246,55 @@ void RunReport(const ReportOptions& options) {
       .header = {"Entry", "Share, %"},
       .rows = {}};
   for (const auto& [share, entry] : drivers.Ranked()) {
-    features.rows.push_back(
-        {EntryName(model->layout(), entry), core::Format("%.1f", 100.0 * share)});
+    table.rows.push_back({EntryName(model.layout(), entry), core::Format("%.1f", 100.0 * share)});
   }
-  page.tables.push_back(std::move(features));
+  return table;
+}
+
+std::vector<std::pair<std::string, std::string>> Settings(const safety::GuardModel& model) {
+  const safety::GuardSettings& settings = model.settings();
+  const safety::GuardSummary& summary = model.summary();
+  const std::string& spec = model.recovery().features().selection().spec();
+  return {{"fitted to", core::Format("%d demonstrations, %d actions, %s", summary.demonstrations,
+                                     summary.transitions, summary.source.c_str())},
+          {"features", spec.empty() ? "the whole state" : spec},
+          {"nu, gamma", core::Format("%g, %g", summary.nu, summary.gamma)},
+          {"time steps", std::to_string(model.num_steps())},
+          {"strategy", safety::Name(settings.strategy)},
+          {"horizon", std::to_string(settings.horizon)},
+          {"action limit", core::Format("%g", settings.action_limit)}};
+}
+
+}  // namespace
+
+void RunReport(const ReportOptions& options) {
+  const auto model = safety::GuardModel::Load(options.guard);
+  const double alarm_level = model->settings().alarm_level;
+  Drivers drivers(*model);
+  const std::vector<Episode> episodes = Follow(*model, options.demonstrations, &drivers);
+  std::vector<Episode> failures;
+  if (!options.failures.empty()) failures = Follow(*model, options.failures, nullptr);
+
+  experiment::ReportOptions page;
+  page.title = "Guard " + options.guard.filename().string();
+  page.introduction = Introduction(*model, options, episodes);
+  experiment::ReportFigure levels{
+      .heading = "How far inside",
+      .caption =
+          "l over time: median with the middle half of the episodes, the lowest, and the "
+          "alarm level. Values far outside are cut off.",
+      .plots = {LevelPlot("Demonstrations", episodes, alarm_level)}};
+  page.tables.push_back(FeatureTable(*model, drivers));
   if (!failures.empty()) {
+    page.introduction += FailureNote(failures);
+    levels.plots.push_back(LevelPlot("Failures", failures, alarm_level));
     page.tables.push_back(EpisodeTable("Episodes that went wrong",
                                        "Lowest first. Lead: steps from the first alarm to the end.",
                                        failures));
   }
+  page.figures.push_back(std::move(levels));
   page.tables.push_back(EpisodeTable("Demonstrations", "Lowest first.", episodes));
-  const std::string& spec = model->recovery().features().selection().spec();
-  page.settings = {
-      {"fitted to", core::Format("%d demonstrations, %d actions, %s", summary.demonstrations,
-                                 summary.transitions, summary.source.c_str())},
-      {"features", spec.empty() ? "the whole state" : spec},
-      {"nu, gamma", core::Format("%g, %g", summary.nu, summary.gamma)},
-      {"time steps", std::to_string(model->num_steps())},
-      {"strategy", safety::Name(settings.strategy)},
-      {"horizon", std::to_string(settings.horizon)},
-      {"action limit", core::Format("%g", settings.action_limit)}};
+  page.settings = Settings(*model);
   experiment::Summary nothing;
   nothing.commit = core::BuildCommit();
   experiment::SaveReport(nothing, page, options.out);

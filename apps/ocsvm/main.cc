@@ -16,6 +16,8 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/core/format.h"
+#include "dfr/experiment/report.h"
 #include "dfr/kernel/libsvm_io.h"
 #include "dfr/kernel/model_selection.h"
 #include "dfr/kernel/one_class_svm.h"
@@ -154,6 +156,33 @@ struct TuneOptions {
   std::string picture;
 };
 
+// Held-out states inside (full) and volume (dashed) over gamma, one colour for each nu.
+dfr::experiment::ReportPlot Comparison(const dfr::kernel::Selection& selection) {
+  dfr::experiment::ReportPlot plot{.title = "Held out: inside (full), volume (dashed)",
+                                   .x_label = "gamma",
+                                   .percent = true,
+                                   .log_x = true,
+                                   .y_min = 0.0,
+                                   .y_max = 1.0};
+  int style = 1;
+  for (auto row = selection.rows.begin(); row != selection.rows.end(); ++style) {
+    dfr::experiment::ReportSeries inside{
+        .name = dfr::core::Format("nu = %g", row->nu), .x = {}, .y = {}, .style = style};
+    dfr::experiment::ReportSeries volume{
+        .name = "volume", .x = {}, .y = {}, .style = style, .dashed = true};
+    for (const double nu = row->nu; row != selection.rows.end() && row->nu == nu; ++row) {
+      inside.x.push_back(row->gamma);
+      inside.y.push_back(row->acceptance);
+      volume.x.push_back(row->gamma);
+      volume.y.push_back(row->volume);
+    }
+    plot.series.insert(plot.series.end(), {std::move(inside), std::move(volume)});
+  }
+  const auto& best = selection.rows[selection.chosen];
+  plot.series.push_back({.name = "chosen", .x = {best.gamma}, .y = {best.acceptance}, .style = 0});
+  return plot;
+}
+
 int Tune(const TuneOptions& o) {
   const Matrix samples = dfr::kernel::LoadSamples(o.data);
   if (samples.rows() % o.length != 0) {
@@ -184,8 +213,56 @@ int Tune(const TuneOptions& o) {
               selection.accepted ? "Least volume of those that accept enough"
                                  : "None accepts enough; the one that accepts most",
               best.nu, best.gamma, o.data.c_str());
-  if (!o.picture.empty()) selection.SavePicture(o.picture);
+  if (!o.picture.empty()) dfr::experiment::SavePlot(Comparison(selection), o.picture);
   return EXIT_SUCCESS;
+}
+
+CLI::App* AddTrain(CLI::App& app, TrainOptions& o) {
+  CLI::App* command = app.add_subcommand("train", "Fits a model to DATA");
+  command->add_option("-n,--nu", o.nu, "share of outliers at most, (0, 1]")->capture_default_str();
+  command
+      ->add_option("-g,--gamma", o.gamma,
+                   "width of the kernel exp(-gamma |x - y|^2); default: 1 / features")
+      ->check(CLI::PositiveNumber);
+  command->add_option("-e,--tolerance", o.tolerance, "stop at this KKT violation")
+      ->capture_default_str();
+  command->add_option("-m,--memory", o.memory_mib, "memory of the fit, in MiB")
+      ->capture_default_str();
+  command->add_flag("-q,--quiet", o.quiet, "print errors only");
+  command->add_option("DATA", o.data)->required();
+  command->add_option("MODEL", o.model)->required();
+  return command;
+}
+
+CLI::App* AddPredict(CLI::App& app, PredictOptions& o) {
+  CLI::App* command =
+      app.add_subcommand("predict", "Writes 1 (inside) or -1 for each sample of DATA to OUT");
+  command->add_flag("--decision-values", o.decision_values,
+                    "write LIBSVM's decision values instead");
+  command->add_option("DATA", o.data)->required();
+  command->add_option("MODEL", o.model)->required();
+  command->add_option("OUT", o.out)->required();
+  return command;
+}
+
+void AddTune(CLI::App& app, TuneOptions& o) {
+  CLI::App* command = app.add_subcommand(
+      "tune", "Compares nu and gamma on held-out parts of DATA and prints a table");
+  command->add_option("-n,--nu", o.nus, "candidates")->delimiter(',')->capture_default_str();
+  command
+      ->add_option("-g,--gamma", o.gammas,
+                   "candidates; default: 1/16, 1/8, ... 16 over the number of features")
+      ->delimiter(',');
+  command
+      ->add_option("-l,--length", o.length,
+                   "samples of one demonstration, in successive lines; they are held out together")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("-f,--folds", o.folds, "parts, held out in turn")->capture_default_str();
+  command->add_option("-a,--acceptance", o.acceptance, "share of held-out samples inside")
+      ->capture_default_str();
+  command->add_option("--picture", o.picture, "write an SVG of the comparison");
+  command->add_option("DATA", o.data)->required();
 }
 
 }  // namespace
@@ -195,54 +272,12 @@ int main(int argc, char** argv) try {
       "One-class SVMs with the Gaussian kernel. DATA is LIBSVM's sparse form or "
       "comma-separated values, one sample a line; MODEL is LIBSVM's model file.");
   app.require_subcommand(1);
-
   TrainOptions train;
-  CLI::App* train_command = app.add_subcommand("train", "Fits a model to DATA");
-  train_command->add_option("-n,--nu", train.nu, "share of outliers at most, (0, 1]")
-      ->capture_default_str();
-  train_command
-      ->add_option("-g,--gamma", train.gamma,
-                   "width of the kernel exp(-gamma |x - y|^2); default: 1 / features")
-      ->check(CLI::PositiveNumber);
-  train_command->add_option("-e,--tolerance", train.tolerance, "stop at this KKT violation")
-      ->capture_default_str();
-  train_command->add_option("-m,--memory", train.memory_mib, "memory of the fit, in MiB")
-      ->capture_default_str();
-  train_command->add_flag("-q,--quiet", train.quiet, "print errors only");
-  train_command->add_option("DATA", train.data)->required();
-  train_command->add_option("MODEL", train.model)->required();
-
+  const CLI::App* train_command = AddTrain(app, train);
   PredictOptions predict;
-  CLI::App* predict_command =
-      app.add_subcommand("predict", "Writes 1 (inside) or -1 for each sample of DATA to OUT");
-  predict_command->add_flag("--decision-values", predict.decision_values,
-                            "write LIBSVM's decision values instead");
-  predict_command->add_option("DATA", predict.data)->required();
-  predict_command->add_option("MODEL", predict.model)->required();
-  predict_command->add_option("OUT", predict.out)->required();
-
+  const CLI::App* predict_command = AddPredict(app, predict);
   TuneOptions tune;
-  CLI::App* tune_command = app.add_subcommand(
-      "tune", "Compares nu and gamma on held-out parts of DATA and prints a table");
-  tune_command->add_option("-n,--nu", tune.nus, "candidates")
-      ->delimiter(',')
-      ->capture_default_str();
-  tune_command
-      ->add_option("-g,--gamma", tune.gammas,
-                   "candidates; default: 1/16, 1/8, ... 16 over the number of features")
-      ->delimiter(',');
-  tune_command
-      ->add_option("-l,--length", tune.length,
-                   "samples of one demonstration, in successive lines; they are held out together")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  tune_command->add_option("-f,--folds", tune.folds, "parts, held out in turn")
-      ->capture_default_str();
-  tune_command->add_option("-a,--acceptance", tune.acceptance, "share of held-out samples inside")
-      ->capture_default_str();
-  tune_command->add_option("--picture", tune.picture, "write an SVG of the comparison");
-  tune_command->add_option("DATA", tune.data)->required();
-
+  AddTune(app, tune);
   CLI11_PARSE(app, argc, argv);
   std::signal(SIGINT, [](int) { interrupted = 1; });
   if (train_command->parsed()) return Train(train);

@@ -23,6 +23,7 @@ constexpr int kGrid = 6;  // pixels per cell of the level sets
 const cv::Scalar kInk(60, 60, 60);
 const cv::Scalar kRed(80, 80, 220);
 const cv::Scalar kDemonstration(200, 190, 180);
+const cv::Scalar kGoal(80, 180, 80);
 const cv::Scalar kWay(160, 80, 20);
 const cv::Scalar kRecovery(30, 140, 240);
 
@@ -47,6 +48,123 @@ class Recorder final : public control::RolloutObserver {
   Episode* episode_;
   std::vector<double> last_;
 };
+
+// A picture below its caption, and the part of the plane that it shows.
+struct Canvas {
+  cv::Mat image;
+  View view;
+  double scale;  // pixels a metre
+
+  [[nodiscard]] cv::Point At(double x, double y) const {
+    return {static_cast<int>(scale * (x - view.left)),
+            kCaption + static_cast<int>(scale * (view.top - y))};
+  }
+};
+
+// The stay-out regions and the goal.
+void DrawRegions(const Canvas& canvas, const Task& task) {
+  cv::Mat image = canvas.image;
+  if (const auto* corridor = dynamic_cast<const sim::CorridorPlant*>(task.plant.get())) {
+    for (int row = kCaption; row < image.rows; ++row) {
+      for (int col = 0; col < image.cols; ++col) {
+        const double x = canvas.view.left + col / canvas.scale;
+        const double y = canvas.view.top - (row - kCaption) / canvas.scale;
+        if (corridor->Clearance(x, y) < 0.0) image.at<cv::Vec3b>(row, col) = {190, 190, 245};
+      }
+    }
+    const double goal = corridor->options().length;
+    cv::line(image, canvas.At(goal, canvas.view.bottom), canvas.At(goal, canvas.view.top), kGoal,
+             2);
+    return;
+  }
+  const auto& o = dynamic_cast<const sim::DiscPushPlant&>(*task.plant).options();
+  for (const double side : {-1.0, 1.0}) {
+    cv::circle(image, canvas.At(o.gate_x, side * o.gate_y),
+               static_cast<int>(canvas.scale * o.red_radius), kRed, cv::FILLED, cv::LINE_AA);
+  }
+  cv::circle(image, canvas.At(o.goal_x, 0.0), static_cast<int>(canvas.scale * o.goal_radius), kGoal,
+             2, cv::LINE_AA);
+}
+
+// l over the plane at the shot's time step, at the nodes of a grid of kGrid pixels; not below -1.
+cv::Mat LevelGrid(const Canvas& canvas, const Methods& methods, SupportKind support,
+                  const Shot& shot, double& largest) {
+  cv::Mat levels((canvas.image.rows - kCaption) / kGrid + 1, canvas.image.cols / kGrid + 1, CV_32F);
+  std::vector<double> state = shot.x;
+  for (int i = 0; i < levels.rows; ++i) {
+    for (int j = 0; j < levels.cols; ++j) {
+      state[state.size() - 2] = canvas.view.left + j * kGrid / canvas.scale;
+      state[state.size() - 1] = canvas.view.top - i * kGrid / canvas.scale;
+      const double l = methods.Level(support, shot.step.t, state);
+      levels.at<float>(i, j) = static_cast<float>(std::max(l, -1.0));
+      largest = std::max(largest, l);
+    }
+  }
+  return levels;
+}
+
+// Level sets: the darker, the deeper inside; white lines between levels, a dark one at g = 0.
+void DrawLevels(const Canvas& canvas, const Methods& methods, SupportKind support,
+                const Shot& shot) {
+  cv::Mat image = canvas.image;
+  double largest = 1e-9;
+  const cv::Mat levels = LevelGrid(canvas, methods, support, shot, largest);
+  cv::Mat fine;
+  cv::resize(levels, fine, levels.size() * kGrid, 0, 0, cv::INTER_LINEAR);
+  const auto band = [&](int i, int j) {
+    const double l = fine.at<float>(i, j);
+    return l < 0.0 ? 0 : 1 + static_cast<int>(3.999 * std::min(1.0, l / largest));
+  };
+  for (int i = 0; i + 1 < std::min(fine.rows, image.rows - kCaption); ++i) {
+    for (int j = 0; j + 1 < std::min(fine.cols, image.cols); ++j) {
+      const int here = band(i, j);
+      const bool edge = here != band(i + 1, j) || here != band(i, j + 1);
+      auto& pixel = image.at<cv::Vec3b>(i + kCaption, j);
+      if (here > 0) {
+        const double share = 0.12 + 0.1 * here;
+        pixel = {static_cast<std::uint8_t>((1 - share) * pixel[0] + share * 150),
+                 static_cast<std::uint8_t>((1 - share) * pixel[1] + share * 160),
+                 static_cast<std::uint8_t>((1 - share) * pixel[2] + share * 60)};
+      }
+      if (edge && std::min({here, band(i + 1, j), band(i, j + 1)}) == 0) {
+        pixel = {70, 90, 20};
+      } else if (edge) {
+        pixel = {235, 240, 225};
+      }
+    }
+  }
+}
+
+void DrawWay(const Canvas& canvas, std::span<const Shot> shots) {
+  for (std::size_t k = 0; k + 1 < shots.size(); ++k) {
+    const Shot& from = shots[k];
+    const Shot& to = shots[k + 1];
+    const bool learned = from.step.mode == control::Mode::kPolicy && !from.step.filtered;
+    for (std::size_t block = 0; block < from.x.size(); block += 2) {
+      cv::line(canvas.image, canvas.At(from.x[block], from.x[block + 1]),
+               canvas.At(to.x[block], to.x[block + 1]), learned ? kWay : kRecovery, 2, cv::LINE_AA);
+    }
+  }
+}
+
+// What moves, and how far the control can move it.
+void DrawBodies(const Canvas& canvas, const Task& task, const Shot& shot) {
+  const cv::Point place = canvas.At(shot.x[0], shot.x[1]);
+  if (const auto* push = dynamic_cast<const sim::DiscPushPlant*>(task.plant.get())) {
+    const auto& o = push->options();
+    cv::circle(canvas.image, canvas.At(shot.x[2], shot.x[3]),
+               static_cast<int>(canvas.scale * o.object_radius), kInk, 2, cv::LINE_AA);
+    cv::circle(canvas.image, place, static_cast<int>(canvas.scale * o.pusher_radius), kInk,
+               cv::FILLED, cv::LINE_AA);
+  } else {
+    cv::circle(canvas.image, place, 6, kInk, cv::FILLED, cv::LINE_AA);
+  }
+  const double reach = shot.u.empty() ? 0.0 : Reach(task, shot.u);
+  if (reach > 0.0) {
+    cv::circle(canvas.image, place, static_cast<int>(canvas.scale * reach), kRecovery, 2,
+               cv::LINE_AA);
+  }
+}
 
 }  // namespace
 
@@ -89,41 +207,17 @@ double Reach(const Task& task, std::span<const double> control) {
 
 Painter::Painter(const Task& task, const Methods& methods)
     : task_(&task), methods_(&methods), view_(ViewOf(task)) {
-  const auto* corridor = dynamic_cast<const sim::CorridorPlant*>(task.plant.get());
   scale_ = kWidth / (view_.right - view_.left);
   width_ = kWidth;
   height_ = static_cast<int>(scale_ * (view_.top - view_.bottom)) / 2 * 2 + kCaption;
-
   background_.assign(static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_) * 3, 255);
-  cv::Mat image(height_, width_, CV_8UC3, background_.data());
-  const auto at = [&](double x, double y) {
-    return cv::Point(static_cast<int>(scale_ * (x - view_.left)),
-                     kCaption + static_cast<int>(scale_ * (view_.top - y)));
-  };
-  if (corridor != nullptr) {
-    for (int row = kCaption; row < height_; ++row) {
-      for (int col = 0; col < width_; ++col) {
-        const double x = view_.left + col / scale_;
-        const double y = view_.top - (row - kCaption) / scale_;
-        if (corridor->Clearance(x, y) < 0.0) image.at<cv::Vec3b>(row, col) = {190, 190, 245};
-      }
-    }
-    cv::line(image, at(corridor->options().length, view_.bottom),
-             at(corridor->options().length, view_.top), cv::Scalar(80, 180, 80), 2);
-  } else {
-    const auto& o = dynamic_cast<const sim::DiscPushPlant&>(*task.plant).options();
-    for (const double side : {-1.0, 1.0}) {
-      cv::circle(image, at(o.gate_x, side * o.gate_y), static_cast<int>(scale_ * o.red_radius),
-                 kRed, cv::FILLED, cv::LINE_AA);
-    }
-    cv::circle(image, at(o.goal_x, 0.0), static_cast<int>(scale_ * o.goal_radius),
-               cv::Scalar(80, 180, 80), 2, cv::LINE_AA);
-  }
-  const Eigen::Index first = corridor != nullptr ? 0 : 2;
+  const Canvas canvas{{height_, width_, CV_8UC3, background_.data()}, view_, scale_};
+  DrawRegions(canvas, task);
   for (const core::Trajectory& d : methods.demonstrations()) {
+    const Eigen::Index first = d.states.cols() - 2;
     for (Eigen::Index t = 0; t + 1 < d.states.rows(); ++t) {
-      cv::line(image, at(d.states(t, first), d.states(t, first + 1)),
-               at(d.states(t + 1, first), d.states(t + 1, first + 1)), kDemonstration, 1,
+      cv::line(canvas.image, canvas.At(d.states(t, first), d.states(t, first + 1)),
+               canvas.At(d.states(t + 1, first), d.states(t + 1, first + 1)), kDemonstration, 1,
                cv::LINE_AA);
     }
   }
@@ -131,80 +225,13 @@ Painter::Painter(const Task& task, const Methods& methods)
 
 std::vector<std::uint8_t> Painter::Draw(const Episode& episode, int frame) const {
   std::vector<std::uint8_t> pixels = background_;
-  cv::Mat image(height_, width_, CV_8UC3, pixels.data());
-  const auto at = [&](double x, double y) {
-    return cv::Point(static_cast<int>(scale_ * (x - view_.left)),
-                     kCaption + static_cast<int>(scale_ * (view_.top - y)));
-  };
+  const Canvas canvas{{height_, width_, CV_8UC3, pixels.data()}, view_, scale_};
   const int last = static_cast<int>(episode.shots.size()) - 1;
   const int now = std::clamp(frame, 0, last);
   const Shot& shot = episode.shots[static_cast<std::size_t>(now)];
-
-  // Level sets: the darker, the deeper inside; white lines between levels, a dark one at g = 0.
-  const int rows = (height_ - kCaption) / kGrid + 1;
-  const int cols = width_ / kGrid + 1;
-  cv::Mat levels(rows, cols, CV_32F);
-  double largest = 1e-9;
-  std::vector<double> state = shot.x;
-  const SupportKind support = SupportOf(episode.method);
-  for (int i = 0; i < rows; ++i) {
-    for (int j = 0; j < cols; ++j) {
-      state[state.size() - 2] = view_.left + j * kGrid / scale_;
-      state[state.size() - 1] = view_.top - i * kGrid / scale_;
-      const double l = methods_->Level(support, shot.step.t, state);
-      levels.at<float>(i, j) = static_cast<float>(std::max(l, -1.0));
-      largest = std::max(largest, l);
-    }
-  }
-  cv::Mat fine;
-  cv::resize(levels, fine, cv::Size(cols * kGrid, rows * kGrid), 0, 0, cv::INTER_LINEAR);
-  const auto band = [&](int i, int j) {
-    const double l = fine.at<float>(i, j);
-    return l < 0.0 ? 0 : 1 + static_cast<int>(3.999 * std::min(1.0, l / largest));
-  };
-  for (int i = 0; i + 1 < std::min(fine.rows, height_ - kCaption); ++i) {
-    for (int j = 0; j + 1 < std::min(fine.cols, width_); ++j) {
-      const int here = band(i, j);
-      const bool edge = here != band(i + 1, j) || here != band(i, j + 1);
-      auto& pixel = image.at<cv::Vec3b>(i + kCaption, j);
-      if (here > 0) {
-        const double share = 0.12 + 0.1 * here;
-        pixel = {static_cast<std::uint8_t>((1 - share) * pixel[0] + share * 150),
-                 static_cast<std::uint8_t>((1 - share) * pixel[1] + share * 160),
-                 static_cast<std::uint8_t>((1 - share) * pixel[2] + share * 60)};
-      }
-      if (edge && std::min({here, band(i + 1, j), band(i, j + 1)}) == 0) {
-        pixel = {70, 90, 20};
-      } else if (edge) {
-        pixel = {235, 240, 225};
-      }
-    }
-  }
-
-  const bool push = shot.x.size() == 4;
-  for (int k = 0; k < now; ++k) {
-    const Shot& from = episode.shots[static_cast<std::size_t>(k)];
-    const Shot& to = episode.shots[static_cast<std::size_t>(k) + 1];
-    const bool learned = from.step.mode == control::Mode::kPolicy && !from.step.filtered;
-    for (std::size_t block = 0; block < from.x.size(); block += 2) {
-      cv::line(image, at(from.x[block], from.x[block + 1]), at(to.x[block], to.x[block + 1]),
-               learned ? kWay : kRecovery, 2, cv::LINE_AA);
-    }
-  }
-  const double reach = shot.u.empty() ? 0.0 : Reach(*task_, shot.u);
-  if (push) {
-    const auto& o = dynamic_cast<const sim::DiscPushPlant&>(*task_->plant).options();
-    cv::circle(image, at(shot.x[2], shot.x[3]), static_cast<int>(scale_ * o.object_radius), kInk, 2,
-               cv::LINE_AA);
-    cv::circle(image, at(shot.x[0], shot.x[1]), static_cast<int>(scale_ * o.pusher_radius), kInk,
-               cv::FILLED, cv::LINE_AA);
-  } else {
-    cv::circle(image, at(shot.x[0], shot.x[1]), 6, kInk, cv::FILLED, cv::LINE_AA);
-  }
-  if (reach > 0.0) {
-    cv::circle(image, at(shot.x[0], shot.x[1]), static_cast<int>(scale_ * reach), kRecovery, 2,
-               cv::LINE_AA);
-  }
+  DrawLevels(canvas, *methods_, SupportOf(episode.method), shot);
+  DrawWay(canvas, std::span(episode.shots).first(static_cast<std::size_t>(now) + 1));
+  DrawBodies(canvas, *task_, shot);
   std::string what = control::Name(shot.step.mode);
   if (shot.step.filtered) what = "filtered policy";
   if (now == last) {
@@ -213,8 +240,9 @@ std::vector<std::uint8_t> Painter::Draw(const Episode& episode, int frame) const
   }
   const std::string caption = core::Format("%s   control %d   t = %d   %s", episode.method.c_str(),
                                            now, shot.step.t, what.c_str());
-  cv::rectangle(image, cv::Rect(0, 0, width_, kCaption), cv::Scalar(240, 242, 243), cv::FILLED);
-  cv::putText(image, caption, cv::Point(10, 22), cv::FONT_HERSHEY_SIMPLEX, 0.6, kInk, 1,
+  cv::rectangle(canvas.image, cv::Rect(0, 0, width_, kCaption), cv::Scalar(240, 242, 243),
+                cv::FILLED);
+  cv::putText(canvas.image, caption, cv::Point(10, 22), cv::FONT_HERSHEY_SIMPLEX, 0.6, kInk, 1,
               cv::LINE_AA);
   return pixels;
 }

@@ -18,7 +18,7 @@ struct Task {
   std::shared_ptr<const core::SimulatedPlant> plant;  ///< To be cloned.
   std::shared_ptr<const core::Policy> supervisor;
   double supervisor_noise = 0.0;  ///< Standard deviation, added to each control entry.
-  int degree = 1;                 ///< Of the learner's polynomial.
+  int degree = 1;                 ///< Degree of the learner's polynomial.
   int horizon = 100;
   double raw_gamma = 1.0;  ///< Kernel width of the paper's support, in the state's own units.
   double gain = 0.0;       ///< K of |dx| <= K |u| where it is known; 0: to be estimated.

@@ -86,7 +86,7 @@ void RunDrift(const DriftOptions& options);
 struct RenderOptions {
   std::filesystem::path model = "model";
   std::vector<std::string> methods = {"baseline", "dfr", "guided"};
-  std::uint64_t seed = 1;  ///< Of the start state.
+  std::uint64_t seed = 1;  ///< Draws the start state.
   std::filesystem::path out = "rollout.mp4";
   int width = 640;
   int height = 480;

@@ -14,7 +14,7 @@ namespace dfr::apps::pusher {
 struct ConvergenceCurve {
   std::string method;
   std::vector<double> mean;            ///< By applied controls, from 0.
-  std::vector<double> standard_error;  ///< Of the mean.
+  std::vector<double> standard_error;  ///< Standard error of each mean.
   int controls_per_iteration = 1;      ///< 2 for DFR: the probe and the step.
   int reached = 0;                     ///< Recoveries that reached the threshold.
 };

@@ -17,7 +17,7 @@ struct VideoFrame {
   std::vector<std::uint8_t> jpeg;
   control::Step step;
   double level = 0.0;      ///< g, or its log form where the controller works with that.
-  double threshold = 0.0;  ///< Of the same; NaN: none.
+  double threshold = 0.0;  ///< The gate's, in the same form; NaN: none.
   bool logarithmic = false;
   int controls = 0;  ///< Applied so far.
 

@@ -16,7 +16,7 @@ struct TrainSupervisorOptions {
   /// Written every ten iterations and at the end, for resume. Empty: `out` with .checkpoint behind.
   std::filesystem::path checkpoint;
   bool resume = false;            ///< Go on from the checkpoint; its own seed is used.
-  std::uint64_t seed = 1;         ///< Of everything: start states, noise, weights.
+  std::uint64_t seed = 1;         ///< Seeds all randomness: start states, noise, weights.
   sim::PusherOptions scene;       ///< What the supervisor is judged in.
   double training_red_y = 0.112;  ///< The tighter gate that it is trained at [m]: its margin.
   /// Controls before the supervisor is judged for the first time, and at most.

@@ -12,9 +12,9 @@ namespace dfr::bench {
 struct ContestOptions {
   std::string filter;      ///< --benchmark_filter=TEXT: cases whose name contains it.
   double min_time = 0.01;  ///< --benchmark_min_time=SECONDS a round; 0: one repetition, untimed.
-  int rounds = 9;          ///< --rounds=N, of which the median counts.
+  int rounds = 9;          ///< --rounds=N; the median round counts.
   std::string json;        ///< --benchmark_out=FILE; PROGRAM.json unless it is a smoke run
-  std::string picture;     ///< --picture=FILE.svg; PROGRAM.svg likewise
+  std::string picture;     ///< --picture=FILE.svg; PROGRAM.svg unless it is a smoke run
   std::string target;      ///< --target=NAME: our instruction set, AVX2 say, not the best.
 
   /// @throws std::invalid_argument naming the argument it does not know.

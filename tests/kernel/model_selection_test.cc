@@ -4,10 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <filesystem>
-#include <fstream>
 #include <functional>
-#include <iterator>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -163,15 +160,6 @@ TEST(ModelSelectionTest, ResultExplainsItself) {
   ASSERT_EQ(s.rows.size(), 4u);
   EXPECT_EQ(s.rows[2].nu, 0.2);
   EXPECT_THAT(s.Table(), HasSubstr("\n->"));
-  const auto path = std::filesystem::path(testing::TempDir()) / "dfr_selection.svg";
-  s.SavePicture(path);
-  std::ifstream file(path);
-  const std::string svg(std::istreambuf_iterator<char>(file), {});
-  EXPECT_THAT(svg, HasSubstr("nu = 0.2"));
-  EXPECT_THAT(svg, HasSubstr("</svg>"));
-  std::filesystem::remove(path);
-  EXPECT_THAT(Message([&] { s.SavePicture("/no/such/folder/a.svg"); }),
-              HasSubstr("/no/such/folder/a.svg"));
 }
 
 TEST(ModelSelectionTest, ErrorsNameTheOption) {

@@ -10,6 +10,7 @@
 
 #include "dfr/core/contract.h"
 #include "html.h"
+#include "report.css.h"
 #include "svg_plot.h"
 #include "text_file.h"
 
@@ -18,94 +19,6 @@ namespace {
 
 using internal::Escape;
 using internal::Number;
-
-// Colours of methods differ in lightness as well as hue, and each has its marker. Baseline is grey:
-// it is what the others are compared with.
-constexpr const char* kStyleSheet = R"(
-:root {
-  color-scheme: light dark;
-  --paper: #ffffff; --ink: #1d2430; --soft: #5a6472; --grid: #e3e7ec; --axis: #8a94a2;
-  --card: #f6f7f9;
-  --s0: #59636f; --s1: #c76a00; --s2: #1f5fd0; --s3: #0f8a78; --s4: #b0228c; --s5: #7a5c00;
-  --done: #3f9c7a; --hit: #c23b3b;
-  --h0: #f0c774; --h1: #b9c1cb; --h2: #8f9aa8; --h3: #d8b4e2; --h4: #9fc5e8; --h5: #cbd3dc;
-}
-@media (prefers-color-scheme: dark) {
-  :root {
-    --paper: #14181e; --ink: #e8ecf1; --soft: #a2adba; --grid: #2b323c; --axis: #6c7785;
-    --card: #1c222a;
-    --s0: #a9b4c0; --s1: #f19a3e; --s2: #6ea3ff; --s3: #3cc7b0; --s4: #ec74c8; --s5: #d3b14c;
-    --done: #4fb892; --hit: #e06a62;
-    --h0: #c9a04e; --h1: #77828f; --h2: #566170; --h3: #9c79a8; --h4: #5f8fb8; --h5: #434c57;
-  }
-}
-* { box-sizing: border-box; }
-body { margin: 0; background: var(--paper); color: var(--ink);
-  font: 15px/1.55 system-ui, -apple-system, "Segoe UI", "Liberation Sans", Arial, sans-serif; }
-main { max-width: 1180px; margin: 0 auto; padding: 36px 28px 64px; }
-h1 { font-size: 27px; line-height: 1.2; margin: 0 0 6px; letter-spacing: -0.01em; }
-h2 { font-size: 19px; margin: 44px 0 6px; }
-h3 { font-size: 15px; margin: 22px 0 8px; }
-p { max-width: 78ch; margin: 8px 0; }
-.meta, figcaption, caption, .caption { color: var(--soft); font-size: 13.5px; }
-.meta code { color: var(--ink); }
-code { font: 0.92em ui-monospace, "SFMono-Regular", "Liberation Mono", monospace; }
-.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(350px, 1fr)); gap: 14px; }
-.card { background: var(--card); border-radius: 8px; padding: 14px 16px 12px;
-  border-left: 4px solid var(--c); }
-.card h4 { margin: 0 0 6px; font-size: 14px; color: var(--c); }
-.card div { display: flex; gap: 18px; }
-.card b { display: block; color: var(--ink); font-size: 23px; line-height: 1.15; font-weight: 650; white-space: nowrap;
-  font-variant-numeric: tabular-nums; }
-.card span { color: var(--soft); font-size: 12.5px; line-height: 1.35; display: block; }
-figure { margin: 10px 0 18px; }
-figcaption, p.caption { max-width: 100ch; margin-top: 6px; }
-.row { display: grid; grid-template-columns: repeat(3, 1fr); gap: 16px 20px; }
-.row.two { grid-template-columns: repeat(2, 1fr); }
-@media (max-width: 900px) { .row, .row.two { grid-template-columns: 1fr; } }
-svg { display: block; width: 100%; height: auto; overflow: visible; font-family: inherit; }
-.row:not(.two) svg { max-width: 430px; }
-svg text { fill: var(--ink); }
-.panel { font-size: 14px; font-weight: 650; }
-.tick { font-size: 11px; fill: var(--soft); font-variant-numeric: tabular-nums; }
-svg .tick, svg .label { fill: var(--soft); }
-.label { font-size: 11.5px; }
-svg .name { font-size: 11.5px; font-weight: 600; fill: var(--c); }
-svg .name.ink { fill: var(--ink); }
-.grid { stroke: var(--grid); stroke-width: 1; }
-.axis { stroke: var(--axis); stroke-width: 1; }
-.band { fill: var(--c); fill-opacity: 0.16; }
-.line { fill: none; stroke: var(--c); stroke-width: 2; stroke-linejoin: round; }
-.mark { fill: var(--c); stroke: var(--paper); stroke-width: 1; }
-.leader { fill: none; stroke: var(--c); stroke-width: 1; stroke-opacity: 0.6; }
-.done { fill: var(--done); } .hit { fill: var(--hit); }
-.h0 { fill: var(--h0); } .h1 { fill: var(--h1); } .h2 { fill: var(--h2); }
-.h3 { fill: var(--h3); } .h4 { fill: var(--h4); } .h5 { fill: var(--h5); }
-svg text.inside { font-size: 11px; font-weight: 600; fill: #10151b;
-  font-variant-numeric: tabular-nums; }
-svg text.inside.hit, svg text.inside.done { fill: var(--paper); }
-.key { display: flex; flex-wrap: wrap; gap: 4px 18px; margin: 8px 0 2px; font-size: 12.5px;
-  color: var(--soft); }
-.key svg { display: inline-block; width: 12px; height: 12px; margin-right: 6px;
-  vertical-align: -1px; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 13.5px; font-variant-numeric: tabular-nums; }
-caption { text-align: left; padding: 0 0 8px; }
-th, td { padding: 5px 14px 5px 0; text-align: left; vertical-align: top; white-space: nowrap; }
-td.n, th.n { text-align: right; padding-right: 20px; }
-td.text { white-space: normal; }
-thead th { border-bottom: 1px solid var(--axis); font-weight: 600; vertical-align: bottom; }
-tbody td { border-bottom: 1px solid var(--grid); }
-tbody tr.first td { border-top: 1px solid var(--axis); }
-td small { color: var(--soft); font-size: 12px; }
-.dot { display: inline-block; width: 9px; height: 9px; border-radius: 2px; margin-right: 7px;
-  background: var(--c); }
-details summary { cursor: pointer; color: var(--soft); margin: 8px 0; }
-.media { display: grid; grid-template-columns: repeat(auto-fit, minmax(300px, 1fr)); gap: 20px; }
-.media figure { margin: 0; }
-video, img { width: 100%; border-radius: 6px; background: #000; display: block; }
-@media print { main { max-width: none; padding: 0; } figure, .card { break-inside: avoid; } }
-)";
 
 class Page {
  public:
@@ -125,7 +38,8 @@ class Page {
     const std::string title = options_.title.empty() ? summary_.experiment : options_.title;
     out_ << "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
          << "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>"
-         << Escape(title) << "</title>\n<style>" << kStyleSheet << "</style>\n</head>\n<body>\n"
+         << Escape(title) << "</title>\n<style>\n"
+         << embedded::kReportCss << "</style>\n</head>\n<body>\n"
          << "<main>\n<h1>" << Escape(title) << "</h1>\n";
     // Without methods to compare there are the options' own parts alone.
     const bool compared = !summary_.cells.empty();
@@ -176,8 +90,10 @@ class Page {
     return static_cast<int>(std::find(methods_.begin(), methods_.end(), method) - methods_.begin());
   }
 
+  // The style sheet's colours differ in lightness as well as hue, and each has its marker. The
+  // first method is grey: the others are compared with it.
   std::string ColourOf(const std::string& method) const {
-    return "style=\"--c:var(--s" + std::to_string(StyleOf(method) % 6) + ")\"";
+    return internal::StyleAttribute(StyleOf(method));
   }
 
   static std::string Percent(double value, int digits) {
@@ -383,8 +299,7 @@ class Page {
     }
     out_ << "</div>\n<div class=\"key\">";
     const auto key = [&](const std::string& css_class, const std::string& name) {
-      out_ << "<span><svg viewBox=\"0 0 12 12\"><rect class=\"" << css_class
-           << "\" width=\"12\" height=\"12\" rx=\"2\"/></svg>" << Escape(name) << "</span>";
+      out_ << "<span>" << internal::SvgSwatch(css_class) << Escape(name) << "</span>";
     };
     key("done", "completed");
     for (const std::string& cause : causes) key(class_of(cause), "halted: " + cause);
@@ -504,6 +419,10 @@ class Page {
 };
 
 }  // namespace
+
+void SavePlot(const ReportPlot& plot, const std::filesystem::path& path) {
+  internal::ReplaceFile(path, internal::SvgDocument(plot));
+}
 
 std::string RenderReport(const Summary& summary, const ReportOptions& options) {
   return Page(summary, options).Render();

@@ -5,10 +5,12 @@
 #include <cmath>
 #include <cstddef>
 #include <numeric>
+#include <regex>
 #include <sstream>
 
 #include "dfr/core/contract.h"
 #include "html.h"
+#include "report.css.h"
 
 namespace dfr::experiment::internal {
 namespace {
@@ -60,7 +62,16 @@ void AddTicks(Axis& axis, double step) {
   for (int i = first; i <= last; ++i) axis.ticks.push_back(i * step);
 }
 
-// From zero or the least value to the largest. Few distinct values are ticks themselves.
+// The powers of ten on the axis, or its ends where it holds fewer than two.
+void AddPowersOfTen(Axis& axis) {
+  const auto first = static_cast<int>(std::ceil(std::log10(axis.low) - 1e-9));
+  const auto last = static_cast<int>(std::floor(std::log10(axis.high) + 1e-9));
+  for (int i = first; i <= last; ++i) axis.ticks.push_back(std::pow(10.0, i));
+  if (axis.ticks.size() < 2) axis.ticks = {axis.low, axis.high};
+}
+
+// From zero, unless logarithmic, or the least value to the largest. Few distinct values are ticks
+// themselves.
 Axis MakeXAxis(const ReportPlot& plot) {
   std::vector<double> values;
   for (const ReportSeries& series : plot.series) {
@@ -68,10 +79,14 @@ Axis MakeXAxis(const ReportPlot& plot) {
   }
   std::sort(values.begin(), values.end());
   values.erase(std::unique(values.begin(), values.end()), values.end());
-  if (values.empty()) values = {0.0, 1.0};
+  if (values.empty()) values = {plot.log_x ? 0.1 : 0.0, 1.0};
   Axis axis;
-  axis.low = std::min(0.0, values.front());
+  axis.low = plot.log_x ? values.front() : std::min(0.0, values.front());
   axis.high = values.back() > axis.low ? values.back() : axis.low + 1.0;
+  if (plot.log_x) {
+    AddPowersOfTen(axis);
+    return axis;
+  }
   // Ticks need room for their numbers: a fourteenth of the axis between any two.
   bool roomy = values.size() <= 8;
   for (std::size_t i = 1; i < values.size(); ++i) {
@@ -154,20 +169,21 @@ std::vector<double> SpreadLabels(const std::vector<double>& wanted) {
   return placed;
 }
 
-void CheckSeries(const ReportSeries& series) {
-  const bool fits = series.x.size() == series.y.size() && series.low.size() == series.high.size() &&
-                    (series.low.empty() || series.low.size() == series.x.size());
-  DFR_THROW_UNLESS(fits,
-                   "report series '" << series.name << "': x, y, low and high differ in size");
+void CheckPlot(const ReportPlot& plot) {
+  for (const ReportSeries& series : plot.series) {
+    const bool fits = series.x.size() == series.y.size() &&
+                      series.low.size() == series.high.size() &&
+                      (series.low.empty() || series.low.size() == series.x.size());
+    DFR_THROW_UNLESS(fits,
+                     "report series '" << series.name << "': x, y, low and high differ in size");
+    DFR_THROW_UNLESS(!plot.log_x || std::all_of(series.x.begin(), series.x.end(),
+                                                [](double x) { return x > 0.0; }),
+                     "report series '" << series.name << "': a logarithmic axis needs x > 0");
+  }
 }
 
-std::string StyleAttribute(int style) {
-  return "style=\"--c:var(--s" + std::to_string(style % kNumStyles) + ")\"";
-}
-
-}  // namespace
-
-std::string SvgMarker(int style, double x, double y) {
+// The marker of lines of style `style`, at (x, y).
+std::string Marker(int style, double x, double y) {
   const auto at = [&](double dx, double dy) {
     return Coordinate(x + dx) + "," + Coordinate(y + dy) + " ";
   };
@@ -191,104 +207,164 @@ std::string SvgMarker(int style, double x, double y) {
   }
 }
 
-std::string SvgPlot(const ReportPlot& plot) {
-  for (const ReportSeries& series : plot.series) CheckSeries(series);
-  const Axis x_axis = MakeXAxis(plot);
-  const Axis y_axis = MakeYAxis(plot);
-  const double y_step = y_axis.ticks.size() > 1 ? y_axis.ticks[1] - y_axis.ticks[0] : 1.0;
-  double x_step = x_axis.high;
-  for (std::size_t i = 0; i < x_axis.ticks.size(); ++i) {
-    const double tick = std::abs(x_axis.ticks[i]);
-    if (tick > 0.0) x_step = std::min(x_step, tick);
-  }
-  const double right = kWidth - kRight;
-  const double bottom = kHeight - kBottom;
-  const auto map_x = [&](double x) {
-    return kLeft + (x - x_axis.low) / (x_axis.high - x_axis.low) * (right - kLeft);
-  };
-  const auto map_y = [&](double y) {
-    const double share = (y - y_axis.low) / (y_axis.high - y_axis.low);
-    return bottom - std::clamp(share, 0.0, 1.0) * (bottom - kTop);
-  };
-
-  std::ostringstream svg;
-  svg << "<svg viewBox=\"0 0 " << kWidth << " " << kHeight << "\" role=\"img\" aria-label=\""
-      << Escape(plot.title) << "\">\n"
-      << "<text class=\"panel\" x=\"0\" y=\"14\">" << Escape(plot.title) << "</text>\n";
-  for (const double tick : y_axis.ticks) {
-    const std::string y = Coordinate(map_y(tick));
-    svg << "<line class=\"" << (tick == y_axis.low ? "axis" : "grid") << "\" x1=\"" << kLeft
-        << "\" x2=\"" << right << "\" y1=\"" << y << "\" y2=\"" << y << "\"/>"
-        << "<text class=\"tick\" text-anchor=\"end\" x=\"" << kLeft - 7 << "\" y=\"" << y
-        << "\" dy=\"0.35em\">" << TickText(tick, y_step, plot.percent) << "</text>\n";
-  }
-  for (const double tick : x_axis.ticks) {
-    const std::string x = Coordinate(map_x(tick));
-    svg << "<line class=\"axis\" x1=\"" << x << "\" x2=\"" << x << "\" y1=\"" << bottom
-        << "\" y2=\"" << bottom + 4 << "\"/><text class=\"tick\" text-anchor=\"middle\" x=\"" << x
-        << "\" y=\"" << bottom + 16 << "\">" << Number(tick, DigitsOf(x_step)) << "</text>\n";
-  }
-  svg << "<text class=\"label\" text-anchor=\"middle\" x=\"" << 0.5 * (kLeft + right) << "\" y=\""
-      << kHeight - 8 << "\">" << Escape(plot.x_label) << "</text>\n";
-
-  // All bands first: a line must not vanish below a neighbour's band.
-  std::vector<double> ends;
-  std::ostringstream lines;
-  for (std::size_t i = 0; i < plot.series.size(); ++i) {
-    const ReportSeries& series = plot.series[i];
-    const int style = series.style >= 0 ? series.style : static_cast<int>(i);
-    const std::string colour = StyleAttribute(style);
-    if (!series.low.empty()) {
-      // There along the upper ends, back along the lower ones.
-      svg << "<polygon class=\"band\" " << colour << " points=\"";
-      const std::size_t n = series.low.size();
-      for (std::size_t j = 0; j < 2 * n; ++j) {
-        const std::size_t k = j < n ? j : 2 * n - 1 - j;
-        if (!std::isfinite(series.low[k]) || !std::isfinite(series.high[k])) continue;
-        svg << Coordinate(map_x(series.x[k])) << ","
-            << Coordinate(map_y(j < n ? series.high[k] : series.low[k])) << " ";
-      }
-      svg << "\"/>\n";
+// One plot with its axes, in units of its viewBox.
+class Panel {
+ public:
+  explicit Panel(const ReportPlot& plot)
+      : plot_(plot), x_axis_(MakeXAxis(plot)), y_axis_(MakeYAxis(plot)), x_step_(x_axis_.high) {
+    for (const double tick : x_axis_.ticks) {
+      if (std::abs(tick) > 0.0) x_step_ = std::min(x_step_, std::abs(tick));
     }
-    lines << "<g " << colour << ">";
+  }
+
+  [[nodiscard]] std::string Draw() const {
+    std::ostringstream svg;
+    svg << "<svg viewBox=\"0 0 " << kWidth << " " << kHeight << "\" role=\"img\" aria-label=\""
+        << Escape(plot_.title) << "\">\n"
+        << "<text class=\"panel\" x=\"0\" y=\"14\">" << Escape(plot_.title) << "</text>\n";
+    DrawAxes(svg);
+    // All bands first: a line must not vanish below a neighbour's band.
+    for (std::size_t i = 0; i < plot_.series.size(); ++i) DrawBand(i, svg);
+    std::vector<double> ends;
+    for (std::size_t i = 0; i < plot_.series.size(); ++i) ends.push_back(DrawLine(i, svg));
+    DrawNames(ends, svg);
+    svg << "</svg>\n";
+    return svg.str();
+  }
+
+ private:
+  static constexpr double kPlotRight = kWidth - kRight;
+  static constexpr double kPlotBottom = kHeight - kBottom;
+
+  [[nodiscard]] double MapX(double x) const {
+    const auto place = [&](double value) { return plot_.log_x ? std::log(value) : value; };
+    return kLeft + (place(x) - place(x_axis_.low)) / (place(x_axis_.high) - place(x_axis_.low)) *
+                       (kPlotRight - kLeft);
+  }
+  [[nodiscard]] double MapY(double y) const {
+    const double share = (y - y_axis_.low) / (y_axis_.high - y_axis_.low);
+    return kPlotBottom - std::clamp(share, 0.0, 1.0) * (kPlotBottom - kTop);
+  }
+  [[nodiscard]] std::string XText(double x) const {
+    return Number(x, DigitsOf(plot_.log_x ? x : x_step_));
+  }
+  [[nodiscard]] std::string YText(double y) const {
+    return plot_.percent ? Number(100.0 * y, 1) + " %" : Number(y, 4);
+  }
+  [[nodiscard]] int StyleOf(std::size_t i) const {
+    return plot_.series[i].style >= 0 ? plot_.series[i].style : static_cast<int>(i);
+  }
+
+  void DrawAxes(std::ostream& svg) const {
+    const double y_step = y_axis_.ticks.size() > 1 ? y_axis_.ticks[1] - y_axis_.ticks[0] : 1.0;
+    for (const double tick : y_axis_.ticks) {
+      const std::string y = Coordinate(MapY(tick));
+      svg << "<line class=\"" << (tick == y_axis_.low ? "axis" : "grid") << "\" x1=\"" << kLeft
+          << "\" x2=\"" << kPlotRight << "\" y1=\"" << y << "\" y2=\"" << y << "\"/>"
+          << "<text class=\"tick\" text-anchor=\"end\" x=\"" << kLeft - 7 << "\" y=\"" << y
+          << "\" dy=\"0.35em\">" << TickText(tick, y_step, plot_.percent) << "</text>\n";
+    }
+    for (const double tick : x_axis_.ticks) {
+      const std::string x = Coordinate(MapX(tick));
+      svg << "<line class=\"axis\" x1=\"" << x << "\" x2=\"" << x << "\" y1=\"" << kPlotBottom
+          << "\" y2=\"" << kPlotBottom + 4 << "\"/><text class=\"tick\" text-anchor=\"middle\" x=\""
+          << x << "\" y=\"" << kPlotBottom + 16 << "\">" << XText(tick) << "</text>\n";
+    }
+    svg << "<text class=\"label\" text-anchor=\"middle\" x=\"" << 0.5 * (kLeft + kPlotRight)
+        << "\" y=\"" << kHeight - 8 << "\">" << Escape(plot_.x_label) << "</text>\n";
+  }
+
+  void DrawBand(std::size_t i, std::ostream& svg) const {
+    const ReportSeries& series = plot_.series[i];
+    if (series.low.empty()) return;
+    // There along the upper ends, back along the lower ones.
+    svg << "<polygon class=\"band\" " << StyleAttribute(StyleOf(i)) << " points=\"";
+    const std::size_t n = series.low.size();
+    for (std::size_t j = 0; j < 2 * n; ++j) {
+      const std::size_t k = j < n ? j : 2 * n - 1 - j;
+      if (!std::isfinite(series.low[k]) || !std::isfinite(series.high[k])) continue;
+      svg << Coordinate(MapX(series.x[k])) << ","
+          << Coordinate(MapY(j < n ? series.high[k] : series.low[k])) << " ";
+    }
+    svg << "\"/>\n";
+  }
+
+  // Returns the height at which the line ends.
+  double DrawLine(std::size_t i, std::ostream& svg) const {
+    const ReportSeries& series = plot_.series[i];
     std::string path;
     std::ostringstream markers;
-    double end = bottom;
+    double end = kPlotBottom;
     for (std::size_t k = 0; k < series.x.size(); ++k) {
       if (!std::isfinite(series.y[k])) continue;
-      const double x = map_x(series.x[k]);
-      const double y = map_y(series.y[k]);
+      const double x = MapX(series.x[k]);
+      const double y = MapY(series.y[k]);
       path += path.empty() ? "M" : "L";
       path.append(Coordinate(x)).append(" ").append(Coordinate(y));
       end = y;
       // Long curves are lines only; a point of its own then says nothing.
       if (series.x.size() > 40) continue;
-      const auto text = [&](double value) {
-        return plot.percent ? Number(100.0 * value, 1) + " %" : Number(value, 4);
-      };
-      markers << "<g>" << SvgMarker(style, x, y) << "<title>" << Escape(series.name) << ", "
-              << Escape(plot.x_label) << " " << Number(series.x[k], DigitsOf(x_step)) << ": "
-              << text(series.y[k]);
+      markers << "<g>" << Marker(StyleOf(i), x, y) << "<title>" << Escape(series.name) << ", "
+              << Escape(plot_.x_label) << " " << XText(series.x[k]) << ": " << YText(series.y[k]);
       if (!series.low.empty()) {
-        markers << " [" << text(series.low[k]) << ", " << text(series.high[k]) << "]";
+        markers << " [" << YText(series.low[k]) << ", " << YText(series.high[k]) << "]";
       }
       markers << "</title></g>";
     }
-    ends.push_back(end);
-    lines << "<path class=\"line\" d=\"" << path << "\"/>" << markers.str() << "</g>\n";
+    svg << "<g " << StyleAttribute(StyleOf(i)) << "><path class=\"line\""
+        << (series.dashed ? " stroke-dasharray=\"5 4\"" : "") << " d=\"" << path << "\"/>"
+        << markers.str() << "</g>\n";
+    return end;
   }
-  svg << lines.str();
-  const std::vector<double> labels = SpreadLabels(ends);
-  for (std::size_t i = 0; i < plot.series.size(); ++i) {
-    const ReportSeries& series = plot.series[i];
-    const int style = series.style >= 0 ? series.style : static_cast<int>(i);
-    svg << "<g " << StyleAttribute(style) << "><path class=\"leader\" d=\"M" << right + 5 << " "
-        << Coordinate(ends[i]) << "L" << right + 13 << " " << Coordinate(labels[i])
-        << "\"/><text class=\"name\" x=\"" << right + 16 << "\" y=\"" << Coordinate(labels[i])
-        << "\" dy=\"0.35em\">" << Escape(series.name) << "</text></g>\n";
+
+  void DrawNames(const std::vector<double>& ends, std::ostream& svg) const {
+    const std::vector<double> labels = SpreadLabels(ends);
+    for (std::size_t i = 0; i < plot_.series.size(); ++i) {
+      svg << "<g " << StyleAttribute(StyleOf(i)) << "><path class=\"leader\" d=\"M"
+          << kPlotRight + 5 << " " << Coordinate(ends[i]) << "L" << kPlotRight + 13 << " "
+          << Coordinate(labels[i]) << "\"/><text class=\"name\" x=\"" << kPlotRight + 16
+          << "\" y=\"" << Coordinate(labels[i]) << "\" dy=\"0.35em\">"
+          << Escape(plot_.series[i].name) << "</text></g>\n";
+    }
   }
-  svg << "</svg>\n";
-  return svg.str();
+
+  const ReportPlot& plot_;
+  Axis x_axis_;
+  Axis y_axis_;
+  double x_step_;
+};
+
+}  // namespace
+
+std::string StyleAttribute(int style) {
+  return "style=\"--c:var(--s" + std::to_string(style % kNumStyles) + ")\"";
+}
+
+std::string SvgPlot(const ReportPlot& plot) {
+  CheckPlot(plot);
+  return Panel(plot).Draw();
+}
+
+std::string SvgDocument(const ReportPlot& plot) {
+  const std::string css(embedded::kReportCss);
+  std::string svg = SvgPlot(plot);
+  svg.insert(svg.find('\n') + 1, "<style>\n" + css +
+                                     "</style>\n<rect width=\"100%\" height=\"100%\" "
+                                     "fill=\"var(--paper)\"/>\n");
+  svg.insert(4, " xmlns=\"http://www.w3.org/2000/svg\" style=\"font-family:sans-serif\"");
+  const auto replace_all = [&svg](const std::string& what, const std::string& by) {
+    for (std::size_t at = svg.find(what); at != std::string::npos; at = svg.find(what, at)) {
+      svg.replace(at, what.size(), by);
+    }
+  };
+  // The light scheme is the first to define each colour.
+  const std::regex definition("(--[a-z0-9]+): (#[0-9a-f]{6});");
+  for (std::sregex_iterator i(css.begin(), css.end(), definition), end; i != end; ++i) {
+    replace_all("var(" + (*i)[1].str() + ")", (*i)[2]);
+  }
+  replace_all("--c:", "color:");
+  replace_all("var(--c)", "currentColor");
+  return svg;
 }
 
 std::string SvgBars(const std::vector<Bar>& bars) {
@@ -324,6 +400,11 @@ std::string SvgBars(const std::vector<Bar>& bars) {
   }
   svg << "</svg>\n";
   return svg.str();
+}
+
+std::string SvgSwatch(const std::string& css_class) {
+  return "<svg viewBox=\"0 0 12 12\"><rect class=\"" + css_class +
+         "\" width=\"12\" height=\"12\" rx=\"2\"/></svg>";
 }
 
 }  // namespace dfr::experiment::internal

@@ -11,8 +11,12 @@ namespace dfr::experiment::internal {
 /// Lines carry their names at the right end, so that no legend has to be looked up.
 [[nodiscard]] std::string SvgPlot(const ReportPlot& plot);
 
-/// A marker of style `style` at (x, y), the one its lines have.
-[[nodiscard]] std::string SvgMarker(int style, double x, double y);
+/// style="..." for what is drawn in the colour of style `style`, 0 for the first. They repeat.
+[[nodiscard]] std::string StyleAttribute(int style);
+
+/// The plot as a document of its own. Its colours are those of the light scheme, written out: most
+/// viewers other than browsers know no CSS variables.
+[[nodiscard]] std::string SvgDocument(const ReportPlot& plot);
 
 /// One 100 % bar of `parts`, left to right.
 struct BarPart {
@@ -25,5 +29,8 @@ struct Bar {
   std::vector<BarPart> parts;
 };
 [[nodiscard]] std::string SvgBars(const std::vector<Bar>& bars);
+
+/// A small square in the colour of parts of class `css_class`.
+[[nodiscard]] std::string SvgSwatch(const std::string& css_class);
 
 }  // namespace dfr::experiment::internal

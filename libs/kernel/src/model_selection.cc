@@ -2,11 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <limits>
 #include <numeric>
-#include <set>
-#include <stdexcept>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
@@ -177,58 +174,6 @@ std::string Selection::Table() const {
                      100.0 * r.inside_throughout, r.threshold, r.support_vectors, 100.0 * r.volume);
   }
   return text;
-}
-
-void Selection::SavePicture(const std::filesystem::path& path) const {
-  double least = std::numeric_limits<double>::infinity();
-  double most = 0.0;
-  for (const SelectionRow& r : rows) {
-    least = std::min(least, r.gamma);
-    most = std::max(most, r.gamma);
-  }
-  const double span = std::max(std::log(most / least), 1e-9);
-  const auto x = [&](double gamma) { return 60.0 + 480.0 * std::log(gamma / least) / span; };
-  const auto y = [](double share) { return 320.0 - 280.0 * share; };
-  std::ofstream svg(path);
-  svg << "<svg xmlns='http://www.w3.org/2000/svg' width='680' height='380' "
-         "font-family='sans-serif' font-size='12'>\n<rect width='100%' height='100%' "
-         "fill='white'/>\n<text x='60' y='20' font-size='14'>Held-out demonstrations: inside "
-         "(full) "
-         "and volume (dashed) over gamma</text>\n";
-  for (int percent = 0; percent <= 100; percent += 25) {
-    svg << "<line x1='60' x2='540' y1='" << y(percent / 100.0) << "' y2='" << y(percent / 100.0)
-        << "' stroke='#ddd'/><text x='52' y='" << y(percent / 100.0) + 4 << "' text-anchor='end'>"
-        << percent << " %</text>\n";
-  }
-  static constexpr const char* kColors[] = {"#4878a8", "#e08214", "#5aae61", "#9970ab"};
-  std::size_t color = 0;
-  for (std::size_t first = 0; first < rows.size();) {
-    std::size_t last = first;
-    while (last < rows.size() && rows[last].nu == rows[first].nu) ++last;
-    for (const bool volume : {false, true}) {
-      svg << "<polyline fill='none' stroke='" << kColors[color % 4] << "' stroke-width='2'"
-          << (volume ? " stroke-dasharray='5,4'" : "") << " points='";
-      for (std::size_t i = first; i < last; ++i) {
-        svg << x(rows[i].gamma) << ',' << y(volume ? rows[i].volume : rows[i].acceptance) << ' ';
-      }
-      svg << "'/>\n";
-    }
-    svg << "<text x='550' y='" << 60 + 18 * color << "' fill='" << kColors[color % 4]
-        << "'>nu = " << rows[first].nu << "</text>\n";
-    ++color;
-    first = last;
-  }
-  std::set<double> gammas;
-  for (const SelectionRow& r : rows) gammas.insert(r.gamma);
-  for (const double gamma : gammas) {
-    svg << "<text x='" << x(gamma) << "' y='340' text-anchor='middle'>" << gamma << "</text>\n";
-  }
-  svg << "<text x='300' y='362' text-anchor='middle'>gamma (circle: chosen)</text>\n";
-  const SelectionRow& best = rows.at(chosen);
-  svg << "<circle cx='" << x(best.gamma) << "' cy='" << y(best.acceptance)
-      << "' r='6' fill='none' stroke='black' stroke-width='2'/>\n</svg>\n";
-  svg.flush();
-  if (!svg) throw std::runtime_error(path.string() + ": cannot be written");
 }
 
 }  // namespace dfr::kernel

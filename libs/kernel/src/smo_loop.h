@@ -19,7 +19,8 @@ struct RowTable {
 /// cache lines, as rows are; `count` includes the padding.
 template <typename T>
 struct SmoProblem {
-  /// Keeps a sample out of a choice, when added to its gradient. Finite, for a NaN is never chosen.
+  /// Keeps a sample out of a choice, when added to its gradient. Finite, because a NaN is never
+  /// chosen.
   static constexpr T kNever = sizeof(T) == 4 ? T(1e30) : T(1e300);
 
   std::size_t count = 0;

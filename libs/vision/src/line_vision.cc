@@ -135,6 +135,21 @@ class RobustQuadratic {
   [[nodiscard]] double SlopeAt(double x) const noexcept { return c_[1] + 2.0 * c_[2] * x; }
   [[nodiscard]] const Eigen::Vector3d& coefficients() const noexcept { return c_; }
 
+  // Where the curve is nearest to a point a few millimetres away; NaN if it bends too much for
+  // that. Newton on (x - px) + (f(x) - py) f'(x) = 0, whose derivative stays positive for a gentle
+  // curve.
+  [[nodiscard]] double Nearest(const Eigen::Vector2d& p) const noexcept {
+    double x = p.x();
+    for (int iteration = 0; iteration < 8; ++iteration) {
+      const double f = At(x) - p.y();
+      const double slope = SlopeAt(x);
+      const double derivative = 1.0 + slope * slope + f * 2.0 * c_[2];
+      if (!(derivative > 0.1)) return kNaN;
+      x -= (x - p.x() + f * slope) / derivative;
+    }
+    return x;
+  }
+
  private:
   bool Solve(const std::vector<LinePoint>& points, const std::vector<double>& weights) noexcept {
     constexpr double kUnit = 0.03;
@@ -184,7 +199,9 @@ const char* Name(NotSeen reason) noexcept {
   return "unknown";
 }
 
-struct LineVision::Buffers {
+struct LineVision::Impl {
+  CameraModel camera;
+  LineVisionOptions options;
   std::array<cv::Mat, 3> channels;  // blue, green, red
   cv::Mat other;                    // the larger of the two other channels
   cv::Mat excess;                   // of one channel over both others, 0 where negative
@@ -337,51 +354,192 @@ struct LineVision::Buffers {
       }
     }
   }
+
+  // Where the tip was seen, and how much of its expected area that is, or the reverse.
+  struct Tip {
+    Eigen::Vector3d p_cam;
+    double share;
+  };
+  // The line on the target, and the share of the line's points that are on it.
+  struct Line {
+    RobustQuadratic curve;
+    double share;
+  };
+
+  NotSeen LocateTarget(double threshold, LineObservation& seen);
+  NotSeen LocateTip(double threshold, const Eigen::Hyperplane<double, 3>& plane,
+                    LineObservation& seen, Tip& tip);
+  NotSeen CollectLinePoints(double threshold, const Eigen::Isometry3d& pose);
+  NotSeen FitLine(LineObservation& seen, Line& line);
 };
 
+// The gauze's plane, from the marks.
+NotSeen LineVision::Impl::LocateTarget(double threshold, LineObservation& seen) {
+  if (MatchMarks(threshold) < 4) return NotSeen::kTarget;
+  sightings.clear();
+  for (std::size_t i = 0; i < marks.size(); ++i) {
+    if (!marks[i].allFinite()) continue;
+    const Eigen::Vector2d normalized = camera.ToNormalized(marks[i]);
+    if (!normalized.allFinite()) return NotSeen::kForeignCamera;
+    sightings.push_back({On(options.target.marks_m[i]), normalized});
+  }
+  if (OnOneLine(sightings)) return NotSeen::kTarget;
+  Eigen::Isometry3d pose = options.p_cam_target;
+  seen.mark_error_px = camera.fx * internal::RefinePose(sightings, pose);
+  // A mark that the tool hides in part is out of place: leave the worst ones out, not more than
+  // two.
+  for (int left_out = 0;
+       left_out < 2 && sightings.size() > 4 && !(seen.mark_error_px < kGoodMarkErrorPx);
+       ++left_out) {
+    const auto error = [&pose](const internal::MarkSighting& sighting) {
+      const Eigen::Vector3d p = pose * sighting.on_target;
+      return (p.head<2>() / p.z() - sighting.normalized).squaredNorm();
+    };
+    sightings.erase(
+        std::max_element(sightings.begin(), sightings.end(),
+                         [&error](const auto& a, const auto& b) { return error(a) < error(b); }));
+    if (OnOneLine(sightings)) return NotSeen::kTarget;
+    pose = options.p_cam_target;
+    seen.mark_error_px = camera.fx * internal::RefinePose(sightings, pose);
+  }
+  if (!(seen.mark_error_px < kMaxMarkErrorPx) ||
+      (pose.translation() - options.p_cam_target.translation()).norm() > options.max_motion_m) {
+    return NotSeen::kForeignCamera;
+  }
+  seen.p_cam_target = pose;
+  return NotSeen::kNothing;
+}
+
+NotSeen LineVision::Impl::LocateTip(double threshold, const Eigen::Hyperplane<double, 3>& plane,
+                                    LineObservation& seen, Tip& tip) {
+  Blob blob;
+  if (!MatchTip(threshold, blob)) return NotSeen::kTip;
+  seen.tip_pixel = blob.center;
+  const Eigen::Vector2d normalized = camera.ToNormalized(blob.center);
+  const Eigen::Vector3d ray(normalized.x(), normalized.y(), 1.0);
+  const double depth = -plane.offset() / plane.normal().dot(ray);
+  if (!(depth > 0.0) || !std::isfinite(depth)) return NotSeen::kTip;
+  tip.p_cam = depth * ray;
+  tip.share = std::min(blob.area / tip_area, tip_area / blob.area);
+  return NotSeen::kNothing;
+}
+
+// The centres of the red run of every image column within the marks, on the target.
+NotSeen LineVision::Impl::CollectLinePoints(double threshold, const Eigen::Isometry3d& pose) {
+  double left = camera.width;
+  double right = 0.0;
+  double top = camera.height;
+  double bottom = 0.0;
+  for (const Eigen::Vector2d& mark : options.target.marks_m) {
+    const Eigen::Vector2d p = camera.Project(pose * On(mark));
+    left = std::min(left, p.x());
+    right = std::max(right, p.x());
+    top = std::min(top, p.y());
+    bottom = std::max(bottom, p.y());
+  }
+  if (!std::isfinite(left + right + top + bottom)) return NotSeen::kTarget;
+  const int x0 = static_cast<int>(std::clamp(left, 0.0, camera.width - 1.0));
+  const int x1 = static_cast<int>(std::clamp(right, 0.0, static_cast<double>(camera.width)));
+  const int y0 = static_cast<int>(std::clamp(top, 0.0, camera.height - 1.0));
+  const int y1 = static_cast<int>(std::clamp(bottom, 0.0, static_cast<double>(camera.height)));
+  Excess(2);
+  SumColumns(x0, y0, x1, y1, static_cast<int>(threshold));
+  sorted.clear();
+  for (int x = x0; x < x1; ++x) {
+    const int w = weight[static_cast<std::size_t>(x)];
+    if (w > threshold) sorted.push_back(w);
+  }
+  if (sorted.size() < static_cast<std::size_t>(kMinColumns)) return NotSeen::kLine;
+  const double median = core::Median(sorted);
+  const double width_px = options.target.line_width_m * camera.fx / pose.translation().z();
+  const Eigen::Vector3d normal = pose.linear().col(2);
+  const double plane_distance = normal.dot(pose.translation());
+  points.clear();
+  for (int x = x0; x < x1; ++x) {
+    const auto i = static_cast<std::size_t>(x);
+    const double w = weight[i];
+    // A column that the tool hides in part has a displaced centre: leave it out.
+    if (w < 0.7 * median || w > 1.5 * median) continue;
+    const double y = weighted_y[i] / w;
+    const double variance = weighted_y2[i] / w - y * y;
+    if (variance > width_px * width_px + 4.0) continue;  // two runs
+    const Eigen::Vector2d n = camera.ToNormalized({static_cast<double>(x), y});
+    if (!n.allFinite()) continue;
+    const Eigen::Vector3d r(n.x(), n.y(), 1.0);
+    const Eigen::Vector3d p = pose.inverse() * Eigen::Vector3d(plane_distance / normal.dot(r) * r);
+    points.push_back({p.x(), p.y()});
+  }
+  return points.size() < static_cast<std::size_t>(kMinColumns) ? NotSeen::kLine : NotSeen::kNothing;
+}
+
+NotSeen LineVision::Impl::FitLine(LineObservation& seen, Line& line) {
+  if (!line.curve.Fit(points, point_weights)) return NotSeen::kLine;
+  double squared = 0.0;
+  double inliers = 0.0;
+  seen.x_min = std::numeric_limits<double>::infinity();
+  seen.x_max = -seen.x_min;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (point_weights[i] == 0.0) continue;
+    const double error = points[i].y - line.curve.At(points[i].x);
+    squared += error * error;
+    inliers += 1.0;
+    seen.x_min = std::min(seen.x_min, points[i].x);
+    seen.x_max = std::max(seen.x_max, points[i].x);
+  }
+  line.share = inliers / static_cast<double>(points.size());
+  seen.line = line.curve.coefficients();
+  seen.line_error_m = inliers > 0 ? std::sqrt(squared / inliers) : kNaN;
+  const bool good = inliers >= kMinColumns && !(seen.x_max - seen.x_min < kMinLineLengthM) &&
+                    seen.line_error_m < kMaxLineErrorM;
+  return good ? NotSeen::kNothing : NotSeen::kLine;
+}
+
 LineVision::LineVision(const CameraModel& camera, const LineVisionOptions& options)
-    : camera_(camera), options_(options), buffers_(std::make_unique<Buffers>()) {
-  camera_.Check();
-  const LineTarget& target = options_.target;
+    : impl_(std::make_unique<Impl>()) {
+  camera.Check();
+  impl_->camera = camera;
+  impl_->options = options;
+  const LineTarget& target = options.target;
   DFR_THROW_UNLESS(
       target.marks_m.size() >= 4,
       "line vision: the gauze's frame needs at least 4 marks, not " << target.marks_m.size());
   DFR_THROW_UNLESS(target.mark_radius_m > 0 && target.line_width_m > 0 && target.tip_radius_m > 0,
                    "line vision: mark_radius_m, line_width_m and tip_radius_m must be positive");
-  DFR_THROW_UNLESS(options_.max_motion_m > 0,
-                   "line vision: max_motion_m must be positive, not " << options_.max_motion_m);
+  DFR_THROW_UNLESS(options.max_motion_m > 0,
+                   "line vision: max_motion_m must be positive, not " << options.max_motion_m);
   DFR_THROW_UNLESS(
-      options_.min_confidence >= 0 && options_.min_confidence <= 1,
-      "line vision: min_confidence must lie in [0, 1], not " << options_.min_confidence);
+      options.min_confidence >= 0 && options.min_confidence <= 1,
+      "line vision: min_confidence must lie in [0, 1], not " << options.min_confidence);
   for (const Eigen::Vector2d& mark : target.marks_m) {
-    buffers_->mark_pixels.push_back(camera_.Project(options_.p_cam_target * On(mark)));
-    DFR_THROW_UNLESS(buffers_->mark_pixels.back().allFinite(),
+    impl_->mark_pixels.push_back(camera.Project(options.p_cam_target * On(mark)));
+    DFR_THROW_UNLESS(impl_->mark_pixels.back().allFinite(),
                      "line vision: p_cam_target puts a mark behind the camera");
   }
-  DFR_THROW_UNLESS(SmallestDistance(buffers_->mark_pixels) > 10.0,
+  DFR_THROW_UNLESS(SmallestDistance(impl_->mark_pixels) > 10.0,
                    "line vision: two marks are nearer than 10 pixels to each other");
-  const double scale = camera_.fx / options_.p_cam_target.translation().z();  // px per m
-  buffers_->mark_gate = options_.max_motion_m * scale;
+  const double scale = camera.fx / options.p_cam_target.translation().z();  // px per m
+  impl_->mark_gate = options.max_motion_m * scale;
   constexpr double kPi = 3.14159265358979323846;
-  buffers_->mark_area = kPi * std::pow(target.mark_radius_m * scale, 2);
-  buffers_->tip_area = kPi * std::pow(target.tip_radius_m * scale, 2);
+  impl_->mark_area = kPi * std::pow(target.mark_radius_m * scale, 2);
+  impl_->tip_area = kPi * std::pow(target.tip_radius_m * scale, 2);
 }
 
 LineVision::~LineVision() = default;
 LineVision::LineVision(LineVision&&) noexcept = default;
 LineVision& LineVision::operator=(LineVision&&) noexcept = default;
 
-const CameraModel& LineVision::camera() const noexcept { return camera_; }
+const CameraModel& LineVision::camera() const noexcept { return impl_->camera; }
 
-void LineVision::ForgetLastImage() noexcept { buffers_->has_last = false; }
+void LineVision::ForgetLastImage() noexcept { impl_->has_last = false; }
 
 Eigen::Vector2d LineVision::FindTip(const ImageView& image) noexcept try {
-  if (image.width != camera_.width || image.height != camera_.height) return {kNaN, kNaN};
+  if (image.width != impl_->camera.width || image.height != impl_->camera.height)
+    return {kNaN, kNaN};
   const Exposure exposure = Measure(image);
   if (Judge(exposure) != NotSeen::kNothing) return {kNaN, kNaN};
-  buffers_->Split(image);
+  impl_->Split(image);
   Blob tip;
-  if (!buffers_->MatchTip(kColorShare * exposure.brightness, tip)) return {kNaN, kNaN};
+  if (!impl_->MatchTip(kColorShare * exposure.brightness, tip)) return {kNaN, kNaN};
   return tip.center;
 } catch (const std::exception&) {
   return {kNaN, kNaN};
@@ -389,12 +547,12 @@ Eigen::Vector2d LineVision::FindTip(const ImageView& image) noexcept try {
 
 bool LineVision::FindMarks(const ImageView& image, std::vector<Eigen::Vector2d>& marks) noexcept
     try {
-  if (image.width != camera_.width || image.height != camera_.height) return false;
+  if (image.width != impl_->camera.width || image.height != impl_->camera.height) return false;
   const Exposure exposure = Measure(image);
   if (Judge(exposure) != NotSeen::kNothing) return false;
-  buffers_->Split(image);
-  const int found = buffers_->MatchMarks(kColorShare * exposure.brightness);
-  marks = buffers_->marks;
+  impl_->Split(image);
+  const int found = impl_->MatchMarks(kColorShare * exposure.brightness);
+  marks = impl_->marks;
   return found >= 4;
 } catch (const std::exception&) {
   return false;
@@ -403,168 +561,57 @@ bool LineVision::FindMarks(const ImageView& image, std::vector<Eigen::Vector2d>&
 LineObservation LineVision::Observe(const ImageView& image,
                                     const Eigen::Hyperplane<double, 3>& tip_plane_cam) noexcept
     try {
-  Buffers& b = *buffers_;
+  Impl& m = *impl_;
   LineObservation seen;
   const auto missing = [&seen](NotSeen reason) {
     seen.missing = reason;
     return seen;
   };
-  if (image.width != camera_.width || image.height != camera_.height) {
+  if (image.width != m.camera.width || image.height != m.camera.height) {
     return missing(NotSeen::kWrongSize);
   }
   const Exposure exposure = Measure(image);
-  const bool frozen = b.has_last && exposure.hash == b.last_hash;
-  b.last_hash = exposure.hash;
-  b.has_last = true;
+  const bool frozen = m.has_last && exposure.hash == m.last_hash;
+  m.last_hash = exposure.hash;
+  m.has_last = true;
   if (const NotSeen reason = Judge(exposure); reason != NotSeen::kNothing) return missing(reason);
   if (frozen) return missing(NotSeen::kFrozen);
   const double threshold = kColorShare * exposure.brightness;
-  b.Split(image);
+  m.Split(image);
 
-  // The gauze's plane.
-  if (b.MatchMarks(threshold) < 4) return missing(NotSeen::kTarget);
-  b.sightings.clear();
-  for (std::size_t i = 0; i < b.marks.size(); ++i) {
-    if (!b.marks[i].allFinite()) continue;
-    const Eigen::Vector2d normalized = camera_.ToNormalized(b.marks[i]);
-    if (!normalized.allFinite()) return missing(NotSeen::kForeignCamera);
-    b.sightings.push_back({On(options_.target.marks_m[i]), normalized});
-  }
-  if (OnOneLine(b.sightings)) return missing(NotSeen::kTarget);
-  Eigen::Isometry3d pose = options_.p_cam_target;
-  seen.mark_error_px = camera_.fx * internal::RefinePose(b.sightings, pose);
-  // A mark that the tool hides in part is out of place: leave the worst ones out, not more than
-  // two.
-  for (int left_out = 0;
-       left_out < 2 && b.sightings.size() > 4 && !(seen.mark_error_px < kGoodMarkErrorPx);
-       ++left_out) {
-    const auto error = [&pose](const internal::MarkSighting& sighting) {
-      const Eigen::Vector3d p = pose * sighting.on_target;
-      return (p.head<2>() / p.z() - sighting.normalized).squaredNorm();
-    };
-    b.sightings.erase(std::max_element(
-        b.sightings.begin(), b.sightings.end(),
-        [&error](const auto& one, const auto& other) { return error(one) < error(other); }));
-    if (OnOneLine(b.sightings)) return missing(NotSeen::kTarget);
-    pose = options_.p_cam_target;
-    seen.mark_error_px = camera_.fx * internal::RefinePose(b.sightings, pose);
-  }
-  if (!(seen.mark_error_px < kMaxMarkErrorPx) ||
-      (pose.translation() - options_.p_cam_target.translation()).norm() > options_.max_motion_m) {
-    return missing(NotSeen::kForeignCamera);
-  }
-  seen.p_cam_target = pose;
-  const double mark_share =
-      static_cast<double>(b.sightings.size()) / static_cast<double>(b.marks.size());
+  NotSeen reason = m.LocateTarget(threshold, seen);
+  if (reason != NotSeen::kNothing) return missing(reason);
+  Impl::Tip tip;
+  reason = m.LocateTip(threshold, tip_plane_cam, seen, tip);
+  if (reason != NotSeen::kNothing) return missing(reason);
+  reason = m.CollectLinePoints(kLineShare * exposure.brightness, seen.p_cam_target);
+  if (reason != NotSeen::kNothing) return missing(reason);
+  Impl::Line line;
+  reason = m.FitLine(seen, line);
+  if (reason != NotSeen::kNothing) return missing(reason);
 
-  // The tip.
-  Blob tip;
-  if (!b.MatchTip(threshold, tip)) return missing(NotSeen::kTip);
-  seen.tip_pixel = tip.center;
-  const Eigen::Vector2d tip_ray = camera_.ToNormalized(tip.center);
-  const Eigen::Vector3d ray(tip_ray.x(), tip_ray.y(), 1.0);
-  const double depth = -tip_plane_cam.offset() / tip_plane_cam.normal().dot(ray);
-  if (!(depth > 0.0) || !std::isfinite(depth)) return missing(NotSeen::kTip);
-  const Eigen::Vector3d p_cam_tip = depth * ray;
-  const Eigen::Vector3d tip_on_target = pose.inverse() * p_cam_tip;
-  const double tip_share = std::min(tip.area / b.tip_area, b.tip_area / tip.area);
-
-  // The line, within the marks.
-  double left = camera_.width;
-  double right = 0.0;
-  double top = camera_.height;
-  double bottom = 0.0;
-  for (const Eigen::Vector2d& mark : options_.target.marks_m) {
-    const Eigen::Vector2d p = camera_.Project(pose * On(mark));
-    left = std::min(left, p.x());
-    right = std::max(right, p.x());
-    top = std::min(top, p.y());
-    bottom = std::max(bottom, p.y());
-  }
-  if (!std::isfinite(left + right + top + bottom)) return missing(NotSeen::kTarget);
-  const int x0 = static_cast<int>(std::clamp(left, 0.0, camera_.width - 1.0));
-  const int x1 = static_cast<int>(std::clamp(right, 0.0, static_cast<double>(camera_.width)));
-  const int y0 = static_cast<int>(std::clamp(top, 0.0, camera_.height - 1.0));
-  const int y1 = static_cast<int>(std::clamp(bottom, 0.0, static_cast<double>(camera_.height)));
-  b.Excess(2);
-  const double line_threshold = kLineShare * exposure.brightness;
-  b.SumColumns(x0, y0, x1, y1, static_cast<int>(line_threshold));
-  b.sorted.clear();
-  for (int x = x0; x < x1; ++x) {
-    const int w = b.weight[static_cast<std::size_t>(x)];
-    if (w > line_threshold) b.sorted.push_back(w);
-  }
-  if (b.sorted.size() < static_cast<std::size_t>(kMinColumns)) return missing(NotSeen::kLine);
-  const double median = core::Median(b.sorted);
-  const double width_px = options_.target.line_width_m * camera_.fx / pose.translation().z();
-  const Eigen::Vector3d normal = pose.linear().col(2);
-  const double plane_distance = normal.dot(pose.translation());
-  b.points.clear();
-  for (int x = x0; x < x1; ++x) {
-    const auto i = static_cast<std::size_t>(x);
-    const double w = b.weight[i];
-    // A column that the tool hides in part has a displaced centre: leave it out.
-    if (w < 0.7 * median || w > 1.5 * median) continue;
-    const double y = b.weighted_y[i] / w;
-    const double variance = b.weighted_y2[i] / w - y * y;
-    if (variance > width_px * width_px + 4.0) continue;  // two runs
-    const Eigen::Vector2d n = camera_.ToNormalized({static_cast<double>(x), y});
-    if (!n.allFinite()) continue;
-    const Eigen::Vector3d r(n.x(), n.y(), 1.0);
-    const Eigen::Vector3d p = pose.inverse() * Eigen::Vector3d(plane_distance / normal.dot(r) * r);
-    b.points.push_back({p.x(), p.y()});
-  }
-  RobustQuadratic line;
-  if (b.points.size() < static_cast<std::size_t>(kMinColumns) ||
-      !line.Fit(b.points, b.point_weights)) {
-    return missing(NotSeen::kLine);
-  }
-  double squared = 0.0;
-  double inliers = 0.0;
-  seen.x_min = std::numeric_limits<double>::infinity();
-  seen.x_max = -seen.x_min;
-  for (std::size_t i = 0; i < b.points.size(); ++i) {
-    if (b.point_weights[i] == 0.0) continue;
-    const double error = b.points[i].y - line.At(b.points[i].x);
-    squared += error * error;
-    inliers += 1.0;
-    seen.x_min = std::min(seen.x_min, b.points[i].x);
-    seen.x_max = std::max(seen.x_max, b.points[i].x);
-  }
-  const double line_share = inliers / static_cast<double>(b.points.size());
-  seen.line = line.coefficients();
-  seen.line_error_m = inliers > 0 ? std::sqrt(squared / inliers) : kNaN;
-  if (inliers < kMinColumns || seen.x_max - seen.x_min < kMinLineLengthM ||
-      !(seen.line_error_m < kMaxLineErrorM)) {
-    return missing(NotSeen::kLine);
-  }
-
-  // The point of the line nearest to the tip: Newton on (x - tx) + (f(x) - ty) f'(x) = 0, whose
-  // derivative stays positive for a gently curved line a few millimetres away.
-  double x = tip_on_target.x();
-  for (int iteration = 0; iteration < 8; ++iteration) {
-    const double f = line.At(x) - tip_on_target.y();
-    const double slope = line.SlopeAt(x);
-    const double derivative = 1.0 + slope * slope + f * 2.0 * line.coefficients()[2];
-    if (!(derivative > 0.1)) return missing(NotSeen::kLine);
-    x -= (x - tip_on_target.x() + f * slope) / derivative;
-  }
+  const Eigen::Isometry3d& pose = seen.p_cam_target;
+  const Eigen::Vector3d tip_on_target = pose.inverse() * tip.p_cam;
+  const double x = line.curve.Nearest({tip_on_target.x(), tip_on_target.y()});
   if (!(x > seen.x_min - kMaxBeyondLineM && x < seen.x_max + kMaxBeyondLineM)) {
     return missing(NotSeen::kLine);
   }
-  const double slope = line.SlopeAt(x);
+  const double slope = line.curve.SlopeAt(x);
   const double length = std::sqrt(1.0 + slope * slope);
   const double distance =
-      ((tip_on_target.y() - line.At(x)) - slope * (tip_on_target.x() - x)) / length;
+      ((tip_on_target.y() - line.curve.At(x)) - slope * (tip_on_target.x() - x)) / length;
 
-  seen.confidence = std::min({mark_share, line_share, tip_share});
-  if (seen.confidence < options_.min_confidence) {
-    return missing(tip_share < options_.min_confidence    ? NotSeen::kTip
-                   : line_share < options_.min_confidence ? NotSeen::kLine
-                                                          : NotSeen::kTarget);
+  const double mark_share =
+      static_cast<double>(m.sightings.size()) / static_cast<double>(m.marks.size());
+  seen.confidence = std::min({mark_share, line.share, tip.share});
+  const double least = m.options.min_confidence;
+  if (seen.confidence < least) {
+    return missing(tip.share < least    ? NotSeen::kTip
+                   : line.share < least ? NotSeen::kLine
+                                        : NotSeen::kTarget);
   }
   seen.distance_m = distance;
-  seen.p_cam_tip = p_cam_tip;
+  seen.p_cam_tip = tip.p_cam;
   seen.tangent_cam = pose.linear() * Eigen::Vector3d(1.0 / length, slope / length, 0.0);
   seen.missing = NotSeen::kNothing;
   return seen;

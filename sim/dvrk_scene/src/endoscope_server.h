@@ -21,7 +21,7 @@ namespace dfr::sim::internal {
 /// In lock-step Look() takes a picture when it is told to. In real time a thread of its own draws a
 /// copy of the scene that the caller's thread hands over in Offer() when one is wanted: neither
 /// waits for the other, so that the arm's state is not late because a picture takes long. Pictures
-/// are drawn only while somebody subscribes.
+/// are drawn only while there is a subscriber.
 class EndoscopeServer {
  public:
   struct Options {

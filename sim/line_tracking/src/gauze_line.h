@@ -12,7 +12,7 @@ struct GauzeLine {
   [[nodiscard]] double SlopeAt(double x) const noexcept { return c[1] + 2.0 * c[2] * x; }
 
   struct Nearest {
-    double x = 0.0;         ///< Of the nearest point.
+    double x = 0.0;         ///< Where the nearest point is.
     double distance = 0.0;  ///< Signed: positive where the point is to the left (+y) of the line.
   };
   [[nodiscard]] Nearest NearestTo(const Eigen::Vector2d& p) const noexcept;

@@ -8,6 +8,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/kinematics/sprk_platform.h"
+#include "line_tracking.xml.h"
 
 namespace dfr::sim::internal {
 namespace {
@@ -43,7 +44,7 @@ double Triangle(double t) noexcept { return 4.0 * std::abs(t - std::floor(t) - 0
 }  // namespace
 
 SceneModel::SceneModel(const ScenePlaces& places)
-    : model_(LoadMujocoModel(kLineTrackingXml, "sim/line_tracking")) {
+    : model_(LoadMujocoModel(embedded::kLineTrackingXml, "sim/line_tracking")) {
   mjModel& m = *model_;
   const auto joint = [&m](const char* name) {
     return m.jnt_qposadr[MujocoId(m, mjOBJ_JOINT, name)];

@@ -5,7 +5,6 @@
 #include <array>
 #include <cstdint>
 #include <span>
-#include <string_view>
 #include <vector>
 
 #include "dfr/kinematics/psm.h"
@@ -13,9 +12,6 @@
 #include "gauze_line.h"
 
 namespace dfr::sim::internal {
-
-/// The text of models/line_tracking.xml, so that a binary needs no file beside it.
-extern const std::string_view kLineTrackingXml;
 
 /// Where things are that other parts of the program decide.
 struct ScenePlaces {

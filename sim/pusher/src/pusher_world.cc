@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "dfr/core/contract.h"
-#include "pusher_model.h"
+#include "pusher.xml.h"
 #include "quasi_static_step.h"
 
 namespace dfr::sim {
@@ -52,7 +52,7 @@ void ApplyGripper(Gripper gripper, mjModel& model) {
 PusherPlant::World::World(const PusherOptions& scene) : options(scene) {
   CheckOptions(options);
   internal::InstallMujocoHandlers();
-  model = LoadMujocoModel(internal::kPusherXml, "sim/pusher");
+  model = LoadMujocoModel(embedded::kPusherXml, "sim/pusher");
   ApplyGripper(options.gripper, *model);
 
   std::vector<const char*> names = {"upper_arm", "forearm", "hand", "bar"};

@@ -10,7 +10,7 @@ namespace dfr::sim::internal {
 void InstallMujocoHandlers();
 
 /// Brings `data` to the model's home pose at rest, with the joint-space inertia that
-/// QuasiStaticStep() uses: computed once, for all but the armature is negligible in it.
+/// QuasiStaticStep() uses. Computed once, because all but the armature is negligible in it.
 void ResetQuasiStatic(const mjModel* model, mjData* data) noexcept;
 
 /// One substep of quasi-static pushing. On entry qpos is the configuration and qvel the imposed

@@ -15,16 +15,17 @@ namespace dfr::calibration {
 
 /// Options for Calibrate(). Standard deviations say how much to believe each kind of data.
 struct CalibrateOptions {
-  double mark_sd_px = 0.05;  ///< Of a mark's sub-pixel centre.
-  /// Of the tip's: far more than the image's error, as no correction describes all of the arm's.
+  double mark_sd_px = 0.05;  ///< A mark's sub-pixel centre.
+  /// The tip's sub-pixel centre: far more than the image's error, because no correction describes
+  /// all of the arm's.
   double tip_sd_px = 2.0;
-  /// Of its distance to the target's plane where it touches it, for the same reason.
+  /// The tip's distance to the target's plane where it touches it; large for the same reason.
   double touch_sd_m = 4e-4;
   /// Prior knowledge of the arm, without which a turn of the base about a joint's axis and that
-  /// joint's offset could not be told apart. Of an offset in rad (of the insertion in m):
+  /// joint's offset could not be told apart: the offset of a rotating joint and of the insertion.
   double offset_sd_rad = 0.05;
   double offset_sd_m = 0.005;
-  double scale_sd = 0.03;  ///< Of a joint's scale.
+  double scale_sd = 0.03;  ///< A joint's scale.
   int max_iterations = 200;
 };
 
@@ -42,7 +43,7 @@ struct CalibrationSummary {
   bool has_covariance = false;
   std::array<double, 9> camera_sd{};  ///< fx, fy, cx, cy, k1, k2, p1, p2, k3
   std::array<double, 6> pose_sd{};    ///< Rotation (rad), then translation (m), of p_base_cam.
-  std::array<double, 6> offset_sd{};  ///< Of PsmCorrection::offset.
+  std::array<double, 6> offset_sd{};  ///< PsmCorrection::offset: rad, the insertion in m.
   std::array<double, 6> scale_sd{};
 };
 

@@ -36,7 +36,7 @@ enum class Role {
 /// How a subscriber stands with its publishers.
 struct Health {
   int publishers = 0;        ///< Matched now. More than one on a command topic is one too many.
-  int alive = 0;             ///< Of these, those that kept their liveliness.
+  int alive = 0;             ///< Matched publishers that kept their liveliness.
   int missed_deadlines = 0;  ///< Since the start.
   int incompatible = 0;      ///< Publishers refused because of what they offer, since the start.
 };

@@ -17,7 +17,7 @@ inline constexpr const char* kRunStateTopic = "/line_tracking/run_state";
 inline constexpr const char* kRunEnded = "ended";
 
 /// The sending end of an emergency stop over the network: an operator's button. It says at least
-/// ten times a second how it stands, for its silence stops, too. Never the only emergency stop:
+/// ten times a second how it stands, because its silence stops, too. Never the only emergency stop:
 /// the robot's own is a switch. One object belongs to one thread at a time.
 class EmergencyStopButton {
  public:

@@ -97,7 +97,7 @@ struct CameraInfo {
   std::vector<double> d;           ///< Distortion; plumb_bob: k1, k2, p1, p2, k3.
   std::array<double, 9> k{};       ///< fx 0 cx, 0 fy cy, 0 0 1: of the image as it comes.
   std::array<double, 9> r{};       ///< Rectifying rotation; identity with one camera.
-  std::array<double, 12> p{};      ///< Of the rectified image, 3 x 4.
+  std::array<double, 12> p{};      ///< Projection of the rectified image, 3 x 4.
   std::uint32_t binning_x = 0;     ///< Pixels made into one; 0 is 1.
   std::uint32_t binning_y = 0;     ///< The same.
   std::uint32_t roi_x_offset = 0;  ///< Region of interest; all zero is the whole image.

@@ -56,11 +56,11 @@ class Participant {
 
   [[nodiscard]] const ParticipantOptions& options() const noexcept;
 
-  /// Who was found since the start and not admitted, those that have left included; within 5 s
-  /// after it was found. Empty means that nobody was: who is not in here is not there, or was
-  /// admitted. Also works without security, for peers that have it.
+  /// The peers found since the start and not admitted, those that have left included; each appears
+  /// within 5 s of its discovery. A peer that is missing here is absent or was admitted. Also works
+  /// without security, for peers that have it.
   [[nodiscard]] std::vector<RefusedPeer> refused_peers() const;
-  /// Of these, those that no earlier call has returned: for a line in a log, once each.
+  /// The refused peers that no earlier call has returned. A log line for each appears only once.
   [[nodiscard]] std::vector<RefusedPeer> TakeRefusedPeers();
 
   struct Impl;

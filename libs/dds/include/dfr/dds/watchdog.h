@@ -25,8 +25,8 @@ enum class Freshness {
 [[nodiscard]] const char* Name(Freshness freshness) noexcept;
 
 /// Whether a stream of stamped samples can still be relied on: looks at the age of the newest
-/// sample's stamp and at how long ago it came, for a network can be silent and a sender can repeat
-/// an old sample for ever. A console makes no promises that DDS could watch.
+/// sample's stamp and at how long ago it came, because a network can be silent and a sender can
+/// repeat an old sample forever. A console makes no promises that DDS could watch.
 ///
 /// Two clocks: `wall_ns` is the system's, as stamps are; `steady_ns` one that never jumps, so that
 /// setting the clock cannot hide silence. Never allocates or throws.

@@ -35,7 +35,7 @@ struct Interval {
 /// What two methods did from the same start states, summed over one independent unit of an
 /// experiment (a trial).
 struct PairedCounts {
-  int episodes = 0;  ///< Of each method.
+  int episodes = 0;  ///< Episodes of each method.
   int completed = 0;
   int collided = 0;
   int reference_completed = 0;

@@ -37,8 +37,8 @@ struct EpisodeResult {
   core::Outcome outcome = core::Outcome::kHalted;
   /// Why it halted, or who chose the control that collided. Empty for completed ones.
   std::string cause;
-  int controls = 0;           ///< All applied ones.
-  int recovery_controls = 0;  ///< Of these, recoveries' ones, probes included.
+  int controls = 0;           ///< All applied controls.
+  int recovery_controls = 0;  ///< Applied by recoveries, probes included.
   double seconds = 0.0;       ///< Processor time.
   bool operator==(const EpisodeResult&) const = default;
 };

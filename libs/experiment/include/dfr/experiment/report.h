@@ -16,10 +16,11 @@ struct ReportSeries {
   std::string name;
   std::vector<double> x;
   std::vector<double> y;
-  std::vector<double> low = {};   ///< Of a band around the line, or empty.
-  std::vector<double> high = {};  ///< As long as `low`.
+  std::vector<double> low = {};   ///< Lower edge of a band around the line; empty: no band.
+  std::vector<double> high = {};  ///< Its upper edge, as long as `low`.
   /// Colour and marker: methods have theirs by their place in the plan. -1: by place in the plot.
   int style = -1;
+  bool dashed = false;
 };
 
 /// A further line plot, of a convergence or an overlap say.
@@ -27,6 +28,7 @@ struct ReportPlot {
   std::string title = {};
   std::string x_label = {};
   bool percent = false;  ///< y is a share: 0.25 reads 25 %.
+  bool log_x = false;    ///< Logarithmic x axis; every x must be > 0.
   std::optional<double> y_min = {};
   std::optional<double> y_max = {};
   std::vector<ReportSeries> series = {};
@@ -37,6 +39,10 @@ struct ReportFigure {
   std::string caption;
   std::vector<ReportPlot> plots;  ///< Side by side, up to three in a row.
 };
+
+/// Writes one plot as an SVG file, light and without a page around it.
+/// @throws std::invalid_argument as RenderReport(), std::runtime_error naming the file.
+void SavePlot(const ReportPlot& plot, const std::filesystem::path& path);
 
 /// A table of texts: the paper's figures beside ours, for one.
 struct ReportTable {

@@ -12,7 +12,7 @@ namespace dfr::imitation {
 
 /// What a supervisor has shown.
 struct DemonstrationSet {
-  core::StateLayout layout;  ///< Of the trajectories' states.
+  core::StateLayout layout;  ///< Layout of the trajectories' states.
   int control_dim = 0;
   std::string environment;  ///< The name of the plant or task.
   std::vector<core::Trajectory> trajectories;
@@ -48,7 +48,7 @@ class DemonstrationReader {
 // robomimic's HDF5 format: group data/demo_<i> per episode of N controls, with datasets
 //   actions (N x control_dim, within [-1, 1]),  states (N x state_dim),
 //   obs/<block> and next_obs/<block> (N x block size) for each block of the layout,
-//   rewards (N; 1 at the step that completes the task, else 0) and dones (N; 1 there likewise).
+//   rewards (N; 1 at the step that completes the task, else 0) and dones (N; 1 at the same step).
 // The last state is the last row of next_obs. On top of the format, each demo has the attributes
 // `seed` and `outcome`, each obs dataset its `offset` within the state, and data has `discarded`;
 // other readers ignore them.

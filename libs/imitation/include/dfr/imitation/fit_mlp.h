@@ -23,14 +23,14 @@ struct FitMlpOptions {
   std::vector<int> hidden = {64, 64};  ///< Tanh units; none for a linear policy.
   FitMethod method = FitMethod::kAdam;
   std::string features = {};       ///< What the policy sees, as core::FeatureSelection; empty: all.
-  double control_limit = 1.0;      ///< Of the policy: controls are clipped to +-this, > 0.
-  double weight_decay = 0.0;       ///< Of the loss below, >= 0.
+  double control_limit = 1.0;      ///< The policy clips controls to +-this, > 0.
+  double weight_decay = 0.0;       ///< Weight of the squared weights in the loss, >= 0.
   bool skip_zero_controls = true;  ///< Leave out rows with u = 0, which pad finished episodes.
   int epochs = 10;                 ///< kAdam: passes over the data.
   int batch = 32;                  ///< kAdam: rows of a step.
   double learning_rate = 1e-3;     ///< kAdam.
   int max_iterations = 500;        ///< kLbfgs, kLevenbergMarquardt.
-  std::uint64_t seed = 0;          ///< Of the initial weights and the shuffling.
+  std::uint64_t seed = 0;          ///< Seeds the initial weights and the shuffling.
 };
 
 /// How a fit went. Reaching `max_iterations` is no error: the caller decides.

@@ -20,8 +20,8 @@ struct LocallyWeightedOptions {
 /// Locally weighted linear regression on the demonstrations themselves (Atkeson, Moore and Schaal,
 /// 1997): u = a + B (z - z_0), fitted by weighted least squares around the present features z.
 ///
-/// Of the time step it looks only at the window. Immutable; concurrent calls are safe. At most
-/// kMaxFeatures features and kMaxControls control entries, for which the stack holds the equations.
+/// The time step only selects the window. Immutable; concurrent calls are safe. The equations are
+/// on the stack, which limits a policy to kMaxFeatures features and kMaxControls control entries.
 class LocallyWeightedPolicy final : public core::Policy {
  public:
   static constexpr int kMaxFeatures = 24;

@@ -47,12 +47,12 @@ struct TrpoOptions {
   double max_kl = 0.04;        ///< Bound of the mean KL divergence per iteration, > 0.
   int cg_iterations = 10;      ///< Conjugate gradient steps towards the natural gradient.
   double cg_damping = 0.1;     ///< Added to the Fisher matrix's diagonal, >= 0.
-  double initial_log_std = -0.7;  ///< Of the controls, before their limit.
+  double initial_log_std = -0.7;  ///< Log deviation of the controls before their limit.
   double min_log_std = -1.2;      ///< Exploration never falls below this.
   int critic_epochs = 5;          ///< Passes of Adam over each batch.
   int critic_batch = 64;          ///< Samples of one Adam step.
   double critic_learning_rate = 1e-3;
-  std::uint64_t seed = 0;  ///< Of all that is random: start states, noise, weights, shuffling.
+  std::uint64_t seed = 0;  ///< Seeds start states, noise, weights and shuffling.
 };
 
 /// One iteration in numbers.
@@ -64,10 +64,11 @@ struct TrpoProgress {
   double mean_length = 0.0;     ///< Steps per episode.
   double completed = 0.0;       ///< Fraction of episodes that ended completed without a collision.
   double collided = 0.0;        ///< Fraction of episodes with a collision.
-  double kl = 0.0;              ///< Of the update; 0 if it was rejected.
+  double kl = 0.0;              ///< Divergence of the update; 0 if it was rejected.
   double surrogate_gain = 0.0;  ///< In standard deviations of the advantage; 0 if rejected.
-  double entropy = 0.0;         ///< Of the policy's controls before their limit, in nats.
-  double explained_variance = 0.0;  ///< Of the returns by the critic before its fit; 1 is perfect.
+  double entropy = 0.0;         ///< Entropy of the controls before their limit, in nats.
+  /// Share of the returns' variance that the critic explains before its fit; 1 is perfect.
+  double explained_variance = 0.0;
   bool accepted = false;  ///< Whether the line search found an improvement within the bound.
 };
 

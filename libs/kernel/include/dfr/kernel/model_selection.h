@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <span>
 #include <string>
 #include <vector>
@@ -15,7 +14,7 @@ namespace dfr::kernel {
 
 /// Split-conformal threshold: with `scores` of n exchangeable held-out items (larger is stranger),
 /// the value that a further item of the same kind exceeds with probability at most `alpha`. It is
-/// the score of rank ceil((n + 1)(1 - alpha)); +infinity where that is beyond n, for then n items
+/// the score of rank ceil((n + 1)(1 - alpha)); +infinity where that is beyond n: n items
 /// cannot promise so little.
 /// @throws std::invalid_argument if there are no scores, one is NaN, or alpha is not in (0, 1).
 [[nodiscard]] double ConformalThreshold(std::span<const double> scores, double alpha);
@@ -51,7 +50,7 @@ struct SelectionRow {
 };
 
 /// The table, in the order of nus and then gammas, and the row that was chosen: of those that
-/// accept enough the one of least volume, for a support that holds the demonstrations and little
+/// accept enough the one of least volume, so that the support holds the demonstrations and little
 /// else; where none does, the one that accepts most.
 struct Selection {
   std::vector<SelectionRow> rows;
@@ -60,8 +59,6 @@ struct Selection {
 
   /// The table as text, the chosen row marked.
   [[nodiscard]] std::string Table() const;
-  /// Acceptance and volume over gamma, as a picture. @throws std::runtime_error naming the file.
-  void SavePicture(const std::filesystem::path& path) const;
 };
 
 /// Compares pairs of nu and gamma by cross-validation over whole demonstrations. The distances

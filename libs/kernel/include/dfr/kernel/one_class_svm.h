@@ -30,8 +30,9 @@ struct OneClassSvmOptions {
   /// is the same within the tolerance.
   std::span<const double> start = {};
   /// How much each sample counts, >= 0, as LIBSVM and scikit-learn take it: 0 <= alpha_i <=
-  /// w_i/(nu sum w). Empty: all the same. Whole numbers are as good as repeating samples. Such a
-  /// fit is slower, for its kernel is always computed in double and never kept; not with `start`.
+  /// w_i/(nu sum w). Empty: all the same. An integer weight k is equivalent to repeating the
+  /// sample k times. Weighted fits are slower, because their kernel is always computed in double
+  /// and never cached. Excludes `start`.
   std::span<const double> weights = {};
   /// Called every few milliseconds from the thread that fits; false stops the fit.
   std::function<bool(const FitProgress&)> progress = {};
@@ -42,7 +43,7 @@ struct FitSummary {
   enum class Reason {
     kConverged,      ///< kkt_gap is below the tolerance.
     kMaxIterations,  ///< Stopped by max_iterations: the estimate is usable, kkt_gap says how well.
-    kInterrupted,    ///< Stopped by `progress`, likewise.
+    kInterrupted,    ///< Stopped by `progress`: the estimate is usable, as above.
     kStalled,        ///< Rounding allows no better: the tolerance is below what doubles can do.
   };
   Reason reason = Reason::kConverged;
@@ -54,7 +55,7 @@ struct FitSummary {
   int num_support_vectors = 0;
   std::int64_t kernel_evaluations = 0;
   double seconds = 0.0;   ///< Wall time.
-  Eigen::VectorXd alpha;  ///< Of every sample, in the paper's scale: a start for a neighbour.
+  Eigen::VectorXd alpha;  ///< One per sample, in the paper's scale: a start for a neighbour.
 };
 
 class OneClassSvm;

@@ -25,7 +25,7 @@ void ExportOnnx(const TimeVaryingSupport& support, const std::filesystem::path& 
 std::string AppendDecision(core::OnnxGraph& graph, const OneClassSvm& svm, const std::string& x);
 std::string AppendDecision(core::OnnxGraph& graph, const TimeVaryingSupport& support,
                            const std::string& t, const std::string& x);
-/// Of features z, with the map of each time step.
+/// The same for a whitened support: takes features z and applies the map of each time step.
 std::string AppendDecision(core::OnnxGraph& graph, const WhitenedSupport& support,
                            const std::string& t, const std::string& z);
 

@@ -17,15 +17,15 @@ struct TimeVaryingSupportOptions {
   /// How many time steps t = 0, 1, ... get an estimate; 0: as many as the longest demonstration has
   /// states.
   int num_steps = 0;
-  /// One estimate from all states of all time steps instead: what Sec. IV-A warns of, for
-  /// comparison.
+  /// Fit one estimate to the states of all time steps instead. Sec. IV-A warns of this; it is here
+  /// for comparison.
   bool pooled = false;
   int threads = 1;  ///< Fits at a time, >= 1. The result does not depend on it.
 };
 
 /// The support of the demonstrated states at each time step (Sec. IV-A): one OneClassSvm g_t per t,
 /// fitted to the states that all demonstrations were in at t. A demonstration that ends early
-/// counts with its last state from then on, for it rests there.
+/// counts with its last state from then on, because it rests there.
 ///
 /// Immutable once made, and cheap to copy: copies share their data. Concurrent calls are safe.
 class TimeVaryingSupport final : public core::LogDecisionFunction {

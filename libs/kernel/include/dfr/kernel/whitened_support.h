@@ -32,7 +32,7 @@ struct WhitenedSupportOptions {
 ///
 /// Against TimeVaryingSupport: states of neighbouring time steps are pooled, so that few
 /// demonstrations suffice and timing matters less; each time step has its own linear map
-/// y = V_t z, V_t = (Cov over the pooled states + phase_ridge I)^(-1/2), for the spread of
+/// y = V_t z, V_t = (Cov over the pooled states + phase_ridge I)^(-1/2), because the spread of
 /// demonstrations changes along a task; and demonstrations that have ended count no more, so the
 /// last estimates are of the slow ones and the very last holds from then on.
 ///
@@ -88,8 +88,8 @@ class WhitenedSupport final : public core::LogDecisionFunction {
 /// How deep inside demonstrations are that a support has not seen: l_t of each state of each
 /// demonstration under an estimate fitted without it, the largest over the time steps t -
 /// phase_window ... t + phase_window, as a controller that re-aligns its phase finds it. Every
-/// `folds`-th demonstration is left out at a time, whole demonstrations, for the states of one are
-/// alike. Values come in no particular order.
+/// `folds`-th demonstration is left out at a time. Whole demonstrations are, because the states of
+/// one are alike. Values come in no particular order.
 /// @throws as WhitenedSupport::Fit(), and std::invalid_argument if there are fewer than three
 ///   demonstrations, fewer than two folds, or phase_window is negative.
 [[nodiscard]] std::vector<double> HeldOutLevels(std::span<const core::Matrix> demonstrations,

@@ -13,8 +13,8 @@ namespace dfr::recording {
 struct RecordedPicture {
   std::int64_t time_ns = 0;
   std::uint32_t sequence = 0;
-  std::uint64_t offset = 0;  ///< Of the JPEG file, in bytes from the recording's start.
-  std::uint64_t size = 0;    ///< Of the JPEG file.
+  std::uint64_t offset = 0;  ///< Where the JPEG file begins, in bytes from the recording's start.
+  std::uint64_t size = 0;    ///< Size of the JPEG file, bytes.
 };
 
 /// A remark of the recorder itself: how much it had to drop.

@@ -61,7 +61,7 @@ struct StepRecord {
   std::uint64_t episode = 0;   ///< Counts from 0.
   std::uint64_t seed = 0;      ///< The controller's Reset() seed in this episode.
   std::int32_t t = 0;          ///< The time step whose support and policy were used.
-  std::int32_t iteration = 0;  ///< Of the recovery under way.
+  std::int32_t iteration = 0;  ///< Iteration within the recovery under way.
   Text<24> mode;               ///< control::Name(Mode)
   Text<40> cause;              ///< control::Name(HaltCause)
   Text<24> machine;            ///< State of the machine around the controller: "running", ...
@@ -74,7 +74,7 @@ struct StepRecord {
   double decision_s = std::numeric_limits<double>::quiet_NaN();  ///< Time that it took.
   Numbers<64> state;
   Numbers<16> command;
-  std::uint64_t image_sequence = 0;  ///< Of the picture that the state was taken from; 0: none.
+  std::uint64_t image_sequence = 0;  ///< The picture that the state was taken from; 0: none.
   std::int64_t image_time_ns = 0;    ///< When that was taken.
 };
 

@@ -34,7 +34,7 @@ struct LineTarget {
   std::vector<Eigen::Vector2d> marks_m;  ///< Centres of the blue marks on the gauze's frame.
   double mark_radius_m = 0.002;
   double line_width_m = 0.0015;
-  double tip_radius_m = 0.001;  ///< Of the green ball on the end-effector.
+  double tip_radius_m = 0.001;  ///< Radius of the green ball on the end-effector.
 };
 
 /// Options for LineVision.
@@ -110,10 +110,8 @@ class LineVision {
   [[nodiscard]] const CameraModel& camera() const noexcept;
 
  private:
-  struct Buffers;
-  CameraModel camera_;
-  LineVisionOptions options_;
-  std::unique_ptr<Buffers> buffers_;
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
 }  // namespace dfr::vision

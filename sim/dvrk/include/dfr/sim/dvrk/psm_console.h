@@ -100,10 +100,10 @@ class PsmConsole {
   [[nodiscard]] const kinematics::PsmJoints& setpoint_joints() const noexcept { return setpoint_; }
   [[nodiscard]] double measured_jaw() const noexcept { return jaw_; }
   [[nodiscard]] double setpoint_jaw() const noexcept { return jaw_setpoint_; }
-  /// Of the wrist in the base frame, by the encoders.
+  /// Pose of the wrist in the base frame, by the encoders and as commanded.
   [[nodiscard]] Eigen::Isometry3d measured_pose() const noexcept;
   [[nodiscard]] Eigen::Isometry3d setpoint_pose() const noexcept;
-  /// Of the wrist, base frame, by the encoders: m/s, then rad/s.
+  /// Twist of the wrist in the base frame, by the encoders: m/s, then rad/s.
   [[nodiscard]] Eigen::Matrix<double, 6, 1> measured_twist() const noexcept;
   /// Where the joints really are.
   [[nodiscard]] kinematics::PsmJoints true_joints() const noexcept;

@@ -11,7 +11,7 @@
 
 namespace dfr::sim {
 
-/// What goes wrong between the console and its clients, for tests of what then happens.
+/// Faults between the console and its clients, for tests.
 struct ConsoleFaults {
   double delay_s = 0.0;        ///< What is published about motion arrives that late, in [0, 2].
   double jitter_s = 0.0;       ///< Up to so much later still, uniformly, in order; in [0, 2].
@@ -33,8 +33,8 @@ struct ConsoleFaults {
 /// Options for PsmConsoleServer.
 struct PsmConsoleServerOptions {
   double state_period_s = 0.01;  ///< From one published state to the next, > 0.
-  std::uint64_t seed = 1;        ///< Of what is lost, and of ConsoleFaults::jitter_s.
-  /// What time it is, for stamps.
+  std::uint64_t seed = 1;        ///< Seeds what is lost, and ConsoleFaults::jitter_s.
+  /// Gives the time for stamps.
   std::function<dds::Stamp()> clock = &dds::Stamp::Now;
 };
 
@@ -63,8 +63,8 @@ class PsmConsoleServer {
 
   /// Takes all commands that have come, steps the console by `dt_s`, and publishes what is due.
   void Tick(double dt_s);
-  /// The two ends of Tick(), for those who step the console themselves. Publish() is told how much
-  /// time has passed, and publishes the state also when it is not due if `now`.
+  /// The two ends of Tick(), for callers that step the console themselves. Publish() is told how
+  /// much time has passed, and publishes the state also when it is not due if `now`.
   void TakeCommands();
   void Publish(double dt_s, bool now);
   /// Publishes what the console has said, and the operating state if it has changed.

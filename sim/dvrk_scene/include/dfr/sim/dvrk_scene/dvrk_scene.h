@@ -10,11 +10,11 @@ namespace dfr::sim {
 /// Options for DvrkScene.
 struct DvrkSceneOptions {
   PsmConsoleOptions arm;  ///< Its joint_error is not used: the plant's arm has one of its own.
-  /// The rest of the world. What it observes is of no account: nobody looks but clients.
+  /// The rest of the world. Its observations are not used: only clients look.
   LineTrackingOptions world;
-  std::uint64_t seed = 0;  ///< Of the first episode: line, light, disturbance.
-  /// The disturbance acts during controls while the arm moves, and a client's set-points come with
-  /// pauses: for so long after the set-point's last change the arm is taken to move, >= 0. Zero for
+  std::uint64_t seed = 0;  ///< Seeds the first episode: line, light, disturbance.
+  /// Seconds after the set-point's last change for which the arm still counts as moving, >= 0. The
+  /// disturbance acts while the arm moves, and a client's set-points come with pauses. Zero for
   /// lock-step, where there are no pauses.
   double linger_s = 0.05;
 };

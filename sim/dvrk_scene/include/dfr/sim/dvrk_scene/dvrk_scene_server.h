@@ -26,7 +26,7 @@ struct DvrkSceneServerOptions {
 /// A DvrkScene on topics: those of PsmConsoleServer, and
 ///   ECM/image_raw  ECM/image_raw/compressed  ECM/camera_info   bgr8 640 x 480 and JPEG, 30 Hz
 ///   SPRK/measured_cp  SPRK/setpoint_cp                         the platform's pose, with the state
-/// Pictures are drawn only while somebody subscribes to one of the camera's topics.
+/// Pictures are drawn only while one of the camera's topics has a subscriber.
 ///
 /// And the simulator's own, which no console has: who sends a StringStamped to /simulator/request
 /// gets one on /simulator/reply with the same stamp, whose text begins with "ok", or is "error: "

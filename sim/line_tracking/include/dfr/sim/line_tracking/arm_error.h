@@ -8,7 +8,7 @@ namespace dfr::sim {
 
 /// Options for ArmError. The defaults are the accuracy reported for an uncalibrated PSM.
 struct ArmErrorOptions {
-  std::uint64_t seed = 1;         ///< Of the arm: the same seed is the same individual arm.
+  std::uint64_t seed = 1;         ///< Identifies the arm: equal seeds are the same arm.
   double mean_error_m = 4.5e-3;   ///< Mean of |true tip - reported tip| over the workspace.
   double mean_residual_m = 5e-4;  ///< The part of it that a PsmCorrection cannot describe.
 };

@@ -29,7 +29,7 @@ enum class Observation {
   kGroundTruth,  ///< The simulation's own numbers: fast, and free of error.
 };
 
-/// What goes wrong with the camera, for tests of what then happens.
+/// Camera faults, for tests.
 enum class CameraFault {
   kNone,
   kFrozen,       ///< The last image again and again.
@@ -54,7 +54,7 @@ struct LineTrackingOptions {
   DisturbanceOptions disturbance;
   ArmErrorOptions arm;
   EndoscopeOptions endoscope;
-  std::uint64_t platform_seed = 1;     ///< Of the individual platform: its positioning error.
+  std::uint64_t platform_seed = 1;     ///< Identifies the platform: its positioning error.
   double max_curvature = 1.0 / 150.0;  ///< 1/mm, of half of the lines; the others are straight.
   double start_scatter_m = 6e-4;  ///< Standard deviation of the tip's first distance to the line.
 };
@@ -65,7 +65,7 @@ struct LineTrackingTruth {
   Eigen::Isometry3d p_world_gauze = Eigen::Isometry3d::Identity();
   double distance_m = 0.0;   ///< As LineObservation::distance_m.
   double progress_m = 0.0;   ///< Along the line since Reset().
-  double heading_rad = 0.0;  ///< Of the line's tangent next to the tip, in the world's xy-plane.
+  double heading_rad = 0.0;  ///< The line's tangent next to the tip, in the world's xy-plane.
 };
 
 /// The line tracking task of Sec. V-B: a PSM follows a red line on gauze that a Stewart platform
@@ -147,17 +147,17 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   /// Takes the next picture and looks at it again, as Apply() does.
   void Look() noexcept;
 
-  /// For an arm and a clock that are somebody else's (a console's): `dt_s` later the encoders say
-  /// `reading`. The platform follows its commanded pose, which the disturbance moves on if
-  /// `platform_moves` and Halt() was not called. The tip's distance is sampled once. Where the
-  /// readings are those of Apply(), so is everything else, to the bit. Never allocates.
+  /// Advances the world by `dt_s` when an external arm and clock (a console's) drive it; the
+  /// encoders then read `reading`. The platform follows its commanded pose, which the disturbance
+  /// moves on if `platform_moves` and Halt() was not called. The tip's distance is sampled once.
+  /// Where the readings are those of Apply(), so is everything else, to the bit. Never allocates.
   /// @pre dt_s >= 0, `reading` finite
   void Drive(const kinematics::PsmJoints& reading, double dt_s, bool platform_moves) noexcept;
   /// Everything comes to rest, as after a control: the encoders say `reading`, the platform is
   /// where it is commanded, and moves on by the disturbance's pause if it acts between controls.
   void Rest(const kinematics::PsmJoints& reading) noexcept;
-  /// Where the platform is commanded to be, and where its lag has it: what a driver can report,
-  /// for the platform's own error nobody measures.
+  /// Where the platform is commanded to be, and where its lag has it: what a driver can report.
+  /// The platform's own error is not in it, because nothing measures that.
   [[nodiscard]] kinematics::PlatformPose platform_setpoint() const noexcept;
   [[nodiscard]] kinematics::PlatformPose platform_pose() const noexcept;
 
@@ -172,7 +172,8 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   /// The same as picture `number` since Reset(), on which light and noise depend: the first that
   /// Look() takes is 1. For those who count their pictures themselves.
   void RenderPicture(std::uint64_t number, std::span<std::uint8_t> bgr) const;
-  /// Renders arm and platform from outside, 640 x 480 RGB, rows from the top. May throw likewise.
+  /// Renders arm and platform from outside, 640 x 480 RGB, rows from the top. May throw as
+  /// RenderPicture().
   void RenderOutside(std::span<std::uint8_t> rgb) const;
   [[nodiscard]] const Endoscope& endoscope() const noexcept;
 

@@ -22,8 +22,8 @@ enum class Gripper {
 /// Options for PusherPlant. The defaults are the scene of the experiment. Metres.
 struct PusherOptions {
   Gripper gripper = Gripper::kBar;
-  /// The red regions are at y = +-red_y; in (0.1, 0.3], for the cylinder has to fit between them.
-  /// Supervisors are trained at a tighter gate than they are judged at, which gives their
+  /// The red regions are at y = +-red_y; in (0.1, 0.3], because the cylinder has to fit between
+  /// them. Supervisors are trained at a tighter gate than they are judged at, which gives their
   /// demonstrations a margin.
   double red_y = 0.15;
   /// The cylinder starts uniformly in [start_x_min, start_x_max] x [-start_y, start_y]. In front of
@@ -33,16 +33,17 @@ struct PusherOptions {
   double start_y = 0.12;
 };
 
-/// Counts since construction. Speeds in m/s of simulated time, of which a substep has 0.01 s.
+/// Counts since construction. Speeds in m/s of simulated time; a substep takes 0.01 s. `saturated`
+/// to `simulated` count controls.
 struct PusherStatistics {
-  std::int64_t controls = 0;          ///< Applied, kOk or not.
-  std::int64_t saturated = 0;         ///< Of these, with an entry beyond +-1.
-  std::int64_t stopped_by_table = 0;  ///< Of these, deflected so as not to enter the table.
-  std::int64_t stalled = 0;           ///< Of these, undone for pressing the cylinder down.
-  std::int64_t simulated = 0;         ///< Of these, near enough to touch: MuJoCo steps were taken.
-  std::int64_t substeps = 0;          ///< MuJoCo steps, settling included.
-  double max_residual_speed = 0.0;    ///< Largest residual_speed() so far.
-  double max_penetration_m = 0.0;     ///< Deepest overlap of gripper and cylinder in motion.
+  std::int64_t controls = 0;            ///< Applied, kOk or not.
+  std::int64_t saturated = 0;           ///< With an entry beyond +-1.
+  std::int64_t stopped_by_table = 0;    ///< Deflected so as not to enter the table.
+  std::int64_t stalled = 0;             ///< Undone because they pressed the cylinder down.
+  std::int64_t simulated = 0;           ///< Near enough to touch: MuJoCo steps were taken.
+  std::int64_t substeps = 0;            ///< MuJoCo steps, settling included.
+  double max_residual_speed = 0.0;      ///< Largest residual_speed() so far.
+  double max_penetration_m = 0.0;       ///< Deepest overlap of gripper and cylinder in motion.
   double max_rest_penetration_m = 0.0;  ///< The same at rest.
 };
 

@@ -8,14 +8,14 @@ namespace dfr::sim {
 
 /// Weights of PusherReward. Distances in metres.
 struct PusherRewardOptions {
-  double scale = 20.0;      ///< Of the potential.
-  double reach = 1.0;       ///< Of the distance from tip to cylinder.
-  double forward = 1.0;     ///< Of |c_x - g_x|, cylinder to goal.
-  double sideways = 4.0;    ///< Of |c_y - g_y|.
+  double scale = 20.0;      ///< Scales the potential.
+  double reach = 1.0;       ///< Times the distance from tip to cylinder.
+  double forward = 1.0;     ///< Times |c_x - g_x|, cylinder to goal.
+  double sideways = 4.0;    ///< Times |c_y - g_y|.
   double success = 10.0;    ///< Once, when completed.
   double collision = -1.0;  ///< Once, when collided.
   double step = 0.0;        ///< Each control.
-  double effort = -0.05;    ///< Of |u|^2, u clipped to +-1.
+  double effort = -0.05;    ///< Times |u|^2, u clipped to +-1.
 };
 
 /// The reward that supervisors of the Pusher are trained with. Learners never see it.
