@@ -10,9 +10,9 @@
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/runtime/periodic_timer.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
-#include "line_eye.h"
+#include "emergency_stop_monitor.h"
+#include "image_worker.h"
 #include "simulator_link.h"
-#include "watchman.h"
 
 namespace dfr::apps {
 namespace {
@@ -21,22 +21,22 @@ using core::PlantStatus;
 using hardware::PsmStatus;
 using kinematics::PsmJoints;
 using line_task::LineTask;
-using runtime::Doubt;
+using runtime::HoldReason;
 
 constexpr int kMaxLooks = 3;
 constexpr double kLookTime = 2.0;  // s: no picture for so long is a fault
 
 // What the arm's driver says, in the machine's words.
-Doubt ToDoubt(PsmStatus status) noexcept {
+HoldReason ToHoldReason(PsmStatus status) noexcept {
   switch (status) {
     case PsmStatus::kOk:
     case PsmStatus::kHeld:  // by us: whoever asked for it knows why
-      return Doubt::kNone;
+      return HoldReason::kNone;
     case PsmStatus::kNoConsole:
     case PsmStatus::kConsoleGone:
     case PsmStatus::kIncompatible:
     case PsmStatus::kStateSilent:
-      return Doubt::kArmSilent;
+      return HoldReason::kArmSilent;
     case PsmStatus::kNoOperatingState:
     case PsmStatus::kConsoleFault:
     case PsmStatus::kConsoleError:
@@ -47,59 +47,59 @@ Doubt ToDoubt(PsmStatus status) noexcept {
     case PsmStatus::kBusy:
     case PsmStatus::kTimedOut:
     case PsmStatus::kNotArmed:
-      return Doubt::kArmNotReady;
+      return HoldReason::kArmNotReady;
     case PsmStatus::kStateInvalid:
     case PsmStatus::kStateMalformed:
     case PsmStatus::kStateNotFinite:
-      return Doubt::kArmInvalid;
+      return HoldReason::kArmInvalid;
     case PsmStatus::kStateOld:
-      return Doubt::kArmOld;
+      return HoldReason::kArmOld;
     case PsmStatus::kStateAhead:
-      return Doubt::kClock;
+      return HoldReason::kClock;
     case PsmStatus::kStateJumped:
     case PsmStatus::kFrameMismatch:
-      return Doubt::kArmJump;
+      return HoldReason::kArmJump;
     case PsmStatus::kOtherPublisher:
-      return Doubt::kSecondCommander;
+      return HoldReason::kSecondCommander;
     case PsmStatus::kNotFollowing:
     case PsmStatus::kNotReached:
-      return Doubt::kArmNotFollowing;
+      return HoldReason::kArmNotFollowing;
     case PsmStatus::kTickLate:
     case PsmStatus::kSendFailed:
-      return Doubt::kOverrun;
+      return HoldReason::kOverrun;
     case PsmStatus::kInvalidGoal:
     case PsmStatus::kBeyondLimits:
     case PsmStatus::kUnreachable:
     case PsmStatus::kOutsideWorkspace:
     case PsmStatus::kTooFast:
-      return Doubt::kCommandRefused;
+      return HoldReason::kCommandRefused;
   }
-  return Doubt::kArmNotReady;
+  return HoldReason::kArmNotReady;
 }
 
-Doubt ToDoubt(hardware::FrameStatus status) noexcept {
+HoldReason ToHoldReason(hardware::FrameStatus status) noexcept {
   using hardware::FrameStatus;
   switch (status) {
     case FrameStatus::kOk:
-      return Doubt::kNone;
+      return HoldReason::kNone;
     case FrameStatus::kNever:
     case FrameStatus::kSilent:
     case FrameStatus::kEnded:
     case FrameStatus::kTruncated:
     case FrameStatus::kFailed:
-      return Doubt::kImageSilent;
+      return HoldReason::kImageSilent;
     case FrameStatus::kOld:
-      return Doubt::kImageOld;
+      return HoldReason::kImageOld;
     case FrameStatus::kAhead:
     case FrameStatus::kInvalidStamp:
-      return Doubt::kClock;
+      return HoldReason::kClock;
     case FrameStatus::kWrongSize:
     case FrameStatus::kWrongEncoding:
     case FrameStatus::kDark:
     case FrameStatus::kFrozen:
-      return Doubt::kImageInvalid;
+      return HoldReason::kImageInvalid;
   }
-  return Doubt::kImageInvalid;
+  return HoldReason::kImageInvalid;
 }
 
 std::unique_ptr<hardware::Endoscope> OpenCamera(dds::Participant& network,
@@ -120,8 +120,8 @@ std::unique_ptr<hardware::Endoscope> OpenCamera(dds::Participant& network,
                : hardware::OpenVideo(config.camera, options);
 }
 
-std::string InWords(Doubt doubt, std::string_view detail) {
-  const std::string name = runtime::Name(doubt);
+std::string InWords(HoldReason reason, std::string_view detail) {
+  const std::string name = runtime::Name(reason);
   return detail.empty() ? name : name + ": " + std::string(detail);
 }
 
@@ -157,7 +157,7 @@ struct RobotPlant::Impl {
         images(ImageNetwork(chosen.network)),
         driver(network, DriverOptions(chosen)),
         machine({.max_period_s = chosen.lock_step ? 10.0 : chosen.max_period_s, .calm_s = 0.2}),
-        watchman(network, chosen.emergency_stop, chosen.emergency_stop_silence_s),
+        monitor(network, chosen.emergency_stop, chosen.emergency_stop_silence_s),
         eye(OpenCamera(images, chosen, calibration.camera), task, log) {
     if (config.simulator) link.emplace(network);
     state.fill(std::numeric_limits<double>::quiet_NaN());
@@ -176,13 +176,13 @@ struct RobotPlant::Impl {
   bool Tick(double dt_s) noexcept {
     if (config.lock_step) {
       // Once it has not answered, it is not waited for in every period.
-      if (link_lost) machine.Doubted(Doubt::kArmSilent, "the simulator does not answer");
+      if (link_lost) machine.Hold(HoldReason::kArmSilent, "the simulator does not answer");
       try {
         if (link_lost) return false;
         RunSimulator(dt_s);
       } catch (const std::exception& e) {
         link_lost = true;
-        machine.Doubted(Doubt::kArmSilent, e.what());
+        machine.Hold(HoldReason::kArmSilent, e.what());
       }
     } else {
       if (!timer) timer.emplace(config.period_s);
@@ -191,7 +191,7 @@ struct RobotPlant::Impl {
     machine.Tick(SteadyNs());
     Watch();
     Report();
-    watchman.Beat(machine.state());
+    monitor.Beat(machine.state());
     return machine.may_move();
   }
 
@@ -218,32 +218,32 @@ struct RobotPlant::Impl {
     const std::int64_t now_ns = SteadyNs();
     const bool armed = driver.phase() == hardware::PsmPhase::kArmed;
     const PsmStatus arm = driver.Tick(now_ns, WallNs());
-    // An unarmed driver is no doubt, but what keeps it from being armed is.
-    const PsmStatus found = armed ? arm : driver.client().doubt();
-    if (ToDoubt(found) != Doubt::kNone) {
+    // An unarmed driver is no reason, but what keeps it from being armed is.
+    const PsmStatus found = armed ? arm : driver.client().hold_reason();
+    if (ToHoldReason(found) != HoldReason::kNone) {
       const std::string_view error =
           found == PsmStatus::kConsoleFault || found == PsmStatus::kConsoleError
               ? driver.last_error()
               : std::string_view();
-      machine.Doubted(ToDoubt(found), error.empty() ? hardware::Name(found) : error);
+      machine.Hold(ToHoldReason(found), error.empty() ? hardware::Name(found) : error);
     }
-    switch (watchman.emergency_stop()) {
+    switch (monitor.emergency_stop()) {
       case dds::EmergencyStop::kClear:
         break;
       case dds::EmergencyStop::kPressed:
-        machine.Doubted(Doubt::kEmergencyStop, "pressed");
+        machine.Hold(HoldReason::kEmergencyStop, "pressed");
         break;
       case dds::EmergencyStop::kSilent:
-        machine.Doubted(Doubt::kEmergencyStopSilent,
-                        "no word from it: is `hardware stop` running?");
+        machine.Hold(HoldReason::kEmergencyStopSilent,
+                     "no word from it: is `hardware stop` running?");
         break;
     }
     WatchCamera();
     if (interrupted != nullptr && *interrupted != nullptr && **interrupted) {
-      machine.Doubted(Doubt::kOperator, "interrupted");
+      machine.Hold(HoldReason::kOperator, "interrupted");
     }
     if (recorder != nullptr && recorder->failed()) {
-      machine.Doubted(Doubt::kRecorder, "the recording cannot be written: is the disk full?");
+      machine.Hold(HoldReason::kRecorder, "the recording cannot be written: is the disk full?");
     }
     if (!machine.may_move() && driver.phase() == hardware::PsmPhase::kArmed) {
       driver.Hold();
@@ -252,22 +252,22 @@ struct RobotPlant::Impl {
   }
 
   void WatchCamera() noexcept {
-    EyeNews news;
+    CameraHealth news;
     if (eye.Take(news)) eye_news = news;
     if (config.lock_step) return;                      // pictures come when asked for
     constexpr std::int64_t kEyeSilence = 250'000'000;  // ns: its thread hangs
     if (runtime::SteadyNow() - eye_news.steady_ns > kEyeSilence) {
-      machine.Doubted(Doubt::kImageSilent, "nobody looks at the pictures");
+      machine.Hold(HoldReason::kImageSilent, "nobody looks at the pictures");
     } else if (eye_news.status != hardware::FrameStatus::kOk) {
-      machine.Doubted(ToDoubt(eye_news.status), hardware::Name(eye_news.status));
+      machine.Hold(ToHoldReason(eye_news.status), hardware::Name(eye_news.status));
     }
   }
 
   void Report() noexcept {
     runtime::Transition transition;
     while (machine.Take(transition)) {
-      if (transition.doubt != Doubt::kNone || transition.to == runtime::RunState::kArmed) {
-        last_cause = transition.doubt;
+      if (transition.reason != HoldReason::kNone || transition.to == runtime::RunState::kArmed) {
+        last_cause = transition.reason;
         last_detail = transition.detail;
       }
       if (recorder != nullptr) {
@@ -277,10 +277,10 @@ struct RobotPlant::Impl {
         record.to = runtime::Name(transition.to);
         std::array<char, 160> text{};
         const int size =
-            transition.doubt == Doubt::kNone
+            transition.reason == HoldReason::kNone
                 ? std::snprintf(text.data(), text.size(), "%s", transition.detail.data())
-                : std::snprintf(text.data(), text.size(), "%s: %s", runtime::Name(transition.doubt),
-                                transition.detail.data());
+                : std::snprintf(text.data(), text.size(), "%s: %s",
+                                runtime::Name(transition.reason), transition.detail.data());
         record.cause = std::string_view(text.data(), static_cast<std::size_t>(std::max(0, size)));
         static_cast<void>(recorder->Transition(record));
       }
@@ -300,15 +300,15 @@ struct RobotPlant::Impl {
           // Set-points expire while a picture is drawn; nothing moves then anyway.
           setpoints_seen = driver.setpoints_sent();
         } catch (const std::exception& e) {
-          machine.Doubted(Doubt::kImageSilent, e.what());
+          machine.Hold(HoldReason::kImageSilent, e.what());
           return;
         }
       }
       const std::int64_t end_ns = runtime::SteadyNow() + static_cast<std::int64_t>(1e9 * kLookTime);
-      EyeSight sight;
+      ImageAnswer sight;
       while (!eye.Take(sight) || sight.question != question) {
         if (runtime::SteadyNow() > end_ns) {
-          machine.Doubted(Doubt::kImageSilent, "no picture in which to look for the line");
+          machine.Hold(HoldReason::kImageSilent, "no picture in which to look for the line");
           return;
         }
         if (config.lock_step) {
@@ -328,7 +328,7 @@ struct RobotPlant::Impl {
   // The arm to `reading` in `duration_s`, and at rest there.
   [[nodiscard]] PlantStatus Move(const PsmJoints& reading, double duration_s) noexcept {
     if (const PsmStatus status = driver.MoveTo(reading, duration_s); status != PsmStatus::kOk) {
-      machine.Doubted(Doubt::kCommandRefused, hardware::Name(status));
+      machine.Hold(HoldReason::kCommandRefused, hardware::Name(status));
       Report();
       return PlantStatus::kRefused;
     }
@@ -344,7 +344,7 @@ struct RobotPlant::Impl {
         link->Rest();
         setpoints_seen = driver.setpoints_sent();
       } catch (const std::exception& e) {
-        machine.Doubted(Doubt::kArmSilent, e.what());
+        machine.Hold(HoldReason::kArmSilent, e.what());
         return PlantStatus::kFault;
       }
     }
@@ -380,8 +380,8 @@ struct RobotPlant::Impl {
   hardware::PsmDriver driver;
   std::optional<SimulatorLink> link;
   runtime::FailSafe machine;
-  Watchman watchman;
-  LineEye eye;
+  EmergencyStopMonitor monitor;
+  ImageWorker eye;
   std::optional<runtime::PeriodicTimer> timer;
   bool link_lost = false;
   std::uint64_t setpoints_seen = 0;
@@ -393,9 +393,9 @@ struct RobotPlant::Impl {
   std::uint64_t question = 0;
   std::uint64_t sequence = 0;
   std::int64_t picture_ns = 0;
-  EyeNews eye_news;
+  CameraHealth eye_news;
   SimulatorTruth truth;
-  Doubt last_cause = Doubt::kNone;
+  HoldReason last_cause = HoldReason::kNone;
   std::array<char, 96> last_detail{};
   const std::function<void(const runtime::Transition&)>* on_transition = nullptr;
   const std::atomic<bool>* const* interrupted = nullptr;
@@ -428,7 +428,7 @@ void RobotPlant::BringUp(const std::function<void(std::string_view)>& say) {
   const std::int64_t start_ns = runtime::SteadyNow();
   for (bool said = false;;) {
     Idle(0.1);
-    if (i.machine.blocking() == Doubt::kNone) return;
+    if (i.machine.blocking() == HoldReason::kNone) return;
     const std::int64_t waited_ns = runtime::SteadyNow() - start_ns;
     if (waited_ns > 10 * kSecond) break;
     if (!said && waited_ns > kSecond && say) say("waiting: " + blocking());
@@ -442,27 +442,27 @@ void RobotPlant::Idle(double seconds) noexcept {
   for (int n = 0; n < periods; ++n) static_cast<void>(impl_->Tick(impl_->config.period_s));
 }
 
-Doubt RobotPlant::Start() noexcept {
+HoldReason RobotPlant::Start() noexcept {
   Impl& i = *impl_;
   Idle(0.25);  // long enough for the machine to know that all is calm
   if (!i.machine.Arm()) {
-    const Doubt blocking = i.machine.blocking();
-    if (blocking != Doubt::kNone) return blocking;
-    return i.last_cause != Doubt::kNone ? i.last_cause : Doubt::kOperator;
+    const HoldReason blocking = i.machine.blocking();
+    if (blocking != HoldReason::kNone) return blocking;
+    return i.last_cause != HoldReason::kNone ? i.last_cause : HoldReason::kOperator;
   }
   if (const PsmStatus status = i.driver.Arm(); status != PsmStatus::kOk) {
-    i.machine.Doubted(ToDoubt(status), hardware::Name(status));
+    i.machine.Hold(ToHoldReason(status), hardware::Name(status));
     i.Report();
-    return ToDoubt(status);
+    return ToHoldReason(status);
   }
   i.command_m = i.task.Tip(i.driver.client().setpoint());
   static_cast<void>(i.machine.Start());
   i.Report();
-  return Doubt::kNone;
+  return HoldReason::kNone;
 }
 
 bool RobotPlant::Clear() noexcept {
-  impl_->watchman.Acknowledge();
+  impl_->monitor.Acknowledge();
   impl_->link_lost = false;
   Idle(0.25);
   const bool cleared = impl_->machine.Clear();
@@ -470,8 +470,8 @@ bool RobotPlant::Clear() noexcept {
   return cleared;
 }
 
-void RobotPlant::Doubted(Doubt doubt, std::string_view detail) noexcept {
-  impl_->machine.Doubted(doubt, detail);
+void RobotPlant::Hold(HoldReason reason, std::string_view detail) noexcept {
+  impl_->machine.Hold(reason, detail);
   impl_->Report();
 }
 
@@ -479,10 +479,10 @@ void RobotPlant::Decided(const control::Step& step) noexcept {
   using control::Mode;
   impl_->machine.Recovering(step.mode == Mode::kProbe || step.mode == Mode::kRecovery);
   if (step.mode == Mode::kHalt) {
-    impl_->machine.Doubted(step.cause == control::HaltCause::kControlInvalid
-                               ? Doubt::kControlInvalid
-                               : Doubt::kControllerHalted,
-                           control::Name(step.cause));
+    impl_->machine.Hold(step.cause == control::HaltCause::kControlInvalid
+                            ? HoldReason::kControlInvalid
+                            : HoldReason::kControllerHalted,
+                        control::Name(step.cause));
   }
   impl_->Report();
 }
@@ -503,14 +503,14 @@ void RobotPlant::Reset(std::uint64_t seed) {
   // on its operator's word, or not at all.
   constexpr std::int64_t kPatience = 3'000'000'000;  // ns
   const std::int64_t end_ns = runtime::SteadyNow() + (i.link ? kPatience : 0);
-  Doubt doubt = Start();
-  while (doubt != Doubt::kNone && i.machine.state() != runtime::RunState::kFaulted &&
+  HoldReason reason = Start();
+  while (reason != HoldReason::kNone && i.machine.state() != runtime::RunState::kFaulted &&
          runtime::SteadyNow() < end_ns) {
-    doubt = Start();
+    reason = Start();
   }
-  if (doubt != Doubt::kNone) {
+  if (reason != HoldReason::kNone) {
     throw std::runtime_error("the robot is not started: " +
-                             (doubt == i.machine.blocking() ? blocking() : cause()));
+                             (reason == i.machine.blocking() ? blocking() : cause()));
   }
   // The tool may not be upright yet, or not as upright as the calibration has it.
   PsmJoints upright;
@@ -531,14 +531,14 @@ void RobotPlant::Reset(std::uint64_t seed) {
 PlantStatus RobotPlant::Apply(std::span<const double> control) noexcept {
   Impl& i = *impl_;
   if (control.size() != 2 || !std::isfinite(control[0]) || !std::isfinite(control[1])) {
-    i.machine.Doubted(Doubt::kControlInvalid);
+    i.machine.Hold(HoldReason::kControlInvalid);
     return PlantStatus::kRefused;
   }
   if (!i.machine.may_move()) return PlantStatus::kFault;
   const Eigen::Vector3d step = LineTask::Displacement(control);
   PsmJoints reading;
   if (!i.task.Reading(i.command_m + step, reading)) {
-    i.machine.Doubted(Doubt::kCommandRefused, "the arm cannot reach it");
+    i.machine.Hold(HoldReason::kCommandRefused, "the arm cannot reach it");
     i.Report();
     return PlantStatus::kRefused;
   }
@@ -553,14 +553,14 @@ PlantStatus RobotPlant::Apply(std::span<const double> control) noexcept {
   const double jump_mm =
       std::hypot(i.state[0] - before[0] - 1e3 * step.x(), i.state[1] - before[1] - 1e3 * step.y());
   if (jump_mm > i.config.max_state_jump_mm) {
-    i.machine.Doubted(Doubt::kStateJump, "the tip is not where the control took it");
+    i.machine.Hold(HoldReason::kStateJump, "the tip is not where the control took it");
     i.Report();
     return PlantStatus::kFault;
   }
   try {
     i.AskForTruth();
   } catch (const std::exception& e) {
-    i.machine.Doubted(Doubt::kArmSilent, e.what());
+    i.machine.Hold(HoldReason::kArmSilent, e.what());
   }
   return i.machine.may_move() ? PlantStatus::kOk : PlantStatus::kFault;
 }
@@ -575,13 +575,13 @@ bool RobotPlant::collided() const noexcept { return impl_->truth.collided; }
 void RobotPlant::Halt() noexcept {
   Impl& i = *impl_;
   if (i.truth.collided) {
-    i.machine.Doubted(Doubt::kControllerHalted, "collided");
+    i.machine.Hold(HoldReason::kControllerHalted, "collided");
   } else if (i.truth.completed) {
     i.machine.Done();
   } else if (!i.seen.seen()) {
-    i.machine.Doubted(Doubt::kNotSeen, vision::Name(i.seen.missing));
+    i.machine.Hold(HoldReason::kNotSeen, vision::Name(i.seen.missing));
   } else if (i.machine.may_move()) {
-    i.machine.Doubted(Doubt::kOperator, "halted");
+    i.machine.Hold(HoldReason::kOperator, "halted");
   }
   if (i.driver.phase() == hardware::PsmPhase::kArmed) i.driver.Hold();
   static_cast<void>(i.Tick(i.config.period_s));
@@ -590,9 +590,10 @@ void RobotPlant::Halt() noexcept {
 runtime::RunState RobotPlant::state() const noexcept { return impl_->machine.state(); }
 
 bool RobotPlant::ended_regularly() const noexcept {
-  const Doubt cause = impl_->last_cause;
+  const HoldReason cause = impl_->last_cause;
   return state() != runtime::RunState::kFaulted &&
-         (cause == Doubt::kNone || cause == Doubt::kControllerHalted || cause == Doubt::kNotSeen);
+         (cause == HoldReason::kNone || cause == HoldReason::kControllerHalted ||
+          cause == HoldReason::kNotSeen);
 }
 
 std::string RobotPlant::cause() const {

@@ -32,7 +32,7 @@ struct LoopTimes {
 ///
 /// Its loop runs while Apply(), Observe()'s pictures and Idle() wait, and in every period looks at
 /// all that can be in doubt: arm, camera, emergency stop, its own time. FailSafe decides; whatever
-/// is in doubt, the arm is told to hold and Apply() returns kFault from then on until Start().
+/// is in reason, the arm is told to hold and Apply() returns kFault from then on until Start().
 ///
 /// Apply() allocates nothing of its own; with a simulator it asks for the truth, which does. One
 /// object belongs to the thread that made it.
@@ -51,10 +51,10 @@ class RobotPlant final : public core::Plant {
   void Idle(double seconds) noexcept;
   /// An operator's words. Start() arms the machine and the arm, and starts; kNone, or what keeps it
   /// from that.
-  [[nodiscard]] runtime::Doubt Start() noexcept;
+  [[nodiscard]] runtime::HoldReason Start() noexcept;
   [[nodiscard]] bool Clear() noexcept;
   /// Somebody outside is in doubt: it stands still from now on.
-  void Doubted(runtime::Doubt doubt, std::string_view detail) noexcept;
+  void Hold(runtime::HoldReason reason, std::string_view detail) noexcept;
 
   /// What the controller has decided, before Apply(): whether the policy or a recovery drives, or
   /// why it halts.
@@ -64,7 +64,7 @@ class RobotPlant final : public core::Plant {
   [[nodiscard]] int control_dim() const noexcept override { return 2; }
   /// With a simulator: the next episode, which starts as soon as nothing is in doubt any more. On a
   /// robot the tip is where the operator put it, and it starts at once, as Start().
-  /// @throws std::runtime_error with what is in doubt: at once on a robot and if a fault was not
+  /// @throws std::runtime_error with why: at once on a robot and if a fault was not
   ///   cleared, with a simulator after 3 s.
   void Reset(std::uint64_t seed) override;
   [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;

@@ -46,7 +46,7 @@ struct Robot {
 
 void Show(const runtime::Transition& t) {
   std::printf("  %s -> %s", runtime::Name(t.from), runtime::Name(t.to));
-  if (t.doubt != runtime::Doubt::kNone) std::printf(": %s", runtime::Name(t.doubt));
+  if (t.reason != runtime::HoldReason::kNone) std::printf(": %s", runtime::Name(t.reason));
   if (t.detail[0] != '\0') std::printf(" (%s)", t.detail.data());
   std::printf("\n");
   std::fflush(stdout);
@@ -70,7 +70,8 @@ std::optional<std::string> Typed(RobotPlant& plant) {
 }
 
 // A robot's episodes begin with an operator's word, a simulation's by themselves as long as they
-// end as episodes do; nothing goes on after another doubt without one. False: no more episodes.
+// end as episodes do; nothing goes on after another hold reason without one. False: no more
+// episodes.
 bool AskOperator(RobotPlant& plant, bool simulated) {
   while (true) {
     const bool faulted = plant.state() == runtime::RunState::kFaulted;

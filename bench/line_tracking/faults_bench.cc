@@ -88,7 +88,7 @@ RobotConfig Configuration(int domain, dds::Discovery discovery) {
   return config;
 }
 
-// Episode after episode until something is in doubt; then waits for "go" on its input.
+// Episode after episode until something makes it hold; then waits for "go" on its input.
 void RunRobot(const std::filesystem::path& folder, int domain, dds::Discovery discovery) {
   const LineModel model = LineModel::Load(folder / "model");
   const RobotConfig config = Configuration(domain, discovery);
@@ -98,7 +98,7 @@ void RunRobot(const std::filesystem::path& folder, int domain, dds::Discovery di
   RobotPlant plant(config, sim::LineTrackingCalibration::Load(folder / "calibration.dfr"), nullptr);
   plant.on_transition = [](const runtime::Transition& t) {
     std::printf("%lld %s %s %s\n", static_cast<long long>(t.steady_ns), runtime::Name(t.to),
-                runtime::Name(t.doubt), t.detail.data());
+                runtime::Name(t.reason), t.detail.data());
     std::fflush(stdout);
   };
   static_cast<void>(runtime::AskForRealTime(config.priority + 1));
@@ -111,7 +111,7 @@ void RunRobot(const std::filesystem::path& folder, int domain, dds::Discovery di
     const control::RolloutResult result =
         control::Rollout(plant, controller, {.plant_seed = episode, .controller_seed = episode});
     if (result.halt_cause == control::HaltCause::kControlInvalid) {
-      plant.Doubted(runtime::Doubt::kControlInvalid, "the policy's control is not finite");
+      plant.Hold(runtime::HoldReason::kControlInvalid, "the policy's control is not finite");
     }
     while (!plant.ended_regularly()) {
       pollfd input{STDIN_FILENO, POLLIN, 0};
@@ -248,16 +248,17 @@ class Site {
   void Listen() {
     while (std::optional<std::string> line = robot->Line()) {
       std::array<char, 32> to{};
-      std::array<char, 64> doubt{};
+      std::array<char, 64> reason{};
       long long ns = 0;
-      if (std::sscanf(line->c_str(), "%lld %31s %63s", &ns, to.data(), doubt.data()) != 3) continue;
+      if (std::sscanf(line->c_str(), "%lld %31s %63s", &ns, to.data(), reason.data()) != 3)
+        continue;
       if (std::string(to.data()) == "broken") {
         broken_ns_ = ns;
         continue;
       }
       state_ = to.data();
-      if (std::string(doubt.data()) != "none" && !told_) {
-        told_ = doubt.data();
+      if (std::string(reason.data()) != "none" && !told_) {
+        told_ = reason.data();
         told_ns_ = ns;
       }
       if (state_ == "running" && told_) ++restarts_;
@@ -451,7 +452,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   if (told) {
     ++row.detected;
     const std::int64_t ns = fault.to_operator ? *site.operator_ns() : site.told_ns();
-    // A period's doubts are told with its beginning.
+    // A period's hold reasons carry the time of its beginning.
     row.detection_ms.push_back(
         std::max(0.0, static_cast<double>(ns - start_ns) / kMillisecond - since_ms));
     row.told.insert(fault.to_operator ? "operator's screen" : *site.told());

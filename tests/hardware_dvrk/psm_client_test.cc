@@ -121,7 +121,7 @@ class PsmClientTest : public testing::Test {
     EXPECT_EQ(num_servo_, sent);
     EXPECT_EQ(client_.MoveTo(Yaw(0.0), 10.0), PsmStatus::kNotArmed);
     // Only this goes on, from where the arm is.
-    ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.doubt());
+    ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.hold_reason());
     Steps(2);
     EXPECT_EQ(client_.status(), PsmStatus::kOk);
     EXPECT_TRUE(test::AllClose(client_.setpoint(), there, 1e-9));

@@ -19,6 +19,7 @@
 #include "dfr/core/random.h"
 #include "dfr/dds/emergency_stop.h"
 #include "dfr/recording/read_recording.h"
+#include "emergency_stop_monitor.h"
 #include "recorded_controller.h"
 #include "robot_plant.h"
 #include "simulator_link.h"
@@ -28,7 +29,6 @@
 #include "tests/dds/peer_process.h"
 #include "tests/line_tracking/scene.h"
 #include "tests/support/no_alloc.h"
-#include "watchman.h"
 
 namespace dfr::apps {
 namespace {
@@ -109,7 +109,7 @@ TEST(WireTest, InLockStepTheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
   EXPECT_EQ(ends, 7) << "not all kinds of outcomes were compared";
 }
 
-TEST(WireTest, AStateMachineThatDoubtsStandsStillUntilStarted) {
+TEST(WireTest, AStateMachineThatHoldsStandsStillUntilStarted) {
   const int domain = test::OwnDomain();
   const sim::LineTrackingCalibration known = Data().Calibration();
   std::optional<test::PeerProcess> simulator;
@@ -124,14 +124,14 @@ TEST(WireTest, AStateMachineThatDoubtsStandsStillUntilStarted) {
   EXPECT_EQ(robot.Apply(std::array{nan, 0.0}), core::PlantStatus::kRefused);
   EXPECT_EQ(robot.state(), runtime::RunState::kHolding);
   EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kFault) << "it was not started";
-  ASSERT_EQ(robot.Start(), runtime::Doubt::kNone);
+  ASSERT_EQ(robot.Start(), runtime::HoldReason::kNone);
   EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kOk);
 
   simulator->Signal(SIGKILL);
   EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kFault);
   EXPECT_EQ(robot.state(), runtime::RunState::kFaulted);
   EXPECT_NE(robot.cause().find("arm-silent"), std::string::npos) << robot.cause();
-  EXPECT_NE(robot.Start(), runtime::Doubt::kNone);
+  EXPECT_NE(robot.Start(), runtime::HoldReason::kNone);
 }
 
 TEST(WireTest, AnEmergencyStopThatComesLateIsWaitedFor) {
@@ -152,7 +152,7 @@ TEST(WireTest, AnEmergencyStopThatComesLateIsWaitedFor) {
   std::string said;
   EXPECT_NO_THROW(robot.BringUp([&](std::string_view words) { said = words; }));
   EXPECT_NE(said.find("emergency-stop-silent"), std::string::npos) << said;
-  EXPECT_EQ(robot.Start(), runtime::Doubt::kNone) << robot.blocking();
+  EXPECT_EQ(robot.Start(), runtime::HoldReason::kNone) << robot.blocking();
   end = true;
   operators.join();
 }
@@ -206,18 +206,18 @@ TEST(WireTest, AnEpisodeBeginsAsSoonAsWhatWasWrongBeforeIsOver) {
   EXPECT_FALSE(robot.blocking().empty());
 }
 
-TEST(WatchmanTest, SaysHowTheLoopStandsAndThatItEnds) {
+TEST(EmergencyStopMonitorTest, SaysHowTheLoopStandsAndThatItEnds) {
   dds::Participant network({.domain = test::OwnDomain()});
   dds::Subscriber<dds::OperatingState> listener(network, dds::kRunStateTopic, dds::Role::kState);
-  std::optional<Watchman> watchman;
-  watchman.emplace(network, false, 1.0);
+  std::optional<EmergencyStopMonitor> monitor;
+  monitor.emplace(network, false, 1.0);
   dds::OperatingState heard;
   for (int i = 0; i < 500 && heard.state != "holding"; ++i) {
-    watchman->Beat(runtime::RunState::kHolding);
+    monitor->Beat(runtime::RunState::kHolding);
     if (listener.Wait(0.01)) static_cast<void>(listener.TakeNewest(heard));
   }
   EXPECT_EQ(heard.state, "holding");
-  watchman.reset();
+  monitor.reset();
   while (listener.Wait(1.0) && heard.state != dds::kRunEnded) {
     static_cast<void>(listener.TakeNewest(heard));
   }

@@ -1,4 +1,4 @@
-#include "line_eye.h"
+#include "image_worker.h"
 
 #include <chrono>
 #include <utility>
@@ -7,24 +7,24 @@
 
 namespace dfr::apps {
 
-LineEye::LineEye(std::unique_ptr<hardware::Endoscope> endoscope, const line_task::LineTask& task,
-                 recording::Recorder* recorder)
+ImageWorker::ImageWorker(std::unique_ptr<hardware::Endoscope> endoscope,
+                         const line_task::LineTask& task, recording::Recorder* recorder)
     : endoscope_(std::move(endoscope)),
       vision_(task.calibration().camera, task.vision()),
       recorder_(recorder),
       thread_([this] { Run(); }) {}
 
-LineEye::~LineEye() {
+ImageWorker::~ImageWorker() {
   stop_ = true;
   thread_.join();
 }
 
-void LineEye::Ask(std::uint64_t question, std::int64_t after_ns,
-                  const Eigen::Hyperplane<double, 3>& tip_plane) noexcept {
+void ImageWorker::Ask(std::uint64_t question, std::int64_t after_ns,
+                      const Eigen::Hyperplane<double, 3>& tip_plane) noexcept {
   questions_.Put({question, after_ns, tip_plane});
 }
 
-void LineEye::Run() {
+void ImageWorker::Run() {
   runtime::GiveUpRealTime();
   constexpr std::chrono::milliseconds kPoll(2);
   Question question;
@@ -32,7 +32,7 @@ void LineEye::Run() {
   std::uint64_t last = 0;
   hardware::Frame frame;
   for (; !stop_; std::this_thread::sleep_for(kPoll)) {
-    EyeNews news;
+    CameraHealth news;
     news.status = endoscope_->Grab(frame);
     news.steady_ns = runtime::SteadyNow();
     news_.Put(news);
@@ -42,7 +42,7 @@ void LineEye::Run() {
     if (forget_.exchange(false)) vision_.ForgetLastImage();
     if (question.number != answered && frame.stamp_ns >= question.after_ns) {
       answered = question.number;
-      EyeSight sight;
+      ImageAnswer sight;
       sight.question = question.number;
       sight.sequence = frame.sequence;
       sight.stamp_ns = frame.stamp_ns;
@@ -53,7 +53,7 @@ void LineEye::Run() {
   }
 }
 
-void LineEye::Record(const hardware::Frame& frame) noexcept {
+void ImageWorker::Record(const hardware::Frame& frame) noexcept {
   recording::PictureView view;
   view.time_ns = frame.stamp_ns;
   view.sequence = static_cast<std::uint32_t>(frame.sequence);

@@ -1,4 +1,4 @@
-#include "watchman.h"
+#include "emergency_stop_monitor.h"
 
 #include <chrono>
 
@@ -12,7 +12,8 @@ constexpr std::int64_t kAnnouncePeriod = 20'000'000;  // ns
 
 }  // namespace
 
-Watchman::Watchman(dds::Participant& participant, bool with_stop, double max_silence_s)
+EmergencyStopMonitor::EmergencyStopMonitor(dds::Participant& participant, bool with_stop,
+                                           double max_silence_s)
     : announcer_(participant, dds::kRunStateTopic, dds::Role::kState),
       stop_state_(with_stop ? dds::EmergencyStop::kSilent : dds::EmergencyStop::kClear),
       looked_ns_(runtime::SteadyNow()) {
@@ -20,23 +21,23 @@ Watchman::Watchman(dds::Participant& participant, bool with_stop, double max_sil
   thread_ = std::thread([this] { Run(); });
 }
 
-Watchman::~Watchman() {
+EmergencyStopMonitor::~EmergencyStopMonitor() {
   end_ = true;
   thread_.join();
 }
 
-void Watchman::Beat(runtime::RunState state) noexcept {
+void EmergencyStopMonitor::Beat(runtime::RunState state) noexcept {
   state_ = state;
   beat_ns_ = runtime::SteadyNow();
 }
 
-dds::EmergencyStop Watchman::emergency_stop() const noexcept {
+dds::EmergencyStop EmergencyStopMonitor::emergency_stop() const noexcept {
   // A thread that hangs hears nothing.
   if (runtime::SteadyNow() - looked_ns_ > kHangs) return dds::EmergencyStop::kSilent;
   return stop_state_;
 }
 
-void Watchman::Run() {
+void EmergencyStopMonitor::Run() {
   std::int64_t announced_ns = 0;
   runtime::RunState announced = runtime::RunState::kIdle;
   for (; !end_; std::this_thread::sleep_for(std::chrono::milliseconds(2))) {

@@ -13,13 +13,14 @@ namespace dfr::apps {
 /// Listens to the emergency stop and tells the operator's programs how the control loop fares, on
 /// the topic dds::kRunStateTopic, which `hardware stop` shows, in a thread of its own:
 /// what the loop calls here neither allocates, locks nor waits, and makes no call of DDS.
-class Watchman {
+class EmergencyStopMonitor {
  public:
   /// @param with_stop  whether there is an emergency stop to listen to; else it is always clear.
-  Watchman(dds::Participant& participant, bool with_stop, double max_silence_s);
-  ~Watchman();  ///< Says that the run ends, so that nobody takes its silence for an accident.
-  Watchman(const Watchman&) = delete;
-  Watchman& operator=(const Watchman&) = delete;
+  EmergencyStopMonitor(dds::Participant& participant, bool with_stop, double max_silence_s);
+  ~EmergencyStopMonitor();  ///< Says that the run ends, so that nobody takes its silence for an
+                            ///< accident.
+  EmergencyStopMonitor(const EmergencyStopMonitor&) = delete;
+  EmergencyStopMonitor& operator=(const EmergencyStopMonitor&) = delete;
 
   /// The loop lives, and this is its state. Who is silent for a tenth of a second is not announced.
   void Beat(runtime::RunState state) noexcept;

@@ -15,13 +15,13 @@
 namespace dfr::apps {
 
 /// How the endoscope stands.
-struct EyeNews {
+struct CameraHealth {
   std::int64_t steady_ns = 0;  ///< When that was.
   hardware::FrameStatus status = hardware::FrameStatus::kNever;
 };
 
 /// What a picture that was asked for shows.
-struct EyeSight {
+struct ImageAnswer {
   std::uint64_t question = 0;
   std::uint64_t sequence = 0;
   std::int64_t stamp_ns = 0;
@@ -30,14 +30,14 @@ struct EyeSight {
 
 /// Looks at an endoscope's pictures in a thread of its own, so that the control loop never waits
 /// for OpenCV. Ask() and both Take() belong to one thread, and neither allocate, lock nor wait.
-class LineEye {
+class ImageWorker {
  public:
   /// @param recorder  gets every picture; may be nullptr, else outlives this.
-  LineEye(std::unique_ptr<hardware::Endoscope> endoscope, const line_task::LineTask& task,
-          recording::Recorder* recorder);
-  ~LineEye();
-  LineEye(const LineEye&) = delete;
-  LineEye& operator=(const LineEye&) = delete;
+  ImageWorker(std::unique_ptr<hardware::Endoscope> endoscope, const line_task::LineTask& task,
+              recording::Recorder* recorder);
+  ~ImageWorker();
+  ImageWorker(const ImageWorker&) = delete;
+  ImageWorker& operator=(const ImageWorker&) = delete;
 
   /// Asks what the first picture shows that is stamped at `after_ns` or later. Replaces a question
   /// that was not answered. Questions are numbered from 1.
@@ -47,8 +47,8 @@ class LineEye {
   void Forget() noexcept { forget_ = true; }
 
   /// The newest that was not taken. False if there is none.
-  [[nodiscard]] bool Take(EyeSight& sight) noexcept { return sights_.Take(sight); }
-  [[nodiscard]] bool Take(EyeNews& news) noexcept { return news_.Take(news); }
+  [[nodiscard]] bool Take(ImageAnswer& sight) noexcept { return sights_.Take(sight); }
+  [[nodiscard]] bool Take(CameraHealth& news) noexcept { return news_.Take(news); }
 
  private:
   struct Question {
@@ -63,8 +63,8 @@ class LineEye {
   vision::LineVision vision_;
   recording::Recorder* recorder_;
   runtime::Latest<Question> questions_;
-  runtime::Latest<EyeSight> sights_;
-  runtime::Latest<EyeNews> news_;
+  runtime::Latest<ImageAnswer> sights_;
+  runtime::Latest<CameraHealth> news_;
   std::atomic<bool> forget_ = false;
   std::atomic<bool> stop_ = false;
   std::thread thread_;
