@@ -9,7 +9,6 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <sstream>
-#include <system_error>
 #include <thread>
 
 #include "dfr/dds/channel.h"
@@ -344,13 +343,6 @@ nlohmann::json Json(const DeviceReport& report) {
   return {{"device", report.device}, {"ok", report.ok()}, {"findings", findings}};
 }
 
-bool IsTopic(const std::string& source) {
-  std::error_code error;
-  return !source.empty() && source.front() == '/' && source.rfind("/dev/", 0) != 0 &&
-         source.find('!') == std::string::npos && !std::filesystem::exists(source, error) &&
-         source.find('.') == std::string::npos;
-}
-
 }  // namespace
 
 bool DeviceReport::ok() const noexcept {
@@ -455,7 +447,7 @@ DeviceReport CheckEndoscope(const CheckOptions& options) {
   std::unique_ptr<hardware::Endoscope> endoscope;
   Say(options, "looking at " + options.endoscope);
   try {
-    if (IsTopic(options.endoscope)) {
+    if (hardware::IsImageTopic(options.endoscope)) {
       participant = std::make_unique<dds::Participant>(options.network);
       report.device += " (DDS domain " + std::to_string(options.network.domain) +
                        ", discovery: " + Name(options.network.discovery) + ")";

@@ -115,9 +115,9 @@ std::unique_ptr<hardware::Endoscope> OpenCamera(dds::Participant& network,
     options.max_age_s = 1e5;  // s
     options.max_ahead_s = 1e5;
   }
-  const bool topic = config.camera.rfind('/', 0) == 0 && config.camera.rfind("/dev/", 0) != 0;
-  return topic ? hardware::OpenTopic(network, config.camera, options)
-               : hardware::OpenVideo(config.camera, options);
+  return hardware::IsImageTopic(config.camera)
+             ? hardware::OpenTopic(network, config.camera, options)
+             : hardware::OpenVideo(config.camera, options);
 }
 
 std::string InWords(HoldReason reason, std::string_view detail) {

@@ -1,7 +1,11 @@
 #include "dfr/hardware/endoscope.h"
 
+#include <algorithm>
+#include <cctype>
 #include <chrono>
 #include <cmath>
+#include <filesystem>
+#include <system_error>
 
 #include "dfr/core/contract.h"
 #include "dfr/dds/messages.h"
@@ -81,6 +85,16 @@ void EndoscopeOptions::Check() const {
   DFR_THROW_UNLESS(max_ahead_s >= 0.0 && max_ahead_s < 1e6, "max_ahead_s must not be negative");
   DFR_THROW_UNLESS(max_repeats > 1, "max_repeats must be larger than 1");
   DFR_THROW_UNLESS(positive(open_timeout_s), "open_timeout_s must be positive");
+}
+
+bool IsImageTopic(const std::string& source) {
+  const auto allowed = [](unsigned char c) {
+    return std::isalnum(c) != 0 || c == '_' || c == '/' || c == '~';
+  };
+  std::error_code error;
+  return source.rfind('/', 0) == 0 && source.rfind("/dev/", 0) != 0 &&
+         std::all_of(source.begin(), source.end(), allowed) &&
+         !std::filesystem::exists(source, error);
 }
 
 FrameStatus Endoscope::Grab(Frame& frame) noexcept {

@@ -87,6 +87,10 @@ class Endoscope {
   [[nodiscard]] virtual const std::string& source() const noexcept = 0;
 };
 
+/// Whether `source` names an image topic rather than what OpenVideo() takes: it begins with a
+/// slash, has only characters that ROS 2 allows in names, and is no device and no existing file.
+[[nodiscard]] bool IsImageTopic(const std::string& source);
+
 /// Opens
 ///   "0", "1", ...            a video device by its number
 ///   "/dev/video0"            a video device by its name
