@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <cctype>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <system_error>
 
 #include "dfr/core/contract.h"
 #include "dfr/dds/messages.h"
+#include "reading_endoscope.h"
 
 namespace dfr::hardware {
 
@@ -98,10 +98,7 @@ bool IsImageTopic(const std::string& source) {
 }
 
 FrameStatus Endoscope::Grab(Frame& frame) noexcept {
-  return Grab(std::chrono::duration_cast<std::chrono::nanoseconds>(
-                  std::chrono::steady_clock::now().time_since_epoch())
-                  .count(),
-              dds::Stamp::Now().nanoseconds(), frame);
+  return Grab(internal::SteadyNs(), dds::Stamp::Now().nanoseconds(), frame);
 }
 
 }  // namespace dfr::hardware
