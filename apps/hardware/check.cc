@@ -11,6 +11,7 @@
 #include <sstream>
 #include <thread>
 
+#include "dfr/core/error.h"
 #include "dfr/dds/channel.h"
 #include "dfr/hardware/endoscope.h"
 #include "dfr/hardware/intrinsics_file.h"
@@ -455,10 +456,11 @@ DeviceReport CheckEndoscope(const CheckOptions& options) {
     } else {
       endoscope = hardware::OpenVideo(options.endoscope, camera);
     }
+  } catch (const core::Error& e) {
+    Wrong(report, std::string(e.problem()), std::string(e.remedy()));
+    return report;
   } catch (const std::runtime_error& e) {
-    const std::string text = e.what();
-    const std::size_t split = text.rfind("; ");
-    Wrong(report, text.substr(0, split), split == std::string::npos ? "" : text.substr(split + 2));
+    Wrong(report, e.what(), "");
     return report;
   }
 
@@ -545,11 +547,9 @@ DeviceReport CheckPlatform(const CheckOptions& options) {
            "went home, tilted by 3 degrees and back: if it did not, power and plug it anew");
       }
     }
-  } catch (const std::runtime_error& e) {
-    const std::string text = e.what();
-    const std::size_t split = text.find("; ");
-    Wrong(report, text.substr(0, split),
-          split == std::string::npos ? "is this the platform's port?" : text.substr(split + 2));
+  } catch (const core::Error& e) {
+    Wrong(report, std::string(e.problem()),
+          e.remedy().empty() ? "is this the platform's port?" : std::string(e.remedy()));
   }
   return report;
 }

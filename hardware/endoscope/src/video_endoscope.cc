@@ -10,11 +10,11 @@
 #include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
-#include <stdexcept>
 #include <string>
 #include <thread>
 #include <utility>
 
+#include "dfr/core/error.h"
 #include "dfr/dds/messages.h"
 #include "dfr/hardware/endoscope.h"
 #include "reading_endoscope.h"
@@ -26,7 +26,7 @@ using Clock = std::chrono::steady_clock;
 
 [[noreturn]] void Fail(const std::string& source, const std::string& what,
                        const std::string& remedy) {
-  throw std::runtime_error(source + ": " + what + "; " + remedy);
+  throw core::Error(source + ": " + what, remedy);
 }
 
 // What the system says of a device or a file, before OpenCV only says that it did not open.
