@@ -6,26 +6,25 @@
 #include <thread>
 
 #include "dfr/dds/emergency_stop.h"
-#include "dfr/runtime/fail_safe.h"
+#include "dfr/robot/devices.h"
 
 namespace dfr::apps {
 
-/// Listens to the emergency stop and tells the operator's programs how the control loop fares, on
-/// the topic dds::kRunStateTopic, which `hardware stop` shows, in a thread of its own:
-/// what the loop calls here neither allocates, locks nor waits, and makes no call of DDS.
-class EmergencyStopMonitor {
+/// The emergency stop of a robot::ControlLoop. A thread of its own listens to it over DDS, and
+/// publishes the loop's state on the topic dds::kRunStateTopic, which `hardware stop` shows.
+class EmergencyStopMonitor final : public robot::EmergencyStop {
  public:
   /// @param with_stop  whether there is an emergency stop to listen to; else it is always clear.
   EmergencyStopMonitor(dds::Participant& participant, bool with_stop, double max_silence_s);
-  ~EmergencyStopMonitor();  ///< Says that the run ends, so that nobody takes its silence for an
-                            ///< accident.
+  /// Publishes that the run ends, so that its silence is not taken for a failure.
+  ~EmergencyStopMonitor() override;
   EmergencyStopMonitor(const EmergencyStopMonitor&) = delete;
   EmergencyStopMonitor& operator=(const EmergencyStopMonitor&) = delete;
 
-  /// The loop lives, and this is its state. Who is silent for a tenth of a second is not announced.
-  void Beat(runtime::RunState state) noexcept;
-  [[nodiscard]] dds::EmergencyStop emergency_stop() const noexcept;
-  void Acknowledge() noexcept { acknowledge_ = true; }
+  [[nodiscard]] robot::ThreadFinding Report() noexcept override;
+  /// A loop without a beat for 0.1 s is not published.
+  void Beat(runtime::RunState state) noexcept override;
+  void Acknowledge() noexcept override { acknowledge_ = true; }
 
  private:
   void Run();
@@ -33,7 +32,7 @@ class EmergencyStopMonitor {
   std::optional<dds::EmergencyStopReceiver> receiver_;
   dds::Publisher<dds::OperatingState> announcer_;
   std::atomic<dds::EmergencyStop> stop_state_;
-  std::atomic<std::int64_t> looked_ns_;
+  std::atomic<std::int64_t> checked_ns_;
   std::atomic<runtime::RunState> state_ = runtime::RunState::kIdle;
   std::atomic<std::int64_t> beat_ns_ = 0;
   std::atomic<bool> acknowledge_ = false;

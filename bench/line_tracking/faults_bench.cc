@@ -95,31 +95,33 @@ void RunRobot(const std::filesystem::path& folder, int domain, dds::Discovery di
   if (const std::string refused = runtime::AskForRealTime(config.priority); !refused.empty()) {
     std::cout << "note " << refused << std::endl;
   }
-  RobotPlant plant(config, sim::LineTrackingCalibration::Load(folder / "calibration.dfr"), nullptr);
-  plant.on_transition = [](const runtime::Transition& t) {
+  RunOperator screen;
+  screen.on_transition = [](const runtime::Transition& t) {
     std::printf("%lld %s %s %s\n", static_cast<long long>(t.steady_ns), runtime::Name(t.to),
                 runtime::Name(t.reason), t.detail.data());
     std::fflush(stdout);
   };
+  RobotPlant plant(config, sim::LineTrackingCalibration::Load(folder / "calibration.dfr"), nullptr,
+                   screen);
   static_cast<void>(runtime::AskForRealTime(config.priority + 1));
   plant.BringUp({});
   const std::unique_ptr<control::Controller> guided = model.MakeController(Method::Parse("guided"));
   BreakingPolicy breaking(*guided);
   RecordedController controller(breaking, nullptr);
-  controller.on_decision = [&plant](const control::Step& step) { plant.Decided(step); };
+  controller.on_decision = [&plant](const control::Step& step) { plant.loop().Decided(step); };
   for (std::uint64_t episode = 0;; ++episode) {
     const control::RolloutResult result =
         control::Rollout(plant, controller, {.plant_seed = episode, .controller_seed = episode});
     if (result.halt_cause == control::HaltCause::kControlInvalid) {
-      plant.Hold(runtime::HoldReason::kControlInvalid, "the policy's control is not finite");
+      plant.loop().Hold(runtime::HoldReason::kControlInvalid, "the policy's control is not finite");
     }
-    while (!plant.ended_regularly()) {
+    while (!plant.loop().ended_regularly()) {
       pollfd input{STDIN_FILENO, POLLIN, 0};
-      plant.Idle(0.02);
+      plant.loop().Idle(0.02);
       std::array<char, 64> text;
       if (poll(&input, 1, 0) <= 0 || read(STDIN_FILENO, text.data(), text.size()) <= 0) continue;
       policy_is_broken = false;
-      if (plant.state() == runtime::RunState::kFaulted && !plant.Clear()) continue;
+      if (plant.loop().state() == runtime::RunState::kFaulted && !plant.Clear()) continue;
       break;
     }
   }

@@ -118,20 +118,20 @@ TEST(WireTest, AStateMachineThatHoldsStandsStillUntilStarted) {
   RobotPlant robot(LockStep(domain), known, nullptr);
   robot.BringUp({});
   robot.Reset(1);
-  EXPECT_EQ(robot.state(), runtime::RunState::kRunning);
-  ASSERT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kOk) << robot.cause();
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kRunning);
+  ASSERT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kOk) << robot.loop().cause();
   const double nan = std::numeric_limits<double>::quiet_NaN();
   EXPECT_EQ(robot.Apply(std::array{nan, 0.0}), core::PlantStatus::kRefused);
-  EXPECT_EQ(robot.state(), runtime::RunState::kHolding);
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kHolding);
   EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kFault) << "it was not started";
-  ASSERT_EQ(robot.Start(), runtime::HoldReason::kNone);
+  ASSERT_EQ(robot.loop().Start(), runtime::HoldReason::kNone);
   EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kOk);
 
   simulator->Signal(SIGKILL);
   EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kFault);
-  EXPECT_EQ(robot.state(), runtime::RunState::kFaulted);
-  EXPECT_NE(robot.cause().find("arm-silent"), std::string::npos) << robot.cause();
-  EXPECT_NE(robot.Start(), runtime::HoldReason::kNone);
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kFaulted);
+  EXPECT_NE(robot.loop().cause().find("arm-silent"), std::string::npos) << robot.loop().cause();
+  EXPECT_NE(robot.loop().Start(), runtime::HoldReason::kNone);
 }
 
 TEST(WireTest, AnEmergencyStopThatComesLateIsWaitedFor) {
@@ -152,7 +152,7 @@ TEST(WireTest, AnEmergencyStopThatComesLateIsWaitedFor) {
   std::string said;
   EXPECT_NO_THROW(robot.BringUp([&](std::string_view words) { said = words; }));
   EXPECT_NE(said.find("emergency-stop-silent"), std::string::npos) << said;
-  EXPECT_EQ(robot.Start(), runtime::HoldReason::kNone) << robot.blocking();
+  EXPECT_EQ(robot.loop().Start(), runtime::HoldReason::kNone) << robot.loop().blocking_words();
   end = true;
   operators.join();
 }
@@ -176,12 +176,12 @@ TEST(WireTest, TheLoopAllocatesNothingInRealTime) {
   RobotPlant robot(RealTime(domain), known, nullptr);
   robot.BringUp({});
   robot.Reset(1);
-  ASSERT_EQ(robot.state(), runtime::RunState::kRunning) << robot.cause();
+  ASSERT_EQ(robot.loop().state(), runtime::RunState::kRunning) << robot.loop().cause();
   {
     const test::NoAlloc no_alloc;
-    robot.Idle(0.5);
+    robot.loop().Idle(0.5);
   }
-  EXPECT_EQ(robot.state(), runtime::RunState::kRunning) << robot.cause();
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kRunning) << robot.loop().cause();
 }
 
 TEST(WireTest, AnEpisodeBeginsAsSoonAsWhatWasWrongBeforeIsOver) {
@@ -200,10 +200,10 @@ TEST(WireTest, AnEpisodeBeginsAsSoonAsWhatWasWrongBeforeIsOver) {
   });
   EXPECT_NO_THROW(robot.Reset(1));
   repair.join();
-  EXPECT_EQ(robot.state(), runtime::RunState::kRunning) << robot.cause();
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kRunning) << robot.loop().cause();
   link.Fault("invalid", "1");
   EXPECT_THROW(robot.Reset(2), std::runtime_error) << "it lasts";
-  EXPECT_FALSE(robot.blocking().empty());
+  EXPECT_FALSE(robot.loop().blocking_words().empty());
 }
 
 TEST(EmergencyStopMonitorTest, SaysHowTheLoopStandsAndThatItEnds) {
