@@ -1,6 +1,7 @@
 #include "check.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
@@ -252,6 +253,12 @@ void Listen(const CheckOptions& options, hardware::PsmDriver& driver, double sec
   });
 }
 
+double Median(std::vector<double>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client, double rate,
                         std::vector<double>& ages) {
   if (rate < kLeastStateRate) {
@@ -278,9 +285,7 @@ void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client,
     return;
   }
   if (ages.empty()) return;
-  std::nth_element(ages.begin(), ages.begin() + static_cast<std::ptrdiff_t>(ages.size() / 2),
-                   ages.end());
-  const double age = ages[ages.size() / 2];
+  const double age = Median(ages);
   if (age < -kClockTolerance || age > client.options().watchdog.max_age_s) {
     Wrong(report,
           "the console's clock, or its samples, are " + Text(std::abs(age), 3) + " s " +
@@ -335,6 +340,135 @@ void MoveALittle(const CheckOptions& options, hardware::PsmDriver& driver, Devic
   driver.Flush();
 }
 
+// What comes from the console in a while, and who else is there.
+void ListenToArm(const CheckOptions& options, hardware::PsmDriver& driver, const Topics& topics,
+                 DeviceReport& report) {
+  Say(options, "listening for " + Text(options.listen_s, 0) + " s");
+  const auto start = Clock::now();
+  const std::uint64_t first = driver.client().num_samples();
+  std::uint64_t last = first;
+  std::vector<double> ages;
+  Listen(options, driver, options.listen_s, [&] {
+    if (driver.client().num_samples() != last) {
+      last = driver.client().num_samples();
+      if (driver.client().measured_js().stamp.valid()) ages.push_back(driver.client().age_s());
+    }
+    return false;
+  });
+  const double listened = std::chrono::duration<double>(Clock::now() - start).count();
+  topics.Report(report);
+  ReportMeasurements(report, driver.client(), static_cast<double>(last - first) / listened, ages);
+  if (driver.request_subscribers() == 0 || driver.servo_subscribers() == 0) {
+    Wrong(report,
+          std::string("nobody listens to ") +
+              (driver.request_subscribers() == 0 ? "state_command" : "servo_cp"),
+          "is this a monitor only? a console takes both");
+  } else {
+    Ok(report, "the console listens to state_command and servo_cp");
+  }
+  if (driver.other_publishers() > 0) {
+    Wrong(report, hardware::Name(PsmStatus::kOtherPublisher),
+          hardware::Remedy(PsmStatus::kOtherPublisher));
+  }
+}
+
+// Whether the arm can be armed, after homing it if asked to.
+PsmStatus CheckReady(const CheckOptions& options, hardware::PsmDriver& driver,
+                     DeviceReport& report) {
+  PsmStatus status = driver.client().Armable();
+  if ((status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed) && options.home &&
+      Ask(options,
+          options.arm + " is going to move while it homes. Is it clear of people and things?")) {
+    (void)hardware::BringUp(driver, kBringUpTime,
+                            [&](std::string_view text) { Say(options, std::string(text)); });
+    status = driver.phase() == PsmPhase::kArmed ? PsmStatus::kOk : driver.status();
+  }
+  if (status == PsmStatus::kOk) {
+    Ok(report,
+       "ENABLED and homed; measured_cp is where measured_js puts the wrist of a Large "
+       "Needle Driver");
+  } else if (status != PsmStatus::kOtherPublisher) {
+    std::string what = hardware::Name(status);
+    if (status == PsmStatus::kConsoleFault && !driver.last_error().empty()) {
+      what += ": \"" + std::string(driver.last_error()) + "\"";
+    }
+    const bool homes = status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed;
+    Wrong(
+        report, what,
+        homes ? "home it at the console, or run this check with --home" : hardware::Remedy(status));
+  }
+  return status;
+}
+
+// What came from an endoscope in a while.
+struct Pictures {
+  std::array<int, static_cast<std::size_t>(FrameStatus::kFrozen) + 1> times{};  // by FrameStatus
+  std::vector<double> ages;                                                     // s
+  std::uint64_t received = 0;
+  std::uint64_t lost = 0;
+  double rate = 0.0;      // 1/s
+  hardware::Frame frame;  // the last one
+
+  [[nodiscard]] int good() const noexcept { return times[0]; }
+};
+
+Pictures LookAt(const CheckOptions& options, hardware::Endoscope& endoscope) {
+  Pictures pictures;
+  hardware::Frame& frame = pictures.frame;
+  (void)Within(options.find_s, [&] { return endoscope.Grab(frame) != FrameStatus::kNever; });
+  const auto start = Clock::now();
+  const hardware::EndoscopeCounts before = endoscope.counts();
+  std::uint64_t last = 0;
+  (void)Within(options.listen_s, [&] {
+    const FrameStatus status = endoscope.Grab(frame);
+    ++pictures.times[static_cast<std::size_t>(status)];
+    if (frame.sequence != last) pictures.ages.push_back(frame.age_s);
+    last = frame.sequence;
+    return status == FrameStatus::kEnded || status == FrameStatus::kTruncated ||
+           status == FrameStatus::kFailed;
+  });
+  const hardware::EndoscopeCounts after = endoscope.counts();
+  const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
+  pictures.received = after.received - before.received;
+  pictures.lost = after.lost - before.lost;
+  pictures.rate = static_cast<double>(pictures.received) / seconds;
+  return pictures;
+}
+
+// How many are good, and what is wrong with most of the others.
+void ReportPictures(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
+                    const Pictures& pictures, DeviceReport& report) {
+  const auto& [times, ages, received, lost, rate, frame] = pictures;
+  const auto size = [](int width, int height) {
+    return std::to_string(width) + " x " + std::to_string(height);
+  };
+  if (pictures.good() > 0) {
+    Ok(report,
+       Text(rate, 1) + " pictures a second of " + size(frame.width, frame.height) + " pixels");
+  }
+  const auto worst = std::max_element(times.begin() + 1, times.end());
+  const int looks = std::max(1, *std::max_element(times.begin(), times.end()));
+  const auto status = static_cast<FrameStatus>(worst - times.begin());
+  const bool late = status == FrameStatus::kOld || status == FrameStatus::kSilent;
+  if (*worst > 0 && status == FrameStatus::kEnded) {
+    Note(report, hardware::Name(status), hardware::Remedy(status));
+  } else if (late && 10 * *worst > looks && 2 * *worst <= looks) {
+    Note(report, std::string("now and then ") + hardware::Name(status),
+         "is the network, or the machine, overloaded?");
+  } else if (10 * *worst > looks) {
+    std::string what = hardware::Name(status);
+    if (status == FrameStatus::kWrongSize) {
+      what = "pictures have " + size(frame.width, frame.height) +
+             " pixels, the intrinsics are for " + size(camera.width, camera.height);
+    } else if (status == FrameStatus::kOld || status == FrameStatus::kAhead) {
+      what += ": by " + Text(std::abs(frame.age_s), 3) + " s";
+    } else if (status == FrameStatus::kNever) {
+      what = "nobody publishes pictures on " + options.endoscope;
+    }
+    Wrong(report, what, hardware::Remedy(status));
+  }
+}
+
 nlohmann::json Json(const DeviceReport& report) {
   nlohmann::json findings = nlohmann::json::array();
   for (const Finding& finding : report.findings) {
@@ -369,56 +503,8 @@ DeviceReport CheckArm(const CheckOptions& options) {
     if (report.ok()) ExplainSilence(options, report);
     return report;
   }
-  Say(options, "listening for " + Text(options.listen_s, 0) + " s");
-  const auto start = Clock::now();
-  const std::uint64_t first = driver.client().num_samples();
-  std::uint64_t last = first;
-  std::vector<double> ages;
-  Listen(options, driver, options.listen_s, [&] {
-    if (driver.client().num_samples() != last) {
-      last = driver.client().num_samples();
-      if (driver.client().measured_js().stamp.valid()) ages.push_back(driver.client().age_s());
-    }
-    return false;
-  });
-  const double listened = std::chrono::duration<double>(Clock::now() - start).count();
-  topics.Report(report);
-  ReportMeasurements(report, driver.client(), static_cast<double>(last - first) / listened, ages);
-  if (driver.request_subscribers() == 0 || driver.servo_subscribers() == 0) {
-    Wrong(report,
-          std::string("nobody listens to ") +
-              (driver.request_subscribers() == 0 ? "state_command" : "servo_cp"),
-          "is this a monitor only? a console takes both");
-  } else {
-    Ok(report, "the console listens to state_command and servo_cp");
-  }
-  if (driver.other_publishers() > 0) {
-    Wrong(report, hardware::Name(PsmStatus::kOtherPublisher),
-          hardware::Remedy(PsmStatus::kOtherPublisher));
-  }
-
-  PsmStatus status = driver.client().Armable();
-  if ((status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed) && options.home &&
-      Ask(options,
-          options.arm + " is going to move while it homes. Is it clear of people and things?")) {
-    (void)hardware::BringUp(driver, kBringUpTime,
-                            [&](std::string_view text) { Say(options, std::string(text)); });
-    status = driver.phase() == PsmPhase::kArmed ? PsmStatus::kOk : driver.status();
-  }
-  if (status == PsmStatus::kOk) {
-    Ok(report,
-       "ENABLED and homed; measured_cp is where measured_js puts the wrist of a Large "
-       "Needle Driver");
-  } else if (status != PsmStatus::kOtherPublisher) {
-    std::string what = hardware::Name(status);
-    if (status == PsmStatus::kConsoleFault && !driver.last_error().empty()) {
-      what += ": \"" + std::string(driver.last_error()) + "\"";
-    }
-    const bool homes = status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed;
-    Wrong(
-        report, what,
-        homes ? "home it at the console, or run this check with --home" : hardware::Remedy(status));
-  }
+  ListenToArm(options, driver, topics, report);
+  const PsmStatus status = CheckReady(options, driver, report);
   if (options.move && status == PsmStatus::kOk &&
       Ask(options,
           options.arm + " is going to insert its instrument by 2 mm and back. Is it clear?")) {
@@ -464,59 +550,16 @@ DeviceReport CheckEndoscope(const CheckOptions& options) {
     return report;
   }
 
-  hardware::Frame frame;
-  (void)Within(options.find_s, [&] { return endoscope->Grab(frame) != FrameStatus::kNever; });
-  const auto start = Clock::now();
-  const hardware::EndoscopeCounts before = endoscope->counts();
-  std::vector<int> times(static_cast<std::size_t>(FrameStatus::kFrozen) + 1, 0);
-  std::vector<double> ages;
-  std::uint64_t last = 0;
-  (void)Within(options.listen_s, [&] {
-    const FrameStatus status = endoscope->Grab(frame);
-    ++times[static_cast<std::size_t>(status)];
-    if (frame.sequence != last) ages.push_back(frame.age_s);
-    last = frame.sequence;
-    return status == FrameStatus::kEnded || status == FrameStatus::kTruncated ||
-           status == FrameStatus::kFailed;
-  });
-  const hardware::EndoscopeCounts after = endoscope->counts();
-  const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
-  const double rate = static_cast<double>(after.received - before.received) / seconds;
-  const auto worst = std::max_element(times.begin() + 1, times.end());
-  const int looks = std::max(1, *std::max_element(times.begin(), times.end()));
-  const auto status = static_cast<FrameStatus>(worst - times.begin());
-  const bool late = status == FrameStatus::kOld || status == FrameStatus::kSilent;
-  if (times[0] > 0) {
-    Ok(report, Text(rate, 1) + " pictures a second of " + std::to_string(frame.width) + " x " +
-                   std::to_string(frame.height) + " pixels");
+  const Pictures pictures = LookAt(options, *endoscope);
+  ReportPictures(options, camera, pictures, report);
+  if (pictures.good() == 0 || pictures.ages.empty()) return report;
+  if (participant) {
+    std::vector<double> ages = pictures.ages;
+    Ok(report, "pictures are " + Text(1e3 * Median(ages), 1) + " ms old");
   }
-  if (*worst > 0 && status == FrameStatus::kEnded) {
-    Note(report, hardware::Name(status), hardware::Remedy(status));
-  } else if (late && 10 * *worst > looks && 2 * *worst <= looks) {
-    Note(report, std::string("now and then ") + hardware::Name(status),
-         "is the network, or the machine, overloaded?");
-  } else if (10 * *worst > looks) {
-    std::string what = hardware::Name(status);
-    if (status == FrameStatus::kWrongSize) {
-      what = "pictures have " + std::to_string(frame.width) + " x " + std::to_string(frame.height) +
-             " pixels, the intrinsics are for " + std::to_string(camera.width) + " x " +
-             std::to_string(camera.height);
-    } else if (status == FrameStatus::kOld || status == FrameStatus::kAhead) {
-      what += ": by " + Text(std::abs(frame.age_s), 3) + " s";
-    } else if (status == FrameStatus::kNever) {
-      what = "nobody publishes pictures on " + options.endoscope;
-    }
-    Wrong(report, what, hardware::Remedy(status));
-  }
-  if (times[0] > 0 && !ages.empty()) {
-    std::nth_element(ages.begin(), ages.begin() + static_cast<std::ptrdiff_t>(ages.size() / 2),
-                     ages.end());
-    if (participant) Ok(report, "pictures are " + Text(1e3 * ages[ages.size() / 2], 1) + " ms old");
-    const std::uint64_t lost = after.lost - before.lost;
-    if (10 * lost > after.received - before.received) {
-      Note(report, std::to_string(lost) + " pictures were lost on the way",
-           "is the network, or the machine, overloaded? send compressed pictures");
-    }
+  if (10 * pictures.lost > pictures.received) {
+    Note(report, std::to_string(pictures.lost) + " pictures were lost on the way",
+         "is the network, or the machine, overloaded? send compressed pictures");
   }
   return report;
 }
