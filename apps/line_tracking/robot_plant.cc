@@ -121,22 +121,21 @@ dds::ParticipantOptions ImageNetwork(dds::ParticipantOptions network) {
 
 // NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding): members in the order of their making.
 struct RobotPlant::Impl {
-  Impl(const RobotConfig& chosen, const line_task::LineCalibration& calibration,
+  Impl(const RobotConfig& config, const line_task::LineCalibration& calibration,
        recording::Recorder* recorder, const RunOperator& run_operator)
-      : config(chosen),
-        task(calibration, Base(chosen)),
-        network(chosen.network),
-        images(ImageNetwork(chosen.network)),
-        driver(network, DriverOptions(chosen)),
-        link(chosen.simulator ? std::make_unique<SimulatorLink>(network) : nullptr),
-        lock_step(chosen.lock_step ? std::make_unique<LockStep>(*link, driver) : nullptr),
-        real_time(chosen.period_s),
+      : task(calibration, Base(config)),
+        network(config.network),
+        images(ImageNetwork(config.network)),
+        driver(network, DriverOptions(config)),
+        link(config.simulator ? std::make_unique<SimulatorLink>(network) : nullptr),
+        lock_step(config.lock_step ? std::make_unique<LockStep>(*link, driver) : nullptr),
+        real_time(config.period_s),
         arm(driver),
-        tool(task, driver, chosen.speed_m_s),
+        tool(task, driver, config.speed_m_s),
         log(recorder, run_operator.on_transition),
-        stop(network, chosen.emergency_stop, chosen.emergency_stop_silence_s),
-        camera(images, chosen, driver, task, lock_step.get(), recorder),
-        loop(LoopOptions(chosen),
+        stop(network, config.emergency_stop, config.emergency_stop_silence_s),
+        camera(images, config, driver, task, lock_step.get(), recorder),
+        loop(LoopOptions(config),
              {.clock = lock_step ? static_cast<robot::Clock*>(lock_step.get()) : &real_time,
               .arm = &arm,
               .camera = &camera,
@@ -181,7 +180,6 @@ struct RobotPlant::Impl {
     truth.completed = !truth.collided && truth.progress_m >= LineTask::kCompletion;
   }
 
-  RobotConfig config;
   LineTask task;
   dds::Participant network;
   dds::Participant images;
