@@ -1,6 +1,7 @@
 #include "check.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
@@ -8,9 +9,9 @@
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <system_error>
 #include <thread>
 
+#include "dfr/core/error.h"
 #include "dfr/core/format.h"
 #include "dfr/core/quantile.h"
 #include "dfr/dds/channel.h"
@@ -328,47 +329,9 @@ void MoveALittle(const CheckOptions& options, hardware::PsmDriver& driver, Devic
   driver.Flush();
 }
 
-nlohmann::json Json(const DeviceReport& report) {
-  nlohmann::json findings = nlohmann::json::array();
-  for (const Finding& finding : report.findings) {
-    findings.push_back(
-        {{"level", Word(finding.level)}, {"what", finding.what}, {"remedy", finding.remedy}});
-  }
-  return {{"device", report.device}, {"ok", report.ok()}, {"findings", findings}};
-}
-
-bool IsTopic(const std::string& source) {
-  std::error_code error;
-  return !source.empty() && source.front() == '/' && source.rfind("/dev/", 0) != 0 &&
-         source.find('!') == std::string::npos && !std::filesystem::exists(source, error) &&
-         source.find('.') == std::string::npos;
-}
-
-}  // namespace
-
-bool DeviceReport::ok() const noexcept {
-  return std::none_of(findings.begin(), findings.end(),
-                      [](const Finding& f) { return f.level == Finding::Level::kWrong; });
-}
-
-DeviceReport CheckArm(const CheckOptions& options) {
-  DeviceReport report;
-  report.device = options.arm + " (DDS domain " + std::to_string(options.network.domain) +
-                  ", discovery: " + Name(options.network.discovery) + ")";
-  dds::Participant participant(options.network);
-  const Topics topics(participant, options.arm);
-  hardware::PsmDriver driver(participant, {.arm = options.arm, .client = {}});
-  Say(options, "looking for " + options.arm);
-  Listen(options, driver, options.find_s, [&] {
-    return topics.all_found() && driver.client().num_samples() > 0 &&
-           driver.request_subscribers() > 0 && driver.servo_subscribers() > 0;
-  });
-  if (driver.client().num_samples() == 0 && driver.state_publishers() == 0 &&
-      driver.status() != PsmStatus::kIncompatible) {
-    ExplainRefused(options, participant, report);
-    if (report.ok()) ExplainSilence(options, report);
-    return report;
-  }
+// What comes from the console in a while, and who else is there.
+void ListenToArm(const CheckOptions& options, hardware::PsmDriver& driver, const Topics& topics,
+                 DeviceReport& report) {
   Say(options, "listening for " + Text(options.listen_s, 0) + " s");
   const auto start = Clock::now();
   const std::uint64_t first = driver.client().num_samples();
@@ -396,7 +359,11 @@ DeviceReport CheckArm(const CheckOptions& options) {
     Wrong(report, hardware::Name(PsmStatus::kOtherPublisher),
           hardware::Remedy(PsmStatus::kOtherPublisher));
   }
+}
 
+// Whether the arm can be armed, after homing it if asked to.
+PsmStatus CheckReady(const CheckOptions& options, hardware::PsmDriver& driver,
+                     DeviceReport& report) {
   PsmStatus status = driver.client().Armable();
   if ((status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed) && options.home &&
       Ask(options,
@@ -419,6 +386,114 @@ DeviceReport CheckArm(const CheckOptions& options) {
         report, what,
         homes ? "home it at the console, or run this check with --home" : hardware::Remedy(status));
   }
+  return status;
+}
+
+// What came from an endoscope in a while.
+struct Pictures {
+  std::array<int, static_cast<std::size_t>(FrameStatus::kFrozen) + 1> times{};  // by FrameStatus
+  std::vector<double> ages;                                                     // s
+  std::uint64_t received = 0;
+  std::uint64_t lost = 0;
+  double rate = 0.0;      // 1/s
+  hardware::Frame frame;  // the last one
+
+  [[nodiscard]] int good() const noexcept { return times[0]; }
+};
+
+Pictures LookAt(const CheckOptions& options, hardware::Endoscope& endoscope) {
+  Pictures pictures;
+  hardware::Frame& frame = pictures.frame;
+  (void)Within(options.find_s, [&] { return endoscope.Grab(frame) != FrameStatus::kNever; });
+  const auto start = Clock::now();
+  const hardware::EndoscopeCounts before = endoscope.counts();
+  std::uint64_t last = 0;
+  (void)Within(options.listen_s, [&] {
+    const FrameStatus status = endoscope.Grab(frame);
+    ++pictures.times[static_cast<std::size_t>(status)];
+    if (frame.sequence != last) pictures.ages.push_back(frame.age_s);
+    last = frame.sequence;
+    return status == FrameStatus::kEnded || status == FrameStatus::kTruncated ||
+           status == FrameStatus::kFailed;
+  });
+  const hardware::EndoscopeCounts after = endoscope.counts();
+  const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
+  pictures.received = after.received - before.received;
+  pictures.lost = after.lost - before.lost;
+  pictures.rate = static_cast<double>(pictures.received) / seconds;
+  return pictures;
+}
+
+// How many are good, and what is wrong with most of the others.
+void ReportPictures(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
+                    const Pictures& pictures, DeviceReport& report) {
+  const auto& [times, ages, received, lost, rate, frame] = pictures;
+  const auto size = [](int width, int height) {
+    return std::to_string(width) + " x " + std::to_string(height);
+  };
+  if (pictures.good() > 0) {
+    Ok(report,
+       Text(rate, 1) + " pictures a second of " + size(frame.width, frame.height) + " pixels");
+  }
+  const auto worst = std::max_element(times.begin() + 1, times.end());
+  const int looks = std::max(1, *std::max_element(times.begin(), times.end()));
+  const auto status = static_cast<FrameStatus>(worst - times.begin());
+  const bool late = status == FrameStatus::kOld || status == FrameStatus::kSilent;
+  if (*worst > 0 && status == FrameStatus::kEnded) {
+    Note(report, hardware::Name(status), hardware::Remedy(status));
+  } else if (late && 10 * *worst > looks && 2 * *worst <= looks) {
+    Note(report, std::string("now and then ") + hardware::Name(status),
+         "is the network, or the machine, overloaded?");
+  } else if (10 * *worst > looks) {
+    std::string what = hardware::Name(status);
+    if (status == FrameStatus::kWrongSize) {
+      what = "pictures have " + size(frame.width, frame.height) +
+             " pixels, the intrinsics are for " + size(camera.width, camera.height);
+    } else if (status == FrameStatus::kOld || status == FrameStatus::kAhead) {
+      what += ": by " + Text(std::abs(frame.age_s), 3) + " s";
+    } else if (status == FrameStatus::kNever) {
+      what = "nobody publishes pictures on " + options.endoscope;
+    }
+    Wrong(report, what, hardware::Remedy(status));
+  }
+}
+
+nlohmann::json Json(const DeviceReport& report) {
+  nlohmann::json findings = nlohmann::json::array();
+  for (const Finding& finding : report.findings) {
+    findings.push_back(
+        {{"level", Word(finding.level)}, {"what", finding.what}, {"remedy", finding.remedy}});
+  }
+  return {{"device", report.device}, {"ok", report.ok()}, {"findings", findings}};
+}
+
+}  // namespace
+
+bool DeviceReport::ok() const noexcept {
+  return std::none_of(findings.begin(), findings.end(),
+                      [](const Finding& f) { return f.level == Finding::Level::kWrong; });
+}
+
+DeviceReport CheckArm(const CheckOptions& options) {
+  DeviceReport report;
+  report.device = options.arm + " (DDS domain " + std::to_string(options.network.domain) +
+                  ", discovery: " + Name(options.network.discovery) + ")";
+  dds::Participant participant(options.network);
+  const Topics topics(participant, options.arm);
+  hardware::PsmDriver driver(participant, {.arm = options.arm, .client = {}});
+  Say(options, "looking for " + options.arm);
+  Listen(options, driver, options.find_s, [&] {
+    return topics.all_found() && driver.client().num_samples() > 0 &&
+           driver.request_subscribers() > 0 && driver.servo_subscribers() > 0;
+  });
+  if (driver.client().num_samples() == 0 && driver.state_publishers() == 0 &&
+      driver.status() != PsmStatus::kIncompatible) {
+    ExplainRefused(options, participant, report);
+    if (report.ok()) ExplainSilence(options, report);
+    return report;
+  }
+  ListenToArm(options, driver, topics, report);
+  const PsmStatus status = CheckReady(options, driver, report);
   if (options.move && status == PsmStatus::kOk &&
       Ask(options,
           options.arm + " is going to insert its instrument by 2 mm and back. Is it clear?")) {
@@ -448,7 +523,7 @@ DeviceReport CheckEndoscope(const CheckOptions& options) {
   std::unique_ptr<hardware::Endoscope> endoscope;
   Say(options, "looking at " + options.endoscope);
   try {
-    if (IsTopic(options.endoscope)) {
+    if (hardware::IsImageTopic(options.endoscope)) {
       participant = std::make_unique<dds::Participant>(options.network);
       report.device += " (DDS domain " + std::to_string(options.network.domain) +
                        ", discovery: " + Name(options.network.discovery) + ")";
@@ -456,66 +531,24 @@ DeviceReport CheckEndoscope(const CheckOptions& options) {
     } else {
       endoscope = hardware::OpenVideo(options.endoscope, camera);
     }
+  } catch (const core::Error& e) {
+    Wrong(report, std::string(e.problem()), std::string(e.remedy()));
+    return report;
   } catch (const std::runtime_error& e) {
-    const std::string text = e.what();
-    const std::size_t split = text.rfind("; ");
-    Wrong(report, text.substr(0, split), split == std::string::npos ? "" : text.substr(split + 2));
+    Wrong(report, e.what(), "");
     return report;
   }
 
-  hardware::Frame frame;
-  (void)Within(options.find_s, [&] { return endoscope->Grab(frame) != FrameStatus::kNever; });
-  const auto start = Clock::now();
-  const hardware::EndoscopeCounts before = endoscope->counts();
-  std::vector<int> times(static_cast<std::size_t>(FrameStatus::kFrozen) + 1, 0);
-  std::vector<double> ages;
-  std::uint64_t last = 0;
-  (void)Within(options.listen_s, [&] {
-    const FrameStatus status = endoscope->Grab(frame);
-    ++times[static_cast<std::size_t>(status)];
-    if (frame.sequence != last) ages.push_back(frame.age_s);
-    last = frame.sequence;
-    return status == FrameStatus::kEnded || status == FrameStatus::kTruncated ||
-           status == FrameStatus::kFailed;
-  });
-  const hardware::EndoscopeCounts after = endoscope->counts();
-  const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
-  const double rate = static_cast<double>(after.received - before.received) / seconds;
-  const auto worst = std::max_element(times.begin() + 1, times.end());
-  const int looks = std::max(1, *std::max_element(times.begin(), times.end()));
-  const auto status = static_cast<FrameStatus>(worst - times.begin());
-  const bool late = status == FrameStatus::kOld || status == FrameStatus::kSilent;
-  if (times[0] > 0) {
-    Ok(report, Text(rate, 1) + " pictures a second of " + std::to_string(frame.width) + " x " +
-                   std::to_string(frame.height) + " pixels");
+  const Pictures pictures = LookAt(options, *endoscope);
+  ReportPictures(options, camera, pictures, report);
+  if (pictures.good() == 0 || pictures.ages.empty()) return report;
+  if (participant) {
+    std::vector<double> ages = pictures.ages;
+    Ok(report, "pictures are " + Text(1e3 * core::Median(ages), 1) + " ms old");
   }
-  if (*worst > 0 && status == FrameStatus::kEnded) {
-    Note(report, hardware::Name(status), hardware::Remedy(status));
-  } else if (late && 10 * *worst > looks && 2 * *worst <= looks) {
-    Note(report, std::string("now and then ") + hardware::Name(status),
-         "is the network, or the machine, overloaded?");
-  } else if (10 * *worst > looks) {
-    std::string what = hardware::Name(status);
-    if (status == FrameStatus::kWrongSize) {
-      what = "pictures have " + std::to_string(frame.width) + " x " + std::to_string(frame.height) +
-             " pixels, the intrinsics are for " + std::to_string(camera.width) + " x " +
-             std::to_string(camera.height);
-    } else if (status == FrameStatus::kOld || status == FrameStatus::kAhead) {
-      what += ": by " + Text(std::abs(frame.age_s), 3) + " s";
-    } else if (status == FrameStatus::kNever) {
-      what = "nobody publishes pictures on " + options.endoscope;
-    }
-    Wrong(report, what, hardware::Remedy(status));
-  }
-  if (times[0] > 0 && !ages.empty()) {
-    if (participant) {
-      Ok(report, "pictures are " + Text(1e3 * core::Median(ages), 1) + " ms old");
-    }
-    const std::uint64_t lost = after.lost - before.lost;
-    if (10 * lost > after.received - before.received) {
-      Note(report, std::to_string(lost) + " pictures were lost on the way",
-           "is the network, or the machine, overloaded? send compressed pictures");
-    }
+  if (10 * pictures.lost > pictures.received) {
+    Note(report, std::to_string(pictures.lost) + " pictures were lost on the way",
+         "is the network, or the machine, overloaded? send compressed pictures");
   }
   return report;
 }
@@ -546,11 +579,9 @@ DeviceReport CheckPlatform(const CheckOptions& options) {
            "went home, tilted by 3 degrees and back: if it did not, power and plug it anew");
       }
     }
-  } catch (const std::runtime_error& e) {
-    const std::string text = e.what();
-    const std::size_t split = text.find("; ");
-    Wrong(report, text.substr(0, split),
-          split == std::string::npos ? "is this the platform's port?" : text.substr(split + 2));
+  } catch (const core::Error& e) {
+    Wrong(report, std::string(e.problem()),
+          e.remedy().empty() ? "is this the platform's port?" : std::string(e.remedy()));
   }
   return report;
 }

@@ -46,8 +46,8 @@ struct CheckOptions {
 
 /// Listens to the console of options.arm, names what is wrong, and moves the arm if asked to.
 [[nodiscard]] DeviceReport CheckArm(const CheckOptions& options);
-/// Looks at the pictures of options.endoscope: a ROS 2 topic if it begins with a slash and is no
-/// file, else what hardware::OpenVideo() takes.
+/// Looks at the pictures of options.endoscope: a ROS 2 topic where hardware::IsImageTopic() says
+/// so, else what hardware::OpenVideo() takes.
 [[nodiscard]] DeviceReport CheckEndoscope(const CheckOptions& options);
 /// Opens the Stewart platform's port.
 [[nodiscard]] DeviceReport CheckPlatform(const CheckOptions& options);

@@ -106,6 +106,146 @@ void AddModelOptions(CLI::App& command, LineModelOptions& model) {
       ->capture_default_str();
 }
 
+void AddExperiment(CLI::App& app, ExperimentOptions& options) {
+  options.plant.disturbance.wave = sim::Wave::kRandom;
+  CLI::App& command = *app.add_subcommand("experiment", "the paper's comparison of all methods");
+  command
+      .add_option("--preset", options.preset,
+                  "quick: 2 trials of 15 episodes; paper: 5 trials of 50")
+      ->check(CLI::IsMember({"quick", "paper"}))
+      ->capture_default_str();
+  command.add_option("--out", options.out, "folder of summary.json and report.html")
+      ->capture_default_str();
+  command.add_option("--seed", options.seed, "of all that is random")->capture_default_str();
+  command.add_option("--threads", options.threads, "0: one per core; the results are the same")
+      ->capture_default_str();
+  command.add_flag("--restart", options.restart,
+                   "forget what an interrupted run left in --out instead of going on with it");
+  command.add_flag("!--no-video", options.video, "leave the videos out");
+  command
+      .add_option("--methods", options.methods,
+                  "of baseline, early-stopping, dfr, dfr-fine, guided, guided-without-<part>;\nthe "
+                  "first is the reference (default: all but dfr-fine and guided-without-<part>)")
+      ->delimiter(',');
+  command.add_option("--trials", options.trials, "independent repetitions of everything");
+  command.add_option("--episodes", options.episodes, "start states per trial");
+  AddModelOptions(command, options.model);
+  AddPlant(command, options.plant, true);
+  command.callback([&options] { RunExperiment(options); });
+}
+
+void AddCalibrate(CLI::App& app, CalibrateOptions& options) {
+  CLI::App& command = *app.add_subcommand(
+      "calibrate", "camera, its place, and the arm's joint errors from a motion");
+  command.add_option("--out", options.out, "the file")->capture_default_str();
+  command.add_option("--frames", options.frames, "pictures of the motion")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command.add_option("--held-out", options.held_out, "poses to judge it at")->capture_default_str();
+  command.add_option("--seed", options.seed, "of the motion")->capture_default_str();
+  AddPlant(command, options.scene.plant, false);
+  command.callback([&options] { RunCalibrate(options); });
+}
+
+void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
+  CLI::App& command = *app.add_subcommand(
+      "demonstrate", "write open-loop, undisturbed demonstrations as robomimic HDF5");
+  command.add_option("--out", options.out, "the file")->capture_default_str();
+  command.add_option("--count", options.count, "demonstrations")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command.add_option("--steps", options.steps, "controls of 1 mm each")
+      ->check(CLI::Range(41, 54))
+      ->capture_default_str();
+  command.add_option("--seed", options.seed, "of lines and start states")->capture_default_str();
+  AddScene(command, options.scene, false);
+  command.callback([&options] { RunDemonstrate(options); });
+}
+
+void AddFit(CLI::App& app, FitOptions& options) {
+  CLI::App& command =
+      *app.add_subcommand("fit", "learn policy, supports and lambda from demonstrations");
+  command.add_option("--demonstrations", options.demonstrations, "robomimic HDF5 file")
+      ->capture_default_str();
+  command.add_option("--out", options.out, "folder of the model's files")->capture_default_str();
+  command.add_option("--seed", options.model.seed, "of the network's first weights")
+      ->capture_default_str();
+  AddModelOptions(command, options.model);
+  command.callback([&options] { RunFit(options); });
+}
+
+void AddRun(CLI::App& app, RunOptions& options) {
+  options.scene.plant.disturbance.wave = sim::Wave::kRandom;
+  CLI::App& command = *app.add_subcommand("run", "run a model on a moving platform, or on a robot");
+  command.add_option("--config", options.config,
+                     "file that says which robot, and how to reach it (docs/robot.md); its other\n"
+                     "settings can be overruled here. Without: the simulation in this process.\n"
+                     "`line_tracking --config FILE` is short for this");
+  command.add_option("--model", options.model, "folder of fit (default: model)");
+  command.add_option("--method", options.method, std::string(kMethods) + " (default: guided)");
+  command.add_option("--recordings", options.recordings,
+                     "folder of the logs that runs leave (default: recordings); none: no log");
+  command.add_option("--episodes", options.episodes, "start states")->capture_default_str();
+  command.add_option("--seed", options.seed, "of start states, platform and recoveries")
+      ->capture_default_str();
+  AddScene(command, options.scene, true);
+  command.callback([&options] { RunRun(options); });
+}
+
+void AddReplay(CLI::App& app, ReplayOptions& options) {
+  CLI::App& command =
+      *app.add_subcommand("replay", "make the decisions of a log again, and say which differ");
+  command.add_option("LOG", options.recording, "what a run has recorded: .mcap")->required();
+  command.add_option("--model", options.model, "folder of fit; else the one that the log names");
+  command.callback([&options] { RunReplay(options); });
+}
+
+void AddLaunch(CLI::App& app, LaunchOptions& options) {
+  CLI::App& command = *app.add_subcommand(
+      "launch", "a simulated console, an emergency stop and a run on it, all over the network");
+  command.add_option("--config", options.config, "as of run, with a simulator")->required();
+  command.add_option("--out", options.folder, "folder of what is learned on the way")
+      ->capture_default_str();
+  command.add_option("--episodes", options.episodes, "start states")->capture_default_str();
+  command.add_option("--seed", options.seed, "of start states, platform and recoveries")
+      ->capture_default_str();
+  command.callback([&options] { RunLaunch(options); });
+}
+
+void AddRender(CLI::App& app, RenderOptions& options) {
+  options.scene.plant.disturbance.wave = sim::Wave::kRandom;
+  CLI::App& command = *app.add_subcommand("render", "a video of one episode, without a display");
+  command.add_option("--model", options.model, "folder of fit")->capture_default_str();
+  command.add_option("--method", options.method, kMethods)->capture_default_str();
+  command.add_option("--seed", options.seed, "of the episode")->capture_default_str();
+  command.add_option("--out", options.out, "a video: .mp4 or .webm")->capture_default_str();
+  AddScene(command, options.scene, true);
+  command.callback([&options] { RunRender(options); });
+}
+
+void AddView(CLI::App& app, ViewOptions& options) {
+  options.scene.plant.disturbance.wave = sim::Wave::kRandom;
+  CLI::App& command =
+      *app.add_subcommand("view", "watch episodes in a window, with what vision sees");
+  command.add_option("--model", options.model, "folder of fit")->capture_default_str();
+  command.add_option("--method", options.method, "as for run")->capture_default_str();
+  command.add_option("--seed", options.seed, "of the first episode; the next has the next")
+      ->capture_default_str();
+  command.add_option("--episodes", options.episodes, "how many; 0: until the window is closed")
+      ->capture_default_str();
+  AddScene(command, options.scene, true);
+  command.callback([&options] { RunView(options); });
+}
+
+void AddVision(CLI::App& app, VisionOptions& options) {
+  CLI::App& command = *app.add_subcommand(
+      "vision", "a table of vision's errors against the truth over poses, blur, light and noise");
+  command.add_option("--episodes", options.episodes, "per row")->capture_default_str();
+  command.add_option("--seed", options.seed, "of poses")->capture_default_str();
+  AddScene(command, options.scene, true);
+  command.callback([&options] { RunVision(options); });
+}
+
 int Main(int argc, char** argv) {
   CLI::App app(
       "Line tracking: a da Vinci arm follows a red line on gauze, which a Stewart platform moves\n"
@@ -121,134 +261,25 @@ int Main(int argc, char** argv) {
   app.failure_message(CLI::FailureMessage::simple);
 
   ExperimentOptions experiment;
-  experiment.plant.disturbance.wave = sim::Wave::kRandom;
-  CLI::App* command = app.add_subcommand("experiment", "the paper's comparison of all methods");
-  command
-      ->add_option("--preset", experiment.preset,
-                   "quick: 2 trials of 15 episodes; paper: 5 trials of 50")
-      ->check(CLI::IsMember({"quick", "paper"}))
-      ->capture_default_str();
-  command->add_option("--out", experiment.out, "folder of summary.json and report.html")
-      ->capture_default_str();
-  command->add_option("--seed", experiment.seed, "of all that is random")->capture_default_str();
-  command->add_option("--threads", experiment.threads, "0: one per core; the results are the same")
-      ->capture_default_str();
-  command->add_flag("--restart", experiment.restart,
-                    "forget what an interrupted run left in --out instead of going on with it");
-  command->add_flag("!--no-video", experiment.video, "leave the videos out");
-  command
-      ->add_option(
-          "--methods", experiment.methods,
-          "of baseline, early-stopping, dfr, dfr-fine, guided, guided-without-<part>;\nthe "
-          "first is the reference (default: all but dfr-fine and guided-without-<part>)")
-      ->delimiter(',');
-  command->add_option("--trials", experiment.trials, "independent repetitions of everything");
-  command->add_option("--episodes", experiment.episodes, "start states per trial");
-  AddModelOptions(*command, experiment.model);
-  AddPlant(*command, experiment.plant, true);
-  command->callback([&] { RunExperiment(experiment); });
-
   CalibrateOptions calibrate;
-  command = app.add_subcommand("calibrate",
-                               "camera, its place, and the arm's joint errors from a motion");
-  command->add_option("--out", calibrate.out, "the file")->capture_default_str();
-  command->add_option("--frames", calibrate.frames, "pictures of the motion")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  command->add_option("--held-out", calibrate.held_out, "poses to judge it at")
-      ->capture_default_str();
-  command->add_option("--seed", calibrate.seed, "of the motion")->capture_default_str();
-  AddPlant(*command, calibrate.scene.plant, false);
-  command->callback([&] { RunCalibrate(calibrate); });
-
   DemonstrateOptions demonstrate;
-  command = app.add_subcommand("demonstrate",
-                               "write open-loop, undisturbed demonstrations as robomimic HDF5");
-  command->add_option("--out", demonstrate.out, "the file")->capture_default_str();
-  command->add_option("--count", demonstrate.count, "demonstrations")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  command->add_option("--steps", demonstrate.steps, "controls of 1 mm each")
-      ->check(CLI::Range(41, 54))
-      ->capture_default_str();
-  command->add_option("--seed", demonstrate.seed, "of lines and start states")
-      ->capture_default_str();
-  AddScene(*command, demonstrate.scene, false);
-  command->callback([&] { RunDemonstrate(demonstrate); });
-
   FitOptions fit;
-  command = app.add_subcommand("fit", "learn policy, supports and lambda from demonstrations");
-  command->add_option("--demonstrations", fit.demonstrations, "robomimic HDF5 file")
-      ->capture_default_str();
-  command->add_option("--out", fit.out, "folder of the model's files")->capture_default_str();
-  command->add_option("--seed", fit.model.seed, "of the network's first weights")
-      ->capture_default_str();
-  AddModelOptions(*command, fit.model);
-  command->callback([&] { RunFit(fit); });
-
   RunOptions run;
-  run.scene.plant.disturbance.wave = sim::Wave::kRandom;
-  command = app.add_subcommand("run", "run a model on a moving platform, or on a robot");
-  command->add_option("--config", run.config,
-                      "file that says which robot, and how to reach it (docs/robot.md); its other\n"
-                      "settings can be overruled here. Without: the simulation in this process.\n"
-                      "`line_tracking --config FILE` is short for this");
-  command->add_option("--model", run.model, "folder of fit (default: model)");
-  command->add_option("--method", run.method, std::string(kMethods) + " (default: guided)");
-  command->add_option("--recordings", run.recordings,
-                      "folder of the logs that runs leave (default: recordings); none: no log");
-  command->add_option("--episodes", run.episodes, "start states")->capture_default_str();
-  command->add_option("--seed", run.seed, "of start states, platform and recoveries")
-      ->capture_default_str();
-  AddScene(*command, run.scene, true);
-  command->callback([&] { RunRun(run); });
-
   ReplayOptions replay;
-  command = app.add_subcommand("replay", "make the decisions of a log again, and say which differ");
-  command->add_option("LOG", replay.recording, "what a run has recorded: .mcap")->required();
-  command->add_option("--model", replay.model, "folder of fit; else the one that the log names");
-  command->callback([&] { RunReplay(replay); });
-
   LaunchOptions launch;
-  command = app.add_subcommand(
-      "launch", "a simulated console, an emergency stop and a run on it, all over the network");
-  command->add_option("--config", launch.config, "as of run, with a simulator")->required();
-  command->add_option("--out", launch.folder, "folder of what is learned on the way")
-      ->capture_default_str();
-  command->add_option("--episodes", launch.episodes, "start states")->capture_default_str();
-  command->add_option("--seed", launch.seed, "of start states, platform and recoveries")
-      ->capture_default_str();
-  command->callback([&] { RunLaunch(launch); });
-
   RenderOptions render;
-  render.scene.plant.disturbance.wave = sim::Wave::kRandom;
-  command = app.add_subcommand("render", "a video of one episode, without a display");
-  command->add_option("--model", render.model, "folder of fit")->capture_default_str();
-  command->add_option("--method", render.method, kMethods)->capture_default_str();
-  command->add_option("--seed", render.seed, "of the episode")->capture_default_str();
-  command->add_option("--out", render.out, "a video: .mp4 or .webm")->capture_default_str();
-  AddScene(*command, render.scene, true);
-  command->callback([&] { RunRender(render); });
-
   ViewOptions view;
-  view.scene.plant.disturbance.wave = sim::Wave::kRandom;
-  command = app.add_subcommand("view", "watch episodes in a window, with what vision sees");
-  command->add_option("--model", view.model, "folder of fit")->capture_default_str();
-  command->add_option("--method", view.method, "as for run")->capture_default_str();
-  command->add_option("--seed", view.seed, "of the first episode; the next has the next")
-      ->capture_default_str();
-  command->add_option("--episodes", view.episodes, "how many; 0: until the window is closed")
-      ->capture_default_str();
-  AddScene(*command, view.scene, true);
-  command->callback([&] { RunView(view); });
-
   VisionOptions vision;
-  command = app.add_subcommand(
-      "vision", "a table of vision's errors against the truth over poses, blur, light and noise");
-  command->add_option("--episodes", vision.episodes, "per row")->capture_default_str();
-  command->add_option("--seed", vision.seed, "of poses")->capture_default_str();
-  AddScene(*command, vision.scene, true);
-  command->callback([&] { RunVision(vision); });
+  AddExperiment(app, experiment);
+  AddCalibrate(app, calibrate);
+  AddDemonstrate(app, demonstrate);
+  AddFit(app, fit);
+  AddRun(app, run);
+  AddReplay(app, replay);
+  AddLaunch(app, launch);
+  AddRender(app, render);
+  AddView(app, view);
+  AddVision(app, vision);
 
   // One thread a trial is enough; OpenCV's own would only wait for each other.
   cv::setNumThreads(1);

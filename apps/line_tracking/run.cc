@@ -37,7 +37,7 @@ struct Robot {
   RobotPlant* wire = nullptr;
 
   [[nodiscard]] const vision::LineObservation& seen() const {
-    return wire != nullptr ? wire->last_observation() : simulation->last_observation();
+    return wire != nullptr ? wire->last_image().seen : simulation->last_observation();
   }
   [[nodiscard]] double progress_m() const {
     return wire != nullptr ? wire->progress_m() : simulation->truth().progress_m;
@@ -46,7 +46,7 @@ struct Robot {
 
 void Show(const runtime::Transition& t) {
   std::printf("  %s -> %s", runtime::Name(t.from), runtime::Name(t.to));
-  if (t.doubt != runtime::Doubt::kNone) std::printf(": %s", runtime::Name(t.doubt));
+  if (t.reason != runtime::HoldReason::kNone) std::printf(": %s", runtime::Name(t.reason));
   if (t.detail[0] != '\0') std::printf(" (%s)", t.detail.data());
   std::printf("\n");
   std::fflush(stdout);
@@ -64,25 +64,26 @@ std::optional<std::string> Typed(RobotPlant& plant) {
       line += letter;
       continue;
     }
-    plant.Idle(0.02);
+    plant.loop().Idle(0.02);
   }
   return std::nullopt;
 }
 
 // A robot's episodes begin with an operator's word, a simulation's by themselves as long as they
-// end as episodes do; nothing goes on after another doubt without one. False: no more episodes.
+// end as episodes do; nothing goes on after another hold reason without one. False: no more
+// episodes.
 bool AskOperator(RobotPlant& plant, bool simulated) {
   while (true) {
-    const bool faulted = plant.state() == runtime::RunState::kFaulted;
-    if (simulated) return plant.ended_regularly();
-    std::cout << (faulted ? "faulted: " + plant.cause() +
+    const bool faulted = plant.loop().state() == runtime::RunState::kFaulted;
+    if (simulated) return plant.loop().ended_regularly();
+    std::cout << (faulted ? "faulted: " + plant.loop().cause() +
                                 ". Mend it, then type c to clear the fault, or q to end"
                           : "Put the tip over the line's beginning; Enter starts, q ends")
               << std::endl;
     const std::optional<std::string> line = Typed(plant);
     if (!line || *line == "q") return false;
     if (*line == "c" && !plant.Clear()) {
-      std::cout << "it is still there: " << plant.blocking() << std::endl;
+      std::cout << "it is still there: " << plant.loop().blocking_words() << std::endl;
     }
     if (line->empty() && !faulted) return true;
   }
@@ -91,8 +92,8 @@ bool AskOperator(RobotPlant& plant, bool simulated) {
 std::string CauseOf(const control::RolloutResult& result, const Robot& robot) {
   if (result.outcome == core::Outcome::kCollided) return control::Name(result.last_mode);
   if (result.outcome != core::Outcome::kHalted) return {};
-  if (robot.wire != nullptr && robot.wire->state() == runtime::RunState::kFaulted) {
-    return robot.wire->cause();
+  if (robot.wire != nullptr && robot.wire->loop().state() == runtime::RunState::kFaulted) {
+    return robot.wire->loop().cause();
   }
   if (result.halt_cause == control::HaltCause::kStateInvalid && !robot.seen().seen()) {
     return std::string("not-seen-") + vision::Name(robot.seen().missing);
@@ -160,15 +161,64 @@ Robot MakeRobot(const RobotConfig& config, const RunOptions& options,
     const std::string refused = runtime::AskForRealTime(config.priority);
     if (!refused.empty()) std::cout << "note: " << refused << '\n';
   }
-  auto plant = std::make_unique<RobotPlant>(config, known, recorder);
+  auto plant =
+      std::make_unique<RobotPlant>(config, known, recorder, RunOperator{Show, &interrupted});
   // The loop, which is this thread, before those of the network.
   if (config.priority > 0) static_cast<void>(runtime::AskForRealTime(config.priority + 1));
-  plant->on_transition = Show;
-  plant->interrupted = &interrupted;
   plant->BringUp([](std::string_view words) { std::cout << "  " << words << std::endl; });
   robot.wire = plant.get();
   robot.plant = std::move(plant);
   return robot;
+}
+
+// What the controller decides is told to the robot, and recorded with what the robot says.
+void Connect(RecordedController& controller, RobotPlant& plant) {
+  controller.on_decision = [&plant](const control::Step& step) { plant.loop().Decided(step); };
+  controller.describe = [&plant](recording::StepRecord& record) {
+    record.machine = runtime::Name(plant.loop().state());
+    record.image_sequence = plant.last_image().sequence;
+    record.image_time_ns = plant.last_image().stamp_ns;
+  };
+}
+
+// Runs episode after episode and prints how each went. True if the robot ended it before.
+bool RunEpisodes(const RunOptions& options, const RobotConfig& config, const Robot& robot,
+                 RecordedController& controller) {
+  std::array<int, 3> counts{};
+  control::RolloutWorkspace workspace;
+  std::cout << "episode  outcome    controls  recovery  tracked [mm]  cause\n";
+  bool stopped = false;
+  for (int i = 0; i < options.episodes && !interrupted; ++i) {
+    if (robot.wire != nullptr && !AskOperator(*robot.wire, config.simulator)) break;
+    const auto episode = static_cast<std::uint64_t>(i);
+    controller.BeginEpisode(episode);
+    const control::RolloutResult result =
+        control::Rollout(*robot.plant, controller,
+                         {.plant_seed = core::DeriveSeed(options.seed, {0, episode}),
+                          .controller_seed = core::DeriveSeed(options.seed, {1, episode})},
+                         nullptr, &workspace);
+    if (result.halt_cause == control::HaltCause::kStateInvalid) {
+      controller.Record(result.last_step, workspace.x, workspace.u);
+    }
+    const std::string cause = CauseOf(result, robot);
+    ++counts[static_cast<std::size_t>(result.outcome)];
+    std::printf("%7d  %-9s  %8d  %8d  %12.1f  %s\n", i, core::Name(result.outcome),
+                result.controls(), result.recovery_controls(), 1e3 * robot.progress_m(),
+                cause.c_str());
+    std::fflush(stdout);
+    stopped = robot.wire != nullptr && !robot.wire->loop().ended_regularly();
+  }
+  std::cout << config.method << ": " << counts[0] << " completed, " << counts[1] << " halted, "
+            << counts[2] << " collided\n";
+  return stopped;
+}
+
+void PrintTimes(const runtime::PeriodicTimer& timer, double period_s) {
+  std::printf(
+      "loop: %lld periods of %.1f ms, off by %.3f ms (median), %.3f ms (99.9 %%), %.3f ms "
+      "(worst); %lld left out\n",
+      static_cast<long long>(timer.periods()), 1e3 * period_s, 1e3 * timer.Jitter(0.5),
+      1e3 * timer.Jitter(0.999), 1e3 * timer.worst(), static_cast<long long>(timer.missed()));
 }
 
 }  // namespace
@@ -192,50 +242,12 @@ void RunRun(const RunOptions& options) {
   const std::unique_ptr<control::Controller> decides =
       model.MakeController(Method::Parse(config.method));
   RecordedController controller(*decides, recorder ? &*recorder : nullptr);
-  if (robot.wire != nullptr) {
-    controller.on_decision = [&robot](const control::Step& step) { robot.wire->Decided(step); };
-    controller.describe = [&robot](recording::StepRecord& record) {
-      record.machine = runtime::Name(robot.wire->state());
-      record.image_sequence = robot.wire->image_sequence();
-      record.image_time_ns = robot.wire->image_time_ns();
-    };
+  if (robot.wire != nullptr) Connect(controller, *robot.wire);
+  const bool stopped = RunEpisodes(options, config, robot, controller);
+  if (robot.wire != nullptr && robot.wire->timer() != nullptr) {
+    PrintTimes(*robot.wire->timer(), config.period_s);
   }
-
-  std::array<int, 3> counts{};
-  control::RolloutWorkspace workspace;
-  std::cout << "episode  outcome    controls  recovery  tracked [mm]  cause\n";
-  bool stopped = false;
-  for (int i = 0; i < options.episodes && !interrupted; ++i) {
-    if (robot.wire != nullptr && !AskOperator(*robot.wire, config.simulator)) break;
-    const auto episode = static_cast<std::uint64_t>(i);
-    controller.BeginEpisode(episode);
-    const control::RolloutResult result =
-        control::Rollout(*robot.plant, controller,
-                         {.plant_seed = core::DeriveSeed(options.seed, {0, episode}),
-                          .controller_seed = core::DeriveSeed(options.seed, {1, episode})},
-                         nullptr, &workspace);
-    if (result.halt_cause == control::HaltCause::kStateInvalid) {
-      controller.Record(result.last_step, workspace.x, workspace.u);
-    }
-    const std::string cause = CauseOf(result, robot);
-    ++counts[static_cast<std::size_t>(result.outcome)];
-    std::printf("%7d  %-9s  %8d  %8d  %12.1f  %s\n", i, core::Name(result.outcome),
-                result.controls(), result.recovery_controls(), 1e3 * robot.progress_m(),
-                cause.c_str());
-    std::fflush(stdout);
-    stopped = robot.wire != nullptr && !robot.wire->ended_regularly();
-  }
-  std::cout << config.method << ": " << counts[0] << " completed, " << counts[1] << " halted, "
-            << counts[2] << " collided\n";
-  if (robot.wire != nullptr && !config.lock_step) {
-    const LoopTimes times = robot.wire->loop_times();
-    std::printf(
-        "loop: %lld periods of %.1f ms, off by %.3f ms (median), %.3f ms (99.9 %%), %.3f ms "
-        "(worst); %lld left out\n",
-        static_cast<long long>(times.periods), 1e3 * config.period_s, 1e3 * times.jitter_p50_s,
-        1e3 * times.jitter_p999_s, 1e3 * times.worst_s, static_cast<long long>(times.missed));
-  }
-  const std::string why = stopped ? robot.wire->cause() : std::string();
+  const std::string why = stopped ? robot.wire->loop().cause() : std::string();
   robot = {};  // its threads record no more
   if (recorder) {
     recorder->Finish();

@@ -89,38 +89,40 @@ RobotConfig Configuration(int domain, dds::Discovery discovery) {
   return config;
 }
 
-// Episode after episode until something is in doubt; then waits for "go" on its input.
+// Episode after episode until something makes it hold; then waits for "go" on its input.
 void RunRobot(const std::filesystem::path& folder, int domain, dds::Discovery discovery) {
   const LineModel model = LineModel::Load(folder / "model");
   const RobotConfig config = Configuration(domain, discovery);
   if (const std::string refused = runtime::AskForRealTime(config.priority); !refused.empty()) {
     std::cout << "note " << refused << std::endl;
   }
-  RobotPlant plant(config, line_task::LineCalibration::Load(folder / "calibration.dfr"), nullptr);
-  plant.on_transition = [](const runtime::Transition& t) {
+  RunOperator screen;
+  screen.on_transition = [](const runtime::Transition& t) {
     std::printf("%lld %s %s %s\n", static_cast<long long>(t.steady_ns), runtime::Name(t.to),
-                runtime::Name(t.doubt), t.detail.data());
+                runtime::Name(t.reason), t.detail.data());
     std::fflush(stdout);
   };
+  RobotPlant plant(config, line_task::LineCalibration::Load(folder / "calibration.dfr"), nullptr,
+                   screen);
   static_cast<void>(runtime::AskForRealTime(config.priority + 1));
   plant.BringUp({});
   const std::unique_ptr<control::Controller> guided = model.MakeController(Method::Parse("guided"));
   BreakingPolicy breaking(*guided);
   RecordedController controller(breaking, nullptr);
-  controller.on_decision = [&plant](const control::Step& step) { plant.Decided(step); };
+  controller.on_decision = [&plant](const control::Step& step) { plant.loop().Decided(step); };
   for (std::uint64_t episode = 0;; ++episode) {
     const control::RolloutResult result =
         control::Rollout(plant, controller, {.plant_seed = episode, .controller_seed = episode});
     if (result.halt_cause == control::HaltCause::kControlInvalid) {
-      plant.Doubted(runtime::Doubt::kControlInvalid, "the policy's control is not finite");
+      plant.loop().Hold(runtime::HoldReason::kControlInvalid, "the policy's control is not finite");
     }
-    while (!plant.ended_regularly()) {
+    while (!plant.loop().ended_regularly()) {
       pollfd input{STDIN_FILENO, POLLIN, 0};
-      plant.Idle(0.02);
+      plant.loop().Idle(0.02);
       std::array<char, 64> text;
       if (poll(&input, 1, 0) <= 0 || read(STDIN_FILENO, text.data(), text.size()) <= 0) continue;
       policy_is_broken = false;
-      if (plant.state() == runtime::RunState::kFaulted && !plant.Clear()) continue;
+      if (plant.loop().state() == runtime::RunState::kFaulted && !plant.Clear()) continue;
       break;
     }
   }
@@ -249,16 +251,17 @@ class Site {
   void Listen() {
     while (std::optional<std::string> line = robot->Line()) {
       std::array<char, 32> to{};
-      std::array<char, 64> doubt{};
+      std::array<char, 64> reason{};
       long long ns = 0;
-      if (std::sscanf(line->c_str(), "%lld %31s %63s", &ns, to.data(), doubt.data()) != 3) continue;
+      if (std::sscanf(line->c_str(), "%lld %31s %63s", &ns, to.data(), reason.data()) != 3)
+        continue;
       if (std::string(to.data()) == "broken") {
         broken_ns_ = ns;
         continue;
       }
       state_ = to.data();
-      if (std::string(doubt.data()) != "none" && !told_) {
-        told_ = doubt.data();
+      if (std::string(reason.data()) != "none" && !told_) {
+        told_ = reason.data();
         told_ns_ = ns;
       }
       if (state_ == "running" && told_) ++restarts_;
@@ -451,7 +454,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   if (told) {
     ++row.detected;
     const std::int64_t ns = fault.to_operator ? *site.operator_ns() : site.told_ns();
-    // A period's doubts are told with its beginning.
+    // A period's hold reasons carry the time of its beginning.
     row.detection_ms.push_back(
         std::max(0.0, static_cast<double>(ns - start_ns) / kMillisecond - since_ms));
     row.told.insert(fault.to_operator ? "operator's screen" : *site.told());

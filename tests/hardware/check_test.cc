@@ -161,6 +161,10 @@ TEST(PlatformCheckTest, NamesAPortThatIsMissingOrNoPort) {
   CheckOptions options = Options();
   options.platform = "/dev/no-such-port";
   EXPECT_THAT(Shown(CheckPlatform(options)), HasSubstr("-> is the platform plugged in"));
+  options.platform = "/dev/no; port";
+  EXPECT_THAT(Shown(CheckPlatform(options)),
+              AllOf(HasSubstr("[wrong] /dev/no; port: cannot be opened"),
+                    HasSubstr("-> is the platform plugged in")));
   options.platform = "/dev/null";
   EXPECT_THAT(Shown(CheckPlatform(options)), HasSubstr("is not a serial port"));
 }

@@ -78,7 +78,7 @@ TEST_F(CycloneConsoleTest, FaultIsToldInItsOwnWords) {
   EXPECT_THAT(driver_.status(), testing::AnyOf(PsmStatus::kConsoleFault, PsmStatus::kConsoleError));
   EXPECT_THAT(driver_.Explain(), HasSubstr("\"PSM1: yaw motor, over temperature\""));
   EXPECT_LT(driver_.client().setpoint()[0], 0.05);
-  ASSERT_TRUE(Until([&] { return driver_.client().doubt() == PsmStatus::kConsoleFault; }));
+  ASSERT_TRUE(Until([&] { return driver_.client().hold_reason() == PsmStatus::kConsoleFault; }));
   EXPECT_EQ(driver_.Home(), PsmStatus::kConsoleFault);
 }
 

@@ -99,16 +99,20 @@ class PsmClientTest : public testing::Test {
     ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
   }
 
-  // Under way to a goal when `spoil` strikes, in each of `steps` steps: the client holds at once,
-  // sends nothing more, says why, and does not go on by itself when all is well again.
-  void ExpectHold(PsmStatus cause, const std::function<void(PsmInput&)>& spoil, int steps = 1) {
+  // Under way to a goal when `spoil` strikes: the client holds in exactly the last of `steps` steps
+  // (no later, where these are a `bound`), sends nothing more, says why, and does not go on by
+  // itself when all is well again.
+  void ExpectHold(PsmStatus cause, const std::function<void(PsmInput&)>& spoil, int steps = 1,
+                  bool bound = false) {
     ArmNow();
     ASSERT_EQ(client_.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
     Steps(41);
     ASSERT_TRUE(client_.moving());
     num_holds_ = 0;
-    for (int i = 0; i < steps && client_.phase() == PsmPhase::kArmed; ++i) Step(spoil);
+    int taken = 0;
+    for (; taken < steps && client_.phase() == PsmPhase::kArmed; ++taken) Step(spoil);
     ASSERT_EQ(client_.phase(), PsmPhase::kHolding) << "after " << steps << " steps";
+    EXPECT_TRUE(taken == steps || bound) << "after " << taken << " steps, not " << steps;
     EXPECT_EQ(client_.status(), cause) << Name(client_.status());
     EXPECT_EQ(num_holds_, 1);
     const int sent = num_servo_;
@@ -121,7 +125,7 @@ class PsmClientTest : public testing::Test {
     EXPECT_EQ(num_servo_, sent);
     EXPECT_EQ(client_.MoveTo(Yaw(0.0), 10.0), PsmStatus::kNotArmed);
     // Only this goes on, from where the arm is.
-    ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.doubt());
+    ASSERT_EQ(client_.Arm(), PsmStatus::kOk) << Name(client_.hold_reason());
     Steps(2);
     EXPECT_EQ(client_.status(), PsmStatus::kOk);
     EXPECT_TRUE(test::AllClose(client_.setpoint(), there, 1e-9));
@@ -274,7 +278,7 @@ TEST_F(PsmClientTest, JumpOfThePoseHolds) {
       },
       2);
 }
-// 50 ms of silence at the most, and a sample every 10 ms.
+// 50 ms of silence at the most, in steps of 5 ms; the last sample came one step before.
 TEST_F(PsmClientTest, SilenceHolds) {
   ExpectHold(
       PsmStatus::kStateSilent,
@@ -282,11 +286,11 @@ TEST_F(PsmClientTest, SilenceHolds) {
         input.measured_js.reset();
         input.measured_cp.reset();
       },
-      12);
+      11);
 }
 TEST_F(PsmClientTest, SilenceOfThePoseAloneHolds) {
   ExpectHold(
-      PsmStatus::kStateSilent, [](PsmInput& input) { input.measured_cp.reset(); }, 12);
+      PsmStatus::kStateSilent, [](PsmInput& input) { input.measured_cp.reset(); }, 11);
 }
 TEST_F(PsmClientTest, FrozenStateHolds) {
   std::optional<PsmJointSample> frozen;
@@ -314,7 +318,7 @@ TEST_F(PsmClientTest, ConsoleGoneHolds) {
         input.measured_cp.reset();
         input.state_publishers = 0;
       },
-      12);
+      11);
 }
 TEST_F(PsmClientTest, FaultHolds) {
   ExpectHold(PsmStatus::kConsoleFault, [&](PsmInput& input) {
@@ -383,16 +387,17 @@ TEST_F(PsmClientTest, ArmThatStaysBehindHolds) {
         const Eigen::Isometry3d pose = Psm::Forward(stuck->position);
         input.measured_cp->position_m = pose.translation();
       },
-      400);
+      400, /*bound=*/true);
 }
 TEST_F(PsmClientTest, ArmThatDoesNotComeToRestHolds) {
+  // 559 steps until the end of the move, and more than 2 s.
   ExpectHold(
       PsmStatus::kNotReached,
       [&](PsmInput& input) {
         if (input.measured_js)
           input.measured_js->position[0] += num_steps_ % 4 == 0 ? 0.011 : 0.012;
       },
-      1200);
+      559 + 401);
 }
 
 TEST_F(PsmClientTest, OthersMayPublishWhereThatIsAllowed) {

@@ -201,7 +201,7 @@ TEST_F(PsmDriverTest, HaltedConsoleHoldsAndNothingRestartsByItself) {
   // Long enough for the last set-point, which nobody took, to expire.
   std::this_thread::sleep_for(std::chrono::milliseconds(100));
   Console([&] { halted_ = false; });
-  ASSERT_TRUE(Until(driver, [&] { return driver.client().doubt() == PsmStatus::kOk; }));
+  ASSERT_TRUE(Until(driver, [&] { return driver.client().hold_reason() == PsmStatus::kOk; }));
   for (int i = 0; i < 100; ++i) {
     driver.Tick();
     std::this_thread::sleep_for(std::chrono::milliseconds(2));

@@ -107,6 +107,21 @@ class VideoTest : public testing::Test {
   std::filesystem::path folder_;
 };
 
+TEST_F(VideoTest, AFileOrDeviceIsNoTopic) {
+  for (const char* topic : {"/ECM/image_raw", "/image", "/ECM/image_raw/compressed", "/a_1/b2"}) {
+    EXPECT_TRUE(IsImageTopic(topic)) << topic;
+  }
+  for (const char* other : {"", "0", "image_raw", "/dev/video0", "/dev/none", "case7.avi",
+                            "/data/case7.avi", "/data/my video", "videotestsrc ! appsink"}) {
+    EXPECT_FALSE(IsImageTopic(other)) << other;
+  }
+  const std::string file = (folder_ / "recorded").string();
+  ASSERT_EQ(file.find('.'), std::string::npos) << "else its name tells";
+  EXPECT_TRUE(IsImageTopic(file));
+  std::ofstream(file) << "a video";
+  EXPECT_FALSE(IsImageTopic(file)) << "it exists";
+}
+
 TEST_F(VideoTest, FilePlaysInItsOwnTimeAndEnds) {
   const std::string path = Video(10, 20.0);
   const auto start = Clock::now();

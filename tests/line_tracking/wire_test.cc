@@ -19,6 +19,7 @@
 #include "dfr/core/random.h"
 #include "dfr/dds/emergency_stop.h"
 #include "dfr/recording/read_recording.h"
+#include "emergency_stop_monitor.h"
 #include "recorded_controller.h"
 #include "robot_plant.h"
 #include "simulator_link.h"
@@ -27,8 +28,6 @@
 #include "tests/dds/peer_process.h"
 #include "tests/line_tracking/scene.h"
 #include "tests/support/no_alloc.h"
-#include "trial_runner.h"
-#include "watchman.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
@@ -109,7 +108,7 @@ TEST(WireTest, InLockStepTheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
   EXPECT_EQ(ends, 7) << "not all kinds of outcomes were compared";
 }
 
-TEST(WireTest, AStateMachineThatDoubtsStandsStillUntilStarted) {
+TEST(WireTest, AStateMachineThatHoldsStandsStillUntilStarted) {
   const int domain = test::OwnDomain();
   const line_task::LineCalibration known = Data().Calibration();
   std::optional<test::PeerProcess> simulator;
@@ -118,20 +117,20 @@ TEST(WireTest, AStateMachineThatDoubtsStandsStillUntilStarted) {
   RobotPlant robot(LockStep(domain), known, nullptr);
   robot.BringUp({});
   robot.Reset(1);
-  EXPECT_EQ(robot.state(), runtime::RunState::kRunning);
-  ASSERT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kOk) << robot.cause();
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kRunning);
+  ASSERT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kOk) << robot.loop().cause();
   const double nan = std::numeric_limits<double>::quiet_NaN();
   EXPECT_EQ(robot.Apply(std::array{nan, 0.0}), core::PlantStatus::kRefused);
-  EXPECT_EQ(robot.state(), runtime::RunState::kHolding);
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kHolding);
   EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kFault) << "it was not started";
-  ASSERT_EQ(robot.Start(), runtime::Doubt::kNone);
+  ASSERT_EQ(robot.loop().Start(), runtime::HoldReason::kNone);
   EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kOk);
 
   simulator->Signal(SIGKILL);
   EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kFault);
-  EXPECT_EQ(robot.state(), runtime::RunState::kFaulted);
-  EXPECT_NE(robot.cause().find("arm-silent"), std::string::npos) << robot.cause();
-  EXPECT_NE(robot.Start(), runtime::Doubt::kNone);
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kFaulted);
+  EXPECT_NE(robot.loop().cause().find("arm-silent"), std::string::npos) << robot.loop().cause();
+  EXPECT_NE(robot.loop().Start(), runtime::HoldReason::kNone);
 }
 
 TEST(WireTest, AnEmergencyStopThatComesLateIsWaitedFor) {
@@ -152,7 +151,7 @@ TEST(WireTest, AnEmergencyStopThatComesLateIsWaitedFor) {
   std::string said;
   EXPECT_NO_THROW(robot.BringUp([&](std::string_view words) { said = words; }));
   EXPECT_NE(said.find("emergency-stop-silent"), std::string::npos) << said;
-  EXPECT_EQ(robot.Start(), runtime::Doubt::kNone) << robot.blocking();
+  EXPECT_EQ(robot.loop().Start(), runtime::HoldReason::kNone) << robot.loop().blocking_words();
   end = true;
   operators.join();
 }
@@ -176,12 +175,12 @@ TEST(WireTest, TheLoopAllocatesNothingInRealTime) {
   RobotPlant robot(RealTime(domain), known, nullptr);
   robot.BringUp({});
   robot.Reset(1);
-  ASSERT_EQ(robot.state(), runtime::RunState::kRunning) << robot.cause();
+  ASSERT_EQ(robot.loop().state(), runtime::RunState::kRunning) << robot.loop().cause();
   {
     const test::NoAlloc no_alloc;
-    robot.Idle(0.5);
+    robot.loop().Idle(0.5);
   }
-  EXPECT_EQ(robot.state(), runtime::RunState::kRunning) << robot.cause();
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kRunning) << robot.loop().cause();
 }
 
 TEST(WireTest, AnEpisodeBeginsAsSoonAsWhatWasWrongBeforeIsOver) {
@@ -200,24 +199,24 @@ TEST(WireTest, AnEpisodeBeginsAsSoonAsWhatWasWrongBeforeIsOver) {
   });
   EXPECT_NO_THROW(robot.Reset(1));
   repair.join();
-  EXPECT_EQ(robot.state(), runtime::RunState::kRunning) << robot.cause();
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kRunning) << robot.loop().cause();
   link.Fault("invalid", "1");
   EXPECT_THROW(robot.Reset(2), std::runtime_error) << "it lasts";
-  EXPECT_FALSE(robot.blocking().empty());
+  EXPECT_FALSE(robot.loop().blocking_words().empty());
 }
 
-TEST(WatchmanTest, SaysHowTheLoopStandsAndThatItEnds) {
+TEST(EmergencyStopMonitorTest, SaysHowTheLoopStandsAndThatItEnds) {
   dds::Participant network({.domain = test::OwnDomain()});
   dds::Subscriber<dds::OperatingState> listener(network, dds::kRunStateTopic, dds::Role::kState);
-  std::optional<Watchman> watchman;
-  watchman.emplace(network, false, 1.0);
+  std::optional<EmergencyStopMonitor> monitor;
+  monitor.emplace(network, false, 1.0);
   dds::OperatingState heard;
   for (int i = 0; i < 500 && heard.state != "holding"; ++i) {
-    watchman->Beat(runtime::RunState::kHolding);
+    monitor->Beat(runtime::RunState::kHolding);
     if (listener.Wait(0.01)) static_cast<void>(listener.TakeNewest(heard));
   }
   EXPECT_EQ(heard.state, "holding");
-  watchman.reset();
+  monitor.reset();
   while (listener.Wait(1.0) && heard.state != dds::kRunEnded) {
     static_cast<void>(listener.TakeNewest(heard));
   }

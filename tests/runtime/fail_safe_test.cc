@@ -30,8 +30,8 @@ struct Loop {
     Tick();
     if (state == RunState::kIdle) return;
     ASSERT_TRUE(machine.Arm());
-    if (state == RunState::kFaulted) return machine.Doubted(Doubt::kArmSilent);
-    if (state == RunState::kHolding) return machine.Doubted(Doubt::kOperator);
+    if (state == RunState::kFaulted) return machine.Hold(HoldReason::kArmSilent);
+    if (state == RunState::kHolding) return machine.Hold(HoldReason::kOperator);
     if (state == RunState::kArmed) return;
     ASSERT_TRUE(machine.Start());
     machine.Recovering(state == RunState::kRecovering);
@@ -42,36 +42,36 @@ constexpr std::array kAllStates = {RunState::kIdle,       RunState::kArmed,   Ru
                                    RunState::kRecovering, RunState::kHolding, RunState::kFaulted};
 static_assert(kAllStates.size() == kNumRunStates);
 
-TEST(FailSafeTest, EveryDoubtEndsInStandingStillInEveryState) {
+TEST(FailSafeTest, EveryReasonEndsInStandingStillInEveryState) {
   for (const RunState state : kAllStates) {
-    for (int d = 1; d < kNumDoubts; ++d) {
-      const auto doubt = static_cast<Doubt>(d);
-      SCOPED_TRACE(std::string(Name(state)) + ", " + Name(doubt));
+    for (int d = 1; d < kNumHoldReasons; ++d) {
+      const auto reason = static_cast<HoldReason>(d);
+      SCOPED_TRACE(std::string(Name(state)) + ", " + Name(reason));
       Loop loop;
       loop.Bring(state);
       ASSERT_EQ(loop.machine.state(), state);
-      loop.machine.Doubted(doubt);
+      loop.machine.Hold(reason);
       EXPECT_FALSE(loop.machine.may_move());
       if (state == RunState::kIdle) {
         EXPECT_EQ(loop.machine.state(), RunState::kIdle) << "there is nothing to stop";
-      } else if (IsFault(doubt) || state == RunState::kFaulted) {
+      } else if (IsFault(reason) || state == RunState::kFaulted) {
         EXPECT_EQ(loop.machine.state(), RunState::kFaulted);
       } else {
         EXPECT_EQ(loop.machine.state(), RunState::kHolding);
       }
-      EXPECT_FALSE(loop.machine.Arm()) << "while it is in doubt";
+      EXPECT_FALSE(loop.machine.Arm()) << "while the reason lasts";
     }
   }
 }
 
 TEST(FailSafeTest, NothingButAnOperatorMakesItMoveAgain) {
-  for (int d = 1; d < kNumDoubts; ++d) {
-    const auto doubt = static_cast<Doubt>(d);
-    SCOPED_TRACE(Name(doubt));
+  for (int d = 1; d < kNumHoldReasons; ++d) {
+    const auto reason = static_cast<HoldReason>(d);
+    SCOPED_TRACE(Name(reason));
     Loop loop;
     loop.Bring(RunState::kRunning);
-    loop.machine.Doubted(doubt);
-    // The doubt is gone for a long time.
+    loop.machine.Hold(reason);
+    // The reason has been gone for a long time.
     for (int i = 0; i < 1000; ++i) {
       loop.Tick();
       loop.machine.Recovering(i % 2 == 0);
@@ -79,7 +79,7 @@ TEST(FailSafeTest, NothingButAnOperatorMakesItMoveAgain) {
       ASSERT_FALSE(loop.machine.may_move());
     }
     EXPECT_FALSE(loop.machine.Start()) << "it has to be armed first";
-    if (IsFault(doubt)) {
+    if (IsFault(reason)) {
       EXPECT_FALSE(loop.machine.Arm()) << "a fault has to be cleared first";
       EXPECT_TRUE(loop.machine.Clear());
     }
@@ -89,20 +89,20 @@ TEST(FailSafeTest, NothingButAnOperatorMakesItMoveAgain) {
   }
 }
 
-TEST(FailSafeTest, IsArmedOnlyAfterATimeWithoutDoubt) {
+TEST(FailSafeTest, IsArmedOnlyAfterATimeWithoutReasonToHold) {
   Loop loop;
   EXPECT_FALSE(loop.machine.Arm()) << "its loop does not run yet";
   loop.Tick();
-  loop.machine.Doubted(Doubt::kNotSeen, "no line");
+  loop.machine.Hold(HoldReason::kNotSeen, "no line");
   EXPECT_EQ(loop.machine.state(), RunState::kIdle);
   for (int i = 0; i < 10; ++i) {
-    EXPECT_EQ(loop.machine.blocking(), Doubt::kNotSeen);
+    EXPECT_EQ(loop.machine.blocking(), HoldReason::kNotSeen);
     EXPECT_EQ(loop.machine.blocking_detail(), "no line");
     EXPECT_FALSE(loop.machine.Arm());
     loop.Tick();
   }
   loop.Tick();  // 0.11 s later
-  EXPECT_EQ(loop.machine.blocking(), Doubt::kNone);
+  EXPECT_EQ(loop.machine.blocking(), HoldReason::kNone);
   EXPECT_EQ(loop.machine.blocking_detail(), "");
   EXPECT_TRUE(loop.machine.Arm());
 }
@@ -112,7 +112,7 @@ TEST(FailSafeTest, AFaultCannotBeClearedWhileItLasts) {
   loop.Bring(RunState::kRunning);
   for (int i = 0; i < 100; ++i) {
     loop.Tick();
-    loop.machine.Doubted(Doubt::kEmergencyStop);
+    loop.machine.Hold(HoldReason::kEmergencyStop);
     ASSERT_FALSE(loop.machine.Clear());
   }
   loop.Tick(11);
@@ -143,29 +143,29 @@ TEST(FailSafeTest, LogsEveryTransitionWithItsCause) {
   loop.machine.Recovering(true);  // no change
   loop.machine.Recovering(false);
   loop.Tick();
-  loop.machine.Doubted(Doubt::kControllerHalted, "no-progress");
-  loop.machine.Doubted(Doubt::kArmSilent, std::string(200, 'x'));
-  loop.machine.Doubted(Doubt::kImageOld, "too late to matter");
+  loop.machine.Hold(HoldReason::kControllerHalted, "no-progress");
+  loop.machine.Hold(HoldReason::kArmSilent, std::string(200, 'x'));
+  loop.machine.Hold(HoldReason::kImageOld, "too late to matter");
 
   struct Expected {
     RunState from, to;
-    Doubt doubt;
+    HoldReason reason;
     std::string detail;
   };
   const std::vector<Expected> expected = {
-      {RunState::kIdle, RunState::kArmed, Doubt::kNone, ""},
-      {RunState::kArmed, RunState::kRunning, Doubt::kNone, ""},
-      {RunState::kRunning, RunState::kRecovering, Doubt::kNone, ""},
-      {RunState::kRecovering, RunState::kRunning, Doubt::kNone, ""},
-      {RunState::kRunning, RunState::kHolding, Doubt::kControllerHalted, "no-progress"},
-      {RunState::kHolding, RunState::kFaulted, Doubt::kArmSilent, std::string(95, 'x')},
+      {RunState::kIdle, RunState::kArmed, HoldReason::kNone, ""},
+      {RunState::kArmed, RunState::kRunning, HoldReason::kNone, ""},
+      {RunState::kRunning, RunState::kRecovering, HoldReason::kNone, ""},
+      {RunState::kRecovering, RunState::kRunning, HoldReason::kNone, ""},
+      {RunState::kRunning, RunState::kHolding, HoldReason::kControllerHalted, "no-progress"},
+      {RunState::kHolding, RunState::kFaulted, HoldReason::kArmSilent, std::string(95, 'x')},
   };
   for (const Expected& e : expected) {
     Transition t;
     ASSERT_TRUE(loop.machine.Take(t));
     EXPECT_EQ(t.from, e.from);
     EXPECT_EQ(t.to, e.to);
-    EXPECT_EQ(t.doubt, e.doubt);
+    EXPECT_EQ(t.reason, e.reason);
     EXPECT_EQ(t.detail.data(), e.detail);
     EXPECT_LE(t.steady_ns, loop.now_ns);
   }
@@ -184,10 +184,10 @@ TEST(FailSafeTest, ALogThatNobodyReadsLosesTheNewestAndSaysSo) {
   EXPECT_EQ(taken, 64);
 }
 
-TEST(FailSafeTest, EveryDoubtAndStateHasANameOfItsOwn) {
+TEST(FailSafeTest, EveryReasonAndStateHasANameOfItsOwn) {
   std::set<std::string> names;
-  for (int i = 0; i < kNumDoubts; ++i) names.insert(Name(static_cast<Doubt>(i)));
-  EXPECT_EQ(names.size(), static_cast<std::size_t>(kNumDoubts));
+  for (int i = 0; i < kNumHoldReasons; ++i) names.insert(Name(static_cast<HoldReason>(i)));
+  EXPECT_EQ(names.size(), static_cast<std::size_t>(kNumHoldReasons));
   EXPECT_EQ(names.count("?"), 0U);
   std::set<std::string> states;
   for (const RunState state : kAllStates) states.insert(Name(state));
@@ -204,7 +204,7 @@ TEST(FailSafeTest, NeverAllocates) {
   Transition t;
   const test::NoAlloc no_alloc;
   loop.Bring(RunState::kRecovering);
-  loop.machine.Doubted(Doubt::kArmJump, "a detail that is longer than a short string can hold");
+  loop.machine.Hold(HoldReason::kArmJump, "a detail that is longer than a short string can hold");
   loop.Tick(20);
   ASSERT_TRUE(loop.machine.Clear());
   while (loop.machine.Take(t)) {

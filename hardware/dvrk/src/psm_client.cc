@@ -143,7 +143,7 @@ PsmClient::PsmClient(const PsmClientOptions& options)
 }
 
 PsmStatus PsmClient::status() const noexcept {
-  return phase_ == PsmPhase::kHolding ? cause_ : doubt_;
+  return phase_ == PsmPhase::kHolding ? cause_ : hold_reason_;
 }
 
 void PsmClient::Take(const PsmInput& input) noexcept {
@@ -213,7 +213,7 @@ void PsmClient::Take(const PsmInput& input) noexcept {
   age_s_ = any_js_ ? Seconds(wall_ns_ - js_.stamp.nanoseconds()) : kNan;
 }
 
-PsmStatus PsmClient::MeasurementDoubt() const noexcept {
+PsmStatus PsmClient::MeasurementHoldReason() const noexcept {
   struct Stream {
     const dds::Watchdog& watchdog;
     const dds::Stamp& stamp;
@@ -236,7 +236,7 @@ PsmStatus PsmClient::MeasurementDoubt() const noexcept {
   return jumped_ ? PsmStatus::kStateJumped : PsmStatus::kOk;
 }
 
-PsmStatus PsmClient::Doubt(const PsmInput& input) const noexcept {
+PsmStatus PsmClient::FindHoldReason(const PsmInput& input) const noexcept {
   const bool silent = js_watchdog_.Check(wall_ns_, now_ns_) == Freshness::kSilent;
   if (input.state_publishers == 0 && (!any_js_ || silent)) {
     if (input.incompatible > 0) return PsmStatus::kIncompatible;
@@ -246,13 +246,13 @@ PsmStatus PsmClient::Doubt(const PsmInput& input) const noexcept {
   if (!any_operating_) return PsmStatus::kNoOperatingState;
   const PsmStatus ready = Readiness(operating_);
   if (ready != PsmStatus::kOk) return ready;
-  const PsmStatus measured = MeasurementDoubt();
+  const PsmStatus measured = MeasurementHoldReason();
   if (measured != PsmStatus::kOk) return measured;
   if (options_.sole_commander && input.other_publishers > 0) return PsmStatus::kOtherPublisher;
   return PsmStatus::kOk;
 }
 
-PsmStatus PsmClient::FollowDoubt() const noexcept {
+PsmStatus PsmClient::FollowHoldReason() const noexcept {
   const PsmJoints lag = (js_.position - motion_.setpoint()).cwiseAbs();
   if ((lag.array() > options_.max_lag.array()).any()) return PsmStatus::kNotFollowing;
   if (Seconds(now_ns_ - restless_ns_) > options_.reach_timeout_s) {
@@ -330,8 +330,8 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   wall_ns_ = wall_ns;
   stepped_ = true;
   Take(input);
-  doubt_ = Doubt(input);
-  at_rest_ = doubt_ == PsmStatus::kOk && !moving() && rest_.At(Seconds(now_ns_));
+  hold_reason_ = FindHoldReason(input);
+  at_rest_ = hold_reason_ == PsmStatus::kOk && !moving() && rest_.At(Seconds(now_ns_));
   if (at_rest_ || motion_.moving()) restless_ns_ = now_ns_;
 
   if (hold_wanted_) {
@@ -346,12 +346,12 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   }
   if (phase_ != PsmPhase::kArmed) return output;
 
-  PsmStatus cause = doubt_;
+  PsmStatus cause = hold_reason_;
   if (cause == PsmStatus::kOk) cause = lapse_;
   if (cause == PsmStatus::kOk && erred_) cause = PsmStatus::kConsoleError;
   if (cause == PsmStatus::kOk && dt > options_.max_tick_gap_s) cause = PsmStatus::kTickLate;
   if (cause == PsmStatus::kOk && input.send_failed) cause = PsmStatus::kSendFailed;
-  if (cause == PsmStatus::kOk) cause = FollowDoubt();
+  if (cause == PsmStatus::kOk) cause = FollowHoldReason();
   if (cause != PsmStatus::kOk) {
     HoldBecause(cause, output);
     return output;
@@ -396,7 +396,7 @@ PsmStatus PsmClient::Armable() const noexcept {
   if (phase_ == PsmPhase::kArmed) return PsmStatus::kOk;
   if (phase_ == PsmPhase::kRequested) return PsmStatus::kBusy;
   if (hold_wanted_) return PsmStatus::kHeld;
-  if (doubt_ != PsmStatus::kOk) return doubt_;
+  if (hold_reason_ != PsmStatus::kOk) return hold_reason_;
   if (!any_setpoint_) return PsmStatus::kStateSilent;
   if (!FrameAgrees()) return PsmStatus::kFrameMismatch;
   const PsmJoints lag = (js_.position - setpoint_js_.position).cwiseAbs();

@@ -384,29 +384,30 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
     if (driver.phase() == PsmPhase::kArmed) return PsmStatus::kOk;
     if (driver.phase() == PsmPhase::kRequested) continue;
     if (asked && driver.phase() == PsmPhase::kHolding) return driver.status();
-    const PsmStatus doubt = driver.client().doubt();
-    if (doubt == PsmStatus::kOk) {
+    const PsmStatus reason = driver.client().hold_reason();
+    if (reason == PsmStatus::kOk) {
       const PsmStatus armed = driver.Arm();
       if (armed == PsmStatus::kFrameMismatch || armed == PsmStatus::kNotFollowing) return armed;
       continue;
     }
-    if ((doubt == PsmStatus::kDisabled || doubt == PsmStatus::kNotHomed) && !asked) {
+    if ((reason == PsmStatus::kDisabled || reason == PsmStatus::kNotHomed) && !asked) {
       asked = true;
       tell(driver.arm() + ": homing");
       (void)driver.Home();
-    } else if (doubt == PsmStatus::kConsoleFault || doubt == PsmStatus::kPaused ||
-               doubt == PsmStatus::kUnknownState || doubt == PsmStatus::kIncompatible ||
-               doubt == PsmStatus::kOtherPublisher) {
-      return doubt;
-    } else if (doubt != seen) {
-      seen = doubt;
+    } else if (reason == PsmStatus::kConsoleFault || reason == PsmStatus::kPaused ||
+               reason == PsmStatus::kUnknownState || reason == PsmStatus::kIncompatible ||
+               reason == PsmStatus::kOtherPublisher) {
+      return reason;
+    } else if (reason != seen) {
+      seen = reason;
       seen_ns = SteadyNs();
-    } else if (doubt != told && SteadyNs() - seen_ns > kPatienceNs) {
-      told = doubt;
+    } else if (reason != told && SteadyNs() - seen_ns > kPatienceNs) {
+      told = reason;
       tell("waiting: " + driver.Explain());
     }
   }
-  return driver.client().doubt() == PsmStatus::kOk ? PsmStatus::kTimedOut : driver.client().doubt();
+  return driver.client().hold_reason() == PsmStatus::kOk ? PsmStatus::kTimedOut
+                                                         : driver.client().hold_reason();
 }
 
 }  // namespace dfr::hardware

@@ -1,10 +1,14 @@
 #include "dfr/hardware/endoscope.h"
 
-#include <chrono>
+#include <algorithm>
+#include <cctype>
 #include <cmath>
+#include <filesystem>
+#include <system_error>
 
 #include "dfr/core/contract.h"
 #include "dfr/dds/messages.h"
+#include "reading_endoscope.h"
 
 namespace dfr::hardware {
 
@@ -83,11 +87,18 @@ void EndoscopeOptions::Check() const {
   DFR_THROW_UNLESS(positive(open_timeout_s), "open_timeout_s must be positive");
 }
 
+bool IsImageTopic(const std::string& source) {
+  const auto allowed = [](unsigned char c) {
+    return std::isalnum(c) != 0 || c == '_' || c == '/' || c == '~';
+  };
+  std::error_code error;
+  return source.rfind('/', 0) == 0 && source.rfind("/dev/", 0) != 0 &&
+         std::all_of(source.begin(), source.end(), allowed) &&
+         !std::filesystem::exists(source, error);
+}
+
 FrameStatus Endoscope::Grab(Frame& frame) noexcept {
-  return Grab(std::chrono::duration_cast<std::chrono::nanoseconds>(
-                  std::chrono::steady_clock::now().time_since_epoch())
-                  .count(),
-              dds::Stamp::Now().nanoseconds(), frame);
+  return Grab(internal::SteadyNs(), dds::Stamp::Now().nanoseconds(), frame);
 }
 
 }  // namespace dfr::hardware

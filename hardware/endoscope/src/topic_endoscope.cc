@@ -1,24 +1,19 @@
 #include <atomic>
-#include <chrono>
 #include <cstddef>
+#include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <string>
 #include <string_view>
-#include <thread>
 
 #include "dfr/dds/channel.h"
 #include "dfr/hardware/endoscope.h"
-#include "feed.h"
+#include "reading_endoscope.h"
 
 namespace dfr::hardware {
 namespace {
 
-std::int64_t SteadyNs() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
+using internal::SteadyNs;
 
 void Put(internal::Feed& feed, const dds::Image& image) {
   const std::int64_t stamp_ns = image.stamp.nanoseconds();
@@ -53,47 +48,18 @@ void Put(internal::Feed& feed, const dds::CompressedImage& image) {
 }
 
 template <typename Message>
-class TopicEndoscope final : public Endoscope {
- public:
-  TopicEndoscope(dds::Participant& participant, const std::string& topic,
-                 const EndoscopeOptions& options)
-      : source_(topic), feed_(options), subscriber_(participant, topic, dds::Role::kImage) {
-    thread_ = std::thread([this] { Read(); });
-  }
-  ~TopicEndoscope() override {
-    stop_.store(true, std::memory_order_relaxed);
-    thread_.join();
-  }
-  TopicEndoscope(const TopicEndoscope&) = delete;
-  TopicEndoscope& operator=(const TopicEndoscope&) = delete;
-
-  using Endoscope::Grab;
-  FrameStatus Grab(std::int64_t steady_ns, std::int64_t wall_ns, Frame& frame) noexcept override {
-    return feed_.Grab(steady_ns, wall_ns, frame);
-  }
-  [[nodiscard]] EndoscopeCounts counts() const noexcept override { return feed_.counts(); }
-  [[nodiscard]] const std::string& source() const noexcept override { return source_; }
-
- private:
-  void Read() noexcept {
+internal::Read Subscribe(dds::Participant& participant, const std::string& topic) {
+  const auto subscriber =
+      std::make_shared<dds::Subscriber<Message>>(participant, topic, dds::Role::kImage);
+  return [subscriber](internal::Feed& feed, const std::atomic<bool>& stop) {
     constexpr double kLookForStop = 0.05;
-    try {
-      Message message;
-      while (!stop_.load(std::memory_order_relaxed)) {
-        if (!subscriber_.Wait(kLookForStop)) continue;
-        while (subscriber_.Take(message)) Put(feed_, message);
-      }
-    } catch (const std::exception&) {
-      feed_.End(FrameStatus::kFailed);
+    Message message;
+    while (!stop.load(std::memory_order_relaxed)) {
+      if (!subscriber->Wait(kLookForStop)) continue;
+      while (subscriber->Take(message)) Put(feed, message);
     }
-  }
-
-  std::string source_;
-  internal::Feed feed_;
-  dds::Subscriber<Message> subscriber_;
-  std::atomic<bool> stop_{false};
-  std::thread thread_;
-};
+  };
+}
 
 }  // namespace
 
@@ -103,10 +69,10 @@ std::unique_ptr<Endoscope> OpenTopic(dds::Participant& participant, const std::s
   const bool compressed =
       topic.size() > kCompressed.size() &&
       topic.compare(topic.size() - kCompressed.size(), kCompressed.size(), kCompressed) == 0;
-  if (compressed) {
-    return std::make_unique<TopicEndoscope<dds::CompressedImage>>(participant, topic, options);
-  }
-  return std::make_unique<TopicEndoscope<dds::Image>>(participant, topic, options);
+  options.Check();
+  return internal::MakeEndoscope(topic, options,
+                                 compressed ? Subscribe<dds::CompressedImage>(participant, topic)
+                                            : Subscribe<dds::Image>(participant, topic));
 }
 
 }  // namespace dfr::hardware

@@ -7,29 +7,26 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
+#include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
-#include <stdexcept>
 #include <string>
 #include <thread>
+#include <utility>
 
+#include "dfr/core/error.h"
 #include "dfr/dds/messages.h"
 #include "dfr/hardware/endoscope.h"
-#include "feed.h"
+#include "reading_endoscope.h"
 
 namespace dfr::hardware {
 namespace {
 
 using Clock = std::chrono::steady_clock;
 
-std::int64_t SteadyNs() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch())
-      .count();
-}
-
 [[noreturn]] void Fail(const std::string& source, const std::string& what,
                        const std::string& remedy) {
-  throw std::runtime_error(source + ": " + what + "; " + remedy);
+  throw core::Error(source + ": " + what, remedy);
 }
 
 // What the system says of a device or a file, before OpenCV only says that it did not open.
@@ -53,26 +50,32 @@ void CheckReadable(const std::string& path, bool device) {
   Fail(path, std::string("cannot be opened: ") + std::strerror(error), remedy);
 }
 
-class VideoEndoscope final : public Endoscope {
+class Video {
  public:
-  VideoEndoscope(const std::string& source, const EndoscopeOptions& options)
-      : source_(source), options_(options), feed_(options) {
+  Video(std::string source, const EndoscopeOptions& options)
+      : source_(std::move(source)), options_(options) {
     Open();
-    thread_ = std::thread([this] { Read(); });
   }
-  ~VideoEndoscope() override {
-    stop_.store(true, std::memory_order_relaxed);
-    thread_.join();
-  }
-  VideoEndoscope(const VideoEndoscope&) = delete;
-  VideoEndoscope& operator=(const VideoEndoscope&) = delete;
 
-  using Endoscope::Grab;
-  FrameStatus Grab(std::int64_t steady_ns, std::int64_t wall_ns, Frame& frame) noexcept override {
-    return feed_.Grab(steady_ns, wall_ns, frame);
+  void Read(internal::Feed& feed, const std::atomic<bool>& stop) {
+    const auto start = Clock::now();
+    double count = 0.0;
+    for (cv::Mat picture = first_; !stop.load(std::memory_order_relaxed);) {
+      Put(picture, feed);
+      count += 1.0;
+      if (file_) {
+        std::this_thread::sleep_until(
+            start + std::chrono::duration_cast<Clock::duration>(
+                        std::chrono::duration<double>(count * options_.period_s)));
+      }
+      if (!capture_.read(picture)) {
+        const bool whole = count >= announced_ - 1.0;
+        feed.End(!file_ ? FrameStatus::kFailed
+                        : (whole ? FrameStatus::kEnded : FrameStatus::kTruncated));
+        return;
+      }
+    }
   }
-  [[nodiscard]] EndoscopeCounts counts() const noexcept override { return feed_.counts(); }
-  [[nodiscard]] const std::string& source() const noexcept override { return source_; }
 
  private:
   void Open() {
@@ -121,56 +124,33 @@ class VideoEndoscope final : public Endoscope {
     }
   }
 
-  void Read() noexcept {
-    try {
-      const auto start = Clock::now();
-      double count = 0.0;
-      for (cv::Mat picture = first_; !stop_.load(std::memory_order_relaxed);) {
-        Put(picture);
-        count += 1.0;
-        if (file_) {
-          std::this_thread::sleep_until(
-              start + std::chrono::duration_cast<Clock::duration>(
-                          std::chrono::duration<double>(count * options_.period_s)));
-        }
-        if (!capture_.read(picture)) {
-          const bool whole = count >= announced_ - 1.0;
-          feed_.End(!file_ ? FrameStatus::kFailed
-                           : (whole ? FrameStatus::kEnded : FrameStatus::kTruncated));
-          return;
-        }
-      }
-    } catch (const std::exception&) {
-      feed_.End(FrameStatus::kFailed);
-    }
-  }
-
-  void Put(const cv::Mat& picture) {
+  static void Put(const cv::Mat& picture, internal::Feed& feed) {
     const std::int64_t wall_ns = dds::Stamp::Now().nanoseconds();
+    const std::int64_t arrival_ns = internal::SteadyNs();
     if (picture.depth() != CV_8U || (picture.channels() != 3 && picture.channels() != 1)) {
-      feed_.PutWrongEncoding(wall_ns, SteadyNs());
+      feed.PutWrongEncoding(wall_ns, arrival_ns);
       return;
     }
-    feed_.Put(picture.data, picture.cols, picture.rows, picture.step, picture.channels(), false,
-              wall_ns, SteadyNs());
+    feed.Put(picture.data, picture.cols, picture.rows, picture.step, picture.channels(), false,
+             wall_ns, arrival_ns);
   }
 
   std::string source_;
   EndoscopeOptions options_;
-  internal::Feed feed_;
   cv::VideoCapture capture_;
   cv::Mat first_;
   double announced_ = 0.0;
   bool file_ = false;
-  std::atomic<bool> stop_{false};
-  std::thread thread_;
 };
 
 }  // namespace
 
 std::unique_ptr<Endoscope> OpenVideo(const std::string& source, const EndoscopeOptions& options) {
   options.Check();
-  return std::make_unique<VideoEndoscope>(source, options);
+  const auto video = std::make_shared<Video>(source, options);
+  return internal::MakeEndoscope(
+      source, options,
+      [video](internal::Feed& feed, const std::atomic<bool>& stop) { video->Read(feed, stop); });
 }
 
 }  // namespace dfr::hardware

@@ -9,8 +9,9 @@
 #include <chrono>
 #include <cmath>
 #include <cstring>
-#include <stdexcept>
 #include <thread>
+
+#include "dfr/core/error.h"
 
 namespace dfr::hardware {
 namespace {
@@ -21,27 +22,27 @@ double SteadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-std::string OpenRemedy(int error) {
+const char* OpenRemedy(int error) {
   switch (error) {
     case ENOENT:
     case ENXIO:
     case ENODEV:
-      return "; is the platform plugged in and powered? `ls /dev/ttyACM* /dev/ttyUSB*` shows the "
+      return "is the platform plugged in and powered? `ls /dev/ttyACM* /dev/ttyUSB*` shows the "
              "serial ports";
     case EACCES:
     case EPERM:
-      return "; add the user to the port's group (`sudo adduser $USER dialout`) and log in again";
+      return "add the user to the port's group (`sudo adduser $USER dialout`) and log in again";
     case EBUSY:
-      return "; another program has the port open, `fuser` says which";
+      return "another program has the port open, `fuser` says which";
     default:
       return "";
   }
 }
 
 [[noreturn]] void Fail(int fd, const std::string& device, const std::string& what, int error,
-                       const std::string& remedy) {
+                       const char* remedy) {
   if (fd >= 0) ::close(fd);
-  throw std::runtime_error(device + ": " + what + ": " + std::strerror(error) + remedy);
+  throw core::Error(device + ": " + what + ": " + std::strerror(error), remedy);
 }
 
 int OpenPort(const std::string& device) {
@@ -50,7 +51,7 @@ int OpenPort(const std::string& device) {
   termios port{};
   if (::tcgetattr(fd, &port) != 0) {
     Fail(fd, device, "is not a serial port", errno,
-         "; give the platform's port, /dev/ttyACM0 for example");
+         "give the platform's port, /dev/ttyACM0 for example");
   }
   // Root may open a claimed port: the claim is asked for as well.
   int claimed = 0;
@@ -70,7 +71,7 @@ int OpenPort(const std::string& device) {
   constexpr tcflag_t kShape = CSIZE | CSTOPB | PARENB | CRTSCTS;
   if (::cfgetospeed(&set) != B57600 || (set.c_cflag & kShape) != (port.c_cflag & kShape) ||
       (set.c_oflag & OPOST) != 0) {
-    Fail(fd, device, "does not take 57600 8N1", EINVAL, "; is this the platform's port?");
+    Fail(fd, device, "does not take 57600 8N1", EINVAL, "is this the platform's port?");
   }
   ::tcflush(fd, TCIOFLUSH);
   return fd;

@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/error.h"
 #include "dfr/dds/security.h"
 #include "openssl.h"
 #include "participant_impl.h"
@@ -243,13 +244,13 @@ Participant::Participant(const ParticipantOptions& options)
     impl_->subscriber = impl_->participant->create_subscriber(fdds::SUBSCRIBER_QOS_DEFAULT);
   }
   if (impl_->publisher == nullptr || impl_->subscriber == nullptr) {
-    throw std::runtime_error(
+    throw core::Error(
         "DDS refuses to make a participant in domain " + std::to_string(options.domain) +
-        ": too many processes in it, or its UDP ports are taken; try another "
-        "domain" +
-        (options.security.empty() ? std::string()
-                                  : ". Or the governance or permissions in " +
-                                        options.security.string() + " do not cover this domain"));
+            ": too many processes in it, or its UDP ports are taken",
+        "try another domain" + (options.security.empty()
+                                    ? std::string()
+                                    : ". Or the governance or permissions in " +
+                                          options.security.string() + " do not cover this domain"));
   }
 }
 

@@ -8,6 +8,7 @@
 #include <iterator>
 #include <stdexcept>
 
+#include "dfr/core/error.h"
 #include "openssl.h"
 
 namespace dfr::dds {
@@ -17,8 +18,9 @@ using internal::Owned;
 
 constexpr const char* kRemake = "`hardware certificates` makes a new one";
 
-[[noreturn]] void Wrong(const std::filesystem::path& file, const std::string& what) {
-  throw std::runtime_error(file.string() + " " + what);
+[[noreturn]] void Wrong(const std::filesystem::path& file, const std::string& what,
+                        const std::string& remedy = {}) {
+  throw core::Error(file.string() + " " + what, remedy);
 }
 
 void CheckCertificate(const std::filesystem::path& file, X509& certificate,
@@ -36,8 +38,8 @@ void CheckCertificate(const std::filesystem::path& file, X509& certificate,
   const X509& dated = which == file ? certificate : ca;
   switch (error) {
     case X509_V_ERR_CERT_HAS_EXPIRED:
-      Wrong(which, "expired on " + internal::Timestamp(*X509_get0_notAfter(&dated)) + "; " +
-                       kRemake + ", or is this machine's clock wrong?");
+      Wrong(which, "expired on " + internal::Timestamp(*X509_get0_notAfter(&dated)),
+            std::string(kRemake) + ", or is this machine's clock wrong?");
     case X509_V_ERR_CERT_NOT_YET_VALID:
       Wrong(which, "is valid from " + internal::Timestamp(*X509_get0_notBefore(&dated)) +
                        " on alone: is this machine's clock right?");
@@ -68,8 +70,10 @@ std::string CheckSigned(const std::filesystem::path& file, const std::filesystem
   sk_X509_free(signers);
   if (good != 1) {
     static_cast<void>(internal::Complaint());
-    Wrong(file, "was changed after it was signed, or signed by another authority than '" +
-                    internal::CommonName(ca) + "' of " + ca_file.string() + "; " + kRemake);
+    Wrong(file,
+          "was changed after it was signed, or signed by another authority than '" +
+              internal::CommonName(ca) + "' of " + ca_file.string(),
+          kRemake);
   }
   char* data = nullptr;
   const auto size = BIO_get_mem_data(out.get(), &data);
@@ -134,7 +138,7 @@ std::string CheckSecurity(const std::filesystem::path& folder) {
   // Dates compare as their texts do.
   const std::string until = Element(permissions, "not_after");
   if (!until.empty() && until < Now()) {
-    Wrong(files.permissions, "expired on " + until + "; " + kRemake);
+    Wrong(files.permissions, "expired on " + until, kRemake);
   }
   return name;
 }

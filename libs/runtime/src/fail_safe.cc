@@ -36,59 +36,59 @@ const char* Name(RunState state) noexcept {
   return "?";
 }
 
-const char* Name(Doubt doubt) noexcept {
-  switch (doubt) {
-    case Doubt::kNone:
+const char* Name(HoldReason reason) noexcept {
+  switch (reason) {
+    case HoldReason::kNone:
       return "none";
-    case Doubt::kOperator:
+    case HoldReason::kOperator:
       return "operator";
-    case Doubt::kControllerHalted:
+    case HoldReason::kControllerHalted:
       return "controller-halted";
-    case Doubt::kNotSeen:
+    case HoldReason::kNotSeen:
       return "not-seen";
-    case Doubt::kStateInvalid:
+    case HoldReason::kStateInvalid:
       return "state-invalid";
-    case Doubt::kStateJump:
+    case HoldReason::kStateJump:
       return "state-jump";
-    case Doubt::kControlInvalid:
+    case HoldReason::kControlInvalid:
       return "control-invalid";
-    case Doubt::kCommandRefused:
+    case HoldReason::kCommandRefused:
       return "command-refused";
-    case Doubt::kEmergencyStop:
+    case HoldReason::kEmergencyStop:
       return "emergency-stop";
-    case Doubt::kEmergencyStopSilent:
+    case HoldReason::kEmergencyStopSilent:
       return "emergency-stop-silent";
-    case Doubt::kArmSilent:
+    case HoldReason::kArmSilent:
       return "arm-silent";
-    case Doubt::kArmInvalid:
+    case HoldReason::kArmInvalid:
       return "arm-invalid";
-    case Doubt::kArmOld:
+    case HoldReason::kArmOld:
       return "arm-old";
-    case Doubt::kArmJump:
+    case HoldReason::kArmJump:
       return "arm-jump";
-    case Doubt::kArmNotReady:
+    case HoldReason::kArmNotReady:
       return "arm-not-ready";
-    case Doubt::kArmNotFollowing:
+    case HoldReason::kArmNotFollowing:
       return "arm-not-following";
-    case Doubt::kSecondCommander:
+    case HoldReason::kSecondCommander:
       return "second-commander";
-    case Doubt::kClock:
+    case HoldReason::kClock:
       return "clock";
-    case Doubt::kImageSilent:
+    case HoldReason::kImageSilent:
       return "image-silent";
-    case Doubt::kImageOld:
+    case HoldReason::kImageOld:
       return "image-old";
-    case Doubt::kImageInvalid:
+    case HoldReason::kImageInvalid:
       return "image-invalid";
-    case Doubt::kOverrun:
+    case HoldReason::kOverrun:
       return "overrun";
-    case Doubt::kRecorder:
+    case HoldReason::kRecorder:
       return "recorder";
   }
   return "?";
 }
 
-bool IsFault(Doubt doubt) noexcept { return doubt >= Doubt::kEmergencyStop; }
+bool IsFault(HoldReason reason) noexcept { return reason >= HoldReason::kEmergencyStop; }
 
 FailSafe::FailSafe(const FailSafeOptions& options)
     : max_period_ns_(std::llround(kNanoseconds * options.max_period_s)),
@@ -104,60 +104,61 @@ void FailSafe::Tick(std::int64_t steady_ns) noexcept {
   const bool first = !ticked_;
   ticked_ = true;
   now_ns_ = steady_ns;
-  if (!first && (period_ns > max_period_ns_ || period_ns < 0)) Doubted(Doubt::kOverrun);
+  if (!first && (period_ns > max_period_ns_ || period_ns < 0)) Hold(HoldReason::kOverrun);
 }
 
-void FailSafe::Doubted(Doubt doubt, std::string_view detail) noexcept {
-  if (doubt == Doubt::kNone) return;
-  last_doubt_ = doubt;
-  last_doubt_ns_ = now_ns_;
+void FailSafe::Hold(HoldReason reason, std::string_view detail) noexcept {
+  if (reason == HoldReason::kNone) return;
+  last_reason_ = reason;
+  last_reason_ns_ = now_ns_;
   Copy(detail, last_detail_);
   if (state_ == RunState::kFaulted || state_ == RunState::kIdle) return;
-  if (IsFault(doubt)) {
-    Enter(RunState::kFaulted, doubt, detail);
+  if (IsFault(reason)) {
+    Enter(RunState::kFaulted, reason, detail);
   } else if (state_ != RunState::kHolding) {
-    Enter(RunState::kHolding, doubt, detail);
+    Enter(RunState::kHolding, reason, detail);
   }
 }
 
-Doubt FailSafe::blocking() const noexcept {
-  return last_doubt_ != Doubt::kNone && now_ns_ - last_doubt_ns_ <= calm_ns_ ? last_doubt_
-                                                                             : Doubt::kNone;
+HoldReason FailSafe::blocking() const noexcept {
+  return last_reason_ != HoldReason::kNone && now_ns_ - last_reason_ns_ <= calm_ns_
+             ? last_reason_
+             : HoldReason::kNone;
 }
 
 std::string_view FailSafe::blocking_detail() const noexcept {
-  return blocking() == Doubt::kNone ? std::string_view() : last_detail_.data();
+  return blocking() == HoldReason::kNone ? std::string_view() : last_detail_.data();
 }
 
 bool FailSafe::Arm() noexcept {
   if (state_ != RunState::kIdle && state_ != RunState::kHolding) return false;
-  if (!ticked_ || blocking() != Doubt::kNone) return false;
-  Enter(RunState::kArmed, Doubt::kNone, {});
+  if (!ticked_ || blocking() != HoldReason::kNone) return false;
+  Enter(RunState::kArmed, HoldReason::kNone, {});
   return true;
 }
 
 bool FailSafe::Start() noexcept {
   if (state_ != RunState::kArmed) return false;
-  Enter(RunState::kRunning, Doubt::kNone, {});
+  Enter(RunState::kRunning, HoldReason::kNone, {});
   return true;
 }
 
 void FailSafe::Done() noexcept {
-  if (may_move()) Enter(RunState::kIdle, Doubt::kNone, "completed");
+  if (may_move()) Enter(RunState::kIdle, HoldReason::kNone, "completed");
 }
 
 bool FailSafe::Clear() noexcept {
-  if (state_ != RunState::kFaulted || blocking() != Doubt::kNone) return false;
-  Enter(RunState::kIdle, Doubt::kNone, "cleared");
+  if (state_ != RunState::kFaulted || blocking() != HoldReason::kNone) return false;
+  Enter(RunState::kIdle, HoldReason::kNone, "cleared");
   return true;
 }
 
 void FailSafe::Recovering(bool recovering) noexcept {
   const RunState wanted = recovering ? RunState::kRecovering : RunState::kRunning;
-  if (may_move() && state_ != wanted) Enter(wanted, Doubt::kNone, {});
+  if (may_move() && state_ != wanted) Enter(wanted, HoldReason::kNone, {});
 }
 
-void FailSafe::Enter(RunState to, Doubt doubt, std::string_view detail) noexcept {
+void FailSafe::Enter(RunState to, HoldReason reason, std::string_view detail) noexcept {
   const RunState from = state_;
   state_ = to;
   if (log_size_ == log_.size()) {
@@ -165,7 +166,7 @@ void FailSafe::Enter(RunState to, Doubt doubt, std::string_view detail) noexcept
     return;
   }
   Transition& entry = log_[(log_begin_ + log_size_++) % log_.size()];
-  entry = {now_ns_, from, to, doubt, {}};
+  entry = {now_ns_, from, to, reason, {}};
   Copy(detail, entry.detail);
 }
 

@@ -1,11 +1,11 @@
 #include "dfr/runtime/fail_safe.h"
 
-// A robot in doubt does not move.
+// A robot with a reason to hold does not move.
 int main() {
-  using dfr::runtime::Doubt;
+  using dfr::runtime::HoldReason;
   dfr::runtime::FailSafe machine({});
   machine.Tick(1);
   if (!machine.Arm() || !machine.Start() || !machine.may_move()) return 1;
-  machine.Doubted(Doubt::kImageOld);
+  machine.Hold(HoldReason::kImageOld);
   return machine.may_move() ? 1 : 0;
 }

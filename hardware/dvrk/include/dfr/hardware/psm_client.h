@@ -135,9 +135,9 @@ struct PsmOutput {
 /// A client of one PSM behind a da Vinci Research Kit console (CRTK), without the network: what it
 /// makes of what the console says, and what it sends. Time is what the caller says it is.
 ///
-/// Every doubt ends in kHolding: the console is told to hold, nothing more is sent, and status()
-/// keeps the first cause until Arm() is called anew. The console itself keeps the last set-point
-/// for ever, so that silence holds as well.
+/// Whatever is wrong ends in kHolding: the console is told to hold, nothing more is sent, and
+/// status() keeps the first cause until Arm() is called anew. The console itself keeps the last
+/// set-point for ever, so that silence holds as well.
 ///
 /// After construction nothing here allocates, locks or throws. One object belongs to one thread at
 /// a time.
@@ -174,7 +174,7 @@ class PsmClient {
   /// In kHolding: why. Otherwise: what now keeps the arm from being armed.
   [[nodiscard]] PsmStatus status() const noexcept;
   /// What the last step found, also while holding.
-  [[nodiscard]] PsmStatus doubt() const noexcept { return doubt_; }
+  [[nodiscard]] PsmStatus hold_reason() const noexcept { return hold_reason_; }
   /// The state command under way.
   [[nodiscard]] PsmRequest request() const noexcept { return request_; }
   /// A move, the jaw's included, is under way.
@@ -199,9 +199,9 @@ class PsmClient {
 
  private:
   void Take(const PsmInput& input) noexcept;
-  [[nodiscard]] PsmStatus Doubt(const PsmInput& input) const noexcept;
-  [[nodiscard]] PsmStatus MeasurementDoubt() const noexcept;
-  [[nodiscard]] PsmStatus FollowDoubt() const noexcept;
+  [[nodiscard]] PsmStatus FindHoldReason(const PsmInput& input) const noexcept;
+  [[nodiscard]] PsmStatus MeasurementHoldReason() const noexcept;
+  [[nodiscard]] PsmStatus FollowHoldReason() const noexcept;
   [[nodiscard]] bool FrameAgrees() const noexcept;
   void HoldBecause(PsmStatus cause, PsmOutput& output) noexcept;
   void Pursue(const PsmInput& input, PsmOutput& output) noexcept;
@@ -234,7 +234,7 @@ class PsmClient {
 
   PsmPhase phase_ = PsmPhase::kIdle;
   PsmStatus cause_ = PsmStatus::kOk;
-  PsmStatus doubt_ = PsmStatus::kNoConsole;
+  PsmStatus hold_reason_ = PsmStatus::kNoConsole;
   PsmStatus lapse_ = PsmStatus::kOk;
   PsmRequest request_ = PsmRequest::kNone;
   bool stepped_ = false;

@@ -87,6 +87,10 @@ class Endoscope {
   [[nodiscard]] virtual const std::string& source() const noexcept = 0;
 };
 
+/// Whether `source` names an image topic rather than what OpenVideo() takes: it begins with a
+/// slash, has only characters that ROS 2 allows in names, and is no device and no existing file.
+[[nodiscard]] bool IsImageTopic(const std::string& source);
+
 /// Opens
 ///   "0", "1", ...            a video device by its number
 ///   "/dev/video0"            a video device by its name
@@ -94,9 +98,9 @@ class Endoscope {
 ///   "case7.avi"              a video file, played at its own speed, or one picture per period_s
 ///                            where it does not tell one
 /// with OpenCV. Returns when the first picture is there.
-/// @throws std::invalid_argument naming the option that is out of range; std::runtime_error naming
-///   the source, what is wrong with it (missing, no permission, busy, not a video, wrong size) and
-///   the remedy.
+/// @throws std::invalid_argument naming the option that is out of range; core::Error naming the
+///   source, what is wrong with it (missing, no permission, busy, not a video, wrong size) and the
+///   remedy.
 [[nodiscard]] std::unique_ptr<Endoscope> OpenVideo(const std::string& source,
                                                    const EndoscopeOptions& options);
 

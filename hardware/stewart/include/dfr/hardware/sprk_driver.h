@@ -38,7 +38,7 @@ struct SprkEstimate {
 /// time.
 class SprkDriver {
  public:
-  /// @throws std::runtime_error naming the device, what failed and the remedy.
+  /// @throws core::Error naming the device, what failed and the remedy.
   explicit SprkDriver(const SprkOptions& options);
   /// Closes the port and leaves the platform as it is: call Hold() or Home() before.
   ~SprkDriver();

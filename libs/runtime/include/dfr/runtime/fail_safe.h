@@ -21,7 +21,7 @@ inline constexpr int kNumRunStates = static_cast<int>(RunState::kFaulted) + 1;
 [[nodiscard]] const char* Name(RunState state) noexcept;
 
 /// Why a robot is made to stand still. From kEmergencyStop on they are faults.
-enum class Doubt {
+enum class HoldReason {
   kNone,
   kOperator,          ///< Somebody asked for it.
   kControllerHalted,  ///< The controller has no control that it takes for safe.
@@ -46,41 +46,42 @@ enum class Doubt {
   kOverrun,              ///< The control loop was late: what it knows is old.
   kRecorder,             ///< The run can no longer be recorded.
 };
-inline constexpr int kNumDoubts = static_cast<int>(Doubt::kRecorder) + 1;
+inline constexpr int kNumHoldReasons = static_cast<int>(HoldReason::kRecorder) + 1;
 
 /// "operator", "controller-halted", ...: what logs and the operator read.
-[[nodiscard]] const char* Name(Doubt doubt) noexcept;
+[[nodiscard]] const char* Name(HoldReason reason) noexcept;
 /// Whether it leads to kFaulted, not to kHolding.
-[[nodiscard]] bool IsFault(Doubt doubt) noexcept;
+[[nodiscard]] bool IsFault(HoldReason reason) noexcept;
 
 /// One change of state, with its cause.
 struct Transition {
   std::int64_t steady_ns = 0;
   RunState from = RunState::kIdle;
   RunState to = RunState::kIdle;
-  Doubt doubt = Doubt::kNone;     ///< kNone where nobody doubts: arming, starting, completing.
+  HoldReason reason =
+      HoldReason::kNone;          ///< kNone where nothing is wrong: arming, starting, completing.
   std::array<char, 96> detail{};  ///< In words, cut if need be; zero-terminated.
 };
 
 /// Options for FailSafe.
 struct FailSafeOptions {
   double max_period_s = 0.05;  ///< From one Tick() to the next, > 0.
-  /// For so long nothing may have been in doubt before it can be armed, >= 0.
+  /// Seconds without a reason to hold before it can be armed, >= 0.
   double calm_s = 0.3;
 };
 
-/// The state machine between a control loop and a robot, which fails into hold: whatever is in
-/// doubt, it stands still, and only an operator's explicit word makes it move again.
+/// The state machine between a control loop and a robot, which fails into hold: for any HoldReason
+/// the robot stands still, and only an operator's explicit word makes it move again.
 ///
-///   Arm()    idle, holding -> armed, if nothing is in doubt and nothing was for calm_s
+///   Arm()    idle, holding -> armed, if there was no reason to hold for calm_s
 ///   Start()  armed -> running
-///   Doubted() armed, running, recovering -> holding, or faulted if it IsFault();
-///             holding -> faulted likewise; idle stays idle, and cannot be armed
+///   Hold()   armed, running, recovering -> holding, or faulted if it IsFault();
+///            holding -> faulted if it IsFault(); idle stays idle, and cannot be armed
 ///   Done()   running, recovering -> idle: the task is completed
-///   Clear()  faulted -> idle, if nothing is in doubt any more
+///   Clear()  faulted -> idle, if there was no reason to hold for calm_s
 ///
-/// The loop calls Tick() first in every period, then Doubted() for all that it finds, and moves the
-/// robot only if may_move(). A loop that comes too late is a doubt itself.
+/// The loop calls Tick() first in every period, then Hold() for all that it finds, and moves the
+/// robot only if may_move(). A loop that comes too late is a reason itself.
 ///
 /// Nothing here allocates, locks or throws but the constructor. One object belongs to one thread.
 class FailSafe {
@@ -90,9 +91,9 @@ class FailSafe {
 
   /// A new period begins at `steady_ns`, by a clock that never goes back.
   void Tick(std::int64_t steady_ns) noexcept;
-  /// Something is in doubt now. The first of a period decides the cause; a fault after a lesser
-  /// doubt still counts. `detail` is shown to the operator.
-  void Doubted(Doubt doubt, std::string_view detail = {}) noexcept;
+  /// There is a reason to hold now. The first of a period decides the cause; a fault after a lesser
+  /// reason still counts. `detail` is shown to the operator.
+  void Hold(HoldReason reason, std::string_view detail = {}) noexcept;
 
   /// False, and nothing changes, if it may not be armed: blocking() says why.
   [[nodiscard]] bool Arm() noexcept;
@@ -106,9 +107,9 @@ class FailSafe {
   [[nodiscard]] bool may_move() const noexcept {
     return state_ == RunState::kRunning || state_ == RunState::kRecovering;
   }
-  /// What was last in doubt less than calm_s ago; kNone: nothing keeps it from being armed.
-  [[nodiscard]] Doubt blocking() const noexcept;
-  /// What was said of it in words: valid until the next doubt.
+  /// The last reason to hold, if it is at most calm_s old; kNone: nothing prevents arming.
+  [[nodiscard]] HoldReason blocking() const noexcept;
+  /// Its detail: valid until the next Hold().
   [[nodiscard]] std::string_view blocking_detail() const noexcept;
 
   /// Takes the oldest transition that was not taken. False if there is none. Of more than 64 that
@@ -117,15 +118,15 @@ class FailSafe {
   [[nodiscard]] std::int64_t lost_transitions() const noexcept { return lost_; }
 
  private:
-  void Enter(RunState to, Doubt doubt, std::string_view detail) noexcept;
+  void Enter(RunState to, HoldReason reason, std::string_view detail) noexcept;
 
   std::int64_t max_period_ns_;
   std::int64_t calm_ns_;
   RunState state_ = RunState::kIdle;
   bool ticked_ = false;
   std::int64_t now_ns_ = 0;
-  Doubt last_doubt_ = Doubt::kNone;
-  std::int64_t last_doubt_ns_ = 0;
+  HoldReason last_reason_ = HoldReason::kNone;
+  std::int64_t last_reason_ns_ = 0;
   std::array<char, 96> last_detail_{};
   std::array<Transition, 64> log_{};
   std::size_t log_begin_ = 0;

@@ -1,4 +1,4 @@
-#include "watchman.h"
+#include "emergency_stop_monitor.h"
 
 #include <chrono>
 
@@ -12,31 +12,41 @@ constexpr std::int64_t kAnnouncePeriod = 20'000'000;  // ns
 
 }  // namespace
 
-Watchman::Watchman(dds::Participant& participant, bool with_stop, double max_silence_s)
+EmergencyStopMonitor::EmergencyStopMonitor(dds::Participant& participant, bool with_stop,
+                                           double max_silence_s)
     : announcer_(participant, dds::kRunStateTopic, dds::Role::kState),
       stop_state_(with_stop ? dds::EmergencyStop::kSilent : dds::EmergencyStop::kClear),
-      looked_ns_(runtime::SteadyNow()) {
+      checked_ns_(runtime::SteadyNow()) {
   if (with_stop) receiver_.emplace(participant, max_silence_s);
   thread_ = std::thread([this] { Run(); });
 }
 
-Watchman::~Watchman() {
+EmergencyStopMonitor::~EmergencyStopMonitor() {
   end_ = true;
   thread_.join();
 }
 
-void Watchman::Beat(runtime::RunState state) noexcept {
+void EmergencyStopMonitor::Beat(runtime::RunState state) noexcept {
   state_ = state;
   beat_ns_ = runtime::SteadyNow();
 }
 
-dds::EmergencyStop Watchman::emergency_stop() const noexcept {
-  // A thread that hangs hears nothing.
-  if (runtime::SteadyNow() - looked_ns_ > kHangs) return dds::EmergencyStop::kSilent;
-  return stop_state_;
+robot::ThreadFinding EmergencyStopMonitor::Report() noexcept {
+  const std::int64_t checked_ns = checked_ns_;
+  switch (stop_state_) {
+    case dds::EmergencyStop::kClear:
+      return {{}, checked_ns};
+    case dds::EmergencyStop::kPressed:
+      return {{runtime::HoldReason::kEmergencyStop, "pressed"}, checked_ns};
+    case dds::EmergencyStop::kSilent:
+      break;
+  }
+  return {
+      {runtime::HoldReason::kEmergencyStopSilent, "no word from it: is `hardware stop` running?"},
+      checked_ns};
 }
 
-void Watchman::Run() {
+void EmergencyStopMonitor::Run() {
   std::int64_t announced_ns = 0;
   runtime::RunState announced = runtime::RunState::kIdle;
   for (; !end_; std::this_thread::sleep_for(std::chrono::milliseconds(2))) {
@@ -45,7 +55,7 @@ void Watchman::Run() {
       if (acknowledge_.exchange(false)) receiver_->Acknowledge();
       stop_state_ = receiver_->Check(now_ns);
     }
-    looked_ns_ = now_ns;
+    checked_ns_ = now_ns;
     const runtime::RunState state = state_;
     if (now_ns - beat_ns_ > kHangs) continue;
     if (state == announced && now_ns - announced_ns < kAnnouncePeriod) continue;

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <optional>
+#include <thread>
+
+#include "dfr/dds/emergency_stop.h"
+#include "dfr/robot/devices.h"
+
+namespace dfr::apps::line_tracking {
+
+/// The emergency stop of a robot::ControlLoop. A thread of its own listens to it over DDS, and
+/// publishes the loop's state on the topic dds::kRunStateTopic, which `hardware stop` shows.
+class EmergencyStopMonitor final : public robot::EmergencyStop {
+ public:
+  /// @param with_stop  whether there is an emergency stop to listen to; else it is always clear.
+  EmergencyStopMonitor(dds::Participant& participant, bool with_stop, double max_silence_s);
+  /// Publishes that the run ends, so that its silence is not taken for a failure.
+  ~EmergencyStopMonitor() override;
+  EmergencyStopMonitor(const EmergencyStopMonitor&) = delete;
+  EmergencyStopMonitor& operator=(const EmergencyStopMonitor&) = delete;
+
+  [[nodiscard]] robot::ThreadFinding Report() noexcept override;
+  /// A loop without a beat for 0.1 s is not published.
+  void Beat(runtime::RunState state) noexcept override;
+  void Acknowledge() noexcept override { acknowledge_ = true; }
+
+ private:
+  void Run();
+
+  std::optional<dds::EmergencyStopReceiver> receiver_;
+  dds::Publisher<dds::OperatingState> announcer_;
+  std::atomic<dds::EmergencyStop> stop_state_;
+  std::atomic<std::int64_t> checked_ns_;
+  std::atomic<runtime::RunState> state_ = runtime::RunState::kIdle;
+  std::atomic<std::int64_t> beat_ns_ = 0;
+  std::atomic<bool> acknowledge_ = false;
+  std::atomic<bool> end_ = false;
+  std::thread thread_;
+};
+
+}  // namespace dfr::apps::line_tracking

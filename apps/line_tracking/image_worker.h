@@ -1,0 +1,86 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <thread>
+
+#include "dfr/hardware/endoscope.h"
+#include "dfr/hardware/psm_driver.h"
+#include "dfr/line_task/line_task.h"
+#include "dfr/recording/recorder.h"
+#include "dfr/robot/devices.h"
+#include "dfr/runtime/latest.h"
+#include "dfr/vision/line_vision.h"
+#include "lock_step.h"
+#include "robot_config.h"
+
+namespace dfr::apps::line_tracking {
+
+/// What a picture that was asked for shows.
+struct ImageAnswer {
+  std::uint64_t question = 0;  ///< Counts from 1.
+  std::uint64_t sequence = 0;
+  std::int64_t stamp_ns = 0;
+  vision::LineObservation seen;
+};
+
+/// The endoscope of line tracking as the camera of a robot::ControlLoop. A thread of its own looks
+/// at the pictures, so that the loop never waits for OpenCV.
+class ImageWorker final : public robot::Camera {
+ public:
+  /// Opens config.camera. Borrows all that it is given.
+  /// @param lock_step  nullptr in real time; else Ask() waits for the answer.
+  /// @param recorder  gets every picture; may be nullptr.
+  /// @throws std::runtime_error as hardware::OpenVideo() and hardware::OpenTopic().
+  ImageWorker(dds::Participant& images, const RobotConfig& config,
+              const hardware::PsmDriver& driver, const line_task::LineTask& task,
+              LockStep* lock_step, recording::Recorder* recorder);
+  ~ImageWorker() override;
+  ImageWorker(const ImageWorker&) = delete;
+  ImageWorker& operator=(const ImageWorker&) = delete;
+
+  [[nodiscard]] robot::ThreadFinding Report() noexcept override;
+  [[nodiscard]] robot::Finding Ask(std::int64_t after_ns) noexcept override;
+  [[nodiscard]] Answer Take(std::span<double> state) noexcept override;
+  /// A new episode: the next picture is not compared with the one before.
+  void Forget() noexcept { forget_ = true; }
+
+  /// The picture that the last state was taken from, and what it shows.
+  [[nodiscard]] const ImageAnswer& last() const noexcept { return last_; }
+
+ private:
+  struct Question {
+    std::uint64_t number = 0;
+    std::int64_t after_ns = 0;
+    Eigen::Hyperplane<double, 3> tip_plane;
+  };
+  struct Health {
+    std::int64_t checked_ns = 0;
+    hardware::FrameStatus status = hardware::FrameStatus::kNever;
+  };
+  void Run();
+  void Record(const hardware::Frame& frame) noexcept;
+
+  const hardware::PsmDriver* driver_;
+  const line_task::LineTask* task_;
+  LockStep* lock_step_;
+  recording::Recorder* recorder_;
+  runtime::Latest<Question> questions_;
+  runtime::Latest<ImageAnswer> answers_;
+  runtime::Latest<Health> healths_;
+  std::atomic<bool> forget_ = false;
+  std::atomic<bool> stop_ = false;
+  // The loop's.
+  std::uint64_t question_ = 0;
+  Health health_;
+  ImageAnswer answer_;
+  ImageAnswer last_;
+  // The thread's.
+  std::unique_ptr<hardware::Endoscope> endoscope_;
+  vision::LineVision vision_;
+  std::thread thread_;
+};
+
+}  // namespace dfr::apps::line_tracking

@@ -1,0 +1,85 @@
+#include "psm_arm.h"
+
+namespace dfr::apps::line_tracking {
+namespace {
+
+using hardware::PsmStatus;
+using runtime::HoldReason;
+
+// What the arm's driver says, in the machine's words.
+HoldReason ToHoldReason(PsmStatus status) noexcept {
+  switch (status) {
+    case PsmStatus::kOk:
+      return HoldReason::kNone;
+    case PsmStatus::kNoConsole:
+    case PsmStatus::kConsoleGone:
+    case PsmStatus::kIncompatible:
+    case PsmStatus::kStateSilent:
+      return HoldReason::kArmSilent;
+    case PsmStatus::kNoOperatingState:
+    case PsmStatus::kConsoleFault:
+    case PsmStatus::kConsoleError:
+    case PsmStatus::kDisabled:
+    case PsmStatus::kPaused:
+    case PsmStatus::kUnknownState:
+    case PsmStatus::kNotHomed:
+    case PsmStatus::kBusy:
+    case PsmStatus::kTimedOut:
+    case PsmStatus::kNotArmed:
+    case PsmStatus::kHeld:
+      return HoldReason::kArmNotReady;
+    case PsmStatus::kStateInvalid:
+    case PsmStatus::kStateMalformed:
+    case PsmStatus::kStateNotFinite:
+      return HoldReason::kArmInvalid;
+    case PsmStatus::kStateOld:
+      return HoldReason::kArmOld;
+    case PsmStatus::kStateAhead:
+      return HoldReason::kClock;
+    case PsmStatus::kStateJumped:
+    case PsmStatus::kFrameMismatch:
+      return HoldReason::kArmJump;
+    case PsmStatus::kOtherPublisher:
+      return HoldReason::kSecondCommander;
+    case PsmStatus::kNotFollowing:
+    case PsmStatus::kNotReached:
+      return HoldReason::kArmNotFollowing;
+    case PsmStatus::kTickLate:
+    case PsmStatus::kSendFailed:
+      return HoldReason::kOverrun;
+    case PsmStatus::kInvalidGoal:
+    case PsmStatus::kBeyondLimits:
+    case PsmStatus::kUnreachable:
+    case PsmStatus::kOutsideWorkspace:
+    case PsmStatus::kTooFast:
+      return HoldReason::kCommandRefused;
+  }
+  return HoldReason::kArmNotReady;
+}
+
+}  // namespace
+
+robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept {
+  const bool was_armed = armed();
+  const PsmStatus status = driver_->Tick(steady_ns, wall_ns);
+  // An unarmed driver is no reason to hold, but what keeps it from being armed is.
+  const PsmStatus found = was_armed ? status : driver_->client().hold_reason();
+  if (found == PsmStatus::kHeld) return {};  // by us: whoever asked for it knows why
+  const bool says_why = found == PsmStatus::kConsoleFault || found == PsmStatus::kConsoleError;
+  const std::string_view error = says_why ? driver_->last_error() : std::string_view();
+  return {ToHoldReason(found), error.empty() ? hardware::Name(found) : error};
+}
+
+robot::Finding PsmArm::Arm() noexcept {
+  const PsmStatus status = driver_->Arm();
+  return {ToHoldReason(status), hardware::Name(status)};
+}
+
+robot::Finding PsmArm::MoveTo(std::span<const double> joints, double duration_s) noexcept {
+  const PsmStatus status = driver_->MoveTo(
+      kinematics::PsmJoints(Eigen::Map<const kinematics::PsmJoints>(joints.data())), duration_s);
+  if (status == PsmStatus::kOk) return {};
+  return {runtime::HoldReason::kCommandRefused, hardware::Name(status)};
+}
+
+}  // namespace dfr::apps::line_tracking

@@ -1,0 +1,29 @@
+#pragma once
+
+#include "dfr/hardware/psm_driver.h"
+#include "dfr/robot/devices.h"
+
+namespace dfr::apps::line_tracking {
+
+/// A PsmDriver as the arm of a robot::ControlLoop; joints are kinematics::PsmJoints.
+class PsmArm final : public robot::Manipulator {
+ public:
+  /// Borrows `driver`.
+  explicit PsmArm(hardware::PsmDriver& driver) : driver_(&driver) {}
+
+  [[nodiscard]] robot::Finding Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept override;
+  [[nodiscard]] robot::Finding Arm() noexcept override;
+  void Hold() noexcept override { driver_->Hold(); }
+  [[nodiscard]] robot::Finding MoveTo(std::span<const double> joints,
+                                      double duration_s) noexcept override;
+  [[nodiscard]] bool armed() const noexcept override {
+    return driver_->phase() == hardware::PsmPhase::kArmed;
+  }
+  [[nodiscard]] bool moving() const noexcept override { return driver_->moving(); }
+  [[nodiscard]] bool at_rest() const noexcept override { return driver_->at_rest(); }
+
+ private:
+  hardware::PsmDriver* driver_;
+};
+
+}  // namespace dfr::apps::line_tracking

@@ -1,0 +1,123 @@
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "dfr/control/controller.h"
+#include "dfr/core/plant.h"
+#include "dfr/robot/devices.h"
+#include "dfr/runtime/fail_safe.h"
+
+namespace dfr::robot {
+
+/// Options for ControlLoop.
+struct ControlLoopOptions {
+  double period_s = 0.005;       ///< > 0
+  double max_period_s = 0.05;    ///< A longer period is kOverrun, in (0, 10].
+  double calm_s = 0.2;           ///< Without a reason to hold before it can be started, in [0, 60].
+  double image_latency_s = 0.0;  ///< By how much a stamp may be later than the light it shows.
+  double image_timeout_s = 2.0;  ///< From a question to its answer; longer is kImageSilent.
+  int max_images = 3;            ///< Looked at, one after another, until one shows the state.
+  double max_camera_check_s = 0.25;  ///< Since the camera's thread last looked, else kImageSilent.
+  /// Since the emergency stop's thread last looked; longer is kEmergencyStopSilent.
+  double max_stop_check_s = 0.1;
+  /// Distance of the state after a motion from where the motion should have taken it, in the
+  /// units of the state; more is kStateJump.
+  double max_state_jump = 3.0;
+};
+
+/// What a loop works with. All outlive it; nullptr where it says so.
+struct Devices {
+  Clock* clock = nullptr;
+  Manipulator* arm = nullptr;
+  Camera* camera = nullptr;
+  Task* task = nullptr;
+  EmergencyStop* emergency_stop = nullptr;         ///< nullptr: none.
+  Recorder* recorder = nullptr;                    ///< nullptr: none.
+  const std::atomic<bool>* interrupted = nullptr;  ///< The operator wants a stop. nullptr: never.
+};
+
+/// The control loop of a robot: carries out one control after another with an arm and sees where it
+/// led with a camera. It runs while Apply(), Look() and Idle() wait; in every period it examines
+/// all that can be a reason to hold. runtime::FailSafe decides: for any reason the arm holds in the
+/// same period, and Apply() returns kFault from then on until Start().
+///
+/// Nothing here allocates, locks or throws but the constructor, AwaitReady() and what returns a
+/// std::string. One object belongs to one thread.
+class ControlLoop {
+ public:
+  /// @throws std::invalid_argument naming the option that is out of range or the device missing.
+  ControlLoop(const ControlLoopOptions& options, const Devices& devices);
+
+  /// Runs one period, `dt_s` long where the loop decides how time passes (see Clock::Wait()).
+  /// True if the robot may move.
+  bool Tick(double dt_s) noexcept;
+  bool Tick() noexcept { return Tick(options_.period_s); }
+  /// Runs the loop for `seconds`.
+  void Idle(double seconds) noexcept;
+  /// Runs it until nothing keeps it from being started. False after `timeout_s`.
+  /// @param say  told what it waits for, once, after a second; may be empty.
+  [[nodiscard]] bool AwaitReady(double timeout_s, const std::function<void(std::string_view)>& say);
+
+  /// The operator's word: arms and starts. Returns kNone, or what prevents it. Tries again for
+  /// `patience_s` unless a fault has to be cleared first.
+  [[nodiscard]] runtime::HoldReason Start(double patience_s = 0.0) noexcept;
+  /// The operator's word: a fault is mended. False if it is not.
+  [[nodiscard]] bool Clear() noexcept;
+  /// A reason to hold that the caller found. The arm holds with the next period.
+  void Hold(runtime::HoldReason reason, std::string_view detail = {}) noexcept;
+  /// The task is completed: idle.
+  void Complete() noexcept;
+  /// What the controller has decided, before Apply(): who drives, or why it halts.
+  void Decided(const control::Step& step) noexcept;
+
+  /// Moves the arm as the task plans `control`, waits for rest and looks.
+  /// Returns kRefused for a control that is invalid or out of reach, kFault if the robot may not
+  /// move or may no longer.
+  [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept;
+  /// Moves the arm to `joints` in `duration_s`, and waits for rest.
+  [[nodiscard]] core::PlantStatus Move(std::span<const double> joints, double duration_s) noexcept;
+  /// Looks at pictures taken from now on until one shows the state. False if there was none: then
+  /// the loop holds.
+  bool Look() noexcept;
+  /// The arm holds, whatever the state.
+  void Halt() noexcept;
+
+  /// What Look() saw, NaN where the last picture did not show it.
+  [[nodiscard]] std::span<const double> observation() const noexcept { return observation_; }
+  [[nodiscard]] runtime::RunState state() const noexcept { return machine_.state(); }
+  [[nodiscard]] bool may_move() const noexcept { return machine_.may_move(); }
+  /// It holds for a reason that an episode may end with: completed, halted by the controller, or
+  /// the state was not seen.
+  [[nodiscard]] bool ended_regularly() const noexcept;
+  /// Why it last held, in words.
+  [[nodiscard]] std::string cause() const;
+  /// What now keeps it from being started: kNone, or the reason, and that in words.
+  [[nodiscard]] runtime::HoldReason blocking() const noexcept { return machine_.blocking(); }
+  [[nodiscard]] std::string blocking_words() const;
+
+ private:
+  [[nodiscard]] runtime::HoldReason TryToStart() noexcept;
+  void Watch() noexcept;
+  void WatchThread(const ThreadFinding& found, std::int64_t max_check_ns,
+                   const Finding& hangs) noexcept;
+  void Report() noexcept;
+  [[nodiscard]] core::PlantStatus Refuse(const Finding& why) noexcept;
+  [[nodiscard]] bool Jumped(std::span<const double> change) const noexcept;
+
+  ControlLoopOptions options_;
+  Devices devices_;
+  runtime::FailSafe machine_;
+  std::vector<double> observation_;
+  std::vector<double> before_;
+  runtime::HoldReason last_reason_ = runtime::HoldReason::kNone;
+  std::array<char, 96> last_detail_{};
+};
+
+}  // namespace dfr::robot

@@ -1,0 +1,265 @@
+#include "dfr/robot/control_loop.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::robot {
+namespace {
+
+using core::PlantStatus;
+using runtime::HoldReason;
+using runtime::RunState;
+
+std::int64_t Ns(double seconds) noexcept { return std::llround(1e9 * seconds); }
+
+std::string InWords(HoldReason reason, std::string_view detail) {
+  const std::string name = runtime::Name(reason);
+  return detail.empty() ? name : name + ": " + std::string(detail);
+}
+
+}  // namespace
+
+ControlLoop::ControlLoop(const ControlLoopOptions& options, const Devices& devices)
+    : options_(options),
+      devices_(devices),
+      machine_({.max_period_s = options.max_period_s, .calm_s = options.calm_s}) {
+  DFR_THROW_UNLESS(devices.clock != nullptr && devices.arm != nullptr &&
+                       devices.camera != nullptr && devices.task != nullptr,
+                   "a control loop needs a clock, an arm, a camera and a task");
+  DFR_THROW_UNLESS(options.period_s > 0.0,
+                   "control loop: period_s must be positive, not " << options.period_s);
+  observation_.assign(static_cast<std::size_t>(devices.task->state_dim()),
+                      std::numeric_limits<double>::quiet_NaN());
+  before_ = observation_;
+}
+
+// -- periods --------------------------------------------------------------------------------------
+
+bool ControlLoop::Tick(double dt_s) noexcept {
+  const Finding found = devices_.clock->Wait(dt_s);
+  machine_.Tick(devices_.clock->SteadyNs());
+  machine_.Hold(found.reason, found.detail);
+  Watch();
+  Report();
+  if (devices_.emergency_stop != nullptr) devices_.emergency_stop->Beat(machine_.state());
+  return machine_.may_move();
+}
+
+void ControlLoop::Watch() noexcept {
+  const auto& [clock, arm, camera, task, stop, recorder, interrupted] = devices_;
+  const Finding found = arm->Tick(clock->SteadyNs(), clock->WallNs());
+  machine_.Hold(found.reason, found.detail);
+  if (stop != nullptr) {
+    WatchThread(stop->Report(), Ns(options_.max_stop_check_s),
+                {HoldReason::kEmergencyStopSilent, "the thread that listens to it hangs"});
+  }
+  WatchThread(camera->Report(), Ns(options_.max_camera_check_s),
+              {HoldReason::kImageSilent, "nobody looks at the pictures"});
+  if (interrupted != nullptr && *interrupted) machine_.Hold(HoldReason::kOperator, "interrupted");
+  if (recorder != nullptr && recorder->failed()) {
+    machine_.Hold(HoldReason::kRecorder, "the recording cannot be written: is the disk full?");
+  }
+  if (!machine_.may_move() && arm->armed()) {
+    arm->Hold();
+    static_cast<void>(arm->Tick(clock->SteadyNs(), clock->WallNs()));  // not with the next period
+  }
+}
+
+void ControlLoop::WatchThread(const ThreadFinding& found, std::int64_t max_check_ns,
+                              const Finding& hangs) noexcept {
+  const bool late = devices_.clock->MachineNs() - found.checked_ns > max_check_ns;
+  const Finding& finding = late ? hangs : found.finding;
+  machine_.Hold(finding.reason, finding.detail);
+}
+
+void ControlLoop::Report() noexcept {
+  runtime::Transition transition;
+  while (machine_.Take(transition)) {
+    if (transition.reason != HoldReason::kNone || transition.to == RunState::kArmed) {
+      last_reason_ = transition.reason;
+      last_detail_ = transition.detail;
+    }
+    if (devices_.recorder != nullptr) {
+      devices_.recorder->Write(transition, devices_.clock->WallNs());
+    }
+  }
+}
+
+void ControlLoop::Idle(double seconds) noexcept {
+  const int periods = static_cast<int>(std::ceil(seconds / options_.period_s));
+  for (int n = 0; n < periods; ++n) Tick();
+}
+
+bool ControlLoop::AwaitReady(double timeout_s, const std::function<void(std::string_view)>& say) {
+  const std::int64_t start_ns = devices_.clock->MachineNs();
+  for (bool said = false;;) {
+    Idle(0.1);
+    if (blocking() == HoldReason::kNone) return true;
+    const std::int64_t waited_ns = devices_.clock->MachineNs() - start_ns;
+    if (waited_ns > Ns(timeout_s)) return false;
+    if (!said && waited_ns > Ns(1.0)) {
+      if (say) say("waiting: " + blocking_words());
+      said = true;
+    }
+  }
+}
+
+// -- words of the operator, the controller and the task -------------------------------------------
+
+HoldReason ControlLoop::TryToStart() noexcept {
+  Idle(options_.calm_s + 0.05);  // long enough for the machine to know that all is calm
+  if (!machine_.Arm()) {
+    if (blocking() != HoldReason::kNone) return blocking();
+    return last_reason_ != HoldReason::kNone ? last_reason_ : HoldReason::kOperator;
+  }
+  if (const Finding refused = devices_.arm->Arm(); !refused.ok()) {
+    Hold(refused.reason, refused.detail);
+    return refused.reason;
+  }
+  devices_.task->Begin();
+  static_cast<void>(machine_.Start());
+  Report();
+  return HoldReason::kNone;
+}
+
+HoldReason ControlLoop::Start(double patience_s) noexcept {
+  const std::int64_t end_ns = devices_.clock->MachineNs() + Ns(patience_s);
+  HoldReason reason = TryToStart();
+  while (reason != HoldReason::kNone && state() != RunState::kFaulted &&
+         devices_.clock->MachineNs() < end_ns) {
+    reason = TryToStart();
+  }
+  return reason;
+}
+
+bool ControlLoop::Clear() noexcept {
+  if (devices_.emergency_stop != nullptr) devices_.emergency_stop->Acknowledge();
+  Idle(options_.calm_s + 0.05);
+  const bool cleared = machine_.Clear();
+  Report();
+  return cleared;
+}
+
+void ControlLoop::Hold(HoldReason reason, std::string_view detail) noexcept {
+  machine_.Hold(reason, detail);
+  Report();
+}
+
+void ControlLoop::Complete() noexcept {
+  machine_.Done();
+  Report();
+}
+
+void ControlLoop::Decided(const control::Step& step) noexcept {
+  using control::Mode;
+  machine_.Recovering(step.mode == Mode::kProbe || step.mode == Mode::kRecovery);
+  if (step.mode == Mode::kHalt) {
+    machine_.Hold(step.cause == control::HaltCause::kControlInvalid ? HoldReason::kControlInvalid
+                                                                    : HoldReason::kControllerHalted,
+                  control::Name(step.cause));
+  }
+  Report();
+}
+
+// -- motion ---------------------------------------------------------------------------------------
+
+PlantStatus ControlLoop::Refuse(const Finding& why) noexcept {
+  Hold(why.reason, why.detail);
+  return PlantStatus::kRefused;
+}
+
+PlantStatus ControlLoop::Apply(std::span<const double> control) noexcept {
+  if (control.size() != static_cast<std::size_t>(devices_.task->control_dim()) ||
+      !std::all_of(control.begin(), control.end(), [](double u) { return std::isfinite(u); })) {
+    return Refuse({HoldReason::kControlInvalid});
+  }
+  if (!may_move()) return PlantStatus::kFault;
+  const std::optional<Motion> motion = devices_.task->Plan(control);
+  if (!motion) return Refuse({HoldReason::kCommandRefused, "the arm cannot reach it"});
+  const PlantStatus status = Move(motion->joints, motion->duration_s);
+  if (status != PlantStatus::kOk) return status;
+  std::copy(observation_.begin(), observation_.end(), before_.begin());
+  if (Look() && Jumped(motion->change)) {
+    Hold(HoldReason::kStateJump, "the tip is not where the control took it");
+  }
+  return may_move() ? PlantStatus::kOk : PlantStatus::kFault;
+}
+
+PlantStatus ControlLoop::Move(std::span<const double> joints, double duration_s) noexcept {
+  const auto& [clock, arm, camera, task, stop, recorder, interrupted] = devices_;
+  if (const Finding refused = arm->MoveTo(joints, duration_s); !refused.ok()) {
+    return Refuse(refused);
+  }
+  const double dt_s = duration_s / std::max(1.0, std::ceil(duration_s / options_.period_s - 1e-9));
+  while (arm->moving()) {
+    if (!Tick(dt_s)) return PlantStatus::kFault;
+  }
+  if (clock->lock_step()) {
+    // The last set-point has still to be reached, and time to go on for that.
+    if (!Tick(dt_s)) return PlantStatus::kFault;
+    if (const Finding lost = clock->Rest(); !lost.ok()) {
+      Hold(lost.reason, lost.detail);
+      return PlantStatus::kFault;
+    }
+  }
+  while (!arm->at_rest()) {
+    if (!Tick()) return PlantStatus::kFault;
+  }
+  return PlantStatus::kOk;
+}
+
+bool ControlLoop::Look() noexcept {
+  const auto& [clock, arm, camera, task, stop, recorder, interrupted] = devices_;
+  for (int image = 0; image < options_.max_images; ++image) {
+    if (const Finding found = camera->Ask(clock->WallNs() + Ns(options_.image_latency_s));
+        !found.ok()) {
+      Hold(found.reason, found.detail);
+      return false;
+    }
+    const std::int64_t end_ns = clock->MachineNs() + Ns(options_.image_timeout_s);
+    Camera::Answer answer = camera->Take(observation_);
+    while (answer == Camera::Answer::kPending) {
+      if (clock->MachineNs() > end_ns) {
+        Hold(HoldReason::kImageSilent, "no picture in which to look for the state");
+        return false;
+      }
+      if (!Tick()) return false;
+      answer = camera->Take(observation_);
+    }
+    if (answer == Camera::Answer::kSeen) break;
+  }
+  return true;
+}
+
+bool ControlLoop::Jumped(std::span<const double> change) const noexcept {
+  double squared = 0.0;
+  for (std::size_t k = 0; k < change.size(); ++k) {
+    const double off = observation_[k] - before_[k] - change[k];
+    squared += off * off;
+  }
+  return std::sqrt(squared) > options_.max_state_jump;  // false where the state was not seen
+}
+
+void ControlLoop::Halt() noexcept {
+  if (devices_.arm->armed()) devices_.arm->Hold();
+  Tick();
+}
+
+// -- how it stands --------------------------------------------------------------------------------
+
+bool ControlLoop::ended_regularly() const noexcept {
+  return state() != RunState::kFaulted &&
+         (last_reason_ == HoldReason::kNone || last_reason_ == HoldReason::kControllerHalted ||
+          last_reason_ == HoldReason::kNotSeen);
+}
+
+std::string ControlLoop::cause() const { return InWords(last_reason_, last_detail_.data()); }
+
+std::string ControlLoop::blocking_words() const {
+  return InWords(machine_.blocking(), machine_.blocking_detail());
+}
+
+}  // namespace dfr::robot

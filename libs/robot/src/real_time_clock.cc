@@ -1,0 +1,12 @@
+#include "dfr/robot/real_time_clock.h"
+
+namespace dfr::robot {
+
+Finding RealTimeClock::Wait(double /*dt_s*/) noexcept {
+  // Only now, so that no periods are missed before the loop begins.
+  if (!timer_) timer_.emplace(period_s_);
+  timer_->Wait();
+  return {};
+}
+
+}  // namespace dfr::robot

@@ -1,0 +1,40 @@
+#include "dfr/core/error.h"
+
+#include <gtest/gtest.h>
+
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+
+namespace dfr::core {
+namespace {
+
+static_assert(std::is_nothrow_copy_constructible_v<Error>);
+
+TEST(ErrorTest, HasProblemAndRemedyAndBothInWhat) {
+  const Error error("a.avi: cannot be opened; twice", "is the path right?");
+  EXPECT_EQ(error.problem(), "a.avi: cannot be opened; twice") << "also with a separator in it";
+  EXPECT_EQ(error.remedy(), "is the path right?");
+  EXPECT_STREQ(error.what(), "a.avi: cannot be opened; twice; is the path right?");
+}
+
+TEST(ErrorTest, TheRemedyMayBeUnknown) {
+  const Error error("a.avi: cannot be opened");
+  EXPECT_EQ(error.problem(), "a.avi: cannot be opened");
+  EXPECT_EQ(error.remedy(), "");
+  EXPECT_STREQ(error.what(), "a.avi: cannot be opened");
+}
+
+TEST(ErrorTest, IsCaughtAsARuntimeErrorAndOutlivesItsTexts) {
+  try {
+    throw Error(std::string("problem"), std::string("remedy"));
+  } catch (const std::runtime_error& e) {
+    const auto& error = dynamic_cast<const Error&>(e);
+    const Error copy = error;
+    EXPECT_EQ(copy.problem(), "problem");
+    EXPECT_EQ(copy.remedy(), "remedy");
+  }
+}
+
+}  // namespace
+}  // namespace dfr::core

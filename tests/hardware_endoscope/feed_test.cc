@@ -1,0 +1,86 @@
+// When a picture stops being good, to the nanosecond, by a clock that the test sets.
+#include "feed.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <vector>
+
+namespace dfr::hardware::internal {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kWall = 1'700'000'000'000'000'000;
+constexpr std::int64_t kSteady = 5'000 * kMs;
+constexpr int kWidth = 16;
+constexpr int kHeight = 8;
+
+class FeedTest : public testing::Test {
+ protected:
+  static EndoscopeOptions Options() {
+    EndoscopeOptions options;
+    options.width = kWidth;
+    options.height = kHeight;
+    options.max_age_s = 0.1;
+    options.max_ahead_s = 0.01;
+    options.max_repeats = 3;
+    return options;
+  }
+  void Put(std::uint8_t grey, std::int64_t stamp_ns = kWall, std::int64_t arrival_ns = kSteady) {
+    const std::vector<std::uint8_t> pixels(std::size_t{kWidth} * kHeight, grey);
+    feed_.Put(pixels.data(), kWidth, kHeight, kWidth, 1, false, stamp_ns, arrival_ns);
+  }
+  FrameStatus Grab(std::int64_t steady_ns, std::int64_t wall_ns) {
+    return feed_.Grab(steady_ns, wall_ns, frame_);
+  }
+
+  Feed feed_{Options()};
+  Frame frame_;
+};
+
+TEST_F(FeedTest, IsSilentAfterTheLongestAgeWithoutAPicture) {
+  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kNever);
+  Put(100);
+  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk);
+  EXPECT_EQ(Grab(kSteady + 100 * kMs, kWall + 100 * kMs), FrameStatus::kOk);
+  EXPECT_EQ(Grab(kSteady + 100 * kMs + 1, kWall + 100 * kMs + 1), FrameStatus::kSilent);
+  EXPECT_EQ(Grab(kSteady + 100 * kMs + 1, kWall - 3'600'000 * kMs), FrameStatus::kSilent)
+      << "a clock that is set back hides nothing";
+}
+
+TEST_F(FeedTest, IsOldWhereItComesLate) {
+  Put(100, kWall - 100 * kMs);
+  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk);
+  EXPECT_EQ(Grab(kSteady, kWall + 1), FrameStatus::kOld);
+}
+
+TEST_F(FeedTest, IsAheadWhereItsStampIs) {
+  Put(100, kWall + 10 * kMs);
+  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk);
+  EXPECT_EQ(Grab(kSteady, kWall - 1), FrameStatus::kAhead);
+  Put(101, 0);
+  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kInvalidStamp);
+}
+
+TEST_F(FeedTest, IsFrozenWithTheLastOfTheRepeatsAndDarkAtOnce) {
+  for (int repeat = 1; repeat <= 4; ++repeat) {
+    Put(100);
+    EXPECT_EQ(Grab(kSteady, kWall), repeat < 3 ? FrameStatus::kOk : FrameStatus::kFrozen) << repeat;
+  }
+  Put(101);
+  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk);
+  Put(24);
+  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kDark);
+  Put(25);
+  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk);
+}
+
+TEST_F(FeedTest, EndsAfterItsLastPicture) {
+  Put(100);
+  feed_.End(FrameStatus::kFailed);
+  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk) << "still to be seen";
+  EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kFailed);
+}
+
+}  // namespace
+}  // namespace dfr::hardware::internal
