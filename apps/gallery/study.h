@@ -1,0 +1,63 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <iosfwd>
+#include <string>
+#include <vector>
+
+#include "apps/gallery/policies.h"
+#include "dfr/experiment/paired_evaluation.h"
+#include "dfr/experiment/progress.h"
+
+namespace dfr::apps::gallery {
+
+/// "alone", then the guard's strategies.
+[[nodiscard]] const std::vector<std::string>& MethodNames();
+
+/// The tasks that a command line means: names, "design", "judgement" or "all".
+/// @throws std::invalid_argument naming the tasks there are.
+[[nodiscard]] std::vector<std::string> SelectTasks(const std::vector<std::string>& words);
+
+/// What is run: every method with every policy of every task, from the same start states.
+struct Study {
+  std::vector<std::string> tasks;
+  std::vector<std::string> policies = PolicyNames();
+  std::vector<std::string> methods = MethodNames();  ///< "alone" is run in any case.
+  int demonstrations = 60;
+  int episodes = 100;  ///< Of each policy and trial.
+  int trials = 1;      ///< Each with demonstrations, policies and start states of its own.
+  std::uint64_t seed = 1;
+  int threads = 0;  ///< 0: one per core. Results are the same for any number.
+  /// Where finished units are kept and read back from by a later run of the same study.
+  std::filesystem::path ledger = {};
+};
+
+/// One method with one policy of one task, over all trials.
+struct Row {
+  std::string task;
+  std::string policy;
+  std::string method;
+  int episodes = 0;
+  int ok = 0;
+  int failed = 0;             ///< Also where the world that moves on after a halt fails.
+  int saved = 0;              ///< Failed alone, did not with this method,
+  int saved_ok = 0;           ///< and was completed.
+  int harmed = 0;             ///< Completed alone, not with this method.
+  int alarmed_failures = 0;   ///< Of `failed`, those with an alarm before. Monitor alone.
+  int alarmed_successes = 0;  ///< Of `ok`, those with an alarm. Monitor alone.
+  double controls = 0.0;      ///< In an episode, on average.
+  bool operator==(const Row&) const = default;
+};
+
+/// Runs the study. Rows come in the order of tasks, policies and methods, "alone" first.
+/// @throws std::invalid_argument naming an unknown task, policy or method and those there are; and
+///   as experiment::Evaluate() does.
+[[nodiscard]] std::vector<Row> Run(const Study& study, experiment::ProgressCallback progress = {});
+
+/// The rows for a terminal, shares in per cent with 95 % intervals.
+void PrintTable(const std::vector<Row>& rows, std::ostream& out);
+/// The rows as counts. @throws std::runtime_error naming a file that cannot be written.
+void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path);
+
+}  // namespace dfr::apps::gallery
