@@ -26,7 +26,7 @@ struct Study {
   std::vector<std::string> methods = MethodNames();  ///< "alone" is run in any case.
   int demonstrations = 60;
   int episodes = 100;  ///< Of each policy and trial.
-  int trials = 1;      ///< Each with demonstrations, policies and start states of its own.
+  int trials = 3;      ///< Each with demonstrations, policies and start states of its own.
   std::uint64_t seed = 1;
   int threads = 0;  ///< 0: one per core. Results are the same for any number.
   /// Where finished units are kept and read back from by a later run of the same study.

@@ -51,7 +51,9 @@ void GalleryPlant::CopyStateFrom(const core::SimulatedPlant& other) noexcept {
 const std::vector<GalleryTask>& GalleryTasks() {
   static const std::vector<GalleryTask> tasks = [] {
     std::vector<GalleryTask> all = internal::PointTasks();
-    for (const auto make : {internal::PushTask, internal::InertiaTask, internal::Arm2Task}) {
+    for (const auto make : {internal::PushTask, internal::InsertionTask, internal::GraspTask,
+                            internal::LidTask, internal::InertiaTask, internal::BalanceTask,
+                            internal::CarTask, internal::Arm2Task, internal::Arm7Task}) {
       all.push_back(make());
     }
     return all;

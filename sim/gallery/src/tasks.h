@@ -1,16 +1,23 @@
 #pragma once
 
 #include <memory>
+#include <vector>
 
 #include "dfr/sim/gallery/gallery.h"
 
 namespace dfr::sim::internal {
 
-// One function a task or a group of tasks, in the file of that name.
+// Each in the file of its name.
 std::vector<GalleryTask> PointTasks();
 GalleryTask PushTask();
+GalleryTask InsertionTask();
+GalleryTask GraspTask();
+GalleryTask LidTask();
 GalleryTask InertiaTask();
+GalleryTask BalanceTask();
+GalleryTask CarTask();
 GalleryTask Arm2Task();
+GalleryTask Arm7Task();
 
 /// Adds Clone() to a plant.
 template <typename Derived>
