@@ -93,8 +93,10 @@ GalleryTask Arm7Task() {
           .plant = std::make_shared<Arm7Plant>(),
           .features = "joints",
           .noise = 0.1,
-          .weak_epochs = 4,
-          .flaw = {.late = 4}};
+          .hidden = {32},
+          .epochs = 60,
+          .weak_epochs = 25,
+          .flaw = {.bias = {-0.25}}};
 }
 
 }  // namespace dfr::sim::internal

@@ -19,8 +19,8 @@ class CarPlant final : public Cloned<CarPlant> {
   void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
     // Along with the motion, but only as fast as the brakes can stop before the wall.
     const double turn = kWall + 0.12 + 0.02 * habit.offset;
-    const double room = kForce * (x(0) - turn) +
-                        kGravity / 3.0 * (std::sin(3.0 * turn) - std::sin(3.0 * x(0)));
+    const double room =
+        kForce * (x(0) - turn) + kGravity / 3.0 * (std::sin(3.0 * turn) - std::sin(3.0 * x(0)));
     u[0] = x(1) < 0.0 && 0.5 * x(1) * x(1) > 0.7 * room ? 1.0 : std::copysign(0.8, x(1));
   }
 
@@ -50,7 +50,7 @@ GalleryTask CarTask() {
           .aftermath = 60,
           .noise = 0.15,
           .weak_epochs = 4,
-          .flaw = {.bias = {-0.5}}};
+          .flaw = {.bias = {-0.8}}};
 }
 
 }  // namespace dfr::sim::internal

@@ -75,8 +75,8 @@ GalleryTask GraspTask() {
               "3 to 8 steps at random, and lifts; hitting, dropping and leaving early fail",
           .plant = std::make_shared<GraspPlant>(),
           .noise = 0.1,
-          .weak_epochs = 10,
-          .flaw = {.bias = {0.3, 0.0, 0.0}}};
+          .weak_epochs = 32,
+          .flaw = {.bias = {0.1, 0.0, 0.0}}};
 }
 
 }  // namespace dfr::sim::internal

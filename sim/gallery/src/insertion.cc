@@ -73,8 +73,8 @@ GalleryTask InsertionTask() {
           .judgement = true,
           .plant = std::make_shared<InsertionPlant>(),
           .noise = 0.1,
-          .weak_epochs = 10,
-          .flaw = {.bias = {0.4, 0.0}}};
+          .weak_epochs = 4,
+          .flaw = {.bias = {-0.6, 0.0}}};
 }
 
 }  // namespace dfr::sim::internal

@@ -70,8 +70,8 @@ GalleryTask LidTask() {
           .judgement = true,
           .plant = std::make_shared<LidPlant>(),
           .noise = 0.1,
-          .weak_epochs = 10,
-          .flaw = {.turn = 0.5}};
+          .weak_epochs = 20,
+          .flaw = {.turn = 0.35}};
 }
 
 }  // namespace dfr::sim::internal

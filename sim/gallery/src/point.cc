@@ -18,7 +18,8 @@ struct PointOptions {
   double gain = 0.04;  ///< A control of norm 1 moves the point by this far.
   double speed = 0.8;  ///< Norm of the supervisor's control.
   double carry = 0.0;  ///< Share of a motion that the next control's motion takes over.
-  double belt = 0.0;   ///< The goal moves this far up with each control, until kBelt.
+  double goal_x = 1.0;
+  double belt = 0.0;  ///< The goal moves this far up with each control, until kBelt.
   std::vector<Disc> discs = {};
   std::vector<Box> boxes = {};
   std::vector<Route> routes = {};
@@ -29,8 +30,9 @@ constexpr double kSpread = 0.05;  // half the side of the square of start states
 constexpr double kGoalRadius = 0.05;
 constexpr double kBelt = 0.35;  // a goal that moves does so from -kBelt or a little more to kBelt
 
-// A point that starts near the origin and goes where it is told, to (1, 0) or to a goal on a belt.
-// State: point(2), of a goal that moves also goal(2); hidden: otherwise the goal, the last motion.
+// A point that starts near the origin and goes where it is told, to (goal_x, 0) or to a goal on a
+// belt. State: point(2), of a goal that moves also goal(2); hidden: otherwise the goal, the last
+// motion.
 class PointPlant final : public Cloned<PointPlant> {
  public:
   explicit PointPlant(PointOptions options)
@@ -62,7 +64,7 @@ class PointPlant final : public Cloned<PointPlant> {
   void Start(core::Random& random) noexcept override {
     x(0) = random.Uniform(-kSpread, kSpread);
     x(1) = random.Uniform(-kSpread, kSpread);
-    x(2) = 1.0;
+    x(2) = options_.goal_x;
     x(3) = options_.belt > 0.0 ? random.Uniform(-kBelt, -0.05) : 0.0;
   }
   void Step(std::span<const double> u) noexcept override {
@@ -77,7 +79,7 @@ class PointPlant final : public Cloned<PointPlant> {
       const Point p{x(0), x(1)};
       for (const Disc& disc : options_.discs) FailIf(disc.Contains(p));
       for (const Box& box : options_.boxes) FailIf(box.Contains(p));
-      FailIf(!Box{{-0.4, -0.8}, {1.4, 0.8}}.Contains(p));
+      FailIf(!Box{{-0.4, -0.8}, {options_.goal_x + 0.4, 0.8}}.Contains(p));
     }
     x(3) = std::min(x(3) + options_.belt, kBelt);
   }
@@ -95,6 +97,11 @@ std::shared_ptr<const GalleryPlant> MakePoint(PointOptions options) {
 // Round a pillar at (0.55, 0), at this height.
 Route Over(double probability, double y) {
   return {probability, {{0.0, 0.0}, {0.35, 0.85 * y}, {0.55, y}, {0.75, 0.85 * y}, {1.0, 0.0}}};
+}
+
+// Past pillars at x = 0.85, at this height, decided soon.
+Route Past(double probability, double y) {
+  return {probability, {{0.0, 0.0}, {0.15, 0.3 * y}, {0.6, y}, {1.05, y}, {1.3, 0.0}}};
 }
 
 }  // namespace
@@ -119,16 +126,19 @@ std::vector<GalleryTask> PointTasks() {
        .summary = "The same, over the pillar in four of five demonstrations",
        .judgement = true,
        .plant = MakePoint({.discs = {pillar}, .routes = {Over(0.8, 0.3), Over(0.2, -0.3)}}),
+       .epochs = 200,
        .weak_hidden = {16},
        .weak_epochs = 20,
-       .flaw = {.turn = -0.4}},
+       .flaw = {.turn = -0.25}},
       {.name = "three-ways",
        .summary = "Over two pillars, under them or between them, with probabilities .3, .25, .45",
        .judgement = true,
-       .plant = MakePoint({.discs = {{{0.55, 0.22}, 0.11}, {{0.55, -0.22}, 0.11}},
-                           .routes = {Over(0.3, 0.42), Over(0.25, -0.42), Over(0.45, 0.0)},
+       .plant = MakePoint({.goal_x = 1.3,
+                           .discs = {{{0.85, 0.22}, 0.11}, {{0.85, -0.22}, 0.11}},
+                           .routes = {Past(0.3, 0.42), Past(0.25, -0.42), Past(0.45, 0.0)},
                            .offset_spread = 0.015}),
        .noise = 0.15,
+       .epochs = 200,
        .weak_hidden = {16},
        .weak_epochs = 20,
        .flaw = {.bias = {0.0, 0.2}}},
@@ -145,7 +155,7 @@ std::vector<GalleryTask> PointTasks() {
                            .discs = {{{0.5, 0.0}, 0.15}},
                            .routes = {{1.0, {{0.0, 0.0}, {0.3, 0.2}, {0.5, 0.24}, {0.7, 0.2}}}}}),
        .weak_epochs = 7,
-       .flaw = {.bias = {0.0, -0.25}}},
+       .flaw = {.bias = {0.0, -0.18}}},
       {.name = "paces",
        .summary = "Round a pillar at 30 Hz: hundreds of steps, demonstrated half as fast to twice "
                   "as fast as usual and with pauses",
@@ -155,9 +165,9 @@ std::vector<GalleryTask> PointTasks() {
        .slowest = 0.5,
        .fastest = 2.0,
        .pause = 0.01,
-       .epochs = 20,
+       .epochs = 60,
        .weak_epochs = 2,
-       .flaw = {.bias = {0.0, -0.2}}},
+       .flaw = {.bias = {0.0, -0.1}}},
       {.name = "slow-passage",
        .summary = "The narrow passage at 30 Hz, at any pace and with pauses",
        .judgement = true,
@@ -168,9 +178,9 @@ std::vector<GalleryTask> PointTasks() {
        .slowest = 0.5,
        .fastest = 2.0,
        .pause = 0.01,
-       .epochs = 20,
+       .epochs = 60,
        .weak_epochs = 2,
-       .flaw = {.late = 12}},
+       .flaw = {.turn = 0.15}},
       {.name = "targets",
        .summary = "Round two walls with targets for a servo, each less the present position: half "
                   "of a motion goes on in the next step",
@@ -183,8 +193,8 @@ std::vector<GalleryTask> PointTasks() {
                   {{0.0, 0.0}, {0.2, 0.16}, {0.4, 0.16}, {0.6, -0.16}, {0.8, -0.16}, {1.0, 0.0}}}},
             .offset_spread = 0.015}),
        .aftermath = 10,
-       .weak_epochs = 7,
-       .flaw = {.bias = {0.0, 0.2}}},
+       .weak_epochs = 15,
+       .flaw = {.turn = 0.35}},
   };
 }
 
