@@ -19,8 +19,9 @@ void List() {
     for (const sim::GalleryTask& task : sim::GalleryTasks()) {
       if (task.judgement != judgement) continue;
       std::printf("  %-15s %s\n", task.name.c_str(), task.summary.c_str());
-      std::printf("  %-15s supervisor needs up to %d controls; the guard looks at %s\n", "",
-                  task.horizon, task.features.empty() ? "all" : task.features.c_str());
+      std::printf("  %-15s %d controls at most; the guard looks at %s; a control of zero %s\n", "",
+                  task.horizon, task.features.empty() ? "all" : task.features.c_str(),
+                  task.aftermath == 0 ? "holds still" : "lets the world move on");
     }
   }
 }
@@ -28,13 +29,10 @@ void List() {
 void RunAndPrint(Study study, const std::vector<std::string>& words,
                  const std::filesystem::path& folder) {
   study.tasks = SelectTasks(words);
-  if (!folder.empty()) {
-    std::filesystem::create_directories(folder);
-    study.ledger = folder / "ledger.jsonl";
-  }
+  if (!folder.empty()) std::filesystem::create_directories(folder);
   experiment::ProgressBar bar("gallery");
   const std::vector<Row> rows =
-      Run(study, [&](const experiment::Progress& progress) { bar.Show(progress); });
+      RunStudy(study, [&](const experiment::Progress& progress) { bar.Show(progress); });
   PrintTable(rows, std::cout);
   if (!folder.empty()) SaveCsv(rows, folder / "gallery.csv");
 }
@@ -84,7 +82,7 @@ int main(int argc, char** argv) try {
   run->add_option("--trials", study.trials, "each with its own demonstrations and policies")
       ->capture_default_str();
   run->add_option("--threads", study.threads, "0: one per core")->capture_default_str();
-  run->add_option("--out", folder, "folder of gallery.csv, and of what a killed run goes on from");
+  run->add_option("--out", folder, "folder of gallery.csv");
   auto* supervise = app.add_subcommand("supervise", "How well the supervisors do");
   common(supervise);
   CLI11_PARSE(app, argc, argv);

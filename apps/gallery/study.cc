@@ -219,7 +219,7 @@ std::vector<std::string> SelectTasks(const std::vector<std::string>& words) {
   return tasks;
 }
 
-std::vector<Row> Run(const Study& study, experiment::ProgressCallback progress) {
+std::vector<Row> RunStudy(const Study& study, experiment::ProgressCallback progress) {
   experiment::EvaluationPlan plan;
   plan.methods = {"alone"};
   for (const std::string& method : study.methods) {
@@ -251,9 +251,8 @@ std::vector<Row> Run(const Study& study, experiment::ProgressCallback progress) 
         plan.methods, task, *prepared,
         Imitate(task, prepared->demonstrations, policy, core::DeriveSeed(study.seed, {3, trial})));
   };
-  const std::vector<experiment::UnitResult> units = experiment::Evaluate(
-      plan, make,
-      {.threads = study.threads, .ledger = study.ledger, .progress = std::move(progress)});
+  const std::vector<experiment::UnitResult> units =
+      experiment::Evaluate(plan, make, {.threads = study.threads, .progress = std::move(progress)});
 
   std::vector<Row> rows;
   for (const std::string& task : study.tasks) {

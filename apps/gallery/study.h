@@ -29,8 +29,6 @@ struct Study {
   int trials = 3;      ///< Each with demonstrations, policies and start states of its own.
   std::uint64_t seed = 1;
   int threads = 0;  ///< 0: one per core. Results are the same for any number.
-  /// Where finished units are kept and read back from by a later run of the same study.
-  std::filesystem::path ledger = {};
 };
 
 /// One method with one policy of one task, over all trials.
@@ -53,9 +51,11 @@ struct Row {
 /// Runs the study. Rows come in the order of tasks, policies and methods, "alone" first.
 /// @throws std::invalid_argument naming an unknown task, policy or method and those there are; and
 ///   as experiment::Evaluate() does.
-[[nodiscard]] std::vector<Row> Run(const Study& study, experiment::ProgressCallback progress = {});
+[[nodiscard]] std::vector<Row> RunStudy(const Study& study,
+                                        experiment::ProgressCallback progress = {});
 
-/// The rows for a terminal, shares in per cent with 95 % intervals.
+/// The rows for a terminal, shares in per cent with 95 % intervals. The intervals take episodes as
+/// independent; those of one trial share demonstrations and policy.
 void PrintTable(const std::vector<Row>& rows, std::ostream& out);
 /// The rows as counts. @throws std::runtime_error naming a file that cannot be written.
 void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path);

@@ -10,13 +10,15 @@ constexpr double kGain = 0.03;     // a control of 1 moves the gripper by this f
 constexpr double kHeight = 0.05;   // of the object
 constexpr double kSlack = 0.015;   // the object is between the fingers within this
 constexpr double kFingers = 0.05;  // and beside them beyond this
-constexpr double kLifted = 0.2;
+constexpr double kLetsGo = 0.8;    // the object falls where the gripper opens to this
+constexpr double kLifted = 0.15;
 
 // A gripper takes an object from a table. Closing takes 3 to 8 steps, as it happens.
-// State: gripper(2), closed(1) in [0, 1], object(2); hidden: share that a control of 1 closes.
+// State: gripper(2), closed(1) in [0, 1], object(2); hidden: share that a control of 1 closes,
+// whether the object is held.
 class GraspPlant final : public Cloned<GraspPlant> {
  public:
-  GraspPlant() : Cloned({{"gripper", 0, 2}, {"closed", 0, 1}, {"object", 0, 2}}, 1, 3) {}
+  GraspPlant() : Cloned({{"gripper", 0, 2}, {"closed", 0, 1}, {"object", 0, 2}}, 2, 3) {}
 
   void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
     const double aside = x(3) + 0.002 * habit.offset - x(0);
@@ -34,7 +36,7 @@ class GraspPlant final : public Cloned<GraspPlant> {
   }
 
  private:
-  [[nodiscard]] bool held() const noexcept { return x(2) >= 1.0 && between(); }
+  [[nodiscard]] bool held() const noexcept { return x(6) > 0.5; }
   [[nodiscard]] bool between() const noexcept {
     return std::abs(x(0) - x(3)) < kSlack && x(1) - x(4) < 0.04;
   }
@@ -46,24 +48,27 @@ class GraspPlant final : public Cloned<GraspPlant> {
     x(5) = 1.0 / random.Uniform(3.0, 8.0);
   }
   void Step(std::span<const double> u) noexcept override {
-    const bool was_held = held();
     x(0) += kGain * u[0];
     x(1) += kGain * u[1];
     x(2) = std::clamp(x(2) + x(5) * u[2], 0.0, 1.0);
-    if (was_held) {
+    if (held()) {
       x(3) += kGain * u[0];
       x(4) = std::max(0.0, x(4) + kGain * u[1]);
-      FailIf(x(2) < 0.8 && x(4) > 0.01);  // dropped
+      if (x(2) < kLetsGo) {
+        FailIf(x(4) > 0.01);
+        x(4) = x(6) = 0.0;
+      }
     } else {
+      if (x(2) >= 1.0 && between()) x(6) = 1.0;
       const double aside = std::abs(x(0) - x(3));
-      const bool low = x(1) < kHeight;
-      FailIf(low && aside > kSlack && aside < kFingers);  // a finger hits the object
+      // A finger hits the object.
+      FailIf(x(1) < kHeight && aside > kSlack && aside < kFingers);
       // Half closed it neither gets over the object nor away from it.
       FailIf(!between() && x(2) > 0.4 && aside < kFingers && x(1) < 2.0 * kHeight);
     }
     FailIf(x(1) < -0.005 || x(1) > 0.5 || std::abs(x(0)) > 0.8);
   }
-  [[nodiscard]] bool Done() const noexcept override { return held() && x(4) >= kLifted - 0.05; }
+  [[nodiscard]] bool Done() const noexcept override { return held() && x(4) >= kLifted; }
 };
 
 }  // namespace
@@ -75,7 +80,8 @@ GalleryTask GraspTask() {
               "3 to 8 steps at random, and lifts; hitting, dropping and leaving early fail",
           .plant = std::make_shared<GraspPlant>(),
           .noise = 0.1,
-          .weak_epochs = 32,
+          .weak_hidden = {16},
+          .weak_epochs = 25,
           .flaw = {.bias = {0.1, 0.0, 0.0}}};
 }
 

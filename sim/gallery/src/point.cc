@@ -154,6 +154,7 @@ std::vector<GalleryTask> PointTasks() {
        .plant = MakePoint({.belt = 0.006,
                            .discs = {{{0.5, 0.0}, 0.15}},
                            .routes = {{1.0, {{0.0, 0.0}, {0.3, 0.2}, {0.5, 0.24}, {0.7, 0.2}}}}}),
+       .aftermath = 60,
        .weak_epochs = 7,
        .flaw = {.bias = {0.0, -0.18}}},
       {.name = "paces",

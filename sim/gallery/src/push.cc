@@ -37,6 +37,7 @@ class PushPlant final : public Cloned<PushPlant> {
     x(4) = random.Uniform(-0.15, 0.15);
   }
   void Step(std::span<const double> u) noexcept override {
+    if (u[0] == 0.0 && u[1] == 0.0) return;  // not even what is left of an overlap yields
     constexpr int kSubsteps = 8;
     for (int i = 0; i < kSubsteps; ++i) {
       x(0) += kGain / kSubsteps * u[0];

@@ -79,7 +79,8 @@ struct GalleryTask {
   std::shared_ptr<const GalleryPlant> plant;  ///< To be cloned.
   std::string features = {};                  ///< What a guard looks at; empty: all.
   int horizon = 100;                          ///< Controls that a supervisor needs at most.
-  /// Controls of zero that an episode goes on for after a halt, in tasks whose world moves on.
+  /// Zero where a control of zero holds everything still. Elsewhere the world moves on, and an
+  /// episode does so for this many controls of zero after a halt: a halt may fail.
   int aftermath = 0;
   double noise = 0.2;    ///< Standard deviation of the supervisor's noise, in each entry.
   double slowest = 1.0;  ///< Controls of a demonstration are scaled by one factor, uniform in
