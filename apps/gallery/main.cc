@@ -19,9 +19,11 @@ void List() {
     for (const sim::GalleryTask& task : sim::GalleryTasks()) {
       if (task.judgement != judgement) continue;
       std::printf("  %-15s %s\n", task.name.c_str(), task.summary.c_str());
-      std::printf("  %-15s %d controls at most; the guard looks at %s; a control of zero %s\n", "",
-                  task.horizon, task.features.empty() ? "all" : task.features.c_str(),
-                  task.aftermath == 0 ? "holds still" : "lets the world move on");
+      std::printf(
+          "  %-15s demonstrated in %d controls at most; the guard looks at %s; a control of zero "
+          "%s\n",
+          "", task.horizon, task.features.empty() ? "all" : task.features.c_str(),
+          task.aftermath == 0 ? "holds still" : "lets the world move on");
     }
   }
 }

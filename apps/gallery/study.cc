@@ -207,13 +207,16 @@ const std::vector<std::string>& MethodNames() {
 
 std::vector<std::string> SelectTasks(const std::vector<std::string>& words) {
   std::vector<std::string> tasks;
+  const auto add = [&](const std::string& name) {
+    if (std::ranges::count(tasks, name) == 0) tasks.push_back(name);
+  };
   for (const std::string& word : words) {
-    const bool group = word == "all" || word == "design" || word == "judgement";
-    if (!group) tasks.push_back(sim::FindGalleryTask(word).name);
+    if (word != "all" && word != "design" && word != "judgement") {
+      add(sim::FindGalleryTask(word).name);
+      continue;
+    }
     for (const sim::GalleryTask& task : sim::GalleryTasks()) {
-      if (group && (word == "all" || task.judgement == (word == "judgement"))) {
-        tasks.push_back(task.name);
-      }
+      if (word == "all" || task.judgement == (word == "judgement")) add(task.name);
     }
   }
   return tasks;

@@ -15,7 +15,7 @@ namespace dfr::apps::gallery {
 /// "alone", then the guard's strategies.
 [[nodiscard]] const std::vector<std::string>& MethodNames();
 
-/// The tasks that a command line means: names, "design", "judgement" or "all".
+/// The tasks that a command line means, each once: names, "design", "judgement" or "all".
 /// @throws std::invalid_argument naming the tasks there are.
 [[nodiscard]] std::vector<std::string> SelectTasks(const std::vector<std::string>& words);
 

@@ -98,6 +98,7 @@ TEST(SelectTasksTest, GroupsMeanTheirTasks) {
   EXPECT_EQ(both.size(), all.size());
   EXPECT_TRUE(std::ranges::is_permutation(both, all));
   EXPECT_EQ(SelectTasks({"push", "reach"}), (std::vector<std::string>{"push", "reach"}));
+  EXPECT_EQ(SelectTasks({"reach", "all", "reach"}).size(), all.size());
   EXPECT_THROW((void)SelectTasks({"magic"}), std::invalid_argument);
 }
 

@@ -65,7 +65,7 @@ class Arm2Plant final : public Cloned<Arm2Plant> {
 GalleryTask Arm2Task() {
   return {.name = "arm2",
           .summary =
-              "An arm of two joints folds past a pillar; an action is about as long as the "
+              "An arm of two joints folds past a pillar; an action is longer than the "
               "demonstrations are apart; any part touching the pillar fails",
           .plant = std::make_shared<Arm2Plant>(),
           .features = "joints",
