@@ -28,14 +28,14 @@ void List() {
   }
 }
 
-void RunAndPrint(Study study, const std::vector<std::string>& words,
+void RunAndPrint(Study study, const std::vector<std::string>& words, bool causes,
                  const std::filesystem::path& folder) {
   study.tasks = SelectTasks(words);
   if (!folder.empty()) std::filesystem::create_directories(folder);
   experiment::ProgressBar bar("gallery");
   const std::vector<Row> rows =
       RunStudy(study, [&](const experiment::Progress& progress) { bar.Show(progress); });
-  PrintTable(rows, std::cout);
+  PrintTable(rows, causes, std::cout);
   if (!folder.empty()) SaveCsv(rows, folder / "gallery.csv");
 }
 
@@ -84,13 +84,15 @@ int main(int argc, char** argv) try {
   run->add_option("--trials", study.trials, "each with its own demonstrations and policies")
       ->capture_default_str();
   run->add_option("--threads", study.threads, "0: one per core")->capture_default_str();
+  bool causes = false;
+  run->add_flag("--causes", causes, "why episodes were not completed");
   run->add_option("--out", folder, "folder of gallery.csv");
   auto* supervise = app.add_subcommand("supervise", "How well the supervisors do");
   common(supervise);
   CLI11_PARSE(app, argc, argv);
 
   if (*list) List();
-  if (*run) RunAndPrint(study, tasks, folder);
+  if (*run) RunAndPrint(study, tasks, causes, folder);
   if (*supervise) Supervise(tasks, study.episodes, study.seed);
   return EXIT_SUCCESS;
 } catch (const std::exception& e) {

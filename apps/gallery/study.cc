@@ -103,6 +103,7 @@ class Site final : public experiment::EvaluationSite {
     safety::Guard* guard = guards_[static_cast<std::size_t>(method)].get();
     experiment::EpisodeResult result;
     bool alarm = false;
+    const char* chooser = "policy";
     const auto over = [this] { return plant_->completed() || plant_->collided(); };
     plant_->Reset(start_seed);
     policy_.Reset(start_seed);
@@ -122,6 +123,8 @@ class Site final : public experiment::EvaluationSite {
           break;
         }
         if (verdict.mode != control::Mode::kPolicy) ++result.recovery_controls;
+        const bool unchanged = verdict.mode == control::Mode::kPolicy && !verdict.changed;
+        chooser = unchanged ? "policy" : verdict.reason();
       }
       Apply();
       ++result.controls;
@@ -132,6 +135,7 @@ class Site final : public experiment::EvaluationSite {
     }
     if (plant_->collided()) {
       result.outcome = core::Outcome::kCollided;
+      result.cause = result.cause.empty() ? chooser : "after " + result.cause;
     } else if (plant_->completed() && result.cause.empty()) {
       result.outcome = core::Outcome::kCompleted;
     }
@@ -179,6 +183,7 @@ void AddUnit(const experiment::UnitResult& unit, std::size_t method, Row& row) {
     row.saved_ok += alone == Outcome::kCollided && ok ? 1 : 0;
     row.harmed += alone == Outcome::kCompleted && !ok ? 1 : 0;
     row.controls += episode.controls;
+    if (!ok) ++row.causes[(failed ? "failed: " : "halted: ") + episode.cause];
   }
   if (row.method == Name(safety::Strategy::kMonitor)) {
     row.alarmed_failures += static_cast<int>(unit.measures.at(kAlarmedFailures));
@@ -273,7 +278,7 @@ std::vector<Row> RunStudy(const Study& study, experiment::ProgressCallback progr
   return rows;
 }
 
-void PrintTable(const std::vector<Row>& rows, std::ostream& out) {
+void PrintTable(const std::vector<Row>& rows, bool causes, std::ostream& out) {
   char line[240];
   std::snprintf(line, sizeof line, "%-15s %-7s %-14s %-14s %-14s %-14s %5s %8s %6s %9s  %-14s %s\n",
                 "task", "policy", "method", "ok %", "failed %", "halted %", "saved", "saved-ok",
@@ -291,6 +296,8 @@ void PrintTable(const std::vector<Row>& rows, std::ostream& out) {
                   monitor ? Percent(row.alarmed_failures, row.failed).c_str() : "",
                   monitor ? Percent(row.alarmed_successes, row.ok).c_str() : "");
     out << line;
+    if (!causes) continue;
+    for (const auto& [cause, count] : row.causes) out << "    " << count << " " << cause << '\n';
   }
 }
 

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <iosfwd>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -45,6 +46,8 @@ struct Row {
   int alarmed_failures = 0;   ///< Of `failed`, those with an alarm before. Monitor alone.
   int alarmed_successes = 0;  ///< Of `ok`, those with an alarm. Monitor alone.
   double controls = 0.0;      ///< In an episode, on average.
+  /// Why others than `ok` ended: "halted: no-progress", or who chose the control that failed.
+  std::map<std::string, int> causes = {};
   bool operator==(const Row&) const = default;
 };
 
@@ -55,8 +58,9 @@ struct Row {
                                         experiment::ProgressCallback progress = {});
 
 /// The rows for a terminal, shares in per cent with 95 % intervals. The intervals take episodes as
-/// independent; those of one trial share demonstrations and policy.
-void PrintTable(const std::vector<Row>& rows, std::ostream& out);
+/// independent; those of one trial share demonstrations and policy. With `causes` they follow each
+/// row.
+void PrintTable(const std::vector<Row>& rows, bool causes, std::ostream& out);
 /// The rows as counts. @throws std::runtime_error naming a file that cannot be written.
 void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path);
 

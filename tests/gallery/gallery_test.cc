@@ -112,9 +112,10 @@ TEST(PrintTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
                .failed = 40,
                .alarmed_failures = 30,
                .alarmed_successes = 15,
-               .controls = 12.5}},
-             out);
-  for (const char* text : {" 75 [", " 20 [", "  5 [", " 10 [", "12.5"}) {
+               .controls = 12.5,
+               .causes = {{"halted: no-progress", 10}}}},
+             true, out);
+  for (const char* text : {" 75 [", " 20 [", "  5 [", " 10 [", "12.5", "10 halted: no-progress"}) {
     EXPECT_THAT(out.str(), testing::HasSubstr(text));
   }
 }
