@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/gallery/picture.h"
 #include "apps/gallery/study.h"
 #include "dfr/core/random.h"
 
@@ -89,11 +90,28 @@ int main(int argc, char** argv) try {
   run->add_option("--out", folder, "folder of gallery.csv");
   auto* supervise = app.add_subcommand("supervise", "How well the supervisors do");
   common(supervise);
+  std::string pictured, policy = "weak", entries;
+  std::filesystem::path page = "gallery.html";
+  int count = 5;
+  auto* picture =
+      app.add_subcommand("picture", "A page with paths of one task, to open in a browser");
+  picture->add_option("task", pictured)->required();
+  picture->add_option("--policy", policy)->capture_default_str();
+  picture->add_option("--methods", study.methods)->delimiter(',')->capture_default_str();
+  picture->add_option("--entries", entries, "two of the state, tip or box[0:2]; the first two");
+  picture->add_option("--count", count, "demonstrations, and episodes of each method")
+      ->capture_default_str();
+  picture->add_option("--seed", study.seed)->capture_default_str();
+  picture->add_option("--out", page)->capture_default_str();
   CLI11_PARSE(app, argc, argv);
 
   if (*list) List();
   if (*run) RunAndPrint(study, tasks, causes, folder);
   if (*supervise) Supervise(tasks, study.episodes, study.seed);
+  if (*picture) {
+    SavePicture(Record(study, pictured, policy, count), dfr::sim::FindGalleryTask(pictured),
+                entries, page);
+  }
   return EXIT_SUCCESS;
 } catch (const std::exception& e) {
   std::cerr << "gallery: " << e.what() << '\n';

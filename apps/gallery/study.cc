@@ -14,6 +14,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/intervals.h"
+#include "dfr/experiment/paired_evaluation.h"
 #include "dfr/safety/guard.h"
 
 namespace dfr::apps::gallery {
@@ -39,7 +40,7 @@ class Cache {
  public:
   explicit Cache(const Study& study) : study_(study) {}
 
-  std::shared_ptr<const Prepared> Get(const sim::GalleryTask& task, int trial, std::uint64_t seed) {
+  std::shared_ptr<const Prepared> Get(const sim::GalleryTask& task, int trial) {
     std::promise<std::shared_ptr<const Prepared>> promise;
     std::shared_future<std::shared_ptr<const Prepared>> future;
     bool first = false;
@@ -52,6 +53,8 @@ class Cache {
     }
     if (first) {
       try {
+        const std::uint64_t seed =
+            core::DeriveSeed(study_.seed, {2, static_cast<std::uint64_t>(trial)});
         promise.set_value(Prepare(task, study_.demonstrations, seed));
       } catch (...) {
         promise.set_exception(std::current_exception());
@@ -98,6 +101,9 @@ class Site final : public experiment::EvaluationSite {
 
   bool Accepts(std::uint64_t) override { return true; }
 
+  /// Where states of the next episodes go, one after another.
+  void WriteStatesTo(std::vector<double>* states) { states_ = states; }
+
   experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
                                 std::uint64_t controller_seed) override {
     safety::Guard* guard = guards_[static_cast<std::size_t>(method)].get();
@@ -108,12 +114,12 @@ class Site final : public experiment::EvaluationSite {
     plant_->Reset(start_seed);
     policy_.Reset(start_seed);
     if (guard != nullptr) guard->Reset(controller_seed);
+    Observe();
     for (int t = 0; !over(); ++t) {
       if (guard == nullptr && t == horizon_) {
         result.cause = "time-up";
         break;
       }
-      plant_->Observe(x_);
       policy_.Control(t, x_, u_);
       if (guard != nullptr) {
         const safety::Verdict verdict = guard->Filter(t, x_, u_, u_);
@@ -127,6 +133,7 @@ class Site final : public experiment::EvaluationSite {
         chooser = unchanged ? "policy" : verdict.reason();
       }
       Apply();
+      Observe();
       ++result.controls;
     }
     if (!over()) {
@@ -158,6 +165,11 @@ class Site final : public experiment::EvaluationSite {
     }
   }
 
+  void Observe() {
+    plant_->Observe(x_);
+    if (states_ != nullptr) states_->insert(states_->end(), x_.begin(), x_.end());
+  }
+
   const sim::GalleryTask& task_;
   int horizon_;
   Imitator policy_;
@@ -165,9 +177,45 @@ class Site final : public experiment::EvaluationSite {
   std::vector<std::unique_ptr<safety::Guard>> guards_;  // null: the policy alone
   std::vector<double> x_;
   std::vector<double> u_;
+  std::vector<double>* states_ = nullptr;
   int alarmed_failures_ = 0;
   int alarmed_successes_ = 0;
 };
+
+experiment::EvaluationPlan MakePlan(const Study& study) {
+  experiment::EvaluationPlan plan;
+  plan.methods = {"alone"};
+  for (const std::string& method : study.methods) {
+    DFR_THROW_UNLESS(std::ranges::count(MethodNames(), method) == 1,
+                     "there is no method '" << method << "'; there are alone, monitor, "
+                                            << "early-stopping, dfr, guided");
+    if (method != "alone") plan.methods.push_back(method);
+  }
+  // Policies outside, so that threads fit different tasks at the same time.
+  for (const std::string& policy : study.policies) {
+    DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), policy) == 1,
+                     "there is no policy '" << policy << "'; there are good, weak, biased");
+    for (const std::string& task : study.tasks) {
+      plan.learners.push_back(sim::FindGalleryTask(task).name + "/" + policy);
+    }
+  }
+  plan.demonstrations = {study.demonstrations};
+  plan.trials = study.trials;
+  plan.episodes = study.episodes;
+  plan.seed = study.seed;
+  return plan;
+}
+
+std::unique_ptr<Site> MakeSite(const experiment::EvaluationPlan& plan,
+                               const experiment::EvaluationUnit& unit, Cache& cache) {
+  const auto [name, policy] = Split(unit.learner);
+  const sim::GalleryTask& task = sim::FindGalleryTask(name);
+  const auto trial = static_cast<std::uint64_t>(unit.trial);
+  const auto prepared = cache.Get(task, unit.trial);
+  return std::make_unique<Site>(
+      plan.methods, task, *prepared,
+      Imitate(task, prepared->demonstrations, policy, core::DeriveSeed(plan.seed, {3, trial})));
+}
 
 void AddUnit(const experiment::UnitResult& unit, std::size_t method, Row& row) {
   using core::Outcome;
@@ -228,39 +276,11 @@ std::vector<std::string> SelectTasks(const std::vector<std::string>& words) {
 }
 
 std::vector<Row> RunStudy(const Study& study, experiment::ProgressCallback progress) {
-  experiment::EvaluationPlan plan;
-  plan.methods = {"alone"};
-  for (const std::string& method : study.methods) {
-    DFR_THROW_UNLESS(std::ranges::count(MethodNames(), method) == 1,
-                     "there is no method '" << method << "'; there are alone, monitor, "
-                                            << "early-stopping, dfr, guided");
-    if (method != "alone") plan.methods.push_back(method);
-  }
-  // Policies outside, so that threads fit different tasks at the same time.
-  for (const std::string& policy : study.policies) {
-    DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), policy) == 1,
-                     "there is no policy '" << policy << "'; there are good, weak, biased");
-    for (const std::string& task : study.tasks) {
-      plan.learners.push_back(sim::FindGalleryTask(task).name + "/" + policy);
-    }
-  }
-  plan.demonstrations = {study.demonstrations};
-  plan.trials = study.trials;
-  plan.episodes = study.episodes;
-  plan.seed = study.seed;
-
+  const experiment::EvaluationPlan plan = MakePlan(study);
   Cache cache(study);
-  const auto make = [&](const experiment::EvaluationUnit& unit) {
-    const auto [name, policy] = Split(unit.learner);
-    const sim::GalleryTask& task = sim::FindGalleryTask(name);
-    const auto trial = static_cast<std::uint64_t>(unit.trial);
-    const auto prepared = cache.Get(task, unit.trial, core::DeriveSeed(study.seed, {2, trial}));
-    return std::make_unique<Site>(
-        plan.methods, task, *prepared,
-        Imitate(task, prepared->demonstrations, policy, core::DeriveSeed(study.seed, {3, trial})));
-  };
-  const std::vector<experiment::UnitResult> units =
-      experiment::Evaluate(plan, make, {.threads = study.threads, .progress = std::move(progress)});
+  const std::vector<experiment::UnitResult> units = experiment::Evaluate(
+      plan, [&](const experiment::EvaluationUnit& unit) { return MakeSite(plan, unit, cache); },
+      {.threads = study.threads, .progress = std::move(progress)});
 
   std::vector<Row> rows;
   for (const std::string& task : study.tasks) {
@@ -276,6 +296,40 @@ std::vector<Row> RunStudy(const Study& study, experiment::ProgressCallback progr
     }
   }
   return rows;
+}
+
+std::vector<Recording> Record(const Study& study, const std::string& task,
+                              const std::string& policy, int count) {
+  Study one = study;
+  one.tasks = {task};
+  one.policies = {policy};
+  const experiment::EvaluationPlan plan = MakePlan(one);
+  Cache cache(one);
+  const sim::GalleryTask& what = sim::FindGalleryTask(task);
+  std::vector<Recording> recordings;
+  for (const core::Trajectory& demonstration : cache.Get(what, 0)->demonstrations) {
+    if (std::ssize(recordings) == count) break;
+    recordings.push_back({"demonstrations", demonstration.outcome, demonstration.states});
+  }
+  const auto site =
+      MakeSite(plan, {.demonstrations = one.demonstrations, .learner = plan.learners[0]}, cache);
+  const Eigen::Index width = what.plant->state_dim();
+  for (std::size_t method = 0; method < plan.methods.size(); ++method) {
+    for (int i = 0; i < count; ++i) {
+      std::vector<double> states;
+      site->WriteStatesTo(&states);
+      // As experiment::Evaluate() has them.
+      const std::uint64_t start =
+          core::DeriveSeed(plan.seed, {0, 0, static_cast<std::uint64_t>(i), 0});
+      const core::Outcome outcome =
+          site->Run(static_cast<int>(method), start, experiment::ControllerSeed(plan, 0, i))
+              .outcome;
+      recordings.push_back(
+          {plan.methods[method], outcome,
+           Eigen::Map<const core::Matrix>(states.data(), std::ssize(states) / width, width)});
+    }
+  }
+  return recordings;
 }
 
 void PrintTable(const std::vector<Row>& rows, bool causes, std::ostream& out) {

@@ -8,7 +8,8 @@
 #include <vector>
 
 #include "apps/gallery/policies.h"
-#include "dfr/experiment/paired_evaluation.h"
+#include "dfr/core/matrix.h"
+#include "dfr/core/trajectory.h"
 #include "dfr/experiment/progress.h"
 
 namespace dfr::apps::gallery {
@@ -56,6 +57,19 @@ struct Row {
 ///   as experiment::Evaluate() does.
 [[nodiscard]] std::vector<Row> RunStudy(const Study& study,
                                         experiment::ProgressCallback progress = {});
+
+/// What one episode went through.
+struct Recording {
+  std::string method;  ///< Or "demonstrations".
+  core::Outcome outcome = core::Outcome::kHalted;
+  core::Matrix states;  ///< One row a state, the start state first; without what follows a halt.
+};
+
+/// The first `count` demonstrations of the study's first trial, then its first `count` episodes of
+/// each method with one policy of one task, as RunStudy() runs them.
+/// @throws std::invalid_argument as RunStudy() does.
+[[nodiscard]] std::vector<Recording> Record(const Study& study, const std::string& task,
+                                            const std::string& policy, int count);
 
 /// The rows for a terminal, shares in per cent with 95 % intervals. The intervals take episodes as
 /// independent; those of one trial share demonstrations and policy. With `causes` they follow each

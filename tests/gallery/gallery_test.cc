@@ -3,12 +3,16 @@
 
 #include <algorithm>
 #include <array>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <memory>
 #include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
+#include "apps/gallery/picture.h"
 #include "apps/gallery/study.h"
 
 namespace dfr::apps::gallery {
@@ -118,6 +122,44 @@ TEST(PrintTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
   for (const char* text : {" 75 [", " 20 [", "  5 [", " 10 [", "12.5", "10 halted: no-progress"}) {
     EXPECT_THAT(out.str(), testing::HasSubstr(text));
   }
+}
+
+TEST(RecordTest, EpisodesAreThoseOfTheStudy) {
+  Study study = Small();
+  study.tasks = {"reach"};
+  study.policies = {"biased"};
+  study.methods = {"guided"};
+  const std::vector<Row> rows = RunStudy(study);
+  const std::vector<Recording> recordings = Record(study, "reach", "biased", study.episodes);
+  ASSERT_EQ(recordings.size(), 3u * 6u);
+  for (const Row& row : rows) {
+    int ok = 0, failed = 0;
+    double controls = 0.0;
+    for (const Recording& recording : recordings) {
+      if (recording.method != row.method) continue;
+      ok += recording.outcome == core::Outcome::kCompleted ? 1 : 0;
+      failed += recording.outcome == core::Outcome::kCollided ? 1 : 0;
+      controls += static_cast<double>(recording.states.rows() - 1);
+    }
+    EXPECT_EQ(ok, row.ok);
+    EXPECT_EQ(failed, row.failed);
+    EXPECT_EQ(controls / row.episodes, row.controls);
+  }
+}
+
+TEST(SavePictureTest, HasAPlotForTheDemonstrationsAndEachMethod) {
+  const sim::GalleryTask& task = sim::FindGalleryTask("push");
+  const auto path = std::filesystem::path(testing::TempDir()) / "gallery_test.html";
+  const std::vector<Recording> recordings = {
+      {"demonstrations", core::Outcome::kCompleted, core::Matrix::Random(5, 5)},
+      {"alone", core::Outcome::kCollided, core::Matrix::Random(4, 5)}};
+  SavePicture(recordings, task, "box[0:2]", path);
+  std::ifstream file(path);
+  const std::string page((std::istreambuf_iterator<char>(file)), {});
+  std::filesystem::remove(path);
+  EXPECT_THAT(page, testing::HasSubstr(">demonstrations<"));
+  EXPECT_THAT(page, testing::HasSubstr(">collided<"));
+  EXPECT_THROW(SavePicture(recordings, task, "box", path), std::invalid_argument);
 }
 
 class Constant final : public core::Policy {

@@ -82,15 +82,17 @@ struct GalleryTask {
   /// Zero where a control of zero holds everything still. Elsewhere the world moves on, and an
   /// episode does so for this many controls of zero after a halt: a halt may fail.
   int aftermath = 0;
-  double noise = 0.2;    ///< Standard deviation of the supervisor's noise, in each entry.
-  double slowest = 1.0;  ///< Controls of a demonstration are scaled by one factor, uniform in
-  double fastest = 1.0;  ///< its logarithm between these.
-  double pause = 0.0;    ///< Probability that a pause of 5 to 30 steps begins, at each step.
-  std::vector<int> hidden = {64, 64};  ///< Units of the good policy.
-  int epochs = 100;
-  std::vector<int> weak_hidden = {8};  ///< And of the weak one.
+  double noise = 0.2;  ///< Standard deviation of the supervisor's noise, in each entry.
+  /// Controls of a demonstration are scaled by one factor, between these and uniform in its
+  /// logarithm.
+  double slowest = 1.0;
+  double fastest = 1.0;
+  double pause = 0.0;  ///< Probability that a pause of 5 to 30 steps begins, at each step.
+  std::vector<int> hidden = {64, 64};  ///< Units of the good policy,
+  int epochs = 100;                    ///< and how often it sees the demonstrations.
+  std::vector<int> weak_hidden = {8};  ///< The same of the weak one.
   int weak_epochs = 10;
-  Flaw flaw = {};
+  Flaw flaw = {};  ///< Of the biased one, which is the good one otherwise.
 };
 
 /// All tasks, design and judgement, in a fixed order.
