@@ -274,18 +274,20 @@ std::string SvgPlot(const ReportPlot& plot) {
       }
       markers << "</title></g>";
     }
-    ends.push_back(end);
+    if (!series.name.empty()) ends.push_back(end);
     lines << "<path class=\"line\" d=\"" << path << "\"/>" << markers.str() << "</g>\n";
   }
   svg << lines.str();
   const std::vector<double> labels = SpreadLabels(ends);
-  for (std::size_t i = 0; i < plot.series.size(); ++i) {
+  for (std::size_t i = 0, label = 0; i < plot.series.size(); ++i) {
     const ReportSeries& series = plot.series[i];
+    if (series.name.empty()) continue;
     const int style = series.style >= 0 ? series.style : static_cast<int>(i);
     svg << "<g " << StyleAttribute(style) << "><path class=\"leader\" d=\"M" << right + 5 << " "
-        << Coordinate(ends[i]) << "L" << right + 13 << " " << Coordinate(labels[i])
-        << "\"/><text class=\"name\" x=\"" << right + 16 << "\" y=\"" << Coordinate(labels[i])
+        << Coordinate(ends[label]) << "L" << right + 13 << " " << Coordinate(labels[label])
+        << "\"/><text class=\"name\" x=\"" << right + 16 << "\" y=\"" << Coordinate(labels[label])
         << "\" dy=\"0.35em\">" << Escape(series.name) << "</text></g>\n";
+    ++label;
   }
   svg << "</svg>\n";
   return svg.str();
