@@ -7,7 +7,7 @@ namespace {
 constexpr double kHalf = 0.05;      // half the side of the box
 constexpr double kPusher = 0.012;   // radius
 constexpr double kGain = 0.012;     // a control of norm 1 moves the pusher by this far
-constexpr double kTurning = 0.035;  // rad per length: the box's radius of support friction
+constexpr double kTurning = 0.035;  // the box's radius of support friction
 constexpr double kGoal = 0.35;
 
 // Quasi-static: the pusher moves in small substeps; where it would enter the box, the box yields

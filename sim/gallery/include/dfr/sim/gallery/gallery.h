@@ -65,7 +65,7 @@ class GalleryPlant : public core::SimulatedPlant {
 /// In what way the biased policy of a task is wrong. How much differs between episodes: a share of
 /// the figures below that is uniform in [0, 1], of `late` a whole number uniform in {0, ..., late}.
 struct Flaw {
-  std::vector<double> bias = {};  ///< Added to every control, if not empty.
+  std::vector<double> bias = {};  ///< Added to the first entries of every control.
   double turn = 0.0;              ///< rad: the first two entries are turned by this.
   int late = 0;                   ///< Controls come this many steps late; zeros come first.
 };
