@@ -177,6 +177,26 @@ TEST(ReportTest, TakesFurtherFiguresTablesNotesAndSettings) {
   EXPECT_THAT(html, Not(HasSubstr("nan")));
 }
 
+TEST(ReportTest, ALineWithoutANameHasNoneAtItsEnd) {
+  ReportOptions options;
+  options.figures = {
+      {"Paths",
+       "",
+       {{.title = "l",
+         .series = {{"", {0, 1}, {1, 2}}, {"named", {0, 1}, {2, 3}}, {"", {0, 1}, {3, 4}}}}}}};
+  const std::string page = RenderReport({}, options);
+  const auto count = [&](const std::string& text) {
+    int n = 0;
+    for (std::size_t at = page.find(text); at != std::string::npos; at = page.find(text, at + 1)) {
+      ++n;
+    }
+    return n;
+  };
+  EXPECT_EQ(count("<path class=\"line\""), 3);
+  EXPECT_EQ(count("<path class=\"leader\""), 1);
+  EXPECT_EQ(count(">named</text>"), 1);
+}
+
 TEST(ReportTest, WithoutMethodsItIsWhatTheOptionsHold) {
   Summary nothing;
   nothing.commit = "0123abc";

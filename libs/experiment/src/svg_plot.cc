@@ -313,18 +313,30 @@ class Panel {
     }
     svg << "<g " << StyleAttribute(StyleOf(i)) << "><path class=\"line\""
         << (series.dashed ? " stroke-dasharray=\"5 4\"" : "") << " d=\"" << path << "\"/>"
-        << markers.str() << "</g>\n";
-    return end;
+        << markers.str()
+        << "</g>
+           ";
+        return end;
   }
 
+  // `ends` has the height at which each line ends.
   void DrawNames(const std::vector<double>& ends, std::ostream& svg) const {
-    const std::vector<double> labels = SpreadLabels(ends);
-    for (std::size_t i = 0; i < plot_.series.size(); ++i) {
-      svg << "<g " << StyleAttribute(StyleOf(i)) << "><path class=\"leader\" d=\"M"
-          << kPlotRight + 5 << " " << Coordinate(ends[i]) << "L" << kPlotRight + 13 << " "
-          << Coordinate(labels[i]) << "\"/><text class=\"name\" x=\"" << kPlotRight + 16
-          << "\" y=\"" << Coordinate(labels[i]) << "\" dy=\"0.35em\">"
-          << Escape(plot_.series[i].name) << "</text></g>\n";
+    std::vector<std::size_t> named;
+    std::vector<double> wanted;
+    for (std::size_t i = 0; i < ends.size(); ++i) {
+      if (plot_.series[i].name.empty()) continue;
+      named.push_back(i);
+      wanted.push_back(ends[i]);
+    }
+    const std::vector<double> labels = SpreadLabels(wanted);
+    for (std::size_t k = 0; k < named.size(); ++k) {
+      svg << "<g " << StyleAttribute(StyleOf(named[k])) << "><path class=\"leader\" d=\"M"
+          << kPlotRight + 5 << " " << Coordinate(wanted[k]) << "L" << kPlotRight + 13 << " "
+          << Coordinate(labels[k]) << "\"/><text class=\"name\" x=\"" << kPlotRight + 16
+          << "\" y=\"" << Coordinate(labels[k]) << "\" dy=\"0.35em\">"
+          << Escape(plot_.series[named[k]].name)
+          << "</text></g>
+             ";
     }
   }
 

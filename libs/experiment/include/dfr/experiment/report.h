@@ -13,7 +13,7 @@ namespace dfr::experiment {
 
 /// One line of a ReportPlot. Points with a non-finite y are left out.
 struct ReportSeries {
-  std::string name;
+  std::string name;  ///< At the line's right end; empty: the line has none.
   std::vector<double> x;
   std::vector<double> y;
   std::vector<double> low = {};   ///< Lower edge of a band around the line; empty: no band.

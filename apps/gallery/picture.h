@@ -1,0 +1,17 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "apps/gallery/study.h"
+
+namespace dfr::apps::gallery {
+
+/// A page with a plot for the demonstrations and one a method: paths in the plane of two entries
+/// of the state, as core::FeatureSelection names them; "" for the first two.
+/// @throws std::invalid_argument unless `entries` are two; std::runtime_error naming the file.
+void SavePicture(const std::vector<Recording>& recordings, const sim::GalleryTask& task,
+                 const std::string& entries, const std::filesystem::path& path);
+
+}  // namespace dfr::apps::gallery

@@ -1,0 +1,65 @@
+#include "apps/gallery/policies.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/random.h"
+#include "dfr/imitation/fit_mlp.h"
+
+namespace dfr::apps::gallery {
+
+const std::vector<std::string>& PolicyNames() {
+  static const std::vector<std::string> names = {"good", "weak", "biased"};
+  return names;
+}
+
+Imitator::Imitator(std::shared_ptr<const core::Policy> learned, const sim::Flaw& flaw)
+    : learned_(std::move(learned)), flaw_(flaw) {
+  wanted_.resize(static_cast<std::size_t>(learned_->control_dim() * flaw.late));
+}
+
+void Imitator::Reset(std::uint64_t seed) noexcept {
+  core::Random random(core::DeriveSeed(seed, {1}));
+  share_ = random.Uniform();
+  late_ = random.Below(static_cast<std::uint64_t>(flaw_.late) + 1) *
+          static_cast<std::size_t>(learned_->control_dim());
+  std::fill(wanted_.begin(), wanted_.end(), 0.0);
+}
+
+void Imitator::Control(int t, std::span<const double> x, std::span<double> u) noexcept {
+  learned_->Control(t, x, u);
+  for (std::size_t i = 0; i < flaw_.bias.size(); ++i) u[i] += share_ * flaw_.bias[i];
+  if (flaw_.turn != 0.0) {
+    const double c = std::cos(share_ * flaw_.turn);
+    const double s = std::sin(share_ * flaw_.turn);
+    const double first = u[0];
+    u[0] = c * first - s * u[1];
+    u[1] = s * first + c * u[1];
+  }
+  for (double& entry : u) entry = std::clamp(entry, -1.0, 1.0);
+  if (late_ > 0) {
+    std::swap_ranges(u.begin(), u.end(), wanted_.begin());
+    std::rotate(wanted_.begin(), wanted_.begin() + std::ssize(u),
+                wanted_.begin() + static_cast<std::ptrdiff_t>(late_));
+  }
+}
+
+Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory> demonstrations,
+                 const std::string& name, std::uint64_t seed) {
+  DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), name) == 1,
+                   "there is no policy '" << name << "'; there are good, weak, biased");
+  imitation::DemonstrationSet set{.layout = task.plant->layout(),
+                                  .control_dim = task.plant->control_dim(),
+                                  .environment = task.name,
+                                  .trajectories = {demonstrations.begin(), demonstrations.end()}};
+  const bool weak = name == "weak";
+  auto learned = std::make_shared<imitation::MlpPolicy>(
+      imitation::FitMlp(set, {.hidden = weak ? task.weak_hidden : task.hidden,
+                              .epochs = weak ? task.weak_epochs : task.epochs,
+                              .seed = seed}));
+  return {std::move(learned), name == "biased" ? task.flaw : sim::Flaw{}};
+}
+
+}  // namespace dfr::apps::gallery

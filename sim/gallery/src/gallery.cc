@@ -1,0 +1,129 @@
+#include "dfr/sim/gallery/gallery.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+#include "dfr/core/contract.h"
+#include "tasks.h"
+
+namespace dfr::sim {
+
+GalleryPlant::GalleryPlant(std::vector<core::StateLayout::Block> blocks, int hidden,
+                           int control_dim) {
+  for (core::StateLayout::Block& block : blocks) layout_.Add(std::move(block.name), block.size);
+  state_.resize(static_cast<std::size_t>(layout_.state_dim() + hidden));
+  control_.resize(static_cast<std::size_t>(control_dim));
+}
+
+void GalleryPlant::Reset(std::uint64_t seed) {
+  core::Random random(seed);
+  std::fill(state_.begin(), state_.end(), 0.0);
+  failed_ = false;
+  Start(random);
+  completed_ = Done();
+}
+
+core::PlantStatus GalleryPlant::Apply(std::span<const double> control) noexcept {
+  if (control.size() != control_.size() ||
+      !std::all_of(control.begin(), control.end(), [](double u) { return std::isfinite(u); })) {
+    return core::PlantStatus::kRefused;
+  }
+  std::transform(control.begin(), control.end(), control_.begin(),
+                 [](double u) { return std::clamp(u, -1.0, 1.0); });
+  Step(control_);
+  completed_ = Done();
+  return core::PlantStatus::kOk;
+}
+
+void GalleryPlant::Observe(std::span<double> state) const noexcept {
+  std::copy_n(state_.begin(), layout_.state_dim(), state.begin());
+}
+
+void GalleryPlant::CopyStateFrom(const core::SimulatedPlant& other) noexcept {
+  const auto& from = static_cast<const GalleryPlant&>(other);
+  std::copy(from.state_.begin(), from.state_.end(), state_.begin());
+  failed_ = from.failed_;
+  completed_ = from.completed_;
+}
+
+const std::vector<GalleryTask>& GalleryTasks() {
+  static const std::vector<GalleryTask> tasks = [] {
+    std::vector<GalleryTask> all = internal::PointTasks();
+    for (const auto make : {internal::PushTask, internal::InsertionTask, internal::GraspTask,
+                            internal::LidTask, internal::InertiaTask, internal::BalanceTask,
+                            internal::CarTask, internal::Arm2Task, internal::Arm7Task}) {
+      all.push_back(make());
+    }
+    return all;
+  }();
+  return tasks;
+}
+
+const GalleryTask& FindGalleryTask(std::string_view name) {
+  std::string names;
+  for (const GalleryTask& task : GalleryTasks()) {
+    if (task.name == name) return task;
+    names += (names.empty() ? "" : ", ") + task.name;
+  }
+  throw std::invalid_argument("there is no task '" + std::string(name) + "' in the gallery; " +
+                              "there are " + names);
+}
+
+core::Trajectory DemonstrateOnce(const GalleryTask& task, std::uint64_t seed) {
+  // Noise of a hand is correlated: about four steps.
+  constexpr double kMemory = 0.8;
+  const double fresh = std::sqrt(1.0 - kMemory * kMemory);
+  core::Trajectory trajectory;
+  trajectory.seed = seed;
+  core::Random random(core::DeriveSeed(seed, {1}));
+  const Habit habit{.way = random.Uniform(), .offset = random.Normal()};
+  const double pace = std::exp(random.Uniform(std::log(task.slowest), std::log(task.fastest)));
+  const std::unique_ptr<core::SimulatedPlant> clone = task.plant->Clone();
+  auto& plant = static_cast<GalleryPlant&>(*clone);
+  plant.Reset(seed);
+  trajectory.states.resize(task.horizon + 1, plant.state_dim());
+  trajectory.controls.resize(task.horizon, plant.control_dim());
+  plant.Observe(core::Row(trajectory.states, 0));
+  std::vector<double> noise(static_cast<std::size_t>(plant.control_dim()), 0.0);
+  int pause = 0;
+  int t = 0;
+  for (; t < task.horizon && !plant.completed() && !plant.collided(); ++t) {
+    const std::span<double> u = core::Row(trajectory.controls, t);
+    plant.Supervise(habit, u);
+    if (task.pause > 0.0 && pause == 0 && random.Uniform() < task.pause) {
+      pause = 5 + static_cast<int>(random.Below(26));
+    }
+    const double scale = pause > 0 ? 0.0 : pace;
+    if (pause > 0) --pause;
+    for (std::size_t i = 0; i < u.size(); ++i) {
+      noise[i] = kMemory * noise[i] + fresh * task.noise * random.Normal();
+      u[i] = std::clamp(scale * (u[i] + noise[i]), -1.0, 1.0);
+    }
+    if (plant.Apply(u) != core::PlantStatus::kOk) break;
+    plant.Observe(core::Row(trajectory.states, t + 1));
+  }
+  if (plant.completed()) trajectory.outcome = core::Outcome::kCompleted;
+  if (plant.collided()) trajectory.outcome = core::Outcome::kCollided;
+  trajectory.states.conservativeResize(t + 1, Eigen::NoChange);
+  trajectory.controls.conservativeResize(t, Eigen::NoChange);
+  return trajectory;
+}
+
+std::vector<core::Trajectory> Demonstrate(const GalleryTask& task, int count, std::uint64_t seed) {
+  std::vector<core::Trajectory> demonstrations;
+  for (int attempt = 0; std::ssize(demonstrations) < count; ++attempt) {
+    if (attempt > 10 * count + 100) {
+      throw std::runtime_error("the supervisor of '" + task.name + "' hardly ever succeeds");
+    }
+    core::Trajectory trajectory =
+        DemonstrateOnce(task, core::DeriveSeed(seed, {static_cast<std::uint64_t>(attempt)}));
+    if (trajectory.outcome == core::Outcome::kCompleted && trajectory.num_steps() > 0) {
+      demonstrations.push_back(std::move(trajectory));
+    }
+  }
+  return demonstrations;
+}
+
+}  // namespace dfr::sim

@@ -1,0 +1,73 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <span>
+
+namespace dfr::sim::internal {
+
+struct Point {
+  double x = 0.0;
+  double y = 0.0;
+};
+inline Point operator+(Point a, Point b) noexcept { return {a.x + b.x, a.y + b.y}; }
+inline Point operator-(Point a, Point b) noexcept { return {a.x - b.x, a.y - b.y}; }
+inline Point operator*(double s, Point a) noexcept { return {s * a.x, s * a.y}; }
+inline double Dot(Point a, Point b) noexcept { return a.x * b.x + a.y * b.y; }
+inline double Cross(Point a, Point b) noexcept { return a.x * b.y - a.y * b.x; }
+inline double Norm(Point a) noexcept { return std::hypot(a.x, a.y); }
+inline Point Turned(Point a, double angle) noexcept {
+  const double c = std::cos(angle);
+  const double s = std::sin(angle);
+  return {c * a.x - s * a.y, s * a.x + c * a.y};
+}
+
+struct Disc {
+  Point centre;
+  double radius = 0.0;
+  [[nodiscard]] bool Contains(Point p) const noexcept { return Norm(p - centre) < radius; }
+};
+
+/// Sides parallel to the axes.
+struct Box {
+  Point low;
+  Point high;
+  [[nodiscard]] bool Contains(Point p) const noexcept {
+    return p.x > low.x && p.x < high.x && p.y > low.y && p.y < high.y;
+  }
+};
+
+/// The point of the segment from a to b that is nearest to p.
+inline Point Nearest(Point a, Point b, Point p) noexcept {
+  const Point d = b - a;
+  const double length = Dot(d, d);
+  return a + (length > 0.0 ? std::clamp(Dot(p - a, d) / length, 0.0, 1.0) : 0.0) * d;
+}
+
+/// The point of a polygonal path that lies `ahead` beyond the one nearest to p, the end at most.
+inline Point Ahead(std::span<const Point> path, Point p, double ahead) noexcept {
+  std::size_t at = 0;
+  Point nearest = path[0];
+  for (std::size_t i = 0; i + 1 < path.size(); ++i) {
+    const Point q = Nearest(path[i], path[i + 1], p);
+    if (i == 0 || Norm(p - q) < Norm(p - nearest)) {
+      nearest = q;
+      at = i;
+    }
+  }
+  for (; at + 1 < path.size(); ++at) {
+    const double rest = Norm(path[at + 1] - nearest);
+    if (rest >= ahead) return nearest + (ahead / rest) * (path[at + 1] - nearest);
+    ahead -= rest;
+    nearest = path[at + 1];
+  }
+  return nearest;
+}
+
+/// `a` shortened to the norm `longest` at most.
+inline Point Shortened(Point a, double longest) noexcept {
+  const double norm = Norm(a);
+  return norm > longest ? (longest / norm) * a : a;
+}
+
+}  // namespace dfr::sim::internal

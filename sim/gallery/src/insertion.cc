@@ -1,0 +1,80 @@
+#include <cmath>
+
+#include "geometry.h"
+#include "tasks.h"
+
+namespace dfr::sim::internal {
+namespace {
+
+constexpr double kGain = 0.02;        // a control of norm 1 moves the peg by this far
+constexpr double kClearance = 0.012;  // half the width of the slot, less the peg's
+constexpr double kMouth = 0.03;       // the same at the surface, where the slot has chamfers
+constexpr double kChamfer = 0.03;     // their depth
+constexpr double kDepth = 0.1;        // where the peg is in
+constexpr double kForce = 0.4;        // a control may be blocked by this share of a whole one
+
+// A peg above a surface (y = 0) with a slot in it; what is solid stops it, and it slides.
+// State: peg(2), its tip; slot(1), where it is.
+class InsertionPlant final : public Cloned<InsertionPlant> {
+ public:
+  InsertionPlant() : Cloned({{"peg", 0, 2}, {"slot", 0, 1}}, 0, 2) {}
+
+  void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
+    const double aside = x(2) + 0.002 * habit.offset - x(0);
+    const bool aligned = std::abs(aside) < 0.5 * kClearance + (x(1) < 0.0 ? 1.0 : 0.0);
+    u[0] = std::clamp(aside / kGain, -0.7, 0.7);
+    // Waits above the surface until it is aligned.
+    u[1] = aligned ? -0.6 : std::clamp((0.04 - x(1)) / kGain, -0.6, 0.6);
+  }
+
+ private:
+  void Start(core::Random& random) noexcept override {
+    x(0) = random.Uniform(-0.03, 0.03);
+    x(1) = 0.25 + random.Uniform(-0.03, 0.03);
+    x(2) = 0.15 + random.Uniform(-0.05, 0.05);
+  }
+  void Step(std::span<const double> u) noexcept override {
+    constexpr int kSubsteps = 8;
+    double blocked = 0.0;
+    for (int i = 0; i < kSubsteps; ++i) {
+      const Point wanted{x(0) + kGain / kSubsteps * u[0], x(1) + kGain / kSubsteps * u[1]};
+      const Point free = Yield(wanted);
+      blocked += Norm(wanted - free);
+      x(0) = free.x;
+      x(1) = free.y;
+    }
+    FailIf(blocked > kForce * kGain || std::abs(x(0)) > 0.5 || x(1) > 0.5);
+  }
+  // The nearest free place, from little inside what is solid.
+  [[nodiscard]] Point Yield(Point p) const noexcept {
+    const double aside = p.x - x(2);
+    const double side = std::copysign(1.0, aside);
+    if (p.y >= 0.0) return p;
+    // The chamfer's normal, out of it.
+    const Point normal = (1.0 / std::hypot(kChamfer, kMouth - kClearance)) *
+                         Point{-side * kChamfer, kMouth - kClearance};
+    const double above = Dot(p - Point{x(2) + side * kMouth, 0.0}, normal);
+    if (x(1) >= -kChamfer || p.y >= -kChamfer) {
+      if (std::abs(aside) >= kMouth) return {p.x, 0.0};
+      return above >= 0.0 ? p : p + (-above) * normal;
+    }
+    return {x(2) + std::clamp(aside, -kClearance, kClearance), p.y};
+  }
+  [[nodiscard]] bool Done() const noexcept override { return x(1) <= -kDepth; }
+};
+
+}  // namespace
+
+GalleryTask InsertionTask() {
+  return {.name = "insertion",
+          .summary =
+              "A peg goes into a slot with chamfers, whose place differs; pressing against "
+              "what is solid with 0.4 of the largest control fails",
+          .judgement = true,
+          .plant = std::make_shared<InsertionPlant>(),
+          .noise = 0.1,
+          .weak_epochs = 4,
+          .flaw = {.bias = {-0.6, 0.0}}};
+}
+
+}  // namespace dfr::sim::internal

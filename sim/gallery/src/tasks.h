@@ -1,0 +1,32 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "dfr/sim/gallery/gallery.h"
+
+namespace dfr::sim::internal {
+
+// Each in the file of its name.
+std::vector<GalleryTask> PointTasks();
+GalleryTask PushTask();
+GalleryTask InsertionTask();
+GalleryTask GraspTask();
+GalleryTask LidTask();
+GalleryTask InertiaTask();
+GalleryTask BalanceTask();
+GalleryTask CarTask();
+GalleryTask Arm2Task();
+GalleryTask Arm7Task();
+
+/// Adds Clone() to a plant.
+template <typename Derived>
+class Cloned : public GalleryPlant {
+ public:
+  using GalleryPlant::GalleryPlant;
+  [[nodiscard]] std::unique_ptr<core::SimulatedPlant> Clone() const final {
+    return std::make_unique<Derived>(static_cast<const Derived&>(*this));
+  }
+};
+
+}  // namespace dfr::sim::internal

@@ -1,0 +1,217 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "apps/gallery/picture.h"
+#include "apps/gallery/study.h"
+
+namespace dfr::apps::gallery {
+namespace {
+
+Study Small() {
+  Study study;
+  study.tasks = {"reach", "balance"};
+  study.policies = {"good", "biased"};
+  study.demonstrations = 20;
+  study.episodes = 6;
+  study.trials = 1;
+  study.seed = 3;
+  return study;
+}
+
+std::string MessageOf(const Study& study) {
+  try {
+    (void)RunStudy(study);
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(GalleryRunTest, RowsDoNotDependOnTheNumberOfThreads) {
+  Study study = Small();
+  study.threads = 1;
+  const std::vector<Row> one = RunStudy(study);
+  study.threads = 2;
+  EXPECT_TRUE(one == RunStudy(study));
+  ASSERT_EQ(one.size(), 2u * 2u * 5u);
+  for (const Row& row : one) {
+    EXPECT_EQ(row.episodes, 6);
+    EXPECT_LE(row.ok + row.failed, row.episodes);
+    EXPECT_LE(row.saved_ok, row.saved);
+    EXPECT_LE(row.alarmed_failures, row.failed);
+    EXPECT_LE(row.alarmed_successes, row.ok);
+    if (row.method != "alone") continue;
+    EXPECT_EQ(row.saved, 0);
+    EXPECT_EQ(row.harmed, 0);
+  }
+}
+
+// The monitor passes every action on: its episodes are those of the policy alone.
+TEST(GalleryRunTest, AMonitorChangesNothing) {
+  const std::vector<Row> rows = RunStudy(Small());
+  for (std::size_t i = 0; i < rows.size(); i += 5) {
+    ASSERT_EQ(rows[i].method, "alone");
+    ASSERT_EQ(rows[i + 1].method, "monitor");
+    EXPECT_EQ(rows[i].ok, rows[i + 1].ok);
+    EXPECT_EQ(rows[i].failed, rows[i + 1].failed);
+    EXPECT_EQ(rows[i].controls, rows[i + 1].controls);
+  }
+}
+
+// Early stopping halts; the pole falls then, whereas a point stays where it is.
+TEST(GalleryRunTest, AHaltIsJudgedByWhatTheWorldDoesNext) {
+  Study study = Small();
+  study.policies = {"good"};
+  study.methods = {"early-stopping"};
+  const std::vector<Row> rows = RunStudy(study);
+  ASSERT_EQ(rows.size(), 4u);
+  EXPECT_EQ(rows[1].task, "reach");
+  EXPECT_EQ(rows[1].failed, 0);
+  EXPECT_EQ(rows[3].task, "balance");
+  EXPECT_EQ(rows[3].ok + rows[3].failed, rows[3].episodes);
+}
+
+TEST(GalleryRunTest, UnknownNamesAreNamedWithThoseThereAre) {
+  using testing::AllOf;
+  using testing::HasSubstr;
+  Study study = Small();
+  study.tasks = {"magic"};
+  EXPECT_THAT(MessageOf(study), AllOf(HasSubstr("no task 'magic'"), HasSubstr("two-ways")));
+  study = Small();
+  study.policies = {"magic"};
+  EXPECT_THAT(MessageOf(study), AllOf(HasSubstr("no policy 'magic'"), HasSubstr("biased")));
+  study = Small();
+  study.methods = {"magic"};
+  EXPECT_THAT(MessageOf(study), AllOf(HasSubstr("no method 'magic'"), HasSubstr("guided")));
+}
+
+TEST(SelectTasksTest, GroupsMeanTheirTasks) {
+  const auto all = SelectTasks({"all"});
+  auto both = SelectTasks({"design", "judgement"});
+  EXPECT_EQ(both.size(), all.size());
+  EXPECT_TRUE(std::ranges::is_permutation(both, all));
+  EXPECT_EQ(SelectTasks({"push", "reach"}), (std::vector<std::string>{"push", "reach"}));
+  EXPECT_EQ(SelectTasks({"reach", "all", "reach"}).size(), all.size());
+  EXPECT_THROW((void)SelectTasks({"magic"}), std::invalid_argument);
+}
+
+TEST(PrintTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
+  std::ostringstream out;
+  PrintTable({{.task = "reach",
+               .policy = "weak",
+               .method = "monitor",
+               .episodes = 200,
+               .ok = 150,
+               .failed = 40,
+               .alarmed_failures = 30,
+               .alarmed_successes = 15,
+               .controls = 12.5,
+               .causes = {{"halted: no-progress", 10}}}},
+             true, out);
+  for (const char* text : {" 75 [", " 20 [", "  5 [", " 10 [", "12.5", "10 halted: no-progress"}) {
+    EXPECT_THAT(out.str(), testing::HasSubstr(text));
+  }
+}
+
+TEST(RecordTest, EpisodesAreThoseOfTheStudy) {
+  Study study = Small();
+  study.tasks = {"reach"};
+  study.policies = {"biased"};
+  study.methods = {"guided"};
+  const std::vector<Row> rows = RunStudy(study);
+  const std::vector<Recording> recordings = Record(study, "reach", "biased", study.episodes);
+  ASSERT_EQ(recordings.size(), 3u * 6u);
+  for (const Row& row : rows) {
+    int ok = 0, failed = 0;
+    double controls = 0.0;
+    for (const Recording& recording : recordings) {
+      if (recording.method != row.method) continue;
+      ok += recording.outcome == core::Outcome::kCompleted ? 1 : 0;
+      failed += recording.outcome == core::Outcome::kCollided ? 1 : 0;
+      controls += static_cast<double>(recording.states.rows() - 1);
+    }
+    EXPECT_EQ(ok, row.ok);
+    EXPECT_EQ(failed, row.failed);
+    EXPECT_EQ(controls / row.episodes, row.controls);
+  }
+}
+
+TEST(SavePictureTest, HasAPlotForTheDemonstrationsAndEachMethod) {
+  const sim::GalleryTask& task = sim::FindGalleryTask("push");
+  const auto path = std::filesystem::path(testing::TempDir()) / "gallery_test.html";
+  const std::vector<Recording> recordings = {
+      {"demonstrations", core::Outcome::kCompleted, core::Matrix::Random(5, 5)},
+      {"alone", core::Outcome::kCollided, core::Matrix::Random(4, 5)}};
+  SavePicture(recordings, task, "box[0:2]", path);
+  std::ifstream file(path);
+  const std::string page((std::istreambuf_iterator<char>(file)), {});
+  std::filesystem::remove(path);
+  EXPECT_THAT(page, testing::HasSubstr(">demonstrations<"));
+  EXPECT_THAT(page, testing::HasSubstr(">collided<"));
+  EXPECT_THROW(SavePicture(recordings, task, "box", path), std::invalid_argument);
+}
+
+class Constant final : public core::Policy {
+ public:
+  [[nodiscard]] int state_dim() const noexcept override { return 1; }
+  [[nodiscard]] int control_dim() const noexcept override { return 2; }
+  void Control(int t, std::span<const double>, std::span<double> u) const noexcept override {
+    u[0] = 0.01 * (t + 1);
+    u[1] = 0.5;
+  }
+};
+
+// Over episodes the flaw is spread from nothing to what the task says, and constant within one.
+TEST(ImitatorTest, AFlawDiffersBetweenEpisodes) {
+  Imitator imitator(std::make_shared<Constant>(), {.bias = {0.0, -0.4}});
+  std::vector<double> seen;
+  for (std::uint64_t seed = 0; seed < 200; ++seed) {
+    imitator.Reset(seed);
+    std::array<double, 2> u{}, v{};
+    imitator.Control(0, std::array{0.0}, u);
+    imitator.Control(0, std::array{0.0}, v);
+    EXPECT_EQ(u, v);
+    EXPECT_EQ(u[0], 0.01);
+    seen.push_back(u[1]);
+  }
+  const auto [low, high] = std::ranges::minmax(seen);
+  EXPECT_GE(low, 0.1);
+  EXPECT_LT(low, 0.12);
+  EXPECT_LE(high, 0.5);
+  EXPECT_GT(high, 0.48);
+}
+
+TEST(ImitatorTest, ALatePolicyGivesWhatItWantedBefore) {
+  Imitator imitator(std::make_shared<Constant>(), {.late = 3});
+  std::array<int, 4> episodes{};
+  for (std::uint64_t seed = 0; seed < 100; ++seed) {
+    imitator.Reset(seed);
+    std::vector<double> first;
+    for (int t = 0; t < 6; ++t) {
+      std::array<double, 2> u{};
+      imitator.Control(t, std::array{0.0}, u);
+      first.push_back(u[0]);
+    }
+    const auto late = static_cast<int>(std::ranges::count(first, 0.0));
+    ASSERT_LE(late, 3);
+    ++episodes[static_cast<std::size_t>(late)];
+    for (int t = 0; t < 6; ++t) {
+      EXPECT_EQ(first[static_cast<std::size_t>(t)], t < late ? 0.0 : 0.01 * (t - late + 1));
+    }
+  }
+  for (const int n : episodes) EXPECT_GT(n, 10);
+}
+
+}  // namespace
+}  // namespace dfr::apps::gallery
