@@ -9,17 +9,18 @@
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <sstream>
 #include <thread>
 
 #include "dfr/core/error.h"
+#include "dfr/core/format.h"
+#include "dfr/core/quantile.h"
 #include "dfr/dds/channel.h"
 #include "dfr/hardware/endoscope.h"
 #include "dfr/hardware/intrinsics_file.h"
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/hardware/sprk_driver.h"
 
-namespace dfr::apps {
+namespace dfr::apps::hardware_app {
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -43,13 +44,7 @@ void Wrong(DeviceReport& report, const std::string& what, const std::string& rem
   report.findings.push_back({Finding::Level::kWrong, what, remedy});
 }
 
-std::string Text(double value, int digits) {
-  std::ostringstream text;
-  text.setf(std::ios::fixed);
-  text.precision(digits);
-  text << value;
-  return text.str();
-}
+std::string Text(double value, int digits) { return core::Format("%.*f", digits, value); }
 
 const char* Name(dds::Discovery discovery) {
   switch (discovery) {
@@ -253,12 +248,6 @@ void Listen(const CheckOptions& options, hardware::PsmDriver& driver, double sec
   });
 }
 
-double Median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client, double rate,
                         std::vector<double>& ages) {
   if (rate < kLeastStateRate) {
@@ -285,7 +274,7 @@ void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client,
     return;
   }
   if (ages.empty()) return;
-  const double age = Median(ages);
+  const double age = core::Median(ages);
   if (age < -kClockTolerance || age > client.options().watchdog.max_age_s) {
     Wrong(report,
           "the console's clock, or its samples, are " + Text(std::abs(age), 3) + " s " +
@@ -550,12 +539,11 @@ DeviceReport CheckEndoscope(const CheckOptions& options) {
     return report;
   }
 
-  const Pictures pictures = LookAt(options, *endoscope);
+  Pictures pictures = LookAt(options, *endoscope);
   ReportPictures(options, camera, pictures, report);
   if (pictures.good() == 0 || pictures.ages.empty()) return report;
   if (participant) {
-    std::vector<double> ages = pictures.ages;
-    Ok(report, "pictures are " + Text(1e3 * Median(ages), 1) + " ms old");
+    Ok(report, "pictures are " + Text(1e3 * core::Median(pictures.ages), 1) + " ms old");
   }
   if (10 * pictures.lost > pictures.received) {
     Note(report, std::to_string(pictures.lost) + " pictures were lost on the way",
@@ -639,4 +627,4 @@ int RunCheck(CheckOptions options) {
   return ok ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::hardware_app

@@ -8,7 +8,7 @@
 #include "dfr/dds/emergency_stop.h"
 #include "dfr/robot/devices.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// The emergency stop of a robot::ControlLoop. A thread of its own listens to it over DDS, and
 /// publishes the loop's state on the topic dds::kRunStateTopic, which `hardware stop` shows.
@@ -40,4 +40,4 @@ class EmergencyStopMonitor final : public robot::EmergencyStop {
   std::thread thread_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

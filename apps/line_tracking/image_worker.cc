@@ -4,7 +4,7 @@
 
 #include "dfr/runtime/periodic_timer.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 using hardware::FrameStatus;
@@ -133,4 +133,4 @@ void ImageWorker::Record(const hardware::Frame& frame) noexcept {
   static_cast<void>(recorder_->Picture(view));
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

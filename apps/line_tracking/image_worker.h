@@ -16,7 +16,7 @@
 #include "lock_step.h"
 #include "robot_config.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// What a picture that was asked for shows.
 struct ImageAnswer {
@@ -83,4 +83,4 @@ class ImageWorker final : public robot::Camera {
   std::thread thread_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -4,7 +4,7 @@
 
 #include "dfr/runtime/periodic_timer.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 using runtime::HoldReason;
 
@@ -62,4 +62,4 @@ robot::Finding LockStep::Look() noexcept {
   });
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -6,7 +6,7 @@
 #include "dfr/robot/devices.h"
 #include "simulator_link.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// The time of dvrk_simulator --lock-step as that of a robot::ControlLoop. A simulator that does
 /// not answer is HoldReason::kArmSilent, and is not waited for again until Retry(). Calls wait for
@@ -41,4 +41,4 @@ class LockStep final : public robot::Clock {
   std::string error_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

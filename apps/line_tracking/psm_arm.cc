@@ -1,6 +1,6 @@
 #include "psm_arm.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 using hardware::PsmStatus;
@@ -82,4 +82,4 @@ robot::Finding PsmArm::MoveTo(std::span<const double> joints, double duration_s)
   return {runtime::HoldReason::kCommandRefused, hardware::Name(status)};
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -3,7 +3,7 @@
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/robot/devices.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// A PsmDriver as the arm of a robot::ControlLoop; joints are kinematics::PsmJoints.
 class PsmArm final : public robot::Manipulator {
@@ -26,4 +26,4 @@ class PsmArm final : public robot::Manipulator {
   hardware::PsmDriver* driver_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

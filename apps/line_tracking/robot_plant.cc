@@ -17,7 +17,7 @@
 #include "psm_arm.h"
 #include "simulator_link.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 using core::PlantStatus;
@@ -293,4 +293,4 @@ const runtime::PeriodicTimer* RobotPlant::timer() const noexcept {
   return impl_->real_time.timer();
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

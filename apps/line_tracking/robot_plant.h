@@ -13,7 +13,7 @@
 #include "image_worker.h"
 #include "robot_config.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// Who watches a run.
 struct RunOperator {
@@ -74,4 +74,4 @@ class RobotPlant final : public core::Plant {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking
