@@ -539,12 +539,11 @@ DeviceReport CheckEndoscope(const CheckOptions& options) {
     return report;
   }
 
-  const Pictures pictures = LookAt(options, *endoscope);
+  Pictures pictures = LookAt(options, *endoscope);
   ReportPictures(options, camera, pictures, report);
   if (pictures.good() == 0 || pictures.ages.empty()) return report;
   if (participant) {
-    std::vector<double> ages = pictures.ages;
-    Ok(report, "pictures are " + Text(1e3 * core::Median(ages), 1) + " ms old");
+    Ok(report, "pictures are " + Text(1e3 * core::Median(pictures.ages), 1) + " ms old");
   }
   if (10 * pictures.lost > pictures.received) {
     Note(report, std::to_string(pictures.lost) + " pictures were lost on the way",
