@@ -276,9 +276,9 @@ void Run(Options options) {
   options.network.name = "dvrk_simulator_images";
   options.network.shared_memory = options.shared_memory;
   dfr::dds::Participant images(options.network);
-  std::optional<dfr::sim::LineTrackingCalibration> known;
+  std::optional<dfr::line_task::LineCalibration> known;
   if (!options.calibration.empty()) {
-    known = dfr::sim::LineTrackingCalibration::Load(options.calibration);
+    known = dfr::line_task::LineCalibration::Load(options.calibration);
   }
   dfr::sim::DvrkScene scene(options.scene, known ? &*known : nullptr);
   dfr::sim::DvrkSceneServer server(control, images, scene, options.server);

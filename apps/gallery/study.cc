@@ -1,7 +1,6 @@
 #include "apps/gallery/study.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <fstream>
 #include <future>
 #include <map>
@@ -12,6 +11,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/format.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/experiment/paired_evaluation.h"
@@ -78,10 +78,10 @@ std::pair<std::string, std::string> Split(const std::string& learner) {
   return {learner.substr(0, slash), learner.substr(slash + 1)};
 }
 
-class Site final : public experiment::EvaluationSite {
+class Runner final : public experiment::TrialRunner {
  public:
-  Site(const std::vector<std::string>& methods, const sim::GalleryTask& task,
-       const Prepared& prepared, Imitator policy)
+  Runner(const std::vector<std::string>& methods, const sim::GalleryTask& task,
+         const Prepared& prepared, Imitator policy)
       : task_(task),
         horizon_(prepared.model->settings().horizon),
         policy_(std::move(policy)),
@@ -206,13 +206,13 @@ experiment::EvaluationPlan MakePlan(const Study& study) {
   return plan;
 }
 
-std::unique_ptr<Site> MakeSite(const experiment::EvaluationPlan& plan,
-                               const experiment::EvaluationUnit& unit, Cache& cache) {
+std::unique_ptr<Runner> MakeRunner(const experiment::EvaluationPlan& plan,
+                                   const experiment::EvaluationUnit& unit, Cache& cache) {
   const auto [name, policy] = Split(unit.learner);
   const sim::GalleryTask& task = sim::FindGalleryTask(name);
   const auto trial = static_cast<std::uint64_t>(unit.trial);
   const auto prepared = cache.Get(task, unit.trial);
-  return std::make_unique<Site>(
+  return std::make_unique<Runner>(
       plan.methods, task, *prepared,
       Imitate(task, prepared->demonstrations, policy, core::DeriveSeed(plan.seed, {3, trial})));
 }
@@ -242,10 +242,7 @@ void AddUnit(const experiment::UnitResult& unit, std::size_t method, Row& row) {
 std::string Percent(int count, int of) {
   if (of == 0) return "-";
   const experiment::Interval i = experiment::ProportionInterval(count, of);
-  char text[40];
-  std::snprintf(text, sizeof text, "%3.0f [%3.0f,%4.0f]", 100.0 * count / of, 100.0 * i.low,
-                100.0 * i.high);
-  return text;
+  return core::Format("%3.0f [%3.0f,%4.0f]", 100.0 * count / of, 100.0 * i.low, 100.0 * i.high);
 }
 
 }  // namespace
@@ -279,7 +276,7 @@ std::vector<Row> RunStudy(const Study& study, experiment::ProgressCallback progr
   const experiment::EvaluationPlan plan = MakePlan(study);
   Cache cache(study);
   const std::vector<experiment::UnitResult> units = experiment::Evaluate(
-      plan, [&](const experiment::EvaluationUnit& unit) { return MakeSite(plan, unit, cache); },
+      plan, [&](const experiment::EvaluationUnit& unit) { return MakeRunner(plan, unit, cache); },
       {.threads = study.threads, .progress = std::move(progress)});
 
   std::vector<Row> rows;
@@ -311,18 +308,18 @@ std::vector<Recording> Record(const Study& study, const std::string& task,
     if (std::ssize(recordings) == count) break;
     recordings.push_back({"demonstrations", demonstration.outcome, demonstration.states});
   }
-  const auto site =
-      MakeSite(plan, {.demonstrations = one.demonstrations, .learner = plan.learners[0]}, cache);
+  const auto runner =
+      MakeRunner(plan, {.demonstrations = one.demonstrations, .learner = plan.learners[0]}, cache);
   const Eigen::Index width = what.plant->state_dim();
   for (std::size_t method = 0; method < plan.methods.size(); ++method) {
     for (int i = 0; i < count; ++i) {
       std::vector<double> states;
-      site->WriteStatesTo(&states);
+      runner->WriteStatesTo(&states);
       // As experiment::Evaluate() has them.
       const std::uint64_t start =
           core::DeriveSeed(plan.seed, {0, 0, static_cast<std::uint64_t>(i), 0});
       const core::Outcome outcome =
-          site->Run(static_cast<int>(method), start, experiment::ControllerSeed(plan, 0, i))
+          runner->Run(static_cast<int>(method), start, experiment::ControllerSeed(plan, 0, i))
               .outcome;
       recordings.push_back(
           {plan.methods[method], outcome,
@@ -333,23 +330,20 @@ std::vector<Recording> Record(const Study& study, const std::string& task,
 }
 
 void PrintTable(const std::vector<Row>& rows, bool causes, std::ostream& out) {
-  char line[240];
-  std::snprintf(line, sizeof line, "%-15s %-7s %-14s %-14s %-14s %-14s %5s %8s %6s %9s  %-14s %s\n",
-                "task", "policy", "method", "ok %", "failed %", "halted %", "saved", "saved-ok",
-                "harmed", "controls", "alarms in fail.", "false alarms");
-  out << line;
+  out << core::Format("%-15s %-7s %-14s %-14s %-14s %-14s %5s %8s %6s %9s  %-14s %s\n", "task",
+                      "policy", "method", "ok %", "failed %", "halted %", "saved", "saved-ok",
+                      "harmed", "controls", "alarms in fail.", "false alarms");
   for (const Row& row : rows) {
     const bool monitor = row.method == Name(safety::Strategy::kMonitor);
     const auto share = [&](int count) { return 100.0 * count / row.episodes; };
-    std::snprintf(line, sizeof line,
-                  "%-15s %-7s %-14s %-14s %-14s %-14s %5.0f %8.0f %6.0f %9.1f  %-14s  %s\n",
-                  row.task.c_str(), row.policy.c_str(), row.method.c_str(),
-                  Percent(row.ok, row.episodes).c_str(), Percent(row.failed, row.episodes).c_str(),
-                  Percent(row.episodes - row.ok - row.failed, row.episodes).c_str(),
-                  share(row.saved), share(row.saved_ok), share(row.harmed), row.controls,
-                  monitor ? Percent(row.alarmed_failures, row.failed).c_str() : "",
-                  monitor ? Percent(row.alarmed_successes, row.ok).c_str() : "");
-    out << line;
+    out << core::Format("%-15s %-7s %-14s %-14s %-14s %-14s %5.0f %8.0f %6.0f %9.1f  %-14s  %s\n",
+                        row.task.c_str(), row.policy.c_str(), row.method.c_str(),
+                        Percent(row.ok, row.episodes).c_str(),
+                        Percent(row.failed, row.episodes).c_str(),
+                        Percent(row.episodes - row.ok - row.failed, row.episodes).c_str(),
+                        share(row.saved), share(row.saved_ok), share(row.harmed), row.controls,
+                        monitor ? Percent(row.alarmed_failures, row.failed).c_str() : "",
+                        monitor ? Percent(row.alarmed_successes, row.ok).c_str() : "");
     if (!causes) continue;
     for (const auto& [cause, count] : row.causes) out << "    " << count << " " << cause << '\n';
   }

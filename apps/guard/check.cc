@@ -11,10 +11,11 @@
 
 #include "commands.h"
 #include "dfr/core/features.h"
+#include "dfr/core/format.h"
 #include "dfr/core/matrix.h"
 #include "dfr/imitation/demonstrations.h"
 
-namespace dfr::apps {
+namespace dfr::apps::guard {
 namespace {
 
 // "object[2]": the entry of a state as --features takes it, but for the range.
@@ -174,12 +175,11 @@ class Collected {
       if (share <= as_recorded[entry] + kClearly || share <= as_recorded.maxCoeff() + kClearly) {
         continue;
       }
-      char text[256];
-      std::snprintf(text, sizeof text,
-                    "how %s changes from step t on is explained to %.0f %% by the action of step "
-                    "t %c 1, to %.0f %% by that of step t: are actions and states out of step?",
-                    EntryName(*layout_, entry).c_str(), 100.0 * share, i == 0 ? '-' : '+',
-                    100.0 * as_recorded[entry]);
+      const std::string text = core::Format(
+          "how %s changes from step t on is explained to %.0f %% by the action of step "
+          "t %c 1, to %.0f %% by that of step t: are actions and states out of step?",
+          EntryName(*layout_, entry).c_str(), 100.0 * share, i == 0 ? '-' : '+',
+          100.0 * as_recorded[entry]);
       findings.Warning("alignment", text);
     }
   }
@@ -244,4 +244,4 @@ bool RunCheck(const CheckOptions& options) {
   return findings.errors() == 0;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::guard

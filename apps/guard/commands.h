@@ -5,7 +5,7 @@
 
 #include "dfr/safety/guard_model.h"
 
-namespace dfr::apps {
+namespace dfr::apps::guard {
 
 // One struct and one function a command; main.cc fills the one and calls the other. All throw
 // std::exception with a message for the user.
@@ -58,4 +58,4 @@ struct ExportOptions {
 };
 void RunExport(const ExportOptions& options);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::guard

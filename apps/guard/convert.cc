@@ -6,7 +6,7 @@
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/imitation/minari.h"
 
-namespace dfr::apps {
+namespace dfr::apps::guard {
 namespace {
 
 // One episode at a time, whatever the size of the file.
@@ -45,4 +45,4 @@ void RunConvert(const ConvertOptions& options) {
   std::printf("%s: %d episodes\n", options.out.c_str(), reader->num_episodes());
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::guard

@@ -10,7 +10,7 @@
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/safety/guard.h"
 
-namespace dfr::apps {
+namespace dfr::apps::guard {
 
 void RunEvaluate(const EvaluateOptions& options) {
   const auto model = safety::GuardModel::Load(options.guard);
@@ -71,4 +71,4 @@ void RunEvaluate(const EvaluateOptions& options) {
               micros[micros.size() * 99 / 100]);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::guard

@@ -5,10 +5,11 @@
 #include <system_error>
 
 #include "commands.h"
+#include "dfr/core/format.h"
 #include "dfr/kernel/libsvm_io.h"
 #include "dfr/safety/onnx_export.h"
 
-namespace dfr::apps {
+namespace dfr::apps::guard {
 namespace {
 
 void WriteMatrix(std::ofstream& out, const core::Matrix& values) {
@@ -29,11 +30,10 @@ void ExportLibsvm(const safety::GuardModel& model, const std::filesystem::path& 
   const core::FeatureTransform& features = model.recovery().features();
   const kernel::WhitenedSupport& support = model.recovery().support();
   for (int t = 0; t < model.num_steps(); ++t) {
-    char name[32];
-    std::snprintf(name, sizeof name, "t_%03d", t);
-    kernel::SaveLibsvmModel(support.estimate(t), folder / (std::string(name) + ".model"));
+    const std::string name = core::Format("t_%03d", t);
+    kernel::SaveLibsvmModel(support.estimate(t), folder / (name + ".model"));
     // y = V_t W (f(x) - offset)
-    std::ofstream map(folder / (std::string(name) + ".csv"));
+    std::ofstream map(folder / (name + ".csv"));
     map.precision(17);
     WriteMatrix(map, support.map(t) * features.scale());
     if (!map) throw std::runtime_error(folder.string() + ": cannot be written to");
@@ -70,4 +70,4 @@ void RunExport(const ExportOptions& options) {
   }
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::guard

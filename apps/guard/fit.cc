@@ -8,7 +8,7 @@
 #include "dfr/experiment/progress.h"
 #include "dfr/imitation/demonstrations.h"
 
-namespace dfr::apps {
+namespace dfr::apps::guard {
 
 void Describe(const safety::GuardModel& model) {
   const safety::GuardSummary& summary = model.summary();
@@ -78,4 +78,4 @@ void RunFit(const FitOptions& options) {
   std::printf("%s\n", options.out.c_str());
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::guard

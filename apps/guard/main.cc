@@ -8,7 +8,7 @@
 #include "commands.h"
 #include "dfr/core/build_info.h"
 
-namespace dfr::apps {
+namespace dfr::apps::guard {
 namespace {
 
 void AddDemonstrations(CLI::App& command, std::filesystem::path& path) {
@@ -132,10 +132,10 @@ int Main(int argc, char** argv) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::guard
 
 int main(int argc, char** argv) try {
-  return dfr::apps::Main(argc, argv);
+  return dfr::apps::guard::Main(argc, argv);
 } catch (const std::exception& e) {
   std::cerr << "guard: " << e.what() << '\n';
   return EXIT_FAILURE;

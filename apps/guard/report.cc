@@ -11,18 +11,12 @@
 
 #include "commands.h"
 #include "dfr/core/build_info.h"
+#include "dfr/core/format.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/imitation/demonstrations.h"
 
-namespace dfr::apps {
+namespace dfr::apps::guard {
 namespace {
-
-template <typename... Values>
-std::string Format(const char* format, Values... values) {
-  char text[512];
-  std::snprintf(text, sizeof text, format, values...);
-  return text;
-}
 
 struct Episode {
   std::string name;
@@ -184,10 +178,10 @@ experiment::ReportTable EpisodeTable(const std::string& heading, const std::stri
   for (const Episode& episode : episodes) {
     const int last = static_cast<int>(episode.levels.size()) - 1;
     const bool alarm = episode.first_alarm >= 0;
-    table.rows.push_back({episode.name, std::to_string(last),
-                          Format("%.1f", 100.0 * episode.inside), Format("%.3f", episode.lowest),
-                          alarm ? std::to_string(episode.first_alarm) : "-",
-                          alarm ? std::to_string(last - episode.first_alarm) : "-"});
+    table.rows.push_back(
+        {episode.name, std::to_string(last), core::Format("%.1f", 100.0 * episode.inside),
+         core::Format("%.3f", episode.lowest), alarm ? std::to_string(episode.first_alarm) : "-",
+         alarm ? std::to_string(last - episode.first_alarm) : "-"});
   }
   return table;
 }
@@ -199,8 +193,8 @@ int Alarms(const std::vector<Episode>& episodes) {
 
 std::string Rate(int count, int of) {
   const auto interval = experiment::ProportionInterval(count, of);
-  return Format("%d of %d, %.1f %% [%.1f, %.1f]", count, of, 100.0 * count / of,
-                100.0 * interval.low, 100.0 * interval.high);
+  return core::Format("%d of %d, %.1f %% [%.1f, %.1f]", count, of, 100.0 * count / of,
+                      100.0 * interval.low, 100.0 * interval.high);
 }
 
 }  // namespace
@@ -221,13 +215,13 @@ void RunReport(const ReportOptions& options) {
                       [](double sum, const Episode& e) { return sum + e.inside; }) /
       count;
   page.introduction =
-      Format(
+      core::Format(
           "l is the log form of g: positive inside what was demonstrated at a time step, and "
           "falling with the squared distance outside. Of the states in %s, %.1f %% are inside "
           "(mean over episodes). An alarm is raised at l < %.3g.",
           options.demonstrations.filename().c_str(), 100.0 * inside, -settings.alarm_level) +
       "\n\nEpisodes with an alarm: " + Rate(alarms, count) +
-      Format(
+      core::Format(
           " (95 %% interval). The fit promises at most %.3g of further demonstrations, by "
           "leaving demonstrations out of it; those that it was fitted to raise fewer.",
           summary.false_alarms);
@@ -252,9 +246,9 @@ void RunReport(const ReportOptions& options) {
         Rate(static_cast<int>(leads.size()), static_cast<int>(failures.size())) +
         (leads.empty()
              ? std::string(".")
-             : Format("; it comes %.0f steps before their end (median; %.0f to %.0f for "
-                      "the middle half).",
-                      Quantile(leads, 0.5), Quantile(leads, 0.25), Quantile(leads, 0.75)));
+             : core::Format("; it comes %.0f steps before their end (median; %.0f to %.0f for "
+                            "the middle half).",
+                            Quantile(leads, 0.5), Quantile(leads, 0.25), Quantile(leads, 0.75)));
   }
   page.figures.push_back(std::move(levels));
 
@@ -267,7 +261,8 @@ void RunReport(const ReportOptions& options) {
       .header = {"Entry", "Share, %"},
       .rows = {}};
   for (const auto& [share, entry] : drivers.Ranked()) {
-    features.rows.push_back({EntryName(model->layout(), entry), Format("%.1f", 100.0 * share)});
+    features.rows.push_back(
+        {EntryName(model->layout(), entry), core::Format("%.1f", 100.0 * share)});
   }
   page.tables.push_back(std::move(features));
   if (!failures.empty()) {
@@ -277,18 +272,19 @@ void RunReport(const ReportOptions& options) {
   }
   page.tables.push_back(EpisodeTable("Demonstrations", "Lowest first.", episodes));
   const std::string& spec = model->recovery().features().selection().spec();
-  page.settings = {{"fitted to", Format("%d demonstrations, %d actions, %s", summary.demonstrations,
-                                        summary.transitions, summary.source.c_str())},
-                   {"features", spec.empty() ? "the whole state" : spec},
-                   {"nu, gamma", Format("%g, %g", summary.nu, summary.gamma)},
-                   {"time steps", std::to_string(model->num_steps())},
-                   {"strategy", safety::Name(settings.strategy)},
-                   {"horizon", std::to_string(settings.horizon)},
-                   {"action limit", Format("%g", settings.action_limit)}};
+  page.settings = {
+      {"fitted to", core::Format("%d demonstrations, %d actions, %s", summary.demonstrations,
+                                 summary.transitions, summary.source.c_str())},
+      {"features", spec.empty() ? "the whole state" : spec},
+      {"nu, gamma", core::Format("%g, %g", summary.nu, summary.gamma)},
+      {"time steps", std::to_string(model->num_steps())},
+      {"strategy", safety::Name(settings.strategy)},
+      {"horizon", std::to_string(settings.horizon)},
+      {"action limit", core::Format("%g", settings.action_limit)}};
   experiment::Summary nothing;
   nothing.commit = core::BuildCommit();
   experiment::SaveReport(nothing, page, options.out);
   std::printf("%s\n", options.out.c_str());
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::guard

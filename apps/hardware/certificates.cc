@@ -8,7 +8,7 @@
 
 #include "dfr/dds/security.h"
 
-namespace dfr::apps {
+namespace dfr::apps::hardware_app {
 namespace {
 
 // What our own programs are.
@@ -88,4 +88,4 @@ void RunCertificates(const CertificatesOptions& options) {
          "participants, and to renew these before they expire.\n";
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::hardware_app

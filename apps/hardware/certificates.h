@@ -6,7 +6,7 @@
 
 #include "dfr/dds/certificates.h"
 
-namespace dfr::apps {
+namespace dfr::apps::hardware_app {
 
 struct CertificatesOptions {
   std::filesystem::path folder;
@@ -19,4 +19,4 @@ struct CertificatesOptions {
 /// what belongs where. @throws as dds::AddParticipant(); then nothing was made.
 void RunCertificates(const CertificatesOptions& options);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::hardware_app

@@ -8,17 +8,18 @@
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <sstream>
 #include <system_error>
 #include <thread>
 
+#include "dfr/core/format.h"
+#include "dfr/core/quantile.h"
 #include "dfr/dds/channel.h"
 #include "dfr/hardware/endoscope.h"
 #include "dfr/hardware/intrinsics_file.h"
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/hardware/sprk_driver.h"
 
-namespace dfr::apps {
+namespace dfr::apps::hardware_app {
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -42,13 +43,7 @@ void Wrong(DeviceReport& report, const std::string& what, const std::string& rem
   report.findings.push_back({Finding::Level::kWrong, what, remedy});
 }
 
-std::string Text(double value, int digits) {
-  std::ostringstream text;
-  text.setf(std::ios::fixed);
-  text.precision(digits);
-  text << value;
-  return text.str();
-}
+std::string Text(double value, int digits) { return core::Format("%.*f", digits, value); }
 
 const char* Name(dds::Discovery discovery) {
   switch (discovery) {
@@ -278,9 +273,7 @@ void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client,
     return;
   }
   if (ages.empty()) return;
-  std::nth_element(ages.begin(), ages.begin() + static_cast<std::ptrdiff_t>(ages.size() / 2),
-                   ages.end());
-  const double age = ages[ages.size() / 2];
+  const double age = core::Median(ages);
   if (age < -kClockTolerance || age > client.options().watchdog.max_age_s) {
     Wrong(report,
           "the console's clock, or its samples, are " + Text(std::abs(age), 3) + " s " +
@@ -515,9 +508,9 @@ DeviceReport CheckEndoscope(const CheckOptions& options) {
     Wrong(report, what, hardware::Remedy(status));
   }
   if (times[0] > 0 && !ages.empty()) {
-    std::nth_element(ages.begin(), ages.begin() + static_cast<std::ptrdiff_t>(ages.size() / 2),
-                     ages.end());
-    if (participant) Ok(report, "pictures are " + Text(1e3 * ages[ages.size() / 2], 1) + " ms old");
+    if (participant) {
+      Ok(report, "pictures are " + Text(1e3 * core::Median(ages), 1) + " ms old");
+    }
     const std::uint64_t lost = after.lost - before.lost;
     if (10 * lost > after.received - before.received) {
       Note(report, std::to_string(lost) + " pictures were lost on the way",
@@ -604,4 +597,4 @@ int RunCheck(CheckOptions options) {
   return ok ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::hardware_app

@@ -8,7 +8,7 @@
 
 #include "dfr/dds/participant.h"
 
-namespace dfr::apps {
+namespace dfr::apps::hardware_app {
 
 /// One thing that was looked at.
 struct Finding {
@@ -62,4 +62,4 @@ void PrintJson(const std::vector<DeviceReport>& reports, std::ostream& out);
 /// standard output. Returns the program's exit code: 1 if anything is wrong.
 int RunCheck(CheckOptions options);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::hardware_app

@@ -14,7 +14,7 @@
 #include "dfr/dds/emergency_stop.h"
 #include "dfr/runtime/periodic_timer.h"
 
-namespace dfr::apps {
+namespace dfr::apps::hardware_app {
 namespace {
 
 std::atomic<bool> stopped = false;
@@ -109,4 +109,4 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
   }
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::hardware_app

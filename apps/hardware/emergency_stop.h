@@ -2,7 +2,7 @@
 
 #include "dfr/dds/participant.h"
 
-namespace dfr::apps {
+namespace dfr::apps::hardware_app {
 
 struct EmergencyStopOptions {
   dds::ParticipantOptions network = {.name = "emergency_stop"};
@@ -14,4 +14,4 @@ struct EmergencyStopOptions {
 /// when nothing is heard of it any more.
 void RunEmergencyStop(const EmergencyStopOptions& options);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::hardware_app

@@ -14,7 +14,7 @@
 #include "dfr/core/build_info.h"
 #include "emergency_stop.h"
 
-namespace dfr::apps {
+namespace dfr::apps::hardware_app {
 namespace {
 
 void AddNetwork(CLI::App& command, dds::ParticipantOptions& network) {
@@ -121,10 +121,10 @@ int Main(int argc, char** argv) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::hardware_app
 
 int main(int argc, char** argv) try {
-  return dfr::apps::Main(argc, argv);
+  return dfr::apps::hardware_app::Main(argc, argv);
 } catch (const std::exception& e) {
   std::cerr << "hardware: " << e.what() << '\n';
   return EXIT_FAILURE;

@@ -9,9 +9,9 @@
 #include "commands.h"
 #include "dfr/core/random.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
-#include "site.h"
+#include "trial_runner.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 void PrintErrors(const char* name, std::vector<double> errors_mm) {
@@ -24,7 +24,7 @@ void PrintErrors(const char* name, std::vector<double> errors_mm) {
 
 }  // namespace
 
-sim::LineTrackingCalibration LoadCalibration(const SceneOptions& scene) {
+line_task::LineCalibration LoadCalibration(const SceneOptions& scene) {
   if (scene.calibration != kNoCalibration) {
     if (!std::filesystem::exists(scene.calibration)) {
       throw std::runtime_error(
@@ -32,9 +32,9 @@ sim::LineTrackingCalibration LoadCalibration(const SceneOptions& scene) {
           ": no such file. Run `line_tracking calibrate` first, or go on with --calibration none: "
           "the true camera and an uncorrected arm");
     }
-    return sim::LineTrackingCalibration::Load(scene.calibration);
+    return line_task::LineCalibration::Load(scene.calibration);
   }
-  sim::LineTrackingCalibration known;
+  line_task::LineCalibration known;
   known.camera = sim::LineTrackingPlant::true_camera();
   known.p_base_cam =
       sim::LineTrackingPlant::p_world_base().inverse() * sim::LineTrackingPlant::p_world_cam();
@@ -44,7 +44,7 @@ sim::LineTrackingCalibration LoadCalibration(const SceneOptions& scene) {
 void RunCalibrate(const CalibrateOptions& options) {
   if (options.held_out < 1) throw std::invalid_argument("--held-out must be positive");
   calibration::CalibrationSummary summary;
-  const calibration::Calibration found =
+  const line_task::LineCalibration found =
       CalibratePlant(options.scene.plant, options.frames, options.seed, &summary);
   calibration::Print(std::cout, found, summary);
 
@@ -68,4 +68,4 @@ void RunCalibrate(const CalibrateOptions& options) {
   std::cout << options.out.string() << " written\n";
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

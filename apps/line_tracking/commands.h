@@ -8,7 +8,7 @@
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 #include "model.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 // One struct and one function a command; main.cc fills the one and calls the other. All throw
 // std::exception with a message for the user.
@@ -119,6 +119,6 @@ void RunVision(const VisionOptions& options);
 
 /// What the scene's calibration file holds, or the truth.
 /// @throws std::runtime_error naming the file, and what writes one, if it is not there.
-[[nodiscard]] sim::LineTrackingCalibration LoadCalibration(const SceneOptions& scene);
+[[nodiscard]] line_task::LineCalibration LoadCalibration(const SceneOptions& scene);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

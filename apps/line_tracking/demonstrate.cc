@@ -4,9 +4,9 @@
 #include "commands.h"
 #include "dfr/experiment/progress.h"
 #include "dfr/imitation/demonstrations.h"
-#include "site.h"
+#include "trial_runner.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 void RunDemonstrate(const DemonstrateOptions& options) {
   experiment::ProgressBar bar("demonstrations");
@@ -24,4 +24,4 @@ void RunDemonstrate(const DemonstrateOptions& options) {
             << " mm from the line\n";
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

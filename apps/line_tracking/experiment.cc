@@ -14,11 +14,11 @@
 #include "dfr/experiment/progress.h"
 #include "dfr/experiment/report.h"
 #include "dfr/experiment/summary.h"
-#include "film.h"
 #include "probe_study.h"
-#include "site.h"
+#include "rollout_video.h"
+#include "trial_runner.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 constexpr int kDemonstrations = 50;
@@ -114,7 +114,8 @@ struct StudiedMethod {
 };
 
 // Algorithm 1 with either choice of its constants, from the same start states.
-std::vector<StudiedMethod> StudyProbes(LineSite& site, std::span<const std::string> methods,
+std::vector<StudiedMethod> StudyProbes(LineTrialRunner& runner,
+                                       std::span<const std::string> methods,
                                        const experiment::EvaluationPlan& plan,
                                        std::span<const std::uint64_t> starts) {
   std::vector<StudiedMethod> studied;
@@ -123,12 +124,12 @@ std::vector<StudiedMethod> StudyProbes(LineSite& site, std::span<const std::stri
     studied.push_back({methods[m],
                        "g / (" + Text(1.0 / dfr.probe_fraction) + " lambda), g / (" +
                            Text(1.0 / dfr.step_fraction) + " lambda)",
-                       ProbeStudy(site.model(), site.plant())});
+                       ProbeStudy(runner.model(), runner.plant())});
     const auto episodes = std::min<std::size_t>(kStudiedEpisodes, starts.size());
     for (std::size_t i = 0; i < episodes; ++i) {
-      site.Watch(static_cast<int>(m), starts[i],
-                 experiment::ControllerSeed(plan, 0, static_cast<int>(i)), &studied.back().study,
-                 kStudiedControls);
+      runner.Watch(static_cast<int>(m), starts[i],
+                   experiment::ControllerSeed(plan, 0, static_cast<int>(i)), &studied.back().study,
+                   kStudiedControls);
     }
   }
   return studied;
@@ -212,7 +213,7 @@ void RunExperiment(const ExperimentOptions& options) {
   if (options.restart) std::filesystem::remove(ledger);
 
   calibration::CalibrationSummary calibration_summary;
-  const calibration::Calibration known =
+  const line_task::LineCalibration known =
       CalibratePlant(options.plant, kCalibrationFrames,
                      core::DeriveSeed(options.seed, {kCalibrationStream}), &calibration_summary);
   if (!calibration_summary.converged) {
@@ -233,9 +234,10 @@ void RunExperiment(const ExperimentOptions& options) {
     model.seed = core::DeriveSeed(options.seed, {kLearnerStream, trial});
     LineModel fitted = LineModel::Fit(set, model);
     if (unit.trial == 0) fitted.Save(model_folder);
-    auto site = std::make_unique<LineSite>(std::move(fitted), plan.methods, options.plant, known);
-    if (unit.trial == 0) site->Collect(curves);
-    return site;
+    auto runner =
+        std::make_unique<LineTrialRunner>(std::move(fitted), plan.methods, options.plant, known);
+    if (unit.trial == 0) runner->Collect(curves);
+    return runner;
   };
   experiment::ProgressBar bar("line tracking");
   experiment::EvaluationOptions evaluation;
@@ -290,11 +292,11 @@ void RunExperiment(const ExperimentOptions& options) {
   if (!std::filesystem::exists(model_folder / "policy.dfr")) {
     static_cast<void>(make(results.front().unit));
   }
-  LineSite again(LineModel::Load(model_folder), plan.methods, options.plant, known);
+  LineTrialRunner again(LineModel::Load(model_folder), plan.methods, options.plant, known);
   const experiment::UnitResult& first = results.front();
   const std::array<std::string, 2> dfr = {"dfr", "dfr-fine"};
-  LineSite studied_site(LineModel::Load(model_folder), {dfr.begin(), dfr.end()}, options.plant,
-                        known);
+  LineTrialRunner studied_site(LineModel::Load(model_folder), {dfr.begin(), dfr.end()},
+                               options.plant, known);
   const experiment::ReportTable probes =
       ProbeTable(StudyProbes(studied_site, dfr, plan, first.starts));
   report.tables.push_back(probes);
@@ -340,4 +342,4 @@ void RunExperiment(const ExperimentOptions& options) {
             << "first trial also model and calibration.dfr, for run, render and view\n";
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -3,7 +3,7 @@
 #include "commands.h"
 #include "dfr/imitation/demonstrations.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 void RunFit(const FitOptions& options) {
   const imitation::DemonstrationSet set = imitation::LoadRobomimic(options.demonstrations);
@@ -15,4 +15,4 @@ void RunFit(const FitOptions& options) {
             << " supports and lambda of " << set.trajectories.size() << " demonstrations\n";
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -19,7 +19,7 @@
 #include "commands.h"
 #include "robot_config.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -270,4 +270,4 @@ void RunLaunch(const LaunchOptions& options) {
   if (client.status() != 0) throw std::runtime_error("the run failed; its words are above");
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

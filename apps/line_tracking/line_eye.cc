@@ -5,7 +5,7 @@
 
 #include "dfr/runtime/periodic_timer.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 LineEye::LineEye(std::unique_ptr<hardware::Endoscope> endoscope, const line_task::LineTask& task,
                  recording::Recorder* recorder)
@@ -64,4 +64,4 @@ void LineEye::Record(const hardware::Frame& frame) noexcept {
   static_cast<void>(recorder_->Picture(view));
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -12,7 +12,7 @@
 #include "dfr/runtime/latest.h"
 #include "dfr/vision/line_vision.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// How the endoscope stands.
 struct EyeNews {
@@ -70,4 +70,4 @@ class LineEye {
   std::thread thread_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

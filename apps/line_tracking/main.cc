@@ -12,7 +12,7 @@
 #include "commands.h"
 #include "dfr/core/build_info.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 constexpr const char* kMethods =
@@ -262,10 +262,10 @@ int Main(int argc, char** argv) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking
 
 int main(int argc, char** argv) try {
-  return dfr::apps::Main(argc, argv);
+  return dfr::apps::line_tracking::Main(argc, argv);
 } catch (const std::exception& e) {
   std::cerr << "line_tracking: " << e.what() << '\n';
   return EXIT_FAILURE;

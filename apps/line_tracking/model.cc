@@ -10,7 +10,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/imitation/fit_mlp.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 constexpr std::string_view kSwitchingKind = "line-tracking-switching";
@@ -183,4 +183,4 @@ std::unique_ptr<control::Controller> LineModel::MakeController(const Method& met
   return std::make_unique<control::SwitchingPolicy>(*policy_, *decision_, lambda_, options);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

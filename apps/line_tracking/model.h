@@ -17,7 +17,7 @@
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/guided_recovery.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// Options for LineModel::Fit().
 struct LineModelOptions {
@@ -93,4 +93,4 @@ class LineModel {
   std::unique_ptr<const safety::GuidedRecovery> guided_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -5,16 +5,16 @@
 #include <cstddef>
 #include <limits>
 
-namespace dfr::apps {
+#include "dfr/core/quantile.h"
+
+namespace dfr::apps::line_tracking {
 namespace {
 
 constexpr std::size_t kDistance = 2;  // of LineTrackingPlant's state
 
-double Median(std::vector<double> values) {
+double MedianOrNan(std::vector<double> values) {
   if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+  return core::Median(values);
 }
 
 }  // namespace
@@ -62,12 +62,12 @@ void ProbeStudy::OnControl(const control::RolloutEvent& event) {
 
 void ProbeStudy::OnEnd(const control::RolloutResult& /*result*/) { recovering_ = false; }
 
-double ProbeStudy::size_um() const { return Median(sizes_um_); }
-double ProbeStudy::error_um() const { return Median(errors_um_); }
+double ProbeStudy::size_um() const { return MedianOrNan(sizes_um_); }
+double ProbeStudy::error_um() const { return MedianOrNan(errors_um_); }
 
 double ProbeStudy::right_sign() const noexcept {
   return sizes_um_.empty() ? std::numeric_limits<double>::quiet_NaN()
                            : static_cast<double>(right_) / static_cast<double>(sizes_um_.size());
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -8,7 +8,7 @@
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 #include "model.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// What Algorithm 1's probes could tell in the episodes that this observer watched: each is
 /// compared with what really happened, which the simulation knows.
@@ -48,4 +48,4 @@ class ProbeStudy final : public control::RolloutObserver {
   int out_of_reach_ = 0;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

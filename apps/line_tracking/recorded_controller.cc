@@ -1,19 +1,18 @@
 #include "recorded_controller.h"
 
-#include <array>
 #include <bit>
-#include <cstdio>
 #include <iostream>
 #include <memory>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
+#include "dfr/core/format.h"
 #include "dfr/recording/read_recording.h"
 #include "dfr/runtime/periodic_timer.h"
 #include "model.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 bool Same(double a, double b) {
@@ -24,9 +23,7 @@ bool Same(double a, double b) {
 std::string Difference(const recording::StepRecord& was, const control::Step& step,
                        std::span<const double> u) {
   const auto number = [](const char* name, double then, double now) {
-    std::array<char, 120> text;
-    std::snprintf(text.data(), text.size(), "%s %.17g, now %.17g", name, then, now);
-    return std::string(text.data());
+    return core::Format("%s %.17g, now %.17g", name, then, now);
   };
   if (was.mode.view() != control::Name(step.mode)) {
     return "mode " + std::string(was.mode.view()) + ", now " + control::Name(step.mode);
@@ -131,4 +128,4 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
   return differences == 0;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -8,7 +8,7 @@
 #include "dfr/control/controller.h"
 #include "dfr/recording/recorder.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// Passes everything on to another controller and shows each decision to whom it concerns, before
 /// the control is applied. Neither allocates nor throws if who looks does not.
@@ -50,4 +50,4 @@ class RecordedController final : public control::Controller {
 [[nodiscard]] bool ReplayRecording(const std::filesystem::path& recording,
                                    const std::filesystem::path& model);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

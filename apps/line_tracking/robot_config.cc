@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 [[noreturn]] void Fail(const std::filesystem::path& file, const toml::source_region& where,
@@ -247,4 +247,4 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   return config;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -11,7 +11,7 @@
 #include "dfr/hardware/psm_client.h"
 #include "dfr/line_task/line_task.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// Which robot a run drives.
 enum class RobotPlace {
@@ -66,4 +66,4 @@ struct RobotConfig {
   static RobotConfig Load(const std::filesystem::path& file);
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

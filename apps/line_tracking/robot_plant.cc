@@ -14,7 +14,7 @@
 #include "simulator_link.h"
 #include "watchman.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 using core::PlantStatus;
@@ -620,4 +620,4 @@ LoopTimes RobotPlant::loop_times() const noexcept {
   return times;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

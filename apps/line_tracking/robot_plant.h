@@ -14,7 +14,7 @@
 #include "dfr/vision/line_vision.h"
 #include "robot_config.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// How the control loop kept its time.
 struct LoopTimes {
@@ -99,4 +99,4 @@ class RobotPlant final : public core::Plant {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -17,12 +17,12 @@
 #include "dfr/core/build_info.h"
 #include "dfr/core/random.h"
 #include "dfr/runtime/periodic_timer.h"
-#include "film.h"
 #include "recorded_controller.h"
 #include "robot_plant.h"
-#include "site.h"
+#include "rollout_video.h"
+#include "trial_runner.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 std::atomic<bool> interrupted = false;
@@ -148,7 +148,7 @@ RobotConfig Configuration(const RunOptions& options) {
 }
 
 Robot MakeRobot(const RobotConfig& config, const RunOptions& options,
-                const sim::LineTrackingCalibration& known, recording::Recorder* recorder) {
+                const line_task::LineCalibration& known, recording::Recorder* recorder) {
   Robot robot;
   if (config.robot == RobotPlace::kProcess) {
     auto plant = std::make_unique<sim::LineTrackingPlant>(options.scene.plant, &known);
@@ -179,7 +179,7 @@ void RunRun(const RunOptions& options) {
   const LineModel model = LineModel::Load(config.model);
   SceneOptions scene = options.scene;
   scene.calibration = config.calibration;
-  const sim::LineTrackingCalibration known = LoadCalibration(scene);
+  const line_task::LineCalibration known = LoadCalibration(scene);
   std::optional<recording::Recorder> recorder;
   std::filesystem::path log;
   if (!config.recordings.empty()) {
@@ -252,12 +252,12 @@ void RunReplay(const ReplayOptions& options) {
 
 void RunRender(const RenderOptions& options) {
   LineModel model = LineModel::Load(options.model);
-  LineSite site(std::move(model), {options.method}, options.scene.plant,
-                LoadCalibration(options.scene));
+  LineTrialRunner runner(std::move(model), {options.method}, options.scene.plant,
+                         LoadCalibration(options.scene));
   const control::RolloutResult result =
-      RecordEpisode(site, 0, options.method, options.seed, options.seed, options.out);
+      RecordEpisode(runner, 0, options.method, options.seed, options.seed, options.out);
   std::cout << options.out.string() << ": " << core::Name(result.outcome) << " after "
             << result.controls() << " controls\n";
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

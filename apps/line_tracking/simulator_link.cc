@@ -8,7 +8,7 @@
 #include <string_view>
 #include <utility>
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -124,4 +124,4 @@ void SimulatorLink::Rest() { AskForTime("rest"); }
 
 void SimulatorLink::Look() { AskForTime("look"); }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -7,7 +7,7 @@
 
 #include "dfr/dds/channel.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// What dvrk_simulator knows of its world and a robot does not.
 struct SimulatorTruth {
@@ -61,4 +61,4 @@ class SimulatorLink {
   std::int64_t now_ns_ = 0;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -3,10 +3,10 @@
 #include "commands.h"
 #include "dfr/core/random.h"
 #include "dfr/sim/line_tracking/line_tracking_window.h"
-#include "film.h"
-#include "site.h"
+#include "rollout_video.h"
+#include "trial_runner.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 // Shows every control, recoveries' many small ones faster.
@@ -55,18 +55,18 @@ void RunView(const ViewOptions& options) {
   LineModel model = LineModel::Load(options.model);
   // Before the plant, whose endoscope is drawn with the window's OpenGL.
   sim::LineTrackingWindow window("line_tracking: " + options.method);
-  LineSite site(std::move(model), {options.method}, options.scene.plant,
-                LoadCalibration(options.scene));
+  LineTrialRunner runner(std::move(model), {options.method}, options.scene.plant,
+                         LoadCalibration(options.scene));
   bool open = true;
   for (std::uint64_t episode = 0;
        open && (options.episodes == 0 || episode < static_cast<std::uint64_t>(options.episodes));
        ++episode) {
     const std::uint64_t seed = options.seed + episode;
-    WindowObserver observer(window, site.plant(),
+    WindowObserver observer(window, runner.plant(),
                             options.method + ", episode " + std::to_string(seed));
-    site.Watch(0, seed, core::DeriveSeed(seed, {1}), &observer);
+    runner.Watch(0, seed, core::DeriveSeed(seed, {1}), &observer);
     open = observer.open();
   }
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -8,7 +8,7 @@
 #include "commands.h"
 #include "dfr/core/random.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 double ThreadSeconds() {
@@ -27,7 +27,7 @@ void PrintRow(const VisionOptions& options, double blur_px, double light_change,
   plant_options.endoscope.blur_px = blur_px;
   plant_options.endoscope.light_change = light_change;
   plant_options.endoscope.noise = noise;
-  const sim::LineTrackingCalibration known = LoadCalibration(options.scene);
+  const line_task::LineCalibration known = LoadCalibration(options.scene);
   sim::LineTrackingPlant plant(plant_options, &known);
   core::Random random(options.seed);
   std::vector<double> errors_mm;
@@ -84,4 +84,4 @@ void RunVision(const VisionOptions& options) {
   for (const double noise : {6.0, 12.0, 20.0}) PrintRow(options, 0.5, 0.2, noise);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

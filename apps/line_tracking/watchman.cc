@@ -4,7 +4,7 @@
 
 #include "dfr/runtime/periodic_timer.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 constexpr std::int64_t kHangs = 100'000'000;          // ns
@@ -64,4 +64,4 @@ void Watchman::Run() {
   std::this_thread::sleep_for(std::chrono::milliseconds(50));
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -8,7 +8,7 @@
 #include "dfr/dds/emergency_stop.h"
 #include "dfr/runtime/fail_safe.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// Listens to the emergency stop and tells the operator's programs how the control loop fares, on
 /// the topic dds::kRunStateTopic, which `hardware stop` shows, in a thread of its own:
@@ -40,4 +40,4 @@ class Watchman {
   std::thread thread_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -10,7 +10,7 @@
 #include "dfr/control/rollout.h"
 #include "dfr/core/random.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 namespace {
 
 // How many controls each recovery took.
@@ -41,9 +41,10 @@ struct Shared {
   std::map<std::pair<int, int>, std::vector<std::vector<int>>> lengths;
 };
 
-class Site final : public experiment::EvaluationSite {
+class PlanarTrialRunner final : public experiment::TrialRunner {
  public:
-  Site(const PlanarStudy& study, const experiment::EvaluationUnit& unit, Shared& shared)
+  PlanarTrialRunner(const PlanarStudy& study, const experiment::EvaluationUnit& unit,
+                    Shared& shared)
       : study_(study), unit_(unit), shared_(shared), task_(MakeTask(study.task)) {
     const std::uint64_t seed =
         core::DeriveSeed(study.plan.seed, {2, static_cast<std::uint64_t>(unit.trial)});
@@ -52,12 +53,12 @@ class Site final : public experiment::EvaluationSite {
     plant_ = std::make_unique<control::DisturbedPlant>(task_.plant->Clone(), study.disturbance);
     lengths_.resize(study.plan.methods.size());
   }
-  ~Site() override {
+  ~PlanarTrialRunner() override {
     const std::lock_guard lock(shared_.mutex);
     shared_.lengths[{unit_.trial, unit_.demonstrations}] = std::move(lengths_);
   }
-  Site(const Site&) = delete;
-  Site& operator=(const Site&) = delete;
+  PlanarTrialRunner(const PlanarTrialRunner&) = delete;
+  PlanarTrialRunner& operator=(const PlanarTrialRunner&) = delete;
 
   bool Accepts(std::uint64_t start_seed) override {
     // As observed without noise, which is another for every episode.
@@ -115,8 +116,8 @@ PlanarResult RunStudy(const PlanarStudy& study) {
   PlanarResult result;
   result.units = experiment::Evaluate(
       study.plan,
-      [&](const experiment::EvaluationUnit& unit) -> std::unique_ptr<experiment::EvaluationSite> {
-        return std::make_unique<Site>(study, unit, shared);
+      [&](const experiment::EvaluationUnit& unit) -> std::unique_ptr<experiment::TrialRunner> {
+        return std::make_unique<PlanarTrialRunner>(study, unit, shared);
       },
       {.threads = study.threads});
   result.recovery_lengths.resize(study.plan.methods.size());
@@ -129,4 +130,4 @@ PlanarResult RunStudy(const PlanarStudy& study) {
   return result;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar

@@ -10,7 +10,7 @@
 #include "dfr/control/rollout.h"
 #include "dfr/experiment/paired_evaluation.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 
 /// A comparison of methods on one planar task. Every trial has its own demonstrations and learner;
 /// methods share its start states.
@@ -30,4 +30,4 @@ struct PlanarResult {
 
 [[nodiscard]] PlanarResult RunStudy(const PlanarStudy& study);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar

@@ -20,7 +20,7 @@
 #include "dfr/core/random.h"
 #include "dfr/experiment/intervals.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 namespace {
 
 std::vector<std::string> AllMethods() {
@@ -250,10 +250,10 @@ void Picture(const PlanarStudy& study, std::uint64_t start, const std::filesyste
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar
 
 int main(int argc, char** argv) try {
-  using namespace dfr::apps;  // NOLINT: this is their main
+  using namespace dfr::apps::planar;  // NOLINT: this is their main
   CLI::App app("Recovery and certificates on planar tasks");
   app.require_subcommand(1);
   PlanarStudy study;

@@ -6,7 +6,7 @@
 #include "dfr/control/switching_policy.h"
 #include "dfr/core/contract.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 namespace {
 
 std::vector<core::Matrix> States(std::span<const core::Trajectory> demonstrations) {
@@ -142,4 +142,4 @@ std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
   return nullptr;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar

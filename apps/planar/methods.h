@@ -16,7 +16,7 @@
 #include "dfr/kernel/time_varying_support.h"
 #include "dfr/kernel/whitened_support.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 
 /// What may be varied of the methods.
 struct MethodOptions {
@@ -93,4 +93,4 @@ class Methods {
   control::EstimatedConstant direction_error_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar

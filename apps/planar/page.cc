@@ -12,7 +12,7 @@
 #include "dfr/sim/planar/corridor.h"
 #include "dfr/sim/planar/disc_push.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 namespace {
 
 using nlohmann::json;
@@ -413,4 +413,4 @@ void WritePage(const Task& task, const Methods& methods, const std::vector<Episo
   if (!page) throw std::runtime_error(path.string() + ": the page cannot be written");
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar

@@ -7,7 +7,7 @@
 #include "apps/planar/picture.h"
 #include "apps/planar/task.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 
 /// Writes one page without any other file, to scrub through time and methods: support, stay-out
 /// regions, demonstrations, and each method's way. The page holds the supports themselves.
@@ -15,4 +15,4 @@ namespace dfr::apps {
 void WritePage(const Task& task, const Methods& methods, const std::vector<Episode>& episodes,
                const std::filesystem::path& path);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar

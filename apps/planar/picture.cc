@@ -2,18 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 #include <stdexcept>
 
+#include "apps/video_writer.h"
 #include "dfr/control/rollout.h"
+#include "dfr/core/format.h"
 #include "dfr/sim/planar/corridor.h"
 #include "dfr/sim/planar/disc_push.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 namespace {
 
 constexpr int kWidth = 1100;
@@ -205,15 +205,14 @@ std::vector<std::uint8_t> Painter::Draw(const Episode& episode, int frame) const
     cv::circle(image, at(shot.x[0], shot.x[1]), static_cast<int>(scale_ * reach), kRecovery, 2,
                cv::LINE_AA);
   }
-  char caption[200];
   std::string what = control::Name(shot.step.mode);
   if (shot.step.filtered) what = "filtered policy";
   if (now == last) {
     what = std::string(core::Name(episode.outcome)) +
            (episode.cause.empty() ? "" : ": " + episode.cause);
   }
-  std::snprintf(caption, sizeof(caption), "%s   control %d   t = %d   %s", episode.method.c_str(),
-                now, shot.step.t, what.c_str());
+  const std::string caption = core::Format("%s   control %d   t = %d   %s", episode.method.c_str(),
+                                           now, shot.step.t, what.c_str());
   cv::rectangle(image, cv::Rect(0, 0, width_, kCaption), cv::Scalar(240, 242, 243), cv::FILLED);
   cv::putText(image, caption, cv::Point(10, 22), cv::FONT_HERSHEY_SIMPLEX, 0.6, kInk, 1,
               cv::LINE_AA);
@@ -237,11 +236,7 @@ void Painter::WritePng(const Episode& episode, std::span<const int> frames,
 void Painter::WriteVideo(const std::vector<Episode>& episodes,
                          const std::filesystem::path& path) const {
   const int count = static_cast<int>(episodes.size());
-  cv::VideoWriter video(path.string(), cv::VideoWriter::fourcc('a', 'v', 'c', '1'), 12.0,
-                        cv::Size(width_, count * height_));
-  if (!video.isOpened()) {
-    throw std::runtime_error(path.string() + ": the video cannot be written");
-  }
+  VideoWriter video(path, cv::Size(width_, count * height_), 12.0);
   std::size_t frames = 0;
   for (const Episode& e : episodes) frames = std::max(frames, e.shots.size());
   // DFR may need thousands of controls: the video then skips some.
@@ -255,8 +250,8 @@ void Painter::WriteVideo(const std::vector<Episode>& episodes,
       cv::Mat(height_, width_, CV_8UC3, pixels.data())
           .copyTo(all.rowRange(i * height_, (i + 1) * height_));
     }
-    video.write(all);
+    video.Write(all);
   }
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar

@@ -11,7 +11,7 @@
 #include "dfr/control/controller.h"
 #include "dfr/core/trajectory.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 
 /// One applied control of one method, as pictures show it.
 struct Shot {
@@ -70,4 +70,4 @@ class Painter {
   std::vector<std::uint8_t> background_;  ///< Stay-out regions and demonstrations.
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar

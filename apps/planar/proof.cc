@@ -11,7 +11,7 @@
 #include "dfr/core/random.h"
 #include "dfr/kernel/whitened_support.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 namespace {
 
 constexpr int kPhases = 12;
@@ -153,4 +153,4 @@ ProofResult Prove(control::CertificateKind kind, std::int64_t steps, std::uint64
   return result;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar

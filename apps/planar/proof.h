@@ -4,7 +4,7 @@
 
 #include "dfr/control/certificate.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 
 /// What a stress of a certified mode saw.
 struct ProofResult {
@@ -26,4 +26,4 @@ struct ProofResult {
 [[nodiscard]] ProofResult Prove(control::CertificateKind kind, std::int64_t steps,
                                 std::uint64_t seed);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar

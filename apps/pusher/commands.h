@@ -8,7 +8,7 @@
 #include "dfr/sim/pusher/pusher_plant.h"
 #include "model.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 // One struct and one function a command; main.cc fills the one and calls the other. All throw
 // std::exception with a message for the user.
@@ -102,4 +102,4 @@ struct ViewOptions {
 };
 void RunView(const ViewOptions& options);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -10,7 +10,7 @@
 #include "dfr/control/rollout.h"
 #include "dfr/core/random.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 constexpr int kMostControls = 1000;  // 500 iterations of two
@@ -23,9 +23,9 @@ struct Gate {
   double threshold = 0.0;
 };
 
-std::vector<Gate> FindGates(PusherSite& site, int count, std::uint64_t seed) {
-  const std::unique_ptr<core::SimulatedPlant> plant = site.plant().Clone();
-  const auto stopping = site.model().MakeController(Method::Parse("early-stopping"));
+std::vector<Gate> FindGates(PusherTrialRunner& runner, int count, std::uint64_t seed) {
+  const std::unique_ptr<core::SimulatedPlant> plant = runner.plant().Clone();
+  const auto stopping = runner.model().MakeController(Method::Parse("early-stopping"));
   std::vector<Gate> gates;
   for (std::uint64_t i = 0; static_cast<int>(gates.size()) < count; ++i) {
     if (i == kMostStarts) {
@@ -71,10 +71,10 @@ std::vector<double> Climb(const Model& model, const Gate& gate, core::SimulatedP
 
 }  // namespace
 
-std::vector<ConvergenceCurve> MeasureConvergence(PusherSite& site, int recoveries,
+std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner, int recoveries,
                                                  std::uint64_t seed) {
-  Model& model = site.model();
-  const std::vector<Gate> gates = FindGates(site, recoveries, seed);
+  Model& model = runner.model();
+  const std::vector<Gate> gates = FindGates(runner, recoveries, seed);
   const control::GuidedModel paper_support = PaperSupport(model);
   std::vector<ConvergenceCurve> curves;
   for (const std::string name : {"dfr", "finite-difference", "guided"}) {
@@ -120,4 +120,4 @@ std::vector<ConvergenceCurve> MeasureConvergence(PusherSite& site, int recoverie
   return curves;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "model.h"
-#include "site.h"
+#include "trial_runner.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 /// How fast one method's recoveries climb: g_t over the threshold that it has to reach, at most 1,
 /// averaged over recoveries; one that has ended keeps its last value.
@@ -24,7 +24,7 @@ struct ConvergenceCurve {
 /// to that threshold. To be comparable, guided recovery climbs the paper's g here instead of its
 /// own support, and does without its filter, which would end most recoveries before they begin.
 /// @throws std::runtime_error if too few start states lead to the gate.
-[[nodiscard]] std::vector<ConvergenceCurve> MeasureConvergence(PusherSite& site, int recoveries,
-                                                               std::uint64_t seed);
+[[nodiscard]] std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner,
+                                                               int recoveries, std::uint64_t seed);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

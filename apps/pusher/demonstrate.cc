@@ -5,7 +5,7 @@
 #include "dfr/imitation/demonstrations.h"
 #include "supervisor.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 void RunDemonstrate(const DemonstrateOptions& options) {
   const auto supervisor = imitation::GaussianPolicy::Load(
@@ -23,4 +23,4 @@ void RunDemonstrate(const DemonstrateOptions& options) {
               options.out.c_str(), counts.kept, counts.collided, counts.incomplete);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

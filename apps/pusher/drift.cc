@@ -8,9 +8,9 @@
 #include "dfr/core/build_info.h"
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/experiment/summary.h"
-#include "site.h"
+#include "trial_runner.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 constexpr double kDegree = 3.14159265358979323846 / 180.0;
@@ -54,7 +54,7 @@ const experiment::Cell& CellOf(const experiment::Summary& summary, const std::st
 }  // namespace
 
 void RunDrift(const DriftOptions& options) {
-  SiteOptions site_options;
+  TrialRunnerOptions site_options;
   for (const std::string& name : options.methods) {
     site_options.methods.push_back(Method::Parse(name));
   }
@@ -84,7 +84,7 @@ void RunDrift(const DriftOptions& options) {
     site_options.plant.gripper = condition.gripper;
     plan.demonstrations = {condition.few_demonstrations ? kFewDemonstrations
                                                         : options.demonstrations};
-    SiteFactory factory(supervisor, site_options, plan.trials);
+    TrialRunnerFactory factory(supervisor, site_options, plan.trials);
     const auto results = experiment::Evaluate(
         plan, [&](const experiment::EvaluationUnit& unit) { return factory.Make(unit); },
         {.threads = options.threads});
@@ -108,4 +108,4 @@ void RunDrift(const DriftOptions& options) {
   }
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

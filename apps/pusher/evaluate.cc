@@ -4,9 +4,9 @@
 #include "dfr/core/build_info.h"
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/experiment/summary.h"
-#include "site.h"
+#include "trial_runner.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 void RunEvaluate(const EvaluateOptions& options) {
   std::vector<Method> methods;
@@ -29,8 +29,8 @@ void RunEvaluate(const EvaluateOptions& options) {
   const auto results = experiment::Evaluate(
       plan,
       [&](const experiment::EvaluationUnit&) {
-        return std::make_unique<PusherSite>(Model::Load(options.model), methods, options.plant,
-                                            std::map<std::string, double>());
+        return std::make_unique<PusherTrialRunner>(Model::Load(options.model), methods,
+                                                   options.plant, std::map<std::string, double>());
       },
       evaluation);
   experiment::PrintTable(experiment::Summarize(plan, results,
@@ -41,4 +41,4 @@ void RunEvaluate(const EvaluateOptions& options) {
                          std::cout);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

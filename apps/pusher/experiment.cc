@@ -13,15 +13,15 @@
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/experiment/report.h"
 #include "dfr/experiment/summary.h"
-#include "film.h"
-#include "site.h"
+#include "rollout_video.h"
+#include "trial_runner.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
-constexpr int kFilmWidth = 480;
-constexpr int kFilmHeight = 360;
-constexpr std::uint64_t kConvergenceStream = 5;  // of the experiment's seed; see site.cc
+constexpr int kVideoWidth = 480;
+constexpr int kVideoHeight = 360;
+constexpr std::uint64_t kConvergenceStream = 5;  // of the experiment's seed; see trial_runner.cc
 
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   experiment::EvaluationPlan plan;
@@ -299,7 +299,7 @@ void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
   const std::filesystem::path supervisor_file =
       options.supervisor.empty() ? ShippedSupervisor() : options.supervisor;
-  SiteOptions site_options;
+  TrialRunnerOptions site_options;
   for (const std::string& name : plan.methods) site_options.methods.push_back(Method::Parse(name));
   for (const std::string& name : plan.learners) static_cast<void>(Learner::Parse(name));
   site_options.model = options.model;
@@ -307,7 +307,8 @@ void RunExperiment(const ExperimentOptions& options) {
   site_options.most_demonstrations =
       *std::max_element(plan.demonstrations.begin(), plan.demonstrations.end());
   site_options.seed = plan.seed;
-  SiteFactory factory(imitation::GaussianPolicy::Load(supervisor_file), site_options, plan.trials);
+  TrialRunnerFactory factory(imitation::GaussianPolicy::Load(supervisor_file), site_options,
+                             plan.trials);
 
   std::error_code error;
   std::filesystem::create_directories(options.out, error);
@@ -345,7 +346,7 @@ void RunExperiment(const ExperimentOptions& options) {
 
   experiment::ReportOptions report = MakeReport(options, plan, summary, evaluation.settings);
   if (options.convergence) {
-    const std::unique_ptr<PusherSite> last_site =
+    const std::unique_ptr<PusherTrialRunner> last_site =
         factory.Make({.trial = 0,
                       .demonstrations = plan.demonstrations.back(),
                       .learner = plan.learners.front()});
@@ -356,11 +357,11 @@ void RunExperiment(const ExperimentOptions& options) {
   }
   if (options.video) {
     const Scene scene = ChooseScene(plan, results);
-    const std::unique_ptr<PusherSite> site = factory.Make(scene.unit);
-    const std::vector<Film> films = Shoot(*site, plan.methods, scene.start_seed,
-                                          scene.controller_seed, kFilmWidth, kFilmHeight);
-    WriteVideo(options.out / "rollouts.mp4", films);
-    WriteStill(options.out / "rollouts.png", films, SIZE_MAX);
+    const std::unique_ptr<PusherTrialRunner> runner = factory.Make(scene.unit);
+    const std::vector<RolloutVideo> videos = RecordRollouts(
+        *runner, plan.methods, scene.start_seed, scene.controller_seed, kVideoWidth, kVideoHeight);
+    WriteVideo(options.out / "rollouts.mp4", videos);
+    WriteStill(options.out / "rollouts.png", videos, SIZE_MAX);
     const std::string caption =
         "One start state, by each method: learner " + scene.unit.learner + ", " +
         std::to_string(scene.unit.demonstrations) + " demonstrations, trial " +
@@ -374,4 +375,4 @@ void RunExperiment(const ExperimentOptions& options) {
               (options.out / "summary.json").c_str());
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

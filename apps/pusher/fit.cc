@@ -5,7 +5,7 @@
 #include "dfr/imitation/demonstrations.h"
 #include "model.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 void RunFit(const FitOptions& options) {
   const imitation::DemonstrationSet set = imitation::LoadRobomimic(options.demonstrations);
@@ -37,4 +37,4 @@ void RunFit(const FitOptions& options) {
       states, 100.0 * outside / states, model_options.nu);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

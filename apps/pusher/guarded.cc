@@ -14,7 +14,7 @@
 #include "dfr/core/policy.h"
 #include "dfr/safety/guard_model.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 // u = b + W x, from a text of control_dim rows: b, then W.
@@ -98,4 +98,4 @@ void RunGuarded(const GuardedOptions& options) {
   std::fprintf(stderr, "%d completed, %d halted, %d collided\n", counts[0], counts[1], counts[2]);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

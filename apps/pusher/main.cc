@@ -11,7 +11,7 @@
 #include "dfr/core/build_info.h"
 #include "train_supervisor.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 void AddScene(CLI::App& command, sim::PusherOptions& plant) {
@@ -225,10 +225,10 @@ int Main(int argc, char** argv) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher
 
 int main(int argc, char** argv) try {
-  return dfr::apps::Main(argc, argv);
+  return dfr::apps::pusher::Main(argc, argv);
 } catch (const std::exception& e) {
   std::cerr << "pusher: " << e.what() << '\n';
   return EXIT_FAILURE;

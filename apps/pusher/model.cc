@@ -10,7 +10,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/imitation/fit_mlp.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 constexpr std::string_view kSwitchingKind = "pusher-switching";
@@ -202,4 +202,4 @@ std::unique_ptr<control::Controller> Model::MakeController(const Method& method,
   return std::make_unique<control::SwitchingPolicy>(*policy_, *decision_, lambda_, options);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

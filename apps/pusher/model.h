@@ -18,7 +18,7 @@
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/guided_recovery.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 /// The learned policy's network and how it is trained (Sec. V-A and the authors' scripts).
 struct Learner {
@@ -112,4 +112,4 @@ class Model {
   std::unique_ptr<const imitation::LocallyWeightedPolicy> locally_weighted_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

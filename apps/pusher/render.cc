@@ -4,32 +4,33 @@
 #include <vector>
 
 #include "commands.h"
+#include "dfr/core/format.h"
 #include "dfr/core/random.h"
 #include "dfr/sim/pusher/pusher_view.h"
-#include "film.h"
-#include "site.h"
+#include "rollout_video.h"
+#include "trial_runner.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 void RunRender(const RenderOptions& options) {
   std::vector<Method> methods;
   for (const std::string& name : options.methods) methods.push_back(Method::Parse(name));
-  PusherSite site(Model::Load(options.model), methods, options.plant, {});
-  const std::vector<Film> films =
-      Shoot(site, options.methods, options.seed, core::DeriveSeed(options.seed, {1}), options.width,
-            options.height);
+  PusherTrialRunner runner(Model::Load(options.model), methods, options.plant, {});
+  const std::vector<RolloutVideo> videos =
+      RecordRollouts(runner, options.methods, options.seed, core::DeriveSeed(options.seed, {1}),
+                     options.width, options.height);
   const std::string ending = options.out.extension();
   if (ending == ".png" || ending == ".jpg") {
-    WriteStill(options.out, films, SIZE_MAX);
+    WriteStill(options.out, videos, SIZE_MAX);
   } else {
-    WriteVideo(options.out, films);
+    WriteVideo(options.out, videos);
   }
-  for (const Film& film : films) {
-    const bool halted = film.result.outcome == core::Outcome::kHalted;
-    std::printf("%-16s %s%s%s after %d controls, %d of them recovery\n", film.title.c_str(),
-                core::Name(film.result.outcome), halted ? ": " : "",
-                halted ? control::Name(film.result.halt_cause) : "", film.result.controls(),
-                film.result.recovery_controls());
+  for (const RolloutVideo& video : videos) {
+    const bool halted = video.result.outcome == core::Outcome::kHalted;
+    std::printf("%-16s %s%s%s after %d controls, %d of them recovery\n", video.title.c_str(),
+                core::Name(video.result.outcome), halted ? ": " : "",
+                halted ? control::Name(video.result.halt_cause) : "", video.result.controls(),
+                video.result.recovery_controls());
   }
   std::printf("%s\n", options.out.c_str());
 }
@@ -46,10 +47,9 @@ class WindowObserver final : public control::RolloutObserver {
 
   void OnControl(const control::RolloutEvent& event) override {
     const bool policy = event.step.mode == control::Mode::kPolicy;
-    char text[96];
-    std::snprintf(text, sizeof text, "t = %d  %s  g = %.4f", event.step.t,
-                  control::Name(event.step.mode), event.step.g);
-    Show(text, policy ? 0.12 : 0.016);
+    Show(core::Format("t = %d  %s  g = %.4f", event.step.t, control::Name(event.step.mode),
+                      event.step.g),
+         policy ? 0.12 : 0.016);
   }
 
   void OnEnd(const control::RolloutResult& result) override {
@@ -75,16 +75,17 @@ class WindowObserver final : public control::RolloutObserver {
 }  // namespace
 
 void RunView(const ViewOptions& options) {
-  PusherSite site(Model::Load(options.model), {Method::Parse(options.method)}, options.plant, {});
-  sim::PusherWindow window(site.plant(), "pusher: " + options.method);
+  PusherTrialRunner runner(Model::Load(options.model), {Method::Parse(options.method)},
+                           options.plant, {});
+  sim::PusherWindow window(runner.plant(), "pusher: " + options.method);
   bool open = true;
   for (std::uint64_t episode = 0; open; ++episode) {
     const std::uint64_t seed = options.seed + episode;
-    WindowObserver observer(window, site.plant(),
+    WindowObserver observer(window, runner.plant(),
                             options.method + ", start state " + std::to_string(seed));
-    site.Watch(0, seed, core::DeriveSeed(seed, {1}), &observer);
+    runner.Watch(0, seed, core::DeriveSeed(seed, {1}), &observer);
     open = observer.open();
   }
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -6,7 +6,7 @@
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 // One sampled episode. Its controls are those that the plant was given.
@@ -79,4 +79,4 @@ imitation::DemonstrationSet Demonstrate(sim::PusherPlant& plant,
   return set;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -9,7 +9,7 @@
 #include "dfr/imitation/gaussian_policy.h"
 #include "dfr/sim/pusher/pusher_plant.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 /// The supervisor that is shipped: ../share/dfr/pusher/supervisor.dfr beside the running program.
 [[nodiscard]] std::filesystem::path ShippedSupervisor();
@@ -32,4 +32,4 @@ imitation::DemonstrationSet Demonstrate(sim::PusherPlant& plant,
                                         DemonstrationCounts* counts = nullptr,
                                         const std::function<void(int done)>& progress = {});
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -3,7 +3,6 @@
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <iostream>
 #include <map>
@@ -12,12 +11,13 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/format.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/progress.h"
 #include "dfr/imitation/trpo.h"
 #include "dfr/sim/pusher/pusher_reward.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 constexpr int kJudgeEvery = 10;  // iterations
@@ -92,11 +92,7 @@ Score Judge(const imitation::GaussianPolicy& policy, sim::PusherPlant& plant, in
           completed > 0 ? static_cast<double>(controls) / completed : 0.0};
 }
 
-std::string Percent(double fraction) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.1f %%", 100.0 * fraction);
-  return text;
-}
+std::string Percent(double fraction) { return core::Format("%.1f %%", 100.0 * fraction); }
 
 std::string Describe(const Score& score) {
   return Percent(score.completed) + " completed, " + Percent(score.collided) + " collided";
@@ -208,4 +204,4 @@ void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options) {
   });
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

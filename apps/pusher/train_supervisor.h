@@ -9,7 +9,7 @@ namespace CLI {
 class App;
 }
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 struct TrainSupervisorOptions {
   std::filesystem::path out = "supervisor.dfr";  ///< The policy, as imitation::GaussianPolicy.
@@ -38,4 +38,4 @@ int TrainSupervisor(const TrainSupervisorOptions& options);
 /// unsuccessful training ends in CLI::RuntimeError with its exit code.
 void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

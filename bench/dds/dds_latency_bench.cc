@@ -11,7 +11,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstdint>
@@ -27,6 +26,7 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/core/quantile.h"
 #include "dfr/dds/channel.h"
 #include "ros2_types.h"
 
@@ -307,13 +307,6 @@ std::map<Case, std::unique_ptr<Link>>& Links() {
   return links;
 }
 
-double Percentile(std::vector<double>& values, double share) {
-  const auto at =
-      values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
-
 void Measure(benchmark::State& state, Way way, bool image) {
   static std::map<bool, double> cyclone_s;
   std::unique_ptr<Link>& link = Links()[{way, image}];
@@ -335,10 +328,10 @@ void Measure(benchmark::State& state, Way way, bool image) {
     times_s.push_back(image ? one_way_s : round_trip_s);
     state.SetIterationTime(times_s.back());
   }
-  const double median_s = Percentile(times_s, 0.5);
+  const double median_s = core::Quantile(times_s, 0.5);
   if (way == Way::kCyclone) cyclone_s[image] = median_s;
   state.counters["p50_us"] = 1e6 * median_s;
-  state.counters["p99_us"] = 1e6 * Percentile(times_s, 0.99);
+  state.counters["p99_us"] = 1e6 * core::Quantile(times_s, 0.99);
   if (cyclone_s.contains(image)) state.counters["of_cyclone"] = median_s / cyclone_s[image];
 }
 

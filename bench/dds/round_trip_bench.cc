@@ -7,7 +7,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <chrono>
 #include <cstdlib>
 #include <filesystem>
@@ -16,6 +15,7 @@
 #include <string_view>
 #include <vector>
 
+#include "dfr/core/quantile.h"
 #include "dfr/dds/certificates.h"
 #include "dfr/dds/channel.h"
 
@@ -88,13 +88,6 @@ class Keystore {
   std::filesystem::path folder_;
 };
 
-double Percentile(std::vector<double>& values, double share) {
-  const auto at =
-      values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
-
 // Arg: whether the network is secured.
 void BM_RoundTrip(benchmark::State& state) {
   static const Keystore kKeystore;
@@ -130,8 +123,8 @@ void BM_RoundTrip(benchmark::State& state) {
     times_s.push_back(std::chrono::duration<double>(Clock::now() - start).count());
     state.SetIterationTime(times_s.back());
   }
-  state.counters["p50_us"] = 1e6 * Percentile(times_s, 0.5);
-  state.counters["p99_us"] = 1e6 * Percentile(times_s, 0.99);
+  state.counters["p50_us"] = 1e6 * core::Quantile(times_s, 0.5);
+  state.counters["p99_us"] = 1e6 * core::Quantile(times_s, 0.99);
 }
 BENCHMARK(BM_RoundTrip)
     ->ArgName("secured")

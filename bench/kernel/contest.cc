@@ -12,16 +12,11 @@
 #include <string_view>
 
 #include "bench/kernel/machine.h"
+#include "dfr/core/quantile.h"
 #include "gaussian_sum.h"
 
 namespace dfr::bench {
 namespace {
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 void OpenOrThrow(std::ofstream& file, const std::string& path) {
   file.open(path);
@@ -163,7 +158,7 @@ std::vector<Timing> RunContest(const std::vector<Contestant>& contestants, int o
     }
   }
   for (std::size_t i = 0; i < contestants.size(); ++i) {
-    if (!samples[i].empty()) timings[i].nanoseconds = Median(samples[i]);
+    if (!samples[i].empty()) timings[i].nanoseconds = core::Median(samples[i]);
   }
   return timings;
 }

@@ -29,6 +29,7 @@
 #include "commands.h"
 #include "dfr/control/rollout.h"
 #include "dfr/core/build_info.h"
+#include "dfr/core/quantile.h"
 #include "dfr/core/random.h"
 #include "dfr/dds/channel.h"
 #include "dfr/runtime/periodic_timer.h"
@@ -36,9 +37,9 @@
 #include "recorded_controller.h"
 #include "robot_plant.h"
 #include "simulator_link.h"
-#include "site.h"
+#include "trial_runner.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 constexpr double kMillisecond = 1e6;  // ns
@@ -95,7 +96,7 @@ void RunRobot(const std::filesystem::path& folder, int domain, dds::Discovery di
   if (const std::string refused = runtime::AskForRealTime(config.priority); !refused.empty()) {
     std::cout << "note " << refused << std::endl;
   }
-  RobotPlant plant(config, sim::LineTrackingCalibration::Load(folder / "calibration.dfr"), nullptr);
+  RobotPlant plant(config, line_task::LineCalibration::Load(folder / "calibration.dfr"), nullptr);
   plant.on_transition = [](const runtime::Transition& t) {
     std::printf("%lld %s %s %s\n", static_cast<long long>(t.steady_ns), runtime::Name(t.to),
                 runtime::Name(t.doubt), t.detail.data());
@@ -405,8 +406,7 @@ struct Row {
 
 double Quantile(std::vector<double> values, double q) {
   if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  std::sort(values.begin(), values.end());
-  return values[static_cast<std::size_t>(q * static_cast<double>(values.size() - 1))];
+  return core::Quantile(values, q);
 }
 
 void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
@@ -506,7 +506,7 @@ void Prepare(const std::filesystem::path& folder) {
   sim::LineTrackingOptions world;
   world.observation = sim::Observation::kGroundTruth;
   calibration::CalibrationSummary summary;
-  const calibration::Calibration known = CalibratePlant(world, 100, 3, &summary);
+  const line_task::LineCalibration known = CalibratePlant(world, 100, 3, &summary);
   known.Save(folder / "calibration.dfr");
   LineModelOptions options;
   options.gammas = {0.5};
@@ -553,10 +553,10 @@ int Main(int argc, char** argv) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking
 
 int main(int argc, char** argv) try {
-  return dfr::apps::Main(argc, argv);
+  return dfr::apps::line_tracking::Main(argc, argv);
 } catch (const std::exception& e) {
   std::cerr << "faults_bench: " << e.what() << '\n';
   return EXIT_FAILURE;

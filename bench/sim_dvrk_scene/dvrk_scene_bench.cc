@@ -9,6 +9,7 @@
 #include <thread>
 #include <vector>
 
+#include "dfr/core/quantile.h"
 #include "dfr/dds/channel.h"
 #include "dfr/sim/dvrk_scene/dvrk_scene_server.h"
 
@@ -60,12 +61,7 @@ class Arrivals {
     for (const double gap_s : gaps_s_) sum_s += gap_s;
     return static_cast<double>(gaps_s_.size()) / sum_s;
   }
-  [[nodiscard]] double Percentile99() {
-    const auto at = gaps_s_.begin() +
-                    static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(gaps_s_.size() - 1));
-    std::nth_element(gaps_s_.begin(), at, gaps_s_.end());
-    return *at;
-  }
+  [[nodiscard]] double Percentile99() { return core::Quantile(gaps_s_, 0.99); }
 
  private:
   Clock::time_point last_;

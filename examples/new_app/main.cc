@@ -99,9 +99,9 @@ class Policy final : public core::Policy {
 };
 
 // What is learned in one trial, with a controller for each method.
-class Site final : public experiment::EvaluationSite {
+class Runner final : public experiment::TrialRunner {
  public:
-  Site(const experiment::EvaluationUnit& unit, std::uint64_t seed) {
+  Runner(const experiment::EvaluationUnit& unit, std::uint64_t seed) {
     std::vector<core::Trajectory> demonstrations;
     std::vector<core::Matrix> states;
     const auto trial = static_cast<std::uint64_t>(unit.trial);
@@ -177,7 +177,7 @@ int main(int argc, char** argv) try {
   const auto results = experiment::Evaluate(
       plan,
       [&](const experiment::EvaluationUnit& unit) {
-        return std::make_unique<Site>(unit, plan.seed);
+        return std::make_unique<Runner>(unit, plan.seed);
       },
       options);
   const auto summary = experiment::Summarize(

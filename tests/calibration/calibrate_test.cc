@@ -42,8 +42,8 @@ Eigen::Isometry3d TargetInCamera() {
 }
 
 // The base, whose tool points down -z, seen from above at an angle.
-Calibration True() {
-  Calibration known;
+line_task::LineCalibration True() {
+  line_task::LineCalibration known;
   known.camera.fx = 705.0;
   known.camera.fy = 698.0;
   known.camera.cx = 321.0;
@@ -61,8 +61,8 @@ Calibration True() {
   return known;
 }
 
-Calibration Guess() {
-  Calibration guess = True();
+line_task::LineCalibration Guess() {
+  line_task::LineCalibration guess = True();
   guess.camera = vision::CameraModel{};
   guess.arm.offset.setZero();
   guess.arm.scale.setZero();
@@ -72,8 +72,8 @@ Calibration Guess() {
 }
 
 // Pictures of exact geometry plus noise, in pixels.
-std::vector<vision::CalibrationFrame> Record(const Calibration& known, int count, double mark_noise,
-                                             double tip_noise) {
+std::vector<vision::CalibrationFrame> Record(const line_task::LineCalibration& known, int count,
+                                             double mark_noise, double tip_noise) {
   core::Random random(1);
   std::vector<vision::CalibrationFrame> frames;
   const auto noisy = [&random](const Eigen::Vector2d& p, double sd) {
@@ -119,7 +119,7 @@ std::vector<vision::CalibrationFrame> Record(const Calibration& known, int count
   return frames;
 }
 
-double MeanTipError(const Calibration& a, const Calibration& b) {
+double MeanTipError(const line_task::LineCalibration& a, const line_task::LineCalibration& b) {
   core::Random random(2);
   double sum = 0.0;
   for (int i = 0; i < 200; ++i) {
@@ -132,12 +132,12 @@ double MeanTipError(const Calibration& a, const Calibration& b) {
 
 // The priors pull by next to nothing against data this good.
 TEST(CalibrateTest, FindsTheTruthInExactData) {
-  const Calibration known = True();
+  const line_task::LineCalibration known = True();
   CalibrationSummary summary;
   CalibrateOptions options;
   options.tip_sd_px = 0.05;
   options.touch_sd_m = 1e-5;
-  const Calibration found =
+  const line_task::LineCalibration found =
       Calibrate(Record(known, 60, 0.0, 0.0), Marks(), Guess(), TargetInCamera(), options, &summary);
   EXPECT_TRUE(summary.converged) << summary.message;
   EXPECT_LT(summary.mark_rms_px, 0.01);
@@ -149,9 +149,9 @@ TEST(CalibrateTest, FindsTheTruthInExactData) {
 }
 
 TEST(CalibrateTest, UncertaintyCoversTheErrorOfNoisyData) {
-  const Calibration known = True();
+  const line_task::LineCalibration known = True();
   CalibrationSummary summary;
-  const Calibration found =
+  const line_task::LineCalibration found =
       Calibrate(Record(known, 80, 0.05, 2.0), Marks(), Guess(), TargetInCamera(), {}, &summary);
   ASSERT_TRUE(summary.converged && summary.has_covariance) << summary.message;
   EXPECT_NEAR(summary.mark_rms_px, 0.05 * std::sqrt(2.0), 0.02);
@@ -172,14 +172,14 @@ TEST(CalibrateTest, UncertaintyCoversTheErrorOfNoisyData) {
 }
 
 TEST(CalibrateTest, WrongDetectionsDoNotCount) {
-  const Calibration known = True();
+  const line_task::LineCalibration known = True();
   std::vector<vision::CalibrationFrame> frames = Record(known, 80, 0.05, 0.5);
   for (std::size_t i = 0; i < frames.size(); i += 10) {
     frames[i].tip_px += Eigen::Vector2d(150.0, -80.0);
     frames[i].marks_px[1] += Eigen::Vector2d(20.0, 20.0);
     frames[i].marks_px[2] = {kNaN, kNaN};
   }
-  const Calibration found = Calibrate(frames, Marks(), Guess(), TargetInCamera());
+  const line_task::LineCalibration found = Calibrate(frames, Marks(), Guess(), TargetInCamera());
   EXPECT_LT(MeanTipError(found, known), 1e-3);
 }
 
@@ -205,18 +205,18 @@ TEST(CalibrateTest, TooLittleOrBrokenDataThrows) {
 TEST(CalibrateTest, FilesKeepEveryBitAndOtherFilesAreRefused) {
   const std::filesystem::path path =
       std::filesystem::temp_directory_path() / ("calibrate_test_" + std::to_string(getpid()));
-  const Calibration known = True();
+  const line_task::LineCalibration known = True();
   known.Save(path);
-  const Calibration loaded = Calibration::Load(path);
+  const line_task::LineCalibration loaded = line_task::LineCalibration::Load(path);
   EXPECT_EQ(loaded.camera, known.camera);
   EXPECT_EQ(loaded.p_base_cam.matrix(), known.p_base_cam.matrix());
   EXPECT_EQ(loaded.arm.offset, known.arm.offset);
   EXPECT_EQ(loaded.arm.scale, known.arm.scale);
   EXPECT_EQ(loaded.arm.reference, known.arm.reference);
   std::filesystem::resize_file(path, 100);
-  EXPECT_THROW(static_cast<void>(Calibration::Load(path)), std::runtime_error);
+  EXPECT_THROW(static_cast<void>(line_task::LineCalibration::Load(path)), std::runtime_error);
   std::filesystem::remove(path);
-  EXPECT_THROW(static_cast<void>(Calibration::Load(path)), std::runtime_error);
+  EXPECT_THROW(static_cast<void>(line_task::LineCalibration::Load(path)), std::runtime_error);
 }
 
 }  // namespace

@@ -46,6 +46,19 @@ class Links(unittest.TestCase):
                         self.assertIn(anchor, anchors(target))
 
 
+class Readme(unittest.TestCase):
+    def test_says_what_each_component_needs(self):
+        rows = [[cell.strip() for cell in row.split("|")[:3]]
+                for row in (SOURCE / "components.txt").read_text().splitlines() if re.match("[a-z]", row)]
+        listed = {name: needs.split() for name, folder, needs in rows
+                  if re.match("(libs|hardware|sim)/", folder)}
+        told = {}
+        for names, needs in re.findall(r"^\| ((?:`\w+`(?:, )?)+) \| (no other|(?:`\w+`(?:, )?)+) \|$",
+                                       (SOURCE / "README.md").read_text(), re.M):
+            told |= {name: re.findall(r"`(\w+)`", needs) for name in re.findall(r"`(\w+)`", names)}
+        self.assertEqual(told, listed)
+
+
 class FirstGuard(unittest.TestCase):
     def test_the_commands_print_what_the_page_shows(self):
         with tempfile.TemporaryDirectory() as folder:

@@ -12,14 +12,14 @@
 #include <stdexcept>
 #include <string>
 
-#include "tests/experiment/fake_site.h"
+#include "tests/experiment/fake_trial_runner.h"
 
 namespace dfr::experiment {
 namespace {
 
 using test::EmptyFolder;
 using test::FakePlan;
-using test::MakeFakeSite;
+using test::MakeFakeTrialRunner;
 using testing::HasSubstr;
 
 std::string MessageOf(const std::function<void()>& action) {
@@ -44,7 +44,7 @@ void Write(const std::filesystem::path& path, const std::string& text) {
 
 TEST(EvaluateTest, CoversThePlanInItsOrder) {
   const EvaluationPlan plan = FakePlan();
-  const auto results = Evaluate(plan, MakeFakeSite);
+  const auto results = Evaluate(plan, MakeFakeTrialRunner);
   ASSERT_EQ(results.size(), 20u);
   EXPECT_EQ(results[0].unit, (EvaluationUnit{0, 6, "8"}));
   EXPECT_EQ(results[1].unit, (EvaluationUnit{0, 6, "64-64"}));
@@ -59,9 +59,9 @@ TEST(EvaluateTest, CoversThePlanInItsOrder) {
 
 TEST(EvaluateTest, AnyNumberOfThreadsGivesTheSame) {
   const EvaluationPlan plan = FakePlan();
-  const auto one = Evaluate(plan, MakeFakeSite, {.threads = 1});
-  EXPECT_EQ(Evaluate(plan, MakeFakeSite, {.threads = 2}), one);
-  EXPECT_EQ(Evaluate(plan, MakeFakeSite, {.threads = 7}), one);
+  const auto one = Evaluate(plan, MakeFakeTrialRunner, {.threads = 1});
+  EXPECT_EQ(Evaluate(plan, MakeFakeTrialRunner, {.threads = 2}), one);
+  EXPECT_EQ(Evaluate(plan, MakeFakeTrialRunner, {.threads = 7}), one);
 }
 
 TEST(EvaluateTest, MethodsAndLearnersShareStartStatesAndControllerSeeds) {
@@ -71,7 +71,7 @@ TEST(EvaluateTest, MethodsAndLearnersShareStartStatesAndControllerSeeds) {
   };
   std::mutex mutex;
   std::map<std::string, std::vector<Seen>> seen;  // by learner
-  struct Site final : EvaluationSite {
+  struct Runner final : TrialRunner {
     bool Accepts(std::uint64_t) override { return true; }
     EpisodeResult Run(int method, std::uint64_t start, std::uint64_t controller) override {
       const std::lock_guard lock(*mutex);
@@ -87,11 +87,11 @@ TEST(EvaluateTest, MethodsAndLearnersShareStartStatesAndControllerSeeds) {
   plan.demonstrations = {6};
   const auto results = Evaluate(plan,
                                 [&](const EvaluationUnit& unit) {
-                                  auto site = std::make_unique<Site>();
-                                  site->mutex = &mutex;
-                                  site->seen = &seen;
-                                  site->learner = unit.learner;
-                                  return site;
+                                  auto runner = std::make_unique<Runner>();
+                                  runner->mutex = &mutex;
+                                  runner->seen = &seen;
+                                  runner->learner = unit.learner;
+                                  return runner;
                                 },
                                 {.threads = 1});
   const auto& weak = seen.at("8");
@@ -113,7 +113,7 @@ TEST(EvaluateTest, MethodsAndLearnersShareStartStatesAndControllerSeeds) {
 
 TEST(EvaluateTest, StartStatesOutsideAreRedrawnAndCounted) {
   // Accepts only what its own record says, and notes every question.
-  struct Site final : EvaluationSite {
+  struct Runner final : TrialRunner {
     bool Accepts(std::uint64_t seed) override {
       asked.push_back(seed);
       return asked.size() % 3 == 0;
@@ -128,7 +128,7 @@ TEST(EvaluateTest, StartStatesOutsideAreRedrawnAndCounted) {
   plan.trials = 1;
   plan.demonstrations = {6};
   plan.learners = {"8"};
-  const auto make = [](const EvaluationUnit&) { return std::make_unique<Site>(); };
+  const auto make = [](const EvaluationUnit&) { return std::make_unique<Runner>(); };
   const auto results = Evaluate(plan, make);
   EXPECT_EQ(results[0].redrawn, 2 * 12);
   plan.max_redraws = 2;
@@ -140,21 +140,22 @@ TEST(EvaluateTest, StartStatesOutsideAreRedrawnAndCounted) {
 TEST(EvaluateTest, ReportsProgressUpToTheEnd) {
   std::int64_t last = 0;
   std::int64_t total = 0;
-  (void)Evaluate(FakePlan(), MakeFakeSite, {.threads = 2, .progress = [&](const Progress& p) {
-                                              EXPECT_GT(p.done, last);
-                                              last = p.done;
-                                              total = p.total;
-                                            }});
+  (void)Evaluate(FakePlan(), MakeFakeTrialRunner,
+                 {.threads = 2, .progress = [&](const Progress& p) {
+                    EXPECT_GT(p.done, last);
+                    last = p.done;
+                    total = p.total;
+                  }});
   EXPECT_EQ(total, 5 * 2 * 2 * 12 * 2);
   EXPECT_EQ(last, total);
 }
 
-TEST(EvaluateTest, ASiteThatThrowsEndsTheRun) {
+TEST(EvaluateTest, ARunnerThatThrowsEndsTheRun) {
   for (const int threads : {1, 2}) {
     std::atomic<int> made{0};
     const auto make = [&](const EvaluationUnit& unit) {
       if (++made == 3) throw std::runtime_error("no such policy");
-      return MakeFakeSite(unit);
+      return MakeFakeTrialRunner(unit);
     };
     EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), make, {.threads = threads}); }),
                 HasSubstr("no such policy"));
@@ -168,7 +169,7 @@ TEST(EvaluateTest, RefusesPlansThatCannotBeRun) {
   const auto message = [](const std::function<void(EvaluationPlan&)>& change) {
     EvaluationPlan plan = FakePlan();
     change(plan);
-    return MessageOf([&] { (void)Evaluate(plan, MakeFakeSite); });
+    return MessageOf([&] { (void)Evaluate(plan, MakeFakeTrialRunner); });
   };
   EXPECT_THAT(message([](auto& plan) { plan.methods.clear(); }), HasSubstr("methods"));
   EXPECT_THAT(message([](auto& plan) { plan.methods = {"a", "a"}; }), HasSubstr("distinct"));
@@ -191,12 +192,12 @@ class LedgerTest : public testing::Test {
 };
 
 TEST_F(LedgerTest, AResumedRunEqualsAnUninterruptedOne) {
-  const auto whole = Evaluate(FakePlan(), MakeFakeSite);
+  const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
   int made = 0;
   const auto dies = [&](const EvaluationUnit& unit) {
     if (made == 8) throw std::runtime_error("killed");
     ++made;
-    return MakeFakeSite(unit);
+    return MakeFakeTrialRunner(unit);
   };
   EXPECT_THROW((void)Evaluate(FakePlan(), dies, Options()), std::runtime_error);
   made = -100;
@@ -212,36 +213,36 @@ TEST_F(LedgerTest, AResumedRunEqualsAnUninterruptedOne) {
 }
 
 TEST_F(LedgerTest, ALineThatAKilledRunLeftUnfinishedIsRunAgain) {
-  const auto whole = Evaluate(FakePlan(), MakeFakeSite, Options());
+  const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner, Options());
   const std::string text = Read(ledger);
   for (const std::size_t cut : {std::size_t{1}, std::size_t{100}, text.size() - 20}) {
     Write(ledger, text.substr(0, text.size() - cut));
-    EXPECT_EQ(Evaluate(FakePlan(), MakeFakeSite, Options()), whole) << cut;
+    EXPECT_EQ(Evaluate(FakePlan(), MakeFakeTrialRunner, Options()), whole) << cut;
     EXPECT_EQ(Read(ledger).size(), text.size()) << cut;
   }
 }
 
 TEST_F(LedgerTest, OtherSettingsAreRefusedWithTheFirstDifference) {
-  (void)Evaluate(FakePlan(), MakeFakeSite, Options());
+  (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options());
   const std::string before = Read(ledger);
   EvaluationOptions options = Options();
   options.settings["gamma"] = "7";
-  EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeSite, options); }),
+  EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, options); }),
               testing::AllOf(HasSubstr(ledger.string()),
                              HasSubstr("settings.gamma is \"5\" there and \"7\" now")));
   EvaluationPlan plan = FakePlan();
   plan.seed = 4;
-  EXPECT_THAT(MessageOf([&] { (void)Evaluate(plan, MakeFakeSite, Options()); }),
+  EXPECT_THAT(MessageOf([&] { (void)Evaluate(plan, MakeFakeTrialRunner, Options()); }),
               HasSubstr("seed is 3 there and 4 now"));
   EXPECT_EQ(Read(ledger), before);
 }
 
 TEST_F(LedgerTest, DamageAndForeignFilesAreRefused) {
-  (void)Evaluate(FakePlan(), MakeFakeSite, Options());
+  (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options());
   const std::string text = Read(ledger);
   const auto message = [&](const std::string& content) {
     Write(ledger, content);
-    return MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeSite, Options()); });
+    return MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
   };
   const std::size_t second = text.find('\n') + 1;
   const std::size_t third = text.find('\n', second) + 1;
@@ -258,7 +259,7 @@ TEST_F(LedgerTest, DamageAndForeignFilesAreRefused) {
 TEST_F(LedgerTest, AFolderThatDoesNotExistIsNamed) {
   EvaluationOptions options = Options();
   options.ledger = ledger.parent_path() / "missing" / "ledger.jsonl";
-  EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeSite, options); }),
+  EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, options); }),
               testing::AllOf(HasSubstr("missing"), HasSubstr("cannot be written")));
 }
 

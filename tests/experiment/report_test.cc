@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/experiment/fake_site.h"
+#include "tests/experiment/fake_trial_runner.h"
 
 namespace dfr::experiment {
 namespace {
@@ -21,7 +21,7 @@ using testing::Not;
 
 Summary MakeSummary() {
   const EvaluationPlan plan = test::FakePlan();
-  return Summarize(plan, Evaluate(plan, test::MakeFakeSite),
+  return Summarize(plan, Evaluate(plan, test::MakeFakeTrialRunner),
                    {.experiment = "pusher", .preset = "quick", .commit = "0123abc"});
 }
 

@@ -8,7 +8,7 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "tests/experiment/fake_site.h"
+#include "tests/experiment/fake_trial_runner.h"
 
 namespace dfr::experiment {
 namespace {
@@ -105,7 +105,7 @@ TEST(SummarizeTest, RefusesResultsOfAnotherPlan) {
 }
 
 TEST(SummaryJsonTest, HasItsShapeToTheLetter) {
-  const auto results = Evaluate(test::FakePlan(), test::MakeFakeSite);
+  const auto results = Evaluate(test::FakePlan(), test::MakeFakeTrialRunner);
   const Summary summary = Summarize(test::FakePlan(), results,
                                     {.experiment = "pusher", .preset = "quick", .commit = "abc"});
   const std::filesystem::path path = test::EmptyFolder("summary") / "summary.json";

@@ -14,7 +14,7 @@
 #include "tests/dds/domain.h"
 #include "tests/hardware/check_support.h"
 
-namespace dfr::apps {
+namespace dfr::apps::hardware_app {
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -120,4 +120,4 @@ TEST_F(ArmCheckTest, AnotherArmsNameIsNamed) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::hardware_app

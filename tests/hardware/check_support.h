@@ -12,8 +12,8 @@
 
 namespace dfr::test {
 
-inline apps::CheckOptions Options() {
-  apps::CheckOptions options;
+inline apps::hardware_app::CheckOptions Options() {
+  apps::hardware_app::CheckOptions options;
   options.network.domain = OwnDomain();
   options.find_s = 20.0;  // of a machine that is busy with other things
   options.listen_s = 0.4;
@@ -21,16 +21,17 @@ inline apps::CheckOptions Options() {
 }
 
 // `find_s` is waited for in vain where something is missing.
-inline apps::CheckOptions ForArm(const std::string& arm = "PSM1", double find_s = 20.0) {
-  apps::CheckOptions options = Options();
+inline apps::hardware_app::CheckOptions ForArm(const std::string& arm = "PSM1",
+                                               double find_s = 20.0) {
+  apps::hardware_app::CheckOptions options = Options();
   options.find_s = find_s;
   options.arm = arm;
   return options;
 }
 
-inline std::string Shown(const apps::DeviceReport& report) {
+inline std::string Shown(const apps::hardware_app::DeviceReport& report) {
   std::ostringstream out;
-  apps::Print(report, out);
+  Print(report, out);
   return out.str();
 }
 

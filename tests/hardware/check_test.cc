@@ -23,7 +23,7 @@
 #include "tests/hardware/check_support.h"
 #include "tests/hardware_stewart/sprk_emulator.h"
 
-namespace dfr::apps {
+namespace dfr::apps::hardware_app {
 namespace {
 
 using test::Background;
@@ -193,4 +193,4 @@ TEST(CheckProgramTest, ExitCodeTellsWhetherAllIsWell) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::hardware_app

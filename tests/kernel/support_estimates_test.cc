@@ -121,7 +121,7 @@ INSTANTIATE_TEST_SUITE_P(
                           }},
                     Named{"WhitenedSvm",
                           [](const core::Matrix& s, double nu) {
-                            const AffineMap map = AffineMap::Whitening(s);
+                            const core::FeatureTransform map = FitWhitening(s);
                             return std::make_shared<MappedEstimate>(
                                 map,
                                 std::make_shared<SvmEstimate>(OneClassSvm::Fit(
@@ -162,21 +162,21 @@ TEST(NeighbourEstimateTest, IsTheDistanceToTheKthNearest) {
   EXPECT_EQ(slope, -1.0);
 }
 
-TEST(AffineMapTest, WhiteningGivesUnitCovarianceAndPcaKeepsDistancesInItsPlane) {
+TEST(FitWhiteningTest, GivesUnitCovarianceAndPcaKeepsDistancesInItsPlane) {
   core::Random random(72);
   const core::Matrix samples = Cloud(200, random);
-  const core::Matrix white = AffineMap::Whitening(samples).Apply(samples);
+  const core::Matrix white = FitWhitening(samples).Apply(samples);
   EXPECT_TRUE(
       dfr::test::AllClose(white.transpose() * white / 200.0, Eigen::Matrix2d::Identity(), 1e-12));
-  const AffineMap pca = AffineMap::Pca(samples, 1);
-  EXPECT_EQ(pca.matrix.rows(), 1);
-  EXPECT_NEAR(pca.matrix.norm(), 1.0, 1e-14);
+  const core::FeatureTransform pca = FitPca(samples, 1);
+  EXPECT_EQ(pca.num_features(), 1);
+  EXPECT_NEAR(pca.scale().norm(), 1.0, 1e-14);
   // The first direction is the one of most variance.
   const double most = pca.Apply(samples).squaredNorm();
   for (int degrees = 0; degrees < 180; ++degrees) {
     const double angle = degrees * std::numbers::pi / 180.0;
     const Eigen::Vector2d direction(std::cos(angle), std::sin(angle));
-    EXPECT_LE(((samples.rowwise() - pca.mean.transpose()) * direction).squaredNorm(),
+    EXPECT_LE(((samples.rowwise() - pca.offset().transpose()) * direction).squaredNorm(),
               most * (1.0 + 1e-12));
   }
 }
@@ -230,11 +230,11 @@ TEST(SupportEstimatesErrorsTest, NameTheCulprit) {
   EXPECT_THAT(message([&] { (void)GaussianEstimate::Fit(broken, 0.1); }), HasSubstr("sample 4"));
   EXPECT_THAT(message([&] { (void)GaussianEstimate::Fit(few, 0.0); }), HasSubstr("nu must"));
   EXPECT_THAT(message([&] { (void)FitKernelDensity(few, 0.1, -1.0); }), HasSubstr("gamma"));
-  EXPECT_THAT(message([&] { (void)AffineMap::Whitening(equal); }), HasSubstr("equal"));
-  EXPECT_THAT(message([&] { (void)AffineMap::Pca(few, 3); }), HasSubstr("components"));
+  EXPECT_THAT(message([&] { (void)FitWhitening(equal); }), HasSubstr("equal"));
+  EXPECT_THAT(message([&] { (void)FitPca(few, 3); }), HasSubstr("components"));
   EXPECT_THAT(message([&] {
-                (void)MappedEstimate(AffineMap::Pca(few, 1), std::make_shared<GaussianEstimate>(
-                                                                 GaussianEstimate::Fit(few, 0.1)));
+                (void)MappedEstimate(FitPca(few, 1), std::make_shared<GaussianEstimate>(
+                                                         GaussianEstimate::Fit(few, 0.1)));
               }),
               HasSubstr("the map has 1 outputs, the estimate 2 entries"));
 }

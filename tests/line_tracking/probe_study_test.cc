@@ -6,10 +6,10 @@
 #include <cmath>
 
 #include "dfr/core/random.h"
-#include "site.h"
 #include "tests/line_tracking/scene.h"
+#include "trial_runner.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 // What the paper reports of its robot: at least twice Baseline's completions, 84 % fewer
@@ -22,16 +22,16 @@ TEST(ProbeStudyTest, DfrDoublesCompletionsAndRemovesCollisions) {
     LineModelOptions model;
     model.hidden = {16};
     model.gammas = {gamma};
-    LineSite site(LineModel::Fit(set, model), {"baseline", "dfr", "dfr-fine"}, FromTruth(),
-                  Known(FromTruth()));
+    LineTrialRunner runner(LineModel::Fit(set, model), {"baseline", "dfr", "dfr-fine"}, FromTruth(),
+                           Known(FromTruth()));
     std::array<int, 3> completed{};
     std::array<int, 3> collided{};
     for (std::uint64_t seed = 0, accepted = 0; accepted < 40; ++seed) {
       const std::uint64_t start = core::DeriveSeed(3, {seed});
-      if (!site.Accepts(start)) continue;
+      if (!runner.Accepts(start)) continue;
       ++accepted;
       for (std::size_t method = 0; method < 3; ++method) {
-        const auto outcome = site.Run(static_cast<int>(method), start, seed).outcome;
+        const auto outcome = runner.Run(static_cast<int>(method), start, seed).outcome;
         if (outcome == core::Outcome::kCompleted) ++completed[method];
         if (outcome == core::Outcome::kCollided) ++collided[method];
       }
@@ -52,14 +52,14 @@ TEST(ProbeStudyTest, DfrDoublesCompletionsAndRemovesCollisions) {
 // A probe is compared with what happened: with exact states no sign can be wrong, and the fine
 // probes are 50 times shorter.
 TEST(ProbeStudyTest, ExactStatesHaveNoWrongSigns) {
-  LineSite site(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 20, 50, 1),
-                               {.hidden = {8}, .gammas = {0.05}}),
-                {"dfr", "dfr-fine"}, FromTruth(), Known(FromTruth()));
+  LineTrialRunner runner(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 20, 50, 1),
+                                        {.hidden = {8}, .gammas = {0.05}}),
+                         {"dfr", "dfr-fine"}, FromTruth(), Known(FromTruth()));
   std::array<double, 2> sizes{};
   for (const int method : {0, 1}) {
-    ProbeStudy study(site.model(), site.plant());
+    ProbeStudy study(runner.model(), runner.plant());
     EXPECT_TRUE(std::isnan(study.right_sign()));
-    for (std::uint64_t seed = 0; seed < 6; ++seed) site.Watch(method, seed, seed, &study, 100);
+    for (std::uint64_t seed = 0; seed < 6; ++seed) runner.Watch(method, seed, seed, &study, 100);
     ASSERT_GT(study.probes(), 20);
     EXPECT_EQ(study.right_sign(), 1.0);
     EXPECT_EQ(study.error_um(), 0.0);
@@ -72,4 +72,4 @@ TEST(ProbeStudyTest, ExactStatesHaveNoWrongSigns) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

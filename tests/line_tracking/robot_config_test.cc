@@ -9,7 +9,7 @@
 #include <stdexcept>
 #include <string>
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 using testing::HasSubstr;
@@ -86,4 +86,4 @@ TEST_F(RobotConfigTest, AFileThatIsNotThereIsNamed) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

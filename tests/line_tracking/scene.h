@@ -3,7 +3,7 @@
 #include "dfr/sim/line_tracking/arm_error.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// A platform that moves at random.
 inline sim::LineTrackingOptions Disturbed() {
@@ -20,8 +20,8 @@ inline sim::LineTrackingOptions FromTruth() {
 }
 
 /// What a perfect calibration knows: all that is systematic.
-inline sim::LineTrackingCalibration Known(const sim::LineTrackingOptions& options) {
-  sim::LineTrackingCalibration known;
+inline line_task::LineCalibration Known(const sim::LineTrackingOptions& options) {
+  line_task::LineCalibration known;
   known.camera = sim::LineTrackingPlant::true_camera();
   known.p_base_cam =
       sim::LineTrackingPlant::p_world_base().inverse() * sim::LineTrackingPlant::p_world_cam();
@@ -29,4 +29,4 @@ inline sim::LineTrackingCalibration Known(const sim::LineTrackingOptions& option
   return known;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -22,15 +22,15 @@
 #include "recorded_controller.h"
 #include "robot_plant.h"
 #include "simulator_link.h"
-#include "site.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/keystore.h"
 #include "tests/dds/peer_process.h"
 #include "tests/line_tracking/scene.h"
 #include "tests/support/no_alloc.h"
+#include "trial_runner.h"
 #include "watchman.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 // A folder with model and calibration, for all tests; it goes with the last of them.
@@ -47,8 +47,8 @@ class Folder {
         .Save(path / "model");
   }
   ~Folder() { std::filesystem::remove_all(path); }
-  [[nodiscard]] sim::LineTrackingCalibration Calibration() const {
-    return sim::LineTrackingCalibration::Load(path / "calibration.dfr");
+  [[nodiscard]] line_task::LineCalibration Calibration() const {
+    return line_task::LineCalibration::Load(path / "calibration.dfr");
   }
 
   const std::filesystem::path path =
@@ -84,7 +84,7 @@ Result Episode(core::Plant& plant, control::Controller& controller, std::uint64_
 
 TEST(WireTest, InLockStepTheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
   const int domain = test::OwnDomain();
-  const sim::LineTrackingCalibration known = Data().Calibration();
+  const line_task::LineCalibration known = Data().Calibration();
   const test::PeerProcess simulator({DFR_SIMULATOR, "--lock-step", "--domain",
                                      std::to_string(domain), "--wave", "random", "--calibration",
                                      (Data().path / "calibration.dfr").string()});
@@ -111,7 +111,7 @@ TEST(WireTest, InLockStepTheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
 
 TEST(WireTest, AStateMachineThatDoubtsStandsStillUntilStarted) {
   const int domain = test::OwnDomain();
-  const sim::LineTrackingCalibration known = Data().Calibration();
+  const line_task::LineCalibration known = Data().Calibration();
   std::optional<test::PeerProcess> simulator;
   simulator.emplace(
       std::vector<std::string>{DFR_SIMULATOR, "--lock-step", "--domain", std::to_string(domain)});
@@ -170,7 +170,7 @@ RobotConfig RealTime(int domain) {
 
 TEST(WireTest, TheLoopAllocatesNothingInRealTime) {
   const int domain = test::OwnDomain();
-  const sim::LineTrackingCalibration known = Data().Calibration();
+  const line_task::LineCalibration known = Data().Calibration();
   const test::PeerProcess simulator({DFR_SIMULATOR, "--domain", std::to_string(domain), "--homing",
                                      "0.1", "--image-period", "0.1"});
   RobotPlant robot(RealTime(domain), known, nullptr);
@@ -254,7 +254,7 @@ TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSee
   metadata.model = folder.string();
   metadata.model_checksum = recording::Checksum(folder);
   metadata.method = "guided";
-  const sim::LineTrackingCalibration known = Data().Calibration();
+  const line_task::LineCalibration known = Data().Calibration();
   sim::LineTrackingPlant plant(FromTruth(), &known);
   {
     recording::Recorder recorder(path, metadata);
@@ -282,4 +282,4 @@ TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSee
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -1,10 +1,14 @@
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
+#include <opencv2/videoio.hpp>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -15,8 +19,9 @@
 #include "apps/planar/picture.h"
 #include "apps/planar/proof.h"
 #include "apps/planar/task.h"
+#include "apps/video_writer.h"
 
-namespace dfr::apps {
+namespace dfr::apps::planar {
 namespace {
 
 struct Counts {
@@ -151,5 +156,31 @@ TEST(PageTest, HoldsEveryMethodAndItsSupport) {
   EXPECT_THROW(WritePage(task, methods, episodes, "/nowhere/page.html"), std::runtime_error);
 }
 
+TEST(VideoWriterTest, WritesEvenSizesAndRefusesOtherEndings) {
+  const std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / ("dfr_video_" + std::to_string(getpid()));
+  std::filesystem::create_directories(folder);
+  const cv::Mat picture(49, 65, CV_8UC3, cv::Scalar(20, 120, 220));
+  {
+    VideoWriter writer(folder / "odd.webm", picture.size(), 10.0);
+    for (int i = 0; i < 3; ++i) writer.Write(picture);
+  }
+  cv::VideoCapture video((folder / "odd.webm").string(), cv::CAP_FFMPEG);
+  cv::Mat read;
+  ASSERT_TRUE(video.read(read));
+  EXPECT_EQ(read.size(), cv::Size(64, 48));
+  const auto message = [&](const char* name) {
+    try {
+      VideoWriter(folder / name, {64, 48}, 10.0);
+    } catch (const std::runtime_error& error) {
+      return std::string(error.what());
+    }
+    return std::string("nothing is wrong");
+  };
+  EXPECT_THAT(message("video.gif"), testing::HasSubstr("ends in .mp4 or .webm"));
+  EXPECT_THAT(message("no/video.mp4"), testing::HasSubstr("no/video.mp4: the video cannot be"));
+  std::filesystem::remove_all(folder);
+}
+
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::planar

@@ -13,7 +13,7 @@
 #include "dfr/sim/pusher/pusher_plant.h"
 #include "train_supervisor.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 struct Counts {
@@ -111,4 +111,4 @@ TEST_F(TrainSupervisorTest, MistakesAreNamed) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

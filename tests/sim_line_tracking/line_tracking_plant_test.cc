@@ -32,8 +32,8 @@ LineTrackingOptions Truth(Wave wave = Wave::kNone) {
 }
 
 // What a perfect calibration would find.
-LineTrackingCalibration PerfectCalibration(const LineTrackingOptions& options) {
-  LineTrackingCalibration known;
+line_task::LineCalibration PerfectCalibration(const LineTrackingOptions& options) {
+  line_task::LineCalibration known;
   known.camera = LineTrackingPlant::true_camera();
   known.p_base_cam = LineTrackingPlant::p_world_base().inverse() * LineTrackingPlant::p_world_cam();
   known.arm = ArmError(options.arm).systematic();
@@ -43,7 +43,7 @@ LineTrackingCalibration PerfectCalibration(const LineTrackingOptions& options) {
 PlantStatus Apply(core::Plant& plant, double x, double y) { return plant.Apply(std::array{x, y}); }
 
 TEST(LineTrackingPlantTest, OpenLoopDemonstrationsFollowTheLineWhenNothingMoves) {
-  const LineTrackingCalibration known = PerfectCalibration(Truth());
+  const line_task::LineCalibration known = PerfectCalibration(Truth());
   LineTrackingPlant plant(Truth(), &known);
   for (std::uint64_t seed = 0; seed < 50; ++seed) {
     SCOPED_TRACE(seed);
@@ -372,7 +372,7 @@ TEST(LineTrackingPlantTest, VisionIsAccurateOverPosesLightAndBlur) {
       options.endoscope.blur_px = blur;
       options.endoscope.light_change = light_change;
       options.endoscope.glare = 60.0;
-      const LineTrackingCalibration known = PerfectCalibration(options);
+      const line_task::LineCalibration known = PerfectCalibration(options);
       LineTrackingPlant plant(options, &known);
       core::Random random(10);
       for (std::uint64_t seed = 0; seed < 5; ++seed) {
@@ -438,7 +438,7 @@ TEST(LineTrackingPlantTest, AStateThatTheImageDoesNotShowIsNaN) {
 
 TEST(LineTrackingPlantTest, IntrinsicsOfAnotherCameraAreNoticed) {
   const LineTrackingOptions options;
-  LineTrackingCalibration known = PerfectCalibration(options);
+  line_task::LineCalibration known = PerfectCalibration(options);
   known.camera.fx = known.camera.fy = 1000.0;
   LineTrackingPlant zoomed(options, &known);
   zoomed.Reset(1);

@@ -151,10 +151,11 @@ bool StandardDeviations(const ceres::Covariance& covariance, const double* block
 
 }  // namespace
 
-Calibration Calibrate(std::span<const vision::CalibrationFrame> frames,
-                      std::span<const Eigen::Vector2d> marks_m, const Calibration& guess,
-                      const Eigen::Isometry3d& p_cam_target, const CalibrateOptions& options,
-                      CalibrationSummary* summary) {
+line_task::LineCalibration Calibrate(std::span<const vision::CalibrationFrame> frames,
+                                     std::span<const Eigen::Vector2d> marks_m,
+                                     const line_task::LineCalibration& guess,
+                                     const Eigen::Isometry3d& p_cam_target,
+                                     const CalibrateOptions& options, CalibrationSummary* summary) {
   guess.camera.Check();
   DFR_THROW_UNLESS(options.mark_sd_px > 0 && options.tip_sd_px > 0 && options.touch_sd_m > 0 &&
                        options.offset_sd_rad > 0 && options.offset_sd_m > 0 && options.scale_sd > 0,
@@ -234,7 +235,7 @@ Calibration Calibrate(std::span<const vision::CalibrationFrame> frames,
   ceres::Solver::Summary report;
   ceres::Solve(solver, &problem, &report);
 
-  Calibration found;
+  line_task::LineCalibration found;
   found.camera = guess.camera;
   found.camera.fx = camera[0];
   found.camera.fy = camera[1];
@@ -287,7 +288,8 @@ Calibration Calibrate(std::span<const vision::CalibrationFrame> frames,
   return found;
 }
 
-void Print(std::ostream& out, const Calibration& calibration, const CalibrationSummary& summary) {
+void Print(std::ostream& out, const line_task::LineCalibration& calibration,
+           const CalibrationSummary& summary) {
   const auto line = [&out](const std::string& name, double value, double sd, const char* unit) {
     out << "  " << std::left << std::setw(22) << name << std::right << std::setw(12) << value
         << " +- " << std::setw(10) << sd << ' ' << unit << '\n';

@@ -1,13 +1,13 @@
 #include "dfr/core/feature_transform.h"
 
 #include <Eigen/Eigenvalues>
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <utility>
 #include <vector>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/quantile.h"
 
 namespace dfr::core {
 
@@ -105,9 +105,7 @@ int MedianNumStates(std::span<const Matrix> demonstrations) {
   DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
   std::vector<Eigen::Index> lengths;
   for (const Matrix& states : demonstrations) lengths.push_back(states.rows());
-  const auto middle = lengths.begin() + static_cast<std::ptrdiff_t>(lengths.size() / 2);
-  std::nth_element(lengths.begin(), middle, lengths.end());
-  return static_cast<int>(*middle);
+  return static_cast<int>(Median(lengths));
 }
 
 Matrix InverseSquareRoot(const Matrix& covariance, double ridge) {

@@ -2,7 +2,8 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <cstdio>
+
+#include "dfr/core/format.h"
 
 namespace dfr::experiment::internal {
 
@@ -46,9 +47,7 @@ std::string Paragraphs(std::string_view text) {
 }
 
 std::string Number(double value, int digits) {
-  char text[64];
-  std::snprintf(text, sizeof text, "%.*f", digits, value);
-  std::string number = text;
+  std::string number = core::Format("%.*f", digits, value);
   const bool is_zero = number.find_first_not_of("-0.") == std::string::npos;
   if (number[0] == '-') number = (is_zero ? "" : "\u2212") + number.substr(1);
   return number;

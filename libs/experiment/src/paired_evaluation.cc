@@ -44,9 +44,10 @@ void Check(const EvaluationPlan& plan) {
 
 std::uint64_t Step(int value) { return static_cast<std::uint64_t>(value); }
 
-UnitResult RunUnit(const EvaluationPlan& plan, const EvaluationUnit& unit, const MakeSite& make,
-                   ProgressMeter& meter, const std::atomic<bool>& stop) {
-  const std::unique_ptr<EvaluationSite> site = make(unit);
+UnitResult RunUnit(const EvaluationPlan& plan, const EvaluationUnit& unit,
+                   const MakeTrialRunner& make, ProgressMeter& meter,
+                   const std::atomic<bool>& stop) {
+  const std::unique_ptr<TrialRunner> runner = make(unit);
   const std::string label = "trial " + std::to_string(unit.trial + 1) + ", " +
                             std::to_string(unit.demonstrations) + " demonstrations, " +
                             unit.learner;
@@ -61,17 +62,17 @@ UnitResult RunUnit(const EvaluationPlan& plan, const EvaluationUnit& unit, const
                                  std::to_string(plan.max_redraws) + " draws (" + label + ")");
       }
       start = core::DeriveSeed(plan.seed, {kStartStream, Step(unit.trial), Step(i), Step(attempt)});
-      if (site->Accepts(start)) break;
+      if (runner->Accepts(start)) break;
       ++result.redrawn;
     }
     result.starts.push_back(start);
     const std::uint64_t controller = ControllerSeed(plan, unit.trial, i);
     for (std::size_t method = 0; method < plan.methods.size(); ++method) {
-      result.episodes[method].push_back(site->Run(static_cast<int>(method), start, controller));
+      result.episodes[method].push_back(runner->Run(static_cast<int>(method), start, controller));
       meter.Advance(1, label);
     }
   }
-  result.measures = site->Measures();
+  result.measures = runner->Measures();
   return result;
 }
 
@@ -81,7 +82,7 @@ std::uint64_t ControllerSeed(const EvaluationPlan& plan, int trial, int start) n
   return core::DeriveSeed(plan.seed, {kControllerStream, Step(trial), Step(start)});
 }
 
-std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeSite& make,
+std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeTrialRunner& make,
                                  const EvaluationOptions& options) {
   Check(plan);
   DFR_THROW_UNLESS(options.threads >= 0, "threads must not be negative: " << options.threads);

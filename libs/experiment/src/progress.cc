@@ -4,11 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <iostream>
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/format.h"
 
 namespace dfr::experiment {
 
@@ -72,10 +72,8 @@ void ProgressBar::Show(const Progress& progress) {
     for (int i = 0; i < kWidth; ++i) line += i < filled ? "\u2588" : "\u2591";
     line += " ";
   }
-  char percent[16];
-  std::snprintf(percent, sizeof percent, "%3d %%", static_cast<int>(100.0 * share));
-  line += std::string(percent) + "  " + std::to_string(progress.done) + "/" +
-          std::to_string(progress.total);
+  line += core::Format("%3d %%  ", static_cast<int>(100.0 * share)) +
+          std::to_string(progress.done) + "/" + std::to_string(progress.total);
   if (finished) {
     line += "  done in " + FormatDuration(progress.elapsed_s);
   } else if (progress.remaining_s) {
@@ -96,16 +94,9 @@ void ProgressBar::Show(const Progress& progress) {
 std::string FormatDuration(double seconds) {
   if (!(seconds >= 0.0)) return "?";
   const auto total = static_cast<long>(std::lround(std::min(seconds, 3.6e9)));
-  char text[48];
-  if (total < 60) {
-    std::snprintf(text, sizeof text, "%ld s", total);
-  } else if (total < 3600) {
-    std::snprintf(text, sizeof text, "%ld:%02ld min", total / 60, total % 60);
-  } else {
-    std::snprintf(text, sizeof text, "%ld:%02ld:%02ld h", total / 3600, total / 60 % 60,
-                  total % 60);
-  }
-  return text;
+  if (total < 60) return core::Format("%ld s", total);
+  if (total < 3600) return core::Format("%ld:%02ld min", total / 60, total % 60);
+  return core::Format("%ld:%02ld:%02ld h", total / 3600, total / 60 % 60, total % 60);
 }
 
 }  // namespace dfr::experiment

@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/format.h"
 #include "text_file.h"
 
 namespace dfr::experiment {
@@ -180,24 +180,17 @@ Json ToJson(const Contrast& contrast) {
           {"mcnemar_p", contrast.mcnemar_p}};
 }
 
-// printf into a string of `width` columns.
-template <typename... Args>
-std::string Format(const char* format, Args... args) {
-  char text[128];
-  std::snprintf(text, sizeof text, format, args...);
-  return text;
-}
-
 std::string Percent(const Share& share) {
-  return Format("%5.1f [%5.1f,%5.1f]", 100.0 * share.value, 100.0 * share.interval.low,
-                100.0 * share.interval.high);
+  return core::Format("%5.1f [%5.1f,%5.1f]", 100.0 * share.value, 100.0 * share.interval.low,
+                      100.0 * share.interval.high);
 }
 
 std::string Percent(const std::optional<double>& value, const std::optional<Interval>& interval,
                     bool sign) {
   if (!value) return "-";
-  std::string text = Format(sign ? "%+.0f %%" : "%.0f %%", 100.0 * *value);
-  if (interval) text += Format(" [%.0f, %.0f]", 100.0 * interval->low, 100.0 * interval->high);
+  std::string text = core::Format(sign ? "%+.0f %%" : "%.0f %%", 100.0 * *value);
+  if (interval)
+    text += core::Format(" [%.0f, %.0f]", 100.0 * interval->low, 100.0 * interval->high);
   return text;
 }
 
@@ -300,14 +293,14 @@ void PrintTable(const Summary& summary, std::ostream& out) {
       learner = average.learner;
       out << "\nlearner " << learner << ": all data points, " << average.episodes
           << " episodes a method in " << average.trials << " trials, %\n"
-          << Format(heads, name_width, "method", "completed", "halted", "collided", "ms/traj.",
-                    "controls")
+          << core::Format(heads, name_width, "method", "completed", "halted", "collided",
+                          "ms/traj.", "controls")
           << "\n";
     }
-    out << Format("  %-*s  %s  %s  %s  %9.3f  %8.1f", name_width, average.method.c_str(),
-                  Percent(average.completed).c_str(), Percent(average.halted).c_str(),
-                  Percent(average.collided).c_str(), 1e3 * average.seconds_per_trajectory,
-                  average.controls_per_trajectory)
+    out << core::Format("  %-*s  %s  %s  %s  %9.3f  %8.1f", name_width, average.method.c_str(),
+                        Percent(average.completed).c_str(), Percent(average.halted).c_str(),
+                        Percent(average.collided).c_str(), 1e3 * average.seconds_per_trajectory,
+                        average.controls_per_trajectory)
         << "\n";
     for (const Contrast& contrast : summary.contrasts) {
       if (contrast.learner != learner || contrast.method != average.method) continue;
@@ -317,12 +310,12 @@ void PrintTable(const Summary& summary, std::ostream& out) {
       if (const auto& interval = contrast.ratios.collision_reduction_interval) {
         change_interval = Interval{-interval->high, -interval->low};
       }
-      out << Format("  %-*s  against %s: ", name_width, "", contrast.against.c_str())
+      out << core::Format("  %-*s  against %s: ", name_width, "", contrast.against.c_str())
           << "completions "
           << Percent(contrast.ratios.completion_ratio, contrast.ratios.completion_ratio_interval,
                      false)
           << ", collisions " << Percent(change, change_interval, true);
-      if (contrast.seconds_ratio) out << Format(", time x%.2f", *contrast.seconds_ratio);
+      if (contrast.seconds_ratio) out << core::Format(", time x%.2f", *contrast.seconds_ratio);
       out << "\n";
     }
   }
@@ -342,13 +335,13 @@ void PrintTable(const Summary& summary, std::ostream& out) {
       if (cell.learner == learner) by_demonstrations[cell.demonstrations].push_back(&cell);
     }
     out << "\nlearner " << learner << ": completed / halted / collided, %\n  demos";
-    for (const std::string& method : methods) out << Format("  %20s", method.c_str());
+    for (const std::string& method : methods) out << core::Format("  %20s", method.c_str());
     out << "\n";
     for (const auto& [demonstrations, cells] : by_demonstrations) {
-      out << Format("  %5d", demonstrations);
+      out << core::Format("  %5d", demonstrations);
       for (const Cell* cell : cells) {
-        out << Format("   %5.1f /%5.1f /%5.1f", 100.0 * cell->completed.value,
-                      100.0 * cell->halted.value, 100.0 * cell->collided.value);
+        out << core::Format("   %5.1f /%5.1f /%5.1f", 100.0 * cell->completed.value,
+                            100.0 * cell->halted.value, 100.0 * cell->collided.value);
       }
       out << "\n";
     }

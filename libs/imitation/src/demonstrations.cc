@@ -13,43 +13,10 @@ namespace dfr::imitation {
 namespace {
 
 using core::Matrix;
-using core::Outcome;
 using internal::Hdf5File;
 
 constexpr std::string_view kEpisodePrefix = "demo_";
 constexpr int kGymEnvironment = 2;  // robomimic's EnvType.GYM_TYPE
-
-core::Trajectory ReadEpisode(const Hdf5File& file, const std::string& episode,
-                             const core::StateLayout& layout) {
-  const std::optional<std::int64_t> samples = file.IntegerAttribute(episode, "num_samples");
-  if (!samples) file.Fail(episode, "has no attribute num_samples");
-  if (*samples < 1) file.Fail(episode, "num_samples is " + std::to_string(*samples));
-  const Eigen::Index n = *samples;
-  constexpr char kCount[] = "num_samples";
-
-  core::Trajectory trajectory;
-  trajectory.controls = internal::ReadRows(file, episode + "/actions", n, kCount);
-  trajectory.states = internal::ReadBlocks(file, episode + "/obs", layout, n, kCount);
-  if (file.Exists(episode + "/next_obs")) {
-    const Matrix next = internal::ReadBlocks(file, episode + "/next_obs", layout, n, kCount);
-    trajectory.states.conservativeResize(n + 1, Eigen::NoChange);
-    trajectory.states.row(n) = next.row(n - 1);
-  } else {
-    if (n == 1) file.Fail(episode, "has one step and no next_obs: no state after a control");
-    trajectory.controls.conservativeResize(n - 1, Eigen::NoChange);
-  }
-
-  trajectory.seed = static_cast<std::uint64_t>(file.IntegerAttribute(episode, "seed").value_or(0));
-  if (const std::optional<std::string> name = file.TextAttribute(episode, "outcome")) {
-    const std::optional<Outcome> outcome = internal::ParseOutcome(*name);
-    if (!outcome) file.Fail(episode, "outcome '" + *name + "' is unknown");
-    trajectory.outcome = *outcome;
-  } else if (file.Exists(episode + "/dones")) {
-    const Matrix dones = internal::ReadRows(file, episode + "/dones", n, kCount);
-    trajectory.outcome = dones(n - 1, 0) != 0.0 ? Outcome::kCompleted : Outcome::kHalted;
-  }
-  return trajectory;
-}
 
 std::string EnvironmentName(const Hdf5File& file) {
   const std::optional<std::string> text = file.TextAttribute("data", "env_args");
@@ -60,53 +27,48 @@ std::string EnvironmentName(const Hdf5File& file) {
   return name != json.end() && name->is_string() ? name->get<std::string>() : "";
 }
 
-class RobomimicReader final : public DemonstrationReader {
+class RobomimicReader final : public internal::EpisodeReader {
  public:
-  explicit RobomimicReader(const std::filesystem::path& path) : file_(Hdf5File::Open(path)) {
-    if (!file_.Exists("data")) file_.Fail("data", "does not exist: this is no robomimic file");
-    environment_ = EnvironmentName(file_);
-    discarded_ = static_cast<int>(file_.IntegerAttribute("data", "discarded").value_or(0));
-    episodes_ = internal::NumberedMembers(file_, "data", kEpisodePrefix);
-    if (episodes_.empty()) file_.Fail("data", "holds no episode");
-    layout_ = internal::ReadLayout(file_, episodes_[0] + "/obs");
-    const std::string actions = episodes_[0] + "/actions";
-    if (!file_.Exists(actions)) file_.Fail(actions, "does not exist");
-    const std::vector<std::int64_t> shape = file_.Shape(actions);
-    control_dim_ = shape.size() == 2 ? static_cast<int>(shape[1]) : 1;
+  explicit RobomimicReader(const std::filesystem::path& path)
+      : EpisodeReader(Hdf5File::Open(path)) {
+    if (!file().Exists("data")) file().Fail("data", "does not exist: this is no robomimic file");
+    environment_ = EnvironmentName(file());
+    discarded_ = static_cast<int>(file().IntegerAttribute("data", "discarded").value_or(0));
+    FindEpisodes("data", kEpisodePrefix, "obs");
   }
 
-  [[nodiscard]] const core::StateLayout& layout() const noexcept override { return layout_; }
-  [[nodiscard]] int control_dim() const noexcept override { return control_dim_; }
-  [[nodiscard]] const std::string& environment() const noexcept override { return environment_; }
   [[nodiscard]] int discarded() const noexcept override { return discarded_; }
-  [[nodiscard]] int num_episodes() const noexcept override {
-    return static_cast<int>(episodes_.size());
-  }
-  [[nodiscard]] const std::string& name(int i) const override {
-    return episodes_.at(static_cast<std::size_t>(i));
-  }
 
-  [[nodiscard]] core::Trajectory Read(int i) const override {
-    const std::string& episode = name(i);
-    if (internal::ReadLayout(file_, episode + "/obs") != layout_) {
-      file_.Fail(episode + "/obs", "has other datasets or sizes than the first episode's");
+ private:
+  [[nodiscard]] core::Trajectory ReadEpisode(const std::string& episode) const override {
+    const std::optional<std::int64_t> samples = file().IntegerAttribute(episode, "num_samples");
+    if (!samples) file().Fail(episode, "has no attribute num_samples");
+    if (*samples < 1) file().Fail(episode, "num_samples is " + std::to_string(*samples));
+    const Eigen::Index n = *samples;
+    constexpr char kCount[] = "num_samples";
+
+    core::Trajectory trajectory;
+    trajectory.controls = ReadActions(episode, n, kCount);
+    trajectory.states = ReadStates(episode, n, kCount);
+    if (file().Exists(episode + "/next_obs")) {
+      const Matrix next = internal::ReadBlocks(file(), episode + "/next_obs", layout(), n, kCount);
+      trajectory.states.conservativeResize(n + 1, Eigen::NoChange);
+      trajectory.states.row(n) = next.row(n - 1);
+    } else {
+      if (n == 1) file().Fail(episode, "has one step and no next_obs: no state after a control");
+      trajectory.controls.conservativeResize(n - 1, Eigen::NoChange);
     }
-    core::Trajectory trajectory = ReadEpisode(file_, episode, layout_);
-    if (trajectory.controls.cols() != control_dim_) {
-      file_.Fail(episode + "/actions", "has " + std::to_string(trajectory.controls.cols()) +
-                                           " columns, the first episode's has " +
-                                           std::to_string(control_dim_));
+    if (const auto outcome = Outcome(episode)) {
+      trajectory.outcome = *outcome;
+    } else if (file().Exists(episode + "/dones")) {
+      const Matrix dones = internal::ReadRows(file(), episode + "/dones", n, kCount);
+      const bool completed = dones(n - 1, 0) != 0.0;
+      trajectory.outcome = completed ? core::Outcome::kCompleted : core::Outcome::kHalted;
     }
     return trajectory;
   }
 
- private:
-  Hdf5File file_;
-  std::vector<std::string> episodes_;
-  core::StateLayout layout_;
-  int control_dim_ = 0;
   int discarded_ = 0;
-  std::string environment_;
 };
 
 DemonstrationSet ReadAll(const DemonstrationReader& reader) {
@@ -148,7 +110,7 @@ class RobomimicWriter::File {
     internal::CheckTrajectory(trajectory, layout_.state_dim(), control_dim_, episodes_);
     const Eigen::Index n = trajectory.controls.rows();
     const std::string episode = "data/" + std::string(kEpisodePrefix) + std::to_string(episodes_);
-    const bool completed = trajectory.outcome == Outcome::kCompleted;
+    const bool completed = trajectory.outcome == core::Outcome::kCompleted;
     std::vector<double> rewards(static_cast<std::size_t>(n), 0.0);
     std::vector<std::int64_t> dones(static_cast<std::size_t>(n), 0);
     rewards.back() = completed ? 1.0 : 0.0;
@@ -217,15 +179,10 @@ int RobomimicWriter::num_episodes() const noexcept { return file_->num_episodes(
 
 void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem::path& path,
                    const std::string& model_xml) {
-  const int state_dim = demonstrations.layout.state_dim();
-  for (std::size_t i = 0; i < demonstrations.trajectories.size(); ++i) {
-    // All are checked before the first is written, and an existing file replaced.
-    internal::CheckTrajectory(demonstrations.trajectories[i], state_dim, demonstrations.control_dim,
-                              static_cast<int>(i));
-  }
-  RobomimicWriter writer(path, demonstrations.layout, demonstrations.control_dim,
-                         demonstrations.environment, model_xml);
-  for (const auto& trajectory : demonstrations.trajectories) writer.Append(trajectory);
+  RobomimicWriter writer = internal::WriteAll(demonstrations, [&] {
+    return RobomimicWriter(path, demonstrations.layout, demonstrations.control_dim,
+                           demonstrations.environment, model_xml);
+  });
   for (int i = 0; i < demonstrations.discarded; ++i) writer.CountDiscarded();
 }
 

@@ -19,35 +19,86 @@ struct Key {
   int size;
 };
 
+constexpr char kActions[] = "actions";
+
 // Groups within groups of observations. More are no format's: a link leads back.
 constexpr int kDeepest = 8;
 
-// Appends the datasets below `group`; false where one has no offset.
-bool CollectKeys(const Hdf5File& file, const std::string& group, const std::string& prefix,
-                 int depth, std::vector<Key>& keys) {
-  if (depth > kDeepest) {
-    file.Fail(group, "is beyond " + std::to_string(kDeepest) + " groups within groups");
-  }
-  bool all_have_offsets = true;
-  for (const std::string& member : file.Members(group)) {
-    std::string path = group;
-    path += "/" + member;
-    const std::string name = prefix + member;
-    if (file.IsGroup(path)) {
-      all_have_offsets = CollectKeys(file, path, name + "/", depth + 1, keys) && all_have_offsets;
-      continue;
+// Appends the datasets at `path`, a dataset or a group of them; false where one has no offset.
+bool CollectKeys(const Hdf5File& file, const std::string& path, const std::string& name, int depth,
+                 std::vector<Key>& keys) {
+  if (file.IsGroup(path)) {
+    if (depth > kDeepest) {
+      file.Fail(path, "is beyond " + std::to_string(kDeepest) + " groups within groups");
     }
-    const std::vector<std::int64_t> shape = file.Shape(path);
-    if (shape.empty()) file.Fail(path, "is a single value, not one row per step");
-    if (shape.size() > 2) continue;
-    const std::int64_t size = shape.size() == 2 ? shape[1] : 1;
-    constexpr std::int64_t kMost = 1 << 20;
-    if (size < 1 || size > kMost) file.Fail(path, "has " + std::to_string(size) + " columns");
-    const std::optional<std::int64_t> offset = file.IntegerAttribute(path, "offset");
-    all_have_offsets = all_have_offsets && offset.has_value();
-    keys.push_back({offset.value_or(0), name, static_cast<int>(size)});
+    bool all_have_offsets = true;
+    for (const std::string& member : file.Members(path)) {
+      const std::string below = depth == 0 ? member : name + "/" + member;
+      all_have_offsets &= CollectKeys(file, path + "/" + member, below, depth + 1, keys);
+    }
+    return all_have_offsets;
   }
-  return all_have_offsets;
+  const std::vector<std::int64_t> shape = file.Shape(path);
+  if (shape.empty()) file.Fail(path, "is a single value, not one row per step");
+  if (shape.size() > 2) return true;
+  const std::int64_t size = shape.size() == 2 ? shape[1] : 1;
+  constexpr std::int64_t kMost = 1 << 20;
+  if (size < 1 || size > kMost) file.Fail(path, "has " + std::to_string(size) + " columns");
+  const std::optional<std::int64_t> offset = file.IntegerAttribute(path, "offset");
+  keys.push_back({offset.value_or(0), name, static_cast<int>(size)});
+  return offset.has_value();
+}
+
+// Members of `group` that are named <prefix><number>, as paths in the order of the numbers.
+std::vector<std::string> NumberedMembers(const Hdf5File& file, const std::string& group,
+                                         std::string_view prefix) {
+  const std::string folder = group.empty() ? "" : group + "/";
+  std::vector<std::pair<std::int64_t, std::string>> numbered;
+  for (const std::string& name : file.Members(group)) {
+    std::int64_t number = 0;
+    const char* const begin = name.data() + std::min(prefix.size(), name.size());
+    const char* const end = name.data() + name.size();
+    const auto [stop, error] = std::from_chars(begin, end, number);
+    if (!name.starts_with(prefix) || error != std::errc() || stop != end) {
+      file.Fail(folder + name, "is not named " + std::string(prefix) + "<number>");
+    }
+    numbered.emplace_back(number, folder + name);
+  }
+  std::sort(numbered.begin(), numbered.end());
+  std::vector<std::string> paths;
+  paths.reserve(numbered.size());
+  for (auto& [number, path] : numbered) paths.push_back(std::move(path));
+  return paths;
+}
+
+// The vector-valued datasets of a part of an episode, groups below it included ("goal/position"),
+// by their attributes `offset` where all have one, else by name. Those of more than two dimensions
+// (images) are left out. One dataset may stand in the group's place.
+core::StateLayout PartLayout(const Hdf5File& file, const std::string& episode, const char* part) {
+  const std::string path = episode + "/" + part;
+  if (!file.Exists(path)) file.Fail(path, "does not exist");
+  std::vector<Key> keys;
+  if (CollectKeys(file, path, part, 0, keys)) {
+    std::stable_sort(keys.begin(), keys.end(),
+                     [](const Key& a, const Key& b) { return a.offset < b.offset; });
+  }
+  if (keys.empty()) file.Fail(path, "has no vector-valued dataset");
+  core::StateLayout layout;
+  for (const Key& key : keys) layout.Add(key.name, key.size);
+  return layout;
+}
+
+void CheckPart(const Hdf5File& file, const std::string& episode, const char* part,
+               const core::StateLayout& layout) {
+  if (PartLayout(file, episode, part) != layout) {
+    file.Fail(episode + "/" + part, "has other datasets or sizes than the first episode's");
+  }
+}
+
+Matrix ReadPart(const Hdf5File& file, const std::string& episode, const char* part,
+                const core::StateLayout& layout, Eigen::Index rows, const char* count) {
+  const std::string path = episode + "/" + part;
+  return ReadBlocks(file, file.IsGroup(path) ? path : episode, layout, rows, count);
 }
 
 }  // namespace
@@ -90,35 +141,6 @@ void CheckLayout(const core::StateLayout& layout, int control_dim) {
   }
 }
 
-std::optional<core::Outcome> ParseOutcome(std::string_view name) {
-  using core::Outcome;
-  for (const Outcome outcome : {Outcome::kCompleted, Outcome::kHalted, Outcome::kCollided}) {
-    if (name == core::Name(outcome)) return outcome;
-  }
-  return std::nullopt;
-}
-
-std::vector<std::string> NumberedMembers(const Hdf5File& file, const std::string& group,
-                                         std::string_view prefix) {
-  const std::string folder = group.empty() ? "" : group + "/";
-  std::vector<std::pair<std::int64_t, std::string>> numbered;
-  for (const std::string& name : file.Members(group)) {
-    std::int64_t number = 0;
-    const char* const begin = name.data() + std::min(prefix.size(), name.size());
-    const char* const end = name.data() + name.size();
-    const auto [stop, error] = std::from_chars(begin, end, number);
-    if (!name.starts_with(prefix) || error != std::errc() || stop != end) {
-      file.Fail(folder + name, "is not named " + std::string(prefix) + "<number>");
-    }
-    numbered.emplace_back(number, folder + name);
-  }
-  std::sort(numbered.begin(), numbered.end());
-  std::vector<std::string> paths;
-  paths.reserve(numbered.size());
-  for (auto& [number, path] : numbered) paths.push_back(std::move(path));
-  return paths;
-}
-
 Matrix ReadRows(const Hdf5File& file, const std::string& path, Eigen::Index rows,
                 const char* count) {
   if (!file.Exists(path)) file.Fail(path, "does not exist");
@@ -138,20 +160,6 @@ Matrix ReadRows(const Hdf5File& file, const std::string& path, Eigen::Index rows
   return values;
 }
 
-core::StateLayout ReadLayout(const Hdf5File& file, const std::string& group) {
-  if (!file.Exists(group)) file.Fail(group, "does not exist");
-  std::vector<Key> keys;
-  const bool all_have_offsets = CollectKeys(file, group, "", 0, keys);
-  if (keys.empty()) file.Fail(group, "has no vector-valued dataset");
-  if (all_have_offsets) {
-    std::stable_sort(keys.begin(), keys.end(),
-                     [](const Key& a, const Key& b) { return a.offset < b.offset; });
-  }
-  core::StateLayout layout;
-  for (const Key& key : keys) layout.Add(key.name, key.size);
-  return layout;
-}
-
 Matrix ReadBlocks(const Hdf5File& file, const std::string& group, const core::StateLayout& layout,
                   Eigen::Index rows, const char* count) {
   Matrix values(rows, layout.state_dim());
@@ -165,6 +173,51 @@ Matrix ReadBlocks(const Hdf5File& file, const std::string& group, const core::St
     values.middleCols(block.offset, block.size) = part;
   }
   return values;
+}
+
+void EpisodeReader::FindEpisodes(const std::string& group, std::string_view prefix,
+                                 const char* states) {
+  episodes_ = NumberedMembers(file_, group, prefix);
+  if (episodes_.empty()) file_.Fail(group.empty() ? "/" : group, "holds no episode");
+  states_ = states;
+  layout_ = PartLayout(file_, episodes_[0], states_);
+  controls_ = PartLayout(file_, episodes_[0], kActions);
+}
+
+core::Trajectory EpisodeReader::Read(int i) const {
+  const std::string& episode = name(i);
+  CheckPart(file_, episode, states_, layout_);
+  core::Trajectory trajectory = ReadEpisode(episode);
+  trajectory.seed = static_cast<std::uint64_t>(file_.IntegerAttribute(episode, "seed").value_or(0));
+  return trajectory;
+}
+
+std::string EpisodeReader::FirstActions(const std::string& episode) const {
+  CheckPart(file_, episode, kActions, controls_);
+  std::string path = episode + "/" + kActions;
+  if (file_.IsGroup(path)) path += "/" + controls_.blocks[0].name;
+  return path;
+}
+
+Matrix EpisodeReader::ReadActions(const std::string& episode, Eigen::Index steps,
+                                  const char* count) const {
+  CheckPart(file_, episode, kActions, controls_);
+  return ReadPart(file_, episode, kActions, controls_, steps, count);
+}
+
+Matrix EpisodeReader::ReadStates(const std::string& episode, Eigen::Index rows,
+                                 const char* count) const {
+  return ReadPart(file_, episode, states_, layout_, rows, count);
+}
+
+std::optional<core::Outcome> EpisodeReader::Outcome(const std::string& episode) const {
+  const std::optional<std::string> name = file_.TextAttribute(episode, "outcome");
+  if (!name) return std::nullopt;
+  using enum core::Outcome;
+  for (const core::Outcome outcome : {kCompleted, kHalted, kCollided}) {
+    if (*name == core::Name(outcome)) return outcome;
+  }
+  file_.Fail(episode, "outcome '" + *name + "' is unknown");
 }
 
 }  // namespace dfr::imitation::internal

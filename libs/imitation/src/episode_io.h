@@ -5,11 +5,13 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "dfr/core/features.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
+#include "dfr/imitation/demonstrations.h"
 #include "hdf5_file.h"
 
 namespace dfr::imitation::internal {
@@ -21,30 +23,76 @@ namespace dfr::imitation::internal {
 void CheckTrajectory(const core::Trajectory& trajectory, int state_dim, int control_dim,
                      int episode);
 
+/// Appends all trajectories of a set. All are checked before `create()` makes the writer, which
+/// replaces an existing file. Returns the writer.
+template <typename Create>
+auto WriteAll(const DemonstrationSet& demonstrations, const Create& create) {
+  const int state_dim = demonstrations.layout.state_dim();
+  int episode = 0;
+  for (const auto& trajectory : demonstrations.trajectories) {
+    CheckTrajectory(trajectory, state_dim, demonstrations.control_dim, episode++);
+  }
+  auto writer = create();
+  for (const auto& trajectory : demonstrations.trajectories) writer.Append(trajectory);
+  return writer;
+}
+
 /// @throws std::invalid_argument unless every block's name can name a dataset.
 void CheckLayout(const core::StateLayout& layout, int control_dim);
-
-/// The outcome that core::Name() gives this name, if any.
-[[nodiscard]] std::optional<core::Outcome> ParseOutcome(std::string_view name);
-
-/// Members of `group` that are named <prefix><number>, as paths in the order of the numbers.
-/// Others are refused.
-[[nodiscard]] std::vector<std::string> NumberedMembers(const Hdf5File& file,
-                                                       const std::string& group,
-                                                       std::string_view prefix);
 
 /// A dataset of finite numbers with this many rows; `count` says in messages where that is from.
 [[nodiscard]] core::Matrix ReadRows(const Hdf5File& file, const std::string& path,
                                     Eigen::Index rows, const char* count);
 
-/// The vector-valued datasets of a group, groups below it included ("goal/position"), by their
-/// attributes `offset` where all have one, else by name. Those of more than two dimensions (images)
-/// are left out.
-[[nodiscard]] core::StateLayout ReadLayout(const Hdf5File& file, const std::string& group);
-
 /// The datasets of a layout side by side.
 [[nodiscard]] core::Matrix ReadBlocks(const Hdf5File& file, const std::string& group,
                                       const core::StateLayout& layout, Eigen::Index rows,
                                       const char* count);
+
+/// What the readers of both formats do alike: the episodes of a file in the order of their numbers,
+/// whose layouts must be those of the first.
+class EpisodeReader : public DemonstrationReader {
+ public:
+  [[nodiscard]] const core::StateLayout& layout() const noexcept override { return layout_; }
+  [[nodiscard]] int control_dim() const noexcept override { return controls_.state_dim(); }
+  [[nodiscard]] const std::string& environment() const noexcept override { return environment_; }
+  [[nodiscard]] int num_episodes() const noexcept override {
+    return static_cast<int>(episodes_.size());
+  }
+  [[nodiscard]] const std::string& name(int i) const override {
+    return episodes_.at(static_cast<std::size_t>(i));
+  }
+  [[nodiscard]] core::Trajectory Read(int i) const override;
+
+ protected:
+  explicit EpisodeReader(Hdf5File file) : file_(std::move(file)) {}
+  /// @param group  that holds the episodes, "" for the file's top.
+  /// @param prefix  before the number in an episode's name; members with other names are refused.
+  /// @param states  the part of an episode that holds its states: "obs".
+  void FindEpisodes(const std::string& group, std::string_view prefix, const char* states);
+
+  [[nodiscard]] const Hdf5File& file() const noexcept { return file_; }
+  /// The first dataset of the controls: its rows are the episode's steps.
+  [[nodiscard]] std::string FirstActions(const std::string& episode) const;
+  [[nodiscard]] core::Matrix ReadActions(const std::string& episode, Eigen::Index steps,
+                                         const char* count) const;
+  /// States from a group of datasets, or from the one dataset that stands in its place.
+  [[nodiscard]] core::Matrix ReadStates(const std::string& episode, Eigen::Index rows,
+                                        const char* count) const;
+  /// That of the attribute `outcome`, which other writers leave out.
+  [[nodiscard]] std::optional<core::Outcome> Outcome(const std::string& episode) const;
+
+  std::string environment_;
+
+ private:
+  /// States, controls and outcome.
+  [[nodiscard]] virtual core::Trajectory ReadEpisode(const std::string& episode) const = 0;
+
+  Hdf5File file_;
+  std::vector<std::string> episodes_;
+  const char* states_ = nullptr;
+  core::StateLayout layout_;
+  core::StateLayout controls_;
+};
 
 }  // namespace dfr::imitation::internal

@@ -16,7 +16,6 @@ namespace dfr::imitation {
 namespace {
 
 using core::Matrix;
-using core::Outcome;
 using internal::Hdf5File;
 using nlohmann::json;
 
@@ -60,103 +59,42 @@ std::filesystem::path MainFile(const std::filesystem::path& path) {
   return path;
 }
 
-class MinariReader final : public DemonstrationReader {
+class MinariReader final : public internal::EpisodeReader {
  public:
-  explicit MinariReader(const std::filesystem::path& path)
-      : file_(Hdf5File::Open(path)), episodes_(internal::NumberedMembers(file_, "", kPrefix)) {
-    if (episodes_.empty()) file_.Fail("/", "holds no episode");
-    layout_ = StateLayoutOf(episodes_[0]);
-    controls_ = ControlLayoutOf(episodes_[0]);
+  explicit MinariReader(const std::filesystem::path& path) : EpisodeReader(Hdf5File::Open(path)) {
+    FindEpisodes("", kPrefix, kPlain);
     ReadMetadata(path.parent_path() / "metadata.json");
   }
 
-  [[nodiscard]] const core::StateLayout& layout() const noexcept override { return layout_; }
-  [[nodiscard]] int control_dim() const noexcept override { return controls_.state_dim(); }
-  [[nodiscard]] const std::string& environment() const noexcept override { return environment_; }
-  [[nodiscard]] int num_episodes() const noexcept override {
-    return static_cast<int>(episodes_.size());
-  }
-  [[nodiscard]] const std::string& name(int i) const override {
-    return episodes_.at(static_cast<std::size_t>(i));
-  }
-
-  [[nodiscard]] core::Trajectory Read(int i) const override {
-    const std::string& episode = name(i);
-    if (StateLayoutOf(episode) != layout_) {
-      file_.Fail(episode + "/observations", "has other datasets or sizes than the first episode's");
-    }
-    if (ControlLayoutOf(episode) != controls_) {
-      file_.Fail(episode + "/actions", "has other datasets or sizes than the first episode's");
-    }
-    const std::string first_action = WithinEpisode(episode, "actions", controls_);
-    const Eigen::Index steps = file_.Shape(first_action).at(0);
-    if (steps < 1) file_.Fail(first_action, "is empty");
-    if (const auto total = file_.IntegerAttribute(episode, "total_steps");
+ private:
+  [[nodiscard]] core::Trajectory ReadEpisode(const std::string& episode) const override {
+    const std::string actions = FirstActions(episode);
+    const Eigen::Index steps = file().Shape(actions).at(0);
+    if (steps < 1) file().Fail(actions, "is empty");
+    if (const auto total = file().IntegerAttribute(episode, "total_steps");
         total.value_or(steps) != steps) {
-      file_.Fail(episode, "total_steps is " + std::to_string(*total) + ", but there are " +
-                              std::to_string(steps) + " actions");
+      file().Fail(episode, "total_steps is " + std::to_string(*total) + ", but there are " +
+                               std::to_string(steps) + " actions");
     }
     core::Trajectory trajectory;
-    trajectory.states = ReadPart(episode, kPlain, layout_, steps + 1, kStates);
-    trajectory.controls = ReadPart(episode, "actions", controls_, steps, kSteps);
-    trajectory.seed =
-        static_cast<std::uint64_t>(file_.IntegerAttribute(episode, "seed").value_or(0));
+    trajectory.states = ReadStates(episode, steps + 1, kStates);
+    trajectory.controls = ReadActions(episode, steps, kSteps);
     trajectory.outcome = OutcomeOf(episode, steps);
     return trajectory;
   }
 
- private:
-  // Datasets of a group, or the one dataset that stands in its place.
-  [[nodiscard]] core::StateLayout PartLayout(const std::string& episode, const char* part) const {
-    const std::string path = episode + "/" + part;
-    if (!file_.Exists(path)) file_.Fail(path, "does not exist");
-    if (file_.IsGroup(path)) return internal::ReadLayout(file_, path);
-    const std::vector<std::int64_t> shape = file_.Shape(path);
-    if (shape.empty() || shape.size() > 2 || (shape.size() == 2 && shape[1] < 1)) {
-      file_.Fail(path, "has " + std::to_string(shape.size()) +
-                           " dimensions; vectors are needed, one row per step");
-    }
-    core::StateLayout layout;
-    layout.Add(part, shape.size() == 2 ? static_cast<int>(shape[1]) : 1);
-    return layout;
-  }
-  [[nodiscard]] core::StateLayout StateLayoutOf(const std::string& episode) const {
-    return PartLayout(episode, kPlain);
-  }
-  [[nodiscard]] core::StateLayout ControlLayoutOf(const std::string& episode) const {
-    return PartLayout(episode, "actions");
-  }
-  [[nodiscard]] std::string WithinEpisode(const std::string& episode, const char* part,
-                                          const core::StateLayout& layout) const {
-    std::string path = episode + "/" + part;
-    if (file_.IsGroup(path)) path += "/" + layout.blocks[0].name;
-    return path;
-  }
-  [[nodiscard]] Matrix ReadPart(const std::string& episode, const char* part,
-                                const core::StateLayout& layout, Eigen::Index rows,
-                                const char* count) const {
-    const std::string path = episode + "/" + part;
-    return internal::ReadBlocks(file_, file_.IsGroup(path) ? path : episode, layout, rows, count);
-  }
-
-  [[nodiscard]] Outcome OutcomeOf(const std::string& episode, Eigen::Index steps) const {
-    if (const auto name = file_.TextAttribute(episode, "outcome")) {
-      const std::optional<Outcome> outcome = internal::ParseOutcome(*name);
-      if (!outcome) file_.Fail(episode, "outcome '" + *name + "' is unknown");
-      return *outcome;
-    }
+  [[nodiscard]] core::Outcome OutcomeOf(const std::string& episode, Eigen::Index steps) const {
+    if (const auto outcome = Outcome(episode)) return *outcome;
     // Infos have an entry for the reset, too.
     const std::string success = episode + "/infos/success";
-    if (file_.Exists(success)) {
-      const Matrix values = file_.Read(success);
-      if (values.size() > 0) {
-        return values(values.rows() - 1, 0) != 0.0 ? Outcome::kCompleted : Outcome::kHalted;
-      }
-    }
+    Matrix values;
+    if (file().Exists(success)) values = file().Read(success);
     const std::string terminations = episode + "/terminations";
-    if (!file_.Exists(terminations)) return Outcome::kHalted;
-    const Matrix values = internal::ReadRows(file_, terminations, steps, kSteps);
-    return values(steps - 1, 0) != 0.0 ? Outcome::kCompleted : Outcome::kHalted;
+    if (values.size() == 0 && file().Exists(terminations)) {
+      values = internal::ReadRows(file(), terminations, steps, kSteps);
+    }
+    const bool completed = values.size() > 0 && values(values.rows() - 1, 0) != 0.0;
+    return completed ? core::Outcome::kCompleted : core::Outcome::kHalted;
   }
 
   // The environment's name; a file without metadata has none.
@@ -184,12 +122,6 @@ class MinariReader final : public DemonstrationReader {
     }
     if (environment_.empty()) environment_ = text(metadata, "dataset_id", "");
   }
-
-  Hdf5File file_;
-  std::vector<std::string> episodes_;
-  core::StateLayout layout_;
-  core::StateLayout controls_;
-  std::string environment_;
 };
 
 }  // namespace
@@ -211,7 +143,7 @@ class MinariWriter::File {
     internal::CheckTrajectory(trajectory, layout_.state_dim(), control_dim_, episodes_);
     const auto steps = static_cast<std::size_t>(trajectory.controls.rows());
     const std::string episode = kPrefix + std::to_string(episodes_);
-    const bool completed = trajectory.outcome == Outcome::kCompleted;
+    const bool completed = trajectory.outcome == core::Outcome::kCompleted;
     std::vector<double> rewards(steps, 0.0);
     std::vector<bool> terminations(steps, false);
     std::vector<bool> truncations(steps, false);
@@ -310,14 +242,10 @@ int MinariWriter::num_episodes() const noexcept { return file_->num_episodes(); 
 
 void SaveMinari(const DemonstrationSet& demonstrations, const std::filesystem::path& folder,
                 const std::string& dataset_id) {
-  for (std::size_t i = 0; i < demonstrations.trajectories.size(); ++i) {
-    // All are checked before the first is written, and an existing file replaced.
-    internal::CheckTrajectory(demonstrations.trajectories[i], demonstrations.layout.state_dim(),
-                              demonstrations.control_dim, static_cast<int>(i));
-  }
-  MinariWriter writer(folder, dataset_id, demonstrations.layout, demonstrations.control_dim,
-                      demonstrations.environment);
-  for (const auto& trajectory : demonstrations.trajectories) writer.Append(trajectory);
+  internal::WriteAll(demonstrations, [&] {
+    return MinariWriter(folder, dataset_id, demonstrations.layout, demonstrations.control_dim,
+                        demonstrations.environment);
+  });
 }
 
 std::unique_ptr<DemonstrationReader> OpenMinari(const std::filesystem::path& path) {

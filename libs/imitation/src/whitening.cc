@@ -50,13 +50,6 @@ void Whitening::Apply(std::span<const double> x, std::span<double> z) const noex
   }
 }
 
-void Whitening::ApplyInverse(std::span<const double> z, std::span<double> x) const noexcept {
-  for (std::size_t j = 0; j < z.size(); ++j) {
-    const auto k = static_cast<Eigen::Index>(j);
-    x[j] = mean_[k] + scale_[k] * z[j];
-  }
-}
-
 core::Matrix Whitening::Apply(const core::Matrix& samples) const {
   DFR_THROW_UNLESS(samples.cols() == dim(),
                    "whitening has " << dim() << " features, the samples " << samples.cols());
@@ -65,16 +58,6 @@ core::Matrix Whitening::Apply(const core::Matrix& samples) const {
     Apply(core::Row(samples, i), core::Row(whitened, i));
   }
   return whitened;
-}
-
-core::Matrix Whitening::ApplyInverse(const core::Matrix& whitened) const {
-  DFR_THROW_UNLESS(whitened.cols() == dim(),
-                   "whitening has " << dim() << " features, the samples " << whitened.cols());
-  core::Matrix samples(whitened.rows(), whitened.cols());
-  for (Eigen::Index i = 0; i < whitened.rows(); ++i) {
-    ApplyInverse(core::Row(whitened, i), core::Row(samples, i));
-  }
-  return samples;
 }
 
 void Whitening::Save(core::ArchiveWriter& archive) const {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <fstream>
 #include <limits>
 #include <numeric>
@@ -10,6 +9,7 @@
 #include <stdexcept>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/format.h"
 #include "dfr/core/random.h"
 #include "fit_sharing.h"
 
@@ -171,12 +171,10 @@ std::string Selection::Table() const {
       "        nu     gamma  inside   never left   threshold  support vectors   volume\n";
   for (std::size_t i = 0; i < rows.size(); ++i) {
     const SelectionRow& r = rows[i];
-    char line[160];
-    std::snprintf(line, sizeof(line),
-                  "%s %8.4g  %8.4g  %5.1f %%      %5.1f %%   %9.4g  %15.1f  %5.1f %%\n",
-                  i == chosen ? "->" : "  ", r.nu, r.gamma, 100.0 * r.acceptance,
-                  100.0 * r.inside_throughout, r.threshold, r.support_vectors, 100.0 * r.volume);
-    text += line;
+    text +=
+        core::Format("%s %8.4g  %8.4g  %5.1f %%      %5.1f %%   %9.4g  %15.1f  %5.1f %%\n",
+                     i == chosen ? "->" : "  ", r.nu, r.gamma, 100.0 * r.acceptance,
+                     100.0 * r.inside_throughout, r.threshold, r.support_vectors, 100.0 * r.volume);
   }
   return text;
 }

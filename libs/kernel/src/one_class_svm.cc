@@ -327,27 +327,14 @@ double OneClassSvm::LogDecision(std::span<const double> x) const noexcept {
 
 double OneClassSvm::LogGradient(std::span<const double> x,
                                 std::span<double> gradient) const noexcept {
-  const double l = Certify(x, gradient).log_decision;
-  for (double& g : gradient) g *= 2.0 * data_->gamma;
-  return l;
-}
-
-Certificate OneClassSvm::Certify(std::span<const double> x,
-                                 std::span<double> mean_shift) const noexcept {
   const Data& d = *data_;
-  std::fill(mean_shift.begin(), mean_shift.end(), 0.0);
-  if (static_cast<int>(x.size()) != state_dim() || mean_shift.size() != x.size()) {
-    return {kOutside, kOutside, kOutside};
-  }
+  std::fill(gradient.begin(), gradient.end(), 0.0);
+  if (static_cast<int>(x.size()) != state_dim() || gradient.size() != x.size()) return kOutside;
   const double log_sum =
-      d.single ? LogSumShift(d.in_float, x, mean_shift) : LogSumShift(d.in_double, x, mean_shift);
-  if (log_sum == kOutside) return {kOutside, kOutside, kOutside};
-  const double l = log_sum - d.log_rho;
-  const double squared_shift = core::AsVector(std::span<const double>(mean_shift)).squaredNorm();
-  const double squared_radius = squared_shift + l / d.gamma;
-  if (!(squared_radius >= 0.0)) return {l, kOutside, kOutside};
-  const double ball_radius = std::sqrt(squared_radius);
-  return {l, ball_radius, ball_radius - std::sqrt(squared_shift)};
+      d.single ? LogSumShift(d.in_float, x, gradient) : LogSumShift(d.in_double, x, gradient);
+  if (log_sum == kOutside) return kOutside;
+  for (double& g : gradient) g *= 2.0 * d.gamma;
+  return log_sum - d.log_rho;
 }
 
 void OneClassSvm::DecisionBatch(const Eigen::Ref<const core::Matrix>& x,

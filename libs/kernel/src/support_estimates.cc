@@ -4,6 +4,7 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/SVD>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -63,6 +64,10 @@ std::pair<core::Matrix, Eigen::VectorXd> Principal(const Eigen::Ref<const core::
   Eigen::VectorXd variances = eigen.eigenvalues().tail(count).reverse();
   DFR_THROW_UNLESS(variances[0] > 0.0, "all samples are equal: there is no direction of variance");
   return {std::move(directions), std::move(variances)};
+}
+
+core::FeatureSelection AllOf(const Eigen::Ref<const core::Matrix>& samples) {
+  return core::FeatureSelection::All(static_cast<int>(samples.cols()));
 }
 
 }  // namespace
@@ -197,74 +202,57 @@ double NeighbourEstimate::Gradient(std::span<const double> x,
   return radius_ - distance;
 }
 
-AffineMap AffineMap::Whitening(const Eigen::Ref<const core::Matrix>& samples, int components,
-                               double floor) {
+core::FeatureTransform FitWhitening(const Eigen::Ref<const core::Matrix>& samples, int components,
+                                    double floor) {
   CheckSamples(samples, 2);
-  AffineMap map;
-  map.mean = samples.colwise().mean();
-  auto [directions, variances] = Principal(samples, map.mean, components);
+  const Eigen::VectorXd mean = samples.colwise().mean();
+  const auto [directions, variances] = Principal(samples, mean, components);
   const Eigen::VectorXd scales = variances.cwiseMax(floor * variances[0]).cwiseSqrt();
-  map.matrix = scales.cwiseInverse().asDiagonal() * directions;
-  return map;
+  return {AllOf(samples), mean, scales.cwiseInverse().asDiagonal() * directions};
 }
 
-AffineMap AffineMap::Pca(const Eigen::Ref<const core::Matrix>& samples, int components) {
+core::FeatureTransform FitPca(const Eigen::Ref<const core::Matrix>& samples, int components) {
   CheckSamples(samples, 2);
-  AffineMap map;
-  map.mean = samples.colwise().mean();
-  map.matrix = Principal(samples, map.mean, components).first;
-  return map;
+  const Eigen::VectorXd mean = samples.colwise().mean();
+  return {AllOf(samples), mean, Principal(samples, mean, components).first};
 }
 
-core::Matrix AffineMap::Apply(const Eigen::Ref<const core::Matrix>& samples) const {
-  return (samples.rowwise() - mean.transpose()) * matrix.transpose();
-}
-
-MappedEstimate::MappedEstimate(AffineMap map, std::shared_ptr<const SupportEstimate> inner)
+MappedEstimate::MappedEstimate(core::FeatureTransform map,
+                               std::shared_ptr<const SupportEstimate> inner)
     : map_(std::move(map)), inner_(std::move(inner)) {
   DFR_THROW_UNLESS(inner_ != nullptr, "there is no estimate behind the map");
-  DFR_THROW_UNLESS(map_.matrix.rows() == inner_->state_dim(),
-                   "the map has " << map_.matrix.rows() << " outputs, the estimate "
+  DFR_THROW_UNLESS(map_.num_features() == inner_->state_dim(),
+                   "the map has " << map_.num_features() << " outputs, the estimate "
                                   << inner_->state_dim() << " entries");
-  DFR_THROW_UNLESS(map_.mean.size() == map_.matrix.cols(),
-                   "the map's mean has " << map_.mean.size() << " entries, its matrix "
-                                         << map_.matrix.cols() << " columns");
-  DFR_THROW_UNLESS(map_.matrix.rows() <= OneClassSvm::kMaxStateDim &&
-                       map_.matrix.cols() <= OneClassSvm::kMaxStateDim,
-                   "a map must have at most " << OneClassSvm::kMaxStateDim << " entries");
+  DFR_THROW_UNLESS(map_.num_features() <= core::FeatureDecision::kMaxFeatures,
+                   "a map has at most " << core::FeatureDecision::kMaxFeatures << " outputs");
   lipschitz_bound_ = inner_->lipschitz_bound() *
-                     Eigen::JacobiSVD<Eigen::MatrixXd>(map_.matrix).singularValues()[0];
+                     Eigen::JacobiSVD<Eigen::MatrixXd>(map_.scale()).singularValues()[0];
 }
 
 double MappedEstimate::Decision(std::span<const double> x) const noexcept {
   if (!Fits(x, state_dim())) return kOutside;
-  double y[OneClassSvm::kMaxStateDim];
-  for (Eigen::Index i = 0; i < map_.matrix.rows(); ++i) {
-    y[i] = 0.0;
-    for (Eigen::Index k = 0; k < map_.matrix.cols(); ++k) {
-      y[i] += map_.matrix(i, k) * (x[static_cast<std::size_t>(k)] - map_.mean[k]);
-    }
-  }
-  return inner_->Decision({y, static_cast<std::size_t>(map_.matrix.rows())});
+  std::array<double, core::FeatureDecision::kMaxFeatures> buffer;
+  const std::span y(buffer.data(), static_cast<std::size_t>(map_.num_features()));
+  map_.Apply(x, y);
+  return inner_->Decision(y);
 }
 
 double MappedEstimate::Gradient(std::span<const double> x,
                                 std::span<double> gradient) const noexcept {
   std::fill(gradient.begin(), gradient.end(), 0.0);
   if (!Fits(x, state_dim()) || gradient.size() != x.size()) return kOutside;
-  const auto outputs = static_cast<std::size_t>(map_.matrix.rows());
-  double y[OneClassSvm::kMaxStateDim];
-  double slope[OneClassSvm::kMaxStateDim];
-  for (Eigen::Index i = 0; i < map_.matrix.rows(); ++i) {
-    y[i] = 0.0;
-    for (Eigen::Index k = 0; k < map_.matrix.cols(); ++k) {
-      y[i] += map_.matrix(i, k) * (x[static_cast<std::size_t>(k)] - map_.mean[k]);
-    }
-  }
-  const double g = inner_->Gradient({y, outputs}, {slope, outputs});
-  for (Eigen::Index i = 0; i < map_.matrix.rows(); ++i) {
-    for (Eigen::Index k = 0; k < map_.matrix.cols(); ++k) {
-      gradient[static_cast<std::size_t>(k)] += map_.matrix(i, k) * slope[i];
+  std::array<double, core::FeatureDecision::kMaxFeatures> buffer;
+  std::array<double, core::FeatureDecision::kMaxFeatures> slope;
+  const auto outputs = static_cast<std::size_t>(map_.num_features());
+  const std::span y(buffer.data(), outputs);
+  map_.Apply(x, y);
+  const double g = inner_->Gradient(y, {slope.data(), outputs});
+  const std::vector<int>& entries = map_.selection().indices();
+  for (std::size_t i = 0; i < outputs; ++i) {
+    for (std::size_t k = 0; k < entries.size(); ++k) {
+      gradient[static_cast<std::size_t>(entries[k])] +=
+          map_.scale()(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) * slope[i];
     }
   }
   return g;

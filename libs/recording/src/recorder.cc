@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
-#include "jpeg.h"
+#include "dfr/recording/jpeg_encoder.h"
 #include "mcap_writer.h"
 #include "spsc_ring.h"
 
@@ -216,7 +216,7 @@ struct Recorder::Impl {
   std::uint32_t steps = 0;
   std::uint32_t transitions = 0;
   // Of the thread that writes, and of nobody else while it runs.
-  internal::JpegEncoder jpeg;
+  JpegEncoder jpeg;
   internal::McapWriter writer;
   std::string message;
   std::string thrown;

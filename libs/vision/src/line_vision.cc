@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/quantile.h"
 #include "plane_pose.h"
 
 namespace dfr::vision {
@@ -494,9 +495,7 @@ LineObservation LineVision::Observe(const ImageView& image,
     if (w > line_threshold) b.sorted.push_back(w);
   }
   if (b.sorted.size() < static_cast<std::size_t>(kMinColumns)) return missing(NotSeen::kLine);
-  const auto middle = b.sorted.begin() + static_cast<std::ptrdiff_t>(b.sorted.size() / 2);
-  std::nth_element(b.sorted.begin(), middle, b.sorted.end());
-  const double median = *middle;
+  const double median = core::Median(b.sorted);
   const double width_px = options_.target.line_width_m * camera_.fx / pose.translation().z();
   const Eigen::Vector3d normal = pose.linear().col(2);
   const double plane_distance = normal.dot(pose.translation());

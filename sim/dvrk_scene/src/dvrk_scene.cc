@@ -15,7 +15,7 @@ DvrkSceneOptions Checked(DvrkSceneOptions options) {
 
 }  // namespace
 
-DvrkScene::DvrkScene(const DvrkSceneOptions& options, const LineTrackingCalibration* calibration)
+DvrkScene::DvrkScene(const DvrkSceneOptions& options, const line_task::LineCalibration* calibration)
     : options_(Checked(options)),
       console_(options_.arm),
       plant_(options_.world, calibration),

@@ -1,6 +1,8 @@
 #include "endoscope_server.h"
 
 #include <chrono>
+#include <stdexcept>
+#include <string_view>
 #include <utility>
 
 namespace dfr::sim::internal {
@@ -69,8 +71,13 @@ void EndoscopeServer::Take(const LineTrackingPlant& plant, const dds::Stamp& sta
   raw_.Write(image_);
   info_.Write(camera_info_);
   if (compressed_.num_subscribers() > 0) {
-    encoder_.Encode(image_.data, static_cast<int>(image_.width), static_cast<int>(image_.height),
-                    jpeg_.data);
+    const std::string_view file = encoder_.Encode({.format = recording::PictureFormat::kBgr8,
+                                                   .width = static_cast<int>(image_.width),
+                                                   .height = static_cast<int>(image_.height),
+                                                   .step = static_cast<int>(image_.step),
+                                                   .data = image_.data});
+    if (file.empty()) throw std::runtime_error("libjpeg-turbo cannot compress the picture");
+    jpeg_.data.assign(file.begin(), file.end());
     compressed_.Write(jpeg_);
   }
   ++published_;

@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "dfr/dds/channel.h"
+#include "dfr/recording/jpeg_encoder.h"
 #include "dfr/sim/dvrk_scene/dvrk_scene.h"
-#include "jpeg.h"
 
 namespace dfr::sim::internal {
 
@@ -62,7 +62,7 @@ class EndoscopeServer {
   dds::Publisher<dds::Image> raw_;
   dds::Publisher<dds::CompressedImage> compressed_;
   dds::Publisher<dds::CameraInfo> info_;
-  JpegEncoder encoder_;
+  recording::JpegEncoder encoder_;
   dds::Image image_;
   dds::CompressedImage jpeg_;
   dds::CameraInfo camera_info_;

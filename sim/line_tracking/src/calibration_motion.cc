@@ -41,8 +41,8 @@ bool Touch(LineTrackingPlant& plant, core::Random& random) {
 
 }  // namespace
 
-LineTrackingCalibration NominalCalibration() {
-  LineTrackingCalibration nominal;
+line_task::LineCalibration NominalCalibration() {
+  line_task::LineCalibration nominal;
   nominal.camera = vision::CameraModel{};
   Eigen::Isometry3d world_cam = LineTrackingPlant::p_world_cam();
   Eigen::Matrix3d down;
@@ -57,7 +57,7 @@ LineTrackingCalibration NominalCalibration() {
 std::vector<vision::CalibrationFrame> RecordCalibrationMotion(LineTrackingPlant& plant, int frames,
                                                               std::uint64_t seed) {
   DFR_THROW_UNLESS(frames > 0, "calibration motion: frames must be positive, not " << frames);
-  const LineTrackingCalibration nominal = NominalCalibration();
+  const line_task::LineCalibration nominal = NominalCalibration();
   vision::LineVisionOptions options;
   options.target = LineTrackingPlant::target();
   options.p_cam_target = (LineTrackingPlant::p_world_base() * nominal.p_base_cam).inverse();
@@ -82,7 +82,7 @@ std::vector<vision::CalibrationFrame> RecordCalibrationMotion(LineTrackingPlant&
 }
 
 std::vector<double> HeldOutTipErrors(LineTrackingPlant& plant,
-                                     const LineTrackingCalibration& calibration, int poses,
+                                     const line_task::LineCalibration& calibration, int poses,
                                      std::uint64_t seed) {
   core::Random random(seed);
   const Eigen::Isometry3d cam_from_world = LineTrackingPlant::p_world_cam().inverse();

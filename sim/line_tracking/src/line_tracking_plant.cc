@@ -34,8 +34,8 @@ constexpr int kMaxLooks = 3;
 // Streams of random numbers below an episode's seed.
 enum Purpose : std::uint64_t { kLineStream, kDisturbanceStream, kLightStream, kNoiseStream };
 
-LineTrackingCalibration TrueCalibration() {
-  LineTrackingCalibration truth;
+line_task::LineCalibration TrueCalibration() {
+  line_task::LineCalibration truth;
   truth.camera = LineTrackingPlant::true_camera();
   truth.p_base_cam = LineTrackingPlant::p_world_base().inverse() * LineTrackingPlant::p_world_cam();
   return truth;
@@ -91,7 +91,7 @@ struct LineTrackingPlant::World {
   Endoscope endoscope;
   internal::SceneModel scene;
 
-  World(const LineTrackingOptions& o, const LineTrackingCalibration* known)
+  World(const LineTrackingOptions& o, const line_task::LineCalibration* known)
       : options(o),
         task(known != nullptr ? *known : TrueCalibration(), p_world_base()),
         arm_error(o.arm),
@@ -149,7 +149,7 @@ struct LineTrackingPlant::State {
 };
 
 LineTrackingPlant::LineTrackingPlant(const LineTrackingOptions& options,
-                                     const LineTrackingCalibration* calibration)
+                                     const line_task::LineCalibration* calibration)
     : LineTrackingPlant(std::make_shared<const World>(options, calibration)) {
   Reset(0);
 }
@@ -172,7 +172,7 @@ const core::StateLayout& LineTrackingPlant::layout() const noexcept {
   return world_->task.layout();
 }
 const LineTrackingOptions& LineTrackingPlant::options() const noexcept { return world_->options; }
-const LineTrackingCalibration& LineTrackingPlant::calibration() const noexcept {
+const line_task::LineCalibration& LineTrackingPlant::calibration() const noexcept {
   return world_->task.calibration();
 }
 const Endoscope& LineTrackingPlant::endoscope() const noexcept { return world_->endoscope; }

@@ -13,9 +13,6 @@
 
 namespace dfr::calibration {
 
-/// What a calibration finds out about an endoscope and an arm.
-using Calibration = line_task::LineCalibration;
-
 /// Options for Calibrate(). Standard deviations say how much to believe each kind of data.
 struct CalibrateOptions {
   double mark_sd_px = 0.05;  ///< Of a mark's sub-pixel centre.
@@ -50,7 +47,8 @@ struct CalibrationSummary {
 };
 
 /// Prints a table of values with their uncertainty.
-void Print(std::ostream& out, const Calibration& calibration, const CalibrationSummary& summary);
+void Print(std::ostream& out, const line_task::LineCalibration& calibration,
+           const CalibrationSummary& summary);
 
 /// Camera intrinsics, lens distortion, the camera's place in the arm's base frame and the arm's
 /// systematic joint errors, all in one nonlinear least-squares problem over a recorded motion: each
@@ -72,10 +70,11 @@ void Print(std::ostream& out, const Calibration& calibration, const CalibrationS
 /// @param p_cam_target  guess for the target's pose in all pictures.
 /// @throws std::invalid_argument if there are fewer than 10 frames with at least 4 marks and a tip,
 ///   a frame's number of marks is wrong, or an option is out of range.
-[[nodiscard]] Calibration Calibrate(std::span<const vision::CalibrationFrame> frames,
-                                    std::span<const Eigen::Vector2d> marks_m,
-                                    const Calibration& guess, const Eigen::Isometry3d& p_cam_target,
-                                    const CalibrateOptions& options = {},
-                                    CalibrationSummary* summary = nullptr);
+[[nodiscard]] line_task::LineCalibration Calibrate(std::span<const vision::CalibrationFrame> frames,
+                                                   std::span<const Eigen::Vector2d> marks_m,
+                                                   const line_task::LineCalibration& guess,
+                                                   const Eigen::Isometry3d& p_cam_target,
+                                                   const CalibrateOptions& options = {},
+                                                   CalibrationSummary* summary = nullptr);
 
 }  // namespace dfr::calibration

@@ -44,9 +44,9 @@ struct EpisodeResult {
 };
 
 /// One unit, learned and ready to run, on one thread.
-class EvaluationSite {
+class TrialRunner {
  public:
-  virtual ~EvaluationSite() = default;
+  virtual ~TrialRunner() = default;
   /// Whether the start state that follows from the seed is inside the estimated support: no control
   /// could mend one outside. Must not depend on the method.
   [[nodiscard]] virtual bool Accepts(std::uint64_t start_seed) = 0;
@@ -58,7 +58,7 @@ class EvaluationSite {
 };
 
 /// Learns what a unit needs. Called by worker threads, several at once.
-using MakeSite = std::function<std::unique_ptr<EvaluationSite>(const EvaluationUnit&)>;
+using MakeTrialRunner = std::function<std::unique_ptr<TrialRunner>(const EvaluationUnit&)>;
 
 struct UnitResult {
   EvaluationUnit unit;
@@ -89,12 +89,13 @@ struct EvaluationOptions {
 /// killed and resumed, which loses at most the units under way.
 ///
 /// The start state i of a trial is the first of the seeds DeriveSeed(seed, {0, trial, i, 0}),
-/// {0, trial, i, 1}, ... that the site accepts, so methods, learners and, as far as each support
+/// {0, trial, i, 1}, ... that the runner accepts, so methods, learners and, as far as each support
 /// accepts them, data points share their start states. The controller's is {1, trial, i}.
 /// @throws std::invalid_argument for a plan that cannot be run; std::runtime_error for a ledger of
 ///   other settings (names the first that differs), a damaged one, or one that cannot be written;
-///   and whatever a site throws.
-[[nodiscard]] std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeSite& make,
+///   and whatever a runner throws.
+[[nodiscard]] std::vector<UnitResult> Evaluate(const EvaluationPlan& plan,
+                                               const MakeTrialRunner& make,
                                                const EvaluationOptions& options = {});
 
 }  // namespace dfr::experiment

@@ -55,7 +55,7 @@ struct Contrast {
   double mcnemar_p = 1.0;           ///< McNemarExact() of these.
 };
 
-/// The mean over trials of a figure that the sites reported.
+/// The mean over trials of a figure that the runners reported.
 struct MeasureMean {
   std::string name;
   std::string learner;

@@ -31,11 +31,8 @@ class Whitening {
 
   /// x to z, dim() entries each; they may be the same memory. Never allocates.
   void Apply(std::span<const double> x, std::span<double> z) const noexcept;
-  /// z to x likewise.
-  void ApplyInverse(std::span<const double> z, std::span<double> x) const noexcept;
   /// The same for each row. @throws std::invalid_argument for another number of columns.
   [[nodiscard]] core::Matrix Apply(const core::Matrix& samples) const;
-  [[nodiscard]] core::Matrix ApplyInverse(const core::Matrix& whitened) const;
 
   void Save(core::ArchiveWriter& archive) const;
   /// @throws std::runtime_error naming the file.

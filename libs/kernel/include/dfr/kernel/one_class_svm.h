@@ -64,17 +64,6 @@ OneClassSvm FitSharing(const core::Matrix& samples, const OneClassSvmOptions& op
                        Scratch& scratch, FitSummary* summary);
 }  // namespace internal
 
-/// A ball around which the support is certain: B(x + mean_shift, ball_radius) lies inside
-/// {g >= 0}. Closed form, without any assumption on the samples: with weights w_i proportional to
-/// alpha_i k(x, x_i) Jensen's inequality gives l(x + d) >= l(x) + 2 gamma d'ms - gamma |d|^2.
-struct Certificate {
-  double log_decision = 0.0;  ///< l(x)
-  /// R = sqrt(|ms|^2 + l / gamma); -infinity where nothing is certain.
-  double ball_radius = 0.0;
-  /// R - |ms|: every state this near to x is inside. Negative where x itself is not in the ball.
-  double radius = 0.0;
-};
-
 /// Support estimate of a sample cloud (Sec. IV-A):
 ///   g(x) = sum_i alpha_i exp(-gamma |x - x_i|^2) - rho,  0 <= alpha_i <= 1/(nu m).
 ///
@@ -113,11 +102,10 @@ class OneClassSvm {
 
   /// l(x), with its derivative 2 gamma ms written to `gradient`, where ms = sum_i w_i (x_i - x) and
   /// w_i is proportional to alpha_i k(x, x_i). Zero where l is -infinity. Never allocates.
+  ///
+  /// Whatever the samples, Jensen's inequality with these weights gives
+  ///   l(x + d) >= l(x) + d . grad l(x) - gamma |d|^2.
   double LogGradient(std::span<const double> x, std::span<double> gradient) const noexcept;
-
-  /// The certified ball at x, at the price of one gradient; ms is written to `mean_shift`
-  /// (state_dim() entries). Never allocates.
-  Certificate Certify(std::span<const double> x, std::span<double> mean_shift) const noexcept;
 
   /// g of each row of `x` (any number x state_dim()), the same bits as Decision() gives.
   /// @throws std::invalid_argument if the shapes do not fit.

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "dfr/core/decision_function.h"
+#include "dfr/core/feature_transform.h"
 #include "dfr/core/matrix.h"
 #include "dfr/kernel/one_class_svm.h"
 
@@ -109,38 +110,32 @@ class NeighbourEstimate final : public SupportEstimate {
   double radius_ = 0.0;
 };
 
-/// y = matrix (x - mean): a feature map in front of an estimate.
-struct AffineMap {
-  core::Matrix matrix;  ///< outputs x inputs
-  Eigen::VectorXd mean;
-
-  /// Directions of largest variance, each scaled to variance 1: `components` of them, 0 for all. A
-  /// variance below `floor` times the largest counts as that.
-  /// @throws std::invalid_argument if there are fewer than 2 samples, one is not finite, all are
-  ///   equal, or components is not in [0, features].
-  static AffineMap Whitening(const Eigen::Ref<const core::Matrix>& samples, int components = 0,
-                             double floor = 1e-6);
-  /// The same directions without the scaling.
-  static AffineMap Pca(const Eigen::Ref<const core::Matrix>& samples, int components);
-
-  [[nodiscard]] core::Matrix Apply(const Eigen::Ref<const core::Matrix>& samples) const;
-};
+/// A map in front of an estimate, from a cloud of samples: the directions of largest variance, each
+/// scaled to variance 1; `components` of them, 0 for all. A variance below `floor` times the
+/// largest counts as that.
+/// @throws std::invalid_argument if there are fewer than 2 samples, one is not finite, all are
+///   equal, components is not in [0, features], or there are more than
+///   core::FeatureDecision::kMaxFeatures features.
+[[nodiscard]] core::FeatureTransform FitWhitening(const Eigen::Ref<const core::Matrix>& samples,
+                                                  int components = 0, double floor = 1e-6);
+/// The same directions without the scaling.
+[[nodiscard]] core::FeatureTransform FitPca(const Eigen::Ref<const core::Matrix>& samples,
+                                            int components);
 
 /// An estimate of mapped states, as one of the states themselves.
 class MappedEstimate final : public SupportEstimate {
  public:
-  /// @throws std::invalid_argument if sizes do not fit, or exceed OneClassSvm::kMaxStateDim.
-  MappedEstimate(AffineMap map, std::shared_ptr<const SupportEstimate> inner);
+  /// @throws std::invalid_argument if sizes do not fit, or exceed
+  ///   core::FeatureDecision::kMaxFeatures.
+  MappedEstimate(core::FeatureTransform map, std::shared_ptr<const SupportEstimate> inner);
 
-  [[nodiscard]] int state_dim() const noexcept override {
-    return static_cast<int>(map_.matrix.cols());
-  }
+  [[nodiscard]] int state_dim() const noexcept override { return map_.state_dim(); }
   [[nodiscard]] double Decision(std::span<const double> x) const noexcept override;
   double Gradient(std::span<const double> x, std::span<double> gradient) const noexcept override;
   [[nodiscard]] double lipschitz_bound() const noexcept override { return lipschitz_bound_; }
 
  private:
-  AffineMap map_;
+  core::FeatureTransform map_;
   std::shared_ptr<const SupportEstimate> inner_;
   double lipschitz_bound_ = 0.0;
 };

@@ -62,7 +62,7 @@ class TimeVaryingSupport final : public core::LogDecisionFunction {
   [[nodiscard]] double lipschitz_bound(int t) const noexcept override;
   double LogDecision(int t, std::span<const double> x,
                      std::span<double> gradient) const noexcept override;
-  /// gamma, by Jensen's inequality as in Certificate.
+  /// gamma (OneClassSvm::LogGradient()).
   [[nodiscard]] double curvature_bound(int t) const noexcept override;
 
   /// g_t; times out of range use the nearest one.

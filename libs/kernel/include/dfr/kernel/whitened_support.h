@@ -67,7 +67,7 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   [[nodiscard]] double lipschitz_bound(int t) const noexcept override;
   double LogDecision(int t, std::span<const double> z,
                      std::span<double> gradient) const noexcept override;
-  /// gamma times the squared spectral norm of V_t, by Jensen's inequality as in Certificate.
+  /// gamma times the squared spectral norm of V_t (OneClassSvm::LogGradient()).
   [[nodiscard]] double curvature_bound(int t) const noexcept override;
 
   /// g_t in the coordinates y = map(t) z; times out of range use the nearest one.

@@ -38,7 +38,7 @@ class DvrkScene {
   ///   with LineTrackingPlant.
   /// @throws as PsmConsole and LineTrackingPlant; std::invalid_argument if linger_s is negative.
   explicit DvrkScene(const DvrkSceneOptions& options = {},
-                     const LineTrackingCalibration* calibration = nullptr);
+                     const line_task::LineCalibration* calibration = nullptr);
 
   /// The next episode: as LineTrackingPlant::Reset(), and the arm ENABLED, homed and at rest there.
   void Reset(std::uint64_t seed);

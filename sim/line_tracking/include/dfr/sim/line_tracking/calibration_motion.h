@@ -10,7 +10,7 @@ namespace dfr::sim {
 
 /// What is known before a calibration: the maker's data of lens and mounting, without distortion
 /// and with errors of a few millimetres and degrees, and an arm taken at its word.
-[[nodiscard]] LineTrackingCalibration NominalCalibration();
+[[nodiscard]] line_task::LineCalibration NominalCalibration();
 
 /// Moves platform and arm through `frames` random poses (tilted, raised and lowered; the tip over
 /// and above the gauze, and in every other frame down to its touch) and records what the endoscope
@@ -22,7 +22,7 @@ namespace dfr::sim {
 /// Tip errors in mm over `poses` random poses that were not recorded: the true tip against the one
 /// that a calibration has for the arm's readings, both in the camera's frame.
 [[nodiscard]] std::vector<double> HeldOutTipErrors(LineTrackingPlant& plant,
-                                                   const LineTrackingCalibration& calibration,
+                                                   const line_task::LineCalibration& calibration,
                                                    int poses, std::uint64_t seed);
 
 }  // namespace dfr::sim

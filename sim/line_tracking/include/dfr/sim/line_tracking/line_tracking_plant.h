@@ -39,8 +39,6 @@ enum class CameraFault {
   kNoTip,        ///< The end-effector is not in the picture.
 };
 
-using LineTrackingCalibration = line_task::LineCalibration;
-
 /// Light and optics of the simulated endoscope. Per episode and image light and glare vary by
 /// themselves.
 struct EndoscopeOptions {
@@ -115,7 +113,7 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   /// @throws std::invalid_argument naming what is out of range, a disturbance beyond the platform's
   ///   reach included; std::runtime_error with kVision if nothing can be drawn here.
   explicit LineTrackingPlant(const LineTrackingOptions& options = {},
-                             const LineTrackingCalibration* calibration = nullptr);
+                             const line_task::LineCalibration* calibration = nullptr);
   ~LineTrackingPlant() override;
   LineTrackingPlant(const LineTrackingPlant&) = delete;
   LineTrackingPlant& operator=(const LineTrackingPlant&) = delete;
@@ -123,7 +121,7 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   [[nodiscard]] const core::StateLayout& layout() const noexcept override;
   [[nodiscard]] int control_dim() const noexcept override { return 2; }
   [[nodiscard]] const LineTrackingOptions& options() const noexcept;
-  [[nodiscard]] const LineTrackingCalibration& calibration() const noexcept;
+  [[nodiscard]] const line_task::LineCalibration& calibration() const noexcept;
 
   /// Draws line, disturbance and light, and puts the tip over the line's beginning, platform at
   /// home.

@@ -1,16 +1,16 @@
-#include "site.h"
+#include "trial_runner.h"
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <span>
 #include <stdexcept>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/quantile.h"
 #include "dfr/core/random.h"
 #include "dfr/sim/pusher/pusher_view.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 namespace {
 
 // Streams of the experiment's seed; 0 and 1 are the evaluation's start states and controllers.
@@ -89,10 +89,10 @@ double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set
   return inside > 0 ? static_cast<double>(red) / inside : 0.0;
 }
 
-PusherSite::PusherSite(Model model, const std::vector<Method>& methods,
-                       const sim::PusherOptions& plant_options,
-                       std::map<std::string, double> measures,
-                       const control::DisturbanceOptions& disturbance)
+PusherTrialRunner::PusherTrialRunner(Model model, const std::vector<Method>& methods,
+                                     const sim::PusherOptions& plant_options,
+                                     std::map<std::string, double> measures,
+                                     const control::DisturbanceOptions& disturbance)
     : plant_(std::make_unique<sim::PusherPlant>(plant_options)),
       model_(std::move(model)),
       methods_(methods),
@@ -108,23 +108,23 @@ PusherSite::PusherSite(Model model, const std::vector<Method>& methods,
   }
 }
 
-bool PusherSite::Accepts(std::uint64_t start_seed) {
+bool PusherTrialRunner::Accepts(std::uint64_t start_seed) {
   plant_->Reset(start_seed);
   plant_->Observe(start_);
   return model_.support().Decision(0, start_) >= 0.0;
 }
 
-control::RolloutResult PusherSite::Watch(int method, std::uint64_t start_seed,
-                                         std::uint64_t controller_seed,
-                                         control::RolloutObserver* observer) {
+control::RolloutResult PusherTrialRunner::Watch(int method, std::uint64_t start_seed,
+                                                std::uint64_t controller_seed,
+                                                control::RolloutObserver* observer) {
   core::Plant& plant = disturbed_ != nullptr ? static_cast<core::Plant&>(*disturbed_) : *plant_;
   return control::Rollout(plant, *controllers_.at(static_cast<std::size_t>(method)),
                           {.plant_seed = start_seed, .controller_seed = controller_seed}, observer,
                           &workspace_);
 }
 
-experiment::EpisodeResult PusherSite::Run(int method, std::uint64_t start_seed,
-                                          std::uint64_t controller_seed) {
+experiment::EpisodeResult PusherTrialRunner::Run(int method, std::uint64_t start_seed,
+                                                 std::uint64_t controller_seed) {
   RecoveryCounter counter(recovery_lengths_.at(static_cast<std::size_t>(method)));
   const control::RolloutResult result = Watch(method, start_seed, controller_seed, &counter);
   experiment::EpisodeResult episode;
@@ -137,41 +137,41 @@ experiment::EpisodeResult PusherSite::Run(int method, std::uint64_t start_seed,
   return episode;
 }
 
-std::map<std::string, double> PusherSite::Measures() {
+std::map<std::string, double> PusherTrialRunner::Measures() {
   std::map<std::string, double> measures = measures_;
   for (std::size_t i = 0; i < methods_.size(); ++i) {
     std::vector<int>& lengths = recovery_lengths_[i];
     if (lengths.empty()) continue;
-    const auto middle = lengths.begin() + static_cast<std::ptrdiff_t>(lengths.size() / 2);
-    std::nth_element(lengths.begin(), middle, lengths.end());
-    measures["controls_per_recovery " + methods_[i].name] = *middle;
+    measures["controls_per_recovery " + methods_[i].name] = core::Median(lengths);
   }
   return measures;
 }
 
-std::vector<Film> Shoot(PusherSite& site, const std::vector<std::string>& titles,
-                        std::uint64_t start_seed, std::uint64_t controller_seed, int width,
-                        int height) {
-  sim::PusherRenderer renderer(site.plant(), {.width = width, .height = height});
-  std::vector<Film> films;
+std::vector<RolloutVideo> RecordRollouts(PusherTrialRunner& runner,
+                                         const std::vector<std::string>& titles,
+                                         std::uint64_t start_seed, std::uint64_t controller_seed,
+                                         int width, int height) {
+  sim::PusherRenderer renderer(runner.plant(), {.width = width, .height = height});
+  std::vector<RolloutVideo> videos;
   for (std::size_t i = 0; i < titles.size(); ++i) {
-    FilmRecorder recorder(
+    RolloutVideoRecorder recorder(
         titles[i], width, height,
-        [&](std::span<std::uint8_t> rgb) { renderer.Draw(site.plant(), rgb); },
-        site.model().support());
-    site.Watch(static_cast<int>(i), start_seed, controller_seed, &recorder);
-    films.push_back(recorder.Take());
+        [&](std::span<std::uint8_t> rgb) { renderer.Draw(runner.plant(), rgb); },
+        runner.model().support());
+    runner.Watch(static_cast<int>(i), start_seed, controller_seed, &recorder);
+    videos.push_back(recorder.Take());
   }
-  return films;
+  return videos;
 }
 
-SiteFactory::SiteFactory(const imitation::GaussianPolicy& supervisor, SiteOptions options,
-                         int trials)
+TrialRunnerFactory::TrialRunnerFactory(const imitation::GaussianPolicy& supervisor,
+                                       TrialRunnerOptions options, int trials)
     : supervisor_(WithNoise(supervisor, options.supervisor_noise)), options_(std::move(options)) {
   for (int i = 0; i < trials; ++i) trials_.push_back(std::make_unique<Trial>());
 }
 
-std::unique_ptr<PusherSite> SiteFactory::Make(const experiment::EvaluationUnit& unit) {
+std::unique_ptr<PusherTrialRunner> TrialRunnerFactory::Make(
+    const experiment::EvaluationUnit& unit) {
   Trial& trial = *trials_.at(static_cast<std::size_t>(unit.trial));
   const auto trial_number = static_cast<std::uint64_t>(unit.trial);
   const auto demonstrations = static_cast<std::uint64_t>(unit.demonstrations);
@@ -198,8 +198,8 @@ std::unique_ptr<PusherSite> SiteFactory::Make(const experiment::EvaluationUnit& 
       core::DeriveSeed(options_.seed, {kOverlapStream, trial_number, demonstrations}));
   measures["demonstration_steps"] = steps / unit.demonstrations;
   measures["discarded_demonstrations"] = trial.counts.collided + trial.counts.incomplete;
-  return std::make_unique<PusherSite>(std::move(model), options_.methods, options_.plant,
-                                      std::move(measures), options_.disturbance);
+  return std::make_unique<PusherTrialRunner>(std::move(model), options_.methods, options_.plant,
+                                             std::move(measures), options_.disturbance);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -1,21 +1,22 @@
-#include "film.h"
+#include "rollout_video.h"
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 #include <stdexcept>
 
-namespace dfr::apps {
+#include "apps/video_writer.h"
+#include "dfr/core/format.h"
+
+namespace dfr::apps::pusher {
 namespace {
 
 constexpr int kStripHeight = 150;
 constexpr int kHeaderHeight = 44;
 constexpr int kMargin = 12;
 constexpr double kFramesPerSecond = 15.0;
-constexpr int kHoldFrames = 20;  // after the longest film has ended
+constexpr int kHoldFrames = 20;  // after the longest video has ended
 
 // OpenCV's colours are blue, green, red. Chosen to be told apart by colour-blind eyes as well.
 const cv::Scalar kPaper(252, 251, 250);
@@ -56,9 +57,9 @@ struct Range {
   }
 };
 
-Range RangeOf(const Film& film) {
+Range RangeOf(const RolloutVideo& video) {
   Range range;
-  for (const FilmFrame& frame : film.frames) {
+  for (const VideoFrame& frame : video.frames) {
     range.Include(frame.level);
     range.Include(std::min(frame.threshold, 4.0 * std::max(range.high, 1e-3)));
   }
@@ -66,16 +67,16 @@ Range RangeOf(const Film& film) {
 }
 
 // g over the frames up to `now`, the gate's threshold, and the boundary g = 0.
-void DrawStrip(cv::Mat& strip, const Film& film, std::size_t now) {
+void DrawStrip(cv::Mat& strip, const RolloutVideo& video, std::size_t now) {
   strip.setTo(kPaper);
-  const Range range = RangeOf(film);
+  const Range range = RangeOf(video);
   const int left = 56;
   const int right = strip.cols - kMargin;
   const int top = 26;
   const int bottom = strip.rows - 16;
   const auto x_of = [&](std::size_t i) {
-    const double f = film.frames.size() > 1
-                         ? static_cast<double>(i) / static_cast<double>(film.frames.size() - 1)
+    const double f = video.frames.size() > 1
+                         ? static_cast<double>(i) / static_cast<double>(video.frames.size() - 1)
                          : 0.0;
     return left + static_cast<int>(std::lround(f * (right - left)));
   };
@@ -84,14 +85,14 @@ void DrawStrip(cv::Mat& strip, const Film& film, std::size_t now) {
     return bottom - static_cast<int>(std::lround(f * (bottom - top)));
   };
   cv::line(strip, {left, y_of(0.0)}, {right, y_of(0.0)}, kFaint, 1, cv::LINE_AA);
-  const bool logarithmic = film.frames.back().logarithmic;
+  const bool logarithmic = video.frames.back().logarithmic;
   Write(strip, logarithmic ? "l = 0" : "g = 0", {8, y_of(0.0) + 4}, 0.38, kInk);
   Write(strip, logarithmic ? "log decision function l" : "decision function g", {left, 16}, 0.42,
         kInk);
   Write(strip, "threshold", {left + 190, 16}, 0.42, kThresholdColour);
-  for (std::size_t i = 1; i <= now && i < film.frames.size(); ++i) {
-    const FilmFrame& a = film.frames[i - 1];
-    const FilmFrame& b = film.frames[i];
+  for (std::size_t i = 1; i <= now && i < video.frames.size(); ++i) {
+    const VideoFrame& a = video.frames[i - 1];
+    const VideoFrame& b = video.frames[i];
     if (std::isfinite(a.threshold) && std::isfinite(b.threshold)) {
       cv::line(strip, {x_of(i - 1), y_of(a.threshold)}, {x_of(i), y_of(b.threshold)},
                kThresholdColour, 1, cv::LINE_AA);
@@ -101,91 +102,88 @@ void DrawStrip(cv::Mat& strip, const Film& film, std::size_t now) {
                2, cv::LINE_AA);
     }
   }
-  if (now < film.frames.size() && std::isfinite(film.frames[now].level)) {
-    cv::circle(strip, {x_of(now), y_of(film.frames[now].level)}, 4,
-               Colour(film.frames[now].step.mode), cv::FILLED, cv::LINE_AA);
+  if (now < video.frames.size() && std::isfinite(video.frames[now].level)) {
+    cv::circle(strip, {x_of(now), y_of(video.frames[now].level)}, 4,
+               Colour(video.frames[now].step.mode), cv::FILLED, cv::LINE_AA);
   }
 }
 
-std::string StateText(const Film& film, std::size_t now, cv::Scalar& colour) {
-  const FilmFrame& frame = film.frames[now];
-  char text[128];
-  if (now + 1 == film.frames.size()) {
-    colour = film.result.outcome == core::Outcome::kCollided    ? kCollidedColour
-             : film.result.outcome == core::Outcome::kCompleted ? kCompletedColour
-                                                                : kInk;
-    const bool halted = film.result.outcome == core::Outcome::kHalted;
-    std::snprintf(text, sizeof text, "%s%s%s after %d controls", core::Name(film.result.outcome),
-                  halted ? ": " : "", halted ? control::Name(film.result.halt_cause) : "",
-                  frame.controls);
-    return text;
+std::string StateText(const RolloutVideo& video, std::size_t now, cv::Scalar& colour) {
+  const VideoFrame& frame = video.frames[now];
+  if (now + 1 == video.frames.size()) {
+    colour = video.result.outcome == core::Outcome::kCollided    ? kCollidedColour
+             : video.result.outcome == core::Outcome::kCompleted ? kCompletedColour
+                                                                 : kInk;
+    const bool halted = video.result.outcome == core::Outcome::kHalted;
+    return core::Format("%s%s%s after %d controls", core::Name(video.result.outcome),
+                        halted ? ": " : "", halted ? control::Name(video.result.halt_cause) : "",
+                        frame.controls);
   }
   colour = Colour(frame.step.mode);
   const bool recovering =
       frame.step.mode == control::Mode::kProbe || frame.step.mode == control::Mode::kRecovery;
   if (recovering) {
-    std::snprintf(text, sizeof text, "t = %d  recovery, iteration %d", frame.step.t,
-                  frame.step.iteration);
-  } else {
-    std::snprintf(text, sizeof text, "t = %d  learned policy%s", frame.step.t,
-                  frame.step.filtered ? ", filtered" : "");
+    return core::Format("t = %d  recovery, iteration %d", frame.step.t, frame.step.iteration);
   }
-  return text;
+  return core::Format("t = %d  learned policy%s", frame.step.t,
+                      frame.step.filtered ? ", filtered" : "");
 }
 
-cv::Mat Panel(const Film& film, std::size_t frame) {
-  const std::size_t now = std::min(frame, film.frames.size() - 1);
-  const cv::Mat picture = cv::imdecode(film.frames[now].jpeg, cv::IMREAD_COLOR);
+cv::Mat Panel(const RolloutVideo& video, std::size_t frame) {
+  const std::size_t now = std::min(frame, video.frames.size() - 1);
+  const cv::Mat picture = cv::imdecode(video.frames[now].jpeg, cv::IMREAD_COLOR);
   cv::Mat panel(kHeaderHeight + picture.rows + kStripHeight, picture.cols, CV_8UC3, kPaper);
   picture.copyTo(panel(cv::Rect(0, kHeaderHeight, picture.cols, picture.rows)));
   cv::Mat strip = panel(cv::Rect(0, kHeaderHeight + picture.rows, picture.cols, kStripHeight));
-  DrawStrip(strip, film, now);
-  Write(panel, film.title, {kMargin, 18}, 0.52, kInk, 1);
+  DrawStrip(strip, video, now);
+  Write(panel, video.title, {kMargin, 18}, 0.52, kInk, 1);
   cv::Scalar colour;
-  const std::string state = StateText(film, now, colour);
+  const std::string state = StateText(video, now, colour);
   Write(panel, state, {kMargin, 38}, 0.46, colour, 1);
   return panel;
 }
 
-cv::Mat Composite(std::span<const Film> films, std::size_t frame) {
+cv::Mat Composite(std::span<const RolloutVideo> videos, std::size_t frame) {
   std::vector<cv::Mat> panels;
-  for (const Film& film : films) {
+  for (const RolloutVideo& video : videos) {
     if (!panels.empty()) {
       panels.emplace_back(panels.front().rows, 4, CV_8UC3, kFaint);
     }
-    panels.push_back(Panel(film, frame));
+    panels.push_back(Panel(video, frame));
   }
   cv::Mat canvas;
   cv::hconcat(panels, canvas);
   return canvas;
 }
 
-void CheckFilms(std::span<const Film> films) {
-  if (films.empty() || std::any_of(films.begin(), films.end(),
-                                   [](const Film& film) { return film.frames.empty(); })) {
+void CheckVideos(std::span<const RolloutVideo> videos) {
+  if (videos.empty() || std::any_of(videos.begin(), videos.end(), [](const RolloutVideo& video) {
+        return video.frames.empty();
+      })) {
     throw std::runtime_error("there is no picture to write: no rollout was recorded");
   }
 }
 
 }  // namespace
 
-FilmRecorder::FilmRecorder(std::string title, int width, int height, Draw draw,
-                           const core::DecisionFunction& support, int recovery_stride)
+RolloutVideoRecorder::RolloutVideoRecorder(std::string title, int width, int height, Draw draw,
+                                           const core::DecisionFunction& support,
+                                           int recovery_stride)
     : width_(width),
       height_(height),
       draw_(std::move(draw)),
       support_(&support),
       recovery_stride_(recovery_stride),
       rgb_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * 3) {
-  film_.title = std::move(title);
+  video_.title = std::move(title);
 }
 
-void FilmRecorder::Capture(const control::Step& step, std::span<const double> x) {
+void RolloutVideoRecorder::Capture(const control::Step& step, std::span<const double> x) {
   draw_(rgb_);
   const cv::Mat rgb(height_, width_, CV_8UC3, rgb_.data());
   cv::Mat bgr;
   cv::cvtColor(rgb, bgr, cv::COLOR_RGB2BGR);
-  FilmFrame frame;
+  VideoFrame frame;
   cv::imencode(".jpg", bgr, frame.jpeg, {cv::IMWRITE_JPEG_QUALITY, 92});
   frame.step = step;
   frame.logarithmic = std::isfinite(step.log_g);
@@ -194,17 +192,17 @@ void FilmRecorder::Capture(const control::Step& step, std::span<const double> x)
                                         : support_->Decision(step.t, x);
   frame.threshold = step.threshold;
   frame.controls = controls_;
-  film_.frames.push_back(std::move(frame));
+  video_.frames.push_back(std::move(frame));
 }
 
-void FilmRecorder::OnStart(std::span<const double> x) {
+void RolloutVideoRecorder::OnStart(std::span<const double> x) {
   control::Step step;
   step.mode = control::Mode::kPolicy;
   last_x_.assign(x.begin(), x.end());
   Capture(step, x);
 }
 
-void FilmRecorder::OnControl(const control::RolloutEvent& event) {
+void RolloutVideoRecorder::OnControl(const control::RolloutEvent& event) {
   ++controls_;
   last_x_.assign(event.next_x.begin(), event.next_x.end());
   const bool policy = event.step.mode == control::Mode::kPolicy;
@@ -212,50 +210,33 @@ void FilmRecorder::OnControl(const control::RolloutEvent& event) {
   if (policy || event.collided || event.completed || recovery_controls_ % recovery_stride_ == 1) {
     Capture(event.step, event.x);
     // The first control was chosen in the start state, whose picture it did not know.
-    if (film_.frames.size() == 2) film_.frames.front().CopyLevel(film_.frames.back());
+    if (video_.frames.size() == 2) video_.frames.front().CopyLevel(video_.frames.back());
   }
 }
 
-void FilmRecorder::OnEnd(const control::RolloutResult& result) {
-  film_.result = result;
+void RolloutVideoRecorder::OnEnd(const control::RolloutResult& result) {
+  video_.result = result;
   Capture(result.last_step, last_x_);
 }
 
-void WriteVideo(const std::filesystem::path& path, std::span<const Film> films) {
-  CheckFilms(films);
-  int codec = 0;
-  if (path.extension() == ".mp4") {
-    codec = cv::VideoWriter::fourcc('a', 'v', 'c', '1');
-  } else if (path.extension() == ".webm") {
-    codec = cv::VideoWriter::fourcc('V', 'P', '8', '0');
-  } else {
-    throw std::runtime_error(path.string() + ": a video's name ends in .mp4 or .webm");
-  }
+void WriteVideo(const std::filesystem::path& path, std::span<const RolloutVideo> videos) {
+  CheckVideos(videos);
   std::size_t frames = 0;
-  for (const Film& film : films) frames = std::max(frames, film.frames.size());
-  const cv::Size size = Composite(films, 0).size();
-  // Encoders want even sizes.
-  const cv::Size even(size.width & ~1, size.height & ~1);
-  cv::VideoWriter writer(path.string(), cv::CAP_FFMPEG, codec, kFramesPerSecond, even);
-  if (!writer.isOpened()) {
-    throw std::runtime_error(path.string() +
-                             ": the video cannot be written here; does its folder "
-                             "exist?");
-  }
-  for (std::size_t i = 0; i < frames + kHoldFrames; ++i) {
-    writer.write(Composite(films, i)(cv::Rect({0, 0}, even)));
-  }
+  for (const RolloutVideo& video : videos) frames = std::max(frames, video.frames.size());
+  VideoWriter writer(path, Composite(videos, 0).size(), kFramesPerSecond);
+  for (std::size_t i = 0; i < frames + kHoldFrames; ++i) writer.Write(Composite(videos, i));
 }
 
-void WriteStill(const std::filesystem::path& path, std::span<const Film> films, std::size_t index) {
-  CheckFilms(films);
+void WriteStill(const std::filesystem::path& path, std::span<const RolloutVideo> videos,
+                std::size_t index) {
+  CheckVideos(videos);
   bool written = false;
   try {
-    written = cv::imwrite(path.string(), Composite(films, index));
+    written = cv::imwrite(path.string(), Composite(videos, index));
   } catch (const cv::Exception& e) {
     throw std::runtime_error(path.string() + ": " + e.err);
   }
   if (!written) throw std::runtime_error(path.string() + ": the picture cannot be written");
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

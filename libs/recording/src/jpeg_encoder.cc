@@ -1,10 +1,10 @@
-#include "jpeg.h"
+#include "dfr/recording/jpeg_encoder.h"
 
 #include <turbojpeg.h>
 
 #include <stdexcept>
 
-namespace dfr::recording::internal {
+namespace dfr::recording {
 
 JpegEncoder::JpegEncoder(int quality) : quality_(quality), compressor_(tjInitCompress()) {
   if (compressor_ == nullptr) throw std::runtime_error("libjpeg-turbo cannot start");
@@ -32,4 +32,4 @@ std::string_view JpegEncoder::Encode(const PictureView& picture) {
   return {reinterpret_cast<const char*>(bytes_), size};
 }
 
-}  // namespace dfr::recording::internal
+}  // namespace dfr::recording

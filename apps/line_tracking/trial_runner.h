@@ -14,21 +14,21 @@
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 #include "model.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// Runs `count` open-loop demonstrations without disturbance, whatever `options` says of one, and
 /// keeps those that complete without a collision. Start states are a stream of `seed`. `progress`
 /// may be empty.
 /// @throws std::runtime_error if more than half are unusable.
 [[nodiscard]] imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
-                                                      const sim::LineTrackingCalibration& known,
+                                                      const line_task::LineCalibration& known,
                                                       int count, int steps, std::uint64_t seed,
                                                       experiment::ProgressCallback progress = {});
 
 /// Records a motion with the plant's own arm and platform, and calibrates from it.
-[[nodiscard]] calibration::Calibration CalibratePlant(const sim::LineTrackingOptions& options,
-                                                      int frames, std::uint64_t seed,
-                                                      calibration::CalibrationSummary* summary);
+[[nodiscard]] line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& options,
+                                                        int frames, std::uint64_t seed,
+                                                        calibration::CalibrationSummary* summary);
 
 /// Collects how g rises during recoveries: g over the gate's threshold after each iteration.
 class RecoveryCurves final : public control::RolloutObserver {
@@ -49,10 +49,10 @@ class RecoveryCurves final : public control::RolloutObserver {
 };
 
 /// One unit of the experiment: a model, and a plant to run it on.
-class LineSite final : public experiment::EvaluationSite {
+class LineTrialRunner final : public experiment::TrialRunner {
  public:
-  LineSite(LineModel model, const std::vector<std::string>& methods,
-           const sim::LineTrackingOptions& plant, const sim::LineTrackingCalibration& known);
+  LineTrialRunner(LineModel model, const std::vector<std::string>& methods,
+                  const sim::LineTrackingOptions& plant, const line_task::LineCalibration& known);
 
   [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
   [[nodiscard]] experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
@@ -76,4 +76,4 @@ class LineSite final : public experiment::EvaluationSite {
   std::vector<RecoveryCurves>* curves_ = nullptr;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -14,11 +14,11 @@
 
 namespace dfr::test {
 
-/// A site whose episodes follow from unit, method and seeds by hashing: methods beyond the first
+/// A runner whose episodes follow from unit, method and seeds by hashing: methods beyond the first
 /// collide less and complete less.
-class FakeSite final : public experiment::EvaluationSite {
+class FakeTrialRunner final : public experiment::TrialRunner {
  public:
-  explicit FakeSite(experiment::EvaluationUnit unit) : unit_(std::move(unit)) {}
+  explicit FakeTrialRunner(experiment::EvaluationUnit unit) : unit_(std::move(unit)) {}
 
   bool Accepts(std::uint64_t start_seed) override {
     return core::Random(core::DeriveSeed(start_seed, {Demonstrations()})).Uniform() < 0.7;
@@ -66,9 +66,9 @@ inline experiment::EvaluationPlan FakePlan() {
   return plan;
 }
 
-inline std::unique_ptr<experiment::EvaluationSite> MakeFakeSite(
+inline std::unique_ptr<experiment::TrialRunner> MakeFakeTrialRunner(
     const experiment::EvaluationUnit& unit) {
-  return std::make_unique<FakeSite>(unit);
+  return std::make_unique<FakeTrialRunner>(unit);
 }
 
 /// An empty folder of the running test's own.

@@ -1,15 +1,15 @@
 #pragma once
 
-#include <string>
 #include <string_view>
 
 #include "dfr/recording/recorder.h"
 
-namespace dfr::recording::internal {
+namespace dfr::recording {
 
 /// Makes JPEG files of pictures. One object belongs to one thread.
 class JpegEncoder {
  public:
+  /// @param quality  in [1, 100].
   /// @throws std::runtime_error if the library has no memory.
   explicit JpegEncoder(int quality);
   ~JpegEncoder();
@@ -27,4 +27,4 @@ class JpegEncoder {
   unsigned long capacity_ = 0;  // NOLINT(google-runtime-int): the library's type
 };
 
-}  // namespace dfr::recording::internal
+}  // namespace dfr::recording

@@ -1,4 +1,4 @@
-#include "site.h"
+#include "trial_runner.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,10 +9,10 @@
 #include "dfr/core/random.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
-                                        const sim::LineTrackingCalibration& known, int count,
+                                        const line_task::LineCalibration& known, int count,
                                         int steps, std::uint64_t seed,
                                         experiment::ProgressCallback progress) {
   DFR_THROW_UNLESS(count > 0, "the number of demonstrations must be positive, not " << count);
@@ -53,46 +53,48 @@ imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
   return set;
 }
 
-calibration::Calibration CalibratePlant(const sim::LineTrackingOptions& options, int frames,
-                                        std::uint64_t seed,
-                                        calibration::CalibrationSummary* summary) {
+line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& options, int frames,
+                                          std::uint64_t seed,
+                                          calibration::CalibrationSummary* summary) {
   sim::LineTrackingOptions still = options;
   still.disturbance.wave = sim::Wave::kNone;
   still.observation = sim::Observation::kGroundTruth;  // the motion looks for itself
   sim::LineTrackingPlant plant(still);
-  const sim::LineTrackingCalibration nominal = sim::NominalCalibration();
+  const line_task::LineCalibration nominal = sim::NominalCalibration();
   return calibration::Calibrate(
       sim::RecordCalibrationMotion(plant, frames, seed), sim::LineTrackingPlant::target().marks_m,
       nominal, (sim::LineTrackingPlant::p_world_base() * nominal.p_base_cam).inverse(), {},
       summary);
 }
 
-LineSite::LineSite(LineModel model, const std::vector<std::string>& methods,
-                   const sim::LineTrackingOptions& plant, const sim::LineTrackingCalibration& known)
+LineTrialRunner::LineTrialRunner(LineModel model, const std::vector<std::string>& methods,
+                                 const sim::LineTrackingOptions& plant,
+                                 const line_task::LineCalibration& known)
     : plant_(std::make_unique<sim::LineTrackingPlant>(plant, &known)), model_(std::move(model)) {
   for (const std::string& method : methods) {
     controllers_.push_back(model_.MakeController(Method::Parse(method)));
   }
 }
 
-bool LineSite::Accepts(std::uint64_t start_seed) {
+bool LineTrialRunner::Accepts(std::uint64_t start_seed) {
   plant_->Reset(start_seed);
   std::array<double, 4> start;
   plant_->Observe(start);
   return model_.support().Decision(0, start) >= 0.0;
 }
 
-control::RolloutResult LineSite::Watch(int method, std::uint64_t start_seed,
-                                       std::uint64_t controller_seed,
-                                       control::RolloutObserver* observer, int max_controls) {
+control::RolloutResult LineTrialRunner::Watch(int method, std::uint64_t start_seed,
+                                              std::uint64_t controller_seed,
+                                              control::RolloutObserver* observer,
+                                              int max_controls) {
   return control::Rollout(
       *plant_, *controllers_.at(static_cast<std::size_t>(method)),
       {.plant_seed = start_seed, .controller_seed = controller_seed, .max_controls = max_controls},
       observer, &workspace_);
 }
 
-experiment::EpisodeResult LineSite::Run(int method, std::uint64_t start_seed,
-                                        std::uint64_t controller_seed) {
+experiment::EpisodeResult LineTrialRunner::Run(int method, std::uint64_t start_seed,
+                                               std::uint64_t controller_seed) {
   const control::RolloutResult result =
       Watch(method, start_seed, controller_seed,
             curves_ == nullptr ? nullptr : &curves_->at(static_cast<std::size_t>(method)));
@@ -111,7 +113,7 @@ experiment::EpisodeResult LineSite::Run(int method, std::uint64_t start_seed,
   return episode;
 }
 
-std::map<std::string, double> LineSite::Measures() { return {{"gamma", model_.gamma()}}; }
+std::map<std::string, double> LineTrialRunner::Measures() { return {{"gamma", model_.gamma()}}; }
 
 void RecoveryCurves::OnControl(const control::RolloutEvent& event) {
   const control::Step& step = event.step;
@@ -131,4 +133,4 @@ void RecoveryCurves::Finish(bool reached) {
   current_.clear();
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

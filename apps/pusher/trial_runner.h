@@ -13,11 +13,11 @@
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/imitation/gaussian_policy.h"
 #include "dfr/sim/pusher/pusher_plant.h"
-#include "film.h"
 #include "model.h"
+#include "rollout_video.h"
 #include "supervisor.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 /// An estimate's overlap with the red regions, P(red | g >= 0): states drawn around the
 /// demonstrated ones (cylinder displaced uniformly by at most 0.15 m, each joint by at most 0.1
@@ -27,12 +27,12 @@ namespace dfr::apps {
                                     sim::PusherPlant& plant, int samples, std::uint64_t seed);
 
 /// One unit of the experiment: a model, and a plant to run it on.
-class PusherSite final : public experiment::EvaluationSite {
+class PusherTrialRunner final : public experiment::TrialRunner {
  public:
   /// @param disturbance  of the plant that methods run on; start states are accepted without it.
-  PusherSite(Model model, const std::vector<Method>& methods,
-             const sim::PusherOptions& plant_options, std::map<std::string, double> measures,
-             const control::DisturbanceOptions& disturbance = {});
+  PusherTrialRunner(Model model, const std::vector<Method>& methods,
+                    const sim::PusherOptions& plant_options, std::map<std::string, double> measures,
+                    const control::DisturbanceOptions& disturbance = {});
 
   [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
   [[nodiscard]] experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
@@ -59,14 +59,16 @@ class PusherSite final : public experiment::EvaluationSite {
   std::vector<double> start_;
 };
 
-/// Rolls each of the site's methods out from one start state and draws it. `titles` has one entry
+/// Rolls each of the runner's methods out from one start state and draws it. `titles` has one entry
 /// per method.
-[[nodiscard]] std::vector<Film> Shoot(PusherSite& site, const std::vector<std::string>& titles,
-                                      std::uint64_t start_seed, std::uint64_t controller_seed,
-                                      int width, int height);
+[[nodiscard]] std::vector<RolloutVideo> RecordRollouts(PusherTrialRunner& runner,
+                                                       const std::vector<std::string>& titles,
+                                                       std::uint64_t start_seed,
+                                                       std::uint64_t controller_seed, int width,
+                                                       int height);
 
 /// Options of the experiment that decide its results.
-struct SiteOptions {
+struct TrialRunnerOptions {
   std::vector<Method> methods;
   ModelOptions model;  ///< Learner and seed are the unit's.
   sim::PusherOptions plant;
@@ -76,13 +78,14 @@ struct SiteOptions {
   std::uint64_t seed = 1;
 };
 
-/// Makes sites; each trial's demonstrations are collected once and shared by its units. Safe to
+/// Makes runners; each trial's demonstrations are collected once and shared by its units. Safe to
 /// call from several threads.
-class SiteFactory {
+class TrialRunnerFactory {
  public:
-  SiteFactory(const imitation::GaussianPolicy& supervisor, SiteOptions options, int trials);
+  TrialRunnerFactory(const imitation::GaussianPolicy& supervisor, TrialRunnerOptions options,
+                     int trials);
 
-  [[nodiscard]] std::unique_ptr<PusherSite> Make(const experiment::EvaluationUnit& unit);
+  [[nodiscard]] std::unique_ptr<PusherTrialRunner> Make(const experiment::EvaluationUnit& unit);
 
  private:
   struct Trial {
@@ -91,8 +94,8 @@ class SiteFactory {
     DemonstrationCounts counts;
   };
   imitation::GaussianPolicy supervisor_;
-  SiteOptions options_;
+  TrialRunnerOptions options_;
   std::vector<std::unique_ptr<Trial>> trials_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -1,14 +1,15 @@
-#include "film.h"
+#include "rollout_video.h"
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 #include <stdexcept>
 #include <vector>
 
-namespace dfr::apps {
+#include "apps/video_writer.h"
+#include "dfr/core/format.h"
+
+namespace dfr::apps::line_tracking {
 namespace {
 
 using sim::LineTrackingPlant;
@@ -36,10 +37,10 @@ void Write(cv::Mat& canvas, const std::string& text, cv::Point at, const cv::Sca
 // What vision sees, over the picture that it saw.
 void DrawSeen(cv::Mat& picture, const LineTrackingPlant& plant) {
   if (plant.options().observation == sim::Observation::kGroundTruth) {
-    char text[96];
-    std::snprintf(text, sizeof text, "not looked at: true distance %+.2f mm  tracked %.1f mm",
-                  1e3 * plant.truth().distance_m, 1e3 * plant.truth().progress_m);
-    Write(picture, text, {20, 460}, kSeen, 0.55);
+    Write(picture,
+          core::Format("not looked at: true distance %+.2f mm  tracked %.1f mm",
+                       1e3 * plant.truth().distance_m, 1e3 * plant.truth().progress_m),
+          {20, 460}, kSeen, 0.55);
     return;
   }
   const vision::LineObservation& seen = plant.last_observation();
@@ -61,11 +62,10 @@ void DrawSeen(cv::Mat& picture, const LineTrackingPlant& plant) {
   }
   cv::polylines(picture, curve, false, kSeen, 1, cv::LINE_AA);
   cv::circle(picture, to_point(seen.tip_pixel), 12, kSeen, 1, cv::LINE_AA);
-  char text[96];
-  std::snprintf(text, sizeof text, "distance %+.2f mm (true %+.2f)  tracked %.1f mm",
-                1e3 * seen.distance_m, 1e3 * plant.truth().distance_m,
-                1e3 * plant.truth().progress_m);
-  Write(picture, text, {20, 460}, kSeen, 0.55);
+  Write(picture,
+        core::Format("distance %+.2f mm (true %+.2f)  tracked %.1f mm", 1e3 * seen.distance_m,
+                     1e3 * plant.truth().distance_m, 1e3 * plant.truth().progress_m),
+        {20, 460}, kSeen, 0.55);
 }
 
 }  // namespace
@@ -183,28 +183,16 @@ class Recorder final : public control::RolloutObserver {
 
 }  // namespace
 
-control::RolloutResult RecordEpisode(LineSite& site, int method, const std::string& title,
+control::RolloutResult RecordEpisode(LineTrialRunner& runner, int method, const std::string& title,
                                      std::uint64_t start_seed, std::uint64_t controller_seed,
                                      const std::filesystem::path& path) {
-  int codec = 0;
-  if (path.extension() == ".mp4") {
-    codec = cv::VideoWriter::fourcc('a', 'v', 'c', '1');
-  } else if (path.extension() == ".webm") {
-    codec = cv::VideoWriter::fourcc('V', 'P', '8', '0');
-  } else {
-    throw std::runtime_error(path.string() + ": a video's name ends in .mp4 or .webm");
-  }
-  Recorder recorder(site.plant(), title);
-  const control::RolloutResult result = site.Watch(method, start_seed, controller_seed, &recorder);
-  cv::VideoWriter writer(path.string(), cv::CAP_FFMPEG, codec, kFramesPerSecond,
-                         recorder.frames().front().size());
-  if (!writer.isOpened()) {
-    throw std::runtime_error(path.string() +
-                             ": the video cannot be written here; does its folder "
-                             "exist?");
-  }
-  for (const cv::Mat& frame : recorder.frames()) writer.write(frame);
+  // Opened first: a name that it refuses is refused before an episode runs.
+  VideoWriter writer(path, {2 * kWidth, kHeight + kStripHeight}, kFramesPerSecond);
+  Recorder recorder(runner.plant(), title);
+  const control::RolloutResult result =
+      runner.Watch(method, start_seed, controller_seed, &recorder);
+  for (const cv::Mat& frame : recorder.frames()) writer.Write(frame);
   return result;
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

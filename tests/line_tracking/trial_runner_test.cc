@@ -1,3 +1,5 @@
+#include "trial_runner.h"
+
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -8,10 +10,9 @@
 #include "dfr/core/random.h"
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
-#include "site.h"
 #include "tests/line_tracking/scene.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 namespace {
 
 using sim::LineTrackingPlant;
@@ -41,27 +42,27 @@ class Saboteur final : public control::RolloutObserver {
   int controls_ = 0;
 };
 
-TEST(LineSiteTest, CalibrationBringsTheArmBelowAMillimetre) {
+TEST(LineTrialRunnerTest, CalibrationBringsTheArmBelowAMillimetre) {
   for (const std::uint64_t arm : {1, 2}) {
     sim::LineTrackingOptions options = FromTruth();
     options.arm.seed = arm;
     calibration::CalibrationSummary summary;
-    const calibration::Calibration found = CalibratePlant(options, 120, 3, &summary);
+    const line_task::LineCalibration found = CalibratePlant(options, 120, 3, &summary);
     ASSERT_TRUE(summary.converged && summary.has_covariance) << summary.message;
     LineTrackingPlant plant(options);
-    const auto mean = [&](const sim::LineTrackingCalibration& known) {
+    const auto mean = [&](const line_task::LineCalibration& known) {
       double sum = 0.0;
       for (double error : sim::HeldOutTipErrors(plant, known, 200, 4)) sum += error;
       return sum / 200;
     };
-    sim::LineTrackingCalibration uncorrected = Known(options);
+    line_task::LineCalibration uncorrected = Known(options);
     uncorrected.arm = {};
     EXPECT_GT(mean(uncorrected), 3.5);
     EXPECT_LT(mean(found), 1.0);
   }
 }
 
-TEST(LineSiteTest, DemonstrationsAreUndisturbedAndStayAtTheLine) {
+TEST(LineTrialRunnerTest, DemonstrationsAreUndisturbedAndStayAtTheLine) {
   const imitation::DemonstrationSet set = Demonstrate(Disturbed(), Known(Disturbed()), 3, 50, 1);
   ASSERT_EQ(set.trajectories.size(), 3U);
   for (const core::Trajectory& trajectory : set.trajectories) {
@@ -73,14 +74,14 @@ TEST(LineSiteTest, DemonstrationsAreUndisturbedAndStayAtTheLine) {
   }
 }
 
-TEST(LineSiteTest, SameSeedsGiveTheSameEpisode) {
+TEST(LineTrialRunnerTest, SameSeedsGiveTheSameEpisode) {
   const std::vector<std::string> methods = {"baseline", "dfr"};
-  LineSite one(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1),
-                              {.hidden = {4}, .gammas = {0.2}}),
-               methods, FromTruth(), Known(FromTruth()));
-  LineSite other(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1),
-                                {.hidden = {4}, .gammas = {0.2}}),
-                 methods, FromTruth(), Known(FromTruth()));
+  LineTrialRunner one(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1),
+                                     {.hidden = {4}, .gammas = {0.2}}),
+                      methods, FromTruth(), Known(FromTruth()));
+  LineTrialRunner other(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1),
+                                       {.hidden = {4}, .gammas = {0.2}}),
+                        methods, FromTruth(), Known(FromTruth()));
   for (std::uint64_t seed = 0; seed < 5; ++seed) {
     for (int method = 0; method < 2; ++method) {
       experiment::EpisodeResult a = one.Run(method, seed, seed + 100);
@@ -92,9 +93,9 @@ TEST(LineSiteTest, SameSeedsGiveTheSameEpisode) {
 }
 
 // From a file the model is the same, bit for bit.
-TEST(LineSiteTest, ModelsSurviveTheirFiles) {
+TEST(LineTrialRunnerTest, ModelsSurviveTheirFiles) {
   const std::filesystem::path folder =
-      std::filesystem::temp_directory_path() / ("line_site_test_" + std::to_string(getpid()));
+      std::filesystem::temp_directory_path() / ("trial_runner_test_" + std::to_string(getpid()));
   Model().Save(folder);
   const LineModel loaded = LineModel::Load(folder);
   EXPECT_EQ(loaded.gamma(), Model().gamma());
@@ -106,9 +107,9 @@ TEST(LineSiteTest, ModelsSurviveTheirFiles) {
   std::filesystem::remove_all(folder);
 }
 
-TEST(LineSiteTest, ABlindCameraHaltsTheEpisode) {
+TEST(LineTrialRunnerTest, ABlindCameraHaltsTheEpisode) {
   const sim::LineTrackingOptions options;
-  const sim::LineTrackingCalibration known = Known(options);
+  const line_task::LineCalibration known = Known(options);
   for (const sim::CameraFault fault :
        {sim::CameraFault::kFrozen, sim::CameraFault::kBlack, sim::CameraFault::kOverexposed,
         sim::CameraFault::kNoLine, sim::CameraFault::kNoTip}) {
@@ -123,9 +124,9 @@ TEST(LineSiteTest, ABlindCameraHaltsTheEpisode) {
   }
 }
 
-TEST(LineSiteTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
+TEST(LineTrialRunnerTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
   const sim::LineTrackingOptions options;
-  sim::LineTrackingCalibration foreign = Known(options);
+  line_task::LineCalibration foreign = Known(options);
   foreign.camera.fx *= 1.5;
   foreign.camera.fy *= 1.5;
   LineTrackingPlant plant(options, &foreign);
@@ -139,23 +140,23 @@ TEST(LineSiteTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
 }
 
 // Results say what the picture did not show.
-TEST(LineSiteTest, HaltsNameWhatWasNotSeen) {
+TEST(LineTrialRunnerTest, HaltsNameWhatWasNotSeen) {
   const sim::LineTrackingOptions options;
-  sim::LineTrackingCalibration foreign = Known(options);
+  line_task::LineCalibration foreign = Known(options);
   foreign.camera.fx *= 1.5;
   foreign.camera.fy *= 1.5;
-  LineSite site(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1),
-                               {.hidden = {4}, .gammas = {0.2}}),
-                {"baseline"}, options, foreign);
-  const experiment::EpisodeResult result = site.Run(0, 1, 1);
+  LineTrialRunner runner(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1),
+                                        {.hidden = {4}, .gammas = {0.2}}),
+                         {"baseline"}, options, foreign);
+  const experiment::EpisodeResult result = runner.Run(0, 1, 1);
   EXPECT_EQ(result.outcome, core::Outcome::kHalted);
   EXPECT_EQ(result.cause,
-            std::string("not-seen-") + vision::Name(site.plant().last_observation().missing));
-  EXPECT_NE(site.plant().last_observation().missing, vision::NotSeen::kNothing);
+            std::string("not-seen-") + vision::Name(runner.plant().last_observation().missing));
+  EXPECT_NE(runner.plant().last_observation().missing, vision::NotSeen::kNothing);
 }
 
 // From images, each thread with its own OpenGL context.
-TEST(LineSiteTest, TheNumberOfThreadsDoesNotMatter) {
+TEST(LineTrialRunnerTest, TheNumberOfThreadsDoesNotMatter) {
   const sim::LineTrackingOptions options = Disturbed();
   const experiment::EvaluationPlan plan{.methods = {"baseline", "guided"},
                                         .learners = {"8"},
@@ -165,7 +166,7 @@ TEST(LineSiteTest, TheNumberOfThreadsDoesNotMatter) {
                                         .seed = 5};
   const auto make = [&](const experiment::EvaluationUnit& unit) {
     const auto seed = static_cast<std::uint64_t>(unit.trial);
-    return std::make_unique<LineSite>(
+    return std::make_unique<LineTrialRunner>(
         LineModel::Fit(Demonstrate(FromTruth(), Known(options), unit.demonstrations, 50, seed),
                        {.hidden = {8}, .gammas = {0.05}}),
         plan.methods, options, Known(options));
@@ -187,7 +188,7 @@ TEST(LineSiteTest, TheNumberOfThreadsDoesNotMatter) {
 // The goal of guided recovery, also when the platform goes on moving after every control: 95 %
 // completed, 2 % collided. Of 100 episodes a method that completes 98 % fails this 5 % of the time;
 // the seeds are fixed.
-TEST(LineSiteTest, GuidedRecoveryCompletesOnAMovingPlatform) {
+TEST(LineTrialRunnerTest, GuidedRecoveryCompletesOnAMovingPlatform) {
   for (const bool between : {false, true}) {
     SCOPED_TRACE(between);
     sim::LineTrackingOptions options = FromTruth();
@@ -195,12 +196,12 @@ TEST(LineSiteTest, GuidedRecoveryCompletesOnAMovingPlatform) {
     LineModelOptions model;
     model.hidden = {16};
     model.gammas = {0.1};
-    LineSite site(LineModel::Fit(Demonstrate(options, Known(options), 50, 50, 1), model),
-                  {"baseline", "guided"}, options, Known(options));
+    LineTrialRunner runner(LineModel::Fit(Demonstrate(options, Known(options), 50, 50, 1), model),
+                           {"baseline", "guided"}, options, Known(options));
     std::array<std::array<int, 3>, 2> counts{};
     for (std::uint64_t seed = 0; seed < 100; ++seed) {
       for (int method = 0; method < 2; ++method) {
-        const auto outcome = site.Run(method, core::DeriveSeed(2, {seed}), seed).outcome;
+        const auto outcome = runner.Run(method, core::DeriveSeed(2, {seed}), seed).outcome;
         ++counts[static_cast<std::size_t>(method)][static_cast<std::size_t>(outcome)];
       }
     }
@@ -211,7 +212,7 @@ TEST(LineSiteTest, GuidedRecoveryCompletesOnAMovingPlatform) {
   }
 }
 
-TEST(LineSiteTest, UnknownMethodsAreNamed) {
+TEST(LineTrialRunnerTest, UnknownMethodsAreNamed) {
   try {
     static_cast<void>(Method::Parse("magic"));
     FAIL();
@@ -221,10 +222,10 @@ TEST(LineSiteTest, UnknownMethodsAreNamed) {
   }
 }
 
-TEST(LineSiteTest, TooFewDemonstrationsThrow) {
+TEST(LineTrialRunnerTest, TooFewDemonstrationsThrow) {
   const imitation::DemonstrationSet set = Demonstrate(FromTruth(), Known(FromTruth()), 4, 45, 1);
   EXPECT_THROW(static_cast<void>(LineModel::Fit(set, {})), std::invalid_argument);
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "dfr/control/rollout.h"
-#include "site.h"
+#include "trial_runner.h"
 
-namespace dfr::apps {
+namespace dfr::apps::line_tracking {
 
 /// The endoscope's picture that was looked at last, with what vision saw in it, BGR, rows from the
 /// top.
@@ -19,8 +19,8 @@ namespace dfr::apps {
 /// chooses the format: .mp4 (H.264) or .webm (VP8). Recoveries are shown every tenth control, for
 /// they are many and small.
 /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
-control::RolloutResult RecordEpisode(LineSite& site, int method, const std::string& title,
+control::RolloutResult RecordEpisode(LineTrialRunner& runner, int method, const std::string& title,
                                      std::uint64_t start_seed, std::uint64_t controller_seed,
                                      const std::filesystem::path& path);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::line_tracking

@@ -10,10 +10,10 @@
 #include "dfr/control/rollout.h"
 #include "dfr/core/decision_function.h"
 
-namespace dfr::apps {
+namespace dfr::apps::pusher {
 
 /// One picture of a rollout with what the controller thought at that moment.
-struct FilmFrame {
+struct VideoFrame {
   std::vector<std::uint8_t> jpeg;
   control::Step step;
   double level = 0.0;      ///< g, or its log form where the controller works with that.
@@ -21,7 +21,7 @@ struct FilmFrame {
   bool logarithmic = false;
   int controls = 0;  ///< Applied so far.
 
-  void CopyLevel(const FilmFrame& other) {
+  void CopyLevel(const VideoFrame& other) {
     level = other.level;
     threshold = other.threshold;
     logarithmic = other.logarithmic;
@@ -29,28 +29,28 @@ struct FilmFrame {
 };
 
 /// A rollout as pictures, kept compressed.
-struct Film {
+struct RolloutVideo {
   std::string title;
   control::RolloutResult result;
-  std::vector<FilmFrame> frames;
+  std::vector<VideoFrame> frames;
 };
 
 /// Takes a picture after every control of the learned policy, and after every `recovery_stride`-th
 /// control of a recovery, which are many and small.
-class FilmRecorder final : public control::RolloutObserver {
+class RolloutVideoRecorder final : public control::RolloutObserver {
  public:
   /// Draws the plant's present state: width x height RGB bytes, top row first.
   using Draw = std::function<void(std::span<std::uint8_t> rgb)>;
 
   /// Borrows `support`, whose g is shown where the controller does not look at any.
-  FilmRecorder(std::string title, int width, int height, Draw draw,
-               const core::DecisionFunction& support, int recovery_stride = 8);
+  RolloutVideoRecorder(std::string title, int width, int height, Draw draw,
+                       const core::DecisionFunction& support, int recovery_stride = 8);
 
   void OnStart(std::span<const double> x) override;
   void OnControl(const control::RolloutEvent& event) override;
   void OnEnd(const control::RolloutResult& result) override;
 
-  [[nodiscard]] Film Take() { return std::move(film_); }
+  [[nodiscard]] RolloutVideo Take() { return std::move(video_); }
 
  private:
   void Capture(const control::Step& step, std::span<const double> x);
@@ -60,20 +60,21 @@ class FilmRecorder final : public control::RolloutObserver {
   Draw draw_;
   const core::DecisionFunction* support_;
   int recovery_stride_;
-  Film film_;
+  RolloutVideo video_;
   std::vector<std::uint8_t> rgb_;
   std::vector<double> last_x_;
   int controls_ = 0;
   int recovery_controls_ = 0;
 };
 
-/// Writes films side by side, each over its decision function g(t), the gate's threshold and the
-/// mode. A film that ends early holds its last picture with its outcome. The ending of `path`
+/// Writes videos side by side, each over its decision function g(t), the gate's threshold and the
+/// mode. A video that ends early holds its last picture with its outcome. The ending of `path`
 /// chooses the format: .mp4 (H.264) or .webm (VP8).
 /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
-void WriteVideo(const std::filesystem::path& path, std::span<const Film> films);
+void WriteVideo(const std::filesystem::path& path, std::span<const RolloutVideo> videos);
 
 /// Writes picture `index` of the same, or the last one, as a PNG or JPEG chosen by the ending.
-void WriteStill(const std::filesystem::path& path, std::span<const Film> films, std::size_t index);
+void WriteStill(const std::filesystem::path& path, std::span<const RolloutVideo> videos,
+                std::size_t index);
 
-}  // namespace dfr::apps
+}  // namespace dfr::apps::pusher

@@ -1,0 +1,28 @@
+#include "apps/video_writer.h"
+
+#include <opencv2/core.hpp>
+#include <stdexcept>
+
+namespace dfr::apps {
+namespace {
+
+int CodecOf(const std::filesystem::path& path) {
+  if (path.extension() == ".mp4") return cv::VideoWriter::fourcc('a', 'v', 'c', '1');
+  if (path.extension() == ".webm") return cv::VideoWriter::fourcc('V', 'P', '8', '0');
+  throw std::runtime_error(path.string() + ": a video's name ends in .mp4 or .webm");
+}
+
+}  // namespace
+
+VideoWriter::VideoWriter(const std::filesystem::path& path, cv::Size size, double frames_per_second)
+    : even_(size.width & ~1, size.height & ~1),
+      writer_(path.string(), cv::CAP_FFMPEG, CodecOf(path), frames_per_second, even_) {
+  if (!writer_.isOpened()) {
+    throw std::runtime_error(path.string() +
+                             ": the video cannot be written here; does its folder exist?");
+  }
+}
+
+void VideoWriter::Write(const cv::Mat& picture) { writer_.write(picture(cv::Rect({}, even_))); }
+
+}  // namespace dfr::apps

@@ -1,0 +1,23 @@
+#pragma once
+
+#include <filesystem>
+#include <opencv2/videoio.hpp>
+
+namespace dfr::apps {
+
+/// Writes pictures of one size to a video file. The ending of its name chooses the format: .mp4
+/// (H.264) or .webm (VP8). Encoders want even sizes: an odd last row or column is left out.
+class VideoWriter {
+ public:
+  /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
+  VideoWriter(const std::filesystem::path& path, cv::Size size, double frames_per_second);
+
+  /// Appends a picture, BGR.
+  void Write(const cv::Mat& picture);
+
+ private:
+  cv::Size even_;
+  cv::VideoWriter writer_;
+};
+
+}  // namespace dfr::apps
