@@ -78,10 +78,10 @@ std::pair<std::string, std::string> Split(const std::string& learner) {
   return {learner.substr(0, slash), learner.substr(slash + 1)};
 }
 
-class GalleryTrialRunner final : public experiment::TrialRunner {
+class Runner final : public experiment::TrialRunner {
  public:
-  GalleryTrialRunner(const std::vector<std::string>& methods, const sim::GalleryTask& task,
-                     const Prepared& prepared, Imitator policy)
+  Runner(const std::vector<std::string>& methods, const sim::GalleryTask& task,
+         const Prepared& prepared, Imitator policy)
       : task_(task),
         horizon_(prepared.model->settings().horizon),
         policy_(std::move(policy)),
@@ -206,14 +206,13 @@ experiment::EvaluationPlan MakePlan(const Study& study) {
   return plan;
 }
 
-std::unique_ptr<GalleryTrialRunner> MakeRunner(const experiment::EvaluationPlan& plan,
-                                               const experiment::EvaluationUnit& unit,
-                                               Cache& cache) {
+std::unique_ptr<Runner> MakeRunner(const experiment::EvaluationPlan& plan,
+                                   const experiment::EvaluationUnit& unit, Cache& cache) {
   const auto [name, policy] = Split(unit.learner);
   const sim::GalleryTask& task = sim::FindGalleryTask(name);
   const auto trial = static_cast<std::uint64_t>(unit.trial);
   const auto prepared = cache.Get(task, unit.trial);
-  return std::make_unique<GalleryTrialRunner>(
+  return std::make_unique<Runner>(
       plan.methods, task, *prepared,
       Imitate(task, prepared->demonstrations, policy, core::DeriveSeed(plan.seed, {3, trial})));
 }
