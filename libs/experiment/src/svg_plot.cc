@@ -313,10 +313,8 @@ class Panel {
     }
     svg << "<g " << StyleAttribute(StyleOf(i)) << "><path class=\"line\""
         << (series.dashed ? " stroke-dasharray=\"5 4\"" : "") << " d=\"" << path << "\"/>"
-        << markers.str()
-        << "</g>
-           ";
-        return end;
+        << markers.str() << "</g>\n";
+    return end;
   }
 
   // `ends` has the height at which each line ends.
@@ -334,9 +332,7 @@ class Panel {
           << kPlotRight + 5 << " " << Coordinate(wanted[k]) << "L" << kPlotRight + 13 << " "
           << Coordinate(labels[k]) << "\"/><text class=\"name\" x=\"" << kPlotRight + 16
           << "\" y=\"" << Coordinate(labels[k]) << "\" dy=\"0.35em\">"
-          << Escape(plot_.series[named[k]].name)
-          << "</text></g>
-             ";
+          << Escape(plot_.series[named[k]].name) << "</text></g>\n";
     }
   }
 
