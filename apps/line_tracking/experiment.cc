@@ -45,7 +45,9 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   if (!options.methods.empty()) plan.methods = options.methods;
   if (options.trials > 0) plan.trials = options.trials;
   if (options.episodes > 0) plan.episodes = options.episodes;
-  for (const std::string& method : plan.methods) static_cast<void>(Method::Parse(method));
+  for (const std::string& method : plan.methods) {
+    static_cast<void>(safety::ParseMethod(method));
+  }
   return plan;
 }
 
@@ -120,7 +122,8 @@ std::vector<StudiedMethod> StudyProbes(LineTrialRunner& runner,
                                        std::span<const std::uint64_t> starts) {
   std::vector<StudiedMethod> studied;
   for (std::size_t m = 0; m < methods.size(); ++m) {
-    const control::DfrOptions& dfr = Method::Parse(methods[m]).switching.dfr;
+    const control::DfrOptions dfr =
+        safety::ParseMethod(methods[m]).published_dfr ? control::DfrOptions{} : Controllers().dfr;
     studied.push_back({methods[m],
                        "g / (" + Text(1.0 / dfr.probe_fraction) + " lambda), g / (" +
                            Text(1.0 / dfr.step_fraction) + " lambda)",
@@ -305,8 +308,7 @@ void RunExperiment(const ExperimentOptions& options) {
                               .y_min = 0.0,
                               .y_max = 1.0};
   for (std::size_t m = 0; m < plan.methods.size(); ++m) {
-    const Method method = Method::Parse(plan.methods[m]);
-    if (method.guided || method.switching.recovery != control::Recovery::kDfr) continue;
+    if (safety::ParseMethod(plan.methods[m]).recovery != control::Recovery::kDfr) continue;
     // Nothing was collected if an earlier run had finished the first trial.
     for (std::size_t i = 0; resumed && i < first.starts.size() && !curves[m].complete(); ++i) {
       again.Watch(static_cast<int>(m), first.starts[i],

@@ -11,7 +11,7 @@ void RunFit(const FitOptions& options) {
   const LineModel model = LineModel::Fit(set, options.model, &selection);
   model.Save(options.out);
   if (!selection.rows.empty()) std::cout << selection.Table();
-  std::cout << options.out.string() << ": policy, " << model.support().num_steps()
+  std::cout << options.out.string() << ": policy, " << model.task().support().num_steps()
             << " supports and lambda of " << set.trajectories.size() << " demonstrations\n";
 }
 

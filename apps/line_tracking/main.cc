@@ -11,14 +11,10 @@
 
 #include "commands.h"
 #include "dfr/core/build_info.h"
+#include "dfr/safety/method.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
-
-constexpr const char* kMethods =
-    "baseline, early-stopping, dfr, dfr-fine (the constants of the paper's\nsimulations), guided "
-    "or "
-    "guided-without-<part>";
 
 // One of a few words, and help and errors that show just these.
 template <typename T>
@@ -124,8 +120,9 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
   command.add_flag("!--no-video", options.video, "leave the videos out");
   command
       .add_option("--methods", options.methods,
-                  "of baseline, early-stopping, dfr, dfr-fine, guided, guided-without-<part>;\nthe "
-                  "first is the reference (default: all but dfr-fine and guided-without-<part>)")
+                  "of " + safety::MethodNames() +
+                      ";\nthe first is the reference (default: all but dfr-fine and "
+                      "guided-without-<part>)")
       ->delimiter(',');
   command.add_option("--trials", options.trials, "independent repetitions of everything");
   command.add_option("--episodes", options.episodes, "start states per trial");
@@ -182,7 +179,7 @@ void AddRun(CLI::App& app, RunOptions& options) {
                      "settings can be overruled here. Without: the simulation in this process.\n"
                      "`line_tracking --config FILE` is short for this");
   command.add_option("--model", options.model, "folder of fit (default: model)");
-  command.add_option("--method", options.method, std::string(kMethods) + " (default: guided)");
+  command.add_option("--method", options.method, safety::MethodNames() + " (default: guided)");
   command.add_option("--recordings", options.recordings,
                      "folder of the logs that runs leave (default: recordings); none: no log");
   command.add_option("--episodes", options.episodes, "start states")->capture_default_str();
@@ -216,7 +213,7 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   options.scene.plant.disturbance.wave = sim::Wave::kRandom;
   CLI::App& command = *app.add_subcommand("render", "a video of one episode, without a display");
   command.add_option("--model", options.model, "folder of fit")->capture_default_str();
-  command.add_option("--method", options.method, kMethods)->capture_default_str();
+  command.add_option("--method", options.method, safety::MethodNames())->capture_default_str();
   command.add_option("--seed", options.seed, "of the episode")->capture_default_str();
   command.add_option("--out", options.out, "a video: .mp4 or .webm")->capture_default_str();
   AddScene(command, options.scene, true);

@@ -7,15 +7,10 @@
 #include <vector>
 
 #include "dfr/control/controller.h"
-#include "dfr/control/guided_policy.h"
-#include "dfr/control/switching_policy.h"
-#include "dfr/core/features.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/imitation/mlp_policy.h"
 #include "dfr/kernel/model_selection.h"
-#include "dfr/kernel/time_varying_support.h"
-#include "dfr/kernel/whitened_support.h"
-#include "dfr/safety/guided_recovery.h"
+#include "dfr/safety/task_model.h"
 
 namespace dfr::apps::line_tracking {
 
@@ -36,61 +31,40 @@ struct LineModelOptions {
   std::uint64_t seed = 1;      ///< Of the network's first weights.
 };
 
-/// Who is in control of an episode.
-struct Method {
-  std::string name;
-  bool guided = false;
-  control::SwitchingPolicyOptions switching = {};  ///< If not guided: Algorithm 1's.
-  control::GuidedOptions recovery = {};            ///< If guided; its horizon is the model's.
+/// The constants of this task's controllers. "dfr" is Algorithm 1 with steps larger than the noise
+/// of images, probe g / (10 lambda), step g / (2 lambda); "dfr-fine" has the paper's. "guided"
+/// knows that the platform moves on during a control; "guided-without-drift" takes what the
+/// platform does for the answer to controls.
+[[nodiscard]] safety::ControllerOptions Controllers();
 
-  /// "baseline", "early-stopping", "dfr", "dfr-fine", "guided", "guided-without-drift", or
-  /// "guided-without-<part>" with a part of control::GuidedPartNames(). "dfr" is Algorithm 1 with
-  /// steps larger than the noise of images: probe g / (10 lambda), step g / (2 lambda); "dfr-fine"
-  /// has the constants of the paper's simulations, g / (500 lambda) and g / (50 lambda).
-  /// "guided-without-drift" takes what the platform does for the answer to controls.
-  /// @throws std::invalid_argument naming what is unknown and what there is.
-  static Method Parse(const std::string& name);
-};
-
-/// All that is learned from one set of demonstrations: policy, supports, lambda, and what guided
-/// recovery needs.
+/// What is learned from one set of demonstrations: the policy, and the task's model.
 class LineModel {
  public:
   /// @throws std::invalid_argument if there are fewer than 8 demonstrations, or they do not fit.
   static LineModel Fit(const imitation::DemonstrationSet& set, const LineModelOptions& options,
                        kernel::Selection* selection = nullptr);
 
-  /// Writes policy.dfr, support.dfr, switching.dfr and demonstrations.hdf5, from which guided
-  /// recovery is fitted, into `folder`, which is made if need be.
+  /// Writes policy.dfr, demonstrations.hdf5 and the task's files into `folder`, which is made if
+  /// need be.
   void Save(const std::filesystem::path& folder) const;
   static LineModel Load(const std::filesystem::path& folder);
 
   [[nodiscard]] const imitation::MlpPolicy& policy() const noexcept { return *policy_; }
-  /// g_t of a whole state.
-  [[nodiscard]] const core::DecisionFunction& support() const noexcept { return *decision_; }
-  [[nodiscard]] const std::vector<double>& lambda() const noexcept { return lambda_; }
-  [[nodiscard]] double gamma() const noexcept { return gamma_; }
+  [[nodiscard]] const safety::TaskModel& task() const noexcept { return task_; }
   [[nodiscard]] const imitation::DemonstrationSet& demonstrations() const noexcept { return set_; }
 
-  /// Borrows this model.
-  [[nodiscard]] std::unique_ptr<control::Controller> MakeController(const Method& method) const;
+  /// Borrows this model. `method` is one of safety::ParseMethod()'s.
+  /// @throws std::invalid_argument naming what is unknown and what there is.
+  [[nodiscard]] std::unique_ptr<control::Controller> MakeController(
+      const std::string& method) const;
 
  private:
-  LineModel(imitation::MlpPolicy policy, const core::FeatureSelection& features,
-            kernel::TimeVaryingSupport support, std::vector<double> lambda, double gamma,
-            int horizon, double guided_gamma, imitation::DemonstrationSet set);
+  LineModel(imitation::MlpPolicy policy, safety::TaskModel task, imitation::DemonstrationSet set);
 
-  // On the heap, so that what borrows them stays valid when a model moves.
+  // On the heap, so that what borrows it stays valid when a model moves.
   std::unique_ptr<const imitation::MlpPolicy> policy_;
-  std::unique_ptr<const kernel::TimeVaryingSupport> support_;
-  std::unique_ptr<const core::FeatureDecision> decision_;
-  std::string feature_spec_;
-  std::vector<double> lambda_;
-  double gamma_;
-  int horizon_;
-  double guided_gamma_;
+  safety::TaskModel task_;
   imitation::DemonstrationSet set_;
-  std::unique_ptr<const safety::GuidedRecovery> guided_;
 };
 
 }  // namespace dfr::apps::line_tracking

@@ -25,8 +25,8 @@ ProbeStudy::ProbeStudy(const LineModel& model, const sim::LineTrackingPlant& pla
     for (int t = 0; t < demonstration.num_steps(); ++t) {
       const auto i = static_cast<std::size_t>(t);
       if (i == largest_g_.size()) largest_g_.push_back(-std::numeric_limits<double>::infinity());
-      largest_g_[i] =
-          std::max(largest_g_[i], model.support().Decision(t, core::Row(demonstration.states, t)));
+      largest_g_[i] = std::max(
+          largest_g_[i], model.task().support().Decision(t, core::Row(demonstration.states, t)));
     }
   }
 }

@@ -105,8 +105,7 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
     std::cout << "  the model in " << folder.string() << " is not the one of the recording\n";
   }
   const LineModel model = LineModel::Load(folder);
-  const std::unique_ptr<control::Controller> controller =
-      model.MakeController(Method::Parse(log.metadata.method));
+  const std::unique_ptr<control::Controller> controller = model.MakeController(log.metadata.method);
   std::vector<double> u(static_cast<std::size_t>(controller->control_dim()));
   constexpr int kShown = 10;
   int differences = 0;

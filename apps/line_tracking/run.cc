@@ -239,8 +239,7 @@ void RunRun(const RunOptions& options) {
   std::signal(SIGINT, Interrupt);
   std::signal(SIGTERM, Interrupt);
   Robot robot = MakeRobot(config, options, known, recorder ? &*recorder : nullptr);
-  const std::unique_ptr<control::Controller> decides =
-      model.MakeController(Method::Parse(config.method));
+  const std::unique_ptr<control::Controller> decides = model.MakeController(config.method);
   RecordedController controller(*decides, recorder ? &*recorder : nullptr);
   if (robot.wire != nullptr) Connect(controller, *robot.wire);
   const bool stopped = RunEpisodes(options, config, robot, controller);

@@ -72,7 +72,7 @@ LineTrialRunner::LineTrialRunner(LineModel model, const std::vector<std::string>
                                  const line_task::LineCalibration& known)
     : plant_(std::make_unique<sim::LineTrackingPlant>(plant, &known)), model_(std::move(model)) {
   for (const std::string& method : methods) {
-    controllers_.push_back(model_.MakeController(Method::Parse(method)));
+    controllers_.push_back(model_.MakeController(method));
   }
 }
 
@@ -80,7 +80,7 @@ bool LineTrialRunner::Accepts(std::uint64_t start_seed) {
   plant_->Reset(start_seed);
   std::array<double, 4> start;
   plant_->Observe(start);
-  return model_.support().Decision(0, start) >= 0.0;
+  return model_.task().support().Decision(0, start) >= 0.0;
 }
 
 control::RolloutResult LineTrialRunner::Watch(int method, std::uint64_t start_seed,
@@ -113,7 +113,9 @@ experiment::EpisodeResult LineTrialRunner::Run(int method, std::uint64_t start_s
   return episode;
 }
 
-std::map<std::string, double> LineTrialRunner::Measures() { return {{"gamma", model_.gamma()}}; }
+std::map<std::string, double> LineTrialRunner::Measures() {
+  return {{"gamma", model_.task().published()->estimate(0).gamma()}};
+}
 
 void RecoveryCurves::OnControl(const control::RolloutEvent& event) {
   const control::Step& step = event.step;

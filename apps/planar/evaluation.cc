@@ -66,8 +66,9 @@ class PlanarTrialRunner final : public experiment::TrialRunner {
     plant->Reset(start_seed);
     std::vector<double> x(static_cast<std::size_t>(plant->state_dim()));
     plant->Observe(x);
-    return methods_->raw_support().Decision(0, x) >= 0.0 && InsideModel(methods_->model(), x) &&
-           InsideModel(methods_->certified_model(), x);
+    return methods_->raw_support().Decision(0, x) >= 0.0 &&
+           methods_->Level(SupportKind::kGuided, 0, x) >= 0.0 &&
+           methods_->Level(SupportKind::kCertified, 0, x) >= 0.0;
   }
 
   experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
@@ -94,12 +95,6 @@ class PlanarTrialRunner final : public experiment::TrialRunner {
   }
 
  private:
-  static bool InsideModel(const control::GuidedModel& model, const std::vector<double>& x) {
-    std::vector<double> z(static_cast<std::size_t>(model.features().num_features()));
-    model.features().Apply(x, z);
-    return model.support().LogDecision(0, z, {}) >= 0.0;
-  }
-
   const PlanarStudy& study_;
   experiment::EvaluationUnit unit_;
   Shared& shared_;

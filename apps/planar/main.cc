@@ -24,8 +24,7 @@ namespace dfr::apps::planar {
 namespace {
 
 std::vector<std::string> AllMethods() {
-  return {"baseline",         "early-stopping",     "dfr",
-          "guided",           "guided-lwr",         "certified-lipschitz",
+  return {"baseline",         "early-stopping",     "dfr", "guided", "lwr", "certified-lipschitz",
           "certified-radius", "certified-direction"};
 }
 
@@ -82,9 +81,15 @@ void Experiment(const PlanarStudy& study, bool causes) {
 
 // Every part off, one at a time; then the features' and the support's.
 void Ablate(PlanarStudy study, bool causes) {
-  study.plan.methods = {"baseline", "guided", "guided-lwr"};
-  for (const control::GuidedPartName& part : control::GuidedPartNames()) {
-    study.plan.methods.push_back("guided-without-" + std::string(part.name));
+  study.plan.methods = {"baseline", "guided", "lwr"};
+  for (const std::string_view part : control::GuidedPartNames()) {
+    if (part != "drift") study.plan.methods.push_back("guided-without-" + std::string(part));
+  }
+  // Parts can hide each other's work, or harm.
+  for (const std::string_view parts :
+       {"share+slack", "share+time", "slack+time", "probing+online-jacobian",
+        "share+slack+time+probing+online-jacobian"}) {
+    study.plan.methods.push_back("guided-without-" + std::string(parts));
   }
   Experiment(study, causes);
   study.plan.methods = {"guided"};
@@ -165,7 +170,7 @@ void PrintCertificate(const PlanarStudy& study) {
       task,
       Demonstrate(task, study.plan.demonstrations.at(0), core::DeriveSeed(study.plan.seed, {2, 0})),
       study.methods);
-  const control::GuidedModel& model = methods.certified_model();
+  const control::GuidedModel& model = methods.recovery(SupportKind::kCertified).model();
   const core::LogDecisionFunction& support = model.support();
   const control::Certificate certificate = methods.certificate(control::CertificateKind::kRadius);
   const control::EstimatedConstant& gain = methods.gain();
@@ -292,7 +297,7 @@ int main(int argc, char** argv) try {
   runs(ablate);
   auto* drift = app.add_subcommand("drift", "Rotation, scale, bias, noise, few demonstrations");
   runs(drift);
-  std::vector<std::string> drift_methods = {"baseline", "dfr", "guided", "guided-lwr"};
+  std::vector<std::string> drift_methods = {"baseline", "dfr", "guided", "lwr"};
   drift->add_option("--methods", drift_methods)->delimiter(',');
   std::int64_t steps = 1'000'000;
   auto* prove = app.add_subcommand("prove", "Stress Proposition 1 of each certified mode");

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <memory>
 #include <span>
 #include <string>
@@ -10,11 +11,11 @@
 #include "apps/planar/task.h"
 #include "dfr/control/assumptions.h"
 #include "dfr/control/controller.h"
-#include "dfr/control/guided_model.h"
 #include "dfr/control/guided_policy.h"
 #include "dfr/imitation/locally_weighted_policy.h"
 #include "dfr/kernel/time_varying_support.h"
 #include "dfr/kernel/whitened_support.h"
+#include "dfr/safety/task_model.h"
 
 namespace dfr::apps::planar {
 
@@ -32,6 +33,11 @@ struct MethodOptions {
   double gain_factor = 1.0;       ///< Safety factor on an estimated K or eps.
 };
 
+/// The methods besides those of safety::ParseMethod(): the certified modes, the finite-difference
+/// oracle, and the demonstrations' own locally weighted regression, without any support.
+inline constexpr std::array<std::string_view, 5> kOtherMethods = {
+    "certified-lipschitz", "certified-radius", "certified-direction", "finite-difference", "lwr"};
+
 /// Which of the supports a method looks at.
 enum class SupportKind { kRaw, kGuided, kCertified };
 [[nodiscard]] SupportKind SupportOf(std::string_view method);
@@ -45,9 +51,7 @@ class Methods {
   Methods(const Methods&) = delete;
   Methods& operator=(const Methods&) = delete;
 
-  /// "baseline", "early-stopping", "dfr", "finite-difference", "guided", "guided-lwr", "lwr",
-  /// "certified-lipschitz", "certified-radius", "certified-direction", or "guided-without-<part>"
-  /// with a part of control::GuidedPartNames(). `plant` is borrowed, by the oracle only.
+  /// One of safety::ParseMethod()'s, or of kOtherMethods. `plant` is borrowed, by the oracle only.
   /// @throws std::invalid_argument for another name.
   [[nodiscard]] std::unique_ptr<control::Controller> Make(std::string_view method,
                                                           const core::SimulatedPlant& plant) const;
@@ -56,17 +60,12 @@ class Methods {
     return demonstrations_;
   }
   /// The paper's support, of whole states.
-  [[nodiscard]] const kernel::TimeVaryingSupport& raw_support() const noexcept { return raw_; }
-  [[nodiscard]] const control::GuidedModel& model() const noexcept { return *model_; }
-  [[nodiscard]] const control::GuidedModel& certified_model() const noexcept {
-    return *certified_model_;
+  [[nodiscard]] const kernel::TimeVaryingSupport& raw_support() const noexcept {
+    return *model_.published();
   }
-  /// Of kGuided or kCertified.
-  [[nodiscard]] const control::GuidedModel& model(SupportKind kind) const noexcept {
-    return kind == SupportKind::kGuided ? *model_ : *certified_model_;
-  }
-  [[nodiscard]] const kernel::WhitenedSupport& whitened_support(SupportKind kind) const noexcept {
-    return kind == SupportKind::kGuided ? *support_ : *certified_support_;
+  /// What guided recovery, or the certified modes, know: `kind` is kGuided or kCertified.
+  [[nodiscard]] const safety::GuidedRecovery& recovery(SupportKind kind) const noexcept {
+    return kind == SupportKind::kGuided ? model_.guided() : certified_;
   }
   /// l_t(x) of a whole state.
   [[nodiscard]] double Level(SupportKind kind, int t, std::span<const double> x) const;
@@ -82,13 +81,9 @@ class Methods {
   MethodOptions options_;
   std::vector<core::Trajectory> demonstrations_;
   PolynomialPolicy policy_;
-  kernel::TimeVaryingSupport raw_;
-  std::vector<double> lambda_;
-  std::unique_ptr<kernel::WhitenedSupport> support_;
-  std::unique_ptr<control::GuidedModel> model_;
-  std::unique_ptr<kernel::WhitenedSupport> certified_support_;
-  std::unique_ptr<control::GuidedModel> certified_model_;
-  std::unique_ptr<imitation::LocallyWeightedPolicy> lwr_;
+  safety::TaskModel model_;
+  safety::GuidedRecovery certified_;
+  imitation::LocallyWeightedPolicy lwr_;
   control::EstimatedConstant gain_;
   control::EstimatedConstant direction_error_;
 };

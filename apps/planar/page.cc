@@ -64,8 +64,8 @@ json Estimate(const Methods& methods, SupportKind kind, int t) {
     const int n = svm.state_dim();
     return Estimate(svm, core::Matrix::Identity(n, n), Eigen::VectorXd::Zero(n));
   }
-  const core::FeatureTransform& features = methods.model(kind).features();
-  const kernel::WhitenedSupport& support = methods.whitened_support(kind);
+  const core::FeatureTransform& features = methods.recovery(kind).features();
+  const kernel::WhitenedSupport& support = methods.recovery(kind).support();
   const std::vector<double> zero(static_cast<std::size_t>(features.state_dim()));
   Eigen::VectorXd origin(features.num_features());
   features.Apply(zero, core::AsSpan(origin));

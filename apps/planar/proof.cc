@@ -86,12 +86,13 @@ ProofResult Prove(control::CertificateKind kind, std::int64_t steps, std::uint64
         kernel::WhitenedSupport::Fit(states, {.svm = {.nu = 0.1, .gamma = random.Uniform(0.1, 1.5)},
                                               .window = static_cast<int>(random.Below(3)),
                                               .phase_whitening = random.Below(2) == 0});
-    const control::GuidedModel model(features, support, demonstrations);
+    // Half of the worlds know nothing of J and probe.
+    control::GuidedModelOptions knowledge;
+    if (random.Below(2) == 0) knowledge.jacobian.prior_weight = 0.0;
+    const control::GuidedModel model(features, support, demonstrations, knowledge);
     control::GuidedOptions options;
     options.horizon = 60;
     options.certificate = {kind, gain, gain};
-    // Half of the worlds probe at every occasion.
-    if (random.Below(2) == 0) options.probe_above = 0.0;
     Adversary policy(dim, random);
     control::GuidedPolicy controller(policy, model, options);
 

@@ -73,7 +73,7 @@ void RunExperiment(const ExperimentOptions& options);
 
 struct DriftOptions {
   std::string learner = "8";
-  std::vector<std::string> methods = {"baseline", "dfr", "guided", "guided-lwr"};
+  std::vector<std::string> methods = {"baseline", "dfr", "guided", "lwr"};
   int demonstrations = 60;
   int trials = 4;
   int episodes = 60;

@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "dfr/control/gradient_recovery.h"
 #include "dfr/control/rollout.h"
 #include "dfr/core/random.h"
 
@@ -25,7 +26,7 @@ struct Gate {
 
 std::vector<Gate> FindGates(PusherTrialRunner& runner, int count, std::uint64_t seed) {
   const std::unique_ptr<core::SimulatedPlant> plant = runner.plant().Clone();
-  const auto stopping = runner.model().MakeController(Method::Parse("early-stopping"));
+  const auto stopping = runner.model().MakeController(ParseMethod("early-stopping"));
   std::vector<Gate> gates;
   for (std::uint64_t i = 0; static_cast<int>(gates.size()) < count; ++i) {
     if (i == kMostStarts) {
@@ -42,13 +43,13 @@ std::vector<Gate> FindGates(PusherTrialRunner& runner, int count, std::uint64_t 
 
 // Guided recovery's model of the paper's support: its features as they are.
 control::GuidedModel PaperSupport(const Model& model) {
-  const core::FeatureSelection selection(model.demonstration_set().layout,
-                                         model.support_features());
+  const core::FeatureSelection selection(model.demonstrations().layout,
+                                         model.task().published_features());
   const int n = selection.num_features();
   const core::FeatureTransform features(selection, Eigen::VectorXd::Zero(n),
                                         core::Matrix::Identity(n, n));
   // Its gate stays shut: the curves end at the paper's threshold.
-  return {features, model.estimate(), model.demonstration_set().trajectories,
+  return {features, *model.task().published(), model.demonstrations().trajectories,
           control::GuidedModelOptions{.gate_quantile = 1.0}};
 }
 
@@ -61,7 +62,7 @@ std::vector<double> Climb(const Model& model, const Gate& gate, core::SimulatedP
   std::vector<double> curve;
   while (true) {
     plant.Observe(x);
-    curve.push_back(std::min(1.0, model.support().Decision(gate.t, x) / gate.threshold));
+    curve.push_back(std::min(1.0, model.task().support().Decision(gate.t, x) / gate.threshold));
     if (curve.back() >= 1.0 || curve.size() > kMostControls) return curve;
     const control::Mode mode = controller.Next(x, u).mode;
     if (mode == control::Mode::kHalt || mode == control::Mode::kPolicy) return curve;
@@ -73,32 +74,24 @@ std::vector<double> Climb(const Model& model, const Gate& gate, core::SimulatedP
 
 std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner, int recoveries,
                                                  std::uint64_t seed) {
-  Model& model = runner.model();
+  const Model& model = runner.model();
   const std::vector<Gate> gates = FindGates(runner, recoveries, seed);
   const control::GuidedModel paper_support = PaperSupport(model);
   std::vector<ConvergenceCurve> curves;
   for (const std::string name : {"dfr", "finite-difference", "guided"}) {
-    const Method method = Method::Parse(name);
     ConvergenceCurve curve;
     curve.method = name;
-    curve.controls_per_iteration = method.recovery == control::Recovery::kDfr ? 2 : 1;
+    curve.controls_per_iteration = name == "dfr" ? 2 : 1;
     std::vector<double> sum(kMostControls + 1, 0.0);
     std::vector<double> square(sum);
     for (std::size_t i = 0; i < gates.size(); ++i) {
       const Gate& gate = gates[i];
       const std::unique_ptr<core::SimulatedPlant> plant = gate.plant->Clone();
-      std::unique_ptr<control::Controller> controller;
-      if (method.guided) {
-        control::GuidedOptions options;
-        options.parts.filter = false;
-        options.parts.realignment = false;
-        options.horizon = model.horizon();
-        options.first_step = gate.t;
-        controller =
-            std::make_unique<control::GuidedPolicy>(model.policy(), paper_support, options);
-      } else {
-        controller = model.MakeController(method, plant.get(), gate.t);
-      }
+      const std::unique_ptr<control::Controller> controller =
+          name == "guided" ? model.task().MakeController(
+                                 std::make_unique<control::GradientRecovery>(paper_support),
+                                 model.policy(), {.first_step = gate.t})
+                           : model.MakeController(ParseMethod(name), plant.get(), gate.t);
       std::vector<double> climb =
           Climb(model, gate, *plant, *controller, core::DeriveSeed(seed, {i, 1}));
       curve.reached += climb.back() >= 1.0 ? 1 : 0;

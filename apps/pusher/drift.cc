@@ -56,7 +56,7 @@ const experiment::Cell& CellOf(const experiment::Summary& summary, const std::st
 void RunDrift(const DriftOptions& options) {
   TrialRunnerOptions site_options;
   for (const std::string& name : options.methods) {
-    site_options.methods.push_back(Method::Parse(name));
+    site_options.methods.push_back(ParseMethod(name));
   }
   site_options.most_demonstrations = std::max(options.demonstrations, kFewDemonstrations);
   site_options.seed = options.seed;

@@ -9,8 +9,8 @@
 namespace dfr::apps::pusher {
 
 void RunEvaluate(const EvaluateOptions& options) {
-  std::vector<Method> methods;
-  for (const std::string& name : options.methods) methods.push_back(Method::Parse(name));
+  std::vector<safety::Method> methods;
+  for (const std::string& name : options.methods) methods.push_back(ParseMethod(name));
   const Model model = Model::Load(options.model);
   const std::vector<int>& sizes = model.policy().mlp().sizes();
   const Learner learner{.hidden = {sizes.begin() + 1, sizes.end() - 1}};
@@ -18,7 +18,7 @@ void RunEvaluate(const EvaluateOptions& options) {
   experiment::EvaluationPlan plan;
   plan.methods = options.methods;
   plan.learners = {learner.Name()};
-  plan.demonstrations = {model.demonstrations()};
+  plan.demonstrations = {static_cast<int>(model.demonstrations().trajectories.size())};
   plan.trials = 1;
   plan.episodes = options.episodes;
   plan.seed = options.seed;

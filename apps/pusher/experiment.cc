@@ -300,7 +300,7 @@ void RunExperiment(const ExperimentOptions& options) {
   const std::filesystem::path supervisor_file =
       options.supervisor.empty() ? ShippedSupervisor() : options.supervisor;
   TrialRunnerOptions site_options;
-  for (const std::string& name : plan.methods) site_options.methods.push_back(Method::Parse(name));
+  for (const std::string& name : plan.methods) site_options.methods.push_back(ParseMethod(name));
   for (const std::string& name : plan.learners) static_cast<void>(Learner::Parse(name));
   site_options.model = options.model;
   site_options.plant = options.plant;

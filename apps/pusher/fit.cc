@@ -23,14 +23,15 @@ void RunFit(const FitOptions& options) {
     for (Eigen::Index t = 0; t < trajectory.states.rows(); ++t) {
       ++states;
       const double g =
-          model.support().Decision(static_cast<int>(t), core::Row(trajectory.states, t));
+          model.task().support().Decision(static_cast<int>(t), core::Row(trajectory.states, t));
       if (g < 0.0) ++outside;
     }
   }
-  const auto [low, high] = std::minmax_element(model.lambda().begin(), model.lambda().end());
+  const auto [low, high] =
+      std::minmax_element(model.task().lambda().begin(), model.task().lambda().end());
   std::printf("%s: policy %s, support of %d time steps, lambda_t in [%.3g, %.3g]\n",
               options.out.c_str(), model_options.learner.Name().c_str(),
-              model.estimate().num_steps(), *low, *high);
+              model.task().support().num_steps(), *low, *high);
   std::printf(
       "of the %d demonstrated states %.1f %% are outside; nu = %g bounds the share per time step, "
       "held last states included\n",

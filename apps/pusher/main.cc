@@ -9,6 +9,7 @@
 
 #include "commands.h"
 #include "dfr/core/build_info.h"
+#include "dfr/safety/method.h"
 #include "train_supervisor.h"
 
 namespace dfr::apps::pusher {
@@ -81,9 +82,9 @@ int Main(int argc, char** argv) {
                     "leave out how fast recoveries climb, which takes seconds");
   command
       ->add_option("--methods", experiment.methods,
-                   "baseline, early-stopping, dfr, guided, guided-lwr (falls back on the "
-                   "demonstrations), guided-without-<part>, finite-difference (slow: an oracle); "
-                   "the first is the reference")
+                   "of " + safety::MethodNames(kOtherMethods) +
+                       "; the first is the reference. lwr is the demonstrations' own regression, "
+                       "finite-difference a slow oracle")
       ->delimiter(',');
   command
       ->add_option("--learners", experiment.learners,

@@ -1,22 +1,21 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "dfr/control/controller.h"
-#include "dfr/control/guided_policy.h"
-#include "dfr/control/switching_policy.h"
-#include "dfr/core/features.h"
 #include "dfr/core/plant.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/imitation/locally_weighted_policy.h"
 #include "dfr/imitation/mlp_policy.h"
-#include "dfr/kernel/time_varying_support.h"
 #include "dfr/kernel/whitened_support.h"
-#include "dfr/safety/guided_recovery.h"
+#include "dfr/safety/method.h"
+#include "dfr/safety/task_model.h"
 
 namespace dfr::apps::pusher {
 
@@ -44,22 +43,15 @@ struct ModelOptions {
   std::uint64_t seed = 1;
 };
 
-/// Who is in control of an episode.
-struct Method {
-  std::string name;
-  bool guided = false;
-  control::Recovery recovery = control::Recovery::kNone;  ///< If not guided: Algorithm 1's.
-  control::GuidedParts parts = {};                        ///< If guided: its parts, and whether it
-  bool locally_weighted = false;                          ///< falls back on the demonstrations.
+/// The methods besides those of safety::ParseMethod(): the finite-difference oracle of Sec. V-A,
+/// which tries controls on a copy of the simulation, and the demonstrations' own locally weighted
+/// regression, without any support.
+inline constexpr std::array<std::string_view, 2> kOtherMethods = {"finite-difference", "lwr"};
 
-  /// "baseline", "early-stopping", "dfr", "finite-difference", "guided", "guided-lwr", or
-  /// "guided-without-<part>" with a part of control::GuidedPartNames().
-  /// @throws std::invalid_argument naming what is unknown and what there is.
-  static Method Parse(const std::string& name);
-};
+/// safety::ParseMethod() with these.
+[[nodiscard]] safety::Method ParseMethod(const std::string& name);
 
-/// All that is learned from one set of demonstrations: policy, support, lambda, and, once a method
-/// asks for it, what guided recovery needs.
+/// What is learned from one set of demonstrations: the policy, and the task's model.
 class Model {
  public:
   /// Fits to the first `demonstrations` trajectories of the set.
@@ -67,48 +59,28 @@ class Model {
   static Model Fit(const imitation::DemonstrationSet& set, int demonstrations,
                    const ModelOptions& options);
 
-  /// Writes policy.dfr, support.dfr, switching.dfr and demonstrations.hdf5, from which guided
-  /// recovery is fitted, into `folder`, which is made if need be.
+  /// Writes policy.dfr, demonstrations.hdf5 and the task's files into `folder`, which is made if
+  /// need be.
   void Save(const std::filesystem::path& folder) const;
   static Model Load(const std::filesystem::path& folder);
 
   [[nodiscard]] const imitation::MlpPolicy& policy() const noexcept { return *policy_; }
-  /// g_t of a whole state.
-  [[nodiscard]] const core::DecisionFunction& support() const noexcept { return *decision_; }
-  [[nodiscard]] const kernel::TimeVaryingSupport& estimate() const noexcept { return *support_; }
-  [[nodiscard]] const std::vector<double>& lambda() const noexcept { return lambda_; }
-  [[nodiscard]] int horizon() const noexcept { return horizon_; }
-  [[nodiscard]] int demonstrations() const noexcept {
-    return static_cast<int>(set_->trajectories.size());
-  }
-  [[nodiscard]] const imitation::DemonstrationSet& demonstration_set() const noexcept {
-    return *set_;
-  }
-  /// What the support looks at, as ModelOptions::support_features.
-  [[nodiscard]] const std::string& support_features() const noexcept { return feature_spec_; }
-  /// Fitted on the first call, in a fraction of a second; for one thread.
-  [[nodiscard]] const safety::GuidedRecovery& guided();
+  [[nodiscard]] const safety::TaskModel& task() const noexcept { return task_; }
+  [[nodiscard]] const imitation::DemonstrationSet& demonstrations() const noexcept { return *set_; }
 
-  /// Borrows this model; `oracle_plant` is for Recovery::kFiniteDifference only. Episodes begin at
-  /// time step `first_step`.
+  /// Borrows this model; `plant`, the plant that is driven, is for "finite-difference" only.
+  /// Episodes begin at time step `first_step`.
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(
-      const Method& method, const core::SimulatedPlant* oracle_plant = nullptr, int first_step = 0);
+      const safety::Method& method, const core::SimulatedPlant* plant = nullptr,
+      int first_step = 0) const;
 
  private:
-  Model(imitation::MlpPolicy policy, const core::FeatureSelection& features,
-        kernel::TimeVaryingSupport support, std::vector<double> lambda, int horizon,
-        double guided_gamma, imitation::DemonstrationSet set);
+  Model(imitation::MlpPolicy policy, safety::TaskModel task, imitation::DemonstrationSet set);
 
   // On the heap, so that what borrows them stays valid when a Model moves.
   std::unique_ptr<const imitation::MlpPolicy> policy_;
-  std::unique_ptr<const kernel::TimeVaryingSupport> support_;
-  std::unique_ptr<const core::FeatureDecision> decision_;
-  std::string feature_spec_;
-  std::vector<double> lambda_;
-  int horizon_;
-  double guided_gamma_;
+  safety::TaskModel task_;
   std::unique_ptr<const imitation::DemonstrationSet> set_;
-  std::unique_ptr<const safety::GuidedRecovery> guided_;
   std::unique_ptr<const imitation::LocallyWeightedPolicy> locally_weighted_;
 };
 

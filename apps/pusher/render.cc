@@ -13,8 +13,8 @@
 namespace dfr::apps::pusher {
 
 void RunRender(const RenderOptions& options) {
-  std::vector<Method> methods;
-  for (const std::string& name : options.methods) methods.push_back(Method::Parse(name));
+  std::vector<safety::Method> methods;
+  for (const std::string& name : options.methods) methods.push_back(ParseMethod(name));
   PusherTrialRunner runner(Model::Load(options.model), methods, options.plant, {});
   const std::vector<RolloutVideo> videos =
       RecordRollouts(runner, options.methods, options.seed, core::DeriveSeed(options.seed, {1}),
@@ -75,8 +75,8 @@ class WindowObserver final : public control::RolloutObserver {
 }  // namespace
 
 void RunView(const ViewOptions& options) {
-  PusherTrialRunner runner(Model::Load(options.model), {Method::Parse(options.method)},
-                           options.plant, {});
+  PusherTrialRunner runner(Model::Load(options.model), {ParseMethod(options.method)}, options.plant,
+                           {});
   sim::PusherWindow window(runner.plant(), "pusher: " + options.method);
   bool open = true;
   for (std::uint64_t episode = 0; open; ++episode) {

@@ -65,7 +65,7 @@ double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set
   int red = 0;
   for (int i = 0; i < samples; ++i) {
     const core::Trajectory& trajectory =
-        set.trajectories[random.Below(static_cast<std::uint64_t>(model.demonstrations()))];
+        set.trajectories[random.Below(model.demonstrations().trajectories.size())];
     const auto t =
         static_cast<int>(random.Below(static_cast<std::uint64_t>(trajectory.states.rows())));
     const std::span<const double> demonstrated = core::Row(trajectory.states, t);
@@ -82,14 +82,14 @@ double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set
       continue;  // beyond a joint's limit: no state of this plant
     }
     plant.Observe(state);
-    if (model.support().Decision(t, state) < 0.0) continue;
+    if (model.task().support().Decision(t, state) < 0.0) continue;
     ++inside;
     if (plant.collided()) ++red;
   }
   return inside > 0 ? static_cast<double>(red) / inside : 0.0;
 }
 
-PusherTrialRunner::PusherTrialRunner(Model model, const std::vector<Method>& methods,
+PusherTrialRunner::PusherTrialRunner(Model model, const std::vector<safety::Method>& methods,
                                      const sim::PusherOptions& plant_options,
                                      std::map<std::string, double> measures,
                                      const control::DisturbanceOptions& disturbance)
@@ -102,7 +102,7 @@ PusherTrialRunner::PusherTrialRunner(Model model, const std::vector<Method>& met
   if (disturbance != control::DisturbanceOptions()) {
     disturbed_ = std::make_unique<control::DisturbedPlant>(plant_->Clone(), disturbance);
   }
-  for (const Method& method : methods) {
+  for (const safety::Method& method : methods) {
     controllers_.push_back(
         model_.MakeController(method, disturbed_ != nullptr ? disturbed_.get() : plant_.get()));
   }
@@ -111,7 +111,7 @@ PusherTrialRunner::PusherTrialRunner(Model model, const std::vector<Method>& met
 bool PusherTrialRunner::Accepts(std::uint64_t start_seed) {
   plant_->Reset(start_seed);
   plant_->Observe(start_);
-  return model_.support().Decision(0, start_) >= 0.0;
+  return model_.task().support().Decision(0, start_) >= 0.0;
 }
 
 control::RolloutResult PusherTrialRunner::Watch(int method, std::uint64_t start_seed,
@@ -157,7 +157,7 @@ std::vector<RolloutVideo> RecordRollouts(PusherTrialRunner& runner,
     RolloutVideoRecorder recorder(
         titles[i], width, height,
         [&](std::span<std::uint8_t> rgb) { renderer.Draw(runner.plant(), rgb); },
-        runner.model().support());
+        runner.model().task().support());
     runner.Watch(static_cast<int>(i), start_seed, controller_seed, &recorder);
     videos.push_back(recorder.Take());
   }

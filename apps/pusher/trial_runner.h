@@ -30,7 +30,7 @@ namespace dfr::apps::pusher {
 class PusherTrialRunner final : public experiment::TrialRunner {
  public:
   /// @param disturbance  of the plant that methods run on; start states are accepted without it.
-  PusherTrialRunner(Model model, const std::vector<Method>& methods,
+  PusherTrialRunner(Model model, const std::vector<safety::Method>& methods,
                     const sim::PusherOptions& plant_options, std::map<std::string, double> measures,
                     const control::DisturbanceOptions& disturbance = {});
 
@@ -51,7 +51,7 @@ class PusherTrialRunner final : public experiment::TrialRunner {
   std::unique_ptr<sim::PusherPlant> plant_;
   std::unique_ptr<core::SimulatedPlant> disturbed_;  ///< Null: plant_ itself is driven.
   Model model_;
-  std::vector<Method> methods_;
+  std::vector<safety::Method> methods_;
   std::vector<std::vector<int>> recovery_lengths_;  ///< Controls of each recovery, by method.
   std::vector<std::unique_ptr<control::Controller>> controllers_;
   std::map<std::string, double> measures_;
@@ -69,7 +69,7 @@ class PusherTrialRunner final : public experiment::TrialRunner {
 
 /// Options of the experiment that decide its results.
 struct TrialRunnerOptions {
-  std::vector<Method> methods;
+  std::vector<safety::Method> methods;
   ModelOptions model;  ///< Learner and seed are the unit's.
   sim::PusherOptions plant;
   control::DisturbanceOptions disturbance;  ///< At test time only.

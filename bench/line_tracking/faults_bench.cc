@@ -106,7 +106,7 @@ void RunRobot(const std::filesystem::path& folder, int domain, dds::Discovery di
                    screen);
   static_cast<void>(runtime::AskForRealTime(config.priority + 1));
   plant.BringUp({});
-  const std::unique_ptr<control::Controller> guided = model.MakeController(Method::Parse("guided"));
+  const std::unique_ptr<control::Controller> guided = model.MakeController("guided");
   BreakingPolicy breaking(*guided);
   RecordedController controller(breaking, nullptr);
   controller.on_decision = [&plant](const control::Step& step) { plant.loop().Decided(step); };

@@ -8,18 +8,16 @@
 #include <exception>
 #include <iostream>
 #include <memory>
+#include <string>
 #include <vector>
 
-#include "dfr/control/guided_policy.h"
-#include "dfr/control/lambda.h"
 #include "dfr/control/rollout.h"
-#include "dfr/control/switching_policy.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/experiment/summary.h"
 #include "dfr/kernel/time_varying_support.h"
-#include "dfr/safety/guided_recovery.h"
+#include "dfr/safety/task_model.h"
 
 namespace control = dfr::control;
 namespace core = dfr::core;
@@ -101,33 +99,28 @@ class Policy final : public core::Policy {
 // What is learned in one trial, with a controller for each method.
 class Runner final : public experiment::TrialRunner {
  public:
-  Runner(const experiment::EvaluationUnit& unit, std::uint64_t seed) {
+  Runner(const experiment::EvaluationUnit& unit, std::uint64_t seed,
+         const std::vector<std::string>& methods) {
     std::vector<core::Trajectory> demonstrations;
-    std::vector<core::Matrix> states;
     const auto trial = static_cast<std::uint64_t>(unit.trial);
     const auto count = static_cast<std::uint64_t>(unit.demonstrations);
     for (std::uint64_t i = 0; i < count; ++i) {
       demonstrations.push_back(Supervise(core::DeriveSeed(seed, {2, trial, i})));
-      states.push_back(demonstrations.back().states);
     }
-    support_ = std::make_unique<kernel::TimeVaryingSupport>(
-        kernel::TimeVaryingSupport::Fit(states, {.svm = {.nu = 0.05, .gamma = 20.0}}));
-    const auto lambda = control::EstimateLambda(*support_, demonstrations);
-    guided_ = std::make_unique<safety::GuidedRecovery>(
-        core::FeatureSelection(task_.layout(), "tip"), demonstrations);
-    for (const auto recovery : {control::Recovery::kNone, control::Recovery::kDfr}) {
-      controllers_.push_back(std::make_unique<control::SwitchingPolicy>(
-          policy_, *support_, lambda,
-          control::SwitchingPolicyOptions{.recovery = recovery, .horizon = 60}));
+    model_ = std::make_unique<safety::TaskModel>(
+        task_.layout(), demonstrations,
+        safety::TaskOptions{
+            .published = kernel::TimeVaryingSupportOptions{.svm = {.nu = 0.05, .gamma = 20.0}},
+            .horizon = 60});
+    for (const std::string& method : methods) {
+      controllers_.push_back(model_->MakeController(safety::ParseMethod(method), policy_));
     }
-    controllers_.push_back(std::make_unique<control::GuidedPolicy>(
-        policy_, guided_->model(), control::GuidedOptions{.horizon = 60}));
   }
   bool Accepts(std::uint64_t start_seed) override {
     std::array<double, 2> x{};
     task_.Reset(start_seed);
     task_.Observe(x);
-    return support_->Decision(0, x) >= 0.0;
+    return model_->support().Decision(0, x) >= 0.0;
   }
   experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
                                 std::uint64_t controller_seed) override {
@@ -146,8 +139,7 @@ class Runner final : public experiment::TrialRunner {
  private:
   Task task_;
   Policy policy_;
-  std::unique_ptr<kernel::TimeVaryingSupport> support_;
-  std::unique_ptr<safety::GuidedRecovery> guided_;
+  std::unique_ptr<safety::TaskModel> model_;
   std::vector<std::unique_ptr<control::Controller>> controllers_;
 };
 
@@ -177,7 +169,7 @@ int main(int argc, char** argv) try {
   const auto results = experiment::Evaluate(
       plan,
       [&](const experiment::EvaluationUnit& unit) {
-        return std::make_unique<Runner>(unit, plan.seed);
+        return std::make_unique<Runner>(unit, plan.seed, plan.methods);
       },
       options);
   const auto summary = experiment::Summarize(

@@ -91,6 +91,7 @@ class GaussianSupport : public core::LogDecisionFunction {
     for (double& g : gradient) g /= sum;
     return std::log(sum) - std::log(rho_);
   }
+  double FromLog(int, double l) const noexcept override { return rho_ * std::expm1(l); }
   double curvature_bound(int) const noexcept override { return gamma_; }
   double Decision(int t, std::span<const double> x) const noexcept override {
     return rho_ * (std::exp(LogDecision(t, x, {})) - 1.0);

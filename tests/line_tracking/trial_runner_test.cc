@@ -98,10 +98,9 @@ TEST(LineTrialRunnerTest, ModelsSurviveTheirFiles) {
       std::filesystem::temp_directory_path() / ("trial_runner_test_" + std::to_string(getpid()));
   Model().Save(folder);
   const LineModel loaded = LineModel::Load(folder);
-  EXPECT_EQ(loaded.gamma(), Model().gamma());
-  EXPECT_EQ(loaded.lambda(), Model().lambda());
+  EXPECT_EQ(loaded.task().lambda(), Model().task().lambda());
   const std::array<double, 4> x = {-20.0, 1.0, 0.2, 0.3};
-  EXPECT_EQ(loaded.support().Decision(4, x), Model().support().Decision(4, x));
+  EXPECT_EQ(loaded.task().support().Decision(4, x), Model().task().support().Decision(4, x));
   std::filesystem::remove(folder / "support.dfr");
   EXPECT_THROW(static_cast<void>(LineModel::Load(folder)), std::runtime_error);
   std::filesystem::remove_all(folder);
@@ -114,7 +113,7 @@ TEST(LineTrialRunnerTest, ABlindCameraHaltsTheEpisode) {
        {sim::CameraFault::kFrozen, sim::CameraFault::kBlack, sim::CameraFault::kOverexposed,
         sim::CameraFault::kNoLine, sim::CameraFault::kNoTip}) {
     LineTrackingPlant plant(options, &known);
-    const auto controller = Model().MakeController(Method::Parse("baseline"));
+    const auto controller = Model().MakeController("baseline");
     Saboteur saboteur(plant, fault);
     const control::RolloutResult result =
         control::Rollout(plant, *controller, {.plant_seed = 1}, &saboteur);
@@ -131,7 +130,7 @@ TEST(LineTrialRunnerTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
   foreign.camera.fy *= 1.5;
   LineTrackingPlant plant(options, &foreign);
   for (const char* method : {"baseline", "dfr", "guided"}) {
-    const auto controller = Model().MakeController(Method::Parse(method));
+    const auto controller = Model().MakeController(method);
     const control::RolloutResult result = control::Rollout(plant, *controller, {.plant_seed = 1});
     EXPECT_EQ(result.outcome, core::Outcome::kHalted) << method;
     EXPECT_EQ(result.halt_cause, control::HaltCause::kStateInvalid) << method;
@@ -214,7 +213,7 @@ TEST(LineTrialRunnerTest, GuidedRecoveryCompletesOnAMovingPlatform) {
 
 TEST(LineTrialRunnerTest, UnknownMethodsAreNamed) {
   try {
-    static_cast<void>(Method::Parse("magic"));
+    static_cast<void>(safety::ParseMethod("magic"));
     FAIL();
   } catch (const std::invalid_argument& error) {
     EXPECT_NE(std::string(error.what()).find("magic"), std::string::npos);

@@ -93,8 +93,7 @@ TEST(WireTest, InLockStepTheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
   const LineModel model = LineModel::Load(Data().path / "model");
   int ends = 0;  // bit by outcome
   for (const char* method : {"baseline", "early-stopping", "guided"}) {
-    const std::unique_ptr<control::Controller> controller =
-        model.MakeController(Method::Parse(method));
+    const std::unique_ptr<control::Controller> controller = model.MakeController(method);
     for (std::uint64_t seed = 0; seed < 2; ++seed) {
       SCOPED_TRACE(std::string(method) + ", seed " + std::to_string(seed));
       const Result in_process = Episode(here, *controller, seed);
@@ -257,8 +256,7 @@ TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSee
   sim::LineTrackingPlant plant(FromTruth(), &known);
   {
     recording::Recorder recorder(path, metadata);
-    const std::unique_ptr<control::Controller> guided =
-        model.MakeController(Method::Parse("guided"));
+    const std::unique_ptr<control::Controller> guided = model.MakeController("guided");
     RecordedController controller(*guided, &recorder);
     for (std::uint64_t episode = 0; episode < 3; ++episode) {
       controller.BeginEpisode(episode);

@@ -39,6 +39,7 @@ double FiniteDifferenceRecovery::DecisionAfter(int t, std::span<const double> u)
 
 Mode FiniteDifferenceRecovery::Next(const RecoverySituation& situation,
                                     std::span<double> u) noexcept {
+  if (u.size() != gradient_.size()) return Mode::kHalt;  // The policy is one of another plant.
   // Central, not forward: a plant that creeps under a zero control would bias the latter.
   const double h = probe_fraction_ * situation.g / situation.lambda;
   std::fill(u.begin(), u.end(), 0.0);

@@ -33,11 +33,8 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
   DFR_THROW_UNLESS(features_.num_features() == support.state_dim(),
                    "there are " << features_.num_features() << " features, the support takes "
                                 << support.state_dim());
-  DFR_THROW_UNLESS(options.accept_quantile >= 0.0 && options.accept_quantile <= 1.0 &&
-                       options.gate_quantile >= options.accept_quantile &&
-                       options.gate_quantile <= 1.0,
-                   "0 <= accept_quantile <= gate_quantile <= 1 must hold, not "
-                       << options.accept_quantile << ", " << options.gate_quantile);
+  DFR_THROW_UNLESS(options.gate_quantile >= 0.0 && options.gate_quantile <= 1.0,
+                   "gate_quantile must lie in [0, 1], not be " << options.gate_quantile);
   DFR_THROW_UNLESS(options.least_gate >= 0.0,
                    "least_gate must not be negative: " << options.least_gate);
   DFR_THROW_UNLESS(options.slack >= 0.0, "slack must not be negative: " << options.slack);
@@ -80,7 +77,6 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
     }
     // A support may have more time steps than any demonstration has states.
     if (levels.empty()) break;
-    accept_.push_back(std::max(0.0, Quantile(levels, options.accept_quantile)));
     gate_.push_back(std::max(options.least_gate, Quantile(levels, options.gate_quantile)));
   }
   for (Eigen::Index t = 0; t < longest; ++t) {
@@ -95,7 +91,6 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
 }
 
 void GuidedModel::Save(core::ArchiveWriter& archive) const {
-  archive.Numbers(accept_);
   archive.Numbers(gate_);
   archive.Numbers(largest_);
   archive.Number(slack_);
@@ -114,7 +109,8 @@ GuidedModel GuidedModel::Load(core::ArchiveReader& archive, core::FeatureTransfo
     }
     return values;
   };
-  model.accept_ = levels("accept levels");
+  // The first version had another kind of level in front.
+  if (archive.version() == 1) static_cast<void>(levels("accept levels"));
   model.gate_ = levels("gate levels");
   model.largest_ = levels("the largest controls");
   model.slack_ = archive.Number();

@@ -199,15 +199,16 @@ void JacobianEstimate::Reset() noexcept {
   b_online_.setZero();
 }
 
-void JacobianEstimate::Update(std::span<const double> v, std::span<const double> dz) noexcept {
+void JacobianEstimate::Update(std::span<const double> v, std::span<const double> dz,
+                              double weight) noexcept {
   const double keep = prior_->options().forgetting;
   a_online_ *= keep;
   b_online_ *= keep;
   const int m = prior_->control_dim();
   regressor_.head(m) = core::AsVector(v);
   if (drifts_) regressor_[m] = Time(regressor_.head(m).norm());
-  a_online_.noalias() += regressor_.lazyProduct(regressor_.transpose());
-  b_online_.noalias() += regressor_.lazyProduct(core::AsVector(dz).transpose());
+  a_online_.noalias() += weight * regressor_.lazyProduct(regressor_.transpose());
+  b_online_.noalias() += weight * regressor_.lazyProduct(core::AsVector(dz).transpose());
 }
 
 void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
@@ -224,7 +225,8 @@ void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
   if (drifts_) drift_.noalias() = b_.transpose().lazyProduct(inverse_.col(m));
 }
 
-void JacobianEstimate::AddEffect(const Eigen::VectorXd& v, Eigen::VectorXd& z) const noexcept {
+void JacobianEstimate::AddEffect(const Eigen::VectorXd& v,
+                                 Eigen::Ref<Eigen::VectorXd> z) const noexcept {
   z.noalias() += jacobian_.lazyProduct(v);
   if (drifts_) z += Time(v.norm()) * drift_;
 }

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstddef>
 #include <numeric>
+#include <utility>
 
-#include "dfr/control/finite_difference_recovery.h"
 #include "dfr/core/contract.h"
 
 namespace dfr::control {
@@ -21,28 +21,6 @@ Step Halt(Step step, HaltCause cause) noexcept {
   return step;
 }
 
-std::unique_ptr<RecoveryStrategy> MakeStrategy(const core::Policy& policy,
-                                               const core::DecisionFunction& support,
-                                               const SwitchingPolicyOptions& options) {
-  switch (options.recovery) {
-    case Recovery::kNone:
-    case Recovery::kEarlyStopping:
-      return nullptr;
-    case Recovery::kDfr:
-      return std::make_unique<DerivativeFreeRecovery>(policy.control_dim(), options.dfr);
-    case Recovery::kFiniteDifference:
-      DFR_THROW_UNLESS(options.oracle_plant != nullptr,
-                       "the finite-difference oracle needs oracle_plant, the plant it drives");
-      DFR_THROW_UNLESS(options.oracle_plant->control_dim() == policy.control_dim(),
-                       "oracle_plant takes " << options.oracle_plant->control_dim()
-                                             << " control entries, the policy gives "
-                                             << policy.control_dim());
-      return std::make_unique<FiniteDifferenceRecovery>(
-          *options.oracle_plant, support, options.dfr.probe_fraction, options.dfr.step_fraction);
-  }
-  return nullptr;
-}
-
 }  // namespace
 
 const char* Name(Recovery recovery) noexcept {
@@ -53,8 +31,6 @@ const char* Name(Recovery recovery) noexcept {
       return "early-stopping";
     case Recovery::kDfr:
       return "dfr";
-    case Recovery::kFiniteDifference:
-      return "finite-difference";
   }
   return "unknown";
 }
@@ -79,7 +55,19 @@ SwitchingPolicy::SwitchingPolicy(const core::Policy& policy, const core::Decisio
                    "first_step must lie in [0, horizon), not " << options.first_step);
   DFR_THROW_UNLESS(options.max_iterations > 0,
                    "max_iterations must be positive, not " << options.max_iterations);
-  strategy_ = MakeStrategy(policy, support, options);
+  if (options.recovery == Recovery::kDfr) {
+    strategy_ = std::make_unique<DerivativeFreeRecovery>(policy.control_dim(), options.dfr);
+  }
+}
+
+SwitchingPolicy::SwitchingPolicy(const core::Policy& policy, const core::DecisionFunction& support,
+                                 std::span<const double> lambda,
+                                 std::unique_ptr<RecoveryStrategy> strategy,
+                                 const SwitchingPolicyOptions& options)
+    : SwitchingPolicy(policy, support, lambda, options) {
+  DFR_THROW_UNLESS(strategy != nullptr, "the recovery strategy is null");
+  options_.recovery = Recovery::kDfr;
+  strategy_ = std::move(strategy);
 }
 
 SwitchingPolicy::SwitchingPolicy(const core::Policy& policy, const core::DecisionFunction& support,

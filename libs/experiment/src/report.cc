@@ -77,7 +77,7 @@ class Page {
     if (method == "dfr") return "DFR";
     if (method == "finite-difference") return "Oracle";
     if (method == "guided") return "Guided";
-    if (method == "guided-lwr") return "Guided + LWR";
+    if (method == "lwr") return "LWR alone";
     return method;
   }
 

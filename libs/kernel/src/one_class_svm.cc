@@ -318,6 +318,10 @@ double OneClassSvm::Gradient(std::span<const double> x, std::span<double> gradie
   return d.single ? evaluate(d.in_float) : evaluate(d.in_double);
 }
 
+double OneClassSvm::FromLog(double l) const noexcept {
+  return l == kOutside ? kOutside : rho() * std::expm1(l);
+}
+
 double OneClassSvm::LogDecision(std::span<const double> x) const noexcept {
   const Data& d = *data_;
   if (static_cast<int>(x.size()) != state_dim()) return kOutside;

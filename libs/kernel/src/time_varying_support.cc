@@ -183,6 +183,8 @@ double TimeVaryingSupport::LogDecision(int t, std::span<const double> x,
   return gradient.empty() ? at(t).LogDecision(x) : at(t).LogGradient(x, gradient);
 }
 
+double TimeVaryingSupport::FromLog(int t, double l) const noexcept { return at(t).FromLog(l); }
+
 double TimeVaryingSupport::curvature_bound(int t) const noexcept { return at(t).gamma(); }
 
 }  // namespace dfr::kernel

@@ -153,6 +153,8 @@ double WhitenedSupport::lipschitz_bound(int t) const noexcept {
   return at(t).svm.lipschitz_bound() * at(t).norm;
 }
 
+double WhitenedSupport::FromLog(int t, double l) const noexcept { return at(t).svm.FromLog(l); }
+
 double WhitenedSupport::curvature_bound(int t) const noexcept {
   return at(t).svm.gamma() * at(t).norm * at(t).norm;
 }

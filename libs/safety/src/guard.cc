@@ -5,10 +5,8 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/guided_policy.h"
-#include "dfr/control/switching_policy.h"
+#include "dfr/control/phase_tracker.h"
 #include "dfr/core/policy.h"
-#include "phase_tracker.h"
 
 namespace dfr::safety {
 namespace {
@@ -46,52 +44,44 @@ class Proposal final : public core::Policy {
   double limit_;
 };
 
-control::GuidedOptions Guided(const GuardSettings& settings) {
-  control::GuidedOptions options;
-  options.horizon = settings.horizon;
-  options.max_controls = settings.max_actions;
-  options.control_limit = settings.action_limit;
-  return options;
-}
-
-control::SwitchingPolicyOptions Switching(const GuardSettings& settings) {
-  control::SwitchingPolicyOptions options;
-  options.horizon = settings.horizon;
-  switch (settings.strategy) {
+Method MethodOf(Strategy strategy) {
+  switch (strategy) {
+    case Strategy::kGuided:
+      return {.name = "guided", .kind = Method::Kind::kGuided};
     case Strategy::kDfr:
-      options.recovery = control::Recovery::kDfr;
-      break;
+      return {.name = "dfr", .recovery = control::Recovery::kDfr};
     case Strategy::kEarlyStopping:
-      options.recovery = control::Recovery::kEarlyStopping;
+      return {.name = "early-stopping", .recovery = control::Recovery::kEarlyStopping};
+    case Strategy::kMonitor:
       break;
-    default:
-      options.recovery = control::Recovery::kNone;
   }
-  return options;
+  return {.name = "baseline"};
 }
 
-std::unique_ptr<control::Controller> MakeController(const Proposal& proposal,
-                                                    const GuardModel& model) {
-  if (model.settings().strategy == Strategy::kGuided) {
-    return std::make_unique<control::GuidedPolicy>(proposal, model.recovery().model(),
-                                                   Guided(model.settings()));
-  }
-  return std::make_unique<control::SwitchingPolicy>(proposal, model.support(), model.lambda(),
-                                                    Switching(model.settings()));
+std::unique_ptr<control::Controller> MakeController(
+    const Proposal& proposal, const GuardModel& model,
+    std::unique_ptr<control::RecoveryStrategy> strategy) {
+  const GuardSettings& settings = model.settings();
+  ControllerOptions options{.horizon = settings.horizon};
+  options.guided.max_controls = settings.max_actions;
+  options.guided.control_limit = settings.action_limit;
+  return strategy != nullptr
+             ? model.task().MakeController(std::move(strategy), proposal, options)
+             : model.task().MakeController(MethodOf(settings.strategy), proposal, options);
 }
 
 }  // namespace
 
 struct Guard::Loop {
-  explicit Loop(const GuardModel& model)
+  Loop(const GuardModel& model, std::unique_ptr<control::RecoveryStrategy> strategy)
       : proposal(model.state_dim(), model.action_dim(), model.settings().action_limit),
-        controller(MakeController(proposal, model)),
+        controller(MakeController(proposal, model, std::move(strategy))),
         tracker(model.support()),
         proposed(static_cast<std::size_t>(model.action_dim()), 0.0) {}
 
   Proposal proposal;
   std::unique_ptr<control::Controller> controller;
-  internal::PhaseTracker tracker;
+  control::PhaseTracker tracker;
   std::vector<double> proposed;
   int next = 0;
 };
@@ -110,8 +100,9 @@ const char* Verdict::reason() const noexcept {
   return Name(cause);
 }
 
-Guard::Guard(std::shared_ptr<const GuardModel> model)
-    : model_(std::move(model)), loop_(std::make_unique<Loop>(*model_)) {}
+Guard::Guard(std::shared_ptr<const GuardModel> model,
+             std::unique_ptr<control::RecoveryStrategy> strategy)
+    : model_(std::move(model)), loop_(std::make_unique<Loop>(*model_, std::move(strategy))) {}
 
 Guard Guard::Load(const std::filesystem::path& path) { return Guard(GuardModel::Load(path)); }
 
@@ -149,18 +140,15 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
   verdict.mode = step.mode;
   verdict.cause = step.cause;
   verdict.step = step.t;
-  verdict.g = step.g;
   verdict.threshold = step.threshold;
   if (static_cast<int>(state.size()) == state_dim() && AllFinite(state)) {
     const double level = loop.tracker.Follow(state);
     verdict.alarm = !(level >= -model_->settings().alarm_level);
-    if (model_->settings().strategy == Strategy::kMonitor) verdict.step = loop.tracker.phase();
-    verdict.g = model_->support().Decision(verdict.step, state);
-    if (model_->settings().strategy == Strategy::kGuided) {
-      // l >= level, said of g = rho (e^l - 1).
-      verdict.threshold =
-          model_->recovery().support().estimate(verdict.step).rho() * std::expm1(step.threshold);
-    }
+    verdict.alarm_step = loop.tracker.phase();
+    if (model_->settings().strategy == Strategy::kMonitor) verdict.step = verdict.alarm_step;
+    // A halted controller repeats what it saw before it halted.
+    const bool seen = step.mode != Mode::kHalt && std::isfinite(step.g);
+    verdict.g = seen ? step.g : model_->support().Decision(verdict.step, state);
   }
   // Not against `action`, which may be the memory that has just been written to.
   verdict.changed = !action_usable || !std::equal(safe.begin(), safe.end(), loop.proposed.begin(),

@@ -8,20 +8,18 @@
 #include <stdexcept>
 #include <utility>
 
-#include "dfr/control/lambda.h"
+#include "dfr/control/phase_tracker.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/kernel/model_selection.h"
-#include "phase_tracker.h"
-#include "state_decision.h"
 
 namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kKind = "guard";
-constexpr int kVersion = 1;
+constexpr int kVersion = 2;
 
 constexpr std::array kStrategies = {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping,
                                     Strategy::kMonitor};
@@ -63,7 +61,7 @@ void Check(const core::StateLayout& layout, std::span<const core::Trajectory> de
 
 std::vector<double> Follow(const core::LogDecisionFunction& support, const core::Matrix& states,
                            std::vector<int>* steps) {
-  internal::PhaseTracker tracker(support);
+  control::PhaseTracker tracker(support);
   std::vector<double> levels;
   if (steps != nullptr) steps->clear();
   for (Eigen::Index i = 0; i < states.rows(); ++i) {
@@ -164,11 +162,10 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   const auto held_out =
       LeaveOut(core::FeatureTransform::Whitening(selection, states), demonstrations, options);
   if (!held_out || !going_on("fitting the support", 0.6)) return nullptr;
-  auto recovery =
-      std::make_shared<const GuidedRecovery>(selection, demonstrations, options.support);
-  if (!going_on("estimating lambda", 0.95)) return nullptr;
-  const internal::StateDecision decision(recovery->features(), recovery->support());
-  std::vector<double> lambda = control::EstimateLambda(decision, demonstrations);
+  auto task = std::make_shared<const TaskModel>(
+      layout, demonstrations,
+      TaskOptions{.guided_features = options.features, .guided = options.support});
+  if (!going_on("estimating the alarm level", 0.95)) return nullptr;
 
   GuardSettings settings;
   settings.strategy = options.strategy;
@@ -193,7 +190,7 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
                        << (options.features.empty() ? "of the whole state" : options.features));
 
   std::shared_ptr<GuardModel> model(new GuardModel);
-  model->Complete(layout, std::move(recovery), std::move(lambda), settings);
+  model->Complete(layout, std::move(task), settings);
   model->summary_ = {.source = options.source,
                      .version = core::BuildVersion(),
                      .demonstrations = static_cast<int>(demonstrations.size()),
@@ -209,20 +206,17 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   return model;
 }
 
-void GuardModel::Complete(core::StateLayout layout, std::shared_ptr<const GuidedRecovery> recovery,
-                          std::vector<double> lambda, const GuardSettings& settings) {
+void GuardModel::Complete(core::StateLayout layout, std::shared_ptr<const TaskModel> task,
+                          const GuardSettings& settings) {
   Check(settings);
   layout_ = std::move(layout);
-  recovery_ = std::move(recovery);
-  lambda_ = std::move(lambda);
+  task_ = std::move(task);
   settings_ = settings;
-  decision_ =
-      std::make_shared<const internal::StateDecision>(recovery_->features(), recovery_->support());
 }
 
 std::shared_ptr<const GuardModel> GuardModel::With(const GuardSettings& settings) const {
   std::shared_ptr<GuardModel> model(new GuardModel);
-  model->Complete(layout_, recovery_, lambda_, settings);
+  model->Complete(layout_, task_, settings);
   model->summary_ = summary_;
   return model;
 }
@@ -234,7 +228,7 @@ void GuardModel::Save(const std::filesystem::path& path) const {
     archive.Text(block.name);
     archive.Integer(block.size);
   }
-  archive.Text(recovery_->features().selection().spec());
+  archive.Text(recovery().features().selection().spec());
   archive.Text(Name(settings_.strategy));
   archive.Integer(settings_.horizon);
   archive.Integer(settings_.max_actions);
@@ -248,8 +242,8 @@ void GuardModel::Save(const std::filesystem::path& path) const {
                              summary_.inside_throughout, summary_.false_alarms}) {
     archive.Number(value);
   }
-  archive.Numbers(lambda_);
-  recovery_->Save(archive);
+  archive.Numbers(lambda());
+  recovery().Save(archive);
   archive.Save(path);
 }
 
@@ -284,14 +278,12 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     summary.inside_throughout = archive.Number();
     summary.false_alarms = archive.Number();
     std::vector<double> lambda = archive.Numbers();
-    DFR_THROW_UNLESS(
-        !lambda.empty() && std::all_of(lambda.begin(), lambda.end(),
-                                       [](double l) { return l > 0.0 && std::isfinite(l); }),
-        "lambda must be positive and finite");
     auto recovery = GuidedRecovery::Load(archive, std::move(selection));
     archive.End();
     std::shared_ptr<GuardModel> model(new GuardModel);
-    model->Complete(std::move(layout), std::move(recovery), std::move(lambda), settings);
+    model->Complete(std::move(layout),
+                    std::make_shared<const TaskModel>(std::move(recovery), std::move(lambda)),
+                    settings);
     model->summary_ = std::move(summary);
     return model;
   } catch (const std::invalid_argument& e) {
@@ -302,7 +294,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
 std::vector<double> GuardModel::Levels(const core::Matrix& states, std::vector<int>* steps) const {
   DFR_THROW_UNLESS(states.cols() == state_dim(),
                    "states have " << states.cols() << " entries, the guard's have " << state_dim());
-  return Follow(*decision_, states, steps);
+  return Follow(support(), states, steps);
 }
 
 std::string StripObservationPrefixes(std::string_view features) {

@@ -15,11 +15,12 @@ namespace {
 constexpr int kMostSteps = 1'000'000;
 
 core::FeatureTransform Whitened(const core::FeatureSelection& selection,
-                                std::span<const core::Trajectory> demonstrations) {
+                                std::span<const core::Trajectory> demonstrations,
+                                const core::WhiteningOptions& options) {
   std::vector<core::Matrix> states;
   states.reserve(demonstrations.size());
   for (const core::Trajectory& trajectory : demonstrations) states.push_back(trajectory.states);
-  return core::FeatureTransform::Whitening(selection, states);
+  return core::FeatureTransform::Whitening(selection, states, options);
 }
 
 std::vector<core::Matrix> Points(std::span<const core::Trajectory> demonstrations,
@@ -51,9 +52,8 @@ kernel::WhitenedSupport LoadSupport(core::ArchiveReader& archive, bool single_pr
 }  // namespace
 
 struct GuidedRecovery::Prepared {
-  Prepared(const core::FeatureSelection& selection,
-           std::span<const core::Trajectory> demonstrations)
-      : features(Whitened(selection, demonstrations)), points(Points(demonstrations, features)) {}
+  Prepared(core::FeatureTransform transform, std::span<const core::Trajectory> demonstrations)
+      : features(std::move(transform)), points(Points(demonstrations, features)) {}
   core::FeatureTransform features;
   std::vector<core::Matrix> points;
 };
@@ -66,8 +66,14 @@ struct GuidedRecovery::Loaded {
 
 GuidedRecovery::GuidedRecovery(const core::FeatureSelection& features,
                                std::span<const core::Trajectory> demonstrations,
+                               const kernel::WhitenedSupportOptions& options,
+                               const core::WhiteningOptions& whitening)
+    : GuidedRecovery(Whitened(features, demonstrations, whitening), demonstrations, options) {}
+
+GuidedRecovery::GuidedRecovery(core::FeatureTransform features,
+                               std::span<const core::Trajectory> demonstrations,
                                const kernel::WhitenedSupportOptions& options)
-    : GuidedRecovery(Prepared(features, demonstrations), demonstrations, options) {}
+    : GuidedRecovery(Prepared(std::move(features), demonstrations), demonstrations, options) {}
 
 GuidedRecovery::GuidedRecovery(Prepared prepared, std::span<const core::Trajectory> demonstrations,
                                const kernel::WhitenedSupportOptions& options)

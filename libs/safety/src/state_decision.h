@@ -19,6 +19,9 @@ class StateDecision final : public core::LogDecisionFunction {
                   std::span<double> gradient) const noexcept override;
   double LogDecision(int t, std::span<const double> x,
                      std::span<double> gradient) const noexcept override;
+  [[nodiscard]] double FromLog(int t, double l) const noexcept override {
+    return inner_->FromLog(t, l);
+  }
   [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
     return inner_->lipschitz_bound(t) * norm_;
   }

@@ -47,10 +47,11 @@ struct Step {
   int iteration = 0;                   ///< Of the recovery under way, from 0; 0 where none is.
   /// g_t(x), or NaN where the controller had no need to look.
   double g = std::numeric_limits<double>::quiet_NaN();
-  /// The learned control is applied where g > threshold; NaN where there is no such gate.
+  /// The learned control is applied unchanged where g > threshold; NaN where there is no such gate.
   double threshold = std::numeric_limits<double>::quiet_NaN();
-  /// l_t(x), the log form of g_t(x), where the controller works with that.
+  /// l_t(x), the log form of g_t(x), and that of the threshold, where the controller works with l.
   double log_g = std::numeric_limits<double>::quiet_NaN();
+  double log_threshold = std::numeric_limits<double>::quiet_NaN();
   /// Mode kPolicy: the learned control was changed so as to stay inside the support.
   bool filtered = false;
   /// Under the assumptions of the controller's certificate, the next state is inside the support.

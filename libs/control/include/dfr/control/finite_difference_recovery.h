@@ -3,6 +3,7 @@
 #include <memory>
 #include <vector>
 
+#include "dfr/control/derivative_free_recovery.h"
 #include "dfr/control/recovery_strategy.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/plant.h"
@@ -22,7 +23,8 @@ class FiniteDifferenceRecovery final : public RecoveryStrategy {
   /// @throws std::invalid_argument if the sizes of plant and support differ, or a fraction is not
   ///   in (0, 1).
   FiniteDifferenceRecovery(const core::SimulatedPlant& plant, const core::DecisionFunction& support,
-                           double probe_fraction, double step_fraction);
+                           double probe_fraction = DfrOptions().probe_fraction,
+                           double step_fraction = DfrOptions().step_fraction);
 
   void Reset(std::uint64_t seed) noexcept override;
   [[nodiscard]] Mode Next(const RecoverySituation& situation,

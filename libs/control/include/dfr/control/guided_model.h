@@ -15,12 +15,12 @@ namespace dfr::control {
 
 /// Options for GuidedModel.
 struct GuidedModelOptions {
-  double accept_quantile = 0.2;  ///< Of l_t over demonstrated states: what a control may lead to.
-  double gate_quantile = 0.5;    ///< The same: where the learned control passes unseen.
-  double least_gate = 0.02;      ///< The gate level is at least this.
-  /// Where not even the best control reaches the accept level, one that comes near the best passes,
-  /// down to l = -slack: an object that is off to the side must not stop the rest. SlackFrom() has
-  /// it from demonstrations.
+  /// Of l_t over demonstrated states: where the learned control passes, and what the filter aims
+  /// at. Higher keeps deeper inside and holds the learned policy up more often.
+  double gate_quantile = 0.5;
+  double least_gate = 0.02;  ///< The gate level is at least this.
+  /// How far outside the support states of the task still are, l = -slack: an object that is off
+  /// to the side must not stop the rest. SlackFrom() has it from demonstrations.
   double slack = 0.2;
   int control_window = 5;  ///< umax_t looks at time steps t - window ... t + window.
   JacobianOptions jacobian = {};
@@ -58,9 +58,7 @@ class GuidedModel {
     return prior_;
   }
 
-  /// The level of l_t that states are to keep, lo_t = max(0, quantile) ...
-  [[nodiscard]] double accept_level(int t) const noexcept { return Clamped(accept_, t); }
-  /// ... and hi_t, at which there is nothing to do.
+  /// hi_t, the level of l_t at which there is nothing to do.
   [[nodiscard]] double gate_level(int t) const noexcept { return Clamped(gate_, t); }
   /// GuidedModelOptions::slack
   [[nodiscard]] double slack() const noexcept { return slack_; }
@@ -77,7 +75,6 @@ class GuidedModel {
   core::FeatureTransform features_;
   const core::LogDecisionFunction* support_;
   std::shared_ptr<const JacobianPrior> prior_;
-  std::vector<double> accept_;
   std::vector<double> gate_;
   std::vector<double> largest_;
   double slack_ = 0.0;

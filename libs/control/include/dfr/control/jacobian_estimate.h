@@ -83,8 +83,8 @@ class JacobianEstimate {
 
   /// Forgets the applied controls.
   void Reset() noexcept;
-  /// Control `v` changed the features by `dz`.
-  void Update(std::span<const double> v, std::span<const double> dz) noexcept;
+  /// Control `v` changed the features by `dz`; the measurement counts `weight` times, >= 0.
+  void Update(std::span<const double> v, std::span<const double> dz, double weight = 1.0) noexcept;
   /// Computes J for time step `t` at `z`.
   void Compute(int t, std::span<const double> z) noexcept;
 
@@ -93,7 +93,7 @@ class JacobianEstimate {
   /// d, n, of the last Compute(); 0 where nothing else moves the world.
   [[nodiscard]] const Eigen::VectorXd& drift() const noexcept { return drift_; }
   /// z += J v + s d of the last Compute().
-  void AddEffect(const Eigen::VectorXd& v, Eigen::VectorXd& z) const noexcept;
+  void AddEffect(const Eigen::VectorXd& v, Eigen::Ref<Eigen::VectorXd> z) const noexcept;
 
   /// The control direction that is known least: the largest eigenvalue of A^-1 (of its part that
   /// belongs to v), its eigenvector to `direction` (m entries).

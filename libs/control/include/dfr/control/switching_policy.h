@@ -8,20 +8,18 @@
 #include "dfr/control/derivative_free_recovery.h"
 #include "dfr/control/recovery_strategy.h"
 #include "dfr/core/decision_function.h"
-#include "dfr/core/plant.h"
 #include "dfr/core/policy.h"
 
 namespace dfr::control {
 
 /// What SwitchingPolicy does near the boundary of the support: the methods of Sec. V-A.
 enum class Recovery {
-  kNone,              ///< Baseline: the learned policy alone. Never looks at g.
-  kEarlyStopping,     ///< Halts.
-  kDfr,               ///< DerivativeFreeRecovery.
-  kFiniteDifference,  ///< FiniteDifferenceRecovery, an oracle: for comparison in simulation only.
+  kNone,           ///< Baseline: the learned policy alone. Never looks at g.
+  kEarlyStopping,  ///< Halts.
+  kDfr,            ///< DerivativeFreeRecovery.
 };
 
-/// "baseline", "early-stopping", "dfr", "finite-difference".
+/// "baseline", "early-stopping", "dfr".
 [[nodiscard]] const char* Name(Recovery recovery) noexcept;
 
 /// Options for SwitchingPolicy. Defaults are the constants of the paper's experiments.
@@ -30,9 +28,7 @@ struct SwitchingPolicyOptions {
   int horizon = 100;         ///< T: the policy's controls in an episode, > 0.
   int first_step = 0;        ///< t of an episode's first control, in [0, T): to begin in mid-task.
   int max_iterations = 500;  ///< Of one recovery, > 0; the policy then halts.
-  DfrOptions dfr = {};       ///< The fractions are kFiniteDifference's too.
-  /// Only for kFiniteDifference, which needs it: the plant that is driven. Borrowed.
-  const core::SimulatedPlant* oracle_plant = nullptr;
+  DfrOptions dfr = {};
 };
 
 /// Algorithm 1, one control at a time. In state x at time step t, with u = pi(x):
@@ -61,6 +57,11 @@ class SwitchingPolicy final : public Controller {
   ///   option is out of range; the message names which.
   SwitchingPolicy(const core::Policy& policy, const core::DecisionFunction& support,
                   std::span<const double> lambda, const SwitchingPolicyOptions& options = {});
+  /// The same with any strategy, which must not be null; `options.recovery` and `options.dfr` are
+  /// ignored.
+  SwitchingPolicy(const core::Policy& policy, const core::DecisionFunction& support,
+                  std::span<const double> lambda, std::unique_ptr<RecoveryStrategy> strategy,
+                  const SwitchingPolicyOptions& options = {});
   /// The same lambda at all time steps.
   SwitchingPolicy(const core::Policy& policy, const core::DecisionFunction& support, double lambda,
                   const SwitchingPolicyOptions& options = {});

@@ -42,6 +42,9 @@ class LogDecisionFunction : public DecisionFunction {
   virtual double LogDecision(int t, std::span<const double> x,
                              std::span<double> gradient) const noexcept = 0;
 
+  /// g_t of a state at which l_t is `l`: rho_t (e^l - 1). -infinity at -infinity.
+  [[nodiscard]] virtual double FromLog(int t, double l) const noexcept = 0;
+
   /// How far l_t may bend downwards: the smallest known c >= 0 with
   ///   l_t(x + d) >= l_t(x) + d . grad l_t(x) - c |d|^2   for all x, d.
   /// For c > 0 the ball around x + grad l_t(x) / (2 c) of radius R,

@@ -100,6 +100,8 @@ class OneClassSvm {
   /// underflow, so that it tells near from far outside. -infinity where g is, +infinity for
   /// rho <= 0. Never allocates.
   [[nodiscard]] double LogDecision(std::span<const double> x) const noexcept;
+  /// g of a state at which l is `l`: rho (e^l - 1); -infinity at -infinity, as Decision() is.
+  [[nodiscard]] double FromLog(double l) const noexcept;
 
   /// l(x), with its derivative 2 gamma ms written to `gradient`, where ms = sum_i w_i (x_i - x) and
   /// w_i is proportional to alpha_i k(x, x_i). Zero where l is -infinity. Never allocates.

@@ -62,6 +62,7 @@ class TimeVaryingSupport final : public core::LogDecisionFunction {
   [[nodiscard]] double lipschitz_bound(int t) const noexcept override;
   double LogDecision(int t, std::span<const double> x,
                      std::span<double> gradient) const noexcept override;
+  [[nodiscard]] double FromLog(int t, double l) const noexcept override;
   /// gamma (OneClassSvm::LogGradient()).
   [[nodiscard]] double curvature_bound(int t) const noexcept override;
 

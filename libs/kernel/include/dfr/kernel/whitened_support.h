@@ -67,6 +67,7 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   [[nodiscard]] double lipschitz_bound(int t) const noexcept override;
   double LogDecision(int t, std::span<const double> z,
                      std::span<double> gradient) const noexcept override;
+  [[nodiscard]] double FromLog(int t, double l) const noexcept override;
   /// gamma times the squared spectral norm of V_t (OneClassSvm::LogGradient()).
   [[nodiscard]] double curvature_bound(int t) const noexcept override;
 

@@ -7,6 +7,7 @@
 #include <span>
 
 #include "dfr/control/controller.h"
+#include "dfr/control/recovery_strategy.h"
 #include "dfr/safety/guard_model.h"
 
 namespace dfr::safety {
@@ -19,7 +20,10 @@ struct Verdict {
   control::HaltCause cause = control::HaltCause::kNone;  ///< Why it halted; else kNone.
   bool changed = false;                                  ///< The action differs from the policy's.
   bool alarm = false;  ///< The state is further outside than demonstrations are: see GuardSettings.
-  int step = 0;        ///< The time step of the demonstrations that the state is taken to be in.
+  /// The time step of the demonstrations that the state fits best near the one expected: the
+  /// alarm's. Demonstrations and robots go at paces of their own.
+  int alarm_step = 0;
+  int step = 0;  ///< The time step that the strategy is in: g's and threshold's.
   /// g at that time step, positive inside; NaN if the state is not one.
   double g = std::numeric_limits<double>::quiet_NaN();
   /// The policy's action passes unseen where g is at least this; NaN where there is no such gate.
@@ -49,7 +53,10 @@ struct Verdict {
 /// allocate, lock nor throw.
 class Guard {
  public:
-  explicit Guard(std::shared_ptr<const GuardModel> model);
+  /// With `strategy`, Algorithm 1 with a recovery of the caller's own takes the place of the
+  /// strategy in the model's settings.
+  explicit Guard(std::shared_ptr<const GuardModel> model,
+                 std::unique_ptr<control::RecoveryStrategy> strategy = nullptr);
   /// The guard of a file. @throws std::runtime_error as GuardModel::Load() does.
   static Guard Load(const std::filesystem::path& path);
   Guard(Guard&&) noexcept;

@@ -13,7 +13,7 @@
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/kernel/whitened_support.h"
-#include "dfr/safety/guided_recovery.h"
+#include "dfr/safety/task_model.h"
 
 namespace dfr::safety {
 
@@ -100,17 +100,20 @@ class GuardModel {
 
   [[nodiscard]] const core::StateLayout& layout() const noexcept { return layout_; }
   [[nodiscard]] int state_dim() const noexcept { return layout_.state_dim(); }
-  [[nodiscard]] int action_dim() const noexcept { return recovery_->model().control_dim(); }
+  [[nodiscard]] int action_dim() const noexcept { return recovery().model().control_dim(); }
   /// Time steps that have an estimate of their own; later ones use the last.
-  [[nodiscard]] int num_steps() const noexcept { return recovery_->support().num_steps(); }
+  [[nodiscard]] int num_steps() const noexcept { return recovery().support().num_steps(); }
   [[nodiscard]] const GuardSettings& settings() const noexcept { return settings_; }
   [[nodiscard]] const GuardSummary& summary() const noexcept { return summary_; }
-  [[nodiscard]] const GuidedRecovery& recovery() const noexcept { return *recovery_; }
+  [[nodiscard]] const TaskModel& task() const noexcept { return *task_; }
+  [[nodiscard]] const GuidedRecovery& recovery() const noexcept { return task_->guided(); }
   /// g_t of whole states, and its log form l_t.
-  [[nodiscard]] const core::LogDecisionFunction& support() const noexcept { return *decision_; }
+  [[nodiscard]] const core::LogDecisionFunction& support() const noexcept {
+    return task_->guided_support();
+  }
   /// lambda_t, the demonstrated change of g_t per unit of action: the threshold of kDfr and
   /// kEarlyStopping is lambda_t |u|.
-  [[nodiscard]] const std::vector<double>& lambda() const noexcept { return lambda_; }
+  [[nodiscard]] const std::vector<double>& lambda() const noexcept { return task_->lambda(); }
 
   /// l of each state of an episode, rows in order of time, each at the time step near its own that
   /// fits it best, as an alarm sees it. `steps`, if given, receives those time steps.
@@ -120,15 +123,13 @@ class GuardModel {
 
  private:
   GuardModel() = default;
-  void Complete(core::StateLayout layout, std::shared_ptr<const GuidedRecovery> recovery,
-                std::vector<double> lambda, const GuardSettings& settings);
+  void Complete(core::StateLayout layout, std::shared_ptr<const TaskModel> task,
+                const GuardSettings& settings);
 
   core::StateLayout layout_;
   GuardSettings settings_;
   GuardSummary summary_;
-  std::shared_ptr<const GuidedRecovery> recovery_;
-  std::shared_ptr<const core::LogDecisionFunction> decision_;
-  std::vector<double> lambda_;
+  std::shared_ptr<const TaskModel> task_;
 };
 
 /// The feature list of a command line, "obs/object,obs/tip[0:2]", as FeatureSelection takes it:

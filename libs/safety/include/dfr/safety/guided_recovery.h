@@ -25,6 +25,10 @@ class GuidedRecovery {
   ///   zero.
   GuidedRecovery(const core::FeatureSelection& features,
                  std::span<const core::Trajectory> demonstrations,
+                 const kernel::WhitenedSupportOptions& options = {},
+                 const core::WhiteningOptions& whitening = {});
+  /// The same with features of the caller's own.
+  GuidedRecovery(core::FeatureTransform features, std::span<const core::Trajectory> demonstrations,
                  const kernel::WhitenedSupportOptions& options = {});
   GuidedRecovery(const GuidedRecovery&) = delete;
   GuidedRecovery& operator=(const GuidedRecovery&) = delete;

@@ -1,0 +1,72 @@
+#include "dfr/control/phase_tracker.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::control {
+
+PhaseTracker::PhaseTracker(const core::LogDecisionFunction& support, const PhaseOptions& options)
+    : support_(&support), options_(options) {
+  DFR_THROW_UNLESS(options.wait >= 0, "wait must not be negative: " << options.wait);
+  DFR_THROW_UNLESS(options.reach >= 0.0 && std::isfinite(options.reach),
+                   "reach must be finite and not negative, not " << options.reach);
+}
+
+void PhaseTracker::Reset(int first) noexcept {
+  phase_ = first;
+  expected_ = first;
+  waited_ = 0;
+}
+
+bool PhaseTracker::Advance(double l) noexcept {
+  if (l >= 0.0 || (waited_ >= options_.wait && l >= -options_.reach)) {
+    ++phase_;
+    waited_ = 0;
+    return true;
+  }
+  ++waited_;
+  return false;
+}
+
+double PhaseTracker::Follow(std::span<const double> z) noexcept {
+  const int last = support_->num_steps() - 1;
+  const int expected = std::min(expected_, last);
+  phase_ = expected;
+  const double l = Fit(z, std::max(0, expected - kWindow), std::min(last, expected + kWindow),
+                       expected, /*inside=*/false);
+  expected_ = phase_ + 1;
+  return l;
+}
+
+double PhaseTracker::Enter(std::span<const double> z) noexcept {
+  // A certified control ends inside a phase near the one it was chosen at, which is one less than
+  // phase_ if that has advanced.
+  const double l =
+      Fit(z, std::max(0, phase_ - kWindow - 1), phase_ + kWindow, phase_, /*inside=*/true);
+  return l >= 0.0 ? l : support_->LogDecision(phase_, z, {});
+}
+
+double PhaseTracker::Fit(std::span<const double> z, int first, int last, int expected,
+                         bool inside) noexcept {
+  // A phase to the side costs little, so that within a wide support the clock decides.
+  constexpr double kPenalty = 0.05;
+  constexpr double kNowhere = -std::numeric_limits<double>::infinity();
+  double best = kNowhere;
+  double level = kNowhere;
+  for (int q = first; q <= last; ++q) {
+    const double l = support_->LogDecision(q, z, {});
+    const double score = l - kPenalty * std::abs(q - expected);
+    if (score > best && (!inside || l >= 0.0)) {
+      best = score;
+      level = l;
+      phase_ = q;
+    }
+  }
+  return level;
+}
+
+}  // namespace dfr::control

@@ -1,0 +1,94 @@
+#include "dfr/control/support_step.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+
+#include "dfr/core/matrix.h"
+
+namespace dfr::control {
+namespace {
+
+// On the stack, whatever the size.
+using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxStepEntries, 1>;
+
+double LevelAfter(const LocalModel& model, int phase, const Eigen::VectorXd& v, Vector& there,
+                  std::span<double> gradient) noexcept {
+  there = core::AsVector(model.z);
+  model.answer.AddEffect(v, there);
+  return model.support.LogDecision(phase, {there.data(), model.z.size()}, gradient);
+}
+
+}  // namespace
+
+double LocalModel::Level(int phase, const Eigen::VectorXd& v) const noexcept {
+  Vector there;
+  return LevelAfter(*this, phase, v, there, {});
+}
+
+double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
+                  Eigen::VectorXd& v) noexcept {
+  // Less than this changes nothing that is decided by a level.
+  constexpr double kLeastGain = 1e-3;
+  const Eigen::MatrixXd& j = model.answer.jacobian();
+  const auto n = static_cast<Eigen::Index>(model.z.size());
+  assert(n <= kMaxStepEntries && v.size() <= kMaxStepEntries);
+  const double curvature = model.support.curvature_bound(target.phase);
+  Vector there(n);
+  Vector gradient(n);
+  Vector next_gradient(n);
+  const std::span<double> gradient_span(gradient.data(), model.z.size());
+  const bool keeps = std::isfinite(target.share);
+  Vector wanted(n);  // the first control's effect
+  if (keeps) wanted.noalias() = j.lazyProduct(v);
+  double room = keeps ? (1.0 - target.share) * wanted.squaredNorm() : 0.0;
+
+  double l = LevelAfter(model, target.phase, v, there, gradient_span);
+  Vector d(v.size());
+  Vector effect(n);
+  Vector before(v.size());
+  for (int i = 0; i < limits.iterations && l < target.level; ++i) {
+    d.noalias() = j.transpose().lazyProduct(gradient);
+    // What the limits forbid is left out of the direction.
+    for (Eigen::Index k = 0; k < d.size(); ++k) {
+      if ((v[k] >= limits.control && d[k] > 0.0) || (v[k] <= -limits.control && d[k] < 0.0)) {
+        d[k] = 0.0;
+      }
+    }
+    const double slope = d.squaredNorm();
+    effect.noalias() = j.lazyProduct(d);
+    const double bend = curvature * effect.squaredNorm();
+    if (!(slope > 0.0)) break;
+    // A step s gains slope s - bend s^2 at least, most of all at `best`.
+    const double best = slope / (2.0 * bend);
+    const double gain = slope * best / 2.0;
+    const double missing = target.level - l;
+    if (!(gain >= std::min(kLeastGain, missing))) break;
+    double step = gain > missing ? best * (1.0 - std::sqrt(1.0 - missing / gain)) : best;
+    bool last = false;
+    if (keeps) {
+      const double loss = -effect.dot(wanted);
+      if (loss * step >= room) {
+        step = room / loss;
+        last = true;
+      }
+      room -= loss * step;
+    }
+    before = v;
+    v = (v + step * d).cwiseMax(-limits.control).cwiseMin(limits.control);
+    const double reached =
+        LevelAfter(model, target.phase, v, there, {next_gradient.data(), model.z.size()});
+    if (reached <= l) {
+      // Only a limit that was met on the way can do that.
+      v = before;
+      break;
+    }
+    const double gained = reached - l;
+    l = reached;
+    gradient.swap(next_gradient);
+    if (last || gained < kLeastGain) break;
+  }
+  return l;
+}
+
+}  // namespace dfr::control
