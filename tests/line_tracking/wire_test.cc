@@ -28,6 +28,7 @@
 #include "tests/dds/peer_process.h"
 #include "tests/line_tracking/scene.h"
 #include "tests/support/no_alloc.h"
+#include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
 namespace {

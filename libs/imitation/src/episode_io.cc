@@ -41,6 +41,7 @@ bool CollectKeys(const Hdf5File& file, const std::string& path, const std::strin
   const std::vector<std::int64_t> shape = file.Shape(path);
   if (shape.empty()) file.Fail(path, "is a single value, not one row per step");
   if (shape.size() > 2) return true;
+  if (!file.IsNumeric(path)) file.Fail(path, "is not numeric");
   const std::int64_t size = shape.size() == 2 ? shape[1] : 1;
   constexpr std::int64_t kMost = 1 << 20;
   if (size < 1 || size > kMost) file.Fail(path, "has " + std::to_string(size) + " columns");

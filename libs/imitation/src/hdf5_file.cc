@@ -59,6 +59,11 @@ std::string LastError() {
   return description.empty() ? "libhdf5 refused" : description;
 }
 
+bool HoldsNumbers(H5T_class_t kind) {
+  // h5py stores booleans as an enumeration over int8.
+  return kind == H5T_FLOAT || kind == H5T_INTEGER || kind == H5T_ENUM;
+}
+
 [[noreturn]] void FailFile(const std::string& name, const std::string& reason) {
   throw std::runtime_error(name + ": " + reason);
 }
@@ -268,6 +273,14 @@ std::vector<std::int64_t> Hdf5File::Shape(const std::string& path) const {
   return {shape.begin(), shape.end()};
 }
 
+bool Hdf5File::IsNumeric(const std::string& path) const {
+  const Quiet quiet;
+  const Handle dataset(H5Dopen2(id_, path.c_str(), H5P_DEFAULT), H5Dclose);
+  if (!dataset.ok()) Fail(path, "is not a dataset: " + LastError());
+  const Handle type(H5Dget_type(dataset.id()), H5Tclose);
+  return HoldsNumbers(H5Tget_class(type.id()));
+}
+
 core::Matrix Hdf5File::Read(const std::string& path) const {
   const std::vector<std::int64_t> shape = Shape(path);
   if (shape.empty() || shape.size() > 2) {
@@ -277,8 +290,7 @@ core::Matrix Hdf5File::Read(const std::string& path) const {
   const Handle dataset(H5Dopen2(id_, path.c_str(), H5P_DEFAULT), H5Dclose);
   const Handle type(H5Dget_type(dataset.id()), H5Tclose);
   const H5T_class_t kind = H5Tget_class(type.id());
-  // h5py stores booleans as an enumeration over int8.
-  if (kind != H5T_FLOAT && kind != H5T_INTEGER && kind != H5T_ENUM) Fail(path, "is not numeric");
+  if (!HoldsNumbers(kind)) Fail(path, "is not numeric");
   const std::int64_t cols = shape.size() == 2 ? shape[1] : 1;
   constexpr std::int64_t kMost = std::int64_t{1} << 31;
   if (shape[0] > kMost || cols > kMost || (cols > 0 && shape[0] > kMost / cols)) {

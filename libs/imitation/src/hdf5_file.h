@@ -48,6 +48,8 @@ class Hdf5File {
   [[nodiscard]] std::vector<std::string> Members(const std::string& group) const;
   /// Dimensions of a dataset.
   [[nodiscard]] std::vector<std::int64_t> Shape(const std::string& path) const;
+  /// Whether a dataset holds numbers or truth values.
+  [[nodiscard]] bool IsNumeric(const std::string& path) const;
   /// A numeric dataset of one dimension (as one column) or two, converted to doubles.
   [[nodiscard]] core::Matrix Read(const std::string& path) const;
   /// Nothing where the attribute does not exist.
