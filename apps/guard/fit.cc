@@ -27,10 +27,8 @@ void Describe(const safety::GuardModel& model) {
       "                of demonstrations left out of a fit, %.1f %% of states are inside; "
       "%.1f %% of demonstrations never leave\n",
       100.0 * summary.acceptance, 100.0 * summary.inside_throughout);
-  std::printf(
-      "levels of l     the policy's action passes at %.3g (first step), is changed to stay "
-      "above %.3g; slack %.3g\n",
-      guided.gate_level(0), guided.accept_level(0), guided.slack());
+  std::printf("levels of l     the policy's action passes at %.3g (first step); slack %.3g\n",
+              guided.gate_level(0), guided.slack());
   std::printf(
       "alarm           at l < %.3g: a further demonstration raises one with probability "
       "%.3g at most\n",

@@ -49,7 +49,7 @@ void ProbeStudy::OnControl(const control::RolloutEvent& event) {
     if (step.threshold >= largest_g_[t]) ++out_of_reach_;
   }
   if (step.mode == control::Mode::kProbe && std::isfinite(event.next_x[kDistance])) {
-    const core::DecisionFunction& support = model_->support();
+    const core::DecisionFunction& support = model_->task().support();
     const double seen = support.Decision(step.t, event.next_x) - step.g;
     const double real = support.Decision(step.t, after) - support.Decision(step.t, before_);
     if (seen * real > 0.0) ++right_;

@@ -114,7 +114,7 @@ experiment::EpisodeResult LineTrialRunner::Run(int method, std::uint64_t start_s
 }
 
 std::map<std::string, double> LineTrialRunner::Measures() {
-  return {{"gamma", model_.task().published()->estimate(0).gamma()}};
+  return {{"gamma", model_.task().published()->at(0).gamma()}};
 }
 
 void RecoveryCurves::OnControl(const control::RolloutEvent& event) {
