@@ -64,18 +64,24 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
     const double gain = slope * best / 2.0;
     const double missing = target.level - l;
     if (!(gain >= std::min(kLeastGain, missing))) break;
-    double step = gain > missing ? best * (1.0 - std::sqrt(1.0 - missing / gain)) : best;
-    bool last = false;
-    if (keeps) {
-      const double loss = -effect.dot(wanted);
-      if (loss * step >= room) {
-        step = room / loss;
-        last = true;
-      }
-      room -= loss * step;
-    }
+    // Where the level is nearer than `best`, in the form that neither cancels nor needs a
+    // curvature.
+    const double step =
+        gain > missing ? 2.0 * missing / (slope * (1.0 + std::sqrt(1.0 - missing / gain))) : best;
     before = v;
     v = (v + step * d).cwiseMax(-limits.control).cwiseMin(limits.control);
+    bool last = false;
+    if (keeps) {
+      // A limit met on the way changes what is lost, so that it is taken from the step as it is.
+      d = v - before;
+      effect.noalias() = j.lazyProduct(d);
+      const double lost = -effect.dot(wanted);
+      if (lost > room) {
+        v = (before + room / lost * d).cwiseMax(-limits.control).cwiseMin(limits.control);
+        last = true;
+      }
+      room -= lost;
+    }
     const double reached =
         LevelAfter(model, target.phase, v, there, {next_gradient.data(), model.z.size()});
     if (reached <= l) {

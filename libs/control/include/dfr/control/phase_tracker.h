@@ -44,8 +44,8 @@ class PhaseTracker {
   /// The next of an observer's states is `z`. @returns l at the phase it is taken to be in,
   ///   -infinity for a state that is not one.
   double Follow(std::span<const double> z) noexcept;
-  /// Moves to a phase q with |q - phase()| <= kWindow + 1 and l_q(z) >= 0. @returns l at phase(),
-  ///   negative if there is none; the phase then stays.
+  /// Moves to a phase q with -kWindow - 1 <= q - phase() <= kWindow and l_q(z) >= 0. @returns l at
+  ///   phase(), negative if there is none; the phase then stays.
   double Enter(std::span<const double> z) noexcept;
 
   [[nodiscard]] int phase() const noexcept { return phase_; }
