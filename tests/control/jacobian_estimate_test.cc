@@ -197,6 +197,33 @@ TEST(JacobianEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
   EXPECT_LT(estimate.LeastKnown(direction), 1.0) << "after it was tried";
 }
 
+// In a drift a second probe like the first would tell nothing: only the other sign tells its effect
+// from what time does.
+TEST(JacobianEstimateTest, LeastKnownHasTheSignThatTellsADriftFromTheAnswer) {
+  core::Random random(8);
+  auto d = Linear(RandomMatrix(random, kN, 2), 10, 8, random);
+  for (auto& u : d.controls) u.col(1).setZero();
+  const auto prior =
+      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{});
+  const std::vector<double> z(kN, 0.0);
+  const Eigen::VectorXd dz = Eigen::VectorXd::Ones(kN);
+  for (const double sign : {1.0, -1.0}) {
+    JacobianEstimate estimate(prior, {.rest = 1.0, .travel = 0.5});
+    const Eigen::VectorXd probe = Eigen::Vector2d(0.0, sign * 0.5);
+    std::vector<double> direction(2);
+    for (int i = 0; i < 3; ++i) {
+      estimate.Update(core::AsSpan(probe), core::AsSpan(dz));
+      estimate.Compute(3, z);
+      EXPECT_GT(estimate.LeastKnown(direction), 10.0) << "as unknown as before, however often";
+      EXPECT_NEAR(direction[1], -sign, 1e-3);
+    }
+    const Eigen::VectorXd other = -probe;
+    estimate.Update(core::AsSpan(other), core::AsSpan(dz));
+    estimate.Compute(3, z);
+    EXPECT_LT(estimate.LeastKnown(direction), 5.0);
+  }
+}
+
 TEST(JacobianEstimateTest, NothingAllocatesAfterConstruction) {
   core::Random random(5);
   const auto d = Linear(RandomMatrix(random, 12, 7), 20, 10, random);
