@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/control/finite_difference_recovery.h"
 #include "dfr/control/switching_policy.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
@@ -139,16 +140,18 @@ void BM_Clock(benchmark::State& state) {
   AddPercentiles(state, nanoseconds);
 }
 
-void BM_Next(benchmark::State& state, Recovery recovery, bool kernel, bool open) {
+void BM_Next(benchmark::State& state, Recovery recovery, bool oracle, bool kernel, bool open) {
   const auto support = MakeSupport(kernel);
   const Linear policy;
   Integrator plant;
   // A tiny lambda opens the gate wherever g > 0, a huge one shuts it.
-  SwitchingPolicy controller(policy, *support, open ? 1e-9 : 1e9,
-                             {.recovery = recovery,
-                              .horizon = kHorizon,
-                              .max_iterations = 1 << 30,
-                              .oracle_plant = &plant});
+  const std::vector<double> lambda = {open ? 1e-9 : 1e9};
+  const SwitchingPolicyOptions options{
+      .recovery = recovery, .horizon = kHorizon, .max_iterations = 1 << 30};
+  SwitchingPolicy controller =
+      oracle ? SwitchingPolicy(policy, *support, lambda,
+                               std::make_unique<FiniteDifferenceRecovery>(plant, *support), options)
+             : SwitchingPolicy(policy, *support, lambda, options);
   core::Random random(2);
   core::Matrix queries(1024 * kHorizon, kStateDim);
   for (Eigen::Index i = 0; i < queries.rows(); ++i) {
@@ -177,13 +180,13 @@ void BM_Next(benchmark::State& state, Recovery recovery, bool kernel, bool open)
   AddPercentiles(state, nanoseconds);
 }
 
-#define DFR_BENCH_NEXT(kernel, support)                                                        \
-  BENCHMARK_CAPTURE(BM_Next, Baseline_##support, Recovery::kNone, kernel, true);               \
-  BENCHMARK_CAPTURE(BM_Next, EarlyStopping_##support##_Open, Recovery::kEarlyStopping, kernel, \
-                    true);                                                                     \
-  BENCHMARK_CAPTURE(BM_Next, Dfr_##support##_Open, Recovery::kDfr, kernel, true);              \
-  BENCHMARK_CAPTURE(BM_Next, Dfr_##support##_Shut, Recovery::kDfr, kernel, false);             \
-  BENCHMARK_CAPTURE(BM_Next, Oracle_##support##_Shut, Recovery::kFiniteDifference, kernel, false)
+#define DFR_BENCH_NEXT(kernel, support)                                                       \
+  BENCHMARK_CAPTURE(BM_Next, Baseline_##support, Recovery::kNone, false, kernel, true);       \
+  BENCHMARK_CAPTURE(BM_Next, EarlyStopping_##support##_Open, Recovery::kEarlyStopping, false, \
+                    kernel, true);                                                            \
+  BENCHMARK_CAPTURE(BM_Next, Dfr_##support##_Open, Recovery::kDfr, false, kernel, true);      \
+  BENCHMARK_CAPTURE(BM_Next, Dfr_##support##_Shut, Recovery::kDfr, false, kernel, false);     \
+  BENCHMARK_CAPTURE(BM_Next, Oracle_##support##_Shut, Recovery::kDfr, true, kernel, false)
 
 BENCHMARK(BM_Clock);
 DFR_BENCH_NEXT(false, Analytic);

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <memory>
 #include <stdexcept>
 #include <vector>
 
@@ -14,6 +15,8 @@ namespace dfr::control {
 namespace {
 
 using test::PointPlant;
+
+const std::vector<double> kLambda = {1.0};
 
 TEST(FiniteDifferenceRecoveryTest, StepsAlongTheGradientWithDfrsStepSize) {
   const auto ball = test::UnitBall(3);
@@ -57,8 +60,8 @@ TEST(FiniteDifferenceRecoveryTest, ClimbsAtEveryIteration) {
   const auto policy = test::ConstantPolicy(2, 0.5);
   PointPlant plant({.start = {0.4, 0.8}});
   plant.Reset(1);
-  SwitchingPolicy oracle(policy, ball, 1.0,
-                         {.recovery = Recovery::kFiniteDifference, .oracle_plant = &plant});
+  SwitchingPolicy oracle(policy, ball, kLambda,
+                         std::make_unique<FiniteDifferenceRecovery>(plant, ball));
   oracle.Reset(1);
   std::vector<double> u(2);
   double g = ball.Decision(0, plant.x);
@@ -85,31 +88,25 @@ TEST(FiniteDifferenceRecoveryTest, HasNoDirectionWhereGIsFlatOrTheCopyRefuses) {
   {
     const auto flat = test::ConstantSupport(2, 0.1);
     PointPlant plant({});
-    SwitchingPolicy oracle(policy, flat, 1.0,
-                           {.recovery = Recovery::kFiniteDifference, .oracle_plant = &plant});
+    SwitchingPolicy oracle(policy, flat, kLambda,
+                           std::make_unique<FiniteDifferenceRecovery>(plant, flat));
     oracle.Reset(0);
     EXPECT_EQ(oracle.Next(plant.x, u).cause, HaltCause::kNoDirection);
   }
   const auto ball = test::UnitBall(2);
   PointPlant plant({.start = {0.9, 0.0}, .refuse_at = 0});
-  SwitchingPolicy oracle(policy, ball, 1.0,
-                         {.recovery = Recovery::kFiniteDifference, .oracle_plant = &plant});
+  SwitchingPolicy oracle(policy, ball, kLambda,
+                         std::make_unique<FiniteDifferenceRecovery>(plant, ball));
   oracle.Reset(0);
   EXPECT_EQ(oracle.Next(plant.x, u).cause, HaltCause::kNoDirection);
 }
 
 TEST(FiniteDifferenceRecoveryTest, RefusesWrongOptions) {
   const auto ball = test::UnitBall(2);
-  const auto policy = test::ConstantPolicy(2, 1.0);
   const PointPlant plant({.start = {0.0, 0.0, 0.0}});
   EXPECT_THROW(FiniteDifferenceRecovery(plant, ball, 0.1, 0.1), std::invalid_argument);
   EXPECT_THROW(FiniteDifferenceRecovery(plant, test::UnitBall(3), 0.0, 0.1), std::invalid_argument);
   EXPECT_THROW(FiniteDifferenceRecovery(plant, test::UnitBall(3), 0.1, 1.0), std::invalid_argument);
-  EXPECT_THROW(SwitchingPolicy(policy, ball, 1.0, {.recovery = Recovery::kFiniteDifference}),
-               std::invalid_argument);
-  EXPECT_THROW(SwitchingPolicy(policy, ball, 1.0,
-                               {.recovery = Recovery::kFiniteDifference, .oracle_plant = &plant}),
-               std::invalid_argument);
 }
 
 }  // namespace

@@ -79,6 +79,36 @@ TEST(JacobianEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   EXPECT_TRUE(test::AllClose(estimate.jacobian(), Eigen::MatrixXd::Zero(kN, kM), 0.0));
 }
 
+// A measurement of weight w counts as w equal ones; of weight 0, not at all.
+TEST(JacobianEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
+  core::Random random(7);
+  const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
+  const auto prior =
+      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{});
+  const std::vector<double> z(kN, 0.0);
+  const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
+  const Eigen::VectorXd dz = RandomMatrix(random, kN, 1);
+  const auto after = [&](double weight) -> Eigen::MatrixXd {
+    JacobianEstimate estimate(prior);
+    estimate.Update(core::AsSpan(v), core::AsSpan(dz), weight);
+    estimate.Compute(0, z);
+    return estimate.jacobian();
+  };
+  // Neither forgetting nor the prior's own weight scale with it: the sums are
+  // A + w v v', B + w v dz', which the same control, sqrt(w) as large, gives as well.
+  JacobianEstimate scaled(prior);
+  const Eigen::VectorXd v2 = std::sqrt(2.5) * v;
+  const Eigen::VectorXd dz2 = std::sqrt(2.5) * dz;
+  scaled.Update(core::AsSpan(v2), core::AsSpan(dz2));
+  scaled.Compute(0, z);
+  EXPECT_TRUE(test::AllClose(after(2.5), scaled.jacobian(), 1e-12));
+  EXPECT_GT((after(2.5) - after(1.0)).norm(), 1e-3);
+  JacobianEstimate untouched(prior);
+  untouched.Compute(0, z);
+  EXPECT_TRUE(test::AllClose(after(0.0), untouched.jacobian(), 0.0));
+  EXPECT_TRUE(after(1.0) != untouched.jacobian());
+}
+
 // A control that is turned by 90 degrees at test time is learned from what it does.
 TEST(JacobianEstimateTest, FollowsAPlantThatHasChanged) {
   core::Random random(3);
@@ -165,6 +195,33 @@ TEST(JacobianEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
   estimate.Update(core::AsSpan(v), core::AsSpan(dz));
   estimate.Compute(3, core::Row(d.features[0], 3));
   EXPECT_LT(estimate.LeastKnown(direction), 1.0) << "after it was tried";
+}
+
+// In a drift a second probe like the first would tell nothing: only the other sign tells its effect
+// from what time does.
+TEST(JacobianEstimateTest, LeastKnownHasTheSignThatTellsADriftFromTheAnswer) {
+  core::Random random(8);
+  auto d = Linear(RandomMatrix(random, kN, 2), 10, 8, random);
+  for (auto& u : d.controls) u.col(1).setZero();
+  const auto prior =
+      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{});
+  const std::vector<double> z(kN, 0.0);
+  const Eigen::VectorXd dz = Eigen::VectorXd::Ones(kN);
+  for (const double sign : {1.0, -1.0}) {
+    JacobianEstimate estimate(prior, {.rest = 1.0, .travel = 0.5});
+    const Eigen::VectorXd probe = Eigen::Vector2d(0.0, sign * 0.5);
+    std::vector<double> direction(2);
+    for (int i = 0; i < 3; ++i) {
+      estimate.Update(core::AsSpan(probe), core::AsSpan(dz));
+      estimate.Compute(3, z);
+      EXPECT_GT(estimate.LeastKnown(direction), 10.0) << "as unknown as before, however often";
+      EXPECT_NEAR(direction[1], -sign, 1e-3);
+    }
+    const Eigen::VectorXd other = -probe;
+    estimate.Update(core::AsSpan(other), core::AsSpan(dz));
+    estimate.Compute(3, z);
+    EXPECT_LT(estimate.LeastKnown(direction), 5.0);
+  }
 }
 
 TEST(JacobianEstimateTest, NothingAllocatesAfterConstruction) {

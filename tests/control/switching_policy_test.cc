@@ -6,11 +6,15 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <set>
+#include <span>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "dfr/control/finite_difference_recovery.h"
 #include "tests/control/analytic.h"
 #include "tests/support/no_alloc.h"
 
@@ -390,10 +394,9 @@ TEST(SwitchingPolicyTest, NextNeverAllocates) {
   const auto ball = test::UnitBall(2);
   const auto policy = test::ConstantPolicy(2, 0.4);
   PointPlant plant({});
-  for (const Recovery recovery :
-       {Recovery::kNone, Recovery::kEarlyStopping, Recovery::kDfr, Recovery::kFiniteDifference}) {
+  const std::vector<double> lambda = {1.0};
+  const auto drive = [&](SwitchingPolicy controller) {
     plant.Reset(1);
-    SwitchingPolicy controller(policy, ball, 1.0, {.recovery = recovery, .oracle_plant = &plant});
     std::vector<double> u(2);
     const test::NoAlloc guard;
     controller.Reset(1);
@@ -401,6 +404,81 @@ TEST(SwitchingPolicyTest, NextNeverAllocates) {
       (void)controller.Next(plant.x, u);
       (void)plant.Apply(u);
     }
+  };
+  for (const Recovery recovery : {Recovery::kNone, Recovery::kEarlyStopping, Recovery::kDfr}) {
+    drive(SwitchingPolicy(policy, ball, lambda, {.recovery = recovery}));
+  }
+  drive(SwitchingPolicy(policy, ball, lambda,
+                        std::make_unique<FiniteDifferenceRecovery>(plant, ball)));
+}
+
+// Says what it was asked, and answers as told.
+class ScriptedRecovery final : public RecoveryStrategy {
+ public:
+  explicit ScriptedRecovery(std::vector<RecoverySituation>& asked, std::vector<Mode> answers)
+      : asked_(&asked), answers_(std::move(answers)) {}
+  void Reset(std::uint64_t seed) noexcept override { seed_ = seed; }
+  Mode Next(const RecoverySituation& situation, std::span<double> u) noexcept override {
+    std::fill(u.begin(), u.end(), 0.25 * static_cast<double>(seed_));
+    asked_->push_back(situation);
+    return answers_[asked_->size() - 1];
+  }
+
+ private:
+  std::vector<RecoverySituation>* asked_;
+  std::vector<Mode> answers_;
+  std::uint64_t seed_ = 0;
+};
+
+TEST(SwitchingPolicyTest, AnInjectedStrategyIsUsedAndTheOptionsChoiceIsNot) {
+  // The gate is shut at g = 0.1 and open at 10; the fourth look is the one after the recovery.
+  int looks = 0;
+  const test::FunctionSupport support(
+      1, [&](int, std::span<const double>) { return ++looks == 4 ? 10.0 : 0.1; });
+  const auto policy = test::ConstantPolicy(1, 1.0);
+  const std::vector<double> lambda = {2.0};
+  for (const Recovery ignored : {Recovery::kNone, Recovery::kEarlyStopping, Recovery::kDfr}) {
+    SCOPED_TRACE(Name(ignored));
+    looks = 0;
+    std::vector<RecoverySituation> asked;
+    const std::vector<Mode> answers = {Mode::kProbe, Mode::kRecovery, Mode::kRecovery, Mode::kHalt};
+    // The constants of DFR are ignored, too: these would be refused.
+    SwitchingPolicy controller(policy, support, lambda,
+                               std::make_unique<ScriptedRecovery>(asked, answers),
+                               {.recovery = ignored, .dfr = {.probe_fraction = -1.0}});
+    controller.Reset(3);
+    std::vector<double> x(1, 0.0), u(1);
+    std::string modes;
+    Step step;
+    do {
+      step = controller.Next(x, u);
+      modes += std::string(Name(step.mode)) + " ";
+      if (step.mode == Mode::kProbe || step.mode == Mode::kRecovery) {
+        EXPECT_EQ(u[0], 0.75) << "the strategy's control, and its seed";
+      }
+    } while (step.mode != Mode::kHalt);
+    EXPECT_EQ(modes, "probe recovery recovery policy halt ");
+    EXPECT_EQ(step.cause, HaltCause::kNoDirection);
+    ASSERT_EQ(asked.size(), 4u);
+    const std::vector<int> times = {0, 0, 0, 1};
+    const std::vector<int> iterations = {0, 0, 1, 0};
+    for (std::size_t i = 0; i < 4; ++i) {
+      EXPECT_EQ(asked[i].t, times[i]) << i;
+      EXPECT_EQ(asked[i].iteration, iterations[i]) << i;
+      EXPECT_EQ(asked[i].g, 0.1) << i;
+      EXPECT_EQ(asked[i].lambda, 2.0) << i;
+    }
+  }
+}
+
+TEST(SwitchingPolicyTest, ANullStrategyIsRefused) {
+  const auto ball = test::UnitBall(2);
+  const auto policy = test::ConstantPolicy(2, 1.0);
+  try {
+    SwitchingPolicy(policy, ball, std::vector<double>{1.0}, std::unique_ptr<RecoveryStrategy>());
+    ADD_FAILURE() << "nothing thrown";
+  } catch (const std::invalid_argument& e) {
+    EXPECT_THAT(e.what(), HasSubstr("strategy is null"));
   }
 }
 

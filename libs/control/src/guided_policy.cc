@@ -203,8 +203,10 @@ bool GuidedPolicy::Probe(const LocalModel& model, double& level) noexcept {
     return false;
   }
   v_ = (options_.probe_size * trial_).cwiseMax(-limits_.control).cwiseMin(limits_.control);
-  trial_ = -v_;
   level = model.Level(next, v_);
+  // In a drift the sign says which of the two is not known.
+  if (options_.drift_time.rest > 0.0 || options_.drift_time.travel > 0.0) return true;
+  trial_ = -v_;
   if (const double other = model.Level(next, trial_); other > level) {
     v_ = trial_;
     level = other;

@@ -251,6 +251,8 @@ double JacobianEstimate::LeastKnown(std::span<double> direction) noexcept {
     value = scratch_.norm();
     direction_ = scratch_ / value;
   }
+  // Time always passes forwards: [v; s] and [-v; s] are not known equally well.
+  if (drifts_ && inverse_.row(m).head(m).dot(direction_) < 0.0) direction_ = -direction_;
   std::copy(direction_.begin(), direction_.end(), direction.begin());
   return value;
 }

@@ -21,6 +21,12 @@ Step Halt(Step step, HaltCause cause) noexcept {
   return step;
 }
 
+// Names no strategy, so that none is made from options that do not count.
+SwitchingPolicyOptions WithoutStrategy(SwitchingPolicyOptions options) {
+  options.recovery = Recovery::kEarlyStopping;
+  return options;
+}
+
 }  // namespace
 
 const char* Name(Recovery recovery) noexcept {
@@ -64,9 +70,8 @@ SwitchingPolicy::SwitchingPolicy(const core::Policy& policy, const core::Decisio
                                  std::span<const double> lambda,
                                  std::unique_ptr<RecoveryStrategy> strategy,
                                  const SwitchingPolicyOptions& options)
-    : SwitchingPolicy(policy, support, lambda, options) {
+    : SwitchingPolicy(policy, support, lambda, WithoutStrategy(options)) {
   DFR_THROW_UNLESS(strategy != nullptr, "the recovery strategy is null");
-  options_.recovery = Recovery::kDfr;
   strategy_ = std::move(strategy);
 }
 

@@ -63,7 +63,8 @@ struct GuidedOptions {
 /// so that the gradient of the support becomes a direction for controls. In a state with features
 /// z, in phase tau, with the learned control v_hat:
 ///
-///   1. l_tau(z), l_{tau+1}(z) >= hi: v_hat passes (deep inside; hi is GuidedModel::gate_level).
+///   1. l_tau(z), l_{tau+1}(z) >= hi and v_hat no larger than demonstrated: v_hat passes (deep
+///      inside; hi is GuidedModel::gate_level).
 ///   2. v <- RaiseLevel(v_hat, hi, share): the filter. If l_{tau+1}(z + J v) >= 0, v is applied.
 ///   3. v' <- RaiseLevel(v, 0): recovery, the same step without the share. v' is applied, unless it
 ///      stays outside as well and is hardly better than v (margin).

@@ -96,7 +96,9 @@ class JacobianEstimate {
   void AddEffect(const Eigen::VectorXd& v, Eigen::Ref<Eigen::VectorXd> z) const noexcept;
 
   /// The control direction that is known least: the largest eigenvalue of A^-1 (of its part that
-  /// belongs to v), its eigenvector to `direction` (m entries).
+  /// belongs to v), its eigenvector to `direction` (m entries). Where the world moves by itself,
+  /// its sign is the one that tells more: the same control again would leave the answer to it and
+  /// the drift mixed up.
   double LeastKnown(std::span<double> direction) noexcept;
   /// The sum of its eigenvalues: an upper bound on the largest, for less time.
   [[nodiscard]] double Ignorance() const noexcept;

@@ -1,0 +1,240 @@
+#include "dfr/control/certifier.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "dfr/control/phase_tracker.h"
+#include "tests/control/analytic.h"
+#include "tests/control/known_jacobian.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::control {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr double kUnit = 0.25;
+constexpr double kSpeed = 0.3;
+
+// Disks of radius 0.83 and more around (0.3 t, 0); two Gaussians, so that the ball is not all.
+test::GaussianSupport Moving() { return {{{0.0, 0.0}, {0.0, 0.3}}, 1.0, 0.5, {kSpeed, 0.0}, 12}; }
+
+Eigen::Matrix2d Jacobian() {
+  Eigen::Matrix2d j;
+  j << 0.8, -0.3, 0.4, 0.6;
+  return j;
+}
+
+double Deepest(const test::GaussianSupport& support, int phase, std::span<const double> z) {
+  double best = -std::numeric_limits<double>::infinity();
+  for (int q = phase - PhaseTracker::kWindow; q <= phase + PhaseTracker::kWindow; ++q) {
+    if (q >= 0) best = std::max(best, support.LogDecision(q, z, {}));
+  }
+  return best;
+}
+
+// By brute force: the state after the control s v, and whatever the assumption lets it do, is
+// inside some B_q of the window.
+TEST(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
+  const auto support = Moving();
+  const JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  constexpr double kGain = 1.2;
+  constexpr double kError = 0.3;
+  for (const auto kind :
+       {CertificateKind::kLipschitz, CertificateKind::kRadius, CertificateKind::kDirection}) {
+    SCOPED_TRACE(Name(kind));
+    Certifier certifier({kind, kGain, kError}, 2, kUnit);
+    core::Random random(1);
+    int shrunk = 0;
+    for (int i = 0; i < 1000; ++i) {
+      const int phase = i % 10;
+      std::vector<double> z = {phase * kSpeed + 0.6 * random.Normal(), 0.6 * random.Normal()};
+      if (support.LogDecision(phase, z, {}) < 0.0) continue;
+      const Eigen::VectorXd v = 4.0 * Eigen::Vector2d(random.Normal(), random.Normal());
+      const double share = certifier.Share({support, answer, z}, phase, v);
+      ASSERT_GE(share, 0.0);
+      ASSERT_LE(share, 1.0);
+      shrunk += share > 0.01 && share < 1.0 ? 1 : 0;
+      for (const double part : {1.0, 0.7, 0.3}) {
+        const double norm = part * share * v.norm() * kUnit;
+        const bool direction = kind == CertificateKind::kDirection;
+        Eigen::Vector2d centre(z[0], z[1]);
+        if (direction) centre += part * share * (Jacobian() * v);
+        const double radius = (direction ? kError : kGain) * norm;
+        for (int angle = 0; angle < 32; ++angle) {
+          const double a = 2.0 * M_PI * angle / 32.0;
+          const std::vector<double> there = {centre[0] + radius * std::cos(a),
+                                             centre[1] + radius * std::sin(a)};
+          ASSERT_GE(Deepest(support, phase, there), -1e-7);
+        }
+      }
+    }
+    EXPECT_GT(shrunk, 200);
+  }
+}
+
+// l = log 2 - |x|^2 is the ball of radius sqrt(log 2) exactly, so nothing is given away: a little
+// more of the control could end outside.
+TEST(CertifierTest, IsExactForASingleGaussian) {
+  const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5);
+  const JacobianEstimate answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
+  const std::vector<double> z = {0.5, 0.0};
+  const double radius = std::sqrt(std::log(2.0));
+  const Eigen::VectorXd outwards = Eigen::Vector2d(3.0, 0.0);
+  Certifier by_radius({CertificateKind::kRadius, 2.0, 0.0}, 2, kUnit);
+  // K |u| = 2 * 3 * 0.25
+  EXPECT_NEAR(by_radius.Share({support, answer, z}, 0, outwards), (radius - 0.5) / 1.5, 1e-8);
+  Certifier by_direction({CertificateKind::kDirection, 0.0, 0.4}, 2, kUnit);
+  // |J v| + eps |u| = 3 + 0.4 * 3 * 0.25
+  EXPECT_NEAR(by_direction.Share({support, answer, z}, 0, outwards), (radius - 0.5) / 3.3, 1e-8);
+  // Inwards: through the centre to the far side.
+  EXPECT_NEAR(by_direction.Share({support, answer, z}, 0, -outwards), (radius + 0.5) / 3.3, 1e-8);
+  Certifier by_slope({CertificateKind::kLipschitz, 2.0, 0.0}, 2, kUnit);
+  const double g = 0.5 * (std::exp(std::log(2.0) - 0.25) - 1.0);
+  EXPECT_NEAR(by_slope.Share({support, answer, z}, 0, outwards),
+              g / (std::sqrt(2.0 / std::exp(1.0)) * 1.5), 1e-8);
+}
+
+TEST(CertifierTest, TheDirectionsShareIsTheLargestOfTheWindow) {
+  const auto support = Moving();
+  const JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  constexpr double kError = 0.3;
+  Certifier certifier({CertificateKind::kDirection, 0.0, kError}, 2, kUnit);
+  core::Random random(2);
+  for (int i = 0; i < 300; ++i) {
+    const int phase = i % 12;
+    const std::vector<double> z = {phase * kSpeed + random.Normal(), 0.5 * random.Normal()};
+    const Eigen::VectorXd v = 3.0 * Eigen::Vector2d(random.Normal(), random.Normal());
+    const Eigen::VectorXd effect = answer.jacobian() * v;
+    double expected = 0.0;
+    std::vector<double> shift(2);
+    for (int q = std::max(0, phase - 3); q <= phase + 3; ++q) {
+      const SafeBall ball = ComputeSafeBall(support, q, z, shift);
+      expected = std::max(
+          expected, LargestShare(ball, shift, core::AsSpan(effect), kError * v.norm() * kUnit));
+    }
+    ASSERT_NEAR(certifier.Share({support, answer, z}, phase, v), expected, 1e-12);
+  }
+}
+
+TEST(CertifierTest, LooksAtTheWindowAndNotBeyond) {
+  // Disks of radius 0.83 around (2 t, 0): they do not overlap.
+  const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5, {2.0, 0.0}, 12);
+  const JacobianEstimate answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
+  const std::vector<double> z = {12.0, 0.0};  // in B_6
+  const Eigen::VectorXd v = Eigen::Vector2d(0.1, 0.0);
+  for (const auto kind :
+       {CertificateKind::kLipschitz, CertificateKind::kRadius, CertificateKind::kDirection}) {
+    SCOPED_TRACE(Name(kind));
+    Certifier certifier({kind, 1.0, 0.5}, 2, kUnit);
+    for (int phase = 0; phase < 12; ++phase) {
+      EXPECT_EQ(certifier.Share({support, answer, z}, phase, v), std::abs(phase - 6) <= 3 ? 1 : 0)
+          << phase;
+    }
+  }
+}
+
+TEST(CertifierTest, NothingPassesOutsideAndNoControlAlwaysDoes) {
+  const auto support = Moving();
+  const JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  const std::vector<double> outside = {0.0, 5.0};
+  const std::vector<double> inside = {0.0, 0.0};
+  for (const auto kind :
+       {CertificateKind::kLipschitz, CertificateKind::kRadius, CertificateKind::kDirection}) {
+    SCOPED_TRACE(Name(kind));
+    Certifier certifier({kind, 1.0, 1.0}, 2, kUnit);
+    EXPECT_EQ(certifier.Share({support, answer, outside}, 0, Eigen::VectorXd::Ones(2)), 0.0);
+    EXPECT_EQ(certifier.Share({support, answer, inside}, 0, Eigen::VectorXd::Zero(2)), 1.0);
+  }
+}
+
+TEST(CertifierTest, ConfirmsWhatItTrustsAndSaysWhatContradictsIt) {
+  const Eigen::VectorXd v = Eigen::Vector2d(0.0, 2.0);  // |u| = 0.5
+  const Eigen::VectorXd effect = Eigen::Vector2d(1.0, 0.0);
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(2);
+  for (const auto kind : {CertificateKind::kLipschitz, CertificateKind::kRadius}) {
+    SCOPED_TRACE(Name(kind));
+    Certifier certifier({kind, 3.0, 0.0}, 2, kUnit);
+    // |dz| <= 3 * 0.5, wherever to.
+    EXPECT_TRUE(certifier.Confirms(0, v, effect, Eigen::Vector2d(-1.5, 0.0)));
+    EXPECT_EQ(certifier.violation().control, -1);
+    EXPECT_FALSE(certifier.Confirms(7, v, effect, Eigen::Vector2d(0.0, 1.5 + 1e-6)));
+    EXPECT_EQ(certifier.violation().control, 7);
+    EXPECT_NEAR(certifier.violation().observed, 3.0, 1e-5);
+    EXPECT_GT(certifier.violation().observed, 3.0);
+    EXPECT_EQ(certifier.violation().allowed, 3.0);
+    certifier.Reset();
+    EXPECT_EQ(certifier.violation().control, -1);
+    EXPECT_TRUE(certifier.Confirms(0, zero, zero, zero));
+    EXPECT_FALSE(certifier.Confirms(1, zero, zero, Eigen::Vector2d(0.1, 0.0)));
+    EXPECT_TRUE(std::isinf(certifier.violation().observed)) << "it moved by itself";
+  }
+  Certifier certifier({CertificateKind::kDirection, 0.0, 0.4}, 2, kUnit);
+  // |dz - J v| <= 0.4 * 0.5
+  EXPECT_TRUE(certifier.Confirms(0, v, effect, Eigen::Vector2d(1.0, 0.2)));
+  EXPECT_TRUE(certifier.Confirms(1, v, effect, Eigen::Vector2d(0.8, 0.0)));
+  EXPECT_FALSE(certifier.Confirms(2, v, effect, Eigen::Vector2d(0.7, 0.0)));
+  EXPECT_EQ(certifier.violation().control, 2);
+  EXPECT_NEAR(certifier.violation().observed, 0.6, 1e-12);
+  EXPECT_EQ(certifier.violation().allowed, 0.4);
+  EXPECT_FALSE(certifier.Confirms(3, v, effect, Eigen::VectorXd::Constant(2, std::nan(""))));
+}
+
+TEST(CertifierTest, SwitchedOffItClaimsNothingAndLetsEverythingPass) {
+  const auto support = Moving();
+  const JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  Certifier none({}, 2, kUnit);
+  EXPECT_FALSE(none.active());
+  const std::vector<double> outside = {0.0, 50.0};
+  const Eigen::VectorXd v = Eigen::VectorXd::Constant(2, 1e6);
+  EXPECT_EQ(none.Share({support, answer, outside}, 0, v), 1.0);
+  EXPECT_TRUE(none.Confirms(0, v, v, 1e6 * v));
+  EXPECT_EQ(none.violation().control, -1);
+}
+
+TEST(CertifierTest, NeverAllocates) {
+  const auto support = Moving();
+  const JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  const std::vector<double> z = {0.1, 0.2};
+  const Eigen::VectorXd v = Eigen::Vector2d(2.0, 1.0);
+  for (const auto kind :
+       {CertificateKind::kLipschitz, CertificateKind::kRadius, CertificateKind::kDirection}) {
+    Certifier certifier({kind, 1.0, 1.0}, 2, kUnit);
+    const test::NoAlloc guard;
+    (void)certifier.Share({support, answer, z}, 1, v);
+    (void)certifier.Confirms(0, v, v, v);
+  }
+}
+
+TEST(CertifierTest, ErrorsNameTheConstant) {
+  const auto message = [](CertificateKind kind, double gain, double error) -> std::string {
+    try {
+      const Certifier certifier({kind, gain, error}, 2, kUnit);
+    } catch (const std::invalid_argument& e) {
+      return e.what();
+    }
+    return "nothing thrown";
+  };
+  for (const double bad : {0.0, -1.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
+    EXPECT_THAT(message(CertificateKind::kLipschitz, bad, 1.0),
+                HasSubstr("certified-lipschitz needs a gain"));
+    EXPECT_THAT(message(CertificateKind::kRadius, bad, 1.0),
+                HasSubstr("certified-radius needs a gain"));
+    EXPECT_THAT(message(CertificateKind::kDirection, 1.0, bad),
+                HasSubstr("certified-direction needs an eps"));
+    // A constant that the kind does not use does not matter.
+    EXPECT_EQ(message(CertificateKind::kDirection, bad, 1.0), "nothing thrown");
+    EXPECT_EQ(message(CertificateKind::kRadius, 1.0, bad), "nothing thrown");
+    EXPECT_EQ(message(CertificateKind::kNone, bad, bad), "nothing thrown");
+  }
+}
+
+}  // namespace
+}  // namespace dfr::control

@@ -1,0 +1,152 @@
+#include "dfr/control/gradient_recovery.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+#include <stdexcept>
+#include <vector>
+
+#include "dfr/control/switching_policy.h"
+#include "tests/control/analytic.h"
+#include "tests/control/rightwards.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::control {
+namespace {
+
+// The gate asks for g > 5 * 0.08 = 0.4; g is 0.5 in the centre and 0.06 at the start. The gate
+// level of the model, the median of the demonstrations', lies beyond.
+const std::vector<double> kLambda = {5.0};
+const std::vector<double> kStart = {0.0, 0.38};
+
+TEST(GradientRecoveryTest, ReachesTheGateInAFewControls) {
+  const auto support = test::MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
+  ASSERT_GT(support.FromLog(0, model.gate_level(0)), 0.4);
+  const auto policy = test::ConstantPolicy(2, 0.08);
+  const auto controls = [&](SwitchingPolicy controller) {
+    test::TurnedPoint plant{.x = kStart};
+    controller.Reset(1);
+    std::vector<double> u(2);
+    for (int i = 0; i < 1000; ++i) {
+      const Step step = controller.Next(plant.x, u);
+      if (step.mode == Mode::kPolicy) return i;
+      EXPECT_EQ(step.t, 0) << "a recovery consumes no time";
+      if (step.mode == Mode::kHalt) break;
+      plant.Apply(u);
+    }
+    ADD_FAILURE() << Name(controller.halt_cause());
+    return 1000;
+  };
+  EXPECT_LE(controls(SwitchingPolicy(policy, support, kLambda,
+                                     std::make_unique<GradientRecovery>(model))),
+            2);
+  EXPECT_GT(controls(SwitchingPolicy(policy, support, kLambda)), 50) << "DFR's probes";
+}
+
+// Steps towards the gate level and no further.
+TEST(GradientRecoveryTest, AimsAtTheGateLevelOfTheTimeStep) {
+  const auto support = test::MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
+  GradientRecovery recovery(model);
+  std::vector<double> u(2);
+  for (const int t : {0, 6}) {
+    recovery.Reset(1);
+    const std::vector<double> x = {t * test::kSpeed, -0.38};
+    ASSERT_EQ(recovery.Next({.t = t, .x = x, .g = 0.06, .lambda = 5.0}, u), Mode::kRecovery);
+    const std::vector<double> there = {x[0] + u[0], x[1] + u[1]};
+    // J is known to about the ridge over the weight of the demonstrations, 1e-3.
+    EXPECT_NEAR(support.LogDecision(t, there, {}), model.gate_level(t), 0.02);
+  }
+}
+
+// The plant turns controls by 0.9 rad, which the demonstrations know nothing of.
+TEST(GradientRecoveryTest, LearnsFromItsOwnControls) {
+  const auto support = test::MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
+  const auto policy = test::ConstantPolicy(2, 0.08);
+  test::TurnedPoint plant{.angle = 0.9, .x = kStart};
+  SwitchingPolicy controller(policy, support, kLambda, std::make_unique<GradientRecovery>(model));
+  controller.Reset(1);
+  std::vector<double> u(2);
+  int controls = 0;
+  Step step = controller.Next(plant.x, u);
+  for (; step.mode == Mode::kRecovery && controls < 20; ++controls) {
+    plant.Apply(u);
+    step = controller.Next(plant.x, u);
+  }
+  EXPECT_EQ(step.mode, Mode::kPolicy) << Name(step.cause);
+  EXPECT_LE(controls, 8);
+
+  // Where the first control went wrong, the second one is not chosen alike; after a reset it is.
+  plant.x = kStart;
+  GradientRecovery recovery(model);
+  std::vector<double> first(2), second(2);
+  recovery.Reset(1);
+  ASSERT_EQ(recovery.Next({.x = kStart, .g = 0.06, .lambda = 5.0}, first), Mode::kRecovery);
+  plant.Apply(first);
+  ASSERT_EQ(recovery.Next({.iteration = 1, .x = plant.x, .g = 0.06, .lambda = 5.0}, second),
+            Mode::kRecovery);
+  const auto off = [&](const std::vector<double>& control) {  // angle to the centre
+    test::TurnedPoint moved = plant;
+    moved.Apply(control);
+    const double inwards =
+        -(plant.x[0] * (moved.x[0] - plant.x[0]) + plant.x[1] * (moved.x[1] - plant.x[1]));
+    return std::acos(inwards / test::Norm(plant.x) / test::Norm(control));
+  };
+  EXPECT_LT(off(second), 0.8);
+  // iteration 0: a recovery begins, and nothing is known of the control that led to its state.
+  recovery.Reset(1);
+  ASSERT_EQ(recovery.Next({.x = plant.x, .g = 0.06, .lambda = 5.0}, second), Mode::kRecovery);
+  EXPECT_NEAR(off(second), 0.9, 0.02);
+}
+
+TEST(GradientRecoveryTest, HasNoDirectionWhereControlsDoNothing) {
+  auto demonstrations = test::Rightwards();
+  for (auto& d : demonstrations) d.states.setZero();
+  const auto support = test::MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, demonstrations);
+  const auto policy = test::ConstantPolicy(2, 0.08);
+  SwitchingPolicy controller(policy, support, kLambda, std::make_unique<GradientRecovery>(model));
+  controller.Reset(1);
+  std::vector<double> u(2, 1.0);
+  EXPECT_EQ(controller.Next(kStart, u).cause, HaltCause::kNoDirection);
+  EXPECT_EQ(u, std::vector<double>({0.0, 0.0}));
+}
+
+TEST(GradientRecoveryTest, ControlsStayWithinTheLimit) {
+  const auto support = test::MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
+  GradientRecovery recovery(model, 0.05);
+  recovery.Reset(1);
+  std::vector<double> u(2);
+  ASSERT_EQ(recovery.Next({.x = kStart, .g = 0.06, .lambda = 5.0}, u), Mode::kRecovery);
+  // Rounding, to the control unit and back.
+  EXPECT_NEAR(u[1], -0.05, 1e-15);
+  EXPECT_LE(std::abs(u[0]), 0.05 * (1.0 + 1e-12));
+}
+
+TEST(GradientRecoveryTest, NeverAllocates) {
+  const auto support = test::MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
+  GradientRecovery recovery(model);
+  std::vector<double> x = kStart, u(2);
+  const test::NoAlloc guard;
+  recovery.Reset(1);
+  for (int i = 0; i < 20; ++i) {
+    x[0] = 0.01 * i;
+    (void)recovery.Next({.iteration = i, .x = x, .g = 0.06, .lambda = 5.0}, u);
+  }
+}
+
+TEST(GradientRecoveryTest, RefusesALimitThatIsNotPositive) {
+  const auto support = test::MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
+  for (const double limit : {0.0, -1.0, std::nan("")}) {
+    EXPECT_THROW(GradientRecovery(model, limit), std::invalid_argument) << limit;
+  }
+}
+
+}  // namespace
+}  // namespace dfr::control

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <vector>
+
+#include "dfr/control/jacobian_estimate.h"
+#include "dfr/core/matrix.h"
+
+namespace dfr::test {
+
+/// An estimate that has been shown z' = z + J v + s d so well that it knows J, and d, to about
+/// 1e-9.
+inline control::JacobianEstimate KnownJacobian(const Eigen::MatrixXd& jacobian,
+                                               const Eigen::VectorXd& drift = {},
+                                               const control::DriftTime& drift_time = {}) {
+  const std::vector<core::Matrix> features = {core::Matrix::Zero(2, jacobian.rows())};
+  const std::vector<core::Matrix> controls = {core::Matrix::Ones(1, jacobian.cols())};
+  control::JacobianEstimate estimate(
+      std::make_shared<const control::JacobianPrior>(
+          features, controls, control::JacobianOptions{.ridge = 1e-9, .prior_weight = 0.0}),
+      drift_time);
+  for (Eigen::Index i = 0; i < jacobian.cols(); ++i) {
+    for (const double size : {1.0, -2.0}) {
+      const Eigen::VectorXd v = size * Eigen::VectorXd::Unit(jacobian.cols(), i);
+      Eigen::VectorXd dz = jacobian * v;
+      if (drift.size() > 0) dz += (drift_time.rest + drift_time.travel * v.norm()) * drift;
+      estimate.Update(core::AsSpan(v), core::AsSpan(dz));
+    }
+  }
+  const Eigen::VectorXd z = Eigen::VectorXd::Zero(jacobian.rows());
+  estimate.Compute(0, core::AsSpan(z));
+  return estimate;
+}
+
+}  // namespace dfr::test

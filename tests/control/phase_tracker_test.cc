@@ -1,0 +1,267 @@
+#include "dfr/control/phase_tracker.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "tests/control/analytic.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::control {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr int kSteps = 40;
+
+// l_t(x) = log 2 - (x - speed t)^2: B_t is |x - speed t| <= 0.8326.
+test::GaussianSupport Line(double speed) { return {{{0.0}}, 1.0, 0.5, {speed}, kSteps}; }
+
+TEST(PhaseTrackerTest, AdvancesWhereTheNextSupportIsReachedAndNotJustBefore) {
+  const auto support = Line(1.0);
+  PhaseTracker tracker(support);
+  EXPECT_EQ(tracker.phase(), 0);
+  EXPECT_TRUE(tracker.Advance(0.0));
+  EXPECT_EQ(tracker.phase(), 1);
+  EXPECT_EQ(tracker.waited(), 0);
+  EXPECT_FALSE(tracker.Advance(-1e-300));
+  EXPECT_EQ(tracker.phase(), 1);
+  EXPECT_EQ(tracker.waited(), 1);
+  EXPECT_TRUE(tracker.Advance(0.3));
+  EXPECT_EQ(tracker.phase(), 2);
+  EXPECT_EQ(tracker.waited(), 0);
+}
+
+TEST(PhaseTrackerTest, KeepsTimeAfterItsWaitsIfTheNextSupportIsNear) {
+  const auto support = Line(1.0);
+  PhaseTracker tracker(support, {.wait = 2, .reach = 0.4});
+  EXPECT_FALSE(tracker.Advance(-0.4));
+  EXPECT_FALSE(tracker.Advance(-0.4));
+  EXPECT_EQ(tracker.waited(), 2);
+  EXPECT_FALSE(tracker.Advance(std::nextafter(-0.4, -1.0))) << "beyond reach";
+  EXPECT_EQ(tracker.phase(), 0);
+  EXPECT_EQ(tracker.waited(), 3);
+  EXPECT_TRUE(tracker.Advance(-0.4)) << "at reach, and long enough";
+  EXPECT_EQ(tracker.phase(), 1);
+  EXPECT_FALSE(tracker.Advance(-0.1)) << "it waits anew";
+  EXPECT_FALSE(tracker.Advance(-kInfinity));
+  EXPECT_FALSE(tracker.Advance(std::nan(""))) << "no level at all";
+  EXPECT_EQ(tracker.waited(), 3);
+}
+
+TEST(PhaseTrackerTest, WithoutAWaitItGoesOnAtOnceAndOnlyWithinReach) {
+  const auto support = Line(1.0);
+  PhaseTracker eager(support, {.wait = 0, .reach = 0.0});
+  EXPECT_TRUE(eager.Advance(0.0));
+  EXPECT_FALSE(eager.Advance(-1e-12));
+  PhaseTracker near(support, {.wait = 0, .reach = 1.0});
+  EXPECT_TRUE(near.Advance(-1.0));
+}
+
+TEST(PhaseTrackerTest, ResetStartsAfresh) {
+  const auto support = Line(1.0);
+  PhaseTracker tracker(support);
+  EXPECT_FALSE(tracker.Advance(-1.0));
+  tracker.Reset(7);
+  EXPECT_EQ(tracker.phase(), 7);
+  EXPECT_EQ(tracker.waited(), 0);
+  EXPECT_NEAR(tracker.Follow(std::vector{7.0}), std::log(2.0), 1e-15);
+  EXPECT_EQ(tracker.phase(), 7) << "the first state is that of the first phase";
+  tracker.Reset();
+  EXPECT_EQ(tracker.phase(), 0);
+  (void)tracker.Follow(std::vector{0.0});
+  EXPECT_EQ(tracker.phase(), 0);
+}
+
+// An episode that goes at `pace` phases a step is followed: the phase is that of the demonstration.
+TEST(PhaseTrackerTest, FollowsPacesOtherThanTheDemonstrations) {
+  const auto support = Line(1.0);
+  PhaseTracker tracker(support);
+  for (const double pace : {1.0, 2.0, 0.5, 3.0}) {
+    SCOPED_TRACE(pace);
+    tracker.Reset();
+    for (int i = 0; pace * i < kSteps - 1; ++i) {
+      const double l = tracker.Follow(std::vector{pace * i});
+      EXPECT_NEAR(tracker.phase(), pace * i, 0.5 + 1e-12) << i;
+      EXPECT_GE(l, std::log(2.0) - 0.25 - 1e-12) << "no support fits better";
+    }
+  }
+}
+
+TEST(PhaseTrackerTest, FollowsAPauseAndGoesOnAfterIt) {
+  const auto support = Line(1.0);
+  PhaseTracker tracker(support);
+  tracker.Reset();
+  for (int i = 0; i <= 5; ++i) (void)tracker.Follow(std::vector{1.0 * i});
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_NEAR(tracker.Follow(std::vector{5.0}), std::log(2.0), 1e-15);
+    EXPECT_EQ(tracker.phase(), 5) << i;
+  }
+  (void)tracker.Follow(std::vector{6.0});
+  EXPECT_EQ(tracker.phase(), 6);
+}
+
+// The support is the same at all times: the clock decides, also from the end on.
+TEST(PhaseTrackerTest, TiesGoToTheClock) {
+  const auto support = Line(0.0);
+  PhaseTracker tracker(support);
+  tracker.Reset();
+  for (int i = 0; i < kSteps + 5; ++i) {
+    (void)tracker.Follow(std::vector{0.1});
+    EXPECT_EQ(tracker.phase(), std::min(i, kSteps - 1));
+  }
+}
+
+// Phases gain 0.1 each in the direction of time. A phase to the side costs 0.05, so the farthest of
+// the window wins; where they gain 0.04, none is worth it.
+TEST(PhaseTrackerTest, LooksNoFurtherThanItsWindowAndOnlyForABetterFit) {
+  class Slope final : public core::LogDecisionFunction {
+   public:
+    explicit Slope(double gain) : gain_(gain) {}
+    int state_dim() const noexcept override { return 1; }
+    int num_steps() const noexcept override { return kSteps; }
+    double Decision(int, std::span<const double>) const noexcept override { return 1.0; }
+    double Gradient(int, std::span<const double>, std::span<double>) const noexcept override {
+      return 1.0;
+    }
+    double LogDecision(int t, std::span<const double> x,
+                       std::span<double>) const noexcept override {
+      return x[0] + gain_ * t;
+    }
+    double FromLog(int, double l) const noexcept override { return l; }
+    double lipschitz_bound(int) const noexcept override { return 1.0; }
+    double curvature_bound(int) const noexcept override { return 1.0; }
+
+   private:
+    double gain_;
+  };
+  const std::vector<double> inside = {5.0};
+  const auto followed = [&](double gain) {
+    const Slope support(gain);
+    PhaseTracker tracker(support);
+    tracker.Reset(10);
+    const double l = tracker.Follow(inside);
+    EXPECT_NEAR(l, 5.0 + gain * tracker.phase(), 1e-12);
+    return tracker.phase();
+  };
+  EXPECT_EQ(followed(0.1), 10 + PhaseTracker::kWindow);
+  EXPECT_EQ(followed(-0.1), 10 - PhaseTracker::kWindow);
+  EXPECT_EQ(followed(0.04), 10);
+  EXPECT_EQ(followed(-0.04), 10);
+  const auto entered = [&](double gain) {
+    const Slope support(gain);
+    PhaseTracker tracker(support);
+    tracker.Reset(10);
+    const double l = tracker.Enter(inside);
+    EXPECT_NEAR(l, 5.0 + gain * tracker.phase(), 1e-12);
+    return tracker.phase();
+  };
+  EXPECT_EQ(entered(0.1), 10 + PhaseTracker::kWindow);
+  // One more behind: the phase may have advanced with a control that was chosen one earlier.
+  EXPECT_EQ(entered(-0.1), 10 - PhaseTracker::kWindow - 1);
+  EXPECT_EQ(entered(0.04), 10);
+}
+
+TEST(PhaseTrackerTest, AStateThatIsNotOneIsNowhereAndTheClockGoesOn) {
+  // As every support of the library: -infinity where an entry is not finite.
+  class Strict final : public core::LogDecisionFunction {
+   public:
+    int state_dim() const noexcept override { return 1; }
+    int num_steps() const noexcept override { return line_.num_steps(); }
+    double Decision(int t, std::span<const double> x) const noexcept override {
+      return std::isfinite(x[0]) ? line_.Decision(t, x) : -kInfinity;
+    }
+    double Gradient(int t, std::span<const double> x, std::span<double> g) const noexcept override {
+      return line_.Gradient(t, x, g);
+    }
+    double LogDecision(int t, std::span<const double> x,
+                       std::span<double> g) const noexcept override {
+      return std::isfinite(x[0]) ? line_.LogDecision(t, x, g) : -kInfinity;
+    }
+    double FromLog(int t, double l) const noexcept override { return line_.FromLog(t, l); }
+    double lipschitz_bound(int t) const noexcept override { return line_.lipschitz_bound(t); }
+    double curvature_bound(int t) const noexcept override { return line_.curvature_bound(t); }
+
+   private:
+    test::GaussianSupport line_ = Line(1.0);
+  };
+  const Strict support;
+  PhaseTracker tracker(support);
+  tracker.Reset(3);
+  (void)tracker.Follow(std::vector{3.0});
+  EXPECT_EQ(tracker.Follow(std::vector{std::nan("")}), -kInfinity);
+  EXPECT_EQ(tracker.phase(), 4);
+  EXPECT_EQ(tracker.Follow(std::vector{kInfinity}), -kInfinity);
+  EXPECT_EQ(tracker.phase(), 5);
+  EXPECT_NEAR(tracker.Follow(std::vector{6.0}), std::log(2.0), 1e-15);
+  EXPECT_EQ(tracker.phase(), 6);
+  EXPECT_EQ(tracker.Enter(std::vector{std::nan("")}), -kInfinity);
+  EXPECT_EQ(tracker.phase(), 6);
+}
+
+TEST(PhaseTrackerTest, EntersTheBestPhaseThatTheStateIsIn) {
+  const auto support = Line(1.0);
+  PhaseTracker tracker(support);
+  for (const double x : {6.0, 7.4, 8.0, 10.0, 12.0, 13.0}) {
+    SCOPED_TRACE(x);
+    tracker.Reset(10);
+    const double l = tracker.Enter(std::vector{x});
+    EXPECT_EQ(tracker.phase(), std::lround(x));
+    EXPECT_NEAR(l, std::log(2.0) - std::pow(x - std::lround(x), 2), 1e-12);
+  }
+}
+
+TEST(PhaseTrackerTest, StaysWhereNoPhaseNearbyHoldsTheState) {
+  const auto support = Line(1.0);
+  PhaseTracker tracker(support);
+  for (const double x : {5.1, 13.9, 30.0}) {
+    SCOPED_TRACE(x);
+    tracker.Reset(10);
+    EXPECT_NEAR(tracker.Enter(std::vector{x}), std::log(2.0) - (x - 10.0) * (x - 10.0), 1e-9);
+    EXPECT_LT(tracker.Enter(std::vector{x}), 0.0);
+    EXPECT_EQ(tracker.phase(), 10);
+  }
+  // B_0 and B_1 are all that is left before the start.
+  tracker.Reset(1);
+  EXPECT_GE(tracker.Enter(std::vector{-0.5}), 0.0);
+  EXPECT_EQ(tracker.phase(), 0);
+}
+
+TEST(PhaseTrackerTest, NeverAllocates) {
+  const auto support = Line(1.0);
+  PhaseTracker tracker(support);
+  std::vector<double> x = {0.0};
+  const test::NoAlloc guard;
+  for (int i = 0; i < 100; ++i) {
+    x[0] = 0.7 * i;
+    (void)tracker.Follow(x);
+    (void)tracker.Enter(x);
+    (void)tracker.Advance(-0.1);
+    tracker.Reset(i);
+  }
+}
+
+TEST(PhaseTrackerTest, ErrorsNameTheOption) {
+  const auto support = Line(1.0);
+  const auto message = [&](const PhaseOptions& options) -> std::string {
+    try {
+      const PhaseTracker tracker(support, options);
+    } catch (const std::invalid_argument& e) {
+      return e.what();
+    }
+    return "nothing thrown";
+  };
+  EXPECT_THAT(message({.wait = -1}), testing::HasSubstr("wait"));
+  for (const double reach : {-1e-9, kInfinity, std::nan("")}) {
+    EXPECT_THAT(message({.reach = reach}), testing::HasSubstr("reach")) << reach;
+  }
+  EXPECT_EQ(message({.wait = 0, .reach = 0.0}), "nothing thrown");
+}
+
+}  // namespace
+}  // namespace dfr::control

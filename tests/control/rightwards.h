@@ -1,0 +1,57 @@
+#pragma once
+
+#include <cmath>
+#include <vector>
+
+#include "dfr/core/feature_transform.h"
+#include "dfr/core/random.h"
+#include "dfr/core/trajectory.h"
+#include "tests/control/analytic.h"
+
+/// A task of guided recovery that can be computed by hand: a point goes right, its supports with
+/// it.
+namespace dfr::test {
+
+inline constexpr double kSpeed = 0.1;
+inline constexpr int kSteps = 20;
+
+/// Demonstrations of a point that goes right at kSpeed a step, y scattered; the control is the
+/// change of state, but turned by `angle`.
+inline std::vector<core::Trajectory> Rightwards(double angle = 0.0) {
+  core::Random random(1);
+  std::vector<core::Trajectory> demonstrations;
+  for (int d = 0; d < 30; ++d) {
+    core::Trajectory trajectory;
+    trajectory.states.resize(kSteps + 1, 2);
+    trajectory.controls.resize(kSteps, 2);
+    trajectory.states.row(0) << 0.05 * random.Normal(), 0.1 * random.Normal();
+    for (int t = 0; t < kSteps; ++t) {
+      const double dx = kSpeed;
+      const double dy = -0.3 * trajectory.states(t, 1) + 0.05 * random.Normal();
+      trajectory.states.row(t + 1) = trajectory.states.row(t) + Eigen::RowVector2d(dx, dy);
+      trajectory.controls.row(t) << std::cos(angle) * dx + std::sin(angle) * dy,
+          -std::sin(angle) * dx + std::cos(angle) * dy;
+    }
+    demonstrations.push_back(trajectory);
+  }
+  return demonstrations;
+}
+
+/// B_t is a disk of radius 0.42 around (t kSpeed, 0): l_t(x) = log 2 - 4 |x - (t kSpeed, 0)|^2.
+inline GaussianSupport MovingDisk() { return {{{0.0, 0.0}}, 4.0, 0.5, {kSpeed, 0.0}, kSteps + 1}; }
+
+inline core::FeatureTransform IdentityFeatures(int dim = 2) {
+  return core::FeatureTransform::Identity(core::FeatureSelection::All(dim));
+}
+
+/// A point whose control is turned by `angle`, in the way that Rightwards() was.
+struct TurnedPoint {
+  double angle = 0.0;
+  std::vector<double> x = {0.0, 0.0};
+  void Apply(const std::vector<double>& u) {
+    x[0] += std::cos(angle) * u[0] - std::sin(angle) * u[1];
+    x[1] += std::sin(angle) * u[0] + std::cos(angle) * u[1];
+  }
+};
+
+}  // namespace dfr::test

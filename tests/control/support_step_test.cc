@@ -1,0 +1,301 @@
+#include "dfr/control/support_step.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "tests/control/analytic.h"
+#include "tests/control/known_jacobian.h"
+#include "tests/support/all_close.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::control {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr int kN = 3;
+
+Eigen::VectorXd RandomVector(core::Random& random, int size, double scale = 1.0) {
+  Eigen::VectorXd v(size);
+  for (double& entry : v) entry = scale * random.Normal();
+  return v;
+}
+
+Eigen::MatrixXd RandomJacobian(core::Random& random, int rows, int cols) {
+  Eigen::MatrixXd j(rows, cols);
+  for (double& entry : j.reshaped()) entry = random.Normal();
+  return j;
+}
+
+// A support of three Gaussians, a J with more, as many or fewer controls than features, a state
+// that may be far outside, and a control within a limit that some of its entries may be at.
+struct World {
+  World(std::uint64_t seed, bool drifts)
+      : random(seed),
+        controls(1 + static_cast<int>(seed % 4)),
+        support({Point(), Point(), Point()}, random.Uniform(0.2, 3.0), random.Uniform(0.1, 0.9)),
+        answer(test::KnownJacobian(RandomJacobian(random, kN, controls),
+                                   drifts ? RandomVector(random, kN) : Eigen::VectorXd(),
+                                   drifts ? DriftTime{.rest = 0.3, .travel = 0.2} : DriftTime{})),
+        z(RandomVector(random, kN, 1.5)),
+        limit(random.Uniform(0.2, 2.0)),
+        v(RandomVector(random, controls).cwiseMax(-limit).cwiseMin(limit)) {}
+
+  std::vector<double> Point() {
+    return {0.5 * random.Normal(), 0.5 * random.Normal(), 0.5 * random.Normal()};
+  }
+  [[nodiscard]] LocalModel model() const { return {support, answer, core::AsSpan(z)}; }
+
+  core::Random random;
+  int controls;
+  test::GaussianSupport support;
+  JacobianEstimate answer;
+  Eigen::VectorXd z;
+  double limit;
+  Eigen::VectorXd v;
+};
+
+// l = -2 |x|^2, c = 2. In one step from v = 0 with z = (1, 1), J = diag(2, 1): grad l = (-4, -4),
+// d = J' grad l = (-8, -4), |d|^2 = 80, |J d|^2 = 272, s = 80 / (2 * 2 * 272) = 5 / 68.
+class OneGaussianTest : public testing::Test {
+ protected:
+  test::GaussianSupport support_{{{0.0, 0.0}}, 2.0, 1.0};
+  JacobianEstimate answer_ = test::KnownJacobian(Eigen::Vector2d(2.0, 1.0).asDiagonal());
+  Eigen::VectorXd z_ = Eigen::Vector2d(1.0, 1.0);
+  LocalModel model_{support_, answer_, core::AsSpan(z_)};
+};
+
+TEST_F(OneGaussianTest, AStepGoesWhereItGainsMost) {
+  Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
+  const double l = RaiseLevel(model_, {.level = kInfinity}, {.iterations = 1}, v);
+  // J is known to 1e-9.
+  EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(-10.0 / 17.0, -5.0 / 17.0), 1e-8));
+  EXPECT_NEAR(l, -306.0 / 289.0, 1e-7);
+  EXPECT_EQ(l, model_.Level(0, v));
+}
+
+// The bound is exact for a single Gaussian: l = -4 + 80 s - 2 * 272 s^2 = -2.
+TEST_F(OneGaussianTest, AStepGoesNoFurtherThanTheTarget) {
+  Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
+  const double l = RaiseLevel(model_, {.level = -2.0}, {.iterations = 1}, v);
+  const double s = (80.0 - std::sqrt(80.0 * 80.0 - 4.0 * 544.0 * 2.0)) / (2.0 * 544.0);
+  EXPECT_NEAR(l, -2.0, 1e-12);
+  EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(-8.0 * s, -4.0 * s), 1e-8));
+}
+
+TEST_F(OneGaussianTest, StepsLeadToTheMaximum) {
+  Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
+  const double l = RaiseLevel(model_, {.level = kInfinity}, {.iterations = 100}, v);
+  EXPECT_LE(l, 0.0);
+  EXPECT_GT(l, -5e-3) << "it ends where a step gains less than 1e-3";
+  EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(-0.5, -1.0), 0.05));
+}
+
+// With J the identity the only way is against the wanted effect, of which half has to remain.
+TEST_F(OneGaussianTest, TheShareEndsAStepWhereItIsLost) {
+  const JacobianEstimate identity = test::KnownJacobian(Eigen::Matrix2d::Identity());
+  z_ << 1.0, 0.0;
+  const LocalModel model{support_, identity, core::AsSpan(z_)};
+  for (const double share : {1.0, 0.75, 0.5, 0.0, -1.0}) {
+    SCOPED_TRACE(share);
+    Eigen::VectorXd v = Eigen::Vector2d(1.0, 0.0);
+    const double l = RaiseLevel(model, {.level = kInfinity, .share = share}, {}, v);
+    EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(share, 0.0), 1e-8));
+    EXPECT_NEAR(l, -2.0 * (1.0 + share) * (1.0 + share), 1e-7);
+  }
+}
+
+// A control without any effect has none to lose.
+TEST_F(OneGaussianTest, TheShareOfNoEffectForbidsNothing) {
+  for (const double share : {1.0, 0.5}) {
+    Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
+    const double l = RaiseLevel(model_, {.level = -2.0, .share = share}, {.iterations = 1}, v);
+    EXPECT_NEAR(l, -2.0, 1e-12) << share;
+  }
+}
+
+TEST_F(OneGaussianTest, ATargetThatIsMetLeavesTheControlBitForBit) {
+  Eigen::VectorXd v = Eigen::Vector2d(-0.1 / 3.0, 0.7 / 3.0);
+  const Eigen::VectorXd before = v;
+  const double l = model_.Level(0, v);
+  for (const double level : {l, l - 1.0, -kInfinity}) {
+    EXPECT_EQ(RaiseLevel(model_, {.level = level}, {}, v), l);
+    EXPECT_TRUE(v == before);
+  }
+}
+
+TEST_F(OneGaussianTest, WithoutIterationsNothingIsChanged) {
+  Eigen::VectorXd v = Eigen::Vector2d(0.3, -0.7);
+  const Eigen::VectorXd before = v;
+  EXPECT_EQ(RaiseLevel(model_, {.level = 0.0}, {.iterations = 0}, v), model_.Level(0, before));
+  EXPECT_TRUE(v == before);
+}
+
+TEST_F(OneGaussianTest, WhereControlsDoNothingNothingIsChanged) {
+  const JacobianEstimate nothing = test::KnownJacobian(Eigen::Matrix2d::Zero());
+  const LocalModel model{support_, nothing, core::AsSpan(z_)};
+  for (const double share : {-kInfinity, 0.5}) {
+    Eigen::VectorXd v = Eigen::Vector2d(0.3, -0.7);
+    const Eigen::VectorXd before = v;
+    EXPECT_EQ(RaiseLevel(model, {.level = 0.0, .share = share}, {}, v), -4.0);
+    EXPECT_TRUE(v == before);
+  }
+}
+
+// One entry at its limit: the other alone makes the room that there is.
+TEST_F(OneGaussianTest, AnEntryAtItsLimitLeavesTheDirection) {
+  Eigen::VectorXd v = Eigen::Vector2d(-0.25, 0.0);
+  const double l = RaiseLevel(model_, {.level = kInfinity}, {.control = 0.25, .iterations = 1}, v);
+  EXPECT_EQ(v[0], -0.25);
+  EXPECT_EQ(v[1], -0.25);
+  EXPECT_NEAR(l, -2.0 * (0.25 + 0.5625), 1e-7);  // at (1 - 2 * 0.25, 1 - 0.25)
+}
+
+// Without curvature a step goes straight to the level.
+TEST(RaiseLevelTest, AStraightSlopeIsClimbedInOneStep) {
+  class Ramp final : public core::LogDecisionFunction {
+   public:
+    int state_dim() const noexcept override { return 1; }
+    int num_steps() const noexcept override { return 1; }
+    double Decision(int, std::span<const double> x) const noexcept override { return x[0]; }
+    double Gradient(int, std::span<const double> x, std::span<double> g) const noexcept override {
+      g[0] = 1.0;
+      return x[0];
+    }
+    double LogDecision(int, std::span<const double> x,
+                       std::span<double> g) const noexcept override {
+      if (!g.empty()) g[0] = 1.0;
+      return x[0];
+    }
+    double FromLog(int, double l) const noexcept override { return l; }
+    double lipschitz_bound(int) const noexcept override { return 1.0; }
+    double curvature_bound(int) const noexcept override { return 0.0; }
+  };
+  const Ramp support;
+  const JacobianEstimate answer = test::KnownJacobian(Eigen::MatrixXd::Constant(1, 1, 2.0));
+  const std::vector<double> z = {-3.0};
+  Eigen::VectorXd v = Eigen::VectorXd::Zero(1);
+  EXPECT_NEAR(RaiseLevel({support, answer, z}, {.level = 1.0}, {}, v), 1.0, 1e-12);
+  EXPECT_NEAR(v[0], 2.0, 1e-8);
+}
+
+TEST(RaiseLevelTest, NeverReturnsLessThanItWasGivenAndStaysWithinItsLimits) {
+  int raised = 0;
+  for (std::uint64_t seed = 0; seed < 2000; ++seed) {
+    SCOPED_TRACE(testing::Message() << "seed = " << seed);
+    World world(seed, /*drifts=*/seed % 2 == 0);
+    const LocalModel model = world.model();
+    const StepTarget target{.level = seed % 3 == 0 ? kInfinity : 0.1,
+                            .share = seed % 5 == 0 ? 0.5 : -kInfinity};
+    Eigen::VectorXd v = world.v;
+    const double before = model.Level(0, v);
+    const double l = RaiseLevel(model, target, {.control = world.limit}, v);
+    ASSERT_GE(l, before);
+    ASSERT_EQ(l, model.Level(0, v)) << "the level that it says";
+    ASSERT_LE(v.cwiseAbs().maxCoeff(), world.limit);
+    raised += l > before ? 1 : 0;
+  }
+  EXPECT_GT(raised, 1500);
+}
+
+// J reaches every change of features, and every maximum of l is above the level.
+TEST(RaiseLevelTest, ReachesATargetThatIsWithinReach) {
+  for (std::uint64_t seed = 0; seed < 500; ++seed) {
+    SCOPED_TRACE(testing::Message() << "seed = " << seed);
+    core::Random random(seed);
+    const auto point = [&] {
+      return std::vector{0.5 * random.Normal(), 0.5 * random.Normal(), 0.5 * random.Normal()};
+    };
+    // One of three Gaussians alone reaches log(1 / (3 * 0.3)) = 0.1.
+    const test::GaussianSupport support({point(), point(), point()}, 1.0, 0.3);
+    const JacobianEstimate answer =
+        test::KnownJacobian(Eigen::MatrixXd::Identity(kN, 4) + 0.1 * RandomJacobian(random, kN, 4));
+    const Eigen::VectorXd z = RandomVector(random, kN, 1.5);
+    const LocalModel model{support, answer, core::AsSpan(z)};
+    Eigen::VectorXd v = RandomVector(random, 4);
+    const double before = model.Level(0, v);
+    const double l = RaiseLevel(model, {.level = 0.0}, {.iterations = 100}, v);
+    ASSERT_GE(l, -1e-12) << "from " << before;
+  }
+}
+
+// Between the target and what a single step may reach beyond lies what l bends upwards: with the
+// centres within D of each other the Hessian of l is at most -2 gamma + gamma^2 D^2, the bound
+// takes -2 gamma, so that l exceeds the target by at most gamma^2 D^2 |J s d|^2 / 2.
+TEST(RaiseLevelTest, ASingleStepOvershootsByNoMoreThanTheBoundLeavesOut) {
+  int reached = 0;
+  for (std::uint64_t seed = 0; seed < 500; ++seed) {
+    SCOPED_TRACE(testing::Message() << "seed = " << seed);
+    core::Random random(seed);
+    constexpr double kGamma = 1.5;
+    const std::vector<double> a = {0.3 * random.Normal(), 0.3 * random.Normal()};
+    const std::vector<double> b = {0.3 * random.Normal(), 0.3 * random.Normal()};
+    const double square = std::pow(a[0] - b[0], 2) + std::pow(a[1] - b[1], 2);
+    const test::GaussianSupport support({a, b}, kGamma, 0.5);
+    const JacobianEstimate answer = test::KnownJacobian(RandomJacobian(random, 2, 2));
+    const Eigen::VectorXd z = RandomVector(random, 2);
+    const LocalModel model{support, answer, core::AsSpan(z)};
+    Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
+    const double target = model.Level(0, v) + 0.1;
+    const double l = RaiseLevel(model, {.level = target}, {.iterations = 1}, v);
+    const double moved = (answer.jacobian() * v).squaredNorm();
+    ASSERT_LE(l, target + 0.5 * kGamma * kGamma * square * moved + 1e-12);
+    // Of what the step surely gains it misses nothing, if it is not the largest.
+    reached += l >= target - 1e-12 ? 1 : 0;
+  }
+  EXPECT_GT(reached, 300);
+}
+
+TEST(RaiseLevelTest, TheShareOfTheEffectRemains) {
+  int bound = 0;
+  for (std::uint64_t seed = 0; seed < 4000; ++seed) {
+    SCOPED_TRACE(testing::Message() << "seed = " << seed);
+    World world(seed, /*drifts=*/seed % 3 == 0);
+    const LocalModel model = world.model();
+    const bool limited = seed % 2 == 0;
+    const double share = world.random.Uniform(-1.0, 1.0);
+    Eigen::VectorXd v = world.v;
+    const Eigen::VectorXd wanted = world.answer.jacobian() * v;
+    (void)RaiseLevel(model, {.level = kInfinity, .share = share},
+                     {.control = limited ? world.limit : kInfinity, .iterations = 20}, v);
+    const double kept = wanted.dot(world.answer.jacobian() * v) / wanted.squaredNorm();
+    ASSERT_GE(kept, share - 1e-9);
+    bound += kept < share + 1e-9 ? 1 : 0;
+  }
+  EXPECT_GT(bound, 500) << "many must have been stopped by it, exactly";
+}
+
+TEST(RaiseLevelTest, LooksAtTheSupportOfThePhaseItIsGiven) {
+  // B_t is a disk around (t, 0).
+  const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5, {1.0, 0.0}, 5);
+  const JacobianEstimate answer = test::KnownJacobian(Eigen::Matrix2d::Identity());
+  const std::vector<double> z = {0.0, 0.0};
+  Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
+  const double l = RaiseLevel({support, answer, z}, {.phase = 3, .level = kInfinity}, {}, v);
+  EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(3.0, 0.0), 1e-7));
+  EXPECT_NEAR(l, std::log(2.0), 1e-12);
+}
+
+TEST(RaiseLevelTest, AStateThatIsNotOneChangesNothing) {
+  World world(1, false);
+  world.z[1] = kInfinity;
+  Eigen::VectorXd v = world.v;
+  const double l = RaiseLevel(world.model(), {}, {}, v);
+  EXPECT_FALSE(l >= 0.0);
+  EXPECT_TRUE(v == world.v);
+}
+
+TEST(RaiseLevelTest, NeverAllocates) {
+  for (std::uint64_t seed = 0; seed < 40; ++seed) {
+    World world(seed, seed % 2 == 0);
+    const test::NoAlloc guard;
+    (void)RaiseLevel(world.model(), {.level = kInfinity, .share = 0.5}, {.control = world.limit},
+                     world.v);
+    (void)world.model().Level(0, world.v);
+  }
+}
+
+}  // namespace
+}  // namespace dfr::control
