@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "dfr/core/build_info.h"
 #include "dfr/core/format.h"
 #include "dfr/recording/read_recording.h"
 #include "dfr/runtime/periodic_timer.h"
@@ -97,6 +98,10 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
   }
   std::cout << path.string() << ": " << log.steps.size() << " decisions by " << log.metadata.method
             << ", seed " << log.metadata.seed << ", commit " << log.metadata.commit << '\n';
+  if (log.metadata.commit != core::BuildCommit()) {
+    std::cout << "  this program is of commit " << core::BuildCommit()
+              << ", whose methods may decide otherwise\n";
+  }
   if (!log.finished) std::cout << "  it was cut off: its program was killed, or still runs\n";
   if (log.dropped_records > 0) {
     std::cout << "  " << log.dropped_records << " records are missing\n";

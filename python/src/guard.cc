@@ -103,6 +103,7 @@ py::tuple Filter(Guard& guard, int t, const Array& state, const Array& action) {
   info["reason"] = verdict.reason();
   info["changed"] = verdict.changed;
   info["alarm"] = verdict.alarm;
+  info["alarm_step"] = verdict.alarm_step;
   info["step"] = verdict.step;
   return py::make_tuple(std::move(safe), std::move(info));
 }
@@ -301,7 +302,8 @@ info : dict
         halted.
     changed : bool, whether the action differs from the policy's.
     alarm : bool, whether the state is further outside than demonstrations are.
-    step : int
+    alarm_step : int, the time step of the demonstrations that the state fits best: the alarm's.
+    step : int, the time step that the strategy is in: that of g and threshold.
 )")
       .def("decision", &Decision, py::arg("t"), py::arg("x"),
            R"(g at time step(s) `t`, of one state or of each row; positive inside.

@@ -253,6 +253,7 @@ TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSee
   metadata.model = folder.string();
   metadata.model_checksum = recording::Checksum(folder);
   metadata.method = "guided";
+  metadata.commit = "0123456789ab";
   const line_task::LineCalibration known = Data().Calibration();
   sim::LineTrackingPlant plant(FromTruth(), &known);
   {
@@ -268,7 +269,11 @@ TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSee
   const recording::Recording log = recording::ReadRecording(path);
   EXPECT_GT(log.steps.size(), 60U);
   EXPECT_EQ(log.steps.front().state.view().size(), 4U);
+  testing::internal::CaptureStdout();
   EXPECT_TRUE(ReplayRecording(path, {}));
+  // Where methods have changed since, it says why decisions may differ.
+  EXPECT_NE(testing::internal::GetCapturedStdout().find("this program is of commit "),
+            std::string::npos);
 
   // Another model decides otherwise.
   LineModelOptions other;

@@ -67,7 +67,7 @@ TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
 }
 
 TEST(PlanarTest, ResultsDoNotDependOnTheNumberOfThreads) {
-  PlanarStudy study = Small("push", {"dfr", "guided-lwr"});
+  PlanarStudy study = Small("push", {"dfr", "guided"});
   study.plan.episodes = 5;
   study.threads = 1;
   const auto one = RunStudy(study);
@@ -104,7 +104,7 @@ TEST(PlanarTest, EveryMethodRunsAndUnknownNamesAreNamed) {
   const Task task = MakeTask("push");
   const Methods methods(task, Demonstrate(task, 20, 1));
   for (const auto& name : {"baseline", "early-stopping", "dfr", "finite-difference", "lwr",
-                           "guided", "guided-lwr", "guided-without-filter", "certified-lipschitz",
+                           "guided", "guided-without-filter+time", "certified-lipschitz",
                            "certified-radius", "certified-direction"}) {
     EXPECT_EQ(methods.Make(name, *task.plant)->state_dim(), 4) << name;
   }

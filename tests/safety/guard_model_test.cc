@@ -173,8 +173,8 @@ TEST_F(GuardFileTest, WrongContentWithARightChecksumDoesNoHarm) {
 }
 
 TEST_F(GuardFileTest, NewerAndOtherFilesAreRefusedByName) {
-  core::ArchiveWriter("guard", 2).Save(path_);
-  EXPECT_THAT(Refusal(), HasSubstr("version 2; this build reads versions up to 1: update dfr"));
+  core::ArchiveWriter("guard", 3).Save(path_);
+  EXPECT_THAT(Refusal(), HasSubstr("version 3; this build reads versions up to 2: update dfr"));
   core::ArchiveWriter("time-varying-support", 1).Save(path_);
   EXPECT_THAT(Refusal(), HasSubstr("holds a time-varying-support, where a guard is needed"));
   std::filesystem::remove(path_);
@@ -197,15 +197,41 @@ TEST_F(GuardFileTest, AFileOfVersion1IsReadByAllLaterOnes) {
   EXPECT_NEAR(model->support().Decision(0, inside), 0.030404204367598886, 1e-12);
   EXPECT_NEAR(model->support().Decision(2, outside), -0.27505503021144639, 1e-12);
   EXPECT_NEAR(model->lambda()[1], 0.31560438024818965, 1e-12);
-  Guard guard(model);
-  guard.Reset(1);
-  std::vector<double> action = {0.3, -0.2};
-  const Verdict verdict = guard.Filter(0, inside, action, action);
-  EXPECT_EQ(verdict.mode, control::Mode::kPolicy);
-  EXPECT_TRUE(verdict.changed);
-  // A climb of several steps, each of which is as exact as the one before.
-  EXPECT_NEAR(action[0], 0.23413131645609556, 1e-9);
-  EXPECT_NEAR(action[1], -0.18906948851200045, 1e-9);
+  EXPECT_NEAR(model->settings().alarm_level, 0.44441348401161695, 1e-12);
+  EXPECT_EQ(model->recovery().model().slack(), 0.2);
+  EXPECT_NEAR(model->recovery().model().gate_level(1), 0.10484338114468128, 1e-12);
+  EXPECT_NEAR(model->recovery().model().largest_control(1), 1.4067651325850505, 1e-12);
+  EXPECT_NEAR(model->recovery().model().control_unit(), 0.11371979690725259, 1e-12);
+
+  core::Matrix states(5, 3);
+  states << 0.0, 0.0, 0.02, 1.0, 0.1, 0.01, 2.0, 0.21, -0.02, 3.0, 0.5, 0.4, 4.0, 0.42, 0.0;
+  std::vector<int> steps;
+  const std::vector<double> levels = model->Levels(states, &steps);
+  EXPECT_EQ(steps, (std::vector<int>{0, 1, 1, 2, 3}));
+  const std::vector<double> expected = {0.081172332943678649, 0.10989212626895828,
+                                        0.095172277932188409, -4.9474935719867776,
+                                        0.094895221218566306};
+  for (std::size_t i = 0; i < levels.size(); ++i) EXPECT_NEAR(levels[i], expected[i], 1e-11);
+
+  // An episode of what was published, into a recovery; how guided recovery drives may change.
+  GuardSettings settings = model->settings();
+  settings.strategy = Strategy::kDfr;
+  Guard guard(model->With(settings));
+  guard.Reset(7);
+  test::CorridorPlant plant;
+  plant.x = {0.0, 0.0, 0.02};
+  std::vector<double> safe(2);
+  const std::vector<double> g = {0.025602115014171756, 0.035427067766005071, 0.017046082540605356,
+                                 0.015791220872879375, 0.015817027790075378};
+  for (int t = 0; t < 5; ++t) {
+    const Verdict verdict = guard.Filter(t, plant.x, std::vector{0.03, -0.06}, safe);
+    EXPECT_NEAR(verdict.g, g[static_cast<std::size_t>(t)], 1e-12);
+    EXPECT_STREQ(verdict.reason(), t < 3 ? "inside" : t == 3 ? "probe" : "recovery");
+    EXPECT_EQ(verdict.step, std::min(t, 3));
+    plant.Apply(safe);
+  }
+  EXPECT_NEAR(safe[0], 0.0011282467023324199, 1e-12);
+  EXPECT_NEAR(safe[1], -0.00037745538523032367, 1e-12);
 }
 
 TEST(GuardModelTest, AlarmsOnFewUnseenDemonstrations) {

@@ -33,7 +33,6 @@ TEST(GuidedRecoveryTest, PutsTogetherWhatTheLibrariesMake) {
   EXPECT_EQ(recovery.model().slack(), model.slack());
   for (const int t : {0, 7, 20}) {
     EXPECT_EQ(recovery.model().gate_level(t), model.gate_level(t));
-    EXPECT_EQ(recovery.model().accept_level(t), model.accept_level(t));
     EXPECT_EQ(recovery.model().largest_control(t), model.largest_control(t));
     for (const double x : {-0.3, 0.0, 1.1}) {
       const std::vector<double> z = {x, 0.2};
@@ -50,10 +49,10 @@ TEST(GuidedRecoveryTest, AFileKeepsAllBits) {
     const GuidedRecovery recovery(Tip(), demonstrations, options);
     const auto path = std::filesystem::path(testing::TempDir()) /
                       (single_precision ? "recovery_float.dfr" : "recovery.dfr");
-    core::ArchiveWriter writer("recovery", 1);
+    core::ArchiveWriter writer("recovery", 2);
     recovery.Save(writer);
     writer.Save(path);
-    core::ArchiveReader reader(path, "recovery", 1);
+    core::ArchiveReader reader(path, "recovery", 2);
     const auto loaded = GuidedRecovery::Load(reader, Tip());
     reader.End();
     std::filesystem::remove(path);
@@ -69,7 +68,6 @@ TEST(GuidedRecoveryTest, AFileKeepsAllBits) {
       EXPECT_EQ(loaded->support().LogDecision(t, z, {}), recovery.support().LogDecision(t, z, {}));
       EXPECT_EQ(loaded->support().lipschitz_bound(t), recovery.support().lipschitz_bound(t));
       EXPECT_EQ(loaded->model().gate_level(t), recovery.model().gate_level(t));
-      EXPECT_EQ(loaded->model().accept_level(t), recovery.model().accept_level(t));
       EXPECT_EQ(loaded->model().largest_control(t), recovery.model().largest_control(t));
       ours.Compute(t, z);
       theirs.Compute(t, z);

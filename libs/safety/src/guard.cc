@@ -74,11 +74,13 @@ std::unique_ptr<control::Controller> MakeController(
 
 struct Guard::Loop {
   Loop(const GuardModel& model, std::unique_ptr<control::RecoveryStrategy> strategy)
-      : proposal(model.state_dim(), model.action_dim(), model.settings().action_limit),
+      : monitors(strategy == nullptr && model.settings().strategy == Strategy::kMonitor),
+        proposal(model.state_dim(), model.action_dim(), model.settings().action_limit),
         controller(MakeController(proposal, model, std::move(strategy))),
         tracker(model.support()),
         proposed(static_cast<std::size_t>(model.action_dim()), 0.0) {}
 
+  bool monitors;  // Nothing looks at g but the alarm.
   Proposal proposal;
   std::unique_ptr<control::Controller> controller;
   control::PhaseTracker tracker;
@@ -135,6 +137,9 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
     loop.proposal.Set(loop.proposed);
   }
   const control::Step step = controller.Next(state, safe);
+  // A recovery of the caller's own knows no limit.
+  const double limit = model_->settings().action_limit;
+  for (double& entry : safe) entry = std::clamp(entry, -limit, limit);
 
   Verdict verdict;
   verdict.mode = step.mode;
@@ -145,7 +150,7 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
     const double level = loop.tracker.Follow(state);
     verdict.alarm = !(level >= -model_->settings().alarm_level);
     verdict.alarm_step = loop.tracker.phase();
-    if (model_->settings().strategy == Strategy::kMonitor) verdict.step = verdict.alarm_step;
+    if (loop.monitors) verdict.step = verdict.alarm_step;
     // A halted controller repeats what it saw before it halted.
     const bool seen = step.mode != Mode::kHalt && std::isfinite(step.g);
     verdict.g = seen ? step.g : model_->support().Decision(verdict.step, state);

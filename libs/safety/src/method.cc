@@ -23,7 +23,9 @@ Method ParseMethod(std::string_view name, std::span<const std::string_view> othe
   }
   method.published_dfr = name == kDfrFine;
   if (method.published_dfr) return method;
-  if (name == kGuided || name.starts_with(kWithout)) {
+  // Without() takes an empty list of parts, a name has none.
+  const bool without = name.starts_with(kWithout) && name != kWithout && !name.ends_with('+');
+  if (name == kGuided || without) {
     method.kind = Method::Kind::kGuided;
     method.recovery = control::Recovery::kNone;
     method.without = name.substr(std::min(name.size(), kWithout.size()));

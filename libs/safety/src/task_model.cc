@@ -136,7 +136,7 @@ TaskModel TaskModel::LoadSwitching(const std::filesystem::path& folder, std::str
   archive.End();
   try {
     return {std::make_shared<const GuidedRecovery>(Select(layout, guided.guided_features),
-                                                   demonstrations, guided.guided),
+                                                   demonstrations, guided.guided, guided.whitening),
             std::move(lambda), std::move(published), Select(layout, features), horizon};
   } catch (const std::invalid_argument& e) {
     archive.Fail(std::string("does not fit the other files of this model: ") + e.what());
@@ -149,13 +149,13 @@ std::unique_ptr<control::Controller> TaskModel::MakeController(
                    "the method '" << method.name << "' is not one of a task model");
   if (method.kind == Method::Kind::kGuided) {
     control::GuidedOptions guided = control::Without(options.guided, method.without);
-    guided.horizon = options.horizon > 0 ? options.horizon : horizon_;
+    guided.horizon = options.horizon != 0 ? options.horizon : horizon_;
     guided.first_step = options.first_step;
     return std::make_unique<control::GuidedPolicy>(policy, guided_->model(), guided);
   }
   const control::SwitchingPolicyOptions switching{
       .recovery = method.recovery,
-      .horizon = options.horizon > 0 ? options.horizon : horizon_,
+      .horizon = options.horizon != 0 ? options.horizon : horizon_,
       .first_step = options.first_step,
       .dfr = method.published_dfr ? control::DfrOptions{} : options.dfr};
   return std::make_unique<control::SwitchingPolicy>(policy, support(), lambda_, switching);
@@ -166,7 +166,7 @@ std::unique_ptr<control::Controller> TaskModel::MakeController(
     const ControllerOptions& options) const {
   return std::make_unique<control::SwitchingPolicy>(
       policy, support(), lambda_, std::move(strategy),
-      control::SwitchingPolicyOptions{.horizon = options.horizon > 0 ? options.horizon : horizon_,
+      control::SwitchingPolicyOptions{.horizon = options.horizon != 0 ? options.horizon : horizon_,
                                       .first_step = options.first_step});
 }
 

@@ -1,0 +1,102 @@
+#include "dfr/safety/method.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+#include "dfr/control/guided_policy.h"
+
+namespace dfr::safety {
+namespace {
+
+using testing::HasSubstr;
+using Kind = Method::Kind;
+
+constexpr std::array<std::string_view, 2> kOthers = {"oracle", "lwr"};
+
+// What ParseMethod() says of a name; "" if it takes it.
+std::string Refusal(std::string_view name) {
+  try {
+    static_cast<void>(ParseMethod(name, kOthers));
+  } catch (const std::invalid_argument& e) {
+    return e.what();
+  }
+  return "";
+}
+
+TEST(MethodTest, NamesOfAlgorithm1AreItsRecoveries) {
+  for (const control::Recovery recovery :
+       {control::Recovery::kNone, control::Recovery::kEarlyStopping, control::Recovery::kDfr}) {
+    const Method method = ParseMethod(control::Name(recovery));
+    EXPECT_EQ(method.name, control::Name(recovery));
+    EXPECT_EQ(method.kind, Kind::kSwitching);
+    EXPECT_EQ(method.recovery, recovery);
+    EXPECT_FALSE(method.published_dfr);
+  }
+  const Method fine = ParseMethod("dfr-fine");
+  EXPECT_EQ(fine.name, "dfr-fine");
+  EXPECT_EQ(fine.kind, Kind::kSwitching);
+  EXPECT_EQ(fine.recovery, control::Recovery::kDfr);
+  EXPECT_TRUE(fine.published_dfr);
+}
+
+TEST(MethodTest, PartsAreTakenOutOfGuidedRecovery) {
+  EXPECT_EQ(ParseMethod("guided").kind, Kind::kGuided);
+  EXPECT_EQ(ParseMethod("guided").without, "");
+  for (const std::string_view part : control::GuidedPartNames()) {
+    const std::string name = "guided-without-" + std::string(part);
+    const Method method = ParseMethod(name);
+    EXPECT_EQ(method.name, name);
+    EXPECT_EQ(method.kind, Kind::kGuided);
+    EXPECT_EQ(method.without, part);
+  }
+  const Method method = ParseMethod("guided-without-slack+time");
+  EXPECT_EQ(method.without, "slack+time");
+  const control::GuidedOptions options = control::Without({}, method.without);
+  EXPECT_EQ(options.margin, control::Without({}, "slack").margin);
+  EXPECT_EQ(options.wait, control::Without({}, "time").wait);
+  EXPECT_EQ(options.iterations, control::GuidedOptions().iterations);
+}
+
+TEST(MethodTest, TheCallersOwnNamesAreTakenWhereTheyAreGiven) {
+  const Method method = ParseMethod("oracle", kOthers);
+  EXPECT_EQ(method.name, "oracle");
+  EXPECT_EQ(method.kind, Kind::kOther);
+  EXPECT_THROW(static_cast<void>(ParseMethod("oracle")), std::invalid_argument);
+}
+
+// What a help text lists can be typed.
+TEST(MethodTest, EveryListedNameIsTaken) {
+  const std::string names = MethodNames(kOthers);
+  int count = 0;
+  for (std::size_t begin = 0; begin < names.size(); ++count) {
+    const std::size_t end = std::min(names.find(", ", begin), names.size());
+    const std::string name = names.substr(begin, end - begin);
+    EXPECT_EQ(Refusal(name), "");
+    EXPECT_EQ(ParseMethod(name, kOthers).name, name);
+    begin = end + 2;
+  }
+  // Three of Algorithm 1, dfr-fine, guided, two others.
+  EXPECT_EQ(count, 7 + static_cast<int>(control::GuidedPartNames().size()));
+}
+
+TEST(MethodTest, UnknownNamesListWhatThereIs) {
+  for (const std::string_view name :
+       {"", "magic", "guided-lwr", "Guided", "guided ", "guided-", "guided-without",
+        "guided-without-", "guided-without-filter+", "dfr-coarse", "baseline,dfr"}) {
+    EXPECT_THAT(Refusal(name), HasSubstr("no method '" + std::string(name) + "'"));
+    EXPECT_THAT(Refusal(name), HasSubstr("there are: " + MethodNames(kOthers)));
+  }
+  for (const std::string_view name : {"guided-without-magic", "guided-without-filter+magic"}) {
+    EXPECT_THAT(Refusal(name), HasSubstr("no part 'magic'; it has: filter, share, slack, time"));
+  }
+  EXPECT_THAT(Refusal("guided-without-+filter"), HasSubstr("no part ''"));
+}
+
+}  // namespace
+}  // namespace dfr::safety

@@ -1,0 +1,550 @@
+#include "dfr/safety/task_model.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <memory>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "dfr/control/lambda.h"
+#include "dfr/core/archive.h"
+#include "dfr/core/random.h"
+#include "tests/safety/corridor.h"
+
+namespace dfr::safety {
+namespace {
+
+using control::HaltCause;
+using control::Mode;
+using testing::AnyOf;
+using testing::HasSubstr;
+using testing::Not;
+
+// Drifts off sideways.
+class Drifting final : public core::Policy {
+ public:
+  [[nodiscard]] int state_dim() const noexcept override { return 3; }
+  [[nodiscard]] int control_dim() const noexcept override { return 2; }
+  void Control(int, std::span<const double>, std::span<double> u) const noexcept override {
+    const Eigen::Vector2d action = test::ActionFor(0.09, 0.04);
+    u[0] = action[0];
+    u[1] = action[1];
+  }
+};
+
+std::vector<core::Trajectory> Demonstrations(int count = 20, int steps = 20) {
+  return test::CorridorDemonstrations(1, count, steps);
+}
+
+TaskOptions Options(bool published) {
+  TaskOptions options;
+  options.guided_features = "tip";
+  if (published) {
+    // Another choice of features than guided recovery's, so that they cannot be taken for it.
+    options.published_features = "tip[1:2]";
+    options.published.emplace().svm.gamma = 5.0;
+  }
+  options.horizon = 25;
+  return options;
+}
+
+TaskModel Fit(bool published) {
+  return {test::CorridorLayout(), Demonstrations(), Options(published)};
+}
+
+// Folder of a test's own, gone with it.
+class TaskModelTest : public testing::Test {
+ protected:
+  TaskModelTest()
+      : folder_(std::filesystem::path(testing::TempDir()) /
+                (std::string("task_model_") +
+                 testing::UnitTest::GetInstance()->current_test_info()->name())) {}
+  ~TaskModelTest() override { std::filesystem::remove_all(folder_); }
+
+  [[nodiscard]] std::string Content() const {
+    std::ostringstream out;
+    out << std::ifstream(folder_ / "task.dfr", std::ios::binary).rdbuf();
+    return out.str();
+  }
+  void Replace(const std::string& content) const {
+    std::ofstream(folder_ / "task.dfr", std::ios::binary | std::ios::trunc) << content;
+  }
+  // What Load() says; "" if it takes the folder.
+  [[nodiscard]] std::string Refusal(
+      const core::StateLayout& layout = test::CorridorLayout()) const {
+    try {
+      static_cast<void>(TaskModel::Load(folder_, layout));
+    } catch (const std::runtime_error& e) {
+      return e.what();
+    }
+    return "";
+  }
+
+  const std::filesystem::path folder_;
+};
+
+void ExpectSameDecisions(const TaskModel& ours, const TaskModel& theirs) {
+  EXPECT_EQ(ours.lambda(), theirs.lambda());
+  EXPECT_EQ(ours.horizon(), theirs.horizon());
+  EXPECT_EQ(ours.published_features(), theirs.published_features());
+  EXPECT_EQ(ours.published() == nullptr, theirs.published() == nullptr);
+  core::Random random(3);
+  for (int t = 0; t < 25; ++t) {
+    const std::vector<double> x = {random.Normal(), 0.1 * t, 0.2 * random.Normal()};
+    EXPECT_EQ(ours.support().Decision(t, x), theirs.support().Decision(t, x));
+    EXPECT_EQ(ours.guided_support().LogDecision(t, x, {}),
+              theirs.guided_support().LogDecision(t, x, {}));
+  }
+}
+
+// In lock step through an episode; returns how often the policy did not have its way.
+int ExpectSameEpisode(control::Controller& ours, control::Controller& theirs) {
+  ours.Reset(5);
+  theirs.Reset(5);
+  test::CorridorPlant plant;
+  std::vector<double> u(2);
+  std::vector<double> same(2);
+  int others = 0;
+  for (int i = 0; i < 80; ++i) {
+    const control::Step a = ours.Next(plant.x, u);
+    const control::Step b = theirs.Next(plant.x, same);
+    EXPECT_EQ(a.mode, b.mode) << "control " << i;
+    EXPECT_EQ(a.cause, b.cause);
+    EXPECT_EQ(a.t, b.t);
+    EXPECT_EQ(u, same);
+    others += a.mode != Mode::kPolicy || a.filtered ? 1 : 0;
+    plant.Apply(u);
+  }
+  return others;
+}
+
+void ExpectSameControllers(const TaskModel& ours, const TaskModel& theirs) {
+  const Drifting policy;
+  for (const std::string_view name :
+       {"baseline", "early-stopping", "dfr", "dfr-fine", "guided", "guided-without-filter+time"}) {
+    SCOPED_TRACE(name);
+    const Method method = ParseMethod(name);
+    const auto a = ours.MakeController(method, policy);
+    const auto b = theirs.MakeController(method, policy);
+    const int others = ExpectSameEpisode(*a, *b);
+    EXPECT_GT(others, 0) << "an episode in which something happens";
+  }
+}
+
+TEST_F(TaskModelTest, AFolderKeepsAllBits) {
+  for (const bool published : {false, true}) {
+    SCOPED_TRACE(published ? "with a published support" : "without one");
+    const TaskModel model = Fit(published);
+    EXPECT_FALSE(TaskModel::IsSavedIn(folder_));
+    model.Save(folder_);
+    EXPECT_TRUE(TaskModel::IsSavedIn(folder_));
+    const TaskModel loaded = TaskModel::Load(folder_, test::CorridorLayout());
+    ExpectSameDecisions(model, loaded);
+    ExpectSameControllers(model, loaded);
+    const std::string before = Content();
+    loaded.Save(folder_);
+    EXPECT_EQ(Content(), before);
+    std::filesystem::remove_all(folder_);
+  }
+}
+
+TEST_F(TaskModelTest, WholeStatesAreSavedAsWholeStates) {
+  auto options = Options(true);
+  options.guided_features = "";
+  options.published_features = "";
+  const TaskModel model(test::CorridorLayout(), Demonstrations(), options);
+  EXPECT_EQ(model.published_features(), "");
+  model.Save(folder_);
+  ExpectSameDecisions(model, TaskModel::Load(folder_, test::CorridorLayout()));
+}
+
+// A folder is used again: what an earlier model left there does not come back.
+TEST_F(TaskModelTest, APublishedSupportOfBeforeIsNotTakenForTheModels) {
+  Fit(true).Save(folder_);
+  Fit(false).Save(folder_);
+  EXPECT_EQ(TaskModel::Load(folder_, test::CorridorLayout()).published(), nullptr);
+}
+
+TEST_F(TaskModelTest, Algorithm1RunsOnThePublishedSupportOrElseOnGuidedRecoverys) {
+  const auto demonstrations = Demonstrations();
+  const std::vector<double> x = {0.0, 0.4, 0.05};
+  const TaskModel with = Fit(true);
+  ASSERT_NE(with.published(), nullptr);
+  EXPECT_EQ(with.published_features(), "tip[1:2]");
+  EXPECT_EQ(with.support().Decision(4, x), with.published()->Decision(4, std::vector{0.05}));
+  EXPECT_NE(with.support().Decision(4, x), with.guided_support().Decision(4, x));
+  EXPECT_EQ(with.lambda(), control::EstimateLambda(with.support(), demonstrations));
+
+  const TaskModel without = Fit(false);
+  EXPECT_EQ(without.published(), nullptr);
+  EXPECT_EQ(without.published_features(), "");
+  EXPECT_EQ(&without.support(), &without.guided_support());
+  EXPECT_EQ(without.lambda(), control::EstimateLambda(without.support(), demonstrations));
+
+  // Guided recovery does not depend on it.
+  EXPECT_EQ(with.guided_support().Decision(4, x), without.guided_support().Decision(4, x));
+}
+
+TEST_F(TaskModelTest, DfrFineHasTheConstantsOfThePaper) {
+  const TaskModel model = Fit(true);
+  const Drifting policy;
+  ControllerOptions options;
+  options.dfr.probe_fraction = 0.1;
+  options.dfr.step_fraction = 0.5;
+  const auto fine = model.MakeController(ParseMethod("dfr-fine"), policy, options);
+  const auto published = model.MakeController(ParseMethod("dfr"), policy);
+  EXPECT_GT(ExpectSameEpisode(*fine, *published), 0);
+}
+
+// Controls until time is up of a policy that nothing holds up.
+int Horizon(const TaskModel& model, std::string_view method, const ControllerOptions& options) {
+  class Still final : public core::Policy {
+   public:
+    [[nodiscard]] int state_dim() const noexcept override { return 3; }
+    [[nodiscard]] int control_dim() const noexcept override { return 2; }
+    void Control(int, std::span<const double>, std::span<double> u) const noexcept override {
+      std::fill(u.begin(), u.end(), 0.0);
+    }
+  };
+  const Still policy;
+  const auto controller = model.MakeController(ParseMethod(method), policy, options);
+  controller->Reset(1);
+  std::vector<double> u(2);
+  for (int i = 0;; ++i) {
+    // Where the demonstrations are on the average at that time step.
+    const std::vector<double> x = {0.0, test::kSpeed * (options.first_step + i), 0.0};
+    const control::Step step = controller->Next(x, u);
+    if (step.mode != Mode::kHalt) continue;
+    EXPECT_EQ(step.cause, HaltCause::kTimeUp);
+    return i;
+  }
+}
+
+TEST_F(TaskModelTest, AHorizonOfZeroIsTheModels) {
+  TaskOptions task = Options(false);
+  task.horizon = 17;
+  const TaskModel model(test::CorridorLayout(), Demonstrations(), task);
+  EXPECT_EQ(model.horizon(), 17);
+  for (const std::string_view method : {"baseline", "guided"}) {
+    SCOPED_TRACE(method);
+    EXPECT_EQ(Horizon(model, method, {}), 17);
+    EXPECT_EQ(Horizon(model, method, {.horizon = 9}), 9);
+    EXPECT_EQ(Horizon(model, method, {.first_step = 5}), 12);
+    EXPECT_EQ(Horizon(model, method, {.horizon = 9, .first_step = 5}), 4);
+  }
+}
+
+// Goes back by a hundredth towards y = 0 and remembers what it was asked.
+class Centring final : public control::RecoveryStrategy {
+ public:
+  struct Log {
+    std::vector<std::uint64_t> resets;
+    std::vector<double> g;
+  };
+  explicit Centring(Log& log) : log_(&log) {
+    log.resets.reserve(10);
+    log.g.reserve(1200);
+  }
+  void Reset(std::uint64_t seed) noexcept override { log_->resets.push_back(seed); }
+  [[nodiscard]] Mode Next(const control::RecoverySituation& situation,
+                          std::span<double> u) noexcept override {
+    log_->g.push_back(situation.g);
+    const Eigen::Vector2d action = test::ActionFor(0.0, std::copysign(0.01, -situation.x[2]));
+    u[0] = action[0];
+    u[1] = action[1];
+    return Mode::kRecovery;
+  }
+
+ private:
+  Log* log_;
+};
+
+TEST_F(TaskModelTest, ARecoveryOfTheCallersOwnTakesOverAtTheBoundary) {
+  for (const bool published : {false, true}) {
+    SCOPED_TRACE(published ? "with a published support" : "without one");
+    const TaskModel model = Fit(published);
+    const Drifting policy;
+    Centring::Log log;
+    const auto controller =
+        model.MakeController(std::make_unique<Centring>(log), policy, {.horizon = 15});
+    controller->Reset(42);
+    EXPECT_EQ(log.resets, std::vector<std::uint64_t>{42});
+    test::CorridorPlant plant;
+    std::vector<double> u(2);
+    std::size_t recoveries = 0;
+    int halted_at = -1;
+    for (int i = 0; i < 1200 && halted_at < 0; ++i) {
+      const control::Step step = controller->Next(plant.x, u);
+      if (step.mode == Mode::kRecovery) {
+        ++recoveries;
+        ASSERT_EQ(log.g.back(), model.support().Decision(step.t, plant.x));
+        EXPECT_NEAR(std::hypot(u[0], u[1]), 0.01, 1e-15) << "what the strategy wrote";
+      }
+      if (step.mode == Mode::kHalt) halted_at = step.t;
+      plant.Apply(u);
+    }
+    EXPECT_GT(recoveries, 0u);
+    EXPECT_EQ(log.g.size(), recoveries);
+    EXPECT_GE(halted_at, 0);
+  }
+}
+
+TEST_F(TaskModelTest, ControllersOutliveAMoveOfTheModel) {
+  for (const bool published : {false, true}) {
+    SCOPED_TRACE(published ? "with a published support" : "without one");
+    const TaskModel reference = Fit(published);
+    TaskModel first = Fit(published);
+    const Drifting policy;
+    const auto dfr = first.MakeController(ParseMethod("dfr"), policy);
+    const auto guided = first.MakeController(ParseMethod("guided"), policy);
+    TaskModel second = std::move(first);
+    {
+      TaskModel third = Fit(!published);
+      third = std::move(second);
+      second = std::move(third);
+    }
+    first = Fit(!published);  // a model that was moved from can be assigned to
+    EXPECT_EQ(first.published() != nullptr, !published);
+    ExpectSameDecisions(reference, second);
+    ExpectSameControllers(reference, second);
+    const auto their_dfr = reference.MakeController(ParseMethod("dfr"), policy);
+    const auto their_guided = reference.MakeController(ParseMethod("guided"), policy);
+    ExpectSameEpisode(*dfr, *their_dfr);
+    ExpectSameEpisode(*guided, *their_guided);
+  }
+}
+
+std::string MessageOf(const std::function<void()>& call) {
+  try {
+    call();
+  } catch (const std::invalid_argument& e) {
+    return e.what();
+  }
+  return "nothing thrown";
+}
+
+TEST_F(TaskModelTest, WrongArgumentsAreNamed) {
+  const auto layout = test::CorridorLayout();
+  const auto fit = [&](int count, const TaskOptions& options) {
+    return MessageOf([&] { TaskModel(layout, Demonstrations(count), options); });
+  };
+  EXPECT_THAT(fit(2, Options(false)), HasSubstr("3"));
+  TaskOptions options = Options(true);
+  options.guided_features = "gripper";
+  EXPECT_THAT(fit(20, options), HasSubstr("'gripper'"));
+  options = Options(true);
+  options.published_features = "gripper";
+  EXPECT_THAT(fit(20, options), HasSubstr("'gripper'"));
+  for (const int horizon : {0, -1}) {
+    options = Options(false);
+    options.horizon = horizon;
+    EXPECT_THAT(fit(20, options), HasSubstr("horizon must be positive"));
+  }
+
+  const TaskModel model = Fit(false);
+  const Drifting policy;
+  EXPECT_THAT(MessageOf([&] {
+                static_cast<void>(
+                    model.MakeController({.name = "oracle", .kind = Method::Kind::kOther}, policy));
+              }),
+              HasSubstr("'oracle'"));
+  for (const std::string_view method : {"baseline", "dfr", "guided"}) {
+    const auto make = [&](const ControllerOptions& controller) {
+      return MessageOf([&] {
+        static_cast<void>(model.MakeController(ParseMethod(method), policy, controller));
+      });
+    };
+    EXPECT_THAT(make({.horizon = -1}), HasSubstr("horizon must be positive")) << method;
+    EXPECT_THAT(make({.first_step = -1}), HasSubstr("first_step")) << method;
+    EXPECT_THAT(make({.first_step = 25}), HasSubstr("first_step")) << method;
+  }
+  EXPECT_THAT(MessageOf([&] {
+                static_cast<void>(
+                    model.MakeController(std::unique_ptr<control::RecoveryStrategy>(), policy));
+              }),
+              HasSubstr("null"));
+
+  const auto guided = std::make_shared<const GuidedRecovery>(core::FeatureSelection(layout, "tip"),
+                                                             Demonstrations());
+  for (const std::vector<double>& lambda :
+       {std::vector<double>{}, {1.0, 0.0}, {-1.0}, {std::numeric_limits<double>::quiet_NaN()}}) {
+    EXPECT_THAT(MessageOf([&] { TaskModel(guided, lambda); }), HasSubstr("lambda"));
+  }
+  EXPECT_THAT(MessageOf([&] { TaskModel(guided, {1.0}, *Fit(true).published()); }),
+              HasSubstr("features"));
+  EXPECT_THAT(MessageOf([&] {
+                TaskModel(guided, {1.0}, *Fit(true).published(),
+                          core::FeatureSelection(test::CorridorLayout(), "tip"));
+              }),
+              Not(HasSubstr("nothing thrown")));
+}
+
+TEST_F(TaskModelTest, EveryCutIsRefused) {
+  TaskModel(test::CorridorLayout(), Demonstrations(4, 3), Options(true)).Save(folder_);
+  const std::string content = Content();
+  for (std::size_t size = 0; size < content.size(); ++size) {
+    Replace(content.substr(0, size));
+    ASSERT_THAT(Refusal(), testing::AllOf(HasSubstr((folder_ / "task.dfr").string()),
+                                          AnyOf(HasSubstr("truncated"), HasSubstr("is empty"),
+                                                HasSubstr("not a file written by dfr"))))
+        << size << " bytes of " << content.size();
+  }
+  Replace(content);
+  EXPECT_EQ(Refusal(), "");
+}
+
+// Damage that the checksum does not see: it is refused, or what it holds can be used.
+TEST_F(TaskModelTest, WrongContentWithARightChecksumDoesNoHarm) {
+  TaskModel(test::CorridorLayout(), Demonstrations(4, 3), Options(true)).Save(folder_);
+  const std::string content = Content();
+  core::Random random(12);
+  const Drifting policy;
+  int refused = 0;
+  for (int i = 0; i < 2000; ++i) {
+    std::string damaged = content.substr(0, content.size() - sizeof(std::uint64_t));
+    for (std::uint64_t n = 1 + random.Below(3); n > 0; --n) {
+      damaged[random.Below(damaged.size())] = static_cast<char>(random.Below(256));
+    }
+    std::uint64_t checksum = 0xcbf29ce484222325u;  // FNV-1a
+    for (const char c : damaged) {
+      checksum = (checksum ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+    }
+    damaged.append(reinterpret_cast<const char*>(&checksum), sizeof checksum);
+    Replace(damaged);
+    try {
+      const TaskModel model = TaskModel::Load(folder_, test::CorridorLayout());
+      for (const std::string_view name : {"dfr", "guided"}) {
+        const auto controller = model.MakeController(ParseMethod(name), policy);
+        controller->Reset(1);
+        std::vector<double> u(2);
+        for (int t = 0; t < 6; ++t) {
+          static_cast<void>(controller->Next(std::vector{0.0, 0.1 * t, 0.05}, u));
+          for (const double entry : u) ASSERT_TRUE(std::isfinite(entry));
+        }
+      }
+    } catch (const std::runtime_error& e) {
+      ASSERT_THAT(e.what(), HasSubstr(folder_.string()));
+      ++refused;
+    } catch (const std::invalid_argument&) {
+      // Of MakeController(): other numbers of controls than the policy's.
+      ++refused;
+    }
+  }
+  EXPECT_GT(refused, 200);
+  EXPECT_LT(refused, 2000);
+}
+
+TEST_F(TaskModelTest, MissingFilesAndOtherStatesAreNamed) {
+  EXPECT_THAT(Refusal(), HasSubstr((folder_ / "task.dfr").string()));
+  Fit(true).Save(folder_);
+  core::StateLayout other;
+  other.Add("gripper", 3);
+  EXPECT_THAT(Refusal(other), testing::AllOf(HasSubstr((folder_ / "task.dfr").string()),
+                                             HasSubstr("does not fit the other files")));
+  std::filesystem::remove(folder_ / "support.dfr");
+  EXPECT_THAT(Refusal(), HasSubstr((folder_ / "support.dfr").string()));
+  core::ArchiveWriter("task-model", 3).Save(folder_ / "task.dfr");
+  EXPECT_THAT(Refusal(), HasSubstr("version 3; this build reads versions up to 2: update dfr"));
+  core::ArchiveWriter("guard", 1).Save(folder_ / "task.dfr");
+  EXPECT_THAT(Refusal(), HasSubstr("holds a guard, where a task-model is needed"));
+}
+
+TEST_F(TaskModelTest, AFolderThatCannotBeMadeIsNamed) {
+  std::ofstream(folder_) << "a file";
+  try {
+    Fit(false).Save(folder_ / "model");
+    ADD_FAILURE() << "nothing thrown";
+  } catch (const std::runtime_error& e) {
+    EXPECT_THAT(e.what(), HasSubstr((folder_ / "model").string()));
+  }
+}
+
+// A folder of before there were task models, as its program wrote it.
+class SwitchingFolderTest : public TaskModelTest {
+ protected:
+  void Write(std::string_view kind, const std::string& features = "tip[1:2]", int horizon = 25,
+             double guided_gamma = 0.7) const {
+    const TaskModel model = Fit(true);
+    std::filesystem::create_directories(folder_);
+    model.published()->Save(folder_ / "support.dfr");
+    core::ArchiveWriter archive(kind, 2);
+    archive.Text(features);
+    archive.Numbers(model.lambda());
+    if (kind == "line-tracking-switching") archive.Number(5.0);  // of the published kernel
+    archive.Integer(horizon);
+    archive.Number(guided_gamma);
+    archive.Save(folder_ / "switching.dfr");
+  }
+  [[nodiscard]] TaskModel Load(std::string_view kind, const TaskOptions& guided) const {
+    return TaskModel::LoadSwitching(folder_, kind, test::CorridorLayout(), Demonstrations(),
+                                    guided);
+  }
+  [[nodiscard]] std::string SwitchingRefusal(std::string_view kind) const {
+    try {
+      static_cast<void>(Load(kind, Options(false)));
+    } catch (const std::runtime_error& e) {
+      return e.what();
+    }
+    return "";
+  }
+};
+
+TEST_F(SwitchingFolderTest, IsTheModelThatWouldHaveBeenFitted) {
+  for (const std::string_view kind : {"pusher-switching", "line-tracking-switching"}) {
+    SCOPED_TRACE(kind);
+    Write(kind);
+    EXPECT_FALSE(TaskModel::IsSavedIn(folder_));
+    TaskOptions guided = Options(false);
+    guided.guided.single_precision = true;
+    guided.whitening.decorrelate = false;
+    const TaskModel loaded = Load(kind, guided);
+
+    TaskOptions options = Options(true);
+    options.guided = guided.guided;
+    options.whitening = guided.whitening;
+    options.guided.svm.gamma = 0.7;
+    const TaskModel fitted(test::CorridorLayout(), Demonstrations(), options);
+    ExpectSameDecisions(fitted, loaded);
+    ExpectSameControllers(fitted, loaded);
+
+    // From now on it is a folder of today.
+    loaded.Save(folder_);
+    ASSERT_TRUE(TaskModel::IsSavedIn(folder_));
+    ExpectSameDecisions(fitted, TaskModel::Load(folder_, test::CorridorLayout()));
+    std::filesystem::remove_all(folder_);
+  }
+}
+
+TEST_F(SwitchingFolderTest, WhatIsWrongIsNamedWithItsFile) {
+  const std::string file = (folder_ / "switching.dfr").string();
+  Write("pusher-switching");
+  EXPECT_THAT(SwitchingRefusal("line-tracking-switching"),
+              HasSubstr("holds a pusher-switching, where a line-tracking-switching is needed"));
+  Write("pusher-switching", "gripper");
+  EXPECT_THAT(SwitchingRefusal("pusher-switching"),
+              testing::AllOf(HasSubstr(file), HasSubstr("'gripper'")));
+  Write("pusher-switching", "tip");  // the support looks at one entry
+  EXPECT_THAT(SwitchingRefusal("pusher-switching"), HasSubstr(file));
+  Write("pusher-switching", "tip[1:2]", 0);
+  EXPECT_THAT(SwitchingRefusal("pusher-switching"), HasSubstr(file));
+  Write("pusher-switching", "tip[1:2]", 25, -0.7);
+  EXPECT_THAT(SwitchingRefusal("pusher-switching"),
+              testing::AllOf(HasSubstr(file), HasSubstr("gamma")));
+  std::filesystem::remove(folder_ / "support.dfr");
+  EXPECT_THAT(SwitchingRefusal("pusher-switching"), HasSubstr((folder_ / "support.dfr").string()));
+}
+
+}  // namespace
+}  // namespace dfr::safety
