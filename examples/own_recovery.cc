@@ -1,62 +1,39 @@
-// Your own way to recover, as a control::Controller: here, back the way the state came.
+// Your own way to recover, as a control::RecoveryStrategy: here straight up the gradient of the
+// support, which is right where a control is a change of the state.
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <vector>
+#include <memory>
 
-#include "dfr/control/controller.h"
+#include "dfr/control/recovery_strategy.h"
+#include "dfr/control/switching_policy.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/policy.h"
 
 namespace {
 
-using dfr::control::HaltCause;
 using dfr::control::Mode;
-using dfr::control::Step;
 
-class Retreat final : public dfr::control::Controller {
+class Inward final : public dfr::control::RecoveryStrategy {
  public:
-  Retreat(const dfr::core::Policy& policy, const dfr::core::DecisionFunction& support,
-          double margin)
-      : policy_(&policy), support_(&support), margin_(margin) {
-    way_.reserve(kMemory);  // Next() must not allocate
+  Inward(const dfr::core::DecisionFunction& support, double size)
+      : support_(&support), size_(size) {}
+  void Reset(std::uint64_t) noexcept override {}
+  // One control of a recovery. States and controls are checked by the controller that asks.
+  Mode Next(const dfr::control::RecoverySituation& situation,
+            std::span<double> u) noexcept override {
+    support_->Gradient(situation.t, situation.x, u);
+    double norm = 0.0;
+    for (const double entry : u) norm = std::hypot(norm, entry);
+    if (norm == 0.0) return Mode::kHalt;  // no direction to go
+    for (double& entry : u) entry *= size_ / norm;
+    return Mode::kRecovery;
   }
-  int state_dim() const noexcept override { return policy_->state_dim(); }
-  int control_dim() const noexcept override { return policy_->control_dim(); }
 
  private:
-  static constexpr std::size_t kMemory = 1000;
-
-  void DoReset(std::uint64_t) noexcept override {
-    t_ = 0;
-    way_.clear();
-  }
-  // States of a wrong size or with a NaN never get here, and a NaN in u halts: Controller's part.
-  Step DoNext(std::span<const double> x, std::span<double> u) noexcept override {
-    Step step;
-    step.t = t_;
-    step.g = support_->Decision(t_, x);
-    step.threshold = margin_;
-    if (step.g > margin_ && way_.size() < kMemory) {
-      policy_->Control(t_++, x, u);
-      way_.push_back({u[0], u[1]});
-      step.mode = Mode::kPolicy;
-    } else if (!way_.empty()) {
-      for (std::size_t k = 0; k < 2; ++k) u[k] = -way_.back()[k];
-      way_.pop_back();
-      step.mode = Mode::kRecovery;
-    } else {
-      step.cause = HaltCause::kNoDirection;  // mode is kHalt
-    }
-    return step;
-  }
-
-  const dfr::core::Policy* policy_;
   const dfr::core::DecisionFunction* support_;
-  double margin_;
-  int t_ = 0;
-  std::vector<std::array<double, 2>> way_;
+  double size_;
 };
 
 class Disk final : public dfr::core::DecisionFunction {
@@ -89,17 +66,19 @@ class Outward final : public dfr::core::Policy {
 int main() {
   const Disk support;
   const Outward policy;
-  Retreat controller(policy, support, /*margin=*/0.3);
+  const std::array<double, 1> lambda = {1.0};
+  dfr::control::SwitchingPolicy controller(policy, support, lambda,
+                                           std::make_unique<Inward>(support, /*size=*/0.1));
   controller.Reset(/*seed=*/1);
   std::array<double, 2> x = {0.0, 0.0};
   std::array<double, 2> u{};
-  int retreats = 0;
+  int recoveries = 0;
   for (int i = 0; i < 20; ++i) {
-    const Step step = controller.Next(x, u);
-    retreats += step.mode == Mode::kRecovery ? 1 : 0;
+    const dfr::control::Step step = controller.Next(x, u);
+    recoveries += step.mode == Mode::kRecovery ? 1 : 0;
     for (std::size_t k = 0; k < 2; ++k) x[k] += u[k];
     if (support.Decision(0, x) < 0.0) return 1;
   }
-  std::printf("%d of 20 controls were retreats; at x = %.1f\n", retreats, x[0]);
-  return retreats > 0 ? 0 : 1;
+  std::printf("%d of 20 controls were recoveries; at x = %.1f\n", recoveries, x[0]);
+  return recoveries > 0 ? 0 : 1;
 }
