@@ -81,6 +81,28 @@ TEST(GuidedPolicyTest, LooksAtAControlLargerThanDemonstrated) {
   }
 }
 
+// Deep inside the present support alone, or the next one alone, is not enough.
+TEST(GuidedPolicyTest, DeepInsideIsInsideBothSupports) {
+  const auto support = MovingDisk();
+  const GuidedModel model(Identity(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, 0.08);
+  const double hi = model.gate_level(1);
+  std::vector<double> u(2);
+  int only_one = 0;
+  for (double x = -0.3; x < 0.4; x += 0.01) {
+    SCOPED_TRACE(x);
+    const std::vector<double> z = {x, 0.0};
+    const bool now = support.LogDecision(0, z, {}) >= hi;
+    const bool then = support.LogDecision(1, z, {}) >= hi;
+    GuidedPolicy fresh(policy, model);
+    fresh.Reset(1);
+    ASSERT_NE(fresh.Next(z, u).mode, Mode::kHalt);
+    EXPECT_EQ(fresh.jacobian().isZero(0.0), now && then);
+    only_one += now != then ? 1 : 0;
+  }
+  EXPECT_GT(only_one, 5);
+}
+
 // What a step reports is what the support says.
 TEST(GuidedPolicyTest, AStepTellsItsGrounds) {
   const auto support = MovingDisk();
@@ -637,6 +659,28 @@ TEST(GuidedPolicyTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) {
     EXPECT_GE(time, 1.0);
     EXPECT_GE(controls, 2);
   }
+}
+
+// At x = 0.05 the state is as deep in B_0 as in B_1: the phase is the one that a control, which
+// passes by half at least, was meant to lead to.
+TEST(GuidedPolicyTest, HalfALearnedControlAdvancesACertifiedPhase) {
+  const auto support = MovingDisk();
+  const GuidedModel model(Identity(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, 0.08);
+  const std::vector<double> x = {0.05, 0.0};
+  std::vector<double> u(2);
+  int advanced = 0;
+  for (double gain = 5.0; gain < 15.0; gain += 0.3) {
+    SCOPED_TRACE(gain);
+    GuidedPolicy guided(policy, model, Certified(CertificateKind::kRadius, gain, 0.0));
+    guided.Reset(1);
+    ASSERT_EQ(guided.Next(x, u).mode, Mode::kPolicy);
+    const double share = u[0] / 0.08;
+    EXPECT_EQ(guided.Next(x, u).t, share >= 0.5 ? 1 : 0) << share;
+    advanced += share >= 0.5 ? 1 : 0;
+  }
+  EXPECT_GT(advanced, 3);
+  EXPECT_LT(advanced, 30);
 }
 
 // g_t(x) = exp(-(x - c_t)^2) - 0.5 with c_0 = 0, c_1 = 1, K = 1: at x = -0.6 the published gate
