@@ -18,6 +18,10 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // Largest eigenvalue of A^-1 beyond which a direction of control counts as unknown: a fifth of an
 // ordinary control's measurement.
 constexpr double kUnknown = 5.0;
+// A support from so few demonstrations that others are further outside than this does not know the
+// task, whatever their slack: keeping time beyond it completes more and collides more (with six
+// demonstrations 74 % completed and 4.2 % collided without this limit, 57 and .8 % with it).
+constexpr double kMostReach = 0.8;
 // A certified control of which less than this share passes is a stall; so many in a row end it.
 constexpr double kLeastShare = 0.02;
 constexpr int kMaxStalls = 3;
@@ -106,7 +110,8 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
       limits_{options.control_limit / model.control_unit(), options.iterations},
       halt_rule_{options.horizon, options.max_controls, options.patience},
       estimate_(model.prior(), options.drift_time),
-      tracker_(model.support(), {options.wait, options.reach * model.slack()}),
+      reach_(std::min(options.reach * model.slack(), kMostReach)),
+      tracker_(model.support(), {options.wait, reach_}),
       certifier_(options.certificate, model.features().num_features(), model.control_unit()) {
   for (Eigen::VectorXd* v : {&z_, &last_z_, &effect_, &dz_}) {
     *v = Eigen::VectorXd::Zero(model.features().num_features());
@@ -189,9 +194,8 @@ double GuidedPolicy::Filter(const LocalModel& model) noexcept {
   if (l >= 0.0) return l;
   trial_ = v_;
   const double best = RaiseLevel(model, {next, 0.0}, limits_, trial_);
-  const double slack = model_->slack();
-  const bool mends = best >= 0.0 || best - l > options_.margin * slack;
-  if (!mends && l >= -options_.reach * slack) return 0.0;  // Counts as arrived.
+  const bool mends = best >= 0.0 || best - l > options_.margin * model_->slack();
+  if (!mends && l >= -reach_) return 0.0;  // Counts as arrived.
   v_ = trial_;
   return best;
 }

@@ -37,8 +37,8 @@ struct GuidedOptions {
   /// learned control raises l by no more than this. What no control can mend, an object off to the
   /// side, must not stop the task. More completes more and collides more.
   double margin = 0.25;
-  /// PhaseOptions::wait, and PhaseOptions::reach as a multiple of GuidedModel::slack(). Without a
-  /// limit on either the phase keeps time whatever happens, and more episodes collide.
+  /// PhaseOptions::wait, and PhaseOptions::reach as a multiple of GuidedModel::slack(), at most .8
+  /// in all. Without a limit on either the phase keeps time whatever happens, and more episodes collide.
   int wait = 2;
   double reach = 2.0;
   /// HaltRule::patience. More completes little and collides more.
@@ -112,6 +112,7 @@ class GuidedPolicy final : public Controller {
   StepLimits limits_;
   HaltRule halt_rule_;
   JacobianEstimate estimate_;
+  double reach_;  ///< PhaseOptions::reach
   PhaseTracker tracker_;
   Certifier certifier_;
 
