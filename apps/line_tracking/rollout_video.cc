@@ -96,7 +96,8 @@ class Recorder final : public control::RolloutObserver {
     const control::Step& step = event.step;
     // Guided recovery works with the log form.
     log_form_ = std::isfinite(step.log_g);
-    samples_.push_back({log_form_ ? step.log_g : step.g, step.threshold, step.mode});
+    samples_.push_back({log_form_ ? step.log_g : step.g,
+                        log_form_ ? step.log_threshold : step.threshold, step.mode});
     mode_ = std::string("t = ") + std::to_string(step.t) + ", " + control::Name(step.mode) +
             (step.filtered ? ", filtered" : "");
     const bool policy = event.step.mode == control::Mode::kPolicy;

@@ -190,7 +190,7 @@ void RolloutVideoRecorder::Capture(const control::Step& step, std::span<const do
   frame.level = frame.logarithmic       ? step.log_g
                 : std::isfinite(step.g) ? step.g
                                         : support_->Decision(step.t, x);
-  frame.threshold = step.threshold;
+  frame.threshold = frame.logarithmic ? step.log_threshold : step.threshold;
   frame.controls = controls_;
   video_.frames.push_back(std::move(frame));
 }
