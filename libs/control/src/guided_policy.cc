@@ -60,6 +60,8 @@ void Check(const core::Policy& policy, const GuidedModel& model, const GuidedOpt
   DFR_THROW_UNLESS(options.patience > 0, "patience must be positive, not " << options.patience);
   DFR_THROW_UNLESS(options.probe_size >= 0.0,
                    "probe_size must not be negative: " << options.probe_size);
+  DFR_THROW_UNLESS(options.outside_size > 0.0,
+                   "outside_size must be positive, not " << options.outside_size);
   DFR_THROW_UNLESS(options.online_weight >= 0.0,
                    "online_weight must not be negative: " << options.online_weight);
   DFR_THROW_UNLESS(
@@ -197,7 +199,9 @@ double GuidedPolicy::Filter(const LocalModel& model) noexcept {
   const bool mends = best >= 0.0 || best - l > options_.margin * model_->slack();
   if (!mends && l >= -reach_) return 0.0;  // Counts as arrived.
   v_ = trial_;
-  return best;
+  if (best >= 0.0 || v_.norm() <= options_.outside_size) return best;
+  v_ *= options_.outside_size / v_.norm();
+  return model.Level(next, v_);
 }
 
 bool GuidedPolicy::Probe(const LocalModel& model, double& level) noexcept {

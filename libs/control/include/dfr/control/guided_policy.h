@@ -16,7 +16,8 @@
 namespace dfr::control {
 
 /// Options for GuidedPolicy: what the task says, then eight constants that are meant for every
-/// task. Levels are values of l, controls are in units of the demonstrations' root mean square.
+/// task, and a weight for ablations. Levels are values of l, controls are in units of the
+/// demonstrations' root mean square.
 struct GuidedOptions {
   int horizon = 100;           ///< T: time steps of the learned policy in an episode, > 0.
   int first_step = 0;          ///< Time step and phase that an episode begins with, in [0, T).
@@ -38,7 +39,8 @@ struct GuidedOptions {
   /// side, must not stop the task. More completes more and collides more.
   double margin = 0.25;
   /// PhaseOptions::wait, and PhaseOptions::reach as a multiple of GuidedModel::slack(), at most .8
-  /// in all. Without a limit on either the phase keeps time whatever happens, and more episodes collide.
+  /// in all. Without a limit on either the phase keeps time whatever happens, and more episodes
+  /// collide.
   int wait = 2;
   double reach = 2.0;
   /// HaltRule::patience. More completes little and collides more.
@@ -46,8 +48,12 @@ struct GuidedOptions {
   /// Size of a probe, >= 0: above the noise of observations and what drifts meanwhile, below what a
   /// wrong direction may cost. 0: directions of control that nobody has used stay unknown.
   double probe_size = 0.35;
-  /// Weight of an applied control as a measurement of J, relative to the demonstrations' (in
-  /// JacobianOptions), >= 0. 0: J is the demonstrations' alone.
+  /// Largest size of a recovery that is predicted to stay outside, > 0. Larger ones chase a support
+  /// that is out of reach, and collide; smaller ones complete less. Infinite where the world moves
+  /// on while the robot hesitates.
+  double outside_size = 0.3;
+  /// Not to be tuned. Weight of an applied control as a measurement of J, relative to the
+  /// demonstrations' (in JacobianOptions), >= 0. 0: J is the demonstrations' alone.
   double online_weight = 1.0;
 };
 
@@ -67,7 +73,7 @@ struct GuidedOptions {
 ///      inside; hi is GuidedModel::gate_level).
 ///   2. v <- RaiseLevel(v_hat, hi, share): the filter. If l_{tau+1}(z + J v) >= 0, v is applied.
 ///   3. v' <- RaiseLevel(v, 0): recovery, the same step without the share. v' is applied, unless it
-///      stays outside as well and is hardly better than v (margin).
+///      stays outside as well and is hardly better than v (margin); outside it is small.
 ///   4. Where J hardly knows a direction of control, a probe along it is applied instead.
 ///   5. The phase advances if the prediction is inside B_{tau+1}, or near after two waits
 ///      (PhaseTracker); a control that does not advance it is a recovery and consumes no time.
