@@ -294,12 +294,29 @@ TEST_F(GuidedPolicySlackTest, TheMarginWeighsWhatTheLearnedControlCosts) {
   const GuidedModel model = Model(0.2);
   for (const double margin : {0.0, 0.4, 0.5}) {
     SCOPED_TRACE(margin);
-    GuidedPolicy guided(policy, model, {.margin = margin});
+    GuidedPolicy guided(
+        policy, model, {.margin = margin, .outside_size = std::numeric_limits<double>::infinity()});
     guided.Reset(1);
     std::vector<double> u(2);
     const Step step = guided.Next(std::vector{0.0, 0.0, offset_}, u);
     EXPECT_EQ(step.mode, margin < 0.45 ? Mode::kRecovery : Mode::kPolicy);
     EXPECT_NEAR(u[0], margin < 0.45 ? 0.1 : -0.05, 0.003);
+  }
+}
+
+// The same recovery ends outside, at l_1 = -0.3: it keeps its direction and goes outside_size far.
+TEST_F(GuidedPolicySlackTest, ARecoveryThatStaysOutsideIsSmall) {
+  const auto policy = Along(-kSpeed);
+  const GuidedModel model = Model(0.2);
+  for (const double size : {0.1, 0.3}) {
+    SCOPED_TRACE(size);
+    GuidedPolicy guided(policy, model, {.margin = 0.0, .outside_size = size});
+    guided.Reset(1);
+    std::vector<double> u(2);
+    const Step step = guided.Next(std::vector{0.0, 0.0, offset_}, u);
+    EXPECT_EQ(step.mode, Mode::kRecovery);
+    EXPECT_NEAR(std::hypot(u[0], u[1]), size * model.control_unit(), 1e-12);
+    EXPECT_GT(u[0], 0.9 * size * model.control_unit());
   }
 }
 
