@@ -89,7 +89,8 @@ TEST(GuidedPolicyTest, DeepInsideIsInsideBothSupports) {
   const double hi = model.gate_level(1);
   std::vector<double> u(2);
   int only_one = 0;
-  for (double x = -0.3; x < 0.4; x += 0.01) {
+  for (int i = 0; i < 70; ++i) {
+    const double x = -0.3 + 0.01 * i;
     SCOPED_TRACE(x);
     const std::vector<double> z = {x, 0.0};
     const bool now = support.LogDecision(0, z, {}) >= hi;
@@ -687,7 +688,8 @@ TEST(GuidedPolicyTest, HalfALearnedControlAdvancesACertifiedPhase) {
   const std::vector<double> x = {0.05, 0.0};
   std::vector<double> u(2);
   int advanced = 0;
-  for (double gain = 5.0; gain < 15.0; gain += 0.3) {
+  for (int i = 0; i < 34; ++i) {
+    const double gain = 5.0 + 0.3 * i;
     SCOPED_TRACE(gain);
     GuidedPolicy guided(policy, model, Certified(CertificateKind::kRadius, gain, 0.0));
     guided.Reset(1);
