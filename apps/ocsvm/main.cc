@@ -197,8 +197,8 @@ int Tune(const TuneOptions& o) {
   dfr::kernel::SelectionOptions options;
   options.nus = o.nus;
   options.gammas = o.gammas;
-  for (double gamma = 0.0625; o.gammas.empty() && gamma <= 16.0; gamma *= 2.0) {
-    options.gammas.push_back(gamma / static_cast<double>(samples.cols()));
+  for (int exponent = -4; o.gammas.empty() && exponent <= 4; ++exponent) {
+    options.gammas.push_back(std::ldexp(1.0, exponent) / static_cast<double>(samples.cols()));
   }
   options.folds = o.folds;
   options.acceptance = o.acceptance;
