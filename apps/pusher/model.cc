@@ -95,8 +95,8 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
   task.published = published;
   task.horizon = options.horizon;
   imitation::MlpPolicy policy = imitation::FitMlp(some, fit);
-  return {std::move(policy), safety::TaskModel(set.layout, some.trajectories, task),
-          std::move(some)};
+  safety::TaskModel model(set.layout, some.trajectories, task);
+  return {std::move(policy), std::move(model), std::move(some)};
 }
 
 void Model::Save(const std::filesystem::path& folder) const {

@@ -475,7 +475,8 @@ TEST(SwitchingPolicyTest, ANullStrategyIsRefused) {
   const auto ball = test::UnitBall(2);
   const auto policy = test::ConstantPolicy(2, 1.0);
   try {
-    SwitchingPolicy(policy, ball, std::vector<double>{1.0}, std::unique_ptr<RecoveryStrategy>());
+    const SwitchingPolicy switching(policy, ball, std::vector<double>{1.0},
+                                    std::unique_ptr<RecoveryStrategy>());
     ADD_FAILURE() << "nothing thrown";
   } catch (const std::invalid_argument& e) {
     EXPECT_THAT(e.what(), HasSubstr("strategy is null"));
