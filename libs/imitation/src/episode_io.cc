@@ -33,8 +33,11 @@ bool CollectKeys(const Hdf5File& file, const std::string& path, const std::strin
     }
     bool all_have_offsets = true;
     for (const std::string& member : file.Members(path)) {
-      const std::string below = depth == 0 ? member : name + "/" + member;
-      all_have_offsets &= CollectKeys(file, path + "/" + member, below, depth + 1, keys);
+      std::string below = depth == 0 ? "" : name + "/";
+      below += member;
+      std::string inner = path + "/";
+      inner += member;
+      all_have_offsets &= CollectKeys(file, inner, below, depth + 1, keys);
     }
     return all_have_offsets;
   }
