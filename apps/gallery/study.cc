@@ -282,10 +282,12 @@ std::vector<Row> RunStudy(const Study& study, experiment::ProgressCallback progr
   std::vector<Row> rows;
   for (const std::string& task : study.tasks) {
     for (const std::string& policy : study.policies) {
+      std::string learner = task + "/";
+      learner += policy;
       for (std::size_t m = 0; m < plan.methods.size(); ++m) {
         Row row{.task = task, .policy = policy, .method = plan.methods[m]};
         for (const experiment::UnitResult& unit : units) {
-          if (unit.unit.learner == task + "/" + policy) AddUnit(unit, m, row);
+          if (unit.unit.learner == learner) AddUnit(unit, m, row);
         }
         row.controls /= row.episodes;
         rows.push_back(std::move(row));
