@@ -32,12 +32,12 @@ std::vector<Matrix> Walks() {
   return walks;
 }
 
-// The definition: across demonstrations at the same time, the correlation of z is
+// The definition without local: across demonstrations at the same time, the correlation of z is
 // (Corr + r)^(-1/2) Corr (Corr + r)^(-1/2), whatever the units, and progress does not count.
 TEST(FeatureTransformTest, WhitensTheSpreadAcrossDemonstrations) {
   const auto walks = Walks();
   const auto transform =
-      FeatureTransform::Whitening(FeatureSelection::All(4), walks, {.ridge = 1e-6});
+      FeatureTransform::Whitening(FeatureSelection::All(4), walks, {.ridge = 1e-6, .local = false});
   Matrix scatter = Matrix::Zero(4, 4);
   int count = 0;
   for (int t = 0; t < 10; ++t) {
@@ -57,13 +57,33 @@ TEST(FeatureTransformTest, WhitensTheSpreadAcrossDemonstrations) {
 }
 
 TEST(FeatureTransformTest, WithoutDecorrelationItDividesByTheStandardDeviation) {
-  const auto transform =
-      FeatureTransform::Whitening(FeatureSelection::All(4), Walks(), {.decorrelate = false});
+  const auto transform = FeatureTransform::Whitening(FeatureSelection::All(4), Walks(),
+                                                     {.decorrelate = false, .local = false});
   const Eigen::VectorXd diagonal = transform.scale().diagonal();
   EXPECT_TRUE(test::AllClose(Matrix(diagonal.asDiagonal()), transform.scale(), 0.0));
   EXPECT_NEAR(diagonal[0], 1.0, 0.05);
   EXPECT_NEAR(diagonal[1], 10.0, 0.5);
   EXPECT_NEAR(diagonal[2], 0.001, 0.00005);
+}
+
+// Two ways, 20 standard deviations apart: a unit of z is nearer to the spread of one.
+TEST(FeatureTransformTest, SeveralWaysAreNotOneWideOne) {
+  Random random(3);
+  std::vector<Matrix> demonstrations;
+  for (int d = 0; d < 60; ++d) {
+    Matrix states(20, 2);
+    for (Eigen::Index t = 0; t < states.rows(); ++t) {
+      states.row(t) << static_cast<double>(t) + 0.1 * random.Normal(),
+          (d % 2 == 0 ? 1.0 : -1.0) + 0.1 * random.Normal();
+    }
+    demonstrations.push_back(states);
+  }
+  const auto all = FeatureSelection::All(2);
+  const auto local = FeatureTransform::Whitening(all, demonstrations);
+  EXPECT_GT(local.scale()(1, 1), 3.0);
+  EXPECT_LT(local.scale()(1, 1), 12.0);
+  const auto global = FeatureTransform::Whitening(all, demonstrations, {.local = false});
+  EXPECT_NEAR(global.scale()(1, 1), 1.0, 0.1);
 }
 
 TEST(FeatureTransformTest, IdentityIsTheSelectionAndRowsAgreeWithSingleStates) {
@@ -83,18 +103,6 @@ TEST(FeatureTransformTest, IdentityIsTheSelectionAndRowsAgreeWithSingleStates) {
   for (int i = 0; i < 4; ++i) ASSERT_EQ(one[static_cast<std::size_t>(i)], rows(3, i));
 }
 
-TEST(InverseSquareRootTest, IsWhatItsNameSays) {
-  Random random(2);
-  Matrix a(5, 5);
-  for (Eigen::Index i = 0; i < a.size(); ++i) a.data()[i] = random.Normal();
-  const Matrix covariance = a * a.transpose();
-  const Matrix root = InverseSquareRoot(covariance, 0.3);
-  const Matrix regular = covariance + 0.3 * Matrix::Identity(5, 5);
-  // Condition about 1e2: a few of the sixteen digits are lost.
-  EXPECT_TRUE(test::AllClose(root * regular * root, Matrix::Identity(5, 5), 1e-12));
-  EXPECT_TRUE(test::AllClose(root, root.transpose(), 1e-14));
-}
-
 TEST(FeatureTransformTest, Errors) {
   const auto all = FeatureSelection::All(4);
   EXPECT_THROW(FeatureTransform::Whitening(all, std::vector{Walks()[0]}), std::invalid_argument);
@@ -105,7 +113,6 @@ TEST(FeatureTransformTest, Errors) {
   EXPECT_THROW(FeatureTransform(all, Eigen::VectorXd::Zero(4), Matrix::Identity(4, 3)),
                std::invalid_argument);
   EXPECT_THROW((void)MedianNumStates({}), std::invalid_argument);
-  EXPECT_THROW((void)InverseSquareRoot(Matrix::Identity(2, 2), 0.0), std::invalid_argument);
 }
 
 }  // namespace

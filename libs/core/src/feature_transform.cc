@@ -1,12 +1,12 @@
 #include "dfr/core/feature_transform.h"
 
-#include <Eigen/Eigenvalues>
 #include <array>
 #include <cmath>
 #include <utility>
 #include <vector>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/local_scatter.h"
 #include "dfr/core/quantile.h"
 
 namespace dfr::core {
@@ -42,26 +42,20 @@ FeatureTransform FeatureTransform::Whitening(FeatureSelection selection,
   for (const Matrix& states : demonstrations) features.push_back(selection.Apply(states));
 
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(n);
-  Matrix scatter = Matrix::Zero(n, n);
-  int count = 0;
+  std::vector<Matrix> steps;
+  Eigen::Index count = 0;
   for (int t = 0; t < median; ++t) {
-    Eigen::VectorXd mean = Eigen::VectorXd::Zero(n);
-    int here = 0;
+    Matrix here(std::ssize(features), n);
+    Eigen::Index rows = 0;
     for (const Matrix& f : features) {
-      if (t >= f.rows()) continue;
-      mean += f.row(t).transpose();
-      ++here;
+      if (t < f.rows()) here.row(rows++) = f.row(t);
     }
-    sum += mean;
-    mean /= here;
-    for (const Matrix& f : features) {
-      if (t >= f.rows()) continue;
-      const Eigen::VectorXd residual = f.row(t).transpose() - mean;
-      scatter += residual * residual.transpose();
-    }
-    count += here;
+    here.conservativeResize(rows, Eigen::NoChange);
+    sum += here.colwise().sum();
+    count += rows;
+    steps.push_back(std::move(here));
   }
-  scatter /= count;
+  const Matrix scatter = options.local ? LocalScatter(steps) : PooledCovariance(steps);
 
   Eigen::VectorXd sd = scatter.diagonal().cwiseSqrt();
   const double largest = sd.maxCoeff();
@@ -77,7 +71,7 @@ FeatureTransform FeatureTransform::Whitening(FeatureSelection selection,
   if (options.decorrelate) {
     scale = InverseSquareRoot(correlation, options.ridge) * inverse_sd;
   }
-  return {std::move(selection), sum / count, std::move(scale)};
+  return {std::move(selection), sum / static_cast<double>(count), std::move(scale)};
 }
 
 void FeatureTransform::Apply(std::span<const double> state,
@@ -106,13 +100,6 @@ int MedianNumStates(std::span<const Matrix> demonstrations) {
   std::vector<Eigen::Index> lengths;
   for (const Matrix& states : demonstrations) lengths.push_back(states.rows());
   return static_cast<int>(Median(lengths));
-}
-
-Matrix InverseSquareRoot(const Matrix& covariance, double ridge) {
-  DFR_THROW_UNLESS(ridge > 0.0, "the ridge must be positive, not " << ridge);
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(covariance);
-  const Eigen::VectorXd scale = (solver.eigenvalues().array().max(0.0) + ridge).rsqrt();
-  return solver.eigenvectors() * scale.asDiagonal() * solver.eigenvectors().transpose();
 }
 
 }  // namespace dfr::core

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/feature_transform.h"
+#include "dfr/core/local_scatter.h"
 
 namespace dfr::kernel {
 namespace {
@@ -33,6 +33,23 @@ core::Matrix Pool(std::span<const core::Matrix> demonstrations, int first, int l
     pool.row(i) = states->row(row);
   }
   return pool;
+}
+
+// How the demonstrations' means over the pooled states differ from their neighbours', and how each
+// demonstration moves about its mean.
+core::Matrix LocalCovariance(std::span<const core::Matrix> demonstrations, int first, int last,
+                             bool hold) {
+  core::Matrix means(std::ssize(demonstrations), demonstrations[0].cols());
+  Eigen::Index rows = 0;
+  std::vector<core::Matrix> own;
+  for (const core::Matrix& states : demonstrations) {
+    const core::Matrix here = Pool({&states, 1}, first, last, hold);
+    if (here.rows() == 0) continue;
+    means.row(rows++) = here.colwise().mean();
+    own.push_back(here);
+  }
+  means.conservativeResize(rows, Eigen::NoChange);
+  return core::LocalScatter({&means, 1}, {.rounds = 1}) + core::PooledCovariance(own);
 }
 
 // Time steps that at least a share of the demonstrations reach, and two of them.
@@ -69,15 +86,15 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
   const int num_steps = NumSteps(demonstrations, options.least_share);
   std::vector<Estimate> estimates;
   for (int t = 0; t < num_steps; ++t) {
-    const core::Matrix states =
-        Pool(demonstrations, std::max(0, t - options.window),
-             std::min(num_steps - 1, t) + options.window, options.hold_ended);
+    const int first = std::max(0, t - options.window);
+    const int last = std::min(num_steps - 1, t) + options.window;
+    const core::Matrix states = Pool(demonstrations, first, last, options.hold_ended);
     core::Matrix map = core::Matrix::Identity(n, n);
     if (options.phase_whitening) {
-      const core::Matrix centred = states.rowwise() - states.colwise().mean();
-      const core::Matrix covariance =
-          centred.transpose() * centred / static_cast<double>(states.rows());
-      map = core::InverseSquareRoot(covariance, options.phase_ridge);
+      map = core::InverseSquareRoot(
+          options.local ? LocalCovariance(demonstrations, first, last, options.hold_ended)
+                        : core::PooledCovariance({&states, 1}),
+          options.phase_ridge);
     }
     // map is symmetric.
     const OneClassSvm svm = OneClassSvm::Fit(states * map, options.svm);

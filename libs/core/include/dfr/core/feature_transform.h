@@ -15,6 +15,9 @@ struct WhiteningOptions {
   double ridge = 0.03;
   /// Off: each feature is only divided by its standard deviation.
   bool decorrelate = true;
+  /// How states differ: from their neighbours, so that several ways to do a task are not taken for
+  /// one wide one. Off: from the mean.
+  bool local = true;
 };
 
 /// Features as distances see them: z = W (f(x) - offset), f(x) the selected entries of a state.
@@ -29,9 +32,9 @@ class FeatureTransform {
   /// z = f(x).
   static FeatureTransform Identity(FeatureSelection selection);
 
-  /// W = (Corr + ridge I)^(-1/2) diag(1/sd), of how demonstrated states differ at the same time
-  /// step: x_t less the mean over demonstrations at t, pooled over all t at which at least half of
-  /// the demonstrations are still under way. So z has about unit variance across demonstrations,
+  /// W = (Corr + ridge I)^(-1/2) diag(1/sd), of how demonstrated states differ from their neighbours
+  /// at the same time step (LocalScatter()), pooled over all t at which at least half of the
+  /// demonstrations are still under way. So z has about unit variance across demonstrations,
   /// whatever the units, and progress of the task does not count as variance. `demonstrations` has
   /// one matrix of whole states each, rows in order of time.
   /// @throws std::invalid_argument if there are fewer than two demonstrations, their widths do not
@@ -61,8 +64,5 @@ class FeatureTransform {
 /// How many states the demonstration of median length has: until then at least half of them are
 /// under way. @throws std::invalid_argument if there are none.
 [[nodiscard]] int MedianNumStates(std::span<const Matrix> demonstrations);
-
-/// (covariance + ridge I)^(-1/2), symmetric. @throws std::invalid_argument unless ridge > 0.
-[[nodiscard]] Matrix InverseSquareRoot(const Matrix& covariance, double ridge);
 
 }  // namespace dfr::core

@@ -13,10 +13,13 @@ namespace dfr::kernel {
 /// (core::FeatureTransform): gamma is then in units that all tasks share.
 struct WhitenedSupportOptions {
   /// One gamma for all tasks, whose features are whitened; docs/recovery.md tells what others do.
-  OneClassSvmOptions svm = {.nu = 0.05, .gamma = 0.35, .tolerance = 1e-6};
+  OneClassSvmOptions svm = {.nu = 0.05, .gamma = 0.25, .tolerance = 1e-6};
   int window = 2;            ///< The estimate at t sees the states of t - window ... t + window.
   double phase_ridge = 0.3;  ///< Added to each time step's covariance before it is inverted, > 0.
   bool phase_whitening = true;
+  /// Each time step's covariance is that of states about their neighbours (core::LocalScatter()):
+  /// where there are several ways, that of one. Off: about their mean.
+  bool local = true;
   /// Evaluates in float, in about half the time; OneClassSvm::InSinglePrecision() says how near.
   /// Not for certificates, which are to hold to the last digit.
   bool single_precision = false;
@@ -32,7 +35,8 @@ struct WhitenedSupportOptions {
 ///
 /// Against TimeVaryingSupport: states of neighbouring time steps are pooled, so that few
 /// demonstrations suffice and timing matters less; each time step has its own linear map
-/// y = V_t z, V_t = (Cov over the pooled states + phase_ridge I)^(-1/2), because the spread of
+/// y = V_t z, V_t = (Cov_t + phase_ridge I)^(-1/2), Cov_t how the demonstrations' means over the
+/// pooled states differ from their neighbours' plus how each moves about its mean, because the spread of
 /// demonstrations changes along a task; and demonstrations that have ended count no more, so the
 /// last estimates are of the slow ones and the very last holds from then on.
 ///

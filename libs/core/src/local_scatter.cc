@@ -1,0 +1,151 @@
+#include "dfr/core/local_scatter.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/random.h"
+
+namespace dfr::core {
+namespace {
+
+constexpr Eigen::Index kFewest = 4;
+constexpr Eigen::Index kMost = 128;
+
+Matrix Thinned(const Matrix& points) {
+  if (points.rows() <= kMost) return points;
+  Matrix thinned(kMost, points.cols());
+  for (Eigen::Index i = 0; i < kMost; ++i) thinned.row(i) = points.row(i * points.rows() / kMost);
+  return thinned;
+}
+
+// Mean of (x_i - x_j)(x_i - x_j)' / 2; neighbours are those in the coordinates `map` x.
+Matrix Scatter(const Matrix& points, const Matrix& map, const LocalScatterOptions& options) {
+  const Eigen::Index count = points.rows();
+  const auto neighbours = std::clamp<Eigen::Index>(
+      std::lround(options.neighbours * static_cast<double>(count)), 1, count - 1);
+  const auto kept =
+      std::clamp<Eigen::Index>(std::lround(options.kept * static_cast<double>(count)), 2, count);
+  const Matrix mapped = (points.rowwise() - points.colwise().mean()) * map.transpose();
+  const Eigen::VectorXd square = mapped.rowwise().squaredNorm();
+  Eigen::MatrixXd distance = -2.0 * mapped * mapped.transpose();
+  distance.colwise() += square;
+  distance.rowwise() += square.transpose();
+
+  std::vector<std::vector<int>> nearest(static_cast<std::size_t>(count));
+  std::vector<std::pair<double, int>> spread;
+  for (Eigen::Index i = 0; i < count; ++i) {
+    std::vector<int>& others = nearest[static_cast<std::size_t>(i)];
+    for (Eigen::Index j = 0; j < count; ++j) {
+      if (j != i) others.push_back(static_cast<int>(j));
+    }
+    // Ties by number, so that the choice is the same everywhere.
+    const auto nearer = [&](int a, int b) {
+      return std::pair(distance(a, i), a) < std::pair(distance(b, i), b);
+    };
+    std::nth_element(others.begin(), others.begin() + neighbours - 1, others.end(), nearer);
+    others.resize(static_cast<std::size_t>(neighbours));
+    // The mean, not the farthest: that is the same for two points that are each other's.
+    double sum = 0.0;
+    for (const int j : others) sum += distance(j, i);
+    spread.emplace_back(sum, static_cast<int>(i));
+  }
+  std::nth_element(spread.begin(), spread.begin() + kept - 1, spread.end());
+  Matrix sum = Matrix::Zero(points.cols(), points.cols());
+  for (Eigen::Index k = 0; k < kept; ++k) {
+    const int i = spread[static_cast<std::size_t>(k)].second;
+    for (const int j : nearest[static_cast<std::size_t>(i)]) {
+      const Eigen::RowVectorXd difference = points.row(i) - points.row(j);
+      sum.noalias() += 0.5 * difference.transpose() * difference;
+    }
+  }
+  return sum / static_cast<double>(kept * neighbours);
+}
+
+// The statistic of `count` standard normal points in n dimensions.
+double NormalScatter(Eigen::Index count, Eigen::Index n, const LocalScatterOptions& options) {
+  constexpr int kDraws = 4;
+  Random random(1);
+  const Matrix identity = Matrix::Identity(n, n);
+  double trace = 0.0;
+  Matrix points(count, n);
+  for (int draw = 0; draw < kDraws; ++draw) {
+    for (double& x : points.reshaped()) x = random.Normal();
+    trace += Scatter(points, identity, options).trace();
+  }
+  return trace / static_cast<double>(kDraws * n);
+}
+
+}  // namespace
+
+Matrix LocalScatter(std::span<const Matrix> groups, const LocalScatterOptions& options) {
+  DFR_THROW_UNLESS(options.neighbours > 0.0 && options.neighbours < 1.0,
+                   "neighbours must lie in (0, 1), not be " << options.neighbours);
+  DFR_THROW_UNLESS(options.kept > 0.0 && options.kept <= 1.0,
+                   "kept must lie in (0, 1], not be " << options.kept);
+  DFR_THROW_UNLESS(options.rounds > 0, "rounds must be positive, not " << options.rounds);
+  const Matrix global = PooledCovariance(groups);
+  const Eigen::Index n = global.rows();
+  std::vector<Matrix> points;
+  for (const Matrix& group : groups) {
+    if (group.rows() >= kFewest) points.push_back(Thinned(group));
+  }
+  if (points.empty()) return global;
+
+  const Matrix least = 0.0025 * global.diagonal().asDiagonal().toDenseMatrix();
+  // A constant is no dimension.
+  const Eigen::Index dimensions =
+      std::max<Eigen::Index>(1, (global.diagonal().array() > 0.0).count());
+  std::map<Eigen::Index, double> normal;
+  for (const Matrix& group : points) {
+    if (!normal.contains(group.rows())) {
+      normal[group.rows()] = NormalScatter(group.rows(), dimensions, options);
+    }
+  }
+  Matrix scatter = global;
+  for (int round = 0; round < options.rounds; ++round) {
+    Eigen::VectorXd inverse_sd = scatter.diagonal().cwiseSqrt();
+    for (double& s : inverse_sd) s = s > 0.0 ? 1.0 / s : 0.0;
+    const Matrix units = inverse_sd.asDiagonal();
+    const Matrix map = InverseSquareRoot(units * scatter * units, options.ridge) * units;
+    scatter = Matrix::Zero(n, n);
+    Eigen::Index count = 0;
+    for (const Matrix& group : points) {
+      scatter += static_cast<double>(group.rows()) / normal.at(group.rows()) *
+                 Scatter(group, map, options);
+      count += group.rows();
+    }
+    scatter = scatter / static_cast<double>(count) + least;
+  }
+  return scatter;
+}
+
+Matrix PooledCovariance(std::span<const Matrix> groups) {
+  DFR_THROW_UNLESS(!groups.empty(), "there are no points");
+  const Eigen::Index n = groups[0].cols();
+  Matrix covariance = Matrix::Zero(n, n);
+  Eigen::Index count = 0;
+  for (const Matrix& group : groups) {
+    DFR_THROW_UNLESS(group.cols() == n, "points have " << group.cols() << " entries, others " << n);
+    if (group.rows() == 0) continue;
+    const Matrix centred = group.rowwise() - group.colwise().mean();
+    covariance += centred.transpose() * centred;
+    count += group.rows();
+  }
+  DFR_THROW_UNLESS(count > 0, "there are no points");
+  return covariance / static_cast<double>(count);
+}
+
+Matrix InverseSquareRoot(const Matrix& covariance, double ridge) {
+  DFR_THROW_UNLESS(ridge > 0.0, "the ridge must be positive, not " << ridge);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(covariance);
+  const Eigen::VectorXd scale = (solver.eigenvalues().array().max(0.0) + ridge).rsqrt();
+  return solver.eigenvectors() * scale.asDiagonal() * solver.eigenvectors().transpose();
+}
+
+}  // namespace dfr::core
