@@ -34,8 +34,6 @@ safety::ControllerOptions Controllers() {
   options.guided.drift_time = {.rest = 0.5, .travel = 1.0};
   // A probe must move the tool by more than the platform moves the line meanwhile.
   options.guided.probe_size = 1.0;
-  // Small controls outside are for objects that may be knocked over; here the line gets away.
-  options.guided.outside_size = std::numeric_limits<double>::infinity();
   return options;
 }
 

@@ -87,8 +87,8 @@ void Ablate(PlanarStudy study, bool causes) {
   }
   // Parts can hide each other's work, or harm.
   for (const std::string_view parts :
-       {"share+slack", "share+time", "slack+time", "probing+online-jacobian",
-        "share+slack+time+probing+online-jacobian"}) {
+       {"share+slack", "demonstrated+overtaking", "slack+demonstrated", "probing+online-jacobian",
+        "share+slack+demonstrated+overtaking+probing+online-jacobian"}) {
     study.plan.methods.push_back("guided-without-" + std::string(parts));
   }
   Experiment(study, causes);

@@ -177,6 +177,55 @@ TEST(JacobianEstimateTest, DriftTimesAreChecked) {
   EXPECT_THROW(JacobianEstimate(prior, {.travel = std::nan("")}), std::invalid_argument);
 }
 
+// Demonstrations take v = K (z* - z) exactly, dz = v. The plant turns controls by .6 and the world
+// drifts: the control that does what they did is the one turned back, less the drift.
+TEST(JacobianEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
+  core::Random random(5);
+  const Eigen::Vector2d goal(0.5, -0.3);
+  std::vector<core::Matrix> features;
+  std::vector<core::Matrix> controls;
+  for (int d = 0; d < 40; ++d) {
+    core::Matrix z(11, 2);
+    core::Matrix v(10, 2);
+    z.row(0) << 3.0 * random.Normal(), 3.0 * random.Normal();
+    for (Eigen::Index t = 0; t < 10; ++t) {
+      v.row(t) = 0.4 * (goal.transpose() - z.row(t));
+      z.row(t + 1) = z.row(t) + v.row(t);
+    }
+    features.push_back(z);
+    controls.push_back(v);
+  }
+  const auto prior = std::make_shared<const JacobianPrior>(features, controls, JacobianOptions{});
+  const Eigen::Vector2d here(1.5, 0.4);
+  const std::vector<double> z = {here[0], here[1]};
+  const Eigen::Vector2d wanted = 0.4 * (goal - here);
+  Eigen::VectorXd v(2);
+
+  JacobianEstimate still(prior);
+  still.Compute(3, z);
+  ASSERT_TRUE(still.Demonstrated(3, z, v));
+  // Shrunk by the ridge of the regression, in the same direction.
+  EXPECT_GT(v.normalized().dot(wanted.normalized()), 0.995);
+  EXPECT_NEAR(v.norm() / wanted.norm(), 0.85, 0.1);
+  const Eigen::Vector2d regressed = v;
+  still.Compute(99, z);
+  ASSERT_TRUE(still.Demonstrated(99, z, v)) << "beyond the last, the last demonstrated control";
+
+  const Eigen::Rotation2Dd turn(0.6);
+  const Eigen::Vector2d drift(0.05, 0.1);
+  JacobianEstimate turned(prior, {.rest = 1.0});
+  for (int i = 0; i < 300; ++i) {
+    const Eigen::Vector2d tried(random.Normal(), random.Normal());
+    const Eigen::Vector2d moved = turn * tried + drift;
+    turned.Update(core::AsSpan(Eigen::VectorXd(tried)), core::AsSpan(Eigen::VectorXd(moved)), 20.0);
+  }
+  turned.Compute(3, z);
+  ASSERT_TRUE(turned.Demonstrated(3, z, v));
+  EXPECT_NEAR((turn * Eigen::Vector2d(v) + drift - regressed).norm() / regressed.norm(), 0.0, 0.06);
+  const test::NoAlloc guard;
+  (void)turned.Demonstrated(3, z, v);
+}
+
 TEST(JacobianEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
   core::Random random(4);
   // Demonstrations that never use the third control.

@@ -104,7 +104,7 @@ TEST(PlanarTest, EveryMethodRunsAndUnknownNamesAreNamed) {
   const Task task = MakeTask("push");
   const Methods methods(task, Demonstrate(task, 20, 1));
   for (const auto& name : {"baseline", "early-stopping", "dfr", "finite-difference", "lwr",
-                           "guided", "guided-without-filter+time", "certified-lipschitz",
+                           "guided", "guided-without-filter+overtaking", "certified-lipschitz",
                            "certified-radius", "certified-direction"}) {
     EXPECT_EQ(methods.Make(name, *task.plant)->state_dim(), 4) << name;
   }

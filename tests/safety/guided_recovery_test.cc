@@ -49,10 +49,10 @@ TEST(GuidedRecoveryTest, AFileKeepsAllBits) {
     const GuidedRecovery recovery(Tip(), demonstrations, options);
     const auto path = std::filesystem::path(testing::TempDir()) /
                       (single_precision ? "recovery_float.dfr" : "recovery.dfr");
-    core::ArchiveWriter writer("recovery", 2);
+    core::ArchiveWriter writer("recovery", 3);
     recovery.Save(writer);
     writer.Save(path);
-    core::ArchiveReader reader(path, "recovery", 2);
+    core::ArchiveReader reader(path, "recovery", 3);
     const auto loaded = GuidedRecovery::Load(reader, Tip());
     reader.End();
     std::filesystem::remove(path);

@@ -55,11 +55,11 @@ TEST(MethodTest, PartsAreTakenOutOfGuidedRecovery) {
     EXPECT_EQ(method.kind, Kind::kGuided);
     EXPECT_EQ(method.without, part);
   }
-  const Method method = ParseMethod("guided-without-slack+time");
-  EXPECT_EQ(method.without, "slack+time");
+  const Method method = ParseMethod("guided-without-slack+probing");
+  EXPECT_EQ(method.without, "slack+probing");
   const control::GuidedOptions options = control::Without({}, method.without);
   EXPECT_EQ(options.margin, control::Without({}, "slack").margin);
-  EXPECT_EQ(options.wait, control::Without({}, "time").wait);
+  EXPECT_EQ(options.probe_size, control::Without({}, "probing").probe_size);
   EXPECT_EQ(options.iterations, control::GuidedOptions().iterations);
 }
 
@@ -93,7 +93,8 @@ TEST(MethodTest, UnknownNamesListWhatThereIs) {
     EXPECT_THAT(Refusal(name), HasSubstr("there are: " + MethodNames(kOthers)));
   }
   for (const std::string_view name : {"guided-without-magic", "guided-without-filter+magic"}) {
-    EXPECT_THAT(Refusal(name), HasSubstr("no part 'magic'; it has: filter, share, slack, time"));
+    EXPECT_THAT(Refusal(name),
+                HasSubstr("no part 'magic'; it has: filter, share, slack, demonstrated"));
   }
   EXPECT_THAT(Refusal("guided-without-+filter"), HasSubstr("no part ''"));
 }

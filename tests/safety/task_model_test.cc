@@ -132,8 +132,8 @@ int ExpectSameEpisode(control::Controller& ours, control::Controller& theirs) {
 
 void ExpectSameControllers(const TaskModel& ours, const TaskModel& theirs) {
   const Drifting policy;
-  for (const std::string_view name :
-       {"baseline", "early-stopping", "dfr", "dfr-fine", "guided", "guided-without-filter+time"}) {
+  for (const std::string_view name : {"baseline", "early-stopping", "dfr", "dfr-fine", "guided",
+                                      "guided-without-filter+overtaking"}) {
     SCOPED_TRACE(name);
     const Method method = ParseMethod(name);
     const auto a = ours.MakeController(method, policy);
@@ -455,8 +455,8 @@ TEST_F(TaskModelTest, MissingFilesAndOtherStatesAreNamed) {
                                              HasSubstr("does not fit the other files")));
   std::filesystem::remove(folder_ / "support.dfr");
   EXPECT_THAT(Refusal(), HasSubstr((folder_ / "support.dfr").string()));
-  core::ArchiveWriter("task-model", 3).Save(folder_ / "task.dfr");
-  EXPECT_THAT(Refusal(), HasSubstr("version 3; this build reads versions up to 2: update dfr"));
+  core::ArchiveWriter("task-model", 4).Save(folder_ / "task.dfr");
+  EXPECT_THAT(Refusal(), HasSubstr("version 4; this build reads versions up to 3: update dfr"));
   core::ArchiveWriter("guard", 1).Save(folder_ / "task.dfr");
   EXPECT_THAT(Refusal(), HasSubstr("holds a guard, where a task-model is needed"));
 }

@@ -19,15 +19,15 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // ordinary control's measurement.
 constexpr double kUnknown = 5.0;
 // A support from so few demonstrations that others are further outside than this does not know the
-// task, whatever their slack: keeping time beyond it completes more and collides more (with six
-// demonstrations 74 % completed and 4.2 % collided without this limit, 57 and .8 % with it).
+// task, whatever their slack.
 constexpr double kMostReach = 0.8;
 // A certified control of which less than this share passes is a stall; so many in a row end it.
 constexpr double kLeastShare = 0.02;
 constexpr int kMaxStalls = 3;
 
-constexpr std::array<std::string_view, 7> kParts = {"filter",  "share",           "slack", "time",
-                                                    "probing", "online-jacobian", "drift"};
+constexpr std::array<std::string_view, 8> kParts = {"filter",          "share",      "slack",
+                                                    "demonstrated",    "overtaking", "probing",
+                                                    "online-jacobian", "drift"};
 
 Step Halt(Step step, HaltCause cause) noexcept {
   step.mode = Mode::kHalt;
@@ -60,8 +60,7 @@ void Check(const core::Policy& policy, const GuidedModel& model, const GuidedOpt
   DFR_THROW_UNLESS(options.patience > 0, "patience must be positive, not " << options.patience);
   DFR_THROW_UNLESS(options.probe_size >= 0.0,
                    "probe_size must not be negative: " << options.probe_size);
-  DFR_THROW_UNLESS(options.outside_size > 0.0,
-                   "outside_size must be positive, not " << options.outside_size);
+  DFR_THROW_UNLESS(options.reach >= 0.0, "reach must not be negative: " << options.reach);
   DFR_THROW_UNLESS(options.online_weight >= 0.0,
                    "online_weight must not be negative: " << options.online_weight);
   DFR_THROW_UNLESS(
@@ -85,8 +84,10 @@ GuidedOptions Without(GuidedOptions options, std::string_view parts) {
       options.share = -kInfinity;
     } else if (part == "slack") {
       options.margin = 0.0;
-    } else if (part == "time") {
-      options.wait = std::numeric_limits<int>::max();
+    } else if (part == "demonstrated") {
+      options.demonstrated = false;
+    } else if (part == "overtaking") {
+      options.overtakes = false;
     } else if (part == "probing") {
       options.probe_size = 0.0;
     } else if (part == "online-jacobian") {
@@ -113,12 +114,12 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
       halt_rule_{options.horizon, options.max_controls, options.patience},
       estimate_(model.prior(), options.drift_time),
       reach_(std::min(options.reach * model.slack(), kMostReach)),
-      tracker_(model.support(), {options.wait, reach_}),
+      tracker_(model.support()),
       certifier_(options.certificate, model.features().num_features(), model.control_unit()) {
   for (Eigen::VectorXd* v : {&z_, &last_z_, &effect_, &dz_}) {
     *v = Eigen::VectorXd::Zero(model.features().num_features());
   }
-  for (Eigen::VectorXd* v : {&v_, &learned_, &trial_}) {
+  for (Eigen::VectorXd* v : {&v_, &learned_, &trial_, &demonstrated_}) {
     *v = Eigen::VectorXd::Zero(model.control_dim());
   }
 }
@@ -150,6 +151,7 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   if (!std::isfinite(step.log_g)) return Halt(step, HaltCause::kSupportInvalid);
   if (certifier_.active() && step.log_g < 0.0) return Halt(step, HaltCause::kOutsideSupport);
   progress_.waited = tracker_.waited();
+  if (!certifier_.active()) progress_.time = tracker_.phase();
   if (const HaltCause cause = halt_rule_(progress_); cause != HaltCause::kNone) {
     return Halt(step, cause);
   }
@@ -166,15 +168,13 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   const bool deep = DeepInside(step.log_g);
   // J is most of the work, and deep inside nobody asks for it.
   if (!deep || certifier_.active()) estimate_.Compute(step.t, AsSpan(z_));
-  double level = deep ? step.log_threshold : Filter(local);
-  const bool probes = !deep && Probe(local, level);
+  Choice choice = deep ? Choice{Mode::kPolicy, step.log_threshold} : Choose(local);
+  if (!deep && Probe(local, choice.level)) choice.mode = Mode::kProbe;
+  step.mode = choice.mode;
   if (certifier_.active()) {
-    step.mode = probes ? Mode::kProbe : Mode::kPolicy;
     if (!Certify(local, step)) return Halt(step, HaltCause::kNoProgress);
   } else {
-    const bool advances = tracker_.Advance(level);
-    step.mode = probes ? Mode::kProbe : advances ? Mode::kPolicy : Mode::kRecovery;
-    progress_.time += step.mode == Mode::kPolicy ? 1.0 : 0.0;
+    Advance(local, choice.level);
   }
   step.filtered = step.mode == Mode::kPolicy && !deep && v_ != learned_;
   core::AsVector(u) = v_ * model_->control_unit();
@@ -190,18 +190,29 @@ bool GuidedPolicy::DeepInside(double level) const noexcept {
          model_->support().LogDecision(phase + 1, AsSpan(z_), {}) >= hi;
 }
 
-double GuidedPolicy::Filter(const LocalModel& model) noexcept {
+GuidedPolicy::Choice GuidedPolicy::Choose(const LocalModel& model) noexcept {
   const int next = tracker_.phase() + 1;
   const double l = RaiseLevel(model, {next, model_->gate_level(next), options_.share}, limits_, v_);
-  if (l >= 0.0) return l;
+  if (l >= 0.0) return {Mode::kPolicy, l};
   trial_ = v_;
+  const bool demonstrated =
+      options_.demonstrated && estimate_.Demonstrated(tracker_.phase(), AsSpan(z_), trial_);
+  trial_ = trial_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
+  demonstrated_ = trial_;
   const double best = RaiseLevel(model, {next, 0.0}, limits_, trial_);
-  const bool mends = best >= 0.0 || best - l > options_.margin * model_->slack();
-  if (!mends && l >= -reach_) return 0.0;  // Counts as arrived.
-  v_ = trial_;
-  if (best >= 0.0 || v_.norm() <= options_.outside_size) return best;
-  v_ *= options_.outside_size / v_.norm();
-  return model.Level(next, v_);
+  if (best < 0.0 && best - l <= options_.margin * model_->slack() && l >= -reach_) {
+    return {Mode::kPolicy, 0.0};
+  }
+  const bool follows = demonstrated && best < 0.0;
+  v_ = follows ? demonstrated_ : trial_;
+  return {Mode::kRecovery, follows ? model.Level(next, v_) : best};
+}
+
+void GuidedPolicy::Advance(const LocalModel& model, double level) noexcept {
+  if (tracker_.Advance(level) || !options_.overtakes) return;
+  dz_ = z_;
+  model.answer.AddEffect(v_, dz_);
+  static_cast<void>(tracker_.Overtake(AsSpan(dz_)));
 }
 
 bool GuidedPolicy::Probe(const LocalModel& model, double& level) noexcept {
@@ -223,12 +234,14 @@ bool GuidedPolicy::Probe(const LocalModel& model, double& level) noexcept {
 }
 
 bool GuidedPolicy::Certify(const LocalModel& model, Step& step) noexcept {
+  bool gets_on = step.mode != Mode::kProbe;
   double share = certifier_.Share(model, step.t, v_);
   if (share < kLeastShare) {
     // So near to the boundary in this direction: make all the room there is first.
     v_.setZero();
     static_cast<void>(RaiseLevel(model, {step.t, kInfinity}, limits_, v_));
     step.mode = Mode::kRecovery;
+    gets_on = false;
     share = certifier_.Share(model, step.t, v_);
   }
   stalls_ = share < kLeastShare || v_.isZero() ? stalls_ + 1 : 0;
@@ -237,7 +250,7 @@ bool GuidedPolicy::Certify(const LocalModel& model, Step& step) noexcept {
   effect_.noalias() = estimate_.jacobian().lazyProduct(v_);
   step.certified = true;
   // Enter() finds the phase that the control leads to, from the one it is meant to lead to.
-  if (step.mode != Mode::kPolicy) {
+  if (!gets_on) {
     static_cast<void>(tracker_.Advance(-kInfinity));
   } else {
     progress_.time += share;

@@ -69,10 +69,12 @@ JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
 
   const auto rows = static_cast<Eigen::Index>(chosen.size());
   points_.resize(rows, n);
+  controls_.resize(rows, m);
   products_.resize(rows, m * (m + 1) / 2 + m * n);
   for (Eigen::Index row = 0; row < rows; ++row) {
     const auto [d, t] = chosen[static_cast<std::size_t>(row)];
     points_.row(row) = features[d].row(t).cast<float>();
+    controls_.row(row) = controls[d].row(t).cast<float>();
     Eigen::Index column = 0;
     for (int i = 0; i < m; ++i) {
       for (int j = 0; j <= i; ++j) {
@@ -98,11 +100,13 @@ void JacobianPrior::Save(core::ArchiveWriter& archive) const {
   archive.Integer(control_dim_);
   archive.Integers(begin_);
   archive.MatrixBlock(points_.cast<double>());
+  archive.MatrixBlock(controls_.cast<double>());
   archive.MatrixBlock(products_.cast<double>());
 }
 
 JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
   constexpr int kMostEntries = 4096;
+  constexpr int kWithControls = 3;  // The first version of files that hold controls_.
   JacobianPrior prior;
   try {
     prior.options_.ridge = archive.Number();
@@ -115,6 +119,8 @@ JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
     prior.control_dim_ = archive.IntegerIn(1, kMostEntries);
     prior.begin_ = archive.Integers();
     prior.points_ = archive.MatrixBlock().cast<float>();
+    const bool has_controls = archive.version() >= kWithControls;
+    if (has_controls) prior.controls_ = archive.MatrixBlock().cast<float>();
     prior.products_ = archive.MatrixBlock().cast<float>();
     const std::vector<int>& begin = prior.begin_;
     DFR_THROW_UNLESS(
@@ -129,21 +135,28 @@ JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
     const Eigen::Index n = prior.feature_dim_;
     const Eigen::Index m = prior.control_dim_;
     DFR_THROW_UNLESS(prior.points_.cols() == n && prior.products_.rows() == prior.points_.rows() &&
-                         prior.products_.cols() == m * (m + 1) / 2 + m * n,
+                         prior.products_.cols() == m * (m + 1) / 2 + m * n &&
+                         (!has_controls || (prior.controls_.rows() == prior.points_.rows() &&
+                                            prior.controls_.cols() == m)),
                      "the matrices of the Jacobian prior do not fit each other");
-    DFR_THROW_UNLESS(prior.points_.allFinite() && prior.products_.allFinite(),
-                     "the Jacobian prior has a non-finite entry");
+    DFR_THROW_UNLESS(
+        prior.points_.allFinite() && prior.controls_.allFinite() && prior.products_.allFinite(),
+        "the Jacobian prior has a non-finite entry");
   } catch (const std::invalid_argument& e) {
     archive.Fail(e.what());
   }
   return prior;
 }
 
+std::pair<int, int> JacobianPrior::Near(int t) const noexcept {
+  const int steps = static_cast<int>(begin_.size()) - 1;
+  return {begin_[static_cast<std::size_t>(std::clamp(t - options_.window, 0, steps))],
+          begin_[static_cast<std::size_t>(std::clamp(t + options_.window + 1, 0, steps))]};
+}
+
 void JacobianPrior::AddTo(int t, std::span<const double> z, Eigen::VectorXf& sums,
                           Eigen::MatrixXd& a, Eigen::MatrixXd& b) const noexcept {
-  const int steps = static_cast<int>(begin_.size()) - 1;
-  const int first = begin_[static_cast<std::size_t>(std::clamp(t - options_.window, 0, steps))];
-  const int last = begin_[static_cast<std::size_t>(std::clamp(t + options_.window + 1, 0, steps))];
+  const auto [first, last] = Near(t);
   const int n = feature_dim_;
   const int m = control_dim_;
   const Eigen::Index rows = last - first;
@@ -166,6 +179,40 @@ void JacobianPrior::AddTo(int t, std::span<const double> z, Eigen::VectorXf& sum
   for (int k = 0; k < n; ++k) {
     for (int i = 0; i < m; ++i) b(i, k) += *sum++;
   }
+}
+
+double JacobianPrior::AddDemonstrated(int t, std::span<const double> z, Eigen::VectorXd& y,
+                                      Eigen::MatrixXd& a, Eigen::MatrixXd& b) const noexcept {
+  // Of the squared distance, per feature. Narrower follows the nearest demonstrations more closely,
+  // their noise included; wider forgets where it is.
+  constexpr float kBandwidth = 0.5F;
+  // From the last time step on, its transitions are the nearest there are.
+  const auto [first, last] = Near(std::min(t, static_cast<int>(begin_.size()) - 2));
+  const Eigen::Index rows = last - first;
+  if (rows <= 0 || controls_.rows() == 0) return 0.0;
+  const int n = feature_dim_;
+  std::array<float, kMaxTransitions> buffer;
+  Eigen::Map<Eigen::ArrayXf> weights(buffer.data(), rows);
+  weights.setZero();
+  for (int k = 0; k < n; ++k) {
+    const auto z_k = static_cast<float>(z[static_cast<std::size_t>(k)]);
+    weights += (points_.col(k).segment(first, rows).array() - z_k).square();
+  }
+  weights = (-kBandwidth / static_cast<float>(n) * (weights - weights.minCoeff())).exp();
+  y[0] = 1.0;
+  for (Eigen::Index i = 0; i < rows; ++i) {
+    const double weight = static_cast<double>(weights[i]);
+    for (int k = 0; k < n; ++k) {
+      y[k + 1] = static_cast<double>(points_(first + i, k)) - z[static_cast<std::size_t>(k)];
+    }
+    // The lower triangle is enough.
+    for (Eigen::Index k = 0; k <= n; ++k)
+      a.col(k).tail(n + 1 - k) += weight * y[k] * y.tail(n + 1 - k);
+    for (int k = 0; k < control_dim_; ++k) {
+      b.col(k) += weight * static_cast<double>(controls_(first + i, k)) * y;
+    }
+  }
+  return static_cast<double>(weights.sum());
 }
 
 JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
@@ -192,6 +239,13 @@ JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
   direction_ = Eigen::VectorXd::Zero(m);
   scratch_ = Eigen::VectorXd::Zero(m);
   sums_ = Eigen::VectorXf::Zero(prior_->num_sums());
+  y_ = Eigen::VectorXd::Zero(n + 1);
+  a_demo_ = Eigen::MatrixXd::Identity(n + 1, n + 1);
+  b_demo_ = Eigen::MatrixXd::Zero(n + 1, m);
+  cholesky_demo_ = Eigen::LLT<Eigen::MatrixXd>(a_demo_);
+  h_ = Eigen::MatrixXd::Identity(m, m);
+  cholesky_controls_ = Eigen::LLT<Eigen::MatrixXd>(h_);
+  wanted_ = Eigen::VectorXd::Zero(n);
 }
 
 void JacobianEstimate::Reset() noexcept {
@@ -223,6 +277,43 @@ void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
   const int m = prior_->control_dim();
   jacobian_.noalias() = b_.transpose().lazyProduct(inverse_.leftCols(m));
   if (drifts_) drift_.noalias() = b_.transpose().lazyProduct(inverse_.col(m));
+}
+
+bool JacobianEstimate::Demonstrated(int t, std::span<const double> z, Eigen::VectorXd& v) noexcept {
+  // Of the slopes, per unit of weight: where states hardly differ in a direction, the control does
+  // not depend on it.
+  constexpr double kRidge = 0.1;
+  constexpr double kNearness = 0.03;
+  const int n = prior_->feature_dim();
+  const int m = prior_->control_dim();
+  a_demo_.setZero();
+  b_demo_.setZero();
+  const double weight = prior_->AddDemonstrated(t, z, y_, a_demo_, b_demo_);
+  if (weight <= 0.0) return false;
+  a_demo_.diagonal().tail(n).array() += kRidge * weight;
+  cholesky_demo_.compute(a_demo_);
+  // At z itself, y is the first unit vector.
+  y_.setZero();
+  y_[0] = 1.0;
+  cholesky_demo_.solveInPlace(y_);
+  v.noalias() = b_demo_.transpose().lazyProduct(y_);
+
+  // What it did: J_demo v_d, J_demo of the demonstrations alone.
+  h_ = (a_ - a_online_).topLeftCorner(m, m);
+  cholesky_controls_.compute(h_);
+  scratch_ = v;
+  cholesky_controls_.solveInPlace(scratch_);
+  wanted_.noalias() = (b_ - b_online_).topRows(m).transpose().lazyProduct(scratch_);
+  if (drifts_) wanted_ -= Time(v.norm()) * drift_;
+  h_.noalias() = jacobian_.transpose().lazyProduct(jacobian_);
+  const double nearness = kNearness * h_.trace() / m;
+  if (!(nearness > 0.0)) return true;
+  h_.diagonal().array() += nearness;
+  scratch_.noalias() = jacobian_.transpose().lazyProduct(wanted_);
+  v = scratch_ + nearness * v;
+  cholesky_controls_.compute(h_);
+  cholesky_controls_.solveInPlace(v);
+  return true;
 }
 
 void JacobianEstimate::AddEffect(const Eigen::VectorXd& v,

@@ -5,16 +5,7 @@
 #include <cstdlib>
 #include <limits>
 
-#include "dfr/core/contract.h"
-
 namespace dfr::control {
-
-PhaseTracker::PhaseTracker(const core::LogDecisionFunction& support, const PhaseOptions& options)
-    : support_(&support), options_(options) {
-  DFR_THROW_UNLESS(options.wait >= 0, "wait must not be negative: " << options.wait);
-  DFR_THROW_UNLESS(options.reach >= 0.0 && std::isfinite(options.reach),
-                   "reach must be finite and not negative, not " << options.reach);
-}
 
 void PhaseTracker::Reset(int first) noexcept {
   phase_ = first;
@@ -23,13 +14,23 @@ void PhaseTracker::Reset(int first) noexcept {
 }
 
 bool PhaseTracker::Advance(double l) noexcept {
-  if (l >= 0.0 || (waited_ >= options_.wait && l >= -options_.reach)) {
+  if (l >= 0.0) {
     ++phase_;
     waited_ = 0;
     return true;
   }
   ++waited_;
   return false;
+}
+
+bool PhaseTracker::Overtake(std::span<const double> z) noexcept {
+  const int phase = phase_;
+  static_cast<void>(Fit(z, phase,
+                        std::max(phase, std::min(phase + kWindow, support_->num_steps() - 1)),
+                        phase, /*inside=*/false));
+  if (phase_ == phase) return false;
+  waited_ = 0;
+  return true;
 }
 
 double PhaseTracker::Follow(std::span<const double> z) noexcept {

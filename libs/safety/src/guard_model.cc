@@ -19,7 +19,7 @@ namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kKind = "guard";
-constexpr int kVersion = 2;
+constexpr int kVersion = 3;
 
 constexpr std::array kStrategies = {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping,
                                     Strategy::kMonitor};

@@ -15,8 +15,8 @@
 
 namespace dfr::control {
 
-/// Options for GuidedPolicy: what the task says, then eight constants that are meant for every
-/// task, and a weight for ablations. Levels are values of l, controls are in units of the
+/// Options for GuidedPolicy: what the task says, then six constants that are meant for every
+/// task, and switches for ablations. Levels are values of l, controls are in units of the
 /// demonstrations' root mean square.
 struct GuidedOptions {
   int horizon = 100;           ///< T: time steps of the learned policy in an episode, > 0.
@@ -38,27 +38,28 @@ struct GuidedOptions {
   /// learned control raises l by no more than this. What no control can mend, an object off to the
   /// side, must not stop the task. More completes more and collides more.
   double margin = 0.25;
-  /// PhaseOptions::wait, and PhaseOptions::reach as a multiple of GuidedModel::slack(), at most .8
-  /// in all. Without a limit on either the phase keeps time whatever happens, and more episodes
-  /// collide.
-  int wait = 2;
+  /// Where no control is predicted to end inside, the filtered control passes only down to this
+  /// multiple of GuidedModel::slack() outside, at most .8 in all. More completes more and collides
+  /// more.
   double reach = 2.0;
   /// HaltRule::patience. More completes little and collides more.
   int patience = 12;
   /// Size of a probe, >= 0: above the noise of observations and what drifts meanwhile, below what a
   /// wrong direction may cost. 0: directions of control that nobody has used stay unknown.
   double probe_size = 0.35;
-  /// Largest size of a recovery that is predicted to stay outside, > 0. Larger ones chase a support
-  /// that is out of reach, and collide; smaller ones complete less. Infinite where the world moves
-  /// on while the robot hesitates.
-  double outside_size = 0.3;
   /// Not to be tuned. Weight of an applied control as a measurement of J, relative to the
   /// demonstrations' (in JacobianOptions), >= 0. 0: J is the demonstrations' alone.
   double online_weight = 1.0;
+  /// Not to be tuned. Whether recoveries begin with the demonstrated control; otherwise with the
+  /// filtered one.
+  bool demonstrated = true;
+  /// Not to be tuned. Whether recoveries overtake phases.
+  bool overtakes = true;
 };
 
 /// The parts of guided recovery that can be taken out, for ablations: "filter", "share", "slack",
-/// "time", "probing", "online-jacobian", and "drift", the drift_time of a task that has one.
+/// "demonstrated", "overtaking", "probing", "online-jacobian", and "drift", the drift_time of a
+/// task that has one.
 [[nodiscard]] std::span<const std::string_view> GuidedPartNames() noexcept;
 /// The options with these parts at their neutral values; "filter+time" takes out both.
 /// @throws std::invalid_argument naming the part that does not exist, and those that do.
@@ -72,11 +73,14 @@ struct GuidedOptions {
 ///   1. l_tau(z), l_{tau+1}(z) >= hi and v_hat no larger than demonstrated: v_hat passes (deep
 ///      inside; hi is GuidedModel::gate_level).
 ///   2. v <- RaiseLevel(v_hat, hi, share): the filter. If l_{tau+1}(z + J v) >= 0, v is applied.
-///   3. v' <- RaiseLevel(v, 0): recovery, the same step without the share. v' is applied, unless it
-///      stays outside as well and is hardly better than v (margin); outside it is small.
+///   3. v' <- RaiseLevel(v_d, 0): recovery, the same step from the control v_d that does what
+///      demonstrations did nearby (JacobianEstimate::Demonstrated()). If it reaches 0, v' is
+///      applied. If not, and is hardly better than v (margin), v is, where the support is near
+///      (reach). Otherwise v_d is: where nothing leads inside, what demonstrations did is known to
+///      go on, and what J promises is not.
 ///   4. Where J hardly knows a direction of control, a probe along it is applied instead.
-///   5. The phase advances if the prediction is inside B_{tau+1}, or near after two waits
-///      (PhaseTracker); a control that does not advance it is a recovery and consumes no time.
+///   5. The phase advances if the prediction is inside B_{tau+1} or v passed by the margin; a
+///      recovery that stays outside overtakes phases instead (PhaseTracker).
 ///   6. HaltRule ends what does not get on.
 ///
 /// With a certificate, every applied control is shrunk until it provably ends inside some B_q with
@@ -108,7 +112,13 @@ class GuidedPolicy final : public Controller {
   [[nodiscard]] Step DoNext(std::span<const double> x, std::span<double> u) noexcept override;
 
   [[nodiscard]] bool DeepInside(double level) const noexcept;
-  [[nodiscard]] double Filter(const LocalModel& model) noexcept;
+  /// What the filter or a recovery made of a learned control.
+  struct Choice {
+    Mode mode;
+    double level;  ///< That v_ is predicted to reach in the next phase; 0 where it passes.
+  };
+  [[nodiscard]] Choice Choose(const LocalModel& model) noexcept;
+  void Advance(const LocalModel& model, double level) noexcept;
   [[nodiscard]] bool Probe(const LocalModel& model, double& level) noexcept;
   [[nodiscard]] bool Certify(const LocalModel& model, Step& step) noexcept;
 
@@ -118,7 +128,7 @@ class GuidedPolicy final : public Controller {
   StepLimits limits_;
   HaltRule halt_rule_;
   JacobianEstimate estimate_;
-  double reach_;  ///< PhaseOptions::reach
+  double reach_;  ///< GuidedOptions::reach as a level.
   PhaseTracker tracker_;
   Certifier certifier_;
 
@@ -131,6 +141,7 @@ class GuidedPolicy final : public Controller {
   Eigen::VectorXd dz_;
   Eigen::VectorXd learned_;
   Eigen::VectorXd trial_;
+  Eigen::VectorXd demonstrated_;
 };
 
 }  // namespace dfr::control

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "dfr/core/archive.h"
@@ -41,7 +42,8 @@ class JacobianPrior {
 
   /// Appends all of it to a file.
   void Save(core::ArchiveWriter& archive) const;
-  /// Reads what Save() wrote. @throws std::runtime_error naming the file and what is wrong with it.
+  /// Reads what Save() wrote. Files of before version 3 hold no controls: AddDemonstrated() then
+  /// adds nothing. @throws std::runtime_error naming the file and what is wrong with it.
   static JacobianPrior Load(core::ArchiveReader& archive);
 
   [[nodiscard]] int feature_dim() const noexcept { return feature_dim_; }
@@ -54,16 +56,24 @@ class JacobianPrior {
   void AddTo(int t, std::span<const double> z, Eigen::VectorXf& sums, Eigen::MatrixXd& a,
              Eigen::MatrixXd& b) const noexcept;
   [[nodiscard]] Eigen::Index num_sums() const noexcept { return products_.cols(); }
+  /// Adds sum w y y' to `a` (its lower triangle, (n + 1) x (n + 1)) and sum w y v' to `b`
+  /// ((n + 1) x m), y = [1; z_i - z], over transitions near time step `t`, those from the last one
+  /// on where demonstrations end before. The nearest one has w = 1. @returns the sum of w.
+  double AddDemonstrated(int t, std::span<const double> z, Eigen::VectorXd& y, Eigen::MatrixXd& a,
+                         Eigen::MatrixXd& b) const noexcept;
 
  private:
   JacobianPrior() = default;
+  /// First and last transition, exclusive, of time steps t - window ... t + window.
+  [[nodiscard]] std::pair<int, int> Near(int t) const noexcept;
 
   JacobianOptions options_;
   int feature_dim_ = 0;
   int control_dim_ = 0;
   std::vector<int> begin_;  ///< Row at which time step t begins; one more entry at the end.
   // In float, for the sums over transitions are most of the work.
-  Eigen::MatrixXf points_;  ///< z of each transition, in order of time.
+  Eigen::MatrixXf points_;    ///< z of each transition, in order of time,
+  Eigen::MatrixXf controls_;  ///< and v. Without rows where a file does not hold them.
   /// Lower triangle of v v', then v dz', of each.
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> products_;
 };
@@ -92,6 +102,14 @@ class JacobianEstimate {
   [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return jacobian_; }
   /// d, n, of the last Compute(); 0 where nothing else moves the world.
   [[nodiscard]] const Eigen::VectorXd& drift() const noexcept { return drift_; }
+  /// The control that does to the features what demonstrations did nearby: locally weighted linear
+  /// regression gives the control v_d that demonstrations took at `z` in time step `t`, their
+  /// transitions alone what it did to the features there, J_demo v_d, and least squares the control
+  /// whose effect is that today, |J v + s d - J_demo v_d|^2 + 0.03 trace(J' J) / m |v - v_d|^2
+  /// -> min. So what turns or scales controls, or moves the world, is made up for as far as J knows
+  /// it. Takes J of the last Compute(), which was for the same `t` and `z`. O(n^3).
+  /// @returns false, and leaves `v` (m entries), where nothing is known of demonstrated controls.
+  [[nodiscard]] bool Demonstrated(int t, std::span<const double> z, Eigen::VectorXd& v) noexcept;
   /// z += J v + s d of the last Compute().
   void AddEffect(const Eigen::VectorXd& v, Eigen::Ref<Eigen::VectorXd> z) const noexcept;
 
@@ -123,6 +141,14 @@ class JacobianEstimate {
   Eigen::VectorXd direction_;
   Eigen::VectorXd scratch_;
   Eigen::VectorXf sums_;
+  // Of Demonstrated(): its regression, and the least squares of what it did.
+  Eigen::VectorXd y_;
+  Eigen::MatrixXd a_demo_;
+  Eigen::MatrixXd b_demo_;
+  Eigen::LLT<Eigen::MatrixXd> cholesky_demo_;
+  Eigen::MatrixXd h_;
+  Eigen::LLT<Eigen::MatrixXd> cholesky_controls_;
+  Eigen::VectorXd wanted_;
 };
 
 }  // namespace dfr::control

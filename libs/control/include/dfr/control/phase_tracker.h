@@ -6,21 +6,13 @@
 
 namespace dfr::control {
 
-/// Options for PhaseTracker.
-struct PhaseOptions {
-  /// A controller keeps time, not only depth: the phase advances after this many controls that
-  /// could not reach the next support. Longer waits insist on places that an object off to the side
-  /// forbids (fewer completions), shorter ones leave the support behind (more collisions).
-  int wait = 2;
-  /// Only as long as the next support is this near: l >= -reach at the predicted state, >= 0.
-  double reach = 0.4;
-};
-
 /// Which phase an episode is in: the time step of the demonstrations that its state belongs to.
 /// There is one such rule for those who decide and one for those who watch.
 ///
 /// - A controller decides about time. Advance() moves to the next phase as soon as a control is
-///   predicted to end inside its support; until then the phase waits.
+///   predicted to end inside its support; until then the phase waits. Overtake() moves to the phase
+///   ahead that a recovery outside the support is on its way to: a support that was missed must not
+///   hold up those that follow.
 /// - An observer (an alarm, a report) has to follow, because demonstrations and robots go at paces
 ///   of their own. Follow() takes the phase near the expected one whose support fits best.
 /// - A certificate holds only inside. Enter() takes the best phase near whose support the state is
@@ -32,8 +24,7 @@ class PhaseTracker {
   /// Phases that are looked at to either side of the expected one.
   static constexpr int kWindow = 3;
 
-  /// @throws std::invalid_argument if `wait` is negative or `reach` negative or not finite.
-  explicit PhaseTracker(const core::LogDecisionFunction& support, const PhaseOptions& options = {});
+  explicit PhaseTracker(const core::LogDecisionFunction& support) : support_(&support) {}
 
   /// Starts an episode in phase `first`.
   void Reset(int first = 0) noexcept;
@@ -41,6 +32,9 @@ class PhaseTracker {
   /// A control was chosen that is predicted to end at level `l` of the support of phase() + 1.
   /// @returns whether the phase advances; otherwise it waits.
   bool Advance(double l) noexcept;
+  /// A control was chosen that is predicted to end at `z`, outside: moves to the phase from phase()
+  /// to phase() + kWindow whose support fits best. @returns whether that is a later one.
+  bool Overtake(std::span<const double> z) noexcept;
   /// The next of an observer's states is `z`. @returns l at the phase it is taken to be in,
   ///   -infinity for a state that is not one.
   double Follow(std::span<const double> z) noexcept;
@@ -56,7 +50,6 @@ class PhaseTracker {
   double Fit(std::span<const double> z, int first, int last, int expected, bool inside) noexcept;
 
   const core::LogDecisionFunction* support_;
-  PhaseOptions options_;
   int phase_ = 0;
   int expected_ = 0;
   int waited_ = 0;
