@@ -1,5 +1,6 @@
 #include "gaussian_terms.h"
 
+#include <algorithm>
 #include <cassert>
 #include <cmath>
 #include <limits>
@@ -56,12 +57,13 @@ GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const doub
 }
 
 template <typename T>
-GaussianTerms<T> GaussianTerms<T>::Subset(std::span<const std::size_t> indices) const {
+GaussianTerms<T> GaussianTerms<T>::Subset(std::span<const std::size_t> indices,
+                                          std::size_t whole) const {
   GaussianTerms subset;
   subset.functions = functions;
   subset.dim = dim;
   subset.count = indices.size();
-  subset.num_blocks = (subset.count + kLanes - 1) / kLanes;
+  subset.num_blocks = (subset.count + whole - 1) / whole * (whole / kLanes);
   subset.scale = scale;
   subset.center = center;
   subset.data.resize(subset.num_blocks * (dim + 1) * kLanes);
@@ -84,6 +86,30 @@ GaussianTerms<T> GaussianTerms<T>::Subset(std::span<const std::size_t> indices) 
   return subset;
 }
 
+template <typename T>
+GroupBoxes<T>::GroupBoxes(const GaussianTerms<T>& terms)
+    : dim(terms.dim), count(terms.row_size() / kGroup) {
+  constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
+  assert(terms.row_size() % kGroup == 0);
+  // Lanes without a group are out of reach of everything.
+  constexpr T kFar = std::numeric_limits<T>::infinity();
+  data.assign((count + kLanes - 1) / kLanes * 2 * dim * kLanes, kFar);
+  for (std::size_t i = 0; i < terms.count; ++i) {
+    const std::size_t group = i / kGroup;
+    const T* column = terms.data.data() + i / kLanes * (dim + 1) * kLanes + i % kLanes;
+    T* corner = data.data() + group / kLanes * 2 * dim * kLanes + group % kLanes;
+    for (std::size_t k = 0; k < dim; ++k) {
+      const T value = column[(1 + k) * kLanes];
+      T& low = corner[2 * k * kLanes];
+      T& high = corner[(2 * k + 1) * kLanes];
+      low = i % kGroup == 0 ? value : std::min(low, value);
+      high = i % kGroup == 0 ? value : std::max(high, value);
+    }
+  }
+}
+
+template struct GroupBoxes<double>;
+template struct GroupBoxes<float>;
 template struct GaussianTerms<double>;
 template struct GaussianTerms<float>;
 

@@ -17,6 +17,8 @@ struct KktBounds {
   double smallest = std::numeric_limits<double>::infinity();  ///< over alpha < 1
   double free_sum = 0.0;
   std::size_t free = 0;
+  double alpha_sum = 0.0;
+  double weighted_sum = 0.0;
 
   KktBounds(std::span<const double> alpha, std::span<const double> gradient) {
     for (std::size_t i = 0; i < alpha.size(); ++i) {
@@ -27,11 +29,20 @@ struct KktBounds {
       smallest = std::min(smallest, rises ? gradient[i] : smallest);
       free_sum += falls && rises ? gradient[i] : 0.0;
       free += falls && rises ? 1 : 0;
+      alpha_sum += alpha[i];
+      weighted_sum += alpha[i] * gradient[i];
     }
   }
   /// nu = 1 has no alpha < 1 and no gap.
   [[nodiscard]] double gap() const {
     return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
+  }
+  /// Near a solution; far from one, where hardly any alpha is free, the mean of G over alpha says
+  /// better where rho will be than the extremes do.
+  [[nodiscard]] double likely_rho() const {
+    constexpr double kMostFree = 0.02;
+    if (static_cast<double>(free) > kMostFree * alpha_sum || std::isinf(smallest)) return rho();
+    return std::clamp(weighted_sum / alpha_sum, smallest, std::max(smallest, largest));
   }
   [[nodiscard]] double rho() const {
     if (free > 0) return free_sum / static_cast<double>(free);

@@ -25,6 +25,8 @@ struct OneClassSvmOptions {
   /// Most working-set steps; 0 chooses a number that no sensible problem reaches.
   std::int64_t max_iterations = 0;
   double memory_mib = 512.0;  ///< Bound on the fit's own memory, >= 1. Slower where it is tight.
+  /// Threads of this fit, >= 0; 0: one per core. The estimate has the same bits with any number.
+  int threads = 1;
   /// Where to start: alpha per sample, in any scale, from a neighbouring problem (the previous time
   /// step, gamma or nu; FitSummary::alpha holds it). Empty: the solver finds a start. The estimate
   /// is the same within the tolerance.
