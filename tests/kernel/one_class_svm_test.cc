@@ -447,6 +447,24 @@ TEST(OneClassSvmTest, SinglePrecisionIsWithinAMillionthOfTheSum) {
   }
 }
 
+// The bound of InSinglePrecision(), which grows with the number of entries.
+TEST(OneClassSvmTest, SinglePrecisionIsWithinItsBoundForManyEntries) {
+  core::Random random(50);
+  for (const int n : {1, 30, 300, 2048}) {
+    const double gamma = 1.0 / n;
+    const auto svm = OneClassSvm::Fit(Tube(60, n, random), {.nu = 0.3, .gamma = gamma});
+    const auto single = svm.InSinglePrecision();
+    const core::Matrix queries = 2.0 * Tube(100, n, random);
+    double worst = 0.0;
+    for (Eigen::Index i = 0; i < queries.rows(); ++i) {
+      const auto x = core::Row(queries, i);
+      const double sum = svm.Decision(x) + svm.rho();
+      worst = std::max(worst, std::abs(single.Decision(x) - svm.Decision(x)) / sum);
+    }
+    EXPECT_LE(worst, 1e-6 + 5e-9 * n) << n;
+  }
+}
+
 TEST(OneClassSvmTest, LogDecisionHasTheSignOfGAndReachesFar) {
   core::Random random(36);
   const auto in_double = OneClassSvm::Fit(Tube(200, 3, random), {.gamma = 5.0});

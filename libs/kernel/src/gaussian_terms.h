@@ -41,6 +41,10 @@ using AlignedVector = std::vector<T, AlignedAllocator<T>>;
 /// Most entries of a state: queries are scaled into a buffer on the stack.
 inline constexpr int kMaxStateDim = 2048;
 
+/// What the terms of `points` are centred at: their mean, or the median of each coordinate where
+/// some are so many widths away, 1 / scale each, that the mean may lie far from the most.
+[[nodiscard]] std::vector<double> Center(const core::Matrix& points, double scale);
+
 template <typename T>
 struct GaussianTerms;
 template <typename T>

@@ -20,6 +20,7 @@ struct KktBounds {
   double alpha_sum = 0.0;
   double weighted_sum = 0.0;
 
+  KktBounds() = default;
   KktBounds(std::span<const double> alpha, std::span<const double> gradient) {
     for (std::size_t i = 0; i < alpha.size(); ++i) {
       // Without branches, which nothing could predict here.
@@ -73,7 +74,10 @@ class Rounds {
   [[nodiscard]] bool Next(double gap, double objective) {
     summary_.kkt_gap = gap;
     summary_.objective = objective;
-    if (gap < options_.tolerance) return End(FitSummary::Reason::kConverged);
+    // A NaN in G is neither largest nor smallest, but shows in the objective.
+    if (gap < options_.tolerance && std::isfinite(objective)) {
+      return End(FitSummary::Reason::kConverged);
+    }
     if (interrupted_ || !Continue()) return End(FitSummary::Reason::kInterrupted);
     if (summary_.iterations >= most_iterations_) return End(FitSummary::Reason::kMaxIterations);
     // Samples that enter may keep the gap up while the objective falls.

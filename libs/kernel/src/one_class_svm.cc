@@ -152,6 +152,25 @@ void CheckSamples(const Eigen::Ref<const core::Matrix>& samples) {
   }
 }
 
+// Distances in kernel widths whose squares overflow tell nothing: to leave such a sample alone
+// would be to fit it as one that it is not.
+void CheckRange(const core::Matrix& samples, double gamma) {
+  constexpr double kFar = 1e150;
+  const double scale = std::sqrt(gamma * std::numbers::log2e);
+  const double most = kFar / scale;
+  if (samples.cwiseAbs().maxCoeff() < 0.25 * most) return;
+  const std::vector<double> center = internal::Center(samples, scale);
+  for (Eigen::Index i = 0; i < samples.rows(); ++i) {
+    for (Eigen::Index k = 0; k < samples.cols(); ++k) {
+      DFR_THROW_UNLESS(std::abs(samples(i, k) - center[static_cast<std::size_t>(k)]) < 0.5 * most,
+                       "sample " << i << ", entry " << k << " is " << samples(i, k)
+                                 << ": its distance to the others, in widths of the kernel with "
+                                    "gamma "
+                                 << gamma << ", overflows when squared. Leave the sample out");
+    }
+  }
+}
+
 void CheckStart(std::span<const double> start, Eigen::Index samples) {
   if (start.empty()) return;
   DFR_THROW_UNLESS(static_cast<Eigen::Index>(start.size()) == samples,
@@ -208,6 +227,7 @@ OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmO
                                  Scratch& scratch, FitSummary* summary) {
   CheckOptions(options);
   CheckSamples(samples);
+  CheckRange(samples, options.gamma);
   CheckStart(options.start, samples.rows());
   CheckWeights(options, samples.rows());
   const auto start = std::chrono::steady_clock::now();

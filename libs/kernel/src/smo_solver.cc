@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <numbers>
 #include <numeric>
 #include <span>
 #include <vector>
@@ -16,6 +17,7 @@
 #include "small_problem.h"
 #include "smo_loop.h"
 #include "sparse_problem.h"
+#include "true_gap.h"
 #include "workers.h"
 
 namespace dfr::kernel::internal {
@@ -336,26 +338,41 @@ std::vector<std::size_t> Shuffled(std::size_t count) {
 std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOptions& options,
                               Workers& workers, FitSummary& summary);
 
+template <typename T, class Problem>
+DualSolution Finish(Problem& problem, const core::Matrix& samples,
+                    const OneClassSvmOptions& options, std::span<const double> start,
+                    double neglected, Workers& workers, FitSummary& summary) {
+  problem.Run(start);
+  summary.kernel_evaluations += problem.evaluations();
+  if (summary.reason == FitSummary::Reason::kConverged) {
+    summary.kkt_gap =
+        TrueGap<T>(samples, options, problem.alpha(), problem.gradient(), neglected, workers);
+    if (!(summary.kkt_gap < options.tolerance)) summary.reason = FitSummary::Reason::kStalled;
+  }
+  return Solution(problem);
+}
+
 template <typename T>
 DualSolution SolveIn(const core::Matrix& samples, const OneClassSvmOptions& options,
                      std::span<const double> start, Scratch& scratch, Workers& workers,
                      FitSummary& summary) {
   if (SmallProblem<T>::Fits(samples, options, scratch)) {
     SmallProblem<T> problem(samples, options, scratch, summary);
-    problem.Run(start);
-    summary.kernel_evaluations += problem.evaluations();
-    return Solution(problem);
+    return Finish<T>(problem, samples, options, start, 0.0, workers, summary);
   }
   if (SparseProblem<T>::Fits(samples, options)) {
     SparseProblem<T> problem(samples, options, workers, summary);
-    problem.Run(start);
-    summary.kernel_evaluations += problem.evaluations();
-    return Solution(problem);
+    return Finish<T>(problem, samples, options, start, problem.neglected(), workers, summary);
   }
   Solver<T> solver(samples, options, workers, summary);
-  solver.Run(start);
-  summary.kernel_evaluations += solver.evaluations();
-  return Solution(solver);
+  return Finish<T>(solver, samples, options, start, 0.0, workers, summary);
+}
+
+// Whether squared distances in kernel widths are within the range of float.
+bool FitsFloat(const core::Matrix& samples, double gamma) {
+  constexpr double kFar = 1e15;
+  const auto range = samples.colwise().maxCoeff() - samples.colwise().minCoeff();
+  return std::sqrt(gamma * std::numbers::log2e) * range.maxCoeff() < kFar;
 }
 
 DualSolution Solve(const core::Matrix& samples, const OneClassSvmOptions& options, Scratch& scratch,
@@ -363,7 +380,7 @@ DualSolution Solve(const core::Matrix& samples, const OneClassSvmOptions& option
   std::vector<double> start = FindStart(samples, options, workers, summary);
   // A kernel value in float is off by up to 1e-7, G by nu m times that at most.
   const double total = options.nu * static_cast<double>(samples.rows());
-  if (options.tolerance >= 2e-7 * total) {
+  if (options.tolerance >= 2e-7 * total && FitsFloat(samples, options.gamma)) {
     DualSolution solution = SolveIn<float>(samples, options, start, scratch, workers, summary);
     if (summary.reason != FitSummary::Reason::kStalled) return solution;
     start.assign(solution.alpha.begin(), solution.alpha.end());

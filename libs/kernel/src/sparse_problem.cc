@@ -15,20 +15,11 @@ namespace {
 
 constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
-// All values left out of G together, for alpha that sum to nu m, are below this part of the
-// tolerance.
-constexpr double kNegligible = 1.0 / 32.0;
 constexpr std::size_t kMargin = 256;
 constexpr std::size_t kMostViolators = 2048;  // or n / 16
 // The inner loop ends at this part of the tolerance, and before that of the gap.
 constexpr double kTarget = 0.7;
 constexpr double kInner = 0.05;
-
-// -log2 of the largest value that is negligible.
-double Reach(const core::Matrix& samples, const OneClassSvmOptions& options) {
-  const double total = options.nu * static_cast<double>(samples.rows());
-  return std::max(1.0, std::log2(total / (kNegligible * options.tolerance)));
-}
 
 // Splits order[first, last) at the median of the coordinate that varies most, down to groups.
 void SortIntoGroups(const core::Matrix& samples, std::span<std::size_t> order) {
@@ -150,6 +141,13 @@ void SparseRows<T>::Write(std::size_t i, const std::uint32_t* groups, const T* v
   const SparseRow<T>& row = rows_[i];
   std::copy_n(groups, row.count, const_cast<std::uint32_t*>(row.groups));
   std::copy_n(values, row.count * kSparseGroup, const_cast<T*>(row.values));
+}
+
+// -log2 of the largest value that is negligible.
+template <typename T>
+double SparseProblem<T>::Reach(const core::Matrix& samples, const OneClassSvmOptions& options) {
+  const double total = options.nu * static_cast<double>(samples.rows());
+  return std::max(1.0, std::log2(total / (kNegligible * options.tolerance)));
 }
 
 template <typename T>

@@ -99,8 +99,15 @@ class SparseProblem {
   [[nodiscard]] std::span<const double> alpha() const { return alpha_; }
   [[nodiscard]] std::span<const double> gradient() const { return gradient_; }
   [[nodiscard]] std::int64_t evaluations() const { return evaluations_; }
+  /// What entries of the gradient may lack.
+  [[nodiscard]] double neglected() const { return kNegligible * options_.tolerance; }
 
  private:
+  // All values left out of G together, for alpha that sum to nu m, are below this part of the
+  // tolerance.
+  static constexpr double kNegligible = 1.0 / 32.0;
+  static double Reach(const core::Matrix& samples, const OneClassSvmOptions& options);
+
   // The samples that rows are over, and the rows that are known.
   struct Active {
     std::vector<std::size_t> places;  // ascending
