@@ -429,6 +429,20 @@ TEST(OneClassSvmTest, BatchGivesTheBitsOfSingleDecisions) {
   }
 }
 
+TEST(OneClassSvmTest, BatchesGiveTheSameBitsOnAnyNumberOfThreads) {
+  core::Random random(56);
+  const auto svm = OneClassSvm::Fit(Tube(300, 4, random), {.nu = 0.5, .gamma = 1.0});
+  const core::Matrix queries = Tube(5000, 4, random);
+  std::vector<double> one(5000), many(5000);
+  svm.DecisionBatch(queries, one);
+  for (const int threads : {0, 2, 7}) {
+    std::fill(many.begin(), many.end(), 0.0);
+    svm.DecisionBatch(queries, many, threads);
+    EXPECT_EQ(many, one);
+  }
+  EXPECT_THROW(svm.DecisionBatch(queries, many, -1), std::invalid_argument);
+}
+
 TEST(OneClassSvmTest, SinglePrecisionIsWithinAMillionthOfTheSum) {
   core::Random random(35);
   const auto svm = OneClassSvm::Fit(Tube(400, 9, random), {.nu = 0.3, .gamma = 1.0 / 9.0});

@@ -15,6 +15,7 @@
 #include "smo_solver.h"
 #include "states_at.h"
 #include "weighted_dual.h"
+#include "workers.h"
 
 namespace dfr::kernel {
 
@@ -361,19 +362,30 @@ double OneClassSvm::LogGradient(std::span<const double> x,
   return log_sum - d.log_rho;
 }
 
-void OneClassSvm::DecisionBatch(const Eigen::Ref<const core::Matrix>& x,
-                                std::span<double> g) const {
+void OneClassSvm::DecisionBatch(const Eigen::Ref<const core::Matrix>& x, std::span<double> g,
+                                int threads) const {
   const Data& d = *data_;
   DFR_THROW_UNLESS(x.cols() == state_dim(), "a batch of states with "
                                                 << x.cols() << " entries; the estimate has "
                                                 << state_dim());
   DFR_THROW_UNLESS(static_cast<std::size_t>(x.rows()) == g.size(),
                    x.rows() << " states, but room for " << g.size() << " decisions");
-  if (d.single) {
-    DecideBatch(d.in_float, d.rho, x, g);
-  } else {
-    DecideBatch(d.in_double, d.rho, x, g);
-  }
+  const auto decide = [&](Eigen::Index first, Eigen::Index count) {
+    const auto rows = x.middleRows(first, count);
+    const auto values = g.subspan(static_cast<std::size_t>(first), static_cast<std::size_t>(count));
+    if (d.single) {
+      DecideBatch(d.in_float, d.rho, rows, values);
+    } else {
+      DecideBatch(d.in_double, d.rho, rows, values);
+    }
+  };
+  if (threads == 1) return decide(0, x.rows());
+  constexpr Eigen::Index kRun = 1024;
+  internal::Workers workers(threads);
+  workers.Run(static_cast<std::size_t>((x.rows() + kRun - 1) / kRun), [&](std::size_t run) {
+    const Eigen::Index first = static_cast<Eigen::Index>(run) * kRun;
+    decide(first, std::min(kRun, x.rows() - first));
+  });
 }
 
 double OneClassSvm::lipschitz_bound() const noexcept {

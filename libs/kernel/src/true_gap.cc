@@ -43,10 +43,11 @@ std::vector<double> ExactGradient(const core::Matrix& samples, double gamma,
   const core::Matrix points = samples(support, Eigen::all);
   const GaussianTerms<double> terms(points, weights, gamma);
   std::vector<double> gradient(chosen.size());
-  constexpr std::size_t kRun = 32;
-  workers.Run((chosen.size() + kRun - 1) / kRun, [&](std::size_t run) {
+  // Enough for a thread to be worth its start.
+  const std::size_t run_size = 32 + (std::size_t{1} << 18) / (support.size() + 1);
+  workers.Run((chosen.size() + run_size - 1) / run_size, [&](std::size_t run) {
     std::vector<double> scaled(terms.dim);
-    for (std::size_t q = run * kRun; q < std::min(chosen.size(), (run + 1) * kRun); ++q) {
+    for (std::size_t q = run * run_size; q < std::min(chosen.size(), (run + 1) * run_size); ++q) {
       const auto x = core::Row(samples, static_cast<Eigen::Index>(chosen[q]));
       if (far) {
         gradient[q] = GaussianSumReference(points, weights, gamma, x);

@@ -8,22 +8,21 @@
 
 namespace dfr::kernel::internal {
 
-Workers::Workers(int threads) {
+Workers::Workers(int threads)
+    : wanted_(threads > 0 ? static_cast<std::size_t>(threads)
+                          : std::max<std::size_t>(1, std::thread::hardware_concurrency())) {
   DFR_THROW_UNLESS(threads >= 0, "threads must not be negative: " << threads);
-  const std::size_t wanted = threads > 0
-                                 ? static_cast<std::size_t>(threads)
-                                 : std::max<std::size_t>(1, std::thread::hardware_concurrency());
-  for (std::size_t i = 1; i < wanted; ++i) {
-    helpers_.emplace_back([this](const std::stop_token& stop) { Help(stop); });
-  }
 }
 
 Workers::~Workers() = default;
 
 void Workers::Run(std::size_t count, const std::function<void(std::size_t)>& job) {
-  if (helpers_.empty() || count <= 1) {
+  if (wanted_ == 1 || count <= 1) {
     for (std::size_t i = 0; i < count; ++i) job(i);
     return;
+  }
+  while (helpers_.size() + 1 < wanted_) {
+    helpers_.emplace_back([this](const std::stop_token& stop) { Help(stop); });
   }
   std::unique_lock lock(mutex_);
   job_ = &job;

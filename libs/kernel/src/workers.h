@@ -2,6 +2,7 @@
 
 #include <condition_variable>
 #include <cstddef>
+#include <exception>
 #include <functional>
 #include <mutex>
 #include <thread>
@@ -9,7 +10,8 @@
 
 namespace dfr::kernel::internal {
 
-/// Threads that share the work of one fit. What they compute must not depend on who computes it.
+/// Threads that share the work of one fit, begun when there is some to share. What they compute
+/// must not depend on who computes it.
 class Workers {
  public:
   /// @param threads how many work at a time, with the one that calls Run(); 0: one per core.
@@ -19,8 +21,6 @@ class Workers {
   Workers(const Workers&) = delete;
   Workers& operator=(const Workers&) = delete;
 
-  [[nodiscard]] std::size_t size() const noexcept { return helpers_.size() + 1; }
-
   /// job(0), ..., job(count - 1), each once, in no order and on any thread; returns when all are
   /// done. The first exception is thrown again here; what had not begun by then is left out.
   void Run(std::size_t count, const std::function<void(std::size_t)>& job);
@@ -29,6 +29,7 @@ class Workers {
   void Help(const std::stop_token& stop);
   void Work(std::unique_lock<std::mutex>& lock);
 
+  std::size_t wanted_;
   std::mutex mutex_;
   std::condition_variable_any begin_;
   std::condition_variable end_;

@@ -116,9 +116,11 @@ class OneClassSvm {
   ///   l(x + d) >= l(x) + d . grad l(x) - gamma |d|^2.
   double LogGradient(std::span<const double> x, std::span<double> gradient) const noexcept;
 
-  /// g of each row of `x` (any number x state_dim()), the same bits as Decision() gives.
-  /// @throws std::invalid_argument if the shapes do not fit.
-  void DecisionBatch(const Eigen::Ref<const core::Matrix>& x, std::span<double> g) const;
+  /// g of each row of `x` (any number x state_dim()), the same bits as Decision() gives, on this
+  /// many threads (0: one per core). With one thread it neither allocates nor locks.
+  /// @throws std::invalid_argument if the shapes do not fit or threads < 0.
+  void DecisionBatch(const Eigen::Ref<const core::Matrix>& x, std::span<double> g,
+                     int threads = 1) const;
 
   /// The same estimate evaluated in float, with twice the lanes and half the memory. The kernel sum
   /// is then within 1e-6 + 5e-9 n of its value, relative, for states of n entries none of which is
