@@ -43,20 +43,22 @@ def count(command, pattern):
         out = pathlib.Path(folder) / "counts"
         done = subprocess.run(
             ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", "--cache-sim=yes",
-             "--collect-atstart=no", "--toggle-collect=CountedOperations",
-             "--dump-after=CountedOperations", *command, f"--filter={pattern}"],
+             "--instr-atstart=no", *command, f"--filter={pattern}"],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         if done.returncode != 0:
             sys.exit(f"compare.py: {' '.join(map(str, command))} failed under valgrind:\n{done.stderr[-2000:]}")
         counts = {}
-        for i, name in enumerate(done.stdout.splitlines()):
-            events, totals = None, None
-            for line in (out.parent / f"{out.name}.{i + 1}").read_text().splitlines():
-                if line.startswith("events: "):
+        for dump in sorted(pathlib.Path(folder).iterdir()):
+            of, name = {}, None
+            for line in dump.read_text().splitlines():
+                if line.startswith("desc: Trigger: Client Request: "):
+                    name = line.split(": ", 3)[3]
+                elif line.startswith("events: "):
                     events = line.split()[1:]
                 elif line.startswith("totals: "):
-                    totals = list(map(int, line.split()[1:]))
-            of = dict(zip(events, totals))
+                    of = dict(zip(events, map(int, line.split()[1:])))
+            if name is None:
+                continue  # the end of the program
             first = of["I1mr"] + of["D1mr"] + of["D1mw"]
             last = of["ILmr"] + of["DLmr"] + of["DLmw"]
             # What KCachegrind takes a miss to cost.
@@ -114,6 +116,20 @@ def compare(base, new, options):
     return losses + [f"{name}: {ratio:.3f} of the base's time, twice" for name, ratio in slow.items()]
 
 
+def self_test(program, pattern):
+    """Does the comparison find slow-downs of 10, 15 and 25 % in each operation, and none where there
+    is none? Returns what it gets wrong, as lines."""
+    wrong = []
+    base = count([program], pattern)
+    for percent in (0, 10, 15, 25):
+        slowed = count([program, f"--slow={percent}"], pattern)
+        found = {name for name in base if any(c > MOST_COUNTED * b for c, b in zip(slowed[name], base[name]))}
+        wrong += [f"{name}: no slow-down of {percent} % found" for name in base if percent and name not in found]
+        wrong += [f"{name}: a slow-down found where there is none" for name in found if not percent]
+        print(f"slowed by {percent:2d} %: {len(found)} of {len(base)} operations are found slower", flush=True)
+    return wrong
+
+
 def git(*arguments):
     """What git prints, or None if it fails."""
     done = subprocess.run(["git", "-C", ROOT, *arguments], capture_output=True, text=True)
@@ -138,6 +154,8 @@ def arguments():
     parser.add_argument("--threshold", type=float, default=1.10, help="ratio of times that is a loss")
     parser.add_argument("--short", action="store_true",
                         help="three short turns, and a threshold of 1.25 for times, as neighbours disturb them")
+    parser.add_argument("--self-test", action="store_true",
+                        help="slow each operation down by 10, 15 and 25 %% and see whether that is found")
     options = parser.parse_args()
     if options.short:
         options.turns, options.seconds = 3, 0.03
@@ -149,6 +167,11 @@ def main():
     options = arguments()
     if shutil.which("valgrind") is None:
         sys.exit("compare.py: valgrind is missing. Install it with: apt-get install valgrind")
+    if options.self_test:
+        wrong = self_test(build(ROOT, ROOT / "build" / "compare"), options.filter)
+        for line in wrong:
+            print(f"compare.py: {line}", file=sys.stderr)
+        sys.exit(1 if wrong else 0)
     if options.base is None:
         options.base = default_base()
         if options.base is None:

@@ -1,10 +1,12 @@
 // The operations that must not get slower, for bench/compare.py: decisions, gradients, fits, a
-// guided step, a guard's filter. Each runs by itself inside CountedOperations(), so that callgrind
-// can count its instructions; with --time it is timed.
+// guided step, a guard's filter. Under callgrind each is counted by itself and dumped by its name;
+// with --time it is timed.
 //
 //   counted_work [--filter=TEXT] [--time=SECONDS] [--slow=PERCENT]
 //
 // --slow repeats that share of all operations: what a slow-down looks like, to test the comparison.
+#include <valgrind/callgrind.h>
+
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -39,20 +41,8 @@ volatile double sink = 0.0;
 
 }  // namespace
 
-/// Named for callgrind's --toggle-collect: nothing else of the process is counted.
-extern "C" __attribute__((noinline)) void CountedOperations(const Operation& operation, int first,
-                                                            int last) {
-  for (int i = first; i < last; ++i) operation(i);
-}
-
 namespace dfr::bench {
 namespace {
-
-struct Work {
-  std::string name;
-  int operations;  // counted
-  Operation operation;
-};
 
 struct Options {
   std::string filter;
@@ -69,24 +59,31 @@ class Runner {
   void Run(const std::string& name, int operations, Make&& make) {
     if (name.find(options_.filter) == std::string::npos) return;
     const Operation operation = make();
+    // What comes before is not simulated, to save time.
+    CALLGRIND_START_INSTRUMENTATION;
     operation(0);  // warm
     const int count = operations + static_cast<int>(operations * options_.slow / 100.0);
+    const auto all = [&] {
+      for (int i = 0; i < count; ++i) operation(i);
+    };
     if (options_.seconds == 0.0) {
-      CountedOperations(operation, 0, count);
-      std::printf("%s\n", name.c_str());
-    } else {
-      // The least of several stretches: neighbours on the machine only ever add.
-      double least = 0.0;
-      double spent = 0.0;
-      while (spent < options_.seconds) {
-        const double start = CpuSeconds();
-        CountedOperations(operation, 0, count);
-        const double taken = CpuSeconds() - start;
-        least = spent == 0.0 ? taken : std::min(least, taken);
-        spent += taken;
-      }
-      std::printf("%s\t%.1f\n", name.c_str(), 1e9 * least / operations);
+      CALLGRIND_ZERO_STATS;
+      all();
+      CALLGRIND_DUMP_STATS_AT(name.c_str());
+      CALLGRIND_STOP_INSTRUMENTATION;
+      return;
     }
+    // The least of several stretches: neighbours on the machine only ever add.
+    double least = 0.0;
+    double spent = 0.0;
+    while (spent < options_.seconds) {
+      const double start = CpuSeconds();
+      all();
+      const double taken = CpuSeconds() - start;
+      least = spent == 0.0 ? taken : std::min(least, taken);
+      spent += taken;
+    }
+    std::printf("%s\t%.1f\n", name.c_str(), 1e9 * least / operations);
     std::fflush(stdout);
   }
 
@@ -118,23 +115,23 @@ void RunDecisions(Runner& runner) {
       return single ? svm.InSinglePrecision() : svm;
     };
     for (const int size : {64, 256, 600}) {
-      runner.Run("decision of " + std::to_string(size) + precision, 1000, [&]() -> Operation {
+      runner.Run("decision of " + std::to_string(size) + precision, 200, [&]() -> Operation {
         return [svm = estimate(size), query](int i) { sink = svm.Decision(query(i)); };
       });
     }
-    runner.Run("batch of 256 decisions of 600" + precision, 20, [&]() -> Operation {
+    runner.Run("batch of 256 decisions of 600" + precision, 10, [&]() -> Operation {
       return [svm = estimate(600), queries, g = std::vector<double>(256)](int) mutable {
         svm.DecisionBatch(*queries, g);
         sink = g[0];
       };
     });
-    runner.Run("gradient of 256" + precision, 500, [&]() -> Operation {
+    runner.Run("gradient of 256" + precision, 100, [&]() -> Operation {
       return [svm = estimate(256), query, out = std::vector<double>(kDim)](int i) mutable {
         sink = svm.Gradient(query(i), out);
       };
     });
     // What a certificate costs.
-    runner.Run("gradient of the logarithm of 256" + precision, 500, [&]() -> Operation {
+    runner.Run("gradient of the logarithm of 256" + precision, 100, [&]() -> Operation {
       return [svm = estimate(256), query, out = std::vector<double>(kDim)](int i) mutable {
         sink = svm.LogGradient(query(i), out);
       };
@@ -143,18 +140,23 @@ void RunDecisions(Runner& runner) {
 }
 
 void RunFits(Runner& runner) {
+  // Of the larger ones the first steps, with all that comes before and after: the simulation is
+  // slow.
   struct Fit {
     const char* name;
     int n;
     double gamma;
-    int operations;
+    int most_steps;
+    double tolerance = 1e-3;
   };
-  for (const Fit& f : {Fit{"fit of 120", 120, 5.0, 20}, Fit{"fit of 1200", 1200, 5.0, 20},
-                       Fit{"fit of 6000, wide kernel", 6000, 1.0 / kDim, 20},
-                       Fit{"fit of 4000, narrow kernel", 4000, 20.0, 20}}) {
-    runner.Run(f.name, f.operations, [&]() -> Operation {
+  for (const Fit& f : {Fit{"fit of 120", 120, 5.0, 0}, Fit{"fit of 1200", 1200, 5.0, 100},
+                       Fit{"fit of 1500, narrow kernel", 1500, 50.0, 50, 1e-7}}) {
+    runner.Run(f.name, 10, [&]() -> Operation {
       return [f, samples = PooledTrajectories(f.n, kDim, 3)](int) {
-        sink = kernel::OneClassSvm::Fit(samples, {.gamma = f.gamma, .tolerance = 1e-3}).rho();
+        sink = kernel::OneClassSvm::Fit(
+                   samples,
+                   {.gamma = f.gamma, .tolerance = f.tolerance, .max_iterations = f.most_steps})
+                   .rho();
       };
     });
   }
@@ -187,8 +189,9 @@ class Linear final : public core::Policy {
 };
 
 void RunControllers(Runner& runner) {
-  constexpr int kSteps = 60;
-  const auto demonstrations = Demonstrations(60, kSteps, 12, 7);
+  constexpr int kSteps = 20;
+  constexpr int kEpisode = 12;  // steps of one operation
+  const auto demonstrations = Demonstrations(40, kSteps, 12, 7);
   // Near the demonstrated states and at the edge of their support.
   core::Random random(2);
   core::Matrix queries(kSteps, 12);
@@ -197,7 +200,7 @@ void RunControllers(Runner& runner) {
       queries(t, k) = std::sin(0.05 * t + k) + (t % 2 == 0 ? 0.01 : 0.04) * random.Normal();
     }
   }
-  runner.Run("guided step", 8 * kSteps, [&]() -> Operation {
+  runner.Run("guided step", 10, [&]() -> Operation {
     std::vector<core::Matrix> states, points;
     for (const auto& d : demonstrations) states.push_back(d.states);
     const auto features =
@@ -214,26 +217,25 @@ void RunControllers(Runner& runner) {
     const auto support = std::make_shared<kernel::WhitenedSupport>(
         kernel::WhitenedSupport::Fit(points, {.single_precision = true}));
     const auto guided = std::make_shared<Guided>(features, *support, demonstrations);
-    return [support, guided, &queries, u = std::vector<double>(7)](int i) mutable {
-      if (i % kSteps == 0 || guided->controller.halt_cause() != control::HaltCause::kNone) {
-        guided->controller.Reset(1);
+    return [support, guided, &queries, u = std::vector<double>(7)](int) mutable {
+      guided->controller.Reset(1);
+      for (int t = 0; t < kEpisode; ++t) {
+        (void)guided->controller.Next(core::Row(std::as_const(queries), t), u);
       }
-      (void)guided->controller.Next(core::Row(std::as_const(queries), i % kSteps), u);
       sink = u[0];
     };
   });
-  runner.Run("Guard::Filter", 8 * kSteps, [&]() -> Operation {
+  runner.Run("Guard::Filter", 10, [&]() -> Operation {
     core::StateLayout layout;
     layout.Add("x", 12);
     const auto guard =
         std::make_shared<safety::Guard>(safety::GuardModel::Fit(layout, demonstrations));
-    return [guard, &queries, u = std::vector<double>(7, 0.05), safe = std::vector<double>(7),
-            t = 0](int i) mutable {
-      if (i % kSteps == 0) {
-        guard->Reset(1);
-        t = 0;
+    return [guard, &queries, u = std::vector<double>(7, 0.05),
+            safe = std::vector<double>(7)](int) mutable {
+      guard->Reset(1);
+      for (int t = 0; t < kEpisode; ++t) {
+        (void)guard->Filter(t, core::Row(std::as_const(queries), t), u, safe);
       }
-      (void)guard->Filter(t++, core::Row(std::as_const(queries), i % kSteps), u, safe);
       sink = safe[0];
     };
   });
