@@ -2,13 +2,15 @@
 """Compares the speed of two builds: bench/compare.py [BASE] [--filter TEXT] [--short]
 
 BASE is a commit, or a folder with a build of it; without it, where this branch left origin/main, or
-on main itself the commit before. The base and the working tree run the same benchmark in turn, pinned
-to one core, several times; a case is judged by the ratio of the medians of its CPU time. A suspected
-loss is measured again, longer, before it counts. Exits with 1 if one is confirmed. Only ratios within
-this one run mean anything: machines drift.
+on main itself the commit before. Both builds do the same operations (bench/safety/counted_work.cc):
+decisions, gradients, fits, a guided step, a guard's filter.
+
+Judged is what valgrind counts of each: instructions, and the cycles that they and its model of the
+caches make. That repeats exactly, whatever else runs on the machine, so that 5 % more is a loss. Valgrind
+knows no AVX-512; so the operations are timed as well, in turn and pinned to one core, and a loss of
+time is measured again, longer, before it counts. Exits with 1 if there is a loss.
 """
 import argparse
-import json
 import math
 import os
 import pathlib
@@ -20,51 +22,112 @@ import sys
 import tempfile
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-SHORT = "d=9 sv=64"  # one small decision function, for continuous integration
-SOURCES = ("libs/core", "libs/kernel", "bench", "cmake", "CMakeLists.txt", "CMakePresets.json")
+PROGRAM = "counted_work"
+MOST_COUNTED = 1.05
+SOURCES = ("libs/core", "libs/kernel", "libs/control", "libs/safety", "bench", "cmake", "CMakeLists.txt",
+           "CMakePresets.json")
 
 
-def build(source, folder, bench):
-    """Builds `bench` of the tree at `source` in `folder`; returns the program."""
+def build(source, folder):
+    """Builds the program of the tree at `source` in `folder`; returns it."""
     subprocess.run(["cmake", "-S", source, "-B", folder, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release",
-                    "-DDFR_BUILD_TESTS=OFF", "-DDFR_BUILD_BENCH=ON", "-DDFR_COMPONENTS=kernel"],
+                    "-DDFR_BUILD_TESTS=OFF", "-DDFR_BUILD_BENCH=ON", "-DDFR_COMPONENTS=safety"],
                    check=True, stdout=subprocess.DEVNULL)
-    subprocess.run(["cmake", "--build", folder, "--target", bench], check=True,
-                   stdout=subprocess.DEVNULL)
-    return folder / "bin" / bench
+    subprocess.run(["cmake", "--build", folder, "--target", PROGRAM], check=True, stdout=subprocess.DEVNULL)
+    return folder / "bin" / PROGRAM
 
 
-def measure(program, pattern, min_time):
-    """CPU nanoseconds of our own entry, by case."""
-    with tempfile.NamedTemporaryFile(suffix=".json") as out:
-        subprocess.run([program, f"--benchmark_filter={pattern}", f"--benchmark_min_time={min_time}",
-                        "--rounds=3", f"--benchmark_out={out.name}"],
-                       check=True, stdout=subprocess.DEVNULL)
-        cases = json.load(open(out.name))["cases"]
-    # Cold queries are timed by the wall clock and swing with the neighbours on the machine.
-    return {c["name"]: c["timings"][0]["cpu_nanoseconds"] for c in cases
-            if not c["name"].startswith("cold") and c["timings"][0]["cpu_nanoseconds"] > 0}
+def count(command, pattern):
+    """(instructions, estimated cycles) of each operation, by its name."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = pathlib.Path(folder) / "counts"
+        done = subprocess.run(
+            ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", "--cache-sim=yes",
+             "--instr-atstart=no", *command, f"--filter={pattern}"],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        if done.returncode != 0:
+            sys.exit(f"compare.py: {' '.join(map(str, command))} failed under valgrind:\n{done.stderr[-2000:]}")
+        counts = {}
+        for dump in sorted(pathlib.Path(folder).iterdir()):
+            of, name = {}, None
+            for line in dump.read_text().splitlines():
+                if line.startswith("desc: Trigger: Client Request: "):
+                    name = line.split(": ", 3)[3]
+                elif line.startswith("events: "):
+                    events = line.split()[1:]
+                elif line.startswith("totals: "):
+                    of = dict(zip(events, map(int, line.split()[1:])))
+            if name is None:
+                continue  # the end of the program
+            first = of["I1mr"] + of["D1mr"] + of["D1mw"]
+            last = of["ILmr"] + of["DLmr"] + of["DLmw"]
+            # What KCachegrind takes a miss to cost.
+            counts[name] = (of["Ir"], of["Ir"] + 10 * first + 100 * last)
+        return counts
 
 
-def alternate(programs, pattern, turns, min_time):
-    """Ratio new / base of the medians, by case that both have; NaN for one that is new."""
+def measure(command, pattern, seconds):
+    """CPU nanoseconds of each operation, by its name."""
+    done = subprocess.run([*command, f"--filter={pattern}", f"--time={seconds}"], check=True,
+                          stdout=subprocess.PIPE, text=True)
+    return {name: float(time) for name, time in (line.split("\t") for line in done.stdout.splitlines())}
+
+
+def alternate(commands, pattern, turns, seconds):
+    """Ratio new / base of the medians, by operation that both have; NaN for one that is new."""
     samples = [{}, {}]
     for turn in range(turns):
         for which in (0, 1) if turn % 2 == 0 else (1, 0):
-            for name, time in measure(programs[which], pattern, min_time).items():
+            for name, time in measure(commands[which], pattern, seconds).items():
                 samples[which].setdefault(name, []).append(time)
     return {name: statistics.median(times) / statistics.median(samples[0].get(name, [math.nan]))
             for name, times in samples[1].items()}
 
 
 def confirmed_losses(first, look_again, threshold):
-    """Cases that lost in both looks; the second is taken only if the first has a suspect."""
+    """Operations that lost in both looks; the second is taken only if the first has a suspect."""
     suspects = [name for name, ratio in sorted(first.items()) if ratio > threshold]
     if not suspects:
         return {}
-    print(f"Looking again, for {len(suspects)} that may be slower: {', '.join(suspects)}", flush=True)
+    print(f"Looking again, for {len(suspects)} that may take longer: {', '.join(suspects)}", flush=True)
     second = look_again()
     return {name: second[name] for name in suspects if second.get(name, first[name]) > threshold}
+
+
+def compare(base, new, options):
+    """Prints all ratios; returns the losses as lines. `base` and `new` are commands."""
+    counted = [count(command, options.filter) for command in (base, new)]
+    if not counted[1]:
+        sys.exit(f"compare.py: no operation has '{options.filter}' in its name")
+    times = alternate((base, new), options.filter, options.turns, options.seconds)
+    losses = []
+    print(f"{'new / base':40s} instructions  with misses    time")
+    for name, counts in counted[1].items():
+        before = counted[0].get(name, (math.nan, math.nan))
+        ratios = [c / b for c, b in zip(counts, before)]
+        print(f"{name:40s} {ratios[0]:12.3f} {ratios[1]:12.3f} {times[name]:7.3f}", flush=True)
+        for ratio, what in zip(ratios, ("instructions", "cycles by instructions and misses")):
+            if ratio > MOST_COUNTED:
+                losses.append(f"{name}: {ratio:.3f} of the base's {what}")
+                break
+    slow = confirmed_losses(
+        times, lambda: alternate((base, new), options.filter, 2 * options.turns, 2 * options.seconds),
+        options.threshold)
+    return losses + [f"{name}: {ratio:.3f} of the base's time, twice" for name, ratio in slow.items()]
+
+
+def self_test(program, pattern):
+    """Does the comparison find slow-downs of 10, 15 and 25 % in each operation, and none where there
+    is none? Returns what it gets wrong, as lines."""
+    wrong = []
+    base = count([program], pattern)
+    for percent in (0, 10, 15, 25):
+        slowed = count([program, f"--slow={percent}"], pattern)
+        found = {name for name in base if any(c > MOST_COUNTED * b for c, b in zip(slowed[name], base[name]))}
+        wrong += [f"{name}: no slow-down of {percent} % found" for name in base if percent and name not in found]
+        wrong += [f"{name}: a slow-down found where there is none" for name in found if not percent]
+        print(f"slowed by {percent:2d} %: {len(found)} of {len(base)} operations are found slower", flush=True)
+    return wrong
 
 
 def git(*arguments):
@@ -82,33 +145,48 @@ def default_base():
     return base
 
 
-def main():
+def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("base", nargs="?", help="a commit, or a build folder with the base's bin/")
-    parser.add_argument("--bench", default="kernel_decision_bench")
-    parser.add_argument("--filter", default="d=9")
+    parser.add_argument("--filter", default="", help="operations whose name contains it")
     parser.add_argument("--turns", type=int, default=5)
-    parser.add_argument("--threshold", type=float, default=1.10, help="ratio that is a loss")
-    parser.add_argument("--short", action="store_true", help=f"only '{SHORT}', three turns, looser")
+    parser.add_argument("--seconds", type=float, default=0.1, help="of one measurement of time")
+    parser.add_argument("--threshold", type=float, default=1.10, help="ratio of times that is a loss")
+    parser.add_argument("--short", action="store_true",
+                        help="three short turns, and a threshold of 1.25 for times, as neighbours disturb them")
+    parser.add_argument("--self-test", action="store_true",
+                        help="slow each operation down by 10, 15 and 25 %% and see whether that is found")
     options = parser.parse_args()
+    if options.short:
+        options.turns, options.seconds = 3, 0.03
+        options.threshold = max(options.threshold, 1.25)
+    return options
+
+
+def main():
+    options = arguments()
+    if shutil.which("valgrind") is None:
+        sys.exit("compare.py: valgrind is missing. Install it with: apt-get install valgrind")
+    if options.self_test:
+        wrong = self_test(build(ROOT, ROOT / "build" / "compare"), options.filter)
+        for line in wrong:
+            print(f"compare.py: {line}", file=sys.stderr)
+        sys.exit(1 if wrong else 0)
     if options.base is None:
         options.base = default_base()
         if options.base is None:
             print("There is no commit before this one: there is nothing to compare with.")
             return
         if git("diff", "--quiet", options.base, "--", *SOURCES) is not None:
-            print(f"Nothing that the kernel library is built from differs from {options.base[:10]}.")
+            print(f"Nothing that the operations are built from differs from {options.base[:10]}.")
             return
-    if options.short:
-        options.filter, options.turns = SHORT, 3
-        options.threshold = max(options.threshold, 1.25)
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
     work = pathlib.Path(tempfile.mkdtemp(prefix="dfr_compare_"))
     worktree = None
     try:
-        base = pathlib.Path(options.base) / "bin" / options.bench
+        base = pathlib.Path(options.base) / "bin" / PROGRAM
         if not base.exists():
             commit = git("rev-parse", "--verify", "--quiet", options.base + "^{commit}")
             if commit is None:
@@ -116,22 +194,14 @@ def main():
             worktree = work / "base"
             subprocess.run(["git", "-C", ROOT, "worktree", "add", "--quiet", "--detach", worktree,
                             commit], check=True)
-            if not (worktree / "bench/kernel" / (options.bench + ".cc")).exists():
-                print(f"The base has no {options.bench} yet: there is nothing to compare with.")
+            if not (worktree / "bench/safety" / (PROGRAM + ".cc")).exists():
+                print(f"The base has no {PROGRAM} yet: there is nothing to compare with.")
                 return
-            base = build(worktree, work / "build_base", options.bench)
-        new = build(ROOT, ROOT / "build" / "compare", options.bench)  # kept: built faster next time
-        ratios = alternate((base, new), options.filter, options.turns, 0.01)
-        if not ratios:
-            sys.exit(f"compare.py: no case matches '{options.filter}'")
-        for name, ratio in sorted(ratios.items()):
-            print(f"{name:40s} " + ("is not in the base" if math.isnan(ratio)
-                                    else f"{ratio:6.3f} of the base's time"))
-        losses = confirmed_losses(
-            ratios, lambda: alternate((base, new), options.filter, 2 * options.turns, 0.02),
-            options.threshold)
-        for name, ratio in losses.items():
-            print(f"SLOWER: {name}: {ratio:.3f} of the base's time, twice", file=sys.stderr)
+            base = build(worktree, work / "build_base")
+        new = build(ROOT, ROOT / "build" / "compare")  # kept: built faster next time
+        losses = compare([base], [new], options)
+        for loss in losses:
+            print(f"SLOWER: {loss}", file=sys.stderr)
         sys.exit(1 if losses else 0)
     finally:
         if worktree is not None:

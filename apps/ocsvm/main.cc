@@ -41,18 +41,36 @@ class ProgressLine {
     if (!shown_ || now - last_ < std::chrono::milliseconds(200)) return;
     last_ = now;
     dirty_ = true;
-    std::fprintf(stderr, "\r%lld iterations, largest violation %.2e, to reach %.0e   ",
-                 static_cast<long long>(p.iterations), p.kkt_gap, p.tolerance);
+    std::fprintf(stderr, "\r%lld iterations, largest violation %.2e, to reach %.0e%s   ",
+                 static_cast<long long>(p.iterations), p.kkt_gap, p.tolerance,
+                 Left(p, now).c_str());
   }
   void Clear() {
-    if (dirty_) std::fprintf(stderr, "\r%70s\r", "");
+    if (dirty_) std::fprintf(stderr, "\r%90s\r", "");
     dirty_ = false;
   }
 
  private:
+  using Clock = std::chrono::steady_clock;
+
+  // ", about 12 s left": the logarithm of the violation falls at about the same rate throughout.
+  std::string Left(const dfr::kernel::FitProgress& p, Clock::time_point now) {
+    if (first_gap_ == 0.0) {
+      first_ = now;
+      first_gap_ = p.kkt_gap;
+    }
+    const double fallen = std::log(first_gap_ / p.kkt_gap);
+    const double to_fall = std::log(p.kkt_gap / p.tolerance);
+    if (!(fallen > 0.0) || !(to_fall > 0.0)) return "";
+    const double spent = std::chrono::duration<double>(now - first_).count();
+    return dfr::core::Format(", about %.0f s left", std::ceil(spent * to_fall / fallen));
+  }
+
   bool shown_;
   bool dirty_ = false;
-  std::chrono::steady_clock::time_point last_;
+  Clock::time_point last_;
+  Clock::time_point first_;
+  double first_gap_ = 0.0;
 };
 
 struct TrainOptions {
@@ -60,6 +78,7 @@ struct TrainOptions {
   double gamma = 0.0;
   double tolerance = 1e-3;
   double memory_mib = 512.0;
+  int threads = 0;
   bool quiet = false;
   std::string data;
   std::string model;
@@ -71,7 +90,8 @@ int Train(const TrainOptions& o) {
       .nu = o.nu,
       .gamma = o.gamma > 0.0 ? o.gamma : 1.0 / static_cast<double>(samples.cols()),
       .tolerance = o.tolerance,
-      .memory_mib = o.memory_mib};
+      .memory_mib = o.memory_mib,
+      .threads = o.threads};
   ProgressLine line(o.quiet);
   options.progress = [&](const dfr::kernel::FitProgress& p) {
     line.Show(p);
@@ -80,9 +100,6 @@ int Train(const TrainOptions& o) {
   FitSummary summary;
   const auto svm = OneClassSvm::Fit(samples, options, &summary);
   line.Clear();
-  if (summary.reason == FitSummary::Reason::kInterrupted) {
-    throw std::runtime_error("interrupted; nothing was written");
-  }
   dfr::kernel::SaveLibsvmModel(svm, o.model);
   if (!o.quiet) {
     std::printf("samples          %ld x %ld\n", static_cast<long>(samples.rows()),
@@ -97,11 +114,13 @@ int Train(const TrainOptions& o) {
     std::printf("time             %.3g s\n", summary.seconds);
   }
   if (summary.reason == FitSummary::Reason::kConverged) return EXIT_SUCCESS;
+  const bool by_user = summary.reason == FitSummary::Reason::kInterrupted;
   std::fprintf(stderr,
-               "ocsvm: stopped at a KKT gap of %.3g, above the tolerance of %.3g; the model is "
-               "written as it stands\n",
-               summary.kkt_gap, o.tolerance);
-  return EXIT_FAILURE;
+               "ocsvm: %s at a KKT gap of %.3g, above the tolerance of %.3g; the model is written "
+               "as it stands\n",
+               by_user ? "interrupted" : "stopped", summary.kkt_gap, o.tolerance);
+  constexpr int kInterrupted = 130;  // as shells report Ctrl-C
+  return by_user ? kInterrupted : EXIT_FAILURE;
 }
 
 // LIBSVM leaves zeros out: a model may be narrower than its data.
@@ -127,7 +146,7 @@ int Predict(const PredictOptions& o) {
     states = dfr::kernel::LoadSamples(o.data, model.state_dim());
   const OneClassSvm svm = Widened(model, states.cols());
   std::vector<double> g(static_cast<std::size_t>(states.rows()));
-  svm.DecisionBatch(states, g);
+  svm.DecisionBatch(states, g, 0);
   std::ofstream out(o.out);
   out.precision(17);
   std::size_t inside = 0;
@@ -151,6 +170,7 @@ struct TuneOptions {
   std::vector<double> gammas;
   int length = 1;
   int folds = 4;
+  int threads = 0;
   double acceptance = 0.9;
   std::string data;
   std::string picture;
@@ -203,6 +223,7 @@ int Tune(const TuneOptions& o) {
   options.folds = o.folds;
   options.acceptance = o.acceptance;
   options.support.pooled = true;
+  options.support.threads = o.threads;
   options.support.svm.tolerance = 1e-3;
   options.support.svm.progress = [](const dfr::kernel::FitProgress&) { return interrupted == 0; };
   const dfr::kernel::Selection selection = dfr::kernel::SelectModel(demonstrations, options);
@@ -227,6 +248,9 @@ CLI::App* AddTrain(CLI::App& app, TrainOptions& o) {
   command->add_option("-e,--tolerance", o.tolerance, "stop at this KKT violation")
       ->capture_default_str();
   command->add_option("-m,--memory", o.memory_mib, "memory of the fit, in MiB")
+      ->capture_default_str();
+  command->add_option("--threads", o.threads, "0: one per core; the results are the same")
+      ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   command->add_flag("-q,--quiet", o.quiet, "print errors only");
   command->add_option("DATA", o.data)->required();
@@ -260,6 +284,9 @@ void AddTune(CLI::App& app, TuneOptions& o) {
       ->capture_default_str();
   command->add_option("-f,--folds", o.folds, "parts, held out in turn")->capture_default_str();
   command->add_option("-a,--acceptance", o.acceptance, "share of held-out samples inside")
+      ->capture_default_str();
+  command->add_option("--threads", o.threads, "0: one per core; the results are the same")
+      ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   command->add_option("--picture", o.picture, "write an SVG of the comparison");
   command->add_option("DATA", o.data)->required();

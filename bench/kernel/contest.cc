@@ -134,7 +134,7 @@ std::vector<Timing> RunContest(const std::vector<Contestant>& contestants, int o
   std::vector<int> repetitions;
   std::vector<std::vector<double>> samples(contestants.size());
   for (const Contestant& c : contestants) {
-    timings.push_back({c.name, 0.0, c.wrong});
+    timings.push_back({c.name, 0.0, c.wrong, c.peer});
     repetitions.push_back(1);
     if (!c.wrong.empty()) continue;
     const double start = CpuSeconds();
@@ -184,6 +184,16 @@ void PrintRow(const CaseResult& result) {
     } else {
       std::printf("  %s %.1fx", peer.name.c_str(), peer.nanoseconds / subject.nanoseconds);
     }
+  }
+  const Timing* best = nullptr;
+  for (std::size_t i = 1; i < result.timings.size(); ++i) {
+    const Timing& timing = result.timings[i];
+    if (!timing.peer || timing.nanoseconds == 0.0) continue;
+    if (best == nullptr || timing.nanoseconds < best->nanoseconds) best = &timing;
+  }
+  if (best != nullptr) {
+    const double ratio = best->nanoseconds / subject.nanoseconds;
+    std::printf("  best peer %.1fx%s", ratio, ratio < kLeastRatio ? " BELOW 8x" : "");
   }
   if (result.bound_nanoseconds > 0.0) {
     std::printf("  bound %.2fx", subject.nanoseconds / result.bound_nanoseconds);

@@ -34,12 +34,14 @@ struct Contestant {
   std::string name;
   std::function<void()> run;
   std::string wrong;
+  bool peer = true;  ///< Another library; not the subject in another form.
 };
 
 struct Timing {
   std::string name;
   double nanoseconds = 0.0;  ///< CPU time of one operation, median over the rounds; 0: not timed.
   std::string wrong;
+  bool peer = true;
 };
 
 /// Times contestants in turn, round after round, so that a machine that drifts treats all alike.
@@ -55,9 +57,10 @@ struct CaseResult {
   std::vector<std::pair<std::string, double>> counters;
 };
 
-/// Prints one row a case: the subject's time, every peer's as a multiple of it, and the subject's
-/// multiple of the bound.
+/// Prints one row a case: the subject's time, every other's as a multiple of it, the best peer's
+/// with a mark where it is below kLeastRatio, and the subject's multiple of the bound.
 void PrintRow(const CaseResult& result);
+inline constexpr double kLeastRatio = 8.0;
 
 /// Writes what the options ask for: all cases as JSON, and the ratios as a bar chart.
 void WriteReports(const std::string& title, const std::vector<CaseResult>& results,

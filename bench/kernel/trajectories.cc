@@ -6,6 +6,17 @@
 #include "dfr/core/random.h"
 
 namespace dfr::bench {
+namespace {
+
+void Standardise(core::Matrix& states) {
+  for (Eigen::Index k = 0; k < states.cols(); ++k) {
+    const double mean = states.col(k).mean();
+    states.col(k).array() -= mean;
+    states.col(k) /= std::sqrt(states.col(k).squaredNorm() / static_cast<double>(states.rows()));
+  }
+}
+
+}  // namespace
 
 core::Matrix PooledTrajectories(int n, int d, std::uint64_t seed) {
   constexpr int kSteps = 100;
@@ -34,11 +45,34 @@ core::Matrix PooledTrajectories(int n, int d, std::uint64_t seed) {
       }
     }
   }
+  Standardise(states);
+  return states;
+}
+
+core::Matrix DriftingTrajectories(int n, int d, std::uint64_t seed) {
+  constexpr int kSteps = 100;
+  constexpr double kSpread = 0.3;
+  constexpr double kNoise = 0.05;
+  core::Random random(seed);
+  core::Matrix path(d, 4);
   for (int k = 0; k < d; ++k) {
-    const double mean = states.col(k).mean();
-    states.col(k).array() -= mean;
-    states.col(k) /= std::sqrt(states.col(k).squaredNorm() / n);
+    path.row(k) << random.Uniform(0.5, 1.5), random.Uniform(0.0, 6.28), random.Normal(),
+        random.Normal();
   }
+  core::Matrix states(n, d);
+  Eigen::VectorXd offset(d);
+  for (int i = 0; i < n; ++i) {
+    if (i % kSteps == 0) {
+      for (int k = 0; k < d; ++k) offset[k] = kSpread * random.Normal();
+    }
+    const double t = static_cast<double>(i % kSteps) / kSteps;
+    const double drift = static_cast<double>(i) / n;
+    for (int k = 0; k < d; ++k) {
+      states(i, k) = std::sin(6.28 * path(k, 0) * t + path(k, 1)) + 0.5 * path(k, 2) * t +
+                     path(k, 3) * drift + offset[k] + kNoise * random.Normal();
+    }
+  }
+  Standardise(states);
   return states;
 }
 

@@ -11,4 +11,9 @@ namespace dfr::bench {
 /// mean 0 and variance 1.
 [[nodiscard]] core::Matrix PooledTrajectories(int n, int d, std::uint64_t seed);
 
+/// As above, of a task that drifts: what all trajectories share moves from the first to the last by
+/// about their whole spread, and each has an offset of its own in every entry. With many entries
+/// and a narrow kernel, samples are nearly isolated.
+[[nodiscard]] core::Matrix DriftingTrajectories(int n, int d, std::uint64_t seed);
+
 }  // namespace dfr::bench

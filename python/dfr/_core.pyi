@@ -35,6 +35,7 @@ class SupportEstimate:
         max_iterations: int = 0,
         memory_mib: float = 512.0,
         weights: ArrayLike | None = None,
+        threads: int = 0,
     ) -> tuple[SupportEstimate, FitSummary]: ...
     def decision(self, x: ArrayLike, *, libsvm_scale: bool = False) -> float | NDArray[np.float64]: ...
     def export_onnx(self, path: str | PathLike[str]) -> None: ...
@@ -65,7 +66,7 @@ class TimeVaryingSupport:
         tolerance: float = 1e-4,
         num_steps: int = 0,
         pooled: bool = False,
-        threads: int = 1,
+        threads: int = 0,
         weights: ArrayLike | None = None,
     ) -> TimeVaryingSupport: ...
     @staticmethod

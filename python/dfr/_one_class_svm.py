@@ -56,6 +56,8 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         Print one line about each fit.
     max_iter : int, default=-1
         Most solver steps; -1: no limit.
+    n_jobs : int or None, default=-1
+        Threads of a fit, None for 1; -1: one per core. The result has the same bits with any number.
 
     Attributes
     ----------
@@ -105,6 +107,7 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         cache_size: float = 200,
         verbose: bool = False,
         max_iter: int = -1,
+        n_jobs: int | None = -1,
     ) -> None:
         self.kernel = kernel
         self.degree = degree
@@ -116,6 +119,7 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         self.cache_size = cache_size
         self.verbose = verbose
         self.max_iter = max_iter
+        self.n_jobs = n_jobs
 
     def fit(self, X: ArrayLike, y: Any = None, sample_weight: ArrayLike | None = None) -> OneClassSVM:
         """Estimate the support of the samples.
@@ -155,6 +159,7 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
             max_iterations=max(self.max_iter, 0),
             memory_mib=self.cache_size + fixed_mib,
             weights=weights,
+            threads=1 if self.n_jobs is None else max(self.n_jobs, 0),
         )
 
         self.estimate_ = estimate
@@ -253,6 +258,9 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
             raise ValueError(f"cache_size must be a positive number, not {self.cache_size!r}")
         if not isinstance(self.max_iter, Integral) or self.max_iter < -1:
             raise ValueError(f"max_iter must be -1 or a number of steps, not {self.max_iter!r}")
+        jobs = 1 if self.n_jobs is None else self.n_jobs
+        if not isinstance(jobs, Integral) or jobs < -1 or jobs == 0:
+            raise ValueError(f"n_jobs must be -1 (one per core), None or a number >= 1, not {self.n_jobs!r}")
 
     def _gamma_of(self, rows: NDArray[np.float64]) -> float:
         if self.gamma == "scale":

@@ -38,12 +38,14 @@ const char* Name(FitSummary::Reason reason) {
 
 std::pair<OneClassSvm, FitSummary> Fit(const Array& samples, double nu, double gamma,
                                        double tolerance, std::int64_t max_iterations,
-                                       double memory_mib, const std::optional<Array>& weights) {
+                                       double memory_mib, const std::optional<Array>& weights,
+                                       int threads) {
   OneClassSvmOptions options{.nu = nu,
                              .gamma = gamma,
                              .tolerance = tolerance,
                              .max_iterations = max_iterations,
-                             .memory_mib = memory_mib};
+                             .memory_mib = memory_mib,
+                             .threads = threads};
   if (weights) options.weights = Entries(*weights);
   Interruptible interruptible;
   options.progress = [&](const kernel::FitProgress&) { return interruptible.GoOn(); };
@@ -77,7 +79,10 @@ py::object Decision(const OneClassSvm& svm, const Array& x, bool libsvm_scale) {
   const std::span<double> values = Entries(g);
   {
     const py::gil_scoped_release unlocked;
-    svm.DecisionBatch(rows, values);
+    // Threads are worth their start from about a millisecond of work on.
+    constexpr double kMany = 1e6;
+    const bool many = static_cast<double>(rows.rows()) * svm.num_support_vectors() > kMany;
+    svm.DecisionBatch(rows, values, many ? 0 : 1);
     if (libsvm_scale) {
       for (double& value : values) value = InLibsvmScale(svm, value);
     }
@@ -198,7 +203,8 @@ support_vectors : ndarray of shape (n_support_vectors, state_dim)
       .def_static("fit", &Fit, py::arg("samples"), py::kw_only(), py::arg("nu") = 0.05,
                   py::arg("gamma") = 5.0, py::arg("tolerance") = 1e-4,
                   py::arg("max_iterations") = 0, py::arg("memory_mib") = 512.0,
-                  py::arg("weights") = py::none(), R"(Fit an estimate to samples.
+                  py::arg("weights") = py::none(), py::arg("threads") = 0,
+                  R"(Fit an estimate to samples.
 
 Parameters
 ----------
@@ -217,6 +223,8 @@ memory_mib : float
     Bound on the fit's own memory.
 weights : array_like of shape (n_samples,), optional
     How much each sample counts.
+threads : int
+    0: one per core. The estimate has the same bits with any number.
 
 Returns
 -------

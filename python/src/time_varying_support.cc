@@ -119,7 +119,7 @@ num_steps : int
       .def(py::init<std::vector<OneClassSvm>>(), py::arg("estimates"))
       .def_static("fit", &Fit, py::arg("demonstrations"), py::kw_only(), py::arg("nu") = 0.05,
                   py::arg("gamma") = 5.0, py::arg("tolerance") = 1e-4, py::arg("num_steps") = 0,
-                  py::arg("pooled") = false, py::arg("threads") = 1,
+                  py::arg("pooled") = false, py::arg("threads") = 0,
                   py::arg("weights") = py::none(), R"(Fit one estimate per time step.
 
 Parameters
@@ -133,7 +133,7 @@ num_steps : int
 pooled : bool
     One estimate from all states of all time steps instead.
 threads : int
-    Fits at a time. The result does not depend on it.
+    0: one per core. The estimates have the same bits with any number.
 weights : array_like of shape (n_demonstrations,), optional
     How much each demonstration counts.
 

@@ -111,6 +111,17 @@ TEST(ModelSelectionTest, WiderKernelsAcceptMoreAndTheTightestThatAcceptsEnoughIs
   EXPECT_LT(s.rows[s.chosen].gamma, 100.0);
 }
 
+TEST(ModelSelectionTest, TheTableDoesNotDependOnTheThreadCount) {
+  const std::vector<core::Matrix> demonstrations = Demonstrations(24, 67);
+  for (const bool pooled : {false, true}) {
+    SelectionOptions options{.gammas = {0.1, 5.0}, .nus = {0.05, 0.3}};
+    options.support.pooled = pooled;
+    const std::string one = SelectModel(demonstrations, options).Table();
+    options.support.threads = 3;
+    EXPECT_EQ(SelectModel(demonstrations, options).Table(), one);
+  }
+}
+
 TEST(ModelSelectionTest, SharedDistancesGiveTheEstimatesOfSeparateFits) {
   const std::vector<core::Matrix> demonstrations = Demonstrations(60, 66);
   const internal::NuGamma grid[] = {{0.05, 0.1}, {0.05, 5.0}, {0.3, 5.0}, {0.3, 40.0}};

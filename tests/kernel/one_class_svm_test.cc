@@ -153,6 +153,60 @@ TEST(OneClassSvmTest, ActiveSetFindsTheSolutionOfTheWholeProblem) {
   }
 }
 
+// Kernel values far from the diagonal are zero, and what begins at the bound lies above rho: an
+// active set of the samples nearest to moving holds only such as may rise.
+TEST(OneClassSvmTest, IsolatedSamplesOfWhichSomeCoincideConverge) {
+  core::Random random(47);
+  core::Matrix samples(3000, 32);
+  for (double& x : samples.reshaped()) x = 10.0 * random.Normal();
+  for (Eigen::Index i = 2980; i > 2860; i -= 20) samples.row(i) = samples.row(2860);
+  FitSummary summary;
+  const auto svm = OneClassSvm::Fit(samples, {.gamma = 5.0, .tolerance = 1e-3}, &summary);
+  EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+  EXPECT_LT(summary.kkt_gap, 1e-3);
+  // K is the identity but for the seven that coincide, which count as one: G = 0.05 * 3000 / 2994.
+  EXPECT_NEAR(svm.rho() * svm.libsvm_scale(), 150.0 / 2994.0, 1e-3);
+}
+
+// Narrow kernels, whose rows leave out what is negligible: KKT conditions by the definition.
+TEST(OneClassSvmTest, NarrowKernelsFindTheSolutionOfTheWholeProblem) {
+  core::Random random(48);
+  const core::Matrix samples = 3.0 * Tube(5000, 4, random);
+  for (const double gamma : {5.0, 50.0}) {
+    for (const double tolerance : {1e-3, 1e-6}) {     // kernel values in float, and in double
+      for (const double memory_mib : {512.0, 4.0}) {  // and rows that have to make room
+        SCOPED_TRACE(testing::Message() << "gamma " << gamma << ", tolerance " << tolerance << ", "
+                                        << memory_mib << " MiB");
+        FitSummary summary;
+        const auto svm = OneClassSvm::Fit(
+            samples, {.nu = 0.05, .gamma = gamma, .tolerance = tolerance, .memory_mib = memory_mib},
+            &summary);
+        EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+        EXPECT_LT(KktGap(svm, samples, 0.05), tolerance);
+      }
+    }
+  }
+}
+
+TEST(OneClassSvmTest, AnyNumberOfThreadsGivesTheSameBits) {
+  core::Random random(49);
+  const core::Matrix samples = 2.0 * Tube(6000, 5, random);
+  for (const double gamma : {0.1, 20.0}) {  // wide and narrow kernels
+    for (const double tolerance : {1e-3, 1e-6}) {
+      const auto one = OneClassSvm::Fit(samples, {.gamma = gamma, .tolerance = tolerance});
+      for (const int threads : {0, 2, 3, 8}) {
+        FitSummary summary;
+        const auto many = OneClassSvm::Fit(
+            samples, {.gamma = gamma, .tolerance = tolerance, .threads = threads}, &summary);
+        EXPECT_EQ(many.rho(), one.rho());
+        EXPECT_EQ(many.alpha(), one.alpha());
+        EXPECT_EQ(many.support_vectors(), one.support_vectors());
+      }
+    }
+  }
+  EXPECT_THROW((void)OneClassSvm::Fit(samples, {.threads = -1}), std::invalid_argument);
+}
+
 TEST(OneClassSvmTest, AStartLeadsToTheSameEstimateAndTheSolutionItselfAtOnce) {
   core::Random random(41);
   const core::Matrix samples = Tube(800, 3, random);
@@ -375,6 +429,20 @@ TEST(OneClassSvmTest, BatchGivesTheBitsOfSingleDecisions) {
   }
 }
 
+TEST(OneClassSvmTest, BatchesGiveTheSameBitsOnAnyNumberOfThreads) {
+  core::Random random(56);
+  const auto svm = OneClassSvm::Fit(Tube(300, 4, random), {.nu = 0.5, .gamma = 1.0});
+  const core::Matrix queries = Tube(5000, 4, random);
+  std::vector<double> one(5000), many(5000);
+  svm.DecisionBatch(queries, one);
+  for (const int threads : {0, 2, 7}) {
+    std::fill(many.begin(), many.end(), 0.0);
+    svm.DecisionBatch(queries, many, threads);
+    EXPECT_EQ(many, one);
+  }
+  EXPECT_THROW(svm.DecisionBatch(queries, many, -1), std::invalid_argument);
+}
+
 TEST(OneClassSvmTest, SinglePrecisionIsWithinAMillionthOfTheSum) {
   core::Random random(35);
   const auto svm = OneClassSvm::Fit(Tube(400, 9, random), {.nu = 0.3, .gamma = 1.0 / 9.0});
@@ -390,6 +458,24 @@ TEST(OneClassSvmTest, SinglePrecisionIsWithinAMillionthOfTheSum) {
     svm.Gradient(x, b);
     // Each summand of the gradient is at most 2 gamma |x - x_i| = 2 of the sum.
     for (std::size_t k = 0; k < 9; ++k) EXPECT_NEAR(a[k], b[k], 2e-6 * sum);
+  }
+}
+
+// The bound of InSinglePrecision(), which grows with the number of entries.
+TEST(OneClassSvmTest, SinglePrecisionIsWithinItsBoundForManyEntries) {
+  core::Random random(50);
+  for (const int n : {1, 30, 300, 2048}) {
+    const double gamma = 1.0 / n;
+    const auto svm = OneClassSvm::Fit(Tube(60, n, random), {.nu = 0.3, .gamma = gamma});
+    const auto single = svm.InSinglePrecision();
+    const core::Matrix queries = 2.0 * Tube(100, n, random);
+    double worst = 0.0;
+    for (Eigen::Index i = 0; i < queries.rows(); ++i) {
+      const auto x = core::Row(queries, i);
+      const double sum = svm.Decision(x) + svm.rho();
+      worst = std::max(worst, std::abs(single.Decision(x) - svm.Decision(x)) / sum);
+    }
+    EXPECT_LE(worst, 1e-6 + 5e-9 * n) << n;
   }
 }
 

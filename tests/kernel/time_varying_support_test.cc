@@ -153,7 +153,7 @@ TEST(TimeVaryingSupportTest, ErrorsNameTheDemonstration) {
     return Message([&] { (void)TimeVaryingSupport::Fit(walks, options); });
   };
   EXPECT_THAT(fit({.num_steps = -1}), HasSubstr("num_steps"));
-  EXPECT_THAT(fit({.threads = 0}), HasSubstr("threads"));
+  EXPECT_THAT(fit({.threads = -1}), HasSubstr("threads"));
   EXPECT_THAT(fit({.svm = {.nu = 2.0}, .threads = 3}), HasSubstr("nu must lie in (0, 1]"));
   walks[3](2, 1) = std::nan("");
   EXPECT_THAT(fit({}), HasSubstr("demonstration 3, state 2"));

@@ -2,9 +2,11 @@
 import math
 import pathlib
 import random
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 from xml.etree import ElementTree
 
@@ -57,6 +59,38 @@ class OcsvmTest(unittest.TestCase):
         self.assertEqual(predicted.returncode, 0, predicted.stderr)
         self.assertEqual([int(v) for v in out.read_text().split()], [1 if v > 0 else -1 for v in values])
         self.assertIn("of 400 inside", predicted.stdout)
+
+    def test_ctrl_c_writes_the_model_as_it_stands_and_says_so(self):
+        data, model = self.path / "large.csv", self.path / "model"
+        rng = random.Random(2)
+        data.write_text("".join(",".join(f"{rng.gauss(0, 1):.4f}" for _ in range(4)) + "\n"
+                                for _ in range(30_000)))
+        # Far beyond what a few seconds reach.
+        training = subprocess.Popen([OCSVM, "train", "-n", "0.5", "-g", "3", "-e", "1e-9", str(data), str(model)],
+                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        time.sleep(2)
+        training.send_signal(signal.SIGINT)
+        _, errors = training.communicate(timeout=120)
+        self.assertEqual(training.returncode, 130, errors)
+        self.assertRegex(errors, "interrupted at a KKT gap of .* above the tolerance of 1e-09; the model is written")
+        self.assertIn("total_sv", model.read_text())
+
+    def test_any_number_of_threads_writes_the_same_model(self):
+        models = []
+        for threads in (0, 1, 3):
+            model = self.path / f"model{threads}"
+            run("train", "-q", "--threads", threads, self.path / "data.csv", model)
+            models.append(model.read_bytes())
+        self.assertEqual(len(set(models)), 1)
+
+    def test_one_value_that_is_no_number_is_named_by_its_line(self):
+        for value, line in (("nan", 301), ("inf", 301)):
+            lines = (self.path / "data.csv").read_text().splitlines()
+            lines[300] = f"0.5,{value},1"
+            (self.path / "broken.csv").write_text("\n".join(lines) + "\n")
+            failed = run("train", self.path / "broken.csv", self.path / "model")
+            self.assertNotEqual(failed.returncode, 0)
+            self.assertIn(str(line), failed.stderr)
 
     def test_a_model_without_trailing_zeros_meets_wider_data(self):
         model, out = self.path / "model", self.path / "out"

@@ -287,6 +287,17 @@ class Threads(unittest.TestCase):
         thread.join()
         return count, seconds
 
+    def test_any_number_of_jobs_gives_the_same_bits(self):
+        X = np.random.default_rng(5).normal(size=(3000, 4))
+        one = dfr.OneClassSVM(nu=0.1, n_jobs=1).fit(X)
+        for jobs in (None, -1, 2, 5):
+            many = dfr.OneClassSVM(nu=0.1, n_jobs=jobs).fit(X)
+            np.testing.assert_array_equal(many.dual_coef_, one.dual_coef_)
+            np.testing.assert_array_equal(many.decision_function(X), one.decision_function(X))
+        for jobs in (0, -2, 1.5):
+            with self.assertRaisesRegex(ValueError, "n_jobs must be -1"):
+                dfr.OneClassSVM(n_jobs=jobs).fit(X)
+
     def test_other_threads_run_during_fits_and_decisions(self):
         X = np.random.default_rng(0).normal(size=(4000, 9))
         svm = dfr.OneClassSVM(gamma=5.0, nu=0.2, tol=1e-6)
@@ -326,7 +337,7 @@ class WithoutSklearn(unittest.TestCase):
             import dfr
             X = np.arange(40.0).reshape(20, 2) % 7
             svm = dfr.OneClassSVM(nu=0.3)
-            assert svm.get_params()["nu"] == 0.3 and len(svm.get_params()) == 10
+            assert svm.get_params()["nu"] == 0.3 and len(svm.get_params()) == 11
             assert svm.set_params(nu=0.2) is svm and svm.nu == 0.2
             assert repr(svm) == "OneClassSVM(nu=0.2)", repr(svm)
             try:

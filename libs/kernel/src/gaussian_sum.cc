@@ -275,18 +275,19 @@ HWY_INLINE void AddRowsToGroup(const T* HWY_RESTRICT block, std::size_t dim,
 }
 
 template <typename T>
-void AddRows(const GaussianTerms<T>& terms, const T* HWY_RESTRICT queries,
-             const T* HWY_RESTRICT weights, std::size_t count, double* HWY_RESTRICT totals) {
+void AddRows(const GaussianTerms<T>& terms, std::size_t first, std::size_t last,
+             const T* HWY_RESTRICT queries, const T* HWY_RESTRICT weights, std::size_t count,
+             double* HWY_RESTRICT totals) {
   constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
   constexpr std::size_t kPerBlock = VectorsPerBlock<T>();
   constexpr std::size_t kBlocks = std::max<std::size_t>(1, kTogether / kPerBlock);
   const std::size_t stride = (terms.dim + 1) * kLanes;
-  std::size_t b = 0;
-  for (; b + kBlocks <= terms.num_blocks; b += kBlocks) {
+  std::size_t b = first;
+  for (; b + kBlocks <= last; b += kBlocks) {
     AddRowsToGroup<kBlocks * kPerBlock>(terms.data.data() + b * stride, terms.dim, queries, weights,
                                         count, totals + b * kLanes);
   }
-  for (; b < terms.num_blocks; ++b) {
+  for (; b < last; ++b) {
     AddRowsToGroup<kPerBlock>(terms.data.data() + b * stride, terms.dim, queries, weights, count,
                               totals + b * kLanes);
   }
@@ -355,6 +356,71 @@ T SumShift(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T offset,
   return total.Value();
 }
 
+// Appends to `groups` those whose box is within `reach` of x.
+template <typename T>
+std::size_t NearGroups(const GroupBoxes<T>& boxes, const T* HWY_RESTRICT x, T reach,
+                       std::uint32_t* HWY_RESTRICT groups) {
+  constexpr Tag<T> d;
+  constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
+  alignas(64) T squared[kLanes];
+  std::size_t count = 0;
+  for (std::size_t first = 0; first < boxes.count; first += kLanes) {
+    const T* HWY_RESTRICT corners = boxes.data.data() + 2 * first * boxes.dim;
+    for (std::size_t lane = 0; lane < kLanes; lane += hn::MaxLanes(d)) {
+      auto sum = hn::Zero(d);
+      for (std::size_t k = 0; k < boxes.dim; ++k) {
+        const auto query = hn::Set(d, x[k]);
+        const auto below = hn::Sub(hn::Load(d, corners + 2 * k * kLanes + lane), query);
+        const auto above = hn::Sub(query, hn::Load(d, corners + (2 * k + 1) * kLanes + lane));
+        const auto outside = hn::Max(hn::Max(below, above), hn::Zero(d));
+        sum = hn::MulAdd(outside, outside, sum);
+      }
+      hn::Store(sum, d, squared + lane);
+    }
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      groups[count] = static_cast<std::uint32_t>(first + lane);
+      count += squared[lane] <= reach ? 1 : 0;
+    }
+  }
+  return count;
+}
+
+template <typename T>
+std::size_t NearRow(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T reach,
+                    std::uint32_t* HWY_RESTRICT groups, std::size_t count, T* HWY_RESTRICT values) {
+  constexpr Tag<T> d;
+  constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
+  constexpr std::size_t kVectors = GroupBoxes<T>::kGroup / hn::MaxLanes(d);
+  constexpr std::size_t kPart = std::min(kVectors, kTogether);
+  constexpr std::size_t kPartBlocks = std::max<std::size_t>(1, kPart / VectorsPerBlock<T>());
+  constexpr std::size_t kPartVectors = kPartBlocks * VectorsPerBlock<T>();
+  const std::size_t stride = (terms.dim + 1) * kLanes;
+  std::size_t kept = 0;
+  for (std::size_t q = 0; q < count; ++q) {
+    const std::uint32_t group = groups[q];
+    T* HWY_RESTRICT row = values + kept * GroupBoxes<T>::kGroup;
+    auto largest = hn::Set(d, -std::numeric_limits<T>::infinity());
+    for (std::size_t b = 0; b < GroupBoxes<T>::kGroup / kLanes; b += kPartBlocks) {
+      hn::Vec<Tag<T>> exponent[kPartVectors];
+      Exponents<kPartVectors>(
+          terms.data.data() + (group * (GroupBoxes<T>::kGroup / kLanes) + b) * stride, terms.dim, x,
+          exponent);
+      HWY_UNROLL(8)
+      for (std::size_t j = 0; j < kPartVectors; ++j) {
+        largest = hn::Max(largest, exponent[j]);
+        hn::Store(exponent[j], d, row + b * kLanes + j * hn::MaxLanes(d));
+      }
+    }
+    if (hn::AllFalse(d, hn::Ge(largest, hn::Set(d, -reach)))) continue;
+    HWY_UNROLL(8)
+    for (std::size_t k = 0; k < GroupBoxes<T>::kGroup; k += hn::MaxLanes(d)) {
+      hn::Store(Exp2(d, hn::Load(d, row + k)), d, row + k);
+    }
+    groups[kept++] = group;
+  }
+  return kept;
+}
+
 template <typename T>
 GaussianFunctions<T> Functions() {
   return {.sum = &Sum<T>,
@@ -364,7 +430,9 @@ GaussianFunctions<T> Functions() {
           .row = &Row<T>,
           .exponents = &ExponentsOf<T>,
           .powers = &Powers<T>,
-          .add_rows = &AddRows<T>};
+          .add_rows = &AddRows<T>,
+          .near_groups = &NearGroups<T>,
+          .near_row = &NearRow<T>};
 }
 GaussianFunctions<double> DoubleFunctions() { return Functions<double>(); }
 GaussianFunctions<float> FloatFunctions() { return Functions<float>(); }

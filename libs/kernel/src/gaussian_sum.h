@@ -67,12 +67,30 @@ void PowerRow(const GaussianTerms<T>& terms, const T* exponents, T factor, std::
   terms.functions.powers(exponents, factor, size, row);
 }
 
-/// totals[i] += sum_q weights[q] term_i(x_q) over `count` queries, `x` holding one after the other;
-/// `totals` has num_blocks * kLanes entries.
+/// totals[i] += sum_q weights[q] term_i(x_q) for the terms of the blocks from `first` to before
+/// `last`, over `count` queries, `x` holding one after the other; `totals` has num_blocks * kLanes
+/// entries.
 template <typename T>
-void AddGaussianRows(const GaussianTerms<T>& terms, const T* x, const T* weights, std::size_t count,
-                     double* totals) noexcept {
-  terms.functions.add_rows(terms, x, weights, count, totals);
+void AddGaussianRows(const GaussianTerms<T>& terms, std::size_t first, std::size_t last, const T* x,
+                     const T* weights, std::size_t count, double* totals) noexcept {
+  terms.functions.add_rows(terms, first, last, x, weights, count, totals);
+}
+
+/// Writes to `groups`, ascending, those whose box is within sqrt(reach) of x, and returns how many;
+/// room for boxes.count rounded up to kLanes.
+template <typename T>
+[[nodiscard]] std::size_t NearGroups(const GaussianTerms<T>& terms, const GroupBoxes<T>& boxes,
+                                     const T* x, T reach, std::uint32_t* groups) noexcept {
+  return terms.functions.near_groups(boxes, x, reach, groups);
+}
+
+/// GaussianRow() for the terms of `count` groups, of which those stay in `groups` that hold a term
+/// of at least 2^-reach; returns how many. `values` has GroupBoxes<T>::kGroup entries for each,
+/// aligned to 64 bytes.
+template <typename T>
+[[nodiscard]] std::size_t NearRow(const GaussianTerms<T>& terms, const T* x, T reach,
+                                  std::uint32_t* groups, std::size_t count, T* values) noexcept {
+  return terms.functions.near_row(terms, x, reach, groups, count, values);
 }
 
 /// The instruction sets that this build has and this machine runs, best first.

@@ -1,5 +1,6 @@
 #include "gaussian_terms.h"
 
+#include <algorithm>
 #include <cassert>
 #include <cmath>
 #include <limits>
@@ -20,6 +21,33 @@ void ClearLane(T* block, std::size_t dim, std::size_t lane) {
 
 }  // namespace
 
+std::vector<double> Center(const core::Matrix& points, double scale) {
+  constexpr double kFar = 1e3;
+  const auto dim = static_cast<std::size_t>(points.cols());
+  const auto count = static_cast<std::size_t>(points.rows());
+  std::vector<double> center(dim, 0.0);
+  for (std::size_t i = 0; i < count; ++i) {
+    const double* row = points.data() + i * dim;
+    for (std::size_t k = 0; k < dim; ++k) center[k] += row[k];
+  }
+  for (double& c : center) c /= static_cast<double>(count);
+  bool near = true;
+  for (std::size_t i = 0; i < count; ++i) {
+    const double* row = points.data() + i * dim;
+    // False for the NaN of a sum that overflowed.
+    for (std::size_t k = 0; k < dim; ++k) near &= scale * std::abs(row[k] - center[k]) < kFar;
+  }
+  if (near) return center;
+  std::vector<double> column(count);
+  for (std::size_t k = 0; k < dim; ++k) {
+    for (std::size_t i = 0; i < count; ++i) column[i] = points.data()[i * dim + k];
+    const auto middle = column.begin() + static_cast<std::ptrdiff_t>(count / 2);
+    std::nth_element(column.begin(), middle, column.end());
+    center[k] = *middle;
+  }
+  return center;
+}
+
 template <typename T>
 GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const double> weights,
                                 double gamma)
@@ -28,16 +56,11 @@ GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const doub
       count(static_cast<std::size_t>(points.rows())),
       num_blocks((count + kLanes - 1) / kLanes),
       scale(std::sqrt(gamma * std::numbers::log2e)),
-      center(dim),
+      // Centred, coordinates are about as large as the differences that matter, which keeps the
+      // rounding of x' below that of the exponent.
+      center(Center(points, scale)),
       data(num_blocks * (dim + 1) * kLanes) {
   assert(weights.empty() || weights.size() == count);
-  // Centred, coordinates are about as large as the differences that matter, which keeps the
-  // rounding of x' below that of the exponent.
-  for (std::size_t i = 0; i < count; ++i) {
-    const double* row = points.data() + i * dim;
-    for (std::size_t k = 0; k < dim; ++k) center[k] += row[k];
-  }
-  for (double& c : center) c /= static_cast<double>(count);
   for (std::size_t b = 0; b < num_blocks; ++b) {
     T* block = data.data() + b * (dim + 1) * kLanes;
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
@@ -56,12 +79,13 @@ GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const doub
 }
 
 template <typename T>
-GaussianTerms<T> GaussianTerms<T>::Subset(std::span<const std::size_t> indices) const {
+GaussianTerms<T> GaussianTerms<T>::Subset(std::span<const std::size_t> indices,
+                                          std::size_t whole) const {
   GaussianTerms subset;
   subset.functions = functions;
   subset.dim = dim;
   subset.count = indices.size();
-  subset.num_blocks = (subset.count + kLanes - 1) / kLanes;
+  subset.num_blocks = (subset.count + whole - 1) / whole * (whole / kLanes);
   subset.scale = scale;
   subset.center = center;
   subset.data.resize(subset.num_blocks * (dim + 1) * kLanes);
@@ -84,6 +108,30 @@ GaussianTerms<T> GaussianTerms<T>::Subset(std::span<const std::size_t> indices) 
   return subset;
 }
 
+template <typename T>
+GroupBoxes<T>::GroupBoxes(const GaussianTerms<T>& terms)
+    : dim(terms.dim), count(terms.row_size() / kGroup) {
+  constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
+  assert(terms.row_size() % kGroup == 0);
+  // Lanes without a group are out of reach of everything.
+  constexpr T kFar = std::numeric_limits<T>::infinity();
+  data.assign((count + kLanes - 1) / kLanes * 2 * dim * kLanes, kFar);
+  for (std::size_t i = 0; i < terms.count; ++i) {
+    const std::size_t group = i / kGroup;
+    const T* column = terms.data.data() + i / kLanes * (dim + 1) * kLanes + i % kLanes;
+    T* corner = data.data() + group / kLanes * 2 * dim * kLanes + group % kLanes;
+    for (std::size_t k = 0; k < dim; ++k) {
+      const T value = column[(1 + k) * kLanes];
+      T& low = corner[2 * k * kLanes];
+      T& high = corner[(2 * k + 1) * kLanes];
+      low = i % kGroup == 0 ? value : std::min(low, value);
+      high = i % kGroup == 0 ? value : std::max(high, value);
+    }
+  }
+}
+
+template struct GroupBoxes<double>;
+template struct GroupBoxes<float>;
 template struct GaussianTerms<double>;
 template struct GaussianTerms<float>;
 

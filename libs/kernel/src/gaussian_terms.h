@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <new>
 #include <span>
 #include <utility>
@@ -40,8 +41,14 @@ using AlignedVector = std::vector<T, AlignedAllocator<T>>;
 /// Most entries of a state: queries are scaled into a buffer on the stack.
 inline constexpr int kMaxStateDim = 2048;
 
+/// What the terms of `points` are centred at: their mean, or the median of each coordinate where
+/// some are so many widths away, 1 / scale each, that the mean may lie far from the most.
+[[nodiscard]] std::vector<double> Center(const core::Matrix& points, double scale);
+
 template <typename T>
 struct GaussianTerms;
+template <typename T>
+struct GroupBoxes;
 
 /// The functions of gaussian_sum.h for one instruction set.
 template <typename T>
@@ -53,8 +60,12 @@ struct GaussianFunctions {
   void (*row)(const GaussianTerms<T>&, const T* x, T* row) = nullptr;
   void (*exponents)(const GaussianTerms<T>&, const T* x, T* row) = nullptr;
   void (*powers)(const T* exponents, T factor, std::size_t size, T* row) = nullptr;
-  void (*add_rows)(const GaussianTerms<T>&, const T* x, const T* weights, std::size_t count,
-                   double* totals) = nullptr;
+  void (*add_rows)(const GaussianTerms<T>&, std::size_t first, std::size_t last, const T* x,
+                   const T* weights, std::size_t count, double* totals) = nullptr;
+  std::size_t (*near_groups)(const GroupBoxes<T>&, const T* x, T reach,
+                             std::uint32_t* groups) = nullptr;
+  std::size_t (*near_row)(const GaussianTerms<T>&, const T* x, T reach, std::uint32_t* groups,
+                          std::size_t count, T* values) = nullptr;
 };
 
 /// The terms w_i exp(-gamma |x - s_i|^2) of a sum, as the SIMD code reads them.
@@ -85,8 +96,10 @@ struct GaussianTerms {
     return near;
   }
 
-  /// The terms of these indices, in this order, by themselves.
-  [[nodiscard]] GaussianTerms Subset(std::span<const std::size_t> indices) const;
+  /// The terms of these indices, in this order, by themselves; filled up to a multiple of `whole`
+  /// terms.
+  [[nodiscard]] GaussianTerms Subset(std::span<const std::size_t> indices,
+                                     std::size_t whole = kLanes) const;
 
   /// x' of the point of term i (dim entries).
   void Point(std::size_t i, T* scaled) const noexcept {
@@ -108,6 +121,22 @@ struct GaussianTerms {
   AlignedVector<T> data;
 };
 
+/// The boxes around groups of successive terms, scaled as these.
+template <typename T>
+struct GroupBoxes {
+  static constexpr std::size_t kGroup = 64;  ///< terms
+
+  /// @pre terms are whole groups
+  explicit GroupBoxes(const GaussianTerms<T>& terms);
+
+  std::size_t dim = 0;
+  std::size_t count = 0;
+  /// Blocks of kLanes groups: a row of the lower and one of the upper corners per coordinate.
+  AlignedVector<T> data;
+};
+
+extern template struct GroupBoxes<double>;
+extern template struct GroupBoxes<float>;
 extern template struct GaussianTerms<double>;
 extern template struct GaussianTerms<float>;
 

@@ -17,7 +17,10 @@ struct KktBounds {
   double smallest = std::numeric_limits<double>::infinity();  ///< over alpha < 1
   double free_sum = 0.0;
   std::size_t free = 0;
+  double alpha_sum = 0.0;
+  double weighted_sum = 0.0;
 
+  KktBounds() = default;
   KktBounds(std::span<const double> alpha, std::span<const double> gradient) {
     for (std::size_t i = 0; i < alpha.size(); ++i) {
       // Without branches, which nothing could predict here.
@@ -27,11 +30,20 @@ struct KktBounds {
       smallest = std::min(smallest, rises ? gradient[i] : smallest);
       free_sum += falls && rises ? gradient[i] : 0.0;
       free += falls && rises ? 1 : 0;
+      alpha_sum += alpha[i];
+      weighted_sum += alpha[i] * gradient[i];
     }
   }
   /// nu = 1 has no alpha < 1 and no gap.
   [[nodiscard]] double gap() const {
     return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
+  }
+  /// Near a solution; far from one, where hardly any alpha is free, the mean of G over alpha says
+  /// better where rho will be than the extremes do.
+  [[nodiscard]] double likely_rho() const {
+    constexpr double kMostFree = 0.02;
+    if (static_cast<double>(free) > kMostFree * alpha_sum || std::isinf(smallest)) return rho();
+    return std::clamp(weighted_sum / alpha_sum, smallest, std::max(smallest, largest));
   }
   [[nodiscard]] double rho() const {
     if (free > 0) return free_sum / static_cast<double>(free);
@@ -62,7 +74,10 @@ class Rounds {
   [[nodiscard]] bool Next(double gap, double objective) {
     summary_.kkt_gap = gap;
     summary_.objective = objective;
-    if (gap < options_.tolerance) return End(FitSummary::Reason::kConverged);
+    // A NaN in G is neither largest nor smallest, but shows in the objective.
+    if (gap < options_.tolerance && std::isfinite(objective)) {
+      return End(FitSummary::Reason::kConverged);
+    }
     if (interrupted_ || !Continue()) return End(FitSummary::Reason::kInterrupted);
     if (summary_.iterations >= most_iterations_) return End(FitSummary::Reason::kMaxIterations);
     // Samples that enter may keep the gap up while the objective falls.

@@ -9,6 +9,7 @@
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
 #include "fit_sharing.h"
+#include "workers.h"
 
 namespace dfr::kernel {
 namespace {
@@ -84,6 +85,16 @@ struct Tally {
     }
   }
 
+  void Add(const Tally& other) {
+    states += other.states;
+    inside += other.inside;
+    steps += other.steps;
+    drawn_inside += other.drawn_inside;
+    support_vectors += other.support_vectors;
+    never_left += other.never_left;
+    scores.insert(scores.end(), other.scores.begin(), other.scores.end());
+  }
+
   [[nodiscard]] SelectionRow Row(internal::NuGamma pair, const SelectionOptions& options,
                                  Eigen::Index draws) const {
     SelectionRow row;
@@ -131,20 +142,32 @@ Selection SelectModel(std::span<const core::Matrix> demonstrations,
   for (const double nu : options.nus) {
     for (const double gamma : options.gammas) grid.push_back({nu, gamma});
   }
-  std::vector<Tally> tallies(grid.size());
-  for (int held_out = 0; held_out < options.folds; ++held_out) {
+  // A pooled fit of each fold at a time, or else all time steps of one fold.
+  const bool pooled = options.support.pooled;
+  TimeVaryingSupportOptions support = options.support;
+  if (pooled) support.threads = 1;
+  const auto folds = static_cast<std::size_t>(options.folds);
+  std::vector<std::vector<Tally>> of_fold(folds, std::vector<Tally>(grid.size()));
+  internal::Workers workers(pooled ? options.support.threads : 1);
+  workers.Run(folds, [&](std::size_t held_out) {
     std::vector<core::Matrix> training;
     std::vector<const core::Matrix*> held;
     for (std::size_t i = 0; i < demonstrations.size(); ++i) {
-      if (fold[i] == held_out) {
+      if (fold[i] == static_cast<int>(held_out)) {
         held.push_back(&demonstrations[i]);
       } else {
         training.push_back(demonstrations[i]);
       }
     }
     const std::vector<TimeVaryingSupport> supports =
-        internal::FitGrid(internal::Views(training), options.support, grid);
-    for (std::size_t g = 0; g < grid.size(); ++g) tallies[g].Add(supports[g], held, draws);
+        internal::FitGrid(internal::Views(training), support, grid);
+    for (std::size_t g = 0; g < grid.size(); ++g) {
+      of_fold[held_out][g].Add(supports[g], held, draws);
+    }
+  });
+  std::vector<Tally> tallies(grid.size());
+  for (const std::vector<Tally>& counted : of_fold) {
+    for (std::size_t g = 0; g < grid.size(); ++g) tallies[g].Add(counted[g]);
   }
   Selection selection;
   for (std::size_t g = 0; g < grid.size(); ++g) {

@@ -15,6 +15,7 @@
 #include "smo_solver.h"
 #include "states_at.h"
 #include "weighted_dual.h"
+#include "workers.h"
 
 namespace dfr::kernel {
 
@@ -152,6 +153,25 @@ void CheckSamples(const Eigen::Ref<const core::Matrix>& samples) {
   }
 }
 
+// Distances in kernel widths whose squares overflow tell nothing: to leave such a sample alone
+// would be to fit it as one that it is not.
+void CheckRange(const core::Matrix& samples, double gamma) {
+  constexpr double kFar = 1e150;
+  const double scale = std::sqrt(gamma * std::numbers::log2e);
+  const double most = kFar / scale;
+  if (samples.cwiseAbs().maxCoeff() < 0.25 * most) return;
+  const std::vector<double> center = internal::Center(samples, scale);
+  for (Eigen::Index i = 0; i < samples.rows(); ++i) {
+    for (Eigen::Index k = 0; k < samples.cols(); ++k) {
+      DFR_THROW_UNLESS(std::abs(samples(i, k) - center[static_cast<std::size_t>(k)]) < 0.5 * most,
+                       "sample " << i << ", entry " << k << " is " << samples(i, k)
+                                 << ": its distance to the others, in widths of the kernel with "
+                                    "gamma "
+                                 << gamma << ", overflows when squared. Leave the sample out");
+    }
+  }
+}
+
 void CheckStart(std::span<const double> start, Eigen::Index samples) {
   if (start.empty()) return;
   DFR_THROW_UNLESS(static_cast<Eigen::Index>(start.size()) == samples,
@@ -208,6 +228,7 @@ OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmO
                                  Scratch& scratch, FitSummary* summary) {
   CheckOptions(options);
   CheckSamples(samples);
+  CheckRange(samples, options.gamma);
   CheckStart(options.start, samples.rows());
   CheckWeights(options, samples.rows());
   const auto start = std::chrono::steady_clock::now();
@@ -341,19 +362,30 @@ double OneClassSvm::LogGradient(std::span<const double> x,
   return log_sum - d.log_rho;
 }
 
-void OneClassSvm::DecisionBatch(const Eigen::Ref<const core::Matrix>& x,
-                                std::span<double> g) const {
+void OneClassSvm::DecisionBatch(const Eigen::Ref<const core::Matrix>& x, std::span<double> g,
+                                int threads) const {
   const Data& d = *data_;
   DFR_THROW_UNLESS(x.cols() == state_dim(), "a batch of states with "
                                                 << x.cols() << " entries; the estimate has "
                                                 << state_dim());
   DFR_THROW_UNLESS(static_cast<std::size_t>(x.rows()) == g.size(),
                    x.rows() << " states, but room for " << g.size() << " decisions");
-  if (d.single) {
-    DecideBatch(d.in_float, d.rho, x, g);
-  } else {
-    DecideBatch(d.in_double, d.rho, x, g);
-  }
+  const auto decide = [&](Eigen::Index first, Eigen::Index count) {
+    const auto rows = x.middleRows(first, count);
+    const auto values = g.subspan(static_cast<std::size_t>(first), static_cast<std::size_t>(count));
+    if (d.single) {
+      DecideBatch(d.in_float, d.rho, rows, values);
+    } else {
+      DecideBatch(d.in_double, d.rho, rows, values);
+    }
+  };
+  if (threads == 1) return decide(0, x.rows());
+  constexpr Eigen::Index kRun = 1024;
+  internal::Workers workers(threads);
+  workers.Run(static_cast<std::size_t>((x.rows() + kRun - 1) / kRun), [&](std::size_t run) {
+    const Eigen::Index first = static_cast<Eigen::Index>(run) * kRun;
+    decide(first, std::min(kRun, x.rows() - first));
+  });
 }
 
 double OneClassSvm::lipschitz_bound() const noexcept {

@@ -122,6 +122,30 @@ HWY_INLINE std::size_t ChooseSecond(const SmoProblem<T>& p, Numbered<T> numbered
   return numbered.Index(best, hn::MaxOfLanes(d, best));
 }
 
+// Moves alpha from j to i and returns by how much, as G needs to know it.
+template <class Problem, typename T>
+HWY_INLINE T Move(const Problem& p, std::size_t i, std::size_t j, T slope, T k_ij) {
+  // Between equal points the step ends at a bound.
+  const T curvature = T(2) * std::max(T(1) - k_ij, kLeastCurvature<T>);
+  const double alpha_i = p.alpha[i];
+  const double alpha_j = p.alpha[j];
+  const double room = std::min(alpha_j, 1.0 - alpha_i);
+  const T wanted = slope / curvature;
+  const T step = std::min(wanted, static_cast<T>(room));
+  // Exactly at a bound where one is reached, whatever the rounding. What may move is written only
+  // where it changes: reading a vector soon after writing a part of it takes long.
+  const double taken = std::min(static_cast<double>(wanted), room);
+  const bool fills = taken >= 1.0 - alpha_i;
+  const bool empties = taken >= alpha_j;
+  p.alpha[i] = fills ? 1.0 : alpha_i + taken;
+  p.alpha[j] = empties ? 0.0 : alpha_j - taken;
+  if (fills) p.may_rise[i] = Problem::kNever;
+  if (empties) p.may_fall[j] = -Problem::kNever;
+  if (alpha_i <= 0.0) p.may_fall[i] = T(0);
+  if (alpha_j >= 1.0) p.may_rise[j] = T(0);
+  return step;
+}
+
 template <typename T>
 SmoSteps Loop(const SmoProblem<T>& problem, double target, std::int64_t most) {
   const SmoProblem<T> p = problem;
@@ -144,24 +168,179 @@ SmoSteps Loop(const SmoProblem<T>& problem, double target, std::int64_t most) {
     if (!(g_j > g_i)) return {steps, false};
     row_j = Row(p.rows, j, i);
     ++steps;
-    // Between equal points the step ends at a bound.
-    const T curvature = T(2) * std::max(T(1) - row_i[j], kLeastCurvature<T>);
-    const double alpha_i = p.alpha[i];
-    const double alpha_j = p.alpha[j];
-    const double room = std::min(alpha_j, 1.0 - alpha_i);
-    const T wanted = (g_j - g_i) / curvature;
-    step = std::min(wanted, static_cast<T>(room));
-    // Exactly at a bound where one is reached, whatever the rounding. What may move is written only
-    // where it changes: reading a vector soon after writing a part of it takes long.
-    const double taken = std::min(static_cast<double>(wanted), room);
-    const bool fills = taken >= 1.0 - alpha_i;
-    const bool empties = taken >= alpha_j;
-    p.alpha[i] = fills ? 1.0 : alpha_i + taken;
-    p.alpha[j] = empties ? 0.0 : alpha_j - taken;
-    if (fills) p.may_rise[i] = kNever;
-    if (empties) p.may_fall[j] = -kNever;
-    if (alpha_i <= 0.0) p.may_fall[i] = T(0);
-    if (alpha_j >= 1.0) p.may_rise[j] = T(0);
+    step = Move(p, i, j, g_j - g_i, row_i[j]);
+  }
+}
+
+template <typename T>
+HWY_INLINE void FindExtremes(const SparseSmoProblem<T>& p, std::size_t group) {
+  constexpr Tag<T> d;
+  auto smallest = hn::Set(d, SparseSmoProblem<T>::kNever);
+  auto largest = hn::Set(d, -SparseSmoProblem<T>::kNever);
+  HWY_UNROLL(8)
+  for (std::size_t k = 0; k < kSparseGroup; k += hn::MaxLanes(d)) {
+    const std::size_t at = group * kSparseGroup + k;
+    const auto g = hn::Load(d, p.gradient + at);
+    smallest = hn::Min(smallest, hn::Add(g, hn::Load(d, p.may_rise + at)));
+    largest = hn::Max(largest, hn::Add(g, hn::Load(d, p.may_fall + at)));
+  }
+  p.smallest[group] = hn::GetLane(hn::MinOfLanes(d, smallest));
+  p.largest[group] = hn::GetLane(hn::MaxOfLanes(d, largest));
+}
+
+// G += step row.
+template <typename T>
+HWY_INLINE void AddStep(const SparseSmoProblem<T>& p, const SparseRow<T>& row, T step) {
+  constexpr Tag<T> d;
+  const auto factor = hn::Set(d, step);
+  for (std::size_t q = 0; q < row.count; ++q) {
+    T* HWY_RESTRICT gradient = p.gradient + row.groups[q] * kSparseGroup;
+    const T* HWY_RESTRICT values = row.values + q * kSparseGroup;
+    HWY_UNROLL(8)
+    for (std::size_t k = 0; k < kSparseGroup; k += hn::MaxLanes(d)) {
+      hn::Store(hn::MulAdd(factor, hn::Load(d, values + k), hn::Load(d, gradient + k)), d,
+                gradient + k);
+    }
+  }
+}
+
+// The first entry of `values`, which ends with a whole vector, that equals `value`.
+template <typename T>
+HWY_INLINE std::size_t FindValue(const T* values, T value) {
+  constexpr Tag<T> d;
+  const auto wanted = hn::Set(d, value);
+  for (std::size_t k = 0;; k += hn::MaxLanes(d)) {
+    const auto equal = hn::Eq(hn::Load(d, values + k), wanted);
+    if (!hn::AllFalse(d, equal)) return k + static_cast<std::size_t>(hn::FindFirstTrue(d, equal));
+  }
+}
+
+// The first sample of `group` whose G + may equals `value`, one of them.
+template <typename T>
+HWY_INLINE std::size_t FindSample(const SparseSmoProblem<T>& p, const T* may, std::size_t group,
+                                  T value) {
+  constexpr Tag<T> d;
+  const auto wanted = hn::Set(d, value);
+  for (std::size_t k = group * kSparseGroup;; k += hn::MaxLanes(d)) {
+    const auto equal = hn::Eq(hn::Add(hn::Load(d, p.gradient + k), hn::Load(d, may + k)), wanted);
+    if (!hn::AllFalse(d, equal)) return k + static_cast<std::size_t>(hn::FindFirstTrue(d, equal));
+  }
+}
+
+template <typename T>
+struct Partner {
+  std::size_t sample;
+  T k_ij;
+};
+
+// ChooseSecond(): among the samples that row i reaches, and, as the others have the same curvature,
+// the sample that may fall from the largest G, which stands in `far_group`.
+template <typename T>
+HWY_INLINE Partner<T> ChoosePartner(const SparseSmoProblem<T>& p, const SparseRow<T>& row_i, T g_i,
+                                    std::size_t far_group) {
+  constexpr Tag<T> d;
+  constexpr Bits<T> di;
+  using Int = hn::TFromD<Bits<T>>;
+  const auto g = hn::Set(d, g_i);
+  const auto unit = hn::Set(d, T(1));
+  const auto least = hn::Set(d, kLeastCurvature<T>);
+  auto best = hn::Zero(d);
+  auto best_at = hn::Zero(di);
+  for (std::size_t q = 0; q < row_i.count; ++q) {
+    const std::size_t first = row_i.groups[q] * kSparseGroup;
+    HWY_UNROLL(8)
+    for (std::size_t k = 0; k < kSparseGroup; k += hn::MaxLanes(d)) {
+      const auto fall =
+          hn::Add(hn::Load(d, p.gradient + first + k), hn::Load(d, p.may_fall + first + k));
+      const auto slope = hn::Max(hn::Sub(fall, g), hn::Zero(d));
+      const auto curvature =
+          hn::Max(hn::Sub(unit, hn::Load(d, row_i.values + q * kSparseGroup + k)), least);
+      const auto decrease = hn::Mul(hn::Mul(slope, slope), RoughReciprocal(d, curvature));
+      const auto better = hn::Gt(decrease, best);
+      best = hn::IfThenElse(better, decrease, best);
+      best_at = hn::IfThenElse(hn::RebindMask(di, better),
+                               hn::Set(di, static_cast<Int>(q * kSparseGroup + k)), best_at);
+    }
+  }
+  const auto most = hn::MaxOfLanes(d, best);
+  const T far = p.largest[far_group];
+  if (!((far - g_i) * (far - g_i) > hn::GetLane(most))) {
+    const auto lane = static_cast<std::size_t>(hn::FindFirstTrue(d, hn::Eq(best, most)));
+    alignas(64) Int places[64 / sizeof(T)];
+    hn::Store(best_at, di, places);
+    const std::size_t at = static_cast<std::size_t>(places[lane]) + lane;
+    return {row_i.groups[at / kSparseGroup] * kSparseGroup + at % kSparseGroup, row_i.values[at]};
+  }
+  const std::size_t j = FindSample(p, p.may_fall, far_group, far);
+  const std::uint32_t* end = row_i.groups + row_i.count;
+  const std::uint32_t* at = std::lower_bound(row_i.groups, end, far_group);
+  const bool reached = at != end && *at == far_group;
+  const auto offset = static_cast<std::size_t>(at - row_i.groups) * kSparseGroup;
+  return {j, reached ? row_i.values[offset + j % kSparseGroup] : T(0)};
+}
+
+template <typename T>
+HWY_INLINE const SparseRow<T>& KnownRow(const SparseSmoProblem<T>& p, std::size_t i,
+                                        std::size_t keep) {
+  if (HWY_UNLIKELY(p.known[i].groups == nullptr)) p.compute(p.store, i, keep);
+  return p.known[i];
+}
+
+template <typename T>
+SmoSteps SparseLoop(const SparseSmoProblem<T>& problem, double target, std::int64_t most) {
+  constexpr Tag<T> d;
+  const SparseSmoProblem<T> p = problem;
+  constexpr T kNever = SparseSmoProblem<T>::kNever;
+  for (std::size_t group = 0; group < p.groups; ++group) FindExtremes(p, group);
+  std::int64_t steps = 0;
+  while (true) {
+    auto smallest = hn::Set(d, kNever);
+    auto largest = hn::Set(d, -kNever);
+    for (std::size_t group = 0; group < p.groups; group += hn::MaxLanes(d)) {
+      smallest = hn::Min(smallest, hn::Load(d, p.smallest + group));
+      largest = hn::Max(largest, hn::Load(d, p.largest + group));
+    }
+    const T g_i = hn::GetLane(hn::MinOfLanes(d, smallest));
+    const T g_far = hn::GetLane(hn::MaxOfLanes(d, largest));
+    if (!(g_i < kNever) || !(g_far - g_i >= static_cast<T>(target))) return {steps, false};
+    if (steps == most) return {steps, true};
+    const std::size_t i = FindSample(p, p.may_rise, FindValue(p.smallest, g_i), g_i);
+    const SparseRow<T> row_i = KnownRow(p, i, i);
+    const Partner<T> j = ChoosePartner(p, row_i, g_i, FindValue(p.largest, g_far));
+    const T g_j = p.gradient[j.sample] + p.may_fall[j.sample];
+    if (!(g_j > g_i)) return {steps, false};
+    const SparseRow<T> row_j = KnownRow(p, j.sample, i);
+    ++steps;
+    const T step = Move(p, i, j.sample, g_j - g_i, j.k_ij);
+    AddStep(p, row_i, step);
+    AddStep(p, row_j, -step);
+    for (std::size_t q = 0; q < row_i.count; ++q) FindExtremes(p, row_i.groups[q]);
+    for (std::size_t q = 0; q < row_j.count; ++q) FindExtremes(p, row_j.groups[q]);
+  }
+}
+
+template <typename T>
+void AddSparse(const SparseRow<T>& row, double weight, std::size_t first, std::size_t last,
+               double* HWY_RESTRICT totals) {
+  constexpr Tag<double> d;
+  const hn::Rebind<T, Tag<double>> dt;
+  const auto factor = hn::Set(d, weight);
+  const std::uint32_t* end = row.groups + row.count;
+  for (const std::uint32_t* group = std::lower_bound(row.groups, end, first);
+       group != end && *group < last; ++group) {
+    const T* HWY_RESTRICT values =
+        row.values + static_cast<std::size_t>(group - row.groups) * kSparseGroup;
+    double* HWY_RESTRICT total = totals + *group * kSparseGroup;
+    HWY_UNROLL(8)
+    for (std::size_t k = 0; k < kSparseGroup; k += hn::MaxLanes(d)) {
+      auto value = hn::Zero(d);
+      if constexpr (sizeof(T) == sizeof(double)) {
+        value = hn::Load(dt, values + k);
+      } else {
+        value = hn::PromoteTo(d, hn::Load(dt, values + k));
+      }
+      hn::Store(hn::MulAdd(factor, value, hn::Load(d, total + k)), d, total + k);
+    }
   }
 }
 
@@ -194,8 +373,15 @@ void Combine(const T* const* HWY_RESTRICT rows, const double* HWY_RESTRICT weigh
   }
 }
 
-SmoFunctions<double> DoubleSmo() { return {.loop = &Loop<double>, .combine = &Combine<double>}; }
-SmoFunctions<float> FloatSmo() { return {.loop = &Loop<float>, .combine = &Combine<float>}; }
+template <typename T>
+SmoFunctions<T> Functions() {
+  return {.loop = &Loop<T>,
+          .combine = &Combine<T>,
+          .sparse_loop = &SparseLoop<T>,
+          .add_sparse = &AddSparse<T>};
+}
+SmoFunctions<double> DoubleSmo() { return Functions<double>(); }
+SmoFunctions<float> FloatSmo() { return Functions<float>(); }
 
 }  // namespace dfr::kernel::internal::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();

@@ -31,6 +31,39 @@ struct SmoProblem {
   T* may_fall = nullptr;    ///< 0 where alpha > 0, else and in the padding -kNever.
 };
 
+/// Samples whose kernel values a sparse row keeps or leaves out together: neighbours, in whole
+/// cache lines of float and of double.
+inline constexpr std::size_t kSparseGroup = 64;
+
+/// Row of a kernel matrix without the groups in which all values are negligible.
+template <typename T>
+struct SparseRow {
+  const std::uint32_t* groups = nullptr;  ///< Ascending; null: not computed.
+  const T* values = nullptr;              ///< kSparseGroup of each, aligned to 64 bytes.
+  std::size_t count = 0;                  ///< Groups.
+};
+
+/// SmoProblem with sparse rows. Sample i belongs to group i / kSparseGroup; arrays of T but for the
+/// two below are padded to whole groups.
+template <typename T>
+struct SparseSmoProblem {
+  static constexpr T kNever = SmoProblem<T>::kNever;
+
+  std::size_t groups = 0;
+  const SparseRow<T>* known = nullptr;
+  /// Computes row i, which is not known, without overwriting row `keep`.
+  void (*compute)(void* store, std::size_t i, std::size_t keep) = nullptr;
+  void* store = nullptr;
+  double* alpha = nullptr;
+  T* gradient = nullptr;
+  T* may_rise = nullptr;
+  T* may_fall = nullptr;
+  /// Of each group: least G of what may rise, and largest of what may fall. Padded to whole cache
+  /// lines with kNever and -kNever. The loop fills them in.
+  T* smallest = nullptr;
+  T* largest = nullptr;
+};
+
 struct SmoSteps {
   std::int64_t taken = 0;
   bool more = false;  ///< Stopped because `most` steps were taken, not because it was done.
@@ -45,6 +78,13 @@ struct SmoFunctions {
   /// totals = sum_q weights[q] rows[q], in double; `size` entries a row, whole cache lines.
   void (*combine)(const T* const* rows, const double* weights, std::size_t rows_count,
                   std::size_t size, double* totals) = nullptr;
+  /// loop() for sparse rows.
+  SmoSteps (*sparse_loop)(const SparseSmoProblem<T>& problem, double target,
+                          std::int64_t most) = nullptr;
+  /// totals += weight * row for the groups from `first` to before `last`; `totals` begins with
+  /// group 0.
+  void (*add_sparse)(const SparseRow<T>& row, double weight, std::size_t first, std::size_t last,
+                     double* totals) = nullptr;
 };
 
 /// For the widest instruction set of this machine, or the one that ForceTarget() chose.

@@ -4,16 +4,21 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <numbers>
 #include <numeric>
 #include <span>
 #include <vector>
 
+#include "active_set.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "gaussian_sum.h"
 #include "kkt.h"
 #include "small_problem.h"
 #include "smo_loop.h"
+#include "sparse_problem.h"
+#include "true_gap.h"
+#include "workers.h"
 
 namespace dfr::kernel::internal {
 namespace {
@@ -91,6 +96,23 @@ class RowStore {
   std::int64_t evaluations_ = 0;
 };
 
+// AddGaussianRows(), shared out among the workers: each entry sums in the same order with any
+// number of them.
+template <typename T>
+void AddRows(const GaussianTerms<T>& terms, std::span<const T> points, std::span<const T> weights,
+             double* totals, Workers& workers) {
+  constexpr std::size_t kBlocks = 64;  // of a part: enough to share out, too many to wait for
+  constexpr std::size_t kChunk = 512;  // points of a chunk stay in L2
+  workers.Run((terms.num_blocks + kBlocks - 1) / kBlocks, [&](std::size_t part) {
+    const std::size_t begin = part * kBlocks;
+    const std::size_t end = std::min(begin + kBlocks, terms.num_blocks);
+    for (std::size_t q = 0; q < weights.size(); q += kChunk) {
+      AddGaussianRows(terms, begin, end, points.data() + q * terms.dim, weights.data() + q,
+                      std::min(kChunk, weights.size() - q), totals);
+    }
+  });
+}
+
 // Kernel values in T, alpha and the gradient of all samples in double.
 //
 // The outer loop knows the exact gradient G = K alpha. It picks an active set (free alpha and the
@@ -99,9 +121,11 @@ class RowStore {
 template <typename T>
 class Solver {
  public:
-  Solver(const core::Matrix& samples, const OneClassSvmOptions& options, FitSummary& summary)
+  Solver(const core::Matrix& samples, const OneClassSvmOptions& options, Workers& workers,
+         FitSummary& summary)
       : options_(options),
         summary_(summary),
+        workers_(workers),
         terms_(samples, {}, options.gamma),
         smo_(BestSmoFunctions<T>()),
         alpha_(terms_.count, 0.0),
@@ -123,7 +147,7 @@ class Solver {
     while (true) {
       const KktBounds bounds(alpha_, gradient());
       if (!rounds_.Next(bounds.gap(), Objective(alpha_, gradient()))) return;
-      ChooseActive(bounds.rho());
+      active_.Choose(alpha_, gradient(), bounds.rho());
       SolveActive(bounds.rho());
     }
   }
@@ -150,63 +174,28 @@ class Solver {
 
   // G += K change, for these samples' alpha.
   void AddToGradient(std::span<const std::size_t> samples, std::span<const double> change) {
-    constexpr std::size_t kChunk = 512;  // points of a chunk stay in L2
-    std::vector<T> points(std::min(kChunk, samples.size()) * terms_.dim);
-    std::vector<T> weights(std::min(kChunk, samples.size()));
-    for (std::size_t first = 0; first < samples.size(); first += kChunk) {
-      const std::size_t count = std::min(kChunk, samples.size() - first);
-      for (std::size_t q = 0; q < count; ++q) {
-        terms_.Point(samples[first + q], points.data() + q * terms_.dim);
-        weights[q] = static_cast<T>(change[first + q]);
-      }
-      AddGaussianRows(terms_, points.data(), weights.data(), count, gradient_.data());
-      evaluations_ += static_cast<std::int64_t>(count * terms_.count);
+    std::vector<T> points(samples.size() * terms_.dim);
+    std::vector<T> weights(samples.size());
+    for (std::size_t q = 0; q < samples.size(); ++q) {
+      terms_.Point(samples[q], points.data() + q * terms_.dim);
+      weights[q] = static_cast<T>(change[q]);
     }
-  }
-
-  void ChooseActive(double rho) {
-    active_.clear();
-    // How far each bounded sample is from moving; violators are below zero.
-    struct Candidate {
-      double slack;
-      std::size_t sample;
-    };
-    std::vector<Candidate> candidates;
-    std::size_t violators = 0;
-    for (std::size_t i = 0; i < alpha_.size(); ++i) {
-      if (alpha_[i] > 0.0 && alpha_[i] < 1.0) {
-        active_.push_back(i);
-        continue;
-      }
-      const double slack = alpha_[i] <= 0.0 ? gradient_[i] - rho : rho - gradient_[i];
-      candidates.push_back({slack, i});
-      violators += slack < 0.0 ? 1 : 0;
-    }
-    const std::size_t wanted =
-        std::min(candidates.size(), std::min(violators, kMostViolators + active_.size()) +
-                                        kLeastMargin + active_.size() / 4);
-    std::nth_element(candidates.begin(),
-                     candidates.begin() + static_cast<std::ptrdiff_t>(wanted) -
-                         (wanted == candidates.size() ? 1 : 0),
-                     candidates.end(), [](const Candidate& a, const Candidate& b) {
-                       return a.slack != b.slack ? a.slack < b.slack : a.sample < b.sample;
-                     });
-    for (std::size_t i = 0; i < wanted; ++i) active_.push_back(candidates[i].sample);
-    std::sort(active_.begin(), active_.end());
+    AddRows<T>(terms_, points, weights, gradient_.data(), workers_);
+    evaluations_ += static_cast<std::int64_t>(samples.size() * terms_.count);
   }
 
   // SMO on the active samples, with all others fixed.
   void SolveActive(double rho) {
-    const GaussianTerms<T> terms = terms_.Subset(active_);
+    const GaussianTerms<T> terms = terms_.Subset(active_.samples());
     rows_.Reset(terms);
     const std::size_t count = terms.row_size();
     AlignedVector<T> gradient(count, T{0});
     AlignedVector<T> may_rise(count, SmoProblem<T>::kNever);
     AlignedVector<T> may_fall(count, -SmoProblem<T>::kNever);
-    std::vector<double> alpha(active_.size());
-    for (std::size_t k = 0; k < active_.size(); ++k) {
-      alpha[k] = alpha_[active_[k]];
-      gradient[k] = static_cast<T>(gradient_[active_[k]] - rho);
+    std::vector<double> alpha(active_.samples().size());
+    for (std::size_t k = 0; k < active_.samples().size(); ++k) {
+      alpha[k] = alpha_[active_.samples()[k]];
+      gradient[k] = static_cast<T>(gradient_[active_.samples()[k]] - rho);
       if (alpha[k] < 1.0) may_rise[k] = T{0};
       if (alpha[k] > 0.0) may_fall[k] = T{0};
     }
@@ -232,8 +221,8 @@ class Solver {
 
     std::vector<std::size_t> changed;
     std::vector<double> change;
-    for (std::size_t k = 0; k < active_.size(); ++k) {
-      const std::size_t i = active_[k];
+    for (std::size_t k = 0; k < active_.samples().size(); ++k) {
+      const std::size_t i = active_.samples()[k];
       if (alpha[k] != alpha_[i]) {
         changed.push_back(i);
         change.push_back(alpha[k] - alpha_[i]);
@@ -251,13 +240,14 @@ class Solver {
 
   const OneClassSvmOptions& options_;
   FitSummary& summary_;
+  Workers& workers_;
   GaussianTerms<T> terms_;
   SmoFunctions<T> smo_;
   std::vector<double> alpha_;
   AlignedVector<double> gradient_;
   Rounds rounds_;
   RowStore<T> rows_;
-  std::vector<std::size_t> active_;
+  ActiveSet active_{kLeastMargin, kMostViolators};
   std::int64_t evaluations_ = 0;
 };
 
@@ -346,38 +336,60 @@ std::vector<std::size_t> Shuffled(std::size_t count) {
 }
 
 std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOptions& options,
-                              FitSummary& summary);
+                              Workers& workers, FitSummary& summary);
+
+template <typename T, class Problem>
+DualSolution Finish(Problem& problem, const core::Matrix& samples,
+                    const OneClassSvmOptions& options, std::span<const double> start,
+                    double neglected, Workers& workers, FitSummary& summary) {
+  problem.Run(start);
+  summary.kernel_evaluations += problem.evaluations();
+  if (summary.reason == FitSummary::Reason::kConverged) {
+    summary.kkt_gap =
+        TrueGap<T>(samples, options, problem.alpha(), problem.gradient(), neglected, workers);
+    if (!(summary.kkt_gap < options.tolerance)) summary.reason = FitSummary::Reason::kStalled;
+  }
+  return Solution(problem);
+}
 
 template <typename T>
 DualSolution SolveIn(const core::Matrix& samples, const OneClassSvmOptions& options,
-                     std::span<const double> start, Scratch& scratch, FitSummary& summary) {
+                     std::span<const double> start, Scratch& scratch, Workers& workers,
+                     FitSummary& summary) {
   if (SmallProblem<T>::Fits(samples, options, scratch)) {
     SmallProblem<T> problem(samples, options, scratch, summary);
-    problem.Run(start);
-    summary.kernel_evaluations += problem.evaluations();
-    return Solution(problem);
+    return Finish<T>(problem, samples, options, start, 0.0, workers, summary);
   }
-  Solver<T> solver(samples, options, summary);
-  solver.Run(start);
-  summary.kernel_evaluations += solver.evaluations();
-  return Solution(solver);
+  if (SparseProblem<T>::Fits(samples, options)) {
+    SparseProblem<T> problem(samples, options, workers, summary);
+    return Finish<T>(problem, samples, options, start, problem.neglected(), workers, summary);
+  }
+  Solver<T> solver(samples, options, workers, summary);
+  return Finish<T>(solver, samples, options, start, 0.0, workers, summary);
+}
+
+// Whether squared distances in kernel widths are within the range of float.
+bool FitsFloat(const core::Matrix& samples, double gamma) {
+  constexpr double kFar = 1e15;
+  const auto range = samples.colwise().maxCoeff() - samples.colwise().minCoeff();
+  return std::sqrt(gamma * std::numbers::log2e) * range.maxCoeff() < kFar;
 }
 
 DualSolution Solve(const core::Matrix& samples, const OneClassSvmOptions& options, Scratch& scratch,
-                   FitSummary& summary) {
-  std::vector<double> start = FindStart(samples, options, summary);
+                   Workers& workers, FitSummary& summary) {
+  std::vector<double> start = FindStart(samples, options, workers, summary);
   // A kernel value in float is off by up to 1e-7, G by nu m times that at most.
   const double total = options.nu * static_cast<double>(samples.rows());
-  if (options.tolerance >= 2e-7 * total) {
-    DualSolution solution = SolveIn<float>(samples, options, start, scratch, summary);
+  if (options.tolerance >= 2e-7 * total && FitsFloat(samples, options.gamma)) {
+    DualSolution solution = SolveIn<float>(samples, options, start, scratch, workers, summary);
     if (summary.reason != FitSummary::Reason::kStalled) return solution;
     start.assign(solution.alpha.begin(), solution.alpha.end());
   }
-  return SolveIn<double>(samples, options, start, scratch, summary);
+  return SolveIn<double>(samples, options, start, scratch, workers, summary);
 }
 
 std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOptions& options,
-                              FitSummary& summary) {
+                              Workers& workers, FitSummary& summary) {
   const auto count = static_cast<std::size_t>(samples.rows());
   const double total = options.nu * static_cast<double>(count);
   if (!options.start.empty()) return Feasible(options.start, total);
@@ -393,10 +405,14 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   OneClassSvmOptions part_options = options;
   part_options.tolerance = std::max(options.tolerance, 1e-3 * options.nu * count / kPart);
   Scratch scratch;
-  const DualSolution solution = Solve(part, part_options, scratch, summary);
+  const DualSolution solution = Solve(part, part_options, scratch, workers, summary);
   std::vector<std::size_t> support;
   for (Eigen::Index i = 0; i < solution.alpha.size(); ++i) {
     if (solution.alpha[i] > 0.0) support.push_back(static_cast<std::size_t>(i));
+  }
+  // Most samples are support vectors, with alpha that are free.
+  if (2 * support.size() > static_cast<std::size_t>(part.rows())) {
+    return std::vector<double>(count, options.nu);
   }
   const GaussianTerms<float> terms(samples, {}, options.gamma);
   std::vector<float> points(support.size() * terms.dim);
@@ -406,7 +422,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
     weights[q] = static_cast<float>(solution.alpha[static_cast<Eigen::Index>(support[q])]);
   }
   AlignedVector<double> g(terms.row_size(), 0.0);
-  AddGaussianRows(terms, points.data(), weights.data(), support.size(), g.data());
+  AddRows<float>(terms, points, weights, g.data(), workers);
   summary.kernel_evaluations += static_cast<std::int64_t>(support.size() * count);
   const auto outermost = std::min(count, static_cast<std::size_t>(std::ceil(total)));
   std::nth_element(
@@ -419,7 +435,8 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
 
 DualSolution SolveDual(const core::Matrix& samples, const OneClassSvmOptions& options,
                        Scratch& scratch, FitSummary& summary) {
-  return Solve(samples, options, scratch, summary);
+  Workers workers(options.threads);
+  return Solve(samples, options, scratch, workers, summary);
 }
 
 }  // namespace dfr::kernel::internal

@@ -1,19 +1,16 @@
 #include "dfr/kernel/time_varying_support.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
-#include <exception>
-#include <mutex>
 #include <optional>
 #include <stdexcept>
-#include <thread>
 #include <utility>
 
 #include "dfr/core/archive.h"
 #include "dfr/core/contract.h"
 #include "fit_sharing.h"
 #include "states_at.h"
+#include "workers.h"
 
 namespace dfr::kernel {
 namespace {
@@ -57,7 +54,7 @@ std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const StatesView> de
                                                   std::span<const NuGamma> grid,
                                                   std::vector<FitSummary>* summaries) {
   DFR_THROW_UNLESS(options.num_steps >= 0, "num_steps must not be negative: " << options.num_steps);
-  DFR_THROW_UNLESS(options.threads >= 1, "threads must be at least 1, not " << options.threads);
+  DFR_THROW_UNLESS(options.threads >= 0, "threads must not be negative: " << options.threads);
   CheckDemonstrations(demonstrations);
   const int num_steps = options.num_steps > 0 ? options.num_steps : LongestLength(demonstrations);
   DFR_THROW_UNLESS(options.pooled || demonstrations.size() >= 2,
@@ -66,38 +63,27 @@ std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const StatesView> de
   const std::size_t count = options.pooled ? 1 : static_cast<std::size_t>(num_steps);
   std::vector<std::optional<OneClassSvm>> fitted(grid.size() * count);
   std::vector<FitSummary> results(fitted.size());
-  std::atomic<std::size_t> next{0};
-  std::exception_ptr failure;
-  std::mutex failure_mutex;
-  const auto work = [&] {
+  // A pooled fit shares its own work out.
+  Workers workers(options.pooled ? 1 : options.threads);
+  constexpr std::size_t kRun = 8;  // time steps that use the same memory in turn
+  workers.Run((count + kRun - 1) / kRun, [&](std::size_t run) {
     Scratch alone;
-    try {
-      for (std::size_t t = next++; t < count; t = next++) {
-        const core::Matrix samples = options.pooled ? AllStates(demonstrations, num_steps)
-                                                    : StatesAt(demonstrations, static_cast<int>(t));
-        SharedDistances distances(samples);
-        Scratch together(&distances);
-        OneClassSvmOptions svm = options.svm;
-        for (std::size_t g = 0; g < grid.size(); ++g) {
-          svm.nu = grid[g].nu;
-          svm.gamma = grid[g].gamma;
-          const std::size_t index = g * count + t;
-          fitted[index] =
-              FitSharing(samples, svm, grid.size() > 1 ? together : alone, &results[index]);
-        }
+    for (std::size_t t = run * kRun; t < std::min(count, (run + 1) * kRun); ++t) {
+      const core::Matrix samples = options.pooled ? AllStates(demonstrations, num_steps)
+                                                  : StatesAt(demonstrations, static_cast<int>(t));
+      SharedDistances distances(samples);
+      Scratch together(&distances);
+      OneClassSvmOptions svm = options.svm;
+      svm.threads = options.pooled ? options.threads : 1;
+      for (std::size_t g = 0; g < grid.size(); ++g) {
+        svm.nu = grid[g].nu;
+        svm.gamma = grid[g].gamma;
+        const std::size_t index = g * count + t;
+        fitted[index] =
+            FitSharing(samples, svm, grid.size() > 1 ? together : alone, &results[index]);
       }
-    } catch (...) {
-      const std::lock_guard lock(failure_mutex);
-      if (!failure) failure = std::current_exception();
     }
-  };
-  {
-    std::vector<std::jthread> helpers;
-    const std::size_t threads = std::min(static_cast<std::size_t>(options.threads), count);
-    for (std::size_t i = 1; i < threads; ++i) helpers.emplace_back(work);
-    work();
-  }
-  if (failure) std::rethrow_exception(failure);
+  });
 
   std::vector<TimeVaryingSupport> supports;
   for (std::size_t g = 0; g < grid.size(); ++g) {

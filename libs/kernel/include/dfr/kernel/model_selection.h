@@ -34,8 +34,9 @@ struct SelectionOptions {
   double acceptance = 0.90;
   /// Held-out demonstrations that may raise a false alarm, in (0, 1); sets the threshold.
   double false_alarms = 0.1;
-  TimeVaryingSupportOptions support = {};  ///< Its nu and gamma are replaced by the candidates.
-  std::uint64_t seed = 1;                  ///< Which demonstrations share a fold.
+  /// Its nu and gamma are replaced by the candidates; its threads are those of the comparison.
+  TimeVaryingSupportOptions support = {};
+  std::uint64_t seed = 1;  ///< Which demonstrations share a fold.
 };
 
 /// One row of the table: what a pair of options gave on held-out demonstrations.

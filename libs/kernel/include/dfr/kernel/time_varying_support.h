@@ -20,7 +20,9 @@ struct TimeVaryingSupportOptions {
   /// Fit one estimate to the states of all time steps instead. Sec. IV-A warns of this; it is here
   /// for comparison.
   bool pooled = false;
-  int threads = 1;  ///< Fits at a time, >= 1. The result does not depend on it.
+  /// Threads, >= 0; 0: one per core. The estimates have the same bits with any number. Stands for
+  /// `svm.threads`, which is ignored.
+  int threads = 1;
 };
 
 /// The support of the demonstrated states at each time step (Sec. IV-A): one OneClassSvm g_t per t,

@@ -1,0 +1,277 @@
+// The operations that must not get slower, for bench/compare.py: decisions, gradients, fits, a
+// guided step, a guard's filter. Under callgrind each is counted by itself and dumped by its name;
+// with --time it is timed.
+//
+//   counted_work [--filter=TEXT] [--time=SECONDS] [--slow=PERCENT]
+//
+// --slow repeats that share of all operations: what a slow-down looks like, to test the comparison.
+#include <valgrind/callgrind.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <ctime>
+#include <exception>
+#include <functional>
+#include <memory>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "bench/kernel/trajectories.h"
+#include "dfr/control/guided_model.h"
+#include "dfr/control/guided_policy.h"
+#include "dfr/core/feature_transform.h"
+#include "dfr/core/random.h"
+#include "dfr/kernel/one_class_svm.h"
+#include "dfr/kernel/time_varying_support.h"
+#include "dfr/kernel/whitened_support.h"
+#include "dfr/safety/guard.h"
+#include "dfr/safety/guard_model.h"
+
+namespace {
+
+using Operation = std::function<void(int)>;
+
+// What is computed must be seen to be used.
+volatile double sink = 0.0;
+
+}  // namespace
+
+namespace dfr::bench {
+namespace {
+
+struct Options {
+  std::string filter;
+  double seconds = 0.0;
+  double slow = 0.0;
+};
+
+class Runner {
+ public:
+  explicit Runner(Options options) : options_(std::move(options)) {}
+
+  // `make` returns the operation; it is not called where the name is not wanted.
+  template <typename Make>
+  void Run(const std::string& name, int operations, Make&& make) {
+    if (name.find(options_.filter) == std::string::npos) return;
+    const Operation operation = make();
+    // What comes before is not simulated, to save time.
+    CALLGRIND_START_INSTRUMENTATION;
+    operation(0);  // warm
+    const int count = operations + static_cast<int>(operations * options_.slow / 100.0);
+    const auto all = [&] {
+      for (int i = 0; i < count; ++i) operation(i);
+    };
+    if (options_.seconds == 0.0) {
+      CALLGRIND_ZERO_STATS;
+      all();
+      CALLGRIND_DUMP_STATS_AT(name.c_str());
+      CALLGRIND_STOP_INSTRUMENTATION;
+      return;
+    }
+    // The least of several stretches: neighbours on the machine only ever add.
+    double least = 0.0;
+    double spent = 0.0;
+    while (spent < options_.seconds) {
+      const double start = CpuSeconds();
+      all();
+      const double taken = CpuSeconds() - start;
+      least = spent == 0.0 ? taken : std::min(least, taken);
+      spent += taken;
+    }
+    std::printf("%s\t%.1f\n", name.c_str(), 1e9 * least / operations);
+    std::fflush(stdout);
+  }
+
+ private:
+  static double CpuSeconds() {
+    timespec now{};
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+  }
+
+  Options options_;
+};
+
+constexpr int kDim = 9;
+
+// About half of the samples are support vectors.
+kernel::OneClassSvm Estimate(int support_vectors) {
+  return kernel::OneClassSvm::Fit(PooledTrajectories(2 * support_vectors, kDim, 1),
+                                  {.nu = 0.47, .gamma = 1.0 / kDim, .tolerance = 1e-3});
+}
+
+void RunDecisions(Runner& runner) {
+  const auto queries = std::make_shared<core::Matrix>(PooledTrajectories(256, kDim, 2));
+  const auto query = [queries](int i) { return core::Row(std::as_const(*queries), i % 256); };
+  for (const bool single : {false, true}) {
+    const std::string precision = single ? ", float" : ", double";
+    const auto estimate = [single](int size) {
+      const auto svm = Estimate(size);
+      return single ? svm.InSinglePrecision() : svm;
+    };
+    for (const int size : {64, 256, 600}) {
+      runner.Run("decision of " + std::to_string(size) + precision, 200, [&]() -> Operation {
+        return [svm = estimate(size), query](int i) { sink = svm.Decision(query(i)); };
+      });
+    }
+    runner.Run("batch of 256 decisions of 600" + precision, 10, [&]() -> Operation {
+      return [svm = estimate(600), queries, g = std::vector<double>(256)](int) mutable {
+        svm.DecisionBatch(*queries, g);
+        sink = g[0];
+      };
+    });
+    runner.Run("gradient of 256" + precision, 100, [&]() -> Operation {
+      return [svm = estimate(256), query, out = std::vector<double>(kDim)](int i) mutable {
+        sink = svm.Gradient(query(i), out);
+      };
+    });
+    // What a certificate costs.
+    runner.Run("gradient of the logarithm of 256" + precision, 100, [&]() -> Operation {
+      return [svm = estimate(256), query, out = std::vector<double>(kDim)](int i) mutable {
+        sink = svm.LogGradient(query(i), out);
+      };
+    });
+  }
+}
+
+void RunFits(Runner& runner) {
+  // Of the larger ones the first steps, with all that comes before and after: the simulation is
+  // slow.
+  struct Fit {
+    const char* name;
+    int n;
+    double gamma;
+    int most_steps;
+    double tolerance = 1e-3;
+  };
+  for (const Fit& f : {Fit{"fit of 120", 120, 5.0, 0}, Fit{"fit of 1200", 1200, 5.0, 100},
+                       Fit{"fit of 1500, narrow kernel", 1500, 50.0, 50, 1e-7}}) {
+    runner.Run(f.name, 10, [&]() -> Operation {
+      return [f, samples = PooledTrajectories(f.n, kDim, 3)](int) {
+        sink = kernel::OneClassSvm::Fit(
+                   samples,
+                   {.gamma = f.gamma, .tolerance = f.tolerance, .max_iterations = f.most_steps})
+                   .rho();
+      };
+    });
+  }
+}
+
+// Demonstrations that follow a mean path with a spread of 0.03; controls move the first entries.
+std::vector<core::Trajectory> Demonstrations(int count, int steps, int states, int controls) {
+  core::Random random(1);
+  std::vector<core::Trajectory> demonstrations(static_cast<std::size_t>(count));
+  for (core::Trajectory& d : demonstrations) {
+    d.states.resize(steps + 1, states);
+    for (int t = 0; t <= steps; ++t) {
+      for (int k = 0; k < states; ++k) {
+        d.states(t, k) = std::sin(0.05 * t + k) + 0.03 * random.Normal();
+      }
+    }
+    d.controls = (d.states.bottomRows(steps) - d.states.topRows(steps)).leftCols(controls);
+    d.outcome = core::Outcome::kCompleted;
+  }
+  return demonstrations;
+}
+
+class Linear final : public core::Policy {
+ public:
+  [[nodiscard]] int state_dim() const noexcept override { return 12; }
+  [[nodiscard]] int control_dim() const noexcept override { return 7; }
+  void Control(int, std::span<const double> x, std::span<double> u) const noexcept override {
+    for (std::size_t i = 0; i < u.size(); ++i) u[i] = 0.1 * x[i] - 0.05 * x[i + 5];
+  }
+};
+
+void RunControllers(Runner& runner) {
+  constexpr int kSteps = 20;
+  constexpr int kEpisode = 12;  // steps of one operation
+  const auto demonstrations = Demonstrations(40, kSteps, 12, 7);
+  // Near the demonstrated states and at the edge of their support.
+  core::Random random(2);
+  core::Matrix queries(kSteps, 12);
+  for (int t = 0; t < kSteps; ++t) {
+    for (int k = 0; k < 12; ++k) {
+      queries(t, k) = std::sin(0.05 * t + k) + (t % 2 == 0 ? 0.01 : 0.04) * random.Normal();
+    }
+  }
+  runner.Run("guided step", 10, [&]() -> Operation {
+    std::vector<core::Matrix> states, points;
+    for (const auto& d : demonstrations) states.push_back(d.states);
+    const auto features =
+        core::FeatureTransform::Whitening(core::FeatureSelection::All(12), states);
+    for (const auto& s : states) points.push_back(features.Apply(s));
+    struct Guided {
+      Linear policy;
+      control::GuidedModel model;
+      control::GuidedPolicy controller;
+      Guided(const core::FeatureTransform& features, const kernel::WhitenedSupport& support,
+             const std::vector<core::Trajectory>& demonstrations)
+          : model(features, support, demonstrations), controller(policy, model) {}
+    };
+    const auto support = std::make_shared<kernel::WhitenedSupport>(
+        kernel::WhitenedSupport::Fit(points, {.single_precision = true}));
+    const auto guided = std::make_shared<Guided>(features, *support, demonstrations);
+    return [support, guided, &queries, u = std::vector<double>(7)](int) mutable {
+      guided->controller.Reset(1);
+      for (int t = 0; t < kEpisode; ++t) {
+        (void)guided->controller.Next(core::Row(std::as_const(queries), t), u);
+      }
+      sink = u[0];
+    };
+  });
+  runner.Run("Guard::Filter", 10, [&]() -> Operation {
+    core::StateLayout layout;
+    layout.Add("x", 12);
+    const auto guard =
+        std::make_shared<safety::Guard>(safety::GuardModel::Fit(layout, demonstrations));
+    return [guard, &queries, u = std::vector<double>(7, 0.05),
+            safe = std::vector<double>(7)](int) mutable {
+      guard->Reset(1);
+      for (int t = 0; t < kEpisode; ++t) {
+        (void)guard->Filter(t, core::Row(std::as_const(queries), t), u, safe);
+      }
+      sink = safe[0];
+    };
+  });
+}
+
+Options Parse(int argc, char** argv) {
+  Options options;
+  for (int i = 1; i < argc; ++i) {
+    const std::string_view argument = argv[i];
+    const auto value = [&](std::string_view key) {
+      return argument.starts_with(key) ? argv[i] + key.size() : nullptr;
+    };
+    if (const char* text = value("--filter=")) {
+      options.filter = text;
+    } else if (const char* seconds = value("--time=")) {
+      options.seconds = std::strtod(seconds, nullptr);
+    } else if (const char* percent = value("--slow=")) {
+      options.slow = std::strtod(percent, nullptr);
+    } else {
+      throw std::invalid_argument("cannot use '" + std::string(argument) +
+                                  "'. Known: --filter=TEXT --time=SECONDS --slow=PERCENT");
+    }
+  }
+  return options;
+}
+
+}  // namespace
+}  // namespace dfr::bench
+
+int main(int argc, char** argv) try {
+  dfr::bench::Runner runner(dfr::bench::Parse(argc, argv));
+  dfr::bench::RunDecisions(runner);
+  dfr::bench::RunFits(runner);
+  dfr::bench::RunControllers(runner);
+  return EXIT_SUCCESS;
+} catch (const std::exception& e) {
+  std::fprintf(stderr, "counted_work: %s\n", e.what());
+  return EXIT_FAILURE;
+}

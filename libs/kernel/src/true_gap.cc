@@ -1,0 +1,128 @@
+#include "true_gap.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <numeric>
+#include <vector>
+
+#include "gaussian_sum.h"
+#include "gaussian_terms.h"
+#include "kkt.h"
+
+namespace dfr::kernel::internal {
+namespace {
+
+// How far G may be off, relative, at a sample that stands at `distance` from the centre in kernel
+// widths (of base 2).
+//
+// Coordinates q and s are rounded, by u |q| and u |s|, and so is their difference: the exponent r^2
+// is off by 2 r u (|q| + |s| + r) and by (d + 2) u r^2 from its sum. As K sqrt(-log2 K) is concave,
+// the mean of r that counts is sqrt(log2(sum of alpha / G)) at most. exp2 adds 5 u, and sums of up
+// to 32 terms 34 u. The changes of alpha that G has followed are larger together than alpha.
+template <typename T>
+double RelativeError(double distance, double r, double dim) {
+  constexpr double kUnit = 0.5 * std::numeric_limits<T>::epsilon();
+  constexpr double kChanges = 3.0;
+  const double exponent = 2.0 * r * (2.0 * distance + 2.0 * r) + (dim + 2.0) * r * r;
+  return kChanges * kUnit * (std::numbers::ln2 * exponent + 39.0);
+}
+
+// G in double of `samples`.
+std::vector<double> ExactGradient(const core::Matrix& samples, double gamma,
+                                  std::span<const double> alpha,
+                                  std::span<const std::size_t> chosen, bool far, Workers& workers) {
+  std::vector<Eigen::Index> support;
+  std::vector<double> weights;
+  for (std::size_t i = 0; i < alpha.size(); ++i) {
+    if (alpha[i] <= 0.0) continue;
+    support.push_back(static_cast<Eigen::Index>(i));
+    weights.push_back(alpha[i]);
+  }
+  const core::Matrix points = samples(support, Eigen::all);
+  const GaussianTerms<double> terms(points, weights, gamma);
+  std::vector<double> gradient(chosen.size());
+  // Enough for a thread to be worth its start.
+  const std::size_t run_size = 32 + (std::size_t{1} << 18) / (support.size() + 1);
+  workers.Run((chosen.size() + run_size - 1) / run_size, [&](std::size_t run) {
+    std::vector<double> scaled(terms.dim);
+    for (std::size_t q = run * run_size; q < std::min(chosen.size(), (run + 1) * run_size); ++q) {
+      const auto x = core::Row(samples, static_cast<Eigen::Index>(chosen[q]));
+      if (far) {
+        gradient[q] = GaussianSumReference(points, weights, gamma, x);
+      } else {
+        (void)terms.Scale(x.data(), scaled.data());
+        gradient[q] = GaussianSum(terms, scaled.data());
+      }
+    }
+  });
+  return gradient;
+}
+
+}  // namespace
+
+template <typename T>
+double TrueGap(const core::Matrix& samples, const OneClassSvmOptions& options,
+               std::span<const double> alpha, std::span<const double> gradient, double neglected,
+               Workers& workers) {
+  const auto dim = static_cast<std::size_t>(samples.cols());
+  const double total = options.nu * static_cast<double>(alpha.size());
+  const double scale = std::sqrt(options.gamma * std::numbers::log2e);
+  const std::vector<double> center = Center(samples, scale);
+  std::vector<double> distance(alpha.size());
+  for (std::size_t i = 0; i < alpha.size(); ++i) {
+    const double* x = samples.data() + i * dim;
+    double square = 0.0;
+    for (std::size_t k = 0; k < dim; ++k) square += (x[k] - center[k]) * (x[k] - center[k]);
+    distance[i] = scale * std::sqrt(square);
+  }
+  // First with an r that no value above 2^-64 exceeds, for all; then with their own, for few.
+  std::vector<std::size_t> chosen(alpha.size());
+  std::iota(chosen.begin(), chosen.end(), std::size_t{0});
+  for (const bool first : {true, false}) {
+    const auto error = [&](std::size_t i) {
+      constexpr double kMost = 8.0;
+      const double g = gradient[i];
+      const double r =
+          first ? kMost : std::sqrt(std::max(1.0, std::log2(total / std::clamp(g, 1e-18, total))));
+      return g * RelativeError<T>(distance[i], r, static_cast<double>(dim)) + neglected;
+    };
+    KktBounds likely;   // G moved towards the other bound by its error
+    KktBounds extreme;  // and away from it
+    for (const std::size_t i : chosen) {
+      const double g = gradient[i];
+      const double e = error(i);
+      if (alpha[i] > 0.0) {
+        likely.largest = std::max(likely.largest, g - e);
+        extreme.largest = std::max(extreme.largest, g + e);
+      }
+      if (alpha[i] < 1.0) {
+        likely.smallest = std::min(likely.smallest, g + e);
+        extreme.smallest = std::min(extreme.smallest, g - e);
+      }
+    }
+    if (extreme.gap() < options.tolerance) return extreme.gap();
+    std::erase_if(chosen, [&](std::size_t i) {
+      const double e = error(i);
+      const bool largest = alpha[i] > 0.0 && gradient[i] + e >= likely.largest;
+      const bool smallest = alpha[i] < 1.0 && gradient[i] - e <= likely.smallest;
+      return !largest && !smallest;
+    });
+  }
+  const double farthest = *std::max_element(distance.begin(), distance.end());
+  // From here on doubles lose digits of differences to the distance from the centre.
+  constexpr double kFar = 1e6;
+  const std::vector<double> exact =
+      ExactGradient(samples, options.gamma, alpha, chosen, farthest > kFar, workers);
+  std::vector<double> chosen_alpha(chosen.size());
+  for (std::size_t q = 0; q < chosen.size(); ++q) chosen_alpha[q] = alpha[chosen[q]];
+  return KktBounds(chosen_alpha, exact).gap();
+}
+
+template double TrueGap<float>(const core::Matrix&, const OneClassSvmOptions&,
+                               std::span<const double>, std::span<const double>, double, Workers&);
+template double TrueGap<double>(const core::Matrix&, const OneClassSvmOptions&,
+                                std::span<const double>, std::span<const double>, double, Workers&);
+
+}  // namespace dfr::kernel::internal

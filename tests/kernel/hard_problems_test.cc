@@ -1,0 +1,187 @@
+// Fits over all that a caller may ask for: sizes, widths of the kernel, nu, duplicates, clusters,
+// scales, outliers. What a fit claims is checked against the definition.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "dfr/kernel/one_class_svm.h"
+#include "tests/kernel/libsvm_peer.h"
+
+namespace dfr::kernel {
+namespace {
+
+using test::LibsvmPeer;
+using testing::HasSubstr;
+
+// max G over alpha > 0 minus min G over alpha < 1 in LIBSVM's scale, from the alpha of the summary.
+double KktGap(const core::Matrix& samples, const FitSummary& summary, double nu, double gamma) {
+  const double total = nu * static_cast<double>(samples.rows());
+  double largest = -std::numeric_limits<double>::infinity();
+  double smallest = std::numeric_limits<double>::infinity();
+  for (Eigen::Index i = 0; i < samples.rows(); ++i) {
+    double gradient = 0.0;
+    for (Eigen::Index j = 0; j < samples.rows(); ++j) {
+      if (summary.alpha[j] == 0.0) continue;
+      gradient +=
+          summary.alpha[j] * std::exp(-gamma * (samples.row(i) - samples.row(j)).squaredNorm());
+    }
+    if (summary.alpha[i] > 0.0) largest = std::max(largest, total * gradient);
+    if (total * summary.alpha[i] < 1.0 - 1e-12) smallest = std::min(smallest, total * gradient);
+  }
+  return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
+}
+
+double MedianSquaredDistance(const core::Matrix& samples) {
+  std::vector<double> squared;
+  const Eigen::Index step = std::max<Eigen::Index>(1, samples.rows() / 50);
+  for (Eigen::Index i = 0; i < samples.rows(); i += step) {
+    for (Eigen::Index j = 0; j < i; j += step) {
+      const double square = (samples.row(i) - samples.row(j)).squaredNorm();
+      if (square > 0.0) squared.push_back(square);
+    }
+  }
+  if (squared.empty()) return 1.0;
+  std::nth_element(squared.begin(),
+                   squared.begin() + static_cast<std::ptrdiff_t>(squared.size() / 2),
+                   squared.end());
+  return squared[squared.size() / 2];
+}
+
+enum class Kind { kNormal, kDuplicates, kClusters, kTiny, kHuge };
+
+core::Matrix Samples(Kind kind, int m, int n, core::Random& random) {
+  core::Matrix samples(m, n);
+  for (double& x : samples.reshaped()) x = random.Normal();
+  for (Eigen::Index i = 0; i < m; ++i) {
+    if (kind == Kind::kDuplicates && i % 3 != 0) samples.row(i) = samples.row(i / 3);
+    if (kind == Kind::kClusters) samples.row(i).array() += 100.0 * static_cast<double>(i % 4);
+  }
+  if (kind == Kind::kTiny) samples *= 1e-9;
+  if (kind == Kind::kHuge) samples = (1e9 * samples).array() + 1e12;
+  return samples;
+}
+
+class HardProblemsTest : public testing::TestWithParam<Kind> {};
+
+TEST_P(HardProblemsTest, EveryFitConvergesWhateverItsSizeWidthAndNu) {
+  constexpr double kTolerance = 1e-3;
+  core::Random random(51);
+  for (const int m : {2, 7, 60, 400, 2200}) {
+    for (const int n : {1, 9, 256}) {
+      if (m * n > 100'000 && m > 400 && n > 9) continue;  // minutes by the definition
+      const core::Matrix samples = Samples(GetParam(), m, n, random);
+      const double unit = 1.0 / MedianSquaredDistance(samples);
+      for (const double width : {1e-6, 1e-3, 0.1, 1.0, 10.0, 1e3, 1e6}) {
+        for (const double nu : {1.0 / m, 0.05, 0.5, 1.0}) {
+          if (m > 400 && nu > 0.1) continue;
+          const double gamma = width * unit;
+          SCOPED_TRACE(testing::Message() << m << " x " << n << ", gamma " << width << " / "
+                                          << 1.0 / unit << ", nu " << nu);
+          FitSummary summary;
+          const auto svm = OneClassSvm::Fit(
+              samples, {.nu = nu, .gamma = gamma, .tolerance = kTolerance}, &summary);
+          EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged) << summary.kkt_gap;
+          EXPECT_TRUE(std::isfinite(svm.rho()));
+          EXPECT_LT(summary.kkt_gap, kTolerance);
+          const double gap = KktGap(samples, summary, nu, gamma);
+          // The definition's own rounding of the squared distance.
+          EXPECT_LT(gap, kTolerance * (1.0 + 1e-6) + 1e-12 * nu * m);
+          EXPECT_NEAR(svm.alpha().sum(), 1.0, 1e-12);
+        }
+      }
+    }
+  }
+}
+
+TEST_P(HardProblemsTest, ObjectivesAreNoHigherThanThoseOfLibsvm) {
+  constexpr double kTolerance = 1e-3;
+  core::Random random(52);
+  for (const int m : {7, 60, 300}) {
+    for (const int n : {1, 9}) {
+      const core::Matrix samples = Samples(GetParam(), m, n, random);
+      const double unit = 1.0 / MedianSquaredDistance(samples);
+      for (const double width : {1e-3, 0.1, 1.0, 10.0, 1e3}) {
+        for (const double nu : {0.05, 0.5}) {
+          SCOPED_TRACE(testing::Message()
+                       << m << " x " << n << ", width " << width << ", nu " << nu);
+          const double gamma = width * unit;
+          const LibsvmPeer peer(samples, nu, gamma, kTolerance);
+          FitSummary summary;
+          (void)OneClassSvm::Fit(samples, {.nu = nu, .gamma = gamma, .tolerance = kTolerance},
+                                 &summary);
+          // Both are within tolerance * nu m of the minimum; LIBSVM's kernel is float.
+          EXPECT_LE(summary.objective, peer.Objective() * (1.0 + 1e-6) + kTolerance * nu * m);
+        }
+      }
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, HardProblemsTest,
+                         testing::Values(Kind::kNormal, Kind::kDuplicates, Kind::kClusters,
+                                         Kind::kTiny, Kind::kHuge));
+
+// One sample far away moves the mean, and with it the rounding of all coordinates in float.
+TEST(HardProblemsTest, OneOutlierChangesNothingForTheOthers) {
+  core::Random random(53);
+  for (const int m : {400, 3000}) {  // solved as a whole, and by an active set
+    const core::Matrix samples = Samples(Kind::kNormal, m, 3, random);
+    for (const double outlier : {1e6, 1e9, 1e12, 1e18, 1e100}) {
+      for (const double gamma : {0.3, 30.0}) {
+        SCOPED_TRACE(testing::Message() << m << ", " << outlier << ", gamma " << gamma);
+        core::Matrix spoilt = samples;
+        spoilt.row(m / 2).setConstant(outlier);
+        FitSummary summary;
+        const auto svm = OneClassSvm::Fit(spoilt, {.gamma = gamma, .tolerance = 1e-3}, &summary);
+        EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+        EXPECT_LT(KktGap(spoilt, summary, 0.05, gamma), 1e-3);
+        int outside = 0;
+        for (Eigen::Index i = 0; i < m; ++i) {
+          outside += svm.Decision(core::Row(spoilt, i)) < -2e-3 / svm.libsvm_scale() ? 1 : 0;
+        }
+        EXPECT_LE(outside, 0.05 * m);
+      }
+    }
+  }
+}
+
+// Neither mean nor median is near to both: float cannot tell samples of a cluster from each other.
+TEST(HardProblemsTest, ClustersManyWidthsApartConverge) {
+  core::Random random(54);
+  for (const int m : {400, 3000}) {
+    for (const double apart : {1e4, 1e6, 1e8}) {
+      for (const double gamma : {0.3, 5.0}) {
+        SCOPED_TRACE(testing::Message() << m << ", apart " << apart << ", gamma " << gamma);
+        core::Matrix samples = Samples(Kind::kNormal, m, 3, random);
+        for (Eigen::Index i = 0; i < m; ++i) samples(i, 0) += apart * static_cast<double>(i % 5);
+        FitSummary summary;
+        (void)OneClassSvm::Fit(samples, {.gamma = gamma, .tolerance = 1e-3}, &summary);
+        EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged) << summary.kkt_gap;
+        EXPECT_LT(KktGap(samples, summary, 0.05, gamma), 1e-3);
+      }
+    }
+  }
+}
+
+TEST(HardProblemsTest, SamplesWhoseSquaredDistancesOverflowAreNamed) {
+  core::Random random(55);
+  core::Matrix samples = Samples(Kind::kNormal, 400, 3, random);
+  samples(123, 2) = 1e200;
+  try {
+    (void)OneClassSvm::Fit(samples, {});
+    FAIL() << "nothing thrown";
+  } catch (const std::invalid_argument& e) {
+    EXPECT_THAT(e.what(), HasSubstr("sample 123, entry 2 is 1e+200"));
+    EXPECT_THAT(e.what(), HasSubstr("Leave the sample out"));
+  }
+}
+
+}  // namespace
+}  // namespace dfr::kernel
