@@ -7,6 +7,7 @@
 #include <limits>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "tests/support/all_close.h"
 #include "tests/support/no_alloc.h"
@@ -475,6 +476,14 @@ TEST_F(PsmClientTest, RequestsAreRepeatedUntilTheyShowAndThenTimeOut) {
   EXPECT_EQ(client_.status(), PsmStatus::kTimedOut);
 }
 
+TEST_F(PsmClientTest, ARequestBeforeTheFirstStepHasItsFullTime) {
+  now_ns_ = 1000 * 1000 * kMs;  // the machine has been up for a quarter of an hour
+  Become(PsmConsoleState::kDisabled, false, false);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  Steps(2);
+  EXPECT_EQ(client_.phase(), PsmPhase::kRequested) << Name(client_.status());
+}
+
 TEST_F(PsmClientTest, RequestWaitsForTheConsoleToListen) {
   ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
   for (int i = 0; i < 10; ++i) Step([](PsmInput& input) { input.command_subscribers = 0; });
@@ -495,6 +504,72 @@ TEST_F(PsmClientTest, FaultEndsHomingAndOnlyDisableIsTakenThen) {
   EXPECT_EQ(client_.Request(PsmRequest::kDisable), PsmStatus::kOk);
   Steps(2);
   EXPECT_EQ(client_.phase(), PsmPhase::kIdle);
+  EXPECT_EQ(requests_, "home disable ");
+}
+
+// `hold` does not end a console's homing: `disable` does.
+TEST_F(PsmClientTest, WhateverComesBetweenEndsHoming) {
+  const auto quiet = [](PsmInput& input) {
+    input.measured_js.reset();
+    input.measured_cp.reset();
+  };
+  struct Doubt {
+    PsmStatus cause;
+    std::function<void(PsmInput&)> spoil;
+    int steps;
+  };
+  const std::vector<Doubt> doubts = {
+      {PsmStatus::kHeld, [this](PsmInput&) { client_.Hold(); }, 1},
+      {PsmStatus::kOtherPublisher, [](PsmInput& input) { input.other_publishers = 1; }, 1},
+      {PsmStatus::kStateSilent, quiet, 12},
+      {PsmStatus::kTickLate, [this](PsmInput&) { now_ns_ += 200 * kMs; }, 2},
+      {PsmStatus::kPaused,
+       [](PsmInput& input) {
+         input.operating_state.emplace();
+         input.operating_state->state = PsmConsoleState::kPaused;
+       },
+       1}};
+  for (const Doubt& doubt : doubts) {
+    SCOPED_TRACE(Name(doubt.cause));
+    Become(PsmConsoleState::kDisabled, false, false);
+    Steps(4);
+    ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+    Steps(2);
+    Become(PsmConsoleState::kEnabled, false, true);
+    Steps(20);
+    ASSERT_TRUE(client_.homing()) << Name(client_.status());
+    num_holds_ = 0;
+    requests_.clear();
+    for (int i = 0; i < doubt.steps && client_.phase() == PsmPhase::kRequested; ++i) {
+      Step(doubt.spoil);
+    }
+    ASSERT_EQ(client_.phase(), PsmPhase::kHolding);
+    EXPECT_EQ(client_.status(), doubt.cause) << Name(client_.status());
+    EXPECT_EQ(num_holds_, 1);
+    EXPECT_EQ(requests_, "disable ");
+    Steps(100);
+    EXPECT_EQ(requests_, "disable ") << "nothing is asked for again";
+  }
+}
+
+TEST_F(PsmClientTest, HomingIsNotAskedForWhereSomebodyElseCommands) {
+  Become(PsmConsoleState::kDisabled, false, false);
+  Steps(4);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  Step([](PsmInput& input) { input.other_publishers = 1; });
+  EXPECT_EQ(client_.status(), PsmStatus::kOtherPublisher);
+  Steps(10);
+  EXPECT_EQ(requests_, "");
+}
+
+TEST_F(PsmClientTest, HomingThatIsLateIsEnded) {
+  Become(PsmConsoleState::kDisabled, false, false);
+  Steps(4);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  Steps(2);
+  Become(PsmConsoleState::kEnabled, false, true);
+  Steps(18'010);  // 90 s
+  EXPECT_EQ(client_.status(), PsmStatus::kTimedOut);
   EXPECT_EQ(requests_, "home disable ");
 }
 

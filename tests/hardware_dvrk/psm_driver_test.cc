@@ -123,6 +123,39 @@ TEST_F(PsmDriverTest, HomesMovesAndComesToRest) {
 }
 
 // Goals that the console refuses are refused here first.
+TEST_F(PsmDriverTest, NothingIsAskedOfTheConsoleWhereNothingMayMove) {
+  PsmDriver driver(participant_, Patient());
+  EXPECT_EQ(BringUp(driver, 60.0, {}, [] { return false; }), PsmStatus::kHeld);
+  Console([&] { EXPECT_EQ(console_.state(), sim::ArmState::kDisabled); });
+}
+
+TEST_F(PsmDriverTest, HomingEndsWithTheArmDisabledWhenItMayNoLongerMove) {
+  Console([&] { console_ = sim::PsmConsole({.arm = "PSM1", .homing_s = 30.0}); });
+  const auto homes = [&] {
+    const std::lock_guard lock(mutex_);
+    return console_.busy();
+  };
+  const auto disabled = [&] {
+    const auto end = Clock::now() + std::chrono::seconds(60);
+    while (Clock::now() < end) {
+      const std::lock_guard lock(mutex_);
+      if (console_.state() == sim::ArmState::kDisabled) return true;
+    }
+    return false;
+  };
+  {
+    PsmDriver driver(participant_, Patient());
+    EXPECT_EQ(BringUp(driver, 60.0, {}, [&] { return !homes(); }), PsmStatus::kHeld);
+    EXPECT_TRUE(disabled());
+  }
+  {
+    PsmDriver driver(participant_, Patient());
+    ASSERT_EQ(driver.Home(), PsmStatus::kOk);
+    ASSERT_TRUE(Until(driver, homes)) << driver.Explain();
+  }
+  EXPECT_TRUE(disabled()) << "a driver that goes away leaves an arm that homes";
+}
+
 TEST_F(PsmDriverTest, NothingBeyondTheLimitsReachesTheConsole) {
   PsmDriver driver(participant_, Patient());
   ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();

@@ -269,6 +269,10 @@ bool PsmClient::FrameAgrees() const noexcept {
 }
 
 void PsmClient::HoldBecause(PsmStatus cause, PsmOutput& output) noexcept {
+  // A console that powers up or homes goes on with that, whatever `hold` says.
+  if (homing() && operating_.state != PsmConsoleState::kFault) {
+    output.request = PsmRequest::kDisable;
+  }
   phase_ = PsmPhase::kHolding;
   cause_ = cause;
   request_ = PsmRequest::kNone;
@@ -277,7 +281,27 @@ void PsmClient::HoldBecause(PsmStatus cause, PsmOutput& output) noexcept {
   output.hold = true;
 }
 
-void PsmClient::Pursue(const PsmInput& input, PsmOutput& output) noexcept {
+// While the arm powers up or homes it measures nothing yet: what there is to hear is heard all the
+// same.
+PsmStatus PsmClient::HomingHoldReason(const PsmInput& input, double dt) const noexcept {
+  if (!homing() && request_ != PsmRequest::kHome && request_ != PsmRequest::kEnable) {
+    return PsmStatus::kOk;
+  }
+  if (options_.sole_commander && input.other_publishers > 0) return PsmStatus::kOtherPublisher;
+  if (!homing()) return PsmStatus::kOk;
+  if (hold_reason_ == PsmStatus::kConsoleGone || hold_reason_ == PsmStatus::kStateSilent ||
+      hold_reason_ == PsmStatus::kUnknownState || hold_reason_ == PsmStatus::kPaused) {
+    return hold_reason_;
+  }
+  return dt > options_.max_tick_gap_s ? PsmStatus::kTickLate : PsmStatus::kOk;
+}
+
+bool PsmClient::homing() const noexcept {
+  return phase_ == PsmPhase::kRequested && request_sent_ &&
+         (request_ == PsmRequest::kHome || request_ == PsmRequest::kEnable);
+}
+
+void PsmClient::Pursue(const PsmInput& input, double dt, PsmOutput& output) noexcept {
   const bool homing = request_ == PsmRequest::kHome;
   if (request_sent_) {
     const bool enabled = any_operating_ && operating_.state == PsmConsoleState::kEnabled;
@@ -304,6 +328,10 @@ void PsmClient::Pursue(const PsmInput& input, PsmOutput& output) noexcept {
       return;
     }
   }
+  if (const PsmStatus doubt = HomingHoldReason(input, dt); doubt != PsmStatus::kOk) {
+    HoldBecause(doubt, output);
+    return;
+  }
   const double timeout_s = homing ? options_.home_timeout_s : options_.enable_timeout_s;
   if (Seconds(now_ns_ - request_start_ns_) > timeout_s) {
     HoldBecause(had_publisher_ ? PsmStatus::kTimedOut : PsmStatus::kNoConsole, output);
@@ -328,6 +356,7 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   const double dt = stepped_ ? std::max(0.0, Seconds(steady_ns - now_ns_)) : 0.0;
   now_ns_ = steady_ns;
   wall_ns_ = wall_ns;
+  if (!stepped_) request_start_ns_ = steady_ns;  // of a request made before
   stepped_ = true;
   Take(input);
   hold_reason_ = FindHoldReason(input);
@@ -341,7 +370,7 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
     return output;
   }
   if (phase_ == PsmPhase::kRequested) {
-    Pursue(input, output);
+    Pursue(input, dt, output);
     return output;
   }
   if (phase_ != PsmPhase::kArmed) return output;

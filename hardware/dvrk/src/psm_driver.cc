@@ -287,7 +287,13 @@ PsmDriver::PsmDriver(dds::Participant& participant, const PsmDriverOptions& opti
 }
 
 PsmDriver::~PsmDriver() {
-  if (client_.phase() == PsmPhase::kArmed) {
+  if (client_.homing()) {
+    Outgoing disable;
+    disable.request = PsmRequest::kDisable;
+    disable.stamp = dds::Stamp::Now();
+    link_->outbox.Put(disable);
+  }
+  if (client_.phase() == PsmPhase::kArmed || client_.homing()) {
     link_->hold_wanted.store(true, std::memory_order_release);
   }
 }
@@ -363,7 +369,8 @@ void PsmDriver::Flush() {
 }
 
 PsmStatus BringUp(PsmDriver& driver, double timeout_s,
-                  const std::function<void(std::string_view)>& say) {
+                  const std::function<void(std::string_view)>& say,
+                  const std::function<bool()>& may_move) {
   const auto tell = [&](std::string_view text) {
     if (say) say(text);
   };
@@ -375,6 +382,12 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
   std::int64_t seen_ns = 0;
   bool asked = false;
   for (; SteadyNs() < end; std::this_thread::sleep_for(std::chrono::milliseconds(5))) {
+    if (may_move && !may_move()) {
+      driver.Hold();
+      driver.Tick();
+      driver.Flush();
+      return PsmStatus::kHeld;
+    }
     driver.Tick();
     ConsoleWord word;
     while (driver.TakeWord(word)) {

@@ -152,8 +152,9 @@ class PsmClient {
   PsmOutput Step(const PsmInput& input, std::int64_t steady_ns, std::int64_t wall_ns) noexcept;
 
   /// Asks for a state command with the next steps. An armed client holds first. Ends in kIdle, or
-  /// in kHolding with kTimedOut or kConsoleFault. kPause, kDisable and kUnhome need no effect to
-  /// wait for. In FAULT a console only takes kDisable and kUnhome: others are refused with
+  /// in kHolding with kTimedOut, kConsoleFault, or what came between while the arm powered up or
+  /// homed: then the console is told to disable, too. kPause, kDisable and kUnhome need no effect
+  /// to wait for. In FAULT a console only takes kDisable and kUnhome: others are refused with
   /// kConsoleFault.
   PsmStatus Request(PsmRequest request) noexcept;
 
@@ -167,7 +168,9 @@ class PsmClient {
   PsmStatus MoveTo(const Eigen::Isometry3d& goal, double duration_s) noexcept;
   /// Turns the jaw to `angle`, rad, at constant speed.
   PsmStatus MoveJaw(double angle, double duration_s) noexcept;
-  /// Stops with the next step, with status kHeld unless it holds already. Always works.
+  /// Stops with the next step, with status kHeld unless it holds already. Always works: a console
+  /// that was asked to enable or home is told to hold and to disable, for `hold` alone does not end
+  /// either.
   void Hold() noexcept { hold_wanted_ = true; }
 
   [[nodiscard]] PsmPhase phase() const noexcept { return phase_; }
@@ -175,6 +178,8 @@ class PsmClient {
   [[nodiscard]] PsmStatus status() const noexcept;
   /// What the last step found, also while holding.
   [[nodiscard]] PsmStatus hold_reason() const noexcept { return hold_reason_; }
+  /// The console has been asked to power up or to home, and has not done so yet.
+  [[nodiscard]] bool homing() const noexcept;
   /// The state command under way.
   [[nodiscard]] PsmRequest request() const noexcept { return request_; }
   /// A move, the jaw's included, is under way.
@@ -204,7 +209,8 @@ class PsmClient {
   [[nodiscard]] PsmStatus FollowHoldReason() const noexcept;
   [[nodiscard]] bool FrameAgrees() const noexcept;
   void HoldBecause(PsmStatus cause, PsmOutput& output) noexcept;
-  void Pursue(const PsmInput& input, PsmOutput& output) noexcept;
+  [[nodiscard]] PsmStatus HomingHoldReason(const PsmInput& input, double dt) const noexcept;
+  void Pursue(const PsmInput& input, double dt, PsmOutput& output) noexcept;
 
   PsmClientOptions options_;
   PsmMotion motion_;

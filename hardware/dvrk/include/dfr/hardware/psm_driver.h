@@ -39,7 +39,8 @@ struct PsmDriverOptions {
 /// A thread of its own talks to DDS, which allocates, locks and may wait; messages pass through
 /// mailboxes without locks. So everything marked noexcept here, Tick() above all, neither allocates
 /// nor locks nor waits. Those calls belong to one thread at a time. To be destroyed before the
-/// participant; an armed driver tells the console to hold when it is destroyed.
+/// participant; an armed driver tells the console to hold when it is destroyed, and one that homes
+/// the arm to disable it as well.
 ///
 /// A new driver only listens. Usual order: Home(), Arm(), MoveTo(), ..., with Tick() all along.
 class PsmDriver {
@@ -120,7 +121,10 @@ class PsmDriver {
 /// Homes (if need be) and arms, ticking every 5 ms by this machine's clocks: for programs' starts.
 /// Returns driver.status(), kOk if armed; gives up after `timeout_s` with the reason.
 /// @param say  called with each of the console's words and with what is waited for; may be empty.
+/// @param may_move  asked before each tick: emergency stop, Ctrl-C. False ends it with kHeld and
+///   tells the console to hold, and to disable an arm that homes. May be empty.
 PsmStatus BringUp(PsmDriver& driver, double timeout_s,
-                  const std::function<void(std::string_view)>& say = {});
+                  const std::function<void(std::string_view)>& say = {},
+                  const std::function<bool()>& may_move = {});
 
 }  // namespace dfr::hardware
