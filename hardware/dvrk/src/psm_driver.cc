@@ -13,7 +13,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/dds/channel.h"
 #include "dfr/runtime/latest.h"
-#include "queue.h"
+#include "dfr/runtime/queue.h"
 
 namespace dfr::hardware {
 namespace {
@@ -228,7 +228,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<std::uint64_t> cycle_wanted{0};
   std::atomic<std::uint64_t> cycle_done{0};
 
-  internal::Queue<Outgoing, 256> outbox;
+  runtime::Queue<Outgoing, 256> outbox;
   std::atomic<bool> hold_wanted{false};
   std::atomic<bool> failed{false};
   std::atomic<std::uint64_t> sent{0};
@@ -238,7 +238,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   runtime::Latest<PsmJawSample> new_jaw_measured;
   runtime::Latest<PsmJawSample> new_jaw_setpoint;
   runtime::Latest<PsmOperatingState> new_operating;
-  internal::Queue<ConsoleWord, kMostWords> words;
+  runtime::Queue<ConsoleWord, kMostWords> words;
   runtime::Latest<ConsoleWord> new_error;
   std::atomic<int> num_errors{0};
   std::atomic<int> state_publishers{0};
