@@ -378,6 +378,97 @@ TEST(ControlLoopTest, WaitsForReasonsToEndAsLongAsItHasPatience) {
   EXPECT_LT(faulted.clock.now_ns - start_ns, 500'000'000) << "time mends no fault";
 }
 
+// -- homing ---------------------------------------------------------------------------------------
+
+// What is of no matter before the arm is armed: nothing but the encoders moves it.
+bool MattersForHoming(const Source& source) {
+  return source.name != "camera" && source.name != "camera's thread hangs";
+}
+
+TEST(ControlLoopTest, HomesOnceAskedTo) {
+  FakeRobot robot;
+  robot.arm.unhomed = true;
+  robot.camera.found = {HoldReason::kImageInvalid, "dark"};
+  EXPECT_FALSE(robot.loop.AwaitReady(0.5, {}));
+  EXPECT_TRUE(robot.loop.AwaitHomeable(0.5, {}));
+  robot.loop.Idle(10.0);
+  EXPECT_EQ(robot.arm.homings, 0) << "nobody has asked for it";
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  EXPECT_EQ(robot.arm.homings, 1);
+  EXPECT_FALSE(robot.arm.unhomed);
+  robot.camera.found = {};
+  EXPECT_EQ(robot.loop.Start(), HoldReason::kNone);
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kOperator) << "it is armed";
+  robot.loop.Halt();
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  EXPECT_EQ(robot.arm.homings, 1) << "there was no need to";
+}
+
+TEST(ControlLoopTest, NothingIsPoweredUpWhileThereIsAReasonToHold) {
+  for (const Source& source : Sources()) {
+    if (source.name == "period" || !MattersForHoming(source)) continue;
+    SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));
+    FakeRobot robot;
+    robot.arm.unhomed = true;
+    robot.loop.Tick();
+    source.begin(robot);
+    robot.loop.Idle(0.3);
+    EXPECT_FALSE(robot.loop.AwaitHomeable(0.5, {}));
+    EXPECT_EQ(robot.loop.Home(), source.reason);
+    EXPECT_EQ(robot.arm.homings, 0);
+    source.end(robot);
+    EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  }
+}
+
+TEST(ControlLoopTest, HomingEndsExactlyAtTheDeadlineOfEverythingItWatches) {
+  for (const Source& source : Sources()) {
+    if (!MattersForHoming(source)) continue;
+    SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));
+    FakeRobot robot;
+    robot.arm.unhomed = true;
+    robot.loop.Idle(0.5);
+    const std::int64_t begins_ns = robot.clock.now_ns + 750'000'000;  // half a second into it
+    robot.clock.plan_ns = begins_ns;
+    robot.clock.plan = [&] { source.begin(robot); };
+    EXPECT_EQ(robot.loop.Home(), source.reason);
+    EXPECT_EQ(robot.arm.homings, 1);
+    EXPECT_TRUE(robot.arm.unhomed);
+    EXPECT_EQ(robot.arm.disabled_ns, robot.clock.now_ns) << "in the period that finds it";
+    const int late = source.name == "period" ? 1 : 0;  // it is the next one that is late
+    EXPECT_LE(robot.clock.now_ns - begins_ns,
+              (source.periods() + late - 1) * kPeriodNs + (late != 0 ? 50'000'000 : 0));
+    source.end(robot);
+    robot.loop.Idle(5.0);
+    EXPECT_TRUE(robot.arm.unhomed) << "it went on by itself";
+    EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  }
+}
+
+TEST(ControlLoopTest, AStopThatWasPressedWhileIdleIsKnownOnceCleared) {
+  FakeRobot robot;
+  robot.stop.found = {HoldReason::kEmergencyStop, "pressed"};
+  robot.loop.Idle(0.3);
+  EXPECT_FALSE(robot.loop.Clear());
+  robot.stop.found = {};
+  EXPECT_TRUE(robot.loop.Clear());
+  EXPECT_EQ(robot.loop.state(), RunState::kIdle);
+}
+
+TEST(ControlLoopTest, WaitingEndsAtOnceWhenInterruptedOrStopped) {
+  FakeRobot robot;
+  robot.stop.found = {HoldReason::kEmergencyStopSilent, "is it running?"};
+  robot.interrupted = true;
+  std::int64_t start_ns = robot.clock.now_ns;
+  EXPECT_FALSE(robot.loop.AwaitReady(10.0, {}));
+  EXPECT_LT(robot.clock.now_ns - start_ns, 500'000'000);
+  robot.interrupted = false;
+  robot.stop.found = {HoldReason::kEmergencyStop, "pressed"};
+  start_ns = robot.clock.now_ns;
+  EXPECT_FALSE(robot.loop.AwaitReady(10.0, {}));
+  EXPECT_LT(robot.clock.now_ns - start_ns, 500'000'000);
+}
+
 TEST(ControlLoopTest, SaysOnceWhatItWaitsFor) {
   FakeRobot robot;
   std::vector<std::string> said;
@@ -485,7 +576,9 @@ TEST(ControlLoopTest, NeverAllocates) {
   EXPECT_EQ(robot.loop.state(), RunState::kFaulted);
   robot.stop.found = {};
   EXPECT_TRUE(robot.loop.Clear());
-  EXPECT_EQ(robot.loop.Start(), HoldReason::kNone);
+  robot.arm.unhomed = true;
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  EXPECT_EQ(robot.loop.Start(1.0), HoldReason::kNone);
   EXPECT_EQ(robot.loop.Apply(std::array{kNan, 0.0}), PlantStatus::kRefused);
   robot.loop.Hold(HoldReason::kNotSeen, "a detail that is longer than a short string can hold");
   robot.loop.Complete();

@@ -53,7 +53,17 @@ class FakeArm final : public robot::Manipulator {
   robot::Finding Tick(std::int64_t steady_ns, std::int64_t /*wall_ns*/) noexcept override {
     if (hold_wanted_ && armed_) held_ns = steady_ns;
     if (hold_wanted_ || !found.ok()) armed_ = false;
+    if (hold_wanted_ && homing_in_ > 0) {
+      disabled_ns = steady_ns;
+      homing_in_ = 0;
+    }
     hold_wanted_ = false;
+    if (homing_in_ > 0 && --homing_in_ == 0) unhomed = false;
+    if (unhomed && found.ok()) {
+      needs_homing_ = true;
+      return {runtime::HoldReason::kArmNotReady, "DISABLED"};
+    }
+    needs_homing_ = false;
     if (moving_ && armed_) {
       // Set-points go out at equal times.
       ++setpoints;
@@ -65,6 +75,13 @@ class FakeArm final : public robot::Manipulator {
     }
     return found;
   }
+  bool needs_homing() const noexcept override { return needs_homing_; }
+  robot::Finding Home() noexcept override {
+    ++homings;
+    homing_in_ = homing_takes;
+    return {};
+  }
+  bool homing() const noexcept override { return homing_in_ > 0; }
   robot::Finding Arm() noexcept override {
     if (!refuses_arm.ok()) return refuses_arm;
     armed_ = true;
@@ -92,8 +109,14 @@ class FakeArm final : public robot::Manipulator {
   int setpoints = 0;
   int steps = 0;
   int lag = 3;
+  bool unhomed = false;
+  int homings = 0;
+  int homing_takes = 200;
+  std::int64_t disabled_ns = 0;  // when homing was ended before its time
 
  private:
+  bool needs_homing_ = false;
+  int homing_in_ = 0;
   std::array<double, 2> goal_{};
   bool armed_ = false;
   bool hold_wanted_ = false;

@@ -51,18 +51,21 @@ bool ControlLoop::Tick(double dt_s) noexcept {
 void ControlLoop::Watch() noexcept {
   const auto& [clock, arm, camera, task, stop, recorder, interrupted] = devices_;
   const Finding found = arm->Tick(clock->SteadyNs(), clock->WallNs());
-  machine_.Hold(found.reason, found.detail);
+  if (!homing_ || !arm->needs_homing()) machine_.Hold(found.reason, found.detail);
   if (stop != nullptr) {
     WatchThread(stop->Report(), Ns(options_.max_stop_check_s),
                 {HoldReason::kEmergencyStopSilent, "the thread that listens to it hangs"});
   }
-  WatchThread(camera->Report(), Ns(options_.max_camera_check_s),
-              {HoldReason::kImageSilent, "nobody looks at the pictures"});
+  if (!homing_) {  // which needs no pictures
+    WatchThread(camera->Report(), Ns(options_.max_camera_check_s),
+                {HoldReason::kImageSilent, "nobody looks at the pictures"});
+  }
   if (interrupted != nullptr && *interrupted) machine_.Hold(HoldReason::kOperator, "interrupted");
   if (recorder != nullptr && recorder->failed()) {
     machine_.Hold(HoldReason::kRecorder, "the recording cannot be written: is the disk full?");
   }
-  if (!machine_.may_move() && arm->armed()) {
+  const bool ends_homing = arm->homing() && machine_.blocking() != HoldReason::kNone;
+  if (ends_homing || (!machine_.may_move() && arm->armed())) {
     arm->Hold();
     static_cast<void>(arm->Tick(clock->SteadyNs(), clock->WallNs()));  // not with the next period
   }
@@ -94,10 +97,24 @@ void ControlLoop::Idle(double seconds) noexcept {
 }
 
 bool ControlLoop::AwaitReady(double timeout_s, const std::function<void(std::string_view)>& say) {
+  return Await(timeout_s, say);
+}
+
+bool ControlLoop::AwaitHomeable(double timeout_s,
+                                const std::function<void(std::string_view)>& say) {
+  homing_ = true;
+  const bool ready = Await(timeout_s, say);
+  homing_ = false;
+  return ready;
+}
+
+bool ControlLoop::Await(double timeout_s, const std::function<void(std::string_view)>& say) {
   const std::int64_t start_ns = devices_.clock->MachineNs();
-  for (bool said = false;;) {
-    Idle(0.1);
+  Idle(options_.calm_s + 0.05);  // long enough for the machine to know that all is calm
+  for (bool said = false;; Idle(0.1)) {
     if (blocking() == HoldReason::kNone) return true;
+    if (blocking() == HoldReason::kEmergencyStop) return false;
+    if (devices_.interrupted != nullptr && *devices_.interrupted) return false;
     const std::int64_t waited_ns = devices_.clock->MachineNs() - start_ns;
     if (waited_ns > Ns(timeout_s)) return false;
     if (!said && waited_ns > Ns(1.0)) {
@@ -109,8 +126,31 @@ bool ControlLoop::AwaitReady(double timeout_s, const std::function<void(std::str
 
 // -- words of the operator, the controller and the task -------------------------------------------
 
+HoldReason ControlLoop::Home() noexcept {
+  if (devices_.arm->armed()) return HoldReason::kOperator;
+  homing_ = true;
+  const HoldReason reason = TryToHome();
+  homing_ = false;
+  return reason;
+}
+
+HoldReason ControlLoop::TryToHome() noexcept {
+  if (devices_.emergency_stop != nullptr) devices_.emergency_stop->Acknowledge();
+  Idle(options_.calm_s + 0.05);
+  if (blocking() != HoldReason::kNone || !devices_.arm->needs_homing()) return blocking();
+  if (const Finding refused = devices_.arm->Home(); !refused.ok()) {
+    Hold(refused.reason, refused.detail);
+    return refused.reason;
+  }
+  do {
+    Tick();
+    if (blocking() != HoldReason::kNone) return blocking();
+  } while (devices_.arm->homing());
+  return HoldReason::kNone;
+}
+
 HoldReason ControlLoop::TryToStart() noexcept {
-  Idle(options_.calm_s + 0.05);  // long enough for the machine to know that all is calm
+  Idle(options_.calm_s + 0.05);
   if (!machine_.Arm()) {
     if (blocking() != HoldReason::kNone) return blocking();
     return last_reason_ != HoldReason::kNone ? last_reason_ : HoldReason::kOperator;
@@ -138,7 +178,8 @@ HoldReason ControlLoop::Start(double patience_s) noexcept {
 bool ControlLoop::Clear() noexcept {
   if (devices_.emergency_stop != nullptr) devices_.emergency_stop->Acknowledge();
   Idle(options_.calm_s + 0.05);
-  const bool cleared = machine_.Clear();
+  const bool cleared =
+      state() == RunState::kIdle ? blocking() == HoldReason::kNone : machine_.Clear();
   Report();
   return cleared;
 }

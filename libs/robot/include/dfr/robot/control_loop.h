@@ -48,8 +48,8 @@ struct Devices {
 /// all that can be a reason to hold. runtime::FailSafe decides: for any reason the arm holds in the
 /// same period, and Apply() returns kFault from then on until Start().
 ///
-/// Nothing here allocates, locks or throws but the constructor, AwaitReady() and what returns a
-/// std::string. One object belongs to one thread.
+/// Nothing here allocates, locks or throws but the constructor, AwaitReady(), AwaitHomeable() and
+/// what returns a std::string. One object belongs to one thread.
 class ControlLoop {
  public:
   /// @throws std::invalid_argument naming the option that is out of range or the device missing.
@@ -61,14 +61,24 @@ class ControlLoop {
   bool Tick() noexcept { return Tick(options_.period_s); }
   /// Runs the loop for `seconds`.
   void Idle(double seconds) noexcept;
-  /// Runs it until nothing keeps it from being started. False after `timeout_s`.
+  /// Runs it until nothing keeps it from being started. False after `timeout_s`, or as soon as it
+  /// is interrupted.
   /// @param say  told what it waits for, once, after a second; may be empty.
   [[nodiscard]] bool AwaitReady(double timeout_s, const std::function<void(std::string_view)>& say);
+  /// The same until nothing keeps it from being homed: see Home().
+  [[nodiscard]] bool AwaitHomeable(double timeout_s,
+                                   const std::function<void(std::string_view)>& say);
 
+  /// The operator's word: powers the arm up and homes it, if it needs that. Everything is watched
+  /// but the camera and what homing mends; whatever is found ends it in the same period, and
+  /// nothing begins while the emergency stop is pressed or not heard of. Returns kNone, or what was
+  /// found: blocking_words(). Refused with kOperator while the arm is armed.
+  [[nodiscard]] runtime::HoldReason Home() noexcept;
   /// The operator's word: arms and starts. Returns kNone, or what prevents it. Tries again for
   /// `patience_s` unless a fault has to be cleared first.
   [[nodiscard]] runtime::HoldReason Start(double patience_s = 0.0) noexcept;
-  /// The operator's word: a fault is mended. False if it is not.
+  /// The operator's word: a fault is mended, or an emergency stop that was pressed while idle is
+  /// known. False if something is still wrong.
   [[nodiscard]] bool Clear() noexcept;
   /// A reason to hold that the caller found. The arm holds with the next period.
   void Hold(runtime::HoldReason reason, std::string_view detail = {}) noexcept;
@@ -103,6 +113,8 @@ class ControlLoop {
   [[nodiscard]] std::string blocking_words() const;
 
  private:
+  [[nodiscard]] bool Await(double timeout_s, const std::function<void(std::string_view)>& say);
+  [[nodiscard]] runtime::HoldReason TryToHome() noexcept;
   [[nodiscard]] runtime::HoldReason TryToStart() noexcept;
   void Watch() noexcept;
   void WatchThread(const ThreadFinding& found, std::int64_t max_check_ns,
@@ -116,6 +128,7 @@ class ControlLoop {
   runtime::FailSafe machine_;
   std::vector<double> observation_;
   std::vector<double> before_;
+  bool homing_ = false;
   runtime::HoldReason last_reason_ = runtime::HoldReason::kNone;
   std::array<char, 96> last_detail_{};
 };
