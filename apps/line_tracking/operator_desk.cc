@@ -20,10 +20,17 @@ bool OperatorDesk::Confirms(robot::ControlLoop& loop, std::string_view question,
 }
 
 bool OperatorDesk::AllowsEpisode(robot::ControlLoop& loop) {
-  while (loop.state() == runtime::RunState::kFaulted) {
-    if (!Confirms(loop, "faulted: " + loop.cause() + ". Mend it, then type clear", "clear")) {
-      return false;
-    }
+  using runtime::HoldReason;
+  using runtime::RunState;
+  while (true) {
+    const bool faulted = loop.state() == RunState::kFaulted;
+    // An emergency stop that was pressed, or has gone, while nothing was asked of the robot.
+    const bool stopped =
+        loop.state() == RunState::kIdle && (loop.blocking() == HoldReason::kEmergencyStop ||
+                                            loop.blocking() == HoldReason::kEmergencyStopSilent);
+    if (!faulted && !stopped) break;
+    const std::string what = faulted ? "faulted: " + loop.cause() : loop.blocking_words();
+    if (!Confirms(loop, what + ". Mend it, then type clear", "clear")) return false;
     if (!loop.Clear()) screen_->Say("it is still there: %s\n", loop.blocking_words().c_str());
   }
   if (loop.ended_regularly()) {

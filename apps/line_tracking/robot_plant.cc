@@ -222,9 +222,10 @@ void RobotPlant::BringUp(
     i.link->Reset(0);  // enables and homes
   } else {
     while (!i.loop.AwaitHomeable(kPatience, say)) {
-      if (i.loop.blocking() != HoldReason::kEmergencyStop ||
-          !(confirms &&
-            confirms("the emergency stop is pressed. Release it, then type clear", "clear"))) {
+      const bool stopped = i.loop.blocking() == HoldReason::kEmergencyStop ||
+                           i.loop.blocking() == HoldReason::kEmergencyStopSilent;
+      if (!stopped || !confirms ||
+          !confirms(i.loop.blocking_words() + ". Mend it, then type clear", "clear")) {
         throw not_ready();
       }
       static_cast<void>(i.loop.Clear());

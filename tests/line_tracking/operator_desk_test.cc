@@ -141,6 +141,15 @@ TEST_F(OperatorDeskTest, AFaultThatLastsIsNotCleared) {
   EXPECT_EQ(robot_.loop.state(), RunState::kFaulted);
 }
 
+TEST_F(OperatorDeskTest, AStopThatWasPressedWhileIdleHasToBeCleared) {
+  robot_.loop.Idle(0.5);
+  robot_.stop.found = {HoldReason::kEmergencyStop, "pressed"};
+  robot_.loop.Idle(0.5);
+  TypeLater("\nq\n");
+  EXPECT_FALSE(desk_.AllowsEpisode(robot_.loop));
+  EXPECT_EQ(robot_.stop.acknowledged, 0);
+}
+
 TEST_F(OperatorDeskTest, TheLoopGoesOnAtThePrompt) {
   robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
   robot_.clock.plan = [&] {

@@ -1,5 +1,6 @@
 #include "dfr/dds/channel.h"
 
+#include <algorithm>
 #include <cmath>
 #include <exception>
 #include <fastdds/dds/publisher/DataWriter.hpp>
@@ -164,12 +165,20 @@ Subscriber<T>::~Subscriber() {
 
 template <typename T>
 bool Subscriber<T>::Take(T& message) noexcept {
+  Origin from;
+  return Take(message, from);
+}
+
+template <typename T>
+bool Subscriber<T>::Take(T& message, Origin& from) noexcept {
   try {
     fdds::SampleInfo info;
     // Samples without data tell that a publisher has gone.
     while (impl_->reader->take_next_sample(&impl_->wire, &info) == ReturnCode_t::RETCODE_OK) {
       if (!info.valid_data) continue;
       internal::FromWire(impl_->wire, message);
+      const eprosima::fastrtps::rtps::octet* const handle = info.publication_handle.value;
+      std::copy_n(handle, from.size(), from.begin());
       return true;
     }
   } catch (const std::exception&) {

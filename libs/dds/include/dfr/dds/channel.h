@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <memory>
 #include <string>
 
@@ -63,6 +65,9 @@ class Publisher {
   std::unique_ptr<Impl> impl_;
 };
 
+/// Who sent a sample: the publisher's GUID, which no other publisher has.
+using Origin = std::array<std::uint8_t, 16>;
+
 /// Receives T from a ROS 2 topic. Never calls back: samples wait to be taken. One object belongs to
 /// one thread at a time.
 template <typename T>
@@ -77,6 +82,8 @@ class Subscriber {
   /// Takes the oldest sample that has not been taken. False, with `message` unchanged, if there is
   /// none.
   bool Take(T& message) noexcept;
+  /// The same, and who sent it.
+  bool Take(T& message, Origin& from) noexcept;
   /// Takes all samples and keeps the newest. False, with `message` unchanged, if there is none.
   bool TakeNewest(T& message) noexcept;
   /// Waits until there is a sample to take, for `timeout_s` at most. True if there is.
