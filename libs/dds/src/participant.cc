@@ -14,6 +14,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/error.h"
 #include "dfr/dds/security.h"
+#include "guarded_transport.h"
 #include "openssl.h"
 #include "participant_impl.h"
 #include "stale_memory.h"
@@ -116,14 +117,14 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
           Ipv4(options.server_address, options.server_port));
       break;
   }
-  qos.transport().user_transports.push_back(udp);
+  qos.transport().user_transports.push_back(internal::Guarded(udp));
   if (options.shared_memory) {
     internal::RemoveStaleSegments();
     // With the defaults, an image of 0.9 MB takes 30 times as long.
     auto memory = std::make_shared<eprosima::fastdds::rtps::SharedMemTransportDescriptor>();
     memory->segment_size(8 << 20);
     memory->max_message_size(2 << 20);
-    qos.transport().user_transports.push_back(memory);
+    qos.transport().user_transports.push_back(internal::Guarded(memory));
   }
   if (!options.security.empty()) Secure(SecurityFiles(options.security), qos);
   return qos;
