@@ -65,9 +65,8 @@ fdds::DataWriterQos WriterQos(Role role) {
       eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
   qos.history().kind = fdds::KEEP_LAST_HISTORY_QOS;
   qos.history().depth = WriterDepth(role);
-  qos.durability().kind = Latched(role) || role == Role::kRequest
-                              ? fdds::TRANSIENT_LOCAL_DURABILITY_QOS
-                              : fdds::VOLATILE_DURABILITY_QOS;
+  qos.durability().kind =
+      Latched(role) ? fdds::TRANSIENT_LOCAL_DURABILITY_QOS : fdds::VOLATILE_DURABILITY_QOS;
   // A late joiner gets what is kept at the next heartbeat, and a lost sample is asked for then.
   qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0, 100 * kMillisecond);
   if (Commands(role)) {

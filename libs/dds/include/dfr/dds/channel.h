@@ -23,11 +23,11 @@ enum class Role {
   kOwnCommand,
   /// Measured state: the publisher keeps 100 samples, the subscriber the newest.
   kState,
-  /// What changes seldom and may not be missed (operating_state, error, state_command): the
-  /// publisher keeps the last 100 for late joiners.
+  /// What changes seldom and may not be missed (operating_state, error): the publisher keeps the last
+  /// 100 for late joiners.
   kEvent,
-  /// Like kEvent for those who send but once and to whom late joiners do not matter, as consoles
-  /// listen to state_command: a subscriber that also takes from publishers that keep nothing.
+  /// What is asked for once (state_command, hold): nothing is kept, so that who joins late does not
+  /// get a `home` of long ago.
   kRequest,
   /// Images: the newest alone.
   kImage,
