@@ -27,6 +27,8 @@ HoldReason ToHoldReason(PsmStatus status) noexcept {
     case PsmStatus::kTimedOut:
     case PsmStatus::kNotArmed:
     case PsmStatus::kHeld:
+    case PsmStatus::kWrongTool:
+    case PsmStatus::kToolChanged:
       return HoldReason::kArmNotReady;
     case PsmStatus::kStateInvalid:
     case PsmStatus::kStateMalformed:
@@ -40,6 +42,11 @@ HoldReason ToHoldReason(PsmStatus status) noexcept {
     case PsmStatus::kFrameMismatch:
       return HoldReason::kArmJump;
     case PsmStatus::kOtherPublisher:
+    case PsmStatus::kSecondConsole:
+    case PsmStatus::kForeignWord:
+    case PsmStatus::kForeignSetpoint:
+    case PsmStatus::kTeleoperated:
+    case PsmStatus::kClutched:
       return HoldReason::kSecondCommander;
     case PsmStatus::kNotFollowing:
     case PsmStatus::kNotReached:

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -364,6 +365,47 @@ TEST_F(PsmClientTest, ConsoleErrorHolds) {
 }
 TEST_F(PsmClientTest, SecondPublisherHolds) {
   ExpectHold(PsmStatus::kOtherPublisher, [](PsmInput& input) { input.other_publishers = 1; });
+}
+TEST_F(PsmClientTest, SecondConsoleHolds) {
+  ExpectHold(PsmStatus::kSecondConsole, [](PsmInput& input) { input.state_publishers = 2; });
+}
+TEST_F(PsmClientTest, ForeignWordHolds) {
+  ExpectHold(PsmStatus::kForeignWord, [](PsmInput& input) { input.foreign_words = 1; });
+}
+TEST_F(PsmClientTest, TeleoperationHolds) {
+  ExpectHold(PsmStatus::kTeleoperated, [](PsmInput& input) { input.teleoperated = true; });
+}
+TEST_F(PsmClientTest, ClutchHolds) {
+  ExpectHold(PsmStatus::kClutched, [](PsmInput& input) { input.clutched = true; });
+}
+TEST_F(PsmClientTest, WrongToolHolds) {
+  ExpectHold(PsmStatus::kWrongTool, [](PsmInput& input) { input.wrong_tool = true; });
+}
+TEST_F(PsmClientTest, ChangedToolHolds) {
+  ExpectHold(PsmStatus::kToolChanged, [](PsmInput& input) { input.tool_changes = 1; });
+}
+// As teleoperation inside the console does: within 2 mm, not only after 5 degrees of lag.
+TEST_F(PsmClientTest, SetpointThatIsNotOursHolds) {
+  ExpectHold(
+      PsmStatus::kForeignSetpoint,
+      [](PsmInput& input) {
+        if (input.setpoint_js) input.setpoint_js->position[1] += 0.015;
+      },
+      2, /*bound=*/true);
+}
+TEST_F(PsmClientTest, SetpointsThatComeLateAreOurs) {
+  ArmNow();
+  ASSERT_EQ(client_.MoveTo(Yaw(0.2), 1.0), PsmStatus::kOk);
+  std::vector<PsmJoints> before;
+  for (int i = 0; i < 200; ++i) {
+    before.push_back(at_);
+    Step([&](PsmInput& input) {
+      if (!input.setpoint_js) return;
+      // 140 ms, at nearly the fastest that a move may be.
+      input.setpoint_js->position = before[static_cast<std::size_t>(std::max(0, i - 28))];
+    });
+  }
+  EXPECT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
 }
 TEST_F(PsmClientTest, SendFailureHolds) {
   ExpectHold(PsmStatus::kSendFailed, [](PsmInput& input) { input.send_failed = true; });

@@ -94,6 +94,13 @@ fdds::DataReaderQos ReaderQos(Role role) {
   return qos;
 }
 
+Origin ToOrigin(const fdds::InstanceHandle_t& handle) noexcept {
+  const eprosima::fastrtps::rtps::octet* const bytes = handle.value;
+  Origin origin;
+  std::copy_n(bytes, origin.size(), origin.begin());
+  return origin;
+}
+
 [[noreturn]] void Refused(const char* what, const std::string& topic) {
   throw std::runtime_error("DDS refuses to make a " + std::string(what) + " of " + topic +
                            ": is it permitted in this domain's security profile?");
@@ -141,6 +148,11 @@ int Publisher<T>::num_subscribers() const noexcept {
 }
 
 template <typename T>
+Origin Publisher<T>::origin() const noexcept {
+  return ToOrigin(impl_->writer->get_instance_handle());
+}
+
+template <typename T>
 struct Subscriber<T>::Impl {
   Participant::Impl& participant;
   fdds::DataReader* reader = nullptr;
@@ -176,8 +188,7 @@ bool Subscriber<T>::Take(T& message, Origin& from) noexcept {
     while (impl_->reader->take_next_sample(&impl_->wire, &info) == ReturnCode_t::RETCODE_OK) {
       if (!info.valid_data) continue;
       internal::FromWire(impl_->wire, message);
-      const eprosima::fastrtps::rtps::octet* const handle = info.publication_handle.value;
-      std::copy_n(handle, from.size(), from.begin());
+      from = ToOrigin(info.publication_handle);
       return true;
     }
   } catch (const std::exception&) {
@@ -223,6 +234,7 @@ template class Publisher<TwistStamped>;
 template class Publisher<JointState>;
 template class Publisher<OperatingState>;
 template class Publisher<StringStamped>;
+template class Publisher<Joy>;
 template class Publisher<Image>;
 template class Publisher<CompressedImage>;
 template class Publisher<CameraInfo>;
@@ -234,6 +246,7 @@ template class Subscriber<TwistStamped>;
 template class Subscriber<JointState>;
 template class Subscriber<OperatingState>;
 template class Subscriber<StringStamped>;
+template class Subscriber<Joy>;
 template class Subscriber<Image>;
 template class Subscriber<CompressedImage>;
 template class Subscriber<CameraInfo>;

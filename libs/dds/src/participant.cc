@@ -5,6 +5,7 @@
 #include <fastdds/rtps/transport/shared_mem/SharedMemTransportDescriptor.h>
 #include <fastrtps/utils/IPLocator.h>
 
+#include <algorithm>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/domain/qos/DomainParticipantQos.hpp>
 #include <sstream>
@@ -151,6 +152,27 @@ void PeerListener::on_participant_discovery(fdds::DomainParticipant* /*participa
   }
 }
 
+void PeerListener::on_publisher_discovery(fdds::DomainParticipant* participant,
+                                          rtps::WriterDiscoveryInfo&& info) {
+  if (info.info.guid().guidPrefix == participant->guid().guidPrefix) return;
+  const std::lock_guard lock(mutex_);
+  if (info.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER) {
+    publishers_.erase(info.info.guid());
+  } else {
+    publishers_[info.info.guid()] = info.info.topicName().to_string();
+  }
+}
+
+int PeerListener::CountPublishers(const std::function<bool(std::string_view topic)>& counts) const {
+  constexpr std::string_view kRos = "rt";
+  const std::lock_guard lock(mutex_);
+  return static_cast<int>(
+      std::count_if(publishers_.begin(), publishers_.end(), [&](const auto& publisher) {
+        const std::string_view topic = publisher.second;
+        return topic.starts_with(kRos) && counts(topic.substr(kRos.size()));
+      }));
+}
+
 void PeerListener::onParticipantAuthentication(fdds::DomainParticipant* /*participant*/,
                                                rtps::ParticipantAuthenticationInfo&& info) {
   const std::lock_guard lock(mutex_);
@@ -267,6 +289,11 @@ std::string ExplainRefused(const Participant& participant) {
     text += "; '" + peer.name + "' is there, and not admitted: " + peer.reason;
   }
   return text;
+}
+
+int Participant::CountOthersPublishers(
+    const std::function<bool(std::string_view topic)>& counts) const {
+  return impl_->listener.CountPublishers(counts);
 }
 
 const ParticipantOptions& Participant::options() const noexcept { return impl_->options; }

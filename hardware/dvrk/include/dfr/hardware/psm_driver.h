@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "dfr/dds/participant.h"
 #include "dfr/hardware/psm_client.h"
@@ -26,15 +27,20 @@ struct ConsoleWord {
 /// Options for PsmDriver.
 struct PsmDriverOptions {
   std::string arm = "PSM1";  ///< First part of the topics' names.
+  /// Topics (std_msgs/Bool) that are true while the arm may be teleoperated. Empty:
+  /// /console/teleop/enabled, and /MTML_ARM/following and /MTMR_ARM/following with the arm's name.
+  std::vector<std::string> teleoperation = {};
   PsmClientOptions client = {};
 };
 
 /// A patient-side manipulator behind a da Vinci Research Kit console (CRTK over ROS 2, or
 /// dvrk_simulator): a PsmClient with its ends of the topics
 ///   takes      measured_js setpoint_js measured_cp jaw/measured_js jaw/setpoint_js
-///              operating_state error warning status
+///              operating_state error warning status tool_type arm_clutch manip_clutch
 ///   publishes  servo_cp jaw/servo_jp hold state_command
-/// and it looks who else publishes on servo_cp, servo_jp, move_cp and move_jp.
+/// and it looks who else publishes on any servo_, move_ or interpolate_ topic of the arm, jaw and
+/// body included, what others say on hold, free and state_command, and whether a teleoperation is
+/// enabled.
 ///
 /// A thread of its own talks to DDS, which allocates, locks and may wait; messages pass through
 /// mailboxes without locks. So everything marked noexcept here, Tick() above all, neither allocates

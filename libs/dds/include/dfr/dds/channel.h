@@ -23,7 +23,8 @@ enum class Role {
   kOwnCommand,
   /// Measured state: the publisher keeps 100 samples, the subscriber the newest.
   kState,
-  /// What changes seldom and may not be missed (operating_state, error): the publisher keeps the last
+  /// What changes seldom and may not be missed (operating_state, error): the publisher keeps the
+  /// last
   /// 100 for late joiners.
   kEvent,
   /// What is asked for once (state_command, hold): nothing is kept, so that who joins late does not
@@ -43,6 +44,9 @@ struct Health {
   int incompatible = 0;      ///< Publishers refused because of what they offer, since the start.
 };
 
+/// Who sent a sample: the publisher's GUID, which no other publisher has.
+using Origin = std::array<std::uint8_t, 16>;
+
 /// Sends T = one of messages.h to a ROS 2 topic. One object belongs to one thread at a time.
 template <typename T>
 class Publisher {
@@ -59,14 +63,13 @@ class Publisher {
   bool Write(const T& message) noexcept;
   /// Subscribers matched now.
   [[nodiscard]] int num_subscribers() const noexcept;
+  /// What Subscriber::Take() says of its samples.
+  [[nodiscard]] Origin origin() const noexcept;
 
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
-
-/// Who sent a sample: the publisher's GUID, which no other publisher has.
-using Origin = std::array<std::uint8_t, 16>;
 
 /// Receives T from a ROS 2 topic. Never calls back: samples wait to be taken. One object belongs to
 /// one thread at a time.
@@ -100,6 +103,7 @@ extern template class Publisher<TwistStamped>;
 extern template class Publisher<JointState>;
 extern template class Publisher<OperatingState>;
 extern template class Publisher<StringStamped>;
+extern template class Publisher<Joy>;
 extern template class Publisher<Image>;
 extern template class Publisher<CompressedImage>;
 extern template class Publisher<CameraInfo>;
@@ -111,6 +115,7 @@ extern template class Subscriber<TwistStamped>;
 extern template class Subscriber<JointState>;
 extern template class Subscriber<OperatingState>;
 extern template class Subscriber<StringStamped>;
+extern template class Subscriber<Joy>;
 extern template class Subscriber<Image>;
 extern template class Subscriber<CompressedImage>;
 extern template class Subscriber<CameraInfo>;
