@@ -103,6 +103,8 @@ robot::ControlLoopOptions LoopOptions(const RobotConfig& config) {
   options.max_period_s = config.lock_step ? 10.0 : config.max_period_s;
   options.image_latency_s = config.image_latency_s;
   options.max_state_jump = config.max_state_jump_mm;
+  options.max_drift = config.max_drift_mm;
+  options.max_target_jump = config.max_line_jump_mm;
   return options;
 }
 

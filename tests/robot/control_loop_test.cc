@@ -284,7 +284,7 @@ TEST(ControlLoopTest, AControlOutOfReachIsRefused) {
 
 TEST(ControlLoopTest, AStateThatJumpedIsAReason) {
   for (const double sign : {-1.0, 1.0}) {
-    FakeRobot robot({.max_state_jump = 2.0});
+    FakeRobot robot({.max_state_jump = 2.0, .max_drift = 1e3, .drift_noise = 1e3});
     ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
     ASSERT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk);
     robot.camera.off = {1.2 - 1e-9, sign * 1.6};  // of length 2
@@ -331,6 +331,92 @@ TEST(ControlLoopTest, TheControllersDecisionsMakeTheState) {
   ExpectHeldUntilStarted(robot, HoldReason::kControllerHalted);
   EXPECT_EQ(decide(control::Mode::kHalt, control::HaltCause::kControlInvalid), RunState::kHolding);
   EXPECT_THAT(robot.loop.cause(), HasSubstr("control-invalid"));
+}
+
+// -- pictures that are from now -------------------------------------------------------------------
+
+// Applies controls of `size` mm until it holds; the way of the tip until then, mm.
+double WayUntilHeld(FakeRobot& robot, double size, int most = 100) {
+  const std::array<double, 2> begin = robot.arm.at;
+  const std::array control = {0.6 * size, 0.8 * size};
+  for (int i = 0; i < most && robot.loop.Apply(control) == PlantStatus::kOk; ++i) {
+  }
+  return 1e3 * std::hypot(robot.arm.at[0] - begin[0], robot.arm.at[1] - begin[1]);
+}
+
+TEST(ControlLoopTest, PicturesThatDoNotShowTheMotionHold) {
+  for (const double size : {0.05, 0.2, 0.5, 1.0, 2.0, 2.8}) {
+    for (const double noise : {0.0, 0.1}) {
+      SCOPED_TRACE(testing::Message() << size << " mm each, noise " << noise);
+      FakeRobot robot;
+      ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+      ASSERT_TRUE(robot.loop.Look());
+      for (int i = 0; i < 20; ++i) ASSERT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk);
+      robot.camera.frozen = true;
+      robot.camera.off = {noise, -noise};
+      EXPECT_LT(WayUntilHeld(robot, size), 3.0);
+      EXPECT_EQ(robot.loop.cause(), "image-invalid: pictures do not show how the arm has moved");
+      EXPECT_EQ(robot.loop.state(), RunState::kFaulted);
+    }
+  }
+}
+
+TEST(ControlLoopTest, PicturesThatAreLateWithFreshStampsHold) {
+  for (const double size : {0.5, 1.0, 2.0, 2.8}) {
+    SCOPED_TRACE(size);
+    FakeRobot robot;
+    ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+    ASSERT_TRUE(robot.loop.Look());
+    for (int i = 0; i < 10; ++i) ASSERT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk);
+    robot.camera.pictures_late = 6;  // for example 2 s, with controls of a third of a second
+    EXPECT_LT(WayUntilHeld(robot, size), 3.0);
+    EXPECT_EQ(robot.loop.state(), RunState::kFaulted) << robot.loop.cause();
+  }
+}
+
+TEST(ControlLoopTest, MotionThatNobodyCommandedHolds) {
+  FakeRobot robot;
+  ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+  ASSERT_TRUE(robot.loop.Look());
+  int applied = 0;
+  // 0.2 mm to the side with each control of 0.1 mm forth or back.
+  for (; applied < 100; ++applied) {
+    robot.camera.off[0] += 0.2;
+    const std::array control = {0.0, applied % 2 == 0 ? 0.1 : -0.1};
+    if (robot.loop.Apply(control) != PlantStatus::kOk) break;
+  }
+  EXPECT_LT(applied, 3);
+  EXPECT_EQ(robot.loop.state(), RunState::kFaulted);
+}
+
+// An arm is calibrated to some per cent, and vision is as exact as its pixels.
+TEST(ControlLoopTest, ErrorsOfCalibrationAndVisionAreNoReason) {
+  for (const double scale : {0.85, 1.15}) {
+    FakeRobot robot;
+    robot.camera.scale = scale;
+    ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+    ASSERT_TRUE(robot.loop.Look());
+    for (int i = 0; i < 400; ++i) {
+      robot.camera.off = {i % 2 == 0 ? 0.1 : -0.1, i % 3 == 0 ? 0.1 : -0.1};
+      ASSERT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk) << i << ": " << robot.loop.cause();
+    }
+  }
+}
+
+TEST(ControlLoopTest, ATargetThatMovesFasterThanItCanBeFollowedHolds) {
+  for (const double jump : {-2.5, 2.5}) {
+    FakeRobot robot({}, 3);
+    ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+    ASSERT_TRUE(robot.loop.Look());
+    for (int i = 0; i < 10; ++i) {
+      robot.camera.target += i % 2 == 0 ? 1.4 : -1.4;
+      ASSERT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk) << robot.loop.cause();
+    }
+    robot.camera.target += jump;
+    EXPECT_EQ(robot.loop.Apply(kControl), PlantStatus::kFault);
+    EXPECT_EQ(robot.loop.cause(), "state-jump: the line moves faster than it can be followed");
+    EXPECT_FALSE(robot.loop.ended_regularly());
+  }
 }
 
 // -- starting -------------------------------------------------------------------------------------

@@ -30,6 +30,17 @@ struct ControlLoopOptions {
   /// Distance of the state after a motion from where the motion should have taken it, in the
   /// units of the state; more is kStateJump.
   double max_state_jump = 3.0;
+  /// How far the way between two states may be from that of the motions between them: max_drift,
+  /// and drift_noise with drift_share of its length. Pictures that do not show the motions (frozen,
+  /// late, of another time) are found so, whatever their stamps say. In the units of the state, the
+  /// share without one.
+  double max_drift = 2.5;
+  double drift_noise = 0.3;
+  double drift_share = 0.5;
+  double drift_stretch = 10.0;  ///< States farther apart are not compared, > 0.
+  /// By how much any other entry of the state may change while a motion is carried out, beyond the
+  /// motion's own length: the target moves faster than a controller can follow.
+  double max_target_jump = 1.5;
 };
 
 /// What a loop works with. All outlive it; nullptr where it says so.
@@ -94,7 +105,7 @@ class ControlLoop {
   /// Moves the arm to `joints` in `duration_s`, and waits for rest.
   [[nodiscard]] core::PlantStatus Move(std::span<const double> joints, double duration_s) noexcept;
   /// Looks at pictures taken from now on until one shows the state. False if there was none: then
-  /// the loop holds.
+  /// the loop holds. From here on motions and states are compared.
   bool Look() noexcept;
   /// The arm holds, whatever the state.
   void Halt() noexcept;
@@ -121,13 +132,29 @@ class ControlLoop {
                    const Finding& hangs) noexcept;
   void Report() noexcept;
   [[nodiscard]] core::PlantStatus Refuse(const Finding& why) noexcept;
+  bool Observe() noexcept;
   [[nodiscard]] bool Jumped(std::span<const double> change) const noexcept;
+  [[nodiscard]] bool TargetJumped(std::span<const double> change) const noexcept;
+  [[nodiscard]] bool Drifted(std::span<const double> change) noexcept;
+
+  // Where the state was once, and the sum of the motions since the loop began to compare.
+  struct Waypoint {
+    std::vector<double> state;
+    std::vector<double> moved;
+  };
+  static constexpr std::size_t kWaypoints = 64;  // of a stretch
+  void Remember() noexcept;
 
   ControlLoopOptions options_;
   Devices devices_;
   runtime::FailSafe machine_;
   std::vector<double> observation_;
   std::vector<double> before_;
+  std::vector<Waypoint> way_;  // the last ones, in a ring
+  std::size_t way_size_ = 0;
+  std::size_t way_next_ = 0;
+  double since_waypoint_ = 0.0;
+  std::vector<double> moved_;
   bool homing_ = false;
   runtime::HoldReason last_reason_ = runtime::HoldReason::kNone;
   std::array<char, 96> last_detail_{};
