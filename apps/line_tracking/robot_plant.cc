@@ -16,6 +16,7 @@
 #include "lock_step.h"
 #include "psm_arm.h"
 #include "simulator_link.h"
+#include "turn_about_tip.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
@@ -158,9 +159,17 @@ struct RobotPlant::Impl {
     constexpr double kUpright = 1e-6;  // rad, m
     const hardware::PsmClient& client = driver.client();
     if ((upright - client.setpoint()).cwiseAbs().maxCoeff() <= kUpright) return;
-    const double duration_s = 2.0 * client.motion().ShortestDuration(upright);
-    if (loop.Move({upright.data(), 6}, duration_s) != PlantStatus::kOk) {
-      throw std::runtime_error("the tool cannot be turned upright: " + loop.cause());
+    const auto way = TurnAboutTip(client.setpoint(), upright);
+    if (!way) {
+      throw std::runtime_error(
+          "the tool cannot be turned upright with its tip where it is; lift it, or turn it by "
+          "hand");
+    }
+    for (const PsmJoints& joints : *way) {
+      const double duration_s = 2.0 * client.motion().ShortestDuration(joints);
+      if (loop.Move({joints.data(), 6}, duration_s) != PlantStatus::kOk) {
+        throw std::runtime_error("the tool cannot be turned upright: " + loop.cause());
+      }
     }
   }
 
