@@ -15,6 +15,7 @@
 #include "dfr/core/format.h"
 #include "dfr/core/quantile.h"
 #include "dfr/dds/channel.h"
+#include "dfr/dds/emergency_stop.h"
 #include "dfr/hardware/endoscope.h"
 #include "dfr/hardware/intrinsics_file.h"
 #include "dfr/hardware/psm_driver.h"
@@ -285,7 +286,49 @@ void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client,
   }
 }
 
-void MoveALittle(const CheckOptions& options, hardware::PsmDriver& driver, DeviceReport& report) {
+// Whether the arm may be moved: the emergency stop is heard of and released, and nobody interrupts.
+class Permit {
+ public:
+  Permit(const CheckOptions& options, dds::Participant& participant)
+      : options_(&options), stop_(participant, 0.1) {}
+
+  // Waits for the stop to be heard of. False, and what is wrong, if it may not be moved.
+  [[nodiscard]] bool Granted(hardware::PsmDriver& driver, DeviceReport& report) {
+    Say(*options_, "looking for the emergency stop");
+    (void)Within(std::min(options_->find_s, 5.0), [&] {
+      driver.Tick();
+      return MayMove();
+    });
+    if (MayMove()) return true;
+    Tell(report);
+    return false;
+  }
+  [[nodiscard]] bool MayMove() {
+    if (options_->interrupted != nullptr && *options_->interrupted) return false;
+    if (options_->without_stop) return true;
+    found_ = stop_.Check(Clock::now().time_since_epoch().count());
+    return found_ == dds::EmergencyStop::kClear;
+  }
+  void Tell(DeviceReport& report) const {
+    if (options_->interrupted != nullptr && *options_->interrupted) {
+      Wrong(report, "interrupted: the arm was not moved any more", "");
+    } else if (found_ == dds::EmergencyStop::kPressed) {
+      Wrong(report, "the emergency stop is pressed, or was meanwhile",
+            "release it, and run this check again");
+    } else {
+      Wrong(report, "nothing is heard of an emergency stop, without which nothing is moved",
+            "run `hardware stop` in this domain, or give --without-stop in a simulation");
+    }
+  }
+
+ private:
+  const CheckOptions* options_;
+  dds::EmergencyStopReceiver stop_;
+  dds::EmergencyStop found_ = dds::EmergencyStop::kSilent;
+};
+
+void MoveALittle(const CheckOptions& options, hardware::PsmDriver& driver, Permit& permit,
+                 DeviceReport& report) {
   const PsmStatus armed = driver.phase() == PsmPhase::kArmed ? PsmStatus::kOk : driver.Arm();
   if (armed != PsmStatus::kOk) {
     Wrong(report, std::string("the arm cannot be moved: ") + hardware::Name(armed),
@@ -306,8 +349,14 @@ void MoveALittle(const CheckOptions& options, hardware::PsmDriver& driver, Devic
             hardware::Remedy(status));
       break;
     }
-    Listen(options, driver, 10.0,
-           [&] { return driver.at_rest() || driver.phase() != PsmPhase::kArmed; });
+    Listen(options, driver, 10.0, [&] {
+      if (!permit.MayMove()) driver.Hold();
+      return driver.at_rest() || driver.phase() != PsmPhase::kArmed;
+    });
+    if (!permit.MayMove()) {
+      permit.Tell(report);
+      break;
+    }
     if (driver.phase() != PsmPhase::kArmed || !driver.at_rest()) {
       Wrong(report, "while moving by 2 mm: " + driver.Explain(), hardware::Remedy(driver.status()));
       break;
@@ -362,14 +411,17 @@ void ListenToArm(const CheckOptions& options, hardware::PsmDriver& driver, const
 }
 
 // Whether the arm can be armed, after homing it if asked to.
-PsmStatus CheckReady(const CheckOptions& options, hardware::PsmDriver& driver,
+PsmStatus CheckReady(const CheckOptions& options, hardware::PsmDriver& driver, Permit& permit,
                      DeviceReport& report) {
   PsmStatus status = driver.client().Armable();
   if ((status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed) && options.home &&
       Ask(options,
-          options.arm + " is going to move while it homes. Is it clear of people and things?")) {
-    (void)hardware::BringUp(driver, kBringUpTime,
-                            [&](std::string_view text) { Say(options, std::string(text)); });
+          options.arm + " is going to move while it homes. Is it clear of people and things?") &&
+      permit.Granted(driver, report)) {
+    (void)hardware::BringUp(
+        driver, kBringUpTime, [&](std::string_view text) { Say(options, std::string(text)); },
+        [&] { return permit.MayMove(); });
+    if (!permit.MayMove()) permit.Tell(report);
     status = driver.phase() == PsmPhase::kArmed ? PsmStatus::kOk : driver.status();
   }
   if (status == PsmStatus::kOk) {
@@ -493,11 +545,13 @@ DeviceReport CheckArm(const CheckOptions& options) {
     return report;
   }
   ListenToArm(options, driver, topics, report);
-  const PsmStatus status = CheckReady(options, driver, report);
+  Permit permit(options, participant);
+  const PsmStatus status = CheckReady(options, driver, permit, report);
   if (options.move && status == PsmStatus::kOk &&
       Ask(options,
-          options.arm + " is going to insert its instrument by 2 mm and back. Is it clear?")) {
-    MoveALittle(options, driver, report);
+          options.arm + " is going to insert its instrument by 2 mm and back. Is it clear?") &&
+      permit.Granted(driver, report)) {
+    MoveALittle(options, driver, permit, report);
   }
   return report;
 }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <filesystem>
 #include <functional>
 #include <iosfwd>
@@ -37,6 +38,10 @@ struct CheckOptions {
   double listen_s = 3.0;         ///< How long to listen to it then, > 0.
   bool home = false;             ///< Asks whether to home the arm.
   bool move = false;             ///< Asks whether to move a device by a little.
+  /// The arm moves without an emergency stop: otherwise it has to be heard of and released, and
+  /// ends what goes on.
+  bool without_stop = false;
+  const std::atomic<bool>* interrupted = nullptr;  ///< Ends it, too. nullptr: nothing does.
   bool json = false;
   /// Asks the user; no moves where it is false.
   std::function<bool(const std::string& question)> ask;

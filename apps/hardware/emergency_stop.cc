@@ -1,17 +1,14 @@
 #include "emergency_stop.h"
 
-#include <poll.h>
-#include <unistd.h>
-
-#include <array>
 #include <atomic>
-#include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <iostream>
 #include <string>
+#include <thread>
 
 #include "dfr/dds/emergency_stop.h"
+#include "dfr/runtime/keyboard.h"
 #include "dfr/runtime/periodic_timer.h"
 
 namespace dfr::apps::hardware_app {
@@ -21,19 +18,6 @@ std::atomic<bool> stopped = false;
 static_assert(std::atomic<bool>::is_always_lock_free);
 
 void Stop(int /*signal*/) { stopped = true; }
-
-// What was typed within one beat; nothing if there was nothing. `open` becomes false at the end of
-// input.
-std::string Typed(bool& open) {
-  pollfd input{STDIN_FILENO, POLLIN, 0};
-  constexpr int kBeatMs = static_cast<int>(1e3 * dds::EmergencyStopButton::kBeat_s);
-  if (poll(&input, open ? 1 : 0, kBeatMs) <= 0) return {};
-  std::array<char, 256> text;
-  const ssize_t size = read(STDIN_FILENO, text.data(), text.size());
-  if (size > 0) return {text.data(), static_cast<std::size_t>(size)};
-  open = size < 0 && errno == EINTR;
-  return {};
-}
 
 // Says how the robot's program fares, by what it announces.
 class RobotWatch {
@@ -78,26 +62,30 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
   std::signal(SIGTERM, Stop);
   std::cout << "emergency stop on " << dds::kEmergencyStopTopic << " in domain "
             << options.network.domain
-            << (options.unattended
-                    ? ": unattended"
-                    : ": Enter presses it, r and Enter releases it, q and Enter ends (and stops)")
+            << (options.unattended ? ": unattended"
+                                   : ": Enter presses it, and so does anything but r and Enter, "
+                                     "which releases it; q and "
+                                     "Enter ends it (and stops)")
             << std::endl;
-  bool open = !options.unattended;
+  runtime::Keyboard keyboard;
   RobotWatch robot(participant);
   int listeners = -1;
-  while (!stopped) {
-    const std::string typed = Typed(open);
-    if (typed.find('q') != std::string::npos) break;
-    if (typed.find('r') != std::string::npos) {
-      button.Release();
-      std::cout << "released. Who was stopped stays stopped until cleared there" << std::endl;
-    } else if (!typed.empty()) {
-      button.Press();
-      std::cout << "PRESSED" << std::endl;
-    } else if (!open && !options.unattended) {
+  for (bool ends = false; !stopped && !ends;) {
+    if (options.unattended) {
+      std::this_thread::sleep_for(std::chrono::duration<double>(dds::EmergencyStopButton::kBeat_s));
+    } else if (const auto line = keyboard.Line(dds::EmergencyStopButton::kBeat_s)) {
+      ends = *line == "q";
+      if (*line == "r") {
+        button.Release();
+        std::cout << "released. Who was stopped stays stopped until cleared there" << std::endl;
+      } else {
+        button.Press();
+        std::cout << "PRESSED" << std::endl;
+      }
+    } else if (keyboard.ended()) {
       // The terminal is gone, and with it the operator.
-      std::cout << "end of input: pressed" << std::endl;
       button.Press();
+      std::cout << "end of input: pressed" << std::endl;
       break;
     }
     button.Beat();

@@ -9,7 +9,8 @@ struct EmergencyStopOptions {
   bool unattended = false;  ///< Nobody sits at the terminal: it only says that nothing is pressed.
 };
 
-/// An operator's emergency stop in a terminal, until Ctrl-C or q: Enter presses it, r releases it.
+/// An operator's emergency stop in a terminal, until Ctrl-C or q: Enter presses it, and so does any
+/// line but "r", which releases it.
 /// Also where nobody listens, for a robot may join later. Shows what line_tracking is doing, and
 /// when nothing is heard of it any more.
 void RunEmergencyStop(const EmergencyStopOptions& options);

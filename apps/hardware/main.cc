@@ -1,8 +1,11 @@
 // Connects a robot: what has to be made and checked before line_tracking runs on one.
 
+#include <termios.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <atomic>
+#include <csignal>
 #include <cstdlib>
 #include <exception>
 #include <iostream>
@@ -16,6 +19,9 @@
 
 namespace dfr::apps::hardware_app {
 namespace {
+
+std::atomic<bool> interrupted = false;
+static_assert(std::atomic<bool>::is_always_lock_free);
 
 void AddNetwork(CLI::App& command, dds::ParticipantOptions& network) {
   const std::map<std::string, dds::Discovery> words = {{"loopback", dds::Discovery::kLoopback},
@@ -42,6 +48,7 @@ bool AskAtTerminal(const std::string& question) {
     return false;
   }
   std::cerr << question << " [y/N] " << std::flush;
+  ::tcflush(STDIN_FILENO, TCIFLUSH);  // what was typed before is no answer
   std::string answer;
   return std::getline(std::cin, answer) && (answer == "y" || answer == "yes");
 }
@@ -108,9 +115,17 @@ int Main(int argc, char** argv) {
       ->check(CLI::Range(0.1, 600.0));
   command->add_flag("--home", check.home, "home the arm if it is not");
   command->add_flag("--move", check.move, "move the arm by 2 mm, tilt the platform by 3 degrees");
+  command->add_flag("--without-stop", check.without_stop,
+                    "--home and --move without an emergency stop: in a simulation");
   command->add_flag("--yes", yes, "answers all questions: nobody is near the arm");
   command->add_flag("--json", check.json, "the report for programs");
   command->callback([&] {
+    check.interrupted = &interrupted;
+    struct sigaction action {};
+    action.sa_handler = [](int) { interrupted = true; };
+    action.sa_flags = static_cast<int>(SA_RESETHAND);  // a second one ends it at once
+    sigaction(SIGINT, &action, nullptr);
+    sigaction(SIGTERM, &action, nullptr);
     check.ask = [&](const std::string& question) { return yes || AskAtTerminal(question); };
     check.say = [](const std::string& text) { std::cerr << text << '\n'; };
     result = RunCheck(check);

@@ -41,9 +41,10 @@ robot::ThreadFinding EmergencyStopMonitor::Report() noexcept {
     case dds::EmergencyStop::kSilent:
       break;
   }
-  return {
-      {runtime::HoldReason::kEmergencyStopSilent, "no word from it: is `hardware stop` running?"},
-      checked_ns};
+  return {{runtime::HoldReason::kEmergencyStopSilent,
+           num_buttons_ > 1 ? "one of several is no longer heard of"
+                            : "no word from it: is `hardware stop` running?"},
+          checked_ns};
 }
 
 void EmergencyStopMonitor::Run() {
@@ -53,6 +54,7 @@ void EmergencyStopMonitor::Run() {
     const std::int64_t now_ns = runtime::SteadyNow();
     if (receiver_) {
       if (acknowledge_.exchange(false)) receiver_->Acknowledge();
+      num_buttons_ = receiver_->num_buttons();
       stop_state_ = receiver_->Check(now_ns);
     }
     checked_ns_ = now_ns;

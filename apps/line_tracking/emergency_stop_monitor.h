@@ -32,6 +32,7 @@ class EmergencyStopMonitor final : public robot::EmergencyStop {
   std::optional<dds::EmergencyStopReceiver> receiver_;
   dds::Publisher<dds::OperatingState> announcer_;
   std::atomic<dds::EmergencyStop> stop_state_;
+  std::atomic<int> num_buttons_ = 0;
   std::atomic<std::int64_t> checked_ns_;
   std::atomic<runtime::RunState> state_ = runtime::RunState::kIdle;
   std::atomic<std::int64_t> beat_ns_ = 0;

@@ -27,6 +27,8 @@ HoldReason ToHoldReason(PsmStatus status) noexcept {
     case PsmStatus::kTimedOut:
     case PsmStatus::kNotArmed:
     case PsmStatus::kHeld:
+    case PsmStatus::kWrongTool:
+    case PsmStatus::kToolChanged:
       return HoldReason::kArmNotReady;
     case PsmStatus::kStateInvalid:
     case PsmStatus::kStateMalformed:
@@ -40,6 +42,11 @@ HoldReason ToHoldReason(PsmStatus status) noexcept {
     case PsmStatus::kFrameMismatch:
       return HoldReason::kArmJump;
     case PsmStatus::kOtherPublisher:
+    case PsmStatus::kSecondConsole:
+    case PsmStatus::kForeignWord:
+    case PsmStatus::kForeignSetpoint:
+    case PsmStatus::kTeleoperated:
+    case PsmStatus::kClutched:
       return HoldReason::kSecondCommander;
     case PsmStatus::kNotFollowing:
     case PsmStatus::kNotReached:
@@ -60,14 +67,27 @@ HoldReason ToHoldReason(PsmStatus status) noexcept {
 }  // namespace
 
 robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept {
-  const bool was_armed = armed();
+  const bool was_active = armed() || homing();
   const PsmStatus status = driver_->Tick(steady_ns, wall_ns);
+  if (hardware::ConsoleWord word; on_word_) {
+    while (driver_->TakeWord(word)) on_word_(word);
+  }
   // An unarmed driver is no reason to hold, but what keeps it from being armed is.
-  const PsmStatus found = was_armed ? status : driver_->client().hold_reason();
-  if (found == PsmStatus::kHeld) return {};  // by us: whoever asked for it knows why
-  const bool says_why = found == PsmStatus::kConsoleFault || found == PsmStatus::kConsoleError;
+  found_ = was_active ? status : driver_->client().hold_reason();
+  if (found_ == PsmStatus::kHeld) return {};  // by us: whoever asked for it knows why
+  const bool says_why = found_ == PsmStatus::kConsoleFault || found_ == PsmStatus::kConsoleError;
   const std::string_view error = says_why ? driver_->last_error() : std::string_view();
-  return {ToHoldReason(found), error.empty() ? hardware::Name(found) : error};
+  return {ToHoldReason(found_), error.empty() ? hardware::Name(found_) : error};
+}
+
+bool PsmArm::needs_homing() const noexcept {
+  return found_ == PsmStatus::kDisabled || found_ == PsmStatus::kNotHomed ||
+         found_ == PsmStatus::kStateInvalid || (found_ == PsmStatus::kBusy && homing());
+}
+
+robot::Finding PsmArm::Home() noexcept {
+  const PsmStatus status = driver_->Home();
+  return {ToHoldReason(status), hardware::Name(status)};
 }
 
 robot::Finding PsmArm::Arm() noexcept {

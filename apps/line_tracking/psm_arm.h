@@ -1,5 +1,8 @@
 #pragma once
 
+#include <functional>
+#include <utility>
+
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/robot/devices.h"
 
@@ -9,9 +12,17 @@ namespace dfr::apps::line_tracking {
 class PsmArm final : public robot::Manipulator {
  public:
   /// Borrows `driver`.
-  explicit PsmArm(hardware::PsmDriver& driver) : driver_(&driver) {}
+  /// @param on_word  told the console's words in Tick(), so it may not wait; may be empty.
+  explicit PsmArm(hardware::PsmDriver& driver,
+                  std::function<void(const hardware::ConsoleWord&)> on_word = {})
+      : driver_(&driver), on_word_(std::move(on_word)) {}
 
   [[nodiscard]] robot::Finding Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept override;
+  [[nodiscard]] bool needs_homing() const noexcept override;
+  [[nodiscard]] robot::Finding Home() noexcept override;
+  [[nodiscard]] bool homing() const noexcept override {
+    return driver_->phase() == hardware::PsmPhase::kRequested;
+  }
   [[nodiscard]] robot::Finding Arm() noexcept override;
   void Hold() noexcept override { driver_->Hold(); }
   [[nodiscard]] robot::Finding MoveTo(std::span<const double> joints,
@@ -24,6 +35,8 @@ class PsmArm final : public robot::Manipulator {
 
  private:
   hardware::PsmDriver* driver_;
+  std::function<void(const hardware::ConsoleWord&)> on_word_;
+  hardware::PsmStatus found_ = hardware::PsmStatus::kNoConsole;  // by the last Tick()
 };
 
 }  // namespace dfr::apps::line_tracking

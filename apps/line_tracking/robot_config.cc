@@ -238,6 +238,8 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   loop.Get("max_period_s", config.max_period_s, 2e-3, 10.0);
   loop.Get("priority", config.priority, 0, 98);
   loop.Get("max_state_jump_mm", config.max_state_jump_mm, 0.1, 100.0);
+  loop.Get("max_drift_mm", config.max_drift_mm, 0.1, 100.0);
+  loop.Get("max_line_jump_mm", config.max_line_jump_mm, 0.1, 100.0);
   if (config.max_period_s < 2.0 * config.period_s) {
     loop.Wrong("max_period_s", "at least twice period_s");
   }

@@ -61,6 +61,10 @@ struct RobotConfig {
   int priority = 20;           ///< SCHED_FIFO; 0: the usual scheduling.
   /// How much further than a control asked for the tip may seem to have moved, mm.
   double max_state_jump_mm = 3.0;
+  /// How far pictures and encoders may disagree about the way of the last 10 mm, mm.
+  double max_drift_mm = 2.5;
+  /// How much further than the tip the line may move while a control is carried out, mm.
+  double max_line_jump_mm = 1.5;
 
   /// @throws std::runtime_error naming file, line and key, what is wrong and what there is.
   static RobotConfig Load(const std::filesystem::path& file);

@@ -16,12 +16,12 @@
 #include "lock_step.h"
 #include "psm_arm.h"
 #include "simulator_link.h"
+#include "turn_about_tip.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
 
 using core::PlantStatus;
-using hardware::PsmStatus;
 using kinematics::PsmJoints;
 using line_task::LineTask;
 using runtime::HoldReason;
@@ -104,6 +104,8 @@ robot::ControlLoopOptions LoopOptions(const RobotConfig& config) {
   options.max_period_s = config.lock_step ? 10.0 : config.max_period_s;
   options.image_latency_s = config.image_latency_s;
   options.max_state_jump = config.max_state_jump_mm;
+  options.max_drift = config.max_drift_mm;
+  options.max_target_jump = config.max_line_jump_mm;
   return options;
 }
 
@@ -123,14 +125,15 @@ dds::ParticipantOptions ImageNetwork(dds::ParticipantOptions network) {
 struct RobotPlant::Impl {
   Impl(const RobotConfig& config, const line_task::LineCalibration& calibration,
        recording::Recorder* recorder, const RunOperator& run_operator)
-      : task(calibration, Base(config)),
+      : simulated(config.simulator),
+        task(calibration, Base(config)),
         network(config.network),
         images(ImageNetwork(config.network)),
         driver(network, DriverOptions(config)),
         link(config.simulator ? std::make_unique<SimulatorLink>(network) : nullptr),
         lock_step(config.lock_step ? std::make_unique<LockStep>(*link, driver) : nullptr),
         real_time(config.period_s),
-        arm(driver),
+        arm(driver, run_operator.on_word),
         tool(task, driver, config.speed_m_s),
         log(recorder, run_operator.on_transition),
         stop(network, config.emergency_stop, config.emergency_stop_silence_s),
@@ -156,9 +159,17 @@ struct RobotPlant::Impl {
     constexpr double kUpright = 1e-6;  // rad, m
     const hardware::PsmClient& client = driver.client();
     if ((upright - client.setpoint()).cwiseAbs().maxCoeff() <= kUpright) return;
-    const double duration_s = 2.0 * client.motion().ShortestDuration(upright);
-    if (loop.Move({upright.data(), 6}, duration_s) != PlantStatus::kOk) {
-      throw std::runtime_error("the tool cannot be turned upright: " + loop.cause());
+    const auto way = TurnAboutTip(client.setpoint(), upright);
+    if (!way) {
+      throw std::runtime_error(
+          "the tool cannot be turned upright with its tip where it is; lift it, or turn it by "
+          "hand");
+    }
+    for (const PsmJoints& joints : *way) {
+      const double duration_s = 2.0 * client.motion().ShortestDuration(joints);
+      if (loop.Move({joints.data(), 6}, duration_s) != PlantStatus::kOk) {
+        throw std::runtime_error("the tool cannot be turned upright: " + loop.cause());
+      }
     }
   }
 
@@ -180,6 +191,7 @@ struct RobotPlant::Impl {
     truth.completed = !truth.collided && truth.progress_m >= LineTask::kCompletion;
   }
 
+  bool simulated;
   LineTask task;
   dds::Participant network;
   dds::Participant images;
@@ -206,22 +218,44 @@ RobotPlant::RobotPlant(const RobotConfig& config, const line_task::LineCalibrati
 
 RobotPlant::~RobotPlant() = default;  // its driver tells the console to hold
 
-void RobotPlant::BringUp(const std::function<void(std::string_view)>& say) {
+void RobotPlant::BringUp(
+    const std::function<void(std::string_view)>& say,
+    const std::function<bool(std::string_view question, std::string_view word)>& confirms) {
   Impl& i = *impl_;
+  constexpr double kPatience = 10.0;  // s: the devices may be found one after the other
+  const auto not_ready = [&i] {
+    const std::string remedy = hardware::Remedy(i.driver.client().hold_reason());
+    return std::runtime_error("the robot is not ready: " + i.loop.blocking_words() +
+                              (remedy.empty() ? "" : "; " + remedy) +
+                              dds::ExplainRefused(i.network));
+  };
   if (i.lock_step) {
     i.link->Reset(0);  // enables and homes
   } else {
-    if (const PsmStatus status = hardware::BringUp(i.driver, 120.0, say);
-        status != PsmStatus::kOk) {
-      throw std::runtime_error(i.driver.Explain() + dds::ExplainRefused(i.network));
+    while (!i.loop.AwaitHomeable(kPatience, say)) {
+      const bool stopped = i.loop.blocking() == HoldReason::kEmergencyStop ||
+                           i.loop.blocking() == HoldReason::kEmergencyStopSilent;
+      if (!stopped || !confirms ||
+          !confirms(i.loop.blocking_words() + ". Mend it, then type clear", "clear")) {
+        throw not_ready();
+      }
+      static_cast<void>(i.loop.Clear());
     }
-    i.driver.Hold();
-    i.loop.Idle(0.3);
+    if (i.arm.needs_homing()) {
+      if (!i.simulated &&
+          !(confirms &&
+            confirms(i.driver.arm() + " is not homed. Where it is clear of people and things, "
+                                      "type home: it is powered up and moves",
+                     "home"))) {
+        throw std::runtime_error(i.driver.arm() + " is not homed, and nobody asked for it");
+      }
+      if (say) say(i.driver.arm() + ": homing");
+      if (i.loop.Home() != HoldReason::kNone) {
+        throw std::runtime_error(i.driver.arm() + " was not homed: " + i.loop.blocking_words());
+      }
+    }
   }
-  // The camera and the emergency stop may be found later than the arm.
-  if (!i.loop.AwaitReady(10.0, say)) {
-    throw std::runtime_error("the robot is not ready: " + i.loop.blocking_words());
-  }
+  if (!i.loop.AwaitReady(kPatience, say)) throw not_ready();
 }
 
 robot::ControlLoop& RobotPlant::loop() noexcept { return impl_->loop; }

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "dfr/core/plant.h"
+#include "dfr/hardware/psm_driver.h"
 #include "dfr/recording/recorder.h"
 #include "dfr/robot/control_loop.h"
 #include "dfr/runtime/periodic_timer.h"
@@ -15,10 +16,13 @@
 
 namespace dfr::apps::line_tracking {
 
-/// Who watches a run.
+/// Who watches a run. The functions may be empty; the loop calls them, so that they may not wait.
 struct RunOperator {
-  /// Called by the loop for each transition; may be empty.
   std::function<void(const runtime::Transition&)> on_transition;
+  std::function<void(const hardware::ConsoleWord&)> on_word;
+  /// Asks a question, and goes on with the loop until exactly `word` is typed; false if the
+  /// operator does not want it. Where there is no such function, nobody wants anything.
+  std::function<bool(std::string_view question, std::string_view word)> confirms;
   /// Where a signal handler says that the operator wants a stop; may be nullptr, else outlives the
   /// run.
   const std::atomic<bool>* interrupted = nullptr;
@@ -40,8 +44,17 @@ class RobotPlant final : public core::Plant {
              recording::Recorder* recorder, const RunOperator& run_operator = {});
   ~RobotPlant() override;
 
-  /// Homes the arm if need be, saying what it waits for. @throws std::runtime_error
-  void BringUp(const std::function<void(std::string_view)>& say);
+  /// Waits until the robot can be started. An arm that is not homed is powered up and homed once
+  /// the operator says so; a simulated one without being asked. Nothing is sent before that, nor
+  /// while the emergency stop is pressed or not heard of.
+  /// @param say  told what it waits for; may be empty.
+  /// @param confirms  asks the operator a question, and goes on with the loop until exactly `word`
+  /// is
+  ///   typed, or false; where it is empty, the operator says no to everything.
+  /// @throws std::runtime_error with what is wrong.
+  void BringUp(
+      const std::function<void(std::string_view)>& say,
+      const std::function<bool(std::string_view question, std::string_view word)>& confirms = {});
   /// What moves the robot, and why it does not.
   [[nodiscard]] robot::ControlLoop& loop() noexcept;
   [[nodiscard]] const robot::ControlLoop& loop() const noexcept;

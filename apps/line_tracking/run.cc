@@ -1,11 +1,6 @@
-#include <poll.h>
-#include <unistd.h>
-
 #include <array>
 #include <atomic>
-#include <chrono>
 #include <csignal>
-#include <cstdio>
 #include <ctime>
 #include <iostream>
 #include <optional>
@@ -17,9 +12,11 @@
 #include "dfr/core/build_info.h"
 #include "dfr/core/random.h"
 #include "dfr/runtime/periodic_timer.h"
+#include "operator_desk.h"
 #include "recorded_controller.h"
 #include "robot_plant.h"
 #include "rollout_video.h"
+#include "screen.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
@@ -44,49 +41,18 @@ struct Robot {
   }
 };
 
-void Show(const runtime::Transition& t) {
-  std::printf("  %s -> %s", runtime::Name(t.from), runtime::Name(t.to));
-  if (t.reason != runtime::HoldReason::kNone) std::printf(": %s", runtime::Name(t.reason));
-  if (t.detail[0] != '\0') std::printf(" (%s)", t.detail.data());
-  std::printf("\n");
-  std::fflush(stdout);
-}
-
-// Waits for a line from the terminal while the robot's loop goes on. Nothing at the end of input.
-std::optional<std::string> Typed(RobotPlant& plant) {
-  std::string line;
-  while (!interrupted) {
-    pollfd input{STDIN_FILENO, POLLIN, 0};
-    if (poll(&input, 1, 0) > 0) {
-      char letter = 0;
-      if (read(STDIN_FILENO, &letter, 1) != 1) return std::nullopt;
-      if (letter == '\n') return line;
-      line += letter;
-      continue;
-    }
-    plant.loop().Idle(0.02);
-  }
-  return std::nullopt;
+void Show(Screen& screen, const runtime::Transition& t) noexcept {
+  const bool reasoned = t.reason != runtime::HoldReason::kNone;
+  const bool detailed = t.detail[0] != '\0';
+  screen.Say("  %s -> %s%s%s%s%s%s\n", runtime::Name(t.from), runtime::Name(t.to),
+             reasoned ? ": " : "", reasoned ? runtime::Name(t.reason) : "", detailed ? " (" : "",
+             t.detail.data(), detailed ? ")" : "");
 }
 
 // A robot's episodes begin with an operator's word, a simulation's by themselves as long as they
-// end as episodes do; nothing goes on after another hold reason without one. False: no more
-// episodes.
-bool AskOperator(RobotPlant& plant, bool simulated) {
-  while (true) {
-    const bool faulted = plant.loop().state() == runtime::RunState::kFaulted;
-    if (simulated) return plant.loop().ended_regularly();
-    std::cout << (faulted ? "faulted: " + plant.loop().cause() +
-                                ". Mend it, then type c to clear the fault, or q to end"
-                          : "Put the tip over the line's beginning; Enter starts, q ends")
-              << std::endl;
-    const std::optional<std::string> line = Typed(plant);
-    if (!line || *line == "q") return false;
-    if (*line == "c" && !plant.Clear()) {
-      std::cout << "it is still there: " << plant.loop().blocking_words() << std::endl;
-    }
-    if (line->empty() && !faulted) return true;
-  }
+// end as episodes do. False: no more episodes.
+bool MayBegin(RobotPlant& plant, bool simulated, OperatorDesk& desk) {
+  return simulated ? plant.loop().ended_regularly() : desk.AllowsEpisode(plant.loop());
 }
 
 std::string CauseOf(const control::RolloutResult& result, const Robot& robot) {
@@ -149,7 +115,8 @@ RobotConfig Configuration(const RunOptions& options) {
 }
 
 Robot MakeRobot(const RobotConfig& config, const RunOptions& options,
-                const line_task::LineCalibration& known, recording::Recorder* recorder) {
+                const line_task::LineCalibration& known, recording::Recorder* recorder,
+                Screen& screen, OperatorDesk& desk) {
   Robot robot;
   if (config.robot == RobotPlace::kProcess) {
     auto plant = std::make_unique<sim::LineTrackingPlant>(options.scene.plant, &known);
@@ -159,13 +126,24 @@ Robot MakeRobot(const RobotConfig& config, const RunOptions& options,
   }
   if (config.priority > 0) {
     const std::string refused = runtime::AskForRealTime(config.priority);
-    if (!refused.empty()) std::cout << "note: " << refused << '\n';
+    if (!refused.empty()) screen.Say("note: %s\n", refused.c_str());
   }
-  auto plant =
-      std::make_unique<RobotPlant>(config, known, recorder, RunOperator{Show, &interrupted});
+  RunOperator run_operator;
+  run_operator.on_transition = [&screen](const runtime::Transition& t) { Show(screen, t); };
+  run_operator.on_word = [&screen](const hardware::ConsoleWord& word) {
+    screen.Say("  the console says (%s): %s\n", hardware::Name(word.severity), word.text.data());
+  };
+  run_operator.interrupted = &interrupted;
+  auto plant = std::make_unique<RobotPlant>(config, known, recorder, run_operator);
   // The loop, which is this thread, before those of the network.
   if (config.priority > 0) static_cast<void>(runtime::AskForRealTime(config.priority + 1));
-  plant->BringUp([](std::string_view words) { std::cout << "  " << words << std::endl; });
+  plant->BringUp(
+      [&screen](std::string_view words) {
+        screen.Say("  %.*s\n", static_cast<int>(words.size()), words.data());
+      },
+      [&](std::string_view question, std::string_view word) {
+        return desk.Confirms(plant->loop(), question, word);
+      });
   robot.wire = plant.get();
   robot.plant = std::move(plant);
   return robot;
@@ -183,13 +161,13 @@ void Connect(RecordedController& controller, RobotPlant& plant) {
 
 // Runs episode after episode and prints how each went. True if the robot ended it before.
 bool RunEpisodes(const RunOptions& options, const RobotConfig& config, const Robot& robot,
-                 RecordedController& controller) {
+                 RecordedController& controller, Screen& screen, OperatorDesk& desk) {
   std::array<int, 3> counts{};
   control::RolloutWorkspace workspace;
-  std::cout << "episode  outcome    controls  recovery  tracked [mm]  cause\n";
+  screen.Say("episode  outcome    controls  recovery  tracked [mm]  cause\n");
   bool stopped = false;
   for (int i = 0; i < options.episodes && !interrupted; ++i) {
-    if (robot.wire != nullptr && !AskOperator(*robot.wire, config.simulator)) break;
+    if (robot.wire != nullptr && !MayBegin(*robot.wire, config.simulator, desk)) break;
     const auto episode = static_cast<std::uint64_t>(i);
     controller.BeginEpisode(episode);
     const control::RolloutResult result =
@@ -202,19 +180,18 @@ bool RunEpisodes(const RunOptions& options, const RobotConfig& config, const Rob
     }
     const std::string cause = CauseOf(result, robot);
     ++counts[static_cast<std::size_t>(result.outcome)];
-    std::printf("%7d  %-9s  %8d  %8d  %12.1f  %s\n", i, core::Name(result.outcome),
-                result.controls(), result.recovery_controls(), 1e3 * robot.progress_m(),
-                cause.c_str());
-    std::fflush(stdout);
+    screen.Say("%7d  %-9s  %8d  %8d  %12.1f  %s\n", i, core::Name(result.outcome),
+               result.controls(), result.recovery_controls(), 1e3 * robot.progress_m(),
+               cause.c_str());
     stopped = robot.wire != nullptr && !robot.wire->loop().ended_regularly();
   }
-  std::cout << config.method << ": " << counts[0] << " completed, " << counts[1] << " halted, "
-            << counts[2] << " collided\n";
+  screen.Say("%s: %d completed, %d halted, %d collided\n", config.method.c_str(), counts[0],
+             counts[1], counts[2]);
   return stopped;
 }
 
-void PrintTimes(const runtime::PeriodicTimer& timer, double period_s) {
-  std::printf(
+void PrintTimes(Screen& screen, const runtime::PeriodicTimer& timer, double period_s) {
+  screen.Say(
       "loop: %lld periods of %.1f ms, off by %.3f ms (median), %.3f ms (99.9 %%), %.3f ms "
       "(worst); %lld left out\n",
       static_cast<long long>(timer.periods()), 1e3 * period_s, 1e3 * timer.Jitter(0.5),
@@ -238,19 +215,23 @@ void RunRun(const RunOptions& options) {
   }
   std::signal(SIGINT, Interrupt);
   std::signal(SIGTERM, Interrupt);
-  Robot robot = MakeRobot(config, options, known, recorder ? &*recorder : nullptr);
+  std::cout << std::flush;
+  Screen screen;
+  runtime::Keyboard keyboard;
+  OperatorDesk desk(keyboard, screen, interrupted);
+  Robot robot = MakeRobot(config, options, known, recorder ? &*recorder : nullptr, screen, desk);
   const std::unique_ptr<control::Controller> decides = model.MakeController(config.method);
   RecordedController controller(*decides, recorder ? &*recorder : nullptr);
   if (robot.wire != nullptr) Connect(controller, *robot.wire);
-  const bool stopped = RunEpisodes(options, config, robot, controller);
+  const bool stopped = RunEpisodes(options, config, robot, controller, screen, desk);
   if (robot.wire != nullptr && robot.wire->timer() != nullptr) {
-    PrintTimes(*robot.wire->timer(), config.period_s);
+    PrintTimes(screen, *robot.wire->timer(), config.period_s);
   }
   const std::string why = stopped ? robot.wire->loop().cause() : std::string();
   robot = {};  // its threads record no more
   if (recorder) {
     recorder->Finish();
-    std::cout << log.string() << " written: line_tracking replay makes its decisions again\n";
+    screen.Say("%s written: line_tracking replay makes its decisions again\n", log.c_str());
   }
   if (stopped) throw std::runtime_error("the robot stands still: " + why);
 }

@@ -317,6 +317,9 @@ class Site {
  public:
   bench::LossyWire* wire;
   dds::Participant participant;
+  dds::Publisher<dds::Flag> following{participant, "/MTMR_PSM1/following", dds::Role::kEvent};
+  dds::Publisher<dds::Joy> clutch{participant, "/PSM1/arm_clutch", dds::Role::kEvent};
+  dds::Publisher<dds::Signal> hold{participant, "/PSM1/hold", dds::Role::kRequest};
   std::optional<Program> simulator;
   std::optional<Program> stop;
   std::optional<Program> robot;
@@ -394,6 +397,27 @@ std::vector<Fault> Faults() {
       {"second-commander",
        [second](Site& s) { second->emplace(s.participant, "/PSM1/servo_cp", dds::Role::kCommand); },
        [second](Site&) { second->reset(); }, false, false});
+  faults.push_back(Injected("frozen-noisy-image", "camera", "frozen_noisy", "none"));
+  faults.push_back(Injected("image-late-1s", "camera", "late", "none"));
+  // Another hand on the arm. What others say and how they stand is published beforehand, as a
+  // console does.
+  faults.push_back({"teleoperation", [](Site& s) { s.following.Write({true}); },
+                    [](Site& s) { s.following.Write({false}); }, false, false});
+  faults.push_back({"clutch",
+                    [](Site& s) {
+                      s.clutch.Write({{}, "", {}, {1}});
+                    },
+                    [](Site& s) {
+                      s.clutch.Write({{}, "", {}, {0}});
+                    },
+                    false, false});
+  faults.push_back({"foreign-hold", [](Site& s) { s.hold.Write({}); }, [](Site&) {}, false, false});
+  const auto console = std::make_shared<std::optional<dds::Publisher<dds::JointState>>>();
+  faults.push_back({"second-console",
+                    [console](Site& s) {
+                      console->emplace(s.participant, "/PSM1/measured_js", dds::Role::kState);
+                    },
+                    [console](Site&) { console->reset(); }, false, false});
   return faults;
 }
 

@@ -82,6 +82,33 @@ TEST_F(CertificatesTest, KeysAreForTheirUserAlone) {
   EXPECT_THAT(Complaint(client_), HasSubstr("key.pem can be read by others: chmod 600"));
 }
 
+TEST_F(CertificatesTest, FoldersAndFilesThatOthersCanChangeAreRefused) {
+  using std::filesystem::perm_options;
+  for (const std::filesystem::path& path :
+       {client_, files_.identity_ca, files_.permissions_ca, files_.governance}) {
+    for (const perms who : {perms::group_write, perms::others_write}) {
+      std::filesystem::permissions(path, who, perm_options::add);
+      EXPECT_THAT(Complaint(client_), HasSubstr(path.string() + " can be changed by others"));
+      std::filesystem::permissions(path, who, perm_options::remove);
+      EXPECT_EQ(Complaint(client_), "nothing");
+    }
+  }
+}
+
+TEST_F(CertificatesTest, AnAuthorityWhoseKeyOthersCanReadAdmitsNobody) {
+  using std::filesystem::perm_options;
+  std::filesystem::permissions(ca_key_, perms::others_read, perm_options::add);
+  try {
+    AddParticipant(keystore_.folder(), "late", Permission::kMonitor);
+    FAIL() << "it was admitted";
+  } catch (const std::runtime_error& e) {
+    EXPECT_THAT(e.what(), HasSubstr("ca.key.pem can be read by others: chmod 600"));
+  }
+  EXPECT_FALSE(std::filesystem::exists(keystore_.enclave("late")));
+  std::filesystem::permissions(ca_key_, perms::others_read, perm_options::remove);
+  EXPECT_NO_THROW(AddParticipant(keystore_.folder(), "late", Permission::kMonitor));
+}
+
 TEST_F(CertificatesTest, NothingIsOverwritten) {
   const std::string before = Load(files_.key);
   EXPECT_THROW(MakeAuthority(keystore_.folder()), std::runtime_error);

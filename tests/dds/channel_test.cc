@@ -59,6 +59,23 @@ TEST(ChannelTest, EventsReachLateJoinersInOrder) {
   EXPECT_EQ(text.text, "19");  // unchanged
 }
 
+// A console that starts later must not home its arm because of what was asked of another.
+TEST(ChannelTest, ARequestReachesNobodyWhoJoinsLater) {
+  Participant first(Loopback());
+  Participant second(Loopback());
+  Publisher<StringStamped> publisher(first, "/state_command", Role::kRequest);
+  ASSERT_TRUE(publisher.Write({{}, {}, "home"}));
+  // One that asks for what was kept is not even matched, and one that does not gets what comes.
+  const Subscriber<StringStamped> keeps(second, "/state_command", Role::kEvent);
+  Subscriber<StringStamped> late(second, "/state_command", Role::kRequest);
+  ASSERT_TRUE(Eventually([&] { return publisher.num_subscribers() == 1; }));
+  ASSERT_TRUE(Eventually([&] { return keeps.health().incompatible == 1; }));
+  ASSERT_TRUE(publisher.Write({{}, {}, "disable"}));
+  StringStamped got;
+  ASSERT_TRUE(Eventually([&] { return late.Take(got); }));
+  EXPECT_EQ(got.text, "disable");
+}
+
 TEST(ChannelTest, StateKeepsTheNewestAlone) {
   Participant first(Loopback());
   Participant second(Loopback());

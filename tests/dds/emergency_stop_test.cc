@@ -3,8 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <memory>
 #include <stdexcept>
 #include <thread>
+#include <vector>
 
 #include "tests/dds/domain.h"
 
@@ -74,6 +76,47 @@ TEST_F(EmergencyStopTest, LateJoinersLearnThatItIsPressed) {
     std::this_thread::sleep_for(std::chrono::milliseconds(5));  // without a further beat
   }
   EXPECT_EQ(late.Check(now_ns_), EmergencyStop::kPressed);
+}
+
+// A stop that somebody forgot to end does not hide that the operator's has died.
+TEST_F(EmergencyStopTest, EachButtonIsMissedByItself) {
+  ASSERT_TRUE(BeatsUntil(EmergencyStop::kClear));
+  {
+    EmergencyStopButton operators(operator_);
+    for (int i = 0; i < 12'000 && receiver_.num_buttons() < 2; ++i) {
+      operators.Beat();
+      ASSERT_TRUE(BeatsUntil(EmergencyStop::kClear));
+    }
+    ASSERT_EQ(receiver_.num_buttons(), 2);
+  }
+  std::this_thread::sleep_for(std::chrono::milliseconds(200));
+  static_cast<void>(receiver_.Check(now_ns_));
+  now_ns_ += 101 * kMillisecond;
+  for (int i = 0; i < 20; ++i) {
+    button_.Beat();
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    EXPECT_EQ(receiver_.Check(now_ns_), EmergencyStop::kSilent) << "the other one goes on";
+  }
+  receiver_.Acknowledge();
+  EXPECT_EQ(receiver_.num_buttons(), 1);
+  EXPECT_TRUE(BeatsUntil(EmergencyStop::kClear)) << "the operator knows that it is gone";
+}
+
+TEST_F(EmergencyStopTest, MoreButtonsThanItCanFollowAreNotTrusted) {
+  std::vector<std::unique_ptr<EmergencyStopButton>> buttons;
+  for (int i = 0; i < 9; ++i) buttons.push_back(std::make_unique<EmergencyStopButton>(operator_));
+  EmergencyStop found = EmergencyStop::kSilent;
+  for (int i = 0; i < 12'000 && receiver_.num_buttons() < 8; ++i) {
+    for (const auto& button : buttons) button->Beat();
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    found = receiver_.Check(now_ns_);
+  }
+  for (int i = 0; i < 20; ++i) {
+    for (const auto& button : buttons) button->Beat();
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    found = receiver_.Check(now_ns_);
+  }
+  EXPECT_EQ(found, EmergencyStop::kSilent);
 }
 
 TEST_F(EmergencyStopTest, ThrowsForATimeThatMakesNoSense) {

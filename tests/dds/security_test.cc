@@ -213,7 +213,7 @@ TEST_F(SecurityTest, PermissionsDecideWhoMayPublishWhat) {
     bool stops;
   };
   for (const Case& expected :
-       {Case{"client", true, false, true}, Case{"console", false, true, true},
+       {Case{"client", true, false, true}, Case{"console", false, true, false},
         Case{"button", false, false, true}, Case{"monitor", false, false, false}}) {
     SCOPED_TRACE(expected.participant);
     Participant participant(With(keystore_.enclave(expected.participant)));

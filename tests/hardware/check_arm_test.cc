@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <functional>
 #include <mutex>
@@ -10,6 +11,7 @@
 
 #include "check.h"
 #include "dfr/dds/channel.h"
+#include "dfr/dds/emergency_stop.h"
 #include "dfr/sim/dvrk/psm_console_server.h"
 #include "tests/dds/domain.h"
 #include "tests/hardware/check_support.h"
@@ -53,7 +55,7 @@ TEST_F(ArmCheckTest, FindsTheConsoleAndSaysToHome) {
 
 TEST_F(ArmCheckTest, HomesAndMovesOnlyAfterAsking) {
   CheckOptions options = ForArm();
-  options.home = options.move = true;
+  options.home = options.move = options.without_stop = true;
   int asked = 0;
   options.ask = [&](const std::string&) {
     ++asked;
@@ -71,6 +73,45 @@ TEST_F(ArmCheckTest, HomesAndMovesOnlyAfterAsking) {
   EXPECT_EQ(asked, 3);
   EXPECT_THAT(Shown(report), HasSubstr("told to insert by 2.0 mm, the arm moved"));
   Change([&] { EXPECT_NEAR(console_.setpoint_joints()[2], 0.12, 1e-9); });
+}
+
+TEST_F(ArmCheckTest, MovesNothingWithoutAnEmergencyStopThatIsReleased) {
+  CheckOptions options = ForArm("PSM1", 2.0);
+  options.home = options.move = true;
+  options.ask = [](const std::string&) { return true; };
+  EXPECT_THAT(Shown(CheckArm(options)), HasSubstr("nothing is heard of an emergency stop"));
+  dds::EmergencyStopButton button(participant_);
+  std::atomic<bool> pressed = true;
+  const Background beats([&] {
+    if (pressed != button.pressed()) pressed ? button.Press() : button.Release();
+    button.Beat();
+  });
+  EXPECT_THAT(Shown(CheckArm(options)), HasSubstr("the emergency stop is pressed"));
+  Change([&] { EXPECT_EQ(console_.state(), sim::ArmState::kDisabled); });
+  pressed = false;
+  EXPECT_TRUE(CheckArm(options).ok());
+}
+
+TEST_F(ArmCheckTest, AStopThatIsPressedEndsHoming) {
+  Change([&] { console_ = sim::PsmConsole({.arm = "PSM1", .homing_s = 30.0}); });
+  CheckOptions options = ForArm();
+  options.home = true;
+  options.ask = [](const std::string&) { return true; };
+  dds::EmergencyStopButton button(participant_);
+  const Background beats([&] {
+    bool homes = false;
+    Change([&] { homes = console_.busy(); });
+    if (homes) button.Press();
+    button.Beat();
+  });
+  EXPECT_THAT(Shown(CheckArm(options)), HasSubstr("the emergency stop is pressed, or was"));
+  for (int i = 0; i < 1000; ++i) {
+    bool disabled = false;
+    Change([&] { disabled = console_.state() == sim::ArmState::kDisabled; });
+    if (disabled) return;
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  ADD_FAILURE() << "it homes on";
 }
 
 TEST_F(ArmCheckTest, NamesFaultInTheConsolesWords) {

@@ -2,11 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <limits>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "tests/support/all_close.h"
 #include "tests/support/no_alloc.h"
@@ -364,6 +366,47 @@ TEST_F(PsmClientTest, ConsoleErrorHolds) {
 TEST_F(PsmClientTest, SecondPublisherHolds) {
   ExpectHold(PsmStatus::kOtherPublisher, [](PsmInput& input) { input.other_publishers = 1; });
 }
+TEST_F(PsmClientTest, SecondConsoleHolds) {
+  ExpectHold(PsmStatus::kSecondConsole, [](PsmInput& input) { input.state_publishers = 2; });
+}
+TEST_F(PsmClientTest, ForeignWordHolds) {
+  ExpectHold(PsmStatus::kForeignWord, [](PsmInput& input) { input.foreign_words = 1; });
+}
+TEST_F(PsmClientTest, TeleoperationHolds) {
+  ExpectHold(PsmStatus::kTeleoperated, [](PsmInput& input) { input.teleoperated = true; });
+}
+TEST_F(PsmClientTest, ClutchHolds) {
+  ExpectHold(PsmStatus::kClutched, [](PsmInput& input) { input.clutched = true; });
+}
+TEST_F(PsmClientTest, WrongToolHolds) {
+  ExpectHold(PsmStatus::kWrongTool, [](PsmInput& input) { input.wrong_tool = true; });
+}
+TEST_F(PsmClientTest, ChangedToolHolds) {
+  ExpectHold(PsmStatus::kToolChanged, [](PsmInput& input) { input.tool_changes = 1; });
+}
+// As teleoperation inside the console does: within 2 mm, not only after 5 degrees of lag.
+TEST_F(PsmClientTest, SetpointThatIsNotOursHolds) {
+  ExpectHold(
+      PsmStatus::kForeignSetpoint,
+      [](PsmInput& input) {
+        if (input.setpoint_js) input.setpoint_js->position[1] += 0.015;
+      },
+      2, /*bound=*/true);
+}
+TEST_F(PsmClientTest, SetpointsThatComeLateAreOurs) {
+  ArmNow();
+  ASSERT_EQ(client_.MoveTo(Yaw(0.2), 1.0), PsmStatus::kOk);
+  std::vector<PsmJoints> before;
+  for (int i = 0; i < 200; ++i) {
+    before.push_back(at_);
+    Step([&](PsmInput& input) {
+      if (!input.setpoint_js) return;
+      // 140 ms, at nearly the fastest that a move may be.
+      input.setpoint_js->position = before[static_cast<std::size_t>(std::max(0, i - 28))];
+    });
+  }
+  EXPECT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
+}
 TEST_F(PsmClientTest, SendFailureHolds) {
   ExpectHold(PsmStatus::kSendFailed, [](PsmInput& input) { input.send_failed = true; });
 }
@@ -475,6 +518,14 @@ TEST_F(PsmClientTest, RequestsAreRepeatedUntilTheyShowAndThenTimeOut) {
   EXPECT_EQ(client_.status(), PsmStatus::kTimedOut);
 }
 
+TEST_F(PsmClientTest, ARequestBeforeTheFirstStepHasItsFullTime) {
+  now_ns_ = 1000 * 1000 * kMs;  // the machine has been up for a quarter of an hour
+  Become(PsmConsoleState::kDisabled, false, false);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  Steps(2);
+  EXPECT_EQ(client_.phase(), PsmPhase::kRequested) << Name(client_.status());
+}
+
 TEST_F(PsmClientTest, RequestWaitsForTheConsoleToListen) {
   ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
   for (int i = 0; i < 10; ++i) Step([](PsmInput& input) { input.command_subscribers = 0; });
@@ -495,6 +546,72 @@ TEST_F(PsmClientTest, FaultEndsHomingAndOnlyDisableIsTakenThen) {
   EXPECT_EQ(client_.Request(PsmRequest::kDisable), PsmStatus::kOk);
   Steps(2);
   EXPECT_EQ(client_.phase(), PsmPhase::kIdle);
+  EXPECT_EQ(requests_, "home disable ");
+}
+
+// `hold` does not end a console's homing: `disable` does.
+TEST_F(PsmClientTest, WhateverComesBetweenEndsHoming) {
+  const auto quiet = [](PsmInput& input) {
+    input.measured_js.reset();
+    input.measured_cp.reset();
+  };
+  struct Doubt {
+    PsmStatus cause;
+    std::function<void(PsmInput&)> spoil;
+    int steps;
+  };
+  const std::vector<Doubt> doubts = {
+      {PsmStatus::kHeld, [this](PsmInput&) { client_.Hold(); }, 1},
+      {PsmStatus::kOtherPublisher, [](PsmInput& input) { input.other_publishers = 1; }, 1},
+      {PsmStatus::kStateSilent, quiet, 12},
+      {PsmStatus::kTickLate, [this](PsmInput&) { now_ns_ += 200 * kMs; }, 2},
+      {PsmStatus::kPaused,
+       [](PsmInput& input) {
+         input.operating_state.emplace();
+         input.operating_state->state = PsmConsoleState::kPaused;
+       },
+       1}};
+  for (const Doubt& doubt : doubts) {
+    SCOPED_TRACE(Name(doubt.cause));
+    Become(PsmConsoleState::kDisabled, false, false);
+    Steps(4);
+    ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+    Steps(2);
+    Become(PsmConsoleState::kEnabled, false, true);
+    Steps(20);
+    ASSERT_TRUE(client_.homing()) << Name(client_.status());
+    num_holds_ = 0;
+    requests_.clear();
+    for (int i = 0; i < doubt.steps && client_.phase() == PsmPhase::kRequested; ++i) {
+      Step(doubt.spoil);
+    }
+    ASSERT_EQ(client_.phase(), PsmPhase::kHolding);
+    EXPECT_EQ(client_.status(), doubt.cause) << Name(client_.status());
+    EXPECT_EQ(num_holds_, 1);
+    EXPECT_EQ(requests_, "disable ");
+    Steps(100);
+    EXPECT_EQ(requests_, "disable ") << "nothing is asked for again";
+  }
+}
+
+TEST_F(PsmClientTest, HomingIsNotAskedForWhereSomebodyElseCommands) {
+  Become(PsmConsoleState::kDisabled, false, false);
+  Steps(4);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  Step([](PsmInput& input) { input.other_publishers = 1; });
+  EXPECT_EQ(client_.status(), PsmStatus::kOtherPublisher);
+  Steps(10);
+  EXPECT_EQ(requests_, "");
+}
+
+TEST_F(PsmClientTest, HomingThatIsLateIsEnded) {
+  Become(PsmConsoleState::kDisabled, false, false);
+  Steps(4);
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  Steps(2);
+  Become(PsmConsoleState::kEnabled, false, true);
+  Steps(18'010);  // 90 s
+  EXPECT_EQ(client_.status(), PsmStatus::kTimedOut);
   EXPECT_EQ(requests_, "home disable ");
 }
 

@@ -123,6 +123,39 @@ TEST_F(PsmDriverTest, HomesMovesAndComesToRest) {
 }
 
 // Goals that the console refuses are refused here first.
+TEST_F(PsmDriverTest, NothingIsAskedOfTheConsoleWhereNothingMayMove) {
+  PsmDriver driver(participant_, Patient());
+  EXPECT_EQ(BringUp(driver, 60.0, {}, [] { return false; }), PsmStatus::kHeld);
+  Console([&] { EXPECT_EQ(console_.state(), sim::ArmState::kDisabled); });
+}
+
+TEST_F(PsmDriverTest, HomingEndsWithTheArmDisabledWhenItMayNoLongerMove) {
+  Console([&] { console_ = sim::PsmConsole({.arm = "PSM1", .homing_s = 30.0}); });
+  const auto homes = [&] {
+    const std::lock_guard lock(mutex_);
+    return console_.busy();
+  };
+  const auto disabled = [&] {
+    const auto end = Clock::now() + std::chrono::seconds(60);
+    while (Clock::now() < end) {
+      const std::lock_guard lock(mutex_);
+      if (console_.state() == sim::ArmState::kDisabled) return true;
+    }
+    return false;
+  };
+  {
+    PsmDriver driver(participant_, Patient());
+    EXPECT_EQ(BringUp(driver, 60.0, {}, [&] { return !homes(); }), PsmStatus::kHeld);
+    EXPECT_TRUE(disabled());
+  }
+  {
+    PsmDriver driver(participant_, Patient());
+    ASSERT_EQ(driver.Home(), PsmStatus::kOk);
+    ASSERT_TRUE(Until(driver, homes)) << driver.Explain();
+  }
+  EXPECT_TRUE(disabled()) << "a driver that goes away leaves an arm that homes";
+}
+
 TEST_F(PsmDriverTest, NothingBeyondTheLimitsReachesTheConsole) {
   PsmDriver driver(participant_, Patient());
   ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
@@ -223,6 +256,113 @@ TEST_F(PsmDriverTest, AnyOtherPublisherOnACommandTopicHolds) {
   ASSERT_TRUE(Until(driver, [&] { return driver.Arm() == PsmStatus::kOk; })) << driver.Explain();
   const dds::Publisher<dds::JointState> second(intruder, "/PSM1/move_jp", dds::Role::kRequest);
   ExpectHolds(driver, PsmStatus::kOtherPublisher);
+}
+
+TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
+  PsmDriver driver(participant_, Patient());
+  ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
+  dds::Participant intruder({.domain = test::OwnDomain()});
+  // Also those whose types are not known here: any will do.
+  for (const char* topic : {"servo_cr", "servo_jr", "servo_jf", "servo_cs", "body/servo_cf",
+                            "move_jr", "interpolate_cp", "jaw/servo_jf", "jaw/move_jp"}) {
+    SCOPED_TRACE(topic);
+    {
+      const dds::Publisher<dds::Text> second(intruder, std::string("/PSM1/") + topic,
+                                             dds::Role::kRequest);
+      ExpectHolds(driver, PsmStatus::kOtherPublisher);
+    }
+    ASSERT_TRUE(Until(driver, [&] { return driver.Arm() == PsmStatus::kOk; })) << driver.Explain();
+  }
+  const dds::Publisher<dds::Text> elsewhere(intruder, "/PSM11/servo_cs", dds::Role::kRequest);
+  const dds::Publisher<dds::Text> nearby(intruder, "/PSM1/servo", dds::Role::kRequest);
+  for (int i = 0; i < 100; ++i) {
+    driver.Tick();
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
+  EXPECT_EQ(driver.phase(), PsmPhase::kArmed) << driver.Explain();
+}
+
+TEST_F(PsmDriverTest, WhatOthersSayOfTheArmIsHold) {
+  PsmDriver driver(participant_, Patient());
+  ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
+  dds::Participant other({.domain = test::OwnDomain()});
+  const auto holds = [&](PsmStatus cause, const std::function<void()>& say,
+                         const std::function<void()>& unsay = {}) {
+    SCOPED_TRACE(Name(cause));
+    const auto end = Clock::now() + std::chrono::seconds(60);
+    while (driver.phase() == PsmPhase::kArmed && Clock::now() < end) {
+      say();  // until it is heard
+      for (int i = 0; i < 20 && driver.phase() == PsmPhase::kArmed; ++i) {
+        driver.Tick();
+        std::this_thread::sleep_for(std::chrono::milliseconds(2));
+      }
+    }
+    EXPECT_EQ(driver.phase(), PsmPhase::kHolding);
+    EXPECT_EQ(driver.status(), cause) << driver.Explain();
+    if (unsay) unsay();
+    EXPECT_TRUE(Until(driver, [&] { return driver.Arm() == PsmStatus::kOk; })) << driver.Explain();
+  };
+  dds::Publisher<dds::Signal> hold(other, "/PSM1/hold", dds::Role::kRequest);
+  dds::Publisher<dds::Signal> free(other, "/PSM1/free", dds::Role::kRequest);
+  dds::Publisher<dds::StringStamped> state(other, "/PSM1/state_command", dds::Role::kRequest);
+  holds(PsmStatus::kForeignWord, [&] { hold.Write({}); });
+  holds(PsmStatus::kForeignWord, [&] { free.Write({}); });
+  holds(PsmStatus::kForeignWord, [&] { state.Write({{}, "", "enable"}); });
+  dds::Publisher<dds::Flag> following(other, "/MTMR_PSM1/following", dds::Role::kEvent);
+  dds::Publisher<dds::Flag> enabled(other, "/console/teleop/enabled", dds::Role::kRequest);
+  holds(
+      PsmStatus::kTeleoperated, [&] { following.Write({true}); },
+      [&] { following.Write({false}); });
+  holds(
+      PsmStatus::kTeleoperated, [&] { enabled.Write({true}); }, [&] { enabled.Write({false}); });
+  dds::Publisher<dds::Joy> clutch(other, "/PSM1/arm_clutch", dds::Role::kEvent);
+  dds::Publisher<dds::Joy> before(other, "/PSM1/manip_clutch", dds::Role::kEvent);
+  for (dds::Publisher<dds::Joy>* button : {&clutch, &before}) {
+    holds(
+        PsmStatus::kClutched,
+        [&] {
+          button->Write({{}, "", {}, {1}});
+        },
+        [&] {
+          button->Write({{}, "", {}, {0}});
+        });
+  }
+  dds::Publisher<dds::Text> tool(other, "/PSM1/tool_type", dds::Role::kEvent);
+  tool.Write({"LARGE_NEEDLE_DRIVER:400006"});
+  for (int i = 0; i < 50; ++i) {
+    driver.Tick();
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
+  EXPECT_EQ(driver.phase(), PsmPhase::kArmed) << driver.Explain();
+  holds(PsmStatus::kToolChanged, [&] { tool.Write({"LARGE_NEEDLE_DRIVER_SI:420006"}); });
+  holds(
+      PsmStatus::kWrongTool, [&] { tool.Write({"PROGRASP_FORCEPS:400093"}); },
+      [&] { tool.Write({"LARGE_NEEDLE_DRIVER:400006"}); });
+}
+
+TEST_F(PsmDriverTest, ASecondConsoleHolds) {
+  PsmDriver driver(participant_, Patient());
+  ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
+  dds::Participant other({.domain = test::OwnDomain()});
+  const dds::Publisher<dds::JointState> second(other, "/PSM1/measured_js", dds::Role::kState);
+  ExpectHolds(driver, PsmStatus::kSecondConsole);
+  EXPECT_EQ(driver.Arm(), PsmStatus::kSecondConsole);
+}
+
+// Somebody moves the arm inside the console, where no topic shows it but the set-point.
+TEST_F(PsmDriverTest, ASetpointThatTheConsoleMovesByItselfHolds) {
+  PsmDriver driver(participant_, Patient());
+  ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();
+  double yaw = 0.0;
+  const auto end = Clock::now() + std::chrono::seconds(60);
+  while (driver.phase() == PsmPhase::kArmed && Clock::now() < end) {
+    yaw = std::min(0.05, yaw + 0.0005);
+    Console([&] { console_.ServoJp(Yaw(yaw)); });
+    driver.Tick();
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  EXPECT_EQ(driver.status(), PsmStatus::kForeignSetpoint) << driver.Explain();
+  EXPECT_LT(driver.client().measured_js().position[0], 0.05) << "not before it is far away";
 }
 
 TEST_F(PsmDriverTest, HoldStopsTheArmWhereItIs) {

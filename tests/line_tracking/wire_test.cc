@@ -205,6 +205,148 @@ TEST(WireTest, AnEpisodeBeginsAsSoonAsWhatWasWrongBeforeIsOver) {
   EXPECT_FALSE(robot.loop().blocking_words().empty());
 }
 
+// -- bringing up a robot, whose console is the simulator's ----------------------------------------
+
+class BringUpTest : public testing::Test {
+ protected:
+  [[nodiscard]] RobotConfig Robot() const {
+    RobotConfig config = RealTime(domain_);
+    config.simulator = false;
+    config.emergency_stop = true;
+    config.emergency_stop_silence_s = 0.5;
+    return config;
+  }
+  // Beats as long as this lives.
+  struct Operator {
+    explicit Operator(int domain) : network({.domain = domain}) {
+      thread = std::thread([this] {
+        for (; !end; std::this_thread::sleep_for(std::chrono::milliseconds(20))) {
+          if (press && !button.pressed()) button.Press();
+          if (!silent) button.Beat();
+        }
+      });
+    }
+    ~Operator() {
+      end = true;
+      thread.join();
+    }
+    Operator(const Operator&) = delete;
+    Operator& operator=(const Operator&) = delete;
+
+    dds::Participant network;
+    dds::EmergencyStopButton button{network};
+    std::atomic<bool> press = false;
+    std::atomic<bool> silent = false;
+    std::atomic<bool> end = false;
+    std::thread thread;
+  };
+  // What the console says of its arm, since the last call.
+  [[nodiscard]] bool ConsoleSaid(std::string_view state, bool busy, double seconds) {
+    const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+    dds::OperatingState heard;
+    while (std::chrono::steady_clock::now() < end) {
+      while (arm_.Take(heard)) {
+        if (heard.state == state && heard.is_busy == busy) return true;
+      }
+      static_cast<void>(arm_.Wait(0.01));
+    }
+    return false;
+  }
+
+  int domain_ = test::OwnDomain();
+  test::PeerProcess simulator_{std::vector<std::string>{
+      DFR_SIMULATOR, "--domain", std::to_string(domain_), "--homing", "1.5"}};
+  dds::Participant network_{{.domain = domain_}};
+  dds::Subscriber<dds::OperatingState> arm_{network_, "/PSM1/operating_state", dds::Role::kEvent};
+};
+
+TEST_F(BringUpTest, NothingIsPoweredUpUnlessTheOperatorAsks) {
+  const Operator person(domain_);
+  RobotPlant robot(Robot(), Data().Calibration(), nullptr);
+  EXPECT_THROW(robot.BringUp({}), std::runtime_error);
+  std::string asked;
+  const auto refuses = [&](std::string_view question, std::string_view word) {
+    asked = std::string(question) + "|" + std::string(word);
+    return false;
+  };
+  EXPECT_THROW(robot.BringUp({}, refuses), std::runtime_error);
+  EXPECT_NE(asked.find("moves|home"), std::string::npos) << asked;
+  EXPECT_FALSE(ConsoleSaid("ENABLED", true, 0.2));
+  EXPECT_NO_THROW(robot.BringUp({}, [](auto, auto) { return true; }));
+  EXPECT_TRUE(ConsoleSaid("ENABLED", false, 5.0));
+}
+
+TEST_F(BringUpTest, AStopThatIsPressedInTheMiddleOfHomingEndsIt) {
+  Operator person(domain_);
+  RobotPlant robot(Robot(), Data().Calibration(), nullptr);
+  std::thread presses([&] {
+    EXPECT_TRUE(ConsoleSaid("ENABLED", true, 20.0));
+    person.press = true;
+  });
+  try {
+    robot.BringUp({}, [](auto, auto) { return true; });
+    ADD_FAILURE() << "it went on";
+  } catch (const std::runtime_error& e) {
+    EXPECT_NE(std::string(e.what()).find("emergency-stop: pressed"), std::string::npos) << e.what();
+  }
+  presses.join();
+  EXPECT_TRUE(ConsoleSaid("DISABLED", false, 1.0));
+}
+
+TEST_F(BringUpTest, AStopThatVanishesInTheMiddleOfHomingEndsIt) {
+  Operator person(domain_);
+  RobotPlant robot(Robot(), Data().Calibration(), nullptr);
+  std::thread vanishes([&] {
+    EXPECT_TRUE(ConsoleSaid("ENABLED", true, 20.0));
+    person.silent = true;
+  });
+  try {
+    robot.BringUp({}, [](auto, auto) { return true; });
+    ADD_FAILURE() << "it went on";
+  } catch (const std::runtime_error& e) {
+    EXPECT_NE(std::string(e.what()).find("emergency-stop-silent"), std::string::npos) << e.what();
+  }
+  vanishes.join();
+  EXPECT_TRUE(ConsoleSaid("DISABLED", false, 1.0));
+}
+
+TEST_F(BringUpTest, CtrlCEndsHomingAndWaiting) {
+  const Operator person(domain_);
+  std::atomic<bool> interrupted = false;
+  RunOperator run_operator;
+  run_operator.interrupted = &interrupted;
+  RobotPlant robot(Robot(), Data().Calibration(), nullptr, run_operator);
+  std::thread interrupts([&] {
+    EXPECT_TRUE(ConsoleSaid("ENABLED", true, 20.0));
+    interrupted = true;
+  });
+  try {
+    robot.BringUp({}, [](auto, auto) { return true; });
+    ADD_FAILURE() << "it went on";
+  } catch (const std::runtime_error& e) {
+    EXPECT_NE(std::string(e.what()).find("interrupted"), std::string::npos) << e.what();
+  }
+  interrupts.join();
+  EXPECT_TRUE(ConsoleSaid("DISABLED", false, 1.0));
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_THROW(robot.BringUp({}, [](auto, auto) { return true; }), std::runtime_error);
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(2));
+}
+
+TEST_F(BringUpTest, AStopThatIsPressedHasToBeReleasedAndCleared) {
+  Operator person(domain_);
+  person.press = true;
+  RobotPlant robot(Robot(), Data().Calibration(), nullptr);
+  std::vector<std::string> words;
+  const auto answers = [&](std::string_view, std::string_view word) {
+    words.emplace_back(word);
+    return words.size() < 2;
+  };
+  EXPECT_THROW(robot.BringUp({}, answers), std::runtime_error);
+  EXPECT_EQ(words, (std::vector<std::string>{"clear", "clear"})) << "it is still pressed";
+  EXPECT_FALSE(ConsoleSaid("ENABLED", true, 0.2));
+}
+
 TEST(EmergencyStopMonitorTest, SaysHowTheLoopStandsAndThatItEnds) {
   dds::Participant network({.domain = test::OwnDomain()});
   dds::Subscriber<dds::OperatingState> listener(network, dds::kRunStateTopic, dds::Role::kState);

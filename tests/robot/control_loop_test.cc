@@ -284,7 +284,7 @@ TEST(ControlLoopTest, AControlOutOfReachIsRefused) {
 
 TEST(ControlLoopTest, AStateThatJumpedIsAReason) {
   for (const double sign : {-1.0, 1.0}) {
-    FakeRobot robot({.max_state_jump = 2.0});
+    FakeRobot robot({.max_state_jump = 2.0, .max_drift = 1e3, .drift_noise = 1e3});
     ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
     ASSERT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk);
     robot.camera.off = {1.2 - 1e-9, sign * 1.6};  // of length 2
@@ -333,6 +333,92 @@ TEST(ControlLoopTest, TheControllersDecisionsMakeTheState) {
   EXPECT_THAT(robot.loop.cause(), HasSubstr("control-invalid"));
 }
 
+// -- pictures that are from now -------------------------------------------------------------------
+
+// Applies controls of `size` mm until it holds; the way of the tip until then, mm.
+double WayUntilHeld(FakeRobot& robot, double size, int most = 100) {
+  const std::array<double, 2> begin = robot.arm.at;
+  const std::array control = {0.6 * size, 0.8 * size};
+  for (int i = 0; i < most && robot.loop.Apply(control) == PlantStatus::kOk; ++i) {
+  }
+  return 1e3 * std::hypot(robot.arm.at[0] - begin[0], robot.arm.at[1] - begin[1]);
+}
+
+TEST(ControlLoopTest, PicturesThatDoNotShowTheMotionHold) {
+  for (const double size : {0.05, 0.2, 0.5, 1.0, 2.0, 2.8}) {
+    for (const double noise : {0.0, 0.1}) {
+      SCOPED_TRACE(testing::Message() << size << " mm each, noise " << noise);
+      FakeRobot robot;
+      ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+      ASSERT_TRUE(robot.loop.Look());
+      for (int i = 0; i < 20; ++i) ASSERT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk);
+      robot.camera.frozen = true;
+      robot.camera.off = {noise, -noise};
+      EXPECT_LT(WayUntilHeld(robot, size), 3.0);
+      EXPECT_EQ(robot.loop.cause(), "image-invalid: pictures do not show how the arm has moved");
+      EXPECT_EQ(robot.loop.state(), RunState::kFaulted);
+    }
+  }
+}
+
+TEST(ControlLoopTest, PicturesThatAreLateWithFreshStampsHold) {
+  for (const double size : {0.5, 1.0, 2.0, 2.8}) {
+    SCOPED_TRACE(size);
+    FakeRobot robot;
+    ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+    ASSERT_TRUE(robot.loop.Look());
+    for (int i = 0; i < 10; ++i) ASSERT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk);
+    robot.camera.pictures_late = 6;  // for example 2 s, with controls of a third of a second
+    EXPECT_LT(WayUntilHeld(robot, size), 3.0);
+    EXPECT_EQ(robot.loop.state(), RunState::kFaulted) << robot.loop.cause();
+  }
+}
+
+TEST(ControlLoopTest, MotionThatNobodyCommandedHolds) {
+  FakeRobot robot;
+  ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+  ASSERT_TRUE(robot.loop.Look());
+  int applied = 0;
+  // 0.2 mm to the side with each control of 0.1 mm forth or back.
+  for (; applied < 100; ++applied) {
+    robot.camera.off[0] += 0.2;
+    const std::array control = {0.0, applied % 2 == 0 ? 0.1 : -0.1};
+    if (robot.loop.Apply(control) != PlantStatus::kOk) break;
+  }
+  EXPECT_LT(applied, 3);
+  EXPECT_EQ(robot.loop.state(), RunState::kFaulted);
+}
+
+// An arm is calibrated to some per cent, and vision is as exact as its pixels.
+TEST(ControlLoopTest, ErrorsOfCalibrationAndVisionAreNoReason) {
+  for (const double scale : {0.85, 1.15}) {
+    FakeRobot robot;
+    robot.camera.scale = scale;
+    ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+    ASSERT_TRUE(robot.loop.Look());
+    for (int i = 0; i < 400; ++i) {
+      robot.camera.off = {i % 2 == 0 ? 0.1 : -0.1, i % 3 == 0 ? 0.1 : -0.1};
+      ASSERT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk) << i << ": " << robot.loop.cause();
+    }
+  }
+}
+
+TEST(ControlLoopTest, ATargetThatMovesFasterThanItCanBeFollowedHolds) {
+  for (const double jump : {-2.5, 2.5}) {
+    FakeRobot robot({}, 3);
+    ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+    ASSERT_TRUE(robot.loop.Look());
+    for (int i = 0; i < 10; ++i) {
+      robot.camera.target += i % 2 == 0 ? 1.4 : -1.4;
+      ASSERT_EQ(robot.loop.Apply(kControl), PlantStatus::kOk) << robot.loop.cause();
+    }
+    robot.camera.target += jump;
+    EXPECT_EQ(robot.loop.Apply(kControl), PlantStatus::kFault);
+    EXPECT_EQ(robot.loop.cause(), "state-jump: the line moves faster than it can be followed");
+    EXPECT_FALSE(robot.loop.ended_regularly());
+  }
+}
+
 // -- starting -------------------------------------------------------------------------------------
 
 TEST(ControlLoopTest, AReasonBeforeTheStartOnlyPreventsIt) {
@@ -376,6 +462,97 @@ TEST(ControlLoopTest, WaitsForReasonsToEndAsLongAsItHasPatience) {
   const std::int64_t start_ns = faulted.clock.now_ns;
   EXPECT_EQ(faulted.loop.Start(3.0), HoldReason::kArmSilent);
   EXPECT_LT(faulted.clock.now_ns - start_ns, 500'000'000) << "time mends no fault";
+}
+
+// -- homing ---------------------------------------------------------------------------------------
+
+// What is of no matter before the arm is armed: nothing but the encoders moves it.
+bool MattersForHoming(const Source& source) {
+  return source.name != "camera" && source.name != "camera's thread hangs";
+}
+
+TEST(ControlLoopTest, HomesOnceAskedTo) {
+  FakeRobot robot;
+  robot.arm.unhomed = true;
+  robot.camera.found = {HoldReason::kImageInvalid, "dark"};
+  EXPECT_FALSE(robot.loop.AwaitReady(0.5, {}));
+  EXPECT_TRUE(robot.loop.AwaitHomeable(0.5, {}));
+  robot.loop.Idle(10.0);
+  EXPECT_EQ(robot.arm.homings, 0) << "nobody has asked for it";
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  EXPECT_EQ(robot.arm.homings, 1);
+  EXPECT_FALSE(robot.arm.unhomed);
+  robot.camera.found = {};
+  EXPECT_EQ(robot.loop.Start(), HoldReason::kNone);
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kOperator) << "it is armed";
+  robot.loop.Halt();
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  EXPECT_EQ(robot.arm.homings, 1) << "there was no need to";
+}
+
+TEST(ControlLoopTest, NothingIsPoweredUpWhileThereIsAReasonToHold) {
+  for (const Source& source : Sources()) {
+    if (source.name == "period" || !MattersForHoming(source)) continue;
+    SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));
+    FakeRobot robot;
+    robot.arm.unhomed = true;
+    robot.loop.Tick();
+    source.begin(robot);
+    robot.loop.Idle(0.3);
+    EXPECT_FALSE(robot.loop.AwaitHomeable(0.5, {}));
+    EXPECT_EQ(robot.loop.Home(), source.reason);
+    EXPECT_EQ(robot.arm.homings, 0);
+    source.end(robot);
+    EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  }
+}
+
+TEST(ControlLoopTest, HomingEndsExactlyAtTheDeadlineOfEverythingItWatches) {
+  for (const Source& source : Sources()) {
+    if (!MattersForHoming(source)) continue;
+    SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));
+    FakeRobot robot;
+    robot.arm.unhomed = true;
+    robot.loop.Idle(0.5);
+    const std::int64_t begins_ns = robot.clock.now_ns + 750'000'000;  // half a second into it
+    robot.clock.plan_ns = begins_ns;
+    robot.clock.plan = [&] { source.begin(robot); };
+    EXPECT_EQ(robot.loop.Home(), source.reason);
+    EXPECT_EQ(robot.arm.homings, 1);
+    EXPECT_TRUE(robot.arm.unhomed);
+    EXPECT_EQ(robot.arm.disabled_ns, robot.clock.now_ns) << "in the period that finds it";
+    const int late = source.name == "period" ? 1 : 0;  // it is the next one that is late
+    EXPECT_LE(robot.clock.now_ns - begins_ns,
+              (source.periods() + late - 1) * kPeriodNs + (late != 0 ? 50'000'000 : 0));
+    source.end(robot);
+    robot.loop.Idle(5.0);
+    EXPECT_TRUE(robot.arm.unhomed) << "it went on by itself";
+    EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  }
+}
+
+TEST(ControlLoopTest, AStopThatWasPressedWhileIdleIsKnownOnceCleared) {
+  FakeRobot robot;
+  robot.stop.found = {HoldReason::kEmergencyStop, "pressed"};
+  robot.loop.Idle(0.3);
+  EXPECT_FALSE(robot.loop.Clear());
+  robot.stop.found = {};
+  EXPECT_TRUE(robot.loop.Clear());
+  EXPECT_EQ(robot.loop.state(), RunState::kIdle);
+}
+
+TEST(ControlLoopTest, WaitingEndsAtOnceWhenInterruptedOrStopped) {
+  FakeRobot robot;
+  robot.stop.found = {HoldReason::kEmergencyStopSilent, "is it running?"};
+  robot.interrupted = true;
+  std::int64_t start_ns = robot.clock.now_ns;
+  EXPECT_FALSE(robot.loop.AwaitReady(10.0, {}));
+  EXPECT_LT(robot.clock.now_ns - start_ns, 500'000'000);
+  robot.interrupted = false;
+  robot.stop.found = {HoldReason::kEmergencyStop, "pressed"};
+  start_ns = robot.clock.now_ns;
+  EXPECT_FALSE(robot.loop.AwaitReady(10.0, {}));
+  EXPECT_LT(robot.clock.now_ns - start_ns, 500'000'000);
 }
 
 TEST(ControlLoopTest, SaysOnceWhatItWaitsFor) {
@@ -485,7 +662,9 @@ TEST(ControlLoopTest, NeverAllocates) {
   EXPECT_EQ(robot.loop.state(), RunState::kFaulted);
   robot.stop.found = {};
   EXPECT_TRUE(robot.loop.Clear());
-  EXPECT_EQ(robot.loop.Start(), HoldReason::kNone);
+  robot.arm.unhomed = true;
+  EXPECT_EQ(robot.loop.Home(), HoldReason::kNone);
+  EXPECT_EQ(robot.loop.Start(1.0), HoldReason::kNone);
   EXPECT_EQ(robot.loop.Apply(std::array{kNan, 0.0}), PlantStatus::kRefused);
   robot.loop.Hold(HoldReason::kNotSeen, "a detail that is longer than a short string can hold");
   robot.loop.Complete();

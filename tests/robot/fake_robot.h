@@ -53,7 +53,17 @@ class FakeArm final : public robot::Manipulator {
   robot::Finding Tick(std::int64_t steady_ns, std::int64_t /*wall_ns*/) noexcept override {
     if (hold_wanted_ && armed_) held_ns = steady_ns;
     if (hold_wanted_ || !found.ok()) armed_ = false;
+    if (hold_wanted_ && homing_in_ > 0) {
+      disabled_ns = steady_ns;
+      homing_in_ = 0;
+    }
     hold_wanted_ = false;
+    if (homing_in_ > 0 && --homing_in_ == 0) unhomed = false;
+    if (unhomed && found.ok()) {
+      needs_homing_ = true;
+      return {runtime::HoldReason::kArmNotReady, "DISABLED"};
+    }
+    needs_homing_ = false;
     if (moving_ && armed_) {
       // Set-points go out at equal times.
       ++setpoints;
@@ -65,6 +75,13 @@ class FakeArm final : public robot::Manipulator {
     }
     return found;
   }
+  bool needs_homing() const noexcept override { return needs_homing_; }
+  robot::Finding Home() noexcept override {
+    ++homings;
+    homing_in_ = homing_takes;
+    return {};
+  }
+  bool homing() const noexcept override { return homing_in_ > 0; }
   robot::Finding Arm() noexcept override {
     if (!refuses_arm.ok()) return refuses_arm;
     armed_ = true;
@@ -92,8 +109,14 @@ class FakeArm final : public robot::Manipulator {
   int setpoints = 0;
   int steps = 0;
   int lag = 3;
+  bool unhomed = false;
+  int homings = 0;
+  int homing_takes = 200;
+  std::int64_t disabled_ns = 0;  // when homing was ended before its time
 
  private:
+  bool needs_homing_ = false;
+  int homing_in_ = 0;
   std::array<double, 2> goal_{};
   bool armed_ = false;
   bool hold_wanted_ = false;
@@ -124,8 +147,13 @@ class FakeCamera final : public robot::Camera {
       std::fill(state.begin(), state.end(), std::numeric_limits<double>::quiet_NaN());
       return Answer::kNotSeen;
     }
-    state[0] = 1e3 * arm_->at[0] + off[0];
-    state[1] = 1e3 * arm_->at[1] + off[1];
+    if (!frozen) picture_ = shown_[static_cast<std::size_t>(std::max(0, pictures_late - 1))];
+    if (!frozen && pictures_late == 0) picture_ = arm_->at;
+    std::copy_backward(shown_.begin(), shown_.end() - 1, shown_.end());
+    shown_[0] = arm_->at;
+    state[0] = scale * 1e3 * picture_[0] + off[0];
+    state[1] = scale * 1e3 * picture_[1] + off[1];
+    if (state.size() > 2) state[2] = target;
     return Answer::kSeen;
   }
 
@@ -138,10 +166,16 @@ class FakeCamera final : public robot::Camera {
   int questions = 0;
   std::int64_t after_ns = 0;
   std::array<double, 2> off{};
+  double scale = 1.0;
+  double target = 0.0;    // a third entry of the state, if it has one
+  bool frozen = false;    // from now on it shows what it has shown last
+  int pictures_late = 0;  // shows what was so many questions ago
 
  private:
   const FakeClock* clock_;
   const FakeArm* arm_;
+  std::array<std::array<double, 2>, 8> shown_{};  // the newest first
+  std::array<double, 2> picture_{};
   std::int64_t checked_ns_ = 0;
   int asked_in_ = 0;
 };
@@ -189,9 +223,9 @@ class FakeRecorder final : public robot::Recorder {
 /// Controls are displacements of the two joints in mm, carried out at 1 mm per 10 periods.
 class FakeTask final : public robot::Task {
  public:
-  explicit FakeTask(const FakeArm& arm) : arm_(&arm) {}
+  FakeTask(const FakeArm& arm, int dim) : arm_(&arm), dim_(dim) {}
 
-  int state_dim() const noexcept override { return 2; }
+  int state_dim() const noexcept override { return dim_; }
   int control_dim() const noexcept override { return 2; }
   void Begin() noexcept override { command_ = arm_->at; }
   std::optional<robot::Motion> Plan(std::span<const double> control) noexcept override {
@@ -205,14 +239,16 @@ class FakeTask final : public robot::Task {
 
  private:
   const FakeArm* arm_;
+  int dim_;
   std::array<double, 2> command_{};
   std::array<double, 2> change_{};
 };
 
 /// A control loop with fakes for all of its devices.
 struct FakeRobot {
-  explicit FakeRobot(const robot::ControlLoopOptions& options = {})
-      : loop(options, {.clock = &clock,
+  explicit FakeRobot(const robot::ControlLoopOptions& options = {}, int state_dim = 2)
+      : task(arm, state_dim),
+        loop(options, {.clock = &clock,
                        .arm = &arm,
                        .camera = &camera,
                        .task = &task,
@@ -223,7 +259,7 @@ struct FakeRobot {
   FakeClock clock;
   FakeArm arm;
   FakeCamera camera{clock, arm};
-  FakeTask task{arm};
+  FakeTask task;
   FakeStop stop{clock};
   FakeRecorder recorder;
   std::atomic<bool> interrupted = false;

@@ -14,7 +14,8 @@ using kinematics::Psm;
 using kinematics::PsmJoints;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-constexpr double kTipSpeed = 1.0;  // m/s, more than any motion of the arm's wrist
+constexpr double kCommandTime = 0.15;  // s, from a command to its set-point at the console
+constexpr double kTipSpeed = 1.0;      // m/s, more than any motion of the arm's wrist
 
 bool Positive(const PsmJoints& q) { return q.allFinite() && (q.array() > 0.0).all(); }
 bool Positive(double value) { return value > 0.0 && value < 1e6; }
@@ -120,6 +121,7 @@ void PsmClientOptions::Check() const {
   DFR_THROW_UNLESS(Positive(longest_step_s), "longest_step_s must be positive");
   DFR_THROW_UNLESS(Positive(max_tick_gap_s), "max_tick_gap_s must be positive");
   DFR_THROW_UNLESS(Positive(max_lag), "max_lag must be positive and finite");
+  DFR_THROW_UNLESS(Positive(max_setpoint_error), "max_setpoint_error must be positive and finite");
   DFR_THROW_UNLESS(Positive(reach_timeout_s), "reach_timeout_s must be positive");
   DFR_THROW_UNLESS(Positive(jump_speed), "jump_speed must be positive and finite");
   DFR_THROW_UNLESS(jump_noise.allFinite() && (jump_noise.array() >= 0.0).all(),
@@ -136,6 +138,7 @@ PsmClient::PsmClient(const PsmClientOptions& options)
     : options_(options),
       motion_(options.limits, options.profile),
       rest_(options.rest),
+      recent_(kCommandTime + options.watchdog.max_age_s),
       js_watchdog_(options.watchdog),
       cp_watchdog_(options.watchdog),
       age_s_(kNan) {
@@ -243,16 +246,29 @@ PsmStatus PsmClient::FindHoldReason(const PsmInput& input) const noexcept {
     return had_publisher_ ? PsmStatus::kConsoleGone : PsmStatus::kNoConsole;
   }
   if (silent) return PsmStatus::kStateSilent;
+  if (input.state_publishers > 1) return PsmStatus::kSecondConsole;
   if (!any_operating_) return PsmStatus::kNoOperatingState;
   const PsmStatus ready = Readiness(operating_);
   if (ready != PsmStatus::kOk) return ready;
   const PsmStatus measured = MeasurementHoldReason();
   if (measured != PsmStatus::kOk) return measured;
-  if (options_.sole_commander && input.other_publishers > 0) return PsmStatus::kOtherPublisher;
-  return PsmStatus::kOk;
+  return CommandHoldReason(input);
+}
+
+// Somebody else commands the arm, or may.
+PsmStatus PsmClient::CommandHoldReason(const PsmInput& input) const noexcept {
+  if (input.wrong_tool) return PsmStatus::kWrongTool;
+  if (input.clutched) return PsmStatus::kClutched;
+  if (!options_.sole_commander) return PsmStatus::kOk;
+  if (input.teleoperated) return PsmStatus::kTeleoperated;
+  return input.other_publishers > 0 ? PsmStatus::kOtherPublisher : PsmStatus::kOk;
 }
 
 PsmStatus PsmClient::FollowHoldReason() const noexcept {
+  if (options_.sole_commander &&
+      !recent_.Contain(setpoint_js_.position, options_.max_setpoint_error)) {
+    return PsmStatus::kForeignSetpoint;
+  }
   const PsmJoints lag = (js_.position - motion_.setpoint()).cwiseAbs();
   if ((lag.array() > options_.max_lag.array()).any()) return PsmStatus::kNotFollowing;
   if (Seconds(now_ns_ - restless_ns_) > options_.reach_timeout_s) {
@@ -269,6 +285,10 @@ bool PsmClient::FrameAgrees() const noexcept {
 }
 
 void PsmClient::HoldBecause(PsmStatus cause, PsmOutput& output) noexcept {
+  // A console that powers up or homes goes on with that, whatever `hold` says.
+  if (homing() && operating_.state != PsmConsoleState::kFault) {
+    output.request = PsmRequest::kDisable;
+  }
   phase_ = PsmPhase::kHolding;
   cause_ = cause;
   request_ = PsmRequest::kNone;
@@ -277,7 +297,31 @@ void PsmClient::HoldBecause(PsmStatus cause, PsmOutput& output) noexcept {
   output.hold = true;
 }
 
-void PsmClient::Pursue(const PsmInput& input, PsmOutput& output) noexcept {
+// While the arm powers up or homes it measures nothing yet: what there is to hear is heard all the
+// same.
+PsmStatus PsmClient::HomingHoldReason(const PsmInput& input, double dt) const noexcept {
+  if (!homing() && request_ != PsmRequest::kHome && request_ != PsmRequest::kEnable) {
+    return PsmStatus::kOk;
+  }
+  // No tool is known before it is engaged, while homing.
+  const PsmStatus others = CommandHoldReason(input);
+  if (others != PsmStatus::kOk && others != PsmStatus::kWrongTool) return others;
+  if (!homing()) return PsmStatus::kOk;
+  if (options_.sole_commander && input.foreign_words > 0) return PsmStatus::kForeignWord;
+  if (hold_reason_ == PsmStatus::kConsoleGone || hold_reason_ == PsmStatus::kSecondConsole ||
+      hold_reason_ == PsmStatus::kStateSilent || hold_reason_ == PsmStatus::kUnknownState ||
+      hold_reason_ == PsmStatus::kPaused) {
+    return hold_reason_;
+  }
+  return dt > options_.max_tick_gap_s ? PsmStatus::kTickLate : PsmStatus::kOk;
+}
+
+bool PsmClient::homing() const noexcept {
+  return phase_ == PsmPhase::kRequested && request_sent_ &&
+         (request_ == PsmRequest::kHome || request_ == PsmRequest::kEnable);
+}
+
+void PsmClient::Pursue(const PsmInput& input, double dt, PsmOutput& output) noexcept {
   const bool homing = request_ == PsmRequest::kHome;
   if (request_sent_) {
     const bool enabled = any_operating_ && operating_.state == PsmConsoleState::kEnabled;
@@ -304,6 +348,10 @@ void PsmClient::Pursue(const PsmInput& input, PsmOutput& output) noexcept {
       return;
     }
   }
+  if (const PsmStatus doubt = HomingHoldReason(input, dt); doubt != PsmStatus::kOk) {
+    HoldBecause(doubt, output);
+    return;
+  }
   const double timeout_s = homing ? options_.home_timeout_s : options_.enable_timeout_s;
   if (Seconds(now_ns_ - request_start_ns_) > timeout_s) {
     HoldBecause(had_publisher_ ? PsmStatus::kTimedOut : PsmStatus::kNoConsole, output);
@@ -328,6 +376,7 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   const double dt = stepped_ ? std::max(0.0, Seconds(steady_ns - now_ns_)) : 0.0;
   now_ns_ = steady_ns;
   wall_ns_ = wall_ns;
+  if (!stepped_) request_start_ns_ = steady_ns;  // of a request made before
   stepped_ = true;
   Take(input);
   hold_reason_ = FindHoldReason(input);
@@ -341,13 +390,17 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
     return output;
   }
   if (phase_ == PsmPhase::kRequested) {
-    Pursue(input, output);
+    Pursue(input, dt, output);
     return output;
   }
   if (phase_ != PsmPhase::kArmed) return output;
 
   PsmStatus cause = hold_reason_;
   if (cause == PsmStatus::kOk) cause = lapse_;
+  if (cause == PsmStatus::kOk && options_.sole_commander && input.foreign_words > 0) {
+    cause = PsmStatus::kForeignWord;
+  }
+  if (cause == PsmStatus::kOk && input.tool_changes > 0) cause = PsmStatus::kToolChanged;
   if (cause == PsmStatus::kOk && erred_) cause = PsmStatus::kConsoleError;
   if (cause == PsmStatus::kOk && dt > options_.max_tick_gap_s) cause = PsmStatus::kTickLate;
   if (cause == PsmStatus::kOk && input.send_failed) cause = PsmStatus::kSendFailed;
@@ -363,6 +416,7 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
     rest_.Forget();
     at_rest_ = false;
   }
+  recent_.Add(motion_.setpoint(), Seconds(now_ns_));
   output.servo = true;
   output.servo_cp = Psm::Forward(motion_.setpoint());
   if (jaw_ours_) {
@@ -407,6 +461,7 @@ PsmStatus PsmClient::Arm() noexcept {
   const PsmStatus status = Armable();
   if (status != PsmStatus::kOk || phase_ == PsmPhase::kArmed) return status;
   motion_.Rest(setpoint_js_.position);
+  recent_.Start(setpoint_js_.position, Seconds(now_ns_));
   rest_.Forget();
   at_rest_ = false;
   restless_ns_ = now_ns_;

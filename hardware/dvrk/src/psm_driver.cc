@@ -13,7 +13,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/dds/channel.h"
 #include "dfr/runtime/latest.h"
-#include "queue.h"
+#include "dfr/runtime/queue.h"
 
 namespace dfr::hardware {
 namespace {
@@ -81,7 +81,17 @@ const char* Name(ConsoleWord::Severity severity) noexcept {
 // The DDS side: a thread that sends what Tick() has put into the mailboxes and puts there what has
 // come. Only that thread touches publishers and subscribers.
 struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): by meaning
-  Link(dds::Participant& participant, std::string name) : p(participant), arm(std::move(name)) {
+  Link(dds::Participant& participant, const PsmDriverOptions& options)
+      : p(participant), arm(options.arm) {
+    const std::vector<std::string> usual = {
+        "/console/teleop/enabled", "/MTML_" + arm + "/following", "/MTMR_" + arm + "/following"};
+    for (const std::string& topic : options.teleoperation.empty() ? usual : options.teleoperation) {
+      // A console keeps what it said last for late joiners; other programs may not.
+      for (const Role role : {Role::kEvent, Role::kRequest}) {
+        teleoperations.push_back(std::make_unique<dds::Subscriber<dds::Flag>>(p, topic, role));
+        teleoperated.push_back(false);
+      }
+    }
     ::sem_init(&wake, 0, 0);
     pose.frame_id = arm + "_base";
     jaw.name = {"jaw"};
@@ -106,6 +116,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
       const bool flushing = wanted != cycle_done.load(std::memory_order_relaxed);
       Send();
       Receive();
+      Watch();
       if (flushing || poll % kPollsPerCount == 0) Count();
       if (flushing) {
         cycle_done.store(wanted, std::memory_order_release);
@@ -207,18 +218,75 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     }
   }
 
+  // Whether somebody else has spoken, and takes what has been said.
+  template <typename T>
+  bool HearsOthers(dds::Subscriber<T>& subscriber, const dds::Origin& ours) noexcept {
+    bool others = false;
+    T message;
+    dds::Origin from;
+    while (subscriber.Take(message, from)) others = others || from != ours;
+    return others;
+  }
+
+  // Who else has a hand on the arm.
+  void Watch() noexcept {
+    const int spoken = (HearsOthers(watched_hold, hold.origin()) ? 1 : 0) +
+                       (HearsOthers(watched_free, {}) ? 1 : 0) +
+                       (HearsOthers(watched_state_command, state_command.origin()) ? 1 : 0);
+    if (spoken > 0) foreign_words.fetch_add(spoken, std::memory_order_acq_rel);
+    dds::Flag flag;
+    bool any = false;
+    for (std::size_t i = 0; i < teleoperations.size(); ++i) {
+      while (teleoperations[i]->Take(flag)) {
+        teleoperated[i] = flag.value;
+        if (flag.value) was_teleoperated.store(true, std::memory_order_release);
+      }
+      any = any || teleoperated[i];
+    }
+    is_teleoperated.store(any, std::memory_order_release);
+    for (const auto& [subscriber, pressed] :
+         {std::pair{&arm_clutch, &arm_clutched}, std::pair{&manip_clutch, &manip_clutched}}) {
+      while (subscriber->Take(joy)) {
+        *pressed = !joy.buttons.empty() && joy.buttons[0] != 0;
+        if (*pressed) was_clutched.store(true, std::memory_order_release);
+      }
+    }
+    is_clutched.store(arm_clutched || manip_clutched, std::memory_order_release);
+    while (tool_type.Take(text)) {
+      if (!tool.empty() && text.text != tool) tool_changes.fetch_add(1, std::memory_order_acq_rel);
+      tool = text.text;
+      // Both have the same kinematics; the latter is that of a da Vinci Si.
+      wrong_tool.store(
+          tool.find("400006") == std::string::npos && tool.find("420006") == std::string::npos,
+          std::memory_order_release);
+    }
+  }
+
+  // Whether `topic` commands the arm, whatever its type.
+  [[nodiscard]] bool Commands(std::string_view topic) const {
+    if (!topic.starts_with('/') || !topic.substr(1).starts_with(arm)) return false;
+    topic.remove_prefix(1 + arm.size());
+    for (const std::string_view part : {"/servo_", "/move_", "/interpolate_"}) {
+      if (topic.find(part) != std::string_view::npos) return topic.starts_with('/');
+    }
+    return false;
+  }
+
   void Count() noexcept {
     const dds::Health state = measured_js.health();
     state_publishers.store(state.publishers, std::memory_order_relaxed);
     incompatible.store(state.incompatible, std::memory_order_relaxed);
-    command_subscribers.store(state_command.num_subscribers(), std::memory_order_relaxed);
     // The one that only watches is our own.
+    command_subscribers.store(std::max(0, state_command.num_subscribers() - 1),
+                              std::memory_order_relaxed);
     servo_subscribers.store(std::max(0, servo_cp.num_subscribers() - 1), std::memory_order_relaxed);
     // Our own is one of those on servo_cp.
     const int others = std::max(0, watched_servo_cp.health().publishers - 1) +
                        watched_servo_jp.health().publishers + watched_move_cp.health().publishers +
                        watched_move_jp.health().publishers;
-    other_publishers.store(others, std::memory_order_relaxed);
+    const int found =
+        p.CountOthersPublishers([this](std::string_view topic) { return Commands(topic); });
+    other_publishers.store(std::max(others, found), std::memory_order_relaxed);
   }
 
   dds::Participant& p;
@@ -228,7 +296,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<std::uint64_t> cycle_wanted{0};
   std::atomic<std::uint64_t> cycle_done{0};
 
-  internal::Queue<Outgoing, 256> outbox;
+  runtime::Queue<Outgoing, 256> outbox;
   std::atomic<bool> hold_wanted{false};
   std::atomic<bool> failed{false};
   std::atomic<std::uint64_t> sent{0};
@@ -238,12 +306,19 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   runtime::Latest<PsmJawSample> new_jaw_measured;
   runtime::Latest<PsmJawSample> new_jaw_setpoint;
   runtime::Latest<PsmOperatingState> new_operating;
-  internal::Queue<ConsoleWord, kMostWords> words;
+  runtime::Queue<ConsoleWord, kMostWords> words;
   runtime::Latest<ConsoleWord> new_error;
   std::atomic<int> num_errors{0};
   std::atomic<int> state_publishers{0};
   std::atomic<int> incompatible{0};
   std::atomic<int> other_publishers{0};
+  std::atomic<int> foreign_words{0};
+  std::atomic<int> tool_changes{0};
+  std::atomic<bool> is_teleoperated{false};
+  std::atomic<bool> was_teleoperated{false};
+  std::atomic<bool> is_clutched{false};
+  std::atomic<bool> was_clutched{false};
+  std::atomic<bool> wrong_tool{false};
   std::atomic<int> command_subscribers{0};
   std::atomic<int> servo_subscribers{0};
 
@@ -256,6 +331,12 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   dds::JointState jaw;
   dds::OperatingState operating;
   dds::Text text;
+  dds::Joy joy;
+  std::string tool;
+  bool arm_clutched = false;
+  bool manip_clutched = false;
+  std::vector<bool> teleoperated;
+  std::vector<std::unique_ptr<dds::Subscriber<dds::Flag>>> teleoperations;
 
   dds::Publisher<dds::PoseStamped> servo_cp{p, Topic("servo_cp"), Role::kCommand};
   dds::Publisher<dds::JointState> jaw_servo_jp{p, Topic("jaw/servo_jp"), Role::kCommand};
@@ -270,6 +351,13 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   dds::Subscriber<dds::Text> error{p, Topic("error"), Role::kEvent};
   dds::Subscriber<dds::Text> warning{p, Topic("warning"), Role::kEvent};
   dds::Subscriber<dds::Text> status{p, Topic("status"), Role::kEvent};
+  dds::Subscriber<dds::Text> tool_type{p, Topic("tool_type"), Role::kEvent};
+  dds::Subscriber<dds::Joy> arm_clutch{p, Topic("arm_clutch"), Role::kEvent};      // since 2.4
+  dds::Subscriber<dds::Joy> manip_clutch{p, Topic("manip_clutch"), Role::kEvent};  // before
+  dds::Subscriber<dds::Signal> watched_hold{p, Topic("hold"), Role::kRequest};
+  dds::Subscriber<dds::Signal> watched_free{p, Topic("free"), Role::kRequest};
+  dds::Subscriber<dds::StringStamped> watched_state_command{p, Topic("state_command"),
+                                                            Role::kRequest};
   // Only to see who publishes there.
   dds::Subscriber<dds::PoseStamped> watched_servo_cp{p, Topic("servo_cp"), Role::kState};
   dds::Subscriber<dds::JointState> watched_servo_jp{p, Topic("servo_jp"), Role::kState};
@@ -283,11 +371,17 @@ PsmDriver::PsmDriver(dds::Participant& participant, const PsmDriverOptions& opti
   DFR_THROW_UNLESS(
       !options.arm.empty() && options.arm.front() != '/',
       "arm must be the arm's name without a slash, PSM1 say, not '" << options.arm << "'");
-  link_ = std::make_unique<Link>(participant, options.arm);
+  link_ = std::make_unique<Link>(participant, options);
 }
 
 PsmDriver::~PsmDriver() {
-  if (client_.phase() == PsmPhase::kArmed) {
+  if (client_.homing()) {
+    Outgoing disable;
+    disable.request = PsmRequest::kDisable;
+    disable.stamp = dds::Stamp::Now();
+    link_->outbox.Put(disable);
+  }
+  if (client_.phase() == PsmPhase::kArmed || client_.homing()) {
     link_->hold_wanted.store(true, std::memory_order_release);
   }
 }
@@ -314,6 +408,13 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   servo_subscribers_ = link.servo_subscribers.load(std::memory_order_relaxed);
   input.command_subscribers = request_subscribers_ =
       link.command_subscribers.load(std::memory_order_relaxed);
+  input.foreign_words = link.foreign_words.exchange(0, std::memory_order_acq_rel);
+  input.tool_changes = link.tool_changes.exchange(0, std::memory_order_acq_rel);
+  input.wrong_tool = link.wrong_tool.load(std::memory_order_acquire);
+  input.teleoperated = link.was_teleoperated.exchange(false, std::memory_order_acq_rel);
+  input.teleoperated = link.is_teleoperated.load(std::memory_order_acquire) || input.teleoperated;
+  input.clutched = link.was_clutched.exchange(false, std::memory_order_acq_rel);
+  input.clutched = link.is_clutched.load(std::memory_order_acquire) || input.clutched;
   input.send_failed = link.failed.exchange(false, std::memory_order_relaxed);
 
   const PsmOutput output = client_.Step(input, steady_ns, wall_ns);
@@ -363,7 +464,8 @@ void PsmDriver::Flush() {
 }
 
 PsmStatus BringUp(PsmDriver& driver, double timeout_s,
-                  const std::function<void(std::string_view)>& say) {
+                  const std::function<void(std::string_view)>& say,
+                  const std::function<bool()>& may_move) {
   const auto tell = [&](std::string_view text) {
     if (say) say(text);
   };
@@ -375,6 +477,12 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
   std::int64_t seen_ns = 0;
   bool asked = false;
   for (; SteadyNs() < end; std::this_thread::sleep_for(std::chrono::milliseconds(5))) {
+    if (may_move && !may_move()) {
+      driver.Hold();
+      driver.Tick();
+      driver.Flush();
+      return PsmStatus::kHeld;
+    }
     driver.Tick();
     ConsoleWord word;
     while (driver.TakeWord(word)) {

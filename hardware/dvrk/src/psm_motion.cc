@@ -138,6 +138,34 @@ void PsmMotion::Advance(double dt_s) noexcept {
   setpoint_ = from_ + share * (goal_ - from_);
 }
 
+void PsmRecentSetpoints::Start(const PsmJoints& setpoint, double time_s) noexcept {
+  parts_.fill({time_s, setpoint, setpoint});
+}
+
+void PsmRecentSetpoints::Add(const PsmJoints& setpoint, double time_s) noexcept {
+  if (time_s - parts_[newest_].begin_s >= window_s_ / (kParts - 1)) {
+    newest_ = (newest_ + 1) % kParts;
+    parts_[newest_] = {time_s, setpoint, setpoint};
+    return;
+  }
+  Part& part = parts_[newest_];
+  part.lower = part.lower.cwiseMin(setpoint);
+  part.upper = part.upper.cwiseMax(setpoint);
+}
+
+bool PsmRecentSetpoints::Contain(const PsmJoints& setpoint,
+                                 const PsmJoints& tolerance) const noexcept {
+  PsmJoints lower = parts_[0].lower;
+  PsmJoints upper = parts_[0].upper;
+  for (const Part& part : parts_) {
+    lower = lower.cwiseMin(part.lower);
+    upper = upper.cwiseMax(part.upper);
+  }
+  return ((setpoint.array() >= (lower - tolerance).array()) &&
+          (setpoint.array() <= (upper + tolerance).array()))
+      .all();
+}
+
 void PsmRestOptions::Check() const {
   DFR_THROW_UNLESS(Positive(max_distance), "rest: max_distance must be positive and finite");
   DFR_THROW_UNLESS(Positive(max_speed), "rest: max_speed must be positive and finite");

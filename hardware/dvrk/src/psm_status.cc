@@ -46,6 +46,20 @@ const char* Name(PsmStatus status) noexcept {
       return "measured_cp is not where measured_js puts the wrist";
     case PsmStatus::kOtherPublisher:
       return "someone else can command the arm";
+    case PsmStatus::kSecondConsole:
+      return "more than one publishes the arm's state";
+    case PsmStatus::kForeignWord:
+      return "someone else told the arm to hold, to be free or to change its state";
+    case PsmStatus::kForeignSetpoint:
+      return "the console moves its set-point where it was not sent";
+    case PsmStatus::kTeleoperated:
+      return "the arm is teleoperated";
+    case PsmStatus::kClutched:
+      return "the operator holds the arm's clutch";
+    case PsmStatus::kWrongTool:
+      return "the arm has another instrument";
+    case PsmStatus::kToolChanged:
+      return "the instrument was changed";
     case PsmStatus::kNotFollowing:
       return "the arm does not follow its set-point";
     case PsmStatus::kNotReached:
@@ -121,6 +135,22 @@ const char* Remedy(PsmStatus status) noexcept {
              "the arm's own base: remove the console's base frame for it";
     case PsmStatus::kOtherPublisher:
       return "end the other client that publishes on servo_*, move_* of this arm";
+    case PsmStatus::kSecondConsole:
+      return "end all consoles and simulators of this arm but one; one that was killed is "
+             "forgotten "
+             "after some seconds";
+    case PsmStatus::kForeignWord:
+      return "ask who sent hold, free or state_command, then arm again";
+    case PsmStatus::kForeignSetpoint:
+      return "is the arm teleoperated, or commanded inside the console? end that, then arm again";
+    case PsmStatus::kTeleoperated:
+      return "disable teleoperation at the console, then arm again";
+    case PsmStatus::kClutched:
+      return "let go of the clutch, then arm again";
+    case PsmStatus::kWrongTool:
+      return "put in a Large Needle Driver (400006 or 420006)";
+    case PsmStatus::kToolChanged:
+      return "check the instrument and its calibration, then arm again";
     case PsmStatus::kNotFollowing:
       return "is something in the arm's way, or does the console drop commands? its words tell";
     case PsmStatus::kNotReached:

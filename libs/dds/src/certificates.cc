@@ -59,9 +59,10 @@ constexpr std::string_view kGovernance =
 )";
 
 // What moves an arm, and what an arm says of itself (CRTK). '*' stands for slashes, too.
-constexpr std::array<std::string_view, 6> kCommands = {
-    "rt/*servo_*", "rt/*move_*",         "rt/*/hold",
-    "rt/*/free",   "rt/*/state_command", "rt/simulator/request"};
+// A console has no say in who may stop it, or who lets go.
+constexpr std::array<std::string_view, 7> kCommands = {
+    "rt/*servo_*",        "rt/*move_*",           "rt/*/hold",          "rt/*/free",
+    "rt/*/state_command", "rt/simulator/request", "rt/*emergency_stop*"};
 constexpr std::array<std::string_view, 9> kMeasurements = {
     "rt/*measured_*", "rt/*setpoint_*",  "rt/*/operating_state", "rt/*/goal_reached", "rt/*/error",
     "rt/*/warning",   "rt/*/image_raw*", "rt/*/camera_info",     "rt/simulator/reply"};
@@ -296,6 +297,8 @@ void AddParticipant(const std::filesystem::path& folder, const std::string& name
     throw std::runtime_error("there is a participant '" + name + "' already: remove " +
                              own.string() + " to make it anew");
   }
+  internal::CheckPrivate(AuthorityKey(folder));
+  internal::CheckUnchangeable(AuthorityKey(folder).parent_path());
   const Owned<X509> authority = internal::LoadCertificate(AuthorityCertificate(folder));
   const Owned<EVP_PKEY> authority_key = internal::LoadKey(AuthorityKey(folder));
   const Owned<EVP_PKEY> key = MakeKey();

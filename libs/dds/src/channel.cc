@@ -1,5 +1,6 @@
 #include "dfr/dds/channel.h"
 
+#include <algorithm>
 #include <cmath>
 #include <exception>
 #include <fastdds/dds/publisher/DataWriter.hpp>
@@ -64,9 +65,8 @@ fdds::DataWriterQos WriterQos(Role role) {
       eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
   qos.history().kind = fdds::KEEP_LAST_HISTORY_QOS;
   qos.history().depth = WriterDepth(role);
-  qos.durability().kind = Latched(role) || role == Role::kRequest
-                              ? fdds::TRANSIENT_LOCAL_DURABILITY_QOS
-                              : fdds::VOLATILE_DURABILITY_QOS;
+  qos.durability().kind =
+      Latched(role) ? fdds::TRANSIENT_LOCAL_DURABILITY_QOS : fdds::VOLATILE_DURABILITY_QOS;
   // A late joiner gets what is kept at the next heartbeat, and a lost sample is asked for then.
   qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0, 100 * kMillisecond);
   if (Commands(role)) {
@@ -92,6 +92,13 @@ fdds::DataReaderQos ReaderQos(Role role) {
   if (role == Role::kOwnCommand) Contract(qos);
   if (Commands(role)) qos.lifespan().duration = kCommandLifespan;
   return qos;
+}
+
+Origin ToOrigin(const fdds::InstanceHandle_t& handle) noexcept {
+  const eprosima::fastrtps::rtps::octet* const bytes = handle.value;
+  Origin origin;
+  std::copy_n(bytes, origin.size(), origin.begin());
+  return origin;
 }
 
 [[noreturn]] void Refused(const char* what, const std::string& topic) {
@@ -141,6 +148,11 @@ int Publisher<T>::num_subscribers() const noexcept {
 }
 
 template <typename T>
+Origin Publisher<T>::origin() const noexcept {
+  return ToOrigin(impl_->writer->get_instance_handle());
+}
+
+template <typename T>
 struct Subscriber<T>::Impl {
   Participant::Impl& participant;
   fdds::DataReader* reader = nullptr;
@@ -164,12 +176,19 @@ Subscriber<T>::~Subscriber() {
 
 template <typename T>
 bool Subscriber<T>::Take(T& message) noexcept {
+  Origin from;
+  return Take(message, from);
+}
+
+template <typename T>
+bool Subscriber<T>::Take(T& message, Origin& from) noexcept {
   try {
     fdds::SampleInfo info;
     // Samples without data tell that a publisher has gone.
     while (impl_->reader->take_next_sample(&impl_->wire, &info) == ReturnCode_t::RETCODE_OK) {
       if (!info.valid_data) continue;
       internal::FromWire(impl_->wire, message);
+      from = ToOrigin(info.publication_handle);
       return true;
     }
   } catch (const std::exception&) {
@@ -215,6 +234,7 @@ template class Publisher<TwistStamped>;
 template class Publisher<JointState>;
 template class Publisher<OperatingState>;
 template class Publisher<StringStamped>;
+template class Publisher<Joy>;
 template class Publisher<Image>;
 template class Publisher<CompressedImage>;
 template class Publisher<CameraInfo>;
@@ -226,6 +246,7 @@ template class Subscriber<TwistStamped>;
 template class Subscriber<JointState>;
 template class Subscriber<OperatingState>;
 template class Subscriber<StringStamped>;
+template class Subscriber<Joy>;
 template class Subscriber<Image>;
 template class Subscriber<CompressedImage>;
 template class Subscriber<CameraInfo>;

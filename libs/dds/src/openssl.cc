@@ -8,6 +8,8 @@
 #include <ctime>
 #include <stdexcept>
 
+#include "dfr/core/error.h"
+
 namespace dfr::dds::internal {
 namespace {
 
@@ -66,6 +68,31 @@ std::string Timestamp(const ASN1_TIME& time) {
   std::array<char, 32> text{};
   std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%S", &parts);
   return text.data();
+}
+
+namespace {
+
+bool Has(const std::filesystem::path& path, std::filesystem::perms any) {
+  std::error_code error;
+  const std::filesystem::file_status status = std::filesystem::status(path, error);
+  return std::filesystem::exists(status) &&
+         (status.permissions() & any) != std::filesystem::perms::none;
+}
+
+}  // namespace
+
+void CheckPrivate(const std::filesystem::path& key) {
+  using std::filesystem::perms;
+  if (Has(key, perms::group_all | perms::others_all)) {
+    throw core::Error(key.string() + " can be read by others: chmod 600 " + key.string(), "");
+  }
+}
+
+void CheckUnchangeable(const std::filesystem::path& path) {
+  using std::filesystem::perms;
+  if (Has(path, perms::group_write | perms::others_write)) {
+    throw core::Error(path.string() + " can be changed by others: chmod go-w " + path.string(), "");
+  }
 }
 
 }  // namespace dfr::dds::internal

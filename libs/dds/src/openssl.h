@@ -37,4 +37,10 @@ using Owned = std::unique_ptr<T, Deleter>;
 /// A day of the calendar in UTC, "2026-11-21T00:00:00", as permissions have it.
 [[nodiscard]] std::string Timestamp(const ASN1_TIME& time);
 
+/// @throws core::Error if others than its user can read or change the file of a key.
+void CheckPrivate(const std::filesystem::path& key);
+/// @throws core::Error if others than its user can change a file or folder; what does not exist is
+///   fine.
+void CheckUnchangeable(const std::filesystem::path& path);
+
 }  // namespace dfr::dds::internal

@@ -5,6 +5,7 @@
 #include <fastdds/rtps/transport/shared_mem/SharedMemTransportDescriptor.h>
 #include <fastrtps/utils/IPLocator.h>
 
+#include <algorithm>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/domain/qos/DomainParticipantQos.hpp>
 #include <sstream>
@@ -14,6 +15,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/error.h"
 #include "dfr/dds/security.h"
+#include "guarded_transport.h"
 #include "openssl.h"
 #include "participant_impl.h"
 #include "stale_memory.h"
@@ -116,14 +118,14 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
           Ipv4(options.server_address, options.server_port));
       break;
   }
-  qos.transport().user_transports.push_back(udp);
+  qos.transport().user_transports.push_back(internal::Guarded(udp));
   if (options.shared_memory) {
     internal::RemoveStaleSegments();
     // With the defaults, an image of 0.9 MB takes 30 times as long.
     auto memory = std::make_shared<eprosima::fastdds::rtps::SharedMemTransportDescriptor>();
     memory->segment_size(8 << 20);
     memory->max_message_size(2 << 20);
-    qos.transport().user_transports.push_back(memory);
+    qos.transport().user_transports.push_back(internal::Guarded(memory));
   }
   if (!options.security.empty()) Secure(SecurityFiles(options.security), qos);
   return qos;
@@ -148,6 +150,27 @@ void PeerListener::on_participant_discovery(fdds::DomainParticipant* /*participa
     const auto peer = peers_.find(guid);
     if (peer != peers_.end() && Reason(peer->second).empty()) peers_.erase(peer);
   }
+}
+
+void PeerListener::on_publisher_discovery(fdds::DomainParticipant* participant,
+                                          rtps::WriterDiscoveryInfo&& info) {
+  if (info.info.guid().guidPrefix == participant->guid().guidPrefix) return;
+  const std::lock_guard lock(mutex_);
+  if (info.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER) {
+    publishers_.erase(info.info.guid());
+  } else {
+    publishers_[info.info.guid()] = info.info.topicName().to_string();
+  }
+}
+
+int PeerListener::CountPublishers(const std::function<bool(std::string_view topic)>& counts) const {
+  constexpr std::string_view kRos = "rt";
+  const std::lock_guard lock(mutex_);
+  return static_cast<int>(
+      std::count_if(publishers_.begin(), publishers_.end(), [&](const auto& publisher) {
+        const std::string_view topic = publisher.second;
+        return topic.starts_with(kRos) && counts(topic.substr(kRos.size()));
+      }));
 }
 
 void PeerListener::onParticipantAuthentication(fdds::DomainParticipant* /*participant*/,
@@ -266,6 +289,11 @@ std::string ExplainRefused(const Participant& participant) {
     text += "; '" + peer.name + "' is there, and not admitted: " + peer.reason;
   }
   return text;
+}
+
+int Participant::CountOthersPublishers(
+    const std::function<bool(std::string_view topic)>& counts) const {
+  return impl_->listener.CountPublishers(counts);
 }
 
 const ParticipantOptions& Participant::options() const noexcept { return impl_->options; }

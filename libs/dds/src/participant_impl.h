@@ -7,9 +7,11 @@
 #include <fastdds/dds/subscriber/Subscriber.hpp>
 #include <fastdds/dds/topic/Topic.hpp>
 #include <fastdds/dds/topic/TypeSupport.hpp>
+#include <functional>
 #include <map>
 #include <mutex>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -29,6 +31,10 @@ class PeerListener : public eprosima::fastdds::dds::DomainParticipantListener {
   void onParticipantAuthentication(
       eprosima::fastdds::dds::DomainParticipant* participant,
       eprosima::fastrtps::rtps::ParticipantAuthenticationInfo&& info) override;
+  void on_publisher_discovery(eprosima::fastdds::dds::DomainParticipant* participant,
+                              eprosima::fastrtps::rtps::WriterDiscoveryInfo&& info) override;
+  [[nodiscard]] int CountPublishers(
+      const std::function<bool(std::string_view topic)>& counts) const;
   [[nodiscard]] std::vector<RefusedPeer> refused() const;
   [[nodiscard]] std::vector<RefusedPeer> TakeRefused();
 
@@ -48,7 +54,8 @@ class PeerListener : public eprosima::fastdds::dds::DomainParticipantListener {
   const bool secured_;
   const std::string authority_;
   mutable std::mutex mutex_;
-  std::map<std::string, Peer> peers_;  // by GUID
+  std::map<std::string, Peer> peers_;                                   // by GUID
+  std::map<eprosima::fastrtps::rtps::GUID_t, std::string> publishers_;  // their topics
 };
 
 struct Participant::Impl {

@@ -114,10 +114,12 @@ std::string CheckSecurity(const std::filesystem::path& folder) {
   const Owned<X509> identity_ca = internal::LoadCertificate(files.identity_ca);
   const Owned<X509> certificate = internal::LoadCertificate(files.certificate);
   const Owned<EVP_PKEY> key = internal::LoadKey(files.key);
-  constexpr auto kOthers = std::filesystem::perms::group_all | std::filesystem::perms::others_all;
-  if ((std::filesystem::status(files.key).permissions() & kOthers) !=
-      std::filesystem::perms::none) {
-    Wrong(files.key, "can be read by others: chmod 600 " + files.key.string());
+  internal::CheckPrivate(files.key);
+  // Who can exchange the authority's certificate decides whom this process trusts.
+  internal::CheckUnchangeable(folder);
+  for (const auto& file : {files.identity_ca, files.certificate, files.permissions_ca,
+                           files.governance, files.permissions}) {
+    internal::CheckUnchangeable(file);
   }
   if (X509_check_private_key(certificate.get(), key.get()) != 1) {
     static_cast<void>(internal::Complaint());

@@ -132,6 +132,18 @@ void FromWire(const WireOf<StringStamped>::Type& wire, StringStamped& message) {
   message.text = wire.string_();
 }
 
+void ToWire(const Joy& message, WireOf<Joy>::Type& wire) {
+  HeaderToWire(message, wire.header_());
+  wire.axes_(message.axes);
+  wire.buttons_(message.buttons);
+}
+
+void FromWire(const WireOf<Joy>::Type& wire, Joy& message) {
+  HeaderFromWire(wire.header_(), message);
+  message.axes = wire.axes_();
+  message.buttons = wire.buttons_();
+}
+
 void ToWire(const Image& message, WireOf<Image>::Type& wire) {
   HeaderToWire(message, wire.header_());
   wire.height_(message.height);

@@ -21,6 +21,7 @@ DFR_WIRE(TwistStamped, geometry_msgs, TwistStamped_)
 DFR_WIRE(JointState, sensor_msgs, JointState_)
 DFR_WIRE(OperatingState, crtk_msgs, OperatingState_)
 DFR_WIRE(StringStamped, crtk_msgs, StringStamped_)
+DFR_WIRE(Joy, sensor_msgs, Joy_)
 DFR_WIRE(Image, sensor_msgs, Image_)
 DFR_WIRE(CompressedImage, sensor_msgs, CompressedImage_)
 DFR_WIRE(CameraInfo, sensor_msgs, CameraInfo_)
@@ -34,6 +35,7 @@ void ToWire(const TwistStamped& message, WireOf<TwistStamped>::Type& wire);
 void ToWire(const JointState& message, WireOf<JointState>::Type& wire);
 void ToWire(const OperatingState& message, WireOf<OperatingState>::Type& wire);
 void ToWire(const StringStamped& message, WireOf<StringStamped>::Type& wire);
+void ToWire(const Joy& message, WireOf<Joy>::Type& wire);
 void ToWire(const Image& message, WireOf<Image>::Type& wire);
 void ToWire(const CompressedImage& message, WireOf<CompressedImage>::Type& wire);
 void ToWire(const CameraInfo& message, WireOf<CameraInfo>::Type& wire);
@@ -46,6 +48,7 @@ void FromWire(const WireOf<TwistStamped>::Type& wire, TwistStamped& message);
 void FromWire(const WireOf<JointState>::Type& wire, JointState& message);
 void FromWire(const WireOf<OperatingState>::Type& wire, OperatingState& message);
 void FromWire(const WireOf<StringStamped>::Type& wire, StringStamped& message);
+void FromWire(const WireOf<Joy>::Type& wire, Joy& message);
 void FromWire(const WireOf<Image>::Type& wire, Image& message);
 void FromWire(const WireOf<CompressedImage>::Type& wire, CompressedImage& message);
 void FromWire(const WireOf<CameraInfo>::Type& wire, CameraInfo& message);

@@ -34,6 +34,8 @@ ControlLoop::ControlLoop(const ControlLoopOptions& options, const Devices& devic
   observation_.assign(static_cast<std::size_t>(devices.task->state_dim()),
                       std::numeric_limits<double>::quiet_NaN());
   before_ = observation_;
+  moved_.assign(observation_.size(), 0.0);
+  way_.assign(kWaypoints, {observation_, moved_});
 }
 
 // -- periods --------------------------------------------------------------------------------------
@@ -51,18 +53,21 @@ bool ControlLoop::Tick(double dt_s) noexcept {
 void ControlLoop::Watch() noexcept {
   const auto& [clock, arm, camera, task, stop, recorder, interrupted] = devices_;
   const Finding found = arm->Tick(clock->SteadyNs(), clock->WallNs());
-  machine_.Hold(found.reason, found.detail);
+  if (!homing_ || !arm->needs_homing()) machine_.Hold(found.reason, found.detail);
   if (stop != nullptr) {
     WatchThread(stop->Report(), Ns(options_.max_stop_check_s),
                 {HoldReason::kEmergencyStopSilent, "the thread that listens to it hangs"});
   }
-  WatchThread(camera->Report(), Ns(options_.max_camera_check_s),
-              {HoldReason::kImageSilent, "nobody looks at the pictures"});
+  if (!homing_) {  // which needs no pictures
+    WatchThread(camera->Report(), Ns(options_.max_camera_check_s),
+                {HoldReason::kImageSilent, "nobody looks at the pictures"});
+  }
   if (interrupted != nullptr && *interrupted) machine_.Hold(HoldReason::kOperator, "interrupted");
   if (recorder != nullptr && recorder->failed()) {
     machine_.Hold(HoldReason::kRecorder, "the recording cannot be written: is the disk full?");
   }
-  if (!machine_.may_move() && arm->armed()) {
+  const bool ends_homing = arm->homing() && machine_.blocking() != HoldReason::kNone;
+  if (ends_homing || (!machine_.may_move() && arm->armed())) {
     arm->Hold();
     static_cast<void>(arm->Tick(clock->SteadyNs(), clock->WallNs()));  // not with the next period
   }
@@ -94,10 +99,24 @@ void ControlLoop::Idle(double seconds) noexcept {
 }
 
 bool ControlLoop::AwaitReady(double timeout_s, const std::function<void(std::string_view)>& say) {
+  return Await(timeout_s, say);
+}
+
+bool ControlLoop::AwaitHomeable(double timeout_s,
+                                const std::function<void(std::string_view)>& say) {
+  homing_ = true;
+  const bool ready = Await(timeout_s, say);
+  homing_ = false;
+  return ready;
+}
+
+bool ControlLoop::Await(double timeout_s, const std::function<void(std::string_view)>& say) {
   const std::int64_t start_ns = devices_.clock->MachineNs();
-  for (bool said = false;;) {
-    Idle(0.1);
+  Idle(options_.calm_s + 0.05);  // long enough for the machine to know that all is calm
+  for (bool said = false;; Idle(0.1)) {
     if (blocking() == HoldReason::kNone) return true;
+    if (blocking() == HoldReason::kEmergencyStop) return false;
+    if (devices_.interrupted != nullptr && *devices_.interrupted) return false;
     const std::int64_t waited_ns = devices_.clock->MachineNs() - start_ns;
     if (waited_ns > Ns(timeout_s)) return false;
     if (!said && waited_ns > Ns(1.0)) {
@@ -109,8 +128,31 @@ bool ControlLoop::AwaitReady(double timeout_s, const std::function<void(std::str
 
 // -- words of the operator, the controller and the task -------------------------------------------
 
+HoldReason ControlLoop::Home() noexcept {
+  if (devices_.arm->armed()) return HoldReason::kOperator;
+  homing_ = true;
+  const HoldReason reason = TryToHome();
+  homing_ = false;
+  return reason;
+}
+
+HoldReason ControlLoop::TryToHome() noexcept {
+  if (devices_.emergency_stop != nullptr) devices_.emergency_stop->Acknowledge();
+  Idle(options_.calm_s + 0.05);
+  if (blocking() != HoldReason::kNone || !devices_.arm->needs_homing()) return blocking();
+  if (const Finding refused = devices_.arm->Home(); !refused.ok()) {
+    Hold(refused.reason, refused.detail);
+    return refused.reason;
+  }
+  do {
+    Tick();
+    if (blocking() != HoldReason::kNone) return blocking();
+  } while (devices_.arm->homing());
+  return HoldReason::kNone;
+}
+
 HoldReason ControlLoop::TryToStart() noexcept {
-  Idle(options_.calm_s + 0.05);  // long enough for the machine to know that all is calm
+  Idle(options_.calm_s + 0.05);
   if (!machine_.Arm()) {
     if (blocking() != HoldReason::kNone) return blocking();
     return last_reason_ != HoldReason::kNone ? last_reason_ : HoldReason::kOperator;
@@ -138,7 +180,8 @@ HoldReason ControlLoop::Start(double patience_s) noexcept {
 bool ControlLoop::Clear() noexcept {
   if (devices_.emergency_stop != nullptr) devices_.emergency_stop->Acknowledge();
   Idle(options_.calm_s + 0.05);
-  const bool cleared = machine_.Clear();
+  const bool cleared =
+      state() == RunState::kIdle ? blocking() == HoldReason::kNone : machine_.Clear();
   Report();
   return cleared;
 }
@@ -182,8 +225,14 @@ PlantStatus ControlLoop::Apply(std::span<const double> control) noexcept {
   const PlantStatus status = Move(motion->joints, motion->duration_s);
   if (status != PlantStatus::kOk) return status;
   std::copy(observation_.begin(), observation_.end(), before_.begin());
-  if (Look() && Jumped(motion->change)) {
+  if (!Observe()) return PlantStatus::kFault;
+  if (Jumped(motion->change)) {
     Hold(HoldReason::kStateJump, "the tip is not where the control took it");
+  } else if (TargetJumped(motion->change)) {
+    Hold(HoldReason::kStateJump, "the line moves faster than it can be followed");
+  }
+  if (Drifted(motion->change)) {
+    Hold(HoldReason::kImageInvalid, "pictures do not show how the arm has moved");
   }
   return may_move() ? PlantStatus::kOk : PlantStatus::kFault;
 }
@@ -212,6 +261,14 @@ PlantStatus ControlLoop::Move(std::span<const double> joints, double duration_s)
 }
 
 bool ControlLoop::Look() noexcept {
+  const bool looked = Observe();
+  way_size_ = way_next_ = 0;
+  std::fill(moved_.begin(), moved_.end(), 0.0);
+  Remember();
+  return looked;
+}
+
+bool ControlLoop::Observe() noexcept {
   const auto& [clock, arm, camera, task, stop, recorder, interrupted] = devices_;
   for (int image = 0; image < options_.max_images; ++image) {
     if (const Finding found = camera->Ask(clock->WallNs() + Ns(options_.image_latency_s));
@@ -241,6 +298,53 @@ bool ControlLoop::Jumped(std::span<const double> change) const noexcept {
     squared += off * off;
   }
   return std::sqrt(squared) > options_.max_state_jump;  // false where the state was not seen
+}
+
+bool ControlLoop::TargetJumped(std::span<const double> change) const noexcept {
+  double squared = 0.0;
+  for (const double entry : change) squared += entry * entry;
+  const double most = options_.max_target_jump + std::sqrt(squared);
+  for (std::size_t k = change.size(); k < observation_.size(); ++k) {
+    if (std::abs(observation_[k] - before_[k]) > most) return true;
+  }
+  return false;
+}
+
+void ControlLoop::Remember() noexcept {
+  if (!std::isfinite(observation_[0])) return;  // there was nothing to see
+  Waypoint& waypoint = way_[way_next_];
+  std::copy(observation_.begin(), observation_.end(), waypoint.state.begin());
+  std::copy(moved_.begin(), moved_.end(), waypoint.moved.begin());
+  way_next_ = (way_next_ + 1) % kWaypoints;
+  way_size_ = std::min(way_size_ + 1, kWaypoints);
+  since_waypoint_ = 0.0;
+}
+
+bool ControlLoop::Drifted(std::span<const double> change) noexcept {
+  double squared = 0.0;
+  for (std::size_t k = 0; k < change.size(); ++k) {
+    moved_[k] += change[k];
+    squared += change[k] * change[k];
+  }
+  since_waypoint_ += std::sqrt(squared);
+  if (!std::isfinite(observation_[0])) return false;
+  bool drifted = false;
+  for (std::size_t i = 0; i < way_size_; ++i) {
+    double off = 0.0;
+    double way = 0.0;
+    for (std::size_t k = 0; k < change.size(); ++k) {
+      const double moved = moved_[k] - way_[i].moved[k];
+      const double error = observation_[k] - way_[i].state[k] - moved;
+      off += error * error;
+      way += moved * moved;
+    }
+    if (way > options_.drift_stretch * options_.drift_stretch) continue;
+    const double most =
+        std::min(options_.max_drift, options_.drift_noise + options_.drift_share * std::sqrt(way));
+    drifted = drifted || std::sqrt(off) > most;
+  }
+  if (way_size_ == 0 || since_waypoint_ >= options_.drift_stretch / kWaypoints) Remember();
+  return drifted;
 }
 
 void ControlLoop::Halt() noexcept {

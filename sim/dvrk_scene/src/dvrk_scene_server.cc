@@ -175,15 +175,24 @@ struct DvrkSceneServer::Impl {
 
   void SetCamera(std::string_view value) {
     const bool silent = value == "silent";
+    const bool noisy = value == "frozen_noisy";
+    const bool late = value == "late";
+    if (noisy) value = "frozen";
+    if (late) value = "none";
     for (const auto& [name, fault] : kCameraFaults) {
       if (!silent && value != name) continue;
-      if (camera) camera->SetSilent(silent);
+      if (camera) {
+        camera->SetSilent(silent);
+        camera->SetNoisy(noisy);
+        camera->SetLate(late);
+      }
       scene.SetCameraFault(silent ? CameraFault::kNone : fault);
       return;
     }
     DFR_THROW_UNLESS(false, "there is no camera fault '" << value
                                                          << "'; there are: none, frozen, black, "
-                                                            "overexposed, no_line, no_tip, silent");
+                                                            "overexposed, no_line, no_tip, silent, "
+                                                            "frozen_noisy, late");
   }
 
   std::string Answer(std::string_view text) {

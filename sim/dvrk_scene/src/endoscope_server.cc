@@ -1,6 +1,8 @@
 #include "endoscope_server.h"
 
+#include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <stdexcept>
 #include <string_view>
 #include <utility>
@@ -67,6 +69,7 @@ void EndoscopeServer::Take(const LineTrackingPlant& plant, const dds::Stamp& sta
   if (restart) number_ = 0;
   if (!frozen) plant.RenderPicture(++number_, image_.data);
   if (silent_) return;
+  Spoil();
   image_.stamp = jpeg_.stamp = camera_info_.stamp = stamp;
   raw_.Write(image_);
   info_.Write(camera_info_);
@@ -81,6 +84,24 @@ void EndoscopeServer::Take(const LineTrackingPlant& plant, const dds::Stamp& sta
     compressed_.Write(jpeg_);
   }
   ++published_;
+}
+
+void EndoscopeServer::Spoil() {
+  if (late_) {
+    delayed_.push_back(image_.data);
+    const auto second = static_cast<std::size_t>(std::max(1.0, std::ceil(1.0 / options_.period_s)));
+    while (delayed_.size() > second) delayed_.pop_front();
+    image_.data = delayed_.front();
+  } else {
+    delayed_.clear();
+  }
+  if (!noisy_) return;
+  for (std::uint8_t& value : image_.data) {
+    noise_ ^= noise_ << 13U;
+    noise_ ^= noise_ >> 17U;
+    noise_ ^= noise_ << 5U;
+    if ((noise_ & 3U) == 0) value ^= 1U;
+  }
 }
 
 void EndoscopeServer::Look(const dds::Stamp& stamp) {

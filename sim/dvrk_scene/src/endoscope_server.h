@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <deque>
 #include <exception>
 #include <functional>
 #include <memory>
@@ -47,6 +48,11 @@ class EndoscopeServer {
   /// Nothing comes from the camera any more.
   void SetSilent(bool silent) noexcept { silent_ = silent; }
 
+  /// Every picture differs from the one before by noise of one grey level.
+  void SetNoisy(bool noisy) noexcept { noisy_ = noisy; }
+  /// Pictures are of a second ago, with the stamps of now.
+  void SetLate(bool late) noexcept { late_ = late; }
+
   [[nodiscard]] std::uint64_t published() const noexcept { return published_; }
 
  private:
@@ -55,6 +61,7 @@ class EndoscopeServer {
 
   void Run();
   void Take(const LineTrackingPlant& plant, const dds::Stamp& stamp, bool restart, bool frozen);
+  void Spoil();
   [[nodiscard]] bool Watched() const noexcept;
 
   Options options_;
@@ -69,6 +76,10 @@ class EndoscopeServer {
   std::uint64_t number_ = 0;
   bool restart_ = false;
   std::atomic<bool> silent_ = false;
+  std::atomic<bool> noisy_ = false;
+  std::atomic<bool> late_ = false;
+  std::uint32_t noise_ = 1;
+  std::deque<std::vector<std::uint8_t>> delayed_;  // pictures, the oldest first
   std::atomic<std::uint64_t> published_ = 0;
 
   // Real time. What follows `hand_` belongs to whom it says.

@@ -20,6 +20,10 @@ struct PsmClientOptions {
   /// How far the arm may lag behind its set-point, rad (insertion: m), > 0.
   kinematics::PsmJoints max_lag =
       (kinematics::PsmJoints() << 0.09, 0.09, 0.01, 0.15, 0.15, 0.15).finished();
+  /// How far the console's set-point may be from all that were sent in the last while, rad
+  /// (insertion: m), > 0: what inverse kinematics and rounding make of them.
+  kinematics::PsmJoints max_setpoint_error =
+      (kinematics::PsmJoints() << 0.01, 0.01, 0.001, 0.03, 0.03, 0.03).finished();
   /// Faster than this no sample follows another, rad/s (insertion: m/s), > 0: the console's own
   /// limits with a margin for noise.
   kinematics::PsmJoints jump_speed =
@@ -42,7 +46,8 @@ struct PsmClientOptions {
   double home_timeout_s = 90.0;
   double repeat_request_s = 2.0;  ///< A state command without any effect is sent again after that.
   PsmProfile profile = PsmProfile::kSmooth;
-  /// Whether other publishers on the arm's command topics are a reason to hold.
+  /// Whether it is a reason to hold that others publish on the arm's command topics, tell it to
+  /// hold or to be free, or move its set-point.
   bool sole_commander = true;
 
   /// @throws std::invalid_argument naming the option that is out of range.
@@ -118,6 +123,11 @@ struct PsmInput {
   int state_publishers = 0;     ///< Matched on measured_js.
   int incompatible = 0;         ///< Refused there because of their quality of service.
   int other_publishers = 0;     ///< On the command topics, besides us.
+  int foreign_words = 0;        ///< Of others on hold, free and state_command.
+  bool teleoperated = false;    ///< A teleoperation is enabled, or was since the last step.
+  bool clutched = false;        ///< The same of the arm's clutch.
+  bool wrong_tool = false;      ///< The console names an instrument that is not known here.
+  int tool_changes = 0;         ///< The console named another instrument than before.
   int command_subscribers = 0;  ///< On state_command.
   bool send_failed = false;     ///< Something to send did not fit.
 };
@@ -152,8 +162,9 @@ class PsmClient {
   PsmOutput Step(const PsmInput& input, std::int64_t steady_ns, std::int64_t wall_ns) noexcept;
 
   /// Asks for a state command with the next steps. An armed client holds first. Ends in kIdle, or
-  /// in kHolding with kTimedOut or kConsoleFault. kPause, kDisable and kUnhome need no effect to
-  /// wait for. In FAULT a console only takes kDisable and kUnhome: others are refused with
+  /// in kHolding with kTimedOut, kConsoleFault, or what came between while the arm powered up or
+  /// homed: then the console is told to disable, too. kPause, kDisable and kUnhome need no effect
+  /// to wait for. In FAULT a console only takes kDisable and kUnhome: others are refused with
   /// kConsoleFault.
   PsmStatus Request(PsmRequest request) noexcept;
 
@@ -167,7 +178,9 @@ class PsmClient {
   PsmStatus MoveTo(const Eigen::Isometry3d& goal, double duration_s) noexcept;
   /// Turns the jaw to `angle`, rad, at constant speed.
   PsmStatus MoveJaw(double angle, double duration_s) noexcept;
-  /// Stops with the next step, with status kHeld unless it holds already. Always works.
+  /// Stops with the next step, with status kHeld unless it holds already. Always works: a console
+  /// that was asked to enable or home is told to hold and to disable, for `hold` alone does not end
+  /// either.
   void Hold() noexcept { hold_wanted_ = true; }
 
   [[nodiscard]] PsmPhase phase() const noexcept { return phase_; }
@@ -175,6 +188,8 @@ class PsmClient {
   [[nodiscard]] PsmStatus status() const noexcept;
   /// What the last step found, also while holding.
   [[nodiscard]] PsmStatus hold_reason() const noexcept { return hold_reason_; }
+  /// The console has been asked to power up or to home, and has not done so yet.
+  [[nodiscard]] bool homing() const noexcept;
   /// The state command under way.
   [[nodiscard]] PsmRequest request() const noexcept { return request_; }
   /// A move, the jaw's included, is under way.
@@ -201,14 +216,17 @@ class PsmClient {
   void Take(const PsmInput& input) noexcept;
   [[nodiscard]] PsmStatus FindHoldReason(const PsmInput& input) const noexcept;
   [[nodiscard]] PsmStatus MeasurementHoldReason() const noexcept;
+  [[nodiscard]] PsmStatus CommandHoldReason(const PsmInput& input) const noexcept;
   [[nodiscard]] PsmStatus FollowHoldReason() const noexcept;
   [[nodiscard]] bool FrameAgrees() const noexcept;
   void HoldBecause(PsmStatus cause, PsmOutput& output) noexcept;
-  void Pursue(const PsmInput& input, PsmOutput& output) noexcept;
+  [[nodiscard]] PsmStatus HomingHoldReason(const PsmInput& input, double dt) const noexcept;
+  void Pursue(const PsmInput& input, double dt, PsmOutput& output) noexcept;
 
   PsmClientOptions options_;
   PsmMotion motion_;
   PsmRest rest_;
+  PsmRecentSetpoints recent_;
   dds::Watchdog js_watchdog_;
   dds::Watchdog cp_watchdog_;
 

@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "dfr/dds/participant.h"
 #include "dfr/hardware/psm_client.h"
@@ -26,20 +27,26 @@ struct ConsoleWord {
 /// Options for PsmDriver.
 struct PsmDriverOptions {
   std::string arm = "PSM1";  ///< First part of the topics' names.
+  /// Topics (std_msgs/Bool) that are true while the arm may be teleoperated. Empty:
+  /// /console/teleop/enabled, and /MTML_ARM/following and /MTMR_ARM/following with the arm's name.
+  std::vector<std::string> teleoperation = {};
   PsmClientOptions client = {};
 };
 
 /// A patient-side manipulator behind a da Vinci Research Kit console (CRTK over ROS 2, or
 /// dvrk_simulator): a PsmClient with its ends of the topics
 ///   takes      measured_js setpoint_js measured_cp jaw/measured_js jaw/setpoint_js
-///              operating_state error warning status
+///              operating_state error warning status tool_type arm_clutch manip_clutch
 ///   publishes  servo_cp jaw/servo_jp hold state_command
-/// and it looks who else publishes on servo_cp, servo_jp, move_cp and move_jp.
+/// and it looks who else publishes on any servo_, move_ or interpolate_ topic of the arm, jaw and
+/// body included, what others say on hold, free and state_command, and whether a teleoperation is
+/// enabled.
 ///
 /// A thread of its own talks to DDS, which allocates, locks and may wait; messages pass through
 /// mailboxes without locks. So everything marked noexcept here, Tick() above all, neither allocates
 /// nor locks nor waits. Those calls belong to one thread at a time. To be destroyed before the
-/// participant; an armed driver tells the console to hold when it is destroyed.
+/// participant; an armed driver tells the console to hold when it is destroyed, and one that homes
+/// the arm to disable it as well.
 ///
 /// A new driver only listens. Usual order: Home(), Arm(), MoveTo(), ..., with Tick() all along.
 class PsmDriver {
@@ -120,7 +127,10 @@ class PsmDriver {
 /// Homes (if need be) and arms, ticking every 5 ms by this machine's clocks: for programs' starts.
 /// Returns driver.status(), kOk if armed; gives up after `timeout_s` with the reason.
 /// @param say  called with each of the console's words and with what is waited for; may be empty.
+/// @param may_move  asked before each tick: emergency stop, Ctrl-C. False ends it with kHeld and
+///   tells the console to hold, and to disable an arm that homes. May be empty.
 PsmStatus BringUp(PsmDriver& driver, double timeout_s,
-                  const std::function<void(std::string_view)>& say = {});
+                  const std::function<void(std::string_view)>& say = {},
+                  const std::function<bool()>& may_move = {});
 
 }  // namespace dfr::hardware

@@ -2,6 +2,8 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <array>
+#include <cstddef>
 #include <limits>
 
 #include "dfr/hardware/psm_status.h"
@@ -80,6 +82,33 @@ class PsmMotion {
   kinematics::PsmJoints from_ = kinematics::PsmJoints::Zero();
   kinematics::PsmJoints goal_ = kinematics::PsmJoints::Zero();
   kinematics::PsmJoints setpoint_ = kinematics::PsmJoints::Zero();
+};
+
+/// The range of the set-points of the last while, joint by joint, which those that a console
+/// reports have to be from. Never allocates or throws. One object belongs to one thread.
+class PsmRecentSetpoints {
+ public:
+  /// @param window_s  how long one is remembered at least, > 0.
+  explicit PsmRecentSetpoints(double window_s) : window_s_(window_s) {}
+
+  /// Only this one is known.
+  void Start(const kinematics::PsmJoints& setpoint, double time_s) noexcept;
+  void Add(const kinematics::PsmJoints& setpoint, double time_s) noexcept;
+  /// Whether every joint is within `tolerance` of that joint's range.
+  [[nodiscard]] bool Contain(const kinematics::PsmJoints& setpoint,
+                             const kinematics::PsmJoints& tolerance) const noexcept;
+
+ private:
+  struct Part {
+    double begin_s = 0.0;
+    kinematics::PsmJoints lower = kinematics::PsmJoints::Zero();
+    kinematics::PsmJoints upper = kinematics::PsmJoints::Zero();
+  };
+  static constexpr std::size_t kParts = 9;  // the oldest is complete until the window has passed it
+
+  double window_s_;
+  std::array<Part, kParts> parts_;
+  std::size_t newest_ = 0;
 };
 
 /// When an arm counts as at rest.

@@ -27,13 +27,20 @@ enum class PsmStatus {
   kStateJumped,     ///< Farther from one sample to the next than the arm can move.
   kFrameMismatch,   ///< measured_cp is not where measured_js puts the wrist.
   // Who commands, and whether it helps.
-  kOtherPublisher,  ///< Someone else publishes on the arm's command topics.
-  kNotFollowing,    ///< The arm is too far from its set-point.
-  kNotReached,      ///< The move has ended, but the arm has not come to rest at its goal.
-  kTickLate,        ///< The caller's loop stood still for too long.
-  kSendFailed,      ///< Commands cannot be sent as fast as they are made.
-  kTimedOut,        ///< A state command had no effect in time.
-  kHeld,            ///< Hold() was called.
+  kOtherPublisher,   ///< Someone else publishes on the arm's command topics.
+  kSecondConsole,    ///< More than one publishes the arm's state.
+  kForeignWord,      ///< Someone else told the arm to hold, to be free or to change its state.
+  kForeignSetpoint,  ///< The console's set-point is none of those that were sent to it.
+  kTeleoperated,     ///< A teleoperation inside the console is enabled.
+  kClutched,         ///< The operator holds the arm's clutch.
+  kWrongTool,        ///< Another instrument than those whose kinematics are known.
+  kToolChanged,      ///< The instrument was changed.
+  kNotFollowing,     ///< The arm is too far from its set-point.
+  kNotReached,       ///< The move has ended, but the arm has not come to rest at its goal.
+  kTickLate,         ///< The caller's loop stood still for too long.
+  kSendFailed,       ///< Commands cannot be sent as fast as they are made.
+  kTimedOut,         ///< A state command had no effect in time.
+  kHeld,             ///< Hold() was called.
   // Why a command was refused; nothing was sent.
   kNotArmed,          ///< Arm() comes first.
   kInvalidGoal,       ///< A non-finite entry, or a negative duration.

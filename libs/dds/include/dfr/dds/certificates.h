@@ -9,7 +9,7 @@ namespace dfr::dds {
 /// What a participant of a secured network may publish. All may subscribe to everything.
 enum class Permission {
   kController,  ///< Commands, and everything else but what consoles measure.
-  kConsole,     ///< Measurements, and everything else but commands.
+  kConsole,     ///< Measurements, and everything else but commands and emergency stops.
   kButton,      ///< Emergency stops, nothing else.
   kMonitor,     ///< Nothing.
 };
@@ -38,7 +38,8 @@ void MakeAuthority(const std::filesystem::path& folder, const CertificateOptions
 /// Adds a participant: its key, certificate and signed permissions. They stay valid for
 /// `options.days`, or until the authority's own certificate ends.
 /// @param name  letters, digits, '_', '-' and '.'.
-/// @throws as MakeAuthority(), and if the participant exists or there is no authority in `folder`.
+/// @throws as MakeAuthority(), and if the participant exists, there is no authority in `folder`, or
+///   others can read its key.
 void AddParticipant(const std::filesystem::path& folder, const std::string& name,
                     Permission permission, const CertificateOptions& options = {});
 

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <memory>
 #include <string>
 
@@ -21,11 +23,12 @@ enum class Role {
   kOwnCommand,
   /// Measured state: the publisher keeps 100 samples, the subscriber the newest.
   kState,
-  /// What changes seldom and may not be missed (operating_state, error, state_command): the
-  /// publisher keeps the last 100 for late joiners.
+  /// What changes seldom and may not be missed (operating_state, error): the publisher keeps the
+  /// last
+  /// 100 for late joiners.
   kEvent,
-  /// Like kEvent for those who send but once and to whom late joiners do not matter, as consoles
-  /// listen to state_command: a subscriber that also takes from publishers that keep nothing.
+  /// What is asked for once (state_command, hold): nothing is kept, so that who joins late does not
+  /// get a `home` of long ago.
   kRequest,
   /// Images: the newest alone.
   kImage,
@@ -40,6 +43,9 @@ struct Health {
   int missed_deadlines = 0;  ///< Since the start.
   int incompatible = 0;      ///< Publishers refused because of what they offer, since the start.
 };
+
+/// Who sent a sample: the publisher's GUID, which no other publisher has.
+using Origin = std::array<std::uint8_t, 16>;
 
 /// Sends T = one of messages.h to a ROS 2 topic. One object belongs to one thread at a time.
 template <typename T>
@@ -57,6 +63,8 @@ class Publisher {
   bool Write(const T& message) noexcept;
   /// Subscribers matched now.
   [[nodiscard]] int num_subscribers() const noexcept;
+  /// What Subscriber::Take() says of its samples.
+  [[nodiscard]] Origin origin() const noexcept;
 
  private:
   struct Impl;
@@ -77,6 +85,8 @@ class Subscriber {
   /// Takes the oldest sample that has not been taken. False, with `message` unchanged, if there is
   /// none.
   bool Take(T& message) noexcept;
+  /// The same, and who sent it.
+  bool Take(T& message, Origin& from) noexcept;
   /// Takes all samples and keeps the newest. False, with `message` unchanged, if there is none.
   bool TakeNewest(T& message) noexcept;
   /// Waits until there is a sample to take, for `timeout_s` at most. True if there is.
@@ -93,6 +103,7 @@ extern template class Publisher<TwistStamped>;
 extern template class Publisher<JointState>;
 extern template class Publisher<OperatingState>;
 extern template class Publisher<StringStamped>;
+extern template class Publisher<Joy>;
 extern template class Publisher<Image>;
 extern template class Publisher<CompressedImage>;
 extern template class Publisher<CameraInfo>;
@@ -104,6 +115,7 @@ extern template class Subscriber<TwistStamped>;
 extern template class Subscriber<JointState>;
 extern template class Subscriber<OperatingState>;
 extern template class Subscriber<StringStamped>;
+extern template class Subscriber<Joy>;
 extern template class Subscriber<Image>;
 extern template class Subscriber<CompressedImage>;
 extern template class Subscriber<CameraInfo>;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
 
@@ -46,10 +47,12 @@ class EmergencyStopButton {
 enum class EmergencyStop {
   kClear,    ///< Heard of, and not pressed.
   kPressed,  ///< Pressed now, or since the last Acknowledge().
-  kSilent,   ///< Nothing was heard for too long, or ever: it could not stop anything.
+  kSilent,  ///< Nothing was heard for too long of one of them, or ever: it could not stop anything.
+            ///< Also where there are more than eight.
 };
 
-/// The receiving end. One object belongs to one thread at a time.
+/// The receiving end. It keeps track of every button that it has heard: where one of them is
+/// silent, another that goes on does not hide that. One object belongs to one thread at a time.
 class EmergencyStopReceiver {
  public:
   /// @param max_silence_s  after which it counts as absent, in [0.05, 10].
@@ -59,15 +62,26 @@ class EmergencyStopReceiver {
 
   /// @param steady_ns  a clock that never goes back.
   EmergencyStop Check(std::int64_t steady_ns) noexcept;
-  /// The operator knows that it was pressed. Without effect while it still is.
-  void Acknowledge() noexcept { latched_ = false; }
+  /// The operator knows that it was pressed, and which buttons are gone: those that are silent now
+  /// are forgotten. Without effect on those that are still pressed.
+  void Acknowledge() noexcept;
+  /// Buttons that were heard and not forgotten.
+  [[nodiscard]] int num_buttons() const noexcept { return num_buttons_; }
 
  private:
+  struct Button {
+    Origin who{};
+    std::int64_t heard_ns = 0;
+  };
+  void Hear(const Origin& who) noexcept;
+
   Subscriber<Flag> subscriber_;
   std::int64_t max_silence_ns_;
-  bool any_ = false;
+  std::int64_t now_ns_ = 0;
+  std::array<Button, 8> buttons_{};
+  int num_buttons_ = 0;
+  bool too_many_ = false;
   bool latched_ = false;
-  std::int64_t heard_ns_ = 0;
 };
 
 }  // namespace dfr::dds

@@ -67,6 +67,14 @@ struct StringStamped {
   std::string text;
 };
 
+/// sensor_msgs/Joy: pedals and buttons, pressed where they are 1.
+struct Joy {
+  Stamp stamp;
+  std::string frame_id;
+  std::vector<float> axes;
+  std::vector<std::int32_t> buttons;
+};
+
 /// sensor_msgs/Image: image_raw. Rows from the top, `step` bytes each.
 struct Image {
   Stamp stamp;

@@ -2,8 +2,10 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace dfr::dds {
@@ -62,6 +64,12 @@ class Participant {
   [[nodiscard]] std::vector<RefusedPeer> refused_peers() const;
   /// The refused peers that no earlier call has returned. A log line for each appears only once.
   [[nodiscard]] std::vector<RefusedPeer> TakeRefusedPeers();
+
+  /// Publishers that other participants have on topics whose ROS 2 name `counts`, whatever their
+  /// types and qualities of service. Through a discovery server only those are known that somebody
+  /// here subscribes to.
+  [[nodiscard]] int CountOthersPublishers(
+      const std::function<bool(std::string_view topic)>& counts) const;
 
   struct Impl;
   [[nodiscard]] Impl& impl() noexcept { return *impl_; }

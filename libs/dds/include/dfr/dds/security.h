@@ -27,9 +27,9 @@ struct SecurityFiles {
 };
 
 /// Checks all that can be wrong with a participant's folder, for DDS itself says just that it
-/// refuses: a file is missing, the key is not the certificate's or can be read by others, a
-/// certificate or the permissions are of another authority, expired, not valid yet, or made for
-/// another participant.
+/// refuses: a file is missing, the key is not the certificate's or can be read by others, others
+/// can change the folder or a file in it, a certificate or the permissions are of another
+/// authority, expired, not valid yet, or made for another participant.
 /// @return the participant's name, as its certificate has it.
 /// @throws std::runtime_error naming the file, what is wrong with it, and the remedy.
 std::string CheckSecurity(const std::filesystem::path& folder);

@@ -30,6 +30,17 @@ struct ControlLoopOptions {
   /// Distance of the state after a motion from where the motion should have taken it, in the
   /// units of the state; more is kStateJump.
   double max_state_jump = 3.0;
+  /// How far the way between two states may be from that of the motions between them: max_drift,
+  /// and drift_noise with drift_share of its length. Pictures that do not show the motions (frozen,
+  /// late, of another time) are found so, whatever their stamps say. In the units of the state, the
+  /// share without one.
+  double max_drift = 2.5;
+  double drift_noise = 0.3;
+  double drift_share = 0.5;
+  double drift_stretch = 10.0;  ///< States farther apart are not compared, > 0.
+  /// By how much any other entry of the state may change while a motion is carried out, beyond the
+  /// motion's own length: the target moves faster than a controller can follow.
+  double max_target_jump = 1.5;
 };
 
 /// What a loop works with. All outlive it; nullptr where it says so.
@@ -48,8 +59,8 @@ struct Devices {
 /// all that can be a reason to hold. runtime::FailSafe decides: for any reason the arm holds in the
 /// same period, and Apply() returns kFault from then on until Start().
 ///
-/// Nothing here allocates, locks or throws but the constructor, AwaitReady() and what returns a
-/// std::string. One object belongs to one thread.
+/// Nothing here allocates, locks or throws but the constructor, AwaitReady(), AwaitHomeable() and
+/// what returns a std::string. One object belongs to one thread.
 class ControlLoop {
  public:
   /// @throws std::invalid_argument naming the option that is out of range or the device missing.
@@ -61,14 +72,24 @@ class ControlLoop {
   bool Tick() noexcept { return Tick(options_.period_s); }
   /// Runs the loop for `seconds`.
   void Idle(double seconds) noexcept;
-  /// Runs it until nothing keeps it from being started. False after `timeout_s`.
+  /// Runs it until nothing keeps it from being started. False after `timeout_s`, or as soon as it
+  /// is interrupted.
   /// @param say  told what it waits for, once, after a second; may be empty.
   [[nodiscard]] bool AwaitReady(double timeout_s, const std::function<void(std::string_view)>& say);
+  /// The same until nothing keeps it from being homed: see Home().
+  [[nodiscard]] bool AwaitHomeable(double timeout_s,
+                                   const std::function<void(std::string_view)>& say);
 
+  /// The operator's word: powers the arm up and homes it, if it needs that. Everything is watched
+  /// but the camera and what homing mends; whatever is found ends it in the same period, and
+  /// nothing begins while the emergency stop is pressed or not heard of. Returns kNone, or what was
+  /// found: blocking_words(). Refused with kOperator while the arm is armed.
+  [[nodiscard]] runtime::HoldReason Home() noexcept;
   /// The operator's word: arms and starts. Returns kNone, or what prevents it. Tries again for
   /// `patience_s` unless a fault has to be cleared first.
   [[nodiscard]] runtime::HoldReason Start(double patience_s = 0.0) noexcept;
-  /// The operator's word: a fault is mended. False if it is not.
+  /// The operator's word: a fault is mended, or an emergency stop that was pressed while idle is
+  /// known. False if something is still wrong.
   [[nodiscard]] bool Clear() noexcept;
   /// A reason to hold that the caller found. The arm holds with the next period.
   void Hold(runtime::HoldReason reason, std::string_view detail = {}) noexcept;
@@ -84,7 +105,7 @@ class ControlLoop {
   /// Moves the arm to `joints` in `duration_s`, and waits for rest.
   [[nodiscard]] core::PlantStatus Move(std::span<const double> joints, double duration_s) noexcept;
   /// Looks at pictures taken from now on until one shows the state. False if there was none: then
-  /// the loop holds.
+  /// the loop holds. From here on motions and states are compared.
   bool Look() noexcept;
   /// The arm holds, whatever the state.
   void Halt() noexcept;
@@ -103,19 +124,38 @@ class ControlLoop {
   [[nodiscard]] std::string blocking_words() const;
 
  private:
+  [[nodiscard]] bool Await(double timeout_s, const std::function<void(std::string_view)>& say);
+  [[nodiscard]] runtime::HoldReason TryToHome() noexcept;
   [[nodiscard]] runtime::HoldReason TryToStart() noexcept;
   void Watch() noexcept;
   void WatchThread(const ThreadFinding& found, std::int64_t max_check_ns,
                    const Finding& hangs) noexcept;
   void Report() noexcept;
   [[nodiscard]] core::PlantStatus Refuse(const Finding& why) noexcept;
+  bool Observe() noexcept;
   [[nodiscard]] bool Jumped(std::span<const double> change) const noexcept;
+  [[nodiscard]] bool TargetJumped(std::span<const double> change) const noexcept;
+  [[nodiscard]] bool Drifted(std::span<const double> change) noexcept;
+
+  // Where the state was once, and the sum of the motions since the loop began to compare.
+  struct Waypoint {
+    std::vector<double> state;
+    std::vector<double> moved;
+  };
+  static constexpr std::size_t kWaypoints = 64;  // of a stretch
+  void Remember() noexcept;
 
   ControlLoopOptions options_;
   Devices devices_;
   runtime::FailSafe machine_;
   std::vector<double> observation_;
   std::vector<double> before_;
+  std::vector<Waypoint> way_;  // the last ones, in a ring
+  std::size_t way_size_ = 0;
+  std::size_t way_next_ = 0;
+  double since_waypoint_ = 0.0;
+  std::vector<double> moved_;
+  bool homing_ = false;
   runtime::HoldReason last_reason_ = runtime::HoldReason::kNone;
   std::array<char, 96> last_detail_{};
 };

@@ -55,9 +55,16 @@ class Manipulator {
   /// Once a period: takes what was measured, sends the next set-point. Returns what makes an armed
   /// arm hold, or what now keeps it from being armed.
   [[nodiscard]] virtual Finding Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept = 0;
+  /// What the last Tick() found is only that the arm is not powered or not homed, which Home()
+  /// mends.
+  [[nodiscard]] virtual bool needs_homing() const noexcept = 0;
+  /// Starts to power up and home the arm, which moves it, or says what is against it.
+  [[nodiscard]] virtual Finding Home() noexcept = 0;
+  /// Home() is under way.
+  [[nodiscard]] virtual bool homing() const noexcept = 0;
   /// Starts sending set-points, the present one at first, or says what is against it.
   [[nodiscard]] virtual Finding Arm() noexcept = 0;
-  /// Stops sending with the next Tick(). Always works.
+  /// Stops sending, and ends homing, with the next Tick(). Always works.
   virtual void Hold() noexcept = 0;
   /// Starts a motion to `joints` (in the units of the arm) that takes `duration_s`, or says what is
   /// against it.

@@ -36,7 +36,8 @@ struct DvrkSceneServerOptions {
 ///   0
 ///                       or 1, the tip in the world frame, m
 ///   fault NAME VALUE    any of SetFault(); camera none|frozen|black|overexposed|no_line|no_tip|
-///                       silent; arm_fault REASON (the arm fails); none (all faults end). "ok"
+///                       silent|frozen_noisy|late; arm_fault REASON (the arm fails); none (all
+///                       faults end). "ok"
 /// and in lock-step:
 ///   run DT_S [COMMANDS] takes all commands that have come, goes on by DT_S in equal steps of at
 ///                       most 20 ms, and publishes the state once. With COMMANDS it first waits,

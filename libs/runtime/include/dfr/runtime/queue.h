@@ -4,7 +4,7 @@
 #include <atomic>
 #include <cstddef>
 
-namespace dfr::hardware::internal {
+namespace dfr::runtime {
 
 /// All values, in order, from one thread to one other. Neither side ever waits or allocates.
 template <typename T, std::size_t kCapacity>
@@ -33,4 +33,4 @@ class Queue {
   std::atomic<std::size_t> end_{0};
 };
 
-}  // namespace dfr::hardware::internal
+}  // namespace dfr::runtime

@@ -1,0 +1,44 @@
+#include "operator_desk.h"
+
+#include <optional>
+
+namespace dfr::apps::line_tracking {
+
+bool OperatorDesk::Confirms(robot::ControlLoop& loop, std::string_view question,
+                            std::string_view word) {
+  keyboard_->Discard();
+  screen_->Say("%.*s; q ends\n", static_cast<int>(question.size()), question.data());
+  while (!*interrupted_ && !keyboard_->ended()) {
+    loop.Idle(0.02);
+    const std::optional<std::string> line = keyboard_->Line();
+    if (!line) continue;
+    if (*line == word) return true;
+    if (*line == "q") return false;
+    screen_->Say("'%.40s' is not the word; q ends\n", line->c_str());
+  }
+  return false;
+}
+
+bool OperatorDesk::AllowsEpisode(robot::ControlLoop& loop) {
+  using runtime::HoldReason;
+  using runtime::RunState;
+  while (true) {
+    const bool faulted = loop.state() == RunState::kFaulted;
+    // An emergency stop that was pressed, or has gone, while nothing was asked of the robot.
+    const bool stopped =
+        loop.state() == RunState::kIdle && (loop.blocking() == HoldReason::kEmergencyStop ||
+                                            loop.blocking() == HoldReason::kEmergencyStopSilent);
+    if (!faulted && !stopped) break;
+    const std::string what = faulted ? "faulted: " + loop.cause() : loop.blocking_words();
+    if (!Confirms(loop, what + ". Mend it, then type clear", "clear")) return false;
+    if (!loop.Clear()) screen_->Say("it is still there: %s\n", loop.blocking_words().c_str());
+  }
+  if (loop.ended_regularly()) {
+    return Confirms(loop, "Put the tip over the line's beginning; Enter starts", "");
+  }
+  return Confirms(
+      loop, "held: " + loop.cause() + ". Put the tip over the line's beginning, then type start",
+      "start");
+}
+
+}  // namespace dfr::apps::line_tracking

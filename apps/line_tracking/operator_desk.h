@@ -1,0 +1,34 @@
+#pragma once
+
+#include <atomic>
+#include <string>
+#include <string_view>
+
+#include "dfr/robot/control_loop.h"
+#include "dfr/runtime/keyboard.h"
+#include "screen.h"
+
+namespace dfr::apps::line_tracking {
+
+/// Asks the operator of a robot at the terminal, while its loop goes on. What was typed before a
+/// question is no answer to it. All that it is given outlives it.
+class OperatorDesk {
+ public:
+  /// @param interrupted  Ctrl-C: every question ends with no.
+  OperatorDesk(runtime::Keyboard& keyboard, Screen& screen, const std::atomic<bool>& interrupted)
+      : keyboard_(&keyboard), screen_(&screen), interrupted_(&interrupted) {}
+
+  /// True once exactly `word` is typed; false for q, at the end of input and if interrupted.
+  [[nodiscard]] bool Confirms(robot::ControlLoop& loop, std::string_view question,
+                              std::string_view word);
+  /// Whether the next episode may begin. Enter is enough after an episode that ended as episodes
+  /// do; after any other reason to hold `start` has to be typed, after a fault `clear` before it.
+  [[nodiscard]] bool AllowsEpisode(robot::ControlLoop& loop);
+
+ private:
+  runtime::Keyboard* keyboard_;
+  Screen* screen_;
+  const std::atomic<bool>* interrupted_;
+};
+
+}  // namespace dfr::apps::line_tracking

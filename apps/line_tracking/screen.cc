@@ -1,0 +1,66 @@
+#include "screen.h"
+
+#include <poll.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cstdarg>
+#include <cstdio>
+#include <cstring>
+
+#include "dfr/runtime/periodic_timer.h"
+
+namespace dfr::apps::line_tracking {
+
+Screen::Screen(int file) : file_(file), thread_([this] { Run(); }) {}
+
+Screen::~Screen() {
+  end_ = true;
+  thread_.join();
+}
+
+void Screen::Say(const char* format, ...) noexcept {
+  Text text{};
+  std::va_list arguments;
+  va_start(arguments, format);
+  static_cast<void>(std::vsnprintf(text.data(), text.size(), format, arguments));
+  va_end(arguments);
+  if (!queue_.Put(text)) lost_.fetch_add(1);
+}
+
+bool Screen::Print(const char* text) noexcept {
+  const char* const end = text + std::strlen(text);
+  constexpr int kPatience = 1000;  // ms, at the end
+  while (text != end) {
+    // write() alone would wait for a terminal that stands still.
+    pollfd output{file_, POLLOUT, 0};
+    if (::poll(&output, 1, end_ ? kPatience : 100) <= 0) {
+      if (end_) return false;
+      continue;
+    }
+    const ssize_t size = ::write(file_, text, static_cast<std::size_t>(end - text));
+    if (size <= 0) return true;  // nobody reads any more
+    text += size;
+  }
+  return true;
+}
+
+void Screen::Run() noexcept {
+  runtime::GiveUpRealTime();
+  Text text;
+  while (true) {
+    const bool last = end_;
+    while (queue_.Take(text)) {
+      if (!Print(text.data())) return;
+    }
+    if (const std::int64_t lost = lost_.exchange(0); lost > 0) {
+      std::snprintf(text.data(), text.size(), "  (%lld lines were not shown)\n",
+                    static_cast<long long>(lost));
+      if (!Print(text.data())) return;
+    }
+    if (last) return;
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+}
+
+}  // namespace dfr::apps::line_tracking
