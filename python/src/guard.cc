@@ -4,10 +4,15 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <cerrno>
 #include <cmath>
+#include <cstdlib>
+#include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <optional>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -27,8 +32,6 @@ using safety::Guard;
 using safety::GuardModel;
 using safety::GuardSettings;
 using safety::Verdict;
-
-using Steps = py::array_t<int, py::array::c_style | py::array::forcecast>;
 
 core::StateLayout Layout(const std::vector<std::pair<std::string, int>>& blocks, int state_dim) {
   core::StateLayout layout;
@@ -93,9 +96,65 @@ py::object Number(double value) {
   return std::isnan(value) ? py::object(py::none()) : py::object(py::float_(value));
 }
 
-py::tuple Filter(Guard& guard, int t, const Array& state, const Array& action) {
+// Integers beyond the range of int are not the next time step, whatever that is: -1 halts.
+int StepOf(const py::object& t) {
+  const auto index = py::reinterpret_steal<py::object>(PyNumber_Index(t.ptr()));
+  if (!index) throw py::error_already_set();
+  int overflow = 0;
+  const long long value = PyLong_AsLongLongAndOverflow(index.ptr(), &overflow);
+  return overflow != 0 || value != NearestInt(value) ? -1 : static_cast<int>(value);
+}
+
+// A folder of its own for one file, because a guard is stored by its path alone.
+class TemporaryFile {
+ public:
+  TemporaryFile() : folder_((std::filesystem::temp_directory_path() / "dfr-XXXXXX").string()) {
+    if (mkdtemp(folder_.data()) == nullptr) {
+      throw std::runtime_error(folder_ + ": cannot be created: " + std::strerror(errno));
+    }
+  }
+  ~TemporaryFile() {
+    std::error_code ignored;
+    std::filesystem::remove_all(folder_, ignored);
+  }
+  TemporaryFile(const TemporaryFile&) = delete;
+  TemporaryFile& operator=(const TemporaryFile&) = delete;
+
+  [[nodiscard]] std::filesystem::path path() const {
+    return std::filesystem::path(folder_) / "guard";
+  }
+
+ private:
+  std::string folder_;
+};
+
+// The content of a guard's file, and back.
+py::bytes ToBytes(const Guard& guard) {
+  std::ostringstream content;
+  {
+    const py::gil_scoped_release unlocked;
+    const TemporaryFile file;
+    guard.model().Save(file.path());
+    content << std::ifstream(file.path(), std::ios::binary).rdbuf();
+  }
+  return py::bytes(content.str());
+}
+
+Guard FromBytes(const std::string& content) {
+  const py::gil_scoped_release unlocked;
+  const TemporaryFile file;
+  {
+    std::ofstream out(file.path(), std::ios::binary);
+    out.write(content.data(), static_cast<std::streamsize>(content.size()));
+    out.close();
+    if (!out) throw std::runtime_error(file.path().string() + ": cannot be written");
+  }
+  return Guard::Load(file.path());
+}
+
+py::tuple Filter(Guard& guard, const py::object& t, const Array& state, const Array& action) {
   py::array_t<double> safe(guard.action_dim());
-  const Verdict verdict = guard.Filter(t, Entries(state), Entries(action), Entries(safe));
+  const Verdict verdict = guard.Filter(StepOf(t), Entries(state), Entries(action), Entries(safe));
   py::dict info;
   info["g"] = Number(verdict.g);
   info["threshold"] = Number(verdict.threshold);
@@ -108,24 +167,25 @@ py::tuple Filter(Guard& guard, int t, const Array& state, const Array& action) {
   return py::make_tuple(std::move(safe), std::move(info));
 }
 
-py::object Decision(const Guard& guard, const Steps& t, const Array& x) {
+py::object Decision(const Guard& guard, const py::object& time, const Array& x) {
+  const auto t = Steps(time);
   const MatrixView rows = Rows(x, "x");
   DFR_THROW_UNLESS(rows.cols() == guard.state_dim(),
                    "states of " << rows.cols() << " entries; the guard has " << guard.state_dim());
   DFR_THROW_UNLESS(t.ndim() == 0 || (t.ndim() == 1 && t.shape(0) == rows.rows()),
                    "t must be one time step, or one for each row of x");
   const bool shared = t.ndim() == 0;
-  const int* steps = t.data();
+  const std::int64_t* steps = t.data();
   const auto width = static_cast<std::size_t>(rows.cols());
   const core::LogDecisionFunction& support = guard.model().support();
-  if (x.ndim() == 1) return py::float_(support.Decision(steps[0], Entries(x)));
+  if (x.ndim() == 1) return py::float_(support.Decision(NearestInt(steps[0]), Entries(x)));
   py::array_t<double> g(rows.rows());
   const std::span<double> values = Entries(g);
   {
     const py::gil_scoped_release unlocked;
     for (Eigen::Index i = 0; i < rows.rows(); ++i) {
       values[static_cast<std::size_t>(i)] =
-          support.Decision(steps[shared ? 0 : i], {rows.row(i).data(), width});
+          support.Decision(NearestInt(steps[shared ? 0 : i]), {rows.row(i).data(), width});
     }
   }
   return g;
@@ -142,6 +202,8 @@ Guard With(const Guard& guard, const std::optional<std::string>& strategy,
   settings.alarm_level = alarm_level.value_or(settings.alarm_level);
   return Guard(guard.model().With(settings));
 }
+
+Guard Copy(const Guard& guard) { return Guard(guard.model().With(guard.model().settings())); }
 
 py::dict Summary(const Guard& guard) {
   const safety::GuardSummary& summary = guard.model().summary();
@@ -180,7 +242,8 @@ std::vector<std::pair<std::string, int>> Blocks(const Guard& guard) {
 }  // namespace
 
 void AddGuard(py::module_& module) {
-  py::class_<Guard>(module, "Guard", R"(Keeps what any policy does inside what was demonstrated.
+  py::class_<Guard> guard_class(module, "Guard",
+                                R"(Keeps what any policy does inside what was demonstrated.
 
 >>> guard = dfr.Guard.load("task.guard")                            # doctest: +SKIP
 >>> guard.reset(seed=0)                                             # doctest: +SKIP
@@ -191,7 +254,8 @@ it gave last was applied and that `state` is what it led to. It fails closed: on
 the wrong size or with a NaN, a `t` that is not the next one, or before `reset`, it halts, and all
 actions are zero until `reset`. Zero must hold the robot still: actions are velocities or increments.
 
-One object belongs to one thread.
+One object belongs to one thread. Copies and unpickled guards hold the same knowledge and settings, and wait
+for `reset`.
 
 Attributes
 ----------
@@ -207,7 +271,11 @@ settings : dict
 summary : dict
     What the fit found, among it acceptance, the share of states inside of demonstrations that were left
     out, and false_alarms, the share of further demonstrations that may raise an alarm.
-)")
+)");
+  PickleBy(
+      guard_class, [](const py::object& self) { return ToBytes(self.cast<const Guard&>()); },
+      &FromBytes);
+  guard_class
       .def_static("fit", &Fit, py::arg("states"), py::arg("actions"), py::kw_only(),
                   py::arg("layout") = std::vector<std::pair<std::string, int>>(),
                   py::arg("features") = "", py::arg("nu") = 0.05, py::arg("gamma") = 0.35,
@@ -275,6 +343,11 @@ RuntimeError
 
 Its inputs are t (rows, int64) and x (rows, state_dim), its output g (rows).
 )")
+      // The model is immutable: copies share it.
+      .def("__copy__", &Copy)
+      .def(
+          "__deepcopy__", [](const Guard& guard, const py::dict&) { return Copy(guard); },
+          py::arg("memo"))
       .def("reset", &Guard::Reset, py::arg("seed") = 0,
            "Start an episode; all that is random follows from the seed.")
       .def(

@@ -1,10 +1,15 @@
 """dfr.Guard and dfr.GuardedEnv: a drifting policy stays inside, every doubt halts, files keep all."""
 
+import copy
 import doctest
 import gc
+import os
 import pathlib
+import pickle
+import subprocess
 import sys
 import tempfile
+import textwrap
 import threading
 import unittest
 
@@ -115,6 +120,68 @@ class GuardTest(unittest.TestCase):
             self.guard.decision(0, np.zeros((3, 2)))
         with self.assertRaisesRegex(ValueError, "one time step, or one for each row"):
             self.guard.decision([0, 1], np.zeros((3, 3)))
+
+    def test_time_steps_of_any_size_are_not_wrapped(self):
+        good = np.zeros(3), action_for(0.05, 0.0)
+        for t in (2**31, 2**32, 2**40, 2**70, -(2**40), np.int64(2**32)):
+            with self.subTest(t=t):
+                self.guard.reset()
+                self.assertEqual(self.guard.filter(t, *good)[1]["reason"], "step-skipped")
+        last = self.guard.num_steps - 1
+        x = np.zeros((2, 3))
+        support = dfr.TimeVaryingSupport.fit(demonstrations(1, 5)[0])
+        for decide in (self.guard.decision, support.decision):
+            np.testing.assert_array_equal(decide(np.array([2**32, -(2**40)]), x), decide(np.array([last, 0]), x))
+            with self.assertRaisesRegex(ValueError, "t must hold integers"):
+                decide(np.array([0.5, 1.0]), x)
+            with self.assertRaisesRegex(ValueError, "t must hold integers"):
+                decide(np.array([2**70, 0]), x)
+
+    def test_pickles_and_copies_keep_knowledge_and_settings_and_wait_for_reset(self):
+        guard = self.guard.with_settings(strategy="monitor", action_limit=0.5)
+        guard.reset()
+        x = np.random.default_rng(0).normal(size=(50, 3))
+        before = set(os.listdir(tempfile.gettempdir()))
+        for twin in (pickle.loads(pickle.dumps(guard)), copy.copy(guard), copy.deepcopy(guard)):
+            self.assertEqual((twin.settings, twin.summary, twin.layout), (guard.settings, guard.summary, guard.layout))
+            np.testing.assert_array_equal(twin.decision(3, x), guard.decision(3, x))
+            self.assertEqual(twin.filter(0, np.zeros(3), DRIFT)[1]["reason"], "not-reset")
+        left = {name for name in set(os.listdir(tempfile.gettempdir())) - before if name.startswith("dfr-")}
+        self.assertEqual(left, set())
+        content = pickle.dumps(guard)
+        with self.assertRaises((RuntimeError, pickle.UnpicklingError, ValueError)):
+            pickle.loads(content.replace(b"guided", b"guidef").replace(b"monitor", b"monitos"))
+
+    def test_worker_processes_get_guards(self):
+        """A child that knows only the pickle runs the same episode."""
+        script = """
+            import pickle, sys
+            sys.path.insert(0, sys.argv[1])
+            from corridor import Corridor, action_for
+            guard = pickle.load(sys.stdin.buffer)
+            plant = Corridor()
+            plant.reset(seed=5)
+            guard.reset(5)
+            for t in range(30):
+                plant.step(guard.filter(t, plant.x, action_for(0.09, 0.06))[0])
+            print(plant.x.tolist())
+        """
+        done = subprocess.run(
+            [sys.executable, "-c", textwrap.dedent(script), str(pathlib.Path(__file__).parent)],
+            input=pickle.dumps(self.guard), capture_output=True, check=True,
+        )
+        plant = Corridor()
+        plant.reset(seed=5)
+        self.guard.reset(5)
+        for t in range(30):
+            plant.step(self.guard.filter(t, plant.x, DRIFT)[0])
+        self.assertEqual(eval(done.stdout), plant.x.tolist())
+
+    def test_no_object_comes_without_its_content(self):
+        for cls in (dfr.Guard, dfr.FitSummary, dfr.SupportEstimate, dfr.TimeVaryingSupport):
+            for make in (lambda: cls.__new__(cls), lambda: object.__new__(cls), cls):
+                with self.subTest(cls.__name__), self.assertRaises(TypeError):
+                    make()
 
     def test_settings_and_strategies(self):
         monitor = self.guard.with_settings(strategy="monitor", action_limit=0.5)
@@ -231,6 +298,83 @@ class GuardedEnvTest(unittest.TestCase):
         np.testing.assert_array_equal(env.x[1:], x[1:])
         env.reset(seed=0)
         self.assertEqual(env.step(action_for(0.05, 0.0))[4]["guard"]["mode"], "policy")
+
+    def test_action_space_bounds_what_the_guard_gives(self):
+        class Space:
+            def __init__(self, low, high, dtype=np.float32):
+                self.low, self.high = np.array(low, dtype), np.array(high, dtype)
+                self.dtype, self.shape = np.dtype(dtype), self.low.shape
+
+        class Bounded(Corridor):
+            action_space = Space([-0.08, -1.0], [0.08, 1.0])
+            largest = 0.0
+
+            def step(self, action):
+                assert action.dtype == np.float32 and action.shape == (2,)
+                self.largest = max(self.largest, np.abs(action).max())
+                return super().step(action)
+
+        self.assertGreater(self.guard.settings["action_limit"], 0.08)
+        plant = Bounded()
+        env = dfr.GuardedEnv(plant, self.guard)
+        self.assertEqual(env.guard.settings["action_limit"], float(np.float32(0.08)))
+        env.reset(seed=3)
+        for _ in range(40):
+            env.step(10 * DRIFT)
+        self.assertLessEqual(plant.largest, np.float32(0.08))
+        self.assertIs(dfr.GuardedEnv(Corridor(), self.guard).guard, self.guard)
+        for space, message in [
+            (Space([-1, 0], [1, 1]), r"entry 1 .* \[0, 1\]: a guard needs room on both sides of zero"),
+            (Space([-1, -1], [1, 1], np.int64), "continuous actions"),
+        ]:
+            plant.action_space = space
+            with self.assertRaisesRegex(ValueError, message):
+                dfr.GuardedEnv(plant, self.guard)
+
+    def test_environments_with_their_guards_are_pickled(self):
+        env = dfr.GuardedEnv(Corridor(), self.guard)
+        env.reset(seed=2)
+        twin = pickle.loads(pickle.dumps(env))
+        for one in (env, twin):
+            one.reset(seed=2)
+        np.testing.assert_array_equal(env.step(DRIFT)[0], twin.step(DRIFT)[0])
+
+    def test_with_gymnasium_it_is_one_of_its_wrappers(self):
+        """Runs with a stand-in of what gymnasium.Wrapper demands, checked against Gymnasium 1.2."""
+        script = f"""
+            import pickle, sys
+            sys.path[:0] = [{str(pathlib.Path(__file__).parent / "stand_ins")!r}, {str(pathlib.Path(__file__).parent)!r}]
+            import gymnasium
+            import numpy as np
+            import dfr
+            from corridor import LAYOUT, Corridor, action_for, demonstrations
+
+            class Env(Corridor, gymnasium.Env):
+                action_space = gymnasium.Box(-0.5, 0.5, (2,))
+                observation_space = gymnasium.Box(-np.inf, np.inf, (3,))
+
+            guard = dfr.Guard.fit(*demonstrations(1, 20), layout=LAYOUT, features="tip")
+            env = gymnasium.TimeLimit(dfr.GuardedEnv(Env(), guard), 7)
+            assert isinstance(env.env, gymnasium.Wrapper) and isinstance(env.env, dfr.GuardedEnv)
+            assert env.action_space is Env.action_space and isinstance(env.unwrapped, Env)
+            gymnasium.check_determinism(env, action_for(0.09, 0.06).astype(np.float32))
+            env.reset(seed=0)
+            for _ in range(7):
+                truncated = env.step(action_for(0.05, 0.0))[3]
+            assert truncated
+            assert env.get_wrapper_attr("guard").settings["action_limit"] == 0.5
+            assert not hasattr(env.env, "as_dict")  # as in all of Gymnasium's wrappers
+            assert env.get_wrapper_attr("as_dict") is False
+            shaped = dfr.GuardedEnv(Corridor(), guard)  # no gymnasium.Env
+            assert isinstance(shaped, gymnasium.Env)
+            shaped.reset(seed=0)
+            assert shaped.step(action_for(0.05, 0.0))[4]["guard"]["mode"] == "policy"
+            assert shaped.get_wrapper_attr("x")[0] == 1
+            for one in (env, shaped):
+                pickle.loads(pickle.dumps(one)).reset(seed=0)
+        """
+        done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
 
     def test_own_states(self):
         env = dfr.GuardedEnv(Corridor(as_dict=True), self.guard, state=lambda obs: [0.0, *obs["tip"]])
