@@ -212,7 +212,7 @@ void CheckActions(const std::string& name, const core::Matrix& actions, double l
 }  // namespace
 
 bool RunCheck(const CheckOptions& options) {
-  const auto reader = imitation::OpenDemonstrations(options.demonstrations);
+  const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
   Findings findings;
   Collected collected(reader->layout(), reader->control_dim());
   std::map<std::pair<double, Eigen::Index>, std::string> seen;

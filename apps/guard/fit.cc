@@ -42,7 +42,7 @@ void Describe(const safety::GuardModel& model) {
 }
 
 void RunFit(const FitOptions& options) {
-  const auto reader = imitation::OpenDemonstrations(options.demonstrations);
+  const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
   std::vector<core::Trajectory> all;
   std::vector<core::Trajectory> completed;
   for (int i = 0; i < reader->num_episodes(); ++i) {

@@ -13,9 +13,15 @@
 namespace dfr::apps::guard {
 namespace {
 
-void AddDemonstrations(CLI::App& command, std::filesystem::path& path) {
-  command.add_option("DEMOS", path, "robomimic's HDF5 file, or the folder of a Minari dataset")
+template <typename Options>
+void AddDemonstrations(CLI::App& command, Options& options) {
+  command
+      .add_option("DEMOS", options.demonstrations,
+                  "robomimic's HDF5 file, or the folder of a Minari dataset")
       ->required();
+  command.add_option(
+      "--filter-key", options.filter_key,
+      "only the episodes that this key of the file names, as robomimic's mask/train");
 }
 
 void AddGuard(CLI::App& command, std::filesystem::path& path) {
@@ -27,7 +33,7 @@ void AddCheck(CLI::App& app, int& result) {
   CLI::App* command = app.add_subcommand(
       "check",
       "what is wrong with demonstrations: shapes, NaN, dead or doubled entries, alignment");
-  AddDemonstrations(*command, options->demonstrations);
+  AddDemonstrations(*command, *options);
   command
       ->add_option("--action-limit", options->action_limit,
                    "entries of actions beyond +- this are reported")
@@ -41,7 +47,7 @@ void AddConvert(CLI::App& app) {
   const auto options = std::make_shared<ConvertOptions>();
   CLI::App* command = app.add_subcommand(
       "convert", "robomimic's format to Minari's or back, one episode at a time");
-  AddDemonstrations(*command, options->demonstrations);
+  AddDemonstrations(*command, *options);
   command
       ->add_option("OUT", options->out,
                    "a .hdf5 file: robomimic's format; otherwise the folder of a Minari dataset")
@@ -54,7 +60,7 @@ void AddConvert(CLI::App& app) {
 void AddFit(CLI::App& app) {
   const auto options = std::make_shared<FitOptions>();
   CLI::App* command = app.add_subcommand("fit", "learn a guard from demonstrations");
-  AddDemonstrations(*command, options->demonstrations);
+  AddDemonstrations(*command, *options);
   command->add_option("-o,--out", options->out, "the file")->capture_default_str();
   command->add_option("-f,--features", options->guard.features,
                       "what it looks at: parts of the state, as in obs/object,obs/tip[0:2]; all "
@@ -102,7 +108,7 @@ void AddReport(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "report", "a page: how far episodes stay inside, false alarms, lead times, features");
   AddGuard(*command, options->guard);
-  AddDemonstrations(*command, options->demonstrations);
+  AddDemonstrations(*command, *options);
   command->add_option("--failures", options->failures,
                       "episodes that went wrong: how long before their end alarms come");
   command->add_option("-o,--out", options->out, "the page")->capture_default_str();
@@ -114,7 +120,7 @@ void AddEvaluate(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "evaluate", "replay episodes: when the guard would first change an action, and its time");
   AddGuard(*command, options->guard);
-  AddDemonstrations(*command, options->demonstrations);
+  AddDemonstrations(*command, *options);
   command->callback([options] { RunEvaluate(*options); });
 }
 

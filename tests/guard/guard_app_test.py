@@ -183,6 +183,62 @@ class GuardAppTest(unittest.TestCase):
                         np.testing.assert_array_equal(demo[f"obs/{part}"], values[:-1])
                         np.testing.assert_array_equal(demo[f"next_obs/{part}"], values[1:])
 
+    def test_minari_and_gymnasium_accept_what_is_converted(self):
+        sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "imitation"))
+        from minari_peer import check_as_minari_loads
+
+        def name(environment):
+            return lambda file: file["data"].attrs.modify("env_args", json.dumps({"env_name": environment}))
+
+        for environment, valid in [("Lift", True), ("ns/Pick_place-v3", True), ("two words", False), ("", False)]:
+            with self.subTest(environment):
+                write_robomimic(self.folder / "named.hdf5", episodes(1, 4), edit=name(environment))
+                self.run_guard("convert", "named.hdf5", "space/named-v2", "--id", "space/named-v2")
+                metadata = json.loads((self.folder / "space/named-v2/data/metadata.json").read_text())
+                check_as_minari_loads(metadata)
+                self.assertEqual("env_spec" in metadata, valid)
+                self.run_guard("convert", "space/named-v2", "again.hdf5")
+                with h5py.File(self.folder / "again.hdf5") as file:
+                    name_again = json.loads(file["data"].attrs["env_args"])["env_name"]
+                # Minari's datasets without an environment are known by their id.
+                self.assertEqual(name_again, environment or "space/named-v2")
+        for out, more in [("no-version", []), ("a b/x-v0", []), ("x-v0", ["--id", "x"])]:
+            with self.subTest(out):
+                message = self.run_guard("convert", "demos.hdf5", out, *more, fails=True)
+                self.assertRegex(message, "is no id of a Minari dataset: it must be <namespace>/<name>-v<number>")
+                self.assertEqual("give --id" in message, not more)
+
+    def test_a_filter_key_chooses_episodes(self):
+        def mask(file):
+            file["mask/train"] = np.array([b"demo_2", b"demo_10", b"demo_1"])
+            file["mask/valid"] = np.array(["demo_0"], dtype=h5py.string_dtype())
+            file["mask/wrong"] = np.array([b"demo_77"])
+            file["mask/numbers"] = np.arange(3)
+            file["mask/none"] = np.array([], dtype="S6")
+
+        write_robomimic(self.folder / "masked.hdf5", episodes(1, 12), edit=mask)
+        self.assertIn("3 episodes of", self.run_guard("check", "masked.hdf5", "--filter-key", "train"))
+        self.assertIn("1 episodes of", self.run_guard("check", "masked.hdf5", "--filter-key", "valid"))
+        self.assertIn("3 with 60 actions", self.fit("k.guard", "masked.hdf5", "--filter-key", "train"))
+        self.assertIn("of 1 episodes", self.run_guard("evaluate", "k.guard", "masked.hdf5", "--filter-key", "valid"))
+        self.run_guard("report", "k.guard", "masked.hdf5", "--filter-key", "valid", "-o", "k.html")
+        self.run_guard("convert", "masked.hdf5", "k.hdf5", "--filter-key", "train")
+        with h5py.File(self.folder / "k.hdf5") as file:
+            self.assertEqual(len(file["data"]), 3)
+            np.testing.assert_array_equal(file["data/demo_1/actions"], episodes(1, 12)[2][1])
+        for file, key, message in [
+            ("masked.hdf5", "test", "mask/test: does not exist; the filter keys of this file are: none, numbers, train"),
+            ("masked.hdf5", "wrong", "names 'demo_77', which is no episode"),
+            ("masked.hdf5", "numbers", "is not a list of texts"),
+            ("masked.hdf5", "none", "names no episode"),
+            ("demos.hdf5", "train", "this file has no filter keys"),
+            ("right-v0", "train", "has no filter keys"),
+        ]:
+            with self.subTest(key):
+                out = self.run_guard("check", file, "--filter-key", key, fails=True)
+                self.assertIn(message, out)
+                self.assertEqual(len(out.strip().splitlines()), 1)
+
     def test_conversion_takes_the_memory_of_an_episode(self):
         """Ten times as many episodes take little more."""
         rng = np.random.default_rng(0)

@@ -2,6 +2,7 @@
 
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <stdexcept>
 #include <string_view>
 #include <utility>
 
@@ -29,12 +30,13 @@ std::string EnvironmentName(const Hdf5File& file) {
 
 class RobomimicReader final : public internal::EpisodeReader {
  public:
-  explicit RobomimicReader(const std::filesystem::path& path)
+  RobomimicReader(const std::filesystem::path& path, const std::string& filter_key)
       : EpisodeReader(Hdf5File::Open(path)) {
     if (!file().Exists("data")) file().Fail("data", "does not exist: this is no robomimic file");
     environment_ = EnvironmentName(file());
     discarded_ = static_cast<int>(file().IntegerAttribute("data", "discarded").value_or(0));
     FindEpisodes("data", kEpisodePrefix, "obs");
+    if (!filter_key.empty()) KeepMasked("data", filter_key);
   }
 
   [[nodiscard]] int discarded() const noexcept override { return discarded_; }
@@ -186,15 +188,22 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
   for (int i = 0; i < demonstrations.discarded; ++i) writer.CountDiscarded();
 }
 
-std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& path) {
-  return std::make_unique<RobomimicReader>(path);
+std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& path,
+                                                   const std::string& filter_key) {
+  return std::make_unique<RobomimicReader>(path, filter_key);
 }
 
-std::unique_ptr<DemonstrationReader> OpenDemonstrations(const std::filesystem::path& path) {
-  if (std::filesystem::is_directory(path)) return OpenMinari(path);
-  // Closed again before the reader opens it.
-  const bool robomimic = Hdf5File::Open(path).Exists("data");
-  return robomimic ? OpenRobomimic(path) : OpenMinari(path);
+std::unique_ptr<DemonstrationReader> OpenDemonstrations(const std::filesystem::path& path,
+                                                        const std::string& filter_key) {
+  // The file is closed again before the reader opens it.
+  if (!std::filesystem::is_directory(path) && Hdf5File::Open(path).Exists("data")) {
+    return OpenRobomimic(path, filter_key);
+  }
+  if (!filter_key.empty()) {
+    throw std::runtime_error(path.string() + ": has no filter keys, so '" + filter_key +
+                             "' names no episodes; robomimic's files have them");
+  }
+  return OpenMinari(path);
 }
 
 DemonstrationSet LoadDemonstrations(const std::filesystem::path& path) {

@@ -39,9 +39,11 @@ class DemonstrationReader {
 };
 
 /// Opens demonstrations of robomimic or Minari (see minari.h), whichever it is.
-/// @throws std::runtime_error naming file and reason.
+/// @param filter_key  only the episodes that this key names, as robomimic's mask/train does; empty:
+///   all.
+/// @throws std::runtime_error naming file and reason, among them a key that does not exist.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenDemonstrations(
-    const std::filesystem::path& path);
+    const std::filesystem::path& path, const std::string& filter_key = "");
 /// Reads all of it.
 [[nodiscard]] DemonstrationSet LoadDemonstrations(const std::filesystem::path& path);
 
@@ -90,8 +92,9 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
 /// all vector-valued obs datasets one after another, by `offset` where all have one, else by name;
 /// those of more than two dimensions (images) are left out. Without next_obs the state after the
 /// last control is not in the file, and that control is left out. Without `outcome`, an episode
-/// whose last done is 1 completed.
-[[nodiscard]] std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& path);
+/// whose last done is 1 completed. A `filter_key` leaves the episodes that mask/<filter_key> names.
+[[nodiscard]] std::unique_ptr<DemonstrationReader> OpenRobomimic(
+    const std::filesystem::path& path, const std::string& filter_key = "");
 /// Reads all of it.
 [[nodiscard]] DemonstrationSet LoadRobomimic(const std::filesystem::path& path);
 
