@@ -24,6 +24,7 @@ struct ConvertOptions {
   std::filesystem::path
       out;         ///< .hdf5: robomimic's format; otherwise the folder of a Minari dataset.
   std::string id;  ///< The dataset's id; empty: the names of the last two folders.
+  bool differences = false;  ///< Make increments of actions that are positions.
 };
 void RunConvert(const ConvertOptions& options);
 
@@ -32,7 +33,8 @@ struct FitOptions {
   std::string filter_key;
   std::filesystem::path out = "task.guard";
   std::string strategy = "guided";
-  bool all = false;  ///< Episodes that did not complete the task, too.
+  bool all = false;          ///< Episodes that did not complete the task, too.
+  bool as_recorded = false;  ///< Actions that look like positions are none.
   safety::GuardOptions guard;
 };
 void RunFit(const FitOptions& options);

@@ -1,8 +1,12 @@
 #include <cstdio>
+#include <set>
+#include <span>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "commands.h"
+#include "dfr/core/absolute_actions.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/imitation/minari.h"
 
@@ -11,10 +15,13 @@ namespace {
 
 // One episode at a time, whatever the size of the file.
 template <typename Writer>
-void Copy(const imitation::DemonstrationReader& reader, Writer& writer) {
+void Copy(const imitation::DemonstrationReader& reader,
+          std::span<const core::AbsoluteAction> absolute, Writer& writer) {
   for (int i = 0; i < reader.num_episodes(); ++i) {
+    core::Trajectory episode = reader.Read(i);
+    core::ToDifferences(absolute, episode);
     try {
-      writer.Append(reader.Read(i));
+      writer.Append(episode);
     } catch (const std::invalid_argument& e) {
       throw std::runtime_error(reader.name(i) + ": " + e.what());
     }
@@ -40,17 +47,47 @@ imitation::MinariWriter OpenMinariWriter(const ConvertOptions& options,
   }
 }
 
+// The entries of actions that --differences converts. Prints which, and which stay.
+std::vector<core::AbsoluteAction> FindPositions(const imitation::DemonstrationReader& reader,
+                                                const std::filesystem::path& path) {
+  core::ActionAnalysis analysis(reader.layout().state_dim(), reader.control_dim());
+  for (int i = 0; i < reader.num_episodes(); ++i) analysis.Add(reader.Read(i));
+  std::vector<core::AbsoluteAction> absolute = analysis.Absolute();
+  if (absolute.empty()) {
+    throw std::runtime_error(path.string() +
+                             ": no action takes the values of a state's entry, so --differences "
+                             "has nothing to convert");
+  }
+  std::set<int> left;
+  for (int k = 0; k < reader.control_dim(); ++k) left.insert(k);
+  for (const core::AbsoluteAction& entry : absolute) {
+    std::printf("action %d becomes %s minus %s\n", entry.action,
+                entry.leads ? "the action" : "its next value",
+                core::EntryName(reader.layout(), entry.state).c_str());
+    left.erase(entry.action);
+  }
+  for (const int k : left) {
+    std::printf(
+        "action %d stays as recorded: it follows no entry of the state. Does zero hold it "
+        "still?\n",
+        k);
+  }
+  return absolute;
+}
+
 }  // namespace
 
 void RunConvert(const ConvertOptions& options) {
   const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
+  std::vector<core::AbsoluteAction> absolute;
+  if (options.differences) absolute = FindPositions(*reader, options.demonstrations);
   if (options.out.extension() == ".hdf5") {
     imitation::RobomimicWriter writer(options.out, reader->layout(), reader->control_dim(),
                                       reader->environment());
-    Copy(*reader, writer);
+    Copy(*reader, absolute, writer);
   } else {
     imitation::MinariWriter writer = OpenMinariWriter(options, *reader);
-    Copy(*reader, writer);
+    Copy(*reader, absolute, writer);
   }
   std::printf("%s: %d episodes\n", options.out.c_str(), reader->num_episodes());
 }

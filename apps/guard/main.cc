@@ -32,7 +32,8 @@ void AddCheck(CLI::App& app, int& result) {
   const auto options = std::make_shared<CheckOptions>();
   CLI::App* command = app.add_subcommand(
       "check",
-      "what is wrong with demonstrations: shapes, NaN, dead or doubled entries, alignment");
+      "what is wrong with demonstrations: shapes, NaN, dead or doubled entries, alignment, actions "
+      "that are positions");
   AddDemonstrations(*command, *options);
   command
       ->add_option("--action-limit", options->action_limit,
@@ -54,6 +55,8 @@ void AddConvert(CLI::App& app) {
       ->required();
   command->add_option("--id", options->id,
                       "of the Minari dataset, namespace/name-v0; by default from its folder");
+  command->add_flag("--differences", options->differences,
+                    "actions that are target positions become increments: target minus position");
   command->callback([options] { RunConvert(*options); });
 }
 
@@ -93,6 +96,8 @@ void AddFit(CLI::App& app) {
           "each entry of an action is kept within +- this; 0: 1, or the largest demonstrated")
       ->capture_default_str();
   command->add_flag("--all", options->all, "episodes that did not complete the task count, too");
+  command->add_flag("--as-recorded", options->as_recorded,
+                    "take actions as they are, although they look like target positions");
   command->callback([options] { RunFit(*options); });
 }
 

@@ -99,6 +99,8 @@ class Guard:
         action_limit: float = 0.0,
         false_alarms: float = 0.1,
         source: str = "",
+        differences: bool = False,
+        as_recorded: bool = False,
         progress: Callable[[str, float], object] | None = None,
     ) -> Guard: ...
     @staticmethod

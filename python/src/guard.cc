@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "arrays.h"
+#include "dfr/core/absolute_actions.h"
 #include "dfr/core/contract.h"
 #include "dfr/safety/guard_model.h"
 #include "dfr/safety/onnx_export.h"
@@ -40,10 +41,36 @@ core::StateLayout Layout(const std::vector<std::pair<std::string, int>>& blocks,
   return layout;
 }
 
+// Converts actions that are positions if `differences` says so, refuses them else.
+void MakeIncrements(const core::StateLayout& layout, bool differences, bool as_recorded,
+                    std::vector<core::Trajectory>& demonstrations) {
+  if (as_recorded && !differences) return;
+  // What does not fit together is named by the fit.
+  for (const core::Trajectory& episode : demonstrations) {
+    if (episode.states.cols() != layout.state_dim() ||
+        episode.controls.cols() != demonstrations[0].controls.cols() ||
+        episode.states.rows() != episode.controls.rows() + 1 || !episode.states.allFinite() ||
+        !episode.controls.allFinite()) {
+      return;
+    }
+  }
+  const auto absolute = core::FindAbsoluteActions(demonstrations);
+  DFR_THROW_UNLESS(!differences || !absolute.empty(),
+                   "no action takes the values of a state's entry, so differences=True has nothing "
+                   "to convert");
+  DFR_THROW_UNLESS(differences || absolute.empty(),
+                   core::Describe(absolute, layout)
+                       << ". A guard needs velocities or increments, of which zero holds still. "
+                          "Subtract the present state from actions, here by differences=True and "
+                          "before each filter(), or pass as_recorded=True if zero does hold still");
+  for (core::Trajectory& episode : demonstrations) core::ToDifferences(absolute, episode);
+}
+
 Guard Fit(const std::vector<Array>& states, const std::vector<Array>& actions,
           const std::vector<std::pair<std::string, int>>& layout, const std::string& features,
           double nu, double gamma, const std::string& strategy, int horizon, double action_limit,
-          double false_alarms, const std::string& source, const py::object& progress) {
+          double false_alarms, const std::string& source, bool differences, bool as_recorded,
+          const py::object& progress) {
   DFR_THROW_UNLESS(states.size() == actions.size(), "there are "
                                                         << states.size() << " arrays of states and "
                                                         << actions.size() << " of actions");
@@ -81,6 +108,7 @@ Guard Fit(const std::vector<Array>& states, const std::vector<Array>& actions,
   std::shared_ptr<const GuardModel> model;
   try {
     const py::gil_scoped_release unlocked;
+    MakeIncrements(blocks, differences, as_recorded, demonstrations);
     model = GuardModel::Fit(blocks, demonstrations, options);
   } catch (const std::invalid_argument&) {
     // Fits that were stopped halfway may not go together.
@@ -281,7 +309,8 @@ summary : dict
                   py::arg("features") = "", py::arg("nu") = 0.05, py::arg("gamma") = 0.35,
                   py::arg("strategy") = "guided", py::arg("horizon") = 0,
                   py::arg("action_limit") = 0.0, py::arg("false_alarms") = 0.1,
-                  py::arg("source") = "", py::arg("progress") = py::none(),
+                  py::arg("source") = "", py::arg("differences") = false,
+                  py::arg("as_recorded") = false, py::arg("progress") = py::none(),
                   R"(Learn a guard from demonstrations.
 
 Parameters
@@ -306,6 +335,11 @@ false_alarms : float
     Demonstrations that may raise an alarm.
 source : str
     Kept in the file: where the demonstrations came from.
+differences : bool
+    Convert actions that are target positions, actions[t, k] = states[t, j] or the one after it, to
+    increments by subtracting states[t, j]. Subtract it from the policy's actions before `filter`, too.
+as_recorded : bool
+    Accept actions that look like target positions, which are refused otherwise.
 progress : callable(stage: str, share: float), optional
 
 Raises

@@ -144,6 +144,47 @@ class GuardAppTest(unittest.TestCase):
             self.assertRegex(out, rf"alignment: how tip\[\d\] changes.*step t {sign} 1.*out of step")
         self.assertNotIn("alignment", self.run_guard("check", "demos.hdf5"))
 
+    def test_actions_that_are_positions_are_refused_and_converted(self):
+        """Joint targets of a teleoperated arm, which reaches half of the way in a step."""
+        rng = np.random.default_rng(8)
+        data = []
+        for _ in range(20):
+            x, u = np.zeros((41, 3)), np.zeros((40, 4))
+            x[0], goal = rng.normal(size=3), rng.normal(size=3)
+            for t in range(40):
+                u[t, :3] = x[t] + 0.2 * (goal - x[t]) + 0.002 * rng.normal(size=3)
+                u[t, 3] = np.sign(20 - t)
+                x[t + 1] = x[t] + 0.5 * (u[t, :3] - x[t])
+            data.append(({"qpos": x}, u))
+        write_robomimic(self.folder / "targets.hdf5", data)
+        for command in (["check", "targets.hdf5", "--action-limit", "9"], ["fit", "targets.hdf5"]):
+            message = self.run_guard(*command, fails=True)
+            self.assertRegex(message, r"actions 0, 1, 2 take the values of qpos\[0\], qpos\[1\], qpos\[2\] \(correlation")
+            self.assertIn("guard convert --differences", message)
+        self.run_guard("fit", "targets.hdf5", "--as-recorded", "-o", "t.guard")
+        out = self.run_guard("convert", "targets.hdf5", "steps.hdf5", "--differences")
+        self.assertIn("action 1 becomes the action minus qpos[1]", out)
+        self.assertIn("action 3 stays as recorded", out)
+        with h5py.File(self.folder / "steps.hdf5") as file:
+            for i, (observations, u) in enumerate(data):
+                np.testing.assert_array_equal(
+                    file[f"data/demo_{i}/actions"][:, :3], u[:, :3] - observations["qpos"][:-1]
+                )
+                np.testing.assert_array_equal(file[f"data/demo_{i}/actions"][:, 3], u[:, 3])
+        self.assertIn("velocities or increments", self.run_guard("check", "steps.hdf5"))
+        self.run_guard("fit", "steps.hdf5", "-o", "t.guard")
+        message = self.run_guard("convert", "steps.hdf5", "twice.hdf5", "--differences", fails=True)
+        self.assertIn("--differences has nothing to convert", message)
+
+    def test_many_doubled_entries_are_one_line(self):
+        data = episodes(1, 6)
+        for observations, _ in data:
+            observations["all"] = np.hstack([observations["tip"]] * 11)
+        write_robomimic(self.folder / "doubled.hdf5", data)
+        out = self.run_guard("check", "doubled.hdf5")
+        self.assertRegex(out, r"doubled: +22 entries repeat others, as all\[2\] always equals all\[0\]: one of each")
+        self.assertEqual(out.count("doubled"), 2)  # that line, and the file's name
+
     def test_failed_episodes_are_left_out(self):
         good, bad = episodes(1, 12), episodes(3, 4, drift=0.08)
 

@@ -228,6 +228,26 @@ class GuardTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "feature 'gripper' is not part of the state"):
             dfr.Guard.fit(states, actions, layout=LAYOUT, features="gripper")
 
+    def test_target_positions_are_refused_and_converted(self):
+        rng = np.random.default_rng(4)
+        states, actions = [], []
+        for _ in range(12):
+            x, u = np.zeros((31, 2)), np.zeros((30, 2))
+            x[0], goal = rng.normal(size=2), rng.normal(size=2)
+            for t in range(30):
+                u[t] = x[t] + 0.2 * (goal - x[t])
+                x[t + 1] = u[t]
+            states.append(x)
+            actions.append(u)
+        with self.assertRaisesRegex(ValueError, r"actions 0, 1 take the values of state\[0\], state\[1\]"):
+            dfr.Guard.fit(states, actions)
+        converted = dfr.Guard.fit(states, actions, differences=True)
+        by_hand = dfr.Guard.fit(states, [u - x[:-1] for x, u in zip(states, actions)])
+        self.assertEqual(converted.summary, by_hand.summary)
+        dfr.Guard.fit(states, actions, as_recorded=True)
+        with self.assertRaisesRegex(ValueError, "nothing to convert"):
+            dfr.Guard.fit(*demonstrations(1, 6), differences=True)
+
     def test_progress_and_its_exceptions(self):
         stages = []
         fit(8, progress=lambda stage, share: stages.append((stage, share)))
