@@ -239,6 +239,7 @@ void CheckActions(const std::string& name, const core::Matrix& actions, double l
 
 bool RunCheck(const CheckOptions& options) {
   const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
+  if (!reader->note().empty()) std::printf("note:      %s\n", reader->note().c_str());
   Findings findings;
   Collected collected(reader->layout(), reader->control_dim());
   std::map<std::pair<double, Eigen::Index>, std::string> seen;

@@ -79,6 +79,7 @@ std::vector<core::AbsoluteAction> FindPositions(const imitation::DemonstrationRe
 
 void RunConvert(const ConvertOptions& options) {
   const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
+  if (!reader->note().empty()) std::printf("%s\n", reader->note().c_str());
   std::vector<core::AbsoluteAction> absolute;
   if (options.differences) absolute = FindPositions(*reader, options.demonstrations);
   if (options.out.extension() == ".hdf5") {

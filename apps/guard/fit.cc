@@ -44,6 +44,7 @@ void Describe(const safety::GuardModel& model) {
 
 void RunFit(const FitOptions& options) {
   const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
+  if (!reader->note().empty()) std::printf("%s\n", reader->note().c_str());
   std::vector<core::Trajectory> all;
   std::vector<core::Trajectory> completed;
   for (int i = 0; i < reader->num_episodes(); ++i) {

@@ -17,11 +17,12 @@ template <typename Options>
 void AddDemonstrations(CLI::App& command, Options& options) {
   command
       .add_option("DEMOS", options.demonstrations,
-                  "robomimic's HDF5 file, or the folder of a Minari dataset")
+                  "robomimic's HDF5 file, or the folder of a Minari or LeRobot dataset")
       ->required();
   command.add_option(
       "--filter-key", options.filter_key,
-      "only the episodes that this key of the file names, as robomimic's mask/train");
+      "only the episodes that this key names: a mask of robomimic's file, a split of "
+      "LeRobot's dataset");
 }
 
 void AddGuard(CLI::App& command, std::filesystem::path& path) {
@@ -47,7 +48,7 @@ void AddCheck(CLI::App& app, int& result) {
 void AddConvert(CLI::App& app) {
   const auto options = std::make_shared<ConvertOptions>();
   CLI::App* command = app.add_subcommand(
-      "convert", "robomimic's format to Minari's or back, one episode at a time");
+      "convert", "LeRobot's or Minari's format to robomimic's, or any to Minari's");
   AddDemonstrations(*command, *options);
   command
       ->add_option("OUT", options->out,
@@ -144,7 +145,8 @@ int Main(int argc, char** argv) {
   CLI::App app(
       "Keeps what a policy does inside what was demonstrated. A guard is learned from "
       "demonstrations\n"
-      "in robomimic's or Minari's files and stored in one file, which C++ and Python load:\n\n"
+      "in robomimic's, Minari's or LeRobot's files and stored in one file, which C++ and Python "
+      "load:\n\n"
       "  guard check demos.hdf5\n"
       "  guard fit demos.hdf5 --features obs/object,obs/robot0_eef_pos -o task.guard\n"
       "  guard report task.guard demos.hdf5 -o report.html",

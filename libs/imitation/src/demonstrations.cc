@@ -6,6 +6,7 @@
 #include <string_view>
 #include <utility>
 
+#include "dfr/imitation/lerobot.h"
 #include "dfr/imitation/minari.h"
 #include "episode_io.h"
 #include "hdf5_file.h"
@@ -87,6 +88,11 @@ DemonstrationSet ReadAll(const DemonstrationReader& reader) {
 }
 
 }  // namespace
+
+const std::string& DemonstrationReader::note() const noexcept {
+  static const std::string empty;
+  return empty;
+}
 
 class RobomimicWriter::File {
  public:
@@ -195,13 +201,15 @@ std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& 
 
 std::unique_ptr<DemonstrationReader> OpenDemonstrations(const std::filesystem::path& path,
                                                         const std::string& filter_key) {
+  if (IsLeRobot(path)) return OpenLeRobot(path, filter_key);
   // The file is closed again before the reader opens it.
   if (!std::filesystem::is_directory(path) && Hdf5File::Open(path).Exists("data")) {
     return OpenRobomimic(path, filter_key);
   }
   if (!filter_key.empty()) {
-    throw std::runtime_error(path.string() + ": has no filter keys, so '" + filter_key +
-                             "' names no episodes; robomimic's files have them");
+    throw std::runtime_error(
+        path.string() + ": has no filter keys, so '" + filter_key +
+        "' names no episodes; robomimic's files and LeRobot's datasets have them");
   }
   return OpenMinari(path);
 }

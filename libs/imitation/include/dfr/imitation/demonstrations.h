@@ -31,6 +31,9 @@ class DemonstrationReader {
   /// DemonstrationSet::discarded, where the file says so.
   [[nodiscard]] virtual int discarded() const noexcept { return 0; }
   [[nodiscard]] virtual int num_episodes() const noexcept = 0;
+  /// What a user should know of how the file is read: "images and videos are left alone: ..."; may
+  /// be empty.
+  [[nodiscard]] virtual const std::string& note() const noexcept;
 
   /// What the file calls episode i, in [0, num_episodes()): "data/demo_7".
   [[nodiscard]] virtual const std::string& name(int i) const = 0;
@@ -38,9 +41,11 @@ class DemonstrationReader {
   [[nodiscard]] virtual core::Trajectory Read(int i) const = 0;
 };
 
-/// Opens demonstrations of robomimic or Minari (see minari.h), whichever it is.
-/// @param filter_key  only the episodes that this key names, as robomimic's mask/train does; empty:
-///   all.
+/// Opens demonstrations of robomimic, Minari (see minari.h) or LeRobot (see lerobot.h), whichever
+/// it is.
+/// @param filter_key  only the episodes that this key names, as robomimic's mask/train or a split
+/// of
+///   LeRobot does; empty: all.
 /// @throws std::runtime_error naming file and reason, among them a key that does not exist.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenDemonstrations(
     const std::filesystem::path& path, const std::string& filter_key = "");
