@@ -225,7 +225,7 @@ class GuardAppTest(unittest.TestCase):
                         np.testing.assert_array_equal(demo[f"next_obs/{part}"], values[1:])
 
     def test_minari_and_gymnasium_accept_what_is_converted(self):
-        sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "imitation"))
+        sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "demonstrations"))
         from minari_peer import check_as_minari_loads
 
         def name(environment):
