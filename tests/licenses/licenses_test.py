@@ -36,8 +36,8 @@ def main(source, binary):
         libraries.update(cells[4].split())
         if not (folder / text).is_file() or (folder / text).stat().st_size < 500:
             errors.append(f"row {cells[0]}: {text} does not hold a licence text")
-    tools = re.search(r"^Build tools[^:]*: (.*)\.$", (folder / "README.md").read_text(), re.M)
-    packages.update(tools.group(1).split(", "))
+    tools = re.search(r"^Build tools[^:]*: (.*?)\.$", (folder / "README.md").read_text(), re.M | re.S)
+    packages.update(re.split(r",\s+", tools.group(1)))
 
     for row in (source / "components.txt").read_text().splitlines():
         if re.match("[a-z]", row):

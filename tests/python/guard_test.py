@@ -289,6 +289,41 @@ class GuardTest(unittest.TestCase):
         np.testing.assert_array_equal(action, before)
 
 
+class DemonstrationsTest(unittest.TestCase):
+    def test_a_file_becomes_arrays_that_a_guard_is_fitted_to(self):
+        import h5py
+
+        states, actions = demonstrations(1, 6)
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "demos.hdf5"
+            with h5py.File(path, "w") as file:
+                file["mask/few"] = np.array([b"demo_1", b"demo_4"])
+                for i, (x, u) in enumerate(zip(states, actions)):
+                    demo = file.create_group(f"data/demo_{i}")
+                    demo.attrs["num_samples"] = len(u)
+                    demo["actions"] = u
+                    demo["dones"] = np.arange(len(u)) == (len(u) - 1 if i != 2 else -1)
+                    for name, part in (("clock", x[:, :1]), ("tip", x[:, 1:])):
+                        demo[f"obs/{name}"], demo[f"next_obs/{name}"] = part[:-1], part[1:]
+                    demo["obs/camera"] = np.zeros((len(u), 2, 2, 3))
+            loaded = dfr.load_demonstrations(path)
+            self.assertEqual(loaded.layout, LAYOUT)
+            self.assertEqual(loaded.completed, [i != 2 for i in range(6)])
+            for i in range(6):
+                np.testing.assert_array_equal(loaded.states[i], states[i])
+                np.testing.assert_array_equal(loaded.actions[i], actions[i])
+            few = dfr.load_demonstrations(str(path), filter_key="few")
+            del loaded.states[:], loaded.actions[:]
+            gc.collect()
+            np.testing.assert_array_equal(few.states[1], states[4])
+            guard = dfr.Guard.fit(states, actions, layout=few.layout, features="tip")
+            self.assertEqual(guard.features, "tip")
+            with self.assertRaisesRegex(RuntimeError, "demos.hdf5: mask/none: does not exist"):
+                dfr.load_demonstrations(path, filter_key="none")
+        with self.assertRaisesRegex(RuntimeError, "no such file"):
+            dfr.load_demonstrations("absent.hdf5")
+
+
 class GuardedEnvTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):

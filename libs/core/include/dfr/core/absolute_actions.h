@@ -16,7 +16,7 @@ struct AbsoluteAction {
   int state = 0;             ///< Entry of the states that it follows.
   bool leads = true;         ///< False where it only repeats the state that it was recorded in.
   double correlation = 0.0;  ///< With that entry, at the step or the one after it.
-  double slope = 0.0;        ///< Of the action over that entry, 1 for a target.
+  double slope = 0.0;        ///< Action over that entry; 1 for a target.
 };
 
 /// Tells target positions from velocities and increments, over the episodes of a set.
@@ -44,12 +44,12 @@ class ActionAnalysis {
   Eigen::Index n_;
   Eigen::Index m_;
   double count_ = 0.0;
-  // Of (u(t), x(t), x(t + 1)) over all steps.
+  // Sums over all steps of (u(t), x(t), x(t + 1)) and of its products.
   Eigen::VectorXd sum_;
   Eigen::MatrixXd products_;
 };
 
-/// Of a whole set at once.
+/// Analyses a whole set at once.
 [[nodiscard]] std::vector<AbsoluteAction> FindAbsoluteActions(
     std::span<const Trajectory> demonstrations);
 
