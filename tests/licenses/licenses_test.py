@@ -47,7 +47,8 @@ def main(source, binary):
     programs = [p for d in ("bin", "tests", "python/dfr") for p in sorted((binary / d).glob("*")) if p.is_file() and p.suffix not in (".py", ".pyi", ".typed")]
     for program in programs:
         for library in sorted(linked(program) - libraries - SYSTEM):
-            errors.append(f"{program.name} links {library}, which has no row")
+            if not library.startswith("libdfr_"):  # ours
+                errors.append(f"{program.name} links {library}, which has no row")
     if not programs:
         errors.append(f"no program was found below {binary}")
     print("\n".join(errors) or f"{len(programs)} programs checked")
