@@ -9,6 +9,7 @@ LeRobot's files.
 
 from dfr._core import FitSummary, Guard, SupportEstimate, TimeVaryingSupport, __version__
 from dfr._demonstrations import Demonstrations, load_demonstrations
+from dfr._guard_step import GuardStep
 from dfr._guarded_env import GuardedEnv
 from dfr._one_class_svm import OneClassSVM
 
@@ -16,6 +17,7 @@ __all__ = [
     "Demonstrations",
     "FitSummary",
     "Guard",
+    "GuardStep",
     "GuardedEnv",
     "OneClassSVM",
     "SupportEstimate",

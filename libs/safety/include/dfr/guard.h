@@ -16,13 +16,14 @@ extern "C" {
 
 typedef struct dfr_guard dfr_guard;
 
-/* Who chose the action. */
+/* Who chose the action. NOLINTBEGIN(readability-identifier-naming): C has no scopes. */
 enum {
   DFR_GUARD_POLICY = 0,   /* The policy; perhaps changed, see dfr_guard_verdict.changed. */
   DFR_GUARD_PROBE = 1,    /* The guard, to find out how states answer. */
   DFR_GUARD_RECOVERY = 2, /* The guard, to lead back inside. */
   DFR_GUARD_HALT = 3      /* Nobody: zero, and so until dfr_guard_reset(). */
 };
+/* NOLINTEND(readability-identifier-naming) */
 
 /* What a guard decided. */
 typedef struct {
