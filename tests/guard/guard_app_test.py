@@ -136,6 +136,20 @@ class GuardAppTest(unittest.TestCase):
                 (self.folder / "cut.hdf5").write_bytes(content[:size])
                 self.assertIn("cut.hdf5: ", self.run_guard("check", "cut.hdf5", fails=True))
 
+    def test_other_layouts_are_named_with_the_remedy(self):
+        def no_observations(file):
+            for demo in file["data"].values():
+                del demo["obs"], demo["next_obs"]
+
+        write_robomimic(self.folder / "robosuite.hdf5", episodes(1, 3), edit=no_observations)
+        message = self.run_guard("check", "robosuite.hdf5", fails=True)
+        self.assertIn("data/demo_0/obs: does not exist: the file holds states of a simulator alone", message)
+        self.assertIn("dataset_states_to_obs.py", message)
+        with h5py.File(self.folder / "episode_0.hdf5", "w") as file:
+            file["observations/qpos"] = file["action"] = np.zeros((5, 14))
+        message = self.run_guard("check", "episode_0.hdf5", fails=True)
+        self.assertIn("one episode in ALOHA's layout. Convert its folder to a LeRobot dataset", message)
+
     def test_check_sees_actions_out_of_step(self):
         for shift, sign in ((1, "-"), (-1, r"\+")):
             data = [(observations, np.roll(action, -shift, axis=0)) for observations, action in episodes(4, 30)]

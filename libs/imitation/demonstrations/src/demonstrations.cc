@@ -202,9 +202,17 @@ std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& 
 std::unique_ptr<DemonstrationReader> OpenDemonstrations(const std::filesystem::path& path,
                                                         const std::string& filter_key) {
   if (IsLeRobot(path)) return OpenLeRobot(path, filter_key);
-  // The file is closed again before the reader opens it.
-  if (!std::filesystem::is_directory(path) && Hdf5File::Open(path).Exists("data")) {
-    return OpenRobomimic(path, filter_key);
+  if (!std::filesystem::is_directory(path)) {
+    // Closed again before the reader opens it.
+    const Hdf5File file = Hdf5File::Open(path);
+    if (file.Exists("data")) return OpenRobomimic(path, filter_key);
+    if (file.Exists("action") && file.Exists("observations")) {
+      file.Fail(
+          "observations",
+          "this is one episode in ALOHA's layout. Convert its folder to a LeRobot dataset with "
+          "LeRobot's scripts, or copy observations/qpos and action of each episode to "
+          "data/demo_<i>/obs/qpos and data/demo_<i>/actions of one file");
+    }
   }
   if (!filter_key.empty()) {
     throw std::runtime_error(

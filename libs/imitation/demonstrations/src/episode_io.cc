@@ -81,7 +81,14 @@ std::vector<std::string> NumberedMembers(const Hdf5File& file, const std::string
 // (images) are left out. One dataset may stand in the group's place.
 core::StateLayout PartLayout(const Hdf5File& file, const std::string& episode, const char* part) {
   const std::string path = episode + "/" + part;
-  if (!file.Exists(path)) file.Fail(path, "does not exist");
+  if (!file.Exists(path)) {
+    // A simulator's whole state is none that a robot observes.
+    const bool states_alone = std::string_view(part) == "obs" && file.Exists(episode + "/states");
+    file.Fail(path, states_alone ? "does not exist: the file holds states of a simulator alone, as "
+                                   "robosuite's recorder writes them. Add observations with "
+                                   "robomimic's dataset_states_to_obs.py"
+                                 : "does not exist");
+  }
   std::vector<Key> keys;
   if (CollectKeys(file, path, part, 0, keys)) {
     std::stable_sort(keys.begin(), keys.end(),
