@@ -3,7 +3,8 @@
 
 # What CMake calls a dependency, and what pkg-config does: a module of its own or flags.
 set(DFR_PKG_CONFIG_MODULES
-  "Eigen3::Eigen=eigen3" "hwy::hwy=libhwy" "hdf5::hdf5=hdf5-serial" "glfw=glfw3" "OpenSSL::Crypto=libcrypto")
+  "Eigen3::Eigen=eigen3" "hwy::hwy=libhwy" "hdf5::hdf5=hdf5-serial" "glfw=glfw3" "OpenSSL::Crypto=libcrypto"
+  "Snappy::snappy=snappy" "zstd::libzstd_shared=libzstd")
 set(DFR_PKG_CONFIG_FLAGS
   "Threads::Threads=-pthread" "dl=-ldl" "Ceres::ceres=-lceres -lglog" "mujoco::mujoco=-lmujoco"
   "nlohmann_json::nlohmann_json=" "fastrtps=-lfastrtps" "fastcdr=-lfastcdr"
@@ -71,6 +72,47 @@ function(dfr_debian_name name result)
   endif()
 endfunction()
 
+# Sets result to TRUE where what the component links reaches GPL code: Debian's Ceres through the GPL
+# parts of SuiteSparse, OpenCV's videoio through FFmpeg (third_party_licenses/README.md).
+function(dfr_reaches_gpl name result)
+  set(${result} FALSE PARENT_SCOPE)
+  if("${component_${name}_packages}" MATCHES "libceres-dev|libopencv-videoio-dev")
+    set(${result} TRUE PARENT_SCOPE)
+    return()
+  endif()
+  foreach(need IN LISTS component_${name}_needs)
+    dfr_reaches_gpl(${need} found)
+    if(found)
+      set(${result} TRUE PARENT_SCOPE)
+      return()
+    endif()
+  endforeach()
+endfunction()
+
+# Installs /usr/share/doc/<package>/copyright in Debian's machine-readable format, made of LICENSE.
+function(dfr_install_copyright name package)
+  file(STRINGS ${PROJECT_SOURCE_DIR}/LICENSE lines)
+  set(license "")
+  foreach(line IN LISTS lines)
+    if(line STREQUAL "")
+      set(line ".")
+    endif()
+    string(APPEND license " ${line}\n")
+  endforeach()
+  string(STRIP "${license}" license)
+  set(license " ${license}")
+  set(comment "The source of this package is under the BSD 3-Clause License alone.")
+  dfr_reaches_gpl(${name} gpl)
+  if(gpl)
+    string(APPEND comment "\n A binary that links this package's libraries, or is one of its programs,"
+      "\n reaches code under the GPL through Debian's Ceres Solver (SuiteSparse) or"
+      "\n OpenCV (FFmpeg), and may be conveyed under the GPL, version 3 or later.")
+  endif()
+  set(file ${PROJECT_BINARY_DIR}/copyright/${name}/copyright)
+  configure_file(${PROJECT_SOURCE_DIR}/cmake/copyright.in ${file} @ONLY)
+  install(FILES ${file} DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${name})
+endfunction()
+
 # dfr_describe_packages(core kernel ...): these components, in the order of components.txt. What a
 # library's package depends on is what its row needs; a program's and the Python module's are the
 # shared libraries that dpkg-shlibdeps finds in them.
@@ -96,6 +138,7 @@ function(dfr_describe_packages)
     string(TOUPPER ${name} id)
     dfr_debian_name(${name} package)
     set(CPACK_DEBIAN_${id}_PACKAGE_NAME ${package})
+    dfr_install_copyright(${name} ${package})
     set(CPACK_DEBIAN_${id}_DESCRIPTION "${PROJECT_DESCRIPTION}: ${name}")
     if(name IN_LIST libraries)
       string(REGEX REPLACE " +" ";" depends "${component_${name}_packages}")

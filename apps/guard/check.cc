@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "commands.h"
+#include "dfr/core/absolute_actions.h"
 #include "dfr/core/features.h"
 #include "dfr/core/format.h"
 #include "dfr/core/matrix.h"
@@ -18,15 +19,7 @@
 namespace dfr::apps::guard {
 namespace {
 
-// "object[2]": the entry of a state as --features takes it, but for the range.
-std::string EntryName(const core::StateLayout& layout, Eigen::Index entry) {
-  for (const auto& block : layout.blocks) {
-    if (entry >= block.offset && entry < block.offset + block.size) {
-      return block.name + "[" + std::to_string(entry - block.offset) + "]";
-    }
-  }
-  return "state[" + std::to_string(entry) + "]";
-}
+using core::EntryName;
 
 // Tells problems as they are found; of one kind the first few.
 class Findings {
@@ -111,7 +104,8 @@ class Collected {
         action_low_(Eigen::VectorXd::Constant(action_dim, std::numeric_limits<double>::infinity())),
         action_high_(-action_low_),
         differ_(layout.state_dim(), layout.state_dim()),
-        fits_(3, LaggedFit(layout.state_dim(), action_dim)) {
+        fits_(3, LaggedFit(layout.state_dim(), action_dim)),
+        actions_(layout.state_dim(), action_dim) {
     differ_.setConstant(false);
   }
 
@@ -130,6 +124,7 @@ class Collected {
     for (std::size_t i = 0; i < fits_.size(); ++i) {
       fits_[i].Add(episode, static_cast<Eigen::Index>(i) - 1);
     }
+    actions_.Add(episode);
     steps_.push_back(episode.num_steps());
   }
 
@@ -139,13 +134,8 @@ class Collected {
         findings.Warning("dead", EntryName(*layout_, k) + " is always " + std::to_string(low_[k]) +
                                      ": leave it out of --features");
       }
-      for (Eigen::Index b = 0; b < k; ++b) {
-        if (!differ_(k, b) && low_[k] != high_[k]) {
-          findings.Warning("doubled", EntryName(*layout_, k) + " always equals " +
-                                          EntryName(*layout_, b) + ": one of them is enough");
-        }
-      }
     }
+    Doubled(findings);
     for (Eigen::Index k = 0; k < action_low_.size(); ++k) {
       if (action_low_[k] == action_high_[k]) {
         findings.Warning(
@@ -153,6 +143,7 @@ class Collected {
       }
     }
     Alignment(findings);
+    Actions(findings);
     std::sort(steps_.begin(), steps_.end());
     std::printf(
         "%zu episodes of %d to %d actions (median %d), states of %ld entries, actions of %ld "
@@ -163,6 +154,40 @@ class Collected {
   }
 
  private:
+  // Few entries one by one, many in one line.
+  void Doubled(Findings& findings) const {
+    constexpr std::size_t kFew = 3;
+    std::vector<std::string> pairs;
+    for (Eigen::Index k = 0; k < low_.size(); ++k) {
+      for (Eigen::Index b = 0; b < k; ++b) {
+        if (differ_(k, b) || low_[k] == high_[k]) continue;
+        pairs.push_back(EntryName(*layout_, k) + " always equals " + EntryName(*layout_, b));
+        break;
+      }
+    }
+    if (pairs.size() > kFew) {
+      findings.Warning("doubled",
+                       core::Format("%zu entries repeat others, as %s: one of each is enough",
+                                    pairs.size(), pairs[0].c_str()));
+      return;
+    }
+    for (const std::string& pair : pairs) {
+      findings.Warning("doubled", pair + ": one of them is enough");
+    }
+  }
+
+  // What actions seem to be: a guard for positions would take "hold still" for "go to zero".
+  void Actions(Findings& findings) const {
+    const auto absolute = actions_.Absolute();
+    if (absolute.empty()) {
+      std::printf("actions    are no positions of the state's entries: velocities or increments\n");
+      return;
+    }
+    findings.Error(
+        core::Describe(absolute, *layout_) +
+        ". A guard needs velocities or increments: guard convert --differences makes them");
+  }
+
   void Alignment(Findings& findings) const {
     // What actions explain best as recorded is what they move; there the neighbours must not do
     // better.
@@ -191,6 +216,7 @@ class Collected {
   Eigen::VectorXd action_high_;
   Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> differ_;  // below the diagonal
   std::vector<LaggedFit> fits_;
+  core::ActionAnalysis actions_;
   std::vector<int> steps_;
 };
 
@@ -212,7 +238,8 @@ void CheckActions(const std::string& name, const core::Matrix& actions, double l
 }  // namespace
 
 bool RunCheck(const CheckOptions& options) {
-  const auto reader = imitation::OpenDemonstrations(options.demonstrations);
+  const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
+  if (!reader->note().empty()) std::printf("note:      %s\n", reader->note().c_str());
   Findings findings;
   Collected collected(reader->layout(), reader->control_dim());
   std::map<std::pair<double, Eigen::Index>, std::string> seen;

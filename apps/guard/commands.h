@@ -12,6 +12,7 @@ namespace dfr::apps::guard {
 
 struct CheckOptions {
   std::filesystem::path demonstrations;
+  std::string filter_key;
   double action_limit = 1.0;
 };
 /// Prints what is wrong with demonstrations. @returns whether nothing is that would spoil a fit.
@@ -19,17 +20,21 @@ bool RunCheck(const CheckOptions& options);
 
 struct ConvertOptions {
   std::filesystem::path demonstrations;
+  std::string filter_key;
   std::filesystem::path
       out;         ///< .hdf5: robomimic's format; otherwise the folder of a Minari dataset.
   std::string id;  ///< The dataset's id; empty: the names of the last two folders.
+  bool differences = false;  ///< Make increments of actions that are positions.
 };
 void RunConvert(const ConvertOptions& options);
 
 struct FitOptions {
   std::filesystem::path demonstrations;
+  std::string filter_key;
   std::filesystem::path out = "task.guard";
   std::string strategy = "guided";
-  bool all = false;  ///< Episodes that did not complete the task, too.
+  bool all = false;          ///< Episodes that did not complete the task, too.
+  bool as_recorded = false;  ///< Actions that look like positions are none.
   safety::GuardOptions guard;
 };
 void RunFit(const FitOptions& options);
@@ -40,6 +45,7 @@ void Describe(const safety::GuardModel& model);
 struct ReportOptions {
   std::filesystem::path guard;
   std::filesystem::path demonstrations;
+  std::string filter_key;
   std::filesystem::path failures;  ///< Episodes that went wrong; empty: none.
   std::filesystem::path out = "report.html";
 };
@@ -48,6 +54,7 @@ void RunReport(const ReportOptions& options);
 struct EvaluateOptions {
   std::filesystem::path guard;
   std::filesystem::path demonstrations;
+  std::string filter_key;
 };
 void RunEvaluate(const EvaluateOptions& options);
 

@@ -1,8 +1,12 @@
 #include <cstdio>
+#include <set>
+#include <span>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "commands.h"
+#include "dfr/core/absolute_actions.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/imitation/minari.h"
 
@@ -11,10 +15,13 @@ namespace {
 
 // One episode at a time, whatever the size of the file.
 template <typename Writer>
-void Copy(const imitation::DemonstrationReader& reader, Writer& writer) {
+void Copy(const imitation::DemonstrationReader& reader,
+          std::span<const core::AbsoluteAction> absolute, Writer& writer) {
   for (int i = 0; i < reader.num_episodes(); ++i) {
+    core::Trajectory episode = reader.Read(i);
+    core::ToDifferences(absolute, episode);
     try {
-      writer.Append(reader.Read(i));
+      writer.Append(episode);
     } catch (const std::invalid_argument& e) {
       throw std::runtime_error(reader.name(i) + ": " + e.what());
     }
@@ -25,22 +32,63 @@ void Copy(const imitation::DemonstrationReader& reader, Writer& writer) {
 std::string DatasetId(const std::filesystem::path& folder) {
   const std::filesystem::path whole = std::filesystem::absolute(folder).lexically_normal();
   const std::filesystem::path named = whole.has_filename() ? whole : whole.parent_path();
-  return named.parent_path().filename().string() + "/" + named.filename().string();
+  const std::string space = named.parent_path().filename().string();
+  return space.empty() ? named.filename().string() : space + "/" + named.filename().string();
+}
+
+imitation::MinariWriter OpenMinariWriter(const ConvertOptions& options,
+                                         const imitation::DemonstrationReader& reader) {
+  try {
+    return {options.out, options.id.empty() ? DatasetId(options.out) : options.id, reader.layout(),
+            reader.control_dim(), reader.environment()};
+  } catch (const std::invalid_argument& e) {
+    throw std::runtime_error(options.out.string() + ": " + e.what() +
+                             (options.id.empty() ? "; give --id, or another folder" : ""));
+  }
+}
+
+// The entries of actions that --differences converts. Prints which, and which stay.
+std::vector<core::AbsoluteAction> FindPositions(const imitation::DemonstrationReader& reader,
+                                                const std::filesystem::path& path) {
+  core::ActionAnalysis analysis(reader.layout().state_dim(), reader.control_dim());
+  for (int i = 0; i < reader.num_episodes(); ++i) analysis.Add(reader.Read(i));
+  std::vector<core::AbsoluteAction> absolute = analysis.Absolute();
+  if (absolute.empty()) {
+    throw std::runtime_error(path.string() +
+                             ": no action takes the values of a state's entry, so --differences "
+                             "has nothing to convert");
+  }
+  std::set<int> left;
+  for (int k = 0; k < reader.control_dim(); ++k) left.insert(k);
+  for (const core::AbsoluteAction& entry : absolute) {
+    std::printf("action %d becomes %s minus %s\n", entry.action,
+                entry.leads ? "the action" : "its next value",
+                core::EntryName(reader.layout(), entry.state).c_str());
+    left.erase(entry.action);
+  }
+  for (const int k : left) {
+    std::printf(
+        "action %d stays as recorded: it follows no entry of the state. Does zero hold it "
+        "still?\n",
+        k);
+  }
+  return absolute;
 }
 
 }  // namespace
 
 void RunConvert(const ConvertOptions& options) {
-  const auto reader = imitation::OpenDemonstrations(options.demonstrations);
+  const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
+  if (!reader->note().empty()) std::printf("%s\n", reader->note().c_str());
+  std::vector<core::AbsoluteAction> absolute;
+  if (options.differences) absolute = FindPositions(*reader, options.demonstrations);
   if (options.out.extension() == ".hdf5") {
     imitation::RobomimicWriter writer(options.out, reader->layout(), reader->control_dim(),
                                       reader->environment());
-    Copy(*reader, writer);
+    Copy(*reader, absolute, writer);
   } else {
-    imitation::MinariWriter writer(options.out,
-                                   options.id.empty() ? DatasetId(options.out) : options.id,
-                                   reader->layout(), reader->control_dim(), reader->environment());
-    Copy(*reader, writer);
+    imitation::MinariWriter writer = OpenMinariWriter(options, *reader);
+    Copy(*reader, absolute, writer);
   }
   std::printf("%s: %d episodes\n", options.out.c_str(), reader->num_episodes());
 }

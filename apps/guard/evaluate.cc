@@ -14,7 +14,7 @@ namespace dfr::apps::guard {
 
 void RunEvaluate(const EvaluateOptions& options) {
   const auto model = safety::GuardModel::Load(options.guard);
-  const auto reader = imitation::OpenDemonstrations(options.demonstrations);
+  const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
   if (reader->layout() != model->layout()) {
     throw std::runtime_error(options.demonstrations.string() +
                              ": its states have other parts than those of " +

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "commands.h"
+#include "dfr/core/absolute_actions.h"
 #include "dfr/experiment/progress.h"
 #include "dfr/imitation/demonstrations.h"
 
@@ -42,7 +43,8 @@ void Describe(const safety::GuardModel& model) {
 }
 
 void RunFit(const FitOptions& options) {
-  const auto reader = imitation::OpenDemonstrations(options.demonstrations);
+  const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
+  if (!reader->note().empty()) std::printf("%s\n", reader->note().c_str());
   std::vector<core::Trajectory> all;
   std::vector<core::Trajectory> completed;
   for (int i = 0; i < reader->num_episodes(); ++i) {
@@ -54,6 +56,14 @@ void RunFit(const FitOptions& options) {
   if (choose) {
     std::printf("%zu episodes did not complete the task and are left out (--all takes them)\n",
                 all.size() - completed.size());
+  }
+
+  const auto absolute = core::FindAbsoluteActions(choose ? completed : all);
+  if (!absolute.empty() && !options.as_recorded) {
+    throw std::runtime_error(
+        options.demonstrations.string() + ": " + core::Describe(absolute, reader->layout()) +
+        ". A guard needs velocities or increments, of which zero holds still: make them with "
+        "guard convert --differences, or give --as-recorded if these are");
   }
 
   safety::GuardOptions guard = options.guard;

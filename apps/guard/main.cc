@@ -13,9 +13,16 @@
 namespace dfr::apps::guard {
 namespace {
 
-void AddDemonstrations(CLI::App& command, std::filesystem::path& path) {
-  command.add_option("DEMOS", path, "robomimic's HDF5 file, or the folder of a Minari dataset")
+template <typename Options>
+void AddDemonstrations(CLI::App& command, Options& options) {
+  command
+      .add_option("DEMOS", options.demonstrations,
+                  "robomimic's HDF5 file, or the folder of a Minari or LeRobot dataset")
       ->required();
+  command.add_option(
+      "--filter-key", options.filter_key,
+      "only the episodes that this key names: a mask of robomimic's file, a split of "
+      "LeRobot's dataset");
 }
 
 void AddGuard(CLI::App& command, std::filesystem::path& path) {
@@ -26,8 +33,9 @@ void AddCheck(CLI::App& app, int& result) {
   const auto options = std::make_shared<CheckOptions>();
   CLI::App* command = app.add_subcommand(
       "check",
-      "what is wrong with demonstrations: shapes, NaN, dead or doubled entries, alignment");
-  AddDemonstrations(*command, options->demonstrations);
+      "what is wrong with demonstrations: shapes, NaN, dead or doubled entries, alignment, actions "
+      "that are positions");
+  AddDemonstrations(*command, *options);
   command
       ->add_option("--action-limit", options->action_limit,
                    "entries of actions beyond +- this are reported")
@@ -40,21 +48,23 @@ void AddCheck(CLI::App& app, int& result) {
 void AddConvert(CLI::App& app) {
   const auto options = std::make_shared<ConvertOptions>();
   CLI::App* command = app.add_subcommand(
-      "convert", "robomimic's format to Minari's or back, one episode at a time");
-  AddDemonstrations(*command, options->demonstrations);
+      "convert", "LeRobot's or Minari's format to robomimic's, or any to Minari's");
+  AddDemonstrations(*command, *options);
   command
       ->add_option("OUT", options->out,
                    "a .hdf5 file: robomimic's format; otherwise the folder of a Minari dataset")
       ->required();
   command->add_option("--id", options->id,
                       "of the Minari dataset, namespace/name-v0; by default from its folder");
+  command->add_flag("--differences", options->differences,
+                    "actions that are target positions become increments: target minus position");
   command->callback([options] { RunConvert(*options); });
 }
 
 void AddFit(CLI::App& app) {
   const auto options = std::make_shared<FitOptions>();
   CLI::App* command = app.add_subcommand("fit", "learn a guard from demonstrations");
-  AddDemonstrations(*command, options->demonstrations);
+  AddDemonstrations(*command, *options);
   command->add_option("-o,--out", options->out, "the file")->capture_default_str();
   command->add_option("-f,--features", options->guard.features,
                       "what it looks at: parts of the state, as in obs/object,obs/tip[0:2]; all "
@@ -87,6 +97,8 @@ void AddFit(CLI::App& app) {
           "each entry of an action is kept within +- this; 0: 1, or the largest demonstrated")
       ->capture_default_str();
   command->add_flag("--all", options->all, "episodes that did not complete the task count, too");
+  command->add_flag("--as-recorded", options->as_recorded,
+                    "take actions as they are, although they look like target positions");
   command->callback([options] { RunFit(*options); });
 }
 
@@ -102,7 +114,7 @@ void AddReport(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "report", "a page: how far episodes stay inside, false alarms, lead times, features");
   AddGuard(*command, options->guard);
-  AddDemonstrations(*command, options->demonstrations);
+  AddDemonstrations(*command, *options);
   command->add_option("--failures", options->failures,
                       "episodes that went wrong: how long before their end alarms come");
   command->add_option("-o,--out", options->out, "the page")->capture_default_str();
@@ -114,7 +126,7 @@ void AddEvaluate(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "evaluate", "replay episodes: when the guard would first change an action, and its time");
   AddGuard(*command, options->guard);
-  AddDemonstrations(*command, options->demonstrations);
+  AddDemonstrations(*command, *options);
   command->callback([options] { RunEvaluate(*options); });
 }
 
@@ -133,7 +145,8 @@ int Main(int argc, char** argv) {
   CLI::App app(
       "Keeps what a policy does inside what was demonstrated. A guard is learned from "
       "demonstrations\n"
-      "in robomimic's or Minari's files and stored in one file, which C++ and Python load:\n\n"
+      "in robomimic's, Minari's or LeRobot's files and stored in one file, which C++ and Python "
+      "load:\n\n"
       "  guard check demos.hdf5\n"
       "  guard fit demos.hdf5 --features obs/object,obs/robot0_eef_pos -o task.guard\n"
       "  guard report task.guard demos.hdf5 -o report.html",

@@ -101,8 +101,8 @@ std::string EntryName(const core::StateLayout& layout, int entry) {
 }
 
 std::vector<Episode> Follow(const safety::GuardModel& model, const std::filesystem::path& path,
-                            Drivers* drivers) {
-  const auto reader = imitation::OpenDemonstrations(path);
+                            const std::string& filter_key, Drivers* drivers) {
+  const auto reader = imitation::OpenDemonstrations(path, filter_key);
   if (reader->layout() != model.layout()) {
     throw std::runtime_error(path.string() + ": its states have other parts than the guard's");
   }
@@ -271,9 +271,10 @@ void RunReport(const ReportOptions& options) {
   const auto model = safety::GuardModel::Load(options.guard);
   const double alarm_level = model->settings().alarm_level;
   Drivers drivers(*model);
-  const std::vector<Episode> episodes = Follow(*model, options.demonstrations, &drivers);
+  const std::vector<Episode> episodes =
+      Follow(*model, options.demonstrations, options.filter_key, &drivers);
   std::vector<Episode> failures;
-  if (!options.failures.empty()) failures = Follow(*model, options.failures, nullptr);
+  if (!options.failures.empty()) failures = Follow(*model, options.failures, "", nullptr);
 
   experiment::ReportOptions page;
   page.title = "Guard " + options.guard.filename().string();

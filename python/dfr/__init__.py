@@ -3,21 +3,27 @@
 `TimeVaryingSupport` estimates which states were demonstrated at each time step, `OneClassSVM` does so
 for any cloud of samples with scikit-learn's interface. Both fit and decide in C++, without holding
 the interpreter's lock. `Guard` keeps what any policy does inside what was demonstrated, and
-`GuardedEnv` puts it around an environment.
+`GuardedEnv` puts it around an environment. `load_demonstrations` reads robomimic's, Minari's and
+LeRobot's files.
 """
 
 from dfr._core import FitSummary, Guard, SupportEstimate, TimeVaryingSupport, __version__
+from dfr._demonstrations import Demonstrations, load_demonstrations
+from dfr._guard_step import GuardStep
 from dfr._guarded_env import GuardedEnv
 from dfr._one_class_svm import OneClassSVM
 
 __all__ = [
+    "Demonstrations",
     "FitSummary",
     "Guard",
+    "GuardStep",
     "GuardedEnv",
     "OneClassSVM",
     "SupportEstimate",
     "TimeVaryingSupport",
     "__version__",
+    "load_demonstrations",
 ]
 
 for _public in (FitSummary, Guard, SupportEstimate, TimeVaryingSupport):

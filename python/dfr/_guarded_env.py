@@ -9,12 +9,83 @@ from numpy.typing import ArrayLike, NDArray
 
 from dfr._core import Guard
 
+try:
+    import gymnasium
+except ImportError:
 
-class GuardedEnv:
+    class Wrapper:
+        """What GuardedEnv takes of gymnasium.Wrapper, for where Gymnasium is not installed."""
+
+        def __init__(self, env: Any) -> None:
+            self.env = env
+
+        def __getattr__(self, name: str) -> Any:
+            if name == "env":  # while being unpickled
+                raise AttributeError(name)
+            return getattr(self.env, name)
+
+    def _as_env(env: Any) -> Any:
+        return env
+
+else:
+    Wrapper = gymnasium.Wrapper  # type: ignore[misc]
+
+    class _Env(gymnasium.Env):  # type: ignore[misc]
+        """Makes a gymnasium.Env of an environment that only has the shape of one."""
+
+        def __init__(self, env: Any) -> None:
+            self.env = env
+            for name in ("action_space", "observation_space", "metadata", "render_mode", "spec"):
+                if hasattr(env, name):
+                    setattr(self, name, getattr(env, name))
+
+        def __getattr__(self, name: str) -> Any:
+            if name == "env":  # while being unpickled
+                raise AttributeError(name)
+            return getattr(self.env, name)
+
+        def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+            return self.env.reset(seed=seed, options=options)
+
+        def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+            return self.env.step(action)
+
+        def render(self) -> Any:
+            return self.env.render()
+
+        def close(self) -> None:
+            if hasattr(self.env, "close"):
+                self.env.close()
+
+    def _as_env(env: Any) -> Any:
+        return env if isinstance(env, gymnasium.Env) else _Env(env)
+
+
+def _limit_of(space: Any) -> float:
+    """The largest c for which +-c is within the bounds of every entry of an action."""
+    dtype = getattr(space, "dtype", None)
+    if dtype is not None and np.issubdtype(dtype, np.integer):
+        raise ValueError(f"the environment's action_space is {space}: a guard needs continuous actions")
+    low, high = getattr(space, "low", None), getattr(space, "high", None)
+    if low is None or high is None:
+        return np.inf
+    bounds = np.minimum(-np.ravel(low).astype(float), np.ravel(high).astype(float))
+    k = int(np.argmin(bounds))
+    if not bounds[k] > 0.0:
+        raise ValueError(
+            f"entry {k} of the environment's actions lies in [{np.ravel(low)[k]:g}, {np.ravel(high)[k]:g}]: a guard "
+            "needs room on both sides of zero, which must hold still. Rescale actions, as "
+            "gymnasium.wrappers.RescaleAction does."
+        )
+    return float(bounds[k])
+
+
+class GuardedEnv(Wrapper):
     """Passes actions on to an environment through a guard.
 
-    The environment needs Gymnasium's `reset` and `step`; Gymnasium itself need not be installed.
-    Attributes that are not defined here are the environment's.
+    Where Gymnasium is installed this is a `gymnasium.Wrapper`, and the environment any that
+    Gymnasium makes. It may also have Gymnasium's `reset` and `step` alone; Gymnasium itself need not
+    be installed. Without Gymnasium, attributes that are not defined here are the environment's.
 
     Where the guard halts, the environment is given the action zero, and the episode is truncated.
 
@@ -29,21 +100,30 @@ class GuardedEnv:
         Makes the guard's state of an observation. Without it an observation is the state, or a
         mapping of the guard's layout: {"object": ..., "tip": ...}.
 
+    Raises
+    ------
+    ValueError
+        If the environment's `action_space` is discrete or leaves no room around zero.
+
+    Notes
+    -----
+    What a guard returns must be applied in full. If the environment has an `action_space` with
+    tighter bounds than `guard.settings["action_limit"]`, the attribute `guard` is a guard of the same
+    knowledge whose limit is the tightest of these bounds.
+
     `step` adds what the guard decided to its info, as `info["guard"]`, and the action that was
     applied, as `info["action"]`.
     """
 
     def __init__(self, env: Any, guard: Guard, state: Callable[[Any], ArrayLike] | None = None) -> None:
-        self.env = env
+        super().__init__(_as_env(env))
+        limit = _limit_of(getattr(self.env, "action_space", None))
+        if limit < guard.settings["action_limit"]:
+            guard = guard.with_settings(action_limit=limit)
         self.guard = guard
         self._state = state if state is not None else self._from_observation
         self._observed: ArrayLike = np.empty(0)
         self._t = 0
-
-    def __getattr__(self, name: str) -> Any:
-        if name == "env":  # while being unpickled
-            raise AttributeError(name)
-        return getattr(self.env, name)
 
     def _from_observation(self, obs: Any) -> ArrayLike:
         if not hasattr(obs, "keys"):
@@ -64,14 +144,14 @@ class GuardedEnv:
         self._t = 0
         return obs, dict(info)
 
-    def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    def step(self, action: ArrayLike) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Apply what the guard makes of `action`."""
-        safe, verdict = self.guard.filter(self._t, self._observed, action)
+        safe, verdict = self.guard.filter(self._t, self._observed, np.ravel(action))
         self._t += 1
         applied: NDArray[Any] = safe
-        dtype = getattr(getattr(self.env, "action_space", None), "dtype", None)
-        if dtype is not None:
-            applied = safe.astype(dtype)
+        space = getattr(self.env, "action_space", None)
+        if getattr(space, "dtype", None) is not None:
+            applied = safe.astype(space.dtype).reshape(getattr(space, "shape", safe.shape))
         obs, reward, terminated, truncated, info = self.env.step(applied)
         self._observed = self._state(obs)
         halted = verdict["mode"] == "halt"

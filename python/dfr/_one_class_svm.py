@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from numbers import Integral, Real
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -208,6 +209,14 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
     def predict(self, X: ArrayLike) -> NDArray[np.intp]:
         """Tell which rows of X are inside (1) and which outside (-1)."""
         return np.where(self.decision_function(X) >= 0.0, np.intp(1), np.intp(-1))
+
+    def export_onnx(self, path: str | PathLike[str]) -> None:
+        """Write `decision_function` as an ONNX file in double.
+
+        Its input is x (rows, n_features_in_), its output g (rows).
+        """
+        self._check_fitted()
+        self.estimate_.export_onnx(path, libsvm_scale=True)
 
     @property
     def dual_coef_(self) -> NDArray[np.float64]:

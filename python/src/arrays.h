@@ -4,8 +4,11 @@
 #include <pybind11/pybind11.h>
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cstdint>
+#include <limits>
 #include <span>
 #include <thread>
 
@@ -34,6 +37,44 @@ inline std::span<const double> Entries(const Array& array) {
 }
 inline std::span<double> Entries(pybind11::array_t<double>& array) {
   return {array.mutable_data(), static_cast<std::size_t>(array.size())};
+}
+
+/// Time steps as NumPy holds them, in 64 bits: none is wrapped around, and fractions are refused.
+/// @throws std::invalid_argument unless they are integers.
+inline pybind11::array_t<std::int64_t> Steps(const pybind11::object& t) {
+  const auto array = pybind11::array::ensure(t);
+  DFR_THROW_UNLESS(array && (array.dtype().kind() == 'i' || array.dtype().kind() == 'u'),
+                   "t must hold integers that fit into 64 bits");
+  return pybind11::array_t<std::int64_t,
+                           pybind11::array::c_style | pybind11::array::forcecast>::ensure(array);
+}
+/// The nearest int: time steps out of range use the nearest estimate.
+inline int NearestInt(std::int64_t value) noexcept {
+  return static_cast<int>(std::clamp<std::int64_t>(value, std::numeric_limits<int>::min(),
+                                                   std::numeric_limits<int>::max()));
+}
+
+/// Keeps Python from making an object without its C++ part: Class.__new__(Class) raises TypeError
+/// instead of leaving one whose members are not initialised. Such a class is pickled by
+/// __reduce__, because copyreg calls __new__.
+template <typename Class, typename... Options>
+void RefuseBareObjects(pybind11::class_<Class, Options...>& type) {
+  // A tp_new of its own makes Python refuse that of the base, object_new, for this class.
+  reinterpret_cast<PyTypeObject*>(type.ptr())->tp_new = [](PyTypeObject* self, PyObject* /*args*/,
+                                                           PyObject* /*kwargs*/) -> PyObject* {
+    return pybind11::detail::make_new_instance(self);
+  };
+}
+
+/// Pickles by `get(self)`, of which `from` makes an object again.
+template <typename Class, typename Get, typename From>
+void PickleBy(pybind11::class_<Class>& type, Get get, From from) {
+  RefuseBareObjects(type);
+  type.def_static("_from_state", from, pybind11::arg("state"));
+  type.def("__reduce__", [get](const pybind11::object& self) {
+    return pybind11::make_tuple(pybind11::module_::import("dfr._pickling").attr("restore"),
+                                pybind11::make_tuple(self.get_type(), get(self)));
+  });
 }
 
 /// Memory of the C++ object behind `owner` as an array that cannot be written to and keeps the
@@ -79,6 +120,7 @@ class Interruptible {
 void AddSupportEstimate(pybind11::module_& module);
 void AddTimeVaryingSupport(pybind11::module_& module);
 void AddGuard(pybind11::module_& module);
+void AddDemonstrations(pybind11::module_& module);
 
 /// How SupportEstimate is pickled, which TimeVaryingSupport is a list of.
 pybind11::tuple GetState(const kernel::OneClassSvm& svm);

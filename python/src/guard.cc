@@ -4,16 +4,22 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <cerrno>
 #include <cmath>
+#include <cstdlib>
+#include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <optional>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "arrays.h"
+#include "dfr/core/absolute_actions.h"
 #include "dfr/core/contract.h"
 #include "dfr/safety/guard_model.h"
 #include "dfr/safety/onnx_export.h"
@@ -28,8 +34,6 @@ using safety::GuardModel;
 using safety::GuardSettings;
 using safety::Verdict;
 
-using Steps = py::array_t<int, py::array::c_style | py::array::forcecast>;
-
 core::StateLayout Layout(const std::vector<std::pair<std::string, int>>& blocks, int state_dim) {
   core::StateLayout layout;
   for (const auto& [name, size] : blocks) layout.Add(name, size);
@@ -37,10 +41,36 @@ core::StateLayout Layout(const std::vector<std::pair<std::string, int>>& blocks,
   return layout;
 }
 
+// Converts actions that are positions if `differences` says so, refuses them else.
+void MakeIncrements(const core::StateLayout& layout, bool differences, bool as_recorded,
+                    std::vector<core::Trajectory>& demonstrations) {
+  if (as_recorded && !differences) return;
+  // What does not fit together is named by the fit.
+  for (const core::Trajectory& episode : demonstrations) {
+    if (episode.states.cols() != layout.state_dim() ||
+        episode.controls.cols() != demonstrations[0].controls.cols() ||
+        episode.states.rows() != episode.controls.rows() + 1 || !episode.states.allFinite() ||
+        !episode.controls.allFinite()) {
+      return;
+    }
+  }
+  const auto absolute = core::FindAbsoluteActions(demonstrations);
+  DFR_THROW_UNLESS(!differences || !absolute.empty(),
+                   "no action takes the values of a state's entry, so differences=True has nothing "
+                   "to convert");
+  DFR_THROW_UNLESS(differences || absolute.empty(),
+                   core::Describe(absolute, layout)
+                       << ". A guard needs velocities or increments, of which zero holds still. "
+                          "Subtract the present state from actions, here by differences=True and "
+                          "before each filter(), or pass as_recorded=True if zero does hold still");
+  for (core::Trajectory& episode : demonstrations) core::ToDifferences(absolute, episode);
+}
+
 Guard Fit(const std::vector<Array>& states, const std::vector<Array>& actions,
           const std::vector<std::pair<std::string, int>>& layout, const std::string& features,
           double nu, double gamma, const std::string& strategy, int horizon, double action_limit,
-          double false_alarms, const std::string& source, const py::object& progress) {
+          double false_alarms, const std::string& source, bool differences, bool as_recorded,
+          const py::object& progress) {
   DFR_THROW_UNLESS(states.size() == actions.size(), "there are "
                                                         << states.size() << " arrays of states and "
                                                         << actions.size() << " of actions");
@@ -78,6 +108,7 @@ Guard Fit(const std::vector<Array>& states, const std::vector<Array>& actions,
   std::shared_ptr<const GuardModel> model;
   try {
     const py::gil_scoped_release unlocked;
+    MakeIncrements(blocks, differences, as_recorded, demonstrations);
     model = GuardModel::Fit(blocks, demonstrations, options);
   } catch (const std::invalid_argument&) {
     // Fits that were stopped halfway may not go together.
@@ -93,9 +124,65 @@ py::object Number(double value) {
   return std::isnan(value) ? py::object(py::none()) : py::object(py::float_(value));
 }
 
-py::tuple Filter(Guard& guard, int t, const Array& state, const Array& action) {
+// Integers beyond the range of int are not the next time step, whatever that is: -1 halts.
+int StepOf(const py::object& t) {
+  const auto index = py::reinterpret_steal<py::object>(PyNumber_Index(t.ptr()));
+  if (!index) throw py::error_already_set();
+  int overflow = 0;
+  const long long value = PyLong_AsLongLongAndOverflow(index.ptr(), &overflow);
+  return overflow != 0 || value != NearestInt(value) ? -1 : static_cast<int>(value);
+}
+
+// A folder of its own for one file, because a guard is stored by its path alone.
+class TemporaryFile {
+ public:
+  TemporaryFile() : folder_((std::filesystem::temp_directory_path() / "dfr-XXXXXX").string()) {
+    if (mkdtemp(folder_.data()) == nullptr) {
+      throw std::runtime_error(folder_ + ": cannot be created: " + std::strerror(errno));
+    }
+  }
+  ~TemporaryFile() {
+    std::error_code ignored;
+    std::filesystem::remove_all(folder_, ignored);
+  }
+  TemporaryFile(const TemporaryFile&) = delete;
+  TemporaryFile& operator=(const TemporaryFile&) = delete;
+
+  [[nodiscard]] std::filesystem::path path() const {
+    return std::filesystem::path(folder_) / "guard";
+  }
+
+ private:
+  std::string folder_;
+};
+
+// The content of a guard's file, and back.
+py::bytes ToBytes(const Guard& guard) {
+  std::ostringstream content;
+  {
+    const py::gil_scoped_release unlocked;
+    const TemporaryFile file;
+    guard.model().Save(file.path());
+    content << std::ifstream(file.path(), std::ios::binary).rdbuf();
+  }
+  return py::bytes(content.str());
+}
+
+Guard FromBytes(const std::string& content) {
+  const py::gil_scoped_release unlocked;
+  const TemporaryFile file;
+  {
+    std::ofstream out(file.path(), std::ios::binary);
+    out.write(content.data(), static_cast<std::streamsize>(content.size()));
+    out.close();
+    if (!out) throw std::runtime_error(file.path().string() + ": cannot be written");
+  }
+  return Guard::Load(file.path());
+}
+
+py::tuple Filter(Guard& guard, const py::object& t, const Array& state, const Array& action) {
   py::array_t<double> safe(guard.action_dim());
-  const Verdict verdict = guard.Filter(t, Entries(state), Entries(action), Entries(safe));
+  const Verdict verdict = guard.Filter(StepOf(t), Entries(state), Entries(action), Entries(safe));
   py::dict info;
   info["g"] = Number(verdict.g);
   info["threshold"] = Number(verdict.threshold);
@@ -108,24 +195,25 @@ py::tuple Filter(Guard& guard, int t, const Array& state, const Array& action) {
   return py::make_tuple(std::move(safe), std::move(info));
 }
 
-py::object Decision(const Guard& guard, const Steps& t, const Array& x) {
+py::object Decision(const Guard& guard, const py::object& time, const Array& x) {
+  const auto t = Steps(time);
   const MatrixView rows = Rows(x, "x");
   DFR_THROW_UNLESS(rows.cols() == guard.state_dim(),
                    "states of " << rows.cols() << " entries; the guard has " << guard.state_dim());
   DFR_THROW_UNLESS(t.ndim() == 0 || (t.ndim() == 1 && t.shape(0) == rows.rows()),
                    "t must be one time step, or one for each row of x");
   const bool shared = t.ndim() == 0;
-  const int* steps = t.data();
+  const std::int64_t* steps = t.data();
   const auto width = static_cast<std::size_t>(rows.cols());
   const core::LogDecisionFunction& support = guard.model().support();
-  if (x.ndim() == 1) return py::float_(support.Decision(steps[0], Entries(x)));
+  if (x.ndim() == 1) return py::float_(support.Decision(NearestInt(steps[0]), Entries(x)));
   py::array_t<double> g(rows.rows());
   const std::span<double> values = Entries(g);
   {
     const py::gil_scoped_release unlocked;
     for (Eigen::Index i = 0; i < rows.rows(); ++i) {
       values[static_cast<std::size_t>(i)] =
-          support.Decision(steps[shared ? 0 : i], {rows.row(i).data(), width});
+          support.Decision(NearestInt(steps[shared ? 0 : i]), {rows.row(i).data(), width});
     }
   }
   return g;
@@ -142,6 +230,8 @@ Guard With(const Guard& guard, const std::optional<std::string>& strategy,
   settings.alarm_level = alarm_level.value_or(settings.alarm_level);
   return Guard(guard.model().With(settings));
 }
+
+Guard Copy(const Guard& guard) { return Guard(guard.model().With(guard.model().settings())); }
 
 py::dict Summary(const Guard& guard) {
   const safety::GuardSummary& summary = guard.model().summary();
@@ -180,7 +270,8 @@ std::vector<std::pair<std::string, int>> Blocks(const Guard& guard) {
 }  // namespace
 
 void AddGuard(py::module_& module) {
-  py::class_<Guard>(module, "Guard", R"(Keeps what any policy does inside what was demonstrated.
+  py::class_<Guard> guard_class(module, "Guard",
+                                R"(Keeps what any policy does inside what was demonstrated.
 
 >>> guard = dfr.Guard.load("task.guard")                            # doctest: +SKIP
 >>> guard.reset(seed=0)                                             # doctest: +SKIP
@@ -191,7 +282,8 @@ it gave last was applied and that `state` is what it led to. It fails closed: on
 the wrong size or with a NaN, a `t` that is not the next one, or before `reset`, it halts, and all
 actions are zero until `reset`. Zero must hold the robot still: actions are velocities or increments.
 
-One object belongs to one thread.
+One object belongs to one thread. Copies and unpickled guards hold the same knowledge and settings, and wait
+for `reset`.
 
 Attributes
 ----------
@@ -207,13 +299,18 @@ settings : dict
 summary : dict
     What the fit found, among it acceptance, the share of states inside of demonstrations that were left
     out, and false_alarms, the share of further demonstrations that may raise an alarm.
-)")
+)");
+  PickleBy(
+      guard_class, [](const py::object& self) { return ToBytes(self.cast<const Guard&>()); },
+      &FromBytes);
+  guard_class
       .def_static("fit", &Fit, py::arg("states"), py::arg("actions"), py::kw_only(),
                   py::arg("layout") = std::vector<std::pair<std::string, int>>(),
                   py::arg("features") = "", py::arg("nu") = 0.05, py::arg("gamma") = 0.35,
                   py::arg("strategy") = "guided", py::arg("horizon") = 0,
                   py::arg("action_limit") = 0.0, py::arg("false_alarms") = 0.1,
-                  py::arg("source") = "", py::arg("progress") = py::none(),
+                  py::arg("source") = "", py::arg("differences") = false,
+                  py::arg("as_recorded") = false, py::arg("progress") = py::none(),
                   R"(Learn a guard from demonstrations.
 
 Parameters
@@ -238,6 +335,11 @@ false_alarms : float
     Demonstrations that may raise an alarm.
 source : str
     Kept in the file: where the demonstrations came from.
+differences : bool
+    Convert actions that are target positions, actions[t, k] = states[t, j] or the one after it, to
+    increments by subtracting states[t, j]. Subtract it from the policy's actions before `filter`, too.
+as_recorded : bool
+    Accept actions that look like target positions, which are refused otherwise.
 progress : callable(stage: str, share: float), optional
 
 Raises
@@ -275,6 +377,11 @@ RuntimeError
 
 Its inputs are t (rows, int64) and x (rows, state_dim), its output g (rows).
 )")
+      // The model is immutable: copies share it.
+      .def("__copy__", &Copy)
+      .def(
+          "__deepcopy__", [](const Guard& guard, const py::dict&) { return Copy(guard); },
+          py::arg("memo"))
       .def("reset", &Guard::Reset, py::arg("seed") = 0,
            "Start an episode; all that is random follows from the seed.")
       .def(

@@ -10,4 +10,7 @@ PYBIND11_MODULE(_core, module) {
   dfr::python::AddSupportEstimate(module);
   dfr::python::AddTimeVaryingSupport(module);
   dfr::python::AddGuard(module);
+#ifdef DFR_PYTHON_DEMONSTRATIONS
+  dfr::python::AddDemonstrations(module);
+#endif
 }

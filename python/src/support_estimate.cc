@@ -90,6 +90,17 @@ py::object Decision(const OneClassSvm& svm, const Array& x, bool libsvm_scale) {
   return g;
 }
 
+void ExportOnnx(const OneClassSvm& svm, const std::filesystem::path& path, bool libsvm_scale) {
+  const py::gil_scoped_release unlocked;
+  if (!libsvm_scale) return kernel::ExportOnnx(svm, path);
+  core::OnnxGraph graph("one_class_svm");
+  const std::string x = graph.Input("x", core::OnnxGraph::Type::kDouble, {-1, svm.state_dim()});
+  const std::string g = kernel::AppendDecision(graph, svm, x);
+  graph.Output(graph.Node("Mul", {g, graph.Constant(svm.libsvm_scale())}), "g",
+               core::OnnxGraph::Type::kDouble, {-1});
+  graph.Save(path);
+}
+
 py::tuple Gradient(const OneClassSvm& svm, const Array& x) {
   DFR_THROW_UNLESS(x.ndim() == 1 && x.size() == svm.state_dim(),
                    "x must be one state of " << svm.state_dim() << " entries");
@@ -138,7 +149,7 @@ OneClassSvm FromState(const py::tuple& state) {
 }
 
 void AddSupportEstimate(py::module_& module) {
-  py::class_<FitSummary>(module, "FitSummary", R"(How a fit ended and what it cost.
+  py::class_<FitSummary> summary(module, "FitSummary", R"(How a fit ended and what it cost.
 
 Attributes
 ----------
@@ -154,37 +165,38 @@ kernel_evaluations : int
 seconds : float
 alpha : ndarray of shape (n_samples,)
     Of every sample; they sum to 1.
-)")
-      .def_property_readonly("reason", [](const FitSummary& s) { return Name(s.reason); })
+)");
+  summary.def_property_readonly("reason", [](const FitSummary& s) { return Name(s.reason); })
       .def_readonly("iterations", &FitSummary::iterations)
       .def_readonly("kkt_gap", &FitSummary::kkt_gap)
       .def_readonly("objective", &FitSummary::objective)
       .def_readonly("kernel_evaluations", &FitSummary::kernel_evaluations)
       .def_readonly("seconds", &FitSummary::seconds)
-      .def_property_readonly(
-          "alpha",
-          [](const py::object& self) { return View(self.cast<const FitSummary&>().alpha, self); })
-      .def(py::pickle(
-          [](const py::object& self) {
-            const auto& s = self.cast<const FitSummary&>();
-            return py::make_tuple(static_cast<int>(s.reason), s.iterations, s.kkt_gap, s.objective,
-                                  s.num_support_vectors, s.kernel_evaluations, s.seconds,
-                                  View(s.alpha, self));
-          },
-          [](const py::tuple& state) {
-            DFR_THROW_UNLESS(state.size() == 8, "this is not a pickled FitSummary");
-            const auto alpha = state[7].cast<Array>();
-            return FitSummary{static_cast<FitSummary::Reason>(state[0].cast<int>()),
-                              state[1].cast<std::int64_t>(),
-                              state[2].cast<double>(),
-                              state[3].cast<double>(),
-                              state[4].cast<int>(),
-                              state[5].cast<std::int64_t>(),
-                              state[6].cast<double>(),
-                              core::AsVector(Entries(alpha))};
-          }));
+      .def_property_readonly("alpha", [](const py::object& self) {
+        return View(self.cast<const FitSummary&>().alpha, self);
+      });
+  PickleBy(
+      summary,
+      [](const py::object& self) {
+        const auto& s = self.cast<const FitSummary&>();
+        return py::make_tuple(static_cast<int>(s.reason), s.iterations, s.kkt_gap, s.objective,
+                              s.num_support_vectors, s.kernel_evaluations, s.seconds,
+                              View(s.alpha, self));
+      },
+      [](const py::tuple& state) {
+        DFR_THROW_UNLESS(state.size() == 8, "this is not a pickled FitSummary");
+        const auto alpha = state[7].cast<Array>();
+        return FitSummary{static_cast<FitSummary::Reason>(state[0].cast<int>()),
+                          state[1].cast<std::int64_t>(),
+                          state[2].cast<double>(),
+                          state[3].cast<double>(),
+                          state[4].cast<int>(),
+                          state[5].cast<std::int64_t>(),
+                          state[6].cast<double>(),
+                          core::AsVector(Entries(alpha))};
+      });
 
-  py::class_<OneClassSvm>(module, "SupportEstimate", R"(Support estimate of a sample cloud.
+  py::class_<OneClassSvm> estimate(module, "SupportEstimate", R"(Support estimate of a sample cloud.
 
 g(x) = sum_i alpha_i exp(-gamma |x - x_i|^2) - rho, positive inside. alpha sums to 1, so that g does
 not grow with the number of samples; scikit-learn's and LIBSVM's decision values are `libsvm_scale`
@@ -199,7 +211,11 @@ lipschitz_bound : float
 alpha : ndarray of shape (n_support_vectors,)
 support_vectors : ndarray of shape (n_support_vectors, state_dim)
     Both are views that cannot be written to.
-)")
+)");
+  PickleBy(
+      estimate, [](const py::object& self) { return GetState(self.cast<const OneClassSvm&>()); },
+      &FromState);
+  estimate
       .def_static("fit", &Fit, py::arg("samples"), py::kw_only(), py::arg("nu") = 0.05,
                   py::arg("gamma") = 5.0, py::arg("tolerance") = 1e-4,
                   py::arg("max_iterations") = 0, py::arg("memory_mib") = 512.0,
@@ -256,14 +272,10 @@ Returns
 g : float
 gradient : ndarray of shape (state_dim,)
 )")
-      .def(
-          "export_onnx",
-          [](const OneClassSvm& svm, const std::filesystem::path& path) {
-            const py::gil_scoped_release unlocked;
-            kernel::ExportOnnx(svm, path);
-          },
-          py::arg("path"),
-          "Write g as an ONNX file in double: input x (rows, state_dim), output g.")
+      .def("export_onnx", &ExportOnnx, py::arg("path"), py::kw_only(),
+           py::arg("libsvm_scale") = false,
+           "Write g as an ONNX file in double: input x (rows, state_dim), output g. With "
+           "`libsvm_scale`, times that: what scikit-learn and LIBSVM give.")
       .def_property_readonly("state_dim", &OneClassSvm::state_dim)
       .def_property_readonly("gamma", &OneClassSvm::gamma)
       .def_property_readonly("rho", &OneClassSvm::rho)
@@ -277,12 +289,10 @@ gradient : ndarray of shape (state_dim,)
                              [](const py::object& self) {
                                return View(self.cast<const OneClassSvm&>().support_vectors(), self);
                              })
-      .def("__repr__",
-           [](const OneClassSvm& svm) {
-             return "<dfr.SupportEstimate: " + std::to_string(svm.num_support_vectors()) +
-                    " support vectors of " + std::to_string(svm.state_dim()) + " entries>";
-           })
-      .def(py::pickle(&GetState, &FromState));
+      .def("__repr__", [](const OneClassSvm& svm) {
+        return "<dfr.SupportEstimate: " + std::to_string(svm.num_support_vectors()) +
+               " support vectors of " + std::to_string(svm.state_dim()) + " entries>";
+      });
 
   module.def("find_non_finite", &FindNonFinite, py::arg("x"),
              "Row and column of the first entry that is not finite, or None.");

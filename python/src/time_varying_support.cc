@@ -22,8 +22,6 @@ namespace {
 using kernel::OneClassSvm;
 using kernel::TimeVaryingSupport;
 
-using Steps = py::array_t<int, py::array::c_style | py::array::forcecast>;
-
 TimeVaryingSupport Fit(const std::vector<Array>& demonstrations, double nu, double gamma,
                        double tolerance, int num_steps, bool pooled, int threads,
                        const std::optional<Array>& weights) {
@@ -68,20 +66,21 @@ py::object DecisionAt(const TimeVaryingSupport& support, int t, const Array& x) 
   return g;
 }
 
-py::array_t<double> DecisionOver(const TimeVaryingSupport& support, const Steps& t,
+py::array_t<double> DecisionOver(const TimeVaryingSupport& support, const py::object& time,
                                  const Array& x) {
+  const auto t = Steps(time);
   DFR_THROW_UNLESS(x.ndim() == 2 && t.ndim() == 1 && t.shape(0) == x.shape(0),
                    "with an array of time steps, x must have one row for each of them");
   const MatrixView rows = Rows(x, "x");
   CheckWidth(support, rows.cols());
-  const int* steps = t.data();
+  const std::int64_t* steps = t.data();
   py::array_t<double> g(rows.rows());
   const std::span<double> values = Entries(g);
   {
     const py::gil_scoped_release unlocked;
     for (Eigen::Index i = 0; i < rows.rows(); ++i) {
-      values[static_cast<std::size_t>(i)] =
-          support.Decision(steps[i], {rows.row(i).data(), static_cast<std::size_t>(rows.cols())});
+      values[static_cast<std::size_t>(i)] = support.Decision(
+          NearestInt(steps[i]), {rows.row(i).data(), static_cast<std::size_t>(rows.cols())});
     }
   }
   return g;
@@ -98,8 +97,8 @@ py::tuple Gradient(const TimeVaryingSupport& support, int t, const Array& x) {
 }  // namespace
 
 void AddTimeVaryingSupport(py::module_& module) {
-  py::class_<TimeVaryingSupport>(module, "TimeVaryingSupport",
-                                 R"(The support of the demonstrated states at each time step.
+  py::class_<TimeVaryingSupport> support_class(
+      module, "TimeVaryingSupport", R"(The support of the demonstrated states at each time step.
 
 One `SupportEstimate` g_t per time step t, fitted to the states that all demonstrations were in at t.
 A demonstration that ends early counts with its last state from then on. Immutable: threads may
@@ -115,8 +114,23 @@ Attributes
 state_dim : int
 num_steps : int
     Times beyond use the last estimate, negative ones the first.
-)")
-      .def(py::init<std::vector<OneClassSvm>>(), py::arg("estimates"))
+)");
+  PickleBy(
+      support_class,
+      [](const py::object& self) {
+        const auto& support = self.cast<const TimeVaryingSupport&>();
+        py::list estimates;
+        for (int t = 0; t < support.num_steps(); ++t) estimates.append(GetState(support.at(t)));
+        return py::make_tuple(estimates);
+      },
+      [](const py::tuple& state) {
+        std::vector<OneClassSvm> estimates;
+        for (const py::handle estimate : state[0].cast<py::list>()) {
+          estimates.push_back(FromState(estimate.cast<py::tuple>()));
+        }
+        return TimeVaryingSupport(std::move(estimates));
+      });
+  support_class.def(py::init<std::vector<OneClassSvm>>(), py::arg("estimates"))
       .def_static("fit", &Fit, py::arg("demonstrations"), py::kw_only(), py::arg("nu") = 0.05,
                   py::arg("gamma") = 5.0, py::arg("tolerance") = 1e-4, py::arg("num_steps") = 0,
                   py::arg("pooled") = false, py::arg("threads") = 0,
@@ -201,24 +215,10 @@ gradient : ndarray of shape (state_dim,)
            "L with |g_t(x) - g_t(y)| <= L |x - y|.")
       .def_property_readonly("state_dim", &TimeVaryingSupport::state_dim)
       .def_property_readonly("num_steps", &TimeVaryingSupport::num_steps)
-      .def("__repr__",
-           [](const TimeVaryingSupport& support) {
-             return "<dfr.TimeVaryingSupport: " + std::to_string(support.num_steps()) +
-                    " time steps, states of " + std::to_string(support.state_dim()) + " entries>";
-           })
-      .def(py::pickle(
-          [](const TimeVaryingSupport& support) {
-            py::list estimates;
-            for (int t = 0; t < support.num_steps(); ++t) estimates.append(GetState(support.at(t)));
-            return py::make_tuple(estimates);
-          },
-          [](const py::tuple& state) {
-            std::vector<OneClassSvm> estimates;
-            for (const py::handle estimate : state[0].cast<py::list>()) {
-              estimates.push_back(FromState(estimate.cast<py::tuple>()));
-            }
-            return TimeVaryingSupport(std::move(estimates));
-          }));
+      .def("__repr__", [](const TimeVaryingSupport& support) {
+        return "<dfr.TimeVaryingSupport: " + std::to_string(support.num_steps()) +
+               " time steps, states of " + std::to_string(support.state_dim()) + " entries>";
+      });
 }
 
 }  // namespace dfr::python

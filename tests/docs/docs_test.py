@@ -46,7 +46,7 @@ class Links(unittest.TestCase):
                         self.assertIn(anchor, anchors(target))
 
 
-class Readme(unittest.TestCase):
+class Folders(unittest.TestCase):
     def test_says_what_each_component_needs(self):
         rows = [[cell.strip() for cell in row.split("|")[:3]]
                 for row in (SOURCE / "components.txt").read_text().splitlines() if re.match("[a-z]", row)]
@@ -54,7 +54,7 @@ class Readme(unittest.TestCase):
                   if re.match("(libs|hardware|sim)/", folder)}
         told = {}
         for names, needs in re.findall(r"^\| ((?:`\w+`(?:, )?)+) \| (no other|(?:`\w+`(?:, )?)+) \|$",
-                                       (SOURCE / "README.md").read_text(), re.M):
+                                       (SOURCE / "docs/folders.md").read_text(), re.M):
             told |= {name: re.findall(r"`(\w+)`", needs) for name in re.findall(r"`(\w+)`", names)}
         self.assertEqual(told, listed)
 

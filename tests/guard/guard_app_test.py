@@ -136,6 +136,20 @@ class GuardAppTest(unittest.TestCase):
                 (self.folder / "cut.hdf5").write_bytes(content[:size])
                 self.assertIn("cut.hdf5: ", self.run_guard("check", "cut.hdf5", fails=True))
 
+    def test_other_layouts_are_named_with_the_remedy(self):
+        def no_observations(file):
+            for demo in file["data"].values():
+                del demo["obs"], demo["next_obs"]
+
+        write_robomimic(self.folder / "robosuite.hdf5", episodes(1, 3), edit=no_observations)
+        message = self.run_guard("check", "robosuite.hdf5", fails=True)
+        self.assertIn("data/demo_0/obs: does not exist: the file holds states of a simulator alone", message)
+        self.assertIn("dataset_states_to_obs.py", message)
+        with h5py.File(self.folder / "episode_0.hdf5", "w") as file:
+            file["observations/qpos"] = file["action"] = np.zeros((5, 14))
+        message = self.run_guard("check", "episode_0.hdf5", fails=True)
+        self.assertIn("one episode in ALOHA's layout. Convert its folder to a LeRobot dataset", message)
+
     def test_check_sees_actions_out_of_step(self):
         for shift, sign in ((1, "-"), (-1, r"\+")):
             data = [(observations, np.roll(action, -shift, axis=0)) for observations, action in episodes(4, 30)]
@@ -143,6 +157,47 @@ class GuardAppTest(unittest.TestCase):
             out = self.run_guard("check", "late.hdf5")
             self.assertRegex(out, rf"alignment: how tip\[\d\] changes.*step t {sign} 1.*out of step")
         self.assertNotIn("alignment", self.run_guard("check", "demos.hdf5"))
+
+    def test_actions_that_are_positions_are_refused_and_converted(self):
+        """Joint targets of a teleoperated arm, which reaches half of the way in a step."""
+        rng = np.random.default_rng(8)
+        data = []
+        for _ in range(20):
+            x, u = np.zeros((41, 3)), np.zeros((40, 4))
+            x[0], goal = rng.normal(size=3), rng.normal(size=3)
+            for t in range(40):
+                u[t, :3] = x[t] + 0.2 * (goal - x[t]) + 0.002 * rng.normal(size=3)
+                u[t, 3] = np.sign(20 - t)
+                x[t + 1] = x[t] + 0.5 * (u[t, :3] - x[t])
+            data.append(({"qpos": x}, u))
+        write_robomimic(self.folder / "targets.hdf5", data)
+        for command in (["check", "targets.hdf5", "--action-limit", "9"], ["fit", "targets.hdf5"]):
+            message = self.run_guard(*command, fails=True)
+            self.assertRegex(message, r"actions 0, 1, 2 take the values of qpos\[0\], qpos\[1\], qpos\[2\] \(correlation")
+            self.assertIn("guard convert --differences", message)
+        self.run_guard("fit", "targets.hdf5", "--as-recorded", "-o", "t.guard")
+        out = self.run_guard("convert", "targets.hdf5", "steps.hdf5", "--differences")
+        self.assertIn("action 1 becomes the action minus qpos[1]", out)
+        self.assertIn("action 3 stays as recorded", out)
+        with h5py.File(self.folder / "steps.hdf5") as file:
+            for i, (observations, u) in enumerate(data):
+                np.testing.assert_array_equal(
+                    file[f"data/demo_{i}/actions"][:, :3], u[:, :3] - observations["qpos"][:-1]
+                )
+                np.testing.assert_array_equal(file[f"data/demo_{i}/actions"][:, 3], u[:, 3])
+        self.assertIn("velocities or increments", self.run_guard("check", "steps.hdf5"))
+        self.run_guard("fit", "steps.hdf5", "-o", "t.guard")
+        message = self.run_guard("convert", "steps.hdf5", "twice.hdf5", "--differences", fails=True)
+        self.assertIn("--differences has nothing to convert", message)
+
+    def test_many_doubled_entries_are_one_line(self):
+        data = episodes(1, 6)
+        for observations, _ in data:
+            observations["all"] = np.hstack([observations["tip"]] * 11)
+        write_robomimic(self.folder / "doubled.hdf5", data)
+        out = self.run_guard("check", "doubled.hdf5")
+        self.assertRegex(out, r"doubled: +22 entries repeat others, as all\[2\] always equals all\[0\]: one of each")
+        self.assertEqual(out.count("doubled"), 2)  # that line, and the file's name
 
     def test_failed_episodes_are_left_out(self):
         good, bad = episodes(1, 12), episodes(3, 4, drift=0.08)
@@ -182,6 +237,62 @@ class GuardAppTest(unittest.TestCase):
                     for part, values in observations.items():
                         np.testing.assert_array_equal(demo[f"obs/{part}"], values[:-1])
                         np.testing.assert_array_equal(demo[f"next_obs/{part}"], values[1:])
+
+    def test_minari_and_gymnasium_accept_what_is_converted(self):
+        sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "demonstrations"))
+        from minari_peer import check_as_minari_loads
+
+        def name(environment):
+            return lambda file: file["data"].attrs.modify("env_args", json.dumps({"env_name": environment}))
+
+        for environment, valid in [("Lift", True), ("ns/Pick_place-v3", True), ("two words", False), ("", False)]:
+            with self.subTest(environment):
+                write_robomimic(self.folder / "named.hdf5", episodes(1, 4), edit=name(environment))
+                self.run_guard("convert", "named.hdf5", "space/named-v2", "--id", "space/named-v2")
+                metadata = json.loads((self.folder / "space/named-v2/data/metadata.json").read_text())
+                check_as_minari_loads(metadata)
+                self.assertEqual("env_spec" in metadata, valid)
+                self.run_guard("convert", "space/named-v2", "again.hdf5")
+                with h5py.File(self.folder / "again.hdf5") as file:
+                    name_again = json.loads(file["data"].attrs["env_args"])["env_name"]
+                # Minari's datasets without an environment are known by their id.
+                self.assertEqual(name_again, environment or "space/named-v2")
+        for out, more in [("no-version", []), ("a b/x-v0", []), ("x-v0", ["--id", "x"])]:
+            with self.subTest(out):
+                message = self.run_guard("convert", "demos.hdf5", out, *more, fails=True)
+                self.assertRegex(message, "is no id of a Minari dataset: it must be <namespace>/<name>-v<number>")
+                self.assertEqual("give --id" in message, not more)
+
+    def test_a_filter_key_chooses_episodes(self):
+        def mask(file):
+            file["mask/train"] = np.array([b"demo_2", b"demo_10", b"demo_1"])
+            file["mask/valid"] = np.array(["demo_0"], dtype=h5py.string_dtype())
+            file["mask/wrong"] = np.array([b"demo_77"])
+            file["mask/numbers"] = np.arange(3)
+            file["mask/none"] = np.array([], dtype="S6")
+
+        write_robomimic(self.folder / "masked.hdf5", episodes(1, 12), edit=mask)
+        self.assertIn("3 episodes of", self.run_guard("check", "masked.hdf5", "--filter-key", "train"))
+        self.assertIn("1 episodes of", self.run_guard("check", "masked.hdf5", "--filter-key", "valid"))
+        self.assertIn("3 with 60 actions", self.fit("k.guard", "masked.hdf5", "--filter-key", "train"))
+        self.assertIn("of 1 episodes", self.run_guard("evaluate", "k.guard", "masked.hdf5", "--filter-key", "valid"))
+        self.run_guard("report", "k.guard", "masked.hdf5", "--filter-key", "valid", "-o", "k.html")
+        self.run_guard("convert", "masked.hdf5", "k.hdf5", "--filter-key", "train")
+        with h5py.File(self.folder / "k.hdf5") as file:
+            self.assertEqual(len(file["data"]), 3)
+            np.testing.assert_array_equal(file["data/demo_1/actions"], episodes(1, 12)[2][1])
+        for file, key, message in [
+            ("masked.hdf5", "test", "mask/test: does not exist; the filter keys of this file are: none, numbers, train"),
+            ("masked.hdf5", "wrong", "names 'demo_77', which is no episode"),
+            ("masked.hdf5", "numbers", "is not a list of texts"),
+            ("masked.hdf5", "none", "names no episode"),
+            ("demos.hdf5", "train", "this file has no filter keys"),
+            ("right-v0", "train", "has no filter keys"),
+        ]:
+            with self.subTest(key):
+                out = self.run_guard("check", file, "--filter-key", key, fails=True)
+                self.assertIn(message, out)
+                self.assertEqual(len(out.strip().splitlines()), 1)
 
     def test_conversion_takes_the_memory_of_an_episode(self):
         """Ten times as many episodes take little more."""

@@ -130,6 +130,11 @@ class PackagesTest(unittest.TestCase):
             for path in re.findall(r"(\./\S*)$", run("dpkg-deb", "--contents", deb), re.M):
                 self.assertRegex(path, r"^\./(usr/((bin|include|lib|share)/.*)?)?$")
 
+    def test_each_brings_its_copyright(self):
+        for info in self.info.values():
+            text = (self.root / "usr/share/doc" / info["Package"] / "copyright").read_text()
+            self.assertIn("License: BSD-3-Clause", text)
+
     def test_libraries_depend_on_what_their_rows_need(self):
         for deb, info in self.info.items():
             needs, packages = self.rows[self.component(deb)]

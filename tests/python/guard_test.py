@@ -1,10 +1,15 @@
 """dfr.Guard and dfr.GuardedEnv: a drifting policy stays inside, every doubt halts, files keep all."""
 
+import copy
 import doctest
 import gc
+import os
 import pathlib
+import pickle
+import subprocess
 import sys
 import tempfile
+import textwrap
 import threading
 import unittest
 
@@ -116,6 +121,68 @@ class GuardTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "one time step, or one for each row"):
             self.guard.decision([0, 1], np.zeros((3, 3)))
 
+    def test_time_steps_of_any_size_are_not_wrapped(self):
+        good = np.zeros(3), action_for(0.05, 0.0)
+        for t in (2**31, 2**32, 2**40, 2**70, -(2**40), np.int64(2**32)):
+            with self.subTest(t=t):
+                self.guard.reset()
+                self.assertEqual(self.guard.filter(t, *good)[1]["reason"], "step-skipped")
+        last = self.guard.num_steps - 1
+        x = np.zeros((2, 3))
+        support = dfr.TimeVaryingSupport.fit(demonstrations(1, 5)[0])
+        for decide in (self.guard.decision, support.decision):
+            np.testing.assert_array_equal(decide(np.array([2**32, -(2**40)]), x), decide(np.array([last, 0]), x))
+            with self.assertRaisesRegex(ValueError, "t must hold integers"):
+                decide(np.array([0.5, 1.0]), x)
+            with self.assertRaisesRegex(ValueError, "t must hold integers"):
+                decide(np.array([2**70, 0]), x)
+
+    def test_pickles_and_copies_keep_knowledge_and_settings_and_wait_for_reset(self):
+        guard = self.guard.with_settings(strategy="monitor", action_limit=0.5)
+        guard.reset()
+        x = np.random.default_rng(0).normal(size=(50, 3))
+        before = set(os.listdir(tempfile.gettempdir()))
+        for twin in (pickle.loads(pickle.dumps(guard)), copy.copy(guard), copy.deepcopy(guard)):
+            self.assertEqual((twin.settings, twin.summary, twin.layout), (guard.settings, guard.summary, guard.layout))
+            np.testing.assert_array_equal(twin.decision(3, x), guard.decision(3, x))
+            self.assertEqual(twin.filter(0, np.zeros(3), DRIFT)[1]["reason"], "not-reset")
+        left = {name for name in set(os.listdir(tempfile.gettempdir())) - before if name.startswith("dfr-")}
+        self.assertEqual(left, set())
+        content = pickle.dumps(guard)
+        with self.assertRaises((RuntimeError, pickle.UnpicklingError, ValueError)):
+            pickle.loads(content.replace(b"guided", b"guidef").replace(b"monitor", b"monitos"))
+
+    def test_worker_processes_get_guards(self):
+        """A child that knows only the pickle runs the same episode."""
+        script = """
+            import pickle, sys
+            sys.path.insert(0, sys.argv[1])
+            from corridor import Corridor, action_for
+            guard = pickle.load(sys.stdin.buffer)
+            plant = Corridor()
+            plant.reset(seed=5)
+            guard.reset(5)
+            for t in range(30):
+                plant.step(guard.filter(t, plant.x, action_for(0.09, 0.06))[0])
+            print(plant.x.tolist())
+        """
+        done = subprocess.run(
+            [sys.executable, "-c", textwrap.dedent(script), str(pathlib.Path(__file__).parent)],
+            input=pickle.dumps(self.guard), capture_output=True, check=True,
+        )
+        plant = Corridor()
+        plant.reset(seed=5)
+        self.guard.reset(5)
+        for t in range(30):
+            plant.step(self.guard.filter(t, plant.x, DRIFT)[0])
+        self.assertEqual(eval(done.stdout), plant.x.tolist())
+
+    def test_no_object_comes_without_its_content(self):
+        for cls in (dfr.Guard, dfr.FitSummary, dfr.SupportEstimate, dfr.TimeVaryingSupport):
+            for make in (lambda: cls.__new__(cls), lambda: object.__new__(cls), cls):
+                with self.subTest(cls.__name__), self.assertRaises(TypeError):
+                    make()
+
     def test_settings_and_strategies(self):
         monitor = self.guard.with_settings(strategy="monitor", action_limit=0.5)
         self.assertEqual(monitor.settings["strategy"], "monitor")
@@ -161,6 +228,26 @@ class GuardTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "feature 'gripper' is not part of the state"):
             dfr.Guard.fit(states, actions, layout=LAYOUT, features="gripper")
 
+    def test_target_positions_are_refused_and_converted(self):
+        rng = np.random.default_rng(4)
+        states, actions = [], []
+        for _ in range(12):
+            x, u = np.zeros((31, 2)), np.zeros((30, 2))
+            x[0], goal = rng.normal(size=2), rng.normal(size=2)
+            for t in range(30):
+                u[t] = x[t] + 0.2 * (goal - x[t])
+                x[t + 1] = u[t]
+            states.append(x)
+            actions.append(u)
+        with self.assertRaisesRegex(ValueError, r"actions 0, 1 take the values of state\[0\], state\[1\]"):
+            dfr.Guard.fit(states, actions)
+        converted = dfr.Guard.fit(states, actions, differences=True)
+        by_hand = dfr.Guard.fit(states, [u - x[:-1] for x, u in zip(states, actions)])
+        self.assertEqual(converted.summary, by_hand.summary)
+        dfr.Guard.fit(states, actions, as_recorded=True)
+        with self.assertRaisesRegex(ValueError, "nothing to convert"):
+            dfr.Guard.fit(*demonstrations(1, 6), differences=True)
+
     def test_progress_and_its_exceptions(self):
         stages = []
         fit(8, progress=lambda stage, share: stages.append((stage, share)))
@@ -202,6 +289,41 @@ class GuardTest(unittest.TestCase):
         np.testing.assert_array_equal(action, before)
 
 
+class DemonstrationsTest(unittest.TestCase):
+    def test_a_file_becomes_arrays_that_a_guard_is_fitted_to(self):
+        import h5py
+
+        states, actions = demonstrations(1, 6)
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "demos.hdf5"
+            with h5py.File(path, "w") as file:
+                file["mask/few"] = np.array([b"demo_1", b"demo_4"])
+                for i, (x, u) in enumerate(zip(states, actions)):
+                    demo = file.create_group(f"data/demo_{i}")
+                    demo.attrs["num_samples"] = len(u)
+                    demo["actions"] = u
+                    demo["dones"] = np.arange(len(u)) == (len(u) - 1 if i != 2 else -1)
+                    for name, part in (("clock", x[:, :1]), ("tip", x[:, 1:])):
+                        demo[f"obs/{name}"], demo[f"next_obs/{name}"] = part[:-1], part[1:]
+                    demo["obs/camera"] = np.zeros((len(u), 2, 2, 3))
+            loaded = dfr.load_demonstrations(path)
+            self.assertEqual(loaded.layout, LAYOUT)
+            self.assertEqual(loaded.completed, [i != 2 for i in range(6)])
+            for i in range(6):
+                np.testing.assert_array_equal(loaded.states[i], states[i])
+                np.testing.assert_array_equal(loaded.actions[i], actions[i])
+            few = dfr.load_demonstrations(str(path), filter_key="few")
+            del loaded.states[:], loaded.actions[:]
+            gc.collect()
+            np.testing.assert_array_equal(few.states[1], states[4])
+            guard = dfr.Guard.fit(states, actions, layout=few.layout, features="tip")
+            self.assertEqual(guard.features, "tip")
+            with self.assertRaisesRegex(RuntimeError, "demos.hdf5: mask/none: does not exist"):
+                dfr.load_demonstrations(path, filter_key="none")
+        with self.assertRaisesRegex(RuntimeError, "no such file"):
+            dfr.load_demonstrations("absent.hdf5")
+
+
 class GuardedEnvTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -232,6 +354,83 @@ class GuardedEnvTest(unittest.TestCase):
         env.reset(seed=0)
         self.assertEqual(env.step(action_for(0.05, 0.0))[4]["guard"]["mode"], "policy")
 
+    def test_action_space_bounds_what_the_guard_gives(self):
+        class Space:
+            def __init__(self, low, high, dtype=np.float32):
+                self.low, self.high = np.array(low, dtype), np.array(high, dtype)
+                self.dtype, self.shape = np.dtype(dtype), self.low.shape
+
+        class Bounded(Corridor):
+            action_space = Space([-0.08, -1.0], [0.08, 1.0])
+            largest = 0.0
+
+            def step(self, action):
+                assert action.dtype == np.float32 and action.shape == (2,)
+                self.largest = max(self.largest, np.abs(action).max())
+                return super().step(action)
+
+        self.assertGreater(self.guard.settings["action_limit"], 0.08)
+        plant = Bounded()
+        env = dfr.GuardedEnv(plant, self.guard)
+        self.assertEqual(env.guard.settings["action_limit"], float(np.float32(0.08)))
+        env.reset(seed=3)
+        for _ in range(40):
+            env.step(10 * DRIFT)
+        self.assertLessEqual(plant.largest, np.float32(0.08))
+        self.assertIs(dfr.GuardedEnv(Corridor(), self.guard).guard, self.guard)
+        for space, message in [
+            (Space([-1, 0], [1, 1]), r"entry 1 .* \[0, 1\]: a guard needs room on both sides of zero"),
+            (Space([-1, -1], [1, 1], np.int64), "continuous actions"),
+        ]:
+            plant.action_space = space
+            with self.assertRaisesRegex(ValueError, message):
+                dfr.GuardedEnv(plant, self.guard)
+
+    def test_environments_with_their_guards_are_pickled(self):
+        env = dfr.GuardedEnv(Corridor(), self.guard)
+        env.reset(seed=2)
+        twin = pickle.loads(pickle.dumps(env))
+        for one in (env, twin):
+            one.reset(seed=2)
+        np.testing.assert_array_equal(env.step(DRIFT)[0], twin.step(DRIFT)[0])
+
+    def test_with_gymnasium_it_is_one_of_its_wrappers(self):
+        """Runs with a stand-in of what gymnasium.Wrapper demands, checked against Gymnasium 1.2."""
+        script = f"""
+            import pickle, sys
+            sys.path[:0] = [{str(pathlib.Path(__file__).parent / "stand_ins")!r}, {str(pathlib.Path(__file__).parent)!r}]
+            import gymnasium
+            import numpy as np
+            import dfr
+            from corridor import LAYOUT, Corridor, action_for, demonstrations
+
+            class Env(Corridor, gymnasium.Env):
+                action_space = gymnasium.Box(-0.5, 0.5, (2,))
+                observation_space = gymnasium.Box(-np.inf, np.inf, (3,))
+
+            guard = dfr.Guard.fit(*demonstrations(1, 20), layout=LAYOUT, features="tip")
+            env = gymnasium.TimeLimit(dfr.GuardedEnv(Env(), guard), 7)
+            assert isinstance(env.env, gymnasium.Wrapper) and isinstance(env.env, dfr.GuardedEnv)
+            assert env.action_space is Env.action_space and isinstance(env.unwrapped, Env)
+            gymnasium.check_determinism(env, action_for(0.09, 0.06).astype(np.float32))
+            env.reset(seed=0)
+            for _ in range(7):
+                truncated = env.step(action_for(0.05, 0.0))[3]
+            assert truncated
+            assert env.get_wrapper_attr("guard").settings["action_limit"] == 0.5
+            assert not hasattr(env.env, "as_dict")  # as in all of Gymnasium's wrappers
+            assert env.get_wrapper_attr("as_dict") is False
+            shaped = dfr.GuardedEnv(Corridor(), guard)  # no gymnasium.Env
+            assert isinstance(shaped, gymnasium.Env)
+            shaped.reset(seed=0)
+            assert shaped.step(action_for(0.05, 0.0))[4]["guard"]["mode"] == "policy"
+            assert shaped.get_wrapper_attr("x")[0] == 1
+            for one in (env, shaped):
+                pickle.loads(pickle.dumps(one)).reset(seed=0)
+        """
+        done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+
     def test_own_states(self):
         env = dfr.GuardedEnv(Corridor(as_dict=True), self.guard, state=lambda obs: [0.0, *obs["tip"]])
         env.reset(seed=1)
@@ -243,6 +442,95 @@ class GuardedEnvTest(unittest.TestCase):
 
         with self.assertRaisesRegex(ValueError, "no clock, tip; it has position. Give GuardedEnv"):
             dfr.GuardedEnv(Other(), self.guard).reset(seed=0)
+
+
+class GuardStepTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.guard = fit()
+
+    def transition(self, x, action, **more):
+        return {"observation": {"clock": x[:1], "tip": x[1:][None]}, "action": action, **more}
+
+    def test_it_filters_as_the_guard_does(self):
+        guard = self.guard.with_settings()
+        step = dfr.GuardStep(self.guard)
+        x = np.array([0.0, 0.02, 0.0])
+        self.assertEqual(step(self.transition(x, DRIFT))["info"]["guard"]["mode"], "halt")  # before reset
+        step.reset()
+        guard.reset()
+        for t in range(30):
+            expected, info = guard.filter(t, x, DRIFT)
+            before = self.transition(x, DRIFT[None].astype(np.float32), info={"own": 1}, reward=2.0)
+            after = step(before)
+            self.assertEqual((after["info"]["guard"], after["info"]["own"], after["reward"]), (info, 1, 2.0))
+            self.assertEqual((after["action"].shape, after["action"].dtype), ((1, 2), np.float32))
+            np.testing.assert_allclose(after["action"][0], expected, atol=1e-7)
+            self.assertNotIn("guard", before["info"])
+            x = x + [1, *(np.array([[0, 0]]) + expected)[0]]
+
+    def test_a_chunk_is_taken_action_by_action(self):
+        step = dfr.GuardStep(self.guard.with_settings(strategy="monitor"))  # passes every action
+        step.reset()
+        chunk = np.stack([action_for(0.05, 0.0), action_for(0.06, 0.0)])[None]
+        x = np.zeros(3)
+        for k in range(2):
+            np.testing.assert_allclose(step(self.transition(x, chunk))["action"], chunk[:, k], atol=1e-12)
+        with self.assertRaisesRegex(ValueError, "has no action 2"):
+            step(self.transition(x, chunk))
+        step.next_chunk()
+        np.testing.assert_allclose(step(self.transition(x, chunk))["action"], chunk[:, 0], atol=1e-12)
+
+    def test_targets_are_filtered_as_steps_from_the_present_pose(self):
+        step = dfr.GuardStep(self.guard, positions=[1, 2])
+        step.reset()
+        x = np.array([0.0, 0.3, -0.02])
+        wish = action_for(0.05, 0.0)
+        np.testing.assert_allclose(step(self.transition(x, x[1:] + wish))["action"], x[1:] + wish, atol=1e-12)
+        x[1] += 0.1
+        held = x[1:].copy()
+        step.guard.stop()
+        for _ in range(3):  # the pose of the halt, not where the arm sags to
+            np.testing.assert_array_equal(step(self.transition(x, x[1:] + wish))["action"], held)
+            x[2] -= 0.05
+        step.reset()
+        step(self.transition(x, x[1:] + wish))
+        held = x[1:].copy()
+        x[1] = np.nan
+        after = step(self.transition(x, held + wish))
+        self.assertEqual(after["info"]["guard"]["reason"], "state-invalid")
+        np.testing.assert_array_equal(after["action"], held)
+        step.reset()
+        with self.assertRaisesRegex(RuntimeError, "no pose to hold"):
+            step(self.transition(x, held))
+
+    def test_alarms_and_halts_call_once(self):
+        calls = []
+        guard = self.guard.with_settings(strategy="monitor")
+        step = dfr.GuardStep(guard, on_alarm=lambda info: calls.append("alarm"),
+                             on_halt=lambda info: calls.append("halt"))
+        step.reset()
+        for y in (0.0, 0.9, 0.9, 0.0, 0.9):
+            step(self.transition(np.array([0.0, 0.0, y]), action_for(0.05, 0.0)))
+        self.assertEqual(calls, ["alarm", "alarm"])
+        guard.stop()
+        for _ in range(2):
+            step(self.transition(np.zeros(3), action_for(0.05, 0.0)))
+        self.assertEqual(calls[2:], ["halt"])
+
+    def test_mistakes_are_named(self):
+        for positions, message in [([1], "positions has 1 entries; actions of this guard have 2"),
+                                   ([1, 3], "names entry 3 of a state of 3")]:
+            with self.assertRaisesRegex(ValueError, message):
+                dfr.GuardStep(self.guard, positions=positions)
+        step = dfr.GuardStep(self.guard)
+        step.reset()
+        with self.assertRaisesRegex(ValueError, "no clock, tip; it has pixels"):
+            step({"observation": {"pixels": 0}, "action": DRIFT})
+        with self.assertRaisesRegex(ValueError, "a guard is for one robot"):
+            step(self.transition(np.zeros(3), np.zeros((2, 2))))
+        self.assertEqual((step.get_config(), step.state_dict()), ({"positions": None}, {}))
+        self.assertEqual(step.transform_features({"a": 1}), {"a": 1})
 
 
 class Documentation(unittest.TestCase):

@@ -12,7 +12,7 @@
 #include <string>
 
 #include "hdf5_file.h"
-#include "tests/imitation/episodes.h"
+#include "tests/demonstrations/episodes.h"
 #include "tests/imitation/temp_folder.h"
 
 namespace dfr::imitation {

@@ -25,8 +25,10 @@ class MinariWriter {
  public:
   /// Creates the folder, replacing its data.
   /// @param folder  the dataset's, ROOT/NAMESPACE/NAME-vVERSION for Minari to find it.
-  /// @param dataset_id  NAMESPACE/NAME-vVERSION.
+  /// @param dataset_id  NAMESPACE/NAME-vVERSION, which Minari demands; NAMESPACE/ may be missing.
   /// @param layout  with one block: plain observations; with several: one dataset each.
+  /// @param environment  where it is a name that Gymnasium accepts, NAME-vVERSION, the dataset's
+  ///   env_spec; others are kept under a key of their own, because Minari refuses them.
   MinariWriter(const std::filesystem::path& folder, const std::string& dataset_id,
                core::StateLayout layout, int control_dim, const std::string& environment);
   MinariWriter(MinariWriter&&) noexcept;

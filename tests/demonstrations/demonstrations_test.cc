@@ -13,7 +13,7 @@
 #include <stdexcept>
 
 #include "hdf5_file.h"
-#include "tests/imitation/episodes.h"
+#include "tests/demonstrations/episodes.h"
 #include "tests/imitation/temp_folder.h"
 #include "tests/support/all_close.h"
 

@@ -4,6 +4,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <regex>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -21,10 +22,31 @@ using nlohmann::json;
 
 constexpr char kPrefix[] = "episode_";
 constexpr char kPlain[] = "observations";
+constexpr char kEnvironment[] = "environment";  // not Minari's: the name, whatever it is
 constexpr char kSteps[] = "the number of actions";
 constexpr char kStates[] = "that of actions plus one";
-// The version of the format written here.
+// The version of the format written here, which Minari 0.5.1 and later read.
 constexpr char kMinariVersion[] = "0.5.1";
+
+// What Minari and Gymnasium accept as names; their loaders refuse a dataset with others.
+bool IsDatasetId(const std::string& id) {
+  static const std::regex pattern(R"((?:[-\w][-\w/]*[-\w]+/)?[-\w]+?-v\d{1,9})");
+  return std::regex_match(id, pattern);
+}
+bool IsEnvironmentId(const std::string& id) {
+  static const std::regex pattern(R"((?:[\w:-]+/)?[\w:.-]+?(?:-v\d{1,9})?)");
+  return std::regex_match(id, pattern);
+}
+
+// As Gymnasium's EnvSpec reads it: additional_wrappers may not be missing.
+std::string EnvironmentSpec(const std::string& id) {
+  return json({{"id", id},
+               {"entry_point", nullptr},
+               {"kwargs", json::object()},
+               {"additional_wrappers", json::array()},
+               {"vector_entry_point", nullptr}})
+      .dump();
+}
 
 // Minari keeps a space as JSON inside a string, with Python's names for infinities.
 std::string BoxText(int size, const char* low, const char* high) {
@@ -120,6 +142,7 @@ class MinariReader final : public internal::EpisodeReader {
       const json environment = json::parse(spec->get<std::string>(), nullptr, false);
       if (environment.is_object()) environment_ = text(environment, "id", "");
     }
+    if (environment_.empty()) environment_ = text(metadata, kEnvironment, "");
     if (environment_.empty()) environment_ = text(metadata, "dataset_id", "");
   }
 };
@@ -193,15 +216,20 @@ class MinariWriter::File {
 
   // Replaced as a whole, so that a reader never sees half of it.
   void WriteMetadata() const {
-    const json metadata = {{"total_episodes", episodes_},
-                           {"total_steps", total_},
-                           {"data_format", "hdf5"},
-                           {"jpeg_encoding", false},
-                           {"dataset_id", dataset_id_},
-                           {"minari_version", kMinariVersion},
-                           {"env_spec", json({{"id", environment_}}).dump()},
-                           {"observation_space", ObservationText(layout_)},
-                           {"action_space", BoxText(control_dim_, "-1.0", "1.0")}};
+    std::error_code ignored;
+    const auto bytes = std::filesystem::file_size(folder_ / "main_data.hdf5", ignored);
+    json metadata = {{"total_episodes", episodes_},
+                     {"total_steps", total_},
+                     {"dataset_size", std::round(static_cast<double>(bytes) / 1e5) / 10.0},  // MB
+                     {"data_format", "hdf5"},
+                     {"jpeg_encoding", false},
+                     {"dataset_id", dataset_id_},
+                     {"minari_version", kMinariVersion},
+                     {"observation_space", ObservationText(layout_)},
+                     {"action_space", BoxText(control_dim_, "-1.0", "1.0")}};
+    // Minari reads a dataset without an environment, and none whose environment has another name.
+    if (IsEnvironmentId(environment_)) metadata["env_spec"] = EnvironmentSpec(environment_);
+    if (!environment_.empty()) metadata[kEnvironment] = environment_;
     const std::filesystem::path path = folder_ / "metadata.json";
     std::filesystem::path part = path;
     part += ".part";
@@ -228,7 +256,9 @@ MinariWriter::MinariWriter(const std::filesystem::path& folder, const std::strin
                            core::StateLayout layout, int control_dim,
                            const std::string& environment) {
   internal::CheckLayout(layout, control_dim);
-  DFR_THROW_UNLESS(!dataset_id.empty(), "a Minari dataset needs an id, <namespace>/<name>-v<n>");
+  DFR_THROW_UNLESS(IsDatasetId(dataset_id),
+                   "'" << dataset_id << "' is no id of a Minari dataset: it must be "
+                       << "<namespace>/<name>-v<number> of letters, digits, - and _");
   file_ = std::make_unique<File>(folder, dataset_id, std::move(layout), control_dim, environment);
 }
 

@@ -2,9 +2,11 @@
 
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <stdexcept>
 #include <string_view>
 #include <utility>
 
+#include "dfr/imitation/lerobot.h"
 #include "dfr/imitation/minari.h"
 #include "episode_io.h"
 #include "hdf5_file.h"
@@ -29,12 +31,13 @@ std::string EnvironmentName(const Hdf5File& file) {
 
 class RobomimicReader final : public internal::EpisodeReader {
  public:
-  explicit RobomimicReader(const std::filesystem::path& path)
+  RobomimicReader(const std::filesystem::path& path, const std::string& filter_key)
       : EpisodeReader(Hdf5File::Open(path)) {
     if (!file().Exists("data")) file().Fail("data", "does not exist: this is no robomimic file");
     environment_ = EnvironmentName(file());
     discarded_ = static_cast<int>(file().IntegerAttribute("data", "discarded").value_or(0));
     FindEpisodes("data", kEpisodePrefix, "obs");
+    if (!filter_key.empty()) KeepMasked("data", filter_key);
   }
 
   [[nodiscard]] int discarded() const noexcept override { return discarded_; }
@@ -85,6 +88,11 @@ DemonstrationSet ReadAll(const DemonstrationReader& reader) {
 }
 
 }  // namespace
+
+const std::string& DemonstrationReader::note() const noexcept {
+  static const std::string empty;
+  return empty;
+}
 
 class RobomimicWriter::File {
  public:
@@ -186,15 +194,32 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
   for (int i = 0; i < demonstrations.discarded; ++i) writer.CountDiscarded();
 }
 
-std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& path) {
-  return std::make_unique<RobomimicReader>(path);
+std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& path,
+                                                   const std::string& filter_key) {
+  return std::make_unique<RobomimicReader>(path, filter_key);
 }
 
-std::unique_ptr<DemonstrationReader> OpenDemonstrations(const std::filesystem::path& path) {
-  if (std::filesystem::is_directory(path)) return OpenMinari(path);
-  // Closed again before the reader opens it.
-  const bool robomimic = Hdf5File::Open(path).Exists("data");
-  return robomimic ? OpenRobomimic(path) : OpenMinari(path);
+std::unique_ptr<DemonstrationReader> OpenDemonstrations(const std::filesystem::path& path,
+                                                        const std::string& filter_key) {
+  if (IsLeRobot(path)) return OpenLeRobot(path, filter_key);
+  if (!std::filesystem::is_directory(path)) {
+    // Closed again before the reader opens it.
+    const Hdf5File file = Hdf5File::Open(path);
+    if (file.Exists("data")) return OpenRobomimic(path, filter_key);
+    if (file.Exists("action") && file.Exists("observations")) {
+      file.Fail(
+          "observations",
+          "this is one episode in ALOHA's layout. Convert its folder to a LeRobot dataset with "
+          "LeRobot's scripts, or copy observations/qpos and action of each episode to "
+          "data/demo_<i>/obs/qpos and data/demo_<i>/actions of one file");
+    }
+  }
+  if (!filter_key.empty()) {
+    throw std::runtime_error(
+        path.string() + ": has no filter keys, so '" + filter_key +
+        "' names no episodes; robomimic's files and LeRobot's datasets have them");
+  }
+  return OpenMinari(path);
 }
 
 DemonstrationSet LoadDemonstrations(const std::filesystem::path& path) {

@@ -31,6 +31,9 @@ class DemonstrationReader {
   /// DemonstrationSet::discarded, where the file says so.
   [[nodiscard]] virtual int discarded() const noexcept { return 0; }
   [[nodiscard]] virtual int num_episodes() const noexcept = 0;
+  /// What a user should know of how the file is read: "images and videos are left alone: ..."; may
+  /// be empty.
+  [[nodiscard]] virtual const std::string& note() const noexcept;
 
   /// What the file calls episode i, in [0, num_episodes()): "data/demo_7".
   [[nodiscard]] virtual const std::string& name(int i) const = 0;
@@ -38,10 +41,14 @@ class DemonstrationReader {
   [[nodiscard]] virtual core::Trajectory Read(int i) const = 0;
 };
 
-/// Opens demonstrations of robomimic or Minari (see minari.h), whichever it is.
-/// @throws std::runtime_error naming file and reason.
+/// Opens demonstrations of robomimic, Minari (see minari.h) or LeRobot (see lerobot.h), whichever
+/// it is.
+/// @param filter_key  only the episodes that this key names, as robomimic's mask/train or a split
+/// of
+///   LeRobot does; empty: all.
+/// @throws std::runtime_error naming file and reason, among them a key that does not exist.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenDemonstrations(
-    const std::filesystem::path& path);
+    const std::filesystem::path& path, const std::string& filter_key = "");
 /// Reads all of it.
 [[nodiscard]] DemonstrationSet LoadDemonstrations(const std::filesystem::path& path);
 
@@ -90,8 +97,9 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
 /// all vector-valued obs datasets one after another, by `offset` where all have one, else by name;
 /// those of more than two dimensions (images) are left out. Without next_obs the state after the
 /// last control is not in the file, and that control is left out. Without `outcome`, an episode
-/// whose last done is 1 completed.
-[[nodiscard]] std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& path);
+/// whose last done is 1 completed. A `filter_key` leaves the episodes that mask/FILTER_KEY names.
+[[nodiscard]] std::unique_ptr<DemonstrationReader> OpenRobomimic(
+    const std::filesystem::path& path, const std::string& filter_key = "");
 /// Reads all of it.
 [[nodiscard]] DemonstrationSet LoadRobomimic(const std::filesystem::path& path);
 

@@ -52,6 +52,8 @@ class Hdf5File {
   [[nodiscard]] bool IsNumeric(const std::string& path) const;
   /// A numeric dataset of one dimension (as one column) or two, converted to doubles.
   [[nodiscard]] core::Matrix Read(const std::string& path) const;
+  /// A one-dimensional dataset of texts, of fixed or variable length.
+  [[nodiscard]] std::vector<std::string> ReadTexts(const std::string& path) const;
   /// Nothing where the attribute does not exist.
   [[nodiscard]] std::optional<std::int64_t> IntegerAttribute(const std::string& path,
                                                              const char* name) const;

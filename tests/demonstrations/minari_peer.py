@@ -8,11 +8,34 @@ minari_peer.py write-plain FOLDER  with plain observations
 
 import json
 import pathlib
+import re
 import sys
 
 import h5py
 import numpy as np
 from episodes import BLOCKS, LENGTHS, controls, states
+
+
+def check_as_minari_loads(metadata):
+    """What Minari 0.5.3's MinariDataset and Gymnasium 1.2's EnvSpec.from_json demand of metadata."""
+    assert metadata["minari_version"] in {"0.5.0", "0.5.1", "0.5.2", "0.5.3"}
+    assert re.fullmatch(r"([-_\w][-_\w/]*[-_\w]+/)?[-_\w]+?-v\d+", metadata["dataset_id"])
+    assert isinstance(metadata["dataset_size"], float)  # `minari list` and `show` print it
+    assert metadata["jpeg_encoding"] is False  # left out, it means true
+    for name in ("observation_space", "action_space"):
+        assert isinstance(metadata[name], str)
+        box = json.loads(metadata[name])
+        for box in box["subspaces"].values() if box["type"] == "Dict" else [box]:
+            low, high = (np.array(box[key], dtype=box["dtype"]) for key in ("low", "high"))
+            assert low.shape == high.shape == tuple(box["shape"])
+    if "env_spec" in metadata:
+        assert isinstance(metadata["env_spec"], str)
+        spec = json.loads(metadata["env_spec"])
+        # Popped without a default; the rest are arguments of a dataclass.
+        assert spec.pop("additional_wrappers") == []
+        assert set(spec) <= {"id", "entry_point", "reward_threshold", "nondeterministic", "max_episode_steps",
+                             "order_enforce", "disable_env_checker", "kwargs", "vector_entry_point"}
+        assert re.fullmatch(r"([\w:-]+/)?[\w:.-]+?(-v\d+)?", spec["id"])
 
 
 def check(folder, plain):
@@ -23,7 +46,9 @@ def check(folder, plain):
     assert metadata["jpeg_encoding"] is False
     assert metadata["dataset_id"] == "dfr/test-v0"
     assert metadata["minari_version"]
-    assert json.loads(metadata["env_spec"])["id"] == 'pusher "P"'
+    # No id for Gymnasium: Minari would refuse the whole dataset.
+    assert "env_spec" not in metadata and metadata["environment"] == 'pusher "P"'
+    check_as_minari_loads(metadata)
     # Spaces are JSON inside a string.
     action = json.loads(metadata["action_space"])
     assert action == {"type": "Box", "dtype": "float64", "shape": [2], "low": [-1.0] * 2, "high": [1.0] * 2}

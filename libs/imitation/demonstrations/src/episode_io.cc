@@ -4,6 +4,7 @@
 #include <charconv>
 #include <cmath>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "dfr/core/contract.h"
@@ -80,7 +81,14 @@ std::vector<std::string> NumberedMembers(const Hdf5File& file, const std::string
 // (images) are left out. One dataset may stand in the group's place.
 core::StateLayout PartLayout(const Hdf5File& file, const std::string& episode, const char* part) {
   const std::string path = episode + "/" + part;
-  if (!file.Exists(path)) file.Fail(path, "does not exist");
+  if (!file.Exists(path)) {
+    // A simulator's whole state is none that a robot observes.
+    const bool states_alone = std::string_view(part) == "obs" && file.Exists(episode + "/states");
+    file.Fail(path, states_alone ? "does not exist: the file holds states of a simulator alone, as "
+                                   "robosuite's recorder writes them. Add observations with "
+                                   "robomimic's dataset_states_to_obs.py"
+                                 : "does not exist");
+  }
   std::vector<Key> keys;
   if (CollectKeys(file, path, part, 0, keys)) {
     std::stable_sort(keys.begin(), keys.end(),
@@ -186,6 +194,27 @@ void EpisodeReader::FindEpisodes(const std::string& group, std::string_view pref
   states_ = states;
   layout_ = PartLayout(file_, episodes_[0], states_);
   controls_ = PartLayout(file_, episodes_[0], kActions);
+}
+
+void EpisodeReader::KeepMasked(const std::string& group, const std::string& mask) {
+  const std::string path = "mask/" + mask;
+  if (!file_.Exists("mask")) file_.Fail("mask", "does not exist: this file has no filter keys");
+  if (mask.empty() || !file_.Exists(path)) {
+    std::string known;
+    for (const std::string& name : file_.Members("mask"))
+      known += (known.empty() ? "" : ", ") + name;
+    file_.Fail(path, "does not exist; the filter keys of this file are: " + known);
+  }
+  std::set<std::string> wanted;
+  for (const std::string& name : file_.ReadTexts(path)) {
+    const std::string episode = group + "/" + name;
+    if (std::find(episodes_.begin(), episodes_.end(), episode) == episodes_.end()) {
+      file_.Fail(path, "names '" + name + "', which is no episode of this file");
+    }
+    wanted.insert(episode);
+  }
+  if (wanted.empty()) file_.Fail(path, "names no episode");
+  std::erase_if(episodes_, [&](const std::string& episode) { return !wanted.contains(episode); });
 }
 
 core::Trajectory EpisodeReader::Read(int i) const {

@@ -71,6 +71,9 @@ class EpisodeReader : public DemonstrationReader {
   /// @param states  the part of an episode that holds its states: "obs".
   void FindEpisodes(const std::string& group, std::string_view prefix, const char* states);
 
+  /// Leaves the episodes that a mask names, in the order of their numbers.
+  void KeepMasked(const std::string& group, const std::string& mask);
+
   [[nodiscard]] const Hdf5File& file() const noexcept { return file_; }
   /// The first dataset of the controls: its rows are the episode's steps.
   [[nodiscard]] std::string FirstActions(const std::string& episode) const;

@@ -312,6 +312,43 @@ core::Matrix Hdf5File::Read(const std::string& path) const {
   return values;
 }
 
+std::vector<std::string> Hdf5File::ReadTexts(const std::string& path) const {
+  const std::vector<std::int64_t> shape = Shape(path);
+  constexpr std::int64_t kMost = std::int64_t{1} << 24;
+  if (shape.size() != 1 || shape[0] > kMost) Fail(path, "is not a list of texts");
+  const Quiet quiet;
+  const Handle dataset(H5Dopen2(id_, path.c_str(), H5P_DEFAULT), H5Dclose);
+  const Handle type(H5Dget_type(dataset.id()), H5Tclose);
+  if (H5Tget_class(type.id()) != H5T_STRING) Fail(path, "is not a list of texts");
+  const auto count = static_cast<std::size_t>(shape[0]);
+  std::vector<std::string> texts;
+  texts.reserve(count);
+  if (H5Tis_variable_str(type.id()) > 0) {
+    std::vector<char*> values(count, nullptr);
+    const Handle space(H5Dget_space(dataset.id()), H5Sclose);
+    if (H5Dread(dataset.id(), type.id(), H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0) {
+      Fail(path, "cannot be read: " + LastError());
+    }
+    for (const char* value : values) texts.emplace_back(value == nullptr ? "" : value);
+    H5Dvlen_reclaim(type.id(), space.id(), H5P_DEFAULT, values.data());
+    return texts;
+  }
+  const std::size_t size = H5Tget_size(type.id());
+  if (size > (std::size_t{1} << 30) / std::max<std::size_t>(1, count)) {
+    Fail(path, "claims texts of " + std::to_string(size) + " bytes, which is too much");
+  }
+  std::string bytes(count * size, '\0');
+  if (H5Dread(dataset.id(), type.id(), H5S_ALL, H5S_ALL, H5P_DEFAULT, bytes.data()) < 0) {
+    Fail(path, "cannot be read: " + LastError());
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    std::string text = bytes.substr(i * size, size);
+    text.resize(text.find_last_not_of('\0') + 1);
+    texts.push_back(std::move(text));
+  }
+  return texts;
+}
+
 std::optional<std::int64_t> Hdf5File::IntegerAttribute(const std::string& path,
                                                        const char* name) const {
   const Quiet quiet;

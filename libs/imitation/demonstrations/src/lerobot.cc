@@ -1,0 +1,355 @@
+#include "dfr/imitation/lerobot.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <stdexcept>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "parquet_file.h"
+
+namespace dfr::imitation {
+namespace {
+
+using core::Matrix;
+using internal::ParquetColumn;
+using internal::ParquetFile;
+using nlohmann::json;
+
+constexpr char kAction[] = "action";
+constexpr char kEpisode[] = "episode_index";
+constexpr char kSuccess[] = "next.success";
+
+std::filesystem::path InfoFile(const std::filesystem::path& folder) {
+  return folder / "meta" / "info.json";
+}
+
+[[noreturn]] void Fail(const std::filesystem::path& file, const std::string& reason) {
+  throw std::runtime_error(file.string() + ": " + reason);
+}
+
+// Numbers, in one dimension at most.
+bool IsNumeric(const json& feature) {
+  static constexpr std::string_view kTypes[] = {"float16", "float32", "float64", "bool",
+                                                "int8",    "int16",   "int32",   "int64",
+                                                "uint8",   "uint16",  "uint32",  "uint64"};
+  const auto dtype = feature.find("dtype");
+  return dtype != feature.end() && dtype->is_string() &&
+         std::find(std::begin(kTypes), std::end(kTypes), dtype->get<std::string>()) !=
+             std::end(kTypes);
+}
+
+// Some rows of one row group of one file.
+struct Part {
+  int file = 0;
+  int row_group = 0;
+  std::int64_t first = 0;
+  std::int64_t count = 0;
+};
+
+class LeRobotReader final : public DemonstrationReader {
+ public:
+  LeRobotReader(std::filesystem::path folder, const std::string& filter_key)
+      : folder_(std::move(folder)) {
+    const json info = ReadInfo();
+    FindFeatures(info);
+    FindFiles();
+    FindEpisodes(info);
+    if (!filter_key.empty()) KeepSplit(info, filter_key);
+  }
+
+  [[nodiscard]] const core::StateLayout& layout() const noexcept override { return layout_; }
+  [[nodiscard]] int control_dim() const noexcept override { return control_dim_; }
+  [[nodiscard]] const std::string& environment() const noexcept override { return environment_; }
+  [[nodiscard]] int num_episodes() const noexcept override {
+    return static_cast<int>(names_.size());
+  }
+  [[nodiscard]] const std::string& name(int i) const override {
+    return names_.at(static_cast<std::size_t>(i));
+  }
+  [[nodiscard]] const std::string& note() const noexcept override { return note_; }
+
+  [[nodiscard]] core::Trajectory Read(int i) const override {
+    const std::vector<Part>& parts = episodes_.at(static_cast<std::size_t>(i));
+    std::int64_t frames = 0;
+    for (const Part& part : parts) frames += part.count;
+    if (frames < 2) {
+      Fail(folder_, name(i) + " has one frame: no state after an action");
+    }
+    core::Trajectory trajectory;
+    trajectory.states.resize(frames, layout_.state_dim());
+    for (const auto& block : layout_.blocks) {
+      ReadFeature(i, parts, block.name, block.size, trajectory.states, block.offset);
+    }
+    Matrix actions(frames, control_dim_);
+    ReadFeature(i, parts, kAction, control_dim_, actions, 0);
+    trajectory.controls = actions.topRows(frames - 1);
+    if (has_success_) {
+      Matrix success(frames, 1);
+      ReadFeature(i, parts, kSuccess, 1, success, 0);
+      if (success(frames - 1, 0) != 0.0) trajectory.outcome = core::Outcome::kCompleted;
+    }
+    return trajectory;
+  }
+
+ private:
+  [[nodiscard]] json ReadInfo() {
+    const std::filesystem::path file = InfoFile(folder_);
+    std::ifstream in(file);
+    if (!in) Fail(file, "cannot be opened");
+    json info = json::parse(in, nullptr, /*allow_exceptions=*/false);
+    if (!info.is_object()) Fail(file, "is not a JSON object");
+    const auto version = info.find("codebase_version");
+    const std::string text =
+        version != info.end() && version->is_string() ? version->get<std::string>() : "";
+    if (!text.starts_with("v2.") && !text.starts_with("v3.")) {
+      Fail(file, "codebase_version is '" + text + "'; v2.0 to v3.0 can be read");
+    }
+    if (const auto robot = info.find("robot_type"); robot != info.end() && robot->is_string()) {
+      environment_ = robot->get<std::string>();
+    }
+    return info;
+  }
+
+  // The number of entries of a feature of one dimension at most; 0 for those of more.
+  [[nodiscard]] int SizeOf(const std::string& name, const json& feature) const {
+    const auto shape = feature.find("shape");
+    if (shape == feature.end() || !shape->is_array()) {
+      Fail(InfoFile(folder_), "feature " + name + " has no shape");
+    }
+    if (shape->size() > 1) return 0;
+    if (shape->empty()) return 1;
+    constexpr int kMost = 1 << 20;
+    const json& size = (*shape)[0];
+    if (!size.is_number_integer() || size.get<std::int64_t>() < 1 ||
+        size.get<std::int64_t>() > kMost) {
+      Fail(InfoFile(folder_), "feature " + name + " has the shape " + shape->dump());
+    }
+    return size.get<int>();
+  }
+
+  void FindFeatures(const json& info) {
+    const auto features = info.find("features");
+    if (features == info.end() || !features->is_object()) {
+      Fail(InfoFile(folder_), "has no features");
+    }
+    std::string left;
+    for (const auto& [name, feature] : features->items()) {  // in the order of their names
+      if (!feature.is_object()) Fail(InfoFile(folder_), "feature " + name + " is no JSON object");
+      const int size = IsNumeric(feature) ? SizeOf(name, feature) : 0;
+      if (name == kSuccess) has_success_ = size == 1;
+      if (name == kAction) {
+        if (size == 0) Fail(InfoFile(folder_), "the feature action is not a vector of numbers");
+        control_dim_ = size;
+      } else if (name == "observation" || name.starts_with("observation.")) {
+        if (size > 0) {
+          layout_.Add(name, size);
+        } else {
+          left += (left.empty() ? "" : ", ") + name;
+        }
+      }
+    }
+    if (control_dim_ == 0) Fail(InfoFile(folder_), "has no feature action");
+    if (layout_.blocks.empty()) {
+      Fail(InfoFile(folder_), "has no feature observation.<name> that is a vector of numbers");
+    }
+    if (!left.empty()) note_ = "images and videos are left alone: " + left;
+  }
+
+  void FindFiles() {
+    const std::filesystem::path data = folder_ / "data";
+    std::error_code error;
+    std::vector<std::filesystem::path> paths;
+    for (std::filesystem::recursive_directory_iterator it(data, error), end; it != end;
+         it.increment(error)) {
+      if (it->path().extension() == ".parquet") paths.push_back(it->path());
+    }
+    if (error || paths.empty()) Fail(data, "holds no Parquet file");
+    std::sort(paths.begin(), paths.end());
+    for (auto& path : paths) files_.push_back(std::move(path));
+  }
+
+  // Frames of an episode are rows that follow each other, perhaps from one file to the next.
+  void FindEpisodes(const json& info) {
+    std::map<std::int64_t, std::vector<Part>> found;
+    std::int64_t frames = 0;
+    std::optional<std::int64_t> last;
+    for (int file = 0; file < static_cast<int>(files_.size()); ++file) {
+      const ParquetFile& parquet = File(file);
+      for (int group = 0; group < parquet.num_row_groups(); ++group) {
+        const ParquetColumn column = parquet.Read(group, kEpisode);
+        if (static_cast<std::int64_t>(column.values.size()) != column.num_rows()) {
+          Fail(files_[static_cast<std::size_t>(file)], "column episode_index is not one number");
+        }
+        frames += column.num_rows();
+        for (std::int64_t row = 0; row < column.num_rows(); ++row) {
+          const double value = column.values[static_cast<std::size_t>(row)];
+          if (!(value >= 0.0 && value < 1e9) || value != std::floor(value)) {
+            Fail(files_[static_cast<std::size_t>(file)], "column episode_index, row " +
+                                                             std::to_string(row) + " is " +
+                                                             std::to_string(value));
+          }
+          const auto episode = static_cast<std::int64_t>(value);
+          std::vector<Part>& parts = found[episode];
+          if (last != episode && !parts.empty()) {
+            Fail(files_[static_cast<std::size_t>(file)],
+                 "the frames of episode " + std::to_string(episode) + " do not follow each other");
+          }
+          last = episode;
+          if (parts.empty() || parts.back().file != file || parts.back().row_group != group) {
+            parts.push_back({file, group, row, 0});
+          }
+          ++parts.back().count;
+        }
+      }
+    }
+    CheckTotal(info, "total_episodes", static_cast<std::int64_t>(found.size()));
+    CheckTotal(info, "total_frames", frames);
+    for (auto& [episode, parts] : found) {
+      names_.push_back("episode " + std::to_string(episode));
+      numbers_.push_back(episode);
+      episodes_.push_back(std::move(parts));
+    }
+    if (episodes_.empty()) Fail(folder_ / "data", "holds no episode");
+  }
+
+  void CheckTotal(const json& info, const char* key, std::int64_t actual) const {
+    const auto total = info.find(key);
+    if (total == info.end()) return;
+    if (!total->is_number_integer() || total->get<std::int64_t>() != actual) {
+      Fail(InfoFile(folder_), std::string(key) + " is " + total->dump() +
+                                  ", but the files below data hold " + std::to_string(actual) +
+                                  ": is the download complete?");
+    }
+  }
+
+  // A split is a range of episodes: "0:50".
+  void KeepSplit(const json& info, const std::string& key) {
+    const auto splits = info.find("splits");
+    const bool any = splits != info.end() && splits->is_object();
+    if (!any || !splits->contains(key)) {
+      std::string known;
+      if (any) {
+        for (const auto& [name, range] : splits->items()) {
+          known += (known.empty() ? "" : ", ") + name;
+        }
+      }
+      Fail(InfoFile(folder_),
+           "has no split '" + key + "'; " + (known.empty() ? "it has none" : "it has " + known));
+    }
+    const json& range = (*splits)[key];
+    std::int64_t first = 0;
+    std::int64_t end = 0;
+    bool good = range.is_string();
+    if (good) {
+      const auto text = range.get<std::string>();
+      const char* const stop = text.data() + text.size();
+      const auto [colon, error] = std::from_chars(text.data(), stop, first);
+      good = error == std::errc() && colon != stop && *colon == ':';
+      if (good) {
+        const auto [rest, wrong] = std::from_chars(colon + 1, stop, end);
+        good = wrong == std::errc() && rest == stop;
+      }
+    }
+    if (!good) Fail(InfoFile(folder_), "split '" + key + "' is " + range.dump() + ", not \"0:50\"");
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < episodes_.size(); ++i) {
+      if (numbers_[i] < first || numbers_[i] >= end) continue;
+      std::swap(episodes_[kept], episodes_[i]);
+      std::swap(names_[kept++], names_[i]);
+    }
+    episodes_.resize(kept);
+    names_.resize(kept);
+    if (kept == 0) Fail(InfoFile(folder_), "split '" + key + "' names no episode");
+  }
+
+  // The file that was read last stays open: episodes follow each other.
+  [[nodiscard]] const ParquetFile& File(int file) const {
+    if (open_file_ != file) {
+      columns_.clear();
+      open_.reset();
+      open_.emplace(files_[static_cast<std::size_t>(file)]);
+      open_file_ = file;
+    }
+    return *open_;
+  }
+
+  // So do the columns of its last row group, which holds many episodes in version 3.
+  [[nodiscard]] const ParquetColumn& Column(const Part& part, const std::string& name) const {
+    const ParquetFile& file = File(part.file);
+    if (columns_group_ != part.row_group) columns_.clear();
+    columns_group_ = part.row_group;
+    const auto found = columns_.find(name);
+    if (found != columns_.end()) return found->second;
+    return columns_.emplace(name, file.Read(part.row_group, name)).first->second;
+  }
+
+  void ReadFeature(int episode, const std::vector<Part>& parts, const std::string& name, int size,
+                   Matrix& out, Eigen::Index first_column) const {
+    Eigen::Index frame = 0;
+    for (const Part& part : parts) {
+      const ParquetColumn& column = Column(part, name);
+      for (std::int64_t row = part.first; row < part.first + part.count; ++row, ++frame) {
+        if (row >= column.num_rows()) {
+          FailAt(part, episode, name, frame, "is missing");
+        }
+        const auto r = static_cast<std::size_t>(row);
+        const std::int64_t begin = column.offsets[r];
+        if (column.offsets[r + 1] - begin != size) {
+          FailAt(part, episode, name, frame,
+                 "has " + std::to_string(column.offsets[r + 1] - begin) + " entries; " +
+                     "meta/info.json says " + std::to_string(size));
+        }
+        for (int k = 0; k < size; ++k) {
+          const double value = column.values[static_cast<std::size_t>(begin + k)];
+          if (!std::isfinite(value)) {
+            FailAt(part, episode, name, frame,
+                   "entry " + std::to_string(k) + " is missing or not finite");
+          }
+          out(frame, first_column + k) = value;
+        }
+      }
+    }
+  }
+
+  [[noreturn]] void FailAt(const Part& part, int episode, const std::string& feature,
+                           Eigen::Index frame, const std::string& reason) const {
+    Fail(files_[static_cast<std::size_t>(part.file)],
+         name(episode) + ", " + feature + ", frame " + std::to_string(frame) + ": " + reason);
+  }
+
+  std::filesystem::path folder_;
+  std::string environment_;
+  std::string note_;
+  core::StateLayout layout_;
+  int control_dim_ = 0;
+  bool has_success_ = false;
+  std::vector<std::filesystem::path> files_;
+  std::vector<std::string> names_;
+  std::vector<std::int64_t> numbers_;
+  std::vector<std::vector<Part>> episodes_;
+  mutable std::optional<ParquetFile> open_;
+  mutable int open_file_ = -1;
+  mutable int columns_group_ = -1;
+  mutable std::map<std::string, ParquetColumn> columns_;
+};
+
+}  // namespace
+
+bool IsLeRobot(const std::filesystem::path& folder) {
+  return std::filesystem::exists(InfoFile(folder));
+}
+
+std::unique_ptr<DemonstrationReader> OpenLeRobot(const std::filesystem::path& folder,
+                                                 const std::string& filter_key) {
+  return std::make_unique<LeRobotReader>(folder, filter_key);
+}
+
+}  // namespace dfr::imitation

@@ -1,0 +1,57 @@
+"""Files of demonstrations as arrays."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfr import _core
+
+
+class Demonstrations(NamedTuple):
+    """What a file of demonstrations holds: `dfr.Guard.fit(d.states, d.actions, layout=d.layout)`."""
+
+    states: list[NDArray[np.float64]]
+    """One array (n_actions + 1, state_dim) per episode, the state after the last action included."""
+    actions: list[NDArray[np.float64]]
+    """One array (n_actions, action_dim) per episode."""
+    layout: list[tuple[str, int]]
+    """Name and size of each part of a state."""
+    completed: list[bool]
+    """Whether each episode completed its task; False where the file does not say."""
+    environment: str
+    """Name of the environment, task or robot."""
+    note: str
+    """What is left alone, images and videos say; empty if nothing is."""
+
+
+def load_demonstrations(path: str | PathLike[str], *, filter_key: str = "") -> Demonstrations:
+    """Read demonstrations of robomimic (HDF5), Minari or LeRobot, whichever it is.
+
+    Parameters
+    ----------
+    path : path_like
+        A robomimic file, or the folder of a Minari or LeRobot dataset.
+    filter_key : str
+        Only the episodes that this key names: a mask of a robomimic file, a split of LeRobot's.
+
+    Returns
+    -------
+    Demonstrations
+
+    Raises
+    ------
+    RuntimeError
+        Naming file, episode, dataset or column, and what is wrong.
+    ImportError
+        If this build of the module cannot read such files.
+    """
+    if not hasattr(_core, "load_demonstrations"):
+        raise ImportError(
+            "this build of dfr reads no demonstrations. Install libhdf5-dev, libsnappy-dev, libzstd-dev and "
+            "nlohmann-json3-dev and build it again, or read the file with h5py and pass arrays to dfr.Guard.fit."
+        )
+    return Demonstrations(*_core.load_demonstrations(path, filter_key))

@@ -1,0 +1,51 @@
+#include "dfr/imitation/demonstrations.h"
+
+#include <pybind11/pybind11.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <filesystem>
+#include <string>
+#include <utility>
+
+#include "arrays.h"
+
+namespace py = pybind11;
+
+namespace dfr::python {
+namespace {
+
+// NumPy takes over the memory of the matrix.
+py::array_t<double> ToArray(core::Matrix&& matrix) {
+  auto* const owned = new core::Matrix(std::move(matrix));
+  const py::capsule owner(owned, [](void* memory) { delete static_cast<core::Matrix*>(memory); });
+  return py::array_t<double>({owned->rows(), owned->cols()}, owned->data(), owner);
+}
+
+// (states, actions, layout, completed, environment, note), see _demonstrations.py.
+py::tuple Load(const std::filesystem::path& path, const std::string& filter_key) {
+  const auto reader = imitation::OpenDemonstrations(path, filter_key);
+  py::list states;
+  py::list actions;
+  py::list completed;
+  // libhdf5 is called from one thread at a time: the lock is kept.
+  for (int i = 0; i < reader->num_episodes(); ++i) {
+    core::Trajectory episode = reader->Read(i);
+    completed.append(episode.outcome == core::Outcome::kCompleted);
+    states.append(ToArray(std::move(episode.states)));
+    actions.append(ToArray(std::move(episode.controls)));
+    if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+  }
+  py::list layout;
+  for (const auto& block : reader->layout().blocks) {
+    layout.append(py::make_tuple(block.name, block.size));
+  }
+  return py::make_tuple(states, actions, layout, completed, reader->environment(), reader->note());
+}
+
+}  // namespace
+
+void AddDemonstrations(py::module_& module) {
+  module.def("load_demonstrations", &Load, py::arg("path"), py::arg("filter_key"));
+}
+
+}  // namespace dfr::python

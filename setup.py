@@ -1,0 +1,47 @@
+"""Builds the Python module dfr with CMake: nothing but what it needs, and HDF5 only if it is there."""
+
+import pathlib
+import re
+import subprocess
+import sys
+
+from skbuild import setup
+
+HERE = pathlib.Path(__file__).parent.resolve()
+# What only load_demonstrations() needs.
+READERS = ("hdf5-serial", "libzstd", "snappy", "nlohmann_json")
+
+
+def found(module):
+    try:
+        return subprocess.run(["pkg-config", "--exists", module], check=False).returncode == 0
+    except FileNotFoundError:
+        return False
+
+
+arguments = [
+    "-DDFR_COMPONENTS=python",
+    "-DDFR_BUILD_TESTS=OFF",
+    "-DDFR_PYTHON_INSTALL_DIR=python",
+]
+missing = [module for module in READERS if not found(module)]
+if missing:
+    print(f"dfr: without load_demonstrations(), because pkg-config finds no {', '.join(missing)}", file=sys.stderr)
+    arguments.append("-DDFR_WITHOUT=demonstrations")
+
+setup(
+    name="dfr",
+    version=re.search(r"project\(dfr VERSION (\S+)", (HERE / "CMakeLists.txt").read_text()).group(1),
+    description="Safe execution of policies learned from demonstrations",
+    long_description=(HERE / "docs/python.md").read_text(),
+    long_description_content_type="text/markdown",
+    license="BSD-3-Clause",
+    license_files=["LICENSE", "CITATION.cff"],
+    python_requires=">=3.9",
+    install_requires=["numpy>=1.22"],
+    packages=["dfr"],
+    package_dir={"": "python"},
+    package_data={"dfr": ["py.typed", "*.pyi"]},
+    cmake_args=arguments,
+    cmake_install_target="install-python",
+)

@@ -1,0 +1,177 @@
+#include "dfr/core/absolute_actions.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <functional>
+#include <vector>
+
+#include "dfr/core/random.h"
+
+namespace dfr::core {
+namespace {
+
+using testing::HasSubstr;
+
+// Episodes of 60 steps of a point that goes from a random start to a random goal. `act` makes the
+// action and the next position of the present position and the goal; `observe` the state.
+struct World {
+  std::function<void(const Eigen::Vector2d& x, const Eigen::Vector2d& goal, Random& random,
+                     Eigen::Vector2d& action, Eigen::Vector2d& next)>
+      act;
+  std::function<std::vector<double>(const Eigen::Vector2d& x, const Eigen::Vector2d& goal,
+                                    const Eigen::Vector2d& last_action)>
+      observe = [](const auto& x, const auto&, const auto&) {
+        return std::vector<double>{x[0], x[1]};
+      };
+};
+
+Eigen::Vector2d Normal2(Random& random) { return {random.Normal(), random.Normal()}; }
+
+std::vector<Trajectory> RollOut(const World& world) {
+  Random random(1);
+  std::vector<Trajectory> set;
+  for (int i = 0; i < 20; ++i) {
+    Eigen::Vector2d x = Normal2(random);
+    const Eigen::Vector2d goal = Normal2(random);
+    Eigen::Vector2d u = Eigen::Vector2d::Zero();
+    Trajectory episode;
+    constexpr int kSteps = 60;
+    std::vector<double> state = world.observe(x, goal, u);
+    episode.states.resize(kSteps + 1, static_cast<Eigen::Index>(state.size()));
+    episode.controls.resize(kSteps, 2);
+    std::copy(state.begin(), state.end(), episode.states.row(0).data());
+    for (int t = 0; t < kSteps; ++t) {
+      Eigen::Vector2d next;
+      world.act(x, goal, random, u, next);
+      x = next;
+      std::copy(u.begin(), u.end(), episode.controls.row(t).data());
+      state = world.observe(x, goal, u);
+      std::copy(state.begin(), state.end(), episode.states.row(t + 1).data());
+    }
+    set.push_back(std::move(episode));
+  }
+  return set;
+}
+
+World Targets(double lag, double noise = 0.0) {
+  return {.act = [=](const auto& x, const auto& goal, Random& random, auto& u, auto& next) {
+    u = x + 0.1 * (goal - x) + noise * Normal2(random);
+    next = x + lag * (u - x);
+  }};
+}
+
+World Velocities(double gain) {
+  return {.act = [=](const auto& x, const auto& goal, Random& random, auto& u, auto& next) {
+    u = gain * (goal - x) + 0.01 * Normal2(random);
+    next = x + 0.1 * u;
+  }};
+}
+
+TEST(AbsoluteActionsTest, FindsTargetsThatTheStateFollowsAtOnceOrLate) {
+  for (const double lag : {1.0, 0.5}) {
+    for (const double noise : {0.0, 0.02}) {
+      const auto found = FindAbsoluteActions(RollOut(Targets(lag, noise)));
+      ASSERT_EQ(found.size(), 2u) << "lag " << lag << ", noise " << noise;
+      for (int k = 0; k < 2; ++k) {
+        const AbsoluteAction& match = found[static_cast<std::size_t>(k)];
+        EXPECT_EQ(match.action, k);
+        EXPECT_EQ(match.state, k);
+        EXPECT_TRUE(match.leads);
+        EXPECT_GT(match.correlation, 0.99);
+        EXPECT_NEAR(match.slope, 1.0, 0.1);
+      }
+    }
+  }
+}
+
+TEST(AbsoluteActionsTest, FindsActionsThatRepeatTheState) {
+  const World world{.act = [](const auto& x, const auto& goal, Random&, auto& u, auto& next) {
+    u = x;
+    next = x + 0.1 * (goal - x);
+  }};
+  auto set = RollOut(world);
+  const auto found = FindAbsoluteActions(set);
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_FALSE(found[0].leads);
+  const Matrix states = set[0].states;
+  ToDifferences(found, set[0]);
+  EXPECT_EQ(set[0].controls, states.bottomRows(60) - states.topRows(60));
+}
+
+TEST(AbsoluteActionsTest, DifferencesAreTheDistanceToTheTarget) {
+  auto set = RollOut(Targets(0.5));
+  const Trajectory before = set[3];
+  ToDifferences(FindAbsoluteActions(set), set[3]);
+  EXPECT_EQ(set[3].controls, before.controls - before.states.topRows(60));
+  EXPECT_EQ(set[3].states, before.states);
+  EXPECT_TRUE(FindAbsoluteActions(set).size() <= 2);
+  for (auto& episode : set) {
+    if (&episode != &set[3]) ToDifferences(std::vector<AbsoluteAction>{{0, 0}, {1, 1}}, episode);
+  }
+  EXPECT_TRUE(FindAbsoluteActions(set).empty());
+}
+
+TEST(AbsoluteActionsTest, VelocitiesAreNone) {
+  for (const double gain : {0.3, 1.0, 3.0}) {
+    EXPECT_TRUE(FindAbsoluteActions(RollOut(Velocities(gain))).empty()) << gain;
+  }
+}
+
+// The distance to the goal is what a proportional policy with gain one answers.
+TEST(AbsoluteActionsTest, AStateThatHoldsTheDistanceToTheGoalIsNone) {
+  World world = Velocities(1.0);
+  world.observe = [](const auto& x, const auto& goal, const auto&) {
+    return std::vector<double>{x[0], x[1], goal[0] - x[0], goal[1] - x[1]};
+  };
+  EXPECT_TRUE(FindAbsoluteActions(RollOut(world)).empty());
+}
+
+TEST(AbsoluteActionsTest, AStateThatHoldsVelocityOrLastActionIsNone) {
+  World world = Velocities(1.0);
+  world.observe = [](const auto& x, const auto&, const auto& last) {
+    return std::vector<double>{x[0], x[1], last[0], last[1]};
+  };
+  EXPECT_TRUE(FindAbsoluteActions(RollOut(world)).empty());
+}
+
+TEST(AbsoluteActionsTest, ConstantEntriesAndShortSetsAreNone) {
+  Trajectory still{.states = Matrix::Ones(31, 2), .controls = Matrix::Ones(30, 2)};
+  EXPECT_TRUE(FindAbsoluteActions(std::vector{still}).empty());
+  Trajectory brief{.states = Matrix::Random(3, 2), .controls = Matrix::Random(2, 2)};
+  EXPECT_TRUE(FindAbsoluteActions(std::vector{brief}).empty());
+  EXPECT_TRUE(FindAbsoluteActions({}).empty());
+}
+
+TEST(AbsoluteActionsTest, OnlyTheEntriesThatAreTargetsAreConverted) {
+  World world = Targets(1.0);
+  const auto targets = world.act;
+  world.act = [targets](const auto& x, const auto& goal, Random& random, auto& u, auto& next) {
+    targets(x, goal, random, u, next);
+    u[1] = random.Normal() > 0 ? 1.0 : -1.0;  // a gripper
+  };
+  auto set = RollOut(world);
+  const auto found = FindAbsoluteActions(set);
+  ASSERT_EQ(found.size(), 1u);
+  EXPECT_EQ(found[0].action, 0);
+  const Matrix before = set[0].controls;
+  ToDifferences(found, set[0]);
+  EXPECT_EQ(set[0].controls.col(1), before.col(1));
+}
+
+TEST(AbsoluteActionsTest, DescriptionNamesActionsAndEntries) {
+  StateLayout layout;
+  layout.Add("clock", 1);
+  layout.Add("joint", 7);
+  std::vector<AbsoluteAction> found;
+  for (int k = 0; k < 5; ++k) found.push_back({k, k + 1, true, 0.99 + 0.001 * k, 1.0});
+  EXPECT_EQ(
+      Describe(found, layout),
+      "actions 0, 1, 2, ... take the values of joint[0], joint[1], joint[2], ... (correlation "
+      "at least 0.990, slope 1.00): they are positions");
+  EXPECT_THAT(Describe(std::span(found).first(1), layout), HasSubstr("action 0 takes"));
+}
+
+}  // namespace
+}  // namespace dfr::core

@@ -1,0 +1,99 @@
+"""The files that let others use the project are there and agree with each other.
+
+usage: citizenship_test.py SOURCE_DIR BINARY_DIR
+"""
+import pathlib
+import re
+import sys
+import unittest
+
+SOURCE, BINARY = (pathlib.Path(p).resolve() for p in sys.argv[1:3])
+del sys.argv[1:3]
+
+
+def text(name):
+    return (SOURCE / name).read_text()
+
+
+def cff(key):
+    """A one-line value of CITATION.cff's top level."""
+    return re.search(rf'^{key}: "?(.+?)"?$', text("CITATION.cff"), re.M).group(1)
+
+
+def components():
+    """Needs and packages of each component of components.txt."""
+    rows = {}
+    for row in text("components.txt").splitlines():
+        cells = [cell.strip() for cell in row.split("|")]
+        if re.match("[a-z]", row) and cells[1] != "-":
+            rows[cells[0]] = cells[1], cells[2].split(), cells[3].split()
+    return rows
+
+
+def reaches_gpl(name, rows):
+    _, needs, packages = rows[name]
+    return bool({"libceres-dev", "libopencv-videoio-dev"} & set(packages)) or any(
+        reaches_gpl(need, rows) for need in needs
+    )
+
+
+class Citizenship(unittest.TestCase):
+    def test_the_licence_is_bsd_3_clause(self):
+        licence = text("LICENSE")
+        self.assertTrue(licence.startswith("BSD 3-Clause License\n"))
+        self.assertRegex(licence, r"Copyright \(c\) 2026, the dfr authors")
+        for clause in ("1. Redistributions of source code", "2. Redistributions in binary form", "3. Neither the name"):
+            self.assertIn(clause, licence)
+        self.assertIn('PROVIDED BY THE COPYRIGHT HOLDERS AND CONTRIBUTORS "AS IS"', licence)
+        self.assertEqual(cff("license"), "BSD-3-Clause")
+        for page in ("README.md", "CONTRIBUTING.md", "third_party_licenses/README.md"):
+            self.assertRegex(text(page), r"\]\((\.\./)?LICENSE\)", page)
+
+    def test_versions_agree(self):
+        version = re.search(r"project\(dfr VERSION (\S+)", text("CMakeLists.txt")).group(1)
+        self.assertEqual(cff("version"), version)
+
+    def test_the_citation_names_software_and_paper(self):
+        citation = text("CITATION.cff")
+        self.assertEqual(cff("cff-version"), "1.2.0")
+        self.assertTrue(cff("title").startswith("dfr: "))
+        self.assertTrue(cff("message"))
+        self.assertRegex(citation, r"(?m)^authors:\n  - name: ")
+        self.assertIn("preferred-citation:\n  type: conference-paper\n", citation)
+        self.assertEqual(
+            re.findall(r"family-names: (\w+)", citation), ["Lee", "Laskey", "Fox", "Goldberg"]
+        )
+        title = re.search(r"preferred-citation:\n.*\n  title: >-\n    (.*)\n", citation).group(1)
+        self.assertIn(" ".join(title.split()), " ".join(text("README.md").split()))
+
+    def test_pages_for_contributors_and_reporters_are_there(self):
+        for command in ("./dev test", "./dev lint", "./dev compare --short"):
+            self.assertIn(command, text("CONTRIBUTING.md"))
+        self.assertIn("What a guard is not", text("SECURITY.md"))
+        for page in ("CONTRIBUTING.md", "SECURITY.md", "CITATION.cff"):
+            self.assertIn(f"({page})", text("README.md"))
+
+    def test_the_page_on_licences_says_what_reaches_gpl_code(self):
+        rows = components()
+        [row] = re.findall(r"^\| (.*`dfr::imitation`.*) \| (.*) \|$", text("third_party_licenses/README.md"), re.M)
+        told = [set(re.findall(r"`(?:dfr::)?(\w+)`", cell)) for cell in row]
+        told[1] |= {"python"} if "the Python module" in row[1] else set()
+        self.assertEqual(told[0], {name for name in rows if reaches_gpl(name, rows)})
+        self.assertEqual(told[1], set(rows) - told[0])
+
+    def test_every_package_brings_its_copyright(self):
+        rows = components()
+        files = sorted((BINARY / "copyright").glob("*/copyright"))
+        self.assertTrue(files)
+        for file in files:
+            with self.subTest(file.parent.name):
+                copyright = file.read_text()
+                self.assertIn("License: BSD-3-Clause", copyright)
+                self.assertIn("ADVISED OF THE POSSIBILITY OF SUCH DAMAGE", copyright)
+                # In this format paragraphs end at empty lines.
+                self.assertIn("\n .\n", copyright)
+                self.assertEqual("reaches code under the GPL" in copyright, reaches_gpl(file.parent.name, rows))
+
+
+if __name__ == "__main__":
+    unittest.main()

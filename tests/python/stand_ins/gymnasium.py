@@ -1,0 +1,95 @@
+"""What GuardedEnv meets of Gymnasium 1.x, which Debian does not package: its own code, none of Gymnasium's.
+
+Wrapper refuses what is no Env, keeps the private attributes that its properties need, and forwards no
+attribute but through get_wrapper_attr.
+"""
+
+import numpy as np
+
+
+class Box:
+    def __init__(self, low, high, shape, dtype=np.float32):
+        self.low, self.high = np.full(shape, low, dtype), np.full(shape, high, dtype)
+        self.shape, self.dtype = shape, np.dtype(dtype)
+
+
+class Env:
+    spec = None
+    metadata = {"render_modes": []}
+
+    @property
+    def unwrapped(self):
+        return self
+
+    def get_wrapper_attr(self, name):
+        return getattr(self, name)
+
+    def close(self):
+        pass
+
+
+class Wrapper(Env):
+    def __init__(self, env):
+        if not isinstance(env, Env):
+            raise TypeError(f"not a gymnasium.Env: {type(env)}")
+        self.env = env
+        self._action_space = self._observation_space = self._metadata = self._cached_spec = None
+
+    @property
+    def action_space(self):
+        return self.env.action_space if self._action_space is None else self._action_space
+
+    @action_space.setter
+    def action_space(self, space):
+        self._action_space = space
+
+    @property
+    def observation_space(self):
+        return self.env.observation_space if self._observation_space is None else self._observation_space
+
+    @property
+    def unwrapped(self):
+        return self.env.unwrapped
+
+    def get_wrapper_attr(self, name):
+        return getattr(self, name) if hasattr(self, name) else self.env.get_wrapper_attr(name)
+
+    def reset(self, *, seed=None, options=None):
+        return self.env.reset(seed=seed, options=options)
+
+    def step(self, action):
+        return self.env.step(action)
+
+
+class TimeLimit(Wrapper):
+    def __init__(self, env, steps):
+        super().__init__(env)
+        self._most, self._steps = steps, 0
+
+    def reset(self, *, seed=None, options=None):
+        self._steps = 0
+        return super().reset(seed=seed, options=options)
+
+    def step(self, action):
+        obs, reward, terminated, truncated, info = super().step(action)
+        self._steps += 1
+        return obs, reward, terminated, truncated or self._steps >= self._most, info
+
+
+def _same(a, b):
+    if type(a) is not type(b):
+        return False
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
+    return bool(np.array_equal(a, b))
+
+
+def check_determinism(env, action):
+    """As the environment checker does: equal seeds give equal observations, rewards and infos."""
+    runs = []
+    for _ in range(2):
+        first = env.reset(seed=123)
+        runs.append((first, env.step(action)))
+    (a, step_a), (b, step_b) = runs
+    assert all(_same(x, y) for x, y in zip(a, b)), (a, b)
+    assert all(_same(x, y) for x, y in zip(step_a, step_b)), (step_a, step_b)

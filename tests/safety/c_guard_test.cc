@@ -1,0 +1,151 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "dfr/guard.h"
+#include "dfr/safety/guard.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::safety {
+namespace {
+
+using testing::HasSubstr;
+
+const std::string kFile = std::string(DFR_SAFETY_FILES) + "/version_1.guard";
+
+class CGuardTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    guard_ = dfr_guard_load(kFile.c_str());
+    ASSERT_NE(guard_, nullptr) << dfr_guard_last_error();
+    state_.assign(static_cast<std::size_t>(dfr_guard_state_dim(guard_)), 0.0);
+    action_.assign(static_cast<std::size_t>(dfr_guard_action_dim(guard_)), 0.05);
+    safe_.assign(action_.size(), 7.0);
+    verdict_.size = sizeof(verdict_);
+  }
+  void TearDown() override { dfr_guard_free(guard_); }
+
+  int Filter(int t) {
+    return dfr_guard_filter(guard_, t, state_.data(), state_.size(), action_.data(), action_.size(),
+                            safe_.data(), &verdict_);
+  }
+
+  dfr_guard* guard_ = nullptr;
+  std::vector<double> state_;
+  std::vector<double> action_;
+  std::vector<double> safe_;
+  dfr_guard_verdict verdict_{};
+};
+
+TEST_F(CGuardTest, DecidesAsTheCppGuardDoes) {
+  Guard peer = Guard::Load(kFile);
+  EXPECT_EQ(dfr_guard_num_steps(guard_), peer.model().num_steps());
+  dfr_guard_reset(guard_, 5);
+  peer.Reset(5);
+  std::vector<double> expected(action_.size());
+  for (int t = 0; t < 30; ++t) {
+    const Verdict verdict = peer.Filter(t, state_, action_, expected);
+    EXPECT_EQ(Filter(t), static_cast<int>(verdict.mode));
+    EXPECT_EQ(safe_, expected);
+    EXPECT_EQ(verdict_.mode, static_cast<int>(verdict.mode));
+    EXPECT_EQ(verdict_.changed != 0, verdict.changed);
+    EXPECT_EQ(verdict_.alarm != 0, verdict.alarm);
+    EXPECT_EQ(verdict_.step, verdict.step);
+    EXPECT_EQ(verdict_.alarm_step, verdict.alarm_step);
+    EXPECT_EQ(std::memcmp(&verdict_.g, &verdict.g, sizeof(double)), 0);
+    EXPECT_STREQ(verdict_.reason, verdict.reason());
+    for (std::size_t k = 0; k < state_.size(); ++k) state_[k] += 0.03 * (k % 2 == 0 ? 1.0 : -0.5);
+  }
+}
+
+TEST_F(CGuardTest, NeverAllocatesInTheLoop) {
+  dfr_guard_reset(guard_, 1);
+  const test::NoAlloc guard;
+  for (int t = 0; t < 20; ++t) Filter(t);
+}
+
+TEST_F(CGuardTest, EveryDoubtHaltsWithZero) {
+  const auto expect_halt = [this](int mode, const char* reason) {
+    EXPECT_EQ(mode, DFR_GUARD_HALT);
+    EXPECT_EQ(verdict_.mode, DFR_GUARD_HALT);
+    EXPECT_STREQ(verdict_.reason, reason);
+    for (const double value : safe_) EXPECT_EQ(value, 0.0);
+    EXPECT_EQ(Filter(1), DFR_GUARD_HALT) << "until the next reset";
+  };
+  expect_halt(Filter(0), "not-reset");
+  dfr_guard_reset(guard_, 0);
+  EXPECT_NE(Filter(0), DFR_GUARD_HALT);
+  expect_halt(Filter(5), "step-skipped");
+  dfr_guard_reset(guard_, 0);
+  expect_halt(dfr_guard_filter(guard_, 0, nullptr, state_.size(), action_.data(), action_.size(),
+                               safe_.data(), &verdict_),
+              "state-invalid");
+  dfr_guard_reset(guard_, 0);
+  expect_halt(dfr_guard_filter(guard_, 0, state_.data(), state_.size() - 1, action_.data(),
+                               action_.size(), safe_.data(), &verdict_),
+              "state-invalid");
+  dfr_guard_reset(guard_, 0);
+  expect_halt(dfr_guard_filter(guard_, 0, state_.data(), state_.size(), nullptr, action_.size(),
+                               safe_.data(), &verdict_),
+              "control-invalid");
+  dfr_guard_reset(guard_, 0);
+  dfr_guard_stop(guard_);
+  expect_halt(Filter(0), "stop-requested");
+  // An action of the wrong size: only as much is written as the caller says there is.
+  dfr_guard_reset(guard_, 0);
+  safe_.assign(safe_.size(), 7.0);
+  EXPECT_EQ(dfr_guard_filter(guard_, 0, state_.data(), state_.size(), action_.data(), 1,
+                             safe_.data(), &verdict_),
+            DFR_GUARD_HALT);
+  EXPECT_EQ(safe_[0], 0.0);
+  EXPECT_EQ(safe_.back(), 7.0);
+  EXPECT_EQ(Filter(0), DFR_GUARD_HALT);
+  EXPECT_EQ(dfr_guard_filter(nullptr, 0, nullptr, 0, nullptr, 0, nullptr, nullptr), DFR_GUARD_HALT);
+}
+
+TEST_F(CGuardTest, WritesNoMoreOfAVerdictThanTheCallerHas) {
+  dfr_guard_reset(guard_, 0);
+  std::memset(&verdict_, 0x5a, sizeof(verdict_));
+  verdict_.size = offsetof(dfr_guard_verdict, alarm);
+  const int mode = Filter(0);
+  EXPECT_EQ(verdict_.mode, mode);
+  EXPECT_EQ(verdict_.alarm, 0x5a5a5a5a);
+  EXPECT_EQ(verdict_.size, offsetof(dfr_guard_verdict, alarm));
+}
+
+TEST_F(CGuardTest, DecisionIsThatOfEachState) {
+  const Guard peer = Guard::Load(kFile);
+  const auto dim = state_.size();
+  std::vector<double> states(3 * dim, 0.1);
+  std::fill_n(states.begin() + static_cast<std::ptrdiff_t>(2 * dim), dim,
+              std::numeric_limits<double>::quiet_NaN());
+  const std::int32_t t[] = {0, 4, 2};
+  double g[3];
+  ASSERT_EQ(dfr_guard_decision(guard_, 3, t, states.data(), g), 0);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(g[i], peer.model().support().Decision(t[i], {states.data() + i * dim, dim}));
+  }
+  EXPECT_EQ(g[2], -std::numeric_limits<double>::infinity());
+  EXPECT_EQ(dfr_guard_decision(guard_, 3, t, nullptr, g), -1);
+  EXPECT_THAT(dfr_guard_last_error(), HasSubstr("states is NULL"));
+}
+
+TEST(CGuardErrorsTest, NameTheFile) {
+  EXPECT_EQ(dfr_guard_load("absent.guard"), nullptr);
+  EXPECT_THAT(dfr_guard_last_error(), HasSubstr("absent.guard"));
+  EXPECT_EQ(dfr_guard_load(nullptr), nullptr);
+  EXPECT_THAT(dfr_guard_last_error(), HasSubstr("path is NULL"));
+  EXPECT_STREQ(dfr_guard_version(), DFR_VERSION);
+  EXPECT_EQ(dfr_guard_state_dim(nullptr), 0);
+  dfr_guard_free(nullptr);
+}
+
+}  // namespace
+}  // namespace dfr::safety
