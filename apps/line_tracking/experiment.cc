@@ -1,19 +1,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <iomanip>
 #include <iostream>
 #include <span>
-#include <sstream>
 #include <stdexcept>
+#include <utility>
 
 #include "commands.h"
-#include "dfr/core/build_info.h"
+#include "dfr/core/format.h"
 #include "dfr/core/random.h"
-#include "dfr/experiment/paired_evaluation.h"
-#include "dfr/experiment/progress.h"
 #include "dfr/experiment/report.h"
-#include "dfr/experiment/summary.h"
 #include "probe_study.h"
 #include "rollout_video.h"
 #include "trial_runner.h"
@@ -41,21 +37,14 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   plan.demonstrations = {kDemonstrations};
   plan.trials = paper ? 5 : 2;
   plan.episodes = paper ? 50 : 15;
-  plan.seed = options.seed;
-  if (!options.methods.empty()) plan.methods = options.methods;
-  if (options.trials > 0) plan.trials = options.trials;
-  if (options.episodes > 0) plan.episodes = options.episodes;
+  plan = experiment::ApplyTo(std::move(plan), options);
   for (const std::string& method : plan.methods) {
-    static_cast<void>(safety::ParseMethod(method));
+    static_cast<void>(ParseMethod(method));
   }
   return plan;
 }
 
-std::string Text(double value) {
-  std::ostringstream text;
-  text << value;
-  return text.str();
-}
+std::string Text(double value) { return core::Format("%g", value); }
 
 std::map<std::string, std::string> Settings(const ExperimentOptions& options) {
   const sim::DisturbanceOptions& d = options.plant.disturbance;
@@ -123,7 +112,7 @@ std::vector<StudiedMethod> StudyProbes(LineTrialRunner& runner,
   std::vector<StudiedMethod> studied;
   for (std::size_t m = 0; m < methods.size(); ++m) {
     const control::DfrOptions dfr =
-        safety::ParseMethod(methods[m]).published_dfr ? control::DfrOptions{} : Controllers().dfr;
+        ParseMethod(methods[m]).published_dfr ? control::DfrOptions{} : Controllers().dfr;
     studied.push_back({methods[m],
                        "g / (" + Text(1.0 / dfr.probe_fraction) + " lambda), g / (" +
                            Text(1.0 / dfr.step_fraction) + " lambda)",
@@ -139,10 +128,7 @@ std::vector<StudiedMethod> StudyProbes(LineTrialRunner& runner,
 }
 
 std::string Rounded(double value, int digits) {
-  if (!std::isfinite(value)) return "-";
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(digits) << value;
-  return text.str();
+  return std::isfinite(value) ? core::Format("%.*f", digits, value) : "-";
 }
 
 experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
@@ -169,24 +155,6 @@ experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
   return table;
 }
 
-void Print(const experiment::ReportTable& table, std::ostream& out) {
-  std::vector<std::size_t> widths;
-  for (std::size_t c = 0; c < table.header.size(); ++c) {
-    widths.push_back(table.header[c].size());
-    for (const auto& row : table.rows) widths[c] = std::max(widths[c], row[c].size());
-  }
-  out << table.heading << '\n';
-  const auto line = [&](const std::vector<std::string>& cells) {
-    for (std::size_t c = 0; c < cells.size(); ++c) {
-      out << "  " << (c < 2 ? std::left : std::right) << std::setw(static_cast<int>(widths[c]))
-          << cells[c];
-    }
-    out << std::right << '\n';
-  };
-  line(table.header);
-  for (const auto& row : table.rows) line(row);
-}
-
 // Best: completed with the fewest controls. Worst: a collision, else a halt, the earliest. Median:
 // in the middle of that order.
 std::vector<std::pair<std::string, std::uint64_t>> PickEpisodes(const experiment::UnitResult& unit,
@@ -206,15 +174,7 @@ std::vector<std::pair<std::string, std::uint64_t>> PickEpisodes(const experiment
 
 void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
-  std::error_code error;
-  std::filesystem::create_directories(options.out, error);
-  if (error) {
-    throw std::runtime_error(options.out.string() +
-                             ": the folder cannot be made: " + error.message());
-  }
-  const std::filesystem::path ledger = options.out / "ledger.jsonl";
-  if (options.restart) std::filesystem::remove(ledger);
-
+  experiment::PrepareFolder(options);
   calibration::CalibrationSummary calibration_summary;
   const line_task::LineCalibration known =
       CalibratePlant(options.plant, kCalibrationFrames,
@@ -242,17 +202,9 @@ void RunExperiment(const ExperimentOptions& options) {
     if (unit.trial == 0) runner->Collect(curves);
     return runner;
   };
-  experiment::ProgressBar bar("line tracking");
-  experiment::EvaluationOptions evaluation;
-  evaluation.threads = options.threads;
-  evaluation.ledger = ledger;
-  evaluation.settings = Settings(options);
-  evaluation.progress = [&bar](const experiment::Progress& progress) { bar.Show(progress); };
-  const std::vector<experiment::UnitResult> results = experiment::Evaluate(plan, make, evaluation);
-  const experiment::Summary summary = experiment::Summarize(
-      plan, results,
-      {.experiment = "line_tracking", .preset = options.preset, .commit = core::BuildCommit()});
-  experiment::SaveSummary(summary, options.out / "summary.json");
+  const std::map<std::string, std::string> settings = Settings(options);
+  const auto [results, summary] =
+      experiment::RunExperiment("line_tracking", plan, make, settings, options);
 
   experiment::ReportOptions report;
   report.title = "Line tracking";
@@ -261,7 +213,7 @@ void RunExperiment(const ExperimentOptions& options) {
       "endoscope. Demonstrations are open-loop and undisturbed, so the learned policy knows no "
       "feedback: recovery has to supply it.";
   report.method_names["dfr-fine"] = "DFR, fine steps";
-  for (const auto& [name, value] : evaluation.settings) report.settings.emplace_back(name, value);
+  for (const auto& [name, value] : settings) report.settings.emplace_back(name, value);
   report.settings.emplace_back("calibration, tips RMS [px]", Text(calibration_summary.tip_rms_px));
   report.tables.push_back({"The paper's robot",
                            "Sec. V-B, on the da Vinci; collisions -84 %, completions x 2.2.",
@@ -308,7 +260,7 @@ void RunExperiment(const ExperimentOptions& options) {
                               .y_min = 0.0,
                               .y_max = 1.0};
   for (std::size_t m = 0; m < plan.methods.size(); ++m) {
-    if (safety::ParseMethod(plan.methods[m]).recovery != control::Recovery::kDfr) continue;
+    if (ParseMethod(plan.methods[m]).recovery != control::Recovery::kDfr) continue;
     // Nothing was collected if an earlier run had finished the first trial.
     for (std::size_t i = 0; resumed && i < first.starts.size() && !curves[m].complete(); ++i) {
       again.Watch(static_cast<int>(m), first.starts[i],
@@ -338,7 +290,7 @@ void RunExperiment(const ExperimentOptions& options) {
   experiment::SaveReport(summary, report, options.out / "report.html");
   experiment::PrintTable(summary, std::cout);
   std::cout << '\n';
-  Print(probes, std::cout);
+  experiment::PrintTable(probes, std::cout);
   std::cout << '\n'
             << (options.out / "report.html").string() << " and summary.json written; of the "
             << "first trial also model and calibration.dfr, for run, render and view\n";

@@ -39,12 +39,6 @@ safety::ControllerOptions Controllers() {
   return options;
 }
 
-LineModel::LineModel(imitation::MlpPolicy policy, safety::TaskModel task,
-                     imitation::DemonstrationSet set)
-    : policy_(std::make_unique<imitation::MlpPolicy>(std::move(policy))),
-      task_(std::move(task)),
-      set_(std::move(set)) {}
-
 LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModelOptions& options,
                          kernel::Selection* selection) {
   DFR_THROW_UNLESS(set.trajectories.size() >= 8,
@@ -82,28 +76,17 @@ LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModel
   task.published_features = options.support_features;
   task.published = support_options;
   task.horizon = options.horizon;
-  return {std::move(policy), safety::TaskModel(set.layout, set.trajectories, task), set};
-}
-
-void LineModel::Save(const std::filesystem::path& folder) const {
-  task_.Save(folder);
-  policy_->Save(folder / "policy.dfr");
-  imitation::SaveRobomimic(set_, folder / "demonstrations.hdf5");
+  return {
+      LearnedModel(std::move(policy), safety::TaskModel(set.layout, set.trajectories, task), set)};
 }
 
 LineModel LineModel::Load(const std::filesystem::path& folder) {
-  imitation::MlpPolicy policy = imitation::MlpPolicy::Load(folder / "policy.dfr");
-  imitation::DemonstrationSet set = imitation::LoadRobomimic(folder / "demonstrations.hdf5");
-  safety::TaskModel task =
-      safety::TaskModel::IsSavedIn(folder)
-          ? safety::TaskModel::Load(folder, policy.layout())
-          : safety::TaskModel::LoadSwitching(folder, "line-tracking-switching", policy.layout(),
-                                             set.trajectories, GuidedOptions(0.0));
-  return {std::move(policy), std::move(task), std::move(set)};
+  return {LearnedModel::Load(folder, "line-tracking-switching", GuidedOptions(0.0))};
 }
 
-std::unique_ptr<control::Controller> LineModel::MakeController(const std::string& method) const {
-  return task_.MakeController(safety::ParseMethod(method), *policy_, Controllers());
+std::unique_ptr<control::Controller> LineModel::MakeController(
+    const std::string& method, const core::SimulatedPlant* plant) const {
+  return controllers().Make(method, plant, Controllers());
 }
 
 }  // namespace dfr::apps::line_tracking

@@ -2,8 +2,6 @@
 
 #include <utility>
 
-#include "dfr/control/finite_difference_recovery.h"
-
 namespace dfr::apps::planar {
 namespace {
 
@@ -54,7 +52,7 @@ Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
       certified_(
           Isotropic(task, demonstrations_), demonstrations_,
           {.svm = {.gamma = options.certified_gamma, .tolerance = 1e-6}, .phase_whitening = false}),
-      lwr_(model_.guided().features(), demonstrations_),
+      controllers_(model_, policy_, demonstrations_),
       gain_(control::EstimateGain(certified_.features(), demonstrations_)),
       direction_error_(control::EstimateDirectionError(certified_.features(), demonstrations_)) {}
 
@@ -82,16 +80,10 @@ control::Certificate Methods::certificate(control::CertificateKind kind) const n
 
 std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
                                                    const core::SimulatedPlant& plant) const {
-  const safety::Method parsed = safety::ParseMethod(method, kOtherMethods);
-  const safety::ControllerOptions options{.guided = options_.guided};
-  if (parsed.kind != safety::Method::Kind::kOther) {
-    return model_.MakeController(parsed, policy_, options);
-  }
-  if (method == "lwr") return model_.MakeController({.name = "baseline"}, lwr_, options);
-  if (method == "finite-difference") {
-    return model_.MakeController(
-        std::make_unique<control::FiniteDifferenceRecovery>(plant, model_.support()), policy_,
-        options);
+  // Unknown names are refused here, with all that there are.
+  static_cast<void>(safety::ParseMethod(method, kPlanarMethods));
+  if (SupportOf(method) != SupportKind::kCertified) {
+    return controllers_.Make(method, &plant, {.guided = options_.guided});
   }
   control::GuidedOptions guided = options_.guided;
   guided.horizon = task_.horizon;

@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "apps/experiment_command.h"
 #include "commands.h"
 #include "dfr/core/build_info.h"
 #include "dfr/safety/method.h"
@@ -63,37 +64,22 @@ int Main(int argc, char** argv) {
   ExperimentOptions experiment;
   CLI::App* command = app.add_subcommand(
       "experiment", "the paper's comparison: all methods over the number of demonstrations");
-  command
-      ->add_option("--preset", experiment.preset,
-                   "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials, 6, 12, ..., 120")
-      ->check(CLI::IsMember({"quick", "paper"}))
-      ->capture_default_str();
-  command->add_option("--out", experiment.out, "folder of summary.json and report.html")
-      ->capture_default_str();
+  AddExperimentOptions(
+      *command, experiment,
+      "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials, 6, 12, ..., 120",
+      "of " + safety::MethodNames(kOtherMethods) +
+          "; the first is the reference. lwr is the demonstrations' own regression, "
+          "finite-difference a slow oracle");
   command->add_option("--supervisor", experiment.supervisor,
                       "file of train-supervisor (default: the shipped one)");
-  command->add_option("--seed", experiment.seed, "of all that is random")->capture_default_str();
-  command->add_option("--threads", experiment.threads, "0: one per core; the results are the same")
-      ->capture_default_str();
-  command->add_flag("--restart", experiment.restart,
-                    "forget what an interrupted run left in --out instead of going on with it");
-  command->add_flag("!--no-video", experiment.video, "leave the video out");
   command->add_flag("!--no-convergence", experiment.convergence,
                     "leave out how fast recoveries climb, which takes seconds");
-  command
-      ->add_option("--methods", experiment.methods,
-                   "of " + safety::MethodNames(kOtherMethods) +
-                       "; the first is the reference. lwr is the demonstrations' own regression, "
-                       "finite-difference a slow oracle")
-      ->delimiter(',');
   command
       ->add_option("--learners", experiment.learners,
                    "hidden units of the learned policies, as in 8,64-64")
       ->delimiter(',');
   command->add_option("--demonstrations", experiment.demonstrations, "the data points, ascending")
       ->delimiter(',');
-  command->add_option("--trials", experiment.trials, "independent repetitions of everything");
-  command->add_option("--episodes", experiment.episodes, "start states per trial and data point");
   AddModelOptions(*command, experiment.model);
   AddScene(*command, experiment.plant);
   command->callback([&] { RunExperiment(experiment); });

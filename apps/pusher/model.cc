@@ -1,11 +1,8 @@
 #include "model.h"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
-#include <stdexcept>
 
-#include "dfr/control/finite_difference_recovery.h"
 #include "dfr/core/contract.h"
 #include "dfr/imitation/fit_mlp.h"
 
@@ -59,17 +56,6 @@ std::string Learner::Name() const {
   return name;
 }
 
-safety::Method ParseMethod(const std::string& name) {
-  return safety::ParseMethod(name, kOtherMethods);
-}
-
-Model::Model(imitation::MlpPolicy policy, safety::TaskModel task, imitation::DemonstrationSet set)
-    : policy_(std::make_unique<imitation::MlpPolicy>(std::move(policy))),
-      task_(std::move(task)),
-      set_(std::make_unique<imitation::DemonstrationSet>(std::move(set))),
-      locally_weighted_(std::make_unique<imitation::LocallyWeightedPolicy>(
-          task_.guided().features(), set_->trajectories)) {}
-
 Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
                  const ModelOptions& options) {
   DFR_THROW_UNLESS(
@@ -96,40 +82,17 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
   task.horizon = options.horizon;
   imitation::MlpPolicy policy = imitation::FitMlp(some, fit);
   safety::TaskModel model(set.layout, some.trajectories, task);
-  return {std::move(policy), std::move(model), std::move(some)};
-}
-
-void Model::Save(const std::filesystem::path& folder) const {
-  task_.Save(folder);
-  policy_->Save(folder / "policy.dfr");
-  imitation::SaveRobomimic(*set_, folder / "demonstrations.hdf5");
+  return {LearnedModel(std::move(policy), std::move(model), std::move(some))};
 }
 
 Model Model::Load(const std::filesystem::path& folder) {
-  imitation::MlpPolicy policy = imitation::MlpPolicy::Load(folder / "policy.dfr");
-  imitation::DemonstrationSet set = imitation::LoadRobomimic(folder / "demonstrations.hdf5");
-  safety::TaskModel task =
-      safety::TaskModel::IsSavedIn(folder)
-          ? safety::TaskModel::Load(folder, policy.layout())
-          : safety::TaskModel::LoadSwitching(folder, "pusher-switching", policy.layout(),
-                                             set.trajectories, GuidedOptions(0.0));
-  return {std::move(policy), std::move(task), std::move(set)};
+  return {LearnedModel::Load(folder, "pusher-switching", GuidedOptions(0.0))};
 }
 
 std::unique_ptr<control::Controller> Model::MakeController(const safety::Method& method,
                                                            const core::SimulatedPlant* plant,
                                                            int first_step) const {
-  const safety::ControllerOptions options{.first_step = first_step};
-  if (method.name == "lwr") {
-    return task_.MakeController({.name = "baseline"}, *locally_weighted_, options);
-  }
-  if (method.kind != safety::Method::Kind::kOther) {
-    return task_.MakeController(method, *policy_, options);
-  }
-  DFR_THROW_UNLESS(plant != nullptr, "the finite-difference oracle needs the plant it drives");
-  return task_.MakeController(
-      std::make_unique<control::FiniteDifferenceRecovery>(*plant, task_.support()), *policy_,
-      options);
+  return controllers().Make(method.name, plant, {.first_step = first_step});
 }
 
 }  // namespace dfr::apps::pusher

@@ -4,11 +4,13 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <ostream>
 #include <set>
 #include <sstream>
 #include <stdexcept>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/format.h"
 #include "html.h"
 #include "report.css.h"
 #include "svg_plot.h"
@@ -422,6 +424,24 @@ class Page {
 
 void SavePlot(const ReportPlot& plot, const std::filesystem::path& path) {
   internal::ReplaceFile(path, internal::SvgDocument(plot));
+}
+
+void PrintTable(const ReportTable& table, std::ostream& out, std::size_t left_aligned) {
+  std::vector<std::size_t> widths;
+  for (std::size_t c = 0; c < table.header.size(); ++c) {
+    widths.push_back(table.header[c].size());
+    for (const auto& row : table.rows) widths[c] = std::max(widths[c], row[c].size());
+  }
+  out << table.heading << '\n';
+  const auto line = [&](const std::vector<std::string>& cells) {
+    for (std::size_t c = 0; c < cells.size(); ++c) {
+      const int width = static_cast<int>(widths[c]);
+      out << core::Format("  %*s", c < left_aligned ? -width : width, cells[c].c_str());
+    }
+    out << '\n';
+  };
+  line(table.header);
+  for (const auto& row : table.rows) line(row);
 }
 
 std::string RenderReport(const Summary& summary, const ReportOptions& options) {
