@@ -206,10 +206,9 @@ class Page {
       }
       out_ << "</div>\n</figure>\n";
     }
-    out_
-        << "<p class=\"caption\">Share of " << episodes
-        << " episodes per point; bands are 95 % intervals (Wilson; Clopper-Pearson with fewer than "
-           "5 events), which take episodes as independent.</p>\n";
+    out_ << "<p class=\"caption\">Share of " << episodes
+         << " episodes per point; bands are 95 % intervals of Korn and Graubard, clustered by "
+            "trial.</p>\n";
   }
 
   void Media() {
@@ -269,8 +268,13 @@ class Page {
       }
       out_ << "</td></tr>\n";
     }
-    out_ << "</tbody></table></div>\n<p class=\"caption\">Time is processor time of plant and "
-            "decisions. Alone: start states from which just one of the two collided.</p>\n";
+    const Cell& any = summary_.averages.front();
+    out_ << "</tbody></table></div>\n<p class=\"caption\">"
+         << Percent(static_cast<double>(any.redrawn_starts) / (any.redrawn_starts + any.episodes),
+                    1)
+         << " of the start states drawn were outside the first support, and were drawn anew. Time "
+            "is processor time of plant and decisions. Alone: start states from which just one of "
+            "the two collided.</p>\n";
   }
 
   void Endings() {

@@ -14,7 +14,7 @@
 
 namespace dfr::experiment {
 
-/// A share of the episodes, with ProportionInterval().
+/// A share of the episodes, with ClusteredInterval() of the trials.
 struct Share {
   double value = 0.0;
   Interval interval;
