@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <string>
+#include <vector>
 
 #include "dfr/experiment/experiment.h"
 
@@ -10,9 +11,10 @@ namespace dfr::apps {
 /// Adds what all commands that compare methods let their users choose. `presets` says what each
 /// preset runs, `methods` which methods there are.
 inline void AddExperimentOptions(CLI::App& command, experiment::ExperimentOptions& options,
-                                 const std::string& presets, const std::string& methods) {
+                                 const std::string& presets, const std::string& methods,
+                                 const std::vector<std::string>& names = {"quick", "paper"}) {
   command.add_option("--preset", options.preset, presets)
-      ->check(CLI::IsMember({"quick", "paper"}))
+      ->check(CLI::IsMember(names))
       ->capture_default_str();
   command.add_option("--out", options.out, "folder of summary.json and report.html")
       ->capture_default_str();

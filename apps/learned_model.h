@@ -43,7 +43,7 @@ class LearnedModel {
         : policy(std::move(p)),
           task(std::move(t)),
           set(std::move(s)),
-          controllers(task, policy, set.trajectories) {}
+          controllers(task, policy, set.layout, set.trajectories) {}
     imitation::MlpPolicy policy;
     safety::TaskModel task;
     imitation::DemonstrationSet set;

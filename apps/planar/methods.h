@@ -34,12 +34,19 @@ struct MethodOptions {
 };
 
 /// apps::kOtherMethods and the certified modes.
-inline constexpr std::array<std::string_view, 5> kPlanarMethods = {
-    "certified-lipschitz", "certified-radius", "certified-direction", "finite-difference", "lwr"};
+inline constexpr std::array<std::string_view, 6> kPlanarMethods = {"certified-lipschitz",
+                                                                   "certified-radius",
+                                                                   "certified-direction",
+                                                                   "finite-difference",
+                                                                   "lwr",
+                                                                   "knn"};
 
 /// Which of the supports a method looks at.
 enum class SupportKind { kRaw, kGuided, kCertified };
 [[nodiscard]] SupportKind SupportOf(std::string_view method);
+
+/// How the model of a planar task is fitted.
+[[nodiscard]] safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options);
 
 /// Everything that is learned from one set of demonstrations, and the controllers made of it.
 class Methods {

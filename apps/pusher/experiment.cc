@@ -21,8 +21,8 @@ constexpr std::uint64_t kConvergenceStream = 5;  // of the experiment's seed; se
 
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   experiment::EvaluationPlan plan;
-  plan.methods = {"baseline", "early-stopping", "dfr", "guided"};
-  plan.learners = {"8", "64-64"};
+  plan.methods = {"baseline", "early-stopping", "dfr", "guided", "lwr", "knn"};
+  plan.learners = {"8", "8x100", "64-64"};
   plan.episodes = 60;
   if (options.preset == "paper") {
     plan.trials = 10;
@@ -55,12 +55,13 @@ std::map<std::string, std::string> Settings(const ExperimentOptions& options,
           {"guided_gamma", Text(model.guided_gamma)},
           {"horizon", std::to_string(model.horizon)},
           {"support_features", model.support_features},
-          {"epochs", std::to_string(model.learner.epochs)},
+          {"epochs", std::to_string(model.epochs)},
           {"learning_rate", Text(model.learner.learning_rate)}};
 }
 
 // The start state that shows most: at the last data point of the first learner, one where the
-// reference collides and the last method completes; failing that, one where the reference collides.
+// reference collides and guided recovery, or the last method, completes; failing that, one where
+// the reference collides.
 struct Scene {
   experiment::EvaluationUnit unit;
   std::uint64_t start_seed = 0;
@@ -71,12 +72,15 @@ Scene ChooseScene(const experiment::EvaluationPlan& plan,
                   const std::vector<experiment::UnitResult>& results) {
   Scene chosen;
   int best = -1;
+  const auto guided =
+      static_cast<std::size_t>(std::ranges::find(plan.methods, "guided") - plan.methods.begin());
+  const std::size_t shown = std::min(guided, plan.methods.size() - 1);
   for (const experiment::UnitResult& result : results) {
     if (result.unit.learner != plan.learners.front()) continue;
     for (std::size_t i = 0; i < result.starts.size(); ++i) {
       const bool collided = result.episodes.front()[i].outcome == core::Outcome::kCollided;
-      const bool completed = result.episodes.back()[i].outcome == core::Outcome::kCompleted;
-      const bool recovered = result.episodes.back()[i].recovery_controls > 0;
+      const bool completed = result.episodes[shown][i].outcome == core::Outcome::kCompleted;
+      const bool recovered = result.episodes[shown][i].recovery_controls > 0;
       const int merit = 4 * collided + 2 * completed + recovered;
       if (merit < best ||
           (merit == best && result.unit.demonstrations <= chosen.unit.demonstrations)) {
@@ -334,7 +338,7 @@ void RunExperiment(const ExperimentOptions& options) {
         std::to_string(scene.unit.demonstrations) + " demonstrations, trial " +
         std::to_string(scene.unit.trial) +
         ". Below, the decision function and the gate's threshold. Chosen because the reference "
-        "collides and the last method completes, where there is such a one.";
+        "collides and guided recovery completes, where there is such a one.";
     report.media.push_back({options.out / "rollouts.mp4", caption});
   }
   experiment::SaveReport(summary, report, options.out / "report.html");

@@ -45,7 +45,7 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
       .add_option("--guided-gamma", model.guided_gamma,
                   "the same of guided recovery's support, whose features are whitened")
       ->capture_default_str();
-  command.add_option("--epochs", model.learner.epochs, "passes of Adam over the demonstrations")
+  command.add_option("--epochs", model.epochs, "passes of Adam over the demonstrations")
       ->capture_default_str();
 }
 
@@ -66,23 +66,37 @@ int Main(int argc, char** argv) {
       "experiment", "the paper's comparison: all methods over the number of demonstrations");
   AddExperimentOptions(
       *command, experiment,
-      "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials, 6, 12, ..., 120",
-      "of " + safety::MethodNames(kOtherMethods) +
-          "; the first is the reference. lwr is the demonstrations' own regression, "
-          "finite-difference a slow oracle");
+      "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials, 6, 12, ..., 120; authors: as "
+      "quick, with the constants of the authors' scripts where those are others, Adam's rate .01, "
+      "T = 100, gamma 1, nu .1",
+      "the first is the reference; of " + MethodHelp(), {"quick", "paper", "authors"});
   command->add_option("--supervisor", experiment.supervisor,
                       "file of train-supervisor (default: the shipped one)");
   command->add_flag("!--no-convergence", experiment.convergence,
                     "leave out how fast recoveries climb, which takes seconds");
   command
       ->add_option("--learners", experiment.learners,
-                   "hidden units of the learned policies, as in 8,64-64")
+                   "hidden units of the learned policies, with x the epochs, as in 8,64-64,8x100")
       ->delimiter(',');
   command->add_option("--demonstrations", experiment.demonstrations, "the data points, ascending")
       ->delimiter(',');
   AddModelOptions(*command, experiment.model);
   AddScene(*command, experiment.plant);
-  command->callback([&] { RunExperiment(experiment); });
+  command->add_option("--learning-rate", experiment.model.learner.learning_rate, "of Adam")
+      ->capture_default_str();
+  command->callback([&, command] {
+    if (experiment.preset == "authors") {
+      // What the user has chosen stays.
+      const auto take = [&](const char* option, auto& value, auto authors) {
+        if (command->count(option) == 0) value = authors;
+      };
+      take("--learning-rate", experiment.model.learner.learning_rate, 0.01);
+      take("--horizon", experiment.model.horizon, 100);
+      take("--gamma", experiment.model.gamma, 1.0);
+      take("--nu", experiment.model.nu, 0.1);
+    }
+    RunExperiment(experiment);
+  });
 
   TrainSupervisorOptions train;
   AddTrainSupervisor(app, train);

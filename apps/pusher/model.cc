@@ -18,6 +18,7 @@ constexpr std::string_view kGuidedFeatures = "object[0:2],tip,tip_tilt";
 // Layers of 1 to 1024 units, four at the most: what a learner of this task may need.
 constexpr int kMostUnits = 1024;
 constexpr std::size_t kMostLayers = 4;
+constexpr int kMostEpochs = 100'000;
 
 safety::TaskOptions GuidedOptions(double gamma) {
   safety::TaskOptions options;
@@ -32,16 +33,21 @@ safety::TaskOptions GuidedOptions(double gamma) {
 Learner Learner::Parse(const std::string& name) {
   Learner learner;
   learner.hidden.clear();
-  std::size_t begin = 0;
-  while (begin <= name.size()) {
-    const std::size_t end = std::min(name.find('-', begin), name.size());
-    int units = 0;
-    const auto [stop, error] = std::from_chars(name.data() + begin, name.data() + end, units);
-    DFR_THROW_UNLESS(error == std::errc() && stop == name.data() + end && units >= 1 &&
-                         units <= kMostUnits && learner.hidden.size() < kMostLayers,
+  const auto whole = [&](std::size_t begin, std::size_t end, int most) {
+    int number = 0;
+    const auto [stop, error] = std::from_chars(name.data() + begin, name.data() + end, number);
+    DFR_THROW_UNLESS(error == std::errc() && stop == name.data() + end && number >= 1 &&
+                         number <= most && learner.hidden.size() < kMostLayers,
                      "learner '" << name << "': write the units of each hidden layer, as in 8 or "
-                                 << "64-64 (1 to " << kMostLayers << " layers)");
-    learner.hidden.push_back(units);
+                                 << "64-64 (1 to " << kMostLayers
+                                 << " layers), and behind an x the epochs, as in 8x100");
+    return number;
+  };
+  const std::size_t layers = std::min(name.find('x'), name.size());
+  if (layers < name.size()) learner.epochs = whole(layers + 1, name.size(), kMostEpochs);
+  for (std::size_t begin = 0; begin <= layers;) {
+    const std::size_t end = std::min(name.find('-', begin), layers);
+    learner.hidden.push_back(whole(begin, end, kMostUnits));
     begin = end + 1;
   }
   return learner;
@@ -67,7 +73,7 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
 
   imitation::FitMlpOptions fit;
   fit.hidden = options.learner.hidden;
-  fit.epochs = options.learner.epochs;
+  fit.epochs = options.learner.epochs.value_or(options.epochs);
   fit.learning_rate = options.learner.learning_rate;
   fit.features = kPolicyFeatures;
   fit.seed = options.seed;

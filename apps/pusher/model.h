@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -18,10 +19,10 @@ namespace dfr::apps::pusher {
 /// The learned policy's network and how it is trained (Sec. V-A and the authors' scripts).
 struct Learner {
   std::vector<int> hidden = {8};
-  int epochs = 10;              ///< Passes of Adam over the demonstrations.
-  double learning_rate = 1e-3;  ///< Of Adam.
+  std::optional<int> epochs = {};  ///< Passes of Adam over the demonstrations; else ModelOptions'.
+  double learning_rate = 1e-3;     ///< Of Adam.
 
-  /// "8", "64-64": the units of each hidden layer.
+  /// "8", "64-64": the units of each hidden layer; "8x100": trained for 100 epochs.
   /// @throws std::invalid_argument for anything else.
   static Learner Parse(const std::string& name);
   [[nodiscard]] std::string Name() const;
@@ -30,6 +31,7 @@ struct Learner {
 /// Options for Model::Fit(). Defaults are the settings of the paper's experiments.
 struct ModelOptions {
   Learner learner;
+  int epochs = 10;  ///< Where the learner does not say how many.
   std::string support_features = "red,object,tip";
   double nu = 0.05;
   double gamma = 5.0;  ///< 1/m^2

@@ -130,7 +130,9 @@ std::unique_ptr<PusherTrialRunner> TrialRunnerFactory::Make(
         core::DeriveSeed(options_.seed, {kDemonstrationStream, trial_number}), &trial.counts);
   });
   ModelOptions model_options = options_.model;
-  model_options.learner.hidden = Learner::Parse(unit.learner).hidden;
+  Learner learner = Learner::Parse(unit.learner);
+  learner.learning_rate = model_options.learner.learning_rate;
+  model_options.learner = std::move(learner);
   model_options.seed =
       core::DeriveSeed(options_.seed, {kLearnerStream, trial_number, demonstrations});
   Model model = Model::Fit(trial.set, unit.demonstrations, model_options);
