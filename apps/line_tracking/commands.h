@@ -79,6 +79,7 @@ void RunLaunch(const LaunchOptions& options);
 
 struct ExperimentOptions : experiment::ExperimentOptions {
   ExperimentOptions() { out = "out/line_tracking"; }
+  std::vector<std::string> worlds = {"30ms", "frozen"};  ///< As InWorld() takes them.
   LineModelOptions model;
   sim::LineTrackingOptions plant;
 };

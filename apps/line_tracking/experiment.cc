@@ -32,14 +32,14 @@ enum Stream : std::uint64_t { kDemonstrationStream = 2, kLearnerStream, kCalibra
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   const bool paper = options.preset == "paper";
   experiment::EvaluationPlan plan;
-  plan.methods = {"baseline", "early-stopping", "dfr", "guided"};
-  plan.learners = {"64-64"};
+  plan.methods = {"baseline", "early-stopping", "dfr", "guided", "lwr", "knn", "proportional"};
+  plan.learners = options.worlds;
   plan.demonstrations = {kDemonstrations};
   plan.trials = paper ? 5 : 2;
   plan.episodes = paper ? 50 : 15;
   plan = experiment::ApplyTo(std::move(plan), options);
   for (const std::string& method : plan.methods) {
-    static_cast<void>(ParseMethod(method));
+    static_cast<void>(ParseMethod(method, kOtherLineMethods));
   }
   return plan;
 }
@@ -111,8 +111,9 @@ std::vector<StudiedMethod> StudyProbes(LineTrialRunner& runner,
                                        std::span<const std::uint64_t> starts) {
   std::vector<StudiedMethod> studied;
   for (std::size_t m = 0; m < methods.size(); ++m) {
-    const control::DfrOptions dfr =
-        ParseMethod(methods[m]).published_dfr ? control::DfrOptions{} : Controllers().dfr;
+    const control::DfrOptions dfr = ParseMethod(methods[m], kOtherLineMethods).published_dfr
+                                        ? control::DfrOptions{}
+                                        : Controllers().dfr;
     studied.push_back({methods[m],
                        "g / (" + Text(1.0 / dfr.probe_fraction) + " lambda), g / (" +
                            Text(1.0 / dfr.step_fraction) + " lambda)",
@@ -174,6 +175,7 @@ std::vector<std::pair<std::string, std::uint64_t>> PickEpisodes(const experiment
 
 void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
+  for (const std::string& world : plan.learners) static_cast<void>(InWorld(options.plant, world));
   experiment::PrepareFolder(options);
   calibration::CalibrationSummary calibration_summary;
   const line_task::LineCalibration known =
@@ -196,10 +198,11 @@ void RunExperiment(const ExperimentOptions& options) {
     LineModelOptions model = options.model;
     model.seed = core::DeriveSeed(options.seed, {kLearnerStream, trial});
     LineModel fitted = LineModel::Fit(set, model);
-    if (unit.trial == 0) fitted.Save(model_folder);
-    auto runner =
-        std::make_unique<LineTrialRunner>(std::move(fitted), plan.methods, options.plant, known);
-    if (unit.trial == 0) runner->Collect(curves);
+    const bool first = unit.trial == 0 && unit.learner == plan.learners.front();
+    if (first) fitted.Save(model_folder);
+    auto runner = std::make_unique<LineTrialRunner>(std::move(fitted), plan.methods,
+                                                    InWorld(options.plant, unit.learner), known);
+    if (first) runner->Collect(curves);
     return runner;
   };
   const std::map<std::string, std::string> settings = Settings(options);
@@ -213,6 +216,10 @@ void RunExperiment(const ExperimentOptions& options) {
       "endoscope. Demonstrations are open-loop and undisturbed, so the learned policy knows no "
       "feedback: recovery has to supply it.";
   report.method_names["dfr-fine"] = "DFR, fine steps";
+  for (const std::string& world : plan.learners) {
+    report.learner_names[world] = world == "frozen" ? "frozen: the platform stops with the robot"
+                                                    : world + " from a look to its control";
+  }
   for (const auto& [name, value] : settings) report.settings.emplace_back(name, value);
   report.settings.emplace_back("calibration, tips RMS [px]", Text(calibration_summary.tip_rms_px));
   report.tables.push_back({"The paper's robot",
@@ -247,7 +254,8 @@ void RunExperiment(const ExperimentOptions& options) {
   if (!std::filesystem::exists(model_folder / "policy.dfr")) {
     static_cast<void>(make(results.front().unit));
   }
-  LineTrialRunner again(LineModel::Load(model_folder), plan.methods, options.plant, known);
+  LineTrialRunner again(LineModel::Load(model_folder), plan.methods,
+                        InWorld(options.plant, plan.learners.front()), known);
   const experiment::UnitResult& first = results.front();
   const std::array<std::string, 2> dfr = {"dfr", "dfr-fine"};
   LineTrialRunner studied_site(LineModel::Load(model_folder), {dfr.begin(), dfr.end()},
@@ -260,7 +268,8 @@ void RunExperiment(const ExperimentOptions& options) {
                               .y_min = 0.0,
                               .y_max = 1.0};
   for (std::size_t m = 0; m < plan.methods.size(); ++m) {
-    if (ParseMethod(plan.methods[m]).recovery != control::Recovery::kDfr) continue;
+    if (ParseMethod(plan.methods[m], kOtherLineMethods).recovery != control::Recovery::kDfr)
+      continue;
     // Nothing was collected if an earlier run had finished the first trial.
     for (std::size_t i = 0; resumed && i < first.starts.size() && !curves[m].complete(); ++i) {
       again.Watch(static_cast<int>(m), first.starts[i],
@@ -276,7 +285,8 @@ void RunExperiment(const ExperimentOptions& options) {
     report.figures.push_back({"Recoveries", "Mean and standard error; 1 ends a recovery.", {plot}});
   }
   if (options.video) {
-    const auto last = plan.methods.size() - 1;
+    const auto guided = std::ranges::find(plan.methods, "guided") - plan.methods.begin();
+    const auto last = std::min(static_cast<std::size_t>(guided), plan.methods.size() - 1);
     for (const auto& [name, start] : PickEpisodes(first, last)) {
       const std::filesystem::path path = options.out / (name + ".mp4");
       const control::RolloutResult result = RecordEpisode(

@@ -1,6 +1,9 @@
 #include "model.h"
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
+#include <span>
 #include <string_view>
 #include <utility>
 
@@ -13,6 +16,23 @@ namespace {
 // What guided recovery's support looks at: the progress, and what the task is about. The tip's y is
 // left out as in Algorithm 1's: the platform carries the line away.
 constexpr std::string_view kGuidedFeatures = "tip[0:1],distance";
+
+// kOtherLineMethods' "proportional".
+class ProportionalPolicy final : public core::Policy {
+ public:
+  [[nodiscard]] int state_dim() const noexcept override { return 4; }
+  [[nodiscard]] int control_dim() const noexcept override { return 2; }
+  void Control(int /*t*/, std::span<const double> x, std::span<double> u) const noexcept override {
+    constexpr double kForward = 1.0;  // mm a control
+    constexpr double kGain = 0.8;
+    constexpr double kUnit = 2.0;        // mm of a control of 1
+    constexpr double kPerRadian = 10.0;  // mm, of the state's heading
+    const double angle = x[3] / kPerRadian;
+    const double aside = -kGain * x[2];
+    u[0] = std::clamp((kForward * std::cos(angle) - aside * std::sin(angle)) / kUnit, -1.0, 1.0);
+    u[1] = std::clamp((kForward * std::sin(angle) + aside * std::cos(angle)) / kUnit, -1.0, 1.0);
+  }
+};
 
 safety::TaskOptions GuidedOptions(double gamma) {
   safety::TaskOptions options;
@@ -86,6 +106,11 @@ LineModel LineModel::Load(const std::filesystem::path& folder) {
 
 std::unique_ptr<control::Controller> LineModel::MakeController(
     const std::string& method, const core::SimulatedPlant* plant) const {
+  const safety::Method parsed = ParseMethod(method, kOtherLineMethods);
+  if (parsed.name == "proportional") {
+    static const ProportionalPolicy policy;
+    return task().MakeController({.name = "baseline"}, policy, Controllers());
+  }
   return controllers().Make(method, plant, Controllers());
 }
 

@@ -1,9 +1,11 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -36,6 +38,11 @@ struct LineModelOptions {
 /// platform does for the answer to controls.
 [[nodiscard]] safety::ControllerOptions Controllers();
 
+/// apps::kOtherMethods, and "proportional": a scripted policy that goes on along the line by 1 mm a
+/// control and corrects 0.8 of the distance that was seen, without learning or support.
+inline constexpr std::array<std::string_view, 4> kOtherLineMethods = {"finite-difference", "lwr",
+                                                                      "knn", "proportional"};
+
 /// LearnedModel of line tracking.
 class LineModel : public LearnedModel {
  public:
@@ -45,7 +52,8 @@ class LineModel : public LearnedModel {
 
   static LineModel Load(const std::filesystem::path& folder);
 
-  /// Borrows this model; `plant`, the plant that is driven, is for "finite-difference" only.
+  /// Borrows this model; `method` is one that apps::ParseMethod() takes, with
+  /// kOtherLineMethods; `plant`, the plant that is driven, is for "finite-difference" only.
   /// @throws std::invalid_argument naming what is unknown and what there is.
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(
       const std::string& method, const core::SimulatedPlant* plant = nullptr) const;

@@ -1,8 +1,10 @@
 #include "trial_runner.h"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <stdexcept>
+#include <string_view>
 #include <utility>
 
 #include "dfr/core/contract.h"
@@ -67,6 +69,18 @@ line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& option
       summary);
 }
 
+sim::LineTrackingOptions InWorld(sim::LineTrackingOptions plant, const std::string& world) {
+  if (world == "frozen") return plant;
+  double latency_ms = 0.0;
+  const auto [stop, error] = std::from_chars(world.data(), world.data() + world.size(), latency_ms);
+  DFR_THROW_UNLESS(error == std::errc() && std::string_view(stop) == "ms" && latency_ms >= 0.0,
+                   "there is no world '" << world << "'; there are frozen, and a latency in real "
+                                         << "time as in 30ms");
+  plant.disturbance.real_time = true;
+  plant.disturbance.latency_s = 1e-3 * latency_ms;
+  return plant;
+}
+
 LineTrialRunner::LineTrialRunner(LineModel model, const std::vector<std::string>& methods,
                                  const sim::LineTrackingOptions& plant,
                                  const line_task::LineCalibration& known)
@@ -81,6 +95,12 @@ bool LineTrialRunner::Inside(std::span<const double> x) const {
 
 control::RolloutObserver* LineTrialRunner::ObserverOf(int method) {
   return curves_ == nullptr ? nullptr : &curves_->at(static_cast<std::size_t>(method));
+}
+
+bool LineTrialRunner::CollidesAfterHalt() {
+  if (!plant().options().disturbance.real_time) return false;
+  static_cast<sim::LineTrackingPlant&>(world()).Hold(kAftermath);
+  return world().collided();
 }
 
 std::string LineTrialRunner::CauseOf(const control::RolloutResult& result) const {

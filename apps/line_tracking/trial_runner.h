@@ -47,6 +47,15 @@ class RecoveryCurves final : public control::RolloutObserver {
   std::vector<std::vector<double>> curves_;
 };
 
+/// The world of a row: "frozen", where the platform stops while the robot looks, computes or has
+/// halted, as `plant` has it otherwise; or a latency in real time, "30ms".
+/// @throws std::invalid_argument naming what there is.
+[[nodiscard]] sim::LineTrackingOptions InWorld(sim::LineTrackingOptions plant,
+                                               const std::string& world);
+
+/// Seconds after a halt until which the platform may carry the line away from the tip.
+inline constexpr double kAftermath = 5.0;
+
 /// One unit of the experiment: a model, and a plant to run it on.
 class LineTrialRunner final : public experiment::RolloutRunner {
  public:
@@ -67,6 +76,8 @@ class LineTrialRunner final : public experiment::RolloutRunner {
   [[nodiscard]] bool Inside(std::span<const double> x) const override;
   [[nodiscard]] std::string CauseOf(const control::RolloutResult& result) const override;
   [[nodiscard]] control::RolloutObserver* ObserverOf(int method) override;
+  /// In real time the platform moves on for kAftermath.
+  [[nodiscard]] bool CollidesAfterHalt() override;
 
   LineModel model_;
   std::vector<RecoveryCurves>* curves_ = nullptr;

@@ -69,11 +69,16 @@ EpisodeResult RolloutRunner::Run(int method, std::uint64_t start_seed,
   RecoveryCounter counter(recovery_lengths_.at(static_cast<std::size_t>(method)),
                           ObserverOf(method));
   const control::RolloutResult result = Watch(method, start_seed, controller_seed, &counter);
-  return {.outcome = result.outcome,
-          .cause = CauseOf(result),
-          .controls = result.controls(),
-          .recovery_controls = result.recovery_controls(),
-          .seconds = result.seconds()};
+  EpisodeResult episode{.outcome = result.outcome,
+                        .cause = CauseOf(result),
+                        .controls = result.controls(),
+                        .recovery_controls = result.recovery_controls(),
+                        .seconds = result.seconds()};
+  if (result.outcome == core::Outcome::kHalted && CollidesAfterHalt()) {
+    episode.outcome = core::Outcome::kCollided;
+    episode.cause.insert(0, "after ");
+  }
+  return episode;
 }
 
 std::string RolloutRunner::CauseOf(const control::RolloutResult& result) const {

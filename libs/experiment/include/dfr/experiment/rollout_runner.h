@@ -41,7 +41,11 @@ class RolloutRunner : public TrialRunner {
   void Add(std::unique_ptr<control::Controller> controller);
   /// What methods drive.
   [[nodiscard]] core::SimulatedPlant& driven() noexcept {
-    return disturbed_ != nullptr ? *disturbed_ : *plant_;
+    return disturbed_ != nullptr ? static_cast<core::SimulatedPlant&>(*disturbed_) : *plant_;
+  }
+  /// The plant inside of what methods drive.
+  [[nodiscard]] core::SimulatedPlant& world() noexcept {
+    return disturbed_ != nullptr ? disturbed_->undisturbed() : *plant_;
   }
   [[nodiscard]] const core::SimulatedPlant& undisturbed() const noexcept { return *plant_; }
 
@@ -49,12 +53,15 @@ class RolloutRunner : public TrialRunner {
   [[nodiscard]] virtual bool Inside(std::span<const double> x) const = 0;
   /// EpisodeResult::cause: why it halted, or the mode of the control that collided.
   [[nodiscard]] virtual std::string CauseOf(const control::RolloutResult& result) const;
+  /// Whether the world, which the controller has left to itself, collides after a halt: the episode
+  /// has collided then, with the cause "after <why it halted>".
+  [[nodiscard]] virtual bool CollidesAfterHalt() { return false; }
   /// Looks on in Run(); may be null.
   [[nodiscard]] virtual control::RolloutObserver* ObserverOf(int /*method*/) { return nullptr; }
 
  private:
   std::unique_ptr<core::SimulatedPlant> plant_;
-  std::unique_ptr<core::SimulatedPlant> disturbed_;  // null: plant_ itself is driven
+  std::unique_ptr<control::DisturbedPlant> disturbed_;  // null: plant_ itself is driven
   std::vector<std::unique_ptr<control::Controller>> controllers_;
   std::vector<std::vector<int>> recovery_lengths_;
   control::RolloutWorkspace workspace_;
