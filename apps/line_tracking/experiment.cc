@@ -171,44 +171,9 @@ std::vector<std::pair<std::string, std::uint64_t>> PickEpisodes(const experiment
   return {{"best", order.front()}, {"median", order[order.size() / 2]}, {"worst", order.back()}};
 }
 
-}  // namespace
-
-void RunExperiment(const ExperimentOptions& options) {
-  const experiment::EvaluationPlan plan = MakePlan(options);
-  for (const std::string& world : plan.learners) static_cast<void>(InWorld(options.plant, world));
-  experiment::PrepareFolder(options);
-  calibration::CalibrationSummary calibration_summary;
-  const line_task::LineCalibration known =
-      CalibratePlant(options.plant, kCalibrationFrames,
-                     core::DeriveSeed(options.seed, {kCalibrationStream}), &calibration_summary);
-  if (!calibration_summary.converged) {
-    throw std::runtime_error("the calibration did not converge: " + calibration_summary.message);
-  }
-  known.Save(options.out / "calibration.dfr");
-
-  // The first trial's model stays, for videos and for those who want to run it.
-  const std::filesystem::path model_folder = options.out / "model";
-  // The first trial's recoveries, for their curves; only the thread that runs it writes here.
-  std::vector<RecoveryCurves> curves(plan.methods.size(), RecoveryCurves(kCurves));
-  const auto make = [&](const experiment::EvaluationUnit& unit) {
-    const auto trial = static_cast<std::uint64_t>(unit.trial);
-    const imitation::DemonstrationSet set =
-        Demonstrate(options.plant, known, unit.demonstrations, kDemonstratedSteps,
-                    core::DeriveSeed(options.seed, {kDemonstrationStream, trial}));
-    LineModelOptions model = options.model;
-    model.seed = core::DeriveSeed(options.seed, {kLearnerStream, trial});
-    LineModel fitted = LineModel::Fit(set, model);
-    const bool first = unit.trial == 0 && unit.learner == plan.learners.front();
-    if (first) fitted.Save(model_folder);
-    auto runner = std::make_unique<LineTrialRunner>(std::move(fitted), plan.methods,
-                                                    InWorld(options.plant, unit.learner), known);
-    if (first) runner->Collect(curves);
-    return runner;
-  };
-  const std::map<std::string, std::string> settings = Settings(options);
-  const auto [results, summary] =
-      experiment::RunExperiment("line_tracking", plan, make, settings, options);
-
+experiment::ReportOptions MakeReport(const ExperimentOptions& options,
+                                     const experiment::EvaluationPlan& plan,
+                                     const std::map<std::string, std::string>& settings) {
   experiment::ReportOptions report;
   report.title = "Line tracking";
   report.introduction =
@@ -221,7 +186,6 @@ void RunExperiment(const ExperimentOptions& options) {
                                                     : world + " from a look to its control";
   }
   for (const auto& [name, value] : settings) report.settings.emplace_back(name, value);
-  report.settings.emplace_back("calibration, tips RMS [px]", Text(calibration_summary.tip_rms_px));
   report.tables.push_back({"The paper's robot",
                            "Sec. V-B, on the da Vinci; collisions -84 %, completions x 2.2.",
                            {"method", "completed", "halted", "collided"},
@@ -247,10 +211,91 @@ void RunExperiment(const ExperimentOptions& options) {
            "lambda |u| grows with the kernel's gamma; with gamma 0.05 or more it is beyond the "
            "largest g of some time step. Where it halts outside-support, a control or the platform "
            "has carried the tip to g < 0, from where Algorithm 1 has no way back."});
+  return report;
+}
+
+// How g rises in recoveries of Algorithm 1, from a trial's start states.
+experiment::ReportFigure RecoveryFigure(LineTrialRunner& runner,
+                                        const experiment::EvaluationPlan& plan,
+                                        std::span<const std::uint64_t> starts) {
+  experiment::ReportPlot plot{.title = "g over the gate's threshold",
+                              .x_label = "iteration of the recovery",
+                              .y_min = 0.0,
+                              .y_max = 1.0};
+  for (std::size_t m = 0; m < plan.methods.size(); ++m) {
+    if (ParseMethod(plan.methods[m], kOtherLineMethods).recovery != control::Recovery::kDfr) {
+      continue;
+    }
+    RecoveryCurves curves(kCurves);
+    for (std::size_t i = 0; i < starts.size() && !curves.complete(); ++i) {
+      runner.Watch(static_cast<int>(m), starts[i],
+                   experiment::ControllerSeed(plan, 0, static_cast<int>(i)), &curves);
+    }
+    if (curves.curves().empty()) continue;
+    experiment::ReportSeries series = Average(curves.curves());
+    series.name = plan.methods[m] + ", " + series.name;
+    series.style = static_cast<int>(m);
+    plot.series.push_back(std::move(series));
+  }
+  return {"Recoveries", "Mean and standard error; 1 ends a recovery.", {plot}};
+}
+
+// Guided recovery's episodes, or the last method's.
+std::vector<experiment::ReportMedia> RecordEpisodes(LineTrialRunner& runner,
+                                                    const experiment::EvaluationPlan& plan,
+                                                    const experiment::UnitResult& unit,
+                                                    const std::filesystem::path& folder) {
+  const auto guided = std::ranges::find(plan.methods, "guided") - plan.methods.begin();
+  const auto shown = std::min(static_cast<std::size_t>(guided), plan.methods.size() - 1);
+  std::vector<experiment::ReportMedia> media;
+  for (const auto& [name, start] : PickEpisodes(unit, shown)) {
+    const std::filesystem::path path = folder / (name + ".mp4");
+    const std::string title = plan.methods[shown] + ", " + name;
+    const control::RolloutResult result =
+        RecordEpisode(runner, static_cast<int>(shown), title, unit.starts[start],
+                      experiment::ControllerSeed(plan, 0, static_cast<int>(start)), path);
+    media.push_back({path, title + " episode of the first trial: " + core::Name(result.outcome)});
+  }
+  return media;
+}
+
+}  // namespace
+
+void RunExperiment(const ExperimentOptions& options) {
+  const experiment::EvaluationPlan plan = MakePlan(options);
+  for (const std::string& world : plan.learners) static_cast<void>(InWorld(options.plant, world));
+  experiment::PrepareFolder(options);
+  calibration::CalibrationSummary calibration_summary;
+  const line_task::LineCalibration known =
+      CalibratePlant(options.plant, kCalibrationFrames,
+                     core::DeriveSeed(options.seed, {kCalibrationStream}), &calibration_summary);
+  if (!calibration_summary.converged) {
+    throw std::runtime_error("the calibration did not converge: " + calibration_summary.message);
+  }
+  known.Save(options.out / "calibration.dfr");
+
+  // The first trial's model stays, for videos and for those who want to run it.
+  const std::filesystem::path model_folder = options.out / "model";
+  const auto make = [&](const experiment::EvaluationUnit& unit) {
+    const auto trial = static_cast<std::uint64_t>(unit.trial);
+    const imitation::DemonstrationSet set =
+        Demonstrate(options.plant, known, unit.demonstrations, kDemonstratedSteps,
+                    core::DeriveSeed(options.seed, {kDemonstrationStream, trial}));
+    LineModelOptions model = options.model;
+    model.seed = core::DeriveSeed(options.seed, {kLearnerStream, trial});
+    LineModel fitted = LineModel::Fit(set, model);
+    if (unit.trial == 0 && unit.learner == plan.learners.front()) fitted.Save(model_folder);
+    return std::make_unique<LineTrialRunner>(std::move(fitted), plan.methods,
+                                             InWorld(options.plant, unit.learner), known);
+  };
+  const std::map<std::string, std::string> settings = Settings(options);
+  const auto [results, summary] =
+      experiment::RunExperiment("line_tracking", plan, make, settings, options);
+
+  experiment::ReportOptions report = MakeReport(options, plan, settings);
+  report.settings.emplace_back("calibration, tips RMS [px]", Text(calibration_summary.tip_rms_px));
 
   // Study and videos come from the first trial, run again.
-  const bool resumed = std::all_of(curves.begin(), curves.end(),
-                                   [](const RecoveryCurves& c) { return c.curves().empty(); });
   if (!std::filesystem::exists(model_folder / "policy.dfr")) {
     static_cast<void>(make(results.front().unit));
   }
@@ -263,40 +308,9 @@ void RunExperiment(const ExperimentOptions& options) {
   const experiment::ReportTable probes =
       ProbeTable(StudyProbes(studied_site, dfr, plan, first.starts));
   report.tables.push_back(probes);
-  experiment::ReportPlot plot{.title = "g over the gate's threshold",
-                              .x_label = "iteration of the recovery",
-                              .y_min = 0.0,
-                              .y_max = 1.0};
-  for (std::size_t m = 0; m < plan.methods.size(); ++m) {
-    if (ParseMethod(plan.methods[m], kOtherLineMethods).recovery != control::Recovery::kDfr)
-      continue;
-    // Nothing was collected if an earlier run had finished the first trial.
-    for (std::size_t i = 0; resumed && i < first.starts.size() && !curves[m].complete(); ++i) {
-      again.Watch(static_cast<int>(m), first.starts[i],
-                  experiment::ControllerSeed(plan, 0, static_cast<int>(i)), &curves[m]);
-    }
-    if (curves[m].curves().empty()) continue;
-    experiment::ReportSeries series = Average(curves[m].curves());
-    series.name = plan.methods[m] + ", " + series.name;
-    series.style = static_cast<int>(m);
-    plot.series.push_back(std::move(series));
-  }
-  if (!plot.series.empty()) {
-    report.figures.push_back({"Recoveries", "Mean and standard error; 1 ends a recovery.", {plot}});
-  }
-  if (options.video) {
-    const auto guided = std::ranges::find(plan.methods, "guided") - plan.methods.begin();
-    const auto last = std::min(static_cast<std::size_t>(guided), plan.methods.size() - 1);
-    for (const auto& [name, start] : PickEpisodes(first, last)) {
-      const std::filesystem::path path = options.out / (name + ".mp4");
-      const control::RolloutResult result = RecordEpisode(
-          again, static_cast<int>(last), plan.methods[last] + ", " + name, first.starts[start],
-          experiment::ControllerSeed(plan, 0, static_cast<int>(start)), path);
-      report.media.push_back(
-          {path, plan.methods[last] + ", " + name +
-                     " episode of the first trial: " + core::Name(result.outcome)});
-    }
-  }
+  experiment::ReportFigure recoveries = RecoveryFigure(again, plan, first.starts);
+  if (!recoveries.plots.front().series.empty()) report.figures.push_back(std::move(recoveries));
+  if (options.video) report.media = RecordEpisodes(again, plan, first, options.out);
   experiment::SaveReport(summary, report, options.out / "report.html");
   experiment::PrintTable(summary, std::cout);
   std::cout << '\n';

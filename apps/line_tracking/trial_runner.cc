@@ -93,10 +93,6 @@ bool LineTrialRunner::Inside(std::span<const double> x) const {
   return model_.task().support().Decision(0, x) >= 0.0;
 }
 
-control::RolloutObserver* LineTrialRunner::ObserverOf(int method) {
-  return curves_ == nullptr ? nullptr : &curves_->at(static_cast<std::size_t>(method));
-}
-
 bool LineTrialRunner::CollidesAfterHalt() {
   if (!plant().options().disturbance.real_time) return false;
   static_cast<sim::LineTrackingPlant&>(world()).Hold(kAftermath);

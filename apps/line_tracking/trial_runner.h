@@ -64,9 +64,6 @@ class LineTrialRunner final : public experiment::RolloutRunner {
 
   [[nodiscard]] std::map<std::string, double> Measures() override;
 
-  /// From now on Run() shows its episodes to these, too: one per method, borrowed.
-  void Collect(std::vector<RecoveryCurves>& curves) noexcept { curves_ = &curves; }
-
   [[nodiscard]] const sim::LineTrackingPlant& plant() const noexcept {
     return static_cast<const sim::LineTrackingPlant&>(undisturbed());
   }
@@ -75,12 +72,10 @@ class LineTrialRunner final : public experiment::RolloutRunner {
  private:
   [[nodiscard]] bool Inside(std::span<const double> x) const override;
   [[nodiscard]] std::string CauseOf(const control::RolloutResult& result) const override;
-  [[nodiscard]] control::RolloutObserver* ObserverOf(int method) override;
   /// In real time the platform moves on for kAftermath.
   [[nodiscard]] bool CollidesAfterHalt() override;
 
   LineModel model_;
-  std::vector<RecoveryCurves>* curves_ = nullptr;
 };
 
 }  // namespace dfr::apps::line_tracking

@@ -208,7 +208,7 @@ class Page {
     }
     out_ << "<p class=\"caption\">Share of " << episodes
          << " episodes per point; bands are 95 % intervals of Korn and Graubard, clustered by "
-            "trial.</p>\n";
+            "trial; with fewer than 5 trials Wilson's, which take episodes for independent.</p>\n";
   }
 
   void Media() {

@@ -6,23 +6,15 @@
 namespace dfr::experiment {
 namespace {
 
-// Counts the controls of each recovery, and shows everything to a second observer.
+// Counts the controls of each recovery.
 class RecoveryCounter final : public control::RolloutObserver {
  public:
-  RecoveryCounter(std::vector<int>& lengths, control::RolloutObserver* next)
-      : lengths_(&lengths), next_(next) {}
-  void OnStart(std::span<const double> x) override {
-    if (next_ != nullptr) next_->OnStart(x);
-  }
+  explicit RecoveryCounter(std::vector<int>& lengths) : lengths_(&lengths) {}
   void OnControl(const control::RolloutEvent& event) override {
-    if (next_ != nullptr) next_->OnControl(event);
     if (event.step.mode == control::Mode::kPolicy) return Flush();
     ++length_;
   }
-  void OnEnd(const control::RolloutResult& result) override {
-    if (next_ != nullptr) next_->OnEnd(result);
-    Flush();
-  }
+  void OnEnd(const control::RolloutResult& /*result*/) override { Flush(); }
 
  private:
   void Flush() {
@@ -30,7 +22,6 @@ class RecoveryCounter final : public control::RolloutObserver {
     length_ = 0;
   }
   std::vector<int>* lengths_;
-  control::RolloutObserver* next_;
   int length_ = 0;
 };
 
@@ -66,8 +57,7 @@ control::RolloutResult RolloutRunner::Watch(int method, std::uint64_t start_seed
 
 EpisodeResult RolloutRunner::Run(int method, std::uint64_t start_seed,
                                  std::uint64_t controller_seed) {
-  RecoveryCounter counter(recovery_lengths_.at(static_cast<std::size_t>(method)),
-                          ObserverOf(method));
+  RecoveryCounter counter(recovery_lengths_.at(static_cast<std::size_t>(method)));
   const control::RolloutResult result = Watch(method, start_seed, controller_seed, &counter);
   EpisodeResult episode{.outcome = result.outcome,
                         .cause = CauseOf(result),

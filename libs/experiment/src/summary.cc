@@ -16,7 +16,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Below this, resampling trials gives a handful of distinct values and intervals far too short.
+// Below this, resampling trials gives a handful of distinct values and intervals far too short, and
+// intervals clustered by trial are too wide to say anything.
 constexpr int kFewTrials = 5;
 
 // Sums over the episodes of a cell.
@@ -64,7 +65,9 @@ struct Tally {
   [[nodiscard]] Cell ToCell(const std::string& method, const std::string& learner,
                             int demonstrations, int trials) const {
     const auto share = [&](int count, core::Outcome outcome) {
-      return Share{static_cast<double>(count) / episodes, ClusteredInterval(clusters.at(outcome))};
+      return Share{static_cast<double>(count) / episodes,
+                   trials < kFewTrials ? ProportionInterval(count, episodes)
+                                       : ClusteredInterval(clusters.at(outcome))};
     };
     Cell cell;
     cell.method = method;
@@ -303,6 +306,9 @@ void PrintTable(const Summary& summary, std::ostream& out) {
       const double drawn = average.episodes + average.redrawn_starts;
       out << "\nlearner " << learner << ": all data points, " << average.episodes
           << " episodes a method in " << average.trials << " trials, %"
+          << (average.trials < kFewTrials ? " (too few to cluster by: intervals take episodes for "
+                                            "independent)"
+                                          : "")
           << core::Format("; %.1f %% of the start states drawn were outside and drawn anew\n",
                           100.0 * average.redrawn_starts / drawn)
           << core::Format(heads, name_width, "method", "completed", "halted", "collided",

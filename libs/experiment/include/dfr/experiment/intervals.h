@@ -85,9 +85,9 @@ struct BootstrapOptions {
 
 /// A method against a reference. With fewer than 5 collisions of the method, of which a bootstrap
 /// makes too little, the interval of the reduction includes RateRatioInterval()'s as well, with the
-/// reference's collisions divided by their dispersion between units. Absent where the reference has no event to divide by; an interval
-/// is absent too where that is so in more than half of the resamples, or where fewer than two units
-/// were given.
+/// reference's collisions divided by their dispersion between units. Absent where the reference has
+/// no event to divide by; an interval is absent too where that is so in more than half of the
+/// resamples, or where fewer than two units were given.
 struct PairedContrast {
   std::optional<double> collision_reduction;  ///< 1 - collisions / reference's
   std::optional<Interval> collision_reduction_interval;

@@ -56,8 +56,6 @@ class RolloutRunner : public TrialRunner {
   /// Whether the world, which the controller has left to itself, collides after a halt: the episode
   /// has collided then, with the cause "after <why it halted>".
   [[nodiscard]] virtual bool CollidesAfterHalt() { return false; }
-  /// Looks on in Run(); may be null.
-  [[nodiscard]] virtual control::RolloutObserver* ObserverOf(int /*method*/) { return nullptr; }
 
  private:
   std::unique_ptr<core::SimulatedPlant> plant_;
