@@ -250,7 +250,7 @@ std::vector<experiment::ReportMedia> RecordEpisodes(LineTrialRunner& runner,
   std::vector<experiment::ReportMedia> media;
   for (const auto& [name, start] : PickEpisodes(unit, shown)) {
     const std::filesystem::path path = folder / (name + ".mp4");
-    const std::string title = plan.methods[shown] + ", " + name;
+    const std::string title = core::Format("%s, %s", plan.methods[shown].c_str(), name.c_str());
     const control::RolloutResult result =
         RecordEpisode(runner, static_cast<int>(shown), title, unit.starts[start],
                       experiment::ControllerSeed(plan, 0, static_cast<int>(start)), path);
