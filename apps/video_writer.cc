@@ -23,6 +23,8 @@ VideoWriter::VideoWriter(const std::filesystem::path& path, cv::Size size, doubl
   }
 }
 
+void VideoWriter::CheckName(const std::filesystem::path& path) { static_cast<void>(CodecOf(path)); }
+
 void VideoWriter::Write(const cv::Mat& picture) { writer_.write(picture(cv::Rect({}, even_))); }
 
 }  // namespace dfr::apps

@@ -12,6 +12,8 @@ class VideoWriter {
   /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
   VideoWriter(const std::filesystem::path& path, cv::Size size, double frames_per_second);
 
+  /// @throws std::runtime_error naming a file whose ending is unknown.
+  static void CheckName(const std::filesystem::path& path);
   /// Appends a picture, BGR.
   void Write(const cv::Mat& picture);
 

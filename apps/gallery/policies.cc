@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "apps/policies.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/imitation/fit_mlp.h"
@@ -11,7 +12,7 @@
 namespace dfr::apps::gallery {
 
 const std::vector<std::string>& PolicyNames() {
-  static const std::vector<std::string> names = {"good", "weak", "biased"};
+  static const std::vector<std::string> names = {"good", "weak", "biased", "lwr", "knn"};
   return names;
 }
 
@@ -47,9 +48,15 @@ void Imitator::Control(int t, std::span<const double> x, std::span<double> u) no
 }
 
 Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory> demonstrations,
-                 const std::string& name, std::uint64_t seed) {
+                 const core::FeatureTransform& features, const std::string& name,
+                 std::uint64_t seed) {
   DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), name) == 1,
-                   "there is no policy '" << name << "'; there are good, weak, biased");
+                   "there is no policy '" << name << "'; there are good, weak, biased, lwr, knn");
+  if (name == "lwr") {
+    return {std::make_shared<imitation::LocallyWeightedPolicy>(features, demonstrations), {}};
+  }
+  if (name == "knn")
+    return {std::make_shared<NearestNeighbourPolicy>(features, demonstrations), {}};
   imitation::DemonstrationSet set{.layout = task.plant->layout(),
                                   .control_dim = task.plant->control_dim(),
                                   .environment = task.name,

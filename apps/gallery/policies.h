@@ -6,13 +6,14 @@
 #include <string>
 #include <vector>
 
+#include "dfr/core/feature_transform.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/sim/gallery/gallery.h"
 
 namespace dfr::apps::gallery {
 
-/// "good", "weak", "biased".
+/// "good", "weak", "biased", "lwr", "knn".
 [[nodiscard]] const std::vector<std::string>& PolicyNames();
 
 /// A policy of one episode at a time: a late one remembers what it wanted before. Never allocates
@@ -34,10 +35,12 @@ class Imitator {
 };
 
 /// Imitates `demonstrations` of `task` by behaviour cloning as well as `name` says: "good",
-/// "weak" (few units and epochs) or "biased" (the good one with the task's flaw).
+/// "weak" (few units and epochs) or "biased" (the good one with the task's flaw); "lwr" and "knn"
+/// are apps::kPolicies' regressions in `features`.
 /// @throws std::invalid_argument naming the policies there are.
 [[nodiscard]] Imitator Imitate(const sim::GalleryTask& task,
                                std::span<const core::Trajectory> demonstrations,
-                               const std::string& name, std::uint64_t seed);
+                               const core::FeatureTransform& features, const std::string& name,
+                               std::uint64_t seed);
 
 }  // namespace dfr::apps::gallery

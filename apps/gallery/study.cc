@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <fstream>
-#include <future>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <ostream>
 #include <stdexcept>
 #include <utility>
 
+#include "apps/shared_cache.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
@@ -26,48 +25,26 @@ struct Prepared {
   std::shared_ptr<const safety::GuardModel> model;
 };
 
-std::shared_ptr<const Prepared> Prepare(const sim::GalleryTask& task, int count,
-                                        std::uint64_t seed) {
-  auto prepared = std::make_shared<Prepared>();
-  prepared->demonstrations = sim::Demonstrate(task, count, seed);
-  prepared->model = safety::GuardModel::Fit(task.plant->layout(), prepared->demonstrations,
-                                            {.features = task.features});
-  return prepared;
-}
-
-// Fits once for all units of a task and trial, on the thread that asks first.
+// Fits once for all units of a task and trial.
 class Cache {
  public:
   explicit Cache(const Study& study) : study_(study) {}
 
   std::shared_ptr<const Prepared> Get(const sim::GalleryTask& task, int trial) {
-    std::promise<std::shared_ptr<const Prepared>> promise;
-    std::shared_future<std::shared_ptr<const Prepared>> future;
-    bool first = false;
-    {
-      const std::lock_guard lock(mutex_);
-      auto& entry = entries_[{task.name, trial}];
-      first = !entry.valid();
-      if (first) entry = promise.get_future().share();
-      future = entry;
-    }
-    if (first) {
-      try {
-        const std::uint64_t seed =
-            core::DeriveSeed(study_.seed, {2, static_cast<std::uint64_t>(trial)});
-        promise.set_value(Prepare(task, study_.demonstrations, seed));
-      } catch (...) {
-        promise.set_exception(std::current_exception());
-      }
-    }
-    return future.get();
+    return cache_.Get({task.name, trial}, [&] {
+      Prepared prepared;
+      prepared.demonstrations =
+          sim::Demonstrate(task, study_.demonstrations,
+                           core::DeriveSeed(study_.seed, {2, static_cast<std::uint64_t>(trial)}));
+      prepared.model = safety::GuardModel::Fit(task.plant->layout(), prepared.demonstrations,
+                                               {.features = task.features});
+      return prepared;
+    });
   }
 
  private:
   const Study& study_;
-  std::mutex mutex_;
-  std::map<std::pair<std::string, int>, std::shared_future<std::shared_ptr<const Prepared>>>
-      entries_;
+  SharedCache<std::pair<std::string, int>, Prepared> cache_;
 };
 
 constexpr const char* kAlarmedFailures = "alarmed failures";
@@ -193,8 +170,9 @@ experiment::EvaluationPlan MakePlan(const Study& study) {
   }
   // Policies outside, so that threads fit different tasks at the same time.
   for (const std::string& policy : study.policies) {
-    DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), policy) == 1,
-                     "there is no policy '" << policy << "'; there are good, weak, biased");
+    DFR_THROW_UNLESS(
+        std::ranges::count(PolicyNames(), policy) == 1,
+        "there is no policy '" << policy << "'; there are good, weak, biased, lwr, knn");
     for (const std::string& task : study.tasks) {
       plan.learners.push_back(sim::FindGalleryTask(task).name + "/" + policy);
     }
@@ -214,7 +192,8 @@ std::unique_ptr<Runner> MakeRunner(const experiment::EvaluationPlan& plan,
   const auto prepared = cache.Get(task, unit.trial);
   return std::make_unique<Runner>(
       plan.methods, task, *prepared,
-      Imitate(task, prepared->demonstrations, policy, core::DeriveSeed(plan.seed, {3, trial})));
+      Imitate(task, prepared->demonstrations, prepared->model->recovery().features(), policy,
+              core::DeriveSeed(plan.seed, {3, trial})));
 }
 
 void AddUnit(const experiment::UnitResult& unit, std::size_t method, Row& row) {

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "dfr/experiment/experiment.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 #include "model.h"
 
@@ -76,17 +77,9 @@ struct LaunchOptions {
 };
 void RunLaunch(const LaunchOptions& options);
 
-struct ExperimentOptions {
-  std::string preset = "quick";
-  std::filesystem::path out = "out/line_tracking";
-  std::uint64_t seed = 2018;
-  int threads = 0;
-  bool restart = false;
-  bool video = true;
-  // Empty, or 0: as the preset says.
-  std::vector<std::string> methods;
-  int trials = 0;
-  int episodes = 0;
+struct ExperimentOptions : experiment::ExperimentOptions {
+  ExperimentOptions() { out = "out/line_tracking"; }
+  std::vector<std::string> worlds = {"30ms", "frozen"};  ///< As InWorld() takes them.
   LineModelOptions model;
   sim::LineTrackingOptions plant;
 };

@@ -1,19 +1,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <iomanip>
 #include <iostream>
 #include <span>
-#include <sstream>
 #include <stdexcept>
+#include <utility>
 
 #include "commands.h"
-#include "dfr/core/build_info.h"
+#include "dfr/core/format.h"
 #include "dfr/core/random.h"
-#include "dfr/experiment/paired_evaluation.h"
-#include "dfr/experiment/progress.h"
 #include "dfr/experiment/report.h"
-#include "dfr/experiment/summary.h"
 #include "probe_study.h"
 #include "rollout_video.h"
 #include "trial_runner.h"
@@ -36,26 +32,19 @@ enum Stream : std::uint64_t { kDemonstrationStream = 2, kLearnerStream, kCalibra
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   const bool paper = options.preset == "paper";
   experiment::EvaluationPlan plan;
-  plan.methods = {"baseline", "early-stopping", "dfr", "guided"};
-  plan.learners = {"64-64"};
+  plan.methods = {"baseline", "early-stopping", "dfr", "guided", "lwr", "knn", "proportional"};
+  plan.learners = options.worlds;
   plan.demonstrations = {kDemonstrations};
   plan.trials = paper ? 5 : 2;
   plan.episodes = paper ? 50 : 15;
-  plan.seed = options.seed;
-  if (!options.methods.empty()) plan.methods = options.methods;
-  if (options.trials > 0) plan.trials = options.trials;
-  if (options.episodes > 0) plan.episodes = options.episodes;
+  plan = experiment::ApplyTo(std::move(plan), options);
   for (const std::string& method : plan.methods) {
-    static_cast<void>(safety::ParseMethod(method));
+    static_cast<void>(ParseMethod(method, kOtherLineMethods));
   }
   return plan;
 }
 
-std::string Text(double value) {
-  std::ostringstream text;
-  text << value;
-  return text.str();
-}
+std::string Text(double value) { return core::Format("%g", value); }
 
 std::map<std::string, std::string> Settings(const ExperimentOptions& options) {
   const sim::DisturbanceOptions& d = options.plant.disturbance;
@@ -122,8 +111,9 @@ std::vector<StudiedMethod> StudyProbes(LineTrialRunner& runner,
                                        std::span<const std::uint64_t> starts) {
   std::vector<StudiedMethod> studied;
   for (std::size_t m = 0; m < methods.size(); ++m) {
-    const control::DfrOptions dfr =
-        safety::ParseMethod(methods[m]).published_dfr ? control::DfrOptions{} : Controllers().dfr;
+    const control::DfrOptions dfr = ParseMethod(methods[m], kOtherLineMethods).published_dfr
+                                        ? control::DfrOptions{}
+                                        : Controllers().dfr;
     studied.push_back({methods[m],
                        "g / (" + Text(1.0 / dfr.probe_fraction) + " lambda), g / (" +
                            Text(1.0 / dfr.step_fraction) + " lambda)",
@@ -139,10 +129,7 @@ std::vector<StudiedMethod> StudyProbes(LineTrialRunner& runner,
 }
 
 std::string Rounded(double value, int digits) {
-  if (!std::isfinite(value)) return "-";
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(digits) << value;
-  return text.str();
+  return std::isfinite(value) ? core::Format("%.*f", digits, value) : "-";
 }
 
 experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
@@ -169,24 +156,6 @@ experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
   return table;
 }
 
-void Print(const experiment::ReportTable& table, std::ostream& out) {
-  std::vector<std::size_t> widths;
-  for (std::size_t c = 0; c < table.header.size(); ++c) {
-    widths.push_back(table.header[c].size());
-    for (const auto& row : table.rows) widths[c] = std::max(widths[c], row[c].size());
-  }
-  out << table.heading << '\n';
-  const auto line = [&](const std::vector<std::string>& cells) {
-    for (std::size_t c = 0; c < cells.size(); ++c) {
-      out << "  " << (c < 2 ? std::left : std::right) << std::setw(static_cast<int>(widths[c]))
-          << cells[c];
-    }
-    out << std::right << '\n';
-  };
-  line(table.header);
-  for (const auto& row : table.rows) line(row);
-}
-
 // Best: completed with the fewest controls. Worst: a collision, else a halt, the earliest. Median:
 // in the middle of that order.
 std::vector<std::pair<std::string, std::uint64_t>> PickEpisodes(const experiment::UnitResult& unit,
@@ -202,58 +171,9 @@ std::vector<std::pair<std::string, std::uint64_t>> PickEpisodes(const experiment
   return {{"best", order.front()}, {"median", order[order.size() / 2]}, {"worst", order.back()}};
 }
 
-}  // namespace
-
-void RunExperiment(const ExperimentOptions& options) {
-  const experiment::EvaluationPlan plan = MakePlan(options);
-  std::error_code error;
-  std::filesystem::create_directories(options.out, error);
-  if (error) {
-    throw std::runtime_error(options.out.string() +
-                             ": the folder cannot be made: " + error.message());
-  }
-  const std::filesystem::path ledger = options.out / "ledger.jsonl";
-  if (options.restart) std::filesystem::remove(ledger);
-
-  calibration::CalibrationSummary calibration_summary;
-  const line_task::LineCalibration known =
-      CalibratePlant(options.plant, kCalibrationFrames,
-                     core::DeriveSeed(options.seed, {kCalibrationStream}), &calibration_summary);
-  if (!calibration_summary.converged) {
-    throw std::runtime_error("the calibration did not converge: " + calibration_summary.message);
-  }
-  known.Save(options.out / "calibration.dfr");
-
-  // The first trial's model stays, for videos and for those who want to run it.
-  const std::filesystem::path model_folder = options.out / "model";
-  // The first trial's recoveries, for their curves; only the thread that runs it writes here.
-  std::vector<RecoveryCurves> curves(plan.methods.size(), RecoveryCurves(kCurves));
-  const auto make = [&](const experiment::EvaluationUnit& unit) {
-    const auto trial = static_cast<std::uint64_t>(unit.trial);
-    const imitation::DemonstrationSet set =
-        Demonstrate(options.plant, known, unit.demonstrations, kDemonstratedSteps,
-                    core::DeriveSeed(options.seed, {kDemonstrationStream, trial}));
-    LineModelOptions model = options.model;
-    model.seed = core::DeriveSeed(options.seed, {kLearnerStream, trial});
-    LineModel fitted = LineModel::Fit(set, model);
-    if (unit.trial == 0) fitted.Save(model_folder);
-    auto runner =
-        std::make_unique<LineTrialRunner>(std::move(fitted), plan.methods, options.plant, known);
-    if (unit.trial == 0) runner->Collect(curves);
-    return runner;
-  };
-  experiment::ProgressBar bar("line tracking");
-  experiment::EvaluationOptions evaluation;
-  evaluation.threads = options.threads;
-  evaluation.ledger = ledger;
-  evaluation.settings = Settings(options);
-  evaluation.progress = [&bar](const experiment::Progress& progress) { bar.Show(progress); };
-  const std::vector<experiment::UnitResult> results = experiment::Evaluate(plan, make, evaluation);
-  const experiment::Summary summary = experiment::Summarize(
-      plan, results,
-      {.experiment = "line_tracking", .preset = options.preset, .commit = core::BuildCommit()});
-  experiment::SaveSummary(summary, options.out / "summary.json");
-
+experiment::ReportOptions MakeReport(const ExperimentOptions& options,
+                                     const experiment::EvaluationPlan& plan,
+                                     const std::map<std::string, std::string>& settings) {
   experiment::ReportOptions report;
   report.title = "Line tracking";
   report.introduction =
@@ -261,8 +181,11 @@ void RunExperiment(const ExperimentOptions& options) {
       "endoscope. Demonstrations are open-loop and undisturbed, so the learned policy knows no "
       "feedback: recovery has to supply it.";
   report.method_names["dfr-fine"] = "DFR, fine steps";
-  for (const auto& [name, value] : evaluation.settings) report.settings.emplace_back(name, value);
-  report.settings.emplace_back("calibration, tips RMS [px]", Text(calibration_summary.tip_rms_px));
+  for (const std::string& world : plan.learners) {
+    report.learner_names[world] = world == "frozen" ? "frozen: the platform stops with the robot"
+                                                    : world + " from a look to its control";
+  }
+  for (const auto& [name, value] : settings) report.settings.emplace_back(name, value);
   report.tables.push_back({"The paper's robot",
                            "Sec. V-B, on the da Vinci; collisions -84 %, completions x 2.2.",
                            {"method", "completed", "halted", "collided"},
@@ -288,14 +211,96 @@ void RunExperiment(const ExperimentOptions& options) {
            "lambda |u| grows with the kernel's gamma; with gamma 0.05 or more it is beyond the "
            "largest g of some time step. Where it halts outside-support, a control or the platform "
            "has carried the tip to g < 0, from where Algorithm 1 has no way back."});
+  return report;
+}
+
+// How g rises in recoveries of Algorithm 1, from a trial's start states.
+experiment::ReportFigure RecoveryFigure(LineTrialRunner& runner,
+                                        const experiment::EvaluationPlan& plan,
+                                        std::span<const std::uint64_t> starts) {
+  experiment::ReportPlot plot{.title = "g over the gate's threshold",
+                              .x_label = "iteration of the recovery",
+                              .y_min = 0.0,
+                              .y_max = 1.0};
+  for (std::size_t m = 0; m < plan.methods.size(); ++m) {
+    if (ParseMethod(plan.methods[m], kOtherLineMethods).recovery != control::Recovery::kDfr) {
+      continue;
+    }
+    RecoveryCurves curves(kCurves);
+    for (std::size_t i = 0; i < starts.size() && !curves.complete(); ++i) {
+      runner.Watch(static_cast<int>(m), starts[i],
+                   experiment::ControllerSeed(plan, 0, static_cast<int>(i)), &curves);
+    }
+    if (curves.curves().empty()) continue;
+    experiment::ReportSeries series = Average(curves.curves());
+    series.name = plan.methods[m] + ", " + series.name;
+    series.style = static_cast<int>(m);
+    plot.series.push_back(std::move(series));
+  }
+  return {"Recoveries", "Mean and standard error; 1 ends a recovery.", {plot}};
+}
+
+// Guided recovery's episodes, or the last method's.
+std::vector<experiment::ReportMedia> RecordEpisodes(LineTrialRunner& runner,
+                                                    const experiment::EvaluationPlan& plan,
+                                                    const experiment::UnitResult& unit,
+                                                    const std::filesystem::path& folder) {
+  const auto guided = std::ranges::find(plan.methods, "guided") - plan.methods.begin();
+  const auto shown = std::min(static_cast<std::size_t>(guided), plan.methods.size() - 1);
+  std::vector<experiment::ReportMedia> media;
+  for (const auto& [name, start] : PickEpisodes(unit, shown)) {
+    const std::filesystem::path path = folder / (name + ".mp4");
+    const std::string title = core::Format("%s, %s", plan.methods[shown].c_str(), name.c_str());
+    const control::RolloutResult result =
+        RecordEpisode(runner, static_cast<int>(shown), title, unit.starts[start],
+                      experiment::ControllerSeed(plan, 0, static_cast<int>(start)), path);
+    media.push_back({path, title + " episode of the first trial: " + core::Name(result.outcome)});
+  }
+  return media;
+}
+
+}  // namespace
+
+void RunExperiment(const ExperimentOptions& options) {
+  const experiment::EvaluationPlan plan = MakePlan(options);
+  for (const std::string& world : plan.learners) static_cast<void>(InWorld(options.plant, world));
+  experiment::PrepareFolder(options);
+  calibration::CalibrationSummary calibration_summary;
+  const line_task::LineCalibration known =
+      CalibratePlant(options.plant, kCalibrationFrames,
+                     core::DeriveSeed(options.seed, {kCalibrationStream}), &calibration_summary);
+  if (!calibration_summary.converged) {
+    throw std::runtime_error("the calibration did not converge: " + calibration_summary.message);
+  }
+  known.Save(options.out / "calibration.dfr");
+
+  // The first trial's model stays, for videos and for those who want to run it.
+  const std::filesystem::path model_folder = options.out / "model";
+  const auto make = [&](const experiment::EvaluationUnit& unit) {
+    const auto trial = static_cast<std::uint64_t>(unit.trial);
+    const imitation::DemonstrationSet set =
+        Demonstrate(options.plant, known, unit.demonstrations, kDemonstratedSteps,
+                    core::DeriveSeed(options.seed, {kDemonstrationStream, trial}));
+    LineModelOptions model = options.model;
+    model.seed = core::DeriveSeed(options.seed, {kLearnerStream, trial});
+    LineModel fitted = LineModel::Fit(set, model);
+    if (unit.trial == 0 && unit.learner == plan.learners.front()) fitted.Save(model_folder);
+    return std::make_unique<LineTrialRunner>(std::move(fitted), plan.methods,
+                                             InWorld(options.plant, unit.learner), known);
+  };
+  const std::map<std::string, std::string> settings = Settings(options);
+  const auto [results, summary] =
+      experiment::RunExperiment("line_tracking", plan, make, settings, options);
+
+  experiment::ReportOptions report = MakeReport(options, plan, settings);
+  report.settings.emplace_back("calibration, tips RMS [px]", Text(calibration_summary.tip_rms_px));
 
   // Study and videos come from the first trial, run again.
-  const bool resumed = std::all_of(curves.begin(), curves.end(),
-                                   [](const RecoveryCurves& c) { return c.curves().empty(); });
   if (!std::filesystem::exists(model_folder / "policy.dfr")) {
     static_cast<void>(make(results.front().unit));
   }
-  LineTrialRunner again(LineModel::Load(model_folder), plan.methods, options.plant, known);
+  LineTrialRunner again(LineModel::Load(model_folder), plan.methods,
+                        InWorld(options.plant, plan.learners.front()), known);
   const experiment::UnitResult& first = results.front();
   const std::array<std::string, 2> dfr = {"dfr", "dfr-fine"};
   LineTrialRunner studied_site(LineModel::Load(model_folder), {dfr.begin(), dfr.end()},
@@ -303,42 +308,13 @@ void RunExperiment(const ExperimentOptions& options) {
   const experiment::ReportTable probes =
       ProbeTable(StudyProbes(studied_site, dfr, plan, first.starts));
   report.tables.push_back(probes);
-  experiment::ReportPlot plot{.title = "g over the gate's threshold",
-                              .x_label = "iteration of the recovery",
-                              .y_min = 0.0,
-                              .y_max = 1.0};
-  for (std::size_t m = 0; m < plan.methods.size(); ++m) {
-    if (safety::ParseMethod(plan.methods[m]).recovery != control::Recovery::kDfr) continue;
-    // Nothing was collected if an earlier run had finished the first trial.
-    for (std::size_t i = 0; resumed && i < first.starts.size() && !curves[m].complete(); ++i) {
-      again.Watch(static_cast<int>(m), first.starts[i],
-                  experiment::ControllerSeed(plan, 0, static_cast<int>(i)), &curves[m]);
-    }
-    if (curves[m].curves().empty()) continue;
-    experiment::ReportSeries series = Average(curves[m].curves());
-    series.name = plan.methods[m] + ", " + series.name;
-    series.style = static_cast<int>(m);
-    plot.series.push_back(std::move(series));
-  }
-  if (!plot.series.empty()) {
-    report.figures.push_back({"Recoveries", "Mean and standard error; 1 ends a recovery.", {plot}});
-  }
-  if (options.video) {
-    const auto last = plan.methods.size() - 1;
-    for (const auto& [name, start] : PickEpisodes(first, last)) {
-      const std::filesystem::path path = options.out / (name + ".mp4");
-      const control::RolloutResult result = RecordEpisode(
-          again, static_cast<int>(last), plan.methods[last] + ", " + name, first.starts[start],
-          experiment::ControllerSeed(plan, 0, static_cast<int>(start)), path);
-      report.media.push_back(
-          {path, plan.methods[last] + ", " + name +
-                     " episode of the first trial: " + core::Name(result.outcome)});
-    }
-  }
+  experiment::ReportFigure recoveries = RecoveryFigure(again, plan, first.starts);
+  if (!recoveries.plots.front().series.empty()) report.figures.push_back(std::move(recoveries));
+  if (options.video) report.media = RecordEpisodes(again, plan, first, options.out);
   experiment::SaveReport(summary, report, options.out / "report.html");
   experiment::PrintTable(summary, std::cout);
   std::cout << '\n';
-  Print(probes, std::cout);
+  experiment::PrintTable(probes, std::cout);
   std::cout << '\n'
             << (options.out / "report.html").string() << " and summary.json written; of the "
             << "first trial also model and calibration.dfr, for run, render and view\n";

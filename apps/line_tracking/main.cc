@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "apps/experiment_command.h"
 #include "commands.h"
 #include "dfr/core/build_info.h"
 #include "dfr/safety/method.h"
@@ -105,27 +106,15 @@ void AddModelOptions(CLI::App& command, LineModelOptions& model) {
 void AddExperiment(CLI::App& app, ExperimentOptions& options) {
   options.plant.disturbance.wave = sim::Wave::kRandom;
   CLI::App& command = *app.add_subcommand("experiment", "the paper's comparison of all methods");
+  AddExperimentOptions(command, options, "quick: 2 trials of 15 episodes; paper: 5 trials of 50",
+                       "the first is the reference; of " + MethodHelp(kOtherLineMethods));
   command
-      .add_option("--preset", options.preset,
-                  "quick: 2 trials of 15 episodes; paper: 5 trials of 50")
-      ->check(CLI::IsMember({"quick", "paper"}))
+      .add_option("--worlds", options.worlds,
+                  "rows of their own: a latency in real time, as in 30ms, where the platform never "
+                  "stops and may carry the line away until 5 s after a halt; frozen, where it "
+                  "stops while the robot looks, computes or has halted")
+      ->delimiter(',')
       ->capture_default_str();
-  command.add_option("--out", options.out, "folder of summary.json and report.html")
-      ->capture_default_str();
-  command.add_option("--seed", options.seed, "of all that is random")->capture_default_str();
-  command.add_option("--threads", options.threads, "0: one per core; the results are the same")
-      ->capture_default_str();
-  command.add_flag("--restart", options.restart,
-                   "forget what an interrupted run left in --out instead of going on with it");
-  command.add_flag("!--no-video", options.video, "leave the videos out");
-  command
-      .add_option("--methods", options.methods,
-                  "of " + safety::MethodNames() +
-                      ";\nthe first is the reference (default: all but dfr-fine and "
-                      "guided-without-<part>)")
-      ->delimiter(',');
-  command.add_option("--trials", options.trials, "independent repetitions of everything");
-  command.add_option("--episodes", options.episodes, "start states per trial");
   AddModelOptions(command, options.model);
   AddPlant(command, options.plant, true);
   command.callback([&options] { RunExperiment(options); });
@@ -179,7 +168,8 @@ void AddRun(CLI::App& app, RunOptions& options) {
                      "settings can be overruled here. Without: the simulation in this process.\n"
                      "`line_tracking --config FILE` is short for this");
   command.add_option("--model", options.model, "folder of fit (default: model)");
-  command.add_option("--method", options.method, safety::MethodNames() + " (default: guided)");
+  command.add_option("--method", options.method,
+                     MethodHelp(kOtherLineMethods) + " (default: guided)");
   command.add_option("--recordings", options.recordings,
                      "folder of the logs that runs leave (default: recordings); none: no log");
   command.add_option("--episodes", options.episodes, "start states")->capture_default_str();
@@ -213,7 +203,8 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   options.scene.plant.disturbance.wave = sim::Wave::kRandom;
   CLI::App& command = *app.add_subcommand("render", "a video of one episode, without a display");
   command.add_option("--model", options.model, "folder of fit")->capture_default_str();
-  command.add_option("--method", options.method, safety::MethodNames())->capture_default_str();
+  command.add_option("--method", options.method, MethodHelp(kOtherLineMethods))
+      ->capture_default_str();
   command.add_option("--seed", options.seed, "of the episode")->capture_default_str();
   command.add_option("--out", options.out, "a video: .mp4 or .webm")->capture_default_str();
   AddScene(command, options.scene, true);

@@ -1,6 +1,9 @@
 #include "model.h"
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
+#include <span>
 #include <string_view>
 #include <utility>
 
@@ -13,6 +16,23 @@ namespace {
 // What guided recovery's support looks at: the progress, and what the task is about. The tip's y is
 // left out as in Algorithm 1's: the platform carries the line away.
 constexpr std::string_view kGuidedFeatures = "tip[0:1],distance";
+
+// kOtherLineMethods' "proportional".
+class ProportionalPolicy final : public core::Policy {
+ public:
+  [[nodiscard]] int state_dim() const noexcept override { return 4; }
+  [[nodiscard]] int control_dim() const noexcept override { return 2; }
+  void Control(int /*t*/, std::span<const double> x, std::span<double> u) const noexcept override {
+    constexpr double kForward = 1.0;  // mm a control
+    constexpr double kGain = 0.8;
+    constexpr double kUnit = 2.0;        // mm of a control of 1
+    constexpr double kPerRadian = 10.0;  // mm, of the state's heading
+    const double angle = x[3] / kPerRadian;
+    const double aside = -kGain * x[2];
+    u[0] = std::clamp((kForward * std::cos(angle) - aside * std::sin(angle)) / kUnit, -1.0, 1.0);
+    u[1] = std::clamp((kForward * std::sin(angle) + aside * std::cos(angle)) / kUnit, -1.0, 1.0);
+  }
+};
 
 safety::TaskOptions GuidedOptions(double gamma) {
   safety::TaskOptions options;
@@ -36,12 +56,6 @@ safety::ControllerOptions Controllers() {
   options.guided.probe_size = 1.0;
   return options;
 }
-
-LineModel::LineModel(imitation::MlpPolicy policy, safety::TaskModel task,
-                     imitation::DemonstrationSet set)
-    : policy_(std::make_unique<imitation::MlpPolicy>(std::move(policy))),
-      task_(std::move(task)),
-      set_(std::move(set)) {}
 
 LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModelOptions& options,
                          kernel::Selection* selection) {
@@ -80,28 +94,22 @@ LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModel
   task.published_features = options.support_features;
   task.published = support_options;
   task.horizon = options.horizon;
-  return {std::move(policy), safety::TaskModel(set.layout, set.trajectories, task), set};
-}
-
-void LineModel::Save(const std::filesystem::path& folder) const {
-  task_.Save(folder);
-  policy_->Save(folder / "policy.dfr");
-  imitation::SaveRobomimic(set_, folder / "demonstrations.hdf5");
+  return {
+      LearnedModel(std::move(policy), safety::TaskModel(set.layout, set.trajectories, task), set)};
 }
 
 LineModel LineModel::Load(const std::filesystem::path& folder) {
-  imitation::MlpPolicy policy = imitation::MlpPolicy::Load(folder / "policy.dfr");
-  imitation::DemonstrationSet set = imitation::LoadRobomimic(folder / "demonstrations.hdf5");
-  safety::TaskModel task =
-      safety::TaskModel::IsSavedIn(folder)
-          ? safety::TaskModel::Load(folder, policy.layout())
-          : safety::TaskModel::LoadSwitching(folder, "line-tracking-switching", policy.layout(),
-                                             set.trajectories, GuidedOptions(0.0));
-  return {std::move(policy), std::move(task), std::move(set)};
+  return {LearnedModel::Load(folder, "line-tracking-switching", GuidedOptions(0.0))};
 }
 
-std::unique_ptr<control::Controller> LineModel::MakeController(const std::string& method) const {
-  return task_.MakeController(safety::ParseMethod(method), *policy_, Controllers());
+std::unique_ptr<control::Controller> LineModel::MakeController(
+    const std::string& method, const core::SimulatedPlant* plant) const {
+  const safety::Method parsed = ParseMethod(method, kOtherLineMethods);
+  if (parsed.name == "proportional") {
+    static const ProportionalPolicy policy;
+    return task().MakeController({.name = "baseline"}, policy, Controllers());
+  }
+  return controllers().Make(method, plant, Controllers());
 }
 
 }  // namespace dfr::apps::line_tracking

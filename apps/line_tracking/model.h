@@ -1,16 +1,17 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
+#include "apps/learned_model.h"
 #include "dfr/control/controller.h"
-#include "dfr/imitation/demonstrations.h"
-#include "dfr/imitation/mlp_policy.h"
 #include "dfr/kernel/model_selection.h"
-#include "dfr/safety/task_model.h"
 
 namespace dfr::apps::line_tracking {
 
@@ -38,34 +39,29 @@ struct LineModelOptions {
 /// platform does for the answer to controls.
 [[nodiscard]] safety::ControllerOptions Controllers();
 
-/// What is learned from one set of demonstrations: the policy, and the task's model.
-class LineModel {
+/// apps::kOtherMethods, and "proportional": a scripted policy that goes on along the line by 1 mm a
+/// control and corrects 0.8 of the distance that was seen, without learning or support.
+inline constexpr std::array<std::string_view, 4> kOtherLineMethods = {"finite-difference", "lwr",
+                                                                      "knn", "proportional"};
+
+/// LearnedModel of line tracking.
+class LineModel : public LearnedModel {
  public:
   /// @throws std::invalid_argument if there are fewer than 8 demonstrations, or they do not fit.
   static LineModel Fit(const imitation::DemonstrationSet& set, const LineModelOptions& options,
                        kernel::Selection* selection = nullptr);
 
-  /// Writes policy.dfr, demonstrations.hdf5 and the task's files into `folder`, which is made if
-  /// need be.
-  void Save(const std::filesystem::path& folder) const;
   static LineModel Load(const std::filesystem::path& folder);
 
-  [[nodiscard]] const imitation::MlpPolicy& policy() const noexcept { return *policy_; }
-  [[nodiscard]] const safety::TaskModel& task() const noexcept { return task_; }
-  [[nodiscard]] const imitation::DemonstrationSet& demonstrations() const noexcept { return set_; }
-
-  /// Borrows this model. `method` is one of safety::ParseMethod()'s.
+  /// Borrows this model; `method` is one that apps::ParseMethod() takes, with
+  /// kOtherLineMethods; `plant`, the plant that is driven, is for "finite-difference" only.
   /// @throws std::invalid_argument naming what is unknown and what there is.
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(
-      const std::string& method) const;
+      const std::string& method, const core::SimulatedPlant* plant = nullptr) const;
 
  private:
-  LineModel(imitation::MlpPolicy policy, safety::TaskModel task, imitation::DemonstrationSet set);
-
-  // On the heap, so that what borrows it stays valid when a model moves.
-  std::unique_ptr<const imitation::MlpPolicy> policy_;
-  safety::TaskModel task_;
-  imitation::DemonstrationSet set_;
+  // NOLINTNEXTLINE(google-explicit-constructor): made here only
+  LineModel(LearnedModel learned) : LearnedModel(std::move(learned)) {}
 };
 
 }  // namespace dfr::apps::line_tracking

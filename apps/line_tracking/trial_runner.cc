@@ -1,8 +1,10 @@
 #include "trial_runner.h"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <stdexcept>
+#include <string_view>
 #include <utility>
 
 #include "dfr/core/contract.h"
@@ -67,50 +69,43 @@ line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& option
       summary);
 }
 
+sim::LineTrackingOptions InWorld(sim::LineTrackingOptions plant, const std::string& world) {
+  if (world == "frozen") return plant;
+  double latency_ms = 0.0;
+  const auto [stop, error] = std::from_chars(world.data(), world.data() + world.size(), latency_ms);
+  DFR_THROW_UNLESS(error == std::errc() && std::string_view(stop) == "ms" && latency_ms >= 0.0,
+                   "there is no world '" << world << "'; there are frozen, and a latency in real "
+                                         << "time as in 30ms");
+  plant.disturbance.real_time = true;
+  plant.disturbance.latency_s = 1e-3 * latency_ms;
+  return plant;
+}
+
 LineTrialRunner::LineTrialRunner(LineModel model, const std::vector<std::string>& methods,
                                  const sim::LineTrackingOptions& plant,
                                  const line_task::LineCalibration& known)
-    : plant_(std::make_unique<sim::LineTrackingPlant>(plant, &known)), model_(std::move(model)) {
-  for (const std::string& method : methods) {
-    controllers_.push_back(model_.MakeController(method));
-  }
+    : RolloutRunner(std::make_unique<sim::LineTrackingPlant>(plant, &known)),
+      model_(std::move(model)) {
+  for (const std::string& method : methods) Add(model_.MakeController(method, &driven()));
 }
 
-bool LineTrialRunner::Accepts(std::uint64_t start_seed) {
-  plant_->Reset(start_seed);
-  std::array<double, 4> start;
-  plant_->Observe(start);
-  return model_.task().support().Decision(0, start) >= 0.0;
+bool LineTrialRunner::Inside(std::span<const double> x) const {
+  return model_.task().support().Decision(0, x) >= 0.0;
 }
 
-control::RolloutResult LineTrialRunner::Watch(int method, std::uint64_t start_seed,
-                                              std::uint64_t controller_seed,
-                                              control::RolloutObserver* observer,
-                                              int max_controls) {
-  return control::Rollout(
-      *plant_, *controllers_.at(static_cast<std::size_t>(method)),
-      {.plant_seed = start_seed, .controller_seed = controller_seed, .max_controls = max_controls},
-      observer, &workspace_);
+bool LineTrialRunner::CollidesAfterHalt() {
+  if (!plant().options().disturbance.real_time) return false;
+  static_cast<sim::LineTrackingPlant&>(world()).Hold(kAftermath);
+  return world().collided();
 }
 
-experiment::EpisodeResult LineTrialRunner::Run(int method, std::uint64_t start_seed,
-                                               std::uint64_t controller_seed) {
-  const control::RolloutResult result =
-      Watch(method, start_seed, controller_seed,
-            curves_ == nullptr ? nullptr : &curves_->at(static_cast<std::size_t>(method)));
-  experiment::EpisodeResult episode;
-  episode.outcome = result.outcome;
-  if (result.outcome == core::Outcome::kHalted) episode.cause = control::Name(result.halt_cause);
+std::string LineTrialRunner::CauseOf(const control::RolloutResult& result) const {
   // The state is invalid where the picture does not show it: better to say what is missing.
   if (result.halt_cause == control::HaltCause::kStateInvalid &&
-      plant_->options().observation == sim::Observation::kVision) {
-    episode.cause = std::string("not-seen-") + vision::Name(plant_->last_observation().missing);
+      plant().options().observation == sim::Observation::kVision) {
+    return std::string("not-seen-") + vision::Name(plant().last_observation().missing);
   }
-  if (result.outcome == core::Outcome::kCollided) episode.cause = control::Name(result.last_mode);
-  episode.controls = result.controls();
-  episode.recovery_controls = result.recovery_controls();
-  episode.seconds = result.seconds();
-  return episode;
+  return RolloutRunner::CauseOf(result);
 }
 
 std::map<std::string, double> LineTrialRunner::Measures() {

@@ -8,9 +8,8 @@
 
 #include "dfr/calibration/calibrate.h"
 #include "dfr/control/rollout.h"
-#include "dfr/control/switching_policy.h"
-#include "dfr/experiment/paired_evaluation.h"
 #include "dfr/experiment/progress.h"
+#include "dfr/experiment/rollout_runner.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 #include "model.h"
 
@@ -48,32 +47,35 @@ class RecoveryCurves final : public control::RolloutObserver {
   std::vector<std::vector<double>> curves_;
 };
 
+/// The world of a row: "frozen", where the platform stops while the robot looks, computes or has
+/// halted, as `plant` has it otherwise; or a latency in real time, "30ms".
+/// @throws std::invalid_argument naming what there is.
+[[nodiscard]] sim::LineTrackingOptions InWorld(sim::LineTrackingOptions plant,
+                                               const std::string& world);
+
+/// Seconds after a halt until which the platform may carry the line away from the tip.
+inline constexpr double kAftermath = 5.0;
+
 /// One unit of the experiment: a model, and a plant to run it on.
-class LineTrialRunner final : public experiment::TrialRunner {
+class LineTrialRunner final : public experiment::RolloutRunner {
  public:
   LineTrialRunner(LineModel model, const std::vector<std::string>& methods,
                   const sim::LineTrackingOptions& plant, const line_task::LineCalibration& known);
 
-  [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
-  [[nodiscard]] experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
-                                              std::uint64_t controller_seed) override;
   [[nodiscard]] std::map<std::string, double> Measures() override;
 
-  /// From now on Run() shows its episodes to these, too: one per method, borrowed.
-  void Collect(std::vector<RecoveryCurves>& curves) noexcept { curves_ = &curves; }
-
-  /// Run() with an observer, who may look at plant(); ends after `max_controls`.
-  control::RolloutResult Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
-                               control::RolloutObserver* observer, int max_controls = 1'000'000);
-  [[nodiscard]] const sim::LineTrackingPlant& plant() const noexcept { return *plant_; }
+  [[nodiscard]] const sim::LineTrackingPlant& plant() const noexcept {
+    return static_cast<const sim::LineTrackingPlant&>(undisturbed());
+  }
   [[nodiscard]] const LineModel& model() const noexcept { return model_; }
 
  private:
-  std::unique_ptr<sim::LineTrackingPlant> plant_;
+  [[nodiscard]] bool Inside(std::span<const double> x) const override;
+  [[nodiscard]] std::string CauseOf(const control::RolloutResult& result) const override;
+  /// In real time the platform moves on for kAftermath.
+  [[nodiscard]] bool CollidesAfterHalt() override;
+
   LineModel model_;
-  std::vector<std::unique_ptr<control::Controller>> controllers_;
-  control::RolloutWorkspace workspace_;
-  std::vector<RecoveryCurves>* curves_ = nullptr;
 };
 
 }  // namespace dfr::apps::line_tracking

@@ -24,8 +24,15 @@ namespace dfr::apps::planar {
 namespace {
 
 std::vector<std::string> AllMethods() {
-  return {"baseline",         "early-stopping",     "dfr", "guided", "lwr", "certified-lipschitz",
-          "certified-radius", "certified-direction"};
+  return {"baseline",
+          "early-stopping",
+          "dfr",
+          "guided",
+          "lwr",
+          "knn",
+          "certified-lipschitz",
+          "certified-radius",
+          "certified-direction"};
 }
 
 void PrintHeading() {

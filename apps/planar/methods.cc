@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "dfr/control/finite_difference_recovery.h"
+#include "dfr/core/contract.h"
 
 namespace dfr::apps::planar {
 namespace {
@@ -27,6 +27,8 @@ core::FeatureTransform Isotropic(const Task& task,
   return {All(task), Eigen::VectorXd::Zero(n), scale * core::Matrix::Identity(n, n)};
 }
 
+}  // namespace
+
 safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options) {
   kernel::TimeVaryingSupportOptions raw;
   raw.svm.gamma = options.raw_gamma > 0.0 ? options.raw_gamma : task.raw_gamma;
@@ -42,8 +44,6 @@ safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options
   return result;
 }
 
-}  // namespace
-
 Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
                  const MethodOptions& options)
     : task_(task),
@@ -54,7 +54,7 @@ Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
       certified_(
           Isotropic(task, demonstrations_), demonstrations_,
           {.svm = {.gamma = options.certified_gamma, .tolerance = 1e-6}, .phase_whitening = false}),
-      lwr_(model_.guided().features(), demonstrations_),
+      controllers_(model_, policy_, task.plant->layout(), demonstrations_),
       gain_(control::EstimateGain(certified_.features(), demonstrations_)),
       direction_error_(control::EstimateDirectionError(certified_.features(), demonstrations_)) {}
 
@@ -82,17 +82,13 @@ control::Certificate Methods::certificate(control::CertificateKind kind) const n
 
 std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
                                                    const core::SimulatedPlant& plant) const {
-  const safety::Method parsed = safety::ParseMethod(method, kOtherMethods);
-  const safety::ControllerOptions options{.guided = options_.guided};
-  if (parsed.kind != safety::Method::Kind::kOther) {
-    return model_.MakeController(parsed, policy_, options);
+  // Unknown names are refused here, with all that there are.
+  static_cast<void>(ParseMethod(method, kPlanarMethods));
+  if (SupportOf(method) != SupportKind::kCertified || !Split(method).support.empty()) {
+    return controllers_.Make(method, &plant, {.guided = options_.guided});
   }
-  if (method == "lwr") return model_.MakeController({.name = "baseline"}, lwr_, options);
-  if (method == "finite-difference") {
-    return model_.MakeController(
-        std::make_unique<control::FiniteDifferenceRecovery>(plant, model_.support()), policy_,
-        options);
-  }
+  DFR_THROW_UNLESS(Split(method).policy.empty(),
+                   "method '" << method << "': certified modes run around the learned policy only");
   control::GuidedOptions guided = options_.guided;
   guided.horizon = task_.horizon;
   for (const auto kind : {control::CertificateKind::kLipschitz, control::CertificateKind::kRadius,

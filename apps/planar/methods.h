@@ -7,12 +7,12 @@
 #include <string_view>
 #include <vector>
 
+#include "apps/controller_factory.h"
 #include "apps/planar/polynomial_policy.h"
 #include "apps/planar/task.h"
 #include "dfr/control/assumptions.h"
 #include "dfr/control/controller.h"
 #include "dfr/control/guided_policy.h"
-#include "dfr/imitation/locally_weighted_policy.h"
 #include "dfr/kernel/time_varying_support.h"
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/task_model.h"
@@ -33,14 +33,20 @@ struct MethodOptions {
   double gain_factor = 1.0;       ///< Safety factor on an estimated K or eps.
 };
 
-/// The methods besides those of safety::ParseMethod(): the certified modes, the finite-difference
-/// oracle, and the demonstrations' own locally weighted regression, without any support.
-inline constexpr std::array<std::string_view, 5> kOtherMethods = {
-    "certified-lipschitz", "certified-radius", "certified-direction", "finite-difference", "lwr"};
+/// apps::kOtherMethods and the certified modes.
+inline constexpr std::array<std::string_view, 6> kPlanarMethods = {"certified-lipschitz",
+                                                                   "certified-radius",
+                                                                   "certified-direction",
+                                                                   "finite-difference",
+                                                                   "lwr",
+                                                                   "knn"};
 
 /// Which of the supports a method looks at.
 enum class SupportKind { kRaw, kGuided, kCertified };
 [[nodiscard]] SupportKind SupportOf(std::string_view method);
+
+/// How the model of a planar task is fitted.
+[[nodiscard]] safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options);
 
 /// Everything that is learned from one set of demonstrations, and the controllers made of it.
 class Methods {
@@ -51,7 +57,7 @@ class Methods {
   Methods(const Methods&) = delete;
   Methods& operator=(const Methods&) = delete;
 
-  /// One of safety::ParseMethod()'s, or of kOtherMethods. `plant` is borrowed, by the oracle only.
+  /// One of safety::ParseMethod()'s, or of kPlanarMethods. `plant` is borrowed, by the oracle only.
   /// @throws std::invalid_argument for another name.
   [[nodiscard]] std::unique_ptr<control::Controller> Make(std::string_view method,
                                                           const core::SimulatedPlant& plant) const;
@@ -83,7 +89,7 @@ class Methods {
   PolynomialPolicy policy_;
   safety::TaskModel model_;
   safety::GuidedRecovery certified_;
-  imitation::LocallyWeightedPolicy lwr_;
+  ControllerFactory controllers_;
   control::EstimatedConstant gain_;
   control::EstimatedConstant direction_error_;
 };

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "dfr/experiment/experiment.h"
 #include "dfr/sim/pusher/pusher_plant.h"
 #include "model.h"
 
@@ -51,21 +52,13 @@ struct GuardedOptions {
 };
 void RunGuarded(const GuardedOptions& options);
 
-struct ExperimentOptions {
-  std::string preset = "quick";
-  std::filesystem::path out = "out/pusher";
+struct ExperimentOptions : experiment::ExperimentOptions {
+  ExperimentOptions() { out = "out/pusher"; }
   std::filesystem::path supervisor;
-  std::uint64_t seed = 2018;
-  int threads = 0;
-  bool restart = false;
-  bool video = true;
   bool convergence = true;
-  // Empty, or 0: as the preset says.
-  std::vector<std::string> methods;
+  // Empty: as the preset says.
   std::vector<std::string> learners;
   std::vector<int> demonstrations;
-  int trials = 0;
-  int episodes = 0;
   ModelOptions model;
   sim::PusherOptions plant;
 };

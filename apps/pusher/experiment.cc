@@ -3,17 +3,13 @@
 #include <filesystem>
 #include <iostream>
 #include <numeric>
-#include <stdexcept>
 #include <string>
 
 #include "commands.h"
 #include "convergence.h"
-#include "dfr/core/build_info.h"
+#include "dfr/core/format.h"
 #include "dfr/core/random.h"
-#include "dfr/experiment/paired_evaluation.h"
 #include "dfr/experiment/report.h"
-#include "dfr/experiment/summary.h"
-#include "rollout_video.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::pusher {
@@ -25,9 +21,8 @@ constexpr std::uint64_t kConvergenceStream = 5;  // of the experiment's seed; se
 
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   experiment::EvaluationPlan plan;
-  plan.methods = {"baseline", "early-stopping", "dfr", "guided"};
-  plan.learners = {"8", "64-64"};
-  plan.seed = options.seed;
+  plan.methods = {"baseline", "early-stopping", "dfr", "guided", "lwr", "knn"};
+  plan.learners = {"8", "8x100", "64-64"};
   plan.episodes = 60;
   if (options.preset == "paper") {
     plan.trials = 10;
@@ -36,25 +31,14 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
     plan.trials = 2;
     plan.demonstrations = {20, 60, 120};
   }
-  if (!options.methods.empty()) plan.methods = options.methods;
   if (!options.learners.empty()) plan.learners = options.learners;
   if (!options.demonstrations.empty()) plan.demonstrations = options.demonstrations;
-  if (options.trials > 0) plan.trials = options.trials;
-  if (options.episodes > 0) plan.episodes = options.episodes;
-  return plan;
+  return experiment::ApplyTo(std::move(plan), options);
 }
 
-std::string Text(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%g", value);
-  return text;
-}
+std::string Text(double value) { return core::Format("%g", value); }
 
-std::string Percent(double share) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.1f %%", 100.0 * share);
-  return text;
-}
+std::string Percent(double share) { return core::Format("%.1f %%", 100.0 * share); }
 
 // All that decides the results besides the plan; a ledger with others is refused.
 std::map<std::string, std::string> Settings(const ExperimentOptions& options,
@@ -71,12 +55,13 @@ std::map<std::string, std::string> Settings(const ExperimentOptions& options,
           {"guided_gamma", Text(model.guided_gamma)},
           {"horizon", std::to_string(model.horizon)},
           {"support_features", model.support_features},
-          {"epochs", std::to_string(model.learner.epochs)},
+          {"epochs", std::to_string(model.epochs)},
           {"learning_rate", Text(model.learner.learning_rate)}};
 }
 
 // The start state that shows most: at the last data point of the first learner, one where the
-// reference collides and the last method completes; failing that, one where the reference collides.
+// reference collides and guided recovery, or the last method, completes; failing that, one where
+// the reference collides.
 struct Scene {
   experiment::EvaluationUnit unit;
   std::uint64_t start_seed = 0;
@@ -87,12 +72,15 @@ Scene ChooseScene(const experiment::EvaluationPlan& plan,
                   const std::vector<experiment::UnitResult>& results) {
   Scene chosen;
   int best = -1;
+  const auto guided =
+      static_cast<std::size_t>(std::ranges::find(plan.methods, "guided") - plan.methods.begin());
+  const std::size_t shown = std::min(guided, plan.methods.size() - 1);
   for (const experiment::UnitResult& result : results) {
     if (result.unit.learner != plan.learners.front()) continue;
     for (std::size_t i = 0; i < result.starts.size(); ++i) {
       const bool collided = result.episodes.front()[i].outcome == core::Outcome::kCollided;
-      const bool completed = result.episodes.back()[i].outcome == core::Outcome::kCompleted;
-      const bool recovered = result.episodes.back()[i].recovery_controls > 0;
+      const bool completed = result.episodes[shown][i].outcome == core::Outcome::kCompleted;
+      const bool recovered = result.episodes[shown][i].recovery_controls > 0;
       const int merit = 4 * collided + 2 * completed + recovered;
       if (merit < best ||
           (merit == best && result.unit.demonstrations <= chosen.unit.demonstrations)) {
@@ -310,28 +298,11 @@ void RunExperiment(const ExperimentOptions& options) {
   TrialRunnerFactory factory(imitation::GaussianPolicy::Load(supervisor_file), site_options,
                              plan.trials);
 
-  std::error_code error;
-  std::filesystem::create_directories(options.out, error);
-  if (error) {
-    throw std::runtime_error(options.out.string() +
-                             ": the folder cannot be made: " + error.message());
-  }
-  experiment::ProgressBar bar("experiment");
-  experiment::EvaluationOptions evaluation;
-  evaluation.threads = options.threads;
-  evaluation.ledger = options.out / "ledger.jsonl";
-  evaluation.settings = Settings(options, supervisor_file);
-  evaluation.progress = [&](const experiment::Progress& p) { bar.Show(p); };
-  if (options.restart) std::filesystem::remove(evaluation.ledger);
-  const std::vector<experiment::UnitResult> results = experiment::Evaluate(
-      plan, [&](const experiment::EvaluationUnit& unit) { return factory.Make(unit); }, evaluation);
-
-  const experiment::Summary summary = experiment::Summarize(plan, results,
-                                                            {.experiment = "pusher",
-                                                             .preset = options.preset,
-                                                             .commit = core::BuildCommit(),
-                                                             .bootstrap = {.seed = plan.seed}});
-  experiment::SaveSummary(summary, options.out / "summary.json");
+  experiment::PrepareFolder(options);
+  const std::map<std::string, std::string> settings = Settings(options, supervisor_file);
+  const auto [results, summary] = experiment::RunExperiment(
+      "pusher", plan, [&](const experiment::EvaluationUnit& unit) { return factory.Make(unit); },
+      settings, options, {.seed = plan.seed});
   experiment::PrintTable(summary, std::cout);
   std::printf("overlap P(red | g >= 0): %s on average over the data points\n",
               Percent(MeanMeasure(summary, "overlap")).c_str());
@@ -344,7 +315,7 @@ void RunExperiment(const ExperimentOptions& options) {
     }
   }
 
-  experiment::ReportOptions report = MakeReport(options, plan, summary, evaluation.settings);
+  experiment::ReportOptions report = MakeReport(options, plan, summary, settings);
   if (options.convergence) {
     const std::unique_ptr<PusherTrialRunner> last_site =
         factory.Make({.trial = 0,
@@ -367,7 +338,7 @@ void RunExperiment(const ExperimentOptions& options) {
         std::to_string(scene.unit.demonstrations) + " demonstrations, trial " +
         std::to_string(scene.unit.trial) +
         ". Below, the decision function and the gate's threshold. Chosen because the reference "
-        "collides and the last method completes, where there is such a one.";
+        "collides and guided recovery completes, where there is such a one.";
     report.media.push_back({options.out / "rollouts.mp4", caption});
   }
   experiment::SaveReport(summary, report, options.out / "report.html");

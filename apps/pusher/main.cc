@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "apps/experiment_command.h"
 #include "commands.h"
 #include "dfr/core/build_info.h"
 #include "dfr/safety/method.h"
@@ -44,8 +45,168 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
       .add_option("--guided-gamma", model.guided_gamma,
                   "the same of guided recovery's support, whose features are whitened")
       ->capture_default_str();
-  command.add_option("--epochs", model.learner.epochs, "passes of Adam over the demonstrations")
+  command.add_option("--epochs", model.epochs, "passes of Adam over the demonstrations")
       ->capture_default_str();
+}
+
+void AddExperiment(CLI::App& app, ExperimentOptions& options) {
+  CLI::App* command = app.add_subcommand(
+      "experiment", "the paper's comparison: all methods over the number of demonstrations");
+  AddExperimentOptions(
+      *command, options,
+      "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials, 6, 12, ..., 120; authors: as "
+      "quick, with the constants of the authors' scripts where those are others, Adam's rate .01, "
+      "T = 100, gamma 1, nu .1",
+      "the first is the reference; of " + MethodHelp(), {"quick", "paper", "authors"});
+  command->add_option("--supervisor", options.supervisor,
+                      "file of train-supervisor (default: the shipped one)");
+  command->add_flag("!--no-convergence", options.convergence,
+                    "leave out how fast recoveries climb, which takes seconds");
+  command
+      ->add_option("--learners", options.learners,
+                   "hidden units of the learned policies, with x the epochs, as in 8,64-64,8x100")
+      ->delimiter(',');
+  command->add_option("--demonstrations", options.demonstrations, "the data points, ascending")
+      ->delimiter(',');
+  AddModelOptions(*command, options.model);
+  AddScene(*command, options.plant);
+  command->add_option("--learning-rate", options.model.learner.learning_rate, "of Adam")
+      ->capture_default_str();
+  command->callback([&options, command] {
+    if (options.preset == "authors") {
+      // What the user has chosen stays.
+      const auto take = [command](const char* option, auto& value, auto authors) {
+        if (command->count(option) == 0) value = authors;
+      };
+      take("--learning-rate", options.model.learner.learning_rate, 0.01);
+      take("--horizon", options.model.horizon, 100);
+      take("--gamma", options.model.gamma, 1.0);
+      take("--nu", options.model.nu, 0.1);
+    }
+    RunExperiment(options);
+  });
+}
+
+void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
+  CLI::App* command =
+      app.add_subcommand("demonstrate", "write demonstrations of the supervisor as robomimic HDF5");
+  command->add_option("--out", options.out, "the file")->capture_default_str();
+  command->add_option("--count", options.count, "demonstrations, those discarded not counted")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--supervisor", options.supervisor,
+                      "file of train-supervisor (default: the shipped one)");
+  command->add_option("--horizon", options.horizon, "T: most controls of a demonstration")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--seed", options.seed, "of start states and noise")->capture_default_str();
+  AddScene(*command, options.plant);
+  command->callback([&options] { RunDemonstrate(options); });
+}
+
+void AddFit(CLI::App& app, FitOptions& options) {
+  CLI::App* command =
+      app.add_subcommand("fit", "learn policy, support and lambda from demonstrations");
+  command->add_option("--demonstrations", options.demonstrations, "robomimic HDF5 file")
+      ->capture_default_str();
+  command->add_option("--use", options.use, "only the first so many demonstrations; 0: all")
+      ->capture_default_str();
+  command->add_option("--out", options.out, "folder of the model's files")->capture_default_str();
+  command->add_option("--learner", options.learner, "hidden units of the policy, as in 8 or 64-64")
+      ->capture_default_str();
+  command->add_option("--seed", options.model.seed, "of the network's initial weights and batches")
+      ->capture_default_str();
+  AddModelOptions(*command, options.model);
+  command->callback([&options] { RunFit(options); });
+}
+
+void AddEvaluate(CLI::App& app, EvaluateOptions& options) {
+  CLI::App* command =
+      app.add_subcommand("evaluate", "run a model from fresh start states, by each method");
+  command->add_option("--model", options.model, "folder of fit")->capture_default_str();
+  command->add_option("--methods", options.methods, "those of experiment")
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--episodes", options.episodes, "start states")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--seed", options.seed, "of start states and recoveries")
+      ->capture_default_str();
+  command->add_option("--threads", options.threads, "0: one per core")->capture_default_str();
+  AddScene(*command, options.plant);
+  command->callback([&options] { RunEvaluate(options); });
+}
+
+void AddGuarded(CLI::App& app, GuardedOptions& options) {
+  CLI::App* command = app.add_subcommand(
+      "guarded", "a linear policy of your own inside a guard's file: an episode a line");
+  command->add_option("--guard", options.guard, "file of the program guard, from demonstrations")
+      ->capture_default_str();
+  command
+      ->add_option("--policy", options.policy,
+                   "text: for each of the 7 controls an offset, and a gain per state entry")
+      ->capture_default_str();
+  command->add_option("--episodes", options.episodes, "start states")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--seed", options.seed, "of the first, counting up")->capture_default_str();
+  AddScene(*command, options.plant);
+  command->callback([&options] { RunGuarded(options); });
+}
+
+void AddDrift(CLI::App& app, DriftOptions& options) {
+  CLI::App* command = app.add_subcommand(
+      "drift",
+      "how methods degrade: noise, turned and scaled controls, other grippers, little data");
+  command->add_option("--learner", options.learner, "hidden units of the policy, as in 8 or 64-64")
+      ->capture_default_str();
+  command->add_option("--methods", options.methods, "those of experiment")
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--demonstrations", options.demonstrations, "in each trial")
+      ->check(CLI::Range(2, 10'000))
+      ->capture_default_str();
+  command->add_option("--trials", options.trials, "independent repetitions of everything")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--episodes", options.episodes, "start states per trial")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--supervisor", options.supervisor,
+                      "file of train-supervisor (default: the shipped one)");
+  command->add_option("--seed", options.seed, "of all that is random")->capture_default_str();
+  command->add_option("--threads", options.threads, "0: one per core")->capture_default_str();
+  command->callback([&options] { RunDrift(options); });
+}
+
+void AddRender(CLI::App& app, RenderOptions& options) {
+  CLI::App* command =
+      app.add_subcommand("render", "a video of rollouts from one start state, without a display");
+  command->add_option("--model", options.model, "folder of fit")->capture_default_str();
+  command->add_option("--methods", options.methods, "side by side, as in baseline,dfr")
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--seed", options.seed, "of the start state")->capture_default_str();
+  command
+      ->add_option("--out", options.out, "a video (.mp4, .webm) or the last picture (.png, .jpg)")
+      ->capture_default_str();
+  command->add_option("--width", options.width, "of each picture")
+      ->check(CLI::Range(160, 1920))
+      ->capture_default_str();
+  command->add_option("--height", options.height, "of each picture")
+      ->check(CLI::Range(120, 1080))
+      ->capture_default_str();
+  AddScene(*command, options.plant);
+  command->callback([&options] { RunRender(options); });
+}
+
+void AddView(CLI::App& app, ViewOptions& options) {
+  CLI::App* command = app.add_subcommand("view", "watch rollouts in a window; needs a display");
+  command->add_option("--model", options.model, "folder of fit")->capture_default_str();
+  command->add_option("--method", options.method, "who is in control")->capture_default_str();
+  command->add_option("--seed", options.seed, "of the first start state")->capture_default_str();
+  AddScene(*command, options.plant);
+  command->callback([&options] { RunView(options); });
 }
 
 int Main(int argc, char** argv) {
@@ -61,158 +222,23 @@ int Main(int argc, char** argv) {
   app.failure_message(CLI::FailureMessage::simple);
 
   ExperimentOptions experiment;
-  CLI::App* command = app.add_subcommand(
-      "experiment", "the paper's comparison: all methods over the number of demonstrations");
-  command
-      ->add_option("--preset", experiment.preset,
-                   "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials, 6, 12, ..., 120")
-      ->check(CLI::IsMember({"quick", "paper"}))
-      ->capture_default_str();
-  command->add_option("--out", experiment.out, "folder of summary.json and report.html")
-      ->capture_default_str();
-  command->add_option("--supervisor", experiment.supervisor,
-                      "file of train-supervisor (default: the shipped one)");
-  command->add_option("--seed", experiment.seed, "of all that is random")->capture_default_str();
-  command->add_option("--threads", experiment.threads, "0: one per core; the results are the same")
-      ->capture_default_str();
-  command->add_flag("--restart", experiment.restart,
-                    "forget what an interrupted run left in --out instead of going on with it");
-  command->add_flag("!--no-video", experiment.video, "leave the video out");
-  command->add_flag("!--no-convergence", experiment.convergence,
-                    "leave out how fast recoveries climb, which takes seconds");
-  command
-      ->add_option("--methods", experiment.methods,
-                   "of " + safety::MethodNames(kOtherMethods) +
-                       "; the first is the reference. lwr is the demonstrations' own regression, "
-                       "finite-difference a slow oracle")
-      ->delimiter(',');
-  command
-      ->add_option("--learners", experiment.learners,
-                   "hidden units of the learned policies, as in 8,64-64")
-      ->delimiter(',');
-  command->add_option("--demonstrations", experiment.demonstrations, "the data points, ascending")
-      ->delimiter(',');
-  command->add_option("--trials", experiment.trials, "independent repetitions of everything");
-  command->add_option("--episodes", experiment.episodes, "start states per trial and data point");
-  AddModelOptions(*command, experiment.model);
-  AddScene(*command, experiment.plant);
-  command->callback([&] { RunExperiment(experiment); });
-
   TrainSupervisorOptions train;
-  AddTrainSupervisor(app, train);
-
   DemonstrateOptions demonstrate;
-  command =
-      app.add_subcommand("demonstrate", "write demonstrations of the supervisor as robomimic HDF5");
-  command->add_option("--out", demonstrate.out, "the file")->capture_default_str();
-  command->add_option("--count", demonstrate.count, "demonstrations, those discarded not counted")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  command->add_option("--supervisor", demonstrate.supervisor,
-                      "file of train-supervisor (default: the shipped one)");
-  command->add_option("--horizon", demonstrate.horizon, "T: most controls of a demonstration")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  command->add_option("--seed", demonstrate.seed, "of start states and noise")
-      ->capture_default_str();
-  AddScene(*command, demonstrate.plant);
-  command->callback([&] { RunDemonstrate(demonstrate); });
-
   FitOptions fit;
-  command = app.add_subcommand("fit", "learn policy, support and lambda from demonstrations");
-  command->add_option("--demonstrations", fit.demonstrations, "robomimic HDF5 file")
-      ->capture_default_str();
-  command->add_option("--use", fit.use, "only the first so many demonstrations; 0: all")
-      ->capture_default_str();
-  command->add_option("--out", fit.out, "folder of the model's files")->capture_default_str();
-  command->add_option("--learner", fit.learner, "hidden units of the policy, as in 8 or 64-64")
-      ->capture_default_str();
-  command->add_option("--seed", fit.model.seed, "of the network's initial weights and batches")
-      ->capture_default_str();
-  AddModelOptions(*command, fit.model);
-  command->callback([&] { RunFit(fit); });
-
   EvaluateOptions evaluate;
-  command = app.add_subcommand("evaluate", "run a model from fresh start states, by each method");
-  command->add_option("--model", evaluate.model, "folder of fit")->capture_default_str();
-  command->add_option("--methods", evaluate.methods, "those of experiment")
-      ->delimiter(',')
-      ->capture_default_str();
-  command->add_option("--episodes", evaluate.episodes, "start states")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  command->add_option("--seed", evaluate.seed, "of start states and recoveries")
-      ->capture_default_str();
-  command->add_option("--threads", evaluate.threads, "0: one per core")->capture_default_str();
-  AddScene(*command, evaluate.plant);
-  command->callback([&] { RunEvaluate(evaluate); });
-
   GuardedOptions guarded;
-  command = app.add_subcommand(
-      "guarded", "a linear policy of your own inside a guard's file: an episode a line");
-  command->add_option("--guard", guarded.guard, "file of the program guard, from demonstrations")
-      ->capture_default_str();
-  command
-      ->add_option("--policy", guarded.policy,
-                   "text: for each of the 7 controls an offset, and a gain per state entry")
-      ->capture_default_str();
-  command->add_option("--episodes", guarded.episodes, "start states")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  command->add_option("--seed", guarded.seed, "of the first, counting up")->capture_default_str();
-  AddScene(*command, guarded.plant);
-  command->callback([&] { RunGuarded(guarded); });
-
   DriftOptions drift;
-  command = app.add_subcommand(
-      "drift",
-      "how methods degrade: noise, turned and scaled controls, other grippers, little data");
-  command->add_option("--learner", drift.learner, "hidden units of the policy, as in 8 or 64-64")
-      ->capture_default_str();
-  command->add_option("--methods", drift.methods, "those of experiment")
-      ->delimiter(',')
-      ->capture_default_str();
-  command->add_option("--demonstrations", drift.demonstrations, "in each trial")
-      ->check(CLI::Range(2, 10'000))
-      ->capture_default_str();
-  command->add_option("--trials", drift.trials, "independent repetitions of everything")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  command->add_option("--episodes", drift.episodes, "start states per trial")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  command->add_option("--supervisor", drift.supervisor,
-                      "file of train-supervisor (default: the shipped one)");
-  command->add_option("--seed", drift.seed, "of all that is random")->capture_default_str();
-  command->add_option("--threads", drift.threads, "0: one per core")->capture_default_str();
-  command->callback([&] { RunDrift(drift); });
-
   RenderOptions render;
-  command =
-      app.add_subcommand("render", "a video of rollouts from one start state, without a display");
-  command->add_option("--model", render.model, "folder of fit")->capture_default_str();
-  command->add_option("--methods", render.methods, "side by side, as in baseline,dfr")
-      ->delimiter(',')
-      ->capture_default_str();
-  command->add_option("--seed", render.seed, "of the start state")->capture_default_str();
-  command->add_option("--out", render.out, "a video (.mp4, .webm) or the last picture (.png, .jpg)")
-      ->capture_default_str();
-  command->add_option("--width", render.width, "of each picture")
-      ->check(CLI::Range(160, 1920))
-      ->capture_default_str();
-  command->add_option("--height", render.height, "of each picture")
-      ->check(CLI::Range(120, 1080))
-      ->capture_default_str();
-  AddScene(*command, render.plant);
-  command->callback([&] { RunRender(render); });
-
   ViewOptions view;
-  command = app.add_subcommand("view", "watch rollouts in a window; needs a display");
-  command->add_option("--model", view.model, "folder of fit")->capture_default_str();
-  command->add_option("--method", view.method, "who is in control")->capture_default_str();
-  command->add_option("--seed", view.seed, "of the first start state")->capture_default_str();
-  AddScene(*command, view.plant);
-  command->callback([&] { RunView(view); });
+  AddExperiment(app, experiment);
+  AddTrainSupervisor(app, train);
+  AddDemonstrate(app, demonstrate);
+  AddFit(app, fit);
+  AddEvaluate(app, evaluate);
+  AddGuarded(app, guarded);
+  AddDrift(app, drift);
+  AddRender(app, render);
+  AddView(app, view);
 
   const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
   if (argc > 1 && argv[1][0] != '-' &&

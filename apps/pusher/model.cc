@@ -1,11 +1,8 @@
 #include "model.h"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
-#include <stdexcept>
 
-#include "dfr/control/finite_difference_recovery.h"
 #include "dfr/core/contract.h"
 #include "dfr/imitation/fit_mlp.h"
 
@@ -21,6 +18,7 @@ constexpr std::string_view kGuidedFeatures = "object[0:2],tip,tip_tilt";
 // Layers of 1 to 1024 units, four at the most: what a learner of this task may need.
 constexpr int kMostUnits = 1024;
 constexpr std::size_t kMostLayers = 4;
+constexpr int kMostEpochs = 100'000;
 
 safety::TaskOptions GuidedOptions(double gamma) {
   safety::TaskOptions options;
@@ -35,16 +33,21 @@ safety::TaskOptions GuidedOptions(double gamma) {
 Learner Learner::Parse(const std::string& name) {
   Learner learner;
   learner.hidden.clear();
-  std::size_t begin = 0;
-  while (begin <= name.size()) {
-    const std::size_t end = std::min(name.find('-', begin), name.size());
-    int units = 0;
-    const auto [stop, error] = std::from_chars(name.data() + begin, name.data() + end, units);
-    DFR_THROW_UNLESS(error == std::errc() && stop == name.data() + end && units >= 1 &&
-                         units <= kMostUnits && learner.hidden.size() < kMostLayers,
+  const auto whole = [&](std::size_t begin, std::size_t end, int most) {
+    int number = 0;
+    const auto [stop, error] = std::from_chars(name.data() + begin, name.data() + end, number);
+    DFR_THROW_UNLESS(error == std::errc() && stop == name.data() + end && number >= 1 &&
+                         number <= most && learner.hidden.size() < kMostLayers,
                      "learner '" << name << "': write the units of each hidden layer, as in 8 or "
-                                 << "64-64 (1 to " << kMostLayers << " layers)");
-    learner.hidden.push_back(units);
+                                 << "64-64 (1 to " << kMostLayers
+                                 << " layers), and behind an x the epochs, as in 8x100");
+    return number;
+  };
+  const std::size_t layers = std::min(name.find('x'), name.size());
+  if (layers < name.size()) learner.epochs = whole(layers + 1, name.size(), kMostEpochs);
+  for (std::size_t begin = 0; begin <= layers;) {
+    const std::size_t end = std::min(name.find('-', begin), layers);
+    learner.hidden.push_back(whole(begin, end, kMostUnits));
     begin = end + 1;
   }
   return learner;
@@ -59,17 +62,6 @@ std::string Learner::Name() const {
   return name;
 }
 
-safety::Method ParseMethod(const std::string& name) {
-  return safety::ParseMethod(name, kOtherMethods);
-}
-
-Model::Model(imitation::MlpPolicy policy, safety::TaskModel task, imitation::DemonstrationSet set)
-    : policy_(std::make_unique<imitation::MlpPolicy>(std::move(policy))),
-      task_(std::move(task)),
-      set_(std::make_unique<imitation::DemonstrationSet>(std::move(set))),
-      locally_weighted_(std::make_unique<imitation::LocallyWeightedPolicy>(
-          task_.guided().features(), set_->trajectories)) {}
-
 Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
                  const ModelOptions& options) {
   DFR_THROW_UNLESS(
@@ -81,7 +73,7 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
 
   imitation::FitMlpOptions fit;
   fit.hidden = options.learner.hidden;
-  fit.epochs = options.learner.epochs;
+  fit.epochs = options.learner.epochs.value_or(options.epochs);
   fit.learning_rate = options.learner.learning_rate;
   fit.features = kPolicyFeatures;
   fit.seed = options.seed;
@@ -96,40 +88,17 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
   task.horizon = options.horizon;
   imitation::MlpPolicy policy = imitation::FitMlp(some, fit);
   safety::TaskModel model(set.layout, some.trajectories, task);
-  return {std::move(policy), std::move(model), std::move(some)};
-}
-
-void Model::Save(const std::filesystem::path& folder) const {
-  task_.Save(folder);
-  policy_->Save(folder / "policy.dfr");
-  imitation::SaveRobomimic(*set_, folder / "demonstrations.hdf5");
+  return {LearnedModel(std::move(policy), std::move(model), std::move(some))};
 }
 
 Model Model::Load(const std::filesystem::path& folder) {
-  imitation::MlpPolicy policy = imitation::MlpPolicy::Load(folder / "policy.dfr");
-  imitation::DemonstrationSet set = imitation::LoadRobomimic(folder / "demonstrations.hdf5");
-  safety::TaskModel task =
-      safety::TaskModel::IsSavedIn(folder)
-          ? safety::TaskModel::Load(folder, policy.layout())
-          : safety::TaskModel::LoadSwitching(folder, "pusher-switching", policy.layout(),
-                                             set.trajectories, GuidedOptions(0.0));
-  return {std::move(policy), std::move(task), std::move(set)};
+  return {LearnedModel::Load(folder, "pusher-switching", GuidedOptions(0.0))};
 }
 
 std::unique_ptr<control::Controller> Model::MakeController(const safety::Method& method,
                                                            const core::SimulatedPlant* plant,
                                                            int first_step) const {
-  const safety::ControllerOptions options{.first_step = first_step};
-  if (method.name == "lwr") {
-    return task_.MakeController({.name = "baseline"}, *locally_weighted_, options);
-  }
-  if (method.kind != safety::Method::Kind::kOther) {
-    return task_.MakeController(method, *policy_, options);
-  }
-  DFR_THROW_UNLESS(plant != nullptr, "the finite-difference oracle needs the plant it drives");
-  return task_.MakeController(
-      std::make_unique<control::FiniteDifferenceRecovery>(*plant, task_.support()), *policy_,
-      options);
+  return controllers().Make(method.name, plant, {.first_step = first_step});
 }
 
 }  // namespace dfr::apps::pusher

@@ -7,7 +7,6 @@
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
 #include "dfr/sim/pusher/pusher_view.h"
-#include "rollout_video.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::pusher {

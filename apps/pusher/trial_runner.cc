@@ -20,25 +20,6 @@ constexpr std::uint64_t kOverlapStream = 4;
 
 constexpr int kOverlapSamples = 4000;
 
-// How many controls each recovery took.
-class RecoveryCounter final : public control::RolloutObserver {
- public:
-  explicit RecoveryCounter(std::vector<int>& lengths) : lengths_(&lengths) {}
-  void OnControl(const control::RolloutEvent& event) override {
-    if (event.step.mode == control::Mode::kPolicy) return Flush();
-    ++length_;
-  }
-  void OnEnd(const control::RolloutResult& /*result*/) override { Flush(); }
-
- private:
-  void Flush() {
-    if (length_ > 0) lengths_->push_back(length_);
-    length_ = 0;
-  }
-  std::vector<int>* lengths_;
-  int length_ = 0;
-};
-
 imitation::GaussianPolicy WithNoise(const imitation::GaussianPolicy& supervisor, double factor) {
   const Eigen::VectorXd log_std = supervisor.log_std().array() + std::log(factor);
   return {supervisor.mean(), log_std};
@@ -93,54 +74,21 @@ PusherTrialRunner::PusherTrialRunner(Model model, const std::vector<safety::Meth
                                      const sim::PusherOptions& plant_options,
                                      std::map<std::string, double> measures,
                                      const control::DisturbanceOptions& disturbance)
-    : plant_(std::make_unique<sim::PusherPlant>(plant_options)),
+    : RolloutRunner(std::make_unique<sim::PusherPlant>(plant_options), disturbance),
       model_(std::move(model)),
       methods_(methods),
-      recovery_lengths_(methods.size()),
-      measures_(std::move(measures)),
-      start_(static_cast<std::size_t>(plant_->state_dim())) {
-  if (disturbance != control::DisturbanceOptions()) {
-    disturbed_ = std::make_unique<control::DisturbedPlant>(plant_->Clone(), disturbance);
-  }
-  for (const safety::Method& method : methods) {
-    controllers_.push_back(
-        model_.MakeController(method, disturbed_ != nullptr ? disturbed_.get() : plant_.get()));
-  }
+      measures_(std::move(measures)) {
+  for (const safety::Method& method : methods) Add(model_.MakeController(method, &driven()));
 }
 
-bool PusherTrialRunner::Accepts(std::uint64_t start_seed) {
-  plant_->Reset(start_seed);
-  plant_->Observe(start_);
-  return model_.task().support().Decision(0, start_) >= 0.0;
-}
-
-control::RolloutResult PusherTrialRunner::Watch(int method, std::uint64_t start_seed,
-                                                std::uint64_t controller_seed,
-                                                control::RolloutObserver* observer) {
-  core::Plant& plant = disturbed_ != nullptr ? static_cast<core::Plant&>(*disturbed_) : *plant_;
-  return control::Rollout(plant, *controllers_.at(static_cast<std::size_t>(method)),
-                          {.plant_seed = start_seed, .controller_seed = controller_seed}, observer,
-                          &workspace_);
-}
-
-experiment::EpisodeResult PusherTrialRunner::Run(int method, std::uint64_t start_seed,
-                                                 std::uint64_t controller_seed) {
-  RecoveryCounter counter(recovery_lengths_.at(static_cast<std::size_t>(method)));
-  const control::RolloutResult result = Watch(method, start_seed, controller_seed, &counter);
-  experiment::EpisodeResult episode;
-  episode.outcome = result.outcome;
-  if (result.outcome == core::Outcome::kHalted) episode.cause = control::Name(result.halt_cause);
-  if (result.outcome == core::Outcome::kCollided) episode.cause = control::Name(result.last_mode);
-  episode.controls = result.controls();
-  episode.recovery_controls = result.recovery_controls();
-  episode.seconds = result.seconds();
-  return episode;
+bool PusherTrialRunner::Inside(std::span<const double> x) const {
+  return model_.task().support().Decision(0, x) >= 0.0;
 }
 
 std::map<std::string, double> PusherTrialRunner::Measures() {
   std::map<std::string, double> measures = measures_;
   for (std::size_t i = 0; i < methods_.size(); ++i) {
-    std::vector<int>& lengths = recovery_lengths_[i];
+    std::vector<int> lengths = recovery_lengths()[i];
     if (lengths.empty()) continue;
     measures["controls_per_recovery " + methods_[i].name] = core::Median(lengths);
   }
@@ -182,7 +130,9 @@ std::unique_ptr<PusherTrialRunner> TrialRunnerFactory::Make(
         core::DeriveSeed(options_.seed, {kDemonstrationStream, trial_number}), &trial.counts);
   });
   ModelOptions model_options = options_.model;
-  model_options.learner.hidden = Learner::Parse(unit.learner).hidden;
+  Learner learner = Learner::Parse(unit.learner);
+  learner.learning_rate = model_options.learner.learning_rate;
+  model_options.learner = std::move(learner);
   model_options.seed =
       core::DeriveSeed(options_.seed, {kLearnerStream, trial_number, demonstrations});
   Model model = Model::Fit(trial.set, unit.demonstrations, model_options);

@@ -7,14 +7,12 @@
 #include <string>
 #include <vector>
 
-#include "dfr/control/controller.h"
+#include "apps/rollout_video.h"
 #include "dfr/control/disturbed_plant.h"
-#include "dfr/control/rollout.h"
-#include "dfr/experiment/paired_evaluation.h"
+#include "dfr/experiment/rollout_runner.h"
 #include "dfr/imitation/gaussian_policy.h"
 #include "dfr/sim/pusher/pusher_plant.h"
 #include "model.h"
-#include "rollout_video.h"
 #include "supervisor.h"
 
 namespace dfr::apps::pusher {
@@ -27,36 +25,28 @@ namespace dfr::apps::pusher {
                                     sim::PusherPlant& plant, int samples, std::uint64_t seed);
 
 /// One unit of the experiment: a model, and a plant to run it on.
-class PusherTrialRunner final : public experiment::TrialRunner {
+class PusherTrialRunner final : public experiment::RolloutRunner {
  public:
   /// @param disturbance  of the plant that methods run on; start states are accepted without it.
   PusherTrialRunner(Model model, const std::vector<safety::Method>& methods,
                     const sim::PusherOptions& plant_options, std::map<std::string, double> measures,
                     const control::DisturbanceOptions& disturbance = {});
 
-  [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
-  [[nodiscard]] experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
-                                              std::uint64_t controller_seed) override;
   /// Those given, and for each method that recovered "controls_per_recovery <method>", the median.
   [[nodiscard]] std::map<std::string, double> Measures() override;
 
-  /// Run() with an observer, who may draw plant().
-  control::RolloutResult Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
-                               control::RolloutObserver* observer);
   /// The plant that Watch() drives where there is no disturbance.
-  [[nodiscard]] const sim::PusherPlant& plant() const noexcept { return *plant_; }
+  [[nodiscard]] const sim::PusherPlant& plant() const noexcept {
+    return static_cast<const sim::PusherPlant&>(undisturbed());
+  }
   [[nodiscard]] Model& model() noexcept { return model_; }
 
  private:
-  std::unique_ptr<sim::PusherPlant> plant_;
-  std::unique_ptr<core::SimulatedPlant> disturbed_;  ///< Null: plant_ itself is driven.
+  [[nodiscard]] bool Inside(std::span<const double> x) const override;
+
   Model model_;
   std::vector<safety::Method> methods_;
-  std::vector<std::vector<int>> recovery_lengths_;  ///< Controls of each recovery, by method.
-  std::vector<std::unique_ptr<control::Controller>> controllers_;
   std::map<std::string, double> measures_;
-  control::RolloutWorkspace workspace_;
-  std::vector<double> start_;
 };
 
 /// Rolls each of the runner's methods out from one start state and draws it. `titles` has one entry

@@ -32,6 +32,55 @@ TEST(DisturbedPlantTest, WithoutDisturbanceItIsThePlant) {
   EXPECT_EQ(After(plant, u), u);
 }
 
+TEST(DisturbedPlantTest, ControlsComeLate) {
+  DisturbedPlant plant(Point(1), {.control_delay = 2});
+  for (const std::uint64_t seed : {1, 2}) {
+    plant.Reset(seed);  // forgets what was under way
+    EXPECT_EQ(After(plant, {1.0})[0], 0.0);
+    EXPECT_EQ(After(plant, {2.0})[0], 0.0);
+    EXPECT_EQ(After(plant, {4.0})[0], 1.0);
+    EXPECT_EQ(After(plant, {0.0})[0], 3.0);
+  }
+}
+
+TEST(DisturbedPlantTest, StatesAreSeenLate) {
+  DisturbedPlant plant(Point(1), {.observation_delay = 2});
+  plant.Reset(1);
+  EXPECT_EQ(After(plant, {1.0})[0], 0.0);
+  EXPECT_EQ(After(plant, {2.0})[0], 0.0);
+  EXPECT_EQ(After(plant, {4.0})[0], 1.0);
+  const auto clone = plant.Clone();
+  EXPECT_EQ(After(plant, {8.0})[0], 3.0);
+  EXPECT_EQ(After(*clone, {8.0})[0], 3.0);
+  EXPECT_EQ(After(plant, {0.0})[0], 7.0);
+}
+
+TEST(DisturbedPlantTest, ControlsAndStatesAreLostAsOftenAsAsked) {
+  constexpr int kControls = 4000;
+  DisturbedPlant dropping(Point(1), {.dropped = 0.3});
+  dropping.Reset(1);
+  double x = 0.0;
+  for (int i = 0; i < kControls; ++i) x = After(dropping, {1.0})[0];
+  EXPECT_NEAR(x / kControls, 0.7, 4.0 * std::sqrt(0.3 * 0.7 / kControls));
+
+  for (const int delay : {0, 3}) {
+    DisturbedPlant losing(Point(1), {.observation_delay = delay, .missing = 0.2});
+    losing.Reset(1);
+    int repeated = 0;
+    double before = 0.0;  // the start state
+    for (int i = 0; i < kControls; ++i) {
+      const double seen = After(losing, {1.0})[0];
+      repeated += seen == before ? 1 : 0;
+      if (seen != before) {
+        EXPECT_EQ(seen, std::max(0, i + 1 - delay));  // what is seen anew is not older than asked
+      }
+      before = seen;
+    }
+    EXPECT_NEAR(static_cast<double>(repeated) / kControls, 0.2,
+                4.0 * std::sqrt(0.2 * 0.8 / kControls) + 3.0 / kControls);
+  }
+}
+
 TEST(DisturbedPlantTest, RotationKeepsTheNormAndScaleChangesIt) {
   for (const int dim : {1, 2, 7}) {
     for (std::uint64_t seed = 0; seed < 50; ++seed) {

@@ -104,6 +104,97 @@ TEST(IntervalsTest, RefuseCountsThatDoNotFit) {
   EXPECT_THROW((void)McNemarExact(-1, 2), std::invalid_argument);
 }
 
+// By hand: p = .35, v = (4 + 4 + 25 + 25) 5/4 / 100^2, t quantiles 1.98422 and 2.77645 of the
+// tables for 99 and 4 degrees of freedom: 16.027 effective episodes of 100.
+TEST(ClusteredTest, IsKornAndGraubards) {
+  const std::vector<ClusterCount> trials = {{5, 20}, {9, 20}, {2, 20}, {12, 20}, {7, 20}};
+  ExpectInterval(ClusteredInterval(trials), 0.134931, 0.622233, 2e-5);
+}
+
+TEST(ClusteredTest, IsClopperPearsonWhereTrialsDoNotDiffer) {
+  const Interval ten = ClopperPearsonInterval(10, 40);
+  ExpectInterval(ClusteredInterval(std::vector<ClusterCount>{{5, 20}, {5, 20}}), ten.low, ten.high,
+                 1e-12);
+  ExpectInterval(ClusteredInterval(std::vector<ClusterCount>{{10, 40}, {0, 0}}), ten.low, ten.high,
+                 1e-12);
+  const Interval none = ClusteredInterval(std::vector<ClusterCount>(10, {0, 1200}));
+  EXPECT_EQ(none.low, 0.0);
+  EXPECT_NEAR(none.high, 1.0 - std::pow(0.025, 1.0 / 12'000), 1e-12);
+  EXPECT_THROW((void)ClusteredInterval({}), std::invalid_argument);
+}
+
+// Trials whose rates differ: episodes that are taken for independent cover far too little.
+TEST(ClusteredTest, CoversWhenTrialsDiffer) {
+  constexpr int kRepetitions = 400;
+  int covered = 0;
+  int covered_as_if_independent = 0;
+  for (int repetition = 0; repetition < kRepetitions; ++repetition) {
+    core::Random random(core::DeriveSeed(12, {static_cast<std::uint64_t>(repetition)}));
+    std::vector<ClusterCount> trials(10);
+    int successes = 0;
+    for (ClusterCount& trial : trials) {
+      const double rate = random.Uniform(0.1, 0.7);
+      for (int i = 0; i < 60; ++i) trial.successes += random.Uniform() < rate ? 1 : 0;
+      trial.episodes = 60;
+      successes += trial.successes;
+    }
+    const Interval clustered = ClusteredInterval(trials);
+    const Interval independent = ProportionInterval(successes, 600);
+    covered += clustered.low <= 0.4 && 0.4 <= clustered.high ? 1 : 0;
+    covered_as_if_independent += independent.low <= 0.4 && 0.4 <= independent.high ? 1 : 0;
+  }
+  // .95 and four standard errors of 400 repetitions.
+  EXPECT_GT(covered, 0.90 * kRepetitions);
+  EXPECT_LT(covered_as_if_independent, 0.75 * kRepetitions);
+}
+
+TEST(RateRatioTest, HasTheOddsOfClopperPearson) {
+  for (const int events : {0, 1, 7}) {
+    const Interval share = ClopperPearsonInterval(events, events + 40);
+    ExpectInterval(RateRatioInterval(events, 40), share.low / (1.0 - share.low),
+                   share.high / (1.0 - share.high), 1e-12);
+  }
+  EXPECT_THROW((void)RateRatioInterval(1, 0), std::invalid_argument);
+}
+
+TEST(PowerTest, IsConnorsFormula) {
+  // (1.959964 sqrt(.2) + .841621 sqrt(.2 - .01))^2 / .01 = 154.6
+  EXPECT_EQ(EpisodesForDifference(0.05, 0.15), 155);
+  EXPECT_EQ(EpisodesForDifference(0.15, 0.05), 155);
+  EXPECT_GT(EpisodesForDifference(0.05, 0.15, 0.9), 155);
+  EXPECT_THROW((void)EpisodesForDifference(0.1, 0.1), std::invalid_argument);
+  EXPECT_THROW((void)EpisodesForDifference(0.6, 0.5), std::invalid_argument);
+}
+
+// As many exact McNemar tests as the formula promises find the difference.
+TEST(PowerTest, McNemarsTestHasThePower) {
+  const int episodes = EpisodesForDifference(0.05, 0.15);
+  core::Random random(3);
+  int found = 0;
+  for (int repetition = 0; repetition < 2000; ++repetition) {
+    int only_first = 0;
+    int only_second = 0;
+    for (int i = 0; i < episodes; ++i) {
+      const double u = random.Uniform();
+      only_first += u < 0.05 ? 1 : 0;
+      only_second += u >= 0.05 && u < 0.20 ? 1 : 0;
+    }
+    found += McNemarExact(only_first, only_second) < 0.05 ? 1 : 0;
+  }
+  // The exact test keeps less than its level, so that it has a little less power.
+  EXPECT_GT(found, 0.72 * 2000);
+  EXPECT_LT(found, 0.84 * 2000);
+}
+
+TEST(PowerTest, ABoundNeedsAsManyEpisodesAsClopperPearsonDoes) {
+  for (const double bound : {0.05, 0.005, 0.0003}) {
+    const int episodes = EpisodesForBound(bound);
+    EXPECT_LE(ClopperPearsonInterval(0, episodes).high, bound);
+    EXPECT_GT(ClopperPearsonInterval(0, episodes - 1).high, bound);
+  }
+  EXPECT_EQ(EpisodesForBound(0.0003), 12'295);
+}
+
 TEST(McNemarTest, IsTheTwoSidedSignTest) {
   EXPECT_NEAR(McNemarExact(10, 2), 2.0 * (1 + 12 + 66) / 4096.0, 1e-15);
   EXPECT_EQ(McNemarExact(2, 10), McNemarExact(10, 2));
@@ -136,6 +227,22 @@ TEST(ContrastTest, WhatIsUndefinedIsAbsent) {
   // Each a stratum of its own: nothing to draw from either.
   const std::vector<PairedCounts> strata = {{60, 20, 1, 40, 10, 0}, {60, 20, 1, 40, 10, 1}};
   EXPECT_FALSE(EstimateContrast(strata, {}).collision_reduction_interval);
+}
+
+// No collision was seen: that is not the same as that there is none.
+TEST(ContrastTest, ZeroCollisionsHaveAnExactBound) {
+  const std::vector<PairedCounts> units(5, {60, 20, 0, 40, 10, 0});
+  const Interval interval =
+      EstimateContrast(units, {.resamples = 500}).collision_reduction_interval.value();
+  EXPECT_EQ(interval.high, 1.0);
+  const double share = 1.0 - std::pow(0.025, 1.0 / 50);
+  EXPECT_NEAR(interval.low, 1.0 - share / (1.0 - share), 1e-12);
+  // Where the reference's collisions come in clusters, fewer of them count.
+  std::vector<PairedCounts> uneven = units;
+  uneven[0].reference_collided = 40;
+  for (std::size_t i = 1; i < 5; ++i) uneven[i].reference_collided = i == 1 ? 10 : 0;
+  EXPECT_LT(EstimateContrast(uneven, {.resamples = 500}).collision_reduction_interval.value().low,
+            interval.low);
 }
 
 TEST(ContrastTest, UnitsAreDrawnWithinTheirStratum) {

@@ -92,6 +92,39 @@ TEST(LineTrialRunnerTest, SameSeedsGiveTheSameEpisode) {
   }
 }
 
+// Where the platform never stops, a halt is no way out: it carries the line away from the tip.
+TEST(LineTrialRunnerTest, InRealTimeAHaltMayCollide) {
+  const std::vector<std::string> methods = {"early-stopping", "proportional"};
+  std::array<int, 2> collided_after_halt{};
+  std::array<int, 2> completed{};
+  for (const std::string world : {"frozen", "30ms"}) {
+    const bool frozen = world == "frozen";
+    LineTrialRunner runner(LineModel::Fit(Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1),
+                                          {.hidden = {4}, .gammas = {0.2}}),
+                           methods, InWorld(FromTruth(), world), Known(FromTruth()));
+    for (std::uint64_t seed = 0; seed < 20; ++seed) {
+      const experiment::EpisodeResult stopped = runner.Run(0, seed, seed);
+      if (stopped.cause.starts_with("after ")) {
+        EXPECT_EQ(stopped.outcome, core::Outcome::kCollided);
+        ++collided_after_halt[frozen ? 0 : 1];
+      }
+      completed[frozen ? 0 : 1] +=
+          runner.Run(1, seed, seed).outcome == core::Outcome::kCompleted ? 1 : 0;
+    }
+  }
+  EXPECT_EQ(collided_after_halt[0], 0);
+  EXPECT_GE(collided_after_halt[1], 8);
+  // A controller that sees the line follows it in either world.
+  EXPECT_GE(completed[0], 18);
+  EXPECT_GE(completed[1], 15);
+}
+
+TEST(LineTrialRunnerTest, UnknownWorldsAreNamed) {
+  for (const char* world : {"", "fast", "ms", "-1ms", "30", "30msx"}) {
+    EXPECT_THROW(static_cast<void>(InWorld(FromTruth(), world)), std::invalid_argument) << world;
+  }
+}
+
 // From a file the model is the same, bit for bit.
 TEST(LineTrialRunnerTest, ModelsSurviveTheirFiles) {
   const std::filesystem::path folder =

@@ -70,14 +70,14 @@ class PusherTest(unittest.TestCase):
         one = self.summary("one")
         self.assertEqual(without_times(one), without_times(self.summary("two")))
         self.assertEqual(one["experiment"], "pusher")
-        self.assertEqual(len(one["cells"]), 4 * 2)
+        self.assertEqual(len(one["cells"]), 6 * 2)
         for cell in one["cells"]:
             self.assertLessEqual(CELL_KEYS, cell.keys())
             self.assertEqual(cell["episodes"], 2 * 4)
             self.assertAlmostEqual(cell["completed"] + cell["halted"] + cell["collided"], 1.0)
             low, high = cell["collided_interval"]
             self.assertTrue(0.0 <= low <= cell["collided"] <= high <= 1.0)
-        self.assertEqual({c["method"] for c in one["contrasts"]}, {"early-stopping", "dfr", "guided"})
+        self.assertEqual({c["method"] for c in one["contrasts"]}, {"early-stopping", "dfr", "guided", "lwr", "knn"})
         report = (self.folder / "one" / "report.html").read_text()
         self.assertIn(one["commit"], report)
 
@@ -89,6 +89,19 @@ class PusherTest(unittest.TestCase):
         for condition in ("as demonstrated", "noise doubled", "wide bar", "turned", "scaled"):
             self.assertIn(condition, out)
         self.assertEqual(out.count("  baseline "), out.count("  guided "))
+
+    def test_a_method_runs_around_other_policies(self):
+        self.run_pusher("experiment", *SMALL[:2], *SMALL[4:], "--out", "policies", "--demonstrations", "16", "--methods",
+                        "baseline@zero,lwr,baseline@lwr,guided@lwr,baseline@negated,baseline@random,"
+                        "baseline@at-constraints,baseline@out-of-support,guided@at-constraints")
+        by_method = {c["method"]: c for c in self.summary("policies")["averages"]}
+        self.assertEqual(by_method["baseline@zero"]["halted"], 1.0, "what does not move does not arrive")
+        self.assertEqual(without_times(by_method["lwr"]) | {"method": ""},
+                         without_times(by_method["baseline@lwr"]) | {"method": ""})
+        self.assertEqual(by_method["baseline@negated"]["completed"], 0.0)
+        self.assertGreater(by_method["baseline@at-constraints"]["collided"], 0.5)
+        self.assertLess(by_method["guided@at-constraints"]["collided"],
+                        by_method["baseline@at-constraints"]["collided"])
 
     def test_recoveries_climb_in_the_report(self):
         out = self.run_pusher("experiment", *(o for o in SMALL if o != "--no-convergence"), "--out",
@@ -127,7 +140,9 @@ class PusherTest(unittest.TestCase):
             (["evaluate", "--model", "empty"], "policy.dfr"),
             (["demonstrate", "--supervisor", "text"], "text: is not a file written by dfr"),
             (["experiment", "--methods", "baseline,magic"], "no method 'magic'"),
+            (["experiment", "--methods", "baseline,guided@magic"], "no policy 'magic'"),
             (["experiment", "--learners", "8-x"], "learner '8-x'"),
+            (["experiment", "--learners", "8x0"], "learner '8x0'"),
             (["experiment", "--preset", "huge"], "huge"),
             (["experiment", "--out", "text/below"], "text/below"),
             (["experiment", *SMALL, "--red-y", "0.05", "--out", "r"], "red"),
@@ -138,6 +153,13 @@ class PusherTest(unittest.TestCase):
         ]:
             with self.subTest(arguments=arguments):
                 self.assertIn(says, self.run_pusher(*arguments, fails=True))
+
+    def test_the_authors_preset_takes_their_constants_but_not_from_the_user(self):
+        self.run_pusher("experiment", *SMALL, "--out", "authors", "--preset", "authors", "--methods", "baseline",
+                        "--gamma", "3")
+        settings = json.loads((self.folder / "authors" / "ledger.jsonl").read_text().splitlines()[0])["settings"]
+        self.assertEqual([settings[k] for k in ("learning_rate", "horizon", "nu", "gamma")],
+                         ["0.01", "100", "0.1", "3"])
 
     def test_help_tells_units_and_defaults(self):
         out = self.run_pusher("experiment", "--help")

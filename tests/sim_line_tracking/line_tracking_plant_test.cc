@@ -163,6 +163,36 @@ TEST(LineTrackingPlantTest, DisturbanceStopsWithHalt) {
   EXPECT_EQ(plant.truth().p_world_gauze.translation(), before);
 }
 
+// The platform of a world in real time moves on while the robot looks and computes, after Halt()
+// and without any travel; it lags behind its command instead of jumping there.
+TEST(LineTrackingPlantTest, RealTimeNeverStops) {
+  LineTrackingOptions options = Truth(Wave::kSine);
+  options.disturbance.real_time = true;
+  const auto gauze_moves = [&](double latency_s, double u) {
+    options.disturbance.latency_s = latency_s;
+    LineTrackingPlant plant(options);
+    plant.Reset(5);
+    const Eigen::Vector3d before = plant.truth().p_world_gauze.translation();
+    for (int i = 0; i < 10; ++i) EXPECT_EQ(Apply(plant, u, 0.0), PlantStatus::kOk);
+    return (plant.truth().p_world_gauze.translation() - before).norm();
+  };
+  EXPECT_EQ(gauze_moves(0.0, 0.0), 0.0);
+  EXPECT_GT(gauze_moves(0.03, 0.0), 1e-4);
+  EXPECT_GT(gauze_moves(0.06, 0.0), gauze_moves(0.03, 0.0));
+  EXPECT_GT(gauze_moves(0.0, 0.5), 1e-3);
+
+  LineTrackingPlant plant(options);
+  plant.Reset(5);
+  ASSERT_EQ(Apply(plant, 0.5, 0.0), PlantStatus::kOk);
+  plant.Halt();
+  const Eigen::Vector3d tip = plant.truth().tip_m;
+  const Eigen::Vector3d gauze = plant.truth().p_world_gauze.translation();
+  const test::NoAlloc guard;
+  plant.Hold(5.0);
+  EXPECT_LT((plant.truth().tip_m - tip).norm(), 1e-4);  // the joints drift a little with time
+  EXPECT_GT((plant.truth().p_world_gauze.translation() - gauze).norm(), 5e-3);
+}
+
 // An arm and a clock of somebody else's, with the readings that Apply() goes through.
 TEST(LineTrackingPlantTest, DrivenByReadingsItDoesWhatItDoesByControls) {
   LineTrackingOptions options = Truth(Wave::kRandom);

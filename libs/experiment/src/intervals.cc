@@ -1,5 +1,7 @@
 #include "dfr/experiment/intervals.h"
 
+#include <math.h>  // lgamma_r
+
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -34,6 +36,57 @@ double Bisect(double low, double high, Function function) {
 double NormalQuantile(double confidence) {
   return Bisect(0.0, 40.0,
                 [&](double z) { return (1.0 - confidence) - std::erfc(z / std::sqrt(2.0)); });
+}
+
+// log Gamma(x), x > 0. std::lgamma would write a global in glibc.
+double LogGamma(double x) {
+  int sign = 0;
+  return ::lgamma_r(x, &sign);
+}
+
+// The regularised incomplete beta function I_x(a, b) by its continued fraction (Lentz), which
+// converges fast for x below the mean of the distribution.
+double IncompleteBeta(double x, double a, double b) {
+  if (x <= 0.0) return 0.0;
+  if (x >= 1.0) return 1.0;
+  if (x > (a + 1.0) / (a + b + 2.0)) return 1.0 - IncompleteBeta(1.0 - x, b, a);
+  const double log_front = LogGamma(a + b) - LogGamma(a) - LogGamma(b) + a * std::log(x) +
+                           b * std::log1p(-x) - std::log(a);
+  constexpr int kMostTerms = 100'000;
+  double c = 1.0;
+  double d = 1.0 / (1.0 - (a + b) * x / (a + 1.0));
+  double fraction = d;
+  for (int m = 1; m < kMostTerms; ++m) {
+    const double even = m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m));
+    d = 1.0 / (1.0 + even * d);
+    c = 1.0 + even / c;
+    fraction *= c * d;
+    const double odd = -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0));
+    d = 1.0 / (1.0 + odd * d);
+    c = 1.0 + odd / c;
+    fraction *= c * d;
+    if (std::abs(1.0 - c * d) < 1e-15) break;
+  }
+  return std::exp(log_front) * fraction;
+}
+
+// The q-quantile of the beta distribution, a and b > 0.
+double BetaQuantile(double q, double a, double b) {
+  return Bisect(0.0, 1.0, [&](double x) { return IncompleteBeta(x, a, b) - q; });
+}
+
+// t with P(|T| <= t) = confidence, T Student's with so many degrees of freedom.
+double StudentQuantile(double confidence, double degrees) {
+  const double x = BetaQuantile(1.0 - confidence, 0.5 * degrees, 0.5);
+  return std::sqrt(degrees * (1.0 - x) / x);
+}
+
+// Clopper and Pearson's interval for counts that need not be whole.
+Interval BetaInterval(double successes, double trials, double confidence) {
+  const double tail = 0.5 * (1.0 - confidence);
+  const double failures = trials - successes;
+  return {successes > 0.0 ? BetaQuantile(tail, successes, failures + 1.0) : 0.0,
+          failures > 0.0 ? BetaQuantile(1.0 - tail, successes + 1.0, failures) : 1.0};
 }
 
 // log of n over k. std::lgamma would write a global in glibc; these n are thousands, so a sum will
@@ -116,6 +169,62 @@ Interval ProportionInterval(int successes, int trials, double confidence) {
              : WilsonInterval(successes, trials, confidence);
 }
 
+Interval ClusteredInterval(std::span<const ClusterCount> clusters, double confidence) {
+  ClusterCount all;
+  int count = 0;
+  for (const ClusterCount& cluster : clusters) {
+    if (cluster.episodes == 0) continue;
+    Check(cluster.successes, cluster.episodes, confidence);
+    all.successes += cluster.successes;
+    all.episodes += cluster.episodes;
+    ++count;
+  }
+  Check(all.successes, all.episodes, confidence);
+  const double n = all.episodes;
+  const double p = all.successes / n;
+  double squares = 0.0;
+  for (const ClusterCount& cluster : clusters) {
+    const double residual = cluster.successes - p * cluster.episodes;
+    squares += residual * residual;
+  }
+  if (count < 2 || squares == 0.0) {
+    return ClopperPearsonInterval(all.successes, all.episodes, confidence);
+  }
+  const double variance = squares * count / (count - 1.0) / (n * n);
+  const double ratio =
+      StudentQuantile(confidence, n - 1.0) / StudentQuantile(confidence, count - 1.0);
+  const double effective = std::min(n, p * (1.0 - p) / variance * ratio * ratio);
+  return BetaInterval(p * effective, effective, confidence);
+}
+
+Interval RateRatioInterval(double events, double reference_events, double confidence) {
+  DFR_THROW_UNLESS(
+      events >= 0.0 && reference_events > 0.0,
+      "a ratio of rates needs events of the reference: " << events << " to " << reference_events);
+  const Interval share = BetaInterval(events, events + reference_events, confidence);
+  return {share.low / (1.0 - share.low), share.high / (1.0 - share.high)};
+}
+
+int EpisodesForDifference(double only_first, double only_second, double power, double confidence) {
+  DFR_THROW_UNLESS(only_first >= 0.0 && only_second >= 0.0 && only_first != only_second &&
+                       only_first + only_second <= 1.0,
+                   "the shares of start states at which just one method fails must differ and add "
+                   "up to at most 1, not be "
+                       << only_first << " and " << only_second);
+  DFR_THROW_UNLESS(power > 0.5 && power < 1.0, "power must lie in (0.5, 1), not be " << power);
+  const double sum = only_first + only_second;
+  const double difference = only_first - only_second;
+  // The one-sided quantile of the power is the two-sided one of 2 power - 1.
+  const double root = NormalQuantile(confidence) * std::sqrt(sum) +
+                      NormalQuantile(2.0 * power - 1.0) * std::sqrt(sum - difference * difference);
+  return static_cast<int>(std::ceil(root * root / (difference * difference)));
+}
+
+int EpisodesForBound(double bound, double confidence) {
+  DFR_THROW_UNLESS(bound > 0.0 && bound < 1.0, "a bound must lie in (0, 1), not be " << bound);
+  return static_cast<int>(std::ceil(std::log(0.5 * (1.0 - confidence)) / std::log1p(-bound)));
+}
+
 double McNemarExact(int only_first, int only_second) {
   DFR_THROW_UNLESS(only_first >= 0 && only_second >= 0,
                    "counts of pairs must not be negative: " << only_first << ", " << only_second);
@@ -130,6 +239,26 @@ double McNemarExact(int only_first, int only_second) {
   }
   return std::min(1.0, 2.0 * sum * std::exp(LogChoose(n, k) - n * std::log(2.0)));
 }
+
+namespace {
+
+// The reduction of collisions by RateRatioInterval(), which knows what a bootstrap cannot: that no
+// events were seen does not mean that there are none.
+Interval ExactReduction(std::span<const PairedCounts> units, const PairedCounts& total,
+                        double confidence) {
+  const auto n = static_cast<double>(units.size());
+  const double mean = total.reference_collided / n;
+  double squares = 0.0;
+  for (const PairedCounts& unit : units) {
+    squares += (unit.reference_collided - mean) * (unit.reference_collided - mean);
+  }
+  const double dispersion = units.size() > 1 ? std::max(1.0, squares / (n - 1.0) / mean) : 1.0;
+  const Interval ratio =
+      RateRatioInterval(total.collided, total.reference_collided / dispersion, confidence);
+  return {1.0 - ratio.high, 1.0 - ratio.low};
+}
+
+}  // namespace
 
 PairedContrast EstimateContrast(std::span<const PairedCounts> units,
                                 const BootstrapOptions& options) {
@@ -170,7 +299,13 @@ PairedContrast EstimateContrast(std::span<const PairedCounts> units,
   }
   const auto enough = static_cast<std::size_t>(options.resamples / 2);
   if (contrast.collision_reduction && reductions.size() > enough) {
-    contrast.collision_reduction_interval = PercentileInterval(reductions, options.confidence);
+    Interval interval = PercentileInterval(reductions, options.confidence);
+    constexpr int kFew = 5;
+    if (total.collided < kFew) {
+      const Interval exact = ExactReduction(units, total, options.confidence);
+      interval = {std::min(interval.low, exact.low), std::max(interval.high, exact.high)};
+    }
+    contrast.collision_reduction_interval = interval;
   }
   if (contrast.completion_ratio && ratios.size() > enough) {
     contrast.completion_ratio_interval = PercentileInterval(ratios, options.confidence);

@@ -4,11 +4,13 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <ostream>
 #include <set>
 #include <sstream>
 #include <stdexcept>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/format.h"
 #include "html.h"
 #include "report.css.h"
 #include "svg_plot.h"
@@ -204,10 +206,9 @@ class Page {
       }
       out_ << "</div>\n</figure>\n";
     }
-    out_
-        << "<p class=\"caption\">Share of " << episodes
-        << " episodes per point; bands are 95 % intervals (Wilson; Clopper-Pearson with fewer than "
-           "5 events), which take episodes as independent.</p>\n";
+    out_ << "<p class=\"caption\">Share of " << episodes
+         << " episodes per point; bands are 95 % intervals of Korn and Graubard, clustered by "
+            "trial; with fewer than 5 trials Wilson's, which take episodes for independent.</p>\n";
   }
 
   void Media() {
@@ -267,8 +268,13 @@ class Page {
       }
       out_ << "</td></tr>\n";
     }
-    out_ << "</tbody></table></div>\n<p class=\"caption\">Time is processor time of plant and "
-            "decisions. Alone: start states from which just one of the two collided.</p>\n";
+    const Cell& any = summary_.averages.front();
+    out_ << "</tbody></table></div>\n<p class=\"caption\">"
+         << Percent(static_cast<double>(any.redrawn_starts) / (any.redrawn_starts + any.episodes),
+                    1)
+         << " of the start states drawn were outside the first support, and were drawn anew. Time "
+            "is processor time of plant and decisions. Alone: start states from which just one of "
+            "the two collided.</p>\n";
   }
 
   void Endings() {
@@ -422,6 +428,24 @@ class Page {
 
 void SavePlot(const ReportPlot& plot, const std::filesystem::path& path) {
   internal::ReplaceFile(path, internal::SvgDocument(plot));
+}
+
+void PrintTable(const ReportTable& table, std::ostream& out, std::size_t left_aligned) {
+  std::vector<std::size_t> widths;
+  for (std::size_t c = 0; c < table.header.size(); ++c) {
+    widths.push_back(table.header[c].size());
+    for (const auto& row : table.rows) widths[c] = std::max(widths[c], row[c].size());
+  }
+  out << table.heading << '\n';
+  const auto line = [&](const std::vector<std::string>& cells) {
+    for (std::size_t c = 0; c < cells.size(); ++c) {
+      const int width = static_cast<int>(widths[c]);
+      out << core::Format("  %*s", c < left_aligned ? -width : width, cells[c].c_str());
+    }
+    out << '\n';
+  };
+  line(table.header);
+  for (const auto& row : table.rows) line(row);
 }
 
 std::string RenderReport(const Summary& summary, const ReportOptions& options) {

@@ -16,7 +16,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Below this, resampling trials gives a handful of distinct values and intervals far too short.
+// Below this, resampling trials gives a handful of distinct values and intervals far too short, and
+// intervals clustered by trial are too wide to say anything.
 constexpr int kFewTrials = 5;
 
 // Sums over the episodes of a cell.
@@ -29,11 +30,20 @@ struct Tally {
   std::int64_t recovery_controls = 0;
   double seconds = 0.0;
   int redrawn = 0;
+  // By outcome and trial.
+  std::map<core::Outcome, std::vector<ClusterCount>> clusters;
   std::map<std::string, int> halt_causes;
   std::map<std::string, int> collision_causes;
 
-  void Add(const EpisodeResult& episode) {
+  void Add(const EpisodeResult& episode, int trial) {
     ++episodes;
+    for (const core::Outcome outcome :
+         {core::Outcome::kCompleted, core::Outcome::kHalted, core::Outcome::kCollided}) {
+      std::vector<ClusterCount>& counts = clusters[outcome];
+      counts.resize(std::max(counts.size(), static_cast<std::size_t>(trial) + 1));
+      ++counts[static_cast<std::size_t>(trial)].episodes;
+      counts[static_cast<std::size_t>(trial)].successes += episode.outcome == outcome ? 1 : 0;
+    }
     controls += episode.controls;
     recovery_controls += episode.recovery_controls;
     seconds += episode.seconds;
@@ -54,8 +64,10 @@ struct Tally {
 
   [[nodiscard]] Cell ToCell(const std::string& method, const std::string& learner,
                             int demonstrations, int trials) const {
-    const auto share = [&](int count) {
-      return Share{static_cast<double>(count) / episodes, ProportionInterval(count, episodes)};
+    const auto share = [&](int count, core::Outcome outcome) {
+      return Share{static_cast<double>(count) / episodes,
+                   trials < kFewTrials ? ProportionInterval(count, episodes)
+                                       : ClusteredInterval(clusters.at(outcome))};
     };
     Cell cell;
     cell.method = method;
@@ -63,9 +75,9 @@ struct Tally {
     cell.demonstrations = demonstrations;
     cell.trials = trials;
     cell.episodes = episodes;
-    cell.completed = share(completed);
-    cell.halted = share(halted);
-    cell.collided = share(collided);
+    cell.completed = share(completed, core::Outcome::kCompleted);
+    cell.halted = share(halted, core::Outcome::kHalted);
+    cell.collided = share(collided, core::Outcome::kCollided);
     cell.seconds_per_trajectory = seconds / episodes;
     cell.controls_per_trajectory = static_cast<double>(controls) / episodes;
     cell.recovery_controls = static_cast<double>(recovery_controls) / episodes;
@@ -218,8 +230,8 @@ Summary Summarize(const EvaluationPlan& plan, std::span<const UnitResult> result
           tally.redrawn += result.redrawn;
           all.redrawn += result.redrawn;
           for (const EpisodeResult& episode : result.episodes[method]) {
-            tally.Add(episode);
-            all.Add(episode);
+            tally.Add(episode, result.unit.trial);
+            all.Add(episode, result.unit.trial);
           }
         }
         DFR_THROW_UNLESS(
@@ -291,8 +303,14 @@ void PrintTable(const Summary& summary, std::ostream& out) {
   for (const Cell& average : summary.averages) {
     if (average.learner != learner) {
       learner = average.learner;
+      const double drawn = average.episodes + average.redrawn_starts;
       out << "\nlearner " << learner << ": all data points, " << average.episodes
-          << " episodes a method in " << average.trials << " trials, %\n"
+          << " episodes a method in " << average.trials << " trials, %"
+          << (average.trials < kFewTrials ? " (too few to cluster by: intervals take episodes for "
+                                            "independent)"
+                                          : "")
+          << core::Format("; %.1f %% of the start states drawn were outside and drawn anew\n",
+                          100.0 * average.redrawn_starts / drawn)
           << core::Format(heads, name_width, "method", "completed", "halted", "collided",
                           "ms/traj.", "controls")
           << "\n";

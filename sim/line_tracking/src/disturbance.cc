@@ -52,6 +52,9 @@ Disturbance::Disturbance(const DisturbanceOptions& options, std::uint64_t seed)
                      "disturbance: the frequency of "
                          << kEntry[k] << " must not be negative, and finite: " << frequency_[k]);
   }
+  DFR_THROW_UNLESS(
+      std::isfinite(options.latency_s) && options.latency_s >= 0.0,
+      "disturbance: the latency must not be negative, and finite: " << options.latency_s);
   if (wave_ == Wave::kSine || wave_ == Wave::kBreath) {
     // Different frequencies visit every corner of the box of extremes sooner or later.
     for (unsigned corner = 0; corner < 64; ++corner) {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <utility>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
@@ -336,8 +337,18 @@ void LineTrackingPlant::Travel(const PsmJoints& from, const PsmJoints& to,
   const double arm_follow = 1.0 - std::exp(-dt / kArmLag);
   for (int i = 1; i <= samples; ++i) {
     const PsmJoints target = from + (to - from) * (static_cast<double>(i) / samples);
-    Drive(s.reading + arm_follow * (target - s.reading), dt, world_->options.disturbance.during);
+    const DisturbanceOptions& disturbance = world_->options.disturbance;
+    Drive(s.reading + arm_follow * (target - s.reading), dt,
+          disturbance.during || disturbance.real_time);
   }
+}
+
+void LineTrackingPlant::Hold(double duration_s) noexcept {
+  State& s = *state_;
+  const bool halted = std::exchange(s.halted, false);
+  const int samples = static_cast<int>(std::ceil(duration_s / kSampleTime));
+  for (int i = 0; i < samples; ++i) Drive(s.reading, duration_s / samples, true);
+  s.halted = halted;
 }
 
 void LineTrackingPlant::Drive(const PsmJoints& reading, double dt_s, bool platform_moves) noexcept {
@@ -360,10 +371,10 @@ void LineTrackingPlant::Rest(const PsmJoints& reading) noexcept {
   State& s = *state_;
   s.reading = reading;
   const DisturbanceOptions& disturbance = world_->options.disturbance;
-  if (!s.halted) s.platform = platform_setpoint();
+  if (!s.halted && !disturbance.real_time) s.platform = platform_setpoint();
   Place();
   if (std::abs(truth().distance_m) > kCollision) s.collided = true;
-  if (s.halted || !disturbance.between) return;
+  if (s.halted || disturbance.real_time || !disturbance.between) return;
   s.time_s += disturbance.pause_s;
   s.platform = platform_setpoint();
   Place();
@@ -385,6 +396,8 @@ core::PlantStatus LineTrackingPlant::Apply(std::span<const double> control) noex
   PsmJoints reading;
   if (!world_->task.Reading(goal, reading)) return core::PlantStatus::kRefused;
   const PsmJoints from = s.reading;
+  const DisturbanceOptions& disturbance = world_->options.disturbance;
+  if (disturbance.real_time) Hold(disturbance.latency_s);
   s.command_m = goal;
   Travel(from, reading, step.norm() / kSpeed);
   Rest(reading);

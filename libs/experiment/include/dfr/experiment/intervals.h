@@ -27,6 +27,40 @@ struct Interval {
 /// approximation by a normal law is at its worst, otherwise Wilson.
 [[nodiscard]] Interval ProportionInterval(int successes, int trials, double confidence = 0.95);
 
+/// What happened in one independent unit of an experiment: a trial, whose episodes share
+/// demonstrations, learner and supervisor.
+struct ClusterCount {
+  int successes = 0;
+  int episodes = 0;
+};
+
+/// The interval of Korn and Graubard (Survey Methodology, 1998) for a proportion in clusters:
+/// Clopper and Pearson's with the effective sample size p (1 - p) / v, v the variance of the share
+/// between clusters, and the degrees of freedom that so many clusters leave. It takes at most as
+/// many episodes as there are. With one cluster, or without a success or without a failure, there
+/// is no variance between clusters to see: then episodes count as independent.
+/// @throws std::invalid_argument as above; clusters without episodes are left out.
+[[nodiscard]] Interval ClusteredInterval(std::span<const ClusterCount> clusters,
+                                         double confidence = 0.95);
+
+/// The exact conditional interval for the ratio of two rates with the same exposure: `events`
+/// given events + reference_events is binomial, with odds that are the ratio. Counts may be
+/// effective ones, not whole.
+/// @throws std::invalid_argument unless events >= 0 and reference_events > 0.
+[[nodiscard]] Interval RateRatioInterval(double events, double reference_events,
+                                         double confidence = 0.95);
+
+/// Episodes from which a paired comparison finds a difference with probability `power`, two-sided
+/// at 1 - confidence (Connor, Biometrics 1987): `only_first` and `only_second` are the shares of
+/// start states at which just one of the two methods fails.
+/// @throws std::invalid_argument unless these differ and add up to at most 1, and power lies in
+///   (0.5, 1).
+[[nodiscard]] int EpisodesForDifference(double only_first, double only_second, double power = 0.8,
+                                        double confidence = 0.95);
+/// Independent episodes without a single event that show, by ClopperPearsonInterval(), that events
+/// are rarer than `bound`. @throws std::invalid_argument unless bound lies in (0, 1).
+[[nodiscard]] int EpisodesForBound(double bound, double confidence = 0.95);
+
 /// McNemar's exact test for pairs, two-sided: the probability, if both methods were equally likely
 /// to be the one that fails where just one does, of a split at least as uneven as `only_first` to
 /// `only_second`.
@@ -49,9 +83,11 @@ struct BootstrapOptions {
   std::uint64_t seed = 0;
 };
 
-/// A method against a reference. Absent where the reference has no event to divide by; an interval
-/// is absent too where that is so in more than half of the resamples, or where fewer than two units
-/// were given.
+/// A method against a reference. With fewer than 5 collisions of the method, of which a bootstrap
+/// makes too little, the interval of the reduction includes RateRatioInterval()'s as well, with the
+/// reference's collisions divided by their dispersion between units. Absent where the reference has
+/// no event to divide by; an interval is absent too where that is so in more than half of the
+/// resamples, or where fewer than two units were given.
 struct PairedContrast {
   std::optional<double> collision_reduction;  ///< 1 - collisions / reference's
   std::optional<Interval> collision_reduction_interval;

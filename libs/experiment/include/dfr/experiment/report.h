@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
+#include <iosfwd>
 #include <map>
 #include <optional>
 #include <string>
@@ -51,6 +53,10 @@ struct ReportTable {
   std::vector<std::string> header;
   std::vector<std::vector<std::string>> rows;  ///< Each as long as `header`.
 };
+
+/// Prints the heading, then the table with its columns in line, for a terminal: the first
+/// `left_aligned` columns at the left.
+void PrintTable(const ReportTable& table, std::ostream& out, std::size_t left_aligned = 2);
 
 struct ReportNote {
   std::string heading;

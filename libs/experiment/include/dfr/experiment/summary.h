@@ -14,7 +14,8 @@
 
 namespace dfr::experiment {
 
-/// A share of the episodes, with ProportionInterval().
+/// A share of the episodes, with ClusteredInterval() of the trials; with fewer than 5 of them with
+/// ProportionInterval(), which takes episodes for independent.
 struct Share {
   double value = 0.0;
   Interval interval;

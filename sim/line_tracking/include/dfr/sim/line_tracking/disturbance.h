@@ -30,6 +30,10 @@ struct DisturbanceOptions {
   bool during = true;    ///< The platform moves while the arm does, for as long as that takes.
   bool between = false;  ///< It also moves for pause_s after every control, probes included.
   double pause_s = 0.05;
+  /// The platform never stops: not during a control, not while the robot looks and computes, and
+  /// not at rest. `during` and `between` do not matter then.
+  bool real_time = false;
+  double latency_s = 0.03;  ///< With real_time: from a look to the control that follows from it.
 };
 
 /// A seeded movement of the platform: its commanded pose as a function of time. Starts at home.

@@ -91,7 +91,8 @@ struct LineTrackingTruth {
 /// The platform follows its commanded pose with a 0.2 s lag and a positioning error of 1.22, 1.07
 /// and 0.20 mm RMS in x, y and z. After every control everything comes to rest before the state is
 /// observed. A control takes |u| kStep / kSpeed of the disturbance's time if the disturbance acts
-/// during controls, and pause_s more if it acts between them.
+/// during controls, and pause_s more if it acts between them. In real time it takes latency_s and
+/// then |u| kStep / kSpeed, and the platform does not come to rest.
 ///
 /// collided(): at any moment, sampled every 20 ms of motion and at rest, the true tip was more than
 /// kCollision from the line in the gauze's plane. completed(): kCompletion tracked, not collided.
@@ -132,6 +133,8 @@ class LineTrackingPlant final : public core::SimulatedPlant {
   [[nodiscard]] bool collided() const noexcept override;
   /// The platform stops where it is, and the disturbance with it, until Reset().
   void Halt() noexcept override;
+  /// The arm holds still for so long while the platform moves on, halted or not. Never allocates.
+  void Hold(double duration_s) noexcept;
 
   [[nodiscard]] std::unique_ptr<core::SimulatedPlant> Clone() const override;
   /// @pre other is a LineTrackingPlant made by Clone() from this one or from the same one.

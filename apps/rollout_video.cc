@@ -1,4 +1,4 @@
-#include "rollout_video.h"
+#include "apps/rollout_video.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@
 #include "apps/video_writer.h"
 #include "dfr/core/format.h"
 
-namespace dfr::apps::pusher {
+namespace dfr::apps {
 namespace {
 
 constexpr int kStripHeight = 150;
@@ -239,4 +239,4 @@ void WriteStill(const std::filesystem::path& path, std::span<const RolloutVideo>
   if (!written) throw std::runtime_error(path.string() + ": the picture cannot be written");
 }
 
-}  // namespace dfr::apps::pusher
+}  // namespace dfr::apps

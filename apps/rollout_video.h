@@ -10,7 +10,7 @@
 #include "dfr/control/rollout.h"
 #include "dfr/core/decision_function.h"
 
-namespace dfr::apps::pusher {
+namespace dfr::apps {
 
 /// One picture of a rollout with what the controller thought at that moment.
 struct VideoFrame {
@@ -77,4 +77,4 @@ void WriteVideo(const std::filesystem::path& path, std::span<const RolloutVideo>
 void WriteStill(const std::filesystem::path& path, std::span<const RolloutVideo> videos,
                 std::size_t index);
 
-}  // namespace dfr::apps::pusher
+}  // namespace dfr::apps

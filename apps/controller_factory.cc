@@ -1,0 +1,132 @@
+#include "apps/controller_factory.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "dfr/control/assumptions.h"
+#include "dfr/control/finite_difference_recovery.h"
+#include "dfr/core/contract.h"
+
+namespace dfr::apps {
+namespace {
+
+constexpr std::string_view kCertified = "certified";
+
+// A controller with the policy that it borrows.
+class WithPolicy final : public control::Controller {
+ public:
+  WithPolicy(std::unique_ptr<const core::Policy> policy,
+             std::unique_ptr<control::Controller> controller)
+      : policy_(std::move(policy)), controller_(std::move(controller)) {}
+  [[nodiscard]] int state_dim() const noexcept override { return controller_->state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override { return controller_->control_dim(); }
+
+ private:
+  void DoReset(std::uint64_t seed) noexcept override { controller_->Reset(seed); }
+  control::Step DoNext(std::span<const double> x, std::span<double> u) noexcept override {
+    return controller_->Next(x, u);
+  }
+  std::unique_ptr<const core::Policy> policy_;
+  std::unique_ptr<control::Controller> controller_;
+};
+
+}  // namespace
+
+MethodName Split(std::string_view name) noexcept {
+  MethodName parts;
+  const std::size_t slash = std::min(name.find('/'), name.size());
+  if (slash < name.size()) parts.support = name.substr(slash + 1);
+  name = name.substr(0, slash);
+  if (name == "lwr" || name == "knn") name = name == "lwr" ? "baseline@lwr" : "baseline@knn";
+  const std::size_t at = std::min(name.find('@'), name.size());
+  if (at < name.size()) parts.policy = name.substr(at + 1);
+  parts.controller = name.substr(0, at);
+  return parts;
+}
+
+safety::Method ParseMethod(std::string_view name, std::span<const std::string_view> others) {
+  const MethodName parts = Split(name);
+  DFR_THROW_UNLESS(
+      name.find('@') == std::string_view::npos || std::ranges::count(kPolicies, parts.policy) == 1,
+      "method '" << name << "': there is no policy '" << parts.policy << "'; there are "
+                 << Join(kPolicies));
+  const bool on_support = name.find('/') != std::string_view::npos;
+  DFR_THROW_UNLESS(!on_support || std::ranges::count(kSupports, parts.support) == 1,
+                   "method '" << name << "': there is no support '" << parts.support
+                              << "'; there are " << Join(kSupports));
+  if (on_support && parts.controller == kCertified) {
+    return {.name = std::string(name), .kind = safety::Method::Kind::kGuided};
+  }
+  safety::Method method = safety::ParseMethod(parts.controller, others);
+  DFR_THROW_UNLESS(
+      !on_support || method.kind != safety::Method::Kind::kOther,
+      "method '" << name << "': '" << parts.controller << "' runs without a choice of support");
+  method.name = name;
+  return method;
+}
+
+std::string MethodHelp(std::span<const std::string_view> others) {
+  return safety::MethodNames(others) +
+         "; lwr and knn are regressions on the demonstrations "
+         "themselves, finite-difference a slow oracle. Behind a method, @ and another policy than "
+         "the learned one, as in guided@lwr: " +
+         Join(kPolicies) +
+         ". Behind that, / and another support, as in dfr@lwr/density: " + Join(kSupports);
+}
+
+std::unique_ptr<control::Controller> ControllerFactory::Make(
+    std::string_view method, const core::SimulatedPlant* plant,
+    const safety::ControllerOptions& options) const {
+  const safety::Method parsed = ParseMethod(method);
+  const std::string_view name = Split(method).policy;
+  std::unique_ptr<const core::Policy> other;
+  if (!name.empty()) {
+    DFR_THROW_UNLESS(plant != nullptr || name == "lwr" || name == "knn",
+                     "policy '" << name << "' is for simulations only");
+    other = policies_.Make(name, plant);
+  }
+  const core::Policy& policy = other != nullptr ? *other : *learned_;
+  std::unique_ptr<control::Controller> controller;
+  if (!Split(method).support.empty()) {
+    controller = OnSupport(Split(method), parsed, policy, options);
+  } else if (parsed.kind != safety::Method::Kind::kOther) {
+    controller = task_->MakeController(parsed, policy, options);
+  } else {
+    DFR_THROW_UNLESS(plant != nullptr, "the finite-difference oracle needs the plant it drives");
+    controller = task_->MakeController(
+        std::make_unique<control::FiniteDifferenceRecovery>(*plant, task_->support()), policy,
+        options);
+  }
+  if (other == nullptr) return controller;
+  return std::make_unique<WithPolicy>(std::move(other), std::move(controller));
+}
+
+std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
+    const MethodName& name, const safety::Method& method, const core::Policy& policy,
+    const safety::ControllerOptions& options) const {
+  const std::shared_ptr<const SupportModel> support = supports_.Get(std::string(name.support), [&] {
+    return SupportModel(name.support, *task_, layout_, demonstrations_);
+  });
+  // The cache keeps it for as long as this factory is there.
+  const int horizon = options.horizon != 0 ? options.horizon : task_->horizon();
+  if (method.kind != safety::Method::Kind::kGuided) {
+    return std::make_unique<control::SwitchingPolicy>(
+        policy, support->decision(), support->lambda(),
+        control::SwitchingPolicyOptions{
+            .recovery = method.recovery,
+            .horizon = horizon,
+            .first_step = options.first_step,
+            .dfr = method.published_dfr ? control::DfrOptions{} : options.dfr});
+  }
+  control::GuidedOptions guided = control::Without(options.guided, method.without);
+  guided.horizon = horizon;
+  guided.first_step = options.first_step;
+  if (name.controller == kCertified) {
+    guided.certificate = {
+        .kind = control::CertificateKind::kRadius,
+        .gain = control::EstimateGain(support->guided().features(), demonstrations_).value};
+  }
+  return std::make_unique<control::GuidedPolicy>(policy, support->guided(), guided);
+}
+
+}  // namespace dfr::apps

@@ -1,0 +1,74 @@
+#pragma once
+
+#include <array>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "apps/policies.h"
+#include "apps/shared_cache.h"
+#include "apps/supports.h"
+#include "dfr/core/plant.h"
+#include "dfr/core/policy.h"
+#include "dfr/core/trajectory.h"
+#include "dfr/safety/task_model.h"
+
+namespace dfr::apps {
+
+/// The methods besides those of safety::ParseMethod() that every program has: the finite-difference
+/// oracle of Sec. V-A, which tries controls on a copy of the simulation, and regressions on the
+/// demonstrations themselves, without any support.
+inline constexpr std::array<std::string_view, 3> kOtherMethods = {"finite-difference", "lwr",
+                                                                  "knn"};
+
+/// The parts of a method's name, "guided@lwr/density" for one.
+struct MethodName {
+  std::string_view controller;  ///< With a support also "certified", guided recovery's of radius.
+  std::string_view policy;      ///< Of kPolicies; empty: the learned one.
+  std::string_view support;     ///< Of kSupports; empty: the controller's own.
+};
+/// "lwr" and "knn" are short for "baseline@lwr" and "baseline@knn".
+[[nodiscard]] MethodName Split(std::string_view name) noexcept;
+
+/// safety::ParseMethod() with `others`, for names with a policy or support behind them too.
+/// @throws std::invalid_argument naming an unknown method, policy or support and those there are.
+[[nodiscard]] safety::Method ParseMethod(std::string_view name,
+                                         std::span<const std::string_view> others = kOtherMethods);
+
+/// What ParseMethod() takes, for help texts.
+[[nodiscard]] std::string MethodHelp(std::span<const std::string_view> others = kOtherMethods);
+
+/// Makes the controllers of one task by the names of their methods.
+class ControllerFactory {
+ public:
+  /// Borrows all, which must outlive this and its controllers.
+  ControllerFactory(const safety::TaskModel& task, const core::Policy& learned,
+                    const core::StateLayout& layout,
+                    std::span<const core::Trajectory> demonstrations)
+      : task_(&task),
+        learned_(&learned),
+        layout_(layout),
+        demonstrations_(demonstrations),
+        policies_(task, learned, demonstrations) {}
+
+  /// `plant` is the one that is driven, for the oracle and for adversaries only.
+  /// @throws std::invalid_argument as ParseMethod(), or if the plant is lacking.
+  [[nodiscard]] std::unique_ptr<control::Controller> Make(
+      std::string_view method, const core::SimulatedPlant* plant,
+      const safety::ControllerOptions& options = {}) const;
+
+ private:
+  [[nodiscard]] std::unique_ptr<control::Controller> OnSupport(
+      const MethodName& name, const safety::Method& method, const core::Policy& policy,
+      const safety::ControllerOptions& options) const;
+
+  const safety::TaskModel* task_;
+  const core::Policy* learned_;
+  core::StateLayout layout_;
+  std::span<const core::Trajectory> demonstrations_;
+  PolicyFactory policies_;
+  mutable SharedCache<std::string, SupportModel> supports_;
+};
+
+}  // namespace dfr::apps

@@ -1,0 +1,26 @@
+#include "apps/learned_model.h"
+
+namespace dfr::apps {
+
+LearnedModel::LearnedModel(imitation::MlpPolicy policy, safety::TaskModel task,
+                           imitation::DemonstrationSet set)
+    : parts_(std::make_unique<const Parts>(std::move(policy), std::move(task), std::move(set))) {}
+
+void LearnedModel::Save(const std::filesystem::path& folder) const {
+  task().Save(folder);
+  policy().Save(folder / "policy.dfr");
+  imitation::SaveRobomimic(demonstrations(), folder / "demonstrations.hdf5");
+}
+
+LearnedModel LearnedModel::Load(const std::filesystem::path& folder, std::string_view kind,
+                                const safety::TaskOptions& guided) {
+  imitation::MlpPolicy policy = imitation::MlpPolicy::Load(folder / "policy.dfr");
+  imitation::DemonstrationSet set = imitation::LoadRobomimic(folder / "demonstrations.hdf5");
+  safety::TaskModel task = safety::TaskModel::IsSavedIn(folder)
+                               ? safety::TaskModel::Load(folder, policy.layout())
+                               : safety::TaskModel::LoadSwitching(folder, kind, policy.layout(),
+                                                                  set.trajectories, guided);
+  return {std::move(policy), std::move(task), std::move(set)};
+}
+
+}  // namespace dfr::apps

@@ -1,0 +1,315 @@
+#include "apps/stress/study.h"
+
+#include <algorithm>
+#include <fstream>
+#include <map>
+#include <set>
+#include <stdexcept>
+#include <utility>
+
+#include "apps/shared_cache.h"
+#include "dfr/core/contract.h"
+#include "dfr/core/format.h"
+#include "dfr/core/random.h"
+#include "dfr/experiment/rollout_runner.h"
+
+namespace dfr::apps::stress {
+namespace {
+
+constexpr const char* kAlone = "baseline";
+constexpr const char* kLearned = "learned";
+constexpr const char* kBetween = ": ";  // task and condition in a learner's name
+
+std::string MethodOf(const std::string& controller, const std::string& policy) {
+  if (policy == kLearned) return controller;
+  const std::size_t slash = std::min(controller.find('/'), controller.size());
+  return controller.substr(0, slash) + "@" + policy + controller.substr(slash);
+}
+
+class Runner final : public experiment::RolloutRunner {
+ public:
+  Runner(const Task& task, const Variant& variant, const Condition& condition,
+         std::shared_ptr<const LearnedModel> model, const std::vector<std::string>& methods)
+      : RolloutRunner(variant.make(), WithNoise(condition, task)),
+        aftermath_(task.aftermath),
+        model_(std::move(model)) {
+    for (const std::string& method : methods) {
+      Add(model_->controllers().Make(method, &driven(), task.controllers));
+    }
+  }
+
+ private:
+  static control::DisturbanceOptions WithNoise(const Condition& condition, const Task& task) {
+    control::DisturbanceOptions disturbance = condition.disturbance;
+    disturbance.observation_noise = condition.noise * task.length;
+    return disturbance;
+  }
+
+  [[nodiscard]] bool Inside(std::span<const double> /*x*/) const override { return true; }
+  [[nodiscard]] bool CollidesAfterHalt() override {
+    if (aftermath_) aftermath_(world());
+    return world().collided();
+  }
+
+  std::function<void(core::SimulatedPlant&)> aftermath_;
+  std::shared_ptr<const LearnedModel> model_;
+};
+
+// What a learner's name stands for.
+struct Place {
+  const Task* task;
+  const Variant* variant;
+  const Condition* condition;
+};
+
+std::map<std::string, Place> Places(const Study& study, const std::vector<Task>& tasks,
+                                    std::vector<std::string>& names) {
+  std::set<std::string> unknown(study.conditions.begin(), study.conditions.end());
+  std::string known;
+  std::map<std::string, Place> places;
+  for (const Condition& condition : Conditions()) {
+    unknown.erase(condition.name);
+    known.append(known.empty() ? "" : ", ").append(condition.name);
+  }
+  DFR_THROW_UNLESS(unknown.empty(),
+                   "there is no condition '" << *unknown.begin() << "'; there are " << known);
+  for (const Task& task : tasks) {
+    for (const Condition& condition : Conditions()) {
+      if (!study.conditions.empty() && std::ranges::count(study.conditions, condition.name) == 0) {
+        continue;
+      }
+      const auto variant = std::ranges::find(task.variants, condition.variant, &Variant::name);
+      if (variant == task.variants.end()) continue;
+      names.push_back(task.name + kBetween + condition.name);
+      places[names.back()] = {&task, &*variant, &condition};
+    }
+  }
+  return places;
+}
+
+double Share(int count, int of) { return 100.0 * count / of; }
+
+std::string Outcomes(const Row& row) {
+  return core::Format("%.1f / %.1f", Share(row.completed, row.episodes),
+                      Share(row.collided, row.episodes));
+}
+
+std::string Compared(const Row& row) {
+  return core::Format("%.1f / %.1f", Share(row.saved, row.episodes),
+                      Share(row.harmed, row.episodes));
+}
+
+template <typename Member>
+std::vector<std::string> Distinct(const std::vector<Row>& rows, Member member) {
+  std::vector<std::string> values;
+  for (const Row& row : rows) {
+    if (std::ranges::count(values, row.*member) == 0) values.push_back(row.*member);
+  }
+  return values;
+}
+
+experiment::ReportTable PolicyTable(const std::vector<Row>& rows, const std::string& policy,
+                                    const std::vector<std::string>& controllers) {
+  experiment::ReportTable table;
+  table.heading = "Policy: " + policy;
+  table.caption =
+      "Completed / collided, then saved / harmed against the policy alone, in per cent of " +
+      std::to_string(rows.front().episodes) + " episodes a cell.";
+  table.header = {"task", "condition"};
+  for (const std::string& controller : controllers) {
+    table.header.push_back(controller == kAlone ? "alone" : controller);
+    if (controller != kAlone) table.header.emplace_back("saved / harmed");
+  }
+  for (const Row& row : rows) {
+    if (row.policy != policy) continue;
+    if (row.controller == kAlone) table.rows.push_back({row.task, row.condition});
+    table.rows.back().push_back(Outcomes(row));
+    if (row.controller != kAlone) table.rows.back().push_back(Compared(row));
+  }
+  return table;
+}
+
+experiment::ReportTable MeansTable(const std::vector<Row>& rows,
+                                   const std::vector<std::string>& policies,
+                                   const std::vector<std::string>& controllers) {
+  experiment::ReportTable table;
+  table.heading = "Over all rows";
+  table.caption = "Means in per cent, and the worst row of each.";
+  table.header = {"policy", "controller", "completed",       "collided",
+                  "saved",  "harmed",     "most collisions", "most harm"};
+  for (const std::string& policy : policies) {
+    for (const std::string& controller : controllers) {
+      Row sum;
+      const Row* collides = nullptr;
+      const Row* harms = nullptr;
+      for (const Row& row : rows) {
+        if (row.policy != policy || row.controller != controller) continue;
+        sum.episodes += row.episodes;
+        sum.completed += row.completed;
+        sum.collided += row.collided;
+        sum.saved += row.saved;
+        sum.harmed += row.harmed;
+        if (collides == nullptr || row.collided > collides->collided) collides = &row;
+        if (harms == nullptr || row.harmed > harms->harmed) harms = &row;
+      }
+      const auto text = [&](int count) { return core::Format("%.2f", Share(count, sum.episodes)); };
+      const auto worst = [](const Row& row, int count) {
+        return core::Format("%.1f %s%s%s", Share(count, row.episodes), row.task.c_str(), kBetween,
+                            row.condition.c_str());
+      };
+      table.rows.push_back({policy, controller == kAlone ? "alone" : controller,
+                            text(sum.completed), text(sum.collided), text(sum.saved),
+                            text(sum.harmed), worst(*collides, collides->collided),
+                            worst(*harms, harms->harmed)});
+    }
+  }
+  return table;
+}
+
+}  // namespace
+
+std::vector<Row> RunStudy(const Study& study) {
+  std::vector<Task> tasks;
+  for (const std::string& name : study.tasks) tasks.push_back(MakeTask(name));
+  std::vector<std::string> controllers = {kAlone};
+  for (const std::string& name : study.controllers) {
+    if (name != kAlone) controllers.push_back(name);
+  }
+  experiment::EvaluationPlan plan;
+  const std::map<std::string, Place> places = Places(study, tasks, plan.learners);
+  for (const std::string& policy : study.policies) {
+    for (const std::string& controller : controllers) {
+      plan.methods.push_back(MethodOf(controller, policy));
+      static_cast<void>(ParseMethod(plan.methods.back()));
+    }
+  }
+  plan.demonstrations = {study.demonstrations};
+  plan = experiment::ApplyTo(std::move(plan), study);
+
+  SharedCache<std::pair<std::string, int>, LearnedModel> models;
+  const auto make = [&](const experiment::EvaluationUnit& unit) {
+    const Place& place = places.at(unit.learner);
+    auto model = models.Get({place.task->name, unit.trial}, [&] {
+      return place.task->learn(
+          unit.demonstrations,
+          core::DeriveSeed(plan.seed, {2, static_cast<std::uint64_t>(unit.trial)}));
+    });
+    return std::make_unique<Runner>(*place.task, *place.variant, *place.condition, std::move(model),
+                                    plan.methods);
+  };
+  experiment::PrepareFolder(study);
+  const auto [units, summary] = experiment::RunExperiment("stress", plan, make, {}, study);
+
+  std::vector<Row> rows;
+  for (const std::string& learner : plan.learners) {
+    const Place& place = places.at(learner);
+    for (std::size_t p = 0; p < study.policies.size(); ++p) {
+      const std::size_t alone = p * controllers.size();
+      for (std::size_t c = 0; c < controllers.size(); ++c) {
+        Row row{place.task->name, place.condition->name, study.policies[p], controllers[c]};
+        for (const experiment::UnitResult& unit : units) {
+          if (unit.unit.learner != learner) continue;
+          for (std::size_t i = 0; i < unit.starts.size(); ++i) {
+            using core::Outcome;
+            const Outcome without = unit.episodes[alone][i].outcome;
+            const Outcome with = unit.episodes[alone + c][i].outcome;
+            ++row.episodes;
+            row.completed += with == Outcome::kCompleted ? 1 : 0;
+            row.collided += with == Outcome::kCollided ? 1 : 0;
+            row.saved += without == Outcome::kCollided && with != Outcome::kCollided ? 1 : 0;
+            row.harmed += without == Outcome::kCompleted && with != Outcome::kCompleted ? 1 : 0;
+          }
+        }
+        rows.push_back(std::move(row));
+      }
+    }
+  }
+  return rows;
+}
+
+std::vector<experiment::ReportTable> MakeTables(const std::vector<Row>& rows) {
+  std::vector<experiment::ReportTable> tables;
+  if (rows.empty()) return tables;
+  const std::vector<std::string> policies = Distinct(rows, &Row::policy);
+  const std::vector<std::string> controllers = Distinct(rows, &Row::controller);
+  for (const std::string& policy : policies) {
+    tables.push_back(PolicyTable(rows, policy, controllers));
+  }
+  tables.push_back(MeansTable(rows, policies, controllers));
+  return tables;
+}
+
+std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows) {
+  std::vector<experiment::ReportTable> tables;
+  for (const std::string& policy : Distinct(rows, &Row::policy)) {
+    std::vector<std::string> names;
+    std::vector<std::string> supports;
+    std::map<std::pair<std::string, std::string>, Row> sums;  // by support and controller
+    for (const Row& row : rows) {
+      if (row.policy != policy) continue;
+      const std::size_t slash = std::min(row.controller.find('/'), row.controller.size());
+      const std::string name = row.controller.substr(0, slash);
+      const std::string support =
+          slash < row.controller.size() ? row.controller.substr(slash + 1) : "";
+      if (std::ranges::count(names, name) == 0) names.push_back(name);
+      if (!support.empty() && std::ranges::count(supports, support) == 0) {
+        supports.push_back(support);
+      }
+      Row& sum = sums[{support, name}];
+      sum.episodes += row.episodes;
+      sum.completed += row.completed;
+      sum.collided += row.collided;
+    }
+    experiment::ReportTable table{
+        .heading = "Support and controller, policy: " + policy,
+        .caption = "Completed / collided in per cent, means over all tasks and conditions.",
+        .header = {"support"},
+        .rows = {}};
+    for (const std::string& name : names) table.header.push_back(name == kAlone ? "alone" : name);
+    for (const std::string& support : supports) {
+      table.rows.push_back({support});
+      for (const std::string& name : names) {
+        // The policy alone looks at no support.
+        const auto sum = sums.find({name == kAlone ? "" : support, name});
+        table.rows.back().push_back(sum == sums.end() ? "-" : Outcomes(sum->second));
+      }
+    }
+    tables.push_back(std::move(table));
+  }
+  return tables;
+}
+
+experiment::ReportTable WhereItFails(const std::vector<Row>& rows, const std::string& controller) {
+  constexpr double kMostCollided = 0.5;
+  constexpr double kMostHarmed = 2.0;
+  experiment::ReportTable table;
+  table.heading = "Where " + controller + " fails around a policy that completes half or more";
+  table.caption = "It collides in more than 0.5 % of the episodes, or harms more than 2 %.";
+  table.header = {"task", "condition", "policy", "alone", "guarded", "saved / harmed"};
+  const Row* alone = nullptr;
+  for (const Row& row : rows) {
+    if (row.controller == kAlone) alone = &row;
+    if (row.controller != controller || alone == nullptr) continue;
+    if (2 * alone->completed < alone->episodes) continue;
+    if (Share(row.collided, row.episodes) <= kMostCollided &&
+        Share(row.harmed, row.episodes) <= kMostHarmed) {
+      continue;
+    }
+    table.rows.push_back(
+        {row.task, row.condition, row.policy, Outcomes(*alone), Outcomes(row), Compared(row)});
+  }
+  return table;
+}
+
+void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path) {
+  std::ofstream out(path);
+  out << "task,condition,policy,controller,episodes,completed,collided,saved,harmed\n";
+  for (const Row& row : rows) {
+    out << row.task << ',' << row.condition << ',' << row.policy << ',' << row.controller << ','
+        << row.episodes << ',' << row.completed << ',' << row.collided << ',' << row.saved << ','
+        << row.harmed << '\n';
+  }
+  if (!out.flush()) throw std::runtime_error(path.string() + ": cannot be written");
+}
+
+}  // namespace dfr::apps::stress

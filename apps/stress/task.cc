@@ -1,0 +1,189 @@
+#include "apps/stress/task.h"
+
+#include <algorithm>
+#include <numbers>
+#include <utility>
+
+#include "apps/line_tracking/model.h"
+#include "apps/line_tracking/trial_runner.h"
+#include "apps/planar/methods.h"
+#include "apps/planar/task.h"
+#include "apps/pusher/model.h"
+#include "apps/pusher/supervisor.h"
+#include "dfr/core/contract.h"
+#include "dfr/core/random.h"
+#include "dfr/imitation/fit_mlp.h"
+#include "dfr/sim/gallery/gallery.h"
+#include "dfr/sim/line_tracking/arm_error.h"
+#include "dfr/sim/pusher/pusher_plant.h"
+
+namespace dfr::apps::stress {
+namespace {
+
+constexpr std::uint64_t kDemonstrationStream = 1;
+constexpr std::uint64_t kLearnerStream = 2;
+
+// Imitates as the Pusher's weak learner does.
+LearnedModel Learn(const std::string& name, const core::SimulatedPlant& plant,
+                   std::vector<core::Trajectory> demonstrations, const safety::TaskOptions& options,
+                   std::uint64_t seed) {
+  imitation::DemonstrationSet set{.layout = plant.layout(),
+                                  .control_dim = plant.control_dim(),
+                                  .environment = name,
+                                  .trajectories = std::move(demonstrations)};
+  imitation::MlpPolicy policy = imitation::FitMlp(set, {.hidden = {8}, .epochs = 10, .seed = seed});
+  safety::TaskModel task(set.layout, set.trajectories, options);
+  return {std::move(policy), std::move(task), std::move(set)};
+}
+
+Task Pusher() {
+  const auto plant = [](const sim::PusherOptions& options) {
+    return [options] { return std::make_unique<sim::PusherPlant>(options); };
+  };
+  Task task{.name = "pusher",
+            .variants = {{"", plant({})},
+                         {"wider starts", plant({.start_y = 0.17})},
+                         {"gripper: wide bar", plant({.gripper = sim::Gripper::kWideBar})},
+                         {"gripper: fork", plant({.gripper = sim::Gripper::kFork})}},
+            .length = 0.1};  // m: the cylinder
+  task.learn = [](int demonstrations, std::uint64_t seed) -> LearnedModel {
+    pusher::ModelOptions options;
+    options.seed = core::DeriveSeed(seed, {kLearnerStream});
+    sim::PusherPlant world;
+    return pusher::Model::Fit(
+        pusher::Demonstrate(world, imitation::GaussianPolicy::Load(pusher::ShippedSupervisor()),
+                            demonstrations, options.horizon,
+                            core::DeriveSeed(seed, {kDemonstrationStream})),
+        demonstrations, options);
+  };
+  return task;
+}
+
+Task Planar(const std::string& name) {
+  const planar::Task planar = planar::MakeTask(name == "planar-push" ? "push" : "corridor");
+  Task task{.name = name,
+            .variants = {{"", [planar] { return planar.plant->Clone(); }}},
+            .length = planar.name == "corridor" ? 1.0 : 0.1};
+  task.learn = [planar](int demonstrations, std::uint64_t seed) {
+    return Learn(
+        planar.name, *planar.plant,
+        planar::Demonstrate(planar, demonstrations, core::DeriveSeed(seed, {kDemonstrationStream})),
+        planar::TaskOptionsOf(planar, {}), core::DeriveSeed(seed, {kLearnerStream}));
+  };
+  return task;
+}
+
+Task Gallery(const std::string& name) {
+  const sim::GalleryTask& gallery = sim::FindGalleryTask(name);
+  Task task{.name = name, .variants = {{"", [&gallery] { return gallery.plant->Clone(); }}}};
+  task.learn = [&gallery](int demonstrations, std::uint64_t seed) {
+    std::vector<core::Trajectory> set =
+        sim::Demonstrate(gallery, demonstrations, core::DeriveSeed(seed, {kDemonstrationStream}));
+    // As a guard has it: twice as many controls as the longest demonstration.
+    safety::TaskOptions options{.guided_features = gallery.features, .horizon = 1};
+    for (const core::Trajectory& d : set) {
+      options.horizon = std::max(options.horizon, 2 * d.num_steps());
+    }
+    return Learn(gallery.name, *gallery.plant, std::move(set), options,
+                 core::DeriveSeed(seed, {kLearnerStream}));
+  };
+  if (gallery.aftermath > 0) {
+    task.aftermath = [&gallery](core::SimulatedPlant& world) {
+      const std::vector<double> zero(static_cast<std::size_t>(world.control_dim()));
+      for (int i = 0; i < gallery.aftermath && !world.collided(); ++i) {
+        if (world.Apply(zero) != core::PlantStatus::kOk) return;
+      }
+    };
+  }
+  return task;
+}
+
+Task LineTracking() {
+  sim::LineTrackingOptions options;
+  options.disturbance.wave = sim::Wave::kRandom;
+  options.observation = sim::Observation::kGroundTruth;
+  // What a perfect calibration knows: all that is systematic.
+  line_task::LineCalibration known;
+  known.camera = sim::LineTrackingPlant::true_camera();
+  known.p_base_cam =
+      sim::LineTrackingPlant::p_world_base().inverse() * sim::LineTrackingPlant::p_world_cam();
+  known.arm = sim::ArmError(options.arm).systematic();
+  const auto plant = [options, known](const std::string& world) {
+    return [options = line_tracking::InWorld(options, world), known] {
+      return std::make_unique<sim::LineTrackingPlant>(options, &known);
+    };
+  };
+  Task task{.name = "line-tracking",
+            .variants = {{"", plant("30ms")},
+                         {"latency 0 ms", plant("0ms")},
+                         {"latency 100 ms", plant("100ms")},
+                         {"the world stops", plant("frozen")}},
+            .length = 10.0,  // mm
+            .controllers = line_tracking::Controllers()};
+  task.learn = [options, known](int demonstrations, std::uint64_t seed) -> LearnedModel {
+    line_tracking::LineModelOptions model;
+    model.seed = core::DeriveSeed(seed, {kLearnerStream});
+    constexpr int kSteps = 50;
+    return line_tracking::LineModel::Fit(
+        line_tracking::Demonstrate(options, known, demonstrations, kSteps,
+                                   core::DeriveSeed(seed, {kDemonstrationStream})),
+        model);
+  };
+  task.aftermath = [](core::SimulatedPlant& world) {
+    auto& line = static_cast<sim::LineTrackingPlant&>(world);
+    if (line.options().disturbance.real_time) line.Hold(line_tracking::kAftermath);
+  };
+  return task;
+}
+
+}  // namespace
+
+std::vector<std::string> TaskNames() {
+  std::vector<std::string> names = {"pusher", "planar-corridor", "planar-push"};
+  for (const sim::GalleryTask& task : sim::GalleryTasks()) names.push_back(task.name);
+  names.emplace_back("line-tracking");
+  return names;
+}
+
+Task MakeTask(const std::string& name) {
+  if (name == "pusher") return Pusher();
+  if (name == "planar-corridor" || name == "planar-push") return Planar(name);
+  if (name == "line-tracking") return LineTracking();
+  const std::vector<std::string> names = TaskNames();
+  if (std::ranges::count(names, name) == 1) return Gallery(name);
+  std::string list;
+  for (const std::string& known : names) list.append(list.empty() ? "" : ", ").append(known);
+  DFR_THROW_UNLESS(false, "there is no task '" << name << "'; there are " << list);
+  return {};
+}
+
+const std::vector<Condition>& Conditions() {
+  constexpr double kDegree = std::numbers::pi / 180.0;
+  static const std::vector<Condition> conditions = {
+      {.name = "as demonstrated"},
+      {.name = "turned 20 deg", .disturbance = {.rotation_sd = 20.0 * kDegree}},
+      {.name = "turned 40 deg", .disturbance = {.rotation_sd = 40.0 * kDegree}},
+      {.name = "scaled 0.4", .disturbance = {.scale_sd = 0.4}},
+      {.name = "biased 0.1", .disturbance = {.bias = 0.1}},
+      {.name = "biased 0.2", .disturbance = {.bias = 0.2}},
+      {.name = "control noise 0.2", .disturbance = {.actuator_noise = 0.2}},
+      {.name = "1 control late", .disturbance = {.control_delay = 1}},
+      {.name = "2 controls late", .disturbance = {.control_delay = 2}},
+      {.name = "3 controls late", .disturbance = {.control_delay = 3}},
+      {.name = "20 % controls lost", .disturbance = {.dropped = 0.2}},
+      {.name = "states noisy 0.5 %", .noise = 0.005},
+      {.name = "states noisy 2 %", .noise = 0.02},
+      {.name = "states 1 late", .disturbance = {.observation_delay = 1}},
+      {.name = "states 2 late", .disturbance = {.observation_delay = 2}},
+      {.name = "20 % states lost", .disturbance = {.missing = 0.2}},
+      {.name = "wider starts", .variant = "wider starts"},
+      {.name = "gripper: wide bar", .variant = "gripper: wide bar"},
+      {.name = "gripper: fork", .variant = "gripper: fork"},
+      {.name = "latency 0 ms", .variant = "latency 0 ms"},
+      {.name = "latency 100 ms", .variant = "latency 100 ms"},
+      {.name = "the world stops", .variant = "the world stops"},
+  };
+  return conditions;
+}
+
+}  // namespace dfr::apps::stress

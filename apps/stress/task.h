@@ -1,0 +1,51 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "apps/learned_model.h"
+#include "dfr/control/disturbed_plant.h"
+#include "dfr/core/plant.h"
+#include "dfr/safety/task_model.h"
+
+namespace dfr::apps::stress {
+
+/// A world to be run in.
+struct Variant {
+  std::string name;  ///< "" for the one that was demonstrated in.
+  std::function<std::unique_ptr<core::SimulatedPlant>()> make;
+};
+
+/// A task of any of the programs, as the stress table needs it.
+struct Task {
+  std::string name;
+  std::vector<Variant> variants;  ///< The demonstrated one first.
+  double length = 1.0;            ///< What noise of observations is a share of.
+  safety::ControllerOptions controllers = {};
+  /// Learns the task's models from so many demonstrations; the learned policy is a weak one, of 8
+  /// units and 10 epochs, but for line tracking, whose demonstrations are open-loop.
+  std::function<LearnedModel(int demonstrations, std::uint64_t seed)> learn = {};
+  /// What happens in the undisturbed plant after a halt. Empty: nothing.
+  std::function<void(core::SimulatedPlant&)> aftermath = {};
+};
+
+/// "pusher", "planar-corridor", "planar-push", the gallery's tasks, "line-tracking".
+[[nodiscard]] std::vector<std::string> TaskNames();
+/// @throws std::invalid_argument naming the tasks there are.
+[[nodiscard]] Task MakeTask(const std::string& name);
+
+/// How the world differs from the demonstrated one.
+struct Condition {
+  std::string name;
+  std::string variant = {};  ///< Runs where a task has that variant.
+  control::DisturbanceOptions disturbance = {};
+  double noise = 0.0;  ///< Of observations, in Task::length.
+};
+
+/// All conditions, "as demonstrated" first.
+[[nodiscard]] const std::vector<Condition>& Conditions();
+
+}  // namespace dfr::apps::stress

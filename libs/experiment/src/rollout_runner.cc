@@ -1,0 +1,86 @@
+#include "dfr/experiment/rollout_runner.h"
+
+#include <cstddef>
+#include <utility>
+
+namespace dfr::experiment {
+namespace {
+
+// Counts the controls of each recovery.
+class RecoveryCounter final : public control::RolloutObserver {
+ public:
+  explicit RecoveryCounter(std::vector<int>& lengths) : lengths_(&lengths) {}
+  void OnControl(const control::RolloutEvent& event) override {
+    if (event.step.mode == control::Mode::kPolicy) return Flush();
+    ++length_;
+  }
+  void OnEnd(const control::RolloutResult& /*result*/) override { Flush(); }
+
+ private:
+  void Flush() {
+    if (length_ > 0) lengths_->push_back(length_);
+    length_ = 0;
+  }
+  std::vector<int>* lengths_;
+  int length_ = 0;
+};
+
+}  // namespace
+
+RolloutRunner::RolloutRunner(std::unique_ptr<core::SimulatedPlant> plant,
+                             const control::DisturbanceOptions& disturbance)
+    : plant_(std::move(plant)), start_(static_cast<std::size_t>(plant_->state_dim())) {
+  if (disturbance != control::DisturbanceOptions()) {
+    disturbed_ = std::make_unique<control::DisturbedPlant>(plant_->Clone(), disturbance);
+  }
+}
+
+void RolloutRunner::Add(std::unique_ptr<control::Controller> controller) {
+  controllers_.push_back(std::move(controller));
+  recovery_lengths_.emplace_back();
+}
+
+bool RolloutRunner::Accepts(std::uint64_t start_seed) {
+  plant_->Reset(start_seed);
+  plant_->Observe(start_);
+  return Inside(start_);
+}
+
+control::RolloutResult RolloutRunner::Watch(int method, std::uint64_t start_seed,
+                                            std::uint64_t controller_seed,
+                                            control::RolloutObserver* observer, int max_controls) {
+  return control::Rollout(
+      driven(), *controllers_.at(static_cast<std::size_t>(method)),
+      {.plant_seed = start_seed, .controller_seed = controller_seed, .max_controls = max_controls},
+      observer, &workspace_);
+}
+
+EpisodeResult RolloutRunner::Run(int method, std::uint64_t start_seed,
+                                 std::uint64_t controller_seed) {
+  RecoveryCounter counter(recovery_lengths_.at(static_cast<std::size_t>(method)));
+  const control::RolloutResult result = Watch(method, start_seed, controller_seed, &counter);
+  EpisodeResult episode{.outcome = result.outcome,
+                        .cause = CauseOf(result),
+                        .controls = result.controls(),
+                        .recovery_controls = result.recovery_controls(),
+                        .seconds = result.seconds()};
+  if (result.outcome == core::Outcome::kHalted && CollidesAfterHalt()) {
+    episode.outcome = core::Outcome::kCollided;
+    episode.cause.insert(0, "after ");
+  }
+  return episode;
+}
+
+std::string RolloutRunner::CauseOf(const control::RolloutResult& result) const {
+  switch (result.outcome) {
+    case core::Outcome::kHalted:
+      return control::Name(result.halt_cause);
+    case core::Outcome::kCollided:
+      return control::Name(result.last_mode);
+    case core::Outcome::kCompleted:
+      break;
+  }
+  return "";
+}
+
+}  // namespace dfr::experiment

@@ -1,0 +1,139 @@
+#include "dfr/experiment/rollout_runner.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "dfr/experiment/experiment.h"
+#include "tests/control/analytic.h"
+#include "tests/experiment/fake_trial_runner.h"
+
+namespace dfr::experiment {
+namespace {
+
+using control::Mode;
+
+// Goes right by 0.1 a control: two of the policy, three of a recovery, one of the policy, one of a
+// recovery, and halts.
+class Script final : public control::Controller {
+ public:
+  [[nodiscard]] int state_dim() const noexcept override { return 1; }
+  [[nodiscard]] int control_dim() const noexcept override { return 1; }
+
+ private:
+  void DoReset(std::uint64_t /*seed*/) noexcept override { next_ = 0; }
+  control::Step DoNext(std::span<const double> /*x*/, std::span<double> u) noexcept override {
+    constexpr Mode kModes[] = {Mode::kPolicy,   Mode::kPolicy, Mode::kProbe,    Mode::kRecovery,
+                               Mode::kRecovery, Mode::kPolicy, Mode::kRecovery, Mode::kHalt};
+    u[0] = 0.1;
+    control::Step step;
+    step.mode = kModes[next_++];
+    if (step.mode == Mode::kHalt) step.cause = control::HaltCause::kOutsideSupport;
+    return step;
+  }
+  std::size_t next_ = 0;
+};
+
+// Starts at 0. A world that moves on after a halt, if asked.
+class PointRunner final : public RolloutRunner {
+ public:
+  PointRunner(double wall, double goal, bool moves_on,
+              const control::DisturbanceOptions& disturbance = {})
+      : RolloutRunner(std::make_unique<test::PointPlant>(
+                          test::PointPlantOptions{.start = {0.0}, .wall = wall, .goal = goal}),
+                      disturbance),
+        moves_on_(moves_on) {
+    Add(std::make_unique<Script>());
+  }
+
+ private:
+  [[nodiscard]] bool Inside(std::span<const double> x) const override { return x[0] >= 0.0; }
+  [[nodiscard]] bool CollidesAfterHalt() override {
+    if (!moves_on_) return false;
+    for (int i = 0; i < 20; ++i) {
+      EXPECT_EQ(world().Apply(std::vector<double>{0.1}), core::PlantStatus::kOk);
+    }
+    return world().collided();
+  }
+  bool moves_on_;
+};
+
+constexpr double kNone = 1e9;
+
+TEST(RolloutRunnerTest, CountsTheControlsOfEachRecovery) {
+  PointRunner runner(kNone, kNone, false);
+  EXPECT_TRUE(runner.Accepts(1));
+  const EpisodeResult result = runner.Run(0, 1, 2);
+  EXPECT_EQ(result.outcome, core::Outcome::kHalted);
+  EXPECT_EQ(result.cause, "outside-support");
+  EXPECT_EQ(result.controls, 7);
+  EXPECT_EQ(result.recovery_controls, 4);
+  EXPECT_EQ(runner.recovery_lengths()[0], (std::vector<int>{3, 1}));
+}
+
+TEST(RolloutRunnerTest, NamesWhoCollided) {
+  PointRunner runner(0.45, kNone, false);  // met by the fifth control
+  const EpisodeResult result = runner.Run(0, 1, 2);
+  EXPECT_EQ(result.outcome, core::Outcome::kCollided);
+  EXPECT_EQ(result.cause, "recovery");
+  EXPECT_EQ(runner.recovery_lengths()[0], (std::vector<int>{3}));
+  PointRunner there(kNone, 0.15, false);
+  EXPECT_EQ(there.Run(0, 1, 2).outcome, core::Outcome::kCompleted);
+  EXPECT_EQ(there.Run(0, 1, 2).cause, "");
+}
+
+TEST(RolloutRunnerTest, AHaltMayCollideWhereTheWorldMovesOn) {
+  for (const bool disturbed : {false, true}) {
+    const control::DisturbanceOptions disturbance{.control_delay = disturbed ? 1 : 0};
+    PointRunner runner(2.0, kNone, true, disturbance);
+    const EpisodeResult result = runner.Run(0, 1, 2);
+    EXPECT_EQ(result.outcome, core::Outcome::kCollided);
+    EXPECT_EQ(result.cause, "after outside-support");
+  }
+  PointRunner roomy(5.0, kNone, true);
+  EXPECT_EQ(roomy.Run(0, 1, 2).outcome, core::Outcome::kHalted);
+}
+
+TEST(ExperimentTest, OptionsChooseWhatTheyName) {
+  EvaluationPlan preset = test::FakePlan();
+  ExperimentOptions options;
+  options.seed = 9;
+  EXPECT_EQ(ApplyTo(preset, options).methods, preset.methods);
+  EXPECT_EQ(ApplyTo(preset, options).trials, preset.trials);
+  EXPECT_EQ(ApplyTo(preset, options).seed, 9u);
+  options.methods = {"baseline"};
+  options.episodes = 3;
+  EXPECT_EQ(ApplyTo(preset, options).methods, options.methods);
+  EXPECT_EQ(ApplyTo(preset, options).episodes, 3);
+}
+
+TEST(ExperimentTest, LeavesALedgerAndASummaryAndGoesOn) {
+  ExperimentOptions options;
+  options.out = test::EmptyFolder("experiment") / "new";
+  PrepareFolder(options);
+  const ExperimentResult first =
+      RunExperiment("fake", test::FakePlan(), test::MakeFakeTrialRunner, {{"gamma", "1"}}, options);
+  EXPECT_TRUE(std::filesystem::exists(options.out / "summary.json"));
+  const auto unused = [](const EvaluationUnit&) -> std::unique_ptr<TrialRunner> {
+    throw std::logic_error("all units are in the ledger");
+  };
+  const ExperimentResult again =
+      RunExperiment("fake", test::FakePlan(), unused, {{"gamma", "1"}}, options);
+  EXPECT_EQ(first.units, again.units);
+  EXPECT_THROW((void)RunExperiment("fake", test::FakePlan(), unused, {{"gamma", "2"}}, options),
+               std::runtime_error);
+  options.restart = true;
+  PrepareFolder(options);
+  EXPECT_THROW((void)RunExperiment("fake", test::FakePlan(), unused, {{"gamma", "1"}}, options),
+               std::logic_error);
+  std::ofstream(options.out / "file") << "not a folder";
+  options.out = options.out / "file" / "below";
+  EXPECT_THROW(PrepareFolder(options), std::runtime_error);
+}
+
+}  // namespace
+}  // namespace dfr::experiment
