@@ -21,8 +21,8 @@ core::FeatureSelection All(const Task& task) {
 core::FeatureTransform Isotropic(const Task& task,
                                  std::span<const core::Trajectory> demonstrations) {
   const int n = task.plant->state_dim();
-  const core::FeatureTransform whitening =
-      core::FeatureTransform::Whitening(All(task), States(demonstrations), {.decorrelate = false});
+  const core::FeatureTransform whitening = core::FeatureTransform::Whitening(
+      All(task), States(demonstrations), {.decorrelate = false, .local = false});
   const double scale = static_cast<double>(n) / whitening.scale().diagonal().cwiseInverse().sum();
   return {All(task), Eigen::VectorXd::Zero(n), scale * core::Matrix::Identity(n, n)};
 }

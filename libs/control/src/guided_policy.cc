@@ -195,8 +195,9 @@ GuidedPolicy::Choice GuidedPolicy::Choose(const LocalModel& model) noexcept {
   const double l = RaiseLevel(model, {next, model_->gate_level(next), options_.share}, limits_, v_);
   if (l >= 0.0) return {Mode::kPolicy, l};
   trial_ = v_;
-  const bool demonstrated =
-      options_.demonstrated && estimate_.Demonstrated(tracker_.phase(), AsSpan(z_), trial_);
+  // A certificate shrinks what leads outside until nothing is left.
+  const bool demonstrated = options_.demonstrated && !certifier_.active() &&
+                            estimate_.Demonstrated(tracker_.phase(), AsSpan(z_), trial_);
   trial_ = trial_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
   demonstrated_ = trial_;
   const double best = RaiseLevel(model, {next, 0.0}, limits_, trial_);

@@ -50,8 +50,8 @@ struct GuidedOptions {
   /// Not to be tuned. Weight of an applied control as a measurement of J, relative to the
   /// demonstrations' (in JacobianOptions), >= 0. 0: J is the demonstrations' alone.
   double online_weight = 1.0;
-  /// Not to be tuned. Whether recoveries begin with the demonstrated control; otherwise with the
-  /// filtered one.
+  /// Not to be tuned. Whether recoveries begin with the demonstrated control; otherwise, and with a
+  /// certificate, with the filtered one.
   bool demonstrated = true;
   /// Not to be tuned. Whether recoveries overtake phases.
   bool overtakes = true;
