@@ -35,11 +35,13 @@ struct FitOptions {
   std::string strategy = "guided";
   bool all = false;          ///< Episodes that did not complete the task, too.
   bool as_recorded = false;  ///< Actions that look like positions are none.
+  bool strict = false;       ///< Findings are a failure.
   safety::GuardOptions guard;
 };
-void RunFit(const FitOptions& options);
+/// @returns false if `strict` and something speaks against the guard, which is saved all the same.
+bool RunFit(const FitOptions& options);
 
-/// Prints what a file holds, and what its figures mean.
+/// Prints what a file holds, what its figures mean, and what speaks against using it.
 void Describe(const safety::GuardModel& model);
 
 struct ReportOptions {

@@ -40,9 +40,12 @@ void Describe(const safety::GuardModel& model) {
       "of any kind\n",
       model.action_dim(), settings.action_limit, settings.horizon, settings.max_actions);
   std::printf("strategy        %s\n", safety::Name(settings.strategy));
+  for (const std::string& finding : safety::Findings(model)) {
+    std::printf("warning         %s\n", finding.c_str());
+  }
 }
 
-void RunFit(const FitOptions& options) {
+bool RunFit(const FitOptions& options) {
   const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
   if (!reader->note().empty()) std::printf("%s\n", reader->note().c_str());
   std::vector<core::Trajectory> all;
@@ -84,6 +87,7 @@ void RunFit(const FitOptions& options) {
   model->Save(options.out);
   Describe(*model);
   std::printf("%s\n", options.out.c_str());
+  return !options.strict || safety::Findings(*model).empty();
 }
 
 }  // namespace dfr::apps::guard

@@ -61,7 +61,7 @@ void AddConvert(CLI::App& app) {
   command->callback([options] { RunConvert(*options); });
 }
 
-void AddFit(CLI::App& app) {
+void AddFit(CLI::App& app, int& result) {
   const auto options = std::make_shared<FitOptions>();
   CLI::App* command = app.add_subcommand("fit", "learn a guard from demonstrations");
   AddDemonstrations(*command, *options);
@@ -99,7 +99,12 @@ void AddFit(CLI::App& app) {
   command->add_flag("--all", options->all, "episodes that did not complete the task count, too");
   command->add_flag("--as-recorded", options->as_recorded,
                     "take actions as they are, although they look like target positions");
-  command->callback([options] { RunFit(*options); });
+  command->add_flag("--strict", options->strict,
+                    "exit with status 3 if something speaks against the guard");
+  command->callback([options, &result] {
+    constexpr int kSpokenAgainst = 3;
+    if (!RunFit(*options)) result = kSpokenAgainst;
+  });
 }
 
 void AddShow(CLI::App& app) {
@@ -158,7 +163,7 @@ int Main(int argc, char** argv) {
   int result = EXIT_SUCCESS;
   AddCheck(app, result);
   AddConvert(app);
-  AddFit(app);
+  AddFit(app, result);
   AddShow(app);
   AddReport(app);
   AddEvaluate(app);

@@ -71,6 +71,16 @@ class GuardAppTest(unittest.TestCase):
         self.assertNotIn("clock", page)
         self.assertNotRegex(page, "https?://")
 
+    def test_a_strict_fit_fails_where_something_speaks_against_the_guard(self):
+        out = self.run_guard("fit", "demos.hdf5", "--gamma", "1000", "-o", "narrow.guard")
+        self.assertRegex(out, "warning .*of the states of left-out demonstrations are inside")
+        self.assertIn("warning ", self.run_guard("show", "narrow.guard"))
+        strict = subprocess.run(
+            [PROGRAM, "fit", "demos.hdf5", "--gamma", "1000", "--strict", "-o", "narrow.guard"],
+            cwd=self.folder, text=True, capture_output=True, timeout=120,
+        )
+        self.assertEqual(strict.returncode, 3, strict.stderr)
+
     def test_minari_gives_the_same_guard(self):
         self.fit("a.guard")
         self.fit("b.guard", "right-v0", "--strategy", "guided")

@@ -265,6 +265,27 @@ TEST(GuardModelTest, LevelsFollowFasterAndSlowerEpisodes) {
   }
 }
 
+TEST(GuardModelTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
+  const auto good = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
+                                    {.features = "tip", .action_limit = 0.2});
+  EXPECT_THAT(Findings(*good), testing::IsEmpty());
+  const auto few = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 4),
+                                   {.features = "tip", .action_limit = 0.2});
+  EXPECT_THAT(Findings(*few), testing::Contains(HasSubstr("4 demonstrations cannot tell")));
+  GuardSettings settings = good->settings();
+  settings.alarm_level = 3.5;
+  settings.action_limit = 50.0;
+  EXPECT_THAT(Findings(*good->With(settings)),
+              testing::ElementsAre(HasSubstr("alarm is raised below l = -3.5"),
+                                   HasSubstr("give --action-limit")));
+  // A kernel so narrow that no unseen state is inside.
+  GuardOptions narrow{.features = "tip", .action_limit = 0.2};
+  narrow.support.svm.gamma = 1e3;
+  EXPECT_THAT(Findings(*GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
+                                        narrow)),
+              testing::Contains(HasSubstr("of the states of left-out demonstrations are inside")));
+}
+
 TEST(GuardModelTest, FewDemonstrationsPromiseLess) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 4),
                                      {.features = "tip", .false_alarms = 0.01});

@@ -13,6 +13,7 @@
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_transform.h"
+#include "dfr/core/format.h"
 #include "dfr/kernel/model_selection.h"
 
 namespace dfr::safety {
@@ -295,6 +296,42 @@ std::vector<double> GuardModel::Levels(const core::Matrix& states, std::vector<i
   DFR_THROW_UNLESS(states.cols() == state_dim(),
                    "states have " << states.cols() << " entries, the guard's have " << state_dim());
   return Follow(support(), states, steps);
+}
+
+std::vector<std::string> Findings(const GuardModel& model) {
+  constexpr int kFewest = 10;
+  constexpr double kLeastAcceptance = 0.7;
+  constexpr double kLowestAlarm = 3.0;
+  constexpr double kMostOvershoot = 5.0;
+  const GuardSummary& summary = model.summary();
+  const GuardSettings& settings = model.settings();
+  std::vector<std::string> findings;
+  if (summary.demonstrations < kFewest) {
+    findings.push_back(core::Format(
+        "%d demonstrations cannot tell several ways of doing the task from one: record %d or more",
+        summary.demonstrations, kFewest));
+  }
+  if (summary.acceptance < kLeastAcceptance) {
+    findings.push_back(core::Format(
+        "only %.0f %% of the states of left-out demonstrations are inside, so that a good policy "
+        "will be held up: record more demonstrations, look at fewer features, or at every k-th "
+        "state where demonstrations are long or differ in pace",
+        100.0 * summary.acceptance));
+  }
+  if (settings.alarm_level > kLowestAlarm) {
+    findings.push_back(core::Format(
+        "the alarm is raised below l = %.3g only, far outside: look for a demonstration that is "
+        "unlike the others, or allow more --false-alarms",
+        -settings.alarm_level));
+  }
+  const double ordinary = model.recovery().model().control_unit();
+  if (settings.action_limit > kMostOvershoot * ordinary) {
+    findings.push_back(core::Format(
+        "actions may reach %.3g, demonstrated ones have a root mean square of %.3g: give "
+        "--action-limit",
+        settings.action_limit, ordinary));
+  }
+  return findings;
 }
 
 std::string StripObservationPrefixes(std::string_view features) {

@@ -132,6 +132,11 @@ class GuardModel {
   std::shared_ptr<const TaskModel> task_;
 };
 
+/// What speaks against using a guard, each with its remedy: too few demonstrations to tell ways
+/// apart, states of left-out demonstrations that are mostly outside, an alarm level far outside, an
+/// action limit far beyond the demonstrated actions. Empty if nothing does.
+[[nodiscard]] std::vector<std::string> Findings(const GuardModel& model);
+
 /// The feature list of a command line, "obs/object,obs/tip[0:2]", as FeatureSelection takes it:
 /// without the "obs/" or "observations/" that stands before a name in a file.
 [[nodiscard]] std::string StripObservationPrefixes(std::string_view features);
