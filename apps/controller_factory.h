@@ -25,8 +25,8 @@ inline constexpr std::array<std::string_view, 3> kOtherMethods = {"finite-differ
 /// The parts of a method's name, "guided@lwr/density" for one.
 struct MethodName {
   std::string_view controller;  ///< With a support also "certified", guided recovery's of radius.
-  std::string_view policy;      ///< Of kPolicies; empty: the learned one.
-  std::string_view support;     ///< Of kSupports; empty: the controller's own.
+  std::string_view policy;      ///< One of kPolicies; empty: the learned one.
+  std::string_view support;     ///< One of kSupports; empty: the controller's own.
 };
 /// "lwr" and "knn" are short for "baseline@lwr" and "baseline@knn".
 [[nodiscard]] MethodName Split(std::string_view name) noexcept;

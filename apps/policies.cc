@@ -108,7 +108,7 @@ class Adversary final : public LikeAnother {
   static constexpr int kDirections = 12;
   static constexpr int kHorizon = 12;
 
-  // Of the same control again and again; infinite if it does not collide soon.
+  // Steps of the same control again and again; infinite if it does not collide soon.
   double StepsToCollision() const noexcept {
     copy_->CopyStateFrom(*plant_);
     for (int i = 0; i < kHorizon; ++i) {

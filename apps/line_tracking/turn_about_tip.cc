@@ -12,7 +12,7 @@ using kinematics::PsmJoints;
 using kinematics::PsmReach;
 
 constexpr double kTurn = 0.05;      // rad, from one of the way's points to the next
-constexpr double kWay = 5e-4;       // m, likewise of the tips
+constexpr double kWay = 5e-4;       // m, the same of the tips
 constexpr double kMostJoint = 0.5;  // rad: more from one point to the next is another posture
 
 // Whether the tips stay near the straight line while the joints go from one point to the next.

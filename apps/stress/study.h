@@ -21,7 +21,7 @@ struct Study : experiment::ExperimentOptions {
     episodes = 20;
   }
   std::vector<std::string> tasks = TaskNames();
-  /// Of kPolicies, or "learned": the weak network.
+  /// Names from kPolicies, or "learned": the weak network.
   std::vector<std::string> policies = {"lwr", "learned"};
   std::vector<std::string> controllers = {"early-stopping", "dfr", "guided"};  ///< And "baseline".
   std::vector<std::string> conditions = {};  ///< Names of Conditions(); empty: all.
@@ -52,8 +52,9 @@ struct Row {
 /// controller, then saved / harmed, in per cent. Behind them a table of means and worst rows.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeTables(const std::vector<Row>& rows);
 
-/// Of rows whose controllers are "<controller>/<support>": a table a policy of what support and
-/// controller buy, means over all tasks and conditions of completed / collided in per cent.
+/// What support and controller buy, a table a policy, from rows whose controllers are
+/// "<controller>/<support>": means over all tasks and conditions of completed / collided in per
+/// cent.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows);
 
 /// Rows of a good policy (one that completes at least half of the episodes) in which `controller`

@@ -42,7 +42,7 @@ struct Condition {
   std::string name;
   std::string variant = {};  ///< Runs where a task has that variant.
   control::DisturbanceOptions disturbance = {};
-  double noise = 0.0;  ///< Of observations, in Task::length.
+  double noise = 0.0;  ///< Standard deviation in observations, in Task::length.
 };
 
 /// All conditions, "as demonstrated" first.

@@ -140,8 +140,8 @@ void RunDecisions(Runner& runner) {
 }
 
 void RunFits(Runner& runner) {
-  // Of the larger ones the first steps, with all that comes before and after: the simulation is
-  // slow.
+  // The larger ones take their first steps alone, with all that comes before and after: the
+  // simulation is slow.
   struct Fit {
     const char* name;
     int n;

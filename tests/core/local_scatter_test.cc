@@ -54,7 +54,7 @@ TEST(LocalScatterTest, NormalPointsNearlyKeepTheirCovariance) {
                              skewed.Scaled(skewed.covariance), 0.1));
 }
 
-// Of two clusters it is nearly that of one, where all points together are far wider.
+// The scatter of two clusters is nearly that of one, where all points together are far wider.
 TEST(LocalScatterTest, TwoClustersAreNotOneWideOne) {
   Skewed skewed;
   const auto groups = skewed.Groups(Eigen::RowVector3d(20.0, -10.0, 1.0));

@@ -78,7 +78,7 @@ TEST_F(EmergencyStopTest, LateJoinersLearnThatItIsPressed) {
   EXPECT_EQ(late.Check(now_ns_), EmergencyStop::kPressed);
 }
 
-// A stop that somebody forgot to end does not hide that the operator's has died.
+// A stop that was forgotten does not hide that the operator's has died.
 TEST_F(EmergencyStopTest, EachButtonIsMissedByItself) {
   ASSERT_TRUE(BeatsUntil(EmergencyStop::kClear));
   {

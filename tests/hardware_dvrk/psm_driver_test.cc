@@ -349,7 +349,7 @@ TEST_F(PsmDriverTest, ASecondConsoleHolds) {
   EXPECT_EQ(driver.Arm(), PsmStatus::kSecondConsole);
 }
 
-// Somebody moves the arm inside the console, where no topic shows it but the set-point.
+// The console moves the arm by itself, where no topic shows it but the set-point.
 TEST_F(PsmDriverTest, ASetpointThatTheConsoleMovesByItselfHolds) {
   PsmDriver driver(participant_, Patient());
   ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();

@@ -255,7 +255,7 @@ PsmStatus PsmClient::FindHoldReason(const PsmInput& input) const noexcept {
   return CommandHoldReason(input);
 }
 
-// Somebody else commands the arm, or may.
+// Another client commands the arm, or may.
 PsmStatus PsmClient::CommandHoldReason(const PsmInput& input) const noexcept {
   if (input.wrong_tool) return PsmStatus::kWrongTool;
   if (input.clutched) return PsmStatus::kClutched;

@@ -183,8 +183,8 @@ void JacobianPrior::AddTo(int t, std::span<const double> z, Eigen::VectorXf& sum
 
 double JacobianPrior::AddDemonstrated(int t, std::span<const double> z, Eigen::VectorXd& y,
                                       Eigen::MatrixXd& a, Eigen::MatrixXd& b) const noexcept {
-  // Of the squared distance, per feature. Narrower follows the nearest demonstrations more closely,
-  // their noise included; wider forgets where it is.
+  // Weights fall with the squared distance times this, per feature. Narrower follows the nearest
+  // demonstrations more closely, their noise included; wider forgets where it is.
   constexpr float kBandwidth = 0.5F;
   // From the last time step on, its transitions are the nearest there are.
   const auto [first, last] = Near(std::min(t, static_cast<int>(begin_.size()) - 2));
@@ -280,7 +280,7 @@ void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
 }
 
 bool JacobianEstimate::Demonstrated(int t, std::span<const double> z, Eigen::VectorXd& v) noexcept {
-  // Of the slopes, per unit of weight: where states hardly differ in a direction, the control does
+  // For the slopes, per unit of weight: where states hardly differ in a direction, the control does
   // not depend on it.
   constexpr double kRidge = 0.1;
   constexpr double kNearness = 0.03;

@@ -23,7 +23,7 @@ namespace dfr::dds::internal {
 class ParticipantCensus {
  public:
   using Address = std::array<std::uint8_t, 16>;
-  using Prefix = std::array<std::uint8_t, 12>;  ///< Of a participant's GUID.
+  using Prefix = std::array<std::uint8_t, 12>;  ///< A participant's, in its GUID.
 
   static constexpr std::size_t kPerAddress = 64;    ///< More at one address are not heard.
   static constexpr std::size_t kInAll = 512;        ///< Nor more at all addresses together.

@@ -11,8 +11,8 @@ namespace dfr::kernel::internal {
 /// together, the nearest may all be of one kind, and nothing could move.
 class ActiveSet {
  public:
-  /// Of each kind at least `margin` / 2 samples more than violate their KKT condition, of which
-  /// `most_violators` / 2 or as many as half of the free samples are taken.
+  /// Takes of each kind at least `margin` / 2 samples more than violate their KKT condition, of
+  /// which `most_violators` / 2 or as many as half of the free samples are taken.
   ActiveSet(std::size_t margin, std::size_t most_violators)
       : margin_(margin), most_violators_(most_violators) {}
 

@@ -58,7 +58,7 @@ struct SparseSmoProblem {
   T* gradient = nullptr;
   T* may_rise = nullptr;
   T* may_fall = nullptr;
-  /// Of each group: least G of what may rise, and largest of what may fall. Padded to whole cache
+  /// For each group: least G of what may rise, and largest of what may fall. Padded to whole cache
   /// lines with kNever and -kNever. The loop fills them in.
   T* smallest = nullptr;
   T* largest = nullptr;

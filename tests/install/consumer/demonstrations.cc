@@ -1,7 +1,7 @@
+#include "dfr/imitation/demonstrations.h"
+
 #include <stdexcept>
 #include <string>
-
-#include "dfr/imitation/demonstrations.h"
 
 int main() {
   try {

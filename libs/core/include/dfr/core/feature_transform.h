@@ -32,9 +32,9 @@ class FeatureTransform {
   /// z = f(x).
   static FeatureTransform Identity(FeatureSelection selection);
 
-  /// W = (Corr + ridge I)^(-1/2) diag(1/sd), of how demonstrated states differ from their neighbours
-  /// at the same time step (LocalScatter()), pooled over all t at which at least half of the
-  /// demonstrations are still under way. So z has about unit variance across demonstrations,
+  /// W = (Corr + ridge I)^(-1/2) diag(1/sd), of how demonstrated states differ from their
+  /// neighbours at the same time step (LocalScatter()), pooled over all t at which at least half of
+  /// the demonstrations are still under way. So z has about unit variance across demonstrations,
   /// whatever the units, and progress of the task does not count as variance. `demonstrations` has
   /// one matrix of whole states each, rows in order of time.
   /// @throws std::invalid_argument if there are fewer than two demonstrations, their widths do not

@@ -66,8 +66,8 @@ class Participant {
   [[nodiscard]] std::vector<RefusedPeer> TakeRefusedPeers();
 
   /// Publishers that other participants have on topics whose ROS 2 name `counts`, whatever their
-  /// types and qualities of service. Through a discovery server only those are known that somebody
-  /// here subscribes to.
+  /// types and qualities of service. Through a discovery server only those are known that this
+  /// process subscribes to.
   [[nodiscard]] int CountOthersPublishers(
       const std::function<bool(std::string_view topic)>& counts) const;
 

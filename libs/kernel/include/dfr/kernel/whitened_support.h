@@ -36,9 +36,9 @@ struct WhitenedSupportOptions {
 /// Against TimeVaryingSupport: states of neighbouring time steps are pooled, so that few
 /// demonstrations suffice and timing matters less; each time step has its own linear map
 /// y = V_t z, V_t = (Cov_t + phase_ridge I)^(-1/2), Cov_t how the demonstrations' means over the
-/// pooled states differ from their neighbours' plus how each moves about its mean, because the spread of
-/// demonstrations changes along a task; and demonstrations that have ended count no more, so the
-/// last estimates are of the slow ones and the very last holds from then on.
+/// pooled states differ from their neighbours' plus how each moves about its mean, because the
+/// spread of demonstrations changes along a task; and demonstrations that have ended count no more,
+/// so the last estimates are of the slow ones and the very last holds from then on.
 ///
 /// Immutable once made. Concurrent calls are safe.
 class WhitenedSupport final : public core::LogDecisionFunction {

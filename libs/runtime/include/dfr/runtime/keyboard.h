@@ -14,8 +14,8 @@ class Keyboard {
 
   /// Throws away all that was typed before, so that no answer is older than its question.
   void Discard() noexcept;
-  /// The next whole line, without its end; nothing if there is none, or no more will come. Waits for
-  /// it for `timeout_s` at most. A line of more than 4096 characters is cut.
+  /// The next whole line, without its end; nothing if there is none, or no more will come. Waits
+  /// for it for `timeout_s` at most. A line of more than 4096 characters is cut.
   [[nodiscard]] std::optional<std::string> Line(double timeout_s = 0.0);
   /// Nobody types there any more.
   [[nodiscard]] bool ended() const noexcept { return ended_; }
