@@ -18,7 +18,8 @@ const std::vector<std::string>& PolicyNames() {
 
 Imitator::Imitator(std::shared_ptr<const core::Policy> learned, const sim::Flaw& flaw)
     : learned_(std::move(learned)), flaw_(flaw) {
-  wanted_.resize(static_cast<std::size_t>(learned_->control_dim() * flaw.late));
+  wanted_.resize(static_cast<std::size_t>(learned_->control_dim()) *
+                 static_cast<std::size_t>(flaw.late));
 }
 
 void Imitator::Reset(std::uint64_t seed) noexcept {

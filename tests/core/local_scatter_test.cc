@@ -102,6 +102,7 @@ TEST(LocalScatterTest, ASwitchKeepsATwentiethOfItsDeviation) {
 TEST(LocalScatterTest, WithoutEnoughPointsItIsThePooledCovariance) {
   Random random(5);
   std::vector<Matrix> groups;
+  groups.reserve(6);
   for (int g = 0; g < 5; ++g) {
     groups.push_back(Normals(random, 3, Matrix::Identity(2, 2), Eigen::RowVector2d(g, 0)));
   }

@@ -104,6 +104,7 @@ TEST_F(EmergencyStopTest, EachButtonIsMissedByItself) {
 
 TEST_F(EmergencyStopTest, MoreButtonsThanItCanFollowAreNotTrusted) {
   std::vector<std::unique_ptr<EmergencyStopButton>> buttons;
+  buttons.reserve(9);
   for (int i = 0; i < 9; ++i) buttons.push_back(std::make_unique<EmergencyStopButton>(operator_));
   EmergencyStop found = EmergencyStop::kSilent;
   for (int i = 0; i < 12'000 && receiver_.num_buttons() < 8; ++i) {

@@ -240,11 +240,13 @@ JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
   scratch_ = Eigen::VectorXd::Zero(m);
   sums_ = Eigen::VectorXf::Zero(prior_->num_sums());
   y_ = Eigen::VectorXd::Zero(n + 1);
+  unit_ = Eigen::MatrixXd::Zero(n + 1, 1);
   a_demo_ = Eigen::MatrixXd::Identity(n + 1, n + 1);
   b_demo_ = Eigen::MatrixXd::Zero(n + 1, m);
   cholesky_demo_ = Eigen::LLT<Eigen::MatrixXd>(a_demo_);
   h_ = Eigen::MatrixXd::Identity(m, m);
   cholesky_controls_ = Eigen::LLT<Eigen::MatrixXd>(h_);
+  did_ = Eigen::MatrixXd::Zero(m, 1);
   wanted_ = Eigen::VectorXd::Zero(n);
 }
 
@@ -293,26 +295,27 @@ bool JacobianEstimate::Demonstrated(int t, std::span<const double> z, Eigen::Vec
   a_demo_.diagonal().tail(n).array() += kRidge * weight;
   cholesky_demo_.compute(a_demo_);
   // At z itself, y is the first unit vector.
-  y_.setZero();
-  y_[0] = 1.0;
-  cholesky_demo_.solveInPlace(y_);
-  v.noalias() = b_demo_.transpose().lazyProduct(y_);
+  unit_.setZero();
+  unit_(0, 0) = 1.0;
+  cholesky_demo_.solveInPlace(unit_);
+  v.noalias() = b_demo_.transpose().lazyProduct(unit_.col(0));
 
   // What it did: J_demo v_d, J_demo of the demonstrations alone.
   h_ = (a_ - a_online_).topLeftCorner(m, m);
   cholesky_controls_.compute(h_);
-  scratch_ = v;
-  cholesky_controls_.solveInPlace(scratch_);
-  wanted_.noalias() = (b_ - b_online_).topRows(m).transpose().lazyProduct(scratch_);
+  did_ = v;
+  cholesky_controls_.solveInPlace(did_);
+  wanted_.noalias() = (b_ - b_online_).topRows(m).transpose().lazyProduct(did_.col(0));
   if (drifts_) wanted_ -= Time(v.norm()) * drift_;
   h_.noalias() = jacobian_.transpose().lazyProduct(jacobian_);
   const double nearness = kNearness * h_.trace() / m;
   if (!(nearness > 0.0)) return true;
   h_.diagonal().array() += nearness;
   scratch_.noalias() = jacobian_.transpose().lazyProduct(wanted_);
-  v = scratch_ + nearness * v;
+  did_ = scratch_ + nearness * v;
   cholesky_controls_.compute(h_);
-  cholesky_controls_.solveInPlace(v);
+  cholesky_controls_.solveInPlace(did_);
+  v = did_.col(0);
   return true;
 }
 

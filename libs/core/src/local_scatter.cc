@@ -89,7 +89,7 @@ Matrix LocalScatter(std::span<const Matrix> groups, const LocalScatterOptions& o
   DFR_THROW_UNLESS(options.kept > 0.0 && options.kept <= 1.0,
                    "kept must lie in (0, 1], not be " << options.kept);
   DFR_THROW_UNLESS(options.rounds > 0, "rounds must be positive, not " << options.rounds);
-  const Matrix global = PooledCovariance(groups);
+  Matrix global = PooledCovariance(groups);
   const Eigen::Index n = global.rows();
   std::vector<Matrix> points;
   for (const Matrix& group : groups) {

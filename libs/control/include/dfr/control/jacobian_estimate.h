@@ -143,11 +143,13 @@ class JacobianEstimate {
   Eigen::VectorXf sums_;
   // Of Demonstrated(): its regression, and the least squares of what it did.
   Eigen::VectorXd y_;
+  Eigen::MatrixXd unit_;  ///< (n + 1) x 1
   Eigen::MatrixXd a_demo_;
   Eigen::MatrixXd b_demo_;
   Eigen::LLT<Eigen::MatrixXd> cholesky_demo_;
   Eigen::MatrixXd h_;
   Eigen::LLT<Eigen::MatrixXd> cholesky_controls_;
+  Eigen::MatrixXd did_;  ///< m x 1
   Eigen::VectorXd wanted_;
 };
 
