@@ -207,7 +207,8 @@ void EpisodeReader::KeepMasked(const std::string& group, const std::string& mask
   }
   std::set<std::string> wanted;
   for (const std::string& name : file_.ReadTexts(path)) {
-    const std::string episode = group + "/" + name;
+    std::string episode = group;
+    episode.append("/").append(name);
     if (std::find(episodes_.begin(), episodes_.end(), episode) == episodes_.end()) {
       file_.Fail(path, "names '" + name + "', which is no episode of this file");
     }
