@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -59,7 +60,7 @@ TEST_F(CGuardTest, DecidesAsTheCppGuardDoes) {
     EXPECT_EQ(verdict_.alarm != 0, verdict.alarm);
     EXPECT_EQ(verdict_.step, verdict.step);
     EXPECT_EQ(verdict_.alarm_step, verdict.alarm_step);
-    EXPECT_EQ(std::memcmp(&verdict_.g, &verdict.g, sizeof(double)), 0);
+    EXPECT_EQ(std::bit_cast<std::uint64_t>(verdict_.g), std::bit_cast<std::uint64_t>(verdict.g));
     EXPECT_STREQ(verdict_.reason, verdict.reason());
     for (std::size_t k = 0; k < state_.size(); ++k) state_[k] += 0.03 * (k % 2 == 0 ? 1.0 : -0.5);
   }
