@@ -45,7 +45,7 @@ TEST(GuidedPolicyTest, PassesTheLearnedControlDeepInside) {
   const auto support = MovingDisk();
   const GuidedModel model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
-  GuidedPolicy guided(policy, model);
+  GuidedPolicy guided(policy, model, {.lag = false});
   guided.Reset(1);
   std::vector<double> u(2);
   const Step step = guided.Next(std::vector{0.05, 0.0}, u);
@@ -67,7 +67,7 @@ TEST(GuidedPolicyTest, LooksAtAControlLargerThanDemonstrated) {
   for (const double size : {0.999 * most, 1.001 * most, 0.6}) {
     SCOPED_TRACE(size);
     const auto policy = test::ConstantPolicy(2, size);
-    GuidedPolicy guided(policy, model);
+    GuidedPolicy guided(policy, model, {.lag = false});
     guided.Reset(1);
     const Step step = guided.Next(x, u);
     ASSERT_EQ(step.mode, Mode::kPolicy);
@@ -76,9 +76,28 @@ TEST(GuidedPolicyTest, LooksAtAControlLargerThanDemonstrated) {
     EXPECT_EQ(step.filtered, size > most) << "deep inside nothing is changed";
     if (size == 0.6) {
       EXPECT_LT(u[0], 0.5);
-      EXPECT_GT(u[0], 0.295) << "half of its effect stays";
     }
   }
+}
+
+// A lag shows in the first controls, wherever they are.
+TEST(GuidedPolicyTest, TheFirstControlsShowALag) {
+  const auto support = MovingDisk();
+  const GuidedModel model(Identity(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, kSpeed);
+  GuidedPolicy guided(policy, model);
+  guided.Reset(1);
+  std::vector<double> u(2);
+  Turned plant;
+  std::vector<double> given = {0.0, 0.0};
+  for (int t = 0; t < 8; ++t) {
+    const Step step = guided.Next(plant.x, u);
+    ASSERT_EQ(step.mode, Mode::kPolicy);
+    EXPECT_EQ(step.t, t) << "the phase that controls under way lead to";
+    plant.Apply(given);
+    given = u;
+  }
+  EXPECT_NEAR(plant.x[0], 7.0 * kSpeed, 0.02) << "one control late, no slower";
 }
 
 // Deep inside the present support alone, or the next one alone, is not enough.
@@ -95,7 +114,7 @@ TEST(GuidedPolicyTest, DeepInsideIsInsideBothSupports) {
     const std::vector<double> z = {x, 0.0};
     const bool now = support.LogDecision(0, z, {}) >= hi;
     const bool then = support.LogDecision(1, z, {}) >= hi;
-    GuidedPolicy fresh(policy, model);
+    GuidedPolicy fresh(policy, model, {.lag = false});
     fresh.Reset(1);
     ASSERT_NE(fresh.Next(z, u).mode, Mode::kHalt);
     EXPECT_EQ(fresh.jacobian().isZero(0.0), now && then);
@@ -281,32 +300,30 @@ TEST_F(GuidedPolicySlackTest, ThePolicyGoesOnWithinReachAndTheDemonstrationsBeyo
   }
 }
 
-// The policy goes the wrong way and the filter keeps half of that: the point ends at -0.05, where
-// l_1 = -0.3 - 4 * 0.15^2 = -0.39. Without the share it ends at 0.1, 0.09 higher. Whether this is
-// worth giving up the learned control is the margin's to say, a share of the slack 0.2.
-TEST_F(GuidedPolicySlackTest, TheMarginWeighsWhatTheLearnedControlCosts) {
-  const auto policy = Along(-kSpeed);
+// The filter can do no better than -0.3, B_1's middle but for the object. Whether that is near
+// enough for it to pass is a multiple of the slack, here 0.2.
+TEST_F(GuidedPolicySlackTest, TheFilteredControlPassesWithinReach) {
+  const auto policy = Along(kSpeed);
   const GuidedModel model = Model(0.2);
-  for (const double margin : {0.0, 0.4, 0.5}) {
-    SCOPED_TRACE(margin);
-    // A recovery from the filtered control, so that all that it changes is the share.
-    GuidedPolicy guided(policy, model, {.margin = margin, .demonstrated = false});
+  for (const double reach : {0.0, 1.0, 2.0}) {
+    SCOPED_TRACE(reach);
+    GuidedPolicy guided(policy, model, {.reach = reach});
     guided.Reset(1);
     std::vector<double> u(2);
     const Step step = guided.Next(std::vector{0.0, 0.0, offset_}, u);
-    EXPECT_EQ(step.mode, margin < 0.45 ? Mode::kRecovery : Mode::kPolicy);
-    EXPECT_NEAR(u[0], margin < 0.45 ? 0.1 : -0.05, 0.003);
+    EXPECT_EQ(step.mode, reach < 1.5 ? Mode::kRecovery : Mode::kPolicy);
+    EXPECT_NEAR(u[0], kSpeed, 0.003) << "as demonstrated, or as it is";
   }
 }
 
-// The same state with an object so far aside that the margin does not count. A climb would end at
-// B_1's centre; what is applied is what demonstrations did, here to the right; what y asks for is
-// shrunk by the regression's ridge, these features being far smaller than whitened ones.
+// An object too far aside for that. A climb would end at B_1's centre; what is applied is what
+// demonstrations did, here to the right; what y asks for is shrunk by the regression's ridge, these
+// features being far smaller than whitened ones.
 TEST_F(GuidedPolicySlackTest, ARecoveryThatStaysOutsideDoesWhatDemonstrationsDid) {
   const auto policy = Along(-kSpeed);
   const GuidedModel model = Model(0.1);
   const std::vector<double> x = {0.0, 0.1, offset_};
-  GuidedPolicy guided(policy, model, {.margin = 0.0});
+  GuidedPolicy guided(policy, model, {.reach = 0.0});
   guided.Reset(1);
   std::vector<double> u(2);
   const Step step = guided.Next(x, u);
@@ -445,7 +462,7 @@ TEST(GuidedPolicyTest, HoldsItsPlaceInADrift) {
       2, 2, [](int, std::span<const double>, std::span<double> u) { u[0] = 0.1, u[1] = 0.0; });
   const auto farthest = [&](const DriftTime& drift_time, double sign) {
     // Content with what lies outside, it would be carried off.
-    GuidedOptions options = Without({}, "slack");
+    GuidedOptions options = Without({}, "reach");
     options.horizon = 60;
     options.drift_time = drift_time;
     GuidedPolicy guided(rightwards, model, options);
@@ -496,25 +513,39 @@ TEST(GuidedPolicyTest, ThePhaseWaitsForAPolicyThatIsLate) {
 // What a controller does in a world: its modes, times and controls, one after another.
 std::vector<double> Trace(const core::Policy& policy, const GuidedModel& model,
                           const GuidedOptions& options, std::vector<double> x, int controls,
-                          double angle = 0.0, double drift = 0.0) {
+                          double angle = 0.0, double drift = 0.0, int late = 0) {
   GuidedPolicy guided(policy, model, options);
   guided.Reset(1);
   Turned plant{.angle = angle, .x = std::move(x)};
   std::vector<double> trace;
   std::vector<double> u(2);
+  std::vector<std::vector<double>> given;
   for (int i = 0; i < controls; ++i) {
     const Step step = guided.Next(plant.x, u);
     trace.push_back(static_cast<double>(step.mode));
     trace.push_back(step.t);
     trace.insert(trace.end(), u.begin(), u.end());
-    plant.Apply(u);
+    given.push_back(u);
+    if (i >= late) plant.Apply(given[static_cast<std::size_t>(i - late)]);
     plant.x[1] += drift;
   }
   return trace;
 }
 
+// What goes up by itself, and up more the further it is.
+std::vector<core::Trajectory> Rising() {
+  auto demonstrations = Rightwards();
+  for (core::Trajectory& demonstration : demonstrations) {
+    for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
+      demonstration.controls(t, 1) -= 0.02 + 0.3 * demonstration.states(t, 1);
+    }
+  }
+  return demonstrations;
+}
+
 TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
   const auto support = MovingDisk();
+  const GuidedModel rising(Identity(), support, Rising());
   const GuidedModel model(Identity(), support, Rightwards());
   const GuidedModel sideless(Identity(), support, Sideless());
   const auto along = test::ConstantPolicy(2, kSpeed);
@@ -524,19 +555,19 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
     SCOPED_TRACE(part);
     const auto trace = [&](const GuidedOptions& options) -> std::vector<double> {
       if (part == "filter") return Trace(along, model, options, {0.0, 0.38}, 1);
-      if (part == "share") return Trace(back, model, options, {0.0, 0.0}, 1);
+      if (part == "own-motion") return Trace(along, rising, options, {0.0, 0.38}, 1);
+      if (part == "lag") return Trace(along, model, options, {0.0, 0.38}, 4, 0.0, 0.0, 1);
       if (part == "probing") return Trace(along, sideless, options, {0.0, 0.35}, 1);
       if (part == "online-jacobian") return Trace(along, model, options, {0.0, 0.38}, 3, 0.9);
       if (part == "drift") return Trace(along, model, options, {0.0, 0.2}, 3, 0.0, 0.05);
-      if (part == "demonstrated") return Trace(back, model, options, {0.0, 1.2}, 1);
+      if (part == "demonstrated") return Trace(back, model, options, {0.0, 2.6}, 1);
       if (part == "overtaking") return Trace(back, model, options, {0.0, 1.6}, 8);
-      // slack: the point is 0.02 away from where it could be, with an object off to the side that
+      // reach: the point is 0.02 away from where it could be, with an object off to the side that
       // no control moves.
-      if (part == "slack") {
+      if (part == "reach") {
         const test::GaussianSupport aside({{0.0, 0.0}}, 4.0, 0.38);
         const GuidedModel at_edge(Identity(), aside, Rightwards(), {.slack = 0.2});
         GuidedOptions limited = options;
-        limited.share = 1.0;
         limited.control_limit = 0.002;
         const test::FunctionPolicy outwards(2, 2,
                                             [](int, std::span<const double>, std::span<double> u) {
@@ -554,8 +585,8 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
     EXPECT_EQ(trace(options), trace(options)) << "the difference is the part's";
     seen.push_back(part);
   }
-  EXPECT_THAT(seen, testing::ElementsAre("filter", "share", "slack", "demonstrated", "overtaking",
-                                         "probing", "online-jacobian", "drift"));
+  EXPECT_THAT(seen, testing::ElementsAre("filter", "reach", "demonstrated", "overtaking", "probing",
+                                         "online-jacobian", "own-motion", "lag", "drift"));
 }
 
 TEST(GuidedPolicyTest, PartsAreTakenOutByTheirNeutralValues) {
@@ -569,13 +600,15 @@ TEST(GuidedPolicyTest, PartsAreTakenOutByTheirNeutralValues) {
   EXPECT_EQ(two.iterations, 0);
   EXPECT_FALSE(two.overtakes);
   EXPECT_TRUE(two.demonstrated);
-  EXPECT_EQ(two.share, options.share);
+  EXPECT_TRUE(two.own_motion);
+  EXPECT_TRUE(two.lag);
   EXPECT_EQ(two.horizon, 77);
-  const GuidedOptions all =
-      Without(options, "drift+online-jacobian+probing+overtaking+demonstrated+slack+share+filter");
+  const GuidedOptions all = Without(
+      options, "drift+lag+own-motion+online-jacobian+probing+overtaking+demonstrated+reach+filter");
   EXPECT_EQ(all.iterations, 0);
-  EXPECT_EQ(all.share, -std::numeric_limits<double>::infinity());
-  EXPECT_EQ(all.margin, 0.0);
+  EXPECT_FALSE(all.own_motion);
+  EXPECT_FALSE(all.lag);
+  EXPECT_EQ(all.reach, 0.0);
   EXPECT_FALSE(all.demonstrated);
   EXPECT_FALSE(all.overtakes);
   EXPECT_EQ(all.probe_size, 0.0);
@@ -878,8 +911,7 @@ TEST(GuidedPolicyTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({.drift_time = {.rest = -1.0}}), HasSubstr("drift times"));
   EXPECT_THAT(message({.first_step = -1}), HasSubstr("first_step"));
   EXPECT_THAT(message({.iterations = -1}), HasSubstr("iterations"));
-  EXPECT_THAT(message({.share = 1.1}), HasSubstr("share"));
-  EXPECT_THAT(message({.margin = -0.1}), HasSubstr("margin"));
+  EXPECT_THAT(message({.reach = -0.1}), HasSubstr("reach"));
   EXPECT_THAT(message({.reach = -1.0}), HasSubstr("reach"));
   EXPECT_THAT(message({.patience = 0}), HasSubstr("patience"));
   EXPECT_THAT(message({.probe_size = -0.1}), HasSubstr("probe_size"));

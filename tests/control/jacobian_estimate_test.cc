@@ -19,6 +19,9 @@ namespace {
 constexpr int kN = 3;
 constexpr int kM = 2;
 
+// dz = J v, of controls that act at once.
+constexpr EstimateScope kControlsAlone = {.own_motion = false, .lag = false};
+
 core::Matrix RandomMatrix(core::Random& random, int rows, int cols) {
   core::Matrix m(rows, cols);
   for (Eigen::Index i = 0; i < m.size(); ++i) m.data()[i] = random.Normal();
@@ -60,7 +63,9 @@ TEST(JacobianEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   core::Random random(2);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
   const JacobianOptions options{.prior_weight = 0.0};
-  JacobianEstimate estimate(std::make_shared<const JacobianPrior>(d.features, d.controls, options));
+  JacobianEstimate estimate(std::make_shared<const JacobianPrior>(d.features, d.controls, options),
+                            {}, kControlsAlone);
+  const std::vector<double> z(kN, 0.0);
   Eigen::MatrixXd a = Eigen::MatrixXd::Zero(kM, kM);
   Eigen::MatrixXd b = Eigen::MatrixXd::Zero(kM, kN);
   for (int i = 0; i < 12; ++i) {
@@ -68,14 +73,14 @@ TEST(JacobianEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
     const Eigen::VectorXd dz = RandomMatrix(random, kN, 1);
     a = options.forgetting * a + v * v.transpose();
     b = options.forgetting * b + v * dz.transpose();
-    estimate.Update(core::AsSpan(v), core::AsSpan(dz));
+    estimate.Update(z, core::AsSpan(v), core::AsSpan(dz));
   }
   a += options.ridge * Eigen::MatrixXd::Identity(kM, kM);
-  estimate.Compute(0, std::vector<double>(kN, 0.0));
+  estimate.Compute(0, z);
   const Eigen::MatrixXd expected = a.ldlt().solve(b).transpose();
   EXPECT_TRUE(test::AllClose(estimate.jacobian(), expected, 1e-12));
   estimate.Reset();
-  estimate.Compute(0, std::vector<double>(kN, 0.0));
+  estimate.Compute(0, z);
   EXPECT_TRUE(test::AllClose(estimate.jacobian(), Eigen::MatrixXd::Zero(kN, kM), 0.0));
 }
 
@@ -89,21 +94,21 @@ TEST(JacobianEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
   const Eigen::VectorXd dz = RandomMatrix(random, kN, 1);
   const auto after = [&](double weight) -> Eigen::MatrixXd {
-    JacobianEstimate estimate(prior);
-    estimate.Update(core::AsSpan(v), core::AsSpan(dz), weight);
+    JacobianEstimate estimate(prior, {}, kControlsAlone);
+    estimate.Update(z, core::AsSpan(v), core::AsSpan(dz), weight);
     estimate.Compute(0, z);
     return estimate.jacobian();
   };
   // Neither forgetting nor the prior's own weight scale with it: the sums are
   // A + w v v', B + w v dz', which the same control, sqrt(w) as large, gives as well.
-  JacobianEstimate scaled(prior);
+  JacobianEstimate scaled(prior, {}, kControlsAlone);
   const Eigen::VectorXd v2 = std::sqrt(2.5) * v;
   const Eigen::VectorXd dz2 = std::sqrt(2.5) * dz;
-  scaled.Update(core::AsSpan(v2), core::AsSpan(dz2));
+  scaled.Update(z, core::AsSpan(v2), core::AsSpan(dz2));
   scaled.Compute(0, z);
   EXPECT_TRUE(test::AllClose(after(2.5), scaled.jacobian(), 1e-12));
   EXPECT_GT((after(2.5) - after(1.0)).norm(), 1e-3);
-  JacobianEstimate untouched(prior);
+  JacobianEstimate untouched(prior, {}, kControlsAlone);
   untouched.Compute(0, z);
   EXPECT_TRUE(test::AllClose(after(0.0), untouched.jacobian(), 0.0));
   EXPECT_TRUE(after(1.0) != untouched.jacobian());
@@ -117,14 +122,15 @@ TEST(JacobianEstimateTest, FollowsAPlantThatHasChanged) {
   after << 0.0, -1.0, 1.0, 0.0;
   const auto d = Linear(before, 30, 10, random);
   JacobianEstimate estimate(
-      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{}));
+      std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{}), {},
+      kControlsAlone);
   const std::vector<double> z(2, 0.0);
   estimate.Compute(5, z);
   EXPECT_TRUE(test::AllClose(estimate.jacobian(), before, 0.02));  // ridge / prior weight
   for (int i = 0; i < 40; ++i) {
     const Eigen::VectorXd v = RandomMatrix(random, 2, 1);
     const Eigen::VectorXd dz = after * v;
-    estimate.Update(core::AsSpan(v), core::AsSpan(dz));
+    estimate.Update(z, core::AsSpan(v), core::AsSpan(dz));
   }
   estimate.Compute(5, z);
   // The prior weighs 15, the applied controls 1 / (1 - 0.93) = 14: half way by now.
@@ -140,14 +146,14 @@ TEST(JacobianEstimateTest, TellsADriftFromTheAnswerToControls) {
   const auto d = Linear(truth, 4, 3, random);
   const auto prior = std::make_shared<const JacobianPrior>(
       d.features, d.controls, JacobianOptions{.ridge = 1e-9, .prior_weight = 0.0});
-  JacobianEstimate aware(prior, time);
-  JacobianEstimate blind(prior);
+  JacobianEstimate aware(prior, time, kControlsAlone);
+  JacobianEstimate blind(prior, {}, kControlsAlone);
   const std::vector<double> z(kN, 0.0);
   for (int i = 0; i < 12; ++i) {
     const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
     const Eigen::VectorXd dz = truth * v + (time.rest + time.travel * v.norm()) * drift;
     for (JacobianEstimate* estimate : {&aware, &blind}) {
-      estimate->Update(core::AsSpan(v), core::AsSpan(dz));
+      estimate->Update(z, core::AsSpan(v), core::AsSpan(dz));
     }
   }
   aware.Compute(0, z);
@@ -167,6 +173,153 @@ TEST(JacobianEstimateTest, TellsADriftFromTheAnswerToControls) {
   aware.Compute(0, z);
   EXPECT_TRUE(test::AllClose(aware.drift(), Eigen::VectorXd::Zero(kN), 0.0));
 }
+
+// The definition, in one go: weighted least squares with forgetting over [z' - z; 1; v], z the
+// state that is asked about last.
+TEST(JacobianEstimateTest, OwnMotionIsLeastSquaresAboutTheStateThatIsAskedAbout) {
+  core::Random random(11);
+  const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
+  const JacobianOptions options{.prior_weight = 0.0};
+  JacobianEstimate estimate(std::make_shared<const JacobianPrior>(d.features, d.controls, options),
+                            {}, {.lag = false});
+  constexpr int kRows = kN + 1 + kM;
+  const Eigen::VectorXd here = RandomMatrix(random, kN, 1);
+  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(kRows, kRows);
+  Eigen::MatrixXd b = Eigen::MatrixXd::Zero(kRows, kN);
+  for (int i = 0; i < 30; ++i) {
+    const Eigen::VectorXd z = RandomMatrix(random, kN, 1);
+    const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
+    const Eigen::VectorXd dz = RandomMatrix(random, kN, 1);
+    // Sums are about another state at every control.
+    estimate.Compute(0, core::AsSpan(z));
+    estimate.Update(core::AsSpan(z), core::AsSpan(v), core::AsSpan(dz));
+    Eigen::VectorXd w(kRows);
+    w << z - here, 1.0, v;
+    a = options.forgetting * a + w * w.transpose();
+    b = options.forgetting * b + w * dz.transpose();
+  }
+  for (Eigen::Index i = 0; i < kRows; ++i) {
+    a(i, i) += i < kN ? options.slope_ridge : i == kN ? options.motion_ridge : options.ridge;
+  }
+  const Eigen::MatrixXd expected = a.ldlt().solve(b);
+  estimate.Compute(0, core::AsSpan(here));
+  EXPECT_TRUE(test::AllClose(estimate.jacobian(), expected.bottomRows(kM).transpose(), 1e-12));
+  EXPECT_TRUE(test::AllClose(estimate.own_motion(), expected.row(kN).transpose(), 1e-12));
+}
+
+// A mass: what it does without a force is its velocity, and no demonstration was without force.
+// Feedback makes forces and states go together, so that J alone takes the motion for their answer.
+TEST(JacobianEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
+  core::Random random(12);
+  std::vector<core::Matrix> features;
+  std::vector<core::Matrix> controls;
+  for (int d = 0; d < 40; ++d) {
+    core::Matrix z(11, 2);
+    core::Matrix v(10, 1);
+    z.row(0) << random.Normal(), random.Normal();
+    for (Eigen::Index t = 0; t < 10; ++t) {
+      v(t, 0) = -0.6 * z(t, 0) - 1.1 * z(t, 1) + 0.2 * random.Normal();
+      z(t + 1, 0) = z(t, 0) + 0.5 * z(t, 1);
+      z(t + 1, 1) = z(t, 1) + 0.5 * v(t, 0);
+    }
+    features.push_back(z);
+    controls.push_back(v);
+  }
+  const auto prior = std::make_shared<const JacobianPrior>(
+      features, controls,
+      JacobianOptions{.ridge = 1e-6, .motion_ridge = 1e-3, .slope_ridge = 1e-2});
+  const Eigen::VectorXd z = Eigen::Vector2d(0.4, -0.7);
+  const Eigen::VectorXd answer = Eigen::Vector2d(0.0, 0.5);
+  JacobianEstimate estimate(prior);
+  estimate.Compute(3, core::AsSpan(z));
+  EXPECT_TRUE(test::AllClose(estimate.jacobian(), answer, 0.02));
+  EXPECT_TRUE(test::AllClose(estimate.own_motion(), Eigen::Vector2d(0.5 * z[1], 0.0), 0.02));
+  Eigen::VectorXd v(1);
+  v << 0.3;
+  Eigen::VectorXd there = z;
+  estimate.AddEffect(v, there);
+  EXPECT_TRUE(test::AllClose(there, Eigen::Vector2d(z[0] + 0.5 * z[1], z[1] + 0.15), 0.02));
+  JacobianEstimate alone(prior, {}, kControlsAlone);
+  alone.Compute(3, core::AsSpan(z));
+  EXPECT_GT((alone.jacobian() - answer).norm(), 0.1);
+  EXPECT_TRUE(test::AllClose(alone.own_motion(), Eigen::Vector2d::Zero(), 0.0));
+}
+
+// A plant that applies each control some controls late.
+class LagTest : public testing::TestWithParam<int> {
+ protected:
+  // `count` controls, noise of `noise` in what is seen.
+  void Drive(JacobianEstimate& estimate, int count, int lag, double noise) {
+    for (int i = 0; i < count; ++i) {
+      estimate.Compute(5, core::AsSpan(seen_));
+      const Eigen::VectorXd v =
+          Eigen::Vector2d(1.0, 0.5) + 0.5 * Eigen::Vector2d(random_.Normal(), random_.Normal());
+      given_.push_back(v);
+      const auto k = static_cast<std::ptrdiff_t>(given_.size()) - 1 - lag;
+      if (k >= 0) state_ += truth_ * given_[static_cast<std::size_t>(k)];
+      const Eigen::VectorXd before = seen_;
+      seen_ = state_ + noise * Eigen::Vector2d(random_.Normal(), random_.Normal());
+      const Eigen::VectorXd dz = seen_ - before;
+      estimate.Update(core::AsSpan(before), core::AsSpan(v), core::AsSpan(dz));
+    }
+  }
+
+  core::Random random_{13};
+  core::Matrix truth_ = (core::Matrix(2, 2) << 0.2, 0.1, -0.1, 0.3).finished();
+  Demonstrations demonstrations_ = Linear(truth_, 30, 10, random_);
+  std::shared_ptr<const JacobianPrior> prior_ = std::make_shared<const JacobianPrior>(
+      demonstrations_.features, demonstrations_.controls, JacobianOptions{});
+  std::vector<Eigen::VectorXd> given_;
+  Eigen::VectorXd state_ = Eigen::Vector2d::Zero();
+  Eigen::VectorXd seen_ = Eigen::Vector2d::Zero();
+};
+
+TEST_P(LagTest, IsFoundAtOnceAndWhatIsUnderWayIsPredicted) {
+  const int lag = GetParam();
+  JacobianEstimate estimate(prior_);
+  Drive(estimate, lag + 1, lag, 0.0);
+  EXPECT_EQ(estimate.lag(), lag) << "the first control that acts tells";
+  Drive(estimate, 10, lag, 0.0);
+  EXPECT_EQ(estimate.lag(), lag);
+  estimate.Compute(5, core::AsSpan(seen_));
+  EXPECT_TRUE(test::AllClose(estimate.jacobian(), truth_, 0.02));
+  Eigen::VectorXd there = seen_;
+  estimate.AddPending(there);
+  Eigen::VectorXd expected = state_;
+  for (int i = 0; i < lag; ++i) expected += truth_ * given_[given_.size() - 1 - i];
+  EXPECT_TRUE(test::AllClose(there, expected, 0.05));
+  estimate.Reset();
+  EXPECT_EQ(estimate.lag(), 0);
+}
+
+// Noise as large as what a control does, for 200 controls: nothing is late, and nothing is said to.
+TEST_P(LagTest, NoiseIsNotTakenForALag) {
+  JacobianEstimate estimate(prior_);
+  int wrong = 0;
+  for (int i = 0; i < 200; ++i) {
+    Drive(estimate, 1, 0, 0.1 * GetParam());
+    wrong += estimate.lag() != 0 ? 1 : 0;
+  }
+  EXPECT_LE(wrong, 2);
+}
+
+TEST_P(LagTest, ALagThatChangesIsFollowed) {
+  JacobianEstimate estimate(prior_);
+  Drive(estimate, 20, GetParam(), 0.0);
+  Drive(estimate, 60, 0, 0.0);
+  EXPECT_EQ(estimate.lag(), 0);
+}
+
+TEST_P(LagTest, IsNotLookedForWhereControlsActAtOnce) {
+  JacobianEstimate estimate(prior_, {}, {.lag = false});
+  Drive(estimate, 10, GetParam(), 0.0);
+  EXPECT_EQ(estimate.lag(), 0);
+  Eigen::VectorXd there = seen_;
+  estimate.AddPending(there);
+  EXPECT_TRUE(test::AllClose(there, seen_, 0.0));
+}
+
+INSTANTIATE_TEST_SUITE_P(All, LagTest, testing::Range(0, JacobianEstimate::kMaxLag + 1));
 
 TEST(JacobianEstimateTest, DriftTimesAreChecked) {
   core::Random random(6);
@@ -203,13 +356,13 @@ TEST(JacobianEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
 
   JacobianEstimate still(prior);
   still.Compute(3, z);
-  ASSERT_TRUE(still.Demonstrated(3, z, v));
+  ASSERT_TRUE(still.Demonstrated(v));
   // Shrunk by the ridge of the regression, in the same direction.
   EXPECT_GT(v.normalized().dot(wanted.normalized()), 0.995);
   EXPECT_NEAR(v.norm() / wanted.norm(), 0.85, 0.1);
   const Eigen::Vector2d regressed = v;
   still.Compute(99, z);
-  ASSERT_TRUE(still.Demonstrated(99, z, v)) << "beyond the last, the last demonstrated control";
+  ASSERT_TRUE(still.Demonstrated(v)) << "beyond the last, the last demonstrated control";
 
   const Eigen::Rotation2Dd turn(0.6);
   const Eigen::Vector2d drift(0.05, 0.1);
@@ -217,13 +370,14 @@ TEST(JacobianEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
   for (int i = 0; i < 300; ++i) {
     const Eigen::Vector2d tried(random.Normal(), random.Normal());
     const Eigen::Vector2d moved = turn * tried + drift;
-    turned.Update(core::AsSpan(Eigen::VectorXd(tried)), core::AsSpan(Eigen::VectorXd(moved)), 20.0);
+    turned.Update(z, core::AsSpan(Eigen::VectorXd(tried)), core::AsSpan(Eigen::VectorXd(moved)),
+                  20.0);
   }
   turned.Compute(3, z);
-  ASSERT_TRUE(turned.Demonstrated(3, z, v));
+  ASSERT_TRUE(turned.Demonstrated(v));
   EXPECT_NEAR((turn * Eigen::Vector2d(v) + drift - regressed).norm() / regressed.norm(), 0.0, 0.06);
   const test::NoAlloc guard;
-  (void)turned.Demonstrated(3, z, v);
+  (void)turned.Demonstrated(v);
 }
 
 TEST(JacobianEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
@@ -241,7 +395,7 @@ TEST(JacobianEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
   EXPECT_GE(estimate.Ignorance(), value);
   const Eigen::VectorXd v = Eigen::Vector3d(0, 0, 2);
   const Eigen::VectorXd dz = Eigen::VectorXd::Zero(kN);
-  estimate.Update(core::AsSpan(v), core::AsSpan(dz));
+  estimate.Update(core::Row(d.features[0], 3), core::AsSpan(v), core::AsSpan(dz));
   estimate.Compute(3, core::Row(d.features[0], 3));
   EXPECT_LT(estimate.LeastKnown(direction), 1.0) << "after it was tried";
 }
@@ -257,17 +411,17 @@ TEST(JacobianEstimateTest, LeastKnownHasTheSignThatTellsADriftFromTheAnswer) {
   const std::vector<double> z(kN, 0.0);
   const Eigen::VectorXd dz = Eigen::VectorXd::Ones(kN);
   for (const double sign : {1.0, -1.0}) {
-    JacobianEstimate estimate(prior, {.rest = 1.0, .travel = 0.5});
+    JacobianEstimate estimate(prior, {.rest = 1.0, .travel = 0.5}, kControlsAlone);
     const Eigen::VectorXd probe = Eigen::Vector2d(0.0, sign * 0.5);
     std::vector<double> direction(2);
     for (int i = 0; i < 3; ++i) {
-      estimate.Update(core::AsSpan(probe), core::AsSpan(dz));
+      estimate.Update(z, core::AsSpan(probe), core::AsSpan(dz));
       estimate.Compute(3, z);
       EXPECT_GT(estimate.LeastKnown(direction), 10.0) << "as unknown as before, however often";
       EXPECT_NEAR(direction[1], -sign, 1e-3);
     }
     const Eigen::VectorXd other = -probe;
-    estimate.Update(core::AsSpan(other), core::AsSpan(dz));
+    estimate.Update(z, core::AsSpan(other), core::AsSpan(dz));
     estimate.Compute(3, z);
     EXPECT_LT(estimate.LeastKnown(direction), 5.0);
   }
@@ -281,10 +435,14 @@ TEST(JacobianEstimateTest, NothingAllocatesAfterConstruction) {
   const std::vector<double> v(7, 0.5);
   const std::vector<double> z(12, 0.1);
   std::vector<double> direction(7);
+  Eigen::VectorXd there = Eigen::VectorXd::Zero(12);
+  Eigen::VectorXd control = Eigen::VectorXd::Zero(7);
   const test::NoAlloc guard;
   for (int t = 0; t < 12; ++t) {
-    estimate.Update(v, z);
+    estimate.Update(z, v, z);
     estimate.Compute(t, z);
+    estimate.AddPending(there);
+    (void)estimate.Demonstrated(control);
     (void)estimate.LeastKnown(direction);
   }
 }
@@ -301,6 +459,8 @@ TEST(JacobianPriorTest, ErrorsNameTheCulprit) {
     return "nothing thrown";
   };
   EXPECT_THAT(message({.ridge = 0.0}), testing::HasSubstr("ridge"));
+  EXPECT_THAT(message({.motion_ridge = 0.0}), testing::HasSubstr("motion_ridge"));
+  EXPECT_THAT(message({.slope_ridge = -1.0}), testing::HasSubstr("slope_ridge"));
   EXPECT_THAT(message({.forgetting = 1.0}), testing::HasSubstr("forgetting"));
   EXPECT_THAT(message({.max_per_step = 0}), testing::HasSubstr("max_per_step"));
   d.controls[1].conservativeResize(4, kM);

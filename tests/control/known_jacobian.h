@@ -19,16 +19,16 @@ inline control::JacobianEstimate KnownJacobian(const Eigen::MatrixXd& jacobian,
   control::JacobianEstimate estimate(
       std::make_shared<const control::JacobianPrior>(
           features, controls, control::JacobianOptions{.ridge = 1e-9, .prior_weight = 0.0}),
-      drift_time);
+      drift_time, control::EstimateScope{.own_motion = false, .lag = false});
+  const Eigen::VectorXd z = Eigen::VectorXd::Zero(jacobian.rows());
   for (Eigen::Index i = 0; i < jacobian.cols(); ++i) {
     for (const double size : {1.0, -2.0}) {
       const Eigen::VectorXd v = size * Eigen::VectorXd::Unit(jacobian.cols(), i);
       Eigen::VectorXd dz = jacobian * v;
       if (drift.size() > 0) dz += (drift_time.rest + drift_time.travel * v.norm()) * drift;
-      estimate.Update(core::AsSpan(v), core::AsSpan(dz));
+      estimate.Update(core::AsSpan(z), core::AsSpan(v), core::AsSpan(dz));
     }
   }
-  const Eigen::VectorXd z = Eigen::VectorXd::Zero(jacobian.rows());
   estimate.Compute(0, core::AsSpan(z));
   return estimate;
 }

@@ -93,29 +93,6 @@ TEST_F(OneGaussianTest, StepsLeadToTheMaximum) {
   EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(-0.5, -1.0), 0.05));
 }
 
-// With J the identity the only way is against the wanted effect, of which half has to remain.
-TEST_F(OneGaussianTest, TheShareEndsAStepWhereItIsLost) {
-  const JacobianEstimate identity = test::KnownJacobian(Eigen::Matrix2d::Identity());
-  z_ << 1.0, 0.0;
-  const LocalModel model{support_, identity, core::AsSpan(z_)};
-  for (const double share : {1.0, 0.75, 0.5, 0.0, -1.0}) {
-    SCOPED_TRACE(share);
-    Eigen::VectorXd v = Eigen::Vector2d(1.0, 0.0);
-    const double l = RaiseLevel(model, {.level = kInfinity, .share = share}, {}, v);
-    EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(share, 0.0), 1e-8));
-    EXPECT_NEAR(l, -2.0 * (1.0 + share) * (1.0 + share), 1e-7);
-  }
-}
-
-// A control without any effect has none to lose.
-TEST_F(OneGaussianTest, TheShareOfNoEffectForbidsNothing) {
-  for (const double share : {1.0, 0.5}) {
-    Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
-    const double l = RaiseLevel(model_, {.level = -2.0, .share = share}, {.iterations = 1}, v);
-    EXPECT_NEAR(l, -2.0, 1e-12) << share;
-  }
-}
-
 TEST_F(OneGaussianTest, ATargetThatIsMetLeavesTheControlBitForBit) {
   Eigen::VectorXd v = Eigen::Vector2d(-0.1 / 3.0, 0.7 / 3.0);
   const Eigen::VectorXd before = v;
@@ -136,12 +113,10 @@ TEST_F(OneGaussianTest, WithoutIterationsNothingIsChanged) {
 TEST_F(OneGaussianTest, WhereControlsDoNothingNothingIsChanged) {
   const JacobianEstimate nothing = test::KnownJacobian(Eigen::Matrix2d::Zero());
   const LocalModel model{support_, nothing, core::AsSpan(z_)};
-  for (const double share : {-kInfinity, 0.5}) {
-    Eigen::VectorXd v = Eigen::Vector2d(0.3, -0.7);
-    const Eigen::VectorXd before = v;
-    EXPECT_EQ(RaiseLevel(model, {.level = 0.0, .share = share}, {}, v), -4.0);
-    EXPECT_TRUE(v == before);
-  }
+  Eigen::VectorXd v = Eigen::Vector2d(0.3, -0.7);
+  const Eigen::VectorXd before = v;
+  EXPECT_EQ(RaiseLevel(model, {.level = 0.0}, {}, v), -4.0);
+  EXPECT_TRUE(v == before);
 }
 
 // One entry at its limit: the other alone makes the room that there is.
@@ -187,8 +162,7 @@ TEST(RaiseLevelTest, NeverReturnsLessThanItWasGivenAndStaysWithinItsLimits) {
     SCOPED_TRACE(testing::Message() << "seed = " << seed);
     World world(seed, /*drifts=*/seed % 2 == 0);
     const LocalModel model = world.model();
-    const StepTarget target{.level = seed % 3 == 0 ? kInfinity : 0.1,
-                            .share = seed % 5 == 0 ? 0.5 : -kInfinity};
+    const StepTarget target{.level = seed % 3 == 0 ? kInfinity : 0.1};
     Eigen::VectorXd v = world.v;
     const double before = model.Level(0, v);
     const double l = RaiseLevel(model, target, {.control = world.limit}, v);
@@ -248,25 +222,6 @@ TEST(RaiseLevelTest, ASingleStepOvershootsByNoMoreThanTheBoundLeavesOut) {
   EXPECT_GT(reached, 300);
 }
 
-TEST(RaiseLevelTest, TheShareOfTheEffectRemains) {
-  int bound = 0;
-  for (std::uint64_t seed = 0; seed < 4000; ++seed) {
-    SCOPED_TRACE(testing::Message() << "seed = " << seed);
-    World world(seed, /*drifts=*/seed % 3 == 0);
-    const LocalModel model = world.model();
-    const bool limited = seed % 2 == 0;
-    const double share = world.random.Uniform(-1.0, 1.0);
-    Eigen::VectorXd v = world.v;
-    const Eigen::VectorXd wanted = world.answer.jacobian() * v;
-    (void)RaiseLevel(model, {.level = kInfinity, .share = share},
-                     {.control = limited ? world.limit : kInfinity, .iterations = 20}, v);
-    const double kept = wanted.dot(world.answer.jacobian() * v) / wanted.squaredNorm();
-    ASSERT_GE(kept, share - 1e-9);
-    bound += kept < share + 1e-9 ? 1 : 0;
-  }
-  EXPECT_GT(bound, 500) << "many must have been stopped by it, exactly";
-}
-
 TEST(RaiseLevelTest, LooksAtTheSupportOfThePhaseItIsGiven) {
   // B_t is a disk around (t, 0).
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5, {1.0, 0.0}, 5);
@@ -291,8 +246,7 @@ TEST(RaiseLevelTest, NeverAllocates) {
   for (std::uint64_t seed = 0; seed < 40; ++seed) {
     World world(seed, seed % 2 == 0);
     const test::NoAlloc guard;
-    (void)RaiseLevel(world.model(), {.level = kInfinity, .share = 0.5}, {.control = world.limit},
-                     world.v);
+    (void)RaiseLevel(world.model(), {.level = kInfinity}, {.control = world.limit}, world.v);
     (void)world.model().Level(0, world.v);
   }
 }

@@ -16,10 +16,12 @@
 #include <string>
 #include <vector>
 
+#include "dfr/control/jacobian_estimate.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/random.h"
 #include "dfr/safety/guard.h"
 #include "tests/safety/corridor.h"
+#include "tests/support/all_close.h"
 
 namespace dfr::safety {
 namespace {
@@ -173,12 +175,47 @@ TEST_F(GuardFileTest, WrongContentWithARightChecksumDoesNoHarm) {
 }
 
 TEST_F(GuardFileTest, NewerAndOtherFilesAreRefusedByName) {
-  core::ArchiveWriter("guard", 4).Save(path_);
-  EXPECT_THAT(Refusal(), HasSubstr("version 4; this build reads versions up to 3: update dfr"));
+  core::ArchiveWriter("guard", 5).Save(path_);
+  EXPECT_THAT(Refusal(), HasSubstr("version 5; this build reads versions up to 4: update dfr"));
   core::ArchiveWriter("time-varying-support", 1).Save(path_);
   EXPECT_THAT(Refusal(), HasSubstr("holds a time-varying-support, where a guard is needed"));
   std::filesystem::remove(path_);
   EXPECT_THAT(Refusal(), HasSubstr("cannot be opened"));
+}
+
+// Version 3 kept products of controls and changes. The file is what Small() saved then, so that the
+// transitions are those of a fit today, but for the rounding of the products.
+TEST_F(GuardFileTest, AFileOfVersion3HasTheTransitionsThatWereDemonstrated) {
+  const auto model = GuardModel::Load(DFR_SAFETY_FILES "/version_3.guard");
+  control::JacobianEstimate theirs(model->recovery().model().prior());
+  control::JacobianEstimate ours(Small()->recovery().model().prior());
+  core::Random random(3);
+  Eigen::VectorXd read = Eigen::Vector2d::Zero();
+  Eigen::VectorXd fitted = read;
+  for (int i = 0; i < 20; ++i) {
+    const std::vector<double> z = {random.Normal(), random.Normal()};
+    theirs.Compute(i % 5, z);
+    ours.Compute(i % 5, z);
+    EXPECT_TRUE(test::AllClose(theirs.jacobian(), ours.jacobian(), 1e-4));
+    EXPECT_TRUE(test::AllClose(theirs.own_motion(), ours.own_motion(), 1e-4));
+    EXPECT_FALSE(ours.own_motion().isZero(0.0));
+    ASSERT_TRUE(theirs.Demonstrated(read));
+    ASSERT_TRUE(ours.Demonstrated(fitted));
+    EXPECT_TRUE(test::AllClose(read, fitted, 1e-4));
+  }
+}
+
+// Files of before version 3 know each control but for its sign: J is known, what was demonstrated
+// is not.
+TEST_F(GuardFileTest, AFileOfVersion1KnowsTheAnswerToControlsAlone) {
+  const auto model = GuardModel::Load(DFR_SAFETY_FILES "/version_1.guard");
+  EXPECT_FALSE(model->recovery().model().prior()->has_controls());
+  control::JacobianEstimate estimate(model->recovery().model().prior());
+  estimate.Compute(1, std::vector<double>{0.3, -0.2});
+  EXPECT_GT(estimate.jacobian().norm(), 1.0);
+  EXPECT_TRUE(estimate.own_motion().isZero(0.0));
+  Eigen::VectorXd v = Eigen::Vector2d::Zero();
+  EXPECT_FALSE(estimate.Demonstrated(v));
 }
 
 // docs/packages.md: every version reads the files of all before it. The file is what Small() saved

@@ -49,10 +49,10 @@ TEST(GuidedRecoveryTest, AFileKeepsAllBits) {
     const GuidedRecovery recovery(Tip(), demonstrations, options);
     const auto path = std::filesystem::path(testing::TempDir()) /
                       (single_precision ? "recovery_float.dfr" : "recovery.dfr");
-    core::ArchiveWriter writer("recovery", 3);
+    core::ArchiveWriter writer("recovery", 4);
     recovery.Save(writer);
     writer.Save(path);
-    core::ArchiveReader reader(path, "recovery", 3);
+    core::ArchiveReader reader(path, "recovery", 4);
     const auto loaded = GuidedRecovery::Load(reader, Tip());
     reader.End();
     std::filesystem::remove(path);
@@ -72,6 +72,7 @@ TEST(GuidedRecoveryTest, AFileKeepsAllBits) {
       ours.Compute(t, z);
       theirs.Compute(t, z);
       EXPECT_EQ(ours.jacobian(), theirs.jacobian());
+      EXPECT_EQ(ours.own_motion(), theirs.own_motion());
     }
   }
 }

@@ -55,10 +55,10 @@ TEST(MethodTest, PartsAreTakenOutOfGuidedRecovery) {
     EXPECT_EQ(method.kind, Kind::kGuided);
     EXPECT_EQ(method.without, part);
   }
-  const Method method = ParseMethod("guided-without-slack+probing");
-  EXPECT_EQ(method.without, "slack+probing");
+  const Method method = ParseMethod("guided-without-reach+probing");
+  EXPECT_EQ(method.without, "reach+probing");
   const control::GuidedOptions options = control::Without({}, method.without);
-  EXPECT_EQ(options.margin, control::Without({}, "slack").margin);
+  EXPECT_EQ(options.reach, control::Without({}, "reach").reach);
   EXPECT_EQ(options.probe_size, control::Without({}, "probing").probe_size);
   EXPECT_EQ(options.iterations, control::GuidedOptions().iterations);
 }
@@ -94,7 +94,7 @@ TEST(MethodTest, UnknownNamesListWhatThereIs) {
   }
   for (const std::string_view name : {"guided-without-magic", "guided-without-filter+magic"}) {
     EXPECT_THAT(Refusal(name),
-                HasSubstr("no part 'magic'; it has: filter, share, slack, demonstrated"));
+                HasSubstr("no part 'magic'; it has: filter, reach, demonstrated"));
   }
   EXPECT_THAT(Refusal("guided-without-+filter"), HasSubstr("no part ''"));
 }

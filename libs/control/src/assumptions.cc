@@ -81,8 +81,10 @@ EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
       other_points.push_back(points[d]);
       other_controls.push_back(controls[d]);
     }
+    // What is assumed is dz = J u, of controls that act at once.
     JacobianEstimate estimate(
-        std::make_shared<const JacobianPrior>(other_points, other_controls, options));
+        std::make_shared<const JacobianPrior>(other_points, other_controls, options), {},
+        {.own_motion = false, .lag = false});
     for (std::size_t d = fold; d < points.size(); d += folds) {
       estimate.Reset();
       for (Eigen::Index t = 0; t < controls[d].rows(); ++t) {
@@ -93,7 +95,7 @@ EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
         const double norm = v.norm() * unit;
         if (norm == 0.0) continue;
         largest = std::max(largest, (dz - estimate.jacobian() * v).norm() / norm);
-        estimate.Update(core::AsSpan(v), core::AsSpan(dz));
+        estimate.Update(core::AsSpan(z), core::AsSpan(v), core::AsSpan(dz));
       }
     }
   }

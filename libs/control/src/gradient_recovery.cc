@@ -10,7 +10,8 @@ using core::AsSpan;
 GradientRecovery::GradientRecovery(const GuidedModel& model, double control_limit)
     : model_(&model),
       limits_{control_limit / model.control_unit()},
-      estimate_(model.prior()),
+      // Algorithm 1 recovers at rest: nothing moves but by its controls.
+      estimate_(model.prior(), {}, {.own_motion = false, .lag = false}),
       z_(Eigen::VectorXd::Zero(model.features().num_features())),
       last_z_(z_),
       dz_(z_),
@@ -24,7 +25,7 @@ Mode GradientRecovery::Next(const RecoverySituation& situation, std::span<double
   model_->features().Apply(situation.x, AsSpan(z_));
   if (situation.iteration > 0) {
     dz_ = z_ - last_z_;
-    estimate_.Update(AsSpan(v_), AsSpan(dz_));
+    estimate_.Update(AsSpan(last_z_), AsSpan(v_), AsSpan(dz_));
   }
   estimate_.Compute(situation.t, AsSpan(z_));
   v_.setZero();

@@ -25,9 +25,9 @@ constexpr double kMostReach = 0.8;
 constexpr double kLeastShare = 0.02;
 constexpr int kMaxStalls = 3;
 
-constexpr std::array<std::string_view, 8> kParts = {"filter",          "share",      "slack",
-                                                    "demonstrated",    "overtaking", "probing",
-                                                    "online-jacobian", "drift"};
+constexpr std::array<std::string_view, 9> kParts = {"filter",     "reach",   "demonstrated",
+                                                    "overtaking", "probing", "online-jacobian",
+                                                    "own-motion", "lag",     "drift"};
 
 Step Halt(Step step, HaltCause cause) noexcept {
   step.mode = Mode::kHalt;
@@ -55,8 +55,6 @@ void Check(const core::Policy& policy, const GuidedModel& model, const GuidedOpt
                    "control_limit must be positive, not " << options.control_limit);
   DFR_THROW_UNLESS(options.iterations >= 0,
                    "iterations must not be negative: " << options.iterations);
-  DFR_THROW_UNLESS(options.share <= 1.0, "share must be at most 1, not " << options.share);
-  DFR_THROW_UNLESS(options.margin >= 0.0, "margin must not be negative: " << options.margin);
   DFR_THROW_UNLESS(options.patience > 0, "patience must be positive, not " << options.patience);
   DFR_THROW_UNLESS(options.probe_size >= 0.0,
                    "probe_size must not be negative: " << options.probe_size);
@@ -70,6 +68,12 @@ void Check(const core::Policy& policy, const GuidedModel& model, const GuidedOpt
           << " holds only where nothing else moves the world: drift_time must be zero");
 }
 
+// A certificate assumes that controls act at once, and alone.
+EstimateScope Scope(const GuidedOptions& options) {
+  const bool certified = options.certificate.kind != CertificateKind::kNone;
+  return {.own_motion = options.own_motion && !certified, .lag = options.lag && !certified};
+}
+
 }  // namespace
 
 std::span<const std::string_view> GuidedPartNames() noexcept { return kParts; }
@@ -80,10 +84,8 @@ GuidedOptions Without(GuidedOptions options, std::string_view parts) {
     parts.remove_prefix(std::min(parts.size(), part.size() + 1));
     if (part == "filter") {
       options.iterations = 0;
-    } else if (part == "share") {
-      options.share = -kInfinity;
-    } else if (part == "slack") {
-      options.margin = 0.0;
+    } else if (part == "reach") {
+      options.reach = 0.0;
     } else if (part == "demonstrated") {
       options.demonstrated = false;
     } else if (part == "overtaking") {
@@ -92,6 +94,10 @@ GuidedOptions Without(GuidedOptions options, std::string_view parts) {
       options.probe_size = 0.0;
     } else if (part == "online-jacobian") {
       options.online_weight = 0.0;
+    } else if (part == "own-motion") {
+      options.own_motion = false;
+    } else if (part == "lag") {
+      options.lag = false;
     } else if (part == "drift") {
       options.drift_time = {};
     } else {
@@ -112,11 +118,11 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
       options_((Check(policy, model, options), options)),
       limits_{options.control_limit / model.control_unit(), options.iterations},
       halt_rule_{options.horizon, options.max_controls, options.patience},
-      estimate_(model.prior(), options.drift_time),
+      estimate_(model.prior(), options.drift_time, Scope(options)),
       reach_(std::min(options.reach * model.slack(), kMostReach)),
       tracker_(model.support()),
       certifier_(options.certificate, model.features().num_features(), model.control_unit()) {
-  for (Eigen::VectorXd* v : {&z_, &last_z_, &effect_, &dz_}) {
+  for (Eigen::VectorXd* v : {&z_, &seen_, &last_seen_, &effect_, &dz_}) {
     *v = Eigen::VectorXd::Zero(model.features().num_features());
   }
   for (Eigen::VectorXd* v : {&v_, &learned_, &trial_, &demonstrated_}) {
@@ -134,15 +140,17 @@ void GuidedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
 
 Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexcept {
   const core::LogDecisionFunction& support = model_->support();
-  model_->features().Apply(x, AsSpan(z_));
+  model_->features().Apply(x, AsSpan(seen_));
   Step step{.t = tracker_.phase(), .iteration = tracker_.waited()};
   if (progress_.controls > 0) {
-    dz_ = z_ - last_z_;
+    dz_ = seen_ - last_seen_;
     if (!certifier_.Confirms(progress_.controls - 1, v_, effect_, dz_)) {
       return Halt(step, HaltCause::kViolated);
     }
-    estimate_.Update(AsSpan(v_), AsSpan(dz_), options_.online_weight);
+    estimate_.Update(AsSpan(last_seen_), AsSpan(v_), AsSpan(dz_), options_.online_weight);
   }
+  z_ = seen_;
+  estimate_.AddPending(z_);
 
   step.log_g = certifier_.active() ? tracker_.Enter(AsSpan(z_))
                                    : support.LogDecision(tracker_.phase(), AsSpan(z_), {});
@@ -166,8 +174,11 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   v_ = learned_;
   const LocalModel local{support, estimate_, AsSpan(z_)};
   const bool deep = DeepInside(step.log_g);
-  // J is most of the work, and deep inside nobody asks for it.
-  if (!deep || certifier_.active()) estimate_.Compute(step.t, AsSpan(z_));
+  // J is most of the work. Deep inside only the first controls ask for it, because they show a lag.
+  if (!deep || certifier_.active() ||
+      (options_.lag && progress_.controls <= JacobianEstimate::kMaxLag)) {
+    estimate_.Compute(step.t, AsSpan(z_));
+  }
   Choice choice = deep ? Choice{Mode::kPolicy, step.log_threshold} : Choose(local);
   if (!deep && Probe(local, choice.level)) choice.mode = Mode::kProbe;
   step.mode = choice.mode;
@@ -178,7 +189,7 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   }
   step.filtered = step.mode == Mode::kPolicy && !deep && v_ != learned_;
   core::AsVector(u) = v_ * model_->control_unit();
-  last_z_ = z_;
+  last_seen_ = seen_;
   ++progress_.controls;
   return step;
 }
@@ -192,18 +203,16 @@ bool GuidedPolicy::DeepInside(double level) const noexcept {
 
 GuidedPolicy::Choice GuidedPolicy::Choose(const LocalModel& model) noexcept {
   const int next = tracker_.phase() + 1;
-  const double l = RaiseLevel(model, {next, model_->gate_level(next), options_.share}, limits_, v_);
+  const double l = RaiseLevel(model, {next, model_->gate_level(next)}, limits_, v_);
   if (l >= 0.0) return {Mode::kPolicy, l};
   trial_ = v_;
   // A certificate shrinks what leads outside until nothing is left.
-  const bool demonstrated = options_.demonstrated && !certifier_.active() &&
-                            estimate_.Demonstrated(tracker_.phase(), AsSpan(z_), trial_);
+  const bool demonstrated =
+      options_.demonstrated && !certifier_.active() && estimate_.Demonstrated(trial_);
   trial_ = trial_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
   demonstrated_ = trial_;
   const double best = RaiseLevel(model, {next, 0.0}, limits_, trial_);
-  if (best < 0.0 && best - l <= options_.margin * model_->slack() && l >= -reach_) {
-    return {Mode::kPolicy, 0.0};
-  }
+  if (best < 0.0 && l >= -reach_) return {Mode::kPolicy, 0.0};
   const bool follows = demonstrated && best < 0.0;
   v_ = follows ? demonstrated_ : trial_;
   return {Mode::kRecovery, follows ? model.Level(next, v_) : best};

@@ -3,19 +3,30 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "transposed_product.h"
 
 namespace dfr::control {
 namespace {
 
-// Transitions that one estimate may look at: their weights are kept on the stack.
+// Transitions that one estimate may look at.
 constexpr int kMaxTransitions = 1024;
+
+int RoundUp(int value, std::size_t multiple) {
+  const int m = static_cast<int>(multiple);
+  return (value + m - 1) / m * m;
+}
 
 void Check(const JacobianOptions& options) {
   DFR_THROW_UNLESS(options.ridge > 0.0, "ridge must be positive, not " << options.ridge);
+  DFR_THROW_UNLESS(options.motion_ridge > 0.0,
+                   "motion_ridge must be positive, not " << options.motion_ridge);
+  DFR_THROW_UNLESS(options.slope_ridge > 0.0,
+                   "slope_ridge must be positive, not " << options.slope_ridge);
   DFR_THROW_UNLESS(options.prior_weight >= 0.0,
                    "prior_weight must not be negative: " << options.prior_weight);
   DFR_THROW_UNLESS(options.window >= 0, "window must not be negative: " << options.window);
@@ -67,26 +78,25 @@ JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
   }
   begin_.push_back(static_cast<int>(chosen.size()));
 
-  const auto rows = static_cast<Eigen::Index>(chosen.size());
-  points_.resize(rows, n);
-  controls_.resize(rows, m);
-  products_.resize(rows, m * (m + 1) / 2 + m * n);
-  for (Eigen::Index row = 0; row < rows; ++row) {
+  transitions_.setZero(static_cast<Eigen::Index>(chosen.size()), Width());
+  for (Eigen::Index row = 0; row < transitions_.rows(); ++row) {
     const auto [d, t] = chosen[static_cast<std::size_t>(row)];
-    points_.row(row) = features[d].row(t).cast<float>();
-    controls_.row(row) = controls[d].row(t).cast<float>();
-    Eigen::Index column = 0;
-    for (int i = 0; i < m; ++i) {
-      for (int j = 0; j <= i; ++j) {
-        products_(row, column++) = static_cast<float>(controls[d](t, i) * controls[d](t, j));
-      }
-    }
-    for (int k = 0; k < n; ++k) {
-      for (int i = 0; i < m; ++i) {
-        products_(row, column++) =
-            static_cast<float>(controls[d](t, i) * (features[d](t + 1, k) - features[d](t, k)));
-      }
-    }
+    transitions_.row(row).head(2 * n + 1 + m) << features[d].row(t).cast<float>(), 1.0F,
+        controls[d].row(t).cast<float>(),
+        (features[d].row(t + 1) - features[d].row(t)).cast<float>();
+  }
+  Finish();
+}
+
+int JacobianPrior::Width() const noexcept {
+  return RoundUp(2 * feature_dim_ + 1 + control_dim_, internal::kRightWidth);
+}
+
+void JacobianPrior::Finish() {
+  points_ = transitions_.leftCols(feature_dim_);
+  for (int t = 0; t + 1 < static_cast<int>(begin_.size()); ++t) {
+    const auto [first, last] = Near(t);
+    largest_ = std::max(largest_, last - first);
   }
 }
 
@@ -96,129 +106,158 @@ void JacobianPrior::Save(core::ArchiveWriter& archive) const {
   archive.Integer(options_.window);
   archive.Integer(options_.max_per_step);
   archive.Number(options_.forgetting);
+  archive.Number(options_.motion_ridge);
+  archive.Number(options_.slope_ridge);
   archive.Integer(feature_dim_);
   archive.Integer(control_dim_);
+  archive.Integer(has_controls_ ? 1 : 0);
   archive.Integers(begin_);
-  archive.MatrixBlock(points_.cast<double>());
-  archive.MatrixBlock(controls_.cast<double>());
-  archive.MatrixBlock(products_.cast<double>());
+  archive.MatrixBlock(transitions_.leftCols(2 * feature_dim_ + 1 + control_dim_).cast<double>());
 }
 
 JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
   constexpr int kMostEntries = 4096;
-  constexpr int kWithControls = 3;  // The first version of files that hold controls_.
   JacobianPrior prior;
   try {
-    prior.options_.ridge = archive.Number();
-    prior.options_.prior_weight = archive.Number();
-    prior.options_.window = archive.IntegerIn(0, kMaxTransitions);
-    prior.options_.max_per_step = archive.IntegerIn(1, kMaxTransitions);
-    prior.options_.forgetting = archive.Number();
-    Check(prior.options_);
+    JacobianOptions& options = prior.options_;
+    options.ridge = archive.Number();
+    options.prior_weight = archive.Number();
+    options.window = archive.IntegerIn(0, kMaxTransitions);
+    options.max_per_step = archive.IntegerIn(1, kMaxTransitions);
+    options.forgetting = archive.Number();
+    const bool old = archive.version() < kWithTransitions;
+    if (!old) {
+      options.motion_ridge = archive.Number();
+      options.slope_ridge = archive.Number();
+    }
+    Check(options);
     prior.feature_dim_ = archive.IntegerIn(1, kMostEntries);
     prior.control_dim_ = archive.IntegerIn(1, kMostEntries);
+    if (!old) prior.has_controls_ = archive.IntegerIn(0, 1) == 1;
     prior.begin_ = archive.Integers();
-    prior.points_ = archive.MatrixBlock().cast<float>();
-    const bool has_controls = archive.version() >= kWithControls;
-    if (has_controls) prior.controls_ = archive.MatrixBlock().cast<float>();
-    prior.products_ = archive.MatrixBlock().cast<float>();
+    const core::Matrix transitions = old ? prior.OldTransitions(archive) : archive.MatrixBlock();
     const std::vector<int>& begin = prior.begin_;
     DFR_THROW_UNLESS(
-        begin.size() >= 2 && begin.front() == 0 && begin.back() == prior.points_.rows(),
+        begin.size() >= 2 && begin.front() == 0 && begin.back() == transitions.rows(),
         "the transitions of the Jacobian prior do not begin and end where they should");
     for (std::size_t t = 1; t < begin.size(); ++t) {
-      DFR_THROW_UNLESS(
-          begin[t] >= begin[t - 1] && begin[t] - begin[t - 1] <= prior.options_.max_per_step,
-          "time step " << t - 1 << " of the Jacobian prior has " << begin[t] - begin[t - 1]
-                       << " transitions");
+      DFR_THROW_UNLESS(begin[t] >= begin[t - 1] && begin[t] - begin[t - 1] <= options.max_per_step,
+                       "time step " << t - 1 << " of the Jacobian prior has "
+                                    << begin[t] - begin[t - 1] << " transitions");
     }
     const Eigen::Index n = prior.feature_dim_;
-    const Eigen::Index m = prior.control_dim_;
-    DFR_THROW_UNLESS(prior.points_.cols() == n && prior.products_.rows() == prior.points_.rows() &&
-                         prior.products_.cols() == m * (m + 1) / 2 + m * n &&
-                         (!has_controls || (prior.controls_.rows() == prior.points_.rows() &&
-                                            prior.controls_.cols() == m)),
-                     "the matrices of the Jacobian prior do not fit each other");
-    DFR_THROW_UNLESS(
-        prior.points_.allFinite() && prior.controls_.allFinite() && prior.products_.allFinite(),
-        "the Jacobian prior has a non-finite entry");
+    DFR_THROW_UNLESS(transitions.cols() == 2 * n + 1 + prior.control_dim_,
+                     "the matrix of the Jacobian prior does not fit its numbers of features and "
+                     "control entries");
+    prior.transitions_.setZero(transitions.rows(), prior.Width());
+    prior.transitions_.leftCols(transitions.cols()) = transitions.cast<float>();
+    DFR_THROW_UNLESS(prior.transitions_.allFinite() && (transitions.col(n).array() == 1.0).all(),
+                     "the Jacobian prior has an entry that cannot be");
+    prior.Finish();
   } catch (const std::invalid_argument& e) {
     archive.Fail(e.what());
   }
   return prior;
 }
 
+// Earlier versions kept z, v (not before version 3), and the products v v' and v dz'.
+core::Matrix JacobianPrior::OldTransitions(core::ArchiveReader& archive) {
+  const Eigen::Index n = feature_dim_;
+  const Eigen::Index m = control_dim_;
+  const core::Matrix points = archive.MatrixBlock();
+  has_controls_ = archive.version() >= 3;
+  core::Matrix controls;
+  if (has_controls_) controls = archive.MatrixBlock();
+  const core::Matrix products = archive.MatrixBlock();
+  DFR_THROW_UNLESS(
+      points.cols() == n && products.rows() == points.rows() &&
+          products.cols() == m * (m + 1) / 2 + m * n &&
+          (!has_controls_ || (controls.rows() == points.rows() && controls.cols() == m)),
+      "the matrices of the Jacobian prior do not fit each other");
+  core::Matrix transitions(points.rows(), 2 * n + 1 + m);
+  for (Eigen::Index row = 0; row < points.rows(); ++row) {
+    // Whatever the sign of v: that of dz follows, and J is the same.
+    Eigen::Index largest = 0;
+    const auto square = [&](Eigen::Index i) { return products(row, i * (i + 3) / 2); };
+    for (Eigen::Index i = 1; i < m; ++i) {
+      if (square(i) > square(largest)) largest = i;
+    }
+    DFR_THROW_UNLESS(square(largest) > 0.0,
+                     "transition " << row << " of the Jacobian prior has no control");
+    double by = std::sqrt(square(largest));
+    if (has_controls_ && controls(row, largest) < 0.0) by = -by;
+    transitions.row(row).head(n) = points.row(row);
+    transitions(row, n) = 1.0;
+    for (Eigen::Index i = 0; i < m; ++i) {
+      const Eigen::Index high = std::max(i, largest);
+      transitions(row, n + 1 + i) =
+          products(row, high * (high + 1) / 2 + std::min(i, largest)) / by;
+    }
+    for (Eigen::Index k = 0; k < n; ++k) {
+      transitions(row, n + 1 + m + k) = products(row, m * (m + 1) / 2 + k * m + largest) / by;
+    }
+  }
+  return transitions;
+}
+
 std::pair<int, int> JacobianPrior::Near(int t) const noexcept {
   const int steps = static_cast<int>(begin_.size()) - 1;
+  t = std::min(t, steps - 1);
   return {begin_[static_cast<std::size_t>(std::clamp(t - options_.window, 0, steps))],
           begin_[static_cast<std::size_t>(std::clamp(t + options_.window + 1, 0, steps))]};
 }
 
-void JacobianPrior::AddTo(int t, std::span<const double> z, Eigen::VectorXf& sums,
-                          Eigen::MatrixXd& a, Eigen::MatrixXd& b) const noexcept {
-  const auto [first, last] = Near(t);
-  const int n = feature_dim_;
-  const int m = control_dim_;
-  const Eigen::Index rows = last - first;
-  if (rows <= 0) return;
-  std::array<float, kMaxTransitions> buffer;
-  Eigen::Map<Eigen::ArrayXf> weights(buffer.data(), rows);
-  weights.setZero();
-  for (int k = 0; k < n; ++k) {
-    const auto z_k = static_cast<float>(z[static_cast<std::size_t>(k)]);
-    weights += (points_.col(k).segment(first, rows).array() - z_k).square();
-  }
-  weights = 1e-6F + (-0.125F / static_cast<float>(n) * weights).exp();
-  weights *= static_cast<float>(options_.prior_weight) / weights.sum();
-  // Most of the work of an estimate.
-  sums.noalias() = products_.middleRows(first, rows).transpose() * weights.matrix();
-  const float* sum = sums.data();
-  for (int i = 0; i < m; ++i) {
-    for (int j = 0; j <= i; ++j) a(i, j) += *sum++;
-  }
-  for (int k = 0; k < n; ++k) {
-    for (int i = 0; i < m; ++i) b(i, k) += *sum++;
-  }
+JacobianPrior::Workspace JacobianPrior::MakeWorkspace() const {
+  const int left = RoundUp(feature_dim_ + 1 + control_dim_, internal::kLeftWidth);
+  Workspace workspace;
+  workspace.weights.setZero(largest_);
+  workspace.left.setZero(Eigen::Index{largest_} * left);
+  workspace.right.setZero(Eigen::Index{largest_} * Width());
+  workspace.sums.setZero(left, Width());
+  return workspace;
 }
 
-double JacobianPrior::AddDemonstrated(int t, std::span<const double> z, Eigen::VectorXd& y,
-                                      Eigen::MatrixXd& a, Eigen::MatrixXd& b) const noexcept {
+bool JacobianPrior::Sums(int t, std::span<const double> z, Workspace& workspace) const noexcept {
   // Weights fall with the squared distance times this, per feature. Narrower follows the nearest
   // demonstrations more closely, their noise included; wider forgets where it is.
-  constexpr float kBandwidth = 0.5F;
-  // From the last time step on, its transitions are the nearest there are.
-  const auto [first, last] = Near(std::min(t, static_cast<int>(begin_.size()) - 2));
+  constexpr float kBandwidth = 0.25F;
+  const auto [first, last] = Near(t);
   const Eigen::Index rows = last - first;
-  if (rows <= 0 || controls_.rows() == 0) return 0.0;
-  const int n = feature_dim_;
-  std::array<float, kMaxTransitions> buffer;
-  Eigen::Map<Eigen::ArrayXf> weights(buffer.data(), rows);
+  if (rows <= 0) return false;
+  const Eigen::Index n = feature_dim_;
+  const Eigen::Index width = transitions_.cols();
+  const Eigen::Index left_width = workspace.sums.rows();
+  auto weights = workspace.weights.head(rows).array();
   weights.setZero();
-  for (int k = 0; k < n; ++k) {
+  for (Eigen::Index k = 0; k < n; ++k) {
     const auto z_k = static_cast<float>(z[static_cast<std::size_t>(k)]);
     weights += (points_.col(k).segment(first, rows).array() - z_k).square();
   }
-  weights = (-kBandwidth / static_cast<float>(n) * (weights - weights.minCoeff())).exp();
-  y[0] = 1.0;
-  for (Eigen::Index i = 0; i < rows; ++i) {
-    const double weight = static_cast<double>(weights[i]);
-    for (int k = 0; k < n; ++k) {
-      y[k + 1] = static_cast<double>(points_(first + i, k)) - z[static_cast<std::size_t>(k)];
+  weights = 1e-6F + (-kBandwidth / static_cast<float>(n) * (weights - weights.minCoeff())).exp();
+  weights *= static_cast<float>(options_.prior_weight) / weights.sum();
+  // As they differ from z: sums about the origin would lose the digits that matter.
+  float* left = workspace.left.data();
+  float* right = workspace.right.data();
+  for (Eigen::Index i = 0; i < rows; ++i, left += left_width, right += width) {
+    const float* row = transitions_.row(first + i).data();
+    for (Eigen::Index k = 0; k < n; ++k) {
+      right[k] = row[k] - static_cast<float>(z[static_cast<std::size_t>(k)]);
     }
-    // The lower triangle is enough.
-    for (Eigen::Index k = 0; k <= n; ++k)
-      a.col(k).tail(n + 1 - k) += weight * y[k] * y.tail(n + 1 - k);
-    for (int k = 0; k < control_dim_; ++k) {
-      b.col(k) += weight * static_cast<double>(controls_(first + i, k)) * y;
-    }
+    std::copy(row + n, row + width, right + n);
+    for (Eigen::Index k = 0; k < left_width; ++k) left[k] = weights[i] * right[k];
   }
-  return static_cast<double>(weights.sum());
+  // Most of the work of an estimate.
+  internal::TransposedProduct(workspace.left.data(), static_cast<std::size_t>(left_width),
+                              workspace.right.data(), static_cast<std::size_t>(width),
+                              static_cast<std::size_t>(rows), workspace.sums.data());
+  return true;
 }
 
 JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
-                                   const DriftTime& drift_time)
+                                   const DriftTime& drift_time, const EstimateScope& scope)
     : prior_(std::move(prior)),
       drift_time_(drift_time),
+      scope_{scope.own_motion && prior_->has_controls(), scope.lag},
       drifts_(drift_time.rest > 0.0 || drift_time.travel > 0.0) {
   DFR_THROW_UNLESS(drift_time.rest >= 0.0 && std::isfinite(drift_time.rest) &&
                        drift_time.travel >= 0.0 && std::isfinite(drift_time.travel),
@@ -226,23 +265,25 @@ JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
                        << drift_time.rest << ", travel " << drift_time.travel);
   const int n = prior_->feature_dim();
   const int m = prior_->control_dim();
-  const int columns = m + (drifts_ ? 1 : 0);
-  a_online_ = Eigen::MatrixXd::Zero(columns, columns);
-  b_online_ = Eigen::MatrixXd::Zero(columns, n);
-  a_ = Eigen::MatrixXd::Identity(columns, columns);
-  b_ = Eigen::MatrixXd::Zero(columns, n);
-  inverse_ = Eigen::MatrixXd::Identity(columns, columns);
+  motion_rows_ = scope_.own_motion ? n + 1 : 0;
+  const int rows = motion_rows_ + (drifts_ ? 1 : 0) + m;
+  a_online_ = Eigen::MatrixXd::Zero(rows, rows);
+  b_online_ = Eigen::MatrixXd::Zero(rows, n);
+  center_ = Eigen::VectorXd::Zero(n);
+  a_ = Eigen::MatrixXd::Identity(rows, rows);
+  b_ = Eigen::MatrixXd::Zero(rows, n);
+  cholesky_ = Eigen::LLT<Eigen::MatrixXd>(a_);
+  inverse_ = Eigen::MatrixXd::Identity(rows - motion_rows_, rows - motion_rows_);
   jacobian_ = Eigen::MatrixXd::Zero(n, m);
   drift_ = Eigen::VectorXd::Zero(n);
-  regressor_ = Eigen::VectorXd::Zero(columns);
-  cholesky_ = Eigen::LLT<Eigen::MatrixXd>(a_);
+  own_motion_ = Eigen::VectorXd::Zero(n);
+  regressor_ = Eigen::VectorXd::Zero(rows);
   direction_ = Eigen::VectorXd::Zero(m);
   scratch_ = Eigen::VectorXd::Zero(m);
-  sums_ = Eigen::VectorXf::Zero(prior_->num_sums());
-  y_ = Eigen::VectorXd::Zero(n + 1);
-  unit_ = Eigen::MatrixXd::Zero(n + 1, 1);
+  workspace_ = prior_->MakeWorkspace();
+  applied_ = Eigen::MatrixXd::Zero(m, kMaxLag + 1);
   a_demo_ = Eigen::MatrixXd::Identity(n + 1, n + 1);
-  b_demo_ = Eigen::MatrixXd::Zero(n + 1, m);
+  unit_ = Eigen::MatrixXd::Zero(n + 1, 1);
   cholesky_demo_ = Eigen::LLT<Eigen::MatrixXd>(a_demo_);
   h_ = Eigen::MatrixXd::Identity(m, m);
   cholesky_controls_ = Eigen::LLT<Eigen::MatrixXd>(h_);
@@ -253,62 +294,127 @@ JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
 void JacobianEstimate::Reset() noexcept {
   a_online_.setZero();
   b_online_.setZero();
+  applied_.setZero();
+  errors_.fill(0.0);
+  fresh_ = false;
+  lag_ = 0;
 }
 
-void JacobianEstimate::Update(std::span<const double> v, std::span<const double> dz,
-                              double weight) noexcept {
+void JacobianEstimate::Update(std::span<const double> z, std::span<const double> v,
+                              std::span<const double> dz, double weight) noexcept {
+  for (Eigen::Index i = kMaxLag; i > 0; --i) applied_.col(i) = applied_.col(i - 1);
+  applied_.col(0) = core::AsVector(v);
+  const double time = Time(applied_.col(0).norm());
+  if (scope_.lag && fresh_) lag_ = FindLag(dz, time);
+  fresh_ = false;
+  if (motion_rows_ > 0) {
+    regressor_.head(motion_rows_ - 1) = core::AsVector(z) - center_;
+    regressor_[motion_rows_ - 1] = 1.0;
+  }
+  if (drifts_) regressor_[motion_rows_] = time;
+  regressor_.tail(applied_.rows()) = applied_.col(lag_);
   const double keep = prior_->options().forgetting;
   a_online_ *= keep;
   b_online_ *= keep;
-  const int m = prior_->control_dim();
-  regressor_.head(m) = core::AsVector(v);
-  if (drifts_) regressor_[m] = Time(regressor_.head(m).norm());
   a_online_.noalias() += weight * regressor_.lazyProduct(regressor_.transpose());
   b_online_.noalias() += weight * regressor_.lazyProduct(core::AsVector(dz).transpose());
 }
 
-void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
-  a_ = a_online_;
-  a_.diagonal().array() += prior_->options().ridge;
-  b_ = b_online_;
-  prior_->AddTo(t, z, sums_, a_, b_);
-  // Only the lower triangle is read.
-  cholesky_.compute(a_);
-  inverse_.setIdentity();
-  cholesky_.solveInPlace(inverse_);
-  const int m = prior_->control_dim();
-  jacobian_.noalias() = b_.transpose().lazyProduct(inverse_.leftCols(m));
-  if (drifts_) drift_.noalias() = b_.transpose().lazyProduct(inverse_.col(m));
+int JacobianEstimate::FindLag(std::span<const double> dz, double time) noexcept {
+  // Predictions of a lag have to be so much better, in squared error, than those of a smaller one.
+  constexpr double kEvidence = 2.0;
+  double least = std::numeric_limits<double>::infinity();
+  for (int i = 0; i <= kMaxLag; ++i) {
+    wanted_ = core::AsVector(dz) - own_motion_;
+    if (drifts_) wanted_ -= time * drift_;
+    wanted_.noalias() -= jacobian_.lazyProduct(applied_.col(i));
+    double& error = errors_[static_cast<std::size_t>(i)];
+    error = prior_->options().forgetting * error + wanted_.squaredNorm();
+    least = std::min(least, error);
+  }
+  int lag = 0;
+  while (errors_[static_cast<std::size_t>(lag)] > kEvidence * least) ++lag;
+  return lag;
 }
 
-bool JacobianEstimate::Demonstrated(int t, std::span<const double> z, Eigen::VectorXd& v) noexcept {
+// With y = z' - z, sums of [y; 1] about another z are those of [y + shift; 1].
+void JacobianEstimate::MoveTo(std::span<const double> z) noexcept {
+  if (motion_rows_ == 0) return;
+  const Eigen::Index n = motion_rows_ - 1;
+  wanted_ = center_ - core::AsVector(z);
+  center_ = core::AsVector(z);
+  a_online_.topRows(n) += wanted_.lazyProduct(a_online_.row(n));
+  a_online_.leftCols(n) += a_online_.col(n).lazyProduct(wanted_.transpose());
+  b_online_.topRows(n) += wanted_.lazyProduct(b_online_.row(n));
+}
+
+void JacobianEstimate::AddDemonstrations() noexcept {
+  const auto& sums = workspace_.sums;
+  const Eigen::Index n = jacobian_.rows();
+  const Eigen::Index m = jacobian_.cols();
+  const Eigen::Index moves = motion_rows_;
+  const Eigen::Index v = n + 1;  // In the sums; then the changes.
+  // The lower triangle is enough.
+  a_.topLeftCorner(moves, moves) += sums.topLeftCorner(moves, moves).cast<double>();
+  a_.bottomLeftCorner(m, moves) += sums.block(v, 0, m, moves).cast<double>();
+  a_.bottomRightCorner(m, m) += sums.block(v, v, m, m).cast<double>();
+  b_.topRows(moves) += sums.block(0, v + m, moves, n).cast<double>();
+  b_.bottomRows(m) += sums.block(v, v + m, m, n).cast<double>();
+}
+
+void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
+  const JacobianOptions& options = prior_->options();
+  MoveTo(z);
+  a_ = a_online_;
+  b_ = b_online_;
+  a_.diagonal().array() += options.ridge;
+  if (motion_rows_ > 0) {
+    a_.diagonal().head(motion_rows_ - 1).array() += options.slope_ridge - options.ridge;
+    a_(motion_rows_ - 1, motion_rows_ - 1) += options.motion_ridge - options.ridge;
+  }
+  has_sums_ = prior_->Sums(t, z, workspace_);
+  if (has_sums_) AddDemonstrations();
+  cholesky_.compute(a_);
+  // B becomes L^-1 B; of A^-1 B only the rows below the slopes matter.
+  cholesky_.matrixL().solveInPlace(b_);
+  const Eigen::Index rows = a_.rows() - std::max(0, motion_rows_ - 1);
+  auto answer = b_.bottomRows(rows);
+  cholesky_.matrixLLT()
+      .bottomRightCorner(rows, rows)
+      .triangularView<Eigen::Lower>()
+      .adjoint()
+      .solveInPlace(answer);
+  if (motion_rows_ > 0) own_motion_ = answer.row(0);
+  if (drifts_) drift_ = b_.row(motion_rows_);
+  jacobian_ = b_.bottomRows(jacobian_.cols()).transpose();
+  fresh_ = true;
+}
+
+bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
   // For the slopes, per unit of weight: where states hardly differ in a direction, the control does
   // not depend on it.
   constexpr double kRidge = 0.1;
   constexpr double kNearness = 0.03;
-  const int n = prior_->feature_dim();
-  const int m = prior_->control_dim();
-  a_demo_.setZero();
-  b_demo_.setZero();
-  const double weight = prior_->AddDemonstrated(t, z, y_, a_demo_, b_demo_);
-  if (weight <= 0.0) return false;
-  a_demo_.diagonal().tail(n).array() += kRidge * weight;
+  const auto& sums = workspace_.sums;
+  const Eigen::Index n = jacobian_.rows();
+  const Eigen::Index m = jacobian_.cols();
+  if (!has_sums_ || !prior_->has_controls()) return false;
+  a_demo_ = sums.topLeftCorner(n + 1, n + 1).cast<double>();
+  const double weight = a_demo_(n, n);
+  if (!(weight > 0.0)) return false;
+  a_demo_.diagonal().head(n).array() += kRidge * weight;
   cholesky_demo_.compute(a_demo_);
-  // At z itself, y is the first unit vector.
+  // At z itself, [z' - z; 1] is the last unit vector.
   unit_.setZero();
-  unit_(0, 0) = 1.0;
+  unit_(n, 0) = 1.0;
   cholesky_demo_.solveInPlace(unit_);
-  v.noalias() = b_demo_.transpose().lazyProduct(unit_.col(0));
-
-  // What it did: J_demo v_d, J_demo of the demonstrations alone.
-  h_ = (a_ - a_online_).topLeftCorner(m, m);
-  cholesky_controls_.compute(h_);
-  did_ = v;
-  cholesky_controls_.solveInPlace(did_);
-  wanted_.noalias() = (b_ - b_online_).topRows(m).transpose().lazyProduct(did_.col(0));
+  v.noalias() = sums.block(0, n + 1, n + 1, m).cast<double>().transpose().lazyProduct(unit_.col(0));
+  wanted_.noalias() =
+      sums.block(0, n + 1 + m, n + 1, n).cast<double>().transpose().lazyProduct(unit_.col(0));
+  wanted_ -= own_motion_;
   if (drifts_) wanted_ -= Time(v.norm()) * drift_;
   h_.noalias() = jacobian_.transpose().lazyProduct(jacobian_);
-  const double nearness = kNearness * h_.trace() / m;
+  const double nearness = kNearness * h_.trace() / static_cast<double>(m);
   if (!(nearness > 0.0)) return true;
   h_.diagonal().array() += nearness;
   scratch_.noalias() = jacobian_.transpose().lazyProduct(wanted_);
@@ -322,14 +428,30 @@ bool JacobianEstimate::Demonstrated(int t, std::span<const double> z, Eigen::Vec
 void JacobianEstimate::AddEffect(const Eigen::VectorXd& v,
                                  Eigen::Ref<Eigen::VectorXd> z) const noexcept {
   z.noalias() += jacobian_.lazyProduct(v);
+  z += own_motion_;
   if (drifts_) z += Time(v.norm()) * drift_;
 }
 
-double JacobianEstimate::Ignorance() const noexcept {
-  return inverse_.diagonal().head(prior_->control_dim()).sum();
+void JacobianEstimate::AddPending(Eigen::Ref<Eigen::VectorXd> z) const noexcept {
+  for (int i = 0; i < lag_; ++i) {
+    z.noalias() += jacobian_.lazyProduct(applied_.col(i));
+    z += own_motion_;
+    if (drifts_) z += Time(applied_.col(i).norm()) * drift_;
+  }
+}
+
+double JacobianEstimate::Ignorance() noexcept {
+  const Eigen::Index rows = inverse_.rows();
+  inverse_.setIdentity();
+  const auto lower =
+      cholesky_.matrixLLT().bottomRightCorner(rows, rows).triangularView<Eigen::Lower>();
+  lower.solveInPlace(inverse_);
+  lower.adjoint().solveInPlace(inverse_);
+  return inverse_.diagonal().tail(jacobian_.cols()).sum();
 }
 
 double JacobianEstimate::LeastKnown(std::span<double> direction) noexcept {
+  static_cast<void>(Ignorance());
   // Power iteration: A^-1 is a few rows wide, and a direction that is nearly the least known is as
   // good as the least known.
   direction_.setConstant(1.0 / std::sqrt(static_cast<double>(direction_.size())));
@@ -337,16 +459,16 @@ double JacobianEstimate::LeastKnown(std::span<double> direction) noexcept {
   for (Eigen::Index i = 0; i < direction_.size(); ++i) {
     direction_[i] += 0.01 * static_cast<double>(i);
   }
-  const int m = prior_->control_dim();
+  const Eigen::Index m = jacobian_.cols();
   double value = 0.0;
   constexpr int kIterations = 30;
   for (int i = 0; i < kIterations; ++i) {
-    scratch_.noalias() = inverse_.topLeftCorner(m, m).lazyProduct(direction_);
+    scratch_.noalias() = inverse_.bottomRightCorner(m, m).lazyProduct(direction_);
     value = scratch_.norm();
     direction_ = scratch_ / value;
   }
   // Time always passes forwards: [v; s] and [-v; s] are not known equally well.
-  if (drifts_ && inverse_.row(m).head(m).dot(direction_) < 0.0) direction_ = -direction_;
+  if (drifts_ && inverse_.row(0).tail(m).dot(direction_) < 0.0) direction_ = -direction_;
   std::copy(direction_.begin(), direction_.end(), direction.begin());
   return value;
 }

@@ -38,10 +38,6 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
   Vector gradient(n);
   Vector next_gradient(n);
   const std::span<double> gradient_span(gradient.data(), model.z.size());
-  const bool keeps = std::isfinite(target.share);
-  Vector wanted(n);  // the first control's effect
-  if (keeps) wanted.noalias() = j.lazyProduct(v);
-  double room = keeps ? (1.0 - target.share) * wanted.squaredNorm() : 0.0;
 
   double l = LevelAfter(model, target.phase, v, there, gradient_span);
   Vector d(v.size());
@@ -70,18 +66,6 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
         gain > missing ? 2.0 * missing / (slope * (1.0 + std::sqrt(1.0 - missing / gain))) : best;
     before = v;
     v = (v + step * d).cwiseMax(-limits.control).cwiseMin(limits.control);
-    bool last = false;
-    if (keeps) {
-      // A limit met on the way changes what is lost, so that it is taken from the step as it is.
-      d = v - before;
-      effect.noalias() = j.lazyProduct(d);
-      const double lost = -effect.dot(wanted);
-      if (lost > room) {
-        v = (before + room / lost * d).cwiseMax(-limits.control).cwiseMin(limits.control);
-        last = true;
-      }
-      room -= lost;
-    }
     const double reached =
         LevelAfter(model, target.phase, v, there, {next_gradient.data(), model.z.size()});
     if (reached <= l) {
@@ -92,7 +76,7 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
     const double gained = reached - l;
     l = reached;
     gradient.swap(next_gradient);
-    if (last || gained < kLeastGain) break;
+    if (gained < kLeastGain) break;
   }
   return l;
 }

@@ -20,7 +20,7 @@ namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kKind = "guard";
-constexpr int kVersion = 3;
+constexpr int kVersion = 4;
 
 constexpr std::array kStrategies = {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping,
                                     Strategy::kMonitor};

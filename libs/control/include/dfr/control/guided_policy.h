@@ -15,7 +15,7 @@
 
 namespace dfr::control {
 
-/// Options for GuidedPolicy: what the task says, then six constants that are meant for every
+/// Options for GuidedPolicy: what the task says, then four constants that are meant for every
 /// task, and switches for ablations. Levels are values of l, controls are in units of the
 /// demonstrations' root mean square.
 struct GuidedOptions {
@@ -31,16 +31,9 @@ struct GuidedOptions {
   /// Gradients of l in one step, >= 0. Fewer decide faster and reach less where the learned control
   /// is far off; 0 changes nothing and leaves the learned control alone.
   int iterations = 6;
-  /// Share of the learned control's effect that the filter keeps while it makes room, at most 1.
-  /// More completes less where the policy is wrong, less forgets what the policy wanted.
-  double share = 0.5;
-  /// As a share of GuidedModel::slack(): the filtered control stays where giving up the rest of the
-  /// learned control raises l by no more than this. What no control can mend, an object off to the
-  /// side, must not stop the task. More completes more and collides more.
-  double margin = 0.25;
-  /// Where no control is predicted to end inside, the filtered control passes only down to this
-  /// multiple of GuidedModel::slack() outside, at most .8 in all. More completes more and collides
-  /// more.
+  /// Where no control is predicted to end inside, the filtered control passes down to this multiple
+  /// of GuidedModel::slack() outside, at most .8 in all: what no control can mend, an object off to
+  /// the side, must not stop the task. More completes more and collides more.
   double reach = 2.0;
   /// HaltRule::patience. More completes little and collides more.
   int patience = 12;
@@ -55,31 +48,35 @@ struct GuidedOptions {
   bool demonstrated = true;
   /// Not to be tuned. Whether recoveries overtake phases.
   bool overtakes = true;
+  /// Not to be tuned. Whether features may move by themselves. Not with a certificate.
+  bool own_motion = true;
+  /// Not to be tuned. Whether effects may come late. Not with a certificate.
+  bool lag = true;
 };
 
-/// The parts of guided recovery that can be taken out, for ablations: "filter", "share", "slack",
-/// "demonstrated", "overtaking", "probing", "online-jacobian", and "drift", the drift_time of a
-/// task that has one.
+/// The parts of guided recovery that can be taken out, for ablations: "filter", "reach",
+/// "demonstrated", "overtaking", "probing", "online-jacobian", "own-motion", "lag", and "drift",
+/// the drift_time of a task that has one.
 [[nodiscard]] std::span<const std::string_view> GuidedPartNames() noexcept;
 /// The options with these parts at their neutral values; "filter+time" takes out both.
 /// @throws std::invalid_argument naming the part that does not exist, and those that do.
 [[nodiscard]] GuidedOptions Without(GuidedOptions options, std::string_view parts);
 
 /// Guided recovery: drives a learned policy inside a support without a dynamics model, as
-/// Algorithm 1 does, but learns from every applied control how features answer (JacobianEstimate),
+/// Algorithm 1 does, but learns from every applied control how features change (JacobianEstimate),
 /// so that the gradient of the support becomes a direction for controls. In a state with features
-/// z, in phase tau, with the learned control v_hat:
+/// z, those that controls under way will lead to, in phase tau, with the learned control v_hat and
+/// the prediction z'(v) = z + J v + m:
 ///
 ///   1. l_tau(z), l_{tau+1}(z) >= hi and v_hat no larger than demonstrated: v_hat passes (deep
 ///      inside; hi is GuidedModel::gate_level).
-///   2. v <- RaiseLevel(v_hat, hi, share): the filter. If l_{tau+1}(z + J v) >= 0, v is applied.
+///   2. v <- RaiseLevel(v_hat, hi): the filter. If l_{tau+1}(z'(v)) >= 0, v is applied.
 ///   3. v' <- RaiseLevel(v_d, 0): recovery, the same step from the control v_d that does what
 ///      demonstrations did nearby (JacobianEstimate::Demonstrated()). If it reaches 0, v' is
-///      applied. If not, and is hardly better than v (margin), v is, where the support is near
-///      (reach). Otherwise v_d is: where nothing leads inside, what demonstrations did is known to
-///      go on, and what J promises is not.
+///      applied. If not, v is, where the support is near (reach). Otherwise v_d is: where nothing
+///      leads inside, what demonstrations did is known to go on, and what J promises is not.
 ///   4. Where J hardly knows a direction of control, a probe along it is applied instead.
-///   5. The phase advances if the prediction is inside B_{tau+1} or v passed by the margin; a
+///   5. The phase advances if the prediction is inside B_{tau+1} or v passed within reach; a
 ///      recovery that stays outside overtakes phases instead (PhaseTracker).
 ///   6. HaltRule ends what does not get on.
 ///
@@ -88,7 +85,8 @@ struct GuidedOptions {
 /// into supports that the state is in (the published proof takes g_{t+1} for g_t). Where next to
 /// nothing of a control passes, a recovery climbs l_tau from v = 0. A shrunk learned control
 /// consumes its share of a time step. Outside the support nothing is certified: the controller
-/// halts, kOutsideSupport. After each control the assumption is compared with what happened;
+/// halts, kOutsideSupport. A certificate assumes that controls act at once, and alone: own motion
+/// and lag are left out. After each control the assumption is compared with what happened;
 /// kViolated halts on the first contradiction, see violation().
 ///
 /// docs/recovery.md derives all this. Next() neither allocates nor locks.
@@ -136,7 +134,8 @@ class GuidedPolicy final : public Controller {
   int stalls_ = 0;  ///< Certified controls in a row of which next to nothing passed.
   Eigen::VectorXd z_;
   Eigen::VectorXd v_;  ///< The control that is applied, from then on the one applied last.
-  Eigen::VectorXd last_z_;
+  Eigen::VectorXd seen_;
+  Eigen::VectorXd last_seen_;
   Eigen::VectorXd effect_;  ///< J v of the control applied last, with a certificate.
   Eigen::VectorXd dz_;
   Eigen::VectorXd learned_;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <array>
 #include <memory>
 #include <span>
 #include <utility>
@@ -15,6 +16,8 @@ namespace dfr::control {
 /// Options for JacobianEstimate.
 struct JacobianOptions {
   double ridge = 0.02;         ///< Pulls J to zero where nothing is known, > 0.
+  double motion_ridge = 1.0;   ///< Pulls the own motion at z to zero, > 0: controls explain first.
+  double slope_ridge = 10.0;   ///< Pulls its slopes to zero, > 0.
   double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
   int window = 5;              ///< Transitions of the time steps t - window ... t + window count.
   int max_per_step = 12;       ///< Most transitions kept of one time step: bounds the time.
@@ -29,7 +32,7 @@ struct DriftTime {
   double travel = 0.0;  ///< Of an ordinary control, >= 0.
 };
 
-/// What demonstrated transitions say of J; immutable, shared by all estimates made from it.
+/// Demonstrated transitions; immutable, shared by all estimates made from them.
 ///
 /// Controls are v = u / us, us the root mean square of |u|, so that 1 is an ordinary control.
 class JacobianPrior {
@@ -42,59 +45,92 @@ class JacobianPrior {
 
   /// Appends all of it to a file.
   void Save(core::ArchiveWriter& archive) const;
-  /// Reads what Save() wrote. Files of before version 3 hold no controls: AddDemonstrated() then
-  /// adds nothing. @throws std::runtime_error naming the file and what is wrong with it.
+  /// Reads what Save() wrote, and what earlier versions did. Files of before version 3 do not tell
+  /// controls from their negatives: has_controls() is then false.
+  /// @throws std::runtime_error naming the file and what is wrong with it.
   static JacobianPrior Load(core::ArchiveReader& archive);
 
   [[nodiscard]] int feature_dim() const noexcept { return feature_dim_; }
   [[nodiscard]] int control_dim() const noexcept { return control_dim_; }
   [[nodiscard]] const JacobianOptions& options() const noexcept { return options_; }
+  /// Whether the signs of demonstrated controls are known, without which the answer to them is, but
+  /// neither the controls nor an own motion.
+  [[nodiscard]] bool has_controls() const noexcept { return has_controls_; }
 
-  /// Adds sum w v v' to `a` (its lower triangle) and sum w v dz' to `b` (m x n), over transitions
-  /// near time step `t`, w falling with the distance to `z` and summing to prior_weight. `sums` is
-  /// room for num_sums() entries. Sums are in single precision, which leaves J to about 1e-6.
-  void AddTo(int t, std::span<const double> z, Eigen::VectorXf& sums, Eigen::MatrixXd& a,
-             Eigen::MatrixXd& b) const noexcept;
-  [[nodiscard]] Eigen::Index num_sums() const noexcept { return products_.cols(); }
-  /// Adds sum w y y' to `a` (its lower triangle, (n + 1) x (n + 1)) and sum w y v' to `b`
-  /// ((n + 1) x m), y = [1; z_i - z], over transitions near time step `t`, those from the last one
-  /// on where demonstrations end before. The nearest one has w = 1. @returns the sum of w.
-  double AddDemonstrated(int t, std::span<const double> z, Eigen::VectorXd& y, Eigen::MatrixXd& a,
-                         Eigen::MatrixXd& b) const noexcept;
+  /// Room for Sums().
+  struct Workspace {
+    Eigen::VectorXf weights;
+    Eigen::VectorXf left;
+    Eigen::VectorXf right;
+    Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> sums;
+  };
+  [[nodiscard]] Workspace MakeWorkspace() const;
+  /// sum w r r[0:n + 1 + m]' over transitions near time step `t`, those of its last one where
+  /// demonstrations end before, r = [z_i - z; 1; v_i; dz_i], as the leading rows and columns of
+  /// `workspace.sums`; w falls with the distance to `z` and sums to prior_weight. Sums are in
+  /// single precision, which leaves J to about 1e-6. @returns false if there is no transition.
+  bool Sums(int t, std::span<const double> z, Workspace& workspace) const noexcept;
 
  private:
+  static constexpr int kWithTransitions = 4;  ///< The first version of files that hold them.
+
   JacobianPrior() = default;
   /// First and last transition, exclusive, of time steps t - window ... t + window.
   [[nodiscard]] std::pair<int, int> Near(int t) const noexcept;
+  /// Entries of a row of transitions_.
+  [[nodiscard]] int Width() const noexcept;
+  core::Matrix OldTransitions(core::ArchiveReader& archive);
+  /// Fills points_ and largest_, once transitions_ and begin_ are.
+  void Finish();
 
   JacobianOptions options_;
   int feature_dim_ = 0;
   int control_dim_ = 0;
+  bool has_controls_ = true;
   std::vector<int> begin_;  ///< Row at which time step t begins; one more entry at the end.
-  // In float, for the sums over transitions are most of the work.
-  Eigen::MatrixXf points_;    ///< z of each transition, in order of time,
-  Eigen::MatrixXf controls_;  ///< and v. Without rows where a file does not hold them.
-  /// Lower triangle of v v', then v dz', of each.
-  Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> products_;
+  int largest_ = 0;         ///< Most transitions that Near() gives.
+  /// [z, 1, v, dz] of each transition in order of time, then zeros. In float, because sums over
+  /// transitions are most of the work.
+  Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> transitions_;
+  Eigen::MatrixXf points_;  ///< The z of transitions_, by columns.
 };
 
-/// Estimates how features answer a control, dz = J v, without a model: a weighted least-squares fit
-/// of what the demonstrations did nearby and of every control that was applied since,
-///   A = ridge I + A_demo + A_on,  B = B_demo + B_on,  J = (A^-1 B)',
-///   after every applied control  A_on = f A_on + v v',  B_on = f B_on + v dz'.
-/// (recursive least squares with forgetting f). Where the world moves by itself, w = [v; s] takes
-/// the place of v, so that the drift d is told apart from the answer to controls; demonstrations
-/// were not disturbed, their s is 0. Nothing after construction allocates.
+/// What a JacobianEstimate is to find out besides J.
+struct EstimateScope {
+  bool own_motion = true;  ///< Off: nothing moves without a control, but for a drift.
+  bool lag = true;         ///< Off: controls act at once, and are seen at once.
+};
+
+/// Estimates how features change, dz = J v + m(z), without a model: J is the answer to controls,
+/// m(z) = m + M (z' - z) the own motion of what goes on moving without one (mass, gravity). A
+/// weighted least-squares fit of what the demonstrations did nearby and of every control that was
+/// applied since; with w = [v; 1; z' - z],
+///   A = diag(ridges) + A_demo + A_on,  B = B_demo + B_on,  [J m M] = (A^-1 B)',
+///   after every applied control  A_on = f A_on + w w',  B_on = f B_on + w dz'
+/// (recursive least squares with forgetting f; A_on and B_on move with z). The ridges of the own
+/// motion are larger than that of J: what both explain is an answer to controls.
+///
+/// An effect may come a few controls late, or be seen late. The lag is the smallest one, up to
+/// kMaxLag, whose predictions J v_{k - lag} were not far worse than those of the best. Controls are
+/// then measured by what they did, and AddPending() predicts what those still under way will do.
+///
+/// Where the world moves by itself, w has one more entry, the time s that the control took: the
+/// drift d is told apart from the answer to controls; demonstrations were not disturbed, their s is
+/// 0. Nothing after construction allocates.
 class JacobianEstimate {
  public:
+  static constexpr int kMaxLag = 3;
+
   /// @throws std::invalid_argument if a time is negative or not finite.
   explicit JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
-                            const DriftTime& drift_time = {});
+                            const DriftTime& drift_time = {}, const EstimateScope& scope = {});
 
   /// Forgets the applied controls.
   void Reset() noexcept;
-  /// Control `v` changed the features by `dz`; the measurement counts `weight` times, >= 0.
-  void Update(std::span<const double> v, std::span<const double> dz, double weight = 1.0) noexcept;
+  /// At features `z` control `v` was applied, and changed them by `dz`; the measurement counts
+  /// `weight` times, >= 0. Looks for the lag if Compute() was called since the last Update().
+  void Update(std::span<const double> z, std::span<const double> v, std::span<const double> dz,
+              double weight = 1.0) noexcept;
   /// Computes J for time step `t` at `z`.
   void Compute(int t, std::span<const double> z) noexcept;
 
@@ -102,16 +138,22 @@ class JacobianEstimate {
   [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return jacobian_; }
   /// d, n, of the last Compute(); 0 where nothing else moves the world.
   [[nodiscard]] const Eigen::VectorXd& drift() const noexcept { return drift_; }
+  /// m, n, of the last Compute(): what features do without a control.
+  [[nodiscard]] const Eigen::VectorXd& own_motion() const noexcept { return own_motion_; }
+  /// How many controls after its own an effect is seen, in [0, kMaxLag].
+  [[nodiscard]] int lag() const noexcept { return lag_; }
   /// The control that does to the features what demonstrations did nearby: locally weighted linear
-  /// regression gives the control v_d that demonstrations took at `z` in time step `t`, their
-  /// transitions alone what it did to the features there, J_demo v_d, and least squares the control
-  /// whose effect is that today, |J v + s d - J_demo v_d|^2 + 0.03 trace(J' J) / m |v - v_d|^2
-  /// -> min. So what turns or scales controls, or moves the world, is made up for as far as J knows
-  /// it. Takes J of the last Compute(), which was for the same `t` and `z`. O(n^3).
+  /// regression over their transitions gives the control v_d that they took at `z` and the change
+  /// dz_d that followed, least squares the control that causes this change today,
+  /// |J v + m + s d - dz_d|^2 + 0.03 trace(J' J) / m |v - v_d|^2 -> min. So what turns or scales
+  /// controls, or moves the world, is made up for as far as the estimate knows it. Takes what the
+  /// last Compute() found, at its time step and z. O(n^3).
   /// @returns false, and leaves `v` (m entries), where nothing is known of demonstrated controls.
-  [[nodiscard]] bool Demonstrated(int t, std::span<const double> z, Eigen::VectorXd& v) noexcept;
-  /// z += J v + s d of the last Compute().
+  [[nodiscard]] bool Demonstrated(Eigen::VectorXd& v) noexcept;
+  /// z += J v + m + s d of the last Compute().
   void AddEffect(const Eigen::VectorXd& v, Eigen::Ref<Eigen::VectorXd> z) const noexcept;
+  /// z += what the controls that are still under way will do, by the last Compute().
+  void AddPending(Eigen::Ref<Eigen::VectorXd> z) const noexcept;
 
   /// The control direction that is known least: the largest eigenvalue of A^-1 (of its part that
   /// belongs to v), its eigenvector to `direction` (m entries). Where the world moves by itself,
@@ -119,38 +161,52 @@ class JacobianEstimate {
   /// the drift mixed up.
   double LeastKnown(std::span<double> direction) noexcept;
   /// The sum of its eigenvalues: an upper bound on the largest, for less time.
-  [[nodiscard]] double Ignorance() const noexcept;
+  [[nodiscard]] double Ignorance() noexcept;
 
  private:
   [[nodiscard]] double Time(double norm) const noexcept {
     return drift_time_.rest + drift_time_.travel * norm;
   }
+  [[nodiscard]] int FindLag(std::span<const double> dz, double time) noexcept;
+  void MoveTo(std::span<const double> z) noexcept;
+  void AddDemonstrations() noexcept;
 
   std::shared_ptr<const JacobianPrior> prior_;
   DriftTime drift_time_;
+  EstimateScope scope_;
   bool drifts_;
+  // Rows of A and B: [z' - z (n); 1; s; v (m)], the first n + 1 only with an own motion, s only
+  // with a drift.
+  int motion_rows_;
   Eigen::MatrixXd a_online_;
   Eigen::MatrixXd b_online_;
+  Eigen::VectorXd center_;  ///< z that A_on and B_on are about.
   Eigen::MatrixXd a_;
   Eigen::MatrixXd b_;
   Eigen::LLT<Eigen::MatrixXd> cholesky_;
-  Eigen::MatrixXd inverse_;
+  Eigen::MatrixXd inverse_;  ///< Of A, its last rows: s and v.
   Eigen::MatrixXd jacobian_;
   Eigen::VectorXd drift_;
+  Eigen::VectorXd own_motion_;
   Eigen::VectorXd regressor_;
   Eigen::VectorXd direction_;
   Eigen::VectorXd scratch_;
-  Eigen::VectorXf sums_;
-  // Of Demonstrated(): its regression, and the least squares of what it did.
-  Eigen::VectorXd y_;
-  Eigen::MatrixXd unit_;  ///< (n + 1) x 1
+  JacobianPrior::Workspace workspace_;
+  bool has_sums_ = false;  ///< workspace_ holds those of the last Compute().
+
+  Eigen::MatrixXd applied_;                   ///< m x (kMaxLag + 1), the newest first.
+  std::array<double, kMaxLag + 1> errors_{};  ///< Squared, of each lag's predictions.
+  bool fresh_ = false;                        ///< No Update() since the last Compute().
+  int lag_ = 0;
+
+  // Of Demonstrated().
   Eigen::MatrixXd a_demo_;
-  Eigen::MatrixXd b_demo_;
+  Eigen::MatrixXd unit_;  ///< (n + 1) x 1
   Eigen::LLT<Eigen::MatrixXd> cholesky_demo_;
   Eigen::MatrixXd h_;
   Eigen::LLT<Eigen::MatrixXd> cholesky_controls_;
-  Eigen::MatrixXd did_;  ///< m x 1
-  Eigen::VectorXd wanted_;
+  Eigen::MatrixXd did_;     ///< m x 1
+  Eigen::VectorXd wanted_;  ///< n
 };
 
 }  // namespace dfr::control

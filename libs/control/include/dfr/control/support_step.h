@@ -13,7 +13,7 @@ namespace dfr::control {
 /// Borrows all; valid until the next JacobianEstimate::Compute().
 struct LocalModel {
   const core::LogDecisionFunction& support;
-  const JacobianEstimate& answer;  ///< z' = z + J v + s d.
+  const JacobianEstimate& answer;  ///< z' = z + J v + m + s d.
   std::span<const double> z;       ///< Features of the state (support.state_dim() entries).
 
   /// l_phase(z'), the level that control `v` is predicted to lead to.
@@ -24,9 +24,6 @@ struct LocalModel {
 struct StepTarget {
   int phase = 0;       ///< q: l_q is to be raised ...
   double level = 0.0;  ///< ... to this, and no further.
-  /// The share of the first control's predicted effect, along that effect, that must remain; in
-  /// (-infinity, 1].
-  double share = -std::numeric_limits<double>::infinity();
 };
 
 /// What a control has to respect.
@@ -39,12 +36,12 @@ struct StepLimits {
 /// do: with d = J' grad l and c the support's curvature bound, Jensen's inequality gives
 ///   l(z + J (v + s d)) >= l(z + J v) + s |d|^2 - s^2 c |J d|^2,
 /// whose largest gain is at s = |d|^2 / (2 c |J d|^2). A step goes there, or as far as surely
-/// reaches the level, or to where the share of the effect would be lost. `v` is changed in place,
-/// and returned is the level it is predicted to reach: never less than that of the `v` given.
+/// reaches the level. `v` is changed in place, and returned is the level it is predicted to reach:
+/// never less than that of the `v` given.
 ///
-/// A pure function: the filter calls it with the learned control, a recovery with zero. `v` within
-/// the limits stays within. Neither allocates nor throws; at most kMaxStepEntries features and as
-/// many controls.
+/// A pure function: the filter calls it with the learned control, a recovery with the demonstrated.
+/// `v` within the limits stays within. Neither allocates nor throws; at most kMaxStepEntries
+/// features and as many controls.
 double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
                   Eigen::VectorXd& v) noexcept;
 
