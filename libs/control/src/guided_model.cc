@@ -18,6 +18,42 @@ double Quantile(std::vector<double>& values, double q) {
   return values[below] + (position - static_cast<double>(below)) * (values[above] - values[below]);
 }
 
+// Of what controls alone leave unexplained in demonstrations that were left out, the share that
+// remains with an own motion.
+double WithOwnMotion(std::span<const core::Matrix> points, std::span<const core::Matrix> controls,
+                     const JacobianOptions& options) {
+  constexpr Eigen::Index kEnough = 2000;  // Transitions, of each half.
+  Eigen::Index transitions = 0;
+  for (const core::Matrix& c : controls) transitions += c.rows();
+  const Eigen::Index stride = 1 + transitions / (2 * kEnough);
+  double alone = 0.0;
+  double together = 0.0;
+  Eigen::VectorXd there(points[0].cols());
+  for (const std::size_t half : {0U, 1U}) {
+    std::vector<core::Matrix> shown_points;
+    std::vector<core::Matrix> shown_controls;
+    for (std::size_t d = half; d < points.size(); d += 2) {
+      shown_points.push_back(points[d]);
+      shown_controls.push_back(controls[d]);
+    }
+    const auto prior = std::make_shared<const JacobianPrior>(shown_points, shown_controls, options);
+    JacobianEstimate without(prior, {}, {.own_motion = false});
+    JacobianEstimate with(prior);
+    for (std::size_t d = 1 - half; d < points.size(); d += 2) {
+      for (Eigen::Index t = 0; t < controls[d].rows(); t += stride) {
+        const Eigen::VectorXd v = controls[d].row(t);
+        for (auto [estimate, error] : {std::pair{&without, &alone}, std::pair{&with, &together}}) {
+          estimate->Compute(static_cast<int>(t), core::Row(points[d], t));
+          there = points[d].row(t);
+          estimate->AddEffect(v, there);
+          *error += (points[d].row(t + 1).transpose() - there).squaredNorm();
+        }
+      }
+    }
+  }
+  return alone > 0.0 ? together / alone : 1.0;
+}
+
 }  // namespace
 
 double SlackFrom(std::vector<double> held_out_levels) {
@@ -68,6 +104,10 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
   control_unit_ = std::sqrt(square / moving);
   for (core::Matrix& c : controls) c /= control_unit_;
   prior_ = std::make_shared<const JacobianPrior>(points, controls, options.jacobian);
+  // Less would be noise that is explained: free motion and contact are better off without.
+  constexpr double kMostLeft = 0.6;
+  own_motion_ =
+      points.size() >= 2 && WithOwnMotion(points, controls, options.jacobian) <= kMostLeft;
 
   std::vector<double> levels;
   for (int t = 0; t < support.num_steps(); ++t) {
@@ -95,6 +135,7 @@ void GuidedModel::Save(core::ArchiveWriter& archive) const {
   archive.Numbers(largest_);
   archive.Number(slack_);
   archive.Number(control_unit_);
+  archive.Integer(own_motion_ ? 1 : 0);
   prior_->Save(archive);
 }
 
@@ -115,6 +156,8 @@ GuidedModel GuidedModel::Load(core::ArchiveReader& archive, core::FeatureTransfo
   model.largest_ = levels("the largest controls");
   model.slack_ = archive.Number();
   model.control_unit_ = archive.Number();
+  // Before, nothing was said of it.
+  if (archive.version() >= 4) model.own_motion_ = archive.IntegerIn(0, 1) == 1;
   if (!(model.slack_ >= 0.0 && std::isfinite(model.slack_) && model.control_unit_ > 0.0 &&
         std::isfinite(model.control_unit_))) {
     archive.Fail("slack and the unit of controls must be finite, and the unit positive");

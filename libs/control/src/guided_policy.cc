@@ -25,7 +25,7 @@ constexpr double kMostReach = 0.8;
 constexpr double kLeastShare = 0.02;
 constexpr int kMaxStalls = 3;
 
-constexpr std::array<std::string_view, 9> kParts = {"filter",     "reach",   "demonstrated",
+constexpr std::array<std::string_view, 10> kParts = {"filter",     "reach",   "demonstrated",
                                                     "overtaking", "probing", "online-jacobian",
                                                     "own-motion", "lag",     "drift"};
 
@@ -68,10 +68,12 @@ void Check(const core::Policy& policy, const GuidedModel& model, const GuidedOpt
           << " holds only where nothing else moves the world: drift_time must be zero");
 }
 
-// A certificate assumes that controls act at once, and alone.
-EstimateScope Scope(const GuidedOptions& options) {
-  const bool certified = options.certificate.kind != CertificateKind::kNone;
-  return {.own_motion = options.own_motion && !certified, .lag = options.lag && !certified};
+// A certificate assumes that controls act at once, and alone, and that states are seen as they are.
+EstimateScope Scope(const GuidedModel& model, const GuidedOptions& options) {
+  if (options.certificate.kind != CertificateKind::kNone) return {false, false, false};
+  return {.own_motion = options.own_motion && model.own_motion(),
+          .lag = options.lag,
+          .smoothing = options.smoothing};
 }
 
 }  // namespace
@@ -98,6 +100,8 @@ GuidedOptions Without(GuidedOptions options, std::string_view parts) {
       options.own_motion = false;
     } else if (part == "lag") {
       options.lag = false;
+    } else if (part == "smoothing") {
+      options.smoothing = false;
     } else if (part == "drift") {
       options.drift_time = {};
     } else {
@@ -118,7 +122,7 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
       options_((Check(policy, model, options), options)),
       limits_{options.control_limit / model.control_unit(), options.iterations},
       halt_rule_{options.horizon, options.max_controls, options.patience},
-      estimate_(model.prior(), options.drift_time, Scope(options)),
+      estimate_(model.prior(), options.drift_time, Scope(model, options)),
       reach_(std::min(options.reach * model.slack(), kMostReach)),
       tracker_(model.support()),
       certifier_(options.certificate, model.features().num_features(), model.control_unit()) {
@@ -150,6 +154,7 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
     estimate_.Update(AsSpan(last_seen_), AsSpan(v_), AsSpan(dz_), options_.online_weight);
   }
   z_ = seen_;
+  estimate_.Smooth(z_);
   estimate_.AddPending(z_);
 
   step.log_g = certifier_.active() ? tracker_.Enter(AsSpan(z_))

@@ -257,7 +257,7 @@ JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
                                    const DriftTime& drift_time, const EstimateScope& scope)
     : prior_(std::move(prior)),
       drift_time_(drift_time),
-      scope_{scope.own_motion && prior_->has_controls(), scope.lag},
+      scope_{scope.own_motion && prior_->has_controls(), scope.lag, scope.smoothing},
       drifts_(drift_time.rest > 0.0 || drift_time.travel > 0.0) {
   DFR_THROW_UNLESS(drift_time.rest >= 0.0 && std::isfinite(drift_time.rest) &&
                        drift_time.travel >= 0.0 && std::isfinite(drift_time.travel),
@@ -282,6 +282,8 @@ JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
   scratch_ = Eigen::VectorXd::Zero(m);
   workspace_ = prior_->MakeWorkspace();
   applied_ = Eigen::MatrixXd::Zero(m, kMaxLag + 1);
+  residual_ = Eigen::VectorXd::Zero(n);
+  expected_ = Eigen::VectorXd::Zero(n);
   a_demo_ = Eigen::MatrixXd::Identity(n + 1, n + 1);
   unit_ = Eigen::MatrixXd::Zero(n + 1, 1);
   cholesky_demo_ = Eigen::LLT<Eigen::MatrixXd>(a_demo_);
@@ -296,6 +298,10 @@ void JacobianEstimate::Reset() noexcept {
   b_online_.setZero();
   applied_.setZero();
   errors_.fill(0.0);
+  residual_.setZero();
+  power_ = 0.0;
+  correlation_ = 0.0;
+  expects_ = false;
   fresh_ = false;
   lag_ = 0;
 }
@@ -305,7 +311,20 @@ void JacobianEstimate::Update(std::span<const double> z, std::span<const double>
   for (Eigen::Index i = kMaxLag; i > 0; --i) applied_.col(i) = applied_.col(i - 1);
   applied_.col(0) = core::AsVector(v);
   const double time = Time(applied_.col(0).norm());
-  if (scope_.lag && fresh_) lag_ = FindLag(dz, time);
+  if (fresh_) {
+    if (scope_.lag) lag_ = FindLag(dz, time);
+    wanted_ = own_motion_;
+    wanted_.noalias() += jacobian_.lazyProduct(applied_.col(lag_));
+    if (drifts_) wanted_ += time * drift_;
+    expected_ += wanted_;
+    wanted_ = core::AsVector(dz) - wanted_;
+    power_ = prior_->options().forgetting * power_ + wanted_.squaredNorm();
+    correlation_ = prior_->options().forgetting * correlation_ + wanted_.dot(residual_);
+    residual_ = wanted_;
+  } else {
+    residual_.setZero();
+  }
+  expects_ = fresh_ && expected_.allFinite();
   fresh_ = false;
   if (motion_rows_ > 0) {
     regressor_.head(motion_rows_ - 1) = core::AsVector(z) - center_;
@@ -318,6 +337,18 @@ void JacobianEstimate::Update(std::span<const double> z, std::span<const double>
   b_online_ *= keep;
   a_online_.noalias() += weight * regressor_.lazyProduct(regressor_.transpose());
   b_online_.noalias() += weight * regressor_.lazyProduct(core::AsVector(dz).transpose());
+}
+
+void JacobianEstimate::Smooth(Eigen::Ref<Eigen::VectorXd> z) noexcept {
+  // Below this the estimate would hardly look any more.
+  constexpr double kLeastGain = 0.2;
+  if (scope_.smoothing && expects_ && correlation_ < 0.0) {
+    const double ratio = std::max(0.0, -power_ / correlation_ - 2.0);
+    const double gain =
+        std::max(kLeastGain, (std::sqrt(ratio * (ratio + 4.0)) - ratio) / 2.0);
+    z = gain * z + (1.0 - gain) * expected_;
+  }
+  expected_ = z;
 }
 
 int JacobianEstimate::FindLag(std::span<const double> dz, double time) noexcept {

@@ -48,10 +48,13 @@ struct GuidedOptions {
   bool demonstrated = true;
   /// Not to be tuned. Whether recoveries overtake phases.
   bool overtakes = true;
-  /// Not to be tuned. Whether features may move by themselves. Not with a certificate.
+  /// Not to be tuned. Whether features may move by themselves, where demonstrations say so
+  /// (GuidedModel::own_motion()). Not with a certificate.
   bool own_motion = true;
   /// Not to be tuned. Whether effects may come late. Not with a certificate.
   bool lag = true;
+  /// Not to be tuned. Whether noise in what is seen is smoothed. Not with a certificate.
+  bool smoothing = true;
 };
 
 /// The parts of guided recovery that can be taken out, for ablations: "filter", "reach",

@@ -99,6 +99,7 @@ class JacobianPrior {
 struct EstimateScope {
   bool own_motion = true;  ///< Off: nothing moves without a control, but for a drift.
   bool lag = true;         ///< Off: controls act at once, and are seen at once.
+  bool smoothing = true;   ///< Off: states are what is seen of them.
 };
 
 /// Estimates how features change, dz = J v + m(z), without a model: J is the answer to controls,
@@ -152,6 +153,12 @@ class JacobianEstimate {
   [[nodiscard]] bool Demonstrated(Eigen::VectorXd& v) noexcept;
   /// z += J v + m + s d of the last Compute().
   void AddEffect(const Eigen::VectorXd& v, Eigen::Ref<Eigen::VectorXd> z) const noexcept;
+  /// `z`, as it is seen, becomes an estimate of the state, between what is seen and what was expected
+  /// of the last estimate. The residuals of Update() tell how noisy states are: noise of variance r in
+  /// what is seen and q in what happens give them the variance 2 r + q and, from one to the next, the
+  /// covariance -r. The weight of what is seen is the Kalman gain for q / r, at least 0.2, and 1 where
+  /// they are not correlated so, or J was not asked for. Once after each Update(), and at first.
+  void Smooth(Eigen::Ref<Eigen::VectorXd> z) noexcept;
   /// z += what the controls that are still under way will do, by the last Compute().
   void AddPending(Eigen::Ref<Eigen::VectorXd> z) const noexcept;
 
@@ -198,6 +205,13 @@ class JacobianEstimate {
   std::array<double, kMaxLag + 1> errors_{};  ///< Squared, of each lag's predictions.
   bool fresh_ = false;                        ///< No Update() since the last Compute().
   int lag_ = 0;
+
+  // Of Smooth().
+  Eigen::VectorXd residual_;   ///< Of the last Update(), or 0.
+  double power_ = 0.0;         ///< Squared residuals, with forgetting,
+  double correlation_ = 0.0;   ///< and their products from one to the next.
+  Eigen::VectorXd expected_;   ///< The last estimate, after Update() with what was expected of it.
+  bool expects_ = false;
 
   // Of Demonstrated().
   Eigen::MatrixXd a_demo_;
