@@ -38,6 +38,17 @@ GuidedOptions Certified(CertificateKind kind, double gain, double direction_erro
   return options;
 }
 
+// What goes up by itself.
+std::vector<core::Trajectory> Rising() {
+  auto demonstrations = Rightwards();
+  for (core::Trajectory& demonstration : demonstrations) {
+    for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
+      demonstration.controls(t, 1) -= 0.3;
+    }
+  }
+  return demonstrations;
+}
+
 constexpr std::array kCertificates = {CertificateKind::kLipschitz, CertificateKind::kRadius,
                                       CertificateKind::kDirection};
 
@@ -123,12 +134,12 @@ TEST(GuidedPolicyTest, DeepInsideIsInsideBothSupports) {
   EXPECT_GT(only_one, 5);
 }
 
-// What a step reports is what the support says.
+// What a step reports is what the support says of the state, here as it is seen.
 TEST(GuidedPolicyTest, AStepTellsItsGrounds) {
   const auto support = MovingDisk();
   const GuidedModel model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
-  GuidedPolicy guided(policy, model);
+  GuidedPolicy guided(policy, model, {.lag = false, .smoothing = false});
   guided.Reset(1);
   Turned plant{.x = {0.0, 0.9}};
   std::vector<double> u(2);
@@ -333,6 +344,12 @@ TEST_F(GuidedPolicySlackTest, ARecoveryThatStaysOutsideDoesWhatDemonstrationsDid
   EXPECT_GT(u[1], -0.3 * x[1]);
 }
 
+TEST(GuidedModelTest, SaysWhetherFeaturesMoveByThemselves) {
+  const auto support = MovingDisk();
+  EXPECT_FALSE(GuidedModel(Identity(), support, Rightwards()).own_motion());
+  EXPECT_TRUE(GuidedModel(Identity(), support, Rising()).own_motion());
+}
+
 TEST(GuidedModelTest, SlackIsWhatUnseenDemonstrationsNeed) {
   std::vector<double> levels;
   for (int i = 0; i <= 100; ++i) levels.push_back(0.5 - 0.02 * i);  // 0.5 ... -1.5
@@ -513,7 +530,8 @@ TEST(GuidedPolicyTest, ThePhaseWaitsForAPolicyThatIsLate) {
 // What a controller does in a world: its modes, times and controls, one after another.
 std::vector<double> Trace(const core::Policy& policy, const GuidedModel& model,
                           const GuidedOptions& options, std::vector<double> x, int controls,
-                          double angle = 0.0, double drift = 0.0, int late = 0) {
+                          double angle = 0.0, double drift = 0.0, int late = 0,
+                          double noise = 0.0) {
   GuidedPolicy guided(policy, model, options);
   guided.Reset(1);
   Turned plant{.angle = angle, .x = std::move(x)};
@@ -521,7 +539,9 @@ std::vector<double> Trace(const core::Policy& policy, const GuidedModel& model,
   std::vector<double> u(2);
   std::vector<std::vector<double>> given;
   for (int i = 0; i < controls; ++i) {
-    const Step step = guided.Next(plant.x, u);
+    // Noise of alternating sign.
+    const std::vector<double> seen = {plant.x[0], plant.x[1] + (i % 2 == 0 ? noise : -noise)};
+    const Step step = guided.Next(seen, u);
     trace.push_back(static_cast<double>(step.mode));
     trace.push_back(step.t);
     trace.insert(trace.end(), u.begin(), u.end());
@@ -530,17 +550,6 @@ std::vector<double> Trace(const core::Policy& policy, const GuidedModel& model,
     plant.x[1] += drift;
   }
   return trace;
-}
-
-// What goes up by itself, and up more the further it is.
-std::vector<core::Trajectory> Rising() {
-  auto demonstrations = Rightwards();
-  for (core::Trajectory& demonstration : demonstrations) {
-    for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
-      demonstration.controls(t, 1) -= 0.02 + 0.3 * demonstration.states(t, 1);
-    }
-  }
-  return demonstrations;
 }
 
 TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
@@ -556,6 +565,7 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
     const auto trace = [&](const GuidedOptions& options) -> std::vector<double> {
       if (part == "filter") return Trace(along, model, options, {0.0, 0.38}, 1);
       if (part == "own-motion") return Trace(along, rising, options, {0.0, 0.38}, 1);
+      if (part == "smoothing") return Trace(along, model, options, {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1);
       if (part == "lag") return Trace(along, model, options, {0.0, 0.38}, 4, 0.0, 0.0, 1);
       if (part == "probing") return Trace(along, sideless, options, {0.0, 0.35}, 1);
       if (part == "online-jacobian") return Trace(along, model, options, {0.0, 0.38}, 3, 0.9);
@@ -585,8 +595,9 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
     EXPECT_EQ(trace(options), trace(options)) << "the difference is the part's";
     seen.push_back(part);
   }
-  EXPECT_THAT(seen, testing::ElementsAre("filter", "reach", "demonstrated", "overtaking", "probing",
-                                         "online-jacobian", "own-motion", "lag", "drift"));
+  EXPECT_THAT(seen,
+              testing::ElementsAre("filter", "reach", "demonstrated", "overtaking", "probing",
+                                   "online-jacobian", "own-motion", "lag", "smoothing", "drift"));
 }
 
 TEST(GuidedPolicyTest, PartsAreTakenOutByTheirNeutralValues) {
@@ -603,11 +614,13 @@ TEST(GuidedPolicyTest, PartsAreTakenOutByTheirNeutralValues) {
   EXPECT_TRUE(two.own_motion);
   EXPECT_TRUE(two.lag);
   EXPECT_EQ(two.horizon, 77);
-  const GuidedOptions all = Without(
-      options, "drift+lag+own-motion+online-jacobian+probing+overtaking+demonstrated+reach+filter");
+  const GuidedOptions all = Without(options,
+                                    "drift+smoothing+lag+own-motion+online-jacobian+probing+"
+                                    "overtaking+demonstrated+reach+filter");
   EXPECT_EQ(all.iterations, 0);
   EXPECT_FALSE(all.own_motion);
   EXPECT_FALSE(all.lag);
+  EXPECT_FALSE(all.smoothing);
   EXPECT_EQ(all.reach, 0.0);
   EXPECT_FALSE(all.demonstrated);
   EXPECT_FALSE(all.overtakes);

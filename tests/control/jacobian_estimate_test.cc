@@ -274,6 +274,15 @@ class LagTest : public testing::TestWithParam<int> {
   Eigen::VectorXd seen_ = Eigen::Vector2d::Zero();
 };
 
+class SmoothingTest : public testing::Test {
+ protected:
+  core::Random random_{14};
+  core::Matrix truth_ = (core::Matrix(2, 2) << 0.2, 0.1, -0.1, 0.3).finished();
+  Demonstrations demonstrations_ = Linear(truth_, 30, 10, random_);
+  std::shared_ptr<const JacobianPrior> prior_ = std::make_shared<const JacobianPrior>(
+      demonstrations_.features, demonstrations_.controls, JacobianOptions{});
+};
+
 TEST_P(LagTest, IsFoundAtOnceAndWhatIsUnderWayIsPredicted) {
   const int lag = GetParam();
   JacobianEstimate estimate(prior_);
@@ -301,6 +310,56 @@ TEST_P(LagTest, NoiseIsNotTakenForALag) {
     wrong += estimate.lag() != 0 ? 1 : 0;
   }
   EXPECT_LE(wrong, 2);
+}
+
+// A point at rest that is seen with noise, and one that is pushed about by more than its controls.
+TEST_F(SmoothingTest, NoiseIsSmoothedAndDisturbancesAreNot) {
+  for (const bool noisy : {true, false}) {
+    JacobianEstimate estimate(prior_);
+    double squared = 0.0;
+    double raw = 0.0;
+    Eigen::Vector2d state = Eigen::Vector2d::Zero();
+    Eigen::VectorXd seen = state;
+    Eigen::VectorXd smooth = state;
+    for (int i = 0; i < 400; ++i) {
+      estimate.Smooth(smooth);
+      if (i >= 50) squared += (smooth - state).squaredNorm();
+      if (i >= 50) raw += (seen - state).squaredNorm();
+      estimate.Compute(5, core::AsSpan(smooth));
+      const Eigen::VectorXd v = Eigen::Vector2d(random_.Normal(), random_.Normal());
+      const Eigen::Vector2d other(random_.Normal(), random_.Normal());
+      state += truth_ * v;
+      if (!noisy) state += 0.3 * other;
+      const Eigen::VectorXd before = seen;
+      seen = state;
+      if (noisy) seen += 0.3 * other;
+      const Eigen::VectorXd dz = seen - before;
+      estimate.Update(core::AsSpan(before), core::AsSpan(v), core::AsSpan(dz));
+      smooth = seen;
+    }
+    if (noisy) {
+      EXPECT_LT(squared, 0.35 * raw) << "the variance that is left";
+    } else {
+      EXPECT_LT(squared, 0.02 * 350.0 * 0.3 * 0.3 * 2.0) << "hardly anything is added";
+    }
+  }
+}
+
+TEST_F(SmoothingTest, OffOrWithoutResidualsAStateIsWhatIsSeen) {
+  for (const bool on : {true, false}) {
+    JacobianEstimate estimate(prior_, {}, {.smoothing = on});
+    for (int i = 0; i < 20; ++i) {
+      const Eigen::VectorXd seen = Eigen::Vector2d(i % 2 == 0 ? 0.3 : -0.3, 0.1);
+      Eigen::VectorXd z = seen;
+      estimate.Smooth(z);
+      // No Compute(): nothing is expected of any control.
+      EXPECT_TRUE(test::AllClose(z, seen, 0.0));
+      if (!on) estimate.Compute(5, core::AsSpan(seen));
+      const std::vector<double> v = {0.0, 0.0};
+      const std::vector<double> dz = {i % 2 == 0 ? -0.6 : 0.6, 0.0};
+      estimate.Update(core::AsSpan(seen), v, dz);
+    }
+  }
 }
 
 TEST_P(LagTest, ALagThatChangesIsFollowed) {
@@ -441,6 +500,7 @@ TEST(JacobianEstimateTest, NothingAllocatesAfterConstruction) {
   for (int t = 0; t < 12; ++t) {
     estimate.Update(z, v, z);
     estimate.Compute(t, z);
+    estimate.Smooth(there);
     estimate.AddPending(there);
     (void)estimate.Demonstrated(control);
     (void)estimate.LeastKnown(direction);

@@ -25,9 +25,9 @@ constexpr double kMostReach = 0.8;
 constexpr double kLeastShare = 0.02;
 constexpr int kMaxStalls = 3;
 
-constexpr std::array<std::string_view, 10> kParts = {"filter",     "reach",   "demonstrated",
-                                                    "overtaking", "probing", "online-jacobian",
-                                                    "own-motion", "lag",     "drift"};
+constexpr std::array<std::string_view, 10> kParts = {
+    "filter",          "reach",      "demonstrated", "overtaking", "probing",
+    "online-jacobian", "own-motion", "lag",          "smoothing",  "drift"};
 
 Step Halt(Step step, HaltCause cause) noexcept {
   step.mode = Mode::kHalt;

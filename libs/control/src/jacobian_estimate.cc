@@ -344,8 +344,7 @@ void JacobianEstimate::Smooth(Eigen::Ref<Eigen::VectorXd> z) noexcept {
   constexpr double kLeastGain = 0.2;
   if (scope_.smoothing && expects_ && correlation_ < 0.0) {
     const double ratio = std::max(0.0, -power_ / correlation_ - 2.0);
-    const double gain =
-        std::max(kLeastGain, (std::sqrt(ratio * (ratio + 4.0)) - ratio) / 2.0);
+    const double gain = std::max(kLeastGain, (std::sqrt(ratio * (ratio + 4.0)) - ratio) / 2.0);
     z = gain * z + (1.0 - gain) * expected_;
   }
   expected_ = z;

@@ -153,11 +153,12 @@ class JacobianEstimate {
   [[nodiscard]] bool Demonstrated(Eigen::VectorXd& v) noexcept;
   /// z += J v + m + s d of the last Compute().
   void AddEffect(const Eigen::VectorXd& v, Eigen::Ref<Eigen::VectorXd> z) const noexcept;
-  /// `z`, as it is seen, becomes an estimate of the state, between what is seen and what was expected
-  /// of the last estimate. The residuals of Update() tell how noisy states are: noise of variance r in
-  /// what is seen and q in what happens give them the variance 2 r + q and, from one to the next, the
-  /// covariance -r. The weight of what is seen is the Kalman gain for q / r, at least 0.2, and 1 where
-  /// they are not correlated so, or J was not asked for. Once after each Update(), and at first.
+  /// `z`, as it is seen, becomes an estimate of the state, between what is seen and what was
+  /// expected of the last estimate. The residuals of Update() tell how noisy states are: noise of
+  /// variance r in what is seen and q in what happens give them the variance 2 r + q and, from one
+  /// to the next, the covariance -r. The weight of what is seen is the Kalman gain for q / r, at
+  /// least 0.2, and 1 where they are not correlated so, or J was not asked for. Once after each
+  /// Update(), and at first.
   void Smooth(Eigen::Ref<Eigen::VectorXd> z) noexcept;
   /// z += what the controls that are still under way will do, by the last Compute().
   void AddPending(Eigen::Ref<Eigen::VectorXd> z) const noexcept;
@@ -207,10 +208,10 @@ class JacobianEstimate {
   int lag_ = 0;
 
   // Of Smooth().
-  Eigen::VectorXd residual_;   ///< Of the last Update(), or 0.
-  double power_ = 0.0;         ///< Squared residuals, with forgetting,
-  double correlation_ = 0.0;   ///< and their products from one to the next.
-  Eigen::VectorXd expected_;   ///< The last estimate, after Update() with what was expected of it.
+  Eigen::VectorXd residual_;  ///< Of the last Update(), or 0.
+  double power_ = 0.0;        ///< Squared residuals, with forgetting,
+  double correlation_ = 0.0;  ///< and their products from one to the next.
+  Eigen::VectorXd expected_;  ///< The last estimate, after Update() with what was expected of it.
   bool expects_ = false;
 
   // Of Demonstrated().
