@@ -153,21 +153,31 @@ void Drift(const PlanarStudy& study, bool causes) {
   }
 }
 
-void PrintProof(std::int64_t steps, std::uint64_t seed) {
-  std::printf("%-20s %10s %12s %12s %9s %10s %9s %9s\n", "mode", "controls", "left support",
-              "false alarms", "probes", "recoveries", "filtered", "episodes");
-  bool holds = true;
+void PrintProof(ProofOptions options, bool mutations) {
+  std::printf("%-20s %-10s %10s %12s %12s %9s %10s %9s %9s\n", "mode", "mutation", "controls",
+              "left support", "violations", "probes", "recoveries", "filtered", "episodes");
+  std::string failures;
   for (const auto kind : {control::CertificateKind::kLipschitz, control::CertificateKind::kRadius,
                           control::CertificateKind::kDirection}) {
-    const ProofResult r = Prove(kind, steps, seed);
-    std::printf("%-20s %10lld %12lld %12lld %9lld %10lld %9lld %9lld\n", Name(kind),
-                static_cast<long long>(r.controls), static_cast<long long>(r.left),
-                static_cast<long long>(r.violations), static_cast<long long>(r.probes),
-                static_cast<long long>(r.recoveries), static_cast<long long>(r.filtered),
-                static_cast<long long>(r.episodes));
-    holds = holds && r.left == 0 && r.violations == 0;
+    for (const Mutation mutation : MutationsOf(kind)) {
+      if (mutation != Mutation::kNone && !mutations) continue;
+      options.kind = kind;
+      options.mutation = mutation;
+      const ProofResult r = Prove(options);
+      std::printf("%-20s %-10s %10lld %12lld %12lld %9lld %10lld %9lld %9lld\n", Name(kind),
+                  Name(mutation), static_cast<long long>(r.controls),
+                  static_cast<long long>(r.left), static_cast<long long>(r.violations),
+                  static_cast<long long>(r.probes), static_cast<long long>(r.recoveries),
+                  static_cast<long long>(r.filtered), static_cast<long long>(r.episodes));
+      if (mutation != Mutation::kNone && r.left == 0) {
+        failures += std::string(" the mutation ") + Name(mutation) + " of " + Name(kind) +
+                    " was not found;";
+      } else if (mutation == Mutation::kNone && (r.left > 0 || r.violations > 0)) {
+        failures += std::string(" ") + Name(kind) + " left its support;";
+      }
+    }
   }
-  if (!holds) throw std::runtime_error("a certified mode left its support");
+  if (!failures.empty()) throw std::runtime_error("the proof failed:" + failures);
 }
 
 // What a certificate rests on, per time step, and how much of the demonstrations it would let pass.
@@ -306,10 +316,18 @@ int main(int argc, char** argv) try {
   runs(drift);
   std::vector<std::string> drift_methods = {"baseline", "dfr", "guided", "lwr"};
   drift->add_option("--methods", drift_methods)->delimiter(',');
-  std::int64_t steps = 1'000'000;
+  ProofOptions proof;
+  bool mutations = false;
   auto* prove = app.add_subcommand("prove", "Stress Proposition 1 of each certified mode");
-  prove->add_option("--steps", steps, "controls of each mode")->capture_default_str();
-  prove->add_option("--seed", study.plan.seed)->capture_default_str();
+  prove->add_option("--steps", proof.steps, "controls of each mode")->capture_default_str();
+  prove->add_option("--seed", proof.seed)->capture_default_str();
+  prove->add_option("--dimensions", proof.most_dimensions, "worlds have 2 to so many")
+      ->check(CLI::Range(2, 64))
+      ->capture_default_str();
+  prove->add_option("--state-error", proof.state_error, "length of errors of observed states")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  prove->add_flag("--mutations", mutations, "mistakes that must be found, too");
   auto* certificate = app.add_subcommand("certificate", "What the certified modes rest on");
   common(certificate);
   auto* picture = app.add_subcommand("picture", "Pictures, a video and a page to scrub through");
@@ -328,7 +346,7 @@ int main(int argc, char** argv) try {
     study.plan.methods = drift_methods;
     Drift(study, causes);
   }
-  if (*prove) PrintProof(steps, study.plan.seed);
+  if (*prove) PrintProof(proof, mutations);
   if (*certificate) PrintCertificate(study);
   if (*picture) {
     study.plan.methods = picture_methods;
