@@ -42,28 +42,28 @@ Certifier::Certifier(const Certificate& certificate, int num_features, int contr
 
 void Certifier::Reset() noexcept { violation_ = {}; }
 
-Certifier::Need Certifier::Predict(const LocalModel& model, int phase,
-                                   const Eigen::VectorXd& v) noexcept {
+Certifier::Need Certifier::Check(const LocalModel& model, int phase,
+                                 const Eigen::VectorXd& v) noexcept {
   // Rounding of l must not carry a control that just passes out of the support.
   constexpr double kRounding = 1e-12;
   const double e =
       certificate_.direction_error * v.norm() * control_unit_ + certificate_.state_error;
   there_ = core::AsVector(model.z);
   model.answer.AddEffect(v, there_);
-  Need best;
-  double least = std::numeric_limits<double>::infinity();
+  const double l = model.support.LogDecision(phase, AsSpan(there_), AsSpan(shift_));
+  const double level =
+      shift_.norm() * e + model.support.curvature_bound(phase) * e * e - certificate_.level;
+  return {phase, level, level + kRounding - l};
+}
+
+Certifier::Need Certifier::Predict(const LocalModel& model, int phase,
+                                   const Eigen::VectorXd& v) noexcept {
+  Need best{.phase = phase, .missing = std::numeric_limits<double>::infinity()};
   for (const int offset : kOutwards) {
-    const int q = phase + offset;
-    if (q < 0) continue;
-    const double l = model.support.LogDecision(q, AsSpan(there_), AsSpan(shift_));
-    const double level =
-        shift_.norm() * e + model.support.curvature_bound(q) * e * e - certificate_.level;
-    const double missing = level + kRounding - l;
-    if (missing < least) {
-      least = missing;
-      best = {q, level, missing <= 0.0};
-    }
-    if (best.met) break;
+    if (phase + offset < 0) continue;
+    const Need need = Check(model, phase + offset, v);
+    if (need.missing < best.missing) best = need;
+    if (best.met()) break;
   }
   return best;
 }
@@ -73,7 +73,7 @@ double Certifier::Share(const LocalModel& model, int phase, const Eigen::VectorX
   if (!active() || norm == 0.0) return 1.0;
   // Rounding must not carry a control that just passes over the bound.
   constexpr double kInside = 1.0 - 1e-9;
-  if (predicts() && Predict(model, phase, v).met) return 1.0;
+  if (predicts() && Predict(model, phase, v).met()) return 1.0;
   effect_.noalias() = model.answer.jacobian().lazyProduct(v);
   double best = 0.0;
   for (int q = std::max(0, phase - PhaseTracker::kWindow);
@@ -98,7 +98,7 @@ double Certifier::Share(const LocalModel& model, int phase, const Eigen::VectorX
   }
   for (double share = 0.5; predicts() && share >= 0.25 && share > best; share /= 2.0) {
     part_ = share * v;
-    if (Predict(model, phase, part_).met) best = share;
+    if (Check(model, phase + 1, part_).met() || Check(model, phase, part_).met()) best = share;
   }
   return best;
 }

@@ -238,14 +238,14 @@ bool GuidedPolicy::Probe(const LocalModel& model, double& level) noexcept {
 
 bool GuidedPolicy::Project(const LocalModel& model, int phase) noexcept {
   // The need is met a little later than it is computed: the slope of l differs where v leads to.
-  constexpr int kRounds = 4;
+  constexpr int kRounds = 3;
   constexpr double kOvershoot = 0.02;
-  for (int round = 0; round < kRounds; ++round) {
-    const Certifier::Need need = certifier_.Predict(model, phase, v_);
-    if (need.met) return true;
+  Certifier::Need need = certifier_.Predict(model, phase, v_);
+  for (int round = 0; round < kRounds && !need.met(); ++round) {
     if (RaiseLevel(model, {need.phase, need.level + kOvershoot}, limits_, v_) < need.level) break;
+    need = certifier_.Check(model, need.phase, v_);
   }
-  return certifier_.Predict(model, phase, v_).met;
+  return need.met();
 }
 
 bool GuidedPolicy::Certify(const LocalModel& model, Step& step) noexcept {

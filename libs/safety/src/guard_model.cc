@@ -363,9 +363,9 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
   control::Certifier certifier(certificate, n, action_dim(), model.control_unit());
   const control::LocalModel local{model.support(), answer, core::AsSpan(z)};
   const control::Certifier::Need need = certifier.Predict(local, t, v);
-  found.passes = need.met;
+  found.passes = need.met();
   found.step = need.phase;
-  found.margin = local.Level(need.phase, v) - need.level;
+  found.margin = -need.missing;
   return found;
 }
 

@@ -40,17 +40,19 @@ class Certifier {
   }
   /// What l_q(z + J v) must be for v to pass.
   struct Need {
-    int phase = 0;       ///< q
-    double level = 0.0;  ///< |grad l_q(z + J v)| e + c e^2 - eta, e = eps |u|
-    bool met = false;
+    int phase = 0;         ///< q
+    double level = 0.0;    ///< |grad l_q(z + J v)| e + c e^2 - eta, e = eps |u|
+    double missing = 0.0;  ///< `level` less l_q(z + J v); what rounding may add counts.
+    [[nodiscard]] bool met() const noexcept { return missing <= 0.0; }
   };
+  /// Whether l_q(z + J v + d) >= -eta for every |d| <= eps |u|, q = `phase`. Only where predicts().
+  [[nodiscard]] Need Check(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
   /// Of the phases q with |q - phase| <= PhaseTracker::kWindow the first, from phase + 1 outwards,
-  /// for which l_q(z + J v + d) >= -eta for every |d| <= eps |u|; else the one that misses least.
-  /// Only where predicts().
+  /// that passes Check(), else the one that misses least.
   [[nodiscard]] Need Predict(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
   /// A share s in [0, 1] for which the control s v provably ends inside B_q(eta), for some q with
   /// |q - phase| <= PhaseTracker::kWindow: by the ball at z the largest, and where predicts(), 1, a
-  /// half or a quarter if Predict() is met and that is more.
+  /// half or a quarter if that is more and passes Check() at `phase` or the next one.
   [[nodiscard]] double Share(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
   /// Control number `control`, `v`, was predicted to change the features by `effect` and changed
   /// them by `dz`. @returns false on the first contradiction to the assumption; see violation().
