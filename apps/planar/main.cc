@@ -2,6 +2,7 @@
 // proofs by stress, certificates and pictures.
 
 #include <CLI/CLI.hpp>
+#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cstdio>
@@ -17,8 +18,10 @@
 #include "apps/planar/page.h"
 #include "apps/planar/picture.h"
 #include "apps/planar/proof.h"
+#include "dfr/control/certifier.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/intervals.h"
+#include "dfr/kernel/cover_radius.h"
 
 namespace dfr::apps::planar {
 namespace {
@@ -180,6 +183,31 @@ void PrintProof(ProofOptions options, bool mutations) {
   if (!failures.empty()) throw std::runtime_error("the proof failed:" + failures);
 }
 
+// How many demonstrated steps from time step t a mode would let pass.
+struct Passing {
+  int steps = 0;
+  int passed = 0;
+  [[nodiscard]] double percent() const { return steps > 0 ? 100.0 * passed / steps : 0.0; }
+};
+
+Passing CountPassing(const Methods& methods, control::CertificateKind kind, int t) {
+  const control::GuidedModel& model = methods.recovery(SupportOf(control::Name(kind))).model();
+  control::Certifier certifier(methods.certificate(kind), model.features().num_features(),
+                               model.control_dim(), model.control_unit());
+  control::JacobianEstimate estimate(model.prior());
+  Passing passing;
+  for (const core::Trajectory& d : methods.demonstrations()) {
+    if (t >= d.controls.rows()) continue;
+    const core::Matrix z = model.features().Apply(d.states);
+    const Eigen::VectorXd v = d.controls.row(t) / model.control_unit();
+    estimate.Compute(t, core::Row(z, t));
+    ++passing.steps;
+    passing.passed +=
+        certifier.Share({model.support(), estimate, core::Row(z, t)}, t, v) >= 1.0 ? 1 : 0;
+  }
+  return passing;
+}
+
 // What a certificate rests on, per time step, and how much of the demonstrations it would let pass.
 void PrintCertificate(const PlanarStudy& study) {
   const Task task = MakeTask(study.task);
@@ -187,58 +215,63 @@ void PrintCertificate(const PlanarStudy& study) {
       task,
       Demonstrate(task, study.plan.demonstrations.at(0), core::DeriveSeed(study.plan.seed, {2, 0})),
       study.methods);
-  const control::GuidedModel& model = methods.recovery(SupportKind::kCertified).model();
-  const core::LogDecisionFunction& support = model.support();
+  const safety::GuidedRecovery& certified = methods.recovery(SupportKind::kCertified);
+  const core::LogDecisionFunction& support = certified.model().support();
   const control::Certificate certificate = methods.certificate(control::CertificateKind::kRadius);
   const control::EstimatedConstant& gain = methods.gain();
   const control::EstimatedConstant& error = methods.direction_error();
-  std::printf("assumptions of %s, %d demonstrations; features are in units of %.4g\n",
-              task.name.c_str(), gain.demonstrations, 1.0 / model.features().scale()(0, 0));
-  std::printf("  no B_t meets the constraints (not checked: they are unknown)\n");
+  const double unit = 1.0 / certified.features().scale()(0, 0);
+  std::printf("assumptions of %s, %d demonstrations; features of K are in units of %.4g\n",
+              task.name.c_str(), gain.demonstrations, unit);
+  std::printf(
+      "  no B_t(%.3g) meets the constraints: not checked, for they are unknown. It is so if\n"
+      "  demonstrations kept the clearance below\n",
+      certificate.level);
   std::printf("  K   = %.4f per unit of control, %s\n", certificate.gain,
               task.gain > 0.0 ? "given" : "estimated");
   std::printf(
       "  K^  = %.4f from demonstrations: with %.0f %% confidence %.1f %% of further ones "
       "stay below\n",
       gain.value, 100 * gain.confidence, 100 * gain.coverage);
-  std::printf("  eps = %.4f likewise\n", error.value);
-  std::printf("%4s %9s %9s %11s %9s %22s %22s %22s\n", "t", "L", "lambda=LK", "g/L median",
-              "r median", "demonstrated steps certified, % (lipschitz, radius, direction)", "", "");
-  control::JacobianEstimate estimate(model.prior());
+  std::printf("  eps = %.4f, whitened features, so far approximately; times %.3g it is trusted\n",
+              error.value, study.methods.gain_factor);
+  std::printf(
+      "  features show the constraints; states are exact; what is issued is applied; states\n"
+      "  are certified, not the paths between them\n");
+  std::printf("%4s %9s %9s %11s %9s %12s %12s %40s\n", "t", "L", "lambda=LK", "g/L median",
+              "r median", "clearance K", "of direction",
+              "demonstrated steps that pass, % (L, r, direction)");
+  const core::FeatureTransform& whitening = methods.recovery(SupportKind::kGuided).features();
   for (int t = 0; t < support.num_steps(); t += std::max(1, support.num_steps() / 12)) {
     std::vector<double> lipschitz, radius;
-    int steps = 0, by_lipschitz = 0, by_radius = 0, by_direction = 0;
     for (const core::Trajectory& d : methods.demonstrations()) {
       if (t >= d.controls.rows()) continue;
-      const core::Matrix z = model.features().Apply(d.states);
-      const Eigen::VectorXd here = z.row(t);
-      Eigen::VectorXd shift(here.size());
-      const auto ball =
-          control::ComputeSafeBall(support, t, core::AsSpan(here), core::AsSpan(shift));
-      const double room = support.Decision(t, core::AsSpan(here)) / support.lipschitz_bound(t);
-      lipschitz.push_back(std::max(0.0, room));
+      const core::Matrix z = certified.features().Apply(d.states);
+      Eigen::VectorXd shift(z.cols());
+      const auto ball = control::ComputeSafeBall(support, t, core::Row(z, t), core::AsSpan(shift),
+                                                 certificate.level);
+      lipschitz.push_back(
+          std::max(0.0, support.Decision(t, core::Row(z, t)) / support.lipschitz_bound(t)));
       radius.push_back(std::max(0.0, ball.worst_radius()));
-      const double norm = d.controls.row(t).norm();
-      estimate.Compute(t, core::AsSpan(here));
-      const Eigen::VectorXd effect =
-          estimate.jacobian() * d.controls.row(t).transpose() / model.control_unit();
-      ++steps;
-      by_lipschitz += certificate.gain * norm <= room ? 1 : 0;
-      by_radius += certificate.gain * norm <= ball.worst_radius() ? 1 : 0;
-      by_direction += control::LargestShare(ball, core::AsSpan(shift), core::AsSpan(effect),
-                                            certificate.direction_error * norm) >= 1.0
-                          ? 1
-                          : 0;
     }
+    if (radius.empty()) continue;
     const auto median = [](std::vector<double>& v) {
       std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
       return v[v.size() / 2];
     };
-    if (steps == 0) continue;
-    std::printf("%4d %9.4f %9.4f %11.4f %9.4f %22.1f %22.1f %22.1f\n", t,
+    // In the state's own unit, in its worst direction.
+    const auto& guided = methods.recovery(SupportKind::kGuided).support();
+    const Eigen::MatrixXd inverse = (guided.map(t) * whitening.scale()).inverse();
+    const double by_gain =
+        unit * kernel::CoverRadius(certified.support().estimate(t), certificate.level);
+    const double by_direction =
+        inverse.operatorNorm() * kernel::CoverRadius(guided.estimate(t), certificate.level);
+    std::printf("%4d %9.4f %9.4f %11.4f %9.4f %12.4g %12.4g %12.1f %12.1f %12.1f\n", t,
                 support.lipschitz_bound(t), support.lipschitz_bound(t) * certificate.gain,
-                median(lipschitz), median(radius), 100.0 * by_lipschitz / steps,
-                100.0 * by_radius / steps, 100.0 * by_direction / steps);
+                median(lipschitz), median(radius), by_gain, by_direction,
+                CountPassing(methods, control::CertificateKind::kLipschitz, t).percent(),
+                CountPassing(methods, control::CertificateKind::kRadius, t).percent(),
+                CountPassing(methods, control::CertificateKind::kDirection, t).percent());
   }
 }
 
@@ -298,6 +331,11 @@ int main(int argc, char** argv) try {
         ->capture_default_str();
     command->add_option("--certified-gamma", study.methods.certified_gamma)->capture_default_str();
     command->add_option("--factor", study.methods.gain_factor, "safety factor on estimated K, eps")
+        ->capture_default_str();
+    command
+        ->add_option("--certified-level", study.methods.certified_level,
+                     "eta: the certified modes keep l >= -eta")
+        ->check(CLI::NonNegativeNumber)
         ->capture_default_str();
   };
   const auto runs = [&](CLI::App* command) {

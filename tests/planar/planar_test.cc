@@ -61,6 +61,21 @@ TEST(PlanarTest, GuidedRecoveryCompletesTheCorridorWithoutCollisions) {
   EXPECT_EQ(Count(result, 1).collided, 0);
 }
 
+// In contact J is wrong, and a certificate has to leave room for it.
+TEST(PlanarTest, TheDirectionCertificateCompletesPushingWithoutAViolation) {
+  for (const std::string task : {"push", "push-weak"}) {
+    SCOPED_TRACE(task);
+    const auto result = RunStudy(Small(task, {"certified-direction"}));
+    EXPECT_GE(Count(result, 0).completed, 28);
+    EXPECT_EQ(Count(result, 0).collided, 0);
+    for (const auto& unit : result.units) {
+      for (const auto& episode : unit.episodes[0]) {
+        EXPECT_NE(episode.cause, control::Name(control::HaltCause::kViolated));
+      }
+    }
+  }
+}
+
 TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
   const auto result = RunStudy(Small("push-weak", {"baseline", "guided"}));
   EXPECT_GT(Count(result, 1).completed, Count(result, 0).completed);

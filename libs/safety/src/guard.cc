@@ -152,7 +152,9 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
   verdict.threshold = step.threshold;
   verdict.certified = step.certified;
   if (static_cast<int>(state.size()) == state_dim() && AllFinite(state)) {
-    const double level = loop.tracker.Follow(state);
+    double level = loop.tracker.Follow(state);
+    // What is certified is a level at the controller's time step, which may be another one.
+    if (step.certified) level = std::max(level, step.log_g);
     verdict.alarm = !(level >= -model_->settings().alarm_level);
     verdict.alarm_step = loop.tracker.phase();
     if (loop.monitors) verdict.step = verdict.alarm_step;
