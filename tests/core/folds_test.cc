@@ -88,13 +88,14 @@ TEST(FoldsTest, TheOrderOfDemonstrationsChangesNothing) {
 }
 
 TEST(FoldsTest, NoFoldHoldsAWholeCluster) {
-  // d mod 5, as one would do it by hand, would put each goal into a fold of its own.
+  // d mod 5, as one would do it by hand, would put each goal into a fold of its own. Of ten each
+  // fold has two, give or take one that is far from the others of its goal.
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     const auto demonstrations = Cycle(5, 10, seed);
     for (const auto& fold : StratifiedFolds(demonstrations, 5, seed)) {
       std::vector<int> of_goal(5, 0);
       for (const std::size_t d : fold) ++of_goal[d % 5];
-      EXPECT_THAT(of_goal, testing::Each(2)) << seed;
+      EXPECT_THAT(of_goal, testing::Each(testing::AllOf(testing::Ge(1), testing::Le(3)))) << seed;
     }
   }
 }
