@@ -173,10 +173,10 @@ void PrintProof(ProofOptions options, bool mutations) {
                   static_cast<long long>(r.probes), static_cast<long long>(r.recoveries),
                   static_cast<long long>(r.filtered), static_cast<long long>(r.episodes));
       if (mutation != Mutation::kNone && r.left == 0) {
-        failures += std::string(" the mutation ") + Name(mutation) + " of " + Name(kind) +
-                    " was not found;";
+        failures.append(" the mutation ").append(Name(mutation));
+        failures.append(" of ").append(Name(kind)).append(" was not found;");
       } else if (mutation == Mutation::kNone && (r.left > 0 || r.violations > 0)) {
-        failures += std::string(" ") + Name(kind) + " left its support;";
+        failures.append(" ").append(Name(kind)).append(" left its support;");
       }
     }
   }

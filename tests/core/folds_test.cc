@@ -71,6 +71,7 @@ TEST(FoldsTest, TheOrderOfDemonstrationsChangesNothing) {
     const auto demonstrations = Cycle(goals, 12, 2);
     const auto folds_of = [&](const std::vector<Matrix>& items, std::uint64_t seed) {
       std::vector<std::vector<Matrix>> content;
+      content.reserve(4);
       for (const auto& fold : StratifiedFolds(items, 4, seed))
         content.push_back(Permuted(items, fold));
       return content;
@@ -110,6 +111,7 @@ TEST(FoldsTest, ControlsTellDemonstrationsOfEqualStatesApart) {
   std::vector<Trajectory> reversed(demonstrations.rbegin(), demonstrations.rend());
   const auto controls = [](const std::vector<Trajectory>& items) {
     std::vector<Matrix> all;
+    all.reserve(items.size());
     for (const auto& d : items) all.push_back(d.controls);
     return all;
   };

@@ -117,6 +117,8 @@ EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
   for (std::size_t fold = 0; fold < folds.size(); ++fold) {
     std::vector<core::Matrix> other_points;
     std::vector<core::Matrix> other_controls;
+    other_points.reserve(all.size());
+    other_controls.reserve(all.size());
     for (const std::size_t d : core::Others(folds, fold, order)) {
       other_points.push_back(all[d].points);
       other_controls.push_back(all[d].controls);

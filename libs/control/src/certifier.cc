@@ -38,6 +38,9 @@ Certifier::Certifier(const Certificate& certificate, int num_features, int contr
   DFR_THROW_UNLESS(
       certificate.level >= 0.0 && std::isfinite(certificate.level),
       "the level of a certificate must not be negative, and finite: " << certificate.level);
+  DFR_THROW_UNLESS(certificate.state_error >= 0.0 && std::isfinite(certificate.state_error),
+                   "the state error of a certificate must not be negative, and finite: "
+                       << certificate.state_error);
 }
 
 void Certifier::Reset() noexcept { violation_ = {}; }

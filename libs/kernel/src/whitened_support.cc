@@ -193,6 +193,7 @@ std::vector<double> HeldOutLevels(std::span<const core::Matrix> demonstrations,
   std::vector<core::Matrix> others;
   for (std::size_t group = 0; group < left_out.size(); ++group) {
     others.clear();
+    others.reserve(order.size());
     for (const std::size_t d : core::Others(left_out, group, order)) {
       others.push_back(demonstrations[d]);
     }

@@ -114,6 +114,7 @@ std::optional<HeldOut> LeaveOut(std::span<const core::Matrix> points, const core
       return std::nullopt;
     }
     std::vector<core::Matrix> others;
+    others.reserve(points.size());
     for (const std::size_t d : core::Others(folds, fold, order)) others.push_back(points[d]);
     if (others.size() < 2) continue;
     const auto support = kernel::WhitenedSupport::Fit(others, options);
