@@ -176,8 +176,8 @@ TEST_F(GuardFileTest, WrongContentWithARightChecksumDoesNoHarm) {
 }
 
 TEST_F(GuardFileTest, NewerAndOtherFilesAreRefusedByName) {
-  core::ArchiveWriter("guard", 4).Save(path_);
-  EXPECT_THAT(Refusal(), HasSubstr("version 4; this build reads versions up to 3: update dfr"));
+  core::ArchiveWriter("guard", 5).Save(path_);
+  EXPECT_THAT(Refusal(), HasSubstr("version 5; this build reads versions up to 4: update dfr"));
   core::ArchiveWriter("time-varying-support", 1).Save(path_);
   EXPECT_THAT(Refusal(), HasSubstr("holds a time-varying-support, where a guard is needed"));
   std::filesystem::remove(path_);

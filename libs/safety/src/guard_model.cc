@@ -130,21 +130,23 @@ std::optional<HeldOut> LeaveOut(std::span<const core::Matrix> points, const core
   return all;
 }
 
-// The sign test: how likely it is that `higher` is above `lower` as often as it is, or more often,
-// if each is as likely to be.
+// Wilcoxon's signed-rank test, by its normal approximation: how likely it is that `higher` is above
+// `lower` as much as it is, or more, if differences are as likely to be negative as positive.
 double ChanceOfBeingHigher(std::span<const double> higher, std::span<const double> lower) {
-  int n = 0;
-  int above = 0;
+  std::vector<double> differences;
   for (std::size_t i = 0; i < std::min(higher.size(), lower.size()); ++i) {
-    n += higher[i] != lower[i] ? 1 : 0;
-    above += higher[i] > lower[i] ? 1 : 0;
+    if (higher[i] < lower[i] || higher[i] > lower[i]) differences.push_back(higher[i] - lower[i]);
   }
-  double chance = 0.0;
-  for (int k = above; k <= n; ++k) {
-    chance += std::exp(std::lgamma(n + 1.0) - std::lgamma(k + 1.0) - std::lgamma(n - k + 1.0) -
-                       n * std::log(2.0));
+  std::sort(differences.begin(), differences.end(),
+            [](double a, double b) { return std::abs(a) < std::abs(b); });
+  const auto n = static_cast<double>(differences.size());
+  double ranks = 0.0;
+  for (std::size_t i = 0; i < differences.size(); ++i) {
+    if (differences[i] > 0.0) ranks += static_cast<double>(i) + 1.0;
   }
-  return std::min(1.0, chance);
+  const double spread = std::sqrt(n * (n + 1.0) * (2.0 * n + 1.0) / 24.0);
+  if (!(spread > 0.0)) return 1.0;
+  return 0.5 * std::erfc((ranks - n * (n + 1.0) / 4.0) / spread / std::sqrt(2.0));
 }
 
 // The alarm level, and what is promised of it.
