@@ -63,7 +63,7 @@ TEST(PlanarTest, GuidedRecoveryCompletesTheCorridorWithoutCollisions) {
 
 // In contact J is wrong, and a certificate has to leave room for it.
 TEST(PlanarTest, TheDirectionCertificateCompletesPushingWithoutAViolation) {
-  for (const std::string task : {"push", "push-weak"}) {
+  for (const char* task : {"push", "push-weak"}) {
     SCOPED_TRACE(task);
     const auto result = RunStudy(Small(task, {"certified-direction"}));
     EXPECT_GE(Count(result, 0).completed, 28);
