@@ -2,6 +2,7 @@
 // proofs by stress, certificates and pictures.
 
 #include <CLI/CLI.hpp>
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>

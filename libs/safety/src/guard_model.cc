@@ -1,5 +1,6 @@
 #include "dfr/safety/guard_model.h"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 #include <algorithm>
 #include <array>

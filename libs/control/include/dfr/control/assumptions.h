@@ -14,10 +14,10 @@ namespace dfr::control {
 /// all. With `confidence`, a share of at least `coverage` = (1 - confidence)^(1/demonstrations) of
 /// further demonstrations stays below it throughout (the distribution-free tolerance bound of
 /// Wilks). That holds for demonstrations that neither features nor J were fitted to. Otherwise the
-/// samples are not of what is used in the end, and the promise holds approximately: a share up to
-/// `1 - confidence` too small was kept in 87 instead of 95 % of fits to 20 demonstrations. It says
-/// nothing of controls that no demonstration would have made: a factor on top, and the watch that
-/// controllers keep at run time, are for those.
+/// samples are not of what is used in the end, and the promise holds
+/// approximately; docs/certificates.md has measurements. It says nothing of controls that no
+/// demonstration would have made: a factor on top, and the watch that controllers keep at run time,
+/// are for those.
 struct EstimatedConstant {
   double value = 0.0;
   double confidence = 0.95;
