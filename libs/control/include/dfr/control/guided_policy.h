@@ -84,13 +84,13 @@ struct GuidedOptions {
 ///   6. HaltRule ends what does not get on.
 ///
 /// With a certificate, every applied control is changed or shrunk until it provably ends inside a
-/// B_q with |q - tau| <= PhaseTracker::kWindow. kDirection changes it first, by RaiseLevel() towards
-/// the level that it needs, from the demonstrated control if need be. The phase is one whose
-/// l_q >= -eta, for time advances only into supports that the state is in. Where next to nothing
-/// of a control passes, a recovery climbs l_tau from v = 0. A shrunk learned control consumes its
-/// share of a time step. Outside the support nothing is certified: the controller halts,
-/// kOutsideSupport. After each control the assumption is compared with what happened; kViolated
-/// halts on the first contradiction, see violation(). docs/certificates.md has the proof.
+/// B_q with |q - tau| <= PhaseTracker::kWindow. kDirection changes it first, by RaiseLevel()
+/// towards the level that it needs, from the demonstrated control if need be. The phase is one
+/// whose l_q >= -eta, for time advances only into supports that the state is in. Where next to
+/// nothing of a control passes, a recovery climbs l_tau from v = 0. A shrunk learned control
+/// consumes its share of a time step. Outside the support nothing is certified: the controller
+/// halts, kOutsideSupport. After each control the assumption is compared with what happened;
+/// kViolated halts on the first contradiction, see violation(). docs/certificates.md has the proof.
 ///
 /// docs/recovery.md derives all this. Next() neither allocates nor locks.
 class GuidedPolicy final : public Controller {
