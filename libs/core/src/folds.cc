@@ -53,8 +53,12 @@ Matrix Landmarks(std::span<const Matrix> demonstrations) {
                      "demonstration " << d << " is " << states.rows() << " x " << states.cols()
                                       << ", demonstration 0 has " << n << " columns");
     for (int i = 0; i < kLandmarks; ++i) {
-      const Eigen::Index row = (states.rows() - 1) * i / (kLandmarks - 1);
-      landmarks.row(static_cast<Eigen::Index>(d)).segment(i * n, n) = states.row(row);
+      // Between rows, or demonstrations of different lengths would differ by the rounding.
+      const double at = static_cast<double>(states.rows() - 1) * i / (kLandmarks - 1);
+      const auto row = std::min(static_cast<Eigen::Index>(at), states.rows() - 1);
+      const Eigen::Index next = std::min(row + 1, states.rows() - 1);
+      landmarks.row(static_cast<Eigen::Index>(d)).segment(i * n, n) =
+          states.row(row) + (at - static_cast<double>(row)) * (states.row(next) - states.row(row));
     }
   }
   return landmarks;
