@@ -252,7 +252,7 @@ TEST(GuardModelTest, AlarmsOnFewUnseenDemonstrations) {
   EXPECT_LT(alarms, 400 * (0.1 + 3 * 0.04));
 }
 
-// Of everything that a file holds: what is fitted does not depend on who was recorded first.
+// Nothing that is fitted depends on who was recorded first.
 TEST_F(GuardFileTest, TheOrderOfDemonstrationsChangesNoBitOfTheFit) {
   const auto demonstrations = test::CorridorDemonstrations(5, 14, 6);
   const auto fit = [&](const std::vector<core::Trajectory>& some, double hold_out) {

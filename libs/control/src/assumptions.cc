@@ -25,7 +25,7 @@ void Check(std::span<const core::Trajectory> demonstrations, std::size_t least, 
   }
 }
 
-// Of the demonstrated controls that are not zero.
+// The root mean square of the demonstrated controls that are not zero.
 double RootMeanSquare(std::span<const core::Trajectory> demonstrations) {
   double square = 0.0;
   int moving = 0;

@@ -8,7 +8,7 @@
 namespace dfr::control {
 namespace {
 
-// Of PhaseTracker::Fit(): every level will do.
+// PhaseTracker::Fit() then takes every level.
 constexpr double kAny = -std::numeric_limits<double>::infinity();
 
 }  // namespace

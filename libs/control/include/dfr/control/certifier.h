@@ -47,8 +47,8 @@ class Certifier {
   };
   /// Whether l_q(z + J v + d) >= -eta for every |d| <= eps |u|, q = `phase`. Only where predicts().
   [[nodiscard]] Need Check(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
-  /// Of the phases q with |q - phase| <= PhaseTracker::kWindow the first, from phase + 1 outwards,
-  /// that passes Check(), else the one that misses least.
+  /// The first phase q with |q - phase| <= PhaseTracker::kWindow, from phase + 1 outwards, that
+  /// passes Check(), else the one that misses least.
   [[nodiscard]] Need Predict(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
   /// A share s in [0, 1] for which the control s v provably ends inside B_q(eta), for some q with
   /// |q - phase| <= PhaseTracker::kWindow: by the ball at z the largest, and where predicts(), 1, a
