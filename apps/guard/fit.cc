@@ -31,15 +31,30 @@ void Describe(const safety::GuardModel& model) {
   std::printf("levels of l     the policy's action passes at %.3g (first step); slack %.3g\n",
               guided.gate_level(0), guided.slack());
   std::printf(
-      "alarm           at l < %.3g: a further demonstration raises one with probability "
-      "%.3g at most\n",
-      -settings.alarm_level, summary.false_alarms);
+      "alarm           at l < %.3g: a further demonstration raises one with probability %.3g "
+      "at most, %s\n",
+      -settings.alarm_level, summary.false_alarms, safety::Promise(summary).c_str());
   std::printf("lambda_t        %.3g to %.3g, the change of g per unit of action\n", *low, *high);
   std::printf(
       "actions         %d entries, each within +-%g; halts after %d of the policy's, or %d "
       "of any kind\n",
       model.action_dim(), settings.action_limit, settings.horizon, settings.max_actions);
   std::printf("strategy        %s\n", safety::Name(settings.strategy));
+  if (settings.direction_error > 0.0) {
+    std::printf(
+        "certificate     eps %.3g (%.3g in demonstrations), K %.3g: whitened features per unit of "
+        "action\n"
+        "                with %.0f %% confidence %.1f %% of further demonstrations stay below%s\n",
+        settings.direction_error, summary.direction_error.value, summary.gain.value,
+        100.0 * summary.direction_error.confidence, 100.0 * summary.direction_error.coverage,
+        summary.held_out > 0 ? "" : ", approximately");
+  }
+  for (const safety::Clearance& clearance : safety::Clearances(model)) {
+    std::printf(
+        "clearance       %s: where no alarm is raised a demonstrated state is within %.3g in it "
+        "(step %d; median %.3g)\n",
+        clearance.block.c_str(), clearance.largest, clearance.step, clearance.median);
+  }
   for (const std::string& finding : safety::Findings(model)) {
     std::printf("warning         %s\n", finding.c_str());
   }

@@ -71,9 +71,11 @@ void AddFit(CLI::App& app, int& result) {
                       "without this. Leave out what the robot cannot influence, and joint angles "
                       "where the tool's pose says the same");
   command
-      ->add_option("--strategy", options->strategy,
-                   "near the boundary: guided (changes the action as little as it takes), dfr (as "
-                   "published), early-stopping (halts), monitor (alarms alone)")
+      ->add_option(
+          "--strategy", options->strategy,
+          "near the boundary: guided (changes the action as little as it takes), dfr (as "
+          "published), early-stopping (halts), monitor (alarms alone), certified (what provably "
+          "raises no alarm, see docs/certificates.md)")
       ->capture_default_str();
   command
       ->add_option("--nu", options->guard.support.svm.nu,
@@ -86,6 +88,19 @@ void AddFit(CLI::App& app, int& result) {
   command
       ->add_option("--false-alarms", options->guard.false_alarms,
                    "demonstrations that may raise an alarm")
+      ->capture_default_str();
+  command
+      ->add_option("--confidence", options->guard.confidence,
+                   "of --false-alarms for this very fit; 0: on average over fits")
+      ->capture_default_str();
+  command
+      ->add_option("--hold-out", options->guard.hold_out,
+                   "share of the demonstrations that nothing is fitted to: what the alarm and the "
+                   "certificate promise is then exact; 0: none, and approximate")
+      ->capture_default_str();
+  command
+      ->add_option("--error-factor", options->guard.error_factor,
+                   "of strategy certified: how much further J may be off than in demonstrations")
       ->capture_default_str();
   command
       ->add_option("--horizon", options->guard.horizon,

@@ -24,7 +24,13 @@ struct Episode {
   double lowest = 0.0;
   double inside = 0.0;   // Share of states.
   int first_alarm = -1;  // Step, or -1.
+  int passing = 0;       // Actions that a certificate lets pass.
 };
+
+// Whether the guard's file holds what a certificate needs.
+bool CanCertify(const safety::GuardModel& model) {
+  return model.settings().direction_error > 0.0 && !model.recovery().single_precision();
+}
 
 // How much each entry of a state moves l: the mean of |dl/dx| times how far apart demonstrations
 // are in that entry at the same time.
@@ -115,6 +121,14 @@ std::vector<Episode> Follow(const safety::GuardModel& model, const std::filesyst
     if (drivers != nullptr) {
       drivers->Add(trajectory.states, steps);
       drivers->AddSpread(trajectory.states);
+    }
+    for (Eigen::Index t = 0; CanCertify(model) && t < trajectory.controls.rows(); ++t) {
+      episode.passing +=
+          model.Certify(steps[static_cast<std::size_t>(t)], core::Row(trajectory.states, t),
+                        core::Row(trajectory.controls, t))
+                  .passes
+              ? 1
+              : 0;
     }
     episode.lowest = *std::min_element(episode.levels.begin(), episode.levels.end());
     episode.inside = static_cast<double>(std::count_if(episode.levels.begin(), episode.levels.end(),
@@ -215,9 +229,10 @@ std::string Introduction(const safety::GuardModel& model, const ReportOptions& o
          "\n\nEpisodes with an alarm: " +
          Rate(Alarms(episodes), static_cast<int>(episodes.size())) +
          core::Format(
-             " (95 %% interval). The fit promises at most %.3g of further demonstrations, by "
-             "leaving demonstrations out of it; those that it was fitted to raise fewer.",
-             model.summary().false_alarms);
+             " (95 %% interval). The fit promises at most %.3g of further demonstrations, %s; "
+             "those "
+             "that it was fitted to raise fewer.",
+             model.summary().false_alarms, safety::Promise(model.summary()).c_str());
 }
 
 std::string FailureNote(const std::vector<Episode>& failures) {
@@ -247,6 +262,48 @@ experiment::ReportTable FeatureTable(const safety::GuardModel& model, const Driv
       .rows = {}};
   for (const auto& [share, entry] : drivers.Ranked()) {
     table.rows.push_back({EntryName(model.layout(), entry), core::Format("%.1f", 100.0 * share)});
+  }
+  return table;
+}
+
+// What a certificate of strategy certified would rest on, for whoever has to sign it.
+experiment::ReportTable CertificateTable(const safety::GuardModel& model,
+                                         const std::vector<Episode>& episodes) {
+  const safety::GuardSummary& summary = model.summary();
+  const double level = std::max(0.0, model.settings().alarm_level);
+  double actions = 0.0;
+  double passing = 0.0;
+  for (const Episode& episode : episodes) {
+    actions += static_cast<double>(episode.levels.size()) - 1.0;
+    passing += episode.passing;
+  }
+  const std::string coverage = core::Format(
+      "with %.0f %% confidence %.1f %% of further demonstrations stay below%s",
+      100.0 * summary.direction_error.confidence, 100.0 * summary.direction_error.coverage,
+      summary.held_out > 0 ? "" : ", approximately");
+  experiment::ReportTable table{
+      .heading = "What a certificate rests on",
+      .caption = core::Format(
+          "Of the actions of these demonstrations, %.1f %% would pass as they are. States are "
+          "certified, one after each action, and not the paths between them; nothing is said of "
+          "what the features do not show. docs/certificates.md has theorem and proof.",
+          100.0 * passing / std::max(1.0, actions)),
+      .header = {"Assumption", "Value", "Where it comes from"},
+      .rows = {
+          {"no state with l >= -eta meets a constraint", core::Format("eta = %.3g", level),
+           "assumed; eta is the alarm level"},
+          {"|dz - J u| <= eps |u|", core::Format("eps = %.3g", model.settings().direction_error),
+           core::Format("measured at each action; %.3g in demonstrations, ",
+                        summary.direction_error.value) +
+               coverage},
+          {"features are exact, and show the constraints", "-", "assumed"},
+          {"what was issued was applied, and nothing else moves", "-",
+           "assumed; one call for each state is checked"}}};
+  for (const safety::Clearance& clearance : safety::Clearances(model)) {
+    table.rows.push_back(
+        {"demonstrations kept a distance in " + clearance.block,
+         core::Format("%.3g (median %.3g)", clearance.largest, clearance.median),
+         core::Format("suffices for the first row; largest at step %d", clearance.step)});
   }
   return table;
 }
@@ -286,6 +343,7 @@ void RunReport(const ReportOptions& options) {
           "alarm level. Values far outside are cut off.",
       .plots = {LevelPlot("Demonstrations", episodes, alarm_level)}};
   page.tables.push_back(FeatureTable(*model, drivers));
+  if (CanCertify(*model)) page.tables.push_back(CertificateTable(*model, episodes));
   if (!failures.empty()) {
     page.introduction += FailureNote(failures);
     levels.plots.push_back(LevelPlot("Failures", failures, alarm_level));

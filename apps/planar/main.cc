@@ -2,6 +2,8 @@
 // proofs by stress, certificates and pictures.
 
 #include <CLI/CLI.hpp>
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cstdio>
@@ -17,8 +19,10 @@
 #include "apps/planar/page.h"
 #include "apps/planar/picture.h"
 #include "apps/planar/proof.h"
+#include "dfr/control/certifier.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/intervals.h"
+#include "dfr/kernel/cover_radius.h"
 
 namespace dfr::apps::planar {
 namespace {
@@ -153,21 +157,56 @@ void Drift(const PlanarStudy& study, bool causes) {
   }
 }
 
-void PrintProof(std::int64_t steps, std::uint64_t seed) {
-  std::printf("%-20s %10s %12s %12s %9s %10s %9s %9s\n", "mode", "controls", "left support",
-              "false alarms", "probes", "recoveries", "filtered", "episodes");
-  bool holds = true;
+void PrintProof(ProofOptions options, bool mutations) {
+  std::printf("%-20s %-10s %10s %12s %12s %9s %10s %9s %9s\n", "mode", "mutation", "controls",
+              "left support", "violations", "probes", "recoveries", "filtered", "episodes");
+  std::string failures;
   for (const auto kind : {control::CertificateKind::kLipschitz, control::CertificateKind::kRadius,
                           control::CertificateKind::kDirection}) {
-    const ProofResult r = Prove(kind, steps, seed);
-    std::printf("%-20s %10lld %12lld %12lld %9lld %10lld %9lld %9lld\n", Name(kind),
-                static_cast<long long>(r.controls), static_cast<long long>(r.left),
-                static_cast<long long>(r.violations), static_cast<long long>(r.probes),
-                static_cast<long long>(r.recoveries), static_cast<long long>(r.filtered),
-                static_cast<long long>(r.episodes));
-    holds = holds && r.left == 0 && r.violations == 0;
+    for (const Mutation mutation : MutationsOf(kind)) {
+      if (mutation != Mutation::kNone && !mutations) continue;
+      options.kind = kind;
+      options.mutation = mutation;
+      const ProofResult r = Prove(options);
+      std::printf("%-20s %-10s %10lld %12lld %12lld %9lld %10lld %9lld %9lld\n", Name(kind),
+                  Name(mutation), static_cast<long long>(r.controls),
+                  static_cast<long long>(r.left), static_cast<long long>(r.violations),
+                  static_cast<long long>(r.probes), static_cast<long long>(r.recoveries),
+                  static_cast<long long>(r.filtered), static_cast<long long>(r.episodes));
+      if (mutation != Mutation::kNone && r.left == 0) {
+        failures.append(" the mutation ").append(Name(mutation));
+        failures.append(" of ").append(Name(kind)).append(" was not found;");
+      } else if (mutation == Mutation::kNone && (r.left > 0 || r.violations > 0)) {
+        failures.append(" ").append(Name(kind)).append(" left its support;");
+      }
+    }
   }
-  if (!holds) throw std::runtime_error("a certified mode left its support");
+  if (!failures.empty()) throw std::runtime_error("the proof failed:" + failures);
+}
+
+// How many demonstrated steps from time step t a mode would let pass.
+struct Passing {
+  int steps = 0;
+  int passed = 0;
+  [[nodiscard]] double percent() const { return steps > 0 ? 100.0 * passed / steps : 0.0; }
+};
+
+Passing CountPassing(const Methods& methods, control::CertificateKind kind, int t) {
+  const control::GuidedModel& model = methods.recovery(SupportOf(control::Name(kind))).model();
+  control::Certifier certifier(methods.certificate(kind), model.features().num_features(),
+                               model.control_dim(), model.control_unit());
+  control::JacobianEstimate estimate(model.prior());
+  Passing passing;
+  for (const core::Trajectory& d : methods.demonstrations()) {
+    if (t >= d.controls.rows()) continue;
+    const core::Matrix z = model.features().Apply(d.states);
+    const Eigen::VectorXd v = d.controls.row(t) / model.control_unit();
+    estimate.Compute(t, core::Row(z, t));
+    ++passing.steps;
+    passing.passed +=
+        certifier.Share({model.support(), estimate, core::Row(z, t)}, t, v) >= 1.0 ? 1 : 0;
+  }
+  return passing;
 }
 
 // What a certificate rests on, per time step, and how much of the demonstrations it would let pass.
@@ -177,58 +216,63 @@ void PrintCertificate(const PlanarStudy& study) {
       task,
       Demonstrate(task, study.plan.demonstrations.at(0), core::DeriveSeed(study.plan.seed, {2, 0})),
       study.methods);
-  const control::GuidedModel& model = methods.recovery(SupportKind::kCertified).model();
-  const core::LogDecisionFunction& support = model.support();
+  const safety::GuidedRecovery& certified = methods.recovery(SupportKind::kCertified);
+  const core::LogDecisionFunction& support = certified.model().support();
   const control::Certificate certificate = methods.certificate(control::CertificateKind::kRadius);
   const control::EstimatedConstant& gain = methods.gain();
   const control::EstimatedConstant& error = methods.direction_error();
-  std::printf("assumptions of %s, %d demonstrations; features are in units of %.4g\n",
-              task.name.c_str(), gain.demonstrations, 1.0 / model.features().scale()(0, 0));
-  std::printf("  no B_t meets the constraints (not checked: they are unknown)\n");
+  const double unit = 1.0 / certified.features().scale()(0, 0);
+  std::printf("assumptions of %s, %d demonstrations; features of K are in units of %.4g\n",
+              task.name.c_str(), gain.demonstrations, unit);
+  std::printf(
+      "  no B_t(%.3g) meets the constraints: not checked, for they are unknown. It is so if\n"
+      "  demonstrations kept the clearance below\n",
+      certificate.level);
   std::printf("  K   = %.4f per unit of control, %s\n", certificate.gain,
               task.gain > 0.0 ? "given" : "estimated");
   std::printf(
       "  K^  = %.4f from demonstrations: with %.0f %% confidence %.1f %% of further ones "
       "stay below\n",
       gain.value, 100 * gain.confidence, 100 * gain.coverage);
-  std::printf("  eps = %.4f likewise\n", error.value);
-  std::printf("%4s %9s %9s %11s %9s %22s %22s %22s\n", "t", "L", "lambda=LK", "g/L median",
-              "r median", "demonstrated steps certified, % (lipschitz, radius, direction)", "", "");
-  control::JacobianEstimate estimate(model.prior());
+  std::printf("  eps = %.4f, whitened features, so far approximately; times %.3g it is trusted\n",
+              error.value, study.methods.gain_factor);
+  std::printf(
+      "  features show the constraints; states are exact; what is issued is applied; states\n"
+      "  are certified, not the paths between them\n");
+  std::printf("%4s %9s %9s %11s %9s %12s %12s %40s\n", "t", "L", "lambda=LK", "g/L median",
+              "r median", "clearance K", "of direction",
+              "demonstrated steps that pass, % (L, r, direction)");
+  const core::FeatureTransform& whitening = methods.recovery(SupportKind::kGuided).features();
   for (int t = 0; t < support.num_steps(); t += std::max(1, support.num_steps() / 12)) {
     std::vector<double> lipschitz, radius;
-    int steps = 0, by_lipschitz = 0, by_radius = 0, by_direction = 0;
     for (const core::Trajectory& d : methods.demonstrations()) {
       if (t >= d.controls.rows()) continue;
-      const core::Matrix z = model.features().Apply(d.states);
-      const Eigen::VectorXd here = z.row(t);
-      Eigen::VectorXd shift(here.size());
-      const auto ball =
-          control::ComputeSafeBall(support, t, core::AsSpan(here), core::AsSpan(shift));
-      const double room = support.Decision(t, core::AsSpan(here)) / support.lipschitz_bound(t);
-      lipschitz.push_back(std::max(0.0, room));
+      const core::Matrix z = certified.features().Apply(d.states);
+      Eigen::VectorXd shift(z.cols());
+      const auto ball = control::ComputeSafeBall(support, t, core::Row(z, t), core::AsSpan(shift),
+                                                 certificate.level);
+      lipschitz.push_back(
+          std::max(0.0, support.Decision(t, core::Row(z, t)) / support.lipschitz_bound(t)));
       radius.push_back(std::max(0.0, ball.worst_radius()));
-      const double norm = d.controls.row(t).norm();
-      estimate.Compute(t, core::AsSpan(here));
-      const Eigen::VectorXd effect =
-          estimate.jacobian() * d.controls.row(t).transpose() / model.control_unit();
-      ++steps;
-      by_lipschitz += certificate.gain * norm <= room ? 1 : 0;
-      by_radius += certificate.gain * norm <= ball.worst_radius() ? 1 : 0;
-      by_direction += control::LargestShare(ball, core::AsSpan(shift), core::AsSpan(effect),
-                                            certificate.direction_error * norm) >= 1.0
-                          ? 1
-                          : 0;
     }
+    if (radius.empty()) continue;
     const auto median = [](std::vector<double>& v) {
       std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
       return v[v.size() / 2];
     };
-    if (steps == 0) continue;
-    std::printf("%4d %9.4f %9.4f %11.4f %9.4f %22.1f %22.1f %22.1f\n", t,
+    // In the state's own unit, in its worst direction.
+    const auto& guided = methods.recovery(SupportKind::kGuided).support();
+    const Eigen::MatrixXd inverse = (guided.map(t) * whitening.scale()).inverse();
+    const double by_gain =
+        unit * kernel::CoverRadius(certified.support().estimate(t), certificate.level);
+    const double by_direction =
+        inverse.operatorNorm() * kernel::CoverRadius(guided.estimate(t), certificate.level);
+    std::printf("%4d %9.4f %9.4f %11.4f %9.4f %12.4g %12.4g %12.1f %12.1f %12.1f\n", t,
                 support.lipschitz_bound(t), support.lipschitz_bound(t) * certificate.gain,
-                median(lipschitz), median(radius), 100.0 * by_lipschitz / steps,
-                100.0 * by_radius / steps, 100.0 * by_direction / steps);
+                median(lipschitz), median(radius), by_gain, by_direction,
+                CountPassing(methods, control::CertificateKind::kLipschitz, t).percent(),
+                CountPassing(methods, control::CertificateKind::kRadius, t).percent(),
+                CountPassing(methods, control::CertificateKind::kDirection, t).percent());
   }
 }
 
@@ -289,6 +333,11 @@ int main(int argc, char** argv) try {
     command->add_option("--certified-gamma", study.methods.certified_gamma)->capture_default_str();
     command->add_option("--factor", study.methods.gain_factor, "safety factor on estimated K, eps")
         ->capture_default_str();
+    command
+        ->add_option("--certified-level", study.methods.certified_level,
+                     "eta: the certified modes keep l >= -eta")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
   };
   const auto runs = [&](CLI::App* command) {
     common(command);
@@ -306,10 +355,18 @@ int main(int argc, char** argv) try {
   runs(drift);
   std::vector<std::string> drift_methods = {"baseline", "dfr", "guided", "lwr"};
   drift->add_option("--methods", drift_methods)->delimiter(',');
-  std::int64_t steps = 1'000'000;
+  ProofOptions proof;
+  bool mutations = false;
   auto* prove = app.add_subcommand("prove", "Stress Proposition 1 of each certified mode");
-  prove->add_option("--steps", steps, "controls of each mode")->capture_default_str();
-  prove->add_option("--seed", study.plan.seed)->capture_default_str();
+  prove->add_option("--steps", proof.steps, "controls of each mode")->capture_default_str();
+  prove->add_option("--seed", proof.seed)->capture_default_str();
+  prove->add_option("--dimensions", proof.most_dimensions, "worlds have 2 to so many")
+      ->check(CLI::Range(2, 64))
+      ->capture_default_str();
+  prove->add_option("--state-error", proof.state_error, "length of errors of observed states")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  prove->add_flag("--mutations", mutations, "mistakes that must be found, too");
   auto* certificate = app.add_subcommand("certificate", "What the certified modes rest on");
   common(certificate);
   auto* picture = app.add_subcommand("picture", "Pictures, a video and a page to scrub through");
@@ -328,7 +385,7 @@ int main(int argc, char** argv) try {
     study.plan.methods = drift_methods;
     Drift(study, causes);
   }
-  if (*prove) PrintProof(steps, study.plan.seed);
+  if (*prove) PrintProof(proof, mutations);
   if (*certificate) PrintCertificate(study);
   if (*picture) {
     study.plan.methods = picture_methods;

@@ -56,10 +56,11 @@ Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
           {.svm = {.gamma = options.certified_gamma, .tolerance = 1e-6}, .phase_whitening = false}),
       controllers_(model_, policy_, task.plant->layout(), demonstrations_),
       gain_(control::EstimateGain(certified_.features(), demonstrations_)),
-      direction_error_(control::EstimateDirectionError(certified_.features(), demonstrations_)) {}
+      direction_error_(
+          control::EstimateDirectionError(model_.guided().features(), demonstrations_)) {}
 
 SupportKind SupportOf(std::string_view method) {
-  if (method.starts_with("guided")) return SupportKind::kGuided;
+  if (method.starts_with("guided") || method == "certified-direction") return SupportKind::kGuided;
   if (method.starts_with("certified")) return SupportKind::kCertified;
   return SupportKind::kRaw;
 }
@@ -77,14 +78,17 @@ control::Certificate Methods::certificate(control::CertificateKind kind) const n
   // A known K needs no safety factor, but its two factors are rounded apart.
   const double gain =
       task_.gain > 0.0 ? task_.gain * scale * (1.0 + 1e-12) : gain_.value * options_.gain_factor;
-  return {kind, gain, direction_error_.value * options_.gain_factor + 1e-9};
+  return {.kind = kind,
+          .gain = gain,
+          .direction_error = direction_error_.value * options_.gain_factor + 1e-9,
+          .level = options_.certified_level};
 }
 
 std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
                                                    const core::SimulatedPlant& plant) const {
   // Unknown names are refused here, with all that there are.
   static_cast<void>(ParseMethod(method, kPlanarMethods));
-  if (SupportOf(method) != SupportKind::kCertified || !Split(method).support.empty()) {
+  if (!method.starts_with("certified") || !Split(method).support.empty()) {
     return controllers_.Make(method, &plant, {.guided = options_.guided});
   }
   DFR_THROW_UNLESS(Split(method).policy.empty(),
@@ -95,7 +99,8 @@ std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
                           control::CertificateKind::kDirection}) {
     if (method == control::Name(kind)) guided.certificate = certificate(kind);
   }
-  return std::make_unique<control::GuidedPolicy>(policy_, certified_.model(), guided);
+  return std::make_unique<control::GuidedPolicy>(policy_, recovery(SupportOf(method)).model(),
+                                                 guided);
 }
 
 }  // namespace dfr::apps::planar

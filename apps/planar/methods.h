@@ -28,9 +28,11 @@ struct MethodOptions {
   bool hold_ended = true;
   int window = 2;
   control::GuidedOptions guided = {};
-  double raw_gamma = 0.0;         ///< Of the paper's support; 0: the task's.
-  double certified_gamma = 0.35;  ///< Of the certified modes' support, in standard deviations.
-  double gain_factor = 1.0;       ///< Safety factor on an estimated K or eps.
+  double raw_gamma = 0.0;  ///< Of the paper's support; 0: the task's.
+  /// Of the support of certified-lipschitz and certified-radius, in standard deviations.
+  double certified_gamma = 0.35;
+  double gain_factor = 1.5;      ///< Safety factor on an estimated K or eps.
+  double certified_level = 0.0;  ///< control::Certificate::level of the certified modes.
 };
 
 /// apps::kOtherMethods and the certified modes.
@@ -41,7 +43,8 @@ inline constexpr std::array<std::string_view, 6> kPlanarMethods = {"certified-li
                                                                    "lwr",
                                                                    "knn"};
 
-/// Which of the supports a method looks at.
+/// Which of the supports a method looks at. A bound on |dz| wants features of one scale;
+/// certified-direction looks at guided recovery's, for J tells how each of them answers.
 enum class SupportKind { kRaw, kGuided, kCertified };
 [[nodiscard]] SupportKind SupportOf(std::string_view method);
 
@@ -69,13 +72,14 @@ class Methods {
   [[nodiscard]] const kernel::TimeVaryingSupport& raw_support() const noexcept {
     return *model_.published();
   }
-  /// What guided recovery, or the certified modes, know: `kind` is kGuided or kCertified.
+  /// What guided recovery, or the modes by K, know: `kind` is kGuided or kCertified.
   [[nodiscard]] const safety::GuidedRecovery& recovery(SupportKind kind) const noexcept {
     return kind == SupportKind::kGuided ? model_.guided() : certified_;
   }
   /// l_t(x) of a whole state.
   [[nodiscard]] double Level(SupportKind kind, int t, std::span<const double> x) const;
   [[nodiscard]] const control::EstimatedConstant& gain() const noexcept { return gain_; }
+  /// In the features of kGuided.
   [[nodiscard]] const control::EstimatedConstant& direction_error() const noexcept {
     return direction_error_;
   }

@@ -99,6 +99,9 @@ class Guard:
         horizon: int = 0,
         action_limit: float = 0.0,
         false_alarms: float = 0.1,
+        confidence: float = 0.0,
+        hold_out: float = 0.0,
+        error_factor: float = 1.5,
         source: str = "",
         differences: bool = False,
         as_recorded: bool = False,
@@ -115,6 +118,7 @@ class Guard:
     def decision(self, t: int, x: ArrayLike) -> float | NDArray[np.float64]: ...
     @overload
     def decision(self, t: ArrayLike, x: ArrayLike) -> NDArray[np.float64]: ...
+    def certify(self, t: int, state: ArrayLike, action: ArrayLike) -> dict[str, Any]: ...
     def levels(self, states: ArrayLike) -> NDArray[np.float64]: ...
     def with_settings(
         self,
@@ -124,6 +128,7 @@ class Guard:
         max_actions: int | None = None,
         action_limit: float | None = None,
         alarm_level: float | None = None,
+        direction_error: float | None = None,
     ) -> Guard: ...
     @property
     def state_dim(self) -> int: ...

@@ -4,6 +4,7 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <cstdlib>
@@ -69,7 +70,8 @@ void MakeIncrements(const core::StateLayout& layout, bool differences, bool as_r
 Guard Fit(const std::vector<Array>& states, const std::vector<Array>& actions,
           const std::vector<std::pair<std::string, int>>& layout, const std::string& features,
           double nu, double gamma, const std::string& strategy, int horizon, double action_limit,
-          double false_alarms, const std::string& source, bool differences, bool as_recorded,
+          double false_alarms, double confidence, double hold_out, double error_factor,
+          const std::string& source, bool differences, bool as_recorded,
           const py::object& progress) {
   DFR_THROW_UNLESS(states.size() == actions.size(), "there are "
                                                         << states.size() << " arrays of states and "
@@ -92,6 +94,9 @@ Guard Fit(const std::vector<Array>& states, const std::vector<Array>& actions,
   options.horizon = horizon;
   options.action_limit = action_limit;
   options.false_alarms = false_alarms;
+  options.confidence = confidence;
+  options.hold_out = hold_out;
+  options.error_factor = error_factor;
   options.source = source;
   Interruptible interruptible;
   options.support.svm.progress = [&](const kernel::FitProgress&) { return interruptible.GoOn(); };
@@ -189,6 +194,7 @@ py::tuple Filter(Guard& guard, const py::object& t, const Array& state, const Ar
   info["mode"] = control::Name(verdict.mode);
   info["reason"] = verdict.reason();
   info["changed"] = verdict.changed;
+  info["certified"] = verdict.certified;
   info["alarm"] = verdict.alarm;
   info["alarm_step"] = verdict.alarm_step;
   info["step"] = verdict.step;
@@ -221,14 +227,33 @@ py::object Decision(const Guard& guard, const py::object& time, const Array& x) 
 
 Guard With(const Guard& guard, const std::optional<std::string>& strategy,
            std::optional<int> horizon, std::optional<int> max_actions,
-           std::optional<double> action_limit, std::optional<double> alarm_level) {
+           std::optional<double> action_limit, std::optional<double> alarm_level,
+           std::optional<double> direction_error) {
   GuardSettings settings = guard.model().settings();
   if (strategy) settings.strategy = safety::ParseStrategy(*strategy);
   settings.horizon = horizon.value_or(settings.horizon);
   settings.max_actions = max_actions.value_or(settings.max_actions);
   settings.action_limit = action_limit.value_or(settings.action_limit);
   settings.alarm_level = alarm_level.value_or(settings.alarm_level);
+  settings.direction_error = direction_error.value_or(settings.direction_error);
   return Guard(guard.model().With(settings));
+}
+
+py::dict Certify(const Guard& guard, const py::object& t, const Array& state, const Array& action) {
+  const safety::Certification found =
+      guard.model().Certify(std::max(0, StepOf(t)), Entries(state), Entries(action));
+  const auto entries = [](const Eigen::VectorXd& values) {
+    return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
+  };
+  py::dict result;
+  result["passes"] = found.passes;
+  result["step"] = found.step;
+  result["margin"] = found.margin;
+  result["radius"] = found.radius;
+  result["ball_radius"] = found.ball_radius;
+  result["shift"] = entries(found.shift);
+  result["effect"] = entries(found.effect);
+  return result;
 }
 
 Guard Copy(const Guard& guard) { return Guard(guard.model().With(guard.model().settings())); }
@@ -245,6 +270,13 @@ py::dict Summary(const Guard& guard) {
   values["acceptance"] = summary.acceptance;
   values["inside_throughout"] = summary.inside_throughout;
   values["false_alarms"] = summary.false_alarms;
+  values["confidence"] = summary.confidence;
+  values["held_out"] = summary.held_out;
+  values["drift_level"] = summary.drift_level;
+  values["drift_chance"] = summary.drift_chance;
+  values["direction_error"] = summary.direction_error.value;
+  values["gain"] = summary.gain.value;
+  values["coverage"] = summary.gain.coverage;
   return values;
 }
 
@@ -256,6 +288,7 @@ py::dict Settings(const Guard& guard) {
   values["max_actions"] = settings.max_actions;
   values["action_limit"] = settings.action_limit;
   values["alarm_level"] = settings.alarm_level;
+  values["direction_error"] = settings.direction_error;
   return values;
 }
 
@@ -295,7 +328,8 @@ layout : list of (str, int)
 features : str
     What is looked at; empty for all of it.
 settings : dict
-    strategy, horizon, max_actions, action_limit, alarm_level; `with_settings` changes them.
+    strategy, horizon, max_actions, action_limit, alarm_level, direction_error; `with_settings` changes
+    them.
 summary : dict
     What the fit found, among it acceptance, the share of states inside of demonstrations that were left
     out, and false_alarms, the share of further demonstrations that may raise an alarm.
@@ -304,14 +338,15 @@ summary : dict
       guard_class, [](const py::object& self) { return ToBytes(self.cast<const Guard&>()); },
       &FromBytes);
   guard_class
-      .def_static("fit", &Fit, py::arg("states"), py::arg("actions"), py::kw_only(),
-                  py::arg("layout") = std::vector<std::pair<std::string, int>>(),
-                  py::arg("features") = "", py::arg("nu") = 0.05, py::arg("gamma") = 0.35,
-                  py::arg("strategy") = "guided", py::arg("horizon") = 0,
-                  py::arg("action_limit") = 0.0, py::arg("false_alarms") = 0.1,
-                  py::arg("source") = "", py::arg("differences") = false,
-                  py::arg("as_recorded") = false, py::arg("progress") = py::none(),
-                  R"(Learn a guard from demonstrations.
+      .def_static(
+          "fit", &Fit, py::arg("states"), py::arg("actions"), py::kw_only(),
+          py::arg("layout") = std::vector<std::pair<std::string, int>>(), py::arg("features") = "",
+          py::arg("nu") = 0.05, py::arg("gamma") = 0.35, py::arg("strategy") = "guided",
+          py::arg("horizon") = 0, py::arg("action_limit") = 0.0, py::arg("false_alarms") = 0.1,
+          py::arg("confidence") = 0.0, py::arg("hold_out") = 0.0, py::arg("error_factor") = 1.5,
+          py::arg("source") = "", py::arg("differences") = false, py::arg("as_recorded") = false,
+          py::arg("progress") = py::none(),
+          R"(Learn a guard from demonstrations.
 
 Parameters
 ----------
@@ -324,15 +359,23 @@ features : str
     What is looked at, as in "object,tip[0:2]"; all entries if empty. "obs/object" is "object".
 nu, gamma : float
     Of the supports; gamma in whitened units, which all tasks share.
-strategy : {"guided", "dfr", "early-stopping", "monitor"}
+strategy : {"guided", "dfr", "early-stopping", "monitor", "certified"}
     What happens to an action near the boundary: it is changed as little as keeps the state inside;
-    Derivative-Free Recovery as published; a halt; nothing but alarms.
+    Derivative-Free Recovery as published; a halt; nothing but alarms; only what provably ends where
+    no alarm is raised is applied, under the assumptions of docs/certificates.md.
 horizon : int
     Actions of the policy in an episode; 0: twice as many as the longest demonstration has.
 action_limit : float
     Each entry of an action is kept within +- this; 0: 1, or the largest demonstrated if that is more.
 false_alarms : float
     Demonstrations that may raise an alarm.
+confidence : float
+    Of false_alarms for this very fit; 0: on average over fits.
+hold_out : float
+    Share of the demonstrations that nothing is fitted to: what the alarm and the certificate promise is
+    then exact. 0: none, and approximate.
+error_factor : float
+    Of strategy "certified": how much further the answer to actions may be off than in demonstrations.
 source : str
     Kept in the file: where the demonstrations came from.
 differences : bool
@@ -408,9 +451,38 @@ info : dict
     reason : "inside", "outside" (passed all the same), "changed", "probe", "recovery", or why it
         halted.
     changed : bool, whether the action differs from the policy's.
+    certified : bool, whether the next state provably raises no alarm (strategy "certified").
     alarm : bool, whether the state is further outside than demonstrations are.
     alarm_step : int, the time step of the demonstrations that the state fits best: the alarm's.
     step : int, the time step that the strategy is in: that of g and threshold.
+)")
+      .def("certify", &Certify, py::arg("t"), py::arg("state"), py::arg("action"),
+           R"(What is certain of the state that `action` leads to, whatever the strategy.
+
+Under the assumptions of docs/certificates.md, with the answer to actions that demonstrations tell
+(`filter` learns from applied ones, too). Lengths are in whitened features.
+
+Parameters
+----------
+t : int
+    Time step of the demonstrations, near which supports are looked at.
+state : array_like of shape (state_dim,)
+action : array_like of shape (action_dim,)
+
+Returns
+-------
+dict
+    passes : bool, whether the next state provably raises no alarm.
+    step : int, the time step whose support says so, or is nearest to.
+    margin : float, by how much l of the predicted state is above what it must be.
+    radius : float, whatever changes the features by no more ends inside; negative outside.
+    ball_radius, shift : the ball around the features + shift that is inside.
+    effect : ndarray, how the features are predicted to change.
+
+Raises
+------
+ValueError
+    If the guard is of a file of before there were certificates.
 )")
       .def("decision", &Decision, py::arg("t"), py::arg("x"),
            R"(g at time step(s) `t`, of one state or of each row; positive inside.
@@ -443,6 +515,7 @@ ndarray of shape (n_states,)
       .def("with_settings", &With, py::kw_only(), py::arg("strategy") = py::none(),
            py::arg("horizon") = py::none(), py::arg("max_actions") = py::none(),
            py::arg("action_limit") = py::none(), py::arg("alarm_level") = py::none(),
+           py::arg("direction_error") = py::none(),
            "A guard of the same knowledge with other settings.")
       .def_property_readonly("state_dim", &Guard::state_dim)
       .def_property_readonly("action_dim", &Guard::action_dim)

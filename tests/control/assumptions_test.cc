@@ -3,10 +3,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdint>
+#include <span>
 #include <stdexcept>
 #include <vector>
 
 #include "dfr/core/random.h"
+#include "tests/control/analytic.h"
 
 namespace dfr::control {
 namespace {
@@ -17,8 +20,8 @@ core::FeatureTransform Doubled() {
 }
 
 // x' = x + 0.3 R u, R turned by up to `wobble` rad at random.
-std::vector<core::Trajectory> Walks(int count, double wobble) {
-  core::Random random(1);
+std::vector<core::Trajectory> Walks(int count, double wobble, std::uint64_t seed = 1) {
+  core::Random random(seed);
   std::vector<core::Trajectory> walks;
   for (int d = 0; d < count; ++d) {
     core::Trajectory walk;
@@ -55,6 +58,38 @@ TEST(AssumptionsTest, DirectionErrorIsThatOfTheJacobian) {
   const double wobbly = EstimateDirectionError(Doubled(), Walks(40, 0.5)).value;
   EXPECT_GT(wobbly, 0.15);
   EXPECT_LT(wobbly, 2.0 * std::sin(0.25) * 0.6 + 0.1);
+}
+
+TEST(AssumptionsTest, TheOrderOfDemonstrationsChangesNoBit) {
+  const auto walks = Walks(23, 0.5);
+  const double error = EstimateDirectionError(Doubled(), walks).value;
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    auto permuted = walks;
+    core::Random(seed).Shuffle(std::span(permuted));
+    EXPECT_EQ(EstimateDirectionError(Doubled(), permuted).value, error);
+  }
+}
+
+// For the J that is used in the end, by demonstrations that it has not seen: the share of further
+// ones that stay below falls short of `coverage` in 5 % of fits at most.
+TEST(AssumptionsTest, CoverageHoldsForTheJacobianThatIsUsed) {
+  const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 0.5);
+  int short_of = 0;
+  constexpr int kRuns = 100;
+  for (std::uint64_t run = 0; run < kRuns; ++run) {
+    const auto demonstrations = Walks(20, 0.5, 1 + run);
+    const GuidedModel model(Doubled(), support, std::span(demonstrations).first(10));
+    const auto error = EstimateDirectionError(model, std::span(demonstrations).subspan(10));
+    EXPECT_EQ(error.demonstrations, 10);
+    int below = 0;
+    constexpr int kFurther = 100;
+    for (const auto& walk : Walks(kFurther, 0.5, 5000 + run)) {
+      below += EstimateDirectionError(model, {&walk, 1}).value <= error.value ? 1 : 0;
+    }
+    short_of += below < error.coverage * kFurther ? 1 : 0;
+  }
+  // Binomial(100, 0.05): 5 expected, standard deviation 2.2; three of these.
+  EXPECT_LE(short_of, 5 + 7);
 }
 
 // What the coverage promises: over fresh demonstrations, the share that stays below the estimated

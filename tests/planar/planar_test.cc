@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -60,6 +61,21 @@ TEST(PlanarTest, GuidedRecoveryCompletesTheCorridorWithoutCollisions) {
   EXPECT_EQ(Count(result, 1).collided, 0);
 }
 
+// In contact J is wrong, and a certificate has to leave room for it.
+TEST(PlanarTest, TheDirectionCertificateCompletesPushingWithoutAViolation) {
+  for (const char* task : {"push", "push-weak"}) {
+    SCOPED_TRACE(task);
+    const auto result = RunStudy(Small(task, {"certified-direction"}));
+    EXPECT_GE(Count(result, 0).completed, 28);
+    EXPECT_EQ(Count(result, 0).collided, 0);
+    for (const auto& unit : result.units) {
+      for (const auto& episode : unit.episodes[0]) {
+        EXPECT_NE(episode.cause, control::Name(control::HaltCause::kViolated));
+      }
+    }
+  }
+}
+
 TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
   const auto result = RunStudy(Small("push-weak", {"baseline", "guided"}));
   EXPECT_GT(Count(result, 1).completed, Count(result, 0).completed);
@@ -85,18 +101,53 @@ TEST(PlanarTest, ResultsDoNotDependOnTheNumberOfThreads) {
   }
 }
 
-// Prop. IV.3 as mended, 3 x 100 000 controls; `planar prove --steps 10000000` is the long version.
+constexpr std::array kKinds = {control::CertificateKind::kLipschitz,
+                               control::CertificateKind::kRadius,
+                               control::CertificateKind::kDirection};
+
+// Prop. IV.3 as mended, 3 x 60 000 controls; `planar prove --steps 10000000` is the long version.
 TEST(ProofTest, NoCertifiedModeEverLeavesTheUnionOfSupports) {
-  for (const auto kind : {control::CertificateKind::kLipschitz, control::CertificateKind::kRadius,
-                          control::CertificateKind::kDirection}) {
+  for (const auto kind : kKinds) {
     SCOPED_TRACE(control::Name(kind));
-    const ProofResult result = Prove(kind, 100'000, 1);
-    EXPECT_EQ(result.controls, 100'000);
+    const ProofResult result = Prove({.kind = kind, .steps = 60'000});
+    EXPECT_EQ(result.controls, 60'000);
     EXPECT_EQ(result.left, 0);
     EXPECT_EQ(result.violations, 0);
-    EXPECT_GT(result.probes, 1000);
-    EXPECT_GT(result.recoveries, 1000);
-    EXPECT_GT(result.phases, 500);
+    EXPECT_GT(result.probes, 500);
+    EXPECT_GT(result.recoveries, 500);
+    EXPECT_GT(result.phases, 300);
+  }
+}
+
+// What a proof by stress is worth: it finds each mistake that a controller could make.
+TEST(ProofTest, EveryMutationIsFound) {
+  for (const auto kind : kKinds) {
+    for (const Mutation mutation : MutationsOf(kind)) {
+      if (mutation == Mutation::kNone) continue;
+      SCOPED_TRACE(std::string(control::Name(kind)) + ", " + Name(mutation));
+      const ProofResult result = Prove({.kind = kind, .steps = 60'000, .mutation = mutation});
+      EXPECT_GT(result.left, 0);
+    }
+  }
+}
+
+// States that are observed with an error that the certificate knows of.
+TEST(ProofTest, NoisyStatesStayInsideToo) {
+  for (const auto kind : kKinds) {
+    SCOPED_TRACE(control::Name(kind));
+    const ProofResult result = Prove({.kind = kind, .steps = 30'000, .state_error = 0.05});
+    EXPECT_EQ(result.left, 0);
+    EXPECT_EQ(result.violations, 0);
+  }
+}
+
+// Half of the true K or eps: whoever leaves was found out at that very control.
+TEST(ProofTest, AWrongConstantEndsInAViolation) {
+  for (const auto kind : kKinds) {
+    SCOPED_TRACE(control::Name(kind));
+    const ProofResult result = Prove({.kind = kind, .steps = 30'000, .assumed = 0.5});
+    EXPECT_GT(result.violations, 100);
+    EXPECT_LE(result.left, result.violations + 1) << "the last control is not looked at any more";
   }
 }
 

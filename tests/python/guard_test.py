@@ -204,6 +204,51 @@ class GuardTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "no strategy 'brave'"):
             self.guard.with_settings(strategy="brave")
 
+    def test_a_certified_guard_applies_what_it_certifies(self):
+        guard = fit(40, strategy="certified")
+        self.assertEqual(guard.settings["strategy"], "certified")
+        self.assertEqual(guard.settings["direction_error"], 1.5 * guard.summary["direction_error"])
+        plant = Corridor()
+        plant.reset(seed=3)
+        guard.reset(3)
+        certified = 0
+        for t in range(40):
+            action, info = guard.filter(t, plant.x, DRIFT)
+            self.assertNotEqual(info["reason"], "assumption-violated")
+            if info["mode"] == "halt":
+                break
+            self.assertTrue(info["certified"])
+            self.assertFalse(info["alarm"])
+            certified += 1
+            plant.step(action)
+        self.assertGreater(certified, 10)
+
+    def test_certify_tells_what_passes_and_by_how_much(self):
+        state = [0.0, 0.0, 0.0]
+        small = self.guard.certify(0, state, action_for(0.1, 0.0))
+        self.assertTrue(small["passes"])
+        self.assertGreaterEqual(small["margin"], 0.0)
+        self.assertGreater(small["radius"], 0.0)
+        self.assertGreaterEqual(small["ball_radius"], small["radius"])
+        self.assertEqual(small["effect"].shape, (2,))
+        large = self.guard.certify(0, state, action_for(5.0, 5.0))
+        self.assertFalse(large["passes"])
+        self.assertLess(large["margin"], 0.0)
+        outside = self.guard.certify(0, [0.0, 0.0, 3.0], action_for(0.1, 0.0))
+        self.assertLess(outside["radius"], 0.0)
+        with self.assertRaisesRegex(ValueError, "action has 1 entries"):
+            self.guard.certify(0, state, [0.0])
+
+    def test_the_order_of_demonstrations_changes_nothing(self):
+        states, actions = demonstrations(1, 20)
+        ours = dfr.Guard.fit(states, actions, layout=LAYOUT, features="tip", hold_out=0.3, confidence=0.5)
+        theirs = dfr.Guard.fit(
+            states[::-1], actions[::-1], layout=LAYOUT, features="tip", hold_out=0.3, confidence=0.5
+        )
+        self.assertEqual(ours.settings, theirs.settings)
+        self.assertEqual(ours.summary["held_out"], 6)
+        np.testing.assert_array_equal(ours.levels(states[0]), theirs.levels(states[0]))
+
     def test_alarms_on_demonstrations_are_few(self):
         states, _ = demonstrations(2, 200)
         level = -self.guard.settings["alarm_level"]

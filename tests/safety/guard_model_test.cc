@@ -11,14 +11,17 @@
 #include <fstream>
 #include <functional>
 #include <limits>
+#include <span>
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "dfr/control/jacobian_estimate.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/random.h"
+#include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/guard.h"
 #include "tests/safety/corridor.h"
 #include "tests/support/all_close.h"
@@ -284,6 +287,191 @@ TEST(GuardModelTest, AlarmsOnFewUnseenDemonstrations) {
   // 40 of 400 on the average over sets of 60 demonstrations, whose threshold itself scatters: its
   // level is a beta variable of standard deviation sqrt(.1 .9 / 62) = .04. Three of these.
   EXPECT_LT(alarms, 400 * (0.1 + 3 * 0.04));
+}
+
+// Nothing that is fitted depends on who was recorded first.
+TEST_F(GuardFileTest, TheOrderOfDemonstrationsChangesNoBitOfTheFit) {
+  const auto demonstrations = test::CorridorDemonstrations(5, 14, 6);
+  const auto fit = [&](const std::vector<core::Trajectory>& some, double hold_out) {
+    const auto model = GuardModel::Fit(
+        test::CorridorLayout(), some,
+        {.features = "tip", .strategy = Strategy::kCertified, .hold_out = hold_out});
+    return std::pair(model, model->summary());
+  };
+  for (const double hold_out : {0.0, 0.3}) {
+    SCOPED_TRACE(hold_out);
+    const auto [model, summary] = fit(demonstrations, hold_out);
+    for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+      std::vector<core::Trajectory> permuted = demonstrations;
+      core::Random(seed).Shuffle(std::span(permuted));
+      const auto [other, other_summary] = fit(permuted, hold_out);
+      EXPECT_EQ(other->settings().alarm_level, model->settings().alarm_level);
+      EXPECT_EQ(other->settings().direction_error, model->settings().direction_error);
+      EXPECT_EQ(other->lambda(), model->lambda());
+      EXPECT_EQ(other_summary.acceptance, summary.acceptance);
+      EXPECT_EQ(other_summary.gain.value, summary.gain.value);
+      core::ArchiveWriter ours("recovery", 4);
+      model->recovery().Save(ours);
+      ours.Save(path_);
+      const std::string expected = Content();
+      core::ArchiveWriter theirs("recovery", 4);
+      other->recovery().Save(theirs);
+      theirs.Save(path_);
+      EXPECT_EQ(Content(), expected) << seed;
+    }
+  }
+}
+
+// A supervisor who cycles through goals: d mod folds would leave out each goal as a whole.
+TEST(GuardModelTest, ASupervisorWhoCyclesThroughGoalsLosesNothing) {
+  const auto goals = [](bool in_turn) {
+    std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(6, 40);
+    for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+      const double goal = static_cast<double>(in_turn ? d % 5 : d / 8);
+      core::Matrix& states = demonstrations[d].states;
+      for (Eigen::Index t = 0; t < states.rows(); ++t) {
+        states(t, 2) += 0.2 * goal * static_cast<double>(t);
+      }
+    }
+    return demonstrations;
+  };
+  const auto cycled = GuardModel::Fit(test::CorridorLayout(), goals(true), {.features = "tip"});
+  const auto sorted = GuardModel::Fit(test::CorridorLayout(), goals(false), {.features = "tip"});
+  EXPECT_LT(cycled->settings().alarm_level, 1.0);
+  EXPECT_LT(sorted->settings().alarm_level, 1.0);
+  // Recorded one goal after the other, a stretch of the recording is a goal.
+  EXPECT_THAT(Findings(*sorted), testing::Contains(HasSubstr("conditions of recording drift")));
+  EXPECT_GT(sorted->summary().drift_level, sorted->settings().alarm_level + 0.2);
+  EXPECT_LT(sorted->summary().drift_chance, 0.01);
+  EXPECT_THAT(Findings(*cycled),
+              testing::Not(testing::Contains(HasSubstr("conditions of recording drift"))));
+}
+
+// With demonstrations that nothing was fitted to, a fit's rate of alarms stays below the one it
+// promises with the confidence it promises.
+TEST(GuardModelTest, AConfidenceHoldsForThatShareOfFits) {
+  constexpr int kFits = 60;
+  int kept = 0;
+  for (int fit = 0; fit < kFits; ++fit) {
+    const auto seed = static_cast<std::uint64_t>(fit);
+    const auto model = GuardModel::Fit(
+        test::CorridorLayout(), test::CorridorDemonstrations(100 + seed, 60, 6),
+        {.features = "tip", .false_alarms = 0.2, .confidence = 0.8, .hold_out = 0.5});
+    EXPECT_EQ(model->summary().held_out, 30);
+    EXPECT_EQ(model->summary().confidence, 0.8);
+    int alarms = 0;
+    for (const auto& unseen : test::CorridorDemonstrations(1000 + seed, 200, 6)) {
+      const std::vector<double> levels = model->Levels(unseen.states);
+      alarms += *std::min_element(levels.begin(), levels.end()) < -model->settings().alarm_level;
+    }
+    kept += alarms <= 40 ? 1 : 0;
+  }
+  // Binomial(60, .8): 48 expected at least, standard deviation 3.1; three of these.
+  EXPECT_GE(kept, 48 - 10);
+}
+
+TEST(GuardModelTest, CertificatesNeedTheirConstantsAndDoublePrecision) {
+  GuardOptions options{.features = "tip"};
+  options.support.single_precision = true;
+  const auto demonstrations = test::CorridorDemonstrations(1, 20);
+  const auto message = [](const auto& call) -> std::string {
+    try {
+      call();
+    } catch (const std::invalid_argument& e) {
+      return e.what();
+    }
+    return "nothing thrown";
+  };
+  const auto single = GuardModel::Fit(test::CorridorLayout(), demonstrations, options);
+  GuardSettings settings = single->settings();
+  settings.strategy = Strategy::kCertified;
+  EXPECT_THAT(message([&] { (void)single->With(settings); }), HasSubstr("double precision"));
+  options.strategy = Strategy::kCertified;
+  EXPECT_THAT(
+      message([&] { (void)GuardModel::Fit(test::CorridorLayout(), demonstrations, options); }),
+      HasSubstr("double precision"));
+  const auto old = GuardModel::Load(DFR_SAFETY_FILES "/version_1.guard");
+  settings = old->settings();
+  settings.strategy = Strategy::kCertified;
+  EXPECT_THAT(message([&] { (void)old->With(settings); }), HasSubstr("fit the guard again"));
+  settings.direction_error = -1.0;
+  EXPECT_THAT(message([&] { (void)old->With(settings); }), HasSubstr("direction_error"));
+}
+
+// By its definition: whatever the assumption allows ends where no alarm is raised.
+TEST(GuardModelTest, CertifySaysWhichActionsProvablyRaiseNoAlarm) {
+  const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
+                                     {.features = "tip"});
+  const double eps = model->settings().direction_error;
+  const kernel::WhitenedSupport& support = model->recovery().support();
+  const core::FeatureTransform& features = model->recovery().features();
+  core::Random random(3);
+  int passed = 0;
+  int refused = 0;
+  for (int i = 0; i < 400; ++i) {
+    const int t = i % 18;
+    const std::vector<double> state = {0.0, 0.1 * t + 0.1 * random.Normal(), 0.1 * random.Normal()};
+    const std::vector<double> action = {0.2 * random.Normal(), 0.2 * random.Normal()};
+    const Certification found = model->Certify(t, state, action);
+    Eigen::VectorXd z(2);
+    features.Apply(state, core::AsSpan(z));
+    (found.passes ? passed : refused) += 1;
+    EXPECT_EQ(found.passes, found.margin >= 0.0);
+    const double error = eps * std::hypot(action[0], action[1]);
+    for (int angle = 0; angle < 24; ++angle) {
+      const Eigen::Vector2d direction(std::cos(M_PI * angle / 12.0), std::sin(M_PI * angle / 12.0));
+      const auto deepest = [&](const Eigen::VectorXd& there) {
+        double best = -std::numeric_limits<double>::infinity();
+        for (int q = 0; q < support.num_steps(); ++q) {
+          best = std::max(best, support.LogDecision(q, core::AsSpan(there), {}));
+        }
+        return best;
+      };
+      if (found.passes) {
+        EXPECT_GE(deepest(z + found.effect + error * direction),
+                  -model->settings().alarm_level - 1e-9);
+      }
+      if (found.radius > 0.0) {
+        EXPECT_GE(deepest(z + found.radius * direction), -model->settings().alarm_level - 1e-9);
+        EXPECT_GE(deepest(z + found.shift + found.ball_radius * direction),
+                  -model->settings().alarm_level - 1e-9);
+      }
+    }
+  }
+  EXPECT_GT(passed, 40);
+  EXPECT_GT(refused, 40);
+  EXPECT_THROW((void)model->Certify(0, std::vector{0.0}, std::vector{0.0, 0.0}),
+               std::invalid_argument);
+  EXPECT_THROW((void)model->Certify(0, std::vector{0.0, 0.0, 0.0}, std::vector{0.0}),
+               std::invalid_argument);
+}
+
+// In the unit of the state: no state that raises no alarm is further from all demonstrated ones.
+TEST(GuardModelTest, ClearanceIsADistanceThatNoStateWithoutAlarmExceeds) {
+  const auto demonstrations = test::CorridorDemonstrations(1, 30);
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  const auto clearances = Clearances(*model);
+  ASSERT_EQ(clearances.size(), 1u) << "no feature looks at the clock";
+  EXPECT_EQ(clearances[0].block, "tip");
+  EXPECT_GE(clearances[0].largest, clearances[0].median);
+  double furthest = 0.0;
+  core::Random random(8);
+  for (int i = 0; i < 20000; ++i) {
+    const std::vector<double> x = {0.0, random.Uniform(-1.0, 3.0), random.Uniform(-1.0, 1.0)};
+    const int t = static_cast<int>(random.Below(20));
+    if (model->support().LogDecision(t, x, {}) < -std::max(0.0, model->settings().alarm_level)) {
+      continue;
+    }
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const auto& d : demonstrations) {
+      for (const auto& row : d.states.rowwise()) {
+        nearest = std::min(nearest, std::hypot(row[1] - x[1], row[2] - x[2]));
+      }
+    }
+    furthest = std::max(furthest, nearest);
+  }
+  EXPECT_GT(furthest, 0.02);
+  EXPECT_LE(furthest, clearances[0].largest);
 }
 
 TEST(GuardModelTest, LevelsFollowFasterAndSlowerEpisodes) {

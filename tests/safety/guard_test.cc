@@ -131,6 +131,45 @@ TEST(GuardTest, IsTheControllerOfItsStrategy) {
   }
 }
 
+// Whatever the policy asks for: no state raises an alarm as long as the robot answers as it did,
+// and the first answer that is too far off halts.
+TEST(GuardTest, ACertifiedGuardRaisesNoAlarmAndHaltsWhereItsAssumptionFails) {
+  const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
+                                     {.features = "tip", .strategy = Strategy::kCertified});
+  Guard guard(model);
+  core::Random random(5);
+  int certified = 0;
+  int steps = 0;
+  for (int episode = 0; episode < 30; ++episode) {
+    guard.Reset(static_cast<std::uint64_t>(episode));
+    test::CorridorPlant plant;
+    std::vector<double> safe(2);
+    for (int t = 0; t < 60; ++t) {
+      const std::vector<double> action = {0.3 * random.Normal() + 0.05, 0.3 * random.Normal()};
+      const Verdict verdict = guard.Filter(t, plant.x, action, safe);
+      ASSERT_NE(verdict.cause, control::HaltCause::kViolated);
+      if (verdict.mode == control::Mode::kHalt) break;
+      EXPECT_FALSE(verdict.alarm) << "episode " << episode << ", step " << t;
+      ++steps;
+      certified += verdict.certified ? 1 : 0;
+      plant.Apply(safe);
+    }
+  }
+  EXPECT_GT(steps, 300);
+  EXPECT_EQ(certified, steps);
+
+  guard.Reset(1);
+  test::CorridorPlant plant;
+  std::vector<double> safe(2);
+  Verdict verdict = guard.Filter(0, plant.x, Action(test::kSpeed, 0.0), safe);
+  ASSERT_TRUE(verdict.certified);
+  // The robot goes the other way.
+  for (double& entry : safe) entry = -entry;
+  plant.Apply(safe);
+  verdict = guard.Filter(1, plant.x, Action(test::kSpeed, 0.0), safe);
+  EXPECT_STREQ(verdict.reason(), "assumption-violated");
+}
+
 TEST(GuardTest, AMonitorPassesEverythingAndRaisesAlarms) {
   Guard guard(Model(Strategy::kMonitor));
   guard.Reset();

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <vector>
 
+#include "dfr/core/folds.h"
 #include "dfr/kernel/whitened_support.h"
 #include "tests/safety/corridor.h"
 
@@ -20,13 +21,13 @@ TEST(GuidedRecoveryTest, PutsTogetherWhatTheLibrariesMake) {
 
   std::vector<core::Matrix> states;
   states.reserve(demonstrations.size());
-  for (const auto& d : demonstrations) states.push_back(d.states);
+  for (const auto& d : core::InContentOrder(demonstrations)) states.push_back(d.states);
   const auto features = core::FeatureTransform::Whitening(Tip(), states);
   std::vector<core::Matrix> points;
   points.reserve(states.size());
   for (const auto& s : states) points.push_back(features.Apply(s));
   const auto support = kernel::WhitenedSupport::Fit(points);
-  const control::GuidedModel model(features, support, demonstrations,
+  const control::GuidedModel model(features, support, core::InContentOrder(demonstrations),
                                    {.slack = control::SlackFrom(kernel::HeldOutLevels(points))});
 
   EXPECT_EQ(recovery.features().scale(), features.scale());

@@ -22,8 +22,8 @@ const char* Name(CertificateKind kind) noexcept {
 }
 
 SafeBall ComputeSafeBall(const core::LogDecisionFunction& support, int t, std::span<const double> z,
-                         std::span<double> shift) noexcept {
-  const double l = support.LogDecision(t, z, shift);
+                         std::span<double> shift, double level) noexcept {
+  const double l = support.LogDecision(t, z, shift) + level;
   const double c = support.curvature_bound(t);
   double square = 0.0;
   for (double& entry : shift) {

@@ -1,6 +1,7 @@
 #include "dfr/control/certifier.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -11,11 +12,19 @@ namespace dfr::control {
 
 using core::AsSpan;
 
-Certifier::Certifier(const Certificate& certificate, int num_features, double control_unit)
+// Phases beside the present one, in the order in which they are looked at: a control is meant for
+// the next one.
+constexpr std::array kOutwards = {1, 0, 2, -1, 3, -2, -3};
+static_assert(kOutwards.size() == 2 * PhaseTracker::kWindow + 1);
+
+Certifier::Certifier(const Certificate& certificate, int num_features, int control_dim,
+                     double control_unit)
     : certificate_(certificate),
       control_unit_(control_unit),
       effect_(Eigen::VectorXd::Zero(num_features)),
-      shift_(Eigen::VectorXd::Zero(num_features)) {
+      shift_(Eigen::VectorXd::Zero(num_features)),
+      there_(Eigen::VectorXd::Zero(num_features)),
+      part_(Eigen::VectorXd::Zero(control_dim)) {
   const bool by_gain = certificate.kind == CertificateKind::kLipschitz ||
                        certificate.kind == CertificateKind::kRadius;
   DFR_THROW_UNLESS(!by_gain || (certificate.gain > 0.0 && std::isfinite(certificate.gain)),
@@ -26,31 +35,73 @@ Certifier::Certifier(const Certificate& certificate, int num_features, double co
           (certificate.direction_error > 0.0 && std::isfinite(certificate.direction_error)),
       "certified-direction needs an eps that is positive and finite, not "
           << certificate.direction_error);
+  DFR_THROW_UNLESS(
+      certificate.level >= 0.0 && std::isfinite(certificate.level),
+      "the level of a certificate must not be negative, and finite: " << certificate.level);
+  DFR_THROW_UNLESS(certificate.state_error >= 0.0 && std::isfinite(certificate.state_error),
+                   "the state error of a certificate must not be negative, and finite: "
+                       << certificate.state_error);
 }
 
 void Certifier::Reset() noexcept { violation_ = {}; }
+
+Certifier::Need Certifier::Check(const LocalModel& model, int phase,
+                                 const Eigen::VectorXd& v) noexcept {
+  // Rounding of l must not carry a control that just passes out of the support.
+  constexpr double kRounding = 1e-12;
+  const double e =
+      certificate_.direction_error * v.norm() * control_unit_ + certificate_.state_error;
+  there_ = core::AsVector(model.z);
+  model.answer.AddEffect(v, there_);
+  const double l = model.support.LogDecision(phase, AsSpan(there_), AsSpan(shift_));
+  const double level =
+      shift_.norm() * e + model.support.curvature_bound(phase) * e * e - certificate_.level;
+  return {phase, level, level + kRounding - l};
+}
+
+Certifier::Need Certifier::Predict(const LocalModel& model, int phase,
+                                   const Eigen::VectorXd& v) noexcept {
+  Need best{.phase = phase, .missing = std::numeric_limits<double>::infinity()};
+  for (const int offset : kOutwards) {
+    if (phase + offset < 0) continue;
+    const Need need = Check(model, phase + offset, v);
+    if (need.missing < best.missing) best = need;
+    if (best.met()) break;
+  }
+  return best;
+}
 
 double Certifier::Share(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept {
   const double norm = v.norm() * control_unit_;
   if (!active() || norm == 0.0) return 1.0;
   // Rounding must not carry a control that just passes over the bound.
   constexpr double kInside = 1.0 - 1e-9;
+  if (predicts() && Predict(model, phase, v).met()) return 1.0;
   effect_.noalias() = model.answer.jacobian().lazyProduct(v);
   double best = 0.0;
   for (int q = std::max(0, phase - PhaseTracker::kWindow);
        q <= phase + PhaseTracker::kWindow && best < 1.0; ++q) {
     double share = 0.0;
     if (certificate_.kind == CertificateKind::kLipschitz) {
-      const double room = model.support.Decision(q, model.z) / model.support.lipschitz_bound(q);
+      const double room =
+          (model.support.Decision(q, model.z) - model.support.FromLog(q, -certificate_.level)) /
+              model.support.lipschitz_bound(q) -
+          certificate_.state_error;
       share = room / (certificate_.gain * norm) * kInside;
     } else {
-      const SafeBall ball = ComputeSafeBall(model.support, q, model.z, AsSpan(shift_));
+      SafeBall ball =
+          ComputeSafeBall(model.support, q, model.z, AsSpan(shift_), certificate_.level);
+      ball.radius -= certificate_.state_error;
       share = certificate_.kind == CertificateKind::kRadius
                   ? ball.worst_radius() / (certificate_.gain * norm) * kInside
                   : LargestShare(ball, AsSpan(shift_), AsSpan(effect_),
                                  certificate_.direction_error * norm);
     }
     best = std::max(best, std::clamp(share, 0.0, 1.0));
+  }
+  for (double share = 0.5; predicts() && share >= 0.25 && share > best; share /= 2.0) {
+    part_ = share * v;
+    if (Check(model, phase + 1, part_).met() || Check(model, phase, part_).met()) best = share;
   }
   return best;
 }
@@ -64,7 +115,10 @@ bool Certifier::Confirms(int control, const Eigen::VectorXd& v, const Eigen::Vec
   const bool direction = certificate_.kind == CertificateKind::kDirection;
   const double change = direction ? (dz - effect).norm() : dz.norm();
   const double allowed = direction ? certificate_.direction_error : certificate_.gain;
-  if (change <= allowed * norm * (1.0 + kRounding) + kRounding) return true;
+  // Both states are observed ones.
+  if (change <= allowed * norm * (1.0 + kRounding) + 2.0 * certificate_.state_error + kRounding) {
+    return true;
+  }
   const double observed = norm > 0.0 ? change / norm : std::numeric_limits<double>::infinity();
   violation_ = {control, observed, allowed};
   return false;

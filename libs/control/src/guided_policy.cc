@@ -125,7 +125,8 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
       estimate_(model.prior(), options.drift_time, Scope(model, options)),
       reach_(std::min(options.reach * model.slack(), kMostReach)),
       tracker_(model.support()),
-      certifier_(options.certificate, model.features().num_features(), model.control_unit()) {
+      certifier_(options.certificate, model.features().num_features(), model.control_dim(),
+                 model.control_unit()) {
   for (Eigen::VectorXd* v : {&z_, &seen_, &last_seen_, &effect_, &dz_}) {
     *v = Eigen::VectorXd::Zero(model.features().num_features());
   }
@@ -157,12 +158,14 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   estimate_.Smooth(z_);
   estimate_.AddPending(z_);
 
-  step.log_g = certifier_.active() ? tracker_.Enter(AsSpan(z_))
+  step.log_g = certifier_.active() ? tracker_.Enter(AsSpan(z_), -certifier_.level())
                                    : support.LogDecision(tracker_.phase(), AsSpan(z_), {});
   step.t = tracker_.phase();
   step.g = support.FromLog(step.t, step.log_g);
   if (!std::isfinite(step.log_g)) return Halt(step, HaltCause::kSupportInvalid);
-  if (certifier_.active() && step.log_g < 0.0) return Halt(step, HaltCause::kOutsideSupport);
+  if (certifier_.active() && step.log_g < -certifier_.level()) {
+    return Halt(step, HaltCause::kOutsideSupport);
+  }
   progress_.waited = tracker_.waited();
   if (!certifier_.active()) progress_.time = tracker_.phase();
   if (const HaltCause cause = halt_rule_(progress_); cause != HaltCause::kNone) {
@@ -248,8 +251,34 @@ bool GuidedPolicy::Probe(const LocalModel& model, double& level) noexcept {
   return true;
 }
 
+bool GuidedPolicy::Project(const LocalModel& model, int phase) noexcept {
+  // The need is met a little later than it is computed: the slope of l differs where v leads to.
+  constexpr int kRounds = 3;
+  constexpr double kOvershoot = 0.02;
+  Certifier::Need need = certifier_.Predict(model, phase, v_);
+  for (int round = 0; round < kRounds && !need.met(); ++round) {
+    if (RaiseLevel(model, {need.phase, need.level + kOvershoot}, limits_, v_) < need.level) break;
+    need = certifier_.Check(model, need.phase, v_);
+  }
+  return need.met();
+}
+
 bool GuidedPolicy::Certify(const LocalModel& model, Step& step) noexcept {
   bool gets_on = step.mode != Mode::kProbe;
+  if (gets_on && certifier_.predicts()) {
+    trial_ = v_;
+    if (!Project(model, step.t)) {
+      // What demonstrations did nearby, as near to it as is certified.
+      demonstrated_ = trial_;
+      const bool known = estimate_.Demonstrated(v_);
+      v_ = v_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
+      if (known && Project(model, step.t)) {
+        step.mode = Mode::kRecovery;
+      } else {
+        v_ = demonstrated_;
+      }
+    }
+  }
   double share = certifier_.Share(model, step.t, v_);
   if (share < kLeastShare) {
     // So near to the boundary in this direction: make all the room there is first.

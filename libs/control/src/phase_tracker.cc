@@ -6,6 +6,12 @@
 #include <limits>
 
 namespace dfr::control {
+namespace {
+
+// PhaseTracker::Fit() then takes every level.
+constexpr double kAny = -std::numeric_limits<double>::infinity();
+
+}  // namespace
 
 void PhaseTracker::Reset(int first) noexcept {
   phase_ = first;
@@ -27,7 +33,7 @@ bool PhaseTracker::Overtake(std::span<const double> z) noexcept {
   const int phase = phase_;
   static_cast<void>(Fit(z, phase,
                         std::max(phase, std::min(phase + kWindow, support_->num_steps() - 1)),
-                        phase, /*inside=*/false));
+                        phase, kAny));
   if (phase_ == phase) return false;
   waited_ = 0;
   return true;
@@ -37,22 +43,21 @@ double PhaseTracker::Follow(std::span<const double> z) noexcept {
   const int last = support_->num_steps() - 1;
   const int expected = std::min(expected_, last);
   phase_ = expected;
-  const double l = Fit(z, std::max(0, expected - kWindow), std::min(last, expected + kWindow),
-                       expected, /*inside=*/false);
+  const double l =
+      Fit(z, std::max(0, expected - kWindow), std::min(last, expected + kWindow), expected, kAny);
   expected_ = phase_ + 1;
   return l;
 }
 
-double PhaseTracker::Enter(std::span<const double> z) noexcept {
+double PhaseTracker::Enter(std::span<const double> z, double least) noexcept {
   // A certified control ends inside a phase near the one it was chosen at, which is one less than
   // phase_ if that has advanced.
-  const double l =
-      Fit(z, std::max(0, phase_ - kWindow - 1), phase_ + kWindow, phase_, /*inside=*/true);
-  return l >= 0.0 ? l : support_->LogDecision(phase_, z, {});
+  const double l = Fit(z, std::max(0, phase_ - kWindow - 1), phase_ + kWindow, phase_, least);
+  return l >= least ? l : support_->LogDecision(phase_, z, {});
 }
 
 double PhaseTracker::Fit(std::span<const double> z, int first, int last, int expected,
-                         bool inside) noexcept {
+                         double least) noexcept {
   // A phase to the side costs little, so that within a wide support the clock decides.
   constexpr double kPenalty = 0.05;
   constexpr double kNowhere = -std::numeric_limits<double>::infinity();
@@ -61,7 +66,7 @@ double PhaseTracker::Fit(std::span<const double> z, int first, int last, int exp
   for (int q = first; q <= last; ++q) {
     const double l = support_->LogDecision(q, z, {});
     const double score = l - kPenalty * std::abs(q - expected);
-    if (score > best && (!inside || l >= 0.0)) {
+    if (score > best && l >= least) {
       best = score;
       level = l;
       phase_ = q;

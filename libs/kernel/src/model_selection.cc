@@ -109,16 +109,31 @@ struct Tally {
   }
 };
 
+// The smallest k with P(Beta(k, n + 1 - k) >= 1 - alpha) >= confidence; n + 1 if there is none.
+// That probability is the one of at most k - 1 successes in n trials of 1 - alpha each.
+double ToleranceRank(double n, double alpha, double confidence) {
+  double sum = 0.0;
+  for (double k = 0.0; k < n; ++k) {
+    sum += std::exp(std::lgamma(n + 1.0) - std::lgamma(k + 1.0) - std::lgamma(n - k + 1.0) +
+                    k * std::log1p(-alpha) + (n - k) * std::log(alpha));
+    if (sum >= confidence) return k + 1.0;
+  }
+  return n + 1.0;
+}
+
 }  // namespace
 
-double ConformalThreshold(std::span<const double> scores, double alpha) {
+double ConformalThreshold(std::span<const double> scores, double alpha, double confidence) {
   DFR_THROW_UNLESS(!scores.empty(), "there are no held-out scores");
   DFR_THROW_UNLESS(alpha > 0.0 && alpha < 1.0, "alpha must lie in (0, 1), not " << alpha);
   std::vector<double> sorted(scores.begin(), scores.end());
   for (const double s : sorted) DFR_THROW_UNLESS(!std::isnan(s), "a held-out score is NaN");
   const double n = static_cast<double>(sorted.size());
   // 1e-9 keeps (n + 1)(1 - alpha) = 9.000000000000002 at rank 9.
-  const double rank = std::ceil((n + 1.0) * (1.0 - alpha) - 1e-9);
+  const double mean_rank = std::ceil((n + 1.0) * (1.0 - alpha) - 1e-9);
+  DFR_THROW_UNLESS(confidence >= 0.0 && confidence < 1.0,
+                   "confidence must lie in [0, 1), not be " << confidence);
+  const double rank = confidence > 0.0 ? ToleranceRank(n, alpha, confidence) : mean_rank;
   if (rank > n) return std::numeric_limits<double>::infinity();
   const auto index = static_cast<std::ptrdiff_t>(std::max(rank, 1.0)) - 1;
   std::nth_element(sorted.begin(), sorted.begin() + index, sorted.end());

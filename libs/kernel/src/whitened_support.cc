@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/folds.h"
 #include "dfr/core/local_scatter.h"
 
 namespace dfr::kernel {
@@ -184,18 +185,21 @@ std::vector<double> HeldOutLevels(std::span<const core::Matrix> demonstrations,
   DFR_THROW_UNLESS(folds >= 2, "folds must be at least 2: " << folds);
   DFR_THROW_UNLESS(phase_window >= 0, "phase_window must not be negative: " << phase_window);
   // Two must remain to fit to.
-  const std::size_t groups =
-      std::clamp<std::size_t>(demonstrations.size() / 2, 2, static_cast<std::size_t>(folds));
+  const int groups = std::clamp(
+      static_cast<int>(std::min<std::size_t>(demonstrations.size() / 2, 1U << 20U)), 2, folds);
+  const std::vector<std::size_t> order = core::ContentOrder(demonstrations);
+  const core::Folds left_out = core::StratifiedFolds(demonstrations, groups);
   std::vector<double> levels;
   std::vector<core::Matrix> others;
-  for (std::size_t group = 0; group < groups; ++group) {
+  for (std::size_t group = 0; group < left_out.size(); ++group) {
     others.clear();
-    for (std::size_t d = 0; d < demonstrations.size(); ++d) {
-      if (d % groups != group) others.push_back(demonstrations[d]);
+    others.reserve(order.size());
+    for (const std::size_t d : core::Others(left_out, group, order)) {
+      others.push_back(demonstrations[d]);
     }
     if (others.size() < 2) continue;
     const WhitenedSupport support = WhitenedSupport::Fit(others, options);
-    for (std::size_t d = group; d < demonstrations.size(); d += groups) {
+    for (const std::size_t d : left_out[group]) {
       const core::Matrix& states = demonstrations[d];
       const int last = support.num_steps() - 1;
       for (int t = 0; t < std::min<int>(static_cast<int>(states.rows()), last + 1); ++t) {

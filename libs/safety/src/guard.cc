@@ -47,6 +47,7 @@ class Proposal final : public core::Policy {
 Method MethodOf(Strategy strategy) {
   switch (strategy) {
     case Strategy::kGuided:
+    case Strategy::kCertified:
       return {.name = "guided", .kind = Method::Kind::kGuided};
     case Strategy::kDfr:
       return {.name = "dfr", .recovery = control::Recovery::kDfr};
@@ -65,6 +66,9 @@ std::unique_ptr<control::Controller> MakeController(
   ControllerOptions options{.horizon = settings.horizon};
   options.guided.max_controls = settings.max_actions;
   options.guided.control_limit = settings.action_limit;
+  if (strategy == nullptr && settings.strategy == Strategy::kCertified) {
+    options.guided.certificate = model.certificate();
+  }
   return strategy != nullptr
              ? model.task().MakeController(std::move(strategy), proposal, options)
              : model.task().MakeController(MethodOf(settings.strategy), proposal, options);
@@ -146,8 +150,11 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
   verdict.cause = step.cause;
   verdict.step = step.t;
   verdict.threshold = step.threshold;
+  verdict.certified = step.certified;
   if (static_cast<int>(state.size()) == state_dim() && AllFinite(state)) {
-    const double level = loop.tracker.Follow(state);
+    double level = loop.tracker.Follow(state);
+    // What is certified is a level at the controller's time step, which may be another one.
+    if (step.certified) level = std::max(level, step.log_g);
     verdict.alarm = !(level >= -model_->settings().alarm_level);
     verdict.alarm_step = loop.tracker.phase();
     if (loop.monitors) verdict.step = verdict.alarm_step;

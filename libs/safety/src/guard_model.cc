@@ -1,5 +1,7 @@
 #include "dfr/safety/guard_model.h"
 
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -8,12 +10,15 @@
 #include <stdexcept>
 #include <utility>
 
+#include "dfr/control/certifier.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_transform.h"
+#include "dfr/core/folds.h"
 #include "dfr/core/format.h"
+#include "dfr/kernel/cover_radius.h"
 #include "dfr/kernel/model_selection.h"
 
 namespace dfr::safety {
@@ -23,7 +28,7 @@ constexpr std::string_view kKind = "guard";
 constexpr int kVersion = 4;
 
 constexpr std::array kStrategies = {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping,
-                                    Strategy::kMonitor};
+                                    Strategy::kMonitor, Strategy::kCertified};
 
 // A guard gives up after so many actions a policy's action at the most.
 constexpr int kActionsPerStep = 12;
@@ -36,6 +41,9 @@ void Check(const GuardSettings& settings) {
                    "action_limit must be positive and finite, not " << settings.action_limit);
   DFR_THROW_UNLESS(std::isfinite(settings.alarm_level),
                    "alarm_level must be finite, not " << settings.alarm_level);
+  DFR_THROW_UNLESS(
+      settings.direction_error >= 0.0 && std::isfinite(settings.direction_error),
+      "direction_error must not be negative, and finite: " << settings.direction_error);
 }
 
 void Check(const core::StateLayout& layout, std::span<const core::Trajectory> demonstrations) {
@@ -75,47 +83,103 @@ std::vector<double> Follow(const core::LogDecisionFunction& support, const core:
 // What supports make of demonstrations that they have not seen.
 struct HeldOut {
   std::vector<double> worst;  // -l at the worst state of each demonstration
-  double acceptance = 0.0;
-  double inside_throughout = 0.0;
+  double inside = 0.0;        // States.
+  double states = 0.0;
+  int inside_throughout = 0;
+
+  void Add(const core::LogDecisionFunction& support, const core::Matrix& points) {
+    const std::vector<double> levels = Follow(support, points, nullptr);
+    const double lowest = *std::min_element(levels.begin(), levels.end());
+    worst.push_back(-lowest);
+    inside_throughout += lowest >= 0.0 ? 1 : 0;
+    states += static_cast<double>(levels.size());
+    inside += static_cast<double>(
+        std::count_if(levels.begin(), levels.end(), [](double l) { return l >= 0.0; }));
+  }
 };
 
-std::optional<HeldOut> LeaveOut(const core::FeatureTransform& features,
-                                std::span<const core::Trajectory> demonstrations,
-                                const GuardOptions& options) {
-  const std::size_t folds = std::clamp<std::size_t>(demonstrations.size() / 2, 2,
-                                                    static_cast<std::size_t>(options.folds));
-  std::vector<core::Matrix> points;
-  for (const core::Trajectory& demonstration : demonstrations) {
-    points.push_back(features.Apply(demonstration.states));
-  }
-  HeldOut held_out;
-  double inside = 0.0;
-  double states = 0.0;
-  for (std::size_t fold = 0; fold < folds; ++fold) {
-    if (options.progress &&
-        !options.progress("leaving demonstrations out",
-                          0.6 * static_cast<double>(fold) / static_cast<double>(folds))) {
+// How many groups demonstrations are left out in: two must remain to fit to.
+int NumFolds(std::size_t demonstrations, int most) {
+  return std::min(most, std::max(2, static_cast<int>(demonstrations / 2)));
+}
+
+// The demonstrations of each fold under a support that has not seen them, in the order of `order`;
+// nothing if `going_on` says so. Where there are three, one has no support.
+std::optional<HeldOut> LeaveOut(std::span<const core::Matrix> points, const core::Folds& folds,
+                                std::span<const std::size_t> order,
+                                const kernel::WhitenedSupportOptions& options,
+                                const std::function<bool(double share)>& going_on) {
+  std::vector<HeldOut> each(points.size());
+  for (std::size_t fold = 0; fold < folds.size(); ++fold) {
+    if (!going_on(static_cast<double>(fold) / static_cast<double>(folds.size()))) {
       return std::nullopt;
     }
     std::vector<core::Matrix> others;
-    for (std::size_t d = 0; d < points.size(); ++d) {
-      if (d % folds != fold) others.push_back(points[d]);
-    }
+    others.reserve(points.size());
+    for (const std::size_t d : core::Others(folds, fold, order)) others.push_back(points[d]);
     if (others.size() < 2) continue;
-    const auto support = kernel::WhitenedSupport::Fit(others, options.support);
-    for (std::size_t d = fold; d < points.size(); d += folds) {
-      const std::vector<double> levels = Follow(support, points[d], nullptr);
-      const double lowest = *std::min_element(levels.begin(), levels.end());
-      held_out.worst.push_back(-lowest);
-      held_out.inside_throughout += lowest >= 0.0 ? 1.0 : 0.0;
-      states += static_cast<double>(levels.size());
-      inside += static_cast<double>(
-          std::count_if(levels.begin(), levels.end(), [](double l) { return l >= 0.0; }));
-    }
+    const auto support = kernel::WhitenedSupport::Fit(others, options);
+    for (const std::size_t d : folds[fold]) each[d].Add(support, points[d]);
   }
-  held_out.acceptance = inside / states;
-  held_out.inside_throughout /= static_cast<double>(held_out.worst.size());
-  return held_out;
+  HeldOut all;
+  for (const std::size_t d : order) {
+    all.worst.insert(all.worst.end(), each[d].worst.begin(), each[d].worst.end());
+    all.inside += each[d].inside;
+    all.states += each[d].states;
+    all.inside_throughout += each[d].inside_throughout;
+  }
+  return all;
+}
+
+// Wilcoxon's signed-rank test, by its normal approximation: how likely it is that `higher` is above
+// `lower` as much as it is, or more, if differences are as likely to be negative as positive.
+double ChanceOfBeingHigher(std::span<const double> higher, std::span<const double> lower) {
+  std::vector<double> differences;
+  for (std::size_t i = 0; i < std::min(higher.size(), lower.size()); ++i) {
+    if (higher[i] < lower[i] || higher[i] > lower[i]) differences.push_back(higher[i] - lower[i]);
+  }
+  std::sort(differences.begin(), differences.end(),
+            [](double a, double b) { return std::abs(a) < std::abs(b); });
+  const auto n = static_cast<double>(differences.size());
+  double ranks = 0.0;
+  for (std::size_t i = 0; i < differences.size(); ++i) {
+    if (differences[i] > 0.0) ranks += static_cast<double>(i) + 1.0;
+  }
+  const double spread = std::sqrt(n * (n + 1.0) * (2.0 * n + 1.0) / 24.0);
+  if (!(spread > 0.0)) return 1.0;
+  return 0.5 * std::erfc((ranks - n * (n + 1.0) / 4.0) / spread / std::sqrt(2.0));
+}
+
+// The alarm level, and what is promised of it.
+struct AlarmLevel {
+  double level = 0.0;
+  double false_alarms = 0.0;
+  double confidence = 0.0;
+};
+
+AlarmLevel AlarmLevelOf(const std::vector<double>& worst, const GuardOptions& options) {
+  const double promised =
+      kernel::ConformalThreshold(worst, options.false_alarms, options.confidence);
+  if (std::isfinite(promised)) return {promised, options.false_alarms, options.confidence};
+  // With few demonstrations none of them promises so little; their worst is what there is.
+  return {*std::max_element(worst.begin(), worst.end()),
+          1.0 / static_cast<double>(worst.size() + 1), 0.0};
+}
+
+void Write(core::ArchiveWriter& archive, const control::EstimatedConstant& constant) {
+  archive.Number(constant.value);
+  archive.Number(constant.confidence);
+  archive.Number(constant.coverage);
+  archive.Integer(constant.demonstrations);
+}
+
+control::EstimatedConstant ReadConstant(core::ArchiveReader& archive) {
+  control::EstimatedConstant constant;
+  constant.value = archive.Number();
+  constant.confidence = archive.Number();
+  constant.coverage = archive.Number();
+  constant.demonstrations = archive.IntegerIn(0, 1 << 30);
+  return constant;
 }
 
 }  // namespace
@@ -130,6 +194,8 @@ const char* Name(Strategy strategy) noexcept {
       return "early-stopping";
     case Strategy::kMonitor:
       return "monitor";
+    case Strategy::kCertified:
+      return "certified";
   }
   return "unknown";
 }
@@ -139,7 +205,7 @@ Strategy ParseStrategy(std::string_view name) {
     if (name == Name(strategy)) return strategy;
   }
   throw std::invalid_argument("there is no strategy '" + std::string(name) +
-                              "'; there are: guided, dfr, early-stopping, monitor");
+                              "'; there are: guided, dfr, early-stopping, monitor, certified");
 }
 
 std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layout,
@@ -150,23 +216,63 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2: " << options.folds);
   DFR_THROW_UNLESS(options.action_limit >= 0.0,
                    "action_limit must not be negative: " << options.action_limit);
+  DFR_THROW_UNLESS(options.hold_out >= 0.0 && options.hold_out <= 0.5,
+                   "hold_out must lie in [0, .5], not be " << options.hold_out);
+  DFR_THROW_UNLESS(options.error_factor > 0.0 && std::isfinite(options.error_factor),
+                   "error_factor must be positive and finite, not " << options.error_factor);
   const auto going_on = [&](std::string_view stage, double share) {
     return !options.progress || options.progress(stage, share);
   };
   const core::FeatureSelection selection = options.features.empty()
                                                ? core::FeatureSelection::All(layout.state_dim())
                                                : core::FeatureSelection(layout, options.features);
+  const std::vector<std::size_t> order = core::ContentOrder(demonstrations);
+  const std::vector<core::Trajectory> ordered = core::InContentOrder(demonstrations);
   std::vector<core::Matrix> states;
+  states.reserve(ordered.size());
+  for (const core::Trajectory& demonstration : ordered) states.push_back(demonstration.states);
+  const auto features = core::FeatureTransform::Whitening(selection, states);
+  std::vector<core::Matrix> points;
+  points.reserve(demonstrations.size());
   for (const core::Trajectory& demonstration : demonstrations) {
-    states.push_back(demonstration.states);
+    points.push_back(features.Apply(demonstration.states));
   }
-  const auto held_out =
-      LeaveOut(core::FeatureTransform::Whitening(selection, states), demonstrations, options);
-  if (!held_out || !going_on("fitting the support", 0.6)) return nullptr;
+  // By their content, which has nothing to do with what they are like: a random sample, so that
+  // further demonstrations are exchangeable with those held out.
+  const auto num_held_out = static_cast<std::size_t>(
+      std::ceil(options.hold_out * static_cast<double>(demonstrations.size())));
+  DFR_THROW_UNLESS(demonstrations.size() >= num_held_out + 3,
+                   "holding out " << num_held_out << " of " << demonstrations.size()
+                                  << " demonstrations leaves fewer than 3 to fit to");
+  const std::span<const core::Trajectory> held_out = std::span(ordered).first(num_held_out);
+  const std::span<const core::Trajectory> fitted = std::span(ordered).subspan(num_held_out);
+
+  const int num_folds = NumFolds(demonstrations.size(), options.folds);
+  const auto left_out =
+      LeaveOut(points, core::StratifiedFolds(points, num_folds), order, options.support,
+               [&](double s) { return going_on("leaving demonstrations out", 0.3 * s); });
+  if (!left_out) return nullptr;
+  const auto contiguous =
+      LeaveOut(points, core::ContiguousFolds(points.size(), num_folds), order, options.support,
+               [&](double s) { return going_on("leaving stretches out", 0.3 + 0.3 * s); });
+  if (!contiguous || !going_on("fitting the support", 0.6)) return nullptr;
   auto task = std::make_shared<const TaskModel>(
-      layout, demonstrations,
-      TaskOptions{.guided_features = options.features, .guided = options.support});
+      layout, fitted, TaskOptions{.guided_features = options.features, .guided = options.support});
   if (!going_on("estimating the alarm level", 0.95)) return nullptr;
+
+  const control::GuidedModel& guided = task->guided().model();
+  HeldOut levels = *left_out;
+  if (!held_out.empty()) {
+    levels = {};
+    for (const core::Trajectory& demonstration : held_out) {
+      levels.Add(guided.support(), guided.features().Apply(demonstration.states));
+    }
+  }
+  const AlarmLevel alarm = AlarmLevelOf(levels.worst, options);
+  DFR_THROW_UNLESS(std::isfinite(alarm.level),
+                   "no alarm level can be found: a demonstration is infinitely far from the others "
+                   "in the features "
+                       << (options.features.empty() ? "of the whole state" : options.features));
 
   GuardSettings settings;
   settings.strategy = options.strategy;
@@ -181,28 +287,29 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   settings.horizon = options.horizon > 0 ? options.horizon : static_cast<int>(2 * longest);
   settings.max_actions = kActionsPerStep * settings.horizon;
   settings.action_limit = options.action_limit > 0.0 ? options.action_limit : largest;
-  // With few demonstrations none of them promises so little; their worst is what there is.
-  const double promised = kernel::ConformalThreshold(held_out->worst, options.false_alarms);
-  const double worst = *std::max_element(held_out->worst.begin(), held_out->worst.end());
-  settings.alarm_level = std::isfinite(promised) ? promised : worst;
-  DFR_THROW_UNLESS(std::isfinite(settings.alarm_level),
-                   "no alarm level can be found: a demonstration is infinitely far from the others "
-                   "in the features "
-                       << (options.features.empty() ? "of the whole state" : options.features));
+  settings.alarm_level = alarm.level;
 
   std::shared_ptr<GuardModel> model(new GuardModel);
+  model->summary_ = {
+      .source = options.source,
+      .version = core::BuildVersion(),
+      .demonstrations = static_cast<int>(demonstrations.size()),
+      .transitions = static_cast<int>(transitions),
+      .nu = options.support.svm.nu,
+      .gamma = options.support.svm.gamma,
+      .acceptance = levels.inside / levels.states,
+      .inside_throughout = levels.inside_throughout / static_cast<double>(levels.worst.size()),
+      .false_alarms = alarm.false_alarms,
+      .confidence = alarm.confidence,
+      .held_out = static_cast<int>(held_out.size()),
+      .drift_level = AlarmLevelOf(contiguous->worst, options).level,
+      .drift_chance = ChanceOfBeingHigher(contiguous->worst, left_out->worst),
+      .direction_error = held_out.empty()
+                             ? control::EstimateDirectionError(guided.features(), fitted)
+                             : control::EstimateDirectionError(guided, held_out),
+      .gain = control::EstimateGain(guided.features(), held_out.empty() ? fitted : held_out)};
+  settings.direction_error = options.error_factor * model->summary_.direction_error.value;
   model->Complete(layout, std::move(task), settings);
-  model->summary_ = {.source = options.source,
-                     .version = core::BuildVersion(),
-                     .demonstrations = static_cast<int>(demonstrations.size()),
-                     .transitions = static_cast<int>(transitions),
-                     .nu = options.support.svm.nu,
-                     .gamma = options.support.svm.gamma,
-                     .acceptance = held_out->acceptance,
-                     .inside_throughout = held_out->inside_throughout,
-                     .false_alarms = std::isfinite(promised)
-                                         ? options.false_alarms
-                                         : 1.0 / static_cast<double>(held_out->worst.size() + 1)};
   if (!going_on("done", 1.0)) return nullptr;
   return model;
 }
@@ -213,6 +320,57 @@ void GuardModel::Complete(core::StateLayout layout, std::shared_ptr<const TaskMo
   layout_ = std::move(layout);
   task_ = std::move(task);
   settings_ = settings;
+  if (settings.strategy == Strategy::kCertified) static_cast<void>(certificate());
+}
+
+control::Certificate GuardModel::certificate() const {
+  DFR_THROW_UNLESS(settings_.direction_error > 0.0,
+                   "a certificate needs to know how wrong J is: fit the guard again, or set "
+                   "direction_error");
+  DFR_THROW_UNLESS(!recovery().single_precision(),
+                   "a certificate is to hold to the last digit: fit the guard in double precision");
+  return {.kind = control::CertificateKind::kDirection,
+          .direction_error = settings_.direction_error,
+          .level = std::max(0.0, settings_.alarm_level)};
+}
+
+Certification GuardModel::Certify(int t, std::span<const double> state,
+                                  std::span<const double> action) const {
+  DFR_THROW_UNLESS(
+      static_cast<int>(state.size()) == state_dim(),
+      "the state has " << state.size() << " entries, the guard's have " << state_dim());
+  DFR_THROW_UNLESS(
+      static_cast<int>(action.size()) == action_dim(),
+      "the action has " << action.size() << " entries, the guard's have " << action_dim());
+  const control::Certificate certificate = this->certificate();
+  const control::GuidedModel& model = recovery().model();
+  const int n = model.features().num_features();
+  Eigen::VectorXd z(n);
+  model.features().Apply(state, core::AsSpan(z));
+  control::JacobianEstimate answer(model.prior());
+  answer.Compute(t, core::AsSpan(z));
+  const Eigen::VectorXd v = core::AsVector(action) / model.control_unit();
+  Certification found;
+  found.effect = answer.jacobian() * v;
+  found.ball_radius = -1.0;
+  found.radius = -1.0;
+  Eigen::VectorXd shift(n);
+  for (int q = std::max(0, t - control::PhaseTracker::kWindow);
+       q <= t + control::PhaseTracker::kWindow; ++q) {
+    const control::SafeBall ball = control::ComputeSafeBall(model.support(), q, core::AsSpan(z),
+                                                            core::AsSpan(shift), certificate.level);
+    if (ball.radius < 0.0 || ball.worst_radius() <= found.radius) continue;
+    found.radius = ball.worst_radius();
+    found.ball_radius = ball.radius;
+    found.shift = shift;
+  }
+  control::Certifier certifier(certificate, n, action_dim(), model.control_unit());
+  const control::LocalModel local{model.support(), answer, core::AsSpan(z)};
+  const control::Certifier::Need need = certifier.Predict(local, t, v);
+  found.passes = need.met();
+  found.step = need.phase;
+  found.margin = -need.missing;
+  return found;
 }
 
 std::shared_ptr<const GuardModel> GuardModel::With(const GuardSettings& settings) const {
@@ -235,6 +393,7 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   archive.Integer(settings_.max_actions);
   archive.Number(settings_.action_limit);
   archive.Number(settings_.alarm_level);
+  archive.Number(settings_.direction_error);
   archive.Text(summary_.source);
   archive.Text(summary_.version);
   archive.Integer(summary_.demonstrations);
@@ -243,6 +402,12 @@ void GuardModel::Save(const std::filesystem::path& path) const {
                              summary_.inside_throughout, summary_.false_alarms}) {
     archive.Number(value);
   }
+  archive.Number(summary_.confidence);
+  archive.Integer(summary_.held_out);
+  archive.Number(summary_.drift_level);
+  archive.Number(summary_.drift_chance);
+  Write(archive, summary_.direction_error);
+  Write(archive, summary_.gain);
   archive.Numbers(lambda());
   recovery().Save(archive);
   archive.Save(path);
@@ -251,6 +416,7 @@ void GuardModel::Save(const std::filesystem::path& path) const {
 std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& path) {
   core::ArchiveReader archive(path, kKind, kVersion);
   constexpr int kMost = 1 << 30;
+  constexpr int kWithConstants = 4;
   try {
     core::StateLayout layout;
     const int blocks = archive.IntegerIn(1, 1 << 16);
@@ -268,6 +434,9 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     settings.max_actions = archive.IntegerIn(1, kMost);
     settings.action_limit = archive.Number();
     settings.alarm_level = archive.Number();
+    // Earlier files do not know what certificates need.
+    const bool has_constants = archive.version() >= kWithConstants;
+    if (has_constants) settings.direction_error = archive.Number();
     GuardSummary summary;
     summary.source = archive.Text();
     summary.version = archive.Text();
@@ -278,6 +447,14 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     summary.acceptance = archive.Number();
     summary.inside_throughout = archive.Number();
     summary.false_alarms = archive.Number();
+    if (has_constants) {
+      summary.confidence = archive.Number();
+      summary.held_out = archive.IntegerIn(0, kMost);
+      summary.drift_level = archive.Number();
+      summary.drift_chance = archive.Number();
+      summary.direction_error = ReadConstant(archive);
+      summary.gain = ReadConstant(archive);
+    }
     std::vector<double> lambda = archive.Numbers();
     auto recovery = GuidedRecovery::Load(archive, std::move(selection));
     archive.End();
@@ -303,6 +480,8 @@ std::vector<std::string> Findings(const GuardModel& model) {
   constexpr double kLeastAcceptance = 0.7;
   constexpr double kLowestAlarm = 3.0;
   constexpr double kMostOvershoot = 5.0;
+  constexpr double kUnlikely = 0.01;
+  constexpr double kLeastDrift = 0.2;
   const GuardSummary& summary = model.summary();
   const GuardSettings& settings = model.settings();
   std::vector<std::string> findings;
@@ -324,6 +503,14 @@ std::vector<std::string> Findings(const GuardModel& model) {
         "unlike the others, or allow more --false-alarms",
         -settings.alarm_level));
   }
+  if (summary.drift_chance < kUnlikely &&
+      summary.drift_level > settings.alarm_level + kLeastDrift) {
+    findings.push_back(core::Format(
+        "conditions of recording drift: supports that have not seen a stretch of the recording "
+        "would need an alarm at l < %.3g instead of %.3g. Record in all conditions that the policy "
+        "will meet, and mix them",
+        -summary.drift_level, -settings.alarm_level));
+  }
   const double ordinary = model.recovery().model().control_unit();
   if (settings.action_limit > kMostOvershoot * ordinary) {
     findings.push_back(core::Format(
@@ -332,6 +519,60 @@ std::vector<std::string> Findings(const GuardModel& model) {
         settings.action_limit, ordinary));
   }
   return findings;
+}
+
+std::string Promise(const GuardSummary& summary) {
+  const std::string whom =
+      summary.confidence > 0.0
+          ? core::Format("with %.3g %% confidence for this fit", 100.0 * summary.confidence)
+          : std::string("on average over fits");
+  return summary.held_out > 0
+             ? whom + core::Format(", by %d demonstrations that nothing was fitted to",
+                                   summary.held_out)
+             : whom + ", approximately: by fits that left some out";
+}
+
+std::vector<Clearance> Clearances(const GuardModel& model) {
+  const core::FeatureTransform& features = model.recovery().features();
+  const kernel::WhitenedSupport& support = model.recovery().support();
+  const std::vector<int>& entries = features.selection().indices();
+  const double level = std::max(0.0, model.settings().alarm_level);
+  std::vector<Clearance> clearances;
+  std::vector<std::vector<double>> lengths;
+  std::vector<std::vector<Eigen::Index>> columns;
+  for (const auto& block : model.layout().blocks) {
+    std::vector<Eigen::Index> own;
+    for (std::size_t k = 0; k < entries.size(); ++k) {
+      if (entries[k] >= block.offset && entries[k] < block.offset + block.size) {
+        own.push_back(static_cast<Eigen::Index>(k));
+      }
+    }
+    if (own.empty()) continue;
+    clearances.push_back({.block = block.name});
+    columns.push_back(std::move(own));
+  }
+  lengths.resize(clearances.size());
+  for (int t = 0; t < support.num_steps(); ++t) {
+    const double radius = kernel::CoverRadius(support.estimate(t), level);
+    // y = M x: |y - y_i| <= radius bounds a block of x - x_i by its rows of the inverse of M.
+    const Eigen::MatrixXd map = support.map(t) * features.scale();
+    const Eigen::MatrixXd inverse = map.completeOrthogonalDecomposition().pseudoInverse();
+    for (std::size_t b = 0; b < clearances.size(); ++b) {
+      const double length =
+          radius * Eigen::MatrixXd(inverse(columns[b], Eigen::all)).operatorNorm();
+      lengths[b].push_back(length);
+      if (length > clearances[b].largest) {
+        clearances[b].largest = length;
+        clearances[b].step = t;
+      }
+    }
+  }
+  for (std::size_t b = 0; b < clearances.size(); ++b) {
+    const auto middle = lengths[b].begin() + std::ssize(lengths[b]) / 2;
+    std::nth_element(lengths[b].begin(), middle, lengths[b].end());
+    clearances[b].median = *middle;
+  }
+  return clearances;
 }
 
 std::string StripObservationPrefixes(std::string_view features) {

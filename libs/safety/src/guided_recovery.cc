@@ -6,6 +6,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_transform.h"
+#include "dfr/core/folds.h"
 #include "dfr/kernel/one_class_svm.h"
 
 namespace dfr::safety {
@@ -19,7 +20,9 @@ core::FeatureTransform Whitened(const core::FeatureSelection& selection,
                                 const core::WhiteningOptions& options) {
   std::vector<core::Matrix> states;
   states.reserve(demonstrations.size());
-  for (const core::Trajectory& trajectory : demonstrations) states.push_back(trajectory.states);
+  for (const std::size_t d : core::ContentOrder(demonstrations)) {
+    states.push_back(demonstrations[d].states);
+  }
   return core::FeatureTransform::Whitening(selection, states, options);
 }
 
@@ -52,9 +55,12 @@ kernel::WhitenedSupport LoadSupport(core::ArchiveReader& archive, bool single_pr
 }  // namespace
 
 struct GuidedRecovery::Prepared {
-  Prepared(core::FeatureTransform transform, std::span<const core::Trajectory> demonstrations)
-      : features(std::move(transform)), points(Points(demonstrations, features)) {}
+  Prepared(core::FeatureTransform transform, std::span<const core::Trajectory> recorded)
+      : features(std::move(transform)),
+        demonstrations(core::InContentOrder(recorded)),
+        points(Points(demonstrations, features)) {}
   core::FeatureTransform features;
+  std::vector<core::Trajectory> demonstrations;
   std::vector<core::Matrix> points;
 };
 
@@ -73,13 +79,12 @@ GuidedRecovery::GuidedRecovery(const core::FeatureSelection& features,
 GuidedRecovery::GuidedRecovery(core::FeatureTransform features,
                                std::span<const core::Trajectory> demonstrations,
                                const kernel::WhitenedSupportOptions& options)
-    : GuidedRecovery(Prepared(std::move(features), demonstrations), demonstrations, options) {}
+    : GuidedRecovery(Prepared(std::move(features), demonstrations), options) {}
 
-GuidedRecovery::GuidedRecovery(Prepared prepared, std::span<const core::Trajectory> demonstrations,
-                               const kernel::WhitenedSupportOptions& options)
+GuidedRecovery::GuidedRecovery(Prepared prepared, const kernel::WhitenedSupportOptions& options)
     : single_precision_(options.single_precision),
       support_(kernel::WhitenedSupport::Fit(prepared.points, options)),
-      model_(std::move(prepared.features), support_, demonstrations,
+      model_(std::move(prepared.features), support_, prepared.demonstrations,
              {.slack = control::SlackFrom(kernel::HeldOutLevels(prepared.points, options))}) {}
 
 GuidedRecovery::GuidedRecovery(Loaded loaded, core::ArchiveReader& archive)

@@ -13,8 +13,11 @@ namespace dfr::control {
 /// The largest ratio of each demonstration is one independent sample; `value` is the largest of
 /// all. With `confidence`, a share of at least `coverage` = (1 - confidence)^(1/demonstrations) of
 /// further demonstrations stays below it throughout (the distribution-free tolerance bound of
-/// Wilks). That says nothing of controls that no demonstration would have made: a factor on top,
-/// and the watch that controllers keep at run time, are for those.
+/// Wilks). That holds for demonstrations that neither features nor J were fitted to. Otherwise the
+/// samples are not of what is used in the end, and the promise holds
+/// approximately; docs/certificates.md has measurements. It says nothing of controls that no
+/// demonstration would have made: a factor on top, and the watch that controllers keep at run time,
+/// are for those.
 struct EstimatedConstant {
   double value = 0.0;
   double confidence = 0.95;
@@ -30,10 +33,17 @@ struct EstimatedConstant {
                                              double confidence = 0.95);
 
 /// eps of |dz - J u| <= eps |u|, with the J that guided recovery has at that moment. Each fifth of
-/// the demonstrations is predicted from the other four fifths and its own past.
+/// the demonstrations (core::StratifiedFolds()) is predicted from the other four fifths and its own
+/// past, so that the J of each is not the one of all: the promise holds approximately.
 /// @throws std::invalid_argument as EstimateGain(), and if there are fewer than two demonstrations.
 [[nodiscard]] EstimatedConstant EstimateDirectionError(
     const core::FeatureTransform& features, std::span<const core::Trajectory> demonstrations,
     const JacobianOptions& options = {}, double confidence = 0.95);
+
+/// The same with the J of a model, on demonstrations that it was not fitted to: the promise holds.
+/// @throws std::invalid_argument as EstimateGain().
+[[nodiscard]] EstimatedConstant EstimateDirectionError(const GuidedModel& model,
+                                                       std::span<const core::Trajectory> held_out,
+                                                       double confidence = 0.95);
 
 }  // namespace dfr::control

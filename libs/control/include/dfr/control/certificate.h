@@ -11,7 +11,9 @@ enum class CertificateKind {
   kNone,       ///< Nothing is certified.
   kLipschitz,  ///< |dz| <= K |u|, and the Lipschitz constant of g: lambda = L K, as in Sec. IV-C.
   kRadius,     ///< |dz| <= K |u|, and the ball of core::LogDecisionFunction::curvature_bound().
-  kDirection,  ///< |dz - J u| <= eps |u|, and the same ball: a better J lets larger steps pass.
+  /// |dz - J u| <= eps |u|, and the ball around the predicted state z + J u, or the same ball as
+  /// kRadius: the better J is, the larger the steps that pass.
+  kDirection,
 };
 
 /// "none", "certified-lipschitz", "certified-radius", "certified-direction".
@@ -22,20 +24,27 @@ struct Certificate {
   CertificateKind kind = CertificateKind::kNone;
   double gain = 0.0;             ///< K, > 0 for kLipschitz and kRadius.
   double direction_error = 0.0;  ///< eps, > 0 for kDirection.
+  /// eta >= 0: what is certified is that the next state is in B_t(eta) = {z : l_t(z) >= -eta} for
+  /// some t near. What supervisors do is inside with a probability that eta decides; it must be
+  /// known of B_t(eta) that it meets no constraint.
+  double level = 0.0;
+  /// delta >= 0: the features of an observed state are this near to those of the true one.
+  double state_error = 0.0;
 };
 
-/// The ball inside B_t around which l_t cannot fall below zero, seen from z:
-/// {z + d : |d - shift| <= radius}, shift = grad l / (2 c), radius^2 = |shift|^2 + l / c.
+/// The ball inside B_t(eta) around which l_t cannot fall below -eta, seen from z:
+/// {z + d : |d - shift| <= radius}, shift = grad l / (2 c), radius^2 = |shift|^2 + (l + eta) / c.
 struct SafeBall {
-  double radius = 0.0;      ///< Negative where l < 0: there is no ball.
+  double radius = 0.0;      ///< Negative where l < -eta: there is no ball.
   double shift_norm = 0.0;  ///< |shift|
   /// How far any change of state may go, whatever its direction.
   [[nodiscard]] double worst_radius() const noexcept { return radius - shift_norm; }
 };
 
-/// The ball at z, its `shift` written out (state_dim() entries). Never allocates.
+/// The ball at z, its `shift` written out (state_dim() entries), for eta = `level`. Never
+/// allocates.
 SafeBall ComputeSafeBall(const core::LogDecisionFunction& support, int t, std::span<const double> z,
-                         std::span<double> shift) noexcept;
+                         std::span<double> shift, double level = 0.0) noexcept;
 
 /// The largest s in [0, 1] with |s a - shift| + s e <= radius: the share of a control that moves
 /// the features by `a`, give or take `e`, which provably stays in the ball. 0 where there is none.

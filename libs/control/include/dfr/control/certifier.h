@@ -17,21 +17,42 @@ struct Violation {
   double allowed = 0.0;   ///< ... which was trusted to stay below this.
 };
 
-/// Decides which share of a control provably ends inside the support of some phase near the present
-/// one, and compares afterwards what the certificate trusts with what happened (docs/recovery.md).
-/// Never allocates, locks or throws; one object belongs to one thread.
+/// Decides which controls provably end inside the support of some phase near the present one, and
+/// compares afterwards what the certificate trusts with what happened (docs/certificates.md). Never
+/// allocates, locks or throws; one object belongs to one thread.
 class Certifier {
  public:
   /// @param control_unit  |u| = control_unit |v|.
-  /// @throws std::invalid_argument if the certificate's constant is not positive and finite.
-  Certifier(const Certificate& certificate, int num_features, double control_unit);
+  /// @throws std::invalid_argument if the certificate's constant is not positive and finite, or its
+  ///   level is negative or not finite.
+  Certifier(const Certificate& certificate, int num_features, int control_dim, double control_unit);
 
   /// Off: every control passes, nothing is claimed.
   [[nodiscard]] bool active() const noexcept { return certificate_.kind != CertificateKind::kNone; }
   /// Starts an episode.
   void Reset() noexcept;
-  /// The largest s in [0, 1] for which the control s v provably ends inside B_q, for some q with
-  /// |q - phase| <= PhaseTracker::kWindow.
+  /// eta: the state must be where some l_q >= -level().
+  [[nodiscard]] double level() const noexcept { return certificate_.level; }
+  /// Whether controls are certified about the states that they are predicted to lead to, so that a
+  /// control which does not pass may be changed into one that does.
+  [[nodiscard]] bool predicts() const noexcept {
+    return certificate_.kind == CertificateKind::kDirection;
+  }
+  /// What l_q(z + J v) must be for v to pass.
+  struct Need {
+    int phase = 0;         ///< q
+    double level = 0.0;    ///< |grad l_q(z + J v)| e + c e^2 - eta, e = eps |u|
+    double missing = 0.0;  ///< `level` less l_q(z + J v); what rounding may add counts.
+    [[nodiscard]] bool met() const noexcept { return missing <= 0.0; }
+  };
+  /// Whether l_q(z + J v + d) >= -eta for every |d| <= eps |u|, q = `phase`. Only where predicts().
+  [[nodiscard]] Need Check(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
+  /// The first phase q with |q - phase| <= PhaseTracker::kWindow, from phase + 1 outwards, that
+  /// passes Check(), else the one that misses least.
+  [[nodiscard]] Need Predict(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
+  /// A share s in [0, 1] for which the control s v provably ends inside B_q(eta), for some q with
+  /// |q - phase| <= PhaseTracker::kWindow: by the ball at z the largest, and where predicts(), 1, a
+  /// half or a quarter if that is more and passes Check() at `phase` or the next one.
   [[nodiscard]] double Share(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
   /// Control number `control`, `v`, was predicted to change the features by `effect` and changed
   /// them by `dz`. @returns false on the first contradiction to the assumption; see violation().
@@ -45,6 +66,8 @@ class Certifier {
   Violation violation_;
   Eigen::VectorXd effect_;
   Eigen::VectorXd shift_;
+  Eigen::VectorXd there_;
+  Eigen::VectorXd part_;
 };
 
 }  // namespace dfr::control

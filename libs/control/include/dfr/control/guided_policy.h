@@ -83,14 +83,16 @@ struct GuidedOptions {
 ///      recovery that stays outside overtakes phases instead (PhaseTracker).
 ///   6. HaltRule ends what does not get on.
 ///
-/// With a certificate, every applied control is shrunk until it provably ends inside some B_q with
-/// |q - tau| <= PhaseTracker::kWindow; the phase then is one whose l_q >= 0, for time advances only
-/// into supports that the state is in (the published proof takes g_{t+1} for g_t). Where next to
+/// With a certificate, every applied control is changed or shrunk until it provably ends inside a
+/// B_q with |q - tau| <= PhaseTracker::kWindow. kDirection changes it first, by RaiseLevel()
+/// towards the level that it needs, from the demonstrated control if need be. The phase is one
+/// whose l_q >= -eta, for time advances only into supports that the state is in. Where next to
 /// nothing of a control passes, a recovery climbs l_tau from v = 0. A shrunk learned control
 /// consumes its share of a time step. Outside the support nothing is certified: the controller
-/// halts, kOutsideSupport. A certificate assumes that controls act at once, and alone: own motion
-/// and lag are left out. After each control the assumption is compared with what happened;
-/// kViolated halts on the first contradiction, see violation().
+/// halts, kOutsideSupport. A certificate assumes that controls act at once and alone, and that
+/// states are what is seen: own motion, lag and smoothing are left out. After each control the
+/// assumption is compared with what happened; kViolated halts on the first contradiction, see
+/// violation(). docs/certificates.md has the proof.
 ///
 /// docs/recovery.md derives all this. Next() neither allocates nor locks.
 class GuidedPolicy final : public Controller {
@@ -121,6 +123,8 @@ class GuidedPolicy final : public Controller {
   [[nodiscard]] Choice Choose(const LocalModel& model) noexcept;
   void Advance(const LocalModel& model, double level) noexcept;
   [[nodiscard]] bool Probe(const LocalModel& model, double& level) noexcept;
+  /// Changes v_ by the smallest steps that surely help until it provably ends inside.
+  [[nodiscard]] bool Project(const LocalModel& model, int phase) noexcept;
   [[nodiscard]] bool Certify(const LocalModel& model, Step& step) noexcept;
 
   const core::Policy* policy_;

@@ -38,16 +38,16 @@ class PhaseTracker {
   /// The next of an observer's states is `z`. @returns l at the phase it is taken to be in,
   ///   -infinity for a state that is not one.
   double Follow(std::span<const double> z) noexcept;
-  /// Moves to a phase q with -kWindow - 1 <= q - phase() <= kWindow and l_q(z) >= 0. @returns l at
-  ///   phase(), negative if there is none; the phase then stays.
-  double Enter(std::span<const double> z) noexcept;
+  /// Moves to a phase q with -kWindow - 1 <= q - phase() <= kWindow and l_q(z) >= `least`.
+  /// @returns l at phase(), below `least` if there is none; the phase then stays.
+  double Enter(std::span<const double> z, double least = 0.0) noexcept;
 
   [[nodiscard]] int phase() const noexcept { return phase_; }
   /// Controls since the phase last advanced.
   [[nodiscard]] int waited() const noexcept { return waited_; }
 
  private:
-  double Fit(std::span<const double> z, int first, int last, int expected, bool inside) noexcept;
+  double Fit(std::span<const double> z, int first, int last, int expected, double least) noexcept;
 
   const core::LogDecisionFunction* support_;
   int phase_ = 0;

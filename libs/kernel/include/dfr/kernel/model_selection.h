@@ -16,8 +16,14 @@ namespace dfr::kernel {
 /// the value that a further item of the same kind exceeds with probability at most `alpha`. It is
 /// the score of rank ceil((n + 1)(1 - alpha)); +infinity where that is beyond n: n items
 /// cannot promise so little.
-/// @throws std::invalid_argument if there are no scores, one is NaN, or alpha is not in (0, 1).
-[[nodiscard]] double ConformalThreshold(std::span<const double> scores, double alpha);
+///
+/// That is on average over sets of held-out items: of one set, the probability that a further item
+/// stays below the score of rank k is Beta(k, n + 1 - k) distributed. With a `confidence`, k is the
+/// smallest rank at which it is at least 1 - alpha for that share of sets.
+/// @throws std::invalid_argument if there are no scores, one is NaN, alpha is not in (0, 1), or
+///   confidence not in [0, 1).
+[[nodiscard]] double ConformalThreshold(std::span<const double> scores, double alpha,
+                                        double confidence = 0.0);
 
 /// max over t of -l_t(x_t), l_t the log form of g_t: how far a demonstration leaves the support,
 /// over its whole length. Negative if it never does. The score for ConformalThreshold().

@@ -19,6 +19,8 @@ struct Verdict {
   control::Mode mode = control::Mode::kHalt;
   control::HaltCause cause = control::HaltCause::kNone;  ///< Why it halted; else kNone.
   bool changed = false;                                  ///< The action differs from the policy's.
+  /// Strategy kCertified: under its assumptions the next state raises no alarm.
+  bool certified = false;
   bool alarm = false;  ///< The state is further outside than demonstrations are: see GuardSettings.
   /// The time step of the demonstrations that the state fits best near the one expected: the
   /// alarm's. Demonstrations and robots go at paces of their own.

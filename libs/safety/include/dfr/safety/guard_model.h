@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -8,6 +9,8 @@
 #include <string_view>
 #include <vector>
 
+#include "dfr/control/assumptions.h"
+#include "dfr/control/certificate.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/features.h"
 #include "dfr/core/matrix.h"
@@ -23,9 +26,12 @@ enum class Strategy {
   kDfr,            ///< Derivative-Free Recovery, as published (SwitchingPolicy).
   kEarlyStopping,  ///< Halts.
   kMonitor,        ///< Passes it: looks and raises alarms alone.
+  /// Applies what provably ends where no alarm is raised, as long as the assumptions of a
+  /// certificate hold (docs/certificates.md), and halts otherwise.
+  kCertified,
 };
 
-/// "guided", "dfr", "early-stopping", "monitor".
+/// "guided", "dfr", "early-stopping", "monitor", "certified".
 [[nodiscard]] const char* Name(Strategy strategy) noexcept;
 /// @throws std::invalid_argument naming what there is.
 [[nodiscard]] Strategy ParseStrategy(std::string_view name);
@@ -37,6 +43,9 @@ struct GuardSettings {
   int max_actions = 1200;     ///< Actions of any kind in an episode, > 0; likewise.
   double action_limit = 1.0;  ///< Each entry of an applied action is within +- this, > 0.
   double alarm_level = 0.2;   ///< Alarm where l, the log form of g, falls below - this.
+  /// Of kCertified, eps >= 0 of |dz - J u| <= eps |u|: what the answer of the whitened features to
+  /// an action may differ from the predicted one, per unit of action. 0: not known.
+  double direction_error = 0.0;
 };
 
 /// What a fit found, kept in the file.
@@ -50,8 +59,20 @@ struct GuardSummary {
   /// On demonstrations left out of a fit in turn, each followed through the time steps:
   double acceptance = 0.0;         ///< the share of states inside,
   double inside_throughout = 0.0;  ///< and of demonstrations that never leave.
-  /// A further demonstration of the same kind raises an alarm with this probability at most.
+  /// A further demonstration of the same kind raises an alarm with this probability at most: on
+  /// average over fits where `confidence` is 0, else of this fit with that confidence. Exactly so
+  /// for demonstrations that were `held_out`; otherwise approximately, for the supports that found
+  /// the level are not the one that is used.
   double false_alarms = 0.0;
+  double confidence = 0.0;
+  int held_out = 0;  ///< Demonstrations that levels were taken from and nothing was fitted to.
+  /// The alarm level that supports ask for which have not seen a whole stretch of the recording,
+  /// and how likely it is that so many demonstrations are further outside of these by chance.
+  double drift_level = 0.0;
+  double drift_chance = 1.0;
+  /// eps and K of |dz| <= K |u|, in whitened features per unit of action.
+  control::EstimatedConstant direction_error = {};
+  control::EstimatedConstant gain = {};
 };
 
 /// Options for GuardModel::Fit().
@@ -65,10 +86,31 @@ struct GuardOptions {
   int horizon = 0;            ///< 0: twice as many actions as the longest demonstration has.
   double action_limit = 0.0;  ///< 0: 1, or the largest entry demonstrated where that is more.
   double false_alarms = 0.1;  ///< Demonstrations that may raise an alarm, in (0, 1).
+  double confidence = 0.0;    ///< GuardSummary::confidence, in [0, 1).
   int folds = 5;              ///< Groups that demonstrations are left out in, >= 2.
-  std::string source = {};    ///< Kept in the file: where the demonstrations came from.
+  /// Share of the demonstrations that nothing is fitted to and all levels are taken from, in
+  /// [0, .5]. 0: none; demonstrations are left out of fits in turn.
+  double hold_out = 0.0;
+  /// GuardSettings::direction_error as a multiple of the one that demonstrations show, > 0: a
+  /// policy asks for controls that no demonstration would have made.
+  double error_factor = 1.5;
+  std::string source = {};  ///< Kept in the file: where the demonstrations came from.
   /// Called with what is being done and the share of the work that is behind; false stops.
   std::function<bool(std::string_view stage, double share)> progress = {};
+};
+
+/// What GuardModel::Certify() finds. Lengths are in whitened features.
+struct Certification {
+  bool passes = false;  ///< The action provably ends where no alarm is raised,
+  int step = 0;         ///< at this time step of the demonstrations, within three of the one given.
+  /// By how much l at the predicted state is above what it must be; negative if it does not pass.
+  double margin = 0.0;
+  /// Whatever changes the features by no more than this ends inside; negative outside.
+  double radius = 0.0;
+  /// The ball around features + shift that is inside, of which `radius` is left in every direction.
+  double ball_radius = 0.0;
+  Eigen::VectorXd shift = {};
+  Eigen::VectorXd effect = {};  ///< J u, how the features are predicted to change.
 };
 
 /// All that a guard knows of a task: which entries of a state matter and how they are scaled, the
@@ -80,7 +122,9 @@ class GuardModel {
  public:
   /// Learns from demonstrations whose states are laid out as `layout` says.
   ///
-  /// Actions must be such that zero holds the robot still: velocities or increments.
+  /// Actions must be such that zero holds the robot still: velocities or increments. The order of
+  /// the demonstrations changes no bit of what is fitted, and only GuardSummary::drift_level and
+  /// drift_chance.
   /// @returns nothing if `options.progress` stopped it.
   /// @throws std::invalid_argument if there are fewer than three demonstrations, they do not fit
   ///   each other, an option is out of range or a feature does not exist; the message names which.
@@ -121,6 +165,15 @@ class GuardModel {
   [[nodiscard]] std::vector<double> Levels(const core::Matrix& states,
                                            std::vector<int>* steps = nullptr) const;
 
+  /// What is certain of the next state at `state`, in time step `t`, under the assumptions of a
+  /// certificate with this model's constants; of `action` with the J of the demonstrations alone.
+  /// @throws std::invalid_argument if sizes differ, the model is in single precision, or no
+  ///   settings().direction_error is known.
+  [[nodiscard]] Certification Certify(int t, std::span<const double> state,
+                                      std::span<const double> action) const;
+  /// For strategy kCertified. @throws std::invalid_argument as Certify().
+  [[nodiscard]] control::Certificate certificate() const;
+
  private:
   GuardModel() = default;
   void Complete(core::StateLayout layout, std::shared_ptr<const TaskModel> task,
@@ -136,6 +189,22 @@ class GuardModel {
 /// apart, states of left-out demonstrations that are mostly outside, an alarm level far outside, an
 /// action limit far beyond the demonstrated actions. Empty if nothing does.
 [[nodiscard]] std::vector<std::string> Findings(const GuardModel& model);
+
+/// In which sense `false_alarms` and the constants of a certificate are promised: exactly or
+/// approximately, on average over fits or of this one.
+[[nodiscard]] std::string Promise(const GuardSummary& summary);
+
+/// How far a state that raises no alarm may be from all demonstrated ones, in the entries of one
+/// block of the state that features look at, and in their unit.
+struct Clearance {
+  std::string block;     ///< Its name in the layout.
+  double largest = 0.0;  ///< Over time steps: |x_b - x_b^(i)| <= largest for a demonstrated x^(i).
+  int step = 0;          ///< Where that is.
+  double median = 0.0;   ///< Over time steps.
+};
+/// If demonstrations kept a distance of `largest` from every constraint, no support meets one: the
+/// hypothesis of a certificate in the units of the state (kernel::CoverRadius()).
+[[nodiscard]] std::vector<Clearance> Clearances(const GuardModel& model);
 
 /// The feature list of a command line, "obs/object,obs/tip[0:2]", as FeatureSelection takes it:
 /// without the "obs/" or "observations/" that stands before a name in a file.

@@ -13,7 +13,8 @@ namespace dfr::safety {
 
 /// What guided recovery learns from demonstrations of one task (docs/recovery.md): whitened
 /// features, their support at each time step, the levels that demonstrations keep, the slack that
-/// unseen ones need, and how features answered controls.
+/// unseen ones need, and how features answered controls. The order of the demonstrations changes no
+/// bit of it.
 ///
 /// Immutable; controllers share it. Its parts borrow from each other, so it stays where it was
 /// made.
@@ -49,11 +50,12 @@ class GuidedRecovery {
   [[nodiscard]] const kernel::WhitenedSupport& support() const noexcept { return support_; }
   /// For control::GuidedPolicy.
   [[nodiscard]] const control::GuidedModel& model() const noexcept { return model_; }
+  /// kernel::WhitenedSupportOptions::single_precision
+  [[nodiscard]] bool single_precision() const noexcept { return single_precision_; }
 
  private:
   struct Prepared;
-  GuidedRecovery(Prepared prepared, std::span<const core::Trajectory> demonstrations,
-                 const kernel::WhitenedSupportOptions& options);
+  GuidedRecovery(Prepared prepared, const kernel::WhitenedSupportOptions& options);
   struct Loaded;
   GuidedRecovery(Loaded loaded, core::ArchiveReader& archive);
 

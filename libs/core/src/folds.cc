@@ -1,0 +1,182 @@
+#include "dfr/core/folds.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <utility>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/random.h"
+
+namespace dfr::core {
+namespace {
+
+// Links longer than this times the median one join two clusters.
+constexpr double kGap = 3.0;
+// States of a demonstration that tell it from others.
+constexpr int kLandmarks = 5;
+
+std::uint64_t Add(std::uint64_t hash, const Matrix& values) {
+  hash = DeriveSeed(
+      hash, {static_cast<std::uint64_t>(values.rows()), static_cast<std::uint64_t>(values.cols())});
+  for (Eigen::Index i = 0; i < values.size(); ++i) {
+    // FNV-1a in words, and a step that brings high bits down.
+    hash = (hash ^ std::bit_cast<std::uint64_t>(values.data()[i])) * 0x100000001b3ULL;
+    hash ^= hash >> 29U;
+  }
+  return DeriveSeed(hash, {});
+}
+
+std::vector<std::size_t> ByHash(const std::vector<std::uint64_t>& hashes) {
+  std::vector<std::size_t> order(hashes.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return hashes[a] < hashes[b]; });
+  return order;
+}
+
+void Check(std::size_t demonstrations, int folds) {
+  DFR_THROW_UNLESS(folds >= 2, "folds must be at least 2: " << folds);
+  DFR_THROW_UNLESS(demonstrations >= static_cast<std::size_t>(folds),
+                   folds << " folds need as many demonstrations, there are " << demonstrations);
+}
+
+// One row a demonstration: its landmarks, side by side.
+Matrix Landmarks(std::span<const Matrix> demonstrations) {
+  const Eigen::Index n = demonstrations[0].cols();
+  Matrix landmarks(std::ssize(demonstrations), kLandmarks * n);
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    const Matrix& states = demonstrations[d];
+    DFR_THROW_UNLESS(states.rows() >= 1 && states.cols() == n,
+                     "demonstration " << d << " is " << states.rows() << " x " << states.cols()
+                                      << ", demonstration 0 has " << n << " columns");
+    for (int i = 0; i < kLandmarks; ++i) {
+      // Between rows, or demonstrations of different lengths would differ by the rounding.
+      const double at = static_cast<double>(states.rows() - 1) * i / (kLandmarks - 1);
+      const auto row = std::min(static_cast<Eigen::Index>(at), states.rows() - 1);
+      const Eigen::Index next = std::min(row + 1, states.rows() - 1);
+      landmarks.row(static_cast<Eigen::Index>(d)).segment(i * n, n) =
+          states.row(row) + (at - static_cast<double>(row)) * (states.row(next) - states.row(row));
+    }
+  }
+  return landmarks;
+}
+
+// Which cluster each row belongs to.
+std::vector<std::size_t> Clusters(const Matrix& points) {
+  // Prim's minimum spanning tree, whose links are those of single linkage.
+  const auto n = static_cast<std::size_t>(points.rows());
+  std::vector<double> distance(n, std::numeric_limits<double>::infinity());
+  std::vector<std::size_t> parent(n, 0);
+  std::vector<std::size_t> sequence = {0};
+  std::vector<bool> joined(n, false);
+  std::vector<double> link(n, 0.0);
+  joined[0] = true;
+  while (sequence.size() < n) {
+    const std::size_t last = sequence.back();
+    std::size_t next = n;
+    for (std::size_t i = 0; i < n; ++i) {
+      if (joined[i]) continue;
+      const double d =
+          (points.row(static_cast<Eigen::Index>(i)) - points.row(static_cast<Eigen::Index>(last)))
+              .norm();
+      if (d < distance[i]) {
+        distance[i] = d;
+        parent[i] = last;
+      }
+      if (next == n || distance[i] < distance[next]) next = i;
+    }
+    joined[next] = true;
+    link[next] = distance[next];
+    sequence.push_back(next);
+  }
+  std::vector<double> sorted(link.begin() + 1, link.end());
+  const auto middle = sorted.begin() + std::ssize(sorted) / 2;
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  std::vector<std::size_t> cluster(n);
+  std::size_t count = 0;
+  for (const std::size_t i : sequence) {
+    const bool begins = i == 0 || link[i] > kGap * *middle;
+    cluster[i] = begins ? count++ : cluster[parent[i]];
+  }
+  return cluster;
+}
+
+}  // namespace
+
+std::vector<std::size_t> ContentOrder(std::span<const Trajectory> demonstrations,
+                                      std::uint64_t seed) {
+  std::vector<std::uint64_t> hashes;
+  hashes.reserve(demonstrations.size());
+  for (const Trajectory& d : demonstrations) hashes.push_back(Add(Add(seed, d.states), d.controls));
+  return ByHash(hashes);
+}
+
+std::vector<std::size_t> ContentOrder(std::span<const Matrix> demonstrations, std::uint64_t seed) {
+  std::vector<std::uint64_t> hashes;
+  hashes.reserve(demonstrations.size());
+  for (const Matrix& d : demonstrations) hashes.push_back(Add(seed, d));
+  return ByHash(hashes);
+}
+
+std::vector<Trajectory> InContentOrder(std::span<const Trajectory> demonstrations,
+                                       std::uint64_t seed) {
+  std::vector<Trajectory> ordered;
+  ordered.reserve(demonstrations.size());
+  for (const std::size_t d : ContentOrder(demonstrations, seed)) {
+    ordered.push_back(demonstrations[d]);
+  }
+  return ordered;
+}
+
+Folds StratifiedFolds(std::span<const Matrix> demonstrations, int folds, std::uint64_t seed) {
+  Check(demonstrations.size(), folds);
+  const std::vector<std::size_t> cluster = Clusters(Landmarks(demonstrations));
+  const std::vector<std::size_t> order = ContentOrder(demonstrations, seed);
+  std::vector<std::size_t> size(demonstrations.size(), 0);
+  for (const std::size_t c : cluster) ++size[c];
+  // By the first of each cluster in `order`; those too small to be dealt out come together.
+  std::vector<std::size_t> strata;
+  std::vector<std::size_t> dealt;
+  const std::size_t rest = demonstrations.size();
+  const auto stratum = [&](std::size_t d) {
+    return size[cluster[d]] >= static_cast<std::size_t>(folds) ? cluster[d] : rest;
+  };
+  for (const std::size_t d : order) {
+    if (std::find(strata.begin(), strata.end(), stratum(d)) == strata.end()) {
+      strata.push_back(stratum(d));
+    }
+  }
+  for (const std::size_t s : strata) {
+    for (const std::size_t d : order) {
+      if (stratum(d) == s) dealt.push_back(d);
+    }
+  }
+  Folds groups(static_cast<std::size_t>(folds));
+  for (std::size_t i = 0; i < dealt.size(); ++i) groups[i % groups.size()].push_back(dealt[i]);
+  return groups;
+}
+
+Folds ContiguousFolds(std::size_t demonstrations, int folds) {
+  Check(demonstrations, folds);
+  Folds groups(static_cast<std::size_t>(folds));
+  for (std::size_t d = 0; d < demonstrations; ++d) {
+    groups[d * groups.size() / demonstrations].push_back(d);
+  }
+  return groups;
+}
+
+std::vector<std::size_t> Others(const Folds& folds, std::size_t left_out,
+                                std::span<const std::size_t> order) {
+  const std::vector<std::size_t>& without = folds[left_out];
+  std::vector<std::size_t> others;
+  others.reserve(order.size());
+  for (const std::size_t d : order) {
+    if (std::find(without.begin(), without.end(), d) == without.end()) others.push_back(d);
+  }
+  return others;
+}
+
+}  // namespace dfr::core

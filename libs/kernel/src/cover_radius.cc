@@ -1,0 +1,44 @@
+#include "dfr/kernel/cover_radius.h"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::kernel {
+namespace {
+
+// Parts of the plain radius that are looked at one by one.
+constexpr int kParts = 100;
+
+}  // namespace
+
+double CoverRadius(const OneClassSvm& svm, double level) {
+  DFR_THROW_UNLESS(std::isfinite(level), "the level must be finite, not " << level);
+  const double gamma = svm.gamma();
+  const double square = (level - std::log(svm.rho())) / gamma;
+  if (!(square > 0.0)) return 0.0;
+  const double plain = std::sqrt(square);
+  const double least = svm.rho() * std::exp(-level);
+  const Eigen::MatrixXd vectors = svm.support_vectors();
+  const Eigen::ArrayXd alpha = svm.alpha();
+  const double width = plain / kParts;
+  int parts = 0;
+  for (Eigen::Index i = 0; i < vectors.rows() && parts < kParts; ++i) {
+    const Eigen::ArrayXd apart = (vectors.rowwise() - vectors.row(i)).rowwise().norm().array();
+    // Downwards from the plain radius, as long as no distance of a part is possible; those below
+    // what another support vector has need no look.
+    int part = kParts;
+    for (; part > parts; --part) {
+      const Eigen::ArrayXd nearest = (apart - part * width).max((part - 1) * width);
+      const double most = (alpha * (-gamma * nearest.square()).exp()).sum();
+      // Rounding is far below this.
+      if (most >= least * (1.0 - 1e-9)) break;
+    }
+    parts = std::max(parts, part);
+  }
+  return parts * width;
+}
+
+}  // namespace dfr::kernel

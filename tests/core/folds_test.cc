@@ -1,0 +1,138 @@
+#include "dfr/core/folds.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <numeric>
+#include <span>
+#include <stdexcept>
+#include <vector>
+
+#include "dfr/core/random.h"
+
+namespace dfr::core {
+namespace {
+
+// `goals` ways from one start, `each` demonstrations of each, in turn as a supervisor cycles.
+std::vector<Matrix> Cycle(int goals, int each, std::uint64_t seed) {
+  Random random(seed);
+  std::vector<Matrix> demonstrations;
+  for (int d = 0; d < goals * each; ++d) {
+    Matrix states(12 + d % 3, 2);
+    for (Eigen::Index t = 0; t < states.rows(); ++t) {
+      const double share = static_cast<double>(t) / static_cast<double>(states.rows() - 1);
+      states.row(t) << 10.0 * share + 0.3 * random.Normal(),
+          20.0 * share * (d % goals) + 0.3 * random.Normal();
+    }
+    demonstrations.push_back(states);
+  }
+  return demonstrations;
+}
+
+template <typename T>
+std::vector<T> Permuted(const std::vector<T>& items, const std::vector<std::size_t>& order) {
+  std::vector<T> permuted;
+  permuted.reserve(items.size());
+  for (const std::size_t i : order) permuted.push_back(items[i]);
+  return permuted;
+}
+
+std::vector<std::size_t> Permutation(std::size_t n, std::uint64_t seed) {
+  std::vector<std::size_t> order(n);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  Random(seed).Shuffle(std::span(order));
+  return order;
+}
+
+TEST(FoldsTest, EachDemonstrationIsInOneFoldAndSizesDifferByOneAtMost) {
+  for (const int count : {5, 7, 23, 60}) {
+    const auto demonstrations = Cycle(1, count, 1);
+    for (const Folds& folds :
+         {StratifiedFolds(demonstrations, 5), ContiguousFolds(demonstrations.size(), 5)}) {
+      std::vector<std::size_t> all;
+      for (const auto& fold : folds) {
+        EXPECT_GE(static_cast<int>(fold.size()), count / 5);
+        EXPECT_LE(static_cast<int>(fold.size()), (count + 4) / 5);
+        all.insert(all.end(), fold.begin(), fold.end());
+      }
+      std::sort(all.begin(), all.end());
+      std::vector<std::size_t> every(demonstrations.size());
+      std::iota(every.begin(), every.end(), std::size_t{0});
+      EXPECT_EQ(all, every);
+    }
+  }
+}
+
+// The property that a fit rests on: whatever the order, the same demonstrations share a fold, and
+// they come in the same order.
+TEST(FoldsTest, TheOrderOfDemonstrationsChangesNothing) {
+  for (const int goals : {1, 5}) {
+    const auto demonstrations = Cycle(goals, 12, 2);
+    const auto folds_of = [&](const std::vector<Matrix>& items, std::uint64_t seed) {
+      std::vector<std::vector<Matrix>> content;
+      content.reserve(4);
+      for (const auto& fold : StratifiedFolds(items, 4, seed))
+        content.push_back(Permuted(items, fold));
+      return content;
+    };
+    const auto expected = folds_of(demonstrations, 7);
+    for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+      const auto permuted = Permuted(demonstrations, Permutation(demonstrations.size(), seed));
+      ASSERT_EQ(folds_of(permuted, 7), expected) << seed;
+      ASSERT_EQ(Permuted(permuted, ContentOrder(permuted)),
+                Permuted(demonstrations, ContentOrder(demonstrations)))
+          << seed;
+    }
+    EXPECT_NE(folds_of(demonstrations, 8), expected) << "another seed, other folds";
+  }
+}
+
+TEST(FoldsTest, NoFoldHoldsAWholeCluster) {
+  // d mod 5, as one would do it by hand, would put each goal into a fold of its own. Of ten each
+  // fold has two, give or take one that is far from the others of its goal.
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    const auto demonstrations = Cycle(5, 10, seed);
+    for (const auto& fold : StratifiedFolds(demonstrations, 5, seed)) {
+      std::vector<int> of_goal(5, 0);
+      for (const std::size_t d : fold) ++of_goal[d % 5];
+      EXPECT_THAT(of_goal, testing::Each(testing::AllOf(testing::Ge(1), testing::Le(3)))) << seed;
+    }
+  }
+}
+
+TEST(FoldsTest, ControlsTellDemonstrationsOfEqualStatesApart) {
+  Random random(3);
+  std::vector<Trajectory> demonstrations(6);
+  for (auto& d : demonstrations) {
+    d.states = Matrix::Ones(3, 1);
+    d.controls = Matrix::Constant(2, 1, random.Normal());
+  }
+  std::vector<Trajectory> reversed(demonstrations.rbegin(), demonstrations.rend());
+  const auto controls = [](const std::vector<Trajectory>& items) {
+    std::vector<Matrix> all;
+    all.reserve(items.size());
+    for (const auto& d : items) all.push_back(d.controls);
+    return all;
+  };
+  EXPECT_EQ(controls(InContentOrder(demonstrations)), controls(InContentOrder(reversed)));
+}
+
+TEST(FoldsTest, ContiguousFoldsAreStretchesOfTheRecording) {
+  EXPECT_EQ(ContiguousFolds(5, 2), (Folds{{0, 1, 2}, {3, 4}}));
+  EXPECT_EQ(Others(ContiguousFolds(5, 2), 0, std::vector<std::size_t>{4, 2, 0, 1, 3}),
+            (std::vector<std::size_t>{4, 3}));
+}
+
+TEST(FoldsTest, Errors) {
+  const auto demonstrations = Cycle(1, 3, 1);
+  EXPECT_THROW((void)StratifiedFolds(demonstrations, 1), std::invalid_argument);
+  EXPECT_THROW((void)StratifiedFolds(demonstrations, 4), std::invalid_argument);
+  EXPECT_THROW((void)ContiguousFolds(3, 4), std::invalid_argument);
+  auto wrong = demonstrations;
+  wrong[1].resize(4, 3);
+  EXPECT_THROW((void)StratifiedFolds(wrong, 2), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::core

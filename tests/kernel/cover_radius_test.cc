@@ -1,0 +1,83 @@
+#include "dfr/kernel/cover_radius.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <vector>
+
+#include "dfr/core/matrix.h"
+#include "dfr/core/random.h"
+
+namespace dfr::kernel {
+namespace {
+
+double DistanceToSamples(const OneClassSvm& svm, const std::vector<double>& x) {
+  double nearest = std::numeric_limits<double>::infinity();
+  for (Eigen::Index i = 0; i < svm.num_support_vectors(); ++i) {
+    nearest = std::min(nearest, (svm.support_vectors().row(i).transpose() -
+                                 core::AsVector(std::span<const double>(x)))
+                                    .norm());
+  }
+  return nearest;
+}
+
+// The definition, by brute force on a lattice that reaches beyond the radius.
+TEST(CoverRadiusTest, NoStateThatDeepInsideIsFurtherFromAllSamples) {
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    core::Random random(seed);
+    core::Matrix samples(40, 2);
+    for (double& entry : samples.reshaped()) entry = (seed % 2 == 0 ? 3.0 : 1.0) * random.Normal();
+    const auto svm =
+        OneClassSvm::Fit(samples, {.nu = 0.1, .gamma = seed < 4 ? 0.3 : 1.5, .tolerance = 1e-6});
+    for (const double level : {-0.1, 0.0, 0.5, 2.0}) {
+      const double radius = CoverRadius(svm, level);
+      const double plain = std::sqrt((level - std::log(svm.rho())) / svm.gamma());
+      EXPECT_LE(radius, plain * (1.0 + 1e-12));
+      double furthest = 0.0;
+      const double reach = samples.cwiseAbs().maxCoeff() + plain;
+      for (double x = -reach; x <= reach; x += reach / 150.0) {
+        for (double y = -reach; y <= reach; y += reach / 150.0) {
+          const std::vector<double> there = {x, y};
+          if (svm.LogDecision(there) < -level) continue;
+          furthest = std::max(furthest, DistanceToSamples(svm, there));
+        }
+      }
+      EXPECT_LE(furthest, radius) << "seed " << seed << ", level " << level;
+      EXPECT_GT(radius, 0.0);
+    }
+  }
+}
+
+// Samples in one place are one kernel, whose support is a ball of exactly the plain radius.
+TEST(CoverRadiusTest, IsAttainedByASingleKernel) {
+  const core::Matrix samples = core::Matrix::Constant(10, 3, 0.7);
+  const auto svm = OneClassSvm::Fit(samples, {.nu = 0.5, .gamma = 2.0});
+  for (const double level : {0.5, 1.0, 3.0}) {
+    // rho = 1 up to rounding
+    EXPECT_NEAR(CoverRadius(svm, level), std::sqrt((level - std::log(svm.rho())) / 2.0), 1e-6);
+  }
+  EXPECT_EQ(CoverRadius(svm, -1.0), 0.0) << "nothing is that deep inside";
+}
+
+// Two samples far apart share the weight: near one, the other is as good as gone.
+TEST(CoverRadiusTest, IsSmallerThanThePlainRadiusWhereSamplesAreSpread) {
+  core::Matrix samples(2, 1);
+  samples << -5.0, 5.0;
+  const auto svm = OneClassSvm::Fit(samples, {.nu = 0.9, .gamma = 1.0});
+  // .5 exp(-d^2) = .5 exp(-level), for rho is .5 but for exp(-100).
+  const double level = 0.49;
+  EXPECT_NEAR(CoverRadius(svm, level), 0.7, 0.7 * 0.02);
+  EXPECT_GT(std::sqrt((level - std::log(svm.rho())) / svm.gamma()), 1.0);
+}
+
+TEST(CoverRadiusTest, ALevelThatIsNoneIsRefused) {
+  const core::Matrix samples = core::Matrix::Random(5, 2);
+  const auto svm = OneClassSvm::Fit(samples, {.nu = 0.5});
+  EXPECT_THROW((void)CoverRadius(svm, std::nan("")), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::kernel
