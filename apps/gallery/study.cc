@@ -251,14 +251,27 @@ std::vector<std::string> SelectTasks(const std::vector<std::string>& words) {
   return tasks;
 }
 
-std::vector<Row> RunStudy(const Study& study, experiment::ProgressCallback progress) {
+std::vector<Row> RunStudy(const Study& study) {
   const experiment::EvaluationPlan plan = MakePlan(study);
   Cache cache(study);
-  const std::vector<experiment::UnitResult> units = experiment::Evaluate(
-      plan, [&](const experiment::EvaluationUnit& unit) { return MakeRunner(plan, unit, cache); },
-      {.threads = study.threads, .progress = std::move(progress)});
-
+  const auto make = [&](const experiment::EvaluationUnit& unit) {
+    return MakeRunner(plan, unit, cache);
+  };
   std::vector<Row> rows;
+  std::vector<experiment::UnitResult> units;
+  if (study.out.empty()) {
+    DFR_THROW_UNLESS(study.shard == experiment::Shard(), "a shard needs --out, for its ledger");
+    experiment::ProgressBar bar("gallery");
+    units = experiment::Evaluate(
+        plan, make,
+        {.threads = study.threads,
+         .progress = [&bar](const experiment::Progress& progress) { bar.Show(progress); }});
+  } else {
+    const experiment::OutputFolder folder(study);
+    auto found = experiment::RunExperiment("gallery", plan, make, {}, study);
+    if (!found) return rows;
+    units = std::move(found->units);
+  }
   for (const std::string& task : study.tasks) {
     for (const std::string& policy : study.policies) {
       std::string learner = task + "/";

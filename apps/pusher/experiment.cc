@@ -3,12 +3,14 @@
 #include <filesystem>
 #include <iostream>
 #include <numeric>
+#include <optional>
 #include <string>
 
 #include "commands.h"
 #include "convergence.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
+#include "dfr/experiment/ledger.h"
 #include "dfr/experiment/report.h"
 #include "trial_runner.h"
 
@@ -36,27 +38,29 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   return experiment::ApplyTo(std::move(plan), options);
 }
 
-std::string Text(double value) { return core::Format("%g", value); }
+std::string Text(double value) { return core::Format("%g", value); }  // for people
 
 std::string Percent(double share) { return core::Format("%.1f %%", 100.0 * share); }
 
 // All that decides the results besides the plan; a ledger with others is refused.
 std::map<std::string, std::string> Settings(const ExperimentOptions& options,
                                             const std::filesystem::path& supervisor) {
+  using experiment::Exactly;
   const ModelOptions& model = options.model;
   return {{"supervisor", supervisor.filename().string()},
+          {"supervisor's hash", experiment::HashOfFile(supervisor)},
           {"gripper", std::string(sim::Name(options.plant.gripper))},
-          {"red_y", Text(options.plant.red_y)},
-          {"start_x_min", Text(options.plant.start_x_min)},
-          {"start_x_max", Text(options.plant.start_x_max)},
-          {"start_y", Text(options.plant.start_y)},
-          {"nu", Text(model.nu)},
-          {"gamma", Text(model.gamma)},
-          {"guided_gamma", Text(model.guided_gamma)},
+          {"red_y", Exactly(options.plant.red_y)},
+          {"start_x_min", Exactly(options.plant.start_x_min)},
+          {"start_x_max", Exactly(options.plant.start_x_max)},
+          {"start_y", Exactly(options.plant.start_y)},
+          {"nu", Exactly(model.nu)},
+          {"gamma", Exactly(model.gamma)},
+          {"guided_gamma", Exactly(model.guided_gamma)},
           {"horizon", std::to_string(model.horizon)},
           {"support_features", model.support_features},
           {"epochs", std::to_string(model.epochs)},
-          {"learning_rate", Text(model.learner.learning_rate)}};
+          {"learning_rate", Exactly(model.learner.learning_rate)}};
 }
 
 // The start state that shows most: at the last data point of the first learner, one where the
@@ -298,11 +302,13 @@ void RunExperiment(const ExperimentOptions& options) {
   TrialRunnerFactory factory(imitation::GaussianPolicy::Load(supervisor_file), site_options,
                              plan.trials);
 
-  experiment::PrepareFolder(options);
+  const experiment::OutputFolder folder(options);
   const std::map<std::string, std::string> settings = Settings(options, supervisor_file);
-  const auto [results, summary] = experiment::RunExperiment(
+  const std::optional<experiment::ExperimentResult> found = experiment::RunExperiment(
       "pusher", plan, [&](const experiment::EvaluationUnit& unit) { return factory.Make(unit); },
       settings, options, {.seed = plan.seed});
+  if (!found) return;
+  const auto& [results, summary] = *found;
   experiment::PrintTable(summary, std::cout);
   std::printf("overlap P(red | g >= 0): %s on average over the data points\n",
               Percent(MeanMeasure(summary, "overlap")).c_str());

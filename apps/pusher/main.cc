@@ -1,15 +1,14 @@
 // The Pusher experiment of Sec. V-A: train a supervisor, demonstrate, fit, evaluate, compare, look.
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <cstdlib>
 #include <iostream>
 #include <map>
-#include <stdexcept>
 #include <string>
 
-#include "apps/experiment_command.h"
 #include "commands.h"
 #include "dfr/core/build_info.h"
+#include "dfr/experiment/command_line.h"
+#include "dfr/experiment/ledger.h"
 #include "dfr/safety/method.h"
 #include "train_supervisor.h"
 
@@ -52,14 +51,16 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
 void AddExperiment(CLI::App& app, ExperimentOptions& options) {
   CLI::App* command = app.add_subcommand(
       "experiment", "the paper's comparison: all methods over the number of demonstrations");
-  AddExperimentOptions(
+  experiment::AddExperimentOptions(
       *command, options,
       "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials, 6, 12, ..., 120; authors: as "
       "quick, with the constants of the authors' scripts where those are others, Adam's rate .01, "
       "T = 100, gamma 1, nu .1",
       "the first is the reference; of " + MethodHelp(), {"quick", "paper", "authors"});
-  command->add_option("--supervisor", options.supervisor,
-                      "file of train-supervisor (default: the shipped one)");
+  command
+      ->add_option("--supervisor", options.supervisor,
+                   "file of train-supervisor (default: the shipped one)")
+      ->type_name("FILE");
   command->add_flag("!--no-convergence", options.convergence,
                     "leave out how fast recoveries climb, which takes seconds");
   command
@@ -76,7 +77,9 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
     if (options.preset == "authors") {
       // What the user has chosen stays.
       const auto take = [command](const char* option, auto& value, auto authors) {
-        if (command->count(option) == 0) value = authors;
+        if (command->count(option) > 0) return;
+        value = authors;
+        command->get_option(option)->default_str(experiment::Exactly(authors));  // for run.toml
       };
       take("--learning-rate", options.model.learner.learning_rate, 0.01);
       take("--horizon", options.model.horizon, 100);
@@ -221,7 +224,7 @@ int Main(int argc, char** argv) {
   app.require_subcommand(1);
   app.failure_message(CLI::FailureMessage::simple);
 
-  ExperimentOptions experiment;
+  ExperimentOptions compared;
   TrainSupervisorOptions train;
   DemonstrateOptions demonstrate;
   FitOptions fit;
@@ -230,7 +233,7 @@ int Main(int argc, char** argv) {
   DriftOptions drift;
   RenderOptions render;
   ViewOptions view;
-  AddExperiment(app, experiment);
+  AddExperiment(app, compared);
   AddTrainSupervisor(app, train);
   AddDemonstrate(app, demonstrate);
   AddFit(app, fit);
@@ -240,15 +243,7 @@ int Main(int argc, char** argv) {
   AddRender(app, render);
   AddView(app, view);
 
-  const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
-  if (argc > 1 && argv[1][0] != '-' &&
-      std::none_of(commands.begin(), commands.end(),
-                   [&](const CLI::App* known) { return known->get_name() == argv[1]; })) {
-    throw std::invalid_argument("there is no command '" + std::string(argv[1]) +
-                                "'; pusher --help lists them");
-  }
-  CLI11_PARSE(app, argc, argv);
-  return EXIT_SUCCESS;
+  return experiment::Parse(app, argc, argv).value_or(EXIT_SUCCESS);
 }
 
 }  // namespace
