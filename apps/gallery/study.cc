@@ -258,20 +258,10 @@ std::vector<Row> RunStudy(const Study& study) {
     return MakeRunner(plan, unit, cache);
   };
   std::vector<Row> rows;
-  std::vector<experiment::UnitResult> units;
-  if (study.out.empty()) {
-    DFR_THROW_UNLESS(study.shard == experiment::Shard(), "a shard needs --out, for its ledger");
-    experiment::ProgressBar bar("gallery");
-    units = experiment::Evaluate(
-        plan, make,
-        {.threads = study.threads,
-         .progress = [&bar](const experiment::Progress& progress) { bar.Show(progress); }});
-  } else {
-    const experiment::OutputFolder folder(study);
-    auto found = experiment::RunExperiment("gallery", plan, make, {}, study);
-    if (!found) return rows;
-    units = std::move(found->units);
-  }
+  const experiment::OutputFolder folder(study);
+  const auto found = experiment::RunExperiment("gallery", plan, make, {}, study);
+  if (!found) return rows;
+  const std::vector<experiment::UnitResult>& units = found->units;
   for (const std::string& task : study.tasks) {
     for (const std::string& policy : study.policies) {
       std::string learner = task + "/";

@@ -184,6 +184,7 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
                                      const std::map<std::string, std::string>& settings) {
   experiment::ReportOptions report;
   report.title = "Line tracking";
+  report.program = "line_tracking";
   report.introduction =
       "A da Vinci arm follows a red line on gauze that a Stewart platform moves, seen by an "
       "endoscope. Demonstrations are open-loop and undisturbed, so the learned policy knows no "

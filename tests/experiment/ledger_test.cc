@@ -361,7 +361,7 @@ class MergeTest : public testing::Test {
 
 TEST_F(MergeTest, AnySplitGivesTheSameResultsInAnyOrder) {
   const auto expected = Evaluate(FakePlan(), MakeFakeTrialRunner);
-  for (const int count : {1, 2, 7}) {
+  for (const int count : {1, 2, 7, 33}) {  // of 20 units
     std::vector<std::filesystem::path> shards;
     for (int index = 1; index <= count; ++index) shards.push_back(Run(index, count));
     MergeLedgers(shards, whole);

@@ -132,6 +132,8 @@ class ShardsTest(unittest.TestCase):
         of_cell = self.run_program("episodes", "run", "--method", "dfr", "--learner", "8", "--demonstrations", 6,
                                    "--outcome", "halted", "--most", "0").splitlines()
         self.assertEqual(len(of_cell), round(cell["halted"] * cell["episodes"]))
+        self.assertIn('title="fake_experiment episodes FOLDER --learner 8 --method dfr --demonstrations 6 --outcome halted"',
+                      (self.folder / "run/report.html").read_text())
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ using Arguments = std::vector<std::string>;
 constexpr const char* kConfiguration = "run.toml";
 constexpr const char* kLedger = "ledger.jsonl";
 
-// Of one run, and no part of what it computes.
+// Other options concern one run, and not what it computes.
 bool DecidesResults(const std::string& name) {
   for (const char* other : {"help", "config", "out", "shard", "threads", "restart", "salvage"}) {
     if (name == other) return false;
@@ -157,7 +157,7 @@ std::string Resolve(const CLI::App& command, const Arguments& arguments) {
       for (std::string& value : values) value = std::filesystem::absolute(value).string();
     }
     const bool list = option->get_items_expected_max() > 1;
-    text += name + (list ? " = [" : " = ");
+    text.append(name).append(list ? " = [" : " = ");
     if (!list) values = {values.back()};
     for (std::size_t i = 0; i < values.size(); ++i) {
       text.append(i > 0 ? ", " : "").append(Value(values[i], IsNumeric(*option)));
@@ -412,10 +412,13 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
                    "forget what an interrupted run left in --out instead of going on with it");
   command.add_flag("--salvage", options.salvage,
                    "go on with a damaged ledger: its damaged lines are put aside and run again");
-  options.configuration = [&command] { return Resolve(command, PresentArguments()); };
+  // Several commands may share the options: the one that was called is written.
+  options.configuration = [&command, others = options.configuration] {
+    return command.parsed() || !others ? Resolve(command, PresentArguments()) : others();
+  };
 }
 
-std::optional<int> Parse(CLI::App& app, int argc, char** argv) {
+std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   if (app.get_name().empty()) app.name(std::filesystem::path(argv[0]).filename().string());
   Added added;
   Add(app, added);

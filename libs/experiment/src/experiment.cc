@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "dfr/core/build_info.h"
+#include "dfr/core/contract.h"
 #include "ledger_file.h"
 #include "text_file.h"
 
@@ -15,7 +16,7 @@ namespace dfr::experiment {
 namespace {
 
 std::filesystem::path LedgerOf(const ExperimentOptions& options) {
-  return options.out / "ledger.jsonl";
+  return options.out.empty() ? options.out : options.out / "ledger.jsonl";
 }
 
 std::atomic<bool> stop_requested{false};
@@ -58,6 +59,10 @@ EvaluationPlan ApplyTo(EvaluationPlan preset, const ExperimentOptions& options) 
 }
 
 OutputFolder::OutputFolder(const ExperimentOptions& options) {
+  if (options.out.empty()) {
+    DFR_THROW_UNLESS(options.shard == Shard(), "a shard needs --out, for its ledger");
+    return;
+  }
   std::error_code error;
   std::filesystem::create_directories(options.out, error);
   if (error) {
@@ -78,7 +83,7 @@ std::optional<ExperimentResult> RunExperiment(const std::string& name, const Eva
                                               const ExperimentOptions& options,
                                               const BootstrapOptions& bootstrap) {
   const auto save_configuration = [&] {
-    if (!options.configuration) return;
+    if (options.out.empty() || !options.configuration) return;
     internal::ReplaceFile(options.out / "run.toml", options.configuration());
   };
   // Beside a ledger of other settings, which Evaluate() refuses, the file stays as it is.
@@ -110,6 +115,7 @@ std::optional<ExperimentResult> RunExperiment(const std::string& name, const Eva
                               .preset = options.preset,
                               .commit = core::BuildCommit(),
                               .bootstrap = bootstrap});
+  if (options.out.empty()) return result;
   SaveSummary(result.summary, options.out / "summary.json");
   SaveTimes(result.summary, options.out / "times.json");
   return result;

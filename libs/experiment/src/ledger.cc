@@ -131,11 +131,17 @@ Json ToJson(const LedgerRecord& record) {
                         {"recovery_controls", recovery_controls},
                         {"seconds", seconds}});
   }
-  return {{"trial", result.unit.trial},     {"demonstrations", result.unit.demonstrations},
-          {"learner", result.unit.learner}, {"redrawn", result.redrawn},
-          {"starts", result.starts},        {"measures", result.measures},
-          {"episodes", episodes},           {"host", record.host},
-          {"wall_s", record.wall_s},        {"finished", record.finished}};
+  return {{"trial", result.unit.trial},
+          {"demonstrations", result.unit.demonstrations},
+          {"learner", result.unit.learner},
+          {"redrawn", result.redrawn},
+          {"starts", result.starts},
+          {"measures", result.measures},
+          {"counts", result.counts},
+          {"episodes", episodes},
+          {"host", record.host},
+          {"wall_s", record.wall_s},
+          {"finished", record.finished}};
 }
 
 core::Outcome OutcomeOf(char letter) {
@@ -190,6 +196,7 @@ LedgerRecord RecordFrom(const Json& json, const EvaluationPlan& plan) {
     result.measures[name] =
         value.is_null() ? std::numeric_limits<double>::quiet_NaN() : value.get<double>();
   }
+  json.at("counts").get_to(result.counts);
   record.host = json.at("host");
   record.wall_s = json.at("wall_s");
   record.finished = json.at("finished");
@@ -406,6 +413,8 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
   };
   std::map<Key, Line> lines;
   for (const std::filesystem::path& path : shards) {
+    // A shard that has not finished a unit, or of more shards than units.
+    if (std::filesystem::exists(path) && std::filesystem::file_size(path) == 0) continue;
     LedgerContents contents = ReadLedger(path);
     if (!header) {
       header = contents.header;
@@ -435,6 +444,7 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
       found->second.text = std::min(found->second.text, text);
     }
   }
+  if (!header) Fail(shards.front(), "no unit is finished yet, in none of the shards");
   const std::vector<EvaluationUnit> units = UnitsOf(header->plan);
   std::string text = HeaderLine(*header);
   std::size_t missing = 0;

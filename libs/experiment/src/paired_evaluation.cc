@@ -87,6 +87,7 @@ UnitResult RunUnit(const EvaluationPlan& plan, const EvaluationUnit& unit,
     }
   }
   result.measures = runner->Measures();
+  result.counts = runner->Counts();
   return result;
 }
 

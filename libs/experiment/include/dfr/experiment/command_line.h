@@ -38,6 +38,6 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
 /// @returns the exit code where nothing is left to be done (help, errors, the commands above but
 ///   merge), and otherwise nothing: then the app's commands are parsed.
 /// @throws std::runtime_error for files that cannot be read, and as MergeLedgers().
-[[nodiscard]] std::optional<int> Parse(CLI::App& app, int argc, char** argv);
+[[nodiscard]] std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv);
 
 }  // namespace dfr::experiment

@@ -17,13 +17,13 @@ namespace dfr::experiment {
 /// What all commands that compare methods let their users choose.
 struct ExperimentOptions {
   std::string preset = "quick";
-  std::filesystem::path out;
+  std::filesystem::path out;  ///< Empty: no file is written.
   std::uint64_t seed = 2018;
   int threads = 0;  ///< 0: one per core.
   bool restart = false;
   bool salvage = false;
   bool video = true;
-  Shard shard = {};  ///< Of other than 1/1 there is a ledger alone, to be merged.
+  Shard shard = {};  ///< Other than 1/1: there is a ledger alone, to be merged.
   /// The text of run.toml, which starts the same run again. Empty: there is none.
   std::function<std::string()> configuration = {};
   // Empty, or 0: as the preset says.
@@ -44,7 +44,8 @@ struct ExperimentResult {
 /// A folder that belongs to one process, until this is destroyed or the process ends.
 class OutputFolder {
  public:
-  /// Makes the folder options.out, with ledger.jsonl of an earlier run removed if options.restart.
+  /// Makes the folder options.out unless that is empty, with ledger.jsonl of an earlier run removed
+  /// if options.restart.
   /// @throws std::runtime_error naming the folder if it cannot be made, or another process has it.
   explicit OutputFolder(const ExperimentOptions& options);
   ~OutputFolder();

@@ -58,6 +58,8 @@ class TrialRunner {
                                           std::uint64_t controller_seed) = 0;
   /// Further figures of this unit, to be averaged over trials ("overlap", "training loss").
   [[nodiscard]] virtual std::map<std::string, double> Measures() { return {}; }
+  /// Lists of counts of this unit, to be pooled over units ("controls of each recovery").
+  [[nodiscard]] virtual std::map<std::string, std::vector<int>> Counts() { return {}; }
 };
 
 /// Learns what a unit needs. Called by worker threads, several at once.
@@ -69,6 +71,7 @@ struct UnitResult {
   std::vector<std::uint64_t> starts;                 ///< Seeds of those that were.
   std::vector<std::vector<EpisodeResult>> episodes;  ///< [method][start]
   std::map<std::string, double> measures;
+  std::map<std::string, std::vector<int>> counts = {};
   bool operator==(const UnitResult&) const = default;
 };
 

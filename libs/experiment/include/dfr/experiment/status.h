@@ -14,7 +14,7 @@ struct LedgerStatus {
   std::filesystem::path path;
   std::string shard;  ///< "2/7", empty before the first unit.
   int done = 0;
-  int units = 0;         ///< Of its shard; 0 before the first unit.
+  int units = 0;         ///< Those of its shard; 0 before the first unit.
   bool running = false;  ///< A process has it open.
   /// Where it is unfinished and nobody writes it: the last line of the newest log beside it.
   std::string last_words;
@@ -25,8 +25,8 @@ struct Status {
   int done = 0;  ///< Units finished in at least one of the ledgers.
   int units = 0;
   std::map<std::string, int> by_host;      ///< Units, by who finished them.
-  double mean_wall_s = 0.0;                ///< Of a unit, on one thread.
-  double longest_wall_s = 0.0;             ///< Of a unit.
+  double mean_wall_s = 0.0;                ///< What a unit takes, on one thread.
+  double longest_wall_s = 0.0;             ///< The most that one took.
   std::optional<double> remaining_s = {};  ///< At the rate so far; absent unless one is running.
   std::vector<LedgerStatus> ledgers;
 };
