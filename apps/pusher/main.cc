@@ -1,9 +1,13 @@
 // The Pusher experiment of Sec. V-A: train a supervisor, demonstrate, fit, evaluate, compare, look.
 #include <CLI/CLI.hpp>
+#include <array>
 #include <cstdlib>
+#include <filesystem>
+#include <functional>
 #include <iostream>
 #include <map>
 #include <string>
+#include <utility>
 
 #include "commands.h"
 #include "dfr/core/build_info.h"
@@ -48,7 +52,7 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
       ->capture_default_str();
 }
 
-void AddExperiment(CLI::App& app, ExperimentOptions& options) {
+void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void()> run) {
   CLI::App* command = app.add_subcommand(
       "experiment", "the paper's comparison: all methods over the number of demonstrations");
   experiment::AddExperimentOptions(
@@ -73,7 +77,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
   AddScene(*command, options.plant);
   command->add_option("--learning-rate", options.model.learner.learning_rate, "of Adam")
       ->capture_default_str();
-  command->callback([&options, command] {
+  command->callback([&options, command, run = std::move(run)] {
     if (options.preset == "authors") {
       // What the user has chosen stays.
       const auto take = [command](const char* option, auto& value, auto authors) {
@@ -86,7 +90,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
       take("--gamma", options.model.gamma, 1.0);
       take("--nu", options.model.nu, 0.1);
     }
-    RunExperiment(options);
+    run();
   });
 }
 
@@ -175,10 +179,11 @@ void AddDrift(CLI::App& app, DriftOptions& options) {
   command->add_option("--episodes", options.episodes, "start states per trial")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  command->add_option("--supervisor", options.supervisor,
-                      "file of train-supervisor (default: the shipped one)");
-  command->add_option("--seed", options.seed, "of all that is random")->capture_default_str();
-  command->add_option("--threads", options.threads, "0: one per core")->capture_default_str();
+  command
+      ->add_option("--supervisor", options.supervisor,
+                   "file of train-supervisor (default: the shipped one)")
+      ->type_name("FILE");
+  experiment::AddRunOptions(*command, options);
   command->callback([&options] { RunDrift(options); });
 }
 
@@ -189,6 +194,11 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   command->add_option("--methods", options.methods, "side by side, as in baseline,dfr")
       ->delimiter(',')
       ->capture_default_str();
+  command->add_option(
+      "--episode", options.episode,
+      "instead of a model: an episode of an experiment by its id, as episodes prints "
+      "it; --methods are shown beside it");
+  command->add_option("--run", options.run, "folder of that experiment")->capture_default_str();
   command->add_option("--seed", options.seed, "of the start state")->capture_default_str();
   command
       ->add_option("--out", options.out, "a video (.mp4, .webm) or the last picture (.png, .jpg)")
@@ -200,7 +210,20 @@ void AddRender(CLI::App& app, RenderOptions& options) {
       ->check(CLI::Range(120, 1080))
       ->capture_default_str();
   AddScene(*command, options.plant);
-  command->callback([&options] { RunRender(options); });
+  command->callback([&options, command] {
+    if (options.episode.empty()) return RunRender(options);
+    if (command->count("--methods") == 0) options.methods.clear();
+    // The experiment as its run.toml has it.
+    CLI::App again("", "pusher");
+    ExperimentOptions run;
+    AddExperiment(again, run, [&] { RenderEpisode(run, options); });
+    const std::filesystem::path file = options.run / "run.toml";
+    const std::array<const char*, 6> arguments = {"pusher",     "experiment", "--config",
+                                                  file.c_str(), "--out",      options.run.c_str()};
+    if (const auto code = experiment::Parse(again, 6, arguments.data())) {
+      throw CLI::RuntimeError(*code);
+    }
+  });
 }
 
 void AddView(CLI::App& app, ViewOptions& options) {
@@ -233,7 +256,7 @@ int Main(int argc, char** argv) {
   DriftOptions drift;
   RenderOptions render;
   ViewOptions view;
-  AddExperiment(app, compared);
+  AddExperiment(app, compared, [&compared] { RunExperiment(compared); });
   AddTrainSupervisor(app, train);
   AddDemonstrate(app, demonstrate);
   AddFit(app, fit);

@@ -117,6 +117,33 @@ class PusherTest(unittest.TestCase):
         self.run_pusher("experiment", *SMALL, "--out", "half")
         self.assertEqual(self.summary_text("whole"), self.summary_text("half"))
 
+    def test_shards_merge_to_the_same_summary_and_any_episode_can_be_filmed(self):
+        small = [*SMALL, "--methods", "baseline,guided"]
+        self.run_pusher("experiment", *small, "--out", "unsharded")
+        for k in (1, 2, 3):
+            self.run_pusher("experiment", *small, "--shard", f"{k}/3", "--out", f"shards/{k}")
+        self.run_pusher("merge", "shards", "--out", "merged")
+        self.assertEqual(self.summary_text("merged"), self.summary_text("unsharded"))
+        line = self.run_pusher("episodes", "merged", "--method", "guided", "--most", 1).splitlines()[0]
+        name, outcome = line.split()[:2]
+        controls = line.split("  ")[2].split()[0]
+        out = self.run_pusher("render", "--run", "merged", "--episode", name, "--methods", "baseline", "--width", 160,
+                              "--height", 120, "--out", "episode.png")
+        self.assertIn("baseline", out)
+        guided = next(row for row in out.splitlines() if row.startswith("guided"))
+        self.assertIn(outcome.rstrip(":"), guided)
+        self.assertIn(f"after {controls} controls", guided)
+        error = self.run_pusher("render", "--run", "merged", "--episode", "7/8/8/guided/0", fails=True)
+        self.assertIn("there are trials 0 to 1", error)
+
+    def test_drift_runs_in_shards(self):
+        small = ["--trials", 1, "--episodes", 2, "--demonstrations", 12, "--methods", "baseline,guided"]
+        whole = self.run_pusher("drift", *small)
+        for k in (1, 2):
+            self.run_pusher("drift", *small, "--shard", f"{k}/2", "--out", f"drift/{k}")
+        self.assertEqual(self.run_pusher("merge", "drift", "--out", "drift/whole"), whole)
+        self.assertIn("needs --out", self.run_pusher("drift", *small, "--shard", "1/2", fails=True))
+
     def test_a_ledger_of_other_settings_is_refused_until_restart(self):
         self.run_pusher("experiment", *SMALL, "--out", "other")
         error = self.run_pusher("experiment", *SMALL, "--out", "other", "--gamma", 7, fails=True)
