@@ -46,7 +46,8 @@ int main(int argc, char** argv) try {
       },
       {{"gamma", experiment::Exactly(gamma)}}, options);
   if (!found) return EXIT_SUCCESS;
-  experiment::SaveReport(found->summary, {.title = "Fake", .program = "fake_experiment"}, options.out / "report.html");
+  experiment::SaveReport(found->summary, {.title = "Fake", .program = "fake_experiment"},
+                         options.out / "report.html");
   experiment::PrintTable(found->summary, std::cout);
   return EXIT_SUCCESS;
 } catch (const std::exception& e) {

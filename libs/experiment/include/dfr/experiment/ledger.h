@@ -48,7 +48,8 @@ struct LedgerContents {
 [[nodiscard]] std::vector<EvaluationUnit> UnitsOf(const EvaluationPlan& plan);
 
 /// Writes the ledger of the whole plan from those of its shards, in the plan's order; the same file
-/// for any split. Shards without a finished unit are left out. A unit that several of them have must have the same results in each.
+/// for any split. Shards without a finished unit are left out. A unit that several of them have
+/// must have the same results in each.
 /// @throws std::runtime_error naming the field, the unit or the units that are missing; and as
 ///   ReadLedger().
 void MergeLedgers(const std::vector<std::filesystem::path>& shards,
