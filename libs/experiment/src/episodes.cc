@@ -54,8 +54,9 @@ EpisodeId ParseEpisode(std::string_view name, const EvaluationPlan& plan) {
                    name << ": there are start states 0 to " << plan.episodes - 1);
   // Names may have slashes of their own.
   for (const std::string& learner : plan.learners) {
+    const bool begins = rest.starts_with(learner) && rest.substr(learner.size()).starts_with('/');
     for (const std::string& method : plan.methods) {
-      if (rest == learner + "/" + method) {
+      if (begins && rest.substr(learner.size() + 1) == method) {
         id.unit.learner = learner;
         id.method = method;
         return id;
