@@ -10,6 +10,7 @@
 #include "apps/gallery/picture.h"
 #include "apps/gallery/study.h"
 #include "dfr/core/random.h"
+#include "dfr/experiment/command_line.h"
 
 namespace dfr::apps::gallery {
 namespace {
@@ -29,15 +30,12 @@ void List() {
   }
 }
 
-void RunAndPrint(Study study, const std::vector<std::string>& words, bool causes,
-                 const std::filesystem::path& folder) {
+void RunAndPrint(Study study, const std::vector<std::string>& words, bool causes) {
   study.tasks = SelectTasks(words);
-  if (!folder.empty()) std::filesystem::create_directories(folder);
-  experiment::ProgressBar bar("gallery");
-  const std::vector<Row> rows =
-      RunStudy(study, [&](const experiment::Progress& progress) { bar.Show(progress); });
+  const std::vector<Row> rows = RunStudy(study);
+  if (rows.empty()) return;
   PrintTable(rows, causes, std::cout);
-  if (!folder.empty()) SaveCsv(rows, folder / "gallery.csv");
+  if (!study.out.empty()) SaveCsv(rows, study.out / "gallery.csv");
 }
 
 // How often the supervisor completes, and fails, in how many controls.
@@ -67,29 +65,27 @@ int main(int argc, char** argv) try {
   app.require_subcommand(1);
   Study study;
   std::vector<std::string> tasks = {"all"};
-  std::filesystem::path folder;
   const auto common = [&](CLI::App* command) {
     command->add_option("--tasks", tasks, "names, design, judgement or all")
         ->delimiter(',')
         ->capture_default_str();
     command->add_option("--episodes", study.episodes, "of each policy")->capture_default_str();
-    command->add_option("--seed", study.seed)->capture_default_str();
   };
   auto* list = app.add_subcommand("list", "What there is");
   auto* run =
       app.add_subcommand("run", "Every method with every policy from the same start states");
   common(run);
+  dfr::experiment::AddRunOptions(*run, study);
   run->add_option("--policies", study.policies)->delimiter(',')->capture_default_str();
   run->add_option("--methods", study.methods)->delimiter(',')->capture_default_str();
   run->add_option("--demonstrations", study.demonstrations)->capture_default_str();
   run->add_option("--trials", study.trials, "each with its own demonstrations and policies")
       ->capture_default_str();
-  run->add_option("--threads", study.threads, "0: one per core")->capture_default_str();
   bool causes = false;
   run->add_flag("--causes", causes, "why episodes were not completed");
-  run->add_option("--out", folder, "folder of gallery.csv");
   auto* supervise = app.add_subcommand("supervise", "How well the supervisors do");
   common(supervise);
+  supervise->add_option("--seed", study.seed)->capture_default_str();
   std::string pictured, policy = "weak", entries;
   std::filesystem::path page = "gallery.html";
   int count = 5;
@@ -103,10 +99,10 @@ int main(int argc, char** argv) try {
       ->capture_default_str();
   picture->add_option("--seed", study.seed)->capture_default_str();
   picture->add_option("--out", page)->capture_default_str();
-  CLI11_PARSE(app, argc, argv);
+  if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
 
   if (*list) List();
-  if (*run) RunAndPrint(study, tasks, causes, folder);
+  if (*run) RunAndPrint(study, tasks, causes);
   if (*supervise) Supervise(tasks, study.episodes, study.seed);
   if (*picture) {
     SavePicture(Record(study, pictured, policy, count), dfr::sim::FindGalleryTask(pictured),

@@ -251,14 +251,17 @@ std::vector<std::string> SelectTasks(const std::vector<std::string>& words) {
   return tasks;
 }
 
-std::vector<Row> RunStudy(const Study& study, experiment::ProgressCallback progress) {
+std::vector<Row> RunStudy(const Study& study) {
   const experiment::EvaluationPlan plan = MakePlan(study);
   Cache cache(study);
-  const std::vector<experiment::UnitResult> units = experiment::Evaluate(
-      plan, [&](const experiment::EvaluationUnit& unit) { return MakeRunner(plan, unit, cache); },
-      {.threads = study.threads, .progress = std::move(progress)});
-
+  const auto make = [&](const experiment::EvaluationUnit& unit) {
+    return MakeRunner(plan, unit, cache);
+  };
   std::vector<Row> rows;
+  const experiment::OutputFolder folder(study);
+  const auto found = experiment::RunExperiment("gallery", plan, make, {}, study);
+  if (!found) return rows;
+  const std::vector<experiment::UnitResult>& units = found->units;
   for (const std::string& task : study.tasks) {
     for (const std::string& policy : study.policies) {
       std::string learner = task + "/";

@@ -10,7 +10,7 @@
 #include "apps/gallery/policies.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
-#include "dfr/experiment/progress.h"
+#include "dfr/experiment/experiment.h"
 
 namespace dfr::apps::gallery {
 
@@ -22,15 +22,18 @@ namespace dfr::apps::gallery {
 [[nodiscard]] std::vector<std::string> SelectTasks(const std::vector<std::string>& words);
 
 /// What is run: every method with every policy of every task, from the same start states.
-struct Study {
+/// `methods` are with "alone" in any case, `episodes` those of each policy and trial; each trial
+/// has demonstrations, policies and start states of its own.
+struct Study : experiment::ExperimentOptions {
+  Study() {
+    methods = MethodNames();
+    episodes = 100;
+    trials = 3;
+    seed = 1;
+  }
   std::vector<std::string> tasks;
   std::vector<std::string> policies = PolicyNames();
-  std::vector<std::string> methods = MethodNames();  ///< "alone" is run in any case.
   int demonstrations = 60;
-  int episodes = 100;  ///< Of each policy and trial.
-  int trials = 3;      ///< Each with demonstrations, policies and start states of its own.
-  std::uint64_t seed = 1;
-  int threads = 0;  ///< 0: one per core. Results are the same for any number.
 };
 
 /// One method with one policy of one task, over all trials.
@@ -52,11 +55,12 @@ struct Row {
   bool operator==(const Row&) const = default;
 };
 
-/// Runs the study. Rows come in the order of tasks, policies and methods, "alone" first.
+/// Runs the study, with a ledger and a summary in study.out unless that is empty. Rows come in the
+/// order of tasks, policies and methods, "alone" first; the same for any number of threads. Of a
+/// shard there are none.
 /// @throws std::invalid_argument naming an unknown task, policy or method and those there are; and
 ///   as experiment::Evaluate() does.
-[[nodiscard]] std::vector<Row> RunStudy(const Study& study,
-                                        experiment::ProgressCallback progress = {});
+[[nodiscard]] std::vector<Row> RunStudy(const Study& study);
 
 /// What one episode went through.
 struct Recording {

@@ -9,6 +9,7 @@
 #include "commands.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
+#include "dfr/experiment/ledger.h"
 #include "dfr/experiment/report.h"
 #include "probe_study.h"
 #include "rollout_video.h"
@@ -51,22 +52,29 @@ std::map<std::string, std::string> Settings(const ExperimentOptions& options) {
   std::map<std::string, std::string> settings;
   settings["observation"] =
       options.plant.observation == sim::Observation::kVision ? "images" : "ground truth";
-  settings["disturbance"] = std::string(sim::Name(d.wave)) + (d.during ? ", during controls" : "") +
-                            (d.between ? ", between controls for " + Text(d.pause_s) + " s" : "");
+  settings["disturbance"] =
+      std::string(sim::Name(d.wave)) + (d.during ? ", during controls" : "") +
+      (d.between ? ", between controls for " + experiment::Exactly(d.pause_s) + " s" : "");
   std::string amplitudes;
   for (std::size_t k = 0; k < 6; ++k) {
-    amplitudes += (k > 0 ? ", " : "") + Text(k < 3 ? 1e3 * d.amplitude[k] : d.amplitude[k]) +
-                  " at " + Text(d.frequency[k]);
+    amplitudes += (k > 0 ? ", " : "") +
+                  experiment::Exactly(k < 3 ? 1e3 * d.amplitude[k] : d.amplitude[k]) + " at " +
+                  experiment::Exactly(d.frequency[k]);
   }
   settings["disturbance x, y, z [mm], roll, pitch, yaw [rad] at frequency"] = amplitudes;
-  settings["arm error, mean [mm]"] = Text(1e3 * options.plant.arm.mean_error_m);
-  settings["nu"] = Text(options.model.nu);
+  settings["arm"] = std::to_string(options.plant.arm.seed);
+  settings["blur [px]"] = experiment::Exactly(options.plant.endoscope.blur_px);
+  settings["noise of the image"] = experiment::Exactly(options.plant.endoscope.noise);
+  settings["start scatter [m]"] = experiment::Exactly(options.plant.start_scatter_m);
+  settings["arm error, mean [mm]"] = experiment::Exactly(1e3 * options.plant.arm.mean_error_m);
+  settings["nu"] = experiment::Exactly(options.model.nu);
   std::string gammas;
-  for (double gamma : options.model.gammas) gammas += (gammas.empty() ? "" : ", ") + Text(gamma);
+  for (double gamma : options.model.gammas)
+    gammas += (gammas.empty() ? "" : ", ") + experiment::Exactly(gamma);
   settings["gamma candidates [1/mm^2]"] = gammas;
-  settings["held-out acceptance wanted"] = Text(options.model.acceptance);
+  settings["held-out acceptance wanted"] = experiment::Exactly(options.model.acceptance);
   settings["support features"] = options.model.support_features;
-  settings["guided gamma [whitened]"] = Text(options.model.guided_gamma);
+  settings["guided gamma [whitened]"] = experiment::Exactly(options.model.guided_gamma);
   settings["horizon"] = std::to_string(options.model.horizon);
   return settings;
 }
@@ -176,6 +184,7 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
                                      const std::map<std::string, std::string>& settings) {
   experiment::ReportOptions report;
   report.title = "Line tracking";
+  report.program = "line_tracking";
   report.introduction =
       "A da Vinci arm follows a red line on gauze that a Stewart platform moves, seen by an "
       "endoscope. Demonstrations are open-loop and undisturbed, so the learned policy knows no "
@@ -264,7 +273,7 @@ std::vector<experiment::ReportMedia> RecordEpisodes(LineTrialRunner& runner,
 void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
   for (const std::string& world : plan.learners) static_cast<void>(InWorld(options.plant, world));
-  experiment::PrepareFolder(options);
+  const experiment::OutputFolder folder(options);
   calibration::CalibrationSummary calibration_summary;
   const line_task::LineCalibration known =
       CalibratePlant(options.plant, kCalibrationFrames,
@@ -289,8 +298,9 @@ void RunExperiment(const ExperimentOptions& options) {
                                              InWorld(options.plant, unit.learner), known);
   };
   const std::map<std::string, std::string> settings = Settings(options);
-  const auto [results, summary] =
-      experiment::RunExperiment("line_tracking", plan, make, settings, options);
+  const auto found = experiment::RunExperiment("line_tracking", plan, make, settings, options);
+  if (!found) return;
+  const auto& [results, summary] = *found;
 
   experiment::ReportOptions report = MakeReport(options, plan, settings);
   report.settings.emplace_back("calibration, tips RMS [px]", Text(calibration_summary.tip_rms_px));

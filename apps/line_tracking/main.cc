@@ -9,9 +9,9 @@
 #include <string_view>
 #include <vector>
 
-#include "apps/experiment_command.h"
 #include "commands.h"
 #include "dfr/core/build_info.h"
+#include "dfr/experiment/command_line.h"
 #include "dfr/safety/method.h"
 
 namespace dfr::apps::line_tracking {
@@ -106,8 +106,9 @@ void AddModelOptions(CLI::App& command, LineModelOptions& model) {
 void AddExperiment(CLI::App& app, ExperimentOptions& options) {
   options.plant.disturbance.wave = sim::Wave::kRandom;
   CLI::App& command = *app.add_subcommand("experiment", "the paper's comparison of all methods");
-  AddExperimentOptions(command, options, "quick: 2 trials of 15 episodes; paper: 5 trials of 50",
-                       "the first is the reference; of " + MethodHelp(kOtherLineMethods));
+  experiment::AddExperimentOptions(
+      command, options, "quick: 2 trials of 15 episodes; paper: 5 trials of 50",
+      "the first is the reference; of " + MethodHelp(kOtherLineMethods));
   command
       .add_option("--worlds", options.worlds,
                   "rows of their own: a latency in real time, as in 30ms, where the platform never "
@@ -248,7 +249,7 @@ int Main(int argc, char** argv) {
   app.require_subcommand(1);
   app.failure_message(CLI::FailureMessage::simple);
 
-  ExperimentOptions experiment;
+  ExperimentOptions compared;
   CalibrateOptions calibrate;
   DemonstrateOptions demonstrate;
   FitOptions fit;
@@ -258,7 +259,7 @@ int Main(int argc, char** argv) {
   RenderOptions render;
   ViewOptions view;
   VisionOptions vision;
-  AddExperiment(app, experiment);
+  AddExperiment(app, compared);
   AddCalibrate(app, calibrate);
   AddDemonstrate(app, demonstrate);
   AddFit(app, fit);
@@ -276,8 +277,8 @@ int Main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]).rfind("--config", 0) == 0) {
     arguments.insert(arguments.begin() + 1, "run");
   }
-  CLI11_PARSE(app, static_cast<int>(arguments.size()), arguments.data());
-  return EXIT_SUCCESS;
+  return experiment::Parse(app, static_cast<int>(arguments.size()), arguments.data())
+      .value_or(EXIT_SUCCESS);
 }
 
 }  // namespace

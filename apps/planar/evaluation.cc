@@ -1,42 +1,37 @@
 #include "apps/planar/evaluation.h"
 
+#include <algorithm>
+#include <cstddef>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <utility>
 
+#include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "dfr/experiment/ledger.h"
 #include "dfr/experiment/rollout_runner.h"
 
 namespace dfr::apps::planar {
 namespace {
 
-struct Shared {
-  std::mutex mutex;
-  // By trial and demonstrations, so that the order of threads does not matter.
-  std::map<std::pair<int, int>, std::vector<std::vector<int>>> lengths;
-};
-
 class PlanarTrialRunner final : public experiment::RolloutRunner {
  public:
-  PlanarTrialRunner(const PlanarStudy& study, const experiment::EvaluationUnit& unit,
-                    Shared& shared, const Task& task)
+  PlanarTrialRunner(const PlanarStudy& study, const experiment::EvaluationPlan& plan, int trial,
+                    int demonstrations, const Task& task)
       : RolloutRunner(task.plant->Clone(), study.disturbance),
-        unit_(unit),
-        shared_(shared),
+        names_(plan.methods),
         methods_(task,
-                 Demonstrate(task, unit.demonstrations,
-                             core::DeriveSeed(study.plan.seed,
-                                              {2, static_cast<std::uint64_t>(unit.trial)})),
+                 Demonstrate(task, demonstrations,
+                             core::DeriveSeed(plan.seed, {2, static_cast<std::uint64_t>(trial)})),
                  study.methods) {
-    for (const std::string& method : study.plan.methods) Add(methods_.Make(method, driven()));
+    for (const std::string& method : names_) Add(methods_.Make(method, driven()));
   }
-  ~PlanarTrialRunner() override {
-    const std::lock_guard lock(shared_.mutex);
-    shared_.lengths[{unit_.trial, unit_.demonstrations}] = recovery_lengths();
+
+  std::map<std::string, std::vector<int>> Counts() override {
+    std::map<std::string, std::vector<int>> counts;
+    for (std::size_t m = 0; m < names_.size(); ++m) counts[names_[m]] = recovery_lengths()[m];
+    return counts;
   }
-  PlanarTrialRunner(const PlanarTrialRunner&) = delete;
-  PlanarTrialRunner& operator=(const PlanarTrialRunner&) = delete;
 
  private:
   bool Inside(std::span<const double> x) const override {
@@ -51,31 +46,69 @@ class PlanarTrialRunner final : public experiment::RolloutRunner {
     return RolloutRunner::CauseOf(result);
   }
 
-  experiment::EvaluationUnit unit_;
-  Shared& shared_;
+  std::vector<std::string> names_;
   Methods methods_;
 };
 
 }  // namespace
 
 PlanarResult RunStudy(const PlanarStudy& study) {
-  const Task task = MakeTask(study.task);
-  Shared shared;
-  PlanarResult result;
-  result.units = experiment::Evaluate(
-      study.plan,
+  std::vector<PlanarResult> results = RunVariants("planar", {{study.plan.learners.front(), study}});
+  DFR_THROW_UNLESS(!results.empty(), "a shard has no results of its own");
+  return std::move(results.front());
+}
+
+std::vector<PlanarResult> RunVariants(const std::string& name,
+                                      const std::vector<Variant>& variants) {
+  const PlanarStudy& first = variants.front().study;
+  experiment::EvaluationPlan plan = first.plan;
+  plan.learners.clear();
+  std::vector<Task> tasks;
+  for (const Variant& variant : variants) {
+    DFR_THROW_UNLESS(variant.study.plan.demonstrations.size() == plan.demonstrations.size(),
+                     "'" << variant.name << "' has " << variant.study.plan.demonstrations.size()
+                         << " data points, not " << plan.demonstrations.size()
+                         << "; give one number of demonstrations");
+    plan.learners.push_back(variant.name);
+    tasks.push_back(MakeTask(variant.study.task));
+  }
+  const auto make =
       [&](const experiment::EvaluationUnit& unit) -> std::unique_ptr<experiment::TrialRunner> {
-        return std::make_unique<PlanarTrialRunner>(study, unit, shared, task);
-      },
-      {.threads = study.threads});
-  result.recovery_lengths.resize(study.plan.methods.size());
-  for (const auto& [unit, lengths] : shared.lengths) {
-    for (std::size_t m = 0; m < lengths.size(); ++m) {
-      auto& all = result.recovery_lengths[m];
-      all.insert(all.end(), lengths[m].begin(), lengths[m].end());
+    const auto v = static_cast<std::size_t>(std::ranges::find(plan.learners, unit.learner) -
+                                            plan.learners.begin());
+    const auto point = static_cast<std::size_t>(
+        std::ranges::find(plan.demonstrations, unit.demonstrations) - plan.demonstrations.begin());
+    const PlanarStudy& study = variants[v].study;
+    return std::make_unique<PlanarTrialRunner>(study, plan, unit.trial,
+                                               study.plan.demonstrations[point], tasks[v]);
+  };
+  using experiment::Exactly;
+  const MethodOptions& methods = first.methods;
+  const experiment::OutputFolder folder(first.run);
+  const auto found =
+      experiment::RunExperiment(name, plan, make,
+                                {{"task", first.task},
+                                 {"gamma", Exactly(methods.gamma)},
+                                 {"raw gamma", Exactly(methods.raw_gamma)},
+                                 {"certified gamma", Exactly(methods.certified_gamma)},
+                                 {"factor", Exactly(methods.gain_factor)}},
+                                first.run);
+  std::vector<PlanarResult> results;
+  if (!found) return results;
+  for (const Variant& variant : variants) {
+    PlanarResult& result = results.emplace_back();
+    result.recovery_lengths.resize(plan.methods.size());
+    for (const experiment::UnitResult& unit : found->units) {
+      if (unit.unit.learner != variant.name) continue;
+      result.units.push_back(unit);
+      for (std::size_t m = 0; m < plan.methods.size(); ++m) {
+        const std::vector<int>& lengths = unit.counts.at(plan.methods[m]);
+        auto& all = result.recovery_lengths[m];
+        all.insert(all.end(), lengths.begin(), lengths.end());
+      }
     }
   }
-  return result;
+  return results;
 }
 
 }  // namespace dfr::apps::planar

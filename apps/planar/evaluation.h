@@ -8,7 +8,7 @@
 #include "apps/planar/task.h"
 #include "dfr/control/disturbed_plant.h"
 #include "dfr/control/rollout.h"
-#include "dfr/experiment/paired_evaluation.h"
+#include "dfr/experiment/experiment.h"
 
 namespace dfr::apps::planar {
 
@@ -19,7 +19,7 @@ struct PlanarStudy {
   experiment::EvaluationPlan plan;
   MethodOptions methods;
   control::DisturbanceOptions disturbance;  ///< At test time; demonstrations are undisturbed.
-  int threads = 0;
+  experiment::ExperimentOptions run;        ///< Folder, shard and threads of it.
 };
 
 struct PlanarResult {
@@ -29,5 +29,18 @@ struct PlanarResult {
 };
 
 [[nodiscard]] PlanarResult RunStudy(const PlanarStudy& study);
+
+/// A study that differs in task, methods' options, disturbance or numbers of demonstrations.
+struct Variant {
+  std::string name;
+  PlanarStudy study;
+};
+
+/// Runs them as one experiment, with the first one's plan and run: variants take the place of
+/// learners. One result a variant; none at all of a shard.
+/// @throws std::invalid_argument unless all have as many data points; and as
+///   experiment::RunExperiment().
+[[nodiscard]] std::vector<PlanarResult> RunVariants(const std::string& name,
+                                                    const std::vector<Variant>& variants);
 
 }  // namespace dfr::apps::planar

@@ -21,6 +21,7 @@
 #include "apps/planar/proof.h"
 #include "dfr/control/certifier.h"
 #include "dfr/core/random.h"
+#include "dfr/experiment/command_line.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/kernel/cover_radius.h"
 
@@ -83,10 +84,11 @@ void PrintRow(const std::string& name, const PlanarResult& result, std::size_t m
 }
 
 void Experiment(const PlanarStudy& study, bool causes) {
-  const PlanarResult result = RunStudy(study);
+  const std::vector<PlanarResult> results = RunVariants("planar", {{"polynomial", study}});
+  if (results.empty()) return;
   PrintHeading();
   for (std::size_t m = 0; m < study.plan.methods.size(); ++m) {
-    PrintRow(study.plan.methods[m], result, m, causes);
+    PrintRow(study.plan.methods[m], results.front(), m, causes);
   }
 }
 
@@ -121,14 +123,10 @@ void Ablate(PlanarStudy study, bool causes) {
 // The plant differs from the one that was demonstrated on; and few demonstrations.
 void Drift(const PlanarStudy& study, bool causes) {
   const double length = study.task == "corridor" ? 1.0 : 0.1;
+  std::vector<Variant> variants;
   const auto row = [&](const std::string& what, const PlanarStudy& variant) {
-    std::printf("%s\n", what.c_str());
-    const PlanarResult result = RunStudy(variant);
-    for (std::size_t m = 0; m < variant.plan.methods.size(); ++m) {
-      PrintRow("  " + variant.plan.methods[m], result, m, causes);
-    }
+    variants.push_back({what, variant});
   };
-  PrintHeading();
   row("as demonstrated", study);
   for (const double degrees : {10.0, 20.0, 40.0}) {
     PlanarStudy variant = study;
@@ -154,6 +152,15 @@ void Drift(const PlanarStudy& study, bool causes) {
     PlanarStudy variant = study;
     variant.plan.demonstrations = {demonstrations};
     row(std::to_string(demonstrations) + " demonstrations", variant);
+  }
+  const std::vector<PlanarResult> results = RunVariants("planar drift", variants);
+  if (results.empty()) return;
+  PrintHeading();
+  for (std::size_t v = 0; v < variants.size(); ++v) {
+    std::printf("%s\n", variants[v].name.c_str());
+    for (std::size_t m = 0; m < study.plan.methods.size(); ++m) {
+      PrintRow("  " + study.plan.methods[m], results[v], m, causes);
+    }
   }
 }
 
@@ -195,7 +202,9 @@ Passing CountPassing(const Methods& methods, control::CertificateKind kind, int 
   const control::GuidedModel& model = methods.recovery(SupportOf(control::Name(kind))).model();
   control::Certifier certifier(methods.certificate(kind), model.features().num_features(),
                                model.control_dim(), model.control_unit());
-  control::JacobianEstimate estimate(model.prior());
+  // What a certificate assumes.
+  control::JacobianEstimate estimate(
+      model.prior(), {}, {.own_motion = false, .lag = false, .smoothing = false});
   Passing passing;
   for (const core::Trajectory& d : methods.demonstrations()) {
     if (t >= d.controls.rows()) continue;
@@ -318,14 +327,13 @@ int main(int argc, char** argv) try {
   study.plan.demonstrations = {120};
   study.plan.trials = 10;
   study.plan.episodes = 100;
-  study.plan.seed = 1;
+  study.run.seed = 1;
   bool causes = false;
   const auto common = [&](CLI::App* command) {
     command->add_option("--task", study.task, "corridor, push or push-weak")->capture_default_str();
     command->add_option("--demonstrations", study.plan.demonstrations)
         ->delimiter(',')
         ->capture_default_str();
-    command->add_option("--seed", study.plan.seed)->capture_default_str();
     command->add_option("--gamma", study.methods.gamma, "of guided recovery's support")
         ->capture_default_str();
     command->add_option("--raw-gamma", study.methods.raw_gamma, "of DFR's support; 0: the task's")
@@ -339,20 +347,26 @@ int main(int argc, char** argv) try {
         ->check(CLI::NonNegativeNumber)
         ->capture_default_str();
   };
+  const auto seeded = [&](CLI::App* command) {
+    command->add_option("--seed", study.run.seed)->capture_default_str();
+  };
   const auto runs = [&](CLI::App* command) {
     common(command);
     command->add_option("--trials", study.plan.trials)->capture_default_str();
     command->add_option("--episodes", study.plan.episodes, "per trial")->capture_default_str();
-    command->add_option("--threads", study.threads, "0: one per core")->capture_default_str();
     command->add_flag("--causes", causes, "why episodes did not complete");
   };
   auto* experiment = app.add_subcommand("experiment", "Compare methods from the same start states");
   runs(experiment);
+  dfr::experiment::AddRunOptions(*experiment, study.run);
   experiment->add_option("--methods", study.plan.methods)->delimiter(',');
   auto* ablate = app.add_subcommand("ablate", "Each part of guided recovery off, one at a time");
   runs(ablate);
+  seeded(ablate);
+  ablate->add_option("--threads", study.run.threads, "0: one per core")->capture_default_str();
   auto* drift = app.add_subcommand("drift", "Rotation, scale, bias, noise, few demonstrations");
   runs(drift);
+  dfr::experiment::AddRunOptions(*drift, study.run);
   std::vector<std::string> drift_methods = {"baseline", "dfr", "guided", "lwr"};
   drift->add_option("--methods", drift_methods)->delimiter(',');
   ProofOptions proof;
@@ -369,15 +383,18 @@ int main(int argc, char** argv) try {
   prove->add_flag("--mutations", mutations, "mistakes that must be found, too");
   auto* certificate = app.add_subcommand("certificate", "What the certified modes rest on");
   common(certificate);
+  seeded(certificate);
   auto* picture = app.add_subcommand("picture", "Pictures, a video and a page to scrub through");
   common(picture);
+  seeded(picture);
   std::uint64_t start = 3;
   std::filesystem::path folder = "planar";
   std::vector<std::string> picture_methods = {"baseline", "dfr", "guided"};
   picture->add_option("--start", start, "seed of the start state")->capture_default_str();
   picture->add_option("--out", folder)->capture_default_str();
   picture->add_option("--methods", picture_methods)->delimiter(',');
-  CLI11_PARSE(app, argc, argv);
+  if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
+  study.plan.seed = study.run.seed;
 
   if (*experiment) Experiment(study, causes);
   if (*ablate) Ablate(study, causes);

@@ -64,19 +64,22 @@ struct ExperimentOptions : experiment::ExperimentOptions {
 };
 void RunExperiment(const ExperimentOptions& options);
 
-struct DriftOptions {
+struct DriftOptions : experiment::ExperimentOptions {
+  DriftOptions() {
+    methods = {"baseline", "dfr", "guided", "lwr"};
+    trials = 4;
+    episodes = 60;
+    seed = 6001;
+  }
   std::string learner = "8";
-  std::vector<std::string> methods = {"baseline", "dfr", "guided", "lwr"};
   int demonstrations = 60;
-  int trials = 4;
-  int episodes = 60;
-  std::uint64_t seed = 6001;
-  int threads = 0;
   std::filesystem::path supervisor;
 };
 void RunDrift(const DriftOptions& options);
 
 struct RenderOptions {
+  std::string episode;                       ///< The id of one of an experiment's, or empty.
+  std::filesystem::path run = "out/pusher";  ///< That experiment's folder.
   std::filesystem::path model = "model";
   std::vector<std::string> methods = {"baseline", "dfr", "guided"};
   std::uint64_t seed = 1;  ///< Draws the start state.
@@ -86,6 +89,9 @@ struct RenderOptions {
   sim::PusherOptions plant;
 };
 void RunRender(const RenderOptions& options);
+/// Films options.episode of the experiment that `run` describes, beside options.methods from the
+/// same start state.
+void RenderEpisode(const ExperimentOptions& run, const RenderOptions& options);
 
 struct ViewOptions {
   std::filesystem::path model = "model";

@@ -1,12 +1,15 @@
+#include <algorithm>
 #include <cstdio>
 #include <map>
+#include <memory>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "commands.h"
 #include "dfr/core/build_info.h"
-#include "dfr/experiment/paired_evaluation.h"
+#include "dfr/experiment/ledger.h"
 #include "dfr/experiment/summary.h"
 #include "trial_runner.h"
 
@@ -44,9 +47,10 @@ std::vector<Condition> Conditions() {
   };
 }
 
-const experiment::Cell& CellOf(const experiment::Summary& summary, const std::string& method) {
+const experiment::Cell& CellOf(const experiment::Summary& summary, const std::string& condition,
+                               const std::string& method) {
   for (const experiment::Cell& cell : summary.averages) {
-    if (cell.method == method) return cell;
+    if (cell.learner == condition && cell.method == method) return cell;
   }
   throw std::logic_error("no results of " + method);
 }
@@ -54,20 +58,44 @@ const experiment::Cell& CellOf(const experiment::Summary& summary, const std::st
 }  // namespace
 
 void RunDrift(const DriftOptions& options) {
+  const std::filesystem::path supervisor_file =
+      options.supervisor.empty() ? ShippedSupervisor() : options.supervisor;
+  const auto supervisor = imitation::GaussianPolicy::Load(supervisor_file);
   TrialRunnerOptions site_options;
   for (const std::string& name : options.methods) {
     site_options.methods.push_back(ParseMethod(name));
   }
   site_options.most_demonstrations = std::max(options.demonstrations, kFewDemonstrations);
   site_options.seed = options.seed;
+  // Conditions take the place of learners.
   experiment::EvaluationPlan plan;
-  plan.methods = options.methods;
-  plan.learners = {options.learner};
-  plan.trials = options.trials;
-  plan.episodes = options.episodes;
-  plan.seed = options.seed;
-  const auto supervisor = imitation::GaussianPolicy::Load(
-      options.supervisor.empty() ? ShippedSupervisor() : options.supervisor);
+  plan.demonstrations = {options.demonstrations};
+  plan = experiment::ApplyTo(std::move(plan), options);
+  const std::vector<Condition> conditions = Conditions();
+  std::map<std::string, std::unique_ptr<TrialRunnerFactory>> factories;
+  for (const Condition& condition : conditions) {
+    site_options.disturbance = condition.disturbance;
+    site_options.supervisor_noise = condition.supervisor_noise;
+    site_options.plant.gripper = condition.gripper;
+    plan.learners.push_back(condition.name);
+    factories[condition.name] =
+        std::make_unique<TrialRunnerFactory>(supervisor, site_options, plan.trials);
+  }
+  const auto make = [&](const experiment::EvaluationUnit& unit) {
+    const auto condition = std::ranges::find(conditions, unit.learner, &Condition::name);
+    return factories.at(unit.learner)
+        ->Make({.trial = unit.trial,
+                .demonstrations =
+                    condition->few_demonstrations ? kFewDemonstrations : unit.demonstrations,
+                .learner = options.learner});
+  };
+  const experiment::OutputFolder folder(options);
+  const auto found =
+      experiment::RunExperiment("drift", plan, make,
+                                {{"learner", options.learner},
+                                 {"supervisor's hash", experiment::HashOfFile(supervisor_file)}},
+                                options, {.seed = options.seed});
+  if (!found) return;
 
   std::printf(
       "learner %s, %d demonstrations, %d episodes a method in %d trials, seed %llu, commit %s\n"
@@ -75,28 +103,10 @@ void RunDrift(const DriftOptions& options) {
       options.learner.c_str(), options.demonstrations, options.trials * options.episodes,
       options.trials, static_cast<unsigned long long>(options.seed),
       std::string(core::BuildCommit()).c_str());
-  experiment::ProgressBar bar("drift");
-  const std::vector<Condition> conditions = Conditions();
-  for (std::size_t i = 0; i < conditions.size(); ++i) {
-    const Condition& condition = conditions[i];
-    site_options.disturbance = condition.disturbance;
-    site_options.supervisor_noise = condition.supervisor_noise;
-    site_options.plant.gripper = condition.gripper;
-    plan.demonstrations = {condition.few_demonstrations ? kFewDemonstrations
-                                                        : options.demonstrations};
-    TrialRunnerFactory factory(supervisor, site_options, plan.trials);
-    const auto results = experiment::Evaluate(
-        plan, [&](const experiment::EvaluationUnit& unit) { return factory.Make(unit); },
-        {.threads = options.threads});
-    const experiment::Summary summary =
-        experiment::Summarize(plan, results,
-                              {.experiment = "pusher",
-                               .preset = "drift",
-                               .commit = core::BuildCommit(),
-                               .bootstrap = {.seed = options.seed}});
+  for (const Condition& condition : conditions) {
     std::printf("\n%s\n", condition.name.c_str());
     for (const std::string& method : options.methods) {
-      const experiment::Cell& cell = CellOf(summary, method);
+      const experiment::Cell& cell = CellOf(found->summary, condition.name, method);
       const auto& completed = cell.completed;
       const auto& collided = cell.collided;
       std::printf("  %-16s %5.1f [%5.1f, %5.1f] / %5.1f [%5.1f, %5.1f]\n", method.c_str(),
@@ -104,7 +114,6 @@ void RunDrift(const DriftOptions& options) {
                   100.0 * completed.interval.high, 100.0 * collided.value,
                   100.0 * collided.interval.low, 100.0 * collided.interval.high);
     }
-    std::fflush(stdout);
   }
 }
 

@@ -3,12 +3,16 @@
 #include <filesystem>
 #include <iostream>
 #include <numeric>
+#include <optional>
 #include <string>
 
 #include "commands.h"
 #include "convergence.h"
+#include "dfr/core/build_info.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
+#include "dfr/experiment/episodes.h"
+#include "dfr/experiment/ledger.h"
 #include "dfr/experiment/report.h"
 #include "trial_runner.h"
 
@@ -36,27 +40,29 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   return experiment::ApplyTo(std::move(plan), options);
 }
 
-std::string Text(double value) { return core::Format("%g", value); }
+std::string Text(double value) { return core::Format("%g", value); }  // for people
 
 std::string Percent(double share) { return core::Format("%.1f %%", 100.0 * share); }
 
 // All that decides the results besides the plan; a ledger with others is refused.
 std::map<std::string, std::string> Settings(const ExperimentOptions& options,
                                             const std::filesystem::path& supervisor) {
+  using experiment::Exactly;
   const ModelOptions& model = options.model;
   return {{"supervisor", supervisor.filename().string()},
+          {"supervisor's hash", experiment::HashOfFile(supervisor)},
           {"gripper", std::string(sim::Name(options.plant.gripper))},
-          {"red_y", Text(options.plant.red_y)},
-          {"start_x_min", Text(options.plant.start_x_min)},
-          {"start_x_max", Text(options.plant.start_x_max)},
-          {"start_y", Text(options.plant.start_y)},
-          {"nu", Text(model.nu)},
-          {"gamma", Text(model.gamma)},
-          {"guided_gamma", Text(model.guided_gamma)},
+          {"red_y", Exactly(options.plant.red_y)},
+          {"start_x_min", Exactly(options.plant.start_x_min)},
+          {"start_x_max", Exactly(options.plant.start_x_max)},
+          {"start_y", Exactly(options.plant.start_y)},
+          {"nu", Exactly(model.nu)},
+          {"gamma", Exactly(model.gamma)},
+          {"guided_gamma", Exactly(model.guided_gamma)},
           {"horizon", std::to_string(model.horizon)},
           {"support_features", model.support_features},
           {"epochs", std::to_string(model.epochs)},
-          {"learning_rate", Text(model.learner.learning_rate)}};
+          {"learning_rate", Exactly(model.learner.learning_rate)}};
 }
 
 // The start state that shows most: at the last data point of the first learner, one where the
@@ -233,6 +239,7 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
                                      const experiment::Summary& summary,
                                      const std::map<std::string, std::string>& settings) {
   experiment::ReportOptions report;
+  report.program = "pusher";
   report.title = "Pusher: safe execution of a learned policy";
   report.introduction =
       "A 7-joint arm pushes a cylinder over a goal, past two red regions that neither arm nor "
@@ -281,28 +288,62 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
   return report;
 }
 
-}  // namespace
+std::filesystem::path SupervisorOf(const ExperimentOptions& options) {
+  return options.supervisor.empty() ? ShippedSupervisor() : options.supervisor;
+}
 
-void RunExperiment(const ExperimentOptions& options) {
-  const experiment::EvaluationPlan plan = MakePlan(options);
-  const std::filesystem::path supervisor_file =
-      options.supervisor.empty() ? ShippedSupervisor() : options.supervisor;
+TrialRunnerFactory MakeFactory(const ExperimentOptions& options,
+                               const experiment::EvaluationPlan& plan,
+                               const std::vector<std::string>& methods) {
   TrialRunnerOptions site_options;
-  for (const std::string& name : plan.methods) site_options.methods.push_back(ParseMethod(name));
+  for (const std::string& name : methods) site_options.methods.push_back(ParseMethod(name));
   for (const std::string& name : plan.learners) static_cast<void>(Learner::Parse(name));
   site_options.model = options.model;
   site_options.plant = options.plant;
   site_options.most_demonstrations =
       *std::max_element(plan.demonstrations.begin(), plan.demonstrations.end());
   site_options.seed = plan.seed;
-  TrialRunnerFactory factory(imitation::GaussianPolicy::Load(supervisor_file), site_options,
-                             plan.trials);
+  return {imitation::GaussianPolicy::Load(SupervisorOf(options)), site_options, plan.trials};
+}
 
-  experiment::PrepareFolder(options);
-  const std::map<std::string, std::string> settings = Settings(options, supervisor_file);
-  const auto [results, summary] = experiment::RunExperiment(
+}  // namespace
+
+void RenderEpisode(const ExperimentOptions& run, const RenderOptions& options) {
+  const experiment::EvaluationPlan plan = MakePlan(run);
+  const experiment::LedgerContents ledger = experiment::ReadLedger(run.out / "ledger.jsonl");
+  const std::string difference = experiment::Difference(
+      ledger.header, {plan, Settings(run, SupervisorOf(run)), core::BuildCommit(), {}});
+  if (!difference.empty()) {
+    throw std::runtime_error(run.out.string() +
+                             ": its episodes cannot be run again by this build: " + difference);
+  }
+  const experiment::EpisodeId id = experiment::ParseEpisode(options.episode, plan);
+  const auto record = std::ranges::find(
+      ledger.records, id.unit, [](const auto& candidate) { return candidate.result.unit; });
+  if (record == ledger.records.end()) {
+    throw std::runtime_error(run.out.string() + ": the unit of " + options.episode +
+                             " is not finished");
+  }
+  std::vector<std::string> methods = options.methods;
+  if (std::ranges::count(methods, id.method) == 0) methods.push_back(id.method);
+  TrialRunnerFactory factory = MakeFactory(run, plan, methods);
+  const std::unique_ptr<PusherTrialRunner> runner = factory.Make(id.unit);
+  const std::vector<RolloutVideo> videos = RecordRollouts(
+      *runner, methods, record->result.starts[static_cast<std::size_t>(id.start)],
+      experiment::ControllerSeed(plan, id.unit.trial, id.start), options.width, options.height);
+  Save(videos, options.out);
+}
+
+void RunExperiment(const ExperimentOptions& options) {
+  const experiment::EvaluationPlan plan = MakePlan(options);
+  TrialRunnerFactory factory = MakeFactory(options, plan, plan.methods);
+  const experiment::OutputFolder folder(options);
+  const std::map<std::string, std::string> settings = Settings(options, SupervisorOf(options));
+  const std::optional<experiment::ExperimentResult> found = experiment::RunExperiment(
       "pusher", plan, [&](const experiment::EvaluationUnit& unit) { return factory.Make(unit); },
       settings, options, {.seed = plan.seed});
+  if (!found) return;
+  const auto& [results, summary] = *found;
   experiment::PrintTable(summary, std::cout);
   std::printf("overlap P(red | g >= 0): %s on average over the data points\n",
               Percent(MeanMeasure(summary, "overlap")).c_str());

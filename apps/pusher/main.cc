@@ -1,15 +1,18 @@
 // The Pusher experiment of Sec. V-A: train a supervisor, demonstrate, fit, evaluate, compare, look.
 #include <CLI/CLI.hpp>
-#include <algorithm>
+#include <array>
 #include <cstdlib>
+#include <filesystem>
+#include <functional>
 #include <iostream>
 #include <map>
-#include <stdexcept>
 #include <string>
+#include <utility>
 
-#include "apps/experiment_command.h"
 #include "commands.h"
 #include "dfr/core/build_info.h"
+#include "dfr/experiment/command_line.h"
+#include "dfr/experiment/ledger.h"
 #include "dfr/safety/method.h"
 #include "train_supervisor.h"
 
@@ -49,17 +52,19 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
       ->capture_default_str();
 }
 
-void AddExperiment(CLI::App& app, ExperimentOptions& options) {
+void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void()> run) {
   CLI::App* command = app.add_subcommand(
       "experiment", "the paper's comparison: all methods over the number of demonstrations");
-  AddExperimentOptions(
+  experiment::AddExperimentOptions(
       *command, options,
       "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials, 6, 12, ..., 120; authors: as "
       "quick, with the constants of the authors' scripts where those are others, Adam's rate .01, "
       "T = 100, gamma 1, nu .1",
       "the first is the reference; of " + MethodHelp(), {"quick", "paper", "authors"});
-  command->add_option("--supervisor", options.supervisor,
-                      "file of train-supervisor (default: the shipped one)");
+  command
+      ->add_option("--supervisor", options.supervisor,
+                   "file of train-supervisor (default: the shipped one)")
+      ->type_name("FILE");
   command->add_flag("!--no-convergence", options.convergence,
                     "leave out how fast recoveries climb, which takes seconds");
   command
@@ -72,18 +77,20 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
   AddScene(*command, options.plant);
   command->add_option("--learning-rate", options.model.learner.learning_rate, "of Adam")
       ->capture_default_str();
-  command->callback([&options, command] {
+  command->callback([&options, command, run = std::move(run)] {
     if (options.preset == "authors") {
       // What the user has chosen stays.
       const auto take = [command](const char* option, auto& value, auto authors) {
-        if (command->count(option) == 0) value = authors;
+        if (command->count(option) > 0) return;
+        value = authors;
+        command->get_option(option)->default_str(experiment::Exactly(authors));  // for run.toml
       };
       take("--learning-rate", options.model.learner.learning_rate, 0.01);
       take("--horizon", options.model.horizon, 100);
       take("--gamma", options.model.gamma, 1.0);
       take("--nu", options.model.nu, 0.1);
     }
-    RunExperiment(options);
+    run();
   });
 }
 
@@ -172,10 +179,11 @@ void AddDrift(CLI::App& app, DriftOptions& options) {
   command->add_option("--episodes", options.episodes, "start states per trial")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  command->add_option("--supervisor", options.supervisor,
-                      "file of train-supervisor (default: the shipped one)");
-  command->add_option("--seed", options.seed, "of all that is random")->capture_default_str();
-  command->add_option("--threads", options.threads, "0: one per core")->capture_default_str();
+  command
+      ->add_option("--supervisor", options.supervisor,
+                   "file of train-supervisor (default: the shipped one)")
+      ->type_name("FILE");
+  experiment::AddRunOptions(*command, options);
   command->callback([&options] { RunDrift(options); });
 }
 
@@ -186,6 +194,11 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   command->add_option("--methods", options.methods, "side by side, as in baseline,dfr")
       ->delimiter(',')
       ->capture_default_str();
+  command->add_option(
+      "--episode", options.episode,
+      "instead of a model: an episode of an experiment by its id, as episodes prints "
+      "it; --methods are shown beside it");
+  command->add_option("--run", options.run, "folder of that experiment")->capture_default_str();
   command->add_option("--seed", options.seed, "of the start state")->capture_default_str();
   command
       ->add_option("--out", options.out, "a video (.mp4, .webm) or the last picture (.png, .jpg)")
@@ -197,7 +210,20 @@ void AddRender(CLI::App& app, RenderOptions& options) {
       ->check(CLI::Range(120, 1080))
       ->capture_default_str();
   AddScene(*command, options.plant);
-  command->callback([&options] { RunRender(options); });
+  command->callback([&options, command] {
+    if (options.episode.empty()) return RunRender(options);
+    if (command->count("--methods") == 0) options.methods.clear();
+    // The experiment as its run.toml has it.
+    CLI::App again("", "pusher");
+    ExperimentOptions run;
+    AddExperiment(again, run, [&] { RenderEpisode(run, options); });
+    const std::filesystem::path file = options.run / "run.toml";
+    const std::array<const char*, 6> arguments = {"pusher",     "experiment", "--config",
+                                                  file.c_str(), "--out",      options.run.c_str()};
+    if (const auto code = experiment::Parse(again, 6, arguments.data())) {
+      throw CLI::RuntimeError(*code);
+    }
+  });
 }
 
 void AddView(CLI::App& app, ViewOptions& options) {
@@ -221,7 +247,7 @@ int Main(int argc, char** argv) {
   app.require_subcommand(1);
   app.failure_message(CLI::FailureMessage::simple);
 
-  ExperimentOptions experiment;
+  ExperimentOptions compared;
   TrainSupervisorOptions train;
   DemonstrateOptions demonstrate;
   FitOptions fit;
@@ -230,7 +256,7 @@ int Main(int argc, char** argv) {
   DriftOptions drift;
   RenderOptions render;
   ViewOptions view;
-  AddExperiment(app, experiment);
+  AddExperiment(app, compared, [&compared] { RunExperiment(compared); });
   AddTrainSupervisor(app, train);
   AddDemonstrate(app, demonstrate);
   AddFit(app, fit);
@@ -240,15 +266,7 @@ int Main(int argc, char** argv) {
   AddRender(app, render);
   AddView(app, view);
 
-  const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
-  if (argc > 1 && argv[1][0] != '-' &&
-      std::none_of(commands.begin(), commands.end(),
-                   [&](const CLI::App* known) { return known->get_name() == argv[1]; })) {
-    throw std::invalid_argument("there is no command '" + std::string(argv[1]) +
-                                "'; pusher --help lists them");
-  }
-  CLI11_PARSE(app, argc, argv);
-  return EXIT_SUCCESS;
+  return experiment::Parse(app, argc, argv).value_or(EXIT_SUCCESS);
 }
 
 }  // namespace

@@ -11,18 +11,12 @@
 
 namespace dfr::apps::pusher {
 
-void RunRender(const RenderOptions& options) {
-  std::vector<safety::Method> methods;
-  for (const std::string& name : options.methods) methods.push_back(ParseMethod(name));
-  PusherTrialRunner runner(Model::Load(options.model), methods, options.plant, {});
-  const std::vector<RolloutVideo> videos =
-      RecordRollouts(runner, options.methods, options.seed, core::DeriveSeed(options.seed, {1}),
-                     options.width, options.height);
-  const std::string ending = options.out.extension();
+void Save(const std::vector<RolloutVideo>& videos, const std::filesystem::path& path) {
+  const std::string ending = path.extension();
   if (ending == ".png" || ending == ".jpg") {
-    WriteStill(options.out, videos, SIZE_MAX);
+    WriteStill(path, videos, SIZE_MAX);
   } else {
-    WriteVideo(options.out, videos);
+    WriteVideo(path, videos);
   }
   for (const RolloutVideo& video : videos) {
     const bool halted = video.result.outcome == core::Outcome::kHalted;
@@ -31,7 +25,17 @@ void RunRender(const RenderOptions& options) {
                 halted ? control::Name(video.result.halt_cause) : "", video.result.controls(),
                 video.result.recovery_controls());
   }
-  std::printf("%s\n", options.out.c_str());
+  std::printf("%s\n", path.c_str());
+}
+
+void RunRender(const RenderOptions& options) {
+  std::vector<safety::Method> methods;
+  for (const std::string& name : options.methods) methods.push_back(ParseMethod(name));
+  PusherTrialRunner runner(Model::Load(options.model), methods, options.plant, {});
+  const std::vector<RolloutVideo> videos =
+      RecordRollouts(runner, options.methods, options.seed, core::DeriveSeed(options.seed, {1}),
+                     options.width, options.height);
+  Save(videos, options.out);
 }
 
 namespace {

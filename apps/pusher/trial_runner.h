@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -56,6 +57,10 @@ class PusherTrialRunner final : public experiment::RolloutRunner {
                                                        std::uint64_t start_seed,
                                                        std::uint64_t controller_seed, int width,
                                                        int height);
+
+/// Writes them side by side as a video, or their last pictures (.png, .jpg), and prints how each
+/// ended. @throws as WriteVideo().
+void Save(const std::vector<RolloutVideo>& videos, const std::filesystem::path& path);
 
 /// Options of the experiment that decide its results.
 struct TrialRunnerOptions {

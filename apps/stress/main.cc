@@ -13,6 +13,7 @@
 
 #include "apps/stress/study.h"
 #include "dfr/core/build_info.h"
+#include "dfr/experiment/command_line.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/experiment/report.h"
 
@@ -21,6 +22,7 @@ namespace {
 
 void RunAndPrint(const Study& study, bool grid) {
   const std::vector<Row> rows = RunStudy(study);
+  if (rows.empty()) return;
   SaveCsv(rows, study.out / "stress.csv");
   std::vector<experiment::ReportTable> tables = grid ? MakeGrid(rows) : MakeTables(rows);
   for (const std::string& controller : study.controllers) {
@@ -66,13 +68,7 @@ void AddOptions(CLI::App& command, Study& study) {
       ->capture_default_str();
   command.add_option("--episodes", study.episodes, "start states per trial and row")
       ->capture_default_str();
-  command.add_option("--seed", study.seed, "of all that is random")->capture_default_str();
-  command.add_option("--threads", study.threads, "0: one per core; the results are the same")
-      ->capture_default_str();
-  command.add_option("--out", study.out, "folder of stress.csv and report.html")
-      ->capture_default_str();
-  command.add_flag("--restart", study.restart,
-                   "forget what an interrupted run left in --out instead of going on with it");
+  experiment::AddRunOptions(command, study);
 }
 
 struct Power {
@@ -131,7 +127,7 @@ int main(int argc, char** argv) try {
       ->capture_default_str();
   power_command->add_option("--bound", power.bound, "share of collisions to be excluded")
       ->capture_default_str();
-  CLI11_PARSE(app, argc, argv);
+  if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
   if (*run) RunAndPrint(study, false);
   if (*grid) RunAndPrint(grid_study, true);
   if (*power_command) PrintPower(power);

@@ -197,10 +197,12 @@ std::vector<Row> RunStudy(const Study& study) {
     return std::make_unique<Runner>(*place.task, *place.variant, *place.condition, std::move(model),
                                     plan.methods);
   };
-  experiment::PrepareFolder(study);
-  const auto [units, summary] = experiment::RunExperiment("stress", plan, make, {}, study);
-
+  const experiment::OutputFolder folder(study);
+  const auto found = experiment::RunExperiment("stress", plan, make, {}, study);
   std::vector<Row> rows;
+  if (!found) return rows;
+  const std::vector<experiment::UnitResult>& units = found->units;
+
   for (const std::string& learner : plan.learners) {
     const Place& place = places.at(learner);
     for (std::size_t p = 0; p < study.policies.size(); ++p) {

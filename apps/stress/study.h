@@ -43,7 +43,7 @@ struct Row {
 
 /// Runs the study, with a progress bar and a ledger in study.out, and goes on where an earlier run
 /// was interrupted. Rows come in the order of tasks, conditions, policies and controllers, the
-/// policy alone first; the same for any number of threads.
+/// policy alone first; the same for any number of threads. Of a shard there are none.
 /// @throws std::invalid_argument naming what is unknown and what there is; and as
 ///   experiment::Evaluate() does.
 [[nodiscard]] std::vector<Row> RunStudy(const Study& study);

@@ -1,5 +1,6 @@
 // A new app: an own task, what is learned from demonstrations of it, and the comparison of methods
-// over trials, with intervals. Replace Task, Supervise() and Policy by yours.
+// over trials, with intervals, in shards on a cluster if need be. Replace Task, Supervise() and
+// Policy by yours.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
@@ -12,10 +13,10 @@
 #include <vector>
 
 #include "dfr/control/rollout.h"
-#include "dfr/core/build_info.h"
 #include "dfr/core/random.h"
-#include "dfr/experiment/paired_evaluation.h"
-#include "dfr/experiment/summary.h"
+#include "dfr/experiment/command_line.h"
+#include "dfr/experiment/ledger.h"
+#include "dfr/experiment/report.h"
 #include "dfr/kernel/time_varying_support.h"
 #include "dfr/safety/task_model.h"
 
@@ -100,7 +101,7 @@ class Policy final : public core::Policy {
 class Runner final : public experiment::TrialRunner {
  public:
   Runner(const experiment::EvaluationUnit& unit, std::uint64_t seed,
-         const std::vector<std::string>& methods) {
+         const std::vector<std::string>& methods, double gamma) {
     std::vector<core::Trajectory> demonstrations;
     const auto trial = static_cast<std::uint64_t>(unit.trial);
     const auto count = static_cast<std::uint64_t>(unit.demonstrations);
@@ -110,7 +111,7 @@ class Runner final : public experiment::TrialRunner {
     model_ = std::make_unique<safety::TaskModel>(
         task_.layout(), demonstrations,
         safety::TaskOptions{
-            .published = kernel::TimeVaryingSupportOptions{.svm = {.nu = 0.05, .gamma = 20.0}},
+            .published = kernel::TimeVaryingSupportOptions{.svm = {.nu = 0.05, .gamma = gamma}},
             .horizon = 60});
     for (const std::string& method : methods) {
       controllers_.push_back(model_->MakeController(safety::ParseMethod(method), policy_));
@@ -152,30 +153,33 @@ int main(int argc, char** argv) try {
   plan.demonstrations = {20, 60};
   plan.trials = 5;
   plan.episodes = 20;
-  plan.seed = 1;
-  std::string out;
+  double gamma = 20.0;
+  experiment::ExperimentOptions options;
+  options.out = "out/corridor";
+  options.seed = 1;
   CLI::App app("Recovery of a policy that cuts corners, in a corridor");
-  app.option_defaults()->always_capture_default();
-  app.add_option("--demonstrations", plan.demonstrations, "the data points, ascending");
-  app.add_option("--trials", plan.trials, "independent repetitions of everything");
-  app.add_option("--episodes", plan.episodes, "start states per trial and data point");
-  app.add_option("--seed", plan.seed, "of all that is random");
-  app.add_option("--out", out, "file of all figures, JSON");
-  CLI11_PARSE(app, argc, argv);
+  app.require_subcommand(1);
+  CLI::App* command = app.add_subcommand("experiment", "all methods from the same start states");
+  experiment::AddRunOptions(*command, options);
+  command->option_defaults()->always_capture_default();
+  command->add_option("--demonstrations", plan.demonstrations, "the data points, ascending");
+  command->add_option("--trials", plan.trials, "independent repetitions of everything");
+  command->add_option("--episodes", plan.episodes, "start states per trial and data point");
+  command->add_option("--gamma", gamma, "width of the support's Gaussian kernel");
+  if (const auto code = experiment::Parse(app, argc, argv)) return *code;
 
-  experiment::ProgressBar bar("corridor");
-  experiment::EvaluationOptions options;
-  options.progress = [&](const experiment::Progress& progress) { bar.Show(progress); };
-  const auto results = experiment::Evaluate(
-      plan,
+  plan.seed = options.seed;
+  const experiment::OutputFolder folder(options);
+  const auto found = experiment::RunExperiment(
+      "corridor", plan,
       [&](const experiment::EvaluationUnit& unit) {
-        return std::make_unique<Runner>(unit, plan.seed, plan.methods);
+        return std::make_unique<Runner>(unit, plan.seed, plan.methods, gamma);
       },
-      options);
-  const auto summary = experiment::Summarize(
-      plan, results, {.experiment = "corridor", .commit = core::BuildCommit()});
-  experiment::PrintTable(summary, std::cout);
-  if (!out.empty()) experiment::SaveSummary(summary, out);
+      {{"gamma", experiment::Exactly(gamma)}}, options);
+  if (!found) return EXIT_SUCCESS;  // a shard, to be merged
+  experiment::PrintTable(found->summary, std::cout);
+  experiment::SaveReport(found->summary, {.title = "Corridor"}, options.out / "report.html");
+  return EXIT_SUCCESS;
 } catch (const std::exception& e) {
   std::cerr << "corridor: " << e.what() << '\n';
   return EXIT_FAILURE;

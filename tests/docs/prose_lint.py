@@ -26,7 +26,6 @@ WORDS = {
 }
 OLD = set("""
 CHANGELOG.md
-apps/gallery/study.h
 apps/line_tracking/commands.h
 apps/line_tracking/experiment.cc
 apps/line_tracking/model.h

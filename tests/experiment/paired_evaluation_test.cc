@@ -5,10 +5,8 @@
 
 #include <algorithm>
 #include <atomic>
-#include <fstream>
 #include <mutex>
 #include <set>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 
@@ -17,7 +15,6 @@
 namespace dfr::experiment {
 namespace {
 
-using test::EmptyFolder;
 using test::FakePlan;
 using test::MakeFakeTrialRunner;
 using testing::HasSubstr;
@@ -29,17 +26,6 @@ std::string MessageOf(const std::function<void()>& action) {
     return e.what();
   }
   return "nothing thrown";
-}
-
-std::string Read(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
-
-void Write(const std::filesystem::path& path, const std::string& text) {
-  std::ofstream(path, std::ios::binary) << text;
 }
 
 TEST(EvaluateTest, CoversThePlanInItsOrder) {
@@ -180,87 +166,27 @@ TEST(EvaluateTest, RefusesPlansThatCannotBeRun) {
   EXPECT_THAT(message([](auto& plan) { plan.episodes = 0; }), HasSubstr("episodes"));
 }
 
-class LedgerTest : public testing::Test {
- protected:
-  EvaluationOptions Options() const {
-    return {.threads = 1, .ledger = ledger, .settings = {{"nu", "0.05"}, {"gamma", "5"}}};
+TEST(EvaluateTest, ShardsAddUpToTheWhole) {
+  const EvaluationPlan plan = FakePlan();
+  const auto whole = Evaluate(plan, MakeFakeTrialRunner);
+  for (const int count : {1, 2, 7, 20, 33}) {
+    std::vector<UnitResult> joined;
+    for (int index = 1; index <= count; ++index) {
+      for (UnitResult& unit :
+           Evaluate(plan, MakeFakeTrialRunner, {.threads = 1, .shard = {index, count}})) {
+        joined.push_back(std::move(unit));
+      }
+    }
+    EXPECT_EQ(joined, whole) << count;
   }
-  std::filesystem::path ledger =
-      EmptyFolder(std::string("ledger_") +
-                  testing::UnitTest::GetInstance()->current_test_info()->name()) /
-      "ledger.jsonl";
-};
-
-TEST_F(LedgerTest, AResumedRunEqualsAnUninterruptedOne) {
-  const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
-  int made = 0;
-  const auto dies = [&](const EvaluationUnit& unit) {
-    if (made == 8) throw std::runtime_error("killed");
-    ++made;
-    return MakeFakeTrialRunner(unit);
-  };
-  EXPECT_THROW((void)Evaluate(FakePlan(), dies, Options()), std::runtime_error);
-  made = -100;
-  std::int64_t first_done = -1;
-  EvaluationOptions options = Options();
-  options.progress = [&](const Progress& p) { first_done = first_done < 0 ? p.done : first_done; };
-  EXPECT_EQ(Evaluate(FakePlan(), dies, options), whole);
-  EXPECT_EQ(made, -100 + 20 - 8) << "finished units are not run again";
-  EXPECT_EQ(first_done, 8 * 24 + 1);
-  made = -100;
-  EXPECT_EQ(Evaluate(FakePlan(), dies, Options()), whole);
-  EXPECT_EQ(made, -100);
+  EXPECT_THROW((void)Evaluate(plan, MakeFakeTrialRunner, {.shard = {3, 2}}), std::invalid_argument);
 }
 
-TEST_F(LedgerTest, ALineThatAKilledRunLeftUnfinishedIsRunAgain) {
-  const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner, Options());
-  const std::string text = Read(ledger);
-  for (const std::size_t cut : {std::size_t{1}, std::size_t{100}, text.size() - 20}) {
-    Write(ledger, text.substr(0, text.size() - cut));
-    EXPECT_EQ(Evaluate(FakePlan(), MakeFakeTrialRunner, Options()), whole) << cut;
-    EXPECT_EQ(Read(ledger).size(), text.size()) << cut;
+TEST(EvaluateTest, ShardsAreWrittenAsFractions) {
+  EXPECT_EQ(ParseShard("2/7"), (Shard{2, 7}));
+  for (const char* wrong : {"", "2", "2/", "/7", "0/7", "8/7", "2/7x", "-1/7", " 2/7", "2/-7"}) {
+    EXPECT_THROW((void)ParseShard(wrong), std::invalid_argument) << wrong;
   }
-}
-
-TEST_F(LedgerTest, OtherSettingsAreRefusedWithTheFirstDifference) {
-  (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options());
-  const std::string before = Read(ledger);
-  EvaluationOptions options = Options();
-  options.settings["gamma"] = "7";
-  EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, options); }),
-              testing::AllOf(HasSubstr(ledger.string()),
-                             HasSubstr("settings.gamma is \"5\" there and \"7\" now")));
-  EvaluationPlan plan = FakePlan();
-  plan.seed = 4;
-  EXPECT_THAT(MessageOf([&] { (void)Evaluate(plan, MakeFakeTrialRunner, Options()); }),
-              HasSubstr("seed is 3 there and 4 now"));
-  EXPECT_EQ(Read(ledger), before);
-}
-
-TEST_F(LedgerTest, DamageAndForeignFilesAreRefused) {
-  (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options());
-  const std::string text = Read(ledger);
-  const auto message = [&](const std::string& content) {
-    Write(ledger, content);
-    return MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
-  };
-  const std::size_t second = text.find('\n') + 1;
-  const std::size_t third = text.find('\n', second) + 1;
-  EXPECT_THAT(message(text.substr(0, second) + "nonsense\n" + text.substr(second)),
-              HasSubstr("line 2 is damaged"));
-  EXPECT_THAT(message(text + text.substr(second, third - second)),
-              HasSubstr("repeats an earlier unit"));
-  std::string missing = text;
-  missing.replace(missing.find("\"outcomes\":\"") + 12, 1, "");
-  EXPECT_THAT(message(missing), HasSubstr("another number of episodes"));
-  EXPECT_THAT(message("shopping list\n"), HasSubstr("is not a ledger"));
-}
-
-TEST_F(LedgerTest, AFolderThatDoesNotExistIsNamed) {
-  EvaluationOptions options = Options();
-  options.ledger = ledger.parent_path() / "missing" / "ledger.jsonl";
-  EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, options); }),
-              testing::AllOf(HasSubstr("missing"), HasSubstr("cannot be written")));
 }
 
 }  // namespace

@@ -3,12 +3,15 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <csignal>
 #include <fstream>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "dfr/experiment/experiment.h"
+#include "dfr/experiment/ledger.h"
 #include "tests/control/analytic.h"
 #include "tests/experiment/fake_trial_runner.h"
 
@@ -114,25 +117,57 @@ TEST(ExperimentTest, OptionsChooseWhatTheyName) {
 TEST(ExperimentTest, LeavesALedgerAndASummaryAndGoesOn) {
   ExperimentOptions options;
   options.out = test::EmptyFolder("experiment") / "new";
-  PrepareFolder(options);
-  const ExperimentResult first =
+  options.configuration = [] { return "[experiment]\n"; };
+  std::optional<OutputFolder> folder(std::in_place, options);
+  const auto first =
       RunExperiment("fake", test::FakePlan(), test::MakeFakeTrialRunner, {{"gamma", "1"}}, options);
-  EXPECT_TRUE(std::filesystem::exists(options.out / "summary.json"));
+  for (const char* file : {"summary.json", "times.json", "run.toml"}) {
+    EXPECT_TRUE(std::filesystem::exists(options.out / file)) << file;
+  }
   const auto unused = [](const EvaluationUnit&) -> std::unique_ptr<TrialRunner> {
     throw std::logic_error("all units are in the ledger");
   };
-  const ExperimentResult again =
-      RunExperiment("fake", test::FakePlan(), unused, {{"gamma", "1"}}, options);
-  EXPECT_EQ(first.units, again.units);
+  const auto again = RunExperiment("fake", test::FakePlan(), unused, {{"gamma", "1"}}, options);
+  ASSERT_TRUE(first.has_value() && again.has_value());
+  EXPECT_EQ(first->units, again->units);
   EXPECT_THROW((void)RunExperiment("fake", test::FakePlan(), unused, {{"gamma", "2"}}, options),
                std::runtime_error);
   options.restart = true;
-  PrepareFolder(options);
+  EXPECT_THROW(OutputFolder second(options), std::runtime_error) << "the folder has a process";
+  folder.reset();
+  folder.emplace(options);
   EXPECT_THROW((void)RunExperiment("fake", test::FakePlan(), unused, {{"gamma", "1"}}, options),
                std::logic_error);
   std::ofstream(options.out / "file") << "not a folder";
   options.out = options.out / "file" / "below";
-  EXPECT_THROW(PrepareFolder(options), std::runtime_error);
+  EXPECT_THROW(OutputFolder nowhere(options), std::runtime_error);
+}
+
+TEST(ExperimentTest, AShardLeavesALedgerAlone) {
+  ExperimentOptions options;
+  options.out = test::EmptyFolder("experiment_shard");
+  options.shard = {2, 3};
+  const OutputFolder folder(options);
+  EXPECT_FALSE(
+      RunExperiment("fake", test::FakePlan(), test::MakeFakeTrialRunner, {}, options).has_value());
+  EXPECT_TRUE(std::filesystem::exists(options.out / "ledger.jsonl"));
+  EXPECT_FALSE(std::filesystem::exists(options.out / "summary.json"));
+}
+
+// A scheduler announces the end: units under way are finished, and the next run goes on.
+TEST(ExperimentTest, AfterASignalNoFurtherUnitBegins) {
+  ExperimentOptions options;
+  options.out = test::EmptyFolder("experiment_signal");
+  options.threads = 1;
+  const OutputFolder folder(options);
+  int made = 0;
+  const auto signalled = [&](const EvaluationUnit& unit) {
+    if (++made == 4) std::raise(SIGUSR1);
+    return test::MakeFakeTrialRunner(unit);
+  };
+  EXPECT_THROW((void)RunExperiment("fake", test::FakePlan(), signalled, {}, options), Interrupted);
+  EXPECT_EQ(made, 4);
+  EXPECT_EQ(ReadLedger(options.out / "ledger.jsonl").records.size(), 4u);
 }
 
 }  // namespace

@@ -85,9 +85,9 @@ TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
 TEST(PlanarTest, ResultsDoNotDependOnTheNumberOfThreads) {
   PlanarStudy study = Small("push", {"dfr", "guided"});
   study.plan.episodes = 5;
-  study.threads = 1;
+  study.run.threads = 1;
   const auto one = RunStudy(study);
-  study.threads = 2;
+  study.run.threads = 2;
   const auto two = RunStudy(study);
   EXPECT_EQ(one.recovery_lengths, two.recovery_lengths);
   for (std::size_t unit = 0; unit < one.units.size(); ++unit) {

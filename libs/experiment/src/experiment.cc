@@ -1,19 +1,54 @@
 #include "dfr/experiment/experiment.h"
 
+#include <atomic>
+#include <csignal>
+#include <iostream>
 #include <stdexcept>
 #include <system_error>
 #include <utility>
 
 #include "dfr/core/build_info.h"
+#include "dfr/core/contract.h"
+#include "ledger_file.h"
+#include "text_file.h"
 
 namespace dfr::experiment {
 namespace {
 
 std::filesystem::path LedgerOf(const ExperimentOptions& options) {
-  return options.out / "ledger.jsonl";
+  return options.out.empty() ? options.out : options.out / "ledger.jsonl";
 }
 
+std::atomic<bool> stop_requested{false};
+static_assert(std::atomic<bool>::is_always_lock_free);
+
+// Turns SIGTERM and SIGUSR1, with which schedulers announce the end, into stop_requested.
+class StopOnSignals {
+ public:
+  StopOnSignals() {
+    struct sigaction action {};
+    action.sa_handler = [](int /*signal*/) { stop_requested = true; };
+    action.sa_flags = static_cast<int>(SA_RESETHAND | SA_RESTART);
+    sigaction(SIGTERM, &action, &terminate_);
+    sigaction(SIGUSR1, &action, &user_);
+  }
+  ~StopOnSignals() {
+    sigaction(SIGTERM, &terminate_, nullptr);
+    sigaction(SIGUSR1, &user_, nullptr);
+  }
+  StopOnSignals(const StopOnSignals&) = delete;
+  StopOnSignals& operator=(const StopOnSignals&) = delete;
+
+ private:
+  struct sigaction terminate_ {};
+  struct sigaction user_ {};
+};
+
 }  // namespace
+
+struct OutputFolder::Lock {
+  internal::Descriptor file;
+};
 
 EvaluationPlan ApplyTo(EvaluationPlan preset, const ExperimentOptions& options) {
   preset.seed = options.seed;
@@ -23,34 +58,66 @@ EvaluationPlan ApplyTo(EvaluationPlan preset, const ExperimentOptions& options) 
   return preset;
 }
 
-void PrepareFolder(const ExperimentOptions& options) {
+OutputFolder::OutputFolder(const ExperimentOptions& options) {
+  if (options.out.empty()) {
+    DFR_THROW_UNLESS(options.shard == Shard(), "a shard needs --out, for its ledger");
+    return;
+  }
   std::error_code error;
   std::filesystem::create_directories(options.out, error);
   if (error) {
     throw std::runtime_error(options.out.string() +
                              ": the folder cannot be made: " + error.message());
   }
+  lock_ = std::make_unique<Lock>(Lock{internal::OpenLocked(options.out / "lock")});
   if (options.restart) std::filesystem::remove(LedgerOf(options));
 }
 
-ExperimentResult RunExperiment(const std::string& name, const EvaluationPlan& plan,
-                               const MakeTrialRunner& make,
-                               const std::map<std::string, std::string>& settings,
-                               const ExperimentOptions& options,
-                               const BootstrapOptions& bootstrap) {
-  ProgressBar bar(name);
+OutputFolder::~OutputFolder() = default;
+OutputFolder::OutputFolder(OutputFolder&&) noexcept = default;
+OutputFolder& OutputFolder::operator=(OutputFolder&&) noexcept = default;
+
+std::optional<ExperimentResult> RunExperiment(const std::string& name, const EvaluationPlan& plan,
+                                              const MakeTrialRunner& make,
+                                              const std::map<std::string, std::string>& settings,
+                                              const ExperimentOptions& options,
+                                              const BootstrapOptions& bootstrap) {
+  const auto save_configuration = [&] {
+    if (options.out.empty() || !options.configuration) return;
+    internal::ReplaceFile(options.out / "run.toml", options.configuration());
+  };
+  // Beside a ledger of other settings, which Evaluate() refuses, the file stays as it is.
+  if (!std::filesystem::exists(LedgerOf(options))) save_configuration();
+  std::vector<UnitResult> units;
+  {
+    const StopOnSignals signals;
+    ProgressBar bar(name);
+    units = Evaluate(plan, make,
+                     {.threads = options.threads,
+                      .shard = options.shard,
+                      .ledger = LedgerOf(options),
+                      .settings = settings,
+                      .salvage = options.salvage,
+                      .notice = [](const std::string& text) { std::cerr << text << std::endl; },
+                      .progress = [&bar](const Progress& progress) { bar.Show(progress); },
+                      .stop = &stop_requested});
+  }
+  save_configuration();
+  if (options.shard != Shard()) {
+    std::cout << LedgerOf(options).string() << " has all " << units.size() << " units of shard "
+              << options.shard.index << "/" << options.shard.count << std::endl;
+    return std::nullopt;
+  }
   ExperimentResult result;
-  result.units = Evaluate(plan, make,
-                          {.threads = options.threads,
-                           .ledger = LedgerOf(options),
-                           .settings = settings,
-                           .progress = [&bar](const Progress& progress) { bar.Show(progress); }});
+  result.units = std::move(units);
   result.summary = Summarize(plan, result.units,
                              {.experiment = name,
                               .preset = options.preset,
                               .commit = core::BuildCommit(),
                               .bootstrap = bootstrap});
+  if (options.out.empty()) return result;
   SaveSummary(result.summary, options.out / "summary.json");
+  SaveTimes(result.summary, options.out / "times.json");
   return result;
 }
 

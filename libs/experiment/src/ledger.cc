@@ -1,34 +1,116 @@
-#include "ledger.h"
+#include "dfr/experiment/ledger.h"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <chrono>
+#include <cmath>
 #include <cstddef>
+#include <cstring>
+#include <functional>
+#include <limits>
 #include <nlohmann/json.hpp>
-#include <sstream>
+#include <optional>
 #include <stdexcept>
 #include <system_error>
+#include <tuple>
 
-namespace dfr::experiment::internal {
+#include "dfr/core/contract.h"
+#include "dfr/core/format.h"
+#include "dfr/core/random.h"
+#include "ledger_file.h"
+#include "text_file.h"
+
+namespace dfr::experiment {
 namespace {
 
 using Json = nlohmann::ordered_json;
 
 constexpr const char* kFormat = "dfr paired evaluation";
-constexpr int kVersion = 1;
+constexpr int kVersion = 2;
+constexpr std::string_view kCheckKey = ",\"check\":\"";
+constexpr std::size_t kCheckSize = 10 + 16 + 2;  // key, digits, "}
+constexpr int kDeepest = 100;                    // of a line's brackets, those in names too
 
-Json HeaderOf(const EvaluationPlan& plan, const std::map<std::string, std::string>& settings) {
-  Json header = {{"format", kFormat},
-                 {"version", kVersion},
-                 {"methods", plan.methods},
-                 {"learners", plan.learners},
-                 {"demonstrations", plan.demonstrations},
-                 {"trials", plan.trials},
-                 {"episodes", plan.episodes},
-                 {"seed", plan.seed}};
-  for (const auto& [name, value] : settings) header["settings"][name] = value;
-  return header;
+// FNV-1a, then a mixing of its bits. Every step is one-to-one, so that no single change of a byte
+// goes unseen.
+std::uint64_t Hash(std::string_view bytes, std::uint64_t seed) {
+  std::uint64_t hash = 0xcbf29ce484222325u ^ seed;
+  for (const char byte : bytes) {
+    hash = (hash ^ static_cast<unsigned char>(byte)) * 0x100000001b3u;
+  }
+  hash = (hash ^ (hash >> 32)) * 0xd6e8feb86659fd93u;
+  return hash ^ (hash >> 32);
+}
+
+std::string Hex(std::uint64_t value) {
+  return core::Format("%016llx", static_cast<unsigned long long>(value));
+}
+
+std::string WithCheck(const Json& json, std::uint64_t seed) {
+  std::string line = json.dump();
+  line.pop_back();  // the closing brace
+  const std::string check = Hex(Hash(line, seed));
+  return line.append(kCheckKey).append(check).append("\"}\n");
+}
+
+bool CheckHolds(std::string_view line, std::uint64_t seed) {
+  if (line.size() < kCheckSize) return false;
+  const std::string_view body = line.substr(0, line.size() - kCheckSize);
+  const std::string_view tail = line.substr(body.size());
+  return tail.starts_with(kCheckKey) && tail.ends_with("\"}") &&
+         tail.substr(kCheckKey.size(), 16) == Hex(Hash(body, seed));
+}
+
+// A discarded value for what is no JSON, or is nested deeper than a ledger.
+Json Parse(std::string_view line) {
+  bool too_deep = false;
+  for (int depth = 0; const char c : line) {
+    depth += c == '[' || c == '{' ? 1 : c == ']' || c == '}' ? -1 : 0;
+    too_deep = too_deep || depth > kDeepest;
+  }
+  if (too_deep) return Json(Json::value_t::discarded);
+  return Json::parse(line.begin(), line.end(), nullptr, /*allow_exceptions=*/false);
+}
+
+Json ShardOf(const Shard& shard) {
+  return std::to_string(shard.index) + "/" + std::to_string(shard.count);
+}
+
+// What two ledgers must have in common to hold the same results.
+Json IdentityOf(const LedgerHeader& header) {
+  const EvaluationPlan& plan = header.plan;
+  return {{"format", kFormat},
+          {"version", kVersion},
+          {"methods", plan.methods},
+          {"learners", plan.learners},
+          {"demonstrations", plan.demonstrations},
+          {"trials", plan.trials},
+          {"episodes", plan.episodes},
+          {"seed", plan.seed},
+          {"settings", header.settings},
+          {"commit", header.commit}};
+}
+
+std::uint64_t IdentityHash(const LedgerHeader& header) {
+  return Hash(IdentityOf(header).dump(), 0);
+}
+
+std::string HeaderLine(const LedgerHeader& header) {
+  Json json = IdentityOf(header);
+  json["shard"] = ShardOf(header.shard);
+  return WithCheck(json, 0);
 }
 
 // Columns instead of one object per episode: a line of 240 episodes stays at a few kB.
-Json ToJson(const UnitResult& result) {
+Json ToJson(const LedgerRecord& record) {
+  const UnitResult& result = record.result;
   Json episodes = Json::array();
   for (const auto& method : result.episodes) {
     std::string outcomes;
@@ -55,7 +137,11 @@ Json ToJson(const UnitResult& result) {
           {"redrawn", result.redrawn},
           {"starts", result.starts},
           {"measures", result.measures},
-          {"episodes", episodes}};
+          {"counts", result.counts},
+          {"episodes", episodes},
+          {"host", record.host},
+          {"wall_s", record.wall_s},
+          {"finished", record.finished}};
 }
 
 core::Outcome OutcomeOf(char letter) {
@@ -71,19 +157,57 @@ core::Outcome OutcomeOf(char letter) {
   }
 }
 
-UnitResult FromJson(const Json& json, const EvaluationPlan& plan) {
-  UnitResult result;
+// The start states that follow from the seed, as Evaluate() draws them.
+void CheckStarts(const UnitResult& result, const EvaluationPlan& plan) {
+  if (std::ssize(result.starts) != plan.episodes) {
+    throw std::runtime_error("it has another number of start states");
+  }
+  int left = result.redrawn;
+  for (int i = 0; i < plan.episodes; ++i) {
+    const std::uint64_t start = result.starts[static_cast<std::size_t>(i)];
+    int attempt = 0;
+    while (StartSeed(plan, result.unit.trial, i, attempt) != start) {
+      if (attempt == left) throw std::runtime_error("its start states are those of another seed");
+      ++attempt;
+    }
+    left -= attempt;
+  }
+  if (left != 0) throw std::runtime_error("its start states are those of another seed");
+}
+
+void CheckUnit(const EvaluationUnit& unit, const EvaluationPlan& plan) {
+  if (unit.trial < 0 || unit.trial >= plan.trials ||
+      std::ranges::find(plan.demonstrations, unit.demonstrations) == plan.demonstrations.end() ||
+      std::ranges::find(plan.learners, unit.learner) == plan.learners.end()) {
+    throw std::runtime_error("its unit is none of the plan's");
+  }
+}
+
+LedgerRecord RecordFrom(const Json& json, const EvaluationPlan& plan) {
+  LedgerRecord record;
+  UnitResult& result = record.result;
   result.unit.trial = json.at("trial");
   result.unit.demonstrations = json.at("demonstrations");
   result.unit.learner = json.at("learner");
   result.redrawn = json.at("redrawn");
   result.starts = json.at("starts").get<std::vector<std::uint64_t>>();
-  result.measures = json.at("measures").get<std::map<std::string, double>>();
+  for (const auto& [name, value] : json.at("measures").items()) {
+    // JSON has no NaN.
+    result.measures[name] =
+        value.is_null() ? std::numeric_limits<double>::quiet_NaN() : value.get<double>();
+  }
+  json.at("counts").get_to(result.counts);
+  record.host = json.at("host");
+  record.wall_s = json.at("wall_s");
+  record.finished = json.at("finished");
+  CheckUnit(result.unit, plan);
+  CheckStarts(result, plan);
   const auto count = static_cast<std::size_t>(plan.episodes);
   for (const Json& method : json.at("episodes")) {
     const auto outcomes = method.at("outcomes").get<std::string>();
     if (outcomes.size() != count) throw std::runtime_error("it has another number of episodes");
     auto& episodes = result.episodes.emplace_back();
+    episodes.reserve(count);
     for (std::size_t i = 0; i < count; ++i) {
       episodes.push_back({OutcomeOf(outcomes[i]), method.at("causes").at(i),
                           method.at("controls").at(i), method.at("recovery_controls").at(i),
@@ -93,78 +217,389 @@ UnitResult FromJson(const Json& json, const EvaluationPlan& plan) {
   if (result.episodes.size() != plan.methods.size()) {
     throw std::runtime_error("it has another number of methods");
   }
+  return record;
+}
+
+// What decides results, of two runs of one unit.
+UnitResult WithoutTimes(UnitResult result) {
+  for (auto& method : result.episodes) {
+    for (EpisodeResult& episode : method) episode.seconds = 0.0;
+  }
   return result;
 }
 
+auto KeyOf(const EvaluationUnit& unit) {
+  return std::tuple(unit.trial, unit.demonstrations, unit.learner);
+}
+using Key = std::tuple<int, int, std::string>;
+
+std::string NameOf(const EvaluationUnit& unit) {
+  return "trial " + std::to_string(unit.trial) + ", " + std::to_string(unit.demonstrations) +
+         " demonstrations, " + unit.learner;
+}
+
 // The first entry in which two objects differ, with both values.
-std::string Difference(const Json& there, const Json& here, const std::string& prefix) {
+std::string DifferenceOf(const Json& there, const Json& here, const std::string& prefix) {
   Json all = there;
   all.update(here);
   for (const auto& [name, unused] : all.items()) {
     const Json a = there.value(name, Json());
     const Json b = here.value(name, Json());
     if (a == b) continue;
-    if (a.is_object() && b.is_object()) return Difference(a, b, name + ".");
+    if (a.is_object() && b.is_object()) return DifferenceOf(a, b, name + ".");
     return prefix + name + " is " + a.dump() + " there and " + b.dump() + " now";
   }
   return "";
 }
 
+// Reads lines and adds up units. Problems are texts without the file's name.
+class Reader {
+ public:
+  // The header's line. @throws with the reason and the remedy.
+  static LedgerHeader Header(std::string_view line) {
+    const Json json = Parse(line);
+    const auto format = json.is_object() ? json.find("format") : json.end();
+    if (!json.is_object() || format == json.end() || *format != kFormat) {
+      throw std::runtime_error("is not a ledger of a paired evaluation; choose another folder");
+    }
+    const Json version = json.value("version", Json());
+    if (version != kVersion) {
+      throw std::runtime_error(
+          "is a ledger of format version " + version.dump() + ", which " +
+          (version.is_number() && version < kVersion ? "an older" : "another") +
+          " dfr wrote; this one writes version " + std::to_string(kVersion) +
+          ". Choose another folder, or begin anew with --restart");
+    }
+    if (!CheckHolds(line, 0)) {
+      throw std::runtime_error(
+          "line 1 is damaged: its checksum does not match. --salvage writes it again where the "
+          "settings are the same");
+    }
+    LedgerHeader header;
+    try {
+      json.at("methods").get_to(header.plan.methods);
+      json.at("learners").get_to(header.plan.learners);
+      json.at("demonstrations").get_to(header.plan.demonstrations);
+      header.plan.trials = json.at("trials");
+      header.plan.episodes = json.at("episodes");
+      header.plan.seed = json.at("seed");
+      json.at("settings").get_to(header.settings);
+      header.commit = json.at("commit");
+      header.shard = ParseShard(json.at("shard").get<std::string>());
+    } catch (const std::exception& e) {
+      throw std::runtime_error(std::string("line 1 is damaged: ") + e.what());
+    }
+    return header;
+  }
+
+  explicit Reader(const LedgerHeader& header)
+      : plan_(&header.plan), identity_(IdentityHash(header)) {}
+
+  // A unit's line; nothing for one that repeats an earlier unit with the same results.
+  std::optional<LedgerRecord> Record(std::string_view line) {
+    if (!CheckHolds(line, identity_)) {
+      throw std::runtime_error("its checksum does not match, or it is of another run");
+    }
+    LedgerRecord record = RecordFrom(Parse(line), *plan_);
+    const auto [found, added] = units_.try_emplace(KeyOf(record.result.unit), Fingerprint(record));
+    if (added) return record;
+    if (found->second != Fingerprint(record)) {
+      throw std::runtime_error("it repeats an earlier unit with other results");
+    }
+    return std::nullopt;
+  }
+
+ private:
+  static std::uint64_t Fingerprint(const LedgerRecord& record) {
+    LedgerRecord bare;
+    bare.result = WithoutTimes(record.result);
+    return Hash(ToJson(bare).dump(), 0);
+  }
+
+  const EvaluationPlan* plan_;
+  std::uint64_t identity_;
+  std::map<Key, std::uint64_t> units_;
+};
+
+// Calls `use` for each whole line with its number from 1, and returns where the last one ends.
+std::size_t ForEachLine(std::string_view text,
+                        const std::function<void(std::string_view, int)>& use) {
+  std::size_t begin = 0;
+  for (int number = 1;; ++number) {
+    const std::size_t end = text.find('\n', begin);
+    if (end == std::string_view::npos) return begin;
+    use(text.substr(begin, end - begin), number);
+    begin = end + 1;
+  }
+}
+
+std::string DamagedLine(int number, const std::exception& e) {
+  return "line " + std::to_string(number) + " is damaged: " + e.what() +
+         ". --salvage moves it to a file of its own and runs its unit again";
+}
+
+[[noreturn]] void Fail(const std::filesystem::path& path, const std::string& reason) {
+  throw std::runtime_error(path.string() + ": " + reason);
+}
+
+void WriteAll(int file, std::string_view bytes) {
+  while (!bytes.empty()) {
+    const ssize_t written = write(file, bytes.data(), bytes.size());
+    if (written < 0 && errno == EINTR) continue;
+    if (written < 0) throw std::system_error(errno, std::generic_category());
+    bytes.remove_prefix(static_cast<std::size_t>(written));
+  }
+}
+
+std::int64_t NowSeconds() {
+  return std::chrono::duration_cast<std::chrono::seconds>(
+             std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
 }  // namespace
 
-Ledger::Ledger(const std::filesystem::path& path, const EvaluationPlan& plan,
-               const std::map<std::string, std::string>& settings)
-    : path_(path) {
-  const auto fail = [&](const std::string& reason) {
-    throw std::runtime_error(path.string() + ": " + reason);
+LedgerContents ReadLedger(const std::filesystem::path& path) {
+  const std::string text = internal::ReadFile(path);
+  LedgerContents contents;
+  std::optional<Reader> reader;
+  try {
+    const std::size_t end = ForEachLine(text, [&](std::string_view line, int number) {
+      if (number == 1) {
+        contents.header = Reader::Header(line);
+        reader.emplace(contents.header);
+        return;
+      }
+      try {
+        if (auto record = reader->Record(line)) contents.records.push_back(std::move(*record));
+      } catch (const std::exception& e) {
+        throw std::runtime_error(DamagedLine(number, e));
+      }
+    });
+    contents.cut = end < text.size();
+  } catch (const std::exception& e) {
+    Fail(path, e.what());
+  }
+  if (!reader) Fail(path, "is empty: no unit is finished yet");
+  return contents;
+}
+
+std::string Difference(const LedgerHeader& there, const LedgerHeader& now) {
+  return DifferenceOf(IdentityOf(there), IdentityOf(now), "");
+}
+
+std::vector<EvaluationUnit> UnitsOf(const EvaluationPlan& plan) {
+  std::vector<EvaluationUnit> units;
+  units.reserve(static_cast<std::size_t>(plan.trials) * plan.demonstrations.size() *
+                plan.learners.size());
+  for (int trial = 0; trial < plan.trials; ++trial) {
+    for (const int demonstrations : plan.demonstrations) {
+      for (const std::string& learner : plan.learners) {
+        units.push_back({trial, demonstrations, learner});
+      }
+    }
+  }
+  return units;
+}
+
+void MergeLedgers(const std::vector<std::filesystem::path>& shards,
+                  const std::filesystem::path& whole) {
+  DFR_THROW_UNLESS(!shards.empty(), "there is no ledger to merge");
+  std::optional<LedgerHeader> header;
+  struct Line {
+    std::uint64_t fingerprint;
+    std::filesystem::path from;
+    std::string text;
   };
-  const Json header = HeaderOf(plan, settings);
-  std::string text;
-  if (std::filesystem::exists(path)) {
-    std::ifstream in(path, std::ios::binary);
-    std::ostringstream bytes;
-    bytes << in.rdbuf();
-    if (!in) fail("cannot be read");
-    text = bytes.str();
-  }
-  // Units are appended with their line's end in one write, so only a last line can be incomplete.
-  const std::size_t complete = text.rfind('\n') == std::string::npos ? 0 : text.rfind('\n') + 1;
-  std::istringstream lines(text.substr(0, complete));
-  std::string line;
-  int number = 0;
-  while (std::getline(lines, line)) {
-    ++number;
-    const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
-    if (number == 1) {
-      if (!json.is_object() || json.value("format", "") != kFormat) {
-        fail("is not a ledger of a paired evaluation; choose another directory");
-      }
-      if (json != header) {
-        fail("was begun with other settings: " + Difference(json, header, "") +
-             ". Choose another directory, or delete this file to begin anew");
-      }
-      continue;
+  std::map<Key, Line> lines;
+  for (const std::filesystem::path& path : shards) {
+    // A shard that has not finished a unit, or of more shards than units.
+    if (std::filesystem::exists(path) && std::filesystem::file_size(path) == 0) continue;
+    LedgerContents contents = ReadLedger(path);
+    if (!header) {
+      header = contents.header;
+      header->shard = {};
     }
+    const std::string difference = Difference(*header, contents.header);
+    if (!difference.empty()) {
+      Fail(path, "does not belong to " + shards.front().string() + ": " + difference +
+                     " (there: the latter, now: the former)");
+    }
+    const std::uint64_t identity = IdentityHash(*header);
+    for (LedgerRecord& record : contents.records) {
+      std::string text = WithCheck(ToJson(record), identity);
+      const EvaluationUnit unit = record.result.unit;
+      record = {.result = WithoutTimes(std::move(record.result)),
+                .host = "",
+                .wall_s = 0.0,
+                .finished = 0};
+      const std::uint64_t fingerprint = Hash(ToJson(record).dump(), 0);
+      const auto [found, added] = lines.try_emplace(KeyOf(unit), Line{fingerprint, path, text});
+      if (added) continue;
+      if (found->second.fingerprint != fingerprint) {
+        Fail(path, "has other results of " + NameOf(unit) + " than " + found->second.from.string() +
+                       "; run one of the two again, with the same build");
+      }
+      // Times alone differ: any order of the shards has to give the same file.
+      found->second.text = std::min(found->second.text, text);
+    }
+  }
+  if (!header) Fail(shards.front(), "no unit is finished yet, in none of the shards");
+  const std::vector<EvaluationUnit> units = UnitsOf(header->plan);
+  std::string text = HeaderLine(*header);
+  std::size_t missing = 0;
+  std::string first;
+  for (const EvaluationUnit& unit : units) {
+    const auto found = lines.find(KeyOf(unit));
+    if (found != lines.end()) {
+      text += found->second.text;
+      lines.erase(found);
+    } else if (missing++ == 0) {
+      first = NameOf(unit);
+    }
+  }
+  if (missing > 0) {
+    throw std::runtime_error(std::to_string(missing) + " of " + std::to_string(units.size()) +
+                             " units are missing, the first is " + first +
+                             ". Run their shards again: each goes on where it ended");
+  }
+  internal::ReplaceFile(whole, text);
+}
+
+std::string HashOfFile(const std::filesystem::path& path) {
+  return Hex(Hash(internal::ReadFile(path), 0));
+}
+
+std::string Exactly(double value) {
+  std::array<char, 32> digits{};
+  const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), value);
+  return {digits.data(), end.ptr};
+}
+
+namespace internal {
+
+Descriptor::~Descriptor() {
+  if (descriptor_ >= 0) close(descriptor_);
+}
+
+Descriptor OpenLocked(const std::filesystem::path& path) {
+  for (;;) {
+    Descriptor file(open(path.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666));
+    if (file.get() < 0) {
+      Fail(path, std::string("cannot be written: ") + std::strerror(errno) +
+                     "; does the folder exist, may you write there?");
+    }
+    if (flock(file.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+      Fail(path, "another process is writing it; wait for that one, or choose another --out");
+    }
+    // Between open and lock, who held it may have put another file in its place.
+    struct stat opened {};
+    struct stat present {};
+    if (fstat(file.get(), &opened) == 0 && stat(path.c_str(), &present) == 0 &&
+        opened.st_ino == present.st_ino && opened.st_dev == present.st_dev) {
+      return file;
+    }
+  }
+}
+
+bool IsLocked(const std::filesystem::path& path) {
+  const Descriptor file(open(path.c_str(), O_RDWR | O_CLOEXEC));
+  return file.get() >= 0 && flock(file.get(), LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+}
+
+LedgerWriter::LedgerWriter(const std::filesystem::path& path, const LedgerHeader& header,
+                           const EvaluationOptions& options)
+    : path_(path),
+      header_line_(HeaderLine(header)),
+      identity_(IdentityHash(header)),
+      file_(OpenLocked(path)) {
+  const auto notice = [&](const std::string& text) {
+    if (options.notice) options.notice(path.string() + ": " + text);
+  };
+  const std::string text = ReadFile(path);
+  Reader reader(header);
+  std::string kept = header_line_;
+  std::string dropped;
+  const std::size_t complete = ForEachLine(text, [&](std::string_view line, int number) {
     try {
-      UnitResult result = FromJson(json, plan);
-      for (const UnitResult& other : finished_) {
-        if (other.unit == result.unit) throw std::runtime_error("it repeats an earlier unit");
+      if (number == 1) {
+        const LedgerHeader there = Reader::Header(line);
+        std::string difference = Difference(there, header);
+        if (difference.empty() && there.shard != header.shard) {
+          difference = "shard is " + ShardOf(there.shard).dump() + " there and " +
+                       ShardOf(header.shard).dump() + " now";
+        }
+        if (!difference.empty()) {
+          Fail(path, "was begun with other settings: " + difference +
+                         ". Choose another folder, or begin anew with --restart");
+        }
+        return;
       }
-      finished_.push_back(std::move(result));
+      if (auto record = reader.Record(line)) finished_.push_back(std::move(*record));
+      kept.append(line) += '\n';
     } catch (const std::exception& e) {
-      fail("line " + std::to_string(number) + " is damaged: " + e.what() +
-           ". Delete that line to run its unit again");
+      const bool damaged_header = number == 1 && std::string_view(e.what()).starts_with("line 1");
+      if (!options.salvage || (number == 1 && !damaged_header)) {
+        if (number == 1 && std::string_view(e.what()).starts_with(path.string())) throw;
+        Fail(path, number == 1 ? e.what() : DamagedLine(number, e));
+      }
+      notice("line " + std::to_string(number) + " is dropped: " + e.what());
+      dropped.append(line) += '\n';
     }
+  });
+  size_ = complete;
+  if (complete < text.size()) {
+    notice("the last line has no end and is dropped: its writer was killed; its unit runs again");
   }
-  if (complete < text.size()) std::filesystem::resize_file(path, complete);
-  file_.open(path, std::ios::binary | std::ios::app);
-  if (number == 0) file_ << header.dump() + "\n" << std::flush;
-  if (!file_) fail("cannot be written");
+  if (!dropped.empty()) {
+    std::filesystem::path aside = path;
+    aside += ".dropped";
+    const Descriptor file(open(aside.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666));
+    try {
+      WriteAll(file.get(), dropped);
+    } catch (const std::system_error& e) {
+      Fail(aside, std::string("cannot be written: ") + e.code().message());
+    }
+    std::filesystem::path temporary = path;
+    temporary += ".part";
+    std::filesystem::remove(temporary);
+    Descriptor whole = OpenLocked(temporary);
+    try {
+      WriteAll(whole.get(), kept);
+      if (fsync(whole.get()) != 0) throw std::system_error(errno, std::generic_category());
+    } catch (const std::system_error& e) {
+      Fail(temporary, std::string("cannot be written: ") + e.code().message());
+    }
+    std::filesystem::rename(temporary, path);
+    file_ = std::move(whole);
+    size_ = kept.size();
+  } else if (complete < text.size() && ftruncate(file_.get(), static_cast<off_t>(complete)) != 0) {
+    Fail(path,
+         std::string("cannot be cut off behind its last whole line: ") + std::strerror(errno));
+  }
 }
 
-void Ledger::Append(const UnitResult& result) {
-  file_ << ToJson(result).dump() + "\n" << std::flush;
-  if (!file_) throw std::runtime_error(path_.string() + ": cannot be written; is the disk full?");
+void LedgerWriter::Write(const std::string& line) {
+  try {
+    WriteAll(file_.get(), line);
+    // Waiting for the disk once a second costs little; a machine that fails loses no more.
+    if (const std::int64_t now = NowSeconds(); now != last_sync_) {
+      if (fdatasync(file_.get()) != 0) throw std::system_error(errno, std::generic_category());
+      last_sync_ = now;
+    }
+  } catch (const std::system_error& e) {
+    // What was written of the line is of no use; if this fails too, the next run cuts it off.
+    static_cast<void>(ftruncate(file_.get(), static_cast<off_t>(size_)) == 0);
+    Fail(path_, "cannot be written: " + e.code().message() +
+                    ". All units before are kept; the same command goes on from there");
+  }
+  size_ += line.size();
 }
 
-}  // namespace dfr::experiment::internal
+void LedgerWriter::Append(const LedgerRecord& record) {
+  if (size_ == 0) Write(header_line_);
+  Write(WithCheck(ToJson(record), identity_));
+}
+
+}  // namespace internal
+}  // namespace dfr::experiment

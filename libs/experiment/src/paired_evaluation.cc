@@ -1,19 +1,28 @@
 #include "dfr/experiment/paired_evaluation.h"
 
+#include <unistd.h>
+
 #include <algorithm>
+#include <array>
 #include <atomic>
+#include <charconv>
+#include <chrono>
 #include <cstddef>
+#include <ctime>
 #include <exception>
+#include <map>
 #include <mutex>
 #include <optional>
 #include <set>
 #include <stdexcept>
 #include <thread>
+#include <tuple>
 #include <utility>
 
+#include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
-#include "ledger.h"
+#include "ledger_file.h"
 
 namespace dfr::experiment {
 namespace {
@@ -44,6 +53,11 @@ void Check(const EvaluationPlan& plan) {
 
 std::uint64_t Step(int value) { return static_cast<std::uint64_t>(value); }
 
+std::string HostName() {
+  std::array<char, 256> name{};
+  return gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "unknown";
+}
+
 UnitResult RunUnit(const EvaluationPlan& plan, const EvaluationUnit& unit,
                    const MakeTrialRunner& make, ProgressMeter& meter,
                    const std::atomic<bool>& stop) {
@@ -61,7 +75,7 @@ UnitResult RunUnit(const EvaluationPlan& plan, const EvaluationUnit& unit,
         throw std::runtime_error("no start state is inside the support after " +
                                  std::to_string(plan.max_redraws) + " draws (" + label + ")");
       }
-      start = core::DeriveSeed(plan.seed, {kStartStream, Step(unit.trial), Step(i), Step(attempt)});
+      start = StartSeed(plan, unit.trial, i, attempt);
       if (runner->Accepts(start)) break;
       ++result.redrawn;
     }
@@ -73,10 +87,27 @@ UnitResult RunUnit(const EvaluationPlan& plan, const EvaluationUnit& unit,
     }
   }
   result.measures = runner->Measures();
+  result.counts = runner->Counts();
   return result;
 }
 
 }  // namespace
+
+Shard ParseShard(std::string_view text) {
+  Shard shard;
+  const char* const end = text.data() + text.size();
+  const auto index = std::from_chars(text.data(), end, shard.index);
+  const bool slash = index.ec == std::errc() && index.ptr != end && *index.ptr == '/';
+  const auto count = slash ? std::from_chars(index.ptr + 1, end, shard.count) : index;
+  DFR_THROW_UNLESS(slash && count.ec == std::errc() && count.ptr == end && 1 <= shard.index &&
+                       shard.index <= shard.count,
+                   "a shard is K/N with 1 <= K <= N, as in 2/7, not '" << text << "'");
+  return shard;
+}
+
+std::uint64_t StartSeed(const EvaluationPlan& plan, int trial, int start, int attempt) noexcept {
+  return core::DeriveSeed(plan.seed, {kStartStream, Step(trial), Step(start), Step(attempt)});
+}
 
 std::uint64_t ControllerSeed(const EvaluationPlan& plan, int trial, int start) noexcept {
   return core::DeriveSeed(plan.seed, {kControllerStream, Step(trial), Step(start)});
@@ -86,27 +117,31 @@ std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeTrialRunn
                                  const EvaluationOptions& options) {
   Check(plan);
   DFR_THROW_UNLESS(options.threads >= 0, "threads must not be negative: " << options.threads);
-  std::vector<EvaluationUnit> units;
-  for (int trial = 0; trial < plan.trials; ++trial) {
-    for (const int demonstrations : plan.demonstrations) {
-      for (const std::string& learner : plan.learners) {
-        units.push_back({trial, demonstrations, learner});
-      }
-    }
-  }
+  DFR_THROW_UNLESS(1 <= options.shard.index && options.shard.index <= options.shard.count,
+                   "there is no shard " << options.shard.index << " of " << options.shard.count);
+  std::vector<EvaluationUnit> units = UnitsOf(plan);
+  const auto border = [&](int shard) {
+    return std::ssize(units) * std::int64_t{shard} / options.shard.count;
+  };
+  units = {units.begin() + border(options.shard.index - 1),
+           units.begin() + border(options.shard.index)};
   std::vector<UnitResult> results(units.size());
   std::vector<std::size_t> to_do;
-  std::optional<internal::Ledger> ledger;
-  if (!options.ledger.empty()) ledger.emplace(options.ledger, plan, options.settings);
-  for (std::size_t i = 0; i < units.size(); ++i) {
-    const UnitResult* found = nullptr;
-    if (ledger) {
-      for (const UnitResult& done : ledger->finished()) {
-        if (done.unit == units[i]) found = &done;
-      }
+  std::optional<internal::LedgerWriter> ledger;
+  std::map<std::tuple<int, int, std::string>, const UnitResult*> finished;
+  if (!options.ledger.empty()) {
+    ledger.emplace(options.ledger,
+                   LedgerHeader{plan, options.settings, core::BuildCommit(), options.shard},
+                   options);
+    for (const LedgerRecord& record : ledger->finished()) {
+      const EvaluationUnit& unit = record.result.unit;
+      finished[{unit.trial, unit.demonstrations, unit.learner}] = &record.result;
     }
-    if (found != nullptr) {
-      results[i] = *found;
+  }
+  for (std::size_t i = 0; i < units.size(); ++i) {
+    const auto found = finished.find({units[i].trial, units[i].demonstrations, units[i].learner});
+    if (found != finished.end()) {
+      results[i] = *found->second;
     } else {
       to_do.push_back(i);
     }
@@ -119,18 +154,25 @@ std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeTrialRunn
   std::atomic<std::size_t> next{0};
   std::atomic<bool> stop{false};
   std::exception_ptr error;
+  std::atomic<std::size_t> done{0};
   std::mutex mutex;  // of error and ledger
+  const std::string host = HostName();
   const auto work = [&] {
-    while (!stop) {
+    while (!stop && (options.stop == nullptr || !*options.stop)) {
       const std::size_t k = next++;
       if (k >= to_do.size()) return;
       const std::size_t i = to_do[k];
       try {
+        const auto begin = std::chrono::steady_clock::now();
         UnitResult result = RunUnit(plan, units[i], make, meter, stop);
         if (stop) return;
+        const std::chrono::duration<double> wall = std::chrono::steady_clock::now() - begin;
         const std::lock_guard lock(mutex);
-        if (ledger) ledger->Append(result);
+        if (ledger) {
+          ledger->Append({result, host, wall.count(), std::time(nullptr)});
+        }
         results[i] = std::move(result);
+        ++done;
       } catch (...) {
         stop = true;
         const std::lock_guard lock(mutex);
@@ -147,6 +189,11 @@ std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeTrialRunn
     work();
   }
   if (error) std::rethrow_exception(error);
+  if (done < to_do.size()) {
+    throw Interrupted("interrupted after " + std::to_string(units.size() - to_do.size() + done) +
+                      " of " + std::to_string(units.size()) +
+                      " units; the same command goes on from there");
+  }
   return results;
 }
 

@@ -235,9 +235,27 @@ class Page {
     out_ << "</div>\n";
   }
 
+  // What prints the ids of a number's episodes.
+  std::string Command(const Cell& cell, const char* outcome) const {
+    const auto word = [](const std::string& text) {
+      const bool plain = text.find_first_of(" ,;'\"$&<>()") == std::string::npos;
+      return plain ? text : "'" + text + "'";
+    };
+    std::string command = options_.program + " episodes FOLDER --learner " + word(cell.learner) +
+                          " --method " + word(cell.method);
+    if (cell.demonstrations > 0) {
+      command.append(" --demonstrations ").append(std::to_string(cell.demonstrations));
+    }
+    return command.append(" --outcome ").append(outcome);
+  }
+
   void ShareCells(const Cell& cell) {
-    for (const Share* share : {&cell.completed, &cell.halted, &cell.collided}) {
-      out_ << "<td class=\"n\">" << Number(100.0 * share->value, 1) << " <small>"
+    for (const auto& [share, outcome] : {std::pair(&cell.completed, "completed"),
+                                         {&cell.halted, "halted"},
+                                         {&cell.collided, "collided"}}) {
+      out_ << "<td class=\"n\"";
+      if (!options_.program.empty()) out_ << " title=\"" << Escape(Command(cell, outcome)) << "\"";
+      out_ << ">" << Number(100.0 * share->value, 1) << " <small>"
            << Range(share->interval.low, share->interval.high, 1) << "</small></td>";
     }
   }

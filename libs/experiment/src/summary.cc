@@ -166,7 +166,6 @@ Json ToJson(const Cell& cell) {
   add("completed", cell.completed);
   add("halted", cell.halted);
   add("collided", cell.collided);
-  json["seconds_per_trajectory"] = ToJson(cell.seconds_per_trajectory);
   json["controls_per_trajectory"] = cell.controls_per_trajectory;
   json["recovery_controls"] = cell.recovery_controls;
   json["redrawn_starts"] = cell.redrawn_starts;
@@ -185,7 +184,6 @@ Json ToJson(const Contrast& contrast) {
           {"completion_ratio", ToJson(contrast.ratios.completion_ratio)},
           {"completion_ratio_interval", ToJson(contrast.ratios.completion_ratio_interval)},
           {"resampled", contrast.resampled},
-          {"seconds_ratio", ToJson(contrast.seconds_ratio)},
           {"controls_ratio", ToJson(contrast.controls_ratio)},
           {"only_method_collided", contrast.only_method_collided},
           {"only_reference_collided", contrast.only_reference_collided},
@@ -292,6 +290,28 @@ std::string ToJson(const Summary& summary) {
 
 void SaveSummary(const Summary& summary, const std::filesystem::path& path) {
   internal::ReplaceFile(path, ToJson(summary));
+}
+
+void SaveTimes(const Summary& summary, const std::filesystem::path& path) {
+  Json json = {{"cells", Json::array()}, {"averages", Json::array()}, {"contrasts", Json::array()}};
+  const auto add = [&](const char* list, const std::vector<Cell>& cells) {
+    for (const Cell& cell : cells) {
+      json[list].push_back(
+          {{"method", cell.method},
+           {"learner", cell.learner},
+           {"demonstrations", cell.demonstrations > 0 ? Json(cell.demonstrations) : Json()},
+           {"seconds_per_trajectory", ToJson(cell.seconds_per_trajectory)}});
+    }
+  };
+  add("cells", summary.cells);
+  add("averages", summary.averages);
+  for (const Contrast& contrast : summary.contrasts) {
+    json["contrasts"].push_back({{"method", contrast.method},
+                                 {"against", contrast.against},
+                                 {"learner", contrast.learner},
+                                 {"seconds_ratio", ToJson(contrast.seconds_ratio)}});
+  }
+  internal::ReplaceFile(path, json.dump(1) + "\n");
 }
 
 void PrintTable(const Summary& summary, std::ostream& out) {

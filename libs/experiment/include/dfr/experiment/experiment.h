@@ -2,7 +2,10 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,11 +17,15 @@ namespace dfr::experiment {
 /// What all commands that compare methods let their users choose.
 struct ExperimentOptions {
   std::string preset = "quick";
-  std::filesystem::path out;
+  std::filesystem::path out;  ///< Empty: no file is written.
   std::uint64_t seed = 2018;
   int threads = 0;  ///< 0: one per core.
   bool restart = false;
+  bool salvage = false;
   bool video = true;
+  Shard shard = {};  ///< Other than 1/1: there is a ledger alone, to be merged.
+  /// The text of run.toml, which starts the same run again. Empty: there is none.
+  std::function<std::string()> configuration = {};
   // Empty, or 0: as the preset says.
   std::vector<std::string> methods = {};
   int trials = 0;
@@ -34,17 +41,33 @@ struct ExperimentResult {
   Summary summary;
 };
 
-/// Makes the folder options.out, with ledger.jsonl of an earlier run removed if options.restart.
-/// @throws std::runtime_error naming the folder if it cannot be made.
-void PrepareFolder(const ExperimentOptions& options);
+/// A folder that belongs to one process, until this is destroyed or the process ends.
+class OutputFolder {
+ public:
+  /// Makes the folder options.out unless that is empty, with ledger.jsonl of an earlier run removed
+  /// if options.restart.
+  /// @throws std::runtime_error naming the folder if it cannot be made, or another process has it.
+  explicit OutputFolder(const ExperimentOptions& options);
+  ~OutputFolder();
+  OutputFolder(OutputFolder&&) noexcept;
+  OutputFolder& operator=(OutputFolder&&) noexcept;
 
-/// Runs the plan with a progress bar and a ledger in options.out, which PrepareFolder() has made,
-/// and writes summary.json there. `settings` are all that decides the results besides the plan.
+ private:
+  struct Lock;
+  std::unique_ptr<Lock> lock_;
+};
+
+/// Runs the plan, or options.shard of it, with a progress bar and a ledger in options.out, of which
+/// an OutputFolder has been made, and writes there:
+/// - run.toml, as options.configuration has it;
+/// - of the whole plan summary.json, which is the same for any number of threads, shards and
+///   machines, and times.json, which is not.
+/// Of a shard there is no result to return. After SIGTERM or SIGUSR1 no further unit begins; a
+/// second one ends the process. `settings` are all that decides the results besides the plan.
 /// @throws as Evaluate() and SaveSummary() do.
-[[nodiscard]] ExperimentResult RunExperiment(const std::string& name, const EvaluationPlan& plan,
-                                             const MakeTrialRunner& make,
-                                             const std::map<std::string, std::string>& settings,
-                                             const ExperimentOptions& options,
-                                             const BootstrapOptions& bootstrap = {});
+[[nodiscard]] std::optional<ExperimentResult> RunExperiment(
+    const std::string& name, const EvaluationPlan& plan, const MakeTrialRunner& make,
+    const std::map<std::string, std::string>& settings, const ExperimentOptions& options,
+    const BootstrapOptions& bootstrap = {});
 
 }  // namespace dfr::experiment

@@ -1,11 +1,14 @@
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <map>
 #include <memory>
+#include <stdexcept>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "dfr/core/trajectory.h"
@@ -55,6 +58,8 @@ class TrialRunner {
                                           std::uint64_t controller_seed) = 0;
   /// Further figures of this unit, to be averaged over trials ("overlap", "training loss").
   [[nodiscard]] virtual std::map<std::string, double> Measures() { return {}; }
+  /// Lists of counts of this unit, to be pooled over units ("controls of each recovery").
+  [[nodiscard]] virtual std::map<std::string, std::vector<int>> Counts() { return {}; }
 };
 
 /// Learns what a unit needs. Called by worker threads, several at once.
@@ -66,34 +71,64 @@ struct UnitResult {
   std::vector<std::uint64_t> starts;                 ///< Seeds of those that were.
   std::vector<std::vector<EpisodeResult>> episodes;  ///< [method][start]
   std::map<std::string, double> measures;
+  std::map<std::string, std::vector<int>> counts = {};
   bool operator==(const UnitResult&) const = default;
 };
+
+/// The seed of the start state that is drawn for episode `start` of `trial` after `attempt` others
+/// were not accepted.
+[[nodiscard]] std::uint64_t StartSeed(const EvaluationPlan& plan, int trial, int start,
+                                      int attempt) noexcept;
 
 /// The seed of the controllers in episode `start` of `trial`: to run one of Evaluate()'s episodes
 /// again, for a video say, from UnitResult::starts.
 [[nodiscard]] std::uint64_t ControllerSeed(const EvaluationPlan& plan, int trial,
                                            int start) noexcept;
 
+/// A part of a plan: of all units in their order, block `index` of `count` whose sizes differ by
+/// one at most. Blocks are contiguous, so that units which share demonstrations mostly stay
+/// together.
+struct Shard {
+  int index = 1;  ///< From 1 to count.
+  int count = 1;
+  bool operator==(const Shard&) const = default;
+};
+
+/// The shard that "2/7" names. @throws std::invalid_argument for other texts.
+[[nodiscard]] Shard ParseShard(std::string_view text);
+
+/// A run that was asked to stop between two units.
+class Interrupted : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
 struct EvaluationOptions {
-  int threads = 0;  ///< 0: one per core.
+  int threads = 0;   ///< 0: one per core.
+  Shard shard = {};  ///< What to run of the plan. Default: all.
   /// Where finished units are written, one line each, and read back by a later run of the same
   /// plan and settings, which then goes on where this one ended. Empty: nowhere.
   std::filesystem::path ledger = {};
-  /// All else that decides the results, by name: what a ledger is compared by.
+  /// All else that decides the results, by name: what a ledger is compared by, as is the commit of
+  /// this build. Numbers as Exactly() writes them, files that were read as HashOfFile().
   std::map<std::string, std::string> settings = {};
-  ProgressCallback progress = {};  ///< In episodes. May be empty.
+  bool salvage = false;  ///< Damaged lines of the ledger are dropped, and their units run again.
+  std::function<void(const std::string&)> notice = {};  ///< Is told what was dropped. May be empty.
+  ProgressCallback progress = {};                       ///< In episodes. May be empty.
+  /// Where this becomes true, units under way are finished and no further one begins. May be null.
+  const std::atomic<bool>* stop = nullptr;
 };
 
-/// Runs the plan, units spread over threads, and returns them in the order trial, demonstrations,
-/// learner. Everything but `seconds` is the same for any number of threads, and for a run that was
-/// killed and resumed, which loses at most the units under way.
+/// Runs the plan, or a shard of it, units spread over threads, and returns them in the order trial,
+/// demonstrations, learner. Everything but `seconds` is the same for any number of threads or
+/// shards, and for a run that was killed and resumed, which loses at most the units under way.
 ///
 /// The start state i of a trial is the first of the seeds DeriveSeed(seed, {0, trial, i, 0}),
 /// {0, trial, i, 1}, ... that the runner accepts, so methods, learners and, as far as each support
 /// accepts them, data points share their start states. The controller's is {1, trial, i}.
 /// @throws std::invalid_argument for a plan that cannot be run; std::runtime_error for a ledger of
-///   other settings (names the first that differs), a damaged one, or one that cannot be written;
-///   and whatever a runner throws.
+///   other settings (names the first that differs), a damaged one, one that another process writes,
+///   or one that cannot be written; Interrupted; and whatever a runner throws.
 [[nodiscard]] std::vector<UnitResult> Evaluate(const EvaluationPlan& plan,
                                                const MakeTrialRunner& make,
                                                const EvaluationOptions& options = {});

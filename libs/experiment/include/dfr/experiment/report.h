@@ -72,6 +72,9 @@ struct ReportMedia {
 /// What a report holds besides the summary. All texts are escaped.
 struct ReportOptions {
   std::string title = {};
+  /// The program that made it, whose command `episodes` prints the ids of the episodes behind a
+  /// number: numbers say how, where the mouse is on them. Empty: they do not.
+  std::string program = {};
   std::string introduction = {};  ///< Paragraphs, as ReportNote::text.
   /// How methods are called: {"dfr", "DFR"}. The paper's methods have names already.
   std::map<std::string, std::string> method_names = {};

@@ -92,22 +92,28 @@ struct SummaryOptions {
 ///    "cells": [{"method": "dfr", "learner": "8", "demonstrations": 120, "trials": 10,
 ///      "episodes": 600, "completed": 0.41, "completed_interval": [lo, hi], "halted": ...,
 ///      "halted_interval": ..., "collided": ..., "collided_interval": ...,
-///      "seconds_per_trajectory": ..., "controls_per_trajectory": ..., "recovery_controls": ...,
-///      "redrawn_starts": ..., "halt_causes": {"outside-support": 3, ...},
-///      "collision_causes": {...}}, ...],
+///      "controls_per_trajectory": ..., "recovery_controls": ..., "redrawn_starts": ...,
+///      "halt_causes": {"outside-support": 3, ...}, "collision_causes": {...}}, ...],
 ///    "averages": [the same with "demonstrations": null, ...],
 ///    "contrasts": [{"method": "dfr", "against": "baseline", "learner": "8",
 ///      "collision_reduction": ..., "interval": [..], "collision_reduction_interval": [..],
 ///      "completion_ratio": ..., "completion_ratio_interval": [..], "resampled": "trials",
-///      "seconds_ratio": ..., "controls_ratio": ..., "only_method_collided": ...,
+///      "controls_ratio": ..., "only_method_collided": ...,
 ///      "only_reference_collided": ..., "mcnemar_p": ...}, ...],
 ///    "measures": [{"name": ..., "learner": ..., "demonstrations": ..., "mean": ...}, ...]}
-/// "interval" of a contrast is that of its collision reduction.
+/// "interval" of a contrast is that of its collision reduction. Nothing in it is a measured time,
+/// so that the text is the same whoever ran which units how often.
 [[nodiscard]] std::string ToJson(const Summary& summary);
 
 /// Writes ToJson() through a temporary file that is renamed when complete.
 /// @throws std::runtime_error naming the file.
 void SaveSummary(const Summary& summary, const std::filesystem::path& path);
+
+/// Writes the processor times in the same way: {"cells": [{"method", "learner", "demonstrations",
+/// "seconds_per_trajectory"}, ...], "averages": [...], "contrasts": [{"method", "against",
+/// "learner", "seconds_ratio"}, ...]}.
+/// @throws as SaveSummary().
+void SaveTimes(const Summary& summary, const std::filesystem::path& path);
 
 /// Prints the averages with contrasts, then the data points, as text for a terminal.
 void PrintTable(const Summary& summary, std::ostream& out);

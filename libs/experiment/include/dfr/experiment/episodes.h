@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <iosfwd>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "dfr/experiment/paired_evaluation.h"
+
+namespace dfr::experiment {
+
+/// One episode of an experiment: unit, method and start state.
+struct EpisodeId {
+  EvaluationUnit unit;
+  std::string method;
+  int start = 0;
+  bool operator==(const EpisodeId&) const = default;
+};
+
+/// "trial/demonstrations/learner/method/start", as in 0/120/8/guided/17.
+[[nodiscard]] std::string Name(const EpisodeId& id);
+
+/// The episode of `plan` that Name() calls so. @throws std::invalid_argument naming what is wrong.
+[[nodiscard]] EpisodeId ParseEpisode(std::string_view name, const EvaluationPlan& plan);
+
+/// Which episodes are meant. Empty, or 0: all.
+struct EpisodeFilter {
+  std::string method = {};
+  std::string learner = {};
+  int demonstrations = 0;
+  std::string outcome = {};  ///< core::Name() of it.
+  std::string cause = {};
+};
+
+/// Prints the ids of episodes in these ledgers with outcome, cause and controls: collisions first,
+/// then halts, in each those with the most recovery controls first; at most `most` of them unless
+/// that is 0.
+/// @throws as ReadLedger().
+void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const EpisodeFilter& filter,
+                   int most, std::ostream& out);
+
+}  // namespace dfr::experiment

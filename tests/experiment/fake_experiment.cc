@@ -1,0 +1,56 @@
+// A program like those of apps/, of episodes that follow by hashing and take no time: for tests of
+// what runs such programs.
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <cstdlib>
+#include <fstream>
+#include <iostream>
+#include <thread>
+
+#include "dfr/experiment/command_line.h"
+#include "dfr/experiment/ledger.h"
+#include "dfr/experiment/report.h"
+#include "tests/experiment/fake_trial_runner.h"
+
+int main(int argc, char** argv) try {
+  using namespace dfr;  // NOLINT: this is their main
+  CLI::App app("A fake experiment");
+  app.require_subcommand(1);
+  experiment::ExperimentOptions options;
+  options.out = "out";
+  double gamma = 5.0;
+  int unit_ms = 0;
+  std::vector<int> demonstrations = {6, 60};
+  std::filesystem::path fails_once;
+  CLI::App* command = app.add_subcommand("experiment", "all methods");
+  experiment::AddExperimentOptions(*command, options, "quick or paper", "baseline, dfr");
+  command->add_option("--gamma", gamma)->capture_default_str();
+  command->add_option("--demonstrations", demonstrations)->delimiter(',')->capture_default_str();
+  command->add_option("--unit-ms", unit_ms, "how long a unit takes")->capture_default_str();
+  command->add_option("--fails-once", fails_once, "a file that a first run makes, and fails");
+  if (const auto code = experiment::Parse(app, argc, argv)) return *code;
+
+  experiment::EvaluationPlan plan = experiment::ApplyTo(test::FakePlan(), options);
+  plan.demonstrations = demonstrations;
+  const experiment::OutputFolder folder(options);
+  int made = 0;
+  const auto found = experiment::RunExperiment(
+      "fake", plan,
+      [&](const experiment::EvaluationUnit& unit) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(unit_ms));
+        if (!fails_once.empty() && ++made == 2 && !std::filesystem::exists(fails_once)) {
+          std::ofstream(fails_once) << "failed\n";
+          throw std::runtime_error("the plant fell over");
+        }
+        return test::MakeFakeTrialRunner(unit);
+      },
+      {{"gamma", experiment::Exactly(gamma)}}, options);
+  if (!found) return EXIT_SUCCESS;
+  experiment::SaveReport(found->summary, {.title = "Fake", .program = "fake_experiment"},
+                         options.out / "report.html");
+  experiment::PrintTable(found->summary, std::cout);
+  return EXIT_SUCCESS;
+} catch (const std::exception& e) {
+  std::cerr << "fake_experiment: " << e.what() << '\n';
+  return EXIT_FAILURE;
+}

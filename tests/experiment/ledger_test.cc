@@ -1,0 +1,434 @@
+#include "dfr/experiment/ledger.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <csignal>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <random>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "tests/experiment/fake_trial_runner.h"
+
+namespace {
+
+// What the next calls of write() and fdatasync() do, as a failing disk does: fail with an error, or
+// write a part. They stand in for the C library's in this program.
+struct Fault {
+  int after = -1;  // calls that still succeed; negative: all
+  int error = 0;   // 0: short writes from then on
+};
+thread_local Fault fault;
+
+bool Fails() {
+  if (fault.after < 0) return false;
+  return fault.after-- == 0;
+}
+
+}  // namespace
+
+extern "C" ssize_t write(int file, const void* bytes, size_t size) {
+  if (Fails()) {
+    if (fault.error != 0) {
+      errno = fault.error;
+      return -1;
+    }
+    fault.after = 0;
+    size = std::min<size_t>(size, 7);
+  }
+  return syscall(SYS_write, file, bytes, size);
+}
+
+extern "C" int fdatasync(int file) {
+  if (fault.error != 0 && Fails()) {
+    errno = fault.error;
+    return -1;
+  }
+  return static_cast<int>(syscall(SYS_fdatasync, file));
+}
+
+namespace dfr::experiment {
+namespace {
+
+using test::EmptyFolder;
+using test::FakePlan;
+using test::MakeFakeTrialRunner;
+using testing::HasSubstr;
+
+std::string MessageOf(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const std::exception& e) {
+    return e.what();
+  }
+  return "nothing thrown";
+}
+
+std::string Read(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+void Write(const std::filesystem::path& path, const std::string& text) {
+  std::ofstream(path, std::ios::binary) << text;
+}
+
+class LedgerTest : public testing::Test {
+ protected:
+  EvaluationOptions Options() const {
+    return {.threads = 1, .ledger = ledger, .settings = {{"nu", "0.05"}, {"gamma", "5"}}};
+  }
+  std::filesystem::path ledger =
+      EmptyFolder(std::string("ledger_") +
+                  testing::UnitTest::GetInstance()->current_test_info()->name()) /
+      "ledger.jsonl";
+};
+
+TEST_F(LedgerTest, AResumedRunEqualsAnUninterruptedOne) {
+  const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
+  int made = 0;
+  const auto dies = [&](const EvaluationUnit& unit) {
+    if (made == 8) throw std::runtime_error("killed");
+    ++made;
+    return MakeFakeTrialRunner(unit);
+  };
+  EXPECT_THROW((void)Evaluate(FakePlan(), dies, Options()), std::runtime_error);
+  made = -100;
+  std::int64_t first_done = -1;
+  EvaluationOptions options = Options();
+  options.progress = [&](const Progress& p) { first_done = first_done < 0 ? p.done : first_done; };
+  EXPECT_EQ(Evaluate(FakePlan(), dies, options), whole);
+  EXPECT_EQ(made, -100 + 20 - 8) << "finished units are not run again";
+  EXPECT_EQ(first_done, 8 * 24 + 1);
+  made = -100;
+  EXPECT_EQ(Evaluate(FakePlan(), dies, Options()), whole);
+  EXPECT_EQ(made, -100);
+}
+
+TEST_F(LedgerTest, ALineThatAKilledRunLeftUnfinishedIsRunAgain) {
+  const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner, Options());
+  const std::string text = Read(ledger);
+  for (const std::size_t cut : {std::size_t{1}, std::size_t{100}, text.size() - 20}) {
+    Write(ledger, text.substr(0, text.size() - cut));
+    EXPECT_EQ(Evaluate(FakePlan(), MakeFakeTrialRunner, Options()), whole) << cut;
+    EXPECT_EQ(std::ranges::count(Read(ledger), '\n'), std::ranges::count(text, '\n')) << cut;
+  }
+}
+
+TEST_F(LedgerTest, OtherSettingsAreRefusedWithTheFirstDifference) {
+  (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options());
+  const std::string before = Read(ledger);
+  EvaluationOptions options = Options();
+  options.settings["gamma"] = "7";
+  EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, options); }),
+              testing::AllOf(HasSubstr(ledger.string()),
+                             HasSubstr("settings.gamma is \"5\" there and \"7\" now")));
+  EvaluationPlan plan = FakePlan();
+  plan.seed = 4;
+  EXPECT_THAT(MessageOf([&] { (void)Evaluate(plan, MakeFakeTrialRunner, Options()); }),
+              HasSubstr("seed is 3 there and 4 now"));
+  EXPECT_EQ(Read(ledger), before);
+}
+
+TEST_F(LedgerTest, DamageAndForeignFilesAreRefused) {
+  (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options());
+  const std::string text = Read(ledger);
+  const auto message = [&](const std::string& content) {
+    Write(ledger, content);
+    return MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
+  };
+  const std::size_t second = text.find('\n') + 1;
+  const std::size_t third = text.find('\n', second) + 1;
+  EXPECT_THAT(message(text.substr(0, second) + "nonsense\n" + text.substr(second)),
+              HasSubstr("line 2 is damaged"));
+  std::string other = text;
+  other.replace(other.find("\"outcomes\":\"") + 12, 1, "X");
+  EXPECT_THAT(message(other), HasSubstr("line 2 is damaged: its checksum does not match"));
+  for (const std::string& foreign :
+       {std::string("shopping list\n"), std::string("{\"format\":3}\n"), std::string("3\n"),
+        std::string(1'000'000, '[') + "\n"}) {
+    EXPECT_THAT(message(foreign), HasSubstr("is not a ledger")) << foreign.substr(0, 20);
+  }
+  EXPECT_THAT(message("{\"format\":\"dfr paired evaluation\",\"version\":1}\n"),
+              testing::AllOf(HasSubstr("format version 1, which an older dfr wrote"),
+                             HasSubstr("--restart")));
+  // A unit that is there twice, with the same results, does no harm.
+  EXPECT_EQ(message(text + text.substr(second, third - second)), "nothing thrown");
+}
+
+TEST_F(LedgerTest, AFolderThatDoesNotExistIsNamed) {
+  EvaluationOptions options = Options();
+  options.ledger = ledger.parent_path() / "missing" / "ledger.jsonl";
+  EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, options); }),
+              testing::AllOf(HasSubstr("missing"), HasSubstr("cannot be written")));
+}
+
+// Any single bit, in any line.
+TEST_F(LedgerTest, NoFlippedBitPasses) {
+  EvaluationPlan plan = FakePlan();
+  plan.trials = 1;
+  plan.episodes = 2;
+  (void)Evaluate(plan, MakeFakeTrialRunner, Options());
+  const std::string text = Read(ledger);
+  ASSERT_LT(text.size(), 4000u);
+  int accepted = 0;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    std::string flipped = text;
+    flipped[i] = static_cast<char>(flipped[i] ^ (1 << (i % 8)));
+    Write(ledger, flipped);
+    try {
+      const LedgerContents contents = ReadLedger(ledger);
+      // The last line's end is the one bit that makes the line one that was being written.
+      accepted += contents.cut && i + 1 == text.size() ? 0 : 1;
+    } catch (const std::runtime_error&) {
+    }
+  }
+  EXPECT_EQ(accepted, 0) << "of " << text.size();
+}
+
+TEST_F(LedgerTest, AUnitOfAnotherRunIsRefused) {
+  (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options());
+  const std::string ours = Read(ledger);
+  const auto with_line_of = [&](const EvaluationPlan& plan, const EvaluationOptions& options) {
+    std::filesystem::remove(ledger);
+    (void)Evaluate(plan, MakeFakeTrialRunner, options);
+    const std::string theirs = Read(ledger);
+    const std::size_t begin = ours.find('\n') + 1;
+    const std::size_t end = ours.find('\n', begin);
+    const std::size_t from = theirs.find('\n') + 1;
+    Write(ledger, ours.substr(0, begin) + theirs.substr(from, theirs.find('\n', from) - from) +
+                      ours.substr(end));
+    return MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
+  };
+  EvaluationPlan seeded = FakePlan();
+  seeded.seed = 4;
+  EXPECT_THAT(with_line_of(seeded, Options()), HasSubstr("it is of another run"));
+  EvaluationOptions other = Options();
+  other.settings["gamma"] = "5.0000001";
+  EXPECT_THAT(with_line_of(FakePlan(), other), HasSubstr("it is of another run"));
+}
+
+TEST_F(LedgerTest, SalvagePutsDamagedLinesAsideAndSaysWhich) {
+  const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner, Options());
+  const std::string text = Read(ledger);
+  std::vector<std::string> notices;
+  int made = 0;
+  const auto counts = [&](const EvaluationUnit& unit) {
+    ++made;
+    return MakeFakeTrialRunner(unit);
+  };
+  EvaluationOptions options = Options();
+  options.salvage = true;
+  options.notice = [&](const std::string& notice) { notices.push_back(notice); };
+  const std::size_t second = text.find('\n') + 1;
+  for (const std::size_t place : {text.find("trials"), second + 5}) {  // of the header, of a unit
+    std::string damaged = text;
+    damaged[place] ^= 1;
+    Write(ledger, damaged);
+    notices.clear();
+    made = 0;
+    EXPECT_EQ(Evaluate(FakePlan(), counts, options), whole);
+    EXPECT_EQ(made, place < second ? 0 : 1);
+    ASSERT_EQ(notices.size(), 1u);
+    EXPECT_THAT(notices[0], HasSubstr(place < second ? "line 1 is d" : "line 2 is dropped"));
+    EXPECT_EQ(ReadLedger(ledger).records.size(), whole.size());
+  }
+  const std::string dropped = Read(ledger.string() + ".dropped");
+  EXPECT_EQ(std::ranges::count(dropped, '\n'), 2);
+}
+
+TEST_F(LedgerTest, AnotherWriterIsRefusedAndLosesNothing) {
+  EvaluationOptions options = Options();
+  std::string message;
+  const auto opens_again = [&](const EvaluationUnit& unit) {
+    if (message.empty()) {
+      message = MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
+    }
+    return MakeFakeTrialRunner(unit);
+  };
+  const auto results = Evaluate(FakePlan(), opens_again, options);
+  EXPECT_THAT(message, HasSubstr("another process is writing it"));
+  EXPECT_EQ(ReadLedger(ledger).records.size(), results.size());
+}
+
+// ENOSPC, EIO and short writes at every call: what was written before is kept, nothing is repeated.
+TEST_F(LedgerTest, WriteErrorsLoseAndRepeatNothing) {
+  const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
+  for (const int error : {ENOSPC, EIO, 0}) {
+    for (int after = 0; after < 30; ++after) {
+      std::filesystem::remove(ledger);
+      fault = {after, error};
+      const std::string message =
+          MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
+      const bool failed = error != 0 && fault.after < 0;
+      fault = {};
+      EXPECT_THAT(message,
+                  failed ? HasSubstr("All units before are kept") : HasSubstr("nothing thrown"));
+      const std::string before = Read(ledger);
+      int made = 0;
+      const auto counts = [&](const EvaluationUnit& unit) {
+        ++made;
+        return MakeFakeTrialRunner(unit);
+      };
+      ASSERT_EQ(Evaluate(FakePlan(), counts, Options()), whole) << error << " " << after;
+      const auto lines = std::ranges::count(before, '\n');
+      EXPECT_EQ(made, 20 - std::max<std::ptrdiff_t>(0, lines - 1)) << error << " " << after;
+      EXPECT_TRUE(Read(ledger).starts_with(before));
+    }
+  }
+}
+
+// DFR_KILLS: how many. Every unit that a killed process had written is there afterwards, and none
+// runs twice.
+TEST_F(LedgerTest, KilledProcessesLoseAndRepeatNothing) {
+  const char* const wanted = std::getenv("DFR_KILLS");
+  const int kills = wanted != nullptr ? std::atoi(wanted) : 30;
+  const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
+  core::Random random(1);
+  int finished = 0;
+  for (int k = 0; k < kills; ++k) {
+    const std::string before = Read(ledger);
+    const pid_t child = fork();
+    if (child == 0) {
+      const auto slowly = [](const EvaluationUnit& unit) {
+        std::this_thread::sleep_for(std::chrono::microseconds(300));
+        return MakeFakeTrialRunner(unit);
+      };
+      EvaluationOptions options = Options();
+      options.threads = 2;
+      (void)Evaluate(FakePlan(), slowly, options);
+      _exit(0);
+    }
+    std::this_thread::sleep_for(std::chrono::microseconds(random.Below(40'000)));
+    kill(child, SIGKILL);
+    int status = 0;
+    waitpid(child, &status, 0);
+    const std::string after = Read(ledger);
+    const std::size_t whole_lines =
+        before.rfind('\n') == std::string::npos ? 0 : before.rfind('\n') + 1;
+    ASSERT_TRUE(after.starts_with(before.substr(0, whole_lines))) << "kill " << k;
+    if (WIFEXITED(status)) {
+      ++finished;
+      EXPECT_EQ(ReadLedger(ledger).records.size(), 20u);
+      EXPECT_EQ(std::ranges::count(after, '\n'), 21) << "a unit was repeated";
+      std::filesystem::remove(ledger);
+    }
+  }
+  int made = 0;
+  const auto lines = std::ranges::count(Read(ledger), '\n');
+  const auto counts = [&](const EvaluationUnit& unit) {
+    ++made;
+    return MakeFakeTrialRunner(unit);
+  };
+  EvaluationOptions options = Options();
+  EXPECT_EQ(Evaluate(FakePlan(), counts, options), whole);
+  EXPECT_EQ(made, 20 - std::max<std::ptrdiff_t>(0, lines - 1));
+  std::cout << kills << " kills, " << finished << " runs came to their end" << std::endl;
+}
+
+class MergeTest : public testing::Test {
+ protected:
+  // A ledger of shard index/count in a file of its own.
+  std::filesystem::path Run(int index, int count, const EvaluationPlan& plan = FakePlan(),
+                            const std::string& gamma = "5") const {
+    const std::filesystem::path path =
+        folder / (std::to_string(index) + "of" + std::to_string(count) + ".jsonl");
+    std::filesystem::remove(path);
+    (void)Evaluate(
+        plan, MakeFakeTrialRunner,
+        {.threads = 1, .shard = {index, count}, .ledger = path, .settings = {{"gamma", gamma}}});
+    return path;
+  }
+  std::filesystem::path folder = EmptyFolder(
+      std::string("merge_") + testing::UnitTest::GetInstance()->current_test_info()->name());
+  std::filesystem::path whole = folder / "whole.jsonl";
+};
+
+TEST_F(MergeTest, AnySplitGivesTheSameResultsInAnyOrder) {
+  const auto expected = Evaluate(FakePlan(), MakeFakeTrialRunner);
+  for (const int count : {1, 2, 7, 33}) {  // of 20 units
+    std::vector<std::filesystem::path> shards;
+    for (int index = 1; index <= count; ++index) shards.push_back(Run(index, count));
+    MergeLedgers(shards, whole);
+    const std::string text = Read(whole);
+    std::ranges::reverse(shards);
+    shards.push_back(shards.front());
+    MergeLedgers(shards, whole);
+    EXPECT_EQ(Read(whole), text);
+    const LedgerContents contents = ReadLedger(whole);
+    ASSERT_EQ(contents.records.size(), expected.size());
+    for (std::size_t i = 0; i < expected.size(); ++i) {
+      EXPECT_EQ(contents.records[i].result, expected[i]);
+    }
+    EXPECT_EQ(contents.header.shard, Shard());
+  }
+}
+
+TEST_F(MergeTest, WhatDoesNotBelongTogetherIsRefusedByName) {
+  const auto first = Run(1, 2);
+  EXPECT_THAT(MessageOf([&] { MergeLedgers({first}, whole); }),
+              HasSubstr("10 of 20 units are missing, the first is trial 2, 60 demonstrations, 8."));
+  EXPECT_THAT(MessageOf([&] {
+                MergeLedgers({first, Run(2, 2, FakePlan(), "7")}, whole);
+              }),
+              HasSubstr("settings.gamma is \"5\" there and \"7\" now"));
+  EvaluationPlan plan = FakePlan();
+  plan.episodes = 13;
+  EXPECT_THAT(MessageOf([&] {
+                MergeLedgers({first, Run(2, 2, plan)}, whole);
+              }),
+              HasSubstr("episodes is 12 there and 13 now"));
+  EXPECT_FALSE(std::filesystem::exists(whole));
+}
+
+TEST_F(MergeTest, AUnitWithOtherResultsIsRefused) {
+  const auto first = Run(1, 1);
+  const std::filesystem::path second = folder / "second.jsonl";
+  const auto differs = [](const EvaluationUnit& unit) -> std::unique_ptr<TrialRunner> {
+    EvaluationUnit other = unit;
+    if (unit.trial == 3) other.learner += "x";
+    return MakeFakeTrialRunner(other);
+  };
+  (void)Evaluate(FakePlan(), differs, {.ledger = second, .settings = {{"gamma", "5"}}});
+  EXPECT_THAT(MessageOf([&] {
+                MergeLedgers({first, second}, whole);
+              }),
+              HasSubstr("has other results of trial 3"));
+}
+
+TEST(SettingsTest, NumbersKeepAllTheirDigits) {
+  EXPECT_EQ(Exactly(5.0), "5");
+  EXPECT_EQ(Exactly(0.1), "0.1");
+  EXPECT_EQ(Exactly(5.0000001), "5.0000001");
+  const double third = 1.0 / 3.0;
+  EXPECT_EQ(std::stod(Exactly(third)), third);
+}
+
+TEST(SettingsTest, AFilesHashFollowsItsContent) {
+  const auto folder = EmptyFolder("hash");
+  Write(folder / "a", "one");
+  Write(folder / "b", "one");
+  Write(folder / "c", "onf");
+  EXPECT_EQ(HashOfFile(folder / "a"), HashOfFile(folder / "b"));
+  EXPECT_NE(HashOfFile(folder / "a"), HashOfFile(folder / "c"));
+  EXPECT_EQ(HashOfFile(folder / "a").size(), 16u);
+  EXPECT_THAT(MessageOf([&] { (void)HashOfFile(folder / "absent"); }), HasSubstr("absent"));
+}
+
+}  // namespace
+}  // namespace dfr::experiment

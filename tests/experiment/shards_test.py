@@ -1,0 +1,140 @@
+"""Shards, merging, status, configurations and ids of episodes, as users of a program run them.
+
+usage: shards_test.py PROGRAM DFR_CLUSTER
+"""
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+CLUSTER = pathlib.Path(sys.argv.pop()).resolve()
+PROGRAM = pathlib.Path(sys.argv.pop()).resolve()
+
+
+class ShardsTest(unittest.TestCase):
+    def setUp(self):
+        self.temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(self.temporary.cleanup)
+        self.folder = pathlib.Path(self.temporary.name)
+
+    def run_program(self, *arguments, fails=False):
+        done = subprocess.run([PROGRAM, *map(str, arguments)], cwd=self.folder, text=True,
+                              capture_output=True, check=False, timeout=120)
+        self.assertEqual(done.returncode != 0, fails, done.stdout + done.stderr)
+        return done.stderr if fails else done.stdout
+
+    def bytes_of(self, name):
+        return (self.folder / name).read_bytes()
+
+    def test_any_split_gives_the_same_bytes(self):
+        self.run_program("experiment", "--out", "whole")
+        for count in (2, 7):
+            for k in range(1, count + 1):
+                self.run_program("experiment", "--shard", f"{k}/{count}", "--out", f"in{count}/shard-{k}")
+            out = self.run_program("merge", f"in{count}", "--out", f"merged{count}")
+            self.assertIn("baseline", out)
+            for name in ("summary.json", "report.html", "times.json", "run.toml"):
+                self.assertEqual(self.bytes_of(f"merged{count}/{name}"), self.bytes_of(f"whole/{name}"), name)
+        # In any order, with one of them twice, and again.
+        shards = [f"in7/shard-{k}" for k in (5, 1, 7, 3, 2, 6, 4, 3)]
+        self.run_program("merge", *shards, "--out", "other")
+        self.run_program("merge", *shards, "--out", "other")
+        self.assertEqual(self.bytes_of("other/summary.json"), self.bytes_of("whole/summary.json"))
+        self.assertEqual(self.bytes_of("other/ledger.jsonl"), self.bytes_of("merged7/ledger.jsonl"))
+
+    def test_what_does_not_belong_together_is_refused(self):
+        self.run_program("experiment", "--shard", "1/2", "--out", "a")
+        self.run_program("experiment", "--shard", "2/2", "--gamma", "5.0000001", "--out", "b")
+        error = self.run_program("merge", "a", "b", "--out", "c", fails=True)
+        self.assertIn('settings.gamma is "5" there and "5.0000001" now', error)
+        error = self.run_program("merge", "a", "--out", "c", fails=True)
+        self.assertIn("10 of 20 units are missing", error)
+        self.assertIn("there is no ledger.jsonl", self.run_program("merge", "nowhere", "--out", "c", fails=True))
+        error = self.run_program("experiment", "--shard", "2/2", "--out", "a", fails=True)
+        self.assertIn('shard is "1/2" there and "2/2" now', error)
+
+    def test_a_configuration_starts_the_same_run_again(self):
+        self.run_program("experiment", "--gamma", "7", "--seed", "11", "--methods", "baseline,dfr",
+                         "--demonstrations", "12,24", "--out", "one")
+        text = (self.folder / "one/run.toml").read_text()
+        self.assertIn("gamma = 7\n", text)
+        self.assertIn("demonstrations = [12, 24]\n", text)
+        self.run_program("experiment", "--config", "one/run.toml", "--out", "two")
+        self.assertEqual(self.bytes_of("one/summary.json"), self.bytes_of("two/summary.json"))
+        self.assertEqual(self.bytes_of("one/run.toml"), self.bytes_of("two/run.toml"))
+        self.run_program("experiment", "--config", "one/run.toml", "--seed=12", "--out", "three")
+        self.assertEqual(json.loads(self.bytes_of("three/summary.json"))["seed"], 12)
+
+    def test_mistakes_in_a_configuration_name_the_line(self):
+        for text, says in [("[experiment]\nseed = 1\ngama = 5\n", "c.toml:3: experiment has no option 'gama'"),
+                           ("seed = 1\n", "c.toml:1: 'seed' is no table of a command"),
+                           ("[experiment]\n\ntrials = \"many\"\n", "c.toml:3: "),
+                           ("[experiment]\ntrials = 1979-05-27\n", "c.toml:2: 'trials' must be a text"),
+                           ("[experiment]\ntrials = \n", "c.toml:2"),
+                           ("[grid]\ngamma = [1]\n", "there is no table [experiment]")]:
+            with self.subTest(text=text):
+                (self.folder / "c.toml").write_text(text)
+                self.assertIn(says, self.run_program("experiment", "--config", "c.toml", fails=True))
+
+    def test_status_tells_how_far_it_is_and_what_failed(self):
+        self.run_program("experiment", "--shard", "1/2", "--out", "run/shard-1")
+        error = self.run_program("experiment", "--shard", "2/2", "--fails-once", "failed", "--out", "run/shard-2",
+                                 fails=True)
+        (self.folder / "run/shard-2/task.log").write_text("begun\n" + error + "\n")
+        status = json.loads(self.run_program("status", "run", "--json"))
+        self.assertEqual([status["done"], status["units"]], [11, 20])
+        self.assertEqual(status["by_host"], {os.uname().nodename: 11})
+        first, second = status["ledgers"]
+        self.assertEqual([first["done"], first["units"], first["last_words"]], [10, 10, ""])
+        self.assertIn("the plant fell over", second["last_words"])
+        text = self.run_program("status", "run")
+        self.assertIn("11 of 20 units are finished", text)
+        self.assertIn("stopped", text)
+
+    def test_status_sees_a_run_from_outside(self):
+        child = subprocess.Popen([PROGRAM, "experiment", "--unit-ms", "200", "--threads", "1", "--out", "run"],
+                                 cwd=self.folder, stderr=subprocess.DEVNULL)
+        try:
+            status = {"done": 0}
+            until = time.monotonic() + 60
+            while status["done"] < 2 and time.monotonic() < until:
+                time.sleep(0.1)
+                if (self.folder / "run/ledger.jsonl").exists():
+                    status = json.loads(self.run_program("status", "run", "--json"))
+            self.assertTrue(status["ledgers"][0]["running"])
+            self.assertGreater(status["remaining_s"], 0)
+            self.assertGreater(status["mean_wall_s"], 0.2)
+            error = self.run_program("experiment", "--out", "run", fails=True)
+            self.assertIn("another process is writing it", error)
+            child.send_signal(signal.SIGTERM)  # it finishes its unit
+            self.assertNotEqual(child.wait(60), 0)
+        finally:
+            child.kill()
+            child.wait()
+        self.run_program("experiment", "--unit-ms", "200", "--out", "run")
+        self.run_program("experiment", "--out", "whole")
+        self.assertEqual(self.bytes_of("run/summary.json"), self.bytes_of("whole/summary.json"))
+
+    def test_episodes_have_ids_and_the_worst_come_first(self):
+        self.run_program("experiment", "--out", "run")
+        lines = self.run_program("episodes", "run", "--method", "dfr", "--most", "0").splitlines()
+        self.assertEqual(len(lines), 20 * 12)
+        outcomes = [line.split()[1].rstrip(":") for line in lines]
+        self.assertEqual(outcomes, sorted(outcomes, key=["collided", "halted", "completed"].index))
+        self.assertRegex(lines[0], r"^\d/(6|60)/(8|64-64)/dfr/\d+  collided: policy  \d+ controls, \d+ of recovery$")
+        cell = next(c for c in json.loads(self.bytes_of("run/summary.json"))["cells"]
+                    if (c["method"], c["learner"], c["demonstrations"]) == ("dfr", "8", 6))
+        of_cell = self.run_program("episodes", "run", "--method", "dfr", "--learner", "8", "--demonstrations", 6,
+                                   "--outcome", "halted", "--most", "0").splitlines()
+        self.assertEqual(len(of_cell), round(cell["halted"] * cell["episodes"]))
+        self.assertIn('title="fake_experiment episodes FOLDER --learner 8 --method dfr --demonstrations 6 --outcome halted"',
+                      (self.folder / "run/report.html").read_text())
+
+
+if __name__ == "__main__":
+    unittest.main()
