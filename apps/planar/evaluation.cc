@@ -28,7 +28,8 @@ class PlanarTrialRunner final : public experiment::RolloutRunner {
                  Demonstrate(task, unit.demonstrations,
                              core::DeriveSeed(study.plan.seed,
                                               {2, static_cast<std::uint64_t>(unit.trial)})),
-                 study.methods) {
+                 study.methods,
+                 core::DeriveSeed(study.plan.seed, {3, static_cast<std::uint64_t>(unit.trial)})) {
     for (const std::string& method : study.plan.methods) Add(methods_.Make(method, driven()));
   }
   ~PlanarTrialRunner() override {
