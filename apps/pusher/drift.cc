@@ -66,8 +66,8 @@ void RunDrift(const DriftOptions& options) {
   plan.trials = options.trials;
   plan.episodes = options.episodes;
   plan.seed = options.seed;
-  const auto supervisor = imitation::GaussianPolicy::Load(
-      options.supervisor.empty() ? ShippedSupervisor() : options.supervisor);
+  const std::vector<imitation::GaussianPolicy> supervisor = {imitation::GaussianPolicy::Load(
+      options.supervisor.empty() ? ShippedSupervisor() : options.supervisor)};
 
   std::printf(
       "learner %s, %d demonstrations, %d episodes a method in %d trials, seed %llu, commit %s\n"
@@ -106,6 +106,7 @@ void RunDrift(const DriftOptions& options) {
     }
     std::fflush(stdout);
   }
+  std::fputs(MarksOf(options.methods).c_str(), stdout);
 }
 
 }  // namespace dfr::apps::pusher

@@ -11,6 +11,7 @@
 #include "commands.h"
 #include "dfr/core/build_info.h"
 #include "dfr/safety/method.h"
+#include "supervisor.h"
 #include "train_supervisor.h"
 
 namespace dfr::apps::pusher {
@@ -54,12 +55,19 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
       "experiment", "the paper's comparison: all methods over the number of demonstrations");
   AddExperimentOptions(
       *command, options,
-      "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials, 6, 12, ..., 120; authors: as "
+      "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials of 5 supervisors, 6, 12, ..., "
+      "120; authors: as "
       "quick, with the constants of the authors' scripts where those are others, Adam's rate .01, "
       "T = 100, gamma 1, nu .1",
       "the first is the reference; of " + MethodHelp(), {"quick", "paper", "authors"});
   command->add_option("--supervisor", options.supervisor,
-                      "file of train-supervisor (default: the shipped one)");
+                      "file of train-supervisor (default: those that are shipped)");
+  command
+      ->add_option("--supervisors", options.supervisors,
+                   "how many of those that are shipped take turns, trial by trial (default: paper "
+                   "5, else 1); from 5 on intervals are clustered by supervisor")
+      ->check(CLI::Range(1, kShippedSupervisors))
+      ->excludes("--supervisor");
   command->add_flag("!--no-convergence", options.convergence,
                     "leave out how fast recoveries climb, which takes seconds");
   command
