@@ -54,13 +54,40 @@ control::GuidedModel PaperSupport(const Model& model) {
           control::GuidedModelOptions{.gate_quantile = 1.0}};
 }
 
-// g_t over the threshold that Algorithm 1 has in state x, at most 1.
-double Share(const Model& model, int t, std::span<const double> x, std::span<double> u) {
+// lambda_t |u| of the learned control in state x.
+double Threshold(const Model& model, int t, std::span<const double> x, std::span<double> u) {
   model.policy().Control(t, x, u);
   const std::vector<double>& lambda = model.task().lambda();
-  const double threshold =
-      lambda[std::min(static_cast<std::size_t>(t), lambda.size() - 1)] * core::AsVector(u).norm();
-  return std::min(1.0, model.task().support().Decision(t, x) / threshold);
+  return lambda[std::min(static_cast<std::size_t>(t), lambda.size() - 1)] *
+         core::AsVector(u).norm();
+}
+
+// g_t over the threshold that Algorithm 1 has in state x, at most 1.
+double Share(const Model& model, int t, std::span<const double> x, std::span<double> u) {
+  return std::min(1.0, model.task().support().Decision(t, x) / Threshold(model, t, x, u));
+}
+
+// The level that g_t can be climbed to from x by entries begin ... end - 1 alone.
+double Climbed(const core::DecisionFunction& g, int t, std::vector<double> x, std::size_t begin,
+               std::size_t end) {
+  constexpr double kFirstStep = 0.05;  // m
+  constexpr double kLastStep = 1e-5;
+  std::vector<double> gradient(x.size());
+  std::vector<double> there(x);
+  double level = g.Gradient(t, x, gradient);
+  for (double step = kFirstStep; step > kLastStep;) {
+    const double norm = core::AsVector(std::span(gradient).subspan(begin, end - begin)).norm();
+    if (!(norm > 0.0)) break;
+    there = x;
+    for (std::size_t i = begin; i < end; ++i) there[i] += step * gradient[i] / norm;
+    if (g.Decision(t, there) > level) {
+      x = there;
+      level = g.Gradient(t, x, gradient);
+    } else {
+      step *= 0.5;
+    }
+  }
+  return level;
 }
 
 // Share() after each control, until the learned policy may go on or the recovery gives up.

@@ -29,6 +29,15 @@ void AddScene(CLI::App& command, sim::PusherOptions& plant) {
                                               {"fork", sim::Gripper::kFork}}))
       ->type_name("")
       ->option_text("TEXT=bar");
+  command
+      .add_option("--physics", plant.physics,
+                  "quasi-static: the arm is moved along its path; dynamic: motors move an arm with "
+                  "inertia and friction, slower to simulate")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, sim::PusherPhysics>{
+          {"quasi-static", sim::PusherPhysics::kQuasiStatic},
+          {"dynamic", sim::PusherPhysics::kDynamic}}))
+      ->type_name("")
+      ->option_text("TEXT=quasi-static");
 }
 
 void AddModelOptions(CLI::App& command, ModelOptions& model) {
