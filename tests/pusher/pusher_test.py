@@ -4,6 +4,7 @@ usage: pusher_test.py PROGRAM
 """
 import json
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -114,7 +115,6 @@ class PusherTest(unittest.TestCase):
         by_method = {c["method"]: c for c in self.summary("baselines")["averages"]}
         alone = by_method["baseline"]
         self.assertGreater(by_method["dagger"]["completed"], alone["completed"])
-        self.assertLess(by_method["ensemble"]["collided"], alone["collided"])
         self.assertIn("early-stopping", by_method["ensemble"]["halt_causes"])
         self.assertLess(by_method["true-jacobian"]["collided"], alone["collided"])
 
@@ -151,14 +151,20 @@ class PusherTest(unittest.TestCase):
             rows = {line.split()[0]: [float(x) for x in line.split()[1:]] for line in block.splitlines()
                     if line.startswith("  ") and line.split()[0] in ("dfr", "finite-difference", "guided")}
             self.assertEqual(set(rows), methods)
+            if which == "first":
+                rows_of_first = rows
             for method, (start, *_, last, count) in rows.items():
-                self.assertGreaterEqual(last, start)
                 self.assertTrue(0 <= count <= 50)
+                self.assertTrue(0 < start <= 1 and 0 < last <= 1)
                 reached[which, method] = count
                 if which == "first":
                     self.assertEqual(start, rows["dfr"][0], "all begin in the same states")
-        # Episodes end with the recovery that does not arrive.
-        self.assertGreater(reached["all", "dfr"], reached["first", "dfr"])
+        # What no place of the gripper is high enough for, no recovery reaches without pushing.
+        anywhere, gripper, best = (float(x) for x in re.search(
+            r"any state in (\d+) of 50.*?as it is, in (\d+);.*?: ([\d.]+) of", blocks[0], re.S).groups())
+        self.assertTrue(0 <= gripper <= anywhere <= 50)
+        self.assertLessEqual(reached["first", "finite-difference"], gripper + 5)
+        self.assertLessEqual(rows_of_first["finite-difference"][-2], best + 0.05)
         self.assertIn("How fast recoveries climb", (self.folder / "climb" / "report.html").read_text())
 
     def test_an_interrupted_experiment_goes_on_where_it_ended(self):
