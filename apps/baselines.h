@@ -23,7 +23,7 @@ struct Teaching {
   std::function<std::unique_ptr<const core::Policy>(std::span<const core::Trajectory>,
                                                     std::uint64_t seed)>
       learn = {};
-  std::uint64_t seed = 0;  ///< Of all that is random in these baselines.
+  std::uint64_t seed = 0;  ///< What is random in these baselines follows.
   /// Where the supervisor demonstrates; to be cloned. Null: there is no supervisor to be asked.
   std::shared_ptr<const core::SimulatedPlant> plant = nullptr;
   /// Writes what the supervisor would do in the plant's present state at time step t, without its

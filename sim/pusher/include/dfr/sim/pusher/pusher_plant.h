@@ -91,7 +91,7 @@ struct PusherStatistics {
 /// is slower than 1e-3 rad/s and the cylinder slower than 1e-3 m/s for 5 steps in a row, or 3 s
 /// have passed; then velocities are set to zero. Joints have rotor inertia, viscous damping and
 /// Coulomb friction, the cylinder slides with Coulomb friction along x and y, and goes on sliding
-/// after a push. Arm and table do not touch: references stay above it as above. Hundreds of times
+/// after a push. Arm and table do not touch: references stay above it as above. Some fifty times
 /// slower.
 ///
 /// The collision check runs after every substep for the cylinder, the upper arm, forearm, hand and
