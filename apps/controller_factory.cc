@@ -1,6 +1,7 @@
 #include "apps/controller_factory.h"
 
 #include <algorithm>
+#include <array>
 #include <utility>
 
 #include "dfr/control/assumptions.h"
@@ -11,11 +12,19 @@ namespace dfr::apps {
 namespace {
 
 constexpr std::string_view kCertified = "certified";
+constexpr std::string_view kEnsemble = "ensemble";
+constexpr std::string_view kTrueJacobian = "true-jacobian";
+// Methods that are a policy alone.
+constexpr std::array<std::pair<std::string_view, std::string_view>, 4> kAlone = {
+    {{"lwr", "baseline@lwr"},
+     {"knn", "baseline@knn"},
+     {"dart", "baseline@dart"},
+     {"dagger", "baseline@dagger"}}};
 
 // A controller with the policy that it borrows.
 class WithPolicy final : public control::Controller {
  public:
-  WithPolicy(std::unique_ptr<const core::Policy> policy,
+  WithPolicy(std::shared_ptr<const core::Policy> policy,
              std::unique_ptr<control::Controller> controller)
       : policy_(std::move(policy)), controller_(std::move(controller)) {}
   [[nodiscard]] int state_dim() const noexcept override { return controller_->state_dim(); }
@@ -26,7 +35,7 @@ class WithPolicy final : public control::Controller {
   control::Step DoNext(std::span<const double> x, std::span<double> u) noexcept override {
     return controller_->Next(x, u);
   }
-  std::unique_ptr<const core::Policy> policy_;
+  std::shared_ptr<const core::Policy> policy_;
   std::unique_ptr<control::Controller> controller_;
 };
 
@@ -37,7 +46,9 @@ MethodName Split(std::string_view name) noexcept {
   const std::size_t slash = std::min(name.find('/'), name.size());
   if (slash < name.size()) parts.support = name.substr(slash + 1);
   name = name.substr(0, slash);
-  if (name == "lwr" || name == "knn") name = name == "lwr" ? "baseline@lwr" : "baseline@knn";
+  for (const auto& [policy, whole] : kAlone) {
+    if (name == policy) name = whole;
+  }
   const std::size_t at = std::min(name.find('@'), name.size());
   if (at < name.size()) parts.policy = name.substr(at + 1);
   parts.controller = name.substr(0, at);
@@ -58,6 +69,9 @@ safety::Method ParseMethod(std::string_view name, std::span<const std::string_vi
     return {.name = std::string(name), .kind = safety::Method::Kind::kGuided};
   }
   safety::Method method = safety::ParseMethod(parts.controller, others);
+  DFR_THROW_UNLESS(parts.controller != kEnsemble || parts.policy.empty(),
+                   "method '" << name << "': an ensemble is a policy of its own; to put a "
+                              << "controller around one write guided@ensemble");
   DFR_THROW_UNLESS(
       !on_support || method.kind != safety::Method::Kind::kOther,
       "method '" << name << "': '" << parts.controller << "' runs without a choice of support");
@@ -67,11 +81,36 @@ safety::Method ParseMethod(std::string_view name, std::span<const std::string_vi
 
 std::string MethodHelp(std::span<const std::string_view> others) {
   return safety::MethodNames(others) +
-         "; lwr and knn are regressions on the demonstrations "
-         "themselves, finite-difference a slow oracle. Behind a method, @ and another policy than "
+         "; lwr and knn are regressions on the demonstrations themselves, ensemble halts where "
+         "five "
+         "policies disagree, dart learns from demonstrations with injected noise, dagger asks the "
+         "supervisor while it learns, finite-difference and true-jacobian are oracles that know "
+         "the plant. Behind a method, @ and another policy than "
          "the learned one, as in guided@lwr: " +
          Join(kPolicies) +
          ". Behind that, / and another support, as in dfr@lwr/density: " + Join(kSupports);
+}
+
+std::string MarksOf(std::span<const std::string> methods) {
+  std::string marks;
+  const auto mark = [&](std::string_view what, const auto& applies) {
+    std::string names;
+    for (const std::string& method : methods) {
+      if (applies(Split(method))) names.append(names.empty() ? "" : ", ").append(method);
+    }
+    if (!names.empty()) marks.append(names).append(what).append("\n");
+  };
+  mark(": an oracle, which tries controls on a copy of the plant", [](const MethodName& name) {
+    return name.controller == kTrueJacobian || name.controller == "finite-difference";
+  });
+  mark(": an adversary, which tries controls on a copy of the plant", [](const MethodName& name) {
+    return name.policy == "at-constraints" || name.policy == "out-of-support";
+  });
+  mark(": asks the supervisor while it learns, and collides meanwhile",
+       [](const MethodName& name) { return name.policy == "dagger"; });
+  mark(": learned from demonstrations of its own, with injected noise",
+       [](const MethodName& name) { return name.policy == "dart"; });
+  return marks;
 }
 
 std::unique_ptr<control::Controller> ControllerFactory::Make(
@@ -79,23 +118,29 @@ std::unique_ptr<control::Controller> ControllerFactory::Make(
     const safety::ControllerOptions& options) const {
   const safety::Method parsed = ParseMethod(method);
   const std::string_view name = Split(method).policy;
-  std::unique_ptr<const core::Policy> other;
+  std::shared_ptr<const core::Policy> other;
   if (!name.empty()) {
     DFR_THROW_UNLESS(plant != nullptr || name == "lwr" || name == "knn",
                      "policy '" << name << "' is for simulations only");
     other = policies_.Make(name, plant);
   }
   const core::Policy& policy = other != nullptr ? *other : *learned_;
+  const int horizon = options.horizon != 0 ? options.horizon : task_->horizon();
   std::unique_ptr<control::Controller> controller;
+  if (parsed.kind == safety::Method::Kind::kOther && Split(method).controller == kEnsemble) {
+    return MakeEnsembleController(policies_.Ensemble(), horizon);
+  }
   if (!Split(method).support.empty()) {
     controller = OnSupport(Split(method), parsed, policy, options);
   } else if (parsed.kind != safety::Method::Kind::kOther) {
     controller = task_->MakeController(parsed, policy, options);
   } else {
-    DFR_THROW_UNLESS(plant != nullptr, "the finite-difference oracle needs the plant it drives");
-    controller = task_->MakeController(
-        std::make_unique<control::FiniteDifferenceRecovery>(*plant, task_->support()), policy,
-        options);
+    DFR_THROW_UNLESS(plant != nullptr, "oracles need the plant they drive");
+    controller = Split(method).controller == kTrueJacobian
+                     ? MakeTrueJacobianFilter(*task_, policy, *plant, horizon)
+                     : task_->MakeController(std::make_unique<control::FiniteDifferenceRecovery>(
+                                                 *plant, task_->support()),
+                                             policy, options);
   }
   if (other == nullptr) return controller;
   return std::make_unique<WithPolicy>(std::move(other), std::move(controller));

@@ -3,8 +3,9 @@
 namespace dfr::apps {
 
 LearnedModel::LearnedModel(imitation::MlpPolicy policy, safety::TaskModel task,
-                           imitation::DemonstrationSet set)
-    : parts_(std::make_unique<const Parts>(std::move(policy), std::move(task), std::move(set))) {}
+                           imitation::DemonstrationSet set, Teaching teaching)
+    : parts_(std::make_unique<const Parts>(std::move(policy), std::move(task), std::move(set),
+                                           std::move(teaching))) {}
 
 void LearnedModel::Save(const std::filesystem::path& folder) const {
   task().Save(folder);

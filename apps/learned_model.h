@@ -15,8 +15,9 @@ namespace dfr::apps {
 /// What is learned from one set of demonstrations: the policy, and the task's model.
 class LearnedModel {
  public:
-  LearnedModel(imitation::MlpPolicy policy, safety::TaskModel task,
-               imitation::DemonstrationSet set);
+  /// Without `teaching` methods that learn anew are refused.
+  LearnedModel(imitation::MlpPolicy policy, safety::TaskModel task, imitation::DemonstrationSet set,
+               Teaching teaching = {});
 
   /// Writes policy.dfr, demonstrations.hdf5 and the task's files into `folder`, which is made if
   /// need be.
@@ -39,11 +40,12 @@ class LearnedModel {
 
  private:
   struct Parts {
-    Parts(imitation::MlpPolicy p, safety::TaskModel t, imitation::DemonstrationSet s)
+    Parts(imitation::MlpPolicy p, safety::TaskModel t, imitation::DemonstrationSet s,
+          Teaching teaching)
         : policy(std::move(p)),
           task(std::move(t)),
           set(std::move(s)),
-          controllers(task, policy, set.layout, set.trajectories) {}
+          controllers(task, policy, set.layout, set.trajectories, std::move(teaching)) {}
     imitation::MlpPolicy policy;
     safety::TaskModel task;
     imitation::DemonstrationSet set;

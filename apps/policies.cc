@@ -209,25 +209,41 @@ void NearestNeighbourPolicy::Control(int t, std::span<const double> x,
   }
 }
 
-std::unique_ptr<const core::Policy> PolicyFactory::Make(std::string_view name,
+std::shared_ptr<const core::Policy> PolicyFactory::Make(std::string_view name,
                                                         const core::SimulatedPlant* plant) const {
   if (name == "lwr") {
-    return std::make_unique<imitation::LocallyWeightedPolicy>(task_->guided().features(),
+    return std::make_shared<imitation::LocallyWeightedPolicy>(task_->guided().features(),
                                                               demonstrations_);
   }
   if (name == "knn") {
-    return std::make_unique<NearestNeighbourPolicy>(task_->guided().features(), demonstrations_);
+    return std::make_shared<NearestNeighbourPolicy>(task_->guided().features(), demonstrations_);
   }
-  if (name == "zero") return std::make_unique<Zero>(*learned_);
-  if (name == "random") return std::make_unique<Haphazard>(*learned_, *task_);
-  if (name == "negated") return std::make_unique<Negated>(*learned_);
+  if (name == "zero") return std::make_shared<Zero>(*learned_);
+  if (name == "random") return std::make_shared<Haphazard>(*learned_, *task_);
+  if (name == "negated") return std::make_shared<Negated>(*learned_);
+  if (name == "ensemble") return Ensemble();
+  if (name == "dart" || name == "dagger") {
+    const auto learn = name == "dart" ? LearnWithNoise : LearnByAsking;
+    return *learned_anew_.Get(std::string(name), [&] {
+      return std::shared_ptr<const core::Policy>(
+          learn(teaching_, *learned_, demonstrations_, task_->horizon()));
+    });
+  }
   const bool constraints = name == "at-constraints";
   DFR_THROW_UNLESS(constraints || name == "out-of-support",
                    "there is no policy '" << name << "'; there are " << Join(kPolicies));
   DFR_THROW_UNLESS(plant != nullptr, "the adversary '" << name << "' needs the plant it drives");
-  return std::make_unique<Adversary>(
+  return std::make_shared<Adversary>(
       constraints ? Adversary::Aim::kConstraints : Adversary::Aim::kOutOfSupport, *learned_, *task_,
       *plant);
+}
+
+std::shared_ptr<const EnsemblePolicy> PolicyFactory::Ensemble() const {
+  const auto policy = *learned_anew_.Get("ensemble", [&] {
+    return std::shared_ptr<const core::Policy>(
+        std::make_shared<EnsemblePolicy>(teaching_, demonstrations_));
+  });
+  return std::static_pointer_cast<const EnsemblePolicy>(policy);
 }
 
 }  // namespace dfr::apps

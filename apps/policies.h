@@ -5,8 +5,11 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
+#include "apps/baselines.h"
+#include "apps/shared_cache.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/plant.h"
 #include "dfr/core/policy.h"
@@ -45,11 +48,15 @@ class NearestNeighbourPolicy final : public core::Policy {
 ///   "zero"            no control at all
 ///   "random"          a direction that depends on state and time step alone, of demonstrated size
 ///   "negated"         the learned policy's control with its sign turned
+///   "ensemble"        EnsemblePolicy: the mean of five
+///   "dart"            LearnWithNoise(): from demonstrations with injected noise
+///   "dagger"          LearnByAsking(): asks the supervisor, in ten rounds
 ///   "at-constraints"  an adversary: tries directions on a copy of the plant, and takes one that
 ///                     collides soonest; the learned policy's control where none does
 ///   "out-of-support"  an adversary: of these directions the one after which l is least
-inline constexpr std::array<std::string_view, 7> kPolicies = {
-    "lwr", "knn", "zero", "random", "negated", "at-constraints", "out-of-support"};
+inline constexpr std::array<std::string_view, 10> kPolicies = {
+    "lwr",      "knn",  "zero",   "random",         "negated",
+    "ensemble", "dart", "dagger", "at-constraints", "out-of-support"};
 
 /// The names with commas between them.
 [[nodiscard]] std::string Join(std::span<const std::string_view> names);
@@ -58,20 +65,27 @@ inline constexpr std::array<std::string_view, 7> kPolicies = {
 class PolicyFactory {
  public:
   PolicyFactory(const safety::TaskModel& task, const core::Policy& learned,
-                std::span<const core::Trajectory> demonstrations)
-      : task_(&task), learned_(&learned), demonstrations_(demonstrations) {}
+                std::span<const core::Trajectory> demonstrations, Teaching teaching = {})
+      : task_(&task),
+        learned_(&learned),
+        demonstrations_(demonstrations),
+        teaching_(std::move(teaching)) {}
 
   /// `plant` is the one that is driven, for the adversaries only; one of those belongs to one
-  /// thread.
+  /// thread. What learns anew does so once for all threads.
   /// @throws std::invalid_argument naming an unknown policy and those there are, or if an adversary
-  ///   lacks its plant.
-  [[nodiscard]] std::unique_ptr<const core::Policy> Make(std::string_view name,
+  ///   lacks its plant, or a policy that learns anew its Teaching.
+  [[nodiscard]] std::shared_ptr<const core::Policy> Make(std::string_view name,
                                                          const core::SimulatedPlant* plant) const;
+  /// Make("ensemble"). @throws std::invalid_argument as it does.
+  [[nodiscard]] std::shared_ptr<const EnsemblePolicy> Ensemble() const;
 
  private:
   const safety::TaskModel* task_;
   const core::Policy* learned_;
   std::span<const core::Trajectory> demonstrations_;
+  Teaching teaching_;
+  mutable SharedCache<std::string, std::shared_ptr<const core::Policy>> learned_anew_;
 };
 
 }  // namespace dfr::apps

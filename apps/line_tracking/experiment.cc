@@ -33,7 +33,8 @@ enum Stream : std::uint64_t { kDemonstrationStream = 2, kLearnerStream, kCalibra
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   const bool paper = options.preset == "paper";
   experiment::EvaluationPlan plan;
-  plan.methods = {"baseline", "early-stopping", "dfr", "guided", "lwr", "knn", "proportional"};
+  plan.methods = {"baseline", "early-stopping", "dfr",         "guided", "true-jacobian", "lwr",
+                  "knn",      "ensemble",       "proportional"};
   plan.learners = options.worlds;
   plan.demonstrations = {kDemonstrations};
   plan.trials = paper ? 5 : 2;
@@ -323,6 +324,7 @@ void RunExperiment(const ExperimentOptions& options) {
   if (options.video) report.media = RecordEpisodes(again, plan, first, options.out);
   experiment::SaveReport(summary, report, options.out / "report.html");
   experiment::PrintTable(summary, std::cout);
+  std::cout << MarksOf(plan.methods);
   std::cout << '\n';
   experiment::PrintTable(probes, std::cout);
   std::cout << '\n'

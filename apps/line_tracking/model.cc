@@ -94,8 +94,8 @@ LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModel
   task.published_features = options.support_features;
   task.published = support_options;
   task.horizon = options.horizon;
-  return {
-      LearnedModel(std::move(policy), safety::TaskModel(set.layout, set.trajectories, task), set)};
+  return {LearnedModel(std::move(policy), safety::TaskModel(set.layout, set.trajectories, task),
+                       set, TeachMlp(set, fit))};
 }
 
 LineModel LineModel::Load(const std::filesystem::path& folder) {

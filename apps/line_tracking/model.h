@@ -39,10 +39,11 @@ struct LineModelOptions {
 /// platform does for the answer to controls.
 [[nodiscard]] safety::ControllerOptions Controllers();
 
-/// apps::kOtherMethods, and "proportional": a scripted policy that goes on along the line by 1 mm a
+/// Those of apps::kOtherMethods that need no supervisor to ask, for the demonstrations here are
+/// open-loop, and "proportional": a scripted policy that goes on along the line by 1 mm a
 /// control and corrects 0.8 of the distance that was seen, without learning or support.
-inline constexpr std::array<std::string_view, 4> kOtherLineMethods = {"finite-difference", "lwr",
-                                                                      "knn", "proportional"};
+inline constexpr std::array<std::string_view, 6> kOtherLineMethods = {
+    "finite-difference", "true-jacobian", "lwr", "knn", "ensemble", "proportional"};
 
 /// LearnedModel of line tracking.
 class LineModel : public LearnedModel {

@@ -33,8 +33,12 @@ std::vector<std::string> AllMethods() {
           "early-stopping",
           "dfr",
           "guided",
+          "true-jacobian",
           "lwr",
           "knn",
+          "ensemble",
+          "dart",
+          "dagger",
           "certified-lipschitz",
           "certified-radius",
           "certified-direction"};
@@ -90,6 +94,7 @@ void Experiment(const PlanarStudy& study, bool causes) {
   for (std::size_t m = 0; m < study.plan.methods.size(); ++m) {
     PrintRow(study.plan.methods[m], results.front(), m, causes);
   }
+  std::fputs(MarksOf(study.plan.methods).c_str(), stdout);
 }
 
 // Every part off, one at a time; then the features' and the support's.

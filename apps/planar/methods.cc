@@ -27,6 +27,16 @@ core::FeatureTransform Isotropic(const Task& task,
   return {All(task), Eigen::VectorXd::Zero(n), scale * core::Matrix::Identity(n, n)};
 }
 
+Teaching Teach(const Task& task, std::uint64_t seed) {
+  Teaching teaching = SupervisorOf(task);
+  teaching.seed = seed;
+  teaching.learn = [degree = task.degree](std::span<const core::Trajectory> demonstrations,
+                                          std::uint64_t /*seed*/) {
+    return std::make_unique<const PolynomialPolicy>(demonstrations, degree);
+  };
+  return teaching;
+}
+
 }  // namespace
 
 safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options) {
@@ -44,8 +54,21 @@ safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options
   return result;
 }
 
+Teaching SupervisorOf(const Task& task) {
+  Teaching teaching;
+  teaching.plant = task.plant;
+  teaching.supervise = [supervisor = task.supervisor](const core::SimulatedPlant& plant, int t,
+                                                      std::uint64_t /*episode*/,
+                                                      std::span<double> u) {
+    std::vector<double> x(static_cast<std::size_t>(plant.state_dim()));
+    plant.Observe(x);
+    supervisor->Control(t, x, u);
+  };
+  return teaching;
+}
+
 Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
-                 const MethodOptions& options)
+                 const MethodOptions& options, std::uint64_t seed)
     : task_(task),
       options_(options),
       demonstrations_(std::move(demonstrations)),
@@ -54,7 +77,7 @@ Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
       certified_(
           Isotropic(task, demonstrations_), demonstrations_,
           {.svm = {.gamma = options.certified_gamma, .tolerance = 1e-6}, .phase_whitening = false}),
-      controllers_(model_, policy_, task.plant->layout(), demonstrations_),
+      controllers_(model_, policy_, task.plant->layout(), demonstrations_, Teach(task, seed)),
       gain_(control::EstimateGain(certified_.features(), demonstrations_)),
       direction_error_(
           control::EstimateDirectionError(model_.guided().features(), demonstrations_)) {}

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
@@ -36,12 +37,16 @@ struct MethodOptions {
 };
 
 /// apps::kOtherMethods and the certified modes.
-inline constexpr std::array<std::string_view, 6> kPlanarMethods = {"certified-lipschitz",
-                                                                   "certified-radius",
-                                                                   "certified-direction",
-                                                                   "finite-difference",
-                                                                   "lwr",
-                                                                   "knn"};
+inline constexpr std::array<std::string_view, 10> kPlanarMethods = {"certified-lipschitz",
+                                                                    "certified-radius",
+                                                                    "certified-direction",
+                                                                    "finite-difference",
+                                                                    "true-jacobian",
+                                                                    "lwr",
+                                                                    "knn",
+                                                                    "ensemble",
+                                                                    "dart",
+                                                                    "dagger"};
 
 /// Which of the supports a method looks at. A bound on |dz| wants features of one scale;
 /// certified-direction looks at guided recovery's, for J tells how each of them answers.
@@ -51,16 +56,20 @@ enum class SupportKind { kRaw, kGuided, kCertified };
 /// How the model of a planar task is fitted.
 [[nodiscard]] safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options);
 
+/// Who demonstrates a planar task and can be asked; the learner is left to the caller.
+[[nodiscard]] Teaching SupervisorOf(const Task& task);
+
 /// Everything that is learned from one set of demonstrations, and the controllers made of it.
 class Methods {
  public:
+  /// `seed` is that of baselines which learn anew.
   /// @throws std::invalid_argument if the demonstrations do not suffice.
   Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
-          const MethodOptions& options = {});
+          const MethodOptions& options = {}, std::uint64_t seed = 0);
   Methods(const Methods&) = delete;
   Methods& operator=(const Methods&) = delete;
 
-  /// One of safety::ParseMethod()'s, or of kPlanarMethods. `plant` is borrowed, by the oracle only.
+  /// One of safety::ParseMethod()'s, or of kPlanarMethods. `plant` is borrowed, by oracles only.
   /// @throws std::invalid_argument for another name.
   [[nodiscard]] std::unique_ptr<control::Controller> Make(std::string_view method,
                                                           const core::SimulatedPlant& plant) const;

@@ -54,7 +54,8 @@ void RunGuarded(const GuardedOptions& options);
 
 struct ExperimentOptions : experiment::ExperimentOptions {
   ExperimentOptions() { out = "out/pusher"; }
-  std::filesystem::path supervisor;
+  std::filesystem::path supervisor;  ///< Empty: those that are shipped.
+  int supervisors = 0;               ///< How many of these take turns; 0: as the preset says.
   bool convergence = true;
   // Empty: as the preset says.
   std::vector<std::string> learners;

@@ -4,11 +4,13 @@
 #include <cmath>
 #include <cstddef>
 #include <memory>
+#include <span>
 #include <stdexcept>
 #include <utility>
 
 #include "dfr/control/gradient_recovery.h"
 #include "dfr/control/rollout.h"
+#include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 
 namespace dfr::apps::pusher {
@@ -21,7 +23,6 @@ constexpr int kMostStarts = 100'000;
 struct Gate {
   std::unique_ptr<core::SimulatedPlant> plant;
   int t = 0;
-  double threshold = 0.0;
 };
 
 std::vector<Gate> FindGates(PusherTrialRunner& runner, int count, std::uint64_t seed) {
@@ -36,7 +37,7 @@ std::vector<Gate> FindGates(PusherTrialRunner& runner, int count, std::uint64_t 
     const control::RolloutResult result =
         control::Rollout(*plant, *stopping, {.plant_seed = core::DeriveSeed(seed, {i})});
     if (result.halt_cause != control::HaltCause::kEarlyStopping) continue;
-    gates.push_back({plant->Clone(), result.last_step.t, result.last_step.threshold});
+    gates.push_back({plant->Clone(), result.last_step.t});
   }
   return gates;
 }
@@ -53,7 +54,43 @@ control::GuidedModel PaperSupport(const Model& model) {
           control::GuidedModelOptions{.gate_quantile = 1.0}};
 }
 
-// g_t / threshold after each control, until the learned policy may go on or the recovery gives up.
+// lambda_t |u| of the learned control in state x.
+double Threshold(const Model& model, int t, std::span<const double> x, std::span<double> u) {
+  model.policy().Control(t, x, u);
+  const std::vector<double>& lambda = model.task().lambda();
+  return lambda[std::min(static_cast<std::size_t>(t), lambda.size() - 1)] *
+         core::AsVector(u).norm();
+}
+
+// g_t over the threshold that Algorithm 1 has in state x, at most 1.
+double Share(const Model& model, int t, std::span<const double> x, std::span<double> u) {
+  return std::min(1.0, model.task().support().Decision(t, x) / Threshold(model, t, x, u));
+}
+
+// The level that g_t can be climbed to from x by entries begin ... end - 1 alone.
+double Climbed(const core::DecisionFunction& g, int t, std::vector<double> x, std::size_t begin,
+               std::size_t end) {
+  constexpr double kFirstStep = 0.05;  // m
+  constexpr double kLastStep = 1e-5;
+  std::vector<double> gradient(x.size());
+  std::vector<double> there(x);
+  double level = g.Gradient(t, x, gradient);
+  for (double step = kFirstStep; step > kLastStep;) {
+    const double norm = core::AsVector(std::span(gradient).subspan(begin, end - begin)).norm();
+    if (!(norm > 0.0)) break;
+    there = x;
+    for (std::size_t i = begin; i < end; ++i) there[i] += step * gradient[i] / norm;
+    if (g.Decision(t, there) > level) {
+      x = there;
+      level = g.Gradient(t, x, gradient);
+    } else {
+      step *= 0.5;
+    }
+  }
+  return level;
+}
+
+// Share() after each control, until the learned policy may go on or the recovery gives up.
 std::vector<double> Climb(const Model& model, const Gate& gate, core::SimulatedPlant& plant,
                           control::Controller& controller, std::uint64_t seed) {
   controller.Reset(seed);
@@ -62,12 +99,62 @@ std::vector<double> Climb(const Model& model, const Gate& gate, core::SimulatedP
   std::vector<double> curve;
   while (true) {
     plant.Observe(x);
-    curve.push_back(std::min(1.0, model.task().support().Decision(gate.t, x) / gate.threshold));
+    curve.push_back(Share(model, gate.t, x, u));
     if (curve.back() >= 1.0 || curve.size() > kMostControls) return curve;
     const control::Mode mode = controller.Next(x, u).mode;
     if (mode == control::Mode::kHalt || mode == control::Mode::kPolicy) return curve;
     if (plant.Apply(u) != core::PlantStatus::kOk) return curve;
   }
+}
+
+// The curves of all recoveries of the rollouts that it looks on.
+class RecoveryCurves final : public control::RolloutObserver {
+ public:
+  RecoveryCurves(const Model& model, int control_dim)
+      : model_(&model), u_(static_cast<std::size_t>(control_dim)) {}
+
+  void OnControl(const control::RolloutEvent& event) override {
+    if (event.step.mode == control::Mode::kPolicy) {
+      recovering_ = false;
+      return;
+    }
+    if (!recovering_) curves_.push_back({Share(*model_, event.step.t, event.x, u_)});
+    recovering_ = true;
+    curves_.back().push_back(Share(*model_, event.step.t, event.next_x, u_));
+  }
+  void OnEnd(const control::RolloutResult& /*result*/) override { recovering_ = false; }
+
+  [[nodiscard]] std::vector<std::vector<double>>& curves() noexcept { return curves_; }
+
+ private:
+  const Model* model_;
+  std::vector<double> u_;
+  std::vector<std::vector<double>> curves_;
+  bool recovering_ = false;
+};
+
+ConvergenceCurve Average(const std::string& method, std::vector<std::vector<double>> climbs) {
+  ConvergenceCurve curve;
+  curve.method = method;
+  curve.controls_per_iteration = method == "dfr" ? 2 : 1;
+  std::vector<double> sum(kMostControls + 1, 0.0);
+  std::vector<double> square(sum);
+  for (std::vector<double>& climb : climbs) {
+    curve.reached += climb.back() >= 1.0 ? 1 : 0;
+    climb.resize(sum.size(), climb.back());
+    for (std::size_t k = 0; k < sum.size(); ++k) {
+      sum[k] += climb[k];
+      square[k] += climb[k] * climb[k];
+    }
+  }
+  const auto n = static_cast<double>(climbs.size());
+  for (std::size_t k = 0; k < sum.size(); ++k) {
+    const double mean = sum[k] / n;
+    curve.mean.push_back(mean);
+    curve.standard_error.push_back(
+        std::sqrt(std::max(0.0, square[k] / n - mean * mean) / std::max(1.0, n - 1.0)));
+  }
+  return curve;
 }
 
 }  // namespace
@@ -79,11 +166,8 @@ std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner, int 
   const control::GuidedModel paper_support = PaperSupport(model);
   std::vector<ConvergenceCurve> curves;
   for (const std::string name : {"dfr", "finite-difference", "guided"}) {
-    ConvergenceCurve curve;
-    curve.method = name;
-    curve.controls_per_iteration = name == "dfr" ? 2 : 1;
-    std::vector<double> sum(kMostControls + 1, 0.0);
-    std::vector<double> square(sum);
+    std::vector<std::vector<double>> climbs;
+    climbs.reserve(gates.size());
     for (std::size_t i = 0; i < gates.size(); ++i) {
       const Gate& gate = gates[i];
       const std::unique_ptr<core::SimulatedPlant> plant = gate.plant->Clone();
@@ -92,23 +176,73 @@ std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner, int 
                                  std::make_unique<control::GradientRecovery>(paper_support),
                                  model.policy(), {.first_step = gate.t})
                            : model.MakeController(ParseMethod(name), plant.get(), gate.t);
-      std::vector<double> climb =
-          Climb(model, gate, *plant, *controller, core::DeriveSeed(seed, {i, 1}));
-      curve.reached += climb.back() >= 1.0 ? 1 : 0;
-      climb.resize(sum.size(), climb.back());
-      for (std::size_t k = 0; k < sum.size(); ++k) {
-        sum[k] += climb[k];
-        square[k] += climb[k] * climb[k];
+      climbs.push_back(Climb(model, gate, *plant, *controller, core::DeriveSeed(seed, {i, 1})));
+    }
+    curves.push_back(Average(name, std::move(climbs)));
+  }
+  return curves;
+}
+
+GateReach MeasureReach(PusherTrialRunner& runner, int recoveries, std::uint64_t seed) {
+  const Model& model = runner.model();
+  const core::DecisionFunction& g = model.task().support();
+  std::size_t tip = 0;
+  for (const core::StateLayout::Block& block : runner.plant().layout().blocks) {
+    if (block.name == "tip") tip = static_cast<std::size_t>(block.offset);
+  }
+  constexpr std::size_t kTipEntries = 3;
+  GateReach reach;
+  std::vector<double> x(static_cast<std::size_t>(runner.plant().state_dim()));
+  std::vector<double> u(static_cast<std::size_t>(runner.plant().control_dim()));
+  for (const Gate& gate : FindGates(runner, recoveries, seed)) {
+    gate.plant->Observe(x);
+    const double threshold = Threshold(model, gate.t, x, u);
+    // The demonstrated state that is highest, and the demonstrated place of the gripper that is.
+    std::vector<double> highest(x);
+    std::vector<double> moved(x);
+    for (const core::Trajectory& d : model.demonstrations().trajectories) {
+      const std::span<const double> state = core::Row(d.states, std::min(gate.t, d.num_steps()));
+      if (g.Decision(gate.t, state) > g.Decision(gate.t, highest)) {
+        highest.assign(state.begin(), state.end());
       }
+      std::vector<double> other(x);
+      for (std::size_t i = tip; i < tip + kTipEntries; ++i) other[i] = state[i];
+      if (g.Decision(gate.t, other) > g.Decision(gate.t, moved)) moved = other;
     }
-    const auto n = static_cast<double>(gates.size());
-    for (std::size_t k = 0; k < sum.size(); ++k) {
-      const double mean = sum[k] / n;
-      curve.mean.push_back(mean);
-      curve.standard_error.push_back(
-          std::sqrt(std::max(0.0, square[k] / n - mean * mean) / std::max(1.0, n - 1.0)));
+    const double best_tip = std::max(Climbed(g, gate.t, x, tip, tip + kTipEntries),
+                                     Climbed(g, gate.t, moved, tip, tip + kTipEntries));
+    ++reach.gates;
+    reach.any_state += Climbed(g, gate.t, highest, 0, x.size()) >= threshold ? 1 : 0;
+    reach.any_tip += best_tip >= threshold ? 1 : 0;
+    reach.best_tip += std::min(1.0, best_tip / threshold);
+  }
+  reach.best_tip /= std::max(1, reach.gates);
+  return reach;
+}
+
+std::vector<ConvergenceCurve> MeasureEveryRecovery(PusherTrialRunner& runner, int recoveries,
+                                                   std::uint64_t seed) {
+  const Model& model = runner.model();
+  const auto most = static_cast<std::size_t>(recoveries);
+  std::vector<ConvergenceCurve> curves;
+  for (const std::string name : {"dfr", "finite-difference"}) {
+    const std::unique_ptr<core::SimulatedPlant> plant = runner.plant().Clone();
+    const auto controller = model.MakeController(ParseMethod(name), plant.get());
+    RecoveryCurves climbs(model, plant->control_dim());
+    for (std::uint64_t i = 0; climbs.curves().size() < most; ++i) {
+      if (i == kMostStarts) {
+        throw std::runtime_error(
+            "too few start states lead to a recovery: " + std::to_string(climbs.curves().size()) +
+            " of " + std::to_string(i));
+      }
+      const std::uint64_t start = core::DeriveSeed(seed, {i});
+      if (!runner.Accepts(start)) continue;
+      static_cast<void>(control::Rollout(
+          *plant, *controller,
+          {.plant_seed = start, .controller_seed = core::DeriveSeed(seed, {i, 1})}, &climbs));
     }
-    curves.push_back(std::move(curve));
+    climbs.curves().resize(most);
+    curves.push_back(Average(name, std::move(climbs.curves())));
   }
   return curves;
 }

@@ -60,7 +60,8 @@ const experiment::Cell& CellOf(const experiment::Summary& summary, const std::st
 void RunDrift(const DriftOptions& options) {
   const std::filesystem::path supervisor_file =
       options.supervisor.empty() ? ShippedSupervisor() : options.supervisor;
-  const auto supervisor = imitation::GaussianPolicy::Load(supervisor_file);
+  const std::vector<imitation::GaussianPolicy> supervisor = {
+      imitation::GaussianPolicy::Load(supervisor_file)};
   TrialRunnerOptions site_options;
   for (const std::string& name : options.methods) {
     site_options.methods.push_back(ParseMethod(name));
@@ -115,6 +116,7 @@ void RunDrift(const DriftOptions& options) {
                   100.0 * collided.interval.low, 100.0 * collided.interval.high);
     }
   }
+  std::fputs(MarksOf(options.methods).c_str(), stdout);
 }
 
 }  // namespace dfr::apps::pusher

@@ -25,17 +25,21 @@ constexpr std::uint64_t kConvergenceStream = 5;  // of the experiment's seed; se
 
 experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   experiment::EvaluationPlan plan;
-  plan.methods = {"baseline", "early-stopping", "dfr", "guided", "lwr", "knn"};
+  plan.methods = {"baseline", "early-stopping", "dfr",  "guided", "true-jacobian", "lwr",
+                  "knn",      "ensemble",       "dart", "dagger"};
   plan.learners = {"8", "8x100", "64-64"};
   plan.episodes = 60;
   if (options.preset == "paper") {
     plan.trials = 10;
+    plan.supervisors = kShippedSupervisors;
     for (int point = 6; point <= 120; point += 6) plan.demonstrations.push_back(point);
   } else {
     plan.trials = 2;
     plan.demonstrations = {20, 60, 120};
   }
   if (!options.learners.empty()) plan.learners = options.learners;
+  if (options.supervisors > 0) plan.supervisors = options.supervisors;
+  if (!options.supervisor.empty()) plan.supervisors = 1;
   if (!options.demonstrations.empty()) plan.demonstrations = options.demonstrations;
   return experiment::ApplyTo(std::move(plan), options);
 }
@@ -46,12 +50,15 @@ std::string Percent(double share) { return core::Format("%.1f %%", 100.0 * share
 
 // All that decides the results besides the plan; a ledger with others is refused.
 std::map<std::string, std::string> Settings(const ExperimentOptions& options,
-                                            const std::filesystem::path& supervisor) {
+                                             const std::filesystem::path& supervisor,
+                                             const experiment::EvaluationPlan& plan) {
   using experiment::Exactly;
   const ModelOptions& model = options.model;
   return {{"supervisor", supervisor.filename().string()},
           {"supervisor's hash", experiment::HashOfFile(supervisor)},
+          {"supervisors", std::to_string(plan.supervisors)},
           {"gripper", std::string(sim::Name(options.plant.gripper))},
+          {"physics", std::string(sim::Name(options.plant.physics))},
           {"red_y", Exactly(options.plant.red_y)},
           {"start_x_min", Exactly(options.plant.start_x_min)},
           {"start_x_max", Exactly(options.plant.start_x_max)},
@@ -189,9 +196,10 @@ constexpr int kRecoveries = 50;
 
 // The paper's Fig. 5, left: over iterations; and over what a robot's time is proportional to.
 experiment::ReportFigure ConvergenceFigure(const std::vector<ConvergenceCurve>& curves,
-                                           const experiment::EvaluationPlan& plan) {
+                                           const experiment::EvaluationPlan& plan,
+                                           const std::string& which) {
   experiment::ReportFigure figure;
-  figure.heading = "How fast recoveries climb";
+  figure.heading = "How fast recoveries climb: " + which;
   figure.caption =
       "The decision function over the threshold of the switching policy, mean and standard error "
       "of " +
@@ -225,9 +233,10 @@ experiment::ReportFigure ConvergenceFigure(const std::vector<ConvergenceCurve>& 
   return figure;
 }
 
-void PrintConvergence(const std::vector<ConvergenceCurve>& curves) {
-  std::printf("\n%d recoveries, g over its threshold after\n  %-18s %8s %8s %8s %8s   reached it\n",
-              kRecoveries, "controls", "0", "10", "100", "1000");
+void PrintConvergence(const std::vector<ConvergenceCurve>& curves, const std::string& which) {
+  std::printf(
+      "\n%d recoveries (%s), g over its threshold after\n  %-18s %8s %8s %8s %8s   reached it\n",
+      kRecoveries, which.c_str(), "controls", "0", "10", "100", "1000");
   for (const ConvergenceCurve& curve : curves) {
     std::printf("  %-18s %8.3f %8.3f %8.3f %8.3f   %d\n", curve.method.c_str(), curve.mean[0],
                 curve.mean[10], curve.mean[100], curve.mean[1000], curve.reached);
@@ -279,11 +288,25 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
            "are "
            "not used here; the algorithm and its constants are the authors'. docs/pusher.md tells "
            "what was tried."});
+  report.notes.push_back(
+      {"What the methods know",
+       "LWR and nearest neighbours are regressions on the same demonstrations, without any "
+       "support: "
+       "where they complete as much as guided recovery does, this task ranks what controllers do "
+       "to a policy, not policies.\n\n"
+       "Guided recovery is given no model. Local dynamics are learned from demonstrated and "
+       "applied "
+       "transitions.\n\n"
+       "The ensemble halts where five learners disagree more than in any demonstrated state. DART "
+       "learns from demonstrations of its own, in which noise is injected. DAgger asks the "
+       "supervisor in every state that it comes to, in ten rounds, and collides meanwhile. The "
+       "filter with the true Jacobian is an oracle: it tries controls on a copy of the plant, and "
+       "looks at the support of guided recovery."});
   if (options.preset == "quick") {
     report.notes.push_back(
         {"Quick preset",
          "Two trials and three data points: the intervals are wide. pusher experiment --preset "
-         "paper runs ten trials and twenty data points."});
+         "paper runs ten trials of five supervisors and twenty data points."});
   }
   return report;
 }
@@ -303,7 +326,10 @@ TrialRunnerFactory MakeFactory(const ExperimentOptions& options,
   site_options.most_demonstrations =
       *std::max_element(plan.demonstrations.begin(), plan.demonstrations.end());
   site_options.seed = plan.seed;
-  return {imitation::GaussianPolicy::Load(SupervisorOf(options)), site_options, plan.trials};
+  const std::vector<imitation::GaussianPolicy> supervisors =
+      options.supervisor.empty() ? LoadShippedSupervisors(plan.supervisors)
+                                 : std::vector{imitation::GaussianPolicy::Load(options.supervisor)};
+  return {supervisors, site_options, plan.trials};
 }
 
 }  // namespace
@@ -312,7 +338,7 @@ void RenderEpisode(const ExperimentOptions& run, const RenderOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(run);
   const experiment::LedgerContents ledger = experiment::ReadLedger(run.out / "ledger.jsonl");
   const std::string difference = experiment::Difference(
-      ledger.header, {plan, Settings(run, SupervisorOf(run)), core::BuildCommit(), {}});
+      ledger.header, {plan, Settings(run, SupervisorOf(run), plan), core::BuildCommit(), {}});
   if (!difference.empty()) {
     throw std::runtime_error(run.out.string() +
                              ": its episodes cannot be run again by this build: " + difference);
@@ -338,13 +364,14 @@ void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
   TrialRunnerFactory factory = MakeFactory(options, plan, plan.methods);
   const experiment::OutputFolder folder(options);
-  const std::map<std::string, std::string> settings = Settings(options, SupervisorOf(options));
+  const std::map<std::string, std::string> settings = Settings(options, SupervisorOf(options), plan);
   const std::optional<experiment::ExperimentResult> found = experiment::RunExperiment(
       "pusher", plan, [&](const experiment::EvaluationUnit& unit) { return factory.Make(unit); },
       settings, options, {.seed = plan.seed});
   if (!found) return;
   const auto& [results, summary] = *found;
   experiment::PrintTable(summary, std::cout);
+  std::cout << MarksOf(plan.methods);
   std::printf("overlap P(red | g >= 0): %s on average over the data points\n",
               Percent(MeanMeasure(summary, "overlap")).c_str());
 
@@ -362,10 +389,19 @@ void RunExperiment(const ExperimentOptions& options) {
         factory.Make({.trial = 0,
                       .demonstrations = plan.demonstrations.back(),
                       .learner = plan.learners.front()});
-    const std::vector<ConvergenceCurve> curves = MeasureConvergence(
-        *last_site, kRecoveries, core::DeriveSeed(plan.seed, {kConvergenceStream}));
-    PrintConvergence(curves);
-    report.figures.push_back(ConvergenceFigure(curves, plan));
+    const std::uint64_t seed = core::DeriveSeed(plan.seed, {kConvergenceStream});
+    const auto show = [&](const std::vector<ConvergenceCurve>& curves, const std::string& which) {
+      PrintConvergence(curves, which);
+      report.figures.push_back(ConvergenceFigure(curves, plan, which));
+    };
+    show(MeasureConvergence(*last_site, kRecoveries, seed), "the first of each episode");
+    const GateReach reach = MeasureReach(*last_site, kRecoveries, seed);
+    std::printf(
+        "  the threshold is below the largest g of any state in %d of %d, and of any place of the "
+        "gripper, all\n  else as it is, in %d; the best such place: %.3f of the threshold on "
+        "average\n",
+        reach.any_state, reach.gates, reach.any_tip, reach.best_tip);
+    show(MeasureEveryRecovery(*last_site, kRecoveries, seed), "all of each episode");
   }
   if (options.video) {
     const Scene scene = ChooseScene(plan, results);

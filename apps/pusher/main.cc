@@ -14,6 +14,7 @@
 #include "dfr/experiment/command_line.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/safety/method.h"
+#include "supervisor.h"
 #include "train_supervisor.h"
 
 namespace dfr::apps::pusher {
@@ -31,6 +32,15 @@ void AddScene(CLI::App& command, sim::PusherOptions& plant) {
                                               {"fork", sim::Gripper::kFork}}))
       ->type_name("")
       ->option_text("TEXT=bar");
+  command
+      .add_option("--physics", plant.physics,
+                  "quasi-static: the arm is moved along its path; dynamic: motors move an arm with "
+                  "inertia and friction, slower to simulate")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, sim::PusherPhysics>{
+          {"quasi-static", sim::PusherPhysics::kQuasiStatic},
+          {"dynamic", sim::PusherPhysics::kDynamic}}))
+      ->type_name("")
+      ->option_text("TEXT=quasi-static");
 }
 
 void AddModelOptions(CLI::App& command, ModelOptions& model) {
@@ -57,14 +67,20 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
       "experiment", "the paper's comparison: all methods over the number of demonstrations");
   experiment::AddExperimentOptions(
       *command, options,
-      "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials, 6, 12, ..., 120; authors: as "
+      "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials of 5 supervisors, 6, 12, ..., "
+      "120; authors: as "
       "quick, with the constants of the authors' scripts where those are others, Adam's rate .01, "
       "T = 100, gamma 1, nu .1",
       "the first is the reference; of " + MethodHelp(), {"quick", "paper", "authors"});
-  command
-      ->add_option("--supervisor", options.supervisor,
-                   "file of train-supervisor (default: the shipped one)")
+  command->add_option("--supervisor", options.supervisor,
+                      "file of train-supervisor (default: those that are shipped)")
       ->type_name("FILE");
+  command
+      ->add_option("--supervisors", options.supervisors,
+                   "how many of those that are shipped take turns, trial by trial (default: paper "
+                   "5, else 1); from 5 on intervals are clustered by supervisor")
+      ->check(CLI::Range(1, kShippedSupervisors))
+      ->excludes("--supervisor");
   command->add_flag("!--no-convergence", options.convergence,
                     "leave out how fast recoveries climb, which takes seconds");
   command

@@ -63,7 +63,8 @@ std::string Learner::Name() const {
 }
 
 Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
-                 const ModelOptions& options) {
+                 const ModelOptions& options, const imitation::GaussianPolicy* supervisor,
+                 const sim::PusherOptions& scene) {
   DFR_THROW_UNLESS(
       demonstrations >= 3 && static_cast<std::size_t>(demonstrations) <= set.trajectories.size(),
       "cannot fit to " << demonstrations << " demonstrations: there are " << set.trajectories.size()
@@ -88,7 +89,18 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
   task.horizon = options.horizon;
   imitation::MlpPolicy policy = imitation::FitMlp(some, fit);
   safety::TaskModel model(set.layout, some.trajectories, task);
-  return {LearnedModel(std::move(policy), std::move(model), std::move(some))};
+  Teaching teaching = TeachMlp(some, fit);
+  if (supervisor != nullptr) {
+    teaching.plant = std::make_shared<sim::PusherPlant>(scene);
+    teaching.supervise = [mean = std::make_shared<imitation::MlpPolicy>(supervisor->mean())](
+                             const core::SimulatedPlant& plant, int t, std::uint64_t /*episode*/,
+                             std::span<double> u) {
+      std::vector<double> x(static_cast<std::size_t>(plant.state_dim()));
+      plant.Observe(x);
+      mean->Control(t, x, u);
+    };
+  }
+  return {LearnedModel(std::move(policy), std::move(model), std::move(some), std::move(teaching))};
 }
 
 Model Model::Load(const std::filesystem::path& folder) {

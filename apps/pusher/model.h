@@ -11,8 +11,10 @@
 #include "apps/learned_model.h"
 #include "dfr/control/controller.h"
 #include "dfr/core/plant.h"
+#include "dfr/imitation/gaussian_policy.h"
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/method.h"
+#include "dfr/sim/pusher/pusher_plant.h"
 
 namespace dfr::apps::pusher {
 
@@ -44,10 +46,13 @@ struct ModelOptions {
 /// LearnedModel of the Pusher.
 class Model : public LearnedModel {
  public:
-  /// Fits to the first `demonstrations` trajectories of the set.
+  /// Fits to the first `demonstrations` trajectories of the set. `supervisor` and the scene that it
+  /// demonstrates in are for baselines that ask it; without them those are refused.
   /// @throws std::invalid_argument if there are not as many, or they do not fit.
   static Model Fit(const imitation::DemonstrationSet& set, int demonstrations,
-                   const ModelOptions& options);
+                   const ModelOptions& options,
+                   const imitation::GaussianPolicy* supervisor = nullptr,
+                   const sim::PusherOptions& scene = {});
 
   static Model Load(const std::filesystem::path& folder);
 

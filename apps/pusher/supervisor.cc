@@ -1,8 +1,10 @@
 #include "supervisor.h"
 
 #include <stdexcept>
+#include <string>
 #include <vector>
 
+#include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 
@@ -44,6 +46,19 @@ std::filesystem::path ShippedSupervisor() {
   std::error_code error;
   const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", error);
   return program.parent_path().parent_path() / "share" / "dfr" / "pusher" / "supervisor.dfr";
+}
+
+std::vector<imitation::GaussianPolicy> LoadShippedSupervisors(int count) {
+  DFR_THROW_UNLESS(count >= 1 && count <= kShippedSupervisors,
+                   "there are 1 to " << kShippedSupervisors << " supervisors, not " << count);
+  const std::filesystem::path first = ShippedSupervisor();
+  std::vector<imitation::GaussianPolicy> supervisors = {imitation::GaussianPolicy::Load(first)};
+  supervisors.reserve(static_cast<std::size_t>(count));
+  for (int i = 2; i <= count; ++i) {
+    supervisors.push_back(imitation::GaussianPolicy::Load(
+        first.parent_path() / ("supervisor_" + std::to_string(i) + ".dfr")));
+  }
+  return supervisors;
 }
 
 imitation::DemonstrationSet Demonstrate(sim::PusherPlant& plant,

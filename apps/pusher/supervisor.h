@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <vector>
 
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/imitation/gaussian_policy.h"
@@ -13,6 +14,13 @@ namespace dfr::apps::pusher {
 
 /// The supervisor that is shipped: ../share/dfr/pusher/supervisor.dfr beside the running program.
 [[nodiscard]] std::filesystem::path ShippedSupervisor();
+
+/// How many supervisors are shipped: train-supervisor's of the seeds 1, 2, ...
+inline constexpr int kShippedSupervisors = 5;
+
+/// The first `count` of them; ShippedSupervisor() is the first.
+/// @throws std::invalid_argument if there are not as many; std::runtime_error naming the file.
+[[nodiscard]] std::vector<imitation::GaussianPolicy> LoadShippedSupervisors(int count);
 
 /// What Demonstrate() saw besides the demonstrations that it returns.
 struct DemonstrationCounts {

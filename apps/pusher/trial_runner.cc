@@ -112,9 +112,14 @@ std::vector<RolloutVideo> RecordRollouts(PusherTrialRunner& runner,
   return videos;
 }
 
-TrialRunnerFactory::TrialRunnerFactory(const imitation::GaussianPolicy& supervisor,
+TrialRunnerFactory::TrialRunnerFactory(const std::vector<imitation::GaussianPolicy>& supervisors,
                                        TrialRunnerOptions options, int trials)
-    : supervisor_(WithNoise(supervisor, options.supervisor_noise)), options_(std::move(options)) {
+    : options_(std::move(options)) {
+  DFR_THROW_UNLESS(!supervisors.empty(), "there is no supervisor to demonstrate");
+  supervisors_.reserve(supervisors.size());
+  for (const imitation::GaussianPolicy& supervisor : supervisors) {
+    supervisors_.push_back(WithNoise(supervisor, options_.supervisor_noise));
+  }
   for (int i = 0; i < trials; ++i) trials_.push_back(std::make_unique<Trial>());
 }
 
@@ -122,12 +127,13 @@ std::unique_ptr<PusherTrialRunner> TrialRunnerFactory::Make(
     const experiment::EvaluationUnit& unit) {
   Trial& trial = *trials_.at(static_cast<std::size_t>(unit.trial));
   const auto trial_number = static_cast<std::uint64_t>(unit.trial);
+  const imitation::GaussianPolicy& supervisor = supervisors_[trial_number % supervisors_.size()];
   const auto demonstrations = static_cast<std::uint64_t>(unit.demonstrations);
   std::call_once(trial.collected, [&] {
     sim::PusherPlant plant(options_.plant);
-    trial.set = Demonstrate(
-        plant, supervisor_, options_.most_demonstrations, options_.model.horizon,
-        core::DeriveSeed(options_.seed, {kDemonstrationStream, trial_number}), &trial.counts);
+    trial.set = Demonstrate(plant, supervisor, options_.most_demonstrations, options_.model.horizon,
+                            core::DeriveSeed(options_.seed, {kDemonstrationStream, trial_number}),
+                            &trial.counts);
   });
   ModelOptions model_options = options_.model;
   Learner learner = Learner::Parse(unit.learner);
@@ -135,7 +141,8 @@ std::unique_ptr<PusherTrialRunner> TrialRunnerFactory::Make(
   model_options.learner = std::move(learner);
   model_options.seed =
       core::DeriveSeed(options_.seed, {kLearnerStream, trial_number, demonstrations});
-  Model model = Model::Fit(trial.set, unit.demonstrations, model_options);
+  Model model =
+      Model::Fit(trial.set, unit.demonstrations, model_options, &supervisor, options_.plant);
 
   sim::PusherPlant plant(options_.plant);
   double steps = 0.0;

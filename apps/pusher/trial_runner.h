@@ -77,8 +77,9 @@ struct TrialRunnerOptions {
 /// call from several threads.
 class TrialRunnerFactory {
  public:
-  TrialRunnerFactory(const imitation::GaussianPolicy& supervisor, TrialRunnerOptions options,
-                     int trials);
+  /// Trial t demonstrates with supervisors[t % supervisors.size()].
+  TrialRunnerFactory(const std::vector<imitation::GaussianPolicy>& supervisors,
+                     TrialRunnerOptions options, int trials);
 
   [[nodiscard]] std::unique_ptr<PusherTrialRunner> Make(const experiment::EvaluationUnit& unit);
 
@@ -88,7 +89,7 @@ class TrialRunnerFactory {
     imitation::DemonstrationSet set;
     DemonstrationCounts counts;
   };
-  imitation::GaussianPolicy supervisor_;
+  std::vector<imitation::GaussianPolicy> supervisors_;
   TrialRunnerOptions options_;
   std::vector<std::unique_ptr<Trial>> trials_;
 };

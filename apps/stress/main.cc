@@ -11,11 +11,13 @@
 #include <utility>
 #include <vector>
 
+#include "apps/controller_factory.h"
 #include "apps/stress/study.h"
 #include "dfr/core/build_info.h"
 #include "dfr/experiment/command_line.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/experiment/report.h"
+#include "dfr/experiment/sequential_test.h"
 
 namespace dfr::apps::stress {
 namespace {
@@ -90,6 +92,46 @@ void PrintPower(const Power& power) {
       power.bound, experiment::EpisodesForBound(power.bound));
 }
 
+void CompareAndPrint(const Comparison& comparison) {
+  const dfr::experiment::SequentialTest test = Compare(comparison);
+  const auto pairs = static_cast<long long>(test.pairs());
+  std::printf("%s: %s, %d demonstrations, %d trials in turn, seed %llu, commit %s\n",
+              comparison.task.c_str(), comparison.condition.c_str(), comparison.demonstrations,
+              comparison.trials, static_cast<unsigned long long>(comparison.seed),
+              std::string(core::BuildCommit()).c_str());
+  std::printf("credit of %s less that of %s, mean of %lld pairs: %+.3f (p %.2g at all times)\n",
+              comparison.first.c_str(), comparison.second.c_str(), pairs, test.mean(),
+              test.p_value());
+  if (test.settled()) {
+    std::printf("settled at %g after %lld of at most %d pairs: %lld episodes saved\n",
+                comparison.alpha, pairs, comparison.pairs, 2 * (comparison.pairs - pairs));
+  } else {
+    std::printf("not settled at %g: no episodes saved\n", comparison.alpha);
+  }
+}
+
+void AddOptions(CLI::App& command, Comparison& comparison) {
+  command.add_option("--task", comparison.task)->capture_default_str();
+  command.add_option("--condition", comparison.condition, "by its name in the table")
+      ->capture_default_str();
+  command.add_option("--first", comparison.first, dfr::apps::MethodHelp())->capture_default_str();
+  command.add_option("--second", comparison.second, "another of these")->capture_default_str();
+  command.add_option("--demonstrations", comparison.demonstrations)->capture_default_str();
+  command
+      .add_option("--trials", comparison.trials,
+                  "each with its own demonstrations and policies; they take turns")
+      ->capture_default_str();
+  command.add_option("--pairs", comparison.pairs, "of episodes, at most")->capture_default_str();
+  command.add_option("--alpha", comparison.alpha, "probability of settling what is not so")
+      ->capture_default_str();
+  command
+      .add_option("--halted", comparison.credit.halted,
+                  "credit of an episode that halts; a completed one has 1, one that collides 0")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  command.add_option("--seed", comparison.seed, "of all that is random")->capture_default_str();
+}
+
 }  // namespace
 }  // namespace dfr::apps::stress
 
@@ -127,7 +169,12 @@ int main(int argc, char** argv) try {
       ->capture_default_str();
   power_command->add_option("--bound", power.bound, "share of collisions to be excluded")
       ->capture_default_str();
+  auto* compare = app.add_subcommand(
+      "compare", "two methods from the same start states, until it is settled that they differ");
+  Comparison comparison;
+  AddOptions(*compare, comparison);
   if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
+  if (*compare) CompareAndPrint(comparison);
   if (*run) RunAndPrint(study, false);
   if (*grid) RunAndPrint(grid_study, true);
   if (*power_command) PrintPower(power);

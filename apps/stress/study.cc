@@ -62,9 +62,10 @@ struct Place {
   const Condition* condition;
 };
 
-std::map<std::string, Place> Places(const Study& study, const std::vector<Task>& tasks,
+std::map<std::string, Place> Places(const std::vector<std::string>& wanted,
+                                    const std::vector<Task>& tasks,
                                     std::vector<std::string>& names) {
-  std::set<std::string> unknown(study.conditions.begin(), study.conditions.end());
+  std::set<std::string> unknown(wanted.begin(), wanted.end());
   std::string known;
   std::map<std::string, Place> places;
   for (const Condition& condition : Conditions()) {
@@ -75,7 +76,7 @@ std::map<std::string, Place> Places(const Study& study, const std::vector<Task>&
                    "there is no condition '" << *unknown.begin() << "'; there are " << known);
   for (const Task& task : tasks) {
     for (const Condition& condition : Conditions()) {
-      if (!study.conditions.empty() && std::ranges::count(study.conditions, condition.name) == 0) {
+      if (!wanted.empty() && std::ranges::count(wanted, condition.name) == 0) {
         continue;
       }
       const auto variant = std::ranges::find(task.variants, condition.variant, &Variant::name);
@@ -176,7 +177,7 @@ std::vector<Row> RunStudy(const Study& study) {
     if (name != kAlone) controllers.push_back(name);
   }
   experiment::EvaluationPlan plan;
-  const std::map<std::string, Place> places = Places(study, tasks, plan.learners);
+  const std::map<std::string, Place> places = Places(study.conditions, tasks, plan.learners);
   for (const std::string& policy : study.policies) {
     for (const std::string& controller : controllers) {
       plan.methods.push_back(MethodOf(controller, policy));
@@ -227,6 +228,40 @@ std::vector<Row> RunStudy(const Study& study) {
     }
   }
   return rows;
+}
+
+experiment::SequentialTest Compare(const Comparison& comparison) {
+  DFR_THROW_UNLESS(comparison.trials > 0 && comparison.pairs > 0,
+                   "a comparison needs a trial and a pair of episodes");
+  const std::vector<Task> tasks = {MakeTask(comparison.task)};
+  std::vector<std::string> names;
+  const auto places = Places({comparison.condition}, tasks, names);
+  DFR_THROW_UNLESS(!names.empty(), "task '" << comparison.task << "' has no condition '"
+                                            << comparison.condition << "'");
+  const Place& place = places.at(names.front());
+  const std::vector<std::string> methods = {comparison.first, comparison.second};
+  for (const std::string& method : methods) static_cast<void>(ParseMethod(method));
+  experiment::SequentialTest test(comparison.alpha);
+  std::vector<std::unique_ptr<Runner>> runners;
+  for (std::uint64_t i = 0; i < static_cast<std::uint64_t>(comparison.pairs); ++i) {
+    const std::uint64_t trial = i % static_cast<std::uint64_t>(comparison.trials);
+    if (trial == runners.size()) {
+      runners.push_back(std::make_unique<Runner>(
+          *place.task, *place.variant, *place.condition,
+          std::make_shared<const LearnedModel>(place.task->learn(
+              comparison.demonstrations, core::DeriveSeed(comparison.seed, {2, trial}))),
+          methods));
+    }
+    const std::uint64_t start = core::DeriveSeed(comparison.seed, {0, i});
+    const std::uint64_t controller = core::DeriveSeed(comparison.seed, {1, i});
+    const auto credit = [&](int method) {
+      return comparison.credit(runners[trial]->Run(method, start, controller).outcome);
+    };
+    const double first = credit(0);
+    test.Add(first - credit(1));
+    if (test.settled()) break;
+  }
+  return test;
 }
 
 std::vector<experiment::ReportTable> MakeTables(const std::vector<Row>& rows) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <iosfwd>
 #include <string>
@@ -8,6 +9,7 @@
 #include "apps/stress/task.h"
 #include "dfr/experiment/experiment.h"
 #include "dfr/experiment/report.h"
+#include "dfr/experiment/sequential_test.h"
 
 namespace dfr::apps::stress {
 
@@ -47,6 +49,25 @@ struct Row {
 /// @throws std::invalid_argument naming what is unknown and what there is; and as
 ///   experiment::Evaluate() does.
 [[nodiscard]] std::vector<Row> RunStudy(const Study& study);
+
+/// Two methods, as apps::ParseMethod() takes them, in one task under one condition.
+struct Comparison {
+  std::string task = "pusher";
+  std::string condition = "as demonstrated";
+  std::string first = "guided@lwr";
+  std::string second = "lwr";
+  int demonstrations = 60;
+  int trials = 5;    ///< Each with its own demonstrations and policies; they take turns.
+  int pairs = 1000;  ///< At most.
+  double alpha = 0.05;
+  experiment::EpisodeCredit credit = {};
+  std::uint64_t seed = 4711;
+};
+
+/// Runs pairs of episodes from the same start states until the difference of their credits is
+/// settled, or Comparison::pairs are run. No start state is drawn anew.
+/// @throws std::invalid_argument naming what is unknown and what there is.
+[[nodiscard]] experiment::SequentialTest Compare(const Comparison& comparison);
 
 /// A table a policy, with a row for each task and condition: completed / collided of each
 /// controller, then saved / harmed, in per cent. Behind them a table of means and worst rows.

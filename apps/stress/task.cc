@@ -26,14 +26,18 @@ constexpr std::uint64_t kLearnerStream = 2;
 // Imitates as the Pusher's weak learner does.
 LearnedModel Learn(const std::string& name, const core::SimulatedPlant& plant,
                    std::vector<core::Trajectory> demonstrations, const safety::TaskOptions& options,
-                   std::uint64_t seed) {
+                   std::uint64_t seed, const Teaching& supervisor) {
   imitation::DemonstrationSet set{.layout = plant.layout(),
                                   .control_dim = plant.control_dim(),
                                   .environment = name,
                                   .trajectories = std::move(demonstrations)};
-  imitation::MlpPolicy policy = imitation::FitMlp(set, {.hidden = {8}, .epochs = 10, .seed = seed});
+  const imitation::FitMlpOptions fit{.hidden = {8}, .epochs = 10, .seed = seed};
+  imitation::MlpPolicy policy = imitation::FitMlp(set, fit);
   safety::TaskModel task(set.layout, set.trajectories, options);
-  return {std::move(policy), std::move(task), std::move(set)};
+  Teaching teaching = TeachMlp(set, fit);
+  teaching.plant = supervisor.plant;
+  teaching.supervise = supervisor.supervise;
+  return {std::move(policy), std::move(task), std::move(set), std::move(teaching)};
 }
 
 Task Pusher() {
@@ -50,11 +54,11 @@ Task Pusher() {
     pusher::ModelOptions options;
     options.seed = core::DeriveSeed(seed, {kLearnerStream});
     sim::PusherPlant world;
+    const auto supervisor = imitation::GaussianPolicy::Load(pusher::ShippedSupervisor());
     return pusher::Model::Fit(
-        pusher::Demonstrate(world, imitation::GaussianPolicy::Load(pusher::ShippedSupervisor()),
-                            demonstrations, options.horizon,
+        pusher::Demonstrate(world, supervisor, demonstrations, options.horizon,
                             core::DeriveSeed(seed, {kDemonstrationStream})),
-        demonstrations, options);
+        demonstrations, options, &supervisor);
   };
   return task;
 }
@@ -68,7 +72,8 @@ Task Planar(const std::string& name) {
     return Learn(
         planar.name, *planar.plant,
         planar::Demonstrate(planar, demonstrations, core::DeriveSeed(seed, {kDemonstrationStream})),
-        planar::TaskOptionsOf(planar, {}), core::DeriveSeed(seed, {kLearnerStream}));
+        planar::TaskOptionsOf(planar, {}), core::DeriveSeed(seed, {kLearnerStream}),
+        planar::SupervisorOf(planar));
   };
   return task;
 }
@@ -84,8 +89,16 @@ Task Gallery(const std::string& name) {
     for (const core::Trajectory& d : set) {
       options.horizon = std::max(options.horizon, 2 * d.num_steps());
     }
+    Teaching supervisor;
+    supervisor.plant = gallery.plant;
+    supervisor.supervise = [](const core::SimulatedPlant& plant, int /*t*/, std::uint64_t episode,
+                              std::span<double> u) {
+      core::Random random(core::DeriveSeed(episode, {1}));
+      const sim::Habit habit{.way = random.Uniform(), .offset = random.Normal()};
+      static_cast<const sim::GalleryPlant&>(plant).Supervise(habit, u);
+    };
     return Learn(gallery.name, *gallery.plant, std::move(set), options,
-                 core::DeriveSeed(seed, {kLearnerStream}));
+                 core::DeriveSeed(seed, {kLearnerStream}), supervisor);
   };
   if (gallery.aftermath > 0) {
     task.aftermath = [&gallery](core::SimulatedPlant& world) {

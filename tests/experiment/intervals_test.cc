@@ -195,6 +195,35 @@ TEST(PowerTest, ABoundNeedsAsManyEpisodesAsClopperPearsonDoes) {
   EXPECT_EQ(EpisodesForBound(0.0003), 12'295);
 }
 
+// Fisher (The Design of Experiments, sec. 21) on Darwin's maize: of the 32 768 signs of 15 pairs'
+// differences 863 have a sum of at least 314, and as many of at most -314.
+TEST(ClusteredMcNemarTest, AgreesWithFishersArrangements) {
+  std::vector<DiscordantPairs> clusters;
+  for (const int d : {49, -67, 8, 16, 6, 23, 28, 41, 14, 29, 56, 24, 75, 60, -48}) {
+    clusters.push_back({d > 0 ? d + 3 : 3, d > 0 ? 3 : 3 - d});
+  }
+  EXPECT_NEAR(ClusteredMcNemar(clusters), 2.0 * 863 / 32768, 1e-12);
+}
+
+TEST(ClusteredMcNemarTest, WithOnePairAClusterItIsMcNemarsTest) {
+  std::vector<DiscordantPairs> clusters(10, {1, 0});
+  clusters.insert(clusters.end(), 2, {0, 1});
+  clusters.insert(clusters.end(), 40, {0, 0});
+  EXPECT_NEAR(ClusteredMcNemar(clusters), McNemarExact(10, 2), 1e-12);
+  EXPECT_EQ(ClusteredMcNemar({}), 1.0);
+}
+
+// One bad trial of five is no evidence, however many pairs it has.
+TEST(ClusteredMcNemarTest, PairsOfOneClusterAreNotIndependent) {
+  const std::vector<DiscordantPairs> one = {{40, 0}, {0, 0}, {0, 0}, {0, 0}, {0, 0}};
+  EXPECT_EQ(ClusteredMcNemar(one), 1.0);
+  EXPECT_LT(McNemarExact(40, 0), 1e-11);
+  const std::vector<DiscordantPairs> all = {{9, 1}, {8, 0}, {8, 2}, {7, 0}, {8, 1}};
+  EXPECT_EQ(ClusteredMcNemar(all), 2.0 / 32.0);
+  const std::vector<DiscordantPairs> bad = {{1, -1}};
+  EXPECT_THROW((void)ClusteredMcNemar(bad), std::invalid_argument);
+}
+
 TEST(McNemarTest, IsTheTwoSidedSignTest) {
   EXPECT_NEAR(McNemarExact(10, 2), 2.0 * (1 + 12 + 66) / 4096.0, 1e-15);
   EXPECT_EQ(McNemarExact(2, 10), McNemarExact(10, 2));

@@ -96,6 +96,31 @@ TEST(SummarizeTest, TrialsAreResampledWhereThereAreEnough) {
   EXPECT_EQ(contrast.ratios.collision_reduction_interval.value().high, 0.5);
 }
 
+// Two trials of each of five supervisors: trials t and t + 5 belong together.
+TEST(SummarizeTest, FromFiveSupervisorsOnTheseAreTheClusters) {
+  ByHand input(10);
+  // In trials of the first supervisor dfr collides at the second data point, too.
+  for (UnitResult& result : input.results) {
+    if (result.unit.trial % 5 != 0 || result.unit.demonstrations != 60) continue;
+    for (EpisodeResult& episode : result.episodes[1]) episode.outcome = Outcome::kCollided;
+  }
+  const Summary by_trial = Summarize(input.plan, input.results, {});
+  EXPECT_EQ(by_trial.contrasts[0].resampled, "trials");
+  input.plan.supervisors = 5;
+  const Summary by_supervisor = Summarize(input.plan, input.results, {});
+  EXPECT_EQ(by_supervisor.contrasts[0].resampled, "supervisors");
+  const std::vector<ClusterCount> clusters = {{6, 8}, {2, 8}, {2, 8}, {2, 8}, {2, 8}};
+  const Interval expected = ClusteredInterval(clusters);
+  const Cell& dfr = by_supervisor.averages[1];
+  EXPECT_EQ(dfr.collided.value, 14.0 / 40.0);
+  EXPECT_EQ(dfr.collided.interval.low, expected.low);
+  EXPECT_EQ(dfr.collided.interval.high, expected.high);
+  EXPECT_LT(dfr.collided.interval.low, by_trial.averages[1].collided.interval.low);
+  // Four supervisors have two pairs more in which just the reference collides, the first two
+  // fewer: of 32 signs 12 make the sum at least 6 either way.
+  EXPECT_NEAR(by_supervisor.contrasts[0].mcnemar_p, 12.0 / 32.0, 1e-15);
+}
+
 TEST(SummarizeTest, RefusesResultsOfAnotherPlan) {
   ByHand input(2);
   input.results.pop_back();

@@ -154,9 +154,10 @@ TEST(ProofTest, AWrongConstantEndsInAViolation) {
 TEST(PlanarTest, EveryMethodRunsAndUnknownNamesAreNamed) {
   const Task task = MakeTask("push");
   const Methods methods(task, Demonstrate(task, 20, 1));
-  for (const auto& name : {"baseline", "early-stopping", "dfr", "finite-difference", "lwr",
-                           "guided", "guided-without-filter+overtaking", "certified-lipschitz",
-                           "certified-radius", "certified-direction"}) {
+  for (const auto& name :
+       {"baseline", "early-stopping", "dfr", "finite-difference", "true-jacobian", "lwr",
+        "ensemble", "dart", "dagger", "guided", "guided-without-filter+overtaking",
+        "certified-lipschitz", "certified-radius", "certified-direction"}) {
     EXPECT_EQ(methods.Make(name, *task.plant)->state_dim(), 4) << name;
   }
   EXPECT_THROW((void)methods.Make("magic", *task.plant), std::invalid_argument);

@@ -4,6 +4,7 @@ usage: pusher_test.py PROGRAM
 """
 import json
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -63,15 +64,17 @@ class PusherTest(unittest.TestCase):
         one = self.summary("one")
         self.assertEqual(self.summary_text("one"), self.summary_text("two"))
         self.assertEqual(one["experiment"], "pusher")
-        self.assertEqual(len(one["cells"]), 6 * 2)
+        self.assertEqual(len(one["cells"]), 10 * 2)
         for cell in one["cells"]:
             self.assertLessEqual(CELL_KEYS, cell.keys())
             self.assertEqual(cell["episodes"], 2 * 4)
             self.assertAlmostEqual(cell["completed"] + cell["halted"] + cell["collided"], 1.0)
             low, high = cell["collided_interval"]
             self.assertTrue(0.0 <= low <= cell["collided"] <= high <= 1.0)
-        self.assertEqual({c["method"] for c in one["contrasts"]}, {"early-stopping", "dfr", "guided", "lwr", "knn"})
+        self.assertEqual({c["method"] for c in one["contrasts"]}, {"early-stopping", "dfr", "guided", "true-jacobian", "lwr", "knn", "ensemble", "dart", "dagger"})
         report = (self.folder / "one" / "report.html").read_text()
+        self.assertIn("asks the supervisor", report)
+        self.assertIn("oracle", report)
         self.assertIn(one["commit"], report)
 
     def test_drift_compares_methods_under_every_condition(self):
@@ -95,17 +98,65 @@ class PusherTest(unittest.TestCase):
         self.assertLess(by_method["guided@at-constraints"]["collided"],
                         by_method["baseline@at-constraints"]["collided"])
 
+    def test_baselines_learn_what_they_say(self):
+        out = self.run_pusher("experiment", "--learners", "8", "--demonstrations", "30", "--trials", "2", "--episodes",
+                              "20", "--no-video", "--no-convergence", "--out", "baselines", "--methods",
+                              "baseline,ensemble,dart,dagger,true-jacobian,guided@dagger")
+        self.assertIn("true-jacobian: an oracle", out)
+        self.assertIn("dagger, guided@dagger: asks the supervisor", out)
+        by_method = {c["method"]: c for c in self.summary("baselines")["averages"]}
+        alone = by_method["baseline"]
+        self.assertGreater(by_method["dagger"]["completed"], alone["completed"])
+        self.assertIn("early-stopping", by_method["ensemble"]["halt_causes"])
+        self.assertLess(by_method["true-jacobian"]["collided"], alone["collided"])
+
+    def test_supervisors_take_turns(self):
+        small = ["--learners", "8", "--demonstrations", "8", "--trials", "5", "--episodes", "4", "--no-video",
+                 "--no-convergence", "--methods", "baseline"]
+        self.run_pusher("experiment", *small, "--supervisors", 5, "--out", "five")
+        self.run_pusher("experiment", *small, "--out", "single")
+        units = {name: [json.loads(line) for line in (self.folder / name / "ledger.jsonl").read_text().splitlines()]
+                 for name in ("five", "single")}
+        self.assertEqual(units["five"][0]["settings"]["supervisors"], "5")
+        self.assertNotEqual(without_times(units["five"][1:]), without_times(units["single"][1:]))
+        error = self.run_pusher("experiment", *small, "--supervisors", 9, fails=True)
+        self.assertIn("--supervisors", error)
+
+    def test_full_dynamics_are_a_choice(self):
+        small = ["--learners", "8", "--demonstrations", "6", "--trials", "1", "--episodes", "2", "--no-video",
+                 "--no-convergence", "--methods", "baseline,guided"]
+        self.run_pusher("experiment", *small, "--physics", "dynamic", "--out", "dynamic")
+        settings = json.loads((self.folder / "dynamic" / "ledger.jsonl").read_text().splitlines()[0])["settings"]
+        self.assertEqual(settings["physics"], "dynamic")
+        self.assertIn("physics", self.run_pusher("experiment", *small, "--out", "dynamic", fails=True))
+        self.assertIn("--physics", self.run_pusher("experiment", "--physics", "magic", fails=True))
+
     def test_recoveries_climb_in_the_report(self):
         out = self.run_pusher("experiment", *(o for o in SMALL if o != "--no-convergence"), "--out",
-                              "climb")
-        rows = {line.split()[0]: [float(x) for x in line.split()[1:]]
-                for line in out.split("recoveries, g over its threshold")[1].splitlines()
-                if line.strip().startswith(("dfr", "finite-difference", "guided"))}
-        self.assertEqual(set(rows), {"dfr", "finite-difference", "guided"})
-        for start, *_, last, reached in rows.values():
-            self.assertEqual(start, rows["dfr"][0], "all begin in the same states")
-            self.assertGreaterEqual(last, start)
-            self.assertTrue(0 <= reached <= 50)
+                              "climb", "--methods", "baseline")
+        blocks = out.split("50 recoveries (")[1:]
+        self.assertEqual(len(blocks), 2)
+        reached = {}
+        for which, methods, block in (("first", {"dfr", "finite-difference", "guided"}, blocks[0]),
+                                      ("all", {"dfr", "finite-difference"}, blocks[1])):
+            self.assertTrue(block.startswith("the first of each" if which == "first" else "all of each"))
+            rows = {line.split()[0]: [float(x) for x in line.split()[1:]] for line in block.splitlines()
+                    if line.startswith("  ") and line.split()[0] in ("dfr", "finite-difference", "guided")}
+            self.assertEqual(set(rows), methods)
+            if which == "first":
+                rows_of_first = rows
+            for method, (start, *_, last, count) in rows.items():
+                self.assertTrue(0 <= count <= 50)
+                self.assertTrue(0 < start <= 1 and 0 < last <= 1)
+                reached[which, method] = count
+                if which == "first":
+                    self.assertEqual(start, rows["dfr"][0], "all begin in the same states")
+        # What no place of the gripper is high enough for, no recovery reaches without pushing.
+        anywhere, gripper, best = (float(x) for x in re.search(
+            r"any state in (\d+) of 50.*?as it is, in (\d+);.*?: ([\d.]+) of", blocks[0], re.S).groups())
+        self.assertTrue(0 <= gripper <= anywhere <= 50)
+        self.assertLessEqual(reached["first", "finite-difference"], gripper + 5)
+        self.assertLessEqual(rows_of_first["finite-difference"][-2], best + 0.05)
         self.assertIn("How fast recoveries climb", (self.folder / "climb" / "report.html").read_text())
 
     def test_an_interrupted_experiment_goes_on_where_it_ended(self):

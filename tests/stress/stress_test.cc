@@ -150,6 +150,52 @@ TEST(StressTest, WhatIsUnknownIsNamedWithWhatThereIs) {
   EXPECT_THAT(error(study), HasSubstr("early-stopping"));
 }
 
+TEST(CompareTest, SettlesWhatIsPlainAndSavesTheRest) {
+  Comparison comparison;
+  comparison.task = "planar-corridor";
+  comparison.demonstrations = 20;
+  comparison.trials = 2;
+  comparison.pairs = 60;
+  comparison.first = "lwr";
+  comparison.second = "baseline@zero";
+  const auto plain = Compare(comparison);
+  EXPECT_TRUE(plain.settled());
+  EXPECT_LT(plain.pairs(), 30);
+  EXPECT_GT(plain.mean(), 0.4);  // completed against halted
+  EXPECT_EQ(plain.pairs(), Compare(comparison).pairs());
+  comparison.second = "lwr";
+  const auto same = Compare(comparison);
+  EXPECT_FALSE(same.settled());
+  EXPECT_EQ(same.pairs(), 60);
+  EXPECT_EQ(same.mean(), 0.0);
+  comparison.condition = "gripper: fork";
+  EXPECT_THROW(static_cast<void>(Compare(comparison)), std::invalid_argument);
+}
+
+// What each of them is, in the cheapest task: they learn, run, and are not the learned policy.
+TEST(BaselinesTest, LearnAnewAndRun) {
+  Study study = Small();
+  study.conditions = {"as demonstrated"};
+  study.policies = {"learned", "ensemble", "dart", "dagger"};
+  study.controllers = {"ensemble", "true-jacobian"};
+  EXPECT_THROW(static_cast<void>(RunStudy(study)), std::invalid_argument);  // ensemble@dart
+  study.controllers = {"true-jacobian"};
+  const std::vector<Row> rows = RunStudy(study);
+  std::filesystem::remove_all(Folder());
+  ASSERT_EQ(rows.size(), 4u * 2u);
+  const auto alone = [&](const std::string& policy) {
+    return Find(rows, "as demonstrated", policy, "baseline");
+  };
+  // Who was asked in the states that the learner comes to leaves them less often.
+  EXPECT_GE(alone("dagger").completed, alone("learned").completed);
+  for (const std::string& policy : study.policies) {
+    // The oracle knows where its control leads; the policies do not.
+    EXPECT_LE(Find(rows, "as demonstrated", policy, "true-jacobian").collided,
+              alone(policy).collided)
+        << policy;
+  }
+}
+
 TEST(MethodNameTest, HasThreeParts) {
   const MethodName whole = Split("guided@lwr/density");
   EXPECT_EQ(whole.controller, "guided");
@@ -159,8 +205,9 @@ TEST(MethodNameTest, HasThreeParts) {
   EXPECT_EQ(Split("dfr/raw").policy, "");
   EXPECT_EQ(Split("knn").controller, "baseline");
   EXPECT_EQ(Split("knn").policy, "knn");
-  for (const char* bad : {"guided@", "guided@magic", "guided/", "guided/magic", "certified",
-                          "finite-difference/raw", "magic@lwr"}) {
+  for (const char* bad :
+       {"guided@", "guided@magic", "guided/", "guided/magic", "certified", "finite-difference/raw",
+        "true-jacobian/raw", "magic@lwr", "ensemble@lwr", "ensemble/raw"}) {
     EXPECT_THROW(static_cast<void>(ParseMethod(bad)), std::invalid_argument) << bad;
   }
 }

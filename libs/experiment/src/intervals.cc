@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
+#include <cstdlib>
 #include <map>
 #include <vector>
 
@@ -238,6 +240,37 @@ double McNemarExact(int only_first, int only_second) {
     sum += term;
   }
   return std::min(1.0, 2.0 * sum * std::exp(LogChoose(n, k) - n * std::log(2.0)));
+}
+
+double ClusteredMcNemar(std::span<const DiscordantPairs> clusters) {
+  std::int64_t sum = 0;
+  std::vector<std::size_t> sizes;
+  std::size_t total = 0;
+  for (const DiscordantPairs& cluster : clusters) {
+    DFR_THROW_UNLESS(cluster.only_first >= 0 && cluster.only_second >= 0,
+                     "counts of pairs must not be negative: " << cluster.only_first << ", "
+                                                              << cluster.only_second);
+    const int difference = cluster.only_first - cluster.only_second;
+    sum += difference;
+    if (difference == 0) continue;
+    sizes.push_back(static_cast<std::size_t>(std::abs(difference)));
+    total += sizes.back();
+  }
+  // [s]: the probability that the clusters with a positive sign add up to s. Their sum is 2 s -
+  // total then.
+  std::vector<double> probability(total + 1, 0.0);
+  probability[0] = 1.0;
+  for (const std::size_t size : sizes) {
+    for (std::size_t s = total + 1; s-- > 0;) {
+      probability[s] = 0.5 * (probability[s] + (s >= size ? probability[s - size] : 0.0));
+    }
+  }
+  double p = 0.0;
+  for (std::size_t s = 0; s <= total; ++s) {
+    const std::int64_t other = 2 * static_cast<std::int64_t>(s) - static_cast<std::int64_t>(total);
+    if (std::abs(other) >= std::abs(sum)) p += probability[s];
+  }
+  return std::min(1.0, p);
 }
 
 namespace {

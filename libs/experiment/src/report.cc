@@ -80,6 +80,11 @@ class Page {
     if (method == "finite-difference") return "Oracle";
     if (method == "guided") return "Guided";
     if (method == "lwr") return "LWR alone";
+    if (method == "knn") return "Nearest neighbours alone";
+    if (method == "ensemble") return "Ensemble that stops";
+    if (method == "dart") return "DART";
+    if (method == "dagger") return "DAgger (asks the supervisor)";
+    if (method == "true-jacobian") return "True Jacobian (oracle)";
     return method;
   }
 

@@ -20,6 +20,11 @@ using Json = nlohmann::ordered_json;
 // intervals clustered by trial are too wide to say anything.
 constexpr int kFewTrials = 5;
 
+// Trial t belongs to cluster t % NumClusters(): what differs at the highest level is independent.
+int NumClusters(const EvaluationPlan& plan) {
+  return plan.supervisors >= kFewTrials ? std::min(plan.supervisors, plan.trials) : plan.trials;
+}
+
 // Sums over the episodes of a cell.
 struct Tally {
   int episodes = 0;
@@ -30,19 +35,19 @@ struct Tally {
   std::int64_t recovery_controls = 0;
   double seconds = 0.0;
   int redrawn = 0;
-  // By outcome and trial.
+  // By outcome and cluster.
   std::map<core::Outcome, std::vector<ClusterCount>> clusters;
   std::map<std::string, int> halt_causes;
   std::map<std::string, int> collision_causes;
 
-  void Add(const EpisodeResult& episode, int trial) {
+  void Add(const EpisodeResult& episode, int cluster) {
     ++episodes;
     for (const core::Outcome outcome :
          {core::Outcome::kCompleted, core::Outcome::kHalted, core::Outcome::kCollided}) {
       std::vector<ClusterCount>& counts = clusters[outcome];
-      counts.resize(std::max(counts.size(), static_cast<std::size_t>(trial) + 1));
-      ++counts[static_cast<std::size_t>(trial)].episodes;
-      counts[static_cast<std::size_t>(trial)].successes += episode.outcome == outcome ? 1 : 0;
+      counts.resize(std::max(counts.size(), static_cast<std::size_t>(cluster) + 1));
+      ++counts[static_cast<std::size_t>(cluster)].episodes;
+      counts[static_cast<std::size_t>(cluster)].successes += episode.outcome == outcome ? 1 : 0;
     }
     controls += episode.controls;
     recovery_controls += episode.recovery_controls;
@@ -93,7 +98,7 @@ std::optional<double> Ratio(double value, double reference) {
   return value / reference;
 }
 
-// One unit per trial, or one per start state where trials are too few to be resampled.
+// One unit per cluster, or one per start state where trials are too few to be resampled.
 Contrast MakeContrast(const EvaluationPlan& plan, std::size_t method, const std::string& learner,
                       std::span<const UnitResult> results, const BootstrapOptions& options) {
   Contrast contrast;
@@ -101,16 +106,20 @@ Contrast MakeContrast(const EvaluationPlan& plan, std::size_t method, const std:
   contrast.against = plan.methods[0];
   contrast.learner = learner;
   const bool by_trial = plan.trials >= kFewTrials;
-  contrast.resampled = by_trial ? "trials" : "episodes";
+  const int clusters = by_trial ? NumClusters(plan) : plan.trials;
+  contrast.resampled = !by_trial ? "episodes" : clusters < plan.trials ? "supervisors" : "trials";
   const auto units_per_trial = static_cast<std::size_t>(by_trial ? 1 : plan.episodes);
-  std::vector<PairedCounts> units(static_cast<std::size_t>(plan.trials) * units_per_trial);
+  std::vector<PairedCounts> units(static_cast<std::size_t>(clusters) * units_per_trial);
+  std::vector<DiscordantPairs> pairs(units.size());
   for (const UnitResult& result : results) {
     if (result.unit.learner != learner) continue;
     for (std::size_t k = 0; k < static_cast<std::size_t>(plan.episodes); ++k) {
       const core::Outcome outcome = result.episodes[method][k].outcome;
       const core::Outcome reference = result.episodes[0][k].outcome;
-      PairedCounts& unit =
-          units[static_cast<std::size_t>(result.unit.trial) * units_per_trial + (by_trial ? 0 : k)];
+      const std::size_t i =
+          static_cast<std::size_t>(result.unit.trial % clusters) * units_per_trial +
+          (by_trial ? 0 : k);
+      PairedCounts& unit = units[i];
       unit.stratum = by_trial ? 0 : result.unit.trial;
       ++unit.episodes;
       unit.completed += outcome == core::Outcome::kCompleted ? 1 : 0;
@@ -119,13 +128,16 @@ Contrast MakeContrast(const EvaluationPlan& plan, std::size_t method, const std:
       const bool reference_collided = reference == core::Outcome::kCollided;
       unit.collided += collided ? 1 : 0;
       unit.reference_collided += reference_collided ? 1 : 0;
-      contrast.only_method_collided += collided && !reference_collided ? 1 : 0;
-      contrast.only_reference_collided += reference_collided && !collided ? 1 : 0;
+      pairs[i].only_first += collided && !reference_collided ? 1 : 0;
+      pairs[i].only_second += reference_collided && !collided ? 1 : 0;
     }
   }
   contrast.ratios = EstimateContrast(units, options);
-  contrast.mcnemar_p =
-      McNemarExact(contrast.only_method_collided, contrast.only_reference_collided);
+  for (const DiscordantPairs& pair : pairs) {
+    contrast.only_method_collided += pair.only_first;
+    contrast.only_reference_collided += pair.only_second;
+  }
+  contrast.mcnemar_p = ClusteredMcNemar(pairs);
   return contrast;
 }
 
@@ -228,8 +240,8 @@ Summary Summarize(const EvaluationPlan& plan, std::span<const UnitResult> result
           tally.redrawn += result.redrawn;
           all.redrawn += result.redrawn;
           for (const EpisodeResult& episode : result.episodes[method]) {
-            tally.Add(episode, result.unit.trial);
-            all.Add(episode, result.unit.trial);
+            tally.Add(episode, result.unit.trial % NumClusters(plan));
+            all.Add(episode, result.unit.trial % NumClusters(plan));
           }
         }
         DFR_THROW_UNLESS(

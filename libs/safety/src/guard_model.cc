@@ -347,7 +347,9 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
   const int n = model.features().num_features();
   Eigen::VectorXd z(n);
   model.features().Apply(state, core::AsSpan(z));
-  control::JacobianEstimate answer(model.prior());
+  // What a certificate assumes.
+  control::JacobianEstimate answer(model.prior(), {},
+                                   {.own_motion = false, .lag = false, .smoothing = false});
   answer.Compute(t, core::AsSpan(z));
   const Eigen::VectorXd v = core::AsVector(action) / model.control_unit();
   Certification found;

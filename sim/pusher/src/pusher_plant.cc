@@ -8,6 +8,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "dynamic_motion.h"
 #include "pusher_world.h"
 #include "quasi_static_step.h"
 #include "segments.h"
@@ -188,6 +189,10 @@ std::string_view Name(Gripper gripper) noexcept {
   return "unknown";
 }
 
+std::string_view Name(PusherPhysics physics) noexcept {
+  return physics == PusherPhysics::kDynamic ? "dynamic" : "quasi-static";
+}
+
 PusherPlant::PusherPlant(const PusherOptions& options)
     : PusherPlant(std::make_shared<const World>(options)) {
   Reset(0);
@@ -285,6 +290,11 @@ core::PlantStatus PusherPlant::Apply(std::span<const double> control) noexcept {
     ReadAxes(world, d, at_target);
   }
 
+  if (world.options.physics == PusherPhysics::kDynamic) {
+    SetArm(start, d);
+    return MoveDynamically(target);
+  }
+
   double turn = 0.0;
   for (int j = 0; j < kNumJoints; ++j) turn += std::abs(target[j] - start[j]);
   const double chord = MaxMotion(world, at_start, at_target, 0);
@@ -352,6 +362,42 @@ core::PlantStatus PusherPlant::Apply(std::span<const double> control) noexcept {
   mj_kinematics(m, d);
   if (data.collided_part.empty()) {
     data.collided_part = FindCollision(world, at_target, ObjectAxis(world, d));
+  }
+  return core::PlantStatus::kOk;
+}
+
+core::PlantStatus PusherPlant::MoveDynamically(const std::array<double, kNumJoints>& target) {
+  const World& world = *world_;
+  mjData* d = data_->mj.get();
+  PusherStatistics& statistics = data_->statistics;
+  ++statistics.simulated;
+  internal::DynamicMotion motion(world.model.get(), d, target);
+  Arm arm;
+  double penetration = 0.0;
+  while (!motion.Done()) {
+    if (!motion.Step()) {
+      data_->faulted = true;
+      return core::PlantStatus::kFault;
+    }
+    penetration = 0.0;
+    for (int c = 0; c < d->ncon; ++c) penetration = std::max(penetration, -d->contact[c].dist);
+    statistics.max_penetration_m = std::max(statistics.max_penetration_m, penetration);
+    // The kinematics are those of the step's beginning; the state at the end is judged below.
+    if (data_->collided_part.empty()) {
+      ReadAxes(world, d, arm);
+      data_->collided_part = FindCollision(world, arm, ObjectAxis(world, d));
+    }
+  }
+  statistics.substeps += motion.steps();
+  statistics.unsettled += motion.AtRest() ? 0 : 1;
+  data_->residual_speed = std::hypot(d->qvel[kObjectX], d->qvel[kObjectX + 1]);
+  statistics.max_residual_speed = std::max(statistics.max_residual_speed, data_->residual_speed);
+  statistics.max_rest_penetration_m = std::max(statistics.max_rest_penetration_m, penetration);
+  mju_zero(d->qvel, world.model->nv);
+  mj_kinematics(world.model.get(), d);
+  if (data_->collided_part.empty()) {
+    ReadAxes(world, d, arm);
+    data_->collided_part = FindCollision(world, arm, ObjectAxis(world, d));
   }
   return core::PlantStatus::kOk;
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "dfr/core/contract.h"
+#include "dynamic_motion.h"
 #include "pusher.xml.h"
 #include "quasi_static_step.h"
 
@@ -54,6 +55,7 @@ PusherPlant::World::World(const PusherOptions& scene) : options(scene) {
   internal::InstallMujocoHandlers();
   model = LoadMujocoModel(embedded::kPusherXml, "sim/pusher");
   ApplyGripper(options.gripper, *model);
+  if (options.physics == PusherPhysics::kDynamic) internal::MakeDynamic(*model);
 
   std::vector<const char*> names = {"upper_arm", "forearm", "hand", "bar"};
   if (options.gripper == Gripper::kFork) names.insert(names.end(), {"prong_left", "prong_right"});

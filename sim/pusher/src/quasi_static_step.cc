@@ -67,14 +67,16 @@ void ResetQuasiStatic(const mjModel* m, mjData* d) noexcept {
   mj_factorM(m, d);
 }
 
-bool QuasiStaticStep(const mjModel* m, mjData* d) noexcept {
+bool QuasiStaticStep(const mjModel* m, mjData* d) noexcept { return GuardedStep(m, d, Step); }
+
+bool GuardedStep(const mjModel* m, mjData* d, void (*step)(const mjModel*, mjData*)) noexcept {
   std::jmp_buf here;
   if (setjmp(here) != 0) {
     resume = nullptr;
     return false;
   }
   resume = &here;
-  Step(m, d);
+  step(m, d);
   resume = nullptr;
   double sum = 0.0;
   for (int i = 0; i < m->nv; ++i) sum += d->qpos[i];

@@ -26,4 +26,8 @@ void ResetQuasiStatic(const mjModel* model, mjData* data) noexcept;
 ///   finite: `data` is then worthless until ResetQuasiStatic(). Never allocates.
 [[nodiscard]] bool QuasiStaticStep(const mjModel* model, mjData* data) noexcept;
 
+/// Any step, with the same promises; `step` holds nothing that a jump out of it could leak.
+[[nodiscard]] bool GuardedStep(const mjModel* model, mjData* data,
+                               void (*step)(const mjModel*, mjData*)) noexcept;
+
 }  // namespace dfr::sim::internal

@@ -66,6 +66,20 @@ struct ClusterCount {
 /// `only_second`.
 [[nodiscard]] double McNemarExact(int only_first, int only_second);
 
+/// Pairs of one cluster in which just one of two methods fails.
+struct DiscordantPairs {
+  int only_first = 0;
+  int only_second = 0;
+};
+
+/// McNemar's test for pairs in clusters, exact and two-sided: pairs of one cluster may depend on
+/// each other, clusters do not. If the methods were alike, each cluster's difference only_first -
+/// only_second would be as likely with the other sign; the result is the probability of a sum at
+/// least as large over all signs (the permutation test of Fisher, 1935, sec. 21). With one pair a
+/// cluster that is McNemarExact(). With c clusters it is at least 2^(1 - c).
+/// @throws std::invalid_argument if a count is negative.
+[[nodiscard]] double ClusteredMcNemar(std::span<const DiscordantPairs> clusters);
+
 /// What two methods did from the same start states, summed over one independent unit of an
 /// experiment (a trial).
 struct PairedCounts {

@@ -22,7 +22,10 @@ struct EvaluationPlan {
   std::vector<std::string> learners;  ///< Kinds of learned policies.
   std::vector<int> demonstrations;    ///< Data points: how many demonstrations, ascending.
   int trials = 10;                    ///< Independent repetitions of everything.
-  int episodes = 60;                  ///< Start states per trial and data point.
+  /// How many supervisors take turns: trial t has supervisor t % supervisors. From 5 on intervals
+  /// are clustered by supervisor, not by trial.
+  int supervisors = 1;
+  int episodes = 60;  ///< Start states per trial and data point.
   std::uint64_t seed = 0;
   /// Gives up with an error after this many start states in a row that are not accepted.
   int max_redraws = 10'000;

@@ -14,8 +14,8 @@
 
 namespace dfr::experiment {
 
-/// A share of the episodes, with ClusteredInterval() of the trials; with fewer than 5 of them with
-/// ProportionInterval(), which takes episodes for independent.
+/// A share of the episodes, with ClusteredInterval() of trials or supervisors; with fewer than 5 of
+/// them with ProportionInterval(), which takes episodes for independent.
 struct Share {
   double value = 0.0;
   Interval interval;
@@ -46,14 +46,15 @@ struct Contrast {
   std::string against;
   std::string learner;
   PairedContrast ratios;
-  /// What was resampled for the intervals: "trials", or "episodes" of each trial where there are
-  /// fewer than 5 trials to resample. The latter say nothing of how trials differ.
+  /// What was resampled for the intervals: "supervisors" from 5 of them on, "trials", or "episodes"
+  /// of each trial where there are fewer than 5 trials to resample. The last say nothing of how
+  /// trials differ.
   std::string resampled;
   std::optional<double> seconds_ratio;   ///< Seconds per trajectory / reference's.
   std::optional<double> controls_ratio;  ///< Controls per trajectory / reference's.
   int only_method_collided = 0;     ///< Pairs (one start state) in which just the method collided,
   int only_reference_collided = 0;  ///< or just the reference.
-  double mcnemar_p = 1.0;           ///< McNemarExact() of these.
+  double mcnemar_p = 1.0;           ///< ClusteredMcNemar() of these, by what was resampled.
 };
 
 /// The mean over trials of a figure that the runners reported.

@@ -19,6 +19,14 @@ enum class Gripper {
 
 [[nodiscard]] std::string_view Name(Gripper gripper) noexcept;
 
+/// What moves arm and cylinder.
+enum class PusherPhysics {
+  kQuasiStatic,  ///< The arm is moved along its path; nothing has momentum.
+  kDynamic,      ///< Motors move an arm with inertia, damping and friction, by mj_step().
+};
+
+[[nodiscard]] std::string_view Name(PusherPhysics physics) noexcept;
+
 /// Options for PusherPlant. The defaults are the scene of the experiment. Metres.
 struct PusherOptions {
   Gripper gripper = Gripper::kBar;
@@ -31,15 +39,18 @@ struct PusherOptions {
   double start_x_min = 0.43;
   double start_x_max = 0.49;
   double start_y = 0.12;
+  PusherPhysics physics = PusherPhysics::kQuasiStatic;
 };
 
-/// Counts since construction. Speeds in m/s of simulated time; a substep takes 0.01 s. `saturated`
+/// Counts since construction. Speeds in m/s of simulated time; a substep takes 0.01 s,
+/// 0.002 s under full dynamics. `saturated`
 /// to `simulated` count controls.
 struct PusherStatistics {
   std::int64_t controls = 0;            ///< Applied, kOk or not.
   std::int64_t saturated = 0;           ///< With an entry beyond +-1.
   std::int64_t stopped_by_table = 0;    ///< Deflected so as not to enter the table.
   std::int64_t stalled = 0;             ///< Undone because they pressed the cylinder down.
+  std::int64_t unsettled = 0;           ///< Dynamic: not at rest after 3 s.
   std::int64_t simulated = 0;           ///< Near enough to touch: MuJoCo steps were taken.
   std::int64_t substeps = 0;            ///< MuJoCo steps, settling included.
   double max_residual_speed = 0.0;      ///< Largest residual_speed() so far.
@@ -74,6 +85,14 @@ struct PusherStatistics {
 /// Under Coulomb friction at the contact that is the motion of a point with isotropic friction
 /// on the table. The last substeps repeat with the arm at rest until the cylinder is, too. Controls
 /// that provably cannot touch anything need the arm's kinematics only.
+///
+/// Under full dynamics motors with a torque limit follow a minimum-jerk reference of at most 0.25
+/// rad/s to the new joint angles and hold them, mj_step() by mj_step() of 2 ms, until every joint
+/// is slower than 1e-3 rad/s and the cylinder slower than 1e-3 m/s for 5 steps in a row, or 3 s
+/// have passed; then velocities are set to zero. Joints have rotor inertia, viscous damping and
+/// Coulomb friction, the cylinder slides with Coulomb friction along x and y, and goes on sliding
+/// after a push. Arm and table do not touch: references stay above it as above. Some fifty times
+/// slower.
 ///
 /// The collision check runs after every substep for the cylinder, the upper arm, forearm, hand and
 /// gripper against both red regions, in 3-D by exact distances of capsules. (The shoulder cannot
@@ -147,6 +166,8 @@ class PusherPlant final : public core::SimulatedPlant {
 
  private:
   explicit PusherPlant(std::shared_ptr<const World> world);
+  // Apply() under full dynamics, to joint angles above the table.
+  core::PlantStatus MoveDynamically(const std::array<double, kNumJoints>& target);
 
   std::shared_ptr<const World> world_;
   std::unique_ptr<Data> data_;

@@ -1,0 +1,103 @@
+"""The figures of README.md and docs/results.md are those of the recorded runs in docs/recorded.
+
+usage: figures_test.py SOURCE_DIR
+"""
+import csv
+import json
+import pathlib
+import re
+import sys
+import unittest
+
+SOURCE = pathlib.Path(sys.argv.pop(1)).resolve()
+RECORDED = SOURCE / "docs/recorded"
+METHODS = {"Baseline": "baseline", "Early Stopping": "early-stopping", "DFR": "dfr", "Guided recovery": "guided",
+           "LWR alone": "lwr"}
+
+
+def rows(page):
+    """The cells of each row of each table, without emphasis."""
+    return [[cell.strip().replace("**", "") for cell in line.strip("|\n").split("|")]
+            for line in (SOURCE / page).read_text().splitlines() if line.startswith("|")]
+
+
+def number(text):
+    return float(re.match(r"-?[\d.]+", text).group())
+
+
+class Figures(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.pusher = json.loads((RECORDED / "pusher.json").read_text())
+        cls.average = {(row["learner"], row["method"]): row for row in cls.pusher["averages"]}
+        cls.contrast = {(row["learner"], row["method"]): row for row in cls.pusher["contrasts"]}
+        with (RECORDED / "gallery.csv").open(newline="") as file:
+            gallery = list(csv.DictReader(file))
+        cls.gallery = {}
+        for method in ("alone", "guided"):
+            mine = [row for row in gallery if row["method"] == method]
+            episodes = sum(int(row["episodes"]) for row in mine)
+            ok, failed = (sum(int(row[key]) for row in mine) / episodes for key in ("ok", "failed"))
+            cls.gallery[method] = (ok, 1 - ok - failed, failed)
+        cls.tasks = {row["task"] for row in gallery}
+        cls.policies = {row["policy"] for row in gallery}
+
+    def assert_printed(self, cell, share, digits=1):
+        """`cell` is `share` as printed in per cent."""
+        self.assertAlmostEqual(number(cell), 100 * share, delta=0.5 * 10**-digits + 1e-9)
+
+    def assert_outcomes(self, cells, row):
+        for cell, outcome in zip(cells, ("completed", "halted", "collided")):
+            self.assert_printed(cell, row[outcome])
+
+    def test_readme(self):
+        table = {cells[0]: cells[1:] for cells in rows("README.md")}
+        self.assertEqual((len(self.tasks), len(self.policies)), (18, 5))
+        for name, method in (("five policies in eighteen small tasks, alone", "alone"),
+                             ("with guided recovery, default settings", "guided")):
+            for cell, share in zip(table[name], self.gallery[method]):
+                self.assert_printed(cell, share)
+        self.assert_outcomes(table["a weak policy on the paper's Pusher, alone"], self.average["8", "baseline"])
+        self.assert_outcomes(table["with guided recovery"], self.average["8", "guided"])
+        text = (SOURCE / "README.md").read_text()
+        lwr = re.search(r"locally weighted regression alone, without any guard, completes ([\d.]+) %",
+                        re.sub(r"\s+", " ", text))
+        self.assert_printed(lwr.group(1), self.average["8", "lwr"]["completed"])
+
+        drawn_anew = re.search(r"drawn anew on the Pusher, ([\d.]+) %", re.sub(r"\s+", " ", text))
+        alone = self.average["8", "baseline"]
+        self.assert_printed(drawn_anew.group(1),
+                            alone["redrawn_starts"] / (alone["episodes"] + alone["redrawn_starts"]))
+
+    def test_results(self):
+        text = (SOURCE / "docs/results.md").read_text()
+        self.assertIn(f"--seed {self.pusher['seed']} ", text)
+        self.assertIn(f"commit {self.pusher['commit'][:7]}", text)
+        learner = None
+        seen = set()
+        # The first table of the page: the Pusher's.
+        for cells in rows("docs/results.md")[2:]:
+            if len(cells) != 8:
+                break
+            name, method = cells[0], METHODS[cells[1]]
+            if name:
+                learner = {"none": "8"}.get(name) or ("64-64" if name.startswith("64-64") else
+                                                      "8x100" if "100 epochs" in name else "8")
+            with self.subTest(learner=learner, method=method):
+                row = self.average[learner, method]
+                self.assert_outcomes(cells[2:5], row)
+                self.assertAlmostEqual(number(cells[7]), row["controls_per_trajectory"], delta=0.5)
+                if cells[5]:
+                    contrast = self.contrast[learner, method]
+                    low, high = contrast["collision_reduction_interval"]
+                    self.assertEqual([int(n) for n in re.findall(r"-?\d+", cells[5].split("(")[0])],
+                                     [round(-100 * x) for x in (contrast["collision_reduction"], high, low)])
+                    low, high = contrast["completion_ratio_interval"]
+                    self.assertEqual([int(n) for n in re.findall(r"\d+", cells[6].split("(")[0])],
+                                     [round(100 * x) for x in (contrast["completion_ratio"], low, high)])
+            seen.add((learner, method))
+        self.assertGreaterEqual(len(seen), 10)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,102 @@
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <map>
+#include <regex>
+#include <sstream>
+#include <string>
+
+#include "apps/baselines.h"
+#include "apps/policies.h"
+#include "apps/pusher/model.h"
+#include "dfr/control/derivative_free_recovery.h"
+#include "dfr/control/guided_model.h"
+#include "dfr/control/guided_policy.h"
+#include "dfr/control/jacobian_estimate.h"
+#include "dfr/core/feature_transform.h"
+#include "dfr/imitation/locally_weighted_policy.h"
+#include "dfr/kernel/whitened_support.h"
+#include "dfr/sim/pusher/pusher_plant.h"
+
+namespace dfr::apps {
+namespace {
+
+std::string Page() {
+  std::ifstream file(DFR_FROZEN_CONSTANTS);
+  std::stringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+std::map<std::string, double> InTheCode() {
+  const control::GuidedOptions guided;
+  const control::GuidedModelOptions model;
+  const control::JacobianOptions jacobian;
+  const kernel::WhitenedSupportOptions support;
+  const pusher::ModelOptions pusher;
+  const control::DfrOptions dfr;
+  const sim::PusherOptions scene;
+  const imitation::LocallyWeightedOptions lwr;
+  return {{"GuidedOptions::iterations", guided.iterations},
+          {"GuidedOptions::share", guided.share},
+          {"GuidedOptions::margin", guided.margin},
+          {"GuidedOptions::reach", guided.reach},
+          {"GuidedOptions::patience", guided.patience},
+          {"GuidedOptions::probe_size", guided.probe_size},
+          {"GuidedOptions::online_weight", guided.online_weight},
+          {"GuidedModelOptions::gate_quantile", model.gate_quantile},
+          {"GuidedModelOptions::least_gate", model.least_gate},
+          {"GuidedModelOptions::slack", model.slack},
+          {"GuidedModelOptions::control_window", model.control_window},
+          {"JacobianOptions::ridge", jacobian.ridge},
+          {"JacobianOptions::prior_weight", jacobian.prior_weight},
+          {"JacobianOptions::window", jacobian.window},
+          {"JacobianOptions::max_per_step", jacobian.max_per_step},
+          {"JacobianOptions::forgetting", jacobian.forgetting},
+          {"WhitenedSupportOptions::svm.nu", support.svm.nu},
+          {"WhitenedSupportOptions::svm.gamma", support.svm.gamma},
+          {"WhitenedSupportOptions::window", support.window},
+          {"WhitenedSupportOptions::phase_ridge", support.phase_ridge},
+          {"WhitenedSupportOptions::least_share", support.least_share},
+          {"WhiteningOptions::ridge", core::WhiteningOptions().ridge},
+          {"ModelOptions::epochs", pusher.epochs},
+          {"ModelOptions::nu", pusher.nu},
+          {"ModelOptions::gamma", pusher.gamma},
+          {"ModelOptions::horizon", pusher.horizon},
+          {"Learner::learning_rate", pusher.learner.learning_rate},
+          {"DfrOptions::probe_fraction", dfr.probe_fraction},
+          {"DfrOptions::step_fraction", dfr.step_fraction},
+          {"PusherOptions::red_y", scene.red_y},
+          {"PusherOptions::start_x_min", scene.start_x_min},
+          {"PusherOptions::start_x_max", scene.start_x_max},
+          {"PusherOptions::start_y", scene.start_y},
+          {"EnsemblePolicy::kMembers", EnsemblePolicy::kMembers},
+          {"NearestNeighbourPolicy::kNeighbours", NearestNeighbourPolicy::kNeighbours},
+          {"LocallyWeightedOptions::window", lwr.window},
+          {"LocallyWeightedOptions::width", lwr.width},
+          {"LocallyWeightedOptions::ridge", lwr.ridge}};
+}
+
+// A constant that changes without a new date fails here; so does one that is added to the page or
+// to this list alone.
+TEST(FrozenConstantsTest, AreThoseOfTheCode) {
+  const std::string page = Page();
+  ASSERT_FALSE(page.empty()) << DFR_FROZEN_CONSTANTS;
+  std::map<std::string, double> frozen;
+  const std::regex row(R"(\| (\w+::[\w.]+) \| ([-\d.e]+) \|)");
+  for (std::sregex_iterator i(page.begin(), page.end(), row), end; i != end; ++i) {
+    frozen[(*i)[1]] = std::stod((*i)[2]);
+  }
+  EXPECT_EQ(frozen, InTheCode());
+}
+
+TEST(FrozenConstantsTest, TheHeadlinesSeedIsTheirDate) {
+  const std::string page = Page();
+  std::smatch found;
+  ASSERT_TRUE(std::regex_search(
+      page, found, std::regex(R"(Frozen on (\d{4})-(\d{2})-(\d{2}), headline's seed (\d+)\.)")));
+  EXPECT_EQ(found[1].str() + found[2].str() + found[3].str(), found[4].str());
+}
+
+}  // namespace
+}  // namespace dfr::apps
