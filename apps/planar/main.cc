@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "apps/planar/evaluation.h"
-#include "apps/planar/page.h"
 #include "apps/planar/picture.h"
 #include "apps/planar/proof.h"
 #include "dfr/core/random.h"
@@ -257,8 +256,7 @@ void Picture(const PlanarStudy& study, std::uint64_t start, const std::filesyste
                      folder / (episode.method + ".png"));
   }
   painter.WriteVideo(episodes, folder / "planar.mp4");
-  WritePage(task, methods, episodes, folder / "planar.html");
-  std::printf("%s, planar.mp4 and pictures beside it\n", (folder / "planar.html").c_str());
+  std::printf("%s, and pictures beside it\n", (folder / "planar.mp4").c_str());
 }
 
 }  // namespace
@@ -312,7 +310,7 @@ int main(int argc, char** argv) try {
   prove->add_option("--seed", study.plan.seed)->capture_default_str();
   auto* certificate = app.add_subcommand("certificate", "What the certified modes rest on");
   common(certificate);
-  auto* picture = app.add_subcommand("picture", "Pictures, a video and a page to scrub through");
+  auto* picture = app.add_subcommand("picture", "Pictures and a video of one start state");
   common(picture);
   std::uint64_t start = 3;
   std::filesystem::path folder = "planar";
