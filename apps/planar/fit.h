@@ -25,6 +25,8 @@ struct MethodOptions {
   double raw_gamma = 0.0;         ///< Width of the published support's kernel; 0: the task's.
   double certified_gamma = 0.35;  ///< Width of the certified modes' kernel, in standard deviations.
   double gain_factor = 1.0;       ///< Safety factor on an estimated K or eps.
+  /// KKT violation at which every fit ends; 0: 1e-4 for the published support, 1e-6 for others.
+  double tolerance = 0.0;
 };
 
 /// How the model of a planar task is fitted.

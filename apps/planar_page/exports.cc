@@ -138,13 +138,13 @@ const char* page_describe() {
   out.precision(17);
   out << "{\"gain\":" << PointPlant::kGain << ",\"methods\":[";
   for (std::size_t m = 0; m < MethodNames().size(); ++m) {
-    out << (m == 0 ? "" : ",") << "{\"name\":\"" << MethodNames()[m] << "\",\"support\":"
-        << static_cast<int>(dfr::apps::planar_page::SupportOf(m)) << '}';
+    out << (m == 0 ? "" : ",") << "{\"name\":\"" << MethodNames()[m]
+        << "\",\"support\":" << static_cast<int>(dfr::apps::planar_page::SupportOf(m)) << '}';
   }
   out << "],\"causes\":[";
   for (int cause = 0; cause < dfr::control::kNumHaltCauses; ++cause) {
-    out << (cause == 0 ? "" : ",") << '"'
-        << Name(static_cast<dfr::control::HaltCause>(cause)) << '"';
+    out << (cause == 0 ? "" : ",") << '"' << Name(static_cast<dfr::control::HaltCause>(cause))
+        << '"';
   }
   out << "],\"scenes\":[";
   for (std::size_t i = 0; i < Scenes().size(); ++i) {

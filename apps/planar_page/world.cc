@@ -56,8 +56,7 @@ class Route {
     const auto next = std::upper_bound(at_.begin() + 1, at_.end() - 1, s);
     const auto i = static_cast<std::size_t>(next - at_.begin());
     const double segment = at_[i] - at_[i - 1];
-    const double share =
-        segment > 0.0 ? std::clamp((s - at_[i - 1]) / segment, 0.0, 1.0) : 1.0;
+    const double share = segment > 0.0 ? std::clamp((s - at_[i - 1]) / segment, 0.0, 1.0) : 1.0;
     return points_[i - 1] + share * (points_[i] - points_[i - 1]);
   }
   // Where p is along the route, not before `from` and not far behind it.
@@ -94,7 +93,7 @@ std::vector<Point> CorridorCentre() {
 }
 
 std::vector<Point> Round(double y) {
-  return {{0.0, 0.0}, {0.6, 0.25 * y}, {1.2, 0.8 * y}, {1.7, y},
+  return {{0.0, 0.0}, {0.6, 0.25 * y}, {1.2, 0.8 * y},  {1.7, y},
           {2.3, y},   {2.8, 0.8 * y},  {3.4, 0.25 * y}, {4.0, 0.0}};
 }
 
@@ -145,6 +144,9 @@ planar::Task TaskOf(const Scene& scene) {
   task.gain = PointPlant::kGain;
   return task;
 }
+
+// So close to the solution that every machine finds the same one, to all digits that are shown.
+const planar::MethodOptions kMethodOptions = {.tolerance = 1e-10};
 
 const std::array<control::CertificateKind, 3> kCertificates = {
     control::CertificateKind::kLipschitz, control::CertificateKind::kRadius,
@@ -209,7 +211,8 @@ void PointPlant::CopyStateFrom(const core::SimulatedPlant& other) noexcept {
 
 double PointPlant::Clearance(const Point& p) const noexcept {
   double least = std::numeric_limits<double>::infinity();
-  for (const Disc& disc : scene_.discs) least = std::min(least, Norm(p - disc.centre) - disc.radius);
+  for (const Disc& disc : scene_.discs)
+    least = std::min(least, Norm(p - disc.centre) - disc.radius);
   for (const Box& box : scene_.boxes) least = std::min(least, Distance(box, p));
   if (corridor_) least = std::min(least, corridor_->Clearance(p[0], p[1]));
   return least;
@@ -233,13 +236,9 @@ void PushedPolicy::Control(int t, std::span<const double> x, std::span<double> u
 }
 
 const std::vector<std::string>& MethodNames() {
-  static const std::vector<std::string> names = {"baseline",
-                                                 "early-stopping",
-                                                 "dfr",
-                                                 "guided",
-                                                 "certified-lipschitz",
-                                                 "certified-radius",
-                                                 "certified-direction"};
+  static const std::vector<std::string> names = {
+      "baseline",         "early-stopping",     "dfr", "guided", "certified-lipschitz",
+      "certified-radius", "certified-direction"};
   return names;
 }
 
@@ -287,8 +286,8 @@ struct World::Learned {
       : polynomial(demonstrations, task.degree),
         policy(polynomial),
         unpushed(polynomial),
-        model(task.plant->layout(), demonstrations, planar::TaskOptionsOf(task, {})),
-        certified(planar::FitCertified(task, demonstrations, {})),
+        model(task.plant->layout(), demonstrations, planar::TaskOptionsOf(task, kMethodOptions)),
+        certified(planar::FitCertified(task, demonstrations, kMethodOptions)),
         gain(control::EstimateGain(certified.features(), demonstrations)),
         direction_error(control::EstimateDirectionError(certified.features(), demonstrations)),
         scale(certified.features().scale()(0, 0)) {}
@@ -317,7 +316,8 @@ struct World::Learned {
   }
 };
 
-World::World(std::size_t scene) : scene_(&Scenes().at(scene)), plant_(*scene_), task_(TaskOf(*scene_)) {}
+World::World(std::size_t scene)
+    : scene_(&Scenes().at(scene)), plant_(*scene_), task_(TaskOf(*scene_)) {}
 
 World::~World() = default;
 

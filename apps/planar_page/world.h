@@ -117,9 +117,10 @@ enum class Support { kPublished, kGuided, kCertified };
 
 /// What a certificate allows in one state, as lengths in the plane.
 struct SafeRegion {
-  double lipschitz = 0.0;  ///< Any motion up to this length stays inside, by the Lipschitz constant.
-  Point centre{};          ///< Any motion into this disc stays inside, by the curvature bound.
-  double radius = 0.0;     ///< Negative outside the support, where nothing is certified.
+  double lipschitz =
+      0.0;              ///< Any motion up to this length stays inside, by the Lipschitz constant.
+  Point centre{};       ///< Any motion into this disc stays inside, by the curvature bound.
+  double radius = 0.0;  ///< Negative outside the support, where nothing is certified.
 };
 
 /// One control of an episode.

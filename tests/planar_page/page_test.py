@@ -4,11 +4,10 @@ usage: page_test.py PAGE LIBRARY CHROMIUM     (LIBRARY: the same functions, comp
 """
 
 import ctypes
-import html
+import http.server
 import json
 import math
 import pathlib
-import re
 import subprocess
 import sys
 import tempfile
@@ -17,6 +16,7 @@ import unittest
 PAGE, LIBRARY, CHROMIUM = sys.argv[1:4]
 del sys.argv[1:4]
 METHODS = range(7)
+WAIT_S = 120
 
 
 def calls():
@@ -65,25 +65,42 @@ def native(script):
     return answers
 
 
+class Answers(http.server.BaseHTTPRequestHandler):
+    """Takes what the page has to say."""
+
+    def do_POST(self):
+        self.server.answer = self.rfile.read(int(self.headers["Content-Length"])).decode()
+        self.send_response(204)
+        self.end_headers()
+
+    def log_message(self, *_):
+        pass
+
+
 def in_page(script, *flags):
-    """What `script`, a function's body in JavaScript, returns after the page is ready."""
-    hook = f"""<script>ready.then(async () => {{ {script} }}).catch(e => ({{failed: String(e)}})).then(result => {{
-      const pre = document.createElement("pre");
-      pre.id = "result";
-      pre.textContent = JSON.stringify(result, (k, v) => typeof v === "number" && !isFinite(v) ? String(v) : v);
-      document.body.append(pre);
-    }});</script></body>"""
-    with tempfile.TemporaryDirectory() as folder:
+    """What `script`, a function's body in JavaScript, returns once the page is ready. The page is
+    opened from the disk."""
+    with tempfile.TemporaryDirectory() as folder, http.server.HTTPServer(("127.0.0.1", 0), Answers) as server:
+        hook = f"""<script>ready.then(async () => {{ {script} }}).catch(e => ({{failed: String(e)}})).then(result =>
+          fetch("http://127.0.0.1:{server.server_port}/", {{method: "POST", mode: "no-cors", body:
+            JSON.stringify(result, (k, v) => typeof v === "number" && !isFinite(v) ? String(v) : v)}}));</script></body>"""
         hooked = pathlib.Path(folder, "page.html")
         hooked.write_text(pathlib.Path(PAGE).read_text().replace("</body>", hook))
-        dom = subprocess.run(
-            [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder}/profile",
-             "--window-size=1400,1000", "--virtual-time-budget=20000", "--dump-dom", *flags, hooked.as_uri()],
-            capture_output=True, text=True, timeout=300, check=False)
-    found = re.search(r'<pre id="result">(.*?)</pre>', dom.stdout, re.S)
-    if not found:
-        raise RuntimeError(f"the page gave no answer: {dom.stderr[-2000:]}")
-    result = json.loads(html.unescape(found.group(1)))
+        server.answer = None
+        server.timeout = WAIT_S
+        with open(f"{folder}/log", "wb") as log:
+            browser = subprocess.Popen(
+                [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder}/profile",
+                 "--window-size=1400,1000", "--remote-debugging-port=0", *flags, hooked.as_uri()],
+                stdout=log, stderr=log)
+        try:
+            server.handle_request()
+        finally:
+            browser.terminate()
+            browser.wait()
+        if server.answer is None:
+            raise RuntimeError(f"no answer in {WAIT_S} s: {pathlib.Path(folder, 'log').read_text()[-1000:]}")
+    result = json.loads(server.answer)
     if isinstance(result, dict) and "failed" in result:
         raise RuntimeError(result["failed"])
     return result
