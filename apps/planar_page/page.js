@@ -2,7 +2,7 @@
 // Draws what the libraries compute, and passes on what the user does. No number is computed here.
 const $ = id => document.getElementById(id);
 const VIEW = {left: -0.4, right: 4.4, bottom: -1.15, top: 1.15};
-const CELL = 7;  // pixels between the points at which the support is evaluated
+const CELL = 9;  // pixels between the points at which the support is evaluated
 const POLICY = 0, PROBE = 1, RECOVERY = 2, HALT = 3;
 const MODES = ["learned", "probe", "recovery", "halted"];
 const OUTCOMES = ["completed", "halted", "collided"];

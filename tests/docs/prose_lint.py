@@ -31,7 +31,6 @@ apps/line_tracking/commands.h
 apps/line_tracking/experiment.cc
 apps/line_tracking/model.h
 apps/line_tracking/robot_config.h
-apps/planar/methods.h
 apps/pusher/model.h
 bench/dds/dds_latency_bench.cc
 docs/architecture.md
@@ -42,7 +41,6 @@ docs/mathematics.md
 docs/pusher.md
 docs/recovery.md
 docs/robot.md
-docs/understand.md
 hardware/dvrk/include/dfr/hardware/psm_client.h
 hardware/dvrk/include/dfr/hardware/psm_driver.h
 hardware/dvrk/include/dfr/hardware/psm_motion.h
