@@ -5,6 +5,44 @@
 #include "dfr/core/contract.h"
 
 namespace dfr::apps::planar {
+namespace {
+
+std::vector<core::Matrix> States(std::span<const core::Trajectory> demonstrations) {
+  std::vector<core::Matrix> states;
+  for (const auto& d : demonstrations) states.push_back(d.states);
+  return states;
+}
+
+core::FeatureSelection All(const Task& task) {
+  return core::FeatureSelection::All(task.plant->state_dim());
+}
+
+// One common scale for all entries, so that |dz| is |dx| up to that factor.
+core::FeatureTransform Isotropic(const Task& task,
+                                 std::span<const core::Trajectory> demonstrations) {
+  const int n = task.plant->state_dim();
+  const core::FeatureTransform whitening = core::FeatureTransform::Whitening(
+      All(task), States(demonstrations), {.decorrelate = false, .local = false});
+  const double scale = static_cast<double>(n) / whitening.scale().diagonal().cwiseInverse().sum();
+  return {All(task), Eigen::VectorXd::Zero(n), scale * core::Matrix::Identity(n, n)};
+}
+
+}  // namespace
+
+safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options) {
+  kernel::TimeVaryingSupportOptions raw;
+  raw.svm.gamma = options.raw_gamma > 0.0 ? options.raw_gamma : task.raw_gamma;
+  safety::TaskOptions result;
+  result.guided.svm.gamma = options.gamma;
+  result.guided.svm.tolerance = 1e-6;
+  result.guided.window = options.window;
+  result.guided.phase_whitening = options.whitening && options.phase_whitening;
+  result.guided.hold_ended = options.hold_ended;
+  result.whitening.decorrelate = options.whitening;
+  result.published = raw;
+  result.horizon = task.horizon;
+  return result;
+}
 
 Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
                  const MethodOptions& options)
@@ -13,7 +51,9 @@ Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
       demonstrations_(std::move(demonstrations)),
       policy_(demonstrations_, task.degree),
       model_(task.plant->layout(), demonstrations_, TaskOptionsOf(task, options)),
-      certified_(FitCertified(task, demonstrations_, options)),
+      certified_(
+          Isotropic(task, demonstrations_), demonstrations_,
+          {.svm = {.gamma = options.certified_gamma, .tolerance = 1e-6}, .phase_whitening = false}),
       controllers_(model_, policy_, task.plant->layout(), demonstrations_),
       gain_(control::EstimateGain(certified_.features(), demonstrations_)),
       direction_error_(control::EstimateDirectionError(certified_.features(), demonstrations_)) {}
@@ -30,6 +70,14 @@ double Methods::Level(SupportKind kind, int t, std::span<const double> x) const 
   std::vector<double> z(static_cast<std::size_t>(guided.features().num_features()));
   guided.features().Apply(x, z);
   return guided.support().LogDecision(t, z, {});
+}
+
+control::Certificate Methods::certificate(control::CertificateKind kind) const noexcept {
+  const double scale = certified_.features().scale()(0, 0);
+  // A known K needs no safety factor, but its two factors are rounded apart.
+  const double gain =
+      task_.gain > 0.0 ? task_.gain * scale * (1.0 + 1e-12) : gain_.value * options_.gain_factor;
+  return {kind, gain, direction_error_.value * options_.gain_factor + 1e-9};
 }
 
 std::unique_ptr<control::Controller> Methods::Make(std::string_view method,

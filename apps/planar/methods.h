@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "apps/controller_factory.h"
-#include "apps/planar/fit.h"
 #include "apps/planar/polynomial_policy.h"
 #include "apps/planar/task.h"
 #include "dfr/control/assumptions.h"
@@ -20,6 +19,20 @@
 
 namespace dfr::apps::planar {
 
+/// What may be varied of the methods.
+struct MethodOptions {
+  /// Of guided recovery's support, in whitened units.
+  double gamma = kernel::WhitenedSupportOptions().svm.gamma;
+  bool whitening = true;
+  bool phase_whitening = true;
+  bool hold_ended = true;
+  int window = 2;
+  control::GuidedOptions guided = {};
+  double raw_gamma = 0.0;         ///< Of the paper's support; 0: the task's.
+  double certified_gamma = 0.35;  ///< Of the certified modes' support, in standard deviations.
+  double gain_factor = 1.0;       ///< Safety factor on an estimated K or eps.
+};
+
 /// apps::kOtherMethods and the certified modes.
 inline constexpr std::array<std::string_view, 6> kPlanarMethods = {"certified-lipschitz",
                                                                    "certified-radius",
@@ -28,9 +41,12 @@ inline constexpr std::array<std::string_view, 6> kPlanarMethods = {"certified-li
                                                                    "lwr",
                                                                    "knn"};
 
-/// Which support a method looks at.
+/// Which of the supports a method looks at.
 enum class SupportKind { kRaw, kGuided, kCertified };
 [[nodiscard]] SupportKind SupportOf(std::string_view method);
+
+/// How the model of a planar task is fitted.
+[[nodiscard]] safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options);
 
 /// Everything that is learned from one set of demonstrations, and the controllers made of it.
 class Methods {
@@ -53,7 +69,7 @@ class Methods {
   [[nodiscard]] const kernel::TimeVaryingSupport& raw_support() const noexcept {
     return *model_.published();
   }
-  /// What guided recovery or the certified modes know. `kind` is kGuided or kCertified.
+  /// What guided recovery, or the certified modes, know: `kind` is kGuided or kCertified.
   [[nodiscard]] const safety::GuidedRecovery& recovery(SupportKind kind) const noexcept {
     return kind == SupportKind::kGuided ? model_.guided() : certified_;
   }
@@ -64,9 +80,7 @@ class Methods {
     return direction_error_;
   }
   /// With the constants that Make() gives to a certified mode.
-  [[nodiscard]] control::Certificate certificate(control::CertificateKind kind) const noexcept {
-    return CertificateOf(task_, certified_, gain_, direction_error_, options_.gain_factor, kind);
-  }
+  [[nodiscard]] control::Certificate certificate(control::CertificateKind kind) const noexcept;
 
  private:
   Task task_;

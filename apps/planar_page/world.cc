@@ -9,7 +9,9 @@
 #include "dfr/control/assumptions.h"
 #include "dfr/control/guided_policy.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/feature_transform.h"
 #include "dfr/core/random.h"
+#include "dfr/kernel/time_varying_support.h"
 #include "dfr/safety/method.h"
 
 namespace dfr::apps::planar_page {
@@ -133,20 +135,31 @@ std::vector<Scene> MakeScenes() {
   };
 }
 
-planar::Task TaskOf(const Scene& scene) {
-  planar::Task task;
-  task.name = scene.name;
-  task.plant = std::make_shared<PointPlant>(scene);
-  task.degree = scene.degree;
-  task.horizon = kHorizon;
-  // Wider, DFR's support reaches across the pillar; narrower, it only ever halts.
-  task.raw_gamma = 2.0;
-  task.gain = PointPlant::kGain;
-  return task;
+// So close to the solution that every machine finds the same one, to all digits that are shown.
+constexpr double kTolerance = 1e-10;
+
+safety::TaskOptions Options() {
+  safety::TaskOptions options;
+  options.guided.svm.tolerance = kTolerance;
+  // Wider, the published support reaches across the pillar; narrower, DFR only ever halts.
+  options.published = kernel::TimeVaryingSupportOptions();
+  options.published->svm.gamma = 2.0;
+  options.published->svm.tolerance = kTolerance;
+  options.horizon = kHorizon;
+  return options;
 }
 
-// So close to the solution that every machine finds the same one, to all digits that are shown.
-const planar::MethodOptions kMethodOptions = {.tolerance = 1e-10};
+// The certified modes' features: both coordinates in one unit, so that |dz| is |dx| times a factor.
+core::FeatureTransform OneUnit(std::span<const core::Trajectory> demonstrations) {
+  const core::FeatureSelection all = core::FeatureSelection::All(2);
+  std::vector<core::Matrix> states;
+  states.reserve(demonstrations.size());
+  for (const core::Trajectory& d : demonstrations) states.push_back(d.states);
+  const core::FeatureTransform whitening =
+      core::FeatureTransform::Whitening(all, states, {.decorrelate = false, .local = false});
+  const double scale = 2.0 / whitening.scale().diagonal().cwiseInverse().sum();
+  return {all, Eigen::VectorXd::Zero(2), scale * core::Matrix::Identity(2, 2)};
+}
 
 const std::array<control::CertificateKind, 3> kCertificates = {
     control::CertificateKind::kLipschitz, control::CertificateKind::kRadius,
@@ -282,14 +295,15 @@ Decision Episode::Step() noexcept {
 }
 
 struct World::Learned {
-  Learned(const planar::Task& task, std::span<const core::Trajectory> demonstrations)
-      : polynomial(demonstrations, task.degree),
+  Learned(const PointPlant& plant, int degree, std::span<const core::Trajectory> demonstrations)
+      : polynomial(demonstrations, degree),
         policy(polynomial),
         unpushed(polynomial),
-        model(task.plant->layout(), demonstrations, planar::TaskOptionsOf(task, kMethodOptions)),
-        certified(planar::FitCertified(task, demonstrations, kMethodOptions)),
-        gain(control::EstimateGain(certified.features(), demonstrations)),
-        direction_error(control::EstimateDirectionError(certified.features(), demonstrations)),
+        model(plant.layout(), demonstrations, Options()),
+        certified(OneUnit(demonstrations), demonstrations,
+                  {.svm = {.gamma = 0.35, .tolerance = kTolerance}, .phase_whitening = false}),
+        direction_error(
+            control::EstimateDirectionError(certified.features(), demonstrations).value),
         scale(certified.features().scale()(0, 0)) {}
 
   planar::PolynomialPolicy polynomial;
@@ -297,27 +311,28 @@ struct World::Learned {
   PushedPolicy unpushed;  ///< For Run(), which nobody pushes.
   safety::TaskModel model;
   safety::GuidedRecovery certified;
-  control::EstimatedConstant gain;
-  control::EstimatedConstant direction_error;
+  double direction_error;
   double scale;  ///< The certified modes' features are the state times this.
 
   [[nodiscard]] std::unique_ptr<control::Controller> Make(std::size_t method,
                                                           const PushedPolicy& with,
-                                                          const planar::Task& task,
                                                           int first_step) const {
     const std::string& name = MethodNames().at(method);
     if (planar_page::SupportOf(method) != Support::kCertified) {
       return model.MakeController(safety::ParseMethod(name), with, {.first_step = first_step});
     }
-    control::GuidedOptions options{.horizon = task.horizon, .first_step = first_step};
-    options.certificate = planar::CertificateOf(task, certified, gain, direction_error, 1.0,
-                                                kCertificates.at(method - 4));
+    control::GuidedOptions options;
+    options.horizon = kHorizon;
+    options.first_step = first_step;
+    options.certificate.kind = kCertificates.at(method - 4);
+    // K is known. Its two factors are rounded apart.
+    options.certificate.gain = PointPlant::kGain * scale * (1.0 + 1e-12);
+    options.certificate.direction_error = direction_error + 1e-9;
     return std::make_unique<control::GuidedPolicy>(with, certified.model(), options);
   }
 };
 
-World::World(std::size_t scene)
-    : scene_(&Scenes().at(scene)), plant_(*scene_), task_(TaskOf(*scene_)) {}
+World::World(std::size_t scene) : scene_(&Scenes().at(scene)), plant_(*scene_) {}
 
 World::~World() = default;
 
@@ -374,7 +389,7 @@ void World::Clear() {
   learned_.reset();
 }
 
-void World::Fit() { learned_ = std::make_unique<Learned>(task_, demonstrations_); }
+void World::Fit() { learned_ = std::make_unique<Learned>(plant_, scene_->degree, demonstrations_); }
 
 // Nothing if an obstacle is touched or the goal is not reached.
 std::optional<core::Trajectory> World::Follow(const std::vector<Point>& points, bool unsteady,
@@ -457,8 +472,8 @@ SafeRegion World::Certified(int t, const Point& x) const noexcept {
 
 Episode World::Start(std::size_t method, const Point& start, int first_step,
                      std::uint64_t seed) const {
-  Episode episode(*scene_, learned_->policy,
-                  learned_->Make(method, learned_->policy, task_, first_step), seed);
+  Episode episode(*scene_, learned_->policy, learned_->Make(method, learned_->policy, first_step),
+                  seed);
   episode.plant().MoveTo(start);
   return episode;
 }
@@ -471,8 +486,7 @@ Tally World::Run(std::size_t method, int count, std::uint64_t seed) const {
   Tally tally;
   for (int i = 0; i < count; ++i) {
     const auto number = static_cast<std::uint64_t>(i);
-    Episode episode(*scene_, learned_->unpushed,
-                    learned_->Make(method, learned_->unpushed, task_, 0),
+    Episode episode(*scene_, learned_->unpushed, learned_->Make(method, learned_->unpushed, 0),
                     core::DeriveSeed(seed, {number, 1}));
     episode.plant().Reset(core::DeriveSeed(seed, {number, 0}));
     while (!episode.over()) static_cast<void>(episode.Step());

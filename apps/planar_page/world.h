@@ -8,9 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/planar/fit.h"
 #include "apps/planar/polynomial_policy.h"
-#include "apps/planar/task.h"
 #include "dfr/control/certificate.h"
 #include "dfr/control/controller.h"
 #include "dfr/core/plant.h"
@@ -218,7 +216,6 @@ class World {
 
   const Scene* scene_;
   PointPlant plant_;
-  planar::Task task_;
   std::vector<core::Trajectory> demonstrations_;
   std::unique_ptr<Learned> learned_;
 };

@@ -31,6 +31,7 @@ apps/line_tracking/commands.h
 apps/line_tracking/experiment.cc
 apps/line_tracking/model.h
 apps/line_tracking/robot_config.h
+apps/planar/methods.h
 apps/pusher/model.h
 bench/dds/dds_latency_bench.cc
 docs/architecture.md
