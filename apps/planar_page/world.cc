@@ -63,11 +63,12 @@ class Route {
   }
   // Where p is along the route, not before `from` and not far behind it.
   [[nodiscard]] double Progress(const Point& p, double from) const {
-    constexpr double kWindow = 0.4;
+    constexpr int kPlaces = 20;
     constexpr double kSpacing = 0.02;
     double best = from;
     double least = Norm(At(from) - p);
-    for (double s = from; s <= std::min(from + kWindow, length()); s += kSpacing) {
+    for (int i = 1; i <= kPlaces; ++i) {
+      const double s = std::min(from + i * kSpacing, length());
       const double distance = Norm(At(s) - p);
       if (distance < least) {
         least = distance;
