@@ -10,7 +10,6 @@
 #include "apps/planar_page/world.h"
 #include "dfr/core/contract.h"
 
-using dfr::apps::planar_page::Box;
 using dfr::apps::planar_page::Disc;
 using dfr::apps::planar_page::Episode;
 using dfr::apps::planar_page::MethodNames;
