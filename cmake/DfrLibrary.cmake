@@ -47,13 +47,20 @@ function(dfr_add_library name)
   set_property(GLOBAL APPEND PROPERTY DFR_LIBRARIES ${name})
 endfunction()
 
-# dfr_add_app(pusher SOURCES ... LINK ...) makes bin/pusher.
+# dfr_add_app(pusher SOURCES ... LINK ...) makes bin/pusher, its manual page and its completion in bash.
 function(dfr_add_app name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;LINK")
   add_executable(${name} ${arg_SOURCES})
   target_compile_features(${name} PRIVATE cxx_std_20)
   target_link_libraries(${name} PRIVATE ${arg_LINK} dfr_build_flags)
   install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT ${name})
+  set(manual ${PROJECT_BINARY_DIR}/man/${name}.1)
+  add_custom_command(TARGET ${name} POST_BUILD BYPRODUCTS ${manual}
+    COMMAND ${CMAKE_COMMAND} -DPROGRAM=$<TARGET_FILE:${name}> -DNAME=${name}
+      -DVERSION=${PROJECT_VERSION} -DOUTPUT=${manual} -P ${PROJECT_SOURCE_DIR}/cmake/ManPage.cmake)
+  install(FILES ${manual} DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT ${name})
+  install(FILES ${PROJECT_SOURCE_DIR}/cmake/completion.bash RENAME ${name}
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT ${name})
   set_property(GLOBAL APPEND PROPERTY DFR_APPS ${name})
 endfunction()
 

@@ -23,7 +23,8 @@ class PlanarTrialRunner final : public experiment::RolloutRunner {
         methods_(task,
                  Demonstrate(task, demonstrations,
                              core::DeriveSeed(plan.seed, {2, static_cast<std::uint64_t>(trial)})),
-                 study.methods) {
+                 study.methods,
+                 core::DeriveSeed(plan.seed, {3, static_cast<std::uint64_t>(trial)})) {
     for (const std::string& method : names_) Add(methods_.Make(method, driven()));
   }
 

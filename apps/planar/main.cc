@@ -16,7 +16,6 @@
 #include <vector>
 
 #include "apps/planar/evaluation.h"
-#include "apps/planar/page.h"
 #include "apps/planar/picture.h"
 #include "apps/planar/proof.h"
 #include "dfr/control/certifier.h"
@@ -315,8 +314,7 @@ void Picture(const PlanarStudy& study, std::uint64_t start, const std::filesyste
                      folder / (episode.method + ".png"));
   }
   painter.WriteVideo(episodes, folder / "planar.mp4");
-  WritePage(task, methods, episodes, folder / "planar.html");
-  std::printf("%s, planar.mp4 and pictures beside it\n", (folder / "planar.html").c_str());
+  std::printf("%s, and pictures beside it\n", (folder / "planar.mp4").c_str());
 }
 
 }  // namespace
@@ -389,7 +387,7 @@ int main(int argc, char** argv) try {
   auto* certificate = app.add_subcommand("certificate", "What the certified modes rest on");
   common(certificate);
   seeded(certificate);
-  auto* picture = app.add_subcommand("picture", "Pictures, a video and a page to scrub through");
+  auto* picture = app.add_subcommand("picture", "Pictures and a video of one start state");
   common(picture);
   seeded(picture);
   std::uint64_t start = 3;

@@ -216,7 +216,7 @@ TEST(RaiseLevelTest, ASingleStepOvershootsByNoMoreThanTheBoundLeavesOut) {
     const double l = RaiseLevel(model, {.level = target}, {.iterations = 1}, v);
     const double moved = (answer.jacobian() * v).squaredNorm();
     ASSERT_LE(l, target + 0.5 * kGamma * kGamma * square * moved + 1e-12);
-    // Of what the step surely gains it misses nothing, if it is not the largest.
+    // The step misses nothing of what it surely gains, if it is not the largest.
     reached += l >= target - 1e-12 ? 1 : 0;
   }
   EXPECT_GT(reached, 300);

@@ -36,12 +36,10 @@ bench/dds/dds_latency_bench.cc
 docs/architecture.md
 docs/decisions.md
 docs/kernel.md
-docs/line_tracking.md
 docs/mathematics.md
 docs/pusher.md
 docs/recovery.md
 docs/robot.md
-docs/understand.md
 hardware/dvrk/include/dfr/hardware/psm_client.h
 hardware/dvrk/include/dfr/hardware/psm_driver.h
 hardware/dvrk/include/dfr/hardware/psm_motion.h
@@ -58,18 +56,10 @@ libs/control/include/dfr/control/switching_policy.h
 libs/dds/src/participant.cc
 libs/recording/src/recorder.cc
 libs/runtime/include/dfr/runtime/fail_safe.h
-libs/safety/include/dfr/safety/guard.h
-libs/safety/include/dfr/safety/guard_model.h
-libs/safety/include/dfr/safety/task_model.h
-sim/gallery/include/dfr/sim/gallery/gallery.h
-sim/gallery/src/arm7.cc
-tests/control/support_step_test.cc
 tests/dds/watchdog_test.cc
-tests/kernel/support_estimates_test.cc
 tests/safety/task_model_test.cc
 tests/sim_dvrk_scene/dvrk_scene_server_test.cc
 tests/sim_dvrk_scene/dvrk_scene_test.cc
-tests/sim_line_tracking/line_tracking_plant_test.cc
 """.split())
 
 

@@ -6,6 +6,7 @@ import pathlib
 import re
 import sys
 import unittest
+import xml.etree.ElementTree
 
 SOURCE, BINARY = (pathlib.Path(p).resolve() for p in sys.argv[1:3])
 del sys.argv[1:3]
@@ -52,6 +53,9 @@ class Citizenship(unittest.TestCase):
     def test_versions_agree(self):
         version = re.search(r"project\(dfr VERSION (\S+)", text("CMakeLists.txt")).group(1)
         self.assertEqual(cff("version"), version)
+        ros = xml.etree.ElementTree.parse(SOURCE / "package.xml").getroot()
+        self.assertEqual(ros.findtext("version"), version)
+        self.assertEqual((ros.findtext("name"), ros.findtext("license")), ("dfr", cff("license")))
 
     def test_the_citation_names_software_and_paper(self):
         citation = text("CITATION.cff")

@@ -5,9 +5,6 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
-#include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
 #include <stdexcept>
@@ -16,7 +13,6 @@
 
 #include "apps/planar/evaluation.h"
 #include "apps/planar/methods.h"
-#include "apps/planar/page.h"
 #include "apps/planar/picture.h"
 #include "apps/planar/proof.h"
 #include "apps/planar/task.h"
@@ -163,49 +159,6 @@ TEST(PlanarTest, EveryMethodRunsAndUnknownNamesAreNamed) {
   EXPECT_THROW((void)methods.Make("magic", *task.plant), std::invalid_argument);
   EXPECT_THROW((void)methods.Make("guided-without-magic", *task.plant), std::invalid_argument);
   EXPECT_THROW((void)MakeTask("magic"), std::invalid_argument);
-}
-
-// The page evaluates supports by itself: from what it holds, l comes out as the library has it.
-TEST(PageTest, HoldsEveryMethodAndItsSupport) {
-  const Task task = MakeTask("push");
-  const Methods methods(task, Demonstrate(task, 20, 1));
-  const auto episodes = Record(task, methods, {"baseline", "guided"}, 3);
-  const auto path = std::filesystem::path(testing::TempDir()) / "planar_test.html";
-  WritePage(task, methods, episodes, path);
-  std::ifstream file(path);
-  const std::string page((std::istreambuf_iterator<char>(file)), {});
-  std::filesystem::remove(path);
-  EXPECT_EQ(page.find("://"), std::string::npos) << "self-contained";
-  const std::size_t begin = page.find("const data = ") + 13;
-  const auto data = nlohmann::json::parse(page.substr(begin, page.find(";\n", begin) - begin));
-  ASSERT_EQ(data["methods"].size(), 2u);
-  for (std::size_t m = 0; m < 2; ++m) {
-    const auto& method = data["methods"][m];
-    SCOPED_TRACE(method["name"]);
-    EXPECT_EQ(method["frames"].back()["n"], episodes[m].shots.size() - 1);
-    for (const auto& frame : method["frames"]) {
-      const Shot& shot = episodes[m].shots[frame["n"].get<std::size_t>()];
-      const auto& support =
-          data["supports"][method["support"].get<std::string>()][std::to_string(shot.step.t)];
-      double sum = 0.0;
-      for (std::size_t k = 0; k < support["y"].size(); ++k) {
-        double square = 0.0;
-        for (std::size_t i = 0; i < support["b"].size(); ++i) {
-          double y = support["b"][i];
-          for (std::size_t j = 0; j < shot.x.size(); ++j) {
-            y += support["A"][i][j].get<double>() * shot.x[j];
-          }
-          square += std::pow(y - support["y"][k][i].get<double>(), 2);
-        }
-        sum += std::exp(support["w"][k].get<double>() - support["gamma"].get<double>() * square);
-      }
-      const double l = std::log(sum) - support["logRho"].get<double>();
-      const double wanted = methods.Level(SupportOf(episodes[m].method), shot.step.t, shot.x);
-      // Coordinates are rounded to five decimals, and l changes by its gradient times that.
-      EXPECT_NEAR(l, wanted, 1e-3 * (1.0 + std::abs(wanted)));
-    }
-  }
-  EXPECT_THROW(WritePage(task, methods, episodes, "/nowhere/page.html"), std::runtime_error);
 }
 
 TEST(VideoWriterTest, WritesEvenSizesAndRefusesOtherEndings) {

@@ -193,7 +193,7 @@ TEST(LineTrackingPlantTest, RealTimeNeverStops) {
   EXPECT_GT((plant.truth().p_world_gauze.translation() - gauze).norm(), 5e-3);
 }
 
-// An arm and a clock of somebody else's, with the readings that Apply() goes through.
+// An arm and a clock of the caller's, with the readings that Apply() goes through.
 TEST(LineTrackingPlantTest, DrivenByReadingsItDoesWhatItDoesByControls) {
   LineTrackingOptions options = Truth(Wave::kRandom);
   options.disturbance.between = true;
@@ -344,7 +344,7 @@ TEST(LineTrackingPlantTest, ThePictureShowsMarksWhereTheCameraProjectsThem) {
       mean += error / 16.0;
     }
   }
-  // Of 16 such, the mean scatters by 0.02. Half a pixel, say, would be a wrong convention.
+  // The mean of 16 such scatters by 0.02. Half a pixel, say, would be a wrong convention.
   EXPECT_LT(mean.norm(), 0.06);
 }
 

@@ -14,7 +14,14 @@ Workers::Workers(int threads)
   DFR_THROW_UNLESS(threads >= 0, "threads must not be negative: " << threads);
 }
 
-Workers::~Workers() = default;
+Workers::~Workers() {
+  {
+    const std::scoped_lock lock(mutex_);
+    ending_ = true;
+  }
+  begin_.notify_all();
+  for (std::thread& helper : helpers_) helper.join();
+}
 
 void Workers::Run(std::size_t count, const std::function<void(std::size_t)>& job) {
   if (wanted_ == 1 || count <= 1) {
@@ -22,7 +29,7 @@ void Workers::Run(std::size_t count, const std::function<void(std::size_t)>& job
     return;
   }
   while (helpers_.size() + 1 < wanted_) {
-    helpers_.emplace_back([this](const std::stop_token& stop) { Help(stop); });
+    helpers_.emplace_back([this] { Help(); });
   }
   std::unique_lock lock(mutex_);
   job_ = &job;
@@ -35,9 +42,13 @@ void Workers::Run(std::size_t count, const std::function<void(std::size_t)>& job
   if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
 }
 
-void Workers::Help(const std::stop_token& stop) {
+void Workers::Help() {
   std::unique_lock lock(mutex_);
-  while (begin_.wait(lock, stop, [this] { return next_ < count_; })) Work(lock);
+  while (true) {
+    begin_.wait(lock, [this] { return ending_ || next_ < count_; });
+    if (ending_) return;
+    Work(lock);
+  }
 }
 
 void Workers::Work(std::unique_lock<std::mutex>& lock) {

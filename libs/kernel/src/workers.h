@@ -26,19 +26,20 @@ class Workers {
   void Run(std::size_t count, const std::function<void(std::size_t)>& job);
 
  private:
-  void Help(const std::stop_token& stop);
+  void Help();
   void Work(std::unique_lock<std::mutex>& lock);
 
   std::size_t wanted_;
   std::mutex mutex_;
-  std::condition_variable_any begin_;
+  std::condition_variable begin_;
   std::condition_variable end_;
   const std::function<void(std::size_t)>* job_ = nullptr;
   std::size_t next_ = 0;
   std::size_t count_ = 0;
   std::size_t running_ = 0;
+  bool ending_ = false;
   std::exception_ptr failure_;
-  std::vector<std::jthread> helpers_;
+  std::vector<std::thread> helpers_;
 };
 
 }  // namespace dfr::kernel::internal

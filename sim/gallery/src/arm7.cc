@@ -42,7 +42,7 @@ class Arm7Plant final : public Cloned<Arm7Plant> {
   }
 
  private:
-  // Of the joints, then the tip.
+  // The joints, then the tip.
   [[nodiscard]] std::array<Point, kJoints + 1> Points() const noexcept {
     std::array<Point, kJoints + 1> points{};
     double angle = 0.0;

@@ -40,7 +40,7 @@ enum class Strategy {
 struct GuardSettings {
   Strategy strategy = Strategy::kGuided;
   int horizon = 100;          ///< Actions of the policy in an episode, > 0; the guard then halts.
-  int max_actions = 1200;     ///< Actions of any kind in an episode, > 0; likewise.
+  int max_actions = 1200;     ///< Actions of any kind, > 0; the guard then halts.
   double action_limit = 1.0;  ///< Each entry of an applied action is within +- this, > 0.
   double alarm_level = 0.2;   ///< Alarm where l, the log form of g, falls below - this.
   /// Of kCertified, eps >= 0 of |dz - J u| <= eps |u|: what the answer of the whitened features to
@@ -51,7 +51,7 @@ struct GuardSettings {
 /// What a fit found, kept in the file.
 struct GuardSummary {
   std::string source = {};   ///< Where the demonstrations came from, if the caller said so.
-  std::string version = {};  ///< Of the library that fitted.
+  std::string version = {};  ///< The library that fitted.
   int demonstrations = 0;
   int transitions = 0;  ///< Actions in all of them.
   double nu = 0.0;

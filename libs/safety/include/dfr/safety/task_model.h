@@ -28,7 +28,7 @@ struct TaskOptions {
   /// them; "" for all.
   std::string guided_features = {};
   kernel::WhitenedSupportOptions guided = {};
-  core::WhiteningOptions whitening = {};  ///< Of these features.
+  core::WhiteningOptions whitening = {};  ///< How guided_features are whitened.
   /// The same for the published support: features as they are, one estimate per time step. Without
   /// `published`, Algorithm 1 runs on guided recovery's support.
   std::string published_features = {};

@@ -92,7 +92,7 @@ struct GalleryTask {
   int epochs = 100;                    ///< and how often it sees the demonstrations.
   std::vector<int> weak_hidden = {8};  ///< The same of the weak one.
   int weak_epochs = 10;
-  Flaw flaw = {};  ///< Of the biased one, which is the good one otherwise.
+  Flaw flaw = {};  ///< Makes the biased policy of the good one.
 };
 
 /// All tasks, design and judgement, in a fixed order.

@@ -1,0 +1,10 @@
+cmake_minimum_required(VERSION 3.25)
+# Writes OUTPUT: page.html of SOURCE with its style, its script and KERNEL, the compiled libraries.
+file(READ ${SOURCE}/page.html page)
+file(READ ${SOURCE}/page.css css)
+file(READ ${SOURCE}/page.js js)
+file(READ ${KERNEL} kernel)
+string(REPLACE "@CSS@" "${css}" page "${page}")
+string(REPLACE "@JS@" "${js}" page "${page}")
+string(REPLACE "@KERNEL@" "${kernel}" page "${page}")
+file(WRITE ${OUTPUT} "${page}")

@@ -1,0 +1,501 @@
+#include "apps/planar_page/world.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <utility>
+
+#include "dfr/control/assumptions.h"
+#include "dfr/control/guided_policy.h"
+#include "dfr/core/contract.h"
+#include "dfr/core/feature_transform.h"
+#include "dfr/core/random.h"
+#include "dfr/kernel/time_varying_support.h"
+#include "dfr/safety/method.h"
+
+namespace dfr::apps::planar_page {
+namespace {
+
+constexpr double kSpeed = 0.6;      // Norm of a demonstrated control.
+constexpr double kUnsteady = 0.35;  // Noise on each entry of it, a standard deviation.
+constexpr int kHorizon = 200;       // Controls that a demonstration takes at most.
+constexpr int kLooks = 4;           // Looks along each motion, so that no corner is cut unseen.
+
+Point operator+(const Point& a, const Point& b) { return {a[0] + b[0], a[1] + b[1]}; }
+Point operator-(const Point& a, const Point& b) { return {a[0] - b[0], a[1] - b[1]}; }
+Point operator*(double s, const Point& p) { return {s * p[0], s * p[1]}; }
+double Norm(const Point& p) { return std::hypot(p[0], p[1]); }
+
+Point Turned(const Point& p, double angle) {
+  const double c = std::cos(angle);
+  const double s = std::sin(angle);
+  return {c * p[0] - s * p[1], s * p[0] + c * p[1]};
+}
+
+Point Saturated(const Point& u) {
+  return {std::clamp(u[0], -1.0, 1.0), std::clamp(u[1], -1.0, 1.0)};
+}
+
+// Distance to a box; inside, how deep, negated.
+double Distance(const Box& box, const Point& p) {
+  const double dx = std::max(box.low[0] - p[0], p[0] - box.high[0]);
+  const double dy = std::max(box.low[1] - p[1], p[1] - box.high[1]);
+  if (dx <= 0.0 && dy <= 0.0) return std::max(dx, dy);
+  return std::hypot(std::max(dx, 0.0), std::max(dy, 0.0));
+}
+
+// A polyline by its length.
+class Route {
+ public:
+  explicit Route(std::vector<Point> points) : points_(std::move(points)), at_(points_.size(), 0.0) {
+    for (std::size_t i = 1; i < points_.size(); ++i) {
+      at_[i] = at_[i - 1] + Norm(points_[i] - points_[i - 1]);
+    }
+  }
+  [[nodiscard]] double length() const { return at_.back(); }
+  [[nodiscard]] Point At(double s) const {
+    const auto next = std::upper_bound(at_.begin() + 1, at_.end() - 1, s);
+    const auto i = static_cast<std::size_t>(next - at_.begin());
+    const double segment = at_[i] - at_[i - 1];
+    const double share = segment > 0.0 ? std::clamp((s - at_[i - 1]) / segment, 0.0, 1.0) : 1.0;
+    return points_[i - 1] + share * (points_[i] - points_[i - 1]);
+  }
+  // Where p is along the route, not before `from` and not far behind it.
+  [[nodiscard]] double Progress(const Point& p, double from) const {
+    constexpr int kPlaces = 20;
+    constexpr double kSpacing = 0.02;
+    double best = from;
+    double least = Norm(At(from) - p);
+    for (int i = 1; i <= kPlaces; ++i) {
+      const double s = std::min(from + i * kSpacing, length());
+      const double distance = Norm(At(s) - p);
+      if (distance < least) {
+        least = distance;
+        best = s;
+      }
+    }
+    return best;
+  }
+
+ private:
+  std::vector<Point> points_;
+  std::vector<double> at_;
+};
+
+std::vector<Point> CorridorCentre() {
+  const sim::CorridorOptions options;
+  constexpr int kPoints = 80;
+  std::vector<Point> centre;
+  centre.reserve(kPoints + 1);
+  for (int i = 0; i <= kPoints; ++i) {
+    const double x = options.length * i / kPoints;
+    centre.push_back({x, options.amplitude * std::sin(2.0 * M_PI * x / options.wavelength)});
+  }
+  return centre;
+}
+
+std::vector<Point> Round(double y) {
+  return {{0.0, 0.0}, {0.6, 0.25 * y}, {1.2, 0.8 * y},  {1.7, y},
+          {2.3, y},   {2.8, 0.8 * y},  {3.4, 0.25 * y}, {4.0, 0.0}};
+}
+
+std::vector<Scene> MakeScenes() {
+  const std::vector<Point> corridor = CorridorCentre();
+  return {
+      {.name = "Two ways",
+       .summary = "Half of the demonstrations pass above the pillar and half below. The policy "
+                  "averages them, and hits it.",
+       .start = {{0.0, 0.0}, 0.16},
+       .goal = {{4.0, 0.0}, 0.16},
+       .discs = {{{2.0, 0.0}, 0.45}},
+       .routes = {Round(0.75), Round(-0.75)},
+       .degree = 2},
+      {.name = "Narrow gap",
+       .summary = "The gap is a little wider than a step is long. The policy bends too early, and "
+                  "clips the wall.",
+       .start = {{0.0, 0.0}, 0.16},
+       .goal = {{4.0, 0.0}, 0.16},
+       .boxes = {{{1.7, -1.2}, {2.2, 0.5}}, {{1.7, 0.8}, {2.2, 1.2}}},
+       .routes = {{{0.0, 0.0}, {1.1, 0.0}, {1.55, 0.65}, {2.35, 0.65}, {2.8, 0.0}, {4.0, 0.0}}},
+       .wander = 0.02,
+       .degree = 2},
+      {.name = "Corridor",
+       .summary = "A corridor winds to the goal. The policy cuts its corners.",
+       .start = {corridor.front(), 0.08},
+       .goal = {corridor.back(), 0.16},
+       .corridor = true,
+       .routes = {corridor},
+       .wander = 0.02,
+       .degree = 2},
+      {.name = "Your own",
+       .summary = "Nothing is here yet. Draw a line from the start to the goal, by any way you "
+                  "like.",
+       .start = {{0.0, 0.0}, 0.16},
+       .goal = {{4.0, 0.0}, 0.16}},
+  };
+}
+
+// So close to the solution that every machine finds the same one, to all digits that are shown.
+constexpr double kTolerance = 1e-10;
+
+safety::TaskOptions Options() {
+  safety::TaskOptions options;
+  options.guided.svm.tolerance = kTolerance;
+  // Wider, the published support reaches across the pillar; narrower, DFR only ever halts.
+  options.published = kernel::TimeVaryingSupportOptions();
+  options.published->svm.gamma = 2.0;
+  options.published->svm.tolerance = kTolerance;
+  options.horizon = kHorizon;
+  return options;
+}
+
+// The certified modes' features: both coordinates in one unit, so that |dz| is |dx| times a factor.
+core::FeatureTransform OneUnit(std::span<const core::Trajectory> demonstrations) {
+  const core::FeatureSelection all = core::FeatureSelection::All(2);
+  std::vector<core::Matrix> states;
+  states.reserve(demonstrations.size());
+  for (const core::Trajectory& d : demonstrations) states.push_back(d.states);
+  const core::FeatureTransform whitening =
+      core::FeatureTransform::Whitening(all, states, {.decorrelate = false, .local = false});
+  const double scale = 2.0 / whitening.scale().diagonal().cwiseInverse().sum();
+  return {all, Eigen::VectorXd::Zero(2), scale * core::Matrix::Identity(2, 2)};
+}
+
+const std::array<control::CertificateKind, 3> kCertificates = {
+    control::CertificateKind::kLipschitz, control::CertificateKind::kRadius,
+    control::CertificateKind::kDirection};
+
+}  // namespace
+
+const std::vector<Scene>& Scenes() {
+  static const std::vector<Scene> scenes = MakeScenes();
+  return scenes;
+}
+
+PointPlant::PointPlant(const Scene& scene)
+    : scene_(scene), layout_{{{"point", 0, 2}}}, point_(scene.start.centre) {
+  if (scene.corridor) corridor_.emplace();
+}
+
+void PointPlant::Reset(std::uint64_t seed) {
+  core::Random random(seed);
+  do {
+    point_ = {random.Uniform(-1.0, 1.0), random.Uniform(-1.0, 1.0)};
+  } while (Norm(point_) > 1.0);
+  point_ = scene_.start.centre + scene_.start.radius * point_;
+  collided_ = false;
+}
+
+void PointPlant::MoveTo(const Point& point) noexcept {
+  point_ = point;
+  collided_ = Clearance(point_) < 0.0;
+}
+
+core::PlantStatus PointPlant::Apply(std::span<const double> control) noexcept {
+  if (control.size() != 2 || !std::isfinite(control[0]) || !std::isfinite(control[1])) {
+    return core::PlantStatus::kRefused;
+  }
+  const Point motion = Displacement({control[0], control[1]});
+  const Point from = point_;
+  for (int look = 1; look <= kLooks; ++look) {
+    point_ = from + (static_cast<double>(look) / kLooks) * motion;
+    collided_ = collided_ || Clearance(point_) < 0.0;
+  }
+  return core::PlantStatus::kOk;
+}
+
+void PointPlant::Observe(std::span<double> state) const noexcept {
+  std::copy(point_.begin(), point_.end(), state.begin());
+}
+
+bool PointPlant::completed() const noexcept {
+  return !collided_ && Norm(point_ - scene_.goal.centre) <= scene_.goal.radius;
+}
+
+std::unique_ptr<core::SimulatedPlant> PointPlant::Clone() const {
+  return std::make_unique<PointPlant>(*this);
+}
+
+void PointPlant::CopyStateFrom(const core::SimulatedPlant& other) noexcept {
+  const auto& from = static_cast<const PointPlant&>(other);
+  point_ = from.point_;
+  collided_ = from.collided_;
+}
+
+double PointPlant::Clearance(const Point& p) const noexcept {
+  double least = std::numeric_limits<double>::infinity();
+  for (const Disc& disc : scene_.discs)
+    least = std::min(least, Norm(p - disc.centre) - disc.radius);
+  for (const Box& box : scene_.boxes) least = std::min(least, Distance(box, p));
+  if (corridor_) least = std::min(least, corridor_->Clearance(p[0], p[1]));
+  return least;
+}
+
+std::vector<Point> PointPlant::Wall(double side, double left, double right) const {
+  return corridor_ ? corridor_->Wall(side, left, right) : std::vector<Point>{};
+}
+
+Point Displacement(const Point& control) noexcept {
+  return PointPlant::kGain * Turned(Saturated(control), PointPlant::kRotation);
+}
+
+Point ControlFor(const Point& displacement) noexcept {
+  return Saturated((1.0 / PointPlant::kGain) * Turned(displacement, -PointPlant::kRotation));
+}
+
+void PushedPolicy::Control(int t, std::span<const double> x, std::span<double> u) const noexcept {
+  learned_->Control(t, x, u);
+  for (std::size_t i = 0; i < 2; ++i) u[i] = std::clamp(u[i] + push_[i], -1.0, 1.0);
+}
+
+const std::vector<std::string>& MethodNames() {
+  static const std::vector<std::string> names = {
+      "baseline",         "early-stopping",     "dfr", "guided", "certified-lipschitz",
+      "certified-radius", "certified-direction"};
+  return names;
+}
+
+Support SupportOf(std::size_t method) noexcept {
+  if (method < 3) return Support::kPublished;
+  return method == 3 ? Support::kGuided : Support::kCertified;
+}
+
+Episode::Episode(const Scene& scene, const PushedPolicy& policy,
+                 std::unique_ptr<control::Controller> controller, std::uint64_t seed)
+    : plant_(scene), policy_(&policy), controller_(std::move(controller)) {
+  controller_->Reset(seed);
+}
+
+bool Episode::over() const noexcept {
+  return plant_.collided() || plant_.completed() || cause_ != control::HaltCause::kNone;
+}
+
+core::Outcome Episode::outcome() const noexcept {
+  if (plant_.collided()) return core::Outcome::kCollided;
+  return plant_.completed() ? core::Outcome::kCompleted : core::Outcome::kHalted;
+}
+
+Decision Episode::Step() noexcept {
+  Decision decision;
+  decision.from = decision.to = decision.wanted = plant_.point();
+  if (over()) return decision;
+  if (controls_++ == kMostControls) controller_->Stop(control::HaltCause::kControlLimit);
+  Point control{};
+  policy_->Control(t_, decision.from, control);
+  decision.wanted = decision.from + Displacement(control);
+  decision.step = controller_->Next(decision.from, control);
+  t_ = decision.step.t + 1;
+  if (decision.step.mode == control::Mode::kHalt) {
+    cause_ = decision.step.cause;
+    return decision;
+  }
+  if (plant_.Apply(control) != core::PlantStatus::kOk) cause_ = control::HaltCause::kPlantRefused;
+  decision.to = plant_.point();
+  return decision;
+}
+
+struct World::Learned {
+  Learned(const PointPlant& plant, int degree, std::span<const core::Trajectory> demonstrations)
+      : polynomial(demonstrations, degree),
+        policy(polynomial),
+        unpushed(polynomial),
+        model(plant.layout(), demonstrations, Options()),
+        certified(OneUnit(demonstrations), demonstrations,
+                  {.svm = {.gamma = 0.35, .tolerance = kTolerance}, .phase_whitening = false}),
+        direction_error(
+            control::EstimateDirectionError(certified.features(), demonstrations).value),
+        scale(certified.features().scale()(0, 0)) {}
+
+  planar::PolynomialPolicy polynomial;
+  PushedPolicy policy;
+  PushedPolicy unpushed;  ///< For Run(), which nobody pushes.
+  safety::TaskModel model;
+  safety::GuidedRecovery certified;
+  double direction_error;
+  double scale;  ///< The certified modes' features are the state times this.
+
+  [[nodiscard]] std::unique_ptr<control::Controller> Make(std::size_t method,
+                                                          const PushedPolicy& with,
+                                                          int first_step) const {
+    const std::string& name = MethodNames().at(method);
+    if (planar_page::SupportOf(method) != Support::kCertified) {
+      return model.MakeController(safety::ParseMethod(name), with, {.first_step = first_step});
+    }
+    control::GuidedOptions options;
+    options.horizon = kHorizon;
+    options.first_step = first_step;
+    options.certificate.kind = kCertificates.at(method - 4);
+    // K is known. Its two factors are rounded apart.
+    options.certificate.gain = PointPlant::kGain * scale * (1.0 + 1e-12);
+    options.certificate.direction_error = direction_error + 1e-9;
+    return std::make_unique<control::GuidedPolicy>(with, certified.model(), options);
+  }
+};
+
+World::World(std::size_t scene) : scene_(&Scenes().at(scene)), plant_(*scene_) {}
+
+World::~World() = default;
+
+void World::Demonstrate(int count, std::uint64_t seed) {
+  DFR_THROW_UNLESS(!scene_->routes.empty(), "This scene has no demonstrator: draw a line.");
+  for (int i = 0; i < count; ++i) {
+    const auto& route = scene_->routes[static_cast<std::size_t>(i) % scene_->routes.size()];
+    for (std::uint64_t attempt = 0;; ++attempt) {
+      DFR_THROW_UNLESS(attempt < 1000, "The demonstrator of this scene hardly ever succeeds.");
+      auto demonstration =
+          Follow(route, true, core::DeriveSeed(seed, {static_cast<std::uint64_t>(i), attempt}));
+      if (!demonstration) continue;
+      demonstrations_.push_back(*std::move(demonstration));
+      break;
+    }
+  }
+  learned_.reset();
+}
+
+void World::Draw(std::span<const Point> line, int repeats, std::uint64_t seed) {
+  constexpr double kReach = 0.3;
+  const Disc& start = scene_->start;
+  const Disc& goal = scene_->goal;
+  DFR_THROW_UNLESS(line.size() >= 2, "Draw a line from the start to the goal.");
+  DFR_THROW_UNLESS(Norm(line.front() - start.centre) <= start.radius + kReach,
+                   "Begin the line at the start.");
+  DFR_THROW_UNLESS(Norm(line.back() - goal.centre) <= goal.radius + kReach,
+                   "End the line at the goal.");
+  std::vector<Point> route = {start.centre};
+  for (const Point& p : line) {
+    DFR_THROW_UNLESS(std::isfinite(p[0]) && std::isfinite(p[1]), "The line is not finite.");
+    if (Norm(p - start.centre) > start.radius && Norm(p - goal.centre) > goal.radius &&
+        Norm(p - route.back()) > 0.01) {
+      route.push_back(p);
+    }
+  }
+  route.push_back(goal.centre);
+  std::vector<core::Trajectory> drawn;
+  std::optional<core::Trajectory> exact = Follow(route, false, 0);
+  DFR_THROW_UNLESS(exact, "The line touches an obstacle: a demonstration must not.");
+  drawn.push_back(*std::move(exact));
+  const int most = 50 * repeats;
+  for (int attempt = 0; attempt < most && static_cast<int>(drawn.size()) <= repeats; ++attempt) {
+    auto demonstration =
+        Follow(route, true, core::DeriveSeed(seed, {static_cast<std::uint64_t>(attempt)}));
+    if (demonstration) drawn.push_back(*std::move(demonstration));
+  }
+  std::move(drawn.begin(), drawn.end(), std::back_inserter(demonstrations_));
+  learned_.reset();
+}
+
+void World::Clear() {
+  demonstrations_.clear();
+  learned_.reset();
+}
+
+void World::Fit() { learned_ = std::make_unique<Learned>(plant_, scene_->degree, demonstrations_); }
+
+// Nothing if an obstacle is touched or the goal is not reached.
+std::optional<core::Trajectory> World::Follow(const std::vector<Point>& points, bool unsteady,
+                                              std::uint64_t seed) const {
+  core::Random random(core::DeriveSeed(seed, {1}));
+  const Route route(points);
+  const double noise = unsteady ? kUnsteady : 0.0;
+  const Point aside{0.0, unsteady ? scene_->wander * random.Normal() : 0.0};
+  PointPlant plant(*scene_);
+  plant.Reset(seed);
+  if (!unsteady) plant.MoveTo(points.front());
+  core::Trajectory demonstration;
+  demonstration.seed = seed;
+  demonstration.states.resize(kHorizon + 1, 2);
+  demonstration.controls.resize(kHorizon, 2);
+  plant.Observe(core::Row(demonstration.states, 0));
+  double s = 0.0;
+  int t = 0;
+  for (; t < kHorizon && !plant.completed() && !plant.collided(); ++t) {
+    s = route.Progress(plant.point() - aside, s);
+    const Point aim = route.At(s + 2.0 * kSpeed * PointPlant::kGain) +
+                      (s + 0.3 < route.length() ? aside : Point{});
+    const Point way = aim - plant.point();
+    Point control = ControlFor((kSpeed * PointPlant::kGain / std::max(1e-9, Norm(way))) * way);
+    for (double& entry : control) entry += noise * random.Normal();
+    control = Saturated(control);
+    std::copy(control.begin(), control.end(), core::Row(demonstration.controls, t).begin());
+    if (plant.Apply(control) != core::PlantStatus::kOk) return std::nullopt;
+    plant.Observe(core::Row(demonstration.states, t + 1));
+  }
+  if (!plant.completed()) return std::nullopt;
+  demonstration.outcome = core::Outcome::kCompleted;
+  demonstration.states.conservativeResize(t + 1, 2);
+  demonstration.controls.conservativeResize(t, 2);
+  return demonstration;
+}
+
+const core::LogDecisionFunction& World::Chosen(Support support) const noexcept {
+  if (support == Support::kPublished) return *learned_->model.published();
+  return support == Support::kGuided ? learned_->model.guided_support()
+                                     : learned_->certified.support();
+}
+
+int World::num_steps(Support support) const noexcept { return Chosen(support).num_steps(); }
+
+double World::LogDecision(Support support, int t, const Point& x) const noexcept {
+  const double scale = support == Support::kCertified ? learned_->scale : 1.0;
+  return Chosen(support).LogDecision(t, scale * x, {});
+}
+
+double World::Decision(Support support, int t, const Point& x) const noexcept {
+  const double scale = support == Support::kCertified ? learned_->scale : 1.0;
+  return Chosen(support).Decision(t, scale * x);
+}
+
+int World::NearestStep(Support support, const Point& x) const noexcept {
+  int best = 0;
+  double most = -std::numeric_limits<double>::infinity();
+  const int steps = std::min(num_steps(support), kHorizon);
+  for (int t = 0; t < steps; ++t) {
+    const double l = LogDecision(support, t, x);
+    if (l > most) {
+      most = l;
+      best = t;
+    }
+  }
+  return best;
+}
+
+SafeRegion World::Certified(int t, const Point& x) const noexcept {
+  const core::LogDecisionFunction& support = learned_->certified.support();
+  const double scale = learned_->scale;
+  const Point z = scale * x;
+  Point shift{};
+  const control::SafeBall ball = control::ComputeSafeBall(support, t, z, shift);
+  return {.lipschitz = std::max(0.0, support.Decision(t, z) / support.lipschitz_bound(t)) / scale,
+          .centre = x + (1.0 / scale) * shift,
+          .radius = ball.radius / scale};
+}
+
+Episode World::Start(std::size_t method, const Point& start, int first_step,
+                     std::uint64_t seed) const {
+  Episode episode(*scene_, learned_->policy, learned_->Make(method, learned_->policy, first_step),
+                  seed);
+  episode.plant().MoveTo(start);
+  return episode;
+}
+
+void World::Push(const Point& displacement) noexcept {
+  learned_->policy.set_push(ControlFor(displacement));
+}
+
+Tally World::Run(std::size_t method, int count, std::uint64_t seed) const {
+  Tally tally;
+  for (int i = 0; i < count; ++i) {
+    const auto number = static_cast<std::uint64_t>(i);
+    Episode episode(*scene_, learned_->unpushed, learned_->Make(method, learned_->unpushed, 0),
+                    core::DeriveSeed(seed, {number, 1}));
+    episode.plant().Reset(core::DeriveSeed(seed, {number, 0}));
+    while (!episode.over()) static_cast<void>(episode.Step());
+    tally.completed += episode.outcome() == core::Outcome::kCompleted ? 1 : 0;
+    tally.halted += episode.outcome() == core::Outcome::kHalted ? 1 : 0;
+    tally.collided += episode.outcome() == core::Outcome::kCollided ? 1 : 0;
+  }
+  return tally;
+}
+
+}  // namespace dfr::apps::planar_page

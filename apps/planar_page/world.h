@@ -1,0 +1,223 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "apps/planar/polynomial_policy.h"
+#include "dfr/control/certificate.h"
+#include "dfr/control/controller.h"
+#include "dfr/core/plant.h"
+#include "dfr/core/policy.h"
+#include "dfr/core/trajectory.h"
+#include "dfr/safety/guided_recovery.h"
+#include "dfr/safety/task_model.h"
+#include "dfr/sim/planar/corridor.h"
+
+namespace dfr::apps::planar_page {
+
+using Point = std::array<double, 2>;
+
+struct Disc {
+  Point centre;
+  double radius;
+};
+struct Box {
+  Point low;
+  Point high;
+};
+
+/// One prepared task of the page: a point robot goes from a start to a goal and touches nothing.
+/// Lengths share one arbitrary unit.
+struct Scene {
+  std::string name;
+  std::string summary;
+  Disc start;  ///< Episodes begin within it.
+  Disc goal;   ///< Entering it completes the task.
+  std::vector<Disc> discs = {};
+  std::vector<Box> boxes = {};
+  bool corridor = false;  ///< The walls of sim::CorridorPlant are there too.
+  /// Ways that the demonstrator takes in turn, from the start to the goal.
+  std::vector<std::vector<Point>> routes = {};
+  double wander = 0.05;  ///< How far from its way a demonstrator keeps: a standard deviation.
+  int degree = 3;        ///< The learned policy is a polynomial of this degree.
+};
+
+[[nodiscard]] const std::vector<Scene>& Scenes();
+
+/// A point among the obstacles of a scene: x' = x + K R u, as in sim::CorridorPlant. Controllers
+/// are told neither the obstacles nor the rotation R.
+///
+/// State: point(2). Control (2): entries saturate at +-1. One object belongs to one thread.
+class PointPlant final : public core::SimulatedPlant {
+ public:
+  static constexpr double kGain = 0.1;      ///< K: a control of norm 1 moves the point by this far.
+  static constexpr double kRotation = 0.6;  ///< rad
+
+  explicit PointPlant(const Scene& scene);
+
+  [[nodiscard]] const core::StateLayout& layout() const noexcept override { return layout_; }
+  [[nodiscard]] int control_dim() const noexcept override { return 2; }
+  void Reset(std::uint64_t seed) override;
+  /// Puts the point somewhere else. What collided() says begins anew.
+  void MoveTo(const Point& point) noexcept;
+  [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;
+  void Observe(std::span<double> state) const noexcept override;
+  [[nodiscard]] bool completed() const noexcept override;
+  [[nodiscard]] bool collided() const noexcept override { return collided_; }
+  void Halt() noexcept override {}
+  [[nodiscard]] std::unique_ptr<core::SimulatedPlant> Clone() const override;
+  void CopyStateFrom(const core::SimulatedPlant& other) noexcept override;
+
+  [[nodiscard]] const Point& point() const noexcept { return point_; }
+  /// Distance to the nearest obstacle, negative inside one.
+  [[nodiscard]] double Clearance(const Point& p) const noexcept;
+  /// The walls of the corridor between these x, for drawing; empty where there is none.
+  [[nodiscard]] std::vector<Point> Wall(double side, double left, double right) const;
+
+ private:
+  Scene scene_;
+  core::StateLayout layout_;
+  std::optional<sim::CorridorPlant> corridor_;
+  Point point_{};
+  bool collided_ = false;
+};
+
+/// How far the point moves for a control, and the control that moves it so far.
+[[nodiscard]] Point Displacement(const Point& control) noexcept;
+[[nodiscard]] Point ControlFor(const Point& displacement) noexcept;
+
+/// A learned policy whose controls a user pushes off their way.
+class PushedPolicy final : public core::Policy {
+ public:
+  explicit PushedPolicy(const core::Policy& learned) : learned_(&learned) {}
+  [[nodiscard]] int state_dim() const noexcept override { return 2; }
+  [[nodiscard]] int control_dim() const noexcept override { return 2; }
+  void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override;
+  /// Added to every control from now on, in the robot's own axes.
+  void set_push(const Point& push) noexcept { push_ = push; }
+
+ private:
+  const core::Policy* learned_;
+  Point push_{};
+};
+
+/// Whose support is meant: Algorithm 1's, guided recovery's or the certified modes'.
+enum class Support { kPublished, kGuided, kCertified };
+
+/// Names of the methods, as the program `planar` takes them.
+[[nodiscard]] const std::vector<std::string>& MethodNames();
+[[nodiscard]] Support SupportOf(std::size_t method) noexcept;
+
+/// What a certificate allows in one state, as lengths in the plane.
+struct SafeRegion {
+  double lipschitz =
+      0.0;              ///< Any motion up to this length stays inside, by the Lipschitz constant.
+  Point centre{};       ///< Any motion into this disc stays inside, by the curvature bound.
+  double radius = 0.0;  ///< Negative outside the support, where nothing is certified.
+};
+
+/// One control of an episode.
+struct Decision {
+  control::Step step;
+  Point from{};
+  Point to{};      ///< The same as `from` after a halt.
+  Point wanted{};  ///< Where the policy, pushed or not, wanted to go.
+};
+
+/// An episode: a controller drives the point until it completes, collides or halts.
+class Episode {
+ public:
+  Episode(const Scene& scene, const PushedPolicy& policy,
+          std::unique_ptr<control::Controller> controller, std::uint64_t seed);
+  /// One more control. Does nothing once over().
+  Decision Step() noexcept;
+  [[nodiscard]] PointPlant& plant() noexcept { return plant_; }
+  [[nodiscard]] const PointPlant& plant() const noexcept { return plant_; }
+  [[nodiscard]] bool over() const noexcept;
+  /// Once over(): kHalted with the controller's cause where it neither completed nor collided.
+  [[nodiscard]] core::Outcome outcome() const noexcept;
+  [[nodiscard]] control::HaltCause cause() const noexcept { return cause_; }
+
+ private:
+  static constexpr int kMostControls = 2000;
+  PointPlant plant_;
+  const PushedPolicy* policy_;
+  std::unique_ptr<control::Controller> controller_;
+  control::HaltCause cause_ = control::HaltCause::kNone;
+  int t_ = 0;
+  int controls_ = 0;
+};
+
+/// How episodes from random start states end.
+struct Tally {
+  int completed = 0;
+  int halted = 0;
+  int collided = 0;
+};
+
+/// All that the page computes: demonstrations, what is learned from them, and episodes. Belongs to
+/// one thread.
+class World {
+ public:
+  /// @throws std::invalid_argument if there is no such scene.
+  explicit World(std::size_t scene);
+  World(const World&) = delete;
+  World& operator=(const World&) = delete;
+  ~World();
+
+  [[nodiscard]] const Scene& scene() const noexcept { return *scene_; }
+  [[nodiscard]] const PointPlant& plant() const noexcept { return plant_; }
+
+  /// Adds `count` demonstrations along the routes of the scene, in turn.
+  void Demonstrate(int count, std::uint64_t seed);
+  /// Adds the line that a user drew as a demonstration, and `repeats` more by an unsteady hand that
+  /// follows it.
+  /// @throws std::invalid_argument telling the user why the line does not do.
+  void Draw(std::span<const Point> line, int repeats, std::uint64_t seed);
+  /// Removes all demonstrations and what was learned from them.
+  void Clear();
+  [[nodiscard]] const std::vector<core::Trajectory>& demonstrations() const noexcept {
+    return demonstrations_;
+  }
+
+  /// Learns policy, supports and recoveries from the demonstrations.
+  /// @throws std::invalid_argument if they do not suffice.
+  void Fit();
+  [[nodiscard]] bool fitted() const noexcept { return learned_ != nullptr; }
+
+  // The rest is for a world that is fitted().
+
+  [[nodiscard]] int num_steps(Support support) const noexcept;
+  /// l_t(x), the log form of g_t(x), and g_t(x) itself.
+  [[nodiscard]] double LogDecision(Support support, int t, const Point& x) const noexcept;
+  [[nodiscard]] double Decision(Support support, int t, const Point& x) const noexcept;
+  /// The time step whose support fits x best.
+  [[nodiscard]] int NearestStep(Support support, const Point& x) const noexcept;
+  [[nodiscard]] SafeRegion Certified(int t, const Point& x) const noexcept;
+
+  /// An episode of this method (an index of MethodNames()) from `start`, at time step `first_step`.
+  [[nodiscard]] Episode Start(std::size_t method, const Point& start, int first_step,
+                              std::uint64_t seed) const;
+  /// Pushes the policy of all episodes: added to its controls, as a motion of at most kGain.
+  void Push(const Point& displacement) noexcept;
+  /// Runs `count` episodes from random start states.
+  [[nodiscard]] Tally Run(std::size_t method, int count, std::uint64_t seed) const;
+
+ private:
+  struct Learned;
+  [[nodiscard]] std::optional<core::Trajectory> Follow(const std::vector<Point>& route,
+                                                       bool unsteady, std::uint64_t seed) const;
+  [[nodiscard]] const core::LogDecisionFunction& Chosen(Support support) const noexcept;
+
+  const Scene* scene_;
+  PointPlant plant_;
+  std::vector<core::Trajectory> demonstrations_;
+  std::unique_ptr<Learned> learned_;
+};
+
+}  // namespace dfr::apps::planar_page

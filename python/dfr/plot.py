@@ -1,0 +1,99 @@
+"""Pictures of what a guard sees, for those who have matplotlib: import it as `from dfr import plot`.
+
+Every function draws on `ax`, or on matplotlib's current axes, and returns the axes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dfr._core import Guard
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Colours that all readers can tell apart, by who chose the action.
+_COLOURS = {
+    "inside": "#0072b2",
+    "outside": "#56b4e9",
+    "changed": "#009e73",
+    "probe": "#e69f00",
+    "recovery": "#d55e00",
+    "halt": "#28292b",
+}
+
+
+def _axes(ax: Axes | None) -> Axes:
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot
+
+    return pyplot.gca()
+
+
+def episode(infos: Sequence[dict[str, Any]], *, ax: Axes | None = None) -> Axes:
+    """g over the actions of one episode, coloured by what the guard did.
+
+    A dashed line is the threshold of Algorithm 1 where the guard's strategy has one. Red marks below
+    are alarms.
+
+    Parameters
+    ----------
+    infos : sequence of dict
+        What `Guard.filter` returned, action by action; `GuardedEnv` and `GuardStep` give it as
+        `info["guard"]`.
+
+    Raises
+    ------
+    ValueError
+        If there are none.
+    """
+    if len(infos) == 0:
+        raise ValueError("infos is empty: pass what Guard.filter returned in each step of an episode")
+    ax = _axes(ax)
+    g = np.array([info["g"] for info in infos], dtype=float)
+    threshold = np.array([info["threshold"] for info in infos], dtype=float)
+    # A halt's reason is its cause.
+    kinds = [info["mode"] if info["mode"] == "halt" else info["reason"] for info in infos]
+    ax.axhline(0.0, color="0.5", linewidth=0.8)
+    ax.plot(g, color="0.75", linewidth=1.0, zorder=1)
+    for kind, colour in _COLOURS.items():
+        at = [t for t, k in enumerate(kinds) if k == kind]
+        if at:
+            ax.scatter(at, g[at], s=14, color=colour, label=kind, zorder=2)
+    if np.isfinite(threshold).any():
+        ax.plot(threshold, color="0.4", linewidth=1.0, linestyle="--", label="threshold")
+    alarms = [t for t, info in enumerate(infos) if info["alarm"]]
+    if alarms:
+        low = ax.get_ylim()[0]
+        ax.scatter(alarms, np.full(len(alarms), low), s=30, marker="|", color="#cc3344", label="alarm")
+    ax.set_xlabel("action")
+    ax.set_ylabel("g, positive inside")
+    ax.legend(fontsize="small", frameon=False)
+    return ax
+
+
+def levels(guard: Guard, demonstrations: Sequence[ArrayLike], *, ax: Axes | None = None) -> Axes:
+    """How far inside each demonstration stays: l over its states.
+
+    The band between 0 and the dotted line is outside the support and raises no alarm yet. Of
+    demonstrations that the guard was fitted to, nearly all should lie above 0; fresh ones say more.
+
+    Parameters
+    ----------
+    demonstrations : sequence of array_like, (T + 1, guard.state_dim) each
+        States, as `Guard.fit` takes them.
+    """
+    ax = _axes(ax)
+    for states in demonstrations:
+        l = guard.levels(states)
+        raises = bool(np.min(l) < -guard.settings["alarm_level"])
+        ax.plot(l, color="#cc3344" if raises else "#26786e", linewidth=0.8, alpha=0.9 if raises else 0.4)
+    ax.axhline(0.0, color="0.3", linewidth=1.0)
+    ax.axhline(-guard.settings["alarm_level"], color="0.3", linewidth=1.0, linestyle=":")
+    ax.set_xlabel("state")
+    ax.set_ylabel("l, positive inside")
+    return ax
