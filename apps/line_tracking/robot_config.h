@@ -6,10 +6,12 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "dfr/dds/participant.h"
 #include "dfr/hardware/psm_client.h"
 #include "dfr/line_task/line_task.h"
+#include "dfr/line_task/tip_region.h"
 
 namespace dfr::apps::line_tracking {
 
@@ -37,10 +39,16 @@ struct RobotConfig {
   // [arm]
   std::string arm = "PSM1";
   hardware::PsmClientOptions arm_client;
+  std::vector<std::string> teleoperation;  ///< Topics that say so; empty: the usual ones.
+  bool servo_cs = false;  ///< Set-points with their twist, where the console takes them.
   double speed_m_s = line_task::LineTask::kSpeed;  ///< Of the tip while a control is carried out.
   /// The arm's base in the world frame: the gauze's when nothing moves it. Absent: as in the
   /// simulation.
   std::optional<Eigen::Isometry3d> p_world_base;
+
+  // [task]
+  line_task::TipRegionOptions region;  ///< Where the tips may be on any way that is sent.
+  double lift_m = 0.005;  ///< By how much the tool is lifted before it is turned upright.
 
   // [camera]
   std::string camera = "/ECM/image_raw";  ///< A DDS topic, a device, a file or a pipeline.
@@ -54,6 +62,7 @@ struct RobotConfig {
   // [emergency_stop]
   bool emergency_stop = true;
   double emergency_stop_silence_s = 0.06;
+  bool emergency_stop_datagrams = true;  ///< It has to be heard in datagrams, too.
 
   // [loop]
   double period_s = 0.005;
