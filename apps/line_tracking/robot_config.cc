@@ -13,6 +13,8 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/hardware/intrinsics_file.h"
+
 namespace dfr::apps::line_tracking {
 namespace {
 
@@ -291,6 +293,7 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
 
   Section camera = section("camera");
   camera.Get("source", config.camera);
+  camera.Get("intrinsics", config.intrinsics);
   camera.Get("max_age_s", config.image_max_age_s, 0.001, 10.0);
   camera.Get("latency_s", config.image_latency_s, 0.0, 1.0);
   camera.End();
@@ -323,6 +326,30 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   top.End();
   config.arm_client.longest_step_s = config.period_s;
   return config;
+}
+
+void CheckCamera(const RobotConfig& config, const line_task::LineCalibration& calibration) {
+  if (config.intrinsics.empty()) return;
+  const vision::CameraModel is = hardware::ReadIntrinsics(config.intrinsics);
+  const vision::CameraModel& was = calibration.camera;
+  constexpr double kAlike = 0.05;  // what a calibration finds beyond the maker's data, and more
+  const auto near = [](double a, double b, double scale) {
+    return std::abs(a - b) <= kAlike * scale;
+  };
+  if (is.width == was.width && is.height == was.height && near(is.fx, was.fx, is.fx) &&
+      near(is.fy, was.fy, is.fy) && near(is.cx, was.cx, is.width) &&
+      near(is.cy, was.cy, is.height)) {
+    return;
+  }
+  const auto words = [](const vision::CameraModel& camera) {
+    std::ostringstream text;
+    text << camera.width << " x " << camera.height << ", focal length " << camera.fx
+         << " px, centre " << camera.cx << ", " << camera.cy << " px";
+    return text.str();
+  };
+  throw std::runtime_error(config.calibration.string() + " is of another camera (" + words(was) +
+                           ") than " + config.intrinsics.string() + " (" + words(is) +
+                           "): calibrate with this one, or was it made in simulation?");
 }
 
 }  // namespace dfr::apps::line_tracking

@@ -52,8 +52,10 @@ struct RobotConfig {
 
   // [camera]
   std::string camera = "/ECM/image_raw";  ///< A DDS topic, a device, a file or a pipeline.
-  double image_max_age_s = 0.1;           ///< Of its stamp and of its arrival.
-  double image_latency_s = 0.0;           ///< What a stamp may be later than the light it shows.
+  /// The camera's intrinsics, which a calibration has to be of; empty: not looked at.
+  std::filesystem::path intrinsics;
+  double image_max_age_s = 0.1;  ///< Of its stamp and of its arrival.
+  double image_latency_s = 0.0;  ///< What a stamp may be later than the light it shows.
 
   // [simulator]
   bool simulator = false;  ///< The console is dvrk_simulator's, which sets up episodes.
@@ -78,5 +80,10 @@ struct RobotConfig {
   /// @throws std::runtime_error naming file, line and key, what is wrong and what there is.
   static RobotConfig Load(const std::filesystem::path& file);
 };
+
+/// Whether `calibration` is of the camera whose intrinsics the configuration names, if it does:
+/// its size, and focal lengths and principal point within 5 % of them.
+/// @throws std::runtime_error naming both files and what differs; as hardware::ReadIntrinsics().
+void CheckCamera(const RobotConfig& config, const line_task::LineCalibration& calibration);
 
 }  // namespace dfr::apps::line_tracking

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <functional>
 #include <limits>
-#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -57,9 +56,9 @@ class PsmClientTest : public testing::Test {
       const Eigen::Isometry3d pose = Psm::Forward(at_);
       input.measured_cp =
           PsmPoseSample{sample.stamp, pose.translation(), Eigen::Quaterniond(pose.linear())};
-      if (camera_) {
+      if (on_cart_) {
         input.local_measured_cp = input.measured_cp;
-        const Eigen::Isometry3d seen = *camera_ * pose;
+        const Eigen::Isometry3d seen = camera_ * pose;
         input.measured_cp =
             PsmPoseSample{sample.stamp, seen.translation(), Eigen::Quaterniond(seen.linear())};
       }
@@ -75,8 +74,7 @@ class PsmClientTest : public testing::Test {
     ++num_steps_;
     now_ns_ += 5 * kMs;
     if (output.servo) {
-      const Eigen::Isometry3d base = camera_ ? *camera_ : Eigen::Isometry3d::Identity();
-      EXPECT_EQ(Psm::Inverse(base.inverse() * output.servo_cp, at_), kinematics::PsmReach::kOk);
+      EXPECT_EQ(Psm::Inverse(camera_.inverse() * output.servo_cp, at_), kinematics::PsmReach::kOk);
       ++num_servo_;
     }
     if (output.servo_jaw) jaw_ = output.jaw;
@@ -145,8 +143,10 @@ class PsmClientTest : public testing::Test {
   PsmOperatingState operating_;
   bool operating_changed_ = false;
   PsmJoints at_ = Home();
-  /// The arm's base in the camera's frame, of a console that has one.
-  std::optional<Eigen::Isometry3d> camera_;
+  /// Whether the console says local/measured_cp, too, and where the arm's base is in the frame of
+  /// measured_cp.
+  bool on_cart_ = false;
+  Eigen::Isometry3d camera_ = Eigen::Isometry3d::Identity();
   double jaw_ = 0.1;
   std::int64_t now_ns_ = 1000 * kMs;
   int num_steps_ = 0;
@@ -694,6 +694,7 @@ class PsmClientOnCartTest : public PsmClientTest {
                      Eigen::AngleAxisd(-1.9, Eigen::Vector3d::UnitZ()))
                         .toRotationMatrix();
     camera_ = base;
+    on_cart_ = true;
   }
   // What is measured when the camera moves by `distance_m`.
   static std::function<void(PsmInput&)> CameraMoved(double distance_m) {
@@ -705,7 +706,7 @@ class PsmClientOnCartTest : public PsmClientTest {
 
 TEST_F(PsmClientOnCartTest, GoesWhereItIsSentInTheArmsOwnFrame) {
   ArmNow();
-  EXPECT_TRUE(test::AllClose(client_.base_frame().matrix(), camera_->matrix(), 1e-12));
+  EXPECT_TRUE(test::AllClose(client_.base_frame().matrix(), camera_.matrix(), 1e-12));
   ASSERT_EQ(client_.MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
   Steps(700);
   EXPECT_EQ(client_.status(), PsmStatus::kOk) << Name(client_.status());

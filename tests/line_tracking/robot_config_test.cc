@@ -9,6 +9,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "dfr/hardware/intrinsics_file.h"
+
 namespace dfr::apps::line_tracking {
 namespace {
 
@@ -114,6 +116,29 @@ TEST_F(RobotConfigTest, BoundsThatAreNoneAreRefused) {
   EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 1]]\n"),
               HasSubstr(":2: task.planes must be a list of planes, each 4 finite numbers"));
   EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 2, 0]]\n"), HasSubstr("its normal of length 1"));
+}
+
+TEST_F(RobotConfigTest, ACalibrationOfAnotherCameraIsRefused) {
+  const std::filesystem::path intrinsics = file_.string() + ".yaml";
+  vision::CameraModel camera;
+  hardware::WriteIntrinsics(intrinsics, camera);
+  const RobotConfig config =
+      Load("calibration = 'c.dfr'\n[camera]\nintrinsics = '" + intrinsics.string() + "'\n");
+  line_task::LineCalibration calibration;
+  calibration.camera = camera;
+  calibration.camera.fx *= 1.04;
+  EXPECT_NO_THROW(CheckCamera(config, calibration));
+  calibration.camera.fx *= 1.04;
+  try {
+    CheckCamera(config, calibration);
+    ADD_FAILURE() << "it was taken";
+  } catch (const std::runtime_error& e) {
+    EXPECT_THAT(e.what(), HasSubstr("c.dfr is of another camera (640 x 480, focal length "));
+    EXPECT_THAT(e.what(), HasSubstr(intrinsics.string()));
+  }
+  std::filesystem::remove(intrinsics);
+  EXPECT_THROW(CheckCamera(config, calibration), std::runtime_error) << "the file is gone";
+  EXPECT_NO_THROW(CheckCamera({}, calibration)) << "nothing to compare with";
 }
 
 TEST_F(RobotConfigTest, AFileThatIsNotThereIsNamed) {

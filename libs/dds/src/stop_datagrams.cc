@@ -21,7 +21,7 @@ namespace {
 
 constexpr std::string_view kMagic("dfrstop1", 8);
 // Magic, sender, number, time, pressed or not (0 or 1), then the certificate's size (2 bytes, most
-// significant first), the certificate and the signature of all before. Numbers likewise.
+// significant first), the certificate and the signature of all before. All numbers have that order.
 constexpr std::size_t kIdAt = 8;
 constexpr std::size_t kSequenceAt = 24;
 constexpr std::size_t kTimeAt = 32;
