@@ -107,6 +107,15 @@ void AddScene(CLI::App& app, Options& options) {
                  "it is what no calibration finds")
       ->capture_default_str()
       ->group(group);
+  app.add_flag_callback(
+         "--ecm",
+         [&options] {
+           using Plant = dfr::sim::LineTrackingPlant;
+           options.scene.arm.base_frame = Plant::p_world_cam().inverse() * Plant::p_world_base();
+           options.scene.arm.base_frame_name = "ECM_view";
+         },
+         "poses are relative to the camera, as on a cart with an endoscope arm; local/ is not")
+      ->group(group);
   app.add_option("--calibration", options.calibration,
                  "what the operator knows who puts the tip over the line: a file of line_tracking\n"
                  "calibrate; else the true camera and an uncorrected arm")
@@ -190,6 +199,7 @@ void AddFaults(CLI::App& app, Options& options) {
   flag("silent", "no state");
   flag("invalid", "everything is stamped zero");
   flag("corrupt", "positions are NaN");
+  number("platform", "--platform-speed", "m/s, 5 mm to and fro across the line");
   app.add_option_function<std::string>(
          "--camera-fault",
          [&options](const std::string& v) { options.faults.emplace_back("camera", v); },

@@ -13,11 +13,13 @@ constexpr std::int64_t kAnnouncePeriod = 20'000'000;  // ns
 }  // namespace
 
 EmergencyStopMonitor::EmergencyStopMonitor(dds::Participant& participant, bool with_stop,
-                                           double max_silence_s)
+                                           double max_silence_s, bool datagrams)
     : announcer_(participant, dds::kRunStateTopic, dds::Role::kState),
       stop_state_(with_stop ? dds::EmergencyStop::kSilent : dds::EmergencyStop::kClear),
       checked_ns_(runtime::SteadyNow()) {
-  if (with_stop) receiver_.emplace(participant, max_silence_s);
+  if (with_stop) {
+    receiver_.emplace(participant, max_silence_s, dds::kEmergencyStopTopic, datagrams);
+  }
   thread_ = std::thread([this] { Run(); });
 }
 
@@ -42,8 +44,10 @@ robot::ThreadFinding EmergencyStopMonitor::Report() noexcept {
       break;
   }
   return {{runtime::HoldReason::kEmergencyStopSilent,
-           num_buttons_ > 1 ? "one of several is no longer heard of"
-                            : "no word from it: is `hardware stop` running?"},
+           only_datagrams_silent_
+               ? "heard over DDS, but not in its datagrams: does a firewall drop UDP broadcasts?"
+           : num_buttons_ > 1 ? "one of several is no longer heard of"
+                              : "no word from it: is `hardware stop` running?"},
           checked_ns};
 }
 
@@ -55,7 +59,9 @@ void EmergencyStopMonitor::Run() {
     if (receiver_) {
       if (acknowledge_.exchange(false)) receiver_->Acknowledge();
       num_buttons_ = receiver_->num_buttons();
-      stop_state_ = receiver_->Check(now_ns);
+      const dds::EmergencyStop found = receiver_->Check(now_ns);
+      only_datagrams_silent_ = receiver_->only_datagrams_silent();
+      stop_state_ = found;
     }
     checked_ns_ = now_ns;
     const runtime::RunState state = state_;

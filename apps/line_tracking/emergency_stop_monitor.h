@@ -15,7 +15,9 @@ namespace dfr::apps::line_tracking {
 class EmergencyStopMonitor final : public robot::EmergencyStop {
  public:
   /// @param with_stop  whether there is an emergency stop to listen to; else it is always clear.
-  EmergencyStopMonitor(dds::Participant& participant, bool with_stop, double max_silence_s);
+  /// @param datagrams  see dds::EmergencyStopReceiver.
+  EmergencyStopMonitor(dds::Participant& participant, bool with_stop, double max_silence_s,
+                       bool datagrams = true);
   /// Publishes that the run ends, so that its silence is not taken for a failure.
   ~EmergencyStopMonitor() override;
   EmergencyStopMonitor(const EmergencyStopMonitor&) = delete;
@@ -33,6 +35,7 @@ class EmergencyStopMonitor final : public robot::EmergencyStop {
   dds::Publisher<dds::OperatingState> announcer_;
   std::atomic<dds::EmergencyStop> stop_state_;
   std::atomic<int> num_buttons_ = 0;
+  std::atomic<bool> only_datagrams_silent_ = false;
   std::atomic<std::int64_t> checked_ns_;
   std::atomic<runtime::RunState> state_ = runtime::RunState::kIdle;
   std::atomic<std::int64_t> beat_ns_ = 0;

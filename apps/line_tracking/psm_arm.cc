@@ -1,5 +1,7 @@
 #include "psm_arm.h"
 
+#include <cstdio>
+
 namespace dfr::apps::line_tracking {
 namespace {
 
@@ -40,6 +42,7 @@ HoldReason ToHoldReason(PsmStatus status) noexcept {
       return HoldReason::kClock;
     case PsmStatus::kStateJumped:
     case PsmStatus::kFrameMismatch:
+    case PsmStatus::kBaseMoved:
       return HoldReason::kArmJump;
     case PsmStatus::kOtherPublisher:
     case PsmStatus::kSecondConsole:
@@ -96,8 +99,14 @@ robot::Finding PsmArm::Arm() noexcept {
 }
 
 robot::Finding PsmArm::MoveTo(std::span<const double> joints, double duration_s) noexcept {
-  const PsmStatus status = driver_->MoveTo(
-      kinematics::PsmJoints(Eigen::Map<const kinematics::PsmJoints>(joints.data())), duration_s);
+  const kinematics::PsmJoints goal(Eigen::Map<const kinematics::PsmJoints>(joints.data()));
+  if (const line_task::Breach breach = region_->Along(driver_->client().setpoint(), goal);
+      breach.any()) {
+    std::snprintf(refused_.data(), refused_.size(), "the tip would go %.2f mm beyond %s",
+                  1e3 * breach.depth_m, breach.what);
+    return {runtime::HoldReason::kCommandRefused, refused_.data()};
+  }
+  const PsmStatus status = driver_->MoveTo(goal, duration_s);
   if (status == PsmStatus::kOk) return {};
   return {runtime::HoldReason::kCommandRefused, hardware::Name(status)};
 }

@@ -1,21 +1,24 @@
 #pragma once
 
+#include <array>
 #include <functional>
 #include <utility>
 
 #include "dfr/hardware/psm_driver.h"
+#include "dfr/line_task/tip_region.h"
 #include "dfr/robot/devices.h"
 
 namespace dfr::apps::line_tracking {
 
-/// A PsmDriver as the arm of a robot::ControlLoop; joints are kinematics::PsmJoints.
+/// A PsmDriver as the arm of a robot::ControlLoop; joints are kinematics::PsmJoints. No way is sent
+/// on which the tips would leave their region.
 class PsmArm final : public robot::Manipulator {
  public:
-  /// Borrows `driver`.
+  /// Borrows `driver` and `region`.
   /// @param on_word  told the console's words in Tick(), so it may not wait; may be empty.
-  explicit PsmArm(hardware::PsmDriver& driver,
-                  std::function<void(const hardware::ConsoleWord&)> on_word = {})
-      : driver_(&driver), on_word_(std::move(on_word)) {}
+  PsmArm(hardware::PsmDriver& driver, const line_task::TipRegion& region,
+         std::function<void(const hardware::ConsoleWord&)> on_word = {})
+      : driver_(&driver), region_(&region), on_word_(std::move(on_word)) {}
 
   [[nodiscard]] robot::Finding Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept override;
   [[nodiscard]] bool needs_homing() const noexcept override;
@@ -35,8 +38,10 @@ class PsmArm final : public robot::Manipulator {
 
  private:
   hardware::PsmDriver* driver_;
+  const line_task::TipRegion* region_;
   std::function<void(const hardware::ConsoleWord&)> on_word_;
   hardware::PsmStatus found_ = hardware::PsmStatus::kNoConsole;  // by the last Tick()
+  std::array<char, 96> refused_{};
 };
 
 }  // namespace dfr::apps::line_tracking

@@ -106,6 +106,10 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
   if (log.dropped_records > 0) {
     std::cout << "  " << log.dropped_records << " records are missing\n";
   }
+  for (const std::string& damage : log.damage) std::cout << "  it is " << damage << '\n';
+  if (log.steps.empty()) {
+    throw std::runtime_error(path.string() + " holds no decision: there is nothing to make again");
+  }
   if (recording::Checksum(folder) != log.metadata.model_checksum) {
     std::cout << "  the model in " << folder.string() << " is not the one of the recording\n";
   }
@@ -115,9 +119,24 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
   constexpr int kShown = 10;
   int differences = 0;
   const recording::StepRecord* last = nullptr;
-  for (const recording::StepRecord& record : log.steps) {
-    if (last == nullptr || last->episode != record.episode) controller->Reset(record.seed);
+  // What a controller decides depends on what it decided before in the episode: after a decision
+  // that is missing the others of its episode cannot be made again.
+  bool gap = false;
+  int left_out = 0;
+  std::uint32_t number = 0;
+  for (std::size_t i = 0; i < log.steps.size(); ++i) {
+    const recording::StepRecord& record = log.steps[i];
+    gap = gap || log.step_numbers[i] != number + 1;
+    number = log.step_numbers[i];
+    if (last == nullptr || last->episode != record.episode) {
+      gap = gap && record.t != 0;
+      controller->Reset(record.seed);
+    }
     last = &record;
+    if (gap) {
+      ++left_out;
+      continue;
+    }
     const control::Step step = controller->Next(record.state.view(), u);
     const std::string difference = Difference(record, step, u);
     if (difference.empty()) continue;
@@ -127,6 +146,15 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
     }
   }
   if (differences > kShown) std::cout << "  and " << differences - kShown << " more\n";
+  if (left_out > 0) {
+    std::cout << "  " << left_out
+              << " decisions come after one that is missing, and were left out\n";
+  }
+  if (left_out == static_cast<int>(log.steps.size())) {
+    throw std::runtime_error(path.string() +
+                             " holds no episode from its beginning: there is nothing "
+                             "to make again");
+  }
   std::cout << (differences == 0 ? "all decisions are the same\n"
                                  : std::to_string(differences) + " decisions differ\n");
   return differences == 0;

@@ -13,6 +13,8 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/hardware/intrinsics_file.h"
+
 namespace dfr::apps::line_tracking {
 namespace {
 
@@ -81,6 +83,49 @@ class Section {
       values[i] = *number;
     }
     return true;
+  }
+  // Joint values, all positive.
+  void Get(const char* key, kinematics::PsmJoints& values) {
+    if (!Get(key, {values.data(), 6})) return;
+    if (!values.allFinite() || !(values.array() > 0.0).all()) {
+      Wrong(key, "6 positive numbers in brackets: rad, of the insertion m");
+    }
+  }
+  void Get(const char* key, std::vector<std::string>& values) {
+    const toml::node* node = Find(key);
+    if (node == nullptr) return;
+    const toml::array* array = node->as_array();
+    values.clear();
+    for (std::size_t i = 0; array != nullptr && i < array->size(); ++i) {
+      values.push_back((*array)[i].value_exact<std::string>().value_or(""));
+    }
+    const auto topic = [](const std::string& name) {
+      return name.size() > 1 && name.front() == '/';
+    };
+    if (values.empty() || !std::all_of(values.begin(), values.end(), topic)) {
+      Wrong(*node, key, "names of topics in brackets, each with a slash in front");
+    }
+  }
+  // Rows of so many numbers each; none if the key is not there.
+  [[nodiscard]] std::vector<std::vector<double>> Rows(const char* key, std::size_t columns,
+                                                      const char* meaning) {
+    std::vector<std::vector<double>> rows;
+    const toml::node* node = Find(key);
+    if (node == nullptr) return rows;
+    const std::string wanted = std::string("a list of ") + meaning + ", each " +
+                               std::to_string(columns) + " finite numbers in brackets";
+    const toml::array* array = node->as_array();
+    if (array == nullptr) Wrong(*node, key, wanted);
+    for (const toml::node& entry : *array) {
+      const toml::array* row = entry.as_array();
+      if (row == nullptr || row->size() != columns) Wrong(entry, key, wanted);
+      rows.emplace_back();
+      for (const toml::node& number : *row) {
+        rows.back().push_back(number.value<double>().value_or(std::nan("")));
+        if (!std::isfinite(rows.back().back())) Wrong(entry, key, wanted);
+      }
+    }
+    return rows;
   }
   template <typename T>
   void Get(const char* key, T& value, const std::map<std::string, T>& words) {
@@ -159,6 +204,23 @@ void GetBase(Section& arm, RobotConfig& config) {
   config.p_world_base = pose;
 }
 
+void GetRegion(Section& task, line_task::TipRegionOptions& region) {
+  task.Get("box_min_m", {region.box_min_m.data(), 3});
+  task.Get("box_max_m", {region.box_max_m.data(), 3});
+  for (const std::vector<double>& row : task.Rows("forbidden_boxes_m", 6, "boxes")) {
+    region.forbidden.emplace_back(Eigen::Vector3d(row.data()), Eigen::Vector3d(row.data() + 3));
+  }
+  for (const std::vector<double>& row : task.Rows("planes", 4, "planes")) {
+    region.planes.emplace_back(Eigen::Vector3d(row.data()), -row[3]);
+  }
+  try {
+    region.Check();
+  } catch (const std::invalid_argument& e) {
+    task.Wrong(region.planes.empty() ? "box_max_m" : "planes",
+               std::string("such that ") + e.what());
+  }
+}
+
 }  // namespace
 
 RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
@@ -207,15 +269,31 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   hardware::PsmLimits& limits = config.arm_client.limits;
   arm.Get("workspace_min_m", {limits.workspace_min_m.data(), 3});
   arm.Get("workspace_max_m", {limits.workspace_max_m.data(), 3});
+  if (!limits.workspace_min_m.allFinite() || !limits.workspace_max_m.allFinite() ||
+      !(limits.workspace_min_m.array() < limits.workspace_max_m.array()).all()) {
+    arm.Wrong("workspace_max_m", "above workspace_min_m in every entry, all finite");
+  }
   arm.Get("speed", config.speed_m_s, 1e-4, 0.05);
   arm.Get("max_tip_speed", limits.max_tip_speed, 1e-4, 0.2);
   arm.Get("max_age_s", config.arm_client.watchdog.max_age_s, 0.001, 10.0);
   arm.Get("max_silence_s", config.arm_client.watchdog.max_silence_s, 0.001, 10.0);
+  arm.Get("teleoperation", config.teleoperation);
+  arm.Get("servo_cs", config.servo_cs);
+  arm.Get("max_lag", config.arm_client.max_lag);
+  arm.Get("rest_distance", config.arm_client.rest.max_distance);
+  arm.Get("rest_speed", config.arm_client.rest.max_speed);
+  arm.Get("reach_timeout_s", config.arm_client.reach_timeout_s, 0.1, 60.0);
   arm.Get("settle_s", config.arm_client.rest.settle_s, 0.0, 10.0);
   arm.End();
 
+  Section task = section("task");
+  GetRegion(task, config.region);
+  task.Get("lift_m", config.lift_m, 0.0, 0.05);
+  task.End();
+
   Section camera = section("camera");
   camera.Get("source", config.camera);
+  camera.Get("intrinsics", config.intrinsics);
   camera.Get("max_age_s", config.image_max_age_s, 0.001, 10.0);
   camera.Get("latency_s", config.image_latency_s, 0.0, 1.0);
   camera.End();
@@ -230,6 +308,7 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
 
   Section stop = section("emergency_stop");
   stop.Get("required", config.emergency_stop);
+  stop.Get("datagrams", config.emergency_stop_datagrams);
   stop.Get("max_silence_s", config.emergency_stop_silence_s, 0.05, 10.0);
   stop.End();
 
@@ -247,6 +326,30 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   top.End();
   config.arm_client.longest_step_s = config.period_s;
   return config;
+}
+
+void CheckCamera(const RobotConfig& config, const line_task::LineCalibration& calibration) {
+  if (config.intrinsics.empty()) return;
+  const vision::CameraModel is = hardware::ReadIntrinsics(config.intrinsics);
+  const vision::CameraModel& was = calibration.camera;
+  constexpr double kAlike = 0.05;  // what a calibration finds beyond the maker's data, and more
+  const auto near = [](double a, double b, double scale) {
+    return std::abs(a - b) <= kAlike * scale;
+  };
+  if (is.width == was.width && is.height == was.height && near(is.fx, was.fx, is.fx) &&
+      near(is.fy, was.fy, is.fy) && near(is.cx, was.cx, is.width) &&
+      near(is.cy, was.cy, is.height)) {
+    return;
+  }
+  const auto words = [](const vision::CameraModel& camera) {
+    std::ostringstream text;
+    text << camera.width << " x " << camera.height << ", focal length " << camera.fx
+         << " px, centre " << camera.cx << ", " << camera.cy << " px";
+    return text.str();
+  };
+  throw std::runtime_error(config.calibration.string() + " is of another camera (" + words(was) +
+                           ") than " + config.intrinsics.string() + " (" + words(is) +
+                           "): calibrate with this one, or was it made in simulation?");
 }
 
 }  // namespace dfr::apps::line_tracking

@@ -6,10 +6,12 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "dfr/dds/participant.h"
 #include "dfr/hardware/psm_client.h"
 #include "dfr/line_task/line_task.h"
+#include "dfr/line_task/tip_region.h"
 
 namespace dfr::apps::line_tracking {
 
@@ -37,15 +39,23 @@ struct RobotConfig {
   // [arm]
   std::string arm = "PSM1";
   hardware::PsmClientOptions arm_client;
+  std::vector<std::string> teleoperation;  ///< Topics that say so; empty: the usual ones.
+  bool servo_cs = false;  ///< Set-points with their twist, where the console takes them.
   double speed_m_s = line_task::LineTask::kSpeed;  ///< Of the tip while a control is carried out.
   /// The arm's base in the world frame: the gauze's when nothing moves it. Absent: as in the
   /// simulation.
   std::optional<Eigen::Isometry3d> p_world_base;
 
+  // [task]
+  line_task::TipRegionOptions region;  ///< Where the tips may be on any way that is sent.
+  double lift_m = 0.005;  ///< By how much the tool is lifted before it is turned upright.
+
   // [camera]
   std::string camera = "/ECM/image_raw";  ///< A DDS topic, a device, a file or a pipeline.
-  double image_max_age_s = 0.1;           ///< Of its stamp and of its arrival.
-  double image_latency_s = 0.0;           ///< What a stamp may be later than the light it shows.
+  /// The camera's intrinsics, which a calibration has to be of; empty: not looked at.
+  std::filesystem::path intrinsics;
+  double image_max_age_s = 0.1;  ///< Of its stamp and of its arrival.
+  double image_latency_s = 0.0;  ///< What a stamp may be later than the light it shows.
 
   // [simulator]
   bool simulator = false;  ///< The console is dvrk_simulator's, which sets up episodes.
@@ -54,6 +64,7 @@ struct RobotConfig {
   // [emergency_stop]
   bool emergency_stop = true;
   double emergency_stop_silence_s = 0.06;
+  bool emergency_stop_datagrams = true;  ///< It has to be heard in datagrams, too.
 
   // [loop]
   double period_s = 0.005;
@@ -69,5 +80,10 @@ struct RobotConfig {
   /// @throws std::runtime_error naming file, line and key, what is wrong and what there is.
   static RobotConfig Load(const std::filesystem::path& file);
 };
+
+/// Whether `calibration` is of the camera whose intrinsics the configuration names, if it does:
+/// its size, and focal lengths and principal point within 5 % of them.
+/// @throws std::runtime_error naming both files and what differs; as hardware::ReadIntrinsics().
+void CheckCamera(const RobotConfig& config, const line_task::LineCalibration& calibration);
 
 }  // namespace dfr::apps::line_tracking

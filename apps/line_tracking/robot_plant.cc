@@ -5,9 +5,12 @@
 #include <cmath>
 #include <cstdio>
 #include <optional>
+#include <span>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/robot/real_time_clock.h"
@@ -57,12 +60,15 @@ class ToolTask final : public robot::Task {
   std::array<double, 2> change_mm_{};
 };
 
-// Transitions go to the recording and to the operator.
+// Transitions go to the recording and to the operator, and how the arm stood to the recording.
 class RunLog final : public robot::Recorder {
  public:
-  RunLog(recording::Recorder* recorder,
+  RunLog(recording::Recorder* recorder, const hardware::PsmDriver& driver, bool stop_required,
          std::function<void(const runtime::Transition&)> on_transition)
-      : recorder_(recorder), on_transition_(std::move(on_transition)) {}
+      : recorder_(recorder),
+        driver_(&driver),
+        stop_required_(stop_required),
+        on_transition_(std::move(on_transition)) {}
 
   [[nodiscard]] bool failed() const noexcept override {
     return recorder_ != nullptr && recorder_->failed();
@@ -83,9 +89,53 @@ class RunLog final : public robot::Recorder {
     }
     if (on_transition_) on_transition_(transition);
   }
+  void Period(const robot::Finding& arm, const robot::Finding& stop, runtime::RunState state,
+              std::int64_t wall_ns) noexcept override {
+    if (recorder_ == nullptr) return;
+    const hardware::PsmClient& client = driver_->client();
+    // A sample of the arm's, or news between two.
+    const bool same = client.num_samples() == num_samples_ && arm.reason == arm_ &&
+                      stop.reason == stop_ && state == state_;
+    if (same) return;
+    num_samples_ = client.num_samples();
+    arm_ = arm.reason;
+    stop_ = stop.reason;
+    state_ = state;
+    recording::ArmRecord record;
+    record.time_ns = wall_ns;
+    record.measured_ns = client.measured_js().stamp.nanoseconds();
+    const auto joints = [](const PsmJoints& q) { return std::span(q.data(), 6); };
+    record.position.Assign(joints(client.measured_js().position));
+    record.velocity.Assign(joints(client.measured_js().velocity));
+    if (client.phase() == hardware::PsmPhase::kArmed) {
+      record.setpoint.Assign(joints(client.setpoint()));
+    }
+    record.console_setpoint.Assign(joints(client.setpoint_js().position));
+    record.operating_state = hardware::Name(client.operating_state().state);
+    record.homed = client.operating_state().homed;
+    record.busy = client.operating_state().busy;
+    record.machine = runtime::Name(state);
+    if (!arm.ok()) {
+      std::array<char, 96> fault{};
+      std::snprintf(fault.data(), fault.size(), "%s: %.*s", runtime::Name(arm.reason),
+                    static_cast<int>(arm.detail.size()), arm.detail.data());
+      record.fault = std::string_view(fault.data());
+    }
+    record.stop = !stop_required_                             ? "none"
+                  : stop.ok()                                 ? "released"
+                  : stop.reason == HoldReason::kEmergencyStop ? "pressed"
+                                                              : "silent";
+    static_cast<void>(recorder_->Arm(record));
+  }
 
  private:
   recording::Recorder* recorder_;
+  const hardware::PsmDriver* driver_;
+  bool stop_required_;
+  std::uint64_t num_samples_ = 0;
+  HoldReason arm_ = HoldReason::kNone;
+  HoldReason stop_ = HoldReason::kNone;
+  runtime::RunState state_ = runtime::RunState::kIdle;
   std::function<void(const runtime::Transition&)> on_transition_;
 };
 
@@ -93,6 +143,8 @@ hardware::PsmDriverOptions DriverOptions(const RobotConfig& config) {
   hardware::PsmDriverOptions options;
   options.arm = config.arm;
   options.client = config.arm_client;
+  options.teleoperation = config.teleoperation;
+  options.servo_cs = config.servo_cs;
   // As the simulation moves: the controls are small, and come to rest in between.
   options.client.profile = hardware::PsmProfile::kLinear;
   return options;
@@ -126,17 +178,20 @@ struct RobotPlant::Impl {
   Impl(const RobotConfig& config, const line_task::LineCalibration& calibration,
        recording::Recorder* recorder, const RunOperator& run_operator)
       : simulated(config.simulator),
+        lift_m(config.lift_m),
         task(calibration, Base(config)),
+        region(task, config.region),
         network(config.network),
         images(ImageNetwork(config.network)),
         driver(network, DriverOptions(config)),
         link(config.simulator ? std::make_unique<SimulatorLink>(network) : nullptr),
         lock_step(config.lock_step ? std::make_unique<LockStep>(*link, driver) : nullptr),
         real_time(config.period_s),
-        arm(driver, run_operator.on_word),
+        arm(driver, region, run_operator.on_word),
         tool(task, driver, config.speed_m_s),
-        log(recorder, run_operator.on_transition),
-        stop(network, config.emergency_stop, config.emergency_stop_silence_s),
+        log(recorder, driver, config.emergency_stop, run_operator.on_transition),
+        stop(network, config.emergency_stop, config.emergency_stop_silence_s,
+             config.emergency_stop_datagrams),
         camera(images, config, driver, task, lock_step.get(), recorder),
         loop(LoopOptions(config),
              {.clock = lock_step ? static_cast<robot::Clock*>(lock_step.get()) : &real_time,
@@ -149,7 +204,59 @@ struct RobotPlant::Impl {
 
   [[nodiscard]] const vision::LineObservation& seen() const noexcept { return camera.last().seen; }
 
-  // The tool may not be upright yet, or not as upright as the calibration has it.
+  // A way of straight pieces through joint space, and what the operator is told that it is for.
+  struct Leg {
+    const char* what;
+    std::vector<PsmJoints> way;
+  };
+
+  // Throws unless the arm can go all of the legs, one after the other, and the tips stay where they
+  // may be: before anything moves.
+  void Allow(std::span<const Leg> legs) const {
+    hardware::PsmMotion motion = driver.client().motion();
+    for (const Leg& leg : legs) {
+      for (const PsmJoints& joints : leg.way) {
+        const line_task::Breach breach = region.Along(motion.setpoint(), joints);
+        if (breach.any()) {
+          std::ostringstream why;
+          why << "the tool cannot be " << leg.what << ": its tip would go " << 1e3 * breach.depth_m
+              << " mm beyond " << breach.what << "; move it by hand";
+          throw std::runtime_error(why.str());
+        }
+        const hardware::PsmStatus status =
+            motion.Start(joints, 2.0 * motion.ShortestDuration(joints));
+        if (status != hardware::PsmStatus::kOk) {
+          throw std::runtime_error(std::string("the tool cannot be ") + leg.what + ": " +
+                                   hardware::Name(status) + "; move it by hand");
+        }
+        motion.Rest(joints);
+      }
+    }
+  }
+
+  void Go(const Leg& leg) {
+    for (const PsmJoints& joints : leg.way) {
+      const double duration_s = 2.0 * driver.client().motion().ShortestDuration(joints);
+      if (loop.Move({joints.data(), 6}, duration_s) != PlantStatus::kOk) {
+        throw std::runtime_error(std::string("the tool cannot be ") + leg.what + ": " +
+                                 loop.cause());
+      }
+    }
+  }
+
+  // The tips straight from one place to another while the tool turns.
+  static Leg Turning(const char* what, const PsmJoints& from, const std::optional<PsmJoints>& to) {
+    const auto way = to ? TurnAboutTip(from, *to) : std::nullopt;
+    if (!way) {
+      throw std::runtime_error(std::string("the tool cannot be ") + what +
+                               " from where it is; lift it, or turn it by hand");
+    }
+    return {what, *way};
+  }
+
+  // The tool may not be upright yet, or not as upright as the calibration has it. A little is
+  // turned in place. Otherwise the tool is lifted, the gauze looked at from there, and the tool
+  // turned and lowered to where its tip was, above the gauze as it was seen.
   void TurnUpright() {
     PsmJoints upright;
     if (!tool.Upright(upright)) {
@@ -157,20 +264,43 @@ struct RobotPlant::Impl {
           "the arm cannot hold its tool upright where it is; move it elsewhere");
     }
     constexpr double kUpright = 1e-6;  // rad, m
-    const hardware::PsmClient& client = driver.client();
-    if ((upright - client.setpoint()).cwiseAbs().maxCoeff() <= kUpright) return;
-    const auto way = TurnAboutTip(client.setpoint(), upright);
-    if (!way) {
-      throw std::runtime_error(
-          "the tool cannot be turned upright with its tip where it is; lift it, or turn it by "
-          "hand");
+    constexpr double kLittle = 0.05;   // rad
+    const PsmJoints start = driver.client().setpoint();
+    if ((upright - start).cwiseAbs().maxCoeff() <= kUpright) return;
+    const Eigen::Quaterniond begin(kinematics::Psm::Forward(start).linear());
+    const Eigen::Quaterniond end(kinematics::Psm::Forward(upright).linear());
+    if (begin.angularDistance(end) <= kLittle) {
+      const Leg turn = Turning("turned upright", start, upright);
+      Allow({&turn, 1});
+      Go(turn);
+      return;
     }
-    for (const PsmJoints& joints : *way) {
-      const double duration_s = 2.0 * client.motion().ShortestDuration(joints);
-      if (loop.Move({joints.data(), 6}, duration_s) != PlantStatus::kOk) {
-        throw std::runtime_error("the tool cannot be turned upright: " + loop.cause());
-      }
+    const Eigen::Vector3d up =
+        lift_m * (task.p_world_base().linear().transpose() * Eigen::Vector3d::UnitZ());
+    const std::optional<PsmJoints> lifted = Displaced(start, up);
+    const std::optional<PsmJoints> above = Displaced(upright, up);
+    const std::array<Leg, 3> legs = {Turning("lifted", start, lifted),
+                                     Turning("turned upright", lifted.value_or(start), above),
+                                     Turning("lowered", above.value_or(upright), upright)};
+    Allow(legs);
+    Go(legs[0]);
+    static_cast<void>(loop.Look());
+    if (!loop.may_move()) throw std::runtime_error("the tool was lifted: " + loop.cause());
+    if (!seen().seen()) {
+      throw std::runtime_error(std::string("the tool was lifted, and the picture does not show "
+                                           "where it is: ") +
+                               vision::Name(seen().missing));
     }
+    region.SetGauze(task.p_world_base() * task.calibration().p_base_cam * seen().p_cam_target);
+    try {
+      Allow(std::span(legs).subspan(1));
+      Go(legs[1]);
+      Go(legs[2]);
+    } catch (const std::exception&) {
+      region.ForgetGauze();
+      throw;
+    }
+    region.ForgetGauze();
   }
 
   void AskForTruth() {
@@ -192,7 +322,9 @@ struct RobotPlant::Impl {
   }
 
   bool simulated;
+  double lift_m;
   LineTask task;
+  line_task::TipRegion region;
   dds::Participant network;
   dds::Participant images;
   hardware::PsmDriver driver;

@@ -207,6 +207,7 @@ void RunRun(const RunOptions& options) {
   SceneOptions scene = options.scene;
   scene.calibration = config.calibration;
   const line_task::LineCalibration known = LoadCalibration(scene);
+  CheckCamera(config, known);
   std::optional<recording::Recorder> recorder;
   std::filesystem::path log;
   if (!config.recordings.empty()) {

@@ -61,4 +61,12 @@ std::optional<std::vector<PsmJoints>> TurnAboutTip(const PsmJoints& from, const 
   return way;
 }
 
+std::optional<PsmJoints> Displaced(const PsmJoints& joints, const Eigen::Vector3d& step_m) {
+  Eigen::Isometry3d wrist = Psm::Forward(joints);
+  wrist.translation() += step_m;
+  PsmJoints displaced;
+  if (Psm::Inverse(wrist, displaced) != PsmReach::kOk) return std::nullopt;
+  return displaced;
+}
+
 }  // namespace dfr::apps::line_tracking

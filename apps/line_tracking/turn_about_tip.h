@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <optional>
 #include <vector>
 
@@ -16,5 +17,10 @@ inline constexpr double kMostAstray = 3e-4;
 /// Nothing if the arm cannot hold the tool so somewhere on the way. @pre both finite
 [[nodiscard]] std::optional<std::vector<kinematics::PsmJoints>> TurnAboutTip(
     const kinematics::PsmJoints& from, const kinematics::PsmJoints& to);
+
+/// The joints that hold the tool as `joints` do, with its tips moved by `step_m` (the arm's base
+/// frame). Nothing if the arm cannot.
+[[nodiscard]] std::optional<kinematics::PsmJoints> Displaced(const kinematics::PsmJoints& joints,
+                                                             const Eigen::Vector3d& step_m);
 
 }  // namespace dfr::apps::line_tracking

@@ -444,5 +444,69 @@ TEST(PsmDriverNoConsoleTest, SaysThatNobodyIsThere) {
   EXPECT_THROW(PsmDriver(participant, {.arm = "/PSM1"}), std::invalid_argument);
 }
 
+// Poses are relative to a camera; set-points go out with their twist.
+class PsmDriverOnCartTest : public testing::Test {
+ protected:
+  static sim::PsmConsoleOptions Cart() {
+    sim::PsmConsoleOptions options{.arm = "PSM1", .homing_s = 0.1};
+    options.base_frame.translation() = Eigen::Vector3d(0.05, -0.1, 0.2);
+    options.base_frame.linear() =
+        Eigen::AngleAxisd(2.0, Eigen::Vector3d(1.0, -1.0, 0.5).normalized()).toRotationMatrix();
+    options.base_frame_name = "ECM_view";
+    return options;
+  }
+  bool Until(PsmDriver& driver, const std::function<bool()>& condition) {
+    const auto end = Clock::now() + std::chrono::seconds(60);
+    auto last = Clock::now();
+    while (!condition()) {
+      const auto now = Clock::now();
+      if (now > end) return false;
+      server_.Tick(std::min(0.05, std::chrono::duration<double>(now - last).count()));
+      last = now;
+      driver.Tick();
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    return true;
+  }
+
+  sim::PsmConsole console_{Cart()};
+  dds::Participant server_participant_{{.domain = test::OwnDomain()}};
+  sim::PsmConsoleServer server_{server_participant_, console_};
+  dds::Participant participant_{{.domain = test::OwnDomain()}};
+};
+
+TEST_F(PsmDriverOnCartTest, MovesTheArmInItsOwnFrameByStatesWithTwists) {
+  PsmDriverOptions options = Patient();
+  options.servo_cs = true;
+  PsmDriver driver(participant_, options);
+  dds::Subscriber<dds::CartesianState> heard(server_participant_, "/PSM1/servo_cs",
+                                             dds::Role::kState);
+  dds::Subscriber<dds::PoseStamped> poses(server_participant_, "/PSM1/servo_cp", dds::Role::kState);
+  console_.Place(Home());
+  ASSERT_TRUE(Until(driver, [&] { return driver.Arm() == PsmStatus::kOk; })) << driver.Explain();
+  EXPECT_TRUE(
+      test::AllClose(driver.client().base_frame().matrix(), Cart().base_frame.matrix(), 1e-9));
+  // Found by now, so that nothing goes out on servo_cp any more.
+  ASSERT_TRUE(Until(driver, [&] {
+    dds::CartesianState state;
+    return heard.TakeNewest(state) && state.pose_valid && state.twist_valid;
+  }));
+  dds::PoseStamped pose;
+  while (poses.Take(pose)) {
+  }
+  ASSERT_EQ(driver.MoveTo(Yaw(0.1), 2.0), PsmStatus::kOk);
+  double fastest = 0.0;
+  ASSERT_TRUE(Until(driver, [&] {
+    dds::CartesianState state;
+    while (heard.Take(state)) fastest = std::max(fastest, state.linear_m_s.norm());
+    return driver.at_rest() || driver.phase() != PsmPhase::kArmed;
+  }));
+  EXPECT_EQ(driver.status(), PsmStatus::kOk) << driver.Explain();
+  EXPECT_TRUE(test::AllClose(console_.setpoint_joints(), Yaw(0.1), 1e-9));
+  // 0.1 rad in 2 s, 1.5 times as fast in the middle, 0.1135 m from the remote centre.
+  EXPECT_NEAR(fastest, 1.5 * 0.05 * 0.1135, 1e-3);
+  EXPECT_FALSE(poses.Take(pose)) << "both ways at once";
+}
+
 }  // namespace
 }  // namespace dfr::hardware

@@ -280,6 +280,26 @@ TEST_F(TopicTest, PicturesArriveAsTheyWereSent) {
   EXPECT_GE(frame_.age_s, 0.0);
 }
 
+// As ROS 2 sends sensor data: a subscriber that relies on repeats would refuse it.
+TEST(SensorTopicTest, ACameraThatRepeatsNothingIsHeard) {
+  dds::Participant camera({.domain = test::OwnDomain()});
+  dds::Participant participant({.domain = test::OwnDomain()});
+  dds::Publisher<dds::CompressedImage> publisher(camera, "/left/image_raw/compressed",
+                                                 dds::Role::kSensorImage);
+  const auto endoscope = OpenTopic(participant, "/left/image_raw/compressed", Small());
+  Frame frame;
+  std::uint64_t next = 1;
+  EXPECT_TRUE(Eventually([&] {
+    dds::CompressedImage image;
+    image.stamp = dds::Stamp::Now();
+    image.format = "jpeg";
+    cv::imencode(".jpg", Picture(next++), image.data);
+    publisher.Write(image);
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    return endoscope->Grab(frame) == FrameStatus::kOk;
+  }));
+}
+
 TEST_F(TopicTest, EncodingsBecomeBlueGreenRed) {
   ASSERT_TRUE(Becomes(FrameStatus::kOk, [](std::uint64_t i) {
     cv::Mat picture = Picture(i);

@@ -9,6 +9,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "dfr/hardware/intrinsics_file.h"
+
 namespace dfr::apps::line_tracking {
 namespace {
 
@@ -79,6 +81,64 @@ TEST_F(RobotConfigTest, ErrorsNameFileLineKeyAndWhatThereIs) {
               HasSubstr(":3: loop.max_period_s must be at least twice period_s"));
   EXPECT_THAT(Error("camera = 3\n"), HasSubstr(":1: camera must be a table"));
   EXPECT_THAT(Error("[arm\n"), HasSubstr(file + ":1: "));
+}
+
+TEST_F(RobotConfigTest, RegionAndLimitsAreRead) {
+  const RobotConfig config = Load(
+      "robot = 'dds'\n[arm]\nteleoperation = ['/a/following']\nservo_cs = true\n"
+      "max_lag = [0.1, 0.1, 0.02, 0.2, 0.2, 0.2]\nrest_distance = [1, 1, 1, 1, 1, 1]\n"
+      "[task]\nbox_min_m = [-0.01, -0.02, 0.001]\nlift_m = 0.01\n"
+      "forbidden_boxes_m = [[0, 0, 0, 0.01, 0.01, 0.01]]\nplanes = [[0, 0, 1, 0.002]]\n");
+  EXPECT_EQ(config.teleoperation, (std::vector<std::string>{"/a/following"}));
+  EXPECT_TRUE(config.servo_cs);
+  EXPECT_EQ(config.arm_client.max_lag[2], 0.02);
+  EXPECT_EQ(config.arm_client.rest.max_distance[5], 1.0);
+  EXPECT_EQ(config.lift_m, 0.01);
+  EXPECT_EQ(config.region.box_min_m.z(), 0.001);
+  ASSERT_EQ(config.region.forbidden.size(), 1U);
+  EXPECT_EQ(config.region.forbidden[0].max().x(), 0.01);
+  ASSERT_EQ(config.region.planes.size(), 1U);
+  // Two millimetres above the gauze at rest is where it begins.
+  EXPECT_NEAR(config.region.planes[0].signedDistance(Eigen::Vector3d(0.0, 0.0, 0.003)), 0.001,
+              1e-15);
+}
+
+TEST_F(RobotConfigTest, BoundsThatAreNoneAreRefused) {
+  EXPECT_THAT(Error("[arm]\nworkspace_max_m = [inf, 1.0, 1.0]\n"),
+              HasSubstr(":2: arm.workspace_max_m must be above workspace_min_m in every entry, all "
+                        "finite"));
+  EXPECT_THAT(Error("[arm]\nmax_lag = [0, 1, 1, 1, 1, 1]\n"),
+              HasSubstr(":2: arm.max_lag must be 6 positive numbers"));
+  EXPECT_THAT(Error("[arm]\nteleoperation = ['following']\n"),
+              HasSubstr(":2: arm.teleoperation must be names of topics"));
+  EXPECT_THAT(Error("[task]\nbox_max_m = [0.1, 0.1, 0.0]\n"),
+              HasSubstr(":2: task.box_max_m must be such that box_min_m must be below box_max_m"));
+  EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 1]]\n"),
+              HasSubstr(":2: task.planes must be a list of planes, each 4 finite numbers"));
+  EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 2, 0]]\n"), HasSubstr("its normal of length 1"));
+}
+
+TEST_F(RobotConfigTest, ACalibrationOfAnotherCameraIsRefused) {
+  const std::filesystem::path intrinsics = file_.string() + ".yaml";
+  vision::CameraModel camera;
+  hardware::WriteIntrinsics(intrinsics, camera);
+  const RobotConfig config =
+      Load("calibration = 'c.dfr'\n[camera]\nintrinsics = '" + intrinsics.string() + "'\n");
+  line_task::LineCalibration calibration;
+  calibration.camera = camera;
+  calibration.camera.fx *= 1.04;
+  EXPECT_NO_THROW(CheckCamera(config, calibration));
+  calibration.camera.fx *= 1.04;
+  try {
+    CheckCamera(config, calibration);
+    ADD_FAILURE() << "it was taken";
+  } catch (const std::runtime_error& e) {
+    EXPECT_THAT(e.what(), HasSubstr("c.dfr is of another camera (640 x 480, focal length "));
+    EXPECT_THAT(e.what(), HasSubstr(intrinsics.string()));
+  }
+  std::filesystem::remove(intrinsics);
+  EXPECT_THROW(CheckCamera(config, calibration), std::runtime_error) << "the file is gone";
+  EXPECT_NO_THROW(CheckCamera({}, calibration)) << "nothing to compare with";
 }
 
 TEST_F(RobotConfigTest, AFileThatIsNotThereIsNamed) {

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <csignal>
@@ -345,6 +346,85 @@ TEST_F(BringUpTest, AStopThatIsPressedHasToBeReleasedAndCleared) {
   EXPECT_THROW(robot.BringUp({}, answers), std::runtime_error);
   EXPECT_EQ(words, (std::vector<std::string>{"clear", "clear"})) << "it is still pressed";
   EXPECT_FALSE(ConsoleSaid("ENABLED", true, 0.2));
+}
+
+// The tool hangs askew over the line: it is lifted, looked at, turned and lowered again.
+class AskewTest : public BringUpTest {
+ protected:
+  // Where the simulator says that the tip is, with the arm's tool tilted by 0.3 rad about it.
+  void Tilt() {
+    dds::Participant network({.domain = domain_});
+    SimulatorLink link(network);
+    link.Await(10.0);
+    link.Reset(1);
+    dds::Subscriber<dds::PoseStamped> measured(network, "/PSM1/setpoint_cp", dds::Role::kState);
+    dds::Publisher<dds::PoseStamped> move(network, "/PSM1/move_cp", dds::Role::kRequest);
+    dds::PoseStamped pose;
+    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+    while (!(measured.TakeNewest(pose) && pose.stamp.valid()) || move.num_subscribers() == 0) {
+      ASSERT_LT(std::chrono::steady_clock::now(), end);
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(500));  // until it knows us, too
+    const Eigen::Vector3d jaw(0.0, 0.0, kinematics::Psm::kJawLength);
+    const Eigen::Vector3d tip = pose.position_m + pose.orientation * jaw;
+    pose.orientation =
+        pose.orientation * Eigen::Quaterniond(Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitX()));
+    pose.position_m = tip - pose.orientation * jaw;
+    ASSERT_TRUE(move.Write(pose));
+    for (dds::PoseStamped now; std::chrono::steady_clock::now() < end;
+         std::this_thread::sleep_for(std::chrono::milliseconds(10))) {
+      if (measured.TakeNewest(now) && (now.position_m - pose.position_m).norm() < 1e-6) break;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(500));  // the joints follow
+  }
+};
+
+TEST_F(AskewTest, TheToolIsLiftedThenTurnedAndNeverGoesDown) {
+  Tilt();
+  const Operator person(domain_);
+  RobotPlant robot(Robot(), Data().Calibration(), nullptr);
+  robot.BringUp({}, [](auto, auto) { return true; });
+  SimulatorLink link(network_);
+  link.Await(10.0);
+  const double before = link.Truth().tip_m.z();
+  std::atomic<bool> done = false;
+  double lowest = before;
+  double highest = before;
+  std::thread watches([&] {
+    while (!done) {
+      const double z = link.Truth().tip_m.z();
+      lowest = std::min(lowest, z);
+      highest = std::max(highest, z);
+    }
+  });
+  EXPECT_NO_THROW(robot.Reset(1));
+  done = true;
+  watches.join();
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kRunning) << robot.loop().cause();
+  // What the encoders have, within 0.3 mm; the simulated cables add a few tenths.
+  EXPECT_GT(lowest, before - 1e-3);
+  EXPECT_GT(highest, before + 4e-3);
+}
+
+TEST_F(AskewTest, NothingMovesWhereAWayWouldLeaveTheRegion) {
+  Tilt();
+  const Operator person(domain_);
+  RobotConfig config = Robot();
+  config.region.box_min_m.z() = 0.02;  // so high that the tip is already below, and would return
+  RobotPlant robot(config, Data().Calibration(), nullptr);
+  robot.BringUp({}, [](auto, auto) { return true; });
+  SimulatorLink link(network_);
+  link.Await(10.0);
+  const Eigen::Vector3d before = link.Truth().tip_m;
+  try {
+    robot.Reset(1);
+    ADD_FAILURE() << "it went on";
+  } catch (const std::runtime_error& e) {
+    EXPECT_NE(std::string(e.what()).find("mm beyond the floor; move it by hand"), std::string::npos)
+        << e.what();
+  }
+  EXPECT_LT((link.Truth().tip_m - before).norm(), 1e-4);
 }
 
 TEST(EmergencyStopMonitorTest, SaysHowTheLoopStandsAndThatItEnds) {

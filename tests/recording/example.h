@@ -62,6 +62,26 @@ inline recording::TransitionRecord ExampleTransition(std::uint64_t i) {
   return transition;
 }
 
+inline recording::ArmRecord ExampleArm(std::uint64_t i) {
+  core::Random random(core::DeriveSeed(2, {i}));
+  recording::ArmRecord arm;
+  arm.time_ns = ExampleStep(i).time_ns + 1'000'000;
+  arm.measured_ns = arm.time_ns - 3'000'000;
+  for (auto* numbers : {&arm.position, &arm.velocity, &arm.setpoint, &arm.console_setpoint}) {
+    std::array<double, 6> joints{};
+    for (double& joint : joints) joint = random.Normal();
+    numbers->Assign(joints);
+  }
+  if (i % 2 == 1) arm.setpoint.Assign({});
+  arm.operating_state = i % 2 == 0 ? "ENABLED" : "PAUSED";
+  arm.homed = true;
+  arm.busy = i % 3 == 0;
+  arm.machine = i % 2 == 0 ? "running" : "holding";
+  arm.fault = i % 2 == 0 ? "" : "arm-not-ready: the arm is PAUSED";
+  arm.stop = "released";
+  return arm;
+}
+
 inline recording::RecordingMetadata ExampleMetadata() {
   return {.program = "example 1.0",
           .commit = "0123456789ab",

@@ -19,6 +19,7 @@ const kTypes = {
   "/dfr/transition": "dfr_msgs/msg/Transition",
   "/dfr/image/compressed": "sensor_msgs/msg/CompressedImage",
   "/dfr/log": "rcl_interfaces/msg/Log",
+  "/dfr/arm": "dfr_msgs/msg/Arm",
 };
 
 function bits(value) {
@@ -86,6 +87,20 @@ function check_content({ messages }, expected) {
       assert.equal(transition[key], value);
     }
   });
+  const arm = messages["/dfr/arm"];
+  assert.equal(arm.length, expected.arm.length);
+  arm.forEach((state, i) => {
+    const wanted = expected.arm[i];
+    assert.equal(state.logTime.toString(), wanted.time_ns);
+    assert.equal(state.measured_ns.toString(), wanted.measured_ns);
+    for (const key of ["operating_state", "machine", "fault", "stop"]) {
+      assert.equal(state[key], wanted[key], key);
+    }
+    for (const key of ["homed", "busy"]) assert.equal(Number(state[key]), wanted[key], key);
+    for (const key of ["position", "velocity", "setpoint", "console_setpoint"]) {
+      assert.deepEqual([...state[key]].map(bits), wanted[key], key);
+    }
+  });
   const pictures = messages["/dfr/image/compressed"];
   assert.equal(pictures.length, expected.pictures);
   pictures.forEach((picture, i) => {
@@ -140,9 +155,9 @@ async function finished(folder) {
   };
   const reader = await McapIndexedReader.Initialize({ readable });
   assert.equal(reader.header.library, "dfr");
-  assert.equal(reader.channelsById.size, 4);
-  assert.equal(reader.schemasById.size, 4);
-  const total = expected.steps.length + expected.transitions.length + expected.pictures;
+  assert.equal(reader.channelsById.size, 5);
+  assert.equal(reader.schemasById.size, 5);
+  const total = expected.steps.length + expected.transitions.length + expected.arm.length + expected.pictures;
   assert.equal(reader.statistics.messageCount, BigInt(total));
   assert.equal(reader.statistics.channelMessageCounts.get(1), BigInt(expected.steps.length));
   assert.equal(reader.statistics.chunkCount, reader.chunkIndexes.length);

@@ -35,22 +35,34 @@ std::string SmallFile(const test::TempFolder& folder) {
   Recorder recorder(folder / "small.mcap", test::ExampleMetadata());
   for (std::uint32_t i = 0; i < kSteps / 2; ++i) recorder.Record(test::ExampleStep(i));
   recorder.Transition(test::ExampleTransition(0));
+  recorder.Arm(test::ExampleArm(0));
   std::this_thread::sleep_for(std::chrono::milliseconds(400));
   for (std::uint32_t i = kSteps / 2; i < kSteps; ++i) recorder.Record(test::ExampleStep(i));
+  recorder.Arm(test::ExampleArm(1));
   recorder.Picture(test::ExamplePicture(0, test::ExamplePixels(0)));
   recorder.Finish();
   return Load(folder / "small.mcap");
 }
 
-// All that is there is right.
-void ExpectPrefix(const Recording& recording) {
+// All that is there is right, and in its place.
+void ExpectPart(const Recording& recording) {
   ASSERT_LE(recording.steps.size(), kSteps);
-  for (std::uint32_t i = 0; i < recording.steps.size(); ++i) {
-    ASSERT_TRUE(test::Same(recording.steps[i], test::ExampleStep(i)));
+  ASSERT_EQ(recording.steps.size(), recording.step_numbers.size());
+  std::uint32_t last = 0;
+  for (std::size_t i = 0; i < recording.steps.size(); ++i) {
+    const std::uint32_t number = recording.step_numbers[i];
+    ASSERT_GT(number, last);
+    last = number;
+    ASSERT_TRUE(test::Same(recording.steps[i], test::ExampleStep(number - 1)));
   }
   ASSERT_LE(recording.transitions.size(), 1U);
   if (!recording.transitions.empty()) {
     ASSERT_TRUE(test::Same(recording.transitions[0], test::ExampleTransition(0)));
+  }
+  ASSERT_LE(recording.arm.size(), 2U);
+  for (const ArmRecord& arm : recording.arm) {
+    const bool first = arm.time_ns == test::ExampleArm(0).time_ns;
+    ASSERT_TRUE(test::Same(arm, test::ExampleArm(first ? 0 : 1)));
   }
 }
 
@@ -66,7 +78,8 @@ TEST(ReadRecordingTest, AFileCutOffAnywhereGivesWhatIsWhole) {
     try {
       const Recording recording = ReadRecording(folder / "cut");
       EXPECT_FALSE(recording.finished);
-      ExpectPrefix(recording);
+      ExpectPart(recording);
+      EXPECT_TRUE(recording.damage.empty());
       // Shorter files give no more.
       EXPECT_LE(recording.steps.size(), least);
       if (size == whole.size() - 1) {
@@ -84,12 +97,15 @@ TEST(ReadRecordingTest, AFileCutOffAnywhereGivesWhatIsWhole) {
   EXPECT_TRUE(ReadRecording(folder / "small.mcap").finished);
 }
 
-// A byte that has changed is found: either it is said, or it is in what only repeats the content.
-TEST(ReadRecordingTest, AChangedByteNeverGivesOtherContent) {
+// A byte that has changed is found: it is said, and of the messages only those of its chunk are
+// lost.
+TEST(ReadRecordingTest, AChangedByteLosesItsChunkAlone) {
   const test::TempFolder folder;
   const std::string whole = SmallFile(folder);
   core::Random random(1);
-  int accepted = 0;
+  int unseen = 0;
+  int refused = 0;
+  int lost = 0;
   Save(folder / "changed", whole);
   std::fstream file(folder / "changed", std::ios::in | std::ios::out | std::ios::binary);
   const auto put = [&](std::size_t at, char byte) {
@@ -101,18 +117,34 @@ TEST(ReadRecordingTest, AChangedByteNeverGivesOtherContent) {
     put(at, static_cast<char>(whole[at] ^ static_cast<char>(1 + random.Below(255))));
     try {
       const Recording recording = ReadRecording(folder / "changed");
-      ExpectPrefix(recording);
-      EXPECT_FALSE(recording.finished);
-      EXPECT_EQ(recording.metadata, test::ExampleMetadata());
-      EXPECT_EQ(recording.steps.size(), kSteps);
-      ++accepted;
+      ExpectPart(recording);
+      // Whatever has happened to one chunk, the other is there.
+      EXPECT_GE(recording.steps.size(), kSteps / 2);
+      EXPECT_GE(recording.arm.size(), 1U);
+      const bool whole_content = recording.steps.size() == kSteps &&
+                                 recording.transitions.size() == 1 && recording.arm.size() == 2 &&
+                                 recording.pictures.size() == 1;
+      if (recording.damage.empty()) {
+        ++unseen;
+        EXPECT_TRUE(whole_content);
+        EXPECT_FALSE(recording.finished);
+        EXPECT_EQ(recording.metadata, test::ExampleMetadata());
+      } else {
+        EXPECT_THAT(recording.damage[0], testing::HasSubstr("damaged at byte "));
+        lost += whole_content ? 0 : 1;
+      }
     } catch (const std::runtime_error& e) {
       EXPECT_THAT(e.what(), testing::HasSubstr((folder / "changed").string()));
+      ++refused;
     }
     put(at, whole[at]);
   }
   // The magic at the end, without which a file counts as cut off.
-  EXPECT_EQ(accepted, 8);
+  EXPECT_EQ(unseen, 8);
+  // What a reader has to trust is before the first chunk: header, types, metadata, configuration.
+  EXPECT_GT(refused, 0);
+  EXPECT_LT(static_cast<std::size_t>(refused), whole.size() / 2);
+  EXPECT_GT(lost, 1000);
 }
 
 TEST(ReadRecordingTest, OtherFilesAreRefusedByName) {

@@ -157,7 +157,8 @@ TEST(RecorderTest, DroppedStepsAreCountedAndNoted) {
   EXPECT_EQ(recording.steps.size(), taken + 1);
   EXPECT_EQ(recording.dropped_records, dropped);
   ASSERT_FALSE(recording.notes.empty());
-  EXPECT_THAT(recording.notes[0].text, testing::HasSubstr("steps or transitions"));
+  EXPECT_THAT(recording.notes[0].text,
+              testing::HasSubstr("steps, transitions or states of the arm"));
 }
 
 TEST(RecorderTest, StepsAndPicturesFromTwoThreads) {

@@ -60,6 +60,19 @@ int main(int argc, char** argv) try {
         << "\",\"to_state\":\"" << transition.to.view() << "\",\"cause\":\""
         << transition.cause.view() << "\"}";
   }
+  out << "],\"arm\":[";
+  for (std::uint32_t i = 0; i < 2; ++i) {
+    const auto arm = dfr::test::ExampleArm(i);
+    recorder.Arm(arm);
+    out << (i == 0 ? "" : ",") << "{\"time_ns\":\"" << arm.time_ns << "\",\"measured_ns\":\""
+        << arm.measured_ns << "\",\"position\":" << Bits(arm.position.view())
+        << ",\"velocity\":" << Bits(arm.velocity.view())
+        << ",\"setpoint\":" << Bits(arm.setpoint.view())
+        << ",\"console_setpoint\":" << Bits(arm.console_setpoint.view())
+        << ",\"operating_state\":\"" << arm.operating_state.view() << "\",\"machine\":\""
+        << arm.machine.view() << "\",\"fault\":\"" << arm.fault.view() << "\",\"stop\":\""
+        << arm.stop.view() << "\",\"homed\":" << arm.homed << ",\"busy\":" << arm.busy << "}";
+  }
   for (std::uint32_t i = 0; i < kPictures; ++i) {
     recorder.Picture(dfr::test::ExamplePicture(i, dfr::test::ExamplePixels(i)));
   }

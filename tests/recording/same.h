@@ -43,6 +43,19 @@ inline testing::AssertionResult Same(const recording::StepRecord& a,
   return testing::AssertionSuccess();
 }
 
+inline testing::AssertionResult Same(const recording::ArmRecord& a, const recording::ArmRecord& b) {
+  const bool same =
+      a.time_ns == b.time_ns && a.measured_ns == b.measured_ns &&
+      Same(a.position.view(), b.position.view()) && Same(a.velocity.view(), b.velocity.view()) &&
+      Same(a.setpoint.view(), b.setpoint.view()) &&
+      Same(a.console_setpoint.view(), b.console_setpoint.view()) &&
+      a.operating_state == b.operating_state && a.homed == b.homed && a.busy == b.busy &&
+      a.machine == b.machine && a.fault == b.fault && a.stop == b.stop;
+  return same ? testing::AssertionSuccess()
+              : testing::AssertionFailure()
+                    << "states of the arm at " << a.time_ns << " and " << b.time_ns << " differ";
+}
+
 inline testing::AssertionResult Same(const recording::TransitionRecord& a,
                                      const recording::TransitionRecord& b) {
   if (a.time_ns == b.time_ns && a.from == b.from && a.to == b.to && a.cause == b.cause) {

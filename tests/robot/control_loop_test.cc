@@ -679,5 +679,29 @@ TEST(ControlLoopTest, ThrowsForOptionsOutOfRangeAndMissingDevices) {
   EXPECT_THROW(ControlLoop({}, {.clock = &robot.clock}), std::invalid_argument);
 }
 
+TEST(ControlLoopTest, TheRecorderIsToldHowEachPeriodStands) {
+  FakeRobot robot;
+  robot.loop.Idle(0.5);
+  const int periods = robot.recorder.periods;
+  EXPECT_EQ(periods, 100);
+  EXPECT_EQ(robot.recorder.last_arm, HoldReason::kNone);
+  EXPECT_EQ(robot.recorder.last_stop, HoldReason::kNone);
+  robot.arm.found = {HoldReason::kArmOld, "old"};
+  robot.stop.found = {HoldReason::kEmergencyStop, "pressed"};
+  robot.loop.Tick();
+  EXPECT_EQ(robot.recorder.periods, periods + 1);
+  EXPECT_EQ(robot.recorder.last_arm, HoldReason::kArmOld);
+  EXPECT_EQ(robot.recorder.last_stop, HoldReason::kEmergencyStop);
+  robot.arm.found = {};
+  robot.stop.found = {};
+  ASSERT_TRUE(robot.loop.Clear());
+  ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+  robot.loop.Tick();
+  EXPECT_EQ(robot.recorder.last_state, RunState::kRunning);
+  robot.stop.hangs = true;
+  robot.loop.Idle(0.2);
+  EXPECT_EQ(robot.recorder.last_stop, HoldReason::kEmergencyStopSilent);
+}
+
 }  // namespace
 }  // namespace dfr::robot

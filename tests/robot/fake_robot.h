@@ -212,9 +212,20 @@ class FakeRecorder final : public robot::Recorder {
     last_wall_ns = wall_ns;
     ++written;
   }
+  void Period(const robot::Finding& arm, const robot::Finding& stop, runtime::RunState state,
+              std::int64_t /*wall_ns*/) noexcept override {
+    ++periods;
+    last_arm = arm.reason;
+    last_stop = stop.reason;
+    last_state = state;
+  }
   bool failed() const noexcept override { return fails; }
 
   bool fails = false;
+  int periods = 0;
+  runtime::HoldReason last_arm = runtime::HoldReason::kNone;
+  runtime::HoldReason last_stop = runtime::HoldReason::kNone;
+  runtime::RunState last_state = runtime::RunState::kIdle;
   int written = 0;
   runtime::Transition last;
   std::int64_t last_wall_ns = 0;

@@ -323,5 +323,36 @@ TEST_F(PsmConsoleServerTest, CycloneClientHomesAndMovesTheArm) {
   EXPECT_EQ(code, 0);
 }
 
+// The calls of dvrk_python's test scripts, one after another.
+TEST_F(PsmConsoleServerTest, AnswersWhateverTheScriptsOfDvrkPythonAsk) {
+  test::PeerProcess client({DFR_CYCLONE_SCRIPT, std::to_string(test::OwnDomain())});
+  int code = -1;
+  const auto end = Clock::now() + std::chrono::seconds(240);
+  while (code < 0 && Clock::now() < end) {
+    server_.Tick(2e-3);
+    code = client.Await(1e-3);
+  }
+  EXPECT_EQ(code, 0);
+}
+
+// servo_cs is servo_cp with a twist, which the simulated joints have no use for.
+TEST_F(PsmConsoleServerTest, CartesianStatesAreGoals) {
+  dds::Publisher<dds::CartesianState> servo(client_participant_, "/PSM1/servo_cs",
+                                            dds::Role::kCommand);
+  ASSERT_TRUE(Home());
+  dds::CartesianState goal;
+  const Eigen::Isometry3d home = console_.setpoint_pose();
+  goal.position_m = home.translation() + Eigen::Vector3d(0.002, 0.0, 0.0);
+  goal.orientation = Eigen::Quaterniond(home.linear());
+  ASSERT_TRUE(Command(servo, goal));
+  EXPECT_TRUE(console_.setpoint_pose().isApprox(home)) << "its pose is not valid";
+  goal.pose_valid = true;
+  ASSERT_TRUE(Command(servo, goal));
+  EXPECT_TRUE(Until([&] {
+    return std::abs(console_.setpoint_pose().translation().x() - home.translation().x() - 0.002) <
+           1e-9;
+  }));
+}
+
 }  // namespace
 }  // namespace dfr::sim

@@ -213,25 +213,93 @@ TEST(PsmConsoleTest, AnotherCommandEndsAMove) {
   EXPECT_EQ(console.setpoint_joints(), held);
 }
 
-TEST(PsmConsoleTest, GoalsOutOfReachAreDroppedAndNamed) {
+// As sawIntuitiveResearchKit's clip_jp does with every goal, which then is not where the tip goes.
+TEST(PsmConsoleTest, GoalsBeyondLimitsAreClippedAndNamedOnce) {
   PsmConsole console = Homed();
   console.ServoJp(At(2, 0.3));
-  EXPECT_THAT(console.TakeMessages(),
-              Errs("servo_jp dropped, beyond the limits of insertion (0.3)"));
+  EXPECT_THAT(console.TakeMessages(), Warns("servo_jp clipped at the limits of insertion (0.3)"));
+  console.ServoJp(At(2, 0.31));
+  EXPECT_THAT(console.TakeMessages(), testing::IsEmpty());
+  Pass(console, 2.0);
+  EXPECT_EQ(console.setpoint_joints(), At(2, Psm::upper_limits()[2]));
+  console.ServoJp(At(2, 0.2));
+  console.MoveJp(At(5, -2.0));
+  EXPECT_THAT(console.TakeMessages(), Warns("move_jp clipped at the limits of wrist yaw (-2)"));
+  Pass(console, 3.0);
+  EXPECT_EQ(console.setpoint_joints(), At(5, Psm::lower_limits()[5]));
+  EXPECT_THAT(console.TakeGoals(), ElementsAre(true));
+  console.ServoJp(At(0, 0.0));
   console.MoveCp(Psm::Forward(At(0, 95 * kDegree)));
-  EXPECT_THAT(console.TakeMessages(), Errs("move_cp dropped, beyond the limits of yaw"));
+  EXPECT_THAT(console.TakeMessages(), Warns("move_cp clipped at the limits of yaw"));
+  Pass(console, 3.0);
+  EXPECT_NEAR(console.setpoint_joints()[0], 91 * kDegree, 1e-9);
+  console.ServoJaw(81 * kDegree);
+  EXPECT_THAT(console.TakeMessages(), Warns("jaw/servo_jp clipped at the jaw's limits"));
+  Pass(console, 3.0);
+  EXPECT_NEAR(console.setpoint_jaw(), 80 * kDegree, 1e-12);
+}
+
+TEST(PsmConsoleTest, GoalsWithoutJointValuesAreDropped) {
+  PsmConsole console = Homed();
   Eigen::Isometry3d broken = Eigen::Isometry3d::Identity();
   broken.translation().x() = std::numeric_limits<double>::quiet_NaN();
   console.ServoCp(broken);
-  EXPECT_THAT(console.TakeMessages(), Errs("inverse kinematics failed"));
+  EXPECT_THAT(console.TakeMessages(), Errs("servo_cp dropped, inverse kinematics failed"));
+  console.MoveCp(broken);
+  EXPECT_THAT(console.TakeMessages(), Errs("move_cp dropped, inverse kinematics failed"));
+  EXPECT_THAT(console.TakeGoals(), ElementsAre(false));
   console.ServoJp(PsmJoints::Constant(std::numeric_limits<double>::quiet_NaN()));
   EXPECT_THAT(console.TakeMessages(), Errs("servo_jp dropped"));
-  console.ServoJaw(81 * kDegree);
   console.MoveJaw(std::numeric_limits<double>::quiet_NaN());
-  EXPECT_EQ(console.TakeMessages().size(), 2U);
+  EXPECT_THAT(console.TakeMessages(), Errs("jaw/move_jp dropped"));
   Pass(console, 1.0);
   EXPECT_EQ(console.measured_joints(), At(0, 0.0));
   EXPECT_EQ(console.measured_jaw(), 0.0);
+}
+
+TEST(PsmConsoleTest, MovesTakeLongerAtASmallerRatio) {
+  const auto duration = [](double ratio) {
+    PsmConsole console = Homed();
+    console.SetTrajectoryRatio(ratio);
+    console.MoveJp(At(0, 0.5));
+    int steps = 0;
+    for (; console.busy(); ++steps) console.Step(1e-3);
+    return 1e-3 * steps;
+  };
+  // 1.5 times the mean speed at the most, which is 90 degrees/s.
+  EXPECT_NEAR(duration(1.0), 1.5 * 0.5 / (90 * kDegree), 2e-3);
+  EXPECT_NEAR(duration(0.25), 4.0 * 1.5 * 0.5 / (90 * kDegree), 2e-3);
+  PsmConsole console = Homed();
+  console.SetTrajectoryRatio(0.0);
+  EXPECT_THAT(console.TakeMessages(), Warns("trajectory_j/set_ratio ignored"));
+  EXPECT_EQ(console.trajectory_ratio(), 1.0);
+}
+
+// A cart's poses are relative to its camera.
+TEST(PsmConsoleTest, PosesAreInTheFrameThatIsGiven) {
+  PsmConsoleOptions options{.arm = "PSM1", .homing_s = 0.0};
+  options.base_frame.translation() = Eigen::Vector3d(0.1, 0.2, -0.3);
+  options.base_frame.linear() =
+      Eigen::AngleAxisd(1.2, Eigen::Vector3d(1.0, 2.0, 3.0).normalized()).toRotationMatrix();
+  PsmConsole console(options);
+  console.StateCommand("home");
+  Pass(console, 0.01);
+  PsmJoints goal = At(0, 0.2);
+  goal[4] = -0.3;
+  console.ServoCp(options.base_frame * Psm::Forward(goal));
+  for (int i = 0; i < 50; ++i) console.Step(1e-3);
+  // Under way: the twist is what the pose has done.
+  const Eigen::Vector3d before = console.measured_pose().translation();
+  console.Step(1e-3);
+  EXPECT_TRUE(test::AllClose((console.measured_pose().translation() - before) / 1e-3,
+                             console.measured_twist().head<3>(), 1e-3));
+  EXPECT_GT(console.measured_twist().head<3>().norm(), 0.1);
+  Pass(console, 2.0);
+  EXPECT_TRUE(test::AllClose(console.setpoint_joints(), goal, 1e-9));
+  EXPECT_TRUE(test::AllClose(console.measured_pose().matrix(),
+                             (options.base_frame * Psm::Forward(goal)).matrix(), 1e-9));
+  options.base_frame.linear() *= 2.0;
+  EXPECT_THROW(PsmConsole{options}, std::invalid_argument);
 }
 
 TEST(PsmConsoleTest, RelativeGoalsAddUp) {
@@ -251,9 +319,7 @@ TEST(PsmConsoleTest, RelativeGoalsAddUp) {
   EXPECT_THAT(console.TakeGoals(), ElementsAre(true));
   step[2] = 0.2;
   console.ServoJr(step);
-  EXPECT_THAT(console.TakeMessages(), Errs("servo_jr dropped, beyond the limits of insertion"));
-  console.MoveJr(step);
-  EXPECT_THAT(console.TakeMessages(), Errs("move_jr dropped, beyond the limits of insertion"));
+  EXPECT_THAT(console.TakeMessages(), Warns("servo_jr clipped at the limits of insertion"));
   console.ServoJr(PsmJoints::Constant(std::numeric_limits<double>::quiet_NaN()));
   EXPECT_THAT(console.TakeMessages(), Errs("servo_jr dropped"));
 }
@@ -270,7 +336,7 @@ TEST(PsmConsoleTest, RelativePosesAreInTheBaseFrame) {
   EXPECT_TRUE(
       test::AllClose(to.translation(), from.translation() + difference.translation(), 1e-12));
   EXPECT_TRUE(test::AllClose(to.linear(), difference.linear() * from.linear(), 1e-12));
-  difference.translation().z() = 1.0;
+  difference.translation().x() = std::numeric_limits<double>::quiet_NaN();
   console.ServoCr(difference);
   EXPECT_THAT(console.TakeMessages(), Errs("servo_cr dropped"));
 }
@@ -285,11 +351,11 @@ TEST(PsmConsoleTest, FreeGivesUpTheGoalAndEffortsAreRefused) {
   EXPECT_FALSE(console.busy());
   Pass(console, 1.0);
   EXPECT_EQ(console.measured_joints(), there);
-  console.ServoJf();
+  console.ServoEffort("servo_jf");
   EXPECT_THAT(console.TakeMessages(), Errs("PSM1: servo_jf dropped, the simulated arm has no"));
   console.StateCommand("disable");
   console.Free();
-  console.ServoJf();
+  console.ServoEffort("servo_jf");
   EXPECT_THAT(console.TakeMessages(), Warns("servo_jf dropped, arm not ready: DISABLED"));
 }
 

@@ -330,6 +330,27 @@ TEST_F(DvrkSceneServerTest, FaultsOfTheArmAndTheClockAreSetByRequest) {
   ASSERT_TRUE(Until([&] { return state_.TakeNewest(state) && state.state == "ENABLED"; }));
 }
 
+TEST_F(DvrkSceneServerTest, ThePlatformGoesToAndFroAcrossTheLine) {
+  Serve(false, false);
+  ASSERT_TRUE(Now(Ask("reset 2")).valid());
+  EXPECT_THAT(Ask("fault platform 5"), HasSubstr("platform must lie in [0, 0.2] m/s"));
+  const auto y = [&] { return scene_->plant().truth().p_world_gauze.translation().y(); };
+  const double before = y();
+  ASSERT_EQ(Ask("fault platform 0.05"), "ok");
+  double least = before;
+  double most = before;
+  for (int i = 0; i < 1000; ++i) {  // a second: 50 mm, of which there are 10 from side to side
+    server_->Tick(1e-3);
+    least = std::min(least, y());
+    most = std::max(most, y());
+  }
+  EXPECT_NEAR(most - least, 0.01, 1e-3);
+  ASSERT_EQ(Ask("fault none"), "ok");
+  const double after = y();
+  for (int i = 0; i < 100; ++i) server_->Tick(1e-3);
+  EXPECT_NEAR(y(), after, 1e-3);
+}
+
 // Pictures take tens of milliseconds to draw, states are due every ten: no tick waits for them.
 TEST_F(SceneCameraTest, DrawingDoesNotDelayTheState) {
   // Of the thread alone, so that a busy machine does not count.

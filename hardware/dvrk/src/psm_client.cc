@@ -1,8 +1,11 @@
 #include "dfr/hardware/psm_client.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
+#include <span>
 
 #include "dfr/core/contract.h"
 
@@ -37,6 +40,34 @@ PsmStatus FromFreshness(Freshness freshness) noexcept {
       return PsmStatus::kStateAhead;
   }
   return PsmStatus::kStateSilent;
+}
+
+Eigen::Isometry3d Transform(const PsmPoseSample& pose) noexcept {
+  Eigen::Isometry3d transform = Eigen::Isometry3d::Identity();
+  transform.translation() = pose.position_m;
+  transform.linear() = pose.orientation.normalized().toRotationMatrix();
+  return transform;
+}
+
+// Whether the two are the same to within a distance, m, and an angle, rad.
+bool Near(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b, double distance_m,
+          double angle) noexcept {
+  return (a.translation() - b.translation()).norm() <= distance_m &&
+         Eigen::Quaterniond(a.linear()).angularDistance(Eigen::Quaterniond(b.linear())) <= angle;
+}
+
+// The twist of the wrist in the frame that `base` is in: m/s, then rad/s.
+Eigen::Matrix<double, 6, 1> Twist(const Eigen::Isometry3d& base, const PsmJoints& joints,
+                                  const PsmJoints& velocity) noexcept {
+  Eigen::Matrix<double, 6, 1> twist = Eigen::Matrix<double, 6, 1>::Zero();
+  if (velocity.isZero(0.0)) return twist;
+  constexpr double kHalf = 5e-4;  // s: central difference, to 1e-7 of the speed
+  const Eigen::Isometry3d before = base * Psm::Forward(joints - kHalf * velocity);
+  const Eigen::Isometry3d after = base * Psm::Forward(joints + kHalf * velocity);
+  const Eigen::AngleAxisd turn(after.linear() * before.linear().transpose());
+  twist << (after.translation() - before.translation()) / (2.0 * kHalf),
+      turn.angle() / (2.0 * kHalf) * turn.axis();
+  return twist;
 }
 
 bool Finite(const PsmPoseSample& pose) noexcept {
@@ -141,6 +172,7 @@ PsmClient::PsmClient(const PsmClientOptions& options)
       recent_(kCommandTime + options.watchdog.max_age_s),
       js_watchdog_(options.watchdog),
       cp_watchdog_(options.watchdog),
+      local_watchdog_(options.watchdog),
       age_s_(kNan) {
   options.Check();
 }
@@ -193,6 +225,13 @@ void PsmClient::Take(const PsmInput& input) noexcept {
     cp_arrival_ns_ = now_ns_;
     cp_watchdog_.Arrived(next.stamp, now_ns_);
   }
+  if (input.local_measured_cp) {
+    local_cp_ = *input.local_measured_cp;
+    any_local_ = true;
+    local_arrival_ns_ = now_ns_;
+    local_watchdog_.Arrived(local_cp_.stamp, now_ns_);
+  }
+  if (input.measured_cp || input.local_measured_cp) Pair();
   if (input.setpoint_js && input.setpoint_js->well_formed && input.setpoint_js->stamp.valid() &&
       input.setpoint_js->position.allFinite()) {
     setpoint_js_ = *input.setpoint_js;
@@ -222,8 +261,11 @@ PsmStatus PsmClient::MeasurementHoldReason() const noexcept {
     const dds::Stamp& stamp;
     std::int64_t arrival_ns;
   };
-  for (const Stream& stream : {Stream{js_watchdog_, js_.stamp, js_arrival_ns_},
-                               Stream{cp_watchdog_, cp_.stamp, cp_arrival_ns_}}) {
+  const std::array<Stream, 3> streams = {
+      Stream{js_watchdog_, js_.stamp, js_arrival_ns_},
+      Stream{cp_watchdog_, cp_.stamp, cp_arrival_ns_},
+      Stream{local_watchdog_, local_cp_.stamp, local_arrival_ns_}};  // not of every console
+  for (const Stream& stream : std::span(streams).first(any_local_ ? 3U : 2U)) {
     const PsmStatus status = FromFreshness(stream.watchdog.Check(wall_ns_, now_ns_));
     // What was young when it came has only waited for its successor.
     const std::int64_t waited_ns = now_ns_ - stream.arrival_ns;
@@ -269,6 +311,7 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
       !recent_.Contain(setpoint_js_.position, options_.max_setpoint_error)) {
     return PsmStatus::kForeignSetpoint;
   }
+  if (BaseMoved()) return PsmStatus::kBaseMoved;
   const PsmJoints lag = (js_.position - motion_.setpoint()).cwiseAbs();
   if ((lag.array() > options_.max_lag.array()).any()) return PsmStatus::kNotFollowing;
   if (Seconds(now_ns_ - restless_ns_) > options_.reach_timeout_s) {
@@ -277,11 +320,28 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
   return PsmStatus::kOk;
 }
 
+// Two poses of one moment say where the arm's base is in the frame of the first. A console stamps
+// each message by itself; in the time between the wrist moves by a tenth of a millimetre at most.
+void PsmClient::Pair() noexcept {
+  constexpr std::int64_t kOneMomentNs = 3'000'000;
+  if (!any_cp_ || !any_local_ || !cp_.stamp.valid() || !local_cp_.stamp.valid() ||
+      std::abs(cp_.stamp.nanoseconds() - local_cp_.stamp.nanoseconds()) > kOneMomentNs ||
+      !Finite(cp_) || !Finite(local_cp_)) {
+    return;
+  }
+  base_now_ = Transform(cp_) * Transform(local_cp_).inverse();
+  paired_ = true;
+}
+
 bool PsmClient::FrameAgrees() const noexcept {
-  const Eigen::Isometry3d expected = Psm::Forward(js_.position);
-  const Eigen::Quaterniond turned(expected.linear());
-  return (expected.translation() - cp_.position_m).norm() <= options_.max_frame_distance_m &&
-         turned.angularDistance(cp_.orientation.normalized()) <= options_.max_frame_angle;
+  const Eigen::Isometry3d measured = Transform(any_local_ ? local_cp_ : cp_);
+  return measured.matrix().allFinite() &&
+         Near(Psm::Forward(js_.position), measured, options_.max_frame_distance_m,
+              options_.max_frame_angle);
+}
+
+bool PsmClient::BaseMoved() const noexcept {
+  return !Near(base_, base_now_, options_.max_frame_distance_m, options_.max_frame_angle);
 }
 
 void PsmClient::HoldBecause(PsmStatus cause, PsmOutput& output) noexcept {
@@ -418,7 +478,8 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   }
   recent_.Add(motion_.setpoint(), Seconds(now_ns_));
   output.servo = true;
-  output.servo_cp = Psm::Forward(motion_.setpoint());
+  output.servo_cp = base_ * Psm::Forward(motion_.setpoint());
+  output.twist = Twist(base_, motion_.setpoint(), motion_.velocity());
   if (jaw_ours_) {
     const double most = jaw_speed_ * step_s;
     const double way = jaw_goal_ - jaw_;
@@ -452,6 +513,7 @@ PsmStatus PsmClient::Armable() const noexcept {
   if (hold_wanted_) return PsmStatus::kHeld;
   if (hold_reason_ != PsmStatus::kOk) return hold_reason_;
   if (!any_setpoint_) return PsmStatus::kStateSilent;
+  if (any_local_ && !paired_) return PsmStatus::kStateSilent;
   if (!FrameAgrees()) return PsmStatus::kFrameMismatch;
   const PsmJoints lag = (js_.position - setpoint_js_.position).cwiseAbs();
   return (lag.array() > options_.max_lag.array()).any() ? PsmStatus::kNotFollowing : PsmStatus::kOk;
@@ -460,6 +522,7 @@ PsmStatus PsmClient::Armable() const noexcept {
 PsmStatus PsmClient::Arm() noexcept {
   const PsmStatus status = Armable();
   if (status != PsmStatus::kOk || phase_ == PsmPhase::kArmed) return status;
+  base_ = base_now_;
   motion_.Rest(setpoint_js_.position);
   recent_.Start(setpoint_js_.position, Seconds(now_ns_));
   rest_.Forget();

@@ -60,6 +60,7 @@ struct Outgoing {
   PsmRequest request = PsmRequest::kNone;
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
+  Eigen::Matrix<double, 6, 1> twist = Eigen::Matrix<double, 6, 1>::Zero();
   double jaw = 0.0;
   dds::Stamp stamp;
 };
@@ -91,6 +92,10 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
         teleoperations.push_back(std::make_unique<dds::Subscriber<dds::Flag>>(p, topic, role));
         teleoperated.push_back(false);
       }
+    }
+    if (options.servo_cs) {
+      servo_cs = std::make_unique<dds::Publisher<dds::CartesianState>>(p, Topic("servo_cs"),
+                                                                       Role::kCommand);
     }
     ::sem_init(&wake, 0, 0);
     pose.frame_id = arm + "_base";
@@ -149,6 +154,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
         pose.stamp = next.stamp;
         pose.position_m = next.position_m;
         pose.orientation = next.orientation;
+        twist = next.twist;
       }
       if (next.servo_jaw) {
         servo_jaw = true;
@@ -167,9 +173,21 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
       hold.Write({});
       return;
     }
-    if (servo && !servo_cp.Write(pose)) failed.store(true, std::memory_order_relaxed);
+    if (servo && !WriteServo()) failed.store(true, std::memory_order_relaxed);
     if (servo_jaw && !jaw_servo_jp.Write(jaw)) failed.store(true, std::memory_order_relaxed);
     sent.fetch_add((servo ? 1U : 0U) + (servo_jaw ? 1U : 0U), std::memory_order_release);
+  }
+
+  bool WriteServo() noexcept {
+    if (!sends_state) return servo_cp.Write(pose);
+    dds::CartesianState state;
+    state.stamp = pose.stamp;
+    state.pose_valid = state.twist_valid = true;
+    state.position_m = pose.position_m;
+    state.orientation = pose.orientation;
+    state.linear_m_s = twist.head<3>();
+    state.angular_rad_s = twist.tail<3>();
+    return servo_cs->Write(state);
   }
 
   void Receive() noexcept {
@@ -209,6 +227,9 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     if (measured_cp.TakeNewest(measured_pose)) {
       new_measured_cp.Put(
           {measured_pose.stamp, measured_pose.position_m, measured_pose.orientation});
+    }
+    if (local_measured_cp.TakeNewest(measured_pose)) {
+      new_local_cp.Put({measured_pose.stamp, measured_pose.position_m, measured_pose.orientation});
     }
     if (jaw_measured_js.TakeNewest(joints) && joints.position.size() == 1) {
       new_jaw_measured.Put({joints.stamp, joints.position[0]});
@@ -280,6 +301,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     command_subscribers.store(std::max(0, state_command.num_subscribers() - 1),
                               std::memory_order_relaxed);
     servo_subscribers.store(std::max(0, servo_cp.num_subscribers() - 1), std::memory_order_relaxed);
+    sends_state = servo_cs && servo_cs->num_subscribers() > 0;
     // Our own is one of those on servo_cp.
     const int others = std::max(0, watched_servo_cp.health().publishers - 1) +
                        watched_servo_jp.health().publishers + watched_move_cp.health().publishers +
@@ -303,6 +325,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   runtime::Latest<PsmJointSample> new_measured_js;
   runtime::Latest<PsmJointSample> new_setpoint_js;
   runtime::Latest<PsmPoseSample> new_measured_cp;
+  runtime::Latest<PsmPoseSample> new_local_cp;
   runtime::Latest<PsmJawSample> new_jaw_measured;
   runtime::Latest<PsmJawSample> new_jaw_setpoint;
   runtime::Latest<PsmOperatingState> new_operating;
@@ -327,6 +350,8 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   PsmStatus last_lapse = PsmStatus::kOk;
   dds::PoseStamped pose;
   dds::PoseStamped measured_pose;
+  Eigen::Matrix<double, 6, 1> twist = Eigen::Matrix<double, 6, 1>::Zero();
+  bool sends_state = false;
   dds::JointState joints;
   dds::JointState jaw;
   dds::OperatingState operating;
@@ -339,12 +364,14 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::vector<std::unique_ptr<dds::Subscriber<dds::Flag>>> teleoperations;
 
   dds::Publisher<dds::PoseStamped> servo_cp{p, Topic("servo_cp"), Role::kCommand};
+  std::unique_ptr<dds::Publisher<dds::CartesianState>> servo_cs;
   dds::Publisher<dds::JointState> jaw_servo_jp{p, Topic("jaw/servo_jp"), Role::kCommand};
   dds::Publisher<dds::Signal> hold{p, Topic("hold"), Role::kRequest};
   dds::Publisher<dds::StringStamped> state_command{p, Topic("state_command"), Role::kRequest};
   dds::Subscriber<dds::JointState> measured_js{p, Topic("measured_js"), Role::kState};
   dds::Subscriber<dds::JointState> setpoint_js{p, Topic("setpoint_js"), Role::kState};
   dds::Subscriber<dds::PoseStamped> measured_cp{p, Topic("measured_cp"), Role::kState};
+  dds::Subscriber<dds::PoseStamped> local_measured_cp{p, Topic("local/measured_cp"), Role::kState};
   dds::Subscriber<dds::JointState> jaw_measured_js{p, Topic("jaw/measured_js"), Role::kState};
   dds::Subscriber<dds::JointState> jaw_setpoint_js{p, Topic("jaw/setpoint_js"), Role::kState};
   dds::Subscriber<dds::OperatingState> operating_state{p, Topic("operating_state"), Role::kEvent};
@@ -397,6 +424,7 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   take(link.new_measured_js, input.measured_js);
   take(link.new_setpoint_js, input.setpoint_js);
   take(link.new_measured_cp, input.measured_cp);
+  take(link.new_local_cp, input.local_measured_cp);
   take(link.new_jaw_measured, input.jaw_measured);
   take(link.new_jaw_setpoint, input.jaw_setpoint);
   input.errors = link.num_errors.exchange(0, std::memory_order_acq_rel);
@@ -423,6 +451,7 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
     next.servo = output.servo;
     next.position_m = output.servo_cp.translation();
     next.orientation = Eigen::Quaterniond(output.servo_cp.linear());
+    next.twist = output.twist;
     next.servo_jaw = output.servo_jaw;
     next.jaw = output.jaw;
     next.request = output.request;

@@ -44,8 +44,9 @@ void PsmLimits::Check() const {
   DFR_THROW_UNLESS(Positive(max_speed), "max_speed must be positive and finite");
   DFR_THROW_UNLESS(max_tip_speed > 0.0 && std::isfinite(max_tip_speed),
                    "max_tip_speed must be positive and finite");
-  DFR_THROW_UNLESS((workspace_min_m.array() < workspace_max_m.array()).all(),
-                   "workspace_min_m must be below workspace_max_m in every entry");
+  DFR_THROW_UNLESS(workspace_min_m.allFinite() && workspace_max_m.allFinite() &&
+                       (workspace_min_m.array() < workspace_max_m.array()).all(),
+                   "workspace_min_m must be below workspace_max_m in every entry, all finite");
   DFR_THROW_UNLESS(jaw_lower < jaw_upper && std::isfinite(jaw_lower) && std::isfinite(jaw_upper),
                    "jaw_lower must be below jaw_upper, both finite");
   DFR_THROW_UNLESS(max_jaw_speed > 0.0 && std::isfinite(max_jaw_speed),
@@ -136,6 +137,13 @@ void PsmMotion::Advance(double dt_s) noexcept {
   const double s = elapsed_s_ / duration_s_;
   const double share = profile_ == PsmProfile::kSmooth ? s * s * (3.0 - 2.0 * s) : s;
   setpoint_ = from_ + share * (goal_ - from_);
+}
+
+PsmJoints PsmMotion::velocity() const noexcept {
+  if (!moving_) return PsmJoints::Zero();
+  const double s = elapsed_s_ / duration_s_;
+  const double slope = profile_ == PsmProfile::kSmooth ? 6.0 * s * (1.0 - s) : 1.0;
+  return slope / duration_s_ * (goal_ - from_);
 }
 
 void PsmRecentSetpoints::Start(const PsmJoints& setpoint, double time_s) noexcept {

@@ -43,7 +43,9 @@ const char* Name(PsmStatus status) noexcept {
     case PsmStatus::kStateJumped:
       return "measurements jumped farther than the arm can move";
     case PsmStatus::kFrameMismatch:
-      return "measured_cp is not where measured_js puts the wrist";
+      return "local/measured_cp is not where measured_js puts the wrist";
+    case PsmStatus::kBaseMoved:
+      return "the frame that poses are relative to moves";
     case PsmStatus::kOtherPublisher:
       return "someone else can command the arm";
     case PsmStatus::kSecondConsole:
@@ -131,8 +133,11 @@ const char* Remedy(PsmStatus status) noexcept {
     case PsmStatus::kStateJumped:
       return "check encoders, cables and that only one console publishes for this arm";
     case PsmStatus::kFrameMismatch:
-      return "the instrument must be the Large Needle Driver 400006 and measured_cp be relative to "
-             "the arm's own base: remove the console's base frame for it";
+      return "the instrument must be the Large Needle Driver 400006 or 420006, and a console with "
+             "a "
+             "base frame for the arm must publish local/measured_cp";
+    case PsmStatus::kBaseMoved:
+      return "leave camera arm and setup joints where they are, then arm again";
     case PsmStatus::kOtherPublisher:
       return "end the other client that publishes on servo_*, move_* of this arm";
     case PsmStatus::kSecondConsole:

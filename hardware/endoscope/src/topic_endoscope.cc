@@ -49,14 +49,26 @@ void Put(internal::Feed& feed, const dds::CompressedImage& image) {
 
 template <typename Message>
 internal::Read Subscribe(dds::Participant& participant, const std::string& topic) {
-  const auto subscriber =
-      std::make_shared<dds::Subscriber<Message>>(participant, topic, dds::Role::kImage);
-  return [subscriber](internal::Feed& feed, const std::atomic<bool>& stop) {
+  using Subscriber = dds::Subscriber<Message>;
+  const auto reliable = std::make_shared<Subscriber>(participant, topic, dds::Role::kImage);
+  return [&participant, topic, reliable](internal::Feed& feed, const std::atomic<bool>& stop) {
     constexpr double kLookForStop = 0.05;
     Message message;
+    // A camera that sends pictures as ROS 2 does sensor data, without repeating what is lost, is
+    // refused by a subscriber that relies on that.
+    std::unique_ptr<Subscriber> best_effort;
     while (!stop.load(std::memory_order_relaxed)) {
-      if (!subscriber->Wait(kLookForStop)) continue;
-      while (subscriber->Take(message)) Put(feed, message);
+      Subscriber& subscriber = best_effort ? *best_effort : *reliable;
+      if (!subscriber.Wait(kLookForStop)) {
+        const dds::Health health = reliable->health();
+        if (!best_effort && health.publishers == 0 && health.incompatible > 0) {
+          best_effort = std::make_unique<Subscriber>(participant, topic, dds::Role::kSensorImage);
+        } else if (best_effort && health.publishers > 0) {
+          best_effort.reset();
+        }
+        continue;
+      }
+      while (subscriber.Take(message)) Put(feed, message);
     }
   };
 }

@@ -60,12 +60,14 @@ constexpr std::string_view kGovernance =
 
 // What moves an arm, and what an arm says of itself (CRTK). '*' stands for slashes, too.
 // A console has no say in who may stop it, or who lets go.
-constexpr std::array<std::string_view, 7> kCommands = {
-    "rt/*servo_*",        "rt/*move_*",           "rt/*/hold",          "rt/*/free",
-    "rt/*/state_command", "rt/simulator/request", "rt/*emergency_stop*"};
-constexpr std::array<std::string_view, 9> kMeasurements = {
-    "rt/*measured_*", "rt/*setpoint_*",  "rt/*/operating_state", "rt/*/goal_reached", "rt/*/error",
-    "rt/*/warning",   "rt/*/image_raw*", "rt/*/camera_info",     "rt/simulator/reply"};
+constexpr std::array<std::string_view, 9> kCommands = {
+    "rt/*servo_*",         "rt/*move_*",         "rt/*/hold",
+    "rt/*/free",           "rt/*/state_command", "rt/simulator/request",
+    "rt/*emergency_stop*", "rt/*interpolate_*",  "rq/*"};
+constexpr std::array<std::string_view, 12> kMeasurements = {
+    "rt/*measured_*",     "rt/*setpoint_*", "rt/*/operating_state", "rt/*/goal_reached",
+    "rt/*/error",         "rt/*/warning",   "rt/*/image_raw*",      "rt/*/camera_info",
+    "rt/simulator/reply", "rt/*/tool_type", "rt/*jacobian",         "rr/*"};
 constexpr std::array<std::string_view, 1> kButtons = {"rt/*emergency_stop*"};
 constexpr std::array<std::string_view, 1> kEverything = {"*"};
 

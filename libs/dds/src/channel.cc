@@ -49,14 +49,20 @@ int WriterDepth(Role role) {
     case Role::kCommand:
     case Role::kOwnCommand:
     case Role::kImage:
+    case Role::kSensorImage:
       return 1;
   }
   return 1;
 }
 
+fdds::ReliabilityQosPolicyKind Reliability(Role role) {
+  return role == Role::kSensorImage ? fdds::BEST_EFFORT_RELIABILITY_QOS
+                                    : fdds::RELIABLE_RELIABILITY_QOS;
+}
+
 fdds::DataWriterQos WriterQos(Role role) {
   fdds::DataWriterQos qos = fdds::DATAWRITER_QOS_DEFAULT;
-  qos.reliability().kind = fdds::RELIABLE_RELIABILITY_QOS;
+  qos.reliability().kind = Reliability(role);
   qos.reliability().max_blocking_time = Duration_t(0, 100 * kMillisecond);
   // By itself Fast DDS would share memory for types of fixed size, whatever the transports are.
   qos.data_sharing().off();
@@ -73,13 +79,14 @@ fdds::DataWriterQos WriterQos(Role role) {
     Contract(qos);
     qos.lifespan().duration = kCommandLifespan;
   }
-  if (role == Role::kImage) qos.publish_mode().kind = fdds::ASYNCHRONOUS_PUBLISH_MODE;
+  if (role == Role::kImage || role == Role::kSensorImage)
+    qos.publish_mode().kind = fdds::ASYNCHRONOUS_PUBLISH_MODE;
   return qos;
 }
 
 fdds::DataReaderQos ReaderQos(Role role) {
   fdds::DataReaderQos qos = fdds::DATAREADER_QOS_DEFAULT;
-  qos.reliability().kind = fdds::RELIABLE_RELIABILITY_QOS;
+  qos.reliability().kind = Reliability(role);
   qos.data_sharing().off();
   qos.endpoint().history_memory_policy =
       eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
@@ -229,6 +236,61 @@ Health Subscriber<T>::health() const noexcept {
   return health;
 }
 
+template <typename Query, typename Answer>
+struct Service<Query, Answer>::Impl {
+  Participant::Impl& participant;
+  fdds::DataReader* reader = nullptr;
+  fdds::DataWriter* writer = nullptr;
+  typename internal::WireOf<Query>::Type query;
+  typename internal::WireOf<Answer>::Type answer;
+};
+
+template <typename Query, typename Answer>
+Service<Query, Answer>::Service(Participant& participant, const std::string& name)
+    : impl_(std::make_unique<Impl>(Impl{participant.impl(), nullptr, nullptr, {}, {}})) {
+  Participant::Impl& owner = participant.impl();
+  fdds::Topic* answers = owner.Topic(
+      name + "Reply", fdds::TypeSupport(new typename internal::WireOf<Answer>::Support()), "rr");
+  fdds::Topic* queries = owner.Topic(
+      name + "Request", fdds::TypeSupport(new typename internal::WireOf<Query>::Support()), "rq");
+  impl_->writer = owner.publisher->create_datawriter(answers, WriterQos(Role::kRequest));
+  if (impl_->writer == nullptr) Refused("service", name);
+  impl_->reader = owner.subscriber->create_datareader(queries, ReaderQos(Role::kRequest));
+  if (impl_->reader == nullptr) {
+    owner.publisher->delete_datawriter(impl_->writer);
+    Refused("service", name);
+  }
+}
+
+template <typename Query, typename Answer>
+Service<Query, Answer>::~Service() {
+  impl_->participant.subscriber->delete_datareader(impl_->reader);
+  impl_->participant.publisher->delete_datawriter(impl_->writer);
+}
+
+template <typename Query, typename Answer>
+int Service<Query, Answer>::Serve(const std::function<Answer(const Query&)>& answer) {
+  int served = 0;
+  fdds::SampleInfo info;
+  while (impl_->reader->take_next_sample(&impl_->query, &info) == ReturnCode_t::RETCODE_OK) {
+    if (!info.valid_data) continue;
+    Query query;
+    internal::FromWire(impl_->query, query);
+    internal::ToWire(answer(query), impl_->answer);
+    // A client knows its answer by the question's number and by whom it was for: the reader that
+    // waits for it where the question says so, else the writer that asked.
+    eprosima::fastrtps::rtps::WriteParams params;
+    const auto& reader = info.related_sample_identity.writer_guid();
+    params.related_sample_identity().sequence_number(info.sample_identity.sequence_number());
+    params.related_sample_identity().writer_guid(
+        reader == eprosima::fastrtps::rtps::GUID_t::unknown() ? info.sample_identity.writer_guid()
+                                                              : reader);
+    impl_->writer->write(&impl_->answer, params);
+    ++served;
+  }
+  return served;
+}
+
 template class Publisher<PoseStamped>;
 template class Publisher<TwistStamped>;
 template class Publisher<JointState>;
@@ -241,6 +303,10 @@ template class Publisher<CameraInfo>;
 template class Publisher<Text>;
 template class Publisher<Flag>;
 template class Publisher<Signal>;
+template class Publisher<WrenchStamped>;
+template class Publisher<CartesianState>;
+template class Publisher<Number>;
+template class Publisher<Matrix>;
 template class Subscriber<PoseStamped>;
 template class Subscriber<TwistStamped>;
 template class Subscriber<JointState>;
@@ -253,5 +319,11 @@ template class Subscriber<CameraInfo>;
 template class Subscriber<Text>;
 template class Subscriber<Flag>;
 template class Subscriber<Signal>;
+template class Subscriber<WrenchStamped>;
+template class Subscriber<CartesianState>;
+template class Subscriber<Number>;
+template class Subscriber<Matrix>;
+template class Service<ForwardKinematicsQuery, ForwardKinematicsAnswer>;
+template class Service<InverseKinematicsQuery, InverseKinematicsAnswer>;
 
 }  // namespace dfr::dds

@@ -2,15 +2,25 @@
 
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 
 #include "dfr/core/contract.h"
+#include "stop_datagrams.h"
 
 namespace dfr::dds {
 
-EmergencyStopButton::EmergencyStopButton(Participant& participant, const std::string& topic)
-    : publisher_(participant, topic, Role::kEmergencyStop) {}
+static_assert(std::is_same_v<Origin, internal::StopSenderId>);
 
-bool EmergencyStopButton::Beat() noexcept { return publisher_.Write({pressed_}); }
+EmergencyStopButton::EmergencyStopButton(Participant& participant, const std::string& topic)
+    : publisher_(participant, topic, Role::kEmergencyStop),
+      datagrams_(std::make_unique<internal::StopSender>(participant.options())) {}
+
+EmergencyStopButton::~EmergencyStopButton() = default;
+
+bool EmergencyStopButton::Beat() noexcept {
+  const bool sent = datagrams_->Send(pressed_);
+  return publisher_.Write({pressed_}) || sent;
+}
 
 void EmergencyStopButton::Press() noexcept {
   pressed_ = true;
@@ -22,47 +32,69 @@ void EmergencyStopButton::Release() noexcept {
   Beat();
 }
 
+void EmergencyStopReceiver::Buttons::Hear(const Origin& who, std::int64_t now_ns) noexcept {
+  const auto end = buttons.begin() + size;
+  auto button = std::find_if(buttons.begin(), end, [&](const Button& b) { return b.who == who; });
+  if (button == end) {
+    too_many = too_many || end == buttons.end();
+    if (too_many) return;
+    button->who = who;
+    ++size;
+  }
+  button->heard_ns = now_ns;
+}
+
+void EmergencyStopReceiver::Buttons::Forget(std::int64_t before_ns) noexcept {
+  const auto end = std::remove_if(buttons.begin(), buttons.begin() + size,
+                                  [&](const Button& b) { return b.heard_ns < before_ns; });
+  size = static_cast<int>(end - buttons.begin());
+  too_many = false;
+}
+
+bool EmergencyStopReceiver::Buttons::Silent(std::int64_t before_ns) const noexcept {
+  return size == 0 || too_many ||
+         std::any_of(buttons.begin(), buttons.begin() + size,
+                     [&](const Button& b) { return b.heard_ns < before_ns; });
+}
+
 EmergencyStopReceiver::EmergencyStopReceiver(Participant& participant, double max_silence_s,
-                                             const std::string& topic)
+                                             const std::string& topic, bool datagrams)
     : subscriber_(participant, topic, Role::kEmergencyStop),
       max_silence_ns_(std::llround(1e9 * max_silence_s)) {
   DFR_THROW_UNLESS(max_silence_s >= 0.05 && max_silence_s <= 10.0,
                    "emergency stop: max_silence_s must lie in [0.05, 10], not " << max_silence_s);
+  if (datagrams) listener_ = std::make_unique<internal::StopListener>(participant.options());
 }
 
-void EmergencyStopReceiver::Hear(const Origin& who) noexcept {
-  const auto end = buttons_.begin() + num_buttons_;
-  auto button = std::find_if(buttons_.begin(), end, [&](const Button& b) { return b.who == who; });
-  if (button == end) {
-    too_many_ = too_many_ || end == buttons_.end();
-    if (too_many_) return;
-    button->who = who;
-    ++num_buttons_;
-  }
-  button->heard_ns = now_ns_;
-}
+EmergencyStopReceiver::~EmergencyStopReceiver() = default;
 
 EmergencyStop EmergencyStopReceiver::Check(std::int64_t steady_ns) noexcept {
   now_ns_ = steady_ns;
   Flag flag;
   Origin who;
   while (subscriber_.Take(flag, who)) {
-    Hear(who);
+    over_dds_.Hear(who, now_ns_);
     latched_ = latched_ || flag.value;
   }
+  // What comes faster than this is left for the next time.
+  constexpr int kMostDatagrams = 64;
+  const std::int64_t wall_ns = Stamp::Now().nanoseconds();
+  bool pressed = false;
+  for (int n = 0; listener_ && n < kMostDatagrams && listener_->Take(wall_ns, who, pressed); ++n) {
+    in_datagrams_.Hear(who, now_ns_);
+    latched_ = latched_ || pressed;
+  }
+  const bool dds_silent = over_dds_.Silent(now_ns_ - max_silence_ns_);
+  const bool datagrams_silent = listener_ && in_datagrams_.Silent(now_ns_ - max_silence_ns_);
+  only_datagrams_silent_ = datagrams_silent && !dds_silent;
   if (latched_) return EmergencyStop::kPressed;
-  const bool silent =
-      std::any_of(buttons_.begin(), buttons_.begin() + num_buttons_,
-                  [&](const Button& b) { return now_ns_ - b.heard_ns > max_silence_ns_; });
-  return num_buttons_ == 0 || silent || too_many_ ? EmergencyStop::kSilent : EmergencyStop::kClear;
+  return dds_silent || datagrams_silent ? EmergencyStop::kSilent : EmergencyStop::kClear;
 }
 
 void EmergencyStopReceiver::Acknowledge() noexcept {
-  latched_ = too_many_ = false;
-  const auto end =
-      std::remove_if(buttons_.begin(), buttons_.begin() + num_buttons_,
-                     [&](const Button& b) { return now_ns_ - b.heard_ns > max_silence_ns_; });
-  num_buttons_ = static_cast<int>(end - buttons_.begin());
+  latched_ = false;
+  over_dds_.Forget(now_ns_ - max_silence_ns_);
+  in_datagrams_.Forget(now_ns_ - max_silence_ns_);
 }
 
 }  // namespace dfr::dds

@@ -230,7 +230,8 @@ Participant::Impl::~Impl() {
   fdds::DomainParticipantFactory::get_instance()->delete_participant(participant);
 }
 
-fdds::Topic* Participant::Impl::Topic(const std::string& ros_name, const fdds::TypeSupport& type) {
+fdds::Topic* Participant::Impl::Topic(const std::string& ros_name, const fdds::TypeSupport& type,
+                                      const std::string& kind) {
   DFR_THROW_UNLESS(
       ros_name.size() > 1 && ros_name.front() == '/',
       "a topic's name begins with a slash, '/PSM1/servo_cp': not '" << ros_name << "'");
@@ -244,7 +245,7 @@ fdds::Topic* Participant::Impl::Topic(const std::string& ros_name, const fdds::T
   }
   type.register_type(participant);
   fdds::Topic* topic =
-      participant->create_topic("rt" + ros_name, type.get_type_name(), fdds::TOPIC_QOS_DEFAULT);
+      participant->create_topic(kind + ros_name, type.get_type_name(), fdds::TOPIC_QOS_DEFAULT);
   if (topic == nullptr) {
     throw std::runtime_error("DDS refuses the topic " + ros_name + " of type " +
                              type.get_type_name());

@@ -66,8 +66,10 @@ struct Participant::Impl {
   Impl& operator=(const Impl&) = delete;
 
   /// The DDS topic of a ROS 2 topic, made if it is new.
+  /// @param kind  "rt"; "rq" for a service's requests, "rr" for its replies.
   eprosima::fastdds::dds::Topic* Topic(const std::string& ros_name,
-                                       const eprosima::fastdds::dds::TypeSupport& type);
+                                       const eprosima::fastdds::dds::TypeSupport& type,
+                                       const std::string& kind = "rt");
 
   ParticipantOptions options;
   PeerListener listener;

@@ -48,48 +48,97 @@ void HeaderFromWire(const std_msgs::msg::dds_::Header_& header, T& message) {
   message.frame_id = header.frame_id_();
 }
 
-}  // namespace
+template <typename Wire>
+void VectorToWire(const Eigen::Vector3d& vector, Wire& wire) {
+  wire.x_(vector.x());
+  wire.y_(vector.y());
+  wire.z_(vector.z());
+}
 
-void ToWire(const PoseStamped& message, WireOf<PoseStamped>::Type& wire) {
-  HeaderToWire(message, wire.header_());
-  auto& position = wire.pose_().position_();
-  position.x_(message.position_m.x());
-  position.y_(message.position_m.y());
-  position.z_(message.position_m.z());
-  auto& orientation = wire.pose_().orientation_();
+template <typename Wire>
+Eigen::Vector3d VectorFromWire(const Wire& wire) {
+  return {wire.x_(), wire.y_(), wire.z_()};
+}
+
+template <typename T>
+void PoseToWire(const T& message, geometry_msgs::msg::dds_::Pose_& pose) {
+  VectorToWire(message.position_m, pose.position_());
+  auto& orientation = pose.orientation_();
   orientation.x_(message.orientation.x());
   orientation.y_(message.orientation.y());
   orientation.z_(message.orientation.z());
   orientation.w_(message.orientation.w());
 }
 
-void FromWire(const WireOf<PoseStamped>::Type& wire, PoseStamped& message) {
-  HeaderFromWire(wire.header_(), message);
-  const auto& position = wire.pose_().position_();
-  message.position_m = {position.x_(), position.y_(), position.z_()};
-  const auto& orientation = wire.pose_().orientation_();
+template <typename T>
+void PoseFromWire(const geometry_msgs::msg::dds_::Pose_& pose, T& message) {
+  message.position_m = VectorFromWire(pose.position_());
+  const auto& orientation = pose.orientation_();
   message.orientation =
       Eigen::Quaterniond(orientation.w_(), orientation.x_(), orientation.y_(), orientation.z_());
 }
 
+template <typename T>
+void TwistToWire(const T& message, geometry_msgs::msg::dds_::Twist_& twist) {
+  VectorToWire(message.linear_m_s, twist.linear_());
+  VectorToWire(message.angular_rad_s, twist.angular_());
+}
+
+template <typename T>
+void TwistFromWire(const geometry_msgs::msg::dds_::Twist_& twist, T& message) {
+  message.linear_m_s = VectorFromWire(twist.linear_());
+  message.angular_rad_s = VectorFromWire(twist.angular_());
+}
+
+}  // namespace
+
+void ToWire(const PoseStamped& message, WireOf<PoseStamped>::Type& wire) {
+  HeaderToWire(message, wire.header_());
+  PoseToWire(message, wire.pose_());
+}
+
+void FromWire(const WireOf<PoseStamped>::Type& wire, PoseStamped& message) {
+  HeaderFromWire(wire.header_(), message);
+  PoseFromWire(wire.pose_(), message);
+}
+
 void ToWire(const TwistStamped& message, WireOf<TwistStamped>::Type& wire) {
   HeaderToWire(message, wire.header_());
-  auto& linear = wire.twist_().linear_();
-  linear.x_(message.linear_m_s.x());
-  linear.y_(message.linear_m_s.y());
-  linear.z_(message.linear_m_s.z());
-  auto& angular = wire.twist_().angular_();
-  angular.x_(message.angular_rad_s.x());
-  angular.y_(message.angular_rad_s.y());
-  angular.z_(message.angular_rad_s.z());
+  TwistToWire(message, wire.twist_());
 }
 
 void FromWire(const WireOf<TwistStamped>::Type& wire, TwistStamped& message) {
   HeaderFromWire(wire.header_(), message);
-  const auto& linear = wire.twist_().linear_();
-  message.linear_m_s = {linear.x_(), linear.y_(), linear.z_()};
-  const auto& angular = wire.twist_().angular_();
-  message.angular_rad_s = {angular.x_(), angular.y_(), angular.z_()};
+  TwistFromWire(wire.twist_(), message);
+}
+
+void ToWire(const WrenchStamped& message, WireOf<WrenchStamped>::Type& wire) {
+  HeaderToWire(message, wire.header_());
+  VectorToWire(message.force_n, wire.wrench_().force_());
+  VectorToWire(message.torque_nm, wire.wrench_().torque_());
+}
+
+void FromWire(const WireOf<WrenchStamped>::Type& wire, WrenchStamped& message) {
+  HeaderFromWire(wire.header_(), message);
+  message.force_n = VectorFromWire(wire.wrench_().force_());
+  message.torque_nm = VectorFromWire(wire.wrench_().torque_());
+}
+
+void ToWire(const CartesianState& message, WireOf<CartesianState>::Type& wire) {
+  HeaderToWire(message, wire.header_());
+  wire.pose_is_valid_().data_(message.pose_valid);
+  PoseToWire(message, wire.pose_());
+  wire.twist_is_valid_().data_(message.twist_valid);
+  TwistToWire(message, wire.twist_());
+  wire.wrench_is_valid_().data_(false);
+}
+
+void FromWire(const WireOf<CartesianState>::Type& wire, CartesianState& message) {
+  HeaderFromWire(wire.header_(), message);
+  message.pose_valid = wire.pose_is_valid_().data_();
+  PoseFromWire(wire.pose_(), message);
+  message.twist_valid = wire.twist_is_valid_().data_();
+  TwistFromWire(wire.twist_(), message);
 }
 
 void ToWire(const JointState& message, WireOf<JointState>::Type& wire) {
@@ -224,6 +273,70 @@ void ToWire(const Signal& /*message*/, WireOf<Signal>::Type& wire) {
   wire.structure_needs_at_least_one_member_(0);
 }
 void FromWire(const WireOf<Signal>::Type& /*wire*/, Signal& /*message*/) {}
+
+void ToWire(const Number& message, WireOf<Number>::Type& wire) { wire.data_(message.value); }
+void FromWire(const WireOf<Number>::Type& wire, Number& message) { message.value = wire.data_(); }
+
+void ToWire(const Matrix& message, WireOf<Matrix>::Type& wire) {
+  auto& dims = wire.layout_().dim_();
+  dims.resize(2);
+  dims[0].label_("rows");
+  dims[0].size_(message.rows);
+  dims[0].stride_(message.rows * message.cols);
+  dims[1].label_("cols");
+  dims[1].size_(message.cols);
+  dims[1].stride_(message.cols);
+  wire.data_(message.data);
+}
+
+void FromWire(const WireOf<Matrix>::Type& wire, Matrix& message) {
+  const auto& dims = wire.layout_().dim_();
+  message.rows = dims.size() == 2 ? dims[0].size_() : 0;
+  message.cols = dims.size() == 2 ? dims[1].size_() : 0;
+  message.data = wire.data_();
+}
+
+void ToWire(const ForwardKinematicsQuery& message, WireOf<ForwardKinematicsQuery>::Type& wire) {
+  wire.jp_(message.joints);
+}
+
+void FromWire(const WireOf<ForwardKinematicsQuery>::Type& wire, ForwardKinematicsQuery& message) {
+  message.joints = wire.jp_();
+}
+
+void ToWire(const ForwardKinematicsAnswer& message, WireOf<ForwardKinematicsAnswer>::Type& wire) {
+  PoseToWire(message, wire.cp_());
+  wire.result_(message.good);
+  wire.message_(message.message);
+}
+
+void FromWire(const WireOf<ForwardKinematicsAnswer>::Type& wire, ForwardKinematicsAnswer& message) {
+  PoseFromWire(wire.cp_(), message);
+  message.good = wire.result_();
+  message.message = wire.message_();
+}
+
+void ToWire(const InverseKinematicsQuery& message, WireOf<InverseKinematicsQuery>::Type& wire) {
+  PoseToWire(message, wire.cp_());
+  wire.jp_(message.joints);
+}
+
+void FromWire(const WireOf<InverseKinematicsQuery>::Type& wire, InverseKinematicsQuery& message) {
+  PoseFromWire(wire.cp_(), message);
+  message.joints = wire.jp_();
+}
+
+void ToWire(const InverseKinematicsAnswer& message, WireOf<InverseKinematicsAnswer>::Type& wire) {
+  wire.jp_(message.joints);
+  wire.result_(message.good);
+  wire.message_(message.message);
+}
+
+void FromWire(const WireOf<InverseKinematicsAnswer>::Type& wire, InverseKinematicsAnswer& message) {
+  message.joints = wire.jp_();
+  message.good = wire.result_();
+  message.message = wire.message_();
+}
 
 }  // namespace internal
 

@@ -62,6 +62,20 @@ constexpr std::string_view kTransitionSchema =
     "string from_state\n"
     "string to_state\n"
     "string cause\n" DFR_TIME;
+constexpr std::string_view kArmSchema =
+    "# How the arm stood at one moment, and what the operator's stop said.\n"
+    "builtin_interfaces/Time stamp\n"
+    "int64 measured_ns           # stamp of what was measured, ns since the Unix epoch\n"
+    "float64[] position          # measured joints, rad (insertion: m)\n"
+    "float64[] velocity\n"
+    "float64[] setpoint          # last sent to the console; empty while not armed\n"
+    "float64[] console_setpoint  # what the console says\n"
+    "string operating_state\n"
+    "bool homed\n"
+    "bool busy\n"
+    "string machine              # state of the machine around the controller\n"
+    "string fault                # what speaks against moving\n"
+    "string stop                 # the emergency stop\n" DFR_TIME;
 constexpr std::string_view kPictureSchema =
     "std_msgs/Header header\n"
     "string format\n"
@@ -83,11 +97,12 @@ constexpr std::string_view kNoteSchema =
 
 }  // namespace
 
-const std::array<ChannelInfo, 4> kChannels = {{
+const std::array<ChannelInfo, 5> kChannels = {{
     {Channel::kStep, "/dfr/step", "dfr_msgs/msg/Step", kStepSchema},
     {Channel::kTransition, "/dfr/transition", "dfr_msgs/msg/Transition", kTransitionSchema},
     {Channel::kPicture, "/dfr/image/compressed", "sensor_msgs/msg/CompressedImage", kPictureSchema},
     {Channel::kNote, "/dfr/log", "rcl_interfaces/msg/Log", kNoteSchema},
+    {Channel::kArm, "/dfr/arm", "dfr_msgs/msg/Arm", kArmSchema},
 }};
 
 void Encode(const StepRecord& step, std::string& out) {
@@ -150,6 +165,39 @@ bool Decode(std::string_view message, TransitionRecord& transition) {
   transition.from = cdr.Text();
   transition.to = cdr.Text();
   transition.cause = cdr.Text();
+  return cdr.complete();
+}
+
+void Encode(const ArmRecord& arm, std::string& out) {
+  CdrWriter cdr(out);
+  EncodeStamp(arm.time_ns, cdr);
+  cdr.Number(arm.measured_ns);
+  cdr.Numbers(arm.position.view());
+  cdr.Numbers(arm.velocity.view());
+  cdr.Numbers(arm.setpoint.view());
+  cdr.Numbers(arm.console_setpoint.view());
+  cdr.Text(arm.operating_state.view());
+  cdr.Bool(arm.homed);
+  cdr.Bool(arm.busy);
+  cdr.Text(arm.machine.view());
+  cdr.Text(arm.fault.view());
+  cdr.Text(arm.stop.view());
+}
+
+bool Decode(std::string_view message, ArmRecord& arm) {
+  CdrReader cdr(message);
+  SkipStamp(cdr);
+  arm.measured_ns = cdr.Number<std::int64_t>();
+  if (!Take(cdr, arm.position) || !Take(cdr, arm.velocity) || !Take(cdr, arm.setpoint) ||
+      !Take(cdr, arm.console_setpoint)) {
+    return false;
+  }
+  arm.operating_state = cdr.Text();
+  arm.homed = cdr.Bool();
+  arm.busy = cdr.Bool();
+  arm.machine = cdr.Text();
+  arm.fault = cdr.Text();
+  arm.stop = cdr.Text();
   return cdr.complete();
 }
 

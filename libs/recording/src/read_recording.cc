@@ -1,5 +1,6 @@
 #include "dfr/recording/read_recording.h"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cstddef>
@@ -57,6 +58,8 @@ class File {
     return size_ >= 2 * kMagic.size() && Peek(size_ - kMagic.size(), kMagic.size()) == kMagic;
   }
   [[nodiscard]] std::uint64_t size() const noexcept { return size_; }
+  /// Goes on at `at`, whatever is in between.
+  void Seek(std::uint64_t at) noexcept { position_ = at; }
 
   [[noreturn]] void Damaged(std::uint64_t at, const std::string& what) const {
     throw std::runtime_error("the log " + name_ + " is damaged at byte " + At(at) + ": " + what);
@@ -88,7 +91,7 @@ class Reader {
     }
     if (!header_) file_.Damaged(file_.position(), "it is cut off before its header");
     if (complete_ && !recording_.finished) {
-      file_.Damaged(file_.position(), "records before its end are missing");
+      Suffered(file_.position(), "records before its end are missing");
     }
     return std::move(recording_);
   }
@@ -104,13 +107,15 @@ class Reader {
     const auto op = static_cast<Op>(fields.Number<std::uint8_t>());
     const auto size = fields.Number<std::uint64_t>();
     if (size > file_.left() - kRecordHead) {
-      if (complete_) file_.Damaged(at, "a record is larger than the file");
-      return false;
+      return complete_ ? GoOn(at, "a record is larger than the file") : false;
     }
     file_.Take(kRecordHead);
     const std::uint64_t content_at = file_.position();
     const std::string content = file_.Take(size);
     if (!header_ && op != Op::kHeader) file_.Damaged(at, "its header is missing");
+    const bool of_head = op == Op::kHeader || op == Op::kSchema || op == Op::kChannel ||
+                         op == Op::kMetadata || op == Op::kAttachment;
+    if (head_ && of_head) return GoOn(at, "what begins a log does not belong here");
     switch (op) {
       case Op::kHeader:
         Header(content);
@@ -133,15 +138,64 @@ class Reader {
       case Op::kMessageIndex:
         return true;
       case Op::kDataEnd:
-        if (size != sizeof crc || ByteReader(content).Number<std::uint32_t>() != crc) {
-          file_.Damaged(at, "the checksum of all before does not match");
+        if (size != sizeof crc) return GoOn(at, "it does not end as it should");
+        // A chunk that is damaged spoils this one, too.
+        if (recording_.damage.empty() && ByteReader(content).Number<std::uint32_t>() != crc) {
+          Suffered(at,
+                   "the checksum of all before does not match, though that of every chunk does");
         }
         Summary();
         return false;
       default:
-        file_.Damaged(at, "there is no record of kind " +
-                              std::to_string(static_cast<unsigned>(op)) + " here");
+        return GoOn(at, "there is no record of kind " + std::to_string(static_cast<unsigned>(op)) +
+                            " here");
     }
+  }
+
+  void Suffered(std::uint64_t at, const std::string& what) {
+    recording_.damage.push_back("damaged at byte " + std::to_string(at) + ": " + what);
+  }
+
+  // After a record whose kind or size is damaged: the next chunk, or the end of all chunks. False
+  // if there is neither. Before the first chunk nothing can be trusted.
+  bool GoOn(std::uint64_t at, const std::string& what) {
+    if (!head_) file_.Damaged(at, what);
+    Suffered(at, what);
+    constexpr std::uint64_t kWindow = 1 << 20;
+    constexpr std::uint64_t kHead = kRecordHead + 40;  // of a chunk, up to its records
+    for (std::uint64_t base = at + 1; base + kHead <= file_.size(); base += kWindow - kHead) {
+      const std::string window = file_.Peek(base, std::min(kWindow, file_.size() - base));
+      for (std::size_t i = 0; i + kHead <= window.size(); ++i) {
+        const std::string_view here = std::string_view(window).substr(i, kHead);
+        if (!ChunkHead(here) && !DataEnd(here)) continue;
+        file_.Seek(base + i);
+        return true;
+      }
+    }
+    return false;
+  }
+
+  static bool ChunkHead(std::string_view bytes) {
+    if (bytes[0] != static_cast<char>(Op::kChunk)) return false;
+    ByteReader reader(bytes);
+    reader.Number<std::uint8_t>();
+    const auto size = reader.Number<std::uint64_t>();
+    reader.Number<std::uint64_t>();
+    reader.Number<std::uint64_t>();
+    const auto whole = reader.Number<std::uint64_t>();
+    reader.Number<std::uint32_t>();
+    const auto compression = reader.Number<std::uint32_t>();
+    const auto records = reader.Number<std::uint64_t>();
+    return compression == 0 && whole == records && size == records + 40;
+  }
+
+  static bool DataEnd(std::string_view bytes) {
+    if (bytes[0] != static_cast<char>(Op::kDataEnd)) return false;
+    ByteReader reader(bytes);
+    reader.Number<std::uint8_t>();
+    const bool sized = reader.Number<std::uint64_t>() == sizeof(std::uint32_t);
+    reader.Number<std::uint32_t>();
+    return sized && reader.Number<std::uint8_t>() == static_cast<std::uint8_t>(Op::kSchema);
   }
 
   void Header(std::string_view content) {
@@ -226,6 +280,7 @@ class Reader {
       file_.Damaged(at, "the checksum of the configuration does not match");
     }
     recording_.metadata.configuration = text;
+    head_ = true;
   }
 
   void Chunk(std::uint64_t at, std::string_view content) {
@@ -237,7 +292,9 @@ class Reader {
     const bool plain = reader.Text().empty();
     const std::string_view records = reader.Bytes(reader.Number<std::uint64_t>());
     if (!reader.ok() || !plain || size != records.size() || internal::Crc32(records) != crc) {
-      file_.Damaged(at, "the checksum of a chunk does not match");
+      Suffered(at, "the checksum of a chunk of " + std::to_string(content.size()) +
+                       " bytes does not match; what it holds is lost");
+      return;
     }
     const std::uint64_t records_at =
         at + static_cast<std::uint64_t>(records.data() - content.data());
@@ -266,6 +323,7 @@ class Reader {
         step.time_ns = time_ns;
         good = good && internal::Decode(data, step);
         recording_.steps.push_back(step);
+        recording_.step_numbers.push_back(sequence);
         CountDropped(sequence, steps_);
         break;
       }
@@ -275,6 +333,14 @@ class Reader {
         good = good && internal::Decode(data, transition);
         recording_.transitions.push_back(transition);
         CountDropped(sequence, transitions_);
+        break;
+      }
+      case Channel::kArm: {
+        ArmRecord arm;
+        arm.time_ns = time_ns;
+        good = good && internal::Decode(data, arm);
+        recording_.arm.push_back(arm);
+        CountDropped(sequence, arms_);
         break;
       }
       case Channel::kPicture: {
@@ -306,8 +372,12 @@ class Reader {
   void Summary() {
     constexpr std::uint64_t kFooter = kRecordHead + 20;
     if (!complete_) return;
+    recording_.finished = true;
     const std::uint64_t at = file_.position();
-    if (file_.left() < kFooter + kMagic.size()) file_.Damaged(at, "its summary is missing");
+    if (file_.left() < kFooter + kMagic.size()) {
+      Suffered(at, "its summary is missing");
+      return;
+    }
     const std::string summary = file_.Take(file_.left() - kMagic.size());
     const std::string_view footer = std::string_view(summary).substr(summary.size() - kFooter);
     const std::string_view covered = std::string_view(summary).substr(0, summary.size() - 4);
@@ -318,9 +388,8 @@ class Reader {
     reader.Number<std::uint64_t>();
     if (op != Op::kFooter || start != at ||
         reader.Number<std::uint32_t>() != internal::Crc32(covered)) {
-      file_.Damaged(at, "the checksum of its summary does not match");
+      Suffered(at, "the checksum of its summary does not match");
     }
-    recording_.finished = true;
   }
 
   File file_;
@@ -329,6 +398,8 @@ class Reader {
   bool header_ = false;
   std::uint32_t steps_ = 0;
   std::uint32_t transitions_ = 0;
+  std::uint32_t arms_ = 0;
+  bool head_ = false;  // all before the chunks has been read
 };
 
 }  // namespace

@@ -26,10 +26,11 @@ constexpr std::chrono::milliseconds kPeriod(25);
 constexpr std::chrono::milliseconds kFlush(200);
 constexpr std::size_t kChunkBytes = std::size_t{1} << 20;
 
-// One of the two.
+// One of the three.
 struct WaitingRecord {
   StepRecord step;
   TransitionRecord transition;
+  ArmRecord arm;
   std::uint32_t sequence = 0;
   internal::Channel channel = internal::Channel::kStep;
 };
@@ -65,7 +66,8 @@ RecorderOptions Checked(const RecorderOptions& options) {
 }
 
 std::string Lost(std::uint64_t records, std::uint64_t pictures) {
-  return std::to_string(records) + " steps or transitions and " + std::to_string(pictures) +
+  return std::to_string(records) + " steps, transitions or states of the arm and " +
+         std::to_string(pictures) +
          " pictures were lost: the disk or the processor does not keep up, or a picture was larger "
          "than agreed or not one";
 }
@@ -140,15 +142,18 @@ struct Recorder::Impl {
 
   void Drain() {
     while (const WaitingRecord* waiting = records.Front()) {
-      const bool step = waiting->channel == internal::Channel::kStep;
-      message.clear();
-      if (step) {
-        internal::Encode(waiting->step, message);
+      const auto write = [&](const auto& record) {
+        message.clear();
+        internal::Encode(record, message);
+        writer.Message(waiting->channel, waiting->sequence, record.time_ns, message);
+      };
+      if (waiting->channel == internal::Channel::kStep) {
+        write(waiting->step);
+      } else if (waiting->channel == internal::Channel::kTransition) {
+        write(waiting->transition);
       } else {
-        internal::Encode(waiting->transition, message);
+        write(waiting->arm);
       }
-      writer.Message(waiting->channel, waiting->sequence,
-                     step ? waiting->step.time_ns : waiting->transition.time_ns, message);
       records.Pop();
       Count(records_written, dropped_records);
     }
@@ -215,6 +220,7 @@ struct Recorder::Impl {
   // Of the thread that records.
   std::uint32_t steps = 0;
   std::uint32_t transitions = 0;
+  std::uint32_t arms = 0;
   // Of the thread that writes, and of nobody else while it runs.
   JpegEncoder jpeg;
   internal::McapWriter writer;
@@ -240,6 +246,10 @@ bool Recorder::Record(const StepRecord& step) noexcept {
 bool Recorder::Transition(const TransitionRecord& transition) noexcept {
   return impl_->Push(internal::Channel::kTransition, &WaitingRecord::transition, transition,
                      ++impl_->transitions);
+}
+
+bool Recorder::Arm(const ArmRecord& arm) noexcept {
+  return impl_->Push(internal::Channel::kArm, &WaitingRecord::arm, arm, ++impl_->arms);
 }
 
 bool Recorder::Picture(const PictureView& picture) noexcept {

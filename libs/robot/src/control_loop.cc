@@ -54,18 +54,22 @@ void ControlLoop::Watch() noexcept {
   const auto& [clock, arm, camera, task, stop, recorder, interrupted] = devices_;
   const Finding found = arm->Tick(clock->SteadyNs(), clock->WallNs());
   if (!homing_ || !arm->needs_homing()) machine_.Hold(found.reason, found.detail);
+  Finding stop_found;
   if (stop != nullptr) {
-    WatchThread(stop->Report(), Ns(options_.max_stop_check_s),
-                {HoldReason::kEmergencyStopSilent, "the thread that listens to it hangs"});
+    stop_found = WatchThread(stop->Report(), Ns(options_.max_stop_check_s),
+                             {HoldReason::kEmergencyStopSilent,
+                              "the thread that listens to it "
+                              "hangs"});
   }
   if (!homing_) {  // which needs no pictures
-    WatchThread(camera->Report(), Ns(options_.max_camera_check_s),
-                {HoldReason::kImageSilent, "nobody looks at the pictures"});
+    static_cast<void>(WatchThread(camera->Report(), Ns(options_.max_camera_check_s),
+                                  {HoldReason::kImageSilent, "nobody looks at the pictures"}));
   }
   if (interrupted != nullptr && *interrupted) machine_.Hold(HoldReason::kOperator, "interrupted");
   if (recorder != nullptr && recorder->failed()) {
     machine_.Hold(HoldReason::kRecorder, "the recording cannot be written: is the disk full?");
   }
+  if (recorder != nullptr) recorder->Period(found, stop_found, machine_.state(), clock->WallNs());
   const bool ends_homing = arm->homing() && machine_.blocking() != HoldReason::kNone;
   if (ends_homing || (!machine_.may_move() && arm->armed())) {
     arm->Hold();
@@ -73,11 +77,12 @@ void ControlLoop::Watch() noexcept {
   }
 }
 
-void ControlLoop::WatchThread(const ThreadFinding& found, std::int64_t max_check_ns,
-                              const Finding& hangs) noexcept {
+Finding ControlLoop::WatchThread(const ThreadFinding& found, std::int64_t max_check_ns,
+                                 const Finding& hangs) noexcept {
   const bool late = devices_.clock->MachineNs() - found.checked_ns > max_check_ns;
   const Finding& finding = late ? hangs : found.finding;
   machine_.Hold(finding.reason, finding.detail);
+  return finding;
 }
 
 void ControlLoop::Report() noexcept {

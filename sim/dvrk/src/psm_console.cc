@@ -68,6 +68,10 @@ PsmConsole::PsmConsole(const PsmConsoleOptions& options)
                        options.joint_error.scale.allFinite() &&
                        options.joint_error.reference.allFinite(),
                    "joint_error must be finite");
+  const Eigen::Matrix3d& turn = options.base_frame.linear();
+  DFR_THROW_UNLESS(
+      options.base_frame.matrix().allFinite() && turn.isUnitary(1e-9) && turn.determinant() > 0.0,
+      "base_frame must be a rotation and a translation");
 }
 
 void PsmConsole::Say(ConsoleMessage::Severity severity, const std::string& text) {
@@ -149,114 +153,145 @@ bool PsmConsole::Ready(const char* command) {
   return false;
 }
 
-bool PsmConsole::Within(const char* command, const PsmJoints& goal) {
-  if (Psm::WithinLimits(goal)) return true;
-  std::ostringstream text;
-  text << command << " dropped, beyond the limits of";
-  for (int i = 0; i < 6; ++i) {
-    if (!(goal[i] >= Psm::lower_limits()[i] && goal[i] <= Psm::upper_limits()[i])) {
-      text << ' ' << kJointNames[static_cast<std::size_t>(i)] << " (" << goal[i] << ')';
-    }
+bool PsmConsole::Clip(const char* command, PsmJoints& goal) {
+  if (!goal.allFinite()) {
+    Say(ConsoleMessage::Severity::kError,
+        std::string(command) + " dropped, not six finite joint values");
+    return false;
   }
-  Say(ConsoleMessage::Severity::kError, text.str());
-  return false;
+  std::ostringstream text;
+  text << command << " clipped at the limits of";
+  bool clipped = false;
+  for (int i = 0; i < 6; ++i) {
+    const double within = std::clamp(goal[i], Psm::lower_limits()[i], Psm::upper_limits()[i]);
+    if (within == goal[i]) continue;
+    clipped = true;
+    text << ' ' << kJointNames[static_cast<std::size_t>(i)] << " (" << goal[i] << ')';
+    goal[i] = within;
+  }
+  if (clipped && !clipped_) Say(ConsoleMessage::Severity::kWarning, text.str());
+  clipped_ = clipped;
+  return true;
 }
 
 bool PsmConsole::Reach(const char* command, const Eigen::Isometry3d& goal, PsmJoints& joints) {
-  const kinematics::PsmReach reach = Psm::Inverse(goal, joints);
-  if (reach == kinematics::PsmReach::kOk) return true;
-  if (reach == kinematics::PsmReach::kJointLimit) return Within(command, joints);
+  const kinematics::PsmReach reach = Psm::Inverse(options_.base_frame.inverse() * goal, joints);
+  if (reach == kinematics::PsmReach::kOk) {
+    clipped_ = false;
+    return true;
+  }
+  if (reach == kinematics::PsmReach::kJointLimit) return Clip(command, joints);
   Say(ConsoleMessage::Severity::kError,
       std::string(command) + " dropped, inverse kinematics failed: " + Name(reach));
   return false;
 }
 
-bool PsmConsole::JawWithin(const char* command, double angle) {
-  if (angle >= kJawLower && angle <= kJawUpper) return true;
-  Say(ConsoleMessage::Severity::kError, std::string(command) + " dropped, beyond the jaw's limits");
-  return false;
+bool PsmConsole::ClipJaw(const char* command, double& angle) {
+  if (!std::isfinite(angle)) {
+    Say(ConsoleMessage::Severity::kError, std::string(command) + " dropped, not one finite angle");
+    return false;
+  }
+  const double within = std::clamp(angle, kJawLower, kJawUpper);
+  if (within != angle && !jaw_clipped_) {
+    Say(ConsoleMessage::Severity::kWarning, std::string(command) + " clipped at the jaw's limits");
+  }
+  jaw_clipped_ = within != angle;
+  angle = within;
+  return true;
 }
 
 void PsmConsole::StartMove(const PsmJoints& goal) {
   if (moving_) goals_.push_back(false);
   moving_ = true;
+  ++moves_begun_;
   move_s_ = 0.0;
   move_from_ = setpoint_;
   goal_ = goal;
-  move_duration_s_ = 1.5 * (goal - setpoint_).cwiseAbs().cwiseQuotient(SpeedLimits()).maxCoeff();
+  move_duration_s_ = 1.5 / trajectory_ratio_ *
+                     (goal - setpoint_).cwiseAbs().cwiseQuotient(SpeedLimits()).maxCoeff();
 }
 
-void PsmConsole::ServoJp(const PsmJoints& goal) {
-  if (!Ready("servo_jp") || !Within("servo_jp", goal)) return;
+void PsmConsole::StartServo(const PsmJoints& goal) {
   if (moving_) goals_.push_back(false);
   moving_ = false;
   goal_ = goal;
+}
+
+void PsmConsole::ServoJp(const PsmJoints& goal) {
+  PsmJoints joints = goal;
+  if (Ready("servo_jp") && Clip("servo_jp", joints)) StartServo(joints);
 }
 
 void PsmConsole::ServoCp(const Eigen::Isometry3d& goal) {
   PsmJoints joints;
-  if (!Ready("servo_cp") || !Reach("servo_cp", goal, joints)) return;
-  if (moving_) goals_.push_back(false);
-  moving_ = false;
-  goal_ = joints;
+  if (Ready("servo_cp") && Reach("servo_cp", goal, joints)) StartServo(joints);
 }
 
 void PsmConsole::ServoJr(const PsmJoints& difference) {
   if (!Ready("servo_jr")) return;
-  const PsmJoints goal = (moving_ ? setpoint_ : goal_) + difference;
-  if (!Within("servo_jr", goal)) return;
-  if (moving_) goals_.push_back(false);
-  moving_ = false;
-  goal_ = goal;
+  PsmJoints joints = (moving_ ? setpoint_ : goal_) + difference;
+  if (Clip("servo_jr", joints)) StartServo(joints);
 }
 
 void PsmConsole::ServoCr(const Eigen::Isometry3d& difference) {
   if (!Ready("servo_cr")) return;
-  Eigen::Isometry3d goal = Psm::Forward(moving_ ? setpoint_ : goal_);
+  Eigen::Isometry3d goal = options_.base_frame * Psm::Forward(moving_ ? setpoint_ : goal_);
   goal.translation() += difference.translation();
   goal.linear() = difference.linear() * goal.linear();
   PsmJoints joints;
-  if (!Reach("servo_cr", goal, joints)) return;
-  if (moving_) goals_.push_back(false);
-  moving_ = false;
-  goal_ = joints;
+  if (Reach("servo_cr", goal, joints)) StartServo(joints);
 }
 
-void PsmConsole::ServoJf() {
-  if (!Ready("servo_jf")) return;
+void PsmConsole::ServoEffort(const char* command) {
+  if (!Ready(command)) return;
   Say(ConsoleMessage::Severity::kError,
-      "servo_jf dropped, the simulated arm has no dynamics that an effort could move");
+      std::string(command) +
+          " dropped, the simulated arm has no dynamics that an effort could move");
+}
+
+void PsmConsole::SetTrajectoryRatio(double ratio) {
+  if (ratio > 0.0 && ratio <= 1.0) {
+    trajectory_ratio_ = ratio;
+    return;
+  }
+  std::ostringstream text;
+  text << "trajectory_j/set_ratio ignored, must be within ]0, 1], not " << ratio;
+  Say(ConsoleMessage::Severity::kWarning, text.str());
 }
 
 void PsmConsole::MoveJr(const PsmJoints& difference) {
   if (!Ready("move_jr")) return;
-  const PsmJoints goal = (moving_ ? goal_ : setpoint_) + difference;
-  if (!Within("move_jr", goal)) return;
-  StartMove(goal);
+  PsmJoints joints = (moving_ ? goal_ : setpoint_) + difference;
+  if (Clip("move_jr", joints)) StartMove(joints);
 }
 
 void PsmConsole::MoveJp(const PsmJoints& goal) {
-  if (!Ready("move_jp") || !Within("move_jp", goal)) return;
-  StartMove(goal);
+  PsmJoints joints = goal;
+  if (Ready("move_jp") && Clip("move_jp", joints)) StartMove(joints);
 }
 
 void PsmConsole::MoveCp(const Eigen::Isometry3d& goal) {
+  if (!Ready("move_cp")) return;
   PsmJoints joints;
-  if (!Ready("move_cp") || !Reach("move_cp", goal, joints)) return;
-  StartMove(joints);
+  if (Reach("move_cp", goal, joints)) {
+    StartMove(joints);
+  } else {
+    goals_.push_back(false);
+  }
 }
 
 void PsmConsole::ServoJaw(double angle) {
-  if (!Ready("jaw/servo_jp") || !JawWithin("jaw/servo_jp", angle)) return;
+  if (!Ready("jaw/servo_jp") || !ClipJaw("jaw/servo_jp", angle)) return;
   if (jaw_moving_) goals_.push_back(false);
   jaw_moving_ = false;
   jaw_goal_ = angle;
 }
 
 void PsmConsole::MoveJaw(double angle) {
-  if (!Ready("jaw/move_jp") || !JawWithin("jaw/move_jp", angle)) return;
+  if (!Ready("jaw/move_jp") || !ClipJaw("jaw/move_jp", angle)) return;
   if (jaw_moving_) goals_.push_back(false);
   jaw_moving_ = true;
+  ++moves_begun_;
   jaw_goal_ = angle;
 }
 
@@ -337,8 +372,12 @@ void PsmConsole::Step(double dt_s) {
   if (dt_s > 0.0) velocity_ = (measured_ - before) / dt_s;
 }
 
-Eigen::Isometry3d PsmConsole::measured_pose() const noexcept { return Psm::Forward(measured_); }
-Eigen::Isometry3d PsmConsole::setpoint_pose() const noexcept { return Psm::Forward(setpoint_); }
+Eigen::Isometry3d PsmConsole::measured_pose() const noexcept {
+  return options_.base_frame * Psm::Forward(measured_);
+}
+Eigen::Isometry3d PsmConsole::setpoint_pose() const noexcept {
+  return options_.base_frame * Psm::Forward(setpoint_);
+}
 Eigen::Matrix<double, 6, 1> PsmConsole::measured_twist() const noexcept {
   // Central difference over a millisecond of motion: to 1e-7 of the speed.
   constexpr double kHalf = 5e-4;
@@ -346,8 +385,9 @@ Eigen::Matrix<double, 6, 1> PsmConsole::measured_twist() const noexcept {
   const Eigen::Isometry3d after = Psm::Forward(measured_ + kHalf * velocity_);
   const Eigen::AngleAxisd turn(after.linear() * before.linear().transpose());
   Eigen::Matrix<double, 6, 1> twist;
-  twist << (after.translation() - before.translation()) / (2.0 * kHalf),
-      turn.angle() / (2.0 * kHalf) * turn.axis();
+  const Eigen::Matrix3d& turned = options_.base_frame.linear();
+  twist << turned * (after.translation() - before.translation()) / (2.0 * kHalf),
+      turned * (turn.angle() / (2.0 * kHalf) * turn.axis());
   return twist;
 }
 

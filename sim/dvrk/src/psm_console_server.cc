@@ -16,6 +16,7 @@
 namespace dfr::sim {
 namespace {
 
+using kinematics::Psm;
 using kinematics::PsmJoints;
 
 const std::vector<std::string>& JointNames() {
@@ -34,6 +35,11 @@ struct Snapshot {
   dds::TwistStamped measured_cv;
   dds::JointState jaw_measured_js;
   dds::JointState jaw_setpoint_js;
+  dds::PoseStamped local_measured_cp;
+  dds::PoseStamped local_setpoint_cp;
+  dds::WrenchStamped measured_cf;
+  dds::Matrix body_jacobian;
+  dds::Matrix spatial_jacobian;
 };
 
 dds::JointState Joints(const dds::Stamp& stamp, const PsmJoints& position) {
@@ -62,7 +68,9 @@ dds::PoseStamped Pose(const dds::Stamp& stamp, const std::string& frame,
   return message;
 }
 
-Eigen::Isometry3d Transform(const dds::PoseStamped& message) {
+// The pose of a PoseStamped, a CartesianState or a query.
+template <typename Message>
+Eigen::Isometry3d Transform(const Message& message) {
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
   pose.translation() = message.position_m;
   // A quaternion of zeros becomes NaN here, which the console refuses.
@@ -79,6 +87,40 @@ PsmJoints JointGoal(const dds::JointState& message) {
   return Eigen::Map<const PsmJoints>(message.position.data());
 }
 
+// The entries of the twist that is the matrix [w] v; 0 0.
+Eigen::Matrix<double, 6, 1> Twist(const Eigen::Matrix4d& matrix) {
+  Eigen::Matrix<double, 6, 1> twist;
+  twist << matrix.topRightCorner<3, 1>(), matrix(2, 1), matrix(0, 2), matrix(1, 0);
+  return twist;
+}
+
+dds::Matrix ByRows(const Eigen::Matrix<double, 6, 6>& jacobian) {
+  dds::Matrix message;
+  message.rows = message.cols = 6;
+  message.data.reserve(36);
+  for (int row = 0; row < 6; ++row) {
+    for (int col = 0; col < 6; ++col) message.data.push_back(jacobian(row, col));
+  }
+  return message;
+}
+
+// The manipulator's Jacobians: column i is the twist, linear before angular, that joint i gives the
+// wrist, in the wrist's own frame (body) and in the base's, at its origin (spatial).
+void Jacobians(const PsmJoints& joints, Eigen::Matrix<double, 6, 6>& body,
+               Eigen::Matrix<double, 6, 6>& spatial) {
+  constexpr double kHalf = 1e-5;  // rad, m: errors of 1e-10
+  const Eigen::Matrix4d inverse = Psm::Forward(joints).inverse().matrix();
+  for (int i = 0; i < 6; ++i) {
+    PsmJoints step = PsmJoints::Zero();
+    step[i] = kHalf;
+    const Eigen::Matrix4d change =
+        (Psm::Forward(joints + step).matrix() - Psm::Forward(joints - step).matrix()) /
+        (2.0 * kHalf);
+    body.col(i) = Twist(inverse * change);
+    spatial.col(i) = Twist(change * inverse);
+  }
+}
+
 double JawGoal(const dds::JointState& message) {
   return message.position.size() == 1 ? message.position[0]
                                       : std::numeric_limits<double>::quiet_NaN();
@@ -88,7 +130,9 @@ double JawGoal(const dds::JointState& message) {
 
 struct PsmConsoleServer::Impl {
   Impl(dds::Participant& participant, PsmConsole& served, const PsmConsoleServerOptions& chosen)
-      : console(served), options(chosen), random(chosen.seed), p(participant) {}
+      : console(served), options(chosen), random(chosen.seed), p(participant) {
+    tool_type.Write({served.options().tool});
+  }
 
   [[nodiscard]] std::string Topic(const char* name) const {
     return "/" + console.options().arm + "/" + name;
@@ -130,7 +174,21 @@ struct PsmConsoleServer::Impl {
       if (Counts()) console.ServoJr(JointGoal(joints));
     }
     while (servo_jf.Take(joints)) {
-      if (Counts()) console.ServoJf();
+      if (Counts()) console.ServoEffort("servo_jf");
+    }
+    while (jaw_servo_jf.Take(joints)) {
+      if (Counts()) console.ServoEffort("jaw/servo_jf");
+    }
+    dds::WrenchStamped wrench;
+    while (body_servo_cf.Take(wrench)) {
+      if (Counts()) console.ServoEffort("body/servo_cf");
+    }
+    while (spatial_servo_cf.Take(wrench)) {
+      if (Counts()) console.ServoEffort("spatial/servo_cf");
+    }
+    dds::CartesianState state;
+    while (servo_cs.Take(state)) {
+      if (Counts() && state.pose_valid) console.ServoCp(Transform(state));
     }
     while (jaw_move_jp.Take(joints)) {
       if (Counts()) console.MoveJaw(JawGoal(joints));
@@ -138,6 +196,56 @@ struct PsmConsoleServer::Impl {
     while (jaw_servo_jp.Take(joints)) {
       if (Counts()) console.ServoJaw(JawGoal(joints));
     }
+    dds::Number wanted;
+    while (set_ratio.Take(wanted)) console.SetTrajectoryRatio(wanted.value);
+    // What an arm without weight, force sensors and an instrument to change has no use for.
+    dds::Flag flag;
+    for (auto* ignored : {&use_gravity_compensation, &orientation_absolute, &tool_present}) {
+      while (ignored->Take(flag)) {
+      }
+    }
+    AnswerQueries();
+    // A move that ends with the next step was begun all the same: clients wait for both.
+    if (console.moves_begun() != moves_begun) PublishEvents();
+  }
+
+  void AnswerQueries() {
+    const auto forward = [](const Eigen::Isometry3d& base) {
+      return [base](const dds::ForwardKinematicsQuery& query) {
+        dds::ForwardKinematicsAnswer answer;
+        if (query.joints.size() != 6) {
+          answer.message = "incorrect number of joints";
+          return answer;
+        }
+        const Eigen::Isometry3d pose =
+            base * Psm::Forward(Eigen::Map<const PsmJoints>(query.joints.data()));
+        answer.position_m = pose.translation();
+        answer.orientation = Eigen::Quaterniond(pose.linear());
+        answer.good = pose.matrix().allFinite();
+        if (!answer.good) answer.message = "not finite";
+        return answer;
+      };
+    };
+    forward_kinematics.Serve(forward(console.options().base_frame));
+    local_forward_kinematics.Serve(forward(Eigen::Isometry3d::Identity()));
+    // In the arm's own base frame, as on a console.
+    inverse_kinematics.Serve([](const dds::InverseKinematicsQuery& query) {
+      dds::InverseKinematicsAnswer answer;
+      if (query.joints.size() != 6) {
+        answer.message = "incorrect number of joints";
+        return answer;
+      }
+      PsmJoints joints;
+      const kinematics::PsmReach reach = Psm::Inverse(Transform(query), joints);
+      answer.good =
+          reach == kinematics::PsmReach::kOk || reach == kinematics::PsmReach::kJointLimit;
+      if (answer.good) {
+        answer.joints.assign(joints.data(), joints.data() + joints.size());
+      } else {
+        answer.message = "inverse kinematics failed";
+      }
+      return answer;
+    });
   }
 
   [[nodiscard]] dds::Stamp Now() const {
@@ -148,7 +256,9 @@ struct PsmConsoleServer::Impl {
 
   [[nodiscard]] Snapshot Measure() const {
     const dds::Stamp stamp = console.valid() && !faults.invalid ? Now() : dds::Stamp{};
-    const std::string frame = console.options().arm + "_base";
+    const std::string base = console.options().arm + "_base";
+    const std::string& given = console.options().base_frame_name;
+    const std::string& frame = given.empty() ? base : given;
     Snapshot now;
     now.measured_js = Joints(stamp, console.measured_joints());
     const PsmJoints& velocity = console.joint_velocity();
@@ -161,6 +271,15 @@ struct PsmConsoleServer::Impl {
     now.measured_cv.frame_id = frame;
     now.measured_cv.linear_m_s = twist.head<3>();
     now.measured_cv.angular_rad_s = twist.tail<3>();
+    now.local_measured_cp = Pose(stamp, base, Psm::Forward(console.measured_joints()));
+    now.local_setpoint_cp = Pose(stamp, base, Psm::Forward(console.setpoint_joints()));
+    now.measured_cf.stamp = stamp;
+    now.measured_cf.frame_id = frame;
+    Eigen::Matrix<double, 6, 6> body;
+    Eigen::Matrix<double, 6, 6> spatial;
+    Jacobians(console.measured_joints(), body, spatial);
+    now.body_jacobian = ByRows(body);
+    now.spatial_jacobian = ByRows(spatial);
     now.jaw_measured_js = Jaw(stamp, console.measured_jaw());
     now.jaw_setpoint_js = Jaw(stamp, console.setpoint_jaw());
     if (faults.corrupt) {
@@ -168,6 +287,7 @@ struct PsmConsoleServer::Impl {
       now.measured_js.position.assign(6, kNan);
       now.measured_js.velocity.assign(6, kNan);
       now.measured_cp.position_m.setConstant(kNan);
+      now.local_measured_cp.position_m.setConstant(kNan);
       now.measured_cv.linear_m_s.setConstant(kNan);
     }
     return now;
@@ -196,11 +316,15 @@ struct PsmConsoleServer::Impl {
       Send(setpoint_js, shown.setpoint_js);
       Send(measured_cp, shown.measured_cp);
       Send(setpoint_cp, shown.setpoint_cp);
-      Send(local_measured_cp, shown.measured_cp);
-      Send(local_setpoint_cp, shown.setpoint_cp);
+      Send(local_measured_cp, shown.local_measured_cp);
+      Send(local_setpoint_cp, shown.local_setpoint_cp);
       Send(measured_cv, shown.measured_cv);
       Send(jaw_measured_js, shown.jaw_measured_js);
       Send(jaw_setpoint_js, shown.jaw_setpoint_js);
+      Send(body_measured_cf, shown.measured_cf);
+      Send(spatial_measured_cf, shown.measured_cf);
+      Send(body_jacobian, shown.body_jacobian);
+      Send(spatial_jacobian, shown.spatial_jacobian);
       ++states_published;
     }
   }
@@ -216,8 +340,13 @@ struct PsmConsoleServer::Impl {
           break;
         case ConsoleMessage::Severity::kStatus:
           status.Write({message.text});
+          info.Write({.stamp = Now(), .frame_id = "", .text = message.text});
           break;
       }
+    }
+    if (console.trajectory_ratio() != last_ratio) {
+      last_ratio = console.trajectory_ratio();
+      ratio.Write({last_ratio});
     }
     for (const bool reached : console.TakeGoals()) goal_reached.Write({reached});
     dds::OperatingState state;
@@ -225,12 +354,17 @@ struct PsmConsoleServer::Impl {
     state.is_homed = console.homed();
     state.is_busy = console.busy();
     const bool changed = state.state != last_state.state || state.is_homed != last_state.is_homed ||
-                         state.is_busy != last_state.is_busy;
+                         state.is_busy != last_state.is_busy ||
+                         console.moves_begun() != moves_begun;
+    moves_begun = console.moves_begun();
     if (!changed && time_s < next_state_s) return;
     next_state_s = time_s + 1.0;
     state.stamp = faults.invalid ? dds::Stamp{} : Now();
-    last_state = state;
     operating_state.Write(state);
+    if (state.state != last_state.state) {
+      state_name.Write({.stamp = state.stamp, .frame_id = "", .text = state.state});
+    }
+    last_state = state;
   }
 
   PsmConsole& console;
@@ -242,6 +376,8 @@ struct PsmConsoleServer::Impl {
   double next_motion_s = 0.0;
   double next_state_s = 0.0;
   dds::OperatingState last_state;
+  int moves_begun = 0;
+  double last_ratio = 0.0;
   Snapshot last_measured;
   bool measured_any = false;
   std::deque<Snapshot> on_its_way;
@@ -254,6 +390,23 @@ struct PsmConsoleServer::Impl {
   dds::Subscriber<dds::JointState> servo_jp{p, Topic("servo_jp"), dds::Role::kCommand};
   dds::Subscriber<dds::JointState> servo_jr{p, Topic("servo_jr"), dds::Role::kCommand};
   dds::Subscriber<dds::JointState> servo_jf{p, Topic("servo_jf"), dds::Role::kCommand};
+  dds::Subscriber<dds::JointState> jaw_servo_jf{p, Topic("jaw/servo_jf"), dds::Role::kCommand};
+  dds::Subscriber<dds::WrenchStamped> body_servo_cf{p, Topic("body/servo_cf"), dds::Role::kCommand};
+  dds::Subscriber<dds::WrenchStamped> spatial_servo_cf{p, Topic("spatial/servo_cf"),
+                                                       dds::Role::kCommand};
+  dds::Subscriber<dds::CartesianState> servo_cs{p, Topic("servo_cs"), dds::Role::kCommand};
+  dds::Subscriber<dds::Number> set_ratio{p, Topic("trajectory_j/set_ratio"), dds::Role::kRequest};
+  dds::Subscriber<dds::Flag> use_gravity_compensation{p, Topic("use_gravity_compensation"),
+                                                      dds::Role::kRequest};
+  dds::Subscriber<dds::Flag> orientation_absolute{p, Topic("body/set_cf_orientation_absolute"),
+                                                  dds::Role::kRequest};
+  dds::Subscriber<dds::Flag> tool_present{p, Topic("emulate_tool_present"), dds::Role::kRequest};
+  dds::Service<dds::ForwardKinematicsQuery, dds::ForwardKinematicsAnswer> forward_kinematics{
+      p, Topic("forward_kinematics")};
+  dds::Service<dds::ForwardKinematicsQuery, dds::ForwardKinematicsAnswer> local_forward_kinematics{
+      p, Topic("local/forward_kinematics")};
+  dds::Service<dds::InverseKinematicsQuery, dds::InverseKinematicsAnswer> inverse_kinematics{
+      p, Topic("inverse_kinematics")};
   dds::Subscriber<dds::PoseStamped> move_cp{p, Topic("move_cp"), dds::Role::kRequest};
   dds::Subscriber<dds::JointState> move_jp{p, Topic("move_jp"), dds::Role::kRequest};
   dds::Subscriber<dds::JointState> move_jr{p, Topic("move_jr"), dds::Role::kRequest};
@@ -273,6 +426,16 @@ struct PsmConsoleServer::Impl {
   dds::Publisher<dds::TwistStamped> measured_cv{p, Topic("measured_cv"), dds::Role::kState};
   dds::Publisher<dds::JointState> jaw_measured_js{p, Topic("jaw/measured_js"), dds::Role::kState};
   dds::Publisher<dds::JointState> jaw_setpoint_js{p, Topic("jaw/setpoint_js"), dds::Role::kState};
+  dds::Publisher<dds::WrenchStamped> body_measured_cf{p, Topic("body/measured_cf"),
+                                                      dds::Role::kState};
+  dds::Publisher<dds::WrenchStamped> spatial_measured_cf{p, Topic("spatial/measured_cf"),
+                                                         dds::Role::kState};
+  dds::Publisher<dds::Matrix> body_jacobian{p, Topic("body/jacobian"), dds::Role::kState};
+  dds::Publisher<dds::Matrix> spatial_jacobian{p, Topic("spatial/jacobian"), dds::Role::kState};
+  dds::Publisher<dds::Number> ratio{p, Topic("trajectory_j/ratio"), dds::Role::kEvent};
+  dds::Publisher<dds::Text> tool_type{p, Topic("tool_type"), dds::Role::kEvent};
+  dds::Publisher<dds::StringStamped> state_name{p, Topic("state"), dds::Role::kEvent};
+  dds::Publisher<dds::StringStamped> info{p, Topic("info"), dds::Role::kEvent};
   dds::Publisher<dds::OperatingState> operating_state{p, Topic("operating_state"),
                                                       dds::Role::kEvent};
   dds::Publisher<dds::Flag> goal_reached{p, Topic("goal_reached"), dds::Role::kState};

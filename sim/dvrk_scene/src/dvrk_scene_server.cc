@@ -22,6 +22,7 @@ using Clock = std::chrono::steady_clock;
 constexpr std::int64_t kSecond = 1'000'000'000;
 constexpr double kLongestStep = 0.02;  // s, of a run in lock-step
 constexpr double kLongestRun = 60.0;   // s
+constexpr double kPlatformWay = 5e-3;  // m, to either side
 
 constexpr std::array<std::pair<std::string_view, CameraFault>, 6> kCameraFaults = {{
     {"none", CameraFault::kNone},
@@ -158,8 +159,13 @@ struct DvrkSceneServer::Impl {
     if (name == "none") {
       console.SetFaults({});
       SetCamera("none");
+      platform_speed = 0.0;
     } else if (name == "camera") {
       SetCamera(value);
+    } else if (name == "platform") {
+      const double speed = internal::ParseNumber(value, "the platform's speed");
+      DFR_THROW_UNLESS(speed >= 0.0 && speed <= 0.2, "platform must lie in [0, 0.2] m/s");
+      platform_speed = speed;
     } else if (name == "arm_fault") {
       scene.console().Fail(value.empty() ? "a fault that was asked for" : std::string(value));
     } else if (sim::SetFault(faults, name, value)) {
@@ -169,8 +175,18 @@ struct DvrkSceneServer::Impl {
                                   << name
                                   << "'; there are: delay, jitter, drop, drop_commands, "
                                      "clock_jump, freeze, silent, invalid, corrupt, camera, "
-                                     "arm_fault, none");
+                                     "platform, arm_fault, none");
     }
+  }
+
+  // To and fro across the line, for as long as that fault is there.
+  void DrivePlatform(double dt_s) {
+    if (platform_speed == 0.0) return;
+    platform_way += platform_speed * dt_s;
+    const double turns = platform_way / kPlatformWay;
+    PlatformPose pose;
+    pose.translation_m.y() = kPlatformWay * (1.0 - std::abs(std::fmod(turns + 1.0, 4.0) - 2.0));
+    scene.MovePlatform(pose);
   }
 
   void SetCamera(std::string_view value) {
@@ -233,6 +249,8 @@ struct DvrkSceneServer::Impl {
   DvrkSceneServerOptions options;
   std::int64_t now_ns = 0;  // in lock-step
   std::uint64_t commands_before = 0;
+  double platform_speed = 0.0;  // m/s
+  double platform_way = 0.0;    // m since the first such fault
   PsmConsoleServer console;
   dds::Publisher<dds::PoseStamped> platform_measured;
   dds::Publisher<dds::PoseStamped> platform_setpoint;
@@ -257,6 +275,7 @@ DvrkSceneServer::~DvrkSceneServer() = default;
 void DvrkSceneServer::Tick(double dt_s) {
   Impl& i = *impl_;
   i.console.TakeCommands();
+  i.DrivePlatform(dt_s);
   i.scene.Step(dt_s);
   i.PublishState(dt_s, false);
   i.AnswerRequests();

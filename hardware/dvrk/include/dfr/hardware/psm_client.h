@@ -32,14 +32,15 @@ struct PsmClientOptions {
   kinematics::PsmJoints jump_noise =
       (kinematics::PsmJoints() << 0.01, 0.01, 0.002, 0.02, 0.02, 0.02).finished();
   double jump_distance_m = 0.005;  ///< The same for measured_cp, which may move at 1 m/s, > 0.
-  /// Of measured_js and measured_cp.
+  /// Of measured_js, measured_cp and local/measured_cp.
   dds::WatchdogOptions watchdog = {};
   /// By how much a move goes on in one step at most, s, > 0: after a late one it takes longer
   /// instead of catching up in one leap.
   double longest_step_s = 0.005;
   double max_tick_gap_s = 0.1;   ///< From one step to the next while armed, > 0.
   double reach_timeout_s = 2.0;  ///< From a move's end to rest, > 0.
-  /// How far measured_cp may be from where measured_js puts the wrist when arming, > 0.
+  /// How far local/measured_cp, or measured_cp where there is none, may be from where measured_js
+  /// puts the wrist when arming, and how far the frame of measured_cp may move while armed, > 0.
   double max_frame_distance_m = 0.002;
   double max_frame_angle = 0.05;  ///< rad
   double enable_timeout_s = 10.0;
@@ -84,7 +85,7 @@ struct PsmJointSample {
   kinematics::PsmJoints velocity = kinematics::PsmJoints::Zero();
 };
 
-/// measured_cp.
+/// measured_cp or local/measured_cp.
 struct PsmPoseSample {
   dds::Stamp stamp;
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
@@ -116,6 +117,7 @@ struct PsmInput {
   std::optional<PsmJointSample> measured_js;
   std::optional<PsmJointSample> setpoint_js;
   std::optional<PsmPoseSample> measured_cp;
+  std::optional<PsmPoseSample> local_measured_cp;
   std::optional<PsmJawSample> jaw_measured;
   std::optional<PsmJawSample> jaw_setpoint;
   std::optional<PsmOperatingState> operating_state;
@@ -134,7 +136,9 @@ struct PsmInput {
 
 /// What is to be sent now.
 struct PsmOutput {
+  /// Pose of the wrist and its twist, m/s and rad/s, in the frame of measured_cp.
   Eigen::Isometry3d servo_cp = Eigen::Isometry3d::Identity();
+  Eigen::Matrix<double, 6, 1> twist = Eigen::Matrix<double, 6, 1>::Zero();
   double jaw = 0.0;
   PsmRequest request = PsmRequest::kNone;
   bool servo = false;
@@ -148,6 +152,10 @@ struct PsmOutput {
 /// Whatever is wrong ends in kHolding: the console is told to hold, nothing more is sent, and
 /// status() keeps the first cause until Arm() is called anew. The console itself keeps the last
 /// set-point for ever, so that silence holds as well.
+///
+/// On a cart with setup joints or an endoscope arm measured_cp is relative to the camera. What
+/// local/measured_cp says at the same moment gives the arm's base in that frame; it is taken when
+/// the arm is armed, and may not move until it holds.
 ///
 /// After construction nothing here allocates, locks or throws. One object belongs to one thread at
 /// a time.
@@ -203,7 +211,10 @@ class PsmClient {
   [[nodiscard]] const PsmMotion& motion() const noexcept { return motion_; }
   /// The newest samples, as they came: see status() before relying on them.
   [[nodiscard]] const PsmJointSample& measured_js() const noexcept { return js_; }
+  [[nodiscard]] const PsmJointSample& setpoint_js() const noexcept { return setpoint_js_; }
   [[nodiscard]] const PsmPoseSample& measured_cp() const noexcept { return cp_; }
+  /// The arm's base in the frame of measured_cp and servo_cp, of the newest samples.
+  [[nodiscard]] const Eigen::Isometry3d& base_frame() const noexcept { return base_now_; }
   [[nodiscard]] const PsmJawSample& jaw() const noexcept { return jaw_measured_; }
   [[nodiscard]] const PsmOperatingState& operating_state() const noexcept { return operating_; }
   /// Samples of measured_js so far.
@@ -219,6 +230,8 @@ class PsmClient {
   [[nodiscard]] PsmStatus CommandHoldReason(const PsmInput& input) const noexcept;
   [[nodiscard]] PsmStatus FollowHoldReason() const noexcept;
   [[nodiscard]] bool FrameAgrees() const noexcept;
+  [[nodiscard]] bool BaseMoved() const noexcept;
+  void Pair() noexcept;
   void HoldBecause(PsmStatus cause, PsmOutput& output) noexcept;
   [[nodiscard]] PsmStatus HomingHoldReason(const PsmInput& input, double dt) const noexcept;
   void Pursue(const PsmInput& input, double dt, PsmOutput& output) noexcept;
@@ -229,15 +242,20 @@ class PsmClient {
   PsmRecentSetpoints recent_;
   dds::Watchdog js_watchdog_;
   dds::Watchdog cp_watchdog_;
+  dds::Watchdog local_watchdog_;
 
   PsmJointSample js_;
   PsmJointSample setpoint_js_;
   PsmPoseSample cp_;
+  PsmPoseSample local_cp_;
+  Eigen::Isometry3d base_now_ = Eigen::Isometry3d::Identity();
+  Eigen::Isometry3d base_ = Eigen::Isometry3d::Identity();  // when armed
   PsmJawSample jaw_measured_;
   PsmJawSample jaw_setpoint_;
   PsmOperatingState operating_;
   std::int64_t js_arrival_ns_ = 0;
   std::int64_t cp_arrival_ns_ = 0;
+  std::int64_t local_arrival_ns_ = 0;
   std::uint64_t num_samples_ = 0;
   double age_s_;
 
@@ -258,6 +276,8 @@ class PsmClient {
   bool stepped_ = false;
   bool any_js_ = false;
   bool any_cp_ = false;
+  bool any_local_ = false;
+  bool paired_ = false;
   bool any_setpoint_ = false;
   bool any_jaw_setpoint_ = false;
   bool any_operating_ = false;

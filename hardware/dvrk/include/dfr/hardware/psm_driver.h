@@ -30,14 +30,18 @@ struct PsmDriverOptions {
   /// Topics (std_msgs/Bool) that are true while the arm may be teleoperated. Empty:
   /// /console/teleop/enabled, and /MTML_ARM/following and /MTMR_ARM/following with the arm's name.
   std::vector<std::string> teleoperation = {};
+  /// Set-points are sent on servo_cs, with their twist, while the console listens to it (dVRK 2.4),
+  /// else on servo_cp.
+  bool servo_cs = false;
   PsmClientOptions client = {};
 };
 
 /// A patient-side manipulator behind a da Vinci Research Kit console (CRTK over ROS 2, or
 /// dvrk_simulator): a PsmClient with its ends of the topics
-///   takes      measured_js setpoint_js measured_cp jaw/measured_js jaw/setpoint_js
-///              operating_state error warning status tool_type arm_clutch manip_clutch
-///   publishes  servo_cp jaw/servo_jp hold state_command
+///   takes      measured_js setpoint_js measured_cp local/measured_cp jaw/measured_js
+///              jaw/setpoint_js operating_state error warning status tool_type arm_clutch
+///              manip_clutch
+///   publishes  servo_cp or servo_cs, jaw/servo_jp hold state_command
 /// and it looks who else publishes on any servo_, move_ or interpolate_ topic of the arm, jaw and
 /// body included, what others say on hold, free and state_command, and whether a teleoperation is
 /// enabled.

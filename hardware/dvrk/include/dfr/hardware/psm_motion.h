@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstddef>
-#include <limits>
 
 #include "dfr/hardware/psm_status.h"
 #include "dfr/kinematics/psm.h"
@@ -22,11 +21,10 @@ struct PsmLimits {
        0.31415926535897931, 0.31415926535897931, 0.31415926535897931)
           .finished();
   double max_tip_speed = 0.05;  ///< Of the jaw tips, m/s, > 0.
-  /// Where the jaw tips may be, in the arm's base frame, m.
-  Eigen::Vector3d workspace_min_m =
-      Eigen::Vector3d::Constant(-std::numeric_limits<double>::infinity());
-  Eigen::Vector3d workspace_max_m =
-      Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity());
+  /// Where the jaw tips may be, in the arm's base frame, m: a finite box. By default what is below
+  /// the cannula and within an arm's length of it.
+  Eigen::Vector3d workspace_min_m = Eigen::Vector3d(-0.15, -0.15, -0.25);
+  Eigen::Vector3d workspace_max_m = Eigen::Vector3d(0.15, 0.15, 0.0);
   double jaw_lower = -0.69813170079773179;    ///< rad
   double jaw_upper = 1.3962634015954636;      ///< rad
   double max_jaw_speed = 1.5707963267948966;  ///< rad/s, > 0.
@@ -67,6 +65,8 @@ class PsmMotion {
 
   [[nodiscard]] bool moving() const noexcept { return moving_; }
   [[nodiscard]] const kinematics::PsmJoints& setpoint() const noexcept { return setpoint_; }
+  /// How fast the set-point moves there, rad/s (insertion: m/s).
+  [[nodiscard]] kinematics::PsmJoints velocity() const noexcept;
   [[nodiscard]] const kinematics::PsmJoints& goal() const noexcept { return goal_; }
   [[nodiscard]] const PsmLimits& limits() const noexcept { return limits_; }
 

@@ -25,7 +25,8 @@ enum class PsmStatus {
   kStateMalformed,  ///< Not six joints.
   kStateNotFinite,  ///< NaN or infinite.
   kStateJumped,     ///< Farther from one sample to the next than the arm can move.
-  kFrameMismatch,   ///< measured_cp is not where measured_js puts the wrist.
+  kFrameMismatch,   ///< local/measured_cp is not where measured_js puts the wrist.
+  kBaseMoved,       ///< The frame of measured_cp moves: the camera, or a setup joint.
   // Who commands, and whether it helps.
   kOtherPublisher,   ///< Someone else publishes on the arm's command topics.
   kSecondConsole,    ///< More than one publishes the arm's state.

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 
@@ -10,8 +11,9 @@
 
 namespace dfr::dds {
 
-/// What a topic is for, which decides its quality of service. All are reliable. Publishers of every
-/// role match subscribers of the same role, and both match a plain ROS 2 peer, except where noted.
+/// What a topic is for, which decides its quality of service. All but kSensorImage are reliable.
+/// Publishers of every role match subscribers of the same role, and both match a plain ROS 2 peer,
+/// except where noted.
 enum class Role {
   /// Set-points in quick succession: only the newest counts. The publisher offers a deadline of
   /// 40 ms and liveliness by writing with a lease of 100 ms. Samples that were not taken expire
@@ -32,6 +34,9 @@ enum class Role {
   kRequest,
   /// Images: the newest alone.
   kImage,
+  /// Images that are not sent again when they are lost (best effort), as ROS 2's sensor data: a
+  /// subscriber of kImage refuses their publisher.
+  kSensorImage,
   /// The latched emergency stop: the last ten reach late joiners within 200 ms.
   kEmergencyStop,
 };
@@ -98,6 +103,26 @@ class Subscriber {
   std::unique_ptr<Impl> impl_;
 };
 
+/// The server of a ROS 2 service, as Fast DDS' middleware for ROS 2 has them. One object belongs to
+/// one thread at a time.
+template <typename Query, typename Answer>
+class Service {
+ public:
+  /// @param name  as ROS 2 calls it, "/PSM1/forward_kinematics".
+  /// @throws as Publisher.
+  Service(Participant& participant, const std::string& name);
+  ~Service();
+  Service(const Service&) = delete;
+  Service& operator=(const Service&) = delete;
+
+  /// Answers all queries that have come. Returns how many.
+  int Serve(const std::function<Answer(const Query&)>& answer);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
 extern template class Publisher<PoseStamped>;
 extern template class Publisher<TwistStamped>;
 extern template class Publisher<JointState>;
@@ -110,6 +135,10 @@ extern template class Publisher<CameraInfo>;
 extern template class Publisher<Text>;
 extern template class Publisher<Flag>;
 extern template class Publisher<Signal>;
+extern template class Publisher<WrenchStamped>;
+extern template class Publisher<CartesianState>;
+extern template class Publisher<Number>;
+extern template class Publisher<Matrix>;
 extern template class Subscriber<PoseStamped>;
 extern template class Subscriber<TwistStamped>;
 extern template class Subscriber<JointState>;
@@ -122,5 +151,11 @@ extern template class Subscriber<CameraInfo>;
 extern template class Subscriber<Text>;
 extern template class Subscriber<Flag>;
 extern template class Subscriber<Signal>;
+extern template class Subscriber<WrenchStamped>;
+extern template class Subscriber<CartesianState>;
+extern template class Subscriber<Number>;
+extern template class Subscriber<Matrix>;
+extern template class Service<ForwardKinematicsQuery, ForwardKinematicsAnswer>;
+extern template class Service<InverseKinematicsQuery, InverseKinematicsAnswer>;
 
 }  // namespace dfr::dds

@@ -41,6 +41,27 @@ struct TwistStamped {
   Eigen::Vector3d angular_rad_s = Eigen::Vector3d::Zero();
 };
 
+/// geometry_msgs/WrenchStamped: body/measured_cf, body/servo_cf, ...
+struct WrenchStamped {
+  Stamp stamp;
+  std::string frame_id;
+  Eigen::Vector3d force_n = Eigen::Vector3d::Zero();
+  Eigen::Vector3d torque_nm = Eigen::Vector3d::Zero();
+};
+
+/// crtk_msgs/CartesianState: servo_cs. Its wrench is not valid.
+struct CartesianState {
+  Stamp stamp;
+  std::string frame_id;
+  bool pose_valid = false;
+  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
+  /// As received: not normalised, not checked.
+  Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
+  bool twist_valid = false;
+  Eigen::Vector3d linear_m_s = Eigen::Vector3d::Zero();
+  Eigen::Vector3d angular_rad_s = Eigen::Vector3d::Zero();
+};
+
 /// sensor_msgs/JointState: measured_js, servo_jp, jaw/measured_js, ... Each vector may be empty.
 struct JointState {
   Stamp stamp;
@@ -125,7 +146,48 @@ struct Flag {
   bool value = false;
 };
 
+/// std_msgs/Float64: trajectory_j/ratio.
+struct Number {
+  double value = 0.0;
+};
+
+/// std_msgs/Float64MultiArray with two dimensions: body/jacobian. By rows.
+struct Matrix {
+  std::uint32_t rows = 0;
+  std::uint32_t cols = 0;
+  std::vector<double> data;  ///< rows x cols entries where the message is well formed.
+};
+
 /// std_msgs/Empty: hold, free.
 struct Signal {};
+
+/// crtk_msgs/QueryForwardKinematics, the request: joint values, rad (insertion: m).
+struct ForwardKinematicsQuery {
+  std::vector<double> joints;
+};
+
+/// Its response.
+struct ForwardKinematicsAnswer {
+  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
+  Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
+  bool good = false;
+  std::string message;  ///< What is wrong, where it is not good.
+};
+
+/// crtk_msgs/QueryInverseKinematics, the request: a pose, and joint values near which the solution
+/// is wanted.
+struct InverseKinematicsQuery {
+  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
+  /// As received: not normalised, not checked.
+  Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
+  std::vector<double> joints;
+};
+
+/// Its response.
+struct InverseKinematicsAnswer {
+  std::vector<double> joints;
+  bool good = false;
+  std::string message;  ///< What is wrong, where it is not good.
+};
 
 }  // namespace dfr::dds

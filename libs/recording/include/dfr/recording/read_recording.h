@@ -27,11 +27,17 @@ struct RecordedNote {
 struct Recording {
   RecordingMetadata metadata;
   std::vector<StepRecord> steps;
+  /// The number of each step, which begins at 1: where one is missing, one was lost.
+  std::vector<std::uint32_t> step_numbers;
   std::vector<TransitionRecord> transitions;
+  std::vector<ArmRecord> arm;
   std::vector<RecordedPicture> pictures;
   std::vector<RecordedNote> notes;
-  /// Steps and transitions that are missing between those that are there.
+  /// Steps, transitions and states of the arm that are missing between those that are there.
   std::uint64_t dropped_records = 0;
+  /// What of the file has changed since it was written, each with its place, in words. What a
+  /// damaged chunk held is lost, and nothing else.
+  std::vector<std::string> damage;
   /// The recorder was stopped in an orderly way. Otherwise it was killed, or the file was cut: what
   /// is here is all that was complete.
   bool finished = false;
@@ -39,7 +45,7 @@ struct Recording {
 
 /// Reads a file of Recorder's, finished or not.
 /// @throws std::runtime_error naming the file, the place and the reason if it cannot be read, is
-///   not such a file, or is damaged otherwise than by being cut off.
+///   not such a file, or is damaged before its first chunk, where its types are.
 [[nodiscard]] Recording ReadRecording(const std::filesystem::path& path);
 
 /// The JPEG file of one picture of the recording at `path`. @throws std::runtime_error

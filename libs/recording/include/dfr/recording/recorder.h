@@ -31,7 +31,8 @@ struct PictureView {
 
 /// Options for Recorder.
 struct RecorderOptions {
-  /// Steps and transitions that wait for the disk at most, >= 1: 40 s at 100 Hz.
+  /// Steps, transitions and states of the arm that wait for the disk at most, >= 1: 40 s at
+  /// 100 Hz.
   std::size_t waiting_records = 4096;
   std::size_t waiting_pictures = 8;  ///< >= 1
   /// Bytes of a picture at most; larger ones are dropped, and counted.
@@ -41,9 +42,9 @@ struct RecorderOptions {
 
 /// Counts since the start.
 struct RecorderCounts {
-  std::uint64_t records = 0;           ///< Steps and transitions written.
+  std::uint64_t records = 0;           ///< Steps, transitions and states of the arm written.
   std::uint64_t pictures = 0;          ///< Written.
-  std::uint64_t dropped_records = 0;   ///< Steps and transitions lost.
+  std::uint64_t dropped_records = 0;   ///< The same, lost.
   std::uint64_t dropped_pictures = 0;  ///< Lost.
 };
 
@@ -57,8 +58,8 @@ struct RecorderCounts {
 /// the disk is full or fails, the run goes on: failed() tells, and the file stays readable up to
 /// there.
 ///
-/// Record() and Transition() belong to one thread, Picture() to one, which may be another; the
-/// others may be called from anywhere.
+/// Record(), Transition() and Arm() belong to one thread, Picture() to one, which may be another;
+/// the others may be called from anywhere.
 class Recorder {
  public:
   /// Makes the file.
@@ -74,6 +75,7 @@ class Recorder {
   /// These neither allocate, lock, wait nor call the system. False if it had to be dropped.
   bool Record(const StepRecord& step) noexcept;
   bool Transition(const TransitionRecord& transition) noexcept;
+  bool Arm(const ArmRecord& arm) noexcept;
   bool Picture(const PictureView& picture) noexcept;
 
   /// Nothing more reaches the file: the disk is full, or failed. Never allocates or waits.

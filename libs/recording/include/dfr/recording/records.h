@@ -86,6 +86,22 @@ struct TransitionRecord {
   Text<200> cause;  ///< In words for the operator.
 };
 
+/// How the arm stood at one moment, and what the operator's stop said.
+struct ArmRecord {
+  std::int64_t time_ns = 0;      ///< When it was taken, since the Unix epoch.
+  std::int64_t measured_ns = 0;  ///< The stamp of what was measured.
+  Numbers<8> position;           ///< Measured joints, rad (insertion: m).
+  Numbers<8> velocity;           ///< The same per s.
+  Numbers<8> setpoint;           ///< What the console was last sent; empty while not armed.
+  Numbers<8> console_setpoint;   ///< What the console says that its set-point is.
+  Text<16> operating_state;      ///< "ENABLED", ...
+  bool homed = false;
+  bool busy = false;
+  Text<24> machine;  ///< State of the machine around the controller.
+  Text<96> fault;    ///< What speaks against moving; empty: nothing.
+  Text<24> stop;     ///< The emergency stop: "released", "pressed", "silent", "none".
+};
+
 /// Where a run came from: what it takes to repeat its decisions.
 struct RecordingMetadata {
   std::string program;  ///< And its version.

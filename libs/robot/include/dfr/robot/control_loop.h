@@ -128,8 +128,8 @@ class ControlLoop {
   [[nodiscard]] runtime::HoldReason TryToHome() noexcept;
   [[nodiscard]] runtime::HoldReason TryToStart() noexcept;
   void Watch() noexcept;
-  void WatchThread(const ThreadFinding& found, std::int64_t max_check_ns,
-                   const Finding& hangs) noexcept;
+  Finding WatchThread(const ThreadFinding& found, std::int64_t max_check_ns,
+                      const Finding& hangs) noexcept;
   void Report() noexcept;
   [[nodiscard]] core::PlantStatus Refuse(const Finding& why) noexcept;
   bool Observe() noexcept;

@@ -114,6 +114,9 @@ class Recorder {
   virtual ~Recorder() = default;
 
   virtual void Write(const runtime::Transition& transition, std::int64_t wall_ns) noexcept = 0;
+  /// Once a period: what arm and emergency stop were found to be, and the loop's state.
+  virtual void Period(const Finding& /*arm*/, const Finding& /*stop*/, runtime::RunState /*state*/,
+                      std::int64_t /*wall_ns*/) noexcept {}
   /// Nothing more can be written.
   [[nodiscard]] virtual bool failed() const noexcept = 0;
 };

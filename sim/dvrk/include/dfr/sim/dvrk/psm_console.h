@@ -30,6 +30,11 @@ struct PsmConsoleOptions {
   double lag_s = 0.02;    ///< Time constant of the joints behind their set-points, > 0.
   /// What the encoders do not show: the tip is where this puts it.
   kinematics::PsmCorrection joint_error = {};
+  /// The arm's base in the frame that poses are relative to, the camera's on a cart with setup
+  /// joints and an endoscope arm, and that frame's name; empty: the arm's own base.
+  Eigen::Isometry3d base_frame = Eigen::Isometry3d::Identity();
+  std::string base_frame_name = {};
+  std::string tool = "LARGE_NEEDLE_DRIVER:400006";  ///< What tool_type says.
 };
 
 /// A patient-side manipulator behind a da Vinci Research Kit console, as its clients see it: the
@@ -39,11 +44,13 @@ struct PsmConsoleOptions {
 /// State commands: "enable", "disable", "pause", "resume", "home", "unhome". Homing enables, takes
 /// homing_s and ends with the instrument inserted by 0.12 m, all other joints zero. In FAULT only
 /// disable and unhome are taken. Motion commands are dropped with a warning unless the arm is
-/// ENABLED, homed and done with homing; poses and joint values that the arm cannot reach, or that
-/// are not finite, are dropped with an error.
+/// ENABLED, homed and done with homing. Goals beyond a joint's limits are clipped at them, as a
+/// console does, which the first of several says with a warning; so the arm does not go where it
+/// was sent. Goals that are not finite, and poses without joint values, are dropped with an error.
 ///
 /// servo_* sets the set-point, which the joints approach no faster than 90 degrees/s and 0.2 m/s.
-/// move_* interpolates in joint space, so that the tip's way is not straight, and reports the goal.
+/// move_* interpolates in joint space, so that the tip's way is not straight, at that speed times
+/// the trajectory's ratio, and reports the goal.
 /// *_jr and *_cr are relative to the last goal of the same kind, or where there is none to the
 /// set-point. The last goal is held for ever: there is no timeout for commands, as on a real
 /// console. The simulated arm has no dynamics: free leaves it where it is, servo_jf is dropped with
@@ -56,17 +63,21 @@ class PsmConsole {
   explicit PsmConsole(const PsmConsoleOptions& options);
 
   void StateCommand(std::string_view command);
+  /// Poses are in the frame of options().base_frame_name.
   void ServoCp(const Eigen::Isometry3d& goal);
   void ServoJp(const kinematics::PsmJoints& goal);
-  /// Base frame: the translation is added, the rotation goes before the present one. (The real
-  /// console's own servo_cr is marked as not working.)
+  /// The translation is added, the rotation goes before the present one. (The real console's own
+  /// servo_cr is marked as not working.)
   void ServoCr(const Eigen::Isometry3d& difference);
   void ServoJr(const kinematics::PsmJoints& difference);
-  void ServoJf();
+  /// An effort of any kind, by its name.
+  void ServoEffort(const char* command);
+  /// The share of the speed limits that moves use, in ]0, 1]; others are ignored with a warning.
+  void SetTrajectoryRatio(double ratio);
   void MoveCp(const Eigen::Isometry3d& goal);
   void MoveJp(const kinematics::PsmJoints& goal);
   void MoveJr(const kinematics::PsmJoints& difference);
-  /// The jaw's angle, rad, in [-40, 80] degrees.
+  /// The jaw's angle, rad, clipped to [-40, 80] degrees.
   void ServoJaw(double angle);
   void MoveJaw(double angle);
   /// Stops where the set-point is.
@@ -100,11 +111,14 @@ class PsmConsole {
   [[nodiscard]] const kinematics::PsmJoints& setpoint_joints() const noexcept { return setpoint_; }
   [[nodiscard]] double measured_jaw() const noexcept { return jaw_; }
   [[nodiscard]] double setpoint_jaw() const noexcept { return jaw_setpoint_; }
-  /// Pose of the wrist in the base frame, by the encoders and as commanded.
+  /// Pose of the wrist in the frame of options().base_frame_name, by the encoders and as commanded.
   [[nodiscard]] Eigen::Isometry3d measured_pose() const noexcept;
   [[nodiscard]] Eigen::Isometry3d setpoint_pose() const noexcept;
-  /// Twist of the wrist in the base frame, by the encoders: m/s, then rad/s.
+  /// Twist of the wrist in the same frame, by the encoders: m/s, then rad/s.
   [[nodiscard]] Eigen::Matrix<double, 6, 1> measured_twist() const noexcept;
+  [[nodiscard]] double trajectory_ratio() const noexcept { return trajectory_ratio_; }
+  /// Moves begun since the start, the jaw's included.
+  [[nodiscard]] int moves_begun() const noexcept { return moves_begun_; }
   /// Where the joints really are.
   [[nodiscard]] kinematics::PsmJoints true_joints() const noexcept;
 
@@ -117,11 +131,12 @@ class PsmConsole {
   [[nodiscard]] bool Ready(const char* command);
   [[nodiscard]] bool Reach(const char* command, const Eigen::Isometry3d& goal,
                            kinematics::PsmJoints& joints);
-  [[nodiscard]] bool Within(const char* command, const kinematics::PsmJoints& goal);
-  [[nodiscard]] bool JawWithin(const char* command, double angle);
+  [[nodiscard]] bool Clip(const char* command, kinematics::PsmJoints& goal);
+  [[nodiscard]] bool ClipJaw(const char* command, double& angle);
   void Say(ConsoleMessage::Severity severity, const std::string& text);
   void Enter(ArmState state);
   void StartMove(const kinematics::PsmJoints& goal);
+  void StartServo(const kinematics::PsmJoints& goal);
   void StopMoves();
 
   PsmConsoleOptions options_;
@@ -130,6 +145,10 @@ class PsmConsole {
   double homing_left_s_ = 0.0;
   bool moving_ = false;
   bool jaw_moving_ = false;
+  bool clipped_ = false;
+  bool jaw_clipped_ = false;
+  int moves_begun_ = 0;
+  double trajectory_ratio_ = 1.0;
   double move_s_ = 0.0;
   double move_duration_s_ = 0.0;
   kinematics::PsmJoints move_from_;

@@ -38,15 +38,20 @@ struct PsmConsoleServerOptions {
   std::function<dds::Stamp()> clock = &dds::Stamp::Now;
 };
 
-/// A PsmConsole on the topics of a real one, below its arm's name (CRTK convention over ROS 2):
+/// A PsmConsole on the topics and services of a real one, below its arm's name (CRTK convention
+/// over ROS 2; all that dvrk_python's psm asks for, and jhu-dvrk's contract for simulators):
 ///   publishes  measured_js setpoint_js measured_cp setpoint_cp local/measured_cp local/setpoint_cp
-///              measured_cv jaw/measured_js jaw/setpoint_js
-///              operating_state goal_reached error warning status
-///   takes      state_command servo_cp servo_cr servo_jp servo_jr servo_jf move_cp move_jp move_jr
-///              hold free jaw/servo_jp jaw/move_jp
+///              measured_cv jaw/measured_js jaw/setpoint_js body/ and spatial/ measured_cf jacobian
+///              operating_state state goal_reached error warning status info tool_type
+///              trajectory_j/ratio
+///   takes      state_command servo_cp servo_cs servo_cr servo_jp servo_jr servo_jf move_cp move_jp
+///              move_jr hold free jaw/servo_jp jaw/servo_jf jaw/move_jp body/ and spatial/ servo_cf
+///              trajectory_j/set_ratio, and without effect use_gravity_compensation
+///              body/set_cf_orientation_absolute emulate_tool_present
+///   answers    forward_kinematics local/forward_kinematics inverse_kinematics
 /// While the arm is not homed, measurements are stamped zero, as a console marks invalid data. The
-/// operating state is published when it changes and once a second. The base frame is the arm's own,
-/// so that local/ shows the same.
+/// operating state is published when it changes, when a move begins, and once a second. Forces are
+/// zero; of servo_cs the pose is taken. local/ is relative to the arm's own base.
 ///
 /// It has no thread: Tick() is its loop, and time is what the caller says it is. One object belongs
 /// to one thread at a time.

@@ -48,6 +48,9 @@ class DvrkScene {
   void Follow(double dt_s) noexcept;
   /// Everything that was asked for is done and at rest, as after a control of LineTrackingPlant.
   void Rest();
+  /// Puts the platform's rest pose there, on top of the disturbance.
+  /// @throws std::invalid_argument if it is beyond the platform's reach.
+  void MovePlatform(const kinematics::PlatformPose& pose) { plant_.MovePlatform(pose); }
   /// Until another is set, also over Reset().
   void SetCameraFault(CameraFault fault) noexcept;
   [[nodiscard]] CameraFault camera_fault() const noexcept { return camera_fault_; }

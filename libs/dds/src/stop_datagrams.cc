@@ -1,0 +1,254 @@
+#include "stop_datagrams.h"
+
+#include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <net/if.h>
+#include <openssl/rand.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <memory>
+#include <stdexcept>
+
+#include "dfr/dds/messages.h"
+#include "dfr/dds/security.h"
+
+namespace dfr::dds::internal {
+namespace {
+
+constexpr std::string_view kMagic("dfrstop1", 8);
+// Magic, sender, number, time, pressed or not (0 or 1), then the certificate's size (2 bytes, most
+// significant first), the certificate and the signature of all before. All numbers have that order.
+constexpr std::size_t kIdAt = 8;
+constexpr std::size_t kSequenceAt = 24;
+constexpr std::size_t kTimeAt = 32;
+constexpr std::size_t kPressedAt = 40;
+constexpr std::size_t kSizeAt = 41;
+constexpr std::size_t kHead = 43;
+constexpr std::size_t kLargest = 4096;
+constexpr std::int64_t kMostAstrayNs = 1'000'000'000;
+constexpr int kMostPassedOver = 16;
+
+void Put(std::uint64_t number, std::size_t bytes, std::string& out) {
+  for (std::size_t i = bytes; i > 0; --i) out += static_cast<char>(number >> (8 * (i - 1)));
+}
+
+std::uint64_t Get(std::string_view in, std::size_t at, std::size_t bytes) {
+  std::uint64_t number = 0;
+  for (std::size_t i = 0; i < bytes; ++i) {
+    number = number << 8U | static_cast<std::uint8_t>(in[at + i]);
+  }
+  return number;
+}
+
+const unsigned char* Bytes(std::string_view text) {
+  return reinterpret_cast<const unsigned char*>(text.data());  // NOLINT: OpenSSL's bytes
+}
+
+sockaddr_in Address(std::uint32_t host_order, std::uint16_t port) {
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(host_order);
+  address.sin_port = htons(port);
+  return address;
+}
+
+struct DigestDeleter {
+  void operator()(EVP_MD_CTX* context) const { EVP_MD_CTX_free(context); }
+};
+using Digest = std::unique_ptr<EVP_MD_CTX, DigestDeleter>;
+
+std::string Sign(EVP_PKEY* key, std::string_view text) {
+  const Digest digest(EVP_MD_CTX_new());
+  std::size_t size = 0;
+  if (!digest || EVP_DigestSignInit(digest.get(), nullptr, EVP_sha256(), nullptr, key) != 1 ||
+      EVP_DigestSign(digest.get(), nullptr, &size, Bytes(text), text.size()) != 1) {
+    return {};
+  }
+  std::string signature(size, '\0');
+  auto* bytes = reinterpret_cast<unsigned char*>(signature.data());  // NOLINT: OpenSSL's bytes
+  if (EVP_DigestSign(digest.get(), bytes, &size, Bytes(text), text.size()) != 1) return {};
+  signature.resize(size);
+  return signature;
+}
+
+bool Verify(EVP_PKEY* key, std::string_view text, std::string_view signature) {
+  const Digest digest(EVP_MD_CTX_new());
+  return digest && EVP_DigestVerifyInit(digest.get(), nullptr, EVP_sha256(), nullptr, key) == 1 &&
+         EVP_DigestVerify(digest.get(), Bytes(signature), signature.size(), Bytes(text),
+                          text.size()) == 1;
+}
+
+std::string Refused(const char* what) {
+  return std::string("the emergency stop's datagrams: ") + what + ": " + std::strerror(errno);
+}
+
+}  // namespace
+
+std::uint16_t StopPort(int domain) noexcept {
+  // DDS: 7400 + 250 domain, and there 0, 1 and 10 onwards.
+  return static_cast<std::uint16_t>(7400 + 250 * domain + 5);
+}
+
+StopSocket::StopSocket()
+    : socket_(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)) {
+  if (socket_ < 0) throw std::runtime_error(Refused("no socket"));
+}
+
+StopSocket::~StopSocket() { ::close(socket_); }
+
+StopSender::StopSender(const ParticipantOptions& options) {
+  const int yes = 1;
+  if (::setsockopt(socket_.get(), SOL_SOCKET, SO_BROADCAST, &yes, sizeof yes) != 0) {
+    throw std::runtime_error(Refused("cannot send to all"));
+  }
+  const std::uint16_t port = StopPort(options.domain);
+  listeners_.push_back(Address(0x7fffffff, port));  // 127.255.255.255
+  ifaddrs* interfaces = nullptr;
+  if (options.discovery != Discovery::kLoopback && ::getifaddrs(&interfaces) == 0) {
+    for (const ifaddrs* i = interfaces; i != nullptr; i = i->ifa_next) {
+      const bool sends = (i->ifa_flags & IFF_UP) != 0 && (i->ifa_flags & IFF_BROADCAST) != 0;
+      if (!sends || i->ifa_broadaddr == nullptr || i->ifa_broadaddr->sa_family != AF_INET) continue;
+      sockaddr_in all{};
+      std::memcpy(&all, i->ifa_broadaddr, sizeof all);
+      listeners_.push_back(Address(ntohl(all.sin_addr.s_addr), port));
+    }
+    ::freeifaddrs(interfaces);
+  }
+  if (RAND_bytes(id_.data(), static_cast<int>(id_.size())) != 1) {
+    throw std::runtime_error("OpenSSL has no random numbers: " + Complaint());
+  }
+  if (options.security.empty()) return;
+  const SecurityFiles files(options.security);
+  key_ = LoadKey(files.key);
+  const Owned<X509> certificate = LoadCertificate(files.certificate);
+  unsigned char* der = nullptr;
+  const int size = i2d_X509(certificate.get(), &der);
+  if (size <= 0) throw std::runtime_error(files.certificate.string() + ": " + Complaint());
+  certificate_.assign(reinterpret_cast<const char*>(der),  // NOLINT: OpenSSL's bytes
+                      static_cast<std::size_t>(size));
+  OPENSSL_free(der);
+}
+
+bool StopSender::Send(bool pressed) noexcept {
+  try {
+    std::string datagram(kMagic);
+    datagram.append(id_.begin(), id_.end());
+    Put(++sequence_, 8, datagram);
+    Put(static_cast<std::uint64_t>(Stamp::Now().nanoseconds()), 8, datagram);
+    Put(pressed ? 1U : 0U, 1, datagram);
+    Put(certificate_.size(), 2, datagram);
+    datagram += certificate_;
+    if (key_) datagram += Sign(key_.get(), datagram);
+    bool sent = false;
+    for (const sockaddr_in& listener : listeners_) {
+      const auto* address = reinterpret_cast<const sockaddr*>(&listener);  // NOLINT: sockets' way
+      sent = ::sendto(socket_.get(), datagram.data(), datagram.size(), MSG_NOSIGNAL, address,
+                      sizeof listener) == static_cast<ssize_t>(datagram.size()) ||
+             sent;
+    }
+    return sent;
+  } catch (const std::exception&) {
+    return false;
+  }
+}
+
+StopListener::StopListener(const ParticipantOptions& options)
+    : loopback_(options.discovery == Discovery::kLoopback) {
+  const int yes = 1;
+  const sockaddr_in any = Address(INADDR_ANY, StopPort(options.domain));
+  const auto* address = reinterpret_cast<const sockaddr*>(&any);  // NOLINT: sockets' way
+  if (::setsockopt(socket_.get(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes) != 0 ||
+      ::bind(socket_.get(), address, sizeof any) != 0) {
+    throw std::runtime_error(
+        Refused(("cannot listen on UDP port " + std::to_string(StopPort(options.domain))).c_str()));
+  }
+  if (options.security.empty()) return;
+  const SecurityFiles files(options.security);
+  authority_.reset(X509_STORE_new());
+  const Owned<X509> ca = LoadCertificate(files.identity_ca);
+  if (!authority_ || X509_STORE_add_cert(authority_.get(), ca.get()) != 1) {
+    throw std::runtime_error(files.identity_ca.string() + ": " + Complaint());
+  }
+}
+
+bool StopListener::Signed(std::string_view datagram) {
+  const auto size = static_cast<std::size_t>(Get(datagram, kSizeAt, 2));
+  if (!authority_) return size == 0 && datagram.size() == kHead;
+  if (size == 0 || datagram.size() <= kHead + size) return false;
+  const std::string_view certificate = datagram.substr(kHead, size);
+  if (certificate != last_certificate_ || !last_key_) {
+    const unsigned char* der = Bytes(certificate);
+    const Owned<X509> sender(d2i_X509(nullptr, &der, static_cast<long>(size)));  // NOLINT: its type
+    const Owned<X509_STORE_CTX> context(X509_STORE_CTX_new());
+    if (!sender || !context ||
+        X509_STORE_CTX_init(context.get(), authority_.get(), sender.get(), nullptr) != 1 ||
+        X509_verify_cert(context.get()) != 1) {
+      static_cast<void>(Complaint());
+      return false;
+    }
+    last_key_.reset(X509_get_pubkey(sender.get()));
+    last_certificate_ = certificate;
+  }
+  const bool good = last_key_ && Verify(last_key_.get(), datagram.substr(0, kHead + size),
+                                        datagram.substr(kHead + size));
+  if (!good) static_cast<void>(Complaint());
+  return good;
+}
+
+bool StopListener::New(const StopSenderId& who, std::uint64_t sequence, std::int64_t wall_ns) {
+  auto known = std::find_if(known_.begin(), known_.end(),
+                            [&](const Known& k) { return k.sequence > 0 && k.who == who; });
+  if (known == known_.end()) {
+    // One that has not been heard of for longer than a datagram is good has nothing to repeat.
+    known = std::find_if(known_.begin(), known_.end(), [&](const Known& k) {
+      return k.sequence == 0 || wall_ns - k.heard_ns > 2 * kMostAstrayNs;
+    });
+    if (known == known_.end()) return false;
+    *known = {who, 0, wall_ns};
+  }
+  if (sequence <= known->sequence) return false;
+  known->sequence = sequence;
+  known->heard_ns = wall_ns;
+  return true;
+}
+
+bool StopListener::Take(std::int64_t wall_ns, StopSenderId& who, bool& pressed) noexcept {
+  try {
+    std::array<char, kLargest> buffer;
+    for (int n = 0; n < kMostPassedOver; ++n) {
+      sockaddr_in from{};
+      socklen_t from_size = sizeof from;
+      auto* address = reinterpret_cast<sockaddr*>(&from);  // NOLINT: sockets' way
+      const ssize_t size =
+          ::recvfrom(socket_.get(), buffer.data(), buffer.size(), MSG_TRUNC, address, &from_size);
+      if (size < 0) return false;
+      if (static_cast<std::size_t>(size) < kHead || static_cast<std::size_t>(size) > kLargest) {
+        continue;
+      }
+      const std::string_view datagram(buffer.data(), static_cast<std::size_t>(size));
+      const bool here = (ntohl(from.sin_addr.s_addr) >> 24U) == 127;
+      if ((loopback_ && !here) || !datagram.starts_with(kMagic)) continue;
+      const auto sent_ns = static_cast<std::int64_t>(Get(datagram, kTimeAt, 8));
+      const auto flag = static_cast<std::uint8_t>(datagram[kPressedAt]);
+      if (sent_ns < wall_ns - kMostAstrayNs || sent_ns > wall_ns + kMostAstrayNs || flag > 1 ||
+          !Signed(datagram)) {
+        continue;
+      }
+      StopSenderId id;
+      std::copy_n(datagram.begin() + kIdAt, id.size(), id.begin());
+      if (!New(id, Get(datagram, kSequenceAt, 8), wall_ns)) continue;
+      who = id;
+      pressed = flag == 1;
+      return true;
+    }
+  } catch (const std::exception&) {
+    return false;
+  }
+  return false;
+}
+
+}  // namespace dfr::dds::internal

@@ -1,0 +1,87 @@
+#pragma once
+
+#include <netinet/in.h>
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "dfr/dds/participant.h"
+#include "openssl.h"
+
+/// The emergency stop's second way through the network: datagrams of its own, which share neither
+/// parser nor threads with DDS. Each says who sends it, its number, when it was sent, and whether
+/// the button is pressed. In a secured network it carries the sender's certificate and a signature
+/// by its key; without a valid one it is ignored.
+namespace dfr::dds::internal {
+
+/// Who sends: a number drawn at random for each button.
+using StopSenderId = std::array<std::uint8_t, 16>;
+
+/// UDP port of a domain: between those that DDS uses there.
+[[nodiscard]] std::uint16_t StopPort(int domain) noexcept;
+
+/// A socket, closed with its owner.
+class StopSocket {
+ public:
+  StopSocket();  ///< @throws std::runtime_error if the system has none.
+  ~StopSocket();
+  StopSocket(const StopSocket&) = delete;
+  StopSocket& operator=(const StopSocket&) = delete;
+  [[nodiscard]] int get() const noexcept { return socket_; }
+
+ private:
+  int socket_;
+};
+
+/// Sends to all listeners of the domain: on this machine, and unless discovery is loopback on every
+/// network that it is on. One object belongs to one thread at a time.
+class StopSender {
+ public:
+  /// @throws std::runtime_error naming what the system or the security files refuse.
+  explicit StopSender(const ParticipantOptions& options);
+
+  /// False if no datagram could be sent.
+  bool Send(bool pressed) noexcept;
+
+ private:
+  StopSocket socket_;
+  std::vector<sockaddr_in> listeners_;
+  StopSenderId id_{};
+  std::uint64_t sequence_ = 0;
+  Owned<EVP_PKEY> key_;
+  std::string certificate_;  // DER; empty without security
+};
+
+/// Receives what StopSender sends. One object belongs to one thread at a time.
+class StopListener {
+ public:
+  /// @throws as StopSender; also if the port is taken by others.
+  explicit StopListener(const ParticipantOptions& options);
+
+  /// Takes the next good datagram. Those that are malformed, of a wrong signature, stamped more
+  /// than a second from `wall_ns`, or older than one that came before are passed over, at most 16
+  /// in a call. False if there is none.
+  bool Take(std::int64_t wall_ns, StopSenderId& who, bool& pressed) noexcept;
+
+ private:
+  struct Known {
+    StopSenderId who{};
+    std::uint64_t sequence = 0;
+    std::int64_t heard_ns = 0;
+  };
+  [[nodiscard]] bool Signed(std::string_view datagram);
+  [[nodiscard]] bool New(const StopSenderId& who, std::uint64_t sequence, std::int64_t wall_ns);
+
+  StopSocket socket_;
+  bool loopback_;
+  Owned<X509_STORE> authority_;   // null without security
+  std::string last_certificate_;  // whose key is the next
+  Owned<EVP_PKEY> last_key_;
+  std::array<Known, 16> known_{};
+};
+
+}  // namespace dfr::dds::internal
