@@ -14,6 +14,9 @@ namespace {
 // Transitions that one estimate may look at: their weights are kept on the stack.
 constexpr int kMaxTransitions = 1024;
 
+// Entries of features and of a control: each decision solves a problem of the size of the control.
+constexpr int kMaxEntries = 256;
+
 void Check(const JacobianOptions& options) {
   DFR_THROW_UNLESS(options.ridge > 0.0, "ridge must be positive, not " << options.ridge);
   DFR_THROW_UNLESS(options.prior_weight >= 0.0,
@@ -43,6 +46,9 @@ JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
   control_dim_ = static_cast<int>(controls[0].cols());
   const int n = feature_dim_;
   const int m = control_dim_;
+  DFR_THROW_UNLESS(n >= 1 && n <= kMaxEntries && m >= 1 && m <= kMaxEntries,
+                   "features have " << n << " entries, controls " << m << "; from 1 to "
+                                    << kMaxEntries << " are possible");
   Eigen::Index longest = 0;
   for (std::size_t d = 0; d < features.size(); ++d) {
     DFR_THROW_UNLESS(features[d].cols() == n && controls[d].cols() == m &&
@@ -105,7 +111,6 @@ void JacobianPrior::Save(core::ArchiveWriter& archive) const {
 }
 
 JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
-  constexpr int kMostEntries = 4096;
   constexpr int kWithControls = 3;  // The first version of files that hold controls_.
   JacobianPrior prior;
   try {
@@ -115,8 +120,8 @@ JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
     prior.options_.max_per_step = archive.IntegerIn(1, kMaxTransitions);
     prior.options_.forgetting = archive.Number();
     Check(prior.options_);
-    prior.feature_dim_ = archive.IntegerIn(1, kMostEntries);
-    prior.control_dim_ = archive.IntegerIn(1, kMostEntries);
+    prior.feature_dim_ = archive.IntegerIn(1, kMaxEntries);
+    prior.control_dim_ = archive.IntegerIn(1, kMaxEntries);
     prior.begin_ = archive.Integers();
     prior.points_ = archive.MatrixBlock().cast<float>();
     const bool has_controls = archive.version() >= kWithControls;
