@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/command_line.h"
 #include "dfr/experiment/experiment.h"
 
 namespace dfr::apps {
@@ -20,13 +21,16 @@ inline void AddExperimentOptions(CLI::App& command, experiment::ExperimentOption
       ->capture_default_str();
   command.add_option("--seed", options.seed, "of all that is random")->capture_default_str();
   command.add_option("--threads", options.threads, "0: one per core; the results are the same")
+      ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   command.add_flag("--restart", options.restart,
                    "forget what an interrupted run left in --out instead of going on with it");
   command.add_flag("!--no-video", options.video, "leave the videos out");
   command.add_option("--methods", options.methods, methods)->delimiter(',');
-  command.add_option("--trials", options.trials, "independent repetitions of everything");
-  command.add_option("--episodes", options.episodes, "start states per trial and data point");
+  command.add_option("--trials", options.trials, "independent repetitions of everything")
+      ->check(kCount);
+  command.add_option("--episodes", options.episodes, "start states per trial and data point")
+      ->check(kCount);
 }
 
 }  // namespace dfr::apps

@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/command_line.h"
 #include "apps/planar/evaluation.h"
 #include "apps/planar/page.h"
 #include "apps/planar/picture.h"
@@ -320,6 +321,7 @@ int main(int argc, char** argv) try {
   picture->add_option("--start", start, "seed of the start state")->capture_default_str();
   picture->add_option("--out", folder)->capture_default_str();
   picture->add_option("--methods", picture_methods)->delimiter(',');
+  dfr::apps::CheckNumbers(app);
   CLI11_PARSE(app, argc, argv);
 
   if (*experiment) Experiment(study, causes);

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "apps/command_line.h"
 #include "apps/stress/study.h"
 #include "dfr/core/build_info.h"
 #include "dfr/experiment/intervals.h"
@@ -131,6 +132,7 @@ int main(int argc, char** argv) try {
       ->capture_default_str();
   power_command->add_option("--bound", power.bound, "share of collisions to be excluded")
       ->capture_default_str();
+  dfr::apps::CheckNumbers(app);
   CLI11_PARSE(app, argc, argv);
   if (*run) RunAndPrint(study, false);
   if (*grid) RunAndPrint(grid_study, true);

@@ -135,6 +135,18 @@ TEST_F(AtomicFileTest, ADeviceIsWrittenTo) {
   EXPECT_TRUE(std::filesystem::is_character_file("/dev/full"));
 }
 
+// As a shell's redirection leaves it: a rename would leave the shell with a file that is gone.
+TEST_F(AtomicFileTest, AnOpenFileIsWrittenTo) {
+  const auto path = folder_ / "redirected";
+  const int out = open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
+  ASSERT_GE(out, 0);
+  ReplaceFile("/proc/self/fd/" + std::to_string(out), "first ");
+  ASSERT_EQ(lseek(out, 0, SEEK_END), 6);
+  ASSERT_EQ(write(out, "then", 4), 4);
+  close(out);
+  EXPECT_EQ(Content(path), "first then");
+}
+
 TEST_F(AtomicFileTest, APipeIsWrittenTo) {
   const auto path = folder_ / "pipe";
   ASSERT_EQ(mkfifo(path.c_str(), 0600), 0);

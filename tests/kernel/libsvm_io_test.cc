@@ -215,7 +215,9 @@ TEST_F(LibsvmIoTest, WrongSamplesAreRefusedWithLineAndReason) {
 
 // Each of these was taken for the names of the columns, and the sample was lost.
 TEST_F(LibsvmIoTest, NoFirstSampleIsTakenForAHeading) {
-  Write("\xEF\xBB\xBF" "1,2\n3,4\n");  // a byte order mark
+  Write(
+      "\xEF\xBB\xBF"
+      "1,2\n3,4\n");  // a byte order mark
   EXPECT_EQ(LoadSamples(path_).rows(), 2);
   EXPECT_EQ(LoadSamples(path_)(0, 0), 1.0);
   Write("1e-400,2\n3,4\n");
@@ -227,7 +229,9 @@ TEST_F(LibsvmIoTest, NoFirstSampleIsTakenForAHeading) {
   EXPECT_THAT(LoadSamplesError("x,2\n3,4\n"), HasSubstr(":1: an entry must be a finite number"));
   Write("\xEF\xBB\xBFx,y\r\n3,4\r\n");
   EXPECT_EQ(LoadSamples(path_).rows(), 1);
-  Write("\xEF\xBB\xBF" "1 1:2\n");
+  Write(
+      "\xEF\xBB\xBF"
+      "1 1:2\n");
   EXPECT_EQ(LoadSamples(path_)(0, 0), 2.0);
 }
 
@@ -245,8 +249,8 @@ TEST_F(LibsvmIoTest, SavingRespectsLinksAndModes) {
   const std::filesystem::path link = path_.string() + "_link";
   std::filesystem::remove(link);
   Write("");
-  std::filesystem::permissions(path_, std::filesystem::perms::owner_read |
-                                          std::filesystem::perms::owner_write);
+  std::filesystem::permissions(
+      path_, std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
   std::filesystem::create_symlink(path_, link);
   SaveLibsvmModel(svm, link);
   EXPECT_TRUE(std::filesystem::is_symlink(link));

@@ -20,6 +20,8 @@ std::string Resolve(std::filesystem::path path) {
   for (int i = 0; i < kMostLinks; ++i) {
     std::error_code error;
     if (!std::filesystem::is_symlink(path, error)) return path.string();
+    // These lead to what a process has open, /dev/stdout say, and not to what is of that name.
+    if (path.string().starts_with("/proc/")) return path.string();
     const std::filesystem::path next = std::filesystem::read_symlink(path, error);
     if (error) return path.string();
     path = next.is_absolute() ? next : path.parent_path() / next;
@@ -35,8 +37,8 @@ AtomicFile::AtomicFile(const std::filesystem::path& path)
   const bool exists = ::stat(target_.c_str(), &old) == 0;
   if (!exists && errno != ENOENT) Fail("cannot be written", errno);
   if (exists && S_ISDIR(old.st_mode)) Fail("cannot be written", EISDIR);
-  if (exists && !S_ISREG(old.st_mode)) {
-    descriptor_ = ::open(target_.c_str(), O_WRONLY | O_CLOEXEC | O_NOCTTY);
+  if (exists && (!S_ISREG(old.st_mode) || target_.starts_with("/proc/"))) {
+    descriptor_ = ::open(target_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC | O_NOCTTY);
     if (descriptor_ < 0) Fail("cannot be opened for writing", errno);
     return;
   }

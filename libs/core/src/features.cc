@@ -44,7 +44,8 @@ Range ParseItem(const StateLayout& layout, std::string_view item) {
       first = ParseInteger<int>(inside.substr(1, colon - 1));
       last = ParseInteger<int>(inside.substr(colon + 1, inside.size() - colon - 2));
     }
-    DFR_THROW_UNLESS(first && last, "feature '" << item << "': a range is written name[first:last], "
+    DFR_THROW_UNLESS(first && last, "feature '" << item
+                                                << "': a range is written name[first:last], "
                                                 << "first and last being whole numbers");
     range = {*first, *last};
     DFR_THROW_UNLESS(
@@ -59,9 +60,9 @@ Range ParseItem(const StateLayout& layout, std::string_view item) {
 void StateLayout::Add(std::string name, int size) {
   DFR_THROW_UNLESS(size > 0, "state block '" << name << "' needs at least one entry");
   const int offset = state_dim();
-  DFR_THROW_UNLESS(size <= kMaxStateDim - offset, "with the block '" << name << "' of " << size
-                                                      << " entries a state has more than "
-                                                      << kMaxStateDim);
+  DFR_THROW_UNLESS(size <= kMaxStateDim - offset,
+                   "with the block '" << name << "' of " << size
+                                      << " entries a state has more than " << kMaxStateDim);
   blocks.push_back({std::move(name), offset, size});
 }
 

@@ -24,8 +24,7 @@ bool IsTiny(std::string_view text) noexcept {
   if (e < text.size()) {
     std::string_view power = text.substr(e + 1);
     if (power.starts_with('+')) power.remove_prefix(1);
-    const auto [stop, error] =
-        std::from_chars(power.data(), power.data() + power.size(), exponent);
+    const auto [stop, error] = std::from_chars(power.data(), power.data() + power.size(), exponent);
     if (error == std::errc::result_out_of_range) exponent = power.starts_with('-') ? -kFar : kFar;
     exponent = std::clamp(exponent, -kFar, kFar);
   }

@@ -131,8 +131,8 @@ SparseRow ReadSparse(const LineReader& reader, std::string_view text) {
 
 core::Matrix Dense(const LineReader& reader, const std::vector<SparseRow>& rows, int width) {
   // One index makes every row as wide.
-  if (!core::ReadBudget(reader.bytes()).Take(rows.size() * sizeof(double),
-                                             static_cast<std::uint64_t>(width))) {
+  if (!core::ReadBudget(reader.bytes())
+           .Take(rows.size() * sizeof(double), static_cast<std::uint64_t>(width))) {
     reader.Fail(std::to_string(rows.size()) + " rows of " + std::to_string(width) +
                 " entries are too much for a file of " + std::to_string(reader.bytes()) +
                 " bytes: leave out entries that are hardly ever used");
@@ -163,8 +163,8 @@ std::vector<double> ReadCommas(const LineReader& reader) {
   }
 }
 
-// The first line may name the columns. A line with a cell that is meant as a number, well written or
-// not, is a sample.
+// The first line may name the columns. A line with a cell that is meant as a number, well written
+// or not, is a sample.
 bool IsHeading(std::string_view line) {
   while (true) {
     const auto comma = line.find(',');
@@ -310,8 +310,8 @@ OneClassSvm LoadLibsvmModel(std::istream& in, const std::string& name) {
   if (!std::isfinite(scale)) reader.Fail("the coefficients are too large");
   weights /= scale;
   try {
-    return OneClassSvm::FromParts(Dense(reader, rows, width), std::move(weights), *gamma, *rho / scale,
-                                  scale);
+    return OneClassSvm::FromParts(Dense(reader, rows, width), std::move(weights), *gamma,
+                                  *rho / scale, scale);
   } catch (const std::invalid_argument& e) {
     reader.Fail(e.what());
   }

@@ -150,9 +150,9 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
                                                   std::span<const core::Trajectory> demonstrations,
                                                   const GuardOptions& options) {
   Check(layout, demonstrations);
-  DFR_THROW_UNLESS(options.horizon >= 0 && options.horizon <= kLongestHorizon,
-                   "horizon must lie in [0, " << kLongestHorizon << "], not be "
-                                              << options.horizon);
+  DFR_THROW_UNLESS(
+      options.horizon >= 0 && options.horizon <= kLongestHorizon,
+      "horizon must lie in [0, " << kLongestHorizon << "], not be " << options.horizon);
   DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2: " << options.folds);
   DFR_THROW_UNLESS(options.action_limit >= 0.0,
                    "action_limit must not be negative: " << options.action_limit);
@@ -184,9 +184,9 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
     transitions += demonstration.controls.rows();
     largest = std::max(largest, demonstration.controls.cwiseAbs().maxCoeff());
   }
-  settings.horizon = options.horizon > 0 ? options.horizon
-                                         : static_cast<int>(std::min<Eigen::Index>(
-                                               2 * longest, kLongestHorizon));
+  settings.horizon = options.horizon > 0
+                         ? options.horizon
+                         : static_cast<int>(std::min<Eigen::Index>(2 * longest, kLongestHorizon));
   settings.max_actions = kActionsPerStep * settings.horizon;
   settings.action_limit = options.action_limit > 0.0 ? options.action_limit : largest;
   // With few demonstrations none of them promises so little; their worst is what there is.

@@ -36,7 +36,8 @@ struct StateLayout {
 class FeatureSelection {
  public:
   /// Parses "object,tip[0:2]": whole blocks or half-open index ranges within one, in this order.
-  /// @throws std::invalid_argument naming the unknown block, the range that does not fit, or what is
+  /// @throws std::invalid_argument naming the unknown block, the range that does not fit, or what
+  /// is
   ///   named twice, with the blocks there are.
   FeatureSelection(const StateLayout& layout, std::string_view spec);
   /// Every entry of a state of `state_dim` entries.
