@@ -64,7 +64,7 @@ TEST_F(RobotConfigTest, WhatIsNoTextIsRefusedBeforeItIsParsed) {
     static_cast<void>(RobotConfig::Load(DFR_REGRESSIONS "/robot_config/toml_crash.toml"));
     ADD_FAILURE() << "read";
   } catch (const std::runtime_error& e) {
-    EXPECT_THAT(e.what(), HasSubstr("toml_crash.toml:11: there is the control character 16"));
+    EXPECT_THAT(e.what(), HasSubstr("toml_crash.toml:12: there is the control character 16"));
   }
   EXPECT_THAT(Error("robot = \"dds\"\n# \xC3\x28\n"),
               HasSubstr(":2: there is a character that is not UTF-8"));
