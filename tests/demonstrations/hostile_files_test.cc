@@ -58,8 +58,8 @@ TEST(HostileFilesTest, WhatKeepsLibhdf5BusyForeverIsAnError) {
   const auto start = std::chrono::steady_clock::now();
   EXPECT_THAT(LoadError(kRegressions / "hdf5_global_heap_hang.hdf5"),
               HasSubstr("libhdf5 did not come to an end with it"));
-  // 3 s of computing, however loaded the machine is.
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(60));
+  // 2 s of computing, however loaded the machine is.
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(90));
 }
 
 TEST(HostileFilesTest, AWriterKilledBeforeItsFirstEpisodeIsNamed) {

@@ -40,7 +40,7 @@ constexpr char kError = '-';
 
 // What libhdf5 needs beside the values, and seconds of computing for a small file.
 constexpr rlim_t kOverhead = rlim_t{128} << 20;
-constexpr rlim_t kSeconds = 3;
+constexpr rlim_t kSeconds = 2;
 constexpr rlim_t kBytesPerSecond = 20'000'000;
 
 bool SendAll(int socket, const void* bytes, std::size_t size) noexcept {
