@@ -62,11 +62,11 @@ class DemonstrationReader {
 // other readers ignore them.
 //
 // The functions below throw std::runtime_error naming file, episode, dataset and reason. Files are
-// read by libhdf5 in a process of its own, because it trusts what it reads; they are written in this
-// one, from one thread at a time.
+// read by libhdf5 in a process of its own, because it trusts what it reads; they are written in
+// this one, from one thread at a time.
 
-/// Writes episodes as they come. Each is flushed and only then named: a process that is killed at any
-/// moment leaves a file with all episodes appended before.
+/// Writes episodes as they come. Each is flushed and only then named: a process that is killed at
+/// any moment leaves a file with all episodes appended before.
 class RobomimicWriter {
  public:
   /// Creates the file, replacing any.
@@ -98,9 +98,9 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
 /// Opens a file written here or by others. Episodes come in the order of their numbers. A state is
 /// all vector-valued obs datasets one after another, by `offset` where all have one, else by name;
 /// those of more than two dimensions (images) are left out. Without next_obs the state after the
-/// last control is not in the file, and that control is left out. An episode at the end that was cut
-/// off with its writer is left out, which note() says. Without `outcome`, an episode
-/// whose last done is 1 completed. A `filter_key` leaves the episodes that mask/FILTER_KEY names.
+/// last control is not in the file, and that control is left out. An episode at the end that was
+/// cut off with its writer is left out, which note() says. Without `outcome`, an episode whose last
+/// done is 1 completed. A `filter_key` leaves the episodes that mask/FILTER_KEY names.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenRobomimic(
     const std::filesystem::path& path, const std::string& filter_key = "");
 /// Reads all of it.
