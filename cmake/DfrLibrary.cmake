@@ -21,6 +21,13 @@ if(DFR_SANITIZE)
   target_link_options(dfr_build_flags INTERFACE -fsanitize=${DFR_SANITIZE})
 endif()
 
+if(DFR_FUZZ)
+  if(NOT CMAKE_CXX_COMPILER_ID STREQUAL "Clang")
+    message(FATAL_ERROR "DFR_FUZZ needs clang: cmake --preset fuzz chooses it")
+  endif()
+  target_compile_options(dfr_build_flags INTERFACE -fsanitize=fuzzer-no-link)
+endif()
+
 # dfr_add_library(kernel SOURCES ... [PUBLIC ...] [PRIVATE ...])
 # makes dfr_kernel, its alias dfr::kernel, the install component and export set "kernel", and
 # dfr-kernel.pc.
@@ -52,6 +59,7 @@ function(dfr_add_app name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;LINK")
   add_executable(${name} ${arg_SOURCES})
   target_compile_features(${name} PRIVATE cxx_std_20)
+  target_include_directories(${name} PRIVATE ${PROJECT_SOURCE_DIR})
   target_link_libraries(${name} PRIVATE ${arg_LINK} dfr_build_flags)
   install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT ${name})
   set(manual ${PROJECT_BINARY_DIR}/man/${name}.1)

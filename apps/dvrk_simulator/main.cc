@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "apps/command_line.h"
 #include "dfr/core/build_info.h"
 #include "dfr/runtime/periodic_timer.h"
 #include "dfr/sim/dvrk_scene/dvrk_scene_server.h"
@@ -344,6 +345,7 @@ int main(int argc, char** argv) try {
   AddTime(app, options);
   AddNetwork(app, options);
   AddFaults(app, options);
+  dfr::apps::CheckNumbers(app);
   CLI11_PARSE(app, argc, argv);
 
   // Before any thread is made, and so before any time in which a signal would kill.

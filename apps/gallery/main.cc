@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/command_line.h"
 #include "apps/gallery/picture.h"
 #include "apps/gallery/study.h"
 #include "dfr/core/random.h"
@@ -99,6 +100,7 @@ int main(int argc, char** argv) try {
       ->capture_default_str();
   picture->add_option("--seed", study.seed)->capture_default_str();
   picture->add_option("--out", page)->capture_default_str();
+  dfr::apps::CheckNumbers(app);
   if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
 
   if (*list) List();

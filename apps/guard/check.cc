@@ -1,11 +1,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <limits>
 #include <map>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -235,11 +238,23 @@ void CheckActions(const std::string& name, const core::Matrix& actions, double l
   }
 }
 
+imitation::RobomimicWriter OpenRepaired(const CheckOptions& options,
+                                        const imitation::DemonstrationReader& reader) {
+  std::error_code error;
+  if (std::filesystem::equivalent(options.repair, options.demonstrations, error)) {
+    throw std::runtime_error(options.repair.string() +
+                             ": is the file to repair; give another, so that nothing is lost");
+  }
+  return {options.repair, reader.layout(), reader.control_dim(), reader.environment()};
+}
+
 }  // namespace
 
 bool RunCheck(const CheckOptions& options) {
   const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
   if (!reader->note().empty()) std::printf("note:      %s\n", reader->note().c_str());
+  std::optional<imitation::RobomimicWriter> repaired;
+  if (!options.repair.empty()) repaired = OpenRepaired(options, *reader);
   Findings findings;
   Collected collected(reader->layout(), reader->control_dim());
   std::map<std::pair<double, Eigen::Index>, std::string> seen;
@@ -251,6 +266,11 @@ bool RunCheck(const CheckOptions& options) {
     } catch (const std::runtime_error& e) {
       findings.Error(e.what());
       continue;
+    }
+    try {
+      if (repaired) repaired->Append(episode);
+    } catch (const std::invalid_argument& e) {
+      findings.Error(reader->name(i) + ": is not in the repaired file: " + e.what());
     }
     CheckActions(reader->name(i), episode.controls, options.action_limit, findings);
     // Equal sums to the last bit are equal episodes.
@@ -264,6 +284,10 @@ bool RunCheck(const CheckOptions& options) {
     ++good;
   }
   if (good > 0) collected.Report(findings);
+  if (repaired) {
+    std::printf("repaired:  %s has %d of %d episodes\n", options.repair.c_str(),
+                repaired->num_episodes(), reader->num_episodes());
+  }
   std::printf("%s: %d error%s, %d warning%s%s\n", options.demonstrations.c_str(), findings.errors(),
               findings.errors() == 1 ? "" : "s", findings.warnings(),
               findings.warnings() == 1 ? "" : "s",

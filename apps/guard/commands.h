@@ -14,6 +14,7 @@ struct CheckOptions {
   std::filesystem::path demonstrations;
   std::string filter_key;
   double action_limit = 1.0;
+  std::filesystem::path repair;  ///< Write the episodes that can be read to this file; empty: none.
 };
 /// Prints what is wrong with demonstrations. @returns whether nothing is that would spoil a fit.
 bool RunCheck(const CheckOptions& options);

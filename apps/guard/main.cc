@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "apps/command_line.h"
 #include "commands.h"
 #include "dfr/core/build_info.h"
 
@@ -41,6 +42,10 @@ void AddCheck(CLI::App& app, int& result) {
                    "entries of actions beyond +- this are reported")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
+  command->add_option(
+      "--repair", options->repair,
+      "write all episodes that can be read to this .hdf5 file: what a killed writer "
+      "or a damaged disk left");
   command->callback(
       [options, &result] { result = RunCheck(*options) ? EXIT_SUCCESS : EXIT_FAILURE; });
 }
@@ -183,6 +188,7 @@ int Main(int argc, char** argv) {
   AddReport(app);
   AddEvaluate(app);
   AddExport(app);
+  dfr::apps::CheckNumbers(app);
   CLI11_PARSE(app, argc, argv);
   return result;
 }

@@ -12,6 +12,7 @@
 #include <map>
 #include <string>
 
+#include "apps/command_line.h"
 #include "certificates.h"
 #include "check.h"
 #include "dfr/core/build_info.h"
@@ -131,6 +132,7 @@ int Main(int argc, char** argv) {
     result = RunCheck(check);
   });
 
+  dfr::apps::CheckNumbers(app);
   CLI11_PARSE(app, argc, argv);
   return result;
 }

@@ -7,6 +7,7 @@ namespace dfr::apps::line_tracking {
 
 void RunFit(const FitOptions& options) {
   const imitation::DemonstrationSet set = imitation::LoadRobomimic(options.demonstrations);
+  if (!set.note.empty()) std::cout << set.note << '\n';
   kernel::Selection selection;
   const LineModel model = LineModel::Fit(set, options.model, &selection);
   model.Save(options.out);

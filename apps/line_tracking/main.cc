@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "apps/command_line.h"
 #include "commands.h"
 #include "dfr/core/build_info.h"
 #include "dfr/experiment/command_line.h"
@@ -100,6 +101,7 @@ void AddModelOptions(CLI::App& command, LineModelOptions& model) {
                   "kernel width of guided recovery's support, in whitened units")
       ->capture_default_str();
   command.add_option("--horizon", model.horizon, "T: controls of the learned policy per episode")
+      ->check(kCount)
       ->capture_default_str();
 }
 
@@ -277,6 +279,7 @@ int Main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]).rfind("--config", 0) == 0) {
     arguments.insert(arguments.begin() + 1, "run");
   }
+  dfr::apps::CheckNumbers(app);
   return experiment::Parse(app, static_cast<int>(arguments.size()), arguments.data())
       .value_or(EXIT_SUCCESS);
 }

@@ -1,13 +1,14 @@
 #include "trial_runner.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
+#include <optional>
 #include <stdexcept>
 #include <string_view>
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/numbers.h"
 #include "dfr/core/random.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
 
@@ -71,13 +72,16 @@ line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& option
 
 sim::LineTrackingOptions InWorld(sim::LineTrackingOptions plant, const std::string& world) {
   if (world == "frozen") return plant;
-  double latency_ms = 0.0;
-  const auto [stop, error] = std::from_chars(world.data(), world.data() + world.size(), latency_ms);
-  DFR_THROW_UNLESS(error == std::errc() && std::string_view(stop) == "ms" && latency_ms >= 0.0,
+  constexpr std::string_view kUnit = "ms";
+  std::optional<double> latency_ms;
+  if (world.ends_with(kUnit)) {
+    latency_ms = core::ParseNumber(std::string_view(world).substr(0, world.size() - kUnit.size()));
+  }
+  DFR_THROW_UNLESS(latency_ms && *latency_ms >= 0.0,
                    "there is no world '" << world << "'; there are frozen, and a latency in real "
                                          << "time as in 30ms");
   plant.disturbance.real_time = true;
-  plant.disturbance.latency_s = 1e-3 * latency_ms;
+  plant.disturbance.latency_s = 1e-3 * *latency_ms;
   return plant;
 }
 

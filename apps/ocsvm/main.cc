@@ -9,13 +9,15 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
-#include <fstream>
 #include <iostream>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "apps/command_line.h"
+#include "dfr/core/atomic_file.h"
 #include "dfr/core/format.h"
 #include "dfr/experiment/report.h"
 #include "dfr/kernel/libsvm_io.h"
@@ -147,7 +149,7 @@ int Predict(const PredictOptions& o) {
   const OneClassSvm svm = Widened(model, states.cols());
   std::vector<double> g(static_cast<std::size_t>(states.rows()));
   svm.DecisionBatch(states, g, 0);
-  std::ofstream out(o.out);
+  std::ostringstream out;
   out.precision(17);
   std::size_t inside = 0;
   for (const double value : g) {
@@ -158,8 +160,7 @@ int Predict(const PredictOptions& o) {
       out << (value > 0.0 ? 1 : -1) << '\n';
     }
   }
-  out.flush();
-  if (!out) throw std::runtime_error(o.out + ": cannot be written");
+  dfr::core::ReplaceFile(o.out, out.view());
   std::printf("%zu of %zu inside (%.4g %%)\n", inside, g.size(),
               100.0 * static_cast<double>(inside) / static_cast<double>(g.size()));
   return EXIT_SUCCESS;
@@ -305,10 +306,12 @@ int main(int argc, char** argv) try {
   const CLI::App* predict_command = AddPredict(app, predict);
   TuneOptions tune;
   AddTune(app, tune);
+  dfr::apps::CheckNumbers(app);
   CLI11_PARSE(app, argc, argv);
+  // Ctrl-C ends it: there is nothing to keep.
+  if (predict_command->parsed()) return Predict(predict);
   std::signal(SIGINT, [](int) { interrupted = 1; });
   if (train_command->parsed()) return Train(train);
-  if (predict_command->parsed()) return Predict(predict);
   return Tune(tune);
 } catch (const std::exception& e) {
   std::fprintf(stderr, "ocsvm: %s\n", e.what());

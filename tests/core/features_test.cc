@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <string>
+#include <vector>
 
 #include "tests/support/no_alloc.h"
 
@@ -98,6 +100,32 @@ TEST(FeatureDecisionTest, AStateOfTheWrongSizeIsOutside) {
 TEST(FeatureDecisionTest, RefusesASelectionOfAnotherSize) {
   const Linear inner;
   EXPECT_THROW(FeatureDecision(FeatureSelection(Layout(), "tip"), inner), std::invalid_argument);
+}
+
+// A specification of 23 KB that names an entry again and again asked for gigabytes of features.
+TEST(FeatureSelectionTest, NoEntryIsNamedTwice) {
+  StateLayout layout;
+  layout.Add("a", 3);
+  for (const char* spec : {"a,a", "a[0:2],a[1:3]", "a[2:3],a"}) {
+    try {
+      const FeatureSelection selection(layout, spec);
+      ADD_FAILURE() << spec;
+    } catch (const std::invalid_argument& e) {
+      EXPECT_NE(std::string(e.what()).find("named before it"), std::string::npos) << e.what();
+    }
+  }
+  EXPECT_EQ(FeatureSelection(layout, "a[2:3],a[0:2]").indices(), (std::vector{2, 0, 1}));
+  EXPECT_THROW(FeatureSelection(layout, "a[0:" + std::string(309, '9') + "]"),
+               std::invalid_argument);
+}
+
+TEST(StateLayoutTest, HasABoundThatSumsDoNotPass) {
+  StateLayout layout;
+  layout.Add("a", StateLayout::kMaxStateDim - 1);
+  layout.Add("b", 1);
+  EXPECT_EQ(layout.state_dim(), StateLayout::kMaxStateDim);
+  EXPECT_THROW(layout.Add("c", 1), std::invalid_argument);
+  EXPECT_THROW(layout.Add("d", std::numeric_limits<int>::max()), std::invalid_argument);
 }
 
 }  // namespace

@@ -128,16 +128,17 @@ TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
   const test::TempFolder folder;
   const std::filesystem::path path = folder / "demos.hdf5";
   const auto message = [&](auto damage) {
-    Hdf5File file = Hdf5File::Create(path);
-    for (const char* group : {"data", "data/demo_0", "data/demo_0/obs", "data/demo_0/next_obs"}) {
-      file.CreateGroup(group);
+    {
+      Hdf5File file = Hdf5File::Create(path);
+      for (const char* group : {"data", "data/demo_0", "data/demo_0/obs", "data/demo_0/next_obs"}) {
+        file.CreateGroup(group);
+      }
+      file.SetAttribute("data/demo_0", "num_samples", 3);
+      const core::Matrix tip = core::Matrix::Zero(3, 2);
+      file.Write("data/demo_0/obs/tip", tip);
+      file.Write("data/demo_0/next_obs/tip", tip);
+      damage(file);
     }
-    file.SetAttribute("data/demo_0", "num_samples", 3);
-    const core::Matrix tip = core::Matrix::Zero(3, 2);
-    file.Write("data/demo_0/obs/tip", tip);
-    file.Write("data/demo_0/next_obs/tip", tip);
-    damage(file);
-    file.Flush();
     return test::Message<std::runtime_error>([&] { (void)LoadRobomimic(path); });
   };
   const auto actions = [](Eigen::Index rows) { return core::Matrix::Zero(rows, 2).eval(); };
@@ -162,6 +163,9 @@ TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
                 f.CreateGroup("data/demo_1");
                 f.CreateGroup("data/demo_1/obs");
                 f.Write("data/demo_1/obs/tip", actions(3));
+                f.Write("data/demo_1/actions", actions(3));
+                f.CreateGroup("data/demo_2");
+                f.SetAttribute("data/demo_2", "num_samples", 3);
               }),
               HasSubstr("data/demo_1: has no attribute num_samples"));
   EXPECT_THAT(message([&](Hdf5File& f) {
@@ -169,6 +173,7 @@ TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
                 f.CreateGroup("data/demo_1");
                 f.CreateGroup("data/demo_1/obs");
                 f.Write("data/demo_1/obs/object", actions(3));
+                f.SetAttribute("data/demo_1", "num_samples", 3);
               }),
               HasSubstr("data/demo_1/obs: has other datasets"));
   EXPECT_THAT(message([&](Hdf5File& f) {

@@ -110,6 +110,34 @@ class GuardAppTest(unittest.TestCase):
         self.assertRegex(out, r"doubled: +data/demo_9 is the same episode as data/demo_2")
         self.assertIn("2 errors", out)
 
+    def test_repair_writes_what_can_be_read(self):
+        def cut_off(file):
+            del file["data/demo_29"].attrs["num_samples"]
+
+        def spoil(file):
+            cut_off(file)
+            del file["data/demo_5/obs/object"]
+
+        write_robomimic(self.folder / "cut.hdf5", episodes(1, 30), edit=cut_off)
+        out = self.run_guard("check", "cut.hdf5", "--repair", "whole.hdf5")
+        self.assertIn("its 29 whole episodes are read; data/demo_29, which was being written, is left out", out)
+        self.assertIn("whole.hdf5 has 29 of 29 episodes", out)
+        self.assertIn("29 episodes of 20 to 20 actions", self.run_guard("check", "whole.hdf5"))
+        self.assertIn("29 with 580 actions", self.fit("repaired.guard", "whole.hdf5"))
+        write_robomimic(self.folder / "spoilt2.hdf5", episodes(1, 30), edit=spoil)
+        out = self.run_guard("check", "spoilt2.hdf5", "--repair", "rest.hdf5", fails=True)
+        self.assertIn("rest.hdf5 has 28 of 29 episodes", out)
+        before = (self.folder / "cut.hdf5").read_bytes()
+        self.assertIn("is the file to repair", self.run_guard("check", "cut.hdf5", "--repair", "cut.hdf5", fails=True))
+        self.assertEqual((self.folder / "cut.hdf5").read_bytes(), before)
+
+    def test_numbers_that_are_none_are_refused(self):
+        for option, value in [("--gamma", "nan"), ("--nu", "0x1"), ("--horizon", "1073741825"), ("--horizon", "-1"),
+                              ("--horizon", "2147483648"), ("--action-limit", "inf"), ("--false-alarms", "nan")]:
+            out = self.run_guard("fit", "demos.hdf5", option, value, "-o", "none.guard", fails=True)
+            self.assertTrue(value in out or "horizon" in out, out)
+            self.assertFalse((self.folder / "none.guard").exists())
+
     def test_check_survives_what_files_may_hold(self):
         def replace(key, **dataset):
             def edit(file):

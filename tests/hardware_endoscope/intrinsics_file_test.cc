@@ -62,7 +62,7 @@ TEST_F(IntrinsicsFileTest, WhatIsWrittenComesBackToTheBit) {
   const auto path = folder_ / "camera.yaml";
   WriteIntrinsics(path, Odd());
   EXPECT_EQ(ReadIntrinsics(path), Odd());
-  EXPECT_FALSE(std::filesystem::exists(path.string() + ".part"));
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_), {}), 1);
 }
 
 // OpenCV itself understands what is written, and we what it writes.
@@ -107,6 +107,34 @@ TEST_F(IntrinsicsFileTest, RosFilesAreRead) {
   EXPECT_EQ(camera.distortion[3], 0.001);
 }
 
+// A list below its key, keys in another order, comments, and what belongs to other keys.
+TEST_F(IntrinsicsFileTest, OtherWaysToWriteYamlAreRead) {
+  const auto path = Write(
+      "# made by hand\nother:\n  image_width: 1\n  rows: 7\n"
+      "distortion_coefficients:\n  data:\n  - -0.3\n  - 0.1\n  - 0\n  - 1e-3\n  cols: 4\n  "
+      "rows: 1\n\nimage_height : 480\r\nimage_width:   640   \ncamera_matrix:\n  rows: 3\n  "
+      "cols: 3\n  data: [700.5, 0., 319.5,\n0., 701, 239.5,\n     0., 0., 1.]\n");
+  const vision::CameraModel camera = ReadIntrinsics(path);
+  EXPECT_EQ(camera.width, 640);
+  EXPECT_EQ(camera.height, 480);
+  EXPECT_EQ(camera.cy, 239.5);
+  EXPECT_EQ(camera.distortion[0], -0.3);
+  EXPECT_EQ(camera.distortion[3], 1e-3);
+}
+
+// OpenCV's parser crashed on the first and threw from within the library on the second.
+TEST_F(IntrinsicsFileTest, FilesThatOpenCvCannotBearAreErrors) {
+  for (const char* name : {"intr_segv.yml", "intr_length_error.yml"}) {
+    const auto path = std::filesystem::path(DFR_REGRESSIONS) / "intrinsics" / name;
+    try {
+      (void)ReadIntrinsics(path);
+      ADD_FAILURE() << name << " was read";
+    } catch (const std::runtime_error& e) {
+      EXPECT_THAT(e.what(), HasSubstr(name));
+    }
+  }
+}
+
 TEST_F(IntrinsicsFileTest, ErrorsNameFileAndKey) {
   const std::string size = "image_width: 640\nimage_height: 480\n";
   const std::string k =
@@ -116,11 +144,18 @@ TEST_F(IntrinsicsFileTest, ErrorsNameFileAndKey) {
     return "distortion_coefficients:\n  rows: 1\n  cols: " + std::to_string(cols) + "\n  data: [" +
            data + "]\n";
   };
-  EXPECT_THAT(ErrorOf("camera_matrix: [1, 2"), HasSubstr("neither YAML nor XML"));
+  EXPECT_THAT(ErrorOf("<?xml version=\"1.0\"?>\n<opencv"), HasSubstr("neither YAML nor XML"));
+  EXPECT_THAT(ErrorOf(std::string("image_width: 6\0", 15)), HasSubstr("neither YAML nor XML"));
+  EXPECT_THAT(ErrorOf(std::string(1 << 21, '#')), HasSubstr("longer than a mebibyte"));
   EXPECT_THAT(ErrorOf(k), HasSubstr("image_width is missing"));
   EXPECT_THAT(ErrorOf("image_width: big\nimage_height: 1\n"),
               HasSubstr("image_width is not a whole number"));
   EXPECT_THAT(ErrorOf(size), HasSubstr("camera_matrix is missing"));
+  EXPECT_THAT(ErrorOf(size + "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [1, 2"),
+              HasSubstr("camera_matrix has a list that does not end with ]"));
+  EXPECT_THAT(
+      ErrorOf(size + "camera_matrix:\n  rows: 2147483647\n  cols: 2147483647\n  data: []\n"),
+      HasSubstr("has 0 entries, not 2147483647 x 2147483647"));
   EXPECT_THAT(ErrorOf(size + "camera_matrix: 7\n"), HasSubstr("camera_matrix is not a matrix"));
   EXPECT_THAT(ErrorOf(size + k), HasSubstr("distortion_coefficients is missing"));
   EXPECT_THAT(ErrorOf(size + k + d("1., 2., 3.", 3)), HasSubstr("has 3 entries; known are 4, 5"));

@@ -261,6 +261,21 @@ TEST(MlpTest, AFileWithAnotherNumberOfParametersIsRefusedByName) {
   EXPECT_THAT(message, HasSubstr("37 parameters, not 36"));
 }
 
+// A few sizes can ask for any number of weights: these asked for 5 GB and for 800 GB.
+TEST(MlpTest, ASmallFileMayNotAskForALargeNetwork) {
+  const test::TempFolder folder;
+  for (const int layers : {600, 100'000}) {
+    core::ArchiveWriter writer("mlp", 1);
+    writer.Integers(std::vector<int>(static_cast<std::size_t>(layers), Mlp::kMaxWidth));
+    writer.Numbers(std::vector<double>(10, 0.0));
+    writer.Save(folder / "a.dfr");
+    core::ArchiveReader reader(folder / "a.dfr", "mlp", 1);
+    const auto message = test::Message<std::runtime_error>([&] { Mlp::Load(reader); });
+    EXPECT_THAT(message, HasSubstr("a.dfr"));
+    EXPECT_THAT(message, HasSubstr("weights of 8 bytes, too much for a file of"));
+  }
+}
+
 TEST(MlpTest, ErrorsNameTheShapesThatDoNotFit) {
   using Error = std::invalid_argument;
   EXPECT_THAT(test::Message<Error>([] { Mlp({3}); }), HasSubstr("1 sizes given"));

@@ -213,5 +213,52 @@ TEST_F(LibsvmIoTest, WrongSamplesAreRefusedWithLineAndReason) {
   EXPECT_THAT(LoadSamplesError("1,2,3\n", 2), HasSubstr(":1: 3 entries where 2"));
 }
 
+// Each of these was taken for the names of the columns, and the sample was lost.
+TEST_F(LibsvmIoTest, NoFirstSampleIsTakenForAHeading) {
+  Write(
+      "\xEF\xBB\xBF"
+      "1,2\n3,4\n");  // a byte order mark
+  EXPECT_EQ(LoadSamples(path_).rows(), 2);
+  EXPECT_EQ(LoadSamples(path_)(0, 0), 1.0);
+  Write("1e-400,2\n3,4\n");
+  EXPECT_EQ(LoadSamples(path_).rows(), 2);
+  EXPECT_EQ(LoadSamples(path_)(0, 0), 0.0);
+  EXPECT_THAT(LoadSamplesError("0x10,2\n3,4\n"), HasSubstr(":1: an entry must be a finite number"));
+  EXPECT_THAT(LoadSamplesError("nan,2\n3,4\n"), HasSubstr(":1: an entry must be a finite number"));
+  EXPECT_THAT(LoadSamplesError("1e999\n3\n"), HasSubstr(":1: an entry must be a finite number"));
+  EXPECT_THAT(LoadSamplesError("x,2\n3,4\n"), HasSubstr(":1: an entry must be a finite number"));
+  Write("\xEF\xBB\xBFx,y\r\n3,4\r\n");
+  EXPECT_EQ(LoadSamples(path_).rows(), 1);
+  Write(
+      "\xEF\xBB\xBF"
+      "1 1:2\n");
+  EXPECT_EQ(LoadSamples(path_)(0, 0), 2.0);
+}
+
+// Dense rows of sparse ones: 9 bytes may ask for 16 KiB once, but not a hundred thousand times.
+TEST_F(LibsvmIoTest, ASmallSparseFileMayNotAskForGigabytes) {
+  std::string text;
+  for (int i = 0; i < 100'000; ++i) text += "1 2048:1\n";
+  EXPECT_THAT(LoadSamplesError(text), HasSubstr("100000 rows of 2048 entries are too much"));
+  Write(text.substr(0, 9 * 1000));
+  EXPECT_EQ(LoadSamples(path_).cols(), 2048);
+}
+
+TEST_F(LibsvmIoTest, SavingRespectsLinksAndModes) {
+  const auto svm = OneClassSvm::Fit(core::Matrix::Random(20, 2), {.nu = 0.5, .gamma = 1.0});
+  const std::filesystem::path link = path_.string() + "_link";
+  std::filesystem::remove(link);
+  Write("");
+  std::filesystem::permissions(
+      path_, std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+  std::filesystem::create_symlink(path_, link);
+  SaveLibsvmModel(svm, link);
+  EXPECT_TRUE(std::filesystem::is_symlink(link));
+  EXPECT_EQ(std::filesystem::status(path_).permissions(),
+            std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+  EXPECT_EQ(LoadLibsvmModel(path_).num_support_vectors(), svm.num_support_vectors());
+  std::filesystem::remove(link);
+}
+
 }  // namespace
 }  // namespace dfr::kernel

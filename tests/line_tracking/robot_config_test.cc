@@ -60,6 +60,25 @@ TEST_F(RobotConfigTest, AnEmptyFileIsTheSimulation) {
   EXPECT_EQ(Load("").robot, RobotPlace::kProcess);
 }
 
+// The parser of TOML ran into undefined behaviour on such bytes.
+TEST_F(RobotConfigTest, WhatIsNoTextIsRefusedBeforeItIsParsed) {
+  try {
+    static_cast<void>(RobotConfig::Load(DFR_REGRESSIONS "/robot_config/toml_crash.toml"));
+    ADD_FAILURE() << "read";
+  } catch (const std::runtime_error& e) {
+    EXPECT_THAT(e.what(), HasSubstr("toml_crash.toml:12: there is the control character 16"));
+  }
+  EXPECT_THAT(Error("robot = \"dds\"\n# \xC3\x28\n"),
+              HasSubstr(":2: there is a character that is not UTF-8"));
+  EXPECT_THAT(Error("# cut off within a character: \xE2\x82"), HasSubstr("not UTF-8"));
+  EXPECT_THAT(Error(std::string("a = 1\n\0b", 8)),
+              HasSubstr(":2: there is the control character 0"));
+  EXPECT_THAT(Error(std::string((1 << 20) + 1, '#')), HasSubstr("longer than a mebibyte"));
+  EXPECT_EQ(Error("# gr\xC3\xB6\xC3\x9F"
+                  "er\r\n\trobot = \"dds\"\n"),
+            "");
+}
+
 TEST_F(RobotConfigTest, ErrorsNameFileLineKeyAndWhatThereIs) {
   const std::string file = file_.string();
   EXPECT_THAT(Error("robot = \"dds\"\n[arm]\nspeed = \"fast\"\n"),

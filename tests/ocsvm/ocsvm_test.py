@@ -29,6 +29,29 @@ class OcsvmTest(unittest.TestCase):
     def tearDown(self):
         self.folder.cleanup()
 
+    def test_numbers_that_are_none_are_refused(self):
+        data, model = self.path / "data.csv", self.path / "model"
+        for option, value in [("-g", "nan"), ("-g", "inf"), ("-g", "0x1"), ("-n", "nan"), ("-e", "nan"),
+                              ("-g", "1e" + "9" * 309), ("-m", "infinity"), ("--threads", "-1"),
+                              ("--threads", "010x"), ("--threads", "99999999999999999999")]:
+            wrong = run("train", option, value, data, model)
+            self.assertNotEqual(wrong.returncode, 0, (option, value))
+            self.assertIn(value, wrong.stderr)
+            self.assertFalse(model.exists())
+
+    def test_what_is_written_respects_links_and_devices(self):
+        data, model, out = self.path / "data.csv", self.path / "model", self.path / "out"
+        link = self.path / "link"
+        link.symlink_to(model)
+        self.assertEqual(run("train", "-q", data, link).returncode, 0)
+        self.assertTrue(link.is_symlink())
+        printed = run("predict", data, model, "/dev/stdout").stdout.split()
+        self.assertEqual(run("predict", data, model, out).returncode, 0)
+        self.assertEqual(printed[:400], out.read_text().split())
+        full = run("predict", data, model, "/dev/full")
+        self.assertNotEqual(full.returncode, 0)
+        self.assertIn("No space left", full.stderr)
+
     def test_train_and_predict_agree_with_the_model_file(self):
         model, out = self.path / "model", self.path / "out"
         trained = run("train", "-n", 0.1, "-g", 0.5, "-e", 1e-6, self.path / "data.csv", model)

@@ -604,6 +604,10 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   EXPECT_THAT(fit(bad), HasSubstr("demonstration 0 has states of 2 entries, the layout 3"));
   EXPECT_THAT(fit(good, {.features = "gripper"}), HasSubstr("feature 'gripper'"));
   EXPECT_THAT(fit(good, {.features = "tip", .horizon = -1}), HasSubstr("horizon"));
+  // A file that no loader takes is not written.
+  EXPECT_THAT(fit(good, {.features = "tip", .horizon = 1073741825}), HasSubstr("horizon"));
+  EXPECT_THAT(fit(good, {.features = "tip", .horizon = std::numeric_limits<int>::max()}),
+              HasSubstr("horizon"));
   EXPECT_THAT(fit(good, {.features = "tip", .false_alarms = 1.0}), HasSubstr("alpha"));
   EXPECT_THAT(fit(good, {.features = "tip", .folds = 1}), HasSubstr("folds"));
 

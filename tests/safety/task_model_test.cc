@@ -347,10 +347,10 @@ TEST_F(TaskModelTest, WrongArgumentsAreNamed) {
   options = Options(true);
   options.published_features = "gripper";
   EXPECT_THAT(fit(20, options), HasSubstr("'gripper'"));
-  for (const int horizon : {0, -1}) {
+  for (const int horizon : {0, -1, 1'000'001}) {
     options = Options(false);
     options.horizon = horizon;
-    EXPECT_THAT(fit(20, options), HasSubstr("horizon must be positive"));
+    EXPECT_THAT(fit(20, options), HasSubstr("horizon must lie in [1, 1000000]"));
   }
 
   const TaskModel model = Fit(false);

@@ -3,38 +3,111 @@
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 #include <cstring>
 #include <fstream>
-#include <opencv2/core.hpp>
-#include <sstream>
+#include <optional>
 #include <stdexcept>
 #include <string>
-#include <system_error>
+#include <string_view>
+#include <utility>
 #include <vector>
+
+#include "dfr/core/atomic_file.h"
+#include "dfr/core/format.h"
+#include "dfr/core/numbers.h"
 
 namespace dfr::hardware {
 namespace {
 
+constexpr std::string_view kBlank = " \t\r\n";
+
+std::string_view Trimmed(std::string_view text) {
+  text.remove_prefix(std::min(text.find_first_not_of(kBlank), text.size()));
+  return text.substr(0, text.find_last_not_of(kBlank) + 1);
+}
+
+// The part of YAML that OpenCV and ROS write calibrations in: keys with what stands behind them or
+// is indented below them, and lists in brackets.
+class Yaml {
+ public:
+  static std::optional<std::string> Find(std::string_view text, std::string_view key) {
+    // What the first key of this level is indented by.
+    std::size_t level = std::string_view::npos;
+    std::optional<std::string> found;
+    bool within = false;  // what belongs to the key
+    while (!text.empty()) {
+      const std::string_view line = text.substr(0, text.find('\n'));
+      text.remove_prefix(std::min(text.size(), line.size() + 1));
+      const std::size_t indent = line.find_first_not_of(" \t");
+      if (Trimmed(line).empty() || line[indent] == '#' || line[indent] == '%') continue;
+      if (indent == 0 && (line.starts_with("---") || line.starts_with("..."))) continue;
+      // A list's entries may stand as far left as its key, and its bracket may still be open.
+      const bool open =
+          within && found->find('[') != std::string::npos && found->find(']') == std::string::npos;
+      if (within && (open || indent > level || line[indent] == '-')) {
+        found->append("\n").append(line);
+        continue;
+      }
+      if (found) return found;
+      level = std::min(level, indent);
+      const std::string_view entry = line.substr(indent);
+      if (indent != level || !entry.starts_with(key)) continue;
+      const std::string_view rest = entry.substr(key.size());
+      const std::size_t colon = rest.find_first_not_of(" \t");
+      if (colon == std::string_view::npos || rest[colon] != ':') continue;
+      found = WithoutTag(rest.substr(colon + 1));
+      within = true;
+    }
+    return found;
+  }
+
+ private:
+  // OpenCV's type, !!opencv-matrix.
+  static std::string WithoutTag(std::string_view value) {
+    value = Trimmed(value);
+    if (value.starts_with("!!")) value.remove_prefix(std::min(value.find(' '), value.size()));
+    return std::string(Trimmed(value));
+  }
+};
+
+// The part of XML that OpenCV writes them in: elements without a namespace, an escape or a comment.
+class Xml {
+ public:
+  static std::optional<std::string> Find(std::string_view text, std::string_view key) {
+    const std::string open = "<" + std::string(key);
+    const std::string close = "</" + std::string(key) + ">";
+    for (std::size_t at = text.find(open); at != std::string_view::npos;
+         at = text.find(open, at + 1)) {
+      const std::string_view behind = text.substr(at + open.size());
+      if (behind.empty() ||
+          (behind[0] != '>' && kBlank.find(behind[0]) == std::string_view::npos)) {
+        continue;
+      }
+      const std::size_t begin = behind.find('>');
+      const std::size_t end = behind.find(close);
+      if (begin == std::string_view::npos || end == std::string_view::npos || end < begin) break;
+      return std::string(Trimmed(behind.substr(begin + 1, end - begin - 1)));
+    }
+    return std::nullopt;
+  }
+};
+
 class Reader {
  public:
   explicit Reader(const std::filesystem::path& path) : file_(path.string()) {
+    constexpr std::size_t kMost = 1 << 20;
     std::ifstream in(path, std::ios::binary);
-    std::ostringstream content;
-    if (!in || !(content << in.rdbuf())) {
-      Fail(std::string("cannot be read: ") + std::strerror(errno));
-    }
-    std::string text = content.str();
-    // ROS leaves the line out that OpenCV knows its files by.
-    if (text.rfind("%YAML", 0) != 0 && text.rfind("<?xml", 0) != 0) {
-      text = "%YAML:1.0\n---\n" + text;
-    }
-    try {
-      if (!storage_.open(text, cv::FileStorage::READ | cv::FileStorage::MEMORY)) {
-        Fail("is neither YAML nor XML as OpenCV reads them");
-      }
-    } catch (const cv::Exception& e) {
-      Fail("is neither YAML nor XML as OpenCV reads them: " + e.err);
-    }
+    text_.resize(kMost + 1);
+    if (!in) Fail(std::string("cannot be read: ") + std::strerror(errno));
+    in.read(text_.data(), static_cast<std::streamsize>(text_.size()));
+    text_.resize(static_cast<std::size_t>(in.gcount()));
+    if (in.bad() || text_.empty()) Fail("cannot be read, or is empty");
+    if (text_.size() > kMost) Fail("is no calibration: it is longer than a mebibyte");
+    if (text_.find('\0') != std::string::npos) Fail(kNeither);
+    xml_ = Trimmed(text_).starts_with("<");
+    if (xml_ && text_.find("</opencv_storage>") == std::string::npos) Fail(kNeither);
   }
 
   [[noreturn]] void Fail(const std::string& what) const {
@@ -42,54 +115,79 @@ class Reader {
   }
 
   int Integer(const char* key) const {
-    const cv::FileNode node = Node(key);
-    if (!node.isInt()) Fail(std::string(key) + " is not a whole number");
-    return static_cast<int>(node);
+    const std::optional<int> value = core::ParseInteger<int>(Node(key));
+    if (!value) Fail(std::string(key) + " is not a whole number");
+    return *value;
   }
 
   std::vector<double> Matrix(const char* key, int& rows, int& cols) const {
-    const cv::FileNode node = Node(key);
-    std::vector<double> values;
-    try {
-      if (node.isMap() && node["data"].isSeq() && node["rows"].isInt() && node["cols"].isInt()) {
-        rows = static_cast<int>(node["rows"]);
-        cols = static_cast<int>(node["cols"]);
-        for (const cv::FileNode& entry : node["data"]) {
-          if (!entry.isInt() && !entry.isReal()) {
-            Fail(std::string(key) + " has an entry that is not a number");
-          }
-          values.push_back(static_cast<double>(entry));
-        }
-      } else {
-        Fail(std::string(key) + " is not a matrix (rows, cols, data)");
-      }
-    } catch (const cv::Exception& e) {
-      Fail(std::string(key) + " is not a matrix: " + e.err);
-    }
-    if (rows < 0 || cols < 0 ||
-        static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols) != values.size()) {
-      Fail(std::string(key) + " has " + std::to_string(values.size()) + " entries, not " +
+    const std::string node = Node(key);
+    const std::string of_key = std::string(key) + " ";
+    const auto size = [&](const char* name) {
+      const std::optional<std::string> text = Find(node, name);
+      const std::optional<int> value = text ? core::ParseInteger<int>(*text) : std::nullopt;
+      if (!value || *value < 0) Fail(of_key + "is not a matrix (rows, cols, data)");
+      return *value;
+    };
+    rows = size("rows");
+    cols = size("cols");
+    const std::optional<std::string> data = Find(node, "data");
+    if (!data) Fail(of_key + "is not a matrix (rows, cols, data)");
+    std::vector<double> values = Numbers(*data, of_key);
+    if (static_cast<std::int64_t>(rows) * cols != static_cast<std::int64_t>(values.size())) {
+      Fail(of_key + "has " + std::to_string(values.size()) + " entries, not " +
            std::to_string(rows) + " x " + std::to_string(cols));
-    }
-    for (const double value : values) {
-      if (!std::isfinite(value)) Fail(std::string(key) + " has an entry that is not finite");
     }
     return values;
   }
 
  private:
-  cv::FileNode Node(const char* key) const {
-    const cv::FileNode node = storage_[key];
-    if (node.empty()) {
+  static constexpr char kNeither[] =
+      "is neither YAML nor XML as OpenCV and ROS write calibrations in them";
+
+  [[nodiscard]] std::optional<std::string> Find(std::string_view text, const char* key) const {
+    return xml_ ? Xml::Find(text, key) : Yaml::Find(text, key);
+  }
+
+  std::string Node(const char* key) const {
+    std::optional<std::string> node = Find(text_, key);
+    if (!node) {
       Fail(std::string(key) +
            " is missing; a calibration has image_width, image_height, camera_matrix and "
            "distortion_coefficients");
     }
-    return node;
+    return *std::move(node);
+  }
+
+  // "[1., 2.]", entries that begin with "- " in lines of their own, or in XML the numbers alone.
+  std::vector<double> Numbers(std::string_view text, const std::string& of_key) const {
+    const bool brackets = text.starts_with('[');
+    if (brackets) {
+      const std::size_t end = text.find(']');
+      if (end == std::string_view::npos) Fail(of_key + "has a list that does not end with ]");
+      text = text.substr(1, end - 1);
+    }
+    std::vector<double> values;
+    constexpr std::string_view kSeparators = " \t\r\n,";
+    while (true) {
+      text.remove_prefix(std::min(text.find_first_not_of(kSeparators), text.size()));
+      if (text.empty()) return values;
+      const std::string_view word = text.substr(0, text.find_first_of(kSeparators));
+      text.remove_prefix(word.size());
+      if (!brackets && !xml_ && word == "-") continue;
+      const std::optional<double> value = core::ParseNumber(word);
+      if (!value &&
+          (core::LooksLikeNumber(word) || word.starts_with('.') || word.starts_with("-."))) {
+        Fail(of_key + "has an entry that is not finite or no number");
+      }
+      if (!value) Fail(of_key + "has an entry that is not a number");
+      values.push_back(*value);
+    }
   }
 
   std::string file_;
-  cv::FileStorage storage_;
+  std::string text_;
+  bool xml_ = false;
 };
 
 }  // namespace
@@ -134,28 +232,18 @@ vision::CameraModel ReadIntrinsics(const std::filesystem::path& path) {
 
 void WriteIntrinsics(const std::filesystem::path& path, const vision::CameraModel& camera) {
   camera.Check();
-  cv::FileStorage storage(".yml", cv::FileStorage::WRITE | cv::FileStorage::MEMORY);
-  storage << "image_width" << camera.width << "image_height" << camera.height;
-  storage << "camera_matrix"
-          << cv::Mat(
-                 cv::Matx33d(camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0));
-  cv::Mat distortion(1, 5, CV_64F);
-  std::copy(camera.distortion.begin(), camera.distortion.end(), distortion.begin<double>());
-  storage << "distortion_coefficients" << distortion;
-  const std::string text = storage.releaseAndGetString();
-  // Beside it, and renamed when it is whole: a full disk leaves the old one.
-  const std::filesystem::path temporary = path.string() + ".part";
-  errno = 0;
-  std::ofstream out(temporary, std::ios::binary);
-  out << text;
-  out.close();
-  std::error_code error;
-  if (out) std::filesystem::rename(temporary, path, error);
-  if (!out || error) {
-    const std::string why = error ? error.message() : std::strerror(errno);
-    std::filesystem::remove(temporary, error);
-    throw std::runtime_error(path.string() + ": cannot be written: " + why);
-  }
+  const auto& d = camera.distortion;
+  // 17 digits: what is read is what was written, to the bit.
+  core::ReplaceFile(
+      path,
+      core::Format("%%YAML:1.0\n---\n"
+                   "image_width: %d\nimage_height: %d\n"
+                   "camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n"
+                   "   data: [ %.17g, 0., %.17g, 0., %.17g, %.17g, 0., 0., 1. ]\n"
+                   "distortion_coefficients: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n"
+                   "   data: [ %.17g, %.17g, %.17g, %.17g, %.17g ]\n",
+                   camera.width, camera.height, camera.fx, camera.cx, camera.fy, camera.cy, d[0],
+                   d[1], d[2], d[3], d[4]));
 }
 
 }  // namespace dfr::hardware

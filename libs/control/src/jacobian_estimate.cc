@@ -21,6 +21,9 @@ int RoundUp(int value, std::size_t multiple) {
   return (value + m - 1) / m * m;
 }
 
+// Entries of features and of a control: each decision solves a problem of the size of the control.
+constexpr int kMaxEntries = 256;
+
 void Check(const JacobianOptions& options) {
   DFR_THROW_UNLESS(options.ridge > 0.0, "ridge must be positive, not " << options.ridge);
   DFR_THROW_UNLESS(options.motion_ridge > 0.0,
@@ -54,6 +57,9 @@ JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
   control_dim_ = static_cast<int>(controls[0].cols());
   const int n = feature_dim_;
   const int m = control_dim_;
+  DFR_THROW_UNLESS(n >= 1 && n <= kMaxEntries && m >= 1 && m <= kMaxEntries,
+                   "features have " << n << " entries, controls " << m << "; from 1 to "
+                                    << kMaxEntries << " are possible");
   Eigen::Index longest = 0;
   for (std::size_t d = 0; d < features.size(); ++d) {
     DFR_THROW_UNLESS(features[d].cols() == n && controls[d].cols() == m &&
@@ -116,7 +122,6 @@ void JacobianPrior::Save(core::ArchiveWriter& archive) const {
 }
 
 JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
-  constexpr int kMostEntries = 4096;
   JacobianPrior prior;
   try {
     JacobianOptions& options = prior.options_;
@@ -131,8 +136,8 @@ JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
       options.slope_ridge = archive.Number();
     }
     Check(options);
-    prior.feature_dim_ = archive.IntegerIn(1, kMostEntries);
-    prior.control_dim_ = archive.IntegerIn(1, kMostEntries);
+    prior.feature_dim_ = archive.IntegerIn(1, kMaxEntries);
+    prior.control_dim_ = archive.IntegerIn(1, kMaxEntries);
     if (!old) prior.has_controls_ = archive.IntegerIn(0, 1) == 1;
     prior.begin_ = archive.Integers();
     const core::Matrix transitions = old ? prior.OldTransitions(archive) : archive.MatrixBlock();

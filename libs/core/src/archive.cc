@@ -7,8 +7,8 @@
 #include <limits>
 #include <sstream>
 #include <stdexcept>
-#include <system_error>
 
+#include "dfr/core/atomic_file.h"
 #include "dfr/core/contract.h"
 
 namespace dfr::core {
@@ -38,6 +38,12 @@ std::uint64_t Checksum(std::string_view bytes) noexcept {
 template <typename T>
 void Append(std::string& bytes, const T& value) {
   bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
+}
+
+// Nothing may be behind the pointer of an empty span, which append() does not take.
+void AppendNumbers(std::string& bytes, std::span<const double> values) {
+  if (values.empty()) return;
+  bytes.append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
 }
 
 template <typename T>
@@ -75,7 +81,7 @@ void ArchiveWriter::Text(std::string_view value) {
 void ArchiveWriter::Numbers(std::span<const double> values) {
   bytes_ += kNumbers;
   Append(bytes_, static_cast<std::uint64_t>(values.size()));
-  bytes_.append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
+  AppendNumbers(bytes_, values);
 }
 
 void ArchiveWriter::Integers(std::span<const int> values) {
@@ -88,35 +94,16 @@ void ArchiveWriter::MatrixBlock(const Matrix& values) {
   bytes_ += kMatrix;
   Append(bytes_, static_cast<std::uint64_t>(values.rows()));
   Append(bytes_, static_cast<std::uint64_t>(values.cols()));
-  bytes_.append(reinterpret_cast<const char*>(values.data()),
-                static_cast<std::size_t>(values.size()) * sizeof(double));
+  AppendNumbers(bytes_, {values.data(), static_cast<std::size_t>(values.size())});
 }
 
 void ArchiveWriter::Save(const std::filesystem::path& path) const {
-  std::filesystem::path temporary = path;
-  temporary += ".partial";
-  const auto fail = [&](const char* what) {
-    const std::string reason = std::strerror(errno);
-    std::error_code ignored;
-    std::filesystem::remove(temporary, ignored);
-    throw std::runtime_error(path.string() + ": " + what + ": " + reason);
-  };
-  {
-    errno = 0;
-    std::ofstream out(temporary, std::ios::binary | std::ios::trunc);
-    if (!out) fail("cannot be created");
-    const std::uint64_t checksum = Checksum(bytes_);
-    out.write(bytes_.data(), static_cast<std::streamsize>(bytes_.size()));
-    out.write(reinterpret_cast<const char*>(&checksum), sizeof checksum);
-    out.flush();
-    if (!out) fail("cannot be written");
-  }
-  std::error_code error;
-  std::filesystem::rename(temporary, path, error);
-  if (error) {
-    errno = error.value();
-    fail("cannot be replaced");
-  }
+  std::string checksum;
+  Append(checksum, Checksum(bytes_));
+  AtomicFile file(path);
+  file.Write(bytes_);
+  file.Write(checksum);
+  file.Commit();
 }
 
 ArchiveReader::ArchiveReader(const std::filesystem::path& path, std::string_view kind,
@@ -149,6 +136,14 @@ ArchiveReader::ArchiveReader(const std::filesystem::path& path, std::string_view
          "; this build reads versions up to " + std::to_string(newest_version) + ": update dfr");
   }
   version_ = static_cast<int>(found_version);
+  budget_ = ReadBudget(bytes_.size());
+}
+
+void ArchiveReader::Spend(std::uint64_t count, std::uint64_t bytes_each, const char* what) {
+  if (!budget_.Take(count, bytes_each)) {
+    Fail("asks for " + std::to_string(count) + " " + what + " of " + std::to_string(bytes_each) +
+         " bytes, too much for a file of " + std::to_string(bytes_.size()) + " bytes");
+  }
 }
 
 void ArchiveReader::Fail(const std::string& reason) const {

@@ -2,11 +2,12 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <limits>
 #include <numeric>
+#include <optional>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/numbers.h"
 
 namespace dfr::core {
 namespace {
@@ -25,11 +26,6 @@ std::string KnownBlocks(const StateLayout& layout) {
   return names;
 }
 
-bool ParseInt(std::string_view text, int& value) {
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  return error == std::errc() && end == text.data() + text.size();
-}
-
 Range ParseItem(const StateLayout& layout, std::string_view item) {
   const std::size_t bracket = item.find('[');
   const std::string_view name = item.substr(0, bracket);
@@ -42,10 +38,16 @@ Range ParseItem(const StateLayout& layout, std::string_view item) {
   if (bracket != std::string_view::npos) {
     const std::string_view inside = item.substr(bracket);
     const std::size_t colon = inside.find(':');
-    const bool parsed = colon != std::string_view::npos && inside.back() == ']' &&
-                        ParseInt(inside.substr(1, colon - 1), range.first) &&
-                        ParseInt(inside.substr(colon + 1, inside.size() - colon - 2), range.last);
-    DFR_THROW_UNLESS(parsed, "feature '" << item << "': a range is written name[first:last]");
+    std::optional<int> first;
+    std::optional<int> last;
+    if (colon != std::string_view::npos && inside.back() == ']') {
+      first = ParseInteger<int>(inside.substr(1, colon - 1));
+      last = ParseInteger<int>(inside.substr(colon + 1, inside.size() - colon - 2));
+    }
+    DFR_THROW_UNLESS(first && last, "feature '" << item
+                                                << "': a range is written name[first:last], "
+                                                << "first and last being whole numbers");
+    range = {*first, *last};
     DFR_THROW_UNLESS(
         0 <= range.first && range.first < range.last && range.last <= block->size,
         "feature '" << item << "' is empty or not within " << name << "[0:" << block->size << "]");
@@ -58,6 +60,9 @@ Range ParseItem(const StateLayout& layout, std::string_view item) {
 void StateLayout::Add(std::string name, int size) {
   DFR_THROW_UNLESS(size > 0, "state block '" << name << "' needs at least one entry");
   const int offset = state_dim();
+  DFR_THROW_UNLESS(size <= kMaxStateDim - offset,
+                   "with the block '" << name << "' of " << size
+                                      << " entries a state has more than " << kMaxStateDim);
   blocks.push_back({std::move(name), offset, size});
 }
 
@@ -68,10 +73,17 @@ int StateLayout::state_dim() const noexcept {
 FeatureSelection::FeatureSelection(const StateLayout& layout, std::string_view spec)
     : state_dim_(layout.state_dim()), spec_(spec) {
   DFR_THROW_UNLESS(!spec.empty(), "no feature is named; the state has " << KnownBlocks(layout));
+  std::vector<bool> taken(static_cast<std::size_t>(state_dim_), false);
   while (true) {
     const std::size_t comma = spec.find(',');
-    const Range range = ParseItem(layout, spec.substr(0, comma));
-    for (int i = range.first; i < range.last; ++i) indices_.push_back(i);
+    const std::string_view item = spec.substr(0, comma);
+    const Range range = ParseItem(layout, item);
+    for (int i = range.first; i < range.last; ++i) {
+      DFR_THROW_UNLESS(!taken[static_cast<std::size_t>(i)],
+                       "feature '" << item << "' names an entry that is named before it");
+      taken[static_cast<std::size_t>(i)] = true;
+      indices_.push_back(i);
+    }
     if (comma == std::string_view::npos) break;
     spec.remove_prefix(comma + 1);
   }

@@ -1,12 +1,10 @@
 #include "dfr/core/onnx_graph.h"
 
 #include <bit>
-#include <cerrno>
 #include <cstring>
-#include <fstream>
 #include <stdexcept>
-#include <system_error>
 
+#include "dfr/core/atomic_file.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
 
@@ -201,18 +199,7 @@ void OnnxGraph::Save(const std::filesystem::path& path) const {
     throw std::runtime_error(path.string() + ": an ONNX file of " + std::to_string(content.size()) +
                              " bytes; 2 GiB is the most");
   }
-  std::filesystem::path part = path;
-  part += ".part";
-  {
-    std::ofstream out(part, std::ios::binary);
-    out.write(content.data(), static_cast<std::streamsize>(content.size()));
-    out.close();
-    if (!out) {
-      throw std::runtime_error(part.string() +
-                               ": cannot be written: " + std::generic_category().message(errno));
-    }
-  }
-  std::filesystem::rename(part, path);
+  ReplaceFile(path, content);
 }
 
 }  // namespace dfr::core

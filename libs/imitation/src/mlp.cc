@@ -369,6 +369,12 @@ void Mlp::Save(core::ArchiveWriter& archive) const {
 Mlp Mlp::Load(core::ArchiveReader& archive) {
   const std::vector<int> sizes = archive.Integers();
   const std::vector<double> parameters = archive.Numbers();
+  // Before the network is made: a few sizes can ask for any number of weights.
+  for (std::size_t i = 1; i < sizes.size(); ++i) {
+    const auto inputs = static_cast<std::uint64_t>(std::clamp(sizes[i - 1], 0, kMaxWidth));
+    const auto outputs = static_cast<std::uint64_t>(std::clamp(sizes[i], 0, kMaxWidth));
+    archive.Spend((inputs + 1) * outputs, sizeof(double), "weights");
+  }
   try {
     Mlp mlp(sizes);
     mlp.SetParameters(core::AsVector(parameters));

@@ -2,9 +2,8 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
 #include <cmath>
-#include <cstdio>
+#include <cstdint>
 #include <cstring>
 #include <fstream>
 #include <limits>
@@ -16,6 +15,10 @@
 #include <string_view>
 #include <utility>
 #include <vector>
+
+#include "dfr/core/atomic_file.h"
+#include "dfr/core/numbers.h"
+#include "dfr/core/read_budget.h"
 
 namespace dfr::kernel {
 namespace {
@@ -29,6 +32,9 @@ class LineReader {
   bool Next() {
     while (std::getline(in_, line_)) {
       ++number_;
+      bytes_ += line_.size() + 1;
+      // Spreadsheets mark UTF-8 so.
+      if (number_ == 1 && line_.starts_with("\xEF\xBB\xBF")) line_.erase(0, 3);
       if (!line_.empty() && line_.back() == '\r') line_.pop_back();
       if (line_.find_first_not_of(" \t") != std::string::npos) return true;
     }
@@ -37,6 +43,7 @@ class LineReader {
   }
 
   [[nodiscard]] std::string_view line() const { return line_; }
+  [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
 
   [[noreturn]] void Fail(const std::string& reason) const {
     throw std::runtime_error(name_ + ":" + std::to_string(number_) + ": " + reason);
@@ -52,29 +59,20 @@ class LineReader {
   }
 
   [[nodiscard]] double Number(std::string_view word, const char* what) const {
-    const std::optional<double> value = Parse<double>(word);
-    if (!value || !std::isfinite(*value)) {
+    const std::optional<double> value = core::ParseNumber(word);
+    if (!value) {
       Fail(std::string(what) + " must be a finite number, not '" + Quoted(word) + "'");
     }
     return *value;
   }
 
   [[nodiscard]] int Integer(std::string_view word, const char* what, int low, int high) const {
-    const std::optional<int> value = Parse<int>(word);
+    const std::optional<int> value = core::ParseInteger<int>(word);
     if (!value || *value < low || *value > high) {
       Fail(std::string(what) + " must be an integer from " + std::to_string(low) + " to " +
            std::to_string(high) + ", not '" + Quoted(word) + "'");
     }
     return *value;
-  }
-
-  template <typename T>
-  static std::optional<T> Parse(std::string_view word) {
-    if (word.starts_with('+')) word.remove_prefix(1);
-    T value{};
-    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (error != std::errc() || end != word.data() + word.size()) return std::nullopt;
-    return value;
   }
 
   // Damaged files hold anything: short and printable.
@@ -91,6 +89,7 @@ class LineReader {
   std::string name_;
   std::string line_;
   int number_ = 0;
+  std::uint64_t bytes_ = 0;
 };
 
 std::ifstream Open(const std::filesystem::path& path) {
@@ -130,7 +129,14 @@ SparseRow ReadSparse(const LineReader& reader, std::string_view text) {
   }
 }
 
-core::Matrix Dense(const std::vector<SparseRow>& rows, int width) {
+core::Matrix Dense(const LineReader& reader, const std::vector<SparseRow>& rows, int width) {
+  // One index makes every row as wide.
+  if (!core::ReadBudget(reader.bytes())
+           .Take(rows.size() * sizeof(double), static_cast<std::uint64_t>(width))) {
+    reader.Fail(std::to_string(rows.size()) + " rows of " + std::to_string(width) +
+                " entries are too much for a file of " + std::to_string(reader.bytes()) +
+                " bytes: leave out entries that are hardly ever used");
+  }
   core::Matrix matrix = core::Matrix::Zero(static_cast<Eigen::Index>(rows.size()), width);
   for (std::size_t i = 0; i < rows.size(); ++i) {
     for (const auto& [index, value] : rows[i].entries) {
@@ -157,15 +163,26 @@ std::vector<double> ReadCommas(const LineReader& reader) {
   }
 }
 
+// The first line may name the columns. A line with a cell that is meant as a number, well written
+// or not, is a sample.
+bool IsHeading(std::string_view line) {
+  while (true) {
+    const auto comma = line.find(',');
+    std::string_view cell = line.substr(0, comma);
+    if (core::LooksLikeNumber(LineReader::Word(cell))) return false;
+    if (comma == std::string_view::npos) return true;
+    line.remove_prefix(comma + 1);
+  }
+}
+
 core::Matrix LoadCommas(LineReader& reader, int state_dim) {
   std::vector<double> all;
   std::size_t width = state_dim > 0 ? static_cast<std::size_t>(state_dim) : 0;
   bool first = true;
   do {
-    std::string_view cell = reader.line().substr(0, reader.line().find(','));
-    const bool header = first && !LineReader::Parse<double>(LineReader::Word(cell));
+    const bool heading = first && IsHeading(reader.line());
     first = false;
-    if (header) continue;
+    if (heading) continue;
     const std::vector<double> row = ReadCommas(reader);
     if (width == 0) width = row.size();
     if (row.size() != width) {
@@ -193,7 +210,7 @@ core::Matrix LoadSparse(LineReader& reader, int state_dim) {
                   " entries are expected");
     }
   } while (reader.Next());
-  return Dense(rows, state_dim > 0 ? state_dim : width);
+  return Dense(reader, rows, state_dim > 0 ? state_dim : width);
 }
 
 }  // namespace
@@ -213,21 +230,7 @@ void SaveLibsvmModel(const OneClassSvm& svm, const std::filesystem::path& path) 
     }
     out << " \n";
   }
-  std::filesystem::path temporary = path;
-  temporary += ".tmp";
-  const auto fail = [&] {
-    const std::string reason = std::strerror(errno);
-    std::error_code ignored;
-    std::filesystem::remove(temporary, ignored);
-    throw std::runtime_error(path.string() + ": cannot be written: " + reason);
-  };
-  {
-    std::ofstream file(temporary, std::ios::binary);
-    file << out.view();
-    file.flush();
-    if (!file) fail();
-  }
-  if (std::rename(temporary.c_str(), path.c_str()) != 0) fail();
+  core::ReplaceFile(path, out.view());
 }
 
 OneClassSvm LoadLibsvmModel(const std::filesystem::path& path) {
@@ -307,8 +310,8 @@ OneClassSvm LoadLibsvmModel(std::istream& in, const std::string& name) {
   if (!std::isfinite(scale)) reader.Fail("the coefficients are too large");
   weights /= scale;
   try {
-    return OneClassSvm::FromParts(Dense(rows, width), std::move(weights), *gamma, *rho / scale,
-                                  scale);
+    return OneClassSvm::FromParts(Dense(reader, rows, width), std::move(weights), *gamma,
+                                  *rho / scale, scale);
   } catch (const std::invalid_argument& e) {
     reader.Fail(e.what());
   }

@@ -32,11 +32,15 @@ constexpr std::array kStrategies = {Strategy::kGuided, Strategy::kDfr, Strategy:
 
 // A guard gives up after so many actions a policy's action at the most.
 constexpr int kActionsPerStep = 12;
+// What files hold.
+constexpr int kMost = 1 << 30;
+constexpr int kLongestHorizon = kMost / kActionsPerStep;
 
 void Check(const GuardSettings& settings) {
-  DFR_THROW_UNLESS(settings.horizon > 0, "horizon must be positive, not " << settings.horizon);
-  DFR_THROW_UNLESS(settings.max_actions > 0,
-                   "max_actions must be positive, not " << settings.max_actions);
+  DFR_THROW_UNLESS(settings.horizon > 0 && settings.horizon <= kMost,
+                   "horizon must lie in [1, " << kMost << "], not be " << settings.horizon);
+  DFR_THROW_UNLESS(settings.max_actions > 0 && settings.max_actions <= kMost,
+                   "max_actions must lie in [1, " << kMost << "], not be " << settings.max_actions);
   DFR_THROW_UNLESS(settings.action_limit > 0.0 && std::isfinite(settings.action_limit),
                    "action_limit must be positive and finite, not " << settings.action_limit);
   DFR_THROW_UNLESS(std::isfinite(settings.alarm_level),
@@ -212,7 +216,9 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
                                                   std::span<const core::Trajectory> demonstrations,
                                                   const GuardOptions& options) {
   Check(layout, demonstrations);
-  DFR_THROW_UNLESS(options.horizon >= 0, "horizon must not be negative: " << options.horizon);
+  DFR_THROW_UNLESS(
+      options.horizon >= 0 && options.horizon <= kLongestHorizon,
+      "horizon must lie in [0, " << kLongestHorizon << "], not be " << options.horizon);
   DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2: " << options.folds);
   DFR_THROW_UNLESS(options.action_limit >= 0.0,
                    "action_limit must not be negative: " << options.action_limit);
@@ -284,7 +290,9 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
     transitions += demonstration.controls.rows();
     largest = std::max(largest, demonstration.controls.cwiseAbs().maxCoeff());
   }
-  settings.horizon = options.horizon > 0 ? options.horizon : static_cast<int>(2 * longest);
+  settings.horizon = options.horizon > 0
+                         ? options.horizon
+                         : static_cast<int>(std::min<Eigen::Index>(2 * longest, kLongestHorizon));
   settings.max_actions = kActionsPerStep * settings.horizon;
   settings.action_limit = options.action_limit > 0.0 ? options.action_limit : largest;
   settings.alarm_level = alarm.level;
@@ -417,7 +425,6 @@ void GuardModel::Save(const std::filesystem::path& path) const {
 
 std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& path) {
   core::ArchiveReader archive(path, kKind, kVersion);
-  constexpr int kMost = 1 << 30;
   constexpr int kWithConstants = 4;
   try {
     core::StateLayout layout;

@@ -53,7 +53,8 @@ TaskModel::TaskModel(std::shared_ptr<const GuidedRecovery> guided, std::vector<d
                      std::optional<kernel::TimeVaryingSupport> published,
                      std::optional<core::FeatureSelection> published_features, int horizon)
     : guided_(std::move(guided)), lambda_(std::move(lambda)), horizon_(horizon) {
-  DFR_THROW_UNLESS(horizon > 0, "horizon must be positive, not " << horizon);
+  DFR_THROW_UNLESS(horizon > 0 && horizon <= kMostSteps,
+                   "horizon must lie in [1, " << kMostSteps << "], not be " << horizon);
   DFR_THROW_UNLESS(
       !lambda_.empty() && std::all_of(lambda_.begin(), lambda_.end(),
                                       [](double l) { return l > 0.0 && std::isfinite(l); }),

@@ -2,14 +2,15 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <deque>
 #include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/numbers.h"
 #include "dfr/core/random.h"
 #include "dfr/dds/channel.h"
 
@@ -518,11 +519,9 @@ bool SetFault(ConsoleFaults& faults, std::string_view name, std::string_view val
   }
   for (const auto& [known, number] : numbers) {
     if (name != known) continue;
-    double parsed = 0.0;
-    const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), parsed);
-    DFR_THROW_UNLESS(error == std::errc() && end == value.data() + value.size(),
-                     name << " takes a number, not '" << value << "'");
-    *number = parsed;
+    const std::optional<double> parsed = core::ParseNumber(value);
+    DFR_THROW_UNLESS(parsed, name << " takes a number, not '" << value << "'");
+    *number = *parsed;
     return true;
   }
   return false;

@@ -2,24 +2,12 @@
 
 #include <array>
 #include <charconv>
-#include <system_error>
+#include <optional>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/numbers.h"
 
 namespace dfr::sim::internal {
-namespace {
-
-template <typename T>
-T Parse(std::string_view text, const char* what, const char* kind) {
-  T value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  DFR_THROW_UNLESS(error == std::errc() && end == text.data() + text.size(),
-                   what << " must be " << kind << ", not '" << text << "'");
-  return value;
-}
-
-}  // namespace
-
 std::string_view NextWord(std::string_view& text) noexcept {
   const std::string_view word = text.substr(0, text.find(' '));
   text.remove_prefix(word.size());
@@ -28,11 +16,15 @@ std::string_view NextWord(std::string_view& text) noexcept {
 }
 
 double ParseNumber(std::string_view text, const char* what) {
-  return Parse<double>(text, what, "a number");
+  const std::optional<double> value = core::ParseNumber(text);
+  DFR_THROW_UNLESS(value, what << " must be a number, not '" << text << "'");
+  return *value;
 }
 
 std::uint64_t ParseCount(std::string_view text, const char* what) {
-  return Parse<std::uint64_t>(text, what, "a whole number");
+  const std::optional<std::uint64_t> value = core::ParseInteger<std::uint64_t>(text);
+  DFR_THROW_UNLESS(value, what << " must be a whole number, not '" << text << "'");
+  return *value;
 }
 
 std::string Shortest(double value) {

@@ -16,11 +16,13 @@ namespace {
 
 using core::Matrix;
 using internal::Hdf5File;
+using internal::Hdf5Reader;
 
 constexpr std::string_view kEpisodePrefix = "demo_";
+constexpr char kCount[] = "num_samples";
 constexpr int kGymEnvironment = 2;  // robomimic's EnvType.GYM_TYPE
 
-std::string EnvironmentName(const Hdf5File& file) {
+std::string EnvironmentName(const Hdf5Reader& file) {
   const std::optional<std::string> text = file.TextAttribute("data", "env_args");
   if (!text) return "";
   const auto json = nlohmann::json::parse(*text, nullptr, /*allow_exceptions=*/false);
@@ -31,12 +33,12 @@ std::string EnvironmentName(const Hdf5File& file) {
 
 class RobomimicReader final : public internal::EpisodeReader {
  public:
-  RobomimicReader(const std::filesystem::path& path, const std::string& filter_key)
-      : EpisodeReader(Hdf5File::Open(path)) {
+  RobomimicReader(Hdf5Reader opened, const std::string& filter_key)
+      : EpisodeReader(std::move(opened)) {
     if (!file().Exists("data")) file().Fail("data", "does not exist: this is no robomimic file");
     environment_ = EnvironmentName(file());
     discarded_ = static_cast<int>(file().IntegerAttribute("data", "discarded").value_or(0));
-    FindEpisodes("data", kEpisodePrefix, "obs");
+    FindEpisodes("data", kEpisodePrefix, "obs", kCount);
     if (!filter_key.empty()) KeepMasked("data", filter_key);
   }
 
@@ -44,11 +46,10 @@ class RobomimicReader final : public internal::EpisodeReader {
 
  private:
   [[nodiscard]] core::Trajectory ReadEpisode(const std::string& episode) const override {
-    const std::optional<std::int64_t> samples = file().IntegerAttribute(episode, "num_samples");
+    const std::optional<std::int64_t> samples = file().IntegerAttribute(episode, kCount);
     if (!samples) file().Fail(episode, "has no attribute num_samples");
     if (*samples < 1) file().Fail(episode, "num_samples is " + std::to_string(*samples));
     const Eigen::Index n = *samples;
-    constexpr char kCount[] = "num_samples";
 
     core::Trajectory trajectory;
     trajectory.controls = ReadActions(episode, n, kCount);
@@ -80,6 +81,7 @@ DemonstrationSet ReadAll(const DemonstrationReader& reader) {
   demonstrations.control_dim = reader.control_dim();
   demonstrations.environment = reader.environment();
   demonstrations.discarded = reader.discarded();
+  demonstrations.note = reader.note();
   demonstrations.trajectories.reserve(static_cast<std::size_t>(reader.num_episodes()));
   for (int i = 0; i < reader.num_episodes(); ++i) {
     demonstrations.trajectories.push_back(reader.Read(i));
@@ -107,6 +109,7 @@ class RobomimicWriter::File {
                                      {"type", kGymEnvironment},
                                      {"env_kwargs", nlohmann::json::object()}};
     file_.CreateGroup("data");
+    file_.CreateSecondList();
     file_.SetAttribute("data", "env_args",
                        env_args.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
     file_.SetAttribute("data", "total", 0);
@@ -117,14 +120,14 @@ class RobomimicWriter::File {
   void Append(const core::Trajectory& trajectory) {
     internal::CheckTrajectory(trajectory, layout_.state_dim(), control_dim_, episodes_);
     const Eigen::Index n = trajectory.controls.rows();
-    const std::string episode = "data/" + std::string(kEpisodePrefix) + std::to_string(episodes_);
+    const std::string episode = Hdf5File::kNewGroup;
     const bool completed = trajectory.outcome == core::Outcome::kCompleted;
     std::vector<double> rewards(static_cast<std::size_t>(n), 0.0);
     std::vector<std::int64_t> dones(static_cast<std::size_t>(n), 0);
     rewards.back() = completed ? 1.0 : 0.0;
     dones.back() = completed ? 1 : 0;
 
-    file_.CreateGroup(episode);
+    file_.CreateNewGroup();
     file_.Write(episode + "/actions", trajectory.controls);
     file_.Write(episode + "/states", Matrix(trajectory.states.topRows(n)));
     file_.Write(episode + "/rewards", rewards);
@@ -142,7 +145,8 @@ class RobomimicWriter::File {
     file_.SetAttribute(episode, "model_file", model_xml_);
     file_.SetAttribute(episode, "seed", static_cast<std::int64_t>(trajectory.seed));
     file_.SetAttribute(episode, "outcome", std::string(core::Name(trajectory.outcome)));
-    file_.SetAttribute(episode, "num_samples", n);
+    file_.SetAttribute(episode, kCount, n);
+    Finish(std::string(kEpisodePrefix) + std::to_string(episodes_));
     total_ += n;
     ++episodes_;
     file_.SetAttribute("data", "total", total_);
@@ -158,6 +162,16 @@ class RobomimicWriter::File {
   [[nodiscard]] int num_episodes() const noexcept { return episodes_; }
 
  private:
+  // A change of a list takes libhdf5 several writes, and a kill between them leaves a list that
+  // cannot be read. So what an episode is made of reaches the disk first, then its name in one
+  // list, then that in the other: at every moment one of them is whole.
+  void Finish(const std::string& name) {
+    file_.Flush();
+    file_.LinkNewGroup(std::string(Hdf5File::kSecondList) + "/" + name);
+    file_.Flush();
+    file_.LinkNewGroup("data/" + name);
+  }
+
   Hdf5File file_;
   core::StateLayout layout_;
   int control_dim_;
@@ -196,16 +210,17 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
 
 std::unique_ptr<DemonstrationReader> OpenRobomimic(const std::filesystem::path& path,
                                                    const std::string& filter_key) {
-  return std::make_unique<RobomimicReader>(path, filter_key);
+  return std::make_unique<RobomimicReader>(Hdf5Reader(path), filter_key);
 }
 
 std::unique_ptr<DemonstrationReader> OpenDemonstrations(const std::filesystem::path& path,
                                                         const std::string& filter_key) {
   if (IsLeRobot(path)) return OpenLeRobot(path, filter_key);
   if (!std::filesystem::is_directory(path)) {
-    // Closed again before the reader opens it.
-    const Hdf5File file = Hdf5File::Open(path);
-    if (file.Exists("data")) return OpenRobomimic(path, filter_key);
+    Hdf5Reader file(path);
+    if (file.Exists("data")) {
+      return std::make_unique<RobomimicReader>(std::move(file), filter_key);
+    }
     if (file.Exists("action") && file.Exists("observations")) {
       file.Fail(
           "observations",

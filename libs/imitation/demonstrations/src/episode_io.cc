@@ -1,13 +1,14 @@
 #include "episode_io.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <optional>
 #include <set>
+#include <stdexcept>
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/numbers.h"
 
 namespace dfr::imitation::internal {
 namespace {
@@ -26,8 +27,8 @@ constexpr char kActions[] = "actions";
 constexpr int kDeepest = 8;
 
 // Appends the datasets at `path`, a dataset or a group of them; false where one has no offset.
-bool CollectKeys(const Hdf5File& file, const std::string& path, const std::string& name, int depth,
-                 std::vector<Key>& keys) {
+bool CollectKeys(const Hdf5Reader& file, const std::string& path, const std::string& name,
+                 int depth, std::vector<Key>& keys) {
   if (file.IsGroup(path)) {
     if (depth > kDeepest) {
       file.Fail(path, "is beyond " + std::to_string(kDeepest) + " groups within groups");
@@ -55,19 +56,19 @@ bool CollectKeys(const Hdf5File& file, const std::string& path, const std::strin
 }
 
 // Members of `group` that are named <prefix><number>, as paths in the order of the numbers.
-std::vector<std::string> NumberedMembers(const Hdf5File& file, const std::string& group,
+std::vector<std::string> NumberedMembers(const Hdf5Reader& file, const std::string& group,
                                          std::string_view prefix) {
   const std::string folder = group.empty() ? "" : group + "/";
   std::vector<std::pair<std::int64_t, std::string>> numbered;
   for (const std::string& name : file.Members(group)) {
-    std::int64_t number = 0;
-    const char* const begin = name.data() + std::min(prefix.size(), name.size());
-    const char* const end = name.data() + name.size();
-    const auto [stop, error] = std::from_chars(begin, end, number);
-    if (!name.starts_with(prefix) || error != std::errc() || stop != end) {
+    if (name == Hdf5File::kSecondList) continue;
+    const std::string_view digits =
+        std::string_view(name).substr(std::min(prefix.size(), name.size()));
+    const std::optional<std::int64_t> number = core::ParseInteger<std::int64_t>(digits);
+    if (!name.starts_with(prefix) || !number) {
       file.Fail(folder + name, "is not named " + std::string(prefix) + "<number>");
     }
-    numbered.emplace_back(number, folder + name);
+    numbered.emplace_back(*number, folder + name);
   }
   std::sort(numbered.begin(), numbered.end());
   std::vector<std::string> paths;
@@ -79,7 +80,7 @@ std::vector<std::string> NumberedMembers(const Hdf5File& file, const std::string
 // The vector-valued datasets of a part of an episode, groups below it included ("goal/position"),
 // by their attributes `offset` where all have one, else by name. Those of more than two dimensions
 // (images) are left out. One dataset may stand in the group's place.
-core::StateLayout PartLayout(const Hdf5File& file, const std::string& episode, const char* part) {
+core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode, const char* part) {
   const std::string path = episode + "/" + part;
   if (!file.Exists(path)) {
     // A simulator's whole state is none that a robot observes.
@@ -96,21 +97,32 @@ core::StateLayout PartLayout(const Hdf5File& file, const std::string& episode, c
   }
   if (keys.empty()) file.Fail(path, "has no vector-valued dataset");
   core::StateLayout layout;
-  for (const Key& key : keys) layout.Add(key.name, key.size);
+  std::int64_t size = 0;
+  for (const Key& key : keys) {
+    size += key.size;
+    if (size > core::StateLayout::kMaxStateDim) file.Fail(path, "has too many columns in all");
+    layout.Add(key.name, key.size);
+  }
   return layout;
 }
 
-void CheckPart(const Hdf5File& file, const std::string& episode, const char* part,
+void CheckPart(const Hdf5Reader& file, const std::string& episode, const char* part,
                const core::StateLayout& layout) {
   if (PartLayout(file, episode, part) != layout) {
     file.Fail(episode + "/" + part, "has other datasets or sizes than the first episode's");
   }
 }
 
-Matrix ReadPart(const Hdf5File& file, const std::string& episode, const char* part,
+Matrix ReadPart(const Hdf5Reader& file, const std::string& episode, const char* part,
                 const core::StateLayout& layout, Eigen::Index rows, const char* count) {
   const std::string path = episode + "/" + part;
   return ReadBlocks(file, file.IsGroup(path) ? path : episode, layout, rows, count);
+}
+
+std::string Note(std::size_t episodes, const std::string& what) {
+  return "the writer of this file was killed: its " + std::to_string(episodes) +
+         " whole episodes are read; " + what +
+         ". guard check --repair FILE writes a file of the whole ones";
 }
 
 }  // namespace
@@ -153,7 +165,7 @@ void CheckLayout(const core::StateLayout& layout, int control_dim) {
   }
 }
 
-Matrix ReadRows(const Hdf5File& file, const std::string& path, Eigen::Index rows,
+Matrix ReadRows(const Hdf5Reader& file, const std::string& path, Eigen::Index rows,
                 const char* count) {
   if (!file.Exists(path)) file.Fail(path, "does not exist");
   Matrix values = file.Read(path);
@@ -172,8 +184,9 @@ Matrix ReadRows(const Hdf5File& file, const std::string& path, Eigen::Index rows
   return values;
 }
 
-Matrix ReadBlocks(const Hdf5File& file, const std::string& group, const core::StateLayout& layout,
+Matrix ReadBlocks(const Hdf5Reader& file, const std::string& group, const core::StateLayout& layout,
                   Eigen::Index rows, const char* count) {
+  file.CheckSize(group, rows, layout.state_dim());
   Matrix values(rows, layout.state_dim());
   for (const auto& block : layout.blocks) {
     const std::string path = group + "/" + block.name;
@@ -188,12 +201,51 @@ Matrix ReadBlocks(const Hdf5File& file, const std::string& group, const core::St
 }
 
 void EpisodeReader::FindEpisodes(const std::string& group, std::string_view prefix,
-                                 const char* states) {
-  episodes_ = NumberedMembers(file_, group, prefix);
+                                 const char* states, const char* last) {
+  episodes_ = ListEpisodes(group, prefix);
   if (episodes_.empty()) file_.Fail(group.empty() ? "/" : group, "holds no episode");
+  LeaveUnfinished(last);
   states_ = states;
   layout_ = PartLayout(file_, episodes_[0], states_);
   controls_ = PartLayout(file_, episodes_[0], kActions);
+}
+
+// The episodes of the list that has more of them, of those that can be opened: where the writer was
+// killed while it changed one of the lists, the other is whole.
+std::vector<std::string> EpisodeReader::ListEpisodes(const std::string& group,
+                                                     std::string_view prefix) {
+  if (!file_.IntegerAttribute("/", Hdf5File::kSecondList)) {
+    return NumberedMembers(file_, group, prefix);
+  }
+  const auto list = [&](const std::string& from) {
+    std::vector<std::string> episodes;
+    try {
+      episodes = NumberedMembers(file_, from, prefix);
+      std::erase_if(episodes, [this](const std::string& path) { return !file_.IsGroup(path); });
+    } catch (const std::runtime_error&) {
+      episodes.clear();  // The list was cut off.
+    }
+    return episodes;
+  };
+  std::vector<std::string> first = list(group);
+  std::vector<std::string> second = list(Hdf5File::kSecondList);
+  if (first.size() == second.size()) return first;
+  std::vector<std::string>& longer = first.size() > second.size() ? first : second;
+  note_ = Note(longer.size(), "the list of episodes was being written");
+  return std::move(longer);
+}
+
+void EpisodeReader::LeaveUnfinished(const char* last) {
+  if (episodes_.size() < 2) return;
+  const std::string episode = episodes_.back();
+  try {
+    if (file_.IntegerAttribute(episode, last)) return;
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): it is cut off, too
+  }
+  // Other writers may give no episode the attribute.
+  if (!file_.IntegerAttribute(episodes_[0], last)) return;
+  episodes_.pop_back();
+  note_ = Note(episodes_.size(), episode + ", which was being written, is left out");
 }
 
 void EpisodeReader::KeepMasked(const std::string& group, const std::string& mask) {

@@ -13,6 +13,7 @@
 #include "dfr/core/trajectory.h"
 #include "dfr/imitation/demonstrations.h"
 #include "hdf5_file.h"
+#include "hdf5_reader.h"
 
 namespace dfr::imitation::internal {
 
@@ -41,11 +42,11 @@ auto WriteAll(const DemonstrationSet& demonstrations, const Create& create) {
 void CheckLayout(const core::StateLayout& layout, int control_dim);
 
 /// A dataset of finite numbers with this many rows; `count` says in messages where that is from.
-[[nodiscard]] core::Matrix ReadRows(const Hdf5File& file, const std::string& path,
+[[nodiscard]] core::Matrix ReadRows(const Hdf5Reader& file, const std::string& path,
                                     Eigen::Index rows, const char* count);
 
 /// The datasets of a layout side by side.
-[[nodiscard]] core::Matrix ReadBlocks(const Hdf5File& file, const std::string& group,
+[[nodiscard]] core::Matrix ReadBlocks(const Hdf5Reader& file, const std::string& group,
                                       const core::StateLayout& layout, Eigen::Index rows,
                                       const char* count);
 
@@ -63,18 +64,23 @@ class EpisodeReader : public DemonstrationReader {
     return episodes_.at(static_cast<std::size_t>(i));
   }
   [[nodiscard]] core::Trajectory Read(int i) const override;
+  [[nodiscard]] const std::string& note() const noexcept override { return note_; }
 
  protected:
-  explicit EpisodeReader(Hdf5File file) : file_(std::move(file)) {}
+  explicit EpisodeReader(Hdf5Reader file) : file_(std::move(file)) {}
   /// @param group  that holds the episodes, "" for the file's top.
   /// @param prefix  before the number in an episode's name; members with other names are refused.
   /// @param states  the part of an episode that holds its states: "obs".
-  void FindEpisodes(const std::string& group, std::string_view prefix, const char* states);
+  /// @param last  the attribute that writers give an episode last: an episode at the end of the
+  /// file
+  ///   that has none was cut off with its writer. It is left out, which note() says.
+  void FindEpisodes(const std::string& group, std::string_view prefix, const char* states,
+                    const char* last);
 
   /// Leaves the episodes that a mask names, in the order of their numbers.
   void KeepMasked(const std::string& group, const std::string& mask);
 
-  [[nodiscard]] const Hdf5File& file() const noexcept { return file_; }
+  [[nodiscard]] const Hdf5Reader& file() const noexcept { return file_; }
   /// The first dataset of the controls: its rows are the episode's steps.
   [[nodiscard]] std::string FirstActions(const std::string& episode) const;
   [[nodiscard]] core::Matrix ReadActions(const std::string& episode, Eigen::Index steps,
@@ -91,7 +97,12 @@ class EpisodeReader : public DemonstrationReader {
   /// States, controls and outcome.
   [[nodiscard]] virtual core::Trajectory ReadEpisode(const std::string& episode) const = 0;
 
-  Hdf5File file_;
+  [[nodiscard]] std::vector<std::string> ListEpisodes(const std::string& group,
+                                                      std::string_view prefix);
+  void LeaveUnfinished(const char* last);
+
+  Hdf5Reader file_;
+  std::string note_;
   std::vector<std::string> episodes_;
   const char* states_ = nullptr;
   core::StateLayout layout_;

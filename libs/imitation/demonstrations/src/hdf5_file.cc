@@ -3,9 +3,13 @@
 #include <hdf5.h>
 
 #include <algorithm>
+#include <cstdint>
 #include <stdexcept>
+#include <string_view>
 #include <type_traits>
 #include <utility>
+
+#include "dfr/core/atomic_file.h"
 
 namespace dfr::imitation::internal {
 namespace {
@@ -64,6 +68,22 @@ bool HoldsNumbers(H5T_class_t kind) {
   return kind == H5T_FLOAT || kind == H5T_INTEGER || kind == H5T_ENUM;
 }
 
+constexpr char kOneFile[] =
+    "; only what is in this file is read: copy the data into it, with h5repack or h5py";
+
+class GroupProperties {
+ public:
+  explicit GroupProperties(bool track_order) : properties_(H5Pcreate(H5P_GROUP_CREATE), H5Pclose) {
+    if (track_order) {
+      H5Pset_link_creation_order(id(), H5P_CRT_ORDER_TRACKED | H5P_CRT_ORDER_INDEXED);
+    }
+  }
+  [[nodiscard]] hid_t id() const { return properties_.id(); }
+
+ private:
+  Handle properties_;
+};
+
 [[noreturn]] void FailFile(const std::string& name, const std::string& reason) {
   throw std::runtime_error(name + ": " + reason);
 }
@@ -75,11 +95,15 @@ Hdf5File::Hdf5File(std::string name, std::int64_t id) : name_(std::move(name)), 
 Hdf5File::Hdf5File(Hdf5File&& other) noexcept
     : name_(std::move(other.name_)),
       id_(std::exchange(other.id_, H5I_INVALID_HID)),
+      new_group_(std::exchange(other.new_group_, H5I_INVALID_HID)),
+      second_list_(std::exchange(other.second_list_, H5I_INVALID_HID)),
       track_order_(other.track_order_) {}
 
 Hdf5File& Hdf5File::operator=(Hdf5File&& other) noexcept {
   std::swap(name_, other.name_);
   std::swap(id_, other.id_);
+  std::swap(new_group_, other.new_group_);
+  std::swap(second_list_, other.second_list_);
   std::swap(track_order_, other.track_order_);
   return *this;
 }
@@ -87,6 +111,8 @@ Hdf5File& Hdf5File::operator=(Hdf5File&& other) noexcept {
 Hdf5File::~Hdf5File() {
   if (id_ < 0) return;
   const Quiet quiet;
+  if (new_group_ >= 0) H5Gclose(new_group_);
+  if (second_list_ >= 0) H5Oclose(second_list_);
   H5Fclose(id_);
 }
 
@@ -98,18 +124,53 @@ Hdf5File Hdf5File::Create(const std::filesystem::path& path, bool track_order) {
   }
   // The library's default version bounds: with "latest" a file whose writer was killed does not
   // open.
-  const hid_t id = H5Fcreate(path.c_str(), H5F_ACC_TRUNC, properties.id(), H5P_DEFAULT);
+  constexpr std::size_t kGrowth = 1 << 16;
+  const Handle memory(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
+  H5Pset_fapl_core(memory.id(), kGrowth, /*backing_store=*/false);
+  const Handle empty(H5Fcreate(path.c_str(), H5F_ACC_TRUNC, properties.id(), memory.id()),
+                     H5Fclose);
+  if (!empty.ok() || H5Fflush(empty.id(), H5F_SCOPE_GLOBAL) < 0) {
+    FailFile(path.string(), "cannot be created: " + LastError());
+  }
+  std::string image(static_cast<std::size_t>(H5Fget_file_image(empty.id(), nullptr, 0)), '\0');
+  H5Fget_file_image(empty.id(), image.data(), image.size());
+  core::ReplaceFile(path, image);
+
+  const hid_t id = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
   if (id < 0) FailFile(path.string(), "cannot be created: " + LastError());
   Hdf5File file(path.string(), id);
   file.track_order_ = track_order;
+  file.HoldMetadata(true);
   return file;
+}
+
+// libhdf5 writes what it knows of objects whenever its cache is full, in an order of its own: a
+// kill then leaves a file that points to what is not there yet.
+void Hdf5File::HoldMetadata(bool hold) {
+  H5AC_cache_config_t config{};
+  config.version = H5AC__CURR_CACHE_CONFIG_VERSION;
+  if (H5Fget_mdc_config(id_, &config) < 0) FailFile(name_, "cannot be set up: " + LastError());
+  config.evictions_enabled = !hold;
+  config.incr_mode = hold ? H5C_incr__off : H5C_incr__threshold;
+  config.decr_mode = hold ? H5C_decr__off : H5C_decr__age_out_with_threshold;
+  config.flash_incr_mode = hold ? H5C_flash_incr__off : H5C_flash_incr__add_space;
+  if (H5Fset_mdc_config(id_, &config) < 0) FailFile(name_, "cannot be set up: " + LastError());
 }
 
 Hdf5File Hdf5File::Open(const std::filesystem::path& path) {
   const Quiet quiet;
   if (!std::filesystem::exists(path)) FailFile(path.string(), "no such file");
-  const hid_t id = H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
-  if (id < 0) FailFile(path.string(), "cannot be opened as HDF5: " + LastError());
+  // Not the driver that writes: libhdf5 would share a descriptor with one that is open, which a
+  // process that was forked does not have.
+  const Handle driver(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
+  H5Pset_fapl_stdio(driver.id());
+  const hid_t id = H5Fopen(path.c_str(), H5F_ACC_RDONLY, driver.id());
+  if (id < 0) {
+    FailFile(path.string(),
+             "cannot be opened as HDF5 (is it one, and was its writer done with its "
+             "first episode?): " +
+                 LastError());
+  }
   return {path.string(), id};
 }
 
@@ -119,11 +180,9 @@ void Hdf5File::Fail(const std::string& path, const std::string& reason) const {
 
 void Hdf5File::CreateGroup(const std::string& path) {
   const Quiet quiet;
-  const Handle properties(H5Pcreate(H5P_GROUP_CREATE), H5Pclose);
-  if (track_order_) {
-    H5Pset_link_creation_order(properties.id(), H5P_CRT_ORDER_TRACKED | H5P_CRT_ORDER_INDEXED);
-  }
-  const Handle group(H5Gcreate2(id_, path.c_str(), H5P_DEFAULT, properties.id(), H5P_DEFAULT),
+  const Place at = At(path);
+  const Handle group(H5Gcreate2(at.object, at.path.c_str(), H5P_DEFAULT,
+                                GroupProperties(track_order_).id(), H5P_DEFAULT),
                      H5Gclose);
   if (!group.ok()) Fail(path, "cannot be created: " + LastError());
 }
@@ -145,9 +204,10 @@ void Hdf5File::WriteBlock(const std::string& path, std::int64_t type,
   }
   const Handle space(H5Screate_simple(static_cast<int>(now.size()), now.data(), most.data()),
                      H5Sclose);
-  const Handle dataset(
-      H5Dcreate2(id_, path.c_str(), type, space.id(), H5P_DEFAULT, properties.id(), H5P_DEFAULT),
-      H5Dclose);
+  const Place at = At(path);
+  const Handle dataset(H5Dcreate2(at.object, at.path.c_str(), type, space.id(), H5P_DEFAULT,
+                                  properties.id(), H5P_DEFAULT),
+                       H5Dclose);
   if (!dataset.ok() || H5Dwrite(dataset.id(), type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0) {
     Fail(path, "cannot be written: " + LastError());
   }
@@ -197,7 +257,8 @@ void Hdf5File::WriteGrowable(const std::string& path, const std::vector<bool>& v
 
 void Hdf5File::SetAttribute(const std::string& path, const char* name, std::int64_t value) {
   const Quiet quiet;
-  const Handle object(H5Oopen(id_, path.c_str(), H5P_DEFAULT), H5Oclose);
+  const Place at = At(path);
+  const Handle object(H5Oopen(at.object, at.path.c_str(), H5P_DEFAULT), H5Oclose);
   const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
   // An existing attribute is overwritten in place, so that no moment is without it.
   const Handle attribute(
@@ -212,7 +273,8 @@ void Hdf5File::SetAttribute(const std::string& path, const char* name, std::int6
 
 void Hdf5File::SetAttribute(const std::string& path, const char* name, const std::string& value) {
   const Quiet quiet;
-  const Handle object(H5Oopen(id_, path.c_str(), H5P_DEFAULT), H5Oclose);
+  const Place at = At(path);
+  const Handle object(H5Oopen(at.object, at.path.c_str(), H5P_DEFAULT), H5Oclose);
   const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
   const Handle type(H5Tcopy(H5T_C_S1), H5Tclose);
   H5Tset_size(type.id(), H5T_VARIABLE);
@@ -228,26 +290,87 @@ void Hdf5File::SetAttribute(const std::string& path, const char* name, const std
 void Hdf5File::Flush() {
   const Quiet quiet;
   if (H5Fflush(id_, H5F_SCOPE_GLOBAL) < 0) FailFile(name_, "cannot be flushed: " + LastError());
+  // What is on the disk may leave the memory.
+  HoldMetadata(false);
+  HoldMetadata(true);
+}
+
+void Hdf5File::CreateNewGroup() {
+  const Quiet quiet;
+  if (new_group_ >= 0) H5Gclose(new_group_);
+  new_group_ = H5Gcreate_anon(id_, GroupProperties(track_order_).id(), H5P_DEFAULT);
+  if (new_group_ < 0) FailFile(name_, "cannot be written: " + LastError());
+}
+
+void Hdf5File::LinkNewGroup(const std::string& path) {
+  const Quiet quiet;
+  const Place at = At(path);
+  if (H5Olink(new_group_, at.object, at.path.c_str(), H5P_DEFAULT, H5P_DEFAULT) < 0) {
+    Fail(path, "cannot be written: " + LastError());
+  }
+}
+
+void Hdf5File::CreateSecondList() {
+  const Quiet quiet;
+  CreateGroup(kSecondList);
+  H5O_info_t info{};
+  if (H5Oget_info_by_name2(id_, kSecondList, &info, H5O_INFO_BASIC, H5P_DEFAULT) < 0) {
+    Fail(kSecondList, "cannot be found again: " + LastError());
+  }
+  SetAttribute("/", kSecondList, static_cast<std::int64_t>(info.addr));
+}
+
+Hdf5File::Place Hdf5File::At(const std::string& path) const {
+  const auto within = [&path](std::string_view group) {
+    return path.starts_with(group) && (path.size() == group.size() || path[group.size()] == '/');
+  };
+  const auto below = [&path](std::string_view group) {
+    return path.size() == group.size() ? "." : path.substr(group.size() + 1);
+  };
+  if (new_group_ >= 0 && within(kNewGroup)) return {new_group_, below(kNewGroup)};
+  if (within(kSecondList)) {
+    const std::optional<std::int64_t> address =
+        second_list_ < 0 ? IntegerAttribute("/", kSecondList) : std::nullopt;
+    if (address) second_list_ = H5Oopen_by_addr(id_, static_cast<haddr_t>(*address));
+    if (second_list_ >= 0) return {second_list_, below(kSecondList)};
+  }
+  return {id_, path};
+}
+
+core::ReadBudget Hdf5File::budget() const {
+  hsize_t size = 0;
+  if (H5Fget_filesize(id_, &size) < 0) FailFile(name_, "has no size: " + LastError());
+  return core::ReadBudget(size);
 }
 
 bool Hdf5File::Exists(const std::string& path) const {
   const Quiet quiet;
+  const auto [object, place] = At(path);
+  if (place == ".") return true;
   // H5Lexists wants every parent to exist.
-  for (std::size_t end = path.find('/');; end = path.find('/', end + 1)) {
-    if (H5Lexists(id_, path.substr(0, end).c_str(), H5P_DEFAULT) <= 0) return false;
+  for (std::size_t end = place.find('/');; end = place.find('/', end + 1)) {
+    const std::string part = place.substr(0, end);
+    if (H5Lexists(object, part.c_str(), H5P_DEFAULT) <= 0) return false;
+    H5L_info_t link{};
+    if (H5Lget_info(object, part.c_str(), &link, H5P_DEFAULT) >= 0 && link.type != H5L_TYPE_HARD &&
+        link.type != H5L_TYPE_SOFT) {
+      Fail(part, std::string("is a link to another file") + kOneFile);
+    }
     if (end == std::string::npos) return true;
   }
 }
 
 bool Hdf5File::IsGroup(const std::string& path) const {
   const Quiet quiet;
-  const Handle object(H5Oopen(id_, path.c_str(), H5P_DEFAULT), H5Oclose);
+  const Place at = At(path);
+  const Handle object(H5Oopen(at.object, at.path.c_str(), H5P_DEFAULT), H5Oclose);
   return object.ok() && H5Iget_type(object.id()) == H5I_GROUP;
 }
 
 std::vector<std::string> Hdf5File::Members(const std::string& group) const {
   const Quiet quiet;
-  const Handle handle(H5Gopen2(id_, group.empty() ? "/" : group.c_str(), H5P_DEFAULT), H5Gclose);
+  const Place at = At(group.empty() ? "/" : group);
+  const Handle handle(H5Gopen2(at.object, at.path.c_str(), H5P_DEFAULT), H5Gclose);
   if (!handle.ok()) Fail(group, "is not a group: " + LastError());
   std::vector<std::string> names;
   const auto collect = [](hid_t, const char* name, const H5L_info_t*, void* out) -> herr_t {
@@ -263,8 +386,15 @@ std::vector<std::string> Hdf5File::Members(const std::string& group) const {
 
 std::vector<std::int64_t> Hdf5File::Shape(const std::string& path) const {
   const Quiet quiet;
-  const Handle dataset(H5Dopen2(id_, path.c_str(), H5P_DEFAULT), H5Dclose);
+  const Place at = At(path);
+  const Handle dataset(H5Dopen2(at.object, at.path.c_str(), H5P_DEFAULT), H5Dclose);
   if (!dataset.ok()) Fail(path, "is not a dataset: " + LastError());
+  const Handle storage(H5Dget_create_plist(dataset.id()), H5Pclose);
+  if (!storage.ok()) Fail(path, "has no layout: " + LastError());
+  const H5D_layout_t layout = H5Pget_layout(storage.id());
+  if (layout == H5D_VIRTUAL || H5Pget_external_count(storage.id()) != 0) {
+    Fail(path, std::string("keeps its values in another file") + kOneFile);
+  }
   const Handle space(H5Dget_space(dataset.id()), H5Sclose);
   const int rank = H5Sget_simple_extent_ndims(space.id());
   if (rank < 0) Fail(path, "has no shape: " + LastError());
@@ -275,7 +405,8 @@ std::vector<std::int64_t> Hdf5File::Shape(const std::string& path) const {
 
 bool Hdf5File::IsNumeric(const std::string& path) const {
   const Quiet quiet;
-  const Handle dataset(H5Dopen2(id_, path.c_str(), H5P_DEFAULT), H5Dclose);
+  const Place at = At(path);
+  const Handle dataset(H5Dopen2(at.object, at.path.c_str(), H5P_DEFAULT), H5Dclose);
   if (!dataset.ok()) Fail(path, "is not a dataset: " + LastError());
   const Handle type(H5Dget_type(dataset.id()), H5Tclose);
   return HoldsNumbers(H5Tget_class(type.id()));
@@ -287,15 +418,18 @@ core::Matrix Hdf5File::Read(const std::string& path) const {
     Fail(path, "has " + std::to_string(shape.size()) + " dimensions, not one or two");
   }
   const Quiet quiet;
-  const Handle dataset(H5Dopen2(id_, path.c_str(), H5P_DEFAULT), H5Dclose);
+  const Place at = At(path);
+  const Handle dataset(H5Dopen2(at.object, at.path.c_str(), H5P_DEFAULT), H5Dclose);
   const Handle type(H5Dget_type(dataset.id()), H5Tclose);
   const H5T_class_t kind = H5Tget_class(type.id());
   if (!HoldsNumbers(kind)) Fail(path, "is not numeric");
   const std::int64_t cols = shape.size() == 2 ? shape[1] : 1;
   constexpr std::int64_t kMost = std::int64_t{1} << 31;
-  if (shape[0] > kMost || cols > kMost || (cols > 0 && shape[0] > kMost / cols)) {
+  if (shape[0] < 0 || shape[0] > kMost || cols < 0 || cols > kMost ||
+      !budget().Take(static_cast<std::uint64_t>(shape[0]) * sizeof(double),
+                     static_cast<std::uint64_t>(cols))) {
     Fail(path, "claims " + std::to_string(shape[0]) + " x " + std::to_string(cols) +
-                   " entries, which is too much");
+                   " entries, which is too much for a file of this size");
   }
   core::Matrix values(shape[0], cols);
   if (kind == H5T_ENUM) {
@@ -314,10 +448,13 @@ core::Matrix Hdf5File::Read(const std::string& path) const {
 
 std::vector<std::string> Hdf5File::ReadTexts(const std::string& path) const {
   const std::vector<std::int64_t> shape = Shape(path);
-  constexpr std::int64_t kMost = std::int64_t{1} << 24;
-  if (shape.size() != 1 || shape[0] > kMost) Fail(path, "is not a list of texts");
+  if (shape.size() != 1 || shape[0] < 0 ||
+      !budget().Take(static_cast<std::uint64_t>(shape[0]), sizeof(std::string))) {
+    Fail(path, "is not a list of texts");
+  }
   const Quiet quiet;
-  const Handle dataset(H5Dopen2(id_, path.c_str(), H5P_DEFAULT), H5Dclose);
+  const Place at = At(path);
+  const Handle dataset(H5Dopen2(at.object, at.path.c_str(), H5P_DEFAULT), H5Dclose);
   const Handle type(H5Dget_type(dataset.id()), H5Tclose);
   if (H5Tget_class(type.id()) != H5T_STRING) Fail(path, "is not a list of texts");
   const auto count = static_cast<std::size_t>(shape[0]);
@@ -334,7 +471,7 @@ std::vector<std::string> Hdf5File::ReadTexts(const std::string& path) const {
     return texts;
   }
   const std::size_t size = H5Tget_size(type.id());
-  if (size > (std::size_t{1} << 30) / std::max<std::size_t>(1, count)) {
+  if (!budget().Take(count, size)) {
     Fail(path, "claims texts of " + std::to_string(size) + " bytes, which is too much");
   }
   std::string bytes(count * size, '\0');
@@ -352,7 +489,8 @@ std::vector<std::string> Hdf5File::ReadTexts(const std::string& path) const {
 std::optional<std::int64_t> Hdf5File::IntegerAttribute(const std::string& path,
                                                        const char* name) const {
   const Quiet quiet;
-  const Handle object(H5Oopen(id_, path.c_str(), H5P_DEFAULT), H5Oclose);
+  const Place at = At(path);
+  const Handle object(H5Oopen(at.object, at.path.c_str(), H5P_DEFAULT), H5Oclose);
   if (!object.ok()) Fail(path, "cannot be opened: " + LastError());
   if (H5Aexists(object.id(), name) <= 0) return std::nullopt;
   const Handle attribute(H5Aopen(object.id(), name, H5P_DEFAULT), H5Aclose);
@@ -369,7 +507,8 @@ std::optional<std::int64_t> Hdf5File::IntegerAttribute(const std::string& path,
 std::optional<std::string> Hdf5File::TextAttribute(const std::string& path,
                                                    const char* name) const {
   const Quiet quiet;
-  const Handle object(H5Oopen(id_, path.c_str(), H5P_DEFAULT), H5Oclose);
+  const Place at = At(path);
+  const Handle object(H5Oopen(at.object, at.path.c_str(), H5P_DEFAULT), H5Oclose);
   if (!object.ok()) Fail(path, "cannot be opened: " + LastError());
   if (H5Aexists(object.id(), name) <= 0) return std::nullopt;
   const Handle attribute(H5Aopen(object.id(), name, H5P_DEFAULT), H5Aclose);
@@ -387,7 +526,9 @@ std::optional<std::string> Hdf5File::TextAttribute(const std::string& path,
     H5Dvlen_reclaim(type.id(), space.id(), H5P_DEFAULT, &text);
     return value;
   }
-  std::string value(H5Tget_size(type.id()), '\0');
+  const std::size_t size = H5Tget_size(type.id());
+  if (!budget().Take(size, 1)) Fail(path, std::string("attribute ") + name + " is too long");
+  std::string value(size, '\0');
   if (H5Aread(attribute.id(), type.id(), value.data()) < 0) {
     Fail(path, std::string("attribute ") + name + " cannot be read: " + LastError());
   }

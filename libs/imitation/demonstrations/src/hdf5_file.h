@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "dfr/core/matrix.h"
+#include "dfr/core/read_budget.h"
 
 namespace dfr::imitation::internal {
 
@@ -16,9 +17,12 @@ namespace dfr::imitation::internal {
 /// libhdf5 says.
 class Hdf5File {
  public:
+  /// Replaces what is there by a whole file, as a core::AtomicFile does; from then on the file
+  /// grows. Nothing of what is known about the file's objects reaches the disk but by Flush().
   /// @param track_order  groups list their members in the order of creation, as Minari's readers
   ///   expect.
   static Hdf5File Create(const std::filesystem::path& path, bool track_order = false);
+  /// To read, what is trusted: see Hdf5Reader. What is in other files is refused.
   static Hdf5File Open(const std::filesystem::path& path);
 
   Hdf5File(Hdf5File&& other) noexcept;
@@ -26,6 +30,16 @@ class Hdf5File {
   ~Hdf5File();
 
   void CreateGroup(const std::string& path);
+  /// Begins a group without a name: until LinkNewGroup() nothing in the file refers to it. Paths
+  /// that begin with kNewGroup are in it. There is one at a time.
+  void CreateNewGroup();
+  /// Gives it a path, and more than one if asked again, in groups that exist.
+  void LinkNewGroup(const std::string& path);
+  static constexpr char kNewGroup[] = "*";
+  /// Makes the group kSecondList in the file's top. It is found by its address, which an attribute
+  /// of the top tells, even where the list of the top cannot be read.
+  void CreateSecondList();
+  static constexpr char kSecondList[] = ".episodes";
   /// A two-dimensional dataset of doubles, one row after another.
   void Write(const std::string& path, const core::Matrix& values);
   /// A one-dimensional one.
@@ -63,13 +77,25 @@ class Hdf5File {
   /// For what a caller finds wrong with an object.
   [[noreturn]] void Fail(const std::string& path, const std::string& reason) const;
 
+  /// What reading an object of the file may cost: core::ReadBudget of its size.
+  [[nodiscard]] core::ReadBudget budget() const;
+
  private:
+  void HoldMetadata(bool hold);
+  /// Where a path leads: an object, and the path from there.
+  struct Place {
+    std::int64_t object;
+    std::string path;
+  };
+  [[nodiscard]] Place At(const std::string& path) const;
   Hdf5File(std::string name, std::int64_t id);
   void WriteBlock(const std::string& path, std::int64_t type, std::span<const std::int64_t> shape,
                   bool growable, const void* values);
 
   std::string name_;
   std::int64_t id_;  // hid_t
+  std::int64_t new_group_ = -1;
+  mutable std::int64_t second_list_ = -1;
   bool track_order_ = false;
 };
 

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/core/atomic_file.h"
 #include "dfr/core/contract.h"
 #include "episode_io.h"
 #include "hdf5_file.h"
@@ -22,6 +23,7 @@ using nlohmann::json;
 
 constexpr char kPrefix[] = "episode_";
 constexpr char kPlain[] = "observations";
+constexpr char kTotal[] = "total_steps";
 constexpr char kEnvironment[] = "environment";  // not Minari's: the name, whatever it is
 constexpr char kSteps[] = "the number of actions";
 constexpr char kStates[] = "that of actions plus one";
@@ -83,8 +85,9 @@ std::filesystem::path MainFile(const std::filesystem::path& path) {
 
 class MinariReader final : public internal::EpisodeReader {
  public:
-  explicit MinariReader(const std::filesystem::path& path) : EpisodeReader(Hdf5File::Open(path)) {
-    FindEpisodes("", kPrefix, kPlain);
+  explicit MinariReader(const std::filesystem::path& path)
+      : EpisodeReader(internal::Hdf5Reader(path)) {
+    FindEpisodes("", kPrefix, kPlain, kTotal);
     ReadMetadata(path.parent_path() / "metadata.json");
   }
 
@@ -93,7 +96,7 @@ class MinariReader final : public internal::EpisodeReader {
     const std::string actions = FirstActions(episode);
     const Eigen::Index steps = file().Shape(actions).at(0);
     if (steps < 1) file().Fail(actions, "is empty");
-    if (const auto total = file().IntegerAttribute(episode, "total_steps");
+    if (const auto total = file().IntegerAttribute(episode, kTotal);
         total.value_or(steps) != steps) {
       file().Fail(episode, "total_steps is " + std::to_string(*total) + ", but there are " +
                                std::to_string(steps) + " actions");
@@ -165,7 +168,7 @@ class MinariWriter::File {
   void Append(const core::Trajectory& trajectory) {
     internal::CheckTrajectory(trajectory, layout_.state_dim(), control_dim_, episodes_);
     const auto steps = static_cast<std::size_t>(trajectory.controls.rows());
-    const std::string episode = kPrefix + std::to_string(episodes_);
+    const std::string episode = Hdf5File::kNewGroup;
     const bool completed = trajectory.outcome == core::Outcome::kCompleted;
     std::vector<double> rewards(steps, 0.0);
     std::vector<bool> terminations(steps, false);
@@ -174,7 +177,7 @@ class MinariWriter::File {
     terminations.back() = completed;
     truncations.back() = !completed;
 
-    file_.CreateGroup(episode);
+    file_.CreateNewGroup();
     if (layout_.blocks.size() == 1) {
       file_.WriteGrowable(episode + "/" + kPlain, trajectory.states);
     } else {
@@ -193,9 +196,11 @@ class MinariWriter::File {
     file_.WriteGrowable(episode + "/truncations", truncations);
     file_.CreateGroup(episode + "/infos");
     file_.SetAttribute(episode, "id", episodes_);
-    file_.SetAttribute(episode, "total_steps", static_cast<std::int64_t>(steps));
     file_.SetAttribute(episode, "seed", static_cast<std::int64_t>(trajectory.seed));
     file_.SetAttribute(episode, "outcome", std::string(core::Name(trajectory.outcome)));
+    file_.SetAttribute(episode, kTotal, static_cast<std::int64_t>(steps));
+    file_.Flush();  // all that the name will lead to
+    file_.LinkNewGroup(kPrefix + std::to_string(episodes_));
     file_.Flush();
     ++episodes_;
     total_ += static_cast<std::int64_t>(steps);
@@ -230,16 +235,8 @@ class MinariWriter::File {
     // Minari reads a dataset without an environment, and none whose environment has another name.
     if (IsEnvironmentId(environment_)) metadata["env_spec"] = EnvironmentSpec(environment_);
     if (!environment_.empty()) metadata[kEnvironment] = environment_;
-    const std::filesystem::path path = folder_ / "metadata.json";
-    std::filesystem::path part = path;
-    part += ".part";
-    {
-      std::ofstream out(part);
-      out << metadata.dump(2, ' ', false, json::error_handler_t::replace) << '\n';
-      out.close();
-      if (!out) throw std::runtime_error(part.string() + ": cannot be written");
-    }
-    std::filesystem::rename(part, path);
+    core::ReplaceFile(folder_ / "metadata.json",
+                      metadata.dump(2, ' ', false, json::error_handler_t::replace) + "\n");
   }
 
   std::filesystem::path folder_;

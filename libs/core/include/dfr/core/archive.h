@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "dfr/core/matrix.h"
+#include "dfr/core/read_budget.h"
 
 namespace dfr::core {
 
@@ -26,8 +27,7 @@ class ArchiveWriter {
   void Integers(std::span<const int> values);
   void MatrixBlock(const Matrix& values);
 
-  /// Writes the file through a temporary one beside it that is renamed when complete, so that a
-  /// full disk or a kill leaves the previous file as it was.
+  /// Writes the file as an AtomicFile: a full disk or a kill leaves the previous file as it was.
   /// @throws std::runtime_error naming the file and what the system said.
   void Save(const std::filesystem::path& path) const;
 
@@ -58,6 +58,10 @@ class ArchiveReader {
   /// Checks that nothing is left.
   void End();
 
+  /// For callers that are about to make `count` things of `bytes_each` each because the file says
+  /// so: fails where the file is too small to ask for that much. `what` names them in the message.
+  void Spend(std::uint64_t count, std::uint64_t bytes_each, const char* what);
+
   /// For callers that find a value wrong: throws the same kind of error, naming the file.
   [[noreturn]] void Fail(const std::string& reason) const;
 
@@ -70,6 +74,7 @@ class ArchiveReader {
   std::string bytes_;
   std::size_t position_ = 0;
   int version_ = 0;
+  ReadBudget budget_{0};
 };
 
 }  // namespace dfr::core

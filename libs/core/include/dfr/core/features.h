@@ -22,7 +22,11 @@ struct StateLayout {
   };
   std::vector<Block> blocks;
 
+  /// Entries of a state at most.
+  static constexpr int kMaxStateDim = 1 << 20;
+
   /// Appends a block behind the last one.
+  /// @throws std::invalid_argument if it has no entry, or the state more than kMaxStateDim.
   void Add(std::string name, int size);
   [[nodiscard]] int state_dim() const noexcept;
   bool operator==(const StateLayout&) const = default;
@@ -32,8 +36,9 @@ struct StateLayout {
 class FeatureSelection {
  public:
   /// Parses "object,tip[0:2]": whole blocks or half-open index ranges within one, in this order.
-  /// @throws std::invalid_argument naming the unknown block or the range that does not fit, with
-  ///   the blocks there are.
+  /// @throws std::invalid_argument naming the unknown block, the range that does not fit, or what
+  /// is
+  ///   named twice, with the blocks there are.
   FeatureSelection(const StateLayout& layout, std::string_view spec);
   /// Every entry of a state of `state_dim` entries.
   static FeatureSelection All(int state_dim);

@@ -3,7 +3,21 @@
 #include <Eigen/Core>
 #include <span>
 
+// How Eigen aligns and frees memory depends on the vector flags of each program (-march=native):
+// what a program allocates otherwise than the libraries do, they crash on when they free it. The
+// name of this variable says how, and the libraries define that of their own: other programs do not
+// link. See docs/packages.md for the remedy.
+#define DFR_EIGEN_ALIGNMENT_OF(bytes, malloc_aligns) \
+  dfr_eigen_alignment_##bytes##_##malloc_aligns##_see_docs_packages_march
+#define DFR_EIGEN_ALIGNMENT(bytes, malloc_aligns) DFR_EIGEN_ALIGNMENT_OF(bytes, malloc_aligns)
+extern "C" const char DFR_EIGEN_ALIGNMENT(EIGEN_MAX_ALIGN_BYTES, EIGEN_MALLOC_ALREADY_ALIGNED);
+
 namespace dfr::core {
+
+namespace internal {
+[[gnu::used]] inline const char* const kEigenAlignment =
+    &DFR_EIGEN_ALIGNMENT(EIGEN_MAX_ALIGN_BYTES, EIGEN_MALLOC_ALREADY_ALIGNED);
+}  // namespace internal
 
 /// Samples and trajectories: one state or control per row, rows contiguous, as NumPy lays them out.
 using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;

@@ -56,8 +56,8 @@ class OnnxGraph {
 
   /// The file's content.
   [[nodiscard]] std::string Serialize() const;
-  /// Writes it through a temporary file beside it. @throws std::runtime_error naming the file and
-  ///   what the system said.
+  /// Writes it as an AtomicFile. @throws std::runtime_error naming the file and what the system
+  ///   said.
   void Save(const std::filesystem::path& path) const;
 
  private:

@@ -4,7 +4,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <filesystem>
 #include <limits>
 #include <map>
@@ -21,7 +20,7 @@ class Text {
   Text() noexcept = default;
   Text(std::string_view text) noexcept  // NOLINT(google-explicit-constructor): is a text
       : size_(std::min(text.size(), N)) {
-    std::memcpy(bytes_.data(), text.data(), size_);
+    std::copy_n(text.data(), size_, bytes_.data());  // memcpy() takes no null, whatever the size
   }
   Text(const char* text) noexcept  // NOLINT(google-explicit-constructor): is a text
       : Text(std::string_view(text)) {}

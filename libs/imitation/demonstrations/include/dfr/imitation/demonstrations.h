@@ -17,6 +17,7 @@ struct DemonstrationSet {
   std::string environment;  ///< The name of the plant or task.
   std::vector<core::Trajectory> trajectories;
   int discarded = 0;  ///< Demonstrations that violated a constraint and are not among these.
+  std::string note;   ///< DemonstrationReader::note() of the file.
 };
 
 /// A file of demonstrations that is read one episode at a time: it takes the memory of its longest
@@ -60,11 +61,12 @@ class DemonstrationReader {
 // `seed` and `outcome`, each obs dataset its `offset` within the state, and data has `discarded`;
 // other readers ignore them.
 //
-// The functions below throw std::runtime_error naming file, episode, dataset and reason. libhdf5 is
-// called from one thread at a time.
+// The functions below throw std::runtime_error naming file, episode, dataset and reason. Files are
+// read by libhdf5 in a process of its own, because it trusts what it reads; they are written in
+// this one, from one thread at a time.
 
-/// Writes episodes as they come. Each is flushed: a process that is killed leaves a file with all
-/// episodes appended before.
+/// Writes episodes as they come. Each is flushed and only then named: a process that is killed at
+/// any moment leaves a file with all episodes appended before.
 class RobomimicWriter {
  public:
   /// Creates the file, replacing any.
@@ -96,8 +98,9 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
 /// Opens a file written here or by others. Episodes come in the order of their numbers. A state is
 /// all vector-valued obs datasets one after another, by `offset` where all have one, else by name;
 /// those of more than two dimensions (images) are left out. Without next_obs the state after the
-/// last control is not in the file, and that control is left out. Without `outcome`, an episode
-/// whose last done is 1 completed. A `filter_key` leaves the episodes that mask/FILTER_KEY names.
+/// last control is not in the file, and that control is left out. An episode at the end that was
+/// cut off with its writer is left out, which note() says. Without `outcome`, an episode whose last
+/// done is 1 completed. A `filter_key` leaves the episodes that mask/FILTER_KEY names.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenRobomimic(
     const std::filesystem::path& path, const std::string& filter_key = "");
 /// Reads all of it.

@@ -17,10 +17,12 @@ namespace dfr::imitation {
 // On top of the format, episodes have the attribute `outcome`, and datasets of a group of
 // observations their `offset` within the state; other readers ignore them.
 //
-// The functions below throw std::runtime_error naming file, episode, dataset and reason. libhdf5 is
-// called from one thread at a time.
+// The functions below throw std::runtime_error naming file, episode, dataset and reason. libhdf5
+// reads in a process of its own and writes in this one, as for robomimic's files.
 
-/// Writes episodes as they come. Each is flushed, and counted in metadata.json afterwards.
+/// Writes episodes as they come. Each is flushed, and counted in metadata.json afterwards. A kill
+/// loses nothing unless it falls within the few writes that name an episode: where that matters,
+/// record with RobomimicWriter, which has a second list of names, and convert.
 class MinariWriter {
  public:
   /// Creates the folder, replacing its data.

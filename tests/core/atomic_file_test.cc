@@ -1,0 +1,198 @@
+#include "dfr/core/atomic_file.h"
+
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+
+namespace dfr::core {
+namespace {
+
+using testing::HasSubstr;
+
+class AtomicFileTest : public testing::Test {
+ protected:
+  AtomicFileTest()
+      : folder_(std::filesystem::path(testing::TempDir()) /
+                (std::string("atomic_file_") + std::to_string(getpid()) + "_" +
+                 testing::UnitTest::GetInstance()->current_test_info()->name())) {
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directories(folder_);
+  }
+  ~AtomicFileTest() override { std::filesystem::remove_all(folder_); }
+
+  static std::string Content(const std::filesystem::path& path) {
+    std::ifstream in(path, std::ios::binary);
+    std::ostringstream bytes;
+    bytes << in.rdbuf();
+    return bytes.str();
+  }
+  static mode_t ModeOf(const std::filesystem::path& path) {
+    struct stat found {};
+    EXPECT_EQ(stat(path.c_str(), &found), 0);
+    return found.st_mode & 07777;
+  }
+  static std::string Error(const std::function<void()>& call) {
+    try {
+      call();
+    } catch (const std::runtime_error& e) {
+      return e.what();
+    }
+    return "no error";
+  }
+  // Nothing but these files: no temporary one stays.
+  void ExpectOnly(std::ptrdiff_t files) const {
+    EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_), {}), files);
+  }
+
+  std::filesystem::path folder_;
+};
+
+TEST_F(AtomicFileTest, ReplacesTheWholeContent) {
+  const auto path = folder_ / "file";
+  ReplaceFile(path, std::string(100'000, 'a'));
+  ReplaceFile(path, std::string("b\0c", 3));
+  EXPECT_EQ(Content(path), std::string("b\0c", 3));
+  ExpectOnly(1);
+}
+
+TEST_F(AtomicFileTest, WithoutCommitNothingHappens) {
+  const auto path = folder_ / "file";
+  ReplaceFile(path, "before");
+  {
+    AtomicFile file(path);
+    file.Write("after");
+    EXPECT_EQ(Content(path), "before");
+  }
+  EXPECT_EQ(Content(path), "before");
+  ExpectOnly(1);
+}
+
+TEST_F(AtomicFileTest, ASymbolicLinkStaysOne) {
+  const auto target = folder_ / "target";
+  const auto link = folder_ / "link";
+  ReplaceFile(target, "before");
+  std::filesystem::create_symlink("target", link);  // relative to the link's folder
+  std::filesystem::create_symlink(link, folder_ / "second");
+  ReplaceFile(folder_ / "second", "after");
+  EXPECT_TRUE(std::filesystem::is_symlink(link));
+  EXPECT_TRUE(std::filesystem::is_symlink(folder_ / "second"));
+  EXPECT_FALSE(std::filesystem::is_symlink(target));
+  EXPECT_EQ(Content(target), "after");
+  ExpectOnly(3);
+}
+
+TEST_F(AtomicFileTest, ALinkToNothingMakesWhatItNames) {
+  std::filesystem::create_symlink("new", folder_ / "link");
+  ReplaceFile(folder_ / "link", "made");
+  EXPECT_EQ(Content(folder_ / "new"), "made");
+  EXPECT_TRUE(std::filesystem::is_symlink(folder_ / "link"));
+}
+
+TEST_F(AtomicFileTest, ALinkToItselfIsAnError) {
+  std::filesystem::create_symlink("b", folder_ / "a");
+  std::filesystem::create_symlink("a", folder_ / "b");
+  EXPECT_THAT(Error([&] { ReplaceFile(folder_ / "a", "x"); }), HasSubstr("cannot be written"));
+  ExpectOnly(2);
+}
+
+TEST_F(AtomicFileTest, TheModeIsKept) {
+  const auto path = folder_ / "file";
+  ReplaceFile(path, "before");
+  for (const mode_t mode : {0600U, 0640U, 0664U, 0755U}) {
+    ASSERT_EQ(chmod(path.c_str(), mode), 0);
+    ReplaceFile(path, "after");
+    EXPECT_EQ(ModeOf(path), mode);
+  }
+}
+
+TEST_F(AtomicFileTest, ANewFileHasTheModeThatTheUmaskLeaves) {
+  const mode_t before = umask(0027);
+  ReplaceFile(folder_ / "file", "x");
+  umask(before);
+  EXPECT_EQ(ModeOf(folder_ / "file"), 0640U);
+}
+
+TEST_F(AtomicFileTest, ADeviceIsWrittenTo) {
+  const auto link = folder_ / "null";
+  std::filesystem::create_symlink("/dev/null", link);
+  ReplaceFile(link, "gone");
+  EXPECT_TRUE(std::filesystem::is_symlink(link));
+  EXPECT_TRUE(std::filesystem::is_character_file("/dev/null"));
+  EXPECT_THAT(Error([] { ReplaceFile("/dev/full", "too much"); }),
+              testing::AllOf(HasSubstr("/dev/full"), HasSubstr("No space left")));
+  EXPECT_TRUE(std::filesystem::is_character_file("/dev/full"));
+}
+
+// As a shell's redirection leaves it: a rename would leave the shell with a file that is gone.
+TEST_F(AtomicFileTest, AnOpenFileIsWrittenTo) {
+  const auto path = folder_ / "redirected";
+  const int out = open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
+  ASSERT_GE(out, 0);
+  ReplaceFile("/proc/self/fd/" + std::to_string(out), "first ");
+  ASSERT_EQ(lseek(out, 0, SEEK_END), 6);
+  ASSERT_EQ(write(out, "then", 4), 4);
+  close(out);
+  EXPECT_EQ(Content(path), "first then");
+}
+
+TEST_F(AtomicFileTest, APipeIsWrittenTo) {
+  const auto path = folder_ / "pipe";
+  ASSERT_EQ(mkfifo(path.c_str(), 0600), 0);
+  const int reader = open(path.c_str(), O_RDONLY | O_NONBLOCK);
+  ASSERT_GE(reader, 0);
+  ReplaceFile(path, "through");
+  std::array<char, 16> buffer{};
+  EXPECT_EQ(read(reader, buffer.data(), buffer.size()), 7);
+  EXPECT_EQ(std::string(buffer.data()), "through");
+  close(reader);
+  EXPECT_TRUE(std::filesystem::is_fifo(path));
+}
+
+TEST_F(AtomicFileTest, FoldersAndMissingFoldersAreErrors) {
+  EXPECT_THAT(Error([&] { ReplaceFile(folder_, "x"); }), HasSubstr("Is a directory"));
+  EXPECT_THAT(Error([&] { ReplaceFile(folder_ / "no" / "file", "x"); }),
+              testing::AllOf(HasSubstr("no/file"), HasSubstr("No such file")));
+}
+
+TEST_F(AtomicFileTest, AReadOnlyFileIsNotReplaced) {
+  if (geteuid() == 0) GTEST_SKIP() << "root may write every file";
+  const auto path = folder_ / "file";
+  ReplaceFile(path, "before");
+  ASSERT_EQ(chmod(path.c_str(), 0444), 0);
+  EXPECT_THAT(Error([&] { ReplaceFile(path, "after"); }), HasSubstr("Permission denied"));
+  EXPECT_EQ(Content(path), "before");
+}
+
+// A limit on file sizes stands in for a full disk, at every place within the file.
+TEST_F(AtomicFileTest, AFullDiskLeavesWhatWasThere) {
+  const auto path = folder_ / "file";
+  ReplaceFile(path, "before");
+  rlimit unlimited{};
+  getrlimit(RLIMIT_FSIZE, &unlimited);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  for (const rlim_t size : {0U, 1U, 99U}) {
+    const rlimit small{size, unlimited.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &small);
+    const std::string error = Error([&] { ReplaceFile(path, std::string(100, 'x')); });
+    setrlimit(RLIMIT_FSIZE, &unlimited);
+    EXPECT_THAT(error, HasSubstr("cannot be written")) << size;
+    EXPECT_EQ(Content(path), "before") << size;
+    ExpectOnly(1);
+  }
+  std::signal(SIGXFSZ, handler);
+}
+
+}  // namespace
+}  // namespace dfr::core

@@ -1,0 +1,32 @@
+// Guards with a right checksum around values from anywhere: what loads keeps its promises.
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <stdexcept>
+#include <vector>
+
+#include "dfr/safety/guard.h"
+#include "tests/fuzz/input_file.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view input = dfr::fuzz::AsText(data, size);
+  const std::int64_t version = 1 + (size > 0 ? data[0] % 3 : 0);
+  const std::string_view values = input.substr(std::min<std::size_t>(1, size));
+  try {
+    auto guard = dfr::safety::Guard::Load(
+        dfr::fuzz::InputFile(dfr::fuzz::Archive("guard", version, values)));
+    std::vector<double> state(static_cast<std::size_t>(guard.state_dim()), 0.1);
+    std::vector<double> action(static_cast<std::size_t>(guard.action_dim()), 0.2);
+    std::vector<double> safe(action.size());
+    guard.Reset(1);
+    const double limit = guard.model().settings().action_limit;
+    for (int t = 0; t < 3; ++t) {
+      static_cast<void>(guard.Filter(t, state, action, safe));
+      for (const double entry : safe) {
+        if (!(std::abs(entry) <= limit)) std::abort();
+      }
+    }
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
+  }
+  return 0;
+}

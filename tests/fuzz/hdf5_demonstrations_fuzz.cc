@@ -1,0 +1,20 @@
+// Demonstrations in HDF5. libhdf5 reads in a process of its own, which may crash: ours may not.
+#include <algorithm>
+#include <cstdlib>
+#include <stdexcept>
+
+#include "dfr/imitation/demonstrations.h"
+#include "tests/fuzz/input_file.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  try {
+    const auto reader =
+        dfr::imitation::OpenDemonstrations(dfr::fuzz::InputFile(dfr::fuzz::AsText(data, size)));
+    for (int i = 0; i < std::min(reader->num_episodes(), 3); ++i) {
+      const auto episode = reader->Read(i);
+      if (!episode.states.allFinite() || !episode.controls.allFinite()) std::abort();
+    }
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
+  }
+  return 0;
+}

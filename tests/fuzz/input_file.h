@@ -1,0 +1,51 @@
+#pragma once
+
+#include <unistd.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace dfr::fuzz {
+
+/// A file with the given content, for readers that take a path. The same one for the whole process.
+inline std::filesystem::path InputFile(std::string_view bytes) {
+  static const std::filesystem::path path =
+      std::filesystem::temp_directory_path() / ("dfr_fuzz_" + std::to_string(getpid()));
+  static const bool registered = std::atexit([] {
+                                   std::error_code ignored;
+                                   std::filesystem::remove(path, ignored);
+                                 }) == 0;
+  static_cast<void>(registered);
+  std::ofstream(path, std::ios::binary | std::ios::trunc)
+      .write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  return path;
+}
+
+inline std::string_view AsText(const std::uint8_t* data, std::size_t size) {
+  return size == 0 ? std::string_view()
+                   : std::string_view(reinterpret_cast<const char*>(data), size);
+}
+
+/// An archive of this kind and version around values from anywhere: its checksum is right, so that
+/// what is behind it is reached (see libs/core/src/archive.cc).
+inline std::string Archive(std::string_view kind, std::int64_t version, std::string_view values) {
+  const auto number = [](auto value) {
+    return std::string(reinterpret_cast<const char*>(&value), sizeof value);
+  };
+  std::string bytes("dfr\x1a\r\n\x01\n");
+  bytes += number(static_cast<std::uint64_t>(kind.size()));
+  bytes += kind;
+  bytes += number(version);
+  bytes += values;
+  std::uint64_t hash = 0xcbf29ce484222325u;
+  for (const char c : bytes) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+  return bytes + number(hash);
+}
+
+}  // namespace dfr::fuzz

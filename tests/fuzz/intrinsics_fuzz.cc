@@ -1,0 +1,13 @@
+// Calibrations of cameras.
+#include <stdexcept>
+
+#include "dfr/hardware/intrinsics_file.h"
+#include "tests/fuzz/input_file.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  try {
+    dfr::hardware::ReadIntrinsics(dfr::fuzz::InputFile(dfr::fuzz::AsText(data, size))).Check();
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
+  }
+  return 0;
+}

@@ -1,0 +1,20 @@
+// Policies with a right checksum around values from anywhere.
+#include <algorithm>
+#include <stdexcept>
+#include <vector>
+
+#include "dfr/imitation/mlp_policy.h"
+#include "tests/fuzz/input_file.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view values = dfr::fuzz::AsText(data, size);
+  try {
+    const auto policy = dfr::imitation::MlpPolicy::Load(
+        dfr::fuzz::InputFile(dfr::fuzz::Archive("mlp-policy", 1, values)));
+    const std::vector<double> state(static_cast<std::size_t>(policy.state_dim()), 0.1);
+    std::vector<double> control(static_cast<std::size_t>(policy.control_dim()));
+    policy.Control(0, state, control);
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
+  }
+  return 0;
+}
