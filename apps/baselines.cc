@@ -210,7 +210,8 @@ Teaching TeachMlp(const imitation::DemonstrationSet& like,
   imitation::DemonstrationSet empty{.layout = like.layout,
                                     .control_dim = like.control_dim,
                                     .environment = like.environment,
-                                    .trajectories = {}};
+                                    .trajectories = {},
+                                    .note = {}};
   teaching.learn = [empty = std::move(empty), options](
                        std::span<const core::Trajectory> demonstrations, std::uint64_t seed) {
     imitation::DemonstrationSet set = empty;

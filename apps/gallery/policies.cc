@@ -61,7 +61,8 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
   imitation::DemonstrationSet set{.layout = task.plant->layout(),
                                   .control_dim = task.plant->control_dim(),
                                   .environment = task.name,
-                                  .trajectories = {demonstrations.begin(), demonstrations.end()}};
+                                  .trajectories = {demonstrations.begin(), demonstrations.end()},
+                                  .note = {}};
   const bool weak = name == "weak";
   auto learned = std::make_shared<imitation::MlpPolicy>(
       imitation::FitMlp(set, {.hidden = weak ? task.weak_hidden : task.hidden,

@@ -288,13 +288,6 @@ int Main(int argc, char** argv) {
   AddRender(app, render);
   AddView(app, view);
 
-  const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
-  if (argc > 1 && argv[1][0] != '-' &&
-      std::none_of(commands.begin(), commands.end(),
-                   [&](const CLI::App* known) { return known->get_name() == argv[1]; })) {
-    throw std::invalid_argument("there is no command '" + std::string(argv[1]) +
-                                "'; pusher --help lists them");
-  }
   dfr::apps::CheckNumbers(app);
   return experiment::Parse(app, argc, argv).value_or(EXIT_SUCCESS);
 }

@@ -30,7 +30,8 @@ LearnedModel Learn(const std::string& name, const core::SimulatedPlant& plant,
   imitation::DemonstrationSet set{.layout = plant.layout(),
                                   .control_dim = plant.control_dim(),
                                   .environment = name,
-                                  .trajectories = std::move(demonstrations)};
+                                  .trajectories = std::move(demonstrations),
+                                  .note = {}};
   const imitation::FitMlpOptions fit{.hidden = {8}, .epochs = 10, .seed = seed};
   imitation::MlpPolicy policy = imitation::FitMlp(set, fit);
   safety::TaskModel task(set.layout, set.trajectories, options);

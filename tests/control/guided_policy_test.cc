@@ -38,15 +38,23 @@ GuidedOptions Certified(CertificateKind kind, double gain, double direction_erro
   return options;
 }
 
-// What goes up by itself.
-std::vector<core::Trajectory> Rising() {
+// What is off the middle goes further by itself; controls bring it back all the same.
+std::vector<core::Trajectory> Toppling() {
   auto demonstrations = Rightwards();
   for (core::Trajectory& demonstration : demonstrations) {
     for (Eigen::Index t = 0; t < demonstration.controls.rows(); ++t) {
-      demonstration.controls(t, 1) -= 0.3;
+      demonstration.controls(t, 1) -= 0.9 * demonstration.states(t, 1);
     }
   }
   return demonstrations;
+}
+// In features as wide as whitened ones, and MovingDisk() in these.
+core::FeatureTransform Tenfold() {
+  return {core::FeatureSelection::All(2), Eigen::Vector2d::Zero(),
+          10.0 * core::Matrix::Identity(2, 2)};
+}
+test::GaussianSupport TenfoldDisk() {
+  return {{{0.0, 0.0}}, 0.04, 0.5, {10.0 * kSpeed, 0.0}, kSteps + 1};
 }
 
 constexpr std::array kCertificates = {CertificateKind::kLipschitz, CertificateKind::kRadius,
@@ -345,9 +353,9 @@ TEST_F(GuidedPolicySlackTest, ARecoveryThatStaysOutsideDoesWhatDemonstrationsDid
 }
 
 TEST(GuidedModelTest, SaysWhetherFeaturesMoveByThemselves) {
-  const auto support = MovingDisk();
-  EXPECT_FALSE(GuidedModel(Identity(), support, Rightwards()).own_motion());
-  EXPECT_TRUE(GuidedModel(Identity(), support, Rising()).own_motion());
+  const auto support = TenfoldDisk();
+  EXPECT_FALSE(GuidedModel(Tenfold(), support, Rightwards()).own_motion());
+  EXPECT_TRUE(GuidedModel(Tenfold(), support, Toppling()).own_motion());
 }
 
 TEST(GuidedModelTest, SlackIsWhatUnseenDemonstrationsNeed) {
@@ -554,7 +562,8 @@ std::vector<double> Trace(const core::Policy& policy, const GuidedModel& model,
 
 TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
   const auto support = MovingDisk();
-  const GuidedModel rising(Identity(), support, Rising());
+  const auto tenfold = TenfoldDisk();
+  const GuidedModel toppling(Tenfold(), tenfold, Toppling());
   const GuidedModel model(Identity(), support, Rightwards());
   const GuidedModel sideless(Identity(), support, Sideless());
   const auto along = test::ConstantPolicy(2, kSpeed);
@@ -564,7 +573,7 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
     SCOPED_TRACE(part);
     const auto trace = [&](const GuidedOptions& options) -> std::vector<double> {
       if (part == "filter") return Trace(along, model, options, {0.0, 0.38}, 1);
-      if (part == "own-motion") return Trace(along, rising, options, {0.0, 0.38}, 1);
+      if (part == "own-motion") return Trace(along, toppling, options, {0.0, 0.38}, 1);
       if (part == "smoothing") return Trace(along, model, options, {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1);
       if (part == "lag") return Trace(along, model, options, {0.0, 0.38}, 4, 0.0, 0.0, 1);
       if (part == "probing") return Trace(along, sideless, options, {0.0, 0.35}, 1);

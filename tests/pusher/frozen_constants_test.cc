@@ -38,8 +38,6 @@ std::map<std::string, double> InTheCode() {
   const sim::PusherOptions scene;
   const imitation::LocallyWeightedOptions lwr;
   return {{"GuidedOptions::iterations", guided.iterations},
-          {"GuidedOptions::share", guided.share},
-          {"GuidedOptions::margin", guided.margin},
           {"GuidedOptions::reach", guided.reach},
           {"GuidedOptions::patience", guided.patience},
           {"GuidedOptions::probe_size", guided.probe_size},
@@ -49,6 +47,8 @@ std::map<std::string, double> InTheCode() {
           {"GuidedModelOptions::slack", model.slack},
           {"GuidedModelOptions::control_window", model.control_window},
           {"JacobianOptions::ridge", jacobian.ridge},
+          {"JacobianOptions::motion_ridge", jacobian.motion_ridge},
+          {"JacobianOptions::slope_ridge", jacobian.slope_ridge},
           {"JacobianOptions::prior_weight", jacobian.prior_weight},
           {"JacobianOptions::window", jacobian.window},
           {"JacobianOptions::max_per_step", jacobian.max_per_step},

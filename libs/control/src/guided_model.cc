@@ -18,7 +18,7 @@ double Quantile(std::vector<double>& values, double q) {
   return values[below] + (position - static_cast<double>(below)) * (values[above] - values[below]);
 }
 
-// Of what controls alone leave unexplained in demonstrations that were left out, the share that
+// The share of what controls alone leave unexplained, in demonstrations that were left out, that
 // remains with an own motion.
 double WithOwnMotion(std::span<const core::Matrix> points, std::span<const core::Matrix> controls,
                      const JacobianOptions& options) {

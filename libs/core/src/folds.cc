@@ -1,8 +1,8 @@
 #include "dfr/core/folds.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -23,7 +23,9 @@ std::uint64_t Add(std::uint64_t hash, const Matrix& values) {
       hash, {static_cast<std::uint64_t>(values.rows()), static_cast<std::uint64_t>(values.cols())});
   for (Eigen::Index i = 0; i < values.size(); ++i) {
     // FNV-1a in words, and a step that brings high bits down.
-    hash = (hash ^ std::bit_cast<std::uint64_t>(values.data()[i])) * 0x100000001b3ULL;
+    std::uint64_t bits = 0;
+    std::memcpy(&bits, values.data() + i, sizeof(bits));
+    hash = (hash ^ bits) * 0x100000001b3ULL;
     hash ^= hash >> 29U;
   }
   return DeriveSeed(hash, {});

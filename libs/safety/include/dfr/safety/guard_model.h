@@ -43,7 +43,7 @@ struct GuardSettings {
   int max_actions = 1200;     ///< Actions of any kind, > 0; the guard then halts.
   double action_limit = 1.0;  ///< Each entry of an applied action is within +- this, > 0.
   double alarm_level = 0.2;   ///< Alarm where l, the log form of g, falls below - this.
-  /// Of kCertified, eps >= 0 of |dz - J u| <= eps |u|: what the answer of the whitened features to
+  /// For kCertified: eps >= 0 of |dz - J u| <= eps |u|: what the answer of the whitened features to
   /// an action may differ from the predicted one, per unit of action. 0: not known.
   double direction_error = 0.0;
 };
