@@ -49,12 +49,12 @@ std::vector<core::Trajectory> Toppling() {
   return demonstrations;
 }
 // In features as wide as whitened ones, and MovingDisk() in these.
-core::FeatureTransform Tenfold() {
+core::FeatureTransform Thirtyfold() {
   return {core::FeatureSelection::All(2), Eigen::Vector2d::Zero(),
-          10.0 * core::Matrix::Identity(2, 2)};
+          30.0 * core::Matrix::Identity(2, 2)};
 }
-test::GaussianSupport TenfoldDisk() {
-  return {{{0.0, 0.0}}, 0.04, 0.5, {10.0 * kSpeed, 0.0}, kSteps + 1};
+test::GaussianSupport ThirtyfoldDisk() {
+  return {{{0.0, 0.0}}, 4.0 / 900.0, 0.5, {30.0 * kSpeed, 0.0}, kSteps + 1};
 }
 
 constexpr std::array kCertificates = {CertificateKind::kLipschitz, CertificateKind::kRadius,
@@ -353,9 +353,9 @@ TEST_F(GuidedPolicySlackTest, ARecoveryThatStaysOutsideDoesWhatDemonstrationsDid
 }
 
 TEST(GuidedModelTest, SaysWhetherFeaturesMoveByThemselves) {
-  const auto support = TenfoldDisk();
-  EXPECT_FALSE(GuidedModel(Tenfold(), support, Rightwards()).own_motion());
-  EXPECT_TRUE(GuidedModel(Tenfold(), support, Toppling()).own_motion());
+  const auto support = ThirtyfoldDisk();
+  EXPECT_FALSE(GuidedModel(Thirtyfold(), support, Rightwards()).own_motion());
+  EXPECT_TRUE(GuidedModel(Thirtyfold(), support, Toppling()).own_motion());
 }
 
 TEST(GuidedModelTest, SlackIsWhatUnseenDemonstrationsNeed) {
@@ -562,8 +562,8 @@ std::vector<double> Trace(const core::Policy& policy, const GuidedModel& model,
 
 TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
   const auto support = MovingDisk();
-  const auto tenfold = TenfoldDisk();
-  const GuidedModel toppling(Tenfold(), tenfold, Toppling());
+  const auto thirtyfold = ThirtyfoldDisk();
+  const GuidedModel toppling(Thirtyfold(), thirtyfold, Toppling());
   const GuidedModel model(Identity(), support, Rightwards());
   const GuidedModel sideless(Identity(), support, Sideless());
   const auto along = test::ConstantPolicy(2, kSpeed);

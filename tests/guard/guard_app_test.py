@@ -160,7 +160,7 @@ class GuardAppTest(unittest.TestCase):
             (replace("actions", data=np.array([b"a", b"b"])), "data/demo_3/actions: is not numeric"),
             (replace("actions", shape=(2**40, 2), dtype="f8", chunks=(1024, 2)), "claims 1099511627776 x 2 entries"),
             (replace("actions", shape=(0, 2), dtype="f8"), "data/demo_3/actions: has 0 rows"),
-            (outside, "data/demo_3/actions: is not a dataset"),
+            (outside, "data/demo_3/actions: is a link to another file"),
             (cycle, "groups within groups"),
             (lambda file: file["data/demo_3"].attrs.create("num_samples", "many"), "num_samples is not an integer"),
             (lambda file: file.__delitem__("data"), "holds no episode"),

@@ -143,7 +143,7 @@ class OcsvmTest(unittest.TestCase):
                 (["train", self.path / "none.csv", model], "none.csv: cannot be opened"),
                 (["train", self.path / "broken.csv", model], "broken.csv:2: an entry must be a finite number"),
                 (["train", "-n", 0, data, model], "nu must lie in (0, 1]"),
-                (["train", data, self.path / "no" / "model"], "cannot be written"),
+                (["train", data, self.path / "no" / "model"], "cannot be created"),
                 (["predict", data, data, model], "data.csv:1: unknown key"),
                 (["tune", "-l", 7, data], "no whole number of demonstrations of 7")]:
             result = run(*arguments)

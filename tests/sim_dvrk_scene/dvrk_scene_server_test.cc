@@ -202,7 +202,7 @@ TEST_F(DvrkSceneServerTest, WhatCannotBeDoneIsAnsweredWithTheReason) {
   EXPECT_THAT(Ask("reset -1"), StartsWith("error: the seed"));
   EXPECT_THAT(Ask("run soon"), StartsWith("error: the time to run must be a number, not 'soon'"));
   EXPECT_THAT(Ask("run -1"), StartsWith("error: the time to run must lie in [0, 60] s"));
-  EXPECT_THAT(Ask("run nan"), StartsWith("error: the time to run must lie in"));
+  EXPECT_THAT(Ask("run nan"), StartsWith("error: the time to run must be a number, not 'nan'"));
   EXPECT_THAT(Ask("run 0.01 2"), StartsWith("error: only 0 of 2 commands have come"));
   EXPECT_THAT(Ask("look"), StartsWith("error: there is no camera"));
   EXPECT_THAT(Ask("fault dust 1"), HasSubstr("there is no fault 'dust'; there are: delay"));

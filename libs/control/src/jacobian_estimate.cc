@@ -390,11 +390,11 @@ void JacobianEstimate::AddDemonstrations() noexcept {
   const Eigen::Index moves = motion_rows_;
   const Eigen::Index v = n + 1;  // In the sums; then the changes.
   // The lower triangle is enough.
-  a_.topLeftCorner(moves, moves) += sums.topLeftCorner(moves, moves).cast<double>();
-  a_.bottomLeftCorner(m, moves) += sums.block(v, 0, m, moves).cast<double>();
-  a_.bottomRightCorner(m, m) += sums.block(v, v, m, m).cast<double>();
-  b_.topRows(moves) += sums.block(0, v + m, moves, n).cast<double>();
-  b_.bottomRows(m) += sums.block(v, v + m, m, n).cast<double>();
+  a_.topLeftCorner(moves, moves) += sums.topLeftCorner(moves, moves);
+  a_.bottomLeftCorner(m, moves) += sums.block(v, 0, m, moves);
+  a_.bottomRightCorner(m, m) += sums.block(v, v, m, m);
+  b_.topRows(moves) += sums.block(0, v + m, moves, n);
+  b_.bottomRows(m) += sums.block(v, v + m, m, n);
 }
 
 void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
@@ -434,7 +434,7 @@ bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
   const Eigen::Index n = jacobian_.rows();
   const Eigen::Index m = jacobian_.cols();
   if (!has_sums_ || !prior_->has_controls()) return false;
-  a_demo_ = sums.topLeftCorner(n + 1, n + 1).cast<double>();
+  a_demo_ = sums.topLeftCorner(n + 1, n + 1);
   const double weight = a_demo_(n, n);
   if (!(weight > 0.0)) return false;
   a_demo_.diagonal().head(n).array() += kRidge * weight;
@@ -443,9 +443,8 @@ bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
   unit_.setZero();
   unit_(n, 0) = 1.0;
   cholesky_demo_.solveInPlace(unit_);
-  v.noalias() = sums.block(0, n + 1, n + 1, m).cast<double>().transpose().lazyProduct(unit_.col(0));
-  wanted_.noalias() =
-      sums.block(0, n + 1 + m, n + 1, n).cast<double>().transpose().lazyProduct(unit_.col(0));
+  v.noalias() = sums.block(0, n + 1, n + 1, m).transpose().lazyProduct(unit_.col(0));
+  wanted_.noalias() = sums.block(0, n + 1 + m, n + 1, n).transpose().lazyProduct(unit_.col(0));
   wanted_ -= own_motion_;
   if (drifts_) wanted_ -= Time(v.norm()) * drift_;
   h_.noalias() = jacobian_.transpose().lazyProduct(jacobian_);

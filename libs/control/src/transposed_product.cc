@@ -9,8 +9,9 @@ namespace dfr::control::internal::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 void Product(const float* left, std::size_t n_left, const float* right, std::size_t n_right,
-             std::size_t rows, float* sums) {
-  const hn::CappedTag<float, kRightWidth> d;
+             std::size_t rows, double* sums) {
+  const hn::CappedTag<double, kRightWidth> d;
+  const hn::Rebind<float, decltype(d)> narrow;
   using V = hn::Vec<decltype(d)>;
   const std::size_t lanes = hn::Lanes(d);
   // kLeftWidth rows of sums at a time keep their sums in registers, and the multipliers busy.
@@ -27,17 +28,17 @@ void Product(const float* left, std::size_t n_left, const float* right, std::siz
       const float* a = left + first;
       const float* b = right + column;
       for (std::size_t i = 0; i < rows; ++i, a += n_left, b += n_right) {
-        const V x = hn::LoadU(d, b);
-        s0 = hn::MulAdd(hn::Set(d, a[0]), x, s0);
-        s1 = hn::MulAdd(hn::Set(d, a[1]), x, s1);
-        s2 = hn::MulAdd(hn::Set(d, a[2]), x, s2);
-        s3 = hn::MulAdd(hn::Set(d, a[3]), x, s3);
-        s4 = hn::MulAdd(hn::Set(d, a[4]), x, s4);
-        s5 = hn::MulAdd(hn::Set(d, a[5]), x, s5);
-        s6 = hn::MulAdd(hn::Set(d, a[6]), x, s6);
-        s7 = hn::MulAdd(hn::Set(d, a[7]), x, s7);
+        const V x = hn::PromoteTo(d, hn::LoadU(narrow, b));
+        s0 = hn::MulAdd(hn::Set(d, static_cast<double>(a[0])), x, s0);
+        s1 = hn::MulAdd(hn::Set(d, static_cast<double>(a[1])), x, s1);
+        s2 = hn::MulAdd(hn::Set(d, static_cast<double>(a[2])), x, s2);
+        s3 = hn::MulAdd(hn::Set(d, static_cast<double>(a[3])), x, s3);
+        s4 = hn::MulAdd(hn::Set(d, static_cast<double>(a[4])), x, s4);
+        s5 = hn::MulAdd(hn::Set(d, static_cast<double>(a[5])), x, s5);
+        s6 = hn::MulAdd(hn::Set(d, static_cast<double>(a[6])), x, s6);
+        s7 = hn::MulAdd(hn::Set(d, static_cast<double>(a[7])), x, s7);
       }
-      float* out = sums + first * n_right + column;
+      double* out = sums + first * n_right + column;
       hn::StoreU(s0, d, out);
       hn::StoreU(s1, d, out + n_right);
       hn::StoreU(s2, d, out + 2 * n_right);
@@ -59,7 +60,7 @@ namespace dfr::control::internal {
 HWY_EXPORT(Product);
 
 void TransposedProduct(const float* left, std::size_t n_left, const float* right,
-                       std::size_t n_right, std::size_t rows, float* sums) noexcept {
+                       std::size_t n_right, std::size_t rows, double* sums) noexcept {
   HWY_DYNAMIC_DISPATCH(Product)(left, n_left, right, n_right, rows, sums);
 }
 

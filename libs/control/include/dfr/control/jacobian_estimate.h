@@ -62,13 +62,13 @@ class JacobianPrior {
     Eigen::VectorXf weights;
     Eigen::VectorXf left;
     Eigen::VectorXf right;
-    Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> sums;
+    core::Matrix sums;
   };
   [[nodiscard]] Workspace MakeWorkspace() const;
   /// sum w r r[0:n + 1 + m]' over transitions near time step `t`, those of its last one where
   /// demonstrations end before, r = [z_i - z; 1; v_i; dz_i], as the leading rows and columns of
-  /// `workspace.sums`; w falls with the distance to `z` and sums to prior_weight. Sums are in
-  /// single precision, which leaves J to about 1e-6. @returns false if there is no transition.
+  /// `workspace.sums`; w falls with the distance to `z` and sums to prior_weight. What is
+  /// summed is in single precision. @returns false if there is no transition.
   bool Sums(int t, std::span<const double> z, Workspace& workspace) const noexcept;
 
  private:
