@@ -225,7 +225,7 @@ JacobianPrior::Workspace JacobianPrior::MakeWorkspace() const {
 bool JacobianPrior::Sums(int t, std::span<const double> z, Workspace& workspace) const noexcept {
   // Weights fall with the squared distance times this, per feature. Narrower follows the nearest
   // demonstrations more closely, their noise included; wider forgets where it is.
-  constexpr float kBandwidth = 0.25F;
+  constexpr double kBandwidth = 0.25;
   const auto [first, last] = Near(t);
   const Eigen::Index rows = last - first;
   if (rows <= 0) return false;
@@ -238,8 +238,11 @@ bool JacobianPrior::Sums(int t, std::span<const double> z, Workspace& workspace)
     const auto z_k = static_cast<float>(z[static_cast<std::size_t>(k)]);
     weights += (points_.col(k).segment(first, rows).array() - z_k).square();
   }
-  weights = 1e-6F + (-kBandwidth / static_cast<float>(n) * (weights - weights.minCoeff())).exp();
-  weights *= static_cast<float>(options_.prior_weight) / weights.sum();
+  // Exponentials of floats differ between processors by more than all that is computed from them.
+  Eigen::Array<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMaxTransitions, 1> exact =
+      (weights - weights.minCoeff()).cast<double>();
+  exact = 1e-6 + (-kBandwidth / static_cast<double>(n) * exact).exp();
+  weights = (options_.prior_weight / exact.sum() * exact).cast<float>();
   // As they differ from z: sums about the origin would lose the digits that matter.
   float* left = workspace.left.data();
   float* right = workspace.right.data();
@@ -305,6 +308,7 @@ void JacobianEstimate::Reset() noexcept {
   errors_.fill(0.0);
   residual_.setZero();
   power_ = 0.0;
+  travel_ = 0.0;
   correlation_ = 0.0;
   expects_ = false;
   fresh_ = false;
@@ -324,6 +328,7 @@ void JacobianEstimate::Update(std::span<const double> z, std::span<const double>
     expected_ += wanted_;
     wanted_ = core::AsVector(dz) - wanted_;
     power_ = prior_->options().forgetting * power_ + wanted_.squaredNorm();
+    travel_ = prior_->options().forgetting * travel_ + core::AsVector(dz).squaredNorm();
     correlation_ = prior_->options().forgetting * correlation_ + wanted_.dot(residual_);
     residual_ = wanted_;
   } else {
@@ -347,7 +352,9 @@ void JacobianEstimate::Update(std::span<const double> z, std::span<const double>
 void JacobianEstimate::Smooth(Eigen::Ref<Eigen::VectorXd> z) noexcept {
   // Below this the estimate would hardly look any more.
   constexpr double kLeastGain = 0.2;
-  if (scope_.smoothing && expects_ && correlation_ < 0.0) {
+  // Residuals of less than a hundredth of what happens are rounding, and no reason to look less.
+  constexpr double kNegligible = 1e-4;
+  if (scope_.smoothing && expects_ && correlation_ < 0.0 && power_ > kNegligible * travel_) {
     const double ratio = std::max(0.0, -power_ / correlation_ - 2.0);
     const double gain = std::max(kLeastGain, (std::sqrt(ratio * (ratio + 4.0)) - ratio) / 2.0);
     z = gain * z + (1.0 - gain) * expected_;

@@ -211,6 +211,7 @@ class JacobianEstimate {
   Eigen::VectorXd residual_;  ///< Of the last Update(), or 0.
   double power_ = 0.0;        ///< Squared residuals, with forgetting,
   double correlation_ = 0.0;  ///< and their products from one to the next.
+  double travel_ = 0.0;       ///< Squared changes.
   Eigen::VectorXd expected_;  ///< The last estimate, after Update() with what was expected of it.
   bool expects_ = false;
 
