@@ -208,8 +208,8 @@ Passing CountPassing(const Methods& methods, control::CertificateKind kind, int 
   control::Certifier certifier(methods.certificate(kind), model.features().num_features(),
                                model.control_dim(), model.control_unit());
   // What a certificate assumes.
-  control::JacobianEstimate estimate(
-      model.prior(), {}, {.own_motion = false, .lag = false, .smoothing = false});
+  control::JacobianEstimate estimate(model.prior(), {},
+                                     {.own_motion = false, .lag = false, .smoothing = false});
   Passing passing;
   for (const core::Trajectory& d : methods.demonstrations()) {
     if (t >= d.controls.rows()) continue;

@@ -50,8 +50,8 @@ std::string Percent(double share) { return core::Format("%.1f %%", 100.0 * share
 
 // All that decides the results besides the plan; a ledger with others is refused.
 std::map<std::string, std::string> Settings(const ExperimentOptions& options,
-                                             const std::filesystem::path& supervisor,
-                                             const experiment::EvaluationPlan& plan) {
+                                            const std::filesystem::path& supervisor,
+                                            const experiment::EvaluationPlan& plan) {
   using experiment::Exactly;
   const ModelOptions& model = options.model;
   return {{"supervisor", supervisor.filename().string()},
@@ -364,7 +364,8 @@ void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
   TrialRunnerFactory factory = MakeFactory(options, plan, plan.methods);
   const experiment::OutputFolder folder(options);
-  const std::map<std::string, std::string> settings = Settings(options, SupervisorOf(options), plan);
+  const std::map<std::string, std::string> settings =
+      Settings(options, SupervisorOf(options), plan);
   const std::optional<experiment::ExperimentResult> found = experiment::RunExperiment(
       "pusher", plan, [&](const experiment::EvaluationUnit& unit) { return factory.Make(unit); },
       settings, options, {.seed = plan.seed});

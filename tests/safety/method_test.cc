@@ -93,8 +93,7 @@ TEST(MethodTest, UnknownNamesListWhatThereIs) {
     EXPECT_THAT(Refusal(name), HasSubstr("there are: " + MethodNames(kOthers)));
   }
   for (const std::string_view name : {"guided-without-magic", "guided-without-filter+magic"}) {
-    EXPECT_THAT(Refusal(name),
-                HasSubstr("no part 'magic'; it has: filter, reach, demonstrated"));
+    EXPECT_THAT(Refusal(name), HasSubstr("no part 'magic'; it has: filter, reach, demonstrated"));
   }
   EXPECT_THAT(Refusal("guided-without-+filter"), HasSubstr("no part ''"));
 }

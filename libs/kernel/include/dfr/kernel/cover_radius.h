@@ -12,7 +12,8 @@ namespace dfr::kernel {
 /// distances between support vectors allow: a state whose nearest one, i, is d away is at least
 /// max(d, |x_i - x_j| - d) from j, and the sum of kernels at these distances must reach
 /// rho exp(-level). O(m^2) for m support vectors.
-/// @returns 0 if no state is that deep inside. @throws std::invalid_argument if level is not finite.
+/// @returns 0 if no state is that deep inside. @throws std::invalid_argument if level is not
+/// finite.
 [[nodiscard]] double CoverRadius(const OneClassSvm& svm, double level);
 
 }  // namespace dfr::kernel

@@ -93,8 +93,8 @@ class WhitenedSupport final : public core::LogDecisionFunction {
 /// How deep inside demonstrations are that a support has not seen: l_t of each state of each
 /// demonstration under an estimate fitted without it, the largest over the time steps t -
 /// phase_window ... t + phase_window, as a controller that re-aligns its phase finds it. Whole
-/// demonstrations are left out, because the states of one are alike, in core::StratifiedFolds(): the
-/// order in which they come changes no bit. Values come in no particular order.
+/// demonstrations are left out, because the states of one are alike, in core::StratifiedFolds():
+/// the order in which they come changes no bit. Values come in no particular order.
 /// @throws as WhitenedSupport::Fit(), and std::invalid_argument if there are fewer than three
 ///   demonstrations, fewer than two folds, or phase_window is negative.
 [[nodiscard]] std::vector<double> HeldOutLevels(std::span<const core::Matrix> demonstrations,

@@ -31,8 +31,8 @@ struct Verdict {
   /// The policy's action passes unseen where g is at least this; NaN where there is no such gate.
   double threshold = std::numeric_limits<double>::quiet_NaN();
 
-  /// For kPolicy: "inside", "changed", or "outside" (passed unmodified, as a monitor does). Otherwise
-  /// "probe", "recovery", or control::Name(cause).
+  /// For kPolicy: "inside", "changed", or "outside" (passed unmodified, as a monitor does).
+  /// Otherwise "probe", "recovery", or control::Name(cause).
   [[nodiscard]] const char* reason() const noexcept;
 };
 
