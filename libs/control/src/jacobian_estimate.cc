@@ -13,6 +13,9 @@
 namespace dfr::control {
 namespace {
 
+// Squared errors below this share of the squared changes, a hundredth each, are rounding and the
+// ridge: no reason to find a lag or noise.
+constexpr double kNegligible = 1e-4;
 // Transitions that one estimate may look at.
 constexpr int kMaxTransitions = 1024;
 
@@ -321,6 +324,7 @@ void JacobianEstimate::Update(std::span<const double> z, std::span<const double>
   applied_.col(0) = core::AsVector(v);
   const double time = Time(applied_.col(0).norm());
   if (fresh_) {
+    travel_ = prior_->options().forgetting * travel_ + core::AsVector(dz).squaredNorm();
     if (scope_.lag) lag_ = FindLag(dz, time);
     wanted_ = own_motion_;
     wanted_.noalias() += jacobian_.lazyProduct(applied_.col(lag_));
@@ -328,7 +332,6 @@ void JacobianEstimate::Update(std::span<const double> z, std::span<const double>
     expected_ += wanted_;
     wanted_ = core::AsVector(dz) - wanted_;
     power_ = prior_->options().forgetting * power_ + wanted_.squaredNorm();
-    travel_ = prior_->options().forgetting * travel_ + core::AsVector(dz).squaredNorm();
     correlation_ = prior_->options().forgetting * correlation_ + wanted_.dot(residual_);
     residual_ = wanted_;
   } else {
@@ -352,8 +355,6 @@ void JacobianEstimate::Update(std::span<const double> z, std::span<const double>
 void JacobianEstimate::Smooth(Eigen::Ref<Eigen::VectorXd> z) noexcept {
   // Below this the estimate would hardly look any more.
   constexpr double kLeastGain = 0.2;
-  // Residuals of less than a hundredth of what happens are rounding, and no reason to look less.
-  constexpr double kNegligible = 1e-4;
   if (scope_.smoothing && expects_ && correlation_ < 0.0 && power_ > kNegligible * travel_) {
     const double ratio = std::max(0.0, -power_ / correlation_ - 2.0);
     const double gain = std::max(kLeastGain, (std::sqrt(ratio * (ratio + 4.0)) - ratio) / 2.0);
@@ -374,8 +375,10 @@ int JacobianEstimate::FindLag(std::span<const double> dz, double time) noexcept 
     error = prior_->options().forgetting * error + wanted_.squaredNorm();
     least = std::min(least, error);
   }
+  // What is predicted well enough is not late, whatever would be predicted better.
+  const double enough = std::max(kEvidence * least, kNegligible * travel_);
   int lag = 0;
-  while (errors_[static_cast<std::size_t>(lag)] > kEvidence * least) ++lag;
+  while (errors_[static_cast<std::size_t>(lag)] > enough) ++lag;
   return lag;
 }
 
