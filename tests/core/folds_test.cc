@@ -99,6 +99,27 @@ TEST(FoldsTest, TheOrderOfDemonstrationsChangesNothing) {
   }
 }
 
+// Another compiler or processor may round a recorded state differently.
+TEST(FoldsTest, ARoundingChangesNothing) {
+  Random random(5);
+  const auto demonstrations = Cycle(5, 12, 4);
+  auto rounded = demonstrations;
+  for (Matrix& states : rounded) {
+    for (double& x : states.reshaped()) x *= 1.0 + 1e-15 * random.Normal();
+  }
+  EXPECT_EQ(ContentOrder(rounded, 3), ContentOrder(demonstrations, 3));
+  EXPECT_EQ(StratifiedFolds(rounded, 5, 3), StratifiedFolds(demonstrations, 5, 3));
+}
+
+// All start alike, to single precision.
+TEST(FoldsTest, WhatDiffersInDoublePrecisionAloneIsStillTold) {
+  std::vector<Matrix> demonstrations;
+  for (int d = 0; d < 6; ++d) demonstrations.push_back(Matrix::Constant(2, 1, 1.0 + 1e-12 * d));
+  const std::vector<Matrix> reversed(demonstrations.rbegin(), demonstrations.rend());
+  EXPECT_EQ(Entries(Permuted(reversed, ContentOrder(reversed))),
+            Entries(Permuted(demonstrations, ContentOrder(demonstrations))));
+}
+
 TEST(FoldsTest, NoFoldHoldsAWholeCluster) {
   // d mod 5, as one would do it by hand, would put each goal into a fold of its own. Of ten each
   // fold has two, give or take one that is far from the others of its goal.

@@ -1,6 +1,7 @@
 // A program like those of apps/, of episodes that follow by hashing and take no time: for tests of
 // what runs such programs.
 #include <CLI/CLI.hpp>
+#include <atomic>
 #include <chrono>
 #include <cstdlib>
 #include <fstream>
@@ -33,7 +34,7 @@ int main(int argc, char** argv) try {
   experiment::EvaluationPlan plan = experiment::ApplyTo(test::FakePlan(), options);
   plan.demonstrations = demonstrations;
   const experiment::OutputFolder folder(options);
-  int made = 0;
+  std::atomic<int> made = 0;
   const auto found = experiment::RunExperiment(
       "fake", plan,
       [&](const experiment::EvaluationUnit& unit) {

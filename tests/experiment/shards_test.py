@@ -83,8 +83,8 @@ class ShardsTest(unittest.TestCase):
 
     def test_status_tells_how_far_it_is_and_what_failed(self):
         self.run_program("experiment", "--shard", "1/2", "--out", "run/shard-1")
-        error = self.run_program("experiment", "--shard", "2/2", "--fails-once", "failed", "--out", "run/shard-2",
-                                 fails=True)
+        error = self.run_program("experiment", "--shard", "2/2", "--fails-once", "failed", "--threads", "1",
+                                 "--out", "run/shard-2", fails=True)
         (self.folder / "run/shard-2/task.log").write_text("begun\n" + error + "\n")
         status = json.loads(self.run_program("status", "run", "--json"))
         self.assertEqual([status["done"], status["units"]], [11, 20])

@@ -1,8 +1,8 @@
 #include "dfr/core/folds.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -18,24 +18,55 @@ constexpr double kGap = 3.0;
 // States of a demonstration that tell it from others.
 constexpr int kLandmarks = 5;
 
-std::uint64_t Add(std::uint64_t hash, const Matrix& values) {
-  hash = DeriveSeed(
-      hash, {static_cast<std::uint64_t>(values.rows()), static_cast<std::uint64_t>(values.cols())});
-  for (Eigen::Index i = 0; i < values.size(); ++i) {
-    // FNV-1a in words, and a step that brings high bits down.
-    std::uint64_t bits = 0;
-    std::memcpy(&bits, values.data() + i, sizeof(bits));
-    hash = (hash ^ bits) * 0x100000001b3ULL;
-    hash ^= hash >> 29U;
+// Number i of a demonstration's entries, its numbers of rows first, then states, then controls;
+// what is not a number comes last.
+double Entry(std::span<const Matrix* const> parts, std::size_t i) {
+  if (i < parts.size()) return static_cast<double>(parts[i]->rows());
+  i -= parts.size();
+  for (const Matrix* part : parts) {
+    const auto size = static_cast<std::size_t>(part->size());
+    if (i < size) {
+      const double value = part->data()[i];
+      return std::isnan(value) ? std::numeric_limits<double>::infinity() : value;
+    }
+    i -= size;
   }
-  return DeriveSeed(hash, {});
+  return 0.0;
 }
 
-std::vector<std::size_t> ByHash(const std::vector<std::uint64_t>& hashes) {
-  std::vector<std::size_t> order(hashes.size());
+std::size_t Entries(std::span<const Matrix* const> parts) {
+  std::size_t count = parts.size();
+  for (const Matrix* part : parts) count += static_cast<std::size_t>(part->size());
+  return count;
+}
+
+// -1, 0 or 1 by the first entry that differs once both are a `Real`.
+template <typename Real>
+int Compare(std::span<const Matrix* const> a, std::span<const Matrix* const> b) {
+  constexpr double kMost = std::numeric_limits<Real>::max();
+  const std::size_t count = std::min(Entries(a), Entries(b));
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto x = static_cast<Real>(std::clamp(Entry(a, i), -kMost, kMost));
+    const auto y = static_cast<Real>(std::clamp(Entry(b, i), -kMost, kMost));
+    if (x != y) return x < y ? -1 : 1;
+  }
+  return 0;
+}
+
+// `parts_of(d)` is what demonstration d holds. The order of the entries is shuffled: neighbors in
+// it start alike, and whoever takes the first few wants any.
+template <typename PartsOf>
+std::vector<std::size_t> Order(std::size_t demonstrations, std::uint64_t seed,
+                               const PartsOf& parts_of) {
+  std::vector<std::size_t> order(demonstrations);
   std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t a, std::size_t b) { return hashes[a] < hashes[b]; });
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    const auto left = parts_of(a);
+    const auto right = parts_of(b);
+    const int coarse = Compare<float>(left, right);
+    return coarse != 0 ? coarse < 0 : Compare<double>(left, right) < 0;
+  });
+  Random(seed).Shuffle(std::span(order));
   return order;
 }
 
@@ -110,17 +141,14 @@ std::vector<std::size_t> Clusters(const Matrix& points) {
 
 std::vector<std::size_t> ContentOrder(std::span<const Trajectory> demonstrations,
                                       std::uint64_t seed) {
-  std::vector<std::uint64_t> hashes;
-  hashes.reserve(demonstrations.size());
-  for (const Trajectory& d : demonstrations) hashes.push_back(Add(Add(seed, d.states), d.controls));
-  return ByHash(hashes);
+  return Order(demonstrations.size(), seed, [&](std::size_t d) {
+    return std::array{&demonstrations[d].states, &demonstrations[d].controls};
+  });
 }
 
 std::vector<std::size_t> ContentOrder(std::span<const Matrix> demonstrations, std::uint64_t seed) {
-  std::vector<std::uint64_t> hashes;
-  hashes.reserve(demonstrations.size());
-  for (const Matrix& d : demonstrations) hashes.push_back(Add(seed, d));
-  return ByHash(hashes);
+  return Order(demonstrations.size(), seed,
+               [&](std::size_t d) { return std::array{&demonstrations[d]}; });
 }
 
 std::vector<Trajectory> InContentOrder(std::span<const Trajectory> demonstrations,
