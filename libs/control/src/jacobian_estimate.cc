@@ -83,7 +83,11 @@ JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
     }
     const std::size_t most =
         std::min<std::size_t>(moving.size(), static_cast<std::size_t>(options.max_per_step));
-    for (std::size_t i = 0; i < most; ++i) chosen.emplace_back(moving[i * moving.size() / most], t);
+    // Others than at the time step before: the window sees as many demonstrations as it can.
+    for (std::size_t i = 0; i < most; ++i) {
+      const std::size_t first = i * moving.size() / most;
+      chosen.emplace_back(moving[(first + static_cast<std::size_t>(t)) % moving.size()], t);
+    }
   }
   begin_.push_back(static_cast<int>(chosen.size()));
 
