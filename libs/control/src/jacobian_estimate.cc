@@ -223,7 +223,9 @@ JacobianPrior::Workspace JacobianPrior::MakeWorkspace() const {
   Workspace workspace;
   workspace.states = RoundUp(control_dim_, internal::kWidth);
   const int left = workspace.states + RoundUp(feature_dim_ + 1, internal::kWidth);
+  workspace.distances.setZero(largest_);
   workspace.weights.setZero(largest_);
+  workspace.z.setZero(feature_dim_);
   workspace.left.setZero(Eigen::Index{largest_} * left);
   workspace.right.setZero(Eigen::Index{largest_} * Width());
   workspace.sums.setZero(left, Width());
@@ -237,13 +239,12 @@ bool JacobianPrior::SumControls(int t, std::span<const double> z,
   constexpr double kBandwidth = 0.25;
   const auto [first, last] = Near(t);
   const Eigen::Index rows = last - first;
-  workspace.rows = last - first;
   if (rows <= 0) return false;
   const Eigen::Index n = feature_dim_;
   const Eigen::Index m = control_dim_;
   const Eigen::Index width = transitions_.cols();
   const Eigen::Index left_width = workspace.sums.rows();
-  auto distances = workspace.weights.head(rows).array();
+  auto distances = workspace.distances.head(rows).array();
   distances.setZero();
   for (Eigen::Index k = 0; k < n; ++k) {
     const auto z_k = static_cast<float>(z[static_cast<std::size_t>(k)]);
@@ -253,38 +254,46 @@ bool JacobianPrior::SumControls(int t, std::span<const double> z,
   Eigen::Array<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMaxTransitions, 1> weights =
       (distances - distances.minCoeff()).cast<double>();
   weights = 1e-6 + (-kBandwidth / static_cast<double>(n) * weights).exp();
-  weights *= options_.prior_weight / weights.sum();
-  // As they differ from z: sums about the origin would lose the digits that matter.
+  workspace.weights.head(rows) = options_.prior_weight / weights.sum() * weights;
+  const float* row = transitions_.row(first).data();
   double* left = workspace.left.data();
-  float* right = workspace.right.data();
-  for (Eigen::Index i = 0; i < rows; ++i, left += left_width, right += width) {
-    const float* row = transitions_.row(first + i).data();
-    for (Eigen::Index k = 0; k < n; ++k) {
-      right[k] = row[k] - static_cast<float>(z[static_cast<std::size_t>(k)]);
-    }
-    std::copy(row + n, row + width, right + n);
-    const double weight = weights[i];
+  for (Eigen::Index i = 0; i < rows; ++i, row += width, left += left_width) {
+    const double weight = workspace.weights[i];
     for (Eigen::Index k = 0; k < m; ++k) left[k] = weight * static_cast<double>(row[n + 1 + k]);
-    double* states = left + workspace.states;
-    for (Eigen::Index k = 0; k <= n; ++k) states[k] = weight * static_cast<double>(right[k]);
   }
+  workspace.first = first;
+  workspace.rows = last - first;
+  workspace.z = core::AsVector(z).cast<float>();
   // Most of the work of an estimate. Of r all that may follow z and 1.
   const auto begin = (static_cast<std::size_t>(n) + 1) / internal::kWidth * internal::kWidth;
-  internal::TransposedProduct(workspace.left.data(), static_cast<std::size_t>(left_width),
-                              static_cast<std::size_t>(workspace.states),
-                              workspace.right.data() + begin, static_cast<std::size_t>(width),
-                              static_cast<std::size_t>(width) - begin,
-                              static_cast<std::size_t>(rows), workspace.sums.data() + begin);
+  internal::TransposedProduct(
+      workspace.left.data(), static_cast<std::size_t>(left_width),
+      static_cast<std::size_t>(workspace.states), transitions_.row(first).data() + begin,
+      static_cast<std::size_t>(width), static_cast<std::size_t>(width) - begin,
+      static_cast<std::size_t>(rows), workspace.sums.data() + begin);
   return true;
 }
 
 void JacobianPrior::SumStates(Workspace& workspace) const noexcept {
-  const auto width = static_cast<std::size_t>(transitions_.cols());
-  const auto left_width = static_cast<std::size_t>(workspace.sums.rows());
+  const Eigen::Index n = feature_dim_;
+  const Eigen::Index width = transitions_.cols();
+  const Eigen::Index left_width = workspace.sums.rows();
+  const float* row = transitions_.row(workspace.first).data();
+  double* left = workspace.left.data() + workspace.states;
+  float* right = workspace.right.data();
+  for (int i = 0; i < workspace.rows; ++i, row += width, left += left_width, right += width) {
+    // As they differ from z: sums about the origin would lose the digits that matter.
+    for (Eigen::Index k = 0; k < n; ++k) right[k] = row[k] - workspace.z[k];
+    std::copy(row + n, row + width, right + n);
+    const double weight = workspace.weights[i];
+    for (Eigen::Index k = 0; k <= n; ++k) left[k] = weight * static_cast<double>(right[k]);
+  }
   const auto begin = static_cast<std::size_t>(workspace.states);
-  internal::TransposedProduct(
-      workspace.left.data() + begin, left_width, left_width - begin, workspace.right.data(), width,
-      width, static_cast<std::size_t>(workspace.rows), workspace.sums.data() + begin * width);
+  internal::TransposedProduct(workspace.left.data() + begin, static_cast<std::size_t>(left_width),
+                              static_cast<std::size_t>(left_width) - begin, workspace.right.data(),
+                              static_cast<std::size_t>(width), static_cast<std::size_t>(width),
+                              static_cast<std::size_t>(workspace.rows),
+                              workspace.sums.data() + begin * static_cast<std::size_t>(width));
 }
 
 JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,

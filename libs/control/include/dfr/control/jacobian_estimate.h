@@ -20,7 +20,7 @@ struct JacobianOptions {
   double slope_ridge = 10.0;   ///< Pulls its slopes to zero, > 0.
   double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
   int window = 5;              ///< Transitions of the time steps t - window ... t + window count.
-  int max_per_step = 12;       ///< Most transitions kept of one time step: bounds the time.
+  int max_per_step = 24;       ///< Most transitions kept of one time step: bounds the time.
   double forgetting = 0.93;    ///< Weight that an applied control keeps at the next, in [0, 1).
 };
 
@@ -61,10 +61,13 @@ class JacobianPrior {
   /// weights w that fall with the distance to z and sum to prior_weight. To be made by
   /// MakeWorkspace().
   struct Workspace {
-    Eigen::VectorXf weights;
+    Eigen::VectorXf z;
+    int first = 0;  ///< Transition,
+    int rows = 0;   ///< and how many of them.
+    Eigen::VectorXf distances;
+    Eigen::VectorXd weights;
     Eigen::VectorXd left;   ///< w [v_i; z_i - z; 1], row by row.
     Eigen::VectorXf right;  ///< r, row by row.
-    int rows = 0;           ///< Transitions.
     /// sum w v_i r' in the rows from 0, of which z_i - z is not asked for; sum w [z_i - z; 1] r' in
     /// those from `states`.
     core::Matrix sums;
