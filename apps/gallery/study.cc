@@ -165,7 +165,7 @@ experiment::EvaluationPlan MakePlan(const Study& study) {
   for (const std::string& method : study.methods) {
     DFR_THROW_UNLESS(std::ranges::count(MethodNames(), method) == 1,
                      "there is no method '" << method << "'; there are alone, monitor, "
-                                            << "early-stopping, dfr, guided");
+                                            << "early-stopping, dfr, soft, guided, certified");
     if (method != "alone") plan.methods.push_back(method);
   }
   // Policies outside, so that threads fit different tasks at the same time.
@@ -228,9 +228,13 @@ std::string Percent(int count, int of) {
 
 const std::vector<std::string>& MethodNames() {
   using safety::Strategy;
-  static const std::vector<std::string> names = {"alone", Name(Strategy::kMonitor),
+  static const std::vector<std::string> names = {"alone",
+                                                 Name(Strategy::kMonitor),
                                                  Name(Strategy::kEarlyStopping),
-                                                 Name(Strategy::kDfr), Name(Strategy::kGuided)};
+                                                 Name(Strategy::kDfr),
+                                                 Name(Strategy::kSoft),
+                                                 Name(Strategy::kGuided),
+                                                 Name(Strategy::kCertified)};
   return names;
 }
 

@@ -28,6 +28,11 @@ void Describe(const safety::GuardModel& model) {
       "                of demonstrations left out of a fit, %.1f %% of states are inside; "
       "%.1f %% of demonstrations never leave\n",
       100.0 * summary.acceptance, 100.0 * summary.inside_throughout);
+  std::printf(
+      "gap test        %d points halfway between groups of demonstrations, in %d time steps; of "
+      "these "
+      "%d are inside\n",
+      summary.gaps.points, summary.gaps.steps, summary.gaps.inside);
   std::printf("levels of l     the policy's action passes at %.3g (first step); slack %.3g\n",
               guided.gate_level(0), guided.slack());
   std::printf(

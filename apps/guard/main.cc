@@ -79,8 +79,8 @@ void AddFit(CLI::App& app, int& result) {
       ->add_option(
           "--strategy", options->strategy,
           "near the boundary: guided (changes the action as little as it takes), dfr (as "
-          "published), early-stopping (halts), monitor (alarms alone), certified (what provably "
-          "raises no alarm, see docs/certificates.md)")
+          "published), early-stopping (halts), monitor (alarms alone), soft (as guided, but "
+          "only where an alarm would follow), certified (what provably raises no alarm, see docs/certificates.md)")
       ->capture_default_str();
   command
       ->add_option("--nu", options->guard.support.svm.nu,
@@ -88,7 +88,8 @@ void AddFit(CLI::App& app, int& result) {
       ->capture_default_str();
   command
       ->add_option("--gamma", options->guard.support.svm.gamma,
-                   "width of the kernel, in whitened units that all tasks share: larger is tighter")
+                   "width of the kernel, in whitened units that all tasks share: larger is tighter; made "
+                   "larger where supports take the room between two ways for demonstrated")
       ->capture_default_str();
   command
       ->add_option("--false-alarms", options->guard.false_alarms,
@@ -114,7 +115,7 @@ void AddFit(CLI::App& app, int& result) {
   command
       ->add_option(
           "--action-limit", options->guard.action_limit,
-          "each entry of an action is kept within +- this; 0: 1, or the largest demonstrated")
+          "each entry of an action is kept within +- this; 0: twice the largest demonstrated")
       ->capture_default_str();
   command->add_flag("--all", options->all, "episodes that did not complete the task count, too");
   command->add_flag("--as-recorded", options->as_recorded,

@@ -274,6 +274,8 @@ py::dict Summary(const Guard& guard) {
   values["held_out"] = summary.held_out;
   values["drift_level"] = summary.drift_level;
   values["drift_chance"] = summary.drift_chance;
+  values["gap_points"] = summary.gaps.points;
+  values["gap_points_inside"] = summary.gaps.inside;
   values["direction_error"] = summary.direction_error.value;
   values["gain"] = summary.gain.value;
   values["coverage"] = summary.gain.coverage;
@@ -358,15 +360,17 @@ layout : sequence of (name, size), optional
 features : str
     What is looked at, as in "object,tip[0:2]"; all entries if empty. "obs/object" is "object".
 nu, gamma : float
-    Of the supports; gamma in whitened units, which all tasks share.
-strategy : {"guided", "dfr", "early-stopping", "monitor", "certified"}
+    Of the supports; gamma in whitened units, which all tasks share. It is doubled, twice at most, where supports
+    take the room between two ways for demonstrated.
+strategy : {"guided", "dfr", "early-stopping", "monitor", "soft", "certified"}
     What happens to an action near the boundary: it is changed as little as keeps the state inside;
-    Derivative-Free Recovery as published; a halt; nothing but alarms; only what provably ends where
+    Derivative-Free Recovery as published; a halt; nothing but alarms; as guided, but only where an alarm
+    would follow; only what provably ends where
     no alarm is raised is applied, under the assumptions of docs/certificates.md.
 horizon : int
     Actions of the policy in an episode; 0: twice as many as the longest demonstration has.
 action_limit : float
-    Each entry of an action is kept within +- this; 0: 1, or the largest demonstrated if that is more.
+    Each entry of an action is kept within +- this; 0: twice the largest demonstrated.
 false_alarms : float
     Demonstrations that may raise an alarm.
 confidence : float

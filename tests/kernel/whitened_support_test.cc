@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <numbers>
 #include <span>
 #include <stdexcept>
 #include <vector>
@@ -155,6 +156,47 @@ TEST(WhitenedSupportTest, HeldOutLevelsShowWhatFewDemonstrationsDoNotCover) {
   const auto levels = HeldOutLevels(walks, {.least_share = 0.0}, 3, 0);
   EXPECT_GE(levels.size(), 60u * 9u);
   for (const double level : levels) EXPECT_TRUE(std::isfinite(level));
+}
+
+// Along x, round an obstacle on one side or the other, or all at y = 0; every fifth one stands
+// still for `pause` time steps.
+std::vector<core::Matrix> Passing(double aside, int pause) {
+  core::Random random(4);
+  std::vector<core::Matrix> demonstrations;
+  for (int d = 0; d < 40; ++d) {
+    core::Matrix states(21, 2);
+    for (int t = 0; t <= 20; ++t) {
+      const double share = (d % 5 == 0 ? std::max(0, t - pause) : t) / 20.0;
+      const double bend = aside * std::sin(std::numbers::pi * share);
+      states.row(t) << 20.0 * share + 0.1 * random.Normal(),
+          (d % 2 == 0 ? bend : -bend) + 0.2 * random.Normal();
+    }
+    demonstrations.push_back(states);
+  }
+  return demonstrations;
+}
+
+TEST(WhitenedSupportTest, TheRoomBetweenTwoWaysIsSeen) {
+  const auto ways = Passing(3.0, 0);
+  const GapTest tight = TestGaps(WhitenedSupport::Fit(ways), ways);
+  EXPECT_EQ(tight.steps, 21);
+  // Not at the ends, where the ways meet: at nine time steps they are more than five apart.
+  EXPECT_GE(tight.points, 9);
+  EXPECT_LE(tight.points, 15);
+  EXPECT_EQ(tight.inside, 0);
+  const auto wide = WhitenedSupport::Fit(ways, {.svm = {.nu = 0.05, .gamma = 0.002}});
+  const GapTest loose = TestGaps(wide, ways);
+  EXPECT_EQ(loose.inside, loose.points) << "one cloud for both ways";
+}
+
+TEST(WhitenedSupportTest, DifferingPacesAreNotTakenForWays) {
+  for (const int pause : {0, 6}) {
+    const auto way = Passing(0.0, pause);
+    EXPECT_LE(TestGaps(WhitenedSupport::Fit(way), way).points, 2) << pause;
+  }
+  EXPECT_THROW((void)TestGaps(WhitenedSupport::Fit(Passing(0.0, 0)),
+                              std::vector<core::Matrix>{core::Matrix::Zero(3, 3)}),
+               std::invalid_argument);
 }
 
 TEST(WhitenedSupportTest, BrokenSensorsReadAsOutsideAndNothingAllocates) {

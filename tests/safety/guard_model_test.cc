@@ -490,6 +490,37 @@ TEST(GuardModelTest, LevelsFollowFasterAndSlowerEpisodes) {
   }
 }
 
+// Half of the demonstrations go round at y = 2.
+TEST(GuardModelTest, AKernelThatFillsTheRoomBetweenTwoWaysIsMadeNarrower) {
+  auto demonstrations = test::CorridorDemonstrations(1, 40);
+  for (std::size_t d = 0; d < demonstrations.size(); d += 2) {
+    demonstrations[d].states.col(2).array() += 2.0;
+  }
+  GuardOptions options{.features = "tip"};
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, options);
+  EXPECT_EQ(model->summary().gamma, options.support.svm.gamma);
+  EXPECT_GE(model->summary().gaps.points, model->num_steps() - 2);
+  EXPECT_EQ(model->summary().gaps.inside, 0);
+  options.support.svm.gamma = 0.01;
+  const auto narrowed = GuardModel::Fit(test::CorridorLayout(), demonstrations, options);
+  EXPECT_GT(narrowed->summary().gamma, 0.01);
+  EXPECT_LE(narrowed->summary().gamma, 0.04);
+  options.support.svm.gamma = 1e-4;
+  const auto wide = GuardModel::Fit(test::CorridorLayout(), demonstrations, options);
+  EXPECT_EQ(wide->summary().gamma, 4e-4);
+  EXPECT_THAT(Findings(*wide), testing::Contains(HasSubstr("demonstrations take several ways")));
+}
+
+TEST(GuardModelTest, ActionsReachTwiceAsFarAsDemonstratedOnes) {
+  const auto demonstrations = test::CorridorDemonstrations(1, 10);
+  double largest = 0.0;
+  for (const auto& d : demonstrations) {
+    largest = std::max(largest, d.controls.cwiseAbs().maxCoeff());
+  }
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  EXPECT_EQ(model->settings().action_limit, 2.0 * largest);
+}
+
 TEST(GuardModelTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
   const auto good = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                     {.features = "tip", .action_limit = 0.2});

@@ -241,9 +241,34 @@ std::vector<Doubt> Doubts() {
   };
 }
 
+// An action that leads outside, but not so far that an alarm follows, is changed by guided alone.
+TEST(GuardTest, SoftLeavesAloneWhatRaisesNoAlarm) {
+  Guard soft(Model(Strategy::kSoft));
+  Guard guided(Model(Strategy::kGuided));
+  std::vector<double> safe(2);
+  int changed = 0;
+  for (double aside = 0.0; aside < 1.0; aside += 0.02) {
+    const std::vector<double> state = {0.0, 0.0, 0.05};
+    const std::vector<double> action = Action(0.1, aside);
+    guided.Reset(1);
+    const Verdict strict = guided.Filter(0, state, action, safe);
+    soft.Reset(1);
+    const Verdict verdict = soft.Filter(0, state, action, safe);
+    const Eigen::Vector2d moved = test::Effect(safe[0], safe[1]);
+    const double level =
+        soft.model().support().LogDecision(1, std::vector{1.0, moved.x(), 0.05 + moved.y()}, {});
+    if (!verdict.changed) {
+      EXPECT_GE(level, -soft.model().settings().alarm_level - 0.05) << aside;
+    }
+    EXPECT_LE(verdict.changed, strict.changed) << aside;
+    changed += strict.changed && !verdict.changed ? 1 : 0;
+  }
+  EXPECT_GT(changed, 0);
+}
+
 TEST(GuardTest, EveryDoubtHoldsUntilReset) {
-  for (const Strategy strategy :
-       {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping, Strategy::kMonitor}) {
+  for (const Strategy strategy : {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping,
+                                  Strategy::kMonitor, Strategy::kSoft}) {
     for (const Doubt& doubt : Doubts()) {
       SCOPED_TRACE(testing::Message() << Name(strategy) << ": " << doubt.name);
       Guard guard(Model(strategy));
@@ -382,8 +407,8 @@ TEST(GuardTest, ActionsAreWithinTheirLimit) {
 }
 
 TEST(GuardTest, TheLoopNeverAllocates) {
-  for (const Strategy strategy :
-       {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping, Strategy::kMonitor}) {
+  for (const Strategy strategy : {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping,
+                                  Strategy::kMonitor, Strategy::kSoft}) {
     Guard guard(Model(strategy));
     const std::vector<double> action = Action(0.09, 0.06);
     std::vector<double> safe(2);

@@ -59,6 +59,10 @@ void Check(const core::Policy& policy, const GuidedModel& model, const GuidedOpt
   DFR_THROW_UNLESS(options.probe_size >= 0.0,
                    "probe_size must not be negative: " << options.probe_size);
   DFR_THROW_UNLESS(options.reach >= 0.0, "reach must not be negative: " << options.reach);
+  DFR_THROW_UNLESS(options.tolerance >= 0.0,
+                   "tolerance must not be negative: " << options.tolerance);
+  DFR_THROW_UNLESS(options.certificate.kind == CertificateKind::kNone || options.tolerance == 0.0,
+                   Name(options.certificate.kind) << " tolerates nothing: tolerance must be zero");
   DFR_THROW_UNLESS(options.online_weight >= 0.0,
                    "online_weight must not be negative: " << options.online_weight);
   DFR_THROW_UNLESS(
@@ -211,6 +215,10 @@ bool GuidedPolicy::DeepInside(double level) const noexcept {
 
 GuidedPolicy::Choice GuidedPolicy::Choose(const LocalModel& model) noexcept {
   const int next = tracker_.phase() + 1;
+  if (options_.tolerance > 0.0) {
+    const double l = model.Level(next, v_);
+    if (l >= -options_.tolerance) return {Mode::kPolicy, std::max(l, 0.0)};
+  }
   const double l = RaiseLevel(model, {next, model_->gate_level(next)}, limits_, v_);
   if (l >= 0.0) return {Mode::kPolicy, l};
   trial_ = v_;

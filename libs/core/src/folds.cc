@@ -9,12 +9,11 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "dfr/core/spanning_tree.h"
 
 namespace dfr::core {
 namespace {
 
-// Links longer than this times the median one join two clusters.
-constexpr double kGap = 3.0;
 // States of a demonstration that tell it from others.
 constexpr int kLandmarks = 5;
 
@@ -99,40 +98,12 @@ Matrix Landmarks(std::span<const Matrix> demonstrations) {
 
 // Which cluster each row belongs to.
 std::vector<std::size_t> Clusters(const Matrix& points) {
-  // Prim's minimum spanning tree, whose links are those of single linkage.
-  const auto n = static_cast<std::size_t>(points.rows());
-  std::vector<double> distance(n, std::numeric_limits<double>::infinity());
-  std::vector<std::size_t> parent(n, 0);
-  std::vector<std::size_t> sequence = {0};
-  std::vector<bool> joined(n, false);
-  std::vector<double> link(n, 0.0);
-  joined[0] = true;
-  while (sequence.size() < n) {
-    const std::size_t last = sequence.back();
-    std::size_t next = n;
-    for (std::size_t i = 0; i < n; ++i) {
-      if (joined[i]) continue;
-      const double d =
-          (points.row(static_cast<Eigen::Index>(i)) - points.row(static_cast<Eigen::Index>(last)))
-              .norm();
-      if (d < distance[i]) {
-        distance[i] = d;
-        parent[i] = last;
-      }
-      if (next == n || distance[i] < distance[next]) next = i;
-    }
-    joined[next] = true;
-    link[next] = distance[next];
-    sequence.push_back(next);
-  }
-  std::vector<double> sorted(link.begin() + 1, link.end());
-  const auto middle = sorted.begin() + std::ssize(sorted) / 2;
-  std::nth_element(sorted.begin(), middle, sorted.end());
-  std::vector<std::size_t> cluster(n);
-  std::size_t count = 0;
-  for (const std::size_t i : sequence) {
-    const bool begins = i == 0 || link[i] > kGap * *middle;
-    cluster[i] = begins ? count++ : cluster[parent[i]];
+  const std::vector<Link> links = SpanningTree(points);
+  const double longest = kClusterGap * LinkMedian(links);
+  std::vector<std::size_t> cluster(static_cast<std::size_t>(points.rows()), 0);
+  std::size_t count = 1;
+  for (const Link& link : links) {
+    cluster[link.to] = link.length > longest ? count++ : cluster[link.from];
   }
   return cluster;
 }

@@ -11,6 +11,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/folds.h"
 #include "dfr/core/local_scatter.h"
+#include "dfr/core/spanning_tree.h"
 
 namespace dfr::kernel {
 namespace {
@@ -175,6 +176,56 @@ double WhitenedSupport::FromLog(int t, double l) const noexcept { return at(t).s
 
 double WhitenedSupport::curvature_bound(int t) const noexcept {
   return at(t).svm.gamma() * at(t).norm * at(t).norm;
+}
+
+namespace {
+
+// The distance of the nearest demonstrated state, of any time step, in the coordinates `map` z.
+double Nearest(std::span<const core::Matrix> demonstrations, const core::Matrix& map,
+               const Eigen::VectorXd& z) {
+  double nearest = std::numeric_limits<double>::infinity();
+  for (const core::Matrix& states : demonstrations) {
+    const core::Matrix differences = (states.rowwise() - z.transpose()) * map.transpose();
+    nearest = std::min(nearest, differences.rowwise().squaredNorm().minCoeff());
+  }
+  return std::sqrt(nearest);
+}
+
+}  // namespace
+
+GapTest TestGaps(const WhitenedSupport& support, std::span<const core::Matrix> demonstrations) {
+  constexpr double kLeastShare = 0.1;
+  // In units of the states' local spread: two from either side.
+  constexpr double kLeastWidth = 4.0;
+  const Eigen::Index n = support.state_dim();
+  GapTest test{.steps = support.num_steps()};
+  for (int t = 0; t < support.num_steps(); ++t) {
+    core::Matrix states(std::ssize(demonstrations), n);
+    Eigen::Index rows = 0;
+    for (const core::Matrix& demonstration : demonstrations) {
+      DFR_THROW_UNLESS(demonstration.cols() == n,
+                       "demonstrations have " << demonstration.cols() << " features, not " << n);
+      if (t < demonstration.rows()) states.row(rows++) = demonstration.row(t);
+    }
+    states.conservativeResize(rows, Eigen::NoChange);
+    const std::vector<core::Link> links = core::SpanningTree(states * support.map(t).transpose());
+    const double longest = std::max(kLeastWidth, core::kClusterGap * core::LinkMedian(links));
+    const double least = std::max(3.0, kLeastShare * static_cast<double>(rows));
+    for (const core::Link& link : links) {
+      const auto members = static_cast<double>(link.members);
+      if (link.length <= longest || members < least ||
+          static_cast<double>(rows) - members < least) {
+        continue;
+      }
+      const Eigen::VectorXd middle = 0.5 * (states.row(static_cast<Eigen::Index>(link.from)) +
+                                            states.row(static_cast<Eigen::Index>(link.to)));
+      // Who is slower passes there later.
+      if (Nearest(demonstrations, support.map(t), middle) < 0.25 * link.length) continue;
+      test.inside += support.LogDecision(t, core::AsSpan(middle), {}) >= 0.0 ? 1 : 0;
+      ++test.points;
+    }
+  }
+  return test;
 }
 
 std::vector<double> HeldOutLevels(std::span<const core::Matrix> demonstrations,

@@ -47,6 +47,7 @@ class Proposal final : public core::Policy {
 Method MethodOf(Strategy strategy) {
   switch (strategy) {
     case Strategy::kGuided:
+    case Strategy::kSoft:
     case Strategy::kCertified:
       return {.name = "guided", .kind = Method::Kind::kGuided};
     case Strategy::kDfr:
@@ -68,6 +69,9 @@ std::unique_ptr<control::Controller> MakeController(
   options.guided.control_limit = settings.action_limit;
   if (strategy == nullptr && settings.strategy == Strategy::kCertified) {
     options.guided.certificate = model.certificate();
+  }
+  if (settings.strategy == Strategy::kSoft) {
+    options.guided.tolerance = std::max(0.0, settings.alarm_level);
   }
   return strategy != nullptr
              ? model.task().MakeController(std::move(strategy), proposal, options)

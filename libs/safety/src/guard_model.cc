@@ -27,11 +27,17 @@ namespace {
 constexpr std::string_view kKind = "guard";
 constexpr int kVersion = 4;
 
-constexpr std::array kStrategies = {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping,
-                                    Strategy::kMonitor, Strategy::kCertified};
+constexpr std::array kStrategies = {Strategy::kGuided,  Strategy::kDfr,  Strategy::kEarlyStopping,
+                                    Strategy::kMonitor, Strategy::kSoft, Strategy::kCertified};
 
 // A guard gives up after so many actions a policy's action at the most.
 constexpr int kActionsPerStep = 12;
+// The largest entry of an applied action against that of a demonstrated one.
+constexpr double kActionReach = 2.0;
+// Points inside that a gap test allows, as a share of its time steps or of its points if these are
+// more, and how often gamma may be doubled for it.
+constexpr double kMostInGaps = 0.05;
+constexpr int kMostDoublings = 2;
 // What files hold.
 constexpr int kMost = 1 << 30;
 constexpr int kLongestHorizon = kMost / kActionsPerStep;
@@ -154,6 +160,10 @@ double ChanceOfBeingHigher(std::span<const double> higher, std::span<const doubl
   return 0.5 * std::erfc((ranks - n * (n + 1.0) / 4.0) / spread / std::sqrt(2.0));
 }
 
+bool TooManyInGaps(const kernel::GapTest& gaps) {
+  return gaps.inside > kMostInGaps * std::max(gaps.steps, gaps.points);
+}
+
 // The alarm level, and what is promised of it.
 struct AlarmLevel {
   double level = 0.0;
@@ -198,6 +208,8 @@ const char* Name(Strategy strategy) noexcept {
       return "early-stopping";
     case Strategy::kMonitor:
       return "monitor";
+    case Strategy::kSoft:
+      return "soft";
     case Strategy::kCertified:
       return "certified";
   }
@@ -208,8 +220,9 @@ Strategy ParseStrategy(std::string_view name) {
   for (const Strategy strategy : kStrategies) {
     if (name == Name(strategy)) return strategy;
   }
-  throw std::invalid_argument("there is no strategy '" + std::string(name) +
-                              "'; there are: guided, dfr, early-stopping, monitor, certified");
+  throw std::invalid_argument(
+      "there is no strategy '" + std::string(name) +
+      "'; there are: guided, dfr, early-stopping, monitor, soft, certified");
 }
 
 std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layout,
@@ -253,17 +266,29 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   const std::span<const core::Trajectory> held_out = std::span(ordered).first(num_held_out);
   const std::span<const core::Trajectory> fitted = std::span(ordered).subspan(num_held_out);
 
+  kernel::WhitenedSupportOptions support = options.support;
+  kernel::GapTest gaps;
+  for (int doubled = 0;; ++doubled) {
+    if (!going_on("looking for gaps", 0.0)) return nullptr;
+    std::vector<core::Matrix> in_order;
+    in_order.reserve(order.size());
+    for (const std::size_t d : order) in_order.push_back(points[d]);
+    gaps = kernel::TestGaps(kernel::WhitenedSupport::Fit(in_order, support), in_order);
+    if (!TooManyInGaps(gaps) || doubled == kMostDoublings) break;
+    support.svm.gamma *= 2.0;
+  }
+
   const int num_folds = NumFolds(demonstrations.size(), options.folds);
   const auto left_out =
-      LeaveOut(points, core::StratifiedFolds(points, num_folds), order, options.support,
+      LeaveOut(points, core::StratifiedFolds(points, num_folds), order, support,
                [&](double s) { return going_on("leaving demonstrations out", 0.3 * s); });
   if (!left_out) return nullptr;
   const auto contiguous =
-      LeaveOut(points, core::ContiguousFolds(points.size(), num_folds), order, options.support,
+      LeaveOut(points, core::ContiguousFolds(points.size(), num_folds), order, support,
                [&](double s) { return going_on("leaving stretches out", 0.3 + 0.3 * s); });
   if (!contiguous || !going_on("fitting the support", 0.6)) return nullptr;
   auto task = std::make_shared<const TaskModel>(
-      layout, fitted, TaskOptions{.guided_features = options.features, .guided = options.support});
+      layout, fitted, TaskOptions{.guided_features = options.features, .guided = support});
   if (!going_on("estimating the alarm level", 0.95)) return nullptr;
 
   const control::GuidedModel& guided = task->guided().model();
@@ -284,7 +309,7 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   settings.strategy = options.strategy;
   Eigen::Index longest = 0;
   Eigen::Index transitions = 0;
-  double largest = 1.0;
+  double largest = 0.0;
   for (const core::Trajectory& demonstration : demonstrations) {
     longest = std::max(longest, demonstration.controls.rows());
     transitions += demonstration.controls.rows();
@@ -294,7 +319,8 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
                          ? options.horizon
                          : static_cast<int>(std::min<Eigen::Index>(2 * longest, kLongestHorizon));
   settings.max_actions = kActionsPerStep * settings.horizon;
-  settings.action_limit = options.action_limit > 0.0 ? options.action_limit : largest;
+  settings.action_limit =
+      options.action_limit > 0.0 ? options.action_limit : kActionReach * largest;
   settings.alarm_level = alarm.level;
 
   std::shared_ptr<GuardModel> model(new GuardModel);
@@ -303,10 +329,11 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
       .version = core::BuildVersion(),
       .demonstrations = static_cast<int>(demonstrations.size()),
       .transitions = static_cast<int>(transitions),
-      .nu = options.support.svm.nu,
-      .gamma = options.support.svm.gamma,
+      .nu = support.svm.nu,
+      .gamma = support.svm.gamma,
       .acceptance = levels.inside / levels.states,
       .inside_throughout = levels.inside_throughout / static_cast<double>(levels.worst.size()),
+      .gaps = gaps,
       .false_alarms = alarm.false_alarms,
       .confidence = alarm.confidence,
       .held_out = static_cast<int>(held_out.size()),
@@ -416,6 +443,9 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   archive.Integer(summary_.held_out);
   archive.Number(summary_.drift_level);
   archive.Number(summary_.drift_chance);
+  for (const int count : {summary_.gaps.steps, summary_.gaps.points, summary_.gaps.inside}) {
+    archive.Integer(count);
+  }
   Write(archive, summary_.direction_error);
   Write(archive, summary_.gain);
   archive.Numbers(lambda());
@@ -461,6 +491,9 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
       summary.held_out = archive.IntegerIn(0, kMost);
       summary.drift_level = archive.Number();
       summary.drift_chance = archive.Number();
+      summary.gaps.steps = archive.IntegerIn(0, kMost);
+      summary.gaps.points = archive.IntegerIn(0, kMost);
+      summary.gaps.inside = archive.IntegerIn(0, kMost);
       summary.direction_error = ReadConstant(archive);
       summary.gain = ReadConstant(archive);
     }
@@ -505,6 +538,12 @@ std::vector<std::string> Findings(const GuardModel& model) {
         "will be held up: record more demonstrations, look at fewer features, or at every k-th "
         "state where demonstrations are long or differ in pace",
         100.0 * summary.acceptance));
+  }
+  if (TooManyInGaps(summary.gaps)) {
+    findings.push_back(core::Format(
+        "demonstrations take several ways, and of %d points halfway between two of them %d are "
+        "inside: record more demonstrations of each way, or give a larger --gamma",
+        summary.gaps.points, summary.gaps.inside));
   }
   if (settings.alarm_level > kLowestAlarm) {
     findings.push_back(core::Format(

@@ -37,6 +37,10 @@ struct GuidedOptions {
   double reach = 2.0;
   /// HaltRule::patience. More completes little and collides more.
   int patience = 12;
+  /// The learned control passes as it is while it is predicted to end no further outside than this,
+  /// >= 0. More harms less and saves less; 0 is for policies that are not to be trusted. Not with a
+  /// certificate.
+  double tolerance = 0.0;
   /// Size of a probe, >= 0: above the noise of observations and what drifts meanwhile, below what a
   /// wrong direction may cost. 0: directions of control that nobody has used stay unknown.
   double probe_size = 0.35;
@@ -72,7 +76,8 @@ struct GuidedOptions {
 /// the prediction z'(v) = z + J v + m:
 ///
 ///   1. l_tau(z), l_{tau+1}(z) >= hi and v_hat no larger than demonstrated: v_hat passes (deep
-///      inside; hi is GuidedModel::gate_level).
+///      inside; hi is GuidedModel::gate_level). It passes, too, where a tolerance is given and
+///      z'(v_hat) is within it.
 ///   2. v <- RaiseLevel(v_hat, hi): the filter. If l_{tau+1}(z'(v)) >= 0, v is applied.
 ///   3. v' <- RaiseLevel(v_d, 0): recovery, the same step from the control v_d that does what
 ///      demonstrations did nearby (JacobianEstimate::Demonstrated()). If it reaches 0, v' is

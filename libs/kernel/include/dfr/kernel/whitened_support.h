@@ -90,6 +90,20 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   std::vector<Phase> phases_;
 };
 
+/// What a support makes of the room between ways. Where the demonstrated states of a time step fall
+/// into clusters of a tenth of them and at least three (core::SpanningTree(), in the coordinates of
+/// that time step), four standard deviations of states about their neighbours apart and more, the middle between two neighbouring clusters should be outside, unless a
+/// demonstration passes near it at another time. Chance makes such clusters, too, at a few time
+/// steps.
+struct GapTest {
+  int steps = 0;   ///< Time steps.
+  int points = 0;  ///< Middles between two clusters, at all of them.
+  int inside = 0;  ///< Of these, how many the support takes for demonstrated.
+};
+/// @throws std::invalid_argument if widths differ.
+[[nodiscard]] GapTest TestGaps(const WhitenedSupport& support,
+                               std::span<const core::Matrix> demonstrations);
+
 /// How deep inside demonstrations are that a support has not seen: l_t of each state of each
 /// demonstration under an estimate fitted without it, the largest over the time steps t -
 /// phase_window ... t + phase_window, as a controller that re-aligns its phase finds it. Whole

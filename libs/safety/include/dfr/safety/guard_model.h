@@ -26,12 +26,13 @@ enum class Strategy {
   kDfr,            ///< Derivative-Free Recovery, as published (SwitchingPolicy).
   kEarlyStopping,  ///< Halts.
   kMonitor,        ///< Passes it: looks and raises alarms alone.
+  kSoft,  ///< As kGuided, but passes it wherever it is predicted to end where no alarm is raised.
   /// Applies what provably ends where no alarm is raised, as long as the assumptions of a
   /// certificate hold (docs/certificates.md), and halts otherwise.
   kCertified,
 };
 
-/// "guided", "dfr", "early-stopping", "monitor", "certified".
+/// "guided", "dfr", "early-stopping", "monitor", "soft", "certified".
 [[nodiscard]] const char* Name(Strategy strategy) noexcept;
 /// @throws std::invalid_argument naming what there is.
 [[nodiscard]] Strategy ParseStrategy(std::string_view name);
@@ -59,6 +60,7 @@ struct GuardSummary {
   /// On demonstrations left out of a fit in turn, each followed through the time steps:
   double acceptance = 0.0;         ///< the share of states inside,
   double inside_throughout = 0.0;  ///< and of demonstrations that never leave.
+  kernel::GapTest gaps = {};       ///< Of the support with this gamma.
   /// A further demonstration of the same kind raises an alarm with this probability at most: on
   /// average over fits where `confidence` is 0, else of this fit with that confidence. Exactly so
   /// for demonstrations that were `held_out`; otherwise approximately, for the supports that found
@@ -80,11 +82,14 @@ struct GuardOptions {
   /// Which entries of a state are looked at, as core::FeatureSelection takes them; "" for all.
   /// Leave out what the robot cannot influence and what never differs; put in where objects are.
   std::string features = {};
-  /// nu, gamma (in whitened units) and the rest.
+  /// nu, gamma (in whitened units) and the rest. gamma is doubled, twice at most, while a gap
+  /// test has more points inside than 5 % of its points, and of the time steps.
   kernel::WhitenedSupportOptions support = {};
   Strategy strategy = Strategy::kGuided;
-  int horizon = 0;            ///< 0: twice as many actions as the longest demonstration has.
-  double action_limit = 0.0;  ///< 0: 1, or the largest entry demonstrated where that is more.
+  int horizon = 0;  ///< 0: twice as many actions as the longest demonstration has.
+  /// 0: twice the largest entry demonstrated, so that actions that do half as much can be made up
+  /// for.
+  double action_limit = 0.0;
   double false_alarms = 0.1;  ///< Demonstrations that may raise an alarm, in (0, 1).
   double confidence = 0.0;    ///< GuardSummary::confidence, in [0, 1).
   int folds = 5;              ///< Groups that demonstrations are left out in, >= 2.
