@@ -94,7 +94,7 @@ class Guard:
         layout: Sequence[tuple[str, int]] = ...,
         features: str = "",
         nu: float = 0.05,
-        gamma: float = 0.35,
+        gamma: float = 0.25,
         strategy: str = "guided",
         horizon: int = 0,
         action_limit: float = 0.0,

@@ -158,6 +158,31 @@ TEST(WhitenedSupportTest, HeldOutLevelsShowWhatFewDemonstrationsDoNotCover) {
   for (const double level : levels) EXPECT_TRUE(std::isfinite(level));
 }
 
+// The longer a task and the more its pace varies, the further apart demonstrations are at a time
+// step: what a wider window sees of one is where another one is.
+TEST(WhitenedSupportTest, LongDemonstrationsOfDifferingPaceAreCovered) {
+  core::Random random(6);
+  std::vector<core::Matrix> demonstrations;
+  for (int d = 0; d < 20; ++d) {
+    const int steps = 100 + static_cast<int>(random.Below(200));
+    const double aside = 0.05 * random.Normal();
+    core::Matrix states(steps + 1, 2);
+    for (int t = 0; t <= steps; ++t) {
+      const double share = static_cast<double>(t) / steps;
+      states.row(t) << share, aside + 0.3 * std::sin(6.0 * share);
+    }
+    demonstrations.push_back(states);
+  }
+  const auto inside = [&](double share) {
+    const auto levels = HeldOutLevels(demonstrations, {.window_share = share});
+    return static_cast<double>(
+               std::count_if(levels.begin(), levels.end(), [](double l) { return l >= 0.0; })) /
+           static_cast<double>(levels.size());
+  };
+  EXPECT_GT(inside(0.05), inside(0.0) + 0.1);
+  EXPECT_EQ(inside(0.002), inside(0.0)) << "below the window";
+}
+
 // Along x, round an obstacle on one side or the other, or all at y = 0; every fifth one stands
 // still for `pause` time steps.
 std::vector<core::Matrix> Passing(double aside, int pause) {
@@ -221,6 +246,7 @@ TEST(WhitenedSupportTest, Errors) {
   EXPECT_THROW(WhitenedSupport::Fit(walks, {.window = -1}), std::invalid_argument);
   EXPECT_THROW(WhitenedSupport::Fit(walks, {.phase_ridge = 0.0}), std::invalid_argument);
   EXPECT_THROW(WhitenedSupport::Fit(walks, {.least_share = 1.5}), std::invalid_argument);
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.window_share = -0.1}), std::invalid_argument);
   EXPECT_THROW((void)HeldOutLevels(std::span(walks).first(2)), std::invalid_argument);
   EXPECT_THROW((void)HeldOutLevels(walks, {}, 1), std::invalid_argument);
   EXPECT_THROW((void)HeldOutLevels(walks, {}, 5, -1), std::invalid_argument);

@@ -57,6 +57,7 @@ std::map<std::string, double> InTheCode() {
           {"WhitenedSupportOptions::svm.gamma", support.svm.gamma},
           {"WhitenedSupportOptions::window", support.window},
           {"WhitenedSupportOptions::phase_ridge", support.phase_ridge},
+          {"WhitenedSupportOptions::window_share", support.window_share},
           {"WhitenedSupportOptions::least_share", support.least_share},
           {"WhiteningOptions::ridge", core::WhiteningOptions().ridge},
           {"ModelOptions::epochs", pusher.epochs},

@@ -20,14 +20,20 @@ constexpr double kOutside = -std::numeric_limits<double>::infinity();
 
 using Buffer = std::array<double, WhitenedSupport::kMaxFeatures>;
 
-// States of all demonstrations in [first, last]; one that has ended before counts once with its
-// last state if `hold`.
-core::Matrix Pool(std::span<const core::Matrix> demonstrations, int first, int last, bool hold) {
+// Time steps whose states are pooled.
+struct Window {
+  int first;
+  int last;
+  int stride;
+  bool hold;  // A demonstration that has ended before counts once with its last state.
+};
+
+core::Matrix Pool(std::span<const core::Matrix> demonstrations, const Window& window) {
   std::vector<std::pair<const core::Matrix*, Eigen::Index>> rows;
   for (const core::Matrix& states : demonstrations) {
-    const Eigen::Index end = std::min<Eigen::Index>(last + 1, states.rows());
-    for (Eigen::Index i = first; i < end; ++i) rows.emplace_back(&states, i);
-    if (end <= first && hold) rows.emplace_back(&states, states.rows() - 1);
+    const Eigen::Index end = std::min<Eigen::Index>(window.last + 1, states.rows());
+    for (Eigen::Index i = window.first; i < end; i += window.stride) rows.emplace_back(&states, i);
+    if (end <= window.first && window.hold) rows.emplace_back(&states, states.rows() - 1);
   }
   core::Matrix pool(static_cast<Eigen::Index>(rows.size()), demonstrations[0].cols());
   for (Eigen::Index i = 0; i < pool.rows(); ++i) {
@@ -39,13 +45,12 @@ core::Matrix Pool(std::span<const core::Matrix> demonstrations, int first, int l
 
 // How the demonstrations' means over the pooled states differ from their neighbours', and how each
 // demonstration moves about its mean.
-core::Matrix LocalCovariance(std::span<const core::Matrix> demonstrations, int first, int last,
-                             bool hold) {
+core::Matrix LocalCovariance(std::span<const core::Matrix> demonstrations, const Window& window) {
   core::Matrix means(std::ssize(demonstrations), demonstrations[0].cols());
   Eigen::Index rows = 0;
   std::vector<core::Matrix> own;
   for (const core::Matrix& states : demonstrations) {
-    const core::Matrix here = Pool({&states, 1}, first, last, hold);
+    const core::Matrix here = Pool({&states, 1}, window);
     if (here.rows() == 0) continue;
     means.row(rows++) = here.colwise().mean();
     own.push_back(here);
@@ -73,6 +78,8 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
                    "demonstrations, not "
                        << demonstrations.size());
   DFR_THROW_UNLESS(options.window >= 0, "window must not be negative: " << options.window);
+  DFR_THROW_UNLESS(options.window_share >= 0.0 && options.window_share <= 1.0,
+                   "window_share must lie in [0, 1], not " << options.window_share);
   DFR_THROW_UNLESS(options.least_share >= 0.0 && options.least_share <= 1.0,
                    "least_share must lie in [0, 1], not " << options.least_share);
   const Eigen::Index n = demonstrations[0].cols();
@@ -86,17 +93,22 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
                      "demonstration " << d << " has a non-finite entry");
   }
   const int num_steps = NumSteps(demonstrations, options.least_share);
+  const int width =
+      options.window == 0
+          ? 0
+          : std::max(options.window, static_cast<int>(options.window_share * num_steps));
   std::vector<Estimate> estimates;
   for (int t = 0; t < num_steps; ++t) {
-    const int first = std::max(0, t - options.window);
-    const int last = std::min(num_steps - 1, t) + options.window;
-    const core::Matrix states = Pool(demonstrations, first, last, options.hold_ended);
+    const Window window{.first = std::max(0, t - width),
+                        .last = t + width,
+                        .stride = std::max(1, width / std::max(1, options.window)),
+                        .hold = options.hold_ended};
+    const core::Matrix states = Pool(demonstrations, window);
     core::Matrix map = core::Matrix::Identity(n, n);
     if (options.phase_whitening) {
-      map = core::InverseSquareRoot(
-          options.local ? LocalCovariance(demonstrations, first, last, options.hold_ended)
-                        : core::PooledCovariance({&states, 1}),
-          options.phase_ridge);
+      map = core::InverseSquareRoot(options.local ? LocalCovariance(demonstrations, window)
+                                                  : core::PooledCovariance({&states, 1}),
+                                    options.phase_ridge);
     }
     // map is symmetric.
     const OneClassSvm svm = OneClassSvm::Fit(states * map, options.svm);
