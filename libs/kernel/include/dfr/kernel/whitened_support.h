@@ -101,7 +101,7 @@ class WhitenedSupport final : public core::LogDecisionFunction {
 struct GapTest {
   int steps = 0;   ///< Time steps.
   int points = 0;  ///< Middles between two clusters, at all of them.
-  int inside = 0;  ///< Of these, how many the support takes for demonstrated.
+  int inside = 0;  ///< Those that the support takes for demonstrated.
 };
 /// @throws std::invalid_argument if widths differ.
 [[nodiscard]] GapTest TestGaps(const WhitenedSupport& support,

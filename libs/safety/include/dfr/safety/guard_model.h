@@ -60,7 +60,7 @@ struct GuardSummary {
   /// On demonstrations left out of a fit in turn, each followed through the time steps:
   double acceptance = 0.0;         ///< the share of states inside,
   double inside_throughout = 0.0;  ///< and of demonstrations that never leave.
-  kernel::GapTest gaps = {};       ///< Of the support with this gamma.
+  kernel::GapTest gaps = {};       ///< What the support with this gamma makes of gaps.
   /// A further demonstration of the same kind raises an alarm with this probability at most: on
   /// average over fits where `confidence` is 0, else of this fit with that confidence. Exactly so
   /// for demonstrations that were `held_out`; otherwise approximately, for the supports that found
