@@ -53,7 +53,7 @@ class GuardTest(unittest.TestCase):
 
     def test_info_says_why(self):
         self.guard.reset()
-        state = [0.0, 0.02, 0.0]
+        state = [0.0, 0.0, 0.0]
         action, info = self.guard.filter(0, state, action_for(0.1, 0.0))
         self.assertEqual(info["mode"], "policy")
         self.assertEqual(info["reason"], "inside")
@@ -450,7 +450,7 @@ class GuardedEnvTest(unittest.TestCase):
             from corridor import LAYOUT, Corridor, action_for, demonstrations
 
             class Env(Corridor, gymnasium.Env):
-                action_space = gymnasium.Box(-0.5, 0.5, (2,))
+                action_space = gymnasium.Box(-0.25, 0.25, (2,))
                 observation_space = gymnasium.Box(-np.inf, np.inf, (3,))
 
             guard = dfr.Guard.fit(*demonstrations(1, 20), layout=LAYOUT, features="tip")
@@ -462,7 +462,7 @@ class GuardedEnvTest(unittest.TestCase):
             for _ in range(7):
                 truncated = env.step(action_for(0.05, 0.0))[3]
             assert truncated
-            assert env.get_wrapper_attr("guard").settings["action_limit"] == 0.5
+            assert env.get_wrapper_attr("guard").settings["action_limit"] == 0.25
             assert not hasattr(env.env, "as_dict")  # as in all of Gymnasium's wrappers
             assert env.get_wrapper_attr("as_dict") is False
             shaped = dfr.GuardedEnv(Corridor(), guard)  # no gymnasium.Env
