@@ -297,8 +297,10 @@ bool GuidedPolicy::Certify(const LocalModel& model, Step& step) noexcept {
   if (!gets_on) {
     static_cast<void>(tracker_.Advance(-kInfinity));
   } else {
+    // Small shares add up to time steps.
+    const double before = std::floor(progress_.time + 0.5);
     progress_.time += share;
-    tracker_.Reset(step.t + (share >= 0.5 ? 1 : 0));
+    tracker_.Reset(step.t + static_cast<int>(std::floor(progress_.time + 0.5) - before));
   }
   return true;
 }
