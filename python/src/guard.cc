@@ -343,7 +343,7 @@ summary : dict
           py::arg("layout") = std::vector<std::pair<std::string, int>>(), py::arg("features") = "",
           py::arg("nu") = 0.05, py::arg("gamma") = 0.35, py::arg("strategy") = "guided",
           py::arg("horizon") = 0, py::arg("action_limit") = 0.0, py::arg("false_alarms") = 0.1,
-          py::arg("confidence") = 0.0, py::arg("hold_out") = 0.0, py::arg("error_factor") = 1.5,
+          py::arg("confidence") = 0.0, py::arg("hold_out") = 0.0, py::arg("error_factor") = 2.0,
           py::arg("source") = "", py::arg("differences") = false, py::arg("as_recorded") = false,
           py::arg("progress") = py::none(),
           R"(Learn a guard from demonstrations.
