@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <span>
@@ -54,10 +55,16 @@ TEST(AssumptionsTest, GainIsFoundInFeatureUnits) {
 TEST(AssumptionsTest, DirectionErrorIsThatOfTheJacobian) {
   // Linear: only the ridge keeps J from being exact.
   EXPECT_LT(EstimateDirectionError(Doubled(), Walks(40, 0.0)).value, 0.02);
-  // Turned by up to 0.5 rad around the mean: at most 2 sin(0.25) K, and J's own error.
-  const double wobbly = EstimateDirectionError(Doubled(), Walks(40, 0.5)).value;
-  EXPECT_GT(wobbly, 0.15);
-  EXPECT_LT(wobbly, 2.0 * std::sin(0.25) * 0.6 + 0.1);
+  // Turned by up to 0.5 rad around the mean: at most 2 sin(0.25) K from the mean of all, and, J
+  // being a mean of turns that were seen, at most 2 sin(0.5) K from any J.
+  std::vector<double> wobbly;
+  for (std::uint64_t seed = 1; seed <= 11; ++seed) {
+    wobbly.push_back(EstimateDirectionError(Doubled(), Walks(40, 0.5, seed)).value);
+    EXPECT_GT(wobbly.back(), 0.15);
+    EXPECT_LT(wobbly.back(), 2.0 * std::sin(0.5) * 0.6);
+  }
+  std::nth_element(wobbly.begin(), wobbly.begin() + 5, wobbly.end());
+  EXPECT_LT(wobbly[5], 2.0 * std::sin(0.25) * 0.6 + 0.1);
 }
 
 TEST(AssumptionsTest, TheOrderOfDemonstrationsChangesNoBit) {

@@ -315,7 +315,9 @@ TEST_F(GuidedPolicySlackTest, ThePolicyGoesOnWithinReachAndTheDemonstrationsBeyo
     }
     EXPECT_EQ(controls, kSteps);
     EXPECT_NEAR(x[0], kSteps * kSpeed, 0.02);
-    EXPECT_NEAR(x[1], 0.0, 0.02);
+    // Demonstrations go to y = 0 by y' = 0.7 y + noise; the regression over some 130 of them is off
+    // by noise / sqrt(130), and y by 1 / 0.3 times that: three standard errors.
+    EXPECT_NEAR(x[1], 0.0, 3.0 * 0.05 / std::sqrt(130.0) / 0.3);
   }
 }
 

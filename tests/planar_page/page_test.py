@@ -15,9 +15,7 @@ import unittest
 
 PAGE, LIBRARY, CHROMIUM = sys.argv[1:4]
 del sys.argv[1:4]
-# Without certified-direction: a rounding may decide whether its assumption counts as violated, which ends the
-# episode.
-METHODS = range(6)
+METHODS = range(7)
 WAIT_S = 300  # a busy machine takes its time
 
 
@@ -127,10 +125,7 @@ class Page(unittest.TestCase):
             for a, b in zip(map(float, got), wanted):
                 compared += 1
                 if not (math.isnan(a) and math.isnan(b)) and a != b:
-                    # A rounding may decide whether a step takes another gradient, so that episodes of guided
-                    # recovery come apart by a few 1e-4.
-                    bound = 1e-3 if name in ("step", "preview") else 1e-6
-                    self.assertLessEqual(abs(a - b), bound * max(1.0, abs(b)), (name, arguments))
+                    self.assertLessEqual(abs(a - b), 1e-6 * max(1.0, abs(b)), (name, arguments))
         self.assertGreater(compared, 30_000)
 
     def test_a_line_drawn_with_the_pointer_is_learned_and_run(self):

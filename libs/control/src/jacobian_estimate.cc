@@ -83,7 +83,11 @@ JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
     }
     const std::size_t most =
         std::min<std::size_t>(moving.size(), static_cast<std::size_t>(options.max_per_step));
-    for (std::size_t i = 0; i < most; ++i) chosen.emplace_back(moving[i * moving.size() / most], t);
+    // Others than at the time step before: the window sees as many demonstrations as it can.
+    for (std::size_t i = 0; i < most; ++i) {
+      const std::size_t first = i * moving.size() / most;
+      chosen.emplace_back(moving[(first + static_cast<std::size_t>(t)) % moving.size()], t);
+    }
   }
   begin_.push_back(static_cast<int>(chosen.size()));
 
@@ -98,7 +102,7 @@ JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
 }
 
 int JacobianPrior::Width() const noexcept {
-  return RoundUp(2 * feature_dim_ + 1 + control_dim_, internal::kRightWidth);
+  return RoundUp(2 * feature_dim_ + 1 + control_dim_, internal::kWidth);
 }
 
 void JacobianPrior::Finish() {
@@ -216,16 +220,20 @@ std::pair<int, int> JacobianPrior::Near(int t) const noexcept {
 }
 
 JacobianPrior::Workspace JacobianPrior::MakeWorkspace() const {
-  const int left = RoundUp(feature_dim_ + 1 + control_dim_, internal::kLeftWidth);
   Workspace workspace;
+  workspace.states = RoundUp(control_dim_, internal::kWidth);
+  const int left = workspace.states + RoundUp(feature_dim_ + 1, internal::kWidth);
+  workspace.distances.setZero(largest_);
   workspace.weights.setZero(largest_);
+  workspace.z.setZero(feature_dim_);
   workspace.left.setZero(Eigen::Index{largest_} * left);
   workspace.right.setZero(Eigen::Index{largest_} * Width());
   workspace.sums.setZero(left, Width());
   return workspace;
 }
 
-bool JacobianPrior::Sums(int t, std::span<const double> z, Workspace& workspace) const noexcept {
+bool JacobianPrior::SumControls(int t, std::span<const double> z,
+                                Workspace& workspace) const noexcept {
   // Weights fall with the squared distance times this, per feature. Narrower follows the nearest
   // demonstrations more closely, their noise included; wider forgets where it is.
   constexpr double kBandwidth = 0.25;
@@ -233,35 +241,59 @@ bool JacobianPrior::Sums(int t, std::span<const double> z, Workspace& workspace)
   const Eigen::Index rows = last - first;
   if (rows <= 0) return false;
   const Eigen::Index n = feature_dim_;
+  const Eigen::Index m = control_dim_;
   const Eigen::Index width = transitions_.cols();
   const Eigen::Index left_width = workspace.sums.rows();
-  auto weights = workspace.weights.head(rows).array();
-  weights.setZero();
+  auto distances = workspace.distances.head(rows).array();
+  distances.setZero();
   for (Eigen::Index k = 0; k < n; ++k) {
     const auto z_k = static_cast<float>(z[static_cast<std::size_t>(k)]);
-    weights += (points_.col(k).segment(first, rows).array() - z_k).square();
+    distances += (points_.col(k).segment(first, rows).array() - z_k).square();
   }
   // Exponentials of floats differ between processors by more than all that is computed from them.
-  Eigen::Array<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMaxTransitions, 1> exact =
-      (weights - weights.minCoeff()).cast<double>();
-  exact = 1e-6 + (-kBandwidth / static_cast<double>(n) * exact).exp();
-  weights = (options_.prior_weight / exact.sum() * exact).cast<float>();
-  // As they differ from z: sums about the origin would lose the digits that matter.
-  float* left = workspace.left.data();
-  float* right = workspace.right.data();
-  for (Eigen::Index i = 0; i < rows; ++i, left += left_width, right += width) {
-    const float* row = transitions_.row(first + i).data();
-    for (Eigen::Index k = 0; k < n; ++k) {
-      right[k] = row[k] - static_cast<float>(z[static_cast<std::size_t>(k)]);
-    }
-    std::copy(row + n, row + width, right + n);
-    for (Eigen::Index k = 0; k < left_width; ++k) left[k] = weights[i] * right[k];
+  Eigen::Array<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMaxTransitions, 1> weights =
+      (distances - distances.minCoeff()).cast<double>();
+  weights = 1e-6 + (-kBandwidth / static_cast<double>(n) * weights).exp();
+  workspace.weights.head(rows) = options_.prior_weight / weights.sum() * weights;
+  const float* row = transitions_.row(first).data();
+  double* left = workspace.left.data();
+  for (Eigen::Index i = 0; i < rows; ++i, row += width, left += left_width) {
+    const double weight = workspace.weights[i];
+    for (Eigen::Index k = 0; k < m; ++k) left[k] = weight * static_cast<double>(row[n + 1 + k]);
   }
-  // Most of the work of an estimate.
-  internal::TransposedProduct(workspace.left.data(), static_cast<std::size_t>(left_width),
-                              workspace.right.data(), static_cast<std::size_t>(width),
-                              static_cast<std::size_t>(rows), workspace.sums.data());
+  workspace.first = first;
+  workspace.rows = last - first;
+  workspace.z = core::AsVector(z).cast<float>();
+  // Most of the work of an estimate. Of r all that may follow z and 1.
+  const auto begin = (static_cast<std::size_t>(n) + 1) / internal::kWidth * internal::kWidth;
+  internal::TransposedProduct(
+      workspace.left.data(), static_cast<std::size_t>(left_width),
+      static_cast<std::size_t>(workspace.states), transitions_.row(first).data() + begin,
+      static_cast<std::size_t>(width), static_cast<std::size_t>(width) - begin,
+      static_cast<std::size_t>(rows), workspace.sums.data() + begin);
   return true;
+}
+
+void JacobianPrior::SumStates(Workspace& workspace) const noexcept {
+  const Eigen::Index n = feature_dim_;
+  const Eigen::Index width = transitions_.cols();
+  const Eigen::Index left_width = workspace.sums.rows();
+  const float* row = transitions_.row(workspace.first).data();
+  double* left = workspace.left.data() + workspace.states;
+  float* right = workspace.right.data();
+  for (int i = 0; i < workspace.rows; ++i, row += width, left += left_width, right += width) {
+    // As they differ from z: sums about the origin would lose the digits that matter.
+    for (Eigen::Index k = 0; k < n; ++k) right[k] = row[k] - workspace.z[k];
+    std::copy(row + n, row + width, right + n);
+    const double weight = workspace.weights[i];
+    for (Eigen::Index k = 0; k <= n; ++k) left[k] = weight * static_cast<double>(right[k]);
+  }
+  const auto begin = static_cast<std::size_t>(workspace.states);
+  internal::TransposedProduct(workspace.left.data() + begin, static_cast<std::size_t>(left_width),
+                              static_cast<std::size_t>(left_width) - begin, workspace.right.data(),
+                              static_cast<std::size_t>(width), static_cast<std::size_t>(width),
+                              static_cast<std::size_t>(workspace.rows),
+                              workspace.sums.data() + begin * static_cast<std::size_t>(width));
 }
 
 JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
@@ -398,13 +430,21 @@ void JacobianEstimate::AddDemonstrations() noexcept {
   const Eigen::Index n = jacobian_.rows();
   const Eigen::Index m = jacobian_.cols();
   const Eigen::Index moves = motion_rows_;
+  const Eigen::Index states = workspace_.states;
   const Eigen::Index v = n + 1;  // In the sums; then the changes.
+  a_.bottomRightCorner(m, m) += sums.block(0, v, m, m);
+  b_.bottomRows(m) += sums.block(0, v + m, m, n);
+  if (moves == 0) return;
+  SumStates();
   // The lower triangle is enough.
-  a_.topLeftCorner(moves, moves) += sums.topLeftCorner(moves, moves);
-  a_.bottomLeftCorner(m, moves) += sums.block(v, 0, m, moves);
-  a_.bottomRightCorner(m, m) += sums.block(v, v, m, m);
-  b_.topRows(moves) += sums.block(0, v + m, moves, n);
-  b_.bottomRows(m) += sums.block(v, v + m, m, n);
+  a_.topLeftCorner(moves, moves) += sums.block(states, 0, moves, moves);
+  a_.bottomLeftCorner(m, moves) += sums.block(states, v, moves, m).transpose();
+  b_.topRows(moves) += sums.block(states, v + m, moves, n);
+}
+
+void JacobianEstimate::SumStates() noexcept {
+  if (!has_states_) prior_->SumStates(workspace_);
+  has_states_ = true;
 }
 
 void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
@@ -417,7 +457,8 @@ void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
     a_.diagonal().head(motion_rows_ - 1).array() += options.slope_ridge - options.ridge;
     a_(motion_rows_ - 1, motion_rows_ - 1) += options.motion_ridge - options.ridge;
   }
-  has_sums_ = prior_->Sums(t, z, workspace_);
+  has_sums_ = prior_->SumControls(t, z, workspace_);
+  has_states_ = false;
   if (has_sums_) AddDemonstrations();
   cholesky_.compute(a_);
   // B becomes L^-1 B; of A^-1 B only the rows below the slopes matter.
@@ -444,7 +485,9 @@ bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
   const Eigen::Index n = jacobian_.rows();
   const Eigen::Index m = jacobian_.cols();
   if (!has_sums_ || !prior_->has_controls()) return false;
-  a_demo_ = sums.topLeftCorner(n + 1, n + 1);
+  SumStates();
+  const Eigen::Index states = workspace_.states;
+  a_demo_ = sums.block(states, 0, n + 1, n + 1);
   const double weight = a_demo_(n, n);
   if (!(weight > 0.0)) return false;
   a_demo_.diagonal().head(n).array() += kRidge * weight;
@@ -453,8 +496,8 @@ bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
   unit_.setZero();
   unit_(n, 0) = 1.0;
   cholesky_demo_.solveInPlace(unit_);
-  v.noalias() = sums.block(0, n + 1, n + 1, m).transpose().lazyProduct(unit_.col(0));
-  wanted_.noalias() = sums.block(0, n + 1 + m, n + 1, n).transpose().lazyProduct(unit_.col(0));
+  v.noalias() = sums.block(states, n + 1, n + 1, m).transpose().lazyProduct(unit_.col(0));
+  wanted_.noalias() = sums.block(states, n + 1 + m, n + 1, n).transpose().lazyProduct(unit_.col(0));
   wanted_ -= own_motion_;
   if (drifts_) wanted_ -= Time(v.norm()) * drift_;
   h_.noalias() = jacobian_.transpose().lazyProduct(jacobian_);

@@ -20,7 +20,7 @@ struct JacobianOptions {
   double slope_ridge = 10.0;   ///< Pulls its slopes to zero, > 0.
   double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
   int window = 5;              ///< Transitions of the time steps t - window ... t + window count.
-  int max_per_step = 12;       ///< Most transitions kept of one time step: bounds the time.
+  int max_per_step = 24;       ///< Most transitions kept of one time step: bounds the time.
   double forgetting = 0.93;    ///< Weight that an applied control keeps at the next, in [0, 1).
 };
 
@@ -57,19 +57,28 @@ class JacobianPrior {
   /// neither the controls nor an own motion.
   [[nodiscard]] bool has_controls() const noexcept { return has_controls_; }
 
-  /// Room for Sums().
+  /// Sums over the transitions near a time step and a state z, with r = [z_i - z; 1; v_i; dz_i] and
+  /// weights w that fall with the distance to z and sum to prior_weight. To be made by
+  /// MakeWorkspace().
   struct Workspace {
-    Eigen::VectorXf weights;
-    Eigen::VectorXf left;
-    Eigen::VectorXf right;
+    Eigen::VectorXf z;
+    int first = 0;  ///< Transition,
+    int rows = 0;   ///< and how many of them.
+    Eigen::VectorXf distances;
+    Eigen::VectorXd weights;
+    Eigen::VectorXd left;   ///< w [v_i; z_i - z; 1], row by row.
+    Eigen::VectorXf right;  ///< r, row by row.
+    /// sum w v_i r' in the rows from 0, of which z_i - z is not asked for; sum w [z_i - z; 1] r' in
+    /// those from `states`.
     core::Matrix sums;
+    int states = 0;
   };
   [[nodiscard]] Workspace MakeWorkspace() const;
-  /// sum w r r[0:n + 1 + m]' over transitions near time step `t`, those of its last one where
-  /// demonstrations end before, r = [z_i - z; 1; v_i; dz_i], as the leading rows and columns of
-  /// `workspace.sums`; w falls with the distance to `z` and sums to prior_weight. What is
-  /// summed is in single precision. @returns false if there is no transition.
-  bool Sums(int t, std::span<const double> z, Workspace& workspace) const noexcept;
+  /// Sums over transitions near time step `t`, those of its last one where demonstrations end
+  /// before, of v_i alone. @returns false if there is no transition.
+  bool SumControls(int t, std::span<const double> z, Workspace& workspace) const noexcept;
+  /// Sums of [z_i - z; 1], after SumControls().
+  void SumStates(Workspace& workspace) const noexcept;
 
  private:
   static constexpr int kWithTransitions = 4;  ///< The first version of files that hold them.
@@ -178,6 +187,7 @@ class JacobianEstimate {
   [[nodiscard]] int FindLag(std::span<const double> dz, double time) noexcept;
   void MoveTo(std::span<const double> z) noexcept;
   void AddDemonstrations() noexcept;
+  void SumStates() noexcept;
 
   std::shared_ptr<const JacobianPrior> prior_;
   DriftTime drift_time_;
@@ -200,7 +210,8 @@ class JacobianEstimate {
   Eigen::VectorXd direction_;
   Eigen::VectorXd scratch_;
   JacobianPrior::Workspace workspace_;
-  bool has_sums_ = false;  ///< workspace_ holds those of the last Compute().
+  bool has_sums_ = false;    ///< workspace_ holds those of the last Compute(),
+  bool has_states_ = false;  ///< also of states.
 
   Eigen::MatrixXd applied_;                   ///< m x (kMaxLag + 1), the newest first.
   std::array<double, kMaxLag + 1> errors_{};  ///< Squared, of each lag's predictions.
