@@ -451,7 +451,8 @@ info : dict
     reason : "inside", "outside" (passed all the same), "changed", "probe", "recovery", or why it
         halted.
     changed : bool, whether the action differs from the policy's.
-    certified : bool, whether the next state provably raises no alarm (strategy "certified").
+    certified : bool, whether the next state provably raises no alarm, under the assumptions of
+        docs/certificates.md (strategy "certified").
     alarm : bool, whether the state is further outside than demonstrations are.
     alarm_step : int, the time step of the demonstrations that the state fits best: the alarm's.
     step : int, the time step that the strategy is in: that of g and threshold.
