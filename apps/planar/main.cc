@@ -211,7 +211,7 @@ std::string ShareOf(int count, int fits, double chance) {
   return text.data();
 }
 
-// Of each number of demonstrations: left out in turn, held out, held out with a confidence.
+// A row each for demonstrations that are left out in turn, held out, held out with a confidence.
 void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worlds,
                    const std::vector<int>& demonstrations) {
   struct Promise {
