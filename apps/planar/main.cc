@@ -1,5 +1,5 @@
 // Guided recovery and the certified modes on planar tasks: experiments, ablations, drift studies,
-// proofs by stress, certificates and pictures.
+// proofs by stress, coverage of fits, certificates and pictures.
 
 #include <CLI/CLI.hpp>
 #include <Eigen/Eigenvalues>
@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "apps/command_line.h"
+#include "apps/planar/coverage.h"
 #include "apps/planar/evaluation.h"
 #include "apps/planar/picture.h"
 #include "apps/planar/proof.h"
@@ -194,6 +195,51 @@ void PrintProof(ProofOptions options, bool mutations) {
     }
   }
   if (!failures.empty()) throw std::runtime_error("the proof failed:" + failures);
+}
+
+// A share of fits as per cent, with its 95 % interval and what exact promises would show.
+std::string ShareOf(int count, int fits, double chance) {
+  const auto interval = experiment::ProportionInterval(count, fits);
+  std::array<char, 64> text{};
+  if (chance < 0.0) {
+    std::snprintf(text.data(), text.size(), "%.1f [%.1f, %.1f] -", 100.0 * count / fits,
+                  100.0 * interval.low, 100.0 * interval.high);
+  } else {
+    std::snprintf(text.data(), text.size(), "%.1f [%.1f, %.1f] %.1f", 100.0 * count / fits,
+                  100.0 * interval.low, 100.0 * interval.high, 100.0 * chance);
+  }
+  return text.data();
+}
+
+// A row each for demonstrations that are left out in turn, held out, held out with a confidence.
+void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worlds,
+                   const std::vector<int>& demonstrations) {
+  struct Promise {
+    double hold_out;
+    double confidence;
+  };
+  std::printf(
+      "shares of fits in %%: measured [95 %% interval] as the law of exact promises has it\n");
+  std::printf("%-12s %4s %9s %11s %7s  %-18s %-28s %-24s %-24s\n", "world", "n", "hold-out",
+              "confidence", "alarms", "mean rate +- 1.96 se", "fits that keep it",
+              "eps falls short", "K falls short");
+  for (const std::string& world : worlds) {
+    for (const int n : demonstrations) {
+      for (const Promise& promise : {Promise{0.0, 0.0}, Promise{0.5, 0.0}, Promise{0.5, 0.8}}) {
+        options.world = world;
+        options.demonstrations = n;
+        options.hold_out = promise.hold_out;
+        options.confidence = promise.confidence;
+        const CoverageResult r = MeasureCoverage(options);
+        std::printf("%-12s %4d %9.1f %11.1f %7.3f  %.3f +- %.3f       %-28s %-24s %-24s\n",
+                    world.c_str(), n, promise.hold_out, r.confidence, r.promised, r.mean,
+                    1.96 * r.mean_error, ShareOf(r.kept, options.fits, r.kept_chance).c_str(),
+                    ShareOf(r.error_short, options.fits, r.short_chance).c_str(),
+                    ShareOf(r.gain_short, options.fits, r.short_chance).c_str());
+        std::fflush(stdout);
+      }
+    }
+  }
 }
 
 // How many demonstrated steps from time step t a mode would let pass.
@@ -385,6 +431,22 @@ int main(int argc, char** argv) try {
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   prove->add_flag("--mutations", mutations, "mistakes that must be found, too");
+  CoverageOptions coverage;
+  std::vector<std::string> worlds = CoverageWorlds();
+  std::vector<int> numbers = {10, 20, 60};
+  auto* cover = app.add_subcommand("coverage", "How often what fits promise comes true");
+  cover->add_option("--worlds", worlds)->delimiter(',')->check(CLI::IsMember(worlds));
+  cover->add_option("--demonstrations", numbers)
+      ->delimiter(',')
+      ->check(CLI::Range(6, 10'000))
+      ->capture_default_str();
+  cover->add_option("--fits", coverage.fits, "of each row")
+      ->check(CLI::Range(2, 1'000'000))
+      ->capture_default_str();
+  cover->add_option("--further", coverage.further, "demonstrations that judge a fit")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  cover->add_option("--seed", coverage.seed)->capture_default_str();
   auto* certificate = app.add_subcommand("certificate", "What the certified modes rest on");
   common(certificate);
   seeded(certificate);
@@ -408,6 +470,7 @@ int main(int argc, char** argv) try {
     Drift(study, causes);
   }
   if (*prove) PrintProof(proof, mutations);
+  if (*cover) PrintCoverage(coverage, worlds, numbers);
   if (*certificate) PrintCertificate(study);
   if (*picture) {
     study.plan.methods = picture_methods;

@@ -32,7 +32,7 @@ struct MethodOptions {
   double raw_gamma = 0.0;  ///< Of the paper's support; 0: the task's.
   /// Of the support of certified-lipschitz and certified-radius, in standard deviations.
   double certified_gamma = 0.35;
-  double gain_factor = 1.5;      ///< Safety factor on an estimated K or eps.
+  double gain_factor = 2.0;      ///< Safety factor on an estimated K or eps.
   double certified_level = 0.0;  ///< control::Certificate::level of the certified modes.
 };
 

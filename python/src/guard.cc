@@ -340,16 +340,17 @@ summary : dict
       guard_class, [](const py::object& self) { return ToBytes(self.cast<const Guard&>()); },
       &FromBytes);
   guard_class
-      .def_static(
-          "fit", &Fit, py::arg("states"), py::arg("actions"), py::kw_only(),
-          py::arg("layout") = std::vector<std::pair<std::string, int>>(), py::arg("features") = "",
-          py::arg("nu") = safety::GuardOptions().support.svm.nu,
-          py::arg("gamma") = safety::GuardOptions().support.svm.gamma,
-          py::arg("strategy") = "guided", py::arg("horizon") = 0, py::arg("action_limit") = 0.0,
-          py::arg("false_alarms") = 0.1, py::arg("confidence") = 0.0, py::arg("hold_out") = 0.0,
-          py::arg("error_factor") = 1.5, py::arg("source") = "", py::arg("differences") = false,
-          py::arg("as_recorded") = false, py::arg("progress") = py::none(),
-          R"(Learn a guard from demonstrations.
+      .def_static("fit", &Fit, py::arg("states"), py::arg("actions"), py::kw_only(),
+                  py::arg("layout") = std::vector<std::pair<std::string, int>>(),
+                  py::arg("features") = "", py::arg("nu") = safety::GuardOptions().support.svm.nu,
+                  py::arg("gamma") = safety::GuardOptions().support.svm.gamma,
+                  py::arg("strategy") = "guided", py::arg("horizon") = 0,
+                  py::arg("action_limit") = 0.0, py::arg("false_alarms") = 0.1,
+                  py::arg("confidence") = 0.0, py::arg("hold_out") = 0.0,
+                  py::arg("error_factor") = safety::GuardOptions().error_factor,
+                  py::arg("source") = "", py::arg("differences") = false,
+                  py::arg("as_recorded") = false, py::arg("progress") = py::none(),
+                  R"(Learn a guard from demonstrations.
 
 Parameters
 ----------
@@ -456,7 +457,8 @@ info : dict
     reason : "inside", "outside" (passed all the same), "changed", "probe", "recovery", or why it
         halted.
     changed : bool, whether the action differs from the policy's.
-    certified : bool, whether the next state provably raises no alarm (strategy "certified").
+    certified : bool, whether the next state provably raises no alarm, under the assumptions of
+        docs/certificates.md (strategy "certified").
     alarm : bool, whether the state is further outside than demonstrations are.
     alarm_step : int, the time step of the demonstrations that the state fits best: the alarm's.
     step : int, the time step that the strategy is in: that of g and threshold.

@@ -120,6 +120,39 @@ TEST(FoldsTest, WhatDiffersInDoublePrecisionAloneIsStillTold) {
             Entries(Permuted(demonstrations, ContentOrder(demonstrations))));
 }
 
+// What split conformal prediction rests on: those that come first are a random sample, so that a
+// further demonstration is beyond all of them as often as chance says. The lowest must not always
+// be among the others.
+TEST(FoldsTest, TheFirstAreARandomSample) {
+  constexpr int kCount = 20;
+  constexpr int kHeldOut = 10;
+  constexpr int kRuns = 2000;
+  std::vector<int> first(kCount, 0);
+  int beyond = 0;
+  for (std::uint64_t run = 0; run < kRuns; ++run) {
+    Random random(run);
+    std::vector<Matrix> demonstrations;
+    demonstrations.reserve(kCount);
+    for (int d = 0; d < kCount; ++d) {
+      demonstrations.push_back(Matrix::Constant(1, 1, random.Normal()));
+    }
+    const std::vector<std::size_t> order = ContentOrder(demonstrations);
+    double largest = 0.0;
+    for (std::size_t i = 0; i < kHeldOut; ++i) {
+      const double value = demonstrations[order[i]](0, 0);
+      largest = std::max(largest, std::abs(value));
+      ++first[static_cast<std::size_t>(
+          std::count_if(demonstrations.begin(), demonstrations.end(),
+                        [&](const Matrix& other) { return other(0, 0) < value; }))];
+    }
+    beyond += std::abs(random.Normal()) > largest ? 1 : 0;
+  }
+  // Binomial(2000, 1/2): standard deviation 22.4; five of these for 20 ranks.
+  EXPECT_THAT(first, testing::Each(testing::AllOf(testing::Gt(888), testing::Lt(1112))));
+  // Binomial(2000, 1/11): 182 expected, standard deviation 12.9; four of these.
+  EXPECT_NEAR(beyond, 182, 52);
+}
+
 TEST(FoldsTest, NoFoldHoldsAWholeCluster) {
   // d mod 5, as one would do it by hand, would put each goal into a fold of its own. Of ten each
   // fold has two, give or take one that is far from the others of its goal.

@@ -75,12 +75,13 @@ TEST_F(TipRegionTest, AWayIsLookedAtAllAlong) {
   EXPECT_FALSE(region.Along(lower_bent, bent).any());
 }
 
-// Seeded ways against looks that are twenty times as dense.
+// Seeded ways against looks that are twenty times as dense. About one in ten leaves: all of these
+// are refused, and none that stays is.
 TEST_F(TipRegionTest, NoWayThatLeavesIsAllowed) {
   const TipRegion region(task_, {});
   core::Random random(5);
   int refused = 0;
-  for (int n = 0; n < 300; ++n) {
+  for (int n = 0; n < 600; ++n) {
     PsmJoints from = At(0.0, 0.0, 0.003);
     PsmJoints to = from;
     for (int i = 0; i < 6; ++i) {
@@ -101,7 +102,7 @@ TEST_F(TipRegionTest, NoWayThatLeavesIsAllowed) {
       EXPECT_NEAR(found.depth_m, deepest, 3e-4);
     }
   }
-  EXPECT_GT(refused, 20);
+  EXPECT_GT(refused, 50);
 }
 
 TEST_F(TipRegionTest, WhoIsTooDeepMayComeOutAndNoFartherIn) {

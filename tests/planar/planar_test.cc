@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/planar/coverage.h"
 #include "apps/planar/evaluation.h"
 #include "apps/planar/methods.h"
 #include "apps/planar/picture.h"
@@ -145,6 +146,33 @@ TEST(ProofTest, AWrongConstantEndsInAViolation) {
     EXPECT_GT(result.violations, 100);
     EXPECT_LE(result.left, result.violations + 1) << "the last control is not looked at any more";
   }
+}
+
+// By demonstrations that nothing was fitted to: counts agree with the law of order statistics.
+TEST(CoverageTest, HeldOutDemonstrationsKeepThePromises) {
+  constexpr int kFits = 80;
+  for (const std::string world : {"reach", "heavy-tails"}) {
+    SCOPED_TRACE(world);
+    const CoverageResult result = MeasureCoverage({.world = world,
+                                                   .demonstrations = 20,
+                                                   .hold_out = 0.5,
+                                                   .confidence = 0.8,
+                                                   .fits = kFits,
+                                                   .further = 60});
+    EXPECT_EQ(result.promised, 0.2);
+    EXPECT_EQ(result.confidence, 0.8);
+    EXPECT_GT(result.kept_chance, 0.8);
+    // Three and a half standard deviations.
+    const auto near = [&](int count, double chance) {
+      EXPECT_NEAR(count, kFits * chance, 3.5 * std::sqrt(kFits * chance * (1.0 - chance)));
+    };
+    near(result.kept, result.kept_chance);
+    near(result.error_short, result.short_chance);
+    near(result.gain_short, result.short_chance);
+    // The worst of ten: one further of eleven is beyond it.
+    EXPECT_NEAR(result.mean, 1.0 / 11.0, 3.5 * result.mean_error);
+  }
+  EXPECT_THROW((void)MeasureCoverage({.world = "moon"}), std::invalid_argument);
 }
 
 TEST(PlanarTest, EveryMethodRunsAndUnknownNamesAreNamed) {

@@ -72,11 +72,15 @@ Certifier::Need Certifier::Predict(const LocalModel& model, int phase,
 }
 
 double Certifier::Share(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept {
+  return predicts() && !v.isZero(0.0) && Predict(model, phase, v).met() ? 1.0
+                                                                        : Part(model, phase, v);
+}
+
+double Certifier::Part(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept {
   const double norm = v.norm() * control_unit_;
   if (!active() || norm == 0.0) return 1.0;
   // Rounding must not carry a control that just passes over the bound.
   constexpr double kInside = 1.0 - 1e-9;
-  if (predicts() && Predict(model, phase, v).met()) return 1.0;
   effect_.noalias() = model.answer.jacobian().lazyProduct(v);
   double best = 0.0;
   for (int q = std::max(0, phase - PhaseTracker::kWindow);

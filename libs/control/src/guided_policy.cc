@@ -259,11 +259,10 @@ bool GuidedPolicy::Probe(const LocalModel& model, double& level) noexcept {
   return true;
 }
 
-bool GuidedPolicy::Project(const LocalModel& model, int phase) noexcept {
+bool GuidedPolicy::Project(const LocalModel& model, Certifier::Need need) noexcept {
   // The need is met a little later than it is computed: the slope of l differs where v leads to.
   constexpr int kRounds = 3;
   constexpr double kOvershoot = 0.02;
-  Certifier::Need need = certifier_.Predict(model, phase, v_);
   for (int round = 0; round < kRounds && !need.met(); ++round) {
     if (RaiseLevel(model, {need.phase, need.level + kOvershoot}, limits_, v_) < need.level) break;
     need = certifier_.Check(model, need.phase, v_);
@@ -273,21 +272,24 @@ bool GuidedPolicy::Project(const LocalModel& model, int phase) noexcept {
 
 bool GuidedPolicy::Certify(const LocalModel& model, Step& step) noexcept {
   bool gets_on = step.mode != Mode::kProbe;
+  double share = 1.0;
   if (gets_on && certifier_.predicts()) {
     trial_ = v_;
-    if (!Project(model, step.t)) {
+    if (!Project(model, certifier_.Predict(model, step.t, v_))) {
       // What demonstrations did nearby, as near to it as is certified.
       demonstrated_ = trial_;
       const bool known = estimate_.Demonstrated(v_);
       v_ = v_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
-      if (known && Project(model, step.t)) {
+      if (known && Project(model, certifier_.Check(model, step.t + 1, v_))) {
         step.mode = Mode::kRecovery;
       } else {
         v_ = demonstrated_;
+        share = certifier_.Part(model, step.t, v_);
       }
     }
+  } else {
+    share = certifier_.Share(model, step.t, v_);
   }
-  double share = certifier_.Share(model, step.t, v_);
   if (share < kLeastShare) {
     // So near to the boundary in this direction: make all the room there is first.
     v_.setZero();
@@ -305,8 +307,10 @@ bool GuidedPolicy::Certify(const LocalModel& model, Step& step) noexcept {
   if (!gets_on) {
     static_cast<void>(tracker_.Advance(-kInfinity));
   } else {
+    // Small shares add up to time steps.
+    const double before = std::floor(progress_.time + 0.5);
     progress_.time += share;
-    tracker_.Reset(step.t + (share >= 0.5 ? 1 : 0));
+    tracker_.Reset(step.t + static_cast<int>(std::floor(progress_.time + 0.5) - before));
   }
   return true;
 }

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -39,21 +41,43 @@ std::size_t Entries(std::span<const Matrix* const> parts) {
   return count;
 }
 
-// -1, 0 or 1 by the first entry that differs once both are a `Real`.
 template <typename Real>
-int Compare(std::span<const Matrix* const> a, std::span<const Matrix* const> b) {
+Real Rounded(double value) {
   constexpr double kMost = std::numeric_limits<Real>::max();
-  const std::size_t count = std::min(Entries(a), Entries(b));
-  for (std::size_t i = 0; i < count; ++i) {
-    const auto x = static_cast<Real>(std::clamp(Entry(a, i), -kMost, kMost));
-    const auto y = static_cast<Real>(std::clamp(Entry(b, i), -kMost, kMost));
-    if (x != y) return x < y ? -1 : 1;
-  }
-  return 0;
+  return static_cast<Real>(std::clamp(value, -kMost, kMost));
 }
 
-// `parts_of(d)` is what demonstration d holds. The order of the entries is shuffled: neighbors in
-// it start alike, and whoever takes the first few wants any.
+// The first entry that differs once both are a `Real`; as many as they share if none does.
+template <typename Real>
+std::size_t FirstDifference(std::span<const Matrix* const> a, std::span<const Matrix* const> b) {
+  const std::size_t count = std::min(Entries(a), Entries(b));
+  std::size_t i = 0;
+  while (i < count && Rounded<Real>(Entry(a, i)) == Rounded<Real>(Entry(b, i))) ++i;
+  return i;
+}
+
+template <typename Real>
+int Compare(std::span<const Matrix* const> a, std::span<const Matrix* const> b) {
+  const std::size_t i = FirstDifference<Real>(a, b);
+  const auto x = Rounded<Real>(Entry(a, i));
+  const auto y = Rounded<Real>(Entry(b, i));
+  return x < y ? -1 : static_cast<int>(x > y);
+}
+
+// To 12 binary digits: machines whose arithmetic differs in the last ones agree.
+std::uint64_t CoarseBits(double value) {
+  constexpr int kDigits = 12;
+  int exponent = 0;
+  const double fraction = std::frexp(value, &exponent);
+  // Adding zero gives both zeros the same sign.
+  return std::bit_cast<std::uint64_t>(
+      std::ldexp(std::round(std::ldexp(fraction, kDigits)), exponent - kDigits) + 0.0);
+}
+
+// `parts_of(d)` is what demonstration d holds. The sorted order is shuffled: neighbors in it start
+// alike. The entries that decided it are part of the seed. With `seed` alone, whoever takes the
+// first few would always take the same ranks, never the lowest ones perhaps, and that is no random
+// sample of demonstrations.
 template <typename PartsOf>
 std::vector<std::size_t> Order(std::size_t demonstrations, std::uint64_t seed,
                                const PartsOf& parts_of) {
@@ -65,6 +89,12 @@ std::vector<std::size_t> Order(std::size_t demonstrations, std::uint64_t seed,
     const int coarse = Compare<float>(left, right);
     return coarse != 0 ? coarse < 0 : Compare<double>(left, right) < 0;
   });
+  for (std::size_t k = 1; k < demonstrations; ++k) {
+    const auto before = parts_of(order[k - 1]);
+    const auto here = parts_of(order[k]);
+    const std::size_t i = FirstDifference<float>(before, here);
+    seed = DeriveSeed(seed, {i, CoarseBits(Entry(before, i)), CoarseBits(Entry(here, i))});
+  }
   Random(seed).Shuffle(std::span(order));
   return order;
 }

@@ -54,6 +54,8 @@ class Certifier {
   /// |q - phase| <= PhaseTracker::kWindow: by the ball at z the largest, and where predicts(), 1, a
   /// half or a quarter if that is more and passes Check() at `phase` or the next one.
   [[nodiscard]] double Share(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
+  /// The same of a control that Predict() has refused, which is not asked again.
+  [[nodiscard]] double Part(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
   /// Control number `control`, `v`, was predicted to change the features by `effect` and changed
   /// them by `dz`. @returns false on the first contradiction to the assumption; see violation().
   [[nodiscard]] bool Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,

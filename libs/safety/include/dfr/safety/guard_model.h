@@ -98,7 +98,7 @@ struct GuardOptions {
   double hold_out = 0.0;
   /// GuardSettings::direction_error as a multiple of the one that demonstrations show, > 0: a
   /// policy asks for controls that no demonstration would have made.
-  double error_factor = 1.5;
+  double error_factor = 2.0;
   std::string source = {};  ///< Kept in the file: where the demonstrations came from.
   /// Called with what is being done and the share of the work that is behind; false stops.
   std::function<bool(std::string_view stage, double share)> progress = {};
