@@ -101,7 +101,7 @@ class Guard:
         false_alarms: float = 0.1,
         confidence: float = 0.0,
         hold_out: float = 0.0,
-        error_factor: float = 1.5,
+        error_factor: float = 2.0,
         source: str = "",
         differences: bool = False,
         as_recorded: bool = False,
