@@ -14,6 +14,7 @@
 #include "dfr/core/random.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/experiment/paired_evaluation.h"
+#include "dfr/experiment/report.h"
 #include "dfr/safety/guard.h"
 
 namespace dfr::apps::gallery {
@@ -261,6 +262,13 @@ std::vector<Row> RunStudy(const Study& study) {
   const experiment::OutputFolder folder(study);
   const auto found = experiment::RunExperiment("gallery", plan, make, {}, study);
   if (!found) return rows;
+  if (!study.out.empty()) {
+    experiment::SaveReport(found->summary,
+                           {.title = "Gallery: the guard at its default settings",
+                            .program = "gallery",
+                            .method_names = {{"alone", "Policy alone"}}},
+                           study.out / "report.html");
+  }
   const std::vector<experiment::UnitResult>& units = found->units;
   for (const std::string& task : study.tasks) {
     for (const std::string& policy : study.policies) {

@@ -9,6 +9,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/ledger.h"
+#include "dfr/experiment/report.h"
 #include "dfr/experiment/rollout_runner.h"
 
 namespace dfr::apps::planar {
@@ -86,16 +87,23 @@ std::vector<PlanarResult> RunVariants(const std::string& name,
   using experiment::Exactly;
   const MethodOptions& methods = first.methods;
   const experiment::OutputFolder folder(first.run);
-  const auto found =
-      experiment::RunExperiment(name, plan, make,
-                                {{"task", first.task},
-                                 {"gamma", Exactly(methods.gamma)},
-                                 {"raw gamma", Exactly(methods.raw_gamma)},
-                                 {"certified gamma", Exactly(methods.certified_gamma)},
-                                 {"factor", Exactly(methods.gain_factor)}},
-                                first.run);
+  const std::map<std::string, std::string> settings = {
+      {"task", first.task},
+      {"gamma", Exactly(methods.gamma)},
+      {"raw gamma", Exactly(methods.raw_gamma)},
+      {"certified gamma", Exactly(methods.certified_gamma)},
+      {"certified level", Exactly(methods.certified_level)},
+      {"factor", Exactly(methods.gain_factor)}};
+  const auto found = experiment::RunExperiment(name, plan, make, settings, first.run);
   std::vector<PlanarResult> results;
   if (!found) return results;
+  if (!first.run.out.empty()) {
+    experiment::SaveReport(found->summary,
+                           {.title = "Planar tasks: " + first.task,
+                            .program = "planar",
+                            .settings = {settings.begin(), settings.end()}},
+                           first.run.out / "report.html");
+  }
   for (const Variant& variant : variants) {
     PlanarResult& result = results.emplace_back();
     result.recovery_lengths.resize(plan.methods.size());

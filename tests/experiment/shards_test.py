@@ -70,6 +70,14 @@ class ShardsTest(unittest.TestCase):
         self.run_program("experiment", "--config", "one/run.toml", "--seed=12", "--out", "three")
         self.assertEqual(json.loads(self.bytes_of("three/summary.json"))["seed"], 12)
 
+    def test_a_configuration_keeps_flags_that_say_no(self):
+        for flag, says in (("--warm", "cold = false\n"), ("--cold", "cold = true\n"), ("--warm=false", "cold = true\n"),
+                           ("--no-video", "no-video = true\n")):
+            self.run_program("experiment", flag, "--out", "one", "--restart")
+            self.assertIn(says, (self.folder / "one/run.toml").read_text())
+            self.run_program("experiment", "--config", "one/run.toml", "--out", "one")  # refused if it were another run
+            self.assertIn(says, (self.folder / "one/run.toml").read_text())
+
     def test_mistakes_in_a_configuration_name_the_line(self):
         for text, says in [("[experiment]\nseed = 1\ngama = 5\n", "c.toml:3: experiment has no option 'gama'"),
                            ("seed = 1\n", "c.toml:1: 'seed' is no table of a command"),

@@ -58,6 +58,17 @@ bool IsValue(const std::string& argument) {
   return !argument.starts_with("-") || argument == "-" || number;
 }
 
+// What a flag that is given as `argument` says of the flag's first name, its key in run.toml:
+// --not-during is "false" of "during", and --no-video "true" of "no-video".
+std::string FlagValue(const CLI::Option& option, const std::string& argument) {
+  const std::size_t equals = argument.find('=');
+  std::string value = equals == std::string::npos ? "true" : argument.substr(equals + 1);
+  const std::size_t begin = argument.find_first_not_of('-');
+  const std::string name = argument.substr(begin, std::min(equals, argument.size()) - begin);
+  if (option.check_fname(name) == option.check_fname(NameOf(option))) return value;
+  return value == "true" ? "false" : "true";
+}
+
 // The values that the command line gives an option, as they were written; one flag's is true or
 // false.
 Arguments ValuesOf(const CLI::Option& option, const Arguments& arguments) {
@@ -66,10 +77,10 @@ Arguments ValuesOf(const CLI::Option& option, const Arguments& arguments) {
     if (arguments[i] == "--") break;
     if (!Names(arguments[i], option)) continue;
     const std::size_t equals = arguments[i].find('=');
-    if (equals != std::string::npos) {
+    if (IsFlag(option)) {
+      values.push_back(FlagValue(option, arguments[i]));
+    } else if (equals != std::string::npos) {
       values.push_back(arguments[i].substr(equals + 1));
-    } else if (IsFlag(option)) {
-      values.emplace_back("true");
     } else {
       for (int k = 0; k < option.get_items_expected_max() && i + 1 < arguments.size() &&
                       IsValue(arguments[i + 1]);
@@ -104,7 +115,8 @@ std::string Value(const std::string& text, bool is_number) {
          text.find(".e") == std::string::npos && text.find(".E") == std::string::npos);
     const bool zero = text.size() > 1 && text[0] == '0' && std::isdigit(text[1]) != 0;
     if (end.ec == std::errc() && end.ptr == text.data() + text.size() && plain && digits && !zero) {
-      return text;
+      // In one form, whether it was written, read or a default: 0.0006 and 6e-4 are the same run.
+      return text.find_first_of(".eE") == std::string::npos ? text : Exactly(value);
     }
   }
   std::string quoted = "\"";

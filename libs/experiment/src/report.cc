@@ -151,8 +151,8 @@ class Page {
         if (const auto& interval = ratios.completion_ratio_interval) {
           out_ << Range(interval->low, interval->high, 0);
         }
-        out_ << "</span><span><b>" << Times(contrast.seconds_ratio)
-             << "</b>time per trajectory</span></div></div>\n";
+        out_ << "</span><span><b>" << Times(contrast.controls_ratio)
+             << "</b>controls per trajectory</span></div></div>\n";
       }
       out_ << "</div>\n";
     }
@@ -269,8 +269,7 @@ class Page {
     out_ << "<h2>All data points together</h2>\n<div class=\"wide\"><table><thead><tr>"
             "<th>Learner</th><th>Method</th><th class=\"n\">Completed, %</th>"
             "<th class=\"n\">Halted, %</th><th class=\"n\">Collided, %</th>"
-            "<th class=\"n\">ms per<br>trajectory</th><th class=\"n\">Time<br>ratio</th>"
-            "<th class=\"n\">Controls per<br>trajectory</th>"
+            "<th class=\"n\">Controls per<br>trajectory</th><th class=\"n\">Ratio</th>"
             "<th class=\"n\">of these<br>recovery</th><th class=\"n\">Collided alone,<br>reference "
             "alone</th></tr></thead><tbody>\n";
     std::string learner;
@@ -281,9 +280,9 @@ class Page {
       for (const Contrast& candidate : summary_.contrasts) {
         if (candidate.method == cell.method && candidate.learner == learner) contrast = &candidate;
       }
-      out_ << "<td class=\"n\">" << Number(1e3 * cell.seconds_per_trajectory, 3)
-           << "</td><td class=\"n\">" << (contrast != nullptr ? Times(contrast->seconds_ratio) : "")
-           << "</td><td class=\"n\">" << Number(cell.controls_per_trajectory, 1)
+      out_ << "<td class=\"n\">" << Number(cell.controls_per_trajectory, 1)
+           << "</td><td class=\"n\">"
+           << (contrast != nullptr ? Times(contrast->controls_ratio) : "")
            << "</td><td class=\"n\">" << Number(cell.recovery_controls, 1) << "</td>"
            << "<td class=\"n\">";
       if (contrast != nullptr) {
@@ -295,9 +294,9 @@ class Page {
     out_ << "</tbody></table></div>\n<p class=\"caption\">"
          << Percent(static_cast<double>(any.redrawn_starts) / (any.redrawn_starts + any.episodes),
                     1)
-         << " of the start states drawn were outside the first support, and were drawn anew. Time "
-            "is processor time of plant and decisions. Alone: start states from which just one of "
-            "the two collided.</p>\n";
+         << " of the start states drawn were outside the first support, and were drawn anew. "
+            "Alone: start states from which just one of the two collided. Measured times, which "
+            "differ from run to run, are in times.json.</p>\n";
   }
 
   void Endings() {
@@ -411,7 +410,7 @@ class Page {
          << " cells</summary>\n<div class=\"wide\"><table><thead><tr><th>Learner</th>"
             "<th>Method</th><th class=\"n\">Demonstrations</th><th class=\"n\">Episodes</th>"
             "<th class=\"n\">Completed, %</th><th class=\"n\">Halted, %</th>"
-            "<th class=\"n\">Collided, %</th><th class=\"n\">ms per<br>trajectory</th>"
+            "<th class=\"n\">Collided, %</th>"
             "<th class=\"n\">Controls per<br>trajectory</th><th class=\"n\">Start states<br>redrawn"
             "</th></tr></thead><tbody>\n";
     const Cell* previous = nullptr;
@@ -423,8 +422,7 @@ class Page {
            << "</td><td>" << Escape(NameOf(cell.method)) << "</td><td class=\"n\">"
            << cell.demonstrations << "</td><td class=\"n\">" << cell.episodes << "</td>";
       ShareCells(cell);
-      out_ << "<td class=\"n\">" << Number(1e3 * cell.seconds_per_trajectory, 3)
-           << "</td><td class=\"n\">" << Number(cell.controls_per_trajectory, 1)
+      out_ << "<td class=\"n\">" << Number(cell.controls_per_trajectory, 1)
            << "</td><td class=\"n\">" << cell.redrawn_starts << "</td></tr>\n";
     }
     out_ << "</tbody></table></div>\n</details>\n";
