@@ -6,6 +6,7 @@
 #include <memory>
 #include <utility>
 
+#include "apps/planar/picture.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/ledger.h"
@@ -20,6 +21,7 @@ class PlanarTrialRunner final : public experiment::RolloutRunner {
   PlanarTrialRunner(const PlanarStudy& study, const experiment::EvaluationPlan& plan, int trial,
                     int demonstrations, const Task& task)
       : RolloutRunner(task.plant->Clone(), study.disturbance),
+        task_(task),
         names_(plan.methods),
         methods_(task,
                  Demonstrate(task, demonstrations,
@@ -35,6 +37,18 @@ class PlanarTrialRunner final : public experiment::RolloutRunner {
     return counts;
   }
 
+  bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
+            std::uint64_t controller_seed, const std::filesystem::path& path) override {
+    std::vector<Episode> episodes(methods.size());
+    for (std::size_t i = 0; i < methods.size(); ++i) {
+      episodes[i].method = names_[static_cast<std::size_t>(methods[i])];
+      EpisodeRecorder recorder(episodes[i]);
+      Watch(methods[i], start_seed, controller_seed, &recorder);
+    }
+    Painter(task_, methods_).WriteVideo(episodes, path);
+    return true;
+  }
+
  private:
   bool Inside(std::span<const double> x) const override {
     return methods_.raw_support().Decision(0, x) >= 0.0 &&
@@ -48,6 +62,7 @@ class PlanarTrialRunner final : public experiment::RolloutRunner {
     return RolloutRunner::CauseOf(result);
   }
 
+  const Task& task_;
   std::vector<std::string> names_;
   Methods methods_;
 };

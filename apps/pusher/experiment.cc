@@ -333,27 +333,17 @@ TrialRunnerFactory MakeFactory(const ExperimentOptions& options,
 
 void RenderEpisode(const ExperimentOptions& run, const RenderOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(run);
-  const experiment::LedgerContents ledger = experiment::ReadLedger(run.out / "ledger.jsonl");
-  const std::string difference = experiment::Difference(
-      ledger.header, {plan, Settings(run, SupervisorOf(run), plan), core::BuildCommit(), {}});
-  if (!difference.empty()) {
-    throw std::runtime_error(run.out.string() +
-                             ": its episodes cannot be run again by this build: " + difference);
-  }
-  const experiment::EpisodeId id = experiment::ParseEpisode(options.episode, plan);
-  const auto record = std::ranges::find(
-      ledger.records, id.unit, [](const auto& candidate) { return candidate.result.unit; });
-  if (record == ledger.records.end()) {
-    throw std::runtime_error(run.out.string() + ": the unit of " + options.episode +
-                             " is not finished");
-  }
+  const experiment::LedgerHeader now = {
+      plan, Settings(run, SupervisorOf(run), plan), core::BuildCommit(), {}};
+  const experiment::RecordedEpisode episode =
+      experiment::FindEpisode(run.out, options.episode, &now);
+  const experiment::EpisodeId& id = episode.id;
   std::vector<std::string> methods = options.methods;
   if (std::ranges::count(methods, id.method) == 0) methods.push_back(id.method);
   TrialRunnerFactory factory = MakeFactory(run, plan, methods);
   const std::unique_ptr<PusherTrialRunner> runner = factory.Make(id.unit);
   const std::vector<RolloutVideo> videos = RecordRollouts(
-      *runner, methods, record->result.starts[static_cast<std::size_t>(id.start)],
-      experiment::ControllerSeed(plan, id.unit.trial, id.start), options.width, options.height);
+      *runner, methods, episode.start_seed, episode.controller_seed, options.width, options.height);
   Save(videos, options.out);
 }
 

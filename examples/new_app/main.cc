@@ -178,7 +178,8 @@ int main(int argc, char** argv) try {
       {{"gamma", experiment::Exactly(gamma)}}, options);
   if (!found) return EXIT_SUCCESS;  // a shard, to be merged
   experiment::PrintTable(found->summary, std::cout);
-  experiment::SaveReport(found->summary, {.title = "Corridor"}, options.out / "report.html");
+  experiment::SaveReport(found->summary, {.title = "Corridor", .program = "corridor"},
+                         options.out / "report.html");
   return EXIT_SUCCESS;
 } catch (const std::exception& e) {
   std::cerr << "corridor: " << e.what() << '\n';

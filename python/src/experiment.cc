@@ -94,10 +94,10 @@ experiment::EvaluationPlan PlanOf(const py::dict& defaults) {
   return plan;
 }
 
-// Runs the command line `arguments` of an experiment in the file `program`, and returns its exit code where
-// nothing else is left to be done, otherwise the summary's text, or None for a shard. `begin` is
-// told what was chosen, before there are threads, and returns (settings, make), where make(trial,
-// demonstrations, learner) makes what a PythonRunner calls.
+// Runs the command line `arguments` of an experiment in the file `program`, and returns its exit
+// code where nothing else is left to be done, otherwise the summary's text, or None for a shard.
+// `begin` is told what was chosen, before there are threads, and returns (settings, make), where
+// make(trial, demonstrations, learner) makes what a PythonRunner calls.
 py::object RunExperiment(const std::vector<std::string>& arguments, const std::string& name,
                          const std::string& program, const std::string& title,
                          const py::dict& defaults, const Values& parameters,
@@ -128,9 +128,10 @@ py::object RunExperiment(const std::vector<std::string>& arguments, const std::s
     return py::int_(*code);
   }
   plan.seed = options.seed;
-  const auto units = experiment::UnitsOf(plan).size();
-  const std::size_t wanted = options.threads > 0 ? static_cast<std::size_t>(options.threads)
-                                                 : std::max(1u, std::thread::hardware_concurrency());
+  const auto units = options.rerun.episode.empty() ? experiment::UnitsOf(plan).size() : 1;
+  const std::size_t wanted = options.threads > 0
+                                 ? static_cast<std::size_t>(options.threads)
+                                 : std::max(1u, std::thread::hardware_concurrency());
   const std::size_t processes = std::clamp<std::size_t>(units, 1, wanted);
   options.threads = static_cast<int>(processes);
   const auto [settings, make] =

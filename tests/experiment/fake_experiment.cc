@@ -45,7 +45,11 @@ int main(int argc, char** argv) try {
           std::ofstream(fails_once) << "failed\n";
           throw std::runtime_error("the plant fell over");
         }
-        return test::MakeFakeTrialRunner(unit);
+        // For a program whose results follow from more than its settings.
+        const char* differs = std::getenv("DFR_FAKE_DIFFERS");
+        experiment::EvaluationUnit other = unit;
+        if (differs != nullptr && *differs != '\0') other.demonstrations += 1;
+        return test::MakeFakeTrialRunner(other);
       },
       {{"gamma", experiment::Exactly(gamma)}, {"cold", cold ? "yes" : "no"}}, options);
   if (!found) return EXIT_SUCCESS;

@@ -147,6 +147,10 @@ class ExperimentTest(unittest.TestCase):
             self.assertEqual(episode.states.shape, (len(episode.actions) + 1, 2))
             np.testing.assert_array_equal(episode.states[0], found["early-stopping"].states[0])
         self.assertEqual(corridor.parameters["ahead"], 0.9)
+        name = lines[0].split("  ")[0]
+        out = self.run_program(self.program, "rerun", "run", name, "--methods", "guided")
+        self.assertIn(lines[0].split("  ")[1] + " after " + lines[0].split("  ")[2].split(",")[0], out)
+        self.assertTrue(out.startswith("guided "))
         with self.assertRaisesRegex(RuntimeError, "there is no method|no learner and method"):
             try:
                 corridor.replay(self.folder / "run", "0/12/policy/magic/0")

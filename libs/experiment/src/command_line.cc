@@ -33,7 +33,7 @@ bool DecidesResults(const std::string& name) {
   for (const char* other : {"help", "config", "out", "shard", "threads", "restart", "salvage"}) {
     if (name == other) return false;
   }
-  return true;
+  return !name.starts_with("rerun-");
 }
 
 bool IsFlag(const CLI::Option& option) { return option.get_items_expected_max() == 0; }
@@ -295,6 +295,17 @@ std::string CommandOf(const std::filesystem::path& configuration) {
   return std::string(root.begin()->first.str());
 }
 
+// The arguments that run an episode of the run in `folder` again.
+Arguments RerunOf(const std::filesystem::path& folder, const Rerun& rerun) {
+  const std::filesystem::path configuration = folder / kConfiguration;
+  Arguments arguments = {CommandOf(configuration), "--config",
+                         configuration.string(),   "--out",
+                         folder.string(),          "--rerun-episode=" + rerun.episode};
+  for (const std::string& method : rerun.methods) arguments.push_back("--rerun-with=" + method);
+  if (!rerun.film.empty()) arguments.push_back("--rerun-film=" + rerun.film.string());
+  return arguments;
+}
+
 // Merges and returns the arguments that make summary and report of it.
 Arguments Merge(const std::vector<std::filesystem::path>& folders,
                 const std::filesystem::path& out) {
@@ -319,11 +330,14 @@ struct Added {
   CLI::App* merge = nullptr;
   CLI::App* status = nullptr;
   CLI::App* episodes = nullptr;
+  CLI::App* rerun = nullptr;
   std::vector<std::filesystem::path> folders;
   std::filesystem::path out;
   bool json = false;
   EpisodeFilter filter;
   int most = 20;
+  std::filesystem::path run;
+  Rerun again;
 };
 
 void Add(CLI::App& app, Added& added) {
@@ -346,6 +360,16 @@ void Add(CLI::App& app, Added& added) {
       ->check(CLI::IsMember({"completed", "halted", "collided"}));
   added.episodes->add_option("--cause", added.filter.cause, "of one cause alone");
   added.episodes->add_option("--most", added.most, "so many lines; 0: all")->capture_default_str();
+  added.rerun = app.add_subcommand("rerun", "one episode again, and other methods beside it");
+  added.rerun->add_option("folder", added.run, "of its run")->required();
+  added.rerun->add_option("episode", added.again.episode, "its id, as episodes prints it")
+      ->required();
+  added.rerun
+      ->add_option("--methods", added.again.methods, "of that run, from the same start state")
+      ->delimiter(',');
+  added.rerun->add_option(
+      "--film", added.again.film,
+      "a file of pictures, where the program has them: .mp4, or .html for paths");
 }
 
 void ParseArguments(CLI::App& app, Arguments arguments) {
@@ -424,6 +448,10 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
                    "forget what an interrupted run left in --out instead of going on with it");
   command.add_flag("--salvage", options.salvage,
                    "go on with a damaged ledger: its damaged lines are put aside and run again");
+  // What RerunOf() gives; users have the command rerun.
+  command.add_option("--rerun-episode", options.rerun.episode)->group("");
+  command.add_option("--rerun-with", options.rerun.methods)->group("");
+  command.add_option("--rerun-film", options.rerun.film)->group("");
   // Several commands may share the options: the one that was called is written.
   options.configuration = [&command, others = options.configuration] {
     return command.parsed() || !others ? Resolve(command, PresentArguments()) : others();
@@ -452,6 +480,8 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
     } else if (added.episodes->parsed()) {
       PrintEpisodes(LedgersIn(added.folders), added.filter, added.most, std::cout);
       return EXIT_SUCCESS;
+    } else if (added.rerun->parsed()) {
+      ParseWithConfiguration(app, RerunOf(added.run, added.again), PresentArguments());
     }
   } catch (const CLI::ParseError& e) {
     return app.exit(e);

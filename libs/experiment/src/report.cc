@@ -242,12 +242,7 @@ class Page {
 
   // What prints the ids of a number's episodes.
   std::string Command(const Cell& cell, const char* outcome) const {
-    const auto word = [](const std::string& text) {
-      const bool plain = text.find_first_of(" ,;'\"$&<>()") == std::string::npos;
-      return plain ? text : "'" + text + "'";
-    };
-    std::string command = options_.program + " episodes FOLDER --learner " + word(cell.learner) +
-                          " --method " + word(cell.method);
+    std::string command = EpisodesCommand(options_.program, cell.learner, cell.method);
     if (cell.demonstrations > 0) {
       command.append(" --demonstrations ").append(std::to_string(cell.demonstrations));
     }
@@ -381,12 +376,18 @@ class Page {
          << Escape(table.caption) << "</p>\n<div class=\"wide\"><table><thead><tr>";
     for (const std::string& head : table.header) out_ << "<th>" << Escape(head) << "</th>";
     out_ << "</tr></thead><tbody>\n";
-    for (const auto& row : table.rows) {
-      DFR_THROW_UNLESS(row.size() == table.header.size(),
+    for (std::size_t r = 0; r < table.rows.size(); ++r) {
+      const std::vector<std::string>& row = table.rows[r];
+      DFR_THROW_UNLESS(row.size() == table.header.size() &&
+                           (table.commands.empty() || table.commands.at(r).size() == row.size()),
                        "report table '" << table.heading << "' has rows of different lengths");
       out_ << "<tr>";
-      for (const std::string& entry : row)
-        out_ << "<td class=\"text\">" << Escape(entry) << "</td>";
+      for (std::size_t c = 0; c < row.size(); ++c) {
+        const std::string command = table.commands.empty() ? "" : table.commands[r][c];
+        out_ << "<td class=\"text\"";
+        if (!command.empty()) out_ << " title=\"" << Escape(command) << "\"";
+        out_ << ">" << Escape(row[c]) << "</td>";
+      }
       out_ << "</tr>\n";
     }
     out_ << "</tbody></table></div>\n";
@@ -446,6 +447,15 @@ class Page {
 };
 
 }  // namespace
+
+std::string EpisodesCommand(const std::string& program, const std::string& learner,
+                            const std::string& method) {
+  const auto word = [](const std::string& text) {
+    const bool plain = text.find_first_of(" ,;'\"$&<>()") == std::string::npos;
+    return plain ? text : "'" + text + "'";
+  };
+  return program + " episodes FOLDER --learner " + word(learner) + " --method " + word(method);
+}
 
 void SavePlot(const ReportPlot& plot, const std::filesystem::path& path) {
   internal::ReplaceFile(path, internal::SvgDocument(plot));

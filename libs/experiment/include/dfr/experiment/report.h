@@ -52,7 +52,14 @@ struct ReportTable {
   std::string caption;
   std::vector<std::string> header;
   std::vector<std::vector<std::string>> rows;  ///< Each as long as `header`.
+  /// Which command prints the episodes behind an entry, shown where the mouse is on it: as `rows`,
+  /// or empty.
+  std::vector<std::vector<std::string>> commands = {};
 };
+
+/// The command of `program` that prints the ids of a method's episodes.
+[[nodiscard]] std::string EpisodesCommand(const std::string& program, const std::string& learner,
+                                          const std::string& method);
 
 /// Prints the heading, then the table with its columns in line, for a terminal: the first
 /// `left_aligned` columns at the left.
