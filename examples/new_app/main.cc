@@ -162,7 +162,8 @@ int main(int argc, char** argv) try {
   CLI::App* command = app.add_subcommand("experiment", "all methods from the same start states");
   experiment::AddRunOptions(*command, options);
   command->option_defaults()->always_capture_default();
-  command->add_option("--demonstrations", plan.demonstrations, "the data points, ascending");
+  command->add_option("--demonstrations", plan.demonstrations, "the data points, ascending")
+      ->delimiter(',');
   command->add_option("--trials", plan.trials, "independent repetitions of everything");
   command->add_option("--episodes", plan.episodes, "start states per trial and data point");
   command->add_option("--gamma", gamma, "width of the support's Gaussian kernel");

@@ -112,10 +112,10 @@ class Experiment:
         return Guard.fit(states, actions)
 
     def main(self) -> None:
-        """Run the command line of this program, print errors in one line, and exit."""
+        """Run the command line of this program; errors are printed, and exit with 1."""
         try:
             self.run()
-        except (RuntimeError, ValueError, OSError) as error:
+        except (ImportError, RuntimeError, ValueError, OSError) as error:
             sys.exit(f"{self._program()}: {error}")
         except KeyboardInterrupt:
             sys.exit(130)
@@ -202,13 +202,14 @@ class Experiment:
         found = _core.find_episode(folder, episode)
         options = {_option(key): value for key, value in type(self).parameters.items()}
         there = found["settings"]
-        self._choose({key: _like(value, there.get(key, "")) for key, value in options.items()})
+        self._choose({key: _like(value, there[key]) if key in there else value for key, value in options.items()})
+        there = {**there, "commit": found["commit"]}
         now = {**self._settings(), "commit": _core.build_commit}
-        for key, value in {**there, "commit": found["commit"]}.items():
-            if now.get(key) != value:
+        for key in sorted({*there, *now}):
+            if now.get(key) != there.get(key):
                 raise RuntimeError(
-                    f"{folder}: its episodes cannot be run again by this program: {key} is {value} there and "
-                    f"{now.get(key)} now"
+                    f"{folder}: its episodes cannot be run again by this program: {key} is {there.get(key)} there "
+                    f"and {now.get(key)} now"
                 )
         names = [*(m for m in methods if m != found["method"]), found["method"]]
         for name in names:
