@@ -57,7 +57,7 @@ class AppsTest(unittest.TestCase):
 
     def run_program(self, *arguments, fails=False):
         done = subprocess.run([PROGRAM, *map(str, arguments)], cwd=self.folder, text=True, capture_output=True, check=False,
-                              timeout=300)
+                              timeout=600)
         self.assertEqual(done.returncode != 0, fails, done.stdout + done.stderr)
         return done.stderr
 
