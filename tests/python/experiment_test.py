@@ -224,7 +224,9 @@ class ExperimentTest(unittest.TestCase):
 
     def test_signals_end_it_between_two_units_and_no_process_stays(self):
         program = self.write("slow")
-        arguments = ["experiment", *SMALL, "--methods", "baseline", "--threads", 2, "--out", "run"]
+        # Enough units that none of the runs is over before its signal, however slow the machine is.
+        units = ["--trials", 8, "--episodes", 2, "--demonstrations", "12,20"]
+        arguments = ["experiment", *units, "--methods", "baseline", "--threads", 2, "--out", "run"]
         for number in (signal.SIGTERM, signal.SIGKILL, signal.SIGINT):
             process = self.start(program, *arguments)
             until = time.monotonic() + 60
