@@ -1,4 +1,4 @@
-"""Builds the Python module dfr with CMake: nothing but what it needs, and HDF5 only if it is there."""
+"""Builds the Python module dfr with CMake: nothing but what it needs, and parts of it only where that is there."""
 
 import pathlib
 import re
@@ -8,8 +8,11 @@ import sys
 from skbuild import setup
 
 HERE = pathlib.Path(__file__).parent.resolve()
-# What only load_demonstrations() needs.
-READERS = ("hdf5-serial", "libzstd", "snappy", "nlohmann_json")
+# What parts need that others can do without: component, what it is for, pkg-config's modules.
+PARTS = (
+    ("demonstrations", "load_demonstrations()", ("hdf5-serial", "libzstd", "snappy", "nlohmann_json")),
+    ("experiment", "Experiment", ("CLI11", "nlohmann_json", "tomlplusplus")),
+)
 
 
 def found(module):
@@ -24,10 +27,14 @@ arguments = [
     "-DDFR_BUILD_TESTS=OFF",
     "-DDFR_PYTHON_INSTALL_DIR=python",
 ]
-missing = [module for module in READERS if not found(module)]
-if missing:
-    print(f"dfr: without load_demonstrations(), because pkg-config finds no {', '.join(missing)}", file=sys.stderr)
-    arguments.append("-DDFR_WITHOUT=demonstrations")
+without = []
+for component, what, modules in PARTS:
+    missing = [module for module in modules if not found(module)]
+    if missing:
+        print(f"dfr: without {what}, because pkg-config finds no {', '.join(missing)}", file=sys.stderr)
+        without.append(component)
+if without:
+    arguments.append(f"-DDFR_WITHOUT={';'.join(without)}")
 
 setup(
     name="dfr",

@@ -8,12 +8,14 @@
 #include <stdexcept>
 #include <utility>
 
+#include "apps/gallery/picture.h"
 #include "apps/shared_cache.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/experiment/paired_evaluation.h"
+#include "dfr/experiment/report.h"
 #include "dfr/safety/guard.h"
 
 namespace dfr::apps::gallery {
@@ -59,7 +61,8 @@ class Runner final : public experiment::TrialRunner {
  public:
   Runner(const std::vector<std::string>& methods, const sim::GalleryTask& task,
          const Prepared& prepared, Imitator policy)
-      : task_(task),
+      : names_(methods),
+        task_(task),
         horizon_(prepared.model->settings().horizon),
         policy_(std::move(policy)),
         plant_(task.plant->Clone()) {
@@ -77,9 +80,6 @@ class Runner final : public experiment::TrialRunner {
   }
 
   bool Accepts(std::uint64_t) override { return true; }
-
-  /// Where states of the next episodes go, one after another.
-  void WriteStatesTo(std::vector<double>* states) { states_ = states; }
 
   experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
                                 std::uint64_t controller_seed) override {
@@ -131,6 +131,29 @@ class Runner final : public experiment::TrialRunner {
     return result;
   }
 
+  /// A page of their paths.
+  bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
+            std::uint64_t controller_seed, const std::filesystem::path& path) override {
+    std::vector<Recording> recordings;
+    recordings.reserve(methods.size());
+    for (const int method : methods) {
+      recordings.push_back(Watch(method, start_seed, controller_seed));
+    }
+    SavePicture(recordings, task_, "", path);
+    return true;
+  }
+
+  /// Run(), and what it went through.
+  Recording Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed) {
+    std::vector<double> states;
+    states_ = &states;
+    const core::Outcome outcome = Run(method, start_seed, controller_seed).outcome;
+    states_ = nullptr;
+    const Eigen::Index width = plant_->state_dim();
+    return {names_[static_cast<std::size_t>(method)], outcome,
+            Eigen::Map<const core::Matrix>(states.data(), std::ssize(states) / width, width)};
+  }
+
   std::map<std::string, double> Measures() override {
     return {{kAlarmedFailures, alarmed_failures_}, {kAlarmedSuccesses, alarmed_successes_}};
   }
@@ -147,6 +170,7 @@ class Runner final : public experiment::TrialRunner {
     if (states_ != nullptr) states_->insert(states_->end(), x_.begin(), x_.end());
   }
 
+  std::vector<std::string> names_;
   const sim::GalleryTask& task_;
   int horizon_;
   Imitator policy_;
@@ -154,7 +178,7 @@ class Runner final : public experiment::TrialRunner {
   std::vector<std::unique_ptr<safety::Guard>> guards_;  // null: the policy alone
   std::vector<double> x_;
   std::vector<double> u_;
-  std::vector<double>* states_ = nullptr;
+  std::vector<double>* states_ = nullptr;  // where states go, one after another
   int alarmed_failures_ = 0;
   int alarmed_successes_ = 0;
 };
@@ -265,6 +289,13 @@ std::vector<Row> RunStudy(const Study& study) {
   const experiment::OutputFolder folder(study);
   const auto found = experiment::RunExperiment("gallery", plan, make, {}, study);
   if (!found) return rows;
+  if (!study.out.empty()) {
+    experiment::SaveReport(found->summary,
+                           {.title = "Gallery: the guard at its default settings",
+                            .program = "gallery",
+                            .method_names = {{"alone", "Policy alone"}}},
+                           study.out / "report.html");
+  }
   const std::vector<experiment::UnitResult>& units = found->units;
   for (const std::string& task : study.tasks) {
     for (const std::string& policy : study.policies) {
@@ -298,20 +329,13 @@ std::vector<Recording> Record(const Study& study, const std::string& task,
   }
   const auto runner =
       MakeRunner(plan, {.demonstrations = one.demonstrations, .learner = plan.learners[0]}, cache);
-  const Eigen::Index width = what.plant->state_dim();
   for (std::size_t method = 0; method < plan.methods.size(); ++method) {
     for (int i = 0; i < count; ++i) {
-      std::vector<double> states;
-      runner->WriteStatesTo(&states);
       // As experiment::Evaluate() has them.
       const std::uint64_t start =
           core::DeriveSeed(plan.seed, {0, 0, static_cast<std::uint64_t>(i), 0});
-      const core::Outcome outcome =
-          runner->Run(static_cast<int>(method), start, experiment::ControllerSeed(plan, 0, i))
-              .outcome;
       recordings.push_back(
-          {plan.methods[method], outcome,
-           Eigen::Map<const core::Matrix>(states.data(), std::ssize(states) / width, width)});
+          runner->Watch(static_cast<int>(method), start, experiment::ControllerSeed(plan, 0, i)));
     }
   }
   return recordings;

@@ -69,10 +69,8 @@ std::vector<std::uint8_t> DrawWhatVisionSees(const LineTrackingPlant& plant) {
   return bgr;
 }
 
-control::RolloutResult RecordEpisode(LineTrialRunner& runner, int method, const std::string& title,
-                                     std::uint64_t start_seed, std::uint64_t controller_seed,
-                                     const std::filesystem::path& path) {
-  VideoWriter::CheckName(path);  // before an episode runs for nothing
+RolloutVideo Record(LineTrialRunner& runner, int method, const std::string& title,
+                    std::uint64_t start_seed, std::uint64_t controller_seed) {
   const LineTrackingPlant& plant = runner.plant();
   const auto draw = [&plant](std::span<std::uint8_t> rgb) {
     cv::Mat picture(kHeight, 2 * kWidth, CV_8UC3, rgb.data());
@@ -84,11 +82,17 @@ control::RolloutResult RecordEpisode(LineTrialRunner& runner, int method, const 
   };
   RolloutVideoRecorder recorder(title, 2 * kWidth, kHeight, draw, runner.model().task().support(),
                                 kRecoveryStride);
-  const control::RolloutResult result =
-      runner.Watch(method, start_seed, controller_seed, &recorder);
-  const RolloutVideo video = recorder.Take();
+  runner.Watch(method, start_seed, controller_seed, &recorder);
+  return recorder.Take();
+}
+
+control::RolloutResult RecordEpisode(LineTrialRunner& runner, int method, const std::string& title,
+                                     std::uint64_t start_seed, std::uint64_t controller_seed,
+                                     const std::filesystem::path& path) {
+  VideoWriter::CheckName(path);  // before an episode runs for nothing
+  const RolloutVideo video = Record(runner, method, title, start_seed, controller_seed);
   WriteVideo(path, {&video, 1});
-  return result;
+  return video.result;
 }
 
 }  // namespace dfr::apps::line_tracking

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/rollout_video.h"
 #include "dfr/control/rollout.h"
 #include "trial_runner.h"
 
@@ -13,6 +14,10 @@ namespace dfr::apps::line_tracking {
 /// The endoscope's picture that was looked at last, with what vision saw in it, BGR, rows from the
 /// top.
 [[nodiscard]] std::vector<std::uint8_t> DrawWhatVisionSees(const sim::LineTrackingPlant& plant);
+
+/// Runs one episode and takes its pictures, as RecordEpisode() writes them.
+[[nodiscard]] RolloutVideo Record(LineTrialRunner& runner, int method, const std::string& title,
+                                  std::uint64_t start_seed, std::uint64_t controller_seed);
 
 /// Runs one episode and writes it as a video: the endoscope's picture with what vision sees, an
 /// outside view of arm and platform, and g(t), threshold and mode below. The ending of `path`

@@ -11,6 +11,7 @@
 #include "dfr/core/numbers.h"
 #include "dfr/core/random.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
+#include "rollout_video.h"
 
 namespace dfr::apps::line_tracking {
 
@@ -89,7 +90,8 @@ LineTrialRunner::LineTrialRunner(LineModel model, const std::vector<std::string>
                                  const sim::LineTrackingOptions& plant,
                                  const line_task::LineCalibration& known)
     : RolloutRunner(std::make_unique<sim::LineTrackingPlant>(plant, &known)),
-      model_(std::move(model)) {
+      model_(std::move(model)),
+      methods_(methods) {
   for (const std::string& method : methods) Add(model_.MakeController(method, &driven()));
 }
 
@@ -114,6 +116,18 @@ std::string LineTrialRunner::CauseOf(const control::RolloutResult& result) const
 
 std::map<std::string, double> LineTrialRunner::Measures() {
   return {{"gamma", model_.task().published()->at(0).gamma()}};
+}
+
+bool LineTrialRunner::Film(const std::vector<int>& methods, std::uint64_t start_seed,
+                           std::uint64_t controller_seed, const std::filesystem::path& path) {
+  std::vector<RolloutVideo> videos;
+  videos.reserve(methods.size());
+  for (const int method : methods) {
+    videos.push_back(Record(*this, method, methods_.at(static_cast<std::size_t>(method)),
+                            start_seed, controller_seed));
+  }
+  WriteVideo(path, videos);
+  return true;
 }
 
 void RecoveryCurves::OnControl(const control::RolloutEvent& event) {

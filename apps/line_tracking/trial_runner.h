@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <vector>
@@ -63,6 +64,9 @@ class LineTrialRunner final : public experiment::RolloutRunner {
                   const sim::LineTrackingOptions& plant, const line_task::LineCalibration& known);
 
   [[nodiscard]] std::map<std::string, double> Measures() override;
+  [[nodiscard]] bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
+                          std::uint64_t controller_seed,
+                          const std::filesystem::path& path) override;
 
   [[nodiscard]] const sim::LineTrackingPlant& plant() const noexcept {
     return static_cast<const sim::LineTrackingPlant&>(undisturbed());
@@ -76,6 +80,7 @@ class LineTrialRunner final : public experiment::RolloutRunner {
   [[nodiscard]] bool CollidesAfterHalt() override;
 
   LineModel model_;
+  std::vector<std::string> methods_;
 };
 
 }  // namespace dfr::apps::line_tracking

@@ -6,9 +6,11 @@
 #include <memory>
 #include <utility>
 
+#include "apps/planar/picture.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/ledger.h"
+#include "dfr/experiment/report.h"
 #include "dfr/experiment/rollout_runner.h"
 
 namespace dfr::apps::planar {
@@ -19,6 +21,7 @@ class PlanarTrialRunner final : public experiment::RolloutRunner {
   PlanarTrialRunner(const PlanarStudy& study, const experiment::EvaluationPlan& plan, int trial,
                     int demonstrations, const Task& task)
       : RolloutRunner(task.plant->Clone(), study.disturbance),
+        task_(task),
         names_(plan.methods),
         methods_(task,
                  Demonstrate(task, demonstrations,
@@ -34,6 +37,18 @@ class PlanarTrialRunner final : public experiment::RolloutRunner {
     return counts;
   }
 
+  bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
+            std::uint64_t controller_seed, const std::filesystem::path& path) override {
+    std::vector<Episode> episodes(methods.size());
+    for (std::size_t i = 0; i < methods.size(); ++i) {
+      episodes[i].method = names_[static_cast<std::size_t>(methods[i])];
+      EpisodeRecorder recorder(episodes[i]);
+      Watch(methods[i], start_seed, controller_seed, &recorder);
+    }
+    Painter(task_, methods_).WriteVideo(episodes, path);
+    return true;
+  }
+
  private:
   bool Inside(std::span<const double> x) const override {
     return methods_.raw_support().Decision(0, x) >= 0.0 &&
@@ -47,6 +62,7 @@ class PlanarTrialRunner final : public experiment::RolloutRunner {
     return RolloutRunner::CauseOf(result);
   }
 
+  const Task& task_;
   std::vector<std::string> names_;
   Methods methods_;
 };
@@ -86,16 +102,23 @@ std::vector<PlanarResult> RunVariants(const std::string& name,
   using experiment::Exactly;
   const MethodOptions& methods = first.methods;
   const experiment::OutputFolder folder(first.run);
-  const auto found =
-      experiment::RunExperiment(name, plan, make,
-                                {{"task", first.task},
-                                 {"gamma", Exactly(methods.gamma)},
-                                 {"raw gamma", Exactly(methods.raw_gamma)},
-                                 {"certified gamma", Exactly(methods.certified_gamma)},
-                                 {"factor", Exactly(methods.gain_factor)}},
-                                first.run);
+  const std::map<std::string, std::string> settings = {
+      {"task", first.task},
+      {"gamma", Exactly(methods.gamma)},
+      {"raw gamma", Exactly(methods.raw_gamma)},
+      {"certified gamma", Exactly(methods.certified_gamma)},
+      {"certified level", Exactly(methods.certified_level)},
+      {"factor", Exactly(methods.gain_factor)}};
+  const auto found = experiment::RunExperiment(name, plan, make, settings, first.run);
   std::vector<PlanarResult> results;
   if (!found) return results;
+  if (!first.run.out.empty()) {
+    experiment::SaveReport(found->summary,
+                           {.title = "Planar tasks: " + first.task,
+                            .program = "planar",
+                            .settings = {settings.begin(), settings.end()}},
+                           first.run.out / "report.html");
+  }
   for (const Variant& variant : variants) {
     PlanarResult& result = results.emplace_back();
     result.recovery_lengths.resize(plan.methods.size());

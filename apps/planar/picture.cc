@@ -8,7 +8,6 @@
 #include <stdexcept>
 
 #include "apps/video_writer.h"
-#include "dfr/control/rollout.h"
 #include "dfr/core/format.h"
 #include "dfr/sim/planar/corridor.h"
 #include "dfr/sim/planar/disc_push.h"
@@ -26,28 +25,6 @@ const cv::Scalar kDemonstration(200, 190, 180);
 const cv::Scalar kGoal(80, 180, 80);
 const cv::Scalar kWay(160, 80, 20);
 const cv::Scalar kRecovery(30, 140, 240);
-
-class Recorder final : public control::RolloutObserver {
- public:
-  explicit Recorder(Episode& episode) : episode_(&episode) {}
-  void OnControl(const control::RolloutEvent& event) override {
-    episode_->shots.push_back(
-        {{event.x.begin(), event.x.end()}, {event.u.begin(), event.u.end()}, event.step});
-    last_.assign(event.next_x.begin(), event.next_x.end());
-  }
-  void OnStart(std::span<const double> x) override { last_.assign(x.begin(), x.end()); }
-  void OnEnd(const control::RolloutResult& result) override {
-    episode_->shots.push_back({last_, {}, result.last_step});
-    episode_->outcome = result.outcome;
-    if (result.outcome == core::Outcome::kHalted) {
-      episode_->cause = control::Name(result.halt_cause);
-    }
-  }
-
- private:
-  Episode* episode_;
-  std::vector<double> last_;
-};
 
 // A picture below its caption, and the part of the plane that it shows.
 struct Canvas {
@@ -168,6 +145,22 @@ void DrawBodies(const Canvas& canvas, const Task& task, const Shot& shot) {
 
 }  // namespace
 
+void EpisodeRecorder::OnStart(std::span<const double> x) { last_.assign(x.begin(), x.end()); }
+
+void EpisodeRecorder::OnControl(const control::RolloutEvent& event) {
+  episode_->shots.push_back(
+      {{event.x.begin(), event.x.end()}, {event.u.begin(), event.u.end()}, event.step});
+  last_.assign(event.next_x.begin(), event.next_x.end());
+}
+
+void EpisodeRecorder::OnEnd(const control::RolloutResult& result) {
+  episode_->shots.push_back({last_, {}, result.last_step});
+  episode_->outcome = result.outcome;
+  if (result.outcome == core::Outcome::kHalted) {
+    episode_->cause = control::Name(result.halt_cause);
+  }
+}
+
 std::vector<Episode> Record(const Task& task, const Methods& methods,
                             const std::vector<std::string>& names, std::uint64_t start_seed) {
   std::vector<Episode> episodes;
@@ -176,7 +169,7 @@ std::vector<Episode> Record(const Task& task, const Methods& methods,
     episode.method = name;
     const auto plant = task.plant->Clone();
     const auto controller = methods.Make(name, *plant);
-    Recorder recorder(episode);
+    EpisodeRecorder recorder(episode);
     control::Rollout(*plant, *controller, {.plant_seed = start_seed, .controller_seed = start_seed},
                      &recorder);
     episodes.push_back(std::move(episode));

@@ -9,6 +9,7 @@
 #include "apps/planar/methods.h"
 #include "apps/planar/task.h"
 #include "dfr/control/controller.h"
+#include "dfr/control/rollout.h"
 #include "dfr/core/trajectory.h"
 
 namespace dfr::apps::planar {
@@ -26,6 +27,19 @@ struct Episode {
   std::vector<Shot> shots;
   core::Outcome outcome = core::Outcome::kHalted;
   std::string cause;
+};
+
+/// Makes an Episode of a rollout that it looks at.
+class EpisodeRecorder final : public control::RolloutObserver {
+ public:
+  explicit EpisodeRecorder(Episode& episode) : episode_(&episode) {}
+  void OnStart(std::span<const double> x) override;
+  void OnControl(const control::RolloutEvent& event) override;
+  void OnEnd(const control::RolloutResult& result) override;
+
+ private:
+  Episode* episode_;
+  std::vector<double> last_;
 };
 
 /// Rolls each method out from the start state of `start_seed`.

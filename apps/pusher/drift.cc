@@ -10,6 +10,7 @@
 #include "commands.h"
 #include "dfr/core/build_info.h"
 #include "dfr/experiment/ledger.h"
+#include "dfr/experiment/report.h"
 #include "dfr/experiment/summary.h"
 #include "trial_runner.h"
 
@@ -97,6 +98,11 @@ void RunDrift(const DriftOptions& options) {
                                  {"supervisor's hash", experiment::HashOfFile(supervisor_file)}},
                                 options, {.seed = options.seed});
   if (!found) return;
+  if (!options.out.empty()) {
+    experiment::SaveReport(
+        found->summary, {.title = "Pusher: how methods degrade", .program = "pusher"},
+        options.out / "report.html");
+  }
 
   std::printf(
       "learner %s, %d demonstrations, %d episodes a method in %d trials, seed %llu, commit %s\n"

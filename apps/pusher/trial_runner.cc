@@ -1,5 +1,6 @@
 #include "trial_runner.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <span>
@@ -96,20 +97,33 @@ std::map<std::string, double> PusherTrialRunner::Measures() {
 }
 
 std::vector<RolloutVideo> RecordRollouts(PusherTrialRunner& runner,
-                                         const std::vector<std::string>& titles,
+                                         const std::vector<std::string>& methods,
                                          std::uint64_t start_seed, std::uint64_t controller_seed,
                                          int width, int height) {
   sim::PusherRenderer renderer(runner.plant(), {.width = width, .height = height});
   std::vector<RolloutVideo> videos;
-  for (std::size_t i = 0; i < titles.size(); ++i) {
+  for (const std::string& method : methods) {
+    const auto found = std::ranges::find(runner.methods(), method, &safety::Method::name);
     RolloutVideoRecorder recorder(
-        titles[i], width, height,
-        [&](std::span<std::uint8_t> rgb) { renderer.Draw(runner.plant(), rgb); },
+        method, width, height,
+        [&](std::span<std::uint8_t> rgb) { renderer.Draw(runner.driven_plant(), rgb); },
         runner.model().task().support());
-    runner.Watch(static_cast<int>(i), start_seed, controller_seed, &recorder);
+    runner.Watch(static_cast<int>(found - runner.methods().begin()), start_seed, controller_seed,
+                 &recorder);
     videos.push_back(recorder.Take());
   }
   return videos;
+}
+
+bool PusherTrialRunner::Film(const std::vector<int>& methods, std::uint64_t start_seed,
+                             std::uint64_t controller_seed, const std::filesystem::path& path) {
+  std::vector<std::string> names;
+  names.reserve(methods.size());
+  for (const int method : methods) {
+    names.push_back(methods_.at(static_cast<std::size_t>(method)).name);
+  }
+  WriteVideo(path, RecordRollouts(*this, names, start_seed, controller_seed, 480, 360));
+  return true;
 }
 
 TrialRunnerFactory::TrialRunnerFactory(const std::vector<imitation::GaussianPolicy>& supervisors,

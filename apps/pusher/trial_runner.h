@@ -36,7 +36,17 @@ class PusherTrialRunner final : public experiment::RolloutRunner {
   /// Those given, and for each method that recovered "controls_per_recovery <method>", the median.
   [[nodiscard]] std::map<std::string, double> Measures() override;
 
-  /// The plant that Watch() drives where there is no disturbance.
+  /// Pictures of 480 x 360 each.
+  [[nodiscard]] bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
+                          std::uint64_t controller_seed,
+                          const std::filesystem::path& path) override;
+
+  [[nodiscard]] const std::vector<safety::Method>& methods() const noexcept { return methods_; }
+  /// The plant that Watch() drives, without its disturbance.
+  [[nodiscard]] const sim::PusherPlant& driven_plant() noexcept {
+    return static_cast<const sim::PusherPlant&>(world());
+  }
+  /// The same where there is no disturbance.
   [[nodiscard]] const sim::PusherPlant& plant() const noexcept {
     return static_cast<const sim::PusherPlant&>(undisturbed());
   }
@@ -50,10 +60,9 @@ class PusherTrialRunner final : public experiment::RolloutRunner {
   std::map<std::string, double> measures_;
 };
 
-/// Rolls each of the runner's methods out from one start state and draws it. `titles` has one entry
-/// per method.
+/// Rolls some of the runner's methods out from one start state and draws them.
 [[nodiscard]] std::vector<RolloutVideo> RecordRollouts(PusherTrialRunner& runner,
-                                                       const std::vector<std::string>& titles,
+                                                       const std::vector<std::string>& methods,
                                                        std::uint64_t start_seed,
                                                        std::uint64_t controller_seed, int width,
                                                        int height);

@@ -123,9 +123,18 @@ experiment::ReportTable PolicyTable(const std::vector<Row>& rows, const std::str
   }
   for (const Row& row : rows) {
     if (row.policy != policy) continue;
-    if (row.controller == kAlone) table.rows.push_back({row.task, row.condition});
+    if (row.controller == kAlone) {
+      table.rows.push_back({row.task, row.condition});
+      table.commands.push_back({"", ""});
+    }
+    std::string learner = row.task;
+    learner.append(kBetween).append(row.condition);
     table.rows.back().push_back(Outcomes(row));
-    if (row.controller != kAlone) table.rows.back().push_back(Compared(row));
+    table.commands.back().push_back(
+        experiment::EpisodesCommand("stress", learner, MethodOf(row.controller, row.policy)));
+    if (row.controller == kAlone) continue;
+    table.rows.back().push_back(Compared(row));
+    table.commands.back().emplace_back();
   }
   return table;
 }

@@ -162,7 +162,8 @@ int main(int argc, char** argv) try {
   CLI::App* command = app.add_subcommand("experiment", "all methods from the same start states");
   experiment::AddRunOptions(*command, options);
   command->option_defaults()->always_capture_default();
-  command->add_option("--demonstrations", plan.demonstrations, "the data points, ascending");
+  command->add_option("--demonstrations", plan.demonstrations, "the data points, ascending")
+      ->delimiter(',');
   command->add_option("--trials", plan.trials, "independent repetitions of everything");
   command->add_option("--episodes", plan.episodes, "start states per trial and data point");
   command->add_option("--gamma", gamma, "width of the support's Gaussian kernel");
@@ -178,7 +179,8 @@ int main(int argc, char** argv) try {
       {{"gamma", experiment::Exactly(gamma)}}, options);
   if (!found) return EXIT_SUCCESS;  // a shard, to be merged
   experiment::PrintTable(found->summary, std::cout);
-  experiment::SaveReport(found->summary, {.title = "Corridor"}, options.out / "report.html");
+  experiment::SaveReport(found->summary, {.title = "Corridor", .program = "corridor"},
+                         options.out / "report.html");
   return EXIT_SUCCESS;
 } catch (const std::exception& e) {
   std::cerr << "corridor: " << e.what() << '\n';

@@ -4,17 +4,20 @@
 for any cloud of samples with scikit-learn's interface. Both fit and decide in C++, without holding
 the interpreter's lock. `Guard` keeps what any policy does inside what was demonstrated, and
 `GuardedEnv` puts it around an environment. `load_demonstrations` reads robomimic's, Minari's and
-LeRobot's files.
+LeRobot's files. `Experiment` compares methods on a plant of your own, in processes and shards.
 """
 
 from dfr._core import FitSummary, Guard, SupportEstimate, TimeVaryingSupport, __version__
 from dfr._demonstrations import Demonstrations, load_demonstrations
+from dfr._experiment import Episode, Experiment
 from dfr._guard_step import GuardStep
 from dfr._guarded_env import GuardedEnv
 from dfr._one_class_svm import OneClassSVM
 
 __all__ = [
     "Demonstrations",
+    "Episode",
+    "Experiment",
     "FitSummary",
     "Guard",
     "GuardStep",

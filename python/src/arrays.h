@@ -121,6 +121,8 @@ void AddSupportEstimate(pybind11::module_& module);
 void AddTimeVaryingSupport(pybind11::module_& module);
 void AddGuard(pybind11::module_& module);
 void AddDemonstrations(pybind11::module_& module);
+/// The engine of dfr/_experiment.py, which says what its functions are for.
+void AddExperiment(pybind11::module_& module);
 
 /// How SupportEstimate is pickled, which TimeVaryingSupport is a list of.
 pybind11::tuple GetState(const kernel::OneClassSvm& svm);

@@ -13,4 +13,7 @@ PYBIND11_MODULE(_core, module) {
 #ifdef DFR_PYTHON_DEMONSTRATIONS
   dfr::python::AddDemonstrations(module);
 #endif
+#ifdef DFR_PYTHON_EXPERIMENT
+  dfr::python::AddExperiment(module);
+#endif
 }

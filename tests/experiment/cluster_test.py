@@ -60,6 +60,22 @@ class ScriptTest(Folder):
         summary = json.loads((out / "gamma=1,seed=4/summary.json").read_text())
         self.assertEqual(summary["seed"], 4)
 
+    def test_a_grid_may_be_over_lists_flags_and_dotted_keys(self):
+        config = self.folder / "c.toml"
+        config.write_text("experiment.trials = 1\nexperiment.episodes = 2\ngrid.demonstrations = [[6], [6, 60]]\n"
+                          "grid.cold = [true, false]\n")
+        out = self.folder / "grid"
+        run(CLUSTER, "slurm", "--tasks", 1, "--out", out, "--", PROGRAM, "experiment", "--config", config)
+        for k in range(1, 5):
+            run(out / "cluster/task.sh", k)
+        run(out / "cluster/merge.sh")
+        for demonstrations, cells in (("6", 1), ("6,60", 2)):
+            for cold in ("true", "false"):
+                folder = out / f"demonstrations={demonstrations},cold={cold}"
+                summary = json.loads((folder / "summary.json").read_text())
+                self.assertEqual(len(summary["cells"]), cells * 4)
+                self.assertIn(f"cold = {cold}\n", (folder / "run.toml").read_text())
+
     def test_what_is_missing_is_named_and_runs_again(self):
         out = self.folder / "run"
         run(CLUSTER, "slurm", "--tasks", 3, "--out", out, "--time", 5, "--", PROGRAM, "experiment")

@@ -20,12 +20,14 @@ int main(int argc, char** argv) try {
   experiment::ExperimentOptions options;
   options.out = "out";
   double gamma = 5.0;
+  bool cold = true;
   int unit_ms = 0;
   std::vector<int> demonstrations = {6, 60};
   std::filesystem::path fails_once;
   CLI::App* command = app.add_subcommand("experiment", "all methods");
   experiment::AddExperimentOptions(*command, options, "quick or paper", "baseline, dfr");
   command->add_option("--gamma", gamma)->capture_default_str();
+  command->add_flag("--cold,!--warm", cold);
   command->add_option("--demonstrations", demonstrations)->delimiter(',')->capture_default_str();
   command->add_option("--unit-ms", unit_ms, "how long a unit takes")->capture_default_str();
   command->add_option("--fails-once", fails_once, "a file that a first run makes, and fails");
@@ -43,9 +45,13 @@ int main(int argc, char** argv) try {
           std::ofstream(fails_once) << "failed\n";
           throw std::runtime_error("the plant fell over");
         }
-        return test::MakeFakeTrialRunner(unit);
+        // For a program whose results follow from more than its settings.
+        const char* differs = std::getenv("DFR_FAKE_DIFFERS");
+        experiment::EvaluationUnit other = unit;
+        if (differs != nullptr && *differs != '\0') other.demonstrations += 1;
+        return test::MakeFakeTrialRunner(other);
       },
-      {{"gamma", experiment::Exactly(gamma)}}, options);
+      {{"gamma", experiment::Exactly(gamma)}, {"cold", cold ? "yes" : "no"}}, options);
   if (!found) return EXIT_SUCCESS;
   experiment::SaveReport(found->summary, {.title = "Fake", .program = "fake_experiment"},
                          options.out / "report.html");

@@ -80,13 +80,13 @@ TEST(ReportTest, NumbersAreThoseOfTheSummary) {
   summary.contrasts[0].ratios.collision_reduction = 0.83;
   summary.contrasts[0].ratios.collision_reduction_interval = Interval{0.79, 0.87};
   summary.contrasts[0].ratios.completion_ratio = 0.65;
-  summary.contrasts[0].seconds_ratio = 11.54;
+  summary.contrasts[0].controls_ratio = 11.54;
   summary.contrasts[1].ratios.collision_reduction = -0.12;
   summary.averages[0].completed = {0.412, {0.3731, 0.4523}};
   const std::string html = RenderReport(summary, {});
   EXPECT_THAT(html, HasSubstr("<b>\u221283\u2009%</b>collisions<br>[\u221287, \u221279]"));
   EXPECT_THAT(html, HasSubstr("<b>65\u2009%</b>of its completions"));
-  EXPECT_THAT(html, HasSubstr("<b>11.5\u2009\u00d7</b>time per trajectory"));
+  EXPECT_THAT(html, HasSubstr("<b>11.5\u2009\u00d7</b>controls per trajectory"));
   EXPECT_THAT(html, HasSubstr("<b>+12\u2009%</b>collisions"));
   EXPECT_THAT(html, HasSubstr("41.2 <small>[37.3, 45.2]</small>"));
 }
@@ -94,7 +94,7 @@ TEST(ReportTest, NumbersAreThoseOfTheSummary) {
 TEST(ReportTest, WhatDoesNotExistIsADash) {
   Summary summary = MakeSummary();
   summary.contrasts[0].ratios = {};
-  summary.contrasts[0].seconds_ratio.reset();
+  summary.contrasts[0].controls_ratio.reset();
   const std::string html = RenderReport(summary, {});
   EXPECT_THAT(html, HasSubstr("<b>\u2013</b>collisions"));
   EXPECT_THAT(html, Not(HasSubstr("nan")));

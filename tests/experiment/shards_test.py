@@ -22,9 +22,9 @@ class ShardsTest(unittest.TestCase):
         self.addCleanup(self.temporary.cleanup)
         self.folder = pathlib.Path(self.temporary.name)
 
-    def run_program(self, *arguments, fails=False):
-        done = subprocess.run([PROGRAM, *map(str, arguments)], cwd=self.folder, text=True,
-                              capture_output=True, check=False, timeout=120)
+    def run_program(self, *arguments, fails=False, differs=""):
+        done = subprocess.run([PROGRAM, *map(str, arguments)], cwd=self.folder, text=True, capture_output=True,
+                              check=False, timeout=120, env={**os.environ, "DFR_FAKE_DIFFERS": differs})
         self.assertEqual(done.returncode != 0, fails, done.stdout + done.stderr)
         return done.stderr if fails else done.stdout
 
@@ -69,6 +69,32 @@ class ShardsTest(unittest.TestCase):
         self.assertEqual(self.bytes_of("one/run.toml"), self.bytes_of("two/run.toml"))
         self.run_program("experiment", "--config", "one/run.toml", "--seed=12", "--out", "three")
         self.assertEqual(json.loads(self.bytes_of("three/summary.json"))["seed"], 12)
+
+    def test_a_configuration_keeps_flags_that_say_no(self):
+        for flag, says in (("--warm", "cold = false\n"), ("--cold", "cold = true\n"), ("--warm=false", "cold = true\n"),
+                           ("--no-video", "no-video = true\n")):
+            self.run_program("experiment", flag, "--out", "one", "--restart")
+            self.assertIn(says, (self.folder / "one/run.toml").read_text())
+            self.run_program("experiment", "--config", "one/run.toml", "--out", "one")  # refused if it were another run
+            self.assertIn(says, (self.folder / "one/run.toml").read_text())
+
+    def test_an_episode_runs_again_beside_others(self):
+        self.run_program("experiment", "--out", "run")
+        name, outcome, controls = self.run_program("episodes", "run", "--method", "dfr", "--most", 1).splitlines()[0].split("  ")
+        before = self.bytes_of("run/ledger.jsonl"), self.bytes_of("run/run.toml"), self.bytes_of("run/summary.json")
+        beside, again = self.run_program("rerun", "run", name, "--methods", "baseline").splitlines()
+        self.assertTrue(beside.startswith("baseline "), beside)
+        self.assertIn(f"{outcome} after {controls.split()[0]} controls", again)
+        after = self.bytes_of("run/ledger.jsonl"), self.bytes_of("run/run.toml"), self.bytes_of("run/summary.json")
+        self.assertEqual(after, before)
+        for arguments, says in [
+                (("run", "0/6/8/dfr"), "an episode is TRIAL/DEMONSTRATIONS/LEARNER/METHOD/START"),
+                (("run", name, "--methods", "magic"), "run: the run has no method 'magic'"),
+                (("run", name, "--film", "film.mp4"), "there are no pictures of such episodes"),
+                (("nowhere", name), "nowhere/run.toml")]:
+            self.assertIn(says, self.run_program("rerun", *arguments, fails=True))
+        # A program that ends it otherwise than the ledger says.
+        self.assertIn("in its ledger the episode is", self.run_program("rerun", "run", name, fails=True, differs="yes"))
 
     def test_mistakes_in_a_configuration_name_the_line(self):
         for text, says in [("[experiment]\nseed = 1\ngama = 5\n", "c.toml:3: experiment has no option 'gama'"),

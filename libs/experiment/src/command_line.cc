@@ -33,7 +33,7 @@ bool DecidesResults(const std::string& name) {
   for (const char* other : {"help", "config", "out", "shard", "threads", "restart", "salvage"}) {
     if (name == other) return false;
   }
-  return true;
+  return !name.starts_with("rerun-");
 }
 
 bool IsFlag(const CLI::Option& option) { return option.get_items_expected_max() == 0; }
@@ -58,6 +58,17 @@ bool IsValue(const std::string& argument) {
   return !argument.starts_with("-") || argument == "-" || number;
 }
 
+// What a flag that is given as `argument` says of the flag's first name, its key in run.toml:
+// --not-during is "false" of "during", and --no-video "true" of "no-video".
+std::string FlagValue(const CLI::Option& option, const std::string& argument) {
+  const std::size_t equals = argument.find('=');
+  std::string value = equals == std::string::npos ? "true" : argument.substr(equals + 1);
+  const std::size_t begin = argument.find_first_not_of('-');
+  const std::string name = argument.substr(begin, std::min(equals, argument.size()) - begin);
+  if (option.check_fname(name) == option.check_fname(NameOf(option))) return value;
+  return value == "true" ? "false" : "true";
+}
+
 // The values that the command line gives an option, as they were written; one flag's is true or
 // false.
 Arguments ValuesOf(const CLI::Option& option, const Arguments& arguments) {
@@ -66,10 +77,10 @@ Arguments ValuesOf(const CLI::Option& option, const Arguments& arguments) {
     if (arguments[i] == "--") break;
     if (!Names(arguments[i], option)) continue;
     const std::size_t equals = arguments[i].find('=');
-    if (equals != std::string::npos) {
+    if (IsFlag(option)) {
+      values.push_back(FlagValue(option, arguments[i]));
+    } else if (equals != std::string::npos) {
       values.push_back(arguments[i].substr(equals + 1));
-    } else if (IsFlag(option)) {
-      values.emplace_back("true");
     } else {
       for (int k = 0; k < option.get_items_expected_max() && i + 1 < arguments.size() &&
                       IsValue(arguments[i + 1]);
@@ -104,7 +115,8 @@ std::string Value(const std::string& text, bool is_number) {
          text.find(".e") == std::string::npos && text.find(".E") == std::string::npos);
     const bool zero = text.size() > 1 && text[0] == '0' && std::isdigit(text[1]) != 0;
     if (end.ec == std::errc() && end.ptr == text.data() + text.size() && plain && digits && !zero) {
-      return text;
+      // In one form, whether it was written, read or a default: 0.0006 and 6e-4 are the same run.
+      return text.find_first_of(".eE") == std::string::npos ? text : Exactly(value);
     }
   }
   std::string quoted = "\"";
@@ -283,6 +295,17 @@ std::string CommandOf(const std::filesystem::path& configuration) {
   return std::string(root.begin()->first.str());
 }
 
+// The arguments that run an episode of the run in `folder` again.
+Arguments RerunOf(const std::filesystem::path& folder, const Rerun& rerun) {
+  const std::filesystem::path configuration = folder / kConfiguration;
+  Arguments arguments = {CommandOf(configuration), "--config",
+                         configuration.string(),   "--out",
+                         folder.string(),          "--rerun-episode=" + rerun.episode};
+  for (const std::string& method : rerun.methods) arguments.push_back("--rerun-with=" + method);
+  if (!rerun.film.empty()) arguments.push_back("--rerun-film=" + rerun.film.string());
+  return arguments;
+}
+
 // Merges and returns the arguments that make summary and report of it.
 Arguments Merge(const std::vector<std::filesystem::path>& folders,
                 const std::filesystem::path& out) {
@@ -307,11 +330,14 @@ struct Added {
   CLI::App* merge = nullptr;
   CLI::App* status = nullptr;
   CLI::App* episodes = nullptr;
+  CLI::App* rerun = nullptr;
   std::vector<std::filesystem::path> folders;
   std::filesystem::path out;
   bool json = false;
   EpisodeFilter filter;
   int most = 20;
+  std::filesystem::path run;
+  Rerun again;
 };
 
 void Add(CLI::App& app, Added& added) {
@@ -334,6 +360,16 @@ void Add(CLI::App& app, Added& added) {
       ->check(CLI::IsMember({"completed", "halted", "collided"}));
   added.episodes->add_option("--cause", added.filter.cause, "of one cause alone");
   added.episodes->add_option("--most", added.most, "so many lines; 0: all")->capture_default_str();
+  added.rerun = app.add_subcommand("rerun", "one episode again, and other methods beside it");
+  added.rerun->add_option("folder", added.run, "of its run")->required();
+  added.rerun->add_option("episode", added.again.episode, "its id, as episodes prints it")
+      ->required();
+  added.rerun
+      ->add_option("--methods", added.again.methods, "of that run, from the same start state")
+      ->delimiter(',');
+  added.rerun->add_option(
+      "--film", added.again.film,
+      "a file of pictures, where the program has them: .mp4, or .html for paths");
 }
 
 void ParseArguments(CLI::App& app, Arguments arguments) {
@@ -412,6 +448,10 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
                    "forget what an interrupted run left in --out instead of going on with it");
   command.add_flag("--salvage", options.salvage,
                    "go on with a damaged ledger: its damaged lines are put aside and run again");
+  // What RerunOf() gives; users have the command rerun.
+  command.add_option("--rerun-episode", options.rerun.episode)->group("");
+  command.add_option("--rerun-with", options.rerun.methods)->group("");
+  command.add_option("--rerun-film", options.rerun.film)->group("");
   // Several commands may share the options: the one that was called is written.
   options.configuration = [&command, others = options.configuration] {
     return command.parsed() || !others ? Resolve(command, PresentArguments()) : others();
@@ -440,6 +480,8 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
     } else if (added.episodes->parsed()) {
       PrintEpisodes(LedgersIn(added.folders), added.filter, added.most, std::cout);
       return EXIT_SUCCESS;
+    } else if (added.rerun->parsed()) {
+      ParseWithConfiguration(app, RerunOf(added.run, added.again), PresentArguments());
     }
   } catch (const CLI::ParseError& e) {
     return app.exit(e);

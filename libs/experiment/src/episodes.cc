@@ -3,10 +3,11 @@
 #include <algorithm>
 #include <charconv>
 #include <ostream>
+#include <stdexcept>
 #include <tuple>
+#include <utility>
 
 #include "dfr/core/contract.h"
-#include "dfr/experiment/ledger.h"
 
 namespace dfr::experiment {
 namespace {
@@ -65,6 +66,32 @@ EpisodeId ParseEpisode(std::string_view name, const EvaluationPlan& plan) {
   }
   DFR_THROW_UNLESS(false, name << ": the plan has no learner and method '" << rest << "'");
   return id;
+}
+
+RecordedEpisode FindEpisode(const std::filesystem::path& folder, std::string_view name,
+                            const LedgerHeader* now) {
+  LedgerContents ledger = ReadLedger(folder / "ledger.jsonl");
+  const std::string difference = now == nullptr ? "" : Difference(ledger.header, *now);
+  if (!difference.empty()) {
+    throw std::runtime_error(folder.string() +
+                             ": its episodes cannot be run again by this build: " + difference);
+  }
+  const EvaluationPlan& plan = ledger.header.plan;
+  const EpisodeId id = ParseEpisode(name, plan);
+  for (const LedgerRecord& record : ledger.records) {
+    if (record.result.unit != id.unit) continue;
+    const auto start = static_cast<std::size_t>(id.start);
+    const auto method =
+        static_cast<std::size_t>(std::ranges::find(plan.methods, id.method) - plan.methods.begin());
+    const std::uint64_t controller_seed = ControllerSeed(plan, id.unit.trial, id.start);
+    return {.header = std::move(ledger.header),
+            .id = id,
+            .result = record.result.episodes[method][start],
+            .start_seed = record.result.starts[start],
+            .controller_seed = controller_seed};
+  }
+  throw std::runtime_error(folder.string() + ": the unit of " + std::string(name) +
+                           " is not finished");
 }
 
 void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const EpisodeFilter& filter,

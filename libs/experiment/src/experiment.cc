@@ -1,5 +1,6 @@
 #include "dfr/experiment/experiment.h"
 
+#include <algorithm>
 #include <atomic>
 #include <csignal>
 #include <iostream>
@@ -9,6 +10,8 @@
 
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/format.h"
+#include "dfr/experiment/episodes.h"
 #include "ledger_file.h"
 #include "text_file.h"
 
@@ -43,6 +46,44 @@ class StopOnSignals {
   struct sigaction terminate_ {};
   struct sigaction user_ {};
 };
+
+void RunAgain(const EvaluationPlan& plan, const MakeTrialRunner& make,
+              const std::map<std::string, std::string>& settings,
+              const ExperimentOptions& options) {
+  const LedgerHeader now = {plan, settings, core::BuildCommit(), {}};
+  const RecordedEpisode recorded = FindEpisode(options.out, options.rerun.episode, &now);
+  std::vector<std::string> names = options.rerun.methods;
+  if (std::ranges::count(names, recorded.id.method) == 0) names.push_back(recorded.id.method);
+  std::vector<int> methods;
+  methods.reserve(names.size());
+  for (const std::string& name : names) {
+    const auto found = std::ranges::find(plan.methods, name);
+    DFR_THROW_UNLESS(found != plan.methods.end(),
+                     options.out.string() << ": the run has no method '" << name << "'");
+    methods.push_back(static_cast<int>(found - plan.methods.begin()));
+  }
+  const std::unique_ptr<TrialRunner> runner = make(recorded.id.unit);
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    EpisodeResult result = runner->Run(methods[i], recorded.start_seed, recorded.controller_seed);
+    std::cout << core::Format("%-22s %s%s%s after %d controls, %d of them recovery\n",
+                              names[i].c_str(), core::Name(result.outcome),
+                              result.cause.empty() ? "" : ": ", result.cause.c_str(),
+                              result.controls, result.recovery_controls);
+    result.seconds = recorded.result.seconds;
+    if (names[i] == recorded.id.method && result != recorded.result) {
+      throw std::runtime_error(options.out.string() + ": in its ledger the episode is " +
+                               core::Name(recorded.result.outcome) + " after " +
+                               std::to_string(recorded.result.controls) +
+                               " controls; what decides it is not in the settings");
+    }
+  }
+  const std::filesystem::path& film = options.rerun.film;
+  if (film.empty()) return;
+  if (!runner->Film(methods, recorded.start_seed, recorded.controller_seed, film)) {
+    throw std::runtime_error("there are no pictures of such episodes; leave out --film");
+  }
+  std::cout << film.string() << std::endl;
+}
 
 }  // namespace
 
@@ -82,6 +123,10 @@ std::optional<ExperimentResult> RunExperiment(const std::string& name, const Eva
                                               const std::map<std::string, std::string>& settings,
                                               const ExperimentOptions& options,
                                               const BootstrapOptions& bootstrap) {
+  if (!options.rerun.episode.empty()) {
+    RunAgain(plan, make, settings, options);
+    return std::nullopt;
+  }
   const auto save_configuration = [&] {
     if (options.out.empty() || !options.configuration) return;
     internal::ReplaceFile(options.out / "run.toml", options.configuration());

@@ -151,8 +151,8 @@ class Page {
         if (const auto& interval = ratios.completion_ratio_interval) {
           out_ << Range(interval->low, interval->high, 0);
         }
-        out_ << "</span><span><b>" << Times(contrast.seconds_ratio)
-             << "</b>time per trajectory</span></div></div>\n";
+        out_ << "</span><span><b>" << Times(contrast.controls_ratio)
+             << "</b>controls per trajectory</span></div></div>\n";
       }
       out_ << "</div>\n";
     }
@@ -242,12 +242,7 @@ class Page {
 
   // What prints the ids of a number's episodes.
   std::string Command(const Cell& cell, const char* outcome) const {
-    const auto word = [](const std::string& text) {
-      const bool plain = text.find_first_of(" ,;'\"$&<>()") == std::string::npos;
-      return plain ? text : "'" + text + "'";
-    };
-    std::string command = options_.program + " episodes FOLDER --learner " + word(cell.learner) +
-                          " --method " + word(cell.method);
+    std::string command = EpisodesCommand(options_.program, cell.learner, cell.method);
     if (cell.demonstrations > 0) {
       command.append(" --demonstrations ").append(std::to_string(cell.demonstrations));
     }
@@ -269,8 +264,7 @@ class Page {
     out_ << "<h2>All data points together</h2>\n<div class=\"wide\"><table><thead><tr>"
             "<th>Learner</th><th>Method</th><th class=\"n\">Completed, %</th>"
             "<th class=\"n\">Halted, %</th><th class=\"n\">Collided, %</th>"
-            "<th class=\"n\">ms per<br>trajectory</th><th class=\"n\">Time<br>ratio</th>"
-            "<th class=\"n\">Controls per<br>trajectory</th>"
+            "<th class=\"n\">Controls per<br>trajectory</th><th class=\"n\">Ratio</th>"
             "<th class=\"n\">of these<br>recovery</th><th class=\"n\">Collided alone,<br>reference "
             "alone</th></tr></thead><tbody>\n";
     std::string learner;
@@ -281,9 +275,9 @@ class Page {
       for (const Contrast& candidate : summary_.contrasts) {
         if (candidate.method == cell.method && candidate.learner == learner) contrast = &candidate;
       }
-      out_ << "<td class=\"n\">" << Number(1e3 * cell.seconds_per_trajectory, 3)
-           << "</td><td class=\"n\">" << (contrast != nullptr ? Times(contrast->seconds_ratio) : "")
-           << "</td><td class=\"n\">" << Number(cell.controls_per_trajectory, 1)
+      out_ << "<td class=\"n\">" << Number(cell.controls_per_trajectory, 1)
+           << "</td><td class=\"n\">"
+           << (contrast != nullptr ? Times(contrast->controls_ratio) : "")
            << "</td><td class=\"n\">" << Number(cell.recovery_controls, 1) << "</td>"
            << "<td class=\"n\">";
       if (contrast != nullptr) {
@@ -295,9 +289,9 @@ class Page {
     out_ << "</tbody></table></div>\n<p class=\"caption\">"
          << Percent(static_cast<double>(any.redrawn_starts) / (any.redrawn_starts + any.episodes),
                     1)
-         << " of the start states drawn were outside the first support, and were drawn anew. Time "
-            "is processor time of plant and decisions. Alone: start states from which just one of "
-            "the two collided.</p>\n";
+         << " of the start states drawn were outside the first support, and were drawn anew. "
+            "Alone: start states from which just one of the two collided. Measured times, which "
+            "differ from run to run, are in times.json.</p>\n";
   }
 
   void Endings() {
@@ -382,12 +376,18 @@ class Page {
          << Escape(table.caption) << "</p>\n<div class=\"wide\"><table><thead><tr>";
     for (const std::string& head : table.header) out_ << "<th>" << Escape(head) << "</th>";
     out_ << "</tr></thead><tbody>\n";
-    for (const auto& row : table.rows) {
-      DFR_THROW_UNLESS(row.size() == table.header.size(),
+    for (std::size_t r = 0; r < table.rows.size(); ++r) {
+      const std::vector<std::string>& row = table.rows[r];
+      DFR_THROW_UNLESS(row.size() == table.header.size() &&
+                           (table.commands.empty() || table.commands.at(r).size() == row.size()),
                        "report table '" << table.heading << "' has rows of different lengths");
       out_ << "<tr>";
-      for (const std::string& entry : row)
-        out_ << "<td class=\"text\">" << Escape(entry) << "</td>";
+      for (std::size_t c = 0; c < row.size(); ++c) {
+        const std::string command = table.commands.empty() ? "" : table.commands[r][c];
+        out_ << "<td class=\"text\"";
+        if (!command.empty()) out_ << " title=\"" << Escape(command) << "\"";
+        out_ << ">" << Escape(row[c]) << "</td>";
+      }
       out_ << "</tr>\n";
     }
     out_ << "</tbody></table></div>\n";
@@ -411,7 +411,7 @@ class Page {
          << " cells</summary>\n<div class=\"wide\"><table><thead><tr><th>Learner</th>"
             "<th>Method</th><th class=\"n\">Demonstrations</th><th class=\"n\">Episodes</th>"
             "<th class=\"n\">Completed, %</th><th class=\"n\">Halted, %</th>"
-            "<th class=\"n\">Collided, %</th><th class=\"n\">ms per<br>trajectory</th>"
+            "<th class=\"n\">Collided, %</th>"
             "<th class=\"n\">Controls per<br>trajectory</th><th class=\"n\">Start states<br>redrawn"
             "</th></tr></thead><tbody>\n";
     const Cell* previous = nullptr;
@@ -423,8 +423,7 @@ class Page {
            << "</td><td>" << Escape(NameOf(cell.method)) << "</td><td class=\"n\">"
            << cell.demonstrations << "</td><td class=\"n\">" << cell.episodes << "</td>";
       ShareCells(cell);
-      out_ << "<td class=\"n\">" << Number(1e3 * cell.seconds_per_trajectory, 3)
-           << "</td><td class=\"n\">" << Number(cell.controls_per_trajectory, 1)
+      out_ << "<td class=\"n\">" << Number(cell.controls_per_trajectory, 1)
            << "</td><td class=\"n\">" << cell.redrawn_starts << "</td></tr>\n";
     }
     out_ << "</tbody></table></div>\n</details>\n";
@@ -448,6 +447,15 @@ class Page {
 };
 
 }  // namespace
+
+std::string EpisodesCommand(const std::string& program, const std::string& learner,
+                            const std::string& method) {
+  const auto word = [](const std::string& text) {
+    const bool plain = text.find_first_of(" ,;'\"$&<>()") == std::string::npos;
+    return plain ? text : "'" + text + "'";
+  };
+  return program + " episodes FOLDER --learner " + word(learner) + " --method " + word(method);
+}
 
 void SavePlot(const ReportPlot& plot, const std::filesystem::path& path) {
   internal::ReplaceFile(path, internal::SvgDocument(plot));

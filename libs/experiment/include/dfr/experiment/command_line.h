@@ -30,13 +30,14 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
 ///                                  with it to summary and report
 ///   status FOLDER...               how many units are finished, by whom, and when the rest will be
 ///   episodes FOLDER                episodes by their ids, those that ended worst first
+///   rerun FOLDER ID                one episode again, with other methods beside it, and its film
 ///
 /// --config FILE of a command reads the table of the command's name, as in [experiment], whose keys
 /// are the command's options without their dashes; what stands on the command line comes first.
 /// Errors of such a value name the file and its line.
 ///
-/// @returns the exit code where nothing is left to be done (help, errors, the commands above but
-///   merge), and otherwise nothing: then the app's commands are parsed.
+/// @returns the exit code where nothing is left to be done (help, errors, status and episodes), and
+///   otherwise nothing: then the app's commands are parsed.
 /// @throws std::runtime_error for files that cannot be read, and as MergeLedgers().
 [[nodiscard]] std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv);
 

@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "dfr/experiment/ledger.h"
 #include "dfr/experiment/paired_evaluation.h"
 
 namespace dfr::experiment {
@@ -24,6 +25,22 @@ struct EpisodeId {
 
 /// The episode of `plan` that Name() calls so. @throws std::invalid_argument naming what is wrong.
 [[nodiscard]] EpisodeId ParseEpisode(std::string_view name, const EvaluationPlan& plan);
+
+/// One episode of a run, and what it takes to run it again.
+struct RecordedEpisode {
+  LedgerHeader header;
+  EpisodeId id;
+  EpisodeResult result;
+  std::uint64_t start_seed = 0;
+  std::uint64_t controller_seed = 0;
+};
+
+/// The episode that Name() calls so, of the ledger in `folder`. `now` is what the ledger must be of
+/// for this build to run the episode again; null: anything.
+/// @throws std::runtime_error naming the folder, and the first field in which the two differ or
+///   that the episode's unit is not finished; as ReadLedger() and ParseEpisode().
+[[nodiscard]] RecordedEpisode FindEpisode(const std::filesystem::path& folder,
+                                          std::string_view name, const LedgerHeader* now = nullptr);
 
 /// Which episodes are meant. Empty, or 0: all.
 struct EpisodeFilter {

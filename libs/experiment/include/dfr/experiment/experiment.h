@@ -14,6 +14,13 @@
 
 namespace dfr::experiment {
 
+/// An episode that is to be run again instead of an experiment.
+struct Rerun {
+  std::string episode;               ///< Its id; empty: none.
+  std::vector<std::string> methods;  ///< Shown beside it, from the same start state.
+  std::filesystem::path film;        ///< Empty: without pictures.
+};
+
 /// What all commands that compare methods let their users choose.
 struct ExperimentOptions {
   std::string preset = "quick";
@@ -24,6 +31,7 @@ struct ExperimentOptions {
   bool salvage = false;
   bool video = true;
   Shard shard = {};  ///< Other than 1/1: there is a ledger alone, to be merged.
+  Rerun rerun = {};  ///< Without an episode: none.
   /// The text of run.toml, which starts the same run again. Empty: there is none.
   std::function<std::string()> configuration = {};
   // Empty, or 0: as the preset says.
@@ -62,8 +70,11 @@ class OutputFolder {
 /// - run.toml, as options.configuration has it;
 /// - of the whole plan summary.json, which is the same for any number of threads, shards and
 ///   machines, and times.json, which is not.
-/// Of a shard there is no result to return. After SIGTERM or SIGUSR1 no further unit begins; a
-/// second one ends the process. `settings` are all that decides the results besides the plan.
+/// With options.rerun it runs that episode of the run in options.out instead, as TrialRunner::Run()
+/// and Film() do, and prints how it ends; the ledger must say the same.
+/// Of a shard and of a rerun there is no result to return. After SIGTERM or SIGUSR1 no further unit
+/// begins; a second one ends the process. `settings` are all that decides the results besides the
+/// plan.
 /// @throws as Evaluate() and SaveSummary() do.
 [[nodiscard]] std::optional<ExperimentResult> RunExperiment(
     const std::string& name, const EvaluationPlan& plan, const MakeTrialRunner& make,

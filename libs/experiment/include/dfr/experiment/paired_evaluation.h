@@ -59,6 +59,14 @@ class TrialRunner {
   /// One episode of plan.methods[method]. `controller_seed` is the same for all methods.
   [[nodiscard]] virtual EpisodeResult Run(int method, std::uint64_t start_seed,
                                           std::uint64_t controller_seed) = 0;
+  /// Writes pictures of one episode of each of `methods`, places in plan.methods, side by side.
+  /// @returns whether there are pictures of such episodes.
+  /// @throws std::runtime_error naming a file that cannot be written or whose ending is unknown.
+  [[nodiscard]] virtual bool Film(const std::vector<int>& /*methods*/, std::uint64_t /*start_seed*/,
+                                  std::uint64_t /*controller_seed*/,
+                                  const std::filesystem::path& /*path*/) {
+    return false;
+  }
   /// Further figures of this unit, to be averaged over trials ("overlap", "training loss").
   [[nodiscard]] virtual std::map<std::string, double> Measures() { return {}; }
   /// Lists of counts of this unit, to be pooled over units ("controls of each recovery").

@@ -52,7 +52,14 @@ struct ReportTable {
   std::string caption;
   std::vector<std::string> header;
   std::vector<std::vector<std::string>> rows;  ///< Each as long as `header`.
+  /// Which command prints the episodes behind an entry, shown where the mouse is on it: as `rows`,
+  /// or empty.
+  std::vector<std::vector<std::string>> commands = {};
 };
+
+/// The command of `program` that prints the ids of a method's episodes.
+[[nodiscard]] std::string EpisodesCommand(const std::string& program, const std::string& learner,
+                                          const std::string& method);
 
 /// Prints the heading, then the table with its columns in line, for a terminal: the first
 /// `left_aligned` columns at the left.
@@ -89,7 +96,8 @@ struct ReportOptions {
 /// A page that needs nothing but itself: the ratios between methods, the paper's three curves per
 /// learner with bands, how episodes ended, the tables, and what the options add. Figures are inline
 /// SVG, media are data URIs; light and dark, narrow and wide, and print are all looked after. A
-/// summary without cells gives a page of what the options hold alone.
+/// summary without cells gives a page of what the options hold alone. Measured times are not in it,
+/// so that it has the same bytes whoever ran which units.
 /// @throws std::invalid_argument if a series, a table or a kind of media does not fit its
 ///   description; std::runtime_error naming a media file that cannot be read.
 [[nodiscard]] std::string RenderReport(const Summary& summary, const ReportOptions& options);

@@ -1,0 +1,66 @@
+#!/usr/bin/env python3
+"""A plant of your own in Python: methods compared over trials, in processes, in shards if need be.
+
+usage: own_experiment.py experiment --trials 5 --threads 2 --out out/corridor
+"""
+
+import numpy as np
+
+import dfr
+
+HALF_WIDTH, END = 0.2, 3.0
+
+
+def centre(x):
+    return 0.3 * np.sin(2.0 * x)
+
+
+class Tip:
+    """A tip in a winding corridor. Actions of 1 are steps of 0.1."""
+
+    def reset(self, seed):
+        self.at = np.array([0.0, 0.05 * np.random.default_rng(seed).normal()])
+        self.collided = False
+
+    def step(self, action):
+        self.at = self.at + 0.1 * np.clip(action, -1.0, 1.0)
+        self.collided |= abs(self.at[1] - centre(self.at[0])) > HALF_WIDTH
+
+    def observe(self):
+        return self.at
+
+    @property
+    def completed(self):
+        return self.at[0] >= END
+
+
+class Corridor(dfr.Experiment):
+    """Recovery of a policy that cuts corners, in a corridor."""
+
+    demonstrations = (20, 60)
+    parameters = {"ahead": 0.8}  # an option --ahead, and a key of configurations and grids
+
+    def plant(self):
+        return Tip()
+
+    def demonstrate(self, seed):
+        tip, rng = Tip(), np.random.default_rng([seed, 1])
+        tip.reset(seed)
+        states, actions = [tip.observe()], []
+        for _ in range(40):
+            x, y = states[-1]
+            actions.append([0.8, 10.0 * (centre(x + 0.08) - y)] + 0.1 * rng.normal(size=2))
+            tip.step(actions[-1])
+            states.append(tip.observe())
+        return states, actions
+
+    def learn(self, learner, states, actions, seed):
+        def policy(t, state):  # yours is learned from states and actions
+            way = np.array([self.parameters["ahead"], centre(state[0] + self.parameters["ahead"]) - state[1]])
+            return 0.8 * way / np.linalg.norm(way)
+
+        return policy
+
+
+if __name__ == "__main__":
+    Corridor().main()

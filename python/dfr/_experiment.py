@@ -1,0 +1,435 @@
+"""A plant of one's own in Python, evaluated by the engine of the programs."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import json
+import multiprocessing
+import pathlib
+import queue
+import random
+import signal
+import sys
+import time
+import traceback
+from typing import Any, Callable, Mapping, NamedTuple, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dfr import _core
+from dfr._core import Guard
+
+BASELINE = "baseline"
+METHODS = (BASELINE, "monitor", "early-stopping", "dfr", "guided", "certified")
+
+# Streams of the experiment's seed; 0 and 1 are start states and controllers.
+_DEMONSTRATIONS, _LEARNING = 2, 3
+
+
+class Episode(NamedTuple):
+    """What `Experiment.replay` saw of one method."""
+
+    outcome: str
+    """completed, halted or collided."""
+    cause: str
+    """Why it halted, or who chose the action that collided; empty for completed ones."""
+    states: NDArray[np.float64]
+    """(n_actions + 1, state_dim)"""
+    actions: NDArray[np.float64]
+    """(n_actions, action_dim): those that were applied."""
+    infos: list[dict[str, Any]]
+    """What the guard said of each; of the baseline nothing."""
+
+
+class Experiment:
+    """Compares what guards make of policies on a plant of your own, in processes and shards.
+
+    Derive a class from it that says what the plant is, how it is demonstrated and how a policy is
+    learned; `main` makes a program of it with the commands `experiment`, `merge`, `status` and
+    `episodes`, which `dfr-cluster` runs on a Slurm cluster. Each trial has demonstrations of its
+    own; each method starts from the same states.
+
+    What a plant has to have: `reset(seed)`; `step(action)`, after which it rests; `observe()`, its
+    state; `completed` and `collided`, whether the task is done in the present state, and whether a
+    constraint was violated since `reset` (attributes or methods). What a policy has to be:
+    `policy(t, state)`, the action of time step t; where it has a method `reset(seed)`, that begins an
+    episode.
+
+    Results are the same for any number of processes, because each unit (a trial, a data point and a
+    learner) is run by one process with a plant of its own, and all that is random follows from
+    seeds: those that are passed, and for code that draws from `random` or `numpy.random` itself,
+    these are seeded before each call of `demonstrate`, `learn` and `guard`, and each episode.
+
+    Attributes
+    ----------
+    name : str
+        Of the folder out/<name>; by default the class's in lower case.
+    methods : sequence of str
+        The first is the reference. "baseline" is the policy alone, the others are strategies of a guard:
+        "monitor", "early-stopping", "dfr", "guided", "certified".
+    learners : sequence of str
+        Kinds of policies, or of anything else that `learn` is to vary.
+    demonstrations : sequence of int
+        Data points, ascending.
+    trials, episodes : int
+        Independent repetitions of everything, and start states in each.
+    parameters : mapping of str to bool, int, float or str
+        Numbers of your own, with their defaults. Each is an option of the command line, and so a key of
+        --config and of grids; `self.parameters["x"]` is what was chosen.
+    start_method : str
+        How processes are made, as multiprocessing has it. "fork" wants no program file that can be
+        imported; "spawn" is for libraries that do not survive a fork.
+    """
+
+    name: str = ""
+    methods: Sequence[str] = (BASELINE, "early-stopping", "dfr", "guided")
+    learners: Sequence[str] = ("policy",)
+    demonstrations: Sequence[int] = (60,)
+    trials: int = 5
+    episodes: int = 20
+    parameters: Mapping[str, Any] = {}
+    start_method: str = "fork"
+    _kept: tuple[Any, list[Any]] = (None, [])
+
+    def plant(self) -> Any:
+        """A plant. Called once for each unit, in the process that runs it."""
+        raise NotImplementedError(f"{type(self).__name__} must define plant()")
+
+    def demonstrate(self, seed: int) -> tuple[ArrayLike, ArrayLike]:
+        """States (n + 1, state_dim) and actions (n, action_dim) of one demonstration."""
+        raise NotImplementedError(f"{type(self).__name__} must define demonstrate(seed)")
+
+    def learn(
+        self, learner: str, states: list[NDArray[np.float64]], actions: list[NDArray[np.float64]], seed: int
+    ) -> Callable[[int, NDArray[np.float64]], ArrayLike]:
+        """A policy(t, state) from demonstrations."""
+        raise NotImplementedError(f"{type(self).__name__} must define learn(learner, states, actions, seed)")
+
+    def guard(self, states: list[NDArray[np.float64]], actions: list[NDArray[np.float64]]) -> Guard:
+        """The guard of these demonstrations; override it to choose features or options of the fit."""
+        return Guard.fit(states, actions)
+
+    def main(self) -> None:
+        """Run the command line of this program; errors are printed, and exit with 1."""
+        try:
+            self.run()
+        except (ImportError, RuntimeError, ValueError, OSError) as error:
+            sys.exit(f"{self._program()}: {error}")
+        except KeyboardInterrupt:
+            sys.exit(130)
+
+    def run(self, arguments: Sequence[str] | None = None) -> dict[str, Any] | None:
+        """Run a command line.
+
+        Parameters
+        ----------
+        arguments : sequence of str, optional
+            As in ["experiment", "--out", "out", "--threads", "4"], --threads being processes; those of this
+            program if it is None.
+
+        Returns
+        -------
+        dict or None
+            The content of summary.json, which --out has with the report; None for a shard, which is to be
+            merged.
+
+        Raises
+        ------
+        RuntimeError
+            Naming the unit and what its process raised; for a ledger of other settings the first that differs.
+        ValueError
+            Naming an unknown method or parameter.
+        SystemExit
+            After --help, wrong options, `status` and `episodes`.
+        ImportError
+            If this build of the module has no engine.
+        """
+        if not hasattr(_core, "run_experiment"):
+            raise ImportError(
+                "this build of dfr has no Experiment. Install libcli11-dev, libtomlplusplus-dev and "
+                "nlohmann-json3-dev, and build it again."
+            )
+        defaults = {
+            key: getattr(self, key) for key in ("methods", "learners", "demonstrations", "trials", "episodes")
+        }
+        options = {_option(key): value for key, value in type(self).parameters.items()}
+        with contextlib.ExitStack() as stack:
+
+            def begin(chosen: dict[str, Any], seed: int, methods: list[str], processes: int) -> tuple[Any, Any]:
+                self._choose(chosen)
+                for method in methods:
+                    _check(method)
+                pool = stack.enter_context(_Pool(self, seed, methods, processes))
+                return self._settings(), pool.unit
+
+            result = _core.run_experiment(
+                sys.argv[1:] if arguments is None else [str(a) for a in arguments],
+                self._name(),
+                self._program(),
+                (inspect.getdoc(type(self)) or self._name()).partition("\n")[0],
+                defaults,
+                options,
+                begin,
+            )
+        if isinstance(result, int):
+            raise SystemExit(result)
+        return None if result is None else dict(json.loads(result))
+
+    def replay(self, folder: Any, episode: str, methods: Sequence[str] = ()) -> dict[str, Episode]:
+        """Run an episode of an experiment again, by its id, as the command `episodes` prints it.
+
+        Parameters
+        ----------
+        folder : path_like
+            Of that experiment.
+        episode : str
+            TRIAL/DEMONSTRATIONS/LEARNER/METHOD/START
+        methods : sequence of str
+            Further methods, from the same start state.
+
+        Returns
+        -------
+        dict of str to Episode
+            `dfr.plot.episode(found["guided"].infos)` plots one.
+
+        Raises
+        ------
+        RuntimeError
+            If it is of other settings than this program's, or of another version of dfr.
+        """
+        found = _core.find_episode(folder, episode)
+        options = {_option(key): value for key, value in type(self).parameters.items()}
+        there = found["settings"]
+        self._choose({key: _like(value, there[key]) if key in there else value for key, value in options.items()})
+        there = {**there, "commit": found["commit"]}
+        now = {**self._settings(), "commit": _core.build_commit}
+        for key in sorted({*there, *now}):
+            if now.get(key) != there.get(key):
+                raise RuntimeError(
+                    f"{folder}: its episodes cannot be run again by this program: {key} is {there.get(key)} there "
+                    f"and {now.get(key)} now"
+                )
+        names = [*(m for m in methods if m != found["method"]), found["method"]]
+        for name in names:
+            _check(name)
+        unit = _Unit(self, found["seed"], names, found["trial"], found["demonstrations"], found["learner"])
+        return {
+            name: unit.episode(k, found["start_seed"], found["controller_seed"]) for k, name in enumerate(names)
+        }
+
+    def _name(self) -> str:
+        return self.name or type(self).__name__.lower()
+
+    def _source(self) -> str | None:
+        with contextlib.suppress(TypeError, OSError):
+            return inspect.getsourcefile(type(self))
+        return None
+
+    def _program(self) -> str:
+        source = self._source()
+        return pathlib.Path(source).name if source else self._name()
+
+    def _choose(self, chosen: Mapping[str, Any]) -> None:
+        self.parameters = {key: chosen[_option(key)] for key in type(self).parameters}
+
+    def _settings(self) -> dict[str, str]:
+        """What decides the results besides the plan: a ledger of others is refused."""
+        settings = {_option(key): _core.setting_of(value) for key, value in self.parameters.items()}
+        source = self._source()
+        if source:
+            settings["hash of " + pathlib.Path(source).name] = _core.hash_of_file(source)
+        return settings
+
+
+def _option(parameter: str) -> str:
+    return parameter.replace("_", "-")
+
+
+def _like(default: Any, text: str) -> Any:
+    """A setting's text as the kind of value that its parameter has."""
+    return text == "true" if isinstance(default, bool) else type(default)(text)
+
+
+def _check(method: str) -> None:
+    if method not in METHODS:
+        raise ValueError(f"there is no method '{method}'; there are {', '.join(METHODS)}")
+
+
+def _says(value: Any) -> bool:
+    return bool(value() if callable(value) else value)
+
+
+def _seed(seed: int) -> None:
+    """For code that draws from the interpreter's and NumPy's own generators."""
+    random.seed(seed)
+    np.random.seed(seed % 2**32)
+
+
+class _Unit:
+    """A unit that was learned, with what it takes to run its episodes."""
+
+    def __init__(
+        self, experiment: Experiment, seed: int, methods: Sequence[str], trial: int, demonstrations: int, learner: str
+    ) -> None:
+        states, actions = _demonstrations(experiment, seed, trial, demonstrations)
+        learning = _core.derive_seed(seed, _LEARNING, trial, 0)
+        _seed(learning)
+        self.policy = experiment.learn(learner, states, actions, learning)
+        _seed(learning)
+        guard = experiment.guard(states, actions)
+        self.support = guard
+        self.guards = [None if m == BASELINE else guard.with_settings(strategy=m) for m in methods]
+        self.plant = experiment.plant()
+
+    def _observe(self) -> NDArray[np.float64]:
+        return np.array(self.plant.observe(), dtype=np.float64).ravel()
+
+    def accepts(self, start_seed: int) -> bool:
+        """Whether the start state is inside the support: no action could mend one outside."""
+        _seed(start_seed)
+        self.plant.reset(start_seed)
+        return bool(self.support.decision(0, self._observe()) >= 0.0)
+
+    def run(self, method: int, start_seed: int, controller_seed: int) -> tuple[str, str, int, int, float]:
+        begin = time.process_time()
+        episode = self.episode(method, start_seed, controller_seed)
+        recovery = sum(info["mode"] in ("probe", "recovery") for info in episode.infos[: len(episode.actions)])
+        return episode.outcome, episode.cause, len(episode.actions), recovery, time.process_time() - begin
+
+    def episode(self, method: int, start_seed: int, controller_seed: int) -> Episode:
+        guard = self.guards[method]
+        _seed(start_seed)
+        self.plant.reset(start_seed)
+        if hasattr(self.policy, "reset"):
+            self.policy.reset(start_seed)
+        if guard is not None:
+            guard.reset(controller_seed)
+        states, actions, infos = [self._observe()], [], []
+        cause, chooser = "", "policy"
+        while not (_says(self.plant.collided) or _says(self.plant.completed)):
+            t = len(actions)
+            if guard is None and t == self.support.settings["horizon"]:
+                cause = "time-up"
+                break
+            action = np.array(self.policy(t, states[-1]), dtype=np.float64).ravel()
+            if guard is not None:
+                action, info = guard.filter(t, states[-1], action)
+                infos.append(info)
+                if info["mode"] == "halt":
+                    cause = info["reason"]
+                    break
+                chooser = info["reason"] if info["changed"] or info["mode"] != "policy" else "policy"
+            self.plant.step(action)
+            actions.append(action)
+            states.append(self._observe())
+        outcome = "collided" if _says(self.plant.collided) else "halted" if cause else "completed"
+        if outcome == "collided":
+            cause = chooser
+        shape = (len(actions), self.support.action_dim)
+        return Episode(outcome, cause, np.array(states), np.reshape(actions, shape), infos)
+
+
+def _demonstrations(experiment: Experiment, seed: int, trial: int, count: int) -> tuple[list[Any], list[Any]]:
+    """The first `count` demonstrations of a trial; those of the latest trial are kept."""
+    key = (tuple(experiment.parameters.items()), seed, trial)
+    if experiment._kept[0] != key:
+        experiment._kept = (key, [])
+    kept = experiment._kept[1]
+    while len(kept) < count:
+        one = _core.derive_seed(seed, _DEMONSTRATIONS, trial, len(kept))
+        _seed(one)
+        states, actions = experiment.demonstrate(one)
+        kept.append((np.array(states, dtype=np.float64), np.array(actions, dtype=np.float64)))
+    return [states for states, _ in kept[:count]], [actions for _, actions in kept[:count]]
+
+
+def _work(experiment: Experiment, seed: int, methods: list[str], connection: Any, others: list[Any]) -> None:
+    """A worker process: answers until the connection ends, which is how it is told to end."""
+    for other in others:  # copies by fork, which would keep them open
+        other.close()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):  # what a scheduler sends to all
+        signal.signal(number, signal.SIG_IGN)
+    unit: Any = None
+    while True:
+        try:
+            what, *arguments = connection.recv()
+        except EOFError:
+            return
+        try:
+            if what == "begin":
+                unit = None
+                unit = _Unit(experiment, seed, methods, *arguments)
+                answer = None
+            else:
+                answer = getattr(unit, what)(*arguments)
+        except BaseException:  # whatever a plant raises: the engine reports it
+            connection.send((False, traceback.format_exc()))
+        else:
+            connection.send((True, answer))
+
+
+class _Pool:
+    """Worker processes, made before the engine has threads."""
+
+    def __init__(self, experiment: Experiment, seed: int, methods: list[str], count: int) -> None:
+        context = multiprocessing.get_context(experiment.start_method)
+        forks = experiment.start_method == "fork"
+        self._workers: list[tuple[Any, Any]] = []
+        self.idle: queue.Queue[tuple[Any, Any]] = queue.Queue()
+        for _ in range(count):
+            ours, theirs = context.Pipe()
+            others = [ours, *(connection for _, connection in self._workers)] if forks else []
+            process = context.Process(target=_work, args=(experiment, seed, methods, theirs, others), daemon=True)
+            process.start()
+            theirs.close()
+            self._workers.append((process, ours))
+            self.idle.put((process, ours))
+
+    def __enter__(self) -> _Pool:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for _, connection in self._workers:
+            connection.close()
+        for process, _ in self._workers:
+            process.join(1.0)
+            process.kill()  # one that is in the middle of an episode which nobody waits for
+
+    def unit(self, trial: int, demonstrations: int, learner: str) -> _Remote:
+        return _Remote(self, trial, demonstrations, learner)
+
+
+class _Remote:
+    """A unit in a worker process, which is its own until `close`."""
+
+    def __init__(self, pool: _Pool, trial: int, demonstrations: int, learner: str) -> None:
+        self._label = f"trial {trial}, {demonstrations} demonstrations, {learner}"
+        self._idle = pool.idle
+        self._worker = pool.idle.get()
+        self._ask("begin", trial, demonstrations, learner)
+
+    def _ask(self, *message: Any) -> Any:
+        process, connection = self._worker
+        try:
+            connection.send(message)
+            done, answer = connection.recv()
+        except (EOFError, OSError):
+            process.join(1.0)
+            raise RuntimeError(
+                f"{self._label}: its process ended with exit code {process.exitcode}; finished units are kept, "
+                "and the same command goes on from there"
+            ) from None
+        if not done:
+            raise RuntimeError(f"{self._label}: {answer}")
+        return answer
+
+    def accepts(self, start_seed: int) -> bool:
+        return bool(self._ask("accepts", start_seed))
+
+    def run(self, method: int, start_seed: int, controller_seed: int) -> Any:
+        return self._ask("run", method, start_seed, controller_seed)
+
+    def close(self) -> None:
+        self._idle.put(self._worker)

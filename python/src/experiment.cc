@@ -1,0 +1,193 @@
+#include "dfr/experiment/experiment.h"
+
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdint>
+#include <iostream>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <thread>
+#include <tuple>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "arrays.h"
+#include "dfr/core/random.h"
+#include "dfr/experiment/command_line.h"
+#include "dfr/experiment/episodes.h"
+#include "dfr/experiment/ledger.h"
+#include "dfr/experiment/report.h"
+
+namespace py = pybind11;
+
+namespace dfr::python {
+namespace {
+
+using Value = std::variant<bool, std::int64_t, double, std::string>;
+using Values = std::map<std::string, Value>;
+using Settings = std::map<std::string, std::string>;
+
+// A unit that Python runs, in a process of its own. Threads of the engine call it.
+class PythonRunner final : public experiment::TrialRunner {
+ public:
+  explicit PythonRunner(py::object runner) : runner_(std::move(runner)) {}
+  ~PythonRunner() override {
+    // By Python's own interface, which does not throw.
+    const PyGILState_STATE state = PyGILState_Ensure();
+    PyObject* ended = PyObject_CallMethod(runner_.ptr(), "close", nullptr);
+    if (ended == nullptr) PyErr_WriteUnraisable(runner_.ptr());
+    Py_XDECREF(ended);
+    Py_DECREF(runner_.release().ptr());
+    PyGILState_Release(state);
+  }
+  PythonRunner(const PythonRunner&) = delete;
+  PythonRunner& operator=(const PythonRunner&) = delete;
+
+  bool Accepts(std::uint64_t start_seed) override {
+    const py::gil_scoped_acquire lock;
+    return runner_.attr("accepts")(start_seed).cast<bool>();
+  }
+
+  experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
+                                std::uint64_t controller_seed) override {
+    using Told = std::tuple<std::string, std::string, int, int, double>;
+    const py::gil_scoped_acquire lock;
+    const auto [outcome, cause, controls, recovery_controls, seconds] =
+        runner_.attr("run")(method, start_seed, controller_seed).cast<Told>();
+    experiment::EpisodeResult result{.cause = cause,
+                                     .controls = controls,
+                                     .recovery_controls = recovery_controls,
+                                     .seconds = seconds};
+    for (const auto known :
+         {core::Outcome::kCompleted, core::Outcome::kHalted, core::Outcome::kCollided}) {
+      if (outcome == core::Name(known)) result.outcome = known;
+    }
+    return result;
+  }
+
+ private:
+  py::object runner_;
+};
+
+std::string TextOf(const Value& value) {
+  if (const auto* text = std::get_if<std::string>(&value)) return *text;
+  if (const auto* truth = std::get_if<bool>(&value)) return *truth ? "true" : "false";
+  if (const auto* whole = std::get_if<std::int64_t>(&value)) return std::to_string(*whole);
+  return experiment::Exactly(std::get<double>(value));
+}
+
+// The plan as the class has it, and as options overrule it.
+experiment::EvaluationPlan PlanOf(const py::dict& defaults) {
+  experiment::EvaluationPlan plan;
+  plan.methods = defaults["methods"].cast<std::vector<std::string>>();
+  plan.learners = defaults["learners"].cast<std::vector<std::string>>();
+  plan.demonstrations = defaults["demonstrations"].cast<std::vector<int>>();
+  plan.trials = defaults["trials"].cast<int>();
+  plan.episodes = defaults["episodes"].cast<int>();
+  return plan;
+}
+
+// Runs the command line `arguments` of an experiment in the file `program`, and returns its exit
+// code where nothing else is left to be done, otherwise the summary's text, or None for a shard.
+// `begin` is told what was chosen, before there are threads, and returns (settings, make), where
+// make(trial, demonstrations, learner) makes what a PythonRunner calls.
+py::object RunExperiment(const std::vector<std::string>& arguments, const std::string& name,
+                         const std::string& program, const std::string& title,
+                         const py::dict& defaults, const Values& parameters,
+                         const py::function& begin) {
+  CLI::App app(title, program);
+  app.require_subcommand(1);
+  experiment::EvaluationPlan plan = PlanOf(defaults);
+  experiment::ExperimentOptions options;
+  options.out = "out/" + name;
+  options.seed = 1;
+  Values chosen = parameters;
+  CLI::App* command = app.add_subcommand("experiment", "all methods from the same start states");
+  experiment::AddRunOptions(*command, options);
+  command->option_defaults()->always_capture_default();
+  command->add_option("--methods", plan.methods, "the first is the reference")->delimiter(',');
+  command->add_option("--learners", plan.learners, "kinds of learned policies")->delimiter(',');
+  command->add_option("--demonstrations", plan.demonstrations, "the data points, ascending")
+      ->delimiter(',');
+  command->add_option("--trials", plan.trials, "independent repetitions of everything");
+  command->add_option("--episodes", plan.episodes, "start states per trial and data point");
+  for (auto& [parameter, value] : chosen) {
+    std::visit([&, &key = parameter](auto& choice) { command->add_option("--" + key, choice); },
+               value);
+  }
+  std::vector<const char*> words = {program.c_str()};
+  for (const std::string& argument : arguments) words.push_back(argument.c_str());
+  if (const auto code = experiment::Parse(app, static_cast<int>(words.size()), words.data())) {
+    return py::int_(*code);
+  }
+  plan.seed = options.seed;
+  const auto units = options.rerun.episode.empty() ? experiment::UnitsOf(plan).size() : 1;
+  const std::size_t wanted = options.threads > 0
+                                 ? static_cast<std::size_t>(options.threads)
+                                 : std::max(1u, std::thread::hardware_concurrency());
+  const std::size_t processes = std::clamp<std::size_t>(units, 1, wanted);
+  options.threads = static_cast<int>(processes);
+  const auto [settings, make] =
+      begin(chosen, plan.seed, plan.methods, processes).cast<std::pair<Settings, py::function>>();
+  const experiment::MakeTrialRunner make_runner =
+      [&make = make](const experiment::EvaluationUnit& unit) {
+        const py::gil_scoped_acquire lock;
+        return std::make_unique<PythonRunner>(make(unit.trial, unit.demonstrations, unit.learner));
+      };
+  const py::gil_scoped_release unlocked;
+  const experiment::OutputFolder folder(options);
+  const auto found = experiment::RunExperiment(name, plan, make_runner, settings, options);
+  std::string text;
+  if (found) {
+    experiment::PrintTable(found->summary, std::cout);
+    std::cout.flush();
+    if (!options.out.empty()) {
+      experiment::ReportOptions report{.title = title, .program = program};
+      report.settings.assign(settings.begin(), settings.end());
+      experiment::SaveReport(found->summary, report, options.out / "report.html");
+    }
+    text = experiment::ToJson(found->summary);
+  }
+  const py::gil_scoped_acquire lock;
+  return found ? py::object(py::str(text)) : py::none();
+}
+
+// One episode of a ledger, and what it was run with.
+py::dict FindEpisode(const std::filesystem::path& folder, const std::string& name) {
+  const experiment::RecordedEpisode episode = experiment::FindEpisode(folder, name);
+  py::dict found;
+  found["trial"] = episode.id.unit.trial;
+  found["demonstrations"] = episode.id.unit.demonstrations;
+  found["learner"] = episode.id.unit.learner;
+  found["method"] = episode.id.method;
+  found["start_seed"] = episode.start_seed;
+  found["controller_seed"] = episode.controller_seed;
+  found["seed"] = episode.header.plan.seed;
+  found["settings"] = episode.header.settings;
+  found["commit"] = episode.header.commit;
+  return found;
+}
+
+std::uint64_t DeriveSeed(std::uint64_t seed, std::uint64_t stream, std::uint64_t trial,
+                         std::uint64_t index) {
+  return core::DeriveSeed(seed, {stream, trial, index});
+}
+
+}  // namespace
+
+void AddExperiment(py::module_& module) {
+  module.def("run_experiment", &RunExperiment);
+  module.def("find_episode", &FindEpisode);
+  module.def("derive_seed", &DeriveSeed);
+  module.def("hash_of_file", &experiment::HashOfFile);
+  module.def("setting_of", &TextOf);
+}
+
+}  // namespace dfr::python

@@ -1,0 +1,309 @@
+"""dfr.Experiment: a plant in Python, in any number of processes and shards.
+
+usage: experiment_test.py
+"""
+
+import json
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+import numpy as np
+
+import dfr
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+EXAMPLE = ROOT / "examples/own_experiment.py"
+CLUSTER = ROOT / "libs/experiment/tools/dfr-cluster"
+SMALL = ("--trials", "3", "--episodes", "2", "--demonstrations", "12,20")
+
+# Programs that differ from the example in one place each.
+PLANTS = {
+    # Draws from generators that are nobody's own.
+    "careless": """
+class Careless(example.Tip):
+    def reset(self, seed):
+        super().reset(seed)
+        import random
+        self.at[1] = 0.05 * np.random.normal() + 0.01 * random.random()
+
+class Corridor(example.Corridor):
+    def plant(self):
+        return Careless()
+""",
+    # Says completed and collided by methods, and is slow.
+    "slow": """
+class Slow:
+    def __init__(self):
+        self.tip = example.Tip()
+    def reset(self, seed):
+        time.sleep(0.1)
+        self.tip.reset(seed)
+    def step(self, action):
+        self.tip.step(action)
+    def observe(self):
+        return list(self.tip.observe())
+    def completed(self):
+        return self.tip.completed
+    def collided(self):
+        return self.tip.collided
+
+class Corridor(example.Corridor):
+    def plant(self):
+        return Slow()
+""",
+    "raises": """
+class Corridor(example.Corridor):
+    def plant(self):
+        if not pathlib.Path("mended").exists():
+            raise ValueError("the arm is not plugged in")
+        return super().plant()
+""",
+    "dies": """
+class Corridor(example.Corridor):
+    def learn(self, learner, states, actions, seed):
+        if len(states) == 20 and not pathlib.Path("mended").exists():
+            os._exit(7)
+        return super().learn(learner, states, actions, seed)
+""",
+    "spawned": """
+class Corridor(example.Corridor):
+    start_method = "spawn"
+""",
+}
+
+
+class ExperimentTest(unittest.TestCase):
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.folder = pathlib.Path(temporary.name)
+        self.program = shutil.copy(EXAMPLE, self.folder)
+
+    def write(self, name):
+        path = self.folder / f"{name}.py"
+        path.write_text(
+            f"import os, pathlib, sys, time\nsys.path.insert(0, {str(EXAMPLE.parent)!r})\nimport numpy as np\n"
+            f"import own_experiment as example\n{PLANTS[name]}\nif __name__ == '__main__':\n    Corridor().main()\n"
+        )
+        return path
+
+    def start(self, program, *arguments):
+        return subprocess.Popen(
+            [sys.executable, program, *map(str, arguments)],
+            cwd=self.folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )
+
+    def run_program(self, program, *arguments, fails=False):
+        process = self.start(program, *arguments)
+        out, error = process.communicate(timeout=200)
+        self.assertEqual(process.returncode != 0, fails, out + error)
+        return error if fails else out
+
+    def bytes_of(self, name):
+        return (self.folder / name).read_bytes()
+
+    def test_any_number_of_processes_and_shards_gives_the_same_bytes(self):
+        self.run_program(self.program, "experiment", *SMALL, "--threads", 1, "--out", "one")
+        averages = {a["method"]: a for a in json.loads(self.bytes_of("one/summary.json"))["averages"]}
+        self.assertEqual(averages["baseline"]["episodes"], 12)
+        self.assertGreater(averages["baseline"]["collided"], 0.2)
+        self.assertGreater(averages["guided"]["completed"], averages["baseline"]["completed"])
+        self.run_program(self.program, "experiment", *SMALL, "--threads", 3, "--out", "three")
+        for count in (2, 7):
+            for k in range(1, count + 1):
+                self.run_program(
+                    self.program, "experiment", *SMALL, "--threads", 2, "--shard", f"{k}/{count}", "--out", f"in{count}/{k}"
+                )
+            self.run_program(self.program, "merge", f"in{count}", "--out", f"merged{count}")
+        for folder in ("three", "merged2", "merged7"):
+            for name in ("summary.json", "report.html", "run.toml"):
+                self.assertEqual(self.bytes_of(f"{folder}/{name}"), self.bytes_of(f"one/{name}"), f"{folder}/{name}")
+        self.assertIn("6 of 6 units are finished", self.run_program(self.program, "status", "in7"))
+        self.assertIn("own_experiment.py episodes FOLDER --learner policy --method guided", self.bytes_of("one/report.html").decode())
+
+    def test_an_episode_can_be_run_again(self):
+        self.run_program(self.program, "experiment", *SMALL, "--out", "run", "--ahead", 0.9)
+        lines = self.run_program(self.program, "episodes", "run", "--most", 0).splitlines()
+        sys.path.insert(0, str(self.folder))
+        self.addCleanup(sys.path.remove, str(self.folder))
+        import own_experiment
+
+        corridor = own_experiment.Corridor()
+        for line in (lines[0], next(line for line in lines if "/guided/" in line)):
+            name, outcome, controls = line.split("  ")[0], line.split("  ")[1], line.split("  ")[2]
+            method = name.split("/")[3]
+            found = corridor.replay(self.folder / "run", name, methods=["early-stopping", method])
+            self.assertEqual(list(found), ["early-stopping", method])
+            episode = found[method]
+            self.assertEqual(": ".join(filter(None, (episode.outcome, episode.cause))), outcome)
+            self.assertTrue(controls.startswith(f"{len(episode.actions)} controls"), controls)
+            self.assertEqual(episode.states.shape, (len(episode.actions) + 1, 2))
+            np.testing.assert_array_equal(episode.states[0], found["early-stopping"].states[0])
+        self.assertEqual(corridor.parameters["ahead"], 0.9)
+        name = lines[0].split("  ")[0]
+        out = self.run_program(self.program, "rerun", "run", name, "--methods", "guided")
+        self.assertIn(lines[0].split("  ")[1] + " after " + lines[0].split("  ")[2].split(",")[0], out)
+        self.assertTrue(out.startswith("guided "))
+        with self.assertRaisesRegex(RuntimeError, "there is no method|no learner and method"):
+            try:
+                corridor.replay(self.folder / "run", "0/12/policy/magic/0")
+            except ValueError as error:
+                raise RuntimeError(error)
+        with open(self.program, "a", encoding="utf-8") as file:
+            file.write("# another one\n")
+        with self.assertRaisesRegex(RuntimeError, "cannot be run again by this program: hash of own_experiment.py"):
+            corridor.replay(self.folder / "run", lines[0].split("  ")[0])
+
+    def test_parameters_are_options_and_settings(self):
+        self.run_program(self.program, "experiment", *SMALL, "--ahead", 0.25, "--out", "run")
+        self.assertIn("ahead = 0.25\n", (self.folder / "run/run.toml").read_text())
+        error = self.run_program(self.program, "experiment", *SMALL, "--ahead", 0.5, "--out", "run", fails=True)
+        self.assertIn('settings.ahead is "0.25" there and "0.5" now', error)
+        self.run_program(self.program, "experiment", "--config", "run/run.toml", "--out", "again")
+        for name in ("summary.json", "run.toml"):
+            self.assertEqual(self.bytes_of(f"again/{name}"), self.bytes_of(f"run/{name}"))
+        with open(self.program, "a", encoding="utf-8") as file:
+            file.write("# another program\n")
+        error = self.run_program(self.program, "experiment", "--config", "run/run.toml", "--out", "run", fails=True)
+        self.assertIn("settings.hash of own_experiment.py", error)
+        for arguments, says in [
+            (["experiment", "--methods", "baseline,magic"], "there is no method 'magic'; there are baseline, monitor"),
+            (["experiment", "--aheda", "1"], "--aheda"),
+            (["experiment", "--demonstrations", "20,10"], "ascending"),
+            (["merge", "nowhere", "--out", "x"], "there is no ledger.jsonl"),
+        ]:
+            self.assertIn(says, self.run_program(self.program, *arguments, fails=True))
+
+    def test_generators_that_are_nobodys_own_are_seeded(self):
+        program = self.write("careless")
+        for threads in (1, 3):
+            self.run_program(program, "experiment", *SMALL, "--threads", threads, "--out", f"t{threads}")
+        self.assertEqual(self.bytes_of("t1/ledger.jsonl").count(b"\n"), 7)
+        self.assertEqual(self.bytes_of("t1/summary.json"), self.bytes_of("t3/summary.json"))
+
+    def test_processes_may_be_spawned(self):
+        self.run_program(self.program, "experiment", *SMALL, "--out", "forked")
+        self.run_program(self.write("spawned"), "experiment", *SMALL, "--threads", 2, "--out", "spawned")
+        forked, spawned = (json.loads(self.bytes_of(f"{name}/summary.json")) for name in ("forked", "spawned"))
+        self.assertEqual(forked["averages"], spawned["averages"])
+
+    def test_what_a_plant_raises_is_told_with_its_unit(self):
+        error = self.run_program(self.write("raises"), "experiment", *SMALL, "--out", "run", fails=True)
+        self.assertIn("12 demonstrations, policy: Traceback", error)
+        self.assertIn("ValueError: the arm is not plugged in", error)
+        (self.folder / "mended").touch()
+        self.run_program(self.folder / "raises.py", "experiment", *SMALL, "--out", "run")
+
+    def test_a_process_that_dies_loses_its_unit_alone(self):
+        program = self.write("dies")
+        error = self.run_program(program, "experiment", *SMALL, "--threads", 1, "--out", "run", fails=True)
+        self.assertIn("trial 0, 20 demonstrations, policy: its process ended with exit code 7", error)
+        self.assertEqual(self.bytes_of("run/ledger.jsonl").count(b"\n"), 2)
+        (self.folder / "mended").touch()
+        self.run_program(program, "experiment", *SMALL, "--out", "run")
+        self.run_program(program, "experiment", *SMALL, "--out", "whole")
+        self.assertEqual(self.bytes_of("run/summary.json"), self.bytes_of("whole/summary.json"))
+
+    def workers_of(self, pid):
+        found = []
+        for entry in pathlib.Path("/proc").glob("[0-9]*/stat"):
+            try:
+                words = entry.read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            if int(words[1]) == pid and words[0] != "Z":
+                found.append(int(entry.parent.name))
+        return found
+
+    def test_signals_end_it_between_two_units_and_no_process_stays(self):
+        program = self.write("slow")
+        # Enough units that none of the runs is over before its signal, however slow the machine is.
+        units = ["--trials", 8, "--episodes", 2, "--demonstrations", "12,20"]
+        arguments = ["experiment", *units, "--methods", "baseline", "--threads", 2, "--out", "run"]
+        for number in (signal.SIGTERM, signal.SIGKILL, signal.SIGINT):
+            process = self.start(program, *arguments)
+            until = time.monotonic() + 60
+            before = self.lines()
+            while self.lines() < before + 1 and time.monotonic() < until:
+                time.sleep(0.02)
+            workers = self.workers_of(process.pid)
+            self.assertEqual(len(workers), 2)
+            os.kill(process.pid, number)
+            process.communicate(timeout=60)
+            self.assertNotEqual(process.returncode, 0)
+            while any(pathlib.Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < until:
+                time.sleep(0.05)
+            self.assertFalse([pid for pid in workers if pathlib.Path(f"/proc/{pid}").exists()], number)
+        self.run_program(program, *arguments)
+        self.run_program(program, *arguments[:-1], "whole")
+        self.assertEqual(self.bytes_of("run/summary.json"), self.bytes_of("whole/summary.json"))
+
+    def lines(self):
+        path = self.folder / "run/ledger.jsonl"
+        return path.read_bytes().count(b"\n") if path.exists() else 0
+
+    @unittest.skipUnless(CLUSTER.exists(), "dfr-cluster is not here")
+    def test_a_grid_of_shards_is_run_by_the_cluster_scripts(self):
+        os.chmod(self.program, 0o755)
+        out = self.folder / "grid"
+        run = [sys.executable, CLUSTER, "slurm", "--tasks", "2", "--grid", "ahead=0.4,0.8", "--out", out, "--", self.program]
+        subprocess.run([*map(str, run), "experiment", *SMALL], check=True, capture_output=True)
+        # Its first line asks for the python3 that comes first.
+        path = {**os.environ, "PATH": f"{pathlib.Path(sys.executable).parent}:{os.environ['PATH']}"}
+        for task in range(1, 5):
+            subprocess.run([out / "cluster/task.sh", str(task)], check=True, env=path)
+        subprocess.run([out / "cluster/merge.sh"], check=True, capture_output=True, env=path)
+        table = subprocess.run([sys.executable, CLUSTER, "table", out], check=True, capture_output=True, text=True).stdout
+        self.assertIn("ahead=0.4,policy,guided,12,", table)
+        self.assertIn("ahead=0.8,policy,baseline,12,", table)
+
+    def test_it_runs_in_a_program_of_ones_own(self):
+        class Corner(dfr.Experiment):
+            """A plant that is at its goal."""
+
+            parameters = {"goal_x": 1.0, "fast": True, "count": 3, "word": "a b"}
+            episodes, trials, demonstrations = 1, 1, (5,)
+            methods = ("baseline",)
+
+            def plant(corner):
+                class There:
+                    completed, collided = True, False
+                    reset = step = lambda self, _: None
+
+                    def observe(self):
+                        return [corner.parameters["goal_x"], 0.0]
+
+                return There()
+
+            def demonstrate(self, seed):
+                actions = 0.1 * np.random.default_rng(seed).normal(size=(9, 2))
+                return np.vstack([[1.0, 0.0], [1.0, 0.0] + np.cumsum(actions, axis=0)]), actions
+
+            def learn(self, learner, states, actions, seed):
+                return lambda t, state: [0.0, 0.0]
+
+        out = str(self.folder / "corner")
+        summary = Corner().run(["experiment", "--out", out, "--fast", "false", "--count", "4", "--threads", "1"])
+        self.assertEqual(summary["averages"][0]["completed"], 1.0)
+        text = (self.folder / "corner/run.toml").read_text()
+        for line in ("goal-x = 1", 'fast = "false"', "count = 4", 'word = "a b"'):
+            self.assertIn(line + "\n", text)
+        self.assertIsNone(Corner().run(["experiment", "--out", out + "2", "--shard", "1/2", "--threads", "1"]))
+        again = Corner().replay(out, "0/5/policy/baseline/0")
+        self.assertEqual(again["baseline"].outcome, "completed")
+        self.assertEqual(again["baseline"].actions.shape, (0, 2))
+        with self.assertRaises(SystemExit):
+            Corner().run(["status", out])
+        with self.assertRaisesRegex(NotImplementedError, "Experiment must define plant"):
+            dfr.Experiment().plant()
+
+
+if __name__ == "__main__":
+    unittest.main()
