@@ -93,15 +93,13 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
                      "demonstration " << d << " has a non-finite entry");
   }
   const int num_steps = NumSteps(demonstrations, options.least_share);
-  const int width =
-      options.window == 0
-          ? 0
-          : std::max(options.window, static_cast<int>(options.window_share * num_steps));
+  const int stride =
+      std::max(1, static_cast<int>(options.window_share * num_steps) / std::max(1, options.window));
   std::vector<Estimate> estimates;
   for (int t = 0; t < num_steps; ++t) {
-    const Window window{.first = std::max(0, t - width),
-                        .last = t + width,
-                        .stride = std::max(1, width / std::max(1, options.window)),
+    const Window window{.first = t - stride * std::min(options.window, t / stride),
+                        .last = t + stride * options.window,
+                        .stride = stride,
                         .hold = options.hold_ended};
     const core::Matrix states = Pool(demonstrations, window);
     core::Matrix map = core::Matrix::Identity(n, n);

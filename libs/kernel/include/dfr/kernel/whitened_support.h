@@ -14,9 +14,10 @@ namespace dfr::kernel {
 struct WhitenedSupportOptions {
   /// One gamma for all tasks, whose features are whitened; docs/recovery.md tells what others do.
   OneClassSvmOptions svm = {.nu = 0.05, .gamma = 0.25, .tolerance = 1e-6};
-  int window = 2;  ///< The estimate at t sees the states of t - window ... t + window,
-  /// or of this share of the time steps on either side where that is more, but no more of them:
-  /// every k-th, evenly. The longer a task, the further apart demonstrations are at a time step.
+  /// The estimate at t sees the states of t - window k, t - (window - 1) k, ..., t + window k,
+  int window = 2;
+  /// k = 1, or such that they reach this share of the time steps to either side where that is more:
+  /// the longer a task, the further apart demonstrations are at a time step.
   double window_share = 0.05;
   double phase_ridge = 0.3;  ///< Added to each time step's covariance before it is inverted, > 0.
   bool phase_whitening = true;
