@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
+#include <cstring>
 #include <cstdint>
 #include <limits>
 #include <numeric>
@@ -70,8 +70,11 @@ std::uint64_t CoarseBits(double value) {
   int exponent = 0;
   const double fraction = std::frexp(value, &exponent);
   // Adding zero gives both zeros the same sign.
-  return std::bit_cast<std::uint64_t>(
-      std::ldexp(std::round(std::ldexp(fraction, kDigits)), exponent - kDigits) + 0.0);
+  const double coarse =
+      std::ldexp(std::round(std::ldexp(fraction, kDigits)), exponent - kDigits) + 0.0;
+  std::uint64_t bits = 0;
+  std::memcpy(&bits, &coarse, sizeof(bits));
+  return bits;
 }
 
 // `parts_of(d)` is what demonstration d holds. The sorted order is shuffled: neighbors in it start
