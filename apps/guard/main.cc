@@ -80,16 +80,18 @@ void AddFit(CLI::App& app, int& result) {
           "--strategy", options->strategy,
           "near the boundary: guided (changes the action as little as it takes), dfr (as "
           "published), early-stopping (halts), monitor (alarms alone), soft (as guided, but "
-          "only where an alarm would follow), certified (what provably raises no alarm, see docs/certificates.md)")
+          "only where an alarm would follow), certified (what provably raises no alarm, see "
+          "docs/certificates.md)")
       ->capture_default_str();
   command
       ->add_option("--nu", options->guard.support.svm.nu,
                    "bound on the outliers of each support, in (0, 1]")
       ->capture_default_str();
   command
-      ->add_option("--gamma", options->guard.support.svm.gamma,
-                   "width of the kernel, in whitened units that all tasks share: larger is tighter; made "
-                   "larger where supports take the room between two ways for demonstrated")
+      ->add_option(
+          "--gamma", options->guard.support.svm.gamma,
+          "width of the kernel, in whitened units that all tasks share: larger is tighter; made "
+          "larger where supports take the room between two ways for demonstrated")
       ->capture_default_str();
   command
       ->add_option("--false-alarms", options->guard.false_alarms,

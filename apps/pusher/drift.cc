@@ -99,9 +99,9 @@ void RunDrift(const DriftOptions& options) {
                                 options, {.seed = options.seed});
   if (!found) return;
   if (!options.out.empty()) {
-    experiment::SaveReport(
-        found->summary, {.title = "Pusher: how methods degrade", .program = "pusher"},
-        options.out / "report.html");
+    experiment::SaveReport(found->summary,
+                           {.title = "Pusher: how methods degrade", .program = "pusher"},
+                           options.out / "report.html");
   }
 
   std::printf(

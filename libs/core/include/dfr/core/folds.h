@@ -12,10 +12,10 @@ namespace dfr::core {
 
 /// Demonstrations in an order that follows from `seed` and from what each of them holds: the order
 /// in which they were recorded or read changes nothing. They are sorted by their first entry that
-/// differs in single precision, so that machines whose arithmetic differs in a last bit agree; exact
-/// values decide where none does. A shuffle follows, by `seed` and by what decided the sorting, so
-/// that the first few are a random sample and not always the same ranks. Of demonstrations that are
-/// equal it does not matter which comes first. A NaN counts as infinite.
+/// differs in single precision, so that machines whose arithmetic differs in a last bit agree;
+/// exact values decide where none does. A shuffle follows, by `seed` and by what decided the
+/// sorting, so that the first few are a random sample and not always the same ranks. Of
+/// demonstrations that are equal it does not matter which comes first. A NaN counts as infinite.
 [[nodiscard]] std::vector<std::size_t> ContentOrder(std::span<const Trajectory> demonstrations,
                                                     std::uint64_t seed = 0);
 /// The same of states or features alone.

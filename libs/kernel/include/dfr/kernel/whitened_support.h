@@ -96,9 +96,9 @@ class WhitenedSupport final : public core::LogDecisionFunction {
 
 /// What a support makes of the room between ways. Where the demonstrated states of a time step fall
 /// into clusters of a tenth of them and at least three (core::SpanningTree(), in the coordinates of
-/// that time step), four standard deviations of states about their neighbours apart and more, the middle between two neighbouring clusters should be outside, unless a
-/// demonstration passes near it at another time. Chance makes such clusters, too, at a few time
-/// steps.
+/// that time step), four standard deviations of states about their neighbours apart and more, the
+/// middle between two neighbouring clusters should be outside, unless a demonstration passes near
+/// it at another time. Chance makes such clusters, too, at a few time steps.
 struct GapTest {
   int steps = 0;   ///< Time steps.
   int points = 0;  ///< Middles between two clusters, at all of them.
