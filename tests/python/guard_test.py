@@ -207,7 +207,7 @@ class GuardTest(unittest.TestCase):
     def test_a_certified_guard_applies_what_it_certifies(self):
         guard = fit(40, strategy="certified")
         self.assertEqual(guard.settings["strategy"], "certified")
-        self.assertEqual(guard.settings["direction_error"], 1.5 * guard.summary["direction_error"])
+        self.assertEqual(guard.settings["direction_error"], 2.0 * guard.summary["direction_error"])
         plant = Corridor()
         plant.reset(seed=3)
         guard.reset(3)
