@@ -7,7 +7,9 @@ import ctypes
 import http.server
 import json
 import math
+import os
 import pathlib
+import signal
 import subprocess
 import sys
 import tempfile
@@ -80,7 +82,9 @@ class Answers(http.server.BaseHTTPRequestHandler):
 def in_page(script, *flags):
     """What `script`, a function's body in JavaScript, returns once the page is ready. The page is
     opened from the disk."""
-    with tempfile.TemporaryDirectory() as folder, http.server.HTTPServer(("127.0.0.1", 0), Answers) as server:
+    # Chromium's processes may write a little longer than they live.
+    with (tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
+          http.server.HTTPServer(("127.0.0.1", 0), Answers) as server):
         hook = f"""<script>ready.then(async () => {{ {script} }}).catch(e => ({{failed: String(e)}})).then(result =>
           fetch("http://127.0.0.1:{server.server_port}/", {{method: "POST", mode: "no-cors", body:
             JSON.stringify(result, (k, v) => typeof v === "number" && !isFinite(v) ? String(v) : v)}}));</script></body>"""
@@ -92,11 +96,11 @@ def in_page(script, *flags):
             browser = subprocess.Popen(
                 [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder}/profile",
                  "--window-size=1400,1000", "--remote-debugging-port=0", *flags, hooked.as_uri()],
-                stdout=log, stderr=log)
+                stdout=log, stderr=log, start_new_session=True)
         try:
             server.handle_request()
         finally:
-            browser.terminate()
+            os.killpg(browser.pid, signal.SIGKILL)
             browser.wait()
         if server.answer is None:
             raise RuntimeError(f"no answer in {WAIT_S} s: {pathlib.Path(folder, 'log').read_text()[-1000:]}")
