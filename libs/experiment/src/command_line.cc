@@ -242,15 +242,19 @@ FromFile ReadConfiguration(const std::filesystem::path& file, const CLI::App& ap
     } catch (const std::invalid_argument& e) {
       throw std::runtime_error(place(node.source()) + ": '" + name + "' " + e.what());
     }
+    const auto add = [&](const std::string& value) {
+      std::string& argument = result.arguments.emplace_back("--");
+      argument.append(name).append("=").append(value);
+    };
     std::string joined;
     for (const std::string& value : values) {
       if (option->get_delimiter() != '\0') {
         joined.append(joined.empty() ? "" : std::string(1, option->get_delimiter())).append(value);
       } else {
-        result.arguments.push_back("--" + name + "=" + value);
+        add(value);
       }
     }
-    if (!joined.empty()) result.arguments.push_back("--" + name + "=" + joined);
+    if (!joined.empty()) add(joined);
   }
   return result;
 }
@@ -402,9 +406,10 @@ void ParseWithConfiguration(CLI::App& app, const Arguments& arguments, Arguments
   } catch (const CLI::ParseError& e) {
     const std::string what = e.what();
     for (const auto& [name, place] : from_file.places) {
-      if (what.find("--" + name + ":") != std::string::npos ||
-          what.find("--" + name + " ") != std::string::npos) {
-        throw CLI::ParseError(place + ": " + what, e.get_exit_code());
+      const std::string option = "--" + name;
+      if (what.find(option + ":") != std::string::npos ||
+          what.find(option + " ") != std::string::npos) {
+        throw CLI::ParseError(std::string(place).append(": ").append(what), e.get_exit_code());
       }
     }
     throw;
