@@ -72,7 +72,7 @@ void DisturbedPlant::See() noexcept {
     return;
   }
   if (!lost) std::copy_n(happened_.begin(), seen_.size(), seen_.begin());
-  std::ranges::rotate(happened_, happened_.begin() + std::ssize(seen_));
+  std::rotate(happened_.begin(), happened_.begin() + std::ssize(seen_), happened_.end());
   plant_->Observe(std::span(happened_).last(seen_.size()));
 }
 
@@ -90,7 +90,7 @@ core::PlantStatus DisturbedPlant::Apply(std::span<const double> control) noexcep
   }
   if (!given_.empty()) {
     std::ranges::swap_ranges(asked_, std::span(given_).first(asked_.size()));
-    std::ranges::rotate(given_, given_.begin() + std::ssize(asked_));
+    std::rotate(given_.begin(), given_.begin() + std::ssize(asked_), given_.end());
   }
   // One entry cannot be turned.
   double a = 0.0;
