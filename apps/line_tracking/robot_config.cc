@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/core/toml_text.h"
 #include "dfr/hardware/intrinsics_file.h"
 
 namespace dfr::apps::line_tracking {
@@ -21,35 +22,6 @@ namespace {
 [[noreturn]] void Fail(const std::filesystem::path& file, const toml::source_region& where,
                        const std::string& what) {
   throw std::runtime_error(file.string() + ":" + std::to_string(where.begin.line) + ": " + what);
-}
-
-// The parser trusts that a text is one: control characters and broken UTF-8 lead it astray.
-void CheckText(const std::filesystem::path& file, const std::string& text) {
-  constexpr std::size_t kMost = 1 << 20;
-  const auto fail = [&](std::size_t at, const std::string& what) {
-    const auto line =
-        1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\n');
-    throw std::runtime_error(file.string() + ":" + std::to_string(line) + ": " + what +
-                             "; is this a configuration, and is it whole?");
-  };
-  if (text.size() > kMost) fail(0, "the file is longer than a mebibyte");
-  for (std::size_t i = 0; i < text.size();) {
-    const auto byte = static_cast<unsigned char>(text[i]);
-    if ((byte < 0x20 && byte != '\t' && byte != '\n' && byte != '\r') || byte == 0x7f) {
-      fail(i, "there is the control character " + std::to_string(byte));
-    }
-    const std::size_t length = byte < 0x80                   ? 1
-                               : byte >= 0xc2 && byte < 0xe0 ? 2
-                               : byte >= 0xe0 && byte < 0xf0 ? 3
-                               : byte >= 0xf0 && byte < 0xf5 ? 4
-                                                             : 0;
-    bool whole = length > 0 && length <= text.size() - i;
-    for (std::size_t k = 1; whole && k < length; ++k) {
-      whole = (static_cast<unsigned char>(text[i + k]) & 0xc0U) == 0x80;
-    }
-    if (!whole) fail(i, "there is a character that is not UTF-8");
-    i += length;
-  }
 }
 
 // One table of the file; at the end all of its keys must have been asked for.
@@ -263,7 +235,7 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
         ": the configuration cannot be read. Examples are in "
         "apps/line_tracking/config, or share/dfr/line_tracking where it is installed");
   }
-  CheckText(file, config.text);
+  core::CheckToml(file, config.text);
   toml::table root;
   try {
     root = toml::parse(config.text, file.string());

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "dfr/core/format.h"
+#include "dfr/core/toml_text.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/status.h"
@@ -199,6 +200,7 @@ FromFile ReadConfiguration(const std::filesystem::path& file, const CLI::App& ap
   const auto place = [&](const toml::source_region& where) {
     return file.string() + ":" + std::to_string(where.begin.line);
   };
+  core::CheckToml(file, text);
   toml::table root;
   try {
     root = toml::parse(text, file.string());
@@ -287,9 +289,11 @@ std::vector<std::filesystem::path> LedgersIn(const std::vector<std::filesystem::
 
 // The name of the command that a folder's run.toml is of.
 std::string CommandOf(const std::filesystem::path& configuration) {
+  const std::string text = internal::ReadFile(configuration);
+  core::CheckToml(configuration, text);
   toml::table root;
   try {
-    root = toml::parse(internal::ReadFile(configuration), configuration.string());
+    root = toml::parse(text, configuration.string());
   } catch (const toml::parse_error& e) {
     throw std::runtime_error(configuration.string() + ": " + std::string(e.description()));
   }

@@ -1,0 +1,80 @@
+#include "dfr/core/toml_text.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <stdexcept>
+#include <string>
+
+namespace dfr::core {
+namespace {
+
+constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
+
+// Where the string that begins at `begin` ends, one past its last quote.
+std::size_t EndOfString(std::string_view text, std::size_t begin) noexcept {
+  const char quote = text[begin];
+  const bool triple = text.substr(begin).starts_with(quote == '"' ? "\"\"\"" : "'''");
+  int quotes = 0;
+  for (std::size_t i = begin + (triple ? 3 : 1); i < text.size(); ++i) {
+    const char c = text[i];
+    if (triple && quotes >= 3 && c != quote) return i;
+    quotes = c == quote ? quotes + 1 : 0;
+    if (quotes == 1 && !triple) return i + 1;
+    if (c == '\n' && !triple) return i;  // It is not closed, as the parser will say.
+    if (c == '\\' && quote == '"') ++i;
+  }
+  return text.size();
+}
+
+// The first character beyond ASCII outside quotes and comments, or the end.
+std::size_t FindBare(std::string_view text) noexcept {
+  std::size_t i = text.starts_with(kByteOrderMark) ? kByteOrderMark.size() : 0;
+  while (i < text.size()) {
+    const char c = text[i];
+    if (c == '#') {
+      i = std::min(text.find('\n', i), text.size());
+    } else if (c == '"' || c == '\'') {
+      i = EndOfString(text, i);
+    } else if (static_cast<unsigned char>(c) >= 0x80) {
+      break;
+    } else {
+      ++i;
+    }
+  }
+  return i;
+}
+
+}  // namespace
+
+void CheckToml(const std::filesystem::path& file, std::string_view text) {
+  constexpr std::size_t kMost = 1 << 20;
+  const auto fail = [&](std::size_t at, const std::string& what) {
+    const auto line =
+        1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\n');
+    throw std::runtime_error(file.string() + ":" + std::to_string(line) + ": " + what);
+  };
+  const std::string whole_file = "; is this a configuration, and is it whole?";
+  if (text.size() > kMost) fail(0, "the file is longer than a mebibyte" + whole_file);
+  for (std::size_t i = 0; i < text.size();) {
+    const auto byte = static_cast<unsigned char>(text[i]);
+    if ((byte < 0x20 && byte != '\t' && byte != '\n' && byte != '\r') || byte == 0x7f) {
+      fail(i, "there is the control character " + std::to_string(byte) + whole_file);
+    }
+    const std::size_t length = byte < 0x80                   ? 1
+                               : byte >= 0xc2 && byte < 0xe0 ? 2
+                               : byte >= 0xe0 && byte < 0xf0 ? 3
+                               : byte >= 0xf0 && byte < 0xf5 ? 4
+                                                             : 0;
+    bool whole = length > 0 && length <= text.size() - i;
+    for (std::size_t k = 1; whole && k < length; ++k) {
+      whole = (static_cast<unsigned char>(text[i + k]) & 0xc0U) == 0x80;
+    }
+    if (!whole) fail(i, "there is a character that is not UTF-8" + whole_file);
+    i += length;
+  }
+  if (const std::size_t bare = FindBare(text); bare < text.size()) {
+    fail(bare, "a character beyond ASCII must stand in quotes or in a comment");
+  }
+}
+
+}  // namespace dfr::core

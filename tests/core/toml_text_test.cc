@@ -1,0 +1,62 @@
+#include "dfr/core/toml_text.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+namespace dfr::core {
+namespace {
+
+std::string Error(std::string_view text) {
+  try {
+    CheckToml("run.toml", text);
+  } catch (const std::runtime_error& e) {
+    return e.what();
+  }
+  return "";
+}
+
+TEST(TomlTextTest, CharactersBeyondAsciiMayStandInQuotesAndComments) {
+  for (const char* text :
+       {"", "a = 1\n", "# \xC3\xA9t\xC3\xA9\na = 1", "a = \"\xC3\xA9\" # \xC3\xA9",
+        "'\xCF\x8F' = 1", "a = \"\\\"\xC3\xA9\"", "a = \"\"\"\n\xC3\xA9 \" \\\" \xC3\xA9\"\"\"",
+        "a = '''\xC3\xA9''\n'''", "a = \"\"\nb = ''",
+        "\xEF\xBB\xBF"
+        "a = 1",
+        "a = 'open"}) {
+    EXPECT_EQ(Error(text), "") << text;
+  }
+}
+
+TEST(TomlTextTest, ElsewhereTheirLineIsNamed) {
+  EXPECT_THAT(Error("\xCF\x8F"), testing::StartsWith("run.toml:1: a character beyond ASCII"));
+  EXPECT_THAT(Error("a = 1\n\xCF\x8F = 2\n"),
+              testing::StartsWith("run.toml:2: a character beyond ASCII"));
+  EXPECT_THAT(Error("a = 'x' # y\nb = \xC3\xA9"),
+              testing::StartsWith("run.toml:2: a character beyond ASCII"));
+  EXPECT_THAT(Error("a = '\\'\n\xC3\xA9"),
+              testing::StartsWith("run.toml:2: a character beyond ASCII"))
+      << "no escapes in literal strings";
+  EXPECT_THAT(Error("a = 'open\n\xC3\xA9"),
+              testing::StartsWith("run.toml:2: a character beyond ASCII"));
+  EXPECT_THAT(Error("a = \"\"\"x\"\"\"\n\xC3\xA9"),
+              testing::StartsWith("run.toml:2: a character beyond ASCII"));
+  EXPECT_THAT(Error("a = \"\"\"\n\"\"\"\"\n\n\xC3\xA9"),
+              testing::StartsWith("run.toml:4: a character beyond ASCII"));
+}
+
+TEST(TomlTextTest, WhatIsNoTextIsRefused) {
+  EXPECT_EQ(
+      Error("a = 1\n\x01"),
+      "run.toml:2: there is the control character 1; is this a configuration, and is it whole?");
+  for (const char* broken : {"# \xC3", "# \x80", "# \xF8\x80", "# \xE0\x80"}) {
+    EXPECT_THAT(Error(broken), testing::HasSubstr("not UTF-8")) << broken;
+  }
+  EXPECT_THAT(Error(std::string((1U << 20U) + 1, '\n')), testing::HasSubstr("mebibyte"));
+}
+
+}  // namespace
+}  // namespace dfr::core
