@@ -23,6 +23,7 @@ enum class RobotPlace {
 
 /// A configuration file of `run --config`, in TOML; config/*.toml say what each key means. All that
 /// is not set has the value here.
+// NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding): in the order of the file
 struct RobotConfig {
   std::filesystem::path file;  ///< For messages.
   std::string text;            ///< The whole file, for recordings.
