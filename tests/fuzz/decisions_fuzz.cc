@@ -23,7 +23,8 @@ class Numbers {
     if (position_ + sizeof mantissa + 1 > size_)
       return 0.25 * static_cast<double>(++position_ % 7U);
     std::memcpy(&mantissa, data_ + position_, sizeof mantissa);
-    const int exponent = static_cast<std::int8_t>(data_[position_ + 2]);
+    const int byte = data_[position_ + 2];
+    const int exponent = byte < 128 ? byte : byte - 256;
     position_ += 3;
     return std::ldexp(static_cast<double>(mantissa), exponent / 4 - 14);
   }
