@@ -45,6 +45,16 @@ TEST(TomlTextTest, ElsewhereTheirLineIsNamed) {
               testing::StartsWith("run.toml:4: a character beyond ASCII"));
 }
 
+TEST(TomlTextTest, TablesHaveTheirNamesInOneLine) {
+  for (const char* text :
+       {"[a]\n", "  [ a . b ]", "[[a]]", "a = [\n  [\n 1],\n[2]\n]\n[b]", "a = {b = [\n]}"}) {
+    EXPECT_EQ(Error(text), "") << text;
+  }
+  for (const char* text : {"\n[\nk]", "\n[", "\n  [[ \r\nk]]", "\n[ # k\n]", "#\n[\n\n]"}) {
+    EXPECT_THAT(Error(text), testing::StartsWith("run.toml:2: the name of a table")) << text;
+  }
+}
+
 TEST(TomlTextTest, WhatIsNoTextIsRefused) {
   EXPECT_EQ(
       Error("a = 1\n\x01"),

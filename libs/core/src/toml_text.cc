@@ -26,22 +26,41 @@ std::size_t EndOfString(std::string_view text, std::size_t begin) noexcept {
   return text.size();
 }
 
-// The first character beyond ASCII outside quotes and comments, or the end.
-std::size_t FindBare(std::string_view text) noexcept {
+struct Fault {
+  std::size_t at;  // Or the end.
+  const char* what;
+};
+
+// What is outside quotes and comments, and TOML does not allow there.
+Fault FindFault(std::string_view text) noexcept {
   std::size_t i = text.starts_with(kByteOrderMark) ? kByteOrderMark.size() : 0;
+  int depth = 0;  // Of arrays and inline tables.
+  bool begins = true;
   while (i < text.size()) {
     const char c = text[i];
     if (c == '#') {
       i = std::min(text.find('\n', i), text.size());
     } else if (c == '"' || c == '\'') {
       i = EndOfString(text, i);
+      begins = false;
     } else if (static_cast<unsigned char>(c) >= 0x80) {
-      break;
+      return {i, "a character beyond ASCII must stand in quotes or in a comment"};
+    } else if (c == '[' && begins && depth == 0) {
+      const std::size_t name = text.find_first_not_of("[ \t", i);
+      if (name == std::string_view::npos || text[name] == '\r' || text[name] == '\n' ||
+          text[name] == '#') {
+        return {i, "the name of a table must follow its bracket in the same line"};
+      }
+      i = name;
+      begins = false;
     } else {
+      if (c == '[' || c == '{') ++depth;
+      if (c == ']' || c == '}') depth = std::max(0, depth - 1);
+      begins = c == '\n' || (begins && (c == ' ' || c == '\t'));
       ++i;
     }
   }
-  return i;
+  return {i, ""};
 }
 
 }  // namespace
@@ -72,9 +91,7 @@ void CheckToml(const std::filesystem::path& file, std::string_view text) {
     if (!whole) fail(i, "there is a character that is not UTF-8" + whole_file);
     i += length;
   }
-  if (const std::size_t bare = FindBare(text); bare < text.size()) {
-    fail(bare, "a character beyond ASCII must stand in quotes or in a comment");
-  }
+  if (const Fault fault = FindFault(text); fault.at < text.size()) fail(fault.at, fault.what);
 }
 
 }  // namespace dfr::core
