@@ -50,7 +50,8 @@ TEST(TomlTextTest, TablesHaveTheirNamesInOneLine) {
        {"[a]\n", "  [ a . b ]", "[[a]]", "a = [\n  [\n 1],\n[2]\n]\n[b]", "a = {b = [\n]}"}) {
     EXPECT_EQ(Error(text), "") << text;
   }
-  for (const char* text : {"\n[\nk]", "\n[", "\n  [[ \r\nk]]", "\n[ # k\n]", "#\n[\n\n]"}) {
+  for (const char* text : {"\n[\nk]", "\n[", "\n  [[ \r\nk]]", "\n[ # k\n]", "#\n[\n\n]", "\n[[[a",
+                           "\n[%]", "\n[ [a]]", "\n[]"}) {
     EXPECT_THAT(Error(text), testing::StartsWith("run.toml:2: the name of a table")) << text;
   }
 }

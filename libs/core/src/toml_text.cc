@@ -8,6 +8,8 @@
 namespace dfr::core {
 namespace {
 
+constexpr std::string_view kBeginsName =
+    "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-\"'";
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
 
 // Where the string that begins at `begin` ends, one past its last quote.
@@ -46,9 +48,9 @@ Fault FindFault(std::string_view text) noexcept {
     } else if (static_cast<unsigned char>(c) >= 0x80) {
       return {i, "a character beyond ASCII must stand in quotes or in a comment"};
     } else if (c == '[' && begins && depth == 0) {
-      const std::size_t name = text.find_first_not_of("[ \t", i);
-      if (name == std::string_view::npos || text[name] == '\r' || text[name] == '\n' ||
-          text[name] == '#') {
+      const std::size_t inner = text.substr(i).starts_with("[[") ? i + 2 : i + 1;
+      const std::size_t name = std::min(text.find_first_not_of(" \t", inner), text.size());
+      if (name == text.size() || kBeginsName.find(text[name]) == std::string_view::npos) {
         return {i, "the name of a table must follow its bracket in the same line"};
       }
       i = name;
