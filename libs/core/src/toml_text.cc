@@ -36,7 +36,7 @@ struct Fault {
 // What is outside quotes and comments, and TOML does not allow there.
 Fault FindFault(std::string_view text) noexcept {
   std::size_t i = text.starts_with(kByteOrderMark) ? kByteOrderMark.size() : 0;
-  int depth = 0;  // Of arrays and inline tables.
+  int depth = 0;  // Arrays and inline tables that are open.
   bool begins = true;
   while (i < text.size()) {
     const char c = text[i];
