@@ -56,6 +56,15 @@ TEST(TomlTextTest, TablesHaveTheirNamesInOneLine) {
   }
 }
 
+TEST(TomlTextTest, QuotesBeginValuesAndNames) {
+  for (const char* text : {"a=\"x\"", "a = ['x','y']", "a.'b'.\"c\" = {'d'='e'}", "\"a\" = 1"}) {
+    EXPECT_EQ(Error(text), "") << text;
+  }
+  for (const char* text : {"\na = 9\"x\xC3\xA9\"", "\na'b' = 1", "\na = 'b''c'"}) {
+    EXPECT_THAT(Error(text), testing::StartsWith("run.toml:2: a quote must not")) << text;
+  }
+}
+
 TEST(TomlTextTest, WhatIsNoTextIsRefused) {
   EXPECT_EQ(
       Error("a = 1\n\x01"),

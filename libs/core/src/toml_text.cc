@@ -10,6 +10,7 @@ namespace {
 
 constexpr std::string_view kBeginsName =
     "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-\"'";
+constexpr std::string_view kBeforeString = " \t\r\n=,[{.\xBF";
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
 
 // Where the string that begins at `begin` ends, one past its last quote.
@@ -43,6 +44,9 @@ Fault FindFault(std::string_view text) noexcept {
     if (c == '#') {
       i = std::min(text.find('\n', i), text.size());
     } else if (c == '"' || c == '\'') {
+      if (i > 0 && kBeforeString.find(text[i - 1]) == std::string_view::npos) {
+        return {i, "a quote must not stand in the middle of a word"};
+      }
       i = EndOfString(text, i);
       begins = false;
     } else if (static_cast<unsigned char>(c) >= 0x80) {
