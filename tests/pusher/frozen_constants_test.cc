@@ -95,8 +95,10 @@ TEST(FrozenConstantsTest, TheHeadlinesSeedIsTheirDate) {
   const std::string page = Page();
   std::smatch found;
   ASSERT_TRUE(std::regex_search(
-      page, found, std::regex(R"(Frozen on (\d{4})-(\d{2})-(\d{2}), headline's seed (\d+)\.)")));
-  EXPECT_EQ(found[1].str() + found[2].str() + found[3].str(), found[4].str());
+      page, found,
+      std::regex(
+          R"(Frozen on (\d{4})-(\d{2})-(\d{2})(?:, change (\d))?, headline's seed (\d+)\.)")));
+  EXPECT_EQ(found[1].str() + found[2].str() + found[3].str() + found[4].str(), found[5].str());
 }
 
 }  // namespace

@@ -215,23 +215,35 @@ bool GuidedPolicy::DeepInside(double level) const noexcept {
 
 GuidedPolicy::Choice GuidedPolicy::Choose(const LocalModel& model) noexcept {
   const int next = tracker_.phase() + 1;
-  if (options_.tolerance > 0.0) {
-    const double l = model.Level(next, v_);
-    if (l >= -options_.tolerance) return {Mode::kPolicy, std::max(l, 0.0)};
+  const StepTarget target{next, model_->gate_level(next)};
+  const double learned = model.Level(next, v_);
+  if (learned >= (options_.tolerance > 0.0 ? -options_.tolerance : target.level)) {
+    return {Mode::kPolicy, std::max(learned, 0.0)};
   }
-  const double l = RaiseLevel(model, {next, model_->gate_level(next)}, limits_, v_);
-  if (l >= 0.0) return {Mode::kPolicy, l};
-  trial_ = v_;
+  const Mode corrected = learned >= 0.0 ? Mode::kPolicy : Mode::kRecovery;
   // A certificate shrinks what leads outside until nothing is left.
-  const bool demonstrated =
+  const bool known =
       options_.demonstrated && !certifier_.active() && estimate_.Demonstrated(trial_);
-  trial_ = trial_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
-  demonstrated_ = trial_;
-  const double best = RaiseLevel(model, {next, 0.0}, limits_, trial_);
-  if (best < 0.0 && l >= -reach_) return {Mode::kPolicy, 0.0};
-  const bool follows = demonstrated && best < 0.0;
-  v_ = follows ? demonstrated_ : trial_;
-  return {Mode::kRecovery, follows ? model.Level(next, v_) : best};
+  double demonstrated = -kInfinity;
+  if (known) {
+    trial_ = trial_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
+    demonstrated_ = trial_;
+    demonstrated = RaiseLevel(model, target, limits_, trial_);
+    if (demonstrated >= 0.0) {
+      v_ = trial_;
+      return {corrected, demonstrated};
+    }
+  }
+  const double filtered = RaiseLevel(model, target, limits_, v_);
+  if (filtered >= 0.0) return {Mode::kPolicy, filtered};
+  if (std::max(demonstrated, filtered) >= -reach_) {
+    if (demonstrated <= filtered) return {Mode::kPolicy, 0.0};
+    v_ = trial_;
+    return {corrected, 0.0};
+  }
+  if (!known) return {Mode::kRecovery, filtered};
+  v_ = demonstrated_;
+  return {Mode::kRecovery, model.Level(next, v_)};
 }
 
 void GuidedPolicy::Advance(const LocalModel& model, double level) noexcept {

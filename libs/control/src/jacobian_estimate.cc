@@ -18,6 +18,13 @@ namespace {
 constexpr double kNegligible = 1e-4;
 // Transitions that one estimate may look at.
 constexpr int kMaxTransitions = 1024;
+// Weights of transitions fall with the squared distance times this, per feature. J varies little,
+// and noise in few transitions would spoil it; what demonstrations did depends on where.
+constexpr double kBandwidth = 0.25;
+constexpr double kControlBandwidth = 0.75;
+// Transitions that say what demonstrations did; more than say what J is, where there are more.
+constexpr int kNearest = 64;
+constexpr int kSpread = 264;
 
 int RoundUp(int value, std::size_t multiple) {
   const int m = static_cast<int>(multiple);
@@ -224,6 +231,7 @@ JacobianPrior::Workspace JacobianPrior::MakeWorkspace() const {
   workspace.states = RoundUp(control_dim_, internal::kWidth);
   const int left = workspace.states + RoundUp(feature_dim_ + 1, internal::kWidth);
   workspace.distances.setZero(largest_);
+  workspace.sorted.setZero(largest_);
   workspace.weights.setZero(largest_);
   workspace.z.setZero(feature_dim_);
   workspace.left.setZero(Eigen::Index{largest_} * left);
@@ -234,9 +242,6 @@ JacobianPrior::Workspace JacobianPrior::MakeWorkspace() const {
 
 bool JacobianPrior::SumControls(int t, std::span<const double> z,
                                 Workspace& workspace) const noexcept {
-  // Weights fall with the squared distance times this, per feature. Narrower follows the nearest
-  // demonstrations more closely, their noise included; wider forgets where it is.
-  constexpr double kBandwidth = 0.25;
   const auto [first, last] = Near(t);
   const Eigen::Index rows = last - first;
   if (rows <= 0) return false;
@@ -244,56 +249,92 @@ bool JacobianPrior::SumControls(int t, std::span<const double> z,
   const Eigen::Index m = control_dim_;
   const Eigen::Index width = transitions_.cols();
   const Eigen::Index left_width = workspace.sums.rows();
+  workspace.first = first;
+  workspace.rows = last - first;
+  workspace.z = core::AsVector(z).cast<float>();
   auto distances = workspace.distances.head(rows).array();
   distances.setZero();
   for (Eigen::Index k = 0; k < n; ++k) {
     const auto z_k = static_cast<float>(z[static_cast<std::size_t>(k)]);
     distances += (points_.col(k).segment(first, rows).array() - z_k).square();
   }
+  if (!std::isfinite(distances.sum())) return false;
+  // Evenly over demonstrations and time steps.
+  const int stride = (workspace.rows + kSpread - 1) / kSpread;
+  const int used = (workspace.rows + stride - 1) / stride;
+  workspace.stride = stride;
+  workspace.used = used;
   // Exponentials of floats differ between processors by more than all that is computed from them.
-  Eigen::Array<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMaxTransitions, 1> weights =
-      (distances - distances.minCoeff()).cast<double>();
+  Eigen::Array<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMaxTransitions, 1> weights(used);
+  const float least = distances.minCoeff();
+  for (int i = 0; i < used; ++i) weights[i] = static_cast<double>(distances[i * stride] - least);
   weights = 1e-6 + (-kBandwidth / static_cast<double>(n) * weights).exp();
-  workspace.weights.head(rows) = options_.prior_weight / weights.sum() * weights;
+  workspace.weights.head(used) = options_.prior_weight / weights.sum() * weights;
   const float* row = transitions_.row(first).data();
   double* left = workspace.left.data();
-  for (Eigen::Index i = 0; i < rows; ++i, row += width, left += left_width) {
+  for (int i = 0; i < used; ++i, row += stride * width, left += left_width) {
     const double weight = workspace.weights[i];
     for (Eigen::Index k = 0; k < m; ++k) left[k] = weight * static_cast<double>(row[n + 1 + k]);
   }
-  workspace.first = first;
-  workspace.rows = last - first;
-  workspace.z = core::AsVector(z).cast<float>();
   // Most of the work of an estimate. Of r all that may follow z and 1.
   const auto begin = (static_cast<std::size_t>(n) + 1) / internal::kWidth * internal::kWidth;
   internal::TransposedProduct(
       workspace.left.data(), static_cast<std::size_t>(left_width),
       static_cast<std::size_t>(workspace.states), transitions_.row(first).data() + begin,
-      static_cast<std::size_t>(width), static_cast<std::size_t>(width) - begin,
-      static_cast<std::size_t>(rows), workspace.sums.data() + begin);
+      static_cast<std::size_t>(stride * width), static_cast<std::size_t>(width) - begin,
+      static_cast<std::size_t>(used), workspace.sums.data() + begin,
+      static_cast<std::size_t>(width));
   return true;
 }
 
 void JacobianPrior::SumStates(Workspace& workspace) const noexcept {
+  for (int i = 0; i < workspace.used; ++i) {
+    Place(i * workspace.stride, i, workspace.weights[i], workspace);
+  }
+  SumPlaced(workspace.used, workspace);
+}
+
+void JacobianPrior::SumNearStates(Workspace& workspace) const noexcept {
+  const auto distances = workspace.distances.head(workspace.rows);
+  float farthest = std::numeric_limits<float>::infinity();
+  int as_far = workspace.rows;
+  if (workspace.rows > kNearest) {
+    auto sorted = workspace.sorted.head(workspace.rows);
+    sorted = distances;
+    std::nth_element(sorted.data(), sorted.data() + kNearest - 1, sorted.data() + sorted.size());
+    farthest = sorted[kNearest - 1];
+    as_far = kNearest - static_cast<int>((distances.array() < farthest).count());
+  }
+  const double scale = -kControlBandwidth / static_cast<double>(feature_dim_);
+  const float least = distances.minCoeff();
+  int placed = 0;
+  for (int i = 0; i < workspace.rows; ++i) {
+    const float distance = distances[i];
+    if (distance > farthest || (distance == farthest && as_far-- <= 0)) continue;
+    Place(i, placed++, std::exp(scale * static_cast<double>(distance - least)), workspace);
+  }
+  SumPlaced(placed, workspace);
+}
+
+void JacobianPrior::Place(int i, int row, double weight, Workspace& workspace) const noexcept {
   const Eigen::Index n = feature_dim_;
   const Eigen::Index width = transitions_.cols();
-  const Eigen::Index left_width = workspace.sums.rows();
-  const float* row = transitions_.row(workspace.first).data();
-  double* left = workspace.left.data() + workspace.states;
-  float* right = workspace.right.data();
-  for (int i = 0; i < workspace.rows; ++i, row += width, left += left_width, right += width) {
-    // As they differ from z: sums about the origin would lose the digits that matter.
-    for (Eigen::Index k = 0; k < n; ++k) right[k] = row[k] - workspace.z[k];
-    std::copy(row + n, row + width, right + n);
-    const double weight = workspace.weights[i];
-    for (Eigen::Index k = 0; k <= n; ++k) left[k] = weight * static_cast<double>(right[k]);
-  }
+  const float* transition = transitions_.row(workspace.first + i).data();
+  float* right = workspace.right.data() + row * width;
+  double* left = workspace.left.data() + row * workspace.sums.rows() + workspace.states;
+  // As they differ from z: sums about the origin would lose the digits that matter.
+  for (Eigen::Index k = 0; k < n; ++k) right[k] = transition[k] - workspace.z[k];
+  std::copy(transition + n, transition + width, right + n);
+  for (Eigen::Index k = 0; k <= n; ++k) left[k] = weight * static_cast<double>(right[k]);
+}
+
+void JacobianPrior::SumPlaced(int rows, Workspace& workspace) const noexcept {
+  const auto width = static_cast<std::size_t>(transitions_.cols());
+  const auto left_width = static_cast<std::size_t>(workspace.sums.rows());
   const auto begin = static_cast<std::size_t>(workspace.states);
-  internal::TransposedProduct(workspace.left.data() + begin, static_cast<std::size_t>(left_width),
-                              static_cast<std::size_t>(left_width) - begin, workspace.right.data(),
-                              static_cast<std::size_t>(width), static_cast<std::size_t>(width),
-                              static_cast<std::size_t>(workspace.rows),
-                              workspace.sums.data() + begin * static_cast<std::size_t>(width));
+  internal::TransposedProduct(workspace.left.data() + begin, left_width, left_width - begin,
+                              workspace.right.data(), width, width, static_cast<std::size_t>(rows),
+                              workspace.sums.data() + begin * width, width);
 }
 
 JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
@@ -435,16 +476,11 @@ void JacobianEstimate::AddDemonstrations() noexcept {
   a_.bottomRightCorner(m, m) += sums.block(0, v, m, m);
   b_.bottomRows(m) += sums.block(0, v + m, m, n);
   if (moves == 0) return;
-  SumStates();
+  prior_->SumStates(workspace_);
   // The lower triangle is enough.
   a_.topLeftCorner(moves, moves) += sums.block(states, 0, moves, moves);
   a_.bottomLeftCorner(m, moves) += sums.block(states, v, moves, m).transpose();
   b_.topRows(moves) += sums.block(states, v + m, moves, n);
-}
-
-void JacobianEstimate::SumStates() noexcept {
-  if (!has_states_) prior_->SumStates(workspace_);
-  has_states_ = true;
 }
 
 void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
@@ -458,7 +494,6 @@ void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
     a_(motion_rows_ - 1, motion_rows_ - 1) += options.motion_ridge - options.ridge;
   }
   has_sums_ = prior_->SumControls(t, z, workspace_);
-  has_states_ = false;
   if (has_sums_) AddDemonstrations();
   cholesky_.compute(a_);
   // B becomes L^-1 B; of A^-1 B only the rows below the slopes matter.
@@ -485,7 +520,7 @@ bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
   const Eigen::Index n = jacobian_.rows();
   const Eigen::Index m = jacobian_.cols();
   if (!has_sums_ || !prior_->has_controls()) return false;
-  SumStates();
+  prior_->SumNearStates(workspace_);
   const Eigen::Index states = workspace_.states;
   a_demo_ = sums.block(states, 0, n + 1, n + 1);
   const double weight = a_demo_(n, n);

@@ -9,7 +9,8 @@ namespace dfr::control::internal::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 void Product(const double* left, std::size_t left_stride, std::size_t n_left, const float* right,
-             std::size_t right_stride, std::size_t n_right, std::size_t rows, double* sums) {
+             std::size_t right_stride, std::size_t n_right, std::size_t rows, double* sums,
+             std::size_t sums_stride) {
   const hn::CappedTag<double, kWidth> d;
   const hn::Rebind<float, decltype(d)> narrow;
   using V = hn::Vec<decltype(d)>;
@@ -38,15 +39,15 @@ void Product(const double* left, std::size_t left_stride, std::size_t n_left, co
         s6 = hn::MulAdd(hn::Set(d, a[6]), x, s6);
         s7 = hn::MulAdd(hn::Set(d, a[7]), x, s7);
       }
-      double* out = sums + first * right_stride + column;
+      double* out = sums + first * sums_stride + column;
       hn::StoreU(s0, d, out);
-      hn::StoreU(s1, d, out + right_stride);
-      hn::StoreU(s2, d, out + 2 * right_stride);
-      hn::StoreU(s3, d, out + 3 * right_stride);
-      hn::StoreU(s4, d, out + 4 * right_stride);
-      hn::StoreU(s5, d, out + 5 * right_stride);
-      hn::StoreU(s6, d, out + 6 * right_stride);
-      hn::StoreU(s7, d, out + 7 * right_stride);
+      hn::StoreU(s1, d, out + sums_stride);
+      hn::StoreU(s2, d, out + 2 * sums_stride);
+      hn::StoreU(s3, d, out + 3 * sums_stride);
+      hn::StoreU(s4, d, out + 4 * sums_stride);
+      hn::StoreU(s5, d, out + 5 * sums_stride);
+      hn::StoreU(s6, d, out + 6 * sums_stride);
+      hn::StoreU(s7, d, out + 7 * sums_stride);
     }
   }
 }
@@ -61,9 +62,9 @@ HWY_EXPORT(Product);
 
 void TransposedProduct(const double* left, std::size_t left_stride, std::size_t n_left,
                        const float* right, std::size_t right_stride, std::size_t n_right,
-                       std::size_t rows, double* sums) noexcept {
+                       std::size_t rows, double* sums, std::size_t sums_stride) noexcept {
   HWY_DYNAMIC_DISPATCH(Product)
-  (left, left_stride, n_left, right, right_stride, n_right, rows, sums);
+  (left, left_stride, n_left, right, right_stride, n_right, rows, sums, sums_stride);
 }
 
 }  // namespace dfr::control::internal

@@ -31,8 +31,8 @@ struct GuidedOptions {
   /// Gradients of l in one step, >= 0. Fewer decide faster and reach less where the learned control
   /// is far off; 0 changes nothing and leaves the learned control alone.
   int iterations = 6;
-  /// Where no control is predicted to end inside, the filtered control passes down to this multiple
-  /// of GuidedModel::slack() outside, at most .8 in all: what no control can mend, an object off to
+  /// Where no control is predicted to end inside, the best one passes down to this multiple of
+  /// GuidedModel::slack() outside, at most .8 in all: what no control can mend, an object off to
   /// the side, must not stop the task. More completes more and collides more.
   double reach = 2.0;
   /// HaltRule::patience. More completes little and collides more.
@@ -47,8 +47,8 @@ struct GuidedOptions {
   /// Not to be tuned. Weight of an applied control as a measurement of J, relative to the
   /// demonstrations' (in JacobianOptions), >= 0. 0: J is the demonstrations' alone.
   double online_weight = 1.0;
-  /// Not to be tuned. Whether recoveries begin with the demonstrated control; otherwise, and with a
-  /// certificate, with the filtered one.
+  /// Not to be tuned. Whether what demonstrations did nearby is tried before the learned control is
+  /// changed. Not with a certificate.
   bool demonstrated = true;
   /// Not to be tuned. Whether recoveries overtake phases.
   bool overtakes = true;
@@ -75,28 +75,32 @@ struct GuidedOptions {
 /// z, those that controls under way will lead to, in phase tau, with the learned control v_hat and
 /// the prediction z'(v) = z + J v + m:
 ///
-///   1. l_tau(z), l_{tau+1}(z) >= hi and v_hat no larger than demonstrated: v_hat passes (deep
-///      inside; hi is GuidedModel::gate_level). It passes, too, where a tolerance is given and
-///      z'(v_hat) is within it.
-///   2. v <- RaiseLevel(v_hat, hi): the filter. If l_{tau+1}(z'(v)) >= 0, v is applied.
-///   3. v' <- RaiseLevel(v_d, 0): recovery, the same step from the control v_d that does what
-///      demonstrations did nearby (JacobianEstimate::Demonstrated()). If it reaches 0, v' is
-///      applied. If not, v is, where the support is near (reach). Otherwise v_d is: where nothing
-///      leads inside, what demonstrations did is known to go on, and what J promises is not.
+///   1. l_{tau+1}(z'(v_hat)) >= hi: v_hat passes (hi is GuidedModel::gate_level). Where l_tau(z),
+///      l_{tau+1}(z) >= hi and v_hat is no larger than demonstrated, it passes without a look at J.
+///      A tolerance takes the place of hi.
+///   2. v <- RaiseLevel(v_d, hi), from the control v_d that does what demonstrations did nearby
+///      (JacobianEstimate::Demonstrated()). If it leads inside, l_{tau+1}(z'(v)) >= 0, v is
+///      applied.
+///   3. v <- RaiseLevel(v_hat, hi). If it leads inside, v is applied; if it does not, the better of
+///      both is, where the support is near (reach). Otherwise v_d is: where nothing leads inside,
+///      what demonstrations did is known to go on, and what J promises is not.
 ///   4. Where J hardly knows a direction of control, a probe along it is applied instead.
-///   5. The phase advances if the prediction is inside B_{tau+1} or v passed within reach; a
-///      recovery that stays outside overtakes phases instead (PhaseTracker).
+///   5. The phase advances if the prediction is inside B_{tau+1} or passes within reach; otherwise
+///      a recovery overtakes phases (PhaseTracker).
 ///   6. HaltRule ends what does not get on.
 ///
-/// With a certificate, every applied control is changed or shrunk until it provably ends inside a
-/// B_q with |q - tau| <= PhaseTracker::kWindow. kDirection changes it first, by RaiseLevel()
-/// towards the level that it needs, from the demonstrated control if need be. The phase is one
-/// whose l_q >= -eta, for time advances only into supports that the state is in. Where next to
-/// nothing of a control passes, a recovery climbs l_tau from v = 0. A shrunk learned control
-/// consumes its share of a time step. Outside the support nothing is certified: the controller
-/// halts, kOutsideSupport. A certificate assumes that controls act at once and alone, and that
-/// states are what is seen: own motion, lag and smoothing are left out. After each control the
-/// assumption is compared with what happened; kViolated halts on the first contradiction, see
+/// A step is a recovery, Mode::kRecovery, where z'(v_hat) is outside B_{tau+1} and v does not come
+/// from v_hat. Otherwise it is Step::filtered where v is not v_hat.
+///
+/// With a certificate there is no v_d in 2 and 3. Every applied control is changed or shrunk until
+/// it provably ends inside a B_q with |q - tau| <= PhaseTracker::kWindow. kDirection changes it
+/// first, by RaiseLevel() towards the level that it needs, from the demonstrated control if need
+/// be. The phase is one whose l_q >= -eta, for time advances only into supports that the state is
+/// in. Where next to nothing of a control passes, a recovery climbs l_tau from v = 0. A shrunk
+/// learned control consumes its share of a time step. Outside the support nothing is certified: the
+/// controller halts, kOutsideSupport. A certificate assumes that controls act at once and alone,
+/// and that states are what is seen: own motion, lag and smoothing are left out. After each control
+/// the assumption is compared with what happened; kViolated halts on the first contradiction, see
 /// violation(). docs/certificates.md has the proof.
 ///
 /// docs/recovery.md derives all this. Next() neither allocates nor locks.
@@ -120,7 +124,7 @@ class GuidedPolicy final : public Controller {
   [[nodiscard]] Step DoNext(std::span<const double> x, std::span<double> u) noexcept override;
 
   [[nodiscard]] bool DeepInside(double level) const noexcept;
-  /// What the filter or a recovery made of a learned control.
+  /// What a learned control was replaced by.
   struct Choice {
     Mode mode;
     double level;  ///< That v_ is predicted to reach in the next phase; 0 where it passes.

@@ -20,7 +20,7 @@ struct JacobianOptions {
   double slope_ridge = 10.0;   ///< Pulls its slopes to zero, > 0.
   double prior_weight = 15.0;  ///< Total weight of the demonstrations' transitions, >= 0.
   int window = 5;              ///< Transitions of the time steps t - window ... t + window count.
-  int max_per_step = 24;       ///< Most transitions kept of one time step: bounds the time.
+  int max_per_step = 48;       ///< Most transitions kept of one time step: bounds the time.
   double forgetting = 0.93;    ///< Weight that an applied control keeps at the next, in [0, 1).
 };
 
@@ -63,8 +63,11 @@ class JacobianPrior {
   struct Workspace {
     Eigen::VectorXf z;
     int first = 0;  ///< Transition,
-    int rows = 0;   ///< and how many of them.
+    int rows = 0;   ///< and how many of them,
+    int stride = 1;
+    int used = 0;  ///< of which J is made from `used`, every `stride`-th.
     Eigen::VectorXf distances;
+    Eigen::VectorXf sorted;
     Eigen::VectorXd weights;
     Eigen::VectorXd left;   ///< w [v_i; z_i - z; 1], row by row.
     Eigen::VectorXf right;  ///< r, row by row.
@@ -75,15 +78,21 @@ class JacobianPrior {
   };
   [[nodiscard]] Workspace MakeWorkspace() const;
   /// Sums over transitions near time step `t`, those of its last one where demonstrations end
-  /// before, of v_i alone. @returns false if there is no transition.
+  /// before, of v_i alone. @returns false if there is no transition, or z is not finite.
   bool SumControls(int t, std::span<const double> z, Workspace& workspace) const noexcept;
   /// Sums of [z_i - z; 1], after SumControls().
   void SumStates(Workspace& workspace) const noexcept;
+  /// The same of the nearest transitions alone, with weights that fall faster and sum to whatever
+  /// they do.
+  void SumNearStates(Workspace& workspace) const noexcept;
 
  private:
   static constexpr int kWithTransitions = 4;  ///< The first version of files that hold them.
 
   JacobianPrior() = default;
+  /// Transition `i` of those near, weighted, as a row of workspace.left and workspace.right.
+  void Place(int i, int row, double weight, Workspace& workspace) const noexcept;
+  void SumPlaced(int rows, Workspace& workspace) const noexcept;
   /// First and last transition, exclusive, of time steps t - window ... t + window.
   [[nodiscard]] std::pair<int, int> Near(int t) const noexcept;
   /// Entries of a row of transitions_.
@@ -153,11 +162,11 @@ class JacobianEstimate {
   /// How many controls after its own an effect is seen, in [0, kMaxLag].
   [[nodiscard]] int lag() const noexcept { return lag_; }
   /// The control that does to the features what demonstrations did nearby: locally weighted linear
-  /// regression over their transitions gives the control v_d that they took at `z` and the change
-  /// dz_d that followed, least squares the control that causes this change today,
-  /// |J v + m + s d - dz_d|^2 + 0.03 trace(J' J) / m |v - v_d|^2 -> min. So what turns or scales
-  /// controls, or moves the world, is made up for as far as the estimate knows it. Takes what the
-  /// last Compute() found, at its time step and z. O(n^3).
+  /// regression over their nearest transitions gives the control v_d that they took at `z` and the
+  /// change dz_d that followed, least squares the control that causes this change today, |J v + m +
+  /// s d - dz_d|^2 + 0.03 trace(J' J) / m |v - v_d|^2 -> min. So what turns or scales controls, or
+  /// moves the world, is made up for as far as the estimate knows it. Takes what the last Compute()
+  /// found, at its time step and z. O(n^3).
   /// @returns false, and leaves `v` (m entries), where nothing is known of demonstrated controls.
   [[nodiscard]] bool Demonstrated(Eigen::VectorXd& v) noexcept;
   /// z += J v + m + s d of the last Compute().
@@ -187,7 +196,6 @@ class JacobianEstimate {
   [[nodiscard]] int FindLag(std::span<const double> dz, double time) noexcept;
   void MoveTo(std::span<const double> z) noexcept;
   void AddDemonstrations() noexcept;
-  void SumStates() noexcept;
 
   std::shared_ptr<const JacobianPrior> prior_;
   DriftTime drift_time_;
@@ -210,8 +218,7 @@ class JacobianEstimate {
   Eigen::VectorXd direction_;
   Eigen::VectorXd scratch_;
   JacobianPrior::Workspace workspace_;
-  bool has_sums_ = false;    ///< workspace_ holds those of the last Compute(),
-  bool has_states_ = false;  ///< also of states.
+  bool has_sums_ = false;  ///< workspace_ holds those of the last Compute().
 
   Eigen::MatrixXd applied_;                   ///< m x (kMaxLag + 1), the newest first.
   std::array<double, kMaxLag + 1> errors_{};  ///< Squared, of each lag's predictions.
