@@ -53,7 +53,11 @@ class GuardTest(unittest.TestCase):
 
     def test_info_says_why(self):
         self.guard.reset()
-        state = [0.0, 0.0, 0.0]
+        grid = np.linspace(-0.1, 0.1, 21)
+        state = max(
+            ([0.0, x, y] for x in grid for y in grid),
+            key=lambda s: min(self.guard.decision(0, s), self.guard.decision(1, s)),
+        )
         action, info = self.guard.filter(0, state, action_for(0.1, 0.0))
         self.assertEqual(info["mode"], "policy")
         self.assertEqual(info["reason"], "inside")

@@ -178,8 +178,8 @@ TEST_F(GuardFileTest, WrongContentWithARightChecksumDoesNoHarm) {
 }
 
 TEST_F(GuardFileTest, NewerAndOtherFilesAreRefusedByName) {
-  core::ArchiveWriter("guard", 5).Save(path_);
-  EXPECT_THAT(Refusal(), HasSubstr("version 5; this build reads versions up to 4: update dfr"));
+  core::ArchiveWriter("guard", 6).Save(path_);
+  EXPECT_THAT(Refusal(), HasSubstr("version 6; this build reads versions up to 5: update dfr"));
   core::ArchiveWriter("time-varying-support", 1).Save(path_);
   EXPECT_THAT(Refusal(), HasSubstr("holds a time-varying-support, where a guard is needed"));
   std::filesystem::remove(path_);
@@ -240,6 +240,7 @@ TEST_F(GuardFileTest, AFileOfVersion1IsReadByAllLaterOnes) {
   EXPECT_NEAR(model->settings().alarm_level, 0.44441348401161695, 1e-12);
   EXPECT_EQ(model->recovery().model().slack(), 0.2);
   EXPECT_NEAR(model->recovery().model().gate_level(1), 0.10484338114468128, 1e-12);
+  EXPECT_EQ(model->recovery().model().median_level(1), model->recovery().model().gate_level(1));
   EXPECT_NEAR(model->recovery().model().largest_control(1), 1.4067651325850505, 1e-12);
   EXPECT_NEAR(model->recovery().model().control_unit(), 0.11371979690725259, 1e-12);
 

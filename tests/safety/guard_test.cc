@@ -40,12 +40,31 @@ std::vector<double> Action(double dx, double dy) {
   return {u[0], u[1]};
 }
 
+// Where a state is deepest inside the first two supports.
+std::vector<double> Deepest() {
+  std::vector<double> deepest;
+  double most = 0.0;
+  for (int i = -10; i <= 10; ++i) {
+    for (int k = -10; k <= 10; ++k) {
+      const std::vector<double> state = {0.0, 0.01 * i, 0.01 * k};
+      const double g =
+          std::min(Model()->support().Decision(0, state), Model()->support().Decision(1, state));
+      if (g > most) {
+        most = g;
+        deepest = state;
+      }
+    }
+  }
+  return deepest;
+}
+
 TEST(GuardTest, PassesTheActionDeepInside) {
   Guard guard(Model());
   guard.Reset(1);
   const std::vector<double> action = Action(0.1, 0.0);
   std::vector<double> safe(2);
-  const std::vector<double> state = {0.0, 0.02, 0.05};
+  const std::vector<double> state = Deepest();
+  ASSERT_FALSE(state.empty());
   const Verdict verdict = guard.Filter(0, state, action, safe);
   EXPECT_EQ(verdict.mode, Mode::kPolicy);
   EXPECT_STREQ(verdict.reason(), "inside");

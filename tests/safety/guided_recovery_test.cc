@@ -50,10 +50,10 @@ TEST(GuidedRecoveryTest, AFileKeepsAllBits) {
     const GuidedRecovery recovery(Tip(), demonstrations, options);
     const auto path = std::filesystem::path(testing::TempDir()) /
                       (single_precision ? "recovery_float.dfr" : "recovery.dfr");
-    core::ArchiveWriter writer("recovery", 4);
+    core::ArchiveWriter writer("recovery", 5);
     recovery.Save(writer);
     writer.Save(path);
-    core::ArchiveReader reader(path, "recovery", 4);
+    core::ArchiveReader reader(path, "recovery", 5);
     const auto loaded = GuidedRecovery::Load(reader, Tip());
     reader.End();
     std::filesystem::remove(path);
@@ -69,6 +69,8 @@ TEST(GuidedRecoveryTest, AFileKeepsAllBits) {
       EXPECT_EQ(loaded->support().LogDecision(t, z, {}), recovery.support().LogDecision(t, z, {}));
       EXPECT_EQ(loaded->support().lipschitz_bound(t), recovery.support().lipschitz_bound(t));
       EXPECT_EQ(loaded->model().gate_level(t), recovery.model().gate_level(t));
+      EXPECT_EQ(loaded->model().median_level(t), recovery.model().median_level(t));
+      EXPECT_LT(recovery.model().median_level(t), recovery.model().gate_level(t));
       EXPECT_EQ(loaded->model().largest_control(t), recovery.model().largest_control(t));
       ours.Compute(t, z);
       theirs.Compute(t, z);

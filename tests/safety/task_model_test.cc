@@ -455,8 +455,8 @@ TEST_F(TaskModelTest, MissingFilesAndOtherStatesAreNamed) {
                                              HasSubstr("does not fit the other files")));
   std::filesystem::remove(folder_ / "support.dfr");
   EXPECT_THAT(Refusal(), HasSubstr((folder_ / "support.dfr").string()));
-  core::ArchiveWriter("task-model", 5).Save(folder_ / "task.dfr");
-  EXPECT_THAT(Refusal(), HasSubstr("version 5; this build reads versions up to 4: update dfr"));
+  core::ArchiveWriter("task-model", 6).Save(folder_ / "task.dfr");
+  EXPECT_THAT(Refusal(), HasSubstr("version 6; this build reads versions up to 5: update dfr"));
   core::ArchiveWriter("guard", 1).Save(folder_ / "task.dfr");
   EXPECT_THAT(Refusal(), HasSubstr("holds a guard, where a task-model is needed"));
 }

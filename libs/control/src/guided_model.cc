@@ -118,6 +118,7 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
     // A support may have more time steps than any demonstration has states.
     if (levels.empty()) break;
     gate_.push_back(std::max(options.least_gate, Quantile(levels, options.gate_quantile)));
+    median_.push_back(std::max(options.least_gate, Quantile(levels, 0.5)));
   }
   for (Eigen::Index t = 0; t < longest; ++t) {
     double largest = 0.0;
@@ -132,6 +133,7 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
 
 void GuidedModel::Save(core::ArchiveWriter& archive) const {
   archive.Numbers(gate_);
+  archive.Numbers(median_);
   archive.Numbers(largest_);
   archive.Number(slack_);
   archive.Number(control_unit_);
@@ -153,6 +155,7 @@ GuidedModel GuidedModel::Load(core::ArchiveReader& archive, core::FeatureTransfo
   // The first version had another kind of level in front.
   if (archive.version() == 1) static_cast<void>(levels("accept levels"));
   model.gate_ = levels("gate levels");
+  model.median_ = archive.version() >= 5 ? levels("median levels") : model.gate_;
   model.largest_ = levels("the largest controls");
   model.slack_ = archive.Number();
   model.control_unit_ = archive.Number();

@@ -180,7 +180,7 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   learned_ = core::AsVector(std::span<const double>(u)) / model_->control_unit();
   if (!learned_.allFinite()) return Halt(step, HaltCause::kControlInvalid);
   learned_ = learned_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
-  step.log_threshold = model_->gate_level(step.t + 1);
+  step.log_threshold = Gate(step.t + 1);
   step.threshold = support.FromLog(step.t, step.log_threshold);
 
   v_ = learned_;
@@ -208,14 +208,14 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
 
 bool GuidedPolicy::DeepInside(double level) const noexcept {
   const int phase = tracker_.phase();
-  const double hi = model_->gate_level(phase + 1);
+  const double hi = Gate(phase + 1);
   return level >= hi && learned_.norm() <= model_->largest_control(phase) &&
          model_->support().LogDecision(phase + 1, AsSpan(z_), {}) >= hi;
 }
 
 GuidedPolicy::Choice GuidedPolicy::Choose(const LocalModel& model) noexcept {
   const int next = tracker_.phase() + 1;
-  const StepTarget target{next, model_->gate_level(next)};
+  const StepTarget target{next, Gate(next)};
   const double learned = model.Level(next, v_);
   if (learned >= (options_.tolerance > 0.0 ? -options_.tolerance : target.level)) {
     return {Mode::kPolicy, std::max(learned, 0.0)};
@@ -255,8 +255,8 @@ void GuidedPolicy::Advance(const LocalModel& model, double level) noexcept {
 
 bool GuidedPolicy::Probe(const LocalModel& model, double& level) noexcept {
   const int next = tracker_.phase() + 1;
-  if (options_.probe_size == 0.0 || level >= model_->gate_level(next) ||
-      estimate_.Ignorance() <= kUnknown || estimate_.LeastKnown(AsSpan(trial_)) <= kUnknown) {
+  if (options_.probe_size == 0.0 || level >= Gate(next) || estimate_.Ignorance() <= kUnknown ||
+      estimate_.LeastKnown(AsSpan(trial_)) <= kUnknown) {
     return false;
   }
   v_ = (options_.probe_size * trial_).cwiseMax(-limits_.control).cwiseMin(limits_.control);

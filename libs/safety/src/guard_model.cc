@@ -25,7 +25,7 @@ namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kKind = "guard";
-constexpr int kVersion = 4;
+constexpr int kVersion = 5;
 
 constexpr std::array kStrategies = {Strategy::kGuided,  Strategy::kDfr,  Strategy::kEarlyStopping,
                                     Strategy::kMonitor, Strategy::kSoft, Strategy::kCertified};

@@ -13,7 +13,7 @@ namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kKind = "task-model";
-constexpr int kVersion = 4;  // GuidedModel's fourth layout.
+constexpr int kVersion = 5;  // GuidedModel's fifth layout.
 constexpr std::string_view kTaskFile = "task.dfr";
 constexpr std::string_view kSupportFile = "support.dfr";
 constexpr int kMostSteps = 1'000'000;

@@ -60,6 +60,10 @@ class GuidedModel {
 
   /// hi_t, the level of l_t at which there is nothing to do.
   [[nodiscard]] double gate_level(int t) const noexcept { return Clamped(gate_, t); }
+  /// The median of l_t over demonstrated states, in place of hi_t with a certificate: every bit of
+  /// depth costs it controls. Not less than GuidedModelOptions::least_gate; hi_t in a file of
+  /// before version 5.
+  [[nodiscard]] double median_level(int t) const noexcept { return Clamped(median_, t); }
   /// GuidedModelOptions::slack
   [[nodiscard]] double slack() const noexcept { return slack_; }
   /// us, the root mean square of |u|: the unit of v = u / us.
@@ -80,6 +84,7 @@ class GuidedModel {
   const core::LogDecisionFunction* support_;
   std::shared_ptr<const JacobianPrior> prior_;
   std::vector<double> gate_;
+  std::vector<double> median_;
   std::vector<double> largest_;
   double slack_ = 0.0;
   double control_unit_ = 1.0;

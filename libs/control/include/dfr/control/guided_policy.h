@@ -92,16 +92,16 @@ struct GuidedOptions {
 /// A step is a recovery, Mode::kRecovery, where z'(v_hat) is outside B_{tau+1} and v does not come
 /// from v_hat. Otherwise it is Step::filtered where v is not v_hat.
 ///
-/// With a certificate there is no v_d in 2 and 3. Every applied control is changed or shrunk until
-/// it provably ends inside a B_q with |q - tau| <= PhaseTracker::kWindow. kDirection changes it
-/// first, by RaiseLevel() towards the level that it needs, from the demonstrated control if need
-/// be. The phase is one whose l_q >= -eta, for time advances only into supports that the state is
-/// in. Where next to nothing of a control passes, a recovery climbs l_tau from v = 0. A shrunk
-/// learned control consumes its share of a time step. Outside the support nothing is certified: the
-/// controller halts, kOutsideSupport. A certificate assumes that controls act at once and alone,
-/// and that states are what is seen: own motion, lag and smoothing are left out. After each control
-/// the assumption is compared with what happened; kViolated halts on the first contradiction, see
-/// violation(). docs/certificates.md has the proof.
+/// With a certificate there is no v_d in 2 and 3, and hi is GuidedModel::median_level. Every
+/// applied control is changed or shrunk until it provably ends inside a B_q with |q - tau| <=
+/// PhaseTracker::kWindow. kDirection changes it first, by RaiseLevel() towards the level that it
+/// needs, from the demonstrated control if need be. The phase is one whose l_q >= -eta, for time
+/// advances only into supports that the state is in. Where next to nothing of a control passes, a
+/// recovery climbs l_tau from v = 0. A shrunk learned control consumes its share of a time step.
+/// Outside the support nothing is certified: the controller halts, kOutsideSupport. A certificate
+/// assumes that controls act at once and alone, and that states are what is seen: own motion, lag
+/// and smoothing are left out. After each control the assumption is compared with what happened;
+/// kViolated halts on the first contradiction, see violation(). docs/certificates.md has the proof.
 ///
 /// docs/recovery.md derives all this. Next() neither allocates nor locks.
 class GuidedPolicy final : public Controller {
@@ -123,6 +123,10 @@ class GuidedPolicy final : public Controller {
   void DoReset(std::uint64_t seed) noexcept override;
   [[nodiscard]] Step DoNext(std::span<const double> x, std::span<double> u) noexcept override;
 
+  /// hi of a phase.
+  [[nodiscard]] double Gate(int phase) const noexcept {
+    return certifier_.active() ? model_->median_level(phase) : model_->gate_level(phase);
+  }
   [[nodiscard]] bool DeepInside(double level) const noexcept;
   /// What a learned control was replaced by.
   struct Choice {
