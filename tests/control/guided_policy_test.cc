@@ -463,7 +463,7 @@ TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
   const auto support = MovingDisk();
   const GuidedModel model(Identity(), support, Sideless());
   const auto along = test::ConstantPolicy(2, kSpeed);
-  const std::vector<double> x = {0.0, 0.35};
+  const std::vector<double> x = {0.0, 0.6};  // beyond the reach
   std::vector<double> u(2);
   GuidedPolicy guided(along, model);
   guided.Reset(1);
@@ -479,13 +479,20 @@ TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
   GuidedPolicy never(along, model, Without({}, "probing"));
   never.Reset(1);
   EXPECT_NE(never.Next(x, u).mode, Mode::kProbe);
-  // Nor where the learned control leads deep inside, or where everything is known.
-  guided.Reset(1);
-  EXPECT_EQ(guided.Next(std::vector{0.0, 0.0}, u).mode, Mode::kPolicy);
+  // Nor where everything is known, or where the prediction is inside. In a drift that is not enough
+  // to know.
   const GuidedModel known(Identity(), support, Rightwards());
   GuidedPolicy knows(along, known);
   knows.Reset(1);
-  EXPECT_EQ(knows.Next(x, u).mode, Mode::kPolicy);
+  EXPECT_EQ(knows.Next(x, u).mode, Mode::kRecovery);
+  const std::vector<double> inside = {0.0, 0.35};
+  guided.Reset(1);
+  EXPECT_NE(guided.Next(inside, u).mode, Mode::kProbe);
+  GuidedPolicy drifts(along, model, {.drift_time = {.rest = 1.0}});
+  drifts.Reset(1);
+  EXPECT_EQ(drifts.Next(inside, u).mode, Mode::kProbe);
+  drifts.Reset(1);
+  EXPECT_EQ(drifts.Next(std::vector{0.0, 0.0}, u).mode, Mode::kPolicy) << "deep inside";
 }
 
 // The world drifts sideways by more than a probe moves it, which nobody ever did on purpose. Who
@@ -588,7 +595,7 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
       if (part == "own-motion") return Trace(along, toppling, options, {0.0, 0.38}, 1);
       if (part == "smoothing") return Trace(along, model, options, {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1);
       if (part == "lag") return Trace(along, model, options, {0.0, 0.38}, 4, 0.0, 0.0, 1);
-      if (part == "probing") return Trace(along, sideless, options, {0.0, 0.35}, 1);
+      if (part == "probing") return Trace(along, sideless, options, {0.0, 0.6}, 1);
       if (part == "online-jacobian") return Trace(along, model, options, {0.0, 0.38}, 3, 0.9);
       if (part == "drift") return Trace(along, model, options, {0.0, 0.2}, 3, 0.0, 0.05);
       if (part == "demonstrated") return Trace(back, model, options, {0.0, 2.6}, 1);

@@ -255,14 +255,16 @@ void GuidedPolicy::Advance(const LocalModel& model, double level) noexcept {
 
 bool GuidedPolicy::Probe(const LocalModel& model, double& level) noexcept {
   const int next = tracker_.phase() + 1;
-  if (options_.probe_size == 0.0 || level >= Gate(next) || estimate_.Ignorance() <= kUnknown ||
-      estimate_.LeastKnown(AsSpan(trial_)) <= kUnknown) {
+  const bool drifts = options_.drift_time.rest > 0.0 || options_.drift_time.travel > 0.0;
+  // What is predicted inside is worth no probe, unless the prediction needs to know a drift.
+  if (options_.probe_size == 0.0 || level >= (drifts ? Gate(next) : 0.0) ||
+      estimate_.Ignorance() <= kUnknown || estimate_.LeastKnown(AsSpan(trial_)) <= kUnknown) {
     return false;
   }
   v_ = (options_.probe_size * trial_).cwiseMax(-limits_.control).cwiseMin(limits_.control);
   level = model.Level(next, v_);
   // In a drift the sign says which of the two is not known.
-  if (options_.drift_time.rest > 0.0 || options_.drift_time.travel > 0.0) return true;
+  if (drifts) return true;
   trial_ = -v_;
   if (const double other = model.Level(next, trial_); other > level) {
     v_ = trial_;
