@@ -110,7 +110,7 @@ TEST(ProofTest, NoCertifiedModeEverLeavesTheUnionOfSupports) {
     EXPECT_EQ(result.controls, 60'000);
     EXPECT_EQ(result.left, 0);
     EXPECT_EQ(result.violations, 0);
-    EXPECT_GT(result.probes, 500);
+    EXPECT_GT(result.probes, 200);  // they are only made where nothing is predicted inside
     EXPECT_GT(result.recoveries, 500);
     EXPECT_GT(result.phases, 300);
   }
