@@ -78,7 +78,7 @@ void AddFit(CLI::App& app, int& result) {
   command
       ->add_option(
           "--strategy", options->strategy,
-          "near the boundary: guided (changes the action as little as it takes), dfr (as "
+          "near the boundary: guided (does what demonstrations did nearby, corrected), dfr (as "
           "published), early-stopping (halts), monitor (alarms alone), soft (as guided, but "
           "only where an alarm would follow), certified (what provably raises no alarm, see "
           "docs/certificates.md)")

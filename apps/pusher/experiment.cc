@@ -252,8 +252,9 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
       "cylinder may touch. A policy is learned from a supervisor's demonstrations, and run alone "
       "(Baseline), until it comes near the boundary of the demonstrated states' support (Early "
       "Stopping), or with Derivative-Free Recovery (DFR) there: these are the paper's methods. "
-      "Guided recovery learns from every control how the state answers, and changes the learned "
-      "control as little as keeps it inside. All methods start from the same states.";
+      "Guided recovery learns from every control how the state answers. Where a learned control "
+      "would not end well inside, it does what demonstrations did nearby, corrected towards the "
+      "inside. All methods start from the same states.";
   for (const std::string& learner : plan.learners) {
     report.learner_names[learner] = learner + " tanh";
   }

@@ -365,7 +365,7 @@ nu, gamma : float
     Of the supports; gamma in whitened units, which all tasks share. It is doubled, twice at most, where supports
     take the room between two ways for demonstrated.
 strategy : {"guided", "dfr", "early-stopping", "monitor", "soft", "certified"}
-    What happens to an action near the boundary: it is changed as little as keeps the state inside;
+    What happens to an action near the boundary: it is replaced by what demonstrations did nearby, corrected;
     Derivative-Free Recovery as published; a halt; nothing but alarms; as guided, but only where an alarm
     would follow; only what provably ends where
     no alarm is raised is applied, under the assumptions of docs/certificates.md.

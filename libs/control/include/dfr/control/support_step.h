@@ -39,7 +39,7 @@ struct StepLimits {
 /// reaches the level. `v` is changed in place, and returned is the level it is predicted to reach:
 /// never less than that of the `v` given.
 ///
-/// A pure function: the filter calls it with the learned control, a recovery with the demonstrated.
+/// A pure function: called with the demonstrated control, then with the learned one.
 /// `v` within the limits stays within. Neither allocates nor throws; at most kMaxStepEntries
 /// features and as many controls.
 double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,

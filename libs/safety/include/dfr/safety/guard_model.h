@@ -22,7 +22,7 @@ namespace dfr::safety {
 
 /// What a guard does with a policy's action near the boundary of what was demonstrated.
 enum class Strategy {
-  kGuided,         ///< Changes it as little as keeps the state inside, or recovers (GuidedPolicy).
+  kGuided,         ///< Does what demonstrations did nearby, corrected (GuidedPolicy).
   kDfr,            ///< Derivative-Free Recovery, as published (SwitchingPolicy).
   kEarlyStopping,  ///< Halts.
   kMonitor,        ///< Passes it: looks and raises alarms alone.
