@@ -231,9 +231,10 @@ class ExperimentTest(unittest.TestCase):
             process = self.start(program, *arguments)
             until = time.monotonic() + 60
             before = self.lines()
-            while self.lines() < before + 1 and time.monotonic() < until:
+            workers = []
+            while (self.lines() < before + 1 or len(workers) < 2) and time.monotonic() < until:
                 time.sleep(0.02)
-            workers = self.workers_of(process.pid)
+                workers = self.workers_of(process.pid)
             self.assertEqual(len(workers), 2)
             os.kill(process.pid, number)
             process.communicate(timeout=60)
