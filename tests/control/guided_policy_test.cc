@@ -182,6 +182,7 @@ TEST(GuidedPolicyTest, AStepTellsItsGrounds) {
     }
   }
   EXPECT_GT(t, 10);
+  EXPECT_GT(recoveries, 0);
 }
 
 TEST(GuidedPolicyTest, EndsWithItsTimeAndItsControls) {
