@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
-#include "transposed_product.h"
+#include "transition_sums.h"
 
 namespace dfr::control {
 namespace {
@@ -18,14 +18,6 @@ namespace {
 constexpr double kNegligible = 1e-4;
 // Transitions that one estimate may look at.
 constexpr int kMaxTransitions = 1024;
-// Weights of transitions fall with the squared distance times this, per feature. J varies little,
-// and noise in few transitions would spoil it; what demonstrations did depends on where.
-constexpr double kBandwidth = 0.25;
-constexpr double kControlBandwidth = 0.75;
-// Transitions that say what demonstrations did; more than say what J is, where there are more.
-constexpr int kNearest = 64;
-constexpr int kSpread = 264;
-
 int RoundUp(int value, std::size_t multiple) {
   const int m = static_cast<int>(multiple);
   return (value + m - 1) / m * m;
@@ -109,11 +101,14 @@ JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
 }
 
 int JacobianPrior::Width() const noexcept {
-  return RoundUp(2 * feature_dim_ + 1 + control_dim_, internal::kWidth);
+  // The controls of a row are read in steps of kWidth.
+  const int controls = feature_dim_ + 1 + RoundUp(control_dim_, internal::kWidth);
+  return RoundUp(std::max(2 * feature_dim_ + 1 + control_dim_, controls), internal::kWidth);
 }
 
 void JacobianPrior::Finish() {
-  points_ = transitions_.leftCols(feature_dim_);
+  points_.setZero(transitions_.rows() + Eigen::Index{internal::kPadding}, feature_dim_);
+  points_.topRows(transitions_.rows()) = transitions_.leftCols(feature_dim_);
   for (int t = 0; t + 1 < static_cast<int>(begin_.size()); ++t) {
     const auto [first, last] = Near(t);
     largest_ = std::max(largest_, last - first);
@@ -230,12 +225,13 @@ JacobianPrior::Workspace JacobianPrior::MakeWorkspace() const {
   Workspace workspace;
   workspace.states = RoundUp(control_dim_, internal::kWidth);
   const int left = workspace.states + RoundUp(feature_dim_ + 1, internal::kWidth);
-  workspace.distances.setZero(largest_);
-  workspace.sorted.setZero(largest_);
-  workspace.weights.setZero(largest_);
-  workspace.z.setZero(feature_dim_);
-  workspace.left.setZero(Eigen::Index{largest_} * left);
-  workspace.right.setZero(Eigen::Index{largest_} * Width());
+  workspace.distances.setZero(largest_ + Eigen::Index{internal::kPadding});
+  workspace.weights.setZero(largest_ + Eigen::Index{internal::kPadding});
+  workspace.spread.setZero(kSpread);
+  workspace.nearest.setZero(kNearest + 1);
+  workspace.z.setZero(Width());
+  workspace.left.setZero(Eigen::Index{std::min(largest_, kSpread)} * left);
+  workspace.right.setZero(Eigen::Index{std::min(largest_, kSpread)} * Width());
   workspace.sums.setZero(left, Width());
   return workspace;
 }
@@ -243,97 +239,71 @@ JacobianPrior::Workspace JacobianPrior::MakeWorkspace() const {
 bool JacobianPrior::SumControls(int t, std::span<const double> z,
                                 Workspace& workspace) const noexcept {
   const auto [first, last] = Near(t);
-  const Eigen::Index rows = last - first;
+  const int rows = last - first;
   if (rows <= 0) return false;
-  const Eigen::Index n = feature_dim_;
-  const Eigen::Index m = control_dim_;
-  const Eigen::Index width = transitions_.cols();
-  const Eigen::Index left_width = workspace.sums.rows();
+  const auto count = static_cast<std::size_t>(rows);
+  const auto n = static_cast<std::size_t>(feature_dim_);
+  const auto width = static_cast<std::size_t>(transitions_.cols());
+  const auto left_width = static_cast<std::size_t>(workspace.sums.rows());
   workspace.first = first;
-  workspace.rows = last - first;
-  workspace.z = core::AsVector(z).cast<float>();
-  auto distances = workspace.distances.head(rows).array();
-  distances.setZero();
-  for (Eigen::Index k = 0; k < n; ++k) {
-    const auto z_k = static_cast<float>(z[static_cast<std::size_t>(k)]);
-    distances += (points_.col(k).segment(first, rows).array() - z_k).square();
-  }
+  workspace.rows = rows;
+  workspace.z.head(feature_dim_) = core::AsVector(z).cast<float>();
+  internal::SquaredDistances(points_.data() + first, static_cast<std::size_t>(points_.rows()), n,
+                             workspace.z.data(), count, workspace.distances.data());
+  const auto distances = workspace.distances.head(rows);
   if (!std::isfinite(distances.sum())) return false;
+  internal::Weights(distances.data(), count, distances.minCoeff(),
+                    kBandwidth / static_cast<double>(n), workspace.weights.data());
   // Evenly over demonstrations and time steps.
-  const int stride = (workspace.rows + kSpread - 1) / kSpread;
-  const int used = (workspace.rows + stride - 1) / stride;
-  workspace.stride = stride;
-  workspace.used = used;
-  // Exponentials of floats differ between processors by more than all that is computed from them.
-  Eigen::Array<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMaxTransitions, 1> weights(used);
-  const float least = distances.minCoeff();
-  for (int i = 0; i < used; ++i) weights[i] = static_cast<double>(distances[i * stride] - least);
-  weights = 1e-6 + (-kBandwidth / static_cast<double>(n) * weights).exp();
-  workspace.weights.head(used) = options_.prior_weight / weights.sum() * weights;
-  const float* row = transitions_.row(first).data();
-  double* left = workspace.left.data();
-  for (int i = 0; i < used; ++i, row += stride * width, left += left_width) {
-    const double weight = workspace.weights[i];
-    for (Eigen::Index k = 0; k < m; ++k) left[k] = weight * static_cast<double>(row[n + 1 + k]);
+  const int stride = (rows + kSpread - 1) / kSpread;
+  workspace.used = (rows + stride - 1) / stride;
+  // Where all of them are far from z, none of them counts more than the others.
+  constexpr double kFloor = 1e-6;
+  double sum = 0.0;
+  for (int i = 0; i < workspace.used; ++i) {
+    workspace.spread[i] = i * stride;
+    sum += workspace.weights[i * stride] += kFloor;
   }
+  workspace.factor = options_.prior_weight / sum;
+  const float* row = transitions_.row(first).data();
+  const std::size_t row_stride = static_cast<std::size_t>(stride) * width;
+  const auto used = static_cast<std::size_t>(workspace.used);
+  internal::ScaleRows(row + n + 1, row_stride, workspace.spread.data(), used,
+                      workspace.weights.data(), workspace.factor,
+                      static_cast<std::size_t>(workspace.states), workspace.left.data(),
+                      left_width);
   // Most of the work of an estimate. Of r all that may follow z and 1.
-  const auto begin = (static_cast<std::size_t>(n) + 1) / internal::kWidth * internal::kWidth;
-  internal::TransposedProduct(
-      workspace.left.data(), static_cast<std::size_t>(left_width),
-      static_cast<std::size_t>(workspace.states), transitions_.row(first).data() + begin,
-      static_cast<std::size_t>(stride * width), static_cast<std::size_t>(width) - begin,
-      static_cast<std::size_t>(used), workspace.sums.data() + begin,
-      static_cast<std::size_t>(width));
+  const std::size_t begin = (n + 1) / internal::kWidth * internal::kWidth;
+  internal::TransposedProduct(workspace.left.data(), left_width,
+                              static_cast<std::size_t>(workspace.states), row + begin, row_stride,
+                              width - begin, used, workspace.sums.data() + begin, width);
   return true;
 }
 
 void JacobianPrior::SumStates(Workspace& workspace) const noexcept {
-  for (int i = 0; i < workspace.used; ++i) {
-    Place(i * workspace.stride, i, workspace.weights[i], workspace);
-  }
-  SumPlaced(workspace.used, workspace);
+  SumRows(workspace.spread, workspace.used, workspace.factor, workspace);
 }
 
 void JacobianPrior::SumNearStates(Workspace& workspace) const noexcept {
-  const auto distances = workspace.distances.head(workspace.rows);
-  float farthest = std::numeric_limits<float>::infinity();
-  int as_far = workspace.rows;
-  if (workspace.rows > kNearest) {
-    auto sorted = workspace.sorted.head(workspace.rows);
-    sorted = distances;
-    std::nth_element(sorted.data(), sorted.data() + kNearest - 1, sorted.data() + sorted.size());
-    farthest = sorted[kNearest - 1];
-    as_far = kNearest - static_cast<int>((distances.array() < farthest).count());
-  }
-  const double scale = -kControlBandwidth / static_cast<double>(feature_dim_);
-  const float least = distances.minCoeff();
-  int placed = 0;
-  for (int i = 0; i < workspace.rows; ++i) {
-    const float distance = distances[i];
-    if (distance > farthest || (distance == farthest && as_far-- <= 0)) continue;
-    Place(i, placed++, std::exp(scale * static_cast<double>(distance - least)), workspace);
-  }
-  SumPlaced(placed, workspace);
+  const int count = std::min(workspace.rows, kNearest);
+  internal::Nearest(workspace.distances.data(), static_cast<std::size_t>(workspace.rows),
+                    static_cast<std::size_t>(count), workspace.nearest.data());
+  SumRows(workspace.nearest, count, 1.0, workspace);
 }
 
-void JacobianPrior::Place(int i, int row, double weight, Workspace& workspace) const noexcept {
-  const Eigen::Index n = feature_dim_;
-  const Eigen::Index width = transitions_.cols();
-  const float* transition = transitions_.row(workspace.first + i).data();
-  float* right = workspace.right.data() + row * width;
-  double* left = workspace.left.data() + row * workspace.sums.rows() + workspace.states;
-  // As they differ from z: sums about the origin would lose the digits that matter.
-  for (Eigen::Index k = 0; k < n; ++k) right[k] = transition[k] - workspace.z[k];
-  std::copy(transition + n, transition + width, right + n);
-  for (Eigen::Index k = 0; k <= n; ++k) left[k] = weight * static_cast<double>(right[k]);
-}
-
-void JacobianPrior::SumPlaced(int rows, Workspace& workspace) const noexcept {
+void JacobianPrior::SumRows(const Eigen::VectorXi& indices, int count, double factor,
+                            Workspace& workspace) const noexcept {
+  const auto rows = static_cast<std::size_t>(count);
   const auto width = static_cast<std::size_t>(transitions_.cols());
   const auto left_width = static_cast<std::size_t>(workspace.sums.rows());
   const auto begin = static_cast<std::size_t>(workspace.states);
+  // As they differ from z: sums about the origin would lose the digits that matter.
+  internal::Differences(transitions_.row(workspace.first).data(), width, indices.data(), rows,
+                        workspace.z.data(), workspace.right.data());
+  internal::ScaleRows(workspace.right.data(), width, indices.data(), rows, workspace.weights.data(),
+                      factor, left_width - begin, workspace.left.data() + begin, left_width);
   internal::TransposedProduct(workspace.left.data() + begin, left_width, left_width - begin,
-                              workspace.right.data(), width, width, static_cast<std::size_t>(rows),
+                              workspace.right.data(), width, width, rows,
                               workspace.sums.data() + begin * width, width);
 }
 
@@ -352,10 +322,10 @@ JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
   motion_rows_ = scope_.own_motion ? n + 1 : 0;
   const int rows = motion_rows_ + (drifts_ ? 1 : 0) + m;
   a_online_ = Eigen::MatrixXd::Zero(rows, rows);
-  b_online_ = Eigen::MatrixXd::Zero(rows, n);
+  b_online_ = core::Matrix::Zero(rows, n);
   center_ = Eigen::VectorXd::Zero(n);
   a_ = Eigen::MatrixXd::Identity(rows, rows);
-  b_ = Eigen::MatrixXd::Zero(rows, n);
+  b_ = core::Matrix::Zero(rows, n);
   cholesky_ = Eigen::LLT<Eigen::MatrixXd>(a_);
   inverse_ = Eigen::MatrixXd::Identity(rows - motion_rows_, rows - motion_rows_);
   jacobian_ = Eigen::MatrixXd::Zero(n, m);
@@ -369,7 +339,7 @@ JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
   residual_ = Eigen::VectorXd::Zero(n);
   expected_ = Eigen::VectorXd::Zero(n);
   a_demo_ = Eigen::MatrixXd::Identity(n + 1, n + 1);
-  unit_ = Eigen::MatrixXd::Zero(n + 1, 1);
+  unit_ = Eigen::VectorXd::Zero(n + 1);
   cholesky_demo_ = Eigen::LLT<Eigen::MatrixXd>(a_demo_);
   h_ = Eigen::MatrixXd::Identity(m, m);
   cholesky_controls_ = Eigen::LLT<Eigen::MatrixXd>(h_);
@@ -473,14 +443,14 @@ void JacobianEstimate::AddDemonstrations() noexcept {
   const Eigen::Index moves = motion_rows_;
   const Eigen::Index states = workspace_.states;
   const Eigen::Index v = n + 1;  // In the sums; then the changes.
-  a_.bottomRightCorner(m, m) += sums.block(0, v, m, m);
-  b_.bottomRows(m) += sums.block(0, v + m, m, n);
+  a_.bottomRightCorner(m, m) += sums.block(0, v, m, m).cast<double>();
+  b_.bottomRows(m) += sums.block(0, v + m, m, n).cast<double>();
   if (moves == 0) return;
   prior_->SumStates(workspace_);
   // The lower triangle is enough.
-  a_.topLeftCorner(moves, moves) += sums.block(states, 0, moves, moves);
-  a_.bottomLeftCorner(m, moves) += sums.block(states, v, moves, m).transpose();
-  b_.topRows(moves) += sums.block(states, v + m, moves, n);
+  a_.topLeftCorner(moves, moves) += sums.block(states, 0, moves, moves).cast<double>();
+  a_.bottomLeftCorner(m, moves) += sums.block(states, v, moves, m).transpose().cast<double>();
+  b_.topRows(moves) += sums.block(states, v + m, moves, n).cast<double>();
 }
 
 void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
@@ -496,16 +466,18 @@ void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
   has_sums_ = prior_->SumControls(t, z, workspace_);
   if (has_sums_) AddDemonstrations();
   cholesky_.compute(a_);
+  const auto& lower = cholesky_.matrixLLT();
   // B becomes L^-1 B; of A^-1 B only the rows below the slopes matter.
-  cholesky_.matrixL().solveInPlace(b_);
-  const Eigen::Index rows = a_.rows() - std::max(0, motion_rows_ - 1);
-  auto answer = b_.bottomRows(rows);
-  cholesky_.matrixLLT()
-      .bottomRightCorner(rows, rows)
-      .triangularView<Eigen::Lower>()
-      .adjoint()
-      .solveInPlace(answer);
-  if (motion_rows_ > 0) own_motion_ = answer.row(0);
+  const Eigen::Index first = std::max(0, motion_rows_ - 1);
+  for (Eigen::Index i = 0; i < b_.rows(); ++i) {
+    for (Eigen::Index k = 0; k < i; ++k) b_.row(i) -= lower(i, k) * b_.row(k);
+    b_.row(i) /= lower(i, i);
+  }
+  for (Eigen::Index i = b_.rows() - 1; i >= first; --i) {
+    for (Eigen::Index k = i + 1; k < b_.rows(); ++k) b_.row(i) -= lower(k, i) * b_.row(k);
+    b_.row(i) /= lower(i, i);
+  }
+  if (motion_rows_ > 0) own_motion_ = b_.row(first);
   if (drifts_) drift_ = b_.row(motion_rows_);
   jacobian_ = b_.bottomRows(jacobian_.cols()).transpose();
   fresh_ = true;
@@ -522,17 +494,21 @@ bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
   if (!has_sums_ || !prior_->has_controls()) return false;
   prior_->SumNearStates(workspace_);
   const Eigen::Index states = workspace_.states;
-  a_demo_ = sums.block(states, 0, n + 1, n + 1);
+  a_demo_ = sums.block(states, 0, n + 1, n + 1).cast<double>();
   const double weight = a_demo_(n, n);
   if (!(weight > 0.0)) return false;
   a_demo_.diagonal().head(n).array() += kRidge * weight;
   cholesky_demo_.compute(a_demo_);
-  // At z itself, [z' - z; 1] is the last unit vector.
-  unit_.setZero();
-  unit_(n, 0) = 1.0;
-  cholesky_demo_.solveInPlace(unit_);
-  v.noalias() = sums.block(states, n + 1, n + 1, m).transpose().lazyProduct(unit_.col(0));
-  wanted_.noalias() = sums.block(states, n + 1 + m, n + 1, n).transpose().lazyProduct(unit_.col(0));
+  // At z itself, [z' - z; 1] is the last unit vector, and L^-1 of it a multiple.
+  const auto& lower = cholesky_demo_.matrixLLT();
+  for (Eigen::Index i = n; i >= 0; --i) {
+    double sum = i == n ? 1.0 / lower(n, n) : 0.0;
+    for (Eigen::Index k = i + 1; k <= n; ++k) sum -= lower(k, i) * unit_[k];
+    unit_[i] = sum / lower(i, i);
+  }
+  v.noalias() = sums.block(states, n + 1, n + 1, m).transpose().cast<double>().lazyProduct(unit_);
+  wanted_.noalias() =
+      sums.block(states, n + 1 + m, n + 1, n).transpose().cast<double>().lazyProduct(unit_);
   wanted_ -= own_motion_;
   if (drifts_) wanted_ -= Time(v.norm()) * drift_;
   h_.noalias() = jacobian_.transpose().lazyProduct(jacobian_);

@@ -37,6 +37,14 @@ struct DriftTime {
 /// Controls are v = u / us, us the root mean square of |u|, so that 1 is an ordinary control.
 class JacobianPrior {
  public:
+  /// Weights of transitions are exp(-kBandwidth |z_i - z|^2 / n), n features. Wider ones take J
+  /// from where it is another, narrower ones from so few that it is noise.
+  static constexpr double kBandwidth = 0.5;
+  /// Transitions that say what demonstrations did, which depends on where; and more, kSpread, that
+  /// say what J is, which varies little.
+  static constexpr int kNearest = 64;
+  static constexpr int kSpread = 264;
+
   /// One matrix of features (T_i + 1 x n) and of controls (T_i x m), in units of us, a
   /// demonstration. Transitions with a zero control are left out.
   /// @throws std::invalid_argument if shapes do not fit or an option is out of range.
@@ -61,19 +69,20 @@ class JacobianPrior {
   /// weights w that fall with the distance to z and sum to prior_weight. To be made by
   /// MakeWorkspace().
   struct Workspace {
-    Eigen::VectorXf z;
-    int first = 0;  ///< Transition,
-    int rows = 0;   ///< and how many of them,
-    int stride = 1;
-    int used = 0;  ///< of which J is made from `used`, every `stride`-th.
+    Eigen::VectorXf z;  ///< Then zeros, to the width of a row.
+    int first = 0;      ///< Transition,
+    int rows = 0;       ///< and how many of them are near in time.
     Eigen::VectorXf distances;
-    Eigen::VectorXf sorted;
-    Eigen::VectorXd weights;
-    Eigen::VectorXd left;   ///< w [v_i; z_i - z; 1], row by row.
-    Eigen::VectorXf right;  ///< r, row by row.
+    Eigen::VectorXd weights;  ///< Of each, to be multiplied
+    double factor = 1.0;      ///< by this, for sums that J is made from.
+    Eigen::VectorXi spread;   ///< Those that J is made from,
+    int used = 0;             ///< so many,
+    Eigen::VectorXi nearest;  ///< and those nearest to z.
+    Eigen::VectorXf left;     ///< w [v_i; z_i - z; 1], row by row.
+    Eigen::VectorXf right;    ///< r, row by row.
     /// sum w v_i r' in the rows from 0, of which z_i - z is not asked for; sum w [z_i - z; 1] r' in
     /// those from `states`.
-    core::Matrix sums;
+    Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> sums;
     int states = 0;
   };
   [[nodiscard]] Workspace MakeWorkspace() const;
@@ -82,17 +91,15 @@ class JacobianPrior {
   bool SumControls(int t, std::span<const double> z, Workspace& workspace) const noexcept;
   /// Sums of [z_i - z; 1], after SumControls().
   void SumStates(Workspace& workspace) const noexcept;
-  /// The same of the nearest transitions alone, with weights that fall faster and sum to whatever
-  /// they do.
+  /// The same of the nearest transitions alone, with weights that sum to whatever they do.
   void SumNearStates(Workspace& workspace) const noexcept;
 
  private:
   static constexpr int kWithTransitions = 4;  ///< The first version of files that hold them.
 
   JacobianPrior() = default;
-  /// Transition `i` of those near, weighted, as a row of workspace.left and workspace.right.
-  void Place(int i, int row, double weight, Workspace& workspace) const noexcept;
-  void SumPlaced(int rows, Workspace& workspace) const noexcept;
+  void SumRows(const Eigen::VectorXi& indices, int count, double factor,
+               Workspace& workspace) const noexcept;
   /// First and last transition, exclusive, of time steps t - window ... t + window.
   [[nodiscard]] std::pair<int, int> Near(int t) const noexcept;
   /// Entries of a row of transitions_.
@@ -110,7 +117,7 @@ class JacobianPrior {
   /// [z, 1, v, dz] of each transition in order of time, then zeros. In float, because sums over
   /// transitions are most of the work.
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> transitions_;
-  Eigen::MatrixXf points_;  ///< The z of transitions_, by columns.
+  Eigen::MatrixXf points_;  ///< The z of transitions_, by columns; then rows of zeros.
 };
 
 /// What a JacobianEstimate is to find out besides J.
@@ -205,10 +212,10 @@ class JacobianEstimate {
   // with a drift.
   int motion_rows_;
   Eigen::MatrixXd a_online_;
-  Eigen::MatrixXd b_online_;
+  core::Matrix b_online_;
   Eigen::VectorXd center_;  ///< z that A_on and B_on are about.
   Eigen::MatrixXd a_;
-  Eigen::MatrixXd b_;
+  core::Matrix b_;
   Eigen::LLT<Eigen::MatrixXd> cholesky_;
   Eigen::MatrixXd inverse_;  ///< Of A, its last rows: s and v.
   Eigen::MatrixXd jacobian_;
@@ -235,7 +242,7 @@ class JacobianEstimate {
 
   // Of Demonstrated().
   Eigen::MatrixXd a_demo_;
-  Eigen::MatrixXd unit_;  ///< (n + 1) x 1
+  Eigen::VectorXd unit_;  ///< n + 1
   Eigen::LLT<Eigen::MatrixXd> cholesky_demo_;
   Eigen::MatrixXd h_;
   Eigen::LLT<Eigen::MatrixXd> cholesky_controls_;

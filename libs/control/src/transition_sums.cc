@@ -1,0 +1,233 @@
+#include "transition_sums.h"
+
+#include <cstring>
+#include <limits>
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "transition_sums.cc"
+// Each needs the one before. clang-format would sort them.
+// clang-format off
+#include "hwy/foreach_target.h"  // recompiles this file for each instruction set
+#include "hwy/highway.h"
+#include "hwy/contrib/math/math-inl.h"
+// clang-format on
+HWY_BEFORE_NAMESPACE();
+namespace dfr::control::internal::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+using Doubles = hn::CappedTag<double, kWidth>;
+using Floats = hn::CappedTag<float, kPadding>;
+using Row = hn::CappedTag<float, kWidth>;
+
+// Lane by lane over rows, and over what is behind them.
+void Distances(const float* points, std::size_t column_stride, std::size_t dim, const float* z,
+               std::size_t rows, float* distances) {
+  const Floats d;
+  const std::size_t lanes = hn::Lanes(d);
+  for (std::size_t i = 0; i < rows; i += lanes) {
+    auto sum = hn::Zero(d);
+    const float* column = points + i;
+    for (std::size_t k = 0; k < dim; ++k, column += column_stride) {
+      const auto difference = hn::Sub(hn::LoadU(d, column), hn::Set(d, z[k]));
+      sum = hn::MulAdd(difference, difference, sum);
+    }
+    hn::StoreU(sum, d, distances + i);
+  }
+}
+
+// Exponentials of floats differ between processors by more than all that is computed from them.
+void WeightsOf(const float* distances, std::size_t rows, float least, double scale,
+               double* weights) {
+  const Doubles d;
+  const hn::Rebind<float, decltype(d)> narrow;
+  const std::size_t lanes = hn::Lanes(d);
+  const auto by = hn::Set(d, -scale);
+  const auto from = hn::Set(d, static_cast<double>(least));
+  for (std::size_t i = 0; i < rows; i += lanes) {
+    const auto distance = hn::PromoteTo(d, hn::LoadU(narrow, distances + i));
+    hn::StoreU(hn::Exp(d, hn::Mul(by, hn::Sub(distance, from))), d, weights + i);
+  }
+}
+
+// What is behind the rows does not count.
+HWY_INLINE std::size_t CountAtMost(const float* distances, std::size_t rows, float bound) {
+  const Floats d;
+  const std::size_t lanes = hn::Lanes(d);
+  const auto most = hn::Set(d, bound);
+  std::size_t count = 0;
+  std::size_t i = 0;
+  for (; i + lanes <= rows; i += lanes) {
+    count += hn::CountTrue(d, hn::Le(hn::LoadU(d, distances + i), most));
+  }
+  for (; i < rows; ++i) count += distances[i] <= bound ? 1 : 0;
+  return count;
+}
+
+// Floats that are not negative are ordered as their bits are.
+float FloatOf(std::uint32_t bits) {
+  float value;
+  std::memcpy(&value, &bits, sizeof value);
+  return value;
+}
+
+std::uint32_t BitsOf(float value) {
+  std::uint32_t bits;
+  std::memcpy(&bits, &value, sizeof bits);
+  return bits;
+}
+
+void NearestOf(const float* distances, std::size_t rows, std::size_t count, std::int32_t* indices) {
+  // A bound that `count` distances are within, or the smallest that so many are within.
+  std::uint32_t low = 0;
+  std::uint32_t high = BitsOf(std::numeric_limits<float>::infinity());
+  std::uint32_t bound = high;
+  while (low < high) {
+    const std::uint32_t middle = low + (high - low) / 2;
+    const std::size_t within = CountAtMost(distances, rows, FloatOf(middle));
+    if (within >= count) {
+      high = bound = middle;
+      if (within == count) break;
+    } else {
+      low = middle + 1;
+    }
+  }
+  const float farthest = FloatOf(bound);
+  std::size_t placed = 0;
+  for (std::size_t i = 0; i < rows; ++i) {
+    indices[placed] = static_cast<std::int32_t>(i);
+    placed += distances[i] < farthest ? 1 : 0;
+  }
+  for (std::size_t i = 0; placed < count; ++i) {
+    if (distances[i] == farthest) indices[placed++] = static_cast<std::int32_t>(i);
+  }
+}
+
+void DifferencesOf(const float* rows, std::size_t width, const std::int32_t* indices,
+                   std::size_t count, const float* z, float* right) {
+  const Row d;
+  const std::size_t lanes = hn::Lanes(d);
+  for (std::size_t i = 0; i < count; ++i, right += width) {
+    const float* row = rows + static_cast<std::size_t>(indices[i]) * width;
+    for (std::size_t k = 0; k < width; k += lanes) {
+      hn::StoreU(hn::Sub(hn::LoadU(d, row + k), hn::LoadU(d, z + k)), d, right + k);
+    }
+  }
+}
+
+void Scale(const float* rows, std::size_t row_stride, const std::int32_t* indices,
+           std::size_t count, const double* weights, double factor, std::size_t n_left, float* left,
+           std::size_t left_stride) {
+  const Row d;
+  const std::size_t lanes = hn::Lanes(d);
+  for (std::size_t i = 0; i < count; ++i, rows += row_stride, left += left_stride) {
+    const auto weight = hn::Set(d, static_cast<float>(factor * weights[indices[i]]));
+    for (std::size_t k = 0; k < n_left; k += lanes) {
+      hn::StoreU(hn::Mul(weight, hn::LoadU(d, rows + k)), d, left + k);
+    }
+  }
+}
+
+// The columns from `column` on that a vector holds. kWidth rows of sums at a time keep their sums
+// in registers, and the multipliers busy.
+template <class D>
+HWY_INLINE void Columns(D d, const float* left, std::size_t left_stride, std::size_t n_left,
+                        const float* right, std::size_t right_stride, std::size_t rows, float* sums,
+                        std::size_t sums_stride) {
+  using V = hn::Vec<D>;
+  for (std::size_t first = 0; first < n_left; first += kWidth) {
+    V s0 = hn::Zero(d);
+    V s1 = s0;
+    V s2 = s0;
+    V s3 = s0;
+    V s4 = s0;
+    V s5 = s0;
+    V s6 = s0;
+    V s7 = s0;
+    const float* a = left + first;
+    const float* b = right;
+    for (std::size_t i = 0; i < rows; ++i, a += left_stride, b += right_stride) {
+      const V x = hn::LoadU(d, b);
+      s0 = hn::MulAdd(hn::Set(d, a[0]), x, s0);
+      s1 = hn::MulAdd(hn::Set(d, a[1]), x, s1);
+      s2 = hn::MulAdd(hn::Set(d, a[2]), x, s2);
+      s3 = hn::MulAdd(hn::Set(d, a[3]), x, s3);
+      s4 = hn::MulAdd(hn::Set(d, a[4]), x, s4);
+      s5 = hn::MulAdd(hn::Set(d, a[5]), x, s5);
+      s6 = hn::MulAdd(hn::Set(d, a[6]), x, s6);
+      s7 = hn::MulAdd(hn::Set(d, a[7]), x, s7);
+    }
+    float* out = sums + first * sums_stride;
+    hn::StoreU(s0, d, out);
+    hn::StoreU(s1, d, out + sums_stride);
+    hn::StoreU(s2, d, out + 2 * sums_stride);
+    hn::StoreU(s3, d, out + 3 * sums_stride);
+    hn::StoreU(s4, d, out + 4 * sums_stride);
+    hn::StoreU(s5, d, out + 5 * sums_stride);
+    hn::StoreU(s6, d, out + 6 * sums_stride);
+    hn::StoreU(s7, d, out + 7 * sums_stride);
+  }
+}
+
+void Product(const float* left, std::size_t left_stride, std::size_t n_left, const float* right,
+             std::size_t right_stride, std::size_t n_right, std::size_t rows, float* sums,
+             std::size_t sums_stride) {
+  std::size_t column = 0;
+  const auto columns = [&](auto d) HWY_ATTR {
+    for (; column + hn::Lanes(d) <= n_right; column += hn::Lanes(d)) {
+      Columns(d, left, left_stride, n_left, right + column, right_stride, rows, sums + column,
+              sums_stride);
+    }
+  };
+  columns(Floats());
+  columns(Row());
+}
+
+}  // namespace dfr::control::internal::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace dfr::control::internal {
+
+HWY_EXPORT(Distances);
+HWY_EXPORT(WeightsOf);
+HWY_EXPORT(NearestOf);
+HWY_EXPORT(DifferencesOf);
+HWY_EXPORT(Scale);
+HWY_EXPORT(Product);
+
+void SquaredDistances(const float* points, std::size_t column_stride, std::size_t dim,
+                      const float* z, std::size_t rows, float* distances) noexcept {
+  HWY_DYNAMIC_DISPATCH(Distances)(points, column_stride, dim, z, rows, distances);
+}
+
+void Weights(const float* distances, std::size_t rows, float least, double scale,
+             double* weights) noexcept {
+  HWY_DYNAMIC_DISPATCH(WeightsOf)(distances, rows, least, scale, weights);
+}
+
+void Nearest(const float* distances, std::size_t rows, std::size_t count,
+             std::int32_t* indices) noexcept {
+  HWY_DYNAMIC_DISPATCH(NearestOf)(distances, rows, count, indices);
+}
+
+void Differences(const float* rows, std::size_t width, const std::int32_t* indices,
+                 std::size_t count, const float* z, float* right) noexcept {
+  HWY_DYNAMIC_DISPATCH(DifferencesOf)(rows, width, indices, count, z, right);
+}
+
+void ScaleRows(const float* rows, std::size_t row_stride, const std::int32_t* indices,
+               std::size_t count, const double* weights, double factor, std::size_t n_left,
+               float* left, std::size_t left_stride) noexcept {
+  HWY_DYNAMIC_DISPATCH(Scale)
+  (rows, row_stride, indices, count, weights, factor, n_left, left, left_stride);
+}
+
+void TransposedProduct(const float* left, std::size_t left_stride, std::size_t n_left,
+                       const float* right, std::size_t right_stride, std::size_t n_right,
+                       std::size_t rows, float* sums, std::size_t sums_stride) noexcept {
+  HWY_DYNAMIC_DISPATCH(Product)
+  (left, left_stride, n_left, right, right_stride, n_right, rows, sums, sums_stride);
+}
+
+}  // namespace dfr::control::internal
+#endif  // HWY_ONCE

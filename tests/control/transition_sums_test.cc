@@ -1,0 +1,117 @@
+#include "transition_sums.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <numeric>
+#include <vector>
+
+#include "dfr/core/random.h"
+
+namespace dfr::control::internal {
+namespace {
+
+class TransitionSumsTest : public testing::TestWithParam<std::size_t> {
+ protected:
+  std::vector<float> Uniform(std::size_t count) {
+    std::vector<float> values(count);
+    for (float& value : values) value = static_cast<float>(random_.Uniform(-1.0, 1.0));
+    return values;
+  }
+
+  core::Random random_{7};
+};
+
+TEST_P(TransitionSumsTest, DistancesAndWeightsAreTheirDefinitions) {
+  constexpr std::size_t kDim = 5;
+  constexpr double kScale = 0.7;
+  const std::size_t rows = GetParam();
+  const std::size_t stride = rows + kPadding;
+  const std::vector<float> points = Uniform(stride * kDim);
+  const std::vector<float> z = Uniform(kDim);
+  std::vector<float> distances(rows + kPadding);
+  SquaredDistances(points.data(), stride, kDim, z.data(), rows, distances.data());
+  const float least = *std::min_element(distances.begin(), distances.begin() + rows);
+  std::vector<double> weights(rows + kPadding);
+  Weights(distances.data(), rows, least, kScale, weights.data());
+  for (std::size_t i = 0; i < rows; ++i) {
+    double expected = 0.0;
+    for (std::size_t k = 0; k < kDim; ++k) {
+      expected += std::pow(static_cast<double>(points[k * stride + i]) - z[k], 2.0);
+    }
+    EXPECT_NEAR(distances[i], expected, 1e-6 * expected);
+    const double weight = std::exp(-kScale * (static_cast<double>(distances[i]) - least));
+    EXPECT_NEAR(weights[i], weight, 1e-14);
+  }
+}
+
+TEST_P(TransitionSumsTest, NearestAreThoseOfASort) {
+  const std::size_t rows = GetParam();
+  std::vector<float> distances(rows);
+  // Few values, so that many distances are equal, and some as far as can be.
+  for (float& d : distances) d = static_cast<float>(std::floor(random_.Uniform(0.0, 9.0)));
+  distances.back() = std::numeric_limits<float>::infinity();
+  std::vector<std::int32_t> sorted(rows);
+  std::iota(sorted.begin(), sorted.end(), 0);
+  std::stable_sort(sorted.begin(), sorted.end(), [&](std::int32_t a, std::int32_t b) {
+    return distances[static_cast<std::size_t>(a)] < distances[static_cast<std::size_t>(b)];
+  });
+  for (std::size_t count = 1; count <= rows; count += 1 + count / 2) {
+    std::vector<std::int32_t> nearest(count + 1);
+    Nearest(distances.data(), rows, count, nearest.data());
+    nearest.pop_back();
+    std::sort(nearest.begin(), nearest.end());
+    std::vector<std::int32_t> expected(sorted.begin(),
+                                       sorted.begin() + static_cast<std::ptrdiff_t>(count));
+    std::sort(expected.begin(), expected.end());
+    EXPECT_EQ(nearest, expected) << count << " of " << rows;
+  }
+}
+
+TEST_P(TransitionSumsTest, SumsAreThoseOfWeightedOuterProducts) {
+  constexpr std::size_t kLeft = kWidth;
+  constexpr std::size_t kRight = 3 * kWidth;  // One wide vector and a narrow one.
+  constexpr double kFactor = 3.0;
+  const std::size_t rows = GetParam();
+  const std::vector<float> table = Uniform(rows * kRight);
+  const std::vector<float> z = Uniform(kRight);
+  std::vector<double> weights(rows);
+  for (double& weight : weights) weight = random_.Uniform(0.0, 1.0);
+  // Every second row, backwards.
+  std::vector<std::int32_t> indices;
+  for (std::size_t i = rows; i-- > 0;) {
+    if (i % 2 == 0) indices.push_back(static_cast<std::int32_t>(i));
+  }
+  std::vector<float> right(indices.size() * kRight);
+  std::vector<float> left(indices.size() * kLeft);
+  std::vector<float> sums(kLeft * kRight);
+  Differences(table.data(), kRight, indices.data(), indices.size(), z.data(), right.data());
+  ScaleRows(right.data(), kRight, indices.data(), indices.size(), weights.data(), kFactor, kLeft,
+            left.data(), kLeft);
+  TransposedProduct(left.data(), kLeft, kLeft, right.data(), kRight, kRight, indices.size(),
+                    sums.data(), kRight);
+  for (std::size_t a = 0; a < kLeft; ++a) {
+    for (std::size_t b = 0; b < kRight; ++b) {
+      double expected = 0.0;
+      double size = 0.0;
+      for (std::size_t i = 0; i < rows; i += 2) {
+        const double term = kFactor * weights[i] *
+                            (static_cast<double>(table[i * kRight + a]) - z[a]) *
+                            (static_cast<double>(table[i * kRight + b]) - z[b]);
+        expected += term;
+        size += std::abs(term);
+      }
+      EXPECT_NEAR(sums[a * kRight + b], expected, 1e-6 * size) << a << ", " << b;
+    }
+  }
+}
+
+// Less than a vector, whole ones, and a rest.
+INSTANTIATE_TEST_SUITE_P(Rows, TransitionSumsTest, testing::Values(1, 3, 16, 31, 64, 527));
+
+}  // namespace
+}  // namespace dfr::control::internal
