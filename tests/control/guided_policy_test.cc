@@ -379,6 +379,28 @@ TEST(GuidedModelTest, SlackIsWhatUnseenDemonstrationsNeed) {
 }
 
 // Where no control changes anything there is nothing to gain, and it stops in the end.
+// The goal may lie at the edge of the last support, which does not move on.
+TEST(GuidedPolicyTest, DoesNotStandStillInTheLastSupport) {
+  const auto support = MovingDisk();
+  const GuidedModel model(Identity(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, kSpeed);
+  GuidedOptions options;
+  options.horizon = 3 * kSteps;
+  GuidedPolicy guided(policy, model, options);
+  guided.Reset(1);
+  // Where the last support ends.
+  double edge = kSteps * kSpeed;
+  while (support.LogDecision(kSteps, std::vector{edge, 0.0}, {}) >= 0.0) edge += 0.01;
+  Turned plant;
+  std::vector<double> u(2);
+  for (int control = 0; control < kSteps + 10; ++control) {
+    ASSERT_NE(guided.Next(plant.x, u).mode, Mode::kHalt);
+    plant.Apply(u);
+  }
+  EXPECT_GE(plant.x[0], edge - kSpeed / 2.0);
+  EXPECT_LE(plant.x[0], edge + kSpeed / 2.0) << "and does not leave it";
+}
+
 TEST(GuidedPolicyTest, HoldsWhereNothingHelps) {
   const auto support = MovingDisk();
   const GuidedModel model(Identity(), support, Rightwards());
@@ -604,7 +626,7 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
       // reach: the point is 0.02 away from where it could be, with an object off to the side that
       // no control moves.
       if (part == "reach") {
-        const test::GaussianSupport aside({{0.0, 0.0}}, 4.0, 0.38);
+        const test::GaussianSupport aside({{0.0, 0.0}}, 4.0, 0.38, {}, kSteps + 1);
         const GuidedModel at_edge(Identity(), aside, Rightwards(), {.slack = 0.2});
         GuidedOptions limited = options;
         limited.control_limit = 0.002;

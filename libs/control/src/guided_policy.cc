@@ -21,6 +21,8 @@ constexpr double kUnknown = 5.0;
 // A support from so few demonstrations that others are further outside than this does not know the
 // task, whatever their slack.
 constexpr double kMostReach = 0.8;
+// Inside, whatever rounding does.
+constexpr double kInside = 1e-6;
 // A certified control of which less than this share passes is a stall; so many in a row end it.
 constexpr double kLeastShare = 0.02;
 constexpr int kMaxStalls = 3;
@@ -216,6 +218,8 @@ bool GuidedPolicy::DeepInside(double level) const noexcept {
 GuidedPolicy::Choice GuidedPolicy::Choose(const LocalModel& model) noexcept {
   const int next = tracker_.phase() + 1;
   const StepTarget target{next, Gate(next)};
+  // The last support does not move on: deep inside it, or where it is nearest, a task would stop.
+  const bool last = next >= model_->support().num_steps();
   const double learned = model.Level(next, v_);
   if (learned >= (options_.tolerance > 0.0 ? -options_.tolerance : target.level)) {
     return {Mode::kPolicy, std::max(learned, 0.0)};
@@ -228,7 +232,7 @@ GuidedPolicy::Choice GuidedPolicy::Choose(const LocalModel& model) noexcept {
   if (known) {
     trial_ = trial_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
     demonstrated_ = trial_;
-    demonstrated = RaiseLevel(model, target, limits_, trial_);
+    demonstrated = RaiseLevel(model, {next, last ? kInside : target.level}, limits_, trial_);
     if (demonstrated >= 0.0) {
       v_ = trial_;
       return {corrected, demonstrated};
@@ -236,7 +240,7 @@ GuidedPolicy::Choice GuidedPolicy::Choose(const LocalModel& model) noexcept {
   }
   const double filtered = RaiseLevel(model, target, limits_, v_);
   if (filtered >= 0.0) return {Mode::kPolicy, filtered};
-  if (std::max(demonstrated, filtered) >= -reach_) {
+  if (!(known && last) && std::max(demonstrated, filtered) >= -reach_) {
     if (demonstrated <= filtered) return {Mode::kPolicy, 0.0};
     v_ = trial_;
     return {corrected, 0.0};
