@@ -83,7 +83,8 @@ struct GuidedOptions {
 ///      applied.
 ///   3. v <- RaiseLevel(v_hat, hi). If it leads inside, v is applied; if it does not, the better of
 ///      both is, where the support is near (reach). Otherwise v_d is: where nothing leads inside,
-///      what demonstrations did is known to go on, and what J promises is not.
+///      what demonstrations did is known to go on, and what J promises is not. In the last phase 2
+///      raises to l = 0 alone, and nothing passes within reach: that support does not move on.
 ///   4. If that is not predicted to end inside (in a drift: not to end at hi) and J hardly knows a
 ///      direction of control, a probe along it is applied instead.
 ///   5. The phase advances if the prediction is inside B_{tau+1} or passes within reach; otherwise
