@@ -1,0 +1,14 @@
+// Ledgers: as they come, and as one line behind another one's header.
+#include <stdexcept>
+
+#include "dfr/experiment/ledger.h"
+#include "tests/fuzz/input_file.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  try {
+    static_cast<void>(
+        dfr::experiment::ReadLedger(dfr::fuzz::InputFile(dfr::fuzz::AsText(data, size))));
+  } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
+  }
+  return 0;
+}
