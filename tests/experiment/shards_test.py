@@ -148,8 +148,9 @@ class ShardsTest(unittest.TestCase):
 
     def test_episodes_have_ids_and_the_worst_come_first(self):
         self.run_program("experiment", "--out", "run")
-        lines = self.run_program("episodes", "run", "--method", "dfr", "--most", "0").splitlines()
+        *lines, last = self.run_program("episodes", "run", "--method", "dfr", "--most", "0").splitlines()
         self.assertEqual(len(lines), 20 * 12)
+        self.assertRegex(last, r"^240 of 240 episodes, 100.00 %; on average [\d.]+ controls, [\d.]+ of recovery$")
         outcomes = [line.split()[1].rstrip(":") for line in lines]
         self.assertEqual(outcomes, sorted(outcomes, key=["collided", "halted", "completed"].index))
         self.assertRegex(lines[0], r"^\d/(6|60)/(8|64-64)/dfr/\d+  collided: policy  \d+ controls, \d+ of recovery$")
@@ -157,9 +158,33 @@ class ShardsTest(unittest.TestCase):
                     if (c["method"], c["learner"], c["demonstrations"]) == ("dfr", "8", 6))
         of_cell = self.run_program("episodes", "run", "--method", "dfr", "--learner", "8", "--demonstrations", 6,
                                    "--outcome", "halted", "--most", "0").splitlines()
-        self.assertEqual(len(of_cell), round(cell["halted"] * cell["episodes"]))
+        self.assertEqual(len(of_cell) - 1, round(cell["halted"] * cell["episodes"]))
+        self.assertIn(f"{len(of_cell) - 1} of {cell['episodes']} episodes, {100 * cell['halted']:.2f} %", of_cell[-1])
         self.assertIn('title="fake_experiment episodes FOLDER --learner 8 --method dfr --demonstrations 6 --outcome halted"',
                       (self.folder / "run/report.html").read_text())
+
+    def test_episodes_may_be_chosen_by_how_another_method_ended(self):
+        self.run_program("experiment", "--out", "run")
+        def episodes(*options):
+            *lines, last = self.run_program("episodes", "run", "--learner", "8", "--most", 0, *options).splitlines()
+            self.assertEqual(int(last.split()[0]), len(lines))
+            return {tuple(line.split("  ")[0].split("/")[k] for k in (0, 1, 4)) for line in lines}
+        collided = episodes("--method", "baseline", "--outcome", "collided")
+        done = episodes("--method", "dfr", "--outcome", "completed,halted")
+        saved = episodes("--method", "dfr", "--outcome", "completed,halted", "--against", "baseline=collided")
+        self.assertEqual(saved, collided & done)
+        self.assertTrue(saved and saved < done)
+        contrast = next(c for c in json.loads(self.bytes_of("run/summary.json"))["contrasts"]
+                        if (c["method"], c["learner"]) == ("dfr", "8"))
+        self.assertEqual(len(episodes("--method", "baseline", "--outcome", "collided", "--against", "dfr=halted,completed")),
+                         contrast["only_reference_collided"])
+        for options, says in [(("--against", "dfr"), "--against wants METHOD=OUTCOME"),
+                              (("--against", "dfr=won"), "there is no outcome 'won'"),
+                              (("--against", "magic=halted"), "there is no method 'magic'; there are baseline, "),
+                              (("--method", "magic"), "there is no method 'magic'; there are baseline, "),
+                              (("--learner", "magic"), "there is no learner 'magic'; there are 8, 64-64"),
+                              (("--demonstrations", 7), "there is no data point '7'")]:
+            self.assertIn(says, self.run_program("episodes", "run", *options, fails=True))
 
 
 if __name__ == "__main__":

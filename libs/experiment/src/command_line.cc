@@ -364,9 +364,13 @@ void Add(CLI::App& app, Added& added) {
   added.episodes->add_option("--demonstrations", added.filter.demonstrations,
                              "of one data point alone");
   added.episodes
-      ->add_option("--outcome", added.filter.outcome, "completed, halted or collided alone")
+      ->add_option("--outcome", added.filter.outcomes, "completed, halted or collided alone")
+      ->delimiter(',')
       ->check(CLI::IsMember({"completed", "halted", "collided"}));
   added.episodes->add_option("--cause", added.filter.cause, "of one cause alone");
+  added.episodes->add_option_function<std::string>(
+      "--against", [&added](const std::string& text) { added.filter.against = ParsePartner(text); },
+      "METHOD=OUTCOME: from start states alone from which that method ended so");
   added.episodes->add_option("--most", added.most, "so many lines; 0: all")->capture_default_str();
   added.rerun = app.add_subcommand("rerun", "one episode again, and other methods beside it");
   added.rerun->add_option("folder", added.run, "of its run")->required();
