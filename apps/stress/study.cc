@@ -138,7 +138,7 @@ std::string HarmedCommand(const Row& row) {
   return CommandOf(row, {"halted", "collided"}, {"completed"});
 }
 
-// Of the two numbers of Outcomes(), and of Compared().
+// The commands of the two numbers of Outcomes(), and of those of Compared().
 std::string OutcomesCommand(const Row& row) {
   return CommandOf(row, {"completed"}) + "\n" + CommandOf(row, {"collided"});
 }

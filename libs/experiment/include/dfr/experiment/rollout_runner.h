@@ -67,7 +67,7 @@ class RolloutRunner : public TrialRunner {
   [[nodiscard]] virtual bool CollidesAfterHalt() { return false; }
 
  private:
-  // Of the rollout that has just ended.
+  // The episode of a rollout that has just ended.
   EpisodeResult ResultOf(const control::RolloutResult& result);
 
   std::unique_ptr<core::SimulatedPlant> plant_;
