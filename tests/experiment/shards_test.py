@@ -122,6 +122,31 @@ class ShardsTest(unittest.TestCase):
         self.assertIn("11 of 20 units are finished", text)
         self.assertIn("stopped", text)
 
+    def test_status_tells_runs_of_a_grid_apart(self):
+        for gamma in (1, 5):
+            for k in (1, 2):
+                self.run_program("experiment", "--gamma", gamma, "--shard", f"{k}/2", "--out", f"grid/gamma={gamma}/shard-{k}")
+        # A task that failed before it had a ledger.
+        failed = self.folder / "grid/gamma=5/shard-3"
+        failed.mkdir()
+        error = self.run_program("experiment", "--gama", 5, "--out", failed, fails=True)
+        self.assertEqual(len(error.splitlines()), 1, error)
+        (failed / "task.log").write_text("begun\n" + error)
+        one, five = json.loads(self.run_program("status", "grid", "--json"))
+        self.assertEqual([one["done"], one["units"], len(one["ledgers"])], [20, 20, 2])
+        self.assertEqual([five["done"], five["units"], len(five["ledgers"])], [20, 20, 3])
+        text = self.run_program("status", "grid")
+        self.assertIn("2 runs, 40 of 40 units are finished", text)
+        self.assertRegex(text, r"stopped    grid/gamma=5/shard-3/ledger.jsonl\n +task.log: .*--gama")
+        for gamma in (1, 5):
+            self.run_program("merge", *(f"grid/gamma={gamma}/shard-{k}" for k in (1, 2)), "--out", f"grid/gamma={gamma}")
+        text = self.run_program("status", "grid")
+        self.assertIn("2 runs, 40 of 40 units are finished", text)
+        self.assertNotIn("shard-", text)
+        # A run of which no task came so far.
+        self.assertIn("0 of 0 units are finished", self.run_program("status", failed))
+        self.assertIn("there is no ledger.jsonl", self.run_program("status", "nowhere", fails=True))
+
     def test_status_sees_a_run_from_outside(self):
         child = subprocess.Popen([PROGRAM, "experiment", "--unit-ms", "200", "--threads", "1", "--out", "run"],
                                  cwd=self.folder, stderr=subprocess.DEVNULL)

@@ -473,6 +473,10 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
 
 std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   if (app.get_name().empty()) app.name(std::filesystem::path(argv[0]).filename().string());
+  // One line: of a task's log status shows the last.
+  app.failure_message([](const CLI::App* program, const CLI::Error& e) {
+    return program->get_name() + ": " + e.what() + "; --help says what there is\n";
+  });
   Added added;
   Add(app, added);
   const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
@@ -487,8 +491,8 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
     if (added.merge->parsed()) {
       ParseWithConfiguration(app, Merge(added.folders, added.out), PresentArguments());
     } else if (added.status->parsed()) {
-      const Status status = StatusOf(LedgersIn(added.folders));
-      std::cout << (added.json ? ToJson(status) : ToText(status));
+      const std::vector<Status> statuses = StatusesOf(added.folders);
+      std::cout << (added.json ? ToJson(statuses) : ToText(statuses));
       return EXIT_SUCCESS;
     } else if (added.episodes->parsed()) {
       PrintEpisodes(LedgersIn(added.folders), added.filter, added.most, std::cout);
