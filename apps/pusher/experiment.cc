@@ -212,7 +212,8 @@ experiment::ReportFigure ConvergenceFigure(const std::vector<ConvergenceCurve>& 
       std::to_string(kRecoveries) + " recoveries: learner " + plan.learners.front() + ", " +
       std::to_string(plan.demonstrations.back()) +
       " demonstrations. The oracle simulates its probes and applies none of them; an iteration of "
-      "DFR is a probe and a step. Guided recovery climbs the same g here.";
+      "DFR is a probe and a step. Guided recovery climbs the same g here. pusher experiment "
+      "--config FOLDER/run.toml --out FOLDER prints these figures again.";
   for (const bool iterations : {true, false}) {
     experiment::ReportPlot plot;
     plot.title = iterations ? "Over iterations" : "Over applied controls";

@@ -58,6 +58,36 @@ class ShardsTest(unittest.TestCase):
         error = self.run_program("experiment", "--shard", "2/2", "--out", "a", fails=True)
         self.assertIn('shard is "1/2" there and "2/2" now', error)
 
+    def test_what_is_merged_stays_as_it_is(self):
+        for k in (1, 2):
+            self.run_program("experiment", "--shard", f"{k}/2", "--out", f"Ä b/{k}")
+        self.run_program("merge", "Ä b", "--out", "ganz \u65e5")
+        kept = self.bytes_of("ganz \u65e5/ledger.jsonl"), self.bytes_of("ganz \u65e5/summary.json")
+        # A shard of another seed, one with a flipped bit, and a file that is none.
+        self.run_program("experiment", "--seed", 7, "--shard", "1/2", "--out", "seed")
+        flipped = self.folder / "flipped"
+        flipped.mkdir()
+        text = bytearray(self.bytes_of("Ä b/1/ledger.jsonl"))
+        text[len(text) // 2] ^= 4
+        (flipped / "ledger.jsonl").write_bytes(text)
+        (flipped / "run.toml").write_bytes(self.bytes_of("Ä b/1/run.toml"))
+        other = self.folder / "other"
+        other.mkdir()
+        (other / "ledger.jsonl").write_text("{}\n")
+        (other / "run.toml").write_bytes(self.bytes_of("Ä b/1/run.toml"))
+        for folder, says in (("seed", "seed is 7 there and 2018 now"), ("flipped", "is damaged: its checksum does not match"),
+                             ("other", "is not a ledger of a paired evaluation")):
+            self.assertIn(says, self.run_program("merge", folder, "--out", "ganz \u65e5", fails=True))
+        for shard in ("0/2", "3/2", "1/0", "1", "a/b", "-1/2"):
+            error = self.run_program("experiment", f"--shard={shard}", "--out", "ganz \u65e5", fails=True)
+            self.assertIn(f"a shard is K/N with 1 <= K <= N, as in 2/7, not '{shard}'", error)
+        error = self.run_program("experiment", "--shard", "1/2", "--out", "ganz \u65e5", fails=True)
+        self.assertIn('shard is "1/1" there and "1/2" now', error)
+        # What is whole is merged and resumed without anything to do.
+        self.run_program("merge", "Ä b/1", "--out", "ganz \u65e5")
+        self.run_program("experiment", "--config", "ganz \u65e5/run.toml", "--out", "ganz \u65e5")
+        self.assertEqual((self.bytes_of("ganz \u65e5/ledger.jsonl"), self.bytes_of("ganz \u65e5/summary.json")), kept)
+
     def test_a_configuration_starts_the_same_run_again(self):
         self.run_program("experiment", "--gamma", "7", "--seed", "11", "--methods", "baseline,dfr",
                          "--demonstrations", "12,24", "--out", "one")

@@ -495,9 +495,12 @@ class Page {
     }
     out_ << "</tbody></table></div>\n</details>\n";
     if (summary_.measures.empty()) return;
-    out_ << "<h3>Further figures, means over trials</h3>\n<details><summary>Show</summary>\n"
-            "<div class=\"wide\"><table><thead><tr><th>Figure</th><th>Learner</th>"
-            "<th class=\"n\">Demonstrations</th><th class=\"n\">Mean</th></tr></thead><tbody>\n";
+    out_
+        << "<h3>Further figures, means over trials</h3>\n<p class=\"caption\">They are of what was "
+           "learned, not of episodes: the entries \"measures\" of "
+           "summary.json.</p>\n<details><summary>Show</summary>\n"
+           "<div class=\"wide\"><table><thead><tr><th>Figure</th><th>Learner</th>"
+           "<th class=\"n\">Demonstrations</th><th class=\"n\">Mean</th></tr></thead><tbody>\n";
     for (const MeasureMean& measure : summary_.measures) {
       out_ << "<tr><td>" << Escape(measure.name) << "</td><td>" << Escape(measure.learner)
            << "</td><td class=\"n\">" << measure.demonstrations << "</td><td class=\"n\">"

@@ -74,7 +74,7 @@ class Run {
   [[nodiscard]] bool Has(const LedgerHeader& header) const {
     return header_ && Difference(*header_, header).empty();
   }
-  // Of tasks without a unit nothing else is known.
+  // Nothing else is known of a task without a unit.
   [[nodiscard]] bool IsIn(const std::filesystem::path& folder) const { return folder_ == folder; }
 
   // Null: no unit is finished yet.
