@@ -3,6 +3,7 @@
 usage: experiment_test.py
 """
 
+import importlib.util
 import json
 import os
 import pathlib
@@ -125,6 +126,14 @@ class ExperimentTest(unittest.TestCase):
         self.assertEqual(process.returncode != 0, fails, out + error)
         return error if fails else out
 
+    def import_program(self):
+        specification = importlib.util.spec_from_file_location("own_experiment", self.program)
+        module = importlib.util.module_from_spec(specification)
+        sys.modules["own_experiment"] = module  # where inspect finds the file of its classes
+        self.addCleanup(sys.modules.pop, "own_experiment")
+        specification.loader.exec_module(module)
+        return module
+
     def bytes_of(self, name):
         return (self.folder / name).read_bytes()
 
@@ -150,10 +159,7 @@ class ExperimentTest(unittest.TestCase):
     def test_an_episode_can_be_run_again(self):
         self.run_program(self.program, "experiment", *SMALL, "--out", "run", "--ahead", 0.9)
         lines = self.run_program(self.program, "episodes", "run", "--most", 0).splitlines()
-        sys.path.insert(0, str(self.folder))
-        self.addCleanup(sys.path.remove, str(self.folder))
-        import own_experiment
-
+        own_experiment = self.import_program()
         corridor = own_experiment.Corridor()
         for line in (lines[0], next(line for line in lines if "/guided/" in line)):
             name, outcome, controls = line.split("  ")[0], line.split("  ")[1], line.split("  ")[2]
@@ -190,10 +196,7 @@ class ExperimentTest(unittest.TestCase):
         self.assertIn(f"baseline: {line.split('  ')[1]} after {actions} controls", page)
         # The animation is beside it: a picture for each state of the longer episode, two plants wide.
         self.run_program(self.program, "rerun", "run", name, "--film", "film.png")
-        sys.path.insert(0, str(self.folder))
-        self.addCleanup(sys.path.remove, str(self.folder))
-        import own_experiment
-
+        own_experiment = self.import_program()
         corridor = own_experiment.Corridor()
         states = corridor.replay(self.folder / "run", name)["baseline"].states
         pictures = frames_of(self.bytes_of("film.png"))

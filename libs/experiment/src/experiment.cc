@@ -60,12 +60,10 @@ void RunAgain(const EvaluationPlan& plan, const MakeTrialRunner& make,
   for (const std::string& name : names) {
     const auto found = std::ranges::find(plan.methods, name);
     if (found == plan.methods.end()) {
-      std::string known;
-      for (const std::string& method : plan.methods) {
-        known.append(known.empty() ? "" : ", ").append(method);
-      }
-      throw std::runtime_error(options.out.string() + ": the run has no method '" + name +
-                               "'; it has " + known);
+      std::string error = options.out.string();
+      error.append(": the run has no method '").append(name).append("'; it has");
+      for (const std::string& method : plan.methods) error.append(" ").append(method);
+      throw std::runtime_error(error);
     }
     methods.push_back(static_cast<int>(found - plan.methods.begin()));
   }
