@@ -33,6 +33,12 @@ class Tip:
     def completed(self):
         return self.at[0] >= END
 
+    def render(self):  # for films alone: an RGB picture
+        y, x = np.mgrid[0.6:-0.6:120j, -0.2:3.2:340j]
+        walls, tip = abs(y - centre(x)) > HALF_WIDTH, np.hypot(x - self.at[0], y - self.at[1]) < 0.04
+        colours = np.array([[255, 255, 255], [240, 180, 180], [40, 40, 40]], dtype=np.uint8)
+        return colours[np.where(tip, 2, walls.astype(int))]
+
 
 class Corridor(dfr.Experiment):
     """Recovery of a policy that cuts corners, in a corridor."""

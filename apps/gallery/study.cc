@@ -8,11 +8,11 @@
 #include <stdexcept>
 #include <utility>
 
-#include "apps/gallery/picture.h"
 #include "apps/shared_cache.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
+#include "dfr/experiment/film.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/experiment/report.h"
@@ -98,6 +98,7 @@ class Runner final : public experiment::TrialRunner {
         break;
       }
       policy_.Control(t, x_, u_);
+      bool recovers = false;
       if (guard != nullptr) {
         const safety::Verdict verdict = guard->Filter(t, x_, u_, u_);
         alarm = alarm || verdict.alarm;
@@ -105,12 +106,14 @@ class Runner final : public experiment::TrialRunner {
           result.cause = verdict.reason();
           break;
         }
-        if (verdict.mode != control::Mode::kPolicy) ++result.recovery_controls;
+        recovers = verdict.mode != control::Mode::kPolicy;
+        if (recovers) ++result.recovery_controls;
         const bool unchanged = verdict.mode == control::Mode::kPolicy && !verdict.changed;
         chooser = unchanged ? "policy" : verdict.reason();
       }
       Apply();
       Observe();
+      if (recovery_ != nullptr) recovery_->push_back(recovers);
       ++result.controls;
     }
     if (!over()) {
@@ -134,24 +137,30 @@ class Runner final : public experiment::TrialRunner {
   /// A page of their paths.
   bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
             std::uint64_t controller_seed, const std::filesystem::path& path) override {
-    std::vector<Recording> recordings;
-    recordings.reserve(methods.size());
+    std::vector<experiment::FilmedEpisode> episodes;
+    episodes.reserve(methods.size());
     for (const int method : methods) {
-      recordings.push_back(Watch(method, start_seed, controller_seed));
+      episodes.push_back(Watch(method, start_seed, controller_seed));
     }
-    SavePicture(recordings, task_, "", path);
+    experiment::SaveFilm(task_.name, plant_->layout(), episodes, path);
     return true;
   }
 
   /// Run(), and what it went through.
-  Recording Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed) {
+  experiment::FilmedEpisode Watch(int method, std::uint64_t start_seed,
+                                  std::uint64_t controller_seed) {
+    experiment::FilmedEpisode episode;
     std::vector<double> states;
     states_ = &states;
-    const core::Outcome outcome = Run(method, start_seed, controller_seed).outcome;
+    recovery_ = &episode.recovery;
+    episode.method = names_[static_cast<std::size_t>(method)];
+    episode.result = Run(method, start_seed, controller_seed);
     states_ = nullptr;
+    recovery_ = nullptr;
     const Eigen::Index width = plant_->state_dim();
-    return {names_[static_cast<std::size_t>(method)], outcome,
-            Eigen::Map<const core::Matrix>(states.data(), std::ssize(states) / width, width)};
+    episode.states =
+        Eigen::Map<const core::Matrix>(states.data(), std::ssize(states) / width, width);
+    return episode;
   }
 
   std::map<std::string, double> Measures() override {
@@ -179,6 +188,7 @@ class Runner final : public experiment::TrialRunner {
   std::vector<double> x_;
   std::vector<double> u_;
   std::vector<double>* states_ = nullptr;  // where states go, one after another
+  std::vector<bool>* recovery_ = nullptr;  // and whether a recovery chose the control
   int alarmed_failures_ = 0;
   int alarmed_successes_ = 0;
 };
@@ -334,8 +344,9 @@ std::vector<Recording> Record(const Study& study, const std::string& task,
       // As experiment::Evaluate() has them.
       const std::uint64_t start =
           core::DeriveSeed(plan.seed, {0, 0, static_cast<std::uint64_t>(i), 0});
-      recordings.push_back(
-          runner->Watch(static_cast<int>(method), start, experiment::ControllerSeed(plan, 0, i)));
+      const experiment::FilmedEpisode episode =
+          runner->Watch(static_cast<int>(method), start, experiment::ControllerSeed(plan, 0, i));
+      recordings.push_back({episode.method, episode.result.outcome, episode.states});
     }
   }
   return recordings;

@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 #include <iostream>
+#include <mutex>
 #include <span>
 #include <stdexcept>
 #include <utility>
@@ -154,8 +155,12 @@ experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
                   "every demonstrated state.";
   table.header = {"method",     "probe, step", "probes", "size [um]",   "error [um]",
                   "sign right", "recoveries",  "ended",  "out of reach"};
+  // What is not in the ledger is printed by the run itself, which goes on from its end.
+  const std::string again = "line_tracking experiment --config FOLDER/run.toml --out FOLDER";
   for (const StudiedMethod& method : studied) {
     const ProbeStudy& study = method.study;
+    std::vector<std::string>& commands = table.commands.emplace_back(table.header.size(), again);
+    commands[0] = commands[1] = "";
     table.rows.push_back({method.name, method.constants, std::to_string(study.probes()),
                           Rounded(study.size_um(), 1), Rounded(study.error_um(), 1),
                           Rounded(100.0 * study.right_sign(), 0) + " %",
@@ -247,7 +252,9 @@ experiment::ReportFigure RecoveryFigure(LineTrialRunner& runner,
     series.style = static_cast<int>(m);
     plot.series.push_back(std::move(series));
   }
-  return {"Recoveries", "Mean and standard error; 1 ends a recovery.", {plot}};
+  return {"Recoveries",
+          "Mean and standard error; 1 ends a recovery. From the first trial's start states.",
+          {plot}};
 }
 
 // Guided recovery's episodes, or the last method's.
@@ -275,28 +282,38 @@ void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
   for (const std::string& world : plan.learners) static_cast<void>(InWorld(options.plant, world));
   const experiment::OutputFolder folder(options);
+  // Takes seconds, so only where it is needed: not for a shard without units, or one that is
+  // refused.
   calibration::CalibrationSummary calibration_summary;
-  const line_task::LineCalibration known =
-      CalibratePlant(options.plant, kCalibrationFrames,
-                     core::DeriveSeed(options.seed, {kCalibrationStream}), &calibration_summary);
-  if (!calibration_summary.converged) {
-    throw std::runtime_error("the calibration did not converge: " + calibration_summary.message);
-  }
-  known.Save(options.out / "calibration.dfr");
+  line_task::LineCalibration calibrated;
+  std::once_flag once;
+  const auto known = [&]() -> const line_task::LineCalibration& {
+    std::call_once(once, [&] {
+      calibrated = CalibratePlant(options.plant, kCalibrationFrames,
+                                  core::DeriveSeed(options.seed, {kCalibrationStream}),
+                                  &calibration_summary);
+      if (!calibration_summary.converged) {
+        throw std::runtime_error("the calibration did not converge: " +
+                                 calibration_summary.message);
+      }
+      calibrated.Save(options.out / "calibration.dfr");
+    });
+    return calibrated;
+  };
 
   // The first trial's model stays, for videos and for those who want to run it.
   const std::filesystem::path model_folder = options.out / "model";
   const auto make = [&](const experiment::EvaluationUnit& unit) {
     const auto trial = static_cast<std::uint64_t>(unit.trial);
     const imitation::DemonstrationSet set =
-        Demonstrate(options.plant, known, unit.demonstrations, kDemonstratedSteps,
+        Demonstrate(options.plant, known(), unit.demonstrations, kDemonstratedSteps,
                     core::DeriveSeed(options.seed, {kDemonstrationStream, trial}));
     LineModelOptions model = options.model;
     model.seed = core::DeriveSeed(options.seed, {kLearnerStream, trial});
     LineModel fitted = LineModel::Fit(set, model);
     if (unit.trial == 0 && unit.learner == plan.learners.front()) fitted.Save(model_folder);
     return std::make_unique<LineTrialRunner>(std::move(fitted), plan.methods,
-                                             InWorld(options.plant, unit.learner), known);
+                                             InWorld(options.plant, unit.learner), known());
   };
   const std::map<std::string, std::string> settings = Settings(options);
   const auto found = experiment::RunExperiment("line_tracking", plan, make, settings, options);
@@ -304,6 +321,7 @@ void RunExperiment(const ExperimentOptions& options) {
   const auto& [results, summary] = *found;
 
   experiment::ReportOptions report = MakeReport(options, plan, settings);
+  static_cast<void>(known());
   report.settings.emplace_back("calibration, tips RMS [px]", Text(calibration_summary.tip_rms_px));
 
   // Study and videos come from the first trial, run again.
@@ -311,11 +329,11 @@ void RunExperiment(const ExperimentOptions& options) {
     static_cast<void>(make(results.front().unit));
   }
   LineTrialRunner again(LineModel::Load(model_folder), plan.methods,
-                        InWorld(options.plant, plan.learners.front()), known);
+                        InWorld(options.plant, plan.learners.front()), known());
   const experiment::UnitResult& first = results.front();
   const std::array<std::string, 2> dfr = {"dfr", "dfr-fine"};
   LineTrialRunner studied_site(LineModel::Load(model_folder), {dfr.begin(), dfr.end()},
-                               options.plant, known);
+                               options.plant, known());
   const experiment::ReportTable probes =
       ProbeTable(StudyProbes(studied_site, dfr, plan, first.starts));
   report.tables.push_back(probes);

@@ -13,8 +13,8 @@ namespace {
 
 using sim::LineTrackingPlant;
 
-constexpr int kWidth = 640;
-constexpr int kHeight = 480;
+constexpr int kWidth = kPictureWidth / 2;
+constexpr int kHeight = kPictureHeight;
 constexpr int kRecoveryStride = 10;
 
 // Blue, green, red.
@@ -69,19 +69,21 @@ std::vector<std::uint8_t> DrawWhatVisionSees(const LineTrackingPlant& plant) {
   return bgr;
 }
 
+void DrawBothViews(const LineTrackingPlant& plant, std::span<std::uint8_t> rgb) {
+  cv::Mat picture(kHeight, 2 * kWidth, CV_8UC3, rgb.data());
+  std::vector<std::uint8_t> bytes = DrawWhatVisionSees(plant);
+  const cv::Mat view(kHeight, kWidth, CV_8UC3, bytes.data());
+  cv::cvtColor(view, picture(cv::Rect(0, 0, kWidth, kHeight)), cv::COLOR_BGR2RGB);
+  plant.RenderOutside(bytes);
+  view.copyTo(picture(cv::Rect(kWidth, 0, kWidth, kHeight)));
+}
+
 RolloutVideo Record(LineTrialRunner& runner, int method, const std::string& title,
                     std::uint64_t start_seed, std::uint64_t controller_seed) {
   const LineTrackingPlant& plant = runner.plant();
-  const auto draw = [&plant](std::span<std::uint8_t> rgb) {
-    cv::Mat picture(kHeight, 2 * kWidth, CV_8UC3, rgb.data());
-    std::vector<std::uint8_t> bytes = DrawWhatVisionSees(plant);
-    const cv::Mat view(kHeight, kWidth, CV_8UC3, bytes.data());
-    cv::cvtColor(view, picture(cv::Rect(0, 0, kWidth, kHeight)), cv::COLOR_BGR2RGB);
-    plant.RenderOutside(bytes);
-    view.copyTo(picture(cv::Rect(kWidth, 0, kWidth, kHeight)));
-  };
-  RolloutVideoRecorder recorder(title, 2 * kWidth, kHeight, draw, runner.model().task().support(),
-                                kRecoveryStride);
+  const auto draw = [&plant](std::span<std::uint8_t> rgb) { DrawBothViews(plant, rgb); };
+  RolloutVideoRecorder recorder(title, kPictureWidth, kPictureHeight, draw,
+                                runner.model().task().support(), kRecoveryStride);
   runner.Watch(method, start_seed, controller_seed, &recorder);
   return recorder.Take();
 }

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,14 @@ namespace dfr::apps::line_tracking {
 /// The endoscope's picture that was looked at last, with what vision saw in it, BGR, rows from the
 /// top.
 [[nodiscard]] std::vector<std::uint8_t> DrawWhatVisionSees(const sim::LineTrackingPlant& plant);
+
+/// Size of DrawBothViews()'s picture.
+inline constexpr int kPictureWidth = 1280;
+inline constexpr int kPictureHeight = 480;
+
+/// What vision sees, and beside it an outside view of arm and platform: kPictureWidth x
+/// kPictureHeight, RGB, rows from the top.
+void DrawBothViews(const sim::LineTrackingPlant& plant, std::span<std::uint8_t> rgb);
 
 /// Runs one episode and takes its pictures, as RecordEpisode() writes them.
 [[nodiscard]] RolloutVideo Record(LineTrialRunner& runner, int method, const std::string& title,

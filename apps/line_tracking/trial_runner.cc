@@ -90,9 +90,10 @@ LineTrialRunner::LineTrialRunner(LineModel model, const std::vector<std::string>
                                  const sim::LineTrackingOptions& plant,
                                  const line_task::LineCalibration& known)
     : RolloutRunner(std::make_unique<sim::LineTrackingPlant>(plant, &known)),
-      model_(std::move(model)),
-      methods_(methods) {
-  for (const std::string& method : methods) Add(model_.MakeController(method, &driven()));
+      model_(std::move(model)) {
+  for (const std::string& method : methods) {
+    Add(method, model_.MakeController(method, &driven()));
+  }
 }
 
 bool LineTrialRunner::Inside(std::span<const double> x) const {
@@ -123,8 +124,7 @@ bool LineTrialRunner::Film(const std::vector<int>& methods, std::uint64_t start_
   std::vector<RolloutVideo> videos;
   videos.reserve(methods.size());
   for (const int method : methods) {
-    videos.push_back(Record(*this, method, methods_.at(static_cast<std::size_t>(method)),
-                            start_seed, controller_seed));
+    videos.push_back(Record(*this, method, MethodName(method), start_seed, controller_seed));
   }
   WriteVideo(path, videos);
   return true;

@@ -80,7 +80,6 @@ class LineTrialRunner final : public experiment::RolloutRunner {
   [[nodiscard]] bool CollidesAfterHalt() override;
 
   LineModel model_;
-  std::vector<std::string> methods_;
 };
 
 }  // namespace dfr::apps::line_tracking

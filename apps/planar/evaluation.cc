@@ -28,7 +28,9 @@ class PlanarTrialRunner final : public experiment::RolloutRunner {
                              core::DeriveSeed(plan.seed, {2, static_cast<std::uint64_t>(trial)})),
                  study.methods,
                  core::DeriveSeed(plan.seed, {3, static_cast<std::uint64_t>(trial)})) {
-    for (const std::string& method : names_) Add(methods_.Make(method, driven()));
+    for (const std::string& method : names_) {
+      Add(method, methods_.Make(method, driven()));
+    }
   }
 
   std::map<std::string, std::vector<int>> Counts() override {
@@ -41,7 +43,7 @@ class PlanarTrialRunner final : public experiment::RolloutRunner {
             std::uint64_t controller_seed, const std::filesystem::path& path) override {
     std::vector<Episode> episodes(methods.size());
     for (std::size_t i = 0; i < methods.size(); ++i) {
-      episodes[i].method = names_[static_cast<std::size_t>(methods[i])];
+      episodes[i].method = MethodName(methods[i]);
       EpisodeRecorder recorder(episodes[i]);
       Watch(methods[i], start_seed, controller_seed, &recorder);
     }

@@ -16,6 +16,7 @@ namespace dfr::apps::planar {
 namespace {
 
 constexpr int kWidth = 1100;
+constexpr int kNarrow = 640;  // without supports
 constexpr int kCaption = 32;
 constexpr int kGrid = 6;  // pixels per cell of the level sets
 
@@ -196,6 +197,25 @@ double Reach(const Task& task, std::span<const double> control) {
   }
   const auto& o = dynamic_cast<const sim::DiscPushPlant&>(*task.plant).options();
   return o.pusher_radius + o.step * norm;
+}
+
+PlanePicture::PlanePicture(const Task& task)
+    : task_(task),
+      view_(ViewOf(task)),
+      scale_(kNarrow / (view_.right - view_.left)),
+      width_(kNarrow),
+      height_(static_cast<int>(scale_ * (view_.top - view_.bottom)) / 2 * 2) {
+  const int rows = kCaption + height_;
+  background_.assign(static_cast<std::size_t>(width_) * static_cast<std::size_t>(rows) * 3, 255);
+  DrawRegions({{rows, width_, CV_8UC3, background_.data()}, view_, scale_}, task_);
+}
+
+void PlanePicture::Draw(std::span<const double> x, std::span<std::uint8_t> rgb) const {
+  std::vector<std::uint8_t> pixels = background_;
+  const Canvas canvas{{kCaption + height_, width_, CV_8UC3, pixels.data()}, view_, scale_};
+  DrawBodies(canvas, task_, {.x = {x.begin(), x.end()}, .u = {}, .step = {}});
+  cv::Mat picture(height_, width_, CV_8UC3, rgb.data());
+  cv::cvtColor(canvas.image.rowRange(kCaption, kCaption + height_), picture, cv::COLOR_BGR2RGB);
 }
 
 Painter::Painter(const Task& task, const Methods& methods)

@@ -56,6 +56,24 @@ struct View {
 /// How far from its place the moving point or disc can get to by a control.
 [[nodiscard]] double Reach(const Task& task, std::span<const double> control);
 
+/// The task's plane and what moves in it, without demonstrations and supports.
+class PlanePicture {
+ public:
+  explicit PlanePicture(const Task& task);
+
+  [[nodiscard]] int width() const noexcept { return width_; }
+  [[nodiscard]] int height() const noexcept { return height_; }
+  /// Writes the state x as height() x width() RGB bytes, top row first.
+  void Draw(std::span<const double> x, std::span<std::uint8_t> rgb) const;
+
+ private:
+  Task task_;
+  View view_;
+  double scale_;
+  int width_, height_;
+  std::vector<std::uint8_t> background_;  ///< Stay-out regions and goal, BGR, below a caption.
+};
+
 /// Draws episodes as in the paper's Fig. 2: the stay-out regions, the demonstrations, level sets of
 /// the support at the time step at hand (over the point of the corridor; over the pushed object,
 /// with the pusher where it is), the way so far, and the circle that the control can reach.

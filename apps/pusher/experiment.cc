@@ -138,8 +138,17 @@ experiment::ReportTable PaperTable(const experiment::Summary& summary,
       "on the simulator; the number of applied controls does not. Times measured here are in "
       "times.json.";
   table.header = {"figure", "paper", "here, learner " + plan.learners.front()};
-  const auto add = [&](const std::string& name, const std::string& paper, std::string here) {
+  const auto add = [&](const experiment::Contrast& contrast,
+                       const std::vector<std::string>& outcomes, const std::string& name,
+                       const std::string& paper, std::string here) {
     table.rows.push_back({name, paper, std::move(here)});
+    std::string commands;
+    for (const std::string& method : {contrast.method, contrast.against}) {
+      commands.append(commands.empty() ? "" : "\n")
+          .append(experiment::EpisodesCommand(
+              "pusher", {.method = method, .learner = contrast.learner, .outcomes = outcomes}));
+    }
+    table.commands.push_back({"", "", commands});
   };
   for (const std::string method : {"dfr", "early-stopping"}) {
     const auto* contrast = FindContrast(summary, method, plan.learners.front());
@@ -148,15 +157,15 @@ experiment::ReportTable PaperTable(const experiment::Summary& summary,
     const bool dfr = method == "dfr";
     const auto& ratios = contrast->ratios;
     if (ratios.collision_reduction.has_value()) {
-      add(label + ": fewer collisions than Baseline", dfr ? "83 %" : "not given",
-          Percent(*ratios.collision_reduction));
+      add(*contrast, {"collided"}, label + ": fewer collisions than Baseline",
+          dfr ? "83 %" : "not given", Percent(*ratios.collision_reduction));
     }
     if (ratios.completion_ratio.has_value()) {
-      add(label + ": completions relative to Baseline's", dfr ? "65 %" : "not given",
-          Percent(*ratios.completion_ratio));
+      add(*contrast, {"completed"}, label + ": completions relative to Baseline's",
+          dfr ? "65 %" : "not given", Percent(*ratios.completion_ratio));
     }
     if (contrast->controls_ratio.has_value()) {
-      add(label + ": applied controls relative to Baseline's",
+      add(*contrast, {}, label + ": applied controls relative to Baseline's",
           dfr ? "not given; time 11.5" : "not given; time 0.54",
           Text(std::round(100.0 * *contrast->controls_ratio) / 100.0));
     }
@@ -203,7 +212,8 @@ experiment::ReportFigure ConvergenceFigure(const std::vector<ConvergenceCurve>& 
       std::to_string(kRecoveries) + " recoveries: learner " + plan.learners.front() + ", " +
       std::to_string(plan.demonstrations.back()) +
       " demonstrations. The oracle simulates its probes and applies none of them; an iteration of "
-      "DFR is a probe and a step. Guided recovery climbs the same g here.";
+      "DFR is a probe and a step. Guided recovery climbs the same g here. pusher experiment "
+      "--config FOLDER/run.toml --out FOLDER prints these figures again.";
   for (const bool iterations : {true, false}) {
     experiment::ReportPlot plot;
     plot.title = iterations ? "Over iterations" : "Over applied controls";

@@ -79,7 +79,9 @@ PusherTrialRunner::PusherTrialRunner(Model model, const std::vector<safety::Meth
       model_(std::move(model)),
       methods_(methods),
       measures_(std::move(measures)) {
-  for (const safety::Method& method : methods) Add(model_.MakeController(method, &driven()));
+  for (const safety::Method& method : methods) {
+    Add(method.name, model_.MakeController(method, &driven()));
+  }
 }
 
 bool PusherTrialRunner::Inside(std::span<const double> x) const {

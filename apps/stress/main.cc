@@ -38,6 +38,7 @@ void RunAndPrint(const Study& study, bool grid) {
   experiment::SaveReport(
       {},
       {.title = "Disturbed policies, alone and guarded",
+       .program = "stress",
        .introduction =
            "Saved: the policy alone collides from this start state, and with the controller it "
            "does not. Harmed: the policy alone completes, and with the controller it does not. "

@@ -11,6 +11,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
+#include "dfr/experiment/episodes.h"
 #include "dfr/experiment/rollout_runner.h"
 
 namespace dfr::apps::stress {
@@ -32,10 +33,30 @@ class Runner final : public experiment::RolloutRunner {
          std::shared_ptr<const LearnedModel> model, const std::vector<std::string>& methods)
       : RolloutRunner(variant.make(), WithNoise(condition, task)),
         aftermath_(task.aftermath),
+        draw_(task.draw),
         model_(std::move(model)) {
     for (const std::string& method : methods) {
-      Add(model_->controllers().Make(method, &driven(), task.controllers));
+      Add(method, model_->controllers().Make(method, &driven(), task.controllers));
     }
+  }
+
+  // A video where the task has pictures, and the file is not to be a page of paths.
+  bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
+            std::uint64_t controller_seed, const std::filesystem::path& path) override {
+    if (!draw_ || path.extension() == ".html") {
+      return RolloutRunner::Film(methods, start_seed, controller_seed, path);
+    }
+    const Drawing drawing = draw_(world());
+    std::vector<RolloutVideo> videos;
+    videos.reserve(methods.size());
+    for (const int method : methods) {
+      RolloutVideoRecorder recorder(MethodName(method), drawing.width, drawing.height, drawing.draw,
+                                    model_->task().support());
+      Watch(method, start_seed, controller_seed, &recorder);
+      videos.push_back(recorder.Take());
+    }
+    WriteVideo(path, videos);
+    return true;
   }
 
  private:
@@ -52,6 +73,7 @@ class Runner final : public experiment::RolloutRunner {
   }
 
   std::function<void(core::SimulatedPlant&)> aftermath_;
+  std::function<Drawing(const core::SimulatedPlant&)> draw_;
   std::shared_ptr<const LearnedModel> model_;
 };
 
@@ -90,6 +112,41 @@ std::map<std::string, Place> Places(const std::vector<std::string>& wanted,
 
 double Share(int count, int of) { return 100.0 * count / of; }
 
+// The row's place in ids. Empty for a sum over tasks and conditions.
+std::string LearnerOf(const Row& row) {
+  return row.task.empty() ? "" : row.task + kBetween + row.condition;
+}
+
+// Which command prints the row's episodes of these outcomes, from start states from which the
+// policy alone ended with one of `alone`.
+std::string CommandOf(const Row& row, const std::vector<std::string>& outcomes,
+                      const std::vector<std::string>& alone = {}) {
+  experiment::EpisodeFilter filter{.method = MethodOf(row.controller, row.policy),
+                                   .learner = LearnerOf(row),
+                                   .outcomes = outcomes};
+  if (!alone.empty()) {
+    filter.against = {.method = MethodOf(kAlone, row.policy), .outcomes = alone};
+  }
+  return experiment::EpisodesCommand("stress", filter);
+}
+
+std::string SavedCommand(const Row& row) {
+  return CommandOf(row, {"completed", "halted"}, {"collided"});
+}
+
+std::string HarmedCommand(const Row& row) {
+  return CommandOf(row, {"halted", "collided"}, {"completed"});
+}
+
+// The commands of the two numbers of Outcomes(), and of those of Compared().
+std::string OutcomesCommand(const Row& row) {
+  return CommandOf(row, {"completed"}) + "\n" + CommandOf(row, {"collided"});
+}
+
+std::string ComparedCommand(const Row& row) {
+  return SavedCommand(row) + "\n" + HarmedCommand(row);
+}
+
 std::string Outcomes(const Row& row) {
   return core::Format("%.1f / %.1f", Share(row.completed, row.episodes),
                       Share(row.collided, row.episodes));
@@ -127,14 +184,11 @@ experiment::ReportTable PolicyTable(const std::vector<Row>& rows, const std::str
       table.rows.push_back({row.task, row.condition});
       table.commands.push_back({"", ""});
     }
-    std::string learner = row.task;
-    learner.append(kBetween).append(row.condition);
     table.rows.back().push_back(Outcomes(row));
-    table.commands.back().push_back(
-        experiment::EpisodesCommand("stress", learner, MethodOf(row.controller, row.policy)));
+    table.commands.back().push_back(OutcomesCommand(row));
     if (row.controller == kAlone) continue;
     table.rows.back().push_back(Compared(row));
-    table.commands.back().emplace_back();
+    table.commands.back().push_back(ComparedCommand(row));
   }
   return table;
 }
@@ -149,7 +203,7 @@ experiment::ReportTable MeansTable(const std::vector<Row>& rows,
                   "saved",  "harmed",     "most collisions", "most harm"};
   for (const std::string& policy : policies) {
     for (const std::string& controller : controllers) {
-      Row sum;
+      Row sum{.task = "", .condition = "", .policy = policy, .controller = controller};
       const Row* collides = nullptr;
       const Row* harms = nullptr;
       for (const Row& row : rows) {
@@ -171,6 +225,11 @@ experiment::ReportTable MeansTable(const std::vector<Row>& rows,
                             text(sum.completed), text(sum.collided), text(sum.saved),
                             text(sum.harmed), worst(*collides, collides->collided),
                             worst(*harms, harms->harmed)});
+      const bool alone = controller == kAlone;
+      table.commands.push_back({"", "", CommandOf(sum, {"completed"}), CommandOf(sum, {"collided"}),
+                                alone ? "" : SavedCommand(sum), alone ? "" : HarmedCommand(sum),
+                                CommandOf(*collides, {"collided"}),
+                                alone ? "" : HarmedCommand(*harms)});
     }
   }
   return table;
@@ -302,6 +361,8 @@ std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows) {
         supports.push_back(support);
       }
       Row& sum = sums[{support, name}];
+      sum.policy = row.policy;
+      sum.controller = row.controller;
       sum.episodes += row.episodes;
       sum.completed += row.completed;
       sum.collided += row.collided;
@@ -314,10 +375,12 @@ std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows) {
     for (const std::string& name : names) table.header.push_back(name == kAlone ? "alone" : name);
     for (const std::string& support : supports) {
       table.rows.push_back({support});
+      table.commands.push_back({""});
       for (const std::string& name : names) {
         // The policy alone looks at no support.
         const auto sum = sums.find({name == kAlone ? "" : support, name});
         table.rows.back().push_back(sum == sums.end() ? "-" : Outcomes(sum->second));
+        table.commands.back().push_back(sum == sums.end() ? "" : OutcomesCommand(sum->second));
       }
     }
     tables.push_back(std::move(table));
@@ -343,6 +406,8 @@ experiment::ReportTable WhereItFails(const std::vector<Row>& rows, const std::st
     }
     table.rows.push_back(
         {row.task, row.condition, row.policy, Outcomes(*alone), Outcomes(row), Compared(row)});
+    table.commands.push_back(
+        {"", "", "", OutcomesCommand(*alone), OutcomesCommand(row), ComparedCommand(row)});
   }
   return table;
 }

@@ -5,8 +5,10 @@
 #include <utility>
 
 #include "apps/line_tracking/model.h"
+#include "apps/line_tracking/rollout_video.h"
 #include "apps/line_tracking/trial_runner.h"
 #include "apps/planar/methods.h"
+#include "apps/planar/picture.h"
 #include "apps/planar/task.h"
 #include "apps/pusher/model.h"
 #include "apps/pusher/supervisor.h"
@@ -16,6 +18,7 @@
 #include "dfr/sim/gallery/gallery.h"
 #include "dfr/sim/line_tracking/arm_error.h"
 #include "dfr/sim/pusher/pusher_plant.h"
+#include "dfr/sim/pusher/pusher_view.h"
 
 namespace dfr::apps::stress {
 namespace {
@@ -61,6 +64,13 @@ Task Pusher() {
                             core::DeriveSeed(seed, {kDemonstrationStream})),
         demonstrations, options, &supervisor);
   };
+  task.draw = [](const core::SimulatedPlant& world) -> Drawing {
+    const auto& scene = static_cast<const sim::PusherPlant&>(world);
+    const sim::PusherRendererOptions size{.width = 480, .height = 360};
+    const auto renderer = std::make_shared<sim::PusherRenderer>(scene, size);
+    return {size.width, size.height,
+            [renderer, &scene](std::span<std::uint8_t> rgb) { renderer->Draw(scene, rgb); }};
+  };
   return task;
 }
 
@@ -75,6 +85,14 @@ Task Planar(const std::string& name) {
         planar::Demonstrate(planar, demonstrations, core::DeriveSeed(seed, {kDemonstrationStream})),
         planar::TaskOptionsOf(planar, {}), core::DeriveSeed(seed, {kLearnerStream}),
         planar::SupervisorOf(planar));
+  };
+  task.draw = [planar](const core::SimulatedPlant& world) -> Drawing {
+    const planar::PlanePicture picture(planar);
+    return {picture.width(), picture.height(), [picture, &world](std::span<std::uint8_t> rgb) {
+              std::vector<double> x(static_cast<std::size_t>(world.state_dim()));
+              world.Observe(x);
+              picture.Draw(x, rgb);
+            }};
   };
   return task;
 }
@@ -146,6 +164,11 @@ Task LineTracking() {
   task.aftermath = [](core::SimulatedPlant& world) {
     auto& line = static_cast<sim::LineTrackingPlant&>(world);
     if (line.options().disturbance.real_time) line.Hold(line_tracking::kAftermath);
+  };
+  task.draw = [](const core::SimulatedPlant& world) -> Drawing {
+    const auto& line = static_cast<const sim::LineTrackingPlant&>(world);
+    return {line_tracking::kPictureWidth, line_tracking::kPictureHeight,
+            [&line](std::span<std::uint8_t> rgb) { line_tracking::DrawBothViews(line, rgb); }};
   };
   return task;
 }

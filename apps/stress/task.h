@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "apps/learned_model.h"
+#include "apps/rollout_video.h"
 #include "dfr/control/disturbed_plant.h"
 #include "dfr/core/plant.h"
 #include "dfr/safety/task_model.h"
@@ -17,6 +18,13 @@ namespace dfr::apps::stress {
 struct Variant {
   std::string name;  ///< "" for the one that was demonstrated in.
   std::function<std::unique_ptr<core::SimulatedPlant>()> make;
+};
+
+/// Pictures of a plant, and their size.
+struct Drawing {
+  int width = 0;
+  int height = 0;
+  RolloutVideoRecorder::Draw draw;
 };
 
 /// A task of any of the programs, as the stress table needs it.
@@ -30,6 +38,8 @@ struct Task {
   std::function<LearnedModel(int demonstrations, std::uint64_t seed)> learn = {};
   /// What happens in the undisturbed plant after a halt. Empty: nothing.
   std::function<void(core::SimulatedPlant&)> aftermath = {};
+  /// Draws the undisturbed plant, which has to outlive the drawing. Empty: there are no pictures.
+  std::function<Drawing(const core::SimulatedPlant&)> draw = {};
 };
 
 /// "pusher", "planar-corridor", "planar-push", the gallery's tasks, "line-tracking".

@@ -12,15 +12,14 @@
 #include <string>
 #include <vector>
 
-#include "dfr/control/rollout.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/command_line.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/report.h"
+#include "dfr/experiment/rollout_runner.h"
 #include "dfr/kernel/time_varying_support.h"
 #include "dfr/safety/task_model.h"
 
-namespace control = dfr::control;
 namespace core = dfr::core;
 namespace experiment = dfr::experiment;
 namespace kernel = dfr::kernel;
@@ -34,7 +33,7 @@ constexpr double kEnd = 3.0;
 double Centre(double x) { return 0.3 * std::sin(2.0 * x); }
 
 // A tip in a winding corridor. Controls of 1 are steps of 0.1.
-class Task final : public core::Plant {
+class Task final : public core::SimulatedPlant {
  public:
   Task() { layout_.Add("tip", 2); }
   const core::StateLayout& layout() const noexcept override { return layout_; }
@@ -57,6 +56,13 @@ class Task final : public core::Plant {
   bool completed() const noexcept override { return tip_[0] >= kEnd; }
   bool collided() const noexcept override { return collided_; }
   void Halt() noexcept override {}
+  std::unique_ptr<core::SimulatedPlant> Clone() const override {
+    return std::make_unique<Task>(*this);
+  }
+  void CopyStateFrom(const core::SimulatedPlant& other) noexcept override {
+    tip_ = static_cast<const Task&>(other).tip_;
+    collided_ = other.collided();
+  }
 
  private:
   core::StateLayout layout_;
@@ -98,10 +104,11 @@ class Policy final : public core::Policy {
 };
 
 // What is learned in one trial, with a controller for each method.
-class Runner final : public experiment::TrialRunner {
+class Runner final : public experiment::RolloutRunner {
  public:
   Runner(const experiment::EvaluationUnit& unit, std::uint64_t seed,
-         const std::vector<std::string>& methods, double gamma) {
+         const std::vector<std::string>& methods, double gamma)
+      : RolloutRunner(std::make_unique<Task>()) {
     std::vector<core::Trajectory> demonstrations;
     const auto trial = static_cast<std::uint64_t>(unit.trial);
     const auto count = static_cast<std::uint64_t>(unit.demonstrations);
@@ -109,39 +116,22 @@ class Runner final : public experiment::TrialRunner {
       demonstrations.push_back(Supervise(core::DeriveSeed(seed, {2, trial, i})));
     }
     model_ = std::make_unique<safety::TaskModel>(
-        task_.layout(), demonstrations,
+        world().layout(), demonstrations,
         safety::TaskOptions{
             .published = kernel::TimeVaryingSupportOptions{.svm = {.nu = 0.05, .gamma = gamma}},
             .horizon = 60});
     for (const std::string& method : methods) {
-      controllers_.push_back(model_->MakeController(safety::ParseMethod(method), policy_));
+      Add(method, model_->MakeController(safety::ParseMethod(method), policy_));
     }
-  }
-  bool Accepts(std::uint64_t start_seed) override {
-    std::array<double, 2> x{};
-    task_.Reset(start_seed);
-    task_.Observe(x);
-    return model_->support().Decision(0, x) >= 0.0;
-  }
-  experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
-                                std::uint64_t controller_seed) override {
-    const auto result =
-        control::Rollout(task_, *controllers_.at(static_cast<std::size_t>(method)),
-                         {.plant_seed = start_seed, .controller_seed = controller_seed});
-    experiment::EpisodeResult episode;
-    episode.outcome = result.outcome;
-    if (result.outcome == core::Outcome::kHalted) episode.cause = Name(result.halt_cause);
-    episode.controls = result.controls();
-    episode.recovery_controls = result.recovery_controls();
-    episode.seconds = result.seconds();
-    return episode;
   }
 
  private:
-  Task task_;
+  bool Inside(std::span<const double> x) const override {
+    return model_->support().Decision(0, x) >= 0.0;
+  }
+
   Policy policy_;
   std::unique_ptr<safety::TaskModel> model_;
-  std::vector<std::unique_ptr<control::Controller>> controllers_;
 };
 
 }  // namespace

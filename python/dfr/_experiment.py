@@ -10,9 +10,11 @@ import pathlib
 import queue
 import random
 import signal
+import struct
 import sys
 import time
 import traceback
+import zlib
 from typing import Any, Callable, Mapping, NamedTuple, Sequence
 
 import numpy as np
@@ -53,7 +55,8 @@ class Experiment:
 
     What a plant has to have: `reset(seed)`; `step(action)`, after which it rests; `observe()`, its
     state; `completed` and `collided`, whether the task is done in the present state, and whether a
-    constraint was violated since `reset` (attributes or methods). What a policy has to be:
+    constraint was violated since `reset` (attributes or methods). It may have `render()`, an RGB
+    picture of the present state as a (height, width, 3) array of uint8, for films. What a policy has to be:
     `policy(t, state)`, the action of time step t; where it has a method `reset(seed)`, that begins an
     episode.
 
@@ -267,6 +270,55 @@ def _seed(seed: int) -> None:
     np.random.seed(seed % 2**32)
 
 
+def _recovers(episode: Episode) -> list[bool]:
+    """Whether a recovery chose each action; of the baseline nothing is known, and none did."""
+    infos = episode.infos[: len(episode.actions)]
+    return [info["mode"] in ("probe", "recovery") for info in infos] or [False] * len(episode.actions)
+
+
+def _picture(plant: Any) -> NDArray[np.uint8]:
+    picture = np.asarray(plant.render())
+    if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
+        raise ValueError(
+            f"render() must return an RGB array (height, width, 3) of uint8, not {picture.shape} of {picture.dtype}"
+        )
+    return picture.copy()
+
+
+def _animation(films: list[list[NDArray[np.uint8]]]) -> bytes:
+    """Pictures side by side as an animated PNG, 15 a second; one that ends early shows its last picture."""
+    length = max(map(len, films))
+    numbers = [*range(0, length - 1, length // 240 + 1), length - 1]
+    shapes = {picture.shape for frames in films for picture in frames}
+    if len(shapes) > 1:
+        raise ValueError(f"render() must return pictures of one size, not {sorted(shapes)}")
+    height = films[0][0].shape[0]
+    line = np.full((height, 4, 3), 200, dtype=np.uint8)
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    parts = []
+    sequence = 0
+    for i in numbers:
+        panels = [p for frames in films for p in (line, frames[min(i, len(frames) - 1)])][1:]
+        picture = np.concatenate(panels, axis=1)
+        width = picture.shape[1]
+        time_ms = 2000 if i == length - 1 else 67
+        rows = np.concatenate([np.zeros((height, 1), np.uint8), picture.reshape(height, -1)], axis=1)
+        data = zlib.compress(rows.tobytes())
+        parts.append(chunk(b"fcTL", struct.pack(">IIIIIHHBB", sequence, width, height, 0, 0, time_ms, 1000, 0, 0)))
+        sequence += 1
+        if len(parts) == 1:
+            parts.append(chunk(b"IDAT", data))
+        else:
+            parts.append(chunk(b"fdAT", struct.pack(">I", sequence) + data))
+            sequence += 1
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+    head += chunk(b"acTL", struct.pack(">II", len(numbers), 0))
+    return b"\x89PNG\r\n\x1a\n" + head + b"".join(parts) + chunk(b"IEND", b"")
+
+
 class _Unit:
     """A unit that was learned, with what it takes to run its episodes."""
 
@@ -295,10 +347,35 @@ class _Unit:
     def run(self, method: int, start_seed: int, controller_seed: int) -> tuple[str, str, int, int, float]:
         begin = time.process_time()
         episode = self.episode(method, start_seed, controller_seed)
-        recovery = sum(info["mode"] in ("probe", "recovery") for info in episode.infos[: len(episode.actions)])
+        recovery = sum(_recovers(episode))
         return episode.outcome, episode.cause, len(episode.actions), recovery, time.process_time() - begin
 
-    def episode(self, method: int, start_seed: int, controller_seed: int) -> Episode:
+    def film(self, methods: list[int], start_seed: int, controller_seed: int, pictures: bool) -> tuple[list[Any], bytes]:
+        """Of each method what `run` returns, states and whether recovery chose each action; and an animation.
+
+        The animation is empty if the plant has none, which is an error where `pictures` are wanted.
+        """
+        renders = hasattr(self.plant, "render")
+        if pictures and not renders:
+            raise ValueError(
+                "the plant has no pictures: give its class a method render() that returns an RGB array "
+                "(height, width, 3) of uint8, or take --film FILE.html, a page of the states"
+            )
+        episodes: list[Any] = []
+        films = []
+        for method in methods:
+            frames: list[NDArray[np.uint8]] = []
+            episode = self.episode(method, start_seed, controller_seed, frames if renders else None)
+            recovery = _recovers(episode)
+            told = (episode.outcome, episode.cause, len(episode.actions), sum(recovery), 0.0)
+            episodes.append((told, episode.states, recovery))
+            films.append(frames)
+        return episodes, _animation(films) if renders else b""
+
+    def episode(
+        self, method: int, start_seed: int, controller_seed: int, frames: list[NDArray[np.uint8]] | None = None
+    ) -> Episode:
+        """One episode; `frames` is given the plant's picture of each state."""
         guard = self.guards[method]
         _seed(start_seed)
         self.plant.reset(start_seed)
@@ -307,6 +384,8 @@ class _Unit:
         if guard is not None:
             guard.reset(controller_seed)
         states, actions, infos = [self._observe()], [], []
+        if frames is not None:
+            frames.append(_picture(self.plant))
         cause, chooser = "", "policy"
         while not (_says(self.plant.collided) or _says(self.plant.completed)):
             t = len(actions)
@@ -324,6 +403,8 @@ class _Unit:
             self.plant.step(action)
             actions.append(action)
             states.append(self._observe())
+            if frames is not None:
+                frames.append(_picture(self.plant))
         outcome = "collided" if _says(self.plant.collided) else "halted" if cause else "completed"
         if outcome == "collided":
             cause = chooser
@@ -430,6 +511,9 @@ class _Remote:
 
     def run(self, method: int, start_seed: int, controller_seed: int) -> Any:
         return self._ask("run", method, start_seed, controller_seed)
+
+    def film(self, methods: list[int], start_seed: int, controller_seed: int, pictures: bool) -> Any:
+        return self._ask("film", methods, start_seed, controller_seed, pictures)
 
     def close(self) -> None:
         self._idle.put(self._worker)

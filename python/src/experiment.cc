@@ -7,10 +7,13 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdint>
+#include <filesystem>
+#include <fstream>
 #include <iostream>
 #include <map>
 #include <memory>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <thread>
 #include <tuple>
@@ -19,9 +22,11 @@
 #include <vector>
 
 #include "arrays.h"
+#include "dfr/core/features.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/command_line.h"
 #include "dfr/experiment/episodes.h"
+#include "dfr/experiment/film.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/report.h"
 
@@ -37,7 +42,8 @@ using Settings = std::map<std::string, std::string>;
 // A unit that Python runs, in a process of its own. Threads of the engine call it.
 class PythonRunner final : public experiment::TrialRunner {
  public:
-  explicit PythonRunner(py::object runner) : runner_(std::move(runner)) {}
+  PythonRunner(py::object runner, const std::vector<std::string>& methods)
+      : runner_(std::move(runner)), methods_(methods) {}
   ~PythonRunner() override {
     // By Python's own interface, which does not throw.
     const PyGILState_STATE state = PyGILState_Ensure();
@@ -57,10 +63,57 @@ class PythonRunner final : public experiment::TrialRunner {
 
   experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
                                 std::uint64_t controller_seed) override {
-    using Told = std::tuple<std::string, std::string, int, int, double>;
     const py::gil_scoped_acquire lock;
+    return ResultOf(runner_.attr("run")(method, start_seed, controller_seed));
+  }
+
+  // A page of states, with the plant's pictures before them if it has some; or these alone.
+  bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
+            std::uint64_t controller_seed, const std::filesystem::path& path) override {
+    const bool alone = path.extension() == ".png";
+    if (!alone && path.extension() != ".html") {
+      throw std::runtime_error(path.string() +
+                               ": of these episodes there are pages, .html, and animations, .png");
+    }
+    std::vector<experiment::FilmedEpisode> episodes;
+    std::string pictures;
+    {
+      const py::gil_scoped_acquire lock;
+      const auto film = runner_.attr("film")(methods, start_seed, controller_seed, alone)
+                            .cast<std::pair<py::list, py::bytes>>();
+      pictures = film.second;
+      for (std::size_t i = 0; i < methods.size(); ++i) {
+        const auto [result, states, recovery] =
+            film.first[i].cast<std::tuple<py::object, Array, std::vector<bool>>>();
+        episodes.push_back({.method = methods_.at(static_cast<std::size_t>(methods[i])),
+                            .result = ResultOf(result),
+                            .states = Rows(states, "states"),
+                            .recovery = recovery});
+      }
+    }
+    std::vector<experiment::ReportMedia> media;
+    if (!pictures.empty()) {
+      std::string caption;
+      for (const experiment::FilmedEpisode& episode : episodes) {
+        caption.append(caption.empty() ? "Left to right: " : ", ").append(episode.method);
+      }
+      std::filesystem::path beside = path;
+      media.push_back({beside.replace_extension(".png"), caption});
+      std::ofstream out(beside, std::ios::binary);
+      out << pictures;
+      if (!out.flush()) throw std::runtime_error(beside.string() + ": cannot be written");
+    }
+    if (alone) return true;
+    core::StateLayout layout;
+    layout.Add("state", static_cast<int>(episodes.front().states.cols()));
+    experiment::SaveFilm("Episodes from one start state", layout, episodes, path, "", media);
+    return true;
+  }
+
+ private:
+  static experiment::EpisodeResult ResultOf(const py::object& told) {
     const auto [outcome, cause, controls, recovery_controls, seconds] =
-        runner_.attr("run")(method, start_seed, controller_seed).cast<Told>();
+        told.cast<std::tuple<std::string, std::string, int, int, double>>();
     experiment::EpisodeResult result{.cause = cause,
                                      .controls = controls,
                                      .recovery_controls = recovery_controls,
@@ -72,8 +125,8 @@ class PythonRunner final : public experiment::TrialRunner {
     return result;
   }
 
- private:
   py::object runner_;
+  std::vector<std::string> methods_;
 };
 
 std::string TextOf(const Value& value) {
@@ -136,11 +189,12 @@ py::object RunExperiment(const std::vector<std::string>& arguments, const std::s
   options.threads = static_cast<int>(processes);
   const auto [settings, make] =
       begin(chosen, plan.seed, plan.methods, processes).cast<std::pair<Settings, py::function>>();
-  const experiment::MakeTrialRunner make_runner =
-      [&make = make](const experiment::EvaluationUnit& unit) {
-        const py::gil_scoped_acquire lock;
-        return std::make_unique<PythonRunner>(make(unit.trial, unit.demonstrations, unit.learner));
-      };
+  const experiment::MakeTrialRunner make_runner = [&make = make,
+                                                   &plan](const experiment::EvaluationUnit& unit) {
+    const py::gil_scoped_acquire lock;
+    return std::make_unique<PythonRunner>(make(unit.trial, unit.demonstrations, unit.learner),
+                                          plan.methods);
+  };
   const py::gil_scoped_release unlocked;
   const experiment::OutputFolder folder(options);
   const auto found = experiment::RunExperiment(name, plan, make_runner, settings, options);

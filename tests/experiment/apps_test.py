@@ -1,8 +1,11 @@
-"""A program's experiments, small ones: shards merge to the same bytes, and run.toml starts the same run again.
+"""A program's experiments, small ones: shards merge to the same bytes, run.toml starts the same run again, and each
+number of the report is what its command prints.
 
 usage: apps_test.py PROGRAM
 """
+import html.parser
 import pathlib
+import re
 import shlex
 import subprocess
 import sys
@@ -42,9 +45,40 @@ RUNS = {
     ],
 }
 # A run of line_tracking calibrates first, which takes seconds.
-COUNTS = (2,) if PROGRAM.name == "line_tracking" else (2, 7)
-FILMS = {"planar": "film.mp4", "gallery": "film.html", "pusher": "film.mp4", "line_tracking": "film.mp4"}
+COUNTS = (7,) if PROGRAM.name == "line_tracking" else (2, 7)
+FILMS = {"planar": ["film.mp4"], "gallery": ["film.html"], "pusher": ["film.mp4"], "line_tracking": ["film.mp4"],
+         "stress": ["new/film.mp4", "film.html"]}
 COMPARED = ("summary.json", "report.html", "run.toml")
+
+
+class Numbers(html.parser.HTMLParser):
+    """The numbers of a report with the commands that print them: (text, [command, ...])."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.found = []
+        self.open = []  # of each element that is open: its commands, None without a title
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        if tag in ("meta", "br", "img"):
+            return
+        title = dict(attributes).get("title")
+        self.open.append((tag, title.splitlines() if title else None, []))
+
+    def handle_data(self, data):
+        for _, _, texts in self.open:
+            texts.append(data)
+
+    def handle_endtag(self, tag):
+        open_tag, commands, texts = self.open.pop()
+        assert open_tag == tag, (open_tag, tag)
+        text = "".join(texts).replace("\u2212", "-").strip()
+        if tag == "title" and "\n" in text:  # of a picture's mark: what it is, and below how to print it
+            first, *commands = text.splitlines()
+            self.found.append((first.rpartition(": ")[2], commands))
+        elif commands and any(c.isdigit() for c in text):
+            self.found.append((text, commands))
 
 
 class AppsTest(unittest.TestCase):
@@ -66,10 +100,54 @@ class AppsTest(unittest.TestCase):
         done = subprocess.run([PROGRAM, "episodes", folder, "--most", "1"], cwd=self.folder, text=True, capture_output=True,
                               check=True)
         name = done.stdout.split("  ")[0]
-        film = FILMS.get(PROGRAM.name)
-        self.run_program("rerun", folder, name, *(["--film", film] if film else []))
-        if film:
+        for film in FILMS[PROGRAM.name]:
+            self.run_program("rerun", folder, name, "--film", film)
             self.assertGreater((self.folder / film).stat().st_size, 1000)
+            if film.endswith(".html"):
+                text = (self.folder / film).read_text()
+                self.assertIn(name.split("/")[-2], text)
+                self.assertNotRegex(text, r"\b(nan|inf)\b")
+
+    def episodes(self, command):
+        """What the last line of a command in a report says: count, per cent, controls, recovery."""
+        words = shlex.split(command)
+        self.assertEqual(words[:3], [PROGRAM.name, "episodes", "FOLDER"])
+        done = subprocess.run([PROGRAM, "episodes", "whole", *words[3:], "--most", "0"], cwd=self.folder, text=True,
+                              capture_output=True, check=False)
+        self.assertEqual(done.returncode, 0, command + done.stderr)
+        *ids, last = done.stdout.splitlines()
+        said = re.fullmatch(r"(\d+) of \d+ episodes, ([\d.]+) %(?:; on average ([\d.]+) controls, ([\d.]+) of recovery)?", last)
+        self.assertTrue(said, last)
+        self.assertEqual(len(ids), int(said[1]))
+        return [float(value or 0.0) for value in said.groups()]
+
+    def check_report(self):
+        """The commands in the report print its numbers: of the first, and of some in between up to the last."""
+        known = {}
+        numbers = Numbers((self.folder / "whole/report.html").read_text()).found
+        self.assertGreater(len(numbers), 3)
+        for text, commands in numbers[:20] + numbers[20 :: len(numbers) // 20 + 1]:
+            if "FOLDER/run.toml" in commands[0]:
+                continue
+            for command in commands:
+                if command not in known:
+                    known[command] = self.episodes(command)
+            told = [known[command] for command in commands]
+            values = re.findall(r"-?\d+(?:\.\d+)?", text)
+            if len(told) == 1:
+                wanted = [told[0]]
+            elif " / " in text:
+                wanted = [[share] for _, share, _, _ in told]
+            else:  # this against that
+                (count, _, controls, _), (other, _, controls_there, _) = told
+                ratio = count / other if other else 0.0
+                there = max(controls_there, 1e-9)
+                wanted = [[100 * ratio - 100, 100 * ratio, controls / there]]
+            for value, candidates in zip(values, wanted):
+                digits = len(value.partition(".")[2])
+                # Half a digit there, and half of one that the command prints.
+                slack = 0.5 * 10**-digits + 0.06 * max(1.0, max(map(abs, candidates)) / 100)
+                self.assertTrue(any(abs(float(value) - c) <= slack for c in candidates), f"{text}: {commands} {told}")
 
     def compare(self, here, there, names=COMPARED):
         for name in names:
@@ -87,6 +165,7 @@ class AppsTest(unittest.TestCase):
                     (self.folder / f"merged{count}/ledger.jsonl").unlink(missing_ok=True)
                     self.run_program("merge", f"in{count}", "--out", f"merged{count}")
                     self.compare(f"merged{count}", "whole")
+                self.check_report()
                 self.rerun_the_worst("whole")
                 # From its own configuration alone, and with one value of it overruled.
                 self.run_program(command, "--config", "whole/run.toml", "--out", "again", "--restart")

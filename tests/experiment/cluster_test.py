@@ -87,6 +87,17 @@ class ScriptTest(Folder):
         run(out / "cluster/merge.sh")
         self.assertEqual((out / "summary.json").read_bytes(), self.expected)
 
+    def test_folders_may_have_any_name(self):
+        out = self.folder / "50 % mit 'Ä' $x" / "日本 %j"
+        run(CLUSTER, "slurm", "--tasks", 2, "--out", out, "--", PROGRAM, "experiment")
+        # To sbatch a file's name is a pattern, of which %% is a per cent sign.
+        self.assertIn("50 %% mit", (out / "cluster/submit.sh").read_text())
+        self.assertIn("%%j/cluster/%A_%a.out", (out / "cluster/submit.sh").read_text())
+        for k in (1, 2):
+            run(out / "cluster/task.sh", k)
+        run(out / "cluster/merge.sh")
+        self.assertEqual((out / "summary.json").read_bytes(), self.expected)
+
     def test_the_time_limit_follows_from_a_measured_unit(self):
         out = self.folder / "run"
         text = run(CLUSTER, "slurm", "--tasks", 2, "--grace", 60, "--measure", "--out", out, "--", PROGRAM, "experiment",
@@ -99,6 +110,8 @@ class ScriptTest(Folder):
         for arguments, says in [(["slurm", "--tasks", 2, "--out", out], "the experiment is missing"),
                                 (["slurm", "--tasks", 0, "--out", out, "--", "x"], "--tasks must be positive"),
                                 (["slurm", "--tasks", 1, "--out", out, "--grid", "gamma", "--", "x"], "--grid wants"),
+                                (["slurm", "--tasks", 1, "--out", out, "--grid", "gamma=1,1", "--", "x"],
+                                 "two runs of the grid have the same folder gamma=1"),
                                 (["table", out], "there is no summary.json")]:
             self.assertIn(says, run(CLUSTER, *arguments, fails=True))
 
@@ -106,7 +119,7 @@ class ScriptTest(Folder):
 @unittest.skipUnless(shutil.which("parallel"), "GNU parallel is not installed")
 class ParallelTest(Folder):
     def test_a_job_that_fails_is_run_again(self):
-        out = self.folder / "run"
+        out = self.folder / "a run of 'Ä' (50 %)"
         run(CLUSTER, "parallel", "--tasks", 4, "--at-once", 2, "--retries", 2, "--submit", "--out", out, "--", PROGRAM,
             "experiment", "--fails-once", self.folder / "failed")
         self.assertTrue((self.folder / "failed").exists())
@@ -129,9 +142,11 @@ class SshTest(Folder):
         self.addCleanup(server.kill)
         ssh = f"ssh -q -p {port} -i {key} -o StrictHostKeyChecking=no -o UserKnownHostsFile=/dev/null"
         wait_for(lambda: subprocess.run([*ssh.split(), "127.0.0.1", "true"], check=False).returncode == 0, "sshd", 30)
-        out = self.folder / "run"
+        out = self.folder / "from here" / "a run of 'Ä' (50 %)"
+        out.parent.mkdir()
         run(CLUSTER, "parallel", "--tasks", 4, "--host", "2/127.0.0.1", "--submit", "--out", out, "--", PROGRAM,
-            "experiment", "--fails-once", self.folder / "failed", env={**os.environ, "PARALLEL_SSH": ssh})
+            "experiment", "--fails-once", self.folder / "failed", env={**os.environ, "PARALLEL_SSH": ssh},
+            cwd=out.parent)
         self.assertIn("127.0.0.1", (out / "cluster/joblog").read_text())
         self.assertEqual((out / "summary.json").read_bytes(), self.expected)
 
@@ -231,7 +246,7 @@ class SlurmTest(Folder):
         return found
 
     def test_tasks_killed_nodes_drained_controller_killed(self):
-        out = self.folder / "run"
+        out = self.folder / "a run of 'Ä' (50 %)"
         run(CLUSTER, "slurm", "--tasks", 4, "--at-once", 3, "--grace", 10, "--retries", 5, "--time", 5, "--submit", "--out",
             out, "--", PROGRAM, "experiment", "--unit-ms", 4000, "--fails-once", self.folder / "failed",
             env=self.environment)
@@ -241,6 +256,8 @@ class SlurmTest(Folder):
         os.kill(pids[0], 9)                                  # a task is killed
         running = self.slurm("squeue", "-h", "-r", "-t", "R", "-o", "%i").split()
         self.slurm("scontrol", "requeue", running[-1], anyway=True)   # one is preempted
+        # The time of another is nearly over: what Slurm sends --grace seconds before.
+        self.slurm("scancel", "--batch", "--signal=USR1", running[0], anyway=True)
         time.sleep(6)                                        # it saves its state every five seconds
         self.end("slurmctld")                                # the controller is killed
         time.sleep(2)
@@ -261,6 +278,7 @@ class SlurmTest(Folder):
         self.assertEqual((out / "summary.json").read_bytes(), self.expected)
         logs = "".join(path.read_text() for path in out.glob("shard-*/task.log"))
         self.assertIn("requeued: exit code", logs)
+        self.assertIn("requeued: its time was over", logs)
         self.assertIn("the plant fell over", logs)
 
 

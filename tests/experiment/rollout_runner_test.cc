@@ -7,6 +7,8 @@
 #include <fstream>
 #include <memory>
 #include <optional>
+#include <sstream>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -50,7 +52,7 @@ class PointRunner final : public RolloutRunner {
                           test::PointPlantOptions{.start = {0.0}, .wall = wall, .goal = goal}),
                       disturbance),
         moves_on_(moves_on) {
-    Add(std::make_unique<Script>());
+    Add("script", std::make_unique<Script>());
   }
 
  private:
@@ -99,6 +101,26 @@ TEST(RolloutRunnerTest, AHaltMayCollideWhereTheWorldMovesOn) {
   }
   PointRunner roomy(5.0, kNone, true);
   EXPECT_EQ(roomy.Run(0, 1, 2).outcome, core::Outcome::kHalted);
+}
+
+TEST(RolloutRunnerTest, AFilmIsAPageOfTheUndisturbedStates) {
+  const std::filesystem::path folder = test::EmptyFolder("film");
+  PointRunner runner(kNone, kNone, false, {.observation_noise = 100.0});
+  ASSERT_TRUE(runner.Film({0, 0}, 1, 2, folder / "film.html"));
+  std::stringstream page;
+  page << std::ifstream(folder / "film.html").rdbuf();
+  EXPECT_NE(page.str().find("script: halted: outside-support after 7 controls, 4 of them recovery"),
+            std::string::npos);
+  // The state after the last control, as a mark's text has it.
+  EXPECT_NE(page.str().find("<title>script, controls 7: 0.7000</title>"), std::string::npos);
+  try {
+    static_cast<void>(runner.Film({0}, 1, 2, folder / "film.mp4"));
+    FAIL() << "there are no such pictures";
+  } catch (const std::runtime_error& e) {
+    EXPECT_NE(std::string(e.what()).find("film.mp4: of these episodes there are pages, .html"),
+              std::string::npos)
+        << e.what();
+  }
 }
 
 TEST(ExperimentTest, OptionsChooseWhatTheyName) {

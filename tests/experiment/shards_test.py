@@ -58,6 +58,36 @@ class ShardsTest(unittest.TestCase):
         error = self.run_program("experiment", "--shard", "2/2", "--out", "a", fails=True)
         self.assertIn('shard is "1/2" there and "2/2" now', error)
 
+    def test_what_is_merged_stays_as_it_is(self):
+        for k in (1, 2):
+            self.run_program("experiment", "--shard", f"{k}/2", "--out", f"Ä b/{k}")
+        self.run_program("merge", "Ä b", "--out", "ganz \u65e5")
+        kept = self.bytes_of("ganz \u65e5/ledger.jsonl"), self.bytes_of("ganz \u65e5/summary.json")
+        # A shard of another seed, one with a flipped bit, and a file that is none.
+        self.run_program("experiment", "--seed", 7, "--shard", "1/2", "--out", "seed")
+        flipped = self.folder / "flipped"
+        flipped.mkdir()
+        text = bytearray(self.bytes_of("Ä b/1/ledger.jsonl"))
+        text[len(text) // 2] ^= 4
+        (flipped / "ledger.jsonl").write_bytes(text)
+        (flipped / "run.toml").write_bytes(self.bytes_of("Ä b/1/run.toml"))
+        other = self.folder / "other"
+        other.mkdir()
+        (other / "ledger.jsonl").write_text("{}\n")
+        (other / "run.toml").write_bytes(self.bytes_of("Ä b/1/run.toml"))
+        for folder, says in (("seed", "seed is 7 there and 2018 now"), ("flipped", "is damaged: its checksum does not match"),
+                             ("other", "is not a ledger of a paired evaluation")):
+            self.assertIn(says, self.run_program("merge", folder, "--out", "ganz \u65e5", fails=True))
+        for shard in ("0/2", "3/2", "1/0", "1", "a/b", "-1/2"):
+            error = self.run_program("experiment", f"--shard={shard}", "--out", "ganz \u65e5", fails=True)
+            self.assertIn(f"a shard is K/N with 1 <= K <= N, as in 2/7, not '{shard}'", error)
+        error = self.run_program("experiment", "--shard", "1/2", "--out", "ganz \u65e5", fails=True)
+        self.assertIn('shard is "1/1" there and "1/2" now', error)
+        # What is whole is merged and resumed without anything to do.
+        self.run_program("merge", "Ä b/1", "--out", "ganz \u65e5")
+        self.run_program("experiment", "--config", "ganz \u65e5/run.toml", "--out", "ganz \u65e5")
+        self.assertEqual((self.bytes_of("ganz \u65e5/ledger.jsonl"), self.bytes_of("ganz \u65e5/summary.json")), kept)
+
     def test_a_configuration_starts_the_same_run_again(self):
         self.run_program("experiment", "--gamma", "7", "--seed", "11", "--methods", "baseline,dfr",
                          "--demonstrations", "12,24", "--out", "one")
@@ -122,6 +152,31 @@ class ShardsTest(unittest.TestCase):
         self.assertIn("11 of 20 units are finished", text)
         self.assertIn("stopped", text)
 
+    def test_status_tells_runs_of_a_grid_apart(self):
+        for gamma in (1, 5):
+            for k in (1, 2):
+                self.run_program("experiment", "--gamma", gamma, "--shard", f"{k}/2", "--out", f"grid/gamma={gamma}/shard-{k}")
+        # A task that failed before it had a ledger.
+        failed = self.folder / "grid/gamma=5/shard-3"
+        failed.mkdir()
+        error = self.run_program("experiment", "--gama", 5, "--out", failed, fails=True)
+        self.assertEqual(len(error.splitlines()), 1, error)
+        (failed / "task.log").write_text("begun\n" + error)
+        one, five = json.loads(self.run_program("status", "grid", "--json"))
+        self.assertEqual([one["done"], one["units"], len(one["ledgers"])], [20, 20, 2])
+        self.assertEqual([five["done"], five["units"], len(five["ledgers"])], [20, 20, 3])
+        text = self.run_program("status", "grid")
+        self.assertIn("2 runs, 40 of 40 units are finished", text)
+        self.assertRegex(text, r"stopped    grid/gamma=5/shard-3/ledger.jsonl\n +task.log: .*--gama")
+        for gamma in (1, 5):
+            self.run_program("merge", *(f"grid/gamma={gamma}/shard-{k}" for k in (1, 2)), "--out", f"grid/gamma={gamma}")
+        text = self.run_program("status", "grid")
+        self.assertIn("2 runs, 40 of 40 units are finished", text)
+        self.assertNotIn("shard-", text)
+        # A run of which no task came so far.
+        self.assertIn("0 of 0 units are finished", self.run_program("status", failed))
+        self.assertIn("there is no ledger.jsonl", self.run_program("status", "nowhere", fails=True))
+
     def test_status_sees_a_run_from_outside(self):
         child = subprocess.Popen([PROGRAM, "experiment", "--unit-ms", "200", "--threads", "1", "--out", "run"],
                                  cwd=self.folder, stderr=subprocess.DEVNULL)
@@ -148,8 +203,9 @@ class ShardsTest(unittest.TestCase):
 
     def test_episodes_have_ids_and_the_worst_come_first(self):
         self.run_program("experiment", "--out", "run")
-        lines = self.run_program("episodes", "run", "--method", "dfr", "--most", "0").splitlines()
+        *lines, last = self.run_program("episodes", "run", "--method", "dfr", "--most", "0").splitlines()
         self.assertEqual(len(lines), 20 * 12)
+        self.assertRegex(last, r"^240 of 240 episodes, 100.00 %; on average [\d.]+ controls, [\d.]+ of recovery$")
         outcomes = [line.split()[1].rstrip(":") for line in lines]
         self.assertEqual(outcomes, sorted(outcomes, key=["collided", "halted", "completed"].index))
         self.assertRegex(lines[0], r"^\d/(6|60)/(8|64-64)/dfr/\d+  collided: policy  \d+ controls, \d+ of recovery$")
@@ -157,9 +213,33 @@ class ShardsTest(unittest.TestCase):
                     if (c["method"], c["learner"], c["demonstrations"]) == ("dfr", "8", 6))
         of_cell = self.run_program("episodes", "run", "--method", "dfr", "--learner", "8", "--demonstrations", 6,
                                    "--outcome", "halted", "--most", "0").splitlines()
-        self.assertEqual(len(of_cell), round(cell["halted"] * cell["episodes"]))
+        self.assertEqual(len(of_cell) - 1, round(cell["halted"] * cell["episodes"]))
+        self.assertIn(f"{len(of_cell) - 1} of {cell['episodes']} episodes, {100 * cell['halted']:.2f} %", of_cell[-1])
         self.assertIn('title="fake_experiment episodes FOLDER --learner 8 --method dfr --demonstrations 6 --outcome halted"',
                       (self.folder / "run/report.html").read_text())
+
+    def test_episodes_may_be_chosen_by_how_another_method_ended(self):
+        self.run_program("experiment", "--out", "run")
+        def episodes(*options):
+            *lines, last = self.run_program("episodes", "run", "--learner", "8", "--most", 0, *options).splitlines()
+            self.assertEqual(int(last.split()[0]), len(lines))
+            return {tuple(line.split("  ")[0].split("/")[k] for k in (0, 1, 4)) for line in lines}
+        collided = episodes("--method", "baseline", "--outcome", "collided")
+        done = episodes("--method", "dfr", "--outcome", "completed,halted")
+        saved = episodes("--method", "dfr", "--outcome", "completed,halted", "--against", "baseline=collided")
+        self.assertEqual(saved, collided & done)
+        self.assertTrue(saved and saved < done)
+        contrast = next(c for c in json.loads(self.bytes_of("run/summary.json"))["contrasts"]
+                        if (c["method"], c["learner"]) == ("dfr", "8"))
+        self.assertEqual(len(episodes("--method", "baseline", "--outcome", "collided", "--against", "dfr=halted,completed")),
+                         contrast["only_reference_collided"])
+        for options, says in [(("--against", "dfr"), "--against wants METHOD=OUTCOME"),
+                              (("--against", "dfr=won"), "there is no outcome 'won'"),
+                              (("--against", "magic=halted"), "there is no method 'magic'; there are baseline, "),
+                              (("--method", "magic"), "there is no method 'magic'; there are baseline, "),
+                              (("--learner", "magic"), "there is no learner 'magic'; there are 8, 64-64"),
+                              (("--demonstrations", 7), "there is no data point '7'")]:
+            self.assertIn(says, self.run_program("episodes", "run", *options, fails=True))
 
 
 if __name__ == "__main__":

@@ -3,16 +3,19 @@
 usage: experiment_test.py
 """
 
+import importlib.util
 import json
 import os
 import pathlib
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
 import time
 import unittest
+import zlib
 
 import numpy as np
 
@@ -79,6 +82,23 @@ class Corridor(example.Corridor):
 }
 
 
+def frames_of(animation):
+    """The pictures of an animated PNG whose lines are not filtered."""
+    assert animation.startswith(b"\x89PNG\r\n\x1a\n")
+    at, frames, width = 8, [], 0
+    while at < len(animation):
+        length, kind = struct.unpack_from(">I4s", animation, at)
+        data = animation[at + 8 : at + 8 + length]
+        assert struct.unpack_from(">I", animation, at + 8 + length)[0] == zlib.crc32(kind + data)
+        if kind == b"IHDR":
+            width, height = struct.unpack_from(">II", data)
+        if kind in (b"IDAT", b"fdAT"):
+            rows = np.frombuffer(zlib.decompress(data[4 if kind == b"fdAT" else 0 :]), np.uint8).reshape(height, -1)
+            frames.append(rows[:, 1:].reshape(height, width, 3))
+        at += 12 + length
+    return frames
+
+
 class ExperimentTest(unittest.TestCase):
     def setUp(self):
         temporary = tempfile.TemporaryDirectory()
@@ -106,6 +126,14 @@ class ExperimentTest(unittest.TestCase):
         self.assertEqual(process.returncode != 0, fails, out + error)
         return error if fails else out
 
+    def import_program(self):
+        specification = importlib.util.spec_from_file_location("own_experiment", self.program)
+        module = importlib.util.module_from_spec(specification)
+        sys.modules["own_experiment"] = module  # where inspect finds the file of its classes
+        self.addCleanup(sys.modules.pop, "own_experiment")
+        specification.loader.exec_module(module)
+        return module
+
     def bytes_of(self, name):
         return (self.folder / name).read_bytes()
 
@@ -131,10 +159,7 @@ class ExperimentTest(unittest.TestCase):
     def test_an_episode_can_be_run_again(self):
         self.run_program(self.program, "experiment", *SMALL, "--out", "run", "--ahead", 0.9)
         lines = self.run_program(self.program, "episodes", "run", "--most", 0).splitlines()
-        sys.path.insert(0, str(self.folder))
-        self.addCleanup(sys.path.remove, str(self.folder))
-        import own_experiment
-
+        own_experiment = self.import_program()
         corridor = own_experiment.Corridor()
         for line in (lines[0], next(line for line in lines if "/guided/" in line)):
             name, outcome, controls = line.split("  ")[0], line.split("  ")[1], line.split("  ")[2]
@@ -160,6 +185,41 @@ class ExperimentTest(unittest.TestCase):
             file.write("# another one\n")
         with self.assertRaisesRegex(RuntimeError, "cannot be run again by this program: hash of own_experiment.py"):
             corridor.replay(self.folder / "run", lines[0].split("  ")[0])
+
+    def test_an_episode_has_a_film(self):
+        self.run_program(self.program, "experiment", *SMALL, "--out", "run")
+        line = self.run_program(self.program, "episodes", "run", "--method", "baseline", "--most", 1).splitlines()[0]
+        name, actions = line.split("  ")[0], int(line.split("  ")[2].split()[0])
+        self.run_program(self.program, "rerun", "run", name, "--methods", "guided", "--film", "new/film.html")
+        page = self.bytes_of("new/film.html").decode()
+        self.assertIn("Left to right: guided, baseline", page)
+        self.assertIn(f"baseline: {line.split('  ')[1]} after {actions} controls", page)
+        # The animation is beside it: a picture for each state of the longer episode, two plants wide.
+        self.run_program(self.program, "rerun", "run", name, "--film", "film.png")
+        own_experiment = self.import_program()
+        corridor = own_experiment.Corridor()
+        states = corridor.replay(self.folder / "run", name)["baseline"].states
+        pictures = frames_of(self.bytes_of("film.png"))
+        self.assertEqual(len(pictures), actions + 1)
+        tip = own_experiment.Tip()
+        for k in (0, actions):
+            tip.at = states[k]
+            np.testing.assert_array_equal(pictures[k], tip.render())
+        both = frames_of(self.bytes_of("new/film.png"))
+        self.assertEqual(both[0].shape, (pictures[0].shape[0], 2 * pictures[0].shape[1] + 4, 3))
+        np.testing.assert_array_equal(both[0][:, : pictures[0].shape[1]], pictures[0])
+        np.testing.assert_array_equal(both[-1][:, -pictures[0].shape[1] :], pictures[-1])
+        for film, says in (("film.mp4", "there are pages, .html, and animations, .png"), ("/proc/x/film.html", "/proc/x")):
+            self.assertIn(says, self.run_program(self.program, "rerun", "run", name, "--film", film, fails=True))
+
+    def test_a_plant_without_pictures_has_a_page_of_its_states(self):
+        program = self.write("slow")
+        self.run_program(program, "experiment", *SMALL, "--out", "run")
+        name = self.run_program(program, "episodes", "run", "--most", 1).split("  ")[0]
+        self.run_program(program, "rerun", "run", name, "--methods", "guided", "--film", "film.html")
+        self.assertIn("state[1] over state[0]", self.bytes_of("film.html").decode())
+        error = self.run_program(program, "rerun", "run", name, "--film", "film.png", fails=True)
+        self.assertIn("give its class a method render() that returns an RGB array", error)
 
     def test_parameters_are_options_and_settings(self):
         self.run_program(self.program, "experiment", *SMALL, "--ahead", 0.25, "--out", "run")

@@ -364,9 +364,13 @@ void Add(CLI::App& app, Added& added) {
   added.episodes->add_option("--demonstrations", added.filter.demonstrations,
                              "of one data point alone");
   added.episodes
-      ->add_option("--outcome", added.filter.outcome, "completed, halted or collided alone")
+      ->add_option("--outcome", added.filter.outcomes, "completed, halted or collided alone")
+      ->delimiter(',')
       ->check(CLI::IsMember({"completed", "halted", "collided"}));
   added.episodes->add_option("--cause", added.filter.cause, "of one cause alone");
+  added.episodes->add_option_function<std::string>(
+      "--against", [&added](const std::string& text) { added.filter.against = ParsePartner(text); },
+      "METHOD=OUTCOME: from start states alone from which that method ended so");
   added.episodes->add_option("--most", added.most, "so many lines; 0: all")->capture_default_str();
   added.rerun = app.add_subcommand("rerun", "one episode again, and other methods beside it");
   added.rerun->add_option("folder", added.run, "of its run")->required();
@@ -469,6 +473,10 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
 
 std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   if (app.get_name().empty()) app.name(std::filesystem::path(argv[0]).filename().string());
+  // One line: of a task's log status shows the last.
+  app.failure_message([](const CLI::App* program, const CLI::Error& e) {
+    return program->get_name() + ": " + e.what() + "; --help says what there is\n";
+  });
   Added added;
   Add(app, added);
   const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
@@ -483,8 +491,8 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
     if (added.merge->parsed()) {
       ParseWithConfiguration(app, Merge(added.folders, added.out), PresentArguments());
     } else if (added.status->parsed()) {
-      const Status status = StatusOf(LedgersIn(added.folders));
-      std::cout << (added.json ? ToJson(status) : ToText(status));
+      const std::vector<Status> statuses = StatusesOf(added.folders);
+      std::cout << (added.json ? ToJson(statuses) : ToText(statuses));
       return EXIT_SUCCESS;
     } else if (added.episodes->parsed()) {
       PrintEpisodes(LedgersIn(added.folders), added.filter, added.most, std::cout);

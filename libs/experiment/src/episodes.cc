@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/format.h"
 
 namespace dfr::experiment {
 namespace {
@@ -26,6 +27,48 @@ std::string_view TakeLast(std::string_view& text) {
   text = text.substr(0, slash == std::string_view::npos ? 0 : slash);
   return part;
 }
+
+// Whether any ledger has what a filter names: a name that was mistyped has no episodes either.
+class Known {
+ public:
+  void Add(const EvaluationPlan& plan, const EpisodeFilter& filter) {
+    method_ = method_ || Has(plan.methods, filter.method);
+    learner_ = learner_ || Has(plan.learners, filter.learner);
+    point_ = point_ || filter.demonstrations == 0 ||
+             std::ranges::count(plan.demonstrations, filter.demonstrations) > 0;
+    partner_ = partner_ || Has(plan.methods, filter.against.method);
+    Note(plan.methods, methods_);
+    Note(plan.learners, learners_);
+  }
+
+  void Check(const EpisodeFilter& filter) const {
+    const auto check = [](bool known, const char* what, const std::string& name,
+                          const std::string& names) {
+      if (known) return;
+      throw std::runtime_error(std::string("there is no ") + what + " '" + name + "'" +
+                               (names.empty() ? "" : "; there are " + names));
+    };
+    check(method_, "method", filter.method, methods_);
+    check(partner_, "method", filter.against.method, methods_);
+    check(learner_, "learner", filter.learner, learners_);
+    check(point_, "data point", std::to_string(filter.demonstrations), "");
+  }
+
+ private:
+  static bool Has(const std::vector<std::string>& names, const std::string& name) {
+    return name.empty() || std::ranges::count(names, name) > 0;
+  }
+  static void Note(const std::vector<std::string>& names, std::string& list) {
+    if (!list.empty()) return;
+    for (const std::string& name : names) list.append(list.empty() ? "" : ", ").append(name);
+  }
+  bool method_ = false;
+  bool learner_ = false;
+  bool point_ = false;
+  bool partner_ = false;
+  std::string methods_;  // of the first ledger
+  std::string learners_;
+};
 
 bool Read(std::string_view text, int& value) {
   const auto end = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -94,6 +137,52 @@ RecordedEpisode FindEpisode(const std::filesystem::path& folder, std::string_vie
                            " is not finished");
 }
 
+EpisodePartner ParsePartner(std::string_view text) {
+  const std::size_t equals = text.rfind('=');
+  DFR_THROW_UNLESS(equals != std::string_view::npos && equals > 0,
+                   "--against wants METHOD=OUTCOME, as in baseline=collided, not '" << text << "'");
+  EpisodePartner partner{.method = std::string(text.substr(0, equals))};
+  std::string_view rest = text.substr(equals + 1);
+  do {
+    const std::size_t comma = std::min(rest.find(','), rest.size());
+    const std::string& outcome = partner.outcomes.emplace_back(rest.substr(0, comma));
+    DFR_THROW_UNLESS(outcome == core::Name(core::Outcome::kCompleted) ||
+                         outcome == core::Name(core::Outcome::kHalted) ||
+                         outcome == core::Name(core::Outcome::kCollided),
+                     "--against " << text << ": there is no outcome '" << outcome
+                                  << "'; there are completed, halted and collided");
+    rest.remove_prefix(std::min(comma + 1, rest.size()));
+  } while (!rest.empty());
+  return partner;
+}
+
+std::string EpisodesCommand(const std::string& program, const EpisodeFilter& filter) {
+  const auto word = [](const std::string& text) {
+    if (text.find_first_of(" \t,;'\"\\$&<>()|*?[]{}#!`~") == std::string::npos) return text;
+    std::string quoted = "'";
+    for (const char c : text) quoted += c == '\'' ? "'\\''" : std::string(1, c);
+    return quoted + "'";
+  };
+  const auto joined = [](const std::vector<std::string>& texts) {
+    std::string all;
+    for (const std::string& text : texts) all.append(all.empty() ? "" : ",").append(text);
+    return all;
+  };
+  std::string command = word(program) + " episodes FOLDER";
+  const auto add = [&](const char* option, const std::string& value) {
+    if (!value.empty()) command.append(" --").append(option).append(" ").append(value);
+  };
+  add("learner", word(filter.learner));
+  add("method", word(filter.method));
+  add("demonstrations", filter.demonstrations > 0 ? std::to_string(filter.demonstrations) : "");
+  add("outcome", joined(filter.outcomes));
+  add("cause", word(filter.cause));
+  if (!filter.against.method.empty()) {
+    add("against", word(filter.against.method) + "=" + joined(filter.against.outcomes));
+  }
+  return command;
+}
+
 void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const EpisodeFilter& filter,
                    int most, std::ostream& out) {
   struct Row {
@@ -101,24 +190,39 @@ void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const Epis
     EpisodeResult result;
   };
   std::vector<Row> rows;
+  std::int64_t all = 0;  // whatever their outcome
+  Known known;
+  const auto is_one_of = [](const std::vector<std::string>& outcomes, core::Outcome outcome) {
+    return outcomes.empty() || std::ranges::count(outcomes, core::Name(outcome)) > 0;
+  };
   for (const std::filesystem::path& path : ledgers) {
     const LedgerContents contents = ReadLedger(path);
-    const std::vector<std::string>& methods = contents.header.plan.methods;
+    const EvaluationPlan& plan = contents.header.plan;
+    known.Add(plan, filter);
+    const auto partner = static_cast<std::size_t>(
+        std::ranges::find(plan.methods, filter.against.method) - plan.methods.begin());
     for (const LedgerRecord& record : contents.records) {
       const EvaluationUnit& unit = record.result.unit;
       if (!filter.learner.empty() && unit.learner != filter.learner) continue;
       if (filter.demonstrations > 0 && unit.demonstrations != filter.demonstrations) continue;
-      for (std::size_t m = 0; m < methods.size(); ++m) {
-        if (!filter.method.empty() && methods[m] != filter.method) continue;
+      for (std::size_t m = 0; m < plan.methods.size(); ++m) {
+        if (!filter.method.empty() && plan.methods[m] != filter.method) continue;
         for (std::size_t i = 0; i < record.result.starts.size(); ++i) {
           const EpisodeResult& episode = record.result.episodes[m][i];
-          if (!filter.outcome.empty() && core::Name(episode.outcome) != filter.outcome) continue;
+          ++all;
+          if (!is_one_of(filter.outcomes, episode.outcome)) continue;
           if (!filter.cause.empty() && episode.cause != filter.cause) continue;
-          rows.push_back({{unit, methods[m], static_cast<int>(i)}, episode});
+          if (!filter.against.method.empty() &&
+              (partner == plan.methods.size() ||
+               !is_one_of(filter.against.outcomes, record.result.episodes[partner][i].outcome))) {
+            continue;
+          }
+          rows.push_back({{unit, plan.methods[m], static_cast<int>(i)}, episode});
         }
       }
     }
   }
+  known.Check(filter);
   std::ranges::stable_sort(rows, std::ranges::greater(), [](const Row& row) {
     return std::tuple(static_cast<int>(row.result.outcome), row.result.recovery_controls);
   });
@@ -133,6 +237,21 @@ void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const Epis
   if (shown < rows.size()) {
     out << "and " << rows.size() - shown << " more; --most 0 prints all\n";
   }
+  if (all == 0) return;
+  double controls = 0.0;
+  double recovery = 0.0;
+  for (const Row& row : rows) {
+    controls += row.result.controls;
+    recovery += row.result.recovery_controls;
+  }
+  const auto count = static_cast<double>(rows.size());
+  out << core::Format("%zu of %lld episodes, %.2f %%", rows.size(), static_cast<long long>(all),
+                      100.0 * count / static_cast<double>(all));
+  if (!rows.empty()) {
+    out << core::Format("; on average %.1f controls, %.1f of recovery", controls / count,
+                        recovery / count);
+  }
+  out << '\n';
 }
 
 }  // namespace dfr::experiment

@@ -12,6 +12,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/experiment/episodes.h"
+#include "dfr/experiment/film.h"
 #include "ledger_file.h"
 #include "text_file.h"
 
@@ -58,17 +59,18 @@ void RunAgain(const EvaluationPlan& plan, const MakeTrialRunner& make,
   methods.reserve(names.size());
   for (const std::string& name : names) {
     const auto found = std::ranges::find(plan.methods, name);
-    DFR_THROW_UNLESS(found != plan.methods.end(),
-                     options.out.string() << ": the run has no method '" << name << "'");
+    if (found == plan.methods.end()) {
+      std::string error = options.out.string();
+      error.append(": the run has no method '").append(name).append("'; it has");
+      for (const std::string& method : plan.methods) error.append(" ").append(method);
+      throw std::runtime_error(error);
+    }
     methods.push_back(static_cast<int>(found - plan.methods.begin()));
   }
   const std::unique_ptr<TrialRunner> runner = make(recorded.id.unit);
   for (std::size_t i = 0; i < names.size(); ++i) {
     EpisodeResult result = runner->Run(methods[i], recorded.start_seed, recorded.controller_seed);
-    std::cout << core::Format("%-22s %s%s%s after %d controls, %d of them recovery\n",
-                              names[i].c_str(), core::Name(result.outcome),
-                              result.cause.empty() ? "" : ": ", result.cause.c_str(),
-                              result.controls, result.recovery_controls);
+    std::cout << core::Format("%-22s %s\n", names[i].c_str(), DescribeEnd(result).c_str());
     result.seconds = recorded.result.seconds;
     if (names[i] == recorded.id.method && result != recorded.result) {
       throw std::runtime_error(options.out.string() + ": in its ledger the episode is " +
@@ -79,6 +81,7 @@ void RunAgain(const EvaluationPlan& plan, const MakeTrialRunner& make,
   }
   const std::filesystem::path& film = options.rerun.film;
   if (film.empty()) return;
+  if (film.has_parent_path()) std::filesystem::create_directories(film.parent_path());
   if (!runner->Film(methods, recorded.start_seed, recorded.controller_seed, film)) {
     throw std::runtime_error("there are no pictures of such episodes; leave out --film");
   }

@@ -272,8 +272,8 @@ class Reader {
     }
     if (!CheckHolds(line, 0)) {
       throw std::runtime_error(
-          "line 1 is damaged: its checksum does not match. --salvage writes it again where the "
-          "settings are the same");
+          "line 1 is damaged: its checksum does not match. The command of its run with --salvage "
+          "writes it again where the settings are the same");
     }
     LedgerHeader header;
     try {
@@ -335,7 +335,8 @@ std::size_t ForEachLine(std::string_view text,
 
 std::string DamagedLine(int number, const std::exception& e) {
   return "line " + std::to_string(number) + " is damaged: " + e.what() +
-         ". --salvage moves it to a file of its own and runs its unit again";
+         ". The command of its run with --salvage moves it to a file of its own and runs its "
+         "unit again";
 }
 
 [[noreturn]] void Fail(const std::filesystem::path& path, const std::string& reason) {

@@ -11,6 +11,7 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
+#include "dfr/experiment/episodes.h"
 #include "html.h"
 #include "report.css.h"
 #include "svg_plot.h"
@@ -52,6 +53,7 @@ class Page {
            << "</code></p>\n";
     }
     out_ << internal::Paragraphs(options_.introduction);
+    HowToFindEpisodes();
     Contrasts();
     // With one data point there are no curves: bars say it all.
     const bool one_point = DataPoints() < 2;
@@ -129,6 +131,60 @@ class Page {
     return Number(*ratio, *ratio < 10.0 ? 2 : 1) + "\u2009\u00d7";
   }
 
+  // Which commands print a number and the ids of its episodes, for element attributes.
+  std::string Title(const std::vector<EpisodeFilter>& filters) const {
+    const std::string commands = Commands(filters);
+    return commands.empty() ? "" : " title=\"" + Escape(commands) + "\"";
+  }
+
+  std::string Commands(const std::vector<EpisodeFilter>& filters) const {
+    std::string commands;
+    if (options_.program.empty()) return commands;
+    for (const EpisodeFilter& filter : filters) {
+      if (!commands.empty()) commands += '\n';
+      commands += EpisodesCommand(options_.program, filter);
+    }
+    return commands;
+  }
+
+  static EpisodeFilter FilterOf(const Cell& cell, const std::vector<std::string>& outcomes = {}) {
+    return {.method = cell.method,
+            .learner = cell.learner,
+            .demonstrations = cell.demonstrations,
+            .outcomes = outcomes};
+  }
+
+  // Those of the method, then those of what it is compared with.
+  static std::vector<EpisodeFilter> FiltersOf(const Contrast& contrast,
+                                              const std::vector<std::string>& outcomes = {}) {
+    return {{.method = contrast.method, .learner = contrast.learner, .outcomes = outcomes},
+            {.method = contrast.against, .learner = contrast.learner, .outcomes = outcomes}};
+  }
+
+  // From which start states one of the two collides alone.
+  static EpisodeFilter OnlyCollided(const Contrast& contrast, bool reference) {
+    const std::string& one = reference ? contrast.against : contrast.method;
+    const std::string& other = reference ? contrast.method : contrast.against;
+    return {.method = one,
+            .learner = contrast.learner,
+            .outcomes = {"collided"},
+            .against = {.method = other, .outcomes = {"completed", "halted"}}};
+  }
+
+  void HowToFindEpisodes() {
+    bool has_commands = !summary_.cells.empty();
+    for (const ReportTable& table : options_.tables) {
+      has_commands = has_commands || !table.commands.empty();
+    }
+    if (options_.program.empty() || !has_commands) return;
+    const std::string program = Escape(options_.program);
+    out_ << "<p class=\"caption\">Where the mouse is on a number stands the command that prints it "
+            "with the ids of its episodes, the worst first. FOLDER is the folder of this page. "
+            "<code>"
+         << program << " rerun FOLDER ID --methods METHOD --film FILE</code> shows one of them "
+         << "beside another method.</p>\n";
+  }
+
   void Contrasts() {
     if (summary_.contrasts.empty()) return;
     const std::string reference = Escape(NameOf(summary_.contrasts.front().against));
@@ -140,18 +196,20 @@ class Page {
         if (contrast.learner != learner) continue;
         const PairedContrast& ratios = contrast.ratios;
         out_ << "<div class=\"card\" " << ColourOf(contrast.method) << "><h4>"
-             << Escape(NameOf(contrast.method)) << "</h4><div><span><b>"
+             << Escape(NameOf(contrast.method)) << "</h4><div><span"
+             << Title(FiltersOf(contrast, {"collided"})) << "><b>"
              << Change(ratios.collision_reduction) << "</b>collisions<br>";
         if (const auto& interval = ratios.collision_reduction_interval) {
           out_ << Range(-interval->high, -interval->low, 0);
         }
-        out_ << "</span><span><b>"
+        out_ << "</span><span" << Title(FiltersOf(contrast, {"completed"})) << "><b>"
              << (ratios.completion_ratio ? Percent(*ratios.completion_ratio, 0) : "\u2013")
              << "</b>of its completions<br>";
         if (const auto& interval = ratios.completion_ratio_interval) {
           out_ << Range(interval->low, interval->high, 0);
         }
-        out_ << "</span><span><b>" << Times(contrast.controls_ratio)
+        out_ << "</span><span" << Title(FiltersOf(contrast)) << "><b>"
+             << Times(contrast.controls_ratio)
              << "</b>controls per trajectory</span></div></div>\n";
       }
       out_ << "</div>\n";
@@ -176,10 +234,13 @@ class Page {
     struct Panel {
       const char* title;
       Share Cell::*share;
+      core::Outcome outcome;
     };
-    constexpr std::array<Panel, 3> kPanels = {Panel{"Completed", &Cell::completed},
-                                              Panel{"Halted", &Cell::halted},
-                                              Panel{"Collided", &Cell::collided}};
+    using core::Outcome;
+    constexpr std::array<Panel, 3> kPanels = {
+        Panel{"Completed", &Cell::completed, Outcome::kCompleted},
+        Panel{"Halted", &Cell::halted, Outcome::kHalted},
+        Panel{"Collided", &Cell::collided, Outcome::kCollided}};
     int episodes = 0;
     for (const std::string& learner : learners_) {
       out_ << "<figure>\n<h3>Learner " << Escape(LearnerNameOf(learner))
@@ -204,6 +265,7 @@ class Page {
             series.y.push_back(share.value);
             series.low.push_back(share.interval.low);
             series.high.push_back(share.interval.high);
+            series.commands.push_back(Commands({FilterOf(cell, {core::Name(panel.outcome)})}));
           }
           plot.series.push_back(std::move(series));
         }
@@ -240,22 +302,12 @@ class Page {
     out_ << "</div>\n";
   }
 
-  // What prints the ids of a number's episodes.
-  std::string Command(const Cell& cell, const char* outcome) const {
-    std::string command = EpisodesCommand(options_.program, cell.learner, cell.method);
-    if (cell.demonstrations > 0) {
-      command.append(" --demonstrations ").append(std::to_string(cell.demonstrations));
-    }
-    return command.append(" --outcome ").append(outcome);
-  }
-
   void ShareCells(const Cell& cell) {
     for (const auto& [share, outcome] : {std::pair(&cell.completed, "completed"),
                                          {&cell.halted, "halted"},
                                          {&cell.collided, "collided"}}) {
-      out_ << "<td class=\"n\"";
-      if (!options_.program.empty()) out_ << " title=\"" << Escape(Command(cell, outcome)) << "\"";
-      out_ << ">" << Number(100.0 * share->value, 1) << " <small>"
+      out_ << "<td class=\"n\"" << Title({FilterOf(cell, {outcome})}) << ">"
+           << Number(100.0 * share->value, 1) << " <small>"
            << Range(share->interval.low, share->interval.high, 1) << "</small></td>";
     }
   }
@@ -275,15 +327,19 @@ class Page {
       for (const Contrast& candidate : summary_.contrasts) {
         if (candidate.method == cell.method && candidate.learner == learner) contrast = &candidate;
       }
-      out_ << "<td class=\"n\">" << Number(cell.controls_per_trajectory, 1)
-           << "</td><td class=\"n\">"
-           << (contrast != nullptr ? Times(contrast->controls_ratio) : "")
-           << "</td><td class=\"n\">" << Number(cell.recovery_controls, 1) << "</td>"
-           << "<td class=\"n\">";
-      if (contrast != nullptr) {
-        out_ << contrast->only_method_collided << ", " << contrast->only_reference_collided;
+      const std::string controls = "<td class=\"n\"" + Title({FilterOf(cell)}) + ">";
+      out_ << controls << Number(cell.controls_per_trajectory, 1) << "</td>";
+      if (contrast == nullptr) {
+        out_ << "<td></td>" << controls << Number(cell.recovery_controls, 1)
+             << "</td><td></td></tr>\n";
+        continue;
       }
-      out_ << "</td></tr>\n";
+      out_ << "<td class=\"n\"" << Title(FiltersOf(*contrast)) << ">"
+           << Times(contrast->controls_ratio) << "</td>" << controls
+           << Number(cell.recovery_controls, 1) << "</td><td class=\"n\"><span"
+           << Title({OnlyCollided(*contrast, false)}) << ">" << contrast->only_method_collided
+           << "</span>, <span" << Title({OnlyCollided(*contrast, true)}) << ">"
+           << contrast->only_reference_collided << "</span></td></tr>\n";
     }
     const Cell& any = summary_.averages.front();
     out_ << "</tbody></table></div>\n<p class=\"caption\">"
@@ -309,12 +365,19 @@ class Page {
       std::vector<internal::Bar> bars;
       for (const Cell& cell : summary_.averages) {
         if (cell.learner != learner) continue;
-        internal::Bar bar{NameOf(cell.method), {{"completed", "done", cell.completed.value}}};
+        const auto commands = [&](const char* outcome, const std::string& cause = "") {
+          EpisodeFilter filter = FilterOf(cell, {outcome});
+          filter.cause = cause;
+          return Commands({filter});
+        };
+        internal::Bar bar{NameOf(cell.method),
+                          {{"completed", "done", cell.completed.value, commands("completed")}}};
         for (const auto& [cause, count] : cell.halt_causes) {
-          bar.parts.push_back(
-              {"halted: " + cause, class_of(cause), static_cast<double>(count) / cell.episodes});
+          bar.parts.push_back({"halted: " + cause, class_of(cause),
+                               static_cast<double>(count) / cell.episodes,
+                               commands("halted", cause)});
         }
-        bar.parts.push_back({"collided", "hit", cell.collided.value});
+        bar.parts.push_back({"collided", "hit", cell.collided.value, commands("collided")});
         bars.push_back(std::move(bar));
       }
       out_ << "<div><h3>Learner " << Escape(LearnerNameOf(learner)) << "</h3>\n"
@@ -347,8 +410,10 @@ class Page {
       StartRow(cell, learner);
       for (const std::string& cause : causes) {
         const auto found = cell.collision_causes.find(cause);
-        out_ << "<td class=\"n\">" << (found == cell.collision_causes.end() ? 0 : found->second)
-             << "</td>";
+        EpisodeFilter filter = FilterOf(cell, {"collided"});
+        filter.cause = cause;
+        out_ << "<td class=\"n\"" << Title({filter}) << ">"
+             << (found == cell.collision_causes.end() ? 0 : found->second) << "</td>";
       }
       out_ << "</tr>\n";
     }
@@ -394,13 +459,14 @@ class Page {
   }
 
   void Settings() {
+    if (summary_.commit.empty() && options_.settings.empty()) return;
     out_ << "<h2>Settings</h2>\n<div class=\"wide\"><table><tbody>\n";
     const auto row = [&](const std::string& name, const std::string& value) {
       out_ << "<tr><td>" << Escape(name) << "</td><td class=\"text\"><code>" << Escape(value)
            << "</code></td></tr>\n";
     };
     if (!summary_.cells.empty()) row("seed", std::to_string(summary_.seed));
-    row("commit", summary_.commit);
+    if (!summary_.commit.empty()) row("commit", summary_.commit);
     for (const auto& [name, value] : options_.settings) row(name, value);
     out_ << "</tbody></table></div>\n";
   }
@@ -423,14 +489,18 @@ class Page {
            << "</td><td>" << Escape(NameOf(cell.method)) << "</td><td class=\"n\">"
            << cell.demonstrations << "</td><td class=\"n\">" << cell.episodes << "</td>";
       ShareCells(cell);
-      out_ << "<td class=\"n\">" << Number(cell.controls_per_trajectory, 1)
-           << "</td><td class=\"n\">" << cell.redrawn_starts << "</td></tr>\n";
+      out_ << "<td class=\"n\"" << Title({FilterOf(cell)}) << ">"
+           << Number(cell.controls_per_trajectory, 1) << "</td><td class=\"n\">"
+           << cell.redrawn_starts << "</td></tr>\n";
     }
     out_ << "</tbody></table></div>\n</details>\n";
     if (summary_.measures.empty()) return;
-    out_ << "<h3>Further figures, means over trials</h3>\n<details><summary>Show</summary>\n"
-            "<div class=\"wide\"><table><thead><tr><th>Figure</th><th>Learner</th>"
-            "<th class=\"n\">Demonstrations</th><th class=\"n\">Mean</th></tr></thead><tbody>\n";
+    out_
+        << "<h3>Further figures, means over trials</h3>\n<p class=\"caption\">They are of what was "
+           "learned, not of episodes: the entries \"measures\" of "
+           "summary.json.</p>\n<details><summary>Show</summary>\n"
+           "<div class=\"wide\"><table><thead><tr><th>Figure</th><th>Learner</th>"
+           "<th class=\"n\">Demonstrations</th><th class=\"n\">Mean</th></tr></thead><tbody>\n";
     for (const MeasureMean& measure : summary_.measures) {
       out_ << "<tr><td>" << Escape(measure.name) << "</td><td>" << Escape(measure.learner)
            << "</td><td class=\"n\">" << measure.demonstrations << "</td><td class=\"n\">"
@@ -447,15 +517,6 @@ class Page {
 };
 
 }  // namespace
-
-std::string EpisodesCommand(const std::string& program, const std::string& learner,
-                            const std::string& method) {
-  const auto word = [](const std::string& text) {
-    const bool plain = text.find_first_of(" ,;'\"$&<>()") == std::string::npos;
-    return plain ? text : "'" + text + "'";
-  };
-  return program + " episodes FOLDER --learner " + word(learner) + " --method " + word(method);
-}
 
 void SavePlot(const ReportPlot& plot, const std::filesystem::path& path) {
   internal::ReplaceFile(path, internal::SvgDocument(plot));

@@ -3,6 +3,8 @@
 #include <cstddef>
 #include <utility>
 
+#include "dfr/experiment/film.h"
+
 namespace dfr::experiment {
 namespace {
 
@@ -25,6 +27,33 @@ class RecoveryCounter final : public control::RolloutObserver {
   int length_ = 0;
 };
 
+// The plant's states, whatever was observed of them, and who chose each control.
+class StateRecorder final : public control::RolloutObserver {
+ public:
+  StateRecorder(const core::Plant& plant, FilmedEpisode& episode)
+      : plant_(&plant), episode_(&episode), state_(static_cast<std::size_t>(plant.state_dim())) {}
+  void OnStart(std::span<const double> /*x*/) override { Record(); }
+  void OnControl(const control::RolloutEvent& event) override {
+    episode_->recovery.push_back(event.step.mode != control::Mode::kPolicy);
+    Record();
+  }
+  void OnEnd(const control::RolloutResult& /*result*/) override {
+    const auto width = static_cast<Eigen::Index>(state_.size());
+    episode_->states =
+        Eigen::Map<const core::Matrix>(states_.data(), std::ssize(states_) / width, width);
+  }
+
+ private:
+  void Record() {
+    plant_->Observe(state_);
+    states_.insert(states_.end(), state_.begin(), state_.end());
+  }
+  const core::Plant* plant_;
+  FilmedEpisode* episode_;
+  std::vector<double> state_;
+  std::vector<double> states_;  // one after another
+};
+
 }  // namespace
 
 RolloutRunner::RolloutRunner(std::unique_ptr<core::SimulatedPlant> plant,
@@ -35,7 +64,8 @@ RolloutRunner::RolloutRunner(std::unique_ptr<core::SimulatedPlant> plant,
   }
 }
 
-void RolloutRunner::Add(std::unique_ptr<control::Controller> controller) {
+void RolloutRunner::Add(std::string method, std::unique_ptr<control::Controller> controller) {
+  names_.push_back(std::move(method));
   controllers_.push_back(std::move(controller));
   recovery_lengths_.emplace_back();
 }
@@ -55,10 +85,27 @@ control::RolloutResult RolloutRunner::Watch(int method, std::uint64_t start_seed
       observer, &workspace_);
 }
 
+bool RolloutRunner::Film(const std::vector<int>& methods, std::uint64_t start_seed,
+                         std::uint64_t controller_seed, const std::filesystem::path& path) {
+  std::vector<FilmedEpisode> episodes;
+  episodes.reserve(methods.size());
+  for (const int method : methods) {
+    FilmedEpisode& episode = episodes.emplace_back();
+    episode.method = MethodName(method);
+    StateRecorder recorder(world(), episode);
+    episode.result = ResultOf(Watch(method, start_seed, controller_seed, &recorder));
+  }
+  SaveFilm("Episodes from one start state", world().layout(), episodes, path);
+  return true;
+}
+
 EpisodeResult RolloutRunner::Run(int method, std::uint64_t start_seed,
                                  std::uint64_t controller_seed) {
   RecoveryCounter counter(recovery_lengths_.at(static_cast<std::size_t>(method)));
-  const control::RolloutResult result = Watch(method, start_seed, controller_seed, &counter);
+  return ResultOf(Watch(method, start_seed, controller_seed, &counter));
+}
+
+EpisodeResult RolloutRunner::ResultOf(const control::RolloutResult& result) {
   EpisodeResult episode{.outcome = result.outcome,
                         .cause = CauseOf(result),
                         .controls = result.controls(),

@@ -6,6 +6,7 @@
 #include <set>
 #include <stdexcept>
 #include <tuple>
+#include <utility>
 
 #include "dfr/core/format.h"
 #include "dfr/experiment/ledger.h"
@@ -15,13 +16,17 @@
 namespace dfr::experiment {
 namespace {
 
+bool IsLog(const std::filesystem::directory_entry& entry) {
+  const std::filesystem::path ending = entry.path().extension();
+  return entry.is_regular_file() && (ending == ".log" || ending == ".out");
+}
+
 // The last line that is not blank, of the newest *.log or *.out beside the ledger.
 std::string LastWords(const std::filesystem::path& folder) {
   std::filesystem::path newest;
   std::filesystem::file_time_type time;
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
-    const std::filesystem::path ending = entry.path().extension();
-    if (!entry.is_regular_file() || (ending != ".log" && ending != ".out")) continue;
+    if (!IsLog(entry)) continue;
     if (newest.empty() || entry.last_write_time() > time) {
       newest = entry.path();
       time = entry.last_write_time();
@@ -36,58 +41,93 @@ std::string LastWords(const std::filesystem::path& folder) {
   return newest.filename().string() + ": " + last;
 }
 
-}  // namespace
+// Appends the ledgers in `folder` and below it, as deep as a grid's shards are. A folder with logs
+// alone is a task that failed before it had a ledger.
+void Collect(const std::filesystem::path& folder, int depth,
+             std::vector<std::filesystem::path>& ledgers) {
+  constexpr int kDeepest = 2;
+  const std::filesystem::path ledger = folder / "ledger.jsonl";
+  if (std::filesystem::is_regular_file(ledger)) {
+    ledgers.push_back(ledger);
+    return;
+  }
+  if (!std::filesystem::is_directory(folder)) return;
+  std::vector<std::filesystem::path> below;
+  bool has_log = false;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    if (entry.is_directory()) below.push_back(entry.path());
+    has_log = has_log || IsLog(entry);
+  }
+  // dfr-cluster's own folder is none of a task.
+  std::erase_if(below, [](const auto& path) { return path.filename() == "cluster"; });
+  if (below.empty() && has_log) ledgers.push_back(ledger);
+  if (depth == kDeepest) return;
+  std::ranges::sort(below);
+  for (const std::filesystem::path& path : below) Collect(path, depth + 1, ledgers);
+}
 
-Status StatusOf(const std::vector<std::filesystem::path>& ledgers) {
-  Status status;
-  std::optional<LedgerHeader> header;
-  std::set<std::tuple<int, int, std::string>> units;
-  double wall = 0.0;
-  double begun = 0.0;
-  double ended = 0.0;
-  for (const std::filesystem::path& path : ledgers) {
-    LedgerStatus& one = status.ledgers.emplace_back();
+// What the ledgers of one run add up to.
+class Run {
+ public:
+  explicit Run(const std::filesystem::path& folder) : folder_(folder) {}
+
+  [[nodiscard]] bool Has(const LedgerHeader& header) const {
+    return header_ && Difference(*header_, header).empty();
+  }
+  // Nothing else is known of a task without a unit.
+  [[nodiscard]] bool IsIn(const std::filesystem::path& folder) const { return folder_ == folder; }
+
+  // Null: no unit is finished yet.
+  void Add(const std::filesystem::path& path, const LedgerContents* contents) {
+    LedgerStatus& one = status_.ledgers.emplace_back();
     one.path = path;
-    one.running = internal::IsLocked(path);
-    if (std::filesystem::file_size(path) > 0) {
-      const LedgerContents contents = ReadLedger(path);
-      if (!header) header = contents.header;
-      const std::string difference = Difference(*header, contents.header);
-      if (!difference.empty()) {
-        throw std::runtime_error(path.string() + ": is of another run than " +
-                                 ledgers.front().string() + ": " + difference);
-      }
-      const Shard& shard = contents.header.shard;
-      const std::int64_t all = std::ssize(UnitsOf(contents.header.plan));
-      one.shard = std::to_string(shard.index) + "/" + std::to_string(shard.count);
-      one.units =
-          static_cast<int>(all * shard.index / shard.count - all * (shard.index - 1) / shard.count);
-      one.done = static_cast<int>(contents.records.size());
-      status.units = static_cast<int>(all);
-      for (const LedgerRecord& record : contents.records) {
-        const EvaluationUnit& unit = record.result.unit;
-        if (!units.emplace(unit.trial, unit.demonstrations, unit.learner).second) continue;
-        ++status.by_host[record.host];
-        wall += record.wall_s;
-        status.longest_wall_s = std::max(status.longest_wall_s, record.wall_s);
-        const auto end = static_cast<double>(record.finished);
-        begun = units.size() == 1 ? end - record.wall_s : std::min(begun, end - record.wall_s);
-        ended = units.size() == 1 ? end : std::max(ended, end);
-      }
-    }
+    one.running = internal::IsLocked(path) || internal::IsLocked(path.parent_path() / "lock");
+    if (contents != nullptr) Count(*contents, one);
     const bool unfinished = one.units == 0 || one.done < one.units;
     if (unfinished && !one.running) one.last_words = LastWords(path.parent_path());
   }
-  status.done = static_cast<int>(units.size());
-  if (status.done > 0) status.mean_wall_s = wall / status.done;
-  const bool running = std::ranges::any_of(status.ledgers, &LedgerStatus::running);
-  if (running && status.done > 0) {
-    status.remaining_s = (ended - begun) / status.done * (status.units - status.done);
-  }
-  return status;
-}
 
-std::string ToText(const Status& status) {
+  [[nodiscard]] Status Result() && {
+    status_.done = static_cast<int>(units_.size());
+    if (status_.done > 0) status_.mean_wall_s = wall_ / status_.done;
+    if (status_.done > 0 && std::ranges::any_of(status_.ledgers, &LedgerStatus::running)) {
+      status_.remaining_s = (ended_ - begun_) / status_.done * (status_.units - status_.done);
+    }
+    return std::move(status_);
+  }
+
+ private:
+  void Count(const LedgerContents& contents, LedgerStatus& one) {
+    if (!header_) header_ = contents.header;
+    const Shard& shard = contents.header.shard;
+    const std::int64_t all = std::ssize(UnitsOf(contents.header.plan));
+    one.shard = std::to_string(shard.index) + "/" + std::to_string(shard.count);
+    one.units =
+        static_cast<int>(all * shard.index / shard.count - all * (shard.index - 1) / shard.count);
+    one.done = static_cast<int>(contents.records.size());
+    status_.units = static_cast<int>(all);
+    for (const LedgerRecord& record : contents.records) {
+      const EvaluationUnit& unit = record.result.unit;
+      if (!units_.emplace(unit.trial, unit.demonstrations, unit.learner).second) continue;
+      ++status_.by_host[record.host];
+      wall_ += record.wall_s;
+      status_.longest_wall_s = std::max(status_.longest_wall_s, record.wall_s);
+      const auto end = static_cast<double>(record.finished);
+      begun_ = units_.size() == 1 ? end - record.wall_s : std::min(begun_, end - record.wall_s);
+      ended_ = units_.size() == 1 ? end : std::max(ended_, end);
+    }
+  }
+
+  std::filesystem::path folder_;  // of the first ledger's folder
+  std::optional<LedgerHeader> header_;
+  Status status_;
+  std::set<std::tuple<int, int, std::string>> units_;
+  double wall_ = 0.0;
+  double begun_ = 0.0;
+  double ended_ = 0.0;
+};
+
+std::string TextOf(const Status& status) {
   std::string text =
       std::to_string(status.done) + " of " + std::to_string(status.units) + " units are finished";
   for (const auto& [host, count] : status.by_host) {
@@ -120,8 +160,9 @@ std::string ToText(const Status& status) {
   return text;
 }
 
-std::string ToJson(const Status& status) {
-  using Json = nlohmann::ordered_json;
+using Json = nlohmann::ordered_json;
+
+Json JsonOf(const Status& status) {
   Json json = {{"done", status.done},
                {"units", status.units},
                {"by_host", status.by_host},
@@ -136,6 +177,68 @@ std::string ToJson(const Status& status) {
                                {"units", ledger.units},
                                {"running", ledger.running},
                                {"last_words", ledger.last_words}});
+  }
+  return json;
+}
+
+}  // namespace
+
+std::vector<Status> StatusesOf(const std::vector<std::filesystem::path>& folders) {
+  std::vector<std::filesystem::path> ledgers;
+  for (const std::filesystem::path& folder : folders) {
+    const std::size_t before = ledgers.size();
+    Collect(folder, 0, ledgers);
+    if (ledgers.size() == before) {
+      throw std::runtime_error(folder.string() +
+                               ": there is no ledger.jsonl in it, nor in the folders below");
+    }
+  }
+  std::vector<Run> runs;
+  std::vector<std::filesystem::path> without_units;
+  const auto run_with = [&](const std::filesystem::path& path, const auto& is_it) -> Run& {
+    const auto found = std::ranges::find_if(runs, is_it);
+    return found != runs.end() ? *found : runs.emplace_back(path.parent_path().parent_path());
+  };
+  for (const std::filesystem::path& path : ledgers) {
+    if (!std::filesystem::exists(path) || std::filesystem::file_size(path) == 0) {
+      without_units.push_back(path);
+      continue;
+    }
+    const LedgerContents contents = ReadLedger(path);
+    run_with(path, [&](const Run& run) { return run.Has(contents.header); }).Add(path, &contents);
+  }
+  for (const std::filesystem::path& path : without_units) {
+    const std::filesystem::path beside = path.parent_path().parent_path();
+    run_with(path, [&](const Run& run) { return run.IsIn(beside); }).Add(path, nullptr);
+  }
+  std::vector<Status> statuses;
+  statuses.reserve(runs.size());
+  for (Run& run : runs) statuses.push_back(std::move(run).Result());
+  return statuses;
+}
+
+std::string ToText(const std::vector<Status>& statuses) {
+  std::string text;
+  if (statuses.size() > 1) {
+    int done = 0;
+    int units = 0;
+    for (const Status& status : statuses) {
+      done += status.done;
+      units += status.units;
+    }
+    text = core::Format("%zu runs, %d of %d units are finished\n", statuses.size(), done, units);
+  }
+  for (const Status& status : statuses) {
+    text.append(text.empty() ? "" : "\n").append(TextOf(status));
+  }
+  return text;
+}
+
+std::string ToJson(const std::vector<Status>& statuses) {
+  Json json = JsonOf(statuses.front());
+  if (statuses.size() > 1) {
+    json = Json::array();
+    for (const Status& status : statuses) json.push_back(JsonOf(status));
   }
   return json.dump(1) + "\n";
 }

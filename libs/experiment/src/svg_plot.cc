@@ -81,14 +81,15 @@ Axis MakeXAxis(const ReportPlot& plot) {
   values.erase(std::unique(values.begin(), values.end()), values.end());
   if (values.empty()) values = {plot.log_x ? 0.1 : 0.0, 1.0};
   Axis axis;
-  axis.low = plot.log_x ? values.front() : std::min(0.0, values.front());
-  axis.high = values.back() > axis.low ? values.back() : axis.low + 1.0;
+  axis.low = plot.log_x ? values.front() : plot.x_min.value_or(std::min(0.0, values.front()));
+  axis.high = plot.log_x ? values.back() : plot.x_max.value_or(values.back());
+  if (!(axis.high > axis.low)) axis.high = axis.low + 1.0;
   if (plot.log_x) {
     AddPowersOfTen(axis);
     return axis;
   }
   // Ticks need room for their numbers: a fourteenth of the axis between any two.
-  bool roomy = values.size() <= 8;
+  bool roomy = values.size() <= 8 && !plot.x_min && !plot.x_max;
   for (std::size_t i = 1; i < values.size(); ++i) {
     roomy = roomy && values[i] - values[i - 1] >= (axis.high - axis.low) / 14.0;
   }
@@ -173,9 +174,10 @@ void CheckPlot(const ReportPlot& plot) {
   for (const ReportSeries& series : plot.series) {
     const bool fits = series.x.size() == series.y.size() &&
                       series.low.size() == series.high.size() &&
-                      (series.low.empty() || series.low.size() == series.x.size());
-    DFR_THROW_UNLESS(fits,
-                     "report series '" << series.name << "': x, y, low and high differ in size");
+                      (series.low.empty() || series.low.size() == series.x.size()) &&
+                      (series.commands.empty() || series.commands.size() == series.x.size());
+    DFR_THROW_UNLESS(
+        fits, "report series '" << series.name << "': x, y, low, high and commands differ in size");
     DFR_THROW_UNLESS(!plot.log_x || std::all_of(series.x.begin(), series.x.end(),
                                                 [](double x) { return x > 0.0; }),
                      "report series '" << series.name << "': a logarithmic axis needs x > 0");
@@ -309,6 +311,7 @@ class Panel {
       if (!series.low.empty()) {
         markers << " [" << YText(series.low[k]) << ", " << YText(series.high[k]) << "]";
       }
+      if (!series.commands.empty()) markers << "\n" << Escape(series.commands[k]);
       markers << "</title></g>";
     }
     svg << "<g " << StyleAttribute(StyleOf(i)) << "><path class=\"line\""
@@ -401,7 +404,8 @@ std::string SvgBars(const std::vector<Bar>& bars) {
             << "\" dy=\"0.35em\">" << Number(100.0 * part.share, 0) << "</text>";
       }
       svg << "<title>" << Escape(bars[i].name) << ", " << Escape(part.name) << ": "
-          << Number(100.0 * part.share, 1) << " %</title></g>";
+          << Number(100.0 * part.share, 1) << " %"
+          << (part.command.empty() ? "" : "\n" + Escape(part.command)) << "</title></g>";
       x += length;
     }
     svg << "\n";

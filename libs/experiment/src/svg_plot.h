@@ -23,6 +23,7 @@ struct BarPart {
   std::string name;
   std::string css_class;
   double share = 0.0;
+  std::string command = {};  ///< That prints its episodes; empty: none.
 };
 struct Bar {
   std::string name;

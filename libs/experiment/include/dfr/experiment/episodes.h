@@ -42,19 +42,35 @@ struct RecordedEpisode {
 [[nodiscard]] RecordedEpisode FindEpisode(const std::filesystem::path& folder,
                                           std::string_view name, const LedgerHeader* now = nullptr);
 
+/// How another method ended from the same start state.
+struct EpisodePartner {
+  std::string method = {};                 ///< Empty: nothing is asked of another method.
+  std::vector<std::string> outcomes = {};  ///< core::Name() of each; one of them.
+};
+
+/// The partner that "baseline=collided,halted" names.
+/// @throws std::invalid_argument for other texts.
+[[nodiscard]] EpisodePartner ParsePartner(std::string_view text);
+
 /// Which episodes are meant. Empty, or 0: all.
 struct EpisodeFilter {
   std::string method = {};
   std::string learner = {};
   int demonstrations = 0;
-  std::string outcome = {};  ///< core::Name() of it.
+  std::vector<std::string> outcomes = {};  ///< core::Name() of each; one of them.
   std::string cause = {};
+  EpisodePartner against = {};
 };
+
+/// The command of `program` that prints these episodes of a run in FOLDER, as a shell takes it.
+[[nodiscard]] std::string EpisodesCommand(const std::string& program, const EpisodeFilter& filter);
 
 /// Prints the ids of episodes in these ledgers with outcome, cause and controls: collisions first,
 /// then halts, in each those with the most recovery controls first; at most `most` of them unless
-/// that is 0.
-/// @throws as ReadLedger().
+/// that is 0. The last line says how many they are, of how many that have the filter's method,
+/// learner and data point, and how many controls they took on average.
+/// @throws std::runtime_error naming a method, learner or data point that no ledger has; as
+///   ReadLedger().
 void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const EpisodeFilter& filter,
                    int most, std::ostream& out);
 

@@ -20,6 +20,8 @@ struct ReportSeries {
   std::vector<double> y;
   std::vector<double> low = {};   ///< Lower edge of a band around the line; empty: no band.
   std::vector<double> high = {};  ///< Its upper edge, as long as `low`.
+  /// Which command prints the episodes behind each point, shown where the mouse is on it; or empty.
+  std::vector<std::string> commands = {};
   /// Colour and marker: methods have theirs by their place in the plan. -1: by place in the plot.
   int style = -1;
   bool dashed = false;
@@ -29,8 +31,10 @@ struct ReportSeries {
 struct ReportPlot {
   std::string title = {};
   std::string x_label = {};
-  bool percent = false;  ///< y is a share: 0.25 reads 25 %.
-  bool log_x = false;    ///< Logarithmic x axis; every x must be > 0.
+  bool percent = false;              ///< y is a share: 0.25 reads 25 %.
+  bool log_x = false;                ///< Logarithmic x axis; every x must be > 0.
+  std::optional<double> x_min = {};  ///< Not of a logarithmic axis.
+  std::optional<double> x_max = {};
   std::optional<double> y_min = {};
   std::optional<double> y_max = {};
   std::vector<ReportSeries> series = {};
@@ -56,10 +60,6 @@ struct ReportTable {
   /// or empty.
   std::vector<std::vector<std::string>> commands = {};
 };
-
-/// The command of `program` that prints the ids of a method's episodes.
-[[nodiscard]] std::string EpisodesCommand(const std::string& program, const std::string& learner,
-                                          const std::string& method);
 
 /// Prints the heading, then the table with its columns in line, for a terminal: the first
 /// `left_aligned` columns at the left.

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <span>
 #include <string>
@@ -22,6 +23,11 @@ class RolloutRunner : public TrialRunner {
   /// One rollout, with CauseOf() as its cause.
   [[nodiscard]] EpisodeResult Run(int method, std::uint64_t start_seed,
                                   std::uint64_t controller_seed) override;
+  /// A page of the undisturbed plant's states, as SaveFilm() writes it; derived classes that can
+  /// draw their plant may do better.
+  [[nodiscard]] bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
+                          std::uint64_t controller_seed,
+                          const std::filesystem::path& path) override;
 
   /// Run() with an observer, who may draw the plant; ends after `max_controls`.
   control::RolloutResult Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
@@ -37,8 +43,11 @@ class RolloutRunner : public TrialRunner {
   ///   disturbed copy of `plant`.
   explicit RolloutRunner(std::unique_ptr<core::SimulatedPlant> plant,
                          const control::DisturbanceOptions& disturbance = {});
-  /// Appends the controller of the plan's next method.
-  void Add(std::unique_ptr<control::Controller> controller);
+  /// Appends the controller of the plan's next method, which has that name.
+  void Add(std::string method, std::unique_ptr<control::Controller> controller);
+  [[nodiscard]] const std::string& MethodName(int method) const {
+    return names_.at(static_cast<std::size_t>(method));
+  }
   /// What methods drive.
   [[nodiscard]] core::SimulatedPlant& driven() noexcept {
     return disturbed_ != nullptr ? static_cast<core::SimulatedPlant&>(*disturbed_) : *plant_;
@@ -58,8 +67,12 @@ class RolloutRunner : public TrialRunner {
   [[nodiscard]] virtual bool CollidesAfterHalt() { return false; }
 
  private:
+  // The episode of a rollout that has just ended.
+  EpisodeResult ResultOf(const control::RolloutResult& result);
+
   std::unique_ptr<core::SimulatedPlant> plant_;
   std::unique_ptr<control::DisturbedPlant> disturbed_;  // null: plant_ itself is driven
+  std::vector<std::string> names_;
   std::vector<std::unique_ptr<control::Controller>> controllers_;
   std::vector<std::vector<int>> recovery_lengths_;
   control::RolloutWorkspace workspace_;
