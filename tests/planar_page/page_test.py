@@ -152,7 +152,7 @@ class Page(unittest.TestCase):
         self.assertEqual(result["before"], [False, "draw"])
         self.assertEqual(result["count"], 12)
         self.assertTrue(result["fitted"] and result["message"])
-        self.assertRegex(result["text"], r"12 demonstrations, \d+ states: learned in [\d,]+ µs. One decision takes .* µs")
+        self.assertRegex(result["text"], r"12 demonstrations, \d+ states: learned in [\d,]+ µs(, certificates in [\d,]+ µs)?. One decision takes .* µs")
         self.assertEqual(result["outcome"], "completed")
 
     def test_a_line_through_an_obstacle_is_refused_in_one_sentence(self):
