@@ -519,6 +519,28 @@ Returns
 -------
 ndarray of shape (n_states,)
 )")
+      .def(
+          "shortfall",
+          [](const Guard& guard, const Array& states) {
+            DFR_THROW_UNLESS(states.ndim() == 2, "states must have 2 dimensions");
+            const core::Matrix rows = Rows(states, "states");
+            core::Matrix shortfall;
+            {
+              const py::gil_scoped_release unlocked;
+              shortfall = guard.model().Shortfall(rows);
+            }
+            return py::array_t<double>({shortfall.rows(), shortfall.cols()}, shortfall.data());
+          },
+          py::arg("states"),
+          R"(Which entries of each state put it outside: what each adds to -l.
+
+Rows sum to -l of `levels`, and are zero where that is not positive. An entry's share is the rise of
+l along it on the way back inside, whatever its unit. A negative one compensates for others.
+
+Returns
+-------
+ndarray of shape (n_states, state_dim)
+)")
       .def("with_settings", &With, py::kw_only(), py::arg("strategy") = py::none(),
            py::arg("horizon") = py::none(), py::arg("max_actions") = py::none(),
            py::arg("action_limit") = py::none(), py::arg("alarm_level") = py::none(),
