@@ -68,13 +68,20 @@ void Check(const core::StateLayout& layout, std::span<const core::Trajectory> de
                          demonstration.states.rows() == demonstration.controls.rows() + 1,
                      "demonstration " << d << " has " << demonstration.states.rows()
                                       << " states and " << demonstration.controls.rows()
-                                      << " actions; one state more than actions is needed");
+                                      << " actions; one state more than actions is needed. Append "
+                                         "the state after the last action, or drop that action");
     DFR_THROW_UNLESS(demonstration.controls.cols() == demonstrations[0].controls.cols(),
                      "demonstration " << d << " has actions of " << demonstration.controls.cols()
                                       << " entries, demonstration 0 of "
                                       << demonstrations[0].controls.cols());
-    DFR_THROW_UNLESS(demonstration.states.allFinite() && demonstration.controls.allFinite(),
-                     "demonstration " << d << " has a non-finite entry");
+    for (const auto& [what, rows] : {std::pair("state", &demonstration.states),
+                                     std::pair("action", &demonstration.controls)}) {
+      for (Eigen::Index t = 0; t < rows->rows(); ++t) {
+        DFR_THROW_UNLESS(rows->row(t).allFinite(), "demonstration "
+                                                       << d << " has a non-finite entry in " << what
+                                                       << ' ' << t);
+      }
+    }
   }
 }
 
@@ -235,6 +242,8 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2: " << options.folds);
   DFR_THROW_UNLESS(options.action_limit >= 0.0,
                    "action_limit must not be negative: " << options.action_limit);
+  DFR_THROW_UNLESS(options.false_alarms > 0.0 && options.false_alarms < 1.0,
+                   "false_alarms must lie in (0, 1), not be " << options.false_alarms);
   DFR_THROW_UNLESS(options.hold_out >= 0.0 && options.hold_out <= 0.5,
                    "hold_out must lie in [0, .5], not be " << options.hold_out);
   DFR_THROW_UNLESS(options.error_factor > 0.0 && std::isfinite(options.error_factor),
