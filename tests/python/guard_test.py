@@ -553,6 +553,10 @@ class GuardedEnvTest(unittest.TestCase):
         done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
 
+    def test_a_path_is_no_guard(self):
+        with self.assertRaisesRegex(TypeError, r"guard must be a dfr.Guard, not 'task.guard': dfr.Guard.load"):
+            dfr.GuardedEnv(Corridor(), "task.guard")
+
     def test_own_states(self):
         env = dfr.GuardedEnv(Corridor(as_dict=True), self.guard, state=lambda obs: [0.0, *obs["tip"]])
         env.reset(seed=1)
