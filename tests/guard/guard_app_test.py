@@ -410,6 +410,8 @@ class GuardAppTest(unittest.TestCase):
             (["fit", "demos.hdf5", "--features", "gripper"], "feature 'gripper' is not part of the state; it has"),
             (["fit", "demos.hdf5", "--strategy", "brave"], "no strategy 'brave'; there are: guided"),
             (["fit", "demos.hdf5", "--features", "tip", "--nu", "2"], "nu"),
+            (["check", "demos.hdf5", "--action-limit", "-1"], "--action-limit: must be positive, not -1\n"),
+            (["check", "."], ".: has neither data/main_data.hdf5, as Minari's datasets, nor meta/info.json, as LeRobot's"),
             (["show", "cut.guard"], "cut.guard: is truncated or damaged"),
             (["show", "demos.hdf5"], "is not a file written by dfr"),
             ([], "subcommand"),

@@ -661,7 +661,7 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   EXPECT_THAT(fit({good[0], good[1]}), HasSubstr("at least 3 demonstrations, not 2"));
   auto bad = good;
   bad[2].states(4, 1) = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THAT(fit(bad), HasSubstr("demonstration 2 has a non-finite entry"));
+  EXPECT_THAT(fit(bad), HasSubstr("demonstration 2 has a non-finite entry in state"));
   bad = good;
   bad[3].controls.conservativeResize(7, 2);
   EXPECT_THAT(fit(bad), HasSubstr("demonstration 3 has 21 states and 7 actions"));
@@ -677,7 +677,8 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   EXPECT_THAT(fit(good, {.features = "tip", .horizon = 1073741825}), HasSubstr("horizon"));
   EXPECT_THAT(fit(good, {.features = "tip", .horizon = std::numeric_limits<int>::max()}),
               HasSubstr("horizon"));
-  EXPECT_THAT(fit(good, {.features = "tip", .false_alarms = 1.0}), HasSubstr("alpha"));
+  EXPECT_THAT(fit(good, {.features = "tip", .false_alarms = 1.0}),
+              HasSubstr("false_alarms must lie in (0, 1)"));
   EXPECT_THAT(fit(good, {.features = "tip", .folds = 1}), HasSubstr("folds"));
 
   const auto model = GuardModel::Fit(layout, good, {.features = "tip"});
