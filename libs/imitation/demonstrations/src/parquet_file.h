@@ -20,9 +20,9 @@ struct ParquetColumn {
   }
 };
 
-/// Reads numbers (half precision and unsigned ones included) and truth values from an Apache Parquet file: flat columns and lists of them;
-/// pages of version 1 and 2; plain, dictionary and run-length encodings; uncompressed, Snappy,
-/// Zstandard.
+/// Reads numbers (half precision and unsigned ones included) and truth values from an Apache
+/// Parquet file: flat columns and lists of them; pages of version 1 and 2; plain, dictionary and
+/// run-length encodings; uncompressed, Snappy, Zstandard.
 ///
 /// A file is not trusted: no size that it claims is allocated before what it must fit into is
 /// known, and a page or column beyond a budget of memory is refused. All functions throw
