@@ -11,6 +11,20 @@ namespace dfr::apps {
 /// Numbers of horizons, repetitions and the like: no more of them than files and counters hold.
 inline const CLI::Range kCount(1, 1'000'000);
 
+/// For CLI::Option::check(). CLI11's own end with all 309 digits of the largest double.
+inline const CLI::Validator kPositive(
+    [](std::string& text) {
+      const auto value = core::ParseNumber(text);
+      return value && *value > 0.0 ? std::string() : "must be positive, not " + text;
+    },
+    "POSITIVE");
+inline const CLI::Validator kNotNegative(
+    [](std::string& text) {
+      const auto value = core::ParseNumber(text);
+      return value && *value >= 0.0 ? std::string() : "must not be negative, as " + text + " is";
+    },
+    "NONNEGATIVE");
+
 /// Makes every option of a program and of its commands that takes a number read it as all of this
 /// repository does (core/numbers.h): no NaN, no infinity, no hexadecimal or octal, no sign before
 /// what cannot be negative, nothing that overflows. To be called when all options are added; checks

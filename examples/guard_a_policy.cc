@@ -2,11 +2,12 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <exception>
 
 #include "dfr/safety/guard.h"
 
-int main(int, char** argv) {
-  auto guard = dfr::safety::Guard::Load(argv[1]);  // of fit_a_guard
+int main(int argc, char** argv) try {
+  auto guard = dfr::safety::Guard::Load(argc > 1 ? argv[1] : "task.guard");  // of fit_a_guard
   guard.Reset(/*seed=*/1);
   std::array<double, 2> tip = {0.0, 0.0};
   for (int t = 0; t < 40 && tip[0] < 1.8; ++t) {
@@ -22,4 +23,7 @@ int main(int, char** argv) {
     for (int k = 0; k < 2; ++k) tip[k] += action[k];  // your robot
   }
   return tip[0] >= 1.8 && std::abs(tip[1]) < 0.6 ? 0 : 1;
+} catch (const std::exception& e) {
+  std::fprintf(stderr, "%s\n", e.what());
+  return 1;
 }

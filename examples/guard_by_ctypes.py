@@ -12,6 +12,8 @@ class Verdict(ctypes.Structure):
         ("g", ctypes.c_double), ("threshold", ctypes.c_double), ("reason", ctypes.c_char_p)]
 
 
+if len(sys.argv) != 3:
+    sys.exit("usage: guard_by_ctypes.py libdfr_guard.so.0 GUARD   (fit_a_guard makes one)")
 library = ctypes.CDLL(sys.argv[1])
 library.dfr_guard_load.restype = ctypes.c_void_p
 library.dfr_guard_last_error.restype = ctypes.c_char_p

@@ -40,7 +40,7 @@ void AddCheck(CLI::App& app, int& result) {
   command
       ->add_option("--action-limit", options->action_limit,
                    "entries of actions beyond +- this are reported")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->add_option(
       "--repair", options->repair,

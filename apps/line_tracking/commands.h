@@ -53,7 +53,7 @@ inline constexpr const char* kNoRecordings = "none";
 
 struct RunOptions {
   SceneOptions scene;
-  std::filesystem::path config;  ///< Of a robot; empty: the simulation in this process.
+  std::filesystem::path config;  ///< A robot's; empty: the simulation in this process.
   // Empty: as the configuration says, or "model", "guided", "recordings".
   std::filesystem::path model;
   std::string method;

@@ -23,7 +23,7 @@ constexpr int kDemonstrations = 50;
 constexpr int kDemonstratedSteps = 50;
 constexpr int kCalibrationFrames = 300;
 constexpr std::size_t kCurves = 30;
-// Of the study of probes: enough of them for its figures, and few enough for the fine ones, which
+// The study of probes: enough episodes for its figures, and few enough for the fine probes, which
 // from images take a thousand controls for nothing.
 constexpr int kStudiedEpisodes = 8;
 constexpr int kStudiedControls = 200;

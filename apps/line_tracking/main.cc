@@ -128,7 +128,7 @@ void AddCalibrate(CLI::App& app, CalibrateOptions& options) {
       "calibrate", "camera, its place, and the arm's joint errors from a motion");
   command.add_option("--out", options.out, "the file")->capture_default_str();
   command.add_option("--frames", options.frames, "pictures of the motion")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command.add_option("--held-out", options.held_out, "poses to judge it at")->capture_default_str();
   command.add_option("--seed", options.seed, "of the motion")->capture_default_str();
@@ -141,7 +141,7 @@ void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
       "demonstrate", "write open-loop, undisturbed demonstrations as robomimic HDF5");
   command.add_option("--out", options.out, "the file")->capture_default_str();
   command.add_option("--count", options.count, "demonstrations")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command.add_option("--steps", options.steps, "controls of 1 mm each")
       ->check(CLI::Range(41, 54))

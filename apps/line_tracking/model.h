@@ -28,9 +28,9 @@ struct LineModelOptions {
   /// largest g at some time step, and DFR halts there.
   double acceptance = 0.95;
   double guided_gamma = kernel::WhitenedSupportOptions()
-                            .svm.gamma;  ///< Of guided recovery's support, in whitened units.
+                            .svm.gamma;  ///< Guided recovery's support, in whitened units.
   int horizon = 55;                      ///< T: controls of the learned policy in an episode.
-  std::uint64_t seed = 1;                ///< Of the network's first weights.
+  std::uint64_t seed = 1;                ///< Draws the network's first weights.
 };
 
 /// The constants of this task's controllers. "dfr" is Algorithm 1 with steps larger than the noise

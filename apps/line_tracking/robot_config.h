@@ -42,7 +42,7 @@ struct RobotConfig {
   hardware::PsmClientOptions arm_client;
   std::vector<std::string> teleoperation;  ///< Topics that say so; empty: the usual ones.
   bool servo_cs = false;  ///< Set-points with their twist, where the console takes them.
-  double speed_m_s = line_task::LineTask::kSpeed;  ///< Of the tip while a control is carried out.
+  double speed_m_s = line_task::LineTask::kSpeed;  ///< The tip's, while a control is carried out.
   /// The arm's base in the world frame: the gauze's when nothing moves it. Absent: as in the
   /// simulation.
   std::optional<Eigen::Isometry3d> p_world_base;
@@ -55,7 +55,7 @@ struct RobotConfig {
   std::string camera = "/ECM/image_raw";  ///< A DDS topic, a device, a file or a pipeline.
   /// The camera's intrinsics, which a calibration has to be of; empty: not looked at.
   std::filesystem::path intrinsics;
-  double image_max_age_s = 0.1;  ///< Of its stamp and of its arrival.
+  double image_max_age_s = 0.1;  ///< By its stamp, and by its arrival.
   double image_latency_s = 0.0;  ///< What a stamp may be later than the light it shows.
 
   // [simulator]

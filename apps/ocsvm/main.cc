@@ -245,13 +245,13 @@ CLI::App* AddTrain(CLI::App& app, TrainOptions& o) {
   command
       ->add_option("-g,--gamma", o.gamma,
                    "width of the kernel exp(-gamma |x - y|^2); default: 1 / features")
-      ->check(CLI::PositiveNumber);
+      ->check(dfr::apps::kPositive);
   command->add_option("-e,--tolerance", o.tolerance, "stop at this KKT violation")
       ->capture_default_str();
   command->add_option("-m,--memory", o.memory_mib, "memory of the fit, in MiB")
       ->capture_default_str();
   command->add_option("--threads", o.threads, "0: one per core; the results are the same")
-      ->check(CLI::NonNegativeNumber)
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   command->add_flag("-q,--quiet", o.quiet, "print errors only");
   command->add_option("DATA", o.data)->required();
@@ -281,13 +281,13 @@ void AddTune(CLI::App& app, TuneOptions& o) {
   command
       ->add_option("-l,--length", o.length,
                    "samples of one demonstration, in successive lines; they are held out together")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->add_option("-f,--folds", o.folds, "parts, held out in turn")->capture_default_str();
   command->add_option("-a,--acceptance", o.acceptance, "share of held-out samples inside")
       ->capture_default_str();
   command->add_option("--threads", o.threads, "0: one per core; the results are the same")
-      ->check(CLI::NonNegativeNumber)
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   command->add_option("--picture", o.picture, "write an SVG of the comparison");
   command->add_option("DATA", o.data)->required();

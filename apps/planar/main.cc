@@ -394,7 +394,7 @@ int main(int argc, char** argv) try {
     command
         ->add_option("--certified-level", study.methods.certified_level,
                      "eta: the certified modes keep l >= -eta")
-        ->check(CLI::NonNegativeNumber)
+        ->check(dfr::apps::kNotNegative)
         ->capture_default_str();
   };
   const auto seeded = [&](CLI::App* command) {
@@ -428,7 +428,7 @@ int main(int argc, char** argv) try {
       ->check(CLI::Range(2, 64))
       ->capture_default_str();
   prove->add_option("--state-error", proof.state_error, "length of errors of observed states")
-      ->check(CLI::NonNegativeNumber)
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   prove->add_flag("--mutations", mutations, "mistakes that must be found, too");
   CoverageOptions coverage;
@@ -444,7 +444,7 @@ int main(int argc, char** argv) try {
       ->check(CLI::Range(2, 1'000'000))
       ->capture_default_str();
   cover->add_option("--further", coverage.further, "demonstrations that judge a fit")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   cover->add_option("--seed", coverage.seed)->capture_default_str();
   auto* certificate = app.add_subcommand("certificate", "What the certified modes rest on");

@@ -22,15 +22,15 @@ namespace dfr::apps::planar {
 
 /// What may be varied of the methods.
 struct MethodOptions {
-  /// Of guided recovery's support, in whitened units.
+  /// Guided recovery's support, in whitened units.
   double gamma = kernel::WhitenedSupportOptions().svm.gamma;
   bool whitening = true;
   bool phase_whitening = true;
   bool hold_ended = true;
   int window = 2;
   control::GuidedOptions guided = {};
-  double raw_gamma = 0.0;  ///< Of the paper's support; 0: the task's.
-  /// Of the support of certified-lipschitz and certified-radius, in standard deviations.
+  double raw_gamma = 0.0;  ///< The paper's support; 0: the task's.
+  /// The support of certified-lipschitz and certified-radius, in standard deviations.
   double certified_gamma = 0.35;
   double gain_factor = 2.0;      ///< Safety factor on an estimated K or eps.
   double certified_level = 0.0;  ///< control::Certificate::level of the certified modes.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <exception>
+#include <limits>
 #include <optional>
 #include <sstream>
 #include <string>
@@ -15,9 +16,11 @@ using dfr::apps::planar_page::Episode;
 using dfr::apps::planar_page::MethodNames;
 using dfr::apps::planar_page::Point;
 using dfr::apps::planar_page::PointPlant;
+using dfr::apps::planar_page::SafeRegion;
 using dfr::apps::planar_page::Scene;
 using dfr::apps::planar_page::Scenes;
 using dfr::apps::planar_page::Support;
+using dfr::apps::planar_page::SupportOf;
 using dfr::apps::planar_page::Tally;
 using dfr::apps::planar_page::World;
 
@@ -75,6 +78,15 @@ Support SupportAt(int index) {
   DFR_THROW_UNLESS(index >= 0 && index <= 2, "there is no support " << index);
   return static_cast<Support>(index);
 }
+
+// With what the certified methods need, where it is meant.
+World& Fitted(Support support) {
+  World& world = Fitted();
+  if (support == Support::kCertified) world.FitCertified();
+  return world;
+}
+
+World& FittedFor(int method) { return Fitted(SupportOf(Method(method))); }
 
 void Write(std::initializer_list<double> values) {
   std::copy(values.begin(), values.end(), page_array(static_cast<int>(values.size())));
@@ -222,15 +234,22 @@ int page_fit() {
   });
 }
 
+int page_fit_certified() {
+  return Guarded([&] {
+    Fitted().FitCertified();
+    return 0;
+  });
+}
+
 int page_num_steps(int support) {
-  return Guarded([&] { return Fitted().num_steps(SupportAt(support)); });
+  return Guarded([&] { return Fitted(SupportAt(support)).num_steps(SupportAt(support)); });
 }
 
 int page_levels(int support, int t, double left, double top, double spacing, int columns,
                 int rows) {
   return Guarded([&] {
-    const World& world = Fitted();
     const Support of = SupportAt(support);
+    const World& world = Fitted(of);
     double* out = page_array(columns * rows);
     for (int r = 0; r < rows; ++r) {
       for (int c = 0; c < columns; ++c) {
@@ -243,23 +262,28 @@ int page_levels(int support, int t, double left, double top, double spacing, int
 
 int page_look(int support, int t, double x, double y) {
   return Guarded([&] {
-    const World& world = Fitted();
-    const auto region = world.Certified(t, {x, y});
-    Write({world.LogDecision(SupportAt(support), t, {x, y}),
-           world.Decision(SupportAt(support), t, {x, y}), region.lipschitz, region.centre[0],
-           region.centre[1], region.radius});
+    const Support of = SupportAt(support);
+    const World& world = Fitted(of);
+    constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+    const SafeRegion region = world.fitted_certified()
+                                  ? world.Certified(t, {x, y})
+                                  : SafeRegion{kUnknown, {kUnknown, kUnknown}, kUnknown};
+    Write({world.LogDecision(of, t, {x, y}), world.Decision(of, t, {x, y}), region.lipschitz,
+           region.centre[0], region.centre[1], region.radius});
     return 0;
   });
 }
 
 int page_nearest_step(int support, double x, double y) {
-  return Guarded([&] { return Fitted().NearestStep(SupportAt(support), {x, y}); });
+  return Guarded([&] {
+    return Fitted(SupportAt(support)).NearestStep(SupportAt(support), {x, y});
+  });
 }
 
 int page_start(int method, double x, double y, int first_step, int seed) {
   return Guarded([&] {
-    Page().episode.emplace(
-        Fitted().Start(Method(method), {x, y}, first_step, static_cast<std::uint64_t>(seed)));
+    Page().episode.emplace(FittedFor(method).Start(Method(method), {x, y}, first_step,
+                                                   static_cast<std::uint64_t>(seed)));
     return 0;
   });
 }
@@ -301,7 +325,7 @@ int page_push(double dx, double dy) {
 
 int page_preview(int method, double x, double y, int first_step, int most) {
   return Guarded([&] {
-    Episode episode = Fitted().Start(Method(method), {x, y}, first_step, 0);
+    Episode episode = FittedFor(method).Start(Method(method), {x, y}, first_step, 0);
     std::vector<Point> way = {{x, y}};
     way.reserve(static_cast<std::size_t>(most) + 1);
     for (int i = 0; i < most && !episode.over(); ++i) way.push_back(episode.Step().to);
@@ -311,7 +335,8 @@ int page_preview(int method, double x, double y, int first_step, int most) {
 
 int page_run(int method, int count, int seed) {
   return Guarded([&] {
-    const Tally tally = Fitted().Run(Method(method), count, static_cast<std::uint64_t>(seed));
+    const Tally tally =
+        FittedFor(method).Run(Method(method), count, static_cast<std::uint64_t>(seed));
     Write({static_cast<double>(tally.completed), static_cast<double>(tally.halted),
            static_cast<double>(tally.collided)});
     return 0;

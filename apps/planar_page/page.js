@@ -30,7 +30,7 @@ const numbers = (count, first = 0) => {
 const page = {
   scene: 0, method: 3, tool: "move", running: false, seed: 1, phase: 0, demonstrations: [], paths: null,
   robot: [0, 0], history: [], at: 0, outcome: -1, cause: 0, alone: null, preview: null, line: null, pen: null,
-  levels: null, fitMs: NaN, decisionUs: NaN, fitted: false, tally: null, due: 0, share: 1, dirty: true, frames: 0,
+  levels: null, fitMs: NaN, certifiedMs: NaN, decisionUs: NaN, fitted: false, certified: false, later: 0, tally: null, due: 0, share: 1, dirty: true, frames: 0,
 };
 const scene = () => world.scenes[page.scene];
 const support = () => world.methods[page.method].support;
@@ -68,7 +68,7 @@ function learn() {
   }
   page.paths = null;
   page.tally = null;
-  page.fitted = false;
+  page.fitted = page.certified = false;
   page.levels = null;
   const count = page.demonstrations.length;
   if (count >= 3) {
@@ -77,18 +77,39 @@ function learn() {
       call("fit");
       page.fitMs = performance.now() - begin;
       page.fitted = true;
+      if (support() === 2) learnCertified();
       page.decisionUs = decisionTime();
     } catch (error) {
       say(error.message);
     }
   }
-  const steps = page.demonstrations.reduce((sum, d) => sum + d.length / 2, 0);
-  $("fitted").textContent = page.fitted ?
-    `${count} demonstrations, ${steps} states: learned in ${Math.round(1000 * page.fitMs).toLocaleString("en")} µs. One decision takes ` +
-    `${page.decisionUs.toFixed(page.decisionUs < 10 ? 1 : 0)} µs.` :
-    count === 0 ? "None yet. Draw a line from start to goal." : `${count} so far; it takes three to learn from.`;
+  showFitted();
   newStart();
   showTally();
+  clearTimeout(page.later);
+  if (page.fitted) page.later = setTimeout(learnCertified, 300);
+}
+
+// Certificates take as long to learn as all else: what was learned is shown before.
+function learnCertified() {
+  if (page.certified || !page.fitted) return;
+  const begin = performance.now();
+  call("fit_certified");
+  page.certifiedMs = performance.now() - begin;
+  page.certified = true;
+  for (const d of page.history) Object.assign(d, measures(d.t, d.from));
+  showFitted();
+  look();
+}
+
+function showFitted() {
+  const count = page.demonstrations.length, steps = page.demonstrations.reduce((sum, d) => sum + d.length / 2, 0);
+  const us = ms => Math.round(1000 * ms).toLocaleString("en") + " µs";
+  $("fitted").textContent = page.fitted ?
+    `${count} demonstrations, ${steps} states: learned in ${us(page.fitMs)}` +
+    `${page.certified ? `, certificates in ${us(page.certifiedMs)}` : ""}. One decision takes ` +
+    `${page.decisionUs.toFixed(page.decisionUs < 10 ? 1 : 0)} µs.` :
+    count === 0 ? "None yet. Draw a line from start to goal." : `${count} so far; it takes three to learn from.`;
 }
 
 // Microseconds that guided recovery takes for a decision, over many.
@@ -180,6 +201,7 @@ function setMethod(index) {
   $("method").textContent = METHODS[world.methods[index].name][1];
   page.levels = null;
   $("show-certificate").checked = support() === 2;
+  if (support() === 2) learnCertified();
   if (page.fitted) begin(page.history.length ? page.history[0].from : page.robot, page.first);
 }
 
@@ -240,6 +262,7 @@ function pushes(direction, on) {
 // A few episodes a frame, so that the page stays alive.
 function compare() {
   if (!page.fitted) return say("There is nothing to compare yet: draw a demonstration.");
+  learnCertified();
   const tally = page.tally = world.methods.map(() => [0, 0, 0]);
   let slice = 0;
   const more = () => {
@@ -522,7 +545,7 @@ function showReadings() {
   if (page.fitted && state) {
     rows.push(["time step t", past ? d.t : page.phase], ["g(x)", figure(state.g)], ["l(x)", figure(state.l)]);
     if (d && !Number.isNaN(d.threshold)) rows.push(["λ|u|, as last needed", figure(d.threshold)]);
-    rows.push(["certified radius", state.radius > 0 ? `${figure(Math.max(0, state.radius - Math.hypot(state.centre[0] - (past ? d.from : page.robot)[0], state.centre[1] - (past ? d.from : page.robot)[1])))}` : "none, outside"]);
+    rows.push(["certified radius", !page.certified ? "not learned yet" : state.radius > 0 ? `${figure(Math.max(0, state.radius - Math.hypot(state.centre[0] - (past ? d.from : page.robot)[0], state.centre[1] - (past ? d.from : page.robot)[1])))}` : "none, outside"]);
     if (d) rows.push(["last control", d.mode === POLICY && d.changed ? "learned, changed" : MODES[d.mode]]);
   }
   $("readings").innerHTML = rows.map(([name, value]) => `<dt>${name}</dt><dd>${value}</dd>`).join("");

@@ -295,25 +295,35 @@ Decision Episode::Step() noexcept {
   return decision;
 }
 
+namespace {
+
+// What the certified methods need.
+struct CertifiedModel {
+  explicit CertifiedModel(std::span<const core::Trajectory> demonstrations)
+      : guided(OneUnit(demonstrations), demonstrations,
+               {.svm = {.gamma = 0.35, .tolerance = kTolerance}, .phase_whitening = false}),
+        direction_error(control::EstimateDirectionError(guided.features(), demonstrations).value),
+        scale(guided.features().scale()(0, 0)) {}
+
+  safety::GuidedRecovery guided;
+  double direction_error;
+  double scale;  ///< The features are the state times this.
+};
+
+}  // namespace
+
 struct World::Learned {
   Learned(const PointPlant& plant, int degree, std::span<const core::Trajectory> demonstrations)
       : polynomial(demonstrations, degree),
         policy(polynomial),
         unpushed(polynomial),
-        model(plant.layout(), demonstrations, Options()),
-        certified(OneUnit(demonstrations), demonstrations,
-                  {.svm = {.gamma = 0.35, .tolerance = kTolerance}, .phase_whitening = false}),
-        direction_error(
-            control::EstimateDirectionError(certified.features(), demonstrations).value),
-        scale(certified.features().scale()(0, 0)) {}
+        model(plant.layout(), demonstrations, Options()) {}
 
   planar::PolynomialPolicy polynomial;
   PushedPolicy policy;
   PushedPolicy unpushed;  ///< For Run(), which nobody pushes.
   safety::TaskModel model;
-  safety::GuidedRecovery certified;
-  double direction_error;
-  double scale;  ///< The certified modes' features are the state times this.
+  std::optional<CertifiedModel> certified;
 
   [[nodiscard]] std::unique_ptr<control::Controller> Make(std::size_t method,
                                                           const PushedPolicy& with,
@@ -327,9 +337,9 @@ struct World::Learned {
     options.first_step = first_step;
     options.certificate.kind = kCertificates.at(method - 4);
     // K is known. Its two factors are rounded apart.
-    options.certificate.gain = PointPlant::kGain * scale * (1.0 + 1e-12);
-    options.certificate.direction_error = direction_error + 1e-9;
-    return std::make_unique<control::GuidedPolicy>(with, certified.model(), options);
+    options.certificate.gain = PointPlant::kGain * certified->scale * (1.0 + 1e-12);
+    options.certificate.direction_error = certified->direction_error + 1e-9;
+    return std::make_unique<control::GuidedPolicy>(with, certified->guided.model(), options);
   }
 };
 
@@ -392,6 +402,14 @@ void World::Clear() {
 
 void World::Fit() { learned_ = std::make_unique<Learned>(plant_, scene_->degree, demonstrations_); }
 
+void World::FitCertified() {
+  if (!fitted_certified()) learned_->certified.emplace(demonstrations_);
+}
+
+bool World::fitted_certified() const noexcept {
+  return fitted() && learned_->certified.has_value();
+}
+
 // Nothing if an obstacle is touched or the goal is not reached.
 std::optional<core::Trajectory> World::Follow(const std::vector<Point>& points, bool unsteady,
                                               std::uint64_t seed) const {
@@ -431,18 +449,18 @@ std::optional<core::Trajectory> World::Follow(const std::vector<Point>& points, 
 const core::LogDecisionFunction& World::Chosen(Support support) const noexcept {
   if (support == Support::kPublished) return *learned_->model.published();
   return support == Support::kGuided ? learned_->model.guided_support()
-                                     : learned_->certified.support();
+                                     : learned_->certified->guided.support();
 }
 
 int World::num_steps(Support support) const noexcept { return Chosen(support).num_steps(); }
 
 double World::LogDecision(Support support, int t, const Point& x) const noexcept {
-  const double scale = support == Support::kCertified ? learned_->scale : 1.0;
+  const double scale = support == Support::kCertified ? learned_->certified->scale : 1.0;
   return Chosen(support).LogDecision(t, scale * x, {});
 }
 
 double World::Decision(Support support, int t, const Point& x) const noexcept {
-  const double scale = support == Support::kCertified ? learned_->scale : 1.0;
+  const double scale = support == Support::kCertified ? learned_->certified->scale : 1.0;
   return Chosen(support).Decision(t, scale * x);
 }
 
@@ -461,8 +479,8 @@ int World::NearestStep(Support support, const Point& x) const noexcept {
 }
 
 SafeRegion World::Certified(int t, const Point& x) const noexcept {
-  const core::LogDecisionFunction& support = learned_->certified.support();
-  const double scale = learned_->scale;
+  const core::LogDecisionFunction& support = Chosen(Support::kCertified);
+  const double scale = learned_->certified->scale;
   const Point z = scale * x;
   Point shift{};
   const control::SafeBall ball = control::ComputeSafeBall(support, t, z, shift);

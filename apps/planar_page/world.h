@@ -189,8 +189,13 @@ class World {
   /// @throws std::invalid_argument if they do not suffice.
   void Fit();
   [[nodiscard]] bool fitted() const noexcept { return learned_ != nullptr; }
+  /// Learns what the certified methods need besides, unless that is there. For a world that is
+  /// fitted(). It takes as long as Fit(), so that a page can show what Fit() learned meanwhile.
+  void FitCertified();
+  [[nodiscard]] bool fitted_certified() const noexcept;
 
-  // The rest is for a world that is fitted().
+  // The rest is for a world that is fitted(), and fitted_certified() where Support::kCertified, a
+  // certified method or Certified() is asked for.
 
   [[nodiscard]] int num_steps(Support support) const noexcept;
   /// l_t(x), the log form of g_t(x), and g_t(x) itself.

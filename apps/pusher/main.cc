@@ -48,7 +48,7 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
   command.add_option("--nu", model.nu, "bound on the outliers of each support, in (0, 1]")
       ->capture_default_str();
   command.add_option("--gamma", model.gamma, "width of the Gaussian kernel [1/m^2]")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command
       .add_option("--features", model.support_features,
@@ -60,7 +60,7 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
   command
       .add_option("--guided-gamma", model.guided_gamma,
                   "the same of guided recovery's support, whose features are whitened")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command.add_option("--epochs", model.epochs, "passes of Adam over the demonstrations")
       ->check(kCount)
@@ -121,12 +121,12 @@ void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
       app.add_subcommand("demonstrate", "write demonstrations of the supervisor as robomimic HDF5");
   command->add_option("--out", options.out, "the file")->capture_default_str();
   command->add_option("--count", options.count, "demonstrations, those discarded not counted")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->add_option("--supervisor", options.supervisor,
                       "file of train-supervisor (default: the shipped one)");
   command->add_option("--horizon", options.horizon, "T: most controls of a demonstration")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->add_option("--seed", options.seed, "of start states and noise")->capture_default_str();
   AddScene(*command, options.plant);
@@ -139,7 +139,7 @@ void AddFit(CLI::App& app, FitOptions& options) {
   command->add_option("--demonstrations", options.demonstrations, "robomimic HDF5 file")
       ->capture_default_str();
   command->add_option("--use", options.use, "only the first so many demonstrations; 0: all")
-      ->check(CLI::NonNegativeNumber)
+      ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
   command->add_option("--out", options.out, "folder of the model's files")->capture_default_str();
   command->add_option("--learner", options.learner, "hidden units of the policy, as in 8 or 64-64")
@@ -158,7 +158,7 @@ void AddEvaluate(CLI::App& app, EvaluateOptions& options) {
       ->delimiter(',')
       ->capture_default_str();
   command->add_option("--episodes", options.episodes, "start states")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->add_option("--seed", options.seed, "of start states and recoveries")
       ->capture_default_str();
@@ -177,7 +177,7 @@ void AddGuarded(CLI::App& app, GuardedOptions& options) {
                    "text: for each of the 7 controls an offset, and a gain per state entry")
       ->capture_default_str();
   command->add_option("--episodes", options.episodes, "start states")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->add_option("--seed", options.seed, "of the first, counting up")->capture_default_str();
   AddScene(*command, options.plant);
@@ -197,10 +197,10 @@ void AddDrift(CLI::App& app, DriftOptions& options) {
       ->check(CLI::Range(2, 10'000))
       ->capture_default_str();
   command->add_option("--trials", options.trials, "independent repetitions of everything")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->add_option("--episodes", options.episodes, "start states per trial")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command
       ->add_option("--supervisor", options.supervisor,

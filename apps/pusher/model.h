@@ -22,7 +22,7 @@ namespace dfr::apps::pusher {
 struct Learner {
   std::vector<int> hidden = {8};
   std::optional<int> epochs = {};  ///< Passes of Adam over the demonstrations; else ModelOptions'.
-  double learning_rate = 1e-3;     ///< Of Adam.
+  double learning_rate = 1e-3;     ///< Adam's.
 
   /// "8", "64-64": the units of each hidden layer; "8x100": trained for 100 epochs.
   /// @throws std::invalid_argument for anything else.
@@ -39,7 +39,7 @@ struct ModelOptions {
   double gamma = 5.0;  ///< 1/m^2
   int horizon = 60;    ///< T
   double guided_gamma = kernel::WhitenedSupportOptions()
-                            .svm.gamma;  ///< Of guided recovery's support, in whitened units.
+                            .svm.gamma;  ///< Guided recovery's support, in whitened units.
   std::uint64_t seed = 1;
 };
 

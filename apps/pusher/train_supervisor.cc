@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/command_line.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
@@ -193,10 +194,10 @@ void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options) {
                                               {"fork", sim::Gripper::kFork}}))
       ->default_str("bar");
   command->add_option("--min-steps", options.min_steps, "controls before it is judged first")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->add_option("--max-steps", options.max_steps, "controls at most")
-      ->check(CLI::PositiveNumber)
+      ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->callback([&options] {
     const int code = TrainSupervisor(options);

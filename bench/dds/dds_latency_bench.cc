@@ -37,7 +37,7 @@ constexpr std::uint32_t kWidth = 640;
 constexpr std::uint32_t kHeight = 480;
 constexpr double kPatience_s = 20.0;
 
-// Of all processes of this machine.
+// A clock that all processes of this machine share.
 std::int64_t Now() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(
              std::chrono::steady_clock::now().time_since_epoch())
@@ -87,7 +87,7 @@ class OurEnd final : public End {
   OurEnd(int domain, bool asks, bool shared_memory)
       : participant_(
             {.domain = domain, .name = "dds_latency_bench", .shared_memory = shared_memory}) {
-    // Of roles without lifespan: what is measured may not expire.
+    // Roles without a lifespan: what is measured may not expire.
     const Role role = std::is_same_v<T, Image> ? Role::kImage : Role::kState;
     if (asks) {
       ask_ = std::make_unique<Publisher<T>>(participant_, "/ask", role);

@@ -1,4 +1,4 @@
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
 from typing import Any, overload
 
@@ -59,7 +59,7 @@ class TimeVaryingSupport:
     def __init__(self, estimates: Sequence[SupportEstimate]) -> None: ...
     @staticmethod
     def fit(
-        demonstrations: Sequence[ArrayLike],
+        demonstrations: Iterable[ArrayLike],
         *,
         nu: float = 0.05,
         gamma: float = 5.0,
@@ -88,11 +88,11 @@ class TimeVaryingSupport:
 class Guard:
     @staticmethod
     def fit(
-        states: Sequence[ArrayLike],
-        actions: Sequence[ArrayLike],
+        states: Iterable[ArrayLike],
+        actions: Iterable[ArrayLike],
         *,
-        layout: Sequence[tuple[str, int]] = ...,
-        features: str = "",
+        layout: Sequence[tuple[str, int]] | dict[str, int] = ...,
+        features: str | Sequence[str] = "",
         nu: float = 0.05,
         gamma: float = 0.25,
         strategy: str = "guided",
@@ -111,7 +111,7 @@ class Guard:
     def load(path: str | PathLike[str]) -> Guard: ...
     def save(self, path: str | PathLike[str]) -> None: ...
     def export_onnx(self, path: str | PathLike[str]) -> None: ...
-    def reset(self, seed: int = 0) -> None: ...
+    def reset(self, seed: int | None = 0) -> None: ...
     def stop(self) -> None: ...
     def filter(self, t: int, state: ArrayLike, action: ArrayLike) -> tuple[NDArray[np.float64], dict[str, Any]]: ...
     @overload
@@ -120,6 +120,7 @@ class Guard:
     def decision(self, t: ArrayLike, x: ArrayLike) -> NDArray[np.float64]: ...
     def certify(self, t: int, state: ArrayLike, action: ArrayLike) -> dict[str, Any]: ...
     def levels(self, states: ArrayLike) -> NDArray[np.float64]: ...
+    def shortfall(self, states: ArrayLike) -> NDArray[np.float64]: ...
     def with_settings(
         self,
         *,

@@ -117,6 +117,8 @@ class GuardedEnv(Wrapper):
 
     def __init__(self, env: Any, guard: Guard, state: Callable[[Any], ArrayLike] | None = None) -> None:
         super().__init__(_as_env(env))
+        if not isinstance(guard, Guard):
+            raise TypeError(f"guard must be a dfr.Guard, not {guard!r}: dfr.Guard.load(path) reads one")
         limit = _limit_of(getattr(self.env, "action_space", None))
         if limit < guard.settings["action_limit"]:
             guard = guard.with_settings(action_limit=limit)

@@ -97,3 +97,35 @@ def levels(guard: Guard, demonstrations: Sequence[ArrayLike], *, ax: Axes | None
     ax.set_xlabel("state")
     ax.set_ylabel("l, positive inside")
     return ax
+
+
+def features(guard: Guard, episodes: Sequence[ArrayLike], *, most: int = 12, ax: Axes | None = None) -> Axes:
+    """Which entries of the state put these episodes outside: what each adds to -l, mean over the states outside.
+
+    One bar an entry, the largest on top. Entries that no feature looks at have none.
+
+    Parameters
+    ----------
+    episodes : sequence of array_like, (T + 1, guard.state_dim) each
+        States of episodes in which the guard had something to say.
+    most : int
+        How many entries are shown.
+
+    Raises
+    ------
+    ValueError
+        If all states are inside: then no entry decides anything.
+    """
+    rows = [guard.shortfall(states) for states in episodes]
+    outside = [row for shortfall in rows for row in shortfall if row.any()]
+    if not outside:
+        raise ValueError("all states are inside: pass episodes that leave the support, recorded with strategy "
+                         "'monitor' for example")
+    mean = np.mean(outside, axis=0)
+    names = [name if size == 1 else f"{name}[{k}]" for name, size in guard.layout for k in range(size)]
+    chosen = [k for k in np.argsort(-np.abs(mean), kind="stable")[:most] if mean[k] != 0.0][::-1]
+    ax = _axes(ax)
+    ax.barh([names[k] for k in chosen], mean[chosen], color="#26786e")
+    ax.axvline(0.0, color="0.3", linewidth=1.0)
+    ax.set_xlabel(f"part of -l, mean over {len(outside)} states outside")
+    return ax

@@ -10,7 +10,9 @@
 #include <cstdint>
 #include <limits>
 #include <span>
+#include <string>
 #include <thread>
+#include <vector>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
@@ -18,9 +20,50 @@
 
 namespace dfr::python {
 
-/// Rows of doubles one after another. A C-contiguous array of float64 is taken as it is; anything
-/// else that NumPy makes one of is converted.
-using Array = pybind11::array_t<double, pybind11::array::c_style | pybind11::array::forcecast>;
+/// What Python prints for an object, in one line of at most some 60 characters.
+[[nodiscard]] std::string Shortened(const pybind11::handle& value);
+
+/// Rows of doubles one after another. As an argument, a C-contiguous array of float64 is taken as
+/// it is; anything else that NumPy makes numbers of is converted, tensors of torch included. What
+/// holds no real numbers raises TypeError in one line (ToArray()).
+struct Array : pybind11::array_t<double, pybind11::array::c_style | pybind11::array::forcecast> {
+  using array_t::array_t;
+};
+/// @throws pybind11::type_error saying what `values` holds instead of numbers.
+[[nodiscard]] Array ToArray(const pybind11::handle& values);
+
+/// Demonstrations as an argument: an array each, from whatever can be iterated over.
+struct Arrays {
+  std::vector<Array> each;
+};
+/// @throws pybind11::type_error naming the demonstration.
+[[nodiscard]] Arrays ToArrays(const pybind11::handle& values);
+
+/// An option of a function as T. pybind11's own refusal repeats all arguments, arrays included.
+/// @param kind  what it has to be, as in "a number"
+/// @throws pybind11::type_error in one line.
+template <typename T>
+[[nodiscard]] T Option(const pybind11::object& value, const char* name, const char* kind) {
+  try {
+    return value.cast<T>();
+  } catch (const pybind11::cast_error&) {
+    throw pybind11::type_error(std::string(name) + " must be " + kind + ", not " +
+                               Shortened(value));
+  }
+}
+[[nodiscard]] inline double RealOption(const pybind11::object& value, const char* name) {
+  return Option<double>(value, name, "a number");
+}
+[[nodiscard]] inline int WholeOption(const pybind11::object& value, const char* name) {
+  return Option<int>(value, name, "a whole number");
+}
+[[nodiscard]] inline std::string TextOption(const pybind11::object& value, const char* name) {
+  return Option<std::string>(value, name, "text");
+}
+[[nodiscard]] inline bool FlagOption(const pybind11::object& value, const char* name) {
+  return Option<bool>(value, name, "True or False");
+}
+
 using MatrixView = Eigen::Map<const core::Matrix>;
 
 /// The array's own memory. A vector is one row.
@@ -129,3 +172,26 @@ pybind11::tuple GetState(const kernel::OneClassSvm& svm);
 kernel::OneClassSvm FromState(const pybind11::tuple& state);
 
 }  // namespace dfr::python
+
+namespace pybind11::detail {
+
+// Where a function has several overloads, the first round takes arrays of float64 alone.
+template <>
+struct type_caster<dfr::python::Array> {
+  PYBIND11_TYPE_CASTER(dfr::python::Array, const_name("ArrayLike"));
+  bool load(handle source, bool convert) {
+    if (!convert && !dfr::python::Array::check_(source)) return false;
+    value = dfr::python::ToArray(source);
+    return true;
+  }
+};
+template <>
+struct type_caster<dfr::python::Arrays> {
+  PYBIND11_TYPE_CASTER(dfr::python::Arrays, const_name("Sequence[ArrayLike]"));
+  bool load(handle source, bool /*convert*/) {
+    value = dfr::python::ToArrays(source);
+    return true;
+  }
+};
+
+}  // namespace pybind11::detail

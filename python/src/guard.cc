@@ -37,7 +37,12 @@ using safety::Verdict;
 
 core::StateLayout Layout(const std::vector<std::pair<std::string, int>>& blocks, int state_dim) {
   core::StateLayout layout;
-  for (const auto& [name, size] : blocks) layout.Add(name, size);
+  for (const auto& [name, size] : blocks) {
+    for (const auto& other : layout.blocks) {
+      DFR_THROW_UNLESS(other.name != name, "the layout names '" << name << "' twice");
+    }
+    layout.Add(name, size);
+  }
   if (blocks.empty()) layout.Add("state", state_dim);
   return layout;
 }
@@ -67,37 +72,68 @@ void MakeIncrements(const core::StateLayout& layout, bool differences, bool as_r
   for (core::Trajectory& episode : demonstrations) core::ToDifferences(absolute, episode);
 }
 
-Guard Fit(const std::vector<Array>& states, const std::vector<Array>& actions,
-          const std::vector<std::pair<std::string, int>>& layout, const std::string& features,
-          double nu, double gamma, const std::string& strategy, int horizon, double action_limit,
-          double false_alarms, double confidence, double hold_out, double error_factor,
-          const std::string& source, bool differences, bool as_recorded,
-          const py::object& progress) {
-  DFR_THROW_UNLESS(states.size() == actions.size(), "there are "
-                                                        << states.size() << " arrays of states and "
-                                                        << actions.size() << " of actions");
+// Pairs of name and size, or a dict of them.
+core::StateLayout LayoutOption(const py::object& blocks, int state_dim) {
+  using Blocks = std::vector<std::pair<std::string, int>>;
+  const py::object pairs =
+      py::isinstance<py::dict>(blocks) ? py::list(blocks.attr("items")()) : blocks;
+  return Layout(Option<Blocks>(pairs, "layout", "a list of pairs (name, size)"), state_dim);
+}
+
+// "object,tip[0:2]", or a list of such names.
+std::string FeaturesOption(const py::object& features) {
+  if (!py::isinstance<py::list>(features) && !py::isinstance<py::tuple>(features)) {
+    return TextOption(features, "features");
+  }
+  std::string joined;
+  for (const std::string& name :
+       Option<std::vector<std::string>>(features, "features", "names of parts of the state")) {
+    if (!joined.empty()) joined += ',';
+    joined += name;
+  }
+  return joined;
+}
+
+Guard Fit(const Arrays& all_states, const Arrays& all_actions, const py::object& layout,
+          const py::object& features, const py::object& nu, const py::object& gamma,
+          const py::object& strategy, const py::object& horizon, const py::object& action_limit,
+          const py::object& false_alarms, const py::object& confidence, const py::object& hold_out,
+          const py::object& error_factor, const py::object& source, const py::object& differences,
+          const py::object& as_recorded, const py::object& progress) {
+  const std::vector<Array>& states = all_states.each;
+  const std::vector<Array>& actions = all_actions.each;
+  DFR_THROW_UNLESS(states.size() == actions.size(),
+                   "there are " << states.size() << " arrays of states and " << actions.size()
+                                << " of actions; pass lists with one array "
+                                   "of each a demonstration");
   DFR_THROW_UNLESS(!states.empty(), "there are no demonstrations");
   std::vector<core::Trajectory> demonstrations;
   for (std::size_t i = 0; i < states.size(); ++i) {
     DFR_THROW_UNLESS(states[i].ndim() == 2 && actions[i].ndim() == 2,
-                     "states and actions of demonstration " << i << " must have 2 dimensions");
+                     "states and actions of demonstration "
+                         << i << " must have 2 dimensions, not " << states[i].ndim() << " and "
+                         << actions[i].ndim()
+                         << ": a list of one array (time, entries) a demonstration is needed; "
+                            "array[:, None] makes one column of a vector");
     core::Trajectory demonstration;
     demonstration.states = Rows(states[i], "states");
     demonstration.controls = Rows(actions[i], "actions");
     demonstrations.push_back(std::move(demonstration));
   }
   safety::GuardOptions options;
-  options.features = safety::StripObservationPrefixes(features);
-  options.support.svm.nu = nu;
-  options.support.svm.gamma = gamma;
-  options.strategy = safety::ParseStrategy(strategy);
-  options.horizon = horizon;
-  options.action_limit = action_limit;
-  options.false_alarms = false_alarms;
-  options.confidence = confidence;
-  options.hold_out = hold_out;
-  options.error_factor = error_factor;
-  options.source = source;
+  options.features = safety::StripObservationPrefixes(FeaturesOption(features));
+  options.support.svm.nu = RealOption(nu, "nu");
+  options.support.svm.gamma = RealOption(gamma, "gamma");
+  options.strategy = safety::ParseStrategy(TextOption(strategy, "strategy"));
+  options.horizon = WholeOption(horizon, "horizon");
+  options.action_limit = RealOption(action_limit, "action_limit");
+  options.false_alarms = RealOption(false_alarms, "false_alarms");
+  options.confidence = RealOption(confidence, "confidence");
+  options.hold_out = RealOption(hold_out, "hold_out");
+  options.error_factor = RealOption(error_factor, "error_factor");
+  options.source = TextOption(source, "source");
+  const bool convert = FlagOption(differences, "differences");
+  const bool accept = FlagOption(as_recorded, "as_recorded");
   Interruptible interruptible;
   options.support.svm.progress = [&](const kernel::FitProgress&) { return interruptible.GoOn(); };
   options.progress = [&](std::string_view stage, double share) {
@@ -109,11 +145,11 @@ Guard Fit(const std::vector<Array>& states, const std::vector<Array>& actions,
     return true;
   };
   const core::StateLayout blocks =
-      Layout(layout, static_cast<int>(demonstrations[0].states.cols()));
+      LayoutOption(layout, static_cast<int>(demonstrations[0].states.cols()));
   std::shared_ptr<const GuardModel> model;
   try {
     const py::gil_scoped_release unlocked;
-    MakeIncrements(blocks, differences, as_recorded, demonstrations);
+    MakeIncrements(blocks, convert, accept, demonstrations);
     model = GuardModel::Fit(blocks, demonstrations, options);
   } catch (const std::invalid_argument&) {
     // Fits that were stopped halfway may not go together.
@@ -225,17 +261,25 @@ py::object Decision(const Guard& guard, const py::object& time, const Array& x) 
   return g;
 }
 
-Guard With(const Guard& guard, const std::optional<std::string>& strategy,
-           std::optional<int> horizon, std::optional<int> max_actions,
-           std::optional<double> action_limit, std::optional<double> alarm_level,
-           std::optional<double> direction_error) {
+// None leaves a setting as it is.
+Guard With(const Guard& guard, const py::object& strategy, const py::object& horizon,
+           const py::object& max_actions, const py::object& action_limit,
+           const py::object& alarm_level, const py::object& direction_error) {
   GuardSettings settings = guard.model().settings();
-  if (strategy) settings.strategy = safety::ParseStrategy(*strategy);
-  settings.horizon = horizon.value_or(settings.horizon);
-  settings.max_actions = max_actions.value_or(settings.max_actions);
-  settings.action_limit = action_limit.value_or(settings.action_limit);
-  settings.alarm_level = alarm_level.value_or(settings.alarm_level);
-  settings.direction_error = direction_error.value_or(settings.direction_error);
+  const auto real = [](const py::object& value, const char* name, double& setting) {
+    if (!value.is_none()) setting = RealOption(value, name);
+  };
+  const auto whole = [](const py::object& value, const char* name, int& setting) {
+    if (!value.is_none()) setting = WholeOption(value, name);
+  };
+  if (!strategy.is_none()) {
+    settings.strategy = safety::ParseStrategy(TextOption(strategy, "strategy"));
+  }
+  whole(horizon, "horizon", settings.horizon);
+  whole(max_actions, "max_actions", settings.max_actions);
+  real(action_limit, "action_limit", settings.action_limit);
+  real(alarm_level, "alarm_level", settings.alarm_level);
+  real(direction_error, "direction_error", settings.direction_error);
   return Guard(guard.model().With(settings));
 }
 
@@ -354,12 +398,12 @@ summary : dict
 
 Parameters
 ----------
-states : sequence of array_like of shape (n_actions_i + 1, state_dim)
+states : iterable of array_like of shape (n_actions_i + 1, state_dim)
     One array a demonstration, the state after the last action included.
-actions : sequence of array_like of shape (n_actions_i, action_dim)
-layout : sequence of (name, size), optional
+actions : iterable of array_like of shape (n_actions_i, action_dim)
+layout : sequence of (name, size) or dict, optional
     What the entries of a state are called, for `features`. Without it there is one block "state".
-features : str
+features : str or list of str
     What is looked at, as in "object,tip[0:2]"; all entries if empty. "obs/object" is "object".
 nu, gamma : float
     Of the supports; gamma in whitened units, which all tasks share. It is doubled, twice at most, where supports
@@ -395,6 +439,8 @@ Raises
 ------
 ValueError
     Naming the demonstration or option that is wrong.
+TypeError
+    Naming the demonstration that holds no numbers, or the option of another type.
 )")
       .def_static(
           "load",
@@ -431,8 +477,15 @@ Its inputs are t (rows, int64) and x (rows, state_dim), its output g (rows).
       .def(
           "__deepcopy__", [](const Guard& guard, const py::dict&) { return Copy(guard); },
           py::arg("memo"))
-      .def("reset", &Guard::Reset, py::arg("seed") = 0,
-           "Start an episode; all that is random follows from the seed.")
+      .def(
+          "reset",
+          [](Guard& guard, const py::object& seed) {
+            guard.Reset(seed.is_none() ? 0
+                                       : Option<std::uint64_t>(
+                                             seed, "seed", "a whole number from 0 to 2^64 - 1"));
+          },
+          py::arg("seed") = 0,
+          "Start an episode; all that is random follows from the seed. None is 0.")
       .def(
           "stop", [](Guard& guard) { guard.Stop(); },
           "Halt from outside: all actions are zero until `reset`.")
@@ -518,6 +571,28 @@ An alarm is raised where l < -settings["alarm_level"].
 Returns
 -------
 ndarray of shape (n_states,)
+)")
+      .def(
+          "shortfall",
+          [](const Guard& guard, const Array& states) {
+            DFR_THROW_UNLESS(states.ndim() == 2, "states must have 2 dimensions");
+            const core::Matrix rows = Rows(states, "states");
+            core::Matrix shortfall;
+            {
+              const py::gil_scoped_release unlocked;
+              shortfall = guard.model().Shortfall(rows);
+            }
+            return py::array_t<double>({shortfall.rows(), shortfall.cols()}, shortfall.data());
+          },
+          py::arg("states"),
+          R"(Which entries of each state put it outside: what each adds to -l.
+
+Rows sum to -l of `levels`, and are zero where that is not positive. An entry's share is the rise of
+l along it on the way back inside, whatever its unit. A negative one compensates for others.
+
+Returns
+-------
+ndarray of shape (n_states, state_dim)
 )")
       .def("with_settings", &With, py::kw_only(), py::arg("strategy") = py::none(),
            py::arg("horizon") = py::none(), py::arg("max_actions") = py::none(),

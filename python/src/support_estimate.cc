@@ -36,16 +36,19 @@ const char* Name(FitSummary::Reason reason) {
   return "unknown";
 }
 
-std::pair<OneClassSvm, FitSummary> Fit(const Array& samples, double nu, double gamma,
-                                       double tolerance, std::int64_t max_iterations,
-                                       double memory_mib, const std::optional<Array>& weights,
-                                       int threads) {
-  OneClassSvmOptions options{.nu = nu,
-                             .gamma = gamma,
-                             .tolerance = tolerance,
-                             .max_iterations = max_iterations,
-                             .memory_mib = memory_mib,
-                             .threads = threads};
+std::pair<OneClassSvm, FitSummary> Fit(const Array& samples, const py::object& nu,
+                                       const py::object& gamma, const py::object& tolerance,
+                                       const py::object& max_iterations,
+                                       const py::object& memory_mib,
+                                       const std::optional<Array>& weights,
+                                       const py::object& threads) {
+  OneClassSvmOptions options{
+      .nu = RealOption(nu, "nu"),
+      .gamma = RealOption(gamma, "gamma"),
+      .tolerance = RealOption(tolerance, "tolerance"),
+      .max_iterations = Option<std::int64_t>(max_iterations, "max_iterations", "a whole number"),
+      .memory_mib = RealOption(memory_mib, "memory_mib"),
+      .threads = WholeOption(threads, "threads")};
   if (weights) options.weights = Entries(*weights);
   Interruptible interruptible;
   options.progress = [&](const kernel::FitProgress&) { return interruptible.GoOn(); };

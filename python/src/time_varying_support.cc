@@ -22,9 +22,11 @@ namespace {
 using kernel::OneClassSvm;
 using kernel::TimeVaryingSupport;
 
-TimeVaryingSupport Fit(const std::vector<Array>& demonstrations, double nu, double gamma,
-                       double tolerance, int num_steps, bool pooled, int threads,
+TimeVaryingSupport Fit(const Arrays& arrays, const py::object& nu, const py::object& gamma,
+                       const py::object& tolerance, const py::object& num_steps,
+                       const py::object& pooled, const py::object& threads,
                        const std::optional<Array>& weights) {
+  const std::vector<Array>& demonstrations = arrays.each;
   std::vector<MatrixView> views;
   for (std::size_t i = 0; i < demonstrations.size(); ++i) {
     DFR_THROW_UNLESS(demonstrations[i].ndim() == 2,
@@ -33,10 +35,12 @@ TimeVaryingSupport Fit(const std::vector<Array>& demonstrations, double nu, doub
     views.push_back(Rows(demonstrations[i], "a demonstration"));
   }
   kernel::TimeVaryingSupportOptions options{
-      .svm = {.nu = nu, .gamma = gamma, .tolerance = tolerance},
-      .num_steps = num_steps,
-      .pooled = pooled,
-      .threads = threads};
+      .svm = {.nu = RealOption(nu, "nu"),
+              .gamma = RealOption(gamma, "gamma"),
+              .tolerance = RealOption(tolerance, "tolerance")},
+      .num_steps = WholeOption(num_steps, "num_steps"),
+      .pooled = FlagOption(pooled, "pooled"),
+      .threads = WholeOption(threads, "threads")};
   if (weights) options.svm.weights = Entries(*weights);
   Interruptible interruptible;
   options.svm.progress = [&](const kernel::FitProgress&) { return interruptible.GoOn(); };

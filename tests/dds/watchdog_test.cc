@@ -63,7 +63,7 @@ TEST(WatchdogTest, RepeatedSampleGrowsOldAlthoughItKeepsArriving) {
   EXPECT_EQ(noticed, 60);
 }
 
-// Somebody sets the system's clock back while the publisher is dead.
+// An administrator sets the system's clock back while the publisher is dead.
 TEST(WatchdogTest, ClockJumpDoesNotHideSilence) {
   Watchdog dog = Make();
   dog.Arrived(Stamp::FromNanoseconds(kWall), kSteady);

@@ -121,7 +121,7 @@ TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
               HasSubstr("episode_0/observations: row 2, column 1 is nan"));
   std::filesystem::create_directories(folder / "empty");
   EXPECT_THAT(Message([&] { (void)OpenDemonstrations(folder / "empty"); }),
-              HasSubstr("has no data/main_data.hdf5"));
+              HasSubstr("has neither data/main_data.hdf5"));
   EXPECT_THAT(Message([&] { (void)OpenDemonstrations(folder / "absent"); }),
               HasSubstr("no such file"));
 

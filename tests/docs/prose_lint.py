@@ -3,8 +3,7 @@
 
 usage: prose_lint.py [FILE ...]     (default: all Markdown and C++ files that git tracks)
 
-Tables, headings, code, and lines of one link may be long. Files in OLD were written before these
-rules; take one out once it follows them.
+Tables, headings, code, and lines of one link may be long.
 """
 
 import pathlib
@@ -24,43 +23,6 @@ WORDS = {
     r"\bseamless(ly)?\b": "say what works",
     r"\bin order to\b": "to",
 }
-OLD = set("""
-CHANGELOG.md
-apps/line_tracking/commands.h
-apps/line_tracking/experiment.cc
-apps/line_tracking/model.h
-apps/line_tracking/robot_config.h
-apps/planar/methods.h
-apps/pusher/model.h
-bench/dds/dds_latency_bench.cc
-docs/architecture.md
-docs/decisions.md
-docs/kernel.md
-docs/mathematics.md
-docs/pusher.md
-docs/recovery.md
-docs/robot.md
-hardware/dvrk/include/dfr/hardware/psm_client.h
-hardware/dvrk/include/dfr/hardware/psm_driver.h
-hardware/dvrk/include/dfr/hardware/psm_motion.h
-hardware/dvrk/src/psm_driver.cc
-hardware/dvrk/src/psm_motion.cc
-hardware/endoscope/include/dfr/hardware/endoscope.h
-hardware/stewart/include/dfr/hardware/sprk_protocol.h
-libs/control/include/dfr/control/controller.h
-libs/control/include/dfr/control/guided_model.h
-libs/control/include/dfr/control/guided_policy.h
-libs/control/include/dfr/control/jacobian_estimate.h
-libs/control/include/dfr/control/rollout.h
-libs/control/include/dfr/control/switching_policy.h
-libs/dds/src/participant.cc
-libs/recording/src/recorder.cc
-libs/runtime/include/dfr/runtime/fail_safe.h
-tests/dds/watchdog_test.cc
-tests/safety/task_model_test.cc
-tests/sim_dvrk_scene/dvrk_scene_server_test.cc
-tests/sim_dvrk_scene/dvrk_scene_test.cc
-""".split())
 
 
 def markdown_problems(text):
@@ -110,11 +72,7 @@ def main(names):
     for name in names:
         path = (SOURCE / name).resolve()
         found = problems(path)
-        relative = str(path.relative_to(SOURCE))
-        if relative in OLD:
-            if not found:
-                print(f"note: {relative} follows the rules now; take it out of OLD in {pathlib.Path(__file__).name}")
-            continue
+        relative = path.relative_to(SOURCE)
         for number, what in found:
             print(f"{relative}:{number}: {what}")
         failed += len(found)

@@ -18,7 +18,7 @@ constexpr std::size_t kEntries = 12;
 std::array<double, kEntries> Numbers(const std::uint8_t* data, std::size_t size, bool small) {
   std::array<double, kEntries> numbers{};
   if (small) {
-    // Of the size that a platform moves, which few doubles are.
+    // Few doubles are of the size that a platform moves.
     for (std::size_t i = 0; i < std::min(kEntries, size); ++i) numbers[i] = (data[i] - 128) / 8e3;
   } else if (size > 0) {
     std::memcpy(numbers.data(), data, std::min(size, sizeof numbers));

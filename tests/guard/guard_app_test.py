@@ -162,7 +162,7 @@ class GuardAppTest(unittest.TestCase):
             (replace("actions", shape=(0, 2), dtype="f8"), "data/demo_3/actions: has 0 rows"),
             (outside, "data/demo_3/actions: is a link to another file"),
             (cycle, "groups within groups"),
-            (lambda file: file["data/demo_3"].attrs.create("num_samples", "many"), "num_samples is not an integer"),
+            (lambda file: file["data/demo_3"].attrs.create("num_samples", "many"), "num_samples is neither an integer nor a truth value"),
             (lambda file: file.__delitem__("data"), "holds no episode"),
         ]:
             with self.subTest(message):
@@ -249,6 +249,32 @@ class GuardAppTest(unittest.TestCase):
         self.assertIn("4 episodes did not complete the task and are left out", out)
         self.assertIn("12 with 240 actions", out)
         self.assertIn("16 with 320 actions", self.fit("m.guard", "mixed.hdf5", "--all"))
+
+    def test_isaac_labs_groups_are_read(self):
+        """Nested observations, attribute success, no next_obs and no dones; groups of the simulator beside them."""
+        data = episodes(1, 16)
+        with h5py.File(self.folder / "isaac.hdf5", "w") as file:
+            group = file.create_group("data")
+            group.attrs["total"] = sum(len(action) for _, action in data)
+            group.attrs["env_args"] = json.dumps({"env_name": "Isaac-Stack-Cube-v0", "type": 2})
+            for i, (observations, action) in enumerate(data):
+                demo = group.create_group(f"demo_{i}")
+                demo.attrs["num_samples"], demo.attrs["seed"] = len(action), i
+                demo.attrs["success"] = i % 4 != 0
+                demo.create_dataset("actions", data=action.astype("f4"), compression="gzip")
+                demo["processed_actions"] = action
+                demo["obs/policy/eef_pos"] = observations["tip"][:-1].astype("f4")
+                demo["obs/policy/object"] = observations["object"][:-1]
+                demo["obs/subtask_terms/grasp_1"] = np.zeros((len(action), 1), dtype=bool)
+                demo["obs/rgb_camera/table_cam"] = np.zeros((len(action), 4, 4, 3), dtype=np.uint8)
+                for name, rows in (("initial_state", 1), ("states", len(action))):
+                    demo[f"{name}/articulation/robot/joint_position"] = np.zeros((rows, 9), dtype="f4")
+                    demo[f"{name}/rigid_object/cube_1/root_pose"] = np.zeros((rows, 7), dtype="f4")
+        out = self.run_guard("fit", "isaac.hdf5", "-f", "obs/policy/eef_pos,obs/policy/object", "-o", "isaac.guard")
+        self.assertIn("4 episodes did not complete the task and are left out", out)
+        self.assertIn("12 with 228 actions", out)
+        self.assertIn("policy/eef_pos,policy/object: 4 of 5 entries", out)
+        self.assertIn("0 errors", self.run_guard("check", "isaac.hdf5"))
 
     def test_conversions_keep_everything(self):
         self.run_guard("convert", "demos.hdf5", "data/corridor/right-v1")
@@ -384,6 +410,8 @@ class GuardAppTest(unittest.TestCase):
             (["fit", "demos.hdf5", "--features", "gripper"], "feature 'gripper' is not part of the state; it has"),
             (["fit", "demos.hdf5", "--strategy", "brave"], "no strategy 'brave'; there are: guided"),
             (["fit", "demos.hdf5", "--features", "tip", "--nu", "2"], "nu"),
+            (["check", "demos.hdf5", "--action-limit", "-1"], "--action-limit: must be positive, not -1\n"),
+            (["check", "."], ".: has neither data/main_data.hdf5, as Minari's datasets, nor meta/info.json, as LeRobot's"),
             (["show", "cut.guard"], "cut.guard: is truncated or damaged"),
             (["show", "demos.hdf5"], "is not a file written by dfr"),
             ([], "subcommand"),

@@ -84,6 +84,9 @@ TEST(WorldTest, CertifiedEpisodesStayInsideWhateverThePush) {
   World world(kTwoWays);
   world.Demonstrate(60, 1);
   world.Fit();
+  EXPECT_FALSE(world.fitted_certified());
+  world.FitCertified();
+  EXPECT_TRUE(world.fitted_certified());
   for (const Point& push : {Point{0.0, 0.1}, Point{0.1, 0.0}, Point{-0.1, -0.1}}) {
     world.Push(push);
     Episode episode = world.Start(kRadius, world.scene().start.centre, 0, 1);
@@ -106,6 +109,7 @@ TEST(WorldTest, SafeRegionsLieInsideTheSupport) {
   World world(kGap);
   world.Demonstrate(40, 1);
   world.Fit();
+  world.FitCertified();
   const Point x = world.scene().start.centre;
   const SafeRegion region = world.Certified(0, x);
   ASSERT_GT(region.radius, 0.0);

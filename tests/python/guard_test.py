@@ -266,7 +266,7 @@ class GuardTest(unittest.TestCase):
         bad = [x.copy() for x in states]
         bad[2][3, 1] = np.nan
         for s, a, message in [
-            (bad, actions, "demonstration 2 has a non-finite entry"),
+            (bad, actions, "demonstration 2 has a non-finite entry in state 3"),
             (states, actions[:-1], "4 arrays of states and 3 of actions"),
             (states, [u[:-1] for u in actions], "21 states and 19 actions"),
             ([], [], "no demonstrations"),
@@ -276,6 +276,79 @@ class GuardTest(unittest.TestCase):
                 dfr.Guard.fit(s, a, layout=LAYOUT, features="tip")
         with self.assertRaisesRegex(ValueError, "feature 'gripper' is not part of the state"):
             dfr.Guard.fit(states, actions, layout=LAYOUT, features="gripper")
+
+    def test_arrays_of_many_kinds_make_the_same_guard(self):
+        class Tensor:  # as torch's, on a device and with a tape
+            def __init__(self, values):
+                self.values = values
+
+            def __array__(self, dtype=None):
+                raise TypeError("can't convert cuda:0 device type tensor to numpy")
+
+            def detach(self):
+                return self
+
+            def cpu(self):
+                return self.values
+
+        states, actions = demonstrations(1, 6)
+        ragged = np.empty(6, dtype=object)
+        ragged[:] = states
+        for name, s, a in [
+            ("lists", [x.tolist() for x in states], [u.tolist() for u in actions]),
+            ("generators", (x for x in states), (u for u in actions)),
+            ("one array", np.stack(states), np.stack(actions)),
+            ("an array of arrays", ragged, tuple(actions)),
+            ("strided", [np.repeat(x, 2, axis=0)[::2] for x in states], [np.asfortranarray(u) for u in actions]),
+            ("big-endian", [x.astype(">f8") for x in states], [u.astype(">f8") for u in actions]),
+            ("tensors", [Tensor(x) for x in states], [Tensor(u) for u in actions]),
+        ]:
+            with self.subTest(name):
+                guard = dfr.Guard.fit(s, a, layout=LAYOUT, features="tip")
+                np.testing.assert_array_equal(
+                    guard.levels(states[0]), dfr.Guard.fit(states, actions, layout=LAYOUT, features="tip").levels(states[0])
+                )
+        other = dfr.Guard.fit(states, actions, layout=dict(LAYOUT), features=["tip[0:1]", "tip[1:2]"])
+        self.assertEqual(other.features, "tip[0:1],tip[1:2]")
+        for dtype in ("f4", "f2", "i8", "bool"):
+            with self.subTest(dtype):
+                guard.levels(states[0].astype(dtype))
+
+    def test_what_holds_no_numbers_is_named_in_one_line(self):
+        states, actions = demonstrations(1, 6)
+        masked = np.ma.masked_array(states[2], mask=np.eye(21, 3, dtype=bool))
+        for s, message in [
+            (None, "a list of arrays is needed, one a demonstration, not None"),
+            ("demos.hdf5", "not 'demos.hdf5' of type str"),
+            (dict(enumerate(states)), "of type dict"),
+            (states[:2] + [[[1, 2, 3], [1, 2]]], "demonstration 2: .*rows of different lengths"),
+            (states[:2] + [states[2] + 1j], "demonstration 2: .*complex numbers"),
+            (states[:2] + [states[2].astype(str)], "demonstration 2: .*text"),
+            (states[:2] + [masked], "demonstration 2: the array has masked entries"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(TypeError, message) as raised:
+                dfr.Guard.fit(s, actions, layout=LAYOUT, features="tip")
+            self.assertNotIn("\n", str(raised.exception))
+            self.assertLess(len(str(raised.exception)), 250)
+        for options, message in [
+            ({"nu": "a"}, "nu must be a number, not 'a'"),
+            ({"horizon": 1.5}, "horizon must be a whole number, not 1.5"),
+            ({"features": {"tip"}}, "features must be text"),
+            ({"differences": "yes"}, "differences must be True or False"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(TypeError, message):
+                dfr.Guard.fit(states, actions, **{"layout": LAYOUT, **options})
+        for options, message in [
+            ({"layout": [("tip", 1), ("tip", 2)]}, "names 'tip' twice"),
+            ({"false_alarms": 7}, "false_alarms must lie in"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(ValueError, message):
+                dfr.Guard.fit(states, actions, **{"layout": LAYOUT, **options})
+        self.guard.reset(None)
+        with self.assertRaisesRegex(TypeError, "seed must be a whole number from 0"):
+            self.guard.reset(-1)
+        with self.assertRaisesRegex(TypeError, "not a dict: concatenate"):
+            self.guard.filter(0, {"tip": [0.0, 0.0]}, DRIFT)
 
     def test_target_positions_are_refused_and_converted(self):
         rng = np.random.default_rng(4)
@@ -479,6 +552,10 @@ class GuardedEnvTest(unittest.TestCase):
         """
         done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_a_path_is_no_guard(self):
+        with self.assertRaisesRegex(TypeError, r"guard must be a dfr.Guard, not 'task.guard': dfr.Guard.load"):
+            dfr.GuardedEnv(Corridor(), "task.guard")
 
     def test_own_states(self):
         env = dfr.GuardedEnv(Corridor(as_dict=True), self.guard, state=lambda obs: [0.0, *obs["tip"]])

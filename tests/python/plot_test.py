@@ -68,6 +68,16 @@ class PlotTest(unittest.TestCase):
         [line] = plot.levels(self.guard, [strayed], ax=right).lines[:1]
         self.assertEqual(line.get_color(), "#cc3344")
 
+    def test_features_name_the_entry_that_put_states_outside(self):
+        strayed = [states + [0.0, 0.0, 0.3] for states in self.states[:5]]
+        ax = plot.features(self.guard, strayed)
+        bars = {label.get_text(): bar.get_width() for label, bar in zip(ax.get_yticklabels(), ax.patches)}
+        self.assertEqual([label.get_text() for label in ax.get_yticklabels()][-1], "tip[1]")
+        levels = np.concatenate([self.guard.levels(states) for states in strayed])
+        self.assertAlmostEqual(sum(bars.values()), -levels[levels < 0].mean(), places=9)
+        with self.assertRaisesRegex(ValueError, "all states are inside"):
+            plot.features(self.guard, [self.states[0][:1]])
+
 
 if __name__ == "__main__":
     unittest.main()

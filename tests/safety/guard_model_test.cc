@@ -492,6 +492,43 @@ TEST(GuardModelTest, LevelsFollowFasterAndSlowerEpisodes) {
 }
 
 // Half of the demonstrations go round at y = 2.
+TEST(GuardModelTest, ShortfallNamesTheEntriesThatPutAStateOutside) {
+  const std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 40);
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  core::Matrix states = demonstrations[3].states;
+  const core::Matrix inside = model->Shortfall(states);
+  states.rightCols(1).array() += 1.0;
+  states.col(0).array() += 100.0;  // no feature looks at it
+  const std::vector<double> levels = model->Levels(states);
+  const core::Matrix shortfall = model->Shortfall(states);
+  ASSERT_EQ(shortfall.rows(), states.rows());
+  ASSERT_EQ(shortfall.cols(), 3);
+  for (Eigen::Index i = 0; i < states.rows(); ++i) {
+    const double l = levels[static_cast<std::size_t>(i)];
+    ASSERT_LT(l, 0.0);
+    EXPECT_NEAR(shortfall.row(i).sum(), -l, 1e-9 * -l);
+    EXPECT_EQ(shortfall(i, 0), 0.0);
+    EXPECT_GT(shortfall(i, 2), 0.6 * -l);
+    const double own = model->Levels(demonstrations[3].states)[static_cast<std::size_t>(i)];
+    if (own >= 0.0) {
+      EXPECT_EQ(inside.row(i).cwiseAbs().sum(), 0.0);
+    }
+  }
+}
+
+// The same demonstrations with one entry in other units: millimetres instead of metres.
+TEST(GuardModelTest, ShortfallDoesNotDependOnUnits) {
+  std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 40);
+  core::Matrix states = demonstrations[0].states;
+  states.rightCols(2).array() += 0.7;
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  const core::Matrix shortfall = model->Shortfall(states);
+  for (core::Trajectory& d : demonstrations) d.states.col(2) *= 1024.0;
+  states.col(2) *= 1024.0;
+  const auto scaled = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  EXPECT_TRUE(test::AllClose(scaled->Shortfall(states), shortfall, 1e-3));
+}
+
 TEST(GuardModelTest, AKernelThatFillsTheRoomBetweenTwoWaysIsMadeNarrower) {
   auto demonstrations = test::CorridorDemonstrations(1, 40);
   for (std::size_t d = 0; d < demonstrations.size(); d += 2) {
@@ -624,7 +661,7 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   EXPECT_THAT(fit({good[0], good[1]}), HasSubstr("at least 3 demonstrations, not 2"));
   auto bad = good;
   bad[2].states(4, 1) = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THAT(fit(bad), HasSubstr("demonstration 2 has a non-finite entry"));
+  EXPECT_THAT(fit(bad), HasSubstr("demonstration 2 has a non-finite entry in state"));
   bad = good;
   bad[3].controls.conservativeResize(7, 2);
   EXPECT_THAT(fit(bad), HasSubstr("demonstration 3 has 21 states and 7 actions"));
@@ -640,7 +677,8 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   EXPECT_THAT(fit(good, {.features = "tip", .horizon = 1073741825}), HasSubstr("horizon"));
   EXPECT_THAT(fit(good, {.features = "tip", .horizon = std::numeric_limits<int>::max()}),
               HasSubstr("horizon"));
-  EXPECT_THAT(fit(good, {.features = "tip", .false_alarms = 1.0}), HasSubstr("alpha"));
+  EXPECT_THAT(fit(good, {.features = "tip", .false_alarms = 1.0}),
+              HasSubstr("false_alarms must lie in (0, 1)"));
   EXPECT_THAT(fit(good, {.features = "tip", .folds = 1}), HasSubstr("folds"));
 
   const auto model = GuardModel::Fit(layout, good, {.features = "tip"});

@@ -438,7 +438,7 @@ TEST_F(TaskModelTest, WrongContentWithARightChecksumDoesNoHarm) {
       ASSERT_THAT(e.what(), HasSubstr(folder_.string()));
       ++refused;
     } catch (const std::invalid_argument&) {
-      // Of MakeController(): other numbers of controls than the policy's.
+      // From MakeController(): other numbers of controls than the policy's.
       ++refused;
     }
   }

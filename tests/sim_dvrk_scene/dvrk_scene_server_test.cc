@@ -79,7 +79,7 @@ class DvrkSceneServerTest : public testing::Test {
     return reply.text;
   }
 
-  // Of a reply "ok NOW".
+  // The time in a reply "ok NOW".
   static dds::Stamp Now(const std::string& reply) {
     if (reply.rfind("ok ", 0) != 0) return {};
     return dds::Stamp::FromNanoseconds(std::stoll(reply.substr(3)));
@@ -353,7 +353,7 @@ TEST_F(DvrkSceneServerTest, ThePlatformGoesToAndFroAcrossTheLine) {
 
 // Pictures take tens of milliseconds to draw, states are due every ten: no tick waits for them.
 TEST_F(SceneCameraTest, DrawingDoesNotDelayTheState) {
-  // Of the thread alone, so that a busy machine does not count.
+  // Time of the thread alone, so that a busy machine does not count.
   const auto thread_s = [] {
     timespec t;
     ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);

@@ -239,7 +239,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     }
   }
 
-  // Whether somebody else has spoken, and takes what has been said.
+  // Whether another publisher has spoken, and takes what has been said.
   template <typename T>
   bool HearsOthers(dds::Subscriber<T>& subscriber, const dds::Origin& ours) noexcept {
     bool others = false;
@@ -345,7 +345,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<int> command_subscribers{0};
   std::atomic<int> servo_subscribers{0};
 
-  // Of the thread alone.
+  // For the thread alone.
   std::uint32_t lapses = 0;
   PsmStatus last_lapse = PsmStatus::kOk;
   dds::PoseStamped pose;

@@ -15,7 +15,7 @@ using kinematics::PsmReach;
 constexpr double kTwoPi = 6.2831853071795865;
 // Clocks count whole nanoseconds, so that a sum of steps may miss the end by some of them.
 constexpr double kClockError = 1e-6;
-// Of a pose turned into joint values and back; sine and cosine leave 1e-15.
+// Error of a pose turned into joint values and back; sine and cosine leave 1e-15.
 constexpr double kRoundTrip = 1e-6;
 constexpr double kWayStep = 5e-4;  // m, between two looks at the way
 constexpr int kMaxLooks = 1024;

@@ -4,7 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <numeric>
+#include <span>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -37,30 +38,33 @@ Matrix Scatter(const Matrix& points, const Matrix& map, const LocalScatterOption
   distance.colwise() += square;
   distance.rowwise() += square.transpose();
 
+  // Pairs of distance and number: ties go by number, so that the choice is the same everywhere.
+  std::vector<std::pair<double, int>> others(static_cast<std::size_t>(count - 1));
   std::vector<std::vector<int>> nearest(static_cast<std::size_t>(count));
   std::vector<std::pair<double, int>> spread;
   for (Eigen::Index i = 0; i < count; ++i) {
-    std::vector<int>& others = nearest[static_cast<std::size_t>(i)];
-    for (Eigen::Index j = 0; j < count; ++j) {
-      if (j != i) others.push_back(static_cast<int>(j));
+    for (Eigen::Index j = 0; j + 1 < count; ++j) {
+      const Eigen::Index other = j < i ? j : j + 1;
+      others[static_cast<std::size_t>(j)] = {distance(other, i), static_cast<int>(other)};
     }
-    // Ties by number, so that the choice is the same everywhere.
-    const auto nearer = [&](int a, int b) {
-      return std::pair(distance(a, i), a) < std::pair(distance(b, i), b);
-    };
-    std::nth_element(others.begin(), others.begin() + neighbours - 1, others.end(), nearer);
-    others.resize(static_cast<std::size_t>(neighbours));
+    std::nth_element(others.begin(), others.begin() + neighbours - 1, others.end());
     // The mean, not the farthest: that is the same for two points that are each other's.
     double sum = 0.0;
-    for (const int j : others) sum += distance(j, i);
+    std::vector<int>& chosen = nearest[static_cast<std::size_t>(i)];
+    chosen.reserve(static_cast<std::size_t>(neighbours));
+    for (const auto& [far, j] : std::span(others).first(static_cast<std::size_t>(neighbours))) {
+      sum += far;
+      chosen.push_back(j);
+    }
     spread.emplace_back(sum, static_cast<int>(i));
   }
   std::nth_element(spread.begin(), spread.begin() + kept - 1, spread.end());
   Matrix sum = Matrix::Zero(points.cols(), points.cols());
+  Eigen::RowVectorXd difference(points.cols());
   for (Eigen::Index k = 0; k < kept; ++k) {
     const int i = spread[static_cast<std::size_t>(k)].second;
     for (const int j : nearest[static_cast<std::size_t>(i)]) {
-      const Eigen::RowVectorXd difference = points.row(i) - points.row(j);
+      difference = points.row(i) - points.row(j);
       sum.noalias() += 0.5 * difference.transpose() * difference;
     }
   }
@@ -68,7 +72,8 @@ Matrix Scatter(const Matrix& points, const Matrix& map, const LocalScatterOption
 }
 
 // The statistic of `count` standard normal points in n dimensions.
-double NormalScatter(Eigen::Index count, Eigen::Index n, const LocalScatterOptions& options) {
+double ComputeNormalScatter(Eigen::Index count, Eigen::Index n,
+                            const LocalScatterOptions& options) {
   constexpr int kDraws = 4;
   Random random(1);
   const Matrix identity = Matrix::Identity(n, n);
@@ -79,6 +84,15 @@ double NormalScatter(Eigen::Index count, Eigen::Index n, const LocalScatterOptio
     trace += Scatter(points, identity, options).trace();
   }
   return trace / static_cast<double>(kDraws * n);
+}
+
+// The same, which each thread computes once: a fit asks for the same one at every time step. There
+// are kMost counts of points, and as many dimensions as features are ever chosen.
+double NormalScatter(Eigen::Index count, Eigen::Index n, const LocalScatterOptions& options) {
+  thread_local std::map<std::tuple<Eigen::Index, Eigen::Index, double, double>, double> known;
+  const auto [at, is_new] = known.try_emplace({count, n, options.neighbours, options.kept}, 0.0);
+  if (is_new) at->second = ComputeNormalScatter(count, n, options);
+  return at->second;
 }
 
 }  // namespace
@@ -101,12 +115,6 @@ Matrix LocalScatter(std::span<const Matrix> groups, const LocalScatterOptions& o
   // A constant is no dimension.
   const Eigen::Index dimensions =
       std::max<Eigen::Index>(1, (global.diagonal().array() > 0.0).count());
-  std::map<Eigen::Index, double> normal;
-  for (const Matrix& group : points) {
-    if (!normal.contains(group.rows())) {
-      normal[group.rows()] = NormalScatter(group.rows(), dimensions, options);
-    }
-  }
   Matrix scatter = global;
   for (int round = 0; round < options.rounds; ++round) {
     Eigen::VectorXd inverse_sd = scatter.diagonal().cwiseSqrt();
@@ -116,8 +124,8 @@ Matrix LocalScatter(std::span<const Matrix> groups, const LocalScatterOptions& o
     scatter = Matrix::Zero(n, n);
     Eigen::Index count = 0;
     for (const Matrix& group : points) {
-      scatter += static_cast<double>(group.rows()) / normal.at(group.rows()) *
-                 Scatter(group, map, options);
+      scatter += static_cast<double>(group.rows()) /
+                 NormalScatter(group.rows(), dimensions, options) * Scatter(group, map, options);
       count += group.rows();
     }
     scatter = scatter / static_cast<double>(count) + least;

@@ -196,7 +196,7 @@ std::string PeerListener::Reason(const Peer& peer) const {
            authority_ + "'";
   }
   if (peer.refused) return "its certificate or its permissions are forged, or have expired";
-  // Of two participants just one learns that the other's certificate is of no use to it.
+  // Just one of two participants learns that the other's certificate is of no use to it.
   return Clock::now() - peer.found < kHandshake ? ""
                                                 : "it does not accept this process' certificate, "
                                                   "or does not answer";

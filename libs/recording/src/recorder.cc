@@ -217,11 +217,11 @@ struct Recorder::Impl {
   std::atomic<std::uint64_t> pictures_written{0};
   std::atomic<bool> failed{false};
   std::atomic<bool> stopping{false};
-  // Of the thread that records.
+  // For the thread that records.
   std::uint32_t steps = 0;
   std::uint32_t transitions = 0;
   std::uint32_t arms = 0;
-  // Of the thread that writes, and of nobody else while it runs.
+  // For the thread that writes, and for no other while it runs.
   JpegEncoder jpeg;
   internal::McapWriter writer;
   std::string message;

@@ -68,13 +68,20 @@ void Check(const core::StateLayout& layout, std::span<const core::Trajectory> de
                          demonstration.states.rows() == demonstration.controls.rows() + 1,
                      "demonstration " << d << " has " << demonstration.states.rows()
                                       << " states and " << demonstration.controls.rows()
-                                      << " actions; one state more than actions is needed");
+                                      << " actions; one state more than actions is needed. Append "
+                                         "the state after the last action, or drop that action");
     DFR_THROW_UNLESS(demonstration.controls.cols() == demonstrations[0].controls.cols(),
                      "demonstration " << d << " has actions of " << demonstration.controls.cols()
                                       << " entries, demonstration 0 of "
                                       << demonstrations[0].controls.cols());
-    DFR_THROW_UNLESS(demonstration.states.allFinite() && demonstration.controls.allFinite(),
-                     "demonstration " << d << " has a non-finite entry");
+    for (const auto& [what, rows] : {std::pair("state", &demonstration.states),
+                                     std::pair("action", &demonstration.controls)}) {
+      for (Eigen::Index t = 0; t < rows->rows(); ++t) {
+        DFR_THROW_UNLESS(rows->row(t).allFinite(), "demonstration "
+                                                       << d << " has a non-finite entry in " << what
+                                                       << ' ' << t);
+      }
+    }
   }
 }
 
@@ -235,6 +242,8 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2: " << options.folds);
   DFR_THROW_UNLESS(options.action_limit >= 0.0,
                    "action_limit must not be negative: " << options.action_limit);
+  DFR_THROW_UNLESS(options.false_alarms > 0.0 && options.false_alarms < 1.0,
+                   "false_alarms must lie in (0, 1), not be " << options.false_alarms);
   DFR_THROW_UNLESS(options.hold_out >= 0.0 && options.hold_out <= 0.5,
                    "hold_out must lie in [0, .5], not be " << options.hold_out);
   DFR_THROW_UNLESS(options.error_factor > 0.0 && std::isfinite(options.error_factor),
@@ -515,6 +524,46 @@ std::vector<double> GuardModel::Levels(const core::Matrix& states, std::vector<i
   DFR_THROW_UNLESS(states.cols() == state_dim(),
                    "states have " << states.cols() << " entries, the guard's have " << state_dim());
   return Follow(support(), states, steps);
+}
+
+core::Matrix GuardModel::Shortfall(const core::Matrix& states) const {
+  constexpr int kSteps = 64;
+  std::vector<int> steps;
+  const std::vector<double> levels = Levels(states, &steps);
+  const core::FeatureTransform& features = recovery().features();
+  const std::vector<int>& entries = features.selection().indices();
+  const kernel::WhitenedSupport& support = recovery().support();
+  const Eigen::MatrixXd scale = features.scale();
+  const Eigen::PartialPivLU<Eigen::MatrixXd> inverse(scale);
+  Eigen::VectorXd z(features.num_features());
+  Eigen::VectorXd slope(z.size());
+  Eigen::VectorXd before(z.size());
+  core::Matrix shortfall = core::Matrix::Zero(states.rows(), states.cols());
+  for (Eigen::Index i = 0; i < states.rows(); ++i) {
+    const double missing = -levels[static_cast<std::size_t>(i)];
+    if (!(missing > 0.0 && std::isfinite(missing))) continue;
+    const int t = steps[static_cast<std::size_t>(i)];
+    features.Apply(core::Row(states, i), core::AsSpan(z));
+    double l = support.LogDecision(t, core::AsSpan(z), core::AsSpan(before));
+    Eigen::VectorXd share = Eigen::VectorXd::Zero(z.size());
+    for (int step = 0; step < kSteps && l < 0.0; ++step) {
+      const double steepness = before.squaredNorm();
+      if (!(steepness > 0.0)) break;  // A place from which no way leads up.
+      // Each step makes up for the same part of what is missing.
+      const Eigen::VectorXd way = (-l / (kSteps - step) / steepness) * before;
+      z += way;
+      l = support.LogDecision(t, core::AsSpan(z), core::AsSpan(slope));
+      const Eigen::VectorXd along = inverse.solve(way);
+      share += (0.5 * scale.transpose() * (before + slope)).cwiseProduct(along);
+      before = slope;
+    }
+    // The trapezoids sum to the rise but for their error.
+    if (share.sum() > 0.0) share *= missing / share.sum();
+    for (std::size_t k = 0; k < entries.size(); ++k) {
+      shortfall(i, entries[k]) += share[static_cast<Eigen::Index>(k)];
+    }
+  }
+  return shortfall;
 }
 
 std::vector<std::string> Findings(const GuardModel& model) {

@@ -71,6 +71,20 @@ class LeRobotTest(unittest.TestCase):
                         np.testing.assert_array_equal(np.ravel(other), episode["environment"][:-1])
                         self.assertEqual(demo["dones"][-1], int(i != 3))
 
+    def test_half_precision_unsigned_numbers_and_single_frames(self):
+        out = self.guard("convert", DATASETS / "half", "out.hdf5")
+        self.assertIn("episodes of one frame are left out: 1", out)
+        index = 0
+        with h5py.File(self.folder / "out.hdf5") as file:
+            self.assertEqual(len(file["data"]), 24)
+            for i, episode in enumerate(self.expected):
+                demo, frames = file[f"data/demo_{i}"], len(episode["action"])
+                other = demo["obs/observation.environment_state"]
+                np.testing.assert_array_equal(np.ravel(other), episode["environment"][:-1])
+                counter = np.ravel(demo["next_obs/observation.counter"])
+                np.testing.assert_array_equal(counter, 4294967295 - np.arange(index + 1, index + frames))
+                index += frames
+
     def test_all_versions_give_the_same_guard(self):
         shown = set()
         for name in ("v21", "v30"):

@@ -142,6 +142,27 @@ write("hyparquet_plain", "v2.1", perEpisode((rows) => byHyparquet(rows, { codec:
 write("gzip", "v3.0", [["chunk-000/file-000.parquet", byWasm(frames, list, (p) => p.setCompression(wasm.Compression.GZIP))]]);
 write("delta", "v3.0", [["chunk-000/file-000.parquet",
   byHyparquet(frames, { codec: "SNAPPY", encoding: { episode_index: "DELTA_BINARY_PACKED" } })]]);
+// Half precision and unsigned integers beyond the range of signed ones; a frame alone; what macOS leaves behind.
+const unsigned = [...frames, { ...frames[0], episode: 24, t: 0, index: frames.length }];
+const counter = (f) => 4294967295 - f.index;
+const withCounter = (info) => ({
+  ...info, total_episodes: 25, total_frames: unsigned.length,
+  features: { ...info.features, "observation.counter": { dtype: "uint32", shape: [1], names: null },
+    "observation.environment_state": { dtype: "float16", shape: [1], names: null } },
+});
+const halves = new arrow.Table({
+  action: arrow.vectorFromArray(unsigned.map((f) => f.action), fixed),
+  "observation.state": arrow.vectorFromArray(unsigned.map((f) => f.state), fixed),
+  "observation.environment_state": arrow.vectorFromArray(unsigned.map((f) => f.environment), new arrow.Float16()),
+  "observation.counter": arrow.vectorFromArray(unsigned.map(counter), new arrow.Uint32()),
+  episode_index: arrow.vectorFromArray(unsigned.map((f) => f.episode), new arrow.Uint32()),
+  "next.success": arrow.vectorFromArray(unsigned.map((f) => f.success), new arrow.Bool()),
+});
+write("half", "v3.0", [
+  ["chunk-000/file-000.parquet", wasm.writeParquet(wasm.Table.fromIPCStream(arrow.tableToIPC(halves, "stream")),
+    new wasm.WriterPropertiesBuilder().build())],
+  ["chunk-000/._file-000.parquet", new Uint8Array([0, 5, 22, 7])],
+], withCounter);
 const holes = frames.map((f, i) => (i === 45 ? { ...f, state: [null, 1] } : f));
 write("holes", "v3.0", [["chunk-000/file-000.parquet", byHyparquet(holes, { codec: "SNAPPY" })]]);
 const ragged = frames.map((f, i) => (i === 45 ? { ...f, action: [1, 1, 1] } : f));

@@ -64,6 +64,8 @@ class RobomimicReader final : public internal::EpisodeReader {
     }
     if (const auto outcome = Outcome(episode)) {
       trajectory.outcome = *outcome;
+    } else if (const auto success = file().IntegerAttribute(episode, "success")) {  // Isaac Lab's
+      trajectory.outcome = *success != 0 ? core::Outcome::kCompleted : core::Outcome::kHalted;
     } else if (file().Exists(episode + "/dones")) {
       const Matrix dones = internal::ReadRows(file(), episode + "/dones", n, kCount);
       const bool completed = dones(n - 1, 0) != 0.0;

@@ -497,9 +497,11 @@ std::optional<std::int64_t> Hdf5File::IntegerAttribute(const std::string& path,
   const Handle space(H5Aget_space(attribute.id()), H5Sclose);
   const Handle type(H5Aget_type(attribute.id()), H5Tclose);
   std::int64_t value = 0;
-  if (H5Sget_simple_extent_npoints(space.id()) != 1 || H5Tget_class(type.id()) != H5T_INTEGER ||
+  // h5py's truth values are an enumeration.
+  const H5T_class_t kind = H5Tget_class(type.id());
+  if (H5Sget_simple_extent_npoints(space.id()) != 1 || (kind != H5T_INTEGER && kind != H5T_ENUM) ||
       H5Aread(attribute.id(), H5T_NATIVE_INT64, &value) < 0) {
-    Fail(path, std::string("attribute ") + name + " is not an integer");
+    Fail(path, std::string("attribute ") + name + " is neither an integer nor a truth value");
   }
   return value;
 }

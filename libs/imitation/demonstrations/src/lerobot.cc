@@ -80,9 +80,6 @@ class LeRobotReader final : public DemonstrationReader {
     const std::vector<Part>& parts = episodes_.at(static_cast<std::size_t>(i));
     std::int64_t frames = 0;
     for (const Part& part : parts) frames += part.count;
-    if (frames < 2) {
-      Fail(folder_, name(i) + " has one frame: no state after an action");
-    }
     core::Trajectory trajectory;
     trajectory.states.resize(frames, layout_.state_dim());
     for (const auto& block : layout_.blocks) {
@@ -110,7 +107,8 @@ class LeRobotReader final : public DemonstrationReader {
     const std::string text =
         version != info.end() && version->is_string() ? version->get<std::string>() : "";
     if (!text.starts_with("v2.") && !text.starts_with("v3.")) {
-      Fail(file, "codebase_version is '" + text + "'; v2.0 to v3.0 can be read");
+      Fail(file, "codebase_version is '" + text +
+                     "'; v2.0 to v3.0 can be read, to which LeRobot's own scripts convert");
     }
     if (const auto robot = info.find("robot_type"); robot != info.end() && robot->is_string()) {
       environment_ = robot->get<std::string>();
@@ -169,7 +167,11 @@ class LeRobotReader final : public DemonstrationReader {
     std::vector<std::filesystem::path> paths;
     for (std::filesystem::recursive_directory_iterator it(data, error), end; it != end;
          it.increment(error)) {
-      if (it->path().extension() == ".parquet") paths.push_back(it->path());
+      // A name with a dot in front is a file of some tool's: macOS leaves "._file-000.parquet".
+      if (it->path().extension() == ".parquet" &&
+          !it->path().filename().string().starts_with('.')) {
+        paths.push_back(it->path());
+      }
     }
     if (error || paths.empty()) Fail(data, "holds no Parquet file");
     std::sort(paths.begin(), paths.end());
@@ -212,12 +214,21 @@ class LeRobotReader final : public DemonstrationReader {
     }
     CheckTotal(info, "total_episodes", static_cast<std::int64_t>(found.size()));
     CheckTotal(info, "total_frames", frames);
+    std::size_t short_ones = 0;
     for (auto& [episode, parts] : found) {
+      if (parts.size() == 1 && parts[0].count == 1) {
+        ++short_ones;
+        continue;
+      }
       names_.push_back("episode " + std::to_string(episode));
       numbers_.push_back(episode);
       episodes_.push_back(std::move(parts));
     }
-    if (episodes_.empty()) Fail(folder_ / "data", "holds no episode");
+    if (episodes_.empty()) Fail(folder_ / "data", "holds no episode of more than one frame");
+    if (short_ones > 0) {
+      note_ += (note_.empty() ? "" : "; ") + std::string("episodes of one frame are left out: ") +
+               std::to_string(short_ones);
+    }
   }
 
   void CheckTotal(const json& info, const char* key, std::int64_t actual) const {

@@ -77,8 +77,10 @@ std::filesystem::path MainFile(const std::filesystem::path& path) {
     if (std::filesystem::exists(path / inside)) return path / inside;
   }
   if (std::filesystem::is_directory(path)) {
-    throw std::runtime_error(path.string() +
-                             ": has no data/main_data.hdf5: this is no Minari dataset");
+    throw std::runtime_error(
+        path.string() +
+        ": has neither data/main_data.hdf5, as Minari's datasets, nor meta/info.json, as "
+        "LeRobot's: name the folder that has, or a robomimic file");
   }
   return path;
 }

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstring>
 #include <functional>
 #include <limits>
@@ -22,7 +23,9 @@ constexpr std::int64_t kMostPageBytes = std::int64_t{1} << 28;  // decompressed
 constexpr std::int64_t kMostFooterBytes = std::int64_t{1} << 26;
 
 // Numbers of the format's definition.
-enum Type { kBoolean = 0, kInt32 = 1, kInt64 = 2, kFloat = 4, kDouble = 5 };
+enum Type { kBoolean = 0, kInt32 = 1, kInt64 = 2, kFloat = 4, kDouble = 5, kFixedBytes = 7 };
+enum Converted { kUint32 = 13, kUint64 = 14 };
+constexpr int kLogicalFloat16 = 15;
 enum Encoding { kPlain = 0, kPlainDictionary = 2, kRle = 3, kRleDictionary = 8 };
 enum Codec { kUncompressed = 0, kSnappy = 1, kZstd = 6 };
 enum PageType { kDataPage = 0, kIndexPage = 1, kDictionaryPage = 2, kDataPageV2 = 3 };
@@ -310,8 +313,9 @@ std::string Decompress(int codec, std::string_view compressed, std::int64_t size
       return page;
     }
     default:
-      throw Malformed("is compressed with " + CodecName(codec) +
-                      "; uncompressed, SNAPPY and ZSTD can be read");
+      throw Malformed(
+          "is compressed with " + CodecName(codec) +
+          "; uncompressed, SNAPPY and ZSTD can be read: write it again with one of these");
   }
 }
 
@@ -363,8 +367,24 @@ PageHeader ReadPageHeader(Bytes& bytes) {
   return header;
 }
 
+// IEEE 754's binary16.
+double HalfToDouble(std::uint16_t bits) {
+  const double sign = (bits & 0x8000) != 0 ? -1.0 : 1.0;
+  const int exponent = (bits >> 10) & 0x1f;
+  const double fraction = bits & 0x3ff;
+  if (exponent == 0) return sign * std::ldexp(fraction, -24);
+  if (exponent < 0x1f) return sign * std::ldexp(1024.0 + fraction, exponent - 25);
+  return fraction == 0.0 ? sign * std::numeric_limits<double>::infinity()
+                         : std::numeric_limits<double>::quiet_NaN();
+}
+
+bool IsNumeric(const ParquetFile::Leaf& leaf) {
+  return leaf.type == kBoolean || leaf.type == kInt32 || leaf.type == kInt64 ||
+         leaf.type == kFloat || leaf.type == kDouble || leaf.is_half;
+}
+
 // Values one after another, without the levels.
-std::vector<double> DecodePlain(int type, Bytes& bytes, std::int64_t count) {
+std::vector<double> DecodePlain(const ParquetFile::Leaf& leaf, Bytes& bytes, std::int64_t count) {
   std::vector<double> values;
   const auto fixed = [&]<typename T>(T) {
     if (static_cast<std::uint64_t>(count) > bytes.left() / sizeof(T)) {
@@ -375,7 +395,7 @@ std::vector<double> DecodePlain(int type, Bytes& bytes, std::int64_t count) {
       values.push_back(static_cast<double>(bytes.Fixed<T>()));
     }
   };
-  switch (type) {
+  switch (leaf.type) {
     case kBoolean:
       if (static_cast<std::uint64_t>(count) > 8 * bytes.left()) {
         throw Malformed("ends in the middle of a page");
@@ -388,10 +408,10 @@ std::vector<double> DecodePlain(int type, Bytes& bytes, std::int64_t count) {
       }
       break;
     case kInt32:
-      fixed(std::int32_t{});
+      leaf.is_unsigned ? fixed(std::uint32_t{}) : fixed(std::int32_t{});
       break;
     case kInt64:
-      fixed(std::int64_t{});
+      leaf.is_unsigned ? fixed(std::uint64_t{}) : fixed(std::int64_t{});
       break;
     case kFloat:
       fixed(float{});
@@ -399,8 +419,9 @@ std::vector<double> DecodePlain(int type, Bytes& bytes, std::int64_t count) {
     case kDouble:
       fixed(double{});
       break;
-    default:
-      throw Malformed("is of type " + TypeName(type) + ", not numeric");
+    default:  // of two bytes, as IsNumeric() says
+      fixed(std::uint16_t{});
+      for (double& value : values) value = HalfToDouble(static_cast<std::uint16_t>(value));
   }
   return values;
 }
@@ -428,9 +449,12 @@ class FooterParser {
  private:
   struct Element {
     int type = -1;
+    int length = 0;  // of a value of fixed length
     int repetition = kRequired;
     std::string name;
     int children = 0;
+    int converted = -1;
+    std::int64_t logical = 0;  // the field of Parquet's union LogicalType
   };
 
   Element ReadElement() {
@@ -438,12 +462,21 @@ class FooterParser {
     thrift_.Struct([&](std::int64_t field, Thrift::Kind kind) {
       if (field == 1) {
         element.type = thrift_.Int(kind);
+      } else if (field == 2) {
+        element.length = thrift_.Int(kind);
       } else if (field == 3) {
         element.repetition = thrift_.Int(kind);
       } else if (field == 4) {
         element.name = thrift_.Text(kind);
       } else if (field == 5) {
         element.children = thrift_.Int(kind);
+      } else if (field == 6) {
+        element.converted = thrift_.Int(kind);
+      } else if (field == 10 && kind == Thrift::kStruct) {
+        thrift_.Struct([&](std::int64_t which, Thrift::Kind inner) {
+          element.logical = which;
+          thrift_.Skip(inner);
+        });
       } else {
         thrift_.Skip(kind);
       }
@@ -473,6 +506,9 @@ class FooterParser {
     }
     if (element.children == 0) {
       leaf.type = element.type;
+      leaf.is_unsigned = element.converted == kUint32 || element.converted == kUint64;
+      leaf.is_half =
+          element.type == kFixedBytes && element.length == 2 && element.logical == kLogicalFloat16;
       file_->leaves_.push_back(leaf);
       return;
     }
@@ -546,8 +582,7 @@ class ChunkDecoder {
 
   ParquetColumn Decode(std::string_view data) {
     if (leaf_->max_repetition > 1) throw Malformed("has lists within lists");
-    if (leaf_->type != kBoolean && leaf_->type != kInt32 && leaf_->type != kInt64 &&
-        leaf_->type != kFloat && leaf_->type != kDouble) {
+    if (!IsNumeric(*leaf_)) {
       throw Malformed("is of type " + TypeName(leaf_->type) + ", not numeric");
     }
     if (chunk_->num_values < 0 || chunk_->num_values > kMostValues || num_rows_ > kMostValues) {
@@ -585,7 +620,7 @@ class ChunkDecoder {
   void ReadDictionary(const PageHeader& header, std::string_view page) {
     const std::string plain = Decompress(chunk_->codec, page, header.uncompressed_size);
     Bytes bytes(plain);
-    dictionary_ = DecodePlain(leaf_->type, bytes, header.num_values);
+    dictionary_ = DecodePlain(*leaf_, bytes, header.num_values);
   }
 
   void ReadData(const PageHeader& header, std::string_view page) {
@@ -649,7 +684,7 @@ class ChunkDecoder {
   void ReadValues(int encoding, std::string_view values, std::int64_t count) {
     Bytes bytes(values);
     if (encoding == kPlain) {
-      const std::vector<double> plain = DecodePlain(leaf_->type, bytes, count);
+      const std::vector<double> plain = DecodePlain(*leaf_, bytes, count);
       column_.values.insert(column_.values.end(), plain.begin(), plain.end());
     } else if (encoding == kRle && leaf_->type == kBoolean) {
       RunLength truths(bytes.Take(bytes.Fixed<std::uint32_t>()), 1);
@@ -665,7 +700,8 @@ class ChunkDecoder {
       }
     } else {
       throw Malformed("has the encoding " + EncodingName(encoding) +
-                      "; PLAIN, dictionaries and RLE can be read");
+                      "; PLAIN, dictionaries and RLE can be read: write it again with these, as "
+                      "pyarrow does by default");
     }
   }
 

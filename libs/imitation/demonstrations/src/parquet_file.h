@@ -20,15 +20,27 @@ struct ParquetColumn {
   }
 };
 
-/// Reads numbers and truth values from an Apache Parquet file: flat columns and lists of them;
-/// pages of version 1 and 2; plain, dictionary and run-length encodings; uncompressed, Snappy,
-/// Zstandard.
+/// Reads numbers (half precision and unsigned ones included) and truth values from an Apache
+/// Parquet file: flat columns and lists of them; pages of version 1 and 2; plain, dictionary and
+/// run-length encodings; uncompressed, Snappy, Zstandard.
 ///
 /// A file is not trusted: no size that it claims is allocated before what it must fit into is
 /// known, and a page or column beyond a budget of memory is refused. All functions throw
 /// std::runtime_error naming the file, the column and the reason.
 class ParquetFile {
  public:
+  /// How a column, or the entries of its lists, is stored.
+  struct Leaf {
+    std::string column;  // at the top
+    std::string path;    // "action.list.element"
+    int type = 0;
+    bool is_unsigned = false;
+    bool is_half = false;  // a float of two bytes
+    int max_definition = 0;
+    int max_repetition = 0;
+    int repeated_definition = 0;  // the level from which on a row's list has an entry
+  };
+
   explicit ParquetFile(std::filesystem::path path);
 
   [[nodiscard]] int num_row_groups() const noexcept { return static_cast<int>(row_groups_.size()); }
@@ -42,14 +54,6 @@ class ParquetFile {
   [[nodiscard]] ParquetColumn Read(int row_group, const std::string& column) const;
 
  private:
-  struct Leaf {
-    std::string column;  // at the top
-    std::string path;    // "action.list.element"
-    int type = 0;
-    int max_definition = 0;
-    int max_repetition = 0;
-    int repeated_definition = 0;  // the level from which on a row's list has an entry
-  };
   struct Chunk {
     int codec = 0;
     std::int64_t num_values = 0;

@@ -32,7 +32,7 @@ struct PsmClientOptions {
   kinematics::PsmJoints jump_noise =
       (kinematics::PsmJoints() << 0.01, 0.01, 0.002, 0.02, 0.02, 0.02).finished();
   double jump_distance_m = 0.005;  ///< The same for measured_cp, which may move at 1 m/s, > 0.
-  /// Of measured_js, measured_cp and local/measured_cp.
+  /// Watches measured_js, measured_cp and local/measured_cp.
   dds::WatchdogOptions watchdog = {};
   /// By how much a move goes on in one step at most, s, > 0: after a late one it takes longer
   /// instead of catching up in one leap.
@@ -125,7 +125,7 @@ struct PsmInput {
   int state_publishers = 0;     ///< Matched on measured_js.
   int incompatible = 0;         ///< Refused there because of their quality of service.
   int other_publishers = 0;     ///< On the command topics, besides us.
-  int foreign_words = 0;        ///< Of others on hold, free and state_command.
+  int foreign_words = 0;        ///< What others said on hold, free and state_command.
   bool teleoperated = false;    ///< A teleoperation is enabled, or was since the last step.
   bool clutched = false;        ///< The same of the arm's clutch.
   bool wrong_tool = false;      ///< The console names an instrument that is not known here.

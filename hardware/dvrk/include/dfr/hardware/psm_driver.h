@@ -106,7 +106,7 @@ class PsmDriver {
   /// last Tick().
   [[nodiscard]] int other_publishers() const noexcept { return other_publishers_; }
   [[nodiscard]] int state_publishers() const noexcept { return state_publishers_; }
-  /// Who listens to servo_cp and to state_command, likewise.
+  /// Who listens to servo_cp, and who to state_command.
   [[nodiscard]] int servo_subscribers() const noexcept { return servo_subscribers_; }
   [[nodiscard]] int request_subscribers() const noexcept { return request_subscribers_; }
 

@@ -20,7 +20,7 @@ struct PsmLimits {
       (kinematics::PsmJoints() << 0.31415926535897931, 0.31415926535897931, 0.04,
        0.31415926535897931, 0.31415926535897931, 0.31415926535897931)
           .finished();
-  double max_tip_speed = 0.05;  ///< Of the jaw tips, m/s, > 0.
+  double max_tip_speed = 0.05;  ///< The jaw tips', m/s, > 0.
   /// Where the jaw tips may be, in the arm's base frame, m: a finite box. By default what is below
   /// the cannula and within an arm's length of it.
   Eigen::Vector3d workspace_min_m = Eigen::Vector3d(-0.15, -0.15, -0.25);

@@ -34,7 +34,7 @@ enum class FrameStatus {
 /// A picture and when it was taken.
 struct Frame {
   vision::ImageView image;  ///< Valid until the next Grab(). Blue, green, red.
-  int width = 0;   ///< Of the picture as it came, also where `image` is empty because of it.
+  int width = 0;   ///< The picture's as it came, also where `image` is empty because of it.
   int height = 0;  ///< The same.
   /// When it was taken, since the epoch: by the sender's stamp, with VideoCapture by its arrival.
   std::int64_t stamp_ns = 0;
@@ -45,7 +45,7 @@ struct Frame {
 
 /// Options for all kinds of Endoscope.
 struct EndoscopeOptions {
-  int width = 640;   ///< Of the intrinsics; pictures of another size are refused.
+  int width = 640;   ///< The intrinsics'; pictures of another size are refused.
   int height = 480;  ///< The same.
   /// From one picture to the next, s: a file is played at this speed, and gaps count as losses.
   double period_s = 1.0 / 30.0;
@@ -106,7 +106,7 @@ class Endoscope {
 
 /// Subscribes to a ROS 2 image topic: sensor_msgs/Image (bgr8, rgb8, mono8), or
 /// sensor_msgs/CompressedImage where the name ends with "/compressed". Returns at once; whether
-/// somebody publishes there Grab() tells. The participant has to outlive the endoscope.
+/// there is a publisher Grab() tells. The participant has to outlive the endoscope.
 /// @throws std::invalid_argument naming the option that is out of range; std::runtime_error if DDS
 ///   refuses the topic.
 [[nodiscard]] std::unique_ptr<Endoscope> OpenTopic(dds::Participant& participant,

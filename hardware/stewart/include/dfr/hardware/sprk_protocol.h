@@ -52,8 +52,8 @@ enum class SprkWaveKind { kSine, kBreath };
                                             SprkPositionFrame& frame,
                                             kinematics::PlatformPose& sent) noexcept;
 
-/// Encodes a wave likewise; frequencies in steps of 0.01 Hz up to 0.99 Hz for the sine, and of
-/// 0.01 rad/s up to 0.99 rad/s (0.157 Hz) for the breath. Because the entries' phases run apart,
+/// Encodes a wave in the same way; frequencies in steps of 0.01 Hz up to 0.99 Hz for the sine, and
+/// of 0.01 rad/s up to 0.99 rad/s (0.157 Hz) for the breath. Because the entries' phases run apart,
 /// all of the box that the amplitudes span must be within reach, of which its corners, the middles
 /// of its edges and faces, and the straight lines from home to these are checked. Never allocates.
 [[nodiscard]] SprkStatus EncodeSprkWave(SprkWaveKind kind, const SprkWave& wave,

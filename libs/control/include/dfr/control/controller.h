@@ -32,7 +32,7 @@ enum class HaltCause {
   kPlantRefused,    ///< core::PlantStatus::kRefused
   kPlantFault,      ///< core::PlantStatus::kFault
   kStepSkipped,     ///< A call was lost or doubled: what was applied last is not known.
-  kStopRequested,   ///< Somebody outside asked for it.
+  kStopRequested,   ///< A caller outside asked for it.
 };
 inline constexpr int kNumHaltCauses = static_cast<int>(HaltCause::kStopRequested) + 1;
 
@@ -44,7 +44,7 @@ struct Step {
   Mode mode = Mode::kHalt;
   HaltCause cause = HaltCause::kNone;  ///< Not kNone exactly where mode is kHalt.
   int t = 0;                           ///< The time step whose support and policy were used.
-  int iteration = 0;                   ///< Of the recovery under way, from 0; 0 where none is.
+  int iteration = 0;                   ///< In the recovery under way, from 0; 0 where none is.
   /// g_t(x), or NaN where the controller had no need to look.
   double g = std::numeric_limits<double>::quiet_NaN();
   /// The learned control is applied unchanged where g > threshold; NaN where there is no such gate.

@@ -15,8 +15,8 @@ namespace dfr::control {
 
 /// Options for GuidedModel.
 struct GuidedModelOptions {
-  /// Of l_t over demonstrated states: where the learned control passes, and what others aim at.
-  /// Higher keeps deeper inside and lets the learned policy decide less often.
+  /// A quantile of l_t over demonstrated states: where the learned control passes, and what others
+  /// aim at. Higher keeps deeper inside and lets the learned policy decide less often.
   double gate_quantile = 0.75;
   double least_gate = 0.02;  ///< The gate level is at least this.
   /// How far outside the support states of the task still are, l = -slack: an object that is off

@@ -21,7 +21,7 @@ namespace dfr::control {
 struct GuidedOptions {
   int horizon = 100;           ///< T: time steps of the learned policy in an episode, > 0.
   int first_step = 0;          ///< Time step and phase that an episode begins with, in [0, T).
-  int max_controls = 1200;     ///< Of any kind in an episode, > 0.
+  int max_controls = 1200;     ///< In an episode, of any kind, > 0.
   double control_limit = 1.0;  ///< Each entry of an applied control is within +- this.
   /// Where something else moves the world: the time that controls take, |v| = 1 an ordinary one.
   /// Not with a certificate, which holds only where nothing else does.

@@ -29,7 +29,7 @@ struct JacobianOptions {
 /// world.
 struct DriftTime {
   double rest = 0.0;    ///< Whatever the control, >= 0.
-  double travel = 0.0;  ///< Of an ordinary control, >= 0.
+  double travel = 0.0;  ///< An ordinary control's, >= 0.
 };
 
 /// Demonstrated transitions; immutable, shared by all estimates made from them.
@@ -73,7 +73,7 @@ class JacobianPrior {
     int first = 0;      ///< Transition,
     int rows = 0;       ///< and how many of them are near in time.
     Eigen::VectorXf distances;
-    Eigen::VectorXd weights;  ///< Of each, to be multiplied
+    Eigen::VectorXd weights;  ///< One a transition, to be multiplied
     double factor = 1.0;      ///< by this, for sums that J is made from.
     Eigen::VectorXi spread;   ///< Those that J is made from,
     int used = 0;             ///< so many,
@@ -217,7 +217,7 @@ class JacobianEstimate {
   Eigen::MatrixXd a_;
   core::Matrix b_;
   Eigen::LLT<Eigen::MatrixXd> cholesky_;
-  Eigen::MatrixXd inverse_;  ///< Of A, its last rows: s and v.
+  Eigen::MatrixXd inverse_;  ///< The last rows of A's: s and v.
   Eigen::MatrixXd jacobian_;
   Eigen::VectorXd drift_;
   Eigen::VectorXd own_motion_;
@@ -232,15 +232,15 @@ class JacobianEstimate {
   bool fresh_ = false;                        ///< No Update() since the last Compute().
   int lag_ = 0;
 
-  // Of Smooth().
-  Eigen::VectorXd residual_;  ///< Of the last Update(), or 0.
+  // For Smooth().
+  Eigen::VectorXd residual_;  ///< The last Update()'s, or 0.
   double power_ = 0.0;        ///< Squared residuals, with forgetting,
   double correlation_ = 0.0;  ///< and their products from one to the next.
   double travel_ = 0.0;       ///< Squared changes.
   Eigen::VectorXd expected_;  ///< The last estimate, after Update() with what was expected of it.
   bool expects_ = false;
 
-  // Of Demonstrated().
+  // For Demonstrated().
   Eigen::MatrixXd a_demo_;
   Eigen::VectorXd unit_;  ///< n + 1
   Eigen::LLT<Eigen::MatrixXd> cholesky_demo_;

@@ -12,8 +12,8 @@ namespace dfr::control {
 
 /// Options for Rollout().
 struct RolloutOptions {
-  std::uint64_t plant_seed = 0;       ///< Of the start state: core::Plant::Reset().
-  std::uint64_t controller_seed = 0;  ///< Of the controller: Controller::Reset().
+  std::uint64_t plant_seed = 0;       ///< Draws the start state: core::Plant::Reset().
+  std::uint64_t controller_seed = 0;  ///< The controller's: Controller::Reset().
   /// Halts after this many applied controls, of any kind, with HaltCause::kControlLimit.
   int max_controls = 1'000'000;
 };

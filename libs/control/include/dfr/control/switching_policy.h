@@ -27,7 +27,7 @@ struct SwitchingPolicyOptions {
   Recovery recovery = Recovery::kDfr;
   int horizon = 100;         ///< T: the policy's controls in an episode, > 0.
   int first_step = 0;        ///< t of an episode's first control, in [0, T): to begin in mid-task.
-  int max_iterations = 500;  ///< Of one recovery, > 0; the policy then halts.
+  int max_iterations = 500;  ///< In one recovery, > 0; the policy then halts.
   DfrOptions dfr = {};
 };
 

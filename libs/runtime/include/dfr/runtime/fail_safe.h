@@ -23,7 +23,7 @@ inline constexpr int kNumRunStates = static_cast<int>(RunState::kFaulted) + 1;
 /// Why a robot is made to stand still. From kEmergencyStop on they are faults.
 enum class HoldReason {
   kNone,
-  kOperator,          ///< Somebody asked for it.
+  kOperator,          ///< An operator asked for it.
   kControllerHalted,  ///< The controller has no control that it takes for safe.
   kNotSeen,           ///< The image shows no line or no tip.
   kStateInvalid,      ///< The state has a non-finite entry.
@@ -38,7 +38,7 @@ enum class HoldReason {
   kArmJump,              ///< Measured state that moved faster than the arm can.
   kArmNotReady,          ///< Its operating state is not ENABLED and homed, or it has failed.
   kArmNotFollowing,      ///< It does not go where it is sent.
-  kSecondCommander,      ///< Somebody else commands the arm, too.
+  kSecondCommander,      ///< Another program commands the arm, too.
   kClock,                ///< Stamps lie in the future: a clock has jumped.
   kImageSilent,          ///< No picture arrives.
   kImageOld,             ///< The newest picture is too old.

@@ -170,6 +170,13 @@ class GuardModel {
   [[nodiscard]] std::vector<double> Levels(const core::Matrix& states,
                                            std::vector<int>* steps = nullptr) const;
 
+  /// Which entries of a state put it outside: row i is what each entry of states row i adds to -l,
+  /// the sum of the row; zeros where Levels() says l >= 0. It is the rise of l along each entry on
+  /// the way back to l = 0 that is steepest in the units of the features, so that the unit of an
+  /// entry does not matter. A negative entry means that it compensates for others.
+  /// @throws std::invalid_argument if states are not state_dim() wide.
+  [[nodiscard]] core::Matrix Shortfall(const core::Matrix& states) const;
+
   /// What is certain of the next state at `state`, in time step `t`, under the assumptions of a
   /// certificate with this model's constants; of `action` with the J of the demonstrations alone.
   /// @throws std::invalid_argument if sizes differ, the model is in single precision, or no

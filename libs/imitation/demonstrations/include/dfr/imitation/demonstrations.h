@@ -99,8 +99,9 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
 /// all vector-valued obs datasets one after another, by `offset` where all have one, else by name;
 /// those of more than two dimensions (images) are left out. Without next_obs the state after the
 /// last control is not in the file, and that control is left out. An episode at the end that was
-/// cut off with its writer is left out, which note() says. Without `outcome`, an episode whose last
-/// done is 1 completed. A `filter_key` leaves the episodes that mask/FILTER_KEY names.
+/// cut off with its writer is left out, which note() says. Without `outcome`, an episode completed
+/// if its attribute `success` is not zero, as Isaac Lab has it, or, without that, its last done is
+/// 1. A `filter_key` leaves the episodes that mask/FILTER_KEY names.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenRobomimic(
     const std::filesystem::path& path, const std::string& filter_key = "");
 /// Reads all of it.

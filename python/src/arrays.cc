@@ -1,0 +1,90 @@
+#include "arrays.h"
+
+namespace py = pybind11;
+
+namespace dfr::python {
+namespace {
+
+// What numbers are not, by numpy.dtype.kind.
+const char* KindOf(char kind) {
+  switch (kind) {
+    case 'c':
+      return "complex numbers";
+    case 'S':
+    case 'U':
+      return "text";
+    case 'M':
+    case 'm':
+      return "times";
+    case 'V':
+      return "records with named fields";
+    default:
+      return "other objects";
+  }
+}
+
+// Without the tape and the device of a tensor.
+py::object Detached(const py::handle& values) {
+  if (!py::hasattr(values, "detach")) return py::reinterpret_borrow<py::object>(values);
+  const py::object detached = values.attr("detach")();
+  return py::hasattr(detached, "cpu") ? py::object(detached.attr("cpu")()) : detached;
+}
+
+}  // namespace
+
+std::string Shortened(const py::handle& value) {
+  constexpr std::size_t kMost = 60;
+  std::string text = py::repr(value).cast<std::string>();
+  for (char& c : text) c = c == '\n' ? ' ' : c;
+  if (text.size() > kMost) text = text.substr(0, kMost) + "...";
+  return text + " of type " + std::string(py::str(py::type::of(value).attr("__name__")));
+}
+
+Array ToArray(const py::handle& values) {
+  // A masked array is a class of its own, which hides what its mask says from who takes it for
+  // plain.
+  const bool plain = Py_TYPE(values.ptr()) == py::detail::npy_api::get().PyArray_Type_;
+  if (plain && Array::check_(values)) return py::reinterpret_borrow<Array>(values);
+  const py::module_ numpy = py::module_::import("numpy");
+  const std::string remedy = "an array of real numbers is needed, one row a state or action";
+  try {
+    if (numpy.attr("ma").attr("is_masked")(values).cast<bool>()) {
+      throw py::type_error("the array has masked entries: fill or drop them");
+    }
+    if (py::isinstance<py::dict>(values)) {
+      throw py::type_error(remedy +
+                           ", not a dict: concatenate its parts in the order of the layout");
+    }
+    const auto array = py::array::ensure(numpy.attr("asarray")(Detached(values)));
+    if (!array) throw py::error_already_set();
+    const char kind = array.dtype().kind();
+    if (kind != 'b' && kind != 'i' && kind != 'u' && kind != 'f' && kind != 'O') {
+      throw py::type_error(remedy + ", not " + KindOf(kind) + ": " + Shortened(values));
+    }
+    return py::reinterpret_steal<Array>(
+        array.attr("astype")("float64", py::arg("order") = "C").release());
+  } catch (const py::error_already_set& e) {
+    if (!e.matches(PyExc_ValueError) && !e.matches(PyExc_TypeError)) throw;
+    throw py::type_error(remedy + "; rows of different lengths or other objects are in " +
+                         Shortened(values));
+  }
+}
+
+Arrays ToArrays(const py::handle& values) {
+  if (py::isinstance<py::str>(values) || py::isinstance<py::bytes>(values) ||
+      py::isinstance<py::dict>(values) || !py::hasattr(values, "__iter__")) {
+    throw py::type_error("a list of arrays is needed, one a demonstration, not " +
+                         Shortened(values));
+  }
+  Arrays arrays;
+  for (const py::handle& one : values) {
+    try {
+      arrays.each.push_back(ToArray(one));
+    } catch (const py::type_error& e) {
+      throw py::type_error("demonstration " + std::to_string(arrays.each.size()) + ": " + e.what());
+    }
+  }
+  return arrays;
+}
+
+}  // namespace dfr::python
