@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import pathlib
+import shlex
 import subprocess
 import sys
 
@@ -34,6 +35,12 @@ def headers(build):
     return noted
 
 
+def output_of(command):
+    """The object that a compile command writes, which CMake 3.25 does not say beside the command."""
+    words = shlex.split(command)
+    return words[words.index("-o") + 1]
+
+
 def main():
     build, stamps = sys.argv[1:]
     root = os.getcwd()
@@ -44,7 +51,7 @@ def main():
                               if "build" not in p.parts)
     commands = {}
     for entry in json.loads(pathlib.Path(build, "compile_commands.json").read_text()):
-        commands[os.path.relpath(entry["file"], root)] = (entry["output"], entry["command"])
+        commands[os.path.relpath(entry["file"], root)] = (output_of(entry["command"]), entry["command"])
     noted = headers(build)
     with open(stamps, "w") as out:
         for line in sys.stdin:
