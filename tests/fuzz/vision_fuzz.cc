@@ -37,7 +37,7 @@ std::vector<std::uint8_t> Picture(const std::uint8_t* data, std::size_t size) {
     for (int row = top; row < std::min(kHeight, top + data[2] / 4); ++row) {
       for (int column = left; column < std::min(kWidth, left + data[3]); ++column) {
         for (int c = 0; c < 3; ++c) {
-          pixels[static_cast<std::size_t>((row * kWidth + column) * 3 + c)] = data[4 + c];
+          pixels[3 * (static_cast<std::size_t>(row) * kWidth + column) + c] = data[4 + c];
         }
       }
     }
