@@ -235,10 +235,9 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
         ": the configuration cannot be read. Examples are in "
         "apps/line_tracking/config, or share/dfr/line_tracking where it is installed");
   }
-  core::CheckToml(file, config.text);
   toml::table root;
   try {
-    root = toml::parse(config.text, file.string());
+    root = toml::parse(core::CheckToml(file, config.text), file.string());
   } catch (const toml::parse_error& e) {
     Fail(file, e.source(), std::string(e.description()));
   }

@@ -69,9 +69,81 @@ Fault FindFault(std::string_view text) noexcept {
   return {i, ""};
 }
 
+// Appends a character beyond ASCII, the whole UTF-8 sequence at `at`, as an escape. Returns its
+// end.
+std::size_t Escape(std::string_view text, std::size_t at, std::string& out) {
+  constexpr std::string_view kDigits = "0123456789abcdef";
+  const auto first = static_cast<unsigned char>(text[at]);
+  const std::size_t length = first < 0xe0 ? 2 : first < 0xf0 ? 3 : 4;
+  unsigned point = first & (0x7fU >> length);
+  for (std::size_t k = 1; k < length; ++k) {
+    point = (point << 6U) | (static_cast<unsigned char>(text[at + k]) & 0x3fU);
+  }
+  const bool wide = point > 0xffff;
+  out += wide ? "\\U" : "\\u";
+  for (unsigned digits = wide ? 8 : 4; digits > 0; --digits) {
+    out += kDigits[(point >> (4 * (digits - 1))) & 0xfU];
+  }
+  return at + length;
+}
+
+bool IsAscii(char c) noexcept { return static_cast<unsigned char>(c) < 0x80; }
+
+// The string `whole`, quotes included, as a basic one in ASCII.
+void AppendString(std::string_view whole, std::string& out) {
+  const bool literal = whole[0] == '\'';
+  const std::string_view triple = literal ? "'''" : "\"\"\"";
+  const std::string_view quotes = whole.starts_with(triple) ? triple : triple.substr(0, 1);
+  const bool closed = whole.size() >= 2 * quotes.size() && whole.ends_with(quotes);
+  const std::size_t end = closed ? whole.size() - quotes.size() : whole.size();
+  out.append(quotes.size(), '"');
+  for (std::size_t i = quotes.size(); i < end;) {
+    const char c = whole[i];
+    if (!IsAscii(c)) {
+      i = Escape(whole, i, out);
+    } else if (c == '\\' && !literal) {
+      // What is no escape stays none, as the parser will say.
+      const bool escapes = i + 1 < end && IsAscii(whole[i + 1]);
+      out += c;
+      out += escapes ? whole[i + 1] : '?';
+      i += escapes ? 2 : 1;
+    } else {
+      if (literal && (c == '"' || c == '\\')) out += '\\';
+      out += c;
+      ++i;
+    }
+  }
+  if (closed) out.append(quotes.size(), '"');
+}
+
+// The same text in ASCII: characters beyond it become escapes in strings, and are left out of
+// comments. `text` is without a fault.
+std::string InAscii(std::string_view text) {
+  std::string out;
+  std::size_t i = text.starts_with(kByteOrderMark) ? kByteOrderMark.size() : 0;
+  while (i < text.size()) {
+    if (text[i] == '#') {
+      for (; i < text.size() && text[i] != '\n'; ++i) {
+        if (IsAscii(text[i])) out += text[i];
+      }
+    } else if (text[i] == '"' || text[i] == '\'') {
+      const std::string_view whole = text.substr(i, EndOfString(text, i) - i);
+      if (std::all_of(whole.begin(), whole.end(), IsAscii)) {
+        out += whole;
+      } else {
+        AppendString(whole, out);
+      }
+      i += whole.size();
+    } else {
+      out += text[i++];
+    }
+  }
+  return out;
+}
+
 }  // namespace
 
-void CheckToml(const std::filesystem::path& file, std::string_view text) {
+std::string CheckToml(const std::filesystem::path& file, std::string_view text) {
   constexpr std::size_t kMost = 1 << 20;
   const auto fail = [&](std::size_t at, const std::string& what) {
     const auto line =
@@ -98,6 +170,7 @@ void CheckToml(const std::filesystem::path& file, std::string_view text) {
     i += length;
   }
   if (const Fault fault = FindFault(text); fault.at < text.size()) fail(fault.at, fault.what);
+  return InAscii(text);
 }
 
 }  // namespace dfr::core

@@ -200,10 +200,9 @@ FromFile ReadConfiguration(const std::filesystem::path& file, const CLI::App& ap
   const auto place = [&](const toml::source_region& where) {
     return file.string() + ":" + std::to_string(where.begin.line);
   };
-  core::CheckToml(file, text);
   toml::table root;
   try {
-    root = toml::parse(text, file.string());
+    root = toml::parse(core::CheckToml(file, text), file.string());
   } catch (const toml::parse_error& e) {
     throw std::runtime_error(place(e.source()) + ": " + std::string(e.description()));
   }
@@ -290,10 +289,9 @@ std::vector<std::filesystem::path> LedgersIn(const std::vector<std::filesystem::
 // The name of the command that a folder's run.toml is of.
 std::string CommandOf(const std::filesystem::path& configuration) {
   const std::string text = internal::ReadFile(configuration);
-  core::CheckToml(configuration, text);
   toml::table root;
   try {
-    root = toml::parse(text, configuration.string());
+    root = toml::parse(core::CheckToml(configuration, text), configuration.string());
   } catch (const toml::parse_error& e) {
     throw std::runtime_error(configuration.string() + ": " + std::string(e.description()));
   }
