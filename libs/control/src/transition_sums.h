@@ -9,9 +9,10 @@
 // demonstrations is larger. Nothing allocates or throws.
 namespace dfr::control::internal {
 
-/// Width that rows, n_left and n_right have to be multiples of, and entries that may be read and
-/// written behind distances and weights.
+/// A multiple of this are the widths of rows, n_left and n_right.
 inline constexpr std::size_t kWidth = 8;
+/// So many entries behind points, distances and weights may be read, and those of the latter two
+/// written.
 inline constexpr std::size_t kPadding = 16;
 
 /// distances[i] = |z_i - z|^2, for points of `dim` entries, of which entry k of point i is at
