@@ -1,6 +1,7 @@
 #include "dfr/core/toml_text.h"
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <stdexcept>
 #include <string>
@@ -8,71 +9,173 @@
 namespace dfr::core {
 namespace {
 
-constexpr std::string_view kBeginsName =
-    "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-\"'";
-constexpr std::string_view kBeforeString = " \t\r\n=,[{.\xBF";
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
+constexpr std::string_view kDigits = "0123456789";
+constexpr std::string_view kOfNames =
+    "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-";
+constexpr std::string_view kOfWords =
+    "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-+.:";
+constexpr std::size_t kDeepest = 32;  // Brackets within brackets.
 
-// Where the string that begins at `begin` ends, one past its last quote.
+std::size_t EndOf(std::string_view characters, std::string_view text, std::size_t begin) noexcept {
+  return std::min(text.find_first_not_of(characters, begin), text.size());
+}
+
+bool IsTriple(std::string_view text, std::size_t begin) noexcept {
+  return text.substr(begin).starts_with(text[begin] == '"' ? "\"\"\"" : "'''");
+}
+
+// Where the string that begins at `begin` ends, one past its last quote; npos if it is not closed.
 std::size_t EndOfString(std::string_view text, std::size_t begin) noexcept {
   const char quote = text[begin];
-  const bool triple = text.substr(begin).starts_with(quote == '"' ? "\"\"\"" : "'''");
-  int quotes = 0;
+  const bool triple = IsTriple(text, begin);
+  int quotes = 0;  // In a row. Two may stand before the three that close.
   for (std::size_t i = begin + (triple ? 3 : 1); i < text.size(); ++i) {
     const char c = text[i];
     if (triple && quotes >= 3 && c != quote) return i;
     quotes = c == quote ? quotes + 1 : 0;
-    if (quotes == 1 && !triple) return i + 1;
-    if (c == '\n' && !triple) return i;  // It is not closed, as the parser will say.
+    if (quotes == (triple ? 5 : 1)) return i + 1;
     if (c == '\\' && quote == '"') ++i;
+    if (!triple && i < text.size() && text[i] == '\n') break;
   }
-  return text.size();
+  return quotes >= 3 ? text.size() : std::string_view::npos;
+}
+
+// Digits from `begin` on, single underscores between them. Where they end; `begin` if none do.
+std::size_t EndOfDigits(std::string_view word, std::size_t begin) noexcept {
+  std::size_t i = EndOf(kDigits, word, begin);
+  while (i > begin && i + 1 < word.size() && word[i] == '_' &&
+         kDigits.find(word[i + 1]) != std::string_view::npos) {
+    i = EndOf(kDigits, word, i + 1);
+  }
+  return i;
+}
+
+std::size_t EndOfSign(std::string_view word, std::size_t begin) noexcept {
+  return begin < word.size() && (word[begin] == '+' || word[begin] == '-') ? begin + 1 : begin;
+}
+
+bool IsValue(std::string_view word) noexcept {
+  if (word == "true" || word == "false") return true;
+  const std::size_t whole = EndOfSign(word, 0);
+  if (word.substr(whole) == "inf" || word.substr(whole) == "nan") return true;
+  std::size_t end = EndOfDigits(word, whole);
+  if (end == whole) return false;
+  for (const char* mark : {".", "eE"}) {
+    if (end == word.size() || std::string_view(mark).find(word[end]) == std::string_view::npos) {
+      continue;
+    }
+    const std::size_t digits = mark[0] == '.' ? end + 1 : EndOfSign(word, end + 1);
+    end = EndOfDigits(word, digits);
+    if (end == digits) return false;
+  }
+  return end == word.size();
 }
 
 struct Fault {
-  std::size_t at;  // Or the end.
-  const char* what;
+  std::size_t at;
+  const char* what;  // Null if there is none.
 };
 
-// What is outside quotes and comments, and TOML does not allow there.
+// What is read next. A name is a key's or a table's, or a part of one between dots.
+enum class Next { kLine, kName, kNameOrEnd, kAfterName, kValue, kEnd };
+
+constexpr const char* WhatIsNeeded(Next next) noexcept {
+  switch (next) {
+    case Next::kLine:
+      return "a line must begin with a name, as in  speed = 0.005, or with a table, as in  [arm]";
+    case Next::kName:
+    case Next::kNameOrEnd:
+      return "there must be a name: letters, digits, - and _, or a text in quotes";
+    case Next::kAfterName:
+      return "a name must be followed by = and a value, and a table's name by the brackets that "
+             "it began with, in the same line";
+    case Next::kValue:
+      return "there must be a value: a decimal number, true, false, a text in quotes, a list in "
+             "[ ] or a table in { }";
+    case Next::kEnd:
+      break;
+  }
+  return "a value must be followed by the end of its line, by a comma in a list, or by the bracket "
+         "that closes the list";
+}
+
+// What is outside quotes and comments and is not as TOML has it. So are dates and numbers that are
+// not decimal, which no configuration needs.
 Fault FindFault(std::string_view text) noexcept {
+  std::array<std::size_t, kDeepest> open{};  // The brackets that are not closed yet.
+  std::size_t depth = 0;
+  std::size_t header = 0;  // How many brackets close the table's name; 0 outside a header.
+  Next next = Next::kLine;
   std::size_t i = text.starts_with(kByteOrderMark) ? kByteOrderMark.size() : 0;
-  int depth = 0;  // Arrays and inline tables that are open.
-  bool begins = true;
   while (i < text.size()) {
     const char c = text[i];
-    if (c == '#') {
+    const char top = depth > 0 ? text[open[depth - 1]] : '\0';
+    const bool named = next == Next::kLine || next == Next::kName || next == Next::kNameOrEnd;
+    if (c == ' ' || c == '\t' || (c == '\r' && text.substr(i).starts_with("\r\n"))) {
+      ++i;
+    } else if (c == '#') {
       i = std::min(text.find('\n', i), text.size());
-    } else if (c == '"' || c == '\'') {
-      if (i > 0 && kBeforeString.find(text[i - 1]) == std::string_view::npos) {
-        return {i, "a quote must not stand in the middle of a word"};
-      }
-      i = EndOfString(text, i);
-      begins = false;
+    } else if (c == '\n') {
+      if (depth == 0 && next == Next::kEnd) next = Next::kLine;
+      if (top != '[' && next != Next::kLine) return {i, WhatIsNeeded(next)};
+      ++i;
     } else if (static_cast<unsigned char>(c) >= 0x80) {
       return {i, "a character beyond ASCII must stand in quotes or in a comment"};
-    } else if (c == '[' && begins && depth == 0) {
-      const std::size_t inner = text.substr(i).starts_with("[[") ? i + 2 : i + 1;
-      const std::size_t name = std::min(text.find_first_not_of(" \t", inner), text.size());
-      if (name == text.size() || kBeginsName.find(text[name]) == std::string_view::npos) {
-        return {i, "the name of a table must follow its bracket in the same line"};
-      }
-      i = name;
-      begins = false;
-    } else {
-      if (c == '[' || c == '{') ++depth;
-      if (c == ']' || c == '}') depth = std::max(0, depth - 1);
-      begins = c == '\n' || (begins && (c == ' ' || c == '\t'));
+    } else if (next == Next::kLine && c == '[') {
+      header = text.substr(i).starts_with("[[") ? 2 : 1;
+      i += header;
+      next = Next::kName;
+    } else if ((named || next == Next::kValue) && (c == '"' || c == '\'')) {
+      if (named && IsTriple(text, i)) return {i, WhatIsNeeded(next)};
+      const std::size_t end = EndOfString(text, i);
+      if (end == std::string_view::npos) return {i, "the quotes that begin here are not closed"};
+      i = end;
+      next = named ? Next::kAfterName : Next::kEnd;
+    } else if (named && kOfNames.find(c) != std::string_view::npos) {
+      i = EndOf(kOfNames, text, i);
+      next = Next::kAfterName;
+    } else if (next == Next::kAfterName && c == '.') {
       ++i;
+      next = Next::kName;
+    } else if (next == Next::kAfterName && c == '=' && header == 0) {
+      ++i;
+      next = Next::kValue;
+    } else if (next == Next::kAfterName && header > 0 &&
+               text.substr(i).starts_with(std::string_view("]]").substr(0, header))) {
+      i += header;
+      header = 0;
+      next = Next::kEnd;
+    } else if (next == Next::kValue && (c == '[' || c == '{')) {
+      if (depth == kDeepest) return {i, "brackets are nested more than 32 deep"};
+      open[depth++] = i++;
+      next = c == '{' ? Next::kNameOrEnd : Next::kValue;
+    } else if ((top == '[' && c == ']' && (next == Next::kValue || next == Next::kEnd)) ||
+               (top == '{' && c == '}' && (next == Next::kNameOrEnd || next == Next::kEnd))) {
+      --depth;
+      ++i;
+      next = Next::kEnd;
+    } else if (next == Next::kEnd && c == ',' && depth > 0) {
+      ++i;
+      next = top == '[' ? Next::kValue : Next::kName;
+    } else if (next == Next::kValue && kOfWords.find(c) != std::string_view::npos) {
+      const std::size_t end = EndOf(kOfWords, text, i);
+      if (!IsValue(text.substr(i, end - i))) return {i, WhatIsNeeded(next)};
+      i = end;
+      next = Next::kEnd;
+    } else {
+      return {i, WhatIsNeeded(next)};
     }
   }
-  return {i, ""};
+  if (depth > 0) return {open[depth - 1], "the bracket that opens here is not closed"};
+  if (next != Next::kLine && next != Next::kEnd) return {text.size(), WhatIsNeeded(next)};
+  return {text.size(), nullptr};
 }
 
 // Appends a character beyond ASCII, the whole UTF-8 sequence at `at`, as an escape. Returns its
 // end.
 std::size_t Escape(std::string_view text, std::size_t at, std::string& out) {
-  constexpr std::string_view kDigits = "0123456789abcdef";
+  constexpr std::string_view kHexadecimal = "0123456789abcdef";
   const auto first = static_cast<unsigned char>(text[at]);
   const std::size_t length = first < 0xe0 ? 2 : first < 0xf0 ? 3 : 4;
   unsigned point = first & (0x7fU >> length);
@@ -82,7 +185,7 @@ std::size_t Escape(std::string_view text, std::size_t at, std::string& out) {
   const bool wide = point > 0xffff;
   out += wide ? "\\U" : "\\u";
   for (unsigned digits = wide ? 8 : 4; digits > 0; --digits) {
-    out += kDigits[(point >> (4 * (digits - 1))) & 0xfU];
+    out += kHexadecimal[(point >> (4 * (digits - 1))) & 0xfU];
   }
   return at + length;
 }
@@ -94,8 +197,7 @@ void AppendString(std::string_view whole, std::string& out) {
   const bool literal = whole[0] == '\'';
   const std::string_view triple = literal ? "'''" : "\"\"\"";
   const std::string_view quotes = whole.starts_with(triple) ? triple : triple.substr(0, 1);
-  const bool closed = whole.size() >= 2 * quotes.size() && whole.ends_with(quotes);
-  const std::size_t end = closed ? whole.size() - quotes.size() : whole.size();
+  const std::size_t end = whole.size() - quotes.size();
   out.append(quotes.size(), '"');
   for (std::size_t i = quotes.size(); i < end;) {
     const char c = whole[i];
@@ -113,7 +215,7 @@ void AppendString(std::string_view whole, std::string& out) {
       ++i;
     }
   }
-  if (closed) out.append(quotes.size(), '"');
+  out.append(quotes.size(), '"');
 }
 
 // The same text in ASCII: characters beyond it become escapes in strings, and are left out of
@@ -169,7 +271,7 @@ std::string CheckToml(const std::filesystem::path& file, std::string_view text) 
     if (!whole) fail(i, "there is a character that is not UTF-8" + whole_file);
     i += length;
   }
-  if (const Fault fault = FindFault(text); fault.at < text.size()) fail(fault.at, fault.what);
+  if (const Fault fault = FindFault(text); fault.what != nullptr) fail(fault.at, fault.what);
   return InAscii(text);
 }
 

@@ -6,9 +6,10 @@
 
 namespace dfr::core {
 
-/// To be asked before toml++ parses `text`, which it trusts to be a text: control characters,
-/// broken UTF-8, and characters beyond ASCII outside quotes and comments, which TOML does not
-/// allow, lead version 3.3 astray. So do those in strings where a value is not well-formed.
+/// To be asked before toml++ parses `text`: version 3.3 is undone by what is not as TOML has it, by
+/// broken UTF-8, by brackets that do not match, by a value that is missing. So the whole is checked
+/// here: every name, value, bracket and line. Dates, numbers that are not decimal and brackets
+/// nested more than 32 deep are refused, too.
 /// @returns what to parse in place of `text`: it means the same, line by line, in ASCII.
 /// @throws std::runtime_error naming `file`, the line and what is wrong; also if the text is longer
 ///   than a mebibyte.
