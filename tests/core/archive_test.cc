@@ -108,7 +108,7 @@ TEST_F(ArchiveTest, ErrorsNameFileAndReason) {
               HasSubstr("holds a sample, where a policy is needed"));
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 1); }), HasSubstr("update dfr"));
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).Number(); }),
-              HasSubstr("type 'i' at byte"));
+              testing::AllOf(HasSubstr("type 'i' at byte"), HasSubstr(", where 'd' is needed")));
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).End(); }), HasSubstr("bytes more"));
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).IntegerIn(0, 5); }),
               HasSubstr("-7 where one in [0, 5]"));

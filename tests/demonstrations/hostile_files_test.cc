@@ -6,14 +6,18 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <stdexcept>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include "dfr/imitation/demonstrations.h"
 #include "hdf5_file.h"
 #include "hdf5_reader.h"
+#include "parquet_file.h"
 #include "tests/demonstrations/episodes.h"
 #include "tests/imitation/temp_folder.h"
 
@@ -22,7 +26,6 @@ namespace {
 
 using internal::Hdf5File;
 using internal::Hdf5Reader;
-using test::Episode;
 using test::Episodes;
 using testing::AllOf;
 using testing::HasSubstr;
@@ -91,6 +94,71 @@ TEST(HostileFilesTest, ASmallFileMayNotClaimGigabytes) {
     file.SetAttribute("data/demo_0", "num_samples", std::int64_t{1} << 40);
   }
   EXPECT_THAT(LoadError(folder / "rows.hdf5"), HasSubstr("claims 1099511627776 x 2 entries"));
+}
+
+// Thrift's compact protocol, as far as Parquet's metadata need it.
+std::string Varint(std::uint64_t value) {
+  std::string out;
+  for (; value >= 0x80; value >>= 7U) out += static_cast<char>((value & 0x7fU) | 0x80U);
+  return out + static_cast<char>(value);
+}
+std::string Number(int delta, std::uint64_t value) {
+  return static_cast<char>((delta << 4) | 6) + Varint(2 * value);
+}
+std::string Text(int delta, const std::string& value) {
+  return static_cast<char>((delta << 4) | 8) + Varint(value.size()) + value;
+}
+std::string Structs(int delta, const std::vector<std::string>& elements) {
+  std::string out = static_cast<char>((delta << 4) | 9) + std::string("\xfc");
+  out += Varint(elements.size());
+  for (const std::string& element : elements) out.append(element) += '\0';
+  return out;
+}
+void SaveParquet(const std::filesystem::path& path, const std::string& pages,
+                 const std::string& footer) {
+  const auto size = static_cast<std::uint32_t>(footer.size());
+  std::ofstream(path, std::ios::binary)
+      << "PAR1" << pages << footer
+      << std::string_view(reinterpret_cast<const char*>(&size), sizeof size) << "PAR1";
+}
+
+// A run of equal values takes a few bytes, however long it is: 2^26 of them would be a gibibyte.
+TEST(HostileFilesTest, ASmallParquetFileMayNotClaimGigabytes) {
+  const test::TempFolder folder;
+  const auto save = [&](const std::string& name, std::uint64_t values) {
+    const std::string run = Varint(2 * values) + '\1';
+    const auto size = static_cast<std::uint32_t>(run.size());
+    const std::string page = std::string(reinterpret_cast<const char*>(&size), sizeof size) + run;
+    const std::string chunk = Number(1, 0) + Number(1, page.size()) + Number(1, page.size()) +
+                              "\x2c" + Number(1, values) + Number(1, 3) + '\0' + '\0' + page;
+    const std::string column =
+        "\x3c" + Number(4, 0) + Number(1, values) + Number(2, chunk.size()) + Number(2, 4) + '\0';
+    SaveParquet(folder / name, chunk,
+                Structs(2, {Text(4, "root") + Number(1, 1),
+                            Number(1, 0) + Number(2, 0) + Text(1, "done")}) +
+                    Structs(2, {Structs(1, {column}) + Number(2, values)}) + '\0');
+  };
+  save("few.parquet", 1000);
+  const internal::ParquetFile few(folder / "few.parquet");
+  EXPECT_EQ(few.Read(0, "done").values, std::vector<double>(1000, 1.0));
+  save("many.parquet", std::uint64_t{1} << 26);
+  const internal::ParquetFile many(folder / "many.parquet");
+  EXPECT_THAT(
+      [&] { static_cast<void>(many.Read(0, "done")); },
+      testing::ThrowsMessage<std::runtime_error>(HasSubstr(
+          "claims 67108864 values in a row group, which is too much for a file of this size")));
+}
+
+// Each of 20 000 columns below one name of 20 000 letters repeats it.
+TEST(HostileFilesTest, ASmallSchemaMayNotAskForGigabytes) {
+  const test::TempFolder folder;
+  std::vector<std::string> elements(20'002, Number(1, 1));
+  elements[0] = Text(4, "root") + Number(1, 1);
+  elements[1] = Text(4, std::string(20'000, 'a')) + Number(1, 20'000);
+  SaveParquet(folder / "names.parquet", "",
+              Structs(2, elements) + Structs(2, {Structs(1, {}) + Number(2, 0)}) + '\0');
+  EXPECT_THAT([&] { internal::ParquetFile(folder / "names.parquet"); },
+              testing::ThrowsMessage<std::runtime_error>(HasSubstr("more names in its schema")));
 }
 
 TEST(HostileFilesTest, NoOtherFileIsRead) {

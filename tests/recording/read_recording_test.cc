@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstdint>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -145,6 +147,40 @@ TEST(ReadRecordingTest, AChangedByteLosesItsChunkAlone) {
   EXPECT_GT(refused, 0);
   EXPECT_LT(static_cast<std::size_t>(refused), whole.size() / 2);
   EXPECT_GT(lost, 1000);
+}
+
+// Bytes that this process has read so far.
+std::uint64_t BytesRead() {
+  std::ifstream io("/proc/self/io");
+  std::string name;
+  std::uint64_t bytes = 0;
+  io >> name >> bytes;
+  return bytes;
+}
+
+// Chunks that are empty, or claim more than the file has, with damage between them.
+TEST(ReadRecordingTest, DamageEverywhereCostsNoMoreThanTheFileIsLarge) {
+  const test::TempFolder folder;
+  const std::string whole = SmallFile(folder);
+  const auto bytes = [](auto value) {
+    return std::string(reinterpret_cast<const char*>(&value), sizeof value);
+  };
+  std::size_t first_chunk = 8;
+  while (whole[first_chunk] != 6) {
+    std::uint64_t size = 0;
+    std::memcpy(&size, &whole[first_chunk + 1], sizeof size);
+    first_chunk += 9 + size;
+  }
+  for (const std::uint64_t claimed : {std::uint64_t{0}, std::uint64_t{1} << 40}) {
+    const std::string chunk = '\6' + bytes(claimed + 40) + std::string(16, '\0') + bytes(claimed) +
+                              std::string(8, '\0') + bytes(claimed) + '\x70';
+    std::string content = whole.substr(0, first_chunk);
+    for (int i = 0; i < 10'000; ++i) content += chunk;
+    Save(folder / "damaged", content + whole.substr(whole.size() - 8));
+    const std::uint64_t before = BytesRead();
+    EXPECT_FALSE(ReadRecording(folder / "damaged").damage.empty());
+    EXPECT_LT(BytesRead() - before, 20 * content.size()) << claimed;
+  }
 }
 
 TEST(ReadRecordingTest, OtherFilesAreRefusedByName) {

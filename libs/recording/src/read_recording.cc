@@ -30,6 +30,8 @@ using internal::Op;
 class File {
  public:
   explicit File(const std::filesystem::path& path) : name_(path.string()) {
+    // Each read says how much it wants, from where: a buffer would read that many times over.
+    in_.rdbuf()->pubsetbuf(nullptr, 0);
     in_.open(path, std::ios::binary | std::ios::ate);
     if (!in_) throw std::runtime_error("cannot read the log " + name_ + ": is it there?");
     size_ = static_cast<std::uint64_t>(in_.tellg());
@@ -109,13 +111,19 @@ class Reader {
     if (size > file_.left() - kRecordHead) {
       return complete_ ? GoOn(at, "a record is larger than the file") : false;
     }
-    file_.Take(kRecordHead);
-    const std::uint64_t content_at = file_.position();
-    const std::string content = file_.Take(size);
     if (!header_ && op != Op::kHeader) file_.Damaged(at, "its header is missing");
+    // Nothing of a record is read that leads back to the bytes behind its head.
     const bool of_head = op == Op::kHeader || op == Op::kSchema || op == Op::kChannel ||
                          op == Op::kMetadata || op == Op::kAttachment;
     if (head_ && of_head) return GoOn(at, "what begins a log does not belong here");
+    if (!of_head && op != Op::kChunk && op != Op::kMessageIndex && op != Op::kDataEnd) {
+      return GoOn(
+          at, "there is no record of kind " + std::to_string(static_cast<unsigned>(op)) + " here");
+    }
+    if (op == Op::kDataEnd && size != sizeof crc) return GoOn(at, "it does not end as it should");
+    file_.Take(kRecordHead);
+    const std::uint64_t content_at = file_.position();
+    const std::string content = file_.Take(size);
     switch (op) {
       case Op::kHeader:
         Header(content);
@@ -135,10 +143,7 @@ class Reader {
       case Op::kChunk:
         Chunk(content_at, content);
         return true;
-      case Op::kMessageIndex:
-        return true;
       case Op::kDataEnd:
-        if (size != sizeof crc) return GoOn(at, "it does not end as it should");
         // A chunk that is damaged spoils this one, too.
         if (recording_.damage.empty() && ByteReader(content).Number<std::uint32_t>() != crc) {
           Suffered(at,
@@ -146,9 +151,8 @@ class Reader {
         }
         Summary();
         return false;
-      default:
-        return GoOn(at, "there is no record of kind " + std::to_string(static_cast<unsigned>(op)) +
-                            " here");
+      default:  // the index of a chunk's messages
+        return true;
     }
   }
 
@@ -161,13 +165,16 @@ class Reader {
   bool GoOn(std::uint64_t at, const std::string& what) {
     if (!head_) file_.Damaged(at, what);
     Suffered(at, what);
-    constexpr std::uint64_t kWindow = 1 << 20;
     constexpr std::uint64_t kHead = kRecordHead + 40;  // of a chunk, up to its records
-    for (std::uint64_t base = at + 1; base + kHead <= file_.size(); base += kWindow - kHead) {
-      const std::string window = file_.Peek(base, std::min(kWindow, file_.size() - base));
+    // What is looked at doubles each time: damage that returns often must not be paid for by the
+    // mebibyte.
+    std::uint64_t window_size = 256;
+    for (std::uint64_t base = at + 1; base + kHead <= file_.size(); base += window_size - kHead) {
+      window_size = std::min<std::uint64_t>(2 * window_size, 1 << 20);
+      const std::string window = file_.Peek(base, std::min(window_size, file_.size() - base));
       for (std::size_t i = 0; i + kHead <= window.size(); ++i) {
         const std::string_view here = std::string_view(window).substr(i, kHead);
-        if (!ChunkHead(here) && !DataEnd(here)) continue;
+        if (!ChunkHead(here, file_.size() - base - i) && !DataEnd(here)) continue;
         file_.Seek(base + i);
         return true;
       }
@@ -175,7 +182,8 @@ class Reader {
     return false;
   }
 
-  static bool ChunkHead(std::string_view bytes) {
+  // `left`: how many bytes the file has from there on.
+  static bool ChunkHead(std::string_view bytes, std::uint64_t left) {
     if (bytes[0] != static_cast<char>(Op::kChunk)) return false;
     ByteReader reader(bytes);
     reader.Number<std::uint8_t>();
@@ -186,7 +194,8 @@ class Reader {
     reader.Number<std::uint32_t>();
     const auto compression = reader.Number<std::uint32_t>();
     const auto records = reader.Number<std::uint64_t>();
-    return compression == 0 && whole == records && size == records + 40;
+    return compression == 0 && whole == records && records <= left - kRecordHead - 40 &&
+           size == records + 40;
   }
 
   static bool DataEnd(std::string_view bytes) {

@@ -17,11 +17,6 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little);
 
-// The budget. LeRobot writes files of 100 MB; 2^26 doubles are 512 MiB.
-constexpr std::int64_t kMostValues = std::int64_t{1} << 26;     // of a column in a row group
-constexpr std::int64_t kMostPageBytes = std::int64_t{1} << 28;  // decompressed
-constexpr std::int64_t kMostFooterBytes = std::int64_t{1} << 26;
-
 // Numbers of the format's definition.
 enum Type { kBoolean = 0, kInt32 = 1, kInt64 = 2, kFloat = 4, kDouble = 5, kFixedBytes = 7 };
 enum Converted { kUint32 = 13, kUint64 = 14 };
@@ -283,9 +278,11 @@ class RunLength {
   int bits_ = 0;
 };
 
-std::string Decompress(int codec, std::string_view compressed, std::int64_t size) {
-  if (size > kMostPageBytes) {
-    throw Malformed("claims a page of " + std::to_string(size) + " bytes, which is too much");
+std::string Decompress(int codec, std::string_view compressed, std::int64_t size,
+                       core::ReadBudget& budget) {
+  if (size < 0 || !budget.Take(static_cast<std::uint64_t>(size), 1)) {
+    throw Malformed("claims a page of " + std::to_string(size) +
+                    " bytes, which is too much for a file of this size");
   }
   const auto bytes = static_cast<std::size_t>(size);
   const char* const wrong = "has a page that does not decompress to the size it claims";
@@ -431,7 +428,8 @@ std::vector<double> DecodePlain(const ParquetFile::Leaf& leaf, Bytes& bytes, std
 // Reads the metadata at the end of a file.
 class FooterParser {
  public:
-  FooterParser(ParquetFile& file, Bytes& bytes) : file_(&file), thrift_(bytes) {}
+  FooterParser(ParquetFile& file, Bytes& bytes)
+      : file_(&file), thrift_(bytes), budget_(file.budget()) {}
 
   void Parse() {
     thrift_.Struct([this](std::int64_t field, Thrift::Kind kind) {
@@ -504,6 +502,10 @@ class FooterParser {
       ++leaf.max_repetition;
       leaf.repeated_definition = leaf.max_definition;
     }
+    // Every leaf repeats the names above it.
+    if (!budget_.Take(1, sizeof leaf + leaf.column.size() + leaf.path.size())) {
+      throw Malformed("has more names in its schema than a file of this size may have");
+    }
     if (element.children == 0) {
       leaf.type = element.type;
       leaf.is_unsigned = element.converted == kUint32 || element.converted == kUint64;
@@ -571,23 +573,26 @@ class FooterParser {
   Thrift thrift_;
   std::vector<Element> elements_;
   std::size_t next_ = 0;
+  core::ReadBudget budget_;
 };
 
 // Decodes the pages of one column in one row group.
 class ChunkDecoder {
  public:
   ChunkDecoder(const ParquetFile::Leaf& leaf, const ParquetFile::Chunk& chunk,
-               std::int64_t num_rows)
-      : leaf_(&leaf), chunk_(&chunk), num_rows_(num_rows) {}
+               std::int64_t num_rows, const core::ReadBudget& budget)
+      : leaf_(&leaf), chunk_(&chunk), num_rows_(num_rows), budget_(budget) {}
 
   ParquetColumn Decode(std::string_view data) {
     if (leaf_->max_repetition > 1) throw Malformed("has lists within lists");
     if (!IsNumeric(*leaf_)) {
       throw Malformed("is of type " + TypeName(leaf_->type) + ", not numeric");
     }
-    if (chunk_->num_values < 0 || chunk_->num_values > kMostValues || num_rows_ > kMostValues) {
-      throw Malformed("claims " + std::to_string(std::max(chunk_->num_values, num_rows_)) +
-                      " values in a row group, which is too much");
+    const std::int64_t most = std::max(chunk_->num_values, num_rows_);
+    if (chunk_->num_values < 0 ||
+        !budget_.Take(static_cast<std::uint64_t>(most), sizeof(double) + sizeof(std::int64_t))) {
+      throw Malformed("claims " + std::to_string(most) +
+                      " values in a row group, which is too much for a file of this size");
     }
     Bytes bytes(data);
     std::int64_t seen = 0;
@@ -618,7 +623,11 @@ class ChunkDecoder {
 
  private:
   void ReadDictionary(const PageHeader& header, std::string_view page) {
-    const std::string plain = Decompress(chunk_->codec, page, header.uncompressed_size);
+    const std::string plain = Decompress(chunk_->codec, page, header.uncompressed_size, budget_);
+    if (!budget_.Take(static_cast<std::uint64_t>(header.num_values), sizeof(double))) {
+      throw Malformed("claims a dictionary of " + std::to_string(header.num_values) +
+                      " values, which is too much for a file of this size");
+    }
     Bytes bytes(plain);
     dictionary_ = DecodePlain(*leaf_, bytes, header.num_values);
   }
@@ -635,10 +644,10 @@ class ChunkDecoder {
       const std::int64_t levels = std::int64_t{header.repetition_bytes} + header.definition_bytes;
       const std::string_view rest = bytes.Take(bytes.left());
       plain = Decompress(header.is_compressed && !rest.empty() ? chunk_->codec : kUncompressed,
-                         rest, header.uncompressed_size - levels);
+                         rest, header.uncompressed_size - levels, budget_);
       values = plain;
     } else {
-      plain = Decompress(chunk_->codec, page, header.uncompressed_size);
+      plain = Decompress(chunk_->codec, page, header.uncompressed_size, budget_);
       Bytes bytes(plain);
       if (leaf_->max_repetition > 0) repetition = bytes.Take(bytes.Fixed<std::uint32_t>());
       if (leaf_->max_definition > 0) definition = bytes.Take(bytes.Fixed<std::uint32_t>());
@@ -708,6 +717,7 @@ class ChunkDecoder {
   const ParquetFile::Leaf* leaf_;
   const ParquetFile::Chunk* chunk_;
   std::int64_t num_rows_;
+  core::ReadBudget budget_;
   std::vector<double> dictionary_;
   std::vector<bool> present_;  // of the page
   ParquetColumn column_;
@@ -744,7 +754,7 @@ void ParquetFile::ReadFooter() {
   if (tail.substr(4) != "PAR1") Fail("is truncated: it does not end as a Parquet file does");
   std::uint32_t length = 0;
   std::memcpy(&length, tail.data(), sizeof(length));
-  if (length > size_ - kMagic - kTail || length > kMostFooterBytes) {
+  if (length > size_ - kMagic - kTail) {
     Fail("claims metadata of " + std::to_string(length) + " bytes");
   }
   const std::string footer = ReadBytes(size_ - kTail - length, length);
@@ -769,7 +779,7 @@ ParquetColumn ParquetFile::Read(int row_group, const std::string& column) const 
   if (found == nullptr) Fail("has no column " + column);
   const std::string data = ReadBytes(chunk->start, chunk->size);
   try {
-    return ChunkDecoder(*found, *chunk, group.num_rows).Decode(data);
+    return ChunkDecoder(*found, *chunk, group.num_rows, budget()).Decode(data);
   } catch (const Malformed& e) {
     Fail("column " + column + " " + e.what());
   }

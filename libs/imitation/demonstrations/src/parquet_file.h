@@ -7,6 +7,8 @@
 #include <string_view>
 #include <vector>
 
+#include "dfr/core/read_budget.h"
+
 namespace dfr::imitation::internal {
 
 /// Values of rows of a column, one row after another: row r is values [offsets[r], offsets[r + 1]).
@@ -25,8 +27,9 @@ struct ParquetColumn {
 /// run-length encodings; uncompressed, Snappy, Zstandard.
 ///
 /// A file is not trusted: no size that it claims is allocated before what it must fit into is
-/// known, and a page or column beyond a budget of memory is refused. All functions throw
-/// std::runtime_error naming the file, the column and the reason.
+/// known, and what is beyond core::ReadBudget of the file's size, for each column of a row group
+/// that is read, is refused. All functions throw std::runtime_error naming the file, the column and
+/// the reason.
 class ParquetFile {
  public:
   /// How a column, or the entries of its lists, is stored.
@@ -66,6 +69,9 @@ class ParquetFile {
   };
 
   void ReadFooter();
+  [[nodiscard]] core::ReadBudget budget() const {
+    return core::ReadBudget(static_cast<std::uint64_t>(size_));
+  }
   [[nodiscard]] std::string ReadBytes(std::int64_t start, std::int64_t size) const;
   [[noreturn]] void Fail(const std::string& reason) const;
 
