@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/sysmacros.h>
 #include <unistd.h>
 
 #include <array>
@@ -12,6 +13,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <set>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -107,6 +109,21 @@ TEST_F(AtomicFileTest, ALinkToItselfIsAnError) {
   ExpectOnly(2);
 }
 
+TEST_F(AtomicFileTest, ItClosesItsOwnFileAndNoOther) {
+  const auto open_files = [] {
+    std::set<std::string> names;
+    for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
+      names.insert(entry.path().filename());
+    }
+    return names;
+  };
+  const auto before = open_files();
+  ReplaceFile(folder_ / "file", "x");
+  EXPECT_EQ(open_files(), before);
+  EXPECT_NE(Error([&] { ReplaceFile(folder_ / "absent" / "file", "x"); }), "no error");
+  EXPECT_EQ(open_files(), before);
+}
+
 TEST_F(AtomicFileTest, TheModeIsKept) {
   const auto path = folder_ / "file";
   ReplaceFile(path, "before");
@@ -125,14 +142,24 @@ TEST_F(AtomicFileTest, ANewFileHasTheModeThatTheUmaskLeaves) {
 }
 
 TEST_F(AtomicFileTest, ADeviceIsWrittenTo) {
+  std::filesystem::path null = "/dev/null";
+  std::filesystem::path full = "/dev/full";
+  if (geteuid() == 0) {  // who could replace the machine's: devices of this test's own
+    null = folder_ / "own_null";
+    full = folder_ / "own_full";
+    if (mknod(null.c_str(), S_IFCHR | 0600, makedev(1, 3)) != 0 ||
+        mknod(full.c_str(), S_IFCHR | 0600, makedev(1, 7)) != 0 || !std::ofstream(null)) {
+      GTEST_SKIP() << "no devices can be made in " << folder_;
+    }
+  }
   const auto link = folder_ / "null";
-  std::filesystem::create_symlink("/dev/null", link);
+  std::filesystem::create_symlink(null, link);
   ReplaceFile(link, "gone");
   EXPECT_TRUE(std::filesystem::is_symlink(link));
-  EXPECT_TRUE(std::filesystem::is_character_file("/dev/null"));
-  EXPECT_THAT(Error([] { ReplaceFile("/dev/full", "too much"); }),
-              testing::AllOf(HasSubstr("/dev/full"), HasSubstr("No space left")));
-  EXPECT_TRUE(std::filesystem::is_character_file("/dev/full"));
+  EXPECT_TRUE(std::filesystem::is_character_file(null));
+  EXPECT_THAT(Error([&] { ReplaceFile(full, "too much"); }),
+              testing::AllOf(HasSubstr(full.string()), HasSubstr("No space left")));
+  EXPECT_TRUE(std::filesystem::is_character_file(full));
 }
 
 // As a shell's redirection leaves it: a rename would leave the shell with a file that is gone.

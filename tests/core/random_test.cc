@@ -70,6 +70,25 @@ TEST(RandomTest, NormalHasTheMomentsOfTheNormalDistribution) {
   EXPECT_NEAR(fourth / kDraws, 3.0, 4.0 * std::sqrt(96.0 / kDraws));
 }
 
+// What a seed gives stays what it is: Marsaglia and Bray's polar method, pairs of uniform numbers
+// in
+// [-1, 1) until one lies inside the circle.
+TEST(RandomTest, NormalIsThePolarMethodOfTheUniformStream) {
+  Random normal(9);
+  Random uniform(9);
+  for (int pair = 0; pair < 1000; ++pair) {
+    double u = 0.0, v = 0.0, square = 1.0;
+    while (square >= 1.0) {
+      u = 2.0 * uniform.Uniform() - 1.0;
+      v = 2.0 * uniform.Uniform() - 1.0;
+      square = u * u + v * v;
+    }
+    const double scale = std::sqrt(-2.0 * std::log(square) / square);
+    ASSERT_DOUBLE_EQ(normal.Normal(), u * scale) << pair;
+    ASSERT_DOUBLE_EQ(normal.Normal(), v * scale) << pair;
+  }
+}
+
 TEST(RandomTest, BelowReachesEveryValueAndNoOther) {
   Random random(5);
   std::vector<int> counts(7, 0);

@@ -293,11 +293,58 @@ TEST_F(LedgerTest, WriteErrorsLoseAndRepeatNothing) {
   }
 }
 
+// A number that the environment may raise: see docs/reliability.md.
+int CountFrom(const char* variable, int standard) {
+  const char* const wanted = std::getenv(variable);
+  return wanted != nullptr ? std::atoi(wanted) : standard;
+}
+
+// DFR_FAULTS: how many. A run is started again and again, and its disk fails at a random write each
+// time, with ENOSPC, EIO or a short write, until it comes to its end.
+TEST_F(LedgerTest, RunsThatFailAgainAndAgainLoseAndRepeatNothing) {
+  const int faults = CountFrom("DFR_FAULTS", 100);
+  const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
+  core::Random random(2);
+  int injected = 0;
+  for (int run = 0; injected < faults; ++run) {
+    SCOPED_TRACE(testing::Message() << "run " << run << ", " << injected << " faults before");
+    std::filesystem::remove(ledger);
+    std::string before;
+    for (bool done = false; !done;) {
+      constexpr int kErrors[] = {ENOSPC, EIO, 0};
+      fault = {static_cast<int>(random.Below(30)), kErrors[random.Below(3)]};
+      const auto lines = std::max<std::ptrdiff_t>(1, std::ranges::count(before, '\n'));
+      int made = 0;
+      const auto counts = [&](const EvaluationUnit& unit) {
+        ++made;
+        return MakeFakeTrialRunner(unit);
+      };
+      std::vector<UnitResult> results;
+      const std::string message =
+          MessageOf([&] { results = Evaluate(FakePlan(), counts, Options()); });
+      injected += fault.after < 0 ? 1 : 0;
+      fault = {};
+      done = !results.empty();
+      const std::string after = Read(ledger);
+      ASSERT_TRUE(after.starts_with(before)) << "an acknowledged unit is lost: " << message;
+      ASSERT_LE(made, 21 - lines) << "a unit that was acknowledged ran again";
+      before = after.substr(0, after.rfind('\n') + 1);
+      if (!done) {
+        ASSERT_THAT(message, HasSubstr("All units before are kept"));
+        continue;
+      }
+      ASSERT_EQ(results, whole);
+      ASSERT_EQ(made, 21 - lines);
+      ASSERT_EQ(std::ranges::count(after, '\n'), 21);
+    }
+  }
+  std::cout << injected << " faults" << std::endl;
+}
+
 // DFR_KILLS: how many. Every unit that a killed process had written is there afterwards, and none
 // runs twice.
 TEST_F(LedgerTest, KilledProcessesLoseAndRepeatNothing) {
-  const char* const wanted = std::getenv("DFR_KILLS");
-  const int kills = wanted != nullptr ? std::atoi(wanted) : 30;
+  const int kills = CountFrom("DFR_KILLS", 30);
   const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
   core::Random random(1);
   int finished = 0;
@@ -346,7 +393,7 @@ class MergeTest : public testing::Test {
   // A ledger of shard index/count in a file of its own.
   std::filesystem::path Run(int index, int count, const EvaluationPlan& plan = FakePlan(),
                             const std::string& gamma = "5") const {
-    const std::filesystem::path path =
+    std::filesystem::path path =
         folder / (std::to_string(index) + "of" + std::to_string(count) + ".jsonl");
     std::filesystem::remove(path);
     (void)Evaluate(

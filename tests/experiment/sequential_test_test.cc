@@ -83,11 +83,13 @@ TEST(SequentialTestTest, WhatIsOutOfRangeIsRefused) {
   EXPECT_EQ(test.pairs(), 0);
 }
 
-TEST(EpisodeCreditTest, RanksOutcomes) {
+TEST(EpisodeCreditTest, RanksOutcomesAndHaltsByWhatWasDoneBefore) {
   const EpisodeCredit credit;
-  EXPECT_EQ(credit(core::Outcome::kCompleted), 1.0);
-  EXPECT_EQ(credit(core::Outcome::kHalted), 0.5);
-  EXPECT_EQ(credit(core::Outcome::kCollided), 0.0);
+  EXPECT_EQ(credit(core::Outcome::kCompleted, 0.9), 1.0);
+  EXPECT_EQ(credit(core::Outcome::kHalted, 1.0), 0.5);
+  EXPECT_EQ(credit(core::Outcome::kHalted, 0.5), 0.25);
+  EXPECT_EQ(credit(core::Outcome::kHalted, 0.0), 0.0);
+  EXPECT_EQ(credit(core::Outcome::kCollided, 0.9), 0.0);
 }
 
 }  // namespace

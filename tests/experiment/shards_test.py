@@ -130,7 +130,8 @@ class ShardsTest(unittest.TestCase):
         for text, says in [("[experiment]\nseed = 1\ngama = 5\n", "c.toml:3: experiment has no option 'gama'"),
                            ("seed = 1\n", "c.toml:1: 'seed' is no table of a command"),
                            ("[experiment]\n\ntrials = \"many\"\n", "c.toml:3: "),
-                           ("[experiment]\ntrials = 1979-05-27\n", "c.toml:2: 'trials' must be a text"),
+                           ("[experiment]\ntrials = [[1]]\n", "c.toml:2: 'trials' must be a text"),
+                           ("[experiment]\ntrials = 1979-05-27\n", "c.toml:2: there must be a value"),
                            ("[experiment]\ntrials = \n", "c.toml:2"),
                            ("[grid]\ngamma = [1]\n", "there is no table [experiment]")]:
             with self.subTest(text=text):

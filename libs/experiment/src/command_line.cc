@@ -123,7 +123,7 @@ std::string Value(const std::string& text, bool is_number) {
   std::string quoted = "\"";
   for (const char c : text) {
     if (c == '"' || c == '\\') quoted += '\\';
-    if (static_cast<unsigned char>(c) < 0x20) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) {
       quoted += core::Format("\\u%04x", static_cast<unsigned>(c));
     } else {
       quoted += c;

@@ -7,12 +7,12 @@
 
 namespace dfr::experiment {
 
-double EpisodeCredit::operator()(core::Outcome outcome) const noexcept {
+double EpisodeCredit::operator()(core::Outcome outcome, double progress) const noexcept {
   switch (outcome) {
     case core::Outcome::kCompleted:
       return completed;
     case core::Outcome::kHalted:
-      return halted;
+      return halted * progress;
     case core::Outcome::kCollided:
       break;
   }

@@ -66,10 +66,10 @@ class RolloutRunner : public TrialRunner {
   /// has collided then, with the cause "after <why it halted>".
   [[nodiscard]] virtual bool CollidesAfterHalt() { return false; }
 
- private:
-  // The episode of a rollout that has just ended.
-  EpisodeResult ResultOf(const control::RolloutResult& result);
+  /// The episode of a rollout that has just ended.
+  [[nodiscard]] EpisodeResult ResultOf(const control::RolloutResult& result);
 
+ private:
   std::unique_ptr<core::SimulatedPlant> plant_;
   std::unique_ptr<control::DisturbedPlant> disturbed_;  // null: plant_ itself is driven
   std::vector<std::string> names_;

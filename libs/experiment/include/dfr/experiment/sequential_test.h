@@ -10,10 +10,12 @@ namespace dfr::experiment {
 /// What an episode is worth, in [0, 1].
 struct EpisodeCredit {
   double completed = 1.0;
-  double halted = 0.5;  ///< Safe, and not done.
+  double halted = 0.5;  ///< Safe, and all but done.
   double collided = 0.0;
 
-  [[nodiscard]] double operator()(core::Outcome outcome) const noexcept;
+  /// @param progress  share of the task that was done before the episode ended, in [0, 1]. A halted
+  ///   episode has that share of `halted`.
+  [[nodiscard]] double operator()(core::Outcome outcome, double progress) const noexcept;
 };
 
 /// Whether two methods differ, from pairs of episodes that may be looked at after every one: the
