@@ -15,8 +15,10 @@ namespace dfr::fuzz {
 
 /// A file with the given content, for readers that take a path. The same one for the whole process.
 inline std::filesystem::path InputFile(std::string_view bytes) {
+  // In memory, where there is such a folder: a disk would be most of the work.
   static const std::filesystem::path path =
-      std::filesystem::temp_directory_path() / ("dfr_fuzz_" + std::to_string(getpid()));
+      (access("/dev/shm", W_OK) == 0 ? "/dev/shm" : std::filesystem::temp_directory_path()) /
+      std::filesystem::path("dfr_fuzz_" + std::to_string(getpid()));
   static const bool registered = std::atexit([] {
                                    std::error_code ignored;
                                    std::filesystem::remove(path, ignored);

@@ -7,9 +7,15 @@
 
 // Sanitizers own malloc; under them only operator new, which they call malloc for, goes uncounted
 // and NoAlloc never fails. The plain build is the one that checks.
+#if defined(__has_feature)  // clang
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define DFR_COUNTS_ALLOCATIONS 0
+#endif
+#endif
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define DFR_COUNTS_ALLOCATIONS 0
-#else
+#endif
+#ifndef DFR_COUNTS_ALLOCATIONS
 #define DFR_COUNTS_ALLOCATIONS 1
 #endif
 
