@@ -1,13 +1,10 @@
 // What happens when something goes wrong while line tracking runs over the network: each fault many
 // times at random moments of motion, in one table. The robot's program is this one with --robot.
 #include <arpa/inet.h>
-#include <fcntl.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <signal.h>
-#include <sys/prctl.h>
 #include <sys/socket.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -35,10 +32,13 @@
 #include "dfr/core/quantile.h"
 #include "dfr/core/random.h"
 #include "dfr/dds/channel.h"
+#include "dfr/dds/emergency_stop.h"
 #include "dfr/runtime/periodic_timer.h"
 #include "lossy_wire.h"
+#include "packet_storm.h"
 #include "recorded_controller.h"
 #include "robot_plant.h"
+#include "robot_site.h"
 #include "simulator_link.h"
 #include "trial_runner.h"
 
@@ -46,10 +46,6 @@ namespace dfr::apps::line_tracking {
 namespace {
 
 constexpr double kMillisecond = 1e6;  // ns
-
-void SleepMs(double ms) {
-  std::this_thread::sleep_for(std::chrono::microseconds(std::lround(1e3 * ms)));
-}
 
 // -- the robot's program ------------------------------------------------------------------------
 
@@ -88,14 +84,40 @@ RobotConfig Configuration(int domain, dds::Discovery discovery) {
   config.network.domain = domain;
   config.network.discovery = discovery;
   config.simulator = true;
-  config.image_max_age_s = 0.07;
   return config;
 }
 
+// Whether something was typed, after some periods.
+bool IsAskedToGo(RobotPlant& plant) {
+  pollfd input{STDIN_FILENO, POLLIN, 0};
+  plant.loop().Idle(0.02);
+  std::array<char, 64> text;
+  return poll(&input, 1, 0) > 0 && read(STDIN_FILENO, text.data(), text.size()) > 0;
+}
+
+// Until the arm is homed: what ends it is told, and "go" waited for.
+void BringUp(RobotPlant& plant) {
+  for (;;) {
+    try {
+      plant.BringUp({});
+      return;
+    } catch (const std::runtime_error&) {
+      std::printf("%lld faulted %s none\n", static_cast<long long>(runtime::SteadyNow()),
+                  runtime::Name(plant.loop().blocking()));
+      std::fflush(stdout);
+    }
+    while (!IsAskedToGo(plant)) {
+    }
+    static_cast<void>(plant.Clear());
+  }
+}
+
 // Episode after episode until something makes it hold; then waits for "go" on its input.
-void RunRobot(const std::filesystem::path& folder, int domain, dds::Discovery discovery) {
+void RunRobot(const std::filesystem::path& folder, int domain, double image_age_s,
+              dds::Discovery discovery) {
   const LineModel model = LineModel::Load(folder / "model");
-  const RobotConfig config = Configuration(domain, discovery);
+  RobotConfig config = Configuration(domain, discovery);
+  config.image_max_age_s = image_age_s;
   if (const std::string refused = runtime::AskForRealTime(config.priority); !refused.empty()) {
     std::cout << "note " << refused << std::endl;
   }
@@ -108,22 +130,29 @@ void RunRobot(const std::filesystem::path& folder, int domain, dds::Discovery di
   RobotPlant plant(config, line_task::LineCalibration::Load(folder / "calibration.dfr"), nullptr,
                    screen);
   static_cast<void>(runtime::AskForRealTime(config.priority + 1));
-  plant.BringUp({});
+  BringUp(plant);
   const std::unique_ptr<control::Controller> guided = model.MakeController("guided");
   BreakingPolicy breaking(*guided);
   RecordedController controller(breaking, nullptr);
   controller.on_decision = [&plant](const control::Step& step) { plant.loop().Decided(step); };
   for (std::uint64_t episode = 0;; ++episode) {
-    const control::RolloutResult result =
-        control::Rollout(plant, controller, {.plant_seed = episode, .controller_seed = episode});
-    if (result.halt_cause == control::HaltCause::kControlInvalid) {
-      plant.loop().Hold(runtime::HoldReason::kControlInvalid, "the policy's control is not finite");
+    try {
+      const control::RolloutResult result =
+          control::Rollout(plant, controller, {.plant_seed = episode, .controller_seed = episode});
+      if (result.halt_cause == control::HaltCause::kControlInvalid) {
+        plant.loop().Hold(runtime::HoldReason::kControlInvalid,
+                          "the policy's control is not finite");
+      }
+    } catch (const std::runtime_error& e) {  // it was not started: once more
+      std::cerr << "robot: " << e.what() << std::endl;
+    }
+    if (const runtime::PeriodicTimer* timer = plant.timer()) {
+      std::printf("loop %lld %lld %.3f\n", static_cast<long long>(timer->periods()),
+                  static_cast<long long>(timer->missed()), 1e3 * timer->worst());
+      std::fflush(stdout);
     }
     while (!plant.loop().ended_regularly()) {
-      pollfd input{STDIN_FILENO, POLLIN, 0};
-      plant.loop().Idle(0.02);
-      std::array<char, 64> text;
-      if (poll(&input, 1, 0) <= 0 || read(STDIN_FILENO, text.data(), text.size()) <= 0) continue;
+      if (!IsAskedToGo(plant)) continue;
       policy_is_broken = false;
       if (plant.loop().state() == runtime::RunState::kFaulted && !plant.Clear()) continue;
       break;
@@ -131,204 +160,7 @@ void RunRobot(const std::filesystem::path& folder, int domain, dds::Discovery di
   }
 }
 
-// -- programs beside it -------------------------------------------------------------------------
-
-/// A program with pipes to its input and from its output.
-class Program {
- public:
-  /// @param wire  whose far host it runs on; nullptr: here.
-  explicit Program(const std::vector<std::string>& command,
-                   const bench::LossyWire* wire = nullptr) {
-    std::array<int, 2> in{};
-    std::array<int, 2> out{};
-    if (pipe2(in.data(), O_CLOEXEC) != 0 || pipe2(out.data(), O_CLOEXEC) != 0) {
-      throw std::runtime_error("no pipe");
-    }
-    pid_ = fork();
-    if (pid_ == 0) {
-      prctl(PR_SET_PDEATHSIG, SIGKILL);
-      dup2(in[0], STDIN_FILENO);
-      dup2(out[1], STDOUT_FILENO);
-      if (wire != nullptr && !wire->EnterFarHost()) _exit(126);
-      std::vector<char*> arguments;
-      arguments.reserve(command.size() + 1);
-      for (const std::string& argument : command) {
-        arguments.push_back(const_cast<char*>(argument.c_str()));
-      }
-      arguments.push_back(nullptr);
-      execv(arguments[0], arguments.data());
-      _exit(127);
-    }
-    close(in[0]);
-    close(out[1]);
-    input_ = in[1];
-    output_ = out[0];
-    fcntl(output_, F_SETFL, O_NONBLOCK);
-  }
-  ~Program() {
-    Kill();
-    close(input_);
-    close(output_);
-  }
-  Program(const Program&) = delete;
-  Program& operator=(const Program&) = delete;
-
-  void Signal(int number) const {
-    if (pid_ > 0) kill(pid_, number);
-  }
-  void Kill() {
-    if (pid_ <= 0) return;
-    kill(pid_, SIGCONT);
-    kill(pid_, SIGKILL);
-    waitpid(pid_, nullptr, 0);
-    pid_ = -1;
-  }
-  void Type(const std::string& text) const {
-    if (write(input_, text.data(), text.size()) < 0) throw std::runtime_error("nobody reads");
-  }
-  /// The next whole line that it has printed, without waiting.
-  std::optional<std::string> Line() {
-    std::array<char, 4096> buffer;
-    for (ssize_t size = 0; (size = read(output_, buffer.data(), buffer.size())) > 0;) {
-      text_.append(buffer.data(), static_cast<std::size_t>(size));
-    }
-    const std::size_t end = text_.find('\n');
-    if (end == std::string::npos) return std::nullopt;
-    std::string line = text_.substr(0, end);
-    text_.erase(0, end + 1);
-    return line;
-  }
-
- private:
-  pid_t pid_ = -1;
-  int input_ = -1;
-  int output_ = -1;
-  std::string text_;
-};
-
 // -- one fault after the other ------------------------------------------------------------------
-
-/// All processes of a run, and what each has said last.
-class Site {
- public:
-  /// @param wire  at whose far end the robot's program and its emergency stop are; nullptr: all of
-  ///   them are on one host.
-  Site(std::filesystem::path folder, int domain, bench::LossyWire* wire_to_robot)
-      : folder_(std::move(folder)),
-        domain_(domain),
-        wire(wire_to_robot),
-        participant(
-            {.domain = domain,
-             .discovery = wire != nullptr ? dds::Discovery::kNetwork : dds::Discovery::kLoopback}) {
-    StartSimulator();
-    StartStop();
-    StartRobot();
-  }
-
-  void StartSimulator() {
-    link.reset();
-    simulator.reset();
-    simulator.emplace(std::vector<std::string>{
-        DFR_SIMULATOR, "--domain", std::to_string(domain_), "--discovery", discovery(), "--homing",
-        "0.1", "--wave", "random", "--calibration", (folder_ / "calibration.dfr").string()});
-    link.emplace(participant);
-    link->Await(30.0);
-  }
-  void StartStop() {
-    stop.reset();
-    stop.emplace(std::vector<std::string>{DFR_HARDWARE, "stop", "--domain", std::to_string(domain_),
-                                          "--discovery", discovery()},
-                 wire);
-  }
-  void StartRobot() {
-    robot.reset();
-    std::vector<std::string> command = {std::filesystem::read_symlink("/proc/self/exe").string(),
-                                        "--robot", folder_.string(), "--domain",
-                                        std::to_string(domain_)};
-    if (wire != nullptr) command.emplace_back("--far");
-    robot.emplace(command, wire);
-    state_ = "idle";
-  }
-
-  /// Reads what the robot's program and the stop have printed.
-  void Listen() {
-    while (std::optional<std::string> line = robot->Line()) {
-      std::array<char, 32> to{};
-      std::array<char, 64> reason{};
-      long long ns = 0;
-      if (std::sscanf(line->c_str(), "%lld %31s %63s", &ns, to.data(), reason.data()) != 3)
-        continue;
-      if (std::string(to.data()) == "broken") {
-        broken_ns_ = ns;
-        continue;
-      }
-      state_ = to.data();
-      if (std::string(reason.data()) != "none" && !told_) {
-        told_ = reason.data();
-        told_ns_ = ns;
-      }
-      if (state_ == "running" && told_) ++restarts_;
-    }
-    while (std::optional<std::string> line = stop->Line()) {
-      if (line->find("SILENT") != std::string::npos && !operator_ns_) {
-        operator_ns_ = runtime::SteadyNow();
-      }
-    }
-  }
-  [[nodiscard]] int domain() const { return domain_; }
-  [[nodiscard]] bool Moving() const { return state_ == "running" || state_ == "recovering"; }
-
-  /// Until the robot moves. @throws std::runtime_error if it does not within a minute.
-  void AwaitMotion() {
-    const std::int64_t end_ns = runtime::SteadyNow() + 60'000'000'000;
-    for (std::int64_t asked_ns = 0; !Moving(); SleepMs(2)) {
-      Listen();
-      if (runtime::SteadyNow() > end_ns) throw std::runtime_error("the robot does not start");
-      if ((state_ == "holding" || state_ == "faulted") &&
-          runtime::SteadyNow() - asked_ns > 500'000'000) {
-        robot->Type("go\n");
-        asked_ns = runtime::SteadyNow();
-      }
-    }
-  }
-  void Forget() {
-    Listen();
-    told_.reset();
-    operator_ns_.reset();
-    broken_ns_.reset();
-    restarts_ = 0;
-  }
-
-  [[nodiscard]] const std::optional<std::string>& told() const { return told_; }
-  [[nodiscard]] std::int64_t told_ns() const { return told_ns_; }
-  [[nodiscard]] const std::optional<std::int64_t>& operator_ns() const { return operator_ns_; }
-  /// When the policy first said NaN.
-  [[nodiscard]] const std::optional<std::int64_t>& broken_ns() const { return broken_ns_; }
-  [[nodiscard]] int restarts() const { return restarts_; }
-
- private:
-  [[nodiscard]] std::string discovery() const { return wire != nullptr ? "network" : "loopback"; }
-
-  std::filesystem::path folder_;
-  int domain_;
-  std::string state_;
-  std::optional<std::string> told_;
-  std::int64_t told_ns_ = 0;
-  std::optional<std::int64_t> operator_ns_;
-  std::optional<std::int64_t> broken_ns_;
-  int restarts_ = 0;
-
- public:
-  bench::LossyWire* wire;
-  dds::Participant participant;
-  dds::Publisher<dds::Flag> following{participant, "/MTMR_PSM1/following", dds::Role::kEvent};
-  dds::Publisher<dds::Joy> clutch{participant, "/PSM1/arm_clutch", dds::Role::kEvent};
-  dds::Publisher<dds::Signal> hold{participant, "/PSM1/hold", dds::Role::kRequest};
-  std::optional<Program> simulator;
-  std::optional<Program> stop;
-  std::optional<Program> robot;
-  std::optional<SimulatorLink> link;
-};
 
 struct Fault {
   std::string name;
@@ -338,6 +170,8 @@ struct Fault {
   bool to_operator = false;  ///< The robot's program itself fails: the operator's screen tells.
   bool wire = false;         ///< Between two hosts, where the system allows to have two.
   bool harmless = false;     ///< Nothing may come of it: counted where the run goes on.
+  bool homing = false;       ///< While the arm homes, which has to end.
+  bool ends = false;         ///< Ends a program.
 };
 
 Fault Injected(const std::string& name, const std::string& fault, const std::string& on,
@@ -361,21 +195,31 @@ Fault Lossy(const std::string& name, double loss) {
       true};
 }
 
-// A message of 82 bytes with one of Fast DDS' own statistics, to every port that a process of the
-// domain may listen at. Without a filter Debian's Fast DDS ends the process.
-void SendPacket(int domain) {
-  std::array<std::uint8_t, 82> packet = {'R', 'T', 'P', 'S', 2, 3, 1, 15};
-  packet[20] = 0x80;
-  packet[21] = 1;
-  packet[22] = 58;
+// Two messages to every port that a process of the domain may listen at: 82 bytes with one of Fast
+// DDS' own statistics, and a fragment of a sample with parameters and without payload. Without a
+// filter Debian's Fast DDS ends the process at either.
+void SendPackets(int domain) {
+  std::vector<std::uint8_t> statistics = {'R', 'T', 'P', 'S', 2, 3, 1, 15};
+  statistics.resize(20, 0xab);
+  std::vector<std::uint8_t> fragment = statistics;
+  statistics.insert(statistics.end(), {0x80, 1, 58});
+  statistics.resize(82);
+  fragment.insert(fragment.end(), {0x16, 3, 36, 0});                          // kind, flags, length
+  fragment.insert(fragment.end(), {0, 0, 28, 0});                             // to the parameters
+  fragment.insert(fragment.end(), {0, 0, 0, 0, 0, 0, 1, 0xc2});               // reader, writer
+  fragment.insert(fragment.end(), {0, 0, 0, 0, 1, 0, 0, 0});                  // number
+  fragment.insert(fragment.end(), {1, 0, 0, 0, 1, 0, 100, 0, 100, 0, 0, 0});  // which part of what
+  fragment.insert(fragment.end(), {1, 0, 0, 0});                              // no more parameters
   const int out = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   sockaddr_in to{};
   to.sin_family = AF_INET;
   to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
   for (int offset = 0; offset < 60; ++offset) {
     to.sin_port = htons(static_cast<std::uint16_t>(7400 + 250 * domain + offset));
-    static_cast<void>(sendto(out, packet.data(), packet.size(), MSG_NOSIGNAL,
-                             reinterpret_cast<const sockaddr*>(&to), sizeof to));
+    for (const auto& packet : {statistics, fragment}) {
+      static_cast<void>(sendto(out, packet.data(), packet.size(), MSG_NOSIGNAL,
+                               reinterpret_cast<const sockaddr*>(&to), sizeof to));
+    }
   }
   close(out);
 }
@@ -384,6 +228,7 @@ std::vector<Fault> Faults() {
   std::vector<Fault> faults;
   faults.push_back({"kill-robot", [](Site& s) { s.robot->Signal(SIGKILL); },
                     [](Site& s) { s.StartRobot(); }, false, true});
+  faults.back().ends = true;
   faults.push_back({"stop-robot", [](Site& s) { s.robot->Signal(SIGSTOP); },
                     [](Site& s) { s.robot->Signal(SIGCONT); }, false, true});
   faults.push_back({"kill-console", [](Site& s) { s.simulator->Kill(); },
@@ -392,10 +237,12 @@ std::vector<Fault> Faults() {
                       s.link->Reset(1);  // homes the arm
                     },
                     true, false});
+  faults.back().ends = true;
   faults.push_back({"stop-console", [](Site& s) { s.simulator->Signal(SIGSTOP); },
                     [](Site& s) { s.simulator->Signal(SIGCONT); }, true, false});
   faults.push_back({"kill-stop-button", [](Site& s) { s.stop->Kill(); },
                     [](Site& s) { s.StartStop(); }, false, false});
+  faults.back().ends = true;
   faults.push_back({"stop-stop-button", [](Site& s) { s.stop->Signal(SIGSTOP); },
                     [](Site& s) { s.stop->Signal(SIGCONT); }, false, false});
   faults.push_back({"emergency-stop", [](Site& s) { s.stop->Type("\n"); },
@@ -444,8 +291,11 @@ std::vector<Fault> Faults() {
                     [console](Site&) { console->reset(); }, false, false});
   // Faster than the tip may follow.
   faults.push_back(Injected("moving-platform", "platform", "0.06", "0"));
-  faults.push_back(
-      {"packet", [](Site& s) { SendPacket(s.domain()); }, [](Site&) {}, false, false, false, true});
+  faults.push_back({"packets", [](Site& s) { SendPackets(s.domain()); }, [](Site&) {}, false, false,
+                    false, true});
+  faults.push_back({"emergency-stop-homing", [](Site& s) { s.stop->Type("\n"); },
+                    [](Site& s) { s.stop->Type("r\n"); }, false, false});
+  faults.back().homing = faults.back().ends = true;
   return faults;
 }
 
@@ -467,9 +317,17 @@ double Quantile(std::vector<double> values, double q) {
 void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   constexpr double kObserved = 700.0;  // ms
   constexpr double kStill = 0.02;      // mm: less is rounding and noise
-  site.AwaitMotion();
-  SleepMs(random.Uniform(200.0, 900.0));
-  for (site.Forget(); !site.Moving(); site.Forget()) site.AwaitMotion();  // between two episodes
+  if (fault.homing) {
+    site.StartSimulator(3.0);
+    site.StartRobot();
+    site.AwaitHoming();
+    SleepMs(random.Uniform(200.0, 900.0));
+    site.Forget();
+  } else {
+    site.AwaitMotion();
+    SleepMs(random.Uniform(200.0, 900.0));
+    for (site.Forget(); !site.Moving(); site.Forget()) site.AwaitMotion();  // between two episodes
+  }
 
   Eigen::Vector3d before = site.link->Truth().tip_m;
   const std::int64_t start_ns = runtime::SteadyNow();
@@ -482,16 +340,23 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   const auto now_ms = [&] {
     return static_cast<double>(runtime::SteadyNow() - start_ns) / kMillisecond;
   };
+  // The next episode, where one has ended as episodes do, moves again.
+  const auto next = [&site] { return site.ToldOfAnEnd() && site.Moving(); };
   while (now_ms() < kObserved) {
     site.Listen();
+    if (next()) break;
     if (!fault.blind) samples.push_back({now_ms(), site.link->Truth().tip_m});
     SleepMs(1.0);
+  }
+  bool homed = false;
+  for (dds::OperatingState state; site.operating_state.Take(state);) {
+    homed = state.is_homed || state.state == "ENABLED";
   }
   fault.end(site);
   // What was held up may come now, and nothing may begin anew.
   for (const double end_ms = now_ms() + 300.0; now_ms() < end_ms; SleepMs(2.0)) {
     site.Listen();
-    samples.push_back({now_ms(), site.link->Truth().tip_m});
+    if (!next()) samples.push_back({now_ms(), site.link->Truth().tip_m});
   }
 
   // A broken policy does no harm before it is asked.
@@ -502,11 +367,12 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
 
   ++row.trials;
   row.restarts += site.restarts();
-  const bool told = fault.to_operator ? site.operator_ns().has_value() : site.told().has_value();
+  const bool told =
+      (fault.to_operator ? site.operator_ns().has_value() : site.told().has_value()) &&
+      !(fault.homing && homed);
   if (fault.harmless) {
     // An episode may end meanwhile, and does so for its own reasons.
-    const bool ended =
-        site.told() && *site.told() != "controller-halted" && *site.told() != "not-seen";
+    const bool ended = site.told() && !site.ToldOfAnEnd();
     row.detected += ended || site.operator_ns() ? 0 : 1;
     row.restarts = 0;
     row.told.insert(ended ? *site.told() : "nothing: the run goes on");
@@ -524,7 +390,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   double rest_ms = 0.0;
   const Eigen::Vector3d last = samples.back().tip_m;
   // A simulator that was started anew is another arm.
-  if (fault.name != "kill-console" && fault.name != "arm-fault") {
+  if (fault.name != "kill-console" && fault.name != "arm-fault" && !fault.homing) {
     for (const Sample& sample : samples) {
       motion_mm = std::max(motion_mm, 1e3 * (sample.tip_m - before).norm());
       if (1e3 * (sample.tip_m - last).norm() > kStill) rest_ms = sample.ms - since_ms;
@@ -534,34 +400,187 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   if (!fault.blind) row.rest_ms.push_back(rest_ms);
 }
 
-void Measure(const std::filesystem::path& folder, int domain, bench::LossyWire* wire, int trials,
-             const std::vector<std::string>& only, std::uint64_t seed) {
+void PrintTimes(const Site& site) {
+  const LoopTimes& times = site.loop_times();
+  std::printf("  %d episodes; loop: %lld periods of 5 ms, %lld left out, %.1f ms off at worst\n",
+              site.episodes(), times.periods, times.left_out, times.worst_ms);
+}
+
+void Measure(const std::filesystem::path& folder, int domain, double image_age_s,
+             bench::LossyWire* wire, int trials, const std::vector<std::string>& only,
+             std::uint64_t seed) {
   std::unique_ptr<Site> site;
   core::Random random(seed);
   constexpr double kTrialMinutes = 0.055;
   const std::size_t kinds = only.empty() ? Faults().size() : only.size();
   std::printf("%zu faults, %d times each: about %.0f minutes\n", kinds, trials,
               std::ceil(kTrialMinutes * static_cast<double>(kinds) * trials));
-  std::printf("%-20s %6s %8s  %12s  %9s  %11s  %8s  %s\n", "fault", "trials", "detected",
+  std::printf("%-21s %6s %8s  %12s  %9s  %11s  %8s  %s\n", "fault", "trials", "detected",
               "after [ms]", "rest [ms]", "motion [mm]", "restarts", "what the operator is told");
-  std::printf("%-20s %6s %8s  %12s  %9s  %11s\n", "", "", "", "p50     max", "max", "max");
+  std::printf("%-21s %6s %8s  %12s  %9s  %11s\n", "", "", "", "p50     max", "max", "max");
   for (const Fault& fault : Faults()) {
     if (!only.empty() && std::find(only.begin(), only.end(), fault.name) == only.end()) continue;
     bench::LossyWire* const its_wire = fault.wire ? wire : nullptr;
     if (!site || site->wire != its_wire) {
       site.reset();
-      site = std::make_unique<Site>(folder, domain, its_wire);
+      site = std::make_unique<Site>(folder, domain, its_wire, image_age_s);
     }
     Row row;
     for (int i = 0; i < trials; ++i) Try(*site, fault, random, row);
     std::string told;
     for (const std::string& word : row.told) told += (told.empty() ? "" : ", ") + word;
-    std::printf("%-20s %6d %8d  %5.0f %6.0f  %9.0f  %11.2f  %8d  %s\n", fault.name.c_str(),
+    std::printf("%-21s %6d %8d  %5.0f %6.0f  %9.0f  %11.2f  %8d  %s\n", fault.name.c_str(),
                 row.trials, row.detected, Quantile(row.detection_ms, 0.5),
                 Quantile(row.detection_ms, 1.0), Quantile(row.rest_ms, 1.0),
                 Quantile(row.motion_mm, 1.0), row.restarts, told.c_str());
     std::fflush(stdout);
   }
+}
+
+// A minute for each of the faults that end no program, in the order of chance: what is missed of
+// them, what is told in between although nothing is wrong, and what memory does.
+void Soak(const std::filesystem::path& folder, int domain, double image_age_s, double minutes,
+          std::uint64_t seed) {
+  Site site(folder, domain, nullptr, image_age_s);
+  core::Random random(core::DeriveSeed(seed, {2}));
+  std::vector<Fault> faults = Faults();
+  std::erase_if(faults, [](const Fault& fault) { return fault.ends; });
+  std::map<std::string, int> false_alarms;
+  std::map<std::string, double> memory_mb;
+  double motion_mm = 0.0;
+  int missed = 0;
+  int restarts = 0;
+  const std::int64_t start_ns = runtime::SteadyNow();
+  const auto now_min = [start_ns] {
+    return static_cast<double>(runtime::SteadyNow() - start_ns) / 6e10;
+  };
+  int minute = 0;
+  for (; minute + 1 <= minutes; ++minute) {
+    if (minute == 1) memory_mb = site.Memory();
+    const std::size_t first = static_cast<std::size_t>(minute) % faults.size();
+    std::swap(faults[first], faults[first + random.Below(faults.size() - first)]);
+    const Fault& fault = faults[first];
+    const double begin_min = minute + random.Uniform(0.2, 0.8);
+    site.AwaitMotion();
+    site.Forget();
+    const auto go_on = [&](double until_min) {
+      while (now_min() < until_min) {
+        site.Listen();
+        if (site.Stands() || site.operator_ns()) {
+          if (!site.ToldOfAnEnd()) ++false_alarms[site.told().value_or("operator's screen")];
+          site.AwaitMotion();
+          site.Forget();
+        }
+        SleepMs(5.0);
+      }
+    };
+    go_on(begin_min);
+    Row row;
+    Try(site, fault, random, row);
+    missed += row.trials - row.detected;
+    restarts += row.restarts;
+    for (const double mm : row.motion_mm) motion_mm = std::max(motion_mm, mm);
+    std::printf("minute %3d  %-21s %-9s %s\n", minute, fault.name.c_str(),
+                row.detected == row.trials ? "detected" : "MISSED",
+                row.told.empty() ? "" : row.told.begin()->c_str());
+    std::fflush(stdout);
+    site.AwaitMotion();
+    site.Forget();
+    go_on(minute + 1.0);
+  }
+  std::printf("%d faults in %.1f minutes: %d missed, %d restarts, at most %.2f mm of motion\n",
+              minute, now_min(), missed, restarts, motion_mm);
+  for (const auto& [reason, count] : false_alarms) {
+    std::printf("told in between although nothing was wrong: %s, %d times\n", reason.c_str(),
+                count);
+  }
+  if (false_alarms.empty()) std::printf("nothing was told in between\n");
+  PrintTimes(site);
+  for (const auto& [name, mb] : site.Memory()) {
+    std::printf("%-16s %6.1f MB after a minute, %6.1f MB at the end\n", name.c_str(),
+                memory_mb[name], mb);
+  }
+}
+
+// The longest times between two states of the console by their stamps, and between two words of the
+// emergency stop as they come here.
+struct Gaps {
+  double state_ms = 0.0;
+  double stop_ms = 0.0;
+};
+
+// Whoever can send packets sends them for some minutes, after one without. None of the programs may
+// end or stand still.
+void Storm(const std::filesystem::path& folder, int domain, double image_age_s, double minutes,
+           std::uint64_t seed) {
+  constexpr double kRate = 2000.0;  // packets a second
+  Site site(folder, domain, nullptr, image_age_s);
+  dds::Subscriber<dds::JointState> states(site.participant, "/PSM1/measured_js",
+                                          dds::Role::kRequest);
+  dds::Subscriber<dds::Flag> stops(site.participant, dds::kEmergencyStopTopic, dds::Role::kRequest);
+  site.AwaitMotion();
+  bench::PacketStorm storm(domain, kRate, core::DeriveSeed(seed, {3}));
+  std::map<std::string, int> reasons;
+  const auto watch = [&](double for_minutes) {
+    Gaps gaps;
+    std::int64_t state_ns = 0;
+    std::int64_t stop_ns = 0;
+    const std::int64_t end_ns = runtime::SteadyNow() + std::llround(6e10 * for_minutes);
+    std::int64_t asked_ns = 0;
+    for (; runtime::SteadyNow() < end_ns; SleepMs(1.0)) {
+      site.Listen();
+      if (site.robot->Ended() || site.simulator->Ended() || site.stop->Ended()) {
+        throw std::runtime_error(std::string(site.robot->Ended()       ? "the robot's program"
+                                             : site.simulator->Ended() ? "the console"
+                                                                       : "the emergency stop") +
+                                 " has ended after " + std::to_string(storm.sent()) + " packets");
+      }
+      for (dds::JointState state; states.Take(state);) {
+        if (state_ns > 0) {
+          gaps.state_ms = std::max(gaps.state_ms,
+                                   static_cast<double>(state.stamp.nanoseconds() - state_ns) / 1e6);
+        }
+        state_ns = state.stamp.nanoseconds();
+      }
+      for (dds::Flag flag; stops.Take(flag);) {
+        const std::int64_t now_ns = runtime::SteadyNow();
+        if (stop_ns > 0) {
+          gaps.stop_ms = std::max(gaps.stop_ms, static_cast<double>(now_ns - stop_ns) / 1e6);
+        }
+        stop_ns = now_ns;
+      }
+      if (site.Stands() && runtime::SteadyNow() - asked_ns > 500'000'000) {
+        if (site.told()) ++reasons[*site.told()];
+        site.robot->Type("go\n");
+        site.Forget();
+        asked_ns = runtime::SteadyNow();
+      }
+    }
+    return gaps;
+  };
+  const auto print = [&](const char* name, const Gaps& gaps) {
+    std::printf("%s: console's states at most %.1f ms apart, emergency stop's words %.1f ms\n",
+                name, gaps.state_ms, gaps.stop_ms);
+    PrintTimes(site);
+    for (const auto& [reason, count] : reasons) {
+      std::printf("  held: %s, %d times\n", reason.c_str(), count);
+    }
+    reasons.clear();
+    std::fflush(stdout);
+  };
+  print("a minute without packets", watch(std::min(1.0, minutes)));
+  const std::map<std::string, double> before_mb = site.Memory();
+  storm.Blow(true);
+  print("with packets", watch(minutes));
+  storm.Blow(false);
+  std::printf("%llu packets in %.1f minutes, made of %llu that were heard: no program has ended\n",
+              static_cast<unsigned long long>(storm.sent()), minutes,
+              static_cast<unsigned long long>(storm.heard()));
+  for (const auto& [name, mb] : site.Memory()) {
+    std::printf("%-16s %6.1f MB before, %6.1f MB after\n", name.c_str(), before_mb.at(name), mb);
+  }
+  site.AwaitMotion();
+  std::printf("the robot goes on when asked to\n");
 }
 
 // A model and a calibration to run with.
@@ -585,33 +604,47 @@ int Main(int argc, char** argv) {
   int domain = 97;
   int trials = 20;
   std::uint64_t seed = 1;
+  double soak_min = 0.0;
+  double packets_min = 0.0;
+  double image_age_s = 0.07;
   std::vector<std::string> only;
   app.add_option("--trials", trials, "of each fault")->capture_default_str();
   app.add_option("--only", only, "these faults, separated by commas")->delimiter(',');
   app.add_option("--seed", seed, "of the moments")->capture_default_str();
   app.add_option("--domain", domain, "DDS domain that nobody else uses")->capture_default_str();
+  app.add_option("--image-age", image_age_s,
+                 "a picture is too old after [s]: more where others "
+                 "use the machine, too")
+      ->capture_default_str();
+  app.add_option("--soak", soak_min, "instead: minutes of episodes with a fault in each");
+  app.add_option("--packets", packets_min,
+                 "instead: minutes of broken packets to every port of the programs");
   app.add_option("--robot", robot)->group("");
   app.add_flag("--far", far)->group("");
   CLI11_PARSE(app, argc, argv);
   signal(SIGPIPE, SIG_IGN);
   if (!robot.empty()) {
     signal(SIGUSR1, [](int) { policy_is_broken = true; });
-    RunRobot(robot, domain, far ? dds::Discovery::kNetwork : dds::Discovery::kLoopback);
+    RunRobot(robot, domain, image_age_s,
+             far ? dds::Discovery::kNetwork : dds::Discovery::kLoopback);
     return EXIT_SUCCESS;
   }
   const std::filesystem::path folder =
       std::filesystem::temp_directory_path() / ("faults_bench_" + std::to_string(getpid()));
   std::printf("commit %s, seed %llu\n", core::BuildCommit(), static_cast<unsigned long long>(seed));
   std::optional<bench::LossyWire> wire;
+  const bool table = soak_min <= 0.0 && packets_min <= 0.0;
   try {
-    wire.emplace(core::DeriveSeed(seed, {1}));
+    if (table) wire.emplace(core::DeriveSeed(seed, {1}));
   } catch (const std::runtime_error& e) {
     std::printf("no network namespaces here (%s): losses and jitter are the console's own\n",
                 e.what());
   }
   std::fflush(stdout);
   Prepare(folder);
-  Measure(folder, domain, wire ? &*wire : nullptr, trials, only, seed);
+  if (table) Measure(folder, domain, image_age_s, wire ? &*wire : nullptr, trials, only, seed);
+  if (soak_min > 0.0) Soak(folder, domain, image_age_s, soak_min, seed);
+  if (packets_min > 0.0) Storm(folder, domain, image_age_s, packets_min, seed);
   std::filesystem::remove_all(folder);
   return EXIT_SUCCESS;
 }

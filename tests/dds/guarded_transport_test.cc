@@ -37,18 +37,126 @@ void Add(Bytes& bytes, std::uint8_t kind, std::uint16_t length, bool little = tr
   bytes.insert(bytes.end(), length, 0);
 }
 
+void AddNumber(Bytes& bytes, std::uint32_t number, int size, bool little) {
+  for (int k = 0; k < size; ++k) {
+    bytes.push_back(static_cast<std::uint8_t>(
+        number >> (8U * static_cast<unsigned>(little ? k : size - 1 - k))));
+  }
+}
+
+// What a sample says of itself, and what there is of it.
+struct Sample {
+  bool little = true;
+  bool fragments = false;
+  std::uint8_t flags = 4;           // data; key where it is in fragments
+  std::uint32_t to_parameters = 0;  // 0: as it should be
+  Bytes parameters = {};
+  std::size_t payload = 20;
+  std::uint32_t first = 1;
+  std::uint32_t count = 1;
+  std::uint32_t size = 1000;
+  std::uint32_t whole = 20;
+};
+
+// As a submessage; `length` 0: its own, `to_end`: none.
+void Add(Bytes& bytes, const Sample& sample, bool to_end = false) {
+  Bytes content = {0, 0};
+  const std::uint32_t right = sample.fragments ? 28 : 16;
+  AddNumber(content, sample.to_parameters == 0 ? right : sample.to_parameters, 2, sample.little);
+  content.insert(content.end(), {0, 0, 0, 0, 0, 1, 0, 0xc2, 0, 0, 0, 0});
+  AddNumber(content, 7, 4, sample.little);
+  if (sample.fragments) {
+    AddNumber(content, sample.first, 4, sample.little);
+    AddNumber(content, sample.count, 2, sample.little);
+    AddNumber(content, sample.size, 2, sample.little);
+    AddNumber(content, sample.whole, 4, sample.little);
+  }
+  content.insert(content.end(), sample.parameters.begin(), sample.parameters.end());
+  content.insert(content.end(), sample.payload, 7);
+  const auto endian = static_cast<std::uint8_t>(sample.little);
+  bytes.push_back(sample.fragments ? 0x16 : 0x15);
+  bytes.push_back(sample.flags | endian);
+  AddNumber(bytes, to_end ? 0 : static_cast<std::uint32_t>(content.size()), 2, sample.little);
+  bytes.insert(bytes.end(), content.begin(), content.end());
+}
+
+bool Passes(const Sample& sample) {
+  Bytes alone = Header();
+  Add(alone, sample);
+  Bytes to_end = Header();
+  Add(to_end, sample, true);
+  EXPECT_EQ(SafeSize(alone) > 0, SafeSize(to_end) > 0);
+  // What comes behind is not a sample's own.
+  Bytes first = Header();
+  Add(first, sample);
+  Add(first, 0x07, 28);
+  EXPECT_EQ(SafeSize(first) > 0, SafeSize(alone) > 0);
+  return SafeSize(alone) == alone.size();
+}
+
+// A key hash, the end of the list.
+const Bytes kParameters = {0x70, 0, 4, 0, 1, 2, 3, 4, 1, 0, 0, 0};
+
 TEST(SafeSizeTest, WholeMessagesPassUnchanged) {
   Bytes bytes = Header();
   Add(bytes, 0x0e, 12);
   Add(bytes, 0x09, 8);
-  Add(bytes, 0x15, 300, false);
+  Add(bytes, {.little = false, .payload = 300});
   EXPECT_EQ(SafeSize(bytes), bytes.size());
   Add(bytes, 0x09, 0);  // INFO_TS without a time
   Add(bytes, 0x07, 28);
   EXPECT_EQ(SafeSize(bytes), bytes.size());
-  Add(bytes, 0x15, 0);  // to the end
-  bytes.insert(bytes.end(), 100, 7);
+  Add(bytes, {.payload = 100}, true);
   EXPECT_EQ(SafeSize(bytes), bytes.size());
+}
+
+TEST(SafeSizeTest, SamplesPassWhoseParametersAndPayloadAreThere) {
+  EXPECT_TRUE(Passes({}));
+  EXPECT_TRUE(Passes({.payload = 1}));
+  EXPECT_TRUE(Passes({.to_parameters = 20}));  // parts of later versions before the parameters
+  EXPECT_TRUE(Passes({.flags = 4 | 2, .parameters = kParameters}));
+  EXPECT_TRUE(Passes({.flags = 8, .payload = 16}));                            // a key
+  EXPECT_TRUE(Passes({.flags = 2, .parameters = kParameters, .payload = 0}));  // no data
+  EXPECT_TRUE(Passes({.little = false, .fragments = true, .flags = 0}));
+  EXPECT_TRUE(Passes({.fragments = true, .flags = 2, .parameters = kParameters}));
+  EXPECT_TRUE(Passes({.fragments = true,
+                      .flags = 0,
+                      .payload = 2000,
+                      .first = 4,
+                      .count = 2,
+                      .size = 1000,
+                      .whole = 4001}));
+}
+
+TEST(SafeSizeTest, SamplesThatClaimMoreThanThereIsAreDropped) {
+  EXPECT_FALSE(Passes({.payload = 0}));
+  EXPECT_FALSE(Passes({.flags = 4 | 2, .parameters = kParameters, .payload = 0}));
+  EXPECT_FALSE(Passes({.flags = 8, .payload = 0}));
+  EXPECT_FALSE(Passes({.flags = 4 | 8}));
+  for (const std::uint32_t octets : {1U, 15U, 37U, 0x7fffU, 0x8000U, 0xfff0U, 0xffffU}) {
+    EXPECT_FALSE(Passes({.to_parameters = octets})) << octets;
+  }
+  // Parameters without an end, or that go on behind it.
+  const Bytes cut(kParameters.begin(), kParameters.end() - 4);
+  EXPECT_FALSE(Passes({.flags = 4 | 2, .parameters = cut, .payload = 3}));
+  EXPECT_FALSE(Passes({.flags = 4 | 2, .parameters = {0x70, 0, 0xff, 0xff}}));
+  EXPECT_FALSE(Passes({.flags = 4 | 2, .parameters = {0x70, 0, 17, 0}, .payload = 20}));
+  const Sample good = {.fragments = true, .flags = 0};
+  const auto spoiled = [&good](auto spoil) {
+    Sample sample = good;
+    spoil(sample);
+    return sample;
+  };
+  EXPECT_TRUE(Passes(good));
+  EXPECT_FALSE(Passes(spoiled([](Sample& s) { s.payload = 0; })));
+  EXPECT_FALSE(Passes(spoiled([](Sample& s) { s.flags = 4; })));
+  EXPECT_FALSE(Passes(spoiled([](Sample& s) { s.first = 0; })));
+  EXPECT_FALSE(Passes(spoiled([](Sample& s) { s.first = 2; })));
+  EXPECT_FALSE(Passes(spoiled([](Sample& s) { s.count = 0; })));
+  EXPECT_FALSE(Passes(spoiled([](Sample& s) { s.count = 2; })));
+  EXPECT_FALSE(Passes(spoiled([](Sample& s) { s.size = 0; })));
+  EXPECT_FALSE(Passes(spoiled([](Sample& s) { s.size = 19; })));
+  EXPECT_FALSE(Passes(spoiled([](Sample& s) { s.whole = 0; })));
 }
 
 TEST(SafeSizeTest, StatisticsAndWhatFollowsThemAreCutOff) {
@@ -61,7 +169,7 @@ TEST(SafeSizeTest, StatisticsAndWhatFollowsThemAreCutOff) {
   const std::size_t good = bytes.size();
   Add(bytes, 0x80, 56);
   EXPECT_EQ(SafeSize(bytes), good);
-  Add(bytes, 0x15, 20);
+  Add(bytes, Sample{});
   EXPECT_EQ(SafeSize(bytes), good);
 }
 
@@ -69,7 +177,7 @@ TEST(SafeSizeTest, MalformedMessagesAreDropped) {
   EXPECT_EQ(SafeSize({}), 0U);
   EXPECT_EQ(SafeSize(Header()), 0U) << "it says nothing";
   Bytes bytes = Header();
-  Add(bytes, 0x15, 40);
+  Add(bytes, Sample{});
   for (std::size_t size = 0; size < bytes.size(); ++size) {
     EXPECT_EQ(SafeSize({bytes.data(), size}), 0U) << size;
   }
@@ -183,6 +291,23 @@ TEST_F(AttackTest, AMalformedStatisticsMessageEndsNobody) {
     bytes.insert(bytes.end(), {0x80, 0, static_cast<std::uint8_t>(length >> 8U),
                                static_cast<std::uint8_t>(length & 255U)});
     bytes.insert(bytes.end(), 58, 0xff);
+    attacker_.Send(bytes);
+  }
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  EXPECT_TRUE(Talk());
+}
+
+// The same of a sample with parameters and without the payload that its flags announce: Fast DDS
+// 2.9.1 freed what was not its own.
+TEST_F(AttackTest, NorDoesASampleWithoutItsPayload) {
+  ASSERT_TRUE(Talk());
+  for (const bool fragments : {false, true}) {
+    Bytes bytes = Header(0xab);
+    const std::uint8_t data = fragments ? 0 : 4;
+    Add(bytes, {.fragments = fragments,
+                .flags = static_cast<std::uint8_t>(data | 2U),
+                .parameters = {1, 0, 0, 0},
+                .payload = 0});
     attacker_.Send(bytes);
   }
   std::this_thread::sleep_for(std::chrono::milliseconds(100));

@@ -401,38 +401,119 @@ TEST_F(PsmDriverTest, TickNeverAllocates) {
   EXPECT_EQ(driver.status(), PsmStatus::kHeld);
 }
 
-// Time is the caller's: what was sent before Flush() has arrived when the console goes on.
-TEST(PsmDriverLockStepTest, TimeGoesOnAsTheCallerSays) {
-  sim::PsmConsole console({.arm = "PSM2", .homing_s = 0.1});
-  dds::Participant server_participant({.domain = test::OwnDomain()});
-  sim::PsmConsoleServer server(server_participant, console);
-  dds::Participant participant({.domain = test::OwnDomain()});
-  PsmDriverOptions options;
-  options.arm = "PSM2";
-  options.client.profile = PsmProfile::kLinear;
-  options.client.longest_step_s = 0.02;
-  // Stamps are of the system's clock, which this test leaves alone.
-  options.client.watchdog = {.max_age_s = 1e3, .max_silence_s = 1.0, .max_ahead_s = 1e3};
-  PsmDriver driver(participant, options);
-  std::int64_t now_ns = 0;
-  const auto step = [&](double dt_s) {
-    now_ns += std::llround(1e9 * dt_s);
-    driver.Tick(now_ns, dds::Stamp::Now().nanoseconds());
-    driver.Flush();
-    server.Tick(dt_s);
+// A console and a driver whose time is this test's: what was sent before Flush() has arrived when
+// the console goes on.
+class PsmDriverLockStepTest : public testing::Test {
+ protected:
+  static PsmDriverOptions Options() {
+    PsmDriverOptions options;
+    options.arm = "PSM2";
+    options.client.profile = PsmProfile::kLinear;
+    options.client.longest_step_s = 0.02;
+    // Stamps are of the system's clock, which this test leaves alone.
+    options.client.watchdog = {.max_age_s = 1e3, .max_silence_s = 1.0, .max_ahead_s = 1e3};
+    return options;
+  }
+  void Step(double dt_s) {
+    now_ns_ += std::llround(1e9 * dt_s);
+    driver_.Tick(now_ns_, dds::Stamp::Now().nanoseconds());
+    driver_.Flush();
+    server_.Tick(dt_s);
     // The console's words come when they come.
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
-    driver.Flush();
-  };
-  for (int i = 0; i < 5000 && driver.status() != PsmStatus::kDisabled; ++i) step(0.01);
-  ASSERT_EQ(driver.Home(), PsmStatus::kOk);
-  for (int i = 0; i < 5000 && driver.Arm() != PsmStatus::kOk; ++i) step(0.01);
-  ASSERT_EQ(driver.phase(), PsmPhase::kArmed) << driver.Explain();
-  ASSERT_EQ(driver.MoveTo(Yaw(0.01), 0.2), PsmStatus::kOk);
-  for (int i = 1; i <= 10; ++i) {
-    step(0.02);
-    EXPECT_NEAR(console.setpoint_joints()[0], 0.001 * i, 1e-12) << i;
+    driver_.Flush();
   }
+  void ArmNow() {
+    for (int i = 0; i < 5000 && driver_.status() != PsmStatus::kDisabled; ++i) Step(0.01);
+    ASSERT_EQ(driver_.Home(), PsmStatus::kOk);
+    Rearm();
+  }
+  void Rearm() {
+    for (int i = 0; i < 5000 && driver_.Arm() != PsmStatus::kOk; ++i) Step(0.01);
+    ASSERT_EQ(driver_.phase(), PsmPhase::kArmed) << driver_.Explain();
+  }
+
+  sim::PsmConsole console_{{.arm = "PSM2", .homing_s = 0.1}};
+  dds::Participant server_participant_{{.domain = test::OwnDomain()}};
+  sim::PsmConsoleServer server_{server_participant_, console_};
+  dds::Participant participant_{{.domain = test::OwnDomain()}};
+  PsmDriver driver_{participant_, Options()};
+  std::int64_t now_ns_ = 0;
+};
+
+TEST_F(PsmDriverLockStepTest, TimeGoesOnAsTheCallerSays) {
+  ArmNow();
+  ASSERT_EQ(driver_.MoveTo(Yaw(0.01), 0.2), PsmStatus::kOk);
+  for (int i = 1; i <= 10; ++i) {
+    Step(0.02);
+    EXPECT_NEAR(console_.setpoint_joints()[0], 0.001 * i, 1e-12) << i;
+  }
+}
+
+// From the moment at which the operator's word has arrived: nothing is sent any more after 20 ms of
+// the loop's time, and the reason names whose hand it is.
+TEST_F(PsmDriverLockStepTest, AnOperatorsHandOnTheArmHoldsWithin20Milliseconds) {
+  dds::Participant other({.domain = test::OwnDomain()});
+  dds::Publisher<dds::Flag> following(other, "/MTMR_PSM2/following", dds::Role::kEvent);
+  dds::Publisher<dds::Flag> enabled(other, "/console/teleop/enabled", dds::Role::kEvent);
+  dds::Publisher<dds::Joy> clutch(other, "/PSM2/arm_clutch", dds::Role::kEvent);
+  dds::Publisher<dds::Text> tool(other, "/PSM2/tool_type", dds::Role::kEvent);
+  // Who else publishes here has said how it stands, and is heard.
+  tool.Write({"LARGE_NEEDLE_DRIVER:400006"});
+  const auto heard_by_driver = [&] {
+    return following.num_subscribers() + enabled.num_subscribers() + clutch.num_subscribers() > 2 &&
+           tool.num_subscribers() > 0;
+  };
+  for (int i = 0; i < 5000 && !heard_by_driver(); ++i) Step(0.01);
+  ASSERT_TRUE(heard_by_driver());
+  ArmNow();
+  constexpr double kPeriod = 0.005;
+  constexpr int kPeriods = 4;  // 20 ms
+  const auto holds = [&](PsmStatus cause, const char* words, const std::function<void()>& say,
+                         const std::function<void()>& unsay) {
+    SCOPED_TRACE(words);
+    ASSERT_EQ(driver_.MoveTo(Yaw(driver_.client().setpoint()[0] > 0.1 ? 0.0 : 0.2), 5.0),
+              PsmStatus::kOk);
+    for (int i = 0; i < 10; ++i) Step(kPeriod);
+    ASSERT_TRUE(driver_.moving()) << driver_.Explain();
+    say();
+    // The way through the system's sockets, in which the loop's time stands still.
+    std::this_thread::sleep_for(std::chrono::milliseconds(200));
+    driver_.Flush();
+    const std::uint64_t sent = driver_.setpoints_sent();
+    int periods = 0;
+    while (driver_.phase() == PsmPhase::kArmed && periods < 100) {
+      Step(kPeriod);
+      ++periods;
+    }
+    EXPECT_LE(periods, kPeriods);
+    EXPECT_EQ(driver_.status(), cause) << driver_.Explain();
+    EXPECT_THAT(driver_.Explain(), HasSubstr(words));
+    EXPECT_LT(driver_.setpoints_sent() - sent, kPeriods);
+    for (int i = 0; i < 5; ++i) Step(kPeriod);  // the console has heard of it
+    const PsmJoints there = console_.setpoint_joints();
+    for (int i = 0; i < 20; ++i) Step(kPeriod);
+    EXPECT_TRUE(test::AllClose(console_.setpoint_joints(), there, 1e-12)) << "it goes on";
+    unsay();
+    Rearm();
+  };
+  holds(
+      PsmStatus::kTeleoperated, "teleoperated", [&] { following.Write({true}); },
+      [&] { following.Write({false}); });
+  holds(
+      PsmStatus::kTeleoperated, "teleoperated", [&] { enabled.Write({true}); },
+      [&] { enabled.Write({false}); });
+  holds(
+      PsmStatus::kClutched, "clutch",
+      [&] {
+        clutch.Write({{}, "", {}, {1}});
+      },
+      [&] {
+        clutch.Write({{}, "", {}, {0}});
+      });
+  holds(
+      PsmStatus::kToolChanged, "instrument was changed",
+      [&] { tool.Write({"LARGE_NEEDLE_DRIVER_SI:420006"}); }, [] {});
 }
 
 TEST(PsmDriverNoConsoleTest, SaysThatNobodyIsThere) {

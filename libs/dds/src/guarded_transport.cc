@@ -19,7 +19,63 @@ constexpr std::size_t kHeader = 20;     // of a message
 constexpr std::size_t kSubheader = 4;   // of a submessage: kind, flags, length
 constexpr std::uint8_t kPad = 0x01;     // may have no content, and so may
 constexpr std::uint8_t kInfoTs = 0x09;  // this one
+constexpr std::uint8_t kData = 0x15;
+constexpr std::uint8_t kDataFragment = 0x16;
 constexpr std::uint8_t kStatistics = 0x80;
+
+// The whole number of `size` bytes at `at`.
+std::size_t Number(std::span<const std::uint8_t> bytes, std::size_t at, std::size_t size,
+                   bool little) noexcept {
+  std::size_t number = 0;
+  for (std::size_t k = 0; k < size; ++k) {
+    number = (number << 8U) + bytes[at + (little ? size - 1 - k : k)];
+  }
+  return number;
+}
+
+// The length of a list of parameters up to and with its end; 0 if it does not end within `bytes`.
+std::size_t ParametersSize(std::span<const std::uint8_t> bytes, bool little) noexcept {
+  constexpr std::size_t kEnd = 1;
+  std::size_t at = 0;
+  while (at <= bytes.size() && bytes.size() - at >= 4) {
+    const std::size_t name = Number(bytes, at, 2, little);
+    const std::size_t length = Number(bytes, at + 2, 2, little);
+    at += 4;
+    if (name == kEnd) return at;
+    at += (length + 3) & ~std::size_t{3};
+  }
+  return 0;
+}
+
+// Whether a sample, or fragments of one, holds within `content` all that its flags and sizes say.
+// Where it does not, Fast DDS 2.9 frees memory that is not its own, or copies what is not there.
+bool WholeSample(std::uint8_t kind, std::uint8_t flags,
+                 std::span<const std::uint8_t> content) noexcept {
+  constexpr std::uint8_t kParameters = 2;
+  const bool fragments = kind == kDataFragment;
+  const bool little = (flags & 1U) != 0;
+  const bool has_data = fragments || (flags & 4U) != 0;
+  const bool has_key = (flags & (fragments ? 4U : 8U)) != 0;
+  if (has_data && has_key) return false;
+  const std::size_t head = fragments ? 32 : 20;
+  if (content.size() < head) return false;
+  std::size_t at = 4 + Number(content, 2, 2, little);
+  if (at < head || at > content.size()) return false;
+  if ((flags & kParameters) != 0) {
+    const std::size_t size = ParametersSize(content.subspan(at), little);
+    if (size == 0) return false;
+    at += size;
+  }
+  const std::size_t payload = content.size() - at;
+  if (!has_data) return !has_key || payload > 0;
+  if (!fragments) return payload > 0;
+  const std::size_t first = Number(content, 20, 4, little);
+  const std::size_t count = Number(content, 24, 2, little);
+  const std::size_t size = Number(content, 26, 2, little);
+  const std::size_t whole = Number(content, 28, 4, little);
+  return payload > 0 && first > 0 && count > 0 && size > 0 && payload <= count * size &&
+         (first - 1 + count - 1) * size < whole;
+}
 
 class GuardedTransport final : public transport::ChainingTransport {
  public:
@@ -77,9 +133,15 @@ std::size_t SafeSize(std::span<const std::uint8_t> message) noexcept {
     const std::size_t low = message[at + (little ? 2 : 3)];
     const std::size_t high = message[at + (little ? 3 : 2)];
     const std::size_t length = low + (high << 8U);
+    const std::size_t rest = message.size() - at - kSubheader;
     // A last submessage of length 0 goes on to the end.
-    if (length == 0 && kind != kPad && kind != kInfoTs) return message.size();
-    if (length > message.size() - at - kSubheader) return 0;
+    const bool last = length == 0 && kind != kPad && kind != kInfoTs;
+    if (length > rest) return 0;
+    const auto content = message.subspan(at + kSubheader, last ? rest : length);
+    if ((kind == kData || kind == kDataFragment) && !WholeSample(kind, message[at + 1], content)) {
+      return 0;
+    }
+    if (last) return message.size();
     at += kSubheader + length;
   }
   return at == kHeader ? 0 : at;

@@ -16,6 +16,7 @@ namespace dfr::dds::internal {
 /// How much of an RTPS message is handed to Fast DDS, bytes: its well-formed beginning, up to the
 /// first of Fast DDS's own statistics submessages (0x80), which nobody here reads. 0: nothing. Fast
 /// DDS 2.9 parses those before any security, and assertions end the process where one is malformed.
+/// Samples (DATA, DATA_FRAG) whose parameters or payload are not within them are malformed, too.
 [[nodiscard]] std::size_t SafeSize(std::span<const std::uint8_t> message) noexcept;
 
 /// Counts who sends, so that a flood of invented participants ends here and not in Fast DDS's
