@@ -183,6 +183,14 @@ TEST(WhitenedSupportTest, LongDemonstrationsOfDifferingPaceAreCovered) {
   EXPECT_EQ(inside(0.002), inside(0.0)) << "below the window";
 }
 
+TEST(WhitenedSupportTest, TheStrideOfAWindowFollowsItsShare) {
+  EXPECT_EQ(WhitenedSupportOptions().Stride(30), 1);
+  EXPECT_EQ((WhitenedSupportOptions{.window = 2, .window_share = 0.04}.Stride(99)), 1);
+  EXPECT_EQ((WhitenedSupportOptions{.window = 2, .window_share = 0.04}.Stride(100)), 2);
+  EXPECT_EQ((WhitenedSupportOptions{.window = 0, .window_share = 0.1}.Stride(100)), 10);
+  EXPECT_EQ((WhitenedSupportOptions{.window = 2, .window_share = 0.0}.Stride(10000)), 1);
+}
+
 // Along x, round an obstacle on one side or the other, or all at y = 0; every fifth one stands
 // still for `pause` time steps.
 std::vector<core::Matrix> Passing(double aside, int pause) {

@@ -71,6 +71,10 @@ int NumSteps(std::span<const core::Matrix> demonstrations, double share) {
 
 }  // namespace
 
+int WhitenedSupportOptions::Stride(int num_steps) const noexcept {
+  return std::max(1, static_cast<int>(window_share * num_steps) / std::max(1, window));
+}
+
 WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstrations,
                                      const WhitenedSupportOptions& options) {
   DFR_THROW_UNLESS(demonstrations.size() >= 2,
@@ -93,8 +97,7 @@ WhitenedSupport WhitenedSupport::Fit(std::span<const core::Matrix> demonstration
                      "demonstration " << d << " has a non-finite entry");
   }
   const int num_steps = NumSteps(demonstrations, options.least_share);
-  const int stride =
-      std::max(1, static_cast<int>(options.window_share * num_steps) / std::max(1, options.window));
+  const int stride = options.Stride(num_steps);
   std::vector<Estimate> estimates;
   for (int t = 0; t < num_steps; ++t) {
     const Window window{.first = t - stride * std::min(options.window, t / stride),

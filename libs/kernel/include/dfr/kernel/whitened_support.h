@@ -17,8 +17,9 @@ struct WhitenedSupportOptions {
   /// The estimate at t sees the states of t - window k, t - (window - 1) k, ..., t + window k,
   int window = 2;
   /// k = 1, or such that they reach this share of the time steps to either side where that is more:
-  /// the longer a task, the further apart demonstrations are at a time step.
-  double window_share = 0.05;
+  /// the longer a task, the further apart demonstrations are at a time step. More has more of them
+  /// inside, and knows less of where a state belongs.
+  double window_share = 0.02;
   double phase_ridge = 0.3;  ///< Added to each time step's covariance before it is inverted, > 0.
   bool phase_whitening = true;
   /// Each time step's covariance is that of states about their neighbours (core::LocalScatter()):
@@ -32,6 +33,9 @@ struct WhitenedSupportOptions {
   /// There are estimates for the time steps that at least this share of the demonstrations, and two
   /// of them, are still under way at.
   double least_share = 0.1;
+
+  /// k of a support with so many time steps.
+  [[nodiscard]] int Stride(int num_steps) const noexcept;
 };
 
 /// The support of demonstrated features at each time step, as guided recovery wants it: a tight
