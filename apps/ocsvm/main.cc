@@ -117,10 +117,17 @@ int Train(const TrainOptions& o) {
   }
   if (summary.reason == FitSummary::Reason::kConverged) return EXIT_SUCCESS;
   const bool by_user = summary.reason == FitSummary::Reason::kInterrupted;
-  std::fprintf(stderr,
-               "ocsvm: %s at a KKT gap of %.3g, above the tolerance of %.3g; the model is written "
-               "as it stands\n",
-               by_user ? "interrupted" : "stopped", summary.kkt_gap, o.tolerance);
+  if (std::isfinite(summary.kkt_gap)) {
+    std::fprintf(
+        stderr,
+        "ocsvm: %s at a KKT gap of %.3g, above the tolerance of %.3g; the model is written "
+        "as it stands\n",
+        by_user ? "interrupted" : "stopped", summary.kkt_gap, o.tolerance);
+  } else {
+    std::fprintf(stderr,
+                 "ocsvm: interrupted before all samples were looked at; the model is written as it "
+                 "stands, which is a guess\n");
+  }
   constexpr int kInterrupted = 130;  // as shells report Ctrl-C
   return by_user ? kInterrupted : EXIT_FAILURE;
 }

@@ -175,6 +175,34 @@ TEST_P(GaussianSumTest, RowHoldsEachTermAndThePaddingIsZero) {
   for (std::size_t i = 37; i < row.size(); ++i) EXPECT_EQ(row[i], 0.0);
 }
 
+template <typename T>
+void CheckAllRows(int count, int dim) {
+  const Problem p(count, dim, 0.4, 3);
+  const GaussianTerms<T> terms(p.points, {}, p.gamma);
+  const std::size_t size = terms.row_size();
+  AlignedVector<T> rows(size * size, T{-1});
+  AlignedVector<T> row(size);
+  std::vector<T> point(terms.dim), sums(terms.count);
+  AllGaussianRows(terms, point.data(), rows.data(), sums.data());
+  for (std::size_t i = 0; i < terms.count; ++i) {
+    terms.Point(i, point.data());
+    GaussianRow(terms, point.data(), row.data());
+    double sum = 0.0;
+    for (std::size_t j = 0; j < size; ++j) {
+      EXPECT_EQ(rows[i * size + j], row[j]) << i << ' ' << j;
+      sum += static_cast<double>(row[j]);
+    }
+    EXPECT_NEAR(static_cast<double>(sums[i]), sum, sum * (sizeof(T) == 4 ? 1e-5 : 1e-13));
+  }
+}
+
+TEST_P(GaussianSumTest, AllRowsAtOnceHaveTheBitsOfEachByItself) {
+  for (const int count : {1, 16, 37, 250}) {
+    CheckAllRows<float>(count, 5);
+    CheckAllRows<double>(count, 5);
+  }
+}
+
 TEST_P(GaussianSumTest, FarQueriesAreZeroAndNonFiniteOnesAreRefused) {
   const Problem p(20, 2, 5.0, 4);
   const GaussianTerms<double> terms(p.points, p.weights, p.gamma);

@@ -170,6 +170,42 @@ TEST(HardProblemsTest, ClustersManyWidthsApartConverge) {
   }
 }
 
+// Wherever it is stopped, in a pass over all samples too, a fit is an estimate that says how good
+// it is.
+TEST(HardProblemsTest, AFitMayBeStoppedAnywhere) {
+  core::Random random(56);
+  const int m = 4100;
+  const core::Matrix samples = Samples(Kind::kNormal, m, 3, random);
+  for (const double gamma : {0.3, 100.0}) {  // by rows of all samples, and by sparse ones
+    int calls = 0;
+    const auto stopped_at = [&](int call) {
+      calls = 0;
+      FitSummary summary;
+      const auto svm =
+          OneClassSvm::Fit(samples,
+                           {.gamma = gamma,
+                            .tolerance = 1e-3,
+                            .progress = [&](const FitProgress&) { return ++calls != call; }},
+                           &summary);
+      EXPECT_TRUE(std::isfinite(svm.rho()));
+      EXPECT_NEAR(svm.alpha().sum(), 1.0, 1e-12);
+      return summary;
+    };
+    EXPECT_EQ(stopped_at(-1).reason, FitSummary::Reason::kConverged);
+    const int all = calls;
+    ASSERT_GE(all, 4);
+    for (const int call : {1, 2, 3, all / 2, all - 1}) {
+      SCOPED_TRACE(testing::Message() << "gamma " << gamma << ", call " << call << " of " << all);
+      const FitSummary summary = stopped_at(call);
+      EXPECT_EQ(calls, call) << "asked again after it was told to stop";
+      EXPECT_EQ(summary.reason, FitSummary::Reason::kInterrupted);
+      if (std::isinf(summary.kkt_gap)) continue;  // stopped before G was known
+      EXPECT_NEAR(KktGap(samples, summary, 0.05, gamma), summary.kkt_gap, 1e-4);
+    }
+    EXPECT_TRUE(std::isinf(stopped_at(1).kkt_gap));
+  }
+}
+
 TEST(HardProblemsTest, SamplesWhoseSquaredDistancesOverflowAreNamed) {
   core::Random random(55);
   core::Matrix samples = Samples(Kind::kNormal, 400, 3, random);

@@ -5,6 +5,7 @@
 #include <libsvm/svm.h>
 
 #include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -13,6 +14,7 @@
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "dfr/core/random.h"
@@ -242,6 +244,20 @@ TEST_F(LibsvmIoTest, ASmallSparseFileMayNotAskForGigabytes) {
   EXPECT_THAT(LoadSamplesError(text), HasSubstr("100000 rows of 2048 entries are too much"));
   Write(text.substr(0, 9 * 1000));
   EXPECT_EQ(LoadSamples(path_).cols(), 2048);
+}
+
+TEST_F(LibsvmIoTest, AFileLargerThanTheMemoryIsRefusedUnread) {
+  Write("1,2\n3,4\n");
+  std::error_code refused;
+  std::filesystem::resize_file(path_, std::uintmax_t{8} << 40, refused);  // a hole
+  if (refused || !std::filesystem::exists("/proc/meminfo")) GTEST_SKIP() << refused.message();
+  try {
+    (void)LoadSamples(path_);
+    FAIL() << "nothing thrown";
+  } catch (const std::runtime_error& e) {
+    EXPECT_THAT(e.what(), HasSubstr("8192.0 GiB of samples are more than the "));
+    EXPECT_THAT(e.what(), HasSubstr("take a part of them"));
+  }
 }
 
 TEST_F(LibsvmIoTest, SavingRespectsLinksAndModes) {

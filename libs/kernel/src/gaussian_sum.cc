@@ -223,6 +223,81 @@ void Row(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T* HWY_RESTRICT
                HWY_ATTR { hn::Store(term, d, row + j * hn::MaxLanes(d)); });
 }
 
+// Copies a square of kSide<T> entries a side, transposed.
+#if HWY_TARGET == HWY_SCALAR
+template <typename T>
+constexpr std::size_t kSide = 1;
+template <typename T>
+HWY_INLINE void Transpose(const T* HWY_RESTRICT from, T* HWY_RESTRICT to, std::size_t) {
+  *to = *from;
+}
+#else
+template <typename T>
+constexpr std::size_t kSide = 16 / sizeof(T);
+template <typename T>
+HWY_INLINE void Transpose(const T* HWY_RESTRICT from, T* HWY_RESTRICT to, std::size_t stride) {
+  constexpr hn::FixedTag<T, kSide<T>> d;
+  const auto a = hn::Load(d, from);
+  const auto b = hn::Load(d, from + stride);
+  if constexpr (sizeof(T) == sizeof(double)) {
+    hn::Store(hn::ConcatLowerLower(d, b, a), d, to);
+    hn::Store(hn::ConcatUpperUpper(d, b, a), d, to + stride);
+  } else {
+    const auto e = hn::Load(d, from + 2 * stride);
+    const auto f = hn::Load(d, from + 3 * stride);
+    const auto ab = hn::InterleaveLower(d, a, b);
+    const auto ef = hn::InterleaveLower(d, e, f);
+    hn::Store(hn::ConcatLowerLower(d, ef, ab), d, to);
+    hn::Store(hn::ConcatUpperUpper(d, ef, ab), d, to + stride);
+    const auto ab_upper = hn::InterleaveUpper(d, a, b);
+    const auto ef_upper = hn::InterleaveUpper(d, e, f);
+    hn::Store(hn::ConcatLowerLower(d, ef_upper, ab_upper), d, to + 2 * stride);
+    hn::Store(hn::ConcatUpperUpper(d, ef_upper, ab_upper), d, to + 3 * stride);
+  }
+}
+#endif
+
+// Row() of all points for the blocks from their own on; what is left of those has been computed by
+// the rows above, with the same bits.
+template <typename T>
+void AllRows(const GaussianTerms<T>& terms, T* HWY_RESTRICT point, T* HWY_RESTRICT rows,
+             T* HWY_RESTRICT sums) {
+  constexpr Tag<T> d;
+  constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
+  const std::size_t size = terms.row_size();
+  for (std::size_t b = 0; b < terms.num_blocks; ++b) {
+    const std::size_t first = b * kLanes;
+    const std::size_t last = std::min(first + kLanes, terms.count);
+    for (std::size_t above = 0; above < first; above += kLanes) {
+      for (std::size_t i = 0; i < kLanes; i += kSide<T>) {
+        for (std::size_t j = 0; j < kLanes; j += kSide<T>) {
+          Transpose(rows + (above + i) * size + first + j, rows + (first + j) * size + above + i,
+                    size);
+        }
+      }
+    }
+    for (std::size_t i = first; i < last; ++i) {
+      terms.Point(i, point);
+      T* HWY_RESTRICT row = rows + i * size;
+      ForTerms(terms.data.data() + b * (terms.dim + 1) * kLanes, terms.num_blocks - b, terms.dim,
+               point, [&](std::size_t j, auto term) HWY_ATTR {
+                 hn::Store(term, d, row + first + j * hn::MaxLanes(d));
+               });
+      Total<T> left;
+      Total<T> right;
+      std::size_t j = 0;
+      for (; j + 4 * hn::MaxLanes(d) <= size; j += 4 * hn::MaxLanes(d)) {
+        left.Add(0, hn::Load(d, row + j));
+        left.Add(1, hn::Load(d, row + j + hn::MaxLanes(d)));
+        right.Add(0, hn::Load(d, row + j + 2 * hn::MaxLanes(d)));
+        right.Add(1, hn::Load(d, row + j + 3 * hn::MaxLanes(d)));
+      }
+      for (; j < size; j += hn::MaxLanes(d)) left.Add(0, hn::Load(d, row + j));
+      sums[i] = left.Value() + right.Value();
+    }
+  }
+}
+
 template <typename T>
 void ExponentsOf(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T* HWY_RESTRICT row) {
   constexpr Tag<T> d;
@@ -428,6 +503,7 @@ GaussianFunctions<T> Functions() {
           .sum_shift = &SumShift<T>,
           .largest = &Largest<T>,
           .row = &Row<T>,
+          .all_rows = &AllRows<T>,
           .exponents = &ExponentsOf<T>,
           .powers = &Powers<T>,
           .add_rows = &AddRows<T>,

@@ -53,6 +53,14 @@ void GaussianRow(const GaussianTerms<T>& terms, const T* x, T* row) noexcept {
   terms.functions.row(terms, x, row);
 }
 
+/// GaussianRow() of the points of all terms, none of which has a weight, with the same bits but by
+/// half of the values; and the sum of each row. `rows` has num_blocks * kLanes of them, the last
+/// few in no defined state; `sums` has an entry, `point` dim entries to work with.
+template <typename T>
+void AllGaussianRows(const GaussianTerms<T>& terms, T* point, T* rows, T* sums) noexcept {
+  terms.functions.all_rows(terms, point, rows, sums);
+}
+
 /// The exponents log2 w_i - |x' - s'_i|^2 of the terms of GaussianRow(), -infinity in the padding.
 template <typename T>
 void ExponentRow(const GaussianTerms<T>& terms, const T* x, T* row) noexcept {

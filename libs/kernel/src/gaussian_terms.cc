@@ -19,25 +19,52 @@ void ClearLane(T* block, std::size_t dim, std::size_t lane) {
   for (std::size_t k = 0; k < dim; ++k) block[(1 + k) * kLanes + lane] = T{0};
 }
 
+// Mean of `kWidth` successive columns, and the largest distance from it in any of them.
+template <std::size_t kWidth>
+double MeanOf(const double* first, std::size_t count, std::size_t dim, double* mean) {
+  double sum[kWidth] = {};
+  for (std::size_t i = 0; i < count; ++i) {
+    for (std::size_t k = 0; k < kWidth; ++k) sum[k] += first[i * dim + k];
+  }
+  for (std::size_t k = 0; k < kWidth; ++k) mean[k] = sum[k] / static_cast<double>(count);
+  double most[kWidth] = {};
+  for (std::size_t i = 0; i < count; ++i) {
+    for (std::size_t k = 0; k < kWidth; ++k) {
+      most[k] = std::max(most[k], std::abs(first[i * dim + k] - mean[k]));
+    }
+  }
+  return *std::max_element(most, most + kWidth);
+}
+
+// For all columns, in registers; where their number is no multiple of kWidth, some of them twice.
+template <std::size_t kWidth>
+double Mean(const core::Matrix& points, std::vector<double>& mean) {
+  const auto dim = static_cast<std::size_t>(points.cols());
+  if constexpr (kWidth > 1) {
+    if (dim < kWidth) return Mean<kWidth / 2>(points, mean);
+  }
+  double most = 0.0;
+  for (std::size_t k = 0; k < dim; k += kWidth) {
+    const std::size_t first = std::min(k, dim - kWidth);
+    most = std::max(
+        most, MeanOf<kWidth>(points.data() + first, static_cast<std::size_t>(points.rows()), dim,
+                             mean.data() + first));
+  }
+  return most;
+}
+
 }  // namespace
 
 std::vector<double> Center(const core::Matrix& points, double scale) {
   constexpr double kFar = 1e3;
   const auto dim = static_cast<std::size_t>(points.cols());
   const auto count = static_cast<std::size_t>(points.rows());
-  std::vector<double> center(dim, 0.0);
-  for (std::size_t i = 0; i < count; ++i) {
-    const double* row = points.data() + i * dim;
-    for (std::size_t k = 0; k < dim; ++k) center[k] += row[k];
-  }
-  for (double& c : center) c /= static_cast<double>(count);
-  bool near = true;
-  for (std::size_t i = 0; i < count; ++i) {
-    const double* row = points.data() + i * dim;
-    // False for the NaN of a sum that overflowed.
-    for (std::size_t k = 0; k < dim; ++k) near &= scale * std::abs(row[k] - center[k]) < kFar;
-  }
-  if (near) return center;
+  std::vector<double> center(dim);
+  const double most = Mean<8>(points, center);
+  // A sum may have overflowed.
+  const bool finite =
+      std::all_of(center.begin(), center.end(), [](double c) { return std::isfinite(c); });
+  if (finite && scale * most < kFar) return center;
   std::vector<double> column(count);
   for (std::size_t k = 0; k < dim; ++k) {
     for (std::size_t i = 0; i < count; ++i) column[i] = points.data()[i * dim + k];

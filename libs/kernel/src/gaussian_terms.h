@@ -58,6 +58,7 @@ struct GaussianFunctions {
   T (*sum_shift)(const GaussianTerms<T>&, const T* x, T offset, T* shift) = nullptr;
   T (*largest)(const GaussianTerms<T>&, const T* x) = nullptr;
   void (*row)(const GaussianTerms<T>&, const T* x, T* row) = nullptr;
+  void (*all_rows)(const GaussianTerms<T>&, T* point, T* rows, T* sums) = nullptr;
   void (*exponents)(const GaussianTerms<T>&, const T* x, T* row) = nullptr;
   void (*powers)(const T* exponents, T factor, std::size_t size, T* row) = nullptr;
   void (*add_rows)(const GaussianTerms<T>&, std::size_t first, std::size_t last, const T* x,

@@ -22,17 +22,24 @@ struct KktBounds {
 
   KktBounds() = default;
   KktBounds(std::span<const double> alpha, std::span<const double> gradient) {
+    // In registers, and without branches, which nothing could predict here.
+    constexpr double kNever = std::numeric_limits<double>::infinity();
+    KktBounds bounds;
     for (std::size_t i = 0; i < alpha.size(); ++i) {
-      // Without branches, which nothing could predict here.
+      const double g = gradient[i];
       const bool falls = alpha[i] > 0.0;
       const bool rises = alpha[i] < 1.0;
-      largest = std::max(largest, falls ? gradient[i] : largest);
-      smallest = std::min(smallest, rises ? gradient[i] : smallest);
-      free_sum += falls && rises ? gradient[i] : 0.0;
-      free += falls && rises ? 1 : 0;
-      alpha_sum += alpha[i];
-      weighted_sum += alpha[i] * gradient[i];
+      const double down = falls ? g : -kNever;
+      const double up = rises ? g : kNever;
+      bounds.largest = down > bounds.largest ? down : bounds.largest;
+      bounds.smallest = up < bounds.smallest ? up : bounds.smallest;
+      const bool is_free = falls && rises;
+      bounds.free_sum += is_free ? g : 0.0;
+      bounds.free += is_free ? 1 : 0;
+      bounds.alpha_sum += alpha[i];
+      bounds.weighted_sum += alpha[i] * g;
     }
+    *this = bounds;
   }
   /// nu = 1 has no alpha < 1 and no gap.
   [[nodiscard]] double gap() const {
@@ -57,6 +64,12 @@ struct KktBounds {
   double sum = 0.0;
   for (std::size_t i = 0; i < alpha.size(); ++i) sum += alpha[i] * gradient[i];
   return 0.5 * sum;
+}
+
+/// Reports progress; false where the caller wants to stop.
+[[nodiscard]] inline bool GoOn(const OneClassSvmOptions& options, const FitSummary& summary) {
+  return !options.progress ||
+         options.progress({summary.iterations, summary.kkt_gap, options.tolerance});
 }
 
 /// Decides after every round with an exact gradient whether there is to be another one.
@@ -105,13 +118,22 @@ class Rounds {
     }
   }
 
- private:
-  // Reports progress; false where the caller wants to stop.
-  bool Continue() {
-    interrupted_ = options_.progress &&
-                   !options_.progress({summary_.iterations, summary_.kkt_gap, options_.tolerance});
+  /// Reports progress; false where the caller wants to stop.
+  [[nodiscard]] bool Continue() {
+    interrupted_ = interrupted_ || !GoOn(options_, summary_);
     return !interrupted_;
   }
+
+  /// Ends for the caller, who wants to stop: alpha and G are those of the last Next(), or there has
+  /// been none, and nothing is known of them.
+  void Stop() {
+    (void)End(FitSummary::Reason::kInterrupted);
+    if (std::isfinite(least_gap_)) return;
+    summary_.kkt_gap = std::numeric_limits<double>::infinity();
+    summary_.objective = std::numeric_limits<double>::infinity();
+  }
+
+ private:
   bool End(FitSummary::Reason reason) {
     summary_.reason = reason;
     return false;

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "dfr/core/atomic_file.h"
+#include "dfr/core/format.h"
 #include "dfr/core/numbers.h"
 #include "dfr/core/read_budget.h"
 
@@ -99,6 +100,32 @@ std::ifstream Open(const std::filesystem::path& path) {
                              ": cannot be opened: " + std::strerror(in ? EISDIR : errno));
   }
   return in;
+}
+
+// What the system would give without swapping; none where it does not say.
+std::optional<std::uint64_t> AvailableMemory() {
+  std::ifstream in("/proc/meminfo");
+  std::string key;
+  std::uint64_t kibibytes = 0;
+  std::string unit;
+  while (in >> key >> kibibytes && std::getline(in, unit)) {
+    if (key == "MemAvailable:") return kibibytes << 10;
+  }
+  return std::nullopt;
+}
+
+// Numbers take about as much memory as their text: a file of samples that is larger than what there
+// is would end in the middle, and perhaps with it other programs.
+void CheckFitsMemory(const std::filesystem::path& path) {
+  std::error_code unknown;
+  const std::uint64_t size = std::filesystem::file_size(path, unknown);
+  const std::optional<std::uint64_t> available = AvailableMemory();
+  if (unknown || !available || size <= *available) return;
+  throw std::runtime_error(
+      core::Format("%s: %.1f GiB of samples are more than the %.1f GiB of memory that are "
+                   "available: take a part of them, every tenth line say",
+                   path.c_str(), static_cast<double>(size) * 0x1p-30,
+                   static_cast<double>(*available) * 0x1p-30));
 }
 
 // The entries "1:v 3:v ..." of one line.
@@ -319,6 +346,7 @@ OneClassSvm LoadLibsvmModel(std::istream& in, const std::string& name) {
 
 core::Matrix LoadSamples(const std::filesystem::path& path, int state_dim) {
   std::ifstream in = Open(path);
+  CheckFitsMemory(path);
   LineReader reader(in, path.string());
   if (!reader.Next()) reader.Fail("the file is empty");
   // One column of plain numbers is comma-separated too; a sparse line has a colon.

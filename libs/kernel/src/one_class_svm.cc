@@ -221,7 +221,11 @@ OneClassSvm::OneClassSvm(std::shared_ptr<const Data> data) noexcept : data_(std:
 OneClassSvm OneClassSvm::Fit(const Eigen::Ref<const core::Matrix>& samples,
                              const OneClassSvmOptions& options, FitSummary* summary) {
   internal::Scratch scratch;
-  return internal::FitSharing(samples, options, scratch, summary);
+  if (samples.outerStride() != samples.cols()) {
+    return internal::FitSharing(samples, options, scratch, summary);
+  }
+  const Eigen::Map<const core::Matrix> whole(samples.data(), samples.rows(), samples.cols());
+  return internal::FitSharing(whole, options, scratch, summary);
 }
 
 OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmOptions& options,
@@ -236,16 +240,19 @@ OneClassSvm internal::FitSharing(const core::Matrix& samples, const OneClassSvmO
   const DualSolution dual = options.weights.empty() ? SolveDual(samples, options, scratch, result)
                                                     : SolveWeightedDual(samples, options, result);
 
-  std::vector<Eigen::Index> chosen;
-  chosen.reserve(static_cast<std::size_t>(dual.alpha.size()));
+  std::vector<Eigen::Index> chosen(static_cast<std::size_t>(dual.alpha.size()));
+  std::size_t count = 0;
   for (Eigen::Index i = 0; i < dual.alpha.size(); ++i) {
-    if (dual.alpha[i] > 0.0) chosen.push_back(i);
+    chosen[count] = i;
+    count += dual.alpha[i] > 0.0 ? 1 : 0;
   }
+  chosen.resize(count);
   core::Matrix support_vectors(static_cast<Eigen::Index>(chosen.size()), samples.cols());
   Eigen::VectorXd alpha(support_vectors.rows());
   for (Eigen::Index k = 0; k < alpha.size(); ++k) {
     const Eigen::Index i = chosen[static_cast<std::size_t>(k)];
-    support_vectors.row(k) = samples.row(i);
+    std::copy_n(samples.data() + i * samples.cols(), samples.cols(),
+                support_vectors.data() + k * samples.cols());
     alpha[k] = dual.alpha[i];
   }
   // nu m up to the rounding of the solver's steps.

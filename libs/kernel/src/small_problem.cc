@@ -2,9 +2,11 @@
 
 #include <limits>
 #include <numbers>
+#include <numeric>
 
 #include "gaussian_sum.h"
 #include "kkt.h"
+#include "starts.h"
 
 namespace dfr::kernel::internal {
 namespace {
@@ -44,7 +46,7 @@ bool SmallProblem<T>::Fits(const core::Matrix& samples, const OneClassSvmOptions
   constexpr double kMostBytes = 16.0 * 0x1p20;
   const auto count = static_cast<std::size_t>(samples.rows());
   const auto row = static_cast<double>(RowSize<T>(count) * sizeof(T));
-  const double matrix = static_cast<double>(count) * row;
+  const double matrix = static_cast<double>(RowSize<T>(count)) * row;
   const double rest = row * static_cast<double>(samples.cols() + 1) + 64.0 * row + 0x1p16;
   const double all = scratch.has_distances() ? 2.0 * (matrix + rest) : matrix + rest;
   return matrix <= kMostBytes && all <= options.memory_mib * 0x1p20;
@@ -58,7 +60,7 @@ SmallProblem<T>::SmallProblem(const core::Matrix& samples, const OneClassSvmOpti
       distances_(scratch.DistancesIn<T>()),
       smo_(BestSmoFunctions<T>()),
       row_size_(RowSize<T>(static_cast<std::size_t>(samples.rows()))),
-      rows_(scratch.Room<T>(static_cast<std::size_t>(samples.rows()) * row_size_)),
+      rows_(scratch.Room<T>(row_size_ * row_size_)),
       known_(static_cast<std::size_t>(samples.rows()), nullptr),
       used_(known_.size(), 0),
       point_(static_cast<std::size_t>(samples.cols())),
@@ -99,9 +101,38 @@ void SmallProblem<T>::UpdateGradient() {
   smo_.combine(rows.data(), weights.data(), rows.size(), row_size_, gradient_.data());
 }
 
+// As few support vectors as there may be, evenly spread: none of the rows that are never asked for
+// are computed. Where kernels hardly overlap most samples become support vectors, and all are.
+template <typename T>
+void SmallProblem<T>::ChooseStart() {
+  constexpr double kFewNeighbors = 6.0;
+  const std::size_t count = known_.size();
+  const double total = options_.nu * static_cast<double>(count);
+  alpha_ = EvenlySpread(count, total);
+  UpdateGradient();
+  // The mean of what a sample and all others contribute at one of the support vectors.
+  if (std::accumulate(gradient_.begin(), gradient_.begin() + static_cast<std::ptrdiff_t>(count),
+                      0.0) < (1.0 + kFewNeighbors) * total) {
+    alpha_.assign(count, options_.nu);
+    if (distances_ != nullptr) return UpdateGradient();
+    std::vector<T> sums(count);
+    AllGaussianRows(*terms_, point_.data(), rows_, sums.data());
+    for (std::size_t i = 0; i < count; ++i) {
+      known_[i] = rows_ + i * row_size_;
+      gradient_[i] = options_.nu * static_cast<double>(sums[i]);
+    }
+    evaluations_ += static_cast<std::int64_t>(count * (count + 1) / 2);
+  }
+}
+
 template <typename T>
 void SmallProblem<T>::Run(std::span<const double> start) {
-  alpha_.assign(start.begin(), start.end());
+  if (start.empty()) {
+    ChooseStart();
+  } else {
+    alpha_.assign(start.begin(), start.end());
+    UpdateGradient();
+  }
   constexpr T kNever = SmoProblem<T>::kNever;
   AlignedVector<T> gradient(row_size_, T{0});
   AlignedVector<T> may_rise(row_size_, kNever);
@@ -118,7 +149,6 @@ void SmallProblem<T>::Run(std::span<const double> start) {
                               may_rise.data(), may_fall.data()};
   Rounds rounds(options_, alpha_.size(), summary_);
   while (true) {
-    UpdateGradient();
     const KktBounds bounds(alpha_, this->gradient());
     if (!rounds.Next(bounds.gap(), Objective(alpha_, this->gradient()))) return;
     for (std::size_t i = 0; i < alpha_.size(); ++i) {
@@ -128,6 +158,7 @@ void SmallProblem<T>::Run(std::span<const double> start) {
     const double target = 0.9 * options_.tolerance;
     rounds.Take(std::numeric_limits<std::int64_t>::max(),
                 [&](std::int64_t most) { return smo_.loop(problem, target, most); });
+    UpdateGradient();
   }
 }
 

@@ -24,6 +24,8 @@ class Distances {
   /// row[j] = exp(-gamma |x_i - x_j|^2), row_size() entries.
   void KernelRow(std::size_t i, double gamma, T* row);
 
+  [[nodiscard]] std::span<const double> center() const { return terms_.center; }
+
  private:
   GaussianTerms<T> terms_;
   AlignedVector<T> exponents_;  // of terms_: -|x_i - x_j|^2
@@ -87,8 +89,8 @@ class SmallProblem {
   SmallProblem(const core::Matrix& samples, const OneClassSvmOptions& options, Scratch& scratch,
                FitSummary& summary);
 
-  /// Solves from `start`, which is feasible. Writes reason, iterations, gap and objective to the
-  /// summary.
+  /// Solves from `start`, which is feasible; empty: from where few steps are left. Writes reason,
+  /// iterations, gap and objective to the summary.
   void Run(std::span<const double> start);
 
   [[nodiscard]] std::span<const double> alpha() const { return alpha_; }
@@ -96,10 +98,14 @@ class SmallProblem {
     return {gradient_.data(), alpha_.size()};
   }
   [[nodiscard]] std::int64_t evaluations() const { return evaluations_; }
+  [[nodiscard]] std::span<const double> center() const {
+    return distances_ != nullptr ? distances_->center() : std::span<const double>(terms_->center);
+  }
 
  private:
   const T* Row(std::size_t i);
   void UpdateGradient();
+  void ChooseStart();
 
   const OneClassSvmOptions& options_;
   FitSummary& summary_;

@@ -344,33 +344,45 @@ void AddSparse(const SparseRow<T>& row, double weight, std::size_t first, std::s
   }
 }
 
-// One cache line of T at a time; its sums stay in registers.
-template <typename T>
-void Combine(const T* const* HWY_RESTRICT rows, const double* HWY_RESTRICT weights,
-             std::size_t rows_count, std::size_t size, double* HWY_RESTRICT totals) {
+// kVectors vectors of totals from the k-th entry on, which stay in registers.
+template <std::size_t kVectors, typename T>
+HWY_INLINE void CombineAt(const T* const* HWY_RESTRICT rows, const double* HWY_RESTRICT weights,
+                          std::size_t rows_count, std::size_t k, double* HWY_RESTRICT totals) {
   constexpr Tag<double> d;
   const hn::Rebind<T, Tag<double>> dt;
   constexpr std::size_t kStep = hn::MaxLanes(d);
-  constexpr std::size_t kVectors = 64 / sizeof(T) / kStep;
-  for (std::size_t k = 0; k < size; k += kVectors * kStep) {
-    hn::Vec<Tag<double>> sum[kVectors];
+  hn::Vec<Tag<double>> sum[kVectors];
+  HWY_UNROLL(8)
+  for (std::size_t v = 0; v < kVectors; ++v) sum[v] = hn::Zero(d);
+  for (std::size_t q = 0; q < rows_count; ++q) {
+    const auto weight = hn::Set(d, weights[q]);
     HWY_UNROLL(8)
-    for (std::size_t v = 0; v < kVectors; ++v) sum[v] = hn::Zero(d);
-    for (std::size_t q = 0; q < rows_count; ++q) {
-      const auto weight = hn::Set(d, weights[q]);
-      HWY_UNROLL(8)
-      for (std::size_t v = 0; v < kVectors; ++v) {
-        const auto values = hn::Load(dt, rows[q] + k + v * kStep);
-        if constexpr (sizeof(T) == sizeof(double)) {
-          sum[v] = hn::MulAdd(weight, values, sum[v]);
-        } else {
-          sum[v] = hn::MulAdd(weight, hn::PromoteTo(d, values), sum[v]);
-        }
+    for (std::size_t v = 0; v < kVectors; ++v) {
+      const auto values = hn::Load(dt, rows[q] + k + v * kStep);
+      if constexpr (sizeof(T) == sizeof(double)) {
+        sum[v] = hn::MulAdd(weight, values, sum[v]);
+      } else {
+        sum[v] = hn::MulAdd(weight, hn::PromoteTo(d, values), sum[v]);
       }
     }
-    HWY_UNROLL(8)
-    for (std::size_t v = 0; v < kVectors; ++v) hn::Store(sum[v], d, totals + k + v * kStep);
   }
+  HWY_UNROLL(8)
+  for (std::size_t v = 0; v < kVectors; ++v) hn::Store(sum[v], d, totals + k + v * kStep);
+}
+
+// Several cache lines of each row at a time: rows are not in the nearest caches.
+template <typename T>
+void Combine(const T* const* HWY_RESTRICT rows, const double* HWY_RESTRICT weights,
+             std::size_t rows_count, std::size_t size, double* HWY_RESTRICT totals) {
+  constexpr std::size_t kLine = 64 / sizeof(T);
+  constexpr std::size_t kLineVectors = kLine / hn::MaxLanes(Tag<double>());
+  constexpr std::size_t kVectors = std::max<std::size_t>(8, kLineVectors);
+  constexpr std::size_t kWhole = kVectors * hn::MaxLanes(Tag<double>());
+  std::size_t k = 0;
+  for (; k + kWhole <= size; k += kWhole) {
+    CombineAt<kVectors>(rows, weights, rows_count, k, totals);
+  }
+  for (; k < size; k += kLine) CombineAt<kLineVectors>(rows, weights, rows_count, k, totals);
 }
 
 template <typename T>

@@ -17,6 +17,7 @@
 #include "small_problem.h"
 #include "smo_loop.h"
 #include "sparse_problem.h"
+#include "starts.h"
 #include "true_gap.h"
 #include "workers.h"
 
@@ -97,20 +98,29 @@ class RowStore {
 };
 
 // AddGaussianRows(), shared out among the workers: each entry sums in the same order with any
-// number of them.
-template <typename T>
-void AddRows(const GaussianTerms<T>& terms, std::span<const T> points, std::span<const T> weights,
-             double* totals, Workers& workers) {
+// number of them. `go_on` is asked several times a second; false where it ended the sums.
+template <typename T, class GoOn>
+[[nodiscard]] bool AddRows(const GaussianTerms<T>& terms, std::span<const T> points,
+                           std::span<const T> weights, double* totals, Workers& workers,
+                           GoOn&& go_on) {
   constexpr std::size_t kBlocks = 64;  // of a part: enough to share out, too many to wait for
   constexpr std::size_t kChunk = 512;  // points of a chunk stay in L2
-  workers.Run((terms.num_blocks + kBlocks - 1) / kBlocks, [&](std::size_t part) {
-    const std::size_t begin = part * kBlocks;
-    const std::size_t end = std::min(begin + kBlocks, terms.num_blocks);
-    for (std::size_t q = 0; q < weights.size(); q += kChunk) {
-      AddGaussianRows(terms, begin, end, points.data() + q * terms.dim, weights.data() + q,
-                      std::min(kChunk, weights.size() - q), totals);
-    }
-  });
+  constexpr std::uint64_t kWork = std::uint64_t{1} << 33;
+  const auto chunks = static_cast<std::size_t>(
+      std::max<std::uint64_t>(1, kWork / (kChunk * (terms.dim + 8) * terms.row_size())));
+  for (std::size_t first = 0; first < weights.size(); first += chunks * kChunk) {
+    if (!go_on()) return false;
+    const std::size_t last = std::min(first + chunks * kChunk, weights.size());
+    workers.Run((terms.num_blocks + kBlocks - 1) / kBlocks, [&](std::size_t part) {
+      const std::size_t begin = part * kBlocks;
+      const std::size_t end = std::min(begin + kBlocks, terms.num_blocks);
+      for (std::size_t q = first; q < last; q += kChunk) {
+        AddGaussianRows(terms, begin, end, points.data() + q * terms.dim, weights.data() + q,
+                        std::min(kChunk, last - q), totals);
+      }
+    });
+  }
+  return true;
 }
 
 // Kernel values in T, alpha and the gradient of all samples in double.
@@ -143,12 +153,15 @@ class Solver {
         change.push_back(alpha_[i]);
       }
     }
-    AddToGradient(changed, change);
+    if (!AddToGradient(changed, change)) {
+      std::fill(gradient_.begin(), gradient_.end(), 0.0);
+      return rounds_.Stop();
+    }
     while (true) {
       const KktBounds bounds(alpha_, gradient());
       if (!rounds_.Next(bounds.gap(), Objective(alpha_, gradient()))) return;
       active_.Choose(alpha_, gradient(), bounds.rho());
-      SolveActive(bounds.rho());
+      if (!SolveActive(bounds.rho())) return rounds_.Stop();
     }
   }
 
@@ -157,6 +170,7 @@ class Solver {
     return {gradient_.data(), alpha_.size()};
   }
   [[nodiscard]] std::int64_t evaluations() const { return evaluations_ + rows_.evaluations(); }
+  [[nodiscard]] std::span<const double> center() const { return terms_.center; }
 
  private:
   double RowBudget(const core::Matrix& samples) const {
@@ -172,20 +186,23 @@ class Solver {
     return budget - fixed;
   }
 
-  // G += K change, for these samples' alpha.
-  void AddToGradient(std::span<const std::size_t> samples, std::span<const double> change) {
+  // G += K change, for these samples' alpha. False where the caller stopped it in the middle.
+  [[nodiscard]] bool AddToGradient(std::span<const std::size_t> samples,
+                                   std::span<const double> change) {
     std::vector<T> points(samples.size() * terms_.dim);
     std::vector<T> weights(samples.size());
     for (std::size_t q = 0; q < samples.size(); ++q) {
       terms_.Point(samples[q], points.data() + q * terms_.dim);
       weights[q] = static_cast<T>(change[q]);
     }
-    AddRows<T>(terms_, points, weights, gradient_.data(), workers_);
     evaluations_ += static_cast<std::int64_t>(samples.size() * terms_.count);
+    return AddRows<T>(terms_, points, weights, gradient_.data(), workers_,
+                      [this] { return rounds_.Continue(); });
   }
 
-  // SMO on the active samples, with all others fixed.
-  void SolveActive(double rho) {
+  // SMO on the active samples, with all others fixed. False where the caller stopped it before G
+  // was known again: alpha and G are then those of before.
+  [[nodiscard]] bool SolveActive(double rho) {
     const GaussianTerms<T> terms = terms_.Subset(active_.samples());
     rows_.Reset(terms);
     const std::size_t count = terms.row_size();
@@ -221,15 +238,22 @@ class Solver {
 
     std::vector<std::size_t> changed;
     std::vector<double> change;
+    std::vector<double> changed_alpha;
     for (std::size_t k = 0; k < active_.samples().size(); ++k) {
       const std::size_t i = active_.samples()[k];
-      if (alpha[k] != alpha_[i]) {
-        changed.push_back(i);
-        change.push_back(alpha[k] - alpha_[i]);
-        alpha_[i] = alpha[k];
-      }
+      if (alpha[k] == alpha_[i]) continue;
+      changed.push_back(i);
+      change.push_back(alpha[k] - alpha_[i]);
+      changed_alpha.push_back(alpha[k]);
     }
-    AddToGradient(changed, change);
+    AlignedVector<double> before;
+    if (options_.progress) before = gradient_;
+    if (!AddToGradient(changed, change)) {
+      gradient_ = std::move(before);
+      return false;
+    }
+    for (std::size_t q = 0; q < changed.size(); ++q) alpha_[changed[q]] = changed_alpha[q];
+    return true;
   }
 
   // Found by experiment between n = 4000 and 100000; within a factor of two nothing much changes.
@@ -287,43 +311,17 @@ DualSolution Solution(const T& solver) {
   return solution;
 }
 
-// The first samples of `order` at the bound, until alpha, of all `count` samples, sums to `total`.
-std::vector<double> Fill(std::span<const std::size_t> order, std::size_t count, double total) {
-  std::vector<double> alpha(count, 0.0);
-  for (const std::size_t i : order) {
-    if (total <= 0.0) break;
-    alpha[i] = std::min(1.0, total);
-    total -= alpha[i];
-  }
-  return alpha;
-}
-
-// As many samples as hold `total` at the bound.
-std::vector<std::size_t> EvenlySpread(std::size_t count, double total) {
-  std::vector<std::size_t> chosen(std::min(count, static_cast<std::size_t>(std::ceil(total))));
-  for (std::size_t k = 0; k < chosen.size(); ++k) chosen[k] = k * count / chosen.size();
-  return chosen;
-}
-
-// The given start, scaled, cut at the bound and filled up to `total`.
-std::vector<double> Feasible(std::span<const double> start, double total) {
-  const double scale = total / std::accumulate(start.begin(), start.end(), 0.0);
-  std::vector<double> alpha(start.size());
-  double rest = total;
-  for (std::size_t i = 0; i < alpha.size(); ++i) {
-    alpha[i] = std::min({1.0, scale * start[i], rest});
-    rest -= alpha[i];
-  }
-  // First those that are support vectors already.
-  for (const bool support : {true, false}) {
-    for (std::size_t i = 0; i < alpha.size() && rest > 0.0; ++i) {
-      if ((start[i] > 0.0) != support) continue;
-      const double more = std::min(1.0 - alpha[i], rest);
-      alpha[i] += more;
-      rest -= more;
-    }
-  }
-  return alpha;
+// The start itself, of which nothing is known but what rho is at a few samples.
+DualSolution Unsolved(std::span<const double> start, FitSummary& summary) {
+  struct Start {
+    [[nodiscard]] std::span<const double> alpha() const { return alpha_; }
+    [[nodiscard]] std::span<const double> gradient() const { return gradient_; }
+    std::span<const double> alpha_;
+    std::vector<double> gradient_;
+  };
+  summary.kkt_gap = std::numeric_limits<double>::infinity();
+  summary.objective = std::numeric_limits<double>::infinity();
+  return Solution(Start{start, std::vector<double>(start.size(), 0.0)});
 }
 
 // Samples in random order, the same every time.
@@ -335,6 +333,7 @@ std::vector<std::size_t> Shuffled(std::size_t count) {
   return order;
 }
 
+// Empty: the problem is to choose.
 std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOptions& options,
                               Workers& workers, FitSummary& summary);
 
@@ -345,8 +344,8 @@ DualSolution Finish(Problem& problem, const core::Matrix& samples,
   problem.Run(start);
   summary.kernel_evaluations += problem.evaluations();
   if (summary.reason == FitSummary::Reason::kConverged) {
-    summary.kkt_gap =
-        TrueGap<T>(samples, options, problem.alpha(), problem.gradient(), neglected, workers);
+    summary.kkt_gap = TrueGap<T>(samples, options, problem.center(), problem.alpha(),
+                                 problem.gradient(), neglected, workers);
     if (!(summary.kkt_gap < options.tolerance)) summary.reason = FitSummary::Reason::kStalled;
   }
   return Solution(problem);
@@ -360,6 +359,12 @@ DualSolution SolveIn(const core::Matrix& samples, const OneClassSvmOptions& opti
     SmallProblem<T> problem(samples, options, scratch, summary);
     return Finish<T>(problem, samples, options, start, 0.0, workers, summary);
   }
+  std::vector<double> spread;
+  if (start.empty()) {
+    const auto count = static_cast<std::size_t>(samples.rows());
+    spread = EvenlySpread(count, options.nu * static_cast<double>(count));
+    start = spread;
+  }
   if (SparseProblem<T>::Fits(samples, options)) {
     SparseProblem<T> problem(samples, options, workers, summary);
     return Finish<T>(problem, samples, options, start, problem.neglected(), workers, summary);
@@ -371,13 +376,16 @@ DualSolution SolveIn(const core::Matrix& samples, const OneClassSvmOptions& opti
 // Whether squared distances in kernel widths are within the range of float.
 bool FitsFloat(const core::Matrix& samples, double gamma) {
   constexpr double kFar = 1e15;
+  const double scale = std::sqrt(gamma * std::numbers::log2e);
+  if (scale * 2.0 * samples.cwiseAbs().maxCoeff() < kFar) return true;
   const auto range = samples.colwise().maxCoeff() - samples.colwise().minCoeff();
-  return std::sqrt(gamma * std::numbers::log2e) * range.maxCoeff() < kFar;
+  return scale * range.maxCoeff() < kFar;
 }
 
 DualSolution Solve(const core::Matrix& samples, const OneClassSvmOptions& options, Scratch& scratch,
                    Workers& workers, FitSummary& summary) {
   std::vector<double> start = FindStart(samples, options, workers, summary);
+  if (summary.reason == FitSummary::Reason::kInterrupted) return Unsolved(start, summary);
   // A kernel value in float is off by up to 1e-7, G by nu m times that at most.
   const double total = options.nu * static_cast<double>(samples.rows());
   if (options.tolerance >= 2e-7 * total && FitsFloat(samples, options.gamma)) {
@@ -394,7 +402,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   const double total = options.nu * static_cast<double>(count);
   if (!options.start.empty()) return Feasible(options.start, total);
   constexpr std::size_t kWorthwhile = 4000;
-  if (count < kWorthwhile) return Fill(EvenlySpread(count, total), count, total);
+  if (count < kWorthwhile) return {};
   std::vector<std::size_t> order = Shuffled(count);
 
   // The estimate from every eighth sample says which ones lie outermost.
@@ -406,6 +414,16 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   part_options.tolerance = std::max(options.tolerance, 1e-3 * options.nu * count / kPart);
   Scratch scratch;
   const DualSolution solution = Solve(part, part_options, scratch, workers, summary);
+  // What there is: alpha of the part, which are too few for all.
+  const auto interrupted = [&] {
+    summary.reason = FitSummary::Reason::kInterrupted;
+    std::vector<double> known(count, 0.0);
+    for (std::size_t k = 0; k < chosen.size(); ++k) {
+      known[static_cast<std::size_t>(chosen[k])] = solution.alpha[static_cast<Eigen::Index>(k)];
+    }
+    return Feasible(known, total);
+  };
+  if (summary.reason == FitSummary::Reason::kInterrupted) return interrupted();
   std::vector<std::size_t> support;
   for (Eigen::Index i = 0; i < solution.alpha.size(); ++i) {
     if (solution.alpha[i] > 0.0) support.push_back(static_cast<std::size_t>(i));
@@ -422,7 +440,10 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
     weights[q] = static_cast<float>(solution.alpha[static_cast<Eigen::Index>(support[q])]);
   }
   AlignedVector<double> g(terms.row_size(), 0.0);
-  AddRows<float>(terms, points, weights, g.data(), workers);
+  if (!AddRows<float>(terms, points, weights, g.data(), workers,
+                      [&] { return GoOn(options, summary); })) {
+    return interrupted();
+  }
   summary.kernel_evaluations += static_cast<std::int64_t>(support.size() * count);
   const auto outermost = std::min(count, static_cast<std::size_t>(std::ceil(total)));
   std::nth_element(

@@ -215,13 +215,14 @@ std::size_t SparseProblem<T>::Together() const {
 // Rows are shared out in runs of neighbours.
 constexpr std::size_t kRun = 8;
 
-// G += K change.
+// G += K change. False where the caller stopped it in the middle.
 template <typename T>
-void SparseProblem<T>::AddToGradient(std::span<const std::size_t> places,
+bool SparseProblem<T>::AddToGradient(std::span<const std::size_t> places,
                                      std::span<const double> change) {
   const std::size_t together = Together();
   drafts_.resize(together);
   for (std::size_t first = 0; first < places.size(); first += together) {
+    if (!rounds_.Continue()) return false;
     const std::size_t count = std::min(together, places.size() - first);
     workers_.Run((count + kRun - 1) / kRun, [&](std::size_t run) {
       std::vector<T> point(kernel_.terms().dim);
@@ -243,6 +244,7 @@ void SparseProblem<T>::AddToGradient(std::span<const std::size_t> places,
       evaluations_ += static_cast<std::int64_t>(drafts_[q].computed);
     }
   }
+  return true;
 }
 
 // Rows of these active samples, as far as there is room.
@@ -256,7 +258,7 @@ void SparseProblem<T>::ComputeAhead(std::span<const std::size_t> wanted) {
   drafts_.resize(together);
   for (std::size_t first = 0; first < missing.size(); first += together) {
     const std::size_t count = std::min(together, missing.size() - first);
-    if (!rows_.HasRoom(active_->kernel.groups())) return;
+    if (!rows_.HasRoom(active_->kernel.groups()) || !rounds_.Continue()) return;
     const std::size_t runs = (count + kRun - 1) / kRun;
     workers_.Run(runs, [&](std::size_t run) {
       std::vector<T> point(kernel_.terms().dim);
@@ -303,8 +305,9 @@ void SparseProblem<T>::Activate() {
   rows_.Reset(wanted.size());
 }
 
+// False where the caller stopped it before G was known again: alpha and G are then those of before.
 template <typename T>
-void SparseProblem<T>::SolveActive(double rho) {
+bool SparseProblem<T>::SolveActive(double rho) {
   constexpr T kNever = SparseSmoProblem<T>::kNever;
   constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
   const std::vector<std::size_t>& places = active_->places;
@@ -352,9 +355,28 @@ void SparseProblem<T>::SolveActive(double rho) {
     if (alpha[k] == placed_alpha_[i]) continue;
     changed.push_back(i);
     change.push_back(alpha[k] - placed_alpha_[i]);
-    placed_alpha_[i] = alpha[k];
   }
-  AddToGradient(changed, change);
+  AlignedVector<double> before;
+  if (options_.progress) before = placed_gradient_;
+  if (!AddToGradient(changed, change)) {
+    placed_gradient_ = std::move(before);
+    return false;
+  }
+  for (std::size_t k = 0; k < places.size(); ++k) placed_alpha_[places[k]] = alpha[k];
+  return true;
+}
+
+// Rounds from alpha and G that belong together.
+template <typename T>
+void SparseProblem<T>::Iterate() {
+  const std::span<const double> gradient(placed_gradient_.data(), placed_alpha_.size());
+  while (true) {
+    const KktBounds bounds(placed_alpha_, gradient);
+    if (!rounds_.Next(bounds.gap(), Objective(placed_alpha_, gradient))) return;
+    chosen_.Choose(placed_alpha_, gradient, bounds.likely_rho());
+    Activate();
+    if (!SolveActive(bounds.likely_rho())) return rounds_.Stop();
+  }
 }
 
 template <typename T>
@@ -367,14 +389,11 @@ void SparseProblem<T>::Run(std::span<const double> start) {
     support.push_back(i);
     weights.push_back(placed_alpha_[i]);
   }
-  AddToGradient(support, weights);
-  const std::span<const double> gradient(placed_gradient_.data(), placed_alpha_.size());
-  while (true) {
-    const KktBounds bounds(placed_alpha_, gradient);
-    if (!rounds_.Next(bounds.gap(), Objective(placed_alpha_, gradient))) break;
-    chosen_.Choose(placed_alpha_, gradient, bounds.likely_rho());
-    Activate();
-    SolveActive(bounds.likely_rho());
+  if (AddToGradient(support, weights)) {
+    Iterate();
+  } else {
+    std::fill(placed_gradient_.begin(), placed_gradient_.end(), 0.0);
+    rounds_.Stop();
   }
   for (std::size_t i = 0; i < order_.size(); ++i) {
     alpha_[order_[i]] = placed_alpha_[i];

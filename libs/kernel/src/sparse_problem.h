@@ -99,6 +99,7 @@ class SparseProblem {
   [[nodiscard]] std::span<const double> alpha() const { return alpha_; }
   [[nodiscard]] std::span<const double> gradient() const { return gradient_; }
   [[nodiscard]] std::int64_t evaluations() const { return evaluations_; }
+  [[nodiscard]] std::span<const double> center() const { return kernel_.terms().center; }
   /// What entries of the gradient may lack.
   [[nodiscard]] double neglected() const { return kNegligible * options_.tolerance; }
 
@@ -115,11 +116,13 @@ class SparseProblem {
   };
   using Draft = typename SparseKernel<T>::Draft;
 
-  void AddToGradient(std::span<const std::size_t> places, std::span<const double> change);
+  [[nodiscard]] bool AddToGradient(std::span<const std::size_t> places,
+                                   std::span<const double> change);
   void ComputeAhead(std::span<const std::size_t> wanted);
   void Compute(std::size_t i, std::size_t keep);
   void Activate();
-  void SolveActive(double rho);
+  [[nodiscard]] bool SolveActive(double rho);
+  void Iterate();
   [[nodiscard]] std::size_t Together() const;
 
   const OneClassSvmOptions& options_;

@@ -9,7 +9,9 @@ namespace dfr::kernel::internal {
 bool AllFinite(const Eigen::Ref<const core::Matrix>& states) {
   // A non-finite entry makes its product with zero, and so the sum, NaN. Many times faster than a
   // look at each.
-  return (0.0 * states.array()).sum() == 0.0;
+  const auto finite = [](const auto& entries) { return (0.0 * entries.array()).sum() == 0.0; };
+  if (states.outerStride() != states.cols()) return finite(states);
+  return finite(Eigen::Map<const Eigen::VectorXd>(states.data(), states.size()));
 }
 
 std::vector<StatesView> Views(std::span<const core::Matrix> demonstrations) {
@@ -48,8 +50,9 @@ core::Matrix StatesAt(std::span<const StatesView> demonstrations, int t) {
   core::Matrix states(static_cast<Eigen::Index>(demonstrations.size()), demonstrations[0].cols());
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
     const StatesView& all = demonstrations[d];
-    const Eigen::Index last = all.rows() - 1;
-    states.row(static_cast<Eigen::Index>(d)) = all.row(std::min<Eigen::Index>(t, last));
+    const Eigen::Index row = std::min<Eigen::Index>(t, all.rows() - 1);
+    std::copy_n(all.data() + row * all.cols(), all.cols(),
+                states.data() + static_cast<Eigen::Index>(d) * states.cols());
   }
   return states;
 }

@@ -64,12 +64,11 @@ std::vector<double> ExactGradient(const core::Matrix& samples, double gamma,
 
 template <typename T>
 double TrueGap(const core::Matrix& samples, const OneClassSvmOptions& options,
-               std::span<const double> alpha, std::span<const double> gradient, double neglected,
-               Workers& workers) {
+               std::span<const double> center, std::span<const double> alpha,
+               std::span<const double> gradient, double neglected, Workers& workers) {
   const auto dim = static_cast<std::size_t>(samples.cols());
   const double total = options.nu * static_cast<double>(alpha.size());
   const double scale = std::sqrt(options.gamma * std::numbers::log2e);
-  const std::vector<double> center = Center(samples, scale);
   std::vector<double> distance(alpha.size());
   for (std::size_t i = 0; i < alpha.size(); ++i) {
     const double* x = samples.data() + i * dim;
@@ -80,33 +79,32 @@ double TrueGap(const core::Matrix& samples, const OneClassSvmOptions& options,
   // First with an r that no value above 2^-64 exceeds, for all; then with their own, for few.
   std::vector<std::size_t> chosen(alpha.size());
   std::iota(chosen.begin(), chosen.end(), std::size_t{0});
+  std::vector<double> error(alpha.size());
   for (const bool first : {true, false}) {
-    const auto error = [&](std::size_t i) {
+    constexpr double kNever = std::numeric_limits<double>::infinity();
+    // G moved towards the other bound by its error, and away from it.
+    double likely_largest = -kNever;
+    double likely_smallest = kNever;
+    KktBounds extreme;
+    for (const std::size_t i : chosen) {
       constexpr double kMost = 8.0;
       const double g = gradient[i];
       const double r =
           first ? kMost : std::sqrt(std::max(1.0, std::log2(total / std::clamp(g, 1e-18, total))));
-      return g * RelativeError<T>(distance[i], r, static_cast<double>(dim)) + neglected;
-    };
-    KktBounds likely;   // G moved towards the other bound by its error
-    KktBounds extreme;  // and away from it
-    for (const std::size_t i : chosen) {
-      const double g = gradient[i];
-      const double e = error(i);
-      if (alpha[i] > 0.0) {
-        likely.largest = std::max(likely.largest, g - e);
-        extreme.largest = std::max(extreme.largest, g + e);
-      }
-      if (alpha[i] < 1.0) {
-        likely.smallest = std::min(likely.smallest, g + e);
-        extreme.smallest = std::min(extreme.smallest, g - e);
-      }
+      const double e = g * RelativeError<T>(distance[i], r, static_cast<double>(dim)) + neglected;
+      error[i] = e;
+      const double off = alpha[i] > 0.0 ? 0.0 : kNever;
+      const double on = alpha[i] < 1.0 ? 0.0 : kNever;
+      likely_largest = std::max(likely_largest, g - e - off);
+      likely_smallest = std::min(likely_smallest, g + e + on);
+      extreme.largest = std::max(extreme.largest, g + e - off);
+      extreme.smallest = std::min(extreme.smallest, g - e + on);
     }
     if (extreme.gap() < options.tolerance) return extreme.gap();
     std::erase_if(chosen, [&](std::size_t i) {
-      const double e = error(i);
-      const bool largest = alpha[i] > 0.0 && gradient[i] + e >= likely.largest;
-      const bool smallest = alpha[i] < 1.0 && gradient[i] - e <= likely.smallest;
+      const double e = error[i];
+      const bool largest = alpha[i] > 0.0 && gradient[i] + e >= likely_largest;
+      const bool smallest = alpha[i] < 1.0 && gradient[i] - e <= likely_smallest;
       return !largest && !smallest;
     });
   }
@@ -121,8 +119,10 @@ double TrueGap(const core::Matrix& samples, const OneClassSvmOptions& options,
 }
 
 template double TrueGap<float>(const core::Matrix&, const OneClassSvmOptions&,
-                               std::span<const double>, std::span<const double>, double, Workers&);
+                               std::span<const double>, std::span<const double>,
+                               std::span<const double>, double, Workers&);
 template double TrueGap<double>(const core::Matrix&, const OneClassSvmOptions&,
-                                std::span<const double>, std::span<const double>, double, Workers&);
+                                std::span<const double>, std::span<const double>,
+                                std::span<const double>, double, Workers&);
 
 }  // namespace dfr::kernel::internal

@@ -28,7 +28,8 @@ OneClassSvm LoadLibsvmModel(std::istream& in, const std::string& name);
 /// (labels are ignored, absent entries zero), or as comma-separated values, one sample per line,
 /// with an optional header line. Which of them is told from the first line. `state_dim` > 0 asks
 /// for that many entries; sparse lines may then have fewer, never more.
-/// @throws std::runtime_error naming file, line and reason.
+/// @throws std::runtime_error naming file, line and reason. A file that is larger than the memory
+///   that Linux has available is refused before it is read.
 core::Matrix LoadSamples(const std::filesystem::path& path, int state_dim = 0);
 
 }  // namespace dfr::kernel

@@ -36,7 +36,7 @@ struct OneClassSvmOptions {
   /// sample k times. Weighted fits are slower, because their kernel is always computed in double
   /// and never cached. Excludes `start`.
   std::span<const double> weights = {};
-  /// Called every few milliseconds from the thread that fits; false stops the fit.
+  /// Called several times a second or more from the thread that fits; false stops the fit.
   std::function<bool(const FitProgress&)> progress = {};
 };
 
@@ -45,7 +45,8 @@ struct FitSummary {
   enum class Reason {
     kConverged,      ///< kkt_gap is below the tolerance.
     kMaxIterations,  ///< Stopped by max_iterations: the estimate is usable, kkt_gap says how well.
-    kInterrupted,    ///< Stopped by `progress`: the estimate is usable, as above.
+    /// Stopped by `progress`: as above, if kkt_gap is finite. Infinity: before any could be known.
+    kInterrupted,
     /// Rounding allows no better: the tolerance is below what doubles can do for these samples.
     kStalled,
   };
