@@ -138,9 +138,9 @@ TEST(CertifierTest, TheDirectionsShareIsTheLargerOfBothBalls) {
       }
       double expected = by_ball;
       for (const double share : {0.25, 0.5, 1.0}) {
-        const int reach = share == 1.0 ? 3 : 0;
+        const bool whole = share == 1.0;
         if (share > expected &&
-            ends_inside(share, phase - reach, std::max(phase + 1, phase + reach))) {
+            ends_inside(share, whole ? phase - 3 : phase + 1, whole ? phase + 3 : phase + 1)) {
           expected = share;
         }
       }

@@ -103,6 +103,26 @@ TEST_F(OneGaussianTest, ATargetThatIsMetLeavesTheControlBitForBit) {
   }
 }
 
+// A prediction that is handed on from call to call is that of the control at every time, bit for
+// bit, and changes nothing.
+TEST_F(OneGaussianTest, AKnownPredictionIsKeptUpToDate) {
+  for (const double limit : {kInfinity, 0.25}) {
+    Eigen::VectorXd v = Eigen::Vector2d(0.2, -0.1);
+    Eigen::VectorXd fresh = v;
+    PredictedLevel there = model_.Predict(0, v);
+    for (const double level : {-3.0, -2.0, -0.5, kInfinity}) {
+      const StepLimits limits{.control = limit};
+      EXPECT_EQ(RaiseLevel(model_, {.level = level}, limits, v, there),
+                RaiseLevel(model_, {.level = level}, limits, fresh));
+      EXPECT_TRUE(v == fresh);
+      const PredictedLevel expected = model_.Predict(0, v);
+      EXPECT_EQ(there.level, expected.level);
+      EXPECT_EQ(there.level, model_.Level(0, v));
+      EXPECT_TRUE(there.gradient == expected.gradient);
+    }
+  }
+}
+
 TEST_F(OneGaussianTest, WithoutIterationsNothingIsChanged) {
   Eigen::VectorXd v = Eigen::Vector2d(0.3, -0.7);
   const Eigen::VectorXd before = v;

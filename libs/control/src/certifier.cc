@@ -23,7 +23,6 @@ Certifier::Certifier(const Certificate& certificate, int num_features, int contr
       control_unit_(control_unit),
       effect_(Eigen::VectorXd::Zero(num_features)),
       shift_(Eigen::VectorXd::Zero(num_features)),
-      there_(Eigen::VectorXd::Zero(num_features)),
       part_(Eigen::VectorXd::Zero(control_dim)) {
   const bool by_gain = certificate.kind == CertificateKind::kLipschitz ||
                        certificate.kind == CertificateKind::kRadius;
@@ -46,21 +45,23 @@ Certifier::Certifier(const Certificate& certificate, int num_features, int contr
 void Certifier::Reset() noexcept { violation_ = {}; }
 
 Certifier::Need Certifier::Check(const LocalModel& model, int phase,
-                                 const Eigen::VectorXd& v) noexcept {
+                                 const Eigen::VectorXd& v) const noexcept {
+  return Check(model, phase, v, model.Predict(phase, v));
+}
+
+Certifier::Need Certifier::Check(const LocalModel& model, int phase, const Eigen::VectorXd& v,
+                                 const PredictedLevel& there) const noexcept {
   // Rounding of l must not carry a control that just passes out of the support.
   constexpr double kRounding = 1e-12;
   const double e =
       certificate_.direction_error * v.norm() * control_unit_ + certificate_.state_error;
-  there_ = core::AsVector(model.z);
-  model.answer.AddEffect(v, there_);
-  const double l = model.support.LogDecision(phase, AsSpan(there_), AsSpan(shift_));
   const double level =
-      shift_.norm() * e + model.support.curvature_bound(phase) * e * e - certificate_.level;
-  return {phase, level, level + kRounding - l};
+      there.gradient.norm() * e + model.support.curvature_bound(phase) * e * e - certificate_.level;
+  return {phase, level, level + kRounding - there.level};
 }
 
 Certifier::Need Certifier::Predict(const LocalModel& model, int phase,
-                                   const Eigen::VectorXd& v) noexcept {
+                                   const Eigen::VectorXd& v) const noexcept {
   Need best{.phase = phase, .missing = std::numeric_limits<double>::infinity()};
   for (const int offset : kOutwards) {
     if (phase + offset < 0) continue;
@@ -105,7 +106,7 @@ double Certifier::Part(const LocalModel& model, int phase, const Eigen::VectorXd
   }
   for (double share = 0.5; predicts() && share >= 0.25 && share > best; share /= 2.0) {
     part_ = share * v;
-    if (Check(model, phase + 1, part_).met() || Check(model, phase, part_).met()) best = share;
+    if (Check(model, phase + 1, part_).met()) best = share;
   }
   return best;
 }

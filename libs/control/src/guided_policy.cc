@@ -277,13 +277,15 @@ bool GuidedPolicy::Probe(const LocalModel& model, double& level) noexcept {
   return true;
 }
 
-bool GuidedPolicy::Project(const LocalModel& model, Certifier::Need need) noexcept {
+bool GuidedPolicy::Project(const LocalModel& model, int phase) noexcept {
   // The need is met a little later than it is computed: the slope of l differs where v leads to.
   constexpr int kRounds = 3;
   constexpr double kOvershoot = 0.02;
+  PredictedLevel there = model.Predict(phase, v_);
+  Certifier::Need need = certifier_.Check(model, phase, v_, there);
   for (int round = 0; round < kRounds && !need.met(); ++round) {
-    if (RaiseLevel(model, {need.phase, need.level + kOvershoot}, limits_, v_) < need.level) break;
-    need = certifier_.Check(model, need.phase, v_);
+    if (RaiseLevel(model, {phase, need.level + kOvershoot}, limits_, v_, there) < need.level) break;
+    need = certifier_.Check(model, phase, v_, there);
   }
   return need.met();
 }
@@ -293,12 +295,12 @@ bool GuidedPolicy::Certify(const LocalModel& model, Step& step) noexcept {
   double share = 1.0;
   if (gets_on && certifier_.predicts()) {
     trial_ = v_;
-    if (!Project(model, certifier_.Predict(model, step.t, v_))) {
+    if (!Project(model, step.t + 1)) {
       // What demonstrations did nearby, as near to it as is certified.
       demonstrated_ = trial_;
       const bool known = estimate_.Demonstrated(v_);
       v_ = v_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
-      if (known && Project(model, certifier_.Check(model, step.t + 1, v_))) {
+      if (known && Project(model, step.t + 1)) {
         step.mode = Mode::kRecovery;
       } else {
         v_ = demonstrated_;

@@ -46,15 +46,20 @@ class Certifier {
     [[nodiscard]] bool met() const noexcept { return missing <= 0.0; }
   };
   /// Whether l_q(z + J v + d) >= -eta for every |d| <= eps |u|, q = `phase`. Only where predicts().
-  [[nodiscard]] Need Check(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
+  [[nodiscard]] Need Check(const LocalModel& model, int phase,
+                           const Eigen::VectorXd& v) const noexcept;
+  /// The same where model.Predict(phase, v) is known.
+  [[nodiscard]] Need Check(const LocalModel& model, int phase, const Eigen::VectorXd& v,
+                           const PredictedLevel& there) const noexcept;
   /// The first phase q with |q - phase| <= PhaseTracker::kWindow, from phase + 1 outwards, that
   /// passes Check(), else the one that misses least.
-  [[nodiscard]] Need Predict(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
+  [[nodiscard]] Need Predict(const LocalModel& model, int phase,
+                             const Eigen::VectorXd& v) const noexcept;
   /// A share s in [0, 1] for which the control s v provably ends inside B_q(eta), for some q with
   /// |q - phase| <= PhaseTracker::kWindow: by the ball at z the largest, and where predicts(), 1, a
-  /// half or a quarter if that is more and passes Check() at `phase` or the next one.
+  /// half or a quarter if that is more and passes Check() at the next phase.
   [[nodiscard]] double Share(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
-  /// The same of a control that Predict() has refused, which is not asked again.
+  /// The same of a control that Check() has refused, which is not asked again.
   [[nodiscard]] double Part(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
   /// Control number `control`, `v`, was predicted to change the features by `effect` and changed
   /// them by `dz`. @returns false on the first contradiction to the assumption; see violation().
@@ -68,7 +73,6 @@ class Certifier {
   Violation violation_;
   Eigen::VectorXd effect_;
   Eigen::VectorXd shift_;
-  Eigen::VectorXd there_;
   Eigen::VectorXd part_;
 };
 

@@ -138,9 +138,8 @@ class GuidedPolicy final : public Controller {
   [[nodiscard]] Choice Choose(const LocalModel& model) noexcept;
   void Advance(const LocalModel& model, double level) noexcept;
   [[nodiscard]] bool Probe(const LocalModel& model, double& level) noexcept;
-  /// Changes v_, of which `need` is known, by the smallest steps that surely help until it provably
-  /// ends inside.
-  [[nodiscard]] bool Project(const LocalModel& model, Certifier::Need need) noexcept;
+  /// Changes v_ by the smallest steps that surely help until it provably ends inside `phase`.
+  [[nodiscard]] bool Project(const LocalModel& model, int phase) noexcept;
   [[nodiscard]] bool Certify(const LocalModel& model, Step& step) noexcept;
 
   const core::Policy* policy_;

@@ -9,6 +9,14 @@
 
 namespace dfr::control {
 
+inline constexpr int kMaxStepEntries = 256;
+
+/// l_q(z'(v)), the level that a control is predicted to lead to, and its gradient by z'.
+struct PredictedLevel {
+  double level = 0.0;
+  Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxStepEntries, 1> gradient;
+};
+
 /// What is known around one state: the support to keep, and how features answer a control there.
 /// Borrows all; valid until the next JacobianEstimate::Compute().
 struct LocalModel {
@@ -18,6 +26,8 @@ struct LocalModel {
 
   /// l_phase(z'), the level that control `v` is predicted to lead to.
   [[nodiscard]] double Level(int phase, const Eigen::VectorXd& v) const noexcept;
+  /// The same with its gradient.
+  [[nodiscard]] PredictedLevel Predict(int phase, const Eigen::VectorXd& v) const noexcept;
 };
 
 /// Where a control is to lead.
@@ -44,7 +54,9 @@ struct StepLimits {
 /// features and as many controls.
 double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
                   Eigen::VectorXd& v) noexcept;
-
-inline constexpr int kMaxStepEntries = 256;
+/// The same where model.Predict(target.phase, v) is known: `there`, which becomes that of the new
+/// `v`.
+double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
+                  Eigen::VectorXd& v, PredictedLevel& there) noexcept;
 
 }  // namespace dfr::control
