@@ -44,6 +44,8 @@ bool RunFit(const FitOptions& options);
 
 /// Prints what a file holds, what its figures mean, and what speaks against using it.
 void Describe(const safety::GuardModel& model);
+/// Prints what safety::Findings() found, a line each.
+void Describe(const std::vector<std::string>& findings);
 
 struct ReportOptions {
   std::filesystem::path guard;

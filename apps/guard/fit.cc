@@ -60,9 +60,10 @@ void Describe(const safety::GuardModel& model) {
         "(step %d; median %.3g)\n",
         clearance.block.c_str(), clearance.largest, clearance.step, clearance.median);
   }
-  for (const std::string& finding : safety::Findings(model)) {
-    std::printf("warning         %s\n", finding.c_str());
-  }
+}
+
+void Describe(const std::vector<std::string>& findings) {
+  for (const std::string& finding : findings) std::printf("warning         %s\n", finding.c_str());
 }
 
 bool RunFit(const FitOptions& options) {
@@ -103,11 +104,14 @@ bool RunFit(const FitOptions& options) {
     done = now;
     return true;
   };
-  const auto model = safety::GuardModel::Fit(reader->layout(), choose ? completed : all, guard);
+  const std::vector<core::Trajectory>& chosen = choose ? completed : all;
+  const auto model = safety::GuardModel::Fit(reader->layout(), chosen, guard);
   model->Save(options.out);
+  const std::vector<std::string> findings = safety::Findings(*model, chosen);
   Describe(*model);
+  Describe(findings);
   std::printf("%s\n", options.out.c_str());
-  return !options.strict || safety::Findings(*model).empty();
+  return !options.strict || findings.empty();
 }
 
 }  // namespace dfr::apps::guard

@@ -134,7 +134,11 @@ void AddShow(CLI::App& app) {
   const auto path = std::make_shared<std::filesystem::path>();
   CLI::App* command = app.add_subcommand("show", "what a guard's file holds");
   AddGuard(*command, *path);
-  command->callback([path] { Describe(*safety::GuardModel::Load(*path)); });
+  command->callback([path] {
+    const auto model = safety::GuardModel::Load(*path);
+    Describe(*model);
+    Describe(safety::Findings(*model));
+  });
 }
 
 void AddReport(CLI::App& app) {

@@ -529,6 +529,42 @@ TEST(GuardModelTest, ShortfallDoesNotDependOnUnits) {
   EXPECT_TRUE(test::AllClose(scaled->Shortfall(states), shortfall, 1e-3));
 }
 
+// Few long demonstrations at paces of their own: most states of one that was left out are where no
+// other is at that time step. Its supports pool more time steps then, and short ones never do.
+TEST(GuardModelTest, LongDemonstrationsOfDifferingPaceAreMostlyInside) {
+  const auto walk = [](int count, int shortest, int spread) {
+    core::Random random(5);
+    std::vector<core::Trajectory> demonstrations;
+    for (int d = 0; d < count; ++d) {
+      const int steps = shortest + static_cast<int>(random.Below(spread));
+      const double aside = 0.05 * random.Normal();
+      core::Trajectory trajectory;
+      trajectory.states.resize(steps + 1, 3);
+      for (int t = 0; t <= steps; ++t) {
+        const double share = static_cast<double>(t) / steps;
+        trajectory.states.row(t) << 0.0, share, aside + 0.3 * std::sin(6.0 * share);
+      }
+      trajectory.controls = trajectory.states.bottomRows(steps).rightCols(2) -
+                            trajectory.states.topRows(steps).rightCols(2);
+      trajectory.outcome = core::Outcome::kCompleted;
+      demonstrations.push_back(std::move(trajectory));
+    }
+    return demonstrations;
+  };
+  core::StateLayout layout;
+  layout.Add("clock", 1);
+  layout.Add("tip", 2);
+  GuardOptions options{.features = "tip"};
+  GuardOptions fixed = options;
+  fixed.support.window_share = 0.0;
+  const auto pooled = GuardModel::Fit(layout, walk(16, 200, 400), options);
+  const auto alone = GuardModel::Fit(layout, walk(16, 200, 400), fixed);
+  EXPECT_LT(alone->summary().acceptance, 0.8);
+  EXPECT_LT(1.0 - pooled->summary().acceptance, 0.7 * (1.0 - alone->summary().acceptance));
+  EXPECT_EQ(GuardModel::Fit(layout, walk(16, 20, 30), options)->summary().acceptance,
+            GuardModel::Fit(layout, walk(16, 20, 30), fixed)->summary().acceptance);
+}
+
 TEST(GuardModelTest, AKernelThatFillsTheRoomBetweenTwoWaysIsMadeNarrower) {
   auto demonstrations = test::CorridorDemonstrations(1, 40);
   for (std::size_t d = 0; d < demonstrations.size(); d += 2) {
@@ -578,6 +614,30 @@ TEST(GuardModelTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
   EXPECT_THAT(Findings(*GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                         narrow)),
               testing::Contains(HasSubstr("of the states of left-out demonstrations are inside")));
+}
+
+TEST(GuardModelTest, FindingsNameFeaturesThatFollowTheClock) {
+  const auto demonstrations = test::CorridorDemonstrations(1, 40);
+  const auto whole = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.action_limit = 0.2});
+  EXPECT_THAT(Findings(*whole, demonstrations),
+              testing::Contains(testing::StartsWith("clock: the same in all demonstrations")));
+  const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations,
+                                   {.features = "tip", .action_limit = 0.2});
+  EXPECT_THAT(Findings(*tip, demonstrations), testing::IsEmpty());
+}
+
+TEST(GuardModelTest, FindingsNameActionsThatDoNotMoveWhatIsLookedAt) {
+  core::Random random(3);
+  auto demonstrations = test::CorridorDemonstrations(1, 40);
+  for (core::Trajectory& d : demonstrations) {
+    for (Eigen::Index t = 0; t < d.states.rows(); ++t) {
+      d.states.row(t).tail(2) << random.Normal(), random.Normal();
+    }
+  }
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations,
+                                     {.features = "tip", .action_limit = 0.2});
+  EXPECT_THAT(Findings(*model, demonstrations),
+              testing::Contains(testing::StartsWith("actions explain only")));
 }
 
 TEST(GuardModelTest, FewDemonstrationsPromiseLess) {

@@ -12,6 +12,7 @@
 
 #include "dfr/control/certifier.h"
 #include "dfr/control/phase_tracker.h"
+#include "dfr/core/absolute_actions.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
@@ -38,6 +39,10 @@ constexpr double kActionReach = 2.0;
 // more, and how often gamma may be doubled for it.
 constexpr double kMostInGaps = 0.05;
 constexpr int kMostDoublings = 2;
+// States of left-out demonstrations that are to be inside, before a support of many time steps
+// pools more of them. It may do so twice.
+constexpr double kWantedInside = 0.85;
+constexpr int kMostWidenings = 2;
 // What files hold.
 constexpr int kMost = 1 << 30;
 constexpr int kLongestHorizon = kMost / kActionsPerStep;
@@ -275,23 +280,41 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   const std::span<const core::Trajectory> held_out = std::span(ordered).first(num_held_out);
   const std::span<const core::Trajectory> fitted = std::span(ordered).subspan(num_held_out);
 
+  std::vector<core::Matrix> in_order;
+  in_order.reserve(order.size());
+  for (const std::size_t d : order) in_order.push_back(points[d]);
+  int num_steps = 0;
+  const auto test_gaps = [&](const kernel::WhitenedSupportOptions& with) {
+    const auto fitted_to_all = kernel::WhitenedSupport::Fit(in_order, with);
+    num_steps = fitted_to_all.num_steps();
+    return kernel::TestGaps(fitted_to_all, in_order);
+  };
   kernel::WhitenedSupportOptions support = options.support;
   kernel::GapTest gaps;
   for (int doubled = 0;; ++doubled) {
     if (!going_on("looking for gaps", 0.0)) return nullptr;
-    std::vector<core::Matrix> in_order;
-    in_order.reserve(order.size());
-    for (const std::size_t d : order) in_order.push_back(points[d]);
-    gaps = kernel::TestGaps(kernel::WhitenedSupport::Fit(in_order, support), in_order);
+    gaps = test_gaps(support);
     if (!TooManyInGaps(gaps) || doubled == kMostDoublings) break;
     support.svm.gamma *= 2.0;
   }
 
   const int num_folds = NumFolds(demonstrations.size(), options.folds);
-  const auto left_out =
-      LeaveOut(points, core::StratifiedFolds(points, num_folds), order, support,
-               [&](double s) { return going_on("leaving demonstrations out", 0.3 * s); });
-  if (!left_out) return nullptr;
+  const core::Folds folds = core::StratifiedFolds(points, num_folds);
+  std::optional<HeldOut> left_out;
+  for (int widened = 0;; ++widened) {
+    left_out = LeaveOut(points, folds, order, support, [&](double s) {
+      return going_on("leaving demonstrations out", 0.3 * (widened + s) / (1 + kMostWidenings));
+    });
+    if (!left_out) return nullptr;
+    if (left_out->inside >= kWantedInside * left_out->states || widened == kMostWidenings) break;
+    kernel::WhitenedSupportOptions wider = support;
+    wider.window_share = std::min(1.0, 2.0 * support.window_share);
+    if (wider.Stride(num_steps) == support.Stride(num_steps)) break;
+    const kernel::GapTest wider_gaps = test_gaps(wider);
+    if (TooManyInGaps(wider_gaps) && !TooManyInGaps(gaps)) break;
+    gaps = wider_gaps;
+    support = wider;
+  }
   const auto contiguous =
       LeaveOut(points, core::ContiguousFolds(points.size(), num_folds), order, support,
                [&](double s) { return going_on("leaving stretches out", 0.3 + 0.3 * s); });
@@ -614,6 +637,97 @@ std::vector<std::string> Findings(const GuardModel& model) {
         "actions may reach %.3g, demonstrated ones have a root mean square of %.3g: give "
         "--action-limit",
         settings.action_limit, ordinary));
+  }
+  return findings;
+}
+
+namespace {
+
+// Whether an entry of the states is the same in all demonstrations at the same time step, but
+// differs from step to step: next to none of its variance is left within time steps.
+bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index entry) {
+  constexpr double kMostWithin = 1e-6;
+  Eigen::Index longest = 0;
+  for (const auto& d : demonstrations) longest = std::max(longest, d.states.rows());
+  double count = 0.0;
+  double sum = 0.0;
+  double squares = 0.0;
+  double within = 0.0;
+  const double origin = demonstrations[0].states(0, entry);
+  for (Eigen::Index t = 0; t < longest; ++t) {
+    double here = 0.0;
+    double sum_here = 0.0;
+    double squares_here = 0.0;
+    for (const auto& d : demonstrations) {
+      if (t >= d.states.rows()) continue;
+      const double x = d.states(t, entry) - origin;
+      here += 1.0;
+      sum_here += x;
+      squares_here += x * x;
+    }
+    if (here < 2.0) continue;
+    count += here;
+    sum += sum_here;
+    squares += squares_here;
+    within += squares_here - sum_here * sum_here / here;
+  }
+  const double total = count > 0.0 ? squares - sum * sum / count : 0.0;
+  return total > 0.0 && within <= kMostWithin * total;
+}
+
+// The share of the squared changes of features that the estimate of demonstrated answers and own
+// motion explains, in some hundred demonstrated transitions.
+double Explained(const GuardModel& model, std::span<const core::Trajectory> demonstrations) {
+  constexpr std::size_t kSamples = 400;
+  const control::GuidedModel& guided = model.recovery().model();
+  control::JacobianEstimate answer(
+      guided.prior(), {}, {.own_motion = guided.own_motion(), .lag = false, .smoothing = false});
+  std::size_t transitions = 0;
+  for (const auto& d : demonstrations) transitions += static_cast<std::size_t>(d.controls.rows());
+  const std::size_t stride = std::max<std::size_t>(1, transitions / kSamples);
+  double squares = 0.0;
+  double missed = 0.0;
+  std::size_t i = 0;
+  for (const auto& d : demonstrations) {
+    const core::Matrix points = guided.features().Apply(d.states);
+    for (Eigen::Index t = 0; t < d.controls.rows(); ++t, ++i) {
+      if (i % stride != 0) continue;
+      const Eigen::VectorXd v = d.controls.row(t).transpose() / guided.control_unit();
+      Eigen::VectorXd expected = points.row(t).transpose();
+      answer.Compute(static_cast<int>(t), core::Row(points, t));
+      answer.AddEffect(v, expected);
+      squares += (points.row(t + 1) - points.row(t)).squaredNorm();
+      missed += (points.row(t + 1).transpose() - expected).squaredNorm();
+    }
+  }
+  return squares > 0.0 ? 1.0 - missed / squares : 1.0;
+}
+
+}  // namespace
+
+std::vector<std::string> Findings(const GuardModel& model,
+                                  std::span<const core::Trajectory> demonstrations) {
+  // Guided recovery predicts so little then that its corrections are guesses.
+  constexpr double kLeastExplained = 0.5;
+  std::vector<std::string> findings = Findings(model);
+  if (demonstrations.empty()) return findings;
+  std::string clocks;
+  for (const int entry : model.recovery().features().selection().indices()) {
+    if (!FollowsClock(demonstrations, entry)) continue;
+    clocks.append(clocks.empty() ? "" : ", ").append(core::EntryName(model.layout(), entry));
+  }
+  if (!clocks.empty()) {
+    findings.push_back(
+        clocks +
+        ": the same in all demonstrations at the same time step, as a clock is. A "
+        "robot that is slower than they were is outside: leave it out of --features");
+  }
+  const double explained = Explained(model, demonstrations);
+  if (explained < kLeastExplained) {
+    findings.push_back(core::Format(
+        "actions explain only %.0f %% of how features change: look at features that the robot "
+        "moves, and let guard check see whether actions belong to the states beside them",
+        100.0 * std::max(0.0, explained)));
   }
   return findings;
 }

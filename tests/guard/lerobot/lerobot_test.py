@@ -222,8 +222,8 @@ class LeRobotTest(unittest.TestCase):
         nested = b"\x1c" * 200000
         for content, message in [
             (file(4, 16), "total_episodes is 24, but the files below data hold 1"),  # what is read, but for the rest
-            (file(2**40, 16), "claims 1099511627776 values in a row group, which is too much"),
-            (file(4, 2**31 - 1), "claims a page of 2147483647 bytes, which is too much"),
+            (file(2**40, 16), "claims 1099511627776 values in a row group, which is too much for a file"),
+            (file(4, 2**31 - 1), "claims a page of 2147483647 bytes, which is too much for a file"),
             (file(4, 64), "does not decompress to the size it claims"),
             (file(4, 16, page_values=2**30), "pages of more values than the column"),
             (file(2**20, 16, page_values=2**20), "ends in the middle of a page"),

@@ -83,7 +83,9 @@ struct GuardOptions {
   /// Leave out what the robot cannot influence and what never differs; put in where objects are.
   std::string features = {};
   /// nu, gamma (in whitened units) and the rest. gamma is doubled, twice at most, while a gap
-  /// test has more points inside than 5 % of its points, and of the time steps.
+  /// test has more points inside than 5 % of its points, and of the time steps. window_share is
+  /// doubled, twice at most, while fewer than 85 % of the states of left-out demonstrations are
+  /// inside and the gap test allows it.
   kernel::WhitenedSupportOptions support = {};
   Strategy strategy = Strategy::kGuided;
   int horizon = 0;  ///< 0: twice as many actions as the longest demonstration has.
@@ -201,6 +203,10 @@ class GuardModel {
 /// apart, states of left-out demonstrations that are mostly outside, an alarm level far outside, an
 /// action limit far beyond the demonstrated actions. Empty if nothing does.
 [[nodiscard]] std::vector<std::string> Findings(const GuardModel& model);
+/// These, and what the demonstrations that it was fitted to say besides: features that only follow
+/// the clock, actions that explain little of how features change.
+[[nodiscard]] std::vector<std::string> Findings(const GuardModel& model,
+                                                std::span<const core::Trajectory> demonstrations);
 
 /// In which sense `false_alarms` and the constants of a certificate are promised: exactly or
 /// approximately, on average over fits or of this one.
