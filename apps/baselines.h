@@ -31,6 +31,8 @@ struct Teaching {
   std::function<void(const core::SimulatedPlant& plant, int t, std::uint64_t episode,
                      std::span<double> u)>
       supervise = {};
+  int horizon =
+      0;  ///< Controls of an episode that the supervisor is asked in; 0: the task model's.
 };
 
 /// Teaching by imitation::FitMlp() on sets like `like`, with `options` but for the seed; the

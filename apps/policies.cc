@@ -226,7 +226,8 @@ std::shared_ptr<const core::Policy> PolicyFactory::Make(std::string_view name,
     const auto learn = name == "dart" ? LearnWithNoise : LearnByAsking;
     return *learned_anew_.Get(std::string(name), [&] {
       return std::shared_ptr<const core::Policy>(
-          learn(teaching_, *learned_, demonstrations_, task_->horizon()));
+          learn(teaching_, *learned_, demonstrations_,
+                teaching_.horizon > 0 ? teaching_.horizon : task_->horizon()));
     });
   }
   const bool constraints = name == "at-constraints";

@@ -10,6 +10,7 @@
 #include "apps/command_line.h"
 #include "apps/gallery/picture.h"
 #include "apps/gallery/study.h"
+#include "apps/policies.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/command_line.h"
 
@@ -77,7 +78,10 @@ int main(int argc, char** argv) try {
       app.add_subcommand("run", "Every method with every policy from the same start states");
   common(run);
   dfr::experiment::AddRunOptions(*run, study);
-  run->add_option("--policies", study.policies)->delimiter(',')->capture_default_str();
+  run->add_option("--policies", study.policies,
+                  "good, weak, biased, or " + dfr::apps::Join(dfr::apps::kPolicies))
+      ->delimiter(',')
+      ->capture_default_str();
   run->add_option("--methods", study.methods)->delimiter(',')->capture_default_str();
   run->add_option("--demonstrations", study.demonstrations)->capture_default_str();
   run->add_option("--trials", study.trials, "each with its own demonstrations and policies")

@@ -12,8 +12,24 @@
 namespace dfr::apps::gallery {
 
 const std::vector<std::string>& PolicyNames() {
-  static const std::vector<std::string> names = {"good", "weak", "biased", "lwr", "knn"};
+  static const std::vector<std::string> names = [] {
+    std::vector<std::string> all = {"good", "weak", "biased"};
+    all.insert(all.end(), kPolicies.begin(), kPolicies.end());
+    return all;
+  }();
   return names;
+}
+
+Teaching SupervisorOf(const sim::GalleryTask& task) {
+  Teaching teaching;
+  teaching.plant = task.plant;
+  teaching.supervise = [](const core::SimulatedPlant& plant, int /*t*/, std::uint64_t episode,
+                          std::span<double> u) {
+    core::Random random(core::DeriveSeed(episode, {1}));
+    const sim::Habit habit{.way = random.Uniform(), .offset = random.Normal()};
+    static_cast<const sim::GalleryPlant&>(plant).Supervise(habit, u);
+  };
+  return teaching;
 }
 
 Imitator::Imitator(std::shared_ptr<const core::Policy> learned, const sim::Flaw& flaw)
@@ -49,26 +65,50 @@ void Imitator::Control(int t, std::span<const double> x, std::span<double> u) no
 }
 
 Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory> demonstrations,
-                 const core::FeatureTransform& features, const std::string& name,
-                 std::uint64_t seed) {
-  DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), name) == 1,
-                   "there is no policy '" << name << "'; there are good, weak, biased, lwr, knn");
+                 const safety::TaskModel& model, const core::SimulatedPlant& plant,
+                 const std::string& name, std::uint64_t seed) {
+  DFR_THROW_UNLESS(
+      std::ranges::count(PolicyNames(), name) == 1,
+      "there is no policy '" << name << "'; there are good, weak, biased, " << Join(kPolicies));
+  const core::FeatureTransform& features = model.guided().features();
+  // No network is needed.
   if (name == "lwr") {
     return {std::make_shared<imitation::LocallyWeightedPolicy>(features, demonstrations), {}};
   }
-  if (name == "knn")
+  if (name == "knn") {
     return {std::make_shared<NearestNeighbourPolicy>(features, demonstrations), {}};
-  imitation::DemonstrationSet set{.layout = task.plant->layout(),
-                                  .control_dim = task.plant->control_dim(),
-                                  .environment = task.name,
-                                  .trajectories = {demonstrations.begin(), demonstrations.end()},
-                                  .note = {}};
+  }
+  const imitation::DemonstrationSet set{
+      .layout = task.plant->layout(),
+      .control_dim = task.plant->control_dim(),
+      .environment = task.name,
+      .trajectories = {demonstrations.begin(), demonstrations.end()},
+      .note = {}};
   const bool weak = name == "weak";
-  auto learned = std::make_shared<imitation::MlpPolicy>(
-      imitation::FitMlp(set, {.hidden = weak ? task.weak_hidden : task.hidden,
-                              .epochs = weak ? task.weak_epochs : task.epochs,
-                              .seed = seed}));
-  return {std::move(learned), name == "biased" ? task.flaw : sim::Flaw{}};
+  const imitation::FitMlpOptions fit{.hidden = weak ? task.weak_hidden : task.hidden,
+                                     .epochs = weak ? task.weak_epochs : task.epochs,
+                                     .seed = seed};
+  auto learned = std::make_shared<const imitation::MlpPolicy>(imitation::FitMlp(set, fit));
+  if (weak || name == "good") return {std::move(learned), {}};
+  if (name == "biased") return {std::move(learned), task.flaw};
+
+  Teaching teaching = TeachMlp(set, fit);
+  const Teaching supervisor = SupervisorOf(task);
+  teaching.plant = supervisor.plant;
+  teaching.supervise = supervisor.supervise;
+  for (const core::Trajectory& d : demonstrations) {
+    teaching.horizon = std::max(teaching.horizon, 2 * d.num_steps());
+  }
+  // Some borrow the good one.
+  struct Made {
+    std::shared_ptr<const core::Policy> good;
+    std::shared_ptr<const core::Policy> policy;
+  };
+  const auto made = std::make_shared<Made>();
+  made->good = learned;
+  made->policy =
+      PolicyFactory(model, *learned, demonstrations, std::move(teaching)).Make(name, &plant);
+  return {std::shared_ptr<const core::Policy>(made, made->policy.get()), {}};
 }
 
 }  // namespace dfr::apps::gallery

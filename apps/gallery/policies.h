@@ -6,15 +6,20 @@
 #include <string>
 #include <vector>
 
-#include "dfr/core/feature_transform.h"
+#include "apps/baselines.h"
+#include "dfr/core/plant.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
+#include "dfr/safety/task_model.h"
 #include "dfr/sim/gallery/gallery.h"
 
 namespace dfr::apps::gallery {
 
-/// "good", "weak", "biased", "lwr", "knn".
+/// "good", "weak", "biased", and apps::kPolicies.
 [[nodiscard]] const std::vector<std::string>& PolicyNames();
+
+/// The task's supervisor, for policies that ask it while they learn.
+[[nodiscard]] Teaching SupervisorOf(const sim::GalleryTask& task);
 
 /// A policy of one episode at a time: a late one remembers what it wanted before. Never allocates
 /// once made.
@@ -34,13 +39,14 @@ class Imitator {
   std::vector<double> wanted_;  // the last controls, oldest first
 };
 
-/// Imitates `demonstrations` of `task` by behaviour cloning as well as `name` says: "good",
-/// "weak" (few units and epochs) or "biased" (the good one with the task's flaw); "lwr" and "knn"
-/// are apps::kPolicies' regressions in `features`.
+/// Imitates `demonstrations` of `task` as well as `name` says: by behaviour cloning "good", "weak"
+/// (few units and epochs) or "biased" (the good one with the task's flaw); one of apps::kPolicies
+/// with the good one as the learned policy. `model` is of these demonstrations. `plant` is the one
+/// that is driven, for the adversaries only. Borrows all but the seed.
 /// @throws std::invalid_argument naming the policies there are.
 [[nodiscard]] Imitator Imitate(const sim::GalleryTask& task,
                                std::span<const core::Trajectory> demonstrations,
-                               const core::FeatureTransform& features, const std::string& name,
-                               std::uint64_t seed);
+                               const safety::TaskModel& model, const core::SimulatedPlant& plant,
+                               const std::string& name, std::uint64_t seed);
 
 }  // namespace dfr::apps::gallery

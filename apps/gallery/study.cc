@@ -8,6 +8,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "apps/gallery/policies.h"
+#include "apps/policies.h"
 #include "apps/shared_cache.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
@@ -60,20 +62,23 @@ std::pair<std::string, std::string> Split(const std::string& learner) {
 class Runner final : public experiment::TrialRunner {
  public:
   Runner(const std::vector<std::string>& methods, const sim::GalleryTask& task,
-         const Prepared& prepared, Imitator policy)
+         std::shared_ptr<const Prepared> prepared, const std::string& policy,
+         std::uint64_t policy_seed)
       : names_(methods),
         task_(task),
-        horizon_(prepared.model->settings().horizon),
-        policy_(std::move(policy)),
-        plant_(task.plant->Clone()) {
+        prepared_(std::move(prepared)),
+        horizon_(prepared_->model->settings().horizon),
+        plant_(task.plant->Clone()),
+        policy_(Imitate(task, prepared_->demonstrations, prepared_->model->task(), *plant_, policy,
+                        policy_seed)) {
     for (const std::string& method : methods) {
       if (method == "alone") {
         guards_.push_back(nullptr);
         continue;
       }
-      safety::GuardSettings settings = prepared.model->settings();
+      safety::GuardSettings settings = prepared_->model->settings();
       settings.strategy = safety::ParseStrategy(method);
-      guards_.push_back(std::make_unique<safety::Guard>(prepared.model->With(settings)));
+      guards_.push_back(std::make_unique<safety::Guard>(prepared_->model->With(settings)));
     }
     x_.resize(static_cast<std::size_t>(plant_->state_dim()));
     u_.resize(static_cast<std::size_t>(plant_->control_dim()));
@@ -181,9 +186,10 @@ class Runner final : public experiment::TrialRunner {
 
   std::vector<std::string> names_;
   const sim::GalleryTask& task_;
+  std::shared_ptr<const Prepared> prepared_;
   int horizon_;
-  Imitator policy_;
   std::unique_ptr<core::SimulatedPlant> plant_;
+  Imitator policy_;
   std::vector<std::unique_ptr<safety::Guard>> guards_;  // null: the policy alone
   std::vector<double> x_;
   std::vector<double> u_;
@@ -206,7 +212,7 @@ experiment::EvaluationPlan MakePlan(const Study& study) {
   for (const std::string& policy : study.policies) {
     DFR_THROW_UNLESS(
         std::ranges::count(PolicyNames(), policy) == 1,
-        "there is no policy '" << policy << "'; there are good, weak, biased, lwr, knn");
+        "there is no policy '" << policy << "'; there are good, weak, biased, " << Join(kPolicies));
     for (const std::string& task : study.tasks) {
       plan.learners.push_back(sim::FindGalleryTask(task).name + "/" + policy);
     }
@@ -224,10 +230,8 @@ std::unique_ptr<Runner> MakeRunner(const experiment::EvaluationPlan& plan,
   const sim::GalleryTask& task = sim::FindGalleryTask(name);
   const auto trial = static_cast<std::uint64_t>(unit.trial);
   const auto prepared = cache.Get(task, unit.trial);
-  return std::make_unique<Runner>(
-      plan.methods, task, *prepared,
-      Imitate(task, prepared->demonstrations, prepared->model->recovery().features(), policy,
-              core::DeriveSeed(plan.seed, {3, trial})));
+  return std::make_unique<Runner>(plan.methods, task, prepared, policy,
+                                  core::DeriveSeed(plan.seed, {3, trial}));
 }
 
 void AddUnit(const experiment::UnitResult& unit, std::size_t method, Row& row) {
@@ -353,13 +357,13 @@ std::vector<Recording> Record(const Study& study, const std::string& task,
 }
 
 void PrintTable(const std::vector<Row>& rows, bool causes, std::ostream& out) {
-  out << core::Format("%-15s %-7s %-14s %-14s %-14s %-14s %5s %8s %6s %9s  %-14s %s\n", "task",
+  out << core::Format("%-15s %-14s %-14s %-14s %-14s %-14s %5s %8s %6s %9s  %-14s %s\n", "task",
                       "policy", "method", "ok %", "failed %", "halted %", "saved", "saved-ok",
                       "harmed", "controls", "alarms in fail.", "false alarms");
   for (const Row& row : rows) {
     const bool monitor = row.method == Name(safety::Strategy::kMonitor);
     const auto share = [&](int count) { return 100.0 * count / row.episodes; };
-    out << core::Format("%-15s %-7s %-14s %-14s %-14s %-14s %5.0f %8.0f %6.0f %9.1f  %-14s  %s\n",
+    out << core::Format("%-15s %-14s %-14s %-14s %-14s %-14s %5.0f %8.0f %6.0f %9.1f  %-14s  %s\n",
                         row.task.c_str(), row.policy.c_str(), row.method.c_str(),
                         Percent(row.ok, row.episodes).c_str(),
                         Percent(row.failed, row.episodes).c_str(),

@@ -32,7 +32,7 @@ struct Study : experiment::ExperimentOptions {
     seed = 1;
   }
   std::vector<std::string> tasks;
-  std::vector<std::string> policies = PolicyNames();
+  std::vector<std::string> policies = {"good", "weak", "biased", "lwr", "knn"};
   int demonstrations = 60;
 };
 

@@ -127,8 +127,10 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
   command.add_option("--alpha", comparison.alpha, "probability of settling what is not so")
       ->capture_default_str();
   command
-      .add_option("--halted", comparison.credit.halted,
-                  "credit of an episode that halts; a completed one has 1, one that collides 0")
+      .add_option(
+          "--halted", comparison.credit.halted,
+          "credit of an episode that halts, times the share of the demonstrated time steps that "
+          "it came through; a completed one has 1, one that collides 0")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   command.add_option("--seed", comparison.seed, "of all that is random")->capture_default_str();

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "apps/shared_cache.h"
+#include "dfr/control/phase_tracker.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
@@ -26,6 +27,29 @@ std::string MethodOf(const std::string& controller, const std::string& policy) {
   const std::size_t slash = std::min(controller.find('/'), controller.size());
   return controller.substr(0, slash) + "@" + policy + controller.substr(slash);
 }
+
+// How far an episode came: the latest time step of the demonstrations whose support an observed
+// state was in.
+class Progress final : public control::RolloutObserver {
+ public:
+  explicit Progress(const core::LogDecisionFunction& support)
+      : tracker_(support), last_(support.num_steps() - 1) {}
+  void OnStart(std::span<const double> x) override { Follow(x); }
+  void OnControl(const control::RolloutEvent& event) override { Follow(event.next_x); }
+  // As a share of the last one.
+  [[nodiscard]] double share() const {
+    return last_ > 0 ? static_cast<double>(reached_) / static_cast<double>(last_) : 1.0;
+  }
+
+ private:
+  void Follow(std::span<const double> x) {
+    if (tracker_.Follow(x) >= 0.0) reached_ = std::max(reached_, tracker_.phase());
+  }
+
+  control::PhaseTracker tracker_;
+  int last_;
+  int reached_ = 0;
+};
 
 class Runner final : public experiment::RolloutRunner {
  public:
@@ -57,6 +81,14 @@ class Runner final : public experiment::RolloutRunner {
     }
     WriteVideo(path, videos);
     return true;
+  }
+
+  // What one episode is worth.
+  double Credit(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
+                const experiment::EpisodeCredit& credit) {
+    Progress progress(model_->task().guided_support());
+    const auto episode = ResultOf(Watch(method, start_seed, controller_seed, &progress));
+    return credit(episode.outcome, progress.share());
   }
 
  private:
@@ -323,7 +355,7 @@ experiment::SequentialTest Compare(const Comparison& comparison) {
     const std::uint64_t start = core::DeriveSeed(comparison.seed, {0, i});
     const std::uint64_t controller = core::DeriveSeed(comparison.seed, {1, i});
     const auto credit = [&](int method) {
-      return comparison.credit(runners[trial]->Run(method, start, controller).outcome);
+      return runners[trial]->Credit(method, start, controller, comparison.credit);
     };
     const double first = credit(0);
     test.Add(first - credit(1));

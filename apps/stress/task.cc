@@ -4,6 +4,7 @@
 #include <numbers>
 #include <utility>
 
+#include "apps/gallery/policies.h"
 #include "apps/line_tracking/model.h"
 #include "apps/line_tracking/rollout_video.h"
 #include "apps/line_tracking/trial_runner.h"
@@ -98,31 +99,23 @@ Task Planar(const std::string& name) {
 }
 
 Task Gallery(const std::string& name) {
-  const sim::GalleryTask& gallery = sim::FindGalleryTask(name);
-  Task task{.name = name, .variants = {{"", [&gallery] { return gallery.plant->Clone(); }}}};
-  task.learn = [&gallery](int demonstrations, std::uint64_t seed) {
+  const sim::GalleryTask& small = sim::FindGalleryTask(name);
+  Task task{.name = name, .variants = {{"", [&small] { return small.plant->Clone(); }}}};
+  task.learn = [&small](int demonstrations, std::uint64_t seed) {
     std::vector<core::Trajectory> set =
-        sim::Demonstrate(gallery, demonstrations, core::DeriveSeed(seed, {kDemonstrationStream}));
+        sim::Demonstrate(small, demonstrations, core::DeriveSeed(seed, {kDemonstrationStream}));
     // As a guard has it: twice as many controls as the longest demonstration.
-    safety::TaskOptions options{.guided_features = gallery.features, .horizon = 1};
+    safety::TaskOptions options{.guided_features = small.features, .horizon = 1};
     for (const core::Trajectory& d : set) {
       options.horizon = std::max(options.horizon, 2 * d.num_steps());
     }
-    Teaching supervisor;
-    supervisor.plant = gallery.plant;
-    supervisor.supervise = [](const core::SimulatedPlant& plant, int /*t*/, std::uint64_t episode,
-                              std::span<double> u) {
-      core::Random random(core::DeriveSeed(episode, {1}));
-      const sim::Habit habit{.way = random.Uniform(), .offset = random.Normal()};
-      static_cast<const sim::GalleryPlant&>(plant).Supervise(habit, u);
-    };
-    return Learn(gallery.name, *gallery.plant, std::move(set), options,
-                 core::DeriveSeed(seed, {kLearnerStream}), supervisor);
+    return Learn(small.name, *small.plant, std::move(set), options,
+                 core::DeriveSeed(seed, {kLearnerStream}), gallery::SupervisorOf(small));
   };
-  if (gallery.aftermath > 0) {
-    task.aftermath = [&gallery](core::SimulatedPlant& world) {
+  if (small.aftermath > 0) {
+    task.aftermath = [&small](core::SimulatedPlant& world) {
       const std::vector<double> zero(static_cast<std::size_t>(world.control_dim()));
-      for (int i = 0; i < gallery.aftermath && !world.collided(); ++i) {
+      for (int i = 0; i < small.aftermath && !world.collided(); ++i) {
         if (world.Apply(zero) != core::PlantStatus::kOk) return;
       }
     };

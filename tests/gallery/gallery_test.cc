@@ -6,10 +6,12 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <memory>
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "apps/gallery/picture.h"
@@ -80,6 +82,25 @@ TEST(GalleryRunTest, AHaltIsJudgedByWhatTheWorldDoesNext) {
   EXPECT_EQ(rows[1].failed, 0);
   EXPECT_EQ(rows[3].task, "balance");
   EXPECT_EQ(rows[3].ok + rows[3].failed, rows[3].episodes);
+}
+
+// Those that learn anew or ask the supervisor work in tasks of the gallery, and the adversary knows
+// the plant that it drives.
+TEST(GalleryRunTest, RunsBaselinesAndAdversaries) {
+  Study study = Small();
+  study.tasks = {"reach"};
+  study.policies = {"ensemble", "dart", "dagger", "zero", "at-constraints"};
+  study.methods = {"alone", "guided"};
+  std::map<std::pair<std::string, std::string>, Row> rows;
+  for (const Row& row : RunStudy(study)) rows[{row.policy, row.method}] = row;
+  for (const char* policy : {"ensemble", "dart", "dagger"}) {
+    EXPECT_GE((rows[{policy, "alone"}].ok), 5) << policy;
+    EXPECT_GE((rows[{policy, "guided"}].ok), 5) << policy;
+  }
+  EXPECT_EQ((rows[{"zero", "alone"}].ok), 0);
+  EXPECT_EQ((rows[{"zero", "alone"}].failed), 0);
+  EXPECT_EQ((rows[{"at-constraints", "alone"}].failed), 6);
+  EXPECT_GE((rows[{"at-constraints", "guided"}].saved), 5);
 }
 
 TEST(GalleryRunTest, UnknownNamesAreNamedWithThoseThereAre) {

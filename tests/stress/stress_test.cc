@@ -161,13 +161,25 @@ TEST(CompareTest, SettlesWhatIsPlainAndSavesTheRest) {
   const auto plain = Compare(comparison);
   EXPECT_TRUE(plain.settled());
   EXPECT_LT(plain.pairs(), 30);
-  EXPECT_GT(plain.mean(), 0.4);  // completed against halted
+  EXPECT_GT(plain.mean(), 0.9);  // completed against halted at the start
   EXPECT_EQ(plain.pairs(), Compare(comparison).pairs());
   comparison.second = "lwr";
   const auto same = Compare(comparison);
   EXPECT_FALSE(same.settled());
   EXPECT_EQ(same.pairs(), 60);
   EXPECT_EQ(same.mean(), 0.0);
+  // Most of DFR's episodes halt on the way. The second method's all do at the start.
+  comparison.task = "push";
+  comparison.first = "dfr@lwr";
+  comparison.second = "baseline@zero";
+  comparison.pairs = 40;
+  comparison.alpha = 1e-9;
+  comparison.credit.halted = 1.0;
+  const auto partial = Compare(comparison);
+  comparison.credit.halted = 0.0;
+  const auto whole = Compare(comparison);
+  EXPECT_EQ(partial.pairs(), whole.pairs());
+  EXPECT_GT(partial.mean(), whole.mean() + 0.02);
   comparison.condition = "gripper: fork";
   EXPECT_THROW(static_cast<void>(Compare(comparison)), std::invalid_argument);
 }
