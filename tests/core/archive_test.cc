@@ -112,6 +112,10 @@ TEST_F(ArchiveTest, ErrorsNameFileAndReason) {
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).End(); }), HasSubstr("bytes more"));
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).IntegerIn(0, 5); }),
               HasSubstr("-7 where one in [0, 5]"));
+  EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).IntegerIn(-20, -8); }),
+              HasSubstr("-7 where one in [-20, -8]"));
+  EXPECT_EQ(ArchiveReader(File(), "sample", 2).IntegerIn(-20, -7), -7);
+  EXPECT_EQ(ArchiveReader(File(), "sample", 2).IntegerIn(-7, 0), -7);
   Replace("some text that is longer than a header would be");
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2); }), HasSubstr("not a file written"));
 }

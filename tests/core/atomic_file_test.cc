@@ -109,6 +109,22 @@ TEST_F(AtomicFileTest, ALinkToItselfIsAnError) {
   ExpectOnly(2);
 }
 
+TEST_F(AtomicFileTest, AsManyLinksAreFollowedAsTheKernelFollows) {
+  constexpr int kMostLinks = 40;
+  const auto link = [this](int i) { return folder_ / std::to_string(i); };
+  ReplaceFile(link(0), "before");
+  for (int i = 1; i <= kMostLinks + 1; ++i) {
+    std::filesystem::create_symlink(std::to_string(i - 1), link(i));
+  }
+  ASSERT_EQ(Content(link(kMostLinks)), "before") << "the kernel follows so many";
+  ReplaceFile(link(kMostLinks), "after");
+  EXPECT_EQ(Content(link(0)), "after");
+  EXPECT_THAT(Error([&] { ReplaceFile(link(kMostLinks + 1), "x"); }),
+              HasSubstr("cannot be written"));
+  EXPECT_EQ(Content(link(0)), "after");
+  for (int i = 1; i <= kMostLinks + 1; ++i) EXPECT_TRUE(std::filesystem::is_symlink(link(i)));
+}
+
 TEST_F(AtomicFileTest, ItClosesItsOwnFileAndNoOther) {
   const auto open_files = [] {
     std::set<std::string> names;

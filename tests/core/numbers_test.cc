@@ -29,6 +29,8 @@ TEST(NumbersTest, WhatIsTooSmallIsZeroAndWhatIsTooLargeIsRefused) {
   EXPECT_EQ(ParseNumber("1e-99999999999999999999"), 0.0);
   EXPECT_EQ(ParseNumber("1e400"), std::nullopt);
   EXPECT_EQ(ParseNumber("1e99999999999999999999"), std::nullopt);
+  EXPECT_EQ(ParseNumber("0.01e+99999999999999999999"), std::nullopt);
+  EXPECT_EQ(ParseNumber("0.01e+400"), std::nullopt);
   EXPECT_EQ(ParseNumber("1" + std::string(309, '0')), std::nullopt);
   // The exponent alone does not say which.
   EXPECT_EQ(ParseNumber("1" + std::string(400, '0') + "e-5"), std::nullopt);

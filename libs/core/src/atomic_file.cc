@@ -15,9 +15,11 @@ namespace {
 
 constexpr int kMostLinks = 40;  // as the kernel
 
-// The path behind symbolic links, the last of which may lead to nothing yet.
-std::string Resolve(std::filesystem::path path) {
-  for (int i = 0; i < kMostLinks; ++i) {
+// The path behind symbolic links, the last of which may lead to nothing yet. Where there are more
+// than the kernel follows, the path itself: it cannot be opened.
+std::string Resolve(const std::filesystem::path& from) {
+  std::filesystem::path path = from;
+  for (int i = 0; i <= kMostLinks; ++i) {
     std::error_code error;
     if (!std::filesystem::is_symlink(path, error)) return path.string();
     // These lead to what a process has open, /dev/stdout say, and not to what is of that name.
@@ -26,7 +28,7 @@ std::string Resolve(std::filesystem::path path) {
     if (error) return path.string();
     path = next.is_absolute() ? next : path.parent_path() / next;
   }
-  return path.string();
+  return from.string();
 }
 
 }  // namespace
