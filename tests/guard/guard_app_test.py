@@ -72,14 +72,16 @@ class GuardAppTest(unittest.TestCase):
         self.assertNotRegex(page, "https?://")
 
     def test_a_strict_fit_fails_where_something_speaks_against_the_guard(self):
-        out = self.run_guard("fit", "demos.hdf5", "--gamma", "1000", "-o", "narrow.guard")
+        out = self.run_guard("fit", "demos.hdf5", "--gamma", "100", "-o", "narrow.guard")
         self.assertRegex(out, "warning .*of the states of left-out demonstrations are inside")
         self.assertIn("warning ", self.run_guard("show", "narrow.guard"))
         strict = subprocess.run(
-            [PROGRAM, "fit", "demos.hdf5", "--gamma", "1000", "--strict", "-o", "narrow.guard"],
+            [PROGRAM, "fit", "demos.hdf5", "--gamma", "100", "--strict", "-o", "narrow.guard"],
             cwd=self.folder, text=True, capture_output=True, timeout=120,
         )
         self.assertEqual(strict.returncode, 3, strict.stderr)
+        out = self.run_guard("fit", "demos.hdf5", "--gamma", "1e6", "-o", "isolated.guard", fails=True)
+        self.assertIn("choose a smaller gamma", out)
 
     def test_minari_gives_the_same_guard(self):
         self.fit("a.guard")

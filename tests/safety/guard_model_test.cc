@@ -620,7 +620,7 @@ TEST(GuardModelTest, FindingsNameFeaturesThatFollowTheClock) {
   const auto demonstrations = test::CorridorDemonstrations(1, 40);
   const auto whole = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.action_limit = 0.2});
   EXPECT_THAT(Findings(*whole, demonstrations),
-              testing::Contains(testing::StartsWith("clock: the same in all demonstrations")));
+              testing::Contains(testing::StartsWith("clock[0]: the same in all demonstrations")));
   const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations,
                                    {.features = "tip", .action_limit = 0.2});
   EXPECT_THAT(Findings(*tip, demonstrations), testing::IsEmpty());
