@@ -38,31 +38,10 @@ TEST(NumbersTest, WhatIsTooSmallIsZeroAndWhatIsTooLargeIsRefused) {
 }
 
 TEST(NumbersTest, NothingElseIsANumber) {
-  for (const char* text : {"",
-                           "-",
-                           "+",
-                           ".",
-                           "e5",
-                           "nan",
-                           "-nan",
-                           "inf",
-                           "infinity",
-                           "0x10",
-                           "1 ",
-                           " 1",
-                           "1,5",
-                           "1e",
-                           "--1",
-                           "+-1",
-                           "-+1",
-                           "1.2.3",
-                           "1f",
-                           "1e+",
-                           "\t1",
-                           "NaN",
-                           "1_0",
-                           "\xEF\xBB\xBF"
-                           "1"}) {
+  for (const char* text :
+       {"",         "-",     "+",  ".",   "e5",  "nan", "-nan", "inf",
+        "infinity", "0x10",  "1 ", " 1",  "1,5", "1e",  "--1",  "+-1",
+        "-+1",      "1.2.3", "1f", "1e+", "\t1", "NaN", "1_0",  "\xEF\xBB\xBF\x31"}) {
     EXPECT_EQ(ParseNumber(text), std::nullopt) << "'" << text << "'";
   }
 }
