@@ -1,6 +1,7 @@
 #include "dfr/kernel/time_varying_support.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <optional>
 #include <stdexcept>
@@ -65,10 +66,11 @@ std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const StatesView> de
   std::vector<FitSummary> results(fitted.size());
   // A pooled fit shares its own work out.
   Workers workers(options.pooled ? 1 : options.threads);
-  constexpr std::size_t kRun = 8;  // time steps that use the same memory in turn
-  workers.Run((count + kRun - 1) / kRun, [&](std::size_t run) {
+  // Each worker takes the next time step in memory of its own.
+  std::atomic<std::size_t> next = 0;
+  workers.Run(std::min(workers.size(), count), [&](std::size_t) {
     Scratch alone;
-    for (std::size_t t = run * kRun; t < std::min(count, (run + 1) * kRun); ++t) {
+    for (std::size_t t = next++; t < count; t = next++) {
       const core::Matrix samples = options.pooled ? AllStates(demonstrations, num_steps)
                                                   : StatesAt(demonstrations, static_cast<int>(t));
       SharedDistances distances(samples);

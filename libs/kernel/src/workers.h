@@ -21,6 +21,9 @@ class Workers {
   Workers(const Workers&) = delete;
   Workers& operator=(const Workers&) = delete;
 
+  /// How many work at a time.
+  [[nodiscard]] std::size_t size() const noexcept { return wanted_; }
+
   /// job(0), ..., job(count - 1), each once, in no order and on any thread; returns when all are
   /// done. The first exception is thrown again here; what had not begun by then is left out.
   void Run(std::size_t count, const std::function<void(std::size_t)>& job);
