@@ -28,6 +28,21 @@ if(DFR_FUZZ)
   target_compile_options(dfr_build_flags INTERFACE -fsanitize=fuzzer-no-link)
 endif()
 
+# Headers that most sources of the libraries include, parsed once: a third less to compile. A header
+# that a source forgot to include shows in the other builds.
+if(DFR_PRECOMPILE)
+  find_package(Eigen3 REQUIRED NO_MODULE)
+  file(CONFIGURE OUTPUT ${PROJECT_BINARY_DIR}/precompiled.cc CONTENT "")
+  add_library(dfr_precompiled OBJECT ${PROJECT_BINARY_DIR}/precompiled.cc)
+  set_target_properties(dfr_precompiled PROPERTIES POSITION_INDEPENDENT_CODE ON)
+  target_compile_features(dfr_precompiled PRIVATE cxx_std_20)
+  target_compile_definitions(dfr_precompiled PRIVATE EIGEN_MPL2_ONLY)
+  target_link_libraries(dfr_precompiled PRIVATE Eigen3::Eigen dfr_build_flags)
+  target_precompile_headers(dfr_precompiled PRIVATE
+    <Eigen/Dense> <algorithm> <array> <cmath> <filesystem> <functional> <map> <memory> <optional> <span>
+    <sstream> <stdexcept> <string> <string_view> <utility> <vector>)
+endif()
+
 # dfr_add_library(kernel SOURCES ... [PUBLIC ...] [PRIVATE ...])
 # makes dfr_kernel, its alias dfr::kernel, the install component and export set "kernel", and
 # dfr-kernel.pc.
@@ -45,6 +60,9 @@ function(dfr_add_library name)
     $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
   target_link_libraries(${target} PUBLIC ${arg_PUBLIC} PRIVATE ${arg_PRIVATE}
     $<BUILD_INTERFACE:dfr_build_flags>)
+  if(DFR_PRECOMPILE)
+    target_precompile_headers(${target} REUSE_FROM dfr_precompiled)
+  endif()
   if(DFR_COVERAGE)
     target_compile_options(${target} PRIVATE --coverage -fprofile-update=atomic)
     target_link_options(${target} INTERFACE $<BUILD_INTERFACE:--coverage>)

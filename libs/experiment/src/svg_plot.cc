@@ -404,8 +404,9 @@ std::string SvgBars(const std::vector<Bar>& bars) {
             << "\" dy=\"0.35em\">" << Number(100.0 * part.share, 0) << "</text>";
       }
       svg << "<title>" << Escape(bars[i].name) << ", " << Escape(part.name) << ": "
-          << Number(100.0 * part.share, 1) << " %"
-          << (part.command.empty() ? "" : "\n" + Escape(part.command)) << "</title></g>";
+          << Number(100.0 * part.share, 1) << " %";
+      if (!part.command.empty()) svg << '\n' << Escape(part.command);
+      svg << "</title></g>";
       x += length;
     }
     svg << "\n";
