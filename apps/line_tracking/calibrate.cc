@@ -44,8 +44,9 @@ line_task::LineCalibration LoadCalibration(const SceneOptions& scene) {
 void RunCalibrate(const CalibrateOptions& options) {
   if (options.held_out < 1) throw std::invalid_argument("--held-out must be positive");
   calibration::CalibrationSummary summary;
-  const line_task::LineCalibration found =
+  line_task::LineCalibration found =
       CalibratePlant(options.scene.plant, options.frames, options.seed, &summary);
+  found.provenance.date = core::Today();
   calibration::Print(std::cout, found, summary);
 
   sim::LineTrackingOptions still = options.scene.plant;

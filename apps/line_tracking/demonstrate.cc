@@ -10,9 +10,10 @@ namespace dfr::apps::line_tracking {
 
 void RunDemonstrate(const DemonstrateOptions& options) {
   experiment::ProgressBar bar("demonstrations");
-  const imitation::DemonstrationSet set = Demonstrate(
+  imitation::DemonstrationSet set = Demonstrate(
       options.scene.plant, LoadCalibration(options.scene), options.count, options.steps,
       options.seed, [&bar](const experiment::Progress& progress) { bar.Show(progress); });
+  set.provenance.date = core::Today();
   imitation::SaveRobomimic(set, options.out);
   double farthest = 0.0;
   for (const core::Trajectory& trajectory : set.trajectories) {

@@ -266,6 +266,7 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
 
   Section arm = section("arm");
   arm.Get("name", config.arm);
+  arm.Get("serial", config.arm_serial);
   GetBase(arm, config);
   hardware::PsmLimits& limits = config.arm_client.limits;
   arm.Get("workspace_min_m", {limits.workspace_min_m.data(), 3});
@@ -294,6 +295,7 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
 
   Section camera = section("camera");
   camera.Get("source", config.camera);
+  camera.Get("name", config.camera_name);
   camera.Get("intrinsics", config.intrinsics);
   camera.Get("max_age_s", config.image_max_age_s, 0.001, 10.0);
   camera.Get("latency_s", config.image_latency_s, 0.0, 1.0);
@@ -327,6 +329,50 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   top.End();
   config.arm_client.longest_step_s = config.period_s;
   return config;
+}
+
+core::Provenance ProvenanceOf(const RobotConfig& config) {
+  core::Provenance provenance;
+  provenance.origin = config.simulated() ? core::Origin::kSimulated : core::Origin::kReal;
+  provenance.arm = config.arm;
+  provenance.serial = config.arm_serial;
+  provenance.camera = config.camera_name;
+  provenance.date = core::Today();
+  if (config.simulated()) return provenance;
+  for (const auto& [key, value] : {std::pair("arm.serial", &provenance.serial),
+                                   std::pair("camera.name", &provenance.camera)}) {
+    if (!value->empty()) continue;
+    throw std::runtime_error(config.file.string() + ": " + key +
+                             " is not set: files of this robot could not be told from those of "
+                             "another. Write there what is written on the device");
+  }
+  return provenance;
+}
+
+void CheckProvenance(const RobotConfig& config, const std::filesystem::path& file,
+                     const core::Provenance& provenance, const std::string& remedy) {
+  const core::Provenance here = ProvenanceOf(config);
+  const auto refuse = [&](const char* key, const std::string& was, const std::string& is,
+                          const char* set_by) {
+    const std::string date = provenance.date.empty() ? "" : " of " + provenance.date;
+    const std::string by = config.file.empty() ? std::string("this run's")
+                                               : config.file.string() + "'s (" + set_by + ")";
+    throw std::runtime_error(file.string() + date + ": its " + key + " is '" + was + "', and " +
+                             by + " is '" + is + "'. " + remedy);
+  };
+  if (config.simulated() && provenance.origin == core::Origin::kUnknown) return;
+  if (provenance.origin != here.origin) {
+    refuse("origin", core::Name(provenance.origin), core::Name(here.origin),
+           config.robot == RobotPlace::kProcess ? "robot" : "simulator.present");
+  }
+  if (config.simulated()) return;
+  if (provenance.arm != here.arm) refuse("arm", provenance.arm, here.arm, "arm.name");
+  if (provenance.serial != here.serial) {
+    refuse("serial", provenance.serial, here.serial, "arm.serial");
+  }
+  if (provenance.camera != here.camera) {
+    refuse("camera", provenance.camera, here.camera, "camera.name");
+  }
 }
 
 void CheckCamera(const RobotConfig& config, const line_task::LineCalibration& calibration) {

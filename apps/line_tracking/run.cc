@@ -204,9 +204,19 @@ void RunRun(const RunOptions& options) {
   if (options.episodes < 1) throw std::invalid_argument("--episodes must be positive");
   const RobotConfig config = Configuration(options);
   const LineModel model = LineModel::Load(config.model);
+  CheckProvenance(config, config.model, model.demonstrations().provenance,
+                  "Demonstrate with this robot and fit again");
   SceneOptions scene = options.scene;
   scene.calibration = config.calibration;
   const line_task::LineCalibration known = LoadCalibration(scene);
+  if (config.calibration != kNoCalibration) {
+    CheckProvenance(config, config.calibration, known.provenance,
+                    "Calibrate with this robot: line_tracking calibrate --config");
+  } else if (!config.simulated()) {
+    throw std::runtime_error(config.file.string() +
+                             ": calibration is none, which a robot cannot do without. Calibrate "
+                             "it: line_tracking calibrate --config");
+  }
   CheckCamera(config, known);
   std::optional<recording::Recorder> recorder;
   std::filesystem::path log;

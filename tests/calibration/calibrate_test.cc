@@ -3,13 +3,16 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <span>
 #include <sstream>
 #include <string>
 #include <utility>
 
+#include "dfr/core/archive.h"
 #include "dfr/core/random.h"
 
 namespace dfr::calibration {
@@ -205,7 +208,8 @@ TEST(CalibrateTest, TooLittleOrBrokenDataThrows) {
 TEST(CalibrateTest, FilesKeepEveryBitAndOtherFilesAreRefused) {
   const std::filesystem::path path =
       std::filesystem::temp_directory_path() / ("calibrate_test_" + std::to_string(getpid()));
-  const line_task::LineCalibration known = True();
+  line_task::LineCalibration known = True();
+  known.provenance = {core::Origin::kReal, "PSM1", "A7", "left eye", "2026-11-23"};
   known.Save(path);
   const line_task::LineCalibration loaded = line_task::LineCalibration::Load(path);
   EXPECT_EQ(loaded.camera, known.camera);
@@ -213,10 +217,34 @@ TEST(CalibrateTest, FilesKeepEveryBitAndOtherFilesAreRefused) {
   EXPECT_EQ(loaded.arm.offset, known.arm.offset);
   EXPECT_EQ(loaded.arm.scale, known.arm.scale);
   EXPECT_EQ(loaded.arm.reference, known.arm.reference);
+  EXPECT_EQ(loaded.provenance, known.provenance);
   std::filesystem::resize_file(path, 100);
   EXPECT_THROW(static_cast<void>(line_task::LineCalibration::Load(path)), std::runtime_error);
   std::filesystem::remove(path);
   EXPECT_THROW(static_cast<void>(line_task::LineCalibration::Load(path)), std::runtime_error);
+}
+
+TEST(CalibrateTest, FilesOfBeforeThereWasProvenanceAreReadAndSayNothing) {
+  const std::filesystem::path path =
+      std::filesystem::temp_directory_path() / ("calibrate_test_old_" + std::to_string(getpid()));
+  const line_task::LineCalibration known = True();
+  const auto numbers = [](const auto& v) {
+    return std::span(v.data(), static_cast<std::size_t>(v.size()));
+  };
+  core::ArchiveWriter old("calibration", 1);
+  old.Integer(known.camera.width);
+  old.Integer(known.camera.height);
+  old.Numbers(std::array{known.camera.fx, known.camera.fy, known.camera.cx, known.camera.cy});
+  old.Numbers(known.camera.distortion);
+  old.Numbers(numbers(known.p_base_cam.matrix()));
+  old.Numbers(numbers(known.arm.offset));
+  old.Numbers(numbers(known.arm.scale));
+  old.Numbers(numbers(known.arm.reference));
+  old.Save(path);
+  const line_task::LineCalibration loaded = line_task::LineCalibration::Load(path);
+  EXPECT_EQ(loaded.arm.reference, known.arm.reference);
+  EXPECT_EQ(loaded.provenance, core::Provenance());
+  std::filesystem::remove(path);
 }
 
 }  // namespace
