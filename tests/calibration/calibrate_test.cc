@@ -174,6 +174,24 @@ TEST(CalibrateTest, UncertaintyCoversTheErrorOfNoisyData) {
   EXPECT_NE(table.str().find("+-"), std::string::npos);
 }
 
+TEST(CalibrateTest, AKnownCameraStays) {
+  const line_task::LineCalibration known = True();
+  line_task::LineCalibration guess = Guess();
+  guess.camera = known.camera;
+  CalibrateOptions options;
+  options.known_camera = true;
+  options.tip_sd_px = 0.05;
+  options.touch_sd_m = 1e-5;
+  CalibrationSummary summary;
+  const line_task::LineCalibration found =
+      Calibrate(Record(known, 60, 0.05, 0.05), Marks(), guess, TargetInCamera(), options, &summary);
+  EXPECT_EQ(found.camera, known.camera);
+  EXPECT_TRUE(summary.converged) << summary.message;
+  EXPECT_TRUE(summary.has_covariance);
+  EXPECT_EQ(summary.camera_sd, (std::array<double, 9>{}));
+  EXPECT_LT(MeanTipError(found, known), 2e-4);
+}
+
 TEST(CalibrateTest, WrongDetectionsDoNotCount) {
   const line_task::LineCalibration known = True();
   std::vector<vision::CalibrationFrame> frames = Record(known, 80, 0.05, 0.5);
