@@ -185,24 +185,24 @@ class Section {
   std::vector<std::string> known_;
 };
 
-void GetBase(Section& arm, RobotConfig& config) {
+// A pose of two keys; nothing where neither is there.
+std::optional<Eigen::Isometry3d> GetPose(Section& section, const char* position,
+                                         const char* quaternion) {
   std::array<double, 3> place{};
   std::array<double, 4> turn{};
-  const bool placed = arm.Get("base_position_m", place);
-  const bool turned = arm.Get("base_quaternion_xyzw", turn);
+  const bool placed = section.Get(position, place);
+  const bool turned = section.Get(quaternion, turn);
   if (placed != turned) {
-    arm.Wrong(placed ? "base_position_m" : "base_quaternion_xyzw",
-              "given together with the other of base_position_m and base_quaternion_xyzw");
+    section.Wrong(placed ? position : quaternion, std::string("given together with the other of ") +
+                                                      position + " and " + quaternion);
   }
-  if (!placed) return;
+  if (!placed) return std::nullopt;
   const Eigen::Quaterniond rotation(turn[3], turn[0], turn[1], turn[2]);
-  if (!(std::abs(rotation.norm() - 1.0) < 1e-3)) {
-    arm.Wrong("base_quaternion_xyzw", "of length 1");
-  }
+  if (!(std::abs(rotation.norm() - 1.0) < 1e-3)) section.Wrong(quaternion, "of length 1");
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
   pose.linear() = rotation.normalized().toRotationMatrix();
   pose.translation() = Eigen::Vector3d(place.data());
-  config.p_world_base = pose;
+  return pose;
 }
 
 void GetRegion(Section& task, line_task::TipRegionOptions& region) {
@@ -267,7 +267,7 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   Section arm = section("arm");
   arm.Get("name", config.arm);
   arm.Get("serial", config.arm_serial);
-  GetBase(arm, config);
+  config.p_world_base = GetPose(arm, "base_position_m", "base_quaternion_xyzw");
   hardware::PsmLimits& limits = config.arm_client.limits;
   arm.Get("workspace_min_m", {limits.workspace_min_m.data(), 3});
   arm.Get("workspace_max_m", {limits.workspace_max_m.data(), 3});
@@ -297,6 +297,7 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   camera.Get("source", config.camera);
   camera.Get("name", config.camera_name);
   camera.Get("intrinsics", config.intrinsics);
+  config.p_world_cam = GetPose(camera, "position_m", "quaternion_xyzw");
   camera.Get("max_age_s", config.image_max_age_s, 0.001, 10.0);
   camera.Get("latency_s", config.image_latency_s, 0.0, 1.0);
   camera.End();

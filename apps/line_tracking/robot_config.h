@@ -56,8 +56,12 @@ struct RobotConfig {
   // [camera]
   std::string camera = "/ECM/image_raw";  ///< A DDS topic, a device, a file or a pipeline.
   std::string camera_name;  ///< What tells this camera from others; a real one needs it.
-  /// The camera's intrinsics, which a calibration has to be of; empty: not looked at.
+  /// The camera's intrinsics. A calibration on a robot takes them as they are; any other has to be
+  /// of them. Empty: not looked at.
   std::filesystem::path intrinsics;
+  /// Where the camera roughly is in the world frame, for a calibration to begin with: within 20 mm
+  /// and 10 degrees. Absent: as in the simulation.
+  std::optional<Eigen::Isometry3d> p_world_cam;
   double image_max_age_s = 0.1;  ///< By its stamp, and by its arrival.
   double image_latency_s = 0.0;  ///< What a stamp may be later than the light it shows.
 
