@@ -85,6 +85,7 @@ void RunConvert(const ConvertOptions& options) {
   if (options.out.extension() == ".hdf5") {
     imitation::RobomimicWriter writer(options.out, reader->layout(), reader->control_dim(),
                                       reader->environment());
+    if (reader->provenance() != core::Provenance()) writer.SetProvenance(reader->provenance());
     Copy(*reader, absolute, writer);
   } else {
     imitation::MinariWriter writer = OpenMinariWriter(options, *reader);

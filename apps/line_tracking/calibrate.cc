@@ -1,14 +1,21 @@
 #include "dfr/calibration/calibrate.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdio>
 #include <iostream>
 #include <numeric>
+#include <optional>
+#include <sstream>
 #include <stdexcept>
 
 #include "commands.h"
+#include "dfr/core/format.h"
 #include "dfr/core/random.h"
+#include "dfr/hardware/intrinsics_file.h"
 #include "dfr/sim/line_tracking/calibration_motion.h"
+#include "robot_plant.h"
+#include "terminal.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
@@ -20,6 +27,95 @@ void PrintErrors(const char* name, std::vector<double> errors_mm) {
                       static_cast<double>(errors_mm.size());
   std::printf("%-22s %6.2f %6.2f %6.2f\n", name, mean, errors_mm[errors_mm.size() * 95 / 100],
               errors_mm.back());
+}
+
+// What is known of a robot before it is calibrated.
+line_task::LineCalibration Guess(const RobotConfig& config) {
+  if (config.intrinsics.empty()) {
+    throw std::runtime_error(
+        config.file.string() +
+        ": camera.intrinsics is not set, and a robot's calibration needs them. "
+        "Name the file of OpenCV's or ROS' camera calibration");
+  }
+  line_task::LineCalibration guess = sim::NominalCalibration();
+  const Eigen::Isometry3d p_world_cam =
+      config.p_world_cam.value_or(sim::LineTrackingPlant::p_world_base() * guess.p_base_cam);
+  guess.camera = hardware::ReadIntrinsics(config.intrinsics);
+  guess.p_base_cam = Base(config).inverse() * p_world_cam;
+  guess.provenance = ProvenanceOf(config);
+  return guess;
+}
+
+// Nothing if these pictures do not say enough, which the operator is told.
+std::optional<line_task::LineCalibration> FromPictures(
+    const std::vector<vision::CalibrationFrame>& frames, const line_task::LineCalibration& guess,
+    const RobotConfig& config, Screen& screen) {
+  try {
+    calibration::CalibrateOptions options;
+    options.known_camera = true;
+    calibration::CalibrationSummary summary;
+    line_task::LineCalibration found =
+        calibration::Calibrate(frames, line_task::StandardTarget().marks_m, guess,
+                               (Base(config) * guess.p_base_cam).inverse(), options, &summary);
+    std::ostringstream table;
+    calibration::Print(table, found, summary);
+    std::istringstream lines(table.str());
+    for (std::string line; std::getline(lines, line);) screen.Say("%s\n", line.c_str());
+    if (!summary.converged || !summary.has_covariance) {
+      screen.Say("not calibrated: %s. More pictures are needed, elsewhere\n",
+                 summary.message.c_str());
+      return std::nullopt;
+    }
+    found.provenance = guess.provenance;
+    return found;
+  } catch (const std::invalid_argument& e) {
+    screen.Say("not calibrated: %s\n", e.what());
+    return std::nullopt;
+  }
+}
+
+// The operator moves arm and platform and says when to look. Nothing moves by itself.
+void CalibrateRobot(const CalibrateOptions& options) {
+  constexpr std::ptrdiff_t kTouching = 10;
+  constexpr std::array<std::string_view, 3> kWords = {"", "t", "done"};
+  const RobotConfig config = LoadRobot(options.config);
+  const line_task::LineCalibration guess = Guess(config);
+  const std::filesystem::path out = options.out.empty() ? config.calibration : options.out;
+  Terminal terminal;
+  Screen& screen = terminal.screen();
+  const std::unique_ptr<RobotPlant> plant = BringUpRobot(config, guess, nullptr, terminal);
+  screen.Say(
+      "Move the tip by teleoperation all over the gauze, up to 30 mm above it, and let it "
+      "rest for each\npicture. In %td or more, better forty, it touches the gauze.\n",
+      kTouching);
+  std::vector<vision::CalibrationFrame> frames;
+  std::optional<line_task::LineCalibration> found;
+  while (!found) {
+    const std::ptrdiff_t touching = std::ranges::count_if(
+        frames, [](const vision::CalibrationFrame& frame) { return frame.touching; });
+    const std::optional<std::string> word = terminal.desk().Answer(
+        plant->loop(),
+        core::Format("%zu pictures, the tip touches in %td. Enter takes one, t one where it "
+                     "touches; done calibrates",
+                     frames.size(), touching),
+        kWords);
+    if (!word) throw std::runtime_error("not calibrated: nothing was written");
+    if (*word == "done" && touching < kTouching) {
+      screen.Say("not calibrated: the tip has to touch the gauze in %td pictures\n", kTouching);
+    } else if (*word == "done") {
+      found = FromPictures(frames, guess, config, screen);
+    } else {
+      try {
+        frames.push_back(plant->Sight());
+        frames.back().touching = *word == "t";
+      } catch (const std::runtime_error& e) {
+        screen.Say("  %s: no picture was taken\n", e.what());
+      }
+    }
+  }
+  if (out.has_parent_path()) std::filesystem::create_directories(out.parent_path());
+  found->Save(out);
+  screen.Say("%s written\n", out.c_str());
 }
 
 }  // namespace
@@ -41,11 +137,29 @@ line_task::LineCalibration LoadCalibration(const SceneOptions& scene) {
   return known;
 }
 
+line_task::LineCalibration LoadCalibration(const RobotConfig& config) {
+  SceneOptions scene;
+  scene.calibration = config.calibration;
+  line_task::LineCalibration known = LoadCalibration(scene);
+  if (config.calibration != kNoCalibration) {
+    CheckProvenance(config, config.calibration, known.provenance,
+                    "Calibrate this robot: line_tracking calibrate --config");
+  } else if (!config.simulated()) {
+    throw std::runtime_error(config.file.string() +
+                             ": calibration is none, which a robot cannot do without. Make one: "
+                             "line_tracking calibrate --config");
+  }
+  CheckCamera(config, known);
+  return known;
+}
+
 void RunCalibrate(const CalibrateOptions& options) {
+  if (!options.config.empty()) return CalibrateRobot(options);
   if (options.held_out < 1) throw std::invalid_argument("--held-out must be positive");
   calibration::CalibrationSummary summary;
-  const line_task::LineCalibration found =
+  line_task::LineCalibration found =
       CalibratePlant(options.scene.plant, options.frames, options.seed, &summary);
+  found.provenance.date = core::Today();
   calibration::Print(std::cout, found, summary);
 
   sim::LineTrackingOptions still = options.scene.plant;
@@ -64,8 +178,9 @@ void RunCalibrate(const CalibrateOptions& options) {
     throw std::runtime_error("the calibration did not converge (" + summary.message +
                              "); nothing was written");
   }
-  found.Save(options.out);
-  std::cout << options.out.string() << " written\n";
+  const std::filesystem::path out = options.out.empty() ? "calibration.dfr" : options.out;
+  found.Save(out);
+  std::cout << out.string() << " written\n";
 }
 
 }  // namespace dfr::apps::line_tracking

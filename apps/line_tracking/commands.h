@@ -8,6 +8,7 @@
 #include "dfr/experiment/experiment.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 #include "model.h"
+#include "robot_config.h"
 
 namespace dfr::apps::line_tracking {
 
@@ -26,6 +27,8 @@ struct SceneOptions {
 
 struct DemonstrateOptions {
   SceneOptions scene;
+  std::filesystem::path config;  ///< A robot's; empty: the simulation in this process.
+  bool teleoperation = false;    ///< On a robot: the operator leads the tip, and it is watched.
   std::filesystem::path out = "demonstrations.hdf5";
   int count = 50;
   int steps = 50;
@@ -35,7 +38,8 @@ void RunDemonstrate(const DemonstrateOptions& options);
 
 struct CalibrateOptions {
   SceneOptions scene;
-  std::filesystem::path out = "calibration.dfr";
+  std::filesystem::path config;  ///< A robot's; empty: the simulation in this process.
+  std::filesystem::path out;     ///< Empty: calibration.dfr, or the configuration's.
   int frames = 300;
   int held_out = 200;
   std::uint64_t seed = 1;
@@ -113,5 +117,12 @@ void RunVision(const VisionOptions& options);
 /// What the scene's calibration file holds, or the truth.
 /// @throws std::runtime_error naming the file, and what writes one, if it is not there.
 [[nodiscard]] line_task::LineCalibration LoadCalibration(const SceneOptions& scene);
+/// What the configuration's calibration file holds, which may drive its robot and is of its camera.
+/// @throws std::runtime_error as the above, CheckProvenance() and CheckCamera().
+[[nodiscard]] line_task::LineCalibration LoadCalibration(const RobotConfig& config);
+
+/// The configuration of a robot that a command other than `run` works on.
+/// @throws std::runtime_error if it is of the simulation in this process, or in lock-step.
+[[nodiscard]] RobotConfig LoadRobot(const std::filesystem::path& file);
 
 }  // namespace dfr::apps::line_tracking

@@ -1,18 +1,155 @@
+#include <array>
+#include <cmath>
 #include <iomanip>
 #include <iostream>
+#include <optional>
 
 #include "commands.h"
+#include "dfr/core/random.h"
 #include "dfr/experiment/progress.h"
 #include "dfr/imitation/demonstrations.h"
+#include "robot_plant.h"
+#include "terminal.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
+namespace {
+
+using core::Row;
+using line_task::LineTask;
+
+constexpr double kDemonstratedStep = 1.0;  // mm
+
+core::Trajectory Empty(const RobotPlant& plant, int steps) {
+  core::Trajectory trajectory;
+  trajectory.controls.resize(steps, plant.control_dim());
+  trajectory.states.resize(steps + 1, plant.state_dim());
+  trajectory.outcome = core::Outcome::kCompleted;
+  return trajectory;
+}
+
+// The programmed supervisor follows the line from where the operator has put the tip. Nothing if it
+// did not complete the task; the robot holds, and its loop knows why.
+std::optional<core::Trajectory> Drive(RobotPlant& plant, int steps, std::uint64_t seed) {
+  core::Trajectory trajectory = Empty(plant, steps);
+  trajectory.seed = seed;
+  plant.Reset(seed);
+  plant.Observe(Row(trajectory.states, 0));
+  for (int t = 0; t < steps; ++t) {
+    ProportionalPolicy().Control(t, Row(trajectory.states, t), Row(trajectory.controls, t));
+    if (plant.Apply(Row(trajectory.controls, t)) != core::PlantStatus::kOk) return std::nullopt;
+    plant.Observe(Row(trajectory.states, t + 1));
+    if (plant.collided()) return std::nullopt;
+  }
+  if (!plant.completed()) return std::nullopt;
+  return trajectory;
+}
+
+// The operator leads the tip: a state for each millimetre that it goes, and as its control the way
+// to the next.
+core::Trajectory Follow(RobotPlant& plant, int steps) {
+  core::Trajectory trajectory = Empty(plant, steps);
+  core::Matrix& x = trajectory.states;
+  if (!plant.Watch(Row(x, 0))) throw std::runtime_error("line or tip are not seen");
+  const vision::LineObservation first = plant.last_image().seen;
+  for (int t = 0; t < steps; ++t) {
+    constexpr int kPatience = 300;  // pictures
+    for (int n = 0;; ++n) {
+      if (Terminal::interrupted()) throw std::runtime_error("interrupted");
+      if (n > kPatience) throw std::runtime_error("the tip rests");
+      if (!plant.Watch(Row(x, t + 1))) throw std::runtime_error("line or tip are not seen");
+      if (std::abs(x(t + 1, 2)) > 1e3 * LineTask::kCollision) throw std::runtime_error("collided");
+      if ((x.row(t + 1) - x.row(t)).head(2).norm() >= kDemonstratedStep) break;
+    }
+    trajectory.controls.row(t) = (x.row(t + 1) - x.row(t)).head(2) / (1e3 * LineTask::kStep);
+    if (!(trajectory.controls.row(t).cwiseAbs().maxCoeff() <= 1.0)) {
+      throw std::runtime_error("too fast: 2 mm between two pictures are the most");
+    }
+  }
+  if (!(LineTask::Progress(first, plant.last_image().seen) >= LineTask::kCompletion)) {
+    throw std::runtime_error("not completed: the tip has to go on along the line");
+  }
+  return trajectory;
+}
+
+// One demonstration, if the operator's word and the robot let it be one.
+std::optional<core::Trajectory> Demonstrated(RobotPlant& plant, const DemonstrateOptions& options,
+                                             std::uint64_t seed, Screen& screen) {
+  std::optional<core::Trajectory> trajectory;
+  try {
+    trajectory =
+        options.teleoperation ? Follow(plant, options.steps) : Drive(plant, options.steps, seed);
+    if (!trajectory) screen.Say("  not completed: it is left out\n");
+  } catch (const std::runtime_error& e) {
+    screen.Say("  %s: it is left out\n", e.what());
+  }
+  if (!options.teleoperation) plant.Halt();
+  if (trajectory && !trajectory->states.allFinite()) trajectory.reset();
+  return trajectory;
+}
+
+void DemonstrateOnRobot(const DemonstrateOptions& options) {
+  const RobotConfig config = LoadRobot(options.config);
+  const line_task::LineCalibration known = LoadCalibration(config);
+  if (std::filesystem::exists(options.out)) {
+    throw std::runtime_error(options.out.string() +
+                             ": is there already, and an operator's work is not replaced. Move it "
+                             "away, or name another file with --out");
+  }
+  const core::Provenance provenance = ProvenanceOf(config);
+  Terminal terminal;
+  Screen& screen = terminal.screen();
+  const std::unique_ptr<RobotPlant> plant = BringUpRobot(config, known, nullptr, terminal);
+  imitation::RobomimicWriter writer(options.out, plant->layout(), plant->control_dim(),
+                                    "line-tracking");
+  writer.SetProvenance(provenance);
+  screen.Say(
+      "%d demonstrations, the platform at rest; begin elsewhere each time, up to 1 mm off "
+      "the line\n%s\n",
+      options.count,
+      options.teleoperation
+          ? "Enter once the tip is over the beginning, then lead it along by teleoperation"
+          : "the arm follows the line by itself after Enter");
+  for (std::uint64_t i = 0;
+       writer.num_episodes() < options.count && terminal.desk().AllowsEpisode(plant->loop()); ++i) {
+    const std::uint64_t seed = core::DeriveSeed(options.seed, {i});
+    if (const auto trajectory = Demonstrated(*plant, options, seed, screen)) {
+      writer.Append(*trajectory);
+      screen.Say("%d of %d\n", writer.num_episodes(), options.count);
+    } else {
+      writer.CountDiscarded();
+    }
+  }
+  screen.Say("%s: %d demonstrations\n", options.out.c_str(), writer.num_episodes());
+}
+
+}  // namespace
+
+RobotConfig LoadRobot(const std::filesystem::path& file) {
+  RobotConfig config = RobotConfig::Load(file);
+  if (config.robot == RobotPlace::kProcess) {
+    throw std::runtime_error(file.string() +
+                             ": robot is 'process', the simulation of this process: leave --config "
+                             "out, or set robot = \"dds\"");
+  }
+  if (config.lock_step) {
+    throw std::runtime_error(file.string() +
+                             ": simulator.lock_step is true, and an operator's time is not a "
+                             "program's: set it to false");
+  }
+  return config;
+}
 
 void RunDemonstrate(const DemonstrateOptions& options) {
+  if (!options.config.empty()) return DemonstrateOnRobot(options);
+  if (options.teleoperation) {
+    throw std::invalid_argument("--teleoperation needs --config: there is nobody to lead the tip");
+  }
   experiment::ProgressBar bar("demonstrations");
-  const imitation::DemonstrationSet set = Demonstrate(
+  imitation::DemonstrationSet set = Demonstrate(
       options.scene.plant, LoadCalibration(options.scene), options.count, options.steps,
       options.seed, [&bar](const experiment::Progress& progress) { bar.Show(progress); });
+  set.provenance.date = core::Today();
   imitation::SaveRobomimic(set, options.out);
   double farthest = 0.0;
   for (const core::Trajectory& trajectory : set.trajectories) {

@@ -77,7 +77,7 @@ robot::ThreadFinding ImageWorker::Report() noexcept {
 
 robot::Finding ImageWorker::Ask(std::int64_t after_ns) noexcept {
   questions_.Put(
-      {++question_, after_ns, task_->TipPlane(driver_->client().measured_js().position)});
+      {++question_, after_ns, task_->TipPlane(driver_->client().measured_js().position), false});
   if (lock_step_ == nullptr) return {};
   if (const robot::Finding lost = lock_step_->Look(); !lost.ok()) return lost;
   constexpr std::int64_t kAnswerTime = 2'000'000'000;  // ns
@@ -91,12 +91,32 @@ robot::Finding ImageWorker::Ask(std::int64_t after_ns) noexcept {
   return {};
 }
 
+void ImageWorker::AskForMarks(std::int64_t after_ns) noexcept {
+  questions_.Put(
+      {++question_, after_ns, task_->TipPlane(driver_->client().measured_js().position), true});
+}
+
 robot::Camera::Answer ImageWorker::Take(std::span<double> state) noexcept {
   static_cast<void>(answers_.Take(answer_));
   if (answer_.question != question_) return Answer::kPending;
   last_ = answer_;
   task_->State(last_.seen, state);
   return last_.seen.seen() ? Answer::kSeen : Answer::kNotSeen;
+}
+
+ImageAnswer ImageWorker::Answer(const Question& question, const hardware::Frame& frame) {
+  ImageAnswer answer;
+  answer.question = question.number;
+  answer.sequence = frame.sequence;
+  answer.stamp_ns = frame.stamp_ns;
+  if (!question.marks) {
+    answer.seen = vision_.Observe(frame.image, question.tip_plane);
+    return answer;
+  }
+  answer.marks_px.resize(task_->vision().target.marks_m.size());
+  answer.tip_px = vision_.FindTip(frame.image);
+  if (!vision_.FindMarks(frame.image, answer.marks_px)) answer.marks_px.clear();
+  return answer;
 }
 
 void ImageWorker::Run() {
@@ -115,8 +135,7 @@ void ImageWorker::Run() {
     if (forget_.exchange(false)) vision_.ForgetLastImage();
     if (question.number != answered && frame.stamp_ns >= question.after_ns) {
       answered = question.number;
-      answers_.Put({question.number, frame.sequence, frame.stamp_ns,
-                    vision_.Observe(frame.image, question.tip_plane)});
+      answers_.Put(Answer(question, frame));
     }
     if (recorder_ != nullptr) Record(frame);
   }

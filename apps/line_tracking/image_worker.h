@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 #include <thread>
+#include <vector>
 
 #include "dfr/hardware/endoscope.h"
 #include "dfr/hardware/psm_driver.h"
@@ -24,6 +25,10 @@ struct ImageAnswer {
   std::uint64_t sequence = 0;
   std::int64_t stamp_ns = 0;
   vision::LineObservation seen;
+  /// Where AskForMarks() asked, and instead: the marks as in a vision::CalibrationFrame, none where
+  /// they were not found, and the tip.
+  std::vector<Eigen::Vector2d> marks_px;
+  Eigen::Vector2d tip_px = Eigen::Vector2d::Zero();
 };
 
 /// The endoscope of line tracking as the camera of a robot::ControlLoop. A thread of its own looks
@@ -44,6 +49,9 @@ class ImageWorker final : public robot::Camera {
   [[nodiscard]] robot::ThreadFinding Report() noexcept override;
   [[nodiscard]] robot::Finding Ask(std::int64_t after_ns) noexcept override;
   [[nodiscard]] Answer Take(std::span<double> state) noexcept override;
+  /// In place of Ask(), for a calibration, in real time: marks and tip alone, whatever is known of
+  /// camera and arm. The answer allocates.
+  void AskForMarks(std::int64_t after_ns) noexcept;
   /// A new episode: the next picture is not compared with the one before.
   void Forget() noexcept { forget_ = true; }
 
@@ -55,12 +63,14 @@ class ImageWorker final : public robot::Camera {
     std::uint64_t number = 0;
     std::int64_t after_ns = 0;
     Eigen::Hyperplane<double, 3> tip_plane;
+    bool marks = false;
   };
   struct Health {
     std::int64_t checked_ns = 0;
     hardware::FrameStatus status = hardware::FrameStatus::kNever;
   };
   void Run();
+  [[nodiscard]] ImageAnswer Answer(const Question& question, const hardware::Frame& frame);
   void Record(const hardware::Frame& frame) noexcept;
 
   const hardware::PsmDriver* driver_;

@@ -126,7 +126,12 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
 void AddCalibrate(CLI::App& app, CalibrateOptions& options) {
   CLI::App& command = *app.add_subcommand(
       "calibrate", "camera, its place, and the arm's joint errors from a motion");
-  command.add_option("--out", options.out, "the file")->capture_default_str();
+  command.add_option("--config", options.config,
+                     "file that says which robot, as of run: its operator moves it, and says when "
+                     "to look; without: a motion in the simulation of this process, which the "
+                     "other options are of");
+  command.add_option("--out", options.out,
+                     "the file (default: calibration.dfr, or the configuration's)");
   command.add_option("--frames", options.frames, "pictures of the motion")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
@@ -138,7 +143,13 @@ void AddCalibrate(CLI::App& app, CalibrateOptions& options) {
 
 void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
   CLI::App& command = *app.add_subcommand(
-      "demonstrate", "write open-loop, undisturbed demonstrations as robomimic HDF5");
+      "demonstrate", "write demonstrations without disturbance as robomimic HDF5");
+  command.add_option("--config", options.config,
+                     "file that says which robot, as of run; without: open-loop demonstrations in "
+                     "the simulation of this process");
+  command.add_flag("--teleoperation", options.teleoperation,
+                   "with --config: the operator leads the tip, which is watched; else the robot "
+                   "follows the line by itself, on the operator's word");
   command.add_option("--out", options.out, "the file")->capture_default_str();
   command.add_option("--count", options.count, "demonstrations")
       ->check(dfr::apps::kPositive)

@@ -18,7 +18,7 @@ namespace {
 constexpr std::string_view kGuidedFeatures = "tip[0:1],distance";
 
 // kOtherLineMethods' "proportional".
-class ProportionalPolicy final : public core::Policy {
+class Proportional final : public core::Policy {
  public:
   [[nodiscard]] int state_dim() const noexcept override { return 4; }
   [[nodiscard]] int control_dim() const noexcept override { return 2; }
@@ -42,6 +42,11 @@ safety::TaskOptions GuidedOptions(double gamma) {
 }
 
 }  // namespace
+
+const core::Policy& ProportionalPolicy() noexcept {
+  static const Proportional policy;
+  return policy;
+}
 
 safety::ControllerOptions Controllers() {
   safety::ControllerOptions options;
@@ -106,8 +111,7 @@ std::unique_ptr<control::Controller> LineModel::MakeController(
     const std::string& method, const core::SimulatedPlant* plant) const {
   const safety::Method parsed = ParseMethod(method, kOtherLineMethods);
   if (parsed.name == "proportional") {
-    static const ProportionalPolicy policy;
-    return task().MakeController({.name = "baseline"}, policy, Controllers());
+    return task().MakeController({.name = "baseline"}, ProportionalPolicy(), Controllers());
   }
   return controllers().Make(method, plant, Controllers());
 }

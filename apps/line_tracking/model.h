@@ -11,6 +11,7 @@
 
 #include "apps/learned_model.h"
 #include "dfr/control/controller.h"
+#include "dfr/core/policy.h"
 #include "dfr/kernel/model_selection.h"
 
 namespace dfr::apps::line_tracking {
@@ -44,6 +45,9 @@ struct LineModelOptions {
 /// control and corrects 0.8 of the distance that was seen, without learning or support.
 inline constexpr std::array<std::string_view, 6> kOtherLineMethods = {
     "finite-difference", "true-jacobian", "lwr", "knn", "ensemble", "proportional"};
+
+/// What drives "proportional".
+[[nodiscard]] const core::Policy& ProportionalPolicy() noexcept;
 
 /// LearnedModel of line tracking.
 class LineModel : public LearnedModel {

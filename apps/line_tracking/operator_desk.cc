@@ -1,22 +1,27 @@
 #include "operator_desk.h"
 
-#include <optional>
+#include <algorithm>
 
 namespace dfr::apps::line_tracking {
 
-bool OperatorDesk::Confirms(robot::ControlLoop& loop, std::string_view question,
-                            std::string_view word) {
+std::optional<std::string> OperatorDesk::Answer(robot::ControlLoop& loop, std::string_view question,
+                                                std::span<const std::string_view> words) {
   keyboard_->Discard();
   screen_->Say("%.*s; q ends\n", static_cast<int>(question.size()), question.data());
   while (!*interrupted_ && !keyboard_->ended()) {
     loop.Idle(0.02);
-    const std::optional<std::string> line = keyboard_->Line();
+    std::optional<std::string> line = keyboard_->Line();
     if (!line) continue;
-    if (*line == word) return true;
-    if (*line == "q") return false;
+    if (std::ranges::find(words, std::string_view(*line)) != words.end()) return line;
+    if (*line == "q") break;
     screen_->Say("'%.40s' is not the word; q ends\n", line->c_str());
   }
-  return false;
+  return std::nullopt;
+}
+
+bool OperatorDesk::Confirms(robot::ControlLoop& loop, std::string_view question,
+                            std::string_view word) {
+  return Answer(loop, question, {&word, 1}).has_value();
 }
 
 bool OperatorDesk::AllowsEpisode(robot::ControlLoop& loop) {

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <atomic>
+#include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -18,6 +20,10 @@ class OperatorDesk {
   OperatorDesk(runtime::Keyboard& keyboard, Screen& screen, const std::atomic<bool>& interrupted)
       : keyboard_(&keyboard), screen_(&screen), interrupted_(&interrupted) {}
 
+  /// Which of `words` is typed, exactly; nothing for q, at the end of input and if interrupted.
+  [[nodiscard]] std::optional<std::string> Answer(robot::ControlLoop& loop,
+                                                  std::string_view question,
+                                                  std::span<const std::string_view> words);
   /// True once exactly `word` is typed; false for q, at the end of input and if interrupted.
   [[nodiscard]] bool Confirms(robot::ControlLoop& loop, std::string_view question,
                               std::string_view word);

@@ -185,24 +185,24 @@ class Section {
   std::vector<std::string> known_;
 };
 
-void GetBase(Section& arm, RobotConfig& config) {
+// A pose of two keys; nothing where neither is there.
+std::optional<Eigen::Isometry3d> GetPose(Section& section, const char* position,
+                                         const char* quaternion) {
   std::array<double, 3> place{};
   std::array<double, 4> turn{};
-  const bool placed = arm.Get("base_position_m", place);
-  const bool turned = arm.Get("base_quaternion_xyzw", turn);
+  const bool placed = section.Get(position, place);
+  const bool turned = section.Get(quaternion, turn);
   if (placed != turned) {
-    arm.Wrong(placed ? "base_position_m" : "base_quaternion_xyzw",
-              "given together with the other of base_position_m and base_quaternion_xyzw");
+    section.Wrong(placed ? position : quaternion, std::string("given together with the other of ") +
+                                                      position + " and " + quaternion);
   }
-  if (!placed) return;
+  if (!placed) return std::nullopt;
   const Eigen::Quaterniond rotation(turn[3], turn[0], turn[1], turn[2]);
-  if (!(std::abs(rotation.norm() - 1.0) < 1e-3)) {
-    arm.Wrong("base_quaternion_xyzw", "of length 1");
-  }
+  if (!(std::abs(rotation.norm() - 1.0) < 1e-3)) section.Wrong(quaternion, "of length 1");
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
   pose.linear() = rotation.normalized().toRotationMatrix();
   pose.translation() = Eigen::Vector3d(place.data());
-  config.p_world_base = pose;
+  return pose;
 }
 
 void GetRegion(Section& task, line_task::TipRegionOptions& region) {
@@ -266,7 +266,8 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
 
   Section arm = section("arm");
   arm.Get("name", config.arm);
-  GetBase(arm, config);
+  arm.Get("serial", config.arm_serial);
+  config.p_world_base = GetPose(arm, "base_position_m", "base_quaternion_xyzw");
   hardware::PsmLimits& limits = config.arm_client.limits;
   arm.Get("workspace_min_m", {limits.workspace_min_m.data(), 3});
   arm.Get("workspace_max_m", {limits.workspace_max_m.data(), 3});
@@ -294,7 +295,9 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
 
   Section camera = section("camera");
   camera.Get("source", config.camera);
+  camera.Get("name", config.camera_name);
   camera.Get("intrinsics", config.intrinsics);
+  config.p_world_cam = GetPose(camera, "position_m", "quaternion_xyzw");
   camera.Get("max_age_s", config.image_max_age_s, 0.001, 10.0);
   camera.Get("latency_s", config.image_latency_s, 0.0, 1.0);
   camera.End();
@@ -327,6 +330,50 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   top.End();
   config.arm_client.longest_step_s = config.period_s;
   return config;
+}
+
+core::Provenance ProvenanceOf(const RobotConfig& config) {
+  core::Provenance provenance;
+  provenance.origin = config.simulated() ? core::Origin::kSimulated : core::Origin::kReal;
+  provenance.arm = config.arm;
+  provenance.serial = config.arm_serial;
+  provenance.camera = config.camera_name;
+  provenance.date = core::Today();
+  if (config.simulated()) return provenance;
+  for (const auto& [key, value] : {std::pair("arm.serial", &provenance.serial),
+                                   std::pair("camera.name", &provenance.camera)}) {
+    if (!value->empty()) continue;
+    throw std::runtime_error(config.file.string() + ": " + key +
+                             " is not set: files of this robot could not be told from those of "
+                             "another. Write there what is written on the device");
+  }
+  return provenance;
+}
+
+void CheckProvenance(const RobotConfig& config, const std::filesystem::path& file,
+                     const core::Provenance& provenance, const std::string& remedy) {
+  const core::Provenance here = ProvenanceOf(config);
+  const auto refuse = [&](const char* key, const std::string& was, const std::string& is,
+                          const char* set_by) {
+    const std::string date = provenance.date.empty() ? "" : " of " + provenance.date;
+    const std::string by = config.file.empty() ? std::string("this run's")
+                                               : config.file.string() + "'s (" + set_by + ")";
+    throw std::runtime_error(file.string() + date + ": its " + key + " is '" + was + "', and " +
+                             by + " is '" + is + "'. " + remedy);
+  };
+  if (config.simulated() && provenance.origin == core::Origin::kUnknown) return;
+  if (provenance.origin != here.origin) {
+    refuse("origin", core::Name(provenance.origin), core::Name(here.origin),
+           config.robot == RobotPlace::kProcess ? "robot" : "simulator.present");
+  }
+  if (config.simulated()) return;
+  if (provenance.arm != here.arm) refuse("arm", provenance.arm, here.arm, "arm.name");
+  if (provenance.serial != here.serial) {
+    refuse("serial", provenance.serial, here.serial, "arm.serial");
+  }
+  if (provenance.camera != here.camera) {
+    refuse("camera", provenance.camera, here.camera, "camera.name");
+  }
 }
 
 void CheckCamera(const RobotConfig& config, const line_task::LineCalibration& calibration) {

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "dfr/core/provenance.h"
 #include "dfr/dds/participant.h"
 #include "dfr/hardware/psm_client.h"
 #include "dfr/line_task/line_task.h"
@@ -39,6 +40,7 @@ struct RobotConfig {
 
   // [arm]
   std::string arm = "PSM1";
+  std::string arm_serial;  ///< What tells this arm from others; a real one needs it.
   hardware::PsmClientOptions arm_client;
   std::vector<std::string> teleoperation;  ///< Topics that say so; empty: the usual ones.
   bool servo_cs = false;  ///< Set-points with their twist, where the console takes them.
@@ -53,8 +55,13 @@ struct RobotConfig {
 
   // [camera]
   std::string camera = "/ECM/image_raw";  ///< A DDS topic, a device, a file or a pipeline.
-  /// The camera's intrinsics, which a calibration has to be of; empty: not looked at.
+  std::string camera_name;  ///< What tells this camera from others; a real one needs it.
+  /// The camera's intrinsics. A calibration on a robot takes them as they are; any other has to be
+  /// of them. Empty: not looked at.
   std::filesystem::path intrinsics;
+  /// Where the camera roughly is in the world frame, for a calibration to begin with: within 20 mm
+  /// and 10 degrees. Absent: as in the simulation.
+  std::optional<Eigen::Isometry3d> p_world_cam;
   double image_max_age_s = 0.1;  ///< By its stamp, and by its arrival.
   double image_latency_s = 0.0;  ///< What a stamp may be later than the light it shows.
 
@@ -80,7 +87,25 @@ struct RobotConfig {
 
   /// @throws std::runtime_error naming file, line and key, what is wrong and what there is.
   static RobotConfig Load(const std::filesystem::path& file);
+
+  /// Nobody is there whom it could hurt: the simulation in this process, or dvrk_simulator.
+  [[nodiscard]] bool simulated() const noexcept {
+    return robot == RobotPlace::kProcess || simulator;
+  }
 };
+
+/// What files say that are made today with the robot of the configuration.
+/// @throws std::runtime_error naming the key that a real robot has to have, arm.serial or
+///   camera.name, if it is not set.
+[[nodiscard]] core::Provenance ProvenanceOf(const RobotConfig& config);
+
+/// Whether what `file` holds may drive the robot of the configuration: what was made in simulation
+/// is for simulations, which take what says nothing, too; what was made on a robot is for the same
+/// arm and camera.
+/// @param remedy  what to do if not: "calibrate it ...".
+/// @throws std::runtime_error naming both files, the key, both values and the remedy.
+void CheckProvenance(const RobotConfig& config, const std::filesystem::path& file,
+                     const core::Provenance& provenance, const std::string& remedy);
 
 /// Whether `calibration` is of the camera whose intrinsics the configuration names, if it does:
 /// its size, and focal lengths and principal point within 5 % of them.

@@ -161,10 +161,6 @@ robot::ControlLoopOptions LoopOptions(const RobotConfig& config) {
   return options;
 }
 
-Eigen::Isometry3d Base(const RobotConfig& config) {
-  return config.p_world_base ? *config.p_world_base : sim::LineTrackingPlant::p_world_base();
-}
-
 dds::ParticipantOptions ImageNetwork(dds::ParticipantOptions network) {
   network.name += "-images";
   network.shared_memory = true;
@@ -173,12 +169,17 @@ dds::ParticipantOptions ImageNetwork(dds::ParticipantOptions network) {
 
 }  // namespace
 
+Eigen::Isometry3d Base(const RobotConfig& config) {
+  return config.p_world_base ? *config.p_world_base : sim::LineTrackingPlant::p_world_base();
+}
+
 // NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding): members in the order of their making.
 struct RobotPlant::Impl {
   Impl(const RobotConfig& config, const line_task::LineCalibration& calibration,
        recording::Recorder* recorder, const RunOperator& run_operator)
       : simulated(config.simulator),
         lift_m(config.lift_m),
+        image_latency_s(config.image_latency_s),
         task(calibration, Base(config)),
         region(task, config.region),
         network(config.network),
@@ -303,6 +304,29 @@ struct RobotPlant::Impl {
     region.ForgetGauze();
   }
 
+  // What is seen from now on, while nothing is armed.
+  robot::Camera::Answer Watch(std::span<double> state, bool marks) {
+    const std::int64_t after_ns = real_time.WallNs() + std::llround(1e9 * image_latency_s);
+    if (marks) {
+      camera.AskForMarks(after_ns);
+    } else {
+      static_cast<void>(camera.Ask(after_ns));
+    }
+    constexpr int kPatience = 400;  // periods: 2 s of 5 ms
+    auto answer = robot::Camera::Answer::kPending;
+    for (int n = 0; answer == robot::Camera::Answer::kPending; ++n) {
+      loop.Tick();
+      // Others may move the arm; anything else is a reason not to believe what is seen.
+      const HoldReason found = loop.blocking();
+      const bool others =
+          found == HoldReason::kSecondCommander || found == HoldReason::kArmNotReady;
+      if (found != HoldReason::kNone && !others) throw std::runtime_error(loop.blocking_words());
+      if (n > kPatience) throw std::runtime_error("no picture came");
+      answer = camera.Take(state);
+    }
+    return answer;
+  }
+
   void AskForTruth() {
     if (lock_step) {
       truth = link->Truth();
@@ -310,8 +334,13 @@ struct RobotPlant::Impl {
     }
     if (link) {
       // The loop goes on meanwhile: the console may have died.
+      constexpr std::int64_t kPatience = 5'000'000'000;  // ns
+      const std::int64_t end_ns = real_time.MachineNs() + kPatience;
       link->BeginTruth();
       while (!link->PollTruth(truth) && loop.Tick()) {
+        if (real_time.MachineNs() > end_ns) {
+          throw std::runtime_error("the simulator does not answer 'truth'");
+        }
       }
       return;
     }
@@ -323,6 +352,7 @@ struct RobotPlant::Impl {
 
   bool simulated;
   double lift_m;
+  double image_latency_s;
   LineTask task;
   line_task::TipRegion region;
   dds::Participant network;
@@ -451,6 +481,28 @@ void RobotPlant::Halt() noexcept {
     i.loop.Hold(HoldReason::kOperator, "halted");
   }
   i.loop.Halt();
+}
+
+bool RobotPlant::Watch(std::span<double> state) {
+  return impl_->Watch(state, false) == robot::Camera::Answer::kSeen;
+}
+
+vision::CalibrationFrame RobotPlant::Sight() {
+  Impl& i = *impl_;
+  constexpr double kStill = 1e-4;  // m
+  const Eigen::Vector3d before = i.task.Tip(i.driver.client().measured_js().position);
+  std::vector<double> none(static_cast<std::size_t>(i.task.layout().state_dim()));
+  static_cast<void>(i.Watch(none, true));
+  const PsmJoints joints = i.driver.client().measured_js().position;
+  if (!((i.task.Tip(joints) - before).norm() <= kStill)) throw std::runtime_error("the arm moves");
+  const ImageAnswer& answer = i.camera.last();
+  if (answer.marks_px.empty()) throw std::runtime_error("the marks are not found");
+  if (!answer.tip_px.allFinite()) throw std::runtime_error("the tip is not found");
+  vision::CalibrationFrame frame;
+  std::copy_n(joints.data(), 6, frame.joints.begin());
+  frame.tip_px = answer.tip_px;
+  frame.marks_px = answer.marks_px;
+  return frame;
 }
 
 const ImageAnswer& RobotPlant::last_image() const noexcept { return impl_->camera.last(); }

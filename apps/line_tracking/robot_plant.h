@@ -11,6 +11,7 @@
 #include "dfr/recording/recorder.h"
 #include "dfr/robot/control_loop.h"
 #include "dfr/runtime/periodic_timer.h"
+#include "dfr/vision/calibration_frame.h"
 #include "image_worker.h"
 #include "robot_config.h"
 
@@ -27,6 +28,9 @@ struct RunOperator {
   /// run.
   const std::atomic<bool>* interrupted = nullptr;
 };
+
+/// The arm's base in the world frame: the configuration's, else the simulation's.
+[[nodiscard]] Eigen::Isometry3d Base(const RobotConfig& config);
 
 /// Line tracking on an arm behind a console: the same states and controls as
 /// sim::LineTrackingPlant, over the network, carried out by a robot::ControlLoop. A console of
@@ -77,6 +81,15 @@ class RobotPlant final : public core::Plant {
   void Halt() noexcept override;
 
   /// The picture that Observe() was taken from, and what it shows.
+  /// Looks while the robot is not started, whoever moves the arm: by teleoperation, by its clutch,
+  /// not at all. False, and the state is NaN, where the next picture does not show it.
+  /// @throws std::runtime_error with what is wrong with arm, pictures or emergency stop.
+  [[nodiscard]] bool Watch(std::span<double> state);
+  /// The same for a calibration: what the arm reports, and where marks and tip are in the next
+  /// picture.
+  /// @throws std::runtime_error as Watch(), and if the arm moves, or marks or tip are not found.
+  [[nodiscard]] vision::CalibrationFrame Sight();
+
   [[nodiscard]] const ImageAnswer& last_image() const noexcept;
   [[nodiscard]] double progress_m() const noexcept;
   /// How the loop kept its time; nullptr in lock-step.

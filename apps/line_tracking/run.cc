@@ -1,6 +1,4 @@
 #include <array>
-#include <atomic>
-#include <csignal>
 #include <ctime>
 #include <iostream>
 #include <optional>
@@ -12,20 +10,14 @@
 #include "dfr/core/build_info.h"
 #include "dfr/core/random.h"
 #include "dfr/runtime/periodic_timer.h"
-#include "operator_desk.h"
 #include "recorded_controller.h"
 #include "robot_plant.h"
 #include "rollout_video.h"
-#include "screen.h"
+#include "terminal.h"
 #include "trial_runner.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
-
-std::atomic<bool> interrupted = false;
-static_assert(std::atomic<bool>::is_always_lock_free);
-
-void Interrupt(int /*signal*/) { interrupted = true; }
 
 // The plant of a run, and what only one kind of it knows.
 struct Robot {
@@ -40,14 +32,6 @@ struct Robot {
     return wire != nullptr ? wire->progress_m() : simulation->truth().progress_m;
   }
 };
-
-void Show(Screen& screen, const runtime::Transition& t) noexcept {
-  const bool reasoned = t.reason != runtime::HoldReason::kNone;
-  const bool detailed = t.detail[0] != '\0';
-  screen.Say("  %s -> %s%s%s%s%s%s\n", runtime::Name(t.from), runtime::Name(t.to),
-             reasoned ? ": " : "", reasoned ? runtime::Name(t.reason) : "", detailed ? " (" : "",
-             t.detail.data(), detailed ? ")" : "");
-}
 
 // A robot's episodes begin with an operator's word, a simulation's by themselves as long as they
 // end as episodes do. False: no more episodes.
@@ -116,7 +100,7 @@ RobotConfig Configuration(const RunOptions& options) {
 
 Robot MakeRobot(const RobotConfig& config, const RunOptions& options,
                 const line_task::LineCalibration& known, recording::Recorder* recorder,
-                Screen& screen, OperatorDesk& desk) {
+                Terminal& terminal) {
   Robot robot;
   if (config.robot == RobotPlace::kProcess) {
     auto plant = std::make_unique<sim::LineTrackingPlant>(options.scene.plant, &known);
@@ -124,26 +108,7 @@ Robot MakeRobot(const RobotConfig& config, const RunOptions& options,
     robot.plant = std::move(plant);
     return robot;
   }
-  if (config.priority > 0) {
-    const std::string refused = runtime::AskForRealTime(config.priority);
-    if (!refused.empty()) screen.Say("note: %s\n", refused.c_str());
-  }
-  RunOperator run_operator;
-  run_operator.on_transition = [&screen](const runtime::Transition& t) { Show(screen, t); };
-  run_operator.on_word = [&screen](const hardware::ConsoleWord& word) {
-    screen.Say("  the console says (%s): %s\n", hardware::Name(word.severity), word.text.data());
-  };
-  run_operator.interrupted = &interrupted;
-  auto plant = std::make_unique<RobotPlant>(config, known, recorder, run_operator);
-  // The loop, which is this thread, before those of the network.
-  if (config.priority > 0) static_cast<void>(runtime::AskForRealTime(config.priority + 1));
-  plant->BringUp(
-      [&screen](std::string_view words) {
-        screen.Say("  %.*s\n", static_cast<int>(words.size()), words.data());
-      },
-      [&](std::string_view question, std::string_view word) {
-        return desk.Confirms(plant->loop(), question, word);
-      });
+  auto plant = BringUpRobot(config, known, recorder, terminal);
   robot.wire = plant.get();
   robot.plant = std::move(plant);
   return robot;
@@ -161,13 +126,14 @@ void Connect(RecordedController& controller, RobotPlant& plant) {
 
 // Runs episode after episode and prints how each went. True if the robot ended it before.
 bool RunEpisodes(const RunOptions& options, const RobotConfig& config, const Robot& robot,
-                 RecordedController& controller, Screen& screen, OperatorDesk& desk) {
+                 RecordedController& controller, Terminal& terminal) {
+  Screen& screen = terminal.screen();
   std::array<int, 3> counts{};
   control::RolloutWorkspace workspace;
   screen.Say("episode  outcome    controls  recovery  tracked [mm]  cause\n");
   bool stopped = false;
-  for (int i = 0; i < options.episodes && !interrupted; ++i) {
-    if (robot.wire != nullptr && !MayBegin(*robot.wire, config.simulator, desk)) break;
+  for (int i = 0; i < options.episodes && !Terminal::interrupted(); ++i) {
+    if (robot.wire != nullptr && !MayBegin(*robot.wire, config.simulator, terminal.desk())) break;
     const auto episode = static_cast<std::uint64_t>(i);
     controller.BeginEpisode(episode);
     const control::RolloutResult result =
@@ -204,27 +170,22 @@ void RunRun(const RunOptions& options) {
   if (options.episodes < 1) throw std::invalid_argument("--episodes must be positive");
   const RobotConfig config = Configuration(options);
   const LineModel model = LineModel::Load(config.model);
-  SceneOptions scene = options.scene;
-  scene.calibration = config.calibration;
-  const line_task::LineCalibration known = LoadCalibration(scene);
-  CheckCamera(config, known);
+  CheckProvenance(config, config.model, model.demonstrations().provenance,
+                  "Demonstrate with this robot and fit again");
+  const line_task::LineCalibration known = LoadCalibration(config);
   std::optional<recording::Recorder> recorder;
   std::filesystem::path log;
   if (!config.recordings.empty()) {
     log = RecordingName(config.recordings);
     recorder.emplace(log, Metadata(config, options.seed));
   }
-  std::signal(SIGINT, Interrupt);
-  std::signal(SIGTERM, Interrupt);
-  std::cout << std::flush;
-  Screen screen;
-  runtime::Keyboard keyboard;
-  OperatorDesk desk(keyboard, screen, interrupted);
-  Robot robot = MakeRobot(config, options, known, recorder ? &*recorder : nullptr, screen, desk);
+  Terminal terminal;
+  Screen& screen = terminal.screen();
+  Robot robot = MakeRobot(config, options, known, recorder ? &*recorder : nullptr, terminal);
   const std::unique_ptr<control::Controller> decides = model.MakeController(config.method);
   RecordedController controller(*decides, recorder ? &*recorder : nullptr);
   if (robot.wire != nullptr) Connect(controller, *robot.wire);
-  const bool stopped = RunEpisodes(options, config, robot, controller, screen, desk);
+  const bool stopped = RunEpisodes(options, config, robot, controller, terminal);
   if (robot.wire != nullptr && robot.wire->timer() != nullptr) {
     PrintTimes(screen, *robot.wire->timer(), config.period_s);
   }

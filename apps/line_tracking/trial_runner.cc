@@ -14,6 +14,16 @@
 #include "rollout_video.h"
 
 namespace dfr::apps::line_tracking {
+namespace {
+
+core::Provenance Simulated(const sim::LineTrackingOptions& options) {
+  core::Provenance provenance;
+  provenance.origin = core::Origin::kSimulated;
+  provenance.serial = std::to_string(options.arm.seed);
+  return provenance;
+}
+
+}  // namespace
 
 imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
                                         const line_task::LineCalibration& known, int count,
@@ -28,6 +38,7 @@ imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
   set.layout = plant.layout();
   set.control_dim = plant.control_dim();
   set.environment = "line-tracking";
+  set.provenance = Simulated(options);
   experiment::ProgressMeter meter(count, std::move(progress));
   for (std::uint64_t i = 0; set.trajectories.size() < static_cast<std::size_t>(count); ++i) {
     if (set.discarded > count) {
@@ -65,10 +76,12 @@ line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& option
   still.observation = sim::Observation::kGroundTruth;  // the motion looks for itself
   sim::LineTrackingPlant plant(still);
   const line_task::LineCalibration nominal = sim::NominalCalibration();
-  return calibration::Calibrate(
+  line_task::LineCalibration found = calibration::Calibrate(
       sim::RecordCalibrationMotion(plant, frames, seed), sim::LineTrackingPlant::target().marks_m,
       nominal, (sim::LineTrackingPlant::p_world_base() * nominal.p_base_cam).inverse(), {},
       summary);
+  found.provenance = Simulated(options);
+  return found;
 }
 
 sim::LineTrackingOptions InWorld(sim::LineTrackingOptions plant, const std::string& world) {

@@ -18,14 +18,16 @@ namespace dfr::apps::line_tracking {
 
 /// Runs `count` open-loop demonstrations without disturbance, whatever `options` says of one, and
 /// keeps those that complete without a collision. Start states are a stream of `seed`. `progress`
-/// may be empty.
+/// may be empty. Their provenance says simulated, and which individual arm, but no date: the same
+/// options have the same bytes.
 /// @throws std::runtime_error if more than half are unusable.
 [[nodiscard]] imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
                                                       const line_task::LineCalibration& known,
                                                       int count, int steps, std::uint64_t seed,
                                                       experiment::ProgressCallback progress = {});
 
-/// Records a motion with the plant's own arm and platform, and calibrates from it.
+/// Records a motion with the plant's own arm and platform, and calibrates from it. Its provenance
+/// is as that of Demonstrate().
 [[nodiscard]] line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& options,
                                                         int frames, std::uint64_t seed,
                                                         calibration::CalibrationSummary* summary);

@@ -3,13 +3,16 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <span>
 #include <sstream>
 #include <string>
 #include <utility>
 
+#include "dfr/core/archive.h"
 #include "dfr/core/random.h"
 
 namespace dfr::calibration {
@@ -171,6 +174,24 @@ TEST(CalibrateTest, UncertaintyCoversTheErrorOfNoisyData) {
   EXPECT_NE(table.str().find("+-"), std::string::npos);
 }
 
+TEST(CalibrateTest, AKnownCameraStays) {
+  const line_task::LineCalibration known = True();
+  line_task::LineCalibration guess = Guess();
+  guess.camera = known.camera;
+  CalibrateOptions options;
+  options.known_camera = true;
+  options.tip_sd_px = 0.05;
+  options.touch_sd_m = 1e-5;
+  CalibrationSummary summary;
+  const line_task::LineCalibration found =
+      Calibrate(Record(known, 60, 0.05, 0.05), Marks(), guess, TargetInCamera(), options, &summary);
+  EXPECT_EQ(found.camera, known.camera);
+  EXPECT_TRUE(summary.converged) << summary.message;
+  EXPECT_TRUE(summary.has_covariance);
+  EXPECT_EQ(summary.camera_sd, (std::array<double, 9>{}));
+  EXPECT_LT(MeanTipError(found, known), 2e-4);
+}
+
 TEST(CalibrateTest, WrongDetectionsDoNotCount) {
   const line_task::LineCalibration known = True();
   std::vector<vision::CalibrationFrame> frames = Record(known, 80, 0.05, 0.5);
@@ -205,7 +226,8 @@ TEST(CalibrateTest, TooLittleOrBrokenDataThrows) {
 TEST(CalibrateTest, FilesKeepEveryBitAndOtherFilesAreRefused) {
   const std::filesystem::path path =
       std::filesystem::temp_directory_path() / ("calibrate_test_" + std::to_string(getpid()));
-  const line_task::LineCalibration known = True();
+  line_task::LineCalibration known = True();
+  known.provenance = {core::Origin::kReal, "PSM1", "A7", "left eye", "2026-11-23"};
   known.Save(path);
   const line_task::LineCalibration loaded = line_task::LineCalibration::Load(path);
   EXPECT_EQ(loaded.camera, known.camera);
@@ -213,10 +235,34 @@ TEST(CalibrateTest, FilesKeepEveryBitAndOtherFilesAreRefused) {
   EXPECT_EQ(loaded.arm.offset, known.arm.offset);
   EXPECT_EQ(loaded.arm.scale, known.arm.scale);
   EXPECT_EQ(loaded.arm.reference, known.arm.reference);
+  EXPECT_EQ(loaded.provenance, known.provenance);
   std::filesystem::resize_file(path, 100);
   EXPECT_THROW(static_cast<void>(line_task::LineCalibration::Load(path)), std::runtime_error);
   std::filesystem::remove(path);
   EXPECT_THROW(static_cast<void>(line_task::LineCalibration::Load(path)), std::runtime_error);
+}
+
+TEST(CalibrateTest, FilesOfBeforeThereWasProvenanceAreReadAndSayNothing) {
+  const std::filesystem::path path =
+      std::filesystem::temp_directory_path() / ("calibrate_test_old_" + std::to_string(getpid()));
+  const line_task::LineCalibration known = True();
+  const auto numbers = [](const auto& v) {
+    return std::span(v.data(), static_cast<std::size_t>(v.size()));
+  };
+  core::ArchiveWriter old("calibration", 1);
+  old.Integer(known.camera.width);
+  old.Integer(known.camera.height);
+  old.Numbers(std::array{known.camera.fx, known.camera.fy, known.camera.cx, known.camera.cy});
+  old.Numbers(known.camera.distortion);
+  old.Numbers(numbers(known.p_base_cam.matrix()));
+  old.Numbers(numbers(known.arm.offset));
+  old.Numbers(numbers(known.arm.scale));
+  old.Numbers(numbers(known.arm.reference));
+  old.Save(path);
+  const line_task::LineCalibration loaded = line_task::LineCalibration::Load(path);
+  EXPECT_EQ(loaded.arm.reference, known.arm.reference);
+  EXPECT_EQ(loaded.provenance, core::Provenance());
+  std::filesystem::remove(path);
 }
 
 }  // namespace

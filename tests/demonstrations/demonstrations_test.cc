@@ -29,11 +29,28 @@ using testing::HasSubstr;
 
 TEST(DemonstrationsTest, AFileRestoresEverything) {
   const test::TempFolder folder;
-  const DemonstrationSet set = Episodes();
+  DemonstrationSet set = Episodes();
+  set.provenance = {core::Origin::kReal, "PSM1", "A7", "left eye", "2026-11-23"};
   SaveRobomimic(set, folder / "demos.hdf5", "<mujoco/>");
   const DemonstrationSet loaded = LoadRobomimic(folder / "demos.hdf5");
   test::ExpectSame(loaded, set);
   EXPECT_EQ(loaded.discarded, 2);
+  EXPECT_EQ(loaded.provenance, set.provenance);
+}
+
+TEST(DemonstrationsTest, WhatIsNoProvenanceIsRefusedByName) {
+  const test::TempFolder folder;
+  {
+    Hdf5File file = Hdf5File::Create(folder / "demos.hdf5");
+    file.CreateGroup("data");
+    file.SetAttribute("data", "provenance", std::string("origin=dreamt\n"));
+  }
+  try {
+    static_cast<void>(LoadRobomimic(folder / "demos.hdf5"));
+    ADD_FAILURE() << "it was taken";
+  } catch (const std::runtime_error& e) {
+    EXPECT_THAT(e.what(), AllOf(HasSubstr("demos.hdf5"), HasSubstr("origin is 'dreamt'")));
+  }
 }
 
 TEST(DemonstrationsTest, AnIndependentReaderFindsEveryValue) {

@@ -266,6 +266,22 @@ TEST_F(PsmClientTest, NanHolds) {
       },
       2);
 }
+TEST_F(PsmClientTest, AQuaternionOfAnotherLengthHolds) {
+  ExpectHold(
+      PsmStatus::kStateNotFinite,
+      [](PsmInput& input) {
+        if (input.measured_cp) input.measured_cp->orientation.coeffs() *= 3.0;
+      },
+      2);
+}
+TEST_F(PsmClientTest, AQuaternionWhoseLengthOverflowsHolds) {
+  ExpectHold(
+      PsmStatus::kStateNotFinite,
+      [](PsmInput& input) {
+        if (input.measured_cp) input.measured_cp->orientation.coeffs() *= 1e200;
+      },
+      2);
+}
 TEST_F(PsmClientTest, WrongNumberOfJointsHolds) {
   ExpectHold(
       PsmStatus::kStateMalformed,

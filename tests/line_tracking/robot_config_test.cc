@@ -160,6 +160,68 @@ TEST_F(RobotConfigTest, ACalibrationOfAnotherCameraIsRefused) {
   EXPECT_NO_THROW(CheckCamera({}, calibration)) << "nothing to compare with";
 }
 
+class ProvenanceTest : public RobotConfigTest {
+ protected:
+  static constexpr char kRobot[] =
+      "robot = 'dds'\n[arm]\nname = 'PSM1'\nserial = 'A7'\n[camera]\nname = 'left eye'\n";
+  // What is said against a calibration of `provenance`; empty: nothing.
+  static std::string Refusal(const RobotConfig& config, const core::Provenance& provenance) {
+    try {
+      CheckProvenance(config, "c.dfr", provenance, "Do it again");
+    } catch (const std::runtime_error& e) {
+      return e.what();
+    }
+    return {};
+  }
+};
+
+TEST_F(ProvenanceTest, ARobotTakesWhatWasMadeWithItAlone) {
+  const RobotConfig robot = Load(kRobot);
+  const core::Provenance own = ProvenanceOf(robot);
+  EXPECT_EQ(own.origin, core::Origin::kReal);
+  EXPECT_EQ(own.date, core::Today());
+  EXPECT_EQ(Refusal(robot, own), "");
+  core::Provenance other = own;
+  other.date = "1999-12-31";
+  EXPECT_EQ(Refusal(robot, other), "") << "older is not other";
+  other.origin = core::Origin::kSimulated;
+  EXPECT_EQ(Refusal(robot, other), "c.dfr of 1999-12-31: its origin is 'simulated', and " +
+                                       file_.string() +
+                                       "'s (simulator.present) is 'real'. Do it again");
+  EXPECT_THAT(Refusal(robot, {}), HasSubstr("c.dfr: its origin is 'unknown'"));
+  other = own;
+  other.arm = "PSM2";
+  EXPECT_THAT(Refusal(robot, other), HasSubstr("its arm is 'PSM2', and"));
+  other = own;
+  other.serial = "A8";
+  EXPECT_THAT(Refusal(robot, other), HasSubstr("its serial is 'A8', and"));
+  EXPECT_THAT(Refusal(robot, other), HasSubstr("'s (arm.serial) is 'A7'. Do it again"));
+  other = own;
+  other.camera = "right eye";
+  EXPECT_THAT(Refusal(robot, other), HasSubstr("'s (camera.name) is 'left eye'"));
+}
+
+TEST_F(ProvenanceTest, ASimulationTakesWhatWasSimulatedOrDoesNotSay) {
+  const core::Provenance real = ProvenanceOf(Load(kRobot));
+  core::Provenance simulated;
+  simulated.origin = core::Origin::kSimulated;
+  simulated.serial = "another arm's";
+  for (const RobotConfig& config : {Load("robot = 'dds'\n[simulator]\npresent = true\n"),
+                                    Load("robot = 'process'\n"), RobotConfig()}) {
+    EXPECT_EQ(ProvenanceOf(config).origin, core::Origin::kSimulated);
+    EXPECT_EQ(Refusal(config, simulated), "");
+    EXPECT_EQ(Refusal(config, {}), "");
+    EXPECT_THAT(Refusal(config, real), HasSubstr("its origin is 'real', and"));
+  }
+}
+
+TEST_F(ProvenanceTest, ARobotThatCannotBeToldFromOthersIsRefused) {
+  EXPECT_THAT(Refusal(Load("robot = 'dds'\n[camera]\nname = 'left eye'\n"), {}),
+              HasSubstr(".toml: arm.serial is not set"));
+  EXPECT_THAT(Refusal(Load("robot = 'dds'\n[arm]\nserial = 'A7'\n"), {}),
+              HasSubstr(".toml: camera.name is not set"));
+}
+
 TEST_F(RobotConfigTest, AFileThatIsNotThereIsNamed) {
   EXPECT_THROW(static_cast<void>(RobotConfig::Load("/nonexistent.toml")), std::runtime_error);
 }

@@ -16,6 +16,7 @@
 #include <thread>
 #include <vector>
 
+#include "commands.h"
 #include "dfr/control/rollout.h"
 #include "dfr/core/random.h"
 #include "dfr/dds/emergency_stop.h"
@@ -465,6 +466,24 @@ TEST(LaunchTest, AllItStartsIsOfTheRunsSecuredNetwork) {
   const recording::Recording log =
       recording::ReadRecording(std::filesystem::directory_iterator(recordings)->path());
   EXPECT_GT(log.steps.size(), 0U);
+}
+
+TEST(LaunchTest, WhatWasSimulatedDrivesNoRobot) {
+  const LineModel model = LineModel::Load(Data().path / "model");
+  EXPECT_EQ(model.demonstrations().provenance.origin, core::Origin::kSimulated);
+  EXPECT_EQ(Data().Calibration().provenance.origin, core::Origin::kSimulated);
+  RunOptions options;
+  options.config = Data().path / "robot.toml";
+  std::ofstream(options.config) << "robot = 'dds'\nmodel = '" << (Data().path / "model").string()
+                                << "'\n[arm]\nserial = 'A7'\n[camera]\nname = 'left eye'\n";
+  try {
+    RunRun(options);
+    ADD_FAILURE() << "it was taken";
+  } catch (const std::runtime_error& e) {
+    const std::string words = e.what();
+    EXPECT_NE(words.find("model: its origin is 'simulated'"), std::string::npos) << words;
+    EXPECT_NE(words.find("fit again"), std::string::npos) << words;
+  }
 }
 
 TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSeen) {

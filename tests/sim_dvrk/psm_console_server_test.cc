@@ -347,6 +347,10 @@ TEST_F(PsmConsoleServerTest, CartesianStatesAreGoals) {
   ASSERT_TRUE(Command(servo, goal));
   EXPECT_TRUE(console_.setpoint_pose().isApprox(home)) << "its pose is not valid";
   goal.pose_valid = true;
+  goal.orientation.coeffs() *= 3.0;
+  ASSERT_TRUE(Command(servo, goal));
+  EXPECT_TRUE(console_.setpoint_pose().isApprox(home)) << "that is no orientation";
+  goal.orientation.normalize();
   ASSERT_TRUE(Command(servo, goal));
   EXPECT_TRUE(Until([&] {
     return std::abs(console_.setpoint_pose().translation().x() - home.translation().x() - 0.002) <

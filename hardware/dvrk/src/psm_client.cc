@@ -71,9 +71,9 @@ Eigen::Matrix<double, 6, 1> Twist(const Eigen::Isometry3d& base, const PsmJoints
 }
 
 bool Finite(const PsmPoseSample& pose) noexcept {
-  // A quaternion of zeros is no orientation.
-  return pose.position_m.allFinite() && pose.orientation.coeffs().allFinite() &&
-         pose.orientation.norm() > 0.5;
+  // A quaternion of another length than 1 is no orientation.
+  constexpr double kRounding = 1e-3;
+  return pose.position_m.allFinite() && std::abs(pose.orientation.norm() - 1.0) <= kRounding;
 }
 
 }  // namespace
@@ -275,7 +275,8 @@ PsmStatus PsmClient::MeasurementHoldReason() const noexcept {
     if (status != PsmStatus::kOk) return status;
   }
   if (!js_.well_formed) return PsmStatus::kStateMalformed;
-  if (!js_.position.allFinite() || !js_.velocity.allFinite() || !Finite(cp_)) {
+  if (!js_.position.allFinite() || !js_.velocity.allFinite() || !Finite(cp_) ||
+      (any_local_ && !Finite(local_cp_))) {
     return PsmStatus::kStateNotFinite;
   }
   return jumped_ ? PsmStatus::kStateJumped : PsmStatus::kOk;

@@ -39,7 +39,7 @@ const char* Name(PsmStatus status) noexcept {
     case PsmStatus::kStateMalformed:
       return "measured_js does not have six joints";
     case PsmStatus::kStateNotFinite:
-      return "measurements are not finite";
+      return "measurements are not finite, or a quaternion has another length than 1";
     case PsmStatus::kStateJumped:
       return "measurements jumped farther than the arm can move";
     case PsmStatus::kFrameMismatch:

@@ -221,6 +221,7 @@ line_task::LineCalibration Calibrate(std::span<const vision::CalibrationFrame> f
   }
   problem.AddResidualBlock(new ceres::AutoDiffCostFunction<ArmPrior, 12, 12>(new ArmPrior(prior)),
                            nullptr, arm.data());
+  if (options.known_camera) problem.SetParameterBlockConstant(camera.data());
   for (double* block : {camera.data(), cam_base.data(), arm.data()}) {
     ordering->AddElementToGroup(block, 1);
   }
@@ -276,13 +277,15 @@ line_task::LineCalibration Calibrate(std::span<const vision::CalibrationFrame> f
   ceres::Covariance::Options covariance_options;
   covariance_options.num_threads = 1;
   ceres::Covariance covariance(covariance_options);
-  const std::vector<std::pair<const double*, const double*>> blocks = {
-      {camera.data(), camera.data()}, {cam_base.data(), cam_base.data()}, {arm.data(), arm.data()}};
+  std::vector<std::pair<const double*, const double*>> blocks = {{cam_base.data(), cam_base.data()},
+                                                                 {arm.data(), arm.data()}};
+  if (!options.known_camera) blocks.emplace_back(camera.data(), camera.data());
   std::array<double, 12> arm_sd{};
-  summary->has_covariance = covariance.Compute(blocks, &problem) &&
-                            StandardDeviations(covariance, camera.data(), summary->camera_sd) &&
-                            StandardDeviations(covariance, cam_base.data(), summary->pose_sd) &&
-                            StandardDeviations(covariance, arm.data(), arm_sd);
+  summary->has_covariance =
+      covariance.Compute(blocks, &problem) &&
+      (options.known_camera || StandardDeviations(covariance, camera.data(), summary->camera_sd)) &&
+      StandardDeviations(covariance, cam_base.data(), summary->pose_sd) &&
+      StandardDeviations(covariance, arm.data(), arm_sd);
   std::copy_n(arm_sd.begin(), 6, summary->offset_sd.begin());
   std::copy_n(arm_sd.begin() + 6, 6, summary->scale_sd.begin());
   return found;

@@ -8,7 +8,7 @@
 namespace dfr::line_task {
 namespace {
 
-constexpr int kVersion = 1;
+constexpr int kVersion = 2;  // 1 had no provenance
 
 template <typename Vector>
 void Append(core::ArchiveWriter& archive, const Vector& v) {
@@ -45,6 +45,7 @@ void LineCalibration::Save(const std::filesystem::path& path) const {
   Append(archive, arm.offset);
   Append(archive, arm.scale);
   Append(archive, arm.reference);
+  archive.Text(core::ToText(provenance));
   archive.Save(path);
 }
 
@@ -65,12 +66,14 @@ LineCalibration LineCalibration::Load(const std::filesystem::path& path) {
   Read(archive, loaded.arm.offset);
   Read(archive, loaded.arm.scale);
   Read(archive, loaded.arm.reference);
+  const std::string made = archive.version() >= 2 ? archive.Text() : std::string();
   archive.End();
   loaded.p_base_cam.matrix() = pose;
   const Eigen::Matrix3d r = loaded.p_base_cam.linear();
   if (!(r * r.transpose()).isIdentity(1e-9)) archive.Fail("the camera's rotation is none");
   try {
     loaded.camera.Check();
+    loaded.provenance = core::ParseProvenance(made);
   } catch (const std::invalid_argument& error) {
     archive.Fail(error.what());
   }

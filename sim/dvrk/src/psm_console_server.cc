@@ -74,9 +74,13 @@ template <typename Message>
 Eigen::Isometry3d Transform(const Message& message) {
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
   pose.translation() = message.position_m;
-  // A quaternion of zeros becomes NaN here, which the console refuses.
-  pose.linear() = Eigen::Quaterniond(message.orientation.coeffs() / message.orientation.norm())
-                      .toRotationMatrix();
+  constexpr double kRounding = 1e-3;
+  if (std::abs(message.orientation.norm() - 1.0) <= kRounding) {
+    pose.linear() = message.orientation.normalized().toRotationMatrix();
+  } else {
+    // It is no orientation, and the console refuses what is not finite.
+    pose.linear().setConstant(std::numeric_limits<double>::quiet_NaN());
+  }
   return pose;
 }
 

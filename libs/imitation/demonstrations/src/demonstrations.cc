@@ -38,11 +38,18 @@ class RobomimicReader final : public internal::EpisodeReader {
     if (!file().Exists("data")) file().Fail("data", "does not exist: this is no robomimic file");
     environment_ = EnvironmentName(file());
     discarded_ = static_cast<int>(file().IntegerAttribute("data", "discarded").value_or(0));
+    try {
+      provenance_ =
+          core::ParseProvenance(file().TextAttribute("data", "provenance").value_or(std::string()));
+    } catch (const std::invalid_argument& e) {
+      file().Fail("data", e.what());
+    }
     FindEpisodes("data", kEpisodePrefix, "obs", kCount);
     if (!filter_key.empty()) KeepMasked("data", filter_key);
   }
 
   [[nodiscard]] int discarded() const noexcept override { return discarded_; }
+  [[nodiscard]] const core::Provenance& provenance() const noexcept override { return provenance_; }
 
  private:
   [[nodiscard]] core::Trajectory ReadEpisode(const std::string& episode) const override {
@@ -75,6 +82,7 @@ class RobomimicReader final : public internal::EpisodeReader {
   }
 
   int discarded_ = 0;
+  core::Provenance provenance_;
 };
 
 DemonstrationSet ReadAll(const DemonstrationReader& reader) {
@@ -84,6 +92,7 @@ DemonstrationSet ReadAll(const DemonstrationReader& reader) {
   demonstrations.environment = reader.environment();
   demonstrations.discarded = reader.discarded();
   demonstrations.note = reader.note();
+  demonstrations.provenance = reader.provenance();
   demonstrations.trajectories.reserve(static_cast<std::size_t>(reader.num_episodes()));
   for (int i = 0; i < reader.num_episodes(); ++i) {
     demonstrations.trajectories.push_back(reader.Read(i));
@@ -96,6 +105,11 @@ DemonstrationSet ReadAll(const DemonstrationReader& reader) {
 const std::string& DemonstrationReader::note() const noexcept {
   static const std::string empty;
   return empty;
+}
+
+const core::Provenance& DemonstrationReader::provenance() const noexcept {
+  static const core::Provenance unknown;
+  return unknown;
 }
 
 class RobomimicWriter::File {
@@ -155,6 +169,11 @@ class RobomimicWriter::File {
     file_.Flush();
   }
 
+  void SetProvenance(const core::Provenance& provenance) {
+    file_.SetAttribute("data", "provenance", core::ToText(provenance));
+    file_.Flush();
+  }
+
   void SetDiscarded(int discarded) {
     discarded_ = discarded;
     file_.SetAttribute("data", "discarded", discarded_);
@@ -197,6 +216,10 @@ RobomimicWriter::~RobomimicWriter() = default;
 
 void RobomimicWriter::Append(const core::Trajectory& trajectory) { file_->Append(trajectory); }
 
+void RobomimicWriter::SetProvenance(const core::Provenance& provenance) {
+  file_->SetProvenance(provenance);
+}
+
 void RobomimicWriter::CountDiscarded() { file_->SetDiscarded(file_->discarded() + 1); }
 
 int RobomimicWriter::num_episodes() const noexcept { return file_->num_episodes(); }
@@ -204,8 +227,12 @@ int RobomimicWriter::num_episodes() const noexcept { return file_->num_episodes(
 void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem::path& path,
                    const std::string& model_xml) {
   RobomimicWriter writer = internal::WriteAll(demonstrations, [&] {
-    return RobomimicWriter(path, demonstrations.layout, demonstrations.control_dim,
-                           demonstrations.environment, model_xml);
+    RobomimicWriter made(path, demonstrations.layout, demonstrations.control_dim,
+                         demonstrations.environment, model_xml);
+    if (demonstrations.provenance != core::Provenance()) {
+      made.SetProvenance(demonstrations.provenance);
+    }
+    return made;
   });
   for (int i = 0; i < demonstrations.discarded; ++i) writer.CountDiscarded();
 }

@@ -23,7 +23,7 @@ enum class PsmStatus {
   kStateOld,        ///< Stamped too long ago: delayed, or the console is frozen.
   kStateAhead,      ///< Stamped in the future: a clock has jumped, or the clocks differ.
   kStateMalformed,  ///< Not six joints.
-  kStateNotFinite,  ///< NaN or infinite.
+  kStateNotFinite,  ///< NaN or infinite, or a quaternion of another length than 1.
   kStateJumped,     ///< Farther from one sample to the next than the arm can move.
   kFrameMismatch,   ///< local/measured_cp is not where measured_js puts the wrist.
   kBaseMoved,       ///< The frame of measured_cp moves: the camera, or a setup joint.

@@ -27,6 +27,9 @@ struct CalibrateOptions {
   double offset_sd_m = 0.005;
   double scale_sd = 0.03;  ///< A joint's scale.
   int max_iterations = 200;
+  /// The guess's intrinsics are right, as those of a file of their own are: they stay. Without it
+  /// the target has to be seen tilted.
+  bool known_camera = false;
 };
 
 /// How a calibration went.

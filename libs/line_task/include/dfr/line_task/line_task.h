@@ -6,6 +6,7 @@
 #include <span>
 
 #include "dfr/core/features.h"
+#include "dfr/core/provenance.h"
 #include "dfr/kinematics/psm.h"
 #include "dfr/vision/camera_model.h"
 #include "dfr/vision/line_vision.h"
@@ -18,6 +19,7 @@ struct LineCalibration {
   Eigen::Isometry3d p_base_cam =
       Eigen::Isometry3d::Identity();  ///< Camera in the arm's base frame.
   kinematics::PsmCorrection arm;
+  core::Provenance provenance = {};
 
   /// Where the camera sees the jaw tips when the arm reports `joints`, camera frame, m.
   [[nodiscard]] Eigen::Vector3d TipInCamera(const kinematics::PsmJoints& joints) const noexcept;

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "dfr/core/features.h"
+#include "dfr/core/provenance.h"
 #include "dfr/core/trajectory.h"
 
 namespace dfr::imitation {
@@ -18,6 +19,7 @@ struct DemonstrationSet {
   std::vector<core::Trajectory> trajectories;
   int discarded = 0;  ///< Demonstrations that violated a constraint and are not among these.
   std::string note;   ///< DemonstrationReader::note() of the file.
+  core::Provenance provenance = {};
 };
 
 /// A file of demonstrations that is read one episode at a time: it takes the memory of its longest
@@ -31,6 +33,8 @@ class DemonstrationReader {
   [[nodiscard]] virtual const std::string& environment() const noexcept = 0;
   /// DemonstrationSet::discarded, where the file says so.
   [[nodiscard]] virtual int discarded() const noexcept { return 0; }
+  /// Unknown where the file does not say.
+  [[nodiscard]] virtual const core::Provenance& provenance() const noexcept;
   [[nodiscard]] virtual int num_episodes() const noexcept = 0;
   /// What a user should know of how the file is read: "images and videos are left alone: ..."; may
   /// be empty.
@@ -58,8 +62,8 @@ class DemonstrationReader {
 //   obs/<block> and next_obs/<block> (N x block size) for each block of the layout,
 //   rewards (N; 1 at the step that completes the task, else 0) and dones (N; 1 at the same step).
 // The last state is the last row of next_obs. On top of the format, each demo has the attributes
-// `seed` and `outcome`, each obs dataset its `offset` within the state, and data has `discarded`;
-// other readers ignore them.
+// `seed` and `outcome`, each obs dataset its `offset` within the state, and data has `discarded`
+// and, where it is known, `provenance` (core::ToText()); other readers ignore them.
 //
 // The functions below throw std::runtime_error naming file, episode, dataset and reason. Files are
 // read by libhdf5 in a process of its own, because it trusts what it reads; they are written in
@@ -80,6 +84,9 @@ class RobomimicWriter {
   /// @throws std::invalid_argument if the trajectory is empty, has other dimensions, an entry that
   ///   is not finite or a control beyond [-1, 1]; nothing is written then.
   void Append(const core::Trajectory& trajectory);
+
+  /// Where all of them are from; said once. @throws std::invalid_argument as core::ToText().
+  void SetProvenance(const core::Provenance& provenance);
 
   /// Counts one that was left out.
   void CountDiscarded();

@@ -1,0 +1,61 @@
+#include "terminal.h"
+
+#include <csignal>
+#include <iostream>
+
+#include "dfr/runtime/periodic_timer.h"
+
+namespace dfr::apps::line_tracking {
+namespace {
+
+std::atomic<bool> interrupted = false;
+static_assert(std::atomic<bool>::is_always_lock_free);
+
+void Interrupt(int /*signal*/) { interrupted = true; }
+
+void Show(Screen& screen, const runtime::Transition& t) noexcept {
+  const bool reasoned = t.reason != runtime::HoldReason::kNone;
+  const bool detailed = t.detail[0] != '\0';
+  screen.Say("  %s -> %s%s%s%s%s%s\n", runtime::Name(t.from), runtime::Name(t.to),
+             reasoned ? ": " : "", reasoned ? runtime::Name(t.reason) : "", detailed ? " (" : "",
+             t.detail.data(), detailed ? ")" : "");
+}
+
+}  // namespace
+
+Terminal::Terminal() : desk_(keyboard_, screen_, line_tracking::interrupted) {
+  std::signal(SIGINT, Interrupt);
+  std::signal(SIGTERM, Interrupt);
+  std::cout << std::flush;
+}
+
+const std::atomic<bool>& Terminal::interrupted() noexcept { return line_tracking::interrupted; }
+
+std::unique_ptr<RobotPlant> BringUpRobot(const RobotConfig& config,
+                                         const line_task::LineCalibration& calibration,
+                                         recording::Recorder* recorder, Terminal& terminal) {
+  Screen& screen = terminal.screen();
+  if (config.priority > 0) {
+    const std::string refused = runtime::AskForRealTime(config.priority);
+    if (!refused.empty()) screen.Say("note: %s\n", refused.c_str());
+  }
+  RunOperator run_operator;
+  run_operator.on_transition = [&screen](const runtime::Transition& t) { Show(screen, t); };
+  run_operator.on_word = [&screen](const hardware::ConsoleWord& word) {
+    screen.Say("  the console says (%s): %s\n", hardware::Name(word.severity), word.text.data());
+  };
+  run_operator.interrupted = &interrupted;
+  auto plant = std::make_unique<RobotPlant>(config, calibration, recorder, run_operator);
+  // The loop, which is this thread, before those of the network.
+  if (config.priority > 0) static_cast<void>(runtime::AskForRealTime(config.priority + 1));
+  plant->BringUp(
+      [&screen](std::string_view words) {
+        screen.Say("  %.*s\n", static_cast<int>(words.size()), words.data());
+      },
+      [&](std::string_view question, std::string_view word) {
+        return terminal.desk().Confirms(plant->loop(), question, word);
+      });
+  return plant;
+}
+
+}  // namespace dfr::apps::line_tracking
