@@ -80,7 +80,6 @@ class RobotPlant final : public core::Plant {
   /// with loop().Idle() only.
   void Halt() noexcept override;
 
-  /// The picture that Observe() was taken from, and what it shows.
   /// Looks while the robot is not started, whoever moves the arm: by teleoperation, by its clutch,
   /// not at all. False, and the state is NaN, where the next picture does not show it.
   /// @throws std::runtime_error with what is wrong with arm, pictures or emergency stop.
@@ -90,6 +89,7 @@ class RobotPlant final : public core::Plant {
   /// @throws std::runtime_error as Watch(), and if the arm moves, or marks or tip are not found.
   [[nodiscard]] vision::CalibrationFrame Sight();
 
+  /// The picture that Observe() was taken from, and what it shows.
   [[nodiscard]] const ImageAnswer& last_image() const noexcept;
   [[nodiscard]] double progress_m() const noexcept;
   /// How the loop kept its time; nullptr in lock-step.
