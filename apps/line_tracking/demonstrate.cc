@@ -137,6 +137,7 @@ RobotConfig LoadRobot(const std::filesystem::path& file) {
                              ": simulator.lock_step is true, and an operator's time is not a "
                              "program's: set it to false");
   }
+  config.platform.wave.reset();  // it rests while nothing is executed
   return config;
 }
 

@@ -222,6 +222,33 @@ void GetRegion(Section& task, line_task::TipRegionOptions& region) {
   }
 }
 
+void GetPlatform(Section& section, PlatformOptions& platform) {
+  section.Get("device", platform.device);
+  using Wave = std::optional<hardware::SprkWaveKind>;
+  section.Get("wave", platform.wave,
+              std::map<std::string, Wave>{{"none", std::nullopt},
+                                          {"sine", hardware::SprkWaveKind::kSine},
+                                          {"breath", hardware::SprkWaveKind::kBreath}});
+  std::array<double, 6> amplitude{};
+  section.Get("amplitude", amplitude);
+  platform.motion.amplitude = {Eigen::Vector3d(amplitude.data()),
+                               Eigen::Vector3d(amplitude.data() + 3)};
+  section.Get("frequency_hz", {platform.motion.frequency_hz.data(), 6});
+  if (!platform.wave) return;
+  if (platform.device.empty()) section.Wrong("wave", "left out where there is no platform.device");
+  hardware::SprkWaveFrame frame;
+  hardware::SprkWave sent;
+  const hardware::SprkStatus status =
+      hardware::EncodeSprkWave(*platform.wave, platform.motion, frame, sent);
+  if (status != hardware::SprkStatus::kOk) {
+    section.Wrong("amplitude",
+                  std::string("what the platform can do with its frequency_hz; it is ") +
+                      hardware::Name(status) +
+                      ". x, y, z in m, roll, pitch, yaw in rad; in Hz up to 0.99, of "
+                      "a breath up to 0.157");
+  }
+}
+
 }  // namespace
 
 RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
@@ -301,6 +328,13 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   camera.Get("max_age_s", config.image_max_age_s, 0.001, 10.0);
   camera.Get("latency_s", config.image_latency_s, 0.0, 1.0);
   camera.End();
+
+  Section platform = section("platform");
+  GetPlatform(platform, config.platform);
+  if (!config.platform.device.empty() && config.robot == RobotPlace::kProcess) {
+    platform.Wrong("device", "left out with robot = \"process\", whose platform is simulated");
+  }
+  platform.End();
 
   Section simulator = section("simulator");
   simulator.Get("present", config.simulator);

@@ -13,6 +13,7 @@
 #include "dfr/hardware/psm_client.h"
 #include "dfr/line_task/line_task.h"
 #include "dfr/line_task/tip_region.h"
+#include "platform_motion.h"
 
 namespace dfr::apps::line_tracking {
 
@@ -64,6 +65,8 @@ struct RobotConfig {
   std::optional<Eigen::Isometry3d> p_world_cam;
   double image_max_age_s = 0.1;  ///< By its stamp, and by its arrival.
   double image_latency_s = 0.0;  ///< What a stamp may be later than the light it shows.
+
+  PlatformOptions platform;  // [platform]
 
   // [simulator]
   bool simulator = false;  ///< The console is dvrk_simulator's, which sets up episodes.

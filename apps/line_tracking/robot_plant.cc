@@ -17,6 +17,7 @@
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 #include "emergency_stop_monitor.h"
 #include "lock_step.h"
+#include "platform_motion.h"
 #include "psm_arm.h"
 #include "simulator_link.h"
 #include "turn_about_tip.h"
@@ -154,6 +155,8 @@ robot::ControlLoopOptions LoopOptions(const RobotConfig& config) {
   robot::ControlLoopOptions options;
   options.period_s = config.period_s;
   options.max_period_s = config.lock_step ? 10.0 : config.max_period_s;
+  if (config.lock_step)
+    options.image_timeout_s = 10.0;  // of this machine's time, which may be scarce
   options.image_latency_s = config.image_latency_s;
   options.max_state_jump = config.max_state_jump_mm;
   options.max_drift = config.max_drift_mm;
@@ -193,6 +196,9 @@ struct RobotPlant::Impl {
         log(recorder, driver, config.emergency_stop, run_operator.on_transition),
         stop(network, config.emergency_stop, config.emergency_stop_silence_s,
              config.emergency_stop_datagrams),
+        platform(config.platform.device.empty()
+                     ? nullptr
+                     : std::make_unique<PlatformMotion>(config.platform)),
         camera(images, config, driver, task, lock_step.get(), recorder),
         loop(LoopOptions(config),
              {.clock = lock_step ? static_cast<robot::Clock*>(lock_step.get()) : &real_time,
@@ -201,6 +207,7 @@ struct RobotPlant::Impl {
               .task = &tool,
               .emergency_stop = &stop,
               .recorder = &log,
+              .platform = platform.get(),
               .interrupted = run_operator.interrupted}) {}
 
   [[nodiscard]] const vision::LineObservation& seen() const noexcept { return camera.last().seen; }
@@ -365,6 +372,7 @@ struct RobotPlant::Impl {
   ToolTask tool;
   RunLog log;
   EmergencyStopMonitor stop;
+  std::unique_ptr<PlatformMotion> platform;
   ImageWorker camera;
   robot::ControlLoop loop;
 
@@ -418,6 +426,15 @@ void RobotPlant::BringUp(
     }
   }
   if (!i.loop.AwaitReady(kPatience, say)) throw not_ready();
+  if (!i.platform) return;
+  if (!(confirms && confirms("the platform goes home. Where nothing touches the gauze, type "
+                             "platform: it moves",
+                             "platform"))) {
+    throw std::runtime_error("the platform is not at home, and nobody asked for it");
+  }
+  if (i.loop.HomePlatform(PlatformMotion::kHomeTime) != HoldReason::kNone) {
+    throw std::runtime_error("the platform was not homed: " + i.loop.blocking_words());
+  }
 }
 
 robot::ControlLoop& RobotPlant::loop() noexcept { return impl_->loop; }
@@ -449,6 +466,7 @@ void RobotPlant::Reset(std::uint64_t seed) {
   static_cast<void>(i.loop.Look());
   i.first_seen = i.seen();
   i.AskForTruth();
+  i.loop.MovePlatform();
 }
 
 PlantStatus RobotPlant::Apply(std::span<const double> control) noexcept {

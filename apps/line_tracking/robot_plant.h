@@ -49,12 +49,12 @@ class RobotPlant final : public core::Plant {
   ~RobotPlant() override;
 
   /// Waits until the robot can be started. An arm that is not homed is powered up and homed once
-  /// the operator says so; a simulated one without being asked. Nothing is sent before that, nor
-  /// while the emergency stop is pressed or not heard of.
+  /// the operator says so; a simulated one without being asked. Then the platform goes home, if
+  /// there is one, on a word of its own. Nothing is sent before these words, nor while the
+  /// emergency stop is pressed or not heard of.
   /// @param say  told what it waits for; may be empty.
   /// @param confirms  asks the operator a question, and goes on with the loop until exactly `word`
-  /// is
-  ///   typed, or false; where it is empty, the operator says no to everything.
+  ///   is typed, or false; where it is empty, the operator says no to everything.
   /// @throws std::runtime_error with what is wrong.
   void BringUp(
       const std::function<void(std::string_view)>& say,
@@ -69,6 +69,7 @@ class RobotPlant final : public core::Plant {
   [[nodiscard]] int control_dim() const noexcept override { return 2; }
   /// With a simulator: the next episode, which starts as soon as there is no reason to hold. On a
   /// robot the tip is where the operator put it, and the episode starts at once.
+  /// The platform's wave begins with it, and ends as soon as the robot holds for whatever reason.
   /// @throws std::runtime_error with the reason to hold: at once on a robot and if a fault was not
   ///   cleared, with a simulator after 3 s.
   void Reset(std::uint64_t seed) override;

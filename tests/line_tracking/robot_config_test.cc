@@ -102,6 +102,33 @@ TEST_F(RobotConfigTest, ErrorsNameFileLineKeyAndWhatThereIs) {
   EXPECT_THAT(Error("[arm\n"), HasSubstr(file + ":1: "));
 }
 
+TEST_F(RobotConfigTest, APlatformsWaveIsOneThatItCanDo) {
+  const std::string port = "robot = 'dds'\n[platform]\ndevice = '/dev/ttyACM0'\n";
+  const PlatformOptions platform = Load(port +
+                                        "wave = 'breath'\namplitude = [0.002, 0, 0, 0, 0, 0.05]\n"
+                                        "frequency_hz = [0.1, 0, 0, 0, 0, 0.05]\n")
+                                       .platform;
+  EXPECT_EQ(platform.device, "/dev/ttyACM0");
+  EXPECT_EQ(platform.wave, hardware::SprkWaveKind::kBreath);
+  EXPECT_EQ(platform.motion.amplitude.translation_m.x(), 0.002);
+  EXPECT_EQ(platform.motion.amplitude.angles_rad.z(), 0.05);
+  EXPECT_EQ(platform.motion.frequency_hz[5], 0.05);
+  EXPECT_EQ(Load(port).platform.wave, std::nullopt) << "it rests at home";
+
+  EXPECT_THAT(Error(port + "wave = 'sine'\namplitude = [0, 0, 0.03, 0, 0, 0]\n"),
+              testing::AllOf(HasSubstr(":5: platform.amplitude must be"), HasSubstr("protocol")));
+  EXPECT_THAT(Error(port + "wave = 'sine'\namplitude = [0.01, 0.01, 0.01, 0, 0, 0]\n"),
+              HasSubstr("beyond the platform's reach"));
+  EXPECT_THAT(Error(port + "wave = 'breath'\nfrequency_hz = [0.5, 0, 0, 0, 0, 0]\n"),
+              HasSubstr("of a breath up to 0.157"));
+  EXPECT_THAT(Error(port + "wave = 'square'\n"),
+              HasSubstr(R"(platform.wave must be one of "breath", "none", "sine")"));
+  EXPECT_THAT(Error("robot = 'dds'\n[platform]\nwave = 'sine'\n"),
+              HasSubstr("where there is no platform.device"));
+  EXPECT_THAT(Error("[platform]\ndevice = '/dev/ttyACM0'\n"),
+              HasSubstr(":2: platform.device must be left out with robot = \"process\""));
+}
+
 TEST_F(RobotConfigTest, RegionAndLimitsAreRead) {
   const RobotConfig config = Load(
       "robot = 'dds'\n[arm]\nteleoperation = ['/a/following']\nservo_cs = true\n"

@@ -8,6 +8,7 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -28,6 +29,7 @@
 #include "tests/dds/domain.h"
 #include "tests/dds/keystore.h"
 #include "tests/dds/peer_process.h"
+#include "tests/hardware_stewart/sprk_emulator.h"
 #include "tests/line_tracking/scene.h"
 #include "tests/support/no_alloc.h"
 #include "trial_runner.h"
@@ -70,6 +72,11 @@ RobotConfig LockStep(int domain) {
   config.lock_step = true;
   config.emergency_stop = false;
   return config;
+}
+
+// Says yes to whatever is asked, but not for ever: what asks again and again gets nowhere.
+std::function<bool(std::string_view, std::string_view)> Agrees() {
+  return [left = 10](std::string_view, std::string_view) mutable { return left-- > 0; };
 }
 
 struct Result {
@@ -156,6 +163,77 @@ TEST(WireTest, AnEmergencyStopThatComesLateIsWaitedFor) {
   EXPECT_EQ(robot.loop().Start(), runtime::HoldReason::kNone) << robot.loop().blocking_words();
   end = true;
   operators.join();
+}
+
+// -- the platform, whose port is an emulator's ----------------------------------------------------
+
+class PlatformTest : public testing::Test {
+ protected:
+  [[nodiscard]] RobotConfig Robot() const {
+    RobotConfig config = LockStep(domain_);
+    config.platform.device = port_.device();
+    config.platform.wave = hardware::SprkWaveKind::kSine;
+    config.platform.motion.amplitude.translation_m.x() = 0.00254;
+    config.platform.motion.frequency_hz[0] = 0.1;
+    return config;
+  }
+  // The letters of the first `count` commands.
+  [[nodiscard]] std::string Arrived(std::size_t count) {
+    std::string letters;
+    for (const auto& command : port_.Await(count)) letters += command.letter;
+    return letters;
+  }
+
+  int domain_ = test::OwnDomain();
+  test::PeerProcess simulator_{
+      std::vector<std::string>{DFR_SIMULATOR, "--lock-step", "--domain", std::to_string(domain_)}};
+  test::SprkEmulator port_;
+};
+
+TEST_F(PlatformTest, MovesOnTheOperatorsWordAndRestsWhenTheRobotHolds) {
+  {
+    RobotPlant robot(Robot(), Data().Calibration(), nullptr);
+    EXPECT_THROW(robot.BringUp({}), std::runtime_error) << "nobody asked for it";
+    std::string asked;
+    const auto refuses = [&](std::string_view question, std::string_view word) {
+      asked = std::string(question) + "|" + std::string(word);
+      return false;
+    };
+    EXPECT_THROW(robot.BringUp({}, refuses), std::runtime_error);
+    EXPECT_NE(asked.find("moves|platform"), std::string::npos) << asked;
+    EXPECT_EQ(Arrived(0), "");
+    robot.BringUp({}, Agrees());
+    EXPECT_EQ(Arrived(2), "ha") << "home, and rests there";
+
+    robot.Reset(1);
+    EXPECT_EQ(Arrived(3), "hac") << "the wave of the episode";
+    ASSERT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kOk) << robot.loop().cause();
+    EXPECT_EQ(Arrived(0), "hac");
+    robot.loop().Hold(runtime::HoldReason::kImageOld);
+    EXPECT_EQ(Arrived(4), "haca") << "at once, without another period";
+    robot.Halt();
+    EXPECT_EQ(Arrived(0), "haca") << "it rests already";
+    ASSERT_TRUE(robot.Clear());
+    robot.Reset(2);
+    EXPECT_EQ(Arrived(5), "hacac");
+  }
+  EXPECT_EQ(Arrived(6), "hacaca") << "the program ended in the middle of an episode";
+  EXPECT_EQ(port_.Await(0).back().Pose().translation_m.x(), 0.0) << "in the wave's middle";
+}
+
+TEST_F(PlatformTest, APortThatFailsIsAFaultThatNoWordMends) {
+  RobotPlant robot(Robot(), Data().Calibration(), nullptr);
+  robot.BringUp({}, Agrees());
+  robot.Reset(1);
+  ASSERT_EQ(Arrived(3), "hac");
+  port_.Unplug();
+  robot.Halt();
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kFaulted);
+  EXPECT_NE(robot.loop().cause().find("platform: its port failed"), std::string::npos)
+      << robot.loop().cause();
+  static_cast<void>(robot.Clear());
+  EXPECT_THROW(robot.Reset(2), std::runtime_error);
+  EXPECT_FALSE(robot.loop().may_move());
 }
 
 // In real time, on a machine that others use, too: pictures are drawn by its processor.
@@ -274,7 +352,7 @@ TEST_F(BringUpTest, NothingIsPoweredUpUnlessTheOperatorAsks) {
   EXPECT_THROW(robot.BringUp({}, refuses), std::runtime_error);
   EXPECT_NE(asked.find("moves|home"), std::string::npos) << asked;
   EXPECT_FALSE(ConsoleSaid("ENABLED", true, 0.2));
-  EXPECT_NO_THROW(robot.BringUp({}, [](auto, auto) { return true; }));
+  EXPECT_NO_THROW(robot.BringUp({}, Agrees()));
   EXPECT_TRUE(ConsoleSaid("ENABLED", false, 5.0));
 }
 
@@ -286,7 +364,7 @@ TEST_F(BringUpTest, AStopThatIsPressedInTheMiddleOfHomingEndsIt) {
     person.press = true;
   });
   try {
-    robot.BringUp({}, [](auto, auto) { return true; });
+    robot.BringUp({}, Agrees());
     ADD_FAILURE() << "it went on";
   } catch (const std::runtime_error& e) {
     EXPECT_NE(std::string(e.what()).find("emergency-stop: pressed"), std::string::npos) << e.what();
@@ -303,7 +381,7 @@ TEST_F(BringUpTest, AStopThatVanishesInTheMiddleOfHomingEndsIt) {
     person.silent = true;
   });
   try {
-    robot.BringUp({}, [](auto, auto) { return true; });
+    robot.BringUp({}, Agrees());
     ADD_FAILURE() << "it went on";
   } catch (const std::runtime_error& e) {
     EXPECT_NE(std::string(e.what()).find("emergency-stop-silent"), std::string::npos) << e.what();
@@ -323,7 +401,7 @@ TEST_F(BringUpTest, CtrlCEndsHomingAndWaiting) {
     interrupted = true;
   });
   try {
-    robot.BringUp({}, [](auto, auto) { return true; });
+    robot.BringUp({}, Agrees());
     ADD_FAILURE() << "it went on";
   } catch (const std::runtime_error& e) {
     EXPECT_NE(std::string(e.what()).find("interrupted"), std::string::npos) << e.what();
@@ -331,7 +409,7 @@ TEST_F(BringUpTest, CtrlCEndsHomingAndWaiting) {
   interrupts.join();
   EXPECT_TRUE(ConsoleSaid("DISABLED", false, 1.0));
   const auto start = std::chrono::steady_clock::now();
-  EXPECT_THROW(robot.BringUp({}, [](auto, auto) { return true; }), std::runtime_error);
+  EXPECT_THROW(robot.BringUp({}, Agrees()), std::runtime_error);
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(2));
 }
 
@@ -385,7 +463,7 @@ TEST_F(AskewTest, TheToolIsLiftedThenTurnedAndNeverGoesDown) {
   Tilt();
   const Operator person(domain_);
   RobotPlant robot(Robot(), Data().Calibration(), nullptr);
-  robot.BringUp({}, [](auto, auto) { return true; });
+  robot.BringUp({}, Agrees());
   SimulatorLink link(network_);
   link.Await(10.0);
   const double before = link.Truth().tip_m.z();
@@ -414,7 +492,7 @@ TEST_F(AskewTest, NothingMovesWhereAWayWouldLeaveTheRegion) {
   RobotConfig config = Robot();
   config.region.box_min_m.z() = 0.02;  // so high that the tip is already below, and would return
   RobotPlant robot(config, Data().Calibration(), nullptr);
-  robot.BringUp({}, [](auto, auto) { return true; });
+  robot.BringUp({}, Agrees());
   SimulatorLink link(network_);
   link.Await(10.0);
   const Eigen::Vector3d before = link.Truth().tip_m;

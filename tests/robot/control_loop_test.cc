@@ -182,9 +182,88 @@ TEST(ControlLoopTest, NoReasonIsLeftWithoutASource) {
   std::set<HoldReason> found = {HoldReason::kNone,           HoldReason::kControllerHalted,
                                 HoldReason::kNotSeen,        HoldReason::kStateInvalid,
                                 HoldReason::kControlInvalid, HoldReason::kStateJump,
-                                HoldReason::kCommandRefused};
+                                HoldReason::kCommandRefused, HoldReason::kPlatform};
   for (const Source& source : Sources()) found.insert(source.reason);
   EXPECT_EQ(found.size(), static_cast<std::size_t>(runtime::kNumHoldReasons));
+}
+
+// -- the platform ---------------------------------------------------------------------------------
+
+TEST(ControlLoopTest, ThePlatformRestsInThePeriodThatHolds) {
+  for (const Source& source : Sources()) {
+    SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));
+    FakeRobot robot;
+    robot.loop.MovePlatform();
+    EXPECT_EQ(robot.platform.begins, 0) << "the robot may not move";
+    ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+    robot.loop.Idle(0.1);
+    EXPECT_FALSE(robot.platform.moves) << "nobody has said so";
+    robot.loop.MovePlatform();
+    robot.loop.Idle(0.1);
+    ASSERT_TRUE(robot.platform.moves);
+    source.begin(robot);
+    for (int n = 0; robot.loop.Tick(); ++n) ASSERT_LT(n, source.periods());
+    EXPECT_FALSE(robot.platform.moves);
+    EXPECT_EQ(robot.platform.rested_ns, robot.clock.now_ns);
+    source.end(robot);
+    ExpectHeldUntilStarted(robot, source.reason);
+    EXPECT_FALSE(robot.platform.moves) << "nobody has said so again";
+  }
+}
+
+TEST(ControlLoopTest, ThePlatformRestsWhenTheTaskIsCompletedOrTheCallerHolds) {
+  FakeRobot robot;
+  ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+  robot.loop.MovePlatform();
+  robot.loop.Complete();
+  EXPECT_FALSE(robot.platform.moves) << "at once";
+  ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+  robot.loop.MovePlatform();
+  ASSERT_TRUE(robot.platform.moves);
+  robot.loop.Hold(HoldReason::kControllerHalted);
+  EXPECT_FALSE(robot.platform.moves) << "at once";
+}
+
+TEST(ControlLoopTest, APlatformThatCannotBeToldIsAFaultForAsLong) {
+  FakeRobot robot;
+  ASSERT_EQ(robot.loop.Start(), HoldReason::kNone);
+  robot.platform.refuses = {HoldReason::kPlatform, "its port failed"};
+  robot.loop.MovePlatform();
+  EXPECT_FALSE(robot.loop.Tick());
+  ExpectHeldUntilStarted(robot, HoldReason::kPlatform);
+  robot.platform.refuses = {};
+  robot.loop.MovePlatform();
+  robot.platform.fails = {HoldReason::kPlatform, "its port failed"};
+  robot.loop.Hold(HoldReason::kNotSeen);
+  EXPECT_EQ(robot.loop.state(), RunState::kFaulted);
+  EXPECT_EQ(robot.loop.cause(), "platform: its port failed");
+  EXPECT_FALSE(robot.loop.Tick());
+  ExpectHeldUntilStarted(robot, HoldReason::kPlatform, [&] { robot.platform.fails = {}; });
+}
+
+TEST(ControlLoopTest, HomingThePlatformEndsWithWhateverIsFound) {
+  FakeRobot robot;
+  robot.loop.Idle(1.0);
+  const int start = robot.clock.periods;
+  EXPECT_EQ(robot.loop.HomePlatform(1.5), HoldReason::kNone);
+  EXPECT_EQ(robot.clock.periods - start, 300);
+  EXPECT_EQ(robot.platform.homings, 1);
+  EXPECT_FALSE(robot.platform.moves) << "it is there";
+  EXPECT_EQ(robot.loop.state(), RunState::kIdle);
+  for (const Source& source : Sources()) {
+    SCOPED_TRACE(source.name + ", " + runtime::Name(source.reason));
+    FakeRobot another;
+    another.loop.Idle(1.0);
+    another.clock.plan_ns = another.clock.now_ns + 50 * kPeriodNs;
+    another.clock.plan = [&] { source.begin(another); };
+    EXPECT_EQ(another.loop.HomePlatform(1.5), source.reason);
+    EXPECT_FALSE(another.platform.moves);
+    EXPECT_EQ(another.platform.rested_ns, another.clock.now_ns);
+    EXPECT_LE(another.clock.periods, 200 + 50 + source.periods() + 1);
+    if (source.name == "period") continue;
+    EXPECT_NE(another.loop.HomePlatform(1.5), HoldReason::kNone) << "the reason lasts";
+    EXPECT_EQ(another.platform.homings, 1);
+  }
 }
 
 TEST(ControlLoopTest, APeriodOfJustTheLimitIsNoOverrun) {

@@ -255,6 +255,36 @@ class FakeTask final : public robot::Task {
   std::array<double, 2> change_{};
 };
 
+class FakePlatform final : public robot::Platform {
+ public:
+  robot::Finding Home() noexcept override {
+    moves = true;
+    ++homings;
+    return refuses;
+  }
+  robot::Finding Begin() noexcept override {
+    moves = true;
+    ++begins;
+    return refuses;
+  }
+  robot::Finding Rest() noexcept override {
+    if (moves) rested_ns = clock_->now_ns;
+    if (fails.ok()) moves = false;
+    return moves ? fails : robot::Finding{};
+  }
+  explicit FakePlatform(const FakeClock& clock) : clock_(&clock) {}
+
+  robot::Finding refuses;
+  robot::Finding fails;
+  bool moves = false;
+  int homings = 0;
+  int begins = 0;
+  std::int64_t rested_ns = 0;
+
+ private:
+  const FakeClock* clock_;
+};
+
 /// A control loop with fakes for all of its devices.
 struct FakeRobot {
   explicit FakeRobot(const robot::ControlLoopOptions& options = {}, int state_dim = 2)
@@ -265,6 +295,7 @@ struct FakeRobot {
                        .task = &task,
                        .emergency_stop = &stop,
                        .recorder = &recorder,
+                       .platform = &platform,
                        .interrupted = &interrupted}) {}
 
   FakeClock clock;
@@ -273,6 +304,7 @@ struct FakeRobot {
   FakeTask task;
   FakeStop stop{clock};
   FakeRecorder recorder;
+  FakePlatform platform{clock};
   std::atomic<bool> interrupted = false;
   robot::ControlLoop loop;
 };

@@ -51,7 +51,7 @@ bool ControlLoop::Tick(double dt_s) noexcept {
 }
 
 void ControlLoop::Watch() noexcept {
-  const auto& [clock, arm, camera, task, stop, recorder, interrupted] = devices_;
+  const auto& [clock, arm, camera, task, stop, recorder, platform, interrupted] = devices_;
   const Finding found = arm->Tick(clock->SteadyNs(), clock->WallNs());
   if (!homing_ || !arm->needs_homing()) machine_.Hold(found.reason, found.detail);
   Finding stop_found;
@@ -85,7 +85,14 @@ Finding ControlLoop::WatchThread(const ThreadFinding& found, std::int64_t max_ch
   return finding;
 }
 
+void ControlLoop::RestPlatform() noexcept {
+  if (devices_.platform == nullptr || machine_.may_move() || homing_platform_) return;
+  const Finding found = devices_.platform->Rest();
+  machine_.Hold(found.reason, found.detail);
+}
+
 void ControlLoop::Report() noexcept {
+  RestPlatform();
   runtime::Transition transition;
   while (machine_.Take(transition)) {
     if (transition.reason != HoldReason::kNone || transition.to == RunState::kArmed) {
@@ -154,6 +161,24 @@ HoldReason ControlLoop::TryToHome() noexcept {
     if (blocking() != HoldReason::kNone) return blocking();
   } while (devices_.arm->homing());
   return HoldReason::kNone;
+}
+
+HoldReason ControlLoop::HomePlatform(double duration_s) noexcept {
+  if (blocking() != HoldReason::kNone || devices_.platform == nullptr) return blocking();
+  homing_platform_ = true;
+  const Finding refused = devices_.platform->Home();
+  Hold(refused.reason, refused.detail);
+  const int periods = static_cast<int>(std::ceil(duration_s / options_.period_s));
+  for (int n = 0; n < periods && blocking() == HoldReason::kNone; ++n) Tick();
+  homing_platform_ = false;
+  Report();  // it rests
+  return blocking();
+}
+
+void ControlLoop::MovePlatform() noexcept {
+  if (devices_.platform == nullptr || !may_move()) return;
+  const Finding refused = devices_.platform->Begin();
+  Hold(refused.reason, refused.detail);
 }
 
 HoldReason ControlLoop::TryToStart() noexcept {
@@ -243,7 +268,7 @@ PlantStatus ControlLoop::Apply(std::span<const double> control) noexcept {
 }
 
 PlantStatus ControlLoop::Move(std::span<const double> joints, double duration_s) noexcept {
-  const auto& [clock, arm, camera, task, stop, recorder, interrupted] = devices_;
+  const auto& [clock, arm, camera, task, stop, recorder, platform, interrupted] = devices_;
   if (const Finding refused = arm->MoveTo(joints, duration_s); !refused.ok()) {
     return Refuse(refused);
   }
@@ -274,7 +299,7 @@ bool ControlLoop::Look() noexcept {
 }
 
 bool ControlLoop::Observe() noexcept {
-  const auto& [clock, arm, camera, task, stop, recorder, interrupted] = devices_;
+  const auto& [clock, arm, camera, task, stop, recorder, platform, interrupted] = devices_;
   for (int image = 0; image < options_.max_images; ++image) {
     if (const Finding found = camera->Ask(clock->WallNs() + Ns(options_.image_latency_s));
         !found.ok()) {

@@ -84,6 +84,8 @@ const char* Name(HoldReason reason) noexcept {
       return "overrun";
     case HoldReason::kRecorder:
       return "recorder";
+    case HoldReason::kPlatform:
+      return "platform";
   }
   return "?";
 }

@@ -51,6 +51,7 @@ struct Devices {
   Task* task = nullptr;
   EmergencyStop* emergency_stop = nullptr;         ///< nullptr: none.
   Recorder* recorder = nullptr;                    ///< nullptr: none.
+  Platform* platform = nullptr;                    ///< nullptr: nothing moves the target.
   const std::atomic<bool>* interrupted = nullptr;  ///< The operator wants a stop. nullptr: never.
 };
 
@@ -85,6 +86,11 @@ class ControlLoop {
   /// nothing begins while the emergency stop is pressed or not heard of. Returns kNone, or what was
   /// found: blocking_words(). Refused with kOperator while the arm is armed.
   [[nodiscard]] runtime::HoldReason Home() noexcept;
+  /// The operator's word: sends the platform home, which takes `duration_s`. Whatever is found
+  /// meanwhile makes it rest at once. Returns kNone, or what was found.
+  [[nodiscard]] runtime::HoldReason HomePlatform(double duration_s) noexcept;
+  /// From now on the platform moves, until the robot may not. Without effect where it may not now.
+  void MovePlatform() noexcept;
   /// The operator's word: arms and starts. Returns kNone, or what prevents it. Tries again for
   /// `patience_s` unless a fault has to be cleared first.
   [[nodiscard]] runtime::HoldReason Start(double patience_s = 0.0) noexcept;
@@ -131,6 +137,7 @@ class ControlLoop {
   Finding WatchThread(const ThreadFinding& found, std::int64_t max_check_ns,
                       const Finding& hangs) noexcept;
   void Report() noexcept;
+  void RestPlatform() noexcept;
   [[nodiscard]] core::PlantStatus Refuse(const Finding& why) noexcept;
   bool Observe() noexcept;
   [[nodiscard]] bool Jumped(std::span<const double> change) const noexcept;
@@ -156,6 +163,7 @@ class ControlLoop {
   double since_waypoint_ = 0.0;
   std::vector<double> moved_;
   bool homing_ = false;
+  bool homing_platform_ = false;
   runtime::HoldReason last_reason_ = runtime::HoldReason::kNone;
   std::array<char, 96> last_detail_{};
 };

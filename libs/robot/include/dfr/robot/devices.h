@@ -108,6 +108,20 @@ class EmergencyStop {
   virtual void Acknowledge() noexcept = 0;
 };
 
+/// Moves the target. It rests unless it was told to move, and comes to rest when told to.
+class Platform {
+ public:
+  virtual ~Platform() = default;
+
+  /// Starts on its way home, or says what is against it.
+  [[nodiscard]] virtual Finding Home() noexcept = 0;
+  /// Its motion begins, and goes on until Rest(). Or says what is against it.
+  [[nodiscard]] virtual Finding Begin() noexcept = 0;
+  /// Once a period in which the robot may not move: it comes to rest where it is. Nothing to do if
+  /// it rests. Says so where it cannot be told.
+  [[nodiscard]] virtual Finding Rest() noexcept = 0;
+};
+
 /// Keeps the transitions of a run.
 class Recorder {
  public:

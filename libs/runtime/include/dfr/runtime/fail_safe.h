@@ -45,8 +45,9 @@ enum class HoldReason {
   kImageInvalid,         ///< Frozen, black, or of another size or kind.
   kOverrun,              ///< The control loop was late: what it knows is old.
   kRecorder,             ///< The run can no longer be recorded.
+  kPlatform,             ///< What moves the target cannot be told to.
 };
-inline constexpr int kNumHoldReasons = static_cast<int>(HoldReason::kRecorder) + 1;
+inline constexpr int kNumHoldReasons = static_cast<int>(HoldReason::kPlatform) + 1;
 
 /// "operator", "controller-halted", ...: what logs and the operator read.
 [[nodiscard]] const char* Name(HoldReason reason) noexcept;
