@@ -297,7 +297,7 @@ TEST(CertifierTest, ConfirmsWhatItTrustsAndSaysWhatContradictsIt) {
 
 TEST(CertifierTest, SwitchedOffItClaimsNothingAndLetsEverythingPass) {
   const auto support = Moving();
-  const JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  JacobianEstimate answer = test::KnownJacobian(Jacobian());
   Certifier none({}, 2, 2, kUnit);
   EXPECT_FALSE(none.active());
   const std::vector<double> outside = {0.0, 50.0};
@@ -305,17 +305,85 @@ TEST(CertifierTest, SwitchedOffItClaimsNothingAndLetsEverythingPass) {
   EXPECT_EQ(none.Share({support, answer, outside}, 0, v), 1.0);
   EXPECT_TRUE(none.Confirms(0, v, v, 1e6 * v));
   EXPECT_EQ(none.violation().control, -1);
+  Eigen::VectorXd admitted = v;
+  const auto admission =
+      none.Admit({support, answer, outside}, answer, {}, {0, Mode::kPolicy}, admitted);
+  EXPECT_TRUE(admission.any && admission.gets_on && admission.share == 1.0);
+  EXPECT_TRUE(admitted == v);
+}
+
+// What is admitted of a control ends inside some support near, whatever the assumption lets happen.
+TEST(CertifierTest, WhatItAdmitsIsCertified) {
+  const auto support = Moving();
+  JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  for (const auto kind :
+       {CertificateKind::kLipschitz, CertificateKind::kRadius, CertificateKind::kDirection}) {
+    SCOPED_TRACE(Name(kind));
+    Certifier certifier({kind, 1.2, 0.3}, 2, 2, kUnit);
+    core::Random random(1);
+    int whole = 0;
+    int shrunk = 0;
+    int climbs = 0;
+    for (int i = 0; i < 1000; ++i) {
+      const int phase = i % 10;
+      const std::vector<double> z = {phase * kSpeed + 0.6 * random.Normal(), 0.6 * random.Normal()};
+      if (support.LogDecision(phase, z, {}) < 0.0) continue;
+      const LocalModel model{support, answer, z};
+      const Eigen::VectorXd chosen =
+          (4.0 * Eigen::Vector2d(random.Normal(), random.Normal())).cwiseMax(-5.0).cwiseMin(5.0);
+      Eigen::VectorXd v = chosen;
+      certifier.Reset();
+      const auto admission =
+          certifier.Admit(model, answer, {.control = 5.0}, {phase, Mode::kPolicy}, v);
+      ASSERT_TRUE(admission.any);
+      ASSERT_LE(v.cwiseAbs().maxCoeff(), 5.0);
+      ASSERT_GE(certifier.Share(model, phase, v), 1.0 - 1e-8);
+      if (!admission.gets_on) {
+        ++climbs;
+        ASSERT_EQ(admission.mode, Mode::kRecovery);
+        ASSERT_GE(model.Level(phase, v), support.LogDecision(phase, z, {}));
+      } else {
+        // From what demonstrations did, it is a recovery.
+        ASSERT_TRUE(admission.mode == Mode::kPolicy ||
+                    (kind == CertificateKind::kDirection && admission.share == 1.0));
+        ++(admission.share < 1.0 ? shrunk : whole);
+      }
+    }
+    EXPECT_GT(whole, 10);
+    // Where it predicts, a control is changed into one that passes whole.
+    EXPECT_EQ(shrunk > 100, kind != CertificateKind::kDirection);
+    EXPECT_EQ(climbs > 1, kind != CertificateKind::kDirection);
+  }
+}
+
+TEST(CertifierTest, ThreeControlsOfWhichNextToNothingPassesAreTheEnd) {
+  // A peak at which no step gains anything, and whose ball no control stays in.
+  const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 1.0);
+  JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  const std::vector<double> z = {0.0, 0.0};
+  Certifier certifier({CertificateKind::kRadius, 1.0}, 2, 2, kUnit);
+  const auto admit = [&] {
+    Eigen::VectorXd v = Eigen::Vector2d(1.0, 0.0);
+    return certifier.Admit({support, answer, z}, answer, {}, {0, Mode::kPolicy}, v).any;
+  };
+  EXPECT_TRUE(admit());
+  EXPECT_TRUE(admit());
+  EXPECT_FALSE(admit());
+  certifier.Reset();
+  EXPECT_TRUE(admit()) << "another episode";
 }
 
 TEST(CertifierTest, NeverAllocates) {
   const auto support = Moving();
-  const JacobianEstimate answer = test::KnownJacobian(Jacobian());
+  JacobianEstimate answer = test::KnownJacobian(Jacobian());
   const std::vector<double> z = {0.1, 0.2};
   const Eigen::VectorXd v = Eigen::Vector2d(2.0, 1.0);
   for (const auto kind :
        {CertificateKind::kLipschitz, CertificateKind::kRadius, CertificateKind::kDirection}) {
     Certifier certifier({kind, 1.0, 1.0}, 2, 2, kUnit);
+    Eigen::VectorXd admitted = v;
     const test::NoAlloc guard;
+    (void)certifier.Admit({support, answer, z}, answer, {}, {1, Mode::kPolicy}, admitted);
     (void)certifier.Share({support, answer, z}, 1, v);
     (void)certifier.Confirms(0, v, v, v);
     if (certifier.predicts()) (void)certifier.Predict({support, answer, z}, 1, v);

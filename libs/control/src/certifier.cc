@@ -23,7 +23,8 @@ Certifier::Certifier(const Certificate& certificate, int num_features, int contr
       control_unit_(control_unit),
       effect_(Eigen::VectorXd::Zero(num_features)),
       shift_(Eigen::VectorXd::Zero(num_features)),
-      part_(Eigen::VectorXd::Zero(control_dim)) {
+      part_(Eigen::VectorXd::Zero(control_dim)),
+      chosen_(Eigen::VectorXd::Zero(control_dim)) {
   const bool by_gain = certificate.kind == CertificateKind::kLipschitz ||
                        certificate.kind == CertificateKind::kRadius;
   DFR_THROW_UNLESS(!by_gain || (certificate.gain > 0.0 && std::isfinite(certificate.gain)),
@@ -42,7 +43,10 @@ Certifier::Certifier(const Certificate& certificate, int num_features, int contr
                        << certificate.state_error);
 }
 
-void Certifier::Reset() noexcept { violation_ = {}; }
+void Certifier::Reset() noexcept {
+  violation_ = {};
+  stalls_ = 0;
+}
 
 Certifier::Need Certifier::Check(const LocalModel& model, int phase,
                                  const Eigen::VectorXd& v) const noexcept {
@@ -109,6 +113,59 @@ double Certifier::Part(const LocalModel& model, int phase, const Eigen::VectorXd
     if (Check(model, phase + 1, part_).met()) best = share;
   }
   return best;
+}
+
+// Changes `v` by the smallest steps that surely help until it provably ends inside `phase`.
+bool Certifier::Project(const LocalModel& model, const StepLimits& limits, int phase,
+                        Eigen::VectorXd& v) const noexcept {
+  // The need is met a little later than it is computed: the slope of l differs where v leads to.
+  constexpr int kRounds = 3;
+  constexpr double kOvershoot = 0.02;
+  PredictedLevel there = model.Predict(phase, v);
+  Need need = Check(model, phase, v, there);
+  for (int round = 0; round < kRounds && !need.met(); ++round) {
+    if (RaiseLevel(model, {phase, need.level + kOvershoot}, limits, v, there) < need.level) break;
+    need = Check(model, phase, v, there);
+  }
+  return need.met();
+}
+
+Certifier::Admission Certifier::Admit(const LocalModel& model, JacobianEstimate& estimate,
+                                      const StepLimits& limits, const Request& request,
+                                      Eigen::VectorXd& v) noexcept {
+  // A control of which less than this share passes is a stall; so many in a row end it.
+  constexpr double kLeastShare = 0.02;
+  constexpr int kMaxStalls = 3;
+  Admission admission{.mode = request.mode, .gets_on = request.mode != Mode::kProbe};
+  if (!active()) return admission;
+  if (admission.gets_on && predicts()) {
+    chosen_ = v;
+    if (!Project(model, limits, request.phase + 1, v)) {
+      // What demonstrations did nearby, as near to it as is certified.
+      const bool known = estimate.Demonstrated(v);
+      v = v.cwiseMax(-limits.control).cwiseMin(limits.control);
+      if (known && Project(model, limits, request.phase + 1, v)) {
+        admission.mode = Mode::kRecovery;
+      } else {
+        v = chosen_;
+        admission.share = Part(model, request.phase, v);
+      }
+    }
+  } else {
+    admission.share = Share(model, request.phase, v);
+  }
+  if (admission.share < kLeastShare) {
+    // So near to the boundary in this direction: make all the room there is first.
+    v.setZero();
+    static_cast<void>(
+        RaiseLevel(model, {request.phase, std::numeric_limits<double>::infinity()}, limits, v));
+    admission = {
+        .share = Share(model, request.phase, v), .mode = Mode::kRecovery, .gets_on = false};
+  }
+  stalls_ = admission.share < kLeastShare || v.isZero() ? stalls_ + 1 : 0;
+  admission.any = stalls_ < kMaxStalls;
+  v *= admission.share;
+  return admission;
 }
 
 bool Certifier::Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,

@@ -5,6 +5,8 @@
 #include <vector>
 
 #include "dfr/control/certificate.h"
+#include "dfr/control/controller.h"
+#include "dfr/control/jacobian_estimate.h"
 #include "dfr/control/support_step.h"
 #include "dfr/core/matrix.h"
 
@@ -61,6 +63,27 @@ class Certifier {
   [[nodiscard]] double Share(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
   /// The same of a control that Check() has refused, which is not asked again.
   [[nodiscard]] double Part(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
+  /// A control that is to be applied in `phase`, and who chose it.
+  struct Request {
+    int phase = 0;
+    Mode mode = Mode::kPolicy;
+  };
+  /// What became of it.
+  struct Admission {
+    bool any = true;     ///< False: next to nothing passed three times in a row.
+    double share = 1.0;  ///< Of the control that was chosen.
+    Mode mode = Mode::kPolicy;
+    bool gets_on = true;  ///< Whether it is meant for the next phase.
+  };
+  /// Changes `v` until it provably ends inside B_q(eta) of a phase q near the present one. Where
+  /// predicts(), by RaiseLevel() towards the level that it needs, from what demonstrations did
+  /// nearby if need be; otherwise, and where that does not do, it is shrunk. Where next to nothing
+  /// of it is left, `v` becomes a recovery that makes all the room there is. Where not active(),
+  /// every control passes.
+  /// @param estimate  of J, computed last at the model's z.
+  [[nodiscard]] Admission Admit(const LocalModel& model, JacobianEstimate& estimate,
+                                const StepLimits& limits, const Request& request,
+                                Eigen::VectorXd& v) noexcept;
   /// Control number `control`, `v`, was predicted to change the features by `effect` and changed
   /// them by `dz`. @returns false on the first contradiction to the assumption; see violation().
   [[nodiscard]] bool Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,
@@ -68,12 +91,17 @@ class Certifier {
   [[nodiscard]] const Violation& violation() const noexcept { return violation_; }
 
  private:
+  [[nodiscard]] bool Project(const LocalModel& model, const StepLimits& limits, int phase,
+                             Eigen::VectorXd& v) const noexcept;
+
   Certificate certificate_;
   double control_unit_;
   Violation violation_;
+  int stalls_ = 0;  ///< Controls in a row of which next to nothing passed.
   Eigen::VectorXd effect_;
   Eigen::VectorXd shift_;
   Eigen::VectorXd part_;
+  Eigen::VectorXd chosen_;
 };
 
 }  // namespace dfr::control

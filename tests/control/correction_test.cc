@@ -1,0 +1,110 @@
+#include "dfr/control/correction.h"
+
+#include <gtest/gtest.h>
+
+#include <span>
+
+#include "dfr/core/matrix.h"
+#include "tests/control/analytic.h"
+#include "tests/control/rightwards.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::control {
+namespace {
+
+using Choice = Correction::Choice;
+
+// A disk that moves to the right, demonstrations that go along with it, and a state at its rim.
+class CorrectionTest : public testing::Test {
+ protected:
+  CorrectionTest() { estimate_.Compute(0, core::AsSpan(z_)); }
+
+  [[nodiscard]] Choice Choose(const GuidedOptions& options, Eigen::VectorXd& v) {
+    return Correction(model_, options).Choose(estimate_, core::AsSpan(z_), target_, v);
+  }
+  [[nodiscard]] double Level(const Eigen::VectorXd& v) const { return local_.Level(1, v); }
+
+  test::GaussianSupport support_ = test::MovingDisk();
+  GuidedModel model_{test::IdentityFeatures(), support_, test::Rightwards()};
+  JacobianEstimate estimate_{model_.prior()};
+  Eigen::VectorXd z_ = Eigen::Vector2d(0.0, 0.35);
+  LocalModel local_{support_, estimate_, core::AsSpan(z_)};
+  StepTarget target_{1, model_.gate_level(1)};
+  StepLimits limits_ = Limits({}, model_.control_unit());
+  // One that leads out of the disk, and one that leads far into it.
+  Eigen::VectorXd outwards_ = Eigen::Vector2d(0.0, 3.0);
+  Eigen::VectorXd inwards_ = Eigen::Vector2d(test::kSpeed, -0.35) / model_.control_unit();
+};
+
+TEST_F(CorrectionTest, WhatLeadsDeepInsideIsLeftBitForBit) {
+  ASSERT_GT(Level(inwards_), target_.level);
+  Eigen::VectorXd v = inwards_;
+  const Choice choice = Choose({}, v);
+  EXPECT_EQ(choice.mode, Mode::kPolicy);
+  EXPECT_EQ(choice.level, Level(inwards_));
+  EXPECT_TRUE(v == inwards_);
+}
+
+TEST_F(CorrectionTest, WhatLeadsOutsideGivesWayToWhatDemonstrationsDid) {
+  ASSERT_LT(Level(outwards_), 0.0);
+  Eigen::VectorXd expected(2);
+  ASSERT_TRUE(estimate_.Demonstrated(expected));
+  const double level = RaiseLevel(local_, target_, limits_, expected);
+  Eigen::VectorXd v = outwards_;
+  const Choice choice = Choose({}, v);
+  EXPECT_EQ(choice.mode, Mode::kRecovery);
+  EXPECT_GE(choice.level, 0.0);
+  EXPECT_EQ(choice.level, level);
+  EXPECT_TRUE(v == expected);
+}
+
+// A learned control that ends inside, but not deep, is changed, which is no recovery.
+TEST_F(CorrectionTest, WhatEndsInsideIsFiltered) {
+  Eigen::VectorXd between = inwards_;
+  for (double share = 0.0; Level(between) >= target_.level; share += 0.01) {
+    between = (1.0 - share) * inwards_ + share * outwards_;
+  }
+  ASSERT_GE(Level(between), 0.0);
+  Eigen::VectorXd v = between;
+  const Choice choice = Choose({}, v);
+  EXPECT_EQ(choice.mode, Mode::kPolicy);
+  EXPECT_FALSE(v == between);
+  EXPECT_GT(choice.level, Level(between));
+
+  v = between;
+  EXPECT_EQ(Choose({.tolerance = 0.1}, v).mode, Mode::kPolicy);
+  EXPECT_TRUE(v == between) << "it is tolerated";
+}
+
+// Without demonstrations, and with a certificate, the learned control itself is raised.
+TEST_F(CorrectionTest, WithoutDemonstrationsTheLearnedControlIsRaised) {
+  Eigen::VectorXd expected = outwards_;
+  const double level = RaiseLevel(local_, target_, limits_, expected);
+  ASSERT_GE(level, 0.0);
+  GuidedOptions certified;
+  certified.certificate = {CertificateKind::kRadius, 1.0};
+  for (const GuidedOptions& options : {Without({}, "demonstrated"), certified}) {
+    Eigen::VectorXd v = outwards_;
+    const Choice choice = Choose(options, v);
+    EXPECT_EQ(choice.mode, Mode::kPolicy);
+    EXPECT_EQ(choice.level, level);
+    EXPECT_TRUE(v == expected);
+  }
+}
+
+TEST_F(CorrectionTest, RemembersNothingAndNeverAllocates) {
+  Correction correction(model_, {});
+  Eigen::VectorXd first = outwards_;
+  Eigen::VectorXd second = outwards_;
+  Eigen::VectorXd other = inwards_;
+  const test::NoAlloc guard;
+  const Choice once = correction.Choose(estimate_, core::AsSpan(z_), target_, first);
+  static_cast<void>(correction.Choose(estimate_, core::AsSpan(z_), target_, other));
+  const Choice twice = correction.Choose(estimate_, core::AsSpan(z_), target_, second);
+  EXPECT_EQ(once.mode, twice.mode);
+  EXPECT_EQ(once.level, twice.level);
+  EXPECT_TRUE(first == second);
+}
+
+}  // namespace
+}  // namespace dfr::control
