@@ -9,7 +9,7 @@
 
 namespace dfr::control {
 
-/// Options for GuidedPolicy: what the task says, then four constants that are meant for every
+/// Options for GuidedPolicy: what the task says, then five constants that are meant for every
 /// task, and switches for ablations. Levels are values of l, controls are in units of the
 /// demonstrations' root mean square.
 struct GuidedOptions {
@@ -56,10 +56,10 @@ struct GuidedOptions {
 };
 
 /// The parts of guided recovery that can be taken out, for ablations: "filter", "reach",
-/// "demonstrated", "overtaking", "probing", "online-jacobian", "own-motion", "lag", and "drift",
-/// the drift_time of a task that has one.
+/// "demonstrated", "overtaking", "probing", "online-jacobian", "own-motion", "lag", "smoothing",
+/// and "drift", the drift_time of a task that has one.
 [[nodiscard]] std::span<const std::string_view> GuidedPartNames() noexcept;
-/// The options with these parts at their neutral values; "filter+time" takes out both.
+/// The options with these parts at their neutral values; "filter+lag" takes out both.
 /// @throws std::invalid_argument naming the part that does not exist, and those that do.
 [[nodiscard]] GuidedOptions Without(GuidedOptions options, std::string_view parts);
 /// What its controls have to respect, |u| = control_unit |v|.
