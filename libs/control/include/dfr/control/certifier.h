@@ -71,7 +71,7 @@ class Certifier {
   /// What became of it.
   struct Admission {
     bool any = true;     ///< False: next to nothing passed three times in a row.
-    double share = 1.0;  ///< Of the control that was chosen.
+    double share = 1.0;  ///< The part of the control that was chosen.
     Mode mode = Mode::kPolicy;
     bool gets_on = true;  ///< Whether it is meant for the next phase.
   };
