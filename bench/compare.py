@@ -6,11 +6,14 @@ on main itself the commit before. Both builds do the same operations (bench/safe
 decisions, gradients, fits, a guided step, a guard's filter.
 
 Judged is what valgrind counts of each: instructions, and the cycles that they and its model of the
-caches make. That repeats exactly, whatever else runs on the machine, so that 5 % more is a loss. Valgrind
-knows no AVX-512; so the operations are timed as well, in turn and pinned to one core, and a loss of
-time is measured again, longer, before it counts. Exits with 1 if there is a loss.
+caches make. The caches are the same on each machine and fully associative: those of a processor put
+some lines in conflict, others at each start, with where memory happens to lie. So the counts repeat,
+whatever else runs on the machine, and 5 % more is a loss. Valgrind knows no AVX-512; so the operations
+are timed as well, in turn and pinned to one core, and a loss of time is measured again, longer, before
+it counts. Exits with 1 if there is a loss.
 """
 import argparse
+import concurrent.futures
 import math
 import os
 import pathlib
@@ -24,6 +27,8 @@ import tempfile
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PROGRAM = "counted_work"
 MOST_COUNTED = 1.05
+# Bytes, ways, bytes of a line. The last level is too large to hold conflicts.
+CACHES = ("--cache-sim=yes", "--I1=32768,512,64", "--D1=49152,768,64", "--LL=33554432,16,64")
 SOURCES = ("libs/core", "libs/kernel", "libs/control", "libs/safety", "bench", "cmake", "CMakeLists.txt",
            "CMakePresets.json")
 
@@ -42,8 +47,8 @@ def count(command, pattern):
     with tempfile.TemporaryDirectory() as folder:
         out = pathlib.Path(folder) / "counts"
         done = subprocess.run(
-            ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", "--cache-sim=yes",
-             "--instr-atstart=no", *command, f"--filter={pattern}"],
+            ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", *CACHES, "--instr-atstart=no",
+             *command, f"--filter={pattern}"],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         if done.returncode != 0:
             sys.exit(f"compare.py: {' '.join(map(str, command))} failed under valgrind:\n{done.stderr[-2000:]}")
@@ -64,6 +69,12 @@ def count(command, pattern):
             # What KCachegrind takes a miss to cost.
             counts[name] = (of["Ir"], of["Ir"] + 10 * first + 100 * last)
         return counts
+
+
+def count_all(commands, pattern):
+    """count() of each command, side by side."""
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(lambda command: count(command, pattern), commands))
 
 
 def measure(command, pattern, seconds):
@@ -96,9 +107,11 @@ def confirmed_losses(first, look_again, threshold):
 
 def compare(base, new, options):
     """Prints all ratios; returns the losses as lines. `base` and `new` are commands."""
-    counted = [count(command, options.filter) for command in (base, new)]
+    counted = count_all((base, new), options.filter)
     if not counted[1]:
         sys.exit(f"compare.py: no operation has '{options.filter}' in its name")
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     times = alternate((base, new), options.filter, options.turns, options.seconds)
     losses = []
     print(f"{'new / base':40s} instructions  with misses    time")
@@ -120,9 +133,9 @@ def self_test(program, pattern):
     """Does the comparison find slow-downs of 10, 15 and 25 % in each operation, and none where there
     is none? Returns what it gets wrong, as lines."""
     wrong = []
-    base = count([program], pattern)
-    for percent in (0, 10, 15, 25):
-        slowed = count([program, f"--slow={percent}"], pattern)
+    percents = (0, 10, 15, 25)
+    base, *counts = count_all([[program], *([program, f"--slow={p}"] for p in percents)], pattern)
+    for percent, slowed in zip(percents, counts):
         found = {name for name in base if any(c > MOST_COUNTED * b for c, b in zip(slowed[name], base[name]))}
         wrong += [f"{name}: no slow-down of {percent} % found" for name in base if percent and name not in found]
         wrong += [f"{name}: a slow-down found where there is none" for name in found if not percent]
@@ -180,8 +193,6 @@ def main():
         if git("diff", "--quiet", options.base, "--", *SOURCES) is not None:
             print(f"Nothing that the operations are built from differs from {options.base[:10]}.")
             return
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
     work = pathlib.Path(tempfile.mkdtemp(prefix="dfr_compare_"))
     worktree = None
