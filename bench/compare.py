@@ -19,7 +19,6 @@ import os
 import pathlib
 import shutil
 import signal
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -85,13 +84,14 @@ def measure(command, pattern, seconds):
 
 
 def alternate(commands, pattern, turns, seconds):
-    """Ratio new / base of the medians, by operation that both have; NaN for one that is new."""
+    """Ratio new / base of the least times, as neighbours on the machine only ever add, by operation
+    that both have; NaN for one that is new."""
     samples = [{}, {}]
     for turn in range(turns):
         for which in (0, 1) if turn % 2 == 0 else (1, 0):
             for name, time in measure(commands[which], pattern, seconds).items():
                 samples[which].setdefault(name, []).append(time)
-    return {name: statistics.median(times) / statistics.median(samples[0].get(name, [math.nan]))
+    return {name: min(times) / min(samples[0].get(name, [math.nan]))
             for name, times in samples[1].items()}
 
 
