@@ -7,10 +7,10 @@ decisions, gradients, fits, a guided step, a guard's filter.
 
 Judged is what valgrind counts of each: instructions, and the cycles that they and its model of the
 caches make. The caches are the same on each machine and fully associative: those of a processor put
-some lines in conflict, others at each start, with where memory happens to lie. So the counts repeat,
-whatever else runs on the machine, and 5 % more is a loss. Valgrind knows no AVX-512; so the operations
-are timed as well, in turn and pinned to one core, and a loss of time is measured again, longer, before
-it counts. Exits with 1 if there is a loss.
+some lines in conflict, others at each start, with where memory happens to lie. So instructions repeat
+exactly and cycles within 3 %, whatever else runs on the machine, and 5 % more is a loss. Valgrind knows
+no AVX-512; so the operations are timed as well, in turn and pinned to one core, and a loss of time is
+measured again, longer, before it counts. Exits with 1 if there is a loss.
 """
 import argparse
 import concurrent.futures
