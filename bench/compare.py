@@ -13,7 +13,6 @@ no AVX-512; so the operations are timed as well, in turn and pinned to one core,
 measured again, longer, before it counts. Exits with 1 if there is a loss.
 """
 import argparse
-import concurrent.futures
 import math
 import os
 import pathlib
@@ -41,39 +40,48 @@ def build(source, folder):
     return folder / "bin" / PROGRAM
 
 
-def count(command, pattern):
-    """(instructions, estimated cycles) of each operation, by its name."""
-    with tempfile.TemporaryDirectory() as folder:
-        out = pathlib.Path(folder) / "counts"
-        done = subprocess.run(
-            ["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", *CACHES, "--instr-atstart=no",
-             *command, f"--filter={pattern}"],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        if done.returncode != 0:
-            sys.exit(f"compare.py: {' '.join(map(str, command))} failed under valgrind:\n{done.stderr[-2000:]}")
-        counts = {}
-        for dump in sorted(pathlib.Path(folder).iterdir()):
-            of, name = {}, None
-            for line in dump.read_text().splitlines():
-                if line.startswith("desc: Trigger: Client Request: "):
-                    name = line.split(": ", 3)[3]
-                elif line.startswith("events: "):
-                    events = line.split()[1:]
-                elif line.startswith("totals: "):
-                    of = dict(zip(events, map(int, line.split()[1:])))
-            if name is None:
-                continue  # the end of the program
-            first = of["I1mr"] + of["D1mr"] + of["D1mw"]
-            last = of["ILmr"] + of["DLmr"] + of["DLmw"]
-            # What KCachegrind takes a miss to cost.
-            counts[name] = (of["Ir"], of["Ir"] + 10 * first + 100 * last)
-        return counts
+def read_counts(folder):
+    """(instructions, estimated cycles) of each operation, by its name, from what callgrind left in `folder`."""
+    counts = {}
+    for dump in sorted(folder.iterdir()):
+        of, name = {}, None
+        for line in dump.read_text().splitlines():
+            if line.startswith("desc: Trigger: Client Request: "):
+                name = line.split(": ", 3)[3]
+            elif line.startswith("events: "):
+                events = line.split()[1:]
+            elif line.startswith("totals: "):
+                of = dict(zip(events, map(int, line.split()[1:])))
+        if name is None:
+            continue  # the end of the program
+        first = of["I1mr"] + of["D1mr"] + of["D1mw"]
+        last = of["ILmr"] + of["DLmr"] + of["DLmw"]
+        # What KCachegrind takes a miss to cost.
+        counts[name] = (of["Ir"], of["Ir"] + 10 * first + 100 * last)
+    return counts
 
 
-def count_all(commands, pattern):
-    """count() of each command, side by side."""
-    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(lambda command: count(command, pattern), commands))
+def count(commands, pattern):
+    """read_counts() of each command. They run side by side, and end with this program."""
+    with tempfile.TemporaryDirectory() as work:
+        folders = [pathlib.Path(work) / str(number) for number in range(len(commands))]
+        running = []
+        try:
+            for command, folder in zip(commands, folders):
+                folder.mkdir()
+                running.append(subprocess.Popen(
+                    ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/counts", *CACHES,
+                     "--instr-atstart=no", *command, f"--filter={pattern}"],
+                    stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True))
+            for command, process in zip(commands, running):
+                errors = process.communicate()[1]
+                if process.returncode != 0:
+                    sys.exit(f"compare.py: {' '.join(map(str, command))} failed under valgrind:\n{errors[-2000:]}")
+        finally:
+            for process in running:
+                process.kill()
+                process.wait()
+        return [read_counts(folder) for folder in folders]
 
 
 def measure(command, pattern, seconds):
@@ -107,7 +115,7 @@ def confirmed_losses(first, look_again, threshold):
 
 def compare(base, new, options):
     """Prints all ratios; returns the losses as lines. `base` and `new` are commands."""
-    counted = count_all((base, new), options.filter)
+    counted = count((base, new), options.filter)
     if not counted[1]:
         sys.exit(f"compare.py: no operation has '{options.filter}' in its name")
     if hasattr(os, "sched_setaffinity"):
@@ -134,7 +142,7 @@ def self_test(program, pattern):
     is none? Returns what it gets wrong, as lines."""
     wrong = []
     percents = (0, 10, 15, 25)
-    base, *counts = count_all([[program], *([program, f"--slow={p}"] for p in percents)], pattern)
+    base, *counts = count([[program], *([program, f"--slow={p}"] for p in percents)], pattern)
     for percent, slowed in zip(percents, counts):
         found = {name for name in base if any(c > MOST_COUNTED * b for c, b in zip(slowed[name], base[name]))}
         wrong += [f"{name}: no slow-down of {percent} % found" for name in base if percent and name not in found]
