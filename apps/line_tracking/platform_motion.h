@@ -33,7 +33,8 @@ class PlatformMotion final : public robot::Platform {
   [[nodiscard]] robot::Finding Home() noexcept override;
   /// The wave begins, if there is one.
   [[nodiscard]] robot::Finding Begin() noexcept override;
-  /// Where it is known to be: a wave in its middle.
+  /// Where it is by the estimate. Where in a wave it is, nobody knows: that ends in the wave's
+  /// middle, an amplitude away at most.
   [[nodiscard]] robot::Finding Rest() noexcept override;
 
  private:

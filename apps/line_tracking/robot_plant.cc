@@ -155,8 +155,8 @@ robot::ControlLoopOptions LoopOptions(const RobotConfig& config) {
   robot::ControlLoopOptions options;
   options.period_s = config.period_s;
   options.max_period_s = config.lock_step ? 10.0 : config.max_period_s;
-  if (config.lock_step)
-    options.image_timeout_s = 10.0;  // of this machine's time, which may be scarce
+  // The time of a picture is that of this machine, which may be busy.
+  if (config.lock_step) options.image_timeout_s = 10.0;
   options.image_latency_s = config.image_latency_s;
   options.max_state_jump = config.max_state_jump_mm;
   options.max_drift = config.max_drift_mm;

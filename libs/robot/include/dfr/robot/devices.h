@@ -117,8 +117,8 @@ class Platform {
   [[nodiscard]] virtual Finding Home() noexcept = 0;
   /// Its motion begins, and goes on until Rest(). Or says what is against it.
   [[nodiscard]] virtual Finding Begin() noexcept = 0;
-  /// Once a period in which the robot may not move: it comes to rest where it is. Nothing to do if
-  /// it rests. Says so where it cannot be told.
+  /// Once a period in which the robot may not move: it comes to rest, by the shortest way to a
+  /// place that is known. Nothing to do if it rests. Says so where it cannot be told.
   [[nodiscard]] virtual Finding Rest() noexcept = 0;
 };
 
