@@ -21,6 +21,7 @@
 #include "dfr/control/jacobian_estimate.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/random.h"
+#include "dfr/kernel/cover_radius.h"
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/guard.h"
 #include "tests/safety/corridor.h"
@@ -348,6 +349,50 @@ TEST(GuardModelTest, ASupervisorWhoCyclesThroughGoalsLosesNothing) {
               testing::Not(testing::Contains(HasSubstr("conditions of recording drift"))));
 }
 
+// Four demonstrations are left out in pairs. Of the three ways to pair them, one is that in which
+// they are left out anyway: no demonstration is further outside then. The others have up to four
+// ranks of Wilcoxon's test, whose sum has the mean 5 and the variance 4 * 5 * 9 / 24 = 7.5.
+TEST(GuardModelTest, StretchesThatAreLeftOutAnywayTellOfNoDrift) {
+  const auto recorded = test::CorridorDemonstrations(7, 4);
+  std::vector<double> possible;
+  for (int ranks = 0; ranks <= 10; ++ranks) {
+    possible.push_back(0.5 * std::erfc((ranks - 5.0) / std::sqrt(15.0)));
+  }
+  int the_same = 0;
+  for (const std::size_t partner : {1u, 2u, 3u}) {
+    auto demonstrations = recorded;
+    std::swap(demonstrations[1], demonstrations[partner]);
+    const GuardSummary summary =
+        GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"})->summary();
+    if (summary.drift_chance == 1.0) {
+      ++the_same;
+      continue;
+    }
+    double nearest = 1.0;
+    for (const double p : possible) {
+      nearest = std::min(nearest, std::abs(p - summary.drift_chance));
+    }
+    EXPECT_LT(nearest, 1e-12) << summary.drift_chance;
+  }
+  EXPECT_EQ(the_same, 1);
+}
+
+// A demonstration that never leaves has all of its states inside.
+TEST(GuardModelTest, AcceptanceIsOfStatesAndOfWholeDemonstrations) {
+  const auto demonstrations = test::CorridorDemonstrations(1, 40);
+  GuardOptions options{.features = "tip"};
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, options);
+  const GuardSummary& summary = model->summary();
+  EXPECT_GT(summary.inside_throughout, 0.0);
+  EXPECT_LT(summary.inside_throughout, summary.acceptance);
+  EXPECT_LT(summary.acceptance, 1.0);
+  EXPECT_EQ(40.0 * summary.inside_throughout, std::round(40.0 * summary.inside_throughout));
+  EXPECT_NEAR(840.0 * summary.acceptance, std::round(840.0 * summary.acceptance), 1e-9);
+  options.support.svm.gamma = 1e3;
+  const auto narrow = GuardModel::Fit(test::CorridorLayout(), demonstrations, options);
+  EXPECT_EQ(narrow->summary().inside_throughout, 0.0);
+}
+
 // With demonstrations that nothing was fitted to, a fit's rate of alarms stays below the one it
 // promises with the confidence it promises.
 TEST(GuardModelTest, AConfidenceHoldsForThatShareOfFits) {
@@ -475,6 +520,28 @@ TEST(GuardModelTest, ClearanceIsADistanceThatNoStateWithoutAlarmExceeds) {
   EXPECT_LE(furthest, clearances[0].largest);
 }
 
+// One feature alone: what a support covers, divided by the scale of the feature.
+TEST(GuardModelTest, ClearanceOfOneFeatureIsWhatEachTimeStepCovers) {
+  const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 30),
+                                     {.features = "tip[1:2]"});
+  const kernel::WhitenedSupport& support = model->recovery().support();
+  const double level = std::max(0.0, model->settings().alarm_level);
+  std::vector<double> lengths;
+  for (int t = 0; t < support.num_steps(); ++t) {
+    const double scale = support.map(t)(0, 0) * model->recovery().features().scale()(0, 0);
+    lengths.push_back(kernel::CoverRadius(support.estimate(t), level) / std::abs(scale));
+  }
+  ASSERT_EQ(lengths.size(), 21u);
+  const auto clearances = Clearances(*model);
+  ASSERT_EQ(clearances.size(), 1u);
+  EXPECT_EQ(clearances[0].block, "tip");
+  const auto largest = std::max_element(lengths.begin(), lengths.end());
+  EXPECT_NEAR(clearances[0].largest, *largest, 1e-12 * *largest);
+  EXPECT_EQ(clearances[0].step, largest - lengths.begin());
+  std::sort(lengths.begin(), lengths.end());
+  EXPECT_NEAR(clearances[0].median, lengths[10], 1e-12 * lengths[10]);
+}
+
 TEST(GuardModelTest, LevelsFollowFasterAndSlowerEpisodes) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                      {.features = "tip"});
@@ -585,7 +652,7 @@ TEST(GuardModelTest, AKernelThatFillsTheRoomBetweenTwoWaysIsMadeNarrower) {
   EXPECT_THAT(Findings(*wide), testing::Contains(HasSubstr("demonstrations take several ways")));
 }
 
-TEST(GuardModelTest, ActionsReachTwiceAsFarAsDemonstratedOnes) {
+TEST(GuardModelTest, ActionsReachTwiceAsFarAsDemonstratedOnesUnlessALimitIsGiven) {
   const auto demonstrations = test::CorridorDemonstrations(1, 10);
   double largest = 0.0;
   for (const auto& d : demonstrations) {
@@ -593,6 +660,9 @@ TEST(GuardModelTest, ActionsReachTwiceAsFarAsDemonstratedOnes) {
   }
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
   EXPECT_EQ(model->settings().action_limit, 2.0 * largest);
+  const auto limited = GuardModel::Fit(test::CorridorLayout(), demonstrations,
+                                       {.features = "tip", .action_limit = 0.3});
+  EXPECT_EQ(limited->settings().action_limit, 0.3);
 }
 
 TEST(GuardModelTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
@@ -624,6 +694,50 @@ TEST(GuardModelTest, FindingsNameFeaturesThatFollowTheClock) {
   const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations,
                                    {.features = "tip", .action_limit = 0.2});
   EXPECT_THAT(Findings(*tip, demonstrations), testing::IsEmpty());
+}
+
+TEST(GuardModelTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
+  constexpr const char* kClock = "the same in all demonstrations";
+  const auto demonstrations = test::CorridorDemonstrations(1, 40);
+  const auto whole = GuardModel::Fit(test::CorridorLayout(), demonstrations);
+  auto slow = demonstrations;
+  for (core::Trajectory& d : slow) d.states.col(0) *= 1e-6;
+  EXPECT_THAT(Findings(*whole, slow), testing::Contains(testing::StartsWith("clock[0]: the same")));
+  auto still = demonstrations;
+  for (core::Trajectory& d : still) d.states.col(0).setConstant(3.0);
+  EXPECT_THAT(Findings(*whole, still), testing::Not(testing::Contains(HasSubstr(kClock))));
+  // Where one demonstration goes on alone, nothing can be the same in two.
+  const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  auto longer = test::CorridorDemonstrations(1, 40);
+  longer.push_back(test::CorridorDemonstrations(2, 1, 25)[0]);
+  longer.back().states.bottomRows(5).array() += 1e6;
+  EXPECT_THAT(Findings(*tip, longer), testing::Not(testing::Contains(HasSubstr(kClock))));
+}
+
+TEST(GuardModelTest, ActionsThatContradictWhatHappensExplainNothing) {
+  const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
+                                     {.features = "tip", .action_limit = 0.2});
+  // Back by little, where the action is the demonstrated one forwards.
+  core::Trajectory back;
+  back.states.resize(2, 3);
+  back.states << 0.0, 0.0, 0.0, 1.0, -0.02, 0.0;
+  back.controls = test::ActionFor(test::kSpeed, 0.0).transpose();
+  EXPECT_THAT(Findings(*model, std::vector{back}),
+              testing::Contains(testing::StartsWith("actions explain only 0 % of")));
+  // Where nothing changes, there is nothing to explain.
+  back.states.row(1) = back.states.row(0);
+  EXPECT_THAT(Findings(*model, std::vector{back}), testing::IsEmpty());
+}
+
+TEST(GuardModelTest, APromiseSaysOfWhichFitsAndByWhichDemonstrations) {
+  GuardSummary summary;
+  EXPECT_EQ(Promise(summary), "on average over fits, approximately: by fits that left some out");
+  summary.held_out = 12;
+  EXPECT_EQ(Promise(summary),
+            "on average over fits, by 12 demonstrations that nothing was fitted to");
+  summary.confidence = 0.95;
+  EXPECT_EQ(Promise(summary),
+            "with 95 % confidence for this fit, by 12 demonstrations that nothing was fitted to");
 }
 
 TEST(GuardModelTest, FindingsNameActionsThatDoNotMoveWhatIsLookedAt) {
@@ -741,11 +855,48 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
               HasSubstr("false_alarms must lie in (0, 1)"));
   EXPECT_THAT(fit(good, {.features = "tip", .folds = 1}), HasSubstr("folds"));
 
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  EXPECT_THAT(fit(good, {.features = "tip", .false_alarms = 0.0}),
+              HasSubstr("false_alarms must lie in (0, 1)"));
+  EXPECT_THAT(fit(good, {.features = "tip", .action_limit = -1.0}),
+              HasSubstr("action_limit must not be negative"));
+  for (const double share : {-0.01, 0.51}) {
+    EXPECT_THAT(fit(good, {.features = "tip", .hold_out = share}),
+                HasSubstr("hold_out must lie in [0, .5]"));
+  }
+  EXPECT_THAT(fit(good, {.features = "tip", .hold_out = 0.5}),
+              HasSubstr("holding out 3 of 5 demonstrations leaves fewer than 3"));
+  EXPECT_EQ(fit(good, {.features = "tip", .hold_out = 0.4}), "nothing thrown");
+  for (const double factor : {0.0, kInfinity}) {
+    EXPECT_THAT(fit(good, {.features = "tip", .error_factor = factor}),
+                HasSubstr("error_factor must be positive and finite"));
+  }
+  EXPECT_EQ(fit(good, {.features = "tip", .folds = 2}), "nothing thrown");
+
   const auto model = GuardModel::Fit(layout, good, {.features = "tip"});
-  GuardSettings settings = model->settings();
-  settings.action_limit = 0.0;
-  EXPECT_THAT(MessageOf([&] { static_cast<void>(model->With(settings)); }),
-              HasSubstr("action_limit must be positive"));
+  const auto refusal = [&](auto GuardSettings::*member, auto value) {
+    GuardSettings settings = model->settings();
+    settings.*member = value;
+    return MessageOf([&] { static_cast<void>(model->With(settings)); });
+  };
+  for (const double limit : {0.0, kInfinity}) {
+    EXPECT_THAT(refusal(&GuardSettings::action_limit, limit),
+                HasSubstr("action_limit must be positive and finite"));
+  }
+  for (const int wrong : {0, (1 << 30) + 1}) {
+    EXPECT_THAT(refusal(&GuardSettings::horizon, wrong), HasSubstr("horizon must lie in [1, "));
+    EXPECT_THAT(refusal(&GuardSettings::max_actions, wrong),
+                HasSubstr("max_actions must lie in [1, "));
+  }
+  for (const int right : {1, 1 << 30}) {
+    EXPECT_EQ(refusal(&GuardSettings::horizon, right), "nothing thrown");
+    EXPECT_EQ(refusal(&GuardSettings::max_actions, right), "nothing thrown");
+  }
+  EXPECT_THAT(refusal(&GuardSettings::alarm_level, -kInfinity),
+              HasSubstr("alarm_level must be finite"));
+  EXPECT_THAT(refusal(&GuardSettings::direction_error, kInfinity),
+              HasSubstr("direction_error must not be negative, and finite"));
+  EXPECT_EQ(refusal(&GuardSettings::direction_error, 0.0), "nothing thrown");
   EXPECT_THAT(MessageOf([&] { static_cast<void>(ParseStrategy("brave")); }),
               HasSubstr("no strategy 'brave'; there are: guided, dfr, early-stopping, monitor"));
 }
