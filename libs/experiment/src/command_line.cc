@@ -43,54 +43,26 @@ std::string NameOf(const CLI::Option& option) {
   return option.get_lnames().empty() ? "" : option.get_lnames().front();
 }
 
-// Whether `argument` is the option, as in --gamma or --gamma=7.
-bool Names(const std::string& argument, const CLI::Option& option) {
-  const std::string head = argument.substr(0, argument.find('='));
-  for (const std::string& name : option.get_lnames()) {
-    if (head == "--" + name) return true;
-  }
-  return std::ranges::any_of(option.get_snames(), [&](const std::string& name) {
-    return argument.starts_with("-" + name) && !argument.starts_with("--");
-  });
+// What the options of this process were given, value by value, before CLI11's validators replaced
+// any of it.
+std::map<const CLI::Option*, Arguments>& GivenValues() {
+  static std::map<const CLI::Option*, Arguments> values;
+  return values;
 }
 
-bool IsValue(const std::string& argument) {
-  const bool number = argument.size() > 1 && (std::isdigit(argument[1]) != 0 || argument[1] == '.');
-  return !argument.starts_with("-") || argument == "-" || number;
-}
-
-// What a flag that is given as `argument` says of the flag's first name, its key in run.toml:
-// --not-during is "false" of "during", and --no-video "true" of "no-video".
-std::string FlagValue(const CLI::Option& option, const std::string& argument) {
-  const std::size_t equals = argument.find('=');
-  std::string value = equals == std::string::npos ? "true" : argument.substr(equals + 1);
-  const std::size_t begin = argument.find_first_not_of('-');
-  const std::string name = argument.substr(begin, std::min(equals, argument.size()) - begin);
-  if (option.check_fname(name) == option.check_fname(NameOf(option))) return value;
-  return value == "true" ? "false" : "true";
-}
-
-// The values that the command line gives an option, as they were written; one flag's is true or
-// false.
-Arguments ValuesOf(const CLI::Option& option, const Arguments& arguments) {
-  Arguments values;
-  for (std::size_t i = 0; i < arguments.size(); ++i) {
-    if (arguments[i] == "--") break;
-    if (!Names(arguments[i], option)) continue;
-    const std::size_t equals = arguments[i].find('=');
-    if (IsFlag(option)) {
-      values.push_back(FlagValue(option, arguments[i]));
-    } else if (equals != std::string::npos) {
-      values.push_back(arguments[i].substr(equals + 1));
-    } else {
-      for (int k = 0; k < option.get_items_expected_max() && i + 1 < arguments.size() &&
-                      IsValue(arguments[i + 1]);
-           ++k) {
-        values.push_back(arguments[++i]);
-      }
+// Keeps in GivenValues() what the options of a program's commands are given.
+void KeepGivenValues(CLI::App& app) {
+  for (CLI::App* command : app.get_subcommands([](CLI::App*) { return true; })) {
+    for (CLI::Option* option : command->get_options()) {
+      // A transform comes before all other validators.
+      option->transform(CLI::Validator(
+          [option](std::string& value) {
+            GivenValues()[option].push_back(value);
+            return std::string();
+          },
+          ""));
     }
   }
-  return values;
 }
 
 Arguments Split(const std::string& text, char delimiter) {
@@ -139,37 +111,35 @@ bool IsNumeric(const CLI::Option& option) {
 }
 
 // All options of a command with the values that they have, as a table of run.toml.
-std::string Resolve(const CLI::App& command, const Arguments& arguments) {
+std::string Resolve(const CLI::App& command) {
   std::string text = "# Starts the same run again: " + command.get_parent()->get_name() + " " +
                      command.get_name() + " --config FILE --out FOLDER\n[" + command.get_name() +
                      "]\n";
   for (const CLI::Option* option : command.get_options()) {
     const std::string name = NameOf(*option);
     if (name.empty() || !DecidesResults(name)) continue;
-    Arguments values = ValuesOf(*option, arguments);
+    const bool list = option->get_items_expected_max() > 1;
     if (IsFlag(*option)) {
-      if (!values.empty()) text.append(name).append(" = ").append(values.back()).append("\n");
+      // In the sense of the flag's first name: --warm of "--cold,!--warm" is "cold = false".
+      const bool negative = option->check_fname(name);
+      if (option->count() > 0) {
+        text.append(name).append(option->as<bool>() != negative ? " = true\n" : " = false\n");
+      }
       continue;
     }
+    const auto given = GivenValues().find(option);
+    Arguments values = given == GivenValues().end() ? Arguments() : given->second;
     if (values.empty()) {
       std::string standard = option->get_default_str();
       if (standard.starts_with("[") && standard.ends_with("]")) {
         standard = standard.substr(1, standard.size() - 2);
       }
       if (standard.empty() || standard == "\"\"") continue;
-      values = {standard};
-    }
-    if (option->get_delimiter() != '\0' || option->get_items_expected_max() > 1) {
-      Arguments parts;
-      for (const std::string& value : values) {
-        for (std::string& part : Split(value, ',')) parts.push_back(std::move(part));
-      }
-      values = std::move(parts);
+      values = list ? Split(standard, ',') : Arguments{standard};
     }
     if (option->get_type_name() == "FILE") {
       for (std::string& value : values) value = std::filesystem::absolute(value).string();
     }
-    const bool list = option->get_items_expected_max() > 1;
     text.append(name).append(list ? " = [" : " = ");
     if (!list) values = {values.back()};
     for (std::size_t i = 0; i < values.size(); ++i) {
@@ -180,12 +150,6 @@ std::string Resolve(const CLI::App& command, const Arguments& arguments) {
   return text;
 }
 
-// What --config adds to the arguments, and where each option of it stands.
-struct FromFile {
-  Arguments arguments;
-  std::map<std::string, std::string> places;  // by option name
-};
-
 std::string TextOf(const toml::node& node) {
   if (const auto* text = node.as_string()) return text->get();
   if (const auto* truth = node.as_boolean()) return truth->get() ? "true" : "false";
@@ -194,8 +158,9 @@ std::string TextOf(const toml::node& node) {
   throw std::invalid_argument("must be a text, a number, true, false, or a list of these");
 }
 
-FromFile ReadConfiguration(const std::filesystem::path& file, const CLI::App& app,
-                           const CLI::App& command, const Arguments& given) {
+// Gives the options of `command` that have no value yet those of a file. It runs as the callback of
+// --config: what the command line says is known, and nothing was done with it yet.
+void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
   const std::string text = internal::ReadFile(file);
   const auto place = [&](const toml::source_region& where) {
     return file.string() + ":" + std::to_string(where.begin.line);
@@ -208,7 +173,8 @@ FromFile ReadConfiguration(const std::filesystem::path& file, const CLI::App& ap
   }
   for (const auto& [key, node] : root) {
     const std::string name(key.str());
-    const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
+    const auto commands =
+        command.get_parent()->get_subcommands([](const CLI::App*) { return true; });
     const bool known =
         std::ranges::any_of(commands, [&](const CLI::App* c) { return c->get_name() == name; });
     if (!node.is_table() || !(known || name == "grid")) {
@@ -217,47 +183,35 @@ FromFile ReadConfiguration(const std::filesystem::path& file, const CLI::App& ap
                                command.get_name() + "]");
     }
   }
-  FromFile result;
   const toml::node* table = root.get(command.get_name());
   if (table == nullptr) {
     throw std::runtime_error(file.string() + ": there is no table [" + command.get_name() + "]");
   }
   for (const auto& [key, node] : *table->as_table()) {
     const std::string name(key.str());
-    const CLI::Option* option = command.get_option_no_throw("--" + name);
+    CLI::Option* const option = command.get_option_no_throw("--" + name);
     if (option == nullptr || name == "help" || name == "config") {
       throw std::runtime_error(place(node.source()) + ": " + command.get_name() +
                                " has no option '" + name + "'; --help lists them");
     }
-    result.places[name] = place(node.source());
-    if (std::ranges::any_of(given, [&](const std::string& a) { return Names(a, *option); })) {
-      continue;
-    }
-    Arguments values;
+    if (option->count() > 0) continue;
+    const auto add = [&](const toml::node& value) {
+      const std::string word = TextOf(value);
+      option->add_result(IsFlag(*option) ? option->get_flag_value(name, word) : word);
+    };
     try {
       if (const toml::array* list = node.as_array()) {
-        for (const toml::node& entry : *list) values.push_back(TextOf(entry));
+        for (const toml::node& entry : *list) add(entry);
       } else {
-        values.push_back(TextOf(node));
+        add(node);
       }
+      option->run_callback();
     } catch (const std::invalid_argument& e) {
       throw std::runtime_error(place(node.source()) + ": '" + name + "' " + e.what());
+    } catch (const CLI::ParseError& e) {
+      throw CLI::ParseError(place(node.source()) + ": " + e.what(), e.get_exit_code());
     }
-    const auto add = [&](const std::string& value) {
-      std::string& argument = result.arguments.emplace_back("--");
-      argument.append(name).append("=").append(value);
-    };
-    std::string joined;
-    for (const std::string& value : values) {
-      if (option->get_delimiter() != '\0') {
-        joined.append(joined.empty() ? "" : std::string(1, option->get_delimiter())).append(value);
-      } else {
-        add(value);
-      }
-    }
-    if (!joined.empty()) add(joined);
   }
-  return result;
 }
 
 // The ledgers of the folders, and of shards below those that have none.
@@ -383,50 +337,9 @@ void Add(CLI::App& app, Added& added) {
 }
 
 void ParseArguments(CLI::App& app, Arguments arguments) {
+  GivenValues().clear();
   std::ranges::reverse(arguments);  // as CLI11 wants them
   app.parse(std::move(arguments));
-}
-
-// Arguments with those of --config before them, so that the command line comes last and wins.
-void ParseWithConfiguration(CLI::App& app, const Arguments& arguments, Arguments& all) {
-  const CLI::App* command = nullptr;
-  for (const CLI::App* candidate : app.get_subcommands([](const CLI::App*) { return true; })) {
-    if (!arguments.empty() && candidate->get_name() == arguments.front()) command = candidate;
-  }
-  all = arguments;
-  FromFile from_file;
-  if (command != nullptr) {
-    if (const CLI::Option* config = command->get_option_no_throw("--config")) {
-      const Arguments values = ValuesOf(*config, arguments);
-      const bool of_experiments = command->get_option_no_throw("--shard") != nullptr;
-      if (!values.empty() && of_experiments) {
-        from_file = ReadConfiguration(values.back(), app, *command, arguments);
-        all.insert(all.begin() + 1, from_file.arguments.begin(), from_file.arguments.end());
-      }
-    }
-  }
-  try {
-    ParseArguments(app, all);
-  } catch (const CLI::Success&) {
-    throw;
-  } catch (const CLI::ParseError& e) {
-    const std::string what = e.what();
-    for (const auto& [name, place] : from_file.places) {
-      const std::string option = "--" + name;
-      if (what.find(option + ":") != std::string::npos ||
-          what.find(option + " ") != std::string::npos) {
-        throw CLI::ParseError(std::string(place).append(": ").append(what), e.get_exit_code());
-      }
-    }
-    throw;
-  }
-}
-
-// The arguments of this process with those of --config, as Parse() has them: CLI11 keeps values
-// only as transformed by its validators.
-Arguments& PresentArguments() {
-  static Arguments arguments;
-  return arguments;
 }
 
 }  // namespace
@@ -454,7 +367,11 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
           "--shard", [&options](const std::string& text) { options.shard = ParseShard(text); },
           "K/N: the K-th of N parts alone, to be merged")
       ->default_str("1/1");
-  command.add_option("--config", "TOML file, as run.toml of an earlier run; options overrule it");
+  command
+      .add_option_function<std::string>(
+          "--config", [&command](const std::string& file) { ReadConfiguration(file, command); },
+          "as run.toml of an earlier run; options overrule it")
+      ->type_name("FILE");
   command.add_flag("--restart", options.restart,
                    "forget what an interrupted run left in --out instead of going on with it");
   command.add_flag("--salvage", options.salvage,
@@ -465,7 +382,7 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
   command.add_option("--rerun-film", options.rerun.film)->group("");
   // Several commands may share the options: the one that was called is written.
   options.configuration = [&command, others = options.configuration] {
-    return command.parsed() || !others ? Resolve(command, PresentArguments()) : others();
+    return command.parsed() || !others ? Resolve(command) : others();
   };
 }
 
@@ -485,9 +402,10 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
                                 app.get_name() + " --help lists them");
   }
   try {
-    ParseWithConfiguration(app, {argv + 1, argv + argc}, PresentArguments());
+    KeepGivenValues(app);
+    ParseArguments(app, {argv + 1, argv + argc});
     if (added.merge->parsed()) {
-      ParseWithConfiguration(app, Merge(added.folders, added.out), PresentArguments());
+      ParseArguments(app, Merge(added.folders, added.out));
     } else if (added.status->parsed()) {
       const std::vector<Status> statuses = StatusesOf(added.folders);
       std::cout << (added.json ? ToJson(statuses) : ToText(statuses));
@@ -496,7 +414,7 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
       PrintEpisodes(LedgersIn(added.folders), added.filter, added.most, std::cout);
       return EXIT_SUCCESS;
     } else if (added.rerun->parsed()) {
-      ParseWithConfiguration(app, RerunOf(added.run, added.again), PresentArguments());
+      ParseArguments(app, RerunOf(added.run, added.again));
     }
   } catch (const CLI::ParseError& e) {
     return app.exit(e);
