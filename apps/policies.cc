@@ -13,10 +13,10 @@
 namespace dfr::apps {
 namespace {
 
-// The size of demonstrated controls, near a time step.
-double SizeOf(const safety::TaskModel& task, int t) {
+// The size of the largest demonstrated control.
+double SizeOf(const safety::TaskModel& task) {
   const control::GuidedModel& model = task.guided().model();
-  return model.largest_control(t) * model.control_unit();
+  return model.largest_control() * model.control_unit();
 }
 
 // A policy of as many entries as another one.
@@ -61,7 +61,7 @@ class Haphazard final : public LikeAnother {
       seed = core::DeriveSeed(seed, {std::bit_cast<std::uint64_t>(entry)});
     }
     core::Random(seed).Direction(u);
-    for (double& entry : u) entry *= SizeOf(*task_, t);
+    for (double& entry : u) entry *= SizeOf(*task_);
   }
 
  private:
@@ -93,7 +93,7 @@ class Adversary final : public LikeAnother {
 
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override {
     learned().Control(t, x, u);
-    const double size = SizeOf(*task_, t);
+    const double size = SizeOf(*task_);
     double worst = std::numeric_limits<double>::infinity();
     for (Eigen::Index i = 0; i < directions_.rows(); ++i) {
       core::AsVector(std::span(control_)) = size * directions_.row(i).transpose();

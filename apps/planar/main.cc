@@ -106,8 +106,8 @@ void Ablate(PlanarStudy study, bool causes) {
   }
   // Parts can hide each other's work, or harm.
   for (const std::string_view parts :
-       {"demonstrated+overtaking", "reach+demonstrated", "online-jacobian+own-motion+lag",
-        "reach+demonstrated+overtaking+probing+online-jacobian+own-motion+lag"}) {
+       {"reach+demonstrated", "online-jacobian+own-motion+lag",
+        "reach+demonstrated+probing+online-jacobian+own-motion+lag"}) {
     study.plan.methods.push_back("guided-without-" + std::string(parts));
   }
   Experiment(study, causes);

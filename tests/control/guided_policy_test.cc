@@ -82,7 +82,7 @@ TEST(GuidedPolicyTest, LooksAtAControlLargerThanDemonstrated) {
   const GuidedModel model(Identity(), support, Rightwards());
   const std::vector<double> x = {0.05, 0.0};
   std::vector<double> u(2);
-  const double most = model.largest_control(0) * model.control_unit();
+  const double most = model.largest_control() * model.control_unit();
   for (const double size : {0.999 * most, 1.001 * most, 0.6}) {
     SCOPED_TRACE(size);
     const auto policy = test::ConstantPolicy(2, size);
@@ -301,7 +301,7 @@ class Aside : public testing::Test {
 using GuidedPolicySlackTest = Aside;
 
 // Where no control can mend anything the best one passes within a reach of twice the slack. Beyond,
-// recoveries do what demonstrations did, and overtake the supports that they pass.
+// recoveries do what demonstrations did, and the phase passes over the supports that they miss.
 TEST_F(GuidedPolicySlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBeyond) {
   const auto policy = Along(kSpeed);
   for (const double slack : {0.14, 0.16}) {
@@ -443,9 +443,9 @@ TEST(GuidedPolicyTest, HaltsAfterItsPatienceWhereItStaysOutside) {
 }
 
 // Supports at x = t kSpeed, and a point above the path that demonstrations' controls carry past
-// them: recoveries overtake the supports that they pass, and the episode goes on. Without, the
-// first support missed is insisted on.
-TEST(GuidedPolicyTest, ARecoveryOvertakesTheSupportsItPasses) {
+// them: the phase goes on with the prediction, and the episode with it. The first support missed is
+// not insisted on.
+TEST(GuidedPolicyTest, ThePhasePassesOverSupportsThatARecoveryMisses) {
   const auto support = MovingDisk();
   // Demonstrations whose y never changes: nobody knows a way down.
   auto demonstrations = Rightwards();
@@ -455,24 +455,17 @@ TEST(GuidedPolicyTest, ARecoveryOvertakesTheSupportsItPasses) {
   }
   const GuidedModel model(Identity(), support, demonstrations);
   const auto still = test::ConstantPolicy(2, 0.0);
-  const auto last = [&](const GuidedOptions& options) {
-    GuidedPolicy guided(still, model, options);
-    guided.Reset(1);
-    std::vector<double> x = {0.0, 1.0};
-    std::vector<double> u(2);
-    Step step = guided.Next(x, u);
-    for (int i = 1; i < kSteps && step.mode != Mode::kHalt; ++i) {
-      x[0] += u[0];  // No control moves it down.
-      step = guided.Next(x, u);
-    }
-    return step;
-  };
-  const Step overtakes = last({.probe_size = 0.0});
-  EXPECT_EQ(overtakes.mode, Mode::kRecovery);
-  EXPECT_GE(overtakes.t, kSteps / 2);
-  GuidedOptions insists = Without({}, "overtaking");
-  insists.probe_size = 0.0;
-  EXPECT_EQ(last(insists).cause, HaltCause::kNoProgress);
+  GuidedPolicy guided(still, model, {.probe_size = 0.0});
+  guided.Reset(1);
+  std::vector<double> x = {0.0, 1.0};
+  std::vector<double> u(2);
+  Step step = guided.Next(x, u);
+  for (int i = 1; i < kSteps && step.mode != Mode::kHalt; ++i) {
+    x[0] += u[0];  // No control moves it down.
+    step = guided.Next(x, u);
+  }
+  EXPECT_EQ(step.mode, Mode::kRecovery);
+  EXPECT_GE(step.t, kSteps / 2);
 }
 
 // Demonstrations that never move sideways say nothing of what the second control does.
@@ -622,7 +615,6 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
       if (part == "online-jacobian") return Trace(along, model, options, {0.0, 0.38}, 3, 0.9);
       if (part == "drift") return Trace(along, model, options, {0.0, 0.2}, 3, 0.0, 0.05);
       if (part == "demonstrated") return Trace(back, model, options, {0.0, 2.6}, 1);
-      if (part == "overtaking") return Trace(back, model, options, {0.0, 1.6}, 8);
       // reach: the point is 0.02 away from where it could be, with an object off to the side that
       // no control moves.
       if (part == "reach") {
@@ -647,8 +639,8 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
     seen.push_back(part);
   }
   EXPECT_THAT(seen,
-              testing::ElementsAre("filter", "reach", "demonstrated", "overtaking", "probing",
-                                   "online-jacobian", "own-motion", "lag", "smoothing", "drift"));
+              testing::ElementsAre("filter", "reach", "demonstrated", "probing", "online-jacobian",
+                                   "own-motion", "lag", "smoothing", "drift"));
 }
 
 TEST(GuidedPolicyTest, PartsAreTakenOutByTheirNeutralValues) {
@@ -658,23 +650,22 @@ TEST(GuidedPolicyTest, PartsAreTakenOutByTheirNeutralValues) {
   const GuidedOptions none = Without(options, "");
   EXPECT_EQ(none.iterations, options.iterations);
   EXPECT_EQ(none.drift_time.rest, 1.0);
-  const GuidedOptions two = Without(options, "filter+overtaking");
+  const GuidedOptions two = Without(options, "filter+probing");
   EXPECT_EQ(two.iterations, 0);
-  EXPECT_FALSE(two.overtakes);
+  EXPECT_EQ(two.probe_size, 0.0);
   EXPECT_TRUE(two.demonstrated);
   EXPECT_TRUE(two.own_motion);
   EXPECT_TRUE(two.lag);
   EXPECT_EQ(two.horizon, 77);
   const GuidedOptions all = Without(options,
                                     "drift+smoothing+lag+own-motion+online-jacobian+probing+"
-                                    "overtaking+demonstrated+reach+filter");
+                                    "demonstrated+reach+filter");
   EXPECT_EQ(all.iterations, 0);
   EXPECT_FALSE(all.own_motion);
   EXPECT_FALSE(all.lag);
   EXPECT_FALSE(all.smoothing);
   EXPECT_EQ(all.reach, 0.0);
   EXPECT_FALSE(all.demonstrated);
-  EXPECT_FALSE(all.overtakes);
   EXPECT_EQ(all.probe_size, 0.0);
   EXPECT_EQ(all.online_weight, 0.0);
   EXPECT_EQ(all.drift_time.rest, 0.0);

@@ -19,62 +19,88 @@ constexpr int kSteps = 40;
 // l_t(x) = log 2 - (x - speed t)^2: B_t is |x - speed t| <= 0.8326.
 test::GaussianSupport Line(double speed) { return {{{0.0}}, 1.0, 0.5, {speed}, kSteps}; }
 
-TEST(PhaseTrackerTest, AdvancesWhereTheNextSupportIsReachedAndNotJustBefore) {
+TEST(PhaseTrackerTest, AdvancesByOneWhereTheNextSupportIsReached) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
   EXPECT_EQ(tracker.phase(), 0);
-  EXPECT_TRUE(tracker.Advance(0.0));
+  tracker.Advance();
   EXPECT_EQ(tracker.phase(), 1);
   EXPECT_EQ(tracker.waited(), 0);
-  EXPECT_FALSE(tracker.Advance(-1e-300));
+  tracker.Wait();
+  tracker.Wait();
   EXPECT_EQ(tracker.phase(), 1);
-  EXPECT_EQ(tracker.waited(), 1);
-  EXPECT_TRUE(tracker.Advance(0.3));
+  EXPECT_EQ(tracker.waited(), 2);
+  tracker.Advance();
   EXPECT_EQ(tracker.phase(), 2);
   EXPECT_EQ(tracker.waited(), 0);
 }
 
-TEST(PhaseTrackerTest, WaitsForASupportThatIsNotReachedHoweverNear) {
+// From phase 5 on, phase q fits a state x with -(x - q)^2, less .05 per phase to either side of the
+// next one: x = 7.3 is best at 7, x = 5.4 at 5, and what lies behind or more than three phases
+// ahead is not looked at.
+TEST(PhaseTrackerTest, WhereTheNextSupportIsMissedTheBestOneAheadIsTaken) {
+  const auto support = Line(1.0);
+  const auto advanced = [&](double x, bool may_wait) {
+    PhaseTracker tracker(support);
+    tracker.Reset(5);
+    tracker.Wait();
+    tracker.Advance(std::vector{x}, may_wait);
+    EXPECT_EQ(tracker.waited(), tracker.phase() == 5 ? 2 : 0);
+    return tracker.phase();
+  };
+  EXPECT_EQ(advanced(7.3, true), 7);
+  EXPECT_EQ(advanced(5.4, true), 5);
+  EXPECT_EQ(advanced(5.47, true), 5);
+  EXPECT_EQ(advanced(5.48, true), 6) << "the present phase fits better by .04, too little to wait";
+  EXPECT_EQ(advanced(6.52, true), 6) << "the same ahead";
+  EXPECT_EQ(advanced(6.53, true), 7);
+  EXPECT_EQ(advanced(2.0, true), 5);
+  EXPECT_EQ(advanced(30.0, true), 8);
+  EXPECT_EQ(advanced(5.4, false), 6);
+  EXPECT_EQ(advanced(2.0, false), 6);
+  EXPECT_EQ(advanced(7.3, false), 7);
+  EXPECT_EQ(advanced(30.0, false), 8);
+}
+
+TEST(PhaseTrackerTest, AMissedSupportIsWaitedForWhereItFitsBest) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
   for (int i = 1; i <= 20; ++i) {
-    EXPECT_FALSE(tracker.Advance(-1e-12));
+    tracker.Advance(std::vector{-1.0}, true);
     EXPECT_EQ(tracker.waited(), i);
   }
-  EXPECT_FALSE(tracker.Advance(-kInfinity));
-  EXPECT_FALSE(tracker.Advance(std::nan(""))) << "no level at all";
   EXPECT_EQ(tracker.phase(), 0);
 }
 
-// From phase 5 on, phase q fits a state x with -(x - q)^2, less .05 per phase ahead: x = 7.3 is
-// best at 7, x = 5.4 at 5, and what lies behind or more than three phases ahead is not looked at.
-TEST(PhaseTrackerTest, ARecoveryOvertakesPhasesOnlyForwardsAndWithinItsWindow) {
+TEST(PhaseTrackerTest, BehindTheLastSupportThePhaseIsCounted) {
   const auto support = Line(1.0);
-  const auto overtakes = [&](double x) {
-    PhaseTracker tracker(support);
-    tracker.Reset(5);
-    EXPECT_FALSE(tracker.Advance(-1.0));
-    const bool moved = tracker.Overtake(std::vector{x});
-    EXPECT_EQ(moved, tracker.phase() != 5);
-    EXPECT_EQ(tracker.waited(), moved ? 0 : 1);
-    return tracker.phase();
-  };
-  EXPECT_EQ(overtakes(7.3), 7);
-  EXPECT_EQ(overtakes(5.4), 5);
-  EXPECT_EQ(overtakes(5.52), 5) << "by .04 only, which a phase to the side costs";
-  EXPECT_EQ(overtakes(5.53), 6);
-  EXPECT_EQ(overtakes(2.0), 5);
-  EXPECT_EQ(overtakes(30.0), 8);
   PhaseTracker tracker(support);
-  tracker.Reset(kSteps + 2);
-  EXPECT_FALSE(tracker.Overtake(std::vector{1.0 * kSteps})) << "there is nothing ahead";
-  EXPECT_EQ(tracker.phase(), kSteps + 2);
+  for (const int phase : {kSteps - 1, kSteps + 2}) {
+    tracker.Reset(phase);
+    tracker.Advance(std::vector{1.0 * kSteps}, true);
+    EXPECT_EQ(tracker.phase(), phase) << "there is nothing ahead";
+    EXPECT_EQ(tracker.waited(), 1);
+    tracker.Advance(std::vector{1.0 * kSteps}, false);
+    EXPECT_EQ(tracker.phase(), phase + 1);
+    EXPECT_EQ(tracker.waited(), 0);
+  }
+}
+
+TEST(PhaseTrackerTest, APredictionWithoutALevelMovesNoFurtherThanItMust) {
+  const auto support = Line(1.0);
+  PhaseTracker tracker(support);
+  tracker.Reset(5);
+  tracker.Advance(std::vector{std::nan("")}, true);
+  EXPECT_EQ(tracker.phase(), 5);
+  EXPECT_EQ(tracker.waited(), 1);
+  tracker.Advance(std::vector{std::nan("")}, false);
+  EXPECT_EQ(tracker.phase(), 6);
 }
 
 TEST(PhaseTrackerTest, ResetStartsAfresh) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
-  EXPECT_FALSE(tracker.Advance(-1.0));
+  tracker.Wait();
   tracker.Reset(7);
   EXPECT_EQ(tracker.phase(), 7);
   EXPECT_EQ(tracker.waited(), 0);
@@ -249,8 +275,8 @@ TEST(PhaseTrackerTest, NeverAllocates) {
     x[0] = 0.7 * i;
     (void)tracker.Follow(x);
     (void)tracker.Enter(x);
-    (void)tracker.Advance(-0.1);
-    (void)tracker.Overtake(x);
+    tracker.Advance(x, i % 2 == 0);
+    tracker.Advance();
     tracker.Reset(i);
   }
 }

@@ -242,7 +242,7 @@ TEST_F(GuardFileTest, AFileOfVersion1IsReadByAllLaterOnes) {
   EXPECT_EQ(model->recovery().model().slack(), 0.2);
   EXPECT_NEAR(model->recovery().model().gate_level(1), 0.10484338114468128, 1e-12);
   EXPECT_EQ(model->recovery().model().median_level(1), model->recovery().model().gate_level(1));
-  EXPECT_NEAR(model->recovery().model().largest_control(1), 1.4067651325850505, 1e-12);
+  EXPECT_NEAR(model->recovery().model().largest_control(), 1.4067651325850505, 1e-12);
   EXPECT_NEAR(model->recovery().model().control_unit(), 0.11371979690725259, 1e-12);
 
   core::Matrix states(5, 3);

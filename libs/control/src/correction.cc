@@ -64,9 +64,9 @@ Correction::Choice Correction::Replace(JacobianEstimate& estimate, const LocalMo
   const double filtered = RaiseLevel(model, target, limits_, v);
   if (filtered >= 0.0) return {Mode::kPolicy, filtered};
   if (!(known && last) && std::max(demonstrated, filtered) >= -reach_) {
-    if (demonstrated <= filtered) return {Mode::kPolicy, 0.0};
+    if (demonstrated <= filtered) return {Mode::kPolicy, filtered};
     v = trial_;
-    return {corrected, 0.0};
+    return {corrected, demonstrated};
   }
   if (!known) return {Mode::kRecovery, filtered};
   v = demonstrated_;

@@ -71,18 +71,13 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
                                 << support.state_dim());
   DFR_THROW_UNLESS(options.gate_quantile >= 0.0 && options.gate_quantile <= 1.0,
                    "gate_quantile must lie in [0, 1], not be " << options.gate_quantile);
-  DFR_THROW_UNLESS(options.least_gate >= 0.0,
-                   "least_gate must not be negative: " << options.least_gate);
   DFR_THROW_UNLESS(options.slack >= 0.0, "slack must not be negative: " << options.slack);
-  DFR_THROW_UNLESS(options.control_window >= 0,
-                   "control_window must not be negative: " << options.control_window);
   DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
 
   std::vector<core::Matrix> points;
   std::vector<core::Matrix> controls;
   double square = 0.0;
   int moving = 0;
-  Eigen::Index longest = 0;
   for (std::size_t d = 0; d < demonstrations.size(); ++d) {
     const core::Trajectory& demonstration = demonstrations[d];
     DFR_THROW_UNLESS(demonstration.states.rows() == demonstration.controls.rows() + 1,
@@ -93,15 +88,16 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
                      "demonstration " << d << " has a non-finite entry");
     points.push_back(features_.Apply(demonstration.states));
     controls.push_back(demonstration.controls);
-    longest = std::max(longest, demonstration.controls.rows());
     for (Eigen::Index t = 0; t < controls.back().rows(); ++t) {
       const double norm = controls.back().row(t).squaredNorm();
       square += norm;
       moving += norm > 0.0 ? 1 : 0;
+      largest_ = std::max(largest_, std::sqrt(norm));
     }
   }
   DFR_THROW_UNLESS(moving > 0, "no demonstrated control differs from zero");
   control_unit_ = std::sqrt(square / moving);
+  largest_ /= control_unit_;
   for (core::Matrix& c : controls) c /= control_unit_;
   prior_ = std::make_shared<const JacobianPrior>(points, controls, options.jacobian);
   // Less would be noise that is explained: free motion and contact are better off without.
@@ -117,24 +113,15 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
     }
     // A support may have more time steps than any demonstration has states.
     if (levels.empty()) break;
-    gate_.push_back(std::max(options.least_gate, Quantile(levels, options.gate_quantile)));
-    median_.push_back(std::max(options.least_gate, Quantile(levels, 0.5)));
-  }
-  for (Eigen::Index t = 0; t < longest; ++t) {
-    double largest = 0.0;
-    for (const core::Matrix& c : controls) {
-      const Eigen::Index first = std::max<Eigen::Index>(0, t - options.control_window);
-      const Eigen::Index last = std::min(c.rows(), t + options.control_window + 1);
-      for (Eigen::Index i = first; i < last; ++i) largest = std::max(largest, c.row(i).norm());
-    }
-    largest_.push_back(largest);
+    gate_.push_back(std::max(0.0, Quantile(levels, options.gate_quantile)));
+    median_.push_back(std::max(0.0, Quantile(levels, 0.5)));
   }
 }
 
 void GuidedModel::Save(core::ArchiveWriter& archive) const {
   archive.Numbers(gate_);
   archive.Numbers(median_);
-  archive.Numbers(largest_);
+  archive.Numbers(std::vector{largest_});
   archive.Number(slack_);
   archive.Number(control_unit_);
   archive.Integer(own_motion_ ? 1 : 0);
@@ -156,7 +143,11 @@ GuidedModel GuidedModel::Load(core::ArchiveReader& archive, core::FeatureTransfo
   if (archive.version() == 1) static_cast<void>(levels("accept levels"));
   model.gate_ = levels("gate levels");
   model.median_ = archive.version() >= 5 ? levels("median levels") : model.gate_;
-  model.largest_ = levels("the largest controls");
+  // Before, there was one a time step.
+  model.largest_ = 0.0;
+  for (const double largest : levels("the largest control")) {
+    model.largest_ = std::max(model.largest_, largest);
+  }
   model.slack_ = archive.Number();
   model.control_unit_ = archive.Number();
   // Before, nothing was said of it.

@@ -9,9 +9,9 @@
 namespace dfr::control {
 namespace {
 
-constexpr std::array<std::string_view, 10> kParts = {
-    "filter",          "reach",      "demonstrated", "overtaking", "probing",
-    "online-jacobian", "own-motion", "lag",          "smoothing",  "drift"};
+constexpr std::array<std::string_view, 9> kParts = {"filter",  "reach",           "demonstrated",
+                                                    "probing", "online-jacobian", "own-motion",
+                                                    "lag",     "smoothing",       "drift"};
 
 }  // namespace
 
@@ -27,8 +27,6 @@ GuidedOptions Without(GuidedOptions options, std::string_view parts) {
       options.reach = 0.0;
     } else if (part == "demonstrated") {
       options.demonstrated = false;
-    } else if (part == "overtaking") {
-      options.overtakes = false;
     } else if (part == "probing") {
       options.probe_size = 0.0;
     } else if (part == "online-jacobian") {

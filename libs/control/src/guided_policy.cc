@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
@@ -130,15 +129,15 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
 bool GuidedPolicy::DeepInside(double level) const noexcept {
   const int phase = tracker_.phase();
   const double hi = Gate(phase + 1);
-  return level >= hi && learned_.norm() <= model_->largest_control(phase) &&
+  return level >= hi && learned_.norm() <= model_->largest_control() &&
          model_->support().LogDecision(phase + 1, AsSpan(z_), {}) >= hi;
 }
 
 void GuidedPolicy::Advance(double level) noexcept {
-  if (tracker_.Advance(level) || !options_.overtakes) return;
+  if (level >= 0.0) return tracker_.Advance();
   dz_ = z_;
   estimate_.AddEffect(v_, dz_);
-  static_cast<void>(tracker_.Overtake(AsSpan(dz_)));
+  tracker_.Advance(AsSpan(dz_), !(level >= -correction_.reach()));
 }
 
 bool GuidedPolicy::Certify(Step& step) noexcept {
@@ -151,7 +150,7 @@ bool GuidedPolicy::Certify(Step& step) noexcept {
   effect_.noalias() = estimate_.jacobian().lazyProduct(v_);
   // Enter() finds the phase that the control leads to, from the one it is meant to lead to.
   if (!admission.gets_on) {
-    static_cast<void>(tracker_.Advance(-std::numeric_limits<double>::infinity()));
+    tracker_.Wait();
   } else {
     // Small shares add up to time steps.
     const double before = std::floor(progress_.time + 0.5);

@@ -19,24 +19,18 @@ void PhaseTracker::Reset(int first) noexcept {
   waited_ = 0;
 }
 
-bool PhaseTracker::Advance(double l) noexcept {
-  if (l >= 0.0) {
-    ++phase_;
-    waited_ = 0;
-    return true;
-  }
-  ++waited_;
-  return false;
+void PhaseTracker::Advance() noexcept {
+  ++phase_;
+  waited_ = 0;
 }
 
-bool PhaseTracker::Overtake(std::span<const double> z) noexcept {
-  const int phase = phase_;
-  static_cast<void>(Fit(z, phase,
-                        std::max(phase, std::min(phase + kWindow, support_->num_steps() - 1)),
-                        phase, kAny));
-  if (phase_ == phase) return false;
-  waited_ = 0;
-  return true;
+void PhaseTracker::Advance(std::span<const double> z, bool may_wait) noexcept {
+  const int before = phase_;
+  const int first = before + (may_wait ? 0 : 1);
+  const int last = std::max(first, std::min(before + kWindow, support_->num_steps() - 1));
+  phase_ = first;  // Where there is no level at all.
+  static_cast<void>(Fit(z, first, last, before + 1, kAny));
+  waited_ = phase_ == before ? waited_ + 1 : 0;
 }
 
 double PhaseTracker::Follow(std::span<const double> z) noexcept {

@@ -21,7 +21,7 @@ class Correction {
 
   struct Choice {
     Mode mode = Mode::kPolicy;
-    double level = 0.0;  ///< That v is predicted to reach in the next phase; 0 where it passes.
+    double level = 0.0;  ///< That v is predicted to reach in the next phase; 0 where tolerated.
   };
   /// At features `z`, about which `estimate` was computed last, with the learned control `v` within
   /// the limits: `v` becomes the control that is to be applied. `target` is the next phase, and hi
@@ -29,6 +29,9 @@ class Correction {
   /// what it does.
   [[nodiscard]] Choice Choose(JacobianEstimate& estimate, std::span<const double> z,
                               const StepTarget& target, Eigen::VectorXd& v) noexcept;
+
+  /// GuidedOptions::reach as a level: how far outside a support what passes may end, >= 0.
+  [[nodiscard]] double reach() const noexcept { return reach_; }
 
  private:
   [[nodiscard]] Choice Replace(JacobianEstimate& estimate, const LocalModel& model,
@@ -38,7 +41,7 @@ class Correction {
 
   const GuidedModel* model_;
   StepLimits limits_;
-  double reach_;  ///< GuidedOptions::reach as a level.
+  double reach_;
   double tolerance_;
   double probe_size_;
   bool demonstrates_;  ///< Demonstrated controls are tried.

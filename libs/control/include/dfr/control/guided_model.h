@@ -18,11 +18,9 @@ struct GuidedModelOptions {
   /// A quantile of l_t over demonstrated states: where the learned control passes, and what others
   /// aim at. Higher keeps deeper inside and lets the learned policy decide less often.
   double gate_quantile = 0.75;
-  double least_gate = 0.02;  ///< The gate level is at least this.
   /// How far outside the support states of the task still are, l = -slack: an object that is off
   /// to the side must not stop the rest. SlackFrom() has it from demonstrations.
   double slack = 0.2;
-  int control_window = 5;  ///< umax_t looks at time steps t - window ... t + window.
   JacobianOptions jacobian = {};
 };
 
@@ -58,11 +56,10 @@ class GuidedModel {
     return prior_;
   }
 
-  /// hi_t, the level of l_t at which there is nothing to do.
+  /// hi_t, the level of l_t at which there is nothing to do, >= 0.
   [[nodiscard]] double gate_level(int t) const noexcept { return Clamped(gate_, t); }
   /// The median of l_t over demonstrated states, in place of hi_t with a certificate: every bit of
-  /// depth costs it controls. Not less than GuidedModelOptions::least_gate; hi_t in a file of
-  /// before version 5.
+  /// depth costs it controls. hi_t in a file of before version 5.
   [[nodiscard]] double median_level(int t) const noexcept { return Clamped(median_, t); }
   /// GuidedModelOptions::slack
   [[nodiscard]] double slack() const noexcept { return slack_; }
@@ -72,8 +69,8 @@ class GuidedModel {
   /// has not seen, at least 40 % of what controls leave unexplained. Where it explains less, the
   /// estimate is better without.
   [[nodiscard]] bool own_motion() const noexcept { return own_motion_; }
-  /// Largest demonstrated |v| near time step t.
-  [[nodiscard]] double largest_control(int t) const noexcept { return Clamped(largest_, t); }
+  /// Largest demonstrated |v|.
+  [[nodiscard]] double largest_control() const noexcept { return largest_; }
 
  private:
   GuidedModel(core::FeatureTransform features, const core::LogDecisionFunction& support)
@@ -85,7 +82,7 @@ class GuidedModel {
   std::shared_ptr<const JacobianPrior> prior_;
   std::vector<double> gate_;
   std::vector<double> median_;
-  std::vector<double> largest_;
+  double largest_ = 0.0;
   double slack_ = 0.0;
   double control_unit_ = 1.0;
   bool own_motion_ = false;

@@ -44,8 +44,6 @@ struct GuidedOptions {
   /// Not to be tuned. Whether what demonstrations did nearby is tried before the learned control is
   /// changed. Not with a certificate.
   bool demonstrated = true;
-  /// Not to be tuned. Whether recoveries overtake phases.
-  bool overtakes = true;
   /// Not to be tuned. Whether features may move by themselves, where demonstrations say so
   /// (GuidedModel::own_motion()). Not with a certificate.
   bool own_motion = true;
@@ -56,8 +54,8 @@ struct GuidedOptions {
 };
 
 /// The parts of guided recovery that can be taken out, for ablations: "filter", "reach",
-/// "demonstrated", "overtaking", "probing", "online-jacobian", "own-motion", "lag", "smoothing",
-/// and "drift", the drift_time of a task that has one.
+/// "demonstrated", "probing", "online-jacobian", "own-motion", "lag", "smoothing", and "drift", the
+/// drift_time of a task that has one.
 [[nodiscard]] std::span<const std::string_view> GuidedPartNames() noexcept;
 /// The options with these parts at their neutral values; "filter+lag" takes out both.
 /// @throws std::invalid_argument naming the part that does not exist, and those that do.

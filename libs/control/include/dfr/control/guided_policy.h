@@ -34,8 +34,9 @@ namespace dfr::control {
 ///      raises to l = 0 alone, and nothing passes within reach: that support does not move on.
 ///   4. If that is not predicted to end inside (in a drift: not to end at hi) and J hardly knows a
 ///      direction of control, a probe along it is applied instead.
-///   5. The phase advances if the prediction is inside B_{tau+1} or passes within reach; otherwise
-///      a recovery overtakes phases (PhaseTracker).
+///   5. Where the prediction is inside B_{tau+1}, the phase advances by one. Otherwise it advances
+///      to the one of the next three whose support fits the prediction best, or waits where it is
+///      out of reach and the present support fits better (PhaseTracker).
 ///   6. HaltRule ends what does not get on.
 ///
 /// A step is a recovery, Mode::kRecovery, where z'(v_hat) is outside B_{tau+1} and v does not come

@@ -9,10 +9,10 @@ namespace dfr::control {
 /// Which phase an episode is in: the time step of the demonstrations that its state belongs to.
 /// There is one such rule for those who decide and one for those who watch.
 ///
-/// - A controller decides about time. Advance() moves to the next phase as soon as a control is
-///   predicted to end inside its support; until then the phase waits. Overtake() moves to the phase
-///   ahead that a recovery outside the support is on its way to: a support that was missed must not
-///   hold up those that follow.
+/// - A controller decides about time. Advance() moves to the next phase once a control is predicted
+///   to end inside its support. Otherwise it moves to the one ahead whose support fits the
+///   prediction best: a support that was missed must not hold up those that follow. Outside, the
+///   phase may wait.
 /// - An observer (an alarm, a report) has to follow, because demonstrations and robots go at paces
 ///   of their own. Follow() takes the phase near the expected one whose support fits best.
 /// - A certificate holds only inside. Enter() takes the best phase near whose support the state is
@@ -29,12 +29,14 @@ class PhaseTracker {
   /// Starts an episode in phase `first`.
   void Reset(int first = 0) noexcept;
 
-  /// A control was chosen that is predicted to end at level `l` of the support of phase() + 1.
-  /// @returns whether the phase advances; otherwise it waits.
-  bool Advance(double l) noexcept;
-  /// A control was chosen that is predicted to end at `z`, outside: moves to the phase from phase()
-  /// to phase() + kWindow whose support fits best. @returns whether that is a later one.
-  bool Overtake(std::span<const double> z) noexcept;
+  /// A control was chosen that is predicted to end inside the support of phase() + 1.
+  void Advance() noexcept;
+  /// A control was chosen that is predicted to end at `z`, outside the support of phase() + 1:
+  /// moves to the phase from phase() + 1, or from phase() where it `may_wait`, to phase() + kWindow
+  /// whose support fits `z` best, phase() + 1 in doubt.
+  void Advance(std::span<const double> z, bool may_wait) noexcept;
+  /// The phase stays for one more control.
+  void Wait() noexcept { ++waited_; }
   /// The next of an observer's states is `z`. @returns l at the phase it is taken to be in,
   ///   -infinity for a state that is not one.
   double Follow(std::span<const double> z) noexcept;
