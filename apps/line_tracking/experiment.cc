@@ -324,22 +324,18 @@ void RunExperiment(const ExperimentOptions& options) {
   static_cast<void>(known());
   report.settings.emplace_back("calibration, tips RMS [px]", Text(calibration_summary.tip_rms_px));
 
-  // Study and videos come from the first trial, run again.
-  if (!std::filesystem::exists(model_folder / "policy.dfr")) {
-    static_cast<void>(make(results.front().unit));
-  }
-  LineTrialRunner again(LineModel::Load(model_folder), plan.methods,
-                        InWorld(options.plant, plan.learners.front()), known());
+  // Study and videos come from the first trial, learned and run again.
   const experiment::UnitResult& first = results.front();
+  const std::unique_ptr<LineTrialRunner> again = make(first.unit);
   const std::array<std::string, 2> dfr = {"dfr", "dfr-fine"};
   LineTrialRunner studied_site(LineModel::Load(model_folder), {dfr.begin(), dfr.end()},
                                options.plant, known());
   const experiment::ReportTable probes =
       ProbeTable(StudyProbes(studied_site, dfr, plan, first.starts));
   report.tables.push_back(probes);
-  experiment::ReportFigure recoveries = RecoveryFigure(again, plan, first.starts);
+  experiment::ReportFigure recoveries = RecoveryFigure(*again, plan, first.starts);
   if (!recoveries.plots.front().series.empty()) report.figures.push_back(std::move(recoveries));
-  if (options.video) report.media = RecordEpisodes(again, plan, first, options.out);
+  if (options.video) report.media = RecordEpisodes(*again, plan, first, options.out);
   experiment::SaveReport(summary, report, options.out / "report.html");
   experiment::PrintTable(summary, std::cout);
   std::cout << MarksOf(plan.methods);

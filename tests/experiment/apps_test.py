@@ -40,7 +40,7 @@ RUNS = {
         ("drift", "--trials 1 --episodes 1 --demonstrations 6 --methods baseline,guided", "--learner=16", "settings.learner"),
     ],
     "line_tracking": [
-        ("experiment", "--trials 2 --episodes 2 --worlds frozen,30ms --methods baseline,guided --observation truth --no-video "
+        ("experiment", "--trials 2 --episodes 2 --worlds frozen,30ms --methods baseline,guided,ensemble --observation truth --no-video "
          "--amplitude 0.001,0.001,0,0,0,0 --not-during --between --pause 0.2", "--pause=0.3", "settings.disturbance"),
     ],
 }
