@@ -91,6 +91,19 @@ TEST(ReportTest, NumbersAreThoseOfTheSummary) {
   EXPECT_THAT(html, HasSubstr("41.2 <small>[37.3, 45.2]</small>"));
 }
 
+TEST(ReportTest, SaysWhatWasResampled) {
+  Summary summary = MakeSummary();
+  const auto caption = [&](const char* resampled) {
+    summary.contrasts.front().resampled = resampled;
+    const std::string html = RenderReport(summary, {.title = "Pusher"});
+    const std::size_t begin = html.find("intervals of a bootstrap over ");
+    return html.substr(begin, html.find("</p>", begin) - begin);
+  };
+  EXPECT_EQ(caption("supervisors"), "intervals of a bootstrap over supervisors.");
+  EXPECT_EQ(caption("trials"), "intervals of a bootstrap over trials.");
+  EXPECT_THAT(caption("episodes"), testing::HasSubstr("too few trials to resample"));
+}
+
 TEST(ReportTest, WhatDoesNotExistIsADash) {
   Summary summary = MakeSummary();
   summary.contrasts[0].ratios = {};

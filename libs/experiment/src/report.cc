@@ -214,12 +214,14 @@ class Page {
       }
       out_ << "</div>\n";
     }
+    const std::string& resampled = summary_.contrasts.front().resampled;
     out_ << "<p class=\"caption\">Totals over all data points against " << reference
          << "'s, from the same start states; in brackets 95 % intervals of a bootstrap over "
-         << (summary_.contrasts.front().resampled == "trials"
-                 ? "trials."
-                 : "the start states of each trial. There are too few trials to resample these, so "
-                   "the intervals say nothing of how trials differ.")
+         << (resampled == "episodes"
+                 ? "the start states of each trial. There are too few trials to resample these, so "
+                   "the intervals say nothing of how trials differ"
+                 : resampled)
+         << "."
          << "</p>\n";
   }
 
@@ -273,9 +275,11 @@ class Page {
       }
       out_ << "</div>\n</figure>\n";
     }
-    out_ << "<p class=\"caption\">Share of " << episodes
-         << " episodes per point; bands are 95 % intervals of Korn and Graubard, clustered by "
-            "trial; with fewer than 5 trials Wilson's, which take episodes for independent.</p>\n";
+    out_
+        << "<p class=\"caption\">Share of " << episodes
+        << " episodes per point; bands are 95 % intervals of Korn and Graubard, clustered by "
+           "trial, or by supervisor where 5 or more take turns; with fewer than 5 trials Wilson's, "
+           "which take episodes for independent.</p>\n";
   }
 
   void Media() {
