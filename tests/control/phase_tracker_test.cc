@@ -44,7 +44,8 @@ TEST(PhaseTrackerTest, WhereTheNextSupportIsMissedTheBestOneAheadIsTaken) {
     PhaseTracker tracker(support);
     tracker.Reset(5);
     tracker.Wait();
-    tracker.Advance(std::vector{x}, may_wait);
+    const std::vector<double> z = {x};
+    tracker.Advance(z, support.LogDecision(6, z, {}), may_wait);
     EXPECT_EQ(tracker.waited(), tracker.phase() == 5 ? 2 : 0);
     return tracker.phase();
   };
@@ -66,7 +67,7 @@ TEST(PhaseTrackerTest, AMissedSupportIsWaitedForWhereItFitsBest) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
   for (int i = 1; i <= 20; ++i) {
-    tracker.Advance(std::vector{-1.0}, true);
+    tracker.Advance(std::vector{-1.0}, std::log(2.0) - 4.0, true);
     EXPECT_EQ(tracker.waited(), i);
   }
   EXPECT_EQ(tracker.phase(), 0);
@@ -77,10 +78,10 @@ TEST(PhaseTrackerTest, BehindTheLastSupportThePhaseIsCounted) {
   PhaseTracker tracker(support);
   for (const int phase : {kSteps - 1, kSteps + 2}) {
     tracker.Reset(phase);
-    tracker.Advance(std::vector{1.0 * kSteps}, true);
+    tracker.Advance(std::vector{1.0 * kSteps}, -1.0, true);
     EXPECT_EQ(tracker.phase(), phase) << "there is nothing ahead";
     EXPECT_EQ(tracker.waited(), 1);
-    tracker.Advance(std::vector{1.0 * kSteps}, false);
+    tracker.Advance(std::vector{1.0 * kSteps}, -1.0, false);
     EXPECT_EQ(tracker.phase(), phase + 1);
     EXPECT_EQ(tracker.waited(), 0);
   }
@@ -90,10 +91,10 @@ TEST(PhaseTrackerTest, APredictionWithoutALevelMovesNoFurtherThanItMust) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
   tracker.Reset(5);
-  tracker.Advance(std::vector{std::nan("")}, true);
+  tracker.Advance(std::vector{std::nan("")}, std::nan(""), true);
   EXPECT_EQ(tracker.phase(), 5);
   EXPECT_EQ(tracker.waited(), 1);
-  tracker.Advance(std::vector{std::nan("")}, false);
+  tracker.Advance(std::vector{std::nan("")}, std::nan(""), false);
   EXPECT_EQ(tracker.phase(), 6);
 }
 
@@ -275,7 +276,7 @@ TEST(PhaseTrackerTest, NeverAllocates) {
     x[0] = 0.7 * i;
     (void)tracker.Follow(x);
     (void)tracker.Enter(x);
-    tracker.Advance(x, i % 2 == 0);
+    tracker.Advance(x, -1.0, i % 2 == 0);
     tracker.Advance();
     tracker.Reset(i);
   }

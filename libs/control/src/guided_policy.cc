@@ -137,7 +137,7 @@ void GuidedPolicy::Advance(double level) noexcept {
   if (level >= 0.0) return tracker_.Advance();
   dz_ = z_;
   estimate_.AddEffect(v_, dz_);
-  tracker_.Advance(AsSpan(dz_), !(level >= -correction_.reach()));
+  tracker_.Advance(AsSpan(dz_), level, !(level >= -correction_.reach()));
 }
 
 bool GuidedPolicy::Certify(Step& step) noexcept {

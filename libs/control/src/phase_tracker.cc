@@ -8,8 +8,9 @@
 namespace dfr::control {
 namespace {
 
+constexpr double kNowhere = -std::numeric_limits<double>::infinity();
 // PhaseTracker::Fit() then takes every level.
-constexpr double kAny = -std::numeric_limits<double>::infinity();
+constexpr double kAny = kNowhere;
 
 }  // namespace
 
@@ -24,12 +25,17 @@ void PhaseTracker::Advance() noexcept {
   waited_ = 0;
 }
 
-void PhaseTracker::Advance(std::span<const double> z, bool may_wait) noexcept {
+void PhaseTracker::Advance(std::span<const double> z, double l, bool may_wait) noexcept {
   const int before = phase_;
-  const int first = before + (may_wait ? 0 : 1);
-  const int last = std::max(first, std::min(before + kWindow, support_->num_steps() - 1));
-  phase_ = first;  // Where there is no level at all.
-  static_cast<void>(Fit(z, first, last, before + 1, kAny));
+  const int next = before + 1;
+  const int last = support_->num_steps() - 1;
+  phase_ = may_wait ? before : next;  // Where there is no level at all.
+  double best = kNowhere;
+  if (next <= last) Take(next, next, l, best);
+  if (may_wait) Take(before, next, support_->LogDecision(before, z, {}), best);
+  for (int q = next + 1; q <= std::min(before + kWindow, last); ++q) {
+    Take(q, next, support_->LogDecision(q, z, {}), best);
+  }
   waited_ = phase_ == before ? waited_ + 1 : 0;
 }
 
@@ -50,21 +56,23 @@ double PhaseTracker::Enter(std::span<const double> z, double least) noexcept {
   return l >= least ? l : support_->LogDecision(phase_, z, {});
 }
 
-double PhaseTracker::Fit(std::span<const double> z, int first, int last, int expected,
-                         double least) noexcept {
+bool PhaseTracker::Take(int q, int expected, double l, double& best) noexcept {
   // A phase to the side costs little, so that within a wide support the clock decides.
   constexpr double kPenalty = 0.05;
-  constexpr double kNowhere = -std::numeric_limits<double>::infinity();
+  const double score = l - kPenalty * std::abs(q - expected);
+  if (!(score > best)) return false;
+  best = score;
+  phase_ = q;
+  return true;
+}
+
+double PhaseTracker::Fit(std::span<const double> z, int first, int last, int expected,
+                         double least) noexcept {
   double best = kNowhere;
   double level = kNowhere;
   for (int q = first; q <= last; ++q) {
     const double l = support_->LogDecision(q, z, {});
-    const double score = l - kPenalty * std::abs(q - expected);
-    if (score > best && l >= least) {
-      best = score;
-      level = l;
-      phase_ = q;
-    }
+    if (l >= least && Take(q, expected, l, best)) level = l;
   }
   return level;
 }

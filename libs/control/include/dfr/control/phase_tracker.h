@@ -31,10 +31,10 @@ class PhaseTracker {
 
   /// A control was chosen that is predicted to end inside the support of phase() + 1.
   void Advance() noexcept;
-  /// A control was chosen that is predicted to end at `z`, outside the support of phase() + 1:
-  /// moves to the phase from phase() + 1, or from phase() where it `may_wait`, to phase() + kWindow
-  /// whose support fits `z` best, phase() + 1 in doubt.
-  void Advance(std::span<const double> z, bool may_wait) noexcept;
+  /// A control was chosen that is predicted to end at `z`, outside the support of phase() + 1, at
+  /// level `l` of it: moves to the phase from phase() + 1, or from phase() where it `may_wait`, to
+  /// phase() + kWindow whose support fits `z` best, phase() + 1 in doubt.
+  void Advance(std::span<const double> z, double l, bool may_wait) noexcept;
   /// The phase stays for one more control.
   void Wait() noexcept { ++waited_; }
   /// The next of an observer's states is `z`. @returns l at the phase it is taken to be in,
@@ -49,6 +49,9 @@ class PhaseTracker {
   [[nodiscard]] int waited() const noexcept { return waited_; }
 
  private:
+  /// Moves to phase `q`, whose support z is at level `l` of, if it fits better than `best`, its
+  /// score then.
+  bool Take(int q, int expected, double l, double& best) noexcept;
   double Fit(std::span<const double> z, int first, int last, int expected, double least) noexcept;
 
   const core::LogDecisionFunction* support_;
