@@ -23,6 +23,7 @@
 namespace {
 
 using dfr::dds::Discovery;
+using dfr::kinematics::PsmGeneration;
 using dfr::sim::Wave;
 using Clock = std::chrono::steady_clock;
 
@@ -93,6 +94,13 @@ void AddScene(CLI::App& app, Options& options) {
   const std::string group = "Scene";
   app.add_option("--arm", arm.arm, "the arm's name, first part of its topics")
       ->capture_default_str()
+      ->group(group);
+  app.add_option("--generation", arm.generation,
+                 "which da Vinci the arm is of: Classic, or Si, whose joints go farther")
+      ->transform(
+          OneOf<PsmGeneration>({{"Classic", PsmGeneration::kClassic}, {"Si", PsmGeneration::kSi}}))
+      ->type_name("TEXT")
+      ->default_str("Classic")
       ->group(group);
   app.add_option("--seed", seed, "of the first episode: line, light, disturbance")
       ->capture_default_str()

@@ -296,6 +296,11 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   arm.Get("serial", config.arm_serial);
   config.p_world_base = GetPose(arm, "base_position_m", "base_quaternion_xyzw");
   hardware::PsmLimits& limits = config.arm_client.limits;
+  arm.Get(
+      "generation", limits.generation,
+      {{"Classic", kinematics::PsmGeneration::kClassic}, {"Si", kinematics::PsmGeneration::kSi}});
+  limits.lower = kinematics::Psm::lower_limits(limits.generation);
+  limits.upper = kinematics::Psm::upper_limits(limits.generation);
   arm.Get("workspace_min_m", {limits.workspace_min_m.data(), 3});
   arm.Get("workspace_max_m", {limits.workspace_max_m.data(), 3});
   if (!limits.workspace_min_m.allFinite() || !limits.workspace_max_m.allFinite() ||

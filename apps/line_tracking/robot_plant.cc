@@ -183,7 +183,8 @@ struct RobotPlant::Impl {
       : simulated(config.simulator),
         lift_m(config.lift_m),
         image_latency_s(config.image_latency_s),
-        task(calibration, Base(config)),
+        generation(config.arm_client.limits.generation),
+        task(calibration, Base(config), generation),
         region(task, config.region),
         network(config.network),
         images(ImageNetwork(config.network)),
@@ -253,8 +254,9 @@ struct RobotPlant::Impl {
   }
 
   // The tips straight from one place to another while the tool turns.
-  static Leg Turning(const char* what, const PsmJoints& from, const std::optional<PsmJoints>& to) {
-    const auto way = to ? TurnAboutTip(from, *to) : std::nullopt;
+  [[nodiscard]] Leg Turning(const char* what, const PsmJoints& from,
+                            const std::optional<PsmJoints>& to) const {
+    const auto way = to ? TurnAboutTip(from, *to, generation) : std::nullopt;
     if (!way) {
       throw std::runtime_error(std::string("the tool cannot be ") + what +
                                " from where it is; lift it, or turn it by hand");
@@ -285,8 +287,8 @@ struct RobotPlant::Impl {
     }
     const Eigen::Vector3d up =
         lift_m * (task.p_world_base().linear().transpose() * Eigen::Vector3d::UnitZ());
-    const std::optional<PsmJoints> lifted = Displaced(start, up);
-    const std::optional<PsmJoints> above = Displaced(upright, up);
+    const std::optional<PsmJoints> lifted = Displaced(start, up, generation);
+    const std::optional<PsmJoints> above = Displaced(upright, up, generation);
     const std::array<Leg, 3> legs = {Turning("lifted", start, lifted),
                                      Turning("turned upright", lifted.value_or(start), above),
                                      Turning("lowered", above.value_or(upright), upright)};
@@ -360,6 +362,7 @@ struct RobotPlant::Impl {
   bool simulated;
   double lift_m;
   double image_latency_s;
+  kinematics::PsmGeneration generation;
   LineTask task;
   line_task::TipRegion region;
   dds::Participant network;

@@ -29,7 +29,8 @@ bool StaysNear(const PsmJoints& a, const PsmJoints& b, const Eigen::Vector3d& ti
 
 }  // namespace
 
-std::optional<std::vector<PsmJoints>> TurnAboutTip(const PsmJoints& from, const PsmJoints& to) {
+std::optional<std::vector<PsmJoints>> TurnAboutTip(const PsmJoints& from, const PsmJoints& to,
+                                                   kinematics::PsmGeneration generation) {
   const Eigen::Quaterniond first(Psm::Forward(from).linear());
   const Eigen::Quaterniond last(Psm::Forward(to).linear());
   const Eigen::Vector3d begin = Psm::Tip(from);
@@ -48,7 +49,7 @@ std::optional<std::vector<PsmJoints>> TurnAboutTip(const PsmJoints& from, const 
       Eigen::Isometry3d wrist = Eigen::Isometry3d::Identity();
       wrist.linear() = first.slerp(s, last).toRotationMatrix();
       wrist.translation() = tip - Psm::kJawLength * wrist.linear().col(2);
-      if (Psm::Inverse(wrist, joints) != PsmReach::kOk) return std::nullopt;
+      if (Psm::Inverse(wrist, joints, generation) != PsmReach::kOk) return std::nullopt;
     }
     if ((joints - before).cwiseAbs().maxCoeff() > kMostJoint ||
         !StaysNear(before, joints, tip_before, tip)) {
@@ -61,11 +62,12 @@ std::optional<std::vector<PsmJoints>> TurnAboutTip(const PsmJoints& from, const 
   return way;
 }
 
-std::optional<PsmJoints> Displaced(const PsmJoints& joints, const Eigen::Vector3d& step_m) {
+std::optional<PsmJoints> Displaced(const PsmJoints& joints, const Eigen::Vector3d& step_m,
+                                   kinematics::PsmGeneration generation) {
   Eigen::Isometry3d wrist = Psm::Forward(joints);
   wrist.translation() += step_m;
   PsmJoints displaced;
-  if (Psm::Inverse(wrist, displaced) != PsmReach::kOk) return std::nullopt;
+  if (Psm::Inverse(wrist, displaced, generation) != PsmReach::kOk) return std::nullopt;
   return displaced;
 }
 

@@ -16,11 +16,13 @@ inline constexpr double kMostAstray = 3e-4;
 /// other, the last one `to`. In one move through joint space the tips would swing by millimetres.
 /// Nothing if the arm cannot hold the tool so somewhere on the way. @pre both finite
 [[nodiscard]] std::optional<std::vector<kinematics::PsmJoints>> TurnAboutTip(
-    const kinematics::PsmJoints& from, const kinematics::PsmJoints& to);
+    const kinematics::PsmJoints& from, const kinematics::PsmJoints& to,
+    kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic);
 
 /// The joints that hold the tool as `joints` do, with its tips moved by `step_m` (the arm's base
 /// frame). Nothing if the arm cannot.
-[[nodiscard]] std::optional<kinematics::PsmJoints> Displaced(const kinematics::PsmJoints& joints,
-                                                             const Eigen::Vector3d& step_m);
+[[nodiscard]] std::optional<kinematics::PsmJoints> Displaced(
+    const kinematics::PsmJoints& joints, const Eigen::Vector3d& step_m,
+    kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic);
 
 }  // namespace dfr::apps::line_tracking

@@ -340,6 +340,15 @@ TEST_F(PsmDriverTest, WhatOthersSayOfTheArmIsHold) {
       [&] { tool.Write({"LARGE_NEEDLE_DRIVER:400006"}); });
 }
 
+// An Si takes no instrument of a Classic: who has one is a Classic, whatever the owner says.
+TEST_F(PsmDriverTest, AnArmSaidToBeAnSiIsNotArmedWithAClassicsInstrument) {
+  PsmDriverOptions options = Patient();
+  options.client.limits.generation = kinematics::PsmGeneration::kSi;
+  PsmDriver driver(participant_, options);
+  EXPECT_EQ(BringUp(driver, 5.0), PsmStatus::kWrongTool);
+  EXPECT_THAT(driver.Explain(), HasSubstr("of generation Si 420006"));
+}
+
 TEST_F(PsmDriverTest, ASecondConsoleHolds) {
   PsmDriver driver(participant_, Patient());
   ASSERT_EQ(BringUp(driver, 60.0), PsmStatus::kOk) << driver.Explain();

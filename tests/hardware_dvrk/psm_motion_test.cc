@@ -111,6 +111,27 @@ TEST(PsmMotionTest, RefusesAndChangesNothing) {
   EXPECT_EQ(motion.Start(Home(), 0.0), PsmStatus::kOk);
 }
 
+TEST(PsmMotionTest, AnSiArmGoesFartherWhereItIsSaidToBeOne) {
+  PsmLimits limits;
+  PsmMotion classic = AtHome(limits);
+  EXPECT_EQ(classic.Start(Off(2, 0.13), 100.0), PsmStatus::kBeyondLimits);
+  EXPECT_EQ(classic.Start(Psm::Forward(Off(1, 1.2)), 100.0), PsmStatus::kBeyondLimits);
+  limits.generation = kinematics::PsmGeneration::kSi;
+  limits.lower = Psm::lower_limits(limits.generation);
+  limits.upper = Psm::upper_limits(limits.generation);
+  limits.workspace_min_m << -0.3, -0.3, -0.3;
+  limits.workspace_max_m << 0.3, 0.3, 0.3;
+  PsmMotion si = AtHome(limits);
+  EXPECT_EQ(si.Start(Off(2, 0.171), 100.0), PsmStatus::kBeyondLimits);
+  EXPECT_EQ(si.Start(Off(2, 0.13), 100.0), PsmStatus::kOk);
+  si.Rest(Home());
+  EXPECT_EQ(si.Start(Psm::Forward(Off(1, 1.2)), 100.0), PsmStatus::kOk);
+  si.Rest(Home());
+  EXPECT_EQ(si.Start(Off(0, 2.9), 100.0), PsmStatus::kOk);
+  limits.generation = kinematics::PsmGeneration::kClassic;  // whose own these limits are beyond
+  EXPECT_THROW(PsmMotion(limits, PsmProfile::kSmooth), std::invalid_argument);
+}
+
 // Both ends inside, the way between them not.
 TEST(PsmMotionTest, WorkspaceHoldsOnTheWayToo) {
   PsmLimits limits;

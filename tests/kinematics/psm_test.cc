@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "dfr/core/random.h"
 #include "dfr/kinematics/psm_chain.h"
@@ -124,6 +125,29 @@ TEST(PsmTest, SaysWhyAPoseCannotBeReached) {
   pose = Psm::Forward(Home());
   pose.translation() = Eigen::Vector3d(0.0, 0.11, -0.05);
   EXPECT_EQ(Psm::Inverse(pose, q), PsmReach::kJointLimit);
+}
+
+// Whoever does not know which arm it is takes the Classic's limits, which hold on both.
+TEST(PsmTest, AnSiArmReachesWhatAClassicDoesAndMore) {
+  constexpr PsmGeneration kSi = PsmGeneration::kSi;
+  EXPECT_TRUE((Psm::lower_limits(kSi).array() <= Psm::lower_limits().array()).all());
+  EXPECT_TRUE((Psm::upper_limits(kSi).array() >= Psm::upper_limits().array()).all());
+  for (const auto& [joint, value] : {std::pair(0, 2.9), std::pair(0, -2.9), std::pair(1, 1.3),
+                                     std::pair(1, -1.26), std::pair(2, 0.289)}) {
+    PsmJoints q = Home();
+    q[joint] = value;
+    PsmJoints back;
+    EXPECT_EQ(Psm::Inverse(Psm::Forward(q), back), PsmReach::kJointLimit) << joint;
+    EXPECT_EQ(Psm::Inverse(Psm::Forward(q), back, kSi), PsmReach::kOk) << joint;
+    EXPECT_TRUE(AllClose(back, q, 1e-9)) << joint;
+    EXPECT_LT(Psm::Tip(q).norm(), Psm::kReach);
+  }
+  for (const auto& [joint, value] :
+       {std::pair(0, 2.97), std::pair(1, 1.31), std::pair(1, -1.27), std::pair(2, 0.291)}) {
+    PsmJoints q = Home();
+    q[joint] = value;
+    EXPECT_FALSE(Psm::WithinLimits(q, kSi)) << joint;
+  }
 }
 
 TEST(PsmTest, CorrectionInvertsItself) {

@@ -44,6 +44,16 @@ kinematics::PsmCorrection SomeCorrection() {
   return arm;
 }
 
+TEST(LineTaskTest, AnSiArmReachesDeeper) {
+  const LineTask classic = StraightTask();
+  const LineTask si(classic.calibration(), classic.p_world_base(), kinematics::PsmGeneration::kSi);
+  const Eigen::Vector3d deep(0.0, 0.0, -0.13);
+  PsmJoints reading;
+  EXPECT_FALSE(classic.Reading(deep, reading));
+  ASSERT_TRUE(si.Reading(deep, reading));
+  EXPECT_LT((si.Tip(reading) - deep).norm(), 1e-14);
+}
+
 TEST(LineTaskTest, ReadingsPutTheTipThereUprightWhateverTheArmsErrors) {
   const LineTask task = StraightTask(SomeCorrection());
   core::Random random(3);

@@ -149,6 +149,21 @@ TEST_F(RobotConfigTest, RegionAndLimitsAreRead) {
               1e-15);
 }
 
+TEST_F(RobotConfigTest, AnArmIsAClassicUnlessItIsSaidToBeAnSi) {
+  using kinematics::Psm;
+  using kinematics::PsmGeneration;
+  const auto upper = [this](const std::string& text) { return Load(text).arm_client.limits.upper; };
+  EXPECT_EQ(upper(""), Psm::upper_limits());
+  EXPECT_EQ(upper("[arm]\ngeneration = 'Classic'\n"), Psm::upper_limits());
+  const hardware::PsmLimits si = Load("[arm]\ngeneration = 'Si'\n").arm_client.limits;
+  EXPECT_EQ(si.generation, PsmGeneration::kSi);
+  EXPECT_EQ(si.lower, Psm::lower_limits(PsmGeneration::kSi));
+  EXPECT_EQ(si.upper, Psm::upper_limits(PsmGeneration::kSi));
+  EXPECT_NO_THROW(si.Check());
+  EXPECT_THAT(Error("[arm]\ngeneration = 'Xi'\n"),
+              HasSubstr(":2: arm.generation must be one of \"Classic\", \"Si\""));
+}
+
 TEST_F(RobotConfigTest, BoundsThatAreNoneAreRefused) {
   EXPECT_THAT(Error("[arm]\nworkspace_max_m = [inf, 1.0, 1.0]\n"),
               HasSubstr(":2: arm.workspace_max_m must be above workspace_min_m in every entry, all "

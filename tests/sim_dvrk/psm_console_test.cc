@@ -239,6 +239,23 @@ TEST(PsmConsoleTest, GoalsBeyondLimitsAreClippedAndNamedOnce) {
   EXPECT_NEAR(console.setpoint_jaw(), 80 * kDegree, 1e-12);
 }
 
+TEST(PsmConsoleTest, AnSiArmHasItsOwnLimitsAndInstrument) {
+  PsmConsole console({.homing_s = 0.1, .generation = kinematics::PsmGeneration::kSi});
+  EXPECT_STREQ(console.tool(), "LARGE_NEEDLE_DRIVER:420006[1]");
+  console.StateCommand("home");
+  Pass(console, 0.2);
+  (void)console.TakeMessages();
+  console.ServoJp(At(2, 0.29));
+  console.ServoCp(Psm::Forward(At(0, 2.9)));
+  EXPECT_THAT(console.TakeMessages(), testing::IsEmpty());
+  Pass(console, 3.0);
+  EXPECT_NEAR(console.setpoint_joints()[0], 2.9, 1e-9);
+  console.ServoJp(At(2, 0.3));
+  EXPECT_THAT(console.TakeMessages(), Warns("servo_jp clipped at the limits of insertion (0.3)"));
+  console.ServoJaw(-21 * kDegree);
+  EXPECT_THAT(console.TakeMessages(), Warns("jaw/servo_jp clipped at the jaw's limits"));
+}
+
 TEST(PsmConsoleTest, GoalsWithoutJointValuesAreDropped) {
   PsmConsole console = Homed();
   Eigen::Isometry3d broken = Eigen::Isometry3d::Identity();

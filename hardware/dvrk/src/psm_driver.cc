@@ -83,7 +83,9 @@ const char* Name(ConsoleWord::Severity severity) noexcept {
 // come. Only that thread touches publishers and subscribers.
 struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): by meaning
   Link(dds::Participant& participant, const PsmDriverOptions& options)
-      : p(participant), arm(options.arm) {
+      : p(participant),
+        arm(options.arm),
+        is_si(options.client.limits.generation == kinematics::PsmGeneration::kSi) {
     const std::vector<std::string> usual = {
         "/console/teleop/enabled", "/MTML_" + arm + "/following", "/MTMR_" + arm + "/following"};
     for (const std::string& topic : options.teleoperation.empty() ? usual : options.teleoperation) {
@@ -276,10 +278,11 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     while (tool_type.Take(text)) {
       if (!tool.empty() && text.text != tool) tool_changes.fetch_add(1, std::memory_order_acq_rel);
       tool = text.text;
-      // Both have the same kinematics; the latter is that of a da Vinci Si.
-      wrong_tool.store(
-          tool.find("400006") == std::string::npos && tool.find("420006") == std::string::npos,
-          std::memory_order_release);
+      // Both have the same kinematics. The latter is that of a da Vinci Si, which takes no other,
+      // and whose joint limits a Classic does not have.
+      const bool known = tool.find("420006") != std::string::npos ||
+                         (!is_si && tool.find("400006") != std::string::npos);
+      wrong_tool.store(!known, std::memory_order_release);
     }
   }
 
@@ -313,6 +316,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
 
   dds::Participant& p;
   std::string arm;
+  bool is_si;
   sem_t wake{};
   std::atomic<bool> stop{false};
   std::atomic<std::uint64_t> cycle_wanted{0};

@@ -19,27 +19,26 @@ constexpr double kClockError = 1e-6;
 constexpr double kRoundTrip = 1e-6;
 constexpr double kWayStep = 5e-4;  // m, between two looks at the way
 constexpr int kMaxLooks = 1024;
-// Lever of a joint at most, m: from the remote centre to the jaw tips at full insertion.
-constexpr double kReach = 0.26;
 
 bool Positive(const PsmJoints& q) { return q.allFinite() && (q.array() > 0.0).all(); }
 
 // A pose, sent on its own, has to mean these joint values to its receiver.
-bool Unambiguous(const PsmJoints& q) noexcept {
+bool Unambiguous(const PsmJoints& q, kinematics::PsmGeneration generation) noexcept {
   PsmJoints back;
-  return Psm::Inverse(Psm::Forward(q), back) == PsmReach::kOk &&
+  return Psm::Inverse(Psm::Forward(q), back, generation) == PsmReach::kOk &&
          (back - q).cwiseAbs().maxCoeff() < kRoundTrip;
 }
 
 }  // namespace
 
 void PsmLimits::Check() const {
+  const PsmJoints lowest = Psm::lower_limits(generation);
+  const PsmJoints highest = Psm::upper_limits(generation);
   for (int i = 0; i < 6; ++i) {
-    DFR_THROW_UNLESS(lower[i] < upper[i] && lower[i] >= Psm::lower_limits()[i] &&
-                         upper[i] <= Psm::upper_limits()[i],
+    DFR_THROW_UNLESS(lower[i] < upper[i] && lower[i] >= lowest[i] && upper[i] <= highest[i],
                      "limits of joint " << i << " must lie in order and within the arm's own, ["
-                                        << Psm::lower_limits()[i] << ", " << Psm::upper_limits()[i]
-                                        << "], not [" << lower[i] << ", " << upper[i] << "]");
+                                        << lowest[i] << ", " << highest[i] << "], not [" << lower[i]
+                                        << ", " << upper[i] << "]");
   }
   DFR_THROW_UNLESS(Positive(max_speed), "max_speed must be positive and finite");
   DFR_THROW_UNLESS(max_tip_speed > 0.0 && std::isfinite(max_tip_speed),
@@ -90,12 +89,12 @@ PsmStatus PsmMotion::Start(const PsmJoints& goal, double duration_s) noexcept {
   }
   const PsmJoints way = goal - setpoint_;
   // No point of the tool moves farther than this.
-  const double length = kReach * (way.cwiseAbs().sum() - std::abs(way[2])) + std::abs(way[2]);
+  const double length = Psm::kReach * (way.cwiseAbs().sum() - std::abs(way[2])) + std::abs(way[2]);
   const int looks =
       std::clamp(static_cast<int>(std::ceil(std::min(length / kWayStep, 1e6))), 1, kMaxLooks);
   for (int i = 0; i <= looks; ++i) {
     const PsmJoints q = setpoint_ + (static_cast<double>(i) / looks) * way;
-    if (!Unambiguous(q)) return PsmStatus::kUnreachable;
+    if (!Unambiguous(q, limits_.generation)) return PsmStatus::kUnreachable;
     const Eigen::Vector3d tip = Psm::Tip(q);
     const bool inside = (tip.array() >= limits_.workspace_min_m.array()).all() &&
                         (tip.array() <= limits_.workspace_max_m.array()).all();
@@ -114,7 +113,7 @@ PsmStatus PsmMotion::Start(const PsmJoints& goal, double duration_s) noexcept {
 
 PsmStatus PsmMotion::Start(const Eigen::Isometry3d& goal, double duration_s) noexcept {
   PsmJoints joints;
-  const PsmReach reach = Psm::Inverse(goal, joints);
+  const PsmReach reach = Psm::Inverse(goal, joints, limits_.generation);
   if (reach == PsmReach::kInvalid) return PsmStatus::kInvalidGoal;
   if (reach == PsmReach::kSingular) return PsmStatus::kUnreachable;
   // A roll of more than half a turn away is the same pose the other way round.

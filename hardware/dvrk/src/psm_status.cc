@@ -153,7 +153,7 @@ const char* Remedy(PsmStatus status) noexcept {
     case PsmStatus::kClutched:
       return "let go of the clutch, then arm again";
     case PsmStatus::kWrongTool:
-      return "put in a Large Needle Driver (400006 or 420006)";
+      return "put in a Large Needle Driver, 400006 or 420006; on an arm of generation Si 420006";
     case PsmStatus::kToolChanged:
       return "check the instrument and its calibration, then arm again";
     case PsmStatus::kNotFollowing:

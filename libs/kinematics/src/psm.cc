@@ -52,20 +52,25 @@ const char* Name(PsmReach reach) noexcept {
   return "unknown";
 }
 
-PsmJoints Psm::lower_limits() noexcept {
+// Limits are those of sawIntuitiveResearchKit 2.4, share/kinematic/PSM.json and PSM_Si.json; roll
+// and wrist are its LARGE_NEEDLE_DRIVER_400006.json's and LARGE_NEEDLE_DRIVER_420006.json's.
+PsmJoints Psm::lower_limits(PsmGeneration generation) noexcept {
   PsmJoints q;
   q << -91 * kDegree, -53 * kDegree, 0.0, -260 * kDegree, -80 * kDegree, -80 * kDegree;
+  if (generation == PsmGeneration::kSi) q.head<2>() << -2.964, -1.265;
   return q;
 }
 
-PsmJoints Psm::upper_limits() noexcept {
+PsmJoints Psm::upper_limits(PsmGeneration generation) noexcept {
   PsmJoints q;
   q << 91 * kDegree, 53 * kDegree, 0.240, 260 * kDegree, 80 * kDegree, 80 * kDegree;
+  if (generation == PsmGeneration::kSi) q.head<3>() << 2.964, 1.301, 0.290;
   return q;
 }
 
-bool Psm::WithinLimits(const PsmJoints& q) noexcept {
-  return (q.array() >= lower_limits().array()).all() && (q.array() <= upper_limits().array()).all();
+bool Psm::WithinLimits(const PsmJoints& q, PsmGeneration generation) noexcept {
+  return (q.array() >= lower_limits(generation).array()).all() &&
+         (q.array() <= upper_limits(generation).array()).all();
 }
 
 Eigen::Isometry3d Psm::Forward(const PsmJoints& q) noexcept {
@@ -84,7 +89,8 @@ Eigen::Vector3d Psm::ShaftEnd(const PsmJoints& q) noexcept {
                                                  -std::cos(q[0]) * std::cos(q[1]));
 }
 
-PsmReach Psm::Inverse(const Eigen::Isometry3d& pose, PsmJoints& q) noexcept {
+PsmReach Psm::Inverse(const Eigen::Isometry3d& pose, PsmJoints& q,
+                      PsmGeneration generation) noexcept {
   if (!pose.matrix().allFinite()) return PsmReach::kInvalid;
   const Eigen::Matrix3d r6 = pose.linear() * ToolRotation().transpose();
   const Eigen::Vector3d p6 = pose.translation();
@@ -116,7 +122,7 @@ PsmReach Psm::Inverse(const Eigen::Isometry3d& pose, PsmJoints& q) noexcept {
   const Eigen::Matrix3d r5 = r4 * Link(kPsmLinks[4], q[4]).linear();
   const Eigen::Vector3d x6_in_5 = r5.transpose() * r6.col(0);
   q[5] = std::atan2(x6_in_5.x(), x6_in_5.z());
-  return WithinLimits(q) ? PsmReach::kOk : PsmReach::kJointLimit;
+  return WithinLimits(q, generation) ? PsmReach::kOk : PsmReach::kJointLimit;
 }
 
 PsmJoints PsmCorrection::Apply(const PsmJoints& q) const noexcept {

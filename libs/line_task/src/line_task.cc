@@ -30,13 +30,15 @@ vision::LineTarget StandardTarget() {
   return target;
 }
 
-LineTask::LineTask(const LineCalibration& calibration, const Eigen::Isometry3d& p_world_base)
+LineTask::LineTask(const LineCalibration& calibration, const Eigen::Isometry3d& p_world_base,
+                   kinematics::PsmGeneration generation)
     : calibration_(calibration),
       p_world_base_(p_world_base),
       p_base_world_(p_world_base.inverse()),
       p_world_cam_(p_world_base * calibration.p_base_cam),
       p_cam_world_(p_world_cam_.inverse()),
-      tool_rotation_(ToolRotation()) {
+      tool_rotation_(ToolRotation()),
+      generation_(generation) {
   layout_.Add("tip", 2);
   layout_.Add("distance", 1);
   layout_.Add("heading", 1);
@@ -49,9 +51,9 @@ bool LineTask::Reading(const Eigen::Vector3d& tip_m, PsmJoints& reading) const n
   wrist.linear() = tool_rotation_;
   wrist.translation() = p_base_world_ * tip_m - tool_rotation_.col(2) * Psm::kJawLength;
   PsmJoints q;
-  if (Psm::Inverse(wrist, q) != kinematics::PsmReach::kOk) return false;
+  if (Psm::Inverse(wrist, q, generation_) != kinematics::PsmReach::kOk) return false;
   reading = calibration_.arm.Invert(q);
-  return Psm::WithinLimits(reading);
+  return Psm::WithinLimits(reading, generation_);
 }
 
 Eigen::Vector3d LineTask::Tip(const PsmJoints& reading) const noexcept {

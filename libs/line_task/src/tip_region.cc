@@ -11,8 +11,6 @@ namespace {
 
 using kinematics::PsmJoints;
 
-// No point of the tool is farther from the remote centre, m.
-constexpr double kReach = 0.26;
 constexpr double kLook = 5e-4;  // m of the tips' way from one look to the next
 constexpr int kMostLooks = 1024;
 // A straight way through joint space bends by this much over a control, m.
@@ -66,7 +64,8 @@ Breach TipRegion::At(const Eigen::Vector3d& tip_m) const noexcept {
 
 Breach TipRegion::Along(const PsmJoints& from, const PsmJoints& to) const noexcept {
   const PsmJoints way = to - from;
-  const double length = kReach * (way.cwiseAbs().sum() - std::abs(way[2])) + std::abs(way[2]);
+  const double length =
+      kinematics::Psm::kReach * (way.cwiseAbs().sum() - std::abs(way[2])) + std::abs(way[2]);
   const int looks =
       std::isfinite(length)
           ? std::clamp(static_cast<int>(std::ceil(std::min(length / kLook, 1e6))), 1, kMostLooks)

@@ -16,7 +16,6 @@ using kinematics::PsmJoints;
 
 constexpr double kDegree = 0.017453292519943295;
 constexpr double kJawSpeed = 90.0 * kDegree;
-constexpr double kJawLower = -40.0 * kDegree;
 constexpr double kJawUpper = 80.0 * kDegree;
 constexpr std::array<const char*, 6> kJointNames = {"yaw",  "pitch",       "insertion",
                                                     "roll", "wrist pitch", "wrist yaw"};
@@ -162,8 +161,10 @@ bool PsmConsole::Clip(const char* command, PsmJoints& goal) {
   std::ostringstream text;
   text << command << " clipped at the limits of";
   bool clipped = false;
+  const PsmJoints lower = Psm::lower_limits(options_.generation);
+  const PsmJoints upper = Psm::upper_limits(options_.generation);
   for (int i = 0; i < 6; ++i) {
-    const double within = std::clamp(goal[i], Psm::lower_limits()[i], Psm::upper_limits()[i]);
+    const double within = std::clamp(goal[i], lower[i], upper[i]);
     if (within == goal[i]) continue;
     clipped = true;
     text << ' ' << kJointNames[static_cast<std::size_t>(i)] << " (" << goal[i] << ')';
@@ -175,7 +176,8 @@ bool PsmConsole::Clip(const char* command, PsmJoints& goal) {
 }
 
 bool PsmConsole::Reach(const char* command, const Eigen::Isometry3d& goal, PsmJoints& joints) {
-  const kinematics::PsmReach reach = Psm::Inverse(options_.base_frame.inverse() * goal, joints);
+  const kinematics::PsmReach reach =
+      Psm::Inverse(options_.base_frame.inverse() * goal, joints, options_.generation);
   if (reach == kinematics::PsmReach::kOk) {
     clipped_ = false;
     return true;
@@ -191,7 +193,9 @@ bool PsmConsole::ClipJaw(const char* command, double& angle) {
     Say(ConsoleMessage::Severity::kError, std::string(command) + " dropped, not one finite angle");
     return false;
   }
-  const double within = std::clamp(angle, kJawLower, kJawUpper);
+  const double lower =
+      (options_.generation == kinematics::PsmGeneration::kSi ? -20.0 : -40.0) * kDegree;
+  const double within = std::clamp(angle, lower, kJawUpper);
   if (within != angle && !jaw_clipped_) {
     Say(ConsoleMessage::Severity::kWarning, std::string(command) + " clipped at the jaw's limits");
   }
@@ -307,7 +311,8 @@ void PsmConsole::Free() {
 }
 
 void PsmConsole::Place(const PsmJoints& joints) {
-  DFR_THROW_UNLESS(Psm::WithinLimits(joints), "joints must lie within the arm's limits");
+  DFR_THROW_UNLESS(Psm::WithinLimits(joints, options_.generation),
+                   "joints must lie within the arm's limits");
   homing_left_s_ = 0.0;
   StopMoves();
   goal_ = setpoint_ = joints;
@@ -370,6 +375,11 @@ void PsmConsole::Step(double dt_s) {
   measured_ += share * (setpoint_ - measured_);
   jaw_ += share * (jaw_setpoint_ - jaw_);
   if (dt_s > 0.0) velocity_ = (measured_ - before) / dt_s;
+}
+
+const char* PsmConsole::tool() const noexcept {
+  return options_.generation == kinematics::PsmGeneration::kSi ? "LARGE_NEEDLE_DRIVER:420006[1]"
+                                                               : "LARGE_NEEDLE_DRIVER:400006";
 }
 
 Eigen::Isometry3d PsmConsole::measured_pose() const noexcept {

@@ -136,7 +136,7 @@ double JawGoal(const dds::JointState& message) {
 struct PsmConsoleServer::Impl {
   Impl(dds::Participant& participant, PsmConsole& served, const PsmConsoleServerOptions& chosen)
       : console(served), options(chosen), random(chosen.seed), p(participant) {
-    tool_type.Write({served.options().tool});
+    tool_type.Write({served.tool()});
   }
 
   [[nodiscard]] std::string Topic(const char* name) const {
@@ -234,14 +234,15 @@ struct PsmConsoleServer::Impl {
     forward_kinematics.Serve(forward(console.options().base_frame));
     local_forward_kinematics.Serve(forward(Eigen::Isometry3d::Identity()));
     // In the arm's own base frame, as on a console.
-    inverse_kinematics.Serve([](const dds::InverseKinematicsQuery& query) {
+    inverse_kinematics.Serve([this](const dds::InverseKinematicsQuery& query) {
       dds::InverseKinematicsAnswer answer;
       if (query.joints.size() != 6) {
         answer.message = "incorrect number of joints";
         return answer;
       }
       PsmJoints joints;
-      const kinematics::PsmReach reach = Psm::Inverse(Transform(query), joints);
+      const kinematics::PsmReach reach =
+          Psm::Inverse(Transform(query), joints, console.options().generation);
       answer.good =
           reach == kinematics::PsmReach::kOk || reach == kinematics::PsmReach::kJointLimit;
       if (answer.good) {

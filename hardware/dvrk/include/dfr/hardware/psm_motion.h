@@ -12,6 +12,8 @@ namespace dfr::hardware {
 
 /// What a client allows itself. Goals beyond are refused, never clipped.
 struct PsmLimits {
+  /// Whose joint limits bound `lower` and `upper`. Those of a Classic lie within those of an Si.
+  kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic;
   kinematics::PsmJoints lower = kinematics::Psm::lower_limits();
   kinematics::PsmJoints upper = kinematics::Psm::upper_limits();
   /// Per s, > 0: rad, insertion in m. In 5 ms no more than the console's own 90 degrees/s and 0.2
@@ -25,7 +27,7 @@ struct PsmLimits {
   /// the cannula and within an arm's length of it.
   Eigen::Vector3d workspace_min_m = Eigen::Vector3d(-0.15, -0.15, -0.25);
   Eigen::Vector3d workspace_max_m = Eigen::Vector3d(0.15, 0.15, 0.0);
-  double jaw_lower = -0.69813170079773179;    ///< rad
+  double jaw_lower = -0.3490658503988659;     ///< rad; 420006 closes no farther.
   double jaw_upper = 1.3962634015954636;      ///< rad
   double max_jaw_speed = 1.5707963267948966;  ///< rad/s, > 0.
 

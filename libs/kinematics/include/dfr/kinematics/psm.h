@@ -19,8 +19,13 @@ enum class PsmReach {
 
 [[nodiscard]] const char* Name(PsmReach reach) noexcept;
 
+/// Which da Vinci an arm is of. The kinematics are the same; yaw, pitch and insertion of an Si arm
+/// go farther.
+enum class PsmGeneration { kClassic, kSi };
+
 /// Kinematics of the da Vinci Classic PSM with a Large Needle Driver (400006), modified
-/// Denavit-Hartenberg, in metres and radians.
+/// Denavit-Hartenberg, in metres and radians. Those of an Si PSM with its Large Needle Driver
+/// (420006) are the same: the longer shaft begins as much farther back.
 ///
 /// The base frame has its origin at the remote centre of motion, which no joint moves: the shaft's
 /// axis passes through it in every configuration. The pose is that of the wrist-yaw axis with the
@@ -32,11 +37,16 @@ enum class PsmReach {
 class Psm {
  public:
   static constexpr double kJawLength = 0.0102;  ///< m, from the wrist-yaw axis to the jaw tips.
+  /// No point of the tool is farther from the remote centre, m.
+  static constexpr double kReach = 0.31;
 
-  [[nodiscard]] static PsmJoints lower_limits() noexcept;
-  [[nodiscard]] static PsmJoints upper_limits() noexcept;
+  [[nodiscard]] static PsmJoints lower_limits(
+      PsmGeneration generation = PsmGeneration::kClassic) noexcept;
+  [[nodiscard]] static PsmJoints upper_limits(
+      PsmGeneration generation = PsmGeneration::kClassic) noexcept;
   /// Finite and within all limits.
-  [[nodiscard]] static bool WithinLimits(const PsmJoints& q) noexcept;
+  [[nodiscard]] static bool WithinLimits(
+      const PsmJoints& q, PsmGeneration generation = PsmGeneration::kClassic) noexcept;
 
   /// The pose of the wrist in the base frame. Any `q` is accepted, also beyond the limits.
   [[nodiscard]] static Eigen::Isometry3d Forward(const PsmJoints& q) noexcept;
@@ -49,7 +59,9 @@ class Psm {
   /// The joint values for a pose of the wrist, in closed form: the solution with the wrist bent by
   /// less than a right angle, the only one within the limits. Except for kInvalid and kSingular,
   /// `q` is written, so that a message can tell which joint is too far.
-  [[nodiscard]] static PsmReach Inverse(const Eigen::Isometry3d& pose, PsmJoints& q) noexcept;
+  [[nodiscard]] static PsmReach Inverse(
+      const Eigen::Isometry3d& pose, PsmJoints& q,
+      PsmGeneration generation = PsmGeneration::kClassic) noexcept;
 };
 
 /// A systematic error of the arm's joint readings: the joints really are at

@@ -59,7 +59,9 @@ class LineTask {
   static constexpr double kCompletion = 0.040;  ///< m of line to track.
 
   /// @param p_world_base  the arm's base in the world frame.
-  LineTask(const LineCalibration& calibration, const Eigen::Isometry3d& p_world_base);
+  /// @param generation  whose joint limits count.
+  LineTask(const LineCalibration& calibration, const Eigen::Isometry3d& p_world_base,
+           kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic);
 
   [[nodiscard]] const core::StateLayout& layout() const noexcept { return layout_; }
   [[nodiscard]] const LineCalibration& calibration() const noexcept { return calibration_; }
@@ -96,6 +98,7 @@ class LineTask {
   Eigen::Isometry3d p_world_cam_;
   Eigen::Isometry3d p_cam_world_;
   Eigen::Matrix3d tool_rotation_;
+  kinematics::PsmGeneration generation_;
   core::StateLayout layout_;
   vision::LineVisionOptions vision_;
 };

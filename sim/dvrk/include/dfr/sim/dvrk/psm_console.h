@@ -34,7 +34,8 @@ struct PsmConsoleOptions {
   /// joints and an endoscope arm, and that frame's name; empty: the arm's own base.
   Eigen::Isometry3d base_frame = Eigen::Isometry3d::Identity();
   std::string base_frame_name = {};
-  std::string tool = "LARGE_NEEDLE_DRIVER:400006";  ///< What tool_type says.
+  /// Whose limits goals are clipped at, and whose Large Needle Driver tool_type names.
+  kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic;
 };
 
 /// A patient-side manipulator behind a da Vinci Research Kit console, as its clients see it: the
@@ -77,7 +78,7 @@ class PsmConsole {
   void MoveCp(const Eigen::Isometry3d& goal);
   void MoveJp(const kinematics::PsmJoints& goal);
   void MoveJr(const kinematics::PsmJoints& difference);
-  /// The jaw's angle, rad, clipped to [-40, 80] degrees.
+  /// The jaw's angle, rad, clipped to [-40, 80] degrees, on an Si arm to [-20, 80].
   void ServoJaw(double angle);
   void MoveJaw(double angle);
   /// Stops where the set-point is.
@@ -98,6 +99,8 @@ class PsmConsole {
   void Step(double dt_s);
 
   [[nodiscard]] const PsmConsoleOptions& options() const noexcept { return options_; }
+  /// What tool_type says.
+  [[nodiscard]] const char* tool() const noexcept;
   [[nodiscard]] ArmState state() const noexcept { return state_; }
   [[nodiscard]] bool homed() const noexcept { return homed_; }
   /// Homing, or a move, is under way.
