@@ -36,6 +36,18 @@ TEST(ParticipantTest, OptionsOutOfRangeAreRefused) {
                std::invalid_argument);
 }
 
+// Fast DDS numbers the participants of a process without end; how many there were is no matter.
+TEST(ParticipantTest, IsFoundHoweverManyThereWereBeforeInItsProcess) {
+  for (int i = 0; i < 30; ++i) {
+    const Participant gone(Loopback());
+  }
+  Participant one(Loopback());
+  Participant other(Loopback());
+  const Publisher<Text> publisher(one, "/topic", Role::kEvent);
+  const Subscriber<Text> subscriber(other, "/topic", Role::kEvent);
+  EXPECT_TRUE(Eventually([&] { return publisher.num_subscribers() == 1; }));
+}
+
 TEST(ChannelTest, TopicsHaveOneTypeAndBeginWithASlash) {
   Participant participant(Loopback());
   EXPECT_THROW(Publisher<Text>(participant, "no_slash", Role::kEvent), std::invalid_argument);

@@ -97,8 +97,12 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
       udp->interfaceWhiteList.emplace_back("127.0.0.1");
       udp->maxInitialPeersRange = kLoopbackPeers;
       builtin.initialPeersList.push_back(Ipv4("127.0.0.1", 0));
-      // Own locators of the metatraffic leave out its multicast one.
-      builtin.metatrafficUnicastLocatorList.push_back(Ipv4("127.0.0.1", 0));
+      // Own locators of the metatraffic leave out its multicast one. The first port that is free
+      // from the first on: by itself Fast DDS 2.9 counts on with each participant that the process
+      // ever had, beyond what others look at.
+      builtin.metatrafficUnicastLocatorList.push_back(
+          Ipv4("127.0.0.1", static_cast<std::uint16_t>(qos.wire_protocol().port.getUnicastPort(
+                                static_cast<std::uint32_t>(options.domain), 0))));
       break;
     case Discovery::kNetwork:
       break;
