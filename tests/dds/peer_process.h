@@ -7,7 +7,8 @@
 
 namespace dfr::test {
 
-/// Another program that runs beside the test, and ends with it.
+/// Another program that runs beside the test, and ends with it, however it ends: with the thread
+/// that made it, to be exact.
 class PeerProcess {
  public:
   /// Runs `command` (program and arguments) with CycloneDDS kept to the loopback.

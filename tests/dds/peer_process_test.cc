@@ -1,0 +1,42 @@
+#include "tests/dds/peer_process.h"
+
+#include <gtest/gtest.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <stdexcept>
+
+namespace dfr::test {
+namespace {
+
+TEST(PeerProcessTest, AProgramThatIsNotThereIsNamed) {
+  EXPECT_THROW(PeerProcess({"/nonexistent"}), std::runtime_error);
+  EXPECT_EQ(PeerProcess({"/bin/false"}).Await(60.0), 1);
+}
+
+// The pipe is open as long as one of both lives: the killed test, or the program that it started.
+TEST(PeerProcessTest, EndsWithATestThatIsKilled) {
+  std::array<int, 2> ends{};
+  ASSERT_EQ(::pipe(ends.data()), 0);
+  const pid_t killed = ::fork();
+  if (killed == 0) {
+    const PeerProcess program({"/bin/sleep", "600"});
+    if (::write(ends[1], "x", 1) == 1) ::pause();
+    ::_exit(1);
+  }
+  ::close(ends[1]);
+  char letter = 0;
+  ASSERT_EQ(::read(ends[0], &letter, 1), 1);
+  ::kill(killed, SIGKILL);
+  ::waitpid(killed, nullptr, 0);
+  pollfd closed{ends[0], POLLIN, 0};
+  EXPECT_EQ(::poll(&closed, 1, 30'000), 1) << "it runs on";
+  EXPECT_EQ(::read(ends[0], &letter, 1), 0);
+  ::close(ends[0]);
+}
+
+}  // namespace
+}  // namespace dfr::test
