@@ -343,14 +343,7 @@ struct RobotPlant::Impl {
     }
     if (link) {
       // The loop goes on meanwhile: the console may have died.
-      constexpr std::int64_t kPatience = 5'000'000'000;  // ns
-      const std::int64_t end_ns = real_time.MachineNs() + kPatience;
-      link->BeginTruth();
-      while (!link->PollTruth(truth) && loop.Tick()) {
-        if (real_time.MachineNs() > end_ns) {
-          throw std::runtime_error("the simulator does not answer 'truth'");
-        }
-      }
+      static_cast<void>(link->Truth(truth, [this] { return loop.Tick(); }));
       return;
     }
     if (!seen().seen()) return;

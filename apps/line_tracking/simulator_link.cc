@@ -13,7 +13,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr double kAnswerTime = 5.0;  // s: drawing a picture may take a while
+constexpr std::chrono::duration<double> kAnswerTime(5.0);  // drawing a picture may take a while
 
 SimulatorTruth ReadTruth(const std::string& text) {
   std::istringstream in(text);
@@ -78,9 +78,13 @@ std::optional<std::string> SimulatorLink::TryAsk(const std::string& request, dou
   }
 }
 
+void SimulatorLink::FailUnanswered(const std::string& request) {
+  throw std::runtime_error("the simulator does not answer '" + request + "'");
+}
+
 std::string SimulatorLink::Ask(const std::string& request) {
-  std::optional<std::string> answer = TryAsk(request, kAnswerTime);
-  if (!answer) throw std::runtime_error("the simulator does not answer '" + request + "'");
+  std::optional<std::string> answer = TryAsk(request, kAnswerTime.count());
+  if (!answer) FailUnanswered(request);
   return *std::move(answer);
 }
 
@@ -96,12 +100,16 @@ void SimulatorLink::Reset(std::uint64_t seed) { AskForTime("reset " + std::to_st
 
 SimulatorTruth SimulatorLink::Truth() { return ReadTruth(Ask("truth")); }
 
-void SimulatorLink::BeginTruth() { Begin("truth"); }
-
-bool SimulatorLink::PollTruth(SimulatorTruth& truth) {
-  const std::optional<std::string> answer = Poll();
-  if (answer) truth = ReadTruth(*answer);
-  return answer.has_value();
+bool SimulatorLink::Truth(SimulatorTruth& truth, const std::function<bool()>& go_on) {
+  Begin("truth");
+  const auto end = Clock::now() + kAnswerTime;
+  std::optional<std::string> answer;
+  while (!(answer = Poll())) {
+    if (!go_on()) return false;
+    if (Clock::now() > end) FailUnanswered("truth");
+  }
+  truth = ReadTruth(*answer);
+  return true;
 }
 
 void SimulatorLink::Fault(const std::string& name, const std::string& value) {

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 
@@ -19,8 +20,8 @@ struct SimulatorTruth {
 };
 
 /// Asks dvrk_simulator for what a robot's console has no topic for: episodes, the truth, and in
-/// lock-step that its time goes on. Calls wait for the answer, but for two. One object belongs to
-/// one thread.
+/// lock-step that its time goes on. Calls wait for the answer, five seconds at most. One object
+/// belongs to one thread.
 class SimulatorLink {
  public:
   explicit SimulatorLink(dds::Participant& participant);
@@ -30,9 +31,9 @@ class SimulatorLink {
   /// A new episode, as sim::LineTrackingPlant::Reset(seed).
   void Reset(std::uint64_t seed);
   [[nodiscard]] SimulatorTruth Truth();
-  /// The same without waiting: false while the answer has not come.
-  void BeginTruth();
-  [[nodiscard]] bool PollTruth(SimulatorTruth& truth);
+  /// The same with `go_on` called over and over until the answer has come. False, with `truth`
+  /// untouched, as soon as it says no.
+  [[nodiscard]] bool Truth(SimulatorTruth& truth, const std::function<bool()>& go_on);
   /// From now on something goes wrong; `name` and `value` as DvrkSceneServer::SetFault() has them.
   void Fault(const std::string& name, const std::string& value);
   // In lock-step:
@@ -50,6 +51,7 @@ class SimulatorLink {
   std::string Ask(const std::string& request);
   void Begin(const std::string& request);
   std::optional<std::string> Poll();
+  [[noreturn]] static void FailUnanswered(const std::string& request);
   // The answer, or nothing if there is none in time.
   std::optional<std::string> TryAsk(const std::string& request, double timeout_s);
   void AskForTime(const std::string& request);

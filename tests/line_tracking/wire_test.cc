@@ -165,6 +165,36 @@ TEST(WireTest, AnEmergencyStopThatComesLateIsWaitedFor) {
   operators.join();
 }
 
+// As where the simulator was stopped: both ways of asking give up by themselves, and the loop has
+// gone on meanwhile.
+TEST(SimulatorLinkTest, AQuestionThatIsNeverAnsweredEndsAfterFiveSeconds) {
+  dds::Participant network({.domain = test::OwnDomain()});
+  SimulatorLink link(network);
+  SimulatorTruth truth;
+  int periods = 0;
+  const auto go_on = [&periods] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    return ++periods != 3;
+  };
+  EXPECT_FALSE(link.Truth(truth, go_on)) << "nobody is to go on";
+  EXPECT_EQ(periods, 3);
+  for (const std::function<void()>& ask :
+       {std::function<void()>([&] { static_cast<void>(link.Truth(truth, go_on)); }),
+        std::function<void()>([&] { static_cast<void>(link.Truth()); })}) {
+    const auto start = std::chrono::steady_clock::now();
+    try {
+      ask();
+      ADD_FAILURE() << "somebody answers";
+    } catch (const std::runtime_error& e) {
+      EXPECT_STREQ(e.what(), "the simulator does not answer 'truth'");
+    }
+    const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+    EXPECT_GE(took.count(), 4.9);
+    EXPECT_LT(took.count(), 20.0);
+  }
+  EXPECT_GT(periods, 50);
+}
+
 // -- the platform, whose port is an emulator's ----------------------------------------------------
 
 class PlatformTest : public testing::Test {
