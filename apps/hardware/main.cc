@@ -17,6 +17,7 @@
 #include "check.h"
 #include "dfr/core/build_info.h"
 #include "emergency_stop.h"
+#include "home.h"
 
 namespace dfr::apps::hardware_app {
 namespace {
@@ -42,17 +43,28 @@ void AddNetwork(CLI::App& command, dds::ParticipantOptions& network) {
                      "this participant's folder in a secured network (`hardware certificates`)");
 }
 
-// Nobody moves a device by mistake: without a terminal the answer is no.
-bool AskAtTerminal(const std::string& question) {
-  if (::isatty(STDIN_FILENO) == 0) {
-    std::cerr << question << " Nobody is at the terminal to answer (--yes answers): no.\n";
-    return false;
-  }
-  std::cerr << question << " [y/N] " << std::flush;
-  ::tcflush(STDIN_FILENO, TCIFLUSH);  // what was typed before is no answer
+// Nobody moves a device by mistake: without a terminal there is no answer.
+std::string AnswerAtTerminal(const std::string& question, const char* hint, const char* otherwise) {
   std::string answer;
-  return std::getline(std::cin, answer) && (answer == "y" || answer == "yes");
+  if (::isatty(STDIN_FILENO) == 0) {
+    std::cerr << question << " Nobody is at the terminal to answer" << otherwise << ": no.\n";
+    return answer;
+  }
+  std::cerr << question << hint << std::flush;
+  ::tcflush(STDIN_FILENO, TCIFLUSH);  // what was typed before is no answer
+  std::getline(std::cin, answer);
+  return answer;
 }
+
+void ListenForInterrupts() {
+  struct sigaction action {};
+  action.sa_handler = [](int) { interrupted = true; };
+  action.sa_flags = static_cast<int>(SA_RESETHAND);  // a second one ends it at once
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+}
+
+void Say(const std::string& text) { std::cerr << text << '\n'; }
 
 int Main(int argc, char** argv) {
   CLI::App app("What a robot's network and devices need before a program drives them.", "hardware");
@@ -122,14 +134,30 @@ int Main(int argc, char** argv) {
   command->add_flag("--json", check.json, "the report for programs");
   command->callback([&] {
     check.interrupted = &interrupted;
-    struct sigaction action {};
-    action.sa_handler = [](int) { interrupted = true; };
-    action.sa_flags = static_cast<int>(SA_RESETHAND);  // a second one ends it at once
-    sigaction(SIGINT, &action, nullptr);
-    sigaction(SIGTERM, &action, nullptr);
-    check.ask = [&](const std::string& question) { return yes || AskAtTerminal(question); };
-    check.say = [](const std::string& text) { std::cerr << text << '\n'; };
+    ListenForInterrupts();
+    check.ask = [&](const std::string& question) {
+      if (yes) return true;
+      const std::string answer = AnswerAtTerminal(question, " [y/N] ", " (--yes answers)");
+      return answer == "y" || answer == "yes";
+    };
+    check.say = Say;
     result = RunCheck(check);
+  });
+
+  HomeOptions home;
+  command = app.add_subcommand("home",
+                               "send the Stewart platform home, on a word that is typed: a program "
+                               "that was killed leaves it "
+                               "moving.\nExit code 1 if it was not asked for");
+  command->add_option("--platform", home.platform, "its serial port, /dev/ttyACM0 say")->required();
+  command->callback([&] {
+    home.interrupted = &interrupted;
+    ListenForInterrupts();
+    home.confirms = [](const std::string& question, const std::string& word) {
+      return AnswerAtTerminal(question, " ", "") == word;
+    };
+    home.say = Say;
+    result = RunHome(home);
   });
 
   dfr::apps::CheckNumbers(app);

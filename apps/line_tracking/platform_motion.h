@@ -20,8 +20,6 @@ struct PlatformOptions {
 /// it. Commands wait for the end of the last frame at most (hardware::kSprkFramePeriod).
 class PlatformMotion final : public robot::Platform {
  public:
-  static constexpr double kHomeTime = 1.5;  ///< s, seven of its time constants.
-
   /// Opens the port. Nothing moves.
   /// @throws core::Error as hardware::SprkDriver.
   explicit PlatformMotion(const PlatformOptions& options);

@@ -428,7 +428,7 @@ void RobotPlant::BringUp(
                              "platform"))) {
     throw std::runtime_error("the platform is not at home, and nobody asked for it");
   }
-  if (i.loop.HomePlatform(PlatformMotion::kHomeTime) != HoldReason::kNone) {
+  if (i.loop.HomePlatform(hardware::SprkDriver::kHomeTime) != HoldReason::kNone) {
     throw std::runtime_error("the platform was not homed: " + i.loop.blocking_words());
   }
 }

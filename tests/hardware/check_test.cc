@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -14,10 +15,13 @@
 #include <sstream>
 #include <string>
 #include <thread>
+#include <utility>
 
+#include "dfr/core/error.h"
 #include "dfr/core/random.h"
 #include "dfr/dds/channel.h"
 #include "dfr/hardware/intrinsics_file.h"
+#include "home.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/peer_process.h"
 #include "tests/hardware/check_support.h"
@@ -167,6 +171,71 @@ TEST(PlatformCheckTest, NamesAPortThatIsMissingOrNoPort) {
                     HasSubstr("-> is the platform plugged in")));
   options.platform = "/dev/null";
   EXPECT_THAT(Shown(CheckPlatform(options)), HasSubstr("is not a serial port"));
+}
+
+class PlatformHomeTest : public testing::Test {
+ protected:
+  // What it says, and how it ends.
+  std::pair<std::string, int> Home(const std::string& answer) {
+    std::string said;
+    HomeOptions options;
+    options.platform = emulator_.device();
+    options.confirms = [&](const std::string& question, const std::string& word) {
+      EXPECT_THAT(question, HasSubstr(emulator_.device()));
+      return answer == word;
+    };
+    options.say = [&](const std::string& text) { said += text; };
+    options.interrupted = &interrupted_;
+    const int code = RunHome(options);
+    return {said, code};
+  }
+
+  test::SprkEmulator emulator_;
+  std::atomic<bool> interrupted_ = false;
+};
+
+TEST_F(PlatformHomeTest, MovesOnlyOnTheOperatorsWord) {
+  for (const char* answer : {"", "y", "yes", "home"}) EXPECT_EQ(Home(answer).second, 1) << answer;
+  const auto [said, code] = Home("platform");
+  EXPECT_EQ(code, 0);
+  EXPECT_THAT(said, HasSubstr("look whether it is there"));
+  const auto commands = emulator_.Await(1);
+  ASSERT_EQ(commands.size(), 1U);
+  EXPECT_EQ(commands[0].letter, 'h');
+}
+
+TEST_F(PlatformHomeTest, StopsOnCtrlC) {
+  interrupted_ = true;
+  const auto [said, code] = Home("platform");
+  EXPECT_EQ(code, 1);
+  EXPECT_THAT(said, HasSubstr("told to stop"));
+  const auto commands = emulator_.Await(2);
+  ASSERT_EQ(commands.size(), 2U);
+  EXPECT_EQ(commands[1].letter, 'a') << "a pose, and not home";
+}
+
+TEST_F(PlatformHomeTest, APortThatFailsIsNamed) {
+  HomeOptions options;
+  options.platform = emulator_.device();
+  options.confirms = [&](const std::string&, const std::string&) {
+    emulator_.Unplug();
+    return true;
+  };
+  try {
+    RunHome(options);
+    ADD_FAILURE() << "it went home";
+  } catch (const core::Error& e) {
+    EXPECT_THAT(e.what(), AllOf(HasSubstr(emulator_.device()), HasSubstr("cut its power")));
+  }
+}
+
+// Whoever has no keyboard cannot have typed the word.
+TEST_F(PlatformHomeTest, NothingMovesWithoutATerminal) {
+  const std::string command =
+      std::string("echo platform | " DFR_HARDWARE " home --platform ") + emulator_.device();
+  EXPECT_EQ(test::PeerProcess({"/bin/sh", "-c", command}).Await(60.0), 1);
+  EXPECT_EQ(Home("platform").second, 0);
+  EXPECT_EQ(emulator_.Await(1).size(), 1U) << "the second alone";
 }
 
 TEST(CheckJsonTest, SaysTheSameAsTheText) {

@@ -38,6 +38,8 @@ struct SprkEstimate {
 /// time.
 class SprkDriver {
  public:
+  static constexpr double kHomeTime = 1.5;  ///< s until it is at home: seven time constants.
+
   /// @throws core::Error naming the device, what failed and the remedy.
   explicit SprkDriver(const SprkOptions& options);
   /// Closes the port and leaves the platform as it is: call Hold() or Home() before.
