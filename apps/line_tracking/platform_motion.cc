@@ -21,6 +21,8 @@ PlatformMotion::~PlatformMotion() {
   if (moves_) static_cast<void>(driver_.Hold());
 }
 
+robot::Finding PlatformMotion::Check() noexcept { return Found(driver_.Check()); }
+
 robot::Finding PlatformMotion::Home() noexcept {
   moves_ = true;
   return Found(driver_.Home());

@@ -28,6 +28,7 @@ class PlatformMotion final : public robot::Platform {
   PlatformMotion(const PlatformMotion&) = delete;
   PlatformMotion& operator=(const PlatformMotion&) = delete;
 
+  [[nodiscard]] robot::Finding Check() noexcept override;
   [[nodiscard]] robot::Finding Home() noexcept override;
   /// The wave begins, if there is one.
   [[nodiscard]] robot::Finding Begin() noexcept override;

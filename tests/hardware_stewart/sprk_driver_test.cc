@@ -176,6 +176,20 @@ TEST_F(SprkDriverTest, PulledPlugIsToldAndFinal) {
   EXPECT_EQ(driver.Hold(), SprkStatus::kDeviceFailed);
 }
 
+// Nothing has to be said to find out, and what the firmware prints is no matter.
+TEST_F(SprkDriverTest, PulledPlugIsSeenWithoutACommand) {
+  SprkDriver driver(Options());
+  EXPECT_EQ(driver.Check(), SprkStatus::kOk) << "before it is home, too";
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  ASSERT_EQ(emulator_.Await(1).size(), 1U);
+  emulator_.Print("nonsense \xff\x00");
+  EXPECT_EQ(driver.Check(), SprkStatus::kOk);
+  emulator_.Unplug();
+  EXPECT_EQ(driver.Check(), SprkStatus::kDeviceFailed);
+  EXPECT_EQ(driver.error(), EIO);
+  EXPECT_EQ(driver.Hold(), SprkStatus::kDeviceFailed);
+}
+
 // A port whose other end does not read: the frame that does not fit is a failure, not a wait.
 TEST_F(SprkDriverTest, FullPortFailsInsteadOfBlocking) {
   const int master = ::posix_openpt(O_RDWR | O_NOCTTY);

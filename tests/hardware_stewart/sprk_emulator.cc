@@ -27,6 +27,12 @@ SprkEmulator::~SprkEmulator() {
   ::close(stop_[1]);
 }
 
+void SprkEmulator::Print(std::string_view text) const {
+  pollfd room{master_, POLLOUT, 0};
+  // What nobody reads fills the port's buffer, and is lost then.
+  if (::poll(&room, 1, 0) > 0) static_cast<void>(!::write(master_, text.data(), text.size()));
+}
+
 void SprkEmulator::Unplug() {
   const char byte = 0;
   if (::write(stop_[1], &byte, 1) != 1) std::terminate();
@@ -40,7 +46,7 @@ void SprkEmulator::Run() {
     std::array<pollfd, 2> ready = {{{master_, POLLIN, 0}, {stop_[0], POLLIN, 0}}};
     ::poll(ready.data(), ready.size(), -1);
     if (ready[1].revents != 0) return;
-    if ((ready[0].revents & POLLIN) == 0) {
+    if ((ready[0].revents & POLLIN) == 0 || hangs_) {
       // No program has the port open: poll() does not wait.
       std::this_thread::sleep_for(std::chrono::milliseconds(2));
       continue;

@@ -1,8 +1,10 @@
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <mutex>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <vector>
 
@@ -23,6 +25,10 @@ class SprkEmulator {
   [[nodiscard]] const std::string& device() const noexcept { return device_; }
   /// What arrived, once there are `count` commands; fewer after 20 s.
   [[nodiscard]] std::vector<SprkFirmware::Command> Await(std::size_t count);
+  /// Sends `text` to the program that has the port open. The firmware says nothing by itself.
+  void Print(std::string_view text) const;
+  /// From now on nothing is read, as by a board that hangs.
+  void Hang() { hangs_ = true; }
   /// Pulls the plug.
   void Unplug();
 
@@ -31,6 +37,7 @@ class SprkEmulator {
 
   int master_ = -1;
   int stop_[2] = {-1, -1};
+  std::atomic<bool> hangs_ = false;
   std::string device_;
   std::mutex mutex_;
   SprkFirmware firmware_;

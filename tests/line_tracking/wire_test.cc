@@ -257,7 +257,7 @@ TEST_F(PlatformTest, APortThatFailsIsAFaultThatNoWordMends) {
   robot.Reset(1);
   ASSERT_EQ(Arrived(3), "hac");
   port_.Unplug();
-  robot.Halt();
+  EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kFault) << "it is still moving";
   EXPECT_EQ(robot.loop().state(), runtime::RunState::kFaulted);
   EXPECT_NE(robot.loop().cause().find("platform: its port failed"), std::string::npos)
       << robot.loop().cause();

@@ -84,6 +84,11 @@ std::vector<Source> Sources() {
                  [](FakeRobot& r) { r.clock.found = {}; }});
   all.push_back({"recorder", HoldReason::kRecorder, [](FakeRobot& r) { r.recorder.fails = true; },
                  [](FakeRobot& r) { r.recorder.fails = false; }});
+  all.push_back({"platform", HoldReason::kPlatform,
+                 [](FakeRobot& r) {
+                   r.platform.found = {HoldReason::kPlatform, "it was unplugged"};
+                 },
+                 [](FakeRobot& r) { r.platform.found = {}; }});
   all.push_back({"operator", HoldReason::kOperator, [](FakeRobot& r) { r.interrupted = true; },
                  [](FakeRobot& r) { r.interrupted = false; }});
   return all;
@@ -182,7 +187,7 @@ TEST(ControlLoopTest, NoReasonIsLeftWithoutASource) {
   std::set<HoldReason> found = {HoldReason::kNone,           HoldReason::kControllerHalted,
                                 HoldReason::kNotSeen,        HoldReason::kStateInvalid,
                                 HoldReason::kControlInvalid, HoldReason::kStateJump,
-                                HoldReason::kCommandRefused, HoldReason::kPlatform};
+                                HoldReason::kCommandRefused};
   for (const Source& source : Sources()) found.insert(source.reason);
   EXPECT_EQ(found.size(), static_cast<std::size_t>(runtime::kNumHoldReasons));
 }

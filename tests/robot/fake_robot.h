@@ -257,6 +257,7 @@ class FakeTask final : public robot::Task {
 
 class FakePlatform final : public robot::Platform {
  public:
+  robot::Finding Check() noexcept override { return found; }
   robot::Finding Home() noexcept override {
     moves = true;
     ++homings;
@@ -274,6 +275,7 @@ class FakePlatform final : public robot::Platform {
   }
   explicit FakePlatform(const FakeClock& clock) : clock_(&clock) {}
 
+  robot::Finding found;
   robot::Finding refuses;
   robot::Finding fails;
   bool moves = false;

@@ -1,6 +1,7 @@
 #include "dfr/hardware/sprk_driver.h"
 
 #include <fcntl.h>
+#include <poll.h>
 #include <sys/ioctl.h>
 #include <termios.h>
 #include <unistd.h>
@@ -180,6 +181,12 @@ SprkStatus SprkDriver::Hold() noexcept {
   lag_.Command(sent, sent_s_);
   sweep_ = {};
   return SprkStatus::kOk;
+}
+
+SprkStatus SprkDriver::Check() noexcept {
+  pollfd port{fd_, 0, 0};
+  if (error_ == 0 && ::poll(&port, 1, 0) > 0) error_ = EIO;  // a port that is pulled is hung up
+  return error_ == 0 ? SprkStatus::kOk : SprkStatus::kDeviceFailed;
 }
 
 SprkEstimate SprkDriver::Estimate() const noexcept {

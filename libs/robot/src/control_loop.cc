@@ -65,6 +65,10 @@ void ControlLoop::Watch() noexcept {
     static_cast<void>(WatchThread(camera->Report(), Ns(options_.max_camera_check_s),
                                   {HoldReason::kImageSilent, "nobody looks at the pictures"}));
   }
+  if (platform != nullptr) {
+    const Finding platform_found = platform->Check();
+    machine_.Hold(platform_found.reason, platform_found.detail);
+  }
   if (interrupted != nullptr && *interrupted) machine_.Hold(HoldReason::kOperator, "interrupted");
   if (recorder != nullptr && recorder->failed()) {
     machine_.Hold(HoldReason::kRecorder, "the recording cannot be written: is the disk full?");

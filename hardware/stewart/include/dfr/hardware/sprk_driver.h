@@ -58,12 +58,16 @@ class SprkDriver {
   /// middle. A pose that the steps put out of reach is drawn towards home.
   [[nodiscard]] SprkStatus Hold() noexcept;
 
+  /// Whether the port is still there, without a word to the platform: kOk or kDeviceFailed, which
+  /// is final. Never waits.
+  [[nodiscard]] SprkStatus Check() noexcept;
+
   [[nodiscard]] SprkEstimate Estimate() const noexcept;
   /// The last command, as sent.
   [[nodiscard]] const kinematics::PlatformPose& commanded() const noexcept {
     return lag_.commanded();
   }
-  /// errno of the write that failed; 0: none has.
+  /// errno of the write that failed, EIO of a port that is gone; 0: neither.
   [[nodiscard]] int error() const noexcept { return error_; }
 
  private:

@@ -113,6 +113,8 @@ class Platform {
  public:
   virtual ~Platform() = default;
 
+  /// Once a period: whether it can still be told anything.
+  [[nodiscard]] virtual Finding Check() noexcept = 0;
   /// Starts on its way home, or says what is against it.
   [[nodiscard]] virtual Finding Home() noexcept = 0;
   /// Its motion begins, and goes on until Rest(). Or says what is against it.
