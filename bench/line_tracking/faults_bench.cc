@@ -99,7 +99,7 @@ bool IsAskedToGo(RobotPlant& plant) {
 void BringUp(RobotPlant& plant) {
   for (;;) {
     try {
-      plant.BringUp({});
+      plant.BringUp({}, [](std::string_view, std::string_view word) { return word == "platform"; });
       return;
     } catch (const std::runtime_error&) {
       std::printf("%lld faulted %s none\n", static_cast<long long>(runtime::SteadyNow()),
@@ -114,10 +114,16 @@ void BringUp(RobotPlant& plant) {
 
 // Episode after episode until something makes it hold; then waits for "go" on its input.
 void RunRobot(const std::filesystem::path& folder, int domain, double image_age_s,
-              dds::Discovery discovery) {
+              dds::Discovery discovery, const std::string& platform) {
   const LineModel model = LineModel::Load(folder / "model");
   RobotConfig config = Configuration(domain, discovery);
   config.image_max_age_s = image_age_s;
+  if (!platform.empty()) {
+    config.platform.device = platform;
+    config.platform.wave = hardware::SprkWaveKind::kSine;
+    config.platform.motion.amplitude.translation_m.x() = 0.00254;
+    config.platform.motion.frequency_hz[0] = 0.1;
+  }
   if (const std::string refused = runtime::AskForRealTime(config.priority); !refused.empty()) {
     std::cout << "note " << refused << std::endl;
   }
@@ -171,7 +177,8 @@ struct Fault {
   bool wire = false;         ///< Between two hosts, where the system allows to have two.
   bool harmless = false;     ///< Nothing may come of it: counted where the run goes on.
   bool homing = false;       ///< While the arm homes, which has to end.
-  bool ends = false;         ///< Ends a program.
+  bool ends = false;         ///< Ends a program, or needs another site than a soak's.
+  bool platform = false;     ///< Of the platform, which the others do without.
 };
 
 Fault Injected(const std::string& name, const std::string& fault, const std::string& on,
@@ -291,6 +298,20 @@ std::vector<Fault> Faults() {
                     [console](Site&) { console->reset(); }, false, false});
   // Faster than the tip may follow.
   faults.push_back(Injected("moving-platform", "platform", "0.06", "0"));
+  // The platform's port. Its firmware tells nothing: what it prints is no matter, and that it hangs
+  // shows nowhere.
+  faults.push_back({"platform-unplugged", [](Site& s) { s.platform->Unplug(); },
+                    [](Site& s) { s.StartPlatform(); }, false, false});
+  faults.back().ends = faults.back().platform = true;
+  faults.push_back({"platform-garbage",
+                    [](Site& s) {
+                      for (int i = 0; i < 100; ++i) s.platform->Print("a\xff\x00h!d~\n");
+                    },
+                    [](Site&) {}, false, false, false, true});
+  faults.back().ends = faults.back().platform = true;
+  faults.push_back({"platform-hangs", [](Site& s) { s.platform->Hang(true); },
+                    [](Site& s) { s.platform->Hang(false); }, false, false, false, true});
+  faults.back().ends = faults.back().platform = true;
   faults.push_back({"packets", [](Site& s) { SendPackets(s.domain()); }, [](Site&) {}, false, false,
                     false, true});
   faults.push_back({"emergency-stop-homing", [](Site& s) { s.stop->Type("\n"); },
@@ -421,9 +442,9 @@ void Measure(const std::filesystem::path& folder, int domain, double image_age_s
   for (const Fault& fault : Faults()) {
     if (!only.empty() && std::find(only.begin(), only.end(), fault.name) == only.end()) continue;
     bench::LossyWire* const its_wire = fault.wire ? wire : nullptr;
-    if (!site || site->wire != its_wire) {
+    if (!site || site->wire != its_wire || site->platform.has_value() != fault.platform) {
       site.reset();
-      site = std::make_unique<Site>(folder, domain, its_wire, image_age_s);
+      site = std::make_unique<Site>(folder, domain, its_wire, image_age_s, fault.platform);
     }
     Row row;
     for (int i = 0; i < trials; ++i) Try(*site, fault, random, row);
@@ -600,6 +621,7 @@ int Main(int argc, char** argv) {
   CLI::App app("Line tracking over the network while something goes wrong, as a table.",
                "faults_bench");
   std::filesystem::path robot;
+  std::string platform;
   bool far = false;
   int domain = 97;
   int trials = 20;
@@ -620,13 +642,14 @@ int Main(int argc, char** argv) {
   app.add_option("--packets", packets_min,
                  "instead: minutes of broken packets to every port of the programs");
   app.add_option("--robot", robot)->group("");
+  app.add_option("--platform", platform)->group("");
   app.add_flag("--far", far)->group("");
   CLI11_PARSE(app, argc, argv);
   signal(SIGPIPE, SIG_IGN);
   if (!robot.empty()) {
     signal(SIGUSR1, [](int) { policy_is_broken = true; });
-    RunRobot(robot, domain, image_age_s,
-             far ? dds::Discovery::kNetwork : dds::Discovery::kLoopback);
+    RunRobot(robot, domain, image_age_s, far ? dds::Discovery::kNetwork : dds::Discovery::kLoopback,
+             platform);
     return EXIT_SUCCESS;
   }
   const std::filesystem::path folder =

@@ -105,7 +105,7 @@ double Program::resident_mb() const {
 // -- all of them ----------------------------------------------------------------------------------
 
 Site::Site(std::filesystem::path folder, int domain, bench::LossyWire* wire_to_robot,
-           double image_age_s)
+           double image_age_s, bool with_platform)
     : folder_(std::move(folder)),
       domain_(domain),
       image_age_s_(image_age_s),
@@ -115,6 +115,16 @@ Site::Site(std::filesystem::path folder, int domain, bench::LossyWire* wire_to_r
            .discovery = wire != nullptr ? dds::Discovery::kNetwork : dds::Discovery::kLoopback}) {
   StartSimulator();
   StartStop();
+  if (with_platform) {
+    StartPlatform();
+  } else {
+    StartRobot();
+  }
+}
+
+void Site::StartPlatform() {
+  robot.reset();
+  platform.emplace();
   StartRobot();
 }
 
@@ -146,6 +156,7 @@ void Site::StartRobot() {
                                       "--image-age",
                                       std::to_string(image_age_s_)};
   if (wire != nullptr) command.emplace_back("--far");
+  if (platform) command.insert(command.end(), {"--platform", platform->device()});
   robot.emplace(command, wire);
   state_ = "idle";
 }

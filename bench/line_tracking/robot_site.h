@@ -12,6 +12,7 @@
 #include "dfr/dds/channel.h"
 #include "lossy_wire.h"
 #include "simulator_link.h"
+#include "tests/hardware_stewart/sprk_emulator.h"
 
 namespace dfr::apps::line_tracking {
 
@@ -56,13 +57,16 @@ class Site {
   /// @param wire_to_robot  at whose far end the robot's program and its emergency stop are;
   ///   nullptr: all of them are on one host.
   /// @param image_age_s  after which a picture is too old.
+  /// @param with_platform  the robot's program has one, whose port is an emulator's.
   Site(std::filesystem::path folder, int domain, bench::LossyWire* wire_to_robot,
-       double image_age_s);
+       double image_age_s, bool with_platform = false);
 
   /// @param homing_s  what homing the arm takes.
   void StartSimulator(double homing_s = 0.1);
   void StartStop();
   void StartRobot();
+  /// A new one, and the robot's program with it.
+  void StartPlatform();
 
   /// Reads what the robot's program and the stop have printed.
   void Listen();
@@ -116,6 +120,7 @@ class Site {
   dds::Publisher<dds::Signal> hold{participant, "/PSM1/hold", dds::Role::kRequest};
   dds::Subscriber<dds::OperatingState> operating_state{participant, "/PSM1/operating_state",
                                                        dds::Role::kEvent};
+  std::optional<test::SprkEmulator> platform;
   std::optional<Program> simulator;
   std::optional<Program> stop;
   std::optional<Program> robot;

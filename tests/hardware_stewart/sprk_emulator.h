@@ -27,8 +27,8 @@ class SprkEmulator {
   [[nodiscard]] std::vector<SprkFirmware::Command> Await(std::size_t count);
   /// Sends `text` to the program that has the port open. The firmware says nothing by itself.
   void Print(std::string_view text) const;
-  /// From now on nothing is read, as by a board that hangs.
-  void Hang() { hangs_ = true; }
+  /// While it hangs nothing is read.
+  void Hang(bool hangs) { hangs_ = hangs; }
   /// Pulls the plug.
   void Unplug();
 
