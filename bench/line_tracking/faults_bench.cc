@@ -178,7 +178,7 @@ struct Fault {
   bool harmless = false;     ///< Nothing may come of it: counted where the run goes on.
   bool homing = false;       ///< While the arm homes, which has to end.
   bool ends = false;         ///< Ends a program, or needs another site than a soak's.
-  bool platform = false;     ///< Of the platform, which the others do without.
+  bool platform = false;     ///< At its port, which other faults do without.
 };
 
 Fault Injected(const std::string& name, const std::string& fault, const std::string& on,
