@@ -10,6 +10,7 @@
 #include "dfr/dds/emergency_stop.h"
 #include "dfr/runtime/keyboard.h"
 #include "dfr/runtime/periodic_timer.h"
+#include "robot_watch.h"
 
 namespace dfr::apps::hardware_app {
 namespace {
@@ -18,35 +19,6 @@ std::atomic<bool> stopped = false;
 static_assert(std::atomic<bool>::is_always_lock_free);
 
 void Stop(int /*signal*/) { stopped = true; }
-
-// Says how the robot's program fares, by what it announces.
-class RobotWatch {
- public:
-  explicit RobotWatch(dds::Participant& participant)
-      : subscriber_(participant, dds::kRunStateTopic, dds::Role::kState) {}
-
-  void Show() {
-    const auto now = std::chrono::steady_clock::now();
-    dds::OperatingState message;
-    if (subscriber_.TakeNewest(message)) {
-      heard_ = now;
-      if (silent_ || message.state != state_) std::cout << "robot: " << message.state << std::endl;
-      silent_ = message.state == dds::kRunEnded;  // and nobody is missed
-      state_ = message.state;
-    } else if (!silent_ && now - heard_ > kSilence) {
-      silent_ = true;
-      std::cout << "robot: SILENT while " << state_
-                << ". Its program hangs, was killed or cannot be heard; the arm holds" << std::endl;
-    }
-  }
-
- private:
-  static constexpr std::chrono::milliseconds kSilence{150};
-  dds::Subscriber<dds::OperatingState> subscriber_;
-  std::string state_;
-  bool silent_ = true;  // nobody is missed before it is heard for the first time
-  std::chrono::steady_clock::time_point heard_;
-};
 
 }  // namespace
 
@@ -68,7 +40,7 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
                                      "Enter ends it (and stops)")
             << std::endl;
   runtime::Keyboard keyboard;
-  RobotWatch robot(participant);
+  RobotWatch robots(participant, std::cout);
   int listeners = -1;
   for (bool ends = false; !stopped && !ends;) {
     if (options.unattended) {
@@ -89,7 +61,7 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
       break;
     }
     button.Beat();
-    robot.Show();
+    robots.Show();
     if (button.num_listeners() != listeners) {
       listeners = button.num_listeners();
       std::cout << listeners << (listeners == 1 ? " robot listens" : " robots listen") << std::endl;
