@@ -63,7 +63,7 @@ TEST_P(TransitionSumsTest, NearestAreThoseOfASort) {
   for (std::size_t count = 1; count <= rows; count += 1 + count / 2) {
     std::vector<std::int32_t> nearest(count + 1);
     Nearest(distances.data(), rows, count, nearest.data());
-    nearest.pop_back();
+    nearest.resize(count);
     std::sort(nearest.begin(), nearest.end());
     std::vector<std::int32_t> expected(sorted.begin(),
                                        sorted.begin() + static_cast<std::ptrdiff_t>(count));

@@ -54,11 +54,14 @@ HWY_INLINE std::size_t CountAtMost(const float* distances, std::size_t rows, flo
   const Floats d;
   const std::size_t lanes = hn::Lanes(d);
   const auto most = hn::Set(d, bound);
-  std::size_t count = 0;
+  const hn::RebindToSigned<decltype(d)> di;
+  auto counts = hn::Zero(di);
   std::size_t i = 0;
   for (; i + lanes <= rows; i += lanes) {
-    count += hn::CountTrue(d, hn::Le(hn::LoadU(d, distances + i), most));
+    const auto within = hn::RebindMask(di, hn::Le(hn::LoadU(d, distances + i), most));
+    counts = hn::Sub(counts, hn::VecFromMask(di, within));  // true is -1
   }
+  auto count = static_cast<std::size_t>(hn::GetLane(hn::SumOfLanes(di, counts)));
   for (; i < rows; ++i) count += distances[i] <= bound ? 1 : 0;
   return count;
 }
@@ -92,12 +95,24 @@ void NearestOf(const float* distances, std::size_t rows, std::size_t count, std:
     }
   }
   const float farthest = FloatOf(bound);
+  const Floats d;
+  const std::size_t lanes = hn::Lanes(d);
   std::size_t placed = 0;
-  for (std::size_t i = 0; i < rows; ++i) {
+  std::size_t i = 0;
+  // Few are nearer than the farthest of them.
+  for (; i + lanes <= rows; i += lanes) {
+    std::uint64_t nearer = 0;
+    hn::StoreMaskBits(d, hn::Lt(hn::LoadU(d, distances + i), hn::Set(d, farthest)),
+                      reinterpret_cast<std::uint8_t*>(&nearer));
+    for (; nearer != 0; nearer &= nearer - 1) {
+      indices[placed++] = static_cast<std::int32_t>(i + hwy::Num0BitsBelowLS1Bit_Nonzero64(nearer));
+    }
+  }
+  for (; i < rows; ++i) {
     indices[placed] = static_cast<std::int32_t>(i);
     placed += distances[i] < farthest ? 1 : 0;
   }
-  for (std::size_t i = 0; placed < count; ++i) {
+  for (i = 0; placed < count; ++i) {
     if (distances[i] == farthest) indices[placed++] = static_cast<std::int32_t>(i);
   }
 }
