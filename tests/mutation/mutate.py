@@ -2,23 +2,29 @@
 """Do the tests notice when the code is wrong? mutate.py [FOLDER [COUNT [SEED]]]
 
 Changes one operator or constant of a library's sources at a time, builds its tests and runs them. A change that they
-notice (a failing test, a crash, ten times its time and 30 s) is killed; one that does not compile does not count; one
-that no test notices survives, and is printed to be read: it wants a test, or a reason in docs/reliability.md.
+notice (a failing test, a crash, five times its processor time and 5 s, 8 GiB) is killed; one that does not compile does
+not count; one that no test notices survives, and is printed to be read: it wants a test, or a reason in
+docs/reliability.md. COUNT changes are drawn at random; the share that is noticed has its interval of 95 % (Wilson's).
 
-The tests are those of tests/NAME, all of the library's, that of the changed file first. Works in a copy of the tree
-(git worktree) below build/mutation, so that the tree itself is never changed; of root's, changed programs can write
-there and in /tmp alone. What was found of a source file as it is now is kept in build/mutation/NAME.jsonl: the same
-command goes on from there and tries again what survived, and --survivors only prints it.
+The tests are those of tests/NAME, all of the library's: that of the changed file first, then from the shortest to the
+longest, each built only when those before it have passed. Works in a copy of the tree (git worktree) below
+build/mutation, so that the tree itself is never changed. Each run has a TMPDIR of its own, which is removed; of root's,
+changed programs can write there and below the copy's build folder alone. What was found of a source file as it is now
+is kept in build/mutation/NAME.jsonl: the same command goes on from there and tries again what survived other tests
+than today's, and --survivors only prints it.
 """
 import argparse
 import hashlib
 import json
+import math
 import os
 import pathlib
-import random
 import re
+import resource
+import signal
 import subprocess
 import sys
+import tempfile
 import time
 
 # What stands there, and what is put in its place. Behind text and comments nothing is changed.
@@ -40,52 +46,79 @@ def places(text):
     # Comments, texts and directives become blanks of the same length.
     blank = re.sub(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|^\s*#[^\n]*',
                    lambda m: " " * len(m.group()), text, flags=re.S | re.M)
-    # Angle brackets of templates are no comparisons; template lines are left alone.
+    # Angle brackets of templates are no comparisons; template lines are left alone. How often a loop is unrolled is no
+    # result.
     for pattern, replacements in CHANGES:
         for found in re.finditer(pattern, blank):
             line = blank[blank.rfind("\n", 0, found.start()) + 1:blank.find("\n", found.end())]
-            if re.search(r"\btemplate\b|\bstatic_assert\b|\bassert\(", line):
+            if re.search(r"\btemplate\b|\bstatic_assert\b|\bassert\(|\bHWY_UNROLL\b", line):
                 continue
             for replacement in replacements:
                 if replacement != found.group():
                     yield found.start(), found.end(), replacement
 
 
-def run(command, folder, seconds):
+def run(command, folder, seconds, **more):
+    """The exit status; what the command has started ends with it."""
+    process = subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                               stderr=subprocess.DEVNULL, start_new_session=True, **more)
     try:
-        return subprocess.run(command, cwd=folder, capture_output=True, timeout=seconds).returncode
+        return process.wait(seconds)
     except subprocess.TimeoutExpired:
         return 124
+    finally:
+        try:
+            os.killpg(process.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        process.wait()
 
 
-# A changed program may do anything, replace /dev/null for one. For root's, all but its own tree and /tmp can only be
-# read: the folder is "$0".
+# A changed program may do anything, replace /dev/null for one. For root's, all but two folders can only be read.
 CONFINED = ["unshare", "--mount", "sh", "-c",
-            'mount --bind "$0" "$0" && mount --bind /tmp /tmp && mount -o remount,bind,ro /dev'
-            ' && mount -o remount,bind,ro / && exec "$@"']
+            'mount --bind /tmp /tmp && mount --bind "$0" "$0" && mount --bind "$1" "$1" && shift'
+            ' && for ro in /tmp /dev /; do mount -o remount,bind,ro $ro || exit; done && exec "$@"']
 
 
-def run_test(build, test, seconds):
-    confined = [*CONFINED, str(build)] if os.geteuid() == 0 else []
-    return run([*confined, str(build / "tests" / test)], build, seconds)
+def confined(command, build, scratch):
+    return [*CONFINED, str(build), scratch, *command] if os.geteuid() == 0 else command
 
 
-def compile_tests(build, tests):
-    command = ["cmake", "--build", str(build), "--parallel", str(os.cpu_count()), "--target", *tests]
-    return run(command, build, 3600) == 0
+def run_test(build, test, cpu_s):
+    def limit():
+        resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(cpu_s), math.ceil(cpu_s)))
+        resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+    with tempfile.TemporaryDirectory(prefix="dfr_mutate_") as scratch:
+        command = confined([str(build / "tests" / test), "--gtest_fail_fast"], build, scratch)
+        # On a machine that others use, a test waits; one that hangs uses no processor time.
+        return run(command, build, 30.0 + 5.0 * cpu_s, preexec_fn=limit,
+                   env={**os.environ, "TMPDIR": scratch, "TEST_TMPDIR": scratch})
 
 
-def outcome(source, build, limits):
+def compile_tests(build, tests, jobs):
+    return run(["cmake", "--build", str(build), "--parallel", str(jobs), "--target", *tests], build, 3600) == 0
+
+
+def outcome(source, build, limits, jobs):
     """Whether the change that stands in `source` is killed, survived or does not compile."""
-    own = [test for test in limits if test == f"{source.stem}_test"]
-    for some in (own, [test for test in limits if test not in own]):
-        if not some:
-            continue
-        if not compile_tests(build, some):
+    for test in sorted(limits, key=lambda test: (test != f"{source.stem}_test", limits[test])):
+        if not compile_tests(build, [test], jobs):
             return "does not compile"
-        if any(run_test(build, test, limits[test]) != 0 for test in some):
+        if run_test(build, test, limits[test]) != 0:
             return "killed"
     return "survived"
+
+
+def wilson(hits, total):
+    """The interval of 95 % of a share."""
+    if total == 0:
+        return 0.0, 1.0
+    z2 = 1.96 ** 2
+    middle = (hits + z2 / 2) / (total + z2)
+    half = math.sqrt(z2 * (hits * (total - hits) / total + z2 / 4)) / (total + z2)
+    return middle - half, middle + half
 
 
 def main():
@@ -94,8 +127,11 @@ def main():
     parser.add_argument("count", nargs="?", type=int, default=20)
     parser.add_argument("seed", nargs="?", type=int, default=1)
     parser.add_argument("--file", help="only this file's name")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="begin no change after so many")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="of the build (default: all processors)")
     parser.add_argument("--survivors", action="store_true", help="print what earlier runs found, and end")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("mutate.py: ended"))  # through what tidies up
     name = pathlib.Path(options.folder).name
     root = pathlib.Path(__file__).resolve().parents[2]
     copy = root / "build/mutation/tree"
@@ -105,21 +141,25 @@ def main():
                     subprocess.check_output(["git", "rev-parse", "HEAD"], cwd=root, text=True).strip()],
                    cwd=copy, check=True, capture_output=True)
     build = copy / "build/dev"
-    if os.geteuid() == 0 and not options.survivors and run([*CONFINED, str(copy), "true"], copy, 60) != 0:
-        sys.exit("mutate.py: as root a changed program could replace files and devices, and unshare cannot keep it from "
-                 "them here; run this as an ordinary user")
-    limits = {}  # of a test, in s: ten times what it takes as it is, and what a busy machine adds
+    limits = {}  # of a test, in s of processor time: five times what it takes as it is, and 5 s
     if not options.survivors:
+        with tempfile.TemporaryDirectory(prefix="dfr_mutate_") as scratch:
+            if run(confined(["true"], copy, scratch), copy, 60) != 0:
+                sys.exit("mutate.py: as root a changed program could replace files and devices, and unshare cannot "
+                         "keep it from them here; run this as an ordinary user")
         subprocess.run(["cmake", "--preset", "dev", f"-DDFR_COMPONENTS={name}"], cwd=copy, check=True,
                        capture_output=True)
-        limits = {path.stem: 0.0 for path in sorted((copy / "tests" / name).glob("*_test.cc"))}
-        if not compile_tests(build, limits):
+        tests = [path.stem for path in sorted((copy / "tests" / name).glob("*_test.cc"))]
+        if not compile_tests(build, tests, options.jobs):
             sys.exit("mutate.py: the tests do not build as they are")
-        for test in limits:
-            begin = time.monotonic()
+        for test in tests:
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
             if run_test(build, test, 600) != 0:
                 sys.exit(f"mutate.py: {test} fails as it is")
-            limits[test] = 30.0 + 10.0 * (time.monotonic() - begin)
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            limits[test] = 5.0 + 5.0 * (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    of_tests = hashlib.sha256(b"".join(path.read_bytes() for path in sorted((copy / "tests" / name).rglob("*"))
+                                       if path.is_file())).hexdigest()[:16]
 
     changes = []
     for source in sorted((copy / options.folder).glob("src/*.cc")):
@@ -129,34 +169,40 @@ def main():
         of_file = f"{source.relative_to(copy)} {hashlib.sha256(text.encode()).hexdigest()[:16]}"
         changes += [(source, f"{of_file} {begin} {replacement}", begin, end, replacement)
                     for begin, end, replacement in places(text)]
-    random.Random(options.seed).shuffle(changes)
+    # At random, and in the same order whatever becomes of other files.
+    changes.sort(key=lambda change: hashlib.sha256(f"{options.seed} {change[1]}".encode()).digest())
     record = root / "build/mutation" / f"{name}.jsonl"
-    known = dict(json.loads(line) for line in record.read_text().splitlines()) if record.exists() else {}
+    known = {}  # what became of a change, and under which tests
+    if record.exists():
+        known = {key: found for key, *found in map(json.loads, record.read_text().splitlines())}
     killed = survived = 0
+    end_s = time.monotonic() + 60.0 * options.minutes
     for source, key, begin, end, replacement in changes:
-        if killed + survived >= options.count:
+        if killed + survived >= options.count or time.monotonic() > end_s:
             break
         if options.survivors and key not in known:
             continue
         text = source.read_text()
-        if known.get(key, "survived") == "survived" and not options.survivors:
+        before, *tests_before = known.get(key, ["survived"])
+        if before == "survived" and tests_before != [of_tests] and not options.survivors:
             source.write_text(text[:begin] + replacement + text[end:])
             try:
-                known[key] = outcome(source, build, limits)
+                known[key] = [outcome(source, build, limits, options.jobs), of_tests]
             finally:
                 source.write_text(text)
             with record.open("a") as out:
-                out.write(json.dumps([key, known[key]]) + "\n")
-        killed += known[key] == "killed"
-        survived += known[key] == "survived"
-        if known[key] == "survived":
+                out.write(json.dumps([key, *known[key]]) + "\n")
+        killed += known[key][0] == "killed"
+        survived += known[key][0] == "survived"
+        if known[key][0] == "survived":
             line = text.count("\n", 0, begin) + 1
             shown = text.splitlines()[line - 1].strip()
             print(f"survived  {source.relative_to(copy)}:{line}: '{text[begin:end]}' -> '{replacement}' in: {shown}",
                   flush=True)
     total = killed + survived
-    print(f"{options.folder}: {killed} of {total} changes noticed ({100.0 * killed / max(1, total):.0f} %), "
-          f"{len(changes)} are possible, seed {options.seed}")
+    low, high = wilson(killed, total)
+    print(f"{options.folder}: {killed} of {total} changes noticed ({100.0 * killed / max(1, total):.0f} %, "
+          f"{100.0 * low:.0f} to {100.0 * high:.0f}), {len(changes)} are possible, seed {options.seed}")
 
 
 if __name__ == "__main__":
