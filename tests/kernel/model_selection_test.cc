@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -71,11 +72,38 @@ TEST(ConformalThresholdTest, NewScoresExceedItAsOftenAsPromised) {
   EXPECT_NEAR(exceeded / static_cast<double>(kTrials), 0.1, 4.0 * std::sqrt(0.1 * 0.9 / kTrials));
 }
 
+// The rank k is the smallest with P(Binomial(n, 1 - alpha) <= k - 1) >= confidence.
+TEST(ConformalThresholdTest, WithAConfidenceThePromiseHoldsForThatShareOfSets) {
+  constexpr double kNone = std::numeric_limits<double>::infinity();
+  const std::vector<double> scores = {5, 1, 4, 2, 3, 9, 8, 7, 6};
+  // Of nine fair coins at most 4, 5, 6, 7, 8 are heads in 256, 382, 466, 502, 511 of 512 cases.
+  EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.49), 5.0);
+  EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.51), 6.0);
+  EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.90), 7.0);
+  EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.95), 8.0);
+  EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.99), 9.0);
+  EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.999), kNone);
+  // Of nine that show heads three times in four at most 6, 7, 8 do in 40, 70, 92 % of cases.
+  EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.3), 7.0);
+  EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.5), 8.0);
+  EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.8), 9.0);
+  EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.95), kNone);
+  // Wilks: the largest of 29 is above nine tenths of all with 95 %, that of 28 is not; 59 for 95 %.
+  const std::vector<double> many(59, 3.0);
+  EXPECT_EQ(ConformalThreshold(std::span(many).first(28), 0.1, 0.95), kNone);
+  EXPECT_EQ(ConformalThreshold(std::span(many).first(29), 0.1, 0.95), 3.0);
+  EXPECT_EQ(ConformalThreshold(std::span(many).first(58), 0.05, 0.95), kNone);
+  EXPECT_EQ(ConformalThreshold(many, 0.05, 0.95), 3.0);
+}
+
 TEST(ConformalThresholdTest, ErrorsNameTheReason) {
   const std::vector<double> none, broken = {1.0, std::nan("")}, fine = {1.0};
   EXPECT_THAT(Message([&] { (void)ConformalThreshold(none, 0.1); }), HasSubstr("no held-out"));
   EXPECT_THAT(Message([&] { (void)ConformalThreshold(broken, 0.1); }), HasSubstr("NaN"));
   EXPECT_THAT(Message([&] { (void)ConformalThreshold(fine, 1.0); }), HasSubstr("alpha must lie"));
+  EXPECT_THAT(Message([&] { (void)ConformalThreshold(fine, 0.0); }), HasSubstr("alpha must lie"));
+  EXPECT_THAT(Message([&] { (void)ConformalThreshold(fine, 0.5, 1.0); }), HasSubstr("confidence"));
+  EXPECT_THAT(Message([&] { (void)ConformalThreshold(fine, 0.5, -0.1); }), HasSubstr("confidence"));
 }
 
 TEST(ModelSelectionTest, ExcursionScoreIsTheWorstStep) {
@@ -152,6 +180,35 @@ TEST(ModelSelectionTest, SharedDistancesGiveTheEstimatesOfSeparateFits) {
       }
     }
   }
+}
+
+// 24 demonstrations of 3 states, at 0, 1, ... 23 all the time: each fold fits to 18 of them.
+TEST(ModelSelectionTest, SharesAreOfAllStatesDemonstrationsTimeStepsAndDraws) {
+  std::vector<core::Matrix> demonstrations;
+  for (int d = 0; d < 24; ++d) demonstrations.push_back(core::Matrix::Constant(3, 1, d));
+  SelectionOptions options{.gammas = {0.005, 50.0}, .nus = {0.5}};
+  const Selection s = SelectModel(demonstrations, options);
+  ASSERT_EQ(s.rows.size(), 2u);
+  for (const SelectionRow& row : s.rows) {
+    // A demonstration that stands still is inside at all of its states or none.
+    EXPECT_NEAR(row.acceptance, row.inside_throughout, 1e-12);
+    EXPECT_NEAR(24.0 * row.inside_throughout, std::round(24.0 * row.inside_throughout), 1e-9);
+    EXPECT_GE(row.support_vectors, 0.5 * 18.0);
+    EXPECT_LE(row.support_vectors, 18.0);
+  }
+  // A wide kernel leaves the half outside that stands at the ends.
+  EXPECT_NEAR(s.rows[0].acceptance, 0.5, 0.2);
+  EXPECT_NEAR(s.rows[0].volume, 0.5, 0.2);
+  // Narrow ones know their own samples only: none of the others, and little of the room between.
+  EXPECT_EQ(s.rows[1].acceptance, 0.0);
+  EXPECT_EQ(s.rows[1].support_vectors, 18.0);
+  EXPECT_LT(s.rows[1].volume, 0.2);
+  EXPECT_GT(s.rows[1].threshold, 40.0);
+}
+
+TEST(ModelSelectionTest, TwoDemonstrationsAFoldAreEnough) {
+  EXPECT_EQ(SelectModel(Demonstrations(4, 68), {.gammas = {1.0}, .folds = 2}).rows.size(), 1u);
+  EXPECT_EQ(SelectModel(Demonstrations(8, 68), {.gammas = {1.0}, .folds = 4}).rows.size(), 1u);
 }
 
 TEST(ModelSelectionTest, WhereNoneAcceptsEnoughTheBestIsGivenAndSaidToFail) {

@@ -181,6 +181,33 @@ TEST(FitWhiteningTest, GivesUnitCovarianceAndPcaKeepsDistancesInItsPlane) {
   }
 }
 
+TEST(FitWhiteningTest, DirectionsOfNextToNoVarianceAreNotBlownUp) {
+  core::Matrix samples(4, 2);
+  samples << 2, 1e-3, -2, 1e-3, 2, -1e-3, -2, -1e-3;  // variances 4 and 1e-6
+  EXPECT_NEAR(FitWhitening(samples, 0, 0.0).scale().row(1).norm(), 1e3, 1e-6);
+  EXPECT_NEAR(FitWhitening(samples, 0, 0.01).scale().row(1).norm(), 5.0, 1e-12);  // 1 / sqrt(.04)
+  EXPECT_NEAR(FitWhitening(samples, 0, 0.01).scale().row(0).norm(), 0.5, 1e-12);
+  EXPECT_EQ(FitWhitening(samples, 1).num_features(), 1);
+  EXPECT_EQ(FitWhitening(samples, 2).num_features(), 2);
+}
+
+// What lies at the end of a range is taken.
+TEST(SupportEstimatesEndsTest, TheFewestSamplesAndTheLargestNuAreTaken) {
+  core::Matrix two(2, 1);
+  two << -1.0, 1.0;
+  // Of two samples one stays above with nu = .5 and none with 1.
+  EXPECT_NEAR(FitKernelDensity(two, 1.0, 0.5).rho(), std::exp(-2.0), 1e-15);
+  EXPECT_NEAR(GaussianEstimate::Fit(two, 1.0, 0.0).radius(), 1.0, 1e-15);
+  EXPECT_EQ(NeighbourEstimate::Fit(two, 1.0, 1).radius(), 2.0);
+  EXPECT_EQ(FitPca(two, 1).num_features(), 1);
+  core::Matrix three(3, 1);
+  three << 0.0, 1.0, 3.0;
+  // Nearest others at 1, 1, 2.
+  EXPECT_EQ(NeighbourEstimate::Fit(three, 1.0, 1).radius(), 1.0);
+  EXPECT_EQ(NeighbourEstimate::Fit(three, 0.3, 1).radius(), 2.0);
+  EXPECT_EQ(NeighbourEstimate::Fit(three, 0.4, 1).radius(), 1.0);
+}
+
 TEST(EstimatePerStepTest, FollowsTheTimeStepsAsTheSvmsDo) {
   core::Random random(73);
   std::vector<core::Matrix> demonstrations;
@@ -229,9 +256,21 @@ TEST(SupportEstimatesErrorsTest, NameTheCulprit) {
   EXPECT_THAT(message([&] { (void)GaussianEstimate::Fit(equal, 0.1); }), HasSubstr("singular"));
   EXPECT_THAT(message([&] { (void)GaussianEstimate::Fit(broken, 0.1); }), HasSubstr("sample 4"));
   EXPECT_THAT(message([&] { (void)GaussianEstimate::Fit(few, 0.0); }), HasSubstr("nu must"));
+  EXPECT_THAT(message([&] { (void)GaussianEstimate::Fit(few, 1.1); }), HasSubstr("nu must"));
+  EXPECT_THAT(message([&] { (void)GaussianEstimate::Fit(few, 0.1, -1.0); }), HasSubstr("ridge"));
+  EXPECT_THAT(message([&] { (void)NeighbourEstimate::Fit(few, 0.1, 1000); }), HasSubstr("k must"));
   EXPECT_THAT(message([&] { (void)FitKernelDensity(few, 0.1, -1.0); }), HasSubstr("gamma"));
   EXPECT_THAT(message([&] { (void)FitWhitening(equal); }), HasSubstr("equal"));
   EXPECT_THAT(message([&] { (void)FitPca(few, 3); }), HasSubstr("components"));
+  EXPECT_THAT(message([&] { (void)FitPca(few, -1); }), HasSubstr("components"));
+  EXPECT_THAT(message([&] {
+                (void)EstimatePerStep::Fit({&few, 1}, {}, -1);
+              }),
+              HasSubstr("num_steps must not be negative: -1"));
+  EXPECT_THAT(message([&] {
+                (void)EstimatePerStep::Fit({&few, 1}, [](const auto&) { return nullptr; });
+              }),
+              HasSubstr("the fit of time step 0 returned no estimate"));
   EXPECT_THAT(message([&] {
                 (void)MappedEstimate(FitPca(few, 1), std::make_shared<GaussianEstimate>(
                                                          GaussianEstimate::Fit(few, 0.1)));

@@ -183,6 +183,52 @@ TEST(WhitenedSupportTest, LongDemonstrationsOfDifferingPaceAreCovered) {
   EXPECT_EQ(inside(0.002), inside(0.0)) << "below the window";
 }
 
+// Demonstrations with so many states each, of one entry.
+std::vector<core::Matrix> OfLengths(const std::vector<int>& lengths) {
+  core::Random random(5);
+  std::vector<core::Matrix> demonstrations;
+  for (const int length : lengths) {
+    core::Matrix states(length, 1);
+    for (double& entry : states.reshaped()) entry = random.Normal();
+    demonstrations.push_back(states);
+  }
+  return demonstrations;
+}
+
+TEST(WhitenedSupportTest, LastsAsLongAsTheWantedShareOfDemonstrations) {
+  const auto steps = [](double share) {
+    return WhitenedSupport::Fit(OfLengths({5, 11, 7, 9}), {.least_share = share}).num_steps();
+  };
+  EXPECT_EQ(steps(0.0), 9) << "two of them at least";
+  EXPECT_EQ(steps(0.5), 9);
+  EXPECT_EQ(steps(0.51), 7);
+  EXPECT_EQ(steps(0.75), 7);
+  EXPECT_EQ(steps(1.0), 5);
+}
+
+TEST(WhitenedSupportTest, AnEstimateIsFittedToTheStatesOfItsWindow) {
+  // LIBSVM's scale is nu times the number of samples.
+  const auto states = [](const std::vector<int>& lengths, int t, WhitenedSupportOptions options) {
+    options.svm.nu = 0.5;
+    const auto support = WhitenedSupport::Fit(OfLengths(lengths), options);
+    return std::lround(support.estimate(t).libsvm_scale() / 0.5);
+  };
+  const std::vector<int> same = {10, 10, 10, 10};
+  EXPECT_EQ(states(same, 0, {}), 4 * 3);
+  EXPECT_EQ(states(same, 1, {}), 4 * 4);
+  EXPECT_EQ(states(same, 5, {}), 4 * 5);
+  EXPECT_EQ(states(same, 9, {}), 4 * 3);
+  EXPECT_EQ(states(same, 5, {.window = 0}), 4);
+  // Every second time step: 1, 3, 5, 7, 9 about 5; 0, 2, 4, 6 about 2.
+  EXPECT_EQ(states(same, 5, {.window_share = 0.4}), 4 * 5);
+  EXPECT_EQ(states(same, 2, {.window_share = 0.4}), 4 * 4);
+  // The window of 9 begins at 7: of 8 states one is in it, of 7 the last one, once.
+  EXPECT_EQ(states({10, 10, 10, 8}, 9, {}), 3 * 3 + 1);
+  EXPECT_EQ(states({10, 10, 10, 7}, 9, {}), 3 * 3 + 1);
+  EXPECT_EQ(states({10, 10, 10, 8}, 9, {.hold_ended = false}), 3 * 3 + 1);
+  EXPECT_EQ(states({10, 10, 10, 7}, 9, {.hold_ended = false}), 3 * 3);
+}
+
 TEST(WhitenedSupportTest, TheStrideOfAWindowFollowsItsShare) {
   EXPECT_EQ(WhitenedSupportOptions().Stride(30), 1);
   EXPECT_EQ((WhitenedSupportOptions{.window = 2, .window_share = 0.04}.Stride(99)), 1);
@@ -254,7 +300,10 @@ TEST(WhitenedSupportTest, Errors) {
   EXPECT_THROW(WhitenedSupport::Fit(walks, {.window = -1}), std::invalid_argument);
   EXPECT_THROW(WhitenedSupport::Fit(walks, {.phase_ridge = 0.0}), std::invalid_argument);
   EXPECT_THROW(WhitenedSupport::Fit(walks, {.least_share = 1.5}), std::invalid_argument);
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.least_share = -0.1}), std::invalid_argument);
   EXPECT_THROW(WhitenedSupport::Fit(walks, {.window_share = -0.1}), std::invalid_argument);
+  EXPECT_THROW(WhitenedSupport::Fit(walks, {.window_share = 1.1}), std::invalid_argument);
+  EXPECT_NO_THROW(WhitenedSupport::Fit(walks, {.window_share = 1.0}));
   EXPECT_THROW((void)HeldOutLevels(std::span(walks).first(2)), std::invalid_argument);
   EXPECT_THROW((void)HeldOutLevels(walks, {}, 1), std::invalid_argument);
   EXPECT_THROW((void)HeldOutLevels(walks, {}, 5, -1), std::invalid_argument);
