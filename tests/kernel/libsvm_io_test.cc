@@ -124,6 +124,34 @@ TEST_F(LibsvmIoTest, NewerModelsWithDensityMarksLoad) {
   EXPECT_NEAR(svm.rho(), 0.5, 1e-15);  // 0.75 / (1 + 0.5)
 }
 
+// LIBSVM leaves zeros out, be they all.
+TEST_F(LibsvmIoTest, ASupportVectorAtTheOriginHasOneEntry) {
+  Write(
+      "svm_type one_class\nkernel_type rbf\ngamma 2\nnr_class 2\ntotal_sv 1\nrho 1\nSV\n"
+      "4 \n");
+  const auto svm = LoadLibsvmModel(path_);
+  EXPECT_EQ(svm.state_dim(), 1);
+  EXPECT_NEAR(svm.Decision(std::vector<double>{0.5}), std::exp(-0.5) - 0.25, 1e-15);
+}
+
+TEST_F(LibsvmIoTest, AStateMayHaveAsManyEntriesAsAnEstimateAllows) {
+  std::string line = "1";
+  for (int k = 1; k < OneClassSvm::kMaxStateDim; ++k) line += ",1";
+  Write(line + "\n");
+  EXPECT_EQ(LoadSamples(path_).cols(), OneClassSvm::kMaxStateDim);
+  EXPECT_THAT(LoadSamplesError(line + ",1\n"), HasSubstr(":1: more than 2048 entries"));
+  Write("1 2048:1\n");
+  EXPECT_EQ(LoadSamples(path_).cols(), OneClassSvm::kMaxStateDim);
+  EXPECT_EQ(LoadSamples(path_)(0, 2047), 1.0);
+  EXPECT_THAT(LoadSamplesError("1 2049:1\n"), HasSubstr(":1: an index must be an integer from 1"));
+}
+
+TEST_F(LibsvmIoTest, WhatIsQuotedIsShortAndPrintable) {
+  EXPECT_THAT(LoadSamplesError("1,2\n3,a\x01~\x7f b\n"), HasSubstr("not 'a?~?'"));
+  EXPECT_THAT(LoadSamplesError("1,2\n3,x" + std::string(50, 'y') + "\n"),
+              HasSubstr("not 'x" + std::string(39, 'y') + "'"));
+}
+
 TEST_F(LibsvmIoTest, WrongModelsAreRefusedWithLineAndReason) {
   const std::string good = kModel;
   const auto with = [&](const char* from, const char* to) {
@@ -136,12 +164,20 @@ TEST_F(LibsvmIoTest, WrongModelsAreRefusedWithLineAndReason) {
   EXPECT_THAT(error(with("gamma 0.5", "gamma -1")), HasSubstr(":3: gamma must be positive"));
   EXPECT_THAT(error(with("gamma 0.5", "gamma nan")), HasSubstr(":3: gamma must be a finite"));
   EXPECT_THAT(error(with("gamma 0.5", "gamma 1 2")), HasSubstr(":3: gamma has two values"));
+  EXPECT_THAT(error(with("gamma 0.5", "gamma 0")), HasSubstr(":3: gamma must be positive"));
+  EXPECT_THAT(error(with("gamma 0.5", "gamma")), HasSubstr(":3: gamma must be a finite"));
   EXPECT_THAT(error(with("nr_class 2", "nr_class 9")), HasSubstr(":4: nr_class"));
+  EXPECT_THAT(error(with("nr_class 2", "nr_class 1")), HasSubstr(":4: nr_class"));
+  EXPECT_THAT(error(with("total_sv 2", "total_sv 0")), HasSubstr(":5: total_sv"));
   EXPECT_THAT(error(with("total_sv 2", "total_sv -2")), HasSubstr(":5: total_sv"));
   EXPECT_THAT(error(with("total_sv 2", "total_sv 99999999999")), HasSubstr(":5: total_sv"));
   EXPECT_THAT(error(with("total_sv 2", "total_sv 2147483647")), HasSubstr("ends after 2 of"));
   EXPECT_THAT(error(with("total_sv 2", "total_sv 1")), HasSubstr(":9: more than the 1"));
   EXPECT_THAT(error(with("rho 0.75\n", "")), HasSubstr("no rho"));
+  EXPECT_THAT(error(with("gamma 0.5\n", "")), HasSubstr("no gamma"));
+  EXPECT_THAT(error(with("total_sv 2\n", "")), HasSubstr("no total_sv"));
+  EXPECT_THAT(error(with("svm_type one_class\n", "")), HasSubstr("no svm_type"));
+  EXPECT_THAT(error(with("kernel_type rbf\n", "")), HasSubstr("no kernel_type"));
   EXPECT_THAT(error(with("rho 0.75", "rho 1e999")), HasSubstr(":6: rho must be a finite"));
   EXPECT_THAT(error(with("rho", "what")), HasSubstr(":6: unknown key 'what'"));
   EXPECT_THAT(error(with("0.5 2:2", "0 2:2")), HasSubstr(":9: a coefficient must be positive"));

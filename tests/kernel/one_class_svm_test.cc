@@ -266,6 +266,51 @@ TEST(OneClassSvmTest, OnlyTheRatioOfWeightsMatters) {
   EXPECT_NEAR(svm.libsvm_scale(), 2.5 * expected.libsvm_scale(), 1e-9);
 }
 
+// Two samples that do not see each other: alpha minimises a^2 + b^2 with a + b = nu (w_a + w_b).
+TEST(OneClassSvmTest, AWeightBoundsAlpha) {
+  core::Matrix samples(2, 1);
+  samples << 0.0, 100.0;
+  const auto fit = [&](const std::vector<double>& weights, double nu) {
+    OneClassSvmOptions options{.nu = nu, .gamma = 1.0, .tolerance = 1e-9};
+    options.weights = weights;
+    return OneClassSvm::Fit(samples, options);
+  };
+  const auto expect = [&](const OneClassSvm& svm, double a, double b, double rho) {
+    EXPECT_NEAR(svm.Decision(core::Row(samples, 0)), a - rho, 1e-9);
+    EXPECT_NEAR(svm.Decision(core::Row(samples, 1)), b - rho, 1e-9);
+    EXPECT_NEAR(svm.rho(), rho, 1e-9);
+  };
+  expect(fit({3.0, 3.0}, 0.5), 0.5, 0.5, 0.5);
+  expect(fit({7.0, 1.0}, 0.5), 0.75, 0.25, 0.75);  // 3 and 1, which is full
+  expect(fit({1.0, 7.0}, 0.5), 0.25, 0.75, 0.75);
+  expect(fit({6.0, 2.0}, 1.0), 0.75, 0.25, 0.75);  // both are full
+  // No weight, no support vector.
+  EXPECT_EQ(fit({0.0, 2.0}, 0.5).num_support_vectors(), 1);
+  expect(fit({0.0, 2.0}, 0.5), 0.0, 1.0, 1.0);
+}
+
+TEST(OneClassSvmTest, AFitWithWeightsEndsWhereItIsTold) {
+  core::Random random(47);
+  const core::Matrix samples = Tube(300, 3, random);
+  std::vector<double> weights(300);
+  for (double& w : weights) w = random.Uniform(0.5, 2.0);
+  FitSummary summary;
+  OneClassSvmOptions options{.nu = 0.3, .gamma = 2.0};
+  options.weights = weights;
+  (void)OneClassSvm::Fit(samples, options, &summary);
+  EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+  EXPECT_LT(summary.kkt_gap, options.tolerance);
+  ASSERT_GT(summary.iterations, 20);
+  options.max_iterations = 20;
+  (void)OneClassSvm::Fit(samples, options, &summary);
+  EXPECT_EQ(summary.reason, FitSummary::Reason::kMaxIterations);
+  EXPECT_EQ(summary.iterations, 20);
+  options.max_iterations = 0;
+  options.progress = [](const auto&) { return false; };
+  (void)OneClassSvm::Fit(samples, options, &summary);
+  EXPECT_EQ(summary.reason, FitSummary::Reason::kInterrupted);
+}
+
 TEST(OneClassSvmTest, WrongWeightsAreNamed) {
   core::Random random(46);
   const core::Matrix samples = Tube(4, 2, random);
@@ -387,6 +432,15 @@ TEST(OneClassSvmTest, BrokenSensorsReadAsOutside) {
   const std::vector<double> wrong_size(4, 0.0);
   EXPECT_EQ(svm.Decision(wrong_size), -kInfinity);
   EXPECT_EQ(svm.Decision({}), -kInfinity);
+  EXPECT_EQ(svm.LogDecision(wrong_size), -kInfinity);
+  EXPECT_EQ(svm.FromLog(-kInfinity), -kInfinity);
+  const std::vector<double> fine(3, 0.0);
+  std::vector<double> long_gradient(4, 7.0);
+  EXPECT_EQ(svm.Gradient(wrong_size, long_gradient), -kInfinity);
+  EXPECT_EQ(svm.LogGradient(wrong_size, long_gradient), -kInfinity);
+  EXPECT_EQ(svm.Gradient(fine, long_gradient), -kInfinity);
+  EXPECT_EQ(svm.LogGradient(fine, long_gradient), -kInfinity);
+  EXPECT_THAT(long_gradient, testing::Each(0.0));
   // Far, but finite: no kernel reaches it.
   const std::vector<double> far = {1e300, -1e300, 0.0};
   EXPECT_EQ(svm.Decision(far), -svm.rho());
@@ -630,11 +684,33 @@ TEST(OneClassSvmTest, ErrorsNameTheCulprit) {
   core::Matrix broken = fine;
   broken(7, 1) = std::nan("");
   EXPECT_THAT(fit(broken, {}), HasSubstr("sample 7, entry 1 is nan"));
-  EXPECT_THAT(message([] {
-                (void)OneClassSvm::FromParts(core::Matrix::Zero(2, 1), Eigen::VectorXd::Ones(2),
-                                             1.0, 0.0);
-              }),
+  const std::vector<double> endless(10, kInfinity);
+  EXPECT_THAT(fit(fine, {.start = endless}), HasSubstr("alpha of inf"));
+  EXPECT_THAT(fit(fine, {.tolerance = kInfinity}), HasSubstr("tolerance must be positive"));
+  EXPECT_THAT(fit(core::Matrix::Zero(5, 2049), {}), HasSubstr("1 to 2048 entries, not 2049"));
+  const auto parts = [&](const core::Matrix& vectors, const Eigen::VectorXd& alpha, double gamma,
+                         double rho, double scale) {
+    return message([&] { (void)OneClassSvm::FromParts(vectors, alpha, gamma, rho, scale); });
+  };
+  const core::Matrix vectors = core::Matrix::Zero(2, 1);
+  const Eigen::Vector2d half(0.5, 0.5);
+  EXPECT_THAT(parts(vectors, half, 1.0, 0.0, 1.0), HasSubstr("nothing thrown"));
+  EXPECT_THAT(parts(core::Matrix::Zero(2, 2048), half, 1.0, 0.0, 1.0), HasSubstr("nothing thrown"));
+  EXPECT_THAT(parts(core::Matrix::Zero(2, 2049), half, 1.0, 0.0, 1.0), HasSubstr("not 2049"));
+  EXPECT_THAT(parts(core::Matrix(0, 1), half, 1.0, 0.0, 1.0), HasSubstr("no support vector"));
+  EXPECT_THAT(parts(core::Matrix(2, 0), half, 1.0, 0.0, 1.0), HasSubstr("entries, not 0"));
+  EXPECT_THAT(parts(core::Matrix::Zero(3, 1), half, 1.0, 0.0, 1.0), HasSubstr("2 alpha for 3"));
+  EXPECT_THAT(parts(broken, Eigen::VectorXd::Constant(10, 0.1), 1.0, 0.0, 1.0),
+              HasSubstr("a support vector is not finite"));
+  EXPECT_THAT(parts(vectors, Eigen::Vector2d::Ones(), 1.0, 0.0, 1.0),
               HasSubstr("alpha must sum to 1, not 2"));
+  EXPECT_THAT(parts(vectors, Eigen::Vector2d(0.0, 1.0), 1.0, 0.0, 1.0),
+              HasSubstr("alpha must be positive"));
+  for (const double bad : {0.0, kInfinity}) {
+    EXPECT_THAT(parts(vectors, half, bad, 0.0, 1.0), HasSubstr("gamma must be positive"));
+    EXPECT_THAT(parts(vectors, half, 1.0, 0.0, bad), HasSubstr("libsvm_scale must be positive"));
+  }
+  EXPECT_THAT(parts(vectors, half, 1.0, std::nan(""), 1.0), HasSubstr("rho must be finite"));
 }
 
 // Problems without a unique alpha or without free support vectors: the estimate is still defined.
