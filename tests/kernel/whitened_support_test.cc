@@ -268,6 +268,63 @@ TEST(WhitenedSupportTest, TheRoomBetweenTwoWaysIsSeen) {
   EXPECT_EQ(loose.inside, loose.points) << "one cloud for both ways";
 }
 
+// One time step, whose support is a ball of radius .83 about `center`. Later states, if any, are of
+// the same demonstrations and have no estimate of their own.
+GapTest Gaps(const std::vector<double>& states, double center, double later = -100.0) {
+  std::vector<core::Matrix> demonstrations;
+  for (const double state : states) {
+    core::Matrix rows(2, 1);
+    rows << state, later;
+    demonstrations.push_back(rows);
+  }
+  const WhitenedSupport support(
+      {{core::Matrix::Identity(1, 1), OneClassSvm::FromParts(core::Matrix::Constant(1, 1, center),
+                                                             Eigen::VectorXd::Ones(1), 1.0, 0.5)}});
+  return TestGaps(support, demonstrations);
+}
+
+TEST(WhitenedSupportTest, AGapIsTheMiddleBetweenClustersOfThreeThatAreFourApart) {
+  const std::vector<double> apart = {0.0, 0.1, 0.2, 10.0, 10.1, 10.2};  // 5.1 is in the middle
+  EXPECT_EQ(Gaps(apart, 5.1).steps, 1);
+  EXPECT_EQ(Gaps(apart, 5.1).points, 1);
+  EXPECT_EQ(Gaps(apart, 5.1).inside, 1);
+  EXPECT_EQ(Gaps(apart, 5.9).inside, 1);
+  EXPECT_EQ(Gaps(apart, 6.0).inside, 0);
+  EXPECT_EQ(Gaps(apart, 0.1).inside, 0);
+  EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 4.1, 4.2, 4.3}, 0.0).points, 0) << "3.9 apart";
+  EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 4.3, 4.4, 4.5}, 0.0).points, 1) << "4.1 apart";
+  EXPECT_EQ(Gaps({0.0, 0.1, 0.2, 0.3, 10.0, 10.1}, 0.0).points, 0) << "two are no cluster";
+  // A quarter of the gap, 2.45, about its middle: a demonstration passes there later.
+  EXPECT_EQ(Gaps(apart, 0.0, 5.1 + 2.4).points, 0);
+  EXPECT_EQ(Gaps(apart, 0.0, 5.1 + 2.5).points, 1);
+  // A tenth of 40 are four.
+  std::vector<double> many;
+  for (int i = 0; i < 37; ++i) many.push_back(0.1 * i);
+  for (int i = 0; i < 3; ++i) many.push_back(20.0 + 0.1 * i);
+  EXPECT_EQ(Gaps(many, 0.0).points, 0);
+  many[0] = 20.3;
+  EXPECT_EQ(Gaps(many, 0.0).points, 1);
+}
+
+TEST(WhitenedSupportTest, HeldOutLevelsAreOneForEachStateAndTheBestOfThePhaseWindow) {
+  const auto demonstrations = OfLengths({10, 10, 10, 10, 10, 10, 10});
+  std::vector<double> narrow;
+  for (const int window : {0, 1, 2, 20}) {
+    auto levels = HeldOutLevels(demonstrations, {}, 3, window);
+    ASSERT_EQ(levels.size(), 70u);
+    std::sort(levels.begin(), levels.end());
+    bool higher = false;
+    for (std::size_t i = 0; i < narrow.size(); ++i) {
+      ASSERT_GE(levels[i], narrow[i]);
+      higher = higher || levels[i] > narrow[i];
+    }
+    EXPECT_TRUE(higher || narrow.empty());
+    narrow = levels;
+  }
+  // Of four, two are left out at a time, however many folds are asked for.
+  EXPECT_EQ(HeldOutLevels(std::span(demonstrations).first(4), {}, 9, 0).size(), 40u);
+}
+
 TEST(WhitenedSupportTest, DifferingPacesAreNotTakenForWays) {
   for (const int pause : {0, 6}) {
     const auto way = Passing(0.0, pause);
