@@ -90,12 +90,16 @@ TEST_P(SupportEstimatesTest, BrokenSensorsReadAsOutsideAndNothingAllocates) {
   const auto estimate = GetParam().fit(samples_, 0.1);
   std::vector<double> gradient(2);
   const std::vector<double> broken = {0.0, std::nan("")}, wide(3, 0.0), fine = {1.0, -2.0};
+  std::vector<double> wide_gradient(3, 7.0);
   const dfr::test::NoAlloc guard;
   EXPECT_EQ(estimate->state_dim(), 2);
   EXPECT_EQ(estimate->Decision(broken), -std::numeric_limits<double>::infinity());
   EXPECT_EQ(estimate->Gradient(broken, gradient), -std::numeric_limits<double>::infinity());
   EXPECT_EQ(gradient[0], 0.0);
   EXPECT_EQ(estimate->Decision(wide), -std::numeric_limits<double>::infinity());
+  EXPECT_EQ(estimate->Gradient(fine, wide_gradient), -std::numeric_limits<double>::infinity());
+  for (const double slope : wide_gradient) EXPECT_EQ(slope, 0.0);
+  EXPECT_EQ(estimate->Gradient(wide, wide_gradient), -std::numeric_limits<double>::infinity());
   EXPECT_GT(estimate->Gradient(fine, gradient), 0.0);
 }
 
