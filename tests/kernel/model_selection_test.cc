@@ -76,14 +76,14 @@ TEST(ConformalThresholdTest, NewScoresExceedItAsOftenAsPromised) {
 TEST(ConformalThresholdTest, WithAConfidenceThePromiseHoldsForThatShareOfSets) {
   constexpr double kNone = std::numeric_limits<double>::infinity();
   const std::vector<double> scores = {5, 1, 4, 2, 3, 9, 8, 7, 6};
-  // Of nine fair coins at most 4, 5, 6, 7, 8 are heads in 256, 382, 466, 502, 511 of 512 cases.
+  // Nine fair coins show at most 4, 5, 6, 7, 8 heads in 256, 382, 466, 502, 511 of 512 cases.
   EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.49), 5.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.51), 6.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.90), 7.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.95), 8.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.99), 9.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.5, 0.999), kNone);
-  // Of nine that show heads three times in four at most 6, 7, 8 do in 40, 70, 92 % of cases.
+  // Nine that show heads three times in four show at most 6, 7, 8 in 40, 70, 92 % of cases.
   EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.3), 7.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.5), 8.0);
   EXPECT_EQ(ConformalThreshold(scores, 0.25, 0.8), 9.0);
@@ -228,6 +228,16 @@ TEST(ModelSelectionTest, ResultExplainsItself) {
   ASSERT_EQ(s.rows.size(), 4u);
   EXPECT_EQ(s.rows[2].nu, 0.2);
   EXPECT_THAT(s.Table(), HasSubstr("\n->"));
+  const SelectionRow row{.nu = 0.05,
+                         .gamma = 0.5,
+                         .acceptance = 0.925,
+                         .inside_throughout = 0.75,
+                         .threshold = 1.5,
+                         .support_vectors = 12.0,
+                         .volume = 0.25};
+  EXPECT_THAT((Selection{.rows = {row}}.Table()),
+              HasSubstr("\n->     0.05       0.5   92.5 %       75.0 %         1.5"
+                        "             12.0   25.0 %\n"));
 }
 
 TEST(ModelSelectionTest, ErrorsNameTheOption) {

@@ -199,7 +199,7 @@ TEST(FitWhiteningTest, DirectionsOfNextToNoVarianceAreNotBlownUp) {
 TEST(SupportEstimatesEndsTest, TheFewestSamplesAndTheLargestNuAreTaken) {
   core::Matrix two(2, 1);
   two << -1.0, 1.0;
-  // Of two samples one stays above with nu = .5 and none with 1.
+  // With nu = 1 rho is the least value of all samples, each judged by the other.
   EXPECT_NEAR(FitKernelDensity(two, 1.0, 0.5).rho(), std::exp(-2.0), 1e-15);
   EXPECT_NEAR(GaussianEstimate::Fit(two, 1.0, 0.0).radius(), 1.0, 1e-15);
   EXPECT_EQ(NeighbourEstimate::Fit(two, 1.0, 1).radius(), 2.0);
