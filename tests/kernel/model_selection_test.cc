@@ -185,6 +185,7 @@ TEST(ModelSelectionTest, SharedDistancesGiveTheEstimatesOfSeparateFits) {
 // 24 demonstrations of 3 states, at 0, 1, ... 23 all the time: each fold fits to 18 of them.
 TEST(ModelSelectionTest, SharesAreOfAllStatesDemonstrationsTimeStepsAndDraws) {
   std::vector<core::Matrix> demonstrations;
+  demonstrations.reserve(24);
   for (int d = 0; d < 24; ++d) demonstrations.push_back(core::Matrix::Constant(3, 1, d));
   SelectionOptions options{.gammas = {0.005, 50.0}, .nus = {0.5}};
   const Selection s = SelectModel(demonstrations, options);
