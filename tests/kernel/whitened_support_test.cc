@@ -300,6 +300,7 @@ TEST(WhitenedSupportTest, AGapIsTheMiddleBetweenClustersOfThreeThatAreFourApart)
   EXPECT_EQ(Gaps(apart, 0.0, 5.1 + 2.5).points, 1);
   // A tenth of 40 are four.
   std::vector<double> many;
+  many.reserve(40);
   for (int i = 0; i < 37; ++i) many.push_back(0.1 * i);
   for (int i = 0; i < 3; ++i) many.push_back(20.0 + 0.1 * i);
   EXPECT_EQ(Gaps(many, 0.0).points, 0);
