@@ -1,7 +1,7 @@
 #include "transition_sums.h"
 
+#include <algorithm>
 #include <cstring>
-#include <limits>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "transition_sums.cc"
@@ -80,9 +80,33 @@ std::uint32_t BitsOf(float value) {
 }
 
 void NearestOf(const float* distances, std::size_t rows, std::size_t count, std::int32_t* indices) {
+  if (count == rows) {
+    for (std::size_t k = 0; k < rows; ++k) indices[k] = static_cast<std::int32_t>(k);
+    return;
+  }
+  const Floats d;
+  const std::size_t lanes = hn::Lanes(d);
+  float least = distances[0];
+  float most = distances[0];
+  std::size_t i = 0;
+  if (lanes <= rows) {
+    auto leasts = hn::LoadU(d, distances);
+    auto mosts = leasts;
+    for (i = lanes; i + lanes <= rows; i += lanes) {
+      const auto some = hn::LoadU(d, distances + i);
+      leasts = hn::Min(leasts, some);
+      mosts = hn::Max(mosts, some);
+    }
+    least = hn::GetLane(hn::MinOfLanes(d, leasts));
+    most = hn::GetLane(hn::MaxOfLanes(d, mosts));
+  }
+  for (; i < rows; ++i) {
+    least = std::min(least, distances[i]);
+    most = std::max(most, distances[i]);
+  }
   // A bound that `count` distances are within, or the smallest that so many are within.
-  std::uint32_t low = 0;
-  std::uint32_t high = BitsOf(std::numeric_limits<float>::infinity());
+  std::uint32_t low = BitsOf(least);
+  std::uint32_t high = BitsOf(most);
   std::uint32_t bound = high;
   while (low < high) {
     const std::uint32_t middle = low + (high - low) / 2;
@@ -95,10 +119,8 @@ void NearestOf(const float* distances, std::size_t rows, std::size_t count, std:
     }
   }
   const float farthest = FloatOf(bound);
-  const Floats d;
-  const std::size_t lanes = hn::Lanes(d);
   std::size_t placed = 0;
-  std::size_t i = 0;
+  i = 0;
   // Few are nearer than the farthest of them.
   for (; i + lanes <= rows; i += lanes) {
     std::uint64_t nearer = 0;
@@ -183,11 +205,65 @@ HWY_INLINE void Columns(D d, const float* left, std::size_t left_stride, std::si
   }
 }
 
+// Three vectors of columns from `column` on, four rows of sums at a time: sixteen registers hold
+// them with what is multiplied, and an entry of `left` is loaded once for three products.
+template <class D>
+HWY_INLINE void ThreeColumns(D d, const float* left, std::size_t left_stride, std::size_t n_left,
+                             const float* right, std::size_t right_stride, std::size_t rows,
+                             float* sums, std::size_t sums_stride) {
+  using V = hn::Vec<D>;
+  const std::size_t lanes = hn::Lanes(d);
+  for (std::size_t first = 0; first < n_left; first += 4) {
+    V s00 = hn::Zero(d), s01 = s00, s02 = s00;
+    V s10 = s00, s11 = s00, s12 = s00;
+    V s20 = s00, s21 = s00, s22 = s00;
+    V s30 = s00, s31 = s00, s32 = s00;
+    const float* a = left + first;
+    const float* b = right;
+    for (std::size_t i = 0; i < rows; ++i, a += left_stride, b += right_stride) {
+      const V x0 = hn::LoadU(d, b);
+      const V x1 = hn::LoadU(d, b + lanes);
+      const V x2 = hn::LoadU(d, b + 2 * lanes);
+      V y = hn::Set(d, a[0]);
+      s00 = hn::MulAdd(y, x0, s00);
+      s01 = hn::MulAdd(y, x1, s01);
+      s02 = hn::MulAdd(y, x2, s02);
+      y = hn::Set(d, a[1]);
+      s10 = hn::MulAdd(y, x0, s10);
+      s11 = hn::MulAdd(y, x1, s11);
+      s12 = hn::MulAdd(y, x2, s12);
+      y = hn::Set(d, a[2]);
+      s20 = hn::MulAdd(y, x0, s20);
+      s21 = hn::MulAdd(y, x1, s21);
+      s22 = hn::MulAdd(y, x2, s22);
+      y = hn::Set(d, a[3]);
+      s30 = hn::MulAdd(y, x0, s30);
+      s31 = hn::MulAdd(y, x1, s31);
+      s32 = hn::MulAdd(y, x2, s32);
+    }
+    float* out = sums + first * sums_stride;
+    const auto store = [&](V c0, V c1, V c2) HWY_ATTR {
+      hn::StoreU(c0, d, out);
+      hn::StoreU(c1, d, out + lanes);
+      hn::StoreU(c2, d, out + 2 * lanes);
+      out += sums_stride;
+    };
+    store(s00, s01, s02);
+    store(s10, s11, s12);
+    store(s20, s21, s22);
+    store(s30, s31, s32);
+  }
+}
+
 void Product(const float* left, std::size_t left_stride, std::size_t n_left, const float* right,
              std::size_t right_stride, std::size_t n_right, std::size_t rows, float* sums,
              std::size_t sums_stride) {
   std::size_t column = 0;
   const auto columns = [&](auto d) HWY_ATTR {
+    for (; column + 3 * hn::Lanes(d) <= n_right; column += 3 * hn::Lanes(d)) {
+      ThreeColumns(d, left, left_stride, n_left, right + column, right_stride, rows, sums + column,
+                   sums_stride);
+    }
     for (; column + hn::Lanes(d) <= n_right; column += hn::Lanes(d)) {
       Columns(d, left, left_stride, n_left, right + column, right_stride, rows, sums + column,
               sums_stride);
