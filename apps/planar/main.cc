@@ -105,9 +105,8 @@ void Ablate(PlanarStudy study, bool causes) {
     if (part != "drift") study.plan.methods.push_back("guided-without-" + std::string(part));
   }
   // Parts can hide each other's work, or harm.
-  for (const std::string_view parts :
-       {"reach+demonstrated", "online-jacobian+own-motion+lag",
-        "reach+demonstrated+probing+online-jacobian+own-motion+lag"}) {
+  for (const std::string_view parts : {"reach+demonstrated", "online-jacobian+own-motion+observer",
+                                       "reach+demonstrated+online-jacobian+own-motion+observer"}) {
     study.plan.methods.push_back("guided-without-" + std::string(parts));
   }
   Experiment(study, causes);
@@ -254,8 +253,7 @@ Passing CountPassing(const Methods& methods, control::CertificateKind kind, int 
   control::Certifier certifier(methods.certificate(kind), model.features().num_features(),
                                model.control_dim(), model.control_unit());
   // What a certificate assumes.
-  control::JacobianEstimate estimate(model.prior(), {},
-                                     {.own_motion = false, .lag = false, .smoothing = false});
+  control::JacobianEstimate estimate(model.prior(), {}, /*own_motion=*/false);
   Passing passing;
   for (const core::Trajectory& d : methods.demonstrations()) {
     if (t >= d.controls.rows()) continue;

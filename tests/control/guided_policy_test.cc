@@ -64,7 +64,7 @@ TEST(GuidedPolicyTest, PassesTheLearnedControlDeepInside) {
   const auto support = MovingDisk();
   const GuidedModel model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
-  GuidedPolicy guided(policy, model, {.lag = false});
+  GuidedPolicy guided(policy, model, {.observer = false});
   guided.Reset(1);
   std::vector<double> u(2);
   const Step step = guided.Next(std::vector{0.05, 0.0}, u);
@@ -86,7 +86,7 @@ TEST(GuidedPolicyTest, LooksAtAControlLargerThanDemonstrated) {
   for (const double size : {0.999 * most, 1.001 * most, 0.6}) {
     SCOPED_TRACE(size);
     const auto policy = test::ConstantPolicy(2, size);
-    GuidedPolicy guided(policy, model, {.lag = false});
+    GuidedPolicy guided(policy, model, {.observer = false});
     guided.Reset(1);
     const Step step = guided.Next(x, u);
     EXPECT_EQ(guided.jacobian().isZero(0.0), size < most) << "only below it passes unseen";
@@ -135,7 +135,7 @@ TEST(GuidedPolicyTest, DeepInsideIsInsideBothSupports) {
     const std::vector<double> z = {x, 0.0};
     const bool now = support.LogDecision(0, z, {}) >= hi;
     const bool then = support.LogDecision(1, z, {}) >= hi;
-    GuidedPolicy fresh(policy, model, {.lag = false});
+    GuidedPolicy fresh(policy, model, {.observer = false});
     fresh.Reset(1);
     ASSERT_NE(fresh.Next(z, u).mode, Mode::kHalt);
     EXPECT_EQ(fresh.jacobian().isZero(0.0), now && then);
@@ -149,7 +149,7 @@ TEST(GuidedPolicyTest, AStepTellsItsGrounds) {
   const auto support = MovingDisk();
   const GuidedModel model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
-  GuidedPolicy guided(policy, model, {.lag = false, .smoothing = false});
+  GuidedPolicy guided(policy, model, {.observer = false});
   guided.Reset(1);
   Turned plant{.x = {0.0, 0.9}};
   std::vector<double> u(2);
@@ -492,7 +492,7 @@ TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
   step = guided.Next(std::vector{x[0] + u[0], x[1] + u[1]}, u);
   EXPECT_NE(step.mode, Mode::kProbe);
 
-  GuidedPolicy never(along, model, Without({}, "probing"));
+  GuidedPolicy never(along, model, {.probe_size = 0.0});
   never.Reset(1);
   EXPECT_NE(never.Next(x, u).mode, Mode::kProbe);
   // Nor where everything is known, or where the prediction is inside. In a drift that is not enough
@@ -609,9 +609,7 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
     const auto trace = [&](const GuidedOptions& options) -> std::vector<double> {
       if (part == "filter") return Trace(along, model, options, {0.0, 0.38}, 1);
       if (part == "own-motion") return Trace(along, toppling, options, {0.0, 0.38}, 1);
-      if (part == "smoothing") return Trace(along, model, options, {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1);
-      if (part == "lag") return Trace(along, model, options, {0.0, 0.38}, 4, 0.0, 0.0, 1);
-      if (part == "probing") return Trace(along, sideless, options, {0.0, 0.6}, 1);
+      if (part == "observer") return Trace(along, model, options, {0.0, 0.38}, 4, 0.0, 0.0, 1);
       if (part == "online-jacobian") return Trace(along, model, options, {0.0, 0.38}, 3, 0.9);
       if (part == "drift") return Trace(along, model, options, {0.0, 0.2}, 3, 0.0, 0.05);
       if (part == "demonstrated") return Trace(back, model, options, {0.0, 2.6}, 1);
@@ -638,9 +636,13 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
     EXPECT_EQ(trace(options), trace(options)) << "the difference is the part's";
     seen.push_back(part);
   }
-  EXPECT_THAT(seen,
-              testing::ElementsAre("filter", "reach", "demonstrated", "probing", "online-jacobian",
-                                   "own-motion", "lag", "smoothing", "drift"));
+  EXPECT_THAT(seen, testing::ElementsAre("filter", "reach", "demonstrated", "online-jacobian",
+                                         "own-motion", "observer", "drift"));
+  // What else two of them are there for: directions that nobody has used, and noise.
+  EXPECT_NE(Trace(along, sideless, {}, {0.0, 0.6}, 1),
+            Trace(along, sideless, Without({}, "online-jacobian"), {0.0, 0.6}, 1));
+  EXPECT_NE(Trace(along, model, {}, {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1),
+            Trace(along, model, Without({}, "observer"), {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1));
 }
 
 TEST(GuidedPolicyTest, PartsAreTakenOutByTheirNeutralValues) {
@@ -650,20 +652,20 @@ TEST(GuidedPolicyTest, PartsAreTakenOutByTheirNeutralValues) {
   const GuidedOptions none = Without(options, "");
   EXPECT_EQ(none.iterations, options.iterations);
   EXPECT_EQ(none.drift_time.rest, 1.0);
-  const GuidedOptions two = Without(options, "filter+probing");
+  const GuidedOptions two = Without(options, "filter+online-jacobian");
   EXPECT_EQ(two.iterations, 0);
   EXPECT_EQ(two.probe_size, 0.0);
+  EXPECT_EQ(two.online_weight, 0.0);
   EXPECT_TRUE(two.demonstrated);
   EXPECT_TRUE(two.own_motion);
-  EXPECT_TRUE(two.lag);
+  EXPECT_TRUE(two.observer);
   EXPECT_EQ(two.horizon, 77);
   const GuidedOptions all = Without(options,
-                                    "drift+smoothing+lag+own-motion+online-jacobian+probing+"
-                                    "demonstrated+reach+filter");
+                                    "drift+observer+own-motion+online-jacobian+demonstrated+"
+                                    "reach+filter");
   EXPECT_EQ(all.iterations, 0);
   EXPECT_FALSE(all.own_motion);
-  EXPECT_FALSE(all.lag);
-  EXPECT_FALSE(all.smoothing);
+  EXPECT_FALSE(all.observer);
   EXPECT_EQ(all.reach, 0.0);
   EXPECT_FALSE(all.demonstrated);
   EXPECT_EQ(all.probe_size, 0.0);

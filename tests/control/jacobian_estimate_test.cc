@@ -19,8 +19,8 @@ namespace {
 constexpr int kN = 3;
 constexpr int kM = 2;
 
-// dz = J v, of controls that act at once.
-constexpr EstimateScope kControlsAlone = {.own_motion = false, .lag = false};
+// dz = J v.
+constexpr bool kOwnMotion = false;
 
 core::Matrix RandomMatrix(core::Random& random, int rows, int cols) {
   core::Matrix m(rows, cols);
@@ -64,7 +64,7 @@ TEST(JacobianEstimateTest, OnlineDataAreWeightedLeastSquaresWithForgetting) {
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
   const JacobianOptions options{.prior_weight = 0.0};
   JacobianEstimate estimate(std::make_shared<const JacobianPrior>(d.features, d.controls, options),
-                            {}, kControlsAlone);
+                            {}, kOwnMotion);
   const std::vector<double> z(kN, 0.0);
   Eigen::MatrixXd a = Eigen::MatrixXd::Zero(kM, kM);
   Eigen::MatrixXd b = Eigen::MatrixXd::Zero(kM, kN);
@@ -94,21 +94,21 @@ TEST(JacobianEstimateTest, AMeasurementCountsAsOftenAsItsWeightSays) {
   const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
   const Eigen::VectorXd dz = RandomMatrix(random, kN, 1);
   const auto after = [&](double weight) -> Eigen::MatrixXd {
-    JacobianEstimate estimate(prior, {}, kControlsAlone);
-    estimate.Update(z, core::AsSpan(v), core::AsSpan(dz), weight);
+    JacobianEstimate estimate(prior, {}, kOwnMotion);
+    estimate.Update(z, core::AsSpan(v), core::AsSpan(dz), 0.0, weight);
     estimate.Compute(0, z);
     return estimate.jacobian();
   };
   // Neither forgetting nor the prior's own weight scale with it: the sums are
   // A + w v v', B + w v dz', which the same control, sqrt(w) as large, gives as well.
-  JacobianEstimate scaled(prior, {}, kControlsAlone);
+  JacobianEstimate scaled(prior, {}, kOwnMotion);
   const Eigen::VectorXd v2 = std::sqrt(2.5) * v;
   const Eigen::VectorXd dz2 = std::sqrt(2.5) * dz;
   scaled.Update(z, core::AsSpan(v2), core::AsSpan(dz2));
   scaled.Compute(0, z);
   EXPECT_TRUE(test::AllClose(after(2.5), scaled.jacobian(), 1e-12));
   EXPECT_GT((after(2.5) - after(1.0)).norm(), 1e-3);
-  JacobianEstimate untouched(prior, {}, kControlsAlone);
+  JacobianEstimate untouched(prior, {}, kOwnMotion);
   untouched.Compute(0, z);
   EXPECT_TRUE(test::AllClose(after(0.0), untouched.jacobian(), 0.0));
   EXPECT_TRUE(after(1.0) != untouched.jacobian());
@@ -123,7 +123,7 @@ TEST(JacobianEstimateTest, FollowsAPlantThatHasChanged) {
   const auto d = Linear(before, 30, 10, random);
   JacobianEstimate estimate(
       std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{}), {},
-      kControlsAlone);
+      kOwnMotion);
   const std::vector<double> z(2, 0.0);
   estimate.Compute(5, z);
   EXPECT_TRUE(test::AllClose(estimate.jacobian(), before, 0.02));  // ridge / prior weight
@@ -147,8 +147,8 @@ TEST(JacobianEstimateTest, TellsADriftFromTheAnswerToControls) {
   const auto d = Linear(truth, 4, 3, random);
   const auto prior = std::make_shared<const JacobianPrior>(
       d.features, d.controls, JacobianOptions{.ridge = 1e-9, .prior_weight = 0.0});
-  JacobianEstimate aware(prior, time, kControlsAlone);
-  JacobianEstimate blind(prior, {}, kControlsAlone);
+  JacobianEstimate aware(prior, time, kOwnMotion);
+  JacobianEstimate blind(prior, {}, kOwnMotion);
   const std::vector<double> z(kN, 0.0);
   for (int i = 0; i < 12; ++i) {
     const Eigen::VectorXd v = RandomMatrix(random, kM, 1);
@@ -181,8 +181,7 @@ TEST(JacobianEstimateTest, OwnMotionIsLeastSquaresAboutTheStateThatIsAskedAbout)
   core::Random random(11);
   const auto d = Linear(RandomMatrix(random, kN, kM), 4, 3, random);
   const JacobianOptions options{.prior_weight = 0.0};
-  JacobianEstimate estimate(std::make_shared<const JacobianPrior>(d.features, d.controls, options),
-                            {}, {.lag = false});
+  JacobianEstimate estimate(std::make_shared<const JacobianPrior>(d.features, d.controls, options));
   constexpr int kRows = kN + 1 + kM;
   const Eigen::VectorXd here = RandomMatrix(random, kN, 1);
   Eigen::MatrixXd a = Eigen::MatrixXd::Zero(kRows, kRows);
@@ -240,146 +239,11 @@ TEST(JacobianEstimateTest, TellsTheMotionOfAMassFromTheAnswerToForces) {
   Eigen::VectorXd there = z;
   estimate.AddEffect(v, there);
   EXPECT_TRUE(test::AllClose(there, Eigen::Vector2d(z[0] + 0.5 * z[1], z[1] + 0.15), 0.02));
-  JacobianEstimate alone(prior, {}, kControlsAlone);
+  JacobianEstimate alone(prior, {}, kOwnMotion);
   alone.Compute(3, core::AsSpan(z));
   EXPECT_GT((alone.jacobian() - answer).norm(), 0.1);
   EXPECT_TRUE(test::AllClose(alone.own_motion(), Eigen::Vector2d::Zero(), 0.0));
 }
-
-// A plant that applies each control some controls late.
-class LagTest : public testing::TestWithParam<int> {
- protected:
-  // `count` controls, noise of `noise` in what is seen.
-  void Drive(JacobianEstimate& estimate, int count, int lag, double noise) {
-    for (int i = 0; i < count; ++i) {
-      estimate.Compute(5, core::AsSpan(seen_));
-      const Eigen::VectorXd v =
-          Eigen::Vector2d(1.0, 0.5) + 0.5 * Eigen::Vector2d(random_.Normal(), random_.Normal());
-      given_.push_back(v);
-      const auto k = static_cast<std::ptrdiff_t>(given_.size()) - 1 - lag;
-      if (k >= 0) state_ += truth_ * given_[static_cast<std::size_t>(k)];
-      const Eigen::VectorXd before = seen_;
-      seen_ = state_ + noise * Eigen::Vector2d(random_.Normal(), random_.Normal());
-      const Eigen::VectorXd dz = seen_ - before;
-      estimate.Update(core::AsSpan(before), core::AsSpan(v), core::AsSpan(dz));
-    }
-  }
-
-  core::Random random_{13};
-  core::Matrix truth_ = (core::Matrix(2, 2) << 0.2, 0.1, -0.1, 0.3).finished();
-  Demonstrations demonstrations_ = Linear(truth_, 30, 10, random_);
-  std::shared_ptr<const JacobianPrior> prior_ = std::make_shared<const JacobianPrior>(
-      demonstrations_.features, demonstrations_.controls, JacobianOptions{});
-  std::vector<Eigen::VectorXd> given_;
-  Eigen::VectorXd state_ = Eigen::Vector2d::Zero();
-  Eigen::VectorXd seen_ = Eigen::Vector2d::Zero();
-};
-
-class SmoothingTest : public testing::Test {
- protected:
-  core::Random random_{14};
-  core::Matrix truth_ = (core::Matrix(2, 2) << 0.2, 0.1, -0.1, 0.3).finished();
-  Demonstrations demonstrations_ = Linear(truth_, 30, 10, random_);
-  std::shared_ptr<const JacobianPrior> prior_ = std::make_shared<const JacobianPrior>(
-      demonstrations_.features, demonstrations_.controls, JacobianOptions{});
-};
-
-TEST_P(LagTest, IsFoundAtOnceAndWhatIsUnderWayIsPredicted) {
-  const int lag = GetParam();
-  JacobianEstimate estimate(prior_);
-  Drive(estimate, lag + 1, lag, 0.0);
-  EXPECT_EQ(estimate.lag(), lag) << "the first control that acts tells";
-  Drive(estimate, 10, lag, 0.0);
-  EXPECT_EQ(estimate.lag(), lag);
-  estimate.Compute(5, core::AsSpan(seen_));
-  EXPECT_TRUE(test::AllClose(estimate.jacobian(), truth_, 0.02));
-  Eigen::VectorXd there = seen_;
-  estimate.AddPending(there);
-  Eigen::VectorXd expected = state_;
-  for (int i = 0; i < lag; ++i) expected += truth_ * given_[given_.size() - 1 - i];
-  EXPECT_TRUE(test::AllClose(there, expected, 0.05));
-  estimate.Reset();
-  EXPECT_EQ(estimate.lag(), 0);
-}
-
-// Noise as large as what a control does, for 200 controls: nothing is late, and nothing is said to.
-TEST_P(LagTest, NoiseIsNotTakenForALag) {
-  JacobianEstimate estimate(prior_);
-  int wrong = 0;
-  for (int i = 0; i < 200; ++i) {
-    Drive(estimate, 1, 0, 0.1 * GetParam());
-    wrong += estimate.lag() != 0 ? 1 : 0;
-  }
-  EXPECT_LE(wrong, 2);
-}
-
-// A point at rest that is seen with noise, and one that is pushed about by more than its controls.
-TEST_F(SmoothingTest, NoiseIsSmoothedAndDisturbancesAreNot) {
-  for (const bool noisy : {true, false}) {
-    JacobianEstimate estimate(prior_);
-    double squared = 0.0;
-    double raw = 0.0;
-    Eigen::Vector2d state = Eigen::Vector2d::Zero();
-    Eigen::VectorXd seen = state;
-    Eigen::VectorXd smooth = state;
-    for (int i = 0; i < 400; ++i) {
-      estimate.Smooth(smooth);
-      if (i >= 50) squared += (smooth - state).squaredNorm();
-      if (i >= 50) raw += (seen - state).squaredNorm();
-      estimate.Compute(5, core::AsSpan(smooth));
-      const Eigen::VectorXd v = Eigen::Vector2d(random_.Normal(), random_.Normal());
-      const Eigen::Vector2d other(random_.Normal(), random_.Normal());
-      state += truth_ * v;
-      if (!noisy) state += 0.3 * other;
-      const Eigen::VectorXd before = seen;
-      seen = state;
-      if (noisy) seen += 0.3 * other;
-      const Eigen::VectorXd dz = seen - before;
-      estimate.Update(core::AsSpan(before), core::AsSpan(v), core::AsSpan(dz));
-      smooth = seen;
-    }
-    if (noisy) {
-      EXPECT_LT(squared, 0.35 * raw) << "the variance that is left";
-    } else {
-      EXPECT_LT(squared, 0.02 * 350.0 * 0.3 * 0.3 * 2.0) << "hardly anything is added";
-    }
-  }
-}
-
-TEST_F(SmoothingTest, OffOrWithoutResidualsAStateIsWhatIsSeen) {
-  for (const bool on : {true, false}) {
-    JacobianEstimate estimate(prior_, {}, {.smoothing = on});
-    for (int i = 0; i < 20; ++i) {
-      const Eigen::VectorXd seen = Eigen::Vector2d(i % 2 == 0 ? 0.3 : -0.3, 0.1);
-      Eigen::VectorXd z = seen;
-      estimate.Smooth(z);
-      // No Compute(): nothing is expected of any control.
-      EXPECT_TRUE(test::AllClose(z, seen, 0.0));
-      if (!on) estimate.Compute(5, core::AsSpan(seen));
-      const std::vector<double> v = {0.0, 0.0};
-      const std::vector<double> dz = {i % 2 == 0 ? -0.6 : 0.6, 0.0};
-      estimate.Update(core::AsSpan(seen), v, dz);
-    }
-  }
-}
-
-TEST_P(LagTest, ALagThatChangesIsFollowed) {
-  JacobianEstimate estimate(prior_);
-  Drive(estimate, 20, GetParam(), 0.0);
-  Drive(estimate, 60, 0, 0.0);
-  EXPECT_EQ(estimate.lag(), 0);
-}
-
-TEST_P(LagTest, IsNotLookedForWhereControlsActAtOnce) {
-  JacobianEstimate estimate(prior_, {}, {.lag = false});
-  Drive(estimate, 10, GetParam(), 0.0);
-  EXPECT_EQ(estimate.lag(), 0);
-  Eigen::VectorXd there = seen_;
-  estimate.AddPending(there);
-  EXPECT_TRUE(test::AllClose(there, seen_, 0.0));
-}
-
-INSTANTIATE_TEST_SUITE_P(All, LagTest, testing::Range(0, JacobianEstimate::kMaxLag + 1));
 
 TEST(JacobianEstimateTest, DriftTimesAreChecked) {
   core::Random random(6);
@@ -431,7 +295,7 @@ TEST(JacobianEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
     const Eigen::Vector2d tried(random.Normal(), random.Normal());
     const Eigen::Vector2d moved = turn * tried + drift;
     turned.Update(z, core::AsSpan(Eigen::VectorXd(tried)), core::AsSpan(Eigen::VectorXd(moved)),
-                  20.0);
+                  1.0, 20.0);
   }
   turned.Compute(3, z);
   ASSERT_TRUE(turned.Demonstrated(v));
@@ -471,7 +335,7 @@ TEST(JacobianEstimateTest, LeastKnownHasTheSignThatTellsADriftFromTheAnswer) {
   const std::vector<double> z(kN, 0.0);
   const Eigen::VectorXd dz = Eigen::VectorXd::Ones(kN);
   for (const double sign : {1.0, -1.0}) {
-    JacobianEstimate estimate(prior, {.rest = 1.0, .travel = 0.5}, kControlsAlone);
+    JacobianEstimate estimate(prior, {.rest = 1.0, .travel = 0.5}, kOwnMotion);
     const Eigen::VectorXd probe = Eigen::Vector2d(0.0, sign * 0.5);
     std::vector<double> direction(2);
     for (int i = 0; i < 3; ++i) {
@@ -501,31 +365,10 @@ TEST(JacobianEstimateTest, NothingAllocatesAfterConstruction) {
   for (int t = 0; t < 12; ++t) {
     estimate.Update(z, v, z);
     estimate.Compute(t, z);
-    estimate.Smooth(there);
-    estimate.AddPending(there);
+    estimate.AddEffect(control, there);
     (void)estimate.Demonstrated(control);
     (void)estimate.LeastKnown(direction);
   }
-}
-
-TEST(JacobianPriorTest, ErrorsNameTheCulprit) {
-  core::Random random(6);
-  auto d = Linear(RandomMatrix(random, kN, kM), 3, 5, random);
-  const auto message = [&](const JacobianOptions& options) -> std::string {
-    try {
-      const JacobianPrior prior(d.features, d.controls, options);
-    } catch (const std::invalid_argument& e) {
-      return e.what();
-    }
-    return "nothing thrown";
-  };
-  EXPECT_THAT(message({.ridge = 0.0}), testing::HasSubstr("ridge"));
-  EXPECT_THAT(message({.motion_ridge = 0.0}), testing::HasSubstr("motion_ridge"));
-  EXPECT_THAT(message({.slope_ridge = -1.0}), testing::HasSubstr("slope_ridge"));
-  EXPECT_THAT(message({.forgetting = 1.0}), testing::HasSubstr("forgetting"));
-  EXPECT_THAT(message({.max_per_step = 0}), testing::HasSubstr("max_per_step"));
-  d.controls[1].conservativeResize(4, kM);
-  EXPECT_THAT(message({}), testing::HasSubstr("demonstration 1"));
 }
 
 }  // namespace

@@ -19,7 +19,7 @@ inline control::JacobianEstimate KnownJacobian(const Eigen::MatrixXd& jacobian,
   control::JacobianEstimate estimate(
       std::make_shared<const control::JacobianPrior>(
           features, controls, control::JacobianOptions{.ridge = 1e-9, .prior_weight = 0.0}),
-      drift_time, control::EstimateScope{.own_motion = false, .lag = false});
+      drift_time, /*own_motion=*/false);
   const Eigen::VectorXd z = Eigen::VectorXd::Zero(jacobian.rows());
   for (Eigen::Index i = 0; i < jacobian.cols(); ++i) {
     for (const double size : {1.0, -2.0}) {

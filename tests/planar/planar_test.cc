@@ -180,7 +180,7 @@ TEST(PlanarTest, EveryMethodRunsAndUnknownNamesAreNamed) {
   const Methods methods(task, Demonstrate(task, 20, 1));
   for (const auto& name :
        {"baseline", "early-stopping", "dfr", "finite-difference", "true-jacobian", "lwr",
-        "ensemble", "dart", "dagger", "guided", "guided-without-filter+probing",
+        "ensemble", "dart", "dagger", "guided", "guided-without-filter+reach",
         "certified-lipschitz", "certified-radius", "certified-direction"}) {
     EXPECT_EQ(methods.Make(name, *task.plant)->state_dim(), 4) << name;
   }

@@ -55,11 +55,11 @@ TEST(MethodTest, PartsAreTakenOutOfGuidedRecovery) {
     EXPECT_EQ(method.kind, Kind::kGuided);
     EXPECT_EQ(method.without, part);
   }
-  const Method method = ParseMethod("guided-without-reach+probing");
-  EXPECT_EQ(method.without, "reach+probing");
+  const Method method = ParseMethod("guided-without-reach+online-jacobian");
+  EXPECT_EQ(method.without, "reach+online-jacobian");
   const control::GuidedOptions options = control::Without({}, method.without);
   EXPECT_EQ(options.reach, control::Without({}, "reach").reach);
-  EXPECT_EQ(options.probe_size, control::Without({}, "probing").probe_size);
+  EXPECT_EQ(options.probe_size, control::Without({}, "online-jacobian").probe_size);
   EXPECT_EQ(options.iterations, control::GuidedOptions().iterations);
 }
 

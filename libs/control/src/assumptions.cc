@@ -6,6 +6,7 @@
 #include <numeric>
 #include <vector>
 
+#include "dfr/control/jacobian_estimate.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/folds.h"
 
@@ -13,7 +14,7 @@ namespace dfr::control {
 namespace {
 
 // What is assumed is dz = J u, of controls that act at once.
-constexpr EstimateScope kAtRest = {.own_motion = false, .lag = false, .smoothing = false};
+constexpr bool kOwnMotion = false;
 
 void Check(std::span<const core::Trajectory> demonstrations, std::size_t least, double confidence) {
   DFR_THROW_UNLESS(confidence > 0.0 && confidence < 1.0,
@@ -127,7 +128,8 @@ EstimatedConstant EstimateDirectionError(const core::FeatureTransform& features,
       other_controls.push_back(all[d].controls);
     }
     JacobianEstimate estimate(
-        std::make_shared<const JacobianPrior>(other_points, other_controls, options), {}, kAtRest);
+        std::make_shared<const JacobianPrior>(other_points, other_controls, options), {},
+        kOwnMotion);
     for (const std::size_t d : folds[fold]) {
       largest = std::max(largest, LargestError(all[d], unit, estimate));
     }
@@ -139,7 +141,7 @@ EstimatedConstant EstimateDirectionError(const GuidedModel& model,
                                          std::span<const core::Trajectory> held_out,
                                          double confidence) {
   Check(held_out, 1, confidence);
-  JacobianEstimate estimate(model.prior(), {}, kAtRest);
+  JacobianEstimate estimate(model.prior(), {}, kOwnMotion);
   double largest = 0.0;
   for (const core::Trajectory& demonstration : held_out) {
     const Transitions transitions(model.features(), demonstration, model.control_unit());

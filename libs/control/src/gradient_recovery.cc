@@ -11,7 +11,7 @@ GradientRecovery::GradientRecovery(const GuidedModel& model, double control_limi
     : model_(&model),
       limits_{control_limit / model.control_unit()},
       // Algorithm 1 recovers at rest: nothing moves but by its controls.
-      estimate_(model.prior(), {}, {.own_motion = false, .lag = false}),
+      estimate_(model.prior(), {}, /*own_motion=*/false),
       z_(Eigen::VectorXd::Zero(model.features().num_features())),
       last_z_(z_),
       dz_(z_),

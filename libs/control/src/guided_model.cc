@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "dfr/control/jacobian_estimate.h"
 #include "dfr/core/contract.h"
 
 namespace dfr::control {
@@ -37,7 +38,7 @@ double WithOwnMotion(std::span<const core::Matrix> points, std::span<const core:
       shown_controls.push_back(controls[d]);
     }
     const auto prior = std::make_shared<const JacobianPrior>(shown_points, shown_controls, options);
-    JacobianEstimate without(prior, {}, {.own_motion = false});
+    JacobianEstimate without(prior, {}, /*own_motion=*/false);
     JacobianEstimate with(prior);
     for (std::size_t d = 1 - half; d < points.size(); d += 2) {
       for (Eigen::Index t = 0; t < controls[d].rows(); t += stride) {

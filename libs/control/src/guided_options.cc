@@ -9,9 +9,8 @@
 namespace dfr::control {
 namespace {
 
-constexpr std::array<std::string_view, 9> kParts = {"filter",  "reach",           "demonstrated",
-                                                    "probing", "online-jacobian", "own-motion",
-                                                    "lag",     "smoothing",       "drift"};
+constexpr std::array<std::string_view, 7> kParts = {
+    "filter", "reach", "demonstrated", "online-jacobian", "own-motion", "observer", "drift"};
 
 }  // namespace
 
@@ -27,16 +26,13 @@ GuidedOptions Without(GuidedOptions options, std::string_view parts) {
       options.reach = 0.0;
     } else if (part == "demonstrated") {
       options.demonstrated = false;
-    } else if (part == "probing") {
-      options.probe_size = 0.0;
     } else if (part == "online-jacobian") {
       options.online_weight = 0.0;
+      options.probe_size = 0.0;  // A probe that is not measured is for nothing.
     } else if (part == "own-motion") {
       options.own_motion = false;
-    } else if (part == "lag") {
-      options.lag = false;
-    } else if (part == "smoothing") {
-      options.smoothing = false;
+    } else if (part == "observer") {
+      options.observer = false;
     } else if (part == "drift") {
       options.drift_time = {};
     } else {

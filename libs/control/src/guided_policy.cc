@@ -17,6 +17,10 @@ Step Halt(Step step, HaltCause cause) noexcept {
   return step;
 }
 
+bool Certifies(const GuidedOptions& options) noexcept {
+  return options.certificate.kind != CertificateKind::kNone;
+}
+
 void Check(const core::Policy& policy, const GuidedModel& model, const GuidedOptions& options) {
   DFR_THROW_UNLESS(policy.state_dim() == model.features().state_dim(),
                    "the policy takes states of " << policy.state_dim() << " entries, the features "
@@ -31,14 +35,6 @@ void Check(const core::Policy& policy, const GuidedModel& model, const GuidedOpt
   Check(options);
 }
 
-// A certificate assumes that controls act at once, and alone, and that states are seen as they are.
-EstimateScope Scope(const GuidedModel& model, const GuidedOptions& options) {
-  if (options.certificate.kind != CertificateKind::kNone) return {false, false, false};
-  return {.own_motion = options.own_motion && model.own_motion(),
-          .lag = options.lag,
-          .smoothing = options.smoothing};
-}
-
 }  // namespace
 
 GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
@@ -48,7 +44,12 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
       options_((Check(policy, model, options), options)),
       limits_(Limits(options, model.control_unit())),
       halt_rule_{options.horizon, options.max_controls, options.patience},
-      estimate_(model.prior(), options.drift_time, Scope(model, options)),
+      // A certificate assumes that controls act at once, and alone, and that states are what is
+      // seen.
+      estimate_(model.prior(), options.drift_time,
+                options.own_motion && model.own_motion() && !Certifies(options)),
+      observer_(model.features().num_features(), model.control_dim(),
+                model.prior()->options().forgetting, options.observer && !Certifies(options)),
       correction_(model, options),
       tracker_(model.support()),
       certifier_(options.certificate, model.features().num_features(), model.control_dim(),
@@ -61,6 +62,7 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
 
 void GuidedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
   estimate_.Reset();
+  observer_.Reset();
   tracker_.Reset(options_.first_step);
   certifier_.Reset();
   progress_ = {.time = static_cast<double>(options_.first_step)};
@@ -75,11 +77,12 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
     if (!certifier_.Confirms(progress_.controls - 1, v_, effect_, dz_)) {
       return Halt(step, HaltCause::kViolated);
     }
-    estimate_.Update(AsSpan(last_seen_), AsSpan(v_), AsSpan(dz_), options_.online_weight);
+    observer_.Update(estimate_, AsSpan(v_), AsSpan(dz_));
+    estimate_.Update(AsSpan(last_seen_), observer_.acting(), AsSpan(dz_), estimate_.Time(v_),
+                     options_.online_weight);
   }
   z_ = seen_;
-  estimate_.Smooth(z_);
-  estimate_.AddPending(z_);
+  observer_.Observe(estimate_, z_);
 
   step.log_g = certifier_.active() ? tracker_.Enter(AsSpan(z_), -certifier_.level())
                                    : support.LogDecision(tracker_.phase(), AsSpan(z_), {});
@@ -106,7 +109,7 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   const bool deep = DeepInside(step.log_g);
   // J is most of the work. Deep inside only the first controls ask for it, because they show a lag.
   if (!deep || certifier_.active() ||
-      (options_.lag && progress_.controls <= JacobianEstimate::kMaxLag)) {
+      (options_.observer && progress_.controls <= StateObserver::kMaxLag)) {
     estimate_.Compute(step.t, AsSpan(z_));
   }
   Correction::Choice choice{Mode::kPolicy, step.log_threshold};

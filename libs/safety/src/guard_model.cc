@@ -415,8 +415,7 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
   Eigen::VectorXd z(n);
   model.features().Apply(state, core::AsSpan(z));
   // What a certificate assumes.
-  control::JacobianEstimate answer(model.prior(), {},
-                                   {.own_motion = false, .lag = false, .smoothing = false});
+  control::JacobianEstimate answer(model.prior(), {}, /*own_motion=*/false);
   answer.Compute(t, core::AsSpan(z));
   const Eigen::VectorXd v = core::AsVector(action) / model.control_unit();
   Certification found;
@@ -680,8 +679,7 @@ bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index
 double Explained(const GuardModel& model, std::span<const core::Trajectory> demonstrations) {
   constexpr std::size_t kSamples = 400;
   const control::GuidedModel& guided = model.recovery().model();
-  control::JacobianEstimate answer(
-      guided.prior(), {}, {.own_motion = guided.own_motion(), .lag = false, .smoothing = false});
+  control::JacobianEstimate answer(guided.prior(), {}, guided.own_motion());
   std::size_t transitions = 0;
   for (const auto& d : demonstrations) transitions += static_cast<std::size_t>(d.controls.rows());
   const std::size_t stride = std::max<std::size_t>(1, transitions / kSamples);

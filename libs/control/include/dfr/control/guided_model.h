@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/jacobian_estimate.h"
+#include "dfr/control/jacobian_prior.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/feature_transform.h"

@@ -47,17 +47,16 @@ struct GuidedOptions {
   /// Not to be tuned. Whether features may move by themselves, where demonstrations say so
   /// (GuidedModel::own_motion()). Not with a certificate.
   bool own_motion = true;
-  /// Not to be tuned. Whether effects may come late. Not with a certificate.
-  bool lag = true;
-  /// Not to be tuned. Whether noise in what is seen is smoothed. Not with a certificate.
-  bool smoothing = true;
+  /// Not to be tuned. Whether late effects are found and noise in what is seen is smoothed
+  /// (StateObserver). Not with a certificate.
+  bool observer = true;
 };
 
 /// The parts of guided recovery that can be taken out, for ablations: "filter", "reach",
-/// "demonstrated", "probing", "online-jacobian", "own-motion", "lag", "smoothing", and "drift", the
-/// drift_time of a task that has one.
+/// "demonstrated", "online-jacobian" (and the probes for it), "own-motion", "observer", and
+/// "drift", the drift_time of a task that has one.
 [[nodiscard]] std::span<const std::string_view> GuidedPartNames() noexcept;
-/// The options with these parts at their neutral values; "filter+lag" takes out both.
+/// The options with these parts at their neutral values; "filter+reach" takes out both.
 /// @throws std::invalid_argument naming the part that does not exist, and those that do.
 [[nodiscard]] GuidedOptions Without(GuidedOptions options, std::string_view parts);
 /// What its controls have to respect, |u| = control_unit |v|.

@@ -11,6 +11,7 @@
 #include "dfr/control/halt_rule.h"
 #include "dfr/control/jacobian_estimate.h"
 #include "dfr/control/phase_tracker.h"
+#include "dfr/control/state_observer.h"
 #include "dfr/control/support_step.h"
 #include "dfr/core/policy.h"
 
@@ -49,8 +50,8 @@ namespace dfr::control {
 /// advances only into supports that the state is in. Where next to nothing of a control passes, a
 /// recovery climbs l_tau from v = 0. A shrunk learned control consumes its share of a time step.
 /// Outside the support nothing is certified: the controller halts, kOutsideSupport. A certificate
-/// assumes that controls act at once and alone, and that states are what is seen: own motion, lag
-/// and smoothing are left out. After each control the assumption is compared with what happened;
+/// assumes that controls act at once and alone, and that states are what is seen: own motion and
+/// the observer are left out. After each control the assumption is compared with what happened;
 /// kViolated halts on the first contradiction, see violation(). docs/certificates.md has the proof.
 ///
 /// docs/recovery.md derives all this. Next() neither allocates nor locks.
@@ -87,6 +88,7 @@ class GuidedPolicy final : public Controller {
   StepLimits limits_;
   HaltRule halt_rule_;
   JacobianEstimate estimate_;
+  StateObserver observer_;
   Correction correction_;
   PhaseTracker tracker_;
   Certifier certifier_;

@@ -1,0 +1,177 @@
+#include "dfr/control/state_observer.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <memory>
+#include <vector>
+
+#include "dfr/control/jacobian_estimate.h"
+#include "dfr/core/matrix.h"
+#include "dfr/core/random.h"
+#include "tests/support/all_close.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::control {
+namespace {
+
+constexpr double kForgetting = 0.93;
+
+// Demonstrations of z' = z + J v.
+std::shared_ptr<const JacobianPrior> Linear(const core::Matrix& jacobian, core::Random& random) {
+  std::vector<core::Matrix> features;
+  std::vector<core::Matrix> controls;
+  for (int d = 0; d < 30; ++d) {
+    core::Matrix v(10, jacobian.cols());
+    for (Eigen::Index i = 0; i < v.size(); ++i) v.data()[i] = random.Normal();
+    core::Matrix z = core::Matrix::Zero(11, jacobian.rows());
+    for (Eigen::Index t = 0; t < 10; ++t) z.row(t + 1) = z.row(t) + v.row(t) * jacobian.transpose();
+    features.push_back(z);
+    controls.push_back(v);
+  }
+  return std::make_shared<const JacobianPrior>(features, controls, JacobianOptions{});
+}
+
+class StateObserverTest : public testing::Test {
+ protected:
+  // What a controller does once `v` was given and the state seen after it is `dz` from `before`.
+  void Learn(const Eigen::VectorXd& before, const Eigen::VectorXd& v, const Eigen::VectorXd& dz) {
+    observer_.Update(estimate_, core::AsSpan(v), core::AsSpan(dz));
+    estimate_.Update(core::AsSpan(before), observer_.acting(), core::AsSpan(dz), 0.0, 1.0);
+  }
+
+  core::Random random_{13};
+  core::Matrix truth_ = (core::Matrix(2, 2) << 0.2, 0.1, -0.1, 0.3).finished();
+  std::shared_ptr<const JacobianPrior> prior_ = Linear(truth_, random_);
+  JacobianEstimate estimate_{prior_};
+  StateObserver observer_{2, 2, kForgetting};
+};
+
+// A plant that applies each control some controls late.
+class LagTest : public StateObserverTest, public testing::WithParamInterface<int> {
+ protected:
+  // `count` controls, noise of `noise` in what is seen.
+  void Drive(int count, int lag, double noise) {
+    for (int i = 0; i < count; ++i) {
+      estimate_.Compute(5, core::AsSpan(seen_));
+      const Eigen::VectorXd v =
+          Eigen::Vector2d(1.0, 0.5) + 0.5 * Eigen::Vector2d(random_.Normal(), random_.Normal());
+      given_.push_back(v);
+      const auto k = static_cast<std::ptrdiff_t>(given_.size()) - 1 - lag;
+      if (k >= 0) state_ += truth_ * given_[static_cast<std::size_t>(k)];
+      const Eigen::VectorXd before = seen_;
+      seen_ = state_ + noise * Eigen::Vector2d(random_.Normal(), random_.Normal());
+      Learn(before, v, seen_ - before);
+    }
+  }
+
+  std::vector<Eigen::VectorXd> given_;
+  Eigen::VectorXd state_ = Eigen::Vector2d::Zero();
+  Eigen::VectorXd seen_ = Eigen::Vector2d::Zero();
+};
+
+TEST_P(LagTest, IsFoundAtOnceAndWhatIsUnderWayIsPredicted) {
+  const int lag = GetParam();
+  Drive(lag + 1, lag, 0.0);
+  EXPECT_EQ(observer_.lag(), lag) << "the first control that acts tells";
+  Drive(10, lag, 0.0);
+  EXPECT_EQ(observer_.lag(), lag);
+  const Eigen::VectorXd& acted = given_[given_.size() - 1 - static_cast<std::size_t>(lag)];
+  EXPECT_TRUE(test::AllClose(core::AsVector(observer_.acting()), acted, 0.0));
+  estimate_.Compute(5, core::AsSpan(seen_));
+  EXPECT_TRUE(test::AllClose(estimate_.jacobian(), truth_, 0.02));
+  Eigen::VectorXd there = seen_;
+  observer_.Observe(estimate_, there);
+  Eigen::VectorXd expected = state_;
+  for (int i = 0; i < lag; ++i) expected += truth_ * given_[given_.size() - 1 - i];
+  EXPECT_TRUE(test::AllClose(there, expected, 0.05));
+  observer_.Reset();
+  EXPECT_EQ(observer_.lag(), 0);
+}
+
+// Noise as large as what a control does, for 200 controls: nothing is late, and nothing is said to.
+TEST_P(LagTest, NoiseIsNotTakenForALag) {
+  int wrong = 0;
+  for (int i = 0; i < 200; ++i) {
+    Drive(1, 0, 0.1 * GetParam());
+    wrong += observer_.lag() != 0 ? 1 : 0;
+  }
+  EXPECT_LE(wrong, 2);
+}
+
+TEST_P(LagTest, ALagThatChangesIsFollowed) {
+  Drive(20, GetParam(), 0.0);
+  Drive(60, 0, 0.0);
+  EXPECT_EQ(observer_.lag(), 0);
+}
+
+TEST_P(LagTest, SwitchedOffItTakesControlsToActAtOnceAndStatesForWhatIsSeen) {
+  observer_ = StateObserver(2, 2, kForgetting, /*active=*/false);
+  Drive(10, GetParam(), 0.3);
+  EXPECT_EQ(observer_.lag(), 0);
+  EXPECT_TRUE(test::AllClose(core::AsVector(observer_.acting()), given_.back(), 0.0));
+  Eigen::VectorXd there = seen_;
+  observer_.Observe(estimate_, there);
+  EXPECT_TRUE(test::AllClose(there, seen_, 0.0));
+}
+
+INSTANTIATE_TEST_SUITE_P(All, LagTest, testing::Range(0, StateObserver::kMaxLag + 1));
+
+// A point that is seen with noise, and one that is pushed about by more than its controls.
+TEST_F(StateObserverTest, NoiseIsSmoothedAndDisturbancesAreNot) {
+  for (const bool noisy : {true, false}) {
+    estimate_.Reset();
+    observer_.Reset();
+    double squared = 0.0;
+    double raw = 0.0;
+    Eigen::Vector2d state = Eigen::Vector2d::Zero();
+    Eigen::VectorXd seen = state;
+    for (int i = 0; i < 400; ++i) {
+      Eigen::VectorXd smooth = seen;
+      observer_.Observe(estimate_, smooth);
+      if (i >= 50) squared += (smooth - state).squaredNorm();
+      if (i >= 50) raw += (seen - state).squaredNorm();
+      estimate_.Compute(5, core::AsSpan(smooth));
+      const Eigen::VectorXd v = Eigen::Vector2d(random_.Normal(), random_.Normal());
+      const Eigen::Vector2d other(random_.Normal(), random_.Normal());
+      state += truth_ * v;
+      if (!noisy) state += 0.3 * other;
+      const Eigen::VectorXd before = seen;
+      seen = state;
+      if (noisy) seen += 0.3 * other;
+      Learn(before, v, seen - before);
+    }
+    if (noisy) {
+      EXPECT_LT(squared, 0.35 * raw) << "the variance that is left";
+    } else {
+      EXPECT_LT(squared, 0.02 * 350.0 * 0.3 * 0.3 * 2.0) << "hardly anything is added";
+    }
+  }
+}
+
+TEST_F(StateObserverTest, WithoutPredictionsAStateIsWhatIsSeen) {
+  for (int i = 0; i < 20; ++i) {
+    const Eigen::VectorXd seen = Eigen::Vector2d(i % 2 == 0 ? 0.3 : -0.3, 0.1);
+    Eigen::VectorXd z = seen;
+    observer_.Observe(estimate_, z);
+    // No Compute(): nothing is expected of any control.
+    EXPECT_TRUE(test::AllClose(z, seen, 0.0));
+    Learn(seen, Eigen::Vector2d::Zero(), Eigen::Vector2d(i % 2 == 0 ? -0.6 : 0.6, 0.0));
+  }
+}
+
+TEST_F(StateObserverTest, NothingAllocatesAfterConstruction) {
+  const Eigen::VectorXd seen = Eigen::Vector2d(0.3, 0.1);
+  const Eigen::VectorXd v = Eigen::Vector2d(0.5, -0.5);
+  Eigen::VectorXd z = seen;
+  const test::NoAlloc guard;
+  for (int t = 0; t < 12; ++t) {
+    observer_.Observe(estimate_, z);
+    estimate_.Compute(t, core::AsSpan(z));
+    observer_.Update(estimate_, core::AsSpan(v), core::AsSpan(seen));
+    estimate_.Update(core::AsSpan(z), observer_.acting(), core::AsSpan(seen), 0.0, 1.0);
+  }
+}
+
+}  // namespace
+}  // namespace dfr::control
