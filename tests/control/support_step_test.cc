@@ -148,6 +148,19 @@ TEST_F(OneGaussianTest, AnEntryAtItsLimitLeavesTheDirection) {
   EXPECT_NEAR(l, -2.0 * (0.25 + 0.5625), 1e-7);  // at (1 - 2 * 0.25, 1 - 0.25)
 }
 
+// From z' = (3, 1), grad l = (-12, -4), d = (-24, -4), |J d|^2 = 2320, s = 592 / (2 * 2 * 2320);
+// the limit forbids nothing, as d leads away from it. The same with all signs changed.
+TEST_F(OneGaussianTest, AnEntryAtItsLimitMayLeaveIt) {
+  for (const double sign : {1.0, -1.0}) {
+    const Eigen::VectorXd z = sign * z_;
+    const LocalModel model{support_, answer_, core::AsSpan(z)};
+    Eigen::VectorXd v = Eigen::Vector2d(sign, 0.0);
+    (void)RaiseLevel(model, {.level = kInfinity}, {.control = 1.0, .iterations = 1}, v);
+    const double s = 592.0 / 9280.0;
+    EXPECT_TRUE(test::AllClose(v, sign * Eigen::Vector2d(1.0 - 24.0 * s, -4.0 * s), 1e-6));
+  }
+}
+
 // Without curvature a step goes straight to the level.
 TEST(RaiseLevelTest, AStraightSlopeIsClimbedInOneStep) {
   class Ramp final : public core::LogDecisionFunction {
