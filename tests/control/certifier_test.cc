@@ -347,6 +347,10 @@ TEST(CertifierTest, WhatItAdmitsIsCertified) {
         ASSERT_TRUE(admission.mode == Mode::kPolicy ||
                     (kind == CertificateKind::kDirection && admission.share == 1.0));
         ++(admission.share < 1.0 ? shrunk : whole);
+        // Time goes on: what is changed is changed towards the next support.
+        if (kind == CertificateKind::kDirection && v != chosen) {
+          ASSERT_GE(model.Level(phase + 1, v), 0.0);
+        }
       }
     }
     EXPECT_GT(whole, 10);

@@ -304,6 +304,20 @@ TEST(JacobianEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
   (void)turned.Demonstrated(v);
 }
 
+// There is no control that causes a change: what was demonstrated is taken as it was.
+TEST(JacobianEstimateTest, WhereControlsDoNothingTheDemonstratedOneIsTaken) {
+  const std::vector<core::Matrix> features(8, core::Matrix::Zero(6, 3));
+  const std::vector<core::Matrix> controls(8, core::Matrix::Constant(5, 2, 0.7));
+  JacobianEstimate estimate(
+      std::make_shared<const JacobianPrior>(features, controls, JacobianOptions{}));
+  const std::vector<double> z(3, 0.0);
+  estimate.Compute(2, z);
+  ASSERT_TRUE(estimate.jacobian().isZero(0.0));
+  Eigen::VectorXd v = Eigen::VectorXd::Zero(2);
+  ASSERT_TRUE(estimate.Demonstrated(v));
+  EXPECT_TRUE(test::AllClose(v, Eigen::Vector2d(0.7, 0.7), 1e-6));
+}
+
 TEST(JacobianEstimateTest, LeastKnownIsTheTopEigenvectorOfTheInverse) {
   core::Random random(4);
   // Demonstrations that never use the third control.

@@ -110,5 +110,42 @@ TEST(JacobianPriorTest, OldFilesGiveTheSameAnswerToControls) {
   std::filesystem::remove(path);
 }
 
+TEST(JacobianPriorTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "broken_prior.dfr";
+  const auto message = [&](const std::vector<int>& begin) -> std::string {
+    const JacobianOptions options;
+    core::ArchiveWriter archive("prior", 5);
+    archive.Number(options.ridge);
+    archive.Number(options.prior_weight);
+    archive.Integer(options.window);
+    archive.Integer(options.max_per_step);
+    archive.Number(options.forgetting);
+    archive.Number(options.motion_ridge);
+    archive.Number(options.slope_ridge);
+    archive.Integer(1);
+    archive.Integer(1);
+    archive.Integer(1);
+    archive.Integers(begin);
+    archive.MatrixBlock(core::Matrix::Ones(60, 4));
+    archive.Save(path);
+    core::ArchiveReader reader(path, "prior", 5);
+    try {
+      static_cast<void>(JacobianPrior::Load(reader));
+    } catch (const std::runtime_error& e) {
+      return e.what();
+    }
+    return "nothing thrown";
+  };
+  EXPECT_EQ(message({0, 30, 60}), "nothing thrown");
+  EXPECT_THAT(message({0, 60, 60}), testing::HasSubstr("time step 0 of the Jacobian prior has 60"));
+  EXPECT_THAT(message({0, -1, 30, 60}), testing::HasSubstr("time step 0 of"));
+  EXPECT_THAT(message({0, 30, 20, 60}), testing::HasSubstr("time step 1 of"));
+  EXPECT_THAT(message({0, 30, 40, 35, 60}), testing::HasSubstr("time step 2 of"));
+  EXPECT_THAT(message({0, 30, 50}), testing::HasSubstr("begin and end"));
+  EXPECT_THAT(message({1, 30, 60}), testing::HasSubstr("begin and end"));
+  EXPECT_THAT(message({0}), testing::HasSubstr("begin and end"));
+  std::filesystem::remove(path);
+}
+
 }  // namespace
 }  // namespace dfr::control

@@ -8,15 +8,22 @@
 #include <cstdint>
 #include <limits>
 #include <numeric>
+#include <tuple>
 #include <vector>
 
 #include "dfr/core/random.h"
+#include "hwy/highway.h"
 
 namespace dfr::control::internal {
 namespace {
 
-class TransitionSumsTest : public testing::TestWithParam<std::size_t> {
+// Every test runs with some numbers of rows, on each instruction set that this machine has.
+class TransitionSumsTest : public testing::TestWithParam<std::tuple<std::size_t, std::int64_t>> {
  protected:
+  TransitionSumsTest() { hwy::GetChosenTarget().Update(std::get<1>(GetParam())); }
+  ~TransitionSumsTest() override { hwy::GetChosenTarget().DeInit(); }
+
+  [[nodiscard]] static std::size_t Rows() { return std::get<0>(GetParam()); }
   std::vector<float> Uniform(std::size_t count) {
     std::vector<float> values(count);
     for (float& value : values) value = static_cast<float>(random_.Uniform(-1.0, 1.0));
@@ -29,7 +36,7 @@ class TransitionSumsTest : public testing::TestWithParam<std::size_t> {
 TEST_P(TransitionSumsTest, DistancesAndWeightsAreTheirDefinitions) {
   constexpr std::size_t kDim = 5;
   constexpr double kScale = 0.7;
-  const std::size_t rows = GetParam();
+  const std::size_t rows = Rows();
   const std::size_t stride = rows + kPadding;
   const std::vector<float> points = Uniform(stride * kDim);
   const std::vector<float> z = Uniform(kDim);
@@ -50,7 +57,7 @@ TEST_P(TransitionSumsTest, DistancesAndWeightsAreTheirDefinitions) {
 }
 
 TEST_P(TransitionSumsTest, NearestAreThoseOfASort) {
-  const std::size_t rows = GetParam();
+  const std::size_t rows = Rows();
   std::vector<float> distances(rows);
   // Few values, so that many distances are equal, and some as far as can be.
   for (float& d : distances) d = static_cast<float>(std::floor(random_.Uniform(0.0, 9.0)));
@@ -72,46 +79,51 @@ TEST_P(TransitionSumsTest, NearestAreThoseOfASort) {
   }
 }
 
+// Widths around those that are summed together: one narrow vector, one wide one, three of them.
 TEST_P(TransitionSumsTest, SumsAreThoseOfWeightedOuterProducts) {
   constexpr std::size_t kLeft = kWidth;
-  constexpr std::size_t kRight = 3 * kWidth;  // One wide vector and a narrow one.
   constexpr double kFactor = 3.0;
-  const std::size_t rows = GetParam();
-  const std::vector<float> table = Uniform(rows * kRight);
-  const std::vector<float> z = Uniform(kRight);
-  std::vector<double> weights(rows);
-  for (double& weight : weights) weight = random_.Uniform(0.0, 1.0);
-  // Every second row, backwards.
-  std::vector<std::int32_t> indices;
-  for (std::size_t i = rows; i-- > 0;) {
-    if (i % 2 == 0) indices.push_back(static_cast<std::int32_t>(i));
-  }
-  std::vector<float> right(indices.size() * kRight);
-  std::vector<float> left(indices.size() * kLeft);
-  std::vector<float> sums(kLeft * kRight);
-  Differences(table.data(), kRight, indices.data(), indices.size(), z.data(), right.data());
-  ScaleRows(right.data(), kRight, indices.data(), indices.size(), weights.data(), kFactor, kLeft,
-            left.data(), kLeft);
-  TransposedProduct(left.data(), kLeft, kLeft, right.data(), kRight, kRight, indices.size(),
-                    sums.data(), kRight);
-  for (std::size_t a = 0; a < kLeft; ++a) {
-    for (std::size_t b = 0; b < kRight; ++b) {
-      double expected = 0.0;
-      double size = 0.0;
-      for (std::size_t i = 0; i < rows; i += 2) {
-        const double term = kFactor * weights[i] *
-                            (static_cast<double>(table[i * kRight + a]) - z[a]) *
-                            (static_cast<double>(table[i * kRight + b]) - z[b]);
-        expected += term;
-        size += std::abs(term);
+  const std::size_t rows = Rows();
+  for (std::size_t width = kWidth; width <= 9 * kWidth; width += kWidth) {
+    SCOPED_TRACE(width);
+    const std::vector<float> table = Uniform(rows * width);
+    const std::vector<float> z = Uniform(width);
+    std::vector<double> weights(rows);
+    for (double& weight : weights) weight = random_.Uniform(0.0, 1.0);
+    // Every second row, backwards.
+    std::vector<std::int32_t> indices;
+    for (std::size_t i = rows; i-- > 0;) {
+      if (i % 2 == 0) indices.push_back(static_cast<std::int32_t>(i));
+    }
+    std::vector<float> right(indices.size() * width);
+    std::vector<float> left(indices.size() * kLeft);
+    std::vector<float> sums(kLeft * width);
+    Differences(table.data(), width, indices.data(), indices.size(), z.data(), right.data());
+    ScaleRows(right.data(), width, indices.data(), indices.size(), weights.data(), kFactor, kLeft,
+              left.data(), kLeft);
+    TransposedProduct(left.data(), kLeft, kLeft, right.data(), width, width, indices.size(),
+                      sums.data(), width);
+    for (std::size_t a = 0; a < kLeft; ++a) {
+      for (std::size_t b = 0; b < width; ++b) {
+        double expected = 0.0;
+        double size = 0.0;
+        for (std::size_t i = 0; i < rows; i += 2) {
+          const double term = kFactor * weights[i] *
+                              (static_cast<double>(table[i * width + a]) - z[a]) *
+                              (static_cast<double>(table[i * width + b]) - z[b]);
+          expected += term;
+          size += std::abs(term);
+        }
+        EXPECT_NEAR(sums[a * width + b], expected, 1e-6 * size) << a << ", " << b;
       }
-      EXPECT_NEAR(sums[a * kRight + b], expected, 1e-6 * size) << a << ", " << b;
     }
   }
 }
 
 // Less than a vector, whole ones, and a rest.
-INSTANTIATE_TEST_SUITE_P(Rows, TransitionSumsTest, testing::Values(1, 3, 16, 31, 64, 527));
+INSTANTIATE_TEST_SUITE_P(Rows, TransitionSumsTest,
+                         testing::Combine(testing::Values(1, 3, 16, 31, 64, 527),
+                                          testing::ValuesIn(hwy::SupportedAndGeneratedTargets())));
 
 }  // namespace
 }  // namespace dfr::control::internal
