@@ -18,6 +18,16 @@
 namespace dfr::control {
 namespace {
 
+// What files of all versions begin with.
+void WriteOptions(core::ArchiveWriter& archive) {
+  const JacobianOptions options;
+  archive.Number(options.ridge);
+  archive.Number(options.prior_weight);
+  archive.Integer(options.window);
+  archive.Integer(options.max_per_step);
+  archive.Number(options.forgetting);
+}
+
 TEST(JacobianPriorTest, ErrorsNameTheCulprit) {
   const std::vector<core::Matrix> features(3, core::Matrix::Ones(6, 3));
   std::vector<core::Matrix> controls(3, core::Matrix::Ones(5, 2));
@@ -88,13 +98,8 @@ TEST(JacobianPriorTest, OldFilesGiveTheSameAnswerToControls) {
       }
     }
     begin.push_back(static_cast<int>(row));
-    const JacobianOptions options;
     core::ArchiveWriter archive("prior", version);
-    archive.Number(options.ridge);
-    archive.Number(options.prior_weight);
-    archive.Integer(options.window);
-    archive.Integer(options.max_per_step);
-    archive.Number(options.forgetting);
+    WriteOptions(archive);
     archive.Integer(3);
     archive.Integer(2);
     archive.Integers(begin);
@@ -113,15 +118,10 @@ TEST(JacobianPriorTest, OldFilesGiveTheSameAnswerToControls) {
 TEST(JacobianPriorTest, TimeStepsThatDoNotFollowEachOtherAreRefused) {
   const auto path = std::filesystem::path(testing::TempDir()) / "broken_prior.dfr";
   const auto message = [&](const std::vector<int>& begin) -> std::string {
-    const JacobianOptions options;
     core::ArchiveWriter archive("prior", 5);
-    archive.Number(options.ridge);
-    archive.Number(options.prior_weight);
-    archive.Integer(options.window);
-    archive.Integer(options.max_per_step);
-    archive.Number(options.forgetting);
-    archive.Number(options.motion_ridge);
-    archive.Number(options.slope_ridge);
+    WriteOptions(archive);
+    archive.Number(1.0);   // motion_ridge
+    archive.Number(10.0);  // slope_ridge
     archive.Integer(1);
     archive.Integer(1);
     archive.Integer(1);
