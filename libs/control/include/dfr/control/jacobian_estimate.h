@@ -72,12 +72,13 @@ class JacobianEstimate {
   /// @returns false, and leaves `v` (m entries), where nothing is known of demonstrated controls.
   [[nodiscard]] bool Demonstrated(Eigen::VectorXd& v) noexcept;
   /// z += J v + m + s d of the last Compute(), where s is the time of `v`, or `time`.
+  void AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double time,
+                 Eigen::Ref<Eigen::VectorXd> z) const noexcept;
   void AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v,
+                 // A view. NOLINTNEXTLINE(performance-unnecessary-value-param)
                  Eigen::Ref<Eigen::VectorXd> z) const noexcept {
     AddEffect(v, Time(v), z);
   }
-  void AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double time,
-                 Eigen::Ref<Eigen::VectorXd> z) const noexcept;
 
   /// The control direction that is known least: the largest eigenvalue of A^-1 (of its part that
   /// belongs to v), its eigenvector to `direction` (m entries). Where the world moves by itself,
