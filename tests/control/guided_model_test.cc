@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "dfr/control/jacobian_estimate.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/matrix.h"
 #include "tests/control/rightwards.h"
@@ -69,6 +70,34 @@ TEST(GuidedModelTest, OwnMotionIsFoundWhereItExplainsUnseenDemonstrations) {
   EXPECT_TRUE(GuidedModel(test::IdentityFeatures(), support, thrown).own_motion());
   EXPECT_FALSE(GuidedModel(test::IdentityFeatures(), support, {thrown.data(), 1}).own_motion())
       << "there is none that it has not seen";
+}
+
+TEST(GuidedModelTest, AFileKeepsAllThatItKnows) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "guided_model_kept.dfr";
+  const auto support = test::MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards(), {.slack = 0.3});
+  core::ArchiveWriter archive("guided", 5);
+  model.Save(archive);
+  archive.Save(path);
+  core::ArchiveReader reader(path, "guided", 5);
+  const GuidedModel loaded = GuidedModel::Load(reader, test::IdentityFeatures(), support);
+  reader.End();
+  std::filesystem::remove(path);
+  EXPECT_EQ(loaded.control_unit(), model.control_unit());
+  EXPECT_EQ(loaded.largest_control(), model.largest_control());
+  EXPECT_EQ(loaded.slack(), 0.3);
+  EXPECT_EQ(loaded.own_motion(), model.own_motion());
+  JacobianEstimate kept(loaded.prior());
+  JacobianEstimate made(model.prior());
+  for (int t = 0; t < test::kSteps; ++t) {
+    EXPECT_EQ(loaded.gate_level(t), model.gate_level(t));
+    EXPECT_EQ(loaded.median_level(t), model.median_level(t));
+    const std::vector<double> z = {t * test::kSpeed, 0.1};
+    kept.Compute(t, z);
+    made.Compute(t, z);
+    EXPECT_EQ(kept.jacobian(), made.jacobian());
+    EXPECT_EQ(kept.own_motion(), made.own_motion());
+  }
 }
 
 TEST(GuidedModelTest, AFileWithALevelThatCannotBeIsRefused) {
@@ -145,6 +174,7 @@ TEST(GuidedModelTest, SlackIsWhatUnseenDemonstrationsNeedAndNoLessThanTheDefault
   std::vector<double> levels;
   for (int i = 0; i <= 10; ++i) levels.push_back(-1.0 + 0.1 * i);
   EXPECT_NEAR(SlackFrom(levels), 0.8, 1e-12);
+  EXPECT_NEAR(SlackFrom({0.0, -2.0}), 1.6, 1e-12) << "between the two";
   EXPECT_THROW((void)SlackFrom({}), std::invalid_argument);
 }
 

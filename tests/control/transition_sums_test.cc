@@ -67,8 +67,9 @@ TEST_P(TransitionSumsTest, NearestAreThoseOfASort) {
   std::stable_sort(sorted.begin(), sorted.end(), [&](std::int32_t a, std::int32_t b) {
     return distances[static_cast<std::size_t>(a)] < distances[static_cast<std::size_t>(b)];
   });
-  for (std::size_t count = 1; count <= rows; count += 1 + count / 2) {
-    std::vector<std::int32_t> nearest(count + 1);
+  for (std::size_t count = 1, next = 0; count <= rows; count = next) {
+    next = count == rows ? rows + 1 : std::min(rows, count + 1 + count / 2);  // All of them, too.
+    std::vector<std::int32_t> nearest(count + 1, -1);
     Nearest(distances.data(), rows, count, nearest.data());
     nearest.resize(count);
     std::sort(nearest.begin(), nearest.end());
