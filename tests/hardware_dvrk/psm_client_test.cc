@@ -320,6 +320,29 @@ TEST_F(PsmClientTest, SilenceOfThePoseAloneHolds) {
   ExpectHold(
       PsmStatus::kStateSilent, [](PsmInput& input) { input.measured_cp.reset(); }, 11);
 }
+TEST_F(PsmClientTest, SilenceOfTheSetpointsAloneHolds) {
+  ExpectHold(
+      PsmStatus::kStateSilent, [](PsmInput& input) { input.setpoint_js.reset(); }, 11);
+}
+TEST_F(PsmClientTest, SetpointsThatAreNoneAreSilence) {
+  ExpectHold(
+      PsmStatus::kStateSilent,
+      [](PsmInput& input) {
+        if (input.setpoint_js) input.setpoint_js->position[0] = kNan;
+      },
+      11);
+}
+// To be armed at a set-point of before would take the arm back to it.
+TEST_F(PsmClientTest, IsNotArmedWhereTheSetpointWasBefore) {
+  Become(PsmConsoleState::kEnabled, true, false);
+  Steps(4);
+  at_ = Yaw(0.05);
+  for (int i = 0; i < 20; ++i) Step([](PsmInput& input) { input.setpoint_js.reset(); });
+  EXPECT_EQ(client_.Arm(), PsmStatus::kStateSilent);
+  Steps(2);
+  EXPECT_EQ(client_.Arm(), PsmStatus::kOk);
+  EXPECT_TRUE(test::AllClose(client_.setpoint(), Yaw(0.05), 1e-9));
+}
 TEST_F(PsmClientTest, FrozenStateHolds) {
   std::optional<PsmJointSample> frozen;
   ExpectHold(

@@ -236,6 +236,7 @@ void PsmClient::Take(const PsmInput& input) noexcept {
       input.setpoint_js->position.allFinite()) {
     setpoint_js_ = *input.setpoint_js;
     any_setpoint_ = true;
+    setpoint_arrival_ns_ = now_ns_;
   }
   if (input.jaw_measured) jaw_measured_ = *input.jaw_measured;
   if (input.jaw_setpoint && input.jaw_setpoint->stamp.valid() &&
@@ -273,6 +274,10 @@ PsmStatus PsmClient::MeasurementHoldReason() const noexcept {
       return PsmStatus::kStateSilent;
     }
     if (status != PsmStatus::kOk) return status;
+  }
+  // Where it was before is neither what others do to it nor where to be armed.
+  if (any_setpoint_ && Seconds(now_ns_ - setpoint_arrival_ns_) > options_.watchdog.max_silence_s) {
+    return PsmStatus::kStateSilent;
   }
   if (!js_.well_formed) return PsmStatus::kStateMalformed;
   if (!js_.position.allFinite() || !js_.velocity.allFinite() || !Finite(cp_) ||

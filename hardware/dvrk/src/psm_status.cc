@@ -29,7 +29,7 @@ const char* Name(PsmStatus status) noexcept {
     case PsmStatus::kBusy:
       return "the arm is busy with a motion that is not ours";
     case PsmStatus::kStateSilent:
-      return "no measurement has come for too long";
+      return "no measurement or set-point has come for too long";
     case PsmStatus::kStateInvalid:
       return "measurements are marked invalid (stamp 0)";
     case PsmStatus::kStateOld:

@@ -32,7 +32,7 @@ struct PsmClientOptions {
   kinematics::PsmJoints jump_noise =
       (kinematics::PsmJoints() << 0.01, 0.01, 0.002, 0.02, 0.02, 0.02).finished();
   double jump_distance_m = 0.005;  ///< The same for measured_cp, which may move at 1 m/s, > 0.
-  /// Watches measured_js, measured_cp and local/measured_cp.
+  /// Watches measured_js, measured_cp and local/measured_cp, and setpoint_js for its silence.
   dds::WatchdogOptions watchdog = {};
   /// By how much a move goes on in one step at most, s, > 0: after a late one it takes longer
   /// instead of catching up in one leap.
@@ -256,6 +256,7 @@ class PsmClient {
   std::int64_t js_arrival_ns_ = 0;
   std::int64_t cp_arrival_ns_ = 0;
   std::int64_t local_arrival_ns_ = 0;
+  std::int64_t setpoint_arrival_ns_ = 0;
   std::uint64_t num_samples_ = 0;
   double age_s_;
 
