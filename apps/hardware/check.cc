@@ -346,7 +346,10 @@ void MoveALittle(const CheckOptions& options, hardware::PsmDriver& driver, Permi
     const PsmStatus status = driver.MoveTo(goal, kTinyMoveTime);
     if (status != PsmStatus::kOk) {
       Wrong(report, std::string("a move of 2 mm is refused: ") + hardware::Name(status),
-            hardware::Remedy(status));
+            status == PsmStatus::kBeyondLimits
+                ? "lead the arm away from its limits at the console; where it is an Si arm, give "
+                  "--generation Si"
+                : hardware::Remedy(status));
       break;
     }
     Listen(options, driver, 10.0, [&] {
@@ -532,7 +535,9 @@ DeviceReport CheckArm(const CheckOptions& options) {
                   ", discovery: " + Name(options.network.discovery) + ")";
   dds::Participant participant(options.network);
   const Topics topics(participant, options.arm);
-  hardware::PsmDriver driver(participant, {.arm = options.arm, .client = {}});
+  hardware::PsmDriver driver(
+      participant,
+      {.arm = options.arm, .client = {.limits = hardware::PsmLimits::Of(options.generation)}});
   Say(options, "looking for " + options.arm);
   Listen(options, driver, options.find_s, [&] {
     return topics.all_found() && driver.client().num_samples() > 0 &&

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "dfr/dds/participant.h"
+#include "dfr/kinematics/psm.h"
 
 namespace dfr::apps::hardware_app {
 
@@ -30,7 +31,9 @@ struct DeviceReport {
 /// Options for the checks.
 struct CheckOptions {
   dds::ParticipantOptions network = {.name = "hardware_check"};
-  std::string arm;               ///< Empty: no arm is checked.
+  std::string arm;  ///< Empty: no arm is checked.
+  /// Whose joint limits the arm keeps to, and which instrument it has.
+  kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic;
   std::string endoscope;         ///< Empty: none is checked.
   std::filesystem::path camera;  ///< The endoscope's intrinsics file; empty: 640 x 480.
   std::string platform;          ///< Serial port; empty: none is checked.

@@ -110,6 +110,16 @@ int Main(int argc, char** argv) {
       "wrong");
   AddNetwork(*command, check.network);
   command->add_option("--arm", check.arm, "the arm's name at the console, PSM1 say");
+  command
+      ->add_option(
+          "--generation", check.generation,
+          "which da Vinci the arm is of: Classic, or Si, whose joints go farther and whose "
+          "Large Needle Driver is 420006")
+      ->default_str("Classic")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, kinematics::PsmGeneration>{
+                                              {"Classic", kinematics::PsmGeneration::kClassic},
+                                              {"Si", kinematics::PsmGeneration::kSi}})
+                      .description("Classic or Si"));
   command->add_option(
       "--endoscope", check.endoscope,
       "an image topic (/ECM/image_raw), a video device (0, /dev/video0), a file, or "

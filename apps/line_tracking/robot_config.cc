@@ -299,8 +299,7 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   arm.Get(
       "generation", limits.generation,
       {{"Classic", kinematics::PsmGeneration::kClassic}, {"Si", kinematics::PsmGeneration::kSi}});
-  limits.lower = kinematics::Psm::lower_limits(limits.generation);
-  limits.upper = kinematics::Psm::upper_limits(limits.generation);
+  limits = hardware::PsmLimits::Of(limits.generation);
   arm.Get("workspace_min_m", {limits.workspace_min_m.data(), 3});
   arm.Get("workspace_max_m", {limits.workspace_max_m.data(), 3});
   if (!limits.workspace_min_m.allFinite() || !limits.workspace_max_m.allFinite() ||

@@ -27,6 +27,10 @@ using testing::AllOf;
 using testing::HasSubstr;
 
 class ArmCheckTest : public testing::Test {
+ public:
+  explicit ArmCheckTest(kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic)
+      : console_{{.arm = "PSM1", .homing_s = 0.1, .generation = generation}} {}
+
  protected:
   void Change(const std::function<void()>& change) {
     const std::lock_guard lock(mutex_);
@@ -34,7 +38,7 @@ class ArmCheckTest : public testing::Test {
   }
 
   std::mutex mutex_;
-  sim::PsmConsole console_{{.arm = "PSM1", .homing_s = 0.1}};
+  sim::PsmConsole console_;
   dds::Participant participant_{{.domain = test::OwnDomain()}};
   sim::PsmConsoleServer server_{participant_, console_};
   Clock::time_point last_ = Clock::now();
@@ -73,6 +77,29 @@ TEST_F(ArmCheckTest, HomesAndMovesOnlyAfterAsking) {
   EXPECT_EQ(asked, 3);
   EXPECT_THAT(Shown(report), HasSubstr("told to insert by 2.0 mm, the arm moved"));
   Change([&] { EXPECT_NEAR(console_.setpoint_joints()[2], 0.12, 1e-9); });
+}
+
+class SiArmCheckTest : public ArmCheckTest {
+ protected:
+  SiArmCheckTest() : ArmCheckTest(kinematics::PsmGeneration::kSi) {}
+};
+
+TEST_F(SiArmCheckTest, IsMovedWithinItsOwnLimits) {
+  Change([&] {
+    kinematics::PsmJoints joints = kinematics::PsmJoints::Zero();
+    joints[1] = 1.2;  // where no Classic can be
+    joints[2] = 0.12;
+    console_.Place(joints);
+  });
+  CheckOptions options = ForArm();
+  options.move = options.without_stop = true;
+  options.ask = [](const std::string&) { return true; };
+  EXPECT_THAT(Shown(CheckArm(options)),
+              AllOf(HasSubstr("a move of 2 mm is refused"), HasSubstr("--generation Si")));
+  options.generation = kinematics::PsmGeneration::kSi;
+  const DeviceReport report = CheckArm(options);
+  EXPECT_TRUE(report.ok()) << Shown(report);
+  EXPECT_THAT(Shown(report), HasSubstr("the arm moved"));
 }
 
 TEST_F(ArmCheckTest, MovesNothingWithoutAnEmergencyStopThatIsReleased) {

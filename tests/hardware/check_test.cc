@@ -263,6 +263,11 @@ TEST(CheckProgramTest, ExitCodeTellsWhetherAllIsWell) {
                 .Await(60.0),
             1);
   EXPECT_GT(test::PeerProcess({DFR_HARDWARE, "check", "--domain", "900"}).Await(60.0), 1);
+  EXPECT_EQ(test::PeerProcess(
+                {DFR_HARDWARE, "check", "--platform", emulator.device(), "--generation", "Si"})
+                .Await(60.0),
+            0);
+  EXPECT_GT(test::PeerProcess({DFR_HARDWARE, "check", "--generation", "Xi"}).Await(60.0), 1);
 }
 
 }  // namespace

@@ -116,9 +116,7 @@ TEST(PsmMotionTest, AnSiArmGoesFartherWhereItIsSaidToBeOne) {
   PsmMotion classic = AtHome(limits);
   EXPECT_EQ(classic.Start(Off(2, 0.13), 100.0), PsmStatus::kBeyondLimits);
   EXPECT_EQ(classic.Start(Psm::Forward(Off(1, 1.2)), 100.0), PsmStatus::kBeyondLimits);
-  limits.generation = kinematics::PsmGeneration::kSi;
-  limits.lower = Psm::lower_limits(limits.generation);
-  limits.upper = Psm::upper_limits(limits.generation);
+  limits = PsmLimits::Of(kinematics::PsmGeneration::kSi);
   limits.workspace_min_m << -0.3, -0.3, -0.3;
   limits.workspace_max_m << 0.3, 0.3, 0.3;
   PsmMotion si = AtHome(limits);

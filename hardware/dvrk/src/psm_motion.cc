@@ -31,6 +31,14 @@ bool Unambiguous(const PsmJoints& q, kinematics::PsmGeneration generation) noexc
 
 }  // namespace
 
+PsmLimits PsmLimits::Of(kinematics::PsmGeneration generation) {
+  PsmLimits limits;
+  limits.generation = generation;
+  limits.lower = Psm::lower_limits(generation);
+  limits.upper = Psm::upper_limits(generation);
+  return limits;
+}
+
 void PsmLimits::Check() const {
   const PsmJoints lowest = Psm::lower_limits(generation);
   const PsmJoints highest = Psm::upper_limits(generation);

@@ -31,6 +31,9 @@ struct PsmLimits {
   double jaw_upper = 1.3962634015954636;      ///< rad
   double max_jaw_speed = 1.5707963267948966;  ///< rad/s, > 0.
 
+  /// The joint limits of `generation`, the rest by default.
+  [[nodiscard]] static PsmLimits Of(kinematics::PsmGeneration generation);
+
   /// @throws std::invalid_argument naming the limit that makes no sense.
   void Check() const;
 };
