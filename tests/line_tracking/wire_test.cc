@@ -633,5 +633,22 @@ TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSee
   EXPECT_FALSE(ReplayRecording(path, elsewhere));
 }
 
+// "All decisions are the same" would be true of it.
+TEST(RecordedControllerTest, ARecordingWithoutDecisionsIsNotMadeAgain) {
+  const std::filesystem::path path = Data().path / "empty.mcap";
+  recording::RecordingMetadata metadata;
+  metadata.model = (Data().path / "model").string();
+  metadata.model_checksum = recording::Checksum(Data().path / "model");
+  metadata.method = "guided";
+  recording::Recorder(path, metadata).Finish();
+  try {
+    static_cast<void>(ReplayRecording(path, {}));
+    ADD_FAILURE() << "nothing was made again";
+  } catch (const std::runtime_error& e) {
+    EXPECT_NE(std::string(e.what()).find("empty.mcap holds no decision"), std::string::npos)
+        << e.what();
+  }
+}
+
 }  // namespace
 }  // namespace dfr::apps::line_tracking
