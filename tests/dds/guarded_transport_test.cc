@@ -56,6 +56,7 @@ struct Sample {
   std::uint32_t count = 1;
   std::uint32_t size = 1000;
   std::uint32_t whole = 20;
+  bool announces = false;  // that a participant is there
 };
 
 // As a submessage; `length` 0: its own, `to_end`: none.
@@ -63,7 +64,10 @@ void Add(Bytes& bytes, const Sample& sample, bool to_end = false) {
   Bytes content = {0, 0};
   const std::uint32_t right = sample.fragments ? 28 : 16;
   AddNumber(content, sample.to_parameters == 0 ? right : sample.to_parameters, 2, sample.little);
-  content.insert(content.end(), {0, 0, 0, 0, 0, 1, 0, 0xc2, 0, 0, 0, 0});
+  const Bytes writer = sample.announces ? Bytes{0, 1, 0, 0xc2} : Bytes{0, 0, 3, 0xc2};
+  content.insert(content.end(), 4, 0);  // any reader
+  content.insert(content.end(), writer.begin(), writer.end());
+  content.insert(content.end(), 4, 0);
   AddNumber(content, 7, 4, sample.little);
   if (sample.fragments) {
     AddNumber(content, sample.first, 4, sample.little);
@@ -171,6 +175,29 @@ TEST(SafeSizeTest, StatisticsAndWhatFollowsThemAreCutOff) {
   EXPECT_EQ(SafeSize(bytes), good);
   Add(bytes, Sample{});
   EXPECT_EQ(SafeSize(bytes), good);
+}
+
+TEST(SafeSizeTest, ThatAParticipantLeavesIsCutOff) {
+  const Bytes status = {0x71, 0, 4, 0, 0, 0, 0, 3, 1, 0, 0, 0};
+  const Bytes status_big = {0, 0x71, 0, 4, 0, 0, 0, 3, 0, 1, 0, 0};
+  EXPECT_TRUE(Passes({.announces = true}));
+  EXPECT_TRUE(Passes({.flags = 4 | 2, .parameters = kParameters, .announces = true}));
+  EXPECT_TRUE(Passes({.fragments = true, .flags = 0, .announces = true}));
+  EXPECT_TRUE(Passes({.flags = 4 | 2, .parameters = status})) << "of something else";
+  EXPECT_FALSE(Passes({.flags = 4 | 2, .parameters = status, .announces = true}));
+  EXPECT_FALSE(
+      Passes({.little = false, .flags = 4 | 2, .parameters = status_big, .announces = true}));
+  EXPECT_FALSE(Passes({.flags = 8 | 2, .parameters = status, .announces = true}));
+  EXPECT_FALSE(Passes({.flags = 8, .announces = true}));
+  EXPECT_FALSE(Passes({.flags = 2, .parameters = kParameters, .payload = 0, .announces = true}));
+  EXPECT_FALSE(Passes({.fragments = true, .flags = 2, .parameters = status, .announces = true}));
+  Bytes bytes = Header();
+  Add(bytes, 0x07, 28);
+  const std::size_t good = bytes.size();
+  Add(bytes, {.flags = 8, .announces = true});
+  Add(bytes, 0x07, 28);
+  EXPECT_EQ(SafeSize(bytes), good);
+  EXPECT_EQ(SafeSize(bytes, /*may_leave=*/true), bytes.size());
 }
 
 TEST(SafeSizeTest, MalformedMessagesAreDropped) {
@@ -307,11 +334,29 @@ TEST_F(AttackTest, NorDoesASampleWithoutItsPayload) {
     Add(bytes, {.fragments = fragments,
                 .flags = static_cast<std::uint8_t>(data | 2U),
                 .parameters = {1, 0, 0, 0},
-                .payload = 0});
+                .payload = 0,
+                .announces = true});
     attacker_.Send(bytes);
   }
   std::this_thread::sleep_for(std::chrono::milliseconds(100));
   EXPECT_TRUE(Talk());
+}
+
+// The publisher's participant leaves, says a stranger; its name is in each of its packets.
+TEST_F(AttackTest, NobodyIsForgottenBecauseAStrangerSaysThatItLeaves) {
+  ASSERT_TRUE(Talk());
+  const Origin writer = publisher_.origin();
+  Bytes bytes = Header();
+  std::copy_n(writer.begin(), 12, bytes.begin() + 8);
+  Bytes parameters = {0x70, 0, 16, 0};
+  parameters.insert(parameters.end(), writer.begin(), writer.begin() + 12);
+  parameters.insert(parameters.end(), {0, 0, 1, 0xc1, 0x71, 0, 4, 0, 0, 0, 0, 3, 1, 0, 0, 0});
+  Add(bytes, {.flags = 2, .parameters = parameters, .payload = 0, .announces = true});
+  for (int i = 0; i < 100; ++i) {
+    attacker_.Send(bytes);
+    ASSERT_EQ(subscriber_.health().publishers, 1) << i;
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
 }
 
 TEST_F(AttackTest, NeitherDoesGarbageThatLooksLikeMessages) {

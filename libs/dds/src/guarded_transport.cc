@@ -22,6 +22,7 @@ constexpr std::uint8_t kInfoTs = 0x09;  // this one
 constexpr std::uint8_t kData = 0x15;
 constexpr std::uint8_t kDataFragment = 0x16;
 constexpr std::uint8_t kStatistics = 0x80;
+constexpr std::size_t kStatus = 0x71;  // the parameter that says that something has ended
 
 // The whole number of `size` bytes at `at`.
 std::size_t Number(std::span<const std::uint8_t> bytes, std::size_t at, std::size_t size,
@@ -33,18 +34,25 @@ std::size_t Number(std::span<const std::uint8_t> bytes, std::size_t at, std::siz
   return number;
 }
 
-// The length of a list of parameters up to and with its end; 0 if it does not end within `bytes`.
-std::size_t ParametersSize(std::span<const std::uint8_t> bytes, bool little) noexcept {
+struct Parameters {
+  std::size_t size = 0;  // up to and with their end; 0 if they do not end within the bytes
+  bool found = false;    // the one that was looked for
+};
+
+Parameters FindParameters(std::span<const std::uint8_t> bytes, bool little,
+                          std::size_t wanted) noexcept {
   constexpr std::size_t kEnd = 1;
+  bool found = false;
   std::size_t at = 0;
   while (at <= bytes.size() && bytes.size() - at >= 4) {
     const std::size_t name = Number(bytes, at, 2, little);
     const std::size_t length = Number(bytes, at + 2, 2, little);
     at += 4;
-    if (name == kEnd) return at;
+    if (name == kEnd) return {at, found};
+    found = found || name == wanted;
     at += (length + 3) & ~std::size_t{3};
   }
-  return 0;
+  return {};
 }
 
 // Whether a sample, or fragments of one, holds within `content` all that its flags and sizes say.
@@ -62,7 +70,7 @@ bool WholeSample(std::uint8_t kind, std::uint8_t flags,
   std::size_t at = 4 + Number(content, 2, 2, little);
   if (at < head || at > content.size()) return false;
   if ((flags & kParameters) != 0) {
-    const std::size_t size = ParametersSize(content.subspan(at), little);
+    const std::size_t size = FindParameters(content.subspan(at), little, kStatus).size;
     if (size == 0) return false;
     at += size;
   }
@@ -75,6 +83,47 @@ bool WholeSample(std::uint8_t kind, std::uint8_t flags,
   const std::size_t whole = Number(content, 28, 4, little);
   return payload > 0 && first > 0 && count > 0 && size > 0 && payload <= count * size &&
          (first - 1 + count - 1) * size < whole;
+}
+
+// Whether a sample that is whole says that a participant leaves, its own or another.
+bool EndsParticipant(std::uint8_t kind, std::uint8_t flags,
+                     std::span<const std::uint8_t> content) noexcept {
+  constexpr std::array<std::uint8_t, 4> kAnnouncer = {0, 1, 0, 0xc2};
+  if (!std::equal(kAnnouncer.begin(), kAnnouncer.end(), content.begin() + 8)) return false;
+  const bool has_data = (kind == kData) == ((flags & 4U) != 0);  // in fragments that is the key
+  if (!has_data) return true;
+  if ((flags & 2U) == 0) return false;
+  const bool little = (flags & 1U) != 0;
+  return FindParameters(content.subspan(4 + Number(content, 2, 2, little)), little, kStatus).found;
+}
+
+// Those of this process that are about to end, or have ended some seconds ago.
+class Leaving {
+ public:
+  void Add(const ParticipantPrefix& prefix) {
+    const std::lock_guard lock(mutex_);
+    const auto now = Clock::now();
+    std::erase_if(since_, [&](const auto& entry) { return now - entry.second > kSeconds; });
+    since_[prefix] = now;
+  }
+  [[nodiscard]] bool Has(const ParticipantPrefix& prefix) {
+    const std::lock_guard lock(mutex_);
+    const auto found = since_.find(prefix);
+    return found != since_.end() && Clock::now() - found->second <= kSeconds;
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  static constexpr std::chrono::seconds kSeconds{5};
+
+  std::mutex mutex_;
+  std::map<ParticipantPrefix, Clock::time_point> since_;
+};
+
+// Never destroyed: threads of Fast DDS may run as long as the process.
+Leaving& TheLeaving() {
+  static auto* const leaving = new Leaving;
+  return *leaving;
 }
 
 class GuardedTransport final : public transport::ChainingTransport {
@@ -92,10 +141,11 @@ class GuardedTransport final : public transport::ChainingTransport {
   void receive(transport::TransportReceiverInterface* next, const rtps::octet* data,
                std::uint32_t size, const rtps::Locator_t& local,
                const rtps::Locator_t& remote) override {
-    const std::size_t safe = SafeSize({data, size});
-    if (safe == 0) return;
-    ParticipantCensus::Prefix prefix;
+    if (size < kHeader) return;
+    ParticipantPrefix prefix;
     std::copy_n(data + kPrefixAt, prefix.size(), prefix.begin());
+    const std::size_t safe = SafeSize({data, size}, TheLeaving().Has(prefix));
+    if (safe == 0) return;
     ParticipantCensus::Address address;
     std::copy_n(remote.address, address.size(), address.begin());
     const auto now = std::chrono::steady_clock::now().time_since_epoch();
@@ -120,7 +170,9 @@ struct GuardedDescriptor final : transport::ChainingTransportDescriptor {
 
 }  // namespace
 
-std::size_t SafeSize(std::span<const std::uint8_t> message) noexcept {
+void Leaves(const ParticipantPrefix& prefix) { TheLeaving().Add(prefix); }
+
+std::size_t SafeSize(std::span<const std::uint8_t> message, bool may_leave) noexcept {
   if (message.size() < kHeader || !std::equal(kMagic.begin(), kMagic.end(), message.begin())) {
     return 0;
   }
@@ -138,8 +190,9 @@ std::size_t SafeSize(std::span<const std::uint8_t> message) noexcept {
     const bool last = length == 0 && kind != kPad && kind != kInfoTs;
     if (length > rest) return 0;
     const auto content = message.subspan(at + kSubheader, last ? rest : length);
-    if ((kind == kData || kind == kDataFragment) && !WholeSample(kind, message[at + 1], content)) {
-      return 0;
+    if (kind == kData || kind == kDataFragment) {
+      if (!WholeSample(kind, message[at + 1], content)) return 0;
+      if (!may_leave && EndsParticipant(kind, message[at + 1], content)) break;
     }
     if (last) return message.size();
     at += kSubheader + length;

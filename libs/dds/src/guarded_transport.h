@@ -13,18 +13,30 @@
 
 namespace dfr::dds::internal {
 
+using ParticipantPrefix = std::array<std::uint8_t, 12>;  ///< A participant's, in its GUID.
+
 /// How much of an RTPS message is handed to Fast DDS, bytes: its well-formed beginning, up to the
 /// first of Fast DDS's own statistics submessages (0x80), which nobody here reads. 0: nothing. Fast
 /// DDS 2.9 parses those before any security, and assertions end the process where one is malformed.
 /// Samples (DATA, DATA_FRAG) whose parameters or payload are not within them are malformed, too.
-[[nodiscard]] std::size_t SafeSize(std::span<const std::uint8_t> message) noexcept;
+///
+/// The word that a participant leaves is cut off with what follows, unless `may_leave`: anyone can
+/// say it of anyone, and an assertion ends the process where it comes as that participant's lease
+/// is looked at. Who leaves takes back its publishers and subscribers by other words, and is
+/// forgotten after its lease.
+[[nodiscard]] std::size_t SafeSize(std::span<const std::uint8_t> message,
+                                   bool may_leave = false) noexcept;
+
+/// A participant of this process is about to end. The others in the process call it directly, and
+/// have to forget it at once: its word that it leaves is handed on, for some seconds.
+void Leaves(const ParticipantPrefix& prefix);
 
 /// Counts who sends, so that a flood of invented participants ends here and not in Fast DDS's
 /// memory and discovery. Safe to use from several threads.
 class ParticipantCensus {
  public:
   using Address = std::array<std::uint8_t, 16>;
-  using Prefix = std::array<std::uint8_t, 12>;  ///< A participant's, in its GUID.
+  using Prefix = ParticipantPrefix;
 
   static constexpr std::size_t kPerAddress = 64;    ///< More at one address are not heard.
   static constexpr std::size_t kInAll = 512;        ///< Nor more at all addresses together.

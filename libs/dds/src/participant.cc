@@ -230,6 +230,9 @@ std::vector<RefusedPeer> PeerListener::TakeRefused() {
 
 Participant::Impl::~Impl() {
   if (participant == nullptr) return;
+  internal::ParticipantPrefix prefix;
+  std::copy_n(participant->guid().guidPrefix.value, prefix.size(), prefix.begin());
+  internal::Leaves(prefix);
   participant->delete_contained_entities();
   fdds::DomainParticipantFactory::get_instance()->delete_participant(participant);
 }
