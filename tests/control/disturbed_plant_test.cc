@@ -57,6 +57,7 @@ TEST(DisturbedPlantTest, StatesAreSeenLate) {
 
 TEST(DisturbedPlantTest, ControlsAndStatesAreLostAsOftenAsAsked) {
   constexpr int kControls = 4000;
+  EXPECT_NO_THROW(DisturbedPlant(Point(1), {.dropped = 1.0, .missing = 1.0}));
   DisturbedPlant dropping(Point(1), {.dropped = 0.3});
   dropping.Reset(1);
   double x = 0.0;

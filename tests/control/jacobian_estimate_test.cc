@@ -252,6 +252,16 @@ TEST(JacobianEstimateTest, DriftTimesAreChecked) {
       std::make_shared<const JacobianPrior>(d.features, d.controls, JacobianOptions{});
   EXPECT_THROW(JacobianEstimate(prior, {.rest = -0.1}), std::invalid_argument);
   EXPECT_THROW(JacobianEstimate(prior, {.travel = std::nan("")}), std::invalid_argument);
+  // Either of them alone is a drift.
+  for (const DriftTime time : {DriftTime{.rest = 0.5}, DriftTime{.travel = 0.5}, DriftTime{}}) {
+    JacobianEstimate estimate(prior, time, kOwnMotion);
+    const std::vector<double> z(kN, 0.0);
+    const std::vector<double> v(kM, 1.0);
+    const std::vector<double> dz(kN, 1.0);
+    estimate.Update(z, v, dz);
+    estimate.Compute(0, z);
+    EXPECT_EQ(estimate.drift().isZero(0.0), time.rest == 0.0 && time.travel == 0.0);
+  }
 }
 
 // Demonstrations take v = K (z* - z) exactly, dz = v. The plant turns controls by .6 and the world
