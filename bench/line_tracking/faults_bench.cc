@@ -500,9 +500,12 @@ void Soak(const std::filesystem::path& folder, int domain, double image_age_s, d
     Try(site, fault, random, row);
     missed += row.trials - row.detected;
     restarts += row.restarts;
-    for (const double mm : row.motion_mm) motion_mm = std::max(motion_mm, mm);
-    std::printf("minute %3d  %-21s %-9s %s\n", minute, fault.name.c_str(),
-                row.detected == row.trials ? "detected" : "MISSED",
+    // After the end of an episode the next one moves.
+    const double moved_mm =
+        row.motion_mm.empty() || site.ToldOfAnEnd() ? 0.0 : row.motion_mm.front();
+    motion_mm = std::max(motion_mm, moved_mm);
+    std::printf("minute %3d  %-21s %-9s %5.2f mm  %s\n", minute, fault.name.c_str(),
+                row.detected == row.trials ? "detected" : "MISSED", moved_mm,
                 row.told.empty() ? "" : row.told.begin()->c_str());
     std::fflush(stdout);
     site.AwaitMotion();
