@@ -1,5 +1,4 @@
-# dfr_add_library, dfr_add_app, dfr_add_test, dfr_add_bench, dfr_embed: how a target looks in this
-# repository.
+# dfr_add_library, dfr_add_app, dfr_add_bench, dfr_embed: how a target looks in this repository.
 
 if(NOT CMAKE_BUILD_TYPE AND NOT CMAKE_CONFIGURATION_TYPES)
   set(CMAKE_BUILD_TYPE Release CACHE STRING "Build type" FORCE)
@@ -15,7 +14,9 @@ find_package(Threads REQUIRED)
 add_library(dfr_build_flags INTERFACE)
 target_compile_options(dfr_build_flags INTERFACE
   -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor -Woverloaded-virtual
-  $<$<BOOL:${DFR_WERROR}>:-Werror>)
+  $<$<BOOL:${DFR_WERROR}>:-Werror>
+  # Several sources that are compiled as one unit share its anonymous namespace.
+  $<$<BOOL:${CMAKE_UNITY_BUILD}>:-Wno-subobject-linkage>)
 if(DFR_SANITIZE)
   target_compile_options(dfr_build_flags INTERFACE -fsanitize=${DFR_SANITIZE} -fno-omit-frame-pointer)
   target_link_options(dfr_build_flags INTERFACE -fsanitize=${DFR_SANITIZE})
@@ -28,20 +29,38 @@ if(DFR_FUZZ)
   target_compile_options(dfr_build_flags INTERFACE -fsanitize=fuzzer-no-link)
 endif()
 
-# Headers that most sources of the libraries include, parsed once: a third less to compile. A header
-# that a source forgot to include shows in the other builds.
+# Headers that most sources include, parsed once for each kind of target: libraries, programs, tests.
+# A header that a source forgets to include shows in builds without DFR_PRECOMPILE, sanitized ones
+# among them.
 if(DFR_PRECOMPILE)
   find_package(Eigen3 REQUIRED NO_MODULE)
   file(CONFIGURE OUTPUT ${PROJECT_BINARY_DIR}/precompiled.cc CONTENT "")
-  add_library(dfr_precompiled OBJECT ${PROJECT_BINARY_DIR}/precompiled.cc)
-  set_target_properties(dfr_precompiled PROPERTIES POSITION_INDEPENDENT_CODE ON)
-  target_compile_features(dfr_precompiled PRIVATE cxx_std_20)
-  target_compile_definitions(dfr_precompiled PRIVATE EIGEN_MPL2_ONLY)
-  target_link_libraries(dfr_precompiled PRIVATE Eigen3::Eigen dfr_build_flags)
-  target_precompile_headers(dfr_precompiled PRIVATE
-    <Eigen/Dense> <algorithm> <array> <cmath> <filesystem> <functional> <map> <memory> <optional> <span>
-    <sstream> <stdexcept> <string> <string_view> <utility> <vector>)
 endif()
+function(dfr_add_precompiled name)
+  if(NOT DFR_PRECOMPILE)
+    return()
+  endif()
+  add_library(dfr_precompiled_${name} OBJECT ${PROJECT_BINARY_DIR}/precompiled.cc)
+  target_compile_features(dfr_precompiled_${name} PRIVATE cxx_std_20)
+  target_compile_definitions(dfr_precompiled_${name} PRIVATE EIGEN_MPL2_ONLY)
+  target_link_libraries(dfr_precompiled_${name} PRIVATE Eigen3::Eigen dfr_build_flags)
+  target_precompile_headers(dfr_precompiled_${name} PRIVATE
+    <Eigen/Core> <Eigen/Geometry> <algorithm> <array> <cmath> <cstdint> <filesystem> <functional> <iostream>
+    <map> <memory> <optional> <random> <set> <span> <sstream> <stdexcept> <string> <string_view> <utility>
+    <vector> ${ARGN})
+endfunction()
+dfr_add_precompiled(library)
+if(DFR_PRECOMPILE)
+  set_target_properties(dfr_precompiled_library PROPERTIES POSITION_INDEPENDENT_CODE ON)
+endif()
+dfr_add_precompiled(program)
+
+# dfr_use_precompiled(target library|program|test)
+function(dfr_use_precompiled target kind)
+  if(DFR_PRECOMPILE)
+    target_precompile_headers(${target} REUSE_FROM dfr_precompiled_${kind})
+  endif()
+endfunction()
 
 # dfr_add_library(kernel SOURCES ... [PUBLIC ...] [PRIVATE ...])
 # makes dfr_kernel, its alias dfr::kernel, the install component and export set "kernel", and
@@ -60,9 +79,7 @@ function(dfr_add_library name)
     $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
   target_link_libraries(${target} PUBLIC ${arg_PUBLIC} PRIVATE ${arg_PRIVATE}
     $<BUILD_INTERFACE:dfr_build_flags>)
-  if(DFR_PRECOMPILE)
-    target_precompile_headers(${target} REUSE_FROM dfr_precompiled)
-  endif()
+  dfr_use_precompiled(${target} library)
   if(DFR_COVERAGE)
     target_compile_options(${target} PRIVATE --coverage -fprofile-update=atomic)
     target_link_options(${target} INTERFACE $<BUILD_INTERFACE:--coverage>)
@@ -76,6 +93,17 @@ function(dfr_add_library name)
   set_property(GLOBAL APPEND PROPERTY DFR_LIBRARIES ${name})
 endfunction()
 
+# dfr_add_app_library(dfr_pusher_app SOURCES ... PUBLIC ... [PRIVATE ...]): all of a program but its command
+# line, so that tests and other programs can link it.
+function(dfr_add_app_library target)
+  cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;PUBLIC;PRIVATE")
+  add_library(${target} STATIC ${arg_SOURCES})
+  target_compile_features(${target} PUBLIC cxx_std_20)
+  target_include_directories(${target} PUBLIC ${PROJECT_SOURCE_DIR})
+  target_link_libraries(${target} PUBLIC ${arg_PUBLIC} PRIVATE ${arg_PRIVATE} dfr_build_flags)
+  dfr_use_precompiled(${target} program)
+endfunction()
+
 # dfr_add_app(pusher SOURCES ... LINK ...) makes bin/pusher, its manual page and its completion in bash.
 function(dfr_add_app name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "SOURCES;LINK")
@@ -83,6 +111,7 @@ function(dfr_add_app name)
   target_compile_features(${name} PRIVATE cxx_std_20)
   target_include_directories(${name} PRIVATE ${PROJECT_SOURCE_DIR})
   target_link_libraries(${name} PRIVATE ${arg_LINK} dfr_build_flags)
+  dfr_use_precompiled(${name} program)
   install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT ${name})
   set(manual ${PROJECT_BINARY_DIR}/man/${name}.1)
   add_custom_command(TARGET ${name} POST_BUILD BYPRODUCTS ${manual}
@@ -125,29 +154,6 @@ constexpr std::string_view @constant@ = R"embedded(@text@)embedded";
   endforeach()
 endfunction()
 
-# dfr_add_test(random_test LINK dfr::core [SOURCES ...] [LABELS ...]): one file per public header,
-# <name>.cc unless SOURCES says otherwise. Every TEST is a ctest case of its own. Tests over DDS
-# depend on the wall clock, and get the main() of tests/dds/real_time_main.cc.
-function(dfr_add_test name)
-  cmake_parse_arguments(PARSE_ARGV 1 arg "" "TIMEOUT" "SOURCES;LINK;LABELS")
-  if(NOT arg_SOURCES)
-    set(arg_SOURCES ${name}.cc)
-  endif()
-  if(NOT arg_TIMEOUT)
-    set(arg_TIMEOUT 120)
-  endif()
-  add_executable(${name} ${arg_SOURCES})
-  set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/tests)
-  set(main GTest::gtest_main)
-  if(dfr_dds_test_support IN_LIST arg_LINK)
-    set(main dfr_real_time_main)
-  endif()
-  target_link_libraries(${name} PRIVATE ${arg_LINK} dfr_test_support GTest::gmock ${main}
-    dfr_build_flags)
-  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60
-    PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${arg_LABELS}")
-endfunction()
-
 # dfr_add_bench(decision_bench LINK dfr::kernel ...): bin/decision_bench, which also runs once,
 # untimed, as a test, so that it cannot rot.
 function(dfr_add_bench name)
@@ -159,8 +165,7 @@ function(dfr_add_bench name)
   target_compile_features(${name} PRIVATE cxx_std_20)
   target_link_libraries(${name} PRIVATE ${arg_LINK} benchmark::benchmark dfr_build_flags)
   if(DFR_BUILD_TESTS)
-    add_test(NAME ${name}.smoke COMMAND ${name} --benchmark_min_time=0)
-    set_tests_properties(${name}.smoke PROPERTIES LABELS bench)
+    dfr_add_command_test(${name}.smoke TIER system COMMAND ${name} --benchmark_min_time=0)
   endif()
 endfunction()
 

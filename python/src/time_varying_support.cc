@@ -34,13 +34,13 @@ TimeVaryingSupport Fit(const Arrays& arrays, const py::object& nu, const py::obj
                                       << demonstrations[i].ndim());
     views.push_back(Rows(demonstrations[i], "a demonstration"));
   }
-  kernel::TimeVaryingSupportOptions options{
-      .svm = {.nu = RealOption(nu, "nu"),
-              .gamma = RealOption(gamma, "gamma"),
-              .tolerance = RealOption(tolerance, "tolerance")},
-      .num_steps = WholeOption(num_steps, "num_steps"),
-      .pooled = FlagOption(pooled, "pooled"),
-      .threads = WholeOption(threads, "threads")};
+  kernel::TimeVaryingSupportOptions options;
+  options.svm.nu = RealOption(nu, "nu");
+  options.svm.gamma = RealOption(gamma, "gamma");
+  options.svm.tolerance = RealOption(tolerance, "tolerance");
+  options.num_steps = WholeOption(num_steps, "num_steps");
+  options.pooled = FlagOption(pooled, "pooled");
+  options.threads = WholeOption(threads, "threads");
   if (weights) options.svm.weights = Entries(*weights);
   Interruptible interruptible;
   options.svm.progress = [&](const kernel::FitProgress&) { return interruptible.GoOn(); };

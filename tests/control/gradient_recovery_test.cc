@@ -17,7 +17,7 @@ namespace {
 
 // The gate asks for g > 5 * 0.08 = 0.4; g is 0.5 in the centre and 0.06 at the start. The gate
 // level of the model, the median of the demonstrations', lies beyond.
-const std::vector<double> kLambda = {5.0};
+const std::vector<double> kLevelRate = {5.0};
 const std::vector<double> kStart = {0.0, 0.38};
 
 TEST(GradientRecoveryTest, ReachesTheGateInAFewControls) {
@@ -39,10 +39,10 @@ TEST(GradientRecoveryTest, ReachesTheGateInAFewControls) {
     ADD_FAILURE() << Name(controller.halt_cause());
     return 1000;
   };
-  EXPECT_LE(controls(SwitchingPolicy(policy, support, kLambda,
+  EXPECT_LE(controls(SwitchingPolicy(policy, support, kLevelRate,
                                      std::make_unique<GradientRecovery>(model))),
             2);
-  EXPECT_GT(controls(SwitchingPolicy(policy, support, kLambda)), 50) << "DFR's probes";
+  EXPECT_GT(controls(SwitchingPolicy(policy, support, kLevelRate)), 50) << "DFR's probes";
 }
 
 // Steps towards the gate level and no further.
@@ -67,7 +67,8 @@ TEST(GradientRecoveryTest, LearnsFromItsOwnControls) {
   const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.08);
   test::TurnedPoint plant{.angle = 0.9, .x = kStart};
-  SwitchingPolicy controller(policy, support, kLambda, std::make_unique<GradientRecovery>(model));
+  SwitchingPolicy controller(policy, support, kLevelRate,
+                             std::make_unique<GradientRecovery>(model));
   controller.Reset(1);
   std::vector<double> u(2);
   int controls = 0;
@@ -108,7 +109,8 @@ TEST(GradientRecoveryTest, HasNoDirectionWhereControlsDoNothing) {
   const auto support = test::MovingDisk();
   const GuidedModel model(test::IdentityFeatures(), support, demonstrations);
   const auto policy = test::ConstantPolicy(2, 0.08);
-  SwitchingPolicy controller(policy, support, kLambda, std::make_unique<GradientRecovery>(model));
+  SwitchingPolicy controller(policy, support, kLevelRate,
+                             std::make_unique<GradientRecovery>(model));
   controller.Reset(1);
   std::vector<double> u(2, 1.0);
   EXPECT_EQ(controller.Next(kStart, u).cause, HaltCause::kNoDirection);

@@ -52,7 +52,7 @@ TEST(JacobianPriorTest, ErrorsNameTheCulprit) {
 // Files of before version 4 keep the products v v' and v dz' of each transition, those of before
 // version 3 no controls.
 TEST(JacobianPriorTest, OldFilesGiveTheSameAnswerToControls) {
-  constexpr int kSteps = 4;
+  constexpr int kFewSteps = 4;
   constexpr int kDemonstrations = 6;
   const core::Matrix truth = (core::Matrix(3, 2) << 0.2, 0.1, -0.1, 0.3, 0.05, -0.4).finished();
   core::Random random(21);
@@ -64,9 +64,9 @@ TEST(JacobianPriorTest, OldFilesGiveTheSameAnswerToControls) {
   std::vector<core::Matrix> features;
   std::vector<core::Matrix> controls;
   for (int d = 0; d < kDemonstrations; ++d) {
-    controls.push_back(draw(kSteps, 2));
-    features.push_back(draw(kSteps + 1, 3));
-    for (Eigen::Index t = 0; t < kSteps; ++t) {
+    controls.push_back(draw(kFewSteps, 2));
+    features.push_back(draw(kFewSteps + 1, 3));
+    for (Eigen::Index t = 0; t < kFewSteps; ++t) {
       features[d].row(t + 1) = features[d].row(t) + controls[d].row(t) * truth.transpose();
     }
   }
@@ -82,11 +82,11 @@ TEST(JacobianPriorTest, OldFilesGiveTheSameAnswerToControls) {
   for (const int version : {2, 3}) {
     SCOPED_TRACE(version);
     std::vector<int> begin;
-    core::Matrix points(kSteps * kDemonstrations, 3);
-    core::Matrix signs(kSteps * kDemonstrations, 2);
-    core::Matrix products(kSteps * kDemonstrations, 3 + 6);
+    core::Matrix points(kFewSteps * kDemonstrations, 3);
+    core::Matrix signs(kFewSteps * kDemonstrations, 2);
+    core::Matrix products(kFewSteps * kDemonstrations, 3 + 6);
     Eigen::Index row = 0;
-    for (Eigen::Index t = 0; t < kSteps; ++t) {
+    for (Eigen::Index t = 0; t < kFewSteps; ++t) {
       begin.push_back(static_cast<int>(row));
       for (std::size_t d = 0; d < kDemonstrations; ++d, ++row) {
         const auto v = controls[d].row(t);

@@ -14,10 +14,10 @@ namespace dfr::control {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr int kSteps = 40;
+constexpr int kLineSteps = 40;
 
 // l_t(x) = log 2 - (x - speed t)^2: B_t is |x - speed t| <= 0.8326.
-test::GaussianSupport Line(double speed) { return {{{0.0}}, 1.0, 0.5, {speed}, kSteps}; }
+test::GaussianSupport Line(double speed) { return {{{0.0}}, 1.0, 0.5, {speed}, kLineSteps}; }
 
 TEST(PhaseTrackerTest, AdvancesByOneWhereTheNextSupportIsReached) {
   const auto support = Line(1.0);
@@ -76,12 +76,12 @@ TEST(PhaseTrackerTest, AMissedSupportIsWaitedForWhereItFitsBest) {
 TEST(PhaseTrackerTest, BehindTheLastSupportThePhaseIsCounted) {
   const auto support = Line(1.0);
   PhaseTracker tracker(support);
-  for (const int phase : {kSteps - 1, kSteps + 2}) {
+  for (const int phase : {kLineSteps - 1, kLineSteps + 2}) {
     tracker.Reset(phase);
-    tracker.Advance(std::vector{1.0 * kSteps}, -1.0, true);
+    tracker.Advance(std::vector{1.0 * kLineSteps}, -1.0, true);
     EXPECT_EQ(tracker.phase(), phase) << "there is nothing ahead";
     EXPECT_EQ(tracker.waited(), 1);
-    tracker.Advance(std::vector{1.0 * kSteps}, -1.0, false);
+    tracker.Advance(std::vector{1.0 * kLineSteps}, -1.0, false);
     EXPECT_EQ(tracker.phase(), phase + 1);
     EXPECT_EQ(tracker.waited(), 0);
   }
@@ -120,7 +120,7 @@ TEST(PhaseTrackerTest, FollowsPacesOtherThanTheDemonstrations) {
   for (const double pace : {1.0, 2.0, 0.5, 3.0}) {
     SCOPED_TRACE(pace);
     tracker.Reset();
-    for (int i = 0; pace * i < kSteps - 1; ++i) {
+    for (int i = 0; pace * i < kLineSteps - 1; ++i) {
       const double l = tracker.Follow(std::vector{pace * i});
       EXPECT_NEAR(tracker.phase(), pace * i, 0.5 + 1e-12) << i;
       EXPECT_GE(l, std::log(2.0) - 0.25 - 1e-12) << "no support fits better";
@@ -146,9 +146,9 @@ TEST(PhaseTrackerTest, TiesGoToTheClock) {
   const auto support = Line(0.0);
   PhaseTracker tracker(support);
   tracker.Reset();
-  for (int i = 0; i < kSteps + 5; ++i) {
+  for (int i = 0; i < kLineSteps + 5; ++i) {
     (void)tracker.Follow(std::vector{0.1});
-    EXPECT_EQ(tracker.phase(), std::min(i, kSteps - 1));
+    EXPECT_EQ(tracker.phase(), std::min(i, kLineSteps - 1));
   }
 }
 
@@ -159,7 +159,7 @@ TEST(PhaseTrackerTest, LooksNoFurtherThanItsWindowAndOnlyForABetterFit) {
    public:
     explicit Slope(double gain) : gain_(gain) {}
     int state_dim() const noexcept override { return 1; }
-    int num_steps() const noexcept override { return kSteps; }
+    int num_steps() const noexcept override { return kLineSteps; }
     double Decision(int, std::span<const double>) const noexcept override { return 1.0; }
     double Gradient(int, std::span<const double>, std::span<double>) const noexcept override {
       return 1.0;

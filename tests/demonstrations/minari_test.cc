@@ -155,7 +155,7 @@ TEST(DemonstrationReaderTest, MemoryDoesNotGrowWithTheFile) {
   episode.controls = core::Matrix::Random(2000, 4);
   core::StateLayout layout;
   layout.Add("x", 60);
-  constexpr int kEpisodes = 120;  // of 1 MB each
+  constexpr int kLargeEpisodes = 120;  // of 1 MB each
   const auto peak_mib = [] {
     rusage usage{};
     getrusage(RUSAGE_SELF, &usage);
@@ -165,15 +165,15 @@ TEST(DemonstrationReaderTest, MemoryDoesNotGrowWithTheFile) {
   {
     MinariWriter minari(folder / "d", kId, layout, 4, "long");
     RobomimicWriter robomimic(folder / "d.hdf5", layout, 4, "long");
-    for (int i = 0; i < kEpisodes; ++i) {
+    for (int i = 0; i < kLargeEpisodes; ++i) {
       minari.Append(episode);
       robomimic.Append(episode);
     }
   }
   for (const char* path : {"d", "d.hdf5"}) {
     const auto reader = OpenDemonstrations(folder / path);
-    ASSERT_EQ(reader->num_episodes(), kEpisodes);
-    for (int i = 0; i < kEpisodes; ++i) EXPECT_EQ(reader->Read(i).controls, episode.controls);
+    ASSERT_EQ(reader->num_episodes(), kLargeEpisodes);
+    for (int i = 0; i < kLargeEpisodes; ++i) EXPECT_EQ(reader->Read(i).controls, episode.controls);
   }
   // libhdf5 keeps some of its own; the files are of 120 and 240 MiB.
   EXPECT_LT(peak_mib() - start, 40);

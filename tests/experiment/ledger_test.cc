@@ -22,6 +22,7 @@
 
 #include "dfr/core/random.h"
 #include "tests/experiment/fake_trial_runner.h"
+#include "tests/support/message_of.h"
 
 namespace {
 
@@ -67,15 +68,6 @@ using test::EmptyFolder;
 using test::FakePlan;
 using test::MakeFakeTrialRunner;
 using testing::HasSubstr;
-
-std::string MessageOf(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const std::exception& e) {
-    return e.what();
-  }
-  return "nothing thrown";
-}
 
 std::string Read(const std::filesystem::path& path) {
   std::ifstream in(path, std::ios::binary);
@@ -135,12 +127,12 @@ TEST_F(LedgerTest, OtherSettingsAreRefusedWithTheFirstDifference) {
   const std::string before = Read(ledger);
   EvaluationOptions options = Options();
   options.settings["gamma"] = "7";
-  EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, options); }),
+  EXPECT_THAT(test::MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, options); }),
               testing::AllOf(HasSubstr(ledger.string()),
                              HasSubstr("settings.gamma is \"5\" there and \"7\" now")));
   EvaluationPlan plan = FakePlan();
   plan.seed = 4;
-  EXPECT_THAT(MessageOf([&] { (void)Evaluate(plan, MakeFakeTrialRunner, Options()); }),
+  EXPECT_THAT(test::MessageOf([&] { (void)Evaluate(plan, MakeFakeTrialRunner, Options()); }),
               HasSubstr("seed is 3 there and 4 now"));
   EXPECT_EQ(Read(ledger), before);
 }
@@ -150,7 +142,7 @@ TEST_F(LedgerTest, DamageAndForeignFilesAreRefused) {
   const std::string text = Read(ledger);
   const auto message = [&](const std::string& content) {
     Write(ledger, content);
-    return MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
+    return test::MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
   };
   const std::size_t second = text.find('\n') + 1;
   const std::size_t third = text.find('\n', second) + 1;
@@ -174,7 +166,7 @@ TEST_F(LedgerTest, DamageAndForeignFilesAreRefused) {
 TEST_F(LedgerTest, AFolderThatDoesNotExistIsNamed) {
   EvaluationOptions options = Options();
   options.ledger = ledger.parent_path() / "missing" / "ledger.jsonl";
-  EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, options); }),
+  EXPECT_THAT(test::MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, options); }),
               testing::AllOf(HasSubstr("missing"), HasSubstr("cannot be written")));
 }
 
@@ -213,7 +205,7 @@ TEST_F(LedgerTest, AUnitOfAnotherRunIsRefused) {
     const std::size_t from = theirs.find('\n') + 1;
     Write(ledger, ours.substr(0, begin) + theirs.substr(from, theirs.find('\n', from) - from) +
                       ours.substr(end));
-    return MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
+    return test::MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
   };
   EvaluationPlan seeded = FakePlan();
   seeded.seed = 4;
@@ -257,7 +249,8 @@ TEST_F(LedgerTest, AnotherWriterIsRefusedAndLosesNothing) {
   std::string message;
   const auto opens_again = [&](const EvaluationUnit& unit) {
     if (message.empty()) {
-      message = MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
+      message =
+          test::MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
     }
     return MakeFakeTrialRunner(unit);
   };
@@ -274,7 +267,7 @@ TEST_F(LedgerTest, WriteErrorsLoseAndRepeatNothing) {
       std::filesystem::remove(ledger);
       fault = {after, error};
       const std::string message =
-          MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
+          test::MessageOf([&] { (void)Evaluate(FakePlan(), MakeFakeTrialRunner, Options()); });
       const bool failed = error != 0 && fault.after < 0;
       fault = {};
       EXPECT_THAT(message,
@@ -321,7 +314,7 @@ TEST_F(LedgerTest, RunsThatFailAgainAndAgainLoseAndRepeatNothing) {
       };
       std::vector<UnitResult> results;
       const std::string message =
-          MessageOf([&] { results = Evaluate(FakePlan(), counts, Options()); });
+          test::MessageOf([&] { results = Evaluate(FakePlan(), counts, Options()); });
       injected += fault.after < 0 ? 1 : 0;
       fault = {};
       done = !results.empty();
@@ -428,15 +421,15 @@ TEST_F(MergeTest, AnySplitGivesTheSameResultsInAnyOrder) {
 
 TEST_F(MergeTest, WhatDoesNotBelongTogetherIsRefusedByName) {
   const auto first = Run(1, 2);
-  EXPECT_THAT(MessageOf([&] { MergeLedgers({first}, whole); }),
+  EXPECT_THAT(test::MessageOf([&] { MergeLedgers({first}, whole); }),
               HasSubstr("10 of 20 units are missing, the first is trial 2, 60 demonstrations, 8."));
-  EXPECT_THAT(MessageOf([&] {
+  EXPECT_THAT(test::MessageOf([&] {
                 MergeLedgers({first, Run(2, 2, FakePlan(), "7")}, whole);
               }),
               HasSubstr("settings.gamma is \"5\" there and \"7\" now"));
   EvaluationPlan plan = FakePlan();
   plan.episodes = 13;
-  EXPECT_THAT(MessageOf([&] {
+  EXPECT_THAT(test::MessageOf([&] {
                 MergeLedgers({first, Run(2, 2, plan)}, whole);
               }),
               HasSubstr("episodes is 12 there and 13 now"));
@@ -452,7 +445,7 @@ TEST_F(MergeTest, AUnitWithOtherResultsIsRefused) {
     return MakeFakeTrialRunner(other);
   };
   (void)Evaluate(FakePlan(), differs, {.ledger = second, .settings = {{"gamma", "5"}}});
-  EXPECT_THAT(MessageOf([&] {
+  EXPECT_THAT(test::MessageOf([&] {
                 MergeLedgers({first, second}, whole);
               }),
               HasSubstr("has other results of trial 3"));
@@ -474,7 +467,7 @@ TEST(SettingsTest, AFilesHashFollowsItsContent) {
   EXPECT_EQ(HashOfFile(folder / "a"), HashOfFile(folder / "b"));
   EXPECT_NE(HashOfFile(folder / "a"), HashOfFile(folder / "c"));
   EXPECT_EQ(HashOfFile(folder / "a").size(), 16u);
-  EXPECT_THAT(MessageOf([&] { (void)HashOfFile(folder / "absent"); }), HasSubstr("absent"));
+  EXPECT_THAT(test::MessageOf([&] { (void)HashOfFile(folder / "absent"); }), HasSubstr("absent"));
 }
 
 }  // namespace

@@ -11,6 +11,7 @@
 #include <string>
 
 #include "tests/experiment/fake_trial_runner.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::experiment {
 namespace {
@@ -18,15 +19,6 @@ namespace {
 using test::FakePlan;
 using test::MakeFakeTrialRunner;
 using testing::HasSubstr;
-
-std::string MessageOf(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const std::exception& e) {
-    return e.what();
-  }
-  return "nothing thrown";
-}
 
 TEST(EvaluateTest, CoversThePlanInItsOrder) {
   const EvaluationPlan plan = FakePlan();
@@ -118,7 +110,7 @@ TEST(EvaluateTest, StartStatesOutsideAreRedrawnAndCounted) {
   const auto results = Evaluate(plan, make);
   EXPECT_EQ(results[0].redrawn, 2 * 12);
   plan.max_redraws = 2;
-  EXPECT_THAT(MessageOf([&] { (void)Evaluate(plan, make); }),
+  EXPECT_THAT(test::MessageOf([&] { (void)Evaluate(plan, make); }),
               HasSubstr("no start state is inside the support after 2 draws (trial 1, 6 "
                         "demonstrations, 8)"));
 }
@@ -143,7 +135,7 @@ TEST(EvaluateTest, ARunnerThatThrowsEndsTheRun) {
       if (++made == 3) throw std::runtime_error("no such policy");
       return MakeFakeTrialRunner(unit);
     };
-    EXPECT_THAT(MessageOf([&] { (void)Evaluate(FakePlan(), make, {.threads = threads}); }),
+    EXPECT_THAT(test::MessageOf([&] { (void)Evaluate(FakePlan(), make, {.threads = threads}); }),
                 HasSubstr("no such policy"));
     if (threads == 1) {
       EXPECT_EQ(made, 3);
@@ -155,7 +147,7 @@ TEST(EvaluateTest, RefusesPlansThatCannotBeRun) {
   const auto message = [](const std::function<void(EvaluationPlan&)>& change) {
     EvaluationPlan plan = FakePlan();
     change(plan);
-    return MessageOf([&] { (void)Evaluate(plan, MakeFakeTrialRunner); });
+    return test::MessageOf([&] { (void)Evaluate(plan, MakeFakeTrialRunner); });
   };
   EXPECT_THAT(message([](auto& plan) { plan.methods.clear(); }), HasSubstr("methods"));
   EXPECT_THAT(message([](auto& plan) { plan.methods = {"a", "a"}; }), HasSubstr("distinct"));

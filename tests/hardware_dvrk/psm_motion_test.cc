@@ -18,21 +18,21 @@ using kinematics::PsmJoints;
 
 constexpr double kDegree = 0.017453292519943295;
 
-PsmJoints Home() {
+PsmJoints HomeJoints() {
   PsmJoints q = PsmJoints::Zero();
   q[2] = 0.12;
   return q;
 }
 
 PsmJoints Off(int joint, double by) {
-  PsmJoints q = Home();
+  PsmJoints q = HomeJoints();
   q[joint] += by;
   return q;
 }
 
 PsmMotion AtHome(const PsmLimits& limits = {}, PsmProfile profile = PsmProfile::kSmooth) {
   PsmMotion motion(limits, profile);
-  motion.Rest(Home());
+  motion.Rest(HomeJoints());
   return motion;
 }
 
@@ -43,7 +43,7 @@ TEST(PsmMotionTest, LinearMoveIsAConstantShareOfTheWayPerTime) {
   ASSERT_EQ(motion.Start(goal, 1.0), PsmStatus::kOk);
   for (int i = 1; i <= 50; ++i) {
     motion.Advance(0.02);
-    const PsmJoints expected = Home() + (i / 50.0) * (goal - Home());
+    const PsmJoints expected = HomeJoints() + (i / 50.0) * (goal - HomeJoints());
     ASSERT_TRUE(test::AllClose(motion.setpoint(), expected, 1e-15)) << i;
     ASSERT_EQ(motion.moving(), i < 50);
   }
@@ -107,8 +107,8 @@ TEST(PsmMotionTest, RefusesAndChangesNothing) {
   EXPECT_EQ(motion.Start(Off(3, 200 * kDegree), 100.0), PsmStatus::kUnreachable);
   EXPECT_FALSE(motion.moving());
   motion.Advance(1.0);
-  EXPECT_EQ(motion.setpoint(), Home());
-  EXPECT_EQ(motion.Start(Home(), 0.0), PsmStatus::kOk);
+  EXPECT_EQ(motion.setpoint(), HomeJoints());
+  EXPECT_EQ(motion.Start(HomeJoints(), 0.0), PsmStatus::kOk);
 }
 
 TEST(PsmMotionTest, AnSiArmGoesFartherWhereItIsSaidToBeOne) {
@@ -122,9 +122,9 @@ TEST(PsmMotionTest, AnSiArmGoesFartherWhereItIsSaidToBeOne) {
   PsmMotion si = AtHome(limits);
   EXPECT_EQ(si.Start(Off(2, 0.171), 100.0), PsmStatus::kBeyondLimits);
   EXPECT_EQ(si.Start(Off(2, 0.13), 100.0), PsmStatus::kOk);
-  si.Rest(Home());
+  si.Rest(HomeJoints());
   EXPECT_EQ(si.Start(Psm::Forward(Off(1, 1.2)), 100.0), PsmStatus::kOk);
-  si.Rest(Home());
+  si.Rest(HomeJoints());
   EXPECT_EQ(si.Start(Off(0, 2.9), 100.0), PsmStatus::kOk);
   limits.generation = kinematics::PsmGeneration::kClassic;  // whose own these limits are beyond
   EXPECT_THROW(PsmMotion(limits, PsmProfile::kSmooth), std::invalid_argument);
@@ -138,14 +138,14 @@ TEST(PsmMotionTest, WorkspaceHoldsOnTheWayToo) {
   PsmMotion motion(limits, PsmProfile::kSmooth);
   motion.Rest(Off(0, -0.5));
   ASSERT_GT(Psm::Tip(Off(0, -0.5)).z(), -0.115);
-  ASSERT_LT(Psm::Tip(Home()).z(), -0.115);
+  ASSERT_LT(Psm::Tip(HomeJoints()).z(), -0.115);
   EXPECT_EQ(motion.Start(Off(0, 0.5), 100.0), PsmStatus::kOutsideWorkspace);
   EXPECT_EQ(motion.Start(Off(0, -0.45), 100.0), PsmStatus::kOk);
 }
 
 TEST(PsmMotionTest, PoseGoalsAreThoseOfTheirJoints) {
   PsmMotion motion = AtHome();
-  PsmJoints goal = Home();
+  PsmJoints goal = HomeJoints();
   goal << 0.05, -0.04, 0.13, 0.3, 0.2, -0.1;
   ASSERT_EQ(motion.Start(Psm::Forward(goal), 10.0), PsmStatus::kOk);
   EXPECT_TRUE(test::AllClose(motion.goal(), goal, 1e-12));  // inverse kinematics' rounding
@@ -191,16 +191,16 @@ TEST(PsmRestTest, RestNeedsDistanceAndSpeedForTheSettlingTime) {
   PsmRest rest({.settle_s = 0.1});
   const PsmJoints still = PsmJoints::Zero();
   EXPECT_FALSE(rest.At(0.0));
-  rest.Sample(Home(), still, Home(), 1.00);
+  rest.Sample(HomeJoints(), still, HomeJoints(), 1.00);
   EXPECT_FALSE(rest.At(1.09));
   EXPECT_TRUE(rest.At(1.10));
-  rest.Sample(Off(2, 0.0011), still, Home(), 1.11);  // 1.1 mm of insertion away
+  rest.Sample(Off(2, 0.0011), still, HomeJoints(), 1.11);  // 1.1 mm of insertion away
   EXPECT_FALSE(rest.At(1.3));
-  rest.Sample(Home(), still, Home(), 1.2);
+  rest.Sample(HomeJoints(), still, HomeJoints(), 1.2);
   EXPECT_FALSE(rest.At(1.25));
-  rest.Sample(Home(), Off(2, 0.0) - Off(2, 0.003), Home(), 1.25);  // 3 mm/s
+  rest.Sample(HomeJoints(), Off(2, 0.0) - Off(2, 0.003), HomeJoints(), 1.25);  // 3 mm/s
   EXPECT_FALSE(rest.At(2.0));
-  rest.Sample(Home(), still, Home(), 2.0);
+  rest.Sample(HomeJoints(), still, HomeJoints(), 2.0);
   EXPECT_TRUE(rest.At(2.2));
   rest.Forget();
   EXPECT_FALSE(rest.At(3.0));

@@ -15,7 +15,7 @@ namespace {
 
 using testing::HasSubstr;
 
-core::StateLayout Layout() {
+core::StateLayout ObjectLayout() {
   core::StateLayout layout;
   layout.Add("object", 2);
   return layout;
@@ -27,7 +27,7 @@ GaussianPolicy Policy(double limit) {
   Eigen::VectorXd parameters = Eigen::VectorXd::Zero(mlp.num_parameters());
   parameters.tail(2) << 0.2, 5.0;
   mlp.SetParameters(parameters);
-  return {MlpPolicy(Layout(), "", Whitening::Identity(2), mlp, Eigen::Vector2d::Constant(limit)),
+  return {MlpPolicy(ObjectLayout(), "", Whitening::Identity(2), mlp, Eigen::Vector2d::Constant(limit)),
           Eigen::Vector2d(std::log(0.5), std::log(0.1))};
 }
 

@@ -19,7 +19,7 @@ namespace {
 using testing::Each;
 using testing::HasSubstr;
 
-core::StateLayout Layout() {
+core::StateLayout ArmAndObject() {
   core::StateLayout layout;
   layout.Add("arm", 2);
   layout.Add("object", 3);
@@ -28,14 +28,14 @@ core::StateLayout Layout() {
 
 Whitening TheWhitening() { return {Eigen::Vector2d(1, -1), Eigen::Vector2d(2, 0.5)}; }
 
-MlpPolicy Policy(double limit = 1.0) {
+MlpPolicy NetworkPolicy(double limit = 1.0) {
   core::Random random(1);
-  return {Layout(), "object[1:3]", TheWhitening(), Mlp({2, 6, 2}, random),
+  return {ArmAndObject(), "object[1:3]", TheWhitening(), Mlp({2, 6, 2}, random),
           Eigen::Vector2d::Constant(limit)};
 }
 
 TEST(MlpPolicyTest, ControlIsTheNetworkOfWhitenedFeatures) {
-  const MlpPolicy policy = Policy(100.0);
+  const MlpPolicy policy = NetworkPolicy(100.0);
   const std::vector<double> x = {9, 9, 9, 0.3, -0.7};
   const std::vector<double> z = {(0.3 - 1) / 2, (-0.7 + 1) / 0.5};
   std::vector<double> u(2), expected(2);
@@ -49,7 +49,7 @@ TEST(MlpPolicyTest, ControlsStayWithinTheirLimits) {
   Eigen::VectorXd parameters = Eigen::VectorXd::Zero(mlp.num_parameters());
   parameters.tail(3) << 4.0, -4.0, 0.25;  // the biases
   mlp.SetParameters(parameters);
-  const MlpPolicy policy(Layout(), "", Whitening::Identity(5), mlp, Eigen::Vector3d(1, 2, 3));
+  const MlpPolicy policy(ArmAndObject(), "", Whitening::Identity(5), mlp, Eigen::Vector3d(1, 2, 3));
   std::vector<double> u(3);
   policy.Control(0, std::vector<double>(5, 0.0), u);
   EXPECT_THAT(u, testing::ElementsAre(1.0, -2.0, 0.25));
@@ -58,7 +58,7 @@ TEST(MlpPolicyTest, ControlsStayWithinTheirLimits) {
 }
 
 TEST(MlpPolicyTest, BrokenStatesGiveNan) {
-  const MlpPolicy policy = Policy();
+  const MlpPolicy policy = NetworkPolicy();
   const auto is_nan = testing::Truly([](double v) { return std::isnan(v); });
   for (const double broken :
        {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
@@ -75,7 +75,7 @@ TEST(MlpPolicyTest, BrokenStatesGiveNan) {
 }
 
 TEST(MlpPolicyTest, ControlNeverAllocates) {
-  const MlpPolicy policy = Policy();
+  const MlpPolicy policy = NetworkPolicy();
   const std::vector<double> x(5, 0.1);
   std::vector<double> u(2);
   const test::NoAlloc guard;
@@ -83,7 +83,7 @@ TEST(MlpPolicyTest, ControlNeverAllocates) {
 }
 
 TEST(MlpPolicyTest, ThreadsShareAPolicy) {
-  const MlpPolicy policy = Policy();
+  const MlpPolicy policy = NetworkPolicy();
   const auto run = [&policy](std::vector<double>& controls) {
     core::Random random(3);
     std::vector<double> x(5), u(2);
@@ -106,7 +106,7 @@ TEST(MlpPolicyTest, ThreadsShareAPolicy) {
 
 TEST(MlpPolicyTest, AFileRestoresThePolicyToTheLastBit) {
   const test::TempFolder folder;
-  const MlpPolicy policy = Policy();
+  const MlpPolicy policy = NetworkPolicy();
   policy.Save(folder / "policy.dfr");
   const MlpPolicy loaded = MlpPolicy::Load(folder / "policy.dfr");
   EXPECT_EQ(loaded.layout(), policy.layout());
@@ -150,8 +150,9 @@ TEST(MlpPolicyTest, WrongFilesAreRefusedByName) {
 
 TEST(MlpPolicyTest, ErrorsNameThePartThatDoesNotFit) {
   const auto message = [](const char* features, Mlp mlp, Eigen::VectorXd limit) {
-    return test::Message<std::invalid_argument>(
-        [&] { MlpPolicy(Layout(), features, TheWhitening(), std::move(mlp), std::move(limit)); });
+    return test::Message<std::invalid_argument>([&] {
+      MlpPolicy(ArmAndObject(), features, TheWhitening(), std::move(mlp), std::move(limit));
+    });
   };
   const Eigen::Vector2d ones = Eigen::Vector2d::Ones();
   EXPECT_THAT(message("tip", Mlp({2, 2}), ones), HasSubstr("'tip'"));

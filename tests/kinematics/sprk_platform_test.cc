@@ -12,7 +12,7 @@
 namespace dfr::kinematics {
 namespace {
 
-constexpr double kDegree = 0.017453292519943295;
+constexpr double kRadPerDegree = 0.017453292519943295;
 
 // entries 0-2 translation, 3-5 angles
 PlatformPose Along(int entry, double value) {
@@ -64,7 +64,7 @@ TEST(SprkPlatformTest, HomeTurnsAllServosAlike) {
 TEST(SprkPlatformTest, ReachIsThatOfTheFirmwaresGeometry) {
   const auto millimetres = [](int entry, double sign) { return 1e3 * Reach(entry, sign, 2e-5); };
   const auto degrees = [](int entry, double sign) {
-    return Reach(entry, sign, 0.02 * kDegree) / kDegree;
+    return Reach(entry, sign, 0.02 * kRadPerDegree) / kRadPerDegree;
   };
   EXPECT_NEAR(millimetres(2, 1), 8.3, 0.1);
   EXPECT_NEAR(millimetres(2, -1), 17.1, 0.1);
@@ -81,8 +81,8 @@ TEST(SprkPlatformTest, ReachIsThatOfTheFirmwaresGeometry) {
 }
 
 TEST(SprkPlatformTest, PublishedFifteenDegreesAreOutsideReach) {
-  EXPECT_FALSE(SprkPlatform::Reachable(Along(3, 15 * kDegree)));
-  EXPECT_FALSE(SprkPlatform::Reachable(Along(4, 15 * kDegree)));
+  EXPECT_FALSE(SprkPlatform::Reachable(Along(3, 15 * kRadPerDegree)));
+  EXPECT_FALSE(SprkPlatform::Reachable(Along(4, 15 * kRadPerDegree)));
   PlatformPose broken;
   broken.translation_m.x() = std::numeric_limits<double>::quiet_NaN();
   EXPECT_FALSE(SprkPlatform::Reachable(broken));
@@ -105,7 +105,7 @@ TEST(SprkPlatformTest, ReachableShareEndsAtTheBoundary) {
 
 TEST(SprkPlatformTest, RotationIsYawAfterPitchAfterRoll) {
   PlatformPose pose;
-  pose.angles_rad << 90 * kDegree, 0.0, 90 * kDegree;
+  pose.angles_rad << 90 * kRadPerDegree, 0.0, 90 * kRadPerDegree;
   // Roll takes y to z; yaw leaves it there.
   EXPECT_LT((pose.Transform() * Eigen::Vector3d::UnitY() - Eigen::Vector3d::UnitZ()).norm(), 1e-15);
   // x is not moved by roll; yaw takes it to y.

@@ -71,7 +71,7 @@ class Citizenship(unittest.TestCase):
         self.assertIn(" ".join(title.split()), " ".join(text("README.md").split()))
 
     def test_pages_for_contributors_and_reporters_are_there(self):
-        for command in ("./dev test", "./dev lint", "./dev compare --short"):
+        for command in ("./dev test", "./dev check", "./dev compare --short"):
             self.assertIn(command, text("CONTRIBUTING.md"))
         self.assertIn("What a guard is not", text("SECURITY.md"))
         for page in ("CONTRIBUTING.md", "SECURITY.md", "CITATION.cff"):

@@ -6,8 +6,7 @@ notice (a failing test, a crash, five times its processor time and 5 s, 8 GiB) i
 not count; one that no test notices survives, and is printed to be read: it wants a test, or a reason in
 docs/reliability.md. COUNT changes are drawn at random; the share that is noticed has its interval of 95 % (Wilson's).
 
-The tests are those of tests/NAME, all of the library's: that of the changed file first, then from the shortest to the
-longest, each built only when those before it have passed. Works in a copy of the tree (git worktree) below
+The tests are the unit tests of tests/NAME, one program. Works in a copy of the tree (git worktree) below
 build/mutation, so that the tree itself is never changed. Each run has a TMPDIR of its own, which is removed; of root's,
 changed programs can write there and below the copy's build folder alone. What was found of a source file as it is now
 is kept in build/mutation/NAME.jsonl: the same command goes on from there and tries again what survived other tests
@@ -84,31 +83,28 @@ def confined(command, build, scratch):
     return [*CONFINED, str(build), scratch, *command] if os.geteuid() == 0 else command
 
 
-def run_test(build, test, cpu_s):
+def run_tests(build, program, cpu_s):
     def limit():
         resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(cpu_s), math.ceil(cpu_s)))
         resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
     with tempfile.TemporaryDirectory(prefix="dfr_mutate_") as scratch:
-        command = confined([str(build / "tests" / test), "--gtest_fail_fast"], build, scratch)
+        command = confined([str(build / "tests" / program), "--gtest_fail_fast"], build, scratch)
         # On a machine that others use, a test waits; one that hangs uses no processor time.
         return run(command, build, 30.0 + 5.0 * cpu_s, preexec_fn=limit,
                    env={**os.environ, "TMPDIR": scratch, "TEST_TMPDIR": scratch})
 
 
-def compile_tests(build, tests, jobs):
-    return run(["cmake", "--build", str(build), "--parallel", str(jobs), "--target", *tests], build, 3600) == 0
+def compile_tests(build, program, jobs):
+    return run(["cmake", "--build", str(build), "--parallel", str(jobs), "--target", program], build, 3600) == 0
 
 
-def outcome(source, build, limits, jobs):
-    """Whether the change that stands in `source` is killed, survived or does not compile."""
-    for test in sorted(limits, key=lambda test: (test != f"{source.stem}_test", limits[test])):
-        if not compile_tests(build, [test], jobs):
-            return "does not compile"
-        if run_test(build, test, limits[test]) != 0:
-            return "killed"
-    return "survived"
+def outcome(build, program, limit_s, jobs):
+    """Whether the change that stands in a source is killed, survived or does not compile."""
+    if not compile_tests(build, program, jobs):
+        return "does not compile"
+    return "killed" if run_tests(build, program, limit_s) != 0 else "survived"
 
 
 def wilson(hits, total):
@@ -141,23 +137,23 @@ def main():
                     subprocess.check_output(["git", "rev-parse", "HEAD"], cwd=root, text=True).strip()],
                    cwd=copy, check=True, capture_output=True)
     build = copy / "build/dev"
-    limits = {}  # of a test, in s of processor time: five times what it takes as it is, and 5 s
+    program = f"{name}_unit_tests"
+    limit_s = None  # of processor time: five times what the tests take as they are, and 5 s
     if not options.survivors:
         with tempfile.TemporaryDirectory(prefix="dfr_mutate_") as scratch:
             if run(confined(["true"], copy, scratch), copy, 60) != 0:
                 sys.exit("mutate.py: as root a changed program could replace files and devices, and unshare cannot "
                          "keep it from them here; run this as an ordinary user")
-        subprocess.run(["cmake", "--preset", "dev", f"-DDFR_COMPONENTS={name}"], cwd=copy, check=True,
+        subprocess.run(["cmake", "--preset", "dev", f"-DDFR_COMPONENTS={name}",
+                        "-DCMAKE_UNITY_BUILD=OFF"], cwd=copy, check=True,
                        capture_output=True)
-        tests = [path.stem for path in sorted((copy / "tests" / name).glob("*_test.cc"))]
-        if not compile_tests(build, tests, options.jobs):
+        if not compile_tests(build, program, options.jobs):
             sys.exit("mutate.py: the tests do not build as they are")
-        for test in tests:
-            before = resource.getrusage(resource.RUSAGE_CHILDREN)
-            if run_test(build, test, 600) != 0:
-                sys.exit(f"mutate.py: {test} fails as it is")
-            after = resource.getrusage(resource.RUSAGE_CHILDREN)
-            limits[test] = 5.0 + 5.0 * (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        if run_tests(build, program, 600) != 0:
+            sys.exit(f"mutate.py: {program} fails as it is")
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        limit_s = 5.0 + 5.0 * (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     of_tests = hashlib.sha256(b"".join(path.read_bytes() for path in sorted((copy / "tests" / name).rglob("*"))
                                        if path.is_file())).hexdigest()[:16]
 
@@ -187,7 +183,7 @@ def main():
         if before == "survived" and tests_before != [of_tests] and not options.survivors:
             source.write_text(text[:begin] + replacement + text[end:])
             try:
-                known[key] = [outcome(source, build, limits, options.jobs), of_tests]
+                known[key] = [outcome(build, program, limit_s, options.jobs), of_tests]
             finally:
                 source.write_text(text)
             with record.open("a") as out:

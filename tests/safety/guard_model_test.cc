@@ -26,6 +26,7 @@
 #include "dfr/safety/guard.h"
 #include "tests/safety/corridor.h"
 #include "tests/support/all_close.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::safety {
 namespace {
@@ -817,20 +818,12 @@ TEST(GuardModelTest, ProgressCanStopAFit) {
   }
 }
 
-std::string MessageOf(const std::function<void()>& call) {
-  try {
-    call();
-  } catch (const std::invalid_argument& e) {
-    return e.what();
-  }
-  return "nothing thrown";
-}
-
 TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   const auto layout = test::CorridorLayout();
   const auto good = test::CorridorDemonstrations(1, 5);
   const auto fit = [&](std::vector<core::Trajectory> demonstrations, GuardOptions options = {}) {
-    return MessageOf([&] { static_cast<void>(GuardModel::Fit(layout, demonstrations, options)); });
+    return test::MessageOf<std::invalid_argument>(
+        [&] { static_cast<void>(GuardModel::Fit(layout, demonstrations, options)); });
   };
   EXPECT_THAT(fit({good[0], good[1]}), HasSubstr("at least 3 demonstrations, not 2"));
   auto bad = good;
@@ -877,7 +870,8 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   const auto refusal = [&](auto GuardSettings::*member, auto value) {
     GuardSettings settings = model->settings();
     settings.*member = value;
-    return MessageOf([&] { static_cast<void>(model->With(settings)); });
+    return test::MessageOf<std::invalid_argument>(
+        [&] { static_cast<void>(model->With(settings)); });
   };
   for (const double limit : {0.0, kInfinity}) {
     EXPECT_THAT(refusal(&GuardSettings::action_limit, limit),
@@ -897,8 +891,9 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   EXPECT_THAT(refusal(&GuardSettings::direction_error, kInfinity),
               HasSubstr("direction_error must not be negative, and finite"));
   EXPECT_EQ(refusal(&GuardSettings::direction_error, 0.0), "nothing thrown");
-  EXPECT_THAT(MessageOf([&] { static_cast<void>(ParseStrategy("brave")); }),
-              HasSubstr("no strategy 'brave'; there are: guided, dfr, early-stopping, monitor"));
+  EXPECT_THAT(
+      test::MessageOf<std::invalid_argument>([&] { static_cast<void>(ParseStrategy("brave")); }),
+      HasSubstr("no strategy 'brave'; there are: guided, dfr, early-stopping, monitor"));
 }
 
 TEST(GuardModelTest, FileNamesOfObservationsAreStripped) {

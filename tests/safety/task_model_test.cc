@@ -22,6 +22,7 @@
 #include "dfr/core/archive.h"
 #include "dfr/core/random.h"
 #include "tests/safety/corridor.h"
+#include "tests/support/message_of.h"
 
 namespace dfr::safety {
 namespace {
@@ -326,19 +327,11 @@ TEST_F(TaskModelTest, ControllersOutliveAMoveOfTheModel) {
   }
 }
 
-std::string MessageOf(const std::function<void()>& call) {
-  try {
-    call();
-  } catch (const std::invalid_argument& e) {
-    return e.what();
-  }
-  return "nothing thrown";
-}
-
 TEST_F(TaskModelTest, WrongArgumentsAreNamed) {
   const auto layout = test::CorridorLayout();
   const auto fit = [&](int count, const TaskOptions& options) {
-    return MessageOf([&] { TaskModel(layout, Demonstrations(count), options); });
+    return test::MessageOf<std::invalid_argument>(
+        [&] { TaskModel(layout, Demonstrations(count), options); });
   };
   EXPECT_THAT(fit(2, Options(false)), HasSubstr("3"));
   TaskOptions options = Options(true);
@@ -355,14 +348,14 @@ TEST_F(TaskModelTest, WrongArgumentsAreNamed) {
 
   const TaskModel model = Fit(false);
   const Drifting policy;
-  EXPECT_THAT(MessageOf([&] {
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
                 static_cast<void>(
                     model.MakeController({.name = "oracle", .kind = Method::Kind::kOther}, policy));
               }),
               HasSubstr("'oracle'"));
   for (const std::string_view method : {"baseline", "dfr", "guided"}) {
     const auto make = [&](const ControllerOptions& controller) {
-      return MessageOf([&] {
+      return test::MessageOf<std::invalid_argument>([&] {
         static_cast<void>(model.MakeController(ParseMethod(method), policy, controller));
       });
     };
@@ -370,7 +363,7 @@ TEST_F(TaskModelTest, WrongArgumentsAreNamed) {
     EXPECT_THAT(make({.first_step = -1}), HasSubstr("first_step")) << method;
     EXPECT_THAT(make({.first_step = 25}), HasSubstr("first_step")) << method;
   }
-  EXPECT_THAT(MessageOf([&] {
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
                 static_cast<void>(
                     model.MakeController(std::unique_ptr<control::RecoveryStrategy>(), policy));
               }),
@@ -380,11 +373,13 @@ TEST_F(TaskModelTest, WrongArgumentsAreNamed) {
                                                              Demonstrations());
   for (const std::vector<double>& lambda :
        {std::vector<double>{}, {1.0, 0.0}, {-1.0}, {std::numeric_limits<double>::quiet_NaN()}}) {
-    EXPECT_THAT(MessageOf([&] { TaskModel(guided, lambda); }), HasSubstr("lambda"));
+    EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] { TaskModel(guided, lambda); }),
+                HasSubstr("lambda"));
   }
-  EXPECT_THAT(MessageOf([&] { TaskModel(guided, {1.0}, *Fit(true).published()); }),
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>(
+                  [&] { TaskModel(guided, {1.0}, *Fit(true).published()); }),
               HasSubstr("features"));
-  EXPECT_THAT(MessageOf([&] {
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
                 TaskModel(guided, {1.0}, *Fit(true).published(),
                           core::FeatureSelection(test::CorridorLayout(), "tip"));
               }),

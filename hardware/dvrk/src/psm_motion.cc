@@ -20,7 +20,7 @@ constexpr double kRoundTrip = 1e-6;
 constexpr double kWayStep = 5e-4;  // m, between two looks at the way
 constexpr int kMaxLooks = 1024;
 
-bool Positive(const PsmJoints& q) { return q.allFinite() && (q.array() > 0.0).all(); }
+bool AllPositive(const PsmJoints& q) { return q.allFinite() && (q.array() > 0.0).all(); }
 
 // A pose, sent on its own, has to mean these joint values to its receiver.
 bool Unambiguous(const PsmJoints& q, kinematics::PsmGeneration generation) noexcept {
@@ -48,7 +48,7 @@ void PsmLimits::Check() const {
                                         << lowest[i] << ", " << highest[i] << "], not [" << lower[i]
                                         << ", " << upper[i] << "]");
   }
-  DFR_THROW_UNLESS(Positive(max_speed), "max_speed must be positive and finite");
+  DFR_THROW_UNLESS(AllPositive(max_speed), "max_speed must be positive and finite");
   DFR_THROW_UNLESS(max_tip_speed > 0.0 && std::isfinite(max_tip_speed),
                    "max_tip_speed must be positive and finite");
   DFR_THROW_UNLESS(workspace_min_m.allFinite() && workspace_max_m.allFinite() &&
@@ -182,8 +182,8 @@ bool PsmRecentSetpoints::Contain(const PsmJoints& setpoint,
 }
 
 void PsmRestOptions::Check() const {
-  DFR_THROW_UNLESS(Positive(max_distance), "rest: max_distance must be positive and finite");
-  DFR_THROW_UNLESS(Positive(max_speed), "rest: max_speed must be positive and finite");
+  DFR_THROW_UNLESS(AllPositive(max_distance), "rest: max_distance must be positive and finite");
+  DFR_THROW_UNLESS(AllPositive(max_speed), "rest: max_speed must be positive and finite");
   DFR_THROW_UNLESS(settle_s >= 0.0 && settle_s < 1e3, "rest: settle_s must lie in [0, 1000)");
 }
 

@@ -44,7 +44,7 @@ rtps::Locator_t Ipv4(const std::string& address, std::uint16_t port) {
 // Two participants that admit each other have done so by then, however busy their machines are.
 constexpr std::chrono::seconds kHandshake(5);
 
-std::string Text(const rtps::GUID_t& guid) {
+std::string GuidText(const rtps::GUID_t& guid) {
   std::ostringstream text;
   text << guid;
   return text.str();
@@ -141,7 +141,7 @@ void PeerListener::on_participant_discovery(fdds::DomainParticipant* /*participa
                                             rtps::ParticipantDiscoveryInfo&& info) {
   using Info = rtps::ParticipantDiscoveryInfo;
   const std::lock_guard lock(mutex_);
-  const std::string guid = Text(info.info.m_guid);
+  const std::string guid = GuidText(info.info.m_guid);
   if (info.status == Info::DISCOVERED_PARTICIPANT) {
     const auto& token = info.info.identity_token_;
     const std::string* authority = rtps::DataHolderHelper::find_property_value(token, "dds.ca.sn");
@@ -180,7 +180,7 @@ int PeerListener::CountPublishers(const std::function<bool(std::string_view topi
 void PeerListener::onParticipantAuthentication(fdds::DomainParticipant* /*participant*/,
                                                rtps::ParticipantAuthenticationInfo&& info) {
   const std::lock_guard lock(mutex_);
-  const auto peer = peers_.find(Text(info.guid));
+  const auto peer = peers_.find(GuidText(info.guid));
   if (peer == peers_.end()) return;
   const bool admitted = info.status == rtps::ParticipantAuthenticationInfo::AUTHORIZED_PARTICIPANT;
   (admitted ? peer->second.admitted : peer->second.refused) = true;

@@ -11,8 +11,8 @@
 
 namespace dfr::imitation {
 namespace {
-constexpr std::string_view kKind = "gaussian-policy";
-constexpr int kVersion = 1;
+constexpr std::string_view kGaussianPolicyKind = "gaussian-policy";
+constexpr int kGaussianPolicyVersion = 1;
 }  // namespace
 
 GaussianPolicy::GaussianPolicy(MlpPolicy mean, Eigen::VectorXd log_std)
@@ -37,14 +37,14 @@ void GaussianPolicy::Sample(std::span<const double> x, core::Random& random,
 }
 
 void GaussianPolicy::Save(const std::filesystem::path& path) const {
-  core::ArchiveWriter archive(kKind, kVersion);
+  core::ArchiveWriter archive(kGaussianPolicyKind, kGaussianPolicyVersion);
   mean_.Save(archive);
   archive.Numbers(core::AsSpan(log_std_));
   archive.Save(path);
 }
 
 GaussianPolicy GaussianPolicy::Load(const std::filesystem::path& path) {
-  core::ArchiveReader archive(path, kKind, kVersion);
+  core::ArchiveReader archive(path, kGaussianPolicyKind, kGaussianPolicyVersion);
   MlpPolicy mean = MlpPolicy::Load(archive);
   const std::vector<double> log_std = archive.Numbers();
   archive.End();

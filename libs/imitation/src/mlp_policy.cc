@@ -14,8 +14,8 @@
 namespace dfr::imitation {
 namespace {
 
-constexpr std::string_view kKind = "mlp-policy";
-constexpr int kVersion = 1;
+constexpr std::string_view kMlpPolicyKind = "mlp-policy";
+constexpr int kMlpPolicyVersion = 1;
 
 core::FeatureSelection Select(const core::StateLayout& layout, std::string_view features) {
   return features.empty() ? core::FeatureSelection::All(layout.state_dim())
@@ -100,13 +100,13 @@ MlpPolicy MlpPolicy::Load(core::ArchiveReader& archive) {
 }
 
 void MlpPolicy::Save(const std::filesystem::path& path) const {
-  core::ArchiveWriter archive(kKind, kVersion);
+  core::ArchiveWriter archive(kMlpPolicyKind, kMlpPolicyVersion);
   Save(archive);
   archive.Save(path);
 }
 
 MlpPolicy MlpPolicy::Load(const std::filesystem::path& path) {
-  core::ArchiveReader archive(path, kKind, kVersion);
+  core::ArchiveReader archive(path, kMlpPolicyKind, kMlpPolicyVersion);
   MlpPolicy policy = Load(archive);
   archive.End();
   return policy;

@@ -17,8 +17,8 @@
 namespace dfr::imitation {
 namespace {
 
-constexpr std::string_view kKind = "trpo-checkpoint";
-constexpr int kVersion = 1;
+constexpr std::string_view kCheckpointKind = "trpo-checkpoint";
+constexpr int kCheckpointVersion = 1;
 
 // What the random streams are for.
 enum Purpose : std::uint64_t { kWeights, kCriticWeights, kEpisode, kNoise, kShuffle };
@@ -391,7 +391,7 @@ GaussianPolicy Trpo::Learner::policy() const {
 }
 
 void Trpo::Learner::Save(const std::filesystem::path& checkpoint) const {
-  core::ArchiveWriter archive(kKind, kVersion);
+  core::ArchiveWriter archive(kCheckpointKind, kCheckpointVersion);
   SaveOptions(options_, archive);
   mlp_.Save(archive);
   archive.Numbers(core::AsSpan(log_std_));
@@ -447,7 +447,7 @@ Trpo::Trpo(Environment& environment, TrpoOptions options)
 Trpo::Trpo(std::unique_ptr<Learner> learner) : learner_(std::move(learner)) {}
 
 Trpo Trpo::Resume(Environment& environment, const std::filesystem::path& checkpoint) {
-  core::ArchiveReader archive(checkpoint, kKind, kVersion);
+  core::ArchiveReader archive(checkpoint, kCheckpointKind, kCheckpointVersion);
   try {
     auto learner = std::make_unique<Learner>(environment, LoadOptions(archive));
     learner->LoadState(archive);

@@ -1,14 +1,14 @@
 #include "dfr/kinematics/psm.h"
 
 #include <cmath>
+#include <numbers>
 
 #include "dfr/kinematics/psm_chain.h"
 
 namespace dfr::kinematics {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
-constexpr double kDegree = kPi / 180.0;
+constexpr double kDegree = std::numbers::pi / 180.0;
 // From the remote centre to the wrist-pitch axis at insertion 0, negative: 0.4162 m - 0.4318 m.
 constexpr double kShaftOffset = 0.4162 - 0.4318;
 constexpr double kWristLength = 0.0091;  // wrist-pitch to wrist-yaw axis

@@ -1,11 +1,11 @@
 #include "dfr/kinematics/sprk_platform.h"
 
 #include <cmath>
+#include <numbers>
 
 namespace dfr::kinematics {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kBaseRadius = 3.0398 * 0.0254;
 constexpr double kPlateRadius = 3.188 * 0.0254;
 constexpr double kHalfPair = 0.540042611 / 2;  // half the angle between the two joints of a pair
@@ -15,12 +15,12 @@ double JointAngle(int i) noexcept {
   constexpr std::array<double, 6> kPair = {150, 150, 30, 30, 270, 270};
   constexpr std::array<double, 6> kSide = {1, -1, 1, -1, 1, -1};
   const auto k = static_cast<std::size_t>(i);
-  return kPair[k] * kPi / 180.0 + kSide[k] * kHalfPair;
+  return kPair[k] * std::numbers::pi / 180.0 + kSide[k] * kHalfPair;
 }
 
 // Direction in which servo i's arm points at angle 0: along the base's edge, away from its pair.
 double ArmDirection(int i) noexcept {
-  constexpr std::array<double, 6> kBeta = {4 * kPi / 3, kPi / 3, 2 * kPi / 3, -kPi / 3, 0.0, kPi};
+  constexpr std::array<double, 6> kBeta = {4 * std::numbers::pi / 3, std::numbers::pi / 3, 2 * std::numbers::pi / 3, -std::numbers::pi / 3, 0.0, std::numbers::pi};
   return kBeta[static_cast<std::size_t>(i)];
 }
 
@@ -39,7 +39,7 @@ bool ServoAngle(const Eigen::Vector3d& leg, int i, double& angle) noexcept {
   const double n = 2.0 * kArm * along;
   const double ratio = l / std::hypot(m, n);
   if (!(std::abs(ratio) <= 1.0)) return false;
-  angle = std::remainder(std::asin(ratio) - std::atan2(n, m), 2.0 * kPi);
+  angle = std::remainder(std::asin(ratio) - std::atan2(n, m), 2.0 * std::numbers::pi);
   return std::abs(angle) <= SprkPlatform::kServoLimit;
 }
 

@@ -25,8 +25,8 @@
 namespace dfr::safety {
 namespace {
 
-constexpr std::string_view kKind = "guard";
-constexpr int kVersion = 5;
+constexpr std::string_view kGuardKind = "guard";
+constexpr int kGuardVersion = 5;
 
 constexpr std::array kStrategies = {Strategy::kGuided,  Strategy::kDfr,  Strategy::kEarlyStopping,
                                     Strategy::kMonitor, Strategy::kSoft, Strategy::kCertified};
@@ -449,7 +449,7 @@ std::shared_ptr<const GuardModel> GuardModel::With(const GuardSettings& settings
 }
 
 void GuardModel::Save(const std::filesystem::path& path) const {
-  core::ArchiveWriter archive(kKind, kVersion);
+  core::ArchiveWriter archive(kGuardKind, kGuardVersion);
   archive.Integer(static_cast<std::int64_t>(layout_.blocks.size()));
   for (const auto& block : layout_.blocks) {
     archive.Text(block.name);
@@ -485,7 +485,7 @@ void GuardModel::Save(const std::filesystem::path& path) const {
 }
 
 std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& path) {
-  core::ArchiveReader archive(path, kKind, kVersion);
+  core::ArchiveReader archive(path, kGuardKind, kGuardVersion);
   constexpr int kWithConstants = 4;
   try {
     core::StateLayout layout;

@@ -12,11 +12,11 @@
 namespace dfr::safety {
 namespace {
 
-constexpr std::string_view kKind = "task-model";
-constexpr int kVersion = 5;  // GuidedModel's fifth layout.
+constexpr std::string_view kTaskKind = "task-model";
+constexpr int kTaskVersion = 5;  // GuidedModel's fifth layout.
 constexpr std::string_view kTaskFile = "task.dfr";
 constexpr std::string_view kSupportFile = "support.dfr";
-constexpr int kMostSteps = 1'000'000;
+constexpr int kMostHorizon = 1'000'000;
 
 core::FeatureSelection Select(const core::StateLayout& layout, const std::string& spec) {
   return spec.empty() ? core::FeatureSelection::All(layout.state_dim())
@@ -53,8 +53,8 @@ TaskModel::TaskModel(std::shared_ptr<const GuidedRecovery> guided, std::vector<d
                      std::optional<kernel::TimeVaryingSupport> published,
                      std::optional<core::FeatureSelection> published_features, int horizon)
     : guided_(std::move(guided)), lambda_(std::move(lambda)), horizon_(horizon) {
-  DFR_THROW_UNLESS(horizon > 0 && horizon <= kMostSteps,
-                   "horizon must lie in [1, " << kMostSteps << "], not be " << horizon);
+  DFR_THROW_UNLESS(horizon > 0 && horizon <= kMostHorizon,
+                   "horizon must lie in [1, " << kMostHorizon << "], not be " << horizon);
   DFR_THROW_UNLESS(
       !lambda_.empty() && std::all_of(lambda_.begin(), lambda_.end(),
                                       [](double l) { return l > 0.0 && std::isfinite(l); }),
@@ -87,7 +87,7 @@ void TaskModel::Save(const std::filesystem::path& folder) const {
     throw std::runtime_error(folder.string() + ": the folder cannot be made: " + error.message());
   }
   if (published_ != nullptr) published_->Save(folder / kSupportFile);
-  core::ArchiveWriter archive(kKind, kVersion);
+  core::ArchiveWriter archive(kTaskKind, kTaskVersion);
   archive.Integer(published_ != nullptr ? 1 : 0);
   archive.Text(features_);
   archive.Text(guided_->features().selection().spec());
@@ -102,7 +102,7 @@ bool TaskModel::IsSavedIn(const std::filesystem::path& folder) {
 }
 
 TaskModel TaskModel::Load(const std::filesystem::path& folder, const core::StateLayout& layout) {
-  core::ArchiveReader archive(folder / kTaskFile, kKind, kVersion);
+  core::ArchiveReader archive(folder / kTaskFile, kTaskKind, kTaskVersion);
   std::optional<kernel::TimeVaryingSupport> published;
   if (archive.IntegerIn(0, 1) == 1) {
     published = kernel::TimeVaryingSupport::Load(folder / kSupportFile);
@@ -110,7 +110,7 @@ TaskModel TaskModel::Load(const std::filesystem::path& folder, const core::State
   const std::string published_features = archive.Text();
   const std::string guided_features = archive.Text();
   std::vector<double> lambda = archive.Numbers();
-  const int horizon = archive.IntegerIn(1, kMostSteps);
+  const int horizon = archive.IntegerIn(1, kMostHorizon);
   try {
     std::shared_ptr<const GuidedRecovery> guided =
         GuidedRecovery::Load(archive, Select(layout, guided_features));
@@ -132,7 +132,7 @@ TaskModel TaskModel::LoadSwitching(const std::filesystem::path& folder, std::str
   std::vector<double> lambda = archive.Numbers();
   // The width of the published kernel, which its estimates hold as well.
   if (kind == "line-tracking-switching") static_cast<void>(archive.Number());
-  const int horizon = archive.IntegerIn(1, kMostSteps);
+  const int horizon = archive.IntegerIn(1, kMostHorizon);
   guided.guided.svm.gamma = archive.Number();
   archive.End();
   try {

@@ -15,7 +15,7 @@
 namespace dfr::vision {
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kUnseen = std::numeric_limits<double>::quiet_NaN();
 
 // A colour counts where one channel exceeds both others by this share of the gauze's brightness,
 // which makes the segmentation independent of the light.
@@ -144,7 +144,7 @@ class RobustQuadratic {
       const double f = At(x) - p.y();
       const double slope = SlopeAt(x);
       const double derivative = 1.0 + slope * slope + f * 2.0 * c_[2];
-      if (!(derivative > 0.1)) return kNaN;
+      if (!(derivative > 0.1)) return kUnseen;
       x -= (x - p.x() + f * slope) / derivative;
     }
     return x;
@@ -301,7 +301,7 @@ struct LineVision::Impl {
   int MatchMarks(double threshold) {
     Excess(0);
     FindBlobs(threshold);
-    marks.assign(mark_pixels.size(), Eigen::Vector2d(kNaN, kNaN));
+    marks.assign(mark_pixels.size(), Eigen::Vector2d(kUnseen, kUnseen));
     // A mark belongs to the place that is nearest: motions up to half the distance of two marks,
     // along the direction in which those two lie, cannot confuse them.
     mark_distance.assign(mark_pixels.size(), mark_gate);
@@ -488,7 +488,7 @@ NotSeen LineVision::Impl::FitLine(LineObservation& seen, Line& line) {
   }
   line.share = inliers / static_cast<double>(points.size());
   seen.line = line.curve.coefficients();
-  seen.line_error_m = inliers > 0 ? std::sqrt(squared / inliers) : kNaN;
+  seen.line_error_m = inliers > 0 ? std::sqrt(squared / inliers) : kUnseen;
   const bool good = inliers >= kMinColumns && !(seen.x_max - seen.x_min < kMinLineLengthM) &&
                     seen.line_error_m < kMaxLineErrorM;
   return good ? NotSeen::kNothing : NotSeen::kLine;
@@ -534,15 +534,15 @@ void LineVision::ForgetLastImage() noexcept { impl_->has_last = false; }
 
 Eigen::Vector2d LineVision::FindTip(const ImageView& image) noexcept try {
   if (image.width != impl_->camera.width || image.height != impl_->camera.height)
-    return {kNaN, kNaN};
+    return {kUnseen, kUnseen};
   const Exposure exposure = Measure(image);
-  if (Judge(exposure) != NotSeen::kNothing) return {kNaN, kNaN};
+  if (Judge(exposure) != NotSeen::kNothing) return {kUnseen, kUnseen};
   impl_->Split(image);
   Blob tip;
-  if (!impl_->MatchTip(kColorShare * exposure.brightness, tip)) return {kNaN, kNaN};
+  if (!impl_->MatchTip(kColorShare * exposure.brightness, tip)) return {kUnseen, kUnseen};
   return tip.center;
 } catch (const std::exception&) {
-  return {kNaN, kNaN};
+  return {kUnseen, kUnseen};
 }
 
 bool LineVision::FindMarks(const ImageView& image, std::vector<Eigen::Vector2d>& marks) noexcept

@@ -1,6 +1,7 @@
 #include "dfr/sim/line_tracking/arm_error.h"
 
 #include <cmath>
+#include <numbers>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
@@ -10,8 +11,6 @@ namespace {
 
 using kinematics::Psm;
 using kinematics::PsmJoints;
-
-constexpr double kPi = 3.14159265358979323846;
 
 // Half the range of joint values over the gauze, about `Centre()`.
 PsmJoints Spread() noexcept {
@@ -35,7 +34,7 @@ double MeanTipError(const Error& truth) {
   for (int i = 0; i < kSamples; ++i) {
     PsmJoints q = Centre();
     for (int k = 0; k < 6; ++k) q[k] += random.Uniform(-1.0, 1.0) * Spread()[k];
-    const double drift = random.Uniform(0.0, 2.0 * kPi);
+    const double drift = random.Uniform(0.0, 2.0 * std::numbers::pi);
     sum += (Psm::Tip(truth(q, drift)) - Psm::Tip(q)).norm();
   }
   return sum / kSamples;
@@ -59,10 +58,10 @@ ArmError::ArmError(const ArmErrorOptions& options) {
     raw.systematic_.offset[k] = unit[k] * random.Normal();
     raw.systematic_.scale[k] = 0.2 * unit[k] / Spread()[k] * random.Normal();
     raw.wave_[k] = unit[k] * random.Normal();
-    raw.wave_rate_[k] = random.Uniform(1.0, 2.0) * kPi / Spread()[k];
-    raw.wave_phase_[k] = random.Uniform(0.0, 2.0 * kPi);
+    raw.wave_rate_[k] = random.Uniform(1.0, 2.0) * std::numbers::pi / Spread()[k];
+    raw.wave_phase_[k] = random.Uniform(0.0, 2.0 * std::numbers::pi);
     raw.creep_[k] = 0.5 * unit[k] * random.Normal();
-    raw.creep_phase_[k] = random.Uniform(0.0, 2.0 * kPi);
+    raw.creep_phase_[k] = random.Uniform(0.0, 2.0 * std::numbers::pi);
   }
   ArmError residual = raw;
   residual.systematic_ = {};

@@ -1,6 +1,7 @@
 #include "dfr/sim/line_tracking/disturbance.h"
 
 #include <cmath>
+#include <numbers>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
@@ -8,7 +9,6 @@
 namespace dfr::sim {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr std::array<const char*, 6> kEntry = {"x", "y", "z", "roll", "pitch", "yaw"};
 
 double Breath(double phase) noexcept {
@@ -19,7 +19,7 @@ double Breath(double phase) noexcept {
 // The phases at which a breath is at home: its lowest point, and for an angle, which swings about
 // home, where Breath() is 1.
 double BreathStart(std::size_t entry) noexcept {
-  return entry < 3 ? -kPi / 2 : std::asin(std::log(std::cosh(1.0)));
+  return entry < 3 ? -std::numbers::pi / 2 : std::asin(std::log(std::cosh(1.0)));
 }
 
 kinematics::PlatformPose ToPose(const std::array<double, 6>& v) noexcept {
@@ -80,7 +80,7 @@ Disturbance::Disturbance(const DisturbanceOptions& options, std::uint64_t seed)
     for (std::size_t i = 0; i < 3; ++i) {
       const double sign = random.Uniform() < 0.5 ? -1.0 : 1.0;
       terms_[k][i] = {sign * amplitude_[k] * share[i] / sum,
-                      2.0 * kPi * frequency_[k] * random.Uniform(0.5, 1.5)};
+                      2.0 * std::numbers::pi * frequency_[k] * random.Uniform(0.5, 1.5)};
     }
   }
 }
@@ -92,7 +92,7 @@ kinematics::PlatformPose Disturbance::At(double t_s) const noexcept {
       return {};
     case Wave::kSine:
       for (std::size_t k = 0; k < 6; ++k) {
-        v[k] = amplitude_[k] * std::sin(2.0 * kPi * frequency_[k] * t_s);
+        v[k] = amplitude_[k] * std::sin(2.0 * std::numbers::pi * frequency_[k] * t_s);
       }
       return ToPose(v);
     case Wave::kBreath:

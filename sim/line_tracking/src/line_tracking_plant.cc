@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <optional>
 #include <utility>
 
@@ -22,14 +23,13 @@ using kinematics::Psm;
 using kinematics::PsmJoints;
 using kinematics::SprkPlatform;
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kMillimetre = 1e3;
 constexpr double kSampleTime = 0.02;     // s, between two looks at the tip's distance
 constexpr double kArmLag = 0.02;         // s, of the joints behind their readings
 constexpr double kHover = 0.0025;        // m, the tip above the gauze at the start
 constexpr double kStartX = -0.023;       // m, in the middle of
 constexpr double kStartSpread = 0.0035;  // m, either way
-constexpr double kInclination = 40.0 * kPi / 180.0;
+constexpr double kInclination = 40.0 * std::numbers::pi / 180.0;
 constexpr int kMaxLooks = 3;
 
 // Streams of random numbers below an episode's seed.
@@ -60,7 +60,7 @@ struct PlatformError {
         // Two sines of random phase, each with half of the square.
         term.amplitude = kRms[k];
         for (int i = 0; i < 6; ++i) term.rate[i] = (i < 3 ? 150.0 : 15.0) * random.Normal();
-        term.phase = random.Uniform(0.0, 2.0 * kPi);
+        term.phase = random.Uniform(0.0, 2.0 * std::numbers::pi);
       }
     }
   }
@@ -145,7 +145,7 @@ struct LineTrackingPlant::State {
   vision::LineObservation seen;
 
   [[nodiscard]] double drift() const noexcept {
-    return drift_phase + 2.0 * kPi * arm_time_s / 120.0;
+    return drift_phase + 2.0 * std::numbers::pi * arm_time_s / 120.0;
   }
 };
 
@@ -232,10 +232,10 @@ void LineTrackingPlant::Reset(std::uint64_t seed) {
   s.line.c[2] = curved ? 0.5 * curvature : 0.0;
   const double start_x = kStartX + random.Uniform(-kStartSpread, kStartSpread);
   const double start_distance = w.options.start_scatter_m * random.Normal();
-  s.drift_phase = random.Uniform(0.0, 2.0 * kPi);
+  s.drift_phase = random.Uniform(0.0, 2.0 * std::numbers::pi);
 
   core::Random light(core::DeriveSeed(seed, {kLightStream}));
-  s.light_phase = light.Uniform(0.0, 2.0 * kPi);
+  s.light_phase = light.Uniform(0.0, 2.0 * std::numbers::pi);
   s.gradient = {light.Uniform(-0.3, 0.3), light.Uniform(-0.3, 0.3)};
   s.glare_at = {light.Uniform(-0.4, 0.4), light.Uniform(-0.3, 0.3)};
   s.disturbance = Disturbance(w.options.disturbance, core::DeriveSeed(seed, {kDisturbanceStream}));

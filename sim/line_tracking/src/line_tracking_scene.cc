@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <string>
 
 #include "dfr/core/contract.h"
@@ -16,8 +17,6 @@ namespace {
 using kinematics::PlatformPose;
 using kinematics::PsmJoints;
 using kinematics::SprkPlatform;
-
-constexpr double kPi = 3.14159265358979323846;
 
 void SetPose(const Eigen::Isometry3d& pose, mjtNum* position, mjtNum* quaternion) noexcept {
   Eigen::Map<Eigen::Vector3d>(position, 3) = pose.translation();
@@ -64,7 +63,7 @@ SceneModel::SceneModel(const ScenePlaces& places)
   camera.linear().col(2) *= -1.0;
   const int endoscope = MujocoId(m, mjOBJ_CAMERA, "endoscope");
   SetPose(camera, m.cam_pos + 3 * endoscope, m.cam_quat + 4 * endoscope);
-  m.cam_fovy[endoscope] = places.camera_fovy_rad * 180.0 / kPi;
+  m.cam_fovy[endoscope] = places.camera_fovy_rad * 180.0 / std::numbers::pi;
 
   DFR_THROW_UNLESS(places.marks_m.size() == 8,
                    "the scene has 8 marks, not " << places.marks_m.size());

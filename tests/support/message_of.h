@@ -1,0 +1,21 @@
+#pragma once
+
+#include <exception>
+#include <string>
+#include <utility>
+
+namespace dfr::test {
+
+/// The message of the exception of type E that `call` throws; "nothing thrown" if it returns. Any
+/// other exception passes through.
+template <typename E = std::exception, typename Call>
+std::string MessageOf(Call&& call) {
+  try {
+    std::forward<Call>(call)();
+  } catch (const E& e) {
+    return e.what();
+  }
+  return "nothing thrown";
+}
+
+}  // namespace dfr::test

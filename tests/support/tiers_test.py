@@ -1,0 +1,44 @@
+"""Each test has one tier, no tier is empty, and only the tier system looks at the machine's clocks.
+
+usage: tiers_test.py SOURCE_DIR BINARY_DIR
+"""
+import collections
+import json
+import pathlib
+import re
+import subprocess
+import sys
+import unittest
+
+SOURCE, BINARY = (pathlib.Path(p).resolve() for p in sys.argv[1:3])
+del sys.argv[1:3]
+TIERS = {"unit", "integration", "system", "repository"}
+CLOCKS = re.compile(r"sleep_for|sleep_until|\busleep\b|nanosleep|wait_for\(|system_clock|steady_clock|time\.sleep|time\.monotonic")
+
+
+class Tiers(unittest.TestCase):
+    def test_each_test_has_one_tier_and_no_tier_is_empty(self):
+        listed = subprocess.run(["ctest", "--test-dir", BINARY, "--show-only=json-v1"], capture_output=True, text=True,
+                                check=True)
+        count = collections.Counter()
+        for test in json.loads(listed.stdout)["tests"]:
+            labels = [value for of in test.get("properties", []) if of["name"] == "LABELS" for value in of["value"]]
+            with self.subTest(test["name"]):
+                self.assertEqual(len(labels), 1, labels)
+                self.assertIn(labels[0], TIERS)
+            count.update(labels)
+        self.assertEqual(set(count), TIERS)
+
+    def test_only_system_tests_look_at_the_clock(self):
+        # What those start, and no other test does, counts as theirs.
+        theirs = {"tests/support/tiers_test.py", "tests/mutation/mutate.py"}
+        for path in sorted((SOURCE / "tests").rglob("*")):
+            name = path.relative_to(SOURCE).as_posix()
+            if path.suffix not in (".cc", ".h", ".py") or "_system_" in path.name or name in theirs:
+                continue
+            with self.subTest(name):
+                self.assertEqual(CLOCKS.findall(path.read_text()), [])
+
+
+if __name__ == "__main__":
+    unittest.main()
