@@ -126,8 +126,7 @@ constexpr std::string_view @constant@ = R"embedded(@text@)embedded";
 endfunction()
 
 # dfr_add_test(random_test LINK dfr::core [SOURCES ...] [LABELS ...]): one file per public header,
-# <name>.cc unless SOURCES says otherwise. Every TEST is a ctest case of its own. Tests over DDS
-# depend on the wall clock, and get the main() of tests/dds/real_time_main.cc.
+# <name>.cc unless SOURCES says otherwise. Every TEST is a ctest case of its own.
 function(dfr_add_test name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "TIMEOUT" "SOURCES;LINK;LABELS")
   if(NOT arg_SOURCES)
@@ -138,12 +137,8 @@ function(dfr_add_test name)
   endif()
   add_executable(${name} ${arg_SOURCES})
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/tests)
-  set(main GTest::gtest_main)
-  if(dfr_dds_test_support IN_LIST arg_LINK)
-    set(main dfr_real_time_main)
-  endif()
-  target_link_libraries(${name} PRIVATE ${arg_LINK} dfr_test_support GTest::gmock ${main}
-    dfr_build_flags)
+  target_link_libraries(${name} PRIVATE ${arg_LINK} dfr_test_support GTest::gmock
+    GTest::gtest_main dfr_build_flags)
   gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60
     PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${arg_LABELS}")
 endfunction()

@@ -3,41 +3,42 @@
 #include <gtest/gtest.h>
 
 #include <array>
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "dfr/dds/channel.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/peer_process.h"
+#include "tests/dds/repeat.h"
+#include "tests/support/eventually.h"
 
 namespace dfr::dds {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-constexpr std::chrono::seconds kPatience(60);  // of a machine that is busy with other things
-
 class InteroperabilityTest : public testing::Test {
  protected:
-  // Asks until there is an answer: the first questions come before the peer has found us.
+  // Asks until there is an answer: the first questions come before the peer has found us. Those are
+  // empty where the question is a picture.
   template <typename T>
-  testing::AssertionResult Ask(const std::string& name, Role role, const T& question, T& answer) {
+  T Ask(const std::string& name, Role role, const T& question) {
     Publisher<T> ask(participant_, "/peer/ask/" + name, role);
     Subscriber<T> answers(participant_, "/peer/answer/" + name, role);
-    const auto end = Clock::now() + kPatience;
-    while (Clock::now() < end) {
-      if (ask.num_subscribers() > 0 && answers.health().publishers > 0 && !ask.Write(question)) {
-        return testing::AssertionFailure() << "cannot write";
-      }
-      // Long enough for lost parts of an image to be repeated: the next one would replace it.
-      answers.Wait(ask.num_subscribers() > 0 ? 2.0 : 0.05);
-      if (answers.Take(answer)) return testing::AssertionSuccess();
-    }
-    return testing::AssertionFailure() << ask.num_subscribers() << " subscribers, "
-                                       << answers.health().publishers << " publishers";
+    test::Eventually([&] { return ask.num_subscribers() > 0 && answers.health().publishers > 0; });
+    T answer;
+    const bool picture = role == Role::kImage;
+    test::Eventually([&] {
+      ask.Write(picture ? T{} : question);
+      return answers.Take(answer);
+    });
+    if (!picture) return answer;
+    test::RepeatUntilHeard([&] { ask.Write(question); },
+                           [&](double wait_s) {
+                             return answers.Wait(wait_s) && answers.Take(answer) &&
+                                    answer.stamp.valid();
+                           });
+    return answer;
   }
 
   Participant participant_{{.domain = test::OwnDomain()}};
@@ -50,8 +51,7 @@ TEST_F(InteroperabilityTest, PoseStampedAsMeasuredState) {
   question.frame_id = "PSM1_base";
   question.position_m << 0.1, -0.2, 0.3;
   question.orientation = Eigen::Quaterniond(0.4, 0.1, 0.2, 0.3);  // w, x, y, z
-  PoseStamped answer;
-  ASSERT_TRUE(Ask("pose", Role::kState, question, answer));
+  const PoseStamped answer = Ask("pose", Role::kState, question);
   EXPECT_EQ(answer.stamp, (Stamp{42, 17}));
   EXPECT_EQ(answer.frame_id, "PSM1_base");
   EXPECT_EQ(answer.position_m, Eigen::Vector3d(0.1 + 1.0, -0.2 + 2.0, 0.3 + 3.0));
@@ -62,8 +62,7 @@ TEST_F(InteroperabilityTest, PoseStampedAsMeasuredState) {
 TEST_F(InteroperabilityTest, PoseStampedAsCommand) {
   PoseStamped question;
   question.position_m << 1.0, 2.0, 3.0;
-  PoseStamped answer;
-  ASSERT_TRUE(Ask("pose", Role::kCommand, question, answer));
+  const PoseStamped answer = Ask("pose", Role::kCommand, question);
   EXPECT_EQ(answer.position_m, Eigen::Vector3d(2.0, 4.0, 6.0));
 }
 
@@ -73,8 +72,7 @@ TEST_F(InteroperabilityTest, JointState) {
   question.name = {"yaw", "pitch", "insertion"};
   question.position = {0.1, 0.2, 0.3};
   question.velocity = {-1.0, 0.0, 1e-300};
-  JointState answer;
-  ASSERT_TRUE(Ask("joints", Role::kState, question, answer));
+  const JointState answer = Ask("joints", Role::kState, question);
   EXPECT_EQ(answer.stamp, (Stamp{2, 1}));
   EXPECT_EQ(answer.name, (std::vector<std::string>{"insertion", "pitch", "yaw"}));
   EXPECT_EQ(answer.position, (std::vector<double>{0.3, 0.2, 0.1}));
@@ -86,9 +84,8 @@ TEST_F(InteroperabilityTest, OperatingState) {
   OperatingState question;
   question.state = "ENABLED";
   question.is_homed = true;
-  OperatingState answer;
   // A subscriber that asks for samples kept for late joiners refuses the peer's plain publisher.
-  ASSERT_TRUE(Ask("state", Role::kState, question, answer));
+  const OperatingState answer = Ask("state", Role::kState, question);
   EXPECT_EQ(answer.state, "DELBANE");
   EXPECT_FALSE(answer.is_homed);
   EXPECT_TRUE(answer.is_busy);
@@ -105,8 +102,7 @@ TEST_F(InteroperabilityTest, Image640By480) {
   for (std::size_t i = 0; i < question.data.size(); ++i) {
     question.data[i] = static_cast<std::uint8_t>(i * 31 + i / 1920);
   }
-  Image answer;
-  ASSERT_TRUE(Ask("image", Role::kImage, question, answer));
+  const Image answer = Ask("image", Role::kImage, question);
   EXPECT_EQ(answer.height, 640U);
   EXPECT_EQ(answer.width, 480U);
   EXPECT_EQ(answer.encoding, "rgb8");
@@ -125,8 +121,7 @@ TEST_F(InteroperabilityTest, TwistStamped) {
   question.frame_id = "PSM1_base";
   question.linear_m_s << 0.1, -0.2, 0.3;
   question.angular_rad_s << 1.0, 2.0, -3.0;
-  TwistStamped answer;
-  ASSERT_TRUE(Ask("twist", Role::kState, question, answer));
+  const TwistStamped answer = Ask("twist", Role::kState, question);
   EXPECT_EQ(answer.stamp, (Stamp{6, 5}));
   EXPECT_EQ(answer.frame_id, "PSM1_base");
   EXPECT_EQ(answer.linear_m_s, question.angular_rad_s);
@@ -139,8 +134,7 @@ TEST_F(InteroperabilityTest, CompressedImage) {
   question.frame_id = "ECM";
   question.format = "jpeg";
   question.data = {0xff, 0xd8, 1, 2, 3};
-  CompressedImage answer;
-  ASSERT_TRUE(Ask("compressed", Role::kImage, question, answer));
+  const CompressedImage answer = Ask("compressed", Role::kImage, question);
   EXPECT_EQ(answer.stamp, (Stamp{8, 7}));
   EXPECT_EQ(answer.frame_id, "ECM");
   EXPECT_EQ(answer.format, "gepj");
@@ -165,8 +159,7 @@ TEST_F(InteroperabilityTest, CameraInfo) {
   question.roi_height = 5;
   question.roi_width = 6;
   question.roi_do_rectify = true;
-  CameraInfo answer;
-  ASSERT_TRUE(Ask("camera", Role::kState, question, answer));
+  const CameraInfo answer = Ask("camera", Role::kState, question);
   EXPECT_EQ(answer.stamp, (Stamp{10, 9}));
   EXPECT_EQ(answer.frame_id, "ECM");
   EXPECT_EQ(answer.height, 640U);
@@ -188,10 +181,7 @@ TEST_F(InteroperabilityTest, CameraInfo) {
 // Deadline, liveliness: a plain publisher promises neither.
 TEST_F(InteroperabilityTest, OwnCommandRefusesAPlainPublisher) {
   const Subscriber<PoseStamped> subscriber(participant_, "/peer/answer/pose", Role::kOwnCommand);
-  const auto end = Clock::now() + kPatience;
-  while (subscriber.health().incompatible == 0 && Clock::now() < end) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
+  test::Eventually([&] { return subscriber.health().incompatible > 0; });
   EXPECT_EQ(subscriber.health().incompatible, 1);
   EXPECT_EQ(subscriber.health().publishers, 0);
 }

@@ -1,20 +1,26 @@
 #include "tests/dds/peer_process.h"
 
 #include <gtest/gtest.h>
-#include <poll.h>
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
+#include <optional>
 #include <stdexcept>
 
 namespace dfr::test {
 namespace {
 
-TEST(PeerProcessTest, AProgramThatIsNotThereIsNamed) {
+TEST(PeerProcessTest, TellsTheExitCodeAndThatAProgramIsNotThere) {
   EXPECT_THROW(PeerProcess({"/nonexistent"}), std::runtime_error);
-  EXPECT_EQ(PeerProcess({"/bin/false"}).Await(60.0), 1);
+  PeerProcess stays({"/bin/sleep", "600"});
+  EXPECT_EQ(stays.Ended(), std::nullopt);
+  stays.Signal(SIGKILL);
+  EXPECT_EQ(stays.Await(), -1);
+  PeerProcess ends({"/bin/false"});
+  EXPECT_EQ(ends.Await(), 1);
+  EXPECT_EQ(ends.Ended(), 1);
 }
 
 // The pipe is open as long as one of both lives: the killed test, or the program that it started.
@@ -32,9 +38,7 @@ TEST(PeerProcessTest, EndsWithATestThatIsKilled) {
   ASSERT_EQ(::read(ends[0], &letter, 1), 1);
   ::kill(killed, SIGKILL);
   ::waitpid(killed, nullptr, 0);
-  pollfd closed{ends[0], POLLIN, 0};
-  EXPECT_EQ(::poll(&closed, 1, 30'000), 1) << "it runs on";
-  EXPECT_EQ(::read(ends[0], &letter, 1), 0);
+  EXPECT_EQ(::read(ends[0], &letter, 1), 0) << "waits for its end";
   ::close(ends[0]);
 }
 

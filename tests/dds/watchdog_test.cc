@@ -25,7 +25,6 @@ TEST(StampTest, NanosecondsGoThereAndBack) {
   }
   EXPECT_FALSE(Stamp{}.valid());
   EXPECT_TRUE(Stamp::FromNanoseconds(1).valid());
-  EXPECT_TRUE(Stamp::Now().valid());
 }
 
 TEST(WatchdogTest, EachLimitIsKeptToTheNanosecond) {
@@ -81,7 +80,7 @@ TEST(WatchdogTest, LimitsOutOfRangeAreRefused) {
 TEST(WatchdogTest, NeverAllocates) {
   Watchdog dog = Make();
   const test::NoAlloc guard;
-  dog.Arrived(Stamp::Now(), kSteady);
+  dog.Arrived(Stamp::FromNanoseconds(kWall), kSteady);
   EXPECT_STREQ(Name(dog.Check(kWall, kSteady + 100 * kMs)), "nothing has arrived for too long");
 }
 
