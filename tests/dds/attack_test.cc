@@ -5,10 +5,8 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cstdint>
 
-#include "dfr/core/random.h"
 #include "dfr/dds/channel.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/rtps_bytes.h"
@@ -117,31 +115,7 @@ TEST_F(AttackTest, NobodyIsForgottenBecauseAStrangerSaysThatItLeaves) {
   Add(bytes, {.flags = 2, .parameters = parameters, .payload = 0, .announces = true});
   for (int i = 0; i < 10; ++i) attacker_.Send(bytes);
   Digest();
-  EXPECT_GE(subscriber_.health().publishers, 1);
-  Talk();
-}
-
-TEST_F(AttackTest, NeitherDoesGarbageThatLooksLikeMessages) {
-  Talk();
-  core::Random random(11);
-  constexpr std::array<std::uint8_t, 18> kKinds = {0x01, 0x06, 0x07, 0x08, 0x09, 0x0c,
-                                                   0x0d, 0x0e, 0x0f, 0x12, 0x13, 0x15,
-                                                   0x16, 0x30, 0x31, 0x33, 0x34, 0x80};
-  for (int i = 0; i < 1000; ++i) {
-    Bytes bytes = Header(static_cast<std::uint8_t>(i % 8));
-    const int parts = 1 + static_cast<int>(random.Uniform(0.0, 4.0));
-    for (int part = 0; part < parts; ++part) {
-      const std::size_t begin = bytes.size();
-      const auto kind = static_cast<std::size_t>(random.Uniform(0.0, 18.0));
-      Add(bytes, kKinds[kind], static_cast<std::uint16_t>(random.Uniform(0.0, 80.0)));
-      bytes[begin + 1] = static_cast<std::uint8_t>(random.Uniform(0.0, 16.0)) | 1U;
-      for (std::size_t k = begin + 4; k < bytes.size(); ++k) {
-        bytes[k] = static_cast<std::uint8_t>(random.Uniform(0.0, 256.0));
-      }
-    }
-    attacker_.Send(bytes);
-  }
-  Digest();
+  EXPECT_EQ(subscriber_.health().found, 2) << "the publisher, and the one that came later";
   Talk();
 }
 
