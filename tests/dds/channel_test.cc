@@ -105,22 +105,6 @@ TEST(ChannelTest, StateKeepsTheNewestAlone) {
   EXPECT_FALSE(subscriber.Take(got));
 }
 
-TEST(ChannelTest, LatchedStopReachesALateJoiner) {
-  Participant first(Loopback());
-  Participant second(Loopback());
-  Publisher<Flag> publisher(first, "/emergency_stop", Role::kEmergencyStop);
-  Eventually([&] { return publisher.Write({false}); });
-  Eventually([&] { return publisher.Write({true}); });
-  Subscriber<Flag> subscriber(second, "/emergency_stop", Role::kEmergencyStop);
-  // The last ones, in order, so that a press that was released at once is not overlooked.
-  Flag flag;
-  Eventually([&] { return subscriber.Take(flag); });
-  EXPECT_FALSE(flag.value);
-  Eventually([&] { return subscriber.Take(flag); });
-  EXPECT_TRUE(flag.value);
-  EXPECT_FALSE(subscriber.Take(flag));
-}
-
 // The publisher's process lives on, but its loop hangs: nobody writes.
 TEST(ChannelTest, SilentCommanderLosesItsLiveliness) {
   Participant first(Loopback());

@@ -60,14 +60,6 @@ TEST_F(EmergencyStopJudgeTest, NeitherWayAloneIsEnough) {
   EXPECT_TRUE(judge_.only_datagrams_silent());
 }
 
-TEST_F(EmergencyStopJudgeTest, DdsIsEnoughWhereThatIsSaid) {
-  EmergencyStopJudge judge(1e-9 * kSilence, /*datagrams=*/false);
-  EXPECT_EQ(judge.Check(kStart), EmergencyStop::kSilent);
-  judge.Hear(Way::kDds, Button(1), false, kStart);
-  EXPECT_EQ(judge.Check(kStart + kSilence), EmergencyStop::kClear);
-  EXPECT_EQ(judge.Check(kStart + kSilence + 1), EmergencyStop::kSilent);
-}
-
 TEST_F(EmergencyStopJudgeTest, APressOnEitherWayStaysUntilReleasedAndAcknowledged) {
   for (const Way way : {Way::kDds, Way::kDatagrams}) {
     Hear(1, kStart);
@@ -103,18 +95,8 @@ TEST_F(EmergencyStopJudgeTest, EachButtonIsMissedByItself) {
       << "the operator knows that it is gone";
 }
 
-TEST_F(EmergencyStopJudgeTest, EachButtonIsMissedOnEachWay) {
-  Hear(1, kStart);
-  Hear(2, kStart);
-  const std::int64_t later_ns = kStart + kSilence + 1;
-  Hear(1, later_ns);
-  judge_.Hear(Way::kDds, Button(2), false, later_ns);
-  EXPECT_EQ(judge_.Check(later_ns), EmergencyStop::kSilent) << "the second's datagrams";
-  judge_.Hear(Way::kDatagrams, Button(2), false, later_ns);
-  EXPECT_EQ(judge_.Check(later_ns), EmergencyStop::kClear);
-}
-
 TEST_F(EmergencyStopJudgeTest, MoreButtonsThanItCanFollowAreNotTrusted) {
+  const test::NoAlloc guard;
   for (int button = 1; button <= 8; ++button) Hear(button, kStart);
   ASSERT_EQ(judge_.Check(kStart), EmergencyStop::kClear);
   Hear(9, kStart);
@@ -123,13 +105,6 @@ TEST_F(EmergencyStopJudgeTest, MoreButtonsThanItCanFollowAreNotTrusted) {
   EXPECT_EQ(judge_.num_buttons(), 8);
   Hear(9, kStart, true);
   EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed) << "it stops all the same";
-}
-
-TEST_F(EmergencyStopJudgeTest, NeverAllocates) {
-  const test::NoAlloc guard;
-  for (int button = 1; button <= 9; ++button) Hear(button, kStart, button == 9);
-  static_cast<void>(judge_.Check(kStart + 2 * kSilence));
-  judge_.Acknowledge();
 }
 
 TEST_F(EmergencyStopJudgeTest, ThrowsForATimeThatMakesNoSense) {

@@ -6,22 +6,9 @@
 #include <unistd.h>
 
 #include <array>
-#include <optional>
-#include <stdexcept>
 
 namespace dfr::test {
 namespace {
-
-TEST(PeerProcessTest, TellsTheExitCodeAndThatAProgramIsNotThere) {
-  EXPECT_THROW(PeerProcess({"/nonexistent"}), std::runtime_error);
-  PeerProcess stays({"/bin/sleep", "600"});
-  EXPECT_EQ(stays.Ended(), std::nullopt);
-  stays.Signal(SIGKILL);
-  EXPECT_EQ(stays.Await(), -1);
-  PeerProcess ends({"/bin/false"});
-  EXPECT_EQ(ends.Await(), 1);
-  EXPECT_EQ(ends.Ended(), 1);
-}
 
 // The pipe is open as long as one of both lives: the killed test, or the program that it started.
 TEST(PeerProcessTest, EndsWithATestThatIsKilled) {

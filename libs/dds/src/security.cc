@@ -89,7 +89,7 @@ std::string Element(const std::string& document, const std::string& name) {
   return end == std::string::npos ? std::string() : document.substr(begin, end - begin);
 }
 
-std::string Text(std::time_t time) {
+std::string TimestampAt(std::time_t time) {
   const Owned<ASN1_TIME> owned(ASN1_TIME_set(nullptr, time));
   if (owned == nullptr) throw std::runtime_error("OpenSSL fails: " + internal::Complaint());
   return internal::Timestamp(*owned);
@@ -140,7 +140,7 @@ std::string CheckSecurity(const std::filesystem::path& folder, std::time_t now) 
   }
   // Dates compare as their texts do.
   const std::string until = Element(permissions, "not_after");
-  if (!until.empty() && until < Text(now)) {
+  if (!until.empty() && until < TimestampAt(now)) {
     Wrong(files.permissions, "expired on " + until, kRemake);
   }
   return name;
