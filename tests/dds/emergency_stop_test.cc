@@ -1,128 +1,115 @@
+// What follows from what was heard of the buttons: every doubt stops.
 #include "dfr/dds/emergency_stop.h"
 
 #include <gtest/gtest.h>
 
-#include <chrono>
-#include <memory>
+#include <cstdint>
 #include <stdexcept>
-#include <thread>
-#include <vector>
 
-#include "tests/dds/domain.h"
+#include "tests/support/no_alloc.h"
 
 namespace dfr::dds {
 namespace {
 
-constexpr std::int64_t kMillisecond = 1'000'000;
+using Way = EmergencyStopJudge::Way;
 
-class EmergencyStopTest : public testing::Test {
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kStart = 1000 * kMs;
+constexpr std::int64_t kSilence = 100 * kMs;
+
+Origin Button(int number) {
+  Origin who{};
+  who[15] = static_cast<std::uint8_t>(number);
+  return who;
+}
+
+class EmergencyStopJudgeTest : public testing::Test {
  protected:
-  // Beats until the receiver says `wanted`, for a minute at most: a busy machine gets that.
-  bool BeatsUntil(EmergencyStop wanted) {
-    for (int i = 0; i < 12'000; ++i) {
-      button_.Beat();
-      if (receiver_.Check(now_ns_) == wanted) return true;
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    }
-    return false;
+  // A button says on both ways how it stands.
+  void Hear(int button, std::int64_t now_ns, bool pressed = false) {
+    judge_.Hear(Way::kDds, Button(button), pressed, now_ns);
+    judge_.Hear(Way::kDatagrams, Button(button), pressed, now_ns);
   }
 
-  int domain_ = test::OwnDomain();
-  Participant operator_{{.domain = domain_}};
-  Participant robot_{{.domain = domain_}};
-  EmergencyStopButton button_{operator_};
-  EmergencyStopReceiver receiver_{robot_, 0.1};
-  std::int64_t now_ns_ = 1000 * kMillisecond;
+  EmergencyStopJudge judge_{1e-9 * kSilence};
 };
 
-TEST_F(EmergencyStopTest, IsSilentUntilHeardAndWhenNoLongerHeard) {
-  EXPECT_EQ(receiver_.Check(now_ns_), EmergencyStop::kSilent);
-  ASSERT_TRUE(BeatsUntil(EmergencyStop::kClear));
-  // What is still under way arrives.
-  std::this_thread::sleep_for(std::chrono::milliseconds(200));
-  EXPECT_EQ(receiver_.Check(now_ns_), EmergencyStop::kClear);
-  EXPECT_EQ(receiver_.Check(now_ns_ + 100 * kMillisecond), EmergencyStop::kClear);
-  EXPECT_EQ(receiver_.Check(now_ns_ + 101 * kMillisecond), EmergencyStop::kSilent);
-  now_ns_ += 500 * kMillisecond;
-  EXPECT_TRUE(BeatsUntil(EmergencyStop::kClear)) << "who comes back is heard again";
+TEST_F(EmergencyStopJudgeTest, IsSilentUntilHeardAndWhenNoLongerHeard) {
+  EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kSilent);
+  Hear(1, kStart);
+  EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kClear);
+  EXPECT_EQ(judge_.Check(kStart + kSilence), EmergencyStop::kClear);
+  EXPECT_EQ(judge_.Check(kStart + kSilence + 1), EmergencyStop::kSilent);
+  Hear(1, kStart + 5 * kSilence);
+  EXPECT_EQ(judge_.Check(kStart + 5 * kSilence), EmergencyStop::kClear) << "heard again";
 }
 
-TEST_F(EmergencyStopTest, StaysPressedUntilReleasedAndAcknowledged) {
-  ASSERT_TRUE(BeatsUntil(EmergencyStop::kClear));
-  button_.Press();
-  ASSERT_TRUE(BeatsUntil(EmergencyStop::kPressed));
-  receiver_.Acknowledge();
-  ASSERT_TRUE(BeatsUntil(EmergencyStop::kPressed)) << "it is still pressed";
-  button_.Release();
-  std::this_thread::sleep_for(std::chrono::milliseconds(200));
-  EXPECT_EQ(receiver_.Check(now_ns_), EmergencyStop::kPressed) << "nobody has acknowledged it";
-  receiver_.Acknowledge();
-  EXPECT_TRUE(BeatsUntil(EmergencyStop::kClear));
+TEST_F(EmergencyStopJudgeTest, NeitherWayAloneIsEnough) {
+  judge_.Hear(Way::kDds, Button(1), false, kStart);
+  EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kSilent);
+  EXPECT_TRUE(judge_.only_datagrams_silent());
+  judge_.Hear(Way::kDatagrams, Button(1), false, kStart);
+  EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kClear);
+  EXPECT_FALSE(judge_.only_datagrams_silent());
+  const std::int64_t later_ns = kStart + kSilence + 1;
+  judge_.Hear(Way::kDatagrams, Button(1), false, later_ns);
+  EXPECT_EQ(judge_.Check(later_ns), EmergencyStop::kSilent);
+  EXPECT_FALSE(judge_.only_datagrams_silent()) << "DDS is";
+  judge_.Hear(Way::kDds, Button(1), false, later_ns + kSilence + 1);
+  EXPECT_EQ(judge_.Check(later_ns + kSilence + 1), EmergencyStop::kSilent);
+  EXPECT_TRUE(judge_.only_datagrams_silent());
 }
 
-TEST_F(EmergencyStopTest, APressIsNotForgottenByAReleaseRightAfter) {
-  ASSERT_TRUE(BeatsUntil(EmergencyStop::kClear));
-  button_.Press();
-  button_.Release();
-  EXPECT_TRUE(BeatsUntil(EmergencyStop::kPressed));
-}
-
-// Whoever joins late must not move before it knows.
-TEST_F(EmergencyStopTest, LateJoinersLearnThatItIsPressed) {
-  button_.Press();
-  EmergencyStopReceiver late(robot_, 0.1);
-  for (int i = 0; i < 12'000 && late.Check(now_ns_) != EmergencyStop::kPressed; ++i) {
-    ASSERT_NE(late.Check(now_ns_), EmergencyStop::kClear);
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));  // without a further beat
+TEST_F(EmergencyStopJudgeTest, APressOnEitherWayStaysUntilReleasedAndAcknowledged) {
+  for (const Way way : {Way::kDds, Way::kDatagrams}) {
+    Hear(1, kStart);
+    ASSERT_EQ(judge_.Check(kStart), EmergencyStop::kClear);
+    judge_.Hear(way, Button(1), true, kStart);
+    EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed);
+    judge_.Acknowledge();
+    judge_.Hear(way, Button(1), true, kStart);
+    EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed) << "it is still pressed";
+    Hear(1, kStart);
+    EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed) << "nobody has acknowledged it";
+    EXPECT_EQ(judge_.Check(kStart + 2 * kSilence), EmergencyStop::kPressed) << "silent besides";
+    EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed);
+    judge_.Acknowledge();
+    EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kClear);
   }
-  EXPECT_EQ(late.Check(now_ns_), EmergencyStop::kPressed);
 }
 
 // A stop that was forgotten does not hide that the operator's has died.
-TEST_F(EmergencyStopTest, EachButtonIsMissedByItself) {
-  ASSERT_TRUE(BeatsUntil(EmergencyStop::kClear));
-  {
-    EmergencyStopButton operators(operator_);
-    for (int i = 0; i < 12'000 && receiver_.num_buttons() < 2; ++i) {
-      operators.Beat();
-      ASSERT_TRUE(BeatsUntil(EmergencyStop::kClear));
-    }
-    ASSERT_EQ(receiver_.num_buttons(), 2);
+TEST_F(EmergencyStopJudgeTest, EachButtonIsMissedByItself) {
+  Hear(1, kStart);
+  Hear(2, kStart);
+  ASSERT_EQ(judge_.Check(kStart), EmergencyStop::kClear);
+  EXPECT_EQ(judge_.num_buttons(), 2);
+  const std::int64_t later_ns = kStart + kSilence + 1;
+  for (int beat = 0; beat < 20; ++beat) {
+    Hear(1, later_ns + beat * 20 * kMs);
+    EXPECT_EQ(judge_.Check(later_ns + beat * 20 * kMs), EmergencyStop::kSilent);
   }
-  std::this_thread::sleep_for(std::chrono::milliseconds(200));
-  static_cast<void>(receiver_.Check(now_ns_));
-  now_ns_ += 101 * kMillisecond;
-  for (int i = 0; i < 20; ++i) {
-    button_.Beat();
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    EXPECT_EQ(receiver_.Check(now_ns_), EmergencyStop::kSilent) << "the other one goes on";
-  }
-  receiver_.Acknowledge();
-  EXPECT_EQ(receiver_.num_buttons(), 1);
-  EXPECT_TRUE(BeatsUntil(EmergencyStop::kClear)) << "the operator knows that it is gone";
+  judge_.Acknowledge();
+  EXPECT_EQ(judge_.num_buttons(), 1);
+  EXPECT_EQ(judge_.Check(later_ns + 19 * 20 * kMs), EmergencyStop::kClear)
+      << "the operator knows that it is gone";
 }
 
-TEST_F(EmergencyStopTest, MoreButtonsThanItCanFollowAreNotTrusted) {
-  std::vector<std::unique_ptr<EmergencyStopButton>> buttons;
-  buttons.reserve(9);
-  for (int i = 0; i < 9; ++i) buttons.push_back(std::make_unique<EmergencyStopButton>(operator_));
-  EmergencyStop found = EmergencyStop::kSilent;
-  for (int i = 0; i < 12'000 && receiver_.num_buttons() < 8; ++i) {
-    for (const auto& button : buttons) button->Beat();
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    found = receiver_.Check(now_ns_);
-  }
-  for (int i = 0; i < 20; ++i) {
-    for (const auto& button : buttons) button->Beat();
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    found = receiver_.Check(now_ns_);
-  }
-  EXPECT_EQ(found, EmergencyStop::kSilent);
+TEST_F(EmergencyStopJudgeTest, MoreButtonsThanItCanFollowAreNotTrusted) {
+  const test::NoAlloc guard;
+  for (int button = 1; button <= 8; ++button) Hear(button, kStart);
+  ASSERT_EQ(judge_.Check(kStart), EmergencyStop::kClear);
+  Hear(9, kStart);
+  for (int button = 1; button <= 8; ++button) Hear(button, kStart);
+  EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kSilent);
+  EXPECT_EQ(judge_.num_buttons(), 8);
+  Hear(9, kStart, true);
+  EXPECT_EQ(judge_.Check(kStart), EmergencyStop::kPressed) << "it stops all the same";
 }
 
-TEST_F(EmergencyStopTest, ThrowsForATimeThatMakesNoSense) {
-  EXPECT_THROW(EmergencyStopReceiver(robot_, 0.0), std::invalid_argument);
-  EXPECT_THROW(EmergencyStopReceiver(robot_, 11.0), std::invalid_argument);
+TEST_F(EmergencyStopJudgeTest, ThrowsForATimeThatMakesNoSense) {
+  EXPECT_THROW(EmergencyStopJudge(0.0), std::invalid_argument);
+  EXPECT_THROW(EmergencyStopJudge(11.0), std::invalid_argument);
 }
 
 }  // namespace

@@ -3,195 +3,191 @@
 #include <gtest/gtest.h>
 
 #include <array>
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "dfr/dds/channel.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/peer_process.h"
+#include "tests/dds/repeat.h"
+#include "tests/support/eventually.h"
 
 namespace dfr::dds {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-constexpr std::chrono::seconds kPatience(60);  // of a machine that is busy with other things
-
 class InteroperabilityTest : public testing::Test {
  protected:
-  // Asks until there is an answer: the first questions come before the peer has found us.
+  // Asks until there is an answer: the first questions come before the peer has found us. Those are
+  // empty where the question is a picture.
   template <typename T>
-  testing::AssertionResult Ask(const std::string& name, Role role, const T& question, T& answer) {
+  T Ask(const std::string& name, Role role, const T& question) {
     Publisher<T> ask(participant_, "/peer/ask/" + name, role);
     Subscriber<T> answers(participant_, "/peer/answer/" + name, role);
-    const auto end = Clock::now() + kPatience;
-    while (Clock::now() < end) {
-      if (ask.num_subscribers() > 0 && answers.health().publishers > 0 && !ask.Write(question)) {
-        return testing::AssertionFailure() << "cannot write";
-      }
-      // Long enough for lost parts of an image to be repeated: the next one would replace it.
-      answers.Wait(ask.num_subscribers() > 0 ? 2.0 : 0.05);
-      if (answers.Take(answer)) return testing::AssertionSuccess();
-    }
-    return testing::AssertionFailure() << ask.num_subscribers() << " subscribers, "
-                                       << answers.health().publishers << " publishers";
+    test::Eventually([&] { return ask.num_subscribers() > 0 && answers.health().publishers > 0; });
+    T answer;
+    const bool picture = role == Role::kImage;
+    test::Eventually([&] {
+      ask.Write(picture ? T{} : question);
+      return answers.Take(answer);
+    });
+    if (!picture) return answer;
+    test::RepeatUntilHeard([&] { ask.Write(question); },
+                           [&](double wait_s) {
+                             return answers.Wait(wait_s) && answers.Take(answer) &&
+                                    answer.stamp.valid();
+                           });
+    return answer;
   }
 
   Participant participant_{{.domain = test::OwnDomain()}};
   test::PeerProcess peer_{{DFR_CYCLONE_PEER, std::to_string(test::OwnDomain())}};
 };
 
-TEST_F(InteroperabilityTest, PoseStampedAsMeasuredState) {
-  PoseStamped question;
-  question.stamp = {17, 42};
-  question.frame_id = "PSM1_base";
-  question.position_m << 0.1, -0.2, 0.3;
-  question.orientation = Eigen::Quaterniond(0.4, 0.1, 0.2, 0.3);  // w, x, y, z
-  PoseStamped answer;
-  ASSERT_TRUE(Ask("pose", Role::kState, question, answer));
-  EXPECT_EQ(answer.stamp, (Stamp{42, 17}));
-  EXPECT_EQ(answer.frame_id, "PSM1_base");
-  EXPECT_EQ(answer.position_m, Eigen::Vector3d(0.1 + 1.0, -0.2 + 2.0, 0.3 + 3.0));
-  EXPECT_EQ(answer.orientation.coeffs(), Eigen::Vector4d(0.4, 0.3, 0.2, 0.1));  // x, y, z, w
-}
-
 // The contracts that a command publisher offers do not keep a plain ROS 2 reader away.
-TEST_F(InteroperabilityTest, PoseStampedAsCommand) {
+TEST_F(InteroperabilityTest, Commands) {
   PoseStamped question;
   question.position_m << 1.0, 2.0, 3.0;
-  PoseStamped answer;
-  ASSERT_TRUE(Ask("pose", Role::kCommand, question, answer));
+  const PoseStamped answer = Ask("pose", Role::kCommand, question);
   EXPECT_EQ(answer.position_m, Eigen::Vector3d(2.0, 4.0, 6.0));
 }
 
-TEST_F(InteroperabilityTest, JointState) {
-  JointState question;
-  question.stamp = {1, 2};
-  question.name = {"yaw", "pitch", "insertion"};
-  question.position = {0.1, 0.2, 0.3};
-  question.velocity = {-1.0, 0.0, 1e-300};
-  JointState answer;
-  ASSERT_TRUE(Ask("joints", Role::kState, question, answer));
-  EXPECT_EQ(answer.stamp, (Stamp{2, 1}));
-  EXPECT_EQ(answer.name, (std::vector<std::string>{"insertion", "pitch", "yaw"}));
-  EXPECT_EQ(answer.position, (std::vector<double>{0.3, 0.2, 0.1}));
-  EXPECT_EQ(answer.velocity, (std::vector<double>{-2.0, 0.0, 2e-300}));
-  EXPECT_TRUE(answer.effort.empty());
-}
-
-TEST_F(InteroperabilityTest, OperatingState) {
-  OperatingState question;
-  question.state = "ENABLED";
-  question.is_homed = true;
-  OperatingState answer;
-  // A subscriber that asks for samples kept for late joiners refuses the peer's plain publisher.
-  ASSERT_TRUE(Ask("state", Role::kState, question, answer));
-  EXPECT_EQ(answer.state, "DELBANE");
-  EXPECT_FALSE(answer.is_homed);
-  EXPECT_TRUE(answer.is_busy);
-}
-
-TEST_F(InteroperabilityTest, Image640By480) {
-  Image question;
-  question.stamp = {3, 4};
-  question.height = 480;
-  question.width = 640;
-  question.encoding = "rgb8";
-  question.step = 1920;
-  question.data.resize(std::size_t{480} * 1920);
-  for (std::size_t i = 0; i < question.data.size(); ++i) {
-    question.data[i] = static_cast<std::uint8_t>(i * 31 + i / 1920);
+TEST_F(InteroperabilityTest, States) {
+  {
+    SCOPED_TRACE("PoseStampedAsMeasuredState");
+    PoseStamped question;
+    question.stamp = {17, 42};
+    question.frame_id = "PSM1_base";
+    question.position_m << 0.1, -0.2, 0.3;
+    question.orientation = Eigen::Quaterniond(0.4, 0.1, 0.2, 0.3);  // w, x, y, z
+    const PoseStamped answer = Ask("pose", Role::kState, question);
+    EXPECT_EQ(answer.stamp, (Stamp{42, 17}));
+    EXPECT_EQ(answer.frame_id, "PSM1_base");
+    EXPECT_EQ(answer.position_m, Eigen::Vector3d(0.1 + 1.0, -0.2 + 2.0, 0.3 + 3.0));
+    EXPECT_EQ(answer.orientation.coeffs(), Eigen::Vector4d(0.4, 0.3, 0.2, 0.1));  // x, y, z, w
   }
-  Image answer;
-  ASSERT_TRUE(Ask("image", Role::kImage, question, answer));
-  EXPECT_EQ(answer.height, 640U);
-  EXPECT_EQ(answer.width, 480U);
-  EXPECT_EQ(answer.encoding, "rgb8");
-  EXPECT_EQ(answer.step, 1920U);
-  ASSERT_EQ(answer.data.size(), question.data.size());
-  std::size_t wrong = 0;
-  for (std::size_t i = 0; i < question.data.size(); ++i) {
-    wrong += answer.data[i] != static_cast<std::uint8_t>(~question.data[i]);
+  {
+    SCOPED_TRACE("TwistStamped");
+    TwistStamped question;
+    question.stamp = {5, 6};
+    question.frame_id = "PSM1_base";
+    question.linear_m_s << 0.1, -0.2, 0.3;
+    question.angular_rad_s << 1.0, 2.0, -3.0;
+    const TwistStamped answer = Ask("twist", Role::kState, question);
+    EXPECT_EQ(answer.stamp, (Stamp{6, 5}));
+    EXPECT_EQ(answer.frame_id, "PSM1_base");
+    EXPECT_EQ(answer.linear_m_s, question.angular_rad_s);
+    EXPECT_EQ(answer.angular_rad_s, question.linear_m_s);
   }
-  EXPECT_EQ(wrong, 0U);
+  {
+    SCOPED_TRACE("JointState");
+    JointState question;
+    question.stamp = {1, 2};
+    question.name = {"yaw", "pitch", "insertion"};
+    question.position = {0.1, 0.2, 0.3};
+    question.velocity = {-1.0, 0.0, 1e-300};
+    const JointState answer = Ask("joints", Role::kState, question);
+    EXPECT_EQ(answer.stamp, (Stamp{2, 1}));
+    EXPECT_EQ(answer.name, (std::vector<std::string>{"insertion", "pitch", "yaw"}));
+    EXPECT_EQ(answer.position, (std::vector<double>{0.3, 0.2, 0.1}));
+    EXPECT_EQ(answer.velocity, (std::vector<double>{-2.0, 0.0, 2e-300}));
+    EXPECT_TRUE(answer.effort.empty());
+  }
+  {
+    SCOPED_TRACE("OperatingState");
+    OperatingState question;
+    question.state = "ENABLED";
+    question.is_homed = true;
+    // A subscriber that asks for samples kept for late joiners refuses the peer's plain publisher.
+    const OperatingState answer = Ask("state", Role::kState, question);
+    EXPECT_EQ(answer.state, "DELBANE");
+    EXPECT_FALSE(answer.is_homed);
+    EXPECT_TRUE(answer.is_busy);
+  }
+  {
+    SCOPED_TRACE("CameraInfo");
+    CameraInfo question;
+    question.stamp = {9, 10};
+    question.frame_id = "ECM";
+    question.height = 480;
+    question.width = 640;
+    question.distortion_model = "plumb_bob";
+    question.d = {-0.2, 0.05, 1e-3, -1e-3, 0.25};
+    question.k = {1, 2, 3, 4, 5, 6, 7, 8, 9};
+    question.r = {11, 12, 13, 14, 15, 16, 17, 18, 19};
+    question.p = {21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31, 32};
+    question.binning_x = 1;
+    question.binning_y = 2;
+    question.roi_x_offset = 3;
+    question.roi_y_offset = 4;
+    question.roi_height = 5;
+    question.roi_width = 6;
+    question.roi_do_rectify = true;
+    const CameraInfo answer = Ask("camera", Role::kState, question);
+    EXPECT_EQ(answer.stamp, (Stamp{10, 9}));
+    EXPECT_EQ(answer.frame_id, "ECM");
+    EXPECT_EQ(answer.height, 640U);
+    EXPECT_EQ(answer.width, 480U);
+    EXPECT_EQ(answer.distortion_model, "plumb_bob");
+    EXPECT_EQ(answer.d, (std::vector<double>{0.2, -0.05, -1e-3, 1e-3, -0.25}));
+    EXPECT_EQ(answer.k, (std::array<double, 9>{9, 8, 7, 6, 5, 4, 3, 2, 1}));
+    EXPECT_EQ(answer.r, (std::array<double, 9>{19, 18, 17, 16, 15, 14, 13, 12, 11}));
+    EXPECT_EQ(answer.p, (std::array<double, 12>{32, 31, 30, 29, 28, 27, 26, 25, 24, 23, 22, 21}));
+    EXPECT_EQ(answer.binning_x, 2U);
+    EXPECT_EQ(answer.binning_y, 1U);
+    EXPECT_EQ(answer.roi_x_offset, 4U);
+    EXPECT_EQ(answer.roi_y_offset, 3U);
+    EXPECT_EQ(answer.roi_height, 6U);
+    EXPECT_EQ(answer.roi_width, 5U);
+    EXPECT_FALSE(answer.roi_do_rectify);
+  }
 }
 
-TEST_F(InteroperabilityTest, TwistStamped) {
-  TwistStamped question;
-  question.stamp = {5, 6};
-  question.frame_id = "PSM1_base";
-  question.linear_m_s << 0.1, -0.2, 0.3;
-  question.angular_rad_s << 1.0, 2.0, -3.0;
-  TwistStamped answer;
-  ASSERT_TRUE(Ask("twist", Role::kState, question, answer));
-  EXPECT_EQ(answer.stamp, (Stamp{6, 5}));
-  EXPECT_EQ(answer.frame_id, "PSM1_base");
-  EXPECT_EQ(answer.linear_m_s, question.angular_rad_s);
-  EXPECT_EQ(answer.angular_rad_s, question.linear_m_s);
-}
-
-TEST_F(InteroperabilityTest, CompressedImage) {
-  CompressedImage question;
-  question.stamp = {7, 8};
-  question.frame_id = "ECM";
-  question.format = "jpeg";
-  question.data = {0xff, 0xd8, 1, 2, 3};
-  CompressedImage answer;
-  ASSERT_TRUE(Ask("compressed", Role::kImage, question, answer));
-  EXPECT_EQ(answer.stamp, (Stamp{8, 7}));
-  EXPECT_EQ(answer.frame_id, "ECM");
-  EXPECT_EQ(answer.format, "gepj");
-  EXPECT_EQ(answer.data, (std::vector<std::uint8_t>{3, 2, 1, 0xd8, 0xff}));
-}
-
-TEST_F(InteroperabilityTest, CameraInfo) {
-  CameraInfo question;
-  question.stamp = {9, 10};
-  question.frame_id = "ECM";
-  question.height = 480;
-  question.width = 640;
-  question.distortion_model = "plumb_bob";
-  question.d = {-0.2, 0.05, 1e-3, -1e-3, 0.25};
-  question.k = {1, 2, 3, 4, 5, 6, 7, 8, 9};
-  question.r = {11, 12, 13, 14, 15, 16, 17, 18, 19};
-  question.p = {21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31, 32};
-  question.binning_x = 1;
-  question.binning_y = 2;
-  question.roi_x_offset = 3;
-  question.roi_y_offset = 4;
-  question.roi_height = 5;
-  question.roi_width = 6;
-  question.roi_do_rectify = true;
-  CameraInfo answer;
-  ASSERT_TRUE(Ask("camera", Role::kState, question, answer));
-  EXPECT_EQ(answer.stamp, (Stamp{10, 9}));
-  EXPECT_EQ(answer.frame_id, "ECM");
-  EXPECT_EQ(answer.height, 640U);
-  EXPECT_EQ(answer.width, 480U);
-  EXPECT_EQ(answer.distortion_model, "plumb_bob");
-  EXPECT_EQ(answer.d, (std::vector<double>{0.2, -0.05, -1e-3, 1e-3, -0.25}));
-  EXPECT_EQ(answer.k, (std::array<double, 9>{9, 8, 7, 6, 5, 4, 3, 2, 1}));
-  EXPECT_EQ(answer.r, (std::array<double, 9>{19, 18, 17, 16, 15, 14, 13, 12, 11}));
-  EXPECT_EQ(answer.p, (std::array<double, 12>{32, 31, 30, 29, 28, 27, 26, 25, 24, 23, 22, 21}));
-  EXPECT_EQ(answer.binning_x, 2U);
-  EXPECT_EQ(answer.binning_y, 1U);
-  EXPECT_EQ(answer.roi_x_offset, 4U);
-  EXPECT_EQ(answer.roi_y_offset, 3U);
-  EXPECT_EQ(answer.roi_height, 6U);
-  EXPECT_EQ(answer.roi_width, 5U);
-  EXPECT_FALSE(answer.roi_do_rectify);
+TEST_F(InteroperabilityTest, Pictures) {
+  {
+    SCOPED_TRACE("Image640By480");
+    Image question;
+    question.stamp = {3, 4};
+    question.height = 480;
+    question.width = 640;
+    question.encoding = "rgb8";
+    question.step = 1920;
+    question.data.resize(std::size_t{480} * 1920);
+    for (std::size_t i = 0; i < question.data.size(); ++i) {
+      question.data[i] = static_cast<std::uint8_t>(i * 31 + i / 1920);
+    }
+    const Image answer = Ask("image", Role::kImage, question);
+    EXPECT_EQ(answer.height, 640U);
+    EXPECT_EQ(answer.width, 480U);
+    EXPECT_EQ(answer.encoding, "rgb8");
+    EXPECT_EQ(answer.step, 1920U);
+    ASSERT_EQ(answer.data.size(), question.data.size());
+    std::size_t wrong = 0;
+    for (std::size_t i = 0; i < question.data.size(); ++i) {
+      wrong += answer.data[i] != static_cast<std::uint8_t>(~question.data[i]);
+    }
+    EXPECT_EQ(wrong, 0U);
+  }
+  {
+    SCOPED_TRACE("CompressedImage");
+    CompressedImage question;
+    question.stamp = {7, 8};
+    question.frame_id = "ECM";
+    question.format = "jpeg";
+    question.data = {0xff, 0xd8, 1, 2, 3};
+    const CompressedImage answer = Ask("compressed", Role::kImage, question);
+    EXPECT_EQ(answer.stamp, (Stamp{8, 7}));
+    EXPECT_EQ(answer.frame_id, "ECM");
+    EXPECT_EQ(answer.format, "gepj");
+    EXPECT_EQ(answer.data, (std::vector<std::uint8_t>{3, 2, 1, 0xd8, 0xff}));
+  }
 }
 
 // Deadline, liveliness: a plain publisher promises neither.
 TEST_F(InteroperabilityTest, OwnCommandRefusesAPlainPublisher) {
   const Subscriber<PoseStamped> subscriber(participant_, "/peer/answer/pose", Role::kOwnCommand);
-  const auto end = Clock::now() + kPatience;
-  while (subscriber.health().incompatible == 0 && Clock::now() < end) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
+  test::Eventually([&] { return subscriber.health().incompatible > 0; });
   EXPECT_EQ(subscriber.health().incompatible, 1);
   EXPECT_EQ(subscriber.health().publishers, 0);
 }

@@ -1,14 +1,14 @@
 #include "tests/dds/peer_process.h"
 
+#include <poll.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <chrono>
+#include <cerrno>
 #include <stdexcept>
-#include <thread>
 
 namespace dfr::test {
 namespace {
@@ -45,19 +45,31 @@ PeerProcess::~PeerProcess() {
   ::waitpid(pid_, nullptr, 0);
 }
 
-void PeerProcess::Signal(int number) const { ::kill(pid_, number); }
+void PeerProcess::Signal(int number) const {
+  if (pid_ > 0) ::kill(pid_, number);
+}
+
+std::optional<int> PeerProcess::Ended() { return Reap(WNOHANG); }
+
+int PeerProcess::Await() { return Reap(0).value_or(-1); }
 
 int PeerProcess::Await(double timeout_s) {
-  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(timeout_s);
-  while (std::chrono::steady_clock::now() < end) {
-    int status = 0;
-    if (::waitpid(pid_, &status, WNOHANG) == pid_) {
-      pid_ = -1;
-      return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-    }
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
-  }
-  return -1;
+  if (timeout_s >= 1.0) return Await();
+  (void)::poll(nullptr, 0, 1);
+  return Ended().value_or(-1);
+}
+
+std::optional<int> PeerProcess::Reap(int options) {
+  if (code_) return code_;
+  int status = 0;
+  pid_t ended = -1;
+  do {
+    ended = ::waitpid(pid_, &status, options);
+  } while (ended < 0 && errno == EINTR);
+  if (ended != pid_) return std::nullopt;
+  pid_ = -1;
+  code_ = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  return code_;
 }
 
 }  // namespace dfr::test

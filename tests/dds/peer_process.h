@@ -2,6 +2,7 @@
 
 #include <sys/types.h>
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,11 +22,18 @@ class PeerProcess {
   [[nodiscard]] pid_t pid() const noexcept { return pid_; }
   /// Sends a signal: SIGKILL, SIGSTOP, ...
   void Signal(int number) const;
-  /// Waits for the end. The exit code, or -1 if it was killed or did not end in `timeout_s`.
+  /// The exit code, or -1 if it was killed; nothing while it runs.
+  [[nodiscard]] std::optional<int> Ended();
+  /// Waits for the end, however long it takes. The exit code, or -1 if it was killed.
+  [[nodiscard]] int Await();
+  /// The older form: -1 while it runs for a limit below a second, else Await().
   [[nodiscard]] int Await(double timeout_s);
 
  private:
+  std::optional<int> Reap(int options);
+
   pid_t pid_ = -1;
+  std::optional<int> code_;
 };
 
 }  // namespace dfr::test

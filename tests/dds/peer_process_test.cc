@@ -1,21 +1,14 @@
 #include "tests/dds/peer_process.h"
 
 #include <gtest/gtest.h>
-#include <poll.h>
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
-#include <stdexcept>
 
 namespace dfr::test {
 namespace {
-
-TEST(PeerProcessTest, AProgramThatIsNotThereIsNamed) {
-  EXPECT_THROW(PeerProcess({"/nonexistent"}), std::runtime_error);
-  EXPECT_EQ(PeerProcess({"/bin/false"}).Await(60.0), 1);
-}
 
 // The pipe is open as long as one of both lives: the killed test, or the program that it started.
 TEST(PeerProcessTest, EndsWithATestThatIsKilled) {
@@ -32,9 +25,7 @@ TEST(PeerProcessTest, EndsWithATestThatIsKilled) {
   ASSERT_EQ(::read(ends[0], &letter, 1), 1);
   ::kill(killed, SIGKILL);
   ::waitpid(killed, nullptr, 0);
-  pollfd closed{ends[0], POLLIN, 0};
-  EXPECT_EQ(::poll(&closed, 1, 30'000), 1) << "it runs on";
-  EXPECT_EQ(::read(ends[0], &letter, 1), 0);
+  EXPECT_EQ(::read(ends[0], &letter, 1), 0) << "waits for its end";
   ::close(ends[0]);
 }
 

@@ -5,26 +5,26 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <filesystem>
 #include <stdexcept>
 #include <string>
-#include <thread>
 
 #include "dfr/dds/certificates.h"
 #include "dfr/dds/channel.h"
 #include "tests/dds/domain.h"
 #include "tests/dds/keystore.h"
 #include "tests/dds/peer_process.h"
+#include "tests/dds/repeat.h"
+#include "tests/support/eventually.h"
 
 namespace dfr::dds {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-constexpr std::chrono::seconds kPatience(60);  // of a machine that is busy with other things
-constexpr std::chrono::milliseconds kPause(20);
+using test::Eventually;
+
 constexpr const char* kServo = "/PSM1/servo_cp";
 constexpr const char* kMeasured = "/PSM1/measured_cp";
 
@@ -34,14 +34,11 @@ PoseStamped Pose(double x) {
   return pose;
 }
 
-template <typename Condition>
-bool Eventually(Condition&& condition) {
-  const auto end = Clock::now() + kPatience;
-  while (Clock::now() < end) {
-    if (condition()) return true;
-    std::this_thread::sleep_for(kPause);
-  }
-  return false;
+// The program openssl, as a lab's administrator would call it.
+testing::AssertionResult OpenSsl(const std::string& arguments) {
+  const std::string command = "openssl " + arguments + " >/dev/null 2>&1";
+  if (std::system(command.c_str()) == 0) return testing::AssertionSuccess();
+  return testing::AssertionFailure() << command;
 }
 
 class SecurityTest : public testing::Test {
@@ -55,10 +52,10 @@ class SecurityTest : public testing::Test {
     explicit Lab(const test::Keystore& keystore)
         : client(With(keystore.enclave("client"))), console(With(keystore.enclave("console"))) {}
     // Commands and answers go on until one of each has arrived.
-    [[nodiscard]] bool Talks() {
+    void Talk() {
       bool commanded = false;
       bool measured = false;
-      return Eventually([&] {
+      Eventually([&] {
         command.Write(Pose(1));
         state.Write(Pose(4));
         PoseStamped pose;
@@ -76,39 +73,65 @@ class SecurityTest : public testing::Test {
     Subscriber<PoseStamped> seen{client, kMeasured, Role::kState};
   };
 
-  // Both ends of a lab talk on while `stranger` tries to command and to listen, for so long that a
-  // friend would have been found several times.
-  static void ExpectShutOut(Lab& lab, Participant& stranger) {
+  // Waits until both ends of a lab and `stranger` know that they do not admit each other.
+  static void AwaitRefusal(const Lab& lab, const Participant& stranger, const std::string& reason) {
+    for (const Participant* member : {&lab.client, &lab.console}) {
+      Eventually([&] { return member->refused_peers().size() == 1; });
+      EXPECT_EQ(member->refused_peers()[0].name, "stranger");
+      EXPECT_THAT(member->refused_peers()[0].reason, testing::HasSubstr(reason));
+    }
+    Eventually([&] { return stranger.refused_peers().size() == 2; });
+  }
+
+  // `stranger`, who is refused, tries to command and to listen. A friend who comes later than it
+  // has heard and is heard by then.
+  void ExpectShutOut(Lab& lab, Participant& stranger) const {
     Publisher<PoseStamped> command(stranger, kServo, Role::kCommand);
     Subscriber<PoseStamped> spy(stranger, kMeasured, Role::kState);
-    Subscriber<PoseStamped> heard(lab.console, kServo, Role::kState);
-    const auto end = Clock::now() + std::chrono::seconds(2);
-    while (Clock::now() < end) {
+    Participant friendly(With(keystore_.enclave("friend")));
+    Publisher<PoseStamped> friends_command(friendly, kServo, Role::kState);
+    Subscriber<PoseStamped> friends_ear(friendly, kMeasured, Role::kState);
+    Subscriber<PoseStamped> heard(lab.console, kServo, Role::kRequest);
+    bool client = false;
+    bool friend_heard = false;
+    bool friend_hears = false;
+    Eventually([&] {
       command.Write(Pose(666));
+      friends_command.Write(Pose(2));
       lab.command.Write(Pose(1));
       lab.state.Write(Pose(4));
       PoseStamped pose;
-      ASSERT_FALSE(spy.Take(pose));
-      while (heard.Take(pose)) ASSERT_EQ(pose.position_m.x(), 1.0);
-      std::this_thread::sleep_for(kPause);
-    }
+      EXPECT_FALSE(spy.Take(pose));
+      friend_hears = friend_hears || friends_ear.Take(pose);
+      while (heard.Take(pose)) {
+        EXPECT_NE(pose.position_m.x(), 666.0);
+        client = client || pose.position_m.x() == 1.0;
+        friend_heard = friend_heard || pose.position_m.x() == 2.0;
+      }
+      return client && friend_heard && friend_hears;
+    });
     EXPECT_EQ(command.num_subscribers(), 0);
     EXPECT_EQ(spy.health().publishers, 0);
-    EXPECT_EQ(heard.health().publishers, 1);
-    EXPECT_TRUE(lab.Talks());
+    EXPECT_EQ(heard.health().publishers, 2);
   }
 
   const test::Keystore keystore_{{"client", Permission::kController},
+                                 {"friend", Permission::kController},
                                  {"console", Permission::kConsole},
                                  {"button", Permission::kButton},
                                  {"monitor", Permission::kMonitor}};
 };
 
-TEST_F(SecurityTest, ThoseWithCertificatesOfOneAuthorityTalk) {
-  Lab lab(keystore_);
-  EXPECT_TRUE(lab.Talks());
-  EXPECT_TRUE(lab.client.refused_peers().empty());
-  EXPECT_TRUE(lab.console.refused_peers().empty());
+TEST_F(SecurityTest, OpenSslAgreesWithTheCertificates) {
+  const SecurityFiles files(keystore_.enclave("client"));
+  const std::string ca = (keystore_.folder() / "public/ca.cert.pem").string();
+  EXPECT_TRUE(OpenSsl("verify -x509_strict -CAfile " + ca + " " + files.certificate.string()));
+  for (const std::filesystem::path& file : {files.permissions, files.governance}) {
+    EXPECT_TRUE(OpenSsl("smime -verify -text -in " + file.string() + " -CAfile " + ca));
+  }
+  const test::Keystore other({});
+  EXPECT_FALSE(OpenSsl("verify -CAfile " + (other.folder() / "public/ca.cert.pem").string() + " " +
+                       files.certificate.string()));
 }
 
 // Larger than what is sent at a time: it is cut up, encrypted and put together again.
@@ -133,11 +156,13 @@ TEST_F(SecurityTest, PicturesArriveWhole) {
       sent.data[i] = static_cast<std::uint8_t>(i * 31 + i / 1920);
     }
     Image seen;
-    ASSERT_TRUE(Eventually([&] {
-      if (pictures.num_subscribers() > 0) pictures.Write(sent);
-      // Long enough for lost parts to be repeated: the next picture would replace it.
-      return eye.Wait(0.5) && eye.Take(seen);
-    }));
+    Eventually([&] {
+      pictures.Write({});
+      return eye.Take(seen);
+    });
+    test::RepeatUntilHeard(
+        [&] { pictures.Write(sent); },
+        [&](double wait_s) { return eye.Wait(wait_s) && eye.Take(seen) && !seen.data.empty(); });
     EXPECT_EQ(seen.encoding, "bgr8");
     EXPECT_TRUE(seen.data == sent.data);
   }
@@ -145,38 +170,29 @@ TEST_F(SecurityTest, PicturesArriveWhole) {
 
 TEST_F(SecurityTest, APeerWithoutCertificateHearsAndCommandsNothing) {
   Lab lab(keystore_);
-  ASSERT_TRUE(lab.Talks());
+  lab.Talk();
+  EXPECT_TRUE(lab.client.refused_peers().empty());
+  EXPECT_TRUE(lab.console.refused_peers().empty());
   Participant stranger({.domain = test::OwnDomain(), .name = "stranger"});
-  ExpectShutOut(lab, stranger);
-  for (const Participant* member : {&lab.client, &lab.console}) {
-    ASSERT_EQ(member->refused_peers().size(), 1U);
-    EXPECT_EQ(member->refused_peers()[0].name, "stranger");
-    EXPECT_EQ(member->refused_peers()[0].reason, "it has no certificate");
-    EXPECT_EQ(ExplainRefused(*member),
-              "; 'stranger' is there, and not admitted: it has no certificate");
-  }
+  AwaitRefusal(lab, stranger, "it has no certificate");
+  EXPECT_EQ(ExplainRefused(lab.client),
+            "; 'stranger' is there, and not admitted: it has no certificate");
   EXPECT_EQ(lab.client.TakeRefusedPeers().size(), 1U);
   EXPECT_TRUE(lab.client.TakeRefusedPeers().empty());
   // It is told, too, why it hears nothing.
-  ASSERT_EQ(stranger.refused_peers().size(), 2U);
   EXPECT_THAT(stranger.refused_peers()[0].reason, testing::HasSubstr("secured network"));
+  ExpectShutOut(lab, stranger);
 }
 
 TEST_F(SecurityTest, APeerOfAnotherAuthorityIsRefusedAndReported) {
   const test::Keystore other({{"client", Permission::kController}});
   Lab lab(keystore_);
-  ASSERT_TRUE(lab.Talks());
-  ASSERT_TRUE(lab.console.refused_peers().empty());
+  lab.Talk();
   ParticipantOptions options = With(other.enclave("client"));
   options.name = "stranger";
   Participant stranger(options);
+  AwaitRefusal(lab, stranger, "authority '/CN=dfr");
   ExpectShutOut(lab, stranger);
-  for (const Participant* member : {&lab.client, &lab.console}) {
-    ASSERT_EQ(member->refused_peers().size(), 1U);
-    EXPECT_EQ(member->refused_peers()[0].name, "stranger");
-    EXPECT_THAT(member->refused_peers()[0].reason, testing::HasSubstr("authority '/CN=dfr"));
-  }
-  EXPECT_EQ(stranger.refused_peers().size(), 2U);
 }
 
 TEST_F(SecurityTest, APeerOfAnotherImplementationWithoutCertificateIsShutOut) {
@@ -184,25 +200,27 @@ TEST_F(SecurityTest, APeerOfAnotherImplementationWithoutCertificateIsShutOut) {
   Publisher<PoseStamped> ask(client, "/peer/ask/pose", Role::kCommand);
   Subscriber<PoseStamped> answers(client, "/peer/answer/pose", Role::kState);
   const test::PeerProcess peer({DFR_CYCLONE_PEER, std::to_string(test::OwnDomain())});
-  {
-    // It is there, for those without security.
-    Participant open({.domain = test::OwnDomain()});
-    Publisher<PoseStamped> open_ask(open, "/peer/ask/pose", Role::kCommand);
-    ASSERT_TRUE(Eventually([&] { return open_ask.num_subscribers() == 1; }));
-  }
-  const auto end = Clock::now() + std::chrono::seconds(2);
-  while (Clock::now() < end) {
-    ask.Write({});
+  Eventually([&] {
+    const auto refused = client.refused_peers();
+    return std::any_of(refused.begin(), refused.end(), [](const RefusedPeer& stranger) {
+      return stranger.reason == "it has no certificate";
+    });
+  });
+  // It answers those without security, and them alone.
+  Participant open({.domain = test::OwnDomain()});
+  Publisher<PoseStamped> open_ask(open, "/peer/ask/pose", Role::kCommand);
+  Subscriber<PoseStamped> open_answers(open, "/peer/answer/pose", Role::kState);
+  Eventually([&] {
+    ask.Write(Pose(666));
+    open_ask.Write(Pose(1));
     PoseStamped pose;
-    ASSERT_FALSE(answers.Take(pose));
-    std::this_thread::sleep_for(kPause);
-  }
+    EXPECT_FALSE(answers.Take(pose));
+    if (!open_answers.Take(pose)) return false;
+    EXPECT_EQ(pose.position_m.x(), 2.0);
+    return true;
+  });
   EXPECT_EQ(ask.num_subscribers(), 0);
   EXPECT_EQ(answers.health().publishers, 0);
-  const auto refused = client.refused_peers();
-  EXPECT_TRUE(std::any_of(refused.begin(), refused.end(), [](const RefusedPeer& stranger) {
-    return stranger.reason == "it has no certificate";
-  }));
 }
 
 TEST_F(SecurityTest, PermissionsDecideWhoMayPublishWhat) {

@@ -4,8 +4,9 @@
 #include <gtest/gtest.h>
 #include <sys/file.h>
 #include <unistd.h>
+#include <utime.h>
 
-#include <chrono>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -18,15 +19,16 @@ class StaleMemoryTest : public testing::Test {
   StaleMemoryTest() { std::filesystem::create_directories(folder_); }
   ~StaleMemoryTest() override { std::filesystem::remove_all(folder_); }
 
-  void Make(const std::string& name, int age_s) const {
+  void Make(const std::string& name, std::time_t age_s) const {
     std::ofstream(folder_ / name) << "x";
-    std::filesystem::last_write_time(folder_ / name, std::filesystem::file_time_type::clock::now() -
-                                                         std::chrono::seconds(age_s));
+    const utimbuf times{kNow - age_s, kNow - age_s};
+    ASSERT_EQ(::utime((folder_ / name).c_str(), &times), 0);
   }
   [[nodiscard]] bool There(const std::string& name) const {
     return std::filesystem::exists(folder_ / name);
   }
 
+  static constexpr std::time_t kNow = 1'700'000'000;
   std::filesystem::path folder_ = std::filesystem::path(testing::TempDir()) /
                                   ("dfr-stale-memory-" + std::to_string(::getpid()));
 };
@@ -36,18 +38,18 @@ TEST_F(StaleMemoryTest, SegmentsWithoutAnOwnerGoAndNothingElse) {
   const std::string alive = "fastrtps_1123456789abcdef";
   const std::string young = "fastrtps_2123456789abcdef";
   for (const std::string& name : {dead, alive}) {
-    Make(name, 60);
-    Make(name + "_el", 60);
+    Make(name, 11);
+    Make(name + "_el", 11);
   }
-  Make(young, 0);
-  Make(young + "_el", 0);
+  Make(young, 10);
+  Make(young + "_el", 10);
   Make("fastrtps_port12413_el", 60);
   Make("fastrtps_0123456789abcdeX_el", 60);
   Make("another_0123456789abcdef_el", 60);
   const int owner = ::open((folder_ / (alive + "_el")).c_str(), O_RDONLY | O_CLOEXEC);
   ASSERT_GE(owner, 0);
   ASSERT_EQ(::flock(owner, LOCK_EX), 0);
-  RemoveStaleSegments(folder_);
+  RemoveStaleSegments(folder_, kNow);
   EXPECT_FALSE(There(dead));
   EXPECT_FALSE(There(dead + "_el"));
   for (const std::string& name : {alive, young}) {
@@ -58,13 +60,10 @@ TEST_F(StaleMemoryTest, SegmentsWithoutAnOwnerGoAndNothingElse) {
   EXPECT_TRUE(There("fastrtps_0123456789abcdeX_el"));
   EXPECT_TRUE(There("another_0123456789abcdef_el"));
   ::close(owner);
-  RemoveStaleSegments(folder_);
+  RemoveStaleSegments(folder_, kNow);
   EXPECT_FALSE(There(alive));
-}
-
-TEST_F(StaleMemoryTest, AFolderThatIsNotThereIsNoMatter) {
-  RemoveStaleSegments(folder_ / "none");
-  EXPECT_TRUE(std::filesystem::is_empty(folder_));
+  RemoveStaleSegments(folder_ / "none", kNow);
+  EXPECT_FALSE(There("none"));
 }
 
 }  // namespace

@@ -1,241 +1,163 @@
+// Which of the emergency stop's datagrams are believed, and that the others stop by their absence.
 #include "stop_datagrams.h"
 
-#include <arpa/inet.h>
 #include <gtest/gtest.h>
-#include <sys/socket.h>
 
-#include <chrono>
-#include <cstring>
+#include <algorithm>
+#include <cstdint>
 #include <optional>
 #include <string>
-#include <thread>
+#include <string_view>
 
 #include "dfr/core/random.h"
 #include "dfr/dds/emergency_stop.h"
-#include "tests/dds/domain.h"
 #include "tests/dds/keystore.h"
 
 namespace dfr::dds {
 namespace {
 
-using internal::StopListener;
-using internal::StopSender;
+using internal::StopReader;
 using internal::StopSenderId;
-using internal::StopSocket;
+using internal::StopWriter;
 
-std::int64_t Wall() { return Stamp::Now().nanoseconds(); }
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kSecond = 1000 * kMs;
+constexpr std::int64_t kWall = 1'700'000'000 * kSecond;
+
+// What a reader makes of a datagram: nothing, or whether the button is pressed.
+std::optional<bool> Read(StopReader& reader, std::string_view datagram,
+                         std::int64_t wall_ns = kWall) {
+  StopSenderId who;
+  bool pressed = false;
+  if (!reader.Read(datagram, wall_ns, who, pressed)) return std::nullopt;
+  return pressed;
+}
 
 class StopDatagramsTest : public testing::Test {
  protected:
-  [[nodiscard]] ParticipantOptions Options(const std::filesystem::path& security = {}) const {
-    ParticipantOptions options{.domain = domain_};
-    options.security = security;
-    return options;
-  }
-  // What a listener makes of a datagram that is there at once on this machine: nothing, or whether
-  // the button is pressed.
-  static std::optional<bool> Take(StopListener& listener, std::int64_t wall_ns = Wall()) {
-    StopSenderId who;
-    bool pressed = false;
-    for (int i = 0; i < 100; ++i) {
-      if (listener.Take(wall_ns, who, pressed)) return pressed;
-      std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    }
-    return std::nullopt;
-  }
-  // The bytes that go by.
-  std::string Overhear(const StopSocket& ear) {
-    std::string bytes(8192, '\0');
-    for (int i = 0; i < 1000; ++i) {
-      const ssize_t size = ::recv(ear.get(), bytes.data(), bytes.size(), 0);
-      if (size > 0) return bytes.substr(0, static_cast<std::size_t>(size));
-      std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    }
-    return {};
-  }
-  // Listens at the domain's port, as everybody may.
-  void Bind(const StopSocket& ear) const {
-    const int yes = 1;
-    ::setsockopt(ear.get(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
-    const sockaddr_in any = At(INADDR_ANY);
-    ASSERT_EQ(::bind(ear.get(), reinterpret_cast<const sockaddr*>(&any), sizeof any), 0);
-  }
-  void Say(const std::string& bytes) {
-    const int yes = 1;
-    ::setsockopt(mouth_.get(), SOL_SOCKET, SO_BROADCAST, &yes, sizeof yes);
-    const sockaddr_in all = At(0x7fffffff);
-    ASSERT_EQ(::sendto(mouth_.get(), bytes.data(), bytes.size(), 0,
-                       reinterpret_cast<const sockaddr*>(&all), sizeof all),
-              static_cast<ssize_t>(bytes.size()));
-  }
-  [[nodiscard]] sockaddr_in At(std::uint32_t address) const {
-    sockaddr_in at{};
-    at.sin_family = AF_INET;
-    at.sin_addr.s_addr = htonl(address);
-    at.sin_port = htons(internal::StopPort(domain_));
-    return at;
-  }
-
-  int domain_ = test::OwnDomain();
-  StopSocket mouth_;
+  StopWriter writer_{{}};
+  StopReader reader_{{}};
 };
 
-TEST_F(StopDatagramsTest, AllListenersOfADomainHearHowItStands) {
-  StopListener first(Options());
-  StopListener second(Options());
-  StopSender sender(Options());
-  ASSERT_TRUE(sender.Send(false));
-  EXPECT_EQ(Take(first), false);
-  EXPECT_EQ(Take(second), false);
-  ASSERT_TRUE(sender.Send(true));
-  EXPECT_EQ(Take(first), true);
-  EXPECT_EQ(Take(second), true);
-  EXPECT_EQ(Take(first), std::nullopt);
+TEST_F(StopDatagramsTest, SayWhoSendsThemAndHowItStands) {
+  StopWriter other({});
+  StopSenderId one;
+  StopSenderId two;
+  bool pressed = true;
+  ASSERT_TRUE(reader_.Read(writer_.Next(false, kWall), kWall, one, pressed));
+  EXPECT_FALSE(pressed);
+  ASSERT_TRUE(reader_.Read(other.Next(true, kWall), kWall, two, pressed));
+  EXPECT_TRUE(pressed);
+  EXPECT_NE(one, two);
+  ASSERT_TRUE(reader_.Read(writer_.Next(true, kWall), kWall, two, pressed));
+  EXPECT_EQ(one, two);
 }
 
 TEST_F(StopDatagramsTest, WhatWasSaidOnceIsNotBelievedAgain) {
-  const StopSocket ear;
-  Bind(ear);
-  StopListener listener(Options());
-  StopSender sender(Options());
-  sender.Send(false);
-  const std::string said = Overhear(ear);
-  ASSERT_EQ(said.size(), 43U);
-  ASSERT_EQ(Take(listener), false);
-  Say(said);
-  EXPECT_EQ(Take(listener), std::nullopt);
-  sender.Send(true);
-  EXPECT_EQ(Take(listener), true);
-  Say(said);
-  EXPECT_EQ(Take(listener), std::nullopt) << "older than what came since";
+  const std::string clear = writer_.Next(false, kWall);
+  const std::string lost = writer_.Next(false, kWall);
+  ASSERT_EQ(clear.size(), 43U);
+  EXPECT_EQ(Read(reader_, clear), false);
+  EXPECT_EQ(Read(reader_, clear), std::nullopt);
+  EXPECT_EQ(Read(reader_, writer_.Next(true, kWall)), true);
+  EXPECT_EQ(Read(reader_, lost), std::nullopt) << "older than what came since";
 }
 
 TEST_F(StopDatagramsTest, WhatIsNotOfNowIsPassedOver) {
-  StopListener listener(Options());
-  StopSender sender(Options());
-  sender.Send(false);
-  EXPECT_EQ(Take(listener, Wall() + 3'000'000'000), std::nullopt);
-  sender.Send(false);
-  EXPECT_EQ(Take(listener, Wall() - 3'000'000'000), std::nullopt);
-  sender.Send(false);
-  EXPECT_EQ(Take(listener), false);
+  for (const std::int64_t astray_ns : {kSecond, -kSecond}) {
+    EXPECT_EQ(Read(reader_, writer_.Next(false, kWall), kWall + astray_ns), false);
+    const std::int64_t more_ns = astray_ns > 0 ? 1 : -1;
+    EXPECT_EQ(Read(reader_, writer_.Next(false, kWall), kWall + astray_ns + more_ns), std::nullopt);
+  }
+}
+
+// A datagram that is too old does not tell that nothing is pressed. Nor does it have to tell that
+// something is: what is not heard stops.
+TEST_F(StopDatagramsTest, ANetworkThatDelaysThemTooMuchStops) {
+  constexpr std::int64_t kSilence = 100 * kMs;
+  for (const bool pressed : {false, true}) {
+    EmergencyStopJudge judge(1e-9 * kSilence);
+    StopReader reader({});
+    EmergencyStop found = EmergencyStop::kSilent;
+    std::int64_t heard_ns = 0;
+    StopSenderId who{};
+    // Beats of 20 ms, of which each takes 20 ms longer than the one before.
+    for (std::int64_t sent_ns = 0; sent_ns < 2 * kSecond; sent_ns += 20 * kMs) {
+      const std::int64_t now_ns = 2 * sent_ns;
+      const bool late = now_ns - sent_ns > kSecond;
+      const std::string datagram = writer_.Next(late && pressed, kWall + sent_ns);
+      bool says_pressed = false;
+      if (reader.Read(datagram, kWall + now_ns, who, says_pressed)) {
+        judge.Hear(EmergencyStopJudge::Way::kDatagrams, who, says_pressed, now_ns);
+        heard_ns = now_ns;
+      }
+      judge.Hear(EmergencyStopJudge::Way::kDds, who, false, now_ns);
+      found = judge.Check(now_ns);
+      // As late as the second that is allowed, and the silence after it.
+      EXPECT_EQ(found,
+                now_ns - heard_ns <= kSilence ? EmergencyStop::kClear : EmergencyStop::kSilent);
+    }
+    EXPECT_EQ(heard_ns, 2 * kSecond);
+    EXPECT_EQ(found, EmergencyStop::kSilent);
+  }
 }
 
 // Seeded: random bytes, and good datagrams that are cut, longer or changed by a byte.
 TEST_F(StopDatagramsTest, NothingMalformedIsBelieved) {
-  const StopSocket ear;
-  Bind(ear);
-  StopListener listener(Options());
-  StopSender sender(Options());
   core::Random random(1);
-  StopSenderId who;
-  bool pressed = false;
   for (int n = 0; n < 20'000; ++n) {
     std::string bytes(random.Below(200), '\0');
     for (char& byte : bytes) byte = static_cast<char>(random.Below(256));
     if (n % 2 == 0) bytes.replace(0, std::min<std::size_t>(8, bytes.size()), "dfrstop1", 8);
-    if (bytes.empty()) continue;
-    Say(bytes);
-    EXPECT_FALSE(listener.Take(Wall(), who, pressed));
-    char drop[8192];
-    while (::recv(ear.get(), drop, sizeof drop, 0) > 0) {
-    }
+    ASSERT_EQ(Read(reader_, bytes), std::nullopt);
   }
-  sender.Send(false);
-  const std::string good = Overhear(ear);
-  Say(good + "x");
-  Say(good.substr(0, good.size() - 1));
-  EXPECT_EQ(Take(listener), false) << "the good one alone";
-  EXPECT_EQ(Take(listener), std::nullopt);
+  const std::string good = writer_.Next(false, kWall);
+  EXPECT_EQ(Read(reader_, good + "x"), std::nullopt);
+  for (std::size_t size = 0; size < good.size(); ++size) {
+    EXPECT_EQ(Read(reader_, good.substr(0, size)), std::nullopt) << size;
+  }
+  std::string neither = good;
+  neither[40] = 2;
+  EXPECT_EQ(Read(reader_, neither), std::nullopt) << "neither pressed nor not";
+  EXPECT_EQ(Read(reader_, good), false);
 }
 
-TEST_F(StopDatagramsTest, InASecuredNetworkOnlyTheLabIsHeard) {
+// Who floods a reader with invented buttons displaces none that was heard before.
+TEST_F(StopDatagramsTest, InventedButtonsDisplaceNone) {
+  EXPECT_EQ(Read(reader_, writer_.Next(false, kWall)), false);
+  int believed = 0;
+  for (int n = 0; n < 100; ++n) {
+    StopWriter invented({});
+    believed += Read(reader_, invented.Next(false, kWall)).has_value() ? 1 : 0;
+  }
+  EXPECT_EQ(believed, 15);
+  EXPECT_EQ(Read(reader_, writer_.Next(true, kWall)), true);
+}
+
+TEST(SecuredStopDatagramsTest, OnlyTheLabIsHeard) {
   const test::Keystore lab = {{"line_tracking", Permission::kController},
                               {"stop", Permission::kButton}};
   const test::Keystore others = {{"stop", Permission::kButton}};
-  StopListener listener(Options(lab.enclave("line_tracking")));
-  StopSender nobody(Options());
-  StopSender foreign(Options(others.enclave("stop")));
-  nobody.Send(true);
-  foreign.Send(true);
-  EXPECT_EQ(Take(listener), std::nullopt);
-  const StopSocket ear;
-  Bind(ear);
-  StopSender sender(Options(lab.enclave("stop")));
-  sender.Send(false);
-  EXPECT_EQ(Take(listener), false);
-  std::string said = Overhear(ear);
-  // A later number, a press: with the old signature.
-  said[31] = static_cast<char>(said[31] + 1);
-  said[40] = 1;
-  Say(said);
-  EXPECT_EQ(Take(listener), std::nullopt);
-  sender.Send(true);
-  EXPECT_EQ(Take(listener), true);
-  StopListener unsecured(Options());
-  sender.Send(true);
-  EXPECT_EQ(Take(unsecured), std::nullopt) << "it cannot know whose it is";
-}
-
-// -- the two ways together ------------------------------------------------------------------------
-
-class TwoWaysTest : public StopDatagramsTest {
- protected:
-  // Says over DDS, the datagrams or both that nothing is pressed, for as long as it takes.
-  bool Until(EmergencyStop wanted, bool dds, bool datagrams, bool pressed = false) {
-    for (int i = 0; i < 4'000; ++i) {
-      if (dds) publisher_.Write({false});
-      if (datagrams) sender_.Send(pressed);
-      if (receiver_.Check(++now_ns_) == wanted) return true;
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    }
-    return false;
+  const std::int64_t now_ns = Stamp::Now().nanoseconds();  // certificates are valid from now on
+  StopReader reader(lab.enclave("line_tracking"));
+  StopWriter unsigned_writer({});
+  StopWriter foreign(others.enclave("stop"));
+  StopWriter writer(lab.enclave("stop"));
+  EXPECT_EQ(Read(reader, unsigned_writer.Next(true, now_ns), now_ns), std::nullopt);
+  EXPECT_EQ(Read(reader, foreign.Next(true, now_ns), now_ns), std::nullopt);
+  const std::string good = writer.Next(false, now_ns);
+  // A later number, a press, another certificate, ...: with the old signature.
+  for (std::size_t at = 0; at < good.size(); at += at < 43 ? 1 : 29) {
+    std::string changed = good;
+    changed[at] = static_cast<char>(changed[at] ^ 1);
+    EXPECT_EQ(Read(reader, changed, now_ns), std::nullopt) << at;
   }
-
-  Participant operator_{{.domain = domain_}};
-  Participant robot_{{.domain = domain_}};
-  Publisher<Flag> publisher_{operator_, kEmergencyStopTopic, Role::kEmergencyStop};
-  StopSender sender_{Options()};
-  EmergencyStopReceiver receiver_{robot_, 0.1};
-  std::int64_t now_ns_ = 1'000'000'000;
-};
-
-TEST_F(TwoWaysTest, NeitherAloneIsEnough) {
-  EXPECT_TRUE(Until(EmergencyStop::kClear, true, true));
-  now_ns_ += 200'000'000;
-  ASSERT_TRUE(Until(EmergencyStop::kSilent, true, false));
-  for (int i = 0; i < 20; ++i) {
-    publisher_.Write({false});
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    EXPECT_EQ(receiver_.Check(now_ns_), EmergencyStop::kSilent);
-  }
-  EXPECT_TRUE(receiver_.only_datagrams_silent());
-  EXPECT_TRUE(Until(EmergencyStop::kClear, true, true));
-  now_ns_ += 200'000'000;
-  for (int i = 0; i < 20; ++i) {
-    sender_.Send(false);
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    EXPECT_EQ(receiver_.Check(now_ns_), EmergencyStop::kSilent);
-  }
-  EXPECT_FALSE(receiver_.only_datagrams_silent());
-}
-
-TEST_F(TwoWaysTest, APressOnEitherWayStops) {
-  EXPECT_TRUE(Until(EmergencyStop::kClear, true, true));
-  EXPECT_TRUE(Until(EmergencyStop::kPressed, true, true, true)) << "by datagrams alone";
-  receiver_.Acknowledge();
-  EXPECT_TRUE(Until(EmergencyStop::kClear, true, true));
-}
-
-TEST_F(TwoWaysTest, WhereDatagramsDoNotGoDdsIsEnoughIfSaid) {
-  EmergencyStopReceiver receiver(robot_, 0.1, kEmergencyStopTopic, false);
-  EmergencyStop found = EmergencyStop::kSilent;
-  for (int i = 0; i < 4'000 && found != EmergencyStop::kClear; ++i) {
-    publisher_.Write({false});
-    found = receiver.Check(now_ns_);
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
-  }
-  EXPECT_EQ(found, EmergencyStop::kClear);
+  EXPECT_EQ(Read(reader, good.substr(0, good.size() - 1), now_ns), std::nullopt);
+  EXPECT_EQ(Read(reader, good, now_ns), false);
+  EXPECT_EQ(Read(reader, writer.Next(true, now_ns), now_ns), true);
+  StopReader unsecured({});
+  EXPECT_EQ(Read(unsecured, writer.Next(true, now_ns), now_ns), std::nullopt)
+      << "it cannot know whose it is";
 }
 
 }  // namespace

@@ -25,11 +25,11 @@ TEST(StampTest, NanosecondsGoThereAndBack) {
   }
   EXPECT_FALSE(Stamp{}.valid());
   EXPECT_TRUE(Stamp::FromNanoseconds(1).valid());
-  EXPECT_TRUE(Stamp::Now().valid());
 }
 
 TEST(WatchdogTest, EachLimitIsKeptToTheNanosecond) {
   Watchdog dog = Make();
+  const test::NoAlloc guard;
   EXPECT_EQ(dog.Check(kWall, kSteady), Freshness::kNever);
   dog.Arrived(Stamp::FromNanoseconds(kWall), kSteady);
   EXPECT_EQ(dog.Check(kWall, kSteady), Freshness::kFresh);
@@ -76,13 +76,6 @@ TEST(WatchdogTest, LimitsOutOfRangeAreRefused) {
   EXPECT_THROW(Watchdog({.max_silence_s = -1.0}), std::invalid_argument);
   EXPECT_THROW(Watchdog({.max_ahead_s = -1e-3}), std::invalid_argument);
   EXPECT_THROW(Watchdog({.max_age_s = nan}), std::invalid_argument);
-}
-
-TEST(WatchdogTest, NeverAllocates) {
-  Watchdog dog = Make();
-  const test::NoAlloc guard;
-  dog.Arrived(Stamp::Now(), kSteady);
-  EXPECT_STREQ(Name(dog.Check(kWall, kSteady + 100 * kMs)), "nothing has arrived for too long");
 }
 
 }  // namespace

@@ -224,6 +224,7 @@ Health Subscriber<T>::health() const noexcept {
   fdds::SubscriptionMatchedStatus matched;
   impl_->reader->get_subscription_matched_status(matched);
   health.publishers = matched.current_count;
+  health.found = matched.total_count;
   fdds::LivelinessChangedStatus liveliness;
   impl_->reader->get_liveliness_changed_status(liveliness);
   health.alive = liveliness.alive_count;

@@ -17,22 +17,22 @@ EmergencyStopButton::EmergencyStopButton(Participant& participant, const std::st
 
 EmergencyStopButton::~EmergencyStopButton() = default;
 
-bool EmergencyStopButton::Beat() noexcept {
-  const bool sent = datagrams_->Send(pressed_);
+bool EmergencyStopButton::Beat(std::int64_t wall_ns) noexcept {
+  const bool sent = datagrams_->Send(pressed_, wall_ns);
   return publisher_.Write({pressed_}) || sent;
 }
 
-void EmergencyStopButton::Press() noexcept {
+void EmergencyStopButton::Press(std::int64_t wall_ns) noexcept {
   pressed_ = true;
-  Beat();
+  Beat(wall_ns);
 }
 
-void EmergencyStopButton::Release() noexcept {
+void EmergencyStopButton::Release(std::int64_t wall_ns) noexcept {
   pressed_ = false;
-  Beat();
+  Beat(wall_ns);
 }
 
-void EmergencyStopReceiver::Buttons::Hear(const Origin& who, std::int64_t now_ns) noexcept {
+void EmergencyStopJudge::Buttons::Hear(const Origin& who, std::int64_t now_ns) noexcept {
   const auto end = buttons.begin() + size;
   auto button = std::find_if(buttons.begin(), end, [&](const Button& b) { return b.who == who; });
   if (button == end) {
@@ -44,57 +44,66 @@ void EmergencyStopReceiver::Buttons::Hear(const Origin& who, std::int64_t now_ns
   button->heard_ns = now_ns;
 }
 
-void EmergencyStopReceiver::Buttons::Forget(std::int64_t before_ns) noexcept {
+void EmergencyStopJudge::Buttons::Forget(std::int64_t before_ns) noexcept {
   const auto end = std::remove_if(buttons.begin(), buttons.begin() + size,
                                   [&](const Button& b) { return b.heard_ns < before_ns; });
   size = static_cast<int>(end - buttons.begin());
   too_many = false;
 }
 
-bool EmergencyStopReceiver::Buttons::Silent(std::int64_t before_ns) const noexcept {
+bool EmergencyStopJudge::Buttons::Silent(std::int64_t before_ns) const noexcept {
   return size == 0 || too_many ||
          std::any_of(buttons.begin(), buttons.begin() + size,
                      [&](const Button& b) { return b.heard_ns < before_ns; });
 }
 
-EmergencyStopReceiver::EmergencyStopReceiver(Participant& participant, double max_silence_s,
-                                             const std::string& topic, bool datagrams)
-    : subscriber_(participant, topic, Role::kEmergencyStop),
-      max_silence_ns_(std::llround(1e9 * max_silence_s)) {
+EmergencyStopJudge::EmergencyStopJudge(double max_silence_s, bool datagrams)
+    : max_silence_ns_(std::llround(1e9 * max_silence_s)), datagrams_(datagrams) {
   DFR_THROW_UNLESS(max_silence_s >= 0.05 && max_silence_s <= 10.0,
                    "emergency stop: max_silence_s must lie in [0.05, 10], not " << max_silence_s);
-  if (datagrams) listener_ = std::make_unique<internal::StopListener>(participant.options());
 }
 
-EmergencyStopReceiver::~EmergencyStopReceiver() = default;
+void EmergencyStopJudge::Hear(Way way, const Origin& who, bool pressed,
+                              std::int64_t steady_ns) noexcept {
+  (way == Way::kDds ? over_dds_ : in_datagrams_).Hear(who, steady_ns);
+  latched_ = latched_ || pressed;
+}
 
-EmergencyStop EmergencyStopReceiver::Check(std::int64_t steady_ns) noexcept {
+EmergencyStop EmergencyStopJudge::Check(std::int64_t steady_ns) noexcept {
   now_ns_ = steady_ns;
-  Flag flag;
-  Origin who;
-  while (subscriber_.Take(flag, who)) {
-    over_dds_.Hear(who, now_ns_);
-    latched_ = latched_ || flag.value;
-  }
-  // What comes faster than this is left for the next time.
-  constexpr int kMostDatagrams = 64;
-  const std::int64_t wall_ns = Stamp::Now().nanoseconds();
-  bool pressed = false;
-  for (int n = 0; listener_ && n < kMostDatagrams && listener_->Take(wall_ns, who, pressed); ++n) {
-    in_datagrams_.Hear(who, now_ns_);
-    latched_ = latched_ || pressed;
-  }
   const bool dds_silent = over_dds_.Silent(now_ns_ - max_silence_ns_);
-  const bool datagrams_silent = listener_ && in_datagrams_.Silent(now_ns_ - max_silence_ns_);
+  const bool datagrams_silent = datagrams_ && in_datagrams_.Silent(now_ns_ - max_silence_ns_);
   only_datagrams_silent_ = datagrams_silent && !dds_silent;
   if (latched_) return EmergencyStop::kPressed;
   return dds_silent || datagrams_silent ? EmergencyStop::kSilent : EmergencyStop::kClear;
 }
 
-void EmergencyStopReceiver::Acknowledge() noexcept {
+void EmergencyStopJudge::Acknowledge() noexcept {
   latched_ = false;
   over_dds_.Forget(now_ns_ - max_silence_ns_);
   in_datagrams_.Forget(now_ns_ - max_silence_ns_);
+}
+
+EmergencyStopReceiver::EmergencyStopReceiver(Participant& participant, double max_silence_s,
+                                             const std::string& topic, bool datagrams)
+    : judge_(max_silence_s, datagrams), subscriber_(participant, topic, Role::kEmergencyStop) {
+  if (datagrams) listener_ = std::make_unique<internal::StopListener>(participant.options());
+}
+
+EmergencyStopReceiver::~EmergencyStopReceiver() = default;
+
+EmergencyStop EmergencyStopReceiver::Check(std::int64_t steady_ns, std::int64_t wall_ns) noexcept {
+  using Way = EmergencyStopJudge::Way;
+  Flag flag;
+  Origin who;
+  while (subscriber_.Take(flag, who)) judge_.Hear(Way::kDds, who, flag.value, steady_ns);
+  // What comes faster than this is left for the next time.
+  constexpr int kMostDatagrams = 64;
+  bool pressed = false;
+  for (int n = 0; listener_ && n < kMostDatagrams && listener_->Take(wall_ns, who, pressed); ++n) {
+    judge_.Hear(Way::kDatagrams, who, pressed, steady_ns);
+  }
+  return judge_.Check(steady_ns);
 }
 
 }  // namespace dfr::dds

@@ -3,7 +3,6 @@
 #include <openssl/pem.h>
 #include <openssl/x509_vfy.h>
 
-#include <ctime>
 #include <fstream>
 #include <iterator>
 #include <stdexcept>
@@ -24,13 +23,14 @@ constexpr const char* kRemake = "`hardware certificates` makes a new one";
 }
 
 void CheckCertificate(const std::filesystem::path& file, X509& certificate,
-                      const std::filesystem::path& ca_file, X509& ca) {
+                      const std::filesystem::path& ca_file, X509& ca, std::time_t now) {
   const Owned<X509_STORE> store(X509_STORE_new());
   const Owned<X509_STORE_CTX> context(X509_STORE_CTX_new());
   if (store == nullptr || context == nullptr || X509_STORE_add_cert(store.get(), &ca) != 1 ||
       X509_STORE_CTX_init(context.get(), store.get(), &certificate, nullptr) != 1) {
     throw std::runtime_error("OpenSSL fails: " + internal::Complaint());
   }
+  X509_STORE_CTX_set_time(context.get(), 0, now);
   if (X509_verify_cert(context.get()) == 1) return;
   const int error = X509_STORE_CTX_get_error(context.get());
   const std::filesystem::path& which =
@@ -89,9 +89,10 @@ std::string Element(const std::string& document, const std::string& name) {
   return end == std::string::npos ? std::string() : document.substr(begin, end - begin);
 }
 
-std::string Now() {
-  const Owned<ASN1_TIME> now(ASN1_TIME_set(nullptr, std::time(nullptr)));
-  return internal::Timestamp(*now);
+std::string TimestampAt(std::time_t time) {
+  const Owned<ASN1_TIME> owned(ASN1_TIME_set(nullptr, time));
+  if (owned == nullptr) throw std::runtime_error("OpenSSL fails: " + internal::Complaint());
+  return internal::Timestamp(*owned);
 }
 
 }  // namespace
@@ -104,7 +105,7 @@ SecurityFiles::SecurityFiles(const std::filesystem::path& folder)
       governance(folder / "governance.p7s"),
       permissions(folder / "permissions.p7s") {}
 
-std::string CheckSecurity(const std::filesystem::path& folder) {
+std::string CheckSecurity(const std::filesystem::path& folder, std::time_t now) {
   if (!std::filesystem::is_directory(folder)) {
     Wrong(folder,
           "is not a folder: `hardware certificates` makes one for each participant, below "
@@ -126,7 +127,7 @@ std::string CheckSecurity(const std::filesystem::path& folder) {
     Wrong(files.key, "is not the key of " + files.certificate.string() +
                          ": take both from the same folder of `hardware certificates`");
   }
-  CheckCertificate(files.certificate, *certificate, files.identity_ca, *identity_ca);
+  CheckCertificate(files.certificate, *certificate, files.identity_ca, *identity_ca, now);
   const Owned<X509> permissions_ca = internal::LoadCertificate(files.permissions_ca);
   CheckSigned(files.governance, files.permissions_ca, *permissions_ca);
   const std::string permissions =
@@ -139,7 +140,7 @@ std::string CheckSecurity(const std::filesystem::path& folder) {
   }
   // Dates compare as their texts do.
   const std::string until = Element(permissions, "not_after");
-  if (!until.empty() && until < Now()) {
+  if (!until.empty() && until < TimestampAt(now)) {
     Wrong(files.permissions, "expired on " + until, kRemake);
   }
   return name;

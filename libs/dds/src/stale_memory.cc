@@ -5,7 +5,6 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <ctime>
 #include <exception>
 #include <string>
 #include <string_view>
@@ -18,12 +17,11 @@ namespace {
 constexpr std::time_t kGraceSeconds = 10;
 
 // Whether nobody holds the lock, and nobody is about to.
-bool Abandoned(const std::filesystem::path& lock) {
+bool Abandoned(const std::filesystem::path& lock, std::time_t now) {
   const int fd = ::open(lock.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) return false;
   struct stat status {};
-  const bool abandoned = ::fstat(fd, &status) == 0 &&
-                         status.st_mtime + kGraceSeconds < std::time(nullptr) &&
+  const bool abandoned = ::fstat(fd, &status) == 0 && status.st_mtime + kGraceSeconds < now &&
                          ::flock(fd, LOCK_EX | LOCK_NB) == 0;
   ::close(fd);
   return abandoned;
@@ -31,7 +29,7 @@ bool Abandoned(const std::filesystem::path& lock) {
 
 }  // namespace
 
-void RemoveStaleSegments(const std::filesystem::path& folder) noexcept {
+void RemoveStaleSegments(const std::filesystem::path& folder, std::time_t now) noexcept {
   constexpr std::string_view kPrefix = "fastrtps_";
   constexpr std::string_view kSuffix = "_el";
   constexpr std::size_t kId = 16;  // hexadecimal digits
@@ -43,7 +41,7 @@ void RemoveStaleSegments(const std::filesystem::path& folder) noexcept {
       if (name.size() != kPrefix.size() + kId + kSuffix.size() || !name.starts_with(kPrefix) ||
           !name.ends_with(kSuffix) ||
           name.find_first_not_of("0123456789abcdef", kPrefix.size()) != kPrefix.size() + kId ||
-          !Abandoned(entry.path())) {
+          !Abandoned(entry.path(), now)) {
         continue;
       }
       std::filesystem::remove(folder / name.substr(0, name.size() - kSuffix.size()), error);

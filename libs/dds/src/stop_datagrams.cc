@@ -13,7 +13,6 @@
 #include <memory>
 #include <stdexcept>
 
-#include "dfr/dds/messages.h"
 #include "dfr/dds/security.h"
 
 namespace dfr::dds::internal {
@@ -100,29 +99,12 @@ StopSocket::StopSocket()
 
 StopSocket::~StopSocket() { ::close(socket_); }
 
-StopSender::StopSender(const ParticipantOptions& options) {
-  const int yes = 1;
-  if (::setsockopt(socket_.get(), SOL_SOCKET, SO_BROADCAST, &yes, sizeof yes) != 0) {
-    throw std::runtime_error(Refused("cannot send to all"));
-  }
-  const std::uint16_t port = StopPort(options.domain);
-  listeners_.push_back(Address(0x7fffffff, port));  // 127.255.255.255
-  ifaddrs* interfaces = nullptr;
-  if (options.discovery != Discovery::kLoopback && ::getifaddrs(&interfaces) == 0) {
-    for (const ifaddrs* i = interfaces; i != nullptr; i = i->ifa_next) {
-      const bool sends = (i->ifa_flags & IFF_UP) != 0 && (i->ifa_flags & IFF_BROADCAST) != 0;
-      if (!sends || i->ifa_broadaddr == nullptr || i->ifa_broadaddr->sa_family != AF_INET) continue;
-      sockaddr_in all{};
-      std::memcpy(&all, i->ifa_broadaddr, sizeof all);
-      listeners_.push_back(Address(ntohl(all.sin_addr.s_addr), port));
-    }
-    ::freeifaddrs(interfaces);
-  }
+StopWriter::StopWriter(const std::filesystem::path& security) {
   if (RAND_bytes(id_.data(), static_cast<int>(id_.size())) != 1) {
     throw std::runtime_error("OpenSSL has no random numbers: " + Complaint());
   }
-  if (options.security.empty()) return;
-  const SecurityFiles files(options.security);
+  if (security.empty()) return;
+  const SecurityFiles files(security);
   key_ = LoadKey(files.key);
   const Owned<X509> certificate = LoadCertificate(files.certificate);
   unsigned char* der = nullptr;
@@ -133,41 +115,21 @@ StopSender::StopSender(const ParticipantOptions& options) {
   OPENSSL_free(der);
 }
 
-bool StopSender::Send(bool pressed) noexcept {
-  try {
-    std::string datagram(kMagic);
-    datagram.append(id_.begin(), id_.end());
-    Put(++sequence_, 8, datagram);
-    Put(static_cast<std::uint64_t>(Stamp::Now().nanoseconds()), 8, datagram);
-    Put(pressed ? 1U : 0U, 1, datagram);
-    Put(certificate_.size(), 2, datagram);
-    datagram += certificate_;
-    if (key_) datagram += Sign(key_.get(), datagram);
-    bool sent = false;
-    for (const sockaddr_in& listener : listeners_) {
-      const auto* address = reinterpret_cast<const sockaddr*>(&listener);  // NOLINT: sockets' way
-      sent = ::sendto(socket_.get(), datagram.data(), datagram.size(), MSG_NOSIGNAL, address,
-                      sizeof listener) == static_cast<ssize_t>(datagram.size()) ||
-             sent;
-    }
-    return sent;
-  } catch (const std::exception&) {
-    return false;
-  }
+std::string StopWriter::Next(bool pressed, std::int64_t wall_ns) {
+  std::string datagram(kMagic);
+  datagram.append(id_.begin(), id_.end());
+  Put(++sequence_, 8, datagram);
+  Put(static_cast<std::uint64_t>(wall_ns), 8, datagram);
+  Put(pressed ? 1U : 0U, 1, datagram);
+  Put(certificate_.size(), 2, datagram);
+  datagram += certificate_;
+  if (key_) datagram += Sign(key_.get(), datagram);
+  return datagram;
 }
 
-StopListener::StopListener(const ParticipantOptions& options)
-    : loopback_(options.discovery == Discovery::kLoopback) {
-  const int yes = 1;
-  const sockaddr_in any = Address(INADDR_ANY, StopPort(options.domain));
-  const auto* address = reinterpret_cast<const sockaddr*>(&any);  // NOLINT: sockets' way
-  if (::setsockopt(socket_.get(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes) != 0 ||
-      ::bind(socket_.get(), address, sizeof any) != 0) {
-    throw std::runtime_error(
-        Refused(("cannot listen on UDP port " + std::to_string(StopPort(options.domain))).c_str()));
-  }
-  if (options.security.empty()) return;
-  const SecurityFiles files(options.security);
+StopReader::StopReader(const std::filesystem::path& security) {
+  if (security.empty()) return;
+  const SecurityFiles files(security);
   authority_.reset(X509_STORE_new());
   const Owned<X509> ca = LoadCertificate(files.identity_ca);
   if (!authority_ || X509_STORE_add_cert(authority_.get(), ca.get()) != 1) {
@@ -175,7 +137,7 @@ StopListener::StopListener(const ParticipantOptions& options)
   }
 }
 
-bool StopListener::Signed(std::string_view datagram) {
+bool StopReader::Signed(std::string_view datagram) {
   const auto size = static_cast<std::size_t>(Get(datagram, kSizeAt, 2));
   if (!authority_) return size == 0 && datagram.size() == kHead;
   if (size == 0 || datagram.size() <= kHead + size) return false;
@@ -199,7 +161,7 @@ bool StopListener::Signed(std::string_view datagram) {
   return good;
 }
 
-bool StopListener::New(const StopSenderId& who, std::uint64_t sequence, std::int64_t wall_ns) {
+bool StopReader::New(const StopSenderId& who, std::uint64_t sequence, std::int64_t wall_ns) {
   auto known = std::find_if(known_.begin(), known_.end(),
                             [&](const Known& k) { return k.sequence > 0 && k.who == who; });
   if (known == known_.end()) {
@@ -216,6 +178,73 @@ bool StopListener::New(const StopSenderId& who, std::uint64_t sequence, std::int
   return true;
 }
 
+bool StopReader::Read(std::string_view datagram, std::int64_t wall_ns, StopSenderId& who,
+                      bool& pressed) {
+  if (datagram.size() < kHead || datagram.size() > kLargest || !datagram.starts_with(kMagic)) {
+    return false;
+  }
+  const auto sent_ns = static_cast<std::int64_t>(Get(datagram, kTimeAt, 8));
+  const auto flag = static_cast<std::uint8_t>(datagram[kPressedAt]);
+  if (sent_ns < wall_ns - kMostAstrayNs || sent_ns > wall_ns + kMostAstrayNs || flag > 1 ||
+      !Signed(datagram)) {
+    return false;
+  }
+  StopSenderId id;
+  std::copy_n(datagram.begin() + kIdAt, id.size(), id.begin());
+  if (!New(id, Get(datagram, kSequenceAt, 8), wall_ns)) return false;
+  who = id;
+  pressed = flag == 1;
+  return true;
+}
+
+StopSender::StopSender(const ParticipantOptions& options) : writer_(options.security) {
+  const int yes = 1;
+  if (::setsockopt(socket_.get(), SOL_SOCKET, SO_BROADCAST, &yes, sizeof yes) != 0) {
+    throw std::runtime_error(Refused("cannot send to all"));
+  }
+  const std::uint16_t port = StopPort(options.domain);
+  listeners_.push_back(Address(0x7fffffff, port));  // 127.255.255.255
+  ifaddrs* interfaces = nullptr;
+  if (options.discovery != Discovery::kLoopback && ::getifaddrs(&interfaces) == 0) {
+    for (const ifaddrs* i = interfaces; i != nullptr; i = i->ifa_next) {
+      const bool sends = (i->ifa_flags & IFF_UP) != 0 && (i->ifa_flags & IFF_BROADCAST) != 0;
+      if (!sends || i->ifa_broadaddr == nullptr || i->ifa_broadaddr->sa_family != AF_INET) continue;
+      sockaddr_in all{};
+      std::memcpy(&all, i->ifa_broadaddr, sizeof all);
+      listeners_.push_back(Address(ntohl(all.sin_addr.s_addr), port));
+    }
+    ::freeifaddrs(interfaces);
+  }
+}
+
+bool StopSender::Send(bool pressed, std::int64_t wall_ns) noexcept {
+  try {
+    const std::string datagram = writer_.Next(pressed, wall_ns);
+    bool sent = false;
+    for (const sockaddr_in& listener : listeners_) {
+      const auto* address = reinterpret_cast<const sockaddr*>(&listener);  // NOLINT: sockets' way
+      sent = ::sendto(socket_.get(), datagram.data(), datagram.size(), MSG_NOSIGNAL, address,
+                      sizeof listener) == static_cast<ssize_t>(datagram.size()) ||
+             sent;
+    }
+    return sent;
+  } catch (const std::exception&) {
+    return false;
+  }
+}
+
+StopListener::StopListener(const ParticipantOptions& options)
+    : loopback_(options.discovery == Discovery::kLoopback), reader_(options.security) {
+  const int yes = 1;
+  const sockaddr_in any = Address(INADDR_ANY, StopPort(options.domain));
+  const auto* address = reinterpret_cast<const sockaddr*>(&any);  // NOLINT: sockets' way
+  if (::setsockopt(socket_.get(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes) != 0 ||
+      ::bind(socket_.get(), address, sizeof any) != 0) {
+    throw std::runtime_error(
+        Refused(("cannot listen on UDP port " + std::to_string(StopPort(options.domain))).c_str()));
+  }
+}
+
 bool StopListener::Take(std::int64_t wall_ns, StopSenderId& who, bool& pressed) noexcept {
   try {
     std::array<char, kLargest> buffer;
@@ -226,24 +255,11 @@ bool StopListener::Take(std::int64_t wall_ns, StopSenderId& who, bool& pressed) 
       const ssize_t size =
           ::recvfrom(socket_.get(), buffer.data(), buffer.size(), MSG_TRUNC, address, &from_size);
       if (size < 0) return false;
-      if (static_cast<std::size_t>(size) < kHead || static_cast<std::size_t>(size) > kLargest) {
-        continue;
-      }
+      if (static_cast<std::size_t>(size) > kLargest) continue;
       const std::string_view datagram(buffer.data(), static_cast<std::size_t>(size));
       const bool here = (ntohl(from.sin_addr.s_addr) >> 24U) == 127;
-      if ((loopback_ && !here) || !datagram.starts_with(kMagic)) continue;
-      const auto sent_ns = static_cast<std::int64_t>(Get(datagram, kTimeAt, 8));
-      const auto flag = static_cast<std::uint8_t>(datagram[kPressedAt]);
-      if (sent_ns < wall_ns - kMostAstrayNs || sent_ns > wall_ns + kMostAstrayNs || flag > 1 ||
-          !Signed(datagram)) {
-        continue;
-      }
-      StopSenderId id;
-      std::copy_n(datagram.begin() + kIdAt, id.size(), id.begin());
-      if (!New(id, Get(datagram, kSequenceAt, 8), wall_ns)) continue;
-      who = id;
-      pressed = flag == 1;
-      return true;
+      if (loopback_ && !here) continue;
+      if (reader_.Read(datagram, wall_ns, who, pressed)) return true;
     }
   } catch (const std::exception&) {
     return false;

@@ -37,35 +37,33 @@ class StopSocket {
   int socket_;
 };
 
-/// Sends to all listeners of the domain: on this machine, and unless discovery is loopback on every
-/// network that it is on. One object belongs to one thread at a time.
-class StopSender {
+/// Writes the datagrams of one button.
+class StopWriter {
  public:
+  /// @param security  the participant's folder; empty: unsigned datagrams.
   /// @throws std::runtime_error naming what the system or the security files refuse.
-  explicit StopSender(const ParticipantOptions& options);
+  explicit StopWriter(const std::filesystem::path& security);
 
-  /// False if no datagram could be sent.
-  bool Send(bool pressed) noexcept;
+  /// The next datagram, which says that it was sent at `wall_ns`.
+  [[nodiscard]] std::string Next(bool pressed, std::int64_t wall_ns);
 
  private:
-  StopSocket socket_;
-  std::vector<sockaddr_in> listeners_;
   StopSenderId id_{};
   std::uint64_t sequence_ = 0;
   Owned<EVP_PKEY> key_;
   std::string certificate_;  // DER; empty without security
 };
 
-/// Receives what StopSender sends. One object belongs to one thread at a time.
-class StopListener {
+/// Reads what the StopWriters of all buttons write.
+class StopReader {
  public:
-  /// @throws as StopSender; also if the port is taken by others.
-  explicit StopListener(const ParticipantOptions& options);
+  /// @param security  the participant's folder; empty: believes unsigned datagrams alone.
+  /// @throws as StopWriter.
+  explicit StopReader(const std::filesystem::path& security);
 
-  /// Takes the next good datagram. Those that are malformed, of a wrong signature, stamped more
-  /// than a second from `wall_ns`, or older than one that came before are passed over, at most 16
-  /// in a call. False if there is none.
-  bool Take(std::int64_t wall_ns, StopSenderId& who, bool& pressed) noexcept;
+  /// Whether a datagram is good: not malformed, of a valid signature, stamped at most a second from
+  /// `wall_ns`, and later than all others of its button. Only then sets `who` and `pressed`.
+  bool Read(std::string_view datagram, std::int64_t wall_ns, StopSenderId& who, bool& pressed);
 
  private:
   struct Known {
@@ -76,12 +74,43 @@ class StopListener {
   [[nodiscard]] bool Signed(std::string_view datagram);
   [[nodiscard]] bool New(const StopSenderId& who, std::uint64_t sequence, std::int64_t wall_ns);
 
-  StopSocket socket_;
-  bool loopback_;
   Owned<X509_STORE> authority_;   // null without security
   std::string last_certificate_;  // whose key is the next
   Owned<EVP_PKEY> last_key_;
   std::array<Known, 16> known_{};
+};
+
+/// Sends to all listeners of the domain: on this machine, and unless discovery is loopback on every
+/// network that it is on. One object belongs to one thread at a time.
+class StopSender {
+ public:
+  /// @throws std::runtime_error naming what the system or the security files refuse.
+  explicit StopSender(const ParticipantOptions& options);
+
+  /// False if no datagram could be sent.
+  /// @param wall_ns  now, as the datagram says.
+  bool Send(bool pressed, std::int64_t wall_ns) noexcept;
+
+ private:
+  StopSocket socket_;
+  std::vector<sockaddr_in> listeners_;
+  StopWriter writer_;
+};
+
+/// Receives what StopSender sends. One object belongs to one thread at a time.
+class StopListener {
+ public:
+  /// @throws as StopSender; also if the port is taken by others.
+  explicit StopListener(const ParticipantOptions& options);
+
+  /// Takes the next datagram that StopReader finds good. The others are passed over, at most 16 in
+  /// a call. False if there is none.
+  bool Take(std::int64_t wall_ns, StopSenderId& who, bool& pressed) noexcept;
+
+ private:
+  StopSocket socket_;
+  bool loopback_;
+  StopReader reader_;
 };
 
 }  // namespace dfr::dds::internal

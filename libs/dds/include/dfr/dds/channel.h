@@ -43,8 +43,9 @@ enum class Role {
 
 /// How a subscriber stands with its publishers.
 struct Health {
-  int publishers = 0;        ///< Matched now. More than one on a command topic is one too many.
-  int alive = 0;             ///< Matched publishers that kept their liveliness.
+  int publishers = 0;  ///< Matched now. More than one on a command topic is one too many.
+  int found = 0;  ///< Matched since the start; one that was forgotten and found again counts twice.
+  int alive = 0;  ///< Matched publishers that kept their liveliness.
   int missed_deadlines = 0;  ///< Since the start.
   int incompatible = 0;      ///< Publishers refused because of what they offer, since the start.
 };

@@ -40,11 +40,12 @@ class EmergencyStopButton {
 
   /// Says how it stands. To be called every kBeat_s or more often. False if it could not be sent
   /// either way.
-  bool Beat() noexcept;
+  /// @param wall_ns  now, as the datagram says.
+  bool Beat(std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;
   /// Latches, and says so at once.
-  void Press() noexcept;
+  void Press(std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;
   /// The operator pulls it out again: who was stopped stays stopped until told otherwise.
-  void Release() noexcept;
+  void Release(std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;
   [[nodiscard]] bool pressed() const noexcept { return pressed_; }
   /// Robots that listen now.
   [[nodiscard]] int num_listeners() const noexcept { return publisher_.num_subscribers(); }
@@ -65,27 +66,22 @@ enum class EmergencyStop {
             ///< Also where there are more than eight.
 };
 
-/// The receiving end. It keeps track of every button that it has heard, over DDS and in datagrams:
-/// where one of them is silent on either way, another that goes on does not hide that; where one is
-/// pressed on either way, it is. One object belongs to one thread at a time.
-class EmergencyStopReceiver {
+/// Tells from what was heard of the buttons, and when, how the emergency stop stands. Every doubt
+/// counts against the robot. Never allocates.
+class EmergencyStopJudge {
  public:
-  /// @param max_silence_s  after which it counts as absent, in [0.05, 10].
-  /// @param datagrams  whether it has to be heard in datagrams, too. A button that is none of ours,
-  ///   or in another subnet, is heard over DDS alone.
-  /// @throws as Subscriber, std::invalid_argument for another max_silence_s; std::runtime_error if
-  ///   the system refuses a socket.
-  explicit EmergencyStopReceiver(Participant& participant, double max_silence_s = 0.06,
-                                 const std::string& topic = kEmergencyStopTopic,
-                                 bool datagrams = true);
-  ~EmergencyStopReceiver();
-  EmergencyStopReceiver(const EmergencyStopReceiver&) = delete;
-  EmergencyStopReceiver& operator=(const EmergencyStopReceiver&) = delete;
+  enum class Way { kDds, kDatagrams };
 
-  /// @param steady_ns  a clock that never goes back.
+  /// @param max_silence_s  after which a button counts as absent, in [0.05, 10].
+  /// @param datagrams  whether each has to be heard in datagrams, too.
+  /// @throws std::invalid_argument for another max_silence_s.
+  explicit EmergencyStopJudge(double max_silence_s, bool datagrams = true);
+
+  /// A button has said how it stands.
+  /// @param steady_ns  a clock that never goes back, as in Check().
+  void Hear(Way way, const Origin& who, bool pressed, std::int64_t steady_ns) noexcept;
   EmergencyStop Check(std::int64_t steady_ns) noexcept;
-  /// The operator knows that it was pressed, and which buttons are gone: those that are silent now
-  /// are forgotten. Without effect on those that are still pressed.
+  /// As EmergencyStopReceiver::Acknowledge().
   void Acknowledge() noexcept;
   /// Buttons that were heard over DDS and not forgotten.
   [[nodiscard]] int num_buttons() const noexcept { return over_dds_.size; }
@@ -108,14 +104,50 @@ class EmergencyStopReceiver {
     [[nodiscard]] bool Silent(std::int64_t before_ns) const noexcept;
   };
 
-  Subscriber<Flag> subscriber_;
-  std::unique_ptr<internal::StopListener> listener_;  // null without datagrams
   std::int64_t max_silence_ns_;
+  bool datagrams_;
   std::int64_t now_ns_ = 0;
   Buttons over_dds_;
   Buttons in_datagrams_;
   bool latched_ = false;
   bool only_datagrams_silent_ = false;
+};
+
+/// The receiving end. It keeps track of every button that it has heard, over DDS and in datagrams:
+/// where one of them is silent on either way, another that goes on does not hide that; where one is
+/// pressed on either way, it is. One object belongs to one thread at a time.
+class EmergencyStopReceiver {
+ public:
+  /// @param max_silence_s  after which it counts as absent, in [0.05, 10].
+  /// @param datagrams  whether it has to be heard in datagrams, too. A button that is none of ours,
+  ///   or in another subnet, is heard over DDS alone.
+  /// @throws as Subscriber, std::invalid_argument for another max_silence_s; std::runtime_error if
+  ///   the system refuses a socket.
+  explicit EmergencyStopReceiver(Participant& participant, double max_silence_s = 0.06,
+                                 const std::string& topic = kEmergencyStopTopic,
+                                 bool datagrams = true);
+  ~EmergencyStopReceiver();
+  EmergencyStopReceiver(const EmergencyStopReceiver&) = delete;
+  EmergencyStopReceiver& operator=(const EmergencyStopReceiver&) = delete;
+
+  /// @param steady_ns  a clock that never goes back.
+  /// @param wall_ns  the system's clock, by which datagrams are too old.
+  EmergencyStop Check(std::int64_t steady_ns,
+                      std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;
+  /// The operator knows that it was pressed, and which buttons are gone: those that are silent now
+  /// are forgotten. Without effect on those that are still pressed.
+  void Acknowledge() noexcept { judge_.Acknowledge(); }
+  /// Buttons that were heard over DDS and not forgotten.
+  [[nodiscard]] int num_buttons() const noexcept { return judge_.num_buttons(); }
+  /// Why the last Check() found it silent: DDS is heard, the datagrams are not.
+  [[nodiscard]] bool only_datagrams_silent() const noexcept {
+    return judge_.only_datagrams_silent();
+  }
+
+ private:
+  EmergencyStopJudge judge_;
+  Subscriber<Flag> subscriber_;
+  std::unique_ptr<internal::StopListener> listener_;  // null without datagrams
 };
 
 }  // namespace dfr::dds

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <ctime>
 #include <filesystem>
 #include <string>
 
@@ -31,7 +32,9 @@ struct SecurityFiles {
 /// can change the folder or a file in it, a certificate or the permissions are of another
 /// authority, expired, not valid yet, or made for another participant.
 /// @return the participant's name, as its certificate has it.
+/// @param now  when all that is in it has to be valid.
 /// @throws std::runtime_error naming the file, what is wrong with it, and the remedy.
-std::string CheckSecurity(const std::filesystem::path& folder);
+std::string CheckSecurity(const std::filesystem::path& folder,
+                          std::time_t now = std::time(nullptr));
 
 }  // namespace dfr::dds

@@ -1,0 +1,74 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace dfr::test {
+
+/// A message of RTPS.
+using Bytes = std::vector<std::uint8_t>;
+
+inline Bytes Header(std::uint8_t who = 1) {
+  Bytes bytes = {'R', 'T', 'P', 'S', 2, 3, 1, 15};
+  bytes.insert(bytes.end(), 12, who);
+  return bytes;
+}
+
+// A submessage with `length` bytes of content, little-endian unless told.
+inline void Add(Bytes& bytes, std::uint8_t kind, std::uint16_t length, bool little = true) {
+  const auto low = static_cast<std::uint8_t>(length & 255U);
+  const auto high = static_cast<std::uint8_t>(length >> 8U);
+  bytes.insert(bytes.end(),
+               {kind, static_cast<std::uint8_t>(little), little ? low : high, little ? high : low});
+  bytes.insert(bytes.end(), length, 0);
+}
+
+inline void AddNumber(Bytes& bytes, std::uint32_t number, int size, bool little) {
+  for (int k = 0; k < size; ++k) {
+    bytes.push_back(static_cast<std::uint8_t>(
+        number >> (8U * static_cast<unsigned>(little ? k : size - 1 - k))));
+  }
+}
+
+// What a sample says of itself, and what there is of it.
+struct Sample {
+  bool little = true;
+  bool fragments = false;
+  std::uint8_t flags = 4;           // data; key where it is in fragments
+  std::uint32_t to_parameters = 0;  // 0: as it should be
+  Bytes parameters = {};
+  std::size_t payload = 20;
+  std::uint32_t first = 1;
+  std::uint32_t count = 1;
+  std::uint32_t size = 1000;
+  std::uint32_t whole = 20;
+  bool announces = false;  // that a participant is there
+};
+
+// As a submessage; `length` 0: its own, `to_end`: none.
+inline void Add(Bytes& bytes, const Sample& sample, bool to_end = false) {
+  Bytes content = {0, 0};
+  const std::uint32_t right = sample.fragments ? 28 : 16;
+  AddNumber(content, sample.to_parameters == 0 ? right : sample.to_parameters, 2, sample.little);
+  const Bytes writer = sample.announces ? Bytes{0, 1, 0, 0xc2} : Bytes{0, 0, 3, 0xc2};
+  content.insert(content.end(), 4, 0);  // any reader
+  content.insert(content.end(), writer.begin(), writer.end());
+  content.insert(content.end(), 4, 0);
+  AddNumber(content, 7, 4, sample.little);
+  if (sample.fragments) {
+    AddNumber(content, sample.first, 4, sample.little);
+    AddNumber(content, sample.count, 2, sample.little);
+    AddNumber(content, sample.size, 2, sample.little);
+    AddNumber(content, sample.whole, 4, sample.little);
+  }
+  content.insert(content.end(), sample.parameters.begin(), sample.parameters.end());
+  content.insert(content.end(), sample.payload, 7);
+  const auto endian = static_cast<std::uint8_t>(sample.little);
+  bytes.push_back(sample.fragments ? 0x16 : 0x15);
+  bytes.push_back(sample.flags | endian);
+  AddNumber(bytes, to_end ? 0 : static_cast<std::uint32_t>(content.size()), 2, sample.little);
+  bytes.insert(bytes.end(), content.begin(), content.end());
+}
+
+}  // namespace dfr::test
