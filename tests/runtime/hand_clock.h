@@ -6,7 +6,7 @@
 
 namespace dfr::test {
 
-/// Time passes while somebody waits, and when the test says so.
+/// Time passes during a wait, and when the test says so.
 class SteadyHandClock final : public runtime::SteadyClock {
  public:
   [[nodiscard]] std::int64_t Now() noexcept override { return now_ns; }
