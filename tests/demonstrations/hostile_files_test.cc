@@ -5,7 +5,6 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
-#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
@@ -55,14 +54,6 @@ std::string ErrorWith(const std::filesystem::path& path, const Make& make) {
 TEST(HostileFilesTest, WhatCrashesLibhdf5IsAnError) {
   EXPECT_THAT(LoadError(kRegressions / "hdf5_global_heap_segv.hdf5"),
               AllOf(HasSubstr("hdf5_global_heap_segv.hdf5"), HasSubstr("libhdf5 crashed on it")));
-}
-
-TEST(HostileFilesTest, WhatKeepsLibhdf5BusyForeverIsAnError) {
-  const auto start = std::chrono::steady_clock::now();
-  EXPECT_THAT(LoadError(kRegressions / "hdf5_global_heap_hang.hdf5"),
-              HasSubstr("libhdf5 did not come to an end with it"));
-  // 2 s of computing, however loaded the machine is.
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(90));
 }
 
 TEST(HostileFilesTest, AWriterKilledBeforeItsFirstEpisodeIsNamed) {
@@ -220,7 +211,7 @@ TEST(HostileFilesTest, ReadingLeavesNoProcessAndNoFileBehind) {
     return std::distance(std::filesystem::directory_iterator("/proc/self/fd"), {});
   };
   const auto before = open_files();
-  for (int i = 0; i < 20; ++i) {
+  for (int i = 0; i < 5; ++i) {
     EXPECT_EQ(LoadDemonstrations(folder / "demos.hdf5").trajectories.size(), 3U);
     EXPECT_THAT(LoadError(kRegressions / "hdf5_global_heap_segv.hdf5"), HasSubstr("crashed"));
   }

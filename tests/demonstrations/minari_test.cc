@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/resource.h>
 
 #include <exception>
 #include <filesystem>
@@ -145,38 +144,6 @@ TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
   EXPECT_THAT(Message([&] { SaveMinari(beyond, folder / "d", kId); }),
               HasSubstr("demonstration 2, step 7: control 1 is 1.5"));
   EXPECT_EQ(OpenMinari(file)->num_episodes(), 3);  // what was there is untouched
-}
-
-// Both formats: reading or writing takes the memory of an episode, not of the file.
-TEST(DemonstrationReaderTest, MemoryDoesNotGrowWithTheFile) {
-  const test::TempFolder folder;
-  core::Trajectory episode;
-  episode.states = core::Matrix::Random(2001, 60);
-  episode.controls = core::Matrix::Random(2000, 4);
-  core::StateLayout layout;
-  layout.Add("x", 60);
-  constexpr int kLargeEpisodes = 120;  // of 1 MB each
-  const auto peak_mib = [] {
-    rusage usage{};
-    getrusage(RUSAGE_SELF, &usage);
-    return usage.ru_maxrss / 1024;
-  };
-  const auto start = peak_mib();
-  {
-    MinariWriter minari(folder / "d", kId, layout, 4, "long");
-    RobomimicWriter robomimic(folder / "d.hdf5", layout, 4, "long");
-    for (int i = 0; i < kLargeEpisodes; ++i) {
-      minari.Append(episode);
-      robomimic.Append(episode);
-    }
-  }
-  for (const char* path : {"d", "d.hdf5"}) {
-    const auto reader = OpenDemonstrations(folder / path);
-    ASSERT_EQ(reader->num_episodes(), kLargeEpisodes);
-    for (int i = 0; i < kLargeEpisodes; ++i) EXPECT_EQ(reader->Read(i).controls, episode.controls);
-  }
-  // libhdf5 keeps some of its own; the files are of 120 and 240 MiB.
-  EXPECT_LT(peak_mib() - start, 40);
 }
 
 }  // namespace

@@ -2,16 +2,15 @@
 // what runs such programs.
 #include <CLI/CLI.hpp>
 #include <atomic>
-#include <chrono>
 #include <cstdlib>
 #include <fstream>
 #include <iostream>
-#include <thread>
 
 #include "dfr/experiment/command_line.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/experiment/report.h"
 #include "tests/experiment/fake_trial_runner.h"
+#include "tests/support/eventually.h"
 
 int main(int argc, char** argv) try {
   using namespace dfr;  // NOLINT: this is their main
@@ -21,15 +20,17 @@ int main(int argc, char** argv) try {
   options.out = "out";
   double gamma = 5.0;
   bool cold = true;
-  int unit_ms = 0;
   std::vector<int> demonstrations = {6, 60};
   std::filesystem::path fails_once;
+  std::filesystem::path until;
+  std::string before;
   CLI::App* command = app.add_subcommand("experiment", "all methods");
   experiment::AddExperimentOptions(*command, options, "quick or paper", "baseline, dfr");
   command->add_option("--gamma", gamma)->capture_default_str();
   command->add_flag("--cold,!--warm", cold);
   command->add_option("--demonstrations", demonstrations)->delimiter(',')->capture_default_str();
-  command->add_option("--unit-ms", unit_ms, "how long a unit takes")->capture_default_str();
+  command->add_option("--until", until, "a file that units wait for from the third on");
+  command->add_option("--before", before, "a program that runs before each unit");
   command->add_option("--fails-once", fails_once, "a file that a first run makes, and fails");
   if (const auto code = experiment::Parse(app, argc, argv)) return *code;
 
@@ -40,8 +41,14 @@ int main(int argc, char** argv) try {
   const auto found = experiment::RunExperiment(
       "fake", plan,
       [&](const experiment::EvaluationUnit& unit) {
-        std::this_thread::sleep_for(std::chrono::milliseconds(unit_ms));
-        if (!fails_once.empty() && ++made == 2 && !std::filesystem::exists(fails_once)) {
+        const int number = ++made;
+        if (!before.empty() && std::system(("'" + before + "'").c_str()) != 0) {
+          throw std::runtime_error("no " + before);
+        }
+        if (!until.empty() && number > 2) {
+          test::Eventually([&] { return std::filesystem::exists(until); });
+        }
+        if (!fails_once.empty() && number == 2 && !std::filesystem::exists(fails_once)) {
           std::ofstream(fails_once) << "failed\n";
           throw std::runtime_error("the plant fell over");
         }

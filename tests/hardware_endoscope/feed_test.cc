@@ -4,7 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
+#include <utility>
 #include <vector>
+
+#include "tests/support/no_alloc.h"
 
 namespace dfr::hardware::internal {
 namespace {
@@ -73,6 +76,26 @@ TEST_F(FeedTest, IsFrozenWithTheLastOfTheRepeatsAndDarkAtOnce) {
   EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kDark);
   Put(25);
   EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk);
+}
+
+TEST_F(FeedTest, GapsBetweenStampsCountAsLosses) {
+  std::int64_t stamp_ns = kWall;
+  for (const auto& [periods, lost] : {std::pair{1.0, 0U}, {1.4, 0U}, {4.0, 3U}, {-2.0, 3U}}) {
+    Put(100, stamp_ns);
+    stamp_ns += static_cast<std::int64_t>(periods * 1e9 / 30.0);
+    Put(101, stamp_ns);
+    EXPECT_EQ(feed_.counts().lost, lost) << periods;
+  }
+  EXPECT_EQ(feed_.counts().received, 8U);
+}
+
+TEST_F(FeedTest, GrabNeverAllocates) {
+  for (int i = 0; i < 5; ++i) {
+    Put(static_cast<std::uint8_t>(100 + i));
+    const test::NoAlloc guard;
+    EXPECT_EQ(Grab(kSteady, kWall), FrameStatus::kOk);
+    EXPECT_EQ(Grab(kSteady, kWall + 3'600'000 * kMs), FrameStatus::kOld);
+  }
 }
 
 TEST_F(FeedTest, EndsAfterItsLastPicture) {

@@ -5,11 +5,10 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <chrono>
 #include <cmath>
 #include <stdexcept>
 #include <string>
-#include <thread>
+#include <vector>
 
 #include "tests/hardware_stewart/sprk_emulator.h"
 #include "tests/support/all_close.h"
@@ -34,12 +33,15 @@ PlatformPose Pose(double x, double y, double z, double yaw = 0.0) {
 class SprkDriverTest : public testing::Test {
  protected:
   [[nodiscard]] SprkOptions Options() {
-    return {.device = emulator_.device(), .clock_s = [this] { return now_s_; }};
+    return {.device = emulator_.device(),
+            .clock_s = [this] { return now_s_; },
+            .wait_s = [this](double seconds) { waits_s_.push_back(seconds), Wait(seconds); }};
   }
   void Wait(double seconds) { now_s_ += seconds; }
 
   test::SprkEmulator emulator_;
   double now_s_ = 1000.0;
+  std::vector<double> waits_s_;
 };
 
 TEST_F(SprkDriverTest, EveryFrameArrivesInOnePiece) {
@@ -196,7 +198,8 @@ TEST_F(SprkDriverTest, FullPortFailsInsteadOfBlocking) {
   ASSERT_GE(master, 0);
   ASSERT_EQ(::grantpt(master), 0);
   ASSERT_EQ(::unlockpt(master), 0);
-  SprkDriver driver({.device = ::ptsname(master), .clock_s = [this] { return now_s_; }});
+  SprkDriver driver(
+      {.device = ::ptsname(master), .clock_s = [this] { return now_s_; }, .wait_s = {}});
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);
   SprkStatus status = SprkStatus::kOk;
   for (int i = 0; i < 100000 && status == SprkStatus::kOk; ++i) {
@@ -208,7 +211,9 @@ TEST_F(SprkDriverTest, FullPortFailsInsteadOfBlocking) {
 }
 
 TEST_F(SprkDriverTest, CommandsDoNotAllocate) {
-  SprkDriver driver(Options());
+  SprkOptions options = Options();
+  options.wait_s = [this](double seconds) { Wait(seconds); };
+  SprkDriver driver(options);
   const test::NoAlloc guard;
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);
   Wait(1.0);
@@ -217,6 +222,7 @@ TEST_F(SprkDriverTest, CommandsDoNotAllocate) {
   EXPECT_EQ(driver.Start(SprkWaveKind::kSine, {}), SprkStatus::kOk);
   Wait(1.0);
   EXPECT_EQ(driver.Hold(), SprkStatus::kOk);
+  EXPECT_EQ(driver.Hold(), SprkStatus::kOk);  // which waits
   EXPECT_TRUE(driver.Estimate().known);
 }
 
@@ -242,16 +248,20 @@ TEST_F(SprkDriverTest, ClosingFreesThePort) {
   EXPECT_EQ(OpenError(emulator_.device()), "");
 }
 
-// The steady clock: Hold() right behind another frame waits until the firmware can take it.
-TEST_F(SprkDriverTest, HoldWaitsForTheFirmware) {
-  SprkDriver driver({.device = emulator_.device(), .clock_s = {}});
+// Right behind another frame Hold() and Home() wait until the firmware can take theirs.
+TEST_F(SprkDriverTest, HoldAndHomeWaitForTheFirmware) {
+  SprkDriver driver(Options());
   ASSERT_EQ(driver.Home(), SprkStatus::kOk);
-  const auto start = std::chrono::steady_clock::now();
+  EXPECT_TRUE(waits_s_.empty());
+  Wait(0.002);
   ASSERT_EQ(driver.Hold(), SprkStatus::kOk);
+  ASSERT_EQ(driver.Home(), SprkStatus::kOk);
+  Wait(2 * kSprkFramePeriod);
   ASSERT_EQ(driver.Hold(), SprkStatus::kOk);
-  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
-  EXPECT_GE(took.count(), kSprkFramePeriod);
-  EXPECT_EQ(emulator_.Await(3).size(), 3U);
+  ASSERT_EQ(waits_s_.size(), 2U);
+  EXPECT_NEAR(waits_s_[0], kSprkFramePeriod - 0.002, 1e-9);
+  EXPECT_NEAR(waits_s_[1], kSprkFramePeriod, 1e-9);
+  EXPECT_EQ(emulator_.Await(4).size(), 4U);
 }
 
 }  // namespace

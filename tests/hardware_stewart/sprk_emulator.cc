@@ -6,8 +6,9 @@
 #include <unistd.h>
 
 #include <array>
-#include <chrono>
 #include <stdexcept>
+
+#include "tests/support/eventually.h"
 
 namespace dfr::test {
 
@@ -47,8 +48,8 @@ void SprkEmulator::Run() {
     ::poll(ready.data(), ready.size(), -1);
     if (ready[1].revents != 0) return;
     if ((ready[0].revents & POLLIN) == 0 || hangs_) {
-      // No program has the port open: poll() does not wait.
-      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+      // No program has the port open, or there is more than is read: poll() does not wait.
+      ::poll(&ready[1], 1, 2);
       continue;
     }
     const ssize_t count = ::read(master_, bytes.data(), bytes.size());
@@ -59,16 +60,13 @@ void SprkEmulator::Run() {
 }
 
 std::vector<SprkFirmware::Command> SprkEmulator::Await(std::size_t count) {
-  const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(20);
-  for (;;) {
-    {
-      const std::lock_guard lock(mutex_);
-      if (firmware_.commands().size() >= count || std::chrono::steady_clock::now() > end) {
-        return firmware_.commands();
-      }
-    }
-    std::this_thread::sleep_for(std::chrono::milliseconds(2));
-  }
+  std::vector<SprkFirmware::Command> commands;
+  Eventually([&] {
+    const std::lock_guard lock(mutex_);
+    commands = firmware_.commands();
+    return commands.size() >= count;
+  });
+  return commands;
 }
 
 }  // namespace dfr::test

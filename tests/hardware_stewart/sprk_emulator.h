@@ -23,7 +23,7 @@ class SprkEmulator {
 
   /// The port that a driver opens.
   [[nodiscard]] const std::string& device() const noexcept { return device_; }
-  /// What arrived, once there are `count` commands; fewer after 20 s.
+  /// What arrived, once there are `count` commands.
   [[nodiscard]] std::vector<SprkFirmware::Command> Await(std::size_t count);
   /// Sends `text` to the program that has the port open. The firmware says nothing by itself.
   void Print(std::string_view text) const;

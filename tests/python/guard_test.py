@@ -141,7 +141,7 @@ class GuardTest(unittest.TestCase):
             with self.assertRaisesRegex(ValueError, "t must hold integers"):
                 decide(np.array([2**70, 0]), x)
 
-    def test_pickles_and_copies_keep_knowledge_and_settings_and_wait_for_reset(self):
+    def test_pickles_and_copies_keep_knowledge_and_settings_and_need_a_reset(self):
         guard = self.guard.with_settings(strategy="monitor", action_limit=0.5)
         guard.reset()
         x = np.random.default_rng(0).normal(size=(50, 3))

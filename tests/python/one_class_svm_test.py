@@ -5,8 +5,6 @@ import pickle
 import subprocess
 import sys
 import textwrap
-import threading
-import time
 import unittest
 import warnings
 
@@ -268,25 +266,6 @@ class Memory(unittest.TestCase):
 
 
 class Threads(unittest.TestCase):
-    def count_during(self, work):
-        """How often another Python thread came to run while `work` did, and its seconds."""
-        count, stop = 0, threading.Event()
-
-        def ticker():
-            nonlocal count
-            while not stop.is_set():
-                count += 1
-                time.sleep(1e-3)
-
-        thread = threading.Thread(target=ticker)
-        thread.start()
-        start = time.perf_counter()
-        work()
-        seconds = time.perf_counter() - start
-        stop.set()
-        thread.join()
-        return count, seconds
-
     def test_any_number_of_jobs_gives_the_same_bits(self):
         X = np.random.default_rng(5).normal(size=(3000, 4))
         one = dfr.OneClassSVM(nu=0.1, n_jobs=1).fit(X)
@@ -298,32 +277,26 @@ class Threads(unittest.TestCase):
             with self.assertRaisesRegex(ValueError, "n_jobs must be -1"):
                 dfr.OneClassSVM(n_jobs=jobs).fit(X)
 
-    def test_other_threads_run_during_fits_and_decisions(self):
-        X = np.random.default_rng(0).normal(size=(4000, 9))
-        svm = dfr.OneClassSVM(gamma=5.0, nu=0.2, tol=1e-6)
-        queries = np.random.default_rng(1).normal(size=(100_000, 9))
-        for work in (lambda: svm.fit(X), lambda: svm.decision_function(queries)):
-            count, seconds = self.count_during(work)
-            # A thread that never got the lock would count at both ends alone. One tick takes a
-            # millisecond on an idle machine; a busy one is granted ten.
-            self.assertGreater(count, 5 + 10 * seconds)
-
     def test_ctrl_c_stops_a_fit(self):
         script = """
             import os, signal, threading, time
             import numpy as np
             import dfr
             X = np.random.default_rng(0).normal(size=(30_000, 9))
-            threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
-            start = time.perf_counter()
+            def interrupt():  # which takes a fit that lets other threads run
+                while time.process_time() < begin + 0.3:  # computed, of which all but a little is the fit's
+                    time.sleep(0.001)
+                os.kill(os.getpid(), signal.SIGINT)
+            begin = time.process_time()
             try:
+                threading.Thread(target=interrupt).start()
                 dfr.OneClassSVM(gamma=5.0, nu=0.3, tol=1e-12).fit(X)
                 print("was not stopped")
             except KeyboardInterrupt:
                 print("stopped")
         """
         out = subprocess.run(
-            [sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=True, timeout=100
+            [sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=True
         )
         self.assertEqual(out.stdout, "stopped\n")
 

@@ -1,7 +1,6 @@
 #include "dfr/runtime/keyboard.h"
 
 #include <gtest/gtest.h>
-#include <pty.h>
 #include <unistd.h>
 
 #include <array>
@@ -32,7 +31,7 @@ TEST_F(KeyboardTest, LinesComeWholeAndInTheirOrder) {
   Type(ends_[1], "sta");
   EXPECT_FALSE(keyboard.Line());
   Type(ends_[1], "rt\n\nr\n");
-  EXPECT_EQ(keyboard.Line(1.0), "start");
+  EXPECT_EQ(keyboard.Line(), "start");
   EXPECT_EQ(keyboard.Line(), "");
   EXPECT_EQ(keyboard.Line(), "r");
   EXPECT_FALSE(keyboard.Line());
@@ -52,20 +51,6 @@ TEST_F(KeyboardTest, WhatWasTypedBeforeAQuestionIsDiscarded) {
   EXPECT_FALSE(keyboard.Line());
   Type(ends_[1], "now\n");
   EXPECT_EQ(keyboard.Line(), "now");
-}
-
-TEST(TerminalTest, WhatWasTypedBeforeAQuestionIsDiscarded) {
-  int master = -1;
-  int slave = -1;
-  ASSERT_EQ(::openpty(&master, &slave, nullptr, nullptr, nullptr), 0);
-  Keyboard keyboard(slave);
-  Type(master, "\n\nhalf a line");
-  keyboard.Discard();
-  Type(master, "start\n");
-  EXPECT_EQ(keyboard.Line(5.0), "start");
-  EXPECT_FALSE(keyboard.Line());
-  ::close(slave);
-  ::close(master);
 }
 
 TEST_F(KeyboardTest, ALineWithoutAnEndTakesNoMoreMemory) {

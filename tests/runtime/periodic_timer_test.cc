@@ -1,81 +1,87 @@
 #include "dfr/runtime/periodic_timer.h"
 
 #include <gtest/gtest.h>
-#include <sched.h>
-#include <sys/mman.h>
 
-#include <chrono>
 #include <stdexcept>
-#include <string>
-#include <thread>
 
+#include "tests/runtime/hand_clock.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::runtime {
 namespace {
 
-TEST(PeriodicTimerTest, NeverWakesEarlyAndLeavesOutWhatIsOver) {
-  const std::int64_t start = SteadyNow();
-  PeriodicTimer timer(0.005);
+constexpr std::int64_t kMs = 1'000'000;
+
+class PeriodicTimerTest : public testing::Test {
+ protected:
+  test::SteadyHandClock clock_;
+  const std::int64_t start_ns_ = clock_.now_ns;
+  PeriodicTimer timer_{0.005, clock_};
+};
+
+TEST_F(PeriodicTimerTest, WakesAtTheEndOfEachPeriodFromTheFirst) {
   for (int i = 1; i <= 20; ++i) {
-    timer.Wait();
-    EXPECT_GE(SteadyNow() - start, i * 5'000'000) << "period " << i;
+    clock_.now_ns += i % 5 * kMs;  // the loop's work
+    timer_.Wait();
+    EXPECT_EQ(clock_.now_ns, start_ns_ + i * 5 * kMs);
   }
-  const std::int64_t missed = timer.missed();
-  std::this_thread::sleep_for(std::chrono::milliseconds(28));
-  timer.Wait();  // at once: five periods and more are over
-  const std::int64_t woken = SteadyNow();
-  EXPECT_GE(timer.missed() - missed, 4);
-  timer.Wait();
-  // The next end of a period on the grid of the first, not a burst of those that were missed.
-  EXPECT_GE(SteadyNow() - start, timer.periods() * 5'000'000);
-  EXPECT_GT(SteadyNow(), woken);
-  EXPECT_EQ(timer.periods(), 22);
+  EXPECT_EQ(timer_.periods(), 20);
+  EXPECT_EQ(timer_.missed(), 0);
+  EXPECT_EQ(timer_.worst(), 0.0);
 }
 
-TEST(PeriodicTimerTest, BooksWhatItWasHeldUp) {
-  PeriodicTimer timer(0.001);
-  for (int i = 0; i < 9; ++i) timer.Wait();
-  std::this_thread::sleep_for(std::chrono::milliseconds(12));
-  timer.Wait();
-  EXPECT_GE(timer.worst(), 0.010);  // 12 ms after the last, 1 ms being due, less rounding
-  EXPECT_GE(timer.Jitter(1.0), 0.010);
-  EXPECT_LE(timer.Jitter(0.5), timer.Jitter(0.9));
+TEST_F(PeriodicTimerTest, LeavesOutWhatIsOverAndStaysOnTheGrid) {
+  timer_.Wait();
+  clock_.now_ns += 28 * kMs;  // held up until 33 ms after the start
+  timer_.Wait();
+  EXPECT_EQ(clock_.now_ns, start_ns_ + 33 * kMs) << "at once";
+  EXPECT_EQ(timer_.missed(), 4) << "those that end at 15, 20, 25 and 30 ms";
+  timer_.Wait();
+  EXPECT_EQ(clock_.now_ns, start_ns_ + 35 * kMs) << "no burst of those that were missed";
+  EXPECT_EQ(timer_.periods(), 3);
+  EXPECT_EQ(timer_.missed(), 4);
 }
 
-TEST(PeriodicTimerTest, ClocksAreInNanoseconds) {
-  const auto wall = std::chrono::system_clock::now().time_since_epoch();
-  EXPECT_GE(WallNow(), std::chrono::nanoseconds(wall).count());
-  const std::int64_t before = SteadyNow();
-  std::this_thread::sleep_for(std::chrono::milliseconds(2));
-  EXPECT_GE(SteadyNow() - before, 2'000'000);
+TEST_F(PeriodicTimerTest, APeriodThatEndsJustNowIsNotMissed) {
+  clock_.now_ns += 5 * kMs;
+  timer_.Wait();
+  EXPECT_EQ(clock_.now_ns, start_ns_ + 5 * kMs);
+  clock_.now_ns += 10 * kMs - 1;
+  timer_.Wait();
+  EXPECT_EQ(timer_.missed(), 0);
+  clock_.now_ns = start_ns_ + 20 * kMs;
+  timer_.Wait();
+  EXPECT_EQ(timer_.missed(), 1);
 }
 
-// Granted or not, which depends on the user's rights, the program goes on, and knows.
-TEST(PeriodicTimerTest, RealTimeIsGrantedOrTheMissingRightIsNamed) {
-  std::string refused;
-  int granted = -1;
-  std::thread([&] {
-    refused = AskForRealTime(1);
-    granted = sched_getscheduler(0);
-    GiveUpRealTime();
-    EXPECT_EQ(sched_getscheduler(0), SCHED_OTHER);
-  }).join();
-  munlockall();
-  EXPECT_EQ(granted == SCHED_FIFO, refused.find("no real-time scheduling") == std::string::npos)
-      << refused;
+TEST_F(PeriodicTimerTest, BooksHowFarPeriodsWereOff) {
+  EXPECT_EQ(timer_.Jitter(0.5), 0.0) << "nothing is known yet";
+  for (int i = 0; i < 8; ++i) timer_.Wait();
+  clock_.late_ns = 3 * kMs;
+  timer_.Wait();  // 3 ms late
+  clock_.late_ns = 0;
+  timer_.Wait();  // on time, and 3 ms less than a period after the last
+  EXPECT_DOUBLE_EQ(timer_.worst(), 0.003);
+  // To 1 us, and not better than it was.
+  EXPECT_DOUBLE_EQ(timer_.Jitter(0.8), 1e-6);
+  EXPECT_DOUBLE_EQ(timer_.Jitter(0.81), 0.003001);
+  EXPECT_DOUBLE_EQ(timer_.Jitter(1.0), 0.003001);
+  clock_.now_ns += 100 * kMs;
+  timer_.Wait();
+  EXPECT_DOUBLE_EQ(timer_.worst(), 0.095);
+  EXPECT_DOUBLE_EQ(timer_.Jitter(1.0), 0.020001) << "of larger ones it is only known that they are";
 }
 
-TEST(PeriodicTimerTest, ThrowsForPeriodsOutOfRange) {
-  EXPECT_THROW(PeriodicTimer(0.0), std::invalid_argument);
-  EXPECT_THROW(PeriodicTimer(11.0), std::invalid_argument);
-}
-
-TEST(PeriodicTimerTest, NeverAllocates) {
-  PeriodicTimer timer(0.001);
+TEST_F(PeriodicTimerTest, NeverAllocates) {
   const test::NoAlloc no_alloc;
-  for (int i = 0; i < 3; ++i) timer.Wait();
-  EXPECT_GE(timer.Jitter(0.5), 0.0);
+  for (int i = 0; i < 3; ++i) timer_.Wait();
+  EXPECT_GE(timer_.Jitter(0.5), 0.0);
+}
+
+TEST_F(PeriodicTimerTest, ThrowsForPeriodsOutOfRange) {
+  for (const double period_s : {0.0, 0.000099, 10.1, -1.0}) {
+    EXPECT_THROW(PeriodicTimer(period_s, clock_), std::invalid_argument) << period_s;
+  }
 }
 
 }  // namespace

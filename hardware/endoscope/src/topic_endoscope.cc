@@ -11,11 +11,9 @@
 #include "reading_endoscope.h"
 
 namespace dfr::hardware {
-namespace {
+namespace internal {
 
-using internal::SteadyNs;
-
-void Put(internal::Feed& feed, const dds::Image& image) {
+void Put(Feed& feed, const dds::Image& image, std::int64_t arrival_ns) {
   const std::int64_t stamp_ns = image.stamp.nanoseconds();
   const bool grey = image.encoding == "mono8" || image.encoding == "8UC1";
   const bool swap = image.encoding == "rgb8";
@@ -25,14 +23,14 @@ void Put(internal::Feed& feed, const dds::Image& image) {
   if (!known || image.width > kLargest || image.height > kLargest ||
       image.step < static_cast<std::size_t>(channels) * image.width ||
       image.data.size() < static_cast<std::size_t>(image.step) * image.height) {
-    feed.PutWrongEncoding(stamp_ns, SteadyNs());
+    feed.PutWrongEncoding(stamp_ns, arrival_ns);
     return;
   }
   feed.Put(image.data.data(), static_cast<int>(image.width), static_cast<int>(image.height),
-           image.step, channels, swap, stamp_ns, SteadyNs());
+           image.step, channels, swap, stamp_ns, arrival_ns);
 }
 
-void Put(internal::Feed& feed, const dds::CompressedImage& image) {
+void Put(Feed& feed, const dds::CompressedImage& image, std::int64_t arrival_ns) {
   const std::int64_t stamp_ns = image.stamp.nanoseconds();
   cv::Mat picture;
   try {
@@ -41,11 +39,15 @@ void Put(internal::Feed& feed, const dds::CompressedImage& image) {
     picture.release();
   }
   if (picture.empty()) {
-    feed.PutWrongEncoding(stamp_ns, SteadyNs());
+    feed.PutWrongEncoding(stamp_ns, arrival_ns);
     return;
   }
-  feed.Put(picture.data, picture.cols, picture.rows, picture.step, 3, false, stamp_ns, SteadyNs());
+  feed.Put(picture.data, picture.cols, picture.rows, picture.step, 3, false, stamp_ns, arrival_ns);
 }
+
+}  // namespace internal
+
+namespace {
 
 template <typename Message>
 internal::Read Subscribe(dds::Participant& participant, const std::string& topic) {
@@ -68,7 +70,7 @@ internal::Read Subscribe(dds::Participant& participant, const std::string& topic
         }
         continue;
       }
-      while (subscriber.Take(message)) Put(feed, message);
+      while (subscriber.Take(message)) internal::Put(feed, message, internal::SteadyNs());
     }
   };
 }

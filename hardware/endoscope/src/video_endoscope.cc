@@ -10,6 +10,7 @@
 #include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
+#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
@@ -52,22 +53,18 @@ void CheckReadable(const std::string& path, bool device) {
 
 class Video {
  public:
-  Video(std::string source, const EndoscopeOptions& options)
-      : source_(std::move(source)), options_(options) {
+  Video(std::string source, const EndoscopeOptions& options, internal::Pace pace)
+      : source_(std::move(source)), options_(options), pace_(std::move(pace)) {
     Open();
   }
 
   void Read(internal::Feed& feed, const std::atomic<bool>& stop) {
-    const auto start = Clock::now();
+    if (file_) pace_(0.0, stop);
     double count = 0.0;
     for (cv::Mat picture = first_; !stop.load(std::memory_order_relaxed);) {
       Put(picture, feed);
       count += 1.0;
-      if (file_) {
-        std::this_thread::sleep_until(
-            start + std::chrono::duration_cast<Clock::duration>(
-                        std::chrono::duration<double>(count * options_.period_s)));
-      }
+      if (file_) pace_(count * options_.period_s, stop);
       if (!capture_.read(picture)) {
         const bool whole = count >= announced_ - 1.0;
         feed.End(!file_ ? FrameStatus::kFailed
@@ -137,6 +134,7 @@ class Video {
 
   std::string source_;
   EndoscopeOptions options_;
+  internal::Pace pace_;
   cv::VideoCapture capture_;
   cv::Mat first_;
   double announced_ = 0.0;
@@ -145,12 +143,24 @@ class Video {
 
 }  // namespace
 
-std::unique_ptr<Endoscope> OpenVideo(const std::string& source, const EndoscopeOptions& options) {
+std::unique_ptr<Endoscope> internal::OpenVideo(const std::string& source,
+                                               const EndoscopeOptions& options, const Pace& pace) {
   options.Check();
-  const auto video = std::make_shared<Video>(source, options);
-  return internal::MakeEndoscope(
+  const auto video = std::make_shared<Video>(source, options, pace);
+  return MakeEndoscope(source, options, [video](Feed& feed, const std::atomic<bool>& stop) {
+    video->Read(feed, stop);
+  });
+}
+
+std::unique_ptr<Endoscope> OpenVideo(const std::string& source, const EndoscopeOptions& options) {
+  return internal::OpenVideo(
       source, options,
-      [video](internal::Feed& feed, const std::atomic<bool>& stop) { video->Read(feed, stop); });
+      [start = std::optional<Clock::time_point>()](double time_s,
+                                                   const std::atomic<bool>&) mutable {
+        if (!start) start = Clock::now();
+        std::this_thread::sleep_until(*start + std::chrono::duration_cast<Clock::duration>(
+                                                   std::chrono::duration<double>(time_s)));
+      });
 }
 
 }  // namespace dfr::hardware

@@ -23,6 +23,8 @@ double SteadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
+void Sleep(double seconds) { std::this_thread::sleep_for(std::chrono::duration<double>(seconds)); }
+
 const char* OpenRemedy(int error) {
   switch (error) {
     case ENOENT:
@@ -81,7 +83,9 @@ int OpenPort(const std::string& device) {
 }  // namespace
 
 SprkDriver::SprkDriver(const SprkOptions& options)
-    : clock_s_(options.clock_s ? options.clock_s : SteadySeconds), fd_(OpenPort(options.device)) {}
+    : clock_s_(options.clock_s ? options.clock_s : SteadySeconds),
+      wait_s_(options.wait_s ? options.wait_s : Sleep),
+      fd_(OpenPort(options.device)) {}
 
 SprkDriver::~SprkDriver() {
   ::ioctl(fd_, TIOCNXCL);
@@ -98,7 +102,7 @@ SprkStatus SprkDriver::Ready() const noexcept {
 void SprkDriver::AwaitFrame() const noexcept {
   if (!sent_) return;
   const double wait_s = kSprkFramePeriod - (clock_s_() - sent_s_);
-  if (wait_s > 0.0) std::this_thread::sleep_for(std::chrono::duration<double>(wait_s));
+  if (wait_s > 0.0) wait_s_(wait_s);
 }
 
 SprkStatus SprkDriver::Send(std::span<const char> frame) noexcept {

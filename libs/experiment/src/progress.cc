@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <iostream>
 #include <utility>
@@ -11,15 +12,24 @@
 #include "dfr/core/format.h"
 
 namespace dfr::experiment {
+namespace {
+
+double SteadySeconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+}  // namespace
 
 ProgressMeter::ProgressMeter(std::int64_t total, ProgressCallback callback,
-                             std::int64_t already_done, double interval_s)
+                             std::int64_t already_done, double interval_s,
+                             std::function<double()> clock_s)
     : callback_(std::move(callback)),
       total_(total),
       done_(already_done),
       at_start_(already_done),
       interval_s_(interval_s),
-      start_(std::chrono::steady_clock::now()) {
+      clock_s_(clock_s ? std::move(clock_s) : SteadySeconds),
+      start_s_(clock_s_()) {
   DFR_THROW_UNLESS(0 <= already_done && already_done <= total,
                    already_done << " of " << total << " cannot be done already");
 }
@@ -29,11 +39,10 @@ void ProgressMeter::Advance(std::int64_t work, std::string label) {
   done_ += work;
   if (!label.empty()) label_ = std::move(label);
   if (!callback_) return;
-  const auto now = std::chrono::steady_clock::now();
-  const auto since = [&](auto then) { return std::chrono::duration<double>(now - then).count(); };
-  if (done_ < total_ && last_call_ && since(*last_call_) < interval_s_) return;
-  last_call_ = now;
-  Progress progress{done_, total_, since(start_), std::nullopt, label_};
+  const double now_s = clock_s_();
+  if (done_ < total_ && last_call_s_ && now_s - *last_call_s_ < interval_s_) return;
+  last_call_s_ = now_s;
+  Progress progress{done_, total_, now_s - start_s_, std::nullopt, label_};
   if (done_ > at_start_) {
     progress.remaining_s = progress.elapsed_s * static_cast<double>(total_ - done_) /
                            static_cast<double>(done_ - at_start_);

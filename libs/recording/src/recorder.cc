@@ -21,9 +21,8 @@
 namespace dfr::recording {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-constexpr std::chrono::milliseconds kPeriod(25);
-constexpr std::chrono::milliseconds kFlush(200);
+constexpr std::int64_t kPeriodNs = 25'000'000;
+constexpr std::int64_t kFlushNs = 200'000'000;
 constexpr std::size_t kChunkBytes = std::size_t{1} << 20;
 
 // One of the three.
@@ -38,6 +37,16 @@ struct WaitingRecord {
 struct WaitingPicture {
   PictureView view;  // its data is `bytes`
   std::vector<std::uint8_t> bytes;
+};
+
+class MachineClock final : public RecorderClock {
+ public:
+  [[nodiscard]] std::int64_t SteadyNs() override {
+    return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+  }
+  void Wait(std::int64_t ns, const std::atomic<bool>& /*stopping*/) override {
+    std::this_thread::sleep_for(std::chrono::nanoseconds(ns));
+  }
 };
 
 std::int64_t Now() {
@@ -98,6 +107,7 @@ struct Recorder::Impl {
         records(options.waiting_records, {}),
         pictures(options.waiting_pictures,
                  {.view = {}, .bytes = std::vector<std::uint8_t>(options.picture_bytes)}),
+        clock(options.clock != nullptr ? options.clock : &machine),
         jpeg(options.jpeg_quality),
         writer(file, Entries(metadata), metadata.configuration, Now()) {
     const BlockedSignals blocked;
@@ -117,16 +127,16 @@ struct Recorder::Impl {
     const sched_param none{};
     ::pthread_setschedparam(::pthread_self(), SCHED_OTHER, &none);
     try {
-      auto flushed = Clock::now();
+      std::int64_t flushed_ns = clock->SteadyNs();
       bool last = false;
       while (!last) {
         last = stopping.load(std::memory_order_acquire);
-        if (!last) std::this_thread::sleep_for(kPeriod);
+        if (!last) clock->Wait(kPeriodNs, stopping);
         Drain();
         Report();
-        if (last || Clock::now() - flushed >= kFlush) {
+        if (last || clock->SteadyNs() - flushed_ns >= kFlushNs) {
           Check(writer.Flush());
-          flushed = Clock::now();
+          flushed_ns = clock->SteadyNs();
         }
       }
       Check(writer.Finish());
@@ -222,6 +232,8 @@ struct Recorder::Impl {
   std::uint32_t transitions = 0;
   std::uint32_t arms = 0;
   // For the thread that writes, and for no other while it runs.
+  MachineClock machine;
+  RecorderClock* const clock;
   JpegEncoder jpeg;
   internal::McapWriter writer;
   std::string message;

@@ -25,28 +25,42 @@ std::int64_t Now(clockid_t clock) noexcept {
   return static_cast<std::int64_t>(now.tv_sec) * kSecond + now.tv_nsec;
 }
 
+class Machine final : public SteadyClock {
+ public:
+  std::int64_t Now() noexcept override { return SteadyNow(); }
+  void WaitUntil(std::int64_t due_ns) noexcept override {
+    const timespec due{static_cast<time_t>(due_ns / kSecond),
+                       static_cast<decltype(timespec::tv_nsec)>(due_ns % kSecond)};
+    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, nullptr) == EINTR) {
+    }
+  }
+};
+
 }  // namespace
 
 std::int64_t SteadyNow() noexcept { return Now(CLOCK_MONOTONIC); }
 std::int64_t WallNow() noexcept { return Now(CLOCK_REALTIME); }
 
-PeriodicTimer::PeriodicTimer(double period_s)
-    : period_ns_(std::llround(1e9 * period_s)),
+SteadyClock& MachineClock() noexcept {
+  static Machine machine;
+  return machine;
+}
+
+PeriodicTimer::PeriodicTimer(double period_s, SteadyClock& clock)
+    : clock_(&clock),
+      period_ns_(std::llround(1e9 * period_s)),
       histogram_(std::make_unique<std::int64_t[]>(kBuckets + 1)) {
   DFR_THROW_UNLESS(period_s >= 1e-4 && period_s <= 10.0,
                    "a period must lie in [0.0001, 10] s, not " << period_s);
-  last_ns_ = SteadyNow();
+  last_ns_ = clock_->Now();
   due_ns_ = last_ns_ + period_ns_;
 }
 
 PeriodicTimer::~PeriodicTimer() = default;
 
 void PeriodicTimer::Wait() noexcept {
-  const timespec due{static_cast<time_t>(due_ns_ / kSecond),
-                     static_cast<decltype(timespec::tv_nsec)>(due_ns_ % kSecond)};
-  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, nullptr) == EINTR) {
-  }
-  const std::int64_t now = SteadyNow();
+  clock_->WaitUntil(due_ns_);
+  const std::int64_t now = clock_->Now();
   const std::int64_t off = std::abs(now - last_ns_ - period_ns_);
   last_ns_ = now;
   ++periods_;

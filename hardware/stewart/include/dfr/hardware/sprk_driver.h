@@ -15,6 +15,8 @@ struct SprkOptions {
   std::string device = "/dev/ttyACM0";
   /// Seconds on a clock that never goes back; empty: std::chrono::steady_clock. Must not throw.
   std::function<double()> clock_s;
+  /// Returns so many seconds later by that clock; empty: this thread sleeps. Must not throw.
+  std::function<void(double)> wait_s = {};
 };
 
 /// What is known of the platform's pose at a moment.
@@ -76,6 +78,7 @@ class SprkDriver {
   void AwaitFrame() const noexcept;
 
   std::function<double()> clock_s_;
+  std::function<void(double)> wait_s_;
   int fd_ = -1;
   int error_ = 0;
   bool homed_ = false;

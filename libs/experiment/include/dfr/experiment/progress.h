@@ -1,6 +1,5 @@
 #pragma once
 
-#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <iosfwd>
@@ -27,8 +26,9 @@ class ProgressMeter {
  public:
   /// `already_done` of `total` were done by an earlier run: they count as done, but not for the
   /// estimate of the remaining time. `callback` may be empty.
+  /// @param clock_s  seconds on a clock that never goes back; empty: std::chrono::steady_clock.
   ProgressMeter(std::int64_t total, ProgressCallback callback, std::int64_t already_done = 0,
-                double interval_s = 0.1);
+                double interval_s = 0.1, std::function<double()> clock_s = {});
 
   /// `work` more is done. An empty label keeps the previous one.
   void Advance(std::int64_t work = 1, std::string label = {});
@@ -41,8 +41,9 @@ class ProgressMeter {
   std::int64_t at_start_;
   std::string label_;
   double interval_s_;
-  std::chrono::steady_clock::time_point start_;
-  std::optional<std::chrono::steady_clock::time_point> last_call_;
+  std::function<double()> clock_s_;
+  double start_s_;
+  std::optional<double> last_call_s_;
 };
 
 /// Shows progress on a stream: a bar that redraws itself on a terminal, otherwise a plain line now

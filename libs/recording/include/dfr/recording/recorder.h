@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -29,6 +30,17 @@ struct PictureView {
   std::span<const std::uint8_t> data;
 };
 
+/// The time that a Recorder's thread lives by.
+class RecorderClock {
+ public:
+  virtual ~RecorderClock() = default;
+
+  /// ns. Never goes back.
+  [[nodiscard]] virtual std::int64_t SteadyNs() = 0;
+  /// Returns `ns` later, or sooner once the recorder is `stopping`.
+  virtual void Wait(std::int64_t ns, const std::atomic<bool>& stopping) = 0;
+};
+
 /// Options for Recorder.
 struct RecorderOptions {
   /// Steps, transitions and states of the arm that wait for the disk at most, >= 1: 40 s at
@@ -37,7 +49,8 @@ struct RecorderOptions {
   std::size_t waiting_pictures = 8;  ///< >= 1
   /// Bytes of a picture at most; larger ones are dropped, and counted.
   std::size_t picture_bytes = std::size_t{640} * 480 * 3;
-  int jpeg_quality = 90;  ///< In [1, 100].
+  int jpeg_quality = 90;           ///< In [1, 100].
+  RecorderClock* clock = nullptr;  ///< Null: this machine's. Must outlive the recorder.
 };
 
 /// Counts since the start.

@@ -7,16 +7,18 @@
 
 namespace dfr::robot {
 
-/// This machine's clocks, and periods of a fixed length. The first Wait() allocates.
+/// Periods of a fixed length by this machine's clocks. The first Wait() allocates.
 class RealTimeClock final : public Clock {
  public:
   /// @param period_s  in [0.0001, 10], s.
-  explicit RealTimeClock(double period_s) : period_s_(period_s) {}
+  /// @param steady  must outlive this.
+  explicit RealTimeClock(double period_s, runtime::SteadyClock& steady = runtime::MachineClock())
+      : period_s_(period_s), steady_(&steady) {}
 
   [[nodiscard]] Finding Wait(double dt_s) noexcept override;
-  [[nodiscard]] std::int64_t SteadyNs() const noexcept override { return runtime::SteadyNow(); }
+  [[nodiscard]] std::int64_t SteadyNs() const noexcept override { return steady_->Now(); }
   [[nodiscard]] std::int64_t WallNs() const noexcept override { return runtime::WallNow(); }
-  [[nodiscard]] std::int64_t MachineNs() const noexcept override { return runtime::SteadyNow(); }
+  [[nodiscard]] std::int64_t MachineNs() const noexcept override { return steady_->Now(); }
 
   /// How the loop kept its time; nullptr before the first period.
   [[nodiscard]] const runtime::PeriodicTimer* timer() const noexcept {
@@ -25,6 +27,7 @@ class RealTimeClock final : public Clock {
 
  private:
   double period_s_;
+  runtime::SteadyClock* steady_;
   std::optional<runtime::PeriodicTimer> timer_;
 };
 

@@ -11,13 +11,27 @@ namespace dfr::runtime {
 /// Nanoseconds since the Unix epoch, by the system's clock.
 [[nodiscard]] std::int64_t WallNow() noexcept;
 
+/// A steady clock, by which a PeriodicTimer waits.
+class SteadyClock {
+ public:
+  virtual ~SteadyClock() = default;
+
+  /// ns. Never goes back.
+  [[nodiscard]] virtual std::int64_t Now() noexcept = 0;
+  /// Returns at `due_ns` or later, and at once where that is over.
+  virtual void WaitUntil(std::int64_t due_ns) noexcept = 0;
+};
+
+/// SteadyNow() as a SteadyClock, for any number of threads.
+[[nodiscard]] SteadyClock& MachineClock() noexcept;
+
 /// Wakes a loop at equal times and keeps book of how late each period was. One object belongs to
 /// one thread. Only the constructor allocates or throws.
 class PeriodicTimer {
  public:
-  /// The first period ends `period_s` from now. @throws std::invalid_argument unless it lies in
-  /// [0.0001, 10].
-  explicit PeriodicTimer(double period_s);
+  /// The first period ends `period_s` from now. `clock` must outlive this.
+  /// @throws std::invalid_argument unless `period_s` lies in [0.0001, 10].
+  explicit PeriodicTimer(double period_s, SteadyClock& clock = MachineClock());
   ~PeriodicTimer();
   PeriodicTimer(const PeriodicTimer&) = delete;
   PeriodicTimer& operator=(const PeriodicTimer&) = delete;
@@ -37,6 +51,7 @@ class PeriodicTimer {
   [[nodiscard]] double worst() const noexcept { return worst_s_; }
 
  private:
+  SteadyClock* clock_;
   std::int64_t period_ns_;
   std::int64_t due_ns_;
   std::int64_t last_ns_;

@@ -2,7 +2,7 @@
 
 What is absent is skipped, and said so: slurmctld, slurmd, munged and root to start them; GNU parallel; sshd.
 
-usage: cluster_test.py PROGRAM DFR_CLUSTER
+usage: cluster_system_test.py PROGRAM DFR_CLUSTER
 """
 import json
 import os
@@ -23,6 +23,14 @@ def run(*arguments, fails=False, **options):
     if (done.returncode != 0) != fails:
         raise AssertionError(f"{arguments}: exit code {done.returncode}\n{done.stdout}{done.stderr}")
     return done.stdout + done.stderr
+
+
+def pause(folder, seconds):
+    """A program that takes so long."""
+    path = folder / "pause"
+    path.write_text(f"#!/bin/sh\nsleep {seconds}\n")
+    path.chmod(0o755)
+    return path
 
 
 def wait_for(condition, what, seconds=200):
@@ -101,7 +109,7 @@ class ScriptTest(Folder):
     def test_the_time_limit_follows_from_a_measured_unit(self):
         out = self.folder / "run"
         text = run(CLUSTER, "slurm", "--tasks", 2, "--grace", 60, "--measure", "--out", out, "--", PROGRAM, "experiment",
-                   "--unit-ms", 2000)
+                   "--before", pause(self.folder, 2))
         # 10 units of 2 s a task, half as much again, two more, and twice the grace: 154 s.
         self.assertIn("time limit 3 min", text)
 
@@ -248,7 +256,7 @@ class SlurmTest(Folder):
     def test_tasks_killed_nodes_drained_controller_killed(self):
         out = self.folder / "a run of 'Ä' (50 %)"
         run(CLUSTER, "slurm", "--tasks", 4, "--at-once", 3, "--grace", 10, "--retries", 5, "--time", 5, "--submit", "--out",
-            out, "--", PROGRAM, "experiment", "--unit-ms", 4000, "--fails-once", self.folder / "failed",
+            out, "--", PROGRAM, "experiment", "--before", pause(self.folder, 4), "--fails-once", self.folder / "failed",
             env=self.environment)
         wait_for(lambda: self.units(out) >= 3, "the first units")
         pids = self.pids(out)

@@ -1,6 +1,6 @@
 """dfr.Experiment: a plant in Python, in any number of processes and shards.
 
-usage: experiment_test.py
+usage: experiment_system_test.py
 """
 
 import importlib.util

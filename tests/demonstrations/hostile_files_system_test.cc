@@ -1,0 +1,25 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <filesystem>
+#include <stdexcept>
+
+#include "dfr/imitation/demonstrations.h"
+
+namespace dfr::imitation {
+namespace {
+
+TEST(EndlessFileTest, WhatKeepsLibhdf5BusyForeverIsAnError) {
+  const std::filesystem::path path =
+      std::filesystem::path(DFR_REGRESSIONS) / "hdf5_demonstrations" / "hdf5_global_heap_hang.hdf5";
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_THAT([&] { (void)LoadDemonstrations(path); },
+              testing::ThrowsMessage<std::runtime_error>(
+                  testing::HasSubstr("libhdf5 did not come to an end with it")));
+  // 2 s of computing, which is what an idle machine takes: 45 times that.
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(90));
+}
+
+}  // namespace
+}  // namespace dfr::imitation

@@ -1,0 +1,67 @@
+// A run that is killed at each of its writes in turn, with part of a line written.
+#include <gtest/gtest.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <csignal>
+#include <filesystem>
+
+#include "dfr/experiment/ledger.h"
+#include "tests/experiment/fake_trial_runner.h"
+
+namespace {
+
+// Writes until the process kills itself; -1: never.
+int writes_left = -1;  // NOLINT(cppcoreguidelines-avoid-non-const-global-variables)
+
+}  // namespace
+
+// Stands in for the C library's in this program.
+extern "C" ssize_t write(int file, const void* bytes, size_t size) {
+  if (writes_left == 0) {
+    syscall(SYS_write, file, bytes, size / 2);
+    raise(SIGKILL);
+  }
+  if (writes_left > 0) --writes_left;
+  return syscall(SYS_write, file, bytes, size);
+}
+
+namespace dfr::experiment {
+namespace {
+
+using test::EmptyFolder;
+using test::FakePlan;
+using test::MakeFakeTrialRunner;
+
+TEST(LedgerKillTest, EveryUnitThatWasWrittenIsKeptAndNoneRunsTwice) {
+  const auto whole = Evaluate(FakePlan(), MakeFakeTrialRunner);
+  const std::filesystem::path ledger = EmptyFolder("ledger_kill") / "ledger.jsonl";
+  const EvaluationOptions options = {.threads = 1, .ledger = ledger};
+  for (int writes = 0; writes <= 20; ++writes) {  // of the header and of 20 units
+    SCOPED_TRACE(testing::Message() << "killed at write " << writes);
+    std::filesystem::remove(ledger);
+    const pid_t child = fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      writes_left = writes;
+      (void)Evaluate(FakePlan(), MakeFakeTrialRunner, options);
+      _exit(0);
+    }
+    int status = 0;
+    ASSERT_EQ(waitpid(child, &status, 0), child);
+    ASSERT_TRUE(WIFSIGNALED(status));
+    int made = 0;
+    const auto counts = [&](const EvaluationUnit& unit) {
+      ++made;
+      return MakeFakeTrialRunner(unit);
+    };
+    ASSERT_EQ(Evaluate(FakePlan(), counts, options), whole);
+    EXPECT_EQ(made, 20 - std::max(0, writes - 1));
+    EXPECT_EQ(ReadLedger(ledger).records.size(), 20U);
+  }
+}
+
+}  // namespace
+}  // namespace dfr::experiment
