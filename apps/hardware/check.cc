@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <exception>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <thread>
+#include <optional>
 
 #include "dfr/core/error.h"
 #include "dfr/core/format.h"
@@ -24,7 +23,6 @@
 namespace dfr::apps::hardware_app {
 namespace {
 
-using Clock = std::chrono::steady_clock;
 using hardware::FrameStatus;
 using hardware::PsmPhase;
 using hardware::PsmStatus;
@@ -79,33 +77,22 @@ bool Ask(const CheckOptions& options, const std::string& question) {
   return options.ask && options.ask(question);
 }
 
-template <typename Condition>
-bool Within(double seconds, const Condition& condition) {
-  const auto end = Clock::now() + std::chrono::duration<double>(seconds);
-  while (!condition()) {
-    if (Clock::now() > end) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
-  }
-  return true;
-}
-
-// Arms that publish where `network` looks, though not the one that was asked for.
-std::vector<std::string> OtherArms(const dds::ParticipantOptions& network, const std::string& arm,
-                                   double seconds) {
-  dds::Participant participant(network);
+// Arms that publish on the network, though not the one that was asked for.
+std::vector<std::string> OtherArms(const CheckOptions& options, double seconds) {
+  dds::Participant participant(options.network);
   struct Candidate {
     std::string name;
     std::unique_ptr<dds::Subscriber<dds::JointState>> subscriber;
   };
   std::vector<Candidate> candidates;
   for (const char* name : {"PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR"}) {
-    if (name == arm) continue;
+    if (name == options.arm) continue;
     candidates.push_back(
         {name, std::make_unique<dds::Subscriber<dds::JointState>>(
                    participant, std::string("/") + name + "/measured_js", dds::Role::kState)});
   }
   std::vector<std::string> found;
-  (void)Within(seconds, [&] {
+  (void)Within(*options.clock, seconds, [&] {
     found.clear();
     for (const Candidate& candidate : candidates) {
       if (candidate.subscriber->health().publishers > 0) found.push_back(candidate.name);
@@ -115,10 +102,11 @@ std::vector<std::string> OtherArms(const dds::ParticipantOptions& network, const
   return found;
 }
 
-bool PublishedIn(const dds::ParticipantOptions& network, const std::string& topic, double seconds) {
+bool PublishedIn(const dds::ParticipantOptions& network, const std::string& topic, double seconds,
+                 Clock& clock) {
   dds::Participant participant(network);
   const dds::Subscriber<dds::JointState> subscriber(participant, topic, dds::Role::kState);
-  return Within(seconds, [&] { return subscriber.health().publishers > 0; });
+  return Within(clock, seconds, [&] { return subscriber.health().publishers > 0; });
 }
 
 // Who is there and does not talk with us, for reasons of security.
@@ -142,7 +130,7 @@ void ExplainSilence(const CheckOptions& options, DeviceReport& report) {
     dds::ParticipantOptions network = options.network;
     if (other == network.discovery || network.discovery == dds::Discovery::kServerClient) continue;
     network.discovery = other;
-    if (PublishedIn(network, topic, seconds)) {
+    if (PublishedIn(network, topic, seconds, *options.clock)) {
       remedy = std::string("it is found with --discovery ") + Name(other) + ": give that option";
     }
   }
@@ -153,12 +141,13 @@ void ExplainSilence(const CheckOptions& options, DeviceReport& report) {
       domain <= 232) {
     dds::ParticipantOptions network = options.network;
     network.domain = static_cast<int>(domain);
-    if (PublishedIn(network, topic, seconds)) {
+    if (PublishedIn(network, topic, seconds, *options.clock)) {
       remedy =
           "it is in domain " + std::string(text) + ", as ROS_DOMAIN_ID says: give --domain " + text;
     }
   }
-  const std::vector<std::string> others = OtherArms(options.network, options.arm, seconds);
+  Say(options, "looking for other arms");
+  const std::vector<std::string> others = OtherArms(options, seconds);
   if (!others.empty()) {
     remedy = "there is " + others.front();
     for (std::size_t i = 1; i < others.size(); ++i) remedy += ", " + others[i];
@@ -170,11 +159,14 @@ void ExplainSilence(const CheckOptions& options, DeviceReport& report) {
         remedy);
 }
 
-// The topics besides measured_js: who publishes them, and how.
-class Topics {
+// The arm of a console over DDS.
+class ConsoleArm final : public CheckedArm {
  public:
-  Topics(dds::Participant& participant, const std::string& arm)
-      : arm_(arm),
+  ConsoleArm(dds::Participant& participant, const CheckOptions& options)
+      : participant_(&participant),
+        arm_(options.arm),
+        driver_(participant, {.arm = options.arm,
+                              .client = {.limits = hardware::PsmLimits::Of(options.generation)}}),
         measured_js_(participant, Full("measured_js"), dds::Role::kState),
         measured_cp_(participant, Full("measured_cp"), dds::Role::kState),
         setpoint_js_(participant, Full("setpoint_js"), dds::Role::kState),
@@ -182,71 +174,113 @@ class Topics {
         operating_state_(participant, Full("operating_state"), dds::Role::kEvent),
         error_(participant, Full("error"), dds::Role::kEvent) {}
 
-  [[nodiscard]] bool all_found() const {
-    return measured_js_.health().publishers > 0 && measured_cp_.health().publishers > 0 &&
-           setpoint_js_.health().publishers > 0 && jaw_.health().publishers > 0 &&
-           operating_state_.health().publishers > 0 && error_.health().publishers > 0;
+  void Tick(std::int64_t steady_ns, std::int64_t wall_ns) override {
+    (void)driver_.Tick(steady_ns, wall_ns);
   }
-
-  void Report(DeviceReport& report) const {
-    int published = 0;
-    const auto look = [&](const char* name, const dds::Health& health, bool needed) {
-      if (health.publishers == 1) {
-        ++published;
-      } else if (health.publishers > 1) {
-        Wrong(report,
-              std::to_string(health.publishers) + " publishers on " + Full(name) +
-                  ": their samples get mixed up",
-              "end all consoles and simulators of this arm but one");
-      } else if (health.incompatible > 0) {
-        Wrong(report, "a publisher on " + Full(name) + " does not match (QoS)",
-              "it has to be reliable, and transient-local for operating_state and error");
-      } else if (needed) {
-        Wrong(report, "nobody publishes " + Full(name),
-              "is this a CRTK console, dVRK 2.0 or later?");
-      } else {
-        Note(report, "nobody publishes " + Full(name),
-             "the arm works without, the driver says less");
-      }
-    };
-    look("measured_js", measured_js_.health(), true);
-    look("measured_cp", measured_cp_.health(), true);
-    look("setpoint_js", setpoint_js_.health(), true);
-    look("operating_state", operating_state_.health(), true);
-    look("jaw/measured_js", jaw_.health(), false);
-    look("error", error_.health(), false);
-    if (published > 0) Ok(report, std::to_string(published) + " of the console's topics found");
+  [[nodiscard]] const hardware::PsmClient& client() const override { return driver_.client(); }
+  [[nodiscard]] bool TakeWord(hardware::ConsoleWord& word) override {
+    return driver_.TakeWord(word);
+  }
+  [[nodiscard]] std::string_view last_error() const override { return driver_.last_error(); }
+  [[nodiscard]] int other_publishers() const override { return driver_.other_publishers(); }
+  [[nodiscard]] int state_publishers() const override { return driver_.state_publishers(); }
+  [[nodiscard]] int servo_subscribers() const override { return driver_.servo_subscribers(); }
+  [[nodiscard]] int request_subscribers() const override { return driver_.request_subscribers(); }
+  [[nodiscard]] std::array<Topic, 6> topics() const override {
+    return {{{"measured_js", measured_js_.health(), true},
+             {"measured_cp", measured_cp_.health(), true},
+             {"setpoint_js", setpoint_js_.health(), true},
+             {"operating_state", operating_state_.health(), true},
+             {"jaw/measured_js", jaw_.health(), false},
+             {"error", error_.health(), false}}};
+  }
+  [[nodiscard]] PsmStatus Arm() override { return driver_.Arm(); }
+  [[nodiscard]] PsmStatus MoveTo(const kinematics::PsmJoints& goal, double duration_s) override {
+    return driver_.MoveTo(goal, duration_s);
+  }
+  void Hold() override { driver_.Hold(); }
+  void Flush() override { driver_.Flush(); }
+  PsmStatus BringUp(double timeout_s, const std::function<void(std::string_view)>& say,
+                    const std::function<bool()>& may_move) override {
+    return hardware::BringUp(driver_, timeout_s, say, may_move);
+  }
+  // Listens from the first call on: what was pressed before is of no interest.
+  [[nodiscard]] dds::EmergencyStop Stop(std::int64_t steady_ns) override {
+    if (!stop_) stop_.emplace(*participant_, 0.1);
+    return stop_->Check(steady_ns);
   }
 
  private:
   [[nodiscard]] std::string Full(const char* name) const { return "/" + arm_ + "/" + name; }
 
+  dds::Participant* participant_;
   std::string arm_;
+  hardware::PsmDriver driver_;
   dds::Subscriber<dds::JointState> measured_js_;
   dds::Subscriber<dds::PoseStamped> measured_cp_;
   dds::Subscriber<dds::JointState> setpoint_js_;
   dds::Subscriber<dds::JointState> jaw_;
   dds::Subscriber<dds::OperatingState> operating_state_;
   dds::Subscriber<dds::Text> error_;
+  std::optional<dds::EmergencyStopReceiver> stop_;
 };
 
-void TellWords(const CheckOptions& options, hardware::PsmDriver& driver) {
-  hardware::ConsoleWord word;
-  while (driver.TakeWord(word)) {
-    Say(options, std::string("the console says (") + hardware::Name(word.severity) +
-                     "): " + std::string(word.view()));
+bool AllFound(const CheckedArm& arm) {
+  const auto topics = arm.topics();
+  return std::ranges::all_of(topics,
+                             [](const auto& topic) { return topic.health.publishers > 0; }) &&
+         arm.client().num_samples() > 0 && arm.request_subscribers() > 0 &&
+         arm.servo_subscribers() > 0;
+}
+
+// Who publishes the console's topics, and how.
+void ReportTopics(const CheckOptions& options, const CheckedArm& arm, DeviceReport& report) {
+  int published = 0;
+  for (const auto& [name, health, needed] : arm.topics()) {
+    const std::string full = "/" + options.arm + "/" + name;
+    if (health.publishers == 1) {
+      ++published;
+    } else if (health.publishers > 1) {
+      Wrong(report,
+            std::to_string(health.publishers) + " publishers on " + full +
+                ": their samples get mixed up",
+            "end all consoles and simulators of this arm but one");
+    } else if (health.incompatible > 0) {
+      Wrong(report, "a publisher on " + full + " does not match (QoS)",
+            "it has to be reliable, and transient-local for operating_state and error");
+    } else if (needed) {
+      Wrong(report, "nobody publishes " + full, "is this a CRTK console, dVRK 2.0 or later?");
+    } else {
+      Note(report, "nobody publishes " + full, "the arm works without, the driver says less");
+    }
   }
+  if (published > 0) Ok(report, std::to_string(published) + " of the console's topics found");
+}
+
+void Tick(const CheckOptions& options, CheckedArm& arm) {
+  arm.Tick(options.clock->SteadyNs(), options.clock->WallNs());
 }
 
 // Ticks for `seconds`, or until `done`.
 template <typename Done>
-void Listen(const CheckOptions& options, hardware::PsmDriver& driver, double seconds,
-            const Done& done) {
-  (void)Within(seconds, [&] {
-    driver.Tick();
-    TellWords(options, driver);
+void Listen(const CheckOptions& options, CheckedArm& arm, double seconds, const Done& done) {
+  (void)Within(*options.clock, seconds, [&] {
+    Tick(options, arm);
+    hardware::ConsoleWord word;
+    while (arm.TakeWord(word)) {
+      Say(options, std::string("the console says (") + hardware::Name(word.severity) +
+                       "): " + std::string(word.view()));
+    }
     return done();
   });
+}
+
+// In words, with the console's own where it has failed.
+std::string Words(PsmStatus status, const CheckedArm& arm) {
+  std::string what = hardware::Name(status);
+  const bool failed = status == PsmStatus::kConsoleFault || status == PsmStatus::kConsoleError;
+  if (failed && !arm.last_error().empty()) what += ": \"" + std::string(arm.last_error()) + "\"";
+  return what;
 }
 
 void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client, double rate,
@@ -289,14 +323,13 @@ void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client,
 // Whether the arm may be moved: the emergency stop is heard of and released, and nobody interrupts.
 class Permit {
  public:
-  Permit(const CheckOptions& options, dds::Participant& participant)
-      : options_(&options), stop_(participant, 0.1) {}
+  Permit(const CheckOptions& options, CheckedArm& arm) : options_(&options), arm_(&arm) {}
 
   // Waits for the stop to be heard of. False, and what is wrong, if it may not be moved.
-  [[nodiscard]] bool Granted(hardware::PsmDriver& driver, DeviceReport& report) {
+  [[nodiscard]] bool Granted(DeviceReport& report) {
     Say(*options_, "looking for the emergency stop");
-    (void)Within(std::min(options_->find_s, 5.0), [&] {
-      driver.Tick();
+    (void)Within(*options_->clock, std::min(options_->find_s, 5.0), [&] {
+      Tick(*options_, *arm_);
       return MayMove();
     });
     if (MayMove()) return true;
@@ -306,7 +339,7 @@ class Permit {
   [[nodiscard]] bool MayMove() {
     if (options_->interrupted != nullptr && *options_->interrupted) return false;
     if (options_->without_stop) return true;
-    found_ = stop_.Check(Clock::now().time_since_epoch().count());
+    found_ = arm_->Stop(options_->clock->SteadyNs());
     return found_ == dds::EmergencyStop::kClear;
   }
   void Tell(DeviceReport& report) const {
@@ -323,27 +356,27 @@ class Permit {
 
  private:
   const CheckOptions* options_;
-  dds::EmergencyStopReceiver stop_;
+  CheckedArm* arm_;
   dds::EmergencyStop found_ = dds::EmergencyStop::kSilent;
 };
 
-void MoveALittle(const CheckOptions& options, hardware::PsmDriver& driver, Permit& permit,
+void MoveALittle(const CheckOptions& options, CheckedArm& arm, Permit& permit,
                  DeviceReport& report) {
-  const PsmStatus armed = driver.phase() == PsmPhase::kArmed ? PsmStatus::kOk : driver.Arm();
+  const PsmStatus armed = arm.client().phase() == PsmPhase::kArmed ? PsmStatus::kOk : arm.Arm();
   if (armed != PsmStatus::kOk) {
     Wrong(report, std::string("the arm cannot be moved: ") + hardware::Name(armed),
           hardware::Remedy(armed));
     return;
   }
-  const kinematics::PsmJoints start = driver.client().setpoint();
+  const kinematics::PsmJoints start = arm.client().setpoint();
   const double sign = start[2] > 0.12 ? -1.0 : 1.0;
   kinematics::PsmJoints there = start;
   there[2] += sign * kTinyMove;
-  const kinematics::PsmJoints from = driver.client().measured_js().position;
+  const kinematics::PsmJoints from = arm.client().measured_js().position;
   kinematics::PsmJoints reached = from;
   for (const kinematics::PsmJoints& goal : {there, start}) {
-    driver.Tick();
-    const PsmStatus status = driver.MoveTo(goal, kTinyMoveTime);
+    Tick(options, arm);
+    const PsmStatus status = arm.MoveTo(goal, kTinyMoveTime);
     if (status != PsmStatus::kOk) {
       Wrong(report, std::string("a move of 2 mm is refused: ") + hardware::Name(status),
             status == PsmStatus::kBeyondLimits
@@ -352,22 +385,23 @@ void MoveALittle(const CheckOptions& options, hardware::PsmDriver& driver, Permi
                 : hardware::Remedy(status));
       break;
     }
-    Listen(options, driver, 10.0, [&] {
-      if (!permit.MayMove()) driver.Hold();
-      return driver.at_rest() || driver.phase() != PsmPhase::kArmed;
+    Listen(options, arm, 10.0, [&] {
+      if (!permit.MayMove()) arm.Hold();
+      return arm.client().at_rest() || arm.client().phase() != PsmPhase::kArmed;
     });
     if (!permit.MayMove()) {
       permit.Tell(report);
       break;
     }
-    if (driver.phase() != PsmPhase::kArmed || !driver.at_rest()) {
-      Wrong(report, "while moving by 2 mm: " + driver.Explain(), hardware::Remedy(driver.status()));
+    if (arm.client().phase() != PsmPhase::kArmed || !arm.client().at_rest()) {
+      Wrong(report, "while moving by 2 mm: " + Words(arm.client().status(), arm),
+            hardware::Remedy(arm.client().status()));
       break;
     }
-    if (goal == there) reached = driver.client().measured_js().position;
+    if (goal == there) reached = arm.client().measured_js().position;
   }
   const double moved = 1e3 * sign * (reached[2] - from[2]);
-  if (driver.phase() == PsmPhase::kArmed) {
+  if (arm.client().phase() == PsmPhase::kArmed) {
     if (std::abs(moved - 1e3 * kTinyMove) < 1.0) {
       Ok(report, "told to insert by " + Text(1e3 * sign * kTinyMove, 1) + " mm, the arm moved " +
                      Text(sign * moved, 2) + " mm, and came back");
@@ -376,72 +410,73 @@ void MoveALittle(const CheckOptions& options, hardware::PsmDriver& driver, Permi
             "does somebody else hold the arm, or is the instrument stuck?");
     }
   }
-  driver.Hold();
-  driver.Tick();
-  driver.Flush();
+  arm.Hold();
+  Tick(options, arm);
+  arm.Flush();
 }
 
 // What comes from the console in a while, and who else is there.
-void ListenToArm(const CheckOptions& options, hardware::PsmDriver& driver, const Topics& topics,
-                 DeviceReport& report) {
+void ListenToArm(const CheckOptions& options, CheckedArm& arm, DeviceReport& report) {
   Say(options, "listening for " + Text(options.listen_s, 0) + " s");
-  const auto start = Clock::now();
-  const std::uint64_t first = driver.client().num_samples();
+  const std::int64_t start_ns = options.clock->SteadyNs();
+  const std::uint64_t first = arm.client().num_samples();
   std::uint64_t last = first;
   std::vector<double> ages;
-  Listen(options, driver, options.listen_s, [&] {
-    if (driver.client().num_samples() != last) {
-      last = driver.client().num_samples();
-      if (driver.client().measured_js().stamp.valid()) ages.push_back(driver.client().age_s());
+  Listen(options, arm, options.listen_s, [&] {
+    if (arm.client().num_samples() != last) {
+      last = arm.client().num_samples();
+      if (arm.client().measured_js().stamp.valid()) ages.push_back(arm.client().age_s());
     }
     return false;
   });
-  const double listened = std::chrono::duration<double>(Clock::now() - start).count();
-  topics.Report(report);
-  ReportMeasurements(report, driver.client(), static_cast<double>(last - first) / listened, ages);
-  if (driver.request_subscribers() == 0 || driver.servo_subscribers() == 0) {
+  const double listened = 1e-9 * static_cast<double>(options.clock->SteadyNs() - start_ns);
+  ReportTopics(options, arm, report);
+  ReportMeasurements(report, arm.client(), static_cast<double>(last - first) / listened, ages);
+  if (arm.request_subscribers() == 0 || arm.servo_subscribers() == 0) {
     Wrong(report,
           std::string("nobody listens to ") +
-              (driver.request_subscribers() == 0 ? "state_command" : "servo_cp"),
+              (arm.request_subscribers() == 0 ? "state_command" : "servo_cp"),
           "is this a monitor only? a console takes both");
   } else {
     Ok(report, "the console listens to state_command and servo_cp");
   }
-  if (driver.other_publishers() > 0) {
+  if (arm.other_publishers() > 0) {
     Wrong(report, hardware::Name(PsmStatus::kOtherPublisher),
           hardware::Remedy(PsmStatus::kOtherPublisher));
   }
 }
 
 // Whether the arm can be armed, after homing it if asked to.
-PsmStatus CheckReady(const CheckOptions& options, hardware::PsmDriver& driver, Permit& permit,
+PsmStatus CheckReady(const CheckOptions& options, CheckedArm& arm, Permit& permit,
                      DeviceReport& report) {
-  PsmStatus status = driver.client().Armable();
+  PsmStatus status = arm.client().Armable();
   if ((status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed) && options.home &&
       Ask(options,
           options.arm + " is going to move while it homes. Is it clear of people and things?") &&
-      permit.Granted(driver, report)) {
-    (void)hardware::BringUp(
-        driver, kBringUpTime, [&](std::string_view text) { Say(options, std::string(text)); },
+      permit.Granted(report)) {
+    (void)arm.BringUp(
+        kBringUpTime, [&](std::string_view text) { Say(options, std::string(text)); },
         [&] { return permit.MayMove(); });
     if (!permit.MayMove()) permit.Tell(report);
-    status = driver.phase() == PsmPhase::kArmed ? PsmStatus::kOk : driver.status();
+    status = arm.client().phase() == PsmPhase::kArmed ? PsmStatus::kOk : arm.client().status();
   }
   if (status == PsmStatus::kOk) {
     Ok(report,
        "ENABLED and homed; measured_cp is where measured_js puts the wrist of a Large "
        "Needle Driver");
   } else if (status != PsmStatus::kOtherPublisher) {
-    std::string what = hardware::Name(status);
-    if (status == PsmStatus::kConsoleFault && !driver.last_error().empty()) {
-      what += ": \"" + std::string(driver.last_error()) + "\"";
-    }
     const bool homes = status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed;
     Wrong(
-        report, what,
+        report, Words(status, arm),
         homes ? "home it at the console, or run this check with --home" : hardware::Remedy(status));
   }
   return status;
+}
+
+// Nobody publishes what the arm measures, nor has.
+bool IsMissing(const CheckedArm& arm) {
+  return arm.client().num_samples() == 0 && arm.state_publishers() == 0 &&
+         arm.client().status() != PsmStatus::kIncompatible;
 }
 
 // What came from an endoscope in a while.
@@ -456,15 +491,17 @@ struct Pictures {
   [[nodiscard]] int good() const noexcept { return times[0]; }
 };
 
-Pictures LookAt(const CheckOptions& options, hardware::Endoscope& endoscope) {
+Pictures Watch(const CheckOptions& options, hardware::Endoscope& endoscope) {
   Pictures pictures;
   hardware::Frame& frame = pictures.frame;
-  (void)Within(options.find_s, [&] { return endoscope.Grab(frame) != FrameStatus::kNever; });
-  const auto start = Clock::now();
+  Clock& clock = *options.clock;
+  const auto grab = [&] { return endoscope.Grab(clock.SteadyNs(), clock.WallNs(), frame); };
+  (void)Within(clock, options.find_s, [&] { return grab() != FrameStatus::kNever; });
+  const std::int64_t start_ns = clock.SteadyNs();
   const hardware::EndoscopeCounts before = endoscope.counts();
   std::uint64_t last = 0;
-  (void)Within(options.listen_s, [&] {
-    const FrameStatus status = endoscope.Grab(frame);
+  (void)Within(clock, options.listen_s, [&] {
+    const FrameStatus status = grab();
     ++pictures.times[static_cast<std::size_t>(status)];
     if (frame.sequence != last) pictures.ages.push_back(frame.age_s);
     last = frame.sequence;
@@ -472,7 +509,7 @@ Pictures LookAt(const CheckOptions& options, hardware::Endoscope& endoscope) {
            status == FrameStatus::kFailed;
   });
   const hardware::EndoscopeCounts after = endoscope.counts();
-  const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
+  const double seconds = 1e-9 * static_cast<double>(clock.SteadyNs() - start_ns);
   pictures.received = after.received - before.received;
   pictures.lost = after.lost - before.lost;
   pictures.rate = static_cast<double>(pictures.received) / seconds;
@@ -529,34 +566,32 @@ bool DeviceReport::ok() const noexcept {
                       [](const Finding& f) { return f.level == Finding::Level::kWrong; });
 }
 
-DeviceReport CheckArm(const CheckOptions& options) {
+DeviceReport CheckArm(const CheckOptions& options, CheckedArm& arm) {
   DeviceReport report;
   report.device = options.arm + " (DDS domain " + std::to_string(options.network.domain) +
                   ", discovery: " + Name(options.network.discovery) + ")";
-  dds::Participant participant(options.network);
-  const Topics topics(participant, options.arm);
-  hardware::PsmDriver driver(
-      participant,
-      {.arm = options.arm, .client = {.limits = hardware::PsmLimits::Of(options.generation)}});
   Say(options, "looking for " + options.arm);
-  Listen(options, driver, options.find_s, [&] {
-    return topics.all_found() && driver.client().num_samples() > 0 &&
-           driver.request_subscribers() > 0 && driver.servo_subscribers() > 0;
-  });
-  if (driver.client().num_samples() == 0 && driver.state_publishers() == 0 &&
-      driver.status() != PsmStatus::kIncompatible) {
-    ExplainRefused(options, participant, report);
-    if (report.ok()) ExplainSilence(options, report);
-    return report;
-  }
-  ListenToArm(options, driver, topics, report);
-  Permit permit(options, participant);
-  const PsmStatus status = CheckReady(options, driver, permit, report);
+  Listen(options, arm, options.find_s, [&] { return AllFound(arm); });
+  if (IsMissing(arm)) return report;
+  ListenToArm(options, arm, report);
+  Permit permit(options, arm);
+  const PsmStatus status = CheckReady(options, arm, permit, report);
   if (options.move && status == PsmStatus::kOk &&
       Ask(options,
           options.arm + " is going to insert its instrument by 2 mm and back. Is it clear?") &&
-      permit.Granted(driver, report)) {
-    MoveALittle(options, driver, permit, report);
+      permit.Granted(report)) {
+    MoveALittle(options, arm, permit, report);
+  }
+  return report;
+}
+
+DeviceReport CheckArm(const CheckOptions& options) {
+  dds::Participant participant(options.network);
+  ConsoleArm arm(participant, options);
+  DeviceReport report = CheckArm(options, arm);
+  if (IsMissing(arm)) {
+    ExplainRefused(options, participant, report);
+    if (report.ok()) ExplainSilence(options, report);
   }
   return report;
 }
@@ -598,24 +633,31 @@ DeviceReport CheckEndoscope(const CheckOptions& options) {
     return report;
   }
 
-  Pictures pictures = LookAt(options, *endoscope);
+  LookAt(options, camera, *endoscope, report);
+  return report;
+}
+
+void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
+            hardware::Endoscope& endoscope, DeviceReport& report) {
+  Pictures pictures = Watch(options, endoscope);
   ReportPictures(options, camera, pictures, report);
-  if (pictures.good() == 0 || pictures.ages.empty()) return report;
-  if (participant) {
+  if (pictures.good() == 0 || pictures.ages.empty()) return;
+  if (hardware::IsImageTopic(options.endoscope)) {
     Ok(report, "pictures are " + Text(1e3 * core::Median(pictures.ages), 1) + " ms old");
   }
   if (10 * pictures.lost > pictures.received) {
     Note(report, std::to_string(pictures.lost) + " pictures were lost on the way",
          "is the network, or the machine, overloaded? send compressed pictures");
   }
-  return report;
 }
 
 DeviceReport CheckPlatform(const CheckOptions& options) {
   DeviceReport report;
   report.device = "platform at " + options.platform;
   try {
-    hardware::SprkDriver driver({.device = options.platform, .clock_s = {}});
+    hardware::SprkDriver driver({.device = options.platform, .clock_s = [&options] {
+                                   return 1e-9 * static_cast<double>(options.clock->SteadyNs());
+                                 }});
     Ok(report, "the port opens at 57600 8N1 and is ours");
     Note(report, "the firmware never answers, so whether the platform listens only a move shows",
          "run this check with --move, and watch");
@@ -626,7 +668,7 @@ DeviceReport CheckPlatform(const CheckOptions& options) {
       kinematics::PlatformPose tilted;
       tilted.angles_rad.x() = 3.0 * 0.017453292519943295;
       for (const kinematics::PlatformPose& pose : {tilted, kinematics::PlatformPose{}}) {
-        std::this_thread::sleep_for(std::chrono::seconds(1));
+        options.clock->Wait(1.0);
         if (status == hardware::SprkStatus::kOk) status = driver.MoveTo(pose);
       }
       if (status != hardware::SprkStatus::kOk) {

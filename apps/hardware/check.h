@@ -7,7 +7,10 @@
 #include <string>
 #include <vector>
 
+#include "checked_arm.h"
+#include "clock.h"
 #include "dfr/dds/participant.h"
+#include "dfr/hardware/endoscope.h"
 #include "dfr/kinematics/psm.h"
 
 namespace dfr::apps::hardware_app {
@@ -46,6 +49,7 @@ struct CheckOptions {
   bool without_stop = false;
   const std::atomic<bool>* interrupted = nullptr;  ///< Ends it, too. nullptr: nothing does.
   bool json = false;
+  Clock* clock = &MachineClock();  ///< Borrowed.
   /// Asks the user; no moves where it is false.
   std::function<bool(const std::string& question)> ask;
   /// Tells the user what goes on; may be empty.
@@ -54,9 +58,15 @@ struct CheckOptions {
 
 /// Listens to the console of options.arm, names what is wrong, and moves the arm if asked to.
 [[nodiscard]] DeviceReport CheckArm(const CheckOptions& options);
+/// The same with any arm, without the reasons why nobody is on the network.
+[[nodiscard]] DeviceReport CheckArm(const CheckOptions& options, CheckedArm& arm);
 /// Looks at the pictures of options.endoscope: a ROS 2 topic where hardware::IsImageTopic() says
 /// so, else what hardware::OpenVideo() takes.
 [[nodiscard]] DeviceReport CheckEndoscope(const CheckOptions& options);
+/// Looks at any endoscope's pictures, which ought to have the size that `camera` has, and adds what
+/// it finds.
+void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
+            hardware::Endoscope& endoscope, DeviceReport& report);
 /// Opens the Stewart platform's port.
 [[nodiscard]] DeviceReport CheckPlatform(const CheckOptions& options);
 

@@ -22,6 +22,11 @@ void Stop(int /*signal*/) { stopped = true; }
 
 }  // namespace
 
+StopWord Meaning(std::string_view line) noexcept {
+  if (line == "r") return StopWord::kRelease;
+  return line == "q" ? StopWord::kEnd : StopWord::kPress;
+}
+
 void RunEmergencyStop(const EmergencyStopOptions& options) {
   // Three missed beats stop a robot: better that nothing else delays them.
   constexpr int kPriority = 30;
@@ -40,14 +45,18 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
                                      "Enter ends it (and stops)")
             << std::endl;
   runtime::Keyboard keyboard;
-  RobotWatch robots(participant, std::cout);
+  // All that robots say: with the newest alone one could hide another.
+  dds::Subscriber<dds::OperatingState> states(participant, dds::kRunStateTopic,
+                                              dds::Role::kRequest);
+  RobotWatch robots(std::cout);
   int listeners = -1;
   for (bool ends = false; !stopped && !ends;) {
     if (options.unattended) {
       std::this_thread::sleep_for(std::chrono::duration<double>(dds::EmergencyStopButton::kBeat_s));
     } else if (const auto line = keyboard.Line(dds::EmergencyStopButton::kBeat_s)) {
-      ends = *line == "q";
-      if (*line == "r") {
+      const StopWord word = Meaning(*line);
+      ends = word == StopWord::kEnd;
+      if (word == StopWord::kRelease) {
         button.Release();
         std::cout << "released. Who was stopped stays stopped until cleared there" << std::endl;
       } else {
@@ -61,7 +70,11 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
       break;
     }
     button.Beat();
-    robots.Show();
+    const std::int64_t now_ns = runtime::SteadyNow();
+    dds::OperatingState state;
+    dds::Origin who;
+    while (states.Take(state, who)) robots.Hear(who, state.state, now_ns);
+    robots.Look(now_ns);
     if (button.num_listeners() != listeners) {
       listeners = button.num_listeners();
       std::cout << listeners << (listeners == 1 ? " robot listens" : " robots listen") << std::endl;

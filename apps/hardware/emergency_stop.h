@@ -1,5 +1,7 @@
 #pragma once
 
+#include <string_view>
+
 #include "dfr/dds/participant.h"
 
 namespace dfr::apps::hardware_app {
@@ -8,6 +10,11 @@ struct EmergencyStopOptions {
   dds::ParticipantOptions network = {.name = "emergency_stop"};
   bool unattended = false;  ///< Nobody sits at the terminal: it only says that nothing is pressed.
 };
+
+/// What a line at the keyboard of an emergency stop means.
+enum class StopWord { kPress, kRelease, kEnd };
+/// Only exactly "r" releases it, and only exactly "q" ends it, which stops, too.
+[[nodiscard]] StopWord Meaning(std::string_view line) noexcept;
 
 /// An operator's emergency stop in a terminal, until Ctrl-C or q: Enter presses it, and so does any
 /// line but "r", which releases it.

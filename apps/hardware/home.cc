@@ -1,8 +1,6 @@
 #include "home.h"
 
-#include <chrono>
 #include <cstdlib>
-#include <thread>
 
 #include "dfr/core/error.h"
 #include "dfr/hardware/sprk_driver.h"
@@ -19,8 +17,10 @@ void Command(const std::string& platform, hardware::SprkStatus status) {
 }  // namespace
 
 int RunHome(const HomeOptions& options) {
-  using Clock = std::chrono::steady_clock;
-  hardware::SprkDriver driver({.device = options.platform, .clock_s = {}});
+  Clock& clock = *options.clock;
+  hardware::SprkDriver driver({.device = options.platform, .clock_s = [&clock] {
+                                 return 1e-9 * static_cast<double>(clock.SteadyNs());
+                               }});
   if (!options.confirms("The platform at " + options.platform +
                             " goes home. Where nothing touches the gauze, type platform: it moves.",
                         "platform")) {
@@ -28,14 +28,13 @@ int RunHome(const HomeOptions& options) {
     return EXIT_FAILURE;
   }
   Command(options.platform, driver.Home());
-  const auto end = Clock::now() + std::chrono::duration<double>(hardware::SprkDriver::kHomeTime);
-  while (Clock::now() < end) {
-    if (options.interrupted != nullptr && *options.interrupted) {
-      Command(options.platform, driver.Hold());
-      options.say("Interrupted: it was told to stop where it was.");
-      return EXIT_FAILURE;
-    }
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  const bool interrupted = Within(clock, hardware::SprkDriver::kHomeTime, [&options] {
+    return options.interrupted != nullptr && *options.interrupted;
+  });
+  if (interrupted) {
+    Command(options.platform, driver.Hold());
+    options.say("Interrupted: it was told to stop where it was.");
+    return EXIT_FAILURE;
   }
   options.say(
       "It was told to go home and had the time. Its firmware never answers: look whether it is "

@@ -4,6 +4,8 @@
 #include <functional>
 #include <string>
 
+#include "clock.h"
+
 namespace dfr::apps::hardware_app {
 
 /// Options for RunHome().
@@ -14,6 +16,7 @@ struct HomeOptions {
   /// Tells the user what goes on.
   std::function<void(const std::string& text)> say;
   const std::atomic<bool>* interrupted = nullptr;  ///< Stops it on the way. nullptr: nothing does.
+  Clock* clock = &MachineClock();                  ///< Borrowed.
 };
 
 /// Sends the Stewart platform home, where its power was left on in the middle of a wave, say.

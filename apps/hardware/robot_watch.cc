@@ -7,26 +7,19 @@
 
 namespace dfr::apps::hardware_app {
 
-RobotWatch::RobotWatch(dds::Participant& participant, std::ostream& out)
-    : subscriber_(participant, dds::kRunStateTopic, dds::Role::kRequest), out_(&out) {}
+void RobotWatch::Hear(const dds::Origin& who, const std::string& state, std::int64_t steady_ns) {
+  Robot* robot = Find(who);
+  if (robot == nullptr) return;
+  robot->heard_ns = steady_ns;
+  if (robot->gone || state != robot->state) *out_ << Name(*robot) << ": " << state << std::endl;
+  robot->gone = state == dds::kRunEnded;  // and is not missed
+  robot->state = state;
+}
 
-void RobotWatch::Show() {
-  constexpr std::chrono::milliseconds kSilence{150};
-  const auto now = Clock::now();
-  dds::OperatingState message;
-  dds::Origin who;
-  while (subscriber_.Take(message, who)) {
-    Robot* robot = Find(who);
-    if (robot == nullptr) continue;
-    robot->heard = now;
-    if (robot->gone || message.state != robot->state) {
-      *out_ << Name(*robot) << ": " << message.state << std::endl;
-    }
-    robot->gone = message.state == dds::kRunEnded;  // and is not missed
-    robot->state = message.state;
-  }
+void RobotWatch::Look(std::int64_t steady_ns) {
+  constexpr std::int64_t kSilence = 150'000'000;  // ns
   for (Robot& robot : robots_) {
-    if (robot.gone || now - robot.heard <= kSilence) continue;
+    if (robot.gone || steady_ns - robot.heard_ns <= kSilence) continue;
     robot.gone = true;
     *out_ << Name(robot) << ": SILENT while " << robot.state
           << ". Its program hangs, was killed or cannot be heard; the arm holds" << std::endl;
@@ -38,7 +31,7 @@ RobotWatch::Robot* RobotWatch::Find(const dds::Origin& who) {
   if (known != robots_.end()) return &*known;
   const auto free = std::ranges::find(robots_, true, &Robot::gone);
   if (free == robots_.end()) return nullptr;
-  *free = {.who = who, .state = {}, .heard = {}, .gone = true};
+  *free = {.who = who, .state = {}, .heard_ns = 0, .gone = true};
   return &*free;
 }
 

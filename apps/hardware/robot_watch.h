@@ -1,7 +1,7 @@
 #pragma once
 
 #include <array>
-#include <chrono>
+#include <cstdint>
 #include <iosfwd>
 #include <string>
 
@@ -14,17 +14,19 @@ namespace dfr::apps::hardware_app {
 class RobotWatch {
  public:
   /// @param out  where it is said, a line for each change; borrowed.
-  RobotWatch(dds::Participant& participant, std::ostream& out);
+  explicit RobotWatch(std::ostream& out) : out_(&out) {}
 
+  /// One of them has announced its state.
+  /// @param steady_ns  a clock that never goes back, here and below.
+  void Hear(const dds::Origin& who, const std::string& state, std::int64_t steady_ns);
   /// To be called some times in 150 ms, after which one that has not ended is missed.
-  void Show();
+  void Look(std::int64_t steady_ns);
 
  private:
-  using Clock = std::chrono::steady_clock;
   struct Robot {
     dds::Origin who = {};
     std::string state;
-    Clock::time_point heard;
+    std::int64_t heard_ns = 0;
     bool gone = true;  // ended, or told to be silent: another may have its place
   };
   static constexpr std::size_t kMost = 8;  // what others say beyond that is left out
@@ -33,8 +35,6 @@ class RobotWatch {
   // "robot", for all but the first with its number.
   [[nodiscard]] std::string Name(const Robot& robot) const;
 
-  // All that they say: with the newest alone one could hide another.
-  dds::Subscriber<dds::OperatingState> subscriber_;
   std::ostream* out_;
   std::array<Robot, kMost> robots_;
 };

@@ -12,6 +12,15 @@ constexpr std::int64_t kAnnouncePeriod = 20'000'000;  // ns
 
 }  // namespace
 
+bool RunAnnouncements::Due(runtime::RunState state, std::int64_t beat_ns,
+                           std::int64_t now_ns) noexcept {
+  if (now_ns - beat_ns > kHangs) return false;
+  if (state == announced_ && now_ns - announced_ns_ < kAnnouncePeriod) return false;
+  announced_ = state;
+  announced_ns_ = now_ns;
+  return true;
+}
+
 EmergencyStopMonitor::EmergencyStopMonitor(dds::Participant& participant, bool with_stop,
                                            double max_silence_s, bool datagrams)
     : announcer_(participant, dds::kRunStateTopic, dds::Role::kState),
@@ -52,8 +61,7 @@ robot::ThreadFinding EmergencyStopMonitor::Report() noexcept {
 }
 
 void EmergencyStopMonitor::Run() {
-  std::int64_t announced_ns = 0;
-  runtime::RunState announced = runtime::RunState::kIdle;
+  RunAnnouncements announcements;
   for (; !end_; std::this_thread::sleep_for(std::chrono::milliseconds(2))) {
     const std::int64_t now_ns = runtime::SteadyNow();
     if (receiver_) {
@@ -65,14 +73,11 @@ void EmergencyStopMonitor::Run() {
     }
     checked_ns_ = now_ns;
     const runtime::RunState state = state_;
-    if (now_ns - beat_ns_ > kHangs) continue;
-    if (state == announced && now_ns - announced_ns < kAnnouncePeriod) continue;
+    if (!announcements.Due(state, beat_ns_, now_ns)) continue;
     dds::OperatingState message;
     message.stamp = dds::Stamp::Now();
     message.state = runtime::Name(state);
     announcer_.Write(message);
-    announced = state;
-    announced_ns = now_ns;
   }
   // Who ends in order is not missed. What is lost is sent anew within that time.
   dds::OperatingState farewell;

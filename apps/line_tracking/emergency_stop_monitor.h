@@ -10,6 +10,20 @@
 
 namespace dfr::apps::line_tracking {
 
+/// When the state of a loop is published: as soon as it has changed, else 50 times a second, and
+/// not while the loop hangs: without a beat for 0.1 s.
+class RunAnnouncements {
+ public:
+  /// True if `state` is to be published now. All times are of one clock that never goes back, ns.
+  /// @param beat_ns  of the loop's last beat.
+  [[nodiscard]] bool Due(runtime::RunState state, std::int64_t beat_ns,
+                         std::int64_t now_ns) noexcept;
+
+ private:
+  std::int64_t announced_ns_ = 0;
+  runtime::RunState announced_ = runtime::RunState::kIdle;
+};
+
 /// The emergency stop of a robot::ControlLoop. A thread of its own listens to it over DDS, and
 /// publishes the loop's state on the topic dds::kRunStateTopic, which `hardware stop` shows.
 class EmergencyStopMonitor final : public robot::EmergencyStop {
@@ -24,7 +38,6 @@ class EmergencyStopMonitor final : public robot::EmergencyStop {
   EmergencyStopMonitor& operator=(const EmergencyStopMonitor&) = delete;
 
   [[nodiscard]] robot::ThreadFinding Report() noexcept override;
-  /// A loop without a beat for 0.1 s is not published.
   void Beat(runtime::RunState state) noexcept override;
   void Acknowledge() noexcept override { acknowledge_ = true; }
 

@@ -1,6 +1,7 @@
 #include "image_worker.h"
 
 #include <chrono>
+#include <cmath>
 
 #include "dfr/runtime/periodic_timer.h"
 
@@ -58,6 +59,7 @@ ImageWorker::ImageWorker(dds::Participant& images, const RobotConfig& config,
     : driver_(&driver),
       task_(&task),
       lock_step_(lock_step),
+      answer_ns_(std::llround(1e9 * config.simulator_answer_s)),
       recorder_(recorder),
       endoscope_(Open(images, config, task.calibration().camera)),
       vision_(task.calibration().camera, task.vision()),
@@ -80,8 +82,7 @@ robot::Finding ImageWorker::Ask(std::int64_t after_ns) noexcept {
       {++question_, after_ns, task_->TipPlane(driver_->client().measured_js().position), false});
   if (lock_step_ == nullptr) return {};
   if (const robot::Finding lost = lock_step_->Look(); !lost.ok()) return lost;
-  constexpr std::int64_t kAnswerTime = 2'000'000'000;  // ns
-  const std::int64_t end_ns = runtime::SteadyNow() + kAnswerTime;
+  const std::int64_t end_ns = runtime::SteadyNow() + answer_ns_;
   while (!answers_.Take(answer_) || answer_.question != question_) {
     if (runtime::SteadyNow() > end_ns) {
       return {HoldReason::kImageSilent, "no picture in which to look for the line"};

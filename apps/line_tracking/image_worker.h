@@ -76,6 +76,7 @@ class ImageWorker final : public robot::Camera {
   const hardware::PsmDriver* driver_;
   const line_task::LineTask* task_;
   LockStep* lock_step_;
+  std::int64_t answer_ns_;  // how long a question is waited for in lock-step
   recording::Recorder* recorder_;
   runtime::Latest<Question> questions_;
   runtime::Latest<ImageAnswer> answers_;

@@ -343,6 +343,7 @@ RobotConfig RobotConfig::Load(const std::filesystem::path& file) {
   Section simulator = section("simulator");
   simulator.Get("present", config.simulator);
   simulator.Get("lock_step", config.lock_step);
+  simulator.Get("answer_s", config.simulator_answer_s, 0.1, 86400.0);
   if (config.lock_step && !config.simulator) {
     simulator.Wrong("lock_step", "false without a simulator: simulator.present is not true");
   }

@@ -71,6 +71,8 @@ struct RobotConfig {
   // [simulator]
   bool simulator = false;  ///< The console is dvrk_simulator's, which sets up episodes.
   bool lock_step = false;  ///< Its time goes on only when asked.
+  /// How long its answers are waited for: drawing a picture may take a while.
+  double simulator_answer_s = 5.0;
 
   // [emergency_stop]
   bool emergency_stop = true;

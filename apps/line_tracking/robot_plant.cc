@@ -155,8 +155,11 @@ robot::ControlLoopOptions LoopOptions(const RobotConfig& config) {
   robot::ControlLoopOptions options;
   options.period_s = config.period_s;
   options.max_period_s = config.lock_step ? 10.0 : config.max_period_s;
-  // The time of a picture is that of this machine, which may be busy.
-  if (config.lock_step) options.image_timeout_s = 10.0;
+  if (config.lock_step) {
+    // Pictures and threads take this machine's time, which may be busy. Nothing moves meanwhile.
+    const double patience_s = std::max(10.0, config.simulator_answer_s);
+    options.image_timeout_s = options.max_camera_check_s = options.max_stop_check_s = patience_s;
+  }
   options.image_latency_s = config.image_latency_s;
   options.max_state_jump = config.max_state_jump_mm;
   options.max_drift = config.max_drift_mm;
@@ -181,6 +184,7 @@ struct RobotPlant::Impl {
   Impl(const RobotConfig& config, const line_task::LineCalibration& calibration,
        recording::Recorder* recorder, const RunOperator& run_operator)
       : simulated(config.simulator),
+        answer_s(config.simulator ? config.simulator_answer_s : 0.0),
         lift_m(config.lift_m),
         image_latency_s(config.image_latency_s),
         generation(config.arm_client.limits.generation),
@@ -189,7 +193,8 @@ struct RobotPlant::Impl {
         network(config.network),
         images(ImageNetwork(config.network)),
         driver(network, DriverOptions(config)),
-        link(config.simulator ? std::make_unique<SimulatorLink>(network) : nullptr),
+        link(config.simulator ? std::make_unique<SimulatorLink>(network, config.simulator_answer_s)
+                              : nullptr),
         lock_step(config.lock_step ? std::make_unique<LockStep>(*link, driver) : nullptr),
         real_time(config.period_s),
         arm(driver, region, run_operator.on_word),
@@ -353,6 +358,7 @@ struct RobotPlant::Impl {
   }
 
   bool simulated;
+  double answer_s;  // a simulator's
   double lift_m;
   double image_latency_s;
   kinematics::PsmGeneration generation;
@@ -379,58 +385,28 @@ struct RobotPlant::Impl {
 RobotPlant::RobotPlant(const RobotConfig& config, const line_task::LineCalibration& calibration,
                        recording::Recorder* recorder, const RunOperator& run_operator)
     : impl_(std::make_unique<Impl>(config, calibration, recorder, run_operator)) {
-  if (impl_->link) impl_->link->Await(10.0);
+  if (impl_->link) impl_->link->Await(std::max(10.0, config.simulator_answer_s));
 }
 
 RobotPlant::~RobotPlant() = default;  // its driver tells the console to hold
 
-void RobotPlant::BringUp(
-    const std::function<void(std::string_view)>& say,
-    const std::function<bool(std::string_view question, std::string_view word)>& confirms) {
+void RobotPlant::BringUp(const Say& say, const Confirms& confirms) {
   Impl& i = *impl_;
-  constexpr double kPatience = 10.0;  // s: the devices may be found one after the other
-  const auto not_ready = [&i] {
-    const std::string remedy = hardware::Remedy(i.driver.client().hold_reason());
-    return std::runtime_error("the robot is not ready: " + i.loop.blocking_words() +
-                              (remedy.empty() ? "" : "; " + remedy) +
-                              dds::ExplainRefused(i.network));
-  };
-  if (i.lock_step) {
-    i.link->Reset(0);  // enables and homes
-  } else {
-    while (!i.loop.AwaitHomeable(kPatience, say)) {
-      const bool stopped = i.loop.blocking() == HoldReason::kEmergencyStop ||
-                           i.loop.blocking() == HoldReason::kEmergencyStopSilent;
-      if (!stopped || !confirms ||
-          !confirms(i.loop.blocking_words() + ". Mend it, then type clear", "clear")) {
-        throw not_ready();
-      }
-      static_cast<void>(i.loop.Clear());
-    }
-    if (i.arm.needs_homing()) {
-      if (!i.simulated &&
-          !(confirms &&
-            confirms(i.driver.arm() + " is not homed. Where it is clear of people and things, "
-                                      "type home: it is powered up and moves",
-                     "home"))) {
-        throw std::runtime_error(i.driver.arm() + " is not homed, and nobody asked for it");
-      }
-      if (say) say(i.driver.arm() + ": homing");
-      if (i.loop.Home() != HoldReason::kNone) {
-        throw std::runtime_error(i.driver.arm() + " was not homed: " + i.loop.blocking_words());
-      }
-    }
-  }
-  if (!i.loop.AwaitReady(kPatience, say)) throw not_ready();
-  if (!i.platform) return;
-  if (!(confirms && confirms("the platform goes home. Where nothing touches the gauze, type "
-                             "platform: it moves",
-                             "platform"))) {
-    throw std::runtime_error("the platform is not at home, and nobody asked for it");
-  }
-  if (i.loop.HomePlatform(hardware::SprkDriver::kHomeTime) != HoldReason::kNone) {
-    throw std::runtime_error("the platform was not homed: " + i.loop.blocking_words());
-  }
+  if (i.lock_step) i.link->Reset(0);  // enables and homes
+  line_tracking::BringUp(
+      {.loop = &i.loop,
+       .arm = &i.arm,
+       .name = i.driver.arm(),
+       .simulated = i.simulated,
+       .homed = i.lock_step != nullptr,
+       .platform_home_s = i.platform ? hardware::SprkDriver::kHomeTime : 0.0,
+       .patience_s = std::max(10.0, i.answer_s),
+       .remedy =
+           [&i] {
+             const std::string remedy = hardware::Remedy(i.driver.client().hold_reason());
+             return (remedy.empty() ? "" : "; " + remedy) + dds::ExplainRefused(i.network);
+           }},
+      say, confirms);
 }
 
 robot::ControlLoop& RobotPlant::loop() noexcept { return impl_->loop; }
@@ -453,7 +429,10 @@ void RobotPlant::Reset(std::uint64_t seed) {
   i.truth = {};
   // States and pictures may come late while a simulator sets up its scene. A robot begins at once
   // on its operator's word, or not at all.
-  if (const HoldReason reason = i.loop.Start(i.link ? 3.0 : 0.0); reason != HoldReason::kNone) {
+  if (const HoldReason reason = i.loop.Start(i.lock_step ? i.answer_s
+                                             : i.link    ? 3.0
+                                                         : 0.0);
+      reason != HoldReason::kNone) {
     throw std::runtime_error("the robot is not started: " + (reason == i.loop.blocking()
                                                                  ? i.loop.blocking_words()
                                                                  : i.loop.cause()));

@@ -6,6 +6,7 @@
 #include <memory>
 #include <string_view>
 
+#include "bring_up.h"
 #include "dfr/core/plant.h"
 #include "dfr/hardware/psm_driver.h"
 #include "dfr/recording/recorder.h"
@@ -48,17 +49,8 @@ class RobotPlant final : public core::Plant {
              recording::Recorder* recorder, const RunOperator& run_operator = {});
   ~RobotPlant() override;
 
-  /// Waits until the robot can be started. An arm that is not homed is powered up and homed once
-  /// the operator says so; a simulated one without being asked. Then the platform goes home, if
-  /// there is one, on a word of its own. Nothing is sent before these words, nor while the
-  /// emergency stop is pressed or not heard of.
-  /// @param say  told what it waits for; may be empty.
-  /// @param confirms  asks the operator a question, and goes on with the loop until exactly `word`
-  ///   is typed, or false; where it is empty, the operator says no to everything.
-  /// @throws std::runtime_error with what is wrong.
-  void BringUp(
-      const std::function<void(std::string_view)>& say,
-      const std::function<bool(std::string_view question, std::string_view word)>& confirms = {});
+  /// As line_tracking::BringUp(). In lock-step the simulator homes its arm itself.
+  void BringUp(const Say& say, const Confirms& confirms = {});
   /// What moves the robot, and why it does not.
   [[nodiscard]] robot::ControlLoop& loop() noexcept;
   [[nodiscard]] const robot::ControlLoop& loop() const noexcept;
@@ -71,7 +63,7 @@ class RobotPlant final : public core::Plant {
   /// robot the tip is where the operator put it, and the episode starts at once.
   /// The platform's wave begins with it, and ends as soon as the robot holds for whatever reason.
   /// @throws std::runtime_error with the reason to hold: at once on a robot and if a fault was not
-  ///   cleared, with a simulator after 3 s.
+  ///   cleared, with a simulator after 3 s, in lock-step after its time for an answer.
   void Reset(std::uint64_t seed) override;
   [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;
   void Observe(std::span<double> state) const noexcept override;

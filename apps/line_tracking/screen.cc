@@ -12,7 +12,8 @@
 
 namespace dfr::apps::line_tracking {
 
-Screen::Screen(int file) : file_(file), thread_([this] { Run(); }) {}
+Screen::Screen(int file, int patience_ms)
+    : file_(file), patience_ms_(patience_ms), thread_([this] { Run(); }) {}
 
 Screen::~Screen() {
   end_ = true;
@@ -30,11 +31,10 @@ void Screen::Say(const char* format, ...) noexcept {
 
 bool Screen::Print(const char* text) noexcept {
   const char* const end = text + std::strlen(text);
-  constexpr int kPatience = 1000;  // ms, at the end
   while (text != end) {
     // write() alone would wait for a terminal that stands still.
     pollfd output{file_, POLLOUT, 0};
-    if (::poll(&output, 1, end_ ? kPatience : 100) <= 0) {
+    if (::poll(&output, 1, end_ ? patience_ms_ : 100) <= 0) {
       if (end_) return false;
       continue;
     }

@@ -14,8 +14,9 @@ namespace dfr::apps::line_tracking {
 class Screen {
  public:
   /// @param file  borrowed.
-  explicit Screen(int file = 1);
-  /// Prints what is left, unless the terminal takes nothing for a second.
+  /// @param patience_ms  how long the end waits for a terminal that takes nothing.
+  explicit Screen(int file = 1, int patience_ms = 1000);
+  /// Prints what is left, unless the terminal takes nothing for so long.
   ~Screen();
   Screen(const Screen&) = delete;
   Screen& operator=(const Screen&) = delete;
@@ -32,6 +33,7 @@ class Screen {
   bool Print(const char* text) noexcept;
 
   int file_;
+  int patience_ms_;
   runtime::Queue<Text, 256> queue_;
   std::atomic<std::int64_t> lost_ = 0;
   std::atomic<bool> end_ = false;

@@ -1,8 +1,9 @@
 #include "simulator_link.h"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
-#include <chrono>
+#include <cmath>
 #include <sstream>
 #include <stdexcept>
 #include <string_view>
@@ -10,10 +11,6 @@
 
 namespace dfr::apps::line_tracking {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-constexpr std::chrono::duration<double> kAnswerTime(5.0);  // drawing a picture may take a while
 
 SimulatorTruth ReadTruth(const std::string& text) {
   std::istringstream in(text);
@@ -27,17 +24,24 @@ SimulatorTruth ReadTruth(const std::string& text) {
 
 }  // namespace
 
-SimulatorLink::SimulatorLink(dds::Participant& participant)
+SimulatorLink::SimulatorLink(dds::Participant& participant, double answer_s,
+                             std::function<std::int64_t()> steady_ns)
     : participant_(&participant),
+      answer_s_(answer_s),
+      steady_ns_(std::move(steady_ns)),
       request_(participant, "/simulator/request", dds::Role::kRequest),
       reply_(participant, "/simulator/reply", dds::Role::kRequest) {}
+
+std::int64_t SimulatorLink::In(double seconds) const {
+  return steady_ns_() + std::llround(1e9 * seconds);
+}
 
 void SimulatorLink::Await(double timeout_s) {
   // Each end learns of the other at its own time: only an answer says that both have.
   constexpr double kTry = 0.1;
-  const auto end = Clock::now() + std::chrono::duration<double>(timeout_s);
+  const std::int64_t end_ns = In(timeout_s);
   while (!TryAsk("truth", kTry)) {
-    if (Clock::now() > end) {
+    if (steady_ns_() > end_ns) {
       throw std::runtime_error(
           "there is no simulator on the network: start dvrk_simulator with the same --domain and "
           "--discovery, or set simulator.present = false for a robot" +
@@ -69,12 +73,12 @@ std::optional<std::string> SimulatorLink::Poll() {
 
 std::optional<std::string> SimulatorLink::TryAsk(const std::string& request, double timeout_s) {
   Begin(request);
-  const auto end = Clock::now() + std::chrono::duration<double>(timeout_s);
+  const std::int64_t end_ns = In(timeout_s);
   while (true) {
     if (std::optional<std::string> answer = Poll()) return answer;
-    const double left_s = std::chrono::duration<double>(end - Clock::now()).count();
+    const double left_s = 1e-9 * static_cast<double>(end_ns - steady_ns_());
     if (left_s <= 0.0) return std::nullopt;
-    reply_.Wait(left_s);
+    reply_.Wait(std::min(left_s, 0.02));
   }
 }
 
@@ -83,7 +87,7 @@ void SimulatorLink::FailUnanswered(const std::string& request) {
 }
 
 std::string SimulatorLink::Ask(const std::string& request) {
-  std::optional<std::string> answer = TryAsk(request, kAnswerTime.count());
+  std::optional<std::string> answer = TryAsk(request, answer_s_);
   if (!answer) FailUnanswered(request);
   return *std::move(answer);
 }
@@ -102,11 +106,11 @@ SimulatorTruth SimulatorLink::Truth() { return ReadTruth(Ask("truth")); }
 
 bool SimulatorLink::Truth(SimulatorTruth& truth, const std::function<bool()>& go_on) {
   Begin("truth");
-  const auto end = Clock::now() + kAnswerTime;
+  const std::int64_t end_ns = In(answer_s_);
   std::optional<std::string> answer;
   while (!(answer = Poll())) {
     if (!go_on()) return false;
-    if (Clock::now() > end) FailUnanswered("truth");
+    if (steady_ns_() > end_ns) FailUnanswered("truth");
   }
   truth = ReadTruth(*answer);
   return true;

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "dfr/dds/channel.h"
+#include "dfr/runtime/periodic_timer.h"
 
 namespace dfr::apps::line_tracking {
 
@@ -20,11 +21,13 @@ struct SimulatorTruth {
 };
 
 /// Asks dvrk_simulator for what a robot's console has no topic for: episodes, the truth, and in
-/// lock-step that its time goes on. Calls wait for the answer, five seconds at most. One object
-/// belongs to one thread.
+/// lock-step that its time goes on. Calls wait for the answer. One object belongs to one thread.
 class SimulatorLink {
  public:
-  explicit SimulatorLink(dds::Participant& participant);
+  /// @param answer_s  how long an answer is waited for: drawing a picture may take a while.
+  /// @param steady_ns  a clock that never goes back.
+  explicit SimulatorLink(dds::Participant& participant, double answer_s = 5.0,
+                         std::function<std::int64_t()> steady_ns = runtime::SteadyNow);
 
   /// @throws std::runtime_error if there is no simulator after `timeout_s`.
   void Await(double timeout_s);
@@ -55,8 +58,11 @@ class SimulatorLink {
   // The answer, or nothing if there is none in time.
   std::optional<std::string> TryAsk(const std::string& request, double timeout_s);
   void AskForTime(const std::string& request);
+  [[nodiscard]] std::int64_t In(double seconds) const;
 
   dds::Participant* participant_;
+  double answer_s_;
+  std::function<std::int64_t()> steady_ns_;
   dds::Publisher<dds::StringStamped> request_;
   dds::Subscriber<dds::StringStamped> reply_;
   std::int64_t last_id_ = 0;

@@ -1,190 +1,295 @@
+// The check of an arm, whose console is the simulated one without a network and without a clock.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <algorithm>
-#include <atomic>
-#include <chrono>
+#include <array>
 #include <functional>
-#include <mutex>
+#include <limits>
 #include <string>
-#include <thread>
 
 #include "check.h"
-#include "dfr/dds/channel.h"
-#include "dfr/dds/emergency_stop.h"
-#include "dfr/sim/dvrk/psm_console_server.h"
-#include "tests/dds/domain.h"
+#include "dfr/sim/dvrk/psm_console.h"
 #include "tests/hardware/check_support.h"
 
 namespace dfr::apps::hardware_app {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-using test::Background;
-using test::ForArm;
+using hardware::PsmPhase;
+using hardware::PsmStatus;
 using test::Shown;
 using testing::AllOf;
 using testing::HasSubstr;
 
-class ArmCheckTest : public testing::Test {
+// A driver's client and a console that it talks to at once.
+class FakeCheckedArm final : public CheckedArm {
  public:
-  explicit ArmCheckTest(kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic)
-      : console_{{.arm = "PSM1", .homing_s = 0.1, .generation = generation}} {}
+  explicit FakeCheckedArm(test::HandMovedClock& clock, const sim::PsmConsoleOptions& options,
+                          kinematics::PsmGeneration generation)
+      : console(options),
+        clock_(&clock),
+        client_({.limits = hardware::PsmLimits::Of(generation)}),
+        last_ns_(clock.now_ns) {}
 
- protected:
-  void Change(const std::function<void()>& change) {
-    const std::lock_guard lock(mutex_);
-    change();
+  void Tick(std::int64_t steady_ns, std::int64_t wall_ns) override {
+    console.Step(1e-9 * static_cast<double>(steady_ns - last_ns_));
+    last_ns_ = steady_ns;
+    hardware::PsmInput input;
+    input.state_publishers = topics_[0].health.publishers;
+    input.other_publishers = others;
+    input.command_subscribers = 1;
+    for (const sim::ConsoleMessage& message : console.TakeMessages()) {
+      if (message.severity != sim::ConsoleMessage::Severity::kError) continue;
+      last_error_ = message.text;
+      ++input.errors;
+    }
+    operating_.state = ConsoleState();
+    operating_.homed = console.homed();
+    operating_.busy = console.busy();
+    const PsmStatus ready = hardware::Readiness(operating_);
+    if (ready != PsmStatus::kOk) {
+      ++operating_.lapses;
+      operating_.last_lapse = ready;
+    }
+    input.operating_state = operating_;
+    if (ticks_++ % ticks_a_sample == 0) Measure(wall_ns, input);
+    if (spoil) spoil(input);
+    const hardware::PsmOutput output = client_.Step(input, steady_ns, wall_ns);
+    if (output.hold) console.Hold();
+    if (output.request != hardware::PsmRequest::kNone) {
+      console.StateCommand(hardware::Name(output.request));
+    }
+    if (output.servo) console.ServoCp(output.servo_cp);
+  }
+  const hardware::PsmClient& client() const override { return client_; }
+  bool TakeWord(hardware::ConsoleWord& /*word*/) override { return false; }
+  std::string_view last_error() const override { return last_error_; }
+  int other_publishers() const override { return others; }
+  int state_publishers() const override { return topics_[0].health.publishers; }
+  int servo_subscribers() const override { return listens ? 1 : 0; }
+  int request_subscribers() const override { return listens ? 1 : 0; }
+  std::array<Topic, 6> topics() const override { return topics_; }
+  PsmStatus Arm() override { return client_.Arm(); }
+  PsmStatus MoveTo(const kinematics::PsmJoints& goal, double duration_s) override {
+    return client_.MoveTo(goal, duration_s);
+  }
+  void Hold() override { client_.Hold(); }
+  void Flush() override {}
+  PsmStatus BringUp(double timeout_s, const std::function<void(std::string_view)>& /*say*/,
+                    const std::function<bool()>& may_move) override {
+    static_cast<void>(client_.Request(hardware::PsmRequest::kHome));
+    static_cast<void>(Within(*clock_, timeout_s, [&] {
+      const bool stopped = !may_move();
+      if (stopped) client_.Hold();
+      Tick(clock_->SteadyNs(), clock_->WallNs());
+      return stopped || client_.Arm() == PsmStatus::kOk;
+    }));
+    return client_.status();
+  }
+  dds::EmergencyStop Stop(std::int64_t /*steady_ns*/) override { return stop(); }
+
+  dds::Health& health(std::size_t topic) { return topics_[topic].health; }
+
+  sim::PsmConsole console;
+  std::function<void(hardware::PsmInput&)> spoil;
+  std::function<dds::EmergencyStop()> stop = [] { return dds::EmergencyStop::kSilent; };
+  int ticks_a_sample = 2;
+  int others = 0;
+  bool listens = true;
+
+ private:
+  [[nodiscard]] hardware::PsmConsoleState ConsoleState() const {
+    switch (console.state()) {
+      case sim::ArmState::kDisabled:
+        return hardware::PsmConsoleState::kDisabled;
+      case sim::ArmState::kEnabled:
+        return hardware::PsmConsoleState::kEnabled;
+      case sim::ArmState::kPaused:
+        return hardware::PsmConsoleState::kPaused;
+      case sim::ArmState::kFault:
+        break;
+    }
+    return hardware::PsmConsoleState::kFault;
+  }
+  void Measure(std::int64_t wall_ns, hardware::PsmInput& input) const {
+    hardware::PsmJointSample js;
+    if (console.valid()) js.stamp = dds::Stamp::FromNanoseconds(wall_ns);
+    js.well_formed = js.has_velocity = true;
+    js.position = console.measured_joints();
+    js.velocity = console.joint_velocity();
+    input.measured_js = js;
+    js.position = console.setpoint_joints();
+    input.setpoint_js = js;
+    const Eigen::Isometry3d pose = console.measured_pose();
+    input.measured_cp = {js.stamp, pose.translation(), Eigen::Quaterniond(pose.linear())};
   }
 
-  std::mutex mutex_;
-  sim::PsmConsole console_;
-  dds::Participant participant_{{.domain = test::OwnDomain()}};
-  sim::PsmConsoleServer server_{participant_, console_};
-  Clock::time_point last_ = Clock::now();
-  Background background_{[this] {
-    const auto now = Clock::now();
-    const std::lock_guard lock(mutex_);
-    server_.Tick(std::min(0.05, std::chrono::duration<double>(now - last_).count()));
-    last_ = now;
-  }};
+  test::HandMovedClock* clock_;
+  hardware::PsmClient client_;
+  std::int64_t last_ns_;
+  hardware::PsmOperatingState operating_;
+  std::string last_error_;
+  int ticks_ = 0;
+  std::array<Topic, 6> topics_ = {{{"measured_js", {.publishers = 1}, true},
+                                   {"measured_cp", {.publishers = 1}, true},
+                                   {"setpoint_js", {.publishers = 1}, true},
+                                   {"operating_state", {.publishers = 1}, true},
+                                   {"jaw/measured_js", {.publishers = 1}, false},
+                                   {"error", {.publishers = 1}, false}}};
+};
+
+class ArmCheckTest : public testing::Test {
+ protected:
+  explicit ArmCheckTest(kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic)
+      : generation_(generation) {
+    options_.arm = "PSM1";
+    options_.clock = &clock_;
+    options_.ask = [this](const std::string&) { return ++asked_ > 0; };
+  }
+  void Home() {
+    arm_.console.StateCommand("home");
+    arm_.console.Settle();
+  }
+  std::string Check() { return Shown(CheckArm(options_, arm_)); }
+
+  kinematics::PsmGeneration generation_;
+  test::HandMovedClock clock_;
+  CheckOptions options_;
+  int asked_ = 0;
+  FakeCheckedArm arm_{clock_, {.homing_s = 1.0, .generation = generation_}, generation_};
 };
 
 TEST_F(ArmCheckTest, FindsTheConsoleAndSaysToHome) {
-  const DeviceReport report = CheckArm(ForArm());
+  const DeviceReport report = CheckArm(options_, arm_);
   EXPECT_FALSE(report.ok());
   EXPECT_THAT(Shown(report), AllOf(HasSubstr("6 of the console's topics found"),
+                                   HasSubstr("measured_js comes 100 times a second"),
                                    HasSubstr("[wrong] the arm is DISABLED"), HasSubstr("--home")));
 }
 
 TEST_F(ArmCheckTest, HomesAndMovesOnlyAfterAsking) {
-  CheckOptions options = ForArm();
-  options.home = options.move = options.without_stop = true;
-  int asked = 0;
-  options.ask = [&](const std::string&) {
-    ++asked;
-    return false;
-  };
-  EXPECT_FALSE(CheckArm(options).ok());
-  EXPECT_EQ(asked, 1);
-  Change([&] { EXPECT_FALSE(console_.homed()); });
-  options.ask = [&](const std::string&) {
-    ++asked;
-    return true;
-  };
-  const DeviceReport report = CheckArm(options);
+  options_.home = options_.move = options_.without_stop = true;
+  options_.ask = [this](const std::string&) { return ++asked_ > 1; };
+  EXPECT_FALSE(CheckArm(options_, arm_).ok());
+  EXPECT_EQ(asked_, 1);
+  EXPECT_EQ(arm_.console.state(), sim::ArmState::kDisabled);
+  const DeviceReport report = CheckArm(options_, arm_);
   EXPECT_TRUE(report.ok()) << Shown(report);
-  EXPECT_EQ(asked, 3);
+  EXPECT_EQ(asked_, 3);
   EXPECT_THAT(Shown(report), HasSubstr("told to insert by 2.0 mm, the arm moved"));
-  Change([&] { EXPECT_NEAR(console_.setpoint_joints()[2], 0.12, 1e-9); });
+  EXPECT_NEAR(arm_.console.setpoint_joints()[2], 0.12, 1e-9);
+}
+
+TEST_F(ArmCheckTest, MovesNothingWithoutAnEmergencyStopThatIsReleased) {
+  options_.home = options_.move = true;
+  EXPECT_THAT(Check(), HasSubstr("nothing is heard of an emergency stop"));
+  arm_.stop = [] { return dds::EmergencyStop::kPressed; };
+  EXPECT_THAT(Check(), HasSubstr("the emergency stop is pressed"));
+  EXPECT_EQ(arm_.console.state(), sim::ArmState::kDisabled);
+  arm_.stop = [] { return dds::EmergencyStop::kClear; };
+  EXPECT_THAT(Check(), HasSubstr("the arm moved"));
+}
+
+TEST_F(ArmCheckTest, AStopThatIsPressedEndsHoming) {
+  options_.home = options_.move = true;
+  arm_.stop = [this] {
+    return arm_.console.busy() ? dds::EmergencyStop::kPressed : dds::EmergencyStop::kClear;
+  };
+  EXPECT_FALSE(CheckArm(options_, arm_).ok());
+  EXPECT_EQ(arm_.console.state(), sim::ArmState::kDisabled);
+  EXPECT_FALSE(arm_.console.homed());
+  EXPECT_EQ(asked_, 1) << "it is not moved then";
+}
+
+TEST_F(ArmCheckTest, AStopOrAnInterruptEndsTheMove) {
+  Home();
+  options_.move = true;
+  std::atomic<bool> interrupted = false;
+  options_.interrupted = &interrupted;
+  const auto moves = [this] { return arm_.console.setpoint_joints()[2] > 0.1205; };
+  bool pressed = false;
+  arm_.stop = [&] {
+    pressed = pressed || moves();
+    return pressed ? dds::EmergencyStop::kPressed : dds::EmergencyStop::kClear;
+  };
+  EXPECT_THAT(Check(), HasSubstr("the emergency stop is pressed, or was"));
+  EXPECT_LT(arm_.console.setpoint_joints()[2], 0.121) << "it went on";
+  Home();
+  arm_.stop = [&] {
+    interrupted = interrupted || moves();
+    return dds::EmergencyStop::kClear;
+  };
+  EXPECT_THAT(Check(), HasSubstr("interrupted: the arm was not moved any more"));
+  EXPECT_LT(arm_.console.setpoint_joints()[2], 0.121) << "it went on";
+}
+
+TEST_F(ArmCheckTest, NamesFaultInTheConsolesWords) {
+  Home();
+  arm_.console.Fail("the brake is stuck");
+  EXPECT_THAT(Check(), AllOf(HasSubstr("FAULT"), HasSubstr("\"PSM1: the brake is stuck\""),
+                             HasSubstr("disable, home")));
+}
+
+TEST_F(ArmCheckTest, NamesWhatIsWrongWithTheSamples) {
+  Home();
+  const auto of_joints = [this](const auto& spoil) {
+    arm_.spoil = [spoil](hardware::PsmInput& input) {
+      if (input.measured_js) spoil(*input.measured_js);
+    };
+  };
+  for (const auto& [off_ns, words] : {std::pair(-1'000'000'000, "1.000 s behind this machine's"),
+                                      std::pair(500'000'000, "0.500 s ahead of this machine's")}) {
+    of_joints([off = off_ns](hardware::PsmJointSample& js) {
+      js.stamp = dds::Stamp::FromNanoseconds(js.stamp.nanoseconds() + off);
+    });
+    EXPECT_THAT(Check(), HasSubstr(words));
+  }
+  of_joints([](hardware::PsmJointSample& js) { js.stamp = {}; });
+  EXPECT_THAT(Check(), HasSubstr("stamped zero though the arm is homed"));
+  of_joints([](hardware::PsmJointSample& js) {
+    js.position[3] = std::numeric_limits<double>::quiet_NaN();
+  });
+  EXPECT_THAT(Check(), HasSubstr("not finite"));
+  of_joints([](hardware::PsmJointSample& js) { js.well_formed = false; });
+  EXPECT_THAT(Check(), HasSubstr(hardware::Name(PsmStatus::kStateMalformed)));
+  arm_.spoil = {};
+  arm_.ticks_a_sample = 20;
+  EXPECT_THAT(Check(), AllOf(HasSubstr("measured_js comes 10 times a second"),
+                             HasSubstr("a console publishes 100 times")));
+}
+
+TEST_F(ArmCheckTest, NamesWhatIsWrongOnTheNetwork) {
+  Home();
+  arm_.others = 1;
+  arm_.listens = false;
+  arm_.health(0).publishers = 2;
+  arm_.health(1).publishers = 0;
+  arm_.health(3) = {.incompatible = 1};
+  arm_.health(4).publishers = 0;
+  EXPECT_THAT(Check(), AllOf(HasSubstr("someone else can command the arm"),
+                             HasSubstr("2 publishers on /PSM1/measured_js"), HasSubstr("but one"),
+                             HasSubstr("[wrong] nobody publishes /PSM1/measured_cp"),
+                             HasSubstr("a publisher on /PSM1/operating_state does not match (QoS)"),
+                             HasSubstr("[note]  nobody publishes /PSM1/jaw/measured_js"),
+                             HasSubstr("nobody listens to state_command")));
 }
 
 class SiArmCheckTest : public ArmCheckTest {
  protected:
-  SiArmCheckTest() : ArmCheckTest(kinematics::PsmGeneration::kSi) {}
-};
-
-TEST_F(SiArmCheckTest, IsMovedWithinItsOwnLimits) {
-  Change([&] {
+  SiArmCheckTest() : ArmCheckTest(kinematics::PsmGeneration::kSi) {
     kinematics::PsmJoints joints = kinematics::PsmJoints::Zero();
     joints[1] = 1.2;  // where no Classic can be
     joints[2] = 0.12;
-    console_.Place(joints);
-  });
-  CheckOptions options = ForArm();
-  options.move = options.without_stop = true;
-  options.ask = [](const std::string&) { return true; };
-  EXPECT_THAT(Shown(CheckArm(options)),
-              AllOf(HasSubstr("a move of 2 mm is refused"), HasSubstr("--generation Si")));
-  options.generation = kinematics::PsmGeneration::kSi;
-  const DeviceReport report = CheckArm(options);
-  EXPECT_TRUE(report.ok()) << Shown(report);
-  EXPECT_THAT(Shown(report), HasSubstr("the arm moved"));
-}
-
-TEST_F(ArmCheckTest, MovesNothingWithoutAnEmergencyStopThatIsReleased) {
-  CheckOptions options = ForArm("PSM1", 2.0);
-  options.home = options.move = true;
-  options.ask = [](const std::string&) { return true; };
-  EXPECT_THAT(Shown(CheckArm(options)), HasSubstr("nothing is heard of an emergency stop"));
-  dds::EmergencyStopButton button(participant_);
-  std::atomic<bool> pressed = true;
-  const Background beats([&] {
-    if (pressed != button.pressed()) pressed ? button.Press() : button.Release();
-    button.Beat();
-  });
-  EXPECT_THAT(Shown(CheckArm(options)), HasSubstr("the emergency stop is pressed"));
-  Change([&] { EXPECT_EQ(console_.state(), sim::ArmState::kDisabled); });
-  pressed = false;
-  EXPECT_TRUE(CheckArm(options).ok());
-}
-
-TEST_F(ArmCheckTest, AStopThatIsPressedEndsHoming) {
-  Change([&] { console_ = sim::PsmConsole({.arm = "PSM1", .homing_s = 30.0}); });
-  CheckOptions options = ForArm();
-  options.home = true;
-  options.ask = [](const std::string&) { return true; };
-  dds::EmergencyStopButton button(participant_);
-  const Background beats([&] {
-    bool homes = false;
-    Change([&] { homes = console_.busy(); });
-    if (homes) button.Press();
-    button.Beat();
-  });
-  EXPECT_THAT(Shown(CheckArm(options)), HasSubstr("the emergency stop is pressed, or was"));
-  for (int i = 0; i < 1000; ++i) {
-    bool disabled = false;
-    Change([&] { disabled = console_.state() == sim::ArmState::kDisabled; });
-    if (disabled) return;
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    arm_.console.Place(joints);
+    options_.move = options_.without_stop = true;
   }
-  ADD_FAILURE() << "it homes on";
-}
+};
 
-TEST_F(ArmCheckTest, NamesFaultInTheConsolesWords) {
-  Change([&] {
-    console_.StateCommand("home");
-    console_.Fail("the brake is stuck");
-  });
-  EXPECT_THAT(Shown(CheckArm(ForArm())),
-              AllOf(HasSubstr("FAULT"), HasSubstr("\"PSM1: the brake is stuck\""),
-                    HasSubstr("disable, home")));
-}
-
-TEST_F(ArmCheckTest, NamesWhatIsWrongWithTheSamples) {
-  Change([&] { console_.StateCommand("home"); });
-  std::this_thread::sleep_for(std::chrono::milliseconds(300));
-  sim::ConsoleFaults faults;
-  faults.delay_s = 1.0;
-  Change([&] { server_.SetFaults(faults); });
-  EXPECT_THAT(Shown(CheckArm(ForArm())), HasSubstr("s behind this machine's clock"));
-  faults = {};
-  faults.invalid = true;
-  Change([&] { server_.SetFaults(faults); });
-  EXPECT_THAT(Shown(CheckArm(ForArm())), HasSubstr("stamped zero though the arm is homed"));
-  faults = {};
-  faults.corrupt = true;
-  Change([&] { server_.SetFaults(faults); });
-  EXPECT_THAT(Shown(CheckArm(ForArm())), HasSubstr("not finite"));
-  faults = {};
-  faults.drop = 0.9;
-  Change([&] { server_.SetFaults(faults); });
-  EXPECT_THAT(Shown(CheckArm(ForArm())), HasSubstr("a console publishes 100 times"));
-}
-
-TEST_F(ArmCheckTest, NamesOtherClientsAndASecondConsole) {
-  Change([&] { console_.StateCommand("home"); });
-  const dds::Publisher<dds::PoseStamped> other(participant_, "/PSM1/servo_cp", dds::Role::kCommand);
-  const dds::Publisher<dds::JointState> console(participant_, "/PSM1/measured_js",
-                                                dds::Role::kState);
-  EXPECT_THAT(Shown(CheckArm(ForArm())),
-              AllOf(HasSubstr("someone else can command the arm"),
-                    HasSubstr("2 publishers on /PSM1/measured_js"), HasSubstr("but one")));
-}
-
-TEST_F(ArmCheckTest, AnotherArmsNameIsNamed) {
-  EXPECT_THAT(Shown(CheckArm(ForArm("PSM2", 1.0))),
-              AllOf(HasSubstr("nobody publishes /PSM2/measured_js"), HasSubstr("there is PSM1")));
+TEST_F(SiArmCheckTest, IsMovedWithinItsOwnLimits) {
+  EXPECT_THAT(Check(), HasSubstr("the arm moved"));
+  FakeCheckedArm classic(clock_, {.generation = generation_}, kinematics::PsmGeneration::kClassic);
+  classic.console.Place(arm_.console.measured_joints());
+  EXPECT_THAT(Shown(CheckArm(options_, classic)),
+              AllOf(HasSubstr("a move of 2 mm is refused"), HasSubstr("--generation Si")));
 }
 
 }  // namespace

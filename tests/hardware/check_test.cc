@@ -3,239 +3,125 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <algorithm>
-#include <atomic>
-#include <chrono>
-#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
-#include <functional>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
-#include <thread>
-#include <utility>
 
-#include "dfr/core/error.h"
-#include "dfr/core/random.h"
-#include "dfr/dds/channel.h"
-#include "dfr/hardware/intrinsics_file.h"
-#include "home.h"
-#include "tests/dds/domain.h"
-#include "tests/dds/peer_process.h"
+#include "emergency_stop.h"
 #include "tests/hardware/check_support.h"
-#include "tests/hardware_stewart/sprk_emulator.h"
 
 namespace dfr::apps::hardware_app {
 namespace {
 
-using test::Background;
-using test::ForArm;
-using test::Options;
+using hardware::FrameStatus;
 using test::Shown;
 using testing::AllOf;
 using testing::HasSubstr;
+using testing::Not;
 
-TEST(NoArmCheckTest, SaysWhatToStart) {
-  const DeviceReport report = CheckArm(ForArm("PSM1", 0.3));
-  EXPECT_FALSE(report.ok());
-  EXPECT_THAT(Shown(report),
-              AllOf(HasSubstr("nobody publishes /PSM1/measured_js"), HasSubstr("dvrk_simulator"),
-                    HasSubstr("ROS_DOMAIN_ID must be " + std::to_string(test::OwnDomain()))));
-}
+// Pictures of 64 x 48, one for each look, of which every `bad_every`th is `bad`.
+class FakeEndoscope final : public hardware::Endoscope {
+ public:
+  FrameStatus Grab(std::int64_t /*steady_ns*/, std::int64_t /*wall_ns*/,
+                   hardware::Frame& frame) noexcept override {
+    if (bad == FrameStatus::kNever) return bad;
+    frame.width = 64;
+    frame.height = 48;
+    frame.age_s = age_s;
+    frame.sequence = ++counts_.received;
+    counts_.lost += lost_of_each;
+    return counts_.received % static_cast<std::uint64_t>(bad_every) == 0 ? bad : FrameStatus::kOk;
+  }
+  hardware::EndoscopeCounts counts() const noexcept override { return counts_; }
+  const std::string& source() const noexcept override { return source_; }
 
-// A publisher that keeps nothing for late joiners, as a plain ROS 2 node does.
-TEST(NoArmCheckTest, QualityOfServiceThatDoesNotMatchIsNamed) {
-  dds::Participant participant({.domain = test::OwnDomain()});
-  dds::Publisher<dds::JointState> js(participant, "/PSM1/measured_js", dds::Role::kState);
-  const dds::Publisher<dds::OperatingState> state(participant, "/PSM1/operating_state",
-                                                  dds::Role::kState);
-  const Background background([&] {
-    dds::JointState sample;
-    sample.position.assign(6, 0.0);
-    (void)js.Write(sample);
-  });
-  EXPECT_THAT(Shown(CheckArm(ForArm("PSM1", 2.0))),
-              AllOf(HasSubstr("a publisher on /PSM1/operating_state does not match (QoS)"),
-                    HasSubstr("nobody publishes /PSM1/measured_cp"),
-                    HasSubstr("nobody listens to state_command")));
-}
+  FrameStatus bad = FrameStatus::kOk;
+  int bad_every = 1;
+  std::uint64_t lost_of_each = 0;
+  double age_s = 0.03;
+
+ private:
+  hardware::EndoscopeCounts counts_;
+  std::string source_ = "/ECM/image_raw";
+};
 
 class EndoscopeCheckTest : public testing::Test {
  protected:
-  // Pictures of 64 x 48 at some 100 a second, `change`d before they are sent.
-  DeviceReport Check(const std::function<void(dds::Image&)>& change, CheckOptions options) {
-    dds::Participant participant({.domain = test::OwnDomain()});
-    dds::Publisher<dds::Image> publisher(participant, "/ECM/image_raw", dds::Role::kImage);
-    core::Random random(5);
-    const Background background([&] {
-      dds::Image image;
-      image.stamp = dds::Stamp::Now();
-      image.width = 64;
-      image.height = 48;
-      image.encoding = "bgr8";
-      image.step = 192;
-      image.data.resize(std::size_t{48} * 192);
-      for (auto& value : image.data) value = static_cast<std::uint8_t>(100 + random.Below(50));
-      change(image);
-      (void)publisher.Write(image);
-      std::this_thread::sleep_for(std::chrono::milliseconds(8));
-    });
-    options.endoscope = "/ECM/image_raw";
-    return CheckEndoscope(options);
+  EndoscopeCheckTest() {
+    options_.clock = &clock_;
+    options_.endoscope = "/ECM/image_raw";
+  }
+  std::string Check() {
+    DeviceReport report;
+    LookAt(options_, {.width = 640, .height = 480}, endoscope_, report);
+    return Shown(report);
   }
 
-  CheckOptions Small() {
-    CheckOptions options = Options();
-    vision::CameraModel camera;
-    camera.width = 64;
-    camera.height = 48;
-    hardware::WriteIntrinsics(camera_, camera);
-    options.camera = camera_;
-    return options;
-  }
-  ~EndoscopeCheckTest() override { std::filesystem::remove(camera_); }
-
-  std::filesystem::path camera_ =
-      std::filesystem::path(testing::TempDir()) /
-      (std::string("check_") + testing::UnitTest::GetInstance()->current_test_info()->name() +
-       ".yaml");
+  test::HandMovedClock clock_;
+  CheckOptions options_;
+  FakeEndoscope endoscope_;
 };
 
 TEST_F(EndoscopeCheckTest, GoodPicturesAreFine) {
-  const DeviceReport report = Check([](dds::Image&) {}, Small());
-  EXPECT_TRUE(report.ok()) << Shown(report);
-  EXPECT_THAT(Shown(report), AllOf(HasSubstr("pictures a second of 64 x 48"), HasSubstr("ms old")));
+  EXPECT_THAT(Check(), AllOf(HasSubstr("pictures a second of 64 x 48"),
+                             HasSubstr("pictures are 30.0 ms old"), Not(HasSubstr("[wrong]")),
+                             Not(HasSubstr("[note]"))));
 }
 
-TEST_F(EndoscopeCheckTest, NamesWrongSizeBlackFrozenAndStamps) {
-  EXPECT_THAT(Shown(Check([](dds::Image&) {}, Options())),
-              HasSubstr("pictures have 64 x 48 pixels, the intrinsics are for 640 x 480"));
-  EXPECT_THAT(Shown(Check(
-                  [](dds::Image& image) {
-                    std::fill(image.data.begin() + 1, image.data.end(), std::uint8_t{3});
-                  },
-                  Small())),
-              AllOf(HasSubstr("pictures are black"), HasSubstr("light source")));
-  EXPECT_THAT(Shown(Check(
-                  [](dds::Image& image) {
-                    std::fill(image.data.begin(), image.data.end(), std::uint8_t{90});
-                  },
-                  Small())),
-              HasSubstr("the same picture comes again and again"));
-  EXPECT_THAT(Shown(Check([](dds::Image& image) { image.stamp = {}; }, Small())),
-              HasSubstr("stamped zero"));
-  EXPECT_THAT(Shown(Check([](dds::Image& image) { image.stamp.sec += 5; }, Small())),
-              AllOf(HasSubstr("in the future"), HasSubstr("NTP")));
+TEST_F(EndoscopeCheckTest, NamesWhatIsWrongWithMostPictures) {
+  for (int i = 1; i <= static_cast<int>(FrameStatus::kFrozen); ++i) {
+    endoscope_.bad = static_cast<FrameStatus>(i);
+    const std::string shown = Check();
+    EXPECT_THAT(shown, HasSubstr(hardware::Remedy(endoscope_.bad)));
+    const bool ends = endoscope_.bad == FrameStatus::kEnded;
+    EXPECT_THAT(shown, HasSubstr(ends ? "[note]" : "[wrong]"));
+    if (endoscope_.bad == FrameStatus::kWrongSize) {
+      EXPECT_THAT(shown, HasSubstr("have 64 x 48 pixels, the intrinsics are for 640 x 480"));
+    } else if (endoscope_.bad == FrameStatus::kNever) {
+      EXPECT_THAT(shown, HasSubstr("nobody publishes pictures on /ECM/image_raw"));
+    } else {
+      EXPECT_THAT(shown, HasSubstr(hardware::Name(endoscope_.bad)));
+    }
+  }
+  endoscope_.bad = FrameStatus::kAhead;
+  endoscope_.age_s = -5.0;
+  EXPECT_THAT(Check(), HasSubstr(": by 5.000 s"));
 }
 
-TEST_F(EndoscopeCheckTest, NamesWhatIsNotThere) {
-  CheckOptions options = Options();
-  options.find_s = 0.3;
-  options.endoscope = "/ECM/image_raw";
-  EXPECT_THAT(Shown(CheckEndoscope(options)),
-              HasSubstr("[wrong] nobody publishes pictures on /ECM/image_raw"));
-  options.endoscope = "/dev/video97";
-  EXPECT_THAT(Shown(CheckEndoscope(options)),
+TEST_F(EndoscopeCheckTest, NowAndThenLateIsANote) {
+  endoscope_.bad = FrameStatus::kOld;
+  endoscope_.bad_every = 5;
+  EXPECT_THAT(Check(), AllOf(HasSubstr("[note]  now and then "), Not(HasSubstr("[wrong]"))));
+  endoscope_.bad_every = 20;
+  endoscope_.lost_of_each = 1;
+  EXPECT_THAT(Check(), AllOf(Not(HasSubstr("now and then")), HasSubstr("were lost on the way")));
+}
+
+TEST_F(EndoscopeCheckTest, NamesWhatCannotBeOpened) {
+  const std::filesystem::path camera =
+      std::filesystem::path(testing::TempDir()) / "endoscope_check_test.yaml";
+  options_.endoscope = "/dev/video97";
+  EXPECT_THAT(Shown(CheckEndoscope(options_)),
               AllOf(HasSubstr("cannot be opened"), HasSubstr("-> is the camera")));
-  options.camera = camera_;
-  std::ofstream(camera_) << "image_width: 640\n";
-  EXPECT_THAT(Shown(CheckEndoscope(options)), HasSubstr("image_height is missing"));
-}
-
-TEST(PlatformCheckTest, OpensThePortAndMovesOnlyAfterAsking) {
-  test::SprkEmulator emulator;
-  CheckOptions options = Options();
-  options.platform = emulator.device();
-  DeviceReport report = CheckPlatform(options);
-  EXPECT_TRUE(report.ok()) << Shown(report);
-  EXPECT_THAT(Shown(report), HasSubstr("never answers"));
-  options.move = true;
-  options.ask = [](const std::string&) { return true; };
-  report = CheckPlatform(options);
-  EXPECT_TRUE(report.ok()) << Shown(report);
-  const auto commands = emulator.Await(3);
-  ASSERT_EQ(commands.size(), 3U);
-  EXPECT_EQ(commands[0].letter, 'h');
-  EXPECT_EQ(commands[1].letter, 'a');
+  options_.camera = camera;
+  std::ofstream(camera) << "image_width: 640\n";
+  EXPECT_THAT(Shown(CheckEndoscope(options_)), HasSubstr("image_height is missing"));
+  std::filesystem::remove(camera);
 }
 
 TEST(PlatformCheckTest, NamesAPortThatIsMissingOrNoPort) {
-  CheckOptions options = Options();
-  options.platform = "/dev/no-such-port";
-  EXPECT_THAT(Shown(CheckPlatform(options)), HasSubstr("-> is the platform plugged in"));
-  options.platform = "/dev/no; port";
-  EXPECT_THAT(Shown(CheckPlatform(options)),
-              AllOf(HasSubstr("[wrong] /dev/no; port: cannot be opened"),
-                    HasSubstr("-> is the platform plugged in")));
+  CheckOptions options;
+  for (const char* port : {"/dev/no-such-port", "/dev/no; port"}) {
+    options.platform = port;
+    EXPECT_THAT(Shown(CheckPlatform(options)),
+                AllOf(HasSubstr(std::string("[wrong] ") + port + ": cannot be opened"),
+                      HasSubstr("-> is the platform plugged in")));
+  }
   options.platform = "/dev/null";
   EXPECT_THAT(Shown(CheckPlatform(options)), HasSubstr("is not a serial port"));
-}
-
-class PlatformHomeTest : public testing::Test {
- protected:
-  // What it says, and how it ends.
-  std::pair<std::string, int> Home(const std::string& answer) {
-    std::string said;
-    HomeOptions options;
-    options.platform = emulator_.device();
-    options.confirms = [&](const std::string& question, const std::string& word) {
-      EXPECT_THAT(question, HasSubstr(emulator_.device()));
-      return answer == word;
-    };
-    options.say = [&](const std::string& text) { said += text; };
-    options.interrupted = &interrupted_;
-    const int code = RunHome(options);
-    return {said, code};
-  }
-
-  test::SprkEmulator emulator_;
-  std::atomic<bool> interrupted_ = false;
-};
-
-TEST_F(PlatformHomeTest, MovesOnlyOnTheOperatorsWord) {
-  for (const char* answer : {"", "y", "yes", "home"}) EXPECT_EQ(Home(answer).second, 1) << answer;
-  const auto [said, code] = Home("platform");
-  EXPECT_EQ(code, 0);
-  EXPECT_THAT(said, HasSubstr("look whether it is there"));
-  const auto commands = emulator_.Await(1);
-  ASSERT_EQ(commands.size(), 1U);
-  EXPECT_EQ(commands[0].letter, 'h');
-}
-
-TEST_F(PlatformHomeTest, StopsOnCtrlC) {
-  interrupted_ = true;
-  const auto [said, code] = Home("platform");
-  EXPECT_EQ(code, 1);
-  EXPECT_THAT(said, HasSubstr("told to stop"));
-  const auto commands = emulator_.Await(2);
-  ASSERT_EQ(commands.size(), 2U);
-  EXPECT_EQ(commands[1].letter, 'a') << "a pose, and not home";
-}
-
-TEST_F(PlatformHomeTest, APortThatFailsIsNamed) {
-  HomeOptions options;
-  options.platform = emulator_.device();
-  options.confirms = [&](const std::string&, const std::string&) {
-    emulator_.Unplug();
-    return true;
-  };
-  try {
-    RunHome(options);
-    ADD_FAILURE() << "it went home";
-  } catch (const core::Error& e) {
-    EXPECT_THAT(e.what(), AllOf(HasSubstr(emulator_.device()), HasSubstr("cut its power")));
-  }
-}
-
-// Whoever has no keyboard cannot have typed the word.
-TEST_F(PlatformHomeTest, NothingMovesWithoutATerminal) {
-  const std::string command =
-      std::string("echo platform | " DFR_HARDWARE " home --platform ") + emulator_.device();
-  EXPECT_EQ(test::PeerProcess({"/bin/sh", "-c", command}).Await(60.0), 1);
-  EXPECT_EQ(Home("platform").second, 0);
-  EXPECT_EQ(emulator_.Await(1).size(), 1U) << "the second alone";
 }
 
 TEST(CheckJsonTest, SaysTheSameAsTheText) {
@@ -253,21 +139,13 @@ TEST(CheckJsonTest, SaysTheSameAsTheText) {
   EXPECT_EQ(json["devices"][0]["findings"][1]["remedy"], "turn it on");
 }
 
-TEST(CheckProgramTest, ExitCodeTellsWhetherAllIsWell) {
-  test::SprkEmulator emulator;
-  EXPECT_EQ(test::PeerProcess({DFR_HARDWARE, "check", "--platform", emulator.device()}).Await(60.0),
-            0);
-  EXPECT_EQ(test::PeerProcess({DFR_HARDWARE, "check", "--platform", "/dev/none"}).Await(60.0), 1);
-  EXPECT_EQ(test::PeerProcess({DFR_HARDWARE, "check", "--domain", std::to_string(test::OwnDomain()),
-                               "--wait", "0.3"})
-                .Await(60.0),
-            1);
-  EXPECT_GT(test::PeerProcess({DFR_HARDWARE, "check", "--domain", "900"}).Await(60.0), 1);
-  EXPECT_EQ(test::PeerProcess(
-                {DFR_HARDWARE, "check", "--platform", emulator.device(), "--generation", "Si"})
-                .Await(60.0),
-            0);
-  EXPECT_GT(test::PeerProcess({DFR_HARDWARE, "check", "--generation", "Xi"}).Await(60.0), 1);
+TEST(StopWordTest, OnlyAnExactLineReleasesItAndEverythingElsePresses) {
+  EXPECT_EQ(Meaning("r"), StopWord::kRelease);
+  EXPECT_EQ(Meaning("q"), StopWord::kEnd);
+  for (const char* line :
+       {"", "x", "stop the robot", "R", " r", "r ", "rr", "Q", "quick", "\xff\xfe", "release"}) {
+    EXPECT_EQ(Meaning(line), StopWord::kPress) << line;
+  }
 }
 
 }  // namespace

@@ -1,87 +1,71 @@
 #include "robot_watch.h"
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <chrono>
-#include <functional>
 #include <sstream>
 #include <string>
-#include <thread>
 
 #include "dfr/dds/emergency_stop.h"
-#include "tests/dds/domain.h"
 
 namespace dfr::apps::hardware_app {
 namespace {
 
-using testing::HasSubstr;
-using testing::Not;
-
-// What a robot's program announces while it lives.
-class Program {
- public:
-  explicit Program(dds::Participant& participant)
-      : announcer_(participant, dds::kRunStateTopic, dds::Role::kState) {}
-  void Say(const std::string& state) {
-    dds::OperatingState message;
-    message.stamp = dds::Stamp::Now();
-    message.state = state;
-    announcer_.Write(message);
-  }
-
- private:
-  dds::Publisher<dds::OperatingState> announcer_;
-};
+constexpr std::int64_t kMs = 1'000'000;
+constexpr dds::Origin kFirst = {1};
+constexpr dds::Origin kSecond = {2};
 
 class RobotWatchTest : public testing::Test {
  protected:
-  // Shows what `say` says over and over until `text` is shown, a minute at most.
-  [[nodiscard]] bool Shows(const std::string& text, const std::function<void()>& say = {}) {
-    const auto end = std::chrono::steady_clock::now() + std::chrono::minutes(1);
-    while (out_.str().find(text) == std::string::npos) {
-      if (std::chrono::steady_clock::now() > end) return false;
-      if (say) say();
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-      watch_.Show();
-    }
-    return true;
+  // What is said since the last call.
+  std::string Said() {
+    std::string said = out_.str();
+    out_.str("");
+    return said;
   }
 
-  dds::Participant robots_{{.domain = test::OwnDomain()}};
-  dds::Participant button_{{.domain = test::OwnDomain()}};
   std::ostringstream out_;
-  RobotWatch watch_{button_, out_};
+  RobotWatch watch_{out_};
 };
 
+TEST_F(RobotWatchTest, SaysEachStateOnceAndAfter150MsThatItIsSilent) {
+  watch_.Hear(kFirst, "running", 0);
+  watch_.Hear(kFirst, "running", 20 * kMs);
+  EXPECT_EQ(Said(), "robot: running\n");
+  watch_.Hear(kFirst, "holding", 40 * kMs);
+  EXPECT_EQ(Said(), "robot: holding\n");
+  watch_.Look(190 * kMs);
+  EXPECT_EQ(Said(), "");
+  watch_.Look(190 * kMs + 1);
+  EXPECT_EQ(Said().find("robot: SILENT while holding"), 0U);
+  watch_.Look(900 * kMs);
+  EXPECT_EQ(Said(), "");
+  watch_.Hear(kFirst, "holding", 1000 * kMs);
+  EXPECT_EQ(Said(), "robot: holding\n") << "it is heard again";
+}
+
 TEST_F(RobotWatchTest, ASecondProgramThatEndsSaysNothingOfTheFirst) {
-  Program first(robots_);
-  ASSERT_TRUE(Shows("robot: running\n", [&] { first.Say("running"); }));
-  {
-    Program second(robots_);
-    ASSERT_TRUE(Shows("robot 2: idle\n", [&] {
-      first.Say("running");
-      second.Say("idle");
-    }));
-    second.Say(dds::kRunEnded);
-    ASSERT_TRUE(Shows("robot 2: ended\n", [&] { first.Say("running"); }));
-  }
-  EXPECT_THAT(out_.str(), Not(HasSubstr("robot: ended")));
-  EXPECT_TRUE(Shows("robot: SILENT while running")) << "it is still the one that is missed";
-  EXPECT_THAT(out_.str(), Not(HasSubstr("robot 2: SILENT"))) << "it has ended in order";
+  watch_.Hear(kFirst, "running", 0);
+  watch_.Hear(kSecond, "idle", 10 * kMs);
+  watch_.Hear(kSecond, dds::kRunEnded, 20 * kMs);
+  EXPECT_EQ(Said(), "robot: running\nrobot 2: idle\nrobot 2: ended\n");
+  watch_.Look(900 * kMs);
+  EXPECT_EQ(Said().find("robot: SILENT while running"), 0U);
+  watch_.Look(1000 * kMs);
+  EXPECT_EQ(Said(), "") << "the second has ended in order";
 }
 
 TEST_F(RobotWatchTest, OneAfterTheOtherIsTheRobot) {
-  {
-    Program first(robots_);
-    ASSERT_TRUE(Shows("robot: running\n", [&] { first.Say("running"); }));
-    first.Say(dds::kRunEnded);
-    ASSERT_TRUE(Shows("robot: ended\n"));
-  }
-  Program next(robots_);
-  EXPECT_TRUE(Shows("robot: idle\n", [&] { next.Say("idle"); })) << out_.str();
-  EXPECT_TRUE(Shows("robot: SILENT while idle"));
-  EXPECT_TRUE(Shows("robot: armed\n", [&] { next.Say("armed"); })) << "it is heard again";
+  watch_.Hear(kFirst, "running", 0);
+  watch_.Hear(kFirst, dds::kRunEnded, 10 * kMs);
+  watch_.Hear(kSecond, "idle", 20 * kMs);
+  EXPECT_EQ(Said(), "robot: running\nrobot: ended\nrobot: idle\n");
+}
+
+TEST_F(RobotWatchTest, WhoIsOneTooManyIsLeftOut) {
+  for (std::uint8_t n = 1; n <= 9; ++n) watch_.Hear({n}, "idle", 0);
+  const std::string said = Said();
+  EXPECT_NE(said.find("robot 8: idle\n"), std::string::npos) << said;
+  EXPECT_EQ(said.find("robot 9"), std::string::npos) << said;
 }
 
 }  // namespace

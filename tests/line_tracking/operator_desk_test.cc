@@ -1,17 +1,14 @@
 // The operator of a robot at the terminal: what is typed, and what it lets the robot do.
 #include "operator_desk.h"
 
-#include <fcntl.h>
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
-#include <array>
-#include <chrono>
+#include <atomic>
 #include <string>
 #include <string_view>
-#include <thread>
+#include <utility>
 
+#include "tests/line_tracking/pipe.h"
 #include "tests/robot/fake_robot.h"
 
 namespace dfr::apps::line_tracking {
@@ -20,43 +17,7 @@ namespace {
 using runtime::HoldReason;
 using runtime::RunState;
 using test::FakeRobot;
-using testing::HasSubstr;
-
-// A pipe whose reading end does not wait.
-class Pipe {
- public:
-  Pipe() {
-    EXPECT_EQ(::pipe(ends_.data()), 0);
-    ::fcntl(in(), F_SETFL, O_NONBLOCK);
-  }
-  ~Pipe() {
-    ::close(ends_[0]);
-    CloseOut();
-  }
-  Pipe(const Pipe&) = delete;
-  Pipe& operator=(const Pipe&) = delete;
-
-  [[nodiscard]] int in() const { return ends_[0]; }
-  [[nodiscard]] int out() const { return ends_[1]; }
-  void Type(std::string_view text) const {
-    EXPECT_EQ(::write(out(), text.data(), text.size()), static_cast<ssize_t>(text.size()));
-  }
-  void CloseOut() {
-    if (ends_[1] >= 0) ::close(ends_[1]);
-    ends_[1] = -1;
-  }
-  [[nodiscard]] std::string Text() const {
-    std::string text;
-    std::array<char, 1024> part;
-    for (ssize_t size = 0; (size = ::read(in(), part.data(), part.size())) > 0;) {
-      text.append(part.data(), static_cast<std::size_t>(size));
-    }
-    return text;
-  }
-
- private:
-  std::array<int, 2> ends_{};
-};
+using test::Pipe;
 
 class OperatorDeskTest : public testing::Test {
  protected:
@@ -113,7 +74,6 @@ TEST_F(OperatorDeskTest, AfterAnyOtherReasonAWordHasToBeTyped) {
     EXPECT_EQ(robot_.loop.state(), fault ? RunState::kFaulted : RunState::kHolding);
     if (fault) {
       TypeLater("clear\n");
-      std::string word;
       ASSERT_TRUE(desk_.Confirms(robot_.loop, "?", "clear"));
       ASSERT_TRUE(robot_.loop.Clear());
     }
@@ -125,19 +85,12 @@ TEST_F(OperatorDeskTest, AfterAnyOtherReasonAWordHasToBeTyped) {
 TEST_F(OperatorDeskTest, AFaultThatLastsIsNotCleared) {
   HoldFor(HoldReason::kArmSilent);
   robot_.arm.found = {HoldReason::kArmSilent, "still"};
-  TypeLater("clear\n");
-  std::thread later([&] {
-    // The second question comes once the first was answered in vain.
-    std::string shown;
-    while (shown.find("it is still there") == std::string::npos) {
-      shown += shown_.Text();
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    }
-    std::this_thread::sleep_for(std::chrono::milliseconds(100));
-    typed_.Type("q\n");
-  });
+  robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
+  robot_.clock.plan = [this] {
+    typed_.Type("clear\n");
+    TypeLater("q\n");  // at the second question
+  };
   EXPECT_FALSE(desk_.AllowsEpisode(robot_.loop));
-  later.join();
   EXPECT_EQ(robot_.loop.state(), RunState::kFaulted);
 }
 
@@ -167,50 +120,6 @@ TEST_F(OperatorDeskTest, CtrlCAndTheEndOfInputSayNo) {
   typed_.Type("start\n");
   typed_.CloseOut();
   EXPECT_FALSE(desk_.AllowsEpisode(robot_.loop));
-}
-
-// -- the screen -----------------------------------------------------------------------------------
-
-TEST(ScreenTest, PrintsAllInOrder) {
-  const Pipe shown;
-  {
-    Screen screen(shown.out());
-    for (int i = 0; i < 3; ++i) screen.Say("line %d of %s\n", i, "three");
-  }
-  EXPECT_EQ(shown.Text(), "line 0 of three\nline 1 of three\nline 2 of three\n");
-}
-
-// As a terminal after Ctrl-S.
-TEST(ScreenTest, NobodyWaitsForATerminalThatStandsStill) {
-  using Clock = std::chrono::steady_clock;
-  const Pipe shown;
-  ::fcntl(shown.out(), F_SETFL, O_NONBLOCK);
-  const std::string much(4096, 'x');
-  while (::write(shown.out(), much.data(), much.size()) > 0) {
-  }
-  ::fcntl(shown.out(), F_SETFL, 0);
-  const auto start = Clock::now();
-  {
-    Screen screen(shown.out());
-    for (int i = 0; i < 1000; ++i) screen.Say("line %d\n", i);
-    EXPECT_LT(Clock::now() - start, std::chrono::milliseconds(500)) << "the loop waited";
-  }
-  EXPECT_LT(Clock::now() - start, std::chrono::seconds(5)) << "the program does not end";
-}
-
-TEST(ScreenTest, SaysHowMuchIsMissing) {
-  const Pipe shown;
-  std::string text;
-  {
-    Screen screen(shown.out());
-    for (int i = 0; i < 20'000; ++i) screen.Say("line %d\n", i);
-    for (int n = 0; n < 1000 && text.find("not shown") == std::string::npos; ++n) {
-      text += shown.Text();
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    }
-  }
-  EXPECT_THAT(text, HasSubstr("line 0\n"));
-  EXPECT_THAT(text, HasSubstr("lines were not shown"));
 }
 
 }  // namespace

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <string_view>
+
+#include "dfr/dds/channel.h"
+#include "dfr/dds/emergency_stop.h"
+#include "dfr/hardware/psm_driver.h"
+
+namespace dfr::apps::hardware_app {
+
+/// What a check needs of an arm: a driver at a console, and what else is on the network. The
+/// functions are those of hardware::PsmDriver unless said otherwise.
+class CheckedArm {
+ public:
+  /// A topic of the console's.
+  struct Topic {
+    const char* name;
+    dds::Health health;
+    bool needed;  ///< The arm does not work without it.
+  };
+  virtual ~CheckedArm() = default;
+
+  virtual void Tick(std::int64_t steady_ns, std::int64_t wall_ns) = 0;
+  [[nodiscard]] virtual const hardware::PsmClient& client() const = 0;
+  [[nodiscard]] virtual bool TakeWord(hardware::ConsoleWord& word) = 0;
+  /// The last error that the console reported, empty if none.
+  [[nodiscard]] virtual std::string_view last_error() const = 0;
+  [[nodiscard]] virtual int other_publishers() const = 0;
+  [[nodiscard]] virtual int state_publishers() const = 0;
+  [[nodiscard]] virtual int servo_subscribers() const = 0;
+  [[nodiscard]] virtual int request_subscribers() const = 0;
+  [[nodiscard]] virtual std::array<Topic, 6> topics() const = 0;
+
+  [[nodiscard]] virtual hardware::PsmStatus Arm() = 0;
+  [[nodiscard]] virtual hardware::PsmStatus MoveTo(const kinematics::PsmJoints& goal,
+                                                   double duration_s) = 0;
+  virtual void Hold() = 0;
+  virtual void Flush() = 0;
+  /// As hardware::BringUp().
+  virtual hardware::PsmStatus BringUp(double timeout_s,
+                                      const std::function<void(std::string_view)>& say,
+                                      const std::function<bool()>& may_move) = 0;
+
+  /// How the emergency stop stands: dds::EmergencyStopReceiver::Check().
+  [[nodiscard]] virtual dds::EmergencyStop Stop(std::int64_t steady_ns) = 0;
+};
+
+}  // namespace dfr::apps::hardware_app

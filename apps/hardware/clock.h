@@ -1,0 +1,34 @@
+#pragma once
+
+#include <cstdint>
+
+namespace dfr::apps::hardware_app {
+
+/// The time that a command lives by: this machine's, unless a test overrides it.
+class Clock {
+ public:
+  virtual ~Clock() = default;
+
+  /// ns. Never goes back.
+  [[nodiscard]] virtual std::int64_t SteadyNs();
+  /// ns since the Unix epoch, as samples are stamped.
+  [[nodiscard]] virtual std::int64_t WallNs();
+  /// Returns `seconds` later.
+  virtual void Wait(double seconds);
+};
+
+/// This machine's.
+[[nodiscard]] Clock& MachineClock();
+
+/// Asks `condition()` every 5 ms until it holds. False if it does not within `seconds`.
+template <typename Condition>
+bool Within(Clock& clock, double seconds, const Condition& condition) {
+  const std::int64_t end_ns = clock.SteadyNs() + static_cast<std::int64_t>(1e9 * seconds);
+  while (!condition()) {
+    if (clock.SteadyNs() > end_ns) return false;
+    clock.Wait(0.005);
+  }
+  return true;
+}
+
+}  // namespace dfr::apps::hardware_app

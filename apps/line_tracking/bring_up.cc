@@ -1,0 +1,55 @@
+#include "bring_up.h"
+
+#include <stdexcept>
+
+namespace dfr::apps::line_tracking {
+namespace {
+
+using runtime::HoldReason;
+
+std::runtime_error NotReady(const BringUpOptions& robot) {
+  return std::runtime_error("the robot is not ready: " + robot.loop->blocking_words() +
+                            (robot.remedy ? robot.remedy() : ""));
+}
+
+void BringUpArm(const BringUpOptions& robot, const Say& say, const Confirms& confirms) {
+  robot::ControlLoop& loop = *robot.loop;
+  while (!loop.AwaitHomeable(robot.patience_s, say)) {
+    const bool stopped = loop.blocking() == HoldReason::kEmergencyStop ||
+                         loop.blocking() == HoldReason::kEmergencyStopSilent;
+    if (!stopped || !confirms ||
+        !confirms(loop.blocking_words() + ". Mend it, then type clear", "clear")) {
+      throw NotReady(robot);
+    }
+    static_cast<void>(loop.Clear());
+  }
+  if (!robot.arm->needs_homing()) return;
+  if (!robot.simulated &&
+      !(confirms && confirms(robot.name + " is not homed. Where it is clear of people and things, "
+                                          "type home: it is powered up and moves",
+                             "home"))) {
+    throw std::runtime_error(robot.name + " is not homed, and nobody asked for it");
+  }
+  if (say) say(robot.name + ": homing");
+  if (loop.Home() != HoldReason::kNone) {
+    throw std::runtime_error(robot.name + " was not homed: " + loop.blocking_words());
+  }
+}
+
+}  // namespace
+
+void BringUp(const BringUpOptions& robot, const Say& say, const Confirms& confirms) {
+  if (!robot.homed) BringUpArm(robot, say, confirms);
+  if (!robot.loop->AwaitReady(robot.patience_s, say)) throw NotReady(robot);
+  if (robot.platform_home_s == 0.0) return;
+  if (!(confirms && confirms("the platform goes home. Where nothing touches the gauze, type "
+                             "platform: it moves",
+                             "platform"))) {
+    throw std::runtime_error("the platform is not at home, and nobody asked for it");
+  }
+  if (robot.loop->HomePlatform(robot.platform_home_s) != HoldReason::kNone) {
+    throw std::runtime_error("the platform was not homed: " + robot.loop->blocking_words());
+  }
+}
+
+}  // namespace dfr::apps::line_tracking

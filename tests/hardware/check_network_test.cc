@@ -1,0 +1,211 @@
+// The checks on a network and at a port that are there.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <poll.h>
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <utility>
+
+#include "check.h"
+#include "dfr/core/error.h"
+#include "dfr/core/random.h"
+#include "dfr/dds/channel.h"
+#include "dfr/sim/dvrk/psm_console_server.h"
+#include "home.h"
+#include "tests/dds/domain.h"
+#include "tests/dds/peer_process.h"
+#include "tests/hardware/check_support.h"
+#include "tests/hardware_stewart/sprk_emulator.h"
+
+namespace dfr::apps::hardware_app {
+namespace {
+
+using test::Shown;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+
+constexpr double kForEver = 1e9;  // s, in Await()
+
+// Time passes only between the words that start it and those that stop it; the test's own doings go
+// on with each Wait().
+class NetworkCheckTest : public testing::Test {
+ protected:
+  NetworkCheckTest() {
+    options_.network.domain = domain_;
+    options_.clock = &clock_;
+    options_.find_s = options_.listen_s = 0.1;
+    options_.say = [this](const std::string& text) {
+      if (text.starts_with(starts_)) clock_.stands = false;
+      if (text.starts_with(stops_)) clock_.stands = true;
+    };
+    clock_.waits = [this] {
+      if (goes_on) goes_on();
+      (void)::poll(nullptr, 0, 1);
+    };
+  }
+
+  const int domain_ = test::OwnDomain();
+  dds::Participant participant_{{.domain = domain_}};
+  test::HandMovedClock clock_;
+  CheckOptions options_;
+  std::string starts_ = "never";
+  std::string stops_ = "never";
+  std::function<void()> goes_on;
+};
+
+TEST_F(NetworkCheckTest, WhereNobodyIsItSaysWhatToStart) {
+  options_.arm = "PSM1";
+  const DeviceReport report = CheckArm(options_);
+  EXPECT_FALSE(report.ok());
+  EXPECT_THAT(Shown(report),
+              AllOf(HasSubstr("nobody publishes /PSM1/measured_js"), HasSubstr("dvrk_simulator"),
+                    HasSubstr("ROS_DOMAIN_ID must be " + std::to_string(domain_))));
+}
+
+TEST_F(NetworkCheckTest, AnotherArmsNameIsNamed) {
+  const dds::Publisher<dds::JointState> other(participant_, "/PSM1/measured_js", dds::Role::kState);
+  options_.arm = "PSM2";
+  stops_ = "looking for other arms";
+  EXPECT_THAT(Shown(CheckArm(options_)),
+              AllOf(HasSubstr("nobody publishes /PSM2/measured_js"), HasSubstr("there is PSM1")));
+}
+
+TEST_F(NetworkCheckTest, FindsTheConsolesTopics) {
+  sim::PsmConsole console({.arm = "PSM1"});
+  sim::PsmConsoleServer server(participant_, console);
+  goes_on = [&] { server.Tick(0.005); };
+  options_.arm = "PSM1";
+  stops_ = "looking for PSM1";
+  starts_ = "listening";
+  EXPECT_THAT(Shown(CheckArm(options_)),
+              AllOf(HasSubstr("6 of the console's topics found"),
+                    HasSubstr("the console listens to state_command and servo_cp"),
+                    Not(HasSubstr("someone else"))));
+}
+
+TEST_F(NetworkCheckTest, FindsTheEndoscopesTopic) {
+  dds::Publisher<dds::Image> publisher(participant_, "/ECM/image_raw", dds::Role::kImage);
+  core::Random random(5);
+  options_.endoscope = "/ECM/image_raw";
+  EXPECT_THAT(Shown(CheckEndoscope(options_)),
+              HasSubstr("[wrong] nobody publishes pictures on /ECM/image_raw"));
+  goes_on = [&] {
+    dds::Image image;
+    image.stamp = dds::Stamp::Now();
+    image.width = 64;
+    image.height = 48;
+    image.encoding = "bgr8";
+    image.step = 192;
+    image.data.resize(std::size_t{48} * 192);
+    for (auto& value : image.data) value = static_cast<std::uint8_t>(100 + random.Below(50));
+    (void)publisher.Write(image);
+  };
+  options_.find_s = kForEver;
+  EXPECT_THAT(Shown(CheckEndoscope(options_)),
+              HasSubstr("pictures have 64 x 48 pixels, the intrinsics are for 640 x 480"));
+}
+
+TEST(PlatformMoveCheckTest, OpensThePortAndMovesOnlyAfterAsking) {
+  test::SprkEmulator emulator;
+  test::HandMovedClock clock;
+  CheckOptions options;
+  options.platform = emulator.device();
+  options.clock = &clock;
+  DeviceReport report = CheckPlatform(options);
+  EXPECT_TRUE(report.ok()) << Shown(report);
+  EXPECT_THAT(Shown(report), HasSubstr("never answers"));
+  options.move = true;
+  options.ask = [](const std::string&) { return true; };
+  report = CheckPlatform(options);
+  EXPECT_TRUE(report.ok()) << Shown(report);
+  const auto commands = emulator.Await(3);
+  ASSERT_EQ(commands.size(), 3U);
+  EXPECT_EQ(commands[0].letter, 'h');
+  EXPECT_EQ(commands[1].letter, 'a');
+}
+
+class PlatformHomeTest : public testing::Test {
+ protected:
+  // What it says, and how it ends.
+  std::pair<std::string, int> Home(const std::string& answer) {
+    std::string said;
+    HomeOptions options;
+    options.platform = emulator_.device();
+    options.confirms = [&](const std::string& question, const std::string& word) {
+      EXPECT_THAT(question, HasSubstr(emulator_.device()));
+      return answer == word;
+    };
+    options.say = [&](const std::string& text) { said += text; };
+    options.interrupted = &interrupted_;
+    options.clock = &clock_;
+    const int code = RunHome(options);
+    return {said, code};
+  }
+
+  test::SprkEmulator emulator_;
+  test::HandMovedClock clock_;
+  std::atomic<bool> interrupted_ = false;
+};
+
+TEST_F(PlatformHomeTest, MovesOnlyOnTheOperatorsWord) {
+  for (const char* answer : {"", "y", "yes", "home"}) EXPECT_EQ(Home(answer).second, 1) << answer;
+  const auto [said, code] = Home("platform");
+  EXPECT_EQ(code, 0);
+  EXPECT_THAT(said, HasSubstr("look whether it is there"));
+  const auto commands = emulator_.Await(1);
+  ASSERT_EQ(commands.size(), 1U);
+  EXPECT_EQ(commands[0].letter, 'h');
+}
+
+TEST_F(PlatformHomeTest, StopsOnCtrlC) {
+  clock_.waits = [this] { interrupted_ = true; };
+  const auto [said, code] = Home("platform");
+  EXPECT_EQ(code, 1);
+  EXPECT_THAT(said, HasSubstr("told to stop"));
+  const auto commands = emulator_.Await(2);
+  ASSERT_EQ(commands.size(), 2U);
+  EXPECT_EQ(commands[1].letter, 'a') << "a pose, and not home";
+}
+
+TEST_F(PlatformHomeTest, APortThatFailsIsNamed) {
+  HomeOptions options;
+  options.platform = emulator_.device();
+  options.clock = &clock_;
+  options.confirms = [&](const std::string&, const std::string&) {
+    emulator_.Unplug();
+    return true;
+  };
+  try {
+    RunHome(options);
+    ADD_FAILURE() << "it went home";
+  } catch (const core::Error& e) {
+    EXPECT_THAT(e.what(), AllOf(HasSubstr(emulator_.device()), HasSubstr("cut its power")));
+  }
+}
+
+// Whoever has no keyboard cannot have typed the word.
+TEST_F(PlatformHomeTest, NothingMovesWithoutATerminal) {
+  const std::string command =
+      std::string("echo platform | " DFR_HARDWARE " home --platform ") + emulator_.device();
+  EXPECT_EQ(test::PeerProcess({"/bin/sh", "-c", command}).Await(kForEver), 1);
+  EXPECT_EQ(Home("platform").second, 0);
+  EXPECT_EQ(emulator_.Await(1).size(), 1U) << "the second alone";
+}
+
+TEST(CheckProgramTest, ExitCodeTellsWhetherAllIsWell) {
+  test::SprkEmulator emulator;
+  const auto run = [](std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), {DFR_HARDWARE, "check"});
+    return test::PeerProcess(arguments).Await(kForEver);
+  };
+  EXPECT_EQ(run({"--platform", emulator.device(), "--generation", "Si"}), 0);
+  EXPECT_EQ(run({"--platform", "/dev/none"}), 1);
+  EXPECT_GT(run({"--generation", "Xi"}), 1);
+}
+
+}  // namespace
+}  // namespace dfr::apps::hardware_app

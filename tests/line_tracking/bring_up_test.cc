@@ -1,0 +1,159 @@
+// Bringing up a robot, and what its operator is asked meanwhile.
+#include "bring_up.h"
+
+#include <gtest/gtest.h>
+
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "tests/robot/fake_robot.h"
+
+namespace dfr::apps::line_tracking {
+namespace {
+
+using runtime::HoldReason;
+using test::FakeRobot;
+
+class BringUpTest : public testing::Test {
+ protected:
+  BringUpTest() { robot_.arm.unhomed = true; }
+  // Answers the first `yes` questions with yes.
+  [[nodiscard]] Confirms Answers(int yes) {
+    return [this, yes](std::string_view question, std::string_view word) {
+      robot_.loop.Idle(0.1);
+      questions_.emplace_back(question);
+      words_.emplace_back(word);
+      return static_cast<int>(words_.size()) <= yes;
+    };
+  }
+  // What is wrong; empty if it was brought up.
+  std::string Refusal(const Confirms& confirms) {
+    try {
+      BringUp(
+          options_, [this](std::string_view text) { said_ += std::string(text) + '\n'; }, confirms);
+      return {};
+    } catch (const std::runtime_error& e) {
+      return e.what();
+    }
+  }
+  // What `plan` does comes so long from now, in the loop's time.
+  void Later(double seconds, std::function<void()> plan) {
+    robot_.clock.plan_ns = robot_.clock.now_ns + static_cast<std::int64_t>(1e9 * seconds);
+    robot_.clock.plan = std::move(plan);
+  }
+
+  FakeRobot robot_;
+  BringUpOptions options_{.loop = &robot_.loop, .arm = &robot_.arm};
+  std::vector<std::string> questions_;
+  std::vector<std::string> words_;
+  std::string said_;
+};
+
+TEST_F(BringUpTest, NothingIsPoweredUpUnlessTheOperatorAsks) {
+  EXPECT_EQ(Refusal({}), "PSM1 is not homed, and nobody asked for it");
+  EXPECT_EQ(Refusal(Answers(0)), "PSM1 is not homed, and nobody asked for it");
+  EXPECT_EQ(words_, std::vector<std::string>{"home"});
+  EXPECT_EQ(robot_.arm.homings, 0);
+  words_.clear();
+  EXPECT_EQ(Refusal(Answers(1)), "");
+  EXPECT_EQ(robot_.arm.homings, 1);
+  EXPECT_EQ(said_, "PSM1: homing\n");
+  words_.clear();
+  EXPECT_EQ(Refusal(Answers(1)), "");
+  EXPECT_EQ(words_, std::vector<std::string>()) << "it is homed already";
+}
+
+TEST_F(BringUpTest, ASimulatedArmIsHomedWithoutBeingAsked) {
+  options_.simulated = true;
+  EXPECT_EQ(Refusal({}), "");
+  EXPECT_EQ(robot_.arm.homings, 1);
+}
+
+TEST_F(BringUpTest, WhatIsFoundInTheMiddleOfHomingEndsIt) {
+  struct {
+    HoldReason reason;
+    const char* detail;
+  } const cases[] = {{HoldReason::kEmergencyStop, "pressed"},
+                     {HoldReason::kEmergencyStopSilent, "gone"}};
+  for (const auto& [reason, detail] : cases) {
+    FakeRobot robot;
+    robot.arm.unhomed = true;
+    options_.loop = &robot.loop;
+    options_.arm = &robot.arm;
+    const Confirms confirms = [&](std::string_view, std::string_view) {
+      robot.clock.plan_ns = robot.clock.now_ns + 500'000'000;
+      robot.clock.plan = [&] { robot.stop.found = {reason, detail}; };
+      return true;
+    };
+    EXPECT_EQ(Refusal(confirms),
+              std::string("PSM1 was not homed: ") + runtime::Name(reason) + ": " + detail);
+    EXPECT_TRUE(robot.arm.unhomed);
+    EXPECT_EQ(robot.arm.disabled_ns, robot.clock.now_ns) << "in the same period";
+  }
+}
+
+TEST_F(BringUpTest, CtrlCEndsHomingAndWaiting) {
+  const Confirms confirms = [this](std::string_view, std::string_view) {
+    Later(0.5, [this] { robot_.interrupted = true; });
+    return true;
+  };
+  EXPECT_EQ(Refusal(confirms), "PSM1 was not homed: operator: interrupted");
+  EXPECT_TRUE(robot_.arm.unhomed);
+  const std::int64_t start_ns = robot_.clock.now_ns;
+  EXPECT_EQ(Refusal(confirms), "the robot is not ready: operator: interrupted");
+  EXPECT_LT(robot_.clock.now_ns - start_ns, 500'000'000) << "nobody waits for it";
+}
+
+TEST_F(BringUpTest, AStopThatIsPressedOrSilentHasToBeMendedAndCleared) {
+  for (const HoldReason reason : {HoldReason::kEmergencyStop, HoldReason::kEmergencyStopSilent}) {
+    words_.clear();
+    robot_.stop.found = {reason, "so"};
+    EXPECT_EQ(Refusal(Answers(1)),
+              std::string("the robot is not ready: ") + runtime::Name(reason) + ": so");
+    EXPECT_EQ(words_, (std::vector<std::string>{"clear", "clear"})) << "it is as it was";
+    EXPECT_EQ(robot_.arm.homings, 0);
+  }
+  words_.clear();
+  const Confirms releases = [this](std::string_view, std::string_view word) {
+    words_.emplace_back(word);
+    robot_.stop.found = {};
+    return true;
+  };
+  EXPECT_EQ(Refusal(releases), "");
+  EXPECT_EQ(words_, (std::vector<std::string>{"clear", "home"}));
+}
+
+TEST_F(BringUpTest, WhatIsNotMendedInTimeIsSaidWithItsRemedy) {
+  robot_.arm.found = {HoldReason::kArmSilent, "no console"};
+  options_.patience_s = 3.0;
+  options_.remedy = [] { return std::string("; start it"); };
+  EXPECT_EQ(Refusal(Answers(9)), "the robot is not ready: arm-silent: no console; start it");
+  EXPECT_EQ(words_, std::vector<std::string>());
+  EXPECT_EQ(said_, "waiting: arm-silent: no console\n");
+}
+
+TEST_F(BringUpTest, AnArmThatIsHomedElsewhereIsNotHomed) {
+  robot_.arm.unhomed = false;
+  options_.homed = true;
+  EXPECT_EQ(Refusal({}), "");
+  EXPECT_EQ(robot_.arm.homings, 0);
+}
+
+TEST_F(BringUpTest, ThePlatformMovesOnAWordOfItsOwn) {
+  options_.platform_home_s = 1.5;
+  EXPECT_EQ(Refusal(Answers(1)), "the platform is not at home, and nobody asked for it");
+  EXPECT_EQ(words_, (std::vector<std::string>{"home", "platform"}));
+  EXPECT_EQ(robot_.platform.homings, 0);
+  words_.clear();
+  const std::int64_t start_ns = robot_.clock.now_ns;
+  EXPECT_EQ(Refusal(Answers(1)), "");
+  EXPECT_EQ(robot_.platform.homings, 1);
+  EXPECT_GE(robot_.clock.now_ns - start_ns, 1'500'000'000);
+  robot_.platform.refuses = {HoldReason::kPlatform, "its port failed"};
+  words_.clear();
+  EXPECT_EQ(Refusal(Answers(1)), "the platform was not homed: platform: its port failed");
+}
+
+}  // namespace
+}  // namespace dfr::apps::line_tracking

@@ -1,0 +1,97 @@
+// Episodes of line tracking with a camera, whose pictures are drawn.
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <string>
+
+#include "dfr/experiment/paired_evaluation.h"
+#include "tests/line_tracking/scene.h"
+#include "trial_runner.h"
+
+namespace dfr::apps::line_tracking {
+namespace {
+
+using sim::LineTrackingPlant;
+
+LineModel Fitted() {
+  static const imitation::DemonstrationSet set =
+      Demonstrate(FromTruth(), Known(FromTruth()), 10, 50, 1);
+  return LineModel::Fit(set, {.hidden = {8}, .gammas = {0.5}});
+}
+
+// Breaks the camera after a few controls.
+class Saboteur final : public control::RolloutObserver {
+ public:
+  Saboteur(LineTrackingPlant& plant, sim::CameraFault fault) : plant_(plant), fault_(fault) {}
+  void OnControl(const control::RolloutEvent& /*event*/) override {
+    if (++controls_ == 3) plant_.SetCameraFault(fault_);
+  }
+
+ private:
+  LineTrackingPlant& plant_;
+  sim::CameraFault fault_;
+  int controls_ = 0;
+};
+
+TEST(CameraEpisodesTest, ABlindCameraHaltsTheEpisode) {
+  const sim::LineTrackingOptions options;
+  const line_task::LineCalibration known = Known(options);
+  const LineModel model = Fitted();
+  for (const sim::CameraFault fault :
+       {sim::CameraFault::kFrozen, sim::CameraFault::kBlack, sim::CameraFault::kOverexposed,
+        sim::CameraFault::kNoLine, sim::CameraFault::kNoTip}) {
+    LineTrackingPlant plant(options, &known);
+    const auto controller = model.MakeController("baseline");
+    Saboteur saboteur(plant, fault);
+    const control::RolloutResult result =
+        control::Rollout(plant, *controller, {.plant_seed = 1}, &saboteur);
+    EXPECT_EQ(result.outcome, core::Outcome::kHalted);
+    EXPECT_EQ(result.halt_cause, control::HaltCause::kStateInvalid);
+    EXPECT_EQ(result.policy_steps, 4);
+  }
+}
+
+// Results say what the picture did not show.
+TEST(CameraEpisodesTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
+  const sim::LineTrackingOptions options;
+  line_task::LineCalibration foreign = Known(options);
+  foreign.camera.fx *= 1.5;
+  foreign.camera.fy *= 1.5;
+  LineTrialRunner runner(Fitted(), {"baseline", "guided"}, options, foreign);
+  for (const int method : {0, 1}) {
+    const experiment::EpisodeResult result = runner.Run(method, 1, 1);
+    EXPECT_EQ(result.outcome, core::Outcome::kHalted);
+    EXPECT_EQ(result.cause,
+              std::string("not-seen-") + vision::Name(runner.plant().last_observation().missing));
+    EXPECT_NE(runner.plant().last_observation().missing, vision::NotSeen::kNothing);
+  }
+}
+
+// Each thread with its own OpenGL context.
+TEST(CameraEpisodesTest, TheNumberOfThreadsDoesNotMatter) {
+  const sim::LineTrackingOptions options = Disturbed();
+  const experiment::EvaluationPlan plan{.methods = {"baseline"},
+                                        .learners = {"8"},
+                                        .demonstrations = {10},
+                                        .trials = 2,
+                                        .episodes = 1,
+                                        .seed = 5};
+  const auto make = [&](const experiment::EvaluationUnit& /*unit*/) {
+    return std::make_unique<LineTrialRunner>(Fitted(), plan.methods, options, Known(options));
+  };
+  const auto run = [&](int threads) {
+    auto results = experiment::Evaluate(plan, make, {.threads = threads});
+    for (auto& unit : results) {
+      for (auto& method : unit.episodes) {
+        for (auto& episode : method) episode.seconds = 0.0;
+      }
+    }
+    return results;
+  };
+  const auto one = run(1);
+  ASSERT_EQ(one.size(), 2U);
+  EXPECT_EQ(one, run(2));
+}
+
+}  // namespace
+}  // namespace dfr::apps::line_tracking

@@ -1,0 +1,51 @@
+#include "emergency_stop_monitor.h"
+
+#include <gtest/gtest.h>
+
+#include <optional>
+
+#include "tests/dds/domain.h"
+#include "tests/support/eventually.h"
+
+namespace dfr::apps::line_tracking {
+namespace {
+
+TEST(EmergencyStopMonitorTest, SaysHowTheLoopStandsAndThatItEnds) {
+  dds::Participant network({.domain = test::OwnDomain()});
+  dds::Subscriber<dds::OperatingState> listener(network, dds::kRunStateTopic, dds::Role::kState);
+  std::optional<EmergencyStopMonitor> monitor;
+  monitor.emplace(network, false, 1.0);
+  dds::OperatingState heard;
+  test::Eventually([&] {
+    monitor->Beat(runtime::RunState::kHolding);
+    return listener.TakeNewest(heard) && heard.state == "holding";
+  });
+  EXPECT_TRUE(monitor->Report().finding.ok()) << "there is no stop to listen to";
+  monitor.reset();
+  test::Eventually([&] { return listener.TakeNewest(heard) && heard.state == dds::kRunEnded; });
+}
+
+TEST(EmergencyStopMonitorTest, AStopIsSilentUntilItIsHeardAndPressedAsLongAsItIs) {
+  dds::Participant network({.domain = test::OwnDomain()});
+  EmergencyStopMonitor monitor(network, true, 10.0);
+  EXPECT_EQ(monitor.Report().finding.reason, runtime::HoldReason::kEmergencyStopSilent);
+  dds::EmergencyStopButton button(network);
+  const auto becomes = [&](runtime::HoldReason reason) {
+    test::Eventually([&] {
+      button.Beat();
+      return monitor.Report().finding.reason == reason;
+    });
+  };
+  becomes(runtime::HoldReason::kNone);
+  button.Press();
+  becomes(runtime::HoldReason::kEmergencyStop);
+  button.Release();
+  test::Eventually([&] {
+    button.Beat();
+    monitor.Acknowledge();
+    return monitor.Report().finding.ok();
+  });
+}
+
+}  // namespace
+}  // namespace dfr::apps::line_tracking

@@ -1,0 +1,27 @@
+#pragma once
+
+#include <functional>
+#include <string_view>
+
+#include "robot_config.h"
+
+namespace dfr::apps::line_tracking {
+
+/// A run on dvrk_simulator --lock-step, for whose answers it waits as long as they take.
+inline RobotConfig LockStepConfig(int domain) {
+  RobotConfig config;
+  config.robot = RobotPlace::kDds;
+  config.network.domain = domain;
+  config.simulator = true;
+  config.lock_step = true;
+  config.simulator_answer_s = 86400.0;
+  config.emergency_stop = false;
+  return config;
+}
+
+/// Says yes to whatever is asked, but not for ever: what asks again and again gets nowhere.
+inline std::function<bool(std::string_view, std::string_view)> Agrees() {
+  return [left = 10](std::string_view, std::string_view) mutable { return left-- > 0; };
+}
+
+}  // namespace dfr::apps::line_tracking

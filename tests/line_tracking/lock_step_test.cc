@@ -1,0 +1,158 @@
+// Line tracking over the network, in lock-step with the simulator, against line tracking in one
+// process; the run as a program; the platform of a run, whose port is an emulator's.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "dfr/recording/read_recording.h"
+#include "robot_plant.h"
+#include "simulator_link.h"
+#include "tests/dds/domain.h"
+#include "tests/dds/keystore.h"
+#include "tests/dds/peer_process.h"
+#include "tests/hardware_stewart/sprk_emulator.h"
+#include "tests/line_tracking/lock_step_config.h"
+#include "tests/line_tracking/model_folder.h"
+
+namespace dfr::apps::line_tracking {
+namespace {
+
+TEST(LockStepTest, InLockStepTheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
+  const int domain = test::OwnDomain();
+  const line_task::LineCalibration known = Data().Calibration();
+  const test::PeerProcess simulator({DFR_SIMULATOR, "--lock-step", "--domain",
+                                     std::to_string(domain), "--wave", "random", "--calibration",
+                                     (Data().path / "calibration.dfr").string()});
+  sim::LineTrackingPlant here(Disturbed(), &known);
+  RobotPlant there(LockStepConfig(domain), known, nullptr);
+  there.BringUp({});
+  const LineModel model = LineModel::Load(Data().path / "model");
+  // Short ones: guided recovery, which makes more controls, is run below.
+  for (const auto& [method, outcome] : {std::pair("baseline", core::Outcome::kCompleted),
+                                        std::pair("early-stopping", core::Outcome::kHalted)}) {
+    SCOPED_TRACE(method);
+    const std::unique_ptr<control::Controller> controller = model.MakeController(method);
+    const Ending in_process = Episode(here, *controller, 0);
+    EXPECT_EQ(in_process.outcome, outcome);
+    const Ending over_the_wire = Episode(there, *controller, 0);
+    EXPECT_EQ(over_the_wire, in_process)
+        << "here " << core::Name(in_process.outcome) << ", there "
+        << core::Name(over_the_wire.outcome) << ' ' << control::Name(over_the_wire.cause);
+  }
+}
+
+TEST(LaunchTest, AllItStartsIsOfTheRunsSecuredNetwork) {
+  const test::Keystore keys = {{"line_tracking", dds::Permission::kController},
+                               {"dvrk_simulator", dds::Permission::kConsole},
+                               {"stop", dds::Permission::kButton}};
+  const std::filesystem::path config = Data().path / "secured.toml";
+  const std::filesystem::path recordings = Data().path / "secured";
+  std::ofstream(config) << "robot = 'dds'\nmodel = '" << (Data().path / "model").string()
+                        << "'\ncalibration = '" << (Data().path / "calibration.dfr").string()
+                        << "'\nrecordings = '" << recordings.string()
+                        << "'\n[network]\ndomain = " << test::OwnDomain() << "\nsecurity = '"
+                        << keys.enclave("line_tracking").string()
+                        << "'\n[simulator]\npresent = true\nlock_step = true\nanswer_s = 86400.0\n"
+                           "[emergency_stop]\nmax_silence_s = 10.0\n";
+  test::PeerProcess launch(
+      {DFR_LINE_TRACKING, "launch", "--config", config.string(), "--episodes", "1"});
+  ASSERT_EQ(launch.Await(1e9), 0);
+  ASSERT_TRUE(std::filesystem::exists(recordings));
+  const recording::Recording log =
+      recording::ReadRecording(std::filesystem::directory_iterator(recordings)->path());
+  EXPECT_GT(log.steps.size(), 0U);
+}
+
+// As where the simulator was stopped: both ways of asking give up by themselves, and the loop has
+// gone on meanwhile.
+TEST(SimulatorLinkTest, AQuestionThatIsNeverAnsweredEndsAfterItsTime) {
+  dds::Participant network({.domain = test::OwnDomain()});
+  std::int64_t now_ns = 0;
+  const std::int64_t step_ns = 500'000'000;
+  SimulatorLink link(network, 5.0, [&] { return now_ns += step_ns; });
+  SimulatorTruth truth;
+  int periods = 0;
+  EXPECT_FALSE(link.Truth(truth, [&periods] { return ++periods != 3; })) << "it is not to go on";
+  EXPECT_EQ(periods, 3);
+  const std::function<void()> ways[] = {
+      [&] { static_cast<void>(link.Truth(truth, [&periods] { return ++periods > 0; })); },
+      [&] { static_cast<void>(link.Truth()); }};
+  for (const auto& ask : ways) {
+    const std::int64_t start_ns = now_ns;
+    try {
+      ask();
+      ADD_FAILURE() << "it is answered";
+    } catch (const std::runtime_error& e) {
+      EXPECT_STREQ(e.what(), "the simulator does not answer 'truth'");
+    }
+    EXPECT_GE(now_ns - start_ns, 5'000'000'000);
+    EXPECT_LE(now_ns - start_ns, 5'000'000'000 + 2 * step_ns);
+  }
+  EXPECT_GE(periods, 3 + 10);
+}
+
+class PlatformTest : public testing::Test {
+ protected:
+  [[nodiscard]] RobotConfig Robot() const {
+    RobotConfig config = LockStepConfig(domain_);
+    config.platform.device = port_.device();
+    config.platform.wave = hardware::SprkWaveKind::kSine;
+    config.platform.motion.amplitude.translation_m.x() = 0.00254;
+    config.platform.motion.frequency_hz[0] = 0.1;
+    return config;
+  }
+  // The letters of the first `count` commands.
+  [[nodiscard]] std::string Arrived(std::size_t count) {
+    std::string letters;
+    for (const auto& command : port_.Await(count)) letters += command.letter;
+    return letters;
+  }
+
+  int domain_ = test::OwnDomain();
+  test::PeerProcess simulator_{
+      std::vector<std::string>{DFR_SIMULATOR, "--lock-step", "--domain", std::to_string(domain_)}};
+  test::SprkEmulator port_;
+};
+
+TEST_F(PlatformTest, MovesOnTheOperatorsWordAndRestsWhenTheRobotHolds) {
+  {
+    RobotPlant robot(Robot(), Data().Calibration(), nullptr);
+    EXPECT_THROW(robot.BringUp({}), std::runtime_error) << "nobody asked for it";
+    std::string asked;
+    const auto refuses = [&](std::string_view question, std::string_view word) {
+      asked = std::string(question) + "|" + std::string(word);
+      return false;
+    };
+    EXPECT_THROW(robot.BringUp({}, refuses), std::runtime_error);
+    EXPECT_NE(asked.find("moves|platform"), std::string::npos) << asked;
+    EXPECT_EQ(Arrived(0), "");
+    robot.BringUp({}, Agrees());
+    EXPECT_EQ(Arrived(2), "ha") << "home, and rests there";
+
+    robot.Reset(1);
+    EXPECT_EQ(Arrived(3), "hac") << "the wave of the episode";
+    ASSERT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kOk) << robot.loop().cause();
+    EXPECT_EQ(Arrived(0), "hac");
+    robot.loop().Hold(runtime::HoldReason::kImageOld);
+    EXPECT_EQ(Arrived(4), "haca") << "at once, without another period";
+    robot.Halt();
+    EXPECT_EQ(Arrived(0), "haca") << "it rests already";
+    ASSERT_TRUE(robot.Clear());
+    robot.Reset(2);
+    EXPECT_EQ(Arrived(5), "hacac");
+  }
+  EXPECT_EQ(Arrived(6), "hacaca") << "the program ended in the middle of an episode";
+  EXPECT_EQ(port_.Await(0).back().Pose().translation_m.x(), 0.0) << "in the wave's middle";
+}
+
+}  // namespace
+}  // namespace dfr::apps::line_tracking

@@ -1,0 +1,91 @@
+// What is left of a run, and what no run begins with.
+#include "recorded_controller.h"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <stdexcept>
+#include <string>
+
+#include "commands.h"
+#include "dfr/recording/read_recording.h"
+#include "tests/line_tracking/model_folder.h"
+
+namespace dfr::apps::line_tracking {
+namespace {
+
+TEST(RunTest, WhatWasSimulatedDrivesNoRobot) {
+  RunOptions options;
+  options.config = Data().path / "robot.toml";
+  std::ofstream(options.config) << "robot = 'dds'\nmodel = '" << (Data().path / "model").string()
+                                << "'\n[arm]\nserial = 'A7'\n[camera]\nname = 'left eye'\n";
+  try {
+    RunRun(options);
+    ADD_FAILURE() << "it was taken";
+  } catch (const std::runtime_error& e) {
+    const std::string words = e.what();
+    EXPECT_NE(words.find("model: its origin is 'simulated'"), std::string::npos) << words;
+    EXPECT_NE(words.find("fit again"), std::string::npos) << words;
+  }
+}
+
+TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSeen) {
+  const std::filesystem::path path = Data().path / "run.mcap";
+  const std::filesystem::path folder = Data().path / "model";
+  const LineModel model = LineModel::Load(folder);
+  recording::RecordingMetadata metadata;
+  metadata.model = folder.string();
+  metadata.model_checksum = recording::Checksum(folder);
+  metadata.method = "guided";
+  metadata.commit = "0123456789ab";
+  const line_task::LineCalibration known = Data().Calibration();
+  sim::LineTrackingPlant plant(FromTruth(), &known);
+  {
+    recording::Recorder recorder(path, metadata);
+    const std::unique_ptr<control::Controller> guided = model.MakeController("guided");
+    RecordedController controller(*guided, &recorder);
+    for (std::uint64_t episode = 0; episode < 3; ++episode) {
+      controller.BeginEpisode(episode);
+      static_cast<void>(Episode(plant, controller, episode));
+    }
+    recorder.Finish();
+  }
+  const recording::Recording log = recording::ReadRecording(path);
+  EXPECT_GT(log.steps.size(), 60U);
+  EXPECT_EQ(log.steps.front().state.view().size(), 4U);
+  testing::internal::CaptureStdout();
+  EXPECT_TRUE(ReplayRecording(path, {}));
+  // Where methods have changed since, it says why decisions may differ.
+  EXPECT_NE(testing::internal::GetCapturedStdout().find("this program is of commit "),
+            std::string::npos);
+
+  // Another model decides otherwise.
+  LineModelOptions other;
+  other.hidden = {8};
+  other.gammas = {0.5};
+  const std::filesystem::path elsewhere = Data().path / "other";
+  LineModel::Fit(Demonstrate(FromTruth(), known, 12, 50, 9), other).Save(elsewhere);
+  EXPECT_FALSE(ReplayRecording(path, elsewhere));
+}
+
+// "All decisions are the same" would be true of it.
+TEST(RecordedControllerTest, ARecordingWithoutDecisionsIsNotMadeAgain) {
+  const std::filesystem::path path = Data().path / "empty.mcap";
+  recording::RecordingMetadata metadata;
+  metadata.model = (Data().path / "model").string();
+  metadata.model_checksum = recording::Checksum(Data().path / "model");
+  metadata.method = "guided";
+  recording::Recorder(path, metadata).Finish();
+  try {
+    static_cast<void>(ReplayRecording(path, {}));
+    ADD_FAILURE() << "nothing was made again";
+  } catch (const std::runtime_error& e) {
+    EXPECT_NE(std::string(e.what()).find("empty.mcap holds no decision"), std::string::npos)
+        << e.what();
+  }
+}
+
+}  // namespace
+}  // namespace dfr::apps::line_tracking

@@ -1,0 +1,55 @@
+// What a run tells its operator, printed by a thread of its own.
+#include "screen.h"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <string>
+
+#include "tests/line_tracking/pipe.h"
+#include "tests/support/eventually.h"
+
+namespace dfr::apps::line_tracking {
+namespace {
+
+using test::Pipe;
+
+TEST(ScreenTest, PrintsAllInOrder) {
+  const Pipe shown;
+  {
+    Screen screen(shown.out());
+    for (int i = 0; i < 3; ++i) screen.Say("line %d of %s\n", i, "three");
+  }
+  EXPECT_EQ(shown.Text(), "line 0 of three\nline 1 of three\nline 2 of three\n");
+}
+
+// As a terminal after Ctrl-S: neither the loop nor the program's end waits for it for ever.
+TEST(ScreenTest, NobodyWaitsForATerminalThatStandsStill) {
+  const Pipe shown;
+  ::fcntl(shown.out(), F_SETFL, O_NONBLOCK);
+  const std::string much(4096, 'x');
+  while (::write(shown.out(), much.data(), much.size()) > 0) {
+  }
+  ::fcntl(shown.out(), F_SETFL, 0);
+  Screen screen(shown.out(), 10);
+  for (int i = 0; i < 1000; ++i) screen.Say("line %d\n", i);
+}
+
+TEST(ScreenTest, SaysHowMuchIsMissing) {
+  const Pipe shown;
+  std::string text;
+  {
+    Screen screen(shown.out());
+    // More than the pipe and those that wait beside it.
+    for (int i = 0; i < 20'000; ++i) screen.Say("line %d\n", i);
+    test::Eventually([&] {
+      text += shown.Text();
+      return text.find("lines were not shown") != std::string::npos;
+    });
+  }
+  EXPECT_EQ(text.find("line 0\n"), 0U);
+}
+
+}  // namespace
+}  // namespace dfr::apps::line_tracking

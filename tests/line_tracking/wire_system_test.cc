@@ -1,0 +1,237 @@
+// Line tracking on the simulated console in real time, and what becomes of it when one of its
+// processes is killed.
+//
+// By estimate an idle machine has all devices found and the robot brought up within 2.5 s.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <thread>
+#include <vector>
+
+#include "robot_plant.h"
+#include "simulator_link.h"
+#include "tests/dds/domain.h"
+#include "tests/dds/peer_process.h"
+#include "tests/line_tracking/lock_step_config.h"
+#include "tests/line_tracking/model_folder.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::apps::line_tracking {
+namespace {
+
+constexpr double kPatience = 25.0;  // s: ten times that estimate
+
+class RealTimeTest : public testing::Test {
+ protected:
+  // On a machine that others use, too: pictures are drawn by its processor.
+  [[nodiscard]] RobotConfig Simulated() const {
+    RobotConfig config = LockStepConfig(domain_);
+    config.lock_step = false;
+    config.simulator_answer_s = 5.0;
+    config.image_max_age_s = 5.0;
+    config.max_period_s = 5.0;
+    config.arm_client.watchdog.max_age_s = config.arm_client.watchdog.max_silence_s = 5.0;
+    config.arm_client.max_tick_gap_s = 5.0;
+    return config;
+  }
+  // The same, which takes the console for a robot's.
+  [[nodiscard]] RobotConfig Robot() const {
+    RobotConfig config = Simulated();
+    config.simulator = false;
+    config.emergency_stop = true;
+    config.emergency_stop_silence_s = 0.5;
+    return config;
+  }
+  [[nodiscard]] std::vector<std::string> Stop() const {
+    return {DFR_HARDWARE, "stop", "--unattended", "--domain", std::to_string(domain_)};
+  }
+  // Whether the console says so of its arm.
+  [[nodiscard]] bool ConsoleSays(std::string_view state, bool busy) {
+    const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(kPatience);
+    dds::OperatingState heard;
+    while (std::chrono::steady_clock::now() < end) {
+      while (arm_.Take(heard)) {
+        if (heard.state == state && heard.is_busy == busy) return true;
+      }
+      static_cast<void>(arm_.Wait(0.01));
+    }
+    return false;
+  }
+
+  int domain_ = test::OwnDomain();
+  test::PeerProcess simulator_{std::vector<std::string>{DFR_SIMULATOR, "--domain",
+                                                        std::to_string(domain_), "--homing", "1.5",
+                                                        "--image-period", "0.1"}};
+  dds::Participant network_{{.domain = domain_}};
+  dds::Subscriber<dds::OperatingState> arm_{network_, "/PSM1/operating_state", dds::Role::kEvent};
+};
+
+TEST_F(RealTimeTest, TheLoopAllocatesNothingAndHoldsWhenTheConsoleIsKilled) {
+  RobotPlant robot(Simulated(), Data().Calibration(), nullptr);
+  robot.BringUp({});
+  robot.Reset(1);
+  ASSERT_EQ(robot.loop().state(), runtime::RunState::kRunning) << robot.loop().cause();
+  {
+    const test::NoAlloc no_alloc;
+    robot.loop().Idle(0.5);
+  }
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kRunning) << robot.loop().cause();
+  simulator_.Signal(SIGKILL);
+  for (int n = 0; n < 250 && robot.loop().may_move(); ++n) robot.loop().Idle(kPatience / 250);
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kFaulted);
+  EXPECT_NE(robot.loop().Start(), runtime::HoldReason::kNone);
+}
+
+TEST(LockStepSystemTest, ASimulatorThatIsKilledIsAFault) {
+  const int domain = test::OwnDomain();
+  test::PeerProcess simulator({DFR_SIMULATOR, "--lock-step", "--domain", std::to_string(domain)});
+  RobotConfig config = LockStepConfig(domain);
+  config.simulator_answer_s = 10.0;  // by estimate 100 times what a picture takes
+  RobotPlant robot(config, Data().Calibration(), nullptr);
+  robot.BringUp({});
+  robot.Reset(1);
+  ASSERT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kOk) << robot.loop().cause();
+  simulator.Signal(SIGKILL);
+  EXPECT_EQ(robot.Apply(std::array{0.3, 0.0}), core::PlantStatus::kFault);
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kFaulted);
+  EXPECT_NE(robot.loop().cause().find("arm-silent"), std::string::npos) << robot.loop().cause();
+  EXPECT_NE(robot.loop().Start(), runtime::HoldReason::kNone);
+}
+
+TEST_F(RealTimeTest, AStopThatIsKilledInTheMiddleOfHomingEndsIt) {
+  const test::PeerProcess stop(Stop());
+  RobotPlant robot(Robot(), Data().Calibration(), nullptr);
+  std::thread kills([&] {
+    EXPECT_TRUE(ConsoleSays("ENABLED", true));
+    stop.Signal(SIGKILL);
+  });
+  try {
+    robot.BringUp({}, Agrees());
+    ADD_FAILURE() << "it went on";
+  } catch (const std::runtime_error& e) {
+    EXPECT_NE(std::string(e.what()).find("emergency-stop-silent"), std::string::npos) << e.what();
+  }
+  kills.join();
+  EXPECT_TRUE(ConsoleSays("DISABLED", false));
+}
+
+TEST_F(RealTimeTest, TheArmStandsStillWhenItsProgramIsKilled) {
+  const std::filesystem::path config = Data().path / "killed.toml";
+  std::ofstream(config) << "robot = 'dds'\nmodel = '" << (Data().path / "model").string()
+                        << "'\ncalibration = '" << (Data().path / "calibration.dfr").string()
+                        << "'\nrecordings = 'none'\n[network]\ndomain = " << domain_
+                        << "\n[arm]\nmax_age_s = 5.0\nmax_silence_s = 5.0\n[camera]\nmax_age_s = "
+                           "5.0\n[simulator]\npresent = true\n[emergency_stop]\nrequired = "
+                           "false\n[loop]\npriority = 0\nmax_period_s = 5.0\n";
+  const test::PeerProcess program(
+      {DFR_LINE_TRACKING, "run", "--config", config.string(), "--episodes", "100"});
+  dds::Subscriber<dds::PoseStamped> setpoint(network_, "/PSM1/setpoint_cp", dds::Role::kState);
+  dds::PoseStamped first;
+  dds::PoseStamped pose;
+  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(2 * kPatience);
+  const auto moved = [&] { return (pose.position_m - first.position_m).norm(); };
+  // In the middle of an episode: it has gone by a millimetre in steps of at most half of one.
+  bool began = false;
+  while (!(began && moved() > 0.001) && std::chrono::steady_clock::now() < end) {
+    if (!setpoint.Wait(0.1) || !setpoint.TakeNewest(pose) || !pose.stamp.valid()) continue;
+    if (!began || moved() > 0.005) first = pose;  // it was placed elsewhere
+    began = true;
+  }
+  ASSERT_GT(moved(), 0.001) << "it does not move";
+  program.Signal(SIGKILL);
+  std::this_thread::sleep_for(std::chrono::milliseconds(500));  // five times the console's lag
+  ASSERT_TRUE(setpoint.TakeNewest(first));
+  std::this_thread::sleep_for(std::chrono::milliseconds(500));
+  ASSERT_TRUE(setpoint.TakeNewest(pose));
+  EXPECT_EQ(moved(), 0.0);
+}
+
+// The tool hangs askew over the line: it is lifted, looked at, turned and lowered again.
+class AskewTest : public RealTimeTest {
+ protected:
+  // Where the simulator says that the tip is, with the arm's tool tilted by 0.3 rad about it.
+  void Tilt() {
+    dds::Participant network({.domain = domain_});
+    SimulatorLink link(network);
+    link.Await(kPatience);
+    link.Reset(1);
+    dds::Subscriber<dds::PoseStamped> measured(network, "/PSM1/setpoint_cp", dds::Role::kState);
+    dds::Publisher<dds::PoseStamped> move(network, "/PSM1/move_cp", dds::Role::kRequest);
+    dds::PoseStamped pose;
+    const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(kPatience);
+    while (!(measured.TakeNewest(pose) && pose.stamp.valid()) || move.num_subscribers() == 0) {
+      ASSERT_LT(std::chrono::steady_clock::now(), end);
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(500));  // until it knows us, too
+    const Eigen::Vector3d jaw(0.0, 0.0, kinematics::Psm::kJawLength);
+    const Eigen::Vector3d tip = pose.position_m + pose.orientation * jaw;
+    pose.orientation =
+        pose.orientation * Eigen::Quaterniond(Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitX()));
+    pose.position_m = tip - pose.orientation * jaw;
+    ASSERT_TRUE(move.Write(pose));
+    for (dds::PoseStamped now; std::chrono::steady_clock::now() < end;
+         std::this_thread::sleep_for(std::chrono::milliseconds(10))) {
+      if (measured.TakeNewest(now) && (now.position_m - pose.position_m).norm() < 1e-6) break;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(500));  // the joints follow
+  }
+};
+
+TEST_F(AskewTest, TheToolIsLiftedThenTurnedAndNeverGoesDown) {
+  Tilt();
+  const test::PeerProcess stop(Stop());
+  RobotPlant robot(Robot(), Data().Calibration(), nullptr);
+  robot.BringUp({}, Agrees());
+  SimulatorLink link(network_);
+  link.Await(kPatience);
+  const double before = link.Truth().tip_m.z();
+  std::atomic<bool> done = false;
+  double lowest = before;
+  double highest = before;
+  std::thread watches([&] {
+    while (!done) {
+      const double z = link.Truth().tip_m.z();
+      lowest = std::min(lowest, z);
+      highest = std::max(highest, z);
+    }
+  });
+  EXPECT_NO_THROW(robot.Reset(1));
+  done = true;
+  watches.join();
+  EXPECT_EQ(robot.loop().state(), runtime::RunState::kRunning) << robot.loop().cause();
+  // What the encoders have, within 0.3 mm; the simulated cables add a few tenths.
+  EXPECT_GT(lowest, before - 1e-3);
+  EXPECT_GT(highest, before + 4e-3);
+}
+
+TEST_F(AskewTest, NothingMovesWhereAWayWouldLeaveTheRegion) {
+  Tilt();
+  const test::PeerProcess stop(Stop());
+  RobotConfig config = Robot();
+  config.region.box_min_m.z() = 0.02;  // so high that the tip is already below, and would return
+  RobotPlant robot(config, Data().Calibration(), nullptr);
+  robot.BringUp({}, Agrees());
+  SimulatorLink link(network_);
+  link.Await(kPatience);
+  const Eigen::Vector3d before = link.Truth().tip_m;
+  try {
+    robot.Reset(1);
+    ADD_FAILURE() << "it went on";
+  } catch (const std::runtime_error& e) {
+    EXPECT_NE(std::string(e.what()).find("mm beyond the floor; move it by hand"), std::string::npos)
+        << e.what();
+  }
+  EXPECT_LT((link.Truth().tip_m - before).norm(), 1e-4);
+}
+
+}  // namespace
+}  // namespace dfr::apps::line_tracking
