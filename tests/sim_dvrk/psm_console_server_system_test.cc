@@ -11,8 +11,8 @@
 namespace dfr::sim {
 namespace {
 
-// The calls of dvrk_python's test scripts, one after another, in real time: some 20 s on an idle
-// machine, of which 12 times as much are granted.
+// The calls of dvrk_python's test scripts, one after another, in real time: some 17 s on an idle
+// machine, of which 14 times as much are granted.
 TEST(PsmConsoleServerSystemTest, AnswersWhateverTheScriptsOfDvrkPythonAsk) {
   using Clock = std::chrono::steady_clock;
   PsmConsole console({.arm = "PSM1", .homing_s = 0.2});
