@@ -35,38 +35,29 @@ void RemoveOldPorts(int domain) {
   }
 }
 
-// Two programs of two DDS implementations, in real time.
-TEST(DvrkSimulatorTest, CycloneClientHomesAndMovesTheArmAndSeesWhatTheEndoscopeSees) {
-  const std::string domain = std::to_string(OwnDomain());
-  PeerProcess simulator({DFR_SIMULATOR, "--domain", domain, "--homing", "0.5"});
-  PeerProcess client({DFR_CYCLONE_CLIENT, domain, "picture"});
-  EXPECT_EQ(client.Await(90.0), 0);
-  simulator.Signal(SIGINT);
-  EXPECT_EQ(simulator.Await(60.0), 0);
-}
+// Longer than any test may take, which ends it.
+constexpr double kEver = 1e6;  // s
 
-TEST(DvrkSimulatorTest, StopsCleanlyAndLeavesNoSharedMemory) {
+// Two programs of two DDS implementations.
+TEST(DvrkSimulatorTest, MovesTheArmForAClientAndLeavesNoSharedMemory) {
   RemoveOldPorts(OwnDomain());
-  for (const int signal : {SIGINT, SIGTERM}) {
-    const std::string domain = std::to_string(OwnDomain());
-    PeerProcess simulator({DFR_SIMULATOR, "--domain", domain, "--homing", "0.1"});
-    PeerProcess client({DFR_CYCLONE_CLIENT, domain});
-    ASSERT_EQ(client.Await(90.0), 0);
-    const std::vector<std::string> files = SharedMemory(simulator);
-    EXPECT_FALSE(files.empty());
-    simulator.Signal(signal);
-    EXPECT_EQ(simulator.Await(60.0), 0);
-    for (const std::string& file : files) EXPECT_FALSE(std::filesystem::exists(file)) << file;
-  }
+  const std::string domain = std::to_string(OwnDomain());
+  PeerProcess simulator({DFR_SIMULATOR, "--domain", domain, "--homing", "0.1"});
+  PeerProcess client({DFR_CYCLONE_CLIENT, domain, "picture"});
+  ASSERT_EQ(client.Await(kEver), 0);
+  const std::vector<std::string> files = SharedMemory(simulator);
+  EXPECT_FALSE(files.empty());
+  simulator.Signal(SIGINT);
+  EXPECT_EQ(simulator.Await(kEver), 0);
+  for (const std::string& file : files) EXPECT_FALSE(std::filesystem::exists(file)) << file;
 }
 
 TEST(DvrkSimulatorTest, WrongOptionsAreRefused) {
-  EXPECT_GT(PeerProcess({DFR_SIMULATOR, "--domain", "400"}).Await(30.0), 0);
-  EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--drop", "2"}).Await(30.0), 1);
-  EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--camera-fault", "upside_down"}).Await(30.0), 1);
-  EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--arm-error", "-1"}).Await(30.0), 1);
-  EXPECT_GT(PeerProcess({DFR_SIMULATOR, "--wave", "tsunami"}).Await(30.0), 0);
-  EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--help"}).Await(30.0), 0);
+  EXPECT_GT(PeerProcess({DFR_SIMULATOR, "--domain", "400"}).Await(kEver), 0);
+  EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--drop", "2"}).Await(kEver), 1);
+  EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--arm-error", "-1"}).Await(kEver), 1);
+  EXPECT_GT(PeerProcess({DFR_SIMULATOR, "--wave", "tsunami"}).Await(kEver), 0);
+  EXPECT_EQ(PeerProcess({DFR_SIMULATOR, "--help"}).Await(kEver), 0);
 }
 
 }  // namespace

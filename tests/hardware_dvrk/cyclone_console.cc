@@ -2,12 +2,14 @@
 // the arm's dimensions, nothing else. PSM1 homes in 0.3 s and follows servo_cp at once, until the
 // program is killed:
 //   cyclone_console DOMAIN [FAIL_YAW]
+// Its time is that of the newest std_msgs/Float64 on /test/time, s since the epoch. For each of
+// these it measures.
 // As the real one, it stamps measurements zero until it is homed, drops servo_cp with a warning
 // when it is not ready, keeps events for late joiners, and holds the last goal for ever. Where yaw
 // passes FAIL_YAW (rad), the arm fails.
 #include <dds/dds.h>
 
-#include <chrono>
+#include <cmath>
 #include <cstdint>
 #include <cstdlib>
 #include <string>
@@ -27,8 +29,7 @@ dds_entity_t Check(dds_entity_t code) {
   return code;
 }
 
-dds_entity_t Topic(const dds_topic_descriptor_t& type, const char* name) {
-  const std::string full = std::string("rt/PSM1/") + name;
+dds_entity_t Topic(const dds_topic_descriptor_t& type, const std::string& full) {
   return Check(dds_create_topic(participant, &type, full.c_str(), nullptr, nullptr));
 }
 
@@ -40,18 +41,19 @@ dds_qos_t* Qos(int depth, bool latched) {
   return qos;
 }
 
-dds_entity_t Reader(const dds_topic_descriptor_t& type, const char* name) {
+dds_entity_t Reader(const dds_topic_descriptor_t& type, const char* full, dds_entity_t waitset) {
   dds_qos_t* qos = Qos(1, false);
   const dds_entity_t reader =
-      Check(dds_create_reader(participant, Topic(type, name), qos, nullptr));
+      Check(dds_create_reader(participant, Topic(type, full), qos, nullptr));
   dds_delete_qos(qos);
+  Check(dds_waitset_attach(waitset, Check(dds_create_readcondition(reader, DDS_ANY_STATE)), 0));
   return reader;
 }
 
 dds_entity_t Writer(const dds_topic_descriptor_t& type, const char* name, bool latched) {
   dds_qos_t* qos = Qos(100, latched);
-  const dds_entity_t writer =
-      Check(dds_create_writer(participant, Topic(type, name), qos, nullptr));
+  const dds_entity_t writer = Check(
+      dds_create_writer(participant, Topic(type, std::string("rt/PSM1/") + name), qos, nullptr));
   dds_delete_qos(qos);
   return writer;
 }
@@ -68,7 +70,7 @@ void Take(dds_entity_t reader, Use use) {
 
 class Console {
  public:
-  explicit Console(double fail_yaw) : fail_yaw_(fail_yaw) { at_.setZero(); }
+  explicit Console(double fail_yaw) : fail_yaw_(fail_yaw) {}
 
   void Command(const std::string& text) {
     if (text == "disable") {
@@ -77,7 +79,7 @@ class Console {
       Say(warning_, "PSM1: ignored in FAULT: " + text);
     } else if (text == "home") {
       Become("ENABLED");
-      if (!homed_) homing_ticks_ = 300;
+      if (!homed_) homing_left_s_ = 0.3;
     }
     PublishState();
   }
@@ -97,7 +99,6 @@ class Console {
       Say(error_, "PSM1: servo_cp dropped, out of reach");
       return;
     }
-    velocity_ += 1e3 * (joints - at_);
     at_ = joints;
     if (at_[0] > fail_yaw_) {
       Say(error_, "PSM1: yaw motor, over temperature");
@@ -106,18 +107,30 @@ class Console {
     }
   }
 
-  void Tick() {
-    if (homing_ticks_ > 0 && --homing_ticks_ == 0) {
-      homed_ = true;
-      at_.setZero();
-      at_[2] = 0.12;
-      PublishState();
+  void Time(double now_s) {
+    const double dt_s = now_s - now_s_;
+    if (dt_s > 0.0) {
+      velocity_ = (at_ - measured_) / dt_s;
+      measured_ = at_;
+      now_s_ = now_s;
+      Home(dt_s);
     }
-    if (++ticks_ % 10 == 0) PublishMotion();
+    PublishMotion();
   }
 
  private:
   void Become(const char* state) { state_ = state; }
+
+  void Home(double dt_s) {
+    if (homing_left_s_ <= 0.0) return;
+    homing_left_s_ -= dt_s;
+    if (homing_left_s_ > 0.0) return;
+    homed_ = true;
+    at_.setZero();
+    at_[2] = 0.12;
+    measured_ = at_;
+    PublishState();
+  }
 
   static void Say(dds_entity_t writer, const std::string& text) {
     std_msgs_msg_dds__String_ message;
@@ -131,7 +144,7 @@ class Console {
     message.header_.frame_id_ = frame;
     message.state_ = state_.data();
     message.is_homed_ = homed_;
-    message.is_busy_ = homing_ticks_ > 0;
+    message.is_busy_ = homing_left_s_ > 0.0;
     Check(dds_write(operating_state_, &message));
   }
 
@@ -140,9 +153,7 @@ class Console {
     char frame[] = "PSM1_base";
     header.frame_id_ = frame;
     if (homed_) {
-      const std::int64_t ns = std::chrono::duration_cast<std::chrono::nanoseconds>(
-                                  std::chrono::system_clock::now().time_since_epoch())
-                                  .count();
+      const std::int64_t ns = std::llround(1e9 * now_s_);
       header.stamp_.sec_ = static_cast<std::int32_t>(ns / 1'000'000'000);
       header.stamp_.nanosec_ = static_cast<std::uint32_t>(ns % 1'000'000'000);
     }
@@ -152,15 +163,14 @@ class Console {
     joints.position_._buffer = at_.data();
     joints.position_._length = joints.position_._maximum = 6;
     Check(dds_write(setpoint_js_, &joints));
-    velocity_ /= 10.0;  // of the ten ticks since the last
+    joints.position_._buffer = measured_.data();
     joints.velocity_._buffer = velocity_.data();
     joints.velocity_._length = joints.velocity_._maximum = 6;
     Check(dds_write(measured_js_, &joints));
-    velocity_.setZero();
 
     geometry_msgs_msg_dds__PoseStamped_ pose{};
     pose.header_ = header;
-    const Eigen::Isometry3d at = Psm::Forward(at_);
+    const Eigen::Isometry3d at = Psm::Forward(measured_);
     const Eigen::Quaterniond turned(at.linear());
     pose.pose_.position_ = {at.translation().x(), at.translation().y(), at.translation().z()};
     pose.pose_.orientation_ = {turned.x(), turned.y(), turned.z(), turned.w()};
@@ -168,12 +178,13 @@ class Console {
   }
 
   double fail_yaw_;
-  PsmJoints at_;
+  PsmJoints at_ = PsmJoints::Zero();
+  PsmJoints measured_ = PsmJoints::Zero();
   PsmJoints velocity_ = PsmJoints::Zero();
   std::string state_ = "DISABLED";
   bool homed_ = false;
-  int homing_ticks_ = 0;
-  int ticks_ = 0;
+  double homing_left_s_ = 0.0;
+  double now_s_ = 0.0;
   dds_entity_t measured_js_ = Writer(sensor_msgs_msg_dds__JointState__desc, "measured_js", false);
   dds_entity_t setpoint_js_ = Writer(sensor_msgs_msg_dds__JointState__desc, "setpoint_js", false);
   dds_entity_t measured_cp_ =
@@ -191,15 +202,19 @@ int main(int argc, char** argv) {
   participant = Check(dds_create_participant(
       static_cast<dds_domainid_t>(std::strtoul(argv[1], nullptr, 10)), nullptr, nullptr));
   Console console(argc > 2 ? std::strtod(argv[2], nullptr) : 1e9);
-  const dds_entity_t command = Reader(crtk_msgs_msg_dds__StringStamped__desc, "state_command");
-  const dds_entity_t servo = Reader(geometry_msgs_msg_dds__PoseStamped__desc, "servo_cp");
+  const dds_entity_t waitset = Check(dds_create_waitset(participant));
+  const dds_entity_t command =
+      Reader(crtk_msgs_msg_dds__StringStamped__desc, "rt/PSM1/state_command", waitset);
+  const dds_entity_t servo =
+      Reader(geometry_msgs_msg_dds__PoseStamped__desc, "rt/PSM1/servo_cp", waitset);
+  const dds_entity_t time = Reader(std_msgs_msg_dds__Float64__desc, "rt/test/time", waitset);
   console.Command("");
   for (;;) {
+    Check(dds_waitset_wait(waitset, nullptr, 0, DDS_INFINITY));
     Take<crtk_msgs_msg_dds__StringStamped_>(command,
                                             [&](const auto& m) { console.Command(m.string_); });
     Take<geometry_msgs_msg_dds__PoseStamped_>(servo,
                                               [&](const auto& m) { console.Servo(m.pose_); });
-    console.Tick();
-    dds_sleepfor(DDS_MSECS(1));
+    Take<std_msgs_msg_dds__Float64_>(time, [&](const auto& m) { console.Time(m.data_); });
   }
 }

@@ -434,19 +434,6 @@ TEST(PsmConsoleTest, JointErrorIsNotSeenByTheEncoders) {
   EXPECT_EQ(console.true_joints(), At(0, 0.02));
 }
 
-// Lock-step: the same calls give the same motion, to the bit.
-TEST(PsmConsoleTest, IsDeterministic) {
-  PsmConsole a = Homed();
-  PsmConsole b = Homed();
-  for (PsmConsole* console : {&a, &b}) {
-    console->MoveJp(At(3, 1.0));
-    Pass(*console, 0.3);
-    console->ServoJp(At(4, -0.4));
-    Pass(*console, 0.1);
-  }
-  EXPECT_EQ(a.measured_joints(), b.measured_joints());
-}
-
 TEST(PsmConsoleTest, OptionsOutOfRangeAreRefused) {
   EXPECT_THROW(PsmConsole({.arm = ""}), std::invalid_argument);
   EXPECT_THROW(PsmConsole({.arm = "PSM1", .homing_s = -1.0}), std::invalid_argument);

@@ -2,11 +2,9 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <time.h>
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <functional>
@@ -14,16 +12,15 @@
 #include <sstream>
 #include <stdexcept>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "dfr/dds/channel.h"
 #include "tests/dds/domain.h"
+#include "tests/support/eventually.h"
 
 namespace dfr::sim {
 namespace {
 
-using Clock = std::chrono::steady_clock;
 using testing::HasSubstr;
 using testing::StartsWith;
 
@@ -42,41 +39,50 @@ class DvrkSceneServerTest : public testing::Test {
     DvrkSceneServerOptions options;
     options.lock_step = lock_step;
     options.camera = camera;
+    options.command_timeout_s = command_timeout_s_;
     lock_step_ = lock_step;
     scene_ = std::make_unique<DvrkScene>(SceneOptions(lock_step));
     server_ = std::make_unique<DvrkSceneServer>(participant_, participant_, *scene_, options);
   }
 
   // Lets the server do its work until `condition`.
-  bool Until(const std::function<bool()>& condition) {
-    const auto end = Clock::now() + std::chrono::seconds(60);
-    while (!condition()) {
-      if (Clock::now() > end) return false;
+  void Until(const std::function<bool()>& condition) {
+    test::Eventually([&] {
+      if (condition()) return true;
       if (lock_step_) {
-        server_->Serve(1e-3);
+        server_->Serve(0.0);
       } else {
         server_->Tick(1e-3);
-        std::this_thread::sleep_for(std::chrono::milliseconds(1));
       }
-    }
-    return true;
+      return false;
+    });
   }
 
-  // The reply, or what is missing. A question that changes nothing comes first, again and again:
-  // that this side has found the other does not mean that the other has found this side.
+  // The reply. A question that changes nothing comes first, again and again: that this side has
+  // found the other does not mean that the other has found this side.
   std::string Ask(const std::string& text) {
+    dds::StringStamped reply;
     if (!known_) {
-      known_ = Until([&] {
-        if (asked_ % 100 == 0) request_.Write({{-1, 0}, "", "truth"});
-        dds::StringStamped reply;
-        return (++asked_, reply_.Take(reply));
+      Until([&] {
+        request_.Write({{-1, 0}, "", "truth"});
+        return reply_.Take(reply);
       });
+      known_ = true;
     }
     const dds::Stamp id = {++asked_, 0};
     request_.Write({id, "", text});
-    dds::StringStamped reply;
-    if (!Until([&] { return reply_.Take(reply) && reply.stamp == id; })) return "no reply";
+    Until([&] { return reply_.Take(reply) && reply.stamp == id; });
     return reply.text;
+  }
+
+  // The same for a run with a command, which is sent until it has come: a busy machine loses some.
+  std::string AskWith(const dds::JointState& command, const std::string& run) {
+    std::string reply;
+    do {
+      servo_jp_.Write(command);
+      reply = Ask(run);
+    } while (reply.rfind("error: only 0 of 1", 0) == 0);
+    return reply;
   }
 
   // The time in a reply "ok NOW".
@@ -88,6 +94,7 @@ class DvrkSceneServerTest : public testing::Test {
   dds::Participant participant_{{.domain = test::OwnDomain()}};
   dds::Participant client_{{.domain = test::OwnDomain()}};
   bool lock_step_ = false;
+  double command_timeout_s_ = 1.0;  // longer than a command waits to be taken
   bool known_ = false;
   std::int32_t asked_ = 0;
   std::unique_ptr<DvrkScene> scene_;
@@ -109,21 +116,15 @@ TEST_F(DvrkSceneServerTest, InLockStepTheWireChangesNothing) {
   LineTrackingOptions world = SceneOptions(true).world;
   LineTrackingPlant plant(world);
   std::vector<std::uint8_t> expected(plant.endoscope().image_size());
-  ASSERT_TRUE(
-      Until([&] { return joints_.health().publishers == 1 && images.health().publishers == 1; }));
-  bool heard = false;  // by the console
-  for (int i = 0; i < 20 && !heard; ++i) {
-    servo_jp_.Write({});
-    heard = Now(Ask("run 0 1")).valid();
-  }
-  ASSERT_TRUE(heard);
+  Until([&] { return joints_.health().publishers == 1 && images.health().publishers == 1; });
+  ASSERT_TRUE(Now(AskWith({}, "run 0 1")).valid());
   plant.Reset(7);
   dds::Stamp now = Now(Ask("reset 7"));
   ASSERT_TRUE(now.valid());
   std::uint64_t pictures = 0;
   dds::JointState measured;
   const auto arrived = [&] { return joints_.TakeNewest(measured) && measured.stamp == now; };
-  ASSERT_TRUE(Until(arrived));
+  Until(arrived);
 
   for (int i = 0; i < 5; ++i) {
     const Eigen::Matrix<double, 6, 1> from =
@@ -135,28 +136,26 @@ TEST_F(DvrkSceneServerTest, InLockStepTheWireChangesNothing) {
                                0.0);
     const double duration_s = step.norm() / LineTrackingPlant::kSpeed;
     const int samples = static_cast<int>(std::ceil(duration_s / 0.02));
-    const auto send = [&](const Eigen::Matrix<double, 6, 1>& goal) {
+    const auto run_with = [&](const Eigen::Matrix<double, 6, 1>& goal, const std::string& run) {
       dds::JointState message;
       message.position.assign(goal.data(), goal.data() + goal.size());
-      ASSERT_TRUE(servo_jp_.Write(message));
+      return Now(AskWith(message, run));
     };
     for (int k = 1; k <= samples; ++k) {
-      send(from + (to - from) * (static_cast<double>(k) / samples));
       std::ostringstream run;
       run.precision(17);
       run << "run " << duration_s / samples << " 1";
-      now = Now(Ask(run.str()));
+      now = run_with(from + (to - from) * (static_cast<double>(k) / samples), run.str());
       ASSERT_TRUE(now.valid());
     }
-    send(to);
-    ASSERT_TRUE(Now(Ask("run 0 1")).valid());  // it has come
+    ASSERT_TRUE(run_with(to, "run 0 1").valid());
     now = Now(Ask("rest"));
-    ASSERT_TRUE(Until(arrived));
+    Until(arrived);
     EXPECT_EQ(scene_->plant().TrueState(), plant.TrueState());
 
     const dds::Stamp taken = Now(Ask("look"));
     dds::Image image;
-    ASSERT_TRUE(Until([&] { return images.TakeNewest(image) && image.stamp == taken; }));
+    Until([&] { return images.TakeNewest(image) && image.stamp == taken; });
     EXPECT_EQ(image.encoding, "bgr8");
     EXPECT_EQ(image.width, 640U);
     EXPECT_EQ(image.height, 480U);
@@ -182,20 +181,21 @@ TEST_F(DvrkSceneServerTest, InLockStepTheWireChangesNothing) {
 TEST_F(DvrkSceneServerTest, InLockStepTimeStandsStillUnlessItIsAskedToGoOn) {
   Serve(true, false);
   const dds::Stamp start = Now(Ask("reset 1"));
-  server_->Serve(0.05);
+  server_->Serve(0.0);
   EXPECT_EQ(Now(Ask("rest")), start);
   const dds::Stamp later = Now(Ask("run 0.25"));
   EXPECT_EQ(later.nanoseconds() - start.nanoseconds(), 250'000'000);
   dds::PoseStamped measured;
   dds::PoseStamped goal;
-  ASSERT_TRUE(Until([&] { return platform_.TakeNewest(measured) && measured.stamp == later; }));
-  ASSERT_TRUE(Until([&] { return platform_goal_.TakeNewest(goal) && goal.stamp == later; }));
+  Until([&] { return platform_.TakeNewest(measured) && measured.stamp == later; });
+  Until([&] { return platform_goal_.TakeNewest(goal) && goal.stamp == later; });
   EXPECT_EQ(measured.frame_id, "SPRK_base");
   // The arm rests, so the platform does.
   EXPECT_EQ(measured.position_m, goal.position_m);
 }
 
 TEST_F(DvrkSceneServerTest, WhatCannotBeDoneIsAnsweredWithTheReason) {
+  command_timeout_s_ = 0.0;
   Serve(true, false);
   EXPECT_THAT(Ask("dance"), StartsWith("error: there is no request 'dance'"));
   EXPECT_THAT(Ask("reset"), StartsWith("error: the seed must be a whole number, not ''"));
@@ -219,51 +219,29 @@ TEST_F(DvrkSceneServerTest, WhatCannotBeDoneIsAnsweredWithTheReason) {
   EXPECT_THROW(DvrkSceneServer(participant_, participant_, *scene_, bad), std::invalid_argument);
 }
 
-// What the camera of a real-time scene shows to a client.
-class SceneCameraTest : public DvrkSceneServerTest {
- protected:
-  void SetUp() override {
-    Serve(false, true);
-    ASSERT_TRUE(Until([&] { return images_.TakeNewest(image_); }));
-  }
-
-  // The next picture that was taken after all that has been said so far.
-  bool Next() {
-    const dds::Stamp now = dds::Stamp::Now();
-    return Until([&] {
-      return images_.TakeNewest(image_) && image_.stamp.nanoseconds() > now.nanoseconds();
-    });
-  }
-  [[nodiscard]] double Brightness() const {
-    double sum = 0.0;
-    for (const std::uint8_t value : image_.data) sum += value;
-    return sum / static_cast<double>(image_.data.size());
-  }
-
-  dds::Subscriber<dds::Image> images_{client_, "/ECM/image_raw", dds::Role::kImage};
-  dds::Image image_;
-};
-
-TEST_F(SceneCameraTest, PicturesComeWithTheirCompressedFormAndTheCamera) {
+TEST_F(DvrkSceneServerTest, InRealTimePicturesComeWithTheirCompressedFormAndTheCamera) {
+  Serve(false, true);
+  dds::Subscriber<dds::Image> images(client_, "/ECM/image_raw", dds::Role::kImage);
   dds::Subscriber<dds::CompressedImage> compressed(client_, "/ECM/image_raw/compressed",
                                                    dds::Role::kImage);
   dds::Subscriber<dds::CameraInfo> infos(client_, "/ECM/camera_info", dds::Role::kState);
+  dds::Image image;
   dds::CompressedImage jpeg;
   dds::CameraInfo info;
-  ASSERT_TRUE(Until([&] {
-    images_.TakeNewest(image_);
+  Until([&] {
+    images.TakeNewest(image);
     compressed.TakeNewest(jpeg);
     infos.TakeNewest(info);
-    return image_.stamp == jpeg.stamp && image_.stamp == info.stamp;
-  }));
-  EXPECT_EQ(image_.frame_id, "ECM");
-  EXPECT_EQ(image_.encoding, "bgr8");
-  EXPECT_EQ(image_.step, 1920U);
-  EXPECT_EQ(image_.data.size(), std::size_t{480} * 1920);
+    return image.stamp.valid() && image.stamp == jpeg.stamp && image.stamp == info.stamp;
+  });
+  EXPECT_EQ(image.frame_id, "ECM");
+  EXPECT_EQ(image.encoding, "bgr8");
+  EXPECT_EQ(image.step, 1920U);
+  EXPECT_EQ(image.data.size(), std::size_t{480} * 1920);
   EXPECT_THAT(jpeg.format, HasSubstr("jpeg"));
   // Start and end of a JPEG file, a tenth of the size or less.
   ASSERT_GT(jpeg.data.size(), 1000U);
-  EXPECT_LT(jpeg.data.size(), image_.data.size() / 5);
+  EXPECT_LT(jpeg.data.size(), image.data.size() / 5);
   EXPECT_EQ(jpeg.data[0], 0xff);
   EXPECT_EQ(jpeg.data[1], 0xd8);
   EXPECT_EQ(jpeg.data[jpeg.data.size() - 2], 0xff);
@@ -277,57 +255,63 @@ TEST_F(SceneCameraTest, PicturesComeWithTheirCompressedFormAndTheCamera) {
   EXPECT_EQ(info.d, std::vector<double>(camera.distortion.begin(), camera.distortion.end()));
 }
 
-TEST_F(SceneCameraTest, FaultsOfTheCameraAreSeen) {
-  ASSERT_TRUE(Next());
-  const double lit = Brightness();
+TEST_F(DvrkSceneServerTest, FaultsOfTheCameraAreSeen) {
+  Serve(true, true);
+  dds::Subscriber<dds::Image> images(client_, "/ECM/image_raw", dds::Role::kImage);
+  dds::Image image;
+  Until([&] { return images.health().publishers == 1; });
+  Until([&] {  // that the server has found this side, too
+    Ask("look");
+    return images.TakeNewest(image);
+  });
+  const auto look = [&](const std::string& fault) {
+    EXPECT_EQ(Ask("fault " + fault), "ok");
+    EXPECT_TRUE(Now(Ask("run 0.03")).valid());
+    const dds::Stamp taken = Now(Ask("look"));
+    Until([&] { return images.TakeNewest(image) && image.stamp == taken; });
+  };
+  const auto brightness = [&] {
+    double sum = 0.0;
+    for (const std::uint8_t value : image.data) sum += value;
+    return sum / static_cast<double>(image.data.size());
+  };
+  look("none");
+  const double lit = brightness();
   EXPECT_GT(lit, 30.0);
-  ASSERT_EQ(Ask("fault camera frozen"), "ok");
-  ASSERT_TRUE(Next());
-  const std::vector<std::uint8_t> frozen = image_.data;
-  const dds::Stamp first = image_.stamp;
-  ASSERT_TRUE(Next());
-  EXPECT_EQ(image_.data, frozen);
-  EXPECT_NE(image_.stamp, first);  // a grabber does not know
-  ASSERT_EQ(Ask("fault camera black"), "ok");
-  ASSERT_TRUE(Next());
-  EXPECT_LT(Brightness(), 5.0);  // the sensor's noise
-  ASSERT_EQ(Ask("fault camera overexposed"), "ok");
-  ASSERT_TRUE(Next());
-  const auto white = std::count(image_.data.begin(), image_.data.end(), std::uint8_t{255});
-  EXPECT_GT(white, static_cast<std::ptrdiff_t>(image_.data.size() / 4));  // all of the gauze
+  const std::vector<std::uint8_t> before = image.data;
+  const dds::Stamp first = image.stamp;
+  look("camera frozen");
+  EXPECT_EQ(image.data, before);
+  EXPECT_NE(image.stamp, first);  // a grabber does not know
+  look("camera black");
+  EXPECT_LT(brightness(), 5.0);  // the sensor's noise
+  look("camera overexposed");
+  const auto white = std::count(image.data.begin(), image.data.end(), std::uint8_t{255});
+  EXPECT_GT(white, static_cast<std::ptrdiff_t>(image.data.size() / 4));  // all of the gauze
   ASSERT_EQ(Ask("fault camera silent"), "ok");
-  images_.TakeNewest(image_);
   const std::uint64_t published = server_->images_published();
-  for (int i = 0; i < 200; ++i) {
-    server_->Tick(1e-3);
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  }
-  EXPECT_LE(server_->images_published(), published + 1);  // one was being drawn
-  ASSERT_EQ(Ask("fault none"), "ok");
-  ASSERT_TRUE(Next());
-  EXPECT_NEAR(Brightness(), lit, 0.3 * lit);  // the light wanders
+  EXPECT_TRUE(Now(Ask("look")).valid());
+  EXPECT_EQ(server_->images_published(), published);
+  look("none");
+  EXPECT_NEAR(brightness(), lit, 0.3 * lit);  // the light wanders
 }
 
 TEST_F(DvrkSceneServerTest, FaultsOfTheArmAndTheClockAreSetByRequest) {
-  Serve(false, false);
+  Serve(true, false);
   ASSERT_TRUE(Now(Ask("reset 2")).valid());
   dds::Subscriber<dds::Text> errors(client_, "/PSM1/error", dds::Role::kEvent);
   EXPECT_EQ(Ask("fault arm_fault encoder of joint 2 lost"), "ok");
   dds::Text error;
-  ASSERT_TRUE(Until([&] { return errors.TakeNewest(error); }));
+  Until([&] { return errors.TakeNewest(error); });
   EXPECT_EQ(error.text, "PSM1: encoder of joint 2 lost");
   dds::OperatingState state;
-  ASSERT_TRUE(Until([&] { return state_.TakeNewest(state) && state.state == "FAULT"; }));
+  Until([&] { return state_.TakeNewest(state) && state.state == "FAULT"; });
+  const std::int64_t before = Now(Ask("run 0")).nanoseconds();
   EXPECT_EQ(Ask("fault clock_jump 1000"), "ok");
-  dds::JointState joints;
-  ASSERT_TRUE(Until([&] {
-    return joints_.TakeNewest(joints) &&
-           joints.stamp.nanoseconds() > dds::Stamp::Now().nanoseconds() + 900'000'000'000;
-  }));
+  EXPECT_EQ(Now(Ask("run 0")).nanoseconds() - before, 1'000'000'000'000);
   EXPECT_EQ(Ask("fault none"), "ok");
-  const dds::Stamp now = Now(Ask("reset 2"));
-  EXPECT_LT(now.nanoseconds(), dds::Stamp::Now().nanoseconds() + 1);
-  ASSERT_TRUE(Until([&] { return state_.TakeNewest(state) && state.state == "ENABLED"; }));
+  EXPECT_EQ(Now(Ask("reset 2")).nanoseconds(), before);
+  Until([&] { return state_.TakeNewest(state) && state.state == "ENABLED"; });
 }
 
 TEST_F(DvrkSceneServerTest, ThePlatformGoesToAndFroAcrossTheLine) {
@@ -349,27 +333,6 @@ TEST_F(DvrkSceneServerTest, ThePlatformGoesToAndFroAcrossTheLine) {
   const double after = y();
   for (int i = 0; i < 100; ++i) server_->Tick(1e-3);
   EXPECT_NEAR(y(), after, 1e-3);
-}
-
-// Pictures take tens of milliseconds to draw, states are due every ten: no tick waits for them.
-TEST_F(SceneCameraTest, DrawingDoesNotDelayTheState) {
-  // Time of the thread alone, so that a busy machine does not count.
-  const auto thread_s = [] {
-    timespec t;
-    ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-  };
-  const std::uint64_t before = server_->images_published();
-  std::vector<double> ticks;
-  while (server_->images_published() < before + 10 && ticks.size() < 20000) {
-    const double start = thread_s();
-    server_->Tick(1e-3);
-    ticks.push_back(thread_s() - start);
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  }
-  ASSERT_GE(server_->images_published(), before + 10);
-  std::nth_element(ticks.begin(), ticks.end() - 1, ticks.end());
-  EXPECT_LT(ticks.back(), 5e-3);
 }
 
 }  // namespace

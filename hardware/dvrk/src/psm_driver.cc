@@ -496,27 +496,33 @@ void PsmDriver::Flush() {
   }
 }
 
+BringUpClock BringUpClock::Machine() {
+  return {.steady_ns = &SteadyNs,
+          .wall_ns = [] { return dds::Stamp::Now().nanoseconds(); },
+          .wait = [] { std::this_thread::sleep_for(std::chrono::milliseconds(5)); }};
+}
+
 PsmStatus BringUp(PsmDriver& driver, double timeout_s,
                   const std::function<void(std::string_view)>& say,
-                  const std::function<bool()>& may_move) {
+                  const std::function<bool()>& may_move, const BringUpClock& clock) {
   const auto tell = [&](std::string_view text) {
     if (say) say(text);
   };
-  const std::int64_t end = SteadyNs() + static_cast<std::int64_t>(1e9 * timeout_s);
+  const std::int64_t end = clock.steady_ns() + static_cast<std::int64_t>(1e9 * timeout_s);
   // What lasts no longer than discovery, or the first sample after homing, is not worth a word.
   constexpr std::int64_t kPatienceNs = 1'000'000'000;
   PsmStatus told = PsmStatus::kOk;
   PsmStatus seen = PsmStatus::kOk;
   std::int64_t seen_ns = 0;
   bool asked = false;
-  for (; SteadyNs() < end; std::this_thread::sleep_for(std::chrono::milliseconds(5))) {
+  for (; clock.steady_ns() < end; clock.wait()) {
     if (may_move && !may_move()) {
       driver.Hold();
-      driver.Tick();
+      driver.Tick(clock.steady_ns(), clock.wall_ns());
       driver.Flush();
       return PsmStatus::kHeld;
     }
-    driver.Tick();
+    driver.Tick(clock.steady_ns(), clock.wall_ns());
     ConsoleWord word;
     while (driver.TakeWord(word)) {
       tell(std::string("the console says (") + Name(word.severity) +
@@ -541,8 +547,8 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
       return reason;
     } else if (reason != seen) {
       seen = reason;
-      seen_ns = SteadyNs();
-    } else if (reason != told && SteadyNs() - seen_ns > kPatienceNs) {
+      seen_ns = clock.steady_ns();
+    } else if (reason != told && clock.steady_ns() - seen_ns > kPatienceNs) {
       told = reason;
       tell("waiting: " + driver.Explain());
     }

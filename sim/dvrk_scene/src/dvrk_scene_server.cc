@@ -97,7 +97,7 @@ struct DvrkSceneServer::Impl {
                      "the time to run must lie in [0, " << kLongestRun << "] s, not " << dt_s);
     if (!arguments.empty()) {
       const std::uint64_t wanted = internal::ParseCount(arguments, "the number of commands");
-      const auto end = Clock::now() + std::chrono::seconds(1);
+      const auto end = Clock::now() + std::chrono::duration<double>(options.command_timeout_s);
       for (console.TakeCommands(); console.commands_taken() - commands_before < wanted;
            console.TakeCommands()) {
         if (Clock::now() > end) {
@@ -263,6 +263,8 @@ DvrkSceneServer::DvrkSceneServer(dds::Participant& participant, dds::Participant
                                  DvrkScene& scene, const DvrkSceneServerOptions& options) {
   DFR_THROW_UNLESS(options.image_period_s > 0.0 && options.image_period_s <= 10.0,
                    "image_period_s must lie in (0, 10]");
+  DFR_THROW_UNLESS(options.command_timeout_s >= 0.0 && options.command_timeout_s <= 60.0,
+                   "command_timeout_s must lie in [0, 60]");
   DFR_THROW_UNLESS(options.jpeg_quality >= 1 && options.jpeg_quality <= 100,
                    "jpeg_quality must lie in [1, 100]");
   DFR_THROW_UNLESS(!options.camera_name.empty() && !options.platform_name.empty(),

@@ -128,13 +128,24 @@ class PsmDriver {
   std::unique_ptr<Link> link_;
 };
 
-/// Homes (if need be) and arms, ticking every 5 ms by this machine's clocks: for programs' starts.
-/// Returns driver.status(), kOk if armed; gives up after `timeout_s` with the reason.
+/// What BringUp() ticks by.
+struct BringUpClock {
+  std::function<std::int64_t()> steady_ns;  ///< Never goes back.
+  std::function<std::int64_t()> wall_ns;    ///< Since the epoch, as stamps are.
+  std::function<void()> wait;               ///< Returns when the next tick is due.
+
+  /// This machine's clocks, and a tick every 5 ms.
+  [[nodiscard]] static BringUpClock Machine();
+};
+
+/// Homes (if need be) and arms, ticking all along: for programs' starts. Returns driver.status(),
+/// kOk if armed; gives up after `timeout_s` with the reason.
 /// @param say  called with each of the console's words and with what is waited for; may be empty.
 /// @param may_move  asked before each tick: emergency stop, Ctrl-C. False ends it with kHeld and
 ///   tells the console to hold, and to disable an arm that homes. May be empty.
 PsmStatus BringUp(PsmDriver& driver, double timeout_s,
                   const std::function<void(std::string_view)>& say = {},
-                  const std::function<bool()>& may_move = {});
+                  const std::function<bool()>& may_move = {},
+                  const BringUpClock& clock = BringUpClock::Machine());
 
 }  // namespace dfr::hardware

@@ -16,6 +16,8 @@ struct DvrkSceneServerOptions {
   /// Its clock is not used: in lock-step, time stands still unless it is asked to go on.
   PsmConsoleServerOptions console;
   bool lock_step = false;
+  /// How long a run waits for its commands, s, in [0, 60].
+  double command_timeout_s = 1.0;
   bool camera = true;
   double image_period_s = 1.0 / 30.0;  ///< From one picture to the next in real time, > 0.
   int jpeg_quality = 90;               ///< In [1, 100].
@@ -41,9 +43,9 @@ struct DvrkSceneServerOptions {
 /// and in lock-step:
 ///   run DT_S [COMMANDS] takes all commands that have come, goes on by DT_S in equal steps of at
 ///                       most 20 ms, and publishes the state once. With COMMANDS it first waits,
-///                       for a second at most, until so many motion commands have come since the
-///                       last run, reset or rest, and is an error with nothing done if they do not:
-///                       topics do not keep each other's order. "ok NOW"
+///                       for command_timeout_s at most, until so many motion commands have come
+///                       since the last run, reset or rest, and is an error with nothing done if
+///                       they do not: topics do not keep each other's order. "ok NOW"
 ///   rest                DvrkScene::Rest(); publishes the state. "ok NOW"
 ///   look                takes the next picture and publishes it. "ok NOW"
 /// NOW, in nanoseconds since the epoch, is what time it is for stamps: those of the state or
