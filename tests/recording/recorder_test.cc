@@ -65,10 +65,10 @@ class RecorderTest : public testing::Test {
 };
 
 TEST_F(RecorderTest, EverythingComesBackBitForBit) {
-  constexpr std::uint32_t kSteps = 1000;
+  constexpr std::uint32_t kRecordedSteps = 1000;
   {
     Recorder recorder(folder_ / "log.mcap", test::ExampleMetadata(), Options());
-    for (std::uint32_t i = 0; i < kSteps; ++i) {
+    for (std::uint32_t i = 0; i < kRecordedSteps; ++i) {
       ASSERT_TRUE(recorder.Record(test::ExampleStep(i)));
       if (i % 100 != 0) continue;
       ASSERT_TRUE(recorder.Transition(test::ExampleTransition(i)));
@@ -76,14 +76,14 @@ TEST_F(RecorderTest, EverythingComesBackBitForBit) {
     recorder.Finish();
     EXPECT_FALSE(recorder.failed());
     EXPECT_EQ(recorder.dropped(), 0U);
-    EXPECT_EQ(recorder.counts().records, kSteps + 10);
+    EXPECT_EQ(recorder.counts().records, kRecordedSteps + 10);
   }
   const Recording recording = ReadRecording(folder_ / "log.mcap");
   EXPECT_TRUE(recording.finished);
   EXPECT_EQ(recording.metadata, test::ExampleMetadata());
   EXPECT_EQ(recording.dropped_records, 0U);
-  ASSERT_EQ(recording.steps.size(), kSteps);
-  for (std::uint32_t i = 0; i < kSteps; ++i) {
+  ASSERT_EQ(recording.steps.size(), kRecordedSteps);
+  for (std::uint32_t i = 0; i < kRecordedSteps; ++i) {
     ASSERT_TRUE(test::Same(recording.steps[i], test::ExampleStep(i))) << "step " << i;
   }
   ASSERT_EQ(recording.transitions.size(), 10U);
