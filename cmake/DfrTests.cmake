@@ -20,6 +20,7 @@ endif()
 #               [INCLUDE libs/kernel/src ...] [DEFINE NAME=value ...] [NEEDS program ...] [TIMEOUT seconds])
 # makes one program of all tests that a folder has of a tier. It runs as one CTest case, unit.kernel or
 # system.dds, in random order. Of the integration tier each TEST is a case of its own, dds.Suite.Name.
+# testing::TempDir() is the build tree's own, so that two trees may be tested at once.
 function(dfr_add_tests name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "TIER;TIMEOUT" "SOURCES;LINK;INCLUDE;DEFINE;NEEDS")
   if(NOT arg_TIER)
@@ -42,13 +43,15 @@ function(dfr_add_tests name)
   if(arg_NEEDS)
     add_dependencies(${target} ${arg_NEEDS})
   endif()
+  set(folder ${PROJECT_BINARY_DIR}/tests/tmp)
+  file(MAKE_DIRECTORY ${folder})
   if(arg_TIER STREQUAL "integration")
     gtest_discover_tests(${target} TEST_PREFIX ${name}. DISCOVERY_TIMEOUT 60
-      PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS integration)
+      PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS integration ENVIRONMENT TEST_TMPDIR=${folder})
   else()
     add_test(NAME ${arg_TIER}.${name} COMMAND ${target})
     set_tests_properties(${arg_TIER}.${name} PROPERTIES
-      TIMEOUT ${arg_TIMEOUT} LABELS ${arg_TIER} ENVIRONMENT GTEST_SHUFFLE=1)
+      TIMEOUT ${arg_TIMEOUT} LABELS ${arg_TIER} ENVIRONMENT "GTEST_SHUFFLE=1;TEST_TMPDIR=${folder}")
     if(arg_TIER STREQUAL "system")  # in real time, so with no other test beside it
       set_tests_properties(system.${name} PROPERTIES RUN_SERIAL ON)
     endif()

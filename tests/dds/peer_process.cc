@@ -1,6 +1,5 @@
 #include "tests/dds/peer_process.h"
 
-#include <poll.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <sys/prctl.h>
@@ -52,12 +51,6 @@ void PeerProcess::Signal(int number) const {
 std::optional<int> PeerProcess::Ended() { return Reap(WNOHANG); }
 
 int PeerProcess::Await() { return Reap(0).value_or(-1); }
-
-int PeerProcess::Await(double timeout_s) {
-  if (timeout_s >= 1.0) return Await();
-  (void)::poll(nullptr, 0, 1);
-  return Ended().value_or(-1);
-}
 
 std::optional<int> PeerProcess::Reap(int options) {
   if (code_) return code_;

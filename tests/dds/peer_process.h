@@ -26,8 +26,6 @@ class PeerProcess {
   [[nodiscard]] std::optional<int> Ended();
   /// Waits for the end, however long it takes. The exit code, or -1 if it was killed.
   [[nodiscard]] int Await();
-  /// The older form: -1 while it runs for a limit below a second, else Await().
-  [[nodiscard]] int Await(double timeout_s);
 
  private:
   std::optional<int> Reap(int options);

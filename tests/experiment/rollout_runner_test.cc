@@ -190,6 +190,7 @@ TEST(ExperimentTest, AfterASignalNoFurtherUnitBegins) {
   EXPECT_THROW((void)RunExperiment("fake", test::FakePlan(), signalled, {}, options), Interrupted);
   EXPECT_EQ(made, 4);
   EXPECT_EQ(ReadLedger(options.out / "ledger.jsonl").records.size(), 4u);
+  EXPECT_TRUE(RunExperiment("fake", test::FakePlan(), signalled, {}, options).has_value());
 }
 
 }  // namespace

@@ -9,8 +9,10 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "support"))
+from eventually import eventually
 
 CLUSTER = pathlib.Path(sys.argv.pop()).resolve()
 PROGRAM = pathlib.Path(sys.argv.pop()).resolve()
@@ -184,8 +186,7 @@ class ShardsTest(unittest.TestCase):
                                  cwd=self.folder, stderr=subprocess.DEVNULL)
         try:
             # A header and two units; the third waits.
-            while not ledger.exists() or ledger.read_bytes().count(b"\n") < 3:
-                time.sleep(0.001)
+            eventually(lambda: ledger.exists() and ledger.read_bytes().count(b"\n") >= 3)
             status = json.loads(self.run_program("status", "run", "--json"))
             self.assertTrue(status["ledgers"][0]["running"])
             self.assertEqual(status["done"], 2)

@@ -28,7 +28,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::Not;
 
-constexpr double kForEver = 1e9;  // s, in Await()
+constexpr double kForEver = 1e9;  // s
 
 // Time passes only between the words that start it and those that stop it; the test's own doings go
 // on with each Wait().
@@ -191,7 +191,7 @@ TEST_F(PlatformHomeTest, APortThatFailsIsNamed) {
 TEST_F(PlatformHomeTest, NothingMovesWithoutATerminal) {
   const std::string command =
       std::string("echo platform | " DFR_HARDWARE " home --platform ") + emulator_.device();
-  EXPECT_EQ(test::PeerProcess({"/bin/sh", "-c", command}).Await(kForEver), 1);
+  EXPECT_EQ(test::PeerProcess({"/bin/sh", "-c", command}).Await(), 1);
   EXPECT_EQ(Home("platform").second, 0);
   EXPECT_EQ(emulator_.Await(1).size(), 1U) << "the second alone";
 }
@@ -200,7 +200,7 @@ TEST(CheckProgramTest, ExitCodeTellsWhetherAllIsWell) {
   test::SprkEmulator emulator;
   const auto run = [](std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), {DFR_HARDWARE, "check"});
-    return test::PeerProcess(arguments).Await(kForEver);
+    return test::PeerProcess(arguments).Await();
   };
   EXPECT_EQ(run({"--platform", emulator.device(), "--generation", "Si"}), 0);
   EXPECT_EQ(run({"--platform", "/dev/none"}), 1);

@@ -19,7 +19,7 @@ TEST(CheckSystemTest, HomesAndMovesTheSimulatedArm) {
   const auto check = [&] {
     return PeerProcess({DFR_HARDWARE, "check", "--arm", "PSM1", "--home", "--move", "--yes",
                         "--domain", domain, "--wait", "20", "--seconds", "0.5"})
-        .Await(70.0);
+        .Await();
   };
   EXPECT_EQ(check(), 0);
   stop.Signal(SIGKILL);

@@ -16,8 +16,6 @@
 namespace dfr::test {
 namespace {
 
-constexpr double kForEver = 1e9;  // s, in Await()
-
 bool Contains(const std::filesystem::path& file, const std::string& text) {
   std::ifstream in(file);
   return std::string(std::istreambuf_iterator<char>(in), {}).find(text) != std::string::npos;
@@ -60,9 +58,9 @@ TEST(SecuredSimulatorTest, OnlyThoseWithCertificatesHearAndCommandTheArm) {
   const std::filesystem::path folder =
       std::filesystem::temp_directory_path() / ("dfr-secured-" + std::to_string(::getpid()));
   const auto enclave = [&](const std::string& name) { return folder / "enclaves" / name; };
-  ASSERT_EQ(PeerProcess({DFR_HARDWARE, "certificates", folder}).Await(kForEver), 0);
+  ASSERT_EQ(PeerProcess({DFR_HARDWARE, "certificates", folder}).Await(), 0);
   // A second call overwrites nothing.
-  ASSERT_EQ(PeerProcess({DFR_HARDWARE, "certificates", folder}).Await(kForEver), 1);
+  ASSERT_EQ(PeerProcess({DFR_HARDWARE, "certificates", folder}).Await(), 1);
   const std::string log = folder / "log";
   PeerProcess simulator({"/bin/sh", "-c",
                          "exec " DFR_SIMULATOR " --no-camera --homing 0.2 --domain " +
@@ -95,7 +93,7 @@ TEST(SecuredSimulatorTest, OnlyThoseWithCertificatesHearAndCommandTheArm) {
   EXPECT_TRUE(member.operating().is_homed);
   EXPECT_TRUE(Contains(log, "it has no certificate"));
   simulator.Signal(SIGINT);
-  EXPECT_EQ(simulator.Await(kForEver), 0);
+  EXPECT_EQ(simulator.Await(), 0);
   std::filesystem::remove_all(folder);
 }
 

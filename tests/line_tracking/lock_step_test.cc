@@ -65,7 +65,7 @@ TEST(LaunchTest, AllItStartsIsOfTheRunsSecuredNetwork) {
                            "[emergency_stop]\nmax_silence_s = 10.0\n";
   test::PeerProcess launch(
       {DFR_LINE_TRACKING, "launch", "--config", config.string(), "--episodes", "1"});
-  ASSERT_EQ(launch.Await(1e9), 0);
+  ASSERT_EQ(launch.Await(), 0);
   ASSERT_TRUE(std::filesystem::exists(recordings));
   const recording::Recording log =
       recording::ReadRecording(std::filesystem::directory_iterator(recordings)->path());

@@ -100,7 +100,7 @@ class Program {
     }
     return false;
   }
-  [[nodiscard]] int End() { return process_->Await(kQuestion); }
+  [[nodiscard]] int End() { return process_->Await(); }
 
  private:
   std::filesystem::path shown_;

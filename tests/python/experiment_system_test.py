@@ -7,6 +7,7 @@ import importlib.util
 import json
 import os
 import pathlib
+import re
 import shutil
 import signal
 import struct
@@ -18,8 +19,6 @@ import unittest
 import zlib
 
 import numpy as np
-
-import dfr
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples/own_experiment.py"
@@ -40,13 +39,15 @@ class Corridor(example.Corridor):
     def plant(self):
         return Careless()
 """,
-    # Says completed and collided by methods, and is slow.
-    "slow": """
-class Slow:
+    # Says completed and collided by methods. Waits while there is "hold" and the ledger has the lines of "most".
+    "held": """
+class Held:
     def __init__(self):
         self.tip = example.Tip()
     def reset(self, seed):
-        time.sleep(0.1)
+        hold, ledger = pathlib.Path("hold"), pathlib.Path("run/ledger.jsonl")
+        while hold.exists() and ledger.read_bytes().count(b"\\n") >= int(pathlib.Path("most").read_text()):
+            time.sleep(0.001)
         self.tip.reset(seed)
     def step(self, action):
         self.tip.step(action)
@@ -59,7 +60,7 @@ class Slow:
 
 class Corridor(example.Corridor):
     def plant(self):
-        return Slow()
+        return Held()
 """,
     "raises": """
 class Corridor(example.Corridor):
@@ -122,7 +123,7 @@ class ExperimentTest(unittest.TestCase):
 
     def run_program(self, program, *arguments, fails=False):
         process = self.start(program, *arguments)
-        out, error = process.communicate(timeout=200)
+        out, error = process.communicate()
         self.assertEqual(process.returncode != 0, fails, out + error)
         return error if fails else out
 
@@ -213,7 +214,7 @@ class ExperimentTest(unittest.TestCase):
             self.assertIn(says, self.run_program(self.program, "rerun", "run", name, "--film", film, fails=True))
 
     def test_a_plant_without_pictures_has_a_page_of_its_states(self):
-        program = self.write("slow")
+        program = self.write("held")
         self.run_program(program, "experiment", *SMALL, "--out", "run")
         name = self.run_program(program, "episodes", "run", "--most", 1).split("  ")[0]
         self.run_program(program, "rerun", "run", name, "--methods", "guided", "--film", "film.html")
@@ -283,26 +284,34 @@ class ExperimentTest(unittest.TestCase):
                 found.append(int(entry.parent.name))
         return found
 
+    def has_pending_signals(self, pid):
+        text = pathlib.Path(f"/proc/{pid}/status").read_text()
+        if re.search(r"^State:\s+Z", text, re.MULTILINE):  # what killed it stays pending
+            return False
+        return any(int(mask, 16) for mask in re.findall(r"^(?:SigPnd|ShdPnd):\t(\w+)$", text, re.MULTILINE))
+
     def test_signals_end_it_between_two_units_and_no_process_stays(self):
-        program = self.write("slow")
-        # Enough units that none of the runs is over before its signal, however slow the machine is.
+        program, hold = self.write("held"), self.folder / "hold"
         units = ["--trials", 8, "--episodes", 2, "--demonstrations", "12,20"]
         arguments = ["experiment", *units, "--methods", "baseline", "--threads", 2, "--out", "run"]
         for number in (signal.SIGTERM, signal.SIGKILL, signal.SIGINT):
+            wanted = self.lines() + 2
+            (self.folder / "most").write_text(str(wanted))
+            hold.touch()
             process = self.start(program, *arguments)
-            until = time.monotonic() + 60
-            before = self.lines()
-            workers = []
-            while (self.lines() < before + 1 or len(workers) < 2) and time.monotonic() < until:
-                time.sleep(0.02)
-                workers = self.workers_of(process.pid)
-            self.assertEqual(len(workers), 2)
+            while self.lines() < wanted:
+                time.sleep(0.001)
+                self.assertIsNone(process.poll())
+            while len(workers := self.workers_of(process.pid)) < 2:
+                time.sleep(0.001)
             os.kill(process.pid, number)
-            process.communicate(timeout=60)
-            self.assertNotEqual(process.returncode, 0)
-            while any(pathlib.Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < until:
-                time.sleep(0.05)
-            self.assertFalse([pid for pid in workers if pathlib.Path(f"/proc/{pid}").exists()], number)
+            while self.has_pending_signals(process.pid):
+                time.sleep(0.001)
+            hold.unlink()
+            process.communicate()
+            self.assertNotEqual(process.returncode, 0, f"{number}, {self.lines()} lines")
+            while any(pathlib.Path(f"/proc/{pid}").exists() for pid in workers):
+                time.sleep(0.001)
         self.run_program(program, *arguments)
         self.run_program(program, *arguments[:-1], "whole")
         self.assertEqual(self.bytes_of("run/summary.json"), self.bytes_of("whole/summary.json"))
@@ -325,46 +334,6 @@ class ExperimentTest(unittest.TestCase):
         table = subprocess.run([sys.executable, CLUSTER, "table", out], check=True, capture_output=True, text=True).stdout
         self.assertIn("ahead=0.4,policy,guided,12,", table)
         self.assertIn("ahead=0.8,policy,baseline,12,", table)
-
-    def test_it_runs_in_a_program_of_ones_own(self):
-        class Corner(dfr.Experiment):
-            """A plant that is at its goal."""
-
-            parameters = {"goal_x": 1.0, "fast": True, "count": 3, "word": "a b"}
-            episodes, trials, demonstrations = 1, 1, (5,)
-            methods = ("baseline",)
-
-            def plant(corner):
-                class There:
-                    completed, collided = True, False
-                    reset = step = lambda self, _: None
-
-                    def observe(self):
-                        return [corner.parameters["goal_x"], 0.0]
-
-                return There()
-
-            def demonstrate(self, seed):
-                actions = 0.1 * np.random.default_rng(seed).normal(size=(9, 2))
-                return np.vstack([[1.0, 0.0], [1.0, 0.0] + np.cumsum(actions, axis=0)]), actions
-
-            def learn(self, learner, states, actions, seed):
-                return lambda t, state: [0.0, 0.0]
-
-        out = str(self.folder / "corner")
-        summary = Corner().run(["experiment", "--out", out, "--fast", "false", "--count", "4", "--threads", "1"])
-        self.assertEqual(summary["averages"][0]["completed"], 1.0)
-        text = (self.folder / "corner/run.toml").read_text()
-        for line in ("goal-x = 1", 'fast = "false"', "count = 4", 'word = "a b"'):
-            self.assertIn(line + "\n", text)
-        self.assertIsNone(Corner().run(["experiment", "--out", out + "2", "--shard", "1/2", "--threads", "1"]))
-        again = Corner().replay(out, "0/5/policy/baseline/0")
-        self.assertEqual(again["baseline"].outcome, "completed")
-        self.assertEqual(again["baseline"].actions.shape, (0, 2))
-        with self.assertRaises(SystemExit):
-            Corner().run(["status", out])
-        with self.assertRaisesRegex(NotImplementedError, "Experiment must define plant"):
-            dfr.Experiment().plant()
 
 
 if __name__ == "__main__":

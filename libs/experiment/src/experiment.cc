@@ -26,10 +26,12 @@ std::filesystem::path LedgerOf(const ExperimentOptions& options) {
 std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free);
 
-// Turns SIGTERM and SIGUSR1, with which schedulers announce the end, into stop_requested.
+// Turns SIGTERM and SIGUSR1, with which schedulers announce the end, into stop_requested. Those
+// before its lifetime do not count: each run has its own.
 class StopOnSignals {
  public:
   StopOnSignals() {
+    stop_requested = false;
     struct sigaction action {};
     action.sa_handler = [](int /*signal*/) { stop_requested = true; };
     action.sa_flags = static_cast<int>(SA_RESETHAND | SA_RESTART);

@@ -137,9 +137,13 @@ class EglContext final : public GlContext {
 };
 
 std::shared_ptr<GlContext> MakeOffscreen() {
-  const char* wanted = std::getenv("DFR_GL");
+  // MuJoCo keeps the functions of the first.
+  static const bool egl = [] {
+    const char* wanted = std::getenv("DFR_GL");
+    return wanted != nullptr && std::string_view(wanted) == "egl";
+  }();
   std::string failures;
-  if (wanted == nullptr || std::string_view(wanted) != "egl") {
+  if (!egl) {
     try {
       return std::make_shared<OsMesaContext>();
     } catch (const std::runtime_error& e) {

@@ -1,6 +1,6 @@
 // Records a step every millisecond and a picture every 33, until it is killed. The last step that
 // was recorded stands in a file, too, as the number of bytes of it.
-// usage: recording_child LOG PROGRESS
+// usage: recording_system_child LOG PROGRESS
 #include <fcntl.h>
 #include <unistd.h>
 

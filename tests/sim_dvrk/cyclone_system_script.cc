@@ -1,7 +1,7 @@
 // What the test scripts of dvrk_python 2.4 do with a PSM (its arm and psm classes, crtk's utils,
 // the scripts for an arm and for a PSM), as an independent client written with CycloneDDS. It knows
 // only names, types and ROS 2's quality of service:
-//   cyclone_script DOMAIN
+//   cyclone_system_script DOMAIN
 // Exit code: 0 done, 1 DDS failed, else the number of the step that failed, whose name it prints.
 #include <dds/dds.h>
 
@@ -92,7 +92,7 @@ void Step(const char* name) {
 }
 
 [[noreturn]] void Fail() {
-  std::fprintf(stderr, "cyclone_script: %s\n", step_name.c_str());
+  std::fprintf(stderr, "cyclone_system_script: %s\n", step_name.c_str());
   std::exit(step_number);
 }
 

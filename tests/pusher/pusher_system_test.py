@@ -1,0 +1,125 @@
+"""Studies of the program `pusher`, small but with something to compare.
+
+usage: pusher_system_test.py PROGRAM
+"""
+import json
+import re
+import unittest
+
+from pusher_program import ALL, ProgramTest
+
+CELL_KEYS = {
+    "method", "learner", "demonstrations", "trials", "episodes", "completed", "completed_interval",
+    "halted", "halted_interval", "collided", "collided_interval", "controls_per_trajectory", "recovery_controls",
+}
+
+
+class PusherSystemTest(ProgramTest):
+    def test_all_methods_are_summarized(self):
+        self.run_pusher("experiment", *ALL, "--out", "one")
+        one = self.summary("one")
+        self.assertEqual(len(one["cells"]), 10 * 2)
+        for cell in one["cells"]:
+            self.assertLessEqual(CELL_KEYS, cell.keys())
+            self.assertEqual(cell["episodes"], 2 * 4)
+            self.assertAlmostEqual(cell["completed"] + cell["halted"] + cell["collided"], 1.0)
+            low, high = cell["collided_interval"]
+            self.assertTrue(0.0 <= low <= cell["collided"] <= high <= 1.0)
+        self.assertEqual({c["method"] for c in one["contrasts"]}, {"early-stopping", "dfr", "guided", "true-jacobian",
+                                                                   "lwr", "knn", "ensemble", "dart", "dagger"})
+        report = (self.folder / "one" / "report.html").read_text()
+        self.assertIn("asks the supervisor", report)
+        self.assertIn("oracle", report)
+
+    def test_a_model_is_filmed(self):
+        self.run_pusher("demonstrate", "--count", 12, "--out", "d.hdf5")
+        self.run_pusher("fit", "--demonstrations", "d.hdf5", "--out", "m")
+        out = self.run_pusher("render", "--model", "m", "--methods", "early-stopping,guided", "--width", 160,
+                              "--height", 120, "--out", "last.png")
+        self.assertIn("controls", out)
+        self.assertEqual((self.folder / "last.png").read_bytes()[:4], b"\x89PNG")
+
+    def test_drift_compares_methods_under_every_condition_and_runs_in_shards(self):
+        small = ["--trials", 1, "--episodes", 2, "--demonstrations", 12, "--methods", "baseline,guided"]
+        whole = self.run_pusher("drift", *small, "--threads", 1)
+        for condition in ("as demonstrated", "noise doubled", "wide bar", "turned", "scaled"):
+            self.assertIn(condition, whole)
+        self.assertEqual(whole.count("  baseline "), whole.count("  guided "))
+        for k in (1, 2):
+            self.run_pusher("drift", *small, "--shard", f"{k}/2", "--out", f"drift/{k}")
+        self.assertEqual(self.run_pusher("merge", "drift", "--out", "drift/whole"), whole)
+
+    def test_a_method_runs_around_other_policies(self):
+        self.run_pusher("experiment", *ALL[:2], *ALL[4:], "--out", "policies", "--demonstrations", "16", "--methods",
+                        "baseline@zero,lwr,baseline@lwr,guided@lwr,baseline@negated,baseline@random,"
+                        "baseline@at-constraints,baseline@out-of-support,guided@at-constraints")
+        by_method = {c["method"]: c for c in self.summary("policies")["averages"]}
+        self.assertEqual(by_method["baseline@zero"]["halted"], 1.0, "what does not move does not arrive")
+        self.assertEqual(by_method["lwr"] | {"method": ""}, by_method["baseline@lwr"] | {"method": ""})
+        self.assertEqual(by_method["baseline@negated"]["completed"], 0.0)
+        self.assertGreater(by_method["baseline@at-constraints"]["collided"], 0.5)
+        self.assertLess(by_method["guided@at-constraints"]["collided"],
+                        by_method["baseline@at-constraints"]["collided"])
+
+    def test_baselines_learn_what_they_say(self):
+        out = self.run_pusher("experiment", "--learners", "8", "--demonstrations", "30", "--trials", "2", "--episodes",
+                              "20", "--no-video", "--no-convergence", "--out", "baselines", "--methods",
+                              "baseline,ensemble,dart,dagger,true-jacobian,guided@dagger")
+        self.assertIn("true-jacobian: an oracle", out)
+        self.assertIn("dagger, guided@dagger: asks the supervisor", out)
+        by_method = {c["method"]: c for c in self.summary("baselines")["averages"]}
+        alone = by_method["baseline"]
+        self.assertGreater(by_method["dagger"]["completed"], alone["completed"])
+        self.assertIn("early-stopping", by_method["ensemble"]["halt_causes"])
+        self.assertLess(by_method["true-jacobian"]["collided"], alone["collided"])
+
+    def test_supervisors_take_turns(self):
+        small = ["--learners", "8", "--demonstrations", "8", "--trials", "5", "--episodes", "4", "--no-video",
+                 "--no-convergence", "--methods", "baseline"]
+        self.run_pusher("experiment", *small, "--supervisors", 5, "--out", "five")
+        self.run_pusher("experiment", *small, "--out", "single")
+        units = {name: [json.loads(line) for line in (self.folder / name / "ledger.jsonl").read_text().splitlines()]
+                 for name in ("five", "single")}
+        self.assertEqual(units["five"][0]["settings"]["supervisors"], "5")
+        outcomes = {name: [[method["outcomes"] for method in unit["episodes"]] for unit in lines[1:]]
+                    for name, lines in units.items()}
+        self.assertNotEqual(outcomes["five"], outcomes["single"])
+
+    def test_full_dynamics_are_a_choice(self):
+        small = ["--learners", "8", "--demonstrations", "6", "--trials", "1", "--episodes", "2", "--no-video",
+                 "--no-convergence", "--methods", "baseline,guided"]
+        self.run_pusher("experiment", *small, "--physics", "dynamic", "--out", "dynamic")
+        self.assertEqual(self.settings("dynamic")["physics"], "dynamic")
+        self.assertIn("physics", self.run_pusher("experiment", *small, "--out", "dynamic", fails=True))
+
+    def test_recoveries_climb_in_the_report(self):
+        out = self.run_pusher("experiment", *(o for o in ALL if o != "--no-convergence"), "--out",
+                              "climb", "--methods", "baseline")
+        blocks = out.split("50 recoveries (")[1:]
+        self.assertEqual(len(blocks), 2)
+        reached = {}
+        for which, methods, block in (("first", {"dfr", "finite-difference", "guided"}, blocks[0]),
+                                      ("all", {"dfr", "finite-difference"}, blocks[1])):
+            self.assertTrue(block.startswith("the first of each" if which == "first" else "all of each"))
+            rows = {line.split()[0]: [float(x) for x in line.split()[1:]] for line in block.splitlines()
+                    if line.startswith("  ") and line.split()[0] in ("dfr", "finite-difference", "guided")}
+            self.assertEqual(set(rows), methods)
+            if which == "first":
+                rows_of_first = rows
+            for method, (start, *_, last, count) in rows.items():
+                self.assertTrue(0 <= count <= 50)
+                self.assertTrue(0 < start <= 1 and 0 < last <= 1)
+                reached[which, method] = count
+                if which == "first":
+                    self.assertEqual(start, rows["dfr"][0], "all begin in the same states")
+        # What no place of the gripper is high enough for, no recovery reaches without pushing.
+        anywhere, gripper, best = (float(x) for x in re.search(
+            r"any state in (\d+) of 50.*?as it is, in (\d+);.*?: ([\d.]+) of", blocks[0], re.S).groups())
+        self.assertTrue(0 <= gripper <= anywhere <= 50)
+        self.assertLessEqual(reached["first", "finite-difference"], gripper + 5)
+        self.assertLessEqual(rows_of_first["finite-difference"][-2], best + 0.05)
+        self.assertIn("How fast recoveries climb", (self.folder / "climb" / "report.html").read_text())
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,98 @@
+"""dfr.Experiment in the test's own process and the workers that it starts.
+
+usage: experiment_test.py
+"""
+
+import importlib.util
+import pathlib
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+
+import dfr
+
+EXAMPLE = pathlib.Path(__file__).resolve().parents[2] / "examples/own_experiment.py"
+SMALL = ("--trials", "2", "--episodes", "1", "--demonstrations", "12")
+
+
+class ExperimentTest(unittest.TestCase):
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.folder = pathlib.Path(temporary.name)
+
+    def import_example(self):
+        specification = importlib.util.spec_from_file_location("own_experiment", EXAMPLE)
+        module = importlib.util.module_from_spec(specification)
+        sys.modules["own_experiment"] = module  # where inspect finds the file of its classes
+        self.addCleanup(sys.modules.pop, "own_experiment")
+        specification.loader.exec_module(module)
+        return module
+
+    def bytes_of(self, name):
+        return (self.folder / name).read_bytes()
+
+    def test_processes_and_shards_give_the_same_bytes_and_an_episode_runs_again(self):
+        corridor = self.import_example().Corridor()
+
+        def run(*arguments, out):
+            return corridor.run(["experiment", *SMALL, *arguments, "--out", str(self.folder / out)])
+
+        summary = run("--threads", "1", out="one")
+        self.assertEqual({a["method"]: a["episodes"] for a in summary["averages"]}["baseline"], 2)
+        for k in (1, 2):
+            self.assertIsNone(run("--threads", "2", "--shard", f"{k}/2", out=f"in/{k}"))
+        corridor.run(["merge", str(self.folder / "in"), "--out", str(self.folder / "merged")])
+        for name in ("summary.json", "report.html", "run.toml"):
+            self.assertEqual(self.bytes_of(f"merged/{name}"), self.bytes_of(f"one/{name}"), name)
+        found = corridor.replay(self.folder / "one", "1/12/policy/guided/0", methods=["baseline", "guided"])
+        self.assertEqual(list(found), ["baseline", "guided"])
+        np.testing.assert_array_equal(found["baseline"].states[0], found["guided"].states[0])
+        for episode in found.values():
+            self.assertEqual(episode.states.shape, (len(episode.actions) + 1, 2))
+
+    def test_it_runs_in_a_program_of_ones_own(self):
+        class Corner(dfr.Experiment):
+            """A plant that is at its goal."""
+
+            parameters = {"goal_x": 1.0, "fast": True, "count": 3, "word": "a b"}
+            episodes, trials, demonstrations = 1, 1, (5,)
+            methods = ("baseline",)
+
+            def plant(corner):
+                class There:
+                    completed, collided = True, False
+                    reset = step = lambda self, _: None
+
+                    def observe(self):
+                        return [corner.parameters["goal_x"], 0.0]
+
+                return There()
+
+            def demonstrate(self, seed):
+                actions = 0.1 * np.random.default_rng(seed).normal(size=(9, 2))
+                return np.vstack([[1.0, 0.0], [1.0, 0.0] + np.cumsum(actions, axis=0)]), actions
+
+            def learn(self, learner, states, actions, seed):
+                return lambda t, state: [0.0, 0.0]
+
+        out = str(self.folder / "corner")
+        summary = Corner().run(["experiment", "--out", out, "--fast", "false", "--count", "4", "--threads", "1"])
+        self.assertEqual(summary["averages"][0]["completed"], 1.0)
+        text = (self.folder / "corner/run.toml").read_text()
+        for line in ("goal-x = 1", 'fast = "false"', "count = 4", 'word = "a b"'):
+            self.assertIn(line + "\n", text)
+        self.assertIsNone(Corner().run(["experiment", "--out", out + "2", "--shard", "1/2", "--threads", "1"]))
+        again = Corner().replay(out, "0/5/policy/baseline/0")
+        self.assertEqual(again["baseline"].outcome, "completed")
+        self.assertEqual(again["baseline"].actions.shape, (0, 2))
+        with self.assertRaises(SystemExit):
+            Corner().run(["status", out])
+        with self.assertRaisesRegex(NotImplementedError, "Experiment must define plant"):
+            dfr.Experiment().plant()
+
+
+if __name__ == "__main__":
+    unittest.main()
