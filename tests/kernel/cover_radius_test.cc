@@ -26,20 +26,20 @@ double DistanceToSamples(const OneClassSvm& svm, const std::vector<double>& x) {
 
 // The definition, by brute force on a lattice that reaches beyond the radius.
 TEST(CoverRadiusTest, NoStateThatDeepInsideIsFurtherFromAllSamples) {
-  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
     core::Random random(seed);
     core::Matrix samples(40, 2);
     for (double& entry : samples.reshaped()) entry = (seed % 2 == 0 ? 3.0 : 1.0) * random.Normal();
     const auto svm =
-        OneClassSvm::Fit(samples, {.nu = 0.1, .gamma = seed < 4 ? 0.3 : 1.5, .tolerance = 1e-6});
+        OneClassSvm::Fit(samples, {.nu = 0.1, .gamma = seed < 3 ? 0.3 : 1.5, .tolerance = 1e-6});
     for (const double level : {-0.1, 0.0, 0.5, 2.0}) {
       const double radius = CoverRadius(svm, level);
       const double plain = std::sqrt((level - std::log(svm.rho())) / svm.gamma());
       EXPECT_LE(radius, plain * (1.0 + 1e-12));
       double furthest = 0.0;
       const double reach = samples.cwiseAbs().maxCoeff() + plain;
-      for (double x = -reach; x <= reach; x += reach / 150.0) {
-        for (double y = -reach; y <= reach; y += reach / 150.0) {
+      for (double x = -reach; x <= reach; x += reach / 80.0) {
+        for (double y = -reach; y <= reach; y += reach / 80.0) {
           const std::vector<double> there = {x, y};
           if (svm.LogDecision(there) < -level) continue;
           furthest = std::max(furthest, DistanceToSamples(svm, there));

@@ -1,11 +1,9 @@
-// Fits over all that a caller may ask for: sizes, widths of the kernel, nu, duplicates, clusters,
-// scales, outliers. What a fit claims is checked against the definition.
+#include "tests/kernel/hard_problems.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -17,85 +15,21 @@
 namespace dfr::kernel {
 namespace {
 
+using test::Kind;
+using test::KktGapOfSummary;
 using test::LibsvmPeer;
+using test::MedianSquaredDistance;
+using test::Samples;
 using testing::HasSubstr;
-
-// max G over alpha > 0 minus min G over alpha < 1 in LIBSVM's scale, from the alpha of the summary.
-double KktGap(const core::Matrix& samples, const FitSummary& summary, double nu, double gamma) {
-  const double total = nu * static_cast<double>(samples.rows());
-  double largest = -std::numeric_limits<double>::infinity();
-  double smallest = std::numeric_limits<double>::infinity();
-  for (Eigen::Index i = 0; i < samples.rows(); ++i) {
-    double gradient = 0.0;
-    for (Eigen::Index j = 0; j < samples.rows(); ++j) {
-      if (summary.alpha[j] == 0.0) continue;
-      gradient +=
-          summary.alpha[j] * std::exp(-gamma * (samples.row(i) - samples.row(j)).squaredNorm());
-    }
-    if (summary.alpha[i] > 0.0) largest = std::max(largest, total * gradient);
-    if (total * summary.alpha[i] < 1.0 - 1e-12) smallest = std::min(smallest, total * gradient);
-  }
-  return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
-}
-
-double MedianSquaredDistance(const core::Matrix& samples) {
-  std::vector<double> squared;
-  const Eigen::Index step = std::max<Eigen::Index>(1, samples.rows() / 50);
-  for (Eigen::Index i = 0; i < samples.rows(); i += step) {
-    for (Eigen::Index j = 0; j < i; j += step) {
-      const double square = (samples.row(i) - samples.row(j)).squaredNorm();
-      if (square > 0.0) squared.push_back(square);
-    }
-  }
-  if (squared.empty()) return 1.0;
-  std::nth_element(squared.begin(),
-                   squared.begin() + static_cast<std::ptrdiff_t>(squared.size() / 2),
-                   squared.end());
-  return squared[squared.size() / 2];
-}
-
-enum class Kind { kNormal, kDuplicates, kClusters, kTiny, kHuge };
-
-core::Matrix Samples(Kind kind, int m, int n, core::Random& random) {
-  core::Matrix samples(m, n);
-  for (double& x : samples.reshaped()) x = random.Normal();
-  for (Eigen::Index i = 0; i < m; ++i) {
-    if (kind == Kind::kDuplicates && i % 3 != 0) samples.row(i) = samples.row(i / 3);
-    if (kind == Kind::kClusters) samples.row(i).array() += 100.0 * static_cast<double>(i % 4);
-  }
-  if (kind == Kind::kTiny) samples *= 1e-9;
-  if (kind == Kind::kHuge) samples = (1e9 * samples).array() + 1e12;
-  return samples;
-}
 
 class HardProblemsTest : public testing::TestWithParam<Kind> {};
 
+// The system tier has the larger ones.
 TEST_P(HardProblemsTest, EveryFitConvergesWhateverItsSizeWidthAndNu) {
-  constexpr double kTolerance = 1e-3;
   core::Random random(51);
-  for (const int m : {2, 7, 60, 400, 2200}) {
+  for (const int m : {2, 7, 60, 200}) {
     for (const int n : {1, 9, 256}) {
-      if (m * n > 100'000 && m > 400 && n > 9) continue;  // minutes by the definition
-      const core::Matrix samples = Samples(GetParam(), m, n, random);
-      const double unit = 1.0 / MedianSquaredDistance(samples);
-      for (const double width : {1e-6, 1e-3, 0.1, 1.0, 10.0, 1e3, 1e6}) {
-        for (const double nu : {1.0 / m, 0.05, 0.5, 1.0}) {
-          if (m > 400 && nu > 0.1) continue;
-          const double gamma = width * unit;
-          SCOPED_TRACE(testing::Message() << m << " x " << n << ", gamma " << width << " / "
-                                          << 1.0 / unit << ", nu " << nu);
-          FitSummary summary;
-          const auto svm = OneClassSvm::Fit(
-              samples, {.nu = nu, .gamma = gamma, .tolerance = kTolerance}, &summary);
-          EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged) << summary.kkt_gap;
-          EXPECT_TRUE(std::isfinite(svm.rho()));
-          EXPECT_LT(summary.kkt_gap, kTolerance);
-          const double gap = KktGap(samples, summary, nu, gamma);
-          // The definition's own rounding of the squared distance.
-          EXPECT_LT(gap, kTolerance * (1.0 + 1e-6) + 1e-12 * nu * m);
-          EXPECT_NEAR(svm.alpha().sum(), 1.0, 1e-12);
-        }
-      }
+      if (m * n <= 60 * 256) test::CheckFits(GetParam(), m, n, {1.0 / m, 0.05, 0.5, 1.0}, random);
     }
   }
 }
@@ -103,7 +37,7 @@ TEST_P(HardProblemsTest, EveryFitConvergesWhateverItsSizeWidthAndNu) {
 TEST_P(HardProblemsTest, ObjectivesAreNoHigherThanThoseOfLibsvm) {
   constexpr double kTolerance = 1e-3;
   core::Random random(52);
-  for (const int m : {7, 60, 300}) {
+  for (const int m : {7, 60, 200}) {
     for (const int n : {1, 9}) {
       const core::Matrix samples = Samples(GetParam(), m, n, random);
       const double unit = 1.0 / MedianSquaredDistance(samples);
@@ -131,9 +65,9 @@ INSTANTIATE_TEST_SUITE_P(Kinds, HardProblemsTest,
 // One sample far away moves the mean, and with it the rounding of all coordinates in float.
 TEST(HardProblemsTest, OneOutlierChangesNothingForTheOthers) {
   core::Random random(53);
-  for (const int m : {400, 3000}) {  // solved as a whole, and by an active set
+  for (const int m : {400, 2100}) {  // solved as a whole, and by an active set
     const core::Matrix samples = Samples(Kind::kNormal, m, 3, random);
-    for (const double outlier : {1e6, 1e9, 1e12, 1e18, 1e100}) {
+    for (const double outlier : {1e6, 1e12, 1e100}) {
       for (const double gamma : {0.3, 30.0}) {
         SCOPED_TRACE(testing::Message() << m << ", " << outlier << ", gamma " << gamma);
         core::Matrix spoilt = samples;
@@ -141,7 +75,7 @@ TEST(HardProblemsTest, OneOutlierChangesNothingForTheOthers) {
         FitSummary summary;
         const auto svm = OneClassSvm::Fit(spoilt, {.gamma = gamma, .tolerance = 1e-3}, &summary);
         EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
-        EXPECT_LT(KktGap(spoilt, summary, 0.05, gamma), 1e-3);
+        EXPECT_LT(KktGapOfSummary(spoilt, summary, 0.05, gamma), 1e-3);
         int outside = 0;
         for (Eigen::Index i = 0; i < m; ++i) {
           outside += svm.Decision(core::Row(spoilt, i)) < -2e-3 / svm.libsvm_scale() ? 1 : 0;
@@ -155,7 +89,7 @@ TEST(HardProblemsTest, OneOutlierChangesNothingForTheOthers) {
 // Neither mean nor median is near to both: float cannot tell samples of a cluster from each other.
 TEST(HardProblemsTest, ClustersManyWidthsApartConverge) {
   core::Random random(54);
-  for (const int m : {400, 3000}) {
+  for (const int m : {400, 2100}) {
     for (const double apart : {1e4, 1e6, 1e8}) {
       for (const double gamma : {0.3, 5.0}) {
         SCOPED_TRACE(testing::Message() << m << ", apart " << apart << ", gamma " << gamma);
@@ -164,14 +98,14 @@ TEST(HardProblemsTest, ClustersManyWidthsApartConverge) {
         FitSummary summary;
         (void)OneClassSvm::Fit(samples, {.gamma = gamma, .tolerance = 1e-3}, &summary);
         EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged) << summary.kkt_gap;
-        EXPECT_LT(KktGap(samples, summary, 0.05, gamma), 1e-3);
+        EXPECT_LT(KktGapOfSummary(samples, summary, 0.05, gamma), 1e-3);
       }
     }
   }
 }
 
 // Wherever it is stopped, in a pass over all samples too, a fit is an estimate that says how good
-// it is.
+// it is. Takes about a second: only from 4000 samples on does a fit begin with a part of them.
 TEST(HardProblemsTest, AFitMayBeStoppedAnywhere) {
   core::Random random(56);
   const int m = 4100;
@@ -194,13 +128,13 @@ TEST(HardProblemsTest, AFitMayBeStoppedAnywhere) {
     EXPECT_EQ(stopped_at(-1).reason, FitSummary::Reason::kConverged);
     const int all = calls;
     ASSERT_GE(all, 4);
-    for (const int call : {1, 2, 3, all / 2, all - 1}) {
+    for (const int call : {1, 2, all / 2, all - 1}) {
       SCOPED_TRACE(testing::Message() << "gamma " << gamma << ", call " << call << " of " << all);
       const FitSummary summary = stopped_at(call);
       EXPECT_EQ(calls, call) << "asked again after it was told to stop";
       EXPECT_EQ(summary.reason, FitSummary::Reason::kInterrupted);
       if (std::isinf(summary.kkt_gap)) continue;  // stopped before G was known
-      EXPECT_NEAR(KktGap(samples, summary, 0.05, gamma), summary.kkt_gap, 1e-4);
+      EXPECT_NEAR(KktGapOfSummary(samples, summary, 0.05, gamma), summary.kkt_gap, 1e-4);
     }
     EXPECT_TRUE(std::isinf(stopped_at(1).kkt_gap));
   }

@@ -168,13 +168,14 @@ TEST(OneClassSvmTest, IsolatedSamplesOfWhichSomeCoincideConverge) {
   EXPECT_NEAR(svm.rho() * svm.libsvm_scale(), 150.0 / 2994.0, 1e-3);
 }
 
-// Narrow kernels, whose rows leave out what is negligible: KKT conditions by the definition.
+// Narrow kernels, whose rows leave out what is negligible: KKT conditions by the definition, which
+// takes about a second.
 TEST(OneClassSvmTest, NarrowKernelsFindTheSolutionOfTheWholeProblem) {
   core::Random random(48);
-  const core::Matrix samples = 3.0 * Tube(5000, 4, random);
+  const core::Matrix samples = 3.0 * Tube(2500, 4, random);
   for (const double gamma : {5.0, 50.0}) {
     for (const double tolerance : {1e-3, 1e-6}) {     // kernel values in float, and in double
-      for (const double memory_mib : {512.0, 4.0}) {  // and rows that have to make room
+      for (const double memory_mib : {512.0, 2.0}) {  // and rows that have to make room
         SCOPED_TRACE(testing::Message() << "gamma " << gamma << ", tolerance " << tolerance << ", "
                                         << memory_mib << " MiB");
         FitSummary summary;
@@ -190,11 +191,11 @@ TEST(OneClassSvmTest, NarrowKernelsFindTheSolutionOfTheWholeProblem) {
 
 TEST(OneClassSvmTest, AnyNumberOfThreadsGivesTheSameBits) {
   core::Random random(49);
-  const core::Matrix samples = 2.0 * Tube(6000, 5, random);
+  const core::Matrix samples = 2.0 * Tube(4200, 5, random);
   for (const double gamma : {0.1, 20.0}) {  // wide and narrow kernels
     for (const double tolerance : {1e-3, 1e-6}) {
       const auto one = OneClassSvm::Fit(samples, {.gamma = gamma, .tolerance = tolerance});
-      for (const int threads : {0, 2, 3, 8}) {
+      for (const int threads : {0, 3}) {
         FitSummary summary;
         const auto many = OneClassSvm::Fit(
             samples, {.gamma = gamma, .tolerance = tolerance, .threads = threads}, &summary);
@@ -770,7 +771,7 @@ TEST(OneClassSvmTest, NuNearBothEndsConverges) {
 TEST(OneClassSvmTest, EveryInstructionSetFindsTheSolution) {
   core::Random random(46);
   core::Matrix few = Tube(600, 3, random);
-  core::Matrix many = Tube(3000, 3, random);
+  core::Matrix many = Tube(2200, 3, random);
   for (core::Matrix* samples : {&few, &many}) {
     const Eigen::Index half = samples->rows() / 2;
     samples->bottomRows(half) = samples->topRows(half);

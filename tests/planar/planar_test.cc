@@ -2,8 +2,6 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <array>
-#include <cmath>
 #include <filesystem>
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
@@ -22,66 +20,20 @@
 namespace dfr::apps::planar {
 namespace {
 
-struct Counts {
-  int completed = 0;
-  int collided = 0;
-};
-
-Counts Count(const PlanarResult& result, std::size_t method) {
-  Counts counts;
-  for (const auto& unit : result.units) {
-    for (const auto& episode : unit.episodes[method]) {
-      counts.completed += episode.outcome == core::Outcome::kCompleted ? 1 : 0;
-      counts.collided += episode.outcome == core::Outcome::kCollided ? 1 : 0;
-    }
-  }
-  return counts;
-}
-
 PlanarStudy Small(const std::string& task, std::vector<std::string> methods) {
   PlanarStudy study;
   study.task = task;
   study.plan.methods = std::move(methods);
   study.plan.learners = {"polynomial"};
-  study.plan.demonstrations = {60};
+  study.plan.demonstrations = {20};
   study.plan.trials = 2;
-  study.plan.episodes = 20;
+  study.plan.episodes = 3;
   study.plan.seed = 11;
   return study;
 }
 
-TEST(PlanarTest, GuidedRecoveryCompletesTheCorridorWithoutCollisions) {
-  const auto result = RunStudy(Small("corridor", {"guided", "certified-radius"}));
-  EXPECT_GE(Count(result, 0).completed, 38);
-  EXPECT_EQ(Count(result, 0).collided, 0);
-  EXPECT_GE(Count(result, 1).completed, 36);
-  EXPECT_EQ(Count(result, 1).collided, 0);
-}
-
-// In contact J is wrong, and a certificate has to leave room for it.
-TEST(PlanarTest, TheDirectionCertificateCompletesPushingWithoutAViolation) {
-  for (const char* task : {"push", "push-weak"}) {
-    SCOPED_TRACE(task);
-    const auto result = RunStudy(Small(task, {"certified-direction"}));
-    EXPECT_GE(Count(result, 0).completed, 28);
-    EXPECT_EQ(Count(result, 0).collided, 0);
-    for (const auto& unit : result.units) {
-      for (const auto& episode : unit.episodes[0]) {
-        EXPECT_NE(episode.cause, control::Name(control::HaltCause::kViolated));
-      }
-    }
-  }
-}
-
-TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
-  const auto result = RunStudy(Small("push-weak", {"baseline", "guided"}));
-  EXPECT_GT(Count(result, 1).completed, Count(result, 0).completed);
-  EXPECT_LT(Count(result, 1).collided, Count(result, 0).collided);
-}
-
 TEST(PlanarTest, ResultsDoNotDependOnTheNumberOfThreads) {
   PlanarStudy study = Small("push", {"dfr", "guided"});
-  study.plan.episodes = 5;
   study.run.threads = 1;
   const auto one = RunStudy(study);
   study.run.threads = 2;
@@ -90,7 +42,7 @@ TEST(PlanarTest, ResultsDoNotDependOnTheNumberOfThreads) {
   for (std::size_t unit = 0; unit < one.units.size(); ++unit) {
     EXPECT_EQ(one.units[unit].starts, two.units[unit].starts);
     for (std::size_t m = 0; m < 2; ++m) {
-      for (std::size_t e = 0; e < 5; ++e) {
+      for (std::size_t e = 0; e < 3; ++e) {
         EXPECT_EQ(one.units[unit].episodes[m][e].outcome, two.units[unit].episodes[m][e].outcome);
         EXPECT_EQ(one.units[unit].episodes[m][e].controls, two.units[unit].episodes[m][e].controls);
       }
@@ -98,80 +50,40 @@ TEST(PlanarTest, ResultsDoNotDependOnTheNumberOfThreads) {
   }
 }
 
-constexpr std::array kKinds = {control::CertificateKind::kLipschitz,
-                               control::CertificateKind::kRadius,
-                               control::CertificateKind::kDirection};
+class ProofTest : public testing::TestWithParam<control::CertificateKind> {};
 
-// Prop. IV.3 as mended, 3 x 150 000 controls; `planar prove --steps 10000000` is the long version.
-TEST(ProofTest, NoCertifiedModeEverLeavesTheUnionOfSupports) {
-  for (const auto kind : kKinds) {
-    SCOPED_TRACE(control::Name(kind));
-    const ProofResult result = Prove({.kind = kind, .steps = 150'000});
-    EXPECT_EQ(result.controls, 150'000);
+// The system tier goes on for longer, and finds every mutation.
+TEST_P(ProofTest, ACertifiedModeStaysInsideTheUnionOfSupports) {
+  for (const double error : {0.0, 0.05}) {
+    SCOPED_TRACE(error);
+    const ProofResult result = Prove({.kind = GetParam(), .steps = 2000, .state_error = error});
+    EXPECT_EQ(result.controls, 2000);
     EXPECT_EQ(result.left, 0);
     EXPECT_EQ(result.violations, 0);
-    EXPECT_GT(result.probes, 500);
-    EXPECT_GT(result.recoveries, 500);
-    EXPECT_GT(result.phases, 300);
+    EXPECT_GT(result.probes, 5);
+    EXPECT_GT(result.phases, 4);
   }
 }
 
-// What a proof by stress is worth: it finds each mistake that a controller could make.
-TEST(ProofTest, EveryMutationIsFound) {
-  for (const auto kind : kKinds) {
-    for (const Mutation mutation : MutationsOf(kind)) {
-      if (mutation == Mutation::kNone) continue;
-      SCOPED_TRACE(std::string(control::Name(kind)) + ", " + Name(mutation));
-      const ProofResult result = Prove({.kind = kind, .steps = 60'000, .mutation = mutation});
-      EXPECT_GT(result.left, 0);
-    }
-  }
-}
-
-// States that are observed with an error that the certificate knows of.
-TEST(ProofTest, NoisyStatesStayInsideToo) {
-  for (const auto kind : kKinds) {
-    SCOPED_TRACE(control::Name(kind));
-    const ProofResult result = Prove({.kind = kind, .steps = 30'000, .state_error = 0.05});
-    EXPECT_EQ(result.left, 0);
-    EXPECT_EQ(result.violations, 0);
-  }
+TEST_P(ProofTest, AMistakenControllerIsFound) {
+  const ProofResult result =
+      Prove({.kind = GetParam(), .steps = 4000, .mutation = Mutation::kConstant});
+  EXPECT_GT(result.left, 0);
 }
 
 // Half of the true K or eps: whoever leaves was found out at that very control.
-TEST(ProofTest, AWrongConstantEndsInAViolation) {
-  for (const auto kind : kKinds) {
-    SCOPED_TRACE(control::Name(kind));
-    const ProofResult result = Prove({.kind = kind, .steps = 30'000, .assumed = 0.5});
-    EXPECT_GT(result.violations, 100);
-    EXPECT_LE(result.left, result.violations + 1) << "the last control is not looked at any more";
-  }
+TEST_P(ProofTest, AWrongConstantEndsInAViolation) {
+  const ProofResult result = Prove({.kind = GetParam(), .steps = 1000, .assumed = 0.5});
+  EXPECT_GT(result.violations, 3);
+  EXPECT_LE(result.left, result.violations + 1) << "the last control is not looked at any more";
 }
 
-// By demonstrations that nothing was fitted to: counts agree with the law of order statistics.
-TEST(CoverageTest, HeldOutDemonstrationsKeepThePromises) {
-  constexpr int kFits = 80;
-  for (const std::string world : {"reach", "heavy-tails"}) {
-    SCOPED_TRACE(world);
-    const CoverageResult result = MeasureCoverage({.world = world,
-                                                   .demonstrations = 20,
-                                                   .hold_out = 0.5,
-                                                   .confidence = 0.8,
-                                                   .fits = kFits,
-                                                   .further = 60});
-    EXPECT_EQ(result.promised, 0.2);
-    EXPECT_EQ(result.confidence, 0.8);
-    EXPECT_GT(result.kept_chance, 0.8);
-    // Three and a half standard deviations.
-    const auto near = [&](int count, double chance) {
-      EXPECT_NEAR(count, kFits * chance, 3.5 * std::sqrt(kFits * chance * (1.0 - chance)));
-    };
-    near(result.kept, result.kept_chance);
-    near(result.error_short, result.short_chance);
-    near(result.gain_short, result.short_chance);
-    // The worst of ten: one further of eleven is beyond it.
-    EXPECT_NEAR(result.mean, 1.0 / 11.0, 3.5 * result.mean_error);
-  }
+INSTANTIATE_TEST_SUITE_P(Kinds, ProofTest,
+                         testing::Values(control::CertificateKind::kLipschitz,
+                                         control::CertificateKind::kRadius,
+                                         control::CertificateKind::kDirection));
+
+TEST(CoverageTest, UnknownWorldsAreRefused) {
   EXPECT_THROW((void)MeasureCoverage({.world = "moon"}), std::invalid_argument);
 }
 

@@ -114,10 +114,12 @@ TEST_F(GuardFileTest, KeepsAllBits) {
   EXPECT_EQ(Content(), before);
 }
 
-TEST_F(GuardFileTest, EveryCutIsRefused) {
+// Archives are cut at and damaged in every byte by the tests of core; here, in some of each
+// section.
+TEST_F(GuardFileTest, CutsAreRefused) {
   Small()->Save(path_);
   const std::string content = Content();
-  for (std::size_t size = 0; size < content.size(); ++size) {
+  for (std::size_t size = 0; size < content.size(); size += 1 + content.size() / 300) {
     Replace(content.substr(0, size));
     ASSERT_THAT(Refusal(), AnyOf(HasSubstr("truncated"), HasSubstr("is empty"),
                                  HasSubstr("not a file written by dfr")))
@@ -127,11 +129,11 @@ TEST_F(GuardFileTest, EveryCutIsRefused) {
   EXPECT_EQ(Refusal(), "");
 }
 
-TEST_F(GuardFileTest, EveryDamagedByteIsRefused) {
+TEST_F(GuardFileTest, DamagedBytesAreRefused) {
   Small()->Save(path_);
   const std::string content = Content();
   core::Random random(11);
-  for (std::size_t at = 0; at < content.size(); ++at) {
+  for (std::size_t at = 0; at < content.size(); at += 1 + content.size() / 300) {
     std::string damaged = content;
     damaged[at] = static_cast<char>(damaged[at] ^ (1 << random.Below(8)));
     Replace(damaged);
@@ -146,7 +148,7 @@ TEST_F(GuardFileTest, WrongContentWithARightChecksumDoesNoHarm) {
   const std::string content = Content();
   core::Random random(12);
   int refused = 0;
-  for (int i = 0; i < 4000; ++i) {
+  for (int i = 0; i < 400; ++i) {
     std::string damaged = content.substr(0, content.size() - sizeof(std::uint64_t));
     for (std::uint64_t n = 1 + random.Below(3); n > 0; --n) {
       damaged[random.Below(damaged.size())] = static_cast<char>(random.Below(256));
@@ -175,8 +177,8 @@ TEST_F(GuardFileTest, WrongContentWithARightChecksumDoesNoHarm) {
       for (const double a : action) ASSERT_TRUE(std::isfinite(a));
     }
   }
-  EXPECT_GT(refused, 400);
-  EXPECT_LT(refused, 4000);
+  EXPECT_GT(refused, 40);
+  EXPECT_LT(refused, 400);
 }
 
 TEST_F(GuardFileTest, NewerAndOtherFilesAreRefusedByName) {
@@ -397,7 +399,7 @@ TEST(GuardModelTest, AcceptanceIsOfStatesAndOfWholeDemonstrations) {
 // With demonstrations that nothing was fitted to, a fit's rate of alarms stays below the one it
 // promises with the confidence it promises.
 TEST(GuardModelTest, AConfidenceHoldsForThatShareOfFits) {
-  constexpr int kFits = 60;
+  constexpr int kFits = 30;
   int kept = 0;
   for (int fit = 0; fit < kFits; ++fit) {
     const auto seed = static_cast<std::uint64_t>(fit);
@@ -413,8 +415,8 @@ TEST(GuardModelTest, AConfidenceHoldsForThatShareOfFits) {
     }
     kept += alarms <= 40 ? 1 : 0;
   }
-  // Binomial(60, .8): 48 expected at least, standard deviation 3.1; three of these.
-  EXPECT_GE(kept, 48 - 10);
+  // Binomial(30, .8): 24 expected at least, standard deviation 2.2; three of these.
+  EXPECT_GE(kept, 24 - 7);
 }
 
 TEST(GuardModelTest, CertificatesNeedTheirConstantsAndDoublePrecision) {

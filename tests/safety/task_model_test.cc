@@ -386,10 +386,10 @@ TEST_F(TaskModelTest, WrongArgumentsAreNamed) {
               Not(HasSubstr("nothing thrown")));
 }
 
-TEST_F(TaskModelTest, EveryCutIsRefused) {
+TEST_F(TaskModelTest, CutsAreRefused) {
   TaskModel(test::CorridorLayout(), Demonstrations(4, 3), Options(true)).Save(folder_);
   const std::string content = Content();
-  for (std::size_t size = 0; size < content.size(); ++size) {
+  for (std::size_t size = 0; size < content.size(); size += 1 + content.size() / 300) {
     Replace(content.substr(0, size));
     ASSERT_THAT(Refusal(), testing::AllOf(HasSubstr((folder_ / "task.dfr").string()),
                                           AnyOf(HasSubstr("truncated"), HasSubstr("is empty"),
@@ -407,7 +407,7 @@ TEST_F(TaskModelTest, WrongContentWithARightChecksumDoesNoHarm) {
   core::Random random(12);
   const Drifting policy;
   int refused = 0;
-  for (int i = 0; i < 2000; ++i) {
+  for (int i = 0; i < 200; ++i) {
     std::string damaged = content.substr(0, content.size() - sizeof(std::uint64_t));
     for (std::uint64_t n = 1 + random.Below(3); n > 0; --n) {
       damaged[random.Below(damaged.size())] = static_cast<char>(random.Below(256));
@@ -437,8 +437,8 @@ TEST_F(TaskModelTest, WrongContentWithARightChecksumDoesNoHarm) {
       ++refused;
     }
   }
-  EXPECT_GT(refused, 200);
-  EXPECT_LT(refused, 2000);
+  EXPECT_GT(refused, 20);
+  EXPECT_LT(refused, 200);
 }
 
 TEST_F(TaskModelTest, MissingFilesAndOtherStatesAreNamed) {

@@ -125,9 +125,10 @@ TEST(DvrkSceneTest, InRealTimeThePlatformMovesWithTheArmOrWithoutIt) {
   EXPECT_EQ(moved(RealTime(false, true), 10), 0.0);
   EXPECT_EQ(moved(RealTime(false, false), 10), 0.0);
   EXPECT_GT(moved(RealTime(false, true), 0), 1e-4);
-  EXPECT_GT(moved(RealTime(true, false), 10), 1e-4);
+  const double with_the_arm = moved(RealTime(true, false), 10);
+  EXPECT_GT(with_the_arm, 1e-4);
   // All of the time, not only the milliseconds in which a set-point came.
-  EXPECT_EQ(moved(RealTime(true, false), 10), moved(RealTime(true, false), 1));
+  EXPECT_EQ(with_the_arm, moved(RealTime(true, false), 1));
 }
 
 TEST(DvrkSceneTest, CameraFaultsLastOverAReset) {

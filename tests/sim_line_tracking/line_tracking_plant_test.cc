@@ -9,7 +9,6 @@
 #include <thread>
 #include <vector>
 
-#include "dfr/core/random.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::sim {
@@ -271,11 +270,11 @@ TEST(LineTrackingPlantTest, CloneContinuesBitForBitAndSeedsDecideEverything) {
     EXPECT_NE(Observe(plant), Observe(same));
     same.Reset(7);
     EXPECT_EQ(Observe(plant), Observe(same));
-    for (int i = 0; i < 10; ++i) ASSERT_EQ(Apply(plant, 0.5, 0.02 * i), PlantStatus::kOk);
+    for (int i = 0; i < 3; ++i) ASSERT_EQ(Apply(plant, 0.5, 0.05 * i), PlantStatus::kOk);
     const auto clone = plant.Clone();
     same.CopyStateFrom(plant);
     EXPECT_EQ(Observe(plant), Observe(*clone));
-    for (int i = 0; i < 5; ++i) {
+    for (int i = 0; i < 2; ++i) {
       ASSERT_EQ(Apply(plant, 0.4, -0.1), PlantStatus::kOk);
       ASSERT_EQ(Apply(*clone, 0.4, -0.1), PlantStatus::kOk);
       ASSERT_EQ(Apply(same, 0.4, -0.1), PlantStatus::kOk);
@@ -357,7 +356,7 @@ TEST(LineTrackingPlantTest, ImagesDoNotDependOnTheThread) {
     LineTrackingPlant other(options);  // draws in turn on the same thread
     plant.Reset(3);
     other.Reset(4);
-    for (int i = 0; i < 5; ++i) {
+    for (int i = 0; i < 2; ++i) {
       ASSERT_EQ(Apply(plant, 0.5, 0.1), PlantStatus::kOk);
       ASSERT_EQ(Apply(other, 0.5, -0.1), PlantStatus::kOk);
       states.push_back(Observe(plant));
@@ -387,59 +386,25 @@ TEST(LineTrackingPlantTest, TheOutsideViewShowsTheArmMove) {
   EXPECT_NE(one, other);
 }
 
-// The requirement on vision: 95 % of errors below 0.3 mm, and never the wrong side, over poses of
-// tool and platform, light and blur. A side counts from 0.3 mm on: nearer it is within the errors.
-TEST(LineTrackingPlantTest, VisionIsAccurateOverPosesLightAndBlur) {
-  std::vector<double> distance_errors;
-  std::vector<double> tip_errors;
-  int wrong_sides = 0;
-  int not_seen = 0;
-  int looks = 0;
-  for (const double blur : {0.0, 1.0, 2.0}) {
-    for (const double light_change : {0.0, 0.5}) {
-      LineTrackingOptions options;
-      options.disturbance.wave = Wave::kRandom;
-      options.endoscope.blur_px = blur;
-      options.endoscope.light_change = light_change;
-      options.endoscope.glare = 60.0;
-      const line_task::LineCalibration known = PerfectCalibration(options);
-      LineTrackingPlant plant(options, &known);
-      core::Random random(10);
-      for (std::uint64_t seed = 0; seed < 5; ++seed) {
-        plant.Reset(seed);
-        const core::Matrix controls = plant.OpenLoopControls(25, 2e-3);
-        for (int i = 0; i < 25; ++i) {
-          const PlantStatus status = Apply(plant, controls(i, 0) + 0.2 * random.Normal(),
-                                           controls(i, 1) + 0.3 * random.Normal());
-          ASSERT_EQ(status, PlantStatus::kOk);
-          if (std::abs(plant.truth().distance_m) > 0.006) break;
-          ++looks;
-          const vision::LineObservation& seen = plant.last_observation();
-          if (!seen.seen()) {
-            ++not_seen;
-            continue;
-          }
-          const LineTrackingTruth truth = plant.truth();
-          const State x = Observe(plant);
-          distance_errors.push_back(std::abs(seen.distance_m - truth.distance_m));
-          tip_errors.push_back(
-              std::hypot(1e-3 * x[0] - truth.tip_m.x(), 1e-3 * x[1] - truth.tip_m.y()));
-          if (std::abs(truth.distance_m) > 3e-4 && seen.distance_m * truth.distance_m < 0) {
-            ++wrong_sides;
-          }
-        }
-      }
-    }
+// The system tier has the requirement on vision, over hundreds of pictures.
+TEST(LineTrackingPlantTest, VisionFindsTheTipAndItsSideOfTheLine) {
+  LineTrackingOptions options;
+  options.disturbance.wave = Wave::kRandom;
+  options.endoscope.blur_px = 2.0;
+  options.endoscope.light_change = 0.5;
+  options.endoscope.glare = 60.0;
+  const line_task::LineCalibration known = PerfectCalibration(options);
+  LineTrackingPlant plant(options, &known);
+  plant.Reset(0);
+  for (int i = 0; i < 6; ++i) {
+    ASSERT_EQ(Apply(plant, 0.4, i < 3 ? 0.3 : -0.3), PlantStatus::kOk);
+    const vision::LineObservation& seen = plant.last_observation();
+    ASSERT_TRUE(seen.seen()) << vision::Name(seen.missing);
+    const LineTrackingTruth truth = plant.truth();
+    const State x = Observe(plant);
+    EXPECT_NEAR(seen.distance_m, truth.distance_m, 3e-4);
+    EXPECT_LT(std::hypot(1e-3 * x[0] - truth.tip_m.x(), 1e-3 * x[1] - truth.tip_m.y()), 3e-4);
   }
-  const auto quantile95 = [](std::vector<double>& errors) {
-    std::sort(errors.begin(), errors.end());
-    return errors[errors.size() * 95 / 100];
-  };
-  ASSERT_GT(distance_errors.size(), 500U);
-  EXPECT_LT(quantile95(distance_errors), 3e-4);
-  EXPECT_LT(quantile95(tip_errors), 3e-4);
-  EXPECT_EQ(wrong_sides, 0);
-  EXPECT_LT(not_seen, looks / 20);
 }
 
 // Each is an end in NaN, which controllers turn into a halt.

@@ -25,7 +25,7 @@ Study Small() {
   study.restart = true;
   study.tasks = {"planar-corridor"};
   study.conditions = {"as demonstrated", "turned 40 deg", "wider starts"};
-  study.demonstrations = 40;
+  study.demonstrations = 30;
   study.trials = 2;
   study.episodes = 10;
   return study;

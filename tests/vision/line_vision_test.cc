@@ -39,6 +39,7 @@ class Picture {
   std::vector<Eigen::Vector2d> marks = Options().target.marks_m;
 
   void Draw() {
+    half_width_ = 0.00075 * std::hypot(1.0, line_slope);
     core::Random random(1);
     for (int row = 0; row < 480; ++row) {
       for (int column = 0; column < 640; ++column) {
@@ -71,16 +72,18 @@ class Picture {
       bgr[1] += g;
       bgr[2] += r;
     };
-    if (tip && std::hypot(x - tip_x, y - tip_y) < 0.001) return add(40, 160, 40);
-    if (second_tip && std::hypot(x + tip_x, y + tip_y) < 0.001) return add(40, 160, 40);
+    const auto within = [](double dx, double dy, double r) { return dx * dx + dy * dy < r * r; };
+    if (tip && within(x - tip_x, y - tip_y, 0.001)) return add(40, 160, 40);
+    if (second_tip && within(x + tip_x, y + tip_y, 0.001)) return add(40, 160, 40);
     for (const Eigen::Vector2d& m : marks) {
-      if (std::hypot(x - m.x(), y - m.y()) < 0.002) return add(160, 40, 30);
+      if (within(x - m.x(), y - m.y(), 0.002)) return add(160, 40, 30);
     }
-    const double away = (y - line_y - line_slope * x) / std::hypot(1.0, line_slope);
-    if (line && std::fabs(away) < 0.00075 && std::fabs(x) < 0.03) return add(30, 30, 180);
+    const double away = y - line_y - line_slope * x;
+    if (line && std::fabs(away) < half_width_ && std::fabs(x) < 0.03) return add(30, 30, 180);
     add(190, 195, 200);
   }
 
+  double half_width_ = 0.0;  // m, along y
   std::vector<std::uint8_t> data_;
 };
 

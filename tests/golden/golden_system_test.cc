@@ -1,0 +1,21 @@
+#include <gtest/gtest.h>
+
+#include "tests/golden/golden_results.h"
+
+namespace dfr {
+namespace {
+
+TEST(GoldenTest, EveryBitIsTheRecordedOneWithAvx2) { test::ExpectRecordedBits(DFR_GOLDEN, 8); }
+
+// Takes seconds: an outcome differs in one episode of many, and each instruction set plays them
+// all.
+TEST(GoldenTest, OutcomesAreTheSameWithEveryInstructionSet) {
+  const test::Golden widest = test::ResultsWith(0, 8);
+  for (const std::int64_t target : kernel::internal::SupportedTargets()) {
+    SCOPED_TRACE(kernel::internal::TargetName(target));
+    EXPECT_EQ(test::ResultsWith(target, 8).outcomes, widest.outcomes);
+  }
+}
+
+}  // namespace
+}  // namespace dfr

@@ -1,0 +1,15 @@
+#include <gtest/gtest.h>
+
+#include "tests/kernel/gaussian_problem.h"
+
+namespace dfr::kernel::internal {
+namespace {
+
+// Takes seconds: the reference is long double. Only so many states are likely to meet the rare
+// exponents at which float rounds worst.
+TEST(GaussianSumTargetsTest, GIsAccurateOnAMillionRandomAndAdversarialStates) {
+  CheckDecisions(1'000'000);
+}
+
+}  // namespace
+}  // namespace dfr::kernel::internal

@@ -1,0 +1,91 @@
+// Problems over all that a caller may ask for: sizes, widths of the kernel, nu, duplicates,
+// clusters, scales, outliers. What a fit claims is checked against the definition.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "dfr/kernel/one_class_svm.h"
+
+namespace dfr::kernel::test {
+
+// max G over alpha > 0 minus min G over alpha < 1 in LIBSVM's scale, from the alpha of the summary.
+inline double KktGapOfSummary(const core::Matrix& samples, const FitSummary& summary, double nu,
+                              double gamma) {
+  const double total = nu * static_cast<double>(samples.rows());
+  double largest = -std::numeric_limits<double>::infinity();
+  double smallest = std::numeric_limits<double>::infinity();
+  for (Eigen::Index i = 0; i < samples.rows(); ++i) {
+    double gradient = 0.0;
+    for (Eigen::Index j = 0; j < samples.rows(); ++j) {
+      if (summary.alpha[j] == 0.0) continue;
+      gradient +=
+          summary.alpha[j] * std::exp(-gamma * (samples.row(i) - samples.row(j)).squaredNorm());
+    }
+    if (summary.alpha[i] > 0.0) largest = std::max(largest, total * gradient);
+    if (total * summary.alpha[i] < 1.0 - 1e-12) smallest = std::min(smallest, total * gradient);
+  }
+  return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
+}
+
+inline double MedianSquaredDistance(const core::Matrix& samples) {
+  std::vector<double> squared;
+  const Eigen::Index step = std::max<Eigen::Index>(1, samples.rows() / 50);
+  for (Eigen::Index i = 0; i < samples.rows(); i += step) {
+    for (Eigen::Index j = 0; j < i; j += step) {
+      const double square = (samples.row(i) - samples.row(j)).squaredNorm();
+      if (square > 0.0) squared.push_back(square);
+    }
+  }
+  if (squared.empty()) return 1.0;
+  std::nth_element(squared.begin(),
+                   squared.begin() + static_cast<std::ptrdiff_t>(squared.size() / 2),
+                   squared.end());
+  return squared[squared.size() / 2];
+}
+
+enum class Kind { kNormal, kDuplicates, kClusters, kTiny, kHuge };
+
+inline core::Matrix Samples(Kind kind, int m, int n, core::Random& random) {
+  core::Matrix samples(m, n);
+  for (double& x : samples.reshaped()) x = random.Normal();
+  for (Eigen::Index i = 0; i < m; ++i) {
+    if (kind == Kind::kDuplicates && i % 3 != 0) samples.row(i) = samples.row(i / 3);
+    if (kind == Kind::kClusters) samples.row(i).array() += 100.0 * static_cast<double>(i % 4);
+  }
+  if (kind == Kind::kTiny) samples *= 1e-9;
+  if (kind == Kind::kHuge) samples = (1e9 * samples).array() + 1e12;
+  return samples;
+}
+
+/// Fits `m` samples of `n` entries with kernels and nu of all sizes; `nus` as shares.
+inline void CheckFits(Kind kind, int m, int n, const std::vector<double>& nus,
+                      core::Random& random) {
+  constexpr double kTolerance = 1e-3;
+  const core::Matrix samples = Samples(kind, m, n, random);
+  const double unit = 1.0 / MedianSquaredDistance(samples);
+  for (const double width : {1e-6, 1e-3, 0.1, 1.0, 10.0, 1e3, 1e6}) {
+    for (const double nu : nus) {
+      const double gamma = width * unit;
+      SCOPED_TRACE(testing::Message() << m << " x " << n << ", gamma " << width << " / "
+                                      << 1.0 / unit << ", nu " << nu);
+      FitSummary summary;
+      const auto svm =
+          OneClassSvm::Fit(samples, {.nu = nu, .gamma = gamma, .tolerance = kTolerance}, &summary);
+      EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged) << summary.kkt_gap;
+      EXPECT_TRUE(std::isfinite(svm.rho()));
+      EXPECT_LT(summary.kkt_gap, kTolerance);
+      const double gap = KktGapOfSummary(samples, summary, nu, gamma);
+      // The definition's own rounding of the squared distance.
+      EXPECT_LT(gap, kTolerance * (1.0 + 1e-6) + 1e-12 * nu * m);
+      EXPECT_NEAR(svm.alpha().sum(), 1.0, 1e-12);
+    }
+  }
+}
+
+}  // namespace dfr::kernel::test

@@ -1,0 +1,31 @@
+// Problems that the unit tests leave out.
+#include <gtest/gtest.h>
+
+#include "dfr/core/random.h"
+#include "tests/kernel/hard_problems.h"
+
+namespace dfr::kernel {
+namespace {
+
+using test::Kind;
+
+class LargeHardProblemsTest : public testing::TestWithParam<Kind> {};
+
+// Takes seconds: only problems of this size go through the active set and the sparse rows for every
+// width of the kernel, and the definition costs m^2 n.
+TEST_P(LargeHardProblemsTest, EveryFitConvergesWhateverItsSizeWidthAndNu) {
+  core::Random random(51);
+  for (const int n : {1, 9, 256}) {
+    test::CheckFits(GetParam(), 400, n, {1.0 / 400.0, 0.05, 0.5, 1.0}, random);
+  }
+  for (const int n : {1, 9}) {
+    test::CheckFits(GetParam(), 2200, n, {1.0 / 2200.0, 0.05}, random);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, LargeHardProblemsTest,
+                         testing::Values(Kind::kNormal, Kind::kDuplicates, Kind::kClusters,
+                                         Kind::kTiny, Kind::kHuge));
+
+}  // namespace
+}  // namespace dfr::kernel

@@ -1,0 +1,63 @@
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+
+#include "tests/pusher/supervisor_episodes.h"
+#include "train_supervisor.h"
+
+namespace dfr::apps::pusher {
+namespace {
+
+// The experiment's demand. Shares of a percent want a thousand episodes.
+TEST(ShippedSupervisorTest, CompletesAndHardlyEverCollides) {
+  const auto policy = imitation::GaussianPolicy::Load(DFR_SUPERVISOR);
+  const Counts mean = Episodes(policy, false, 1000);
+  EXPECT_GE(mean.completed, 990);
+  EXPECT_LE(mean.collided, 5);
+}
+
+// What demonstrations do: few of them may have to be discarded.
+TEST(ShippedSupervisorTest, SamplesAreUsableDemonstrations) {
+  const auto policy = imitation::GaussianPolicy::Load(DFR_SUPERVISOR);
+  EXPECT_NEAR(policy.log_std().array().exp().mean(), 0.3, 0.02);
+  const Counts sampled = Episodes(policy, true, 1000);
+  EXPECT_GE(sampled.completed, 930);
+  EXPECT_LE(sampled.collided, 40);
+}
+
+std::string Bytes(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// Takes seconds: each end of a training is judged by a thousand episodes.
+TEST(TrainSupervisorTest, GoesOnFromACheckpointAsIfNeverInterrupted) {
+  const std::filesystem::path folder =
+      std::filesystem::path(testing::TempDir()) / "dfr_train_supervisor_system";
+  std::filesystem::remove_all(folder);
+  std::filesystem::create_directories(folder);
+  // One iteration makes about 5000 controls, two about 9000: too few to be any good.
+  TrainSupervisorOptions options;
+  options.seed = 4;
+  options.min_steps = 1;
+  options.max_steps = 8000;
+  options.out = folder / "straight.dfr";
+  EXPECT_EQ(TrainSupervisor(options), EXIT_FAILURE);
+  options.out = folder / "interrupted.dfr";
+  options.max_steps = 4000;
+  EXPECT_EQ(TrainSupervisor(options), EXIT_FAILURE);
+  EXPECT_NE(Bytes(folder / "interrupted.dfr"), Bytes(folder / "straight.dfr"));
+  options.max_steps = 8000;
+  options.resume = true;
+  EXPECT_EQ(TrainSupervisor(options), EXIT_FAILURE);
+  ASSERT_FALSE(Bytes(folder / "straight.dfr").empty());
+  EXPECT_EQ(Bytes(folder / "interrupted.dfr"), Bytes(folder / "straight.dfr"));
+  std::filesystem::remove_all(folder);
+}
+
+}  // namespace
+}  // namespace dfr::apps::pusher
