@@ -37,8 +37,8 @@ class PusherTest(ProgramTest):
         line = self.run_pusher("episodes", "merged", "--method", "guided", "--most", 1).splitlines()[0]
         name, outcome = line.split()[:2]
         controls = line.split("  ")[2].split()[0]
-        out = self.run_pusher("render", "--run", "merged", "--episode", name, "--methods", "baseline", "--width", 32,
-                              "--height", 24, "--out", "episode.png")
+        out = self.run_pusher("render", "--run", "merged", "--episode", name, "--methods", "baseline", "--width", 160,
+                              "--height", 120, "--out", "episode.png")
         self.assertIn("baseline", out)
         guided = next(row for row in out.splitlines() if row.startswith("guided"))
         self.assertIn(outcome.rstrip(":"), guided)

@@ -76,8 +76,8 @@ class Yaml {
 class Xml {
  public:
   static std::optional<std::string> Find(std::string_view text, std::string_view key) {
-    const std::string open = "<" + std::string(key);
-    const std::string close = "</" + std::string(key) + ">";
+    const std::string open = std::string(1, '<').append(key);
+    const std::string close = std::string("</").append(key).append(">");
     for (std::size_t at = text.find(open); at != std::string_view::npos;
          at = text.find(open, at + 1)) {
       const std::string_view behind = text.substr(at + open.size());
