@@ -271,7 +271,7 @@ TEST_P(GaussianSumTest, NeverAllocates) {
 enum class Kind { kRandom, kNear, kEqual, kFar, kVeryFar, kDenormal, kHuge, kMixed };
 constexpr int kKinds = 8;
 
-void Fill(Kind kind, const Problem& p, core::Random& random, std::span<double> x) {
+void FillEntries(Kind kind, const Problem& p, core::Random& random, std::span<double> x) {
   const auto nearest = static_cast<Eigen::Index>(random.Below(p.weights.size()));
   for (std::size_t k = 0; k < x.size(); ++k) {
     const double own = p.points(nearest, static_cast<Eigen::Index>(k));
@@ -299,7 +299,7 @@ void Fill(Kind kind, const Problem& p, core::Random& random, std::span<double> x
         break;
       case Kind::kMixed: {
         const auto other = static_cast<Kind>(random.Below(7));
-        Fill(other, p, random, x.subspan(k, 1));
+        FillEntries(other, p, random, x.subspan(k, 1));
         if (other == Kind::kEqual || other == Kind::kNear) x[k] = own;
         break;
       }
@@ -328,7 +328,7 @@ TEST(GaussianSumTargetsTest, GIsAccurateOnAMillionRandomAndAdversarialStates) {
   std::array<double, kKinds> worst_float{};
   for (int i = 0; i < 1'000'000; ++i) {
     const auto kind = static_cast<std::size_t>(i % kKinds);
-    Fill(static_cast<Kind>(kind), p, random, x);
+    FillEntries(static_cast<Kind>(kind), p, random, x);
     const auto expected = static_cast<double>(LongDouble(p, x).sum);
     const double scale = std::max(expected, kRho);
     ASSERT_TRUE(in_double[0].Scale(x.data(), scaled.data()));
