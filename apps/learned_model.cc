@@ -13,14 +13,10 @@ void LearnedModel::Save(const std::filesystem::path& folder) const {
   imitation::SaveRobomimic(demonstrations(), folder / "demonstrations.hdf5");
 }
 
-LearnedModel LearnedModel::Load(const std::filesystem::path& folder, std::string_view kind,
-                                const safety::TaskOptions& guided) {
+LearnedModel LearnedModel::Load(const std::filesystem::path& folder) {
   imitation::MlpPolicy policy = imitation::MlpPolicy::Load(folder / "policy.dfr");
   imitation::DemonstrationSet set = imitation::LoadRobomimic(folder / "demonstrations.hdf5");
-  safety::TaskModel task = safety::TaskModel::IsSavedIn(folder)
-                               ? safety::TaskModel::Load(folder, policy.layout())
-                               : safety::TaskModel::LoadSwitching(folder, kind, policy.layout(),
-                                                                  set.trajectories, guided);
+  safety::TaskModel task = safety::TaskModel::Load(folder, policy.layout());
   return {std::move(policy), std::move(task), std::move(set)};
 }
 

@@ -2,7 +2,6 @@
 
 #include <filesystem>
 #include <memory>
-#include <string_view>
 #include <utility>
 
 #include "apps/controller_factory.h"
@@ -22,11 +21,8 @@ class LearnedModel {
   /// Writes policy.dfr, demonstrations.hdf5 and the task's files into `folder`, which is made if
   /// need be.
   void Save(const std::filesystem::path& folder) const;
-  /// Reads what Save() wrote, or a folder of before there were task models, as
-  /// safety::TaskModel::LoadSwitching() does with `kind` and `guided`.
-  /// @throws std::runtime_error naming the file and what is wrong with it.
-  static LearnedModel Load(const std::filesystem::path& folder, std::string_view kind,
-                           const safety::TaskOptions& guided);
+  /// Reads what Save() wrote. @throws std::runtime_error naming the file and what is wrong with it.
+  static LearnedModel Load(const std::filesystem::path& folder);
 
   [[nodiscard]] const imitation::MlpPolicy& policy() const noexcept { return parts_->policy; }
   [[nodiscard]] const safety::TaskModel& task() const noexcept { return parts_->task; }

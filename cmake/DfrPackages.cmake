@@ -113,6 +113,19 @@ function(dfr_install_copyright name package)
   install(FILES ${file} DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${name})
 endfunction()
 
+# The Debian packages that a component is built with, those of what it needs among them, without tools
+# that leave nothing of theirs in it.
+function(dfr_built_with name result)
+  string(REGEX MATCHALL "[^ ]+" packages "${component_${name}_packages} ${component_${name}_build_packages}")
+  list(REMOVE_ITEM packages fastddsgen default-jre-headless python3)
+  foreach(need IN LISTS component_${name}_needs)
+    dfr_built_with(${need} needed)
+    list(APPEND packages ${needed})
+  endforeach()
+  list(REMOVE_DUPLICATES packages)
+  set(${result} "${packages}" PARENT_SCOPE)
+endfunction()
+
 # dfr_describe_packages(core kernel ...): these components, in the order of components.txt. What a
 # library's package depends on is what its row needs; a program's and the Python module's are the
 # shared libraries that dpkg-shlibdeps finds in them.
@@ -131,6 +144,7 @@ function(dfr_describe_packages)
   set(CPACK_PACKAGE_VENDOR dfr)
   set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "${PROJECT_DESCRIPTION}")
   set(CPACK_STRIP_FILES ON)
+  set(CPACK_PRE_BUILD_SCRIPTS ${PROJECT_SOURCE_DIR}/cmake/CopyCopyrights.cmake)
   set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
   set(CPACK_DEBIAN_PACKAGE_MAINTAINER "The dfr maintainers <maintainers@dfr.invalid>")
   set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
@@ -139,6 +153,7 @@ function(dfr_describe_packages)
     dfr_debian_name(${name} package)
     set(CPACK_DEBIAN_${id}_PACKAGE_NAME ${package})
     dfr_install_copyright(${name} ${package})
+    dfr_built_with(${name} CPACK_DFR_${id}_BUILT_WITH)
     set(CPACK_DEBIAN_${id}_DESCRIPTION "${PROJECT_DESCRIPTION}: ${name}")
     if(name IN_LIST libraries)
       string(REGEX REPLACE " +" ";" depends "${component_${name}_packages}")

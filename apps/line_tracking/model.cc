@@ -104,7 +104,7 @@ LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModel
 }
 
 LineModel LineModel::Load(const std::filesystem::path& folder) {
-  return {LearnedModel::Load(folder, "line-tracking-switching", GuidedOptions(0.0))};
+  return {LearnedModel::Load(folder)};
 }
 
 std::unique_ptr<control::Controller> LineModel::MakeController(

@@ -105,9 +105,7 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
   return {LearnedModel(std::move(policy), std::move(model), std::move(some), std::move(teaching))};
 }
 
-Model Model::Load(const std::filesystem::path& folder) {
-  return {LearnedModel::Load(folder, "pusher-switching", GuidedOptions(0.0))};
-}
+Model Model::Load(const std::filesystem::path& folder) { return {LearnedModel::Load(folder)}; }
 
 std::unique_ptr<control::Controller> Model::MakeController(const safety::Method& method,
                                                            const core::SimulatedPlant* plant,

@@ -453,7 +453,7 @@ TypeError
 Raises
 ------
 RuntimeError
-    Naming the file and what is wrong with it: truncated, damaged, or of a newer version.
+    Naming the file and what is wrong with it: truncated, damaged, or of another version.
 )")
       .def(
           "save",
@@ -542,7 +542,7 @@ dict
 Raises
 ------
 ValueError
-    If the guard is of a file of before there were certificates.
+    If the guard has no `direction_error`, or was fitted in single precision.
 )")
       .def("decision", &Decision, py::arg("t"), py::arg("x"),
            R"(g at time step(s) `t`, of one state or of each row; positive inside.

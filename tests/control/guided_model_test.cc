@@ -76,10 +76,10 @@ TEST(GuidedModelTest, AFileKeepsAllThatItKnows) {
   const auto path = std::filesystem::path(testing::TempDir()) / "guided_model_kept.dfr";
   const auto support = test::MovingDisk();
   const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards(), {.slack = 0.3});
-  core::ArchiveWriter archive("guided", 5);
+  core::ArchiveWriter archive("guided", 1);
   model.Save(archive);
   archive.Save(path);
-  core::ArchiveReader reader(path, "guided", 5);
+  core::ArchiveReader reader(path, "guided", 1);
   const GuidedModel loaded = GuidedModel::Load(reader, test::IdentityFeatures(), support);
   reader.End();
   std::filesystem::remove(path);
@@ -104,17 +104,16 @@ TEST(GuidedModelTest, AFileWithALevelThatCannotBeIsRefused) {
   const auto path = std::filesystem::path(testing::TempDir()) / "guided_model.dfr";
   const auto support = test::MovingDisk();
   const auto message = [&](const std::vector<double>& gate, const std::vector<double>& median,
-                           const std::vector<double>& largest, double slack,
-                           double unit) -> std::string {
-    core::ArchiveWriter archive("guided", 5);
+                           double largest, double slack, double unit) -> std::string {
+    core::ArchiveWriter archive("guided", 1);
     archive.Numbers(gate);
     archive.Numbers(median);
-    archive.Numbers(largest);
+    archive.Number(largest);
     archive.Number(slack);
     archive.Number(unit);
     archive.Integer(0);
     archive.Save(path);  // without the prior, which is read last
-    core::ArchiveReader reader(path, "guided", 5);
+    core::ArchiveReader reader(path, "guided", 1);
     try {
       static_cast<void>(GuidedModel::Load(reader, test::IdentityFeatures(), support));
     } catch (const std::runtime_error& e) {
@@ -126,15 +125,15 @@ TEST(GuidedModelTest, AFileWithALevelThatCannotBeIsRefused) {
   const std::vector<double> good = {0.5, 0.0};
   for (const double bad : {-0.1, kInfinity, -kInfinity, std::nan("")}) {
     SCOPED_TRACE(bad);
-    EXPECT_THAT(message({0.5, bad}, good, {1.0}, 0.2, 1.0), HasSubstr("gate levels"));
-    EXPECT_THAT(message(good, {bad, 0.5}, {1.0}, 0.2, 1.0), HasSubstr("median levels"));
-    EXPECT_THAT(message(good, good, {bad}, 0.2, 1.0), HasSubstr("the largest control"));
-    EXPECT_THAT(message(good, good, {1.0}, bad, 1.0), HasSubstr("slack and the unit"));
-    EXPECT_THAT(message(good, good, {1.0}, 0.2, bad), HasSubstr("slack and the unit"));
+    EXPECT_THAT(message({0.5, bad}, good, 1.0, 0.2, 1.0), HasSubstr("gate levels"));
+    EXPECT_THAT(message(good, {bad, 0.5}, 1.0, 0.2, 1.0), HasSubstr("median levels"));
+    EXPECT_THAT(message(good, good, bad, 0.2, 1.0), HasSubstr("the largest control"));
+    EXPECT_THAT(message(good, good, 1.0, bad, 1.0), HasSubstr("slack and the unit"));
+    EXPECT_THAT(message(good, good, 1.0, 0.2, bad), HasSubstr("slack and the unit"));
   }
-  EXPECT_THAT(message({}, good, {1.0}, 0.2, 1.0), HasSubstr("gate levels"));
-  EXPECT_THAT(message(good, good, {1.0}, 0.2, 0.0), HasSubstr("slack and the unit"));
-  EXPECT_THAT(message(good, good, {1.0}, 0.0, 1.0), testing::Not(HasSubstr("slack and the unit")));
+  EXPECT_THAT(message({}, good, 1.0, 0.2, 1.0), HasSubstr("gate levels"));
+  EXPECT_THAT(message(good, good, 1.0, 0.2, 0.0), HasSubstr("slack and the unit"));
+  EXPECT_THAT(message(good, good, 1.0, 0.0, 1.0), testing::Not(HasSubstr("slack and the unit")));
   std::filesystem::remove(path);
 }
 

@@ -21,7 +21,6 @@
 namespace dfr::control {
 namespace {
 
-using test::Norm;
 using test::PointPlant;
 using testing::HasSubstr;
 
@@ -220,9 +219,7 @@ TEST(SwitchingPolicyTest, NeverLeavesSupportWhenLambdaIsLipschitzTimesGain) {
   const auto outward = test::OutwardPolicy(2, 0.05);
   const DfrOptions authors;
   const DfrOptions coarse{.probe_fraction = 0.3, .step_fraction = 0.9};
-  const DfrOptions momentum{.probe_fraction = 0.3, .step_fraction = 0.9, .momentum = 0.75};
-  const DfrOptions coordinate{.direction = ProbeDirection::kCoordinateSign};
-  for (const DfrOptions& options : {authors, coarse, momentum, coordinate}) {
+  for (const DfrOptions& options : {authors, coarse}) {
     for (std::uint64_t seed = 0; seed < 50; ++seed) {
       SCOPED_TRACE(testing::Message() << "seed = " << seed);
       PointPlant plant({.gain = kGain, .turns = true});
@@ -286,48 +283,6 @@ TEST(SwitchingPolicyTest, DfrClimbsAndGainsAtMostItsStepPerIteration) {
   }
   EXPECT_GT(ball.Decision(0, plant.x), 0.5);
   EXPECT_GT(iterations, 50.0 * std::log(0.5 / (1.0 - std::hypot(0.7, 0.5))));
-}
-
-TEST(SwitchingPolicyTest, CoordinateProbesMoveOneEntryAndReachAllOfThem) {
-  const auto flat = test::ConstantSupport(3, 0.1);
-  const auto policy = test::ConstantPolicy(3, 1.0);
-  SwitchingPolicy dfr(policy, flat, 1.0, {.dfr = {.direction = ProbeDirection::kCoordinateSign}});
-  dfr.Reset(1);
-  const std::vector<double> x(3, 0.0);
-  std::vector<double> u(3);
-  std::set<int> seen;
-  for (int i = 0; i < 100; ++i) {
-    ASSERT_EQ(dfr.Next(x, u).mode, Mode::kProbe);
-    ASSERT_EQ(std::count(u.begin(), u.end(), 0.0), 2);
-    for (int k = 0; k < 3; ++k) {
-      if (u[static_cast<std::size_t>(k)] == 0.0) continue;
-      EXPECT_NEAR(std::abs(u[static_cast<std::size_t>(k)]), 0.1 / 500.0, 1e-18);
-      seen.insert(u[static_cast<std::size_t>(k)] > 0.0 ? k : -1 - k);
-    }
-    ASSERT_EQ(dfr.Next(x, u).mode, Mode::kRecovery);
-  }
-  EXPECT_EQ(seen.size(), 6u);
-}
-
-TEST(SwitchingPolicyTest, MomentumKeepsPartOfThePreviousDirectionAndTheStepSize) {
-  const auto flat = test::ConstantSupport(2, 0.1);
-  const auto policy = test::ConstantPolicy(2, 1.0);
-  SwitchingPolicy dfr(policy, flat, 1.0, {.dfr = {.momentum = 0.75}});
-  dfr.Reset(1);
-  const std::vector<double> x(2, 0.0);
-  std::vector<double> probe(2), step(2);
-  ASSERT_EQ(dfr.Next(x, probe).mode, Mode::kProbe);
-  ASSERT_EQ(dfr.Next(x, step).mode, Mode::kRecovery);
-  const std::vector<double> first = {step[0] / Norm(step), step[1] / Norm(step)};
-  for (std::size_t i = 0; i < 2; ++i) EXPECT_NEAR(first[i], -probe[i] / Norm(probe), 1e-14);
-  ASSERT_EQ(dfr.Next(x, probe).mode, Mode::kProbe);
-  ASSERT_EQ(dfr.Next(x, step).mode, Mode::kRecovery);
-  std::vector<double> expected(2);
-  for (std::size_t i = 0; i < 2; ++i) expected[i] = 0.75 * first[i] - probe[i] / Norm(probe);
-  EXPECT_NEAR(Norm(step), 0.1 / 50.0, 1e-17);
-  for (std::size_t i = 0; i < 2; ++i) {
-    EXPECT_NEAR(step[i] / Norm(step), expected[i] / Norm(expected), 1e-14);
-  }
 }
 
 TEST(SwitchingPolicyTest, HaltsAtEveryDoubt) {
@@ -503,7 +458,6 @@ TEST(SwitchingPolicyTest, ErrorsNameTheOption) {
   EXPECT_THAT(message(ball, {1}, {.max_iterations = 0}), HasSubstr("max_iterations"));
   EXPECT_THAT(message(ball, {1}, {.dfr = {.probe_fraction = 1.0}}), HasSubstr("probe_fraction"));
   EXPECT_THAT(message(ball, {1}, {.dfr = {.step_fraction = 0.0}}), HasSubstr("step_fraction"));
-  EXPECT_THAT(message(ball, {1}, {.dfr = {.momentum = 1.0}}), HasSubstr("momentum"));
 }
 
 }  // namespace

@@ -10,7 +10,7 @@ namespace {
 
 void Read(const std::filesystem::path& path, std::string_view order) {
   try {
-    dfr::core::ArchiveReader reader(path, "sample", 3);
+    dfr::core::ArchiveReader reader(path, "sample", 2);
     for (const char c : order) {
       switch (c % 7) {
         case 0:

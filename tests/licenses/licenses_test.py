@@ -1,4 +1,5 @@
-"""Every package and shared library that this build links has a row and a text in third_party_licenses.
+"""Every package and shared library that this build links has a row in third_party_licenses, whose packages bring
+their licence texts. A package that cannot is refused by name.
 
 usage: licenses_test.py SOURCE_DIR BINARY_DIR
 """
@@ -12,11 +13,26 @@ SYSTEM = {"libc", "libm", "libpthread", "libdl", "librt", "ld-linux-x86-64", "ld
 
 
 def rows(readme):
-    """(cells, text file) of each row of the first table."""
-    for line in readme.read_text().splitlines():
-        match = re.match(r"\| \[[^]]+\]\(([^)]+)\) \|", line)
-        if match:
-            yield [cell.strip() for cell in line.strip("|").split("|")], match.group(1)
+    """The cells of each row of the first table."""
+    for line in readme.read_text().split("\n## ")[0].splitlines():
+        if line.startswith("| ") and not line.startswith("| dependency"):
+            yield [cell.strip() for cell in line.strip("|").split("|")]
+
+
+def copyright_of(package):
+    return pathlib.Path("/usr/share/doc", package, "copyright")
+
+
+def installed(package):
+    return subprocess.run(["dpkg-query", "-s", package], capture_output=True, check=False).returncode == 0
+
+
+def refusal(source):
+    """What packing a component says that is built with a package without a copyright file."""
+    command = ["cmake", "-DCPACK_COMPONENTS_ALL=guard", "-DCPACK_DFR_GUARD_BUILT_WITH=libabsent-dev",
+               "-P", source / "cmake/CopyCopyrights.cmake"]
+    out = subprocess.run(command, capture_output=True, text=True, check=False)
+    return out.stderr if out.returncode else ""
 
 
 def linked(program):
@@ -28,14 +44,21 @@ def linked(program):
 def main(source, binary):
     folder = source / "third_party_licenses"
     packages, libraries, errors = set(), set(), []
-    for cells, text in rows(folder / "README.md"):
-        if len(cells) != 6 or not cells[1] or not cells[2]:
-            errors.append(f"row {cells[0]}: needs six columns, with version and licence")
+    licensed = {}
+    for cells in rows(folder / "README.md"):
+        if len(cells) != 6 or not all(cells[:4]):
+            errors.append(f"row {cells[0]}: needs six columns, with version, licence and packages")
             continue
         packages.update(cells[3].split())
         libraries.update(cells[4].split())
-        if not (folder / text).is_file() or (folder / text).stat().st_size < 500:
-            errors.append(f"row {cells[0]}: {text} does not hold a licence text")
+        # Packages of npm have their texts in themselves, and are in no package of ours.
+        own = [] if cells[3].startswith("from npm: ") else cells[3].split(", through ")[0].split()
+        licensed.update({library: own for library in cells[4].split()})
+        for package in own:
+            if installed(package) and not copyright_of(package).is_file():
+                errors.append(f"row {cells[0]}: {copyright_of(package)} is missing")
+    if "libabsent-dev" not in refusal(source):
+        errors.append("a package without a copyright file must be refused by name")
     tools = re.search(r"^Build tools[^:]*: (.*?)\.$", (folder / "README.md").read_text(), re.M | re.S)
     packages.update(re.split(r",\s+", tools.group(1)))
 
@@ -49,6 +72,9 @@ def main(source, binary):
         for library in sorted(linked(program) - libraries - SYSTEM):
             if not library.startswith("libdfr_"):  # ours
                 errors.append(f"{program.name} links {library}, which has no row")
+        for library in sorted(linked(program) & libraries):
+            if not any(copyright_of(package).is_file() for package in licensed[library]):
+                errors.append(f"{program.name} links {library}, whose row names no package with a copyright file")
     if not programs:
         errors.append(f"no program was found below {binary}")
     print("\n".join(errors) or f"{len(programs)} programs checked")

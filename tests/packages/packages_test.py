@@ -135,6 +135,13 @@ class PackagesTest(unittest.TestCase):
             text = (self.root / "usr/share/doc" / info["Package"] / "copyright").read_text()
             self.assertIn("License: BSD-3-Clause", text)
 
+    def test_each_brings_the_copyrights_of_what_it_is_built_with(self):
+        for deb, info in self.info.items():
+            for package in self.rows[self.component(deb)][1]:
+                text = self.root / "usr/share/doc" / info["Package"] / "third_party" / package / "copyright"
+                if package != "python3":
+                    self.assertEqual(text.read_text(), pathlib.Path("/usr/share/doc", package, "copyright").read_text())
+
     def test_libraries_depend_on_what_their_rows_need(self):
         for deb, info in self.info.items():
             needs, packages = self.rows[self.component(deb)]

@@ -6,12 +6,15 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <filesystem>
 #include <limits>
 #include <string>
 #include <vector>
 
 #include "dfr/guard.h"
 #include "dfr/safety/guard.h"
+#include "dfr/safety/guard_model.h"
+#include "tests/safety/corridor.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::safety {
@@ -19,12 +22,16 @@ namespace {
 
 using testing::HasSubstr;
 
-const std::string kFile = std::string(DFR_SAFETY_FILES) + "/version_1.guard";
-
 class CGuardTest : public testing::Test {
  protected:
+  static void SetUpTestSuite() {
+    GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(2, 6, 4),
+                    {.features = "tip"})
+        ->Save(file_);
+  }
+  static void TearDownTestSuite() { std::filesystem::remove(file_); }
   void SetUp() override {
-    guard_ = dfr_guard_load(kFile.c_str());
+    guard_ = dfr_guard_load(file_.c_str());
     ASSERT_NE(guard_, nullptr) << dfr_guard_last_error();
     state_.assign(static_cast<std::size_t>(dfr_guard_state_dim(guard_)), 0.0);
     action_.assign(static_cast<std::size_t>(dfr_guard_action_dim(guard_)), 0.05);
@@ -38,6 +45,7 @@ class CGuardTest : public testing::Test {
                             safe_.data(), &verdict_);
   }
 
+  inline static const std::string file_ = testing::TempDir() + "c_guard_test.guard";
   dfr_guard* guard_ = nullptr;
   std::vector<double> state_;
   std::vector<double> action_;
@@ -46,7 +54,7 @@ class CGuardTest : public testing::Test {
 };
 
 TEST_F(CGuardTest, DecidesAsTheCppGuardDoes) {
-  Guard peer = Guard::Load(kFile);
+  Guard peer = Guard::Load(file_);
   EXPECT_EQ(dfr_guard_num_steps(guard_), peer.model().num_steps());
   dfr_guard_reset(guard_, 5);
   peer.Reset(5);
@@ -122,7 +130,7 @@ TEST_F(CGuardTest, WritesNoMoreOfAVerdictThanTheCallerHas) {
 }
 
 TEST_F(CGuardTest, DecisionIsThatOfEachState) {
-  const Guard peer = Guard::Load(kFile);
+  const Guard peer = Guard::Load(file_);
   const auto dim = state_.size();
   std::vector<double> states(3 * dim, 0.1);
   std::fill_n(states.begin() + static_cast<std::ptrdiff_t>(2 * dim), dim,

@@ -148,9 +148,7 @@ TEST_F(TaskModelTest, AFolderKeepsAllBits) {
   for (const bool published : {false, true}) {
     SCOPED_TRACE(published ? "with a published support" : "without one");
     const TaskModel model = Fit(published);
-    EXPECT_FALSE(TaskModel::IsSavedIn(folder_));
     model.Save(folder_);
-    EXPECT_TRUE(TaskModel::IsSavedIn(folder_));
     const TaskModel loaded = TaskModel::Load(folder_, test::CorridorLayout());
     ExpectSameDecisions(model, loaded);
     ExpectSameControllers(model, loaded);
@@ -450,8 +448,9 @@ TEST_F(TaskModelTest, MissingFilesAndOtherStatesAreNamed) {
                                              HasSubstr("does not fit the other files")));
   std::filesystem::remove(folder_ / "support.dfr");
   EXPECT_THAT(Refusal(), HasSubstr((folder_ / "support.dfr").string()));
-  core::ArchiveWriter("task-model", 6).Save(folder_ / "task.dfr");
-  EXPECT_THAT(Refusal(), HasSubstr("version 6; this build reads versions up to 5: update dfr"));
+  core::ArchiveWriter("task-model", 5).Save(folder_ / "task.dfr");
+  EXPECT_THAT(Refusal(), HasSubstr("is a task-model file of version 5; this program reads version "
+                                   "1: fit it again"));
   core::ArchiveWriter("guard", 1).Save(folder_ / "task.dfr");
   EXPECT_THAT(Refusal(), HasSubstr("holds a guard, where a task-model is needed"));
 }
@@ -464,81 +463,6 @@ TEST_F(TaskModelTest, AFolderThatCannotBeMadeIsNamed) {
   } catch (const std::runtime_error& e) {
     EXPECT_THAT(e.what(), HasSubstr((folder_ / "model").string()));
   }
-}
-
-// A folder of before there were task models, as its program wrote it.
-class SwitchingFolderTest : public TaskModelTest {
- protected:
-  void Write(std::string_view kind, const std::string& features = "tip[1:2]", int horizon = 25,
-             double guided_gamma = 0.7) const {
-    const TaskModel model = Fit(true);
-    std::filesystem::create_directories(folder_);
-    model.published()->Save(folder_ / "support.dfr");
-    core::ArchiveWriter archive(kind, 2);
-    archive.Text(features);
-    archive.Numbers(model.lambda());
-    if (kind == "line-tracking-switching") archive.Number(5.0);  // of the published kernel
-    archive.Integer(horizon);
-    archive.Number(guided_gamma);
-    archive.Save(folder_ / "switching.dfr");
-  }
-  [[nodiscard]] TaskModel Load(std::string_view kind, const TaskOptions& guided) const {
-    return TaskModel::LoadSwitching(folder_, kind, test::CorridorLayout(), Demonstrations(),
-                                    guided);
-  }
-  [[nodiscard]] std::string SwitchingRefusal(std::string_view kind) const {
-    try {
-      static_cast<void>(Load(kind, Options(false)));
-    } catch (const std::runtime_error& e) {
-      return e.what();
-    }
-    return "";
-  }
-};
-
-TEST_F(SwitchingFolderTest, IsTheModelThatWouldHaveBeenFitted) {
-  for (const std::string_view kind : {"pusher-switching", "line-tracking-switching"}) {
-    SCOPED_TRACE(kind);
-    Write(kind);
-    EXPECT_FALSE(TaskModel::IsSavedIn(folder_));
-    TaskOptions guided = Options(false);
-    guided.guided.single_precision = true;
-    guided.whitening.decorrelate = false;
-    const TaskModel loaded = Load(kind, guided);
-
-    TaskOptions options = Options(true);
-    options.guided = guided.guided;
-    options.whitening = guided.whitening;
-    options.guided.svm.gamma = 0.7;
-    const TaskModel fitted(test::CorridorLayout(), Demonstrations(), options);
-    ExpectSameDecisions(fitted, loaded);
-    ExpectSameControllers(fitted, loaded);
-
-    // From now on it is a folder of today.
-    loaded.Save(folder_);
-    ASSERT_TRUE(TaskModel::IsSavedIn(folder_));
-    ExpectSameDecisions(fitted, TaskModel::Load(folder_, test::CorridorLayout()));
-    std::filesystem::remove_all(folder_);
-  }
-}
-
-TEST_F(SwitchingFolderTest, WhatIsWrongIsNamedWithItsFile) {
-  const std::string file = (folder_ / "switching.dfr").string();
-  Write("pusher-switching");
-  EXPECT_THAT(SwitchingRefusal("line-tracking-switching"),
-              HasSubstr("holds a pusher-switching, where a line-tracking-switching is needed"));
-  Write("pusher-switching", "gripper");
-  EXPECT_THAT(SwitchingRefusal("pusher-switching"),
-              testing::AllOf(HasSubstr(file), HasSubstr("'gripper'")));
-  Write("pusher-switching", "tip");  // the support looks at one entry
-  EXPECT_THAT(SwitchingRefusal("pusher-switching"), HasSubstr(file));
-  Write("pusher-switching", "tip[1:2]", 0);
-  EXPECT_THAT(SwitchingRefusal("pusher-switching"), HasSubstr(file));
-  Write("pusher-switching", "tip[1:2]", 25, -0.7);
-  EXPECT_THAT(SwitchingRefusal("pusher-switching"),
-              testing::AllOf(HasSubstr(file), HasSubstr("gamma")));
-  std::filesystem::remove(folder_ / "support.dfr");
-  EXPECT_THAT(SwitchingRefusal("pusher-switching"), HasSubstr((folder_ / "support.dfr").string()));
 }
 
 }  // namespace

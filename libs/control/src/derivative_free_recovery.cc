@@ -1,6 +1,5 @@
 #include "dfr/control/derivative_free_recovery.h"
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 
@@ -15,10 +14,7 @@ DerivativeFreeRecovery::DerivativeFreeRecovery(int control_dim, const DfrOptions
                    "probe_fraction must lie in (0, 1), not be " << options.probe_fraction);
   DFR_THROW_UNLESS(options.step_fraction > 0.0 && options.step_fraction < 1.0,
                    "step_fraction must lie in (0, 1), not be " << options.step_fraction);
-  DFR_THROW_UNLESS(options.momentum >= 0.0 && options.momentum < 1.0,
-                   "momentum must lie in [0, 1), not be " << options.momentum);
   direction_.resize(static_cast<std::size_t>(control_dim));
-  momentum_.resize(static_cast<std::size_t>(control_dim));
 }
 
 void DerivativeFreeRecovery::Reset(std::uint64_t seed) noexcept {
@@ -30,14 +26,7 @@ Mode DerivativeFreeRecovery::Next(const RecoverySituation& situation,
                                   std::span<double> u) noexcept {
   const double room = situation.g / situation.lambda;
   if (!probing_) {
-    if (situation.iteration == 0) std::fill(momentum_.begin(), momentum_.end(), 0.0);
-    if (options_.direction == ProbeDirection::kGaussian) {
-      random_.Direction(direction_);
-    } else {
-      std::fill(direction_.begin(), direction_.end(), 0.0);
-      const std::uint64_t draw = random_.Below(2 * direction_.size());
-      direction_[draw / 2] = draw % 2 == 0 ? 1.0 : -1.0;
-    }
+    random_.Direction(direction_);
     for (std::size_t i = 0; i < u.size(); ++i) {
       u[i] = options_.probe_fraction * room * direction_[i];
     }
@@ -49,15 +38,11 @@ Mode DerivativeFreeRecovery::Next(const RecoverySituation& situation,
   probing_ = false;
   const double sign = situation.g <= g_before_probe_ ? -1.0 : 1.0;
   double norm_squared = 0.0;
+  for (const double entry : direction_) norm_squared += entry * entry;
+  // The direction's norm is 1 up to rounding.
+  const double scale = sign / std::sqrt(norm_squared);
   for (std::size_t i = 0; i < u.size(); ++i) {
-    momentum_[i] = options_.momentum * momentum_[i] + sign * direction_[i];
-    norm_squared += momentum_[i] * momentum_[i];
-  }
-  // Cannot vanish: the kept part is shorter than the unit vector that is added to it.
-  const double scale = 1.0 / std::sqrt(norm_squared);
-  for (std::size_t i = 0; i < u.size(); ++i) {
-    momentum_[i] *= scale;
-    u[i] = options_.step_fraction * std::abs(room) * momentum_[i];
+    u[i] = options_.step_fraction * std::abs(room) * (scale * direction_[i]);
   }
   return Mode::kRecovery;
 }

@@ -122,7 +122,7 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
 void GuidedModel::Save(core::ArchiveWriter& archive) const {
   archive.Numbers(gate_);
   archive.Numbers(median_);
-  archive.Numbers(std::vector{largest_});
+  archive.Number(largest_);
   archive.Number(slack_);
   archive.Number(control_unit_);
   archive.Integer(own_motion_ ? 1 : 0);
@@ -140,19 +140,15 @@ GuidedModel GuidedModel::Load(core::ArchiveReader& archive, core::FeatureTransfo
     }
     return values;
   };
-  // The first version had another kind of level in front.
-  if (archive.version() == 1) static_cast<void>(levels("accept levels"));
   model.gate_ = levels("gate levels");
-  model.median_ = archive.version() >= 5 ? levels("median levels") : model.gate_;
-  // Before, there was one a time step.
-  model.largest_ = 0.0;
-  for (const double largest : levels("the largest control")) {
-    model.largest_ = std::max(model.largest_, largest);
+  model.median_ = levels("median levels");
+  model.largest_ = archive.Number();
+  if (!(model.largest_ >= 0.0 && std::isfinite(model.largest_))) {
+    archive.Fail("the largest control must be finite and not negative");
   }
   model.slack_ = archive.Number();
   model.control_unit_ = archive.Number();
-  // Before, nothing was said of it.
-  if (archive.version() >= 4) model.own_motion_ = archive.IntegerIn(0, 1) == 1;
+  model.own_motion_ = archive.IntegerIn(0, 1) == 1;
   if (!(model.slack_ >= 0.0 && std::isfinite(model.slack_) && model.control_unit_ > 0.0 &&
         std::isfinite(model.control_unit_))) {
     archive.Fail("slack and the unit of controls must be finite, and the unit positive");

@@ -19,7 +19,7 @@ JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
                        << drift_time.rest << ", travel " << drift_time.travel);
   const int n = prior_->feature_dim();
   const int m = prior_->control_dim();
-  motion_rows_ = own_motion && prior_->has_controls() ? n + 1 : 0;
+  motion_rows_ = own_motion ? n + 1 : 0;
   const int rows = motion_rows_ + (drifts_ ? 1 : 0) + m;
   a_online_ = Eigen::MatrixXd::Zero(rows, rows);
   b_online_ = core::Matrix::Zero(rows, n);
@@ -132,7 +132,7 @@ bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
   const auto& sums = workspace_.sums;
   const Eigen::Index n = jacobian_.rows();
   const Eigen::Index m = jacobian_.cols();
-  if (!has_sums_ || !prior_->has_controls()) return false;
+  if (!has_sums_) return false;
   prior_->SumNearStates(workspace_);
   const Eigen::Index states = workspace_.states;
   a_demo_ = sums.block(states, 0, n + 1, n + 1).cast<double>();

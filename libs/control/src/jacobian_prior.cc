@@ -120,7 +120,6 @@ void JacobianPrior::Save(core::ArchiveWriter& archive) const {
   archive.Number(options_.slope_ridge);
   archive.Integer(feature_dim_);
   archive.Integer(control_dim_);
-  archive.Integer(has_controls_ ? 1 : 0);
   archive.Integers(begin_);
   archive.MatrixBlock(transitions_.leftCols(2 * feature_dim_ + 1 + control_dim_).cast<double>());
 }
@@ -134,17 +133,13 @@ JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
     options.window = archive.IntegerIn(0, kMaxTransitions);
     options.max_per_step = archive.IntegerIn(1, kMaxTransitions);
     options.forgetting = archive.Number();
-    const bool old = archive.version() < kWithTransitions;
-    if (!old) {
-      options.motion_ridge = archive.Number();
-      options.slope_ridge = archive.Number();
-    }
+    options.motion_ridge = archive.Number();
+    options.slope_ridge = archive.Number();
     Check(options);
     prior.feature_dim_ = archive.IntegerIn(1, kMaxEntries);
     prior.control_dim_ = archive.IntegerIn(1, kMaxEntries);
-    if (!old) prior.has_controls_ = archive.IntegerIn(0, 1) == 1;
     prior.begin_ = archive.Integers();
-    const core::Matrix transitions = old ? prior.OldTransitions(archive) : archive.MatrixBlock();
+    const core::Matrix transitions = archive.MatrixBlock();
     const std::vector<int>& begin = prior.begin_;
     DFR_THROW_UNLESS(
         begin.size() >= 2 && begin.front() == 0 && begin.back() == transitions.rows(),
@@ -167,46 +162,6 @@ JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
     archive.Fail(e.what());
   }
   return prior;
-}
-
-// Earlier versions kept z, v (not before version 3), and the products v v' and v dz'.
-core::Matrix JacobianPrior::OldTransitions(core::ArchiveReader& archive) {
-  const Eigen::Index n = feature_dim_;
-  const Eigen::Index m = control_dim_;
-  const core::Matrix points = archive.MatrixBlock();
-  has_controls_ = archive.version() >= 3;
-  core::Matrix controls;
-  if (has_controls_) controls = archive.MatrixBlock();
-  const core::Matrix products = archive.MatrixBlock();
-  DFR_THROW_UNLESS(
-      points.cols() == n && products.rows() == points.rows() &&
-          products.cols() == m * (m + 1) / 2 + m * n &&
-          (!has_controls_ || (controls.rows() == points.rows() && controls.cols() == m)),
-      "the matrices of the Jacobian prior do not fit each other");
-  core::Matrix transitions(points.rows(), 2 * n + 1 + m);
-  for (Eigen::Index row = 0; row < points.rows(); ++row) {
-    // Whatever the sign of v: that of dz follows, and J is the same.
-    Eigen::Index largest = 0;
-    const auto square = [&](Eigen::Index i) { return products(row, i * (i + 3) / 2); };
-    for (Eigen::Index i = 1; i < m; ++i) {
-      if (square(i) > square(largest)) largest = i;
-    }
-    DFR_THROW_UNLESS(square(largest) > 0.0,
-                     "transition " << row << " of the Jacobian prior has no control");
-    double by = std::sqrt(square(largest));
-    if (has_controls_ && controls(row, largest) < 0.0) by = -by;
-    transitions.row(row).head(n) = points.row(row);
-    transitions(row, n) = 1.0;
-    for (Eigen::Index i = 0; i < m; ++i) {
-      const Eigen::Index high = std::max(i, largest);
-      transitions(row, n + 1 + i) =
-          products(row, high * (high + 1) / 2 + std::min(i, largest)) / by;
-    }
-    for (Eigen::Index k = 0; k < n; ++k) {
-      transitions(row, n + 1 + m + k) = products(row, m * (m + 1) / 2 + k * m + largest) / by;
-    }
-  }
-  return transitions;
 }
 
 std::pair<int, int> JacobianPrior::Near(int t) const noexcept {

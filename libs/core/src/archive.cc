@@ -106,8 +106,7 @@ void ArchiveWriter::Save(const std::filesystem::path& path) const {
   file.Commit();
 }
 
-ArchiveReader::ArchiveReader(const std::filesystem::path& path, std::string_view kind,
-                             int newest_version)
+ArchiveReader::ArchiveReader(const std::filesystem::path& path, std::string_view kind, int version)
     : file_(path.string()) {
   errno = 0;
   std::ifstream in(path, std::ios::binary);
@@ -131,11 +130,10 @@ ArchiveReader::ArchiveReader(const std::filesystem::path& path, std::string_view
     Fail("holds a " + std::string(found_kind) + ", where a " + std::string(kind) + " is needed");
   }
   const auto found_version = Decode<std::int64_t>(Take(sizeof(std::int64_t)));
-  if (found_version < 1 || found_version > newest_version) {
+  if (found_version != version) {
     Fail("is a " + std::string(kind) + " file of version " + std::to_string(found_version) +
-         "; this build reads versions up to " + std::to_string(newest_version) + ": update dfr");
+         "; this program reads version " + std::to_string(version) + ": fit it again");
   }
-  version_ = static_cast<int>(found_version);
   budget_ = ReadBudget(bytes_.size());
 }
 

@@ -8,7 +8,7 @@
 namespace dfr::line_task {
 namespace {
 
-constexpr int kVersion = 2;  // 1 had no provenance
+constexpr int kVersion = 2;
 
 template <typename Vector>
 void Append(core::ArchiveWriter& archive, const Vector& v) {
@@ -66,7 +66,7 @@ LineCalibration LineCalibration::Load(const std::filesystem::path& path) {
   Read(archive, loaded.arm.offset);
   Read(archive, loaded.arm.scale);
   Read(archive, loaded.arm.reference);
-  const std::string made = archive.version() >= 2 ? archive.Text() : std::string();
+  const std::string made = archive.Text();
   archive.End();
   loaded.p_base_cam.matrix() = pose;
   const Eigen::Matrix3d r = loaded.p_base_cam.linear();

@@ -26,7 +26,7 @@ namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kGuardKind = "guard";
-constexpr int kGuardVersion = 5;
+constexpr int kGuardVersion = 1;
 
 constexpr std::array kStrategies = {Strategy::kGuided,  Strategy::kDfr,  Strategy::kEarlyStopping,
                                     Strategy::kMonitor, Strategy::kSoft, Strategy::kCertified};
@@ -486,7 +486,6 @@ void GuardModel::Save(const std::filesystem::path& path) const {
 
 std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& path) {
   core::ArchiveReader archive(path, kGuardKind, kGuardVersion);
-  constexpr int kWithConstants = 4;
   try {
     core::StateLayout layout;
     const int blocks = archive.IntegerIn(1, 1 << 16);
@@ -504,9 +503,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     settings.max_actions = archive.IntegerIn(1, kMost);
     settings.action_limit = archive.Number();
     settings.alarm_level = archive.Number();
-    // Earlier files do not know what certificates need.
-    const bool has_constants = archive.version() >= kWithConstants;
-    if (has_constants) settings.direction_error = archive.Number();
+    settings.direction_error = archive.Number();
     GuardSummary summary;
     summary.source = archive.Text();
     summary.version = archive.Text();
@@ -517,17 +514,15 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     summary.acceptance = archive.Number();
     summary.inside_throughout = archive.Number();
     summary.false_alarms = archive.Number();
-    if (has_constants) {
-      summary.confidence = archive.Number();
-      summary.held_out = archive.IntegerIn(0, kMost);
-      summary.drift_level = archive.Number();
-      summary.drift_chance = archive.Number();
-      summary.gaps.steps = archive.IntegerIn(0, kMost);
-      summary.gaps.points = archive.IntegerIn(0, kMost);
-      summary.gaps.inside = archive.IntegerIn(0, kMost);
-      summary.direction_error = ReadConstant(archive);
-      summary.gain = ReadConstant(archive);
-    }
+    summary.confidence = archive.Number();
+    summary.held_out = archive.IntegerIn(0, kMost);
+    summary.drift_level = archive.Number();
+    summary.drift_chance = archive.Number();
+    summary.gaps.steps = archive.IntegerIn(0, kMost);
+    summary.gaps.points = archive.IntegerIn(0, kMost);
+    summary.gaps.inside = archive.IntegerIn(0, kMost);
+    summary.direction_error = ReadConstant(archive);
+    summary.gain = ReadConstant(archive);
     std::vector<double> lambda = archive.Numbers();
     auto recovery = GuidedRecovery::Load(archive, std::move(selection));
     archive.End();

@@ -13,7 +13,7 @@ namespace dfr::safety {
 namespace {
 
 constexpr std::string_view kTaskKind = "task-model";
-constexpr int kTaskVersion = 5;  // GuidedModel's fifth layout.
+constexpr int kTaskVersion = 1;
 constexpr std::string_view kTaskFile = "task.dfr";
 constexpr std::string_view kSupportFile = "support.dfr";
 constexpr int kMostHorizon = 1'000'000;
@@ -97,10 +97,6 @@ void TaskModel::Save(const std::filesystem::path& folder) const {
   archive.Save(folder / kTaskFile);
 }
 
-bool TaskModel::IsSavedIn(const std::filesystem::path& folder) {
-  return std::filesystem::exists(folder / kTaskFile);
-}
-
 TaskModel TaskModel::Load(const std::filesystem::path& folder, const core::StateLayout& layout) {
   core::ArchiveReader archive(folder / kTaskFile, kTaskKind, kTaskVersion);
   std::optional<kernel::TimeVaryingSupport> published;
@@ -117,28 +113,6 @@ TaskModel TaskModel::Load(const std::filesystem::path& folder, const core::State
     archive.End();
     return {std::move(guided), std::move(lambda), std::move(published),
             Select(layout, published_features), horizon};
-  } catch (const std::invalid_argument& e) {
-    archive.Fail(std::string("does not fit the other files of this model: ") + e.what());
-  }
-}
-
-TaskModel TaskModel::LoadSwitching(const std::filesystem::path& folder, std::string_view kind,
-                                   const core::StateLayout& layout,
-                                   std::span<const core::Trajectory> demonstrations,
-                                   TaskOptions guided) {
-  kernel::TimeVaryingSupport published = kernel::TimeVaryingSupport::Load(folder / kSupportFile);
-  core::ArchiveReader archive(folder / "switching.dfr", kind, 2);
-  const std::string features = archive.Text();
-  std::vector<double> lambda = archive.Numbers();
-  // The width of the published kernel, which its estimates hold as well.
-  if (kind == "line-tracking-switching") static_cast<void>(archive.Number());
-  const int horizon = archive.IntegerIn(1, kMostHorizon);
-  guided.guided.svm.gamma = archive.Number();
-  archive.End();
-  try {
-    return {std::make_shared<const GuidedRecovery>(Select(layout, guided.guided_features),
-                                                   demonstrations, guided.guided, guided.whitening),
-            std::move(lambda), std::move(published), Select(layout, features), horizon};
   } catch (const std::invalid_argument& e) {
     archive.Fail(std::string("does not fit the other files of this model: ") + e.what());
   }

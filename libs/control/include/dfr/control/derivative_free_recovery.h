@@ -7,25 +7,15 @@
 
 namespace dfr::control {
 
-/// How DerivativeFreeRecovery chooses a probe's direction.
-enum class ProbeDirection {
-  kGaussian,        ///< Uniform over all directions: a normalised Gaussian sample.
-  kCoordinateSign,  ///< One control entry, drawn at random, with a random sign.
-};
-
 /// Options for DerivativeFreeRecovery. Defaults are the constants of the paper's experiments.
 struct DfrOptions {
   double probe_fraction = 1.0 / 500.0;  ///< |u_delta| = probe_fraction g_t(x_t) / lambda_t
   double step_fraction = 1.0 / 50.0;    ///< |u_R| = step_fraction |g_t(x_delta)| / lambda_t
-  ProbeDirection direction = ProbeDirection::kGaussian;
-  /// Share of the previous step's direction that is kept, in [0, 1): u_R goes along
-  /// momentum * (previous direction) + (probed direction), with |u_R| as before. 0 is Algorithm 1;
-  /// its authors also tried 0.75.
-  double momentum = 0.0;
 };
 
 /// Derivative-Free Recovery (Algorithm 1, lines 5-12). Each iteration applies two controls: a
-/// random probe u_delta, then eta along it, or against it where the probe did not raise g.
+/// probe u_delta in a direction drawn uniformly, then eta along it, or against it where the probe
+/// did not raise g.
 ///
 /// The text asks for |u_delta| << g/lambda and 0 < eta < g(x_t)/lambda; the experiments' code sets
 /// both as in DfrOptions, eta from |g| at the probed state. Where lambda is a true bound (LK), that
@@ -48,7 +38,6 @@ class DerivativeFreeRecovery final : public RecoveryStrategy {
   bool probing_ = false;
   double g_before_probe_ = 0.0;
   std::vector<double> direction_;
-  std::vector<double> momentum_;
 };
 
 }  // namespace dfr::control

@@ -59,7 +59,7 @@ class GuidedModel {
   /// hi_t, the level of l_t at which there is nothing to do, >= 0.
   [[nodiscard]] double gate_level(int t) const noexcept { return Clamped(gate_, t); }
   /// The median of l_t over demonstrated states, in place of hi_t with a certificate: every bit of
-  /// depth costs it controls. hi_t in a file of before version 5.
+  /// depth costs it controls.
   [[nodiscard]] double median_level(int t) const noexcept { return Clamped(median_, t); }
   /// GuidedModelOptions::slack
   [[nodiscard]] double slack() const noexcept { return slack_; }

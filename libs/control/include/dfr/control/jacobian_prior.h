@@ -42,17 +42,12 @@ class JacobianPrior {
 
   /// Appends all of it to a file.
   void Save(core::ArchiveWriter& archive) const;
-  /// Reads what Save() wrote, and what earlier versions did. Files of before version 3 do not tell
-  /// controls from their negatives: has_controls() is then false.
-  /// @throws std::runtime_error naming the file and what is wrong with it.
+  /// Reads what Save() wrote. @throws std::runtime_error naming the file and what is wrong with it.
   static JacobianPrior Load(core::ArchiveReader& archive);
 
   [[nodiscard]] int feature_dim() const noexcept { return feature_dim_; }
   [[nodiscard]] int control_dim() const noexcept { return control_dim_; }
   [[nodiscard]] const JacobianOptions& options() const noexcept { return options_; }
-  /// Whether the signs of demonstrated controls are known, without which the answer to them is, but
-  /// neither the controls nor an own motion.
-  [[nodiscard]] bool has_controls() const noexcept { return has_controls_; }
 
   /// Sums over the transitions near a time step and a state z, with r = [z_i - z; 1; v_i; dz_i] and
   /// weights w that fall with the distance to z and sum to prior_weight. To be made by
@@ -84,8 +79,6 @@ class JacobianPrior {
   void SumNearStates(Workspace& workspace) const noexcept;
 
  private:
-  static constexpr int kWithTransitions = 4;  ///< The first version of files that hold them.
-
   JacobianPrior() = default;
   void SumRows(const Eigen::VectorXi& indices, int count, double factor,
                Workspace& workspace) const noexcept;
@@ -93,14 +86,12 @@ class JacobianPrior {
   [[nodiscard]] std::pair<int, int> Near(int t) const noexcept;
   /// Entries of a row of transitions_.
   [[nodiscard]] int Width() const noexcept;
-  core::Matrix OldTransitions(core::ArchiveReader& archive);
   /// Fills points_ and largest_, once transitions_ and begin_ are.
   void Finish();
 
   JacobianOptions options_;
   int feature_dim_ = 0;
   int control_dim_ = 0;
-  bool has_controls_ = true;
   std::vector<int> begin_;  ///< Row at which time step t begins; one more entry at the end.
   int largest_ = 0;         ///< Most transitions that Near() gives.
   /// [z, 1, v, dz] of each transition in order of time, then zeros. In float, because sums over

@@ -37,14 +37,12 @@ class ArchiveWriter {
 
 /// Reads what ArchiveWriter wrote. The whole file is checked before the first value is returned;
 /// every call throws std::runtime_error naming the file and the reason where the file is missing,
-/// truncated, damaged, of another kind or newer than this build, or holds another value than asked.
+/// truncated, damaged, of another kind or version, or holds another value than asked.
 class ArchiveReader {
  public:
-  /// @param newest_version  the newest version the caller understands; older ones are accepted, and
-  ///   version() tells which it is.
-  ArchiveReader(const std::filesystem::path& path, std::string_view kind, int newest_version);
+  /// @param version  the one version that the caller understands.
+  ArchiveReader(const std::filesystem::path& path, std::string_view kind, int version);
 
-  [[nodiscard]] int version() const noexcept { return version_; }
   [[nodiscard]] const std::string& file() const noexcept { return file_; }
 
   std::int64_t Integer();
@@ -73,7 +71,6 @@ class ArchiveReader {
   std::string file_;
   std::string bytes_;
   std::size_t position_ = 0;
-  int version_ = 0;
   ReadBudget budget_{0};
 };
 

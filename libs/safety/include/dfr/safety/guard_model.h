@@ -143,7 +143,7 @@ class GuardModel {
   /// @throws std::runtime_error naming the file and what the system said.
   void Save(const std::filesystem::path& path) const;
   /// @throws std::runtime_error naming the file and why it is refused: truncated, damaged, of
-  ///   another kind, or written by a newer version.
+  ///   another kind or version.
   static std::shared_ptr<const GuardModel> Load(const std::filesystem::path& path);
   /// The same knowledge with other settings. @throws std::invalid_argument naming which is out of
   ///   range.

@@ -34,8 +34,7 @@ class GuidedRecovery {
   GuidedRecovery(const GuidedRecovery&) = delete;
   GuidedRecovery& operator=(const GuidedRecovery&) = delete;
 
-  /// Appends all of it to a file whose version is at least 2: Load() takes files of version 1 for
-  /// ones of the layout before.
+  /// Appends all of it to a file.
   void Save(core::ArchiveWriter& archive) const;
   /// Reads what Save() wrote; `selection` is the one that it was fitted with.
   /// @throws std::runtime_error naming the file and what is wrong with it.

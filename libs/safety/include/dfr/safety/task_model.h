@@ -68,15 +68,6 @@ class TaskModel {
   ///
   /// @throws std::runtime_error naming the file and what is wrong with it.
   static TaskModel Load(const std::filesystem::path& folder, const core::StateLayout& layout);
-  /// Reads a folder of before there were task models, which has a switching.dfr of the kind
-  /// "pusher-switching" or "line-tracking-switching" instead of task.dfr. Guided recovery is fitted
-  /// to `demonstrations`, with `guided` and its features but for the width of the kernel.
-  static TaskModel LoadSwitching(const std::filesystem::path& folder, std::string_view kind,
-                                 const core::StateLayout& layout,
-                                 std::span<const core::Trajectory> demonstrations,
-                                 TaskOptions guided);
-  /// Whether `folder` holds what Save() writes.
-  static bool IsSavedIn(const std::filesystem::path& folder);
   /// A model of parts: guided recovery, and the published support with its features, if there is
   /// one. @throws std::invalid_argument if they do not fit each other.
   TaskModel(std::shared_ptr<const GuidedRecovery> guided, std::vector<double> lambda,

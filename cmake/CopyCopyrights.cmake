@@ -1,0 +1,15 @@
+# Run by cpack before it makes the packages: puts /usr/share/doc/<package>/copyright of each Debian
+# package that a component is built with into the component's own.
+foreach(component IN LISTS CPACK_COMPONENTS_ALL)
+  string(TOUPPER ${component} id)
+  set(folder ${CPACK_TEMPORARY_DIRECTORY}/${component}${CPACK_PACKAGING_INSTALL_PREFIX}/share/doc)
+  foreach(package IN LISTS CPACK_DFR_${id}_BUILT_WITH)
+    set(text /usr/share/doc/${package}/copyright)
+    if(NOT EXISTS ${text})
+      message(FATAL_ERROR "${text} is missing: ${component} is built with ${package}, whose licence its "
+                          "package must bring. Install ${package} with its documentation")
+    endif()
+    configure_file(${text} ${folder}/${CPACK_DEBIAN_${id}_PACKAGE_NAME}/third_party/${package}/copyright
+      COPYONLY)
+  endforeach()
+endforeach()
