@@ -56,8 +56,12 @@ const Row& RowOf(const std::string& task, const std::string& policy, const std::
 
 TEST(GalleryRunTest, RowsDoNotDependOnTheNumberOfThreads) {
   Study study = Small();
+  study.policies = {"good"};
   study.threads = 2;
-  EXPECT_TRUE(SmallRows() == RunStudy(study));
+  std::vector<Row> one;
+  std::ranges::copy_if(SmallRows(), std::back_inserter(one),
+                       [](const Row& row) { return row.policy == "good"; });
+  EXPECT_TRUE(one == RunStudy(study));
 }
 
 TEST(GalleryRunTest, CountsAreOfTheirEpisodes) {

@@ -124,7 +124,7 @@ inline void Pusher(const std::filesystem::path& folder, int episodes, Golden& go
   }
 }
 
-/// Of so many episodes of each strategy.
+/// The results of so many episodes of each strategy.
 inline Golden ResultsWith(std::int64_t target, int episodes) {
   const std::filesystem::path folder =
       std::filesystem::path(testing::TempDir()) / ("dfr_golden_" + std::to_string(getpid()));
