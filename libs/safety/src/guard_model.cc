@@ -17,10 +17,10 @@
 #include "dfr/core/build_info.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_transform.h"
-#include "dfr/core/folds.h"
 #include "dfr/core/format.h"
 #include "dfr/kernel/cover_radius.h"
 #include "dfr/kernel/model_selection.h"
+#include "fit_task.h"
 
 namespace dfr::safety {
 namespace {
@@ -35,14 +35,6 @@ constexpr std::array kStrategies = {Strategy::kGuided,  Strategy::kDfr,  Strateg
 constexpr int kActionsPerStep = 12;
 // The largest entry of an applied action against that of a demonstrated one.
 constexpr double kActionReach = 2.0;
-// Points inside that a gap test allows, as a share of its time steps or of its points if these are
-// more, and how often gamma may be doubled for it.
-constexpr double kMostInGaps = 0.05;
-constexpr int kMostDoublings = 2;
-// States of left-out demonstrations that are to be inside, before a support of many time steps
-// pools more of them. It may do so twice.
-constexpr double kWantedInside = 0.85;
-constexpr int kMostWidenings = 2;
 // What files hold.
 constexpr int kMost = 1 << 30;
 constexpr int kLongestHorizon = kMost / kActionsPerStep;
@@ -90,69 +82,6 @@ void Check(const core::StateLayout& layout, std::span<const core::Trajectory> de
   }
 }
 
-std::vector<double> Follow(const core::LogDecisionFunction& support, const core::Matrix& states,
-                           std::vector<int>* steps) {
-  control::PhaseTracker tracker(support);
-  std::vector<double> levels;
-  if (steps != nullptr) steps->clear();
-  for (Eigen::Index i = 0; i < states.rows(); ++i) {
-    levels.push_back(tracker.Follow(core::Row(states, i)));
-    if (steps != nullptr) steps->push_back(tracker.phase());
-  }
-  return levels;
-}
-
-// What supports make of demonstrations that they have not seen.
-struct HeldOut {
-  std::vector<double> worst;  // -l at the worst state of each demonstration
-  double inside = 0.0;        // States.
-  double states = 0.0;
-  int inside_throughout = 0;
-
-  void Add(const core::LogDecisionFunction& support, const core::Matrix& points) {
-    const std::vector<double> levels = Follow(support, points, nullptr);
-    const double lowest = *std::min_element(levels.begin(), levels.end());
-    worst.push_back(-lowest);
-    inside_throughout += lowest >= 0.0 ? 1 : 0;
-    states += static_cast<double>(levels.size());
-    inside += static_cast<double>(
-        std::count_if(levels.begin(), levels.end(), [](double l) { return l >= 0.0; }));
-  }
-};
-
-// How many groups demonstrations are left out in: two must remain to fit to.
-int NumFolds(std::size_t demonstrations, int most) {
-  return std::min(most, std::max(2, static_cast<int>(demonstrations / 2)));
-}
-
-// The demonstrations of each fold under a support that has not seen them, in the order of `order`;
-// nothing if `going_on` says so. Where there are three, one has no support.
-std::optional<HeldOut> LeaveOut(std::span<const core::Matrix> points, const core::Folds& folds,
-                                std::span<const std::size_t> order,
-                                const kernel::WhitenedSupportOptions& options,
-                                const std::function<bool(double share)>& going_on) {
-  std::vector<HeldOut> each(points.size());
-  for (std::size_t fold = 0; fold < folds.size(); ++fold) {
-    if (!going_on(static_cast<double>(fold) / static_cast<double>(folds.size()))) {
-      return std::nullopt;
-    }
-    std::vector<core::Matrix> others;
-    others.reserve(points.size());
-    for (const std::size_t d : core::Others(folds, fold, order)) others.push_back(points[d]);
-    if (others.size() < 2) continue;
-    const auto support = kernel::WhitenedSupport::Fit(others, options);
-    for (const std::size_t d : folds[fold]) each[d].Add(support, points[d]);
-  }
-  HeldOut all;
-  for (const std::size_t d : order) {
-    all.worst.insert(all.worst.end(), each[d].worst.begin(), each[d].worst.end());
-    all.inside += each[d].inside;
-    all.states += each[d].states;
-    all.inside_throughout += each[d].inside_throughout;
-  }
-  return all;
-}
-
 // Wilcoxon's signed-rank test, by its normal approximation: how likely it is that `higher` is above
 // `lower` as much as it is, or more, if differences are as likely to be negative as positive.
 double ChanceOfBeingHigher(std::span<const double> higher, std::span<const double> lower) {
@@ -170,10 +99,6 @@ double ChanceOfBeingHigher(std::span<const double> higher, std::span<const doubl
   const double spread = std::sqrt(n * (n + 1.0) * (2.0 * n + 1.0) / 24.0);
   if (!(spread > 0.0)) return 1.0;
   return 0.5 * std::erfc((ranks - n * (n + 1.0) / 4.0) / spread / std::sqrt(2.0));
-}
-
-bool TooManyInGaps(const kernel::GapTest& gaps) {
-  return gaps.inside > kMostInGaps * std::max(gaps.steps, gaps.points);
 }
 
 // The alarm level, and what is promised of it.
@@ -259,17 +184,8 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   const core::FeatureSelection selection = options.features.empty()
                                                ? core::FeatureSelection::All(layout.state_dim())
                                                : core::FeatureSelection(layout, options.features);
-  const std::vector<std::size_t> order = core::ContentOrder(demonstrations);
-  const std::vector<core::Trajectory> ordered = core::InContentOrder(demonstrations);
-  std::vector<core::Matrix> states;
-  states.reserve(ordered.size());
-  for (const core::Trajectory& demonstration : ordered) states.push_back(demonstration.states);
-  const auto features = core::FeatureTransform::Whitening(selection, states);
-  std::vector<core::Matrix> points;
-  points.reserve(demonstrations.size());
-  for (const core::Trajectory& demonstration : demonstrations) {
-    points.push_back(features.Apply(demonstration.states));
-  }
+  const internal::Recorded recorded(selection, demonstrations);
+  const std::span<const core::Trajectory> ordered = recorded.ordered;
   // By their content, which has nothing to do with what they are like: a random sample, so that
   // further demonstrations are exchangeable with those held out.
   const auto num_held_out = static_cast<std::size_t>(
@@ -277,54 +193,21 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   DFR_THROW_UNLESS(demonstrations.size() >= num_held_out + 3,
                    "holding out " << num_held_out << " of " << demonstrations.size()
                                   << " demonstrations leaves fewer than 3 to fit to");
-  const std::span<const core::Trajectory> held_out = std::span(ordered).first(num_held_out);
-  const std::span<const core::Trajectory> fitted = std::span(ordered).subspan(num_held_out);
+  const std::span<const core::Trajectory> held_out = ordered.first(num_held_out);
+  const std::span<const core::Trajectory> fitted = ordered.subspan(num_held_out);
 
-  std::vector<core::Matrix> in_order;
-  in_order.reserve(order.size());
-  for (const std::size_t d : order) in_order.push_back(points[d]);
-  int num_steps = 0;
-  const auto test_gaps = [&](const kernel::WhitenedSupportOptions& with) {
-    const auto fitted_to_all = kernel::WhitenedSupport::Fit(in_order, with);
-    num_steps = fitted_to_all.num_steps();
-    return kernel::TestGaps(fitted_to_all, in_order);
-  };
-  kernel::WhitenedSupportOptions support = options.support;
-  kernel::GapTest gaps;
-  for (int doubled = 0;; ++doubled) {
-    if (!going_on("looking for gaps", 0.0)) return nullptr;
-    gaps = test_gaps(support);
-    if (!TooManyInGaps(gaps) || doubled == kMostDoublings) break;
-    support.svm.gamma *= 2.0;
-  }
-
-  const int num_folds = NumFolds(demonstrations.size(), options.folds);
-  const core::Folds folds = core::StratifiedFolds(points, num_folds);
-  std::optional<HeldOut> left_out;
-  for (int widened = 0;; ++widened) {
-    left_out = LeaveOut(points, folds, order, support, [&](double s) {
-      return going_on("leaving demonstrations out", 0.3 * (widened + s) / (1 + kMostWidenings));
-    });
-    if (!left_out) return nullptr;
-    if (left_out->inside >= kWantedInside * left_out->states || widened == kMostWidenings) break;
-    kernel::WhitenedSupportOptions wider = support;
-    wider.window_share = std::min(1.0, 2.0 * support.window_share);
-    if (wider.Stride(num_steps) == support.Stride(num_steps)) break;
-    const kernel::GapTest wider_gaps = test_gaps(wider);
-    if (TooManyInGaps(wider_gaps) && !TooManyInGaps(gaps)) break;
-    gaps = wider_gaps;
-    support = wider;
-  }
-  const auto contiguous =
-      LeaveOut(points, core::ContiguousFolds(points.size(), num_folds), order, support,
-               [&](double s) { return going_on("leaving stretches out", 0.3 + 0.3 * s); });
-  if (!contiguous || !going_on("fitting the support", 0.6)) return nullptr;
-  auto task = std::make_shared<const TaskModel>(
-      layout, fitted, TaskOptions{.guided_features = options.features, .guided = support});
+  std::optional<internal::TaskFit> fit =
+      internal::FitTask(recorded, options.support, options.folds, going_on);
+  if (!fit || !going_on("fitting the support", 0.6)) return nullptr;
+  auto task = held_out.empty()
+                  ? internal::MakeTask(recorded, std::move(fit->to_all), fit->options)
+                  : std::make_shared<const TaskModel>(
+                        layout, fitted,
+                        TaskOptions{.guided_features = options.features, .guided = fit->options});
   if (!going_on("estimating the alarm level", 0.95)) return nullptr;
 
   const control::GuidedModel& guided = task->guided().model();
-  HeldOut levels = *left_out;
+  internal::HeldOut levels = fit->left_out;
   if (!held_out.empty()) {
     levels = {};
     for (const core::Trajectory& demonstration : held_out) {
@@ -361,16 +244,16 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
       .version = core::BuildVersion(),
       .demonstrations = static_cast<int>(demonstrations.size()),
       .transitions = static_cast<int>(transitions),
-      .nu = support.svm.nu,
-      .gamma = support.svm.gamma,
+      .nu = fit->options.svm.nu,
+      .gamma = fit->options.svm.gamma,
       .acceptance = levels.inside / levels.states,
       .inside_throughout = levels.inside_throughout / static_cast<double>(levels.worst.size()),
-      .gaps = gaps,
+      .gaps = fit->gaps,
       .false_alarms = alarm.false_alarms,
       .confidence = alarm.confidence,
       .held_out = static_cast<int>(held_out.size()),
-      .drift_level = AlarmLevelOf(contiguous->worst, options).level,
-      .drift_chance = ChanceOfBeingHigher(contiguous->worst, left_out->worst),
+      .drift_level = AlarmLevelOf(fit->contiguous.worst, options).level,
+      .drift_chance = ChanceOfBeingHigher(fit->contiguous.worst, fit->left_out.worst),
       .direction_error = held_out.empty()
                              ? control::EstimateDirectionError(guided.features(), fitted)
                              : control::EstimateDirectionError(guided, held_out),
@@ -540,7 +423,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
 std::vector<double> GuardModel::Levels(const core::Matrix& states, std::vector<int>* steps) const {
   DFR_THROW_UNLESS(states.cols() == state_dim(),
                    "states have " << states.cols() << " entries, the guard's have " << state_dim());
-  return Follow(support(), states, steps);
+  return internal::Follow(support(), states, steps);
 }
 
 core::Matrix GuardModel::Shortfall(const core::Matrix& states) const {
@@ -605,7 +488,7 @@ std::vector<std::string> Findings(const GuardModel& model) {
         "state where demonstrations are long or differ in pace",
         100.0 * summary.acceptance));
   }
-  if (TooManyInGaps(summary.gaps)) {
+  if (internal::TooManyInGaps(summary.gaps)) {
     findings.push_back(core::Format(
         "demonstrations take several ways, and of %d points halfway between two of them %d are "
         "inside: record more demonstrations of each way, or give a larger --gamma",

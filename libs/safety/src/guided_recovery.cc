@@ -81,9 +81,20 @@ GuidedRecovery::GuidedRecovery(core::FeatureTransform features,
                                const kernel::WhitenedSupportOptions& options)
     : GuidedRecovery(Prepared(std::move(features), demonstrations), options) {}
 
+GuidedRecovery::GuidedRecovery(core::FeatureTransform features,
+                               std::span<const core::Trajectory> demonstrations,
+                               kernel::WhitenedSupport support,
+                               const kernel::WhitenedSupportOptions& options)
+    : GuidedRecovery(Prepared(std::move(features), demonstrations), std::move(support), options) {}
+
 GuidedRecovery::GuidedRecovery(Prepared prepared, const kernel::WhitenedSupportOptions& options)
+    : GuidedRecovery(std::move(prepared), kernel::WhitenedSupport::Fit(prepared.points, options),
+                     options) {}
+
+GuidedRecovery::GuidedRecovery(Prepared&& prepared, kernel::WhitenedSupport support,
+                               const kernel::WhitenedSupportOptions& options)
     : single_precision_(options.single_precision),
-      support_(kernel::WhitenedSupport::Fit(prepared.points, options)),
+      support_(std::move(support)),
       model_(std::move(prepared.features), support_, prepared.demonstrations,
              {.slack = control::SlackFrom(kernel::HeldOutLevels(prepared.points, options))}) {}
 

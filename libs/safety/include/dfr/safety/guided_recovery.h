@@ -31,6 +31,10 @@ class GuidedRecovery {
   /// The same with features of the caller's own.
   GuidedRecovery(core::FeatureTransform features, std::span<const core::Trajectory> demonstrations,
                  const kernel::WhitenedSupportOptions& options = {});
+  /// The same where `support` is what WhitenedSupport::Fit() makes of these features, in
+  /// core::ContentOrder() of the demonstrations, with these options.
+  GuidedRecovery(core::FeatureTransform features, std::span<const core::Trajectory> demonstrations,
+                 kernel::WhitenedSupport support, const kernel::WhitenedSupportOptions& options);
   GuidedRecovery(const GuidedRecovery&) = delete;
   GuidedRecovery& operator=(const GuidedRecovery&) = delete;
 
@@ -55,6 +59,8 @@ class GuidedRecovery {
  private:
   struct Prepared;
   GuidedRecovery(Prepared prepared, const kernel::WhitenedSupportOptions& options);
+  GuidedRecovery(Prepared&& prepared, kernel::WhitenedSupport support,
+                 const kernel::WhitenedSupportOptions& options);
   struct Loaded;
   GuidedRecovery(Loaded loaded, core::ArchiveReader& archive);
 
