@@ -27,8 +27,9 @@ GaussianPolicy Policy(double limit) {
   Eigen::VectorXd parameters = Eigen::VectorXd::Zero(mlp.num_parameters());
   parameters.tail(2) << 0.2, 5.0;
   mlp.SetParameters(parameters);
-  return {MlpPolicy(ObjectLayout(), "", Whitening::Identity(2), mlp, Eigen::Vector2d::Constant(limit)),
-          Eigen::Vector2d(std::log(0.5), std::log(0.1))};
+  return {
+      MlpPolicy(ObjectLayout(), "", Whitening::Identity(2), mlp, Eigen::Vector2d::Constant(limit)),
+      Eigen::Vector2d(std::log(0.5), std::log(0.1))};
 }
 
 TEST(GaussianPolicyTest, SamplesHaveTheMeanAndDeviationOfThePolicy) {

@@ -20,7 +20,12 @@ double JointAngle(int i) noexcept {
 
 // Direction in which servo i's arm points at angle 0: along the base's edge, away from its pair.
 double ArmDirection(int i) noexcept {
-  constexpr std::array<double, 6> kBeta = {4 * std::numbers::pi / 3, std::numbers::pi / 3, 2 * std::numbers::pi / 3, -std::numbers::pi / 3, 0.0, std::numbers::pi};
+  constexpr std::array<double, 6> kBeta = {4 * std::numbers::pi / 3,
+                                           std::numbers::pi / 3,
+                                           2 * std::numbers::pi / 3,
+                                           -std::numbers::pi / 3,
+                                           0.0,
+                                           std::numbers::pi};
   return kBeta[static_cast<std::size_t>(i)];
 }
 
