@@ -134,7 +134,8 @@ TEST_F(SecurityTest, OpenSslAgreesWithTheCertificates) {
                        files.certificate.string()));
 }
 
-// Larger than what is sent at a time: it is cut up, encrypted and put together again.
+// A picture larger than a message is cut up, encrypted and put together again, 3 s. Only this test
+// sends encrypted fragments.
 TEST_F(SecurityTest, PicturesArriveWhole) {
   for (const bool shared_memory : {false, true}) {
     SCOPED_TRACE(shared_memory ? "shared memory" : "UDP");

@@ -1,5 +1,7 @@
 """The program `guard` as its users run it, on files that know nothing of it.
 
+Takes 5 s. Only this test reads what each command prints and with which code it exits.
+
 usage: guard_app_test.py PROGRAM
 """
 

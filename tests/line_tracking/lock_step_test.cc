@@ -26,6 +26,8 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
+// Draws every picture of an episode, 4 s. Only this test compares the robot's loop over DDS with
+// the plant in one process.
 TEST(LockStepTest, InLockStepTheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
   const int domain = test::OwnDomain();
   const line_task::LineCalibration known = Data().Calibration();
@@ -50,6 +52,8 @@ TEST(LockStepTest, InLockStepTheSameSeedsHaveTheSameOutcomesAsInOneProcess) {
   }
 }
 
+// Starts four programs, 5 s. Only this test finds a program that `launch` starts without its
+// certificate.
 TEST(LaunchTest, AllItStartsIsOfTheRunsSecuredNetwork) {
   const test::Keystore keys = {{"line_tracking", dds::Permission::kController},
                                {"dvrk_simulator", dds::Permission::kConsole},

@@ -1,5 +1,7 @@
 """The program `pusher` as its users run it: each command on small numbers, and each kind of mistake.
 
+Takes 7 s. Only this test runs the commands one after the other on the files that they hand on.
+
 usage: pusher_test.py PROGRAM
 """
 import unittest

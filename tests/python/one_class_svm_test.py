@@ -1,4 +1,6 @@
-"""dfr.OneClassSVM beside scikit-learn's, as one of its estimators, and without it."""
+"""dfr.OneClassSVM beside scikit-learn's, as one of its estimators, and without it.
+
+Takes 3 s, most of it in scikit-learn's own checks of estimators, which no other test runs."""
 
 import copy
 import pickle
