@@ -31,10 +31,16 @@ SOURCES = ("libs/core", "libs/kernel", "libs/control", "libs/safety", "bench", "
            "CMakePresets.json")
 
 
-def build(source, folder):
+def compiles_in_units(source):
+    """Whether the tree at `source` can compile several sources as one unit, which takes half the time."""
+    return "CMAKE_UNITY_BUILD" in (pathlib.Path(source) / "CMakePresets.json").read_text()
+
+
+def build(source, folder, units=True):
     """Builds the program of the tree at `source` in `folder`; returns it."""
     subprocess.run(["cmake", "-S", source, "-B", folder, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release",
-                    "-DDFR_BUILD_TESTS=OFF", "-DDFR_BUILD_BENCH=ON", "-DDFR_COMPONENTS=safety"],
+                    "-DDFR_BUILD_TESTS=OFF", "-DDFR_BUILD_BENCH=ON", "-DDFR_COMPONENTS=safety",
+                    "-DDFR_PRECOMPILE=ON", f"-DCMAKE_UNITY_BUILD={'ON' if units else 'OFF'}"],
                    check=True, stdout=subprocess.DEVNULL)
     subprocess.run(["cmake", "--build", folder, "--target", PROGRAM], check=True, stdout=subprocess.DEVNULL)
     return folder / "bin" / PROGRAM
@@ -203,7 +209,7 @@ def main():
             return
 
     work = pathlib.Path(tempfile.mkdtemp(prefix="dfr_compare_"))
-    worktree = None
+    worktree, units = None, True  # of both trees, or of none
     try:
         base = pathlib.Path(options.base) / "bin" / PROGRAM
         if not base.exists():
@@ -216,8 +222,9 @@ def main():
             if not (worktree / "bench/safety" / (PROGRAM + ".cc")).exists():
                 print(f"The base has no {PROGRAM} yet: there is nothing to compare with.")
                 return
-            base = build(worktree, work / "build_base")
-        new = build(ROOT, ROOT / "build" / "compare")  # kept: built faster next time
+            units = compiles_in_units(worktree)
+            base = build(worktree, work / "build_base", units)
+        new = build(ROOT, ROOT / "build" / "compare", units)  # kept: built faster next time
         losses = compare([base], [new], options)
         for loss in losses:
             print(f"SLOWER: {loss}", file=sys.stderr)

@@ -38,9 +38,9 @@ TEST(CoverRadiusTest, NoStateThatDeepInsideIsFurtherFromAllSamples) {
       EXPECT_LE(radius, plain * (1.0 + 1e-12));
       double furthest = 0.0;
       const double reach = samples.cwiseAbs().maxCoeff() + plain;
-      for (double x = -reach; x <= reach; x += reach / 80.0) {
-        for (double y = -reach; y <= reach; y += reach / 80.0) {
-          const std::vector<double> there = {x, y};
+      for (int i = -80; i <= 80; ++i) {
+        for (int j = -80; j <= 80; ++j) {
+          const std::vector<double> there = {i / 80.0 * reach, j / 80.0 * reach};
           if (svm.LogDecision(there) < -level) continue;
           furthest = std::max(furthest, DistanceToSamples(svm, there));
         }
