@@ -205,7 +205,7 @@ experiment::EvaluationPlan MakePlan(const Study& study) {
   for (const std::string& method : study.methods) {
     DFR_THROW_UNLESS(std::ranges::count(MethodNames(), method) == 1,
                      "there is no method '" << method << "'; there are alone, monitor, "
-                                            << "early-stopping, dfr, soft, guided, certified");
+                                            << "early-stopping, dfr, guard, controller, certified");
     if (method != "alone") plan.methods.push_back(method);
   }
   // Policies outside, so that threads fit different tasks at the same time.
@@ -270,8 +270,8 @@ const std::vector<std::string>& MethodNames() {
                                                  Name(Strategy::kMonitor),
                                                  Name(Strategy::kEarlyStopping),
                                                  Name(Strategy::kDfr),
-                                                 Name(Strategy::kSoft),
-                                                 Name(Strategy::kGuided),
+                                                 Name(Strategy::kGuard),
+                                                 Name(Strategy::kController),
                                                  Name(Strategy::kCertified)};
   return names;
 }

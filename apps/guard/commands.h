@@ -33,7 +33,7 @@ struct FitOptions {
   std::filesystem::path demonstrations;
   std::string filter_key;
   std::filesystem::path out = "task.guard";
-  std::string strategy = "guided";
+  std::string strategy = "guard";
   bool all = false;          ///< Episodes that did not complete the task, too.
   bool as_recorded = false;  ///< Actions that look like positions are none.
   bool strict = false;       ///< Findings are a failure.

@@ -43,12 +43,7 @@ void RunEvaluate(const EvaluateOptions& options) {
       micros.push_back(
           std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - start)
               .count());
-      const double norm = episode.controls.row(t).norm();
-      const double change =
-          (core::AsVector(std::span<const double>(safe)).transpose() - episode.controls.row(t))
-              .norm();
-      // Beyond the rounding that units of control bring.
-      if (verdict.mode != control::Mode::kPolicy || change > 1e-9 * (1.0 + norm)) {
+      if (verdict.changed) {
         first = std::to_string(t) + " (" + verdict.reason() + ")";
         break;
       }

@@ -34,16 +34,17 @@ void Describe(const safety::GuardModel& model) {
       "%d are inside\n",
       summary.gaps.points, summary.gaps.steps, summary.gaps.inside);
   std::printf("levels of l     the policy's action passes at %.3g (first step); slack %.3g\n",
-              guided.gate_level(0), guided.slack());
+              guided.pass_level(0), guided.slack());
   std::printf(
       "alarm           at l < %.3g: a further demonstration raises one with probability %.3g "
       "at most, %s\n",
       -settings.alarm_level, summary.false_alarms, safety::Promise(summary).c_str());
   std::printf("lambda_t        %.3g to %.3g, the change of g per unit of action\n", *low, *high);
   std::printf(
-      "actions         %d entries, each within +-%g; halts after %d of the policy's, or %d "
+      "actions         %d entries, within +-%s; halts after %d of the policy's, or %d "
       "of any kind\n",
-      model.action_dim(), settings.action_limit, settings.horizon, settings.max_actions);
+      model.action_dim(), safety::Join(settings.action_limit).c_str(), settings.horizon,
+      settings.max_actions);
   std::printf("strategy        %s\n", safety::Name(settings.strategy));
   if (settings.direction_error > 0.0) {
     std::printf(

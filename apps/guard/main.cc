@@ -78,10 +78,10 @@ void AddFit(CLI::App& app, int& result) {
   command
       ->add_option(
           "--strategy", options->strategy,
-          "near the boundary: guided (does what demonstrations did nearby, corrected), dfr (as "
-          "published), early-stopping (halts), monitor (alarms alone), soft (as guided, but "
-          "only where an alarm would follow), certified (what provably raises no alarm, see "
-          "docs/certificates.md)")
+          "who drives: guard (the policy, corrected at the boundary), controller (the "
+          "demonstrations; for a bad policy or none), dfr (the policy, recovery as published), "
+          "early-stopping (the policy, halts at the boundary), monitor (the policy, alarms alone), "
+          "certified (what provably raises no alarm, see docs/certificates.md)")
       ->capture_default_str();
   command
       ->add_option("--nu", options->guard.support.svm.nu,
@@ -117,8 +117,9 @@ void AddFit(CLI::App& app, int& result) {
   command
       ->add_option(
           "--action-limit", options->guard.action_limit,
-          "each entry of an action is kept within +- this; 0: twice the largest demonstrated")
-      ->capture_default_str();
+          "each entry of an action is kept within +- this: one limit for all, or one each, a,b,c; "
+          "default: 1.5 times the largest demonstrated value of each entry")
+      ->delimiter(',');
   command->add_flag("--all", options->all, "episodes that did not complete the task count, too");
   command->add_flag("--as-recorded", options->as_recorded,
                     "take actions as they are, although they look like target positions");

@@ -319,7 +319,7 @@ std::vector<std::pair<std::string, std::string>> Settings(const safety::GuardMod
           {"time steps", std::to_string(model.num_steps())},
           {"strategy", safety::Name(settings.strategy)},
           {"horizon", std::to_string(settings.horizon)},
-          {"action limit", core::Format("%g", settings.action_limit)}};
+          {"action limit", safety::Join(settings.action_limit)}};
 }
 
 }  // namespace

@@ -7,11 +7,11 @@
 #include <vector>
 
 #include "commands.h"
-#include "dfr/control/guided_policy.h"
-#include "dfr/control/rollout.h"
+#include "dfr/control/controller.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/policy.h"
+#include "dfr/safety/guard.h"
 #include "dfr/safety/guard_model.h"
 
 namespace dfr::apps::pusher {
@@ -54,45 +54,37 @@ class LinearPolicy final : public core::Policy {
   core::Matrix gains_;
 };
 
-class LastState final : public control::RolloutObserver {
- public:
-  void OnStart(std::span<const double> x) override { x_.assign(x.begin(), x.end()); }
-  void OnControl(const control::RolloutEvent& event) override {
-    x_.assign(event.next_x.begin(), event.next_x.end());
-  }
-  [[nodiscard]] const std::vector<double>& x() const { return x_; }
-
- private:
-  std::vector<double> x_;
-};
-
 }  // namespace
 
 void RunGuarded(const GuardedOptions& options) {
   const auto model = safety::GuardModel::Load(options.guard);
-  const safety::GuardSettings& settings = model->settings();
   sim::PusherPlant plant(options.plant);
   DFR_THROW_UNLESS(model->layout() == plant.layout(),
                    options.guard.string() << ": is a guard of other states than the Pusher's");
-  DFR_THROW_UNLESS(settings.strategy == safety::Strategy::kGuided,
-                   options.guard.string() << ": its strategy is '" << Name(settings.strategy)
-                                          << "'; only guided recovery is rolled out here");
   const LinearPolicy policy(options.policy, plant.state_dim(), plant.control_dim());
-  control::GuidedPolicy guided(policy, model->recovery().model(),
-                               {.horizon = settings.horizon,
-                                .max_controls = settings.max_actions,
-                                .control_limit = settings.action_limit});
+  safety::Guard guard(model);
+  std::vector<double> x(static_cast<std::size_t>(plant.state_dim()));
+  std::vector<double> u(static_cast<std::size_t>(plant.control_dim()));
   std::printf("seed outcome controls state\n");
   std::array<int, 3> counts = {};
   for (int i = 0; i < options.episodes; ++i) {
     const std::uint64_t seed = options.seed + static_cast<std::uint64_t>(i);
-    LastState last;
-    const auto result =
-        control::Rollout(plant, guided, {.plant_seed = seed, .controller_seed = seed}, &last);
-    ++counts[static_cast<std::size_t>(result.outcome)];
-    std::printf("%llu %s %d", static_cast<unsigned long long>(seed), Name(result.outcome),
-                result.controls());
-    for (const double x : last.x()) std::printf(" %.17g", x);
+    plant.Reset(seed);
+    guard.Reset(seed);
+    plant.Observe(x);
+    int t = 0;
+    for (; !plant.completed() && !plant.collided(); ++t) {
+      policy.Control(t, x, u);
+      if (guard.Filter(t, x, u, u).mode == control::Mode::kHalt) break;
+      if (plant.Apply(u) != core::PlantStatus::kOk) break;
+      plant.Observe(x);
+    }
+    const core::Outcome outcome = plant.collided()    ? core::Outcome::kCollided
+                                  : plant.completed() ? core::Outcome::kCompleted
+                                                      : core::Outcome::kHalted;
+    ++counts[static_cast<std::size_t>(outcome)];
+    std::printf("%llu %s %d", static_cast<unsigned long long>(seed), Name(outcome), t);
+    for (const double entry : x) std::printf(" %.17g", entry);
     std::printf("\n");
   }
   std::fprintf(stderr, "%d completed, %d halted, %d collided\n", counts[0], counts[1], counts[2]);

@@ -24,7 +24,7 @@ from dfr import _core
 from dfr._core import Guard
 
 BASELINE = "baseline"
-METHODS = (BASELINE, "monitor", "early-stopping", "dfr", "guided", "certified")
+METHODS = (BASELINE, "monitor", "early-stopping", "dfr", "guard", "controller", "certified")
 
 # Streams of the experiment's seed; 0 and 1 are start states and controllers.
 _DEMONSTRATIONS, _LEARNING = 2, 3
@@ -71,7 +71,7 @@ class Experiment:
         Of the folder out/<name>; by default the class's in lower case.
     methods : sequence of str
         The first is the reference. "baseline" is the policy alone, the others are strategies of a guard:
-        "monitor", "early-stopping", "dfr", "guided", "certified".
+        "monitor", "early-stopping", "dfr", "guard", "controller", "certified".
     learners : sequence of str
         Kinds of policies, or of anything else that `learn` is to vary.
     demonstrations : sequence of int
@@ -87,7 +87,7 @@ class Experiment:
     """
 
     name: str = ""
-    methods: Sequence[str] = (BASELINE, "early-stopping", "dfr", "guided")
+    methods: Sequence[str] = (BASELINE, "early-stopping", "dfr", "guard")
     learners: Sequence[str] = ("policy",)
     demonstrations: Sequence[int] = (60,)
     trials: int = 5
@@ -195,7 +195,7 @@ class Experiment:
         Returns
         -------
         dict of str to Episode
-            `dfr.plot.episode(found["guided"].infos)` plots one.
+            `dfr.plot.episode(found["guard"].infos)` plots one.
 
         Raises
         ------

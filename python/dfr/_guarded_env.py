@@ -61,8 +61,8 @@ else:
         return env if isinstance(env, gymnasium.Env) else _Env(env)
 
 
-def _limit_of(space: Any) -> float:
-    """The largest c for which +-c is within the bounds of every entry of an action."""
+def _limits_of(space: Any) -> Any:
+    """For each entry of an action the largest c for which +-c is within its bounds."""
     dtype = getattr(space, "dtype", None)
     if dtype is not None and np.issubdtype(dtype, np.integer):
         raise ValueError(f"the environment's action_space is {space}: a guard needs continuous actions")
@@ -77,7 +77,7 @@ def _limit_of(space: Any) -> float:
             "needs room on both sides of zero, which must hold still. Rescale actions, as "
             "gymnasium.wrappers.RescaleAction does."
         )
-    return float(bounds[k])
+    return bounds
 
 
 class GuardedEnv(Wrapper):
@@ -109,7 +109,7 @@ class GuardedEnv(Wrapper):
     -----
     What a guard returns must be applied in full. If the environment has an `action_space` with
     tighter bounds than `guard.settings["action_limit"]`, the attribute `guard` is a guard of the same
-    knowledge whose limit is the tightest of these bounds.
+    knowledge whose limit is, for each entry, the tighter of both.
 
     `step` adds what the guard decided to its info, as `info["guard"]`, and the action that was
     applied, as `info["action"]`.
@@ -119,9 +119,9 @@ class GuardedEnv(Wrapper):
         super().__init__(_as_env(env))
         if not isinstance(guard, Guard):
             raise TypeError(f"guard must be a dfr.Guard, not {guard!r}: dfr.Guard.load(path) reads one")
-        limit = _limit_of(getattr(self.env, "action_space", None))
-        if limit < guard.settings["action_limit"]:
-            guard = guard.with_settings(action_limit=limit)
+        limits = _limits_of(getattr(self.env, "action_space", None))
+        if np.any(limits < guard.settings["action_limit"]):
+            guard = guard.with_settings(action_limit=np.minimum(limits, guard.settings["action_limit"]))
         self.guard = guard
         self._state = state if state is not None else self._from_observation
         self._observed: ArrayLike = np.empty(0)

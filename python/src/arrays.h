@@ -54,6 +54,16 @@ template <typename T>
 [[nodiscard]] inline double RealOption(const pybind11::object& value, const char* name) {
   return Option<double>(value, name, "a number");
 }
+/// A number, which stands for one of its kind, or several; 0 alone is none.
+[[nodiscard]] inline std::vector<double> RealsOption(const pybind11::object& value,
+                                                     const char* name) {
+  if (pybind11::isinstance<pybind11::float_>(value) ||
+      pybind11::isinstance<pybind11::int_>(value)) {
+    const double number = RealOption(value, name);
+    return number == 0.0 ? std::vector<double>{} : std::vector<double>{number};
+  }
+  return Option<std::vector<double>>(value, name, "a number, or one for each entry of an action");
+}
 [[nodiscard]] inline int WholeOption(const pybind11::object& value, const char* name) {
   return Option<int>(value, name, "a whole number");
 }

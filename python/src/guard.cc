@@ -126,7 +126,7 @@ Guard Fit(const Arrays& all_states, const Arrays& all_actions, const py::object&
   options.support.svm.gamma = RealOption(gamma, "gamma");
   options.strategy = safety::ParseStrategy(TextOption(strategy, "strategy"));
   options.horizon = WholeOption(horizon, "horizon");
-  options.action_limit = RealOption(action_limit, "action_limit");
+  options.action_limit = RealsOption(action_limit, "action_limit");
   options.false_alarms = RealOption(false_alarms, "false_alarms");
   options.confidence = RealOption(confidence, "confidence");
   options.hold_out = RealOption(hold_out, "hold_out");
@@ -229,7 +229,9 @@ py::tuple Filter(Guard& guard, const py::object& t, const Array& state, const Ar
   info["threshold"] = Number(verdict.threshold);
   info["mode"] = control::Name(verdict.mode);
   info["reason"] = verdict.reason();
+  info["source"] = safety::Name(verdict.source);
   info["changed"] = verdict.changed;
+  info["change"] = Number(verdict.change);
   info["certified"] = verdict.certified;
   info["alarm"] = verdict.alarm;
   info["alarm_step"] = verdict.alarm_step;
@@ -277,7 +279,9 @@ Guard With(const Guard& guard, const py::object& strategy, const py::object& hor
   }
   whole(horizon, "horizon", settings.horizon);
   whole(max_actions, "max_actions", settings.max_actions);
-  real(action_limit, "action_limit", settings.action_limit);
+  if (!action_limit.is_none()) {
+    settings.action_limit = RealsOption(action_limit, "action_limit");
+  }
   real(alarm_level, "alarm_level", settings.alarm_level);
   real(direction_error, "direction_error", settings.direction_error);
   return Guard(guard.model().With(settings));
@@ -332,7 +336,8 @@ py::dict Settings(const Guard& guard) {
   values["strategy"] = safety::Name(settings.strategy);
   values["horizon"] = settings.horizon;
   values["max_actions"] = settings.max_actions;
-  values["action_limit"] = settings.action_limit;
+  values["action_limit"] = py::array_t<double>(
+      static_cast<py::ssize_t>(settings.action_limit.size()), settings.action_limit.data());
   values["alarm_level"] = settings.alarm_level;
   values["direction_error"] = settings.direction_error;
   return values;
@@ -388,7 +393,7 @@ summary : dict
                   py::arg("layout") = std::vector<std::pair<std::string, int>>(),
                   py::arg("features") = "", py::arg("nu") = safety::GuardOptions().support.svm.nu,
                   py::arg("gamma") = safety::GuardOptions().support.svm.gamma,
-                  py::arg("strategy") = "guided", py::arg("horizon") = 0,
+                  py::arg("strategy") = "guard", py::arg("horizon") = 0,
                   py::arg("action_limit") = 0.0, py::arg("false_alarms") = 0.1,
                   py::arg("confidence") = 0.0, py::arg("hold_out") = 0.0,
                   py::arg("error_factor") = safety::GuardOptions().error_factor,
@@ -408,15 +413,18 @@ features : str or list of str
 nu, gamma : float
     Of the supports; gamma in whitened units, which all tasks share. It is doubled, twice at most, where supports
     take the room between two ways for demonstrated.
-strategy : {"guided", "dfr", "early-stopping", "monitor", "soft", "certified"}
-    What happens to an action near the boundary: it is replaced by what demonstrations did nearby, corrected;
-    Derivative-Free Recovery as published; a halt; nothing but alarms; as guided, but only where an alarm
-    would follow; only what provably ends where
-    no alarm is raised is applied, under the assumptions of docs/certificates.md.
+strategy : {"guard", "controller", "dfr", "early-stopping", "monitor", "certified"}
+    Who drives. "guard": the policy, whose action passes unchanged while it is predicted to end inside; at the
+    boundary it is corrected. "controller": the demonstrations; the policy's action passes only deep inside. It is
+    for a policy that is known to be bad, or for none. "dfr": the policy, with Derivative-Free Recovery as published.
+    "early-stopping": the policy, until a halt at the boundary. "monitor": the policy alone, with alarms.
+    "certified": only what provably ends where no alarm is raised is applied, under the assumptions of
+    docs/certificates.md.
 horizon : int
     Actions of the policy in an episode; 0: twice as many as the longest demonstration has.
-action_limit : float
-    Each entry of an action is kept within +- this; 0: twice the largest demonstrated.
+action_limit : float or sequence of float
+    Each entry of an action is kept within +- its own, or all within the same; 0: 1.5 times the largest demonstrated
+    value of each entry.
 false_alarms : float
     Demonstrations that may raise an alarm.
 confidence : float

@@ -334,7 +334,7 @@ TEST(CertifierTest, WhatItAdmitsIsCertified) {
       Eigen::VectorXd v = chosen;
       certifier.Reset();
       const auto admission =
-          certifier.Admit(model, answer, {.control = 5.0}, {phase, Mode::kPolicy}, v);
+          certifier.Admit(model, answer, {.control = Eigen::VectorXd::Constant(v.size(), 5.0)}, {phase, Mode::kPolicy}, v);
       ASSERT_TRUE(admission.any);
       ASSERT_LE(v.cwiseAbs().maxCoeff(), 5.0);
       ASSERT_GE(certifier.Share(model, phase, v), 1.0 - 1e-8);

@@ -20,7 +20,8 @@ class CorrectionTest : public testing::Test {
   CorrectionTest() { estimate_.Compute(0, core::AsSpan(z_)); }
 
   [[nodiscard]] Choice Choose(const GuidedOptions& options, Eigen::VectorXd& v) {
-    return Correction(model_, options).Choose(estimate_, core::AsSpan(z_), target_, v);
+    return Correction(model_, options)
+        .Choose(estimate_, core::AsSpan(z_), target_, target_.level, v);
   }
   [[nodiscard]] double Level(const Eigen::VectorXd& v) const { return local_.Level(1, v); }
 
@@ -30,7 +31,7 @@ class CorrectionTest : public testing::Test {
   Eigen::VectorXd z_ = Eigen::Vector2d(0.0, 0.35);
   LocalModel local_{support_, estimate_, core::AsSpan(z_)};
   StepTarget target_{1, model_.gate_level(1)};
-  StepLimits limits_ = Limits({}, model_.control_unit());
+  StepLimits limits_ = Limits({}, model_.control_dim(), model_.control_unit());
   // One that leads out of the disk, and one that leads far into it.
   Eigen::VectorXd outwards_ = Eigen::Vector2d(0.0, 3.0);
   Eigen::VectorXd inwards_ = Eigen::Vector2d(test::kSpeed, -0.35) / model_.control_unit();
@@ -58,8 +59,9 @@ TEST_F(CorrectionTest, WhatLeadsOutsideGivesWayToWhatDemonstrationsDid) {
   EXPECT_TRUE(v == expected);
 }
 
-// A learned control that ends inside, but not deep, is changed, which is no recovery.
-TEST_F(CorrectionTest, WhatEndsInsideIsFiltered) {
+// A learned control that ends inside passes or is replaced, as the level from which on it passes
+// says.
+TEST_F(CorrectionTest, WhatEndsInsidePassesFromTheGivenLevelOn) {
   Eigen::VectorXd between = inwards_;
   for (double share = 0.0; Level(between) >= target_.level; share += 0.01) {
     between = (1.0 - share) * inwards_ + share * outwards_;
@@ -67,13 +69,16 @@ TEST_F(CorrectionTest, WhatEndsInsideIsFiltered) {
   ASSERT_GE(Level(between), 0.0);
   Eigen::VectorXd v = between;
   const Choice choice = Choose({}, v);
-  EXPECT_EQ(choice.mode, Mode::kPolicy);
+  EXPECT_EQ(choice.mode, Mode::kRecovery);
   EXPECT_FALSE(v == between);
   EXPECT_GT(choice.level, Level(between));
 
   v = between;
-  EXPECT_EQ(Choose({.tolerance = 0.1}, v).mode, Mode::kPolicy);
-  EXPECT_TRUE(v == between) << "it is tolerated";
+  const Choice passed =
+      Correction(model_, {}).Choose(estimate_, core::AsSpan(z_), target_, Level(between), v);
+  EXPECT_EQ(passed.mode, Mode::kPolicy);
+  EXPECT_TRUE(v == between);
+  EXPECT_EQ(passed.level, Level(between));
 }
 
 // Without demonstrations, and with a certificate, the learned control itself is raised.
@@ -98,9 +103,10 @@ TEST_F(CorrectionTest, RemembersNothingAndNeverAllocates) {
   Eigen::VectorXd second = outwards_;
   Eigen::VectorXd other = inwards_;
   const test::NoAlloc guard;
-  const Choice once = correction.Choose(estimate_, core::AsSpan(z_), target_, first);
-  static_cast<void>(correction.Choose(estimate_, core::AsSpan(z_), target_, other));
-  const Choice twice = correction.Choose(estimate_, core::AsSpan(z_), target_, second);
+  const Choice once = correction.Choose(estimate_, core::AsSpan(z_), target_, target_.level, first);
+  static_cast<void>(correction.Choose(estimate_, core::AsSpan(z_), target_, target_.level, other));
+  const Choice twice =
+      correction.Choose(estimate_, core::AsSpan(z_), target_, target_.level, second);
   EXPECT_EQ(once.mode, twice.mode);
   EXPECT_EQ(once.level, twice.level);
   EXPECT_TRUE(first == second);

@@ -107,6 +107,7 @@ TEST(GuidedModelTest, AFileWithALevelThatCannotBeIsRefused) {
                            double largest, double slack, double unit) -> std::string {
     core::ArchiveWriter archive("guided", 1);
     archive.Numbers(gate);
+    archive.Numbers(gate);  // where the learned control may pass
     archive.Numbers(median);
     archive.Number(largest);
     archive.Number(slack);

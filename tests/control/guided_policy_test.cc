@@ -95,8 +95,8 @@ TEST(GuidedPolicyTest, LooksAtAControlLargerThanDemonstrated) {
       EXPECT_EQ(step.mode, Mode::kRecovery);
       EXPECT_NEAR(u[0], kSpeed, 0.02) << "as demonstrated";
     } else {
-      EXPECT_EQ(step.mode, Mode::kPolicy);
-      EXPECT_EQ(step.filtered, size > most) << "deep inside nothing is changed";
+      EXPECT_EQ(step.mode, size > most ? Mode::kRecovery : Mode::kPolicy);
+      EXPECT_FALSE(step.filtered) << "deep inside nothing is changed";
     }
   }
 }
@@ -220,19 +220,48 @@ TEST(GuidedPolicyTest, FilterKeepsAWrongPolicyInsideAndMoving) {
     GuidedPolicy guided(policy, model, {.horizon = 40});
     guided.Reset(1);
     std::vector<double> u(2);
-    int filtered = 0;
+    int replaced = 0;
     int controls = 0;
     while (plant.x[0] < 1.8 && controls < 60) {
       const Step step = guided.Next(plant.x, u);
       ASSERT_NE(step.mode, Mode::kHalt) << Name(step.cause) << " at x = " << plant.x[0];
       plant.Apply(u);
-      filtered += step.filtered ? 1 : 0;
+      replaced += step.mode == Mode::kRecovery ? 1 : 0;
       ++controls;
       ASSERT_LT(std::abs(plant.x[1]), 0.42) << "the half width of every B_t";
     }
     EXPECT_GE(plant.x[0], 1.8);
-    EXPECT_GT(filtered, 0);
+    EXPECT_GT(replaced, 0);
   }
+}
+
+// With the policy at the wheel what is predicted inside passes to the bit, and the corridor is kept
+// all the same.
+TEST(GuidedPolicyTest, WithLeastInterventionWhatEndsInsidePasses) {
+  const auto support = MovingDisk();
+  const GuidedModel model(Identity(), support, Rightwards());
+  int passed[] = {0, 0};
+  for (const bool least : {false, true}) {
+    const test::FunctionPolicy policy(2, 2, [](int, std::span<const double>, std::span<double> u) {
+      u[0] = 0.0971;
+      u[1] = 0.0123;
+    });
+    Turned plant{};
+    GuidedPolicy guided(policy, model, {.horizon = 40, .least_intervention = least});
+    guided.Reset(1);
+    std::vector<double> u(2);
+    for (int controls = 0; plant.x[0] < 1.8 && controls < 60; ++controls) {
+      const Step step = guided.Next(plant.x, u);
+      ASSERT_NE(step.mode, Mode::kHalt) << Name(step.cause) << " at x = " << plant.x[0];
+      const bool passes = step.mode == Mode::kPolicy && !step.filtered;
+      ASSERT_EQ(passes, u[0] == 0.0971 && u[1] == 0.0123);
+      passed[least ? 1 : 0] += passes ? 1 : 0;
+      plant.Apply(u);
+      ASSERT_LT(std::abs(plant.x[1]), 0.42) << "the half width of every B_t";
+    }
+    EXPECT_GE(plant.x[0], 1.8);
+  }
+  EXPECT_GT(passed[1], passed[0]);
 }
 
 TEST(GuidedPolicyTest, ComesBackFromOutside) {
@@ -555,7 +584,7 @@ TEST(GuidedPolicyTest, ThePhaseWaitsForAPolicyThatIsLate) {
   const GuidedModel model(Identity(), support, Rightwards());
   const auto slow = test::ConstantPolicy(2, kSpeed / 3.0);
   Turned plant;
-  GuidedPolicy guided(slow, model, {.control_limit = kSpeed / 3.0});
+  GuidedPolicy guided(slow, model, {.control_limit = {kSpeed / 3.0}});
   guided.Reset(1);
   std::vector<double> u(2);
   int recoveries = 0;
@@ -619,7 +648,7 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
         const test::GaussianSupport aside({{0.0, 0.0}}, 4.0, 0.38, {}, kSteps + 1);
         const GuidedModel at_edge(Identity(), aside, Rightwards(), {.slack = 0.2});
         GuidedOptions limited = options;
-        limited.control_limit = 0.002;
+        limited.control_limit = {0.002};
         const test::FunctionPolicy outwards(2, 2,
                                             [](int, std::span<const double>, std::span<double> u) {
                                               u[0] = 0.0;
@@ -703,7 +732,7 @@ TEST(GuidedPolicyTest, ControlsStayWithinThePlantsLimit) {
   const auto support = MovingDisk();
   const GuidedModel model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 7.0);
-  GuidedPolicy guided(policy, model, {.control_limit = 0.05});
+  GuidedPolicy guided(policy, model, {.control_limit = {0.05}});
   core::Random random(1);
   std::vector<double> u(2);
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
@@ -960,7 +989,7 @@ TEST(GuidedPolicyTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({}, 3), HasSubstr("3 control entries"));
   EXPECT_THAT(message({.horizon = 0}), HasSubstr("horizon"));
   EXPECT_THAT(message({.max_controls = 0}), HasSubstr("max_controls"));
-  EXPECT_THAT(message({.control_limit = 0}), HasSubstr("control_limit"));
+  EXPECT_THAT(message({.control_limit = {-1.0}}), HasSubstr("control_limit"));
   EXPECT_THAT(message({.certificate = {CertificateKind::kRadius, 0.0, 0.0}}),
               HasSubstr("certified-radius needs a gain"));
   EXPECT_THAT(message({.certificate = {CertificateKind::kDirection, 0.0, 0.0}}),

@@ -111,7 +111,7 @@ TEST_F(OneGaussianTest, AKnownPredictionIsKeptUpToDate) {
     Eigen::VectorXd fresh = v;
     PredictedLevel there = model_.Predict(0, v);
     for (const double level : {-3.0, -2.0, -0.5, kInfinity}) {
-      const StepLimits limits{.control = limit};
+      const StepLimits limits{.control = Eigen::VectorXd::Constant(v.size(), limit)};
       EXPECT_EQ(RaiseLevel(model_, {.level = level}, limits, v, there),
                 RaiseLevel(model_, {.level = level}, limits, fresh));
       EXPECT_TRUE(v == fresh);
@@ -142,7 +142,9 @@ TEST_F(OneGaussianTest, WhereControlsDoNothingNothingIsChanged) {
 // One entry at its limit: the other alone makes the room that there is.
 TEST_F(OneGaussianTest, AnEntryAtItsLimitLeavesTheDirection) {
   Eigen::VectorXd v = Eigen::Vector2d(-0.25, 0.0);
-  const double l = RaiseLevel(model_, {.level = kInfinity}, {.control = 0.25, .iterations = 1}, v);
+  const double l =
+      RaiseLevel(model_, {.level = kInfinity},
+                 {.control = Eigen::VectorXd::Constant(v.size(), 0.25), .iterations = 1}, v);
   EXPECT_EQ(v[0], -0.25);
   EXPECT_EQ(v[1], -0.25);
   EXPECT_NEAR(l, -2.0 * (0.25 + 0.5625), 1e-7);  // at (1 - 2 * 0.25, 1 - 0.25)
@@ -155,7 +157,8 @@ TEST_F(OneGaussianTest, AnEntryAtItsLimitMayLeaveIt) {
     const Eigen::VectorXd z = sign * z_;
     const LocalModel model{support_, answer_, core::AsSpan(z)};
     Eigen::VectorXd v = Eigen::Vector2d(sign, 0.0);
-    (void)RaiseLevel(model, {.level = kInfinity}, {.control = 1.0, .iterations = 1}, v);
+    (void)RaiseLevel(model, {.level = kInfinity},
+                     {.control = Eigen::VectorXd::Constant(v.size(), 1.0), .iterations = 1}, v);
     const double s = 592.0 / 9280.0;
     EXPECT_TRUE(test::AllClose(v, sign * Eigen::Vector2d(1.0 - 24.0 * s, -4.0 * s), 1e-6));
   }
@@ -198,7 +201,8 @@ TEST(RaiseLevelTest, NeverReturnsLessThanItWasGivenAndStaysWithinItsLimits) {
     const StepTarget target{.level = seed % 3 == 0 ? kInfinity : 0.1};
     Eigen::VectorXd v = world.v;
     const double before = model.Level(0, v);
-    const double l = RaiseLevel(model, target, {.control = world.limit}, v);
+    const double l =
+        RaiseLevel(model, target, {.control = Eigen::VectorXd::Constant(v.size(), world.limit)}, v);
     ASSERT_GE(l, before);
     ASSERT_EQ(l, model.Level(0, v)) << "the level that it says";
     ASSERT_LE(v.cwiseAbs().maxCoeff(), world.limit);
@@ -278,8 +282,9 @@ TEST(RaiseLevelTest, AStateThatIsNotOneChangesNothing) {
 TEST(RaiseLevelTest, NeverAllocates) {
   for (std::uint64_t seed = 0; seed < 40; ++seed) {
     World world(seed, seed % 2 == 0);
+    const StepLimits limits{.control = Eigen::VectorXd::Constant(world.v.size(), world.limit)};
     const test::NoAlloc guard;
-    (void)RaiseLevel(world.model(), {.level = kInfinity}, {.control = world.limit}, world.v);
+    (void)RaiseLevel(world.model(), {.level = kInfinity}, limits, world.v);
     (void)world.model().Level(0, world.v);
   }
 }

@@ -143,7 +143,7 @@ class ExperimentTest(unittest.TestCase):
         averages = {a["method"]: a for a in json.loads(self.bytes_of("one/summary.json"))["averages"]}
         self.assertEqual(averages["baseline"]["episodes"], 12)
         self.assertGreater(averages["baseline"]["collided"], 0.2)
-        self.assertGreater(averages["guided"]["completed"], averages["baseline"]["completed"])
+        self.assertGreater(averages["guard"]["completed"], averages["baseline"]["completed"])
         self.run_program(self.program, "experiment", *SMALL, "--threads", 3, "--out", "three")
         for count in (2, 7):
             for k in range(1, count + 1):
@@ -174,7 +174,7 @@ class ExperimentTest(unittest.TestCase):
             np.testing.assert_array_equal(episode.states[0], found["early-stopping"].states[0])
         self.assertEqual(corridor.parameters["ahead"], 0.9)
         name = lines[0].split("  ")[0]
-        out = self.run_program(self.program, "rerun", "run", name, "--methods", "guided")
+        out = self.run_program(self.program, "rerun", "run", name, "--methods", "guard")
         self.assertIn(lines[0].split("  ")[1] + " after " + lines[0].split("  ")[2].split(",")[0], out)
         self.assertTrue(out.startswith("guided "))
         with self.assertRaisesRegex(RuntimeError, "there is no method|no learner and method"):
@@ -191,7 +191,7 @@ class ExperimentTest(unittest.TestCase):
         self.run_program(self.program, "experiment", *SMALL, "--out", "run")
         line = self.run_program(self.program, "episodes", "run", "--method", "baseline", "--most", 1).splitlines()[0]
         name, actions = line.split("  ")[0], int(line.split("  ")[2].split()[0])
-        self.run_program(self.program, "rerun", "run", name, "--methods", "guided", "--film", "new/film.html")
+        self.run_program(self.program, "rerun", "run", name, "--methods", "guard", "--film", "new/film.html")
         page = self.bytes_of("new/film.html").decode()
         self.assertIn("Left to right: guided, baseline", page)
         self.assertIn(f"baseline: {line.split('  ')[1]} after {actions} controls", page)
@@ -217,7 +217,7 @@ class ExperimentTest(unittest.TestCase):
         program = self.write("held")
         self.run_program(program, "experiment", *SMALL, "--out", "run")
         name = self.run_program(program, "episodes", "run", "--most", 1).split("  ")[0]
-        self.run_program(program, "rerun", "run", name, "--methods", "guided", "--film", "film.html")
+        self.run_program(program, "rerun", "run", name, "--methods", "guard", "--film", "film.html")
         self.assertIn("state[1] over state[0]", self.bytes_of("film.html").decode())
         error = self.run_program(program, "rerun", "run", name, "--film", "film.png", fails=True)
         self.assertIn("give its class a method render() that returns an RGB array", error)

@@ -47,9 +47,9 @@ class ExperimentTest(unittest.TestCase):
         corridor.run(["merge", str(self.folder / "in"), "--out", str(self.folder / "merged")])
         for name in ("summary.json", "report.html", "run.toml"):
             self.assertEqual(self.bytes_of(f"merged/{name}"), self.bytes_of(f"one/{name}"), name)
-        found = corridor.replay(self.folder / "one", "1/12/policy/guided/0", methods=["baseline", "guided"])
-        self.assertEqual(list(found), ["baseline", "guided"])
-        np.testing.assert_array_equal(found["baseline"].states[0], found["guided"].states[0])
+        found = corridor.replay(self.folder / "one", "1/12/policy/guard/0", methods=["baseline", "guard"])
+        self.assertEqual(list(found), ["baseline", "guard"])
+        np.testing.assert_array_equal(found["baseline"].states[0], found["guard"].states[0])
         for episode in found.values():
             self.assertEqual(episode.states.shape, (len(episode.actions) + 1, 2))
 

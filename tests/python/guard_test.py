@@ -154,7 +154,7 @@ class GuardTest(unittest.TestCase):
         self.assertEqual(left, set())
         content = pickle.dumps(guard)
         with self.assertRaises((RuntimeError, pickle.UnpicklingError, ValueError)):
-            pickle.loads(content.replace(b"guided", b"guidef").replace(b"monitor", b"monitos"))
+            pickle.loads(content.replace(b"guard", b"guarf").replace(b"monitor", b"monitos"))
 
     def test_worker_processes_get_guards(self):
         """A child that knows only the pickle runs the same episode."""
@@ -190,7 +190,7 @@ class GuardTest(unittest.TestCase):
     def test_settings_and_strategies(self):
         monitor = self.guard.with_settings(strategy="monitor", action_limit=0.5)
         self.assertEqual(monitor.settings["strategy"], "monitor")
-        self.assertEqual(self.guard.settings["strategy"], "guided")
+        self.assertEqual(self.guard.settings["strategy"], "guard")
         plant = Corridor()
         plant.reset(seed=0)
         monitor.reset()
@@ -491,10 +491,13 @@ class GuardedEnvTest(unittest.TestCase):
                 self.largest = max(self.largest, np.abs(action).max())
                 return super().step(action)
 
-        self.assertGreater(self.guard.settings["action_limit"], 0.08)
+        self.assertGreater(self.guard.settings["action_limit"][0], 0.08)
         plant = Bounded()
         env = dfr.GuardedEnv(plant, self.guard)
-        self.assertEqual(env.guard.settings["action_limit"], float(np.float32(0.08)))
+        np.testing.assert_array_equal(
+            env.guard.settings["action_limit"],
+            np.minimum(self.guard.settings["action_limit"], [float(np.float32(0.08)), 1.0]),
+        )
         env.reset(seed=3)
         for _ in range(40):
             env.step(10 * DRIFT)
@@ -539,7 +542,7 @@ class GuardedEnvTest(unittest.TestCase):
             for _ in range(7):
                 truncated = env.step(action_for(0.05, 0.0))[3]
             assert truncated
-            assert env.get_wrapper_attr("guard").settings["action_limit"] == 0.25
+            assert env.get_wrapper_attr("guard").settings["action_limit"][0] == 0.25
             assert not hasattr(env.env, "as_dict")  # as in all of Gymnasium's wrappers
             assert env.get_wrapper_attr("as_dict") is False
             shaped = dfr.GuardedEnv(Corridor(), guard)  # no gymnasium.Env

@@ -70,7 +70,7 @@ class WheelTest(unittest.TestCase):
             run(self.python, SOURCE / "tests/python" / name, cwd=self.folder)
         run(self.python, SOURCE / "examples/guard_a_policy.py", cwd=self.folder)
         small = ["--trials", 1, "--episodes", 2, "--demonstrations", 12, "--out", "small"]
-        self.assertIn("guided", run(self.python, SOURCE / "examples/own_experiment.py", "experiment", *small, cwd=self.folder))
+        self.assertIn("guard", run(self.python, SOURCE / "examples/own_experiment.py", "experiment", *small, cwd=self.folder))
 
 
 if __name__ == "__main__":

@@ -76,7 +76,7 @@ TEST_F(GuardFileTest, KeepsAllBits) {
   const auto loaded = GuardModel::Load(path_);
   EXPECT_EQ(loaded->layout(), model->layout());
   EXPECT_EQ(loaded->lambda(), model->lambda());
-  EXPECT_EQ(loaded->settings().strategy, Strategy::kGuided);
+  EXPECT_EQ(loaded->settings().strategy, Strategy::kGuard);
   EXPECT_EQ(loaded->settings().horizon, 33);
   EXPECT_EQ(loaded->settings().max_actions, model->settings().max_actions);
   EXPECT_EQ(loaded->settings().alarm_level, model->settings().alarm_level);
@@ -564,34 +564,36 @@ TEST(GuardModelTest, AKernelThatFillsTheRoomBetweenTwoWaysIsMadeNarrower) {
   EXPECT_THAT(Findings(*wide), testing::Contains(HasSubstr("demonstrations take several ways")));
 }
 
-TEST(GuardModelTest, ActionsReachTwiceAsFarAsDemonstratedOnesUnlessALimitIsGiven) {
+TEST(GuardModelTest, EachEntryOfAnActionReachesHalfAsFarAgainUnlessALimitIsGiven) {
   const auto demonstrations = test::CorridorDemonstrations(1, 10);
-  double largest = 0.0;
+  Eigen::RowVector2d largest = Eigen::RowVector2d::Zero();
   for (const auto& d : demonstrations) {
-    largest = std::max(largest, d.controls.cwiseAbs().maxCoeff());
+    largest = largest.cwiseMax(d.controls.cwiseAbs().colwise().maxCoeff());
   }
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
-  EXPECT_EQ(model->settings().action_limit, 2.0 * largest);
+  EXPECT_THAT(model->settings().action_limit,
+              testing::ElementsAre(1.5 * largest[0], 1.5 * largest[1]));
   const auto limited = GuardModel::Fit(test::CorridorLayout(), demonstrations,
-                                       {.features = "tip", .action_limit = 0.3});
-  EXPECT_EQ(limited->settings().action_limit, 0.3);
+                                       {.features = "tip", .action_limit = {0.3}});
+  EXPECT_THAT(limited->settings().action_limit, testing::ElementsAre(0.3, 0.3));
 }
 
 TEST(GuardModelTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
   const auto good = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
-                                    {.features = "tip", .action_limit = 0.2});
+                                    {.features = "tip", .action_limit = {0.2}});
   EXPECT_THAT(Findings(*good), testing::IsEmpty());
   const auto few = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 4),
-                                   {.features = "tip", .action_limit = 0.2});
+                                   {.features = "tip", .action_limit = {0.2}});
   EXPECT_THAT(Findings(*few), testing::Contains(HasSubstr("4 demonstrations cannot tell")));
   GuardSettings settings = good->settings();
   settings.alarm_level = 3.5;
-  settings.action_limit = 50.0;
+  settings.action_limit = {50.0};
   EXPECT_THAT(Findings(*good->With(settings)),
               testing::ElementsAre(HasSubstr("alarm is raised below l = -3.5"),
+                                   HasSubstr("entry 0 of an action may reach 50"),
                                    HasSubstr("give --action-limit")));
   // A kernel so narrow that no unseen state is inside.
-  GuardOptions narrow{.features = "tip", .action_limit = 0.2};
+  GuardOptions narrow{.features = "tip", .action_limit = {0.2}};
   narrow.support.svm.gamma = 1e3;
   EXPECT_THAT(Findings(*GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                         narrow)),
@@ -600,11 +602,12 @@ TEST(GuardModelTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
 
 TEST(GuardModelTest, FindingsNameFeaturesThatFollowTheClock) {
   const auto demonstrations = test::CorridorDemonstrations(1, 40);
-  const auto whole = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.action_limit = 0.2});
+  const auto whole =
+      GuardModel::Fit(test::CorridorLayout(), demonstrations, {.action_limit = {0.2}});
   EXPECT_THAT(Findings(*whole, demonstrations),
               testing::Contains(testing::StartsWith("clock[0]: the same in all demonstrations")));
   const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations,
-                                   {.features = "tip", .action_limit = 0.2});
+                                   {.features = "tip", .action_limit = {0.2}});
   EXPECT_THAT(Findings(*tip, demonstrations), testing::IsEmpty());
 }
 
@@ -628,7 +631,7 @@ TEST(GuardModelTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
 
 TEST(GuardModelTest, ActionsThatContradictWhatHappensExplainNothing) {
   const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
-                                     {.features = "tip", .action_limit = 0.2});
+                                     {.features = "tip", .action_limit = {0.2}});
   // Back by little, where the action is the demonstrated one forwards.
   core::Trajectory back;
   back.states.resize(2, 3);
@@ -661,7 +664,7 @@ TEST(GuardModelTest, FindingsNameActionsThatDoNotMoveWhatIsLookedAt) {
     }
   }
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations,
-                                     {.features = "tip", .action_limit = 0.2});
+                                     {.features = "tip", .action_limit = {0.2}});
   EXPECT_THAT(Findings(*model, demonstrations),
               testing::Contains(testing::StartsWith("actions explain only")));
 }
@@ -762,7 +765,7 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   EXPECT_THAT(fit(good, {.features = "tip", .false_alarms = 0.0}),
               HasSubstr("false_alarms must lie in (0, 1)"));
-  EXPECT_THAT(fit(good, {.features = "tip", .action_limit = -1.0}),
+  EXPECT_THAT(fit(good, {.features = "tip", .action_limit = {-1.0}}),
               HasSubstr("action_limit must not be negative"));
   for (const double share : {-0.01, 0.51}) {
     EXPECT_THAT(fit(good, {.features = "tip", .hold_out = share}),
@@ -784,10 +787,14 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
     return test::MessageOf<std::invalid_argument>(
         [&] { static_cast<void>(model->With(settings)); });
   };
-  for (const double limit : {0.0, kInfinity}) {
-    EXPECT_THAT(refusal(&GuardSettings::action_limit, limit),
-                HasSubstr("action_limit must be positive and finite"));
+  for (const double limit : {-0.1, kInfinity, std::nan("")}) {
+    EXPECT_THAT(refusal(&GuardSettings::action_limit, std::vector{0.1, limit}),
+                HasSubstr("action_limit must not be negative, and finite: entry 1"));
   }
+  EXPECT_THAT(refusal(&GuardSettings::action_limit, std::vector{0.0, 0.0}),
+              HasSubstr("nothing could move"));
+  EXPECT_THAT(refusal(&GuardSettings::action_limit, std::vector{0.1, 0.1, 0.1}),
+              HasSubstr("action_limit has 3 entries, actions 2"));
   for (const int wrong : {0, (1 << 30) + 1}) {
     EXPECT_THAT(refusal(&GuardSettings::horizon, wrong), HasSubstr("horizon must lie in [1, "));
     EXPECT_THAT(refusal(&GuardSettings::max_actions, wrong),
@@ -804,7 +811,7 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
   EXPECT_EQ(refusal(&GuardSettings::direction_error, 0.0), "nothing thrown");
   EXPECT_THAT(
       test::MessageOf<std::invalid_argument>([&] { static_cast<void>(ParseStrategy("brave")); }),
-      HasSubstr("no strategy 'brave'; there are: guided, dfr, early-stopping, monitor"));
+      HasSubstr("no strategy 'brave'; there are: guard, controller, dfr, early-stopping, monitor"));
 }
 
 TEST(GuardModelTest, FileNamesOfObservationsAreStripped) {

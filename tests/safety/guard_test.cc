@@ -27,7 +27,7 @@ using test::CorridorPlant;
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-std::shared_ptr<const GuardModel> Model(Strategy strategy = Strategy::kGuided) {
+std::shared_ptr<const GuardModel> Model(Strategy strategy = Strategy::kGuard) {
   static const std::shared_ptr<const GuardModel> kModel = GuardModel::Fit(
       test::CorridorLayout(), test::CorridorDemonstrations(1, 30), {.features = "tip"});
   GuardSettings settings = kModel->settings();
@@ -68,9 +68,9 @@ TEST(GuardTest, PassesTheActionDeepInside) {
   const Verdict verdict = guard.Filter(0, state, action, safe);
   EXPECT_EQ(verdict.mode, Mode::kPolicy);
   EXPECT_STREQ(verdict.reason(), "inside");
-  // To the unit of controls and back.
-  EXPECT_NEAR(safe[0], action[0], 1e-15);
-  EXPECT_NEAR(safe[1], action[1], 1e-15);
+  EXPECT_EQ(verdict.source, Source::kPolicy);
+  EXPECT_EQ(verdict.change, 0.0);
+  EXPECT_EQ(safe, action);
   EXPECT_GE(verdict.g, verdict.threshold);
   EXPECT_FALSE(verdict.alarm);
   // By way of its logarithm, which rounds.
@@ -107,23 +107,35 @@ TEST(GuardTest, KeepsADriftingPolicyInsideAndMoving) {
 TEST(GuardTest, IsTheControllerOfItsStrategy) {
   class Constant final : public core::Policy {
    public:
+    explicit Constant(std::vector<double> action) : action_(std::move(action)) {}
     [[nodiscard]] int state_dim() const noexcept override { return 3; }
     [[nodiscard]] int control_dim() const noexcept override { return 2; }
     void Control(int, std::span<const double>, std::span<double> u) const noexcept override {
-      const Eigen::Vector2d action = ActionFor(0.09, 0.04);
-      u[0] = action[0];
-      u[1] = action[1];
+      std::copy(action_.begin(), action_.end(), u.begin());
     }
+
+   private:
+    std::vector<double> action_;
   };
-  const Constant policy;
-  for (const Strategy strategy : {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping}) {
+  const std::vector<double> action = Action(0.09, 0.04);
+  for (const Strategy strategy :
+       {Strategy::kGuard, Strategy::kController, Strategy::kDfr, Strategy::kEarlyStopping}) {
     SCOPED_TRACE(Name(strategy));
     const auto model = Model(strategy);
+    const ActionSpace& actions = model->actions();
+    const bool steers = strategy == Strategy::kGuard || strategy == Strategy::kController;
+    std::vector<double> asked = action;
+    if (steers) actions.Measure(action, asked);
+    const Constant policy(asked);
     std::unique_ptr<control::Controller> direct;
-    if (strategy == Strategy::kGuided) {
+    if (steers) {
       direct = std::make_unique<control::GuidedPolicy>(
           policy, model->recovery().model(),
-          control::GuidedOptions{.horizon = 40, .max_controls = 480, .control_limit = 1.0});
+          control::GuidedOptions{
+              .horizon = 40,
+              .max_controls = 480,
+              .control_limit = actions.MeasuredLimits(model->settings().action_limit),
+              .least_intervention = strategy == Strategy::kGuard});
     } else {
       direct = std::make_unique<control::SwitchingPolicy>(
           policy, model->support(), model->lambda(),
@@ -141,10 +153,11 @@ TEST(GuardTest, IsTheControllerOfItsStrategy) {
     std::vector<double> expected(2);
     for (int t = 0; t < 100; ++t) {
       const control::Step step = direct->Next(plant.x, expected);
-      const Verdict verdict = guard.Filter(t, plant.x, Action(0.09, 0.04), safe);
+      const Verdict verdict = guard.Filter(t, plant.x, action, safe);
       ASSERT_EQ(verdict.mode, step.mode) << "t = " << t;
       ASSERT_EQ(verdict.cause, step.cause);
-      ASSERT_EQ(safe, expected);
+      if (steers && verdict.changed) actions.Restore(std::vector(expected), expected);
+      ASSERT_EQ(safe, steers && !verdict.changed ? action : expected);
       plant.Apply(safe);
     }
   }
@@ -260,42 +273,88 @@ std::vector<Doubt> Doubts() {
   };
 }
 
-// An action that leads outside, but not so far that an alarm follows, is changed by guided alone.
-TEST(GuardTest, SoftLeavesAloneWhatRaisesNoAlarm) {
-  Guard soft(Model(Strategy::kSoft));
-  Guard guided(Model(Strategy::kGuided));
-  std::vector<double> safe(2);
+// A policy that stays inside drives: each of its actions is applied to the last bit, although many
+// states of the corridor are not deep inside. With strategy controller demonstrations replace them.
+TEST(GuardTest, LetsAPolicyThatStaysInsideDrive) {
   int changed = 0;
-  for (double aside = 0.0; aside < 1.0; aside += 0.02) {
-    const std::vector<double> state = {0.0, 0.0, 0.05};
-    const std::vector<double> action = Action(0.1, aside);
-    guided.Reset(1);
-    const Verdict strict = guided.Filter(0, state, action, safe);
-    soft.Reset(1);
-    const Verdict verdict = soft.Filter(0, state, action, safe);
-    const Eigen::Vector2d moved = test::Effect(safe[0], safe[1]);
-    const double level =
-        soft.model().support().LogDecision(1, std::vector{1.0, moved.x(), 0.05 + moved.y()}, {});
-    if (!verdict.changed) {
-      EXPECT_GE(level, -soft.model().settings().alarm_level - 0.05) << aside;
+  for (const Strategy strategy : {Strategy::kGuard, Strategy::kController}) {
+    Guard guard(Model(strategy));
+    guard.Reset(1);
+    CorridorPlant plant;
+    std::vector<double> safe(2);
+    for (int t = 0; t < 20; ++t) {
+      const std::vector<double> action = Action(0.0997, 0.0003);
+      const Verdict verdict = guard.Filter(t, plant.x, action, safe);
+      if (strategy == Strategy::kGuard) {
+        ASSERT_FALSE(verdict.changed) << t;
+        ASSERT_EQ(safe, action);
+      }
+      changed += verdict.changed ? 1 : 0;
+      plant.Apply(safe);
     }
-    EXPECT_LE(verdict.changed, strict.changed) << aside;
-    changed += strict.changed && !verdict.changed ? 1 : 0;
   }
   EXPECT_GT(changed, 0);
 }
 
+// Demonstrations of the corridor whose actions are rescaled, entry by entry, with a gripper that
+// closes half way.
+std::vector<core::Trajectory> WithGripper(const std::vector<double>& scale) {
+  std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 30);
+  for (core::Trajectory& d : demonstrations) {
+    core::Matrix actions(d.controls.rows(), 3);
+    for (Eigen::Index t = 0; t < actions.rows(); ++t) {
+      actions.row(t) << scale[0] * d.controls(t, 0), scale[1] * d.controls(t, 1),
+          t < actions.rows() / 2 ? 1.0 : -1.0;
+    }
+    d.controls = actions;
+  }
+  return demonstrations;
+}
+
+// The units of an action's entries change nothing, and a gripper is the policy's.
+TEST(GuardTest, UnitsOfEntriesDoNotMatterAndAGripperIsThePolicys) {
+  for (const std::vector<double>& scale : {std::vector{1.0, 1.0}, std::vector{1024.0, 0.0078125}}) {
+    Guard guard(GuardModel::Fit(test::CorridorLayout(), WithGripper(scale), {.features = "tip"}));
+    ASSERT_EQ(guard.model().actions().steered_dim(), 2);
+    EXPECT_FALSE(guard.model().actions().entries()[2].steered);
+    Guard plain(Model());
+    guard.Reset(1);
+    plain.Reset(1);
+    CorridorPlant plant;
+    std::vector<double> safe(3);
+    std::vector<double> expected(2);
+    int replaced = 0;
+    for (int t = 0; t < 40; ++t) {
+      const std::vector<double> action = Action(0.09, 0.06);
+      const double gripper = t < 10 ? 1.0 : -1.0;
+      const Verdict verdict = guard.Filter(
+          t, plant.x, std::vector{scale[0] * action[0], scale[1] * action[1], gripper}, safe);
+      const Verdict without = plain.Filter(t, plant.x, action, expected);
+      ASSERT_EQ(verdict.mode, without.mode) << t;
+      ASSERT_NEAR(safe[0] / scale[0], expected[0], 1e-9) << t;
+      ASSERT_NEAR(safe[1] / scale[1], expected[1], 1e-9) << t;
+      ASSERT_NEAR(verdict.change, without.change, 1e-9) << t;
+      if (verdict.mode != Mode::kHalt) {
+        ASSERT_EQ(safe[2], gripper);
+      }
+      replaced += verdict.source == Source::kDemonstrations ? 1 : 0;
+      plant.Apply(expected);
+    }
+    EXPECT_GT(replaced, 0);
+  }
+}
+
 TEST(GuardTest, EveryDoubtHoldsUntilReset) {
-  for (const Strategy strategy : {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping,
-                                  Strategy::kMonitor, Strategy::kSoft}) {
+  for (const Strategy strategy : {Strategy::kGuard, Strategy::kDfr, Strategy::kEarlyStopping,
+                                  Strategy::kMonitor, Strategy::kController}) {
     for (const Doubt& doubt : Doubts()) {
       SCOPED_TRACE(testing::Message() << Name(strategy) << ": " << doubt.name);
       Guard guard(Model(strategy));
       guard.Reset(1);
       std::vector<double> safe(2);
       for (int t = 0; t < 3; ++t) {
-        ASSERT_EQ(guard.Filter(t, std::vector{0.0 + t, 0.1 * t, 0.0}, Action(0.0, 0.0), safe).mode,
-                  Mode::kPolicy);
+        ASSERT_NE(guard.Filter(t, std::vector{0.0 + t, 0.1 * t, 0.0}, Action(0.0, 0.0), safe).mode,
+                  Mode::kHalt);
       }
       std::fill(safe.begin(), safe.end(), 1.0);
       const Verdict verdict = doubt.call(guard, safe);
@@ -308,8 +367,8 @@ TEST(GuardTest, EveryDoubtHoldsUntilReset) {
       EXPECT_EQ(after.cause, doubt.cause);
       EXPECT_THAT(safe, testing::Each(0.0));
       guard.Reset(1);
-      EXPECT_EQ(guard.Filter(0, std::vector{0.0, 0.0, 0.0}, Action(0.0, 0.0), safe).mode,
-                Mode::kPolicy);
+      EXPECT_NE(guard.Filter(0, std::vector{0.0, 0.0, 0.0}, Action(0.0, 0.0), safe).mode,
+                Mode::kHalt);
     }
   }
 }
@@ -344,7 +403,7 @@ class Shove final : public control::RecoveryStrategy {
 
 // Whatever the strategy in the settings is, Algorithm 1 with the caller's own takes its place.
 TEST(GuardTest, ARecoveryOfTheCallersOwnTakesOverAtTheBoundary) {
-  for (const Strategy strategy : {Strategy::kGuided, Strategy::kMonitor}) {
+  for (const Strategy strategy : {Strategy::kGuard, Strategy::kMonitor}) {
     SCOPED_TRACE(Name(strategy));
     const auto model = Model(strategy);
     const std::vector<double> own = Action(0.0, -0.02);
@@ -397,7 +456,7 @@ TEST(GuardTest, TheAlarmHasATimeStepOfItsOwn) {
 
 TEST(GuardTest, ARecoveryOfTheCallersOwnIsWithinTheLimit) {
   GuardSettings settings = Model()->settings();
-  settings.action_limit = 0.1;
+  settings.action_limit = {0.1};
   Guard guard(Model()->With(settings), std::make_unique<Shove>(std::vector{7.0, -0.02}));
   guard.Reset(1);
   // Inside by little: g of demonstrations changes by more than that with such an action.
@@ -410,8 +469,8 @@ TEST(GuardTest, ARecoveryOfTheCallersOwnIsWithinTheLimit) {
 
 TEST(GuardTest, ActionsAreWithinTheirLimit) {
   GuardSettings settings = Model()->settings();
-  settings.action_limit = 0.05;
-  for (const Strategy strategy : {Strategy::kGuided, Strategy::kMonitor}) {
+  settings.action_limit = {0.05};
+  for (const Strategy strategy : {Strategy::kGuard, Strategy::kMonitor}) {
     settings.strategy = strategy;
     Guard guard(Model()->With(settings));
     guard.Reset(1);
@@ -426,8 +485,8 @@ TEST(GuardTest, ActionsAreWithinTheirLimit) {
 }
 
 TEST(GuardTest, TheLoopNeverAllocates) {
-  for (const Strategy strategy : {Strategy::kGuided, Strategy::kDfr, Strategy::kEarlyStopping,
-                                  Strategy::kMonitor, Strategy::kSoft}) {
+  for (const Strategy strategy : {Strategy::kGuard, Strategy::kDfr, Strategy::kEarlyStopping,
+                                  Strategy::kMonitor, Strategy::kController}) {
     Guard guard(Model(strategy));
     const std::vector<double> action = Action(0.09, 0.06);
     std::vector<double> safe(2);

@@ -81,8 +81,8 @@ TEST(MethodTest, EveryListedNameIsTaken) {
     EXPECT_EQ(ParseMethod(name, kOthers).name, name);
     begin = end + 2;
   }
-  // Three of Algorithm 1, dfr-fine, guided, two others.
-  EXPECT_EQ(count, 7 + static_cast<int>(control::GuidedPartNames().size()));
+  // Three of Algorithm 1, dfr-fine, guard, guided, two others.
+  EXPECT_EQ(count, 8 + static_cast<int>(control::GuidedPartNames().size()));
 }
 
 TEST(MethodTest, UnknownNamesListWhatThereIs) {

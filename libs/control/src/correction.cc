@@ -22,9 +22,8 @@ constexpr double kInside = 1e-6;
 
 Correction::Correction(const GuidedModel& model, const GuidedOptions& options)
     : model_(&model),
-      limits_(Limits(options, model.control_unit())),
+      limits_(Limits(options, model.control_dim(), model.control_unit())),
       reach_(std::min(options.reach * model.slack(), kMostReach)),
-      tolerance_(options.tolerance),
       probe_size_(options.probe_size),
       // A certificate shrinks what leads outside until nothing is left.
       demonstrates_(options.demonstrated && options.certificate.kind == CertificateKind::kNone),
@@ -33,23 +32,22 @@ Correction::Correction(const GuidedModel& model, const GuidedOptions& options)
       demonstrated_(Eigen::VectorXd::Zero(model.control_dim())) {}
 
 Correction::Choice Correction::Choose(JacobianEstimate& estimate, std::span<const double> z,
-                                      const StepTarget& target, Eigen::VectorXd& v) noexcept {
+                                      const StepTarget& target, double pass,
+                                      Eigen::VectorXd& v) noexcept {
   const LocalModel model{model_->support(), estimate, z};
-  Choice choice = Replace(estimate, model, target, v);
+  Choice choice = Replace(estimate, model, target, pass, v);
   if (Probe(estimate, model, target, v, choice.level)) choice.mode = Mode::kProbe;
   return choice;
 }
 
 Correction::Choice Correction::Replace(JacobianEstimate& estimate, const LocalModel& model,
-                                       const StepTarget& target, Eigen::VectorXd& v) noexcept {
+                                       const StepTarget& target, double pass,
+                                       Eigen::VectorXd& v) noexcept {
   const int next = target.phase;
   // The last support does not move on: deep inside it, or where it is nearest, a task would stop.
   const bool last = next >= model.support.num_steps();
   const double learned = model.Level(next, v);
-  if (learned >= (tolerance_ > 0.0 ? -tolerance_ : target.level)) {
-    return {Mode::kPolicy, std::max(learned, 0.0)};
-  }
-  const Mode corrected = learned >= 0.0 ? Mode::kPolicy : Mode::kRecovery;
+  if (learned >= pass) return {Mode::kPolicy, learned};
   const bool known = demonstrates_ && estimate.Demonstrated(trial_);
   double demonstrated = -kInfinity;
   if (known) {
@@ -58,7 +56,7 @@ Correction::Choice Correction::Replace(JacobianEstimate& estimate, const LocalMo
     demonstrated = RaiseLevel(model, {next, last ? kInside : target.level}, limits_, trial_);
     if (demonstrated >= 0.0) {
       v = trial_;
-      return {corrected, demonstrated};
+      return {Mode::kRecovery, demonstrated};
     }
   }
   const double filtered = RaiseLevel(model, target, limits_, v);
@@ -66,9 +64,9 @@ Correction::Choice Correction::Replace(JacobianEstimate& estimate, const LocalMo
   if (!(known && last) && std::max(demonstrated, filtered) >= -reach_) {
     if (demonstrated <= filtered) return {Mode::kPolicy, filtered};
     v = trial_;
-    return {corrected, demonstrated};
+    return {Mode::kRecovery, demonstrated};
   }
-  if (!known) return {Mode::kRecovery, filtered};
+  if (!known) return {Mode::kPolicy, filtered};
   v = demonstrated_;
   return {Mode::kRecovery, model.Level(next, v)};
 }

@@ -9,7 +9,7 @@ using core::AsSpan;
 
 GradientRecovery::GradientRecovery(const GuidedModel& model, double control_limit)
     : model_(&model),
-      limits_{control_limit / model.control_unit()},
+      limits_{Eigen::VectorXd::Constant(model.control_dim(), control_limit / model.control_unit())},
       // Algorithm 1 recovers at rest: nothing moves but by its controls.
       estimate_(model.prior(), {}, /*own_motion=*/false),
       z_(Eigen::VectorXd::Zero(model.features().num_features())),

@@ -72,6 +72,9 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
                                 << support.state_dim());
   DFR_THROW_UNLESS(options.gate_quantile >= 0.0 && options.gate_quantile <= 1.0,
                    "gate_quantile must lie in [0, 1], not be " << options.gate_quantile);
+  DFR_THROW_UNLESS(
+      options.pass_quantile >= 0.0 && options.pass_quantile <= options.gate_quantile,
+      "pass_quantile must lie in [0, gate_quantile], not be " << options.pass_quantile);
   DFR_THROW_UNLESS(options.slack >= 0.0, "slack must not be negative: " << options.slack);
   DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
 
@@ -115,12 +118,14 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
     // A support may have more time steps than any demonstration has states.
     if (levels.empty()) break;
     gate_.push_back(std::max(0.0, Quantile(levels, options.gate_quantile)));
+    pass_.push_back(std::max(0.0, Quantile(levels, options.pass_quantile)));
     median_.push_back(std::max(0.0, Quantile(levels, 0.5)));
   }
 }
 
 void GuidedModel::Save(core::ArchiveWriter& archive) const {
   archive.Numbers(gate_);
+  archive.Numbers(pass_);
   archive.Numbers(median_);
   archive.Number(largest_);
   archive.Number(slack_);
@@ -141,6 +146,7 @@ GuidedModel GuidedModel::Load(core::ArchiveReader& archive, core::FeatureTransfo
     return values;
   };
   model.gate_ = levels("gate levels");
+  model.pass_ = levels("pass levels");
   model.median_ = levels("median levels");
   model.largest_ = archive.Number();
   if (!(model.largest_ >= 0.0 && std::isfinite(model.largest_))) {

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/matrix.h"
 
 namespace dfr::control {
 namespace {
@@ -46,8 +47,14 @@ GuidedOptions Without(GuidedOptions options, std::string_view parts) {
   return options;
 }
 
-StepLimits Limits(const GuidedOptions& options, double control_unit) noexcept {
-  return {options.control_limit / control_unit, options.iterations};
+StepLimits Limits(const GuidedOptions& options, int control_dim, double control_unit) {
+  const std::vector<double>& limit = options.control_limit;
+  if (limit.size() == 1) {
+    return {Eigen::VectorXd::Constant(control_dim, limit[0] / control_unit), options.iterations};
+  }
+  DFR_THROW_UNLESS(static_cast<int>(limit.size()) == control_dim,
+                   "control_limit has " << limit.size() << " entries, controls " << control_dim);
+  return {core::AsVector(limit) / control_unit, options.iterations};
 }
 
 void Check(const GuidedOptions& options) {
@@ -56,18 +63,15 @@ void Check(const GuidedOptions& options) {
                    "first_step must lie in [0, horizon), not " << options.first_step);
   DFR_THROW_UNLESS(options.max_controls > 0,
                    "max_controls must be positive, not " << options.max_controls);
-  DFR_THROW_UNLESS(options.control_limit > 0.0,
-                   "control_limit must be positive, not " << options.control_limit);
+  for (const double limit : options.control_limit) {
+    DFR_THROW_UNLESS(limit >= 0.0, "control_limit must not be negative: " << limit);
+  }
   DFR_THROW_UNLESS(options.iterations >= 0,
                    "iterations must not be negative: " << options.iterations);
   DFR_THROW_UNLESS(options.patience > 0, "patience must be positive, not " << options.patience);
   DFR_THROW_UNLESS(options.probe_size >= 0.0,
                    "probe_size must not be negative: " << options.probe_size);
   DFR_THROW_UNLESS(options.reach >= 0.0, "reach must not be negative: " << options.reach);
-  DFR_THROW_UNLESS(options.tolerance >= 0.0,
-                   "tolerance must not be negative: " << options.tolerance);
-  DFR_THROW_UNLESS(options.certificate.kind == CertificateKind::kNone || options.tolerance == 0.0,
-                   Name(options.certificate.kind) << " tolerates nothing: tolerance must be zero");
   DFR_THROW_UNLESS(options.online_weight >= 0.0,
                    "online_weight must not be negative: " << options.online_weight);
   DFR_THROW_UNLESS(

@@ -42,7 +42,7 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
     : policy_(&policy),
       model_(&model),
       options_((Check(policy, model, options), options)),
-      limits_(Limits(options, model.control_unit())),
+      limits_(Limits(options, model.control_dim(), model.control_unit())),
       halt_rule_{options.horizon, options.max_controls, options.patience},
       // A certificate assumes that controls act at once, and alone, and that states are what is
       // seen.
@@ -101,8 +101,11 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   policy_->Control(step.t, x, u);
   learned_ = core::AsVector(std::span<const double>(u)) / model_->control_unit();
   if (!learned_.allFinite()) return Halt(step, HaltCause::kControlInvalid);
+  const double asked = learned_.squaredNorm();
   learned_ = learned_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
-  step.log_threshold = Gate(step.t + 1);
+  const bool within = learned_.squaredNorm() == asked;
+  step.log_threshold =
+      options_.least_intervention ? model_->pass_level(step.t + 1) : Gate(step.t + 1);
   step.threshold = support.FromLog(step.t, step.log_threshold);
 
   v_ = learned_;
@@ -114,7 +117,8 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   }
   Correction::Choice choice{Mode::kPolicy, step.log_threshold};
   if (!deep) {
-    choice = correction_.Choose(estimate_, AsSpan(z_), {step.t + 1, step.log_threshold}, v_);
+    choice = correction_.Choose(estimate_, AsSpan(z_), {step.t + 1, Gate(step.t + 1)},
+                                step.log_threshold, v_);
   }
   step.mode = choice.mode;
   if (certifier_.active()) {
@@ -122,8 +126,10 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   } else {
     Advance(choice.level);
   }
-  step.filtered = step.mode == Mode::kPolicy && !deep && v_ != learned_;
-  core::AsVector(u) = v_ * model_->control_unit();
+  const bool passes = step.mode == Mode::kPolicy && within && v_ == learned_;
+  step.filtered = step.mode == Mode::kPolicy && !passes;
+  // What passes does so to the bit.
+  if (!passes) core::AsVector(u) = v_ * model_->control_unit();
   last_seen_ = seen_;
   ++progress_.controls;
   return step;

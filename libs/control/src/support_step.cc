@@ -46,7 +46,9 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
   constexpr double kLeastGain = 1e-3;
   const Eigen::MatrixXd& j = model.answer.jacobian();
   const auto n = static_cast<Eigen::Index>(model.z.size());
-  assert(n <= kMaxStepEntries && v.size() <= kMaxStepEntries && there.gradient.size() == n);
+  assert(n <= kMaxStepEntries && v.size() <= kMaxStepEntries &&
+         (limits.control.size() == 0 || limits.control.size() == v.size()) &&
+         there.gradient.size() == n);
   const double curvature = model.support.curvature_bound(target.phase);
   Vector after(n);
   Vector next_gradient(n);
@@ -56,8 +58,8 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
   for (int i = 0; i < limits.iterations && there.level < target.level; ++i) {
     d.noalias() = j.transpose().lazyProduct(there.gradient);
     // What the limits forbid is left out of the direction.
-    for (Eigen::Index k = 0; k < d.size(); ++k) {
-      if ((v[k] >= limits.control && d[k] > 0.0) || (v[k] <= -limits.control && d[k] < 0.0)) {
+    for (Eigen::Index k = 0; k < limits.control.size(); ++k) {
+      if ((v[k] >= limits.control[k] && d[k] > 0.0) || (v[k] <= -limits.control[k] && d[k] < 0.0)) {
         d[k] = 0.0;
       }
     }
@@ -75,7 +77,8 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
     const double step =
         gain > missing ? 2.0 * missing / (slope * (1.0 + std::sqrt(1.0 - missing / gain))) : best;
     before = v;
-    v = (v + step * d).cwiseMax(-limits.control).cwiseMin(limits.control);
+    v += step * d;
+    if (limits.control.size() > 0) v = v.cwiseMax(-limits.control).cwiseMin(limits.control);
     const double reached =
         LevelAfter(model, target.phase, v, after, {next_gradient.data(), model.z.size()});
     if (reached <= there.level) {

@@ -68,6 +68,13 @@ std::optional<HeldOut> LeaveOut(std::span<const core::Matrix> points, const core
   return all;
 }
 
+std::shared_ptr<const TaskModel> WithLambda(std::shared_ptr<const GuidedRecovery> guided,
+                                            std::span<const core::Trajectory> demonstrations) {
+  std::vector<double> lambda =
+      control::EstimateLambda(StateDecision(guided->features(), guided->support()), demonstrations);
+  return std::make_shared<const TaskModel>(std::move(guided), std::move(lambda));
+}
+
 }  // namespace
 
 std::vector<double> Follow(const core::LogDecisionFunction& support, const core::Matrix& states,
@@ -87,9 +94,10 @@ bool TooManyInGaps(const kernel::GapTest& gaps) {
 }
 
 Recorded::Recorded(const core::FeatureSelection& selection,
-                   std::span<const core::Trajectory> demonstrations)
+                   std::span<const core::Trajectory> demonstrations, const ActionSpace& actions)
     : order(core::ContentOrder(demonstrations)),
       ordered(Ordered(demonstrations, order)),
+      measured(actions.Measured(ordered)),
       features(Whitened(selection, ordered)) {
   points.reserve(demonstrations.size());
   for (const core::Trajectory& demonstration : demonstrations) {
@@ -150,13 +158,19 @@ std::optional<TaskFit> FitTask(const Recorded& recorded,
   return TaskFit{support, *std::move(to_all), gaps, *std::move(left_out), *std::move(contiguous)};
 }
 
+std::shared_ptr<const TaskModel> MakeTask(const core::FeatureSelection& selection,
+                                          std::span<const core::Trajectory> demonstrations,
+                                          std::span<const core::Trajectory> measured,
+                                          const kernel::WhitenedSupportOptions& options) {
+  return WithLambda(std::make_shared<const GuidedRecovery>(selection, measured, options),
+                    demonstrations);
+}
+
 std::shared_ptr<const TaskModel> MakeTask(const Recorded& recorded, kernel::WhitenedSupport to_all,
                                           const kernel::WhitenedSupportOptions& options) {
-  auto guided = std::make_shared<const GuidedRecovery>(recorded.features, recorded.ordered,
-                                                       std::move(to_all), options);
-  std::vector<double> lambda = control::EstimateLambda(
-      StateDecision(guided->features(), guided->support()), recorded.ordered);
-  return std::make_shared<const TaskModel>(std::move(guided), std::move(lambda));
+  return WithLambda(std::make_shared<const GuidedRecovery>(recorded.features, recorded.measured,
+                                                           std::move(to_all), options),
+                    recorded.ordered);
 }
 
 }  // namespace dfr::safety::internal

@@ -14,6 +14,7 @@
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/kernel/whitened_support.h"
+#include "dfr/safety/action_space.h"
 #include "dfr/safety/task_model.h"
 
 namespace dfr::safety::internal {
@@ -29,13 +30,15 @@ bool TooManyInGaps(const kernel::GapTest& gaps);
 /// Demonstrations, put in order and whitened once.
 struct Recorded {
   Recorded(const core::FeatureSelection& selection,
-           std::span<const core::Trajectory> demonstrations);
+           std::span<const core::Trajectory> demonstrations, const ActionSpace& actions);
 
   std::vector<std::size_t> order;         ///< core::ContentOrder() of the demonstrations.
   std::vector<core::Trajectory> ordered;  ///< The demonstrations in it.
-  core::FeatureTransform features;        ///< Whitens all of them.
-  std::vector<core::Matrix> points;       ///< Their features, in the order of recording.
-  std::vector<core::Matrix> in_order;     ///< The same in `order`.
+  /// `ordered` with the steered entries of actions in their units.
+  std::vector<core::Trajectory> measured;
+  core::FeatureTransform features;     ///< Whitens all of them.
+  std::vector<core::Matrix> points;    ///< Their features, in the order of recording.
+  std::vector<core::Matrix> in_order;  ///< The same in `order`.
 };
 
 /// What supports make of demonstrations that they have not seen.
@@ -62,6 +65,13 @@ struct TaskFit {
 std::optional<TaskFit> FitTask(const Recorded& recorded,
                                const kernel::WhitenedSupportOptions& options, int folds,
                                const std::function<bool(std::string_view, double)>& going_on);
+
+/// The task model of these demonstrations; `measured` are the same with ActionSpace::Measured()
+/// actions.
+std::shared_ptr<const TaskModel> MakeTask(const core::FeatureSelection& selection,
+                                          std::span<const core::Trajectory> demonstrations,
+                                          std::span<const core::Trajectory> measured,
+                                          const kernel::WhitenedSupportOptions& options);
 
 /// The task model of all demonstrations. `to_all` is the support that `options` fit to them.
 std::shared_ptr<const TaskModel> MakeTask(const Recorded& recorded, kernel::WhitenedSupport to_all,

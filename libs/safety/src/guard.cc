@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -14,6 +15,8 @@ namespace {
 using control::HaltCause;
 using control::Mode;
 
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
 bool AllFinite(std::span<const double> values) noexcept {
   return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
 }
@@ -21,13 +24,11 @@ bool AllFinite(std::span<const double> values) noexcept {
 // The action of a policy that runs somewhere else, as a policy.
 class Proposal final : public core::Policy {
  public:
-  Proposal(int state_dim, int action_dim, double limit)
-      : state_dim_(state_dim), action_(static_cast<std::size_t>(action_dim), 0.0), limit_(limit) {}
+  Proposal(int state_dim, int action_dim)
+      : state_dim_(state_dim), action_(static_cast<std::size_t>(action_dim), 0.0) {}
 
-  void Set(std::span<const double> action) noexcept {
-    std::transform(action.begin(), action.end(), action_.begin(),
-                   [this](double a) { return std::clamp(a, -limit_, limit_); });
-  }
+  /// What Control() gives from then on.
+  [[nodiscard]] std::span<double> action() noexcept { return action_; }
 
   [[nodiscard]] int state_dim() const noexcept override { return state_dim_; }
   [[nodiscard]] int control_dim() const noexcept override {
@@ -41,13 +42,19 @@ class Proposal final : public core::Policy {
  private:
   int state_dim_;
   std::vector<double> action_;
-  double limit_;
 };
+
+void Clamp(const std::vector<double>& limits, std::span<double> action) noexcept {
+  for (std::size_t i = 0; i < action.size(); ++i) {
+    action[i] = std::clamp(action[i], -limits[i], limits[i]);
+  }
+}
 
 Method MethodOf(Strategy strategy) {
   switch (strategy) {
-    case Strategy::kGuided:
-    case Strategy::kSoft:
+    case Strategy::kGuard:
+      return {.name = "guard", .kind = Method::Kind::kGuard};
+    case Strategy::kController:
     case Strategy::kCertified:
       return {.name = "guided", .kind = Method::Kind::kGuided};
     case Strategy::kDfr:
@@ -60,18 +67,21 @@ Method MethodOf(Strategy strategy) {
   return {.name = "baseline"};
 }
 
+// Whether the controller sees the steered entries alone, in the units of the model's actions().
+bool Steers(const GuardModel& model, const control::RecoveryStrategy* strategy) {
+  return strategy == nullptr &&
+         MethodOf(model.settings().strategy).kind != Method::Kind::kSwitching;
+}
+
 std::unique_ptr<control::Controller> MakeController(
     const Proposal& proposal, const GuardModel& model,
     std::unique_ptr<control::RecoveryStrategy> strategy) {
   const GuardSettings& settings = model.settings();
   ControllerOptions options{.horizon = settings.horizon};
   options.guided.max_controls = settings.max_actions;
-  options.guided.control_limit = settings.action_limit;
+  options.guided.control_limit = model.actions().MeasuredLimits(settings.action_limit);
   if (strategy == nullptr && settings.strategy == Strategy::kCertified) {
     options.guided.certificate = model.certificate();
-  }
-  if (settings.strategy == Strategy::kSoft) {
-    options.guided.tolerance = std::max(0.0, settings.alarm_level);
   }
   return strategy != nullptr
              ? model.task().MakeController(std::move(strategy), proposal, options)
@@ -83,18 +93,42 @@ std::unique_ptr<control::Controller> MakeController(
 struct Guard::Loop {
   Loop(const GuardModel& model, std::unique_ptr<control::RecoveryStrategy> strategy)
       : monitors(strategy == nullptr && model.settings().strategy == Strategy::kMonitor),
-        proposal(model.state_dim(), model.action_dim(), model.settings().action_limit),
+        steers(Steers(model, strategy.get())),
+        proposal(model.state_dim(), steers ? model.actions().steered_dim() : model.action_dim()),
         controller(MakeController(proposal, model, std::move(strategy))),
         tracker(model.support()),
-        proposed(static_cast<std::size_t>(model.action_dim()), 0.0) {}
+        proposed(static_cast<std::size_t>(model.action_dim()), 0.0),
+        bounded(proposed),
+        chosen(proposal.action().size(), 0.0) {}
 
   bool monitors;  // Nothing looks at g but the alarm.
+  bool steers;    // The controller's controls are ActionSpace's.
   Proposal proposal;
   std::unique_ptr<control::Controller> controller;
   control::PhaseTracker tracker;
   std::vector<double> proposed;
+  std::vector<double> bounded;  // `proposed` within the limits.
+  std::vector<double> chosen;   // The controller's control.
   int next = 0;
 };
+
+const char* Name(Source source) noexcept {
+  switch (source) {
+    case Source::kPolicy:
+      return "policy";
+    case Source::kPolicyChanged:
+      return "policy-changed";
+    case Source::kDemonstrations:
+      return "demonstrations";
+    case Source::kProbe:
+      return "probe";
+    case Source::kRecovery:
+      return "recovery";
+    case Source::kHalt:
+      break;
+  }
+  return "halt";
+}
 
 const char* Verdict::reason() const noexcept {
   switch (mode) {
@@ -103,7 +137,7 @@ const char* Verdict::reason() const noexcept {
       return g >= 0.0 ? "inside" : "outside";
     case Mode::kProbe:
     case Mode::kRecovery:
-      return Name(mode);
+      return Name(source);
     case Mode::kHalt:
       break;
   }
@@ -142,12 +176,30 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
     controller.Stop(HaltCause::kControlInvalid);
   } else {
     ++loop.next;
-    loop.proposal.Set(loop.proposed);
+    loop.bounded = loop.proposed;
+    Clamp(model_->settings().action_limit, loop.bounded);
+    if (loop.steers) {
+      model_->actions().Measure(loop.bounded, loop.proposal.action());
+    } else {
+      std::copy(loop.bounded.begin(), loop.bounded.end(), loop.proposal.action().begin());
+    }
   }
-  const control::Step step = controller.Next(state, safe);
-  // A recovery of the caller's own knows no limit.
-  const double limit = model_->settings().action_limit;
-  for (double& entry : safe) entry = std::clamp(entry, -limit, limit);
+  if (safe.size() != loop.proposed.size()) controller.Stop(HaltCause::kControlInvalid);
+  const control::Step step = controller.Next(state, loop.chosen);
+  if (step.mode == Mode::kHalt) {
+    std::fill(safe.begin(), safe.end(), 0.0);
+  } else if (step.mode == Mode::kPolicy && !step.filtered) {
+    // To the bit; a monitor's too.
+    std::copy(loop.bounded.begin(), loop.bounded.end(), safe.begin());
+  } else if (loop.steers) {
+    std::copy(loop.bounded.begin(), loop.bounded.end(), safe.begin());
+    model_->actions().Restore(loop.chosen, safe);
+  } else {
+    std::copy(loop.chosen.begin(), loop.chosen.end(), safe.begin());
+  }
+  // The one place where limits are kept, whatever chose the action. A recovery of the caller's own
+  // knows none, and units round.
+  Clamp(model_->settings().action_limit, safe);
 
   Verdict verdict;
   verdict.mode = step.mode;
@@ -169,6 +221,21 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
   // Not against `action`, which may be the memory that has just been written to.
   verdict.changed = !action_usable || !std::equal(safe.begin(), safe.end(), loop.proposed.begin(),
                                                   loop.proposed.end());
+  verdict.change = action_usable ? model_->actions().Distance(loop.proposed, safe) : kNaN;
+  switch (step.mode) {
+    case Mode::kPolicy:
+      verdict.source = verdict.changed ? Source::kPolicyChanged : Source::kPolicy;
+      break;
+    case Mode::kRecovery:
+      verdict.source = loop.steers ? Source::kDemonstrations : Source::kRecovery;
+      break;
+    case Mode::kProbe:
+      verdict.source = Source::kProbe;
+      break;
+    case Mode::kHalt:
+      verdict.source = Source::kHalt;
+      break;
+  }
   return verdict;
 }
 

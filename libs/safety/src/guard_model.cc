@@ -28,24 +28,35 @@ namespace {
 constexpr std::string_view kGuardKind = "guard";
 constexpr int kGuardVersion = 1;
 
-constexpr std::array kStrategies = {Strategy::kGuided,  Strategy::kDfr,  Strategy::kEarlyStopping,
-                                    Strategy::kMonitor, Strategy::kSoft, Strategy::kCertified};
+constexpr std::array kStrategies = {Strategy::kGuard,   Strategy::kController,
+                                    Strategy::kDfr,     Strategy::kEarlyStopping,
+                                    Strategy::kMonitor, Strategy::kCertified};
 
 // A guard gives up after so many actions a policy's action at the most.
 constexpr int kActionsPerStep = 12;
 // The largest entry of an applied action against that of a demonstrated one.
-constexpr double kActionReach = 2.0;
+constexpr double kActionReach = 1.5;
 // What files hold.
 constexpr int kMost = 1 << 30;
 constexpr int kLongestHorizon = kMost / kActionsPerStep;
+
+void CheckLimit(const std::vector<double>& limit) {
+  for (std::size_t i = 0; i < limit.size(); ++i) {
+    DFR_THROW_UNLESS(
+        limit[i] >= 0.0 && std::isfinite(limit[i]),
+        "action_limit must not be negative, and finite: entry " << i << " is " << limit[i]);
+  }
+  DFR_THROW_UNLESS(limit.empty() || *std::max_element(limit.begin(), limit.end()) > 0.0,
+                   "action_limit is zero in all entries: nothing could move");
+}
 
 void Check(const GuardSettings& settings) {
   DFR_THROW_UNLESS(settings.horizon > 0 && settings.horizon <= kMost,
                    "horizon must lie in [1, " << kMost << "], not be " << settings.horizon);
   DFR_THROW_UNLESS(settings.max_actions > 0 && settings.max_actions <= kMost,
                    "max_actions must lie in [1, " << kMost << "], not be " << settings.max_actions);
-  DFR_THROW_UNLESS(settings.action_limit > 0.0 && std::isfinite(settings.action_limit),
-                   "action_limit must be positive and finite, not " << settings.action_limit);
+  CheckLimit(settings.action_limit);
+  DFR_THROW_UNLESS(!settings.action_limit.empty(), "action_limit has no entries");
   DFR_THROW_UNLESS(std::isfinite(settings.alarm_level),
                    "alarm_level must be finite, not " << settings.alarm_level);
   DFR_THROW_UNLESS(
@@ -137,16 +148,16 @@ control::EstimatedConstant ReadConstant(core::ArchiveReader& archive) {
 
 const char* Name(Strategy strategy) noexcept {
   switch (strategy) {
-    case Strategy::kGuided:
-      return "guided";
+    case Strategy::kGuard:
+      return "guard";
+    case Strategy::kController:
+      return "controller";
     case Strategy::kDfr:
       return "dfr";
     case Strategy::kEarlyStopping:
       return "early-stopping";
     case Strategy::kMonitor:
       return "monitor";
-    case Strategy::kSoft:
-      return "soft";
     case Strategy::kCertified:
       return "certified";
   }
@@ -159,7 +170,7 @@ Strategy ParseStrategy(std::string_view name) {
   }
   throw std::invalid_argument(
       "there is no strategy '" + std::string(name) +
-      "'; there are: guided, dfr, early-stopping, monitor, soft, certified");
+      "'; there are: guard, controller, dfr, early-stopping, monitor, certified");
 }
 
 std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layout,
@@ -170,8 +181,7 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
       options.horizon >= 0 && options.horizon <= kLongestHorizon,
       "horizon must lie in [0, " << kLongestHorizon << "], not be " << options.horizon);
   DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2: " << options.folds);
-  DFR_THROW_UNLESS(options.action_limit >= 0.0,
-                   "action_limit must not be negative: " << options.action_limit);
+  CheckLimit(options.action_limit);
   DFR_THROW_UNLESS(options.false_alarms > 0.0 && options.false_alarms < 1.0,
                    "false_alarms must lie in (0, 1), not be " << options.false_alarms);
   DFR_THROW_UNLESS(options.hold_out >= 0.0 && options.hold_out <= 0.5,
@@ -184,7 +194,8 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   const core::FeatureSelection selection = options.features.empty()
                                                ? core::FeatureSelection::All(layout.state_dim())
                                                : core::FeatureSelection(layout, options.features);
-  const internal::Recorded recorded(selection, demonstrations);
+  const auto actions = std::make_shared<const ActionSpace>(demonstrations);
+  const internal::Recorded recorded(selection, demonstrations, *actions);
   const std::span<const core::Trajectory> ordered = recorded.ordered;
   // By their content, which has nothing to do with what they are like: a random sample, so that
   // further demonstrations are exchangeable with those held out.
@@ -195,15 +206,14 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
                                   << " demonstrations leaves fewer than 3 to fit to");
   const std::span<const core::Trajectory> held_out = ordered.first(num_held_out);
   const std::span<const core::Trajectory> fitted = ordered.subspan(num_held_out);
+  const auto measured = std::span<const core::Trajectory>(recorded.measured);
 
   std::optional<internal::TaskFit> fit =
       internal::FitTask(recorded, options.support, options.folds, going_on);
   if (!fit || !going_on("fitting the support", 0.6)) return nullptr;
-  auto task = held_out.empty()
-                  ? internal::MakeTask(recorded, std::move(fit->to_all), fit->options)
-                  : std::make_shared<const TaskModel>(
-                        layout, fitted,
-                        TaskOptions{.guided_features = options.features, .guided = fit->options});
+  auto task = held_out.empty() ? internal::MakeTask(recorded, std::move(fit->to_all), fit->options)
+                               : internal::MakeTask(selection, fitted,
+                                                    measured.subspan(num_held_out), fit->options);
   if (!going_on("estimating the alarm level", 0.95)) return nullptr;
 
   const control::GuidedModel& guided = task->guided().model();
@@ -224,18 +234,16 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   settings.strategy = options.strategy;
   Eigen::Index longest = 0;
   Eigen::Index transitions = 0;
-  double largest = 0.0;
   for (const core::Trajectory& demonstration : demonstrations) {
     longest = std::max(longest, demonstration.controls.rows());
     transitions += demonstration.controls.rows();
-    largest = std::max(largest, demonstration.controls.cwiseAbs().maxCoeff());
   }
   settings.horizon = options.horizon > 0
                          ? options.horizon
                          : static_cast<int>(std::min<Eigen::Index>(2 * longest, kLongestHorizon));
   settings.max_actions = kActionsPerStep * settings.horizon;
   settings.action_limit =
-      options.action_limit > 0.0 ? options.action_limit : kActionReach * largest;
+      options.action_limit.empty() ? actions->Limits(kActionReach) : options.action_limit;
   settings.alarm_level = alarm.level;
 
   std::shared_ptr<GuardModel> model(new GuardModel);
@@ -254,23 +262,31 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
       .held_out = static_cast<int>(held_out.size()),
       .drift_level = AlarmLevelOf(fit->contiguous.worst, options).level,
       .drift_chance = ChanceOfBeingHigher(fit->contiguous.worst, fit->left_out.worst),
-      .direction_error = held_out.empty()
-                             ? control::EstimateDirectionError(guided.features(), fitted)
-                             : control::EstimateDirectionError(guided, held_out),
-      .gain = control::EstimateGain(guided.features(), held_out.empty() ? fitted : held_out)};
+      .direction_error =
+          held_out.empty() ? control::EstimateDirectionError(guided.features(), measured)
+                           : control::EstimateDirectionError(guided, measured.first(num_held_out)),
+      .gain = control::EstimateGain(guided.features(),
+                                    held_out.empty() ? measured : measured.first(num_held_out))};
   settings.direction_error = options.error_factor * model->summary_.direction_error.value;
-  model->Complete(layout, std::move(task), settings);
+  model->Complete(layout, actions, std::move(task), settings);
   if (!going_on("done", 1.0)) return nullptr;
   return model;
 }
 
-void GuardModel::Complete(core::StateLayout layout, std::shared_ptr<const TaskModel> task,
-                          const GuardSettings& settings) {
+void GuardModel::Complete(core::StateLayout layout, std::shared_ptr<const ActionSpace> actions,
+                          std::shared_ptr<const TaskModel> task, GuardSettings settings) {
   Check(settings);
+  const auto dim = static_cast<std::size_t>(actions->dim());
+  if (settings.action_limit.size() == 1)
+    settings.action_limit.resize(dim, settings.action_limit[0]);
+  DFR_THROW_UNLESS(settings.action_limit.size() == dim, "action_limit has "
+                                                            << settings.action_limit.size()
+                                                            << " entries, actions " << dim);
+  actions_ = std::move(actions);
   layout_ = std::move(layout);
   task_ = std::move(task);
-  settings_ = settings;
-  if (settings.strategy == Strategy::kCertified) static_cast<void>(certificate());
+  settings_ = std::move(settings);
+  if (settings_.strategy == Strategy::kCertified) static_cast<void>(certificate());
 }
 
 control::Certificate GuardModel::certificate() const {
@@ -300,7 +316,9 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
   // What a certificate assumes.
   control::JacobianEstimate answer(model.prior(), {}, /*own_motion=*/false);
   answer.Compute(t, core::AsSpan(z));
-  const Eigen::VectorXd v = core::AsVector(action) / model.control_unit();
+  Eigen::VectorXd v(actions_->steered_dim());
+  actions_->Measure(action, core::AsSpan(v));
+  v /= model.control_unit();
   Certification found;
   found.effect = answer.jacobian() * v;
   found.ball_radius = -1.0;
@@ -315,7 +333,7 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
     found.ball_radius = ball.radius;
     found.shift = shift;
   }
-  control::Certifier certifier(certificate, n, action_dim(), model.control_unit());
+  control::Certifier certifier(certificate, n, actions_->steered_dim(), model.control_unit());
   const control::LocalModel local{model.support(), answer, core::AsSpan(z)};
   const control::Certifier::Need need = certifier.Predict(local, t, v);
   found.passes = need.met();
@@ -326,7 +344,7 @@ Certification GuardModel::Certify(int t, std::span<const double> state,
 
 std::shared_ptr<const GuardModel> GuardModel::With(const GuardSettings& settings) const {
   std::shared_ptr<GuardModel> model(new GuardModel);
-  model->Complete(layout_, task_, settings);
+  model->Complete(layout_, actions_, task_, settings);
   model->summary_ = summary_;
   return model;
 }
@@ -342,7 +360,7 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   archive.Text(Name(settings_.strategy));
   archive.Integer(settings_.horizon);
   archive.Integer(settings_.max_actions);
-  archive.Number(settings_.action_limit);
+  archive.Numbers(settings_.action_limit);
   archive.Number(settings_.alarm_level);
   archive.Number(settings_.direction_error);
   archive.Text(summary_.source);
@@ -363,6 +381,7 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   Write(archive, summary_.direction_error);
   Write(archive, summary_.gain);
   archive.Numbers(lambda());
+  actions_->Save(archive);
   recovery().Save(archive);
   archive.Save(path);
 }
@@ -384,7 +403,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     settings.strategy = ParseStrategy(archive.Text());
     settings.horizon = archive.IntegerIn(1, kMost);
     settings.max_actions = archive.IntegerIn(1, kMost);
-    settings.action_limit = archive.Number();
+    settings.action_limit = archive.Numbers();
     settings.alarm_level = archive.Number();
     settings.direction_error = archive.Number();
     GuardSummary summary;
@@ -407,10 +426,14 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     summary.direction_error = ReadConstant(archive);
     summary.gain = ReadConstant(archive);
     std::vector<double> lambda = archive.Numbers();
+    auto actions = std::make_shared<const ActionSpace>(ActionSpace::Load(archive));
     auto recovery = GuidedRecovery::Load(archive, std::move(selection));
     archive.End();
     std::shared_ptr<GuardModel> model(new GuardModel);
-    model->Complete(std::move(layout),
+    if (recovery->model().control_dim() != actions->steered_dim()) {
+      archive.Fail("recovery steers another number of entries of an action");
+    }
+    model->Complete(std::move(layout), std::move(actions),
                     std::make_shared<const TaskModel>(std::move(recovery), std::move(lambda)),
                     settings);
     model->summary_ = std::move(summary);
@@ -508,12 +531,23 @@ std::vector<std::string> Findings(const GuardModel& model) {
         "will meet, and mix them",
         -summary.drift_level, -settings.alarm_level));
   }
-  const double ordinary = model.recovery().model().control_unit();
-  if (settings.action_limit > kMostOvershoot * ordinary) {
-    findings.push_back(core::Format(
-        "actions may reach %.3g, demonstrated ones have a root mean square of %.3g: give "
-        "--action-limit",
-        settings.action_limit, ordinary));
+  std::string passed;
+  for (std::size_t i = 0; i < model.actions().entries().size(); ++i) {
+    const ActionEntry& entry = model.actions().entries()[i];
+    const double limit = settings.action_limit[i];
+    if (!entry.steered) {
+      passed.append(passed.empty() ? "" : ", ").append(std::to_string(i));
+    } else if (limit > kMostOvershoot * entry.largest) {
+      findings.push_back(
+          core::Format("entry %zu of an action may reach %.3g, demonstrated ones reach %.3g: give "
+                       "--action-limit",
+                       i, limit, entry.largest));
+    }
+  }
+  if (!passed.empty()) {
+    findings.push_back("entries " + passed +
+                       " of an action take few values in the demonstrations: the guard passes the "
+                       "policy's values of them and steers by the others alone");
   }
   return findings;
 }
@@ -564,11 +598,13 @@ double Explained(const GuardModel& model, std::span<const core::Trajectory> demo
   double squares = 0.0;
   double missed = 0.0;
   std::size_t i = 0;
+  Eigen::VectorXd v(model.actions().steered_dim());
   for (const auto& d : demonstrations) {
     const core::Matrix points = guided.features().Apply(d.states);
     for (Eigen::Index t = 0; t < d.controls.rows(); ++t, ++i) {
       if (i % stride != 0) continue;
-      const Eigen::VectorXd v = d.controls.row(t).transpose() / guided.control_unit();
+      model.actions().Measure(core::Row(d.controls, t), core::AsSpan(v));
+      v /= guided.control_unit();
       Eigen::VectorXd expected = points.row(t).transpose();
       answer.Compute(static_cast<int>(t), core::Row(points, t));
       answer.AddEffect(v, expected);

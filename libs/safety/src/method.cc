@@ -10,6 +10,7 @@ namespace {
 constexpr std::array kRecoveries = {control::Recovery::kNone, control::Recovery::kEarlyStopping,
                                     control::Recovery::kDfr};
 constexpr std::string_view kDfrFine = "dfr-fine";
+constexpr std::string_view kGuard = "guard";
 constexpr std::string_view kGuided = "guided";
 constexpr std::string_view kWithout = "guided-without-";
 
@@ -23,6 +24,11 @@ Method ParseMethod(std::string_view name, std::span<const std::string_view> othe
   }
   method.published_dfr = name == kDfrFine;
   if (method.published_dfr) return method;
+  if (name == kGuard) {
+    method.kind = Method::Kind::kGuard;
+    method.recovery = control::Recovery::kNone;
+    return method;
+  }
   // Without() takes an empty list of parts, a name has none.
   const bool without = name.starts_with(kWithout) && name != kWithout && !name.ends_with('+');
   if (name == kGuided || without) {
@@ -44,7 +50,7 @@ Method ParseMethod(std::string_view name, std::span<const std::string_view> othe
 std::string MethodNames(std::span<const std::string_view> others) {
   std::string names;
   for (const control::Recovery recovery : kRecoveries) names.append(Name(recovery)).append(", ");
-  names.append(kDfrFine).append(", ").append(kGuided);
+  names.append(kDfrFine).append(", ").append(kGuard).append(", ").append(kGuided);
   for (const std::string_view other : others) names.append(", ").append(other);
   for (const std::string_view part : control::GuidedPartNames()) {
     names.append(", ").append(kWithout).append(part);

@@ -122,7 +122,7 @@ std::unique_ptr<control::Controller> TaskModel::MakeController(
     const Method& method, const core::Policy& policy, const ControllerOptions& options) const {
   DFR_THROW_UNLESS(method.kind != Method::Kind::kOther,
                    "the method '" << method.name << "' is not one of a task model");
-  if (method.kind == Method::Kind::kGuided) {
+  if (method.kind == Method::Kind::kGuided || method.kind == Method::Kind::kGuard) {
     control::GuidedOptions guided = control::Without(options.guided, method.without);
     DFR_THROW_UNLESS(
         guided.certificate.kind == control::CertificateKind::kNone || !guided_->single_precision(),
@@ -130,6 +130,7 @@ std::unique_ptr<control::Controller> TaskModel::MakeController(
             << " is to hold to the last digit: fit the model in double precision");
     guided.horizon = options.horizon != 0 ? options.horizon : horizon_;
     guided.first_step = options.first_step;
+    guided.least_intervention = method.kind == Method::Kind::kGuard;
     return std::make_unique<control::GuidedPolicy>(policy, guided_->model(), guided);
   }
   const control::SwitchingPolicyOptions switching{

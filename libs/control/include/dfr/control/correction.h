@@ -25,24 +25,23 @@ class Correction {
   };
   /// At features `z`, about which `estimate` was computed last, with the learned control `v` within
   /// the limits: `v` becomes the control that is to be applied. `target` is the next phase, and hi
-  /// there. kRecovery: `v` does not come from the learned control. kProbe: `v` is there to find out
-  /// what it does.
+  /// there; a `v` that is predicted to reach `pass` there is left as it is. kRecovery: `v` does not
+  /// come from the learned control. kProbe: `v` is there to find out what it does.
   [[nodiscard]] Choice Choose(JacobianEstimate& estimate, std::span<const double> z,
-                              const StepTarget& target, Eigen::VectorXd& v) noexcept;
+                              const StepTarget& target, double pass, Eigen::VectorXd& v) noexcept;
 
   /// GuidedOptions::reach as a level: how far outside a support what passes may end, >= 0.
   [[nodiscard]] double reach() const noexcept { return reach_; }
 
  private:
   [[nodiscard]] Choice Replace(JacobianEstimate& estimate, const LocalModel& model,
-                               const StepTarget& target, Eigen::VectorXd& v) noexcept;
+                               const StepTarget& target, double pass, Eigen::VectorXd& v) noexcept;
   [[nodiscard]] bool Probe(JacobianEstimate& estimate, const LocalModel& model,
                            const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept;
 
   const GuidedModel* model_;
   StepLimits limits_;
   double reach_;
-  double tolerance_;
   double probe_size_;
   bool demonstrates_;  ///< Demonstrated controls are tried.
   bool drifts_;

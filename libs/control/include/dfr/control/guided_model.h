@@ -18,6 +18,10 @@ struct GuidedModelOptions {
   /// A quantile of l_t over demonstrated states: where the learned control passes, and what others
   /// aim at. Higher keeps deeper inside and lets the learned policy decide less often.
   double gate_quantile = 0.75;
+  /// The same where the policy drives: the learned control passes as it is from this quantile on,
+  /// or from l = 0. Higher corrects earlier: fewer failures of weak policies, more of a good one's
+  /// controls changed (docs/recovery.md has the curve).
+  double pass_quantile = 0.05;
   /// How far outside the support states of the task still are, l = -slack: an object that is off
   /// to the side must not stop the rest. SlackFrom() has it from demonstrations.
   double slack = 0.2;
@@ -58,6 +62,8 @@ class GuidedModel {
 
   /// hi_t, the level of l_t at which there is nothing to do, >= 0.
   [[nodiscard]] double gate_level(int t) const noexcept { return Clamped(gate_, t); }
+  /// lo_t <= hi_t, the level of l_t from which on the learned control may pass, >= 0.
+  [[nodiscard]] double pass_level(int t) const noexcept { return Clamped(pass_, t); }
   /// The median of l_t over demonstrated states, in place of hi_t with a certificate: every bit of
   /// depth costs it controls.
   [[nodiscard]] double median_level(int t) const noexcept { return Clamped(median_, t); }
@@ -81,6 +87,7 @@ class GuidedModel {
   const core::LogDecisionFunction* support_;
   std::shared_ptr<const JacobianPrior> prior_;
   std::vector<double> gate_;
+  std::vector<double> pass_;
   std::vector<double> median_;
   double largest_ = 0.0;
   double slack_ = 0.0;

@@ -2,6 +2,7 @@
 
 #include <span>
 #include <string_view>
+#include <vector>
 
 #include "dfr/control/certificate.h"
 #include "dfr/control/jacobian_estimate.h"
@@ -13,10 +14,11 @@ namespace dfr::control {
 /// task, and switches for ablations. Levels are values of l, controls are in units of the
 /// demonstrations' root mean square.
 struct GuidedOptions {
-  int horizon = 100;           ///< T: time steps of the learned policy in an episode, > 0.
-  int first_step = 0;          ///< Time step and phase that an episode begins with, in [0, T).
-  int max_controls = 1200;     ///< In an episode, of any kind, > 0.
-  double control_limit = 1.0;  ///< Each entry of an applied control is within +- this.
+  int horizon = 100;        ///< T: time steps of the learned policy in an episode, > 0.
+  int first_step = 0;       ///< Time step and phase that an episode begins with, in [0, T).
+  int max_controls = 1200;  ///< In an episode, of any kind, > 0.
+  /// Each entry of an applied control is within +- this, >= 0: one limit for all, or one each.
+  std::vector<double> control_limit = {1.0};
   /// Where something else moves the world: the time that controls take, |v| = 1 an ordinary one.
   /// Not with a certificate, which holds only where nothing else does.
   DriftTime drift_time = {};
@@ -31,10 +33,12 @@ struct GuidedOptions {
   double reach = 2.0;
   /// HaltRule::patience. More completes little and collides more.
   int patience = 12;
-  /// The learned control passes as it is while it is predicted to end no further outside than this,
-  /// >= 0. More harms less and saves less; 0 is for policies that are not to be trusted. Not with a
-  /// certificate.
-  double tolerance = 0.0;
+  /// Where the learned control passes as it is. True: where it is predicted to end inside
+  /// (GuidedModel::pass_level), so that a good policy drives and is corrected at the boundary
+  /// alone. False: where it is predicted to end deep inside (gate_level); elsewhere what
+  /// demonstrations did nearby comes first, so that demonstrations drive and the policy hardly
+  /// matters. Not with a certificate.
+  bool least_intervention = false;
   /// Size of a probe, >= 0: above the noise of observations and what drifts meanwhile, below what a
   /// wrong direction may cost. 0: directions of control that nobody has used stay unknown.
   double probe_size = 0.35;
@@ -60,7 +64,8 @@ struct GuidedOptions {
 /// @throws std::invalid_argument naming the part that does not exist, and those that do.
 [[nodiscard]] GuidedOptions Without(GuidedOptions options, std::string_view parts);
 /// What its controls have to respect, |u| = control_unit |v|.
-[[nodiscard]] StepLimits Limits(const GuidedOptions& options, double control_unit) noexcept;
+/// @throws std::invalid_argument if there are not as many limits as controls.
+[[nodiscard]] StepLimits Limits(const GuidedOptions& options, int control_dim, double control_unit);
 /// @throws std::invalid_argument naming the option that is out of range, or that a certificate does
 ///   not go with.
 void Check(const GuidedOptions& options);

@@ -25,7 +25,7 @@ namespace dfr::control {
 ///
 ///   1. l_{tau+1}(z'(v_hat)) >= hi: v_hat passes (hi is GuidedModel::gate_level). Where l_tau(z),
 ///      l_{tau+1}(z) >= hi and v_hat is no larger than demonstrated, it passes without a look at J.
-///      A tolerance takes the place of hi.
+///      With GuidedOptions::least_intervention it passes at GuidedModel::pass_level already.
 ///   2. v <- RaiseLevel(v_d, hi), from the control v_d that does what demonstrations did nearby
 ///      (JacobianEstimate::Demonstrated()). If it leads inside, l_{tau+1}(z'(v)) >= 0, v is
 ///      applied.
@@ -40,8 +40,8 @@ namespace dfr::control {
 ///      out of reach and the present support fits better (PhaseTracker).
 ///   6. HaltRule ends what does not get on.
 ///
-/// A step is a recovery, Mode::kRecovery, where z'(v_hat) is outside B_{tau+1} and v does not come
-/// from v_hat. Otherwise it is Step::filtered where v is not v_hat.
+/// A step is a recovery, Mode::kRecovery, where v comes from v_d. Where it comes from v_hat it is
+/// Mode::kPolicy, and Step::filtered if v is not v_hat. What passes does so to the bit.
 ///
 /// With a certificate there is no v_d in 2 and 3, and hi is GuidedModel::median_level. Every
 /// applied control is changed or shrunk until it provably ends inside a B_q with |q - tau| <=

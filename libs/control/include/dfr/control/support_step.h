@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <limits>
 #include <span>
 
 #include "dfr/control/jacobian_estimate.h"
@@ -38,8 +37,8 @@ struct StepTarget {
 
 /// What a control has to respect.
 struct StepLimits {
-  double control = std::numeric_limits<double>::infinity();  ///< Each |v_i| is at most this.
-  int iterations = 6;  ///< Gradients of l that one call may ask for, >= 0.
+  Eigen::VectorXd control = {};  ///< |v_i| is at most entry i; empty: no limit.
+  int iterations = 6;            ///< Gradients of l that one call may ask for, >= 0.
 };
 
 /// Raises the predicted level l_q(z + J v) towards `target.level` by the smallest steps that surely

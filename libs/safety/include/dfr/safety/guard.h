@@ -12,13 +12,30 @@
 
 namespace dfr::safety {
 
+/// Who chose an action.
+enum class Source {
+  kPolicy,          ///< The policy: its action, to the bit.
+  kPolicyChanged,   ///< The policy: its action, changed so as to end inside, or kept to the limit.
+  kDemonstrations,  ///< What demonstrations did nearby, corrected.
+  kProbe,           ///< The guard, to find out what an action does.
+  kRecovery,        ///< A recovery of Algorithm 1.
+  kHalt,            ///< Nobody: zero.
+};
+
+/// "policy", "policy-changed", "demonstrations", "probe", "recovery", "halt".
+[[nodiscard]] const char* Name(Source source) noexcept;
+
 /// What a guard decided, and on what grounds.
 struct Verdict {
-  /// kPolicy: the policy's action, changed or not; kProbe and kRecovery: the guard's own, for the
-  /// policy's would leave the support; kHalt: zero, and so until Reset().
+  Source source = Source::kHalt;
+  /// kPolicy: the policy's action, changed or not; kProbe and kRecovery: the guard's own, because
+  /// the policy's would leave the support; kHalt: zero, and so until Reset().
   control::Mode mode = control::Mode::kHalt;
   control::HaltCause cause = control::HaltCause::kNone;  ///< Why it halted; else kNone.
   bool changed = false;                                  ///< The action differs from the policy's.
+  /// How far it differs: the Euclidean norm over steered entries in ActionSpace's units, in which
+  /// an ordinary demonstrated action has length 1. NaN if the policy's action is not one.
+  double change = 0.0;
   /// Strategy kCertified: under its assumptions the next state raises no alarm.
   bool certified = false;
   bool alarm = false;  ///< The state is further outside than demonstrations are: see GuardSettings.
@@ -32,7 +49,7 @@ struct Verdict {
   double threshold = std::numeric_limits<double>::quiet_NaN();
 
   /// For kPolicy: "inside", "changed", or "outside" (passed unmodified, as a monitor does).
-  /// Otherwise "probe", "recovery", or control::Name(cause).
+  /// For kHalt control::Name(cause), otherwise Name(source).
   [[nodiscard]] const char* reason() const noexcept;
 };
 

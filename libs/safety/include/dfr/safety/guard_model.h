@@ -16,34 +16,41 @@
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/kernel/whitened_support.h"
+#include "dfr/safety/action_space.h"
 #include "dfr/safety/task_model.h"
 
 namespace dfr::safety {
 
 /// What a guard does with a policy's action near the boundary of what was demonstrated.
 enum class Strategy {
-  kGuided,         ///< Does what demonstrations did nearby, corrected (GuidedPolicy).
+  /// Lets the policy drive: its action passes, to the bit, while it is predicted to end inside.
+  /// Otherwise it is corrected, by what demonstrations did nearby first (GuidedPolicy).
+  kGuard,
+  /// Lets the demonstrations drive: the policy's action passes only while it is predicted to end
+  /// deep inside. For a policy that is known to be bad, or for none at all.
+  kController,
   kDfr,            ///< Derivative-Free Recovery, as published (SwitchingPolicy).
   kEarlyStopping,  ///< Halts.
   kMonitor,        ///< Passes it: looks and raises alarms alone.
-  kSoft,  ///< As kGuided, but passes it wherever it is predicted to end where no alarm is raised.
   /// Applies what provably ends where no alarm is raised, as long as the assumptions of a
   /// certificate hold (docs/certificates.md), and halts otherwise.
   kCertified,
 };
 
-/// "guided", "dfr", "early-stopping", "monitor", "soft", "certified".
+/// "guard", "controller", "dfr", "early-stopping", "monitor", "certified".
 [[nodiscard]] const char* Name(Strategy strategy) noexcept;
 /// @throws std::invalid_argument naming what there is.
 [[nodiscard]] Strategy ParseStrategy(std::string_view name);
 
 /// How a guard behaves: part of its file, and free to be changed after a fit.
 struct GuardSettings {
-  Strategy strategy = Strategy::kGuided;
-  int horizon = 100;          ///< Actions of the policy in an episode, > 0; the guard then halts.
-  int max_actions = 1200;     ///< Actions of any kind, > 0; the guard then halts.
-  double action_limit = 1.0;  ///< Each entry of an applied action is within +- this, > 0.
-  double alarm_level = 0.2;   ///< Alarm where l, the log form of g, falls below - this.
+  Strategy strategy = Strategy::kGuard;
+  int horizon = 100;       ///< Actions of the policy in an episode, > 0; the guard then halts.
+  int max_actions = 1200;  ///< Actions of any kind, > 0; the guard then halts.
+  /// Each entry of an applied action is within +- its own, >= 0: one for each, or a single one for
+  /// all. Zero keeps an entry at rest.
+  std::vector<double> action_limit = {1.0};
+  double alarm_level = 0.2;  ///< Alarm where l, the log form of g, falls below - this.
   /// For kCertified: eps >= 0 of |dz - J u| <= eps |u|: what the answer of the whitened features to
   /// an action may differ from the predicted one, per unit of action. 0: not known.
   double direction_error = 0.0;
@@ -87,11 +94,11 @@ struct GuardOptions {
   /// doubled, twice at most, while fewer than 85 % of the states of left-out demonstrations are
   /// inside and the gap test allows it.
   kernel::WhitenedSupportOptions support = {};
-  Strategy strategy = Strategy::kGuided;
+  Strategy strategy = Strategy::kGuard;
   int horizon = 0;  ///< 0: twice as many actions as the longest demonstration has.
-  /// 0: twice the largest entry demonstrated, so that actions that do half as much can be made up
-  /// for.
-  double action_limit = 0.0;
+  /// GuardSettings::action_limit. Empty: 1.5 times the largest demonstrated value of each entry, so
+  /// that actions that do two thirds as much can be made up for.
+  std::vector<double> action_limit = {};
   double false_alarms = 0.1;  ///< Demonstrations that may raise an alarm, in (0, 1).
   double confidence = 0.0;    ///< GuardSummary::confidence, in [0, 1).
   int folds = 5;              ///< Groups that demonstrations are left out in, >= 2.
@@ -151,12 +158,15 @@ class GuardModel {
 
   [[nodiscard]] const core::StateLayout& layout() const noexcept { return layout_; }
   [[nodiscard]] int state_dim() const noexcept { return layout_.state_dim(); }
-  [[nodiscard]] int action_dim() const noexcept { return recovery().model().control_dim(); }
+  [[nodiscard]] int action_dim() const noexcept { return actions_->dim(); }
+  /// What demonstrations show of each entry of an action.
+  [[nodiscard]] const ActionSpace& actions() const noexcept { return *actions_; }
   /// Time steps that have an estimate of their own; later ones use the last.
   [[nodiscard]] int num_steps() const noexcept { return recovery().support().num_steps(); }
   [[nodiscard]] const GuardSettings& settings() const noexcept { return settings_; }
   [[nodiscard]] const GuardSummary& summary() const noexcept { return summary_; }
   [[nodiscard]] const TaskModel& task() const noexcept { return *task_; }
+  /// Its controls are the steered entries of an action, in the units of actions().
   [[nodiscard]] const GuidedRecovery& recovery() const noexcept { return task_->guided(); }
   /// g_t of whole states, and its log form l_t.
   [[nodiscard]] const core::LogDecisionFunction& support() const noexcept {
@@ -190,10 +200,11 @@ class GuardModel {
 
  private:
   GuardModel() = default;
-  void Complete(core::StateLayout layout, std::shared_ptr<const TaskModel> task,
-                const GuardSettings& settings);
+  void Complete(core::StateLayout layout, std::shared_ptr<const ActionSpace> actions,
+                std::shared_ptr<const TaskModel> task, GuardSettings settings);
 
   core::StateLayout layout_;
+  std::shared_ptr<const ActionSpace> actions_;
   GuardSettings settings_;
   GuardSummary summary_;
   std::shared_ptr<const TaskModel> task_;

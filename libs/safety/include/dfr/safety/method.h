@@ -13,7 +13,8 @@ namespace dfr::safety {
 struct Method {
   enum class Kind {
     kSwitching,  ///< Algorithm 1, Baseline and early stopping included.
-    kGuided,     ///< Guided recovery.
+    kGuided,     ///< Guided recovery: demonstrations drive.
+    kGuard,      ///< The same with least_intervention: the policy drives.
     kOther,      ///< One of the caller's own names.
   };
   std::string name;
@@ -23,8 +24,9 @@ struct Method {
   std::string without = {};    ///< kGuided: what control::Without() takes out.
 };
 
-/// Parses "baseline", "early-stopping", "dfr", "dfr-fine", "guided", "guided-without-<part>" (parts
-/// of control::GuidedPartNames(), several joined by "+"), or one of `others`.
+/// Parses "baseline", "early-stopping", "dfr", "dfr-fine", "guard", "guided",
+/// "guided-without-<part>" (parts of control::GuidedPartNames(), several joined by "+"), or one of
+/// `others`.
 /// @throws std::invalid_argument naming what is unknown and what there is.
 [[nodiscard]] Method ParseMethod(std::string_view name,
                                  std::span<const std::string_view> others = {});
