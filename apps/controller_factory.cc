@@ -167,9 +167,13 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
   guided.horizon = horizon;
   guided.first_step = options.first_step;
   if (name.controller == kCertified) {
+    // Twice what demonstrations show, as in a guard.
     guided.certificate = {
-        .kind = control::CertificateKind::kRadius,
-        .gain = control::EstimateGain(support->guided().features(), demonstrations_).value};
+        .kind = control::CertificateKind::kDirection,
+        .direction_error =
+            2.0 * control::EstimateDirectionError(support->guided().features(), demonstrations_)
+                      .value +
+            1e-9};
   }
   return std::make_unique<control::GuidedPolicy>(policy, support->guided(), guided);
 }

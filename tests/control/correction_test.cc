@@ -82,7 +82,7 @@ TEST_F(CorrectionTest, WithoutDemonstrationsTheLearnedControlIsRaised) {
   const double level = RaiseLevel(local_, target_, limits_, expected);
   ASSERT_GE(level, 0.0);
   GuidedOptions certified;
-  certified.certificate = {CertificateKind::kRadius, 1.0};
+  certified.certificate = {CertificateKind::kDirection, 1.0};
   for (const GuidedOptions& options : {Without({}, "demonstrated"), certified}) {
     Eigen::VectorXd v = outwards_;
     const Choice choice = Choose(options, v);

@@ -11,10 +11,6 @@ const char* Name(CertificateKind kind) noexcept {
   switch (kind) {
     case CertificateKind::kNone:
       return "none";
-    case CertificateKind::kLipschitz:
-      return "certified-lipschitz";
-    case CertificateKind::kRadius:
-      return "certified-radius";
     case CertificateKind::kDirection:
       return "certified-direction";
   }

@@ -25,11 +25,6 @@ Certifier::Certifier(const Certificate& certificate, int num_features, int contr
       shift_(Eigen::VectorXd::Zero(num_features)),
       part_(Eigen::VectorXd::Zero(control_dim)),
       chosen_(Eigen::VectorXd::Zero(control_dim)) {
-  const bool by_gain = certificate.kind == CertificateKind::kLipschitz ||
-                       certificate.kind == CertificateKind::kRadius;
-  DFR_THROW_UNLESS(!by_gain || (certificate.gain > 0.0 && std::isfinite(certificate.gain)),
-                   Name(certificate.kind)
-                       << " needs a gain K that is positive and finite, not " << certificate.gain);
   DFR_THROW_UNLESS(
       certificate.kind != CertificateKind::kDirection ||
           (certificate.direction_error > 0.0 && std::isfinite(certificate.direction_error)),
@@ -77,38 +72,23 @@ Certifier::Need Certifier::Predict(const LocalModel& model, int phase,
 }
 
 double Certifier::Share(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept {
-  return predicts() && !v.isZero(0.0) && Predict(model, phase, v).met() ? 1.0
-                                                                        : Part(model, phase, v);
+  return active() && !v.isZero(0.0) && Predict(model, phase, v).met() ? 1.0 : Part(model, phase, v);
 }
 
 double Certifier::Part(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept {
   const double norm = v.norm() * control_unit_;
   if (!active() || norm == 0.0) return 1.0;
-  // Rounding must not carry a control that just passes over the bound.
-  constexpr double kInside = 1.0 - 1e-9;
   effect_.noalias() = model.answer.jacobian().lazyProduct(v);
   double best = 0.0;
   for (int q = std::max(0, phase - PhaseTracker::kWindow);
        q <= phase + PhaseTracker::kWindow && best < 1.0; ++q) {
-    double share = 0.0;
-    if (certificate_.kind == CertificateKind::kLipschitz) {
-      const double room =
-          (model.support.Decision(q, model.z) - model.support.FromLog(q, -certificate_.level)) /
-              model.support.lipschitz_bound(q) -
-          certificate_.state_error;
-      share = room / (certificate_.gain * norm) * kInside;
-    } else {
-      SafeBall ball =
-          ComputeSafeBall(model.support, q, model.z, AsSpan(shift_), certificate_.level);
-      ball.radius -= certificate_.state_error;
-      share = certificate_.kind == CertificateKind::kRadius
-                  ? ball.worst_radius() / (certificate_.gain * norm) * kInside
-                  : LargestShare(ball, AsSpan(shift_), AsSpan(effect_),
-                                 certificate_.direction_error * norm);
-    }
+    SafeBall ball = ComputeSafeBall(model.support, q, model.z, AsSpan(shift_), certificate_.level);
+    ball.radius -= certificate_.state_error;
+    const double share =
+        LargestShare(ball, AsSpan(shift_), AsSpan(effect_), certificate_.direction_error * norm);
     best = std::max(best, std::clamp(share, 0.0, 1.0));
   }
-  for (double share = 0.5; predicts() && share >= 0.25 && share > best; share /= 2.0) {
+  for (double share = 0.5; share >= 0.25 && share > best; share /= 2.0) {
     part_ = share * v;
     if (Check(model, phase + 1, part_).met()) best = share;
   }
@@ -138,7 +118,7 @@ Certifier::Admission Certifier::Admit(const LocalModel& model, JacobianEstimate&
   constexpr int kMaxStalls = 3;
   Admission admission{.mode = request.mode, .gets_on = request.mode != Mode::kProbe};
   if (!active()) return admission;
-  if (admission.gets_on && predicts()) {
+  if (admission.gets_on) {
     chosen_ = v;
     if (!Project(model, limits, request.phase + 1, v)) {
       // What demonstrations did nearby, as near to it as is certified.
@@ -174,9 +154,8 @@ bool Certifier::Confirms(int control, const Eigen::VectorXd& v, const Eigen::Vec
   // Rounding of the features is all that may come on top.
   constexpr double kRounding = 1e-9;
   const double norm = v.norm() * control_unit_;
-  const bool direction = certificate_.kind == CertificateKind::kDirection;
-  const double change = direction ? (dz - effect).norm() : dz.norm();
-  const double allowed = direction ? certificate_.direction_error : certificate_.gain;
+  const double change = (dz - effect).norm();
+  const double allowed = certificate_.direction_error;
   // Both states are observed ones.
   if (change <= allowed * norm * (1.0 + kRounding) + 2.0 * certificate_.state_error + kRounding) {
     return true;

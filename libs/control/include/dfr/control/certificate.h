@@ -8,22 +8,21 @@ namespace dfr::control {
 
 /// What a certified controller trusts, beyond "no B_t meets the constraints".
 enum class CertificateKind {
-  kNone,       ///< Nothing is certified.
-  kLipschitz,  ///< |dz| <= K |u|, and the Lipschitz constant of g: lambda = L K, as in Sec. IV-C.
-  kRadius,     ///< |dz| <= K |u|, and the ball of core::LogDecisionFunction::curvature_bound().
-  /// |dz - J u| <= eps |u|, and the ball around the predicted state z + J u, or the same ball as
-  /// kRadius: the better J is, the larger the steps that pass.
+  kNone,  ///< Nothing is certified.
+  /// |dz - J u| <= eps |u|, and the ball of core::LogDecisionFunction::curvature_bound() around the
+  /// state z, or around the predicted state z + J u: the better J is, the larger the steps that
+  /// pass.
   kDirection,
 };
 
-/// "none", "certified-lipschitz", "certified-radius", "certified-direction".
+/// "none", "certified-direction".
 [[nodiscard]] const char* Name(CertificateKind kind) noexcept;
 
-/// A kind of certificate with its constants, in feature units per unit of control.
+/// A kind of certificate with its constants.
 struct Certificate {
   CertificateKind kind = CertificateKind::kNone;
-  double gain = 0.0;             ///< K, > 0 for kLipschitz and kRadius.
-  double direction_error = 0.0;  ///< eps, > 0 for kDirection.
+  /// eps, in feature units per unit of control, > 0 for kDirection.
+  double direction_error = 0.0;
   /// eta >= 0: what is certified is that the next state is in B_t(eta) = {z : l_t(z) >= -eta} for
   /// some t near. What supervisors do is inside with a probability that eta decides; it must be
   /// known of B_t(eta) that it meets no constraint.

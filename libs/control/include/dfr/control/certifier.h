@@ -15,7 +15,7 @@ namespace dfr::control {
 /// How a certificate's assumption failed, at the first control where it was seen to.
 struct Violation {
   int control = -1;       ///< Number of the applied control, from 0; -1: none was seen.
-  double observed = 0.0;  ///< |dz| / |u|, or |dz - J u| / |u| ...
+  double observed = 0.0;  ///< |dz - J u| / |u| ...
   double allowed = 0.0;   ///< ... which was trusted to stay below this.
 };
 
@@ -35,11 +35,6 @@ class Certifier {
   void Reset() noexcept;
   /// eta: the state must be where some l_q >= -level().
   [[nodiscard]] double level() const noexcept { return certificate_.level; }
-  /// Whether controls are certified about the states that they are predicted to lead to, so that a
-  /// control which does not pass may be changed into one that does.
-  [[nodiscard]] bool predicts() const noexcept {
-    return certificate_.kind == CertificateKind::kDirection;
-  }
   /// What l_q(z + J v) must be for v to pass.
   struct Need {
     int phase = 0;         ///< q
@@ -47,7 +42,7 @@ class Certifier {
     double missing = 0.0;  ///< `level` less l_q(z + J v); what rounding may add counts.
     [[nodiscard]] bool met() const noexcept { return missing <= 0.0; }
   };
-  /// Whether l_q(z + J v + d) >= -eta for every |d| <= eps |u|, q = `phase`. Only where predicts().
+  /// Whether l_q(z + J v + d) >= -eta for every |d| <= eps |u|, q = `phase`.
   [[nodiscard]] Need Check(const LocalModel& model, int phase,
                            const Eigen::VectorXd& v) const noexcept;
   /// The same where model.Predict(phase, v) is known.
@@ -58,8 +53,8 @@ class Certifier {
   [[nodiscard]] Need Predict(const LocalModel& model, int phase,
                              const Eigen::VectorXd& v) const noexcept;
   /// A share s in [0, 1] for which the control s v provably ends inside B_q(eta), for some q with
-  /// |q - phase| <= PhaseTracker::kWindow: by the ball at z the largest, and where predicts(), 1, a
-  /// half or a quarter if that is more and passes Check() at the next phase.
+  /// |q - phase| <= PhaseTracker::kWindow: by the ball at z the largest, and 1, a half or a quarter
+  /// if that is more and passes Check() at the next phase.
   [[nodiscard]] double Share(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
   /// The same of a control that Check() has refused, which is not asked again.
   [[nodiscard]] double Part(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept;
@@ -75,9 +70,9 @@ class Certifier {
     Mode mode = Mode::kPolicy;
     bool gets_on = true;  ///< Whether it is meant for the next phase.
   };
-  /// Changes `v` until it provably ends inside B_q(eta) of a phase q near the present one. Where
-  /// predicts(), by RaiseLevel() towards the level that it needs, from what demonstrations did
-  /// nearby if need be; otherwise, and where that does not do, it is shrunk. Where next to nothing
+  /// Changes `v` until it provably ends inside B_q(eta) of a phase q near the present one. By
+  /// RaiseLevel() towards the level that it needs, from what demonstrations did nearby if need be;
+  /// where that does not do, it is shrunk. Where next to nothing
   /// of it is left, `v` becomes a recovery that makes all the room there is. Where not active(),
   /// every control passes.
   /// @param estimate  of J, computed last at the model's z.
