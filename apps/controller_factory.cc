@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "dfr/control/assumptions.h"
+#include "dfr/control/certified_policy.h"
 #include "dfr/control/finite_difference_recovery.h"
 #include "dfr/core/contract.h"
 
@@ -163,18 +164,19 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
             .first_step = options.first_step,
             .dfr = method.published_dfr ? control::DfrOptions{} : options.dfr});
   }
+  if (name.controller == kCertified) {
+    // Twice what demonstrations show, as in a guard.
+    const double error =
+        control::EstimateDirectionError(support->guided().features(), demonstrations_).value;
+    return std::make_unique<control::CertifiedPolicy>(
+        policy, support->guided(),
+        control::CertifiedOptions{.horizon = horizon,
+                                  .first_step = options.first_step,
+                                  .certificate = {.direction_error = 2.0 * error + 1e-9}});
+  }
   control::GuidedOptions guided = control::Without(options.guided, method.without);
   guided.horizon = horizon;
   guided.first_step = options.first_step;
-  if (name.controller == kCertified) {
-    // Twice what demonstrations show, as in a guard.
-    guided.certificate = {
-        .kind = control::CertificateKind::kDirection,
-        .direction_error =
-            2.0 * control::EstimateDirectionError(support->guided().features(), demonstrations_)
-                      .value +
-            1e-9};
-  }
   return std::make_unique<control::GuidedPolicy>(policy, support->guided(), guided);
 }
 

@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "dfr/control/certified_policy.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/folds.h"
 
@@ -110,8 +111,7 @@ bool Methods::Begins(std::span<const double> x) const {
 }
 
 control::Certificate Methods::certificate() const noexcept {
-  return {.kind = control::CertificateKind::kDirection,
-          .direction_error = direction_error_.value * options_.error_factor + 1e-9,
+  return {.direction_error = direction_error_.value * options_.error_factor + 1e-9,
           .level = options_.certified_level};
 }
 
@@ -124,10 +124,9 @@ std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
   }
   DFR_THROW_UNLESS(Split(method).policy.empty(),
                    "method '" << method << "': it runs around the learned policy only");
-  control::GuidedOptions guided = options_.guided;
-  guided.horizon = task_.horizon;
-  guided.certificate = certificate();
-  return std::make_unique<control::GuidedPolicy>(policy_, model_.guided().model(), guided);
+  return std::make_unique<control::CertifiedPolicy>(
+      policy_, model_.guided().model(),
+      control::CertifiedOptions{.horizon = task_.horizon, .certificate = certificate()});
 }
 
 }  // namespace dfr::apps::planar

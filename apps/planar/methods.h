@@ -12,6 +12,7 @@
 #include "apps/planar/polynomial_policy.h"
 #include "apps/planar/task.h"
 #include "dfr/control/assumptions.h"
+#include "dfr/control/certificate.h"
 #include "dfr/control/controller.h"
 #include "dfr/control/guided_policy.h"
 #include "dfr/kernel/time_varying_support.h"

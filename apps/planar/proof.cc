@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/control/certified_policy.h"
 #include "dfr/control/guided_model.h"
-#include "dfr/control/guided_policy.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
@@ -160,7 +160,7 @@ class Adversary final : public core::Policy {
   core::Random* random_;
 };
 
-// A plant that does its worst within |dz| <= K |u| or |dz - J u| <= eps |u|.
+// A plant that does its worst within |dz - J u| <= eps |u|.
 enum class Malice { kRandom, kAwayFromThePhase, kAwayFromAll };
 
 class World {
@@ -265,13 +265,10 @@ class World {
     return knowledge;
   }
 
-  [[nodiscard]] control::GuidedOptions Options() const {
-    control::GuidedOptions options;
-    options.horizon = 60;
-    options.certificate = {.kind = control::CertificateKind::kDirection,
-                           .direction_error = kError * options_.assumed,
-                           .state_error = options_.state_error};
-    return options;
+  [[nodiscard]] control::CertifiedOptions Options() const {
+    return {.horizon = 60,
+            .certificate = {.direction_error = kError * options_.assumed,
+                            .state_error = options_.state_error}};
   }
 
   ProofOptions options_;
@@ -282,7 +279,7 @@ class World {
   Mistaken seen_;
   control::GuidedModel model_;
   Adversary policy_;
-  control::GuidedPolicy controller_;
+  control::CertifiedPolicy controller_;
   int lost_;
 };
 

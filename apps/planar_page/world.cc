@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "dfr/control/assumptions.h"
-#include "dfr/control/guided_policy.h"
+#include "dfr/control/certified_policy.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/random.h"
@@ -327,12 +327,12 @@ struct World::Learned {
     if (planar_page::SupportOf(method) != Support::kCertified) {
       return model.MakeController(safety::ParseMethod(name), with, {.first_step = first_step});
     }
-    control::GuidedOptions options;
-    options.horizon = kHorizon;
-    options.first_step = first_step;
-    options.certificate.kind = control::CertificateKind::kDirection;
-    options.certificate.direction_error = certified->direction_error + 1e-9;
-    return std::make_unique<control::GuidedPolicy>(with, certified->guided.model(), options);
+    return std::make_unique<control::CertifiedPolicy>(
+        with, certified->guided.model(),
+        control::CertifiedOptions{
+            .horizon = kHorizon,
+            .first_step = first_step,
+            .certificate = {.direction_error = certified->direction_error + 1e-9}});
   }
 };
 

@@ -21,6 +21,7 @@
 #include <vector>
 
 #include "dfr/control/assumptions.h"
+#include "dfr/control/certified_policy.h"
 #include "dfr/control/guided_model.h"
 #include "dfr/control/guided_policy.h"
 #include "dfr/core/feature_transform.h"
@@ -207,11 +208,10 @@ void BM_Certified(benchmark::State& state) {
   const auto support = kernel::WhitenedSupport::Fit(points);
   const GuidedModel model(features, support, demonstrations);
   const Bold policy(world, random);
-  GuidedOptions options;
-  options.horizon = kHorizon;
-  options.certificate = {CertificateKind::kDirection,
-                         2.0 * EstimateDirectionError(features, demonstrations).value};
-  GuidedPolicy controller(policy, model, options);
+  CertifiedPolicy controller(
+      policy, model,
+      {.horizon = kHorizon,
+       .certificate = {2.0 * EstimateDirectionError(features, demonstrations).value}});
   Eigen::VectorXd x = world.Start(random);
   std::vector<double> u(kControlDim);
   std::vector<double> nanoseconds;

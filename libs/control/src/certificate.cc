@@ -7,16 +7,6 @@
 
 namespace dfr::control {
 
-const char* Name(CertificateKind kind) noexcept {
-  switch (kind) {
-    case CertificateKind::kNone:
-      return "none";
-    case CertificateKind::kDirection:
-      return "certified-direction";
-  }
-  return "unknown";
-}
-
 SafeBall ComputeSafeBall(const core::LogDecisionFunction& support, int t, std::span<const double> z,
                          std::span<double> shift, double level) noexcept {
   const double l = support.LogDecision(t, z, shift) + level;

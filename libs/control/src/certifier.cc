@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "dfr/control/certified_constants.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/contract.h"
 
@@ -25,11 +26,9 @@ Certifier::Certifier(const Certificate& certificate, int num_features, int contr
       shift_(Eigen::VectorXd::Zero(num_features)),
       part_(Eigen::VectorXd::Zero(control_dim)),
       chosen_(Eigen::VectorXd::Zero(control_dim)) {
-  DFR_THROW_UNLESS(
-      certificate.kind != CertificateKind::kDirection ||
-          (certificate.direction_error > 0.0 && std::isfinite(certificate.direction_error)),
-      "certified-direction needs an eps that is positive and finite, not "
-          << certificate.direction_error);
+  DFR_THROW_UNLESS(certificate.direction_error > 0.0 && std::isfinite(certificate.direction_error),
+                   "a certificate needs an eps that is positive and finite, not "
+                       << certificate.direction_error);
   DFR_THROW_UNLESS(
       certificate.level >= 0.0 && std::isfinite(certificate.level),
       "the level of a certificate must not be negative, and finite: " << certificate.level);
@@ -72,12 +71,12 @@ Certifier::Need Certifier::Predict(const LocalModel& model, int phase,
 }
 
 double Certifier::Share(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept {
-  return active() && !v.isZero(0.0) && Predict(model, phase, v).met() ? 1.0 : Part(model, phase, v);
+  return !v.isZero(0.0) && Predict(model, phase, v).met() ? 1.0 : Part(model, phase, v);
 }
 
 double Certifier::Part(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept {
   const double norm = v.norm() * control_unit_;
-  if (!active() || norm == 0.0) return 1.0;
+  if (norm == 0.0) return 1.0;
   effect_.noalias() = model.answer.jacobian().lazyProduct(v);
   double best = 0.0;
   for (int q = std::max(0, phase - PhaseTracker::kWindow);
@@ -88,7 +87,7 @@ double Certifier::Part(const LocalModel& model, int phase, const Eigen::VectorXd
         LargestShare(ball, AsSpan(shift_), AsSpan(effect_), certificate_.direction_error * norm);
     best = std::max(best, std::clamp(share, 0.0, 1.0));
   }
-  for (double share = 0.5; share >= 0.25 && share > best; share /= 2.0) {
+  for (double share = 0.5; share >= certified::kLeastPart && share > best; share /= 2.0) {
     part_ = share * v;
     if (Check(model, phase + 1, part_).met()) best = share;
   }
@@ -98,13 +97,12 @@ double Certifier::Part(const LocalModel& model, int phase, const Eigen::VectorXd
 // Changes `v` by the smallest steps that surely help until it provably ends inside `phase`.
 bool Certifier::Project(const LocalModel& model, const StepLimits& limits, int phase,
                         Eigen::VectorXd& v) const noexcept {
-  // The need is met a little later than it is computed: the slope of l differs where v leads to.
-  constexpr int kRounds = 3;
-  constexpr double kOvershoot = 0.02;
   PredictedLevel there = model.Predict(phase, v);
   Need need = Check(model, phase, v, there);
-  for (int round = 0; round < kRounds && !need.met(); ++round) {
-    if (RaiseLevel(model, {phase, need.level + kOvershoot}, limits, v, there) < need.level) break;
+  for (int round = 0; round < certified::kRounds && !need.met(); ++round) {
+    if (RaiseLevel(model, {phase, need.level + certified::kOvershoot}, limits, v, there) <
+        need.level)
+      break;
     need = Check(model, phase, v, there);
   }
   return need.met();
@@ -113,11 +111,7 @@ bool Certifier::Project(const LocalModel& model, const StepLimits& limits, int p
 Certifier::Admission Certifier::Admit(const LocalModel& model, JacobianEstimate& estimate,
                                       const StepLimits& limits, const Request& request,
                                       Eigen::VectorXd& v) noexcept {
-  // A control of which less than this share passes is a stall; so many in a row end it.
-  constexpr double kLeastShare = 0.02;
-  constexpr int kMaxStalls = 3;
   Admission admission{.mode = request.mode, .gets_on = request.mode != Mode::kProbe};
-  if (!active()) return admission;
   if (admission.gets_on) {
     chosen_ = v;
     if (!Project(model, limits, request.phase + 1, v)) {
@@ -134,7 +128,7 @@ Certifier::Admission Certifier::Admit(const LocalModel& model, JacobianEstimate&
   } else {
     admission.share = Share(model, request.phase, v);
   }
-  if (admission.share < kLeastShare) {
+  if (admission.share < certified::kLeastShare) {
     // So near to the boundary in this direction: make all the room there is first.
     v.setZero();
     static_cast<void>(
@@ -142,15 +136,14 @@ Certifier::Admission Certifier::Admit(const LocalModel& model, JacobianEstimate&
     admission = {
         .share = Share(model, request.phase, v), .mode = Mode::kRecovery, .gets_on = false};
   }
-  stalls_ = admission.share < kLeastShare || v.isZero() ? stalls_ + 1 : 0;
-  admission.any = stalls_ < kMaxStalls;
+  stalls_ = admission.share < certified::kLeastShare || v.isZero() ? stalls_ + 1 : 0;
+  admission.any = stalls_ < certified::kMaxStalls;
   v *= admission.share;
   return admission;
 }
 
 bool Certifier::Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,
                          const Eigen::VectorXd& dz) noexcept {
-  if (!active()) return true;
   // Rounding of the features is all that may come on top.
   constexpr double kRounding = 1e-9;
   const double norm = v.norm() * control_unit_;

@@ -3,18 +3,13 @@
 #include <algorithm>
 #include <limits>
 
+#include "dfr/control/guided_constants.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-// Largest eigenvalue of A^-1 beyond which a direction of control counts as unknown: a fifth of an
-// ordinary control's measurement.
-constexpr double kUnknown = 5.0;
-// A support from so few demonstrations that others are further outside than this does not know the
-// task, whatever their slack.
-constexpr double kMostReach = 0.8;
 // Inside, whatever rounding does.
 constexpr double kInside = 1e-6;
 
@@ -23,11 +18,10 @@ constexpr double kInside = 1e-6;
 Correction::Correction(const GuidedModel& model, const GuidedOptions& options)
     : model_(&model),
       limits_(Limits(options, model.control_unit())),
-      reach_(std::min(options.reach * model.slack(), kMostReach)),
+      reach_(std::min(options.reach * model.slack(), guided::kMostReach)),
       tolerance_(options.tolerance),
       probe_size_(options.probe_size),
-      // A certificate shrinks what leads outside until nothing is left.
-      demonstrates_(options.demonstrated && options.certificate.kind == CertificateKind::kNone),
+      demonstrates_(options.demonstrated),
       drifts_(options.drift_time.rest > 0.0 || options.drift_time.travel > 0.0),
       trial_(Eigen::VectorXd::Zero(model.control_dim())),
       demonstrated_(Eigen::VectorXd::Zero(model.control_dim())) {}
@@ -77,7 +71,8 @@ bool Correction::Probe(JacobianEstimate& estimate, const LocalModel& model,
                        const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept {
   // What is predicted inside is worth no probe, unless the prediction needs to know a drift.
   if (probe_size_ == 0.0 || level >= (drifts_ ? target.level : 0.0) ||
-      estimate.Ignorance() <= kUnknown || estimate.LeastKnown(core::AsSpan(trial_)) <= kUnknown) {
+      estimate.Ignorance() <= guided::kUnknown ||
+      estimate.LeastKnown(core::AsSpan(trial_)) <= guided::kUnknown) {
     return false;
   }
   v = (probe_size_ * trial_).cwiseMax(-limits_.control).cwiseMin(limits_.control);

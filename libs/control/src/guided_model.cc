@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "dfr/control/jacobian_estimate.h"
+#include "dfr/control/support_step.h"
 #include "dfr/core/contract.h"
 
 namespace dfr::control {
@@ -159,6 +160,19 @@ GuidedModel GuidedModel::Load(core::ArchiveReader& archive, core::FeatureTransfo
                  " features, there are " + std::to_string(model.features_.num_features()));
   }
   return model;
+}
+
+void CheckFits(const core::Policy& policy, const GuidedModel& model) {
+  DFR_THROW_UNLESS(policy.state_dim() == model.features().state_dim(),
+                   "the policy takes states of " << policy.state_dim() << " entries, the features "
+                                                 << model.features().state_dim());
+  DFR_THROW_UNLESS(policy.control_dim() == model.control_dim(),
+                   "the policy gives " << policy.control_dim()
+                                       << " control entries, demonstrations "
+                                       << model.control_dim());
+  DFR_THROW_UNLESS(
+      std::max(model.features().num_features(), model.control_dim()) <= kMaxStepEntries,
+      "guided recovery takes at most " << kMaxStepEntries << " features and control entries");
 }
 
 double GuidedModel::Clamped(const std::vector<double>& values, int t) noexcept {

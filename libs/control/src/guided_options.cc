@@ -66,15 +66,8 @@ void Check(const GuidedOptions& options) {
   DFR_THROW_UNLESS(options.reach >= 0.0, "reach must not be negative: " << options.reach);
   DFR_THROW_UNLESS(options.tolerance >= 0.0,
                    "tolerance must not be negative: " << options.tolerance);
-  DFR_THROW_UNLESS(options.certificate.kind == CertificateKind::kNone || options.tolerance == 0.0,
-                   Name(options.certificate.kind) << " tolerates nothing: tolerance must be zero");
   DFR_THROW_UNLESS(options.online_weight >= 0.0,
                    "online_weight must not be negative: " << options.online_weight);
-  DFR_THROW_UNLESS(
-      options.certificate.kind == CertificateKind::kNone ||
-          (options.drift_time.rest == 0.0 && options.drift_time.travel == 0.0),
-      Name(options.certificate.kind)
-          << " holds only where nothing else moves the world: drift_time must be zero");
 }
 
 }  // namespace dfr::control

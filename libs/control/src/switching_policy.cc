@@ -15,12 +15,6 @@ double Norm(std::span<const double> v) noexcept {
   return std::sqrt(std::inner_product(v.begin(), v.end(), v.begin(), 0.0));
 }
 
-Step Halt(Step step, HaltCause cause) noexcept {
-  step.mode = Mode::kHalt;
-  step.cause = cause;
-  return step;
-}
-
 // Names no strategy, so that none is made from options that do not count.
 SwitchingPolicyOptions WithoutStrategy(SwitchingPolicyOptions options) {
   options.recovery = Recovery::kEarlyStopping;
@@ -98,11 +92,11 @@ Step SwitchingPolicy::DoNext(std::span<const double> x, std::span<double> u) noe
   if (probing_) {
     step.g = support_->Decision(t_, x);
     step.threshold = threshold_;
-    if (!std::isfinite(step.g)) return Halt(step, HaltCause::kSupportInvalid);
+    if (!std::isfinite(step.g)) return Halted(step, HaltCause::kSupportInvalid);
     return Recover(step, x, u);
   }
 
-  if (t_ >= options_.horizon) return Halt(step, HaltCause::kTimeUp);
+  if (t_ >= options_.horizon) return Halted(step, HaltCause::kTimeUp);
   policy_->Control(t_, x, u);
   if (options_.recovery == Recovery::kNone) {
     step.mode = Mode::kPolicy;
@@ -113,8 +107,8 @@ Step SwitchingPolicy::DoNext(std::span<const double> x, std::span<double> u) noe
   step.g = support_->Decision(t_, x);
   threshold_ = lambda(t_) * Norm(u);
   step.threshold = threshold_;
-  if (!std::isfinite(threshold_)) return Halt(step, HaltCause::kControlInvalid);
-  if (!std::isfinite(step.g)) return Halt(step, HaltCause::kSupportInvalid);
+  if (!std::isfinite(threshold_)) return Halted(step, HaltCause::kControlInvalid);
+  if (!std::isfinite(step.g)) return Halted(step, HaltCause::kSupportInvalid);
   if (step.g > threshold_) {
     step.mode = Mode::kPolicy;
     step.iteration = 0;
@@ -122,15 +116,15 @@ Step SwitchingPolicy::DoNext(std::span<const double> x, std::span<double> u) noe
     ++t_;
     return step;
   }
-  if (step.g <= 0.0) return Halt(step, HaltCause::kOutsideSupport);
-  if (strategy_ == nullptr) return Halt(step, HaltCause::kEarlyStopping);
-  if (iteration_ >= options_.max_iterations) return Halt(step, HaltCause::kIterationLimit);
+  if (step.g <= 0.0) return Halted(step, HaltCause::kOutsideSupport);
+  if (strategy_ == nullptr) return Halted(step, HaltCause::kEarlyStopping);
+  if (iteration_ >= options_.max_iterations) return Halted(step, HaltCause::kIterationLimit);
   return Recover(step, x, u);
 }
 
 Step SwitchingPolicy::Recover(Step step, std::span<const double> x, std::span<double> u) noexcept {
   step.mode = strategy_->Next({t_, iteration_, x, step.g, lambda(t_)}, u);
-  if (step.mode == Mode::kHalt) return Halt(step, HaltCause::kNoDirection);
+  if (step.mode == Mode::kHalt) return Halted(step, HaltCause::kNoDirection);
   probing_ = step.mode == Mode::kProbe;
   if (!probing_) ++iteration_;
   return step;

@@ -279,8 +279,7 @@ control::Certificate GuardModel::certificate() const {
                    "direction_error");
   DFR_THROW_UNLESS(!recovery().single_precision(),
                    "a certificate is to hold to the last digit: fit the guard in double precision");
-  return {.kind = control::CertificateKind::kDirection,
-          .direction_error = settings_.direction_error,
+  return {.direction_error = settings_.direction_error,
           .level = std::max(0.0, settings_.alarm_level)};
 }
 

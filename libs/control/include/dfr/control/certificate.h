@@ -6,23 +6,12 @@
 
 namespace dfr::control {
 
-/// What a certified controller trusts, beyond "no B_t meets the constraints".
-enum class CertificateKind {
-  kNone,  ///< Nothing is certified.
-  /// |dz - J u| <= eps |u|, and the ball of core::LogDecisionFunction::curvature_bound() around the
-  /// state z, or around the predicted state z + J u: the better J is, the larger the steps that
-  /// pass.
-  kDirection,
-};
-
-/// "none", "certified-direction".
-[[nodiscard]] const char* Name(CertificateKind kind) noexcept;
-
-/// A kind of certificate with its constants.
+/// What a certified controller trusts, beyond "no B_t meets the constraints": |dz - J u| <= eps
+/// |u|. With the ball of core::LogDecisionFunction::curvature_bound() around the state z, or around
+/// the predicted state z + J u, that says where the next state is: the better J is, the larger the
+/// steps that pass.
 struct Certificate {
-  CertificateKind kind = CertificateKind::kNone;
-  /// eps, in feature units per unit of control, > 0 for kDirection.
-  double direction_error = 0.0;
+  double direction_error = 0.0;  ///< eps > 0, in feature units per unit of control.
   /// eta >= 0: what is certified is that the next state is in B_t(eta) = {z : l_t(z) >= -eta} for
   /// some t near. What supervisors do is inside with a probability that eta decides; it must be
   /// known of B_t(eta) that it meets no constraint.

@@ -25,12 +25,11 @@ struct Violation {
 class Certifier {
  public:
   /// @param control_unit  |u| = control_unit |v|.
-  /// @throws std::invalid_argument if the certificate's constant is not positive and finite, or its
-  ///   level is negative or not finite.
+  /// @throws std::invalid_argument if eps is not positive and finite, or the level or the state
+  /// error is
+  ///   negative or not finite.
   Certifier(const Certificate& certificate, int num_features, int control_dim, double control_unit);
 
-  /// Off: every control passes, nothing is claimed.
-  [[nodiscard]] bool active() const noexcept { return certificate_.kind != CertificateKind::kNone; }
   /// Starts an episode.
   void Reset() noexcept;
   /// eta: the state must be where some l_q >= -level().
@@ -70,11 +69,10 @@ class Certifier {
     Mode mode = Mode::kPolicy;
     bool gets_on = true;  ///< Whether it is meant for the next phase.
   };
-  /// Changes `v` until it provably ends inside B_q(eta) of a phase q near the present one. By
+  /// Changes `v` until it provably ends inside B_q(eta) of a phase q near the present one: by
   /// RaiseLevel() towards the level that it needs, from what demonstrations did nearby if need be;
-  /// where that does not do, it is shrunk. Where next to nothing
-  /// of it is left, `v` becomes a recovery that makes all the room there is. Where not active(),
-  /// every control passes.
+  /// where that does not do, it is shrunk. Where next to nothing of it is left, `v` becomes a
+  /// recovery that makes all the room there is.
   /// @param estimate  of J, computed last at the model's z.
   [[nodiscard]] Admission Admit(const LocalModel& model, JacobianEstimate& estimate,
                                 const StepLimits& limits, const Request& request,

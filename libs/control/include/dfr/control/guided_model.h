@@ -9,6 +9,7 @@
 #include "dfr/core/archive.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/feature_transform.h"
+#include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
 
 namespace dfr::control {
@@ -58,8 +59,7 @@ class GuidedModel {
 
   /// hi_t, the level of l_t at which there is nothing to do, >= 0.
   [[nodiscard]] double gate_level(int t) const noexcept { return Clamped(gate_, t); }
-  /// The median of l_t over demonstrated states, in place of hi_t with a certificate: every bit of
-  /// depth costs it controls.
+  /// The median of l_t over demonstrated states, >= 0.
   [[nodiscard]] double median_level(int t) const noexcept { return Clamped(median_, t); }
   /// GuidedModelOptions::slack
   [[nodiscard]] double slack() const noexcept { return slack_; }
@@ -87,5 +87,9 @@ class GuidedModel {
   double control_unit_ = 1.0;
   bool own_motion_ = false;
 };
+
+/// @throws std::invalid_argument if the sizes of a policy are not those of the model, or there are
+///   more than kMaxStepEntries features or control entries.
+void CheckFits(const core::Policy& policy, const GuidedModel& model);
 
 }  // namespace dfr::control

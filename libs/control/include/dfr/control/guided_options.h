@@ -3,7 +3,6 @@
 #include <span>
 #include <string_view>
 
-#include "dfr/control/certificate.h"
 #include "dfr/control/jacobian_estimate.h"
 #include "dfr/control/support_step.h"
 
@@ -18,9 +17,7 @@ struct GuidedOptions {
   int max_controls = 1200;     ///< In an episode, of any kind, > 0.
   double control_limit = 1.0;  ///< Each entry of an applied control is within +- this.
   /// Where something else moves the world: the time that controls take, |v| = 1 an ordinary one.
-  /// Not with a certificate, which holds only where nothing else does.
   DriftTime drift_time = {};
-  Certificate certificate = {};
 
   /// Gradients of l in one step, >= 0. Fewer decide faster and reach less where the learned control
   /// is far off; 0 changes nothing and leaves the learned control alone.
@@ -32,8 +29,7 @@ struct GuidedOptions {
   /// HaltRule::patience. More completes little and collides more.
   int patience = 12;
   /// The learned control passes as it is while it is predicted to end no further outside than this,
-  /// >= 0. More harms less and saves less; 0 is for policies that are not to be trusted. Not with a
-  /// certificate.
+  /// >= 0. More harms less and saves less; 0 is for policies that are not to be trusted.
   double tolerance = 0.0;
   /// Size of a probe, >= 0: above the noise of observations and what drifts meanwhile, below what a
   /// wrong direction may cost. 0: directions of control that nobody has used stay unknown.
@@ -42,13 +38,13 @@ struct GuidedOptions {
   /// demonstrations' (in JacobianOptions), >= 0. 0: J is the demonstrations' alone.
   double online_weight = 1.0;
   /// Not to be tuned. Whether what demonstrations did nearby is tried before the learned control is
-  /// changed. Not with a certificate.
+  /// changed.
   bool demonstrated = true;
   /// Not to be tuned. Whether features may move by themselves, where demonstrations say so
-  /// (GuidedModel::own_motion()). Not with a certificate.
+  /// (GuidedModel::own_motion()).
   bool own_motion = true;
   /// Not to be tuned. Whether late effects are found and noise in what is seen is smoothed
-  /// (StateObserver). Not with a certificate.
+  /// (StateObserver).
   bool observer = true;
 };
 
@@ -61,8 +57,7 @@ struct GuidedOptions {
 [[nodiscard]] GuidedOptions Without(GuidedOptions options, std::string_view parts);
 /// What its controls have to respect, |u| = control_unit |v|.
 [[nodiscard]] StepLimits Limits(const GuidedOptions& options, double control_unit) noexcept;
-/// @throws std::invalid_argument naming the option that is out of range, or that a certificate does
-///   not go with.
+/// @throws std::invalid_argument naming the option that is out of range.
 void Check(const GuidedOptions& options);
 
 }  // namespace dfr::control

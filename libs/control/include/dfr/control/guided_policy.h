@@ -3,7 +3,6 @@
 #include <cstdint>
 #include <span>
 
-#include "dfr/control/certifier.h"
 #include "dfr/control/controller.h"
 #include "dfr/control/correction.h"
 #include "dfr/control/guided_model.h"
@@ -43,17 +42,6 @@ namespace dfr::control {
 /// A step is a recovery, Mode::kRecovery, where z'(v_hat) is outside B_{tau+1} and v does not come
 /// from v_hat. Otherwise it is Step::filtered where v is not v_hat.
 ///
-/// With a certificate there is no v_d in 2 and 3, and hi is GuidedModel::median_level. Every
-/// applied control is changed or shrunk until it provably ends inside a B_q with |q - tau| <=
-/// PhaseTracker::kWindow. kDirection changes it first, by RaiseLevel() towards the level that it
-/// needs, from the demonstrated control if need be. The phase is one whose l_q >= -eta, for time
-/// advances only into supports that the state is in. Where next to nothing of a control passes, a
-/// recovery climbs l_tau from v = 0. A shrunk learned control consumes its share of a time step.
-/// Outside the support nothing is certified: the controller halts, kOutsideSupport. A certificate
-/// assumes that controls act at once and alone, and that states are what is seen: own motion and
-/// the observer are left out. After each control the assumption is compared with what happened;
-/// kViolated halts on the first contradiction, see violation(). docs/certificates.md has the proof.
-///
 /// docs/recovery.md derives all this. Next() neither allocates nor locks.
 class GuidedPolicy final : public Controller {
  public:
@@ -65,22 +53,15 @@ class GuidedPolicy final : public Controller {
   [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return policy_->control_dim(); }
 
-  [[nodiscard]] const Violation& violation() const noexcept { return certifier_.violation(); }
-  /// J of the last Next() that needed one (with a certificate: of the last), in features per
-  /// GuidedModel::control_unit().
+  /// J of the last Next() that needed one, in features per GuidedModel::control_unit().
   [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return estimate_.jacobian(); }
 
  private:
   void DoReset(std::uint64_t seed) noexcept override;
   [[nodiscard]] Step DoNext(std::span<const double> x, std::span<double> u) noexcept override;
 
-  /// hi of a phase.
-  [[nodiscard]] double Gate(int phase) const noexcept {
-    return certifier_.active() ? model_->median_level(phase) : model_->gate_level(phase);
-  }
   [[nodiscard]] bool DeepInside(double level) const noexcept;
   void Advance(double level) noexcept;
-  [[nodiscard]] bool Certify(Step& step) noexcept;
 
   const core::Policy* policy_;
   const GuidedModel* model_;
@@ -91,14 +72,12 @@ class GuidedPolicy final : public Controller {
   StateObserver observer_;
   Correction correction_;
   PhaseTracker tracker_;
-  Certifier certifier_;
 
   Progress progress_;
   Eigen::VectorXd z_;
   Eigen::VectorXd v_;  ///< The control that is applied, from then on the one applied last.
   Eigen::VectorXd seen_;
   Eigen::VectorXd last_seen_;
-  Eigen::VectorXd effect_;  ///< J v of the control applied last, with a certificate.
   Eigen::VectorXd dz_;
   Eigen::VectorXd learned_;
 };

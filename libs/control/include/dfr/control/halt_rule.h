@@ -6,7 +6,7 @@ namespace dfr::control {
 
 /// How far an episode has come.
 struct Progress {
-  double time = 0.0;  ///< Time steps used up: the phase, or shares of certified controls.
+  double time = 0.0;  ///< Time steps used up, also in parts.
   int controls = 0;   ///< Applied controls of any kind.
   int waited = 0;     ///< Controls since the phase last advanced.
 };
