@@ -4,10 +4,10 @@
 #include <array>
 #include <utility>
 
-#include "dfr/control/assumptions.h"
-#include "dfr/control/certified_policy.h"
-#include "dfr/control/finite_difference_recovery.h"
+#include "dfr/control/certified/assumptions.h"
+#include "dfr/control/certified/certified_policy.h"
 #include "dfr/core/contract.h"
+#include "dfr/experiment/finite_difference_recovery.h"
 
 namespace dfr::apps {
 namespace {
@@ -139,7 +139,7 @@ std::unique_ptr<control::Controller> ControllerFactory::Make(
     DFR_THROW_UNLESS(plant != nullptr, "oracles need the plant they drive");
     controller = Split(method).controller == kTrueJacobian
                      ? MakeTrueJacobianFilter(*task_, policy, *plant, horizon)
-                     : task_->MakeController(std::make_unique<control::FiniteDifferenceRecovery>(
+                     : task_->MakeController(std::make_unique<experiment::FiniteDifferenceRecovery>(
                                                  *plant, task_->support()),
                                              policy, options);
   }

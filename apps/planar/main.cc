@@ -20,7 +20,7 @@
 #include "apps/planar/evaluation.h"
 #include "apps/planar/picture.h"
 #include "apps/planar/proof.h"
-#include "dfr/control/certifier.h"
+#include "dfr/control/certified/certifier.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/command_line.h"
 #include "dfr/experiment/intervals.h"

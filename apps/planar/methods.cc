@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "dfr/control/certified_policy.h"
+#include "dfr/control/certified/certified_policy.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/folds.h"
 

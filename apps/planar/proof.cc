@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/certified_policy.h"
-#include "dfr/control/guided_model.h"
+#include "dfr/control/certified/certified_policy.h"
+#include "dfr/control/guided/guided_model.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"

@@ -6,8 +6,8 @@
 #include <limits>
 #include <utility>
 
-#include "dfr/control/assumptions.h"
-#include "dfr/control/certified_policy.h"
+#include "dfr/control/certified/assumptions.h"
+#include "dfr/control/certified/certified_policy.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/random.h"

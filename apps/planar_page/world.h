@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "apps/planar/polynomial_policy.h"
-#include "dfr/control/certificate.h"
+#include "dfr/control/certified/certificate.h"
 #include "dfr/control/controller.h"
 #include "dfr/core/plant.h"
 #include "dfr/core/policy.h"

@@ -20,10 +20,10 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/assumptions.h"
-#include "dfr/control/certified_policy.h"
-#include "dfr/control/guided_model.h"
-#include "dfr/control/guided_policy.h"
+#include "dfr/control/certified/assumptions.h"
+#include "dfr/control/certified/certified_policy.h"
+#include "dfr/control/guided/guided_model.h"
+#include "dfr/control/guided/guided_policy.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"

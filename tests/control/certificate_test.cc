@@ -1,4 +1,4 @@
-#include "dfr/control/certificate.h"
+#include "dfr/control/certified/certificate.h"
 
 #include <gtest/gtest.h>
 

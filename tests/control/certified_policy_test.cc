@@ -1,4 +1,4 @@
-#include "dfr/control/certified_policy.h"
+#include "dfr/control/certified/certified_policy.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/control/switching_policy.h"
+#include "dfr/control/published/switching_policy.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
 #include "tests/support/message_of.h"

@@ -1,4 +1,4 @@
-#include "dfr/control/certifier.h"
+#include "dfr/control/certified/certifier.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "dfr/control/correction.h"
+#include "dfr/control/guided/correction.h"
 
 #include <gtest/gtest.h>
 

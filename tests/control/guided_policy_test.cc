@@ -1,4 +1,4 @@
-#include "dfr/control/guided_policy.h"
+#include "dfr/control/guided/guided_policy.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/control/published/switching_policy.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
 #include "tests/support/no_alloc.h"

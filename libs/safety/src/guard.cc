@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/certified_policy.h"
+#include "dfr/control/certified/certified_policy.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/policy.h"
 

@@ -10,7 +10,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "dfr/control/certifier.h"
+#include "dfr/control/certified/certifier.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/archive.h"

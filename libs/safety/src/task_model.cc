@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "dfr/control/lambda.h"
+#include "dfr/control/published/lambda.h"
 #include "dfr/core/contract.h"
 #include "state_decision.h"
 
