@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "apps/policies.h"
-#include "dfr/control/lambda.h"
+#include "dfr/control/published/lambda.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/quantile.h"

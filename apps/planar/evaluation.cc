@@ -52,11 +52,7 @@ class PlanarTrialRunner final : public experiment::RolloutRunner {
   }
 
  private:
-  bool Inside(std::span<const double> x) const override {
-    return methods_.raw_support().Decision(0, x) >= 0.0 &&
-           methods_.Level(SupportKind::kGuided, 0, x) >= 0.0 &&
-           methods_.Level(SupportKind::kCertified, 0, x) >= 0.0;
-  }
+  bool Inside(std::span<const double> x) const override { return methods_.Begins(x); }
 
   std::string CauseOf(const control::RolloutResult& result) const override {
     const bool filtered = result.last_step.filtered;
@@ -108,9 +104,8 @@ std::vector<PlanarResult> RunVariants(const std::string& name,
       {"task", first.task},
       {"gamma", Exactly(methods.gamma)},
       {"raw gamma", Exactly(methods.raw_gamma)},
-      {"certified gamma", Exactly(methods.certified_gamma)},
       {"certified level", Exactly(methods.certified_level)},
-      {"factor", Exactly(methods.gain_factor)}};
+      {"factor", Exactly(methods.error_factor)}};
   const auto found = experiment::RunExperiment(name, plan, make, settings, first.run);
   std::vector<PlanarResult> results;
   if (!found) return results;

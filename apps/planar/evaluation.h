@@ -6,8 +6,8 @@
 
 #include "apps/planar/methods.h"
 #include "apps/planar/task.h"
-#include "dfr/control/disturbed_plant.h"
 #include "dfr/control/rollout.h"
+#include "dfr/experiment/disturbed_plant.h"
 #include "dfr/experiment/experiment.h"
 
 namespace dfr::apps::planar {
@@ -18,8 +18,8 @@ struct PlanarStudy {
   std::string task = "corridor";
   experiment::EvaluationPlan plan;
   MethodOptions methods;
-  control::DisturbanceOptions disturbance;  ///< At test time; demonstrations are undisturbed.
-  experiment::ExperimentOptions run;        ///< Folder, shard and threads of it.
+  experiment::DisturbanceOptions disturbance;  ///< At test time; demonstrations are undisturbed.
+  experiment::ExperimentOptions run;           ///< Folder, shard and threads of it.
 };
 
 struct PlanarResult {

@@ -92,8 +92,8 @@ class Runner final : public experiment::RolloutRunner {
   }
 
  private:
-  static control::DisturbanceOptions WithNoise(const Condition& condition, const Task& task) {
-    control::DisturbanceOptions disturbance = condition.disturbance;
+  static experiment::DisturbanceOptions WithNoise(const Condition& condition, const Task& task) {
+    experiment::DisturbanceOptions disturbance = condition.disturbance;
     disturbance.observation_noise = condition.noise * task.length;
     return disturbance;
   }

@@ -8,8 +8,8 @@
 
 #include "apps/learned_model.h"
 #include "apps/rollout_video.h"
-#include "dfr/control/disturbed_plant.h"
 #include "dfr/core/plant.h"
+#include "dfr/experiment/disturbed_plant.h"
 #include "dfr/safety/task_model.h"
 
 namespace dfr::apps::stress {
@@ -51,7 +51,7 @@ struct Task {
 struct Condition {
   std::string name;
   std::string variant = {};  ///< Runs where a task has that variant.
-  control::DisturbanceOptions disturbance = {};
+  experiment::DisturbanceOptions disturbance = {};
   double noise = 0.0;  ///< Standard deviation in observations, in Task::length.
 };
 

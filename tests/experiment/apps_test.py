@@ -17,7 +17,7 @@ PROGRAM = pathlib.Path(sys.argv.pop()).resolve()
 # of that one.
 RUNS = {
     "planar": [
-        ("experiment", "--trials 4 --episodes 3 --demonstrations 20 --methods baseline,guided,certified-radius "
+        ("experiment", "--trials 4 --episodes 3 --demonstrations 20 --methods baseline,guided,certified-direction "
          "--certified-level 0.1 --factor 1.2 --seed 3", "--certified-level=0.2", "settings.certified level"),
         ("drift", "--trials 1 --episodes 2 --demonstrations 12 --methods baseline,guided --gamma 0.3 --task push",
          "--gamma=0.4", "settings.gamma"),

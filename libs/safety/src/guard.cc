@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/control/certified/certified_policy.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/policy.h"
 
@@ -55,13 +56,13 @@ Method MethodOf(Strategy strategy) {
     case Strategy::kGuard:
       return {.name = "guard", .kind = Method::Kind::kGuard};
     case Strategy::kController:
-    case Strategy::kCertified:
       return {.name = "guided", .kind = Method::Kind::kGuided};
     case Strategy::kDfr:
       return {.name = "dfr", .recovery = control::Recovery::kDfr};
     case Strategy::kEarlyStopping:
       return {.name = "early-stopping", .recovery = control::Recovery::kEarlyStopping};
     case Strategy::kMonitor:
+    case Strategy::kCertified:  // Not a method of a task model.
       break;
   }
   return {.name = "baseline"};
@@ -70,19 +71,27 @@ Method MethodOf(Strategy strategy) {
 // Whether the controller sees the steered entries alone, in the units of the model's actions().
 bool Steers(const GuardModel& model, const control::RecoveryStrategy* strategy) {
   return strategy == nullptr &&
-         MethodOf(model.settings().strategy).kind != Method::Kind::kSwitching;
+         (model.settings().strategy == Strategy::kCertified ||
+          MethodOf(model.settings().strategy).kind != Method::Kind::kSwitching);
 }
 
 std::unique_ptr<control::Controller> MakeController(
     const Proposal& proposal, const GuardModel& model,
     std::unique_ptr<control::RecoveryStrategy> strategy) {
   const GuardSettings& settings = model.settings();
+  if (strategy == nullptr && settings.strategy == Strategy::kCertified) {
+    const TaskModel& task = model.task();
+    return std::make_unique<control::CertifiedPolicy>(
+        proposal, task.guided().model(),
+        control::CertifiedOptions{
+            .horizon = settings.horizon != 0 ? settings.horizon : task.horizon(),
+            .max_controls = settings.max_actions,
+            .control_limit = model.actions().MeasuredLimits(settings.action_limit),
+            .certificate = model.certificate()});
+  }
   ControllerOptions options{.horizon = settings.horizon};
   options.guided.max_controls = settings.max_actions;
   options.guided.control_limit = model.actions().MeasuredLimits(settings.action_limit);
-  if (strategy == nullptr && settings.strategy == Strategy::kCertified) {
-    options.guided.certificate = model.certificate();
-  }
   return strategy != nullptr
              ? model.task().MakeController(std::move(strategy), proposal, options)
              : model.task().MakeController(MethodOf(settings.strategy), proposal, options);
