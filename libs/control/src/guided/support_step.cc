@@ -4,6 +4,7 @@
 #include <cassert>
 #include <cmath>
 
+#include "dfr/control/guided/constants.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {
@@ -42,8 +43,6 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
 
 double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
                   Eigen::VectorXd& v, PredictedLevel& there) noexcept {
-  // Less than this changes nothing that is decided by a level.
-  constexpr double kLeastGain = 1e-3;
   const Eigen::MatrixXd& j = model.answer.jacobian();
   const auto n = static_cast<Eigen::Index>(model.z.size());
   assert(n <= kMaxStepEntries && v.size() <= kMaxStepEntries && there.gradient.size() == n);
@@ -69,7 +68,7 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
     const double best = slope / (2.0 * bend);
     const double gain = slope * best / 2.0;
     const double missing = target.level - there.level;
-    if (!(gain >= std::min(kLeastGain, missing))) break;
+    if (!(gain >= std::min(guided::kLeastGain, missing))) break;
     // Where the level is nearer than `best`, in the form that neither cancels nor needs a
     // curvature.
     const double step =
@@ -86,7 +85,7 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
     const double gained = reached - there.level;
     there.level = reached;
     there.gradient.swap(next_gradient);
-    if (gained < kLeastGain) break;
+    if (gained < guided::kLeastGain) break;
   }
   return there.level;
 }
