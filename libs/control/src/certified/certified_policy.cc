@@ -83,7 +83,7 @@ Step CertifiedPolicy::DoNext(std::span<const double> x, std::span<double> u) noe
   learned_ = core::AsVector(std::span<const double>(u)) / model_->control_unit();
   if (!learned_.allFinite()) return Halted(step, HaltCause::kControlInvalid);
   const double asked = learned_.squaredNorm();
-  learned_ = learned_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
+  limits_.Limit(learned_);
   const bool within = learned_.squaredNorm() == asked;
   v_ = learned_;
   estimate_.Compute(step.t, AsSpan(z_));
@@ -120,7 +120,8 @@ bool CertifiedPolicy::Probe(const LocalModel& model, int phase) noexcept {
       estimate_.LeastKnown(AsSpan(trial_)) <= guided::kUnknown) {
     return false;
   }
-  v_ = (probe_size_ * trial_).cwiseMax(-limits_.control).cwiseMin(limits_.control);
+  v_ = probe_size_ * trial_;
+  limits_.Limit(v_);
   trial_ = -v_;
   if (model.Level(phase, trial_) > model.Level(phase, v_)) v_ = trial_;
   return true;

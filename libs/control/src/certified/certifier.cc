@@ -117,7 +117,7 @@ Certifier::Admission Certifier::Admit(const LocalModel& model, JacobianEstimate&
     if (!Project(model, limits, request.phase + 1, v)) {
       // What demonstrations did nearby, as near to it as is certified.
       const bool known = estimate.Demonstrated(v);
-      v = v.cwiseMax(-limits.control).cwiseMin(limits.control);
+      limits.Limit(v);
       if (known && Project(model, limits, request.phase + 1, v)) {
         admission.mode = Mode::kRecovery;
       } else {

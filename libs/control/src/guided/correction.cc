@@ -45,7 +45,7 @@ Correction::Choice Correction::Replace(JacobianEstimate& estimate, const LocalMo
   const bool known = demonstrates_ && estimate.Demonstrated(trial_);
   double demonstrated = -kInfinity;
   if (known) {
-    trial_ = trial_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
+    limits_.Limit(trial_);
     demonstrated_ = trial_;
     demonstrated = RaiseLevel(model, {next, last ? kInside : target.level}, limits_, trial_);
     if (demonstrated >= 0.0) {
@@ -73,7 +73,8 @@ bool Correction::Probe(JacobianEstimate& estimate, const LocalModel& model,
       estimate.LeastKnown(core::AsSpan(trial_)) <= guided::kUnknown) {
     return false;
   }
-  v = (probe_size_ * trial_).cwiseMax(-limits_.control).cwiseMin(limits_.control);
+  v = probe_size_ * trial_;
+  limits_.Limit(v);
   level = model.Level(target.phase, v);
   // In a drift the sign says which of the two is not known.
   if (drifts_) return true;

@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "dfr/control/guided/constants.h"
 #include "dfr/control/guided/jacobian_estimate.h"
 #include "dfr/control/guided/support_step.h"
 #include "dfr/core/contract.h"
@@ -59,9 +60,8 @@ double WithOwnMotion(std::span<const core::Matrix> points, std::span<const core:
 }  // namespace
 
 double SlackFrom(std::vector<double> held_out_levels) {
-  constexpr double kQuantile = 0.2;
   DFR_THROW_UNLESS(!held_out_levels.empty(), "there are no levels of unseen demonstrations");
-  return std::max(GuidedModelOptions().slack, -Quantile(held_out_levels, kQuantile));
+  return std::max(GuidedModelOptions().slack, -Quantile(held_out_levels, guided::kSlackQuantile));
 }
 
 GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisionFunction& support,
@@ -105,10 +105,8 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
   largest_ /= control_unit_;
   for (core::Matrix& c : controls) c /= control_unit_;
   prior_ = std::make_shared<const JacobianPrior>(points, controls, options.jacobian);
-  // Less would be noise that is explained: free motion and contact are better off without.
-  constexpr double kMostLeft = 0.6;
   own_motion_ =
-      points.size() >= 2 && WithOwnMotion(points, controls, options.jacobian) <= kMostLeft;
+      points.size() >= 2 && WithOwnMotion(points, controls, options.jacobian) <= guided::kMostLeft;
 
   std::vector<double> levels;
   for (int t = 0; t < support.num_steps(); ++t) {

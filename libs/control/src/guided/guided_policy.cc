@@ -61,7 +61,7 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   learned_ = core::AsVector(std::span<const double>(u)) / model_->control_unit();
   if (!learned_.allFinite()) return Halted(step, HaltCause::kControlInvalid);
   const double asked = learned_.squaredNorm();
-  learned_ = learned_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
+  limits_.Limit(learned_);
   const bool within = learned_.squaredNorm() == asked;
   const double hi = model_->gate_level(step.t + 1);
   step.log_threshold = options_.least_intervention ? model_->pass_level(step.t + 1) : hi;

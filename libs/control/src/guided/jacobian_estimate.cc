@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "dfr/control/guided/constants.h"
 #include "dfr/core/contract.h"
 
 namespace dfr::control {
@@ -125,10 +126,6 @@ void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
 }
 
 bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
-  // For the slopes, per unit of weight: where states hardly differ in a direction, the control does
-  // not depend on it.
-  constexpr double kRidge = 0.1;
-  constexpr double kNearness = 0.03;
   const auto& sums = workspace_.sums;
   const Eigen::Index n = jacobian_.rows();
   const Eigen::Index m = jacobian_.cols();
@@ -138,7 +135,7 @@ bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
   a_demo_ = sums.block(states, 0, n + 1, n + 1).cast<double>();
   const double weight = a_demo_(n, n);
   if (!(weight > 0.0)) return false;
-  a_demo_.diagonal().head(n).array() += kRidge * weight;
+  a_demo_.diagonal().head(n).array() += guided::kDemonstratedRidge * weight;
   cholesky_demo_.compute(a_demo_);
   // At z itself, [z' - z; 1] is the last unit vector, and L^-1 of it a multiple.
   const auto& lower = cholesky_demo_.matrixLLT();
@@ -153,7 +150,7 @@ bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
   wanted_ -= own_motion_;
   if (drifts_) wanted_ -= Time(v) * drift_;
   h_.noalias() = jacobian_.transpose().lazyProduct(jacobian_);
-  const double nearness = kNearness * h_.trace() / static_cast<double>(m);
+  const double nearness = guided::kNearness * h_.trace() / static_cast<double>(m);
   if (!(nearness > 0.0)) return true;
   h_.diagonal().array() += nearness;
   scratch_.noalias() = jacobian_.transpose().lazyProduct(wanted_);
@@ -183,8 +180,7 @@ double JacobianEstimate::Ignorance() noexcept {
 
 double JacobianEstimate::LeastKnown(std::span<double> direction) noexcept {
   static_cast<void>(Ignorance());
-  // Power iteration: A^-1 is a few rows wide, and a direction that is nearly the least known is as
-  // good as the least known.
+  // Power iteration.
   direction_.setConstant(1.0 / std::sqrt(static_cast<double>(direction_.size())));
   // Off the constant vector, which may by symmetry be orthogonal to the answer.
   for (Eigen::Index i = 0; i < direction_.size(); ++i) {
@@ -192,8 +188,7 @@ double JacobianEstimate::LeastKnown(std::span<double> direction) noexcept {
   }
   const Eigen::Index m = jacobian_.cols();
   double value = 0.0;
-  constexpr int kIterations = 30;
-  for (int i = 0; i < kIterations; ++i) {
+  for (int i = 0; i < guided::kPowerIterations; ++i) {
     scratch_.noalias() = inverse_.bottomRightCorner(m, m).lazyProduct(direction_);
     value = scratch_.norm();
     direction_ = scratch_ / value;

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <stdexcept>
 
+#include "dfr/control/guided/constants.h"
 #include "dfr/core/contract.h"
 #include "transition_sums.h"
 
@@ -207,12 +208,10 @@ bool JacobianPrior::SumControls(int t, std::span<const double> z,
   // Evenly over demonstrations and time steps.
   const int stride = (rows + kSpread - 1) / kSpread;
   workspace.used = (rows + stride - 1) / stride;
-  // Where all of them are far from z, none of them counts more than the others.
-  constexpr double kFloor = 1e-6;
   double sum = 0.0;
   for (int i = 0; i < workspace.used; ++i) {
     workspace.spread[i] = i * stride;
-    sum += workspace.weights[i * stride] += kFloor;
+    sum += workspace.weights[i * stride] += guided::kWeightFloor;
   }
   workspace.factor = options_.prior_weight / sum;
   const float* row = transitions_.row(first).data();

@@ -4,16 +4,10 @@
 #include <cmath>
 #include <limits>
 
+#include "dfr/control/guided/constants.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::control {
-namespace {
-
-// Squared errors below this share of the squared changes, a hundredth each, are rounding and the
-// ridge: no reason to find a lag or noise.
-constexpr double kNegligible = 1e-4;
-
-}  // namespace
 
 StateObserver::StateObserver(int num_features, int control_dim, double forgetting, bool active)
     : forgetting_(forgetting),
@@ -65,17 +59,13 @@ void StateObserver::Observe(const JacobianEstimate& estimate,
 }
 
 double StateObserver::Gain() const noexcept {
-  // Below this the estimate would hardly look any more.
-  constexpr double kLeast = 0.2;
-  if (!expects_ || !(correlation_ < 0.0) || !(power_ > kNegligible * travel_)) return 1.0;
+  if (!expects_ || !(correlation_ < 0.0) || !(power_ > guided::kNegligible * travel_)) return 1.0;
   const double ratio = std::max(0.0, -power_ / correlation_ - 2.0);
-  return std::max(kLeast, (std::sqrt(ratio * (ratio + 4.0)) - ratio) / 2.0);
+  return std::max(guided::kLeastWeight, (std::sqrt(ratio * (ratio + 4.0)) - ratio) / 2.0);
 }
 
 int StateObserver::FindLag(const JacobianEstimate& estimate, std::span<const double> dz,
                            double time) noexcept {
-  // Predictions of a lag have to be so much better, in squared error, than those of a smaller one.
-  constexpr double kEvidence = 2.0;
   double least = std::numeric_limits<double>::infinity();
   for (int i = 0; i <= kMaxLag; ++i) {
     scratch_ = core::AsVector(dz) - estimate.own_motion() - time * estimate.drift();
@@ -85,7 +75,7 @@ int StateObserver::FindLag(const JacobianEstimate& estimate, std::span<const dou
     least = std::min(least, error);
   }
   // What is predicted well enough is not late, whatever would be predicted better.
-  const double enough = std::max(kEvidence * least, kNegligible * travel_);
+  const double enough = std::max(guided::kEvidence * least, guided::kNegligible * travel_);
   int lag = 0;
   while (errors_[static_cast<std::size_t>(lag)] > enough) ++lag;
   return lag;

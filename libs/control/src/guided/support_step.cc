@@ -4,6 +4,7 @@
 #include <cassert>
 #include <cmath>
 
+#include "dfr/control/guided/constants.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 
@@ -56,8 +57,6 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
 
 double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
                   Eigen::VectorXd& v, PredictedLevel& there) noexcept {
-  // Less than this changes nothing that is decided by a level.
-  constexpr double kLeastGain = 1e-3;
   const Eigen::MatrixXd& j = model.answer.jacobian();
   const auto n = static_cast<Eigen::Index>(model.z.size());
   assert(n <= kMaxStepEntries && v.size() <= kMaxStepEntries &&
@@ -85,14 +84,14 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
     const double best = slope / (2.0 * bend);
     const double gain = slope * best / 2.0;
     const double missing = target.level - there.level;
-    if (!(gain >= std::min(kLeastGain, missing))) break;
+    if (!(gain >= std::min(guided::kLeastGain, missing))) break;
     // Where the level is nearer than `best`, in the form that neither cancels nor needs a
     // curvature.
     const double step =
         gain > missing ? 2.0 * missing / (slope * (1.0 + std::sqrt(1.0 - missing / gain))) : best;
     before = v;
     v += step * d;
-    if (limits.control.size() > 0) v = v.cwiseMax(-limits.control).cwiseMin(limits.control);
+    limits.Limit(v);
     const double reached =
         LevelAfter(model, target.phase, v, after, {next_gradient.data(), model.z.size()});
     if (reached <= there.level) {
@@ -103,7 +102,7 @@ double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepL
     const double gained = reached - there.level;
     there.level = reached;
     there.gradient.swap(next_gradient);
-    if (gained < kLeastGain) break;
+    if (gained < guided::kLeastGain) break;
   }
   return there.level;
 }

@@ -39,6 +39,11 @@ struct StepTarget {
 struct StepLimits {
   Eigen::VectorXd control = {};  ///< |v_i| is at most entry i; empty: no limit.
   int iterations = 6;            ///< Gradients of l that one call may ask for, >= 0.
+
+  /// Keeps `v` within `control`.
+  void Limit(Eigen::VectorXd& v) const noexcept {
+    if (control.size() > 0) v = v.cwiseMax(-control).cwiseMin(control);
+  }
 };
 
 /// Limits of v = u / `unit` from limits of u: one for all `dim` entries, or one each.
