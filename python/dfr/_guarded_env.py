@@ -120,8 +120,11 @@ class GuardedEnv(Wrapper):
         if not isinstance(guard, Guard):
             raise TypeError(f"guard must be a dfr.Guard, not {guard!r}: dfr.Guard.load(path) reads one")
         limits = _limits_of(getattr(self.env, "action_space", None))
-        if np.any(limits < guard.settings["action_limit"]):
-            guard = guard.with_settings(action_limit=np.minimum(limits, guard.settings["action_limit"]))
+        own = np.array(guard.settings["action_limit"])
+        if np.size(limits) not in (1, own.size):
+            raise ValueError(f"the environment's actions have {np.size(limits)} entries, the guard's {own.size}")
+        if np.any(limits < own):
+            guard = guard.with_settings(action_limit=np.minimum(limits, own))
         self.guard = guard
         self._state = state if state is not None else self._from_observation
         self._observed: ArrayLike = np.empty(0)

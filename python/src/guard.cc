@@ -336,8 +336,7 @@ py::dict Settings(const Guard& guard) {
   values["strategy"] = safety::Name(settings.strategy);
   values["horizon"] = settings.horizon;
   values["max_actions"] = settings.max_actions;
-  values["action_limit"] = py::array_t<double>(
-      static_cast<py::ssize_t>(settings.action_limit.size()), settings.action_limit.data());
+  values["action_limit"] = py::cast(settings.action_limit);
   values["alarm_level"] = settings.alarm_level;
   values["direction_error"] = settings.direction_error;
   return values;

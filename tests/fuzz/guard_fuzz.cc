@@ -19,11 +19,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     std::vector<double> action(static_cast<std::size_t>(guard.action_dim()), 0.2);
     std::vector<double> safe(action.size());
     guard.Reset(1);
-    const double limit = guard.model().settings().action_limit;
+    const std::vector<double>& limits = guard.model().settings().action_limit;
     for (int t = 0; t < 3; ++t) {
       static_cast<void>(guard.Filter(t, state, action, safe));
-      for (const double entry : safe) {
-        if (!(std::abs(entry) <= limit)) std::abort();
+      for (std::size_t i = 0; i < safe.size(); ++i) {
+        if (!(std::abs(safe[i]) <= limits[i])) std::abort();
       }
     }
   } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): what a bad file is to be
