@@ -10,7 +10,7 @@
 #include "apps/command_line.h"
 #include "apps/gallery/picture.h"
 #include "apps/gallery/study.h"
-#include "apps/policies.h"
+#include "dfr/study/policies.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/command_line.h"
 

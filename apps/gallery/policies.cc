@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "apps/policies.h"
+#include "dfr/study/policies.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/imitation/fit_mlp.h"

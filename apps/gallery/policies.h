@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/baselines.h"
+#include "dfr/study/baselines.h"
 #include "dfr/core/plant.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"

@@ -9,8 +9,8 @@
 #include <utility>
 
 #include "apps/gallery/policies.h"
-#include "apps/policies.h"
-#include "apps/shared_cache.h"
+#include "dfr/study/policies.h"
+#include "dfr/study/shared_cache.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"

@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "apps/learned_model.h"
+#include "dfr/study/learned_model.h"
 #include "dfr/control/controller.h"
 #include "dfr/core/policy.h"
 #include "dfr/kernel/model_selection.h"

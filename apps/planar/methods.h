@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "apps/controller_factory.h"
+#include "dfr/study/controller_factory.h"
 #include "apps/planar/polynomial_policy.h"
 #include "apps/planar/task.h"
 #include "dfr/control/assumptions.h"

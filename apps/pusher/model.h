@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "apps/learned_model.h"
+#include "dfr/study/learned_model.h"
 #include "dfr/control/controller.h"
 #include "dfr/core/plant.h"
 #include "dfr/imitation/gaussian_policy.h"

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "apps/command_line.h"
-#include "apps/controller_factory.h"
+#include "dfr/study/controller_factory.h"
 #include "apps/stress/study.h"
 #include "dfr/core/build_info.h"
 #include "dfr/experiment/command_line.h"

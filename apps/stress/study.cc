@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "apps/shared_cache.h"
+#include "dfr/study/shared_cache.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"

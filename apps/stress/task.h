@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/learned_model.h"
+#include "dfr/study/learned_model.h"
 #include "apps/rollout_video.h"
 #include "dfr/control/disturbed_plant.h"
 #include "dfr/core/plant.h"

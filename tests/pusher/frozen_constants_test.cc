@@ -6,8 +6,8 @@
 #include <sstream>
 #include <string>
 
-#include "apps/baselines.h"
-#include "apps/policies.h"
+#include "dfr/study/baselines.h"
+#include "dfr/study/policies.h"
 #include "apps/pusher/model.h"
 #include "dfr/control/derivative_free_recovery.h"
 #include "dfr/control/guided_model.h"

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/controller_factory.h"
+#include "dfr/study/controller_factory.h"
 #include "apps/stress/study.h"
 
 namespace dfr::apps::stress {

@@ -1,4 +1,4 @@
-#include "apps/supports.h"
+#include "dfr/study/supports.h"
 
 #include <gtest/gtest.h>
 

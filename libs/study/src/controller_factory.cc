@@ -1,4 +1,4 @@
-#include "apps/controller_factory.h"
+#include "dfr/study/controller_factory.h"
 
 #include <algorithm>
 #include <array>

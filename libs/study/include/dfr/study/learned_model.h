@@ -4,7 +4,7 @@
 #include <memory>
 #include <utility>
 
-#include "apps/controller_factory.h"
+#include "dfr/study/controller_factory.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/imitation/mlp_policy.h"
 #include "dfr/safety/task_model.h"

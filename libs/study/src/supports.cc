@@ -1,4 +1,4 @@
-#include "apps/supports.h"
+#include "dfr/study/supports.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -8,7 +8,7 @@
 #include <string>
 #include <utility>
 
-#include "apps/policies.h"
+#include "dfr/study/policies.h"
 #include "dfr/control/lambda.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"

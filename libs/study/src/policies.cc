@@ -1,4 +1,4 @@
-#include "apps/policies.h"
+#include "dfr/study/policies.h"
 
 #include <algorithm>
 #include <bit>

@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "apps/baselines.h"
-#include "apps/shared_cache.h"
+#include "dfr/study/baselines.h"
+#include "dfr/study/shared_cache.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/plant.h"
 #include "dfr/core/policy.h"

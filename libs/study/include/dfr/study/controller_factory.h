@@ -7,9 +7,9 @@
 #include <string_view>
 #include <utility>
 
-#include "apps/policies.h"
-#include "apps/shared_cache.h"
-#include "apps/supports.h"
+#include "dfr/study/policies.h"
+#include "dfr/study/shared_cache.h"
+#include "dfr/study/supports.h"
 #include "dfr/core/plant.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"

@@ -1,4 +1,4 @@
-#include "apps/baselines.h"
+#include "dfr/study/baselines.h"
 
 #include <Eigen/Cholesky>
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "apps/learned_model.h"
+#include "dfr/study/learned_model.h"
 
 namespace dfr::apps {
 
