@@ -10,11 +10,11 @@
 #include "apps/command_line.h"
 #include "apps/gallery/picture.h"
 #include "apps/gallery/study.h"
-#include "dfr/study/policies.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/command_line.h"
+#include "dfr/study/policies.h"
 
-namespace dfr::apps::gallery {
+namespace dfr::study::gallery {
 namespace {
 
 void List() {
@@ -59,10 +59,10 @@ void Supervise(const std::vector<std::string>& words, int count, std::uint64_t s
 }
 
 }  // namespace
-}  // namespace dfr::apps::gallery
+}  // namespace dfr::study::gallery
 
 int main(int argc, char** argv) try {
-  using namespace dfr::apps::gallery;  // NOLINT: this is their main
+  using namespace dfr::study::gallery;  // NOLINT: this is their main
   CLI::App app("Small tasks of many kinds, with the guard at its default settings");
   app.require_subcommand(1);
   Study study;
@@ -79,7 +79,7 @@ int main(int argc, char** argv) try {
   common(run);
   dfr::experiment::AddRunOptions(*run, study);
   run->add_option("--policies", study.policies,
-                  "good, weak, biased, or " + dfr::apps::Join(dfr::apps::kPolicies))
+                  "good, weak, biased, or " + dfr::study::Join(dfr::study::kPolicies))
       ->delimiter(',')
       ->capture_default_str();
   run->add_option("--methods", study.methods)->delimiter(',')->capture_default_str();

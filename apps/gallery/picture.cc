@@ -7,7 +7,7 @@
 #include "dfr/core/features.h"
 #include "dfr/experiment/report.h"
 
-namespace dfr::apps::gallery {
+namespace dfr::study::gallery {
 
 void SavePicture(const std::vector<Recording>& recordings, const sim::GalleryTask& task,
                  const std::string& entries, const std::filesystem::path& path) {
@@ -53,4 +53,4 @@ void SavePicture(const std::vector<Recording>& recordings, const sim::GalleryTas
                          path);
 }
 
-}  // namespace dfr::apps::gallery
+}  // namespace dfr::study::gallery

@@ -6,7 +6,7 @@
 
 #include "apps/gallery/study.h"
 
-namespace dfr::apps::gallery {
+namespace dfr::study::gallery {
 
 /// A page with a plot for the demonstrations and one a method: paths in the plane of two entries
 /// of the state, as core::FeatureSelection names them; "" for the first two.
@@ -14,4 +14,4 @@ namespace dfr::apps::gallery {
 void SavePicture(const std::vector<Recording>& recordings, const sim::GalleryTask& task,
                  const std::string& entries, const std::filesystem::path& path);
 
-}  // namespace dfr::apps::gallery
+}  // namespace dfr::study::gallery

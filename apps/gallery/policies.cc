@@ -4,12 +4,12 @@
 #include <cmath>
 #include <utility>
 
-#include "dfr/study/policies.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/imitation/fit_mlp.h"
+#include "dfr/study/policies.h"
 
-namespace dfr::apps::gallery {
+namespace dfr::study::gallery {
 
 const std::vector<std::string>& PolicyNames() {
   static const std::vector<std::string> names = [] {
@@ -111,4 +111,4 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
   return {std::shared_ptr<const core::Policy>(made, made->policy.get()), {}};
 }
 
-}  // namespace dfr::apps::gallery
+}  // namespace dfr::study::gallery

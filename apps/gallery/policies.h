@@ -6,16 +6,16 @@
 #include <string>
 #include <vector>
 
-#include "dfr/study/baselines.h"
 #include "dfr/core/plant.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/safety/task_model.h"
 #include "dfr/sim/gallery/gallery.h"
+#include "dfr/study/baselines.h"
 
-namespace dfr::apps::gallery {
+namespace dfr::study::gallery {
 
-/// "good", "weak", "biased", and apps::kPolicies.
+/// "good", "weak", "biased", and study::kPolicies.
 [[nodiscard]] const std::vector<std::string>& PolicyNames();
 
 /// The task's supervisor, for policies that ask it while they learn.
@@ -40,7 +40,7 @@ class Imitator {
 };
 
 /// Imitates `demonstrations` of `task` as well as `name` says: by behaviour cloning "good", "weak"
-/// (few units and epochs) or "biased" (the good one with the task's flaw); one of apps::kPolicies
+/// (few units and epochs) or "biased" (the good one with the task's flaw); one of study::kPolicies
 /// with the good one as the learned policy. `model` is of these demonstrations. `plant` is the one
 /// that is driven, for the adversaries only. Borrows all but the seed.
 /// @throws std::invalid_argument naming the policies there are.
@@ -49,4 +49,4 @@ class Imitator {
                                const safety::TaskModel& model, const core::SimulatedPlant& plant,
                                const std::string& name, std::uint64_t seed);
 
-}  // namespace dfr::apps::gallery
+}  // namespace dfr::study::gallery

@@ -9,8 +9,6 @@
 #include <utility>
 
 #include "apps/gallery/policies.h"
-#include "dfr/study/policies.h"
-#include "dfr/study/shared_cache.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
@@ -19,8 +17,10 @@
 #include "dfr/experiment/paired_evaluation.h"
 #include "dfr/experiment/report.h"
 #include "dfr/safety/guard.h"
+#include "dfr/study/policies.h"
+#include "dfr/study/shared_cache.h"
 
-namespace dfr::apps::gallery {
+namespace dfr::study::gallery {
 namespace {
 
 // What all policies of a task in one trial share.
@@ -389,4 +389,4 @@ void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path) {
   if (!out.flush()) throw std::runtime_error(path.string() + ": cannot be written");
 }
 
-}  // namespace dfr::apps::gallery
+}  // namespace dfr::study::gallery

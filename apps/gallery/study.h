@@ -12,7 +12,7 @@
 #include "dfr/core/trajectory.h"
 #include "dfr/experiment/experiment.h"
 
-namespace dfr::apps::gallery {
+namespace dfr::study::gallery {
 
 /// "alone", then the guard's strategies.
 [[nodiscard]] const std::vector<std::string>& MethodNames();
@@ -82,4 +82,4 @@ void PrintTable(const std::vector<Row>& rows, bool causes, std::ostream& out);
 /// The rows as counts. @throws std::runtime_error naming a file that cannot be written.
 void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path);
 
-}  // namespace dfr::apps::gallery
+}  // namespace dfr::study::gallery

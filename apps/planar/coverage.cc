@@ -13,7 +13,7 @@
 #include "dfr/kernel/model_selection.h"
 #include "dfr/safety/guard_model.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 namespace {
 
 // Student's t with 3 degrees of freedom.
@@ -135,4 +135,4 @@ CoverageResult MeasureCoverage(const CoverageOptions& options) {
   return result;
 }
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 
 /// "corridor": the task's demonstrations. "reach": 6 entries, 8 actions towards one goal, turned
 /// and noisy. "heavy-tails": the same in 2 dimensions with errors of Student's t, 3 degrees of
@@ -43,4 +43,4 @@ struct CoverageResult {
 /// @throws std::invalid_argument naming what is out of range, or the worlds that there are.
 [[nodiscard]] CoverageResult MeasureCoverage(const CoverageOptions& options);
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

@@ -13,7 +13,7 @@
 #include "dfr/experiment/report.h"
 #include "dfr/experiment/rollout_runner.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 namespace {
 
 class PlanarTrialRunner final : public experiment::RolloutRunner {
@@ -137,4 +137,4 @@ std::vector<PlanarResult> RunVariants(const std::string& name,
   return results;
 }
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

@@ -10,7 +10,7 @@
 #include "dfr/control/rollout.h"
 #include "dfr/experiment/experiment.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 
 /// A comparison of methods on one planar task. Every trial has its own demonstrations and learner;
 /// methods share its start states.
@@ -43,4 +43,4 @@ struct Variant {
 [[nodiscard]] std::vector<PlanarResult> RunVariants(const std::string& name,
                                                     const std::vector<Variant>& variants);
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

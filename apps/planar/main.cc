@@ -26,7 +26,7 @@
 #include "dfr/experiment/intervals.h"
 #include "dfr/kernel/cover_radius.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 namespace {
 
 std::vector<std::string> AllMethods() {
@@ -363,10 +363,10 @@ void Picture(const PlanarStudy& study, std::uint64_t start, const std::filesyste
 }
 
 }  // namespace
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar
 
 int main(int argc, char** argv) try {
-  using namespace dfr::apps::planar;  // NOLINT: this is their main
+  using namespace dfr::study::planar;  // NOLINT: this is their main
   CLI::App app("Recovery and certificates on planar tasks");
   app.require_subcommand(1);
   PlanarStudy study;

@@ -4,7 +4,7 @@
 
 #include "dfr/core/contract.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 namespace {
 
 std::vector<core::Matrix> States(std::span<const core::Trajectory> demonstrations) {
@@ -126,4 +126,4 @@ std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
                                                  guided);
 }
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

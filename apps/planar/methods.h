@@ -8,7 +8,6 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/study/controller_factory.h"
 #include "apps/planar/polynomial_policy.h"
 #include "apps/planar/task.h"
 #include "dfr/control/assumptions.h"
@@ -17,8 +16,9 @@
 #include "dfr/kernel/time_varying_support.h"
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/task_model.h"
+#include "dfr/study/controller_factory.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 
 /// What may be varied of the methods.
 struct MethodOptions {
@@ -36,7 +36,7 @@ struct MethodOptions {
   double certified_level = 0.0;  ///< control::Certificate::level of the certified modes.
 };
 
-/// apps::kOtherMethods and the certified modes.
+/// study::kOtherMethods and the certified modes.
 inline constexpr std::array<std::string_view, 10> kPlanarMethods = {"certified-lipschitz",
                                                                     "certified-radius",
                                                                     "certified-direction",
@@ -107,4 +107,4 @@ class Methods {
   control::EstimatedConstant direction_error_;
 };
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

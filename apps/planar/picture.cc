@@ -12,7 +12,7 @@
 #include "dfr/sim/planar/corridor.h"
 #include "dfr/sim/planar/disc_push.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 namespace {
 
 constexpr int kWidth = 1100;
@@ -277,7 +277,7 @@ void Painter::WritePng(const Episode& episode, std::span<const int> frames,
 void Painter::WriteVideo(const std::vector<Episode>& episodes,
                          const std::filesystem::path& path) const {
   const int count = static_cast<int>(episodes.size());
-  VideoWriter video(path, cv::Size(width_, count * height_), 12.0);
+  apps::VideoWriter video(path, cv::Size(width_, count * height_), 12.0);
   std::size_t frames = 0;
   for (const Episode& e : episodes) frames = std::max(frames, e.shots.size());
   // DFR may need thousands of controls: the video then skips some.
@@ -295,4 +295,4 @@ void Painter::WriteVideo(const std::vector<Episode>& episodes,
   }
 }
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

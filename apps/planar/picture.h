@@ -12,7 +12,7 @@
 #include "dfr/control/rollout.h"
 #include "dfr/core/trajectory.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 
 /// One applied control of one method, as pictures show it.
 struct Shot {
@@ -102,4 +102,4 @@ class Painter {
   std::vector<std::uint8_t> background_;  ///< Stay-out regions and demonstrations.
 };
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

@@ -7,7 +7,7 @@
 
 #include "dfr/core/contract.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 
 PolynomialPolicy::PolynomialPolicy(std::span<const core::Trajectory> demonstrations, int degree)
     : degree_(degree) {
@@ -72,4 +72,4 @@ void PolynomialPolicy::Control(int /*t*/, std::span<const double> x,
   for (double& entry : u) entry = std::clamp(entry, -1.0, 1.0);
 }
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

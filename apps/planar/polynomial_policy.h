@@ -7,7 +7,7 @@
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 
 /// The learner of the planar tasks: each control entry is a polynomial of the standardised state,
 /// by ridge regression on demonstrated pairs, clipped to +-1. Fitted in a moment, and how well it
@@ -37,4 +37,4 @@ class PolynomialPolicy final : public core::Policy {
   core::Matrix weights_;
 };
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

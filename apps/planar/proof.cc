@@ -15,7 +15,7 @@
 #include "dfr/core/random.h"
 #include "dfr/kernel/whitened_support.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 namespace {
 
 constexpr int kPhases = 12;
@@ -330,4 +330,4 @@ ProofResult Prove(const ProofOptions& options) {
   return result;
 }
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

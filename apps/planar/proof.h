@@ -5,7 +5,7 @@
 
 #include "dfr/control/certificate.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 
 /// What a stress of a certified mode saw.
 struct ProofResult {
@@ -53,4 +53,4 @@ struct ProofOptions {
 /// to where the largest l over all phases is least, by K |u| or eps |u|.
 [[nodiscard]] ProofResult Prove(const ProofOptions& options);
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

@@ -7,7 +7,7 @@
 #include "dfr/sim/planar/corridor.h"
 #include "dfr/sim/planar/disc_push.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 
 const std::vector<std::string>& TaskNames() {
   static const std::vector<std::string> names = {"corridor", "push", "push-weak"};
@@ -75,4 +75,4 @@ std::vector<core::Trajectory> Demonstrate(const Task& task, int count, std::uint
   return demonstrations;
 }
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

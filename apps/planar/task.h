@@ -10,7 +10,7 @@
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 
 /// A planar task: who demonstrates it, and who tries to imitate that.
 struct Task {
@@ -33,4 +33,4 @@ struct Task {
 [[nodiscard]] std::vector<core::Trajectory> Demonstrate(const Task& task, int count,
                                                         std::uint64_t seed);
 
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

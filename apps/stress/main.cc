@@ -12,15 +12,15 @@
 #include <vector>
 
 #include "apps/command_line.h"
-#include "dfr/study/controller_factory.h"
 #include "apps/stress/study.h"
 #include "dfr/core/build_info.h"
 #include "dfr/experiment/command_line.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/experiment/report.h"
 #include "dfr/experiment/sequential_test.h"
+#include "dfr/study/controller_factory.h"
 
-namespace dfr::apps::stress {
+namespace dfr::study::stress {
 namespace {
 
 void RunAndPrint(const Study& study, bool grid) {
@@ -59,7 +59,7 @@ void AddOptions(CLI::App& command, Study& study) {
       ->capture_default_str();
   command
       .add_option("--policies", study.policies,
-                  "learned (a weak network), or " + dfr::apps::Join(dfr::apps::kPolicies))
+                  "learned (a weak network), or " + dfr::study::Join(dfr::study::kPolicies))
       ->delimiter(',')
       ->capture_default_str();
   command.add_option("--controllers", study.controllers, "besides the policy alone")
@@ -116,7 +116,7 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
   command.add_option("--task", comparison.task)->capture_default_str();
   command.add_option("--condition", comparison.condition, "by its name in the table")
       ->capture_default_str();
-  command.add_option("--first", comparison.first, dfr::apps::MethodHelp())->capture_default_str();
+  command.add_option("--first", comparison.first, dfr::study::MethodHelp())->capture_default_str();
   command.add_option("--second", comparison.second, "another of these")->capture_default_str();
   command.add_option("--demonstrations", comparison.demonstrations)->capture_default_str();
   command
@@ -137,10 +137,10 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
 }
 
 }  // namespace
-}  // namespace dfr::apps::stress
+}  // namespace dfr::study::stress
 
 int main(int argc, char** argv) try {
-  using namespace dfr::apps::stress;  // NOLINT: this is their main
+  using namespace dfr::study::stress;  // NOLINT: this is their main
   CLI::App app("Disturbed policies, alone and guarded, in all tasks of all programs");
   app.require_subcommand(1);
   Study study;
@@ -151,7 +151,7 @@ int main(int argc, char** argv) try {
   grid_study.tasks = {"pusher", "planar-corridor", "planar-push"};
   grid_study.conditions = {"as demonstrated", "turned 40 deg"};
   grid_study.controllers.clear();
-  for (const std::string_view support : dfr::apps::kSupports) {
+  for (const std::string_view support : dfr::study::kSupports) {
     for (const char* controller : {"early-stopping", "dfr", "guided", "certified"}) {
       grid_study.controllers.push_back(std::string(controller) + "/" + std::string(support));
     }

@@ -7,15 +7,15 @@
 #include <stdexcept>
 #include <utility>
 
-#include "dfr/study/shared_cache.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/rollout_runner.h"
+#include "dfr/study/shared_cache.h"
 
-namespace dfr::apps::stress {
+namespace dfr::study::stress {
 namespace {
 
 constexpr const char* kAlone = "baseline";
@@ -71,15 +71,15 @@ class Runner final : public experiment::RolloutRunner {
       return RolloutRunner::Film(methods, start_seed, controller_seed, path);
     }
     const Drawing drawing = draw_(world());
-    std::vector<RolloutVideo> videos;
+    std::vector<apps::RolloutVideo> videos;
     videos.reserve(methods.size());
     for (const int method : methods) {
-      RolloutVideoRecorder recorder(MethodName(method), drawing.width, drawing.height, drawing.draw,
-                                    model_->task().support());
+      apps::RolloutVideoRecorder recorder(MethodName(method), drawing.width, drawing.height,
+                                          drawing.draw, model_->task().support());
       Watch(method, start_seed, controller_seed, &recorder);
       videos.push_back(recorder.Take());
     }
-    WriteVideo(path, videos);
+    apps::WriteVideo(path, videos);
     return true;
   }
 
@@ -455,4 +455,4 @@ void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path) {
   if (!out.flush()) throw std::runtime_error(path.string() + ": cannot be written");
 }
 
-}  // namespace dfr::apps::stress
+}  // namespace dfr::study::stress

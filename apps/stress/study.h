@@ -11,7 +11,7 @@
 #include "dfr/experiment/report.h"
 #include "dfr/experiment/sequential_test.h"
 
-namespace dfr::apps::stress {
+namespace dfr::study::stress {
 
 /// What is run: every controller around every policy, in every task under every condition, from the
 /// same start states. None is drawn anew: one outside the support counts like any other.
@@ -50,7 +50,7 @@ struct Row {
 ///   experiment::Evaluate() does.
 [[nodiscard]] std::vector<Row> RunStudy(const Study& study);
 
-/// Two methods, as apps::ParseMethod() takes them, in one task under one condition.
+/// Two methods, as study::ParseMethod() takes them, in one task under one condition.
 struct Comparison {
   std::string task = "pusher";
   std::string condition = "as demonstrated";
@@ -86,4 +86,4 @@ struct Comparison {
 /// The rows as counts. @throws std::runtime_error naming a file that cannot be written.
 void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path);
 
-}  // namespace dfr::apps::stress
+}  // namespace dfr::study::stress

@@ -21,7 +21,7 @@
 #include "dfr/sim/pusher/pusher_plant.h"
 #include "dfr/sim/pusher/pusher_view.h"
 
-namespace dfr::apps::stress {
+namespace dfr::study::stress {
 namespace {
 
 constexpr std::uint64_t kDemonstrationStream = 1;
@@ -56,13 +56,13 @@ Task Pusher() {
                          {"gripper: fork", plant({.gripper = sim::Gripper::kFork})}},
             .length = 0.1};  // m: the cylinder
   task.learn = [](int demonstrations, std::uint64_t seed) -> LearnedModel {
-    pusher::ModelOptions options;
+    apps::pusher::ModelOptions options;
     options.seed = core::DeriveSeed(seed, {kLearnerStream});
     sim::PusherPlant world;
-    const auto supervisor = imitation::GaussianPolicy::Load(pusher::ShippedSupervisor());
-    return pusher::Model::Fit(
-        pusher::Demonstrate(world, supervisor, demonstrations, options.horizon,
-                            core::DeriveSeed(seed, {kDemonstrationStream})),
+    const auto supervisor = imitation::GaussianPolicy::Load(apps::pusher::ShippedSupervisor());
+    return apps::pusher::Model::Fit(
+        apps::pusher::Demonstrate(world, supervisor, demonstrations, options.horizon,
+                                  core::DeriveSeed(seed, {kDemonstrationStream})),
         demonstrations, options, &supervisor);
   };
   task.draw = [](const core::SimulatedPlant& world) -> Drawing {
@@ -134,7 +134,7 @@ Task LineTracking() {
       sim::LineTrackingPlant::p_world_base().inverse() * sim::LineTrackingPlant::p_world_cam();
   known.arm = sim::ArmError(options.arm).systematic();
   const auto plant = [options, known](const std::string& world) {
-    return [options = line_tracking::InWorld(options, world), known] {
+    return [options = apps::line_tracking::InWorld(options, world), known] {
       return std::make_unique<sim::LineTrackingPlant>(options, &known);
     };
   };
@@ -144,24 +144,25 @@ Task LineTracking() {
                          {"latency 100 ms", plant("100ms")},
                          {"the world stops", plant("frozen")}},
             .length = 10.0,  // mm
-            .controllers = line_tracking::Controllers()};
+            .controllers = apps::line_tracking::Controllers()};
   task.learn = [options, known](int demonstrations, std::uint64_t seed) -> LearnedModel {
-    line_tracking::LineModelOptions model;
+    apps::line_tracking::LineModelOptions model;
     model.seed = core::DeriveSeed(seed, {kLearnerStream});
     constexpr int kSteps = 50;
-    return line_tracking::LineModel::Fit(
-        line_tracking::Demonstrate(options, known, demonstrations, kSteps,
-                                   core::DeriveSeed(seed, {kDemonstrationStream})),
+    return apps::line_tracking::LineModel::Fit(
+        apps::line_tracking::Demonstrate(options, known, demonstrations, kSteps,
+                                         core::DeriveSeed(seed, {kDemonstrationStream})),
         model);
   };
   task.aftermath = [](core::SimulatedPlant& world) {
     auto& line = static_cast<sim::LineTrackingPlant&>(world);
-    if (line.options().disturbance.real_time) line.Hold(line_tracking::kAftermath);
+    if (line.options().disturbance.real_time) line.Hold(apps::line_tracking::kAftermath);
   };
   task.draw = [](const core::SimulatedPlant& world) -> Drawing {
     const auto& line = static_cast<const sim::LineTrackingPlant&>(world);
-    return {line_tracking::kPictureWidth, line_tracking::kPictureHeight,
-            [&line](std::span<std::uint8_t> rgb) { line_tracking::DrawBothViews(line, rgb); }};
+    return {
+        apps::line_tracking::kPictureWidth, apps::line_tracking::kPictureHeight,
+        [&line](std::span<std::uint8_t> rgb) { apps::line_tracking::DrawBothViews(line, rgb); }};
   };
   return task;
 }
@@ -216,4 +217,4 @@ const std::vector<Condition>& Conditions() {
   return conditions;
 }
 
-}  // namespace dfr::apps::stress
+}  // namespace dfr::study::stress

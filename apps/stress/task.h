@@ -6,13 +6,13 @@
 #include <string>
 #include <vector>
 
-#include "dfr/study/learned_model.h"
 #include "apps/rollout_video.h"
 #include "dfr/control/disturbed_plant.h"
 #include "dfr/core/plant.h"
 #include "dfr/safety/task_model.h"
+#include "dfr/study/learned_model.h"
 
-namespace dfr::apps::stress {
+namespace dfr::study::stress {
 
 /// A world to be run in.
 struct Variant {
@@ -24,7 +24,7 @@ struct Variant {
 struct Drawing {
   int width = 0;
   int height = 0;
-  RolloutVideoRecorder::Draw draw;
+  apps::RolloutVideoRecorder::Draw draw;
 };
 
 /// A task of any of the programs, as the stress table needs it.
@@ -58,4 +58,4 @@ struct Condition {
 /// All conditions, "as demonstrated" first.
 [[nodiscard]] const std::vector<Condition>& Conditions();
 
-}  // namespace dfr::apps::stress
+}  // namespace dfr::study::stress

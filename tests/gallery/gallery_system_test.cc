@@ -6,7 +6,7 @@
 
 #include "apps/gallery/study.h"
 
-namespace dfr::apps::gallery {
+namespace dfr::study::gallery {
 namespace {
 
 // Those that learn anew or ask the supervisor work in tasks of the gallery, and the adversary knows
@@ -33,4 +33,4 @@ TEST(GalleryRunTest, RunsBaselinesAndAdversaries) {
 }
 
 }  // namespace
-}  // namespace dfr::apps::gallery
+}  // namespace dfr::study::gallery

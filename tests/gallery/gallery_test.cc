@@ -15,7 +15,7 @@
 #include "apps/gallery/picture.h"
 #include "apps/gallery/study.h"
 
-namespace dfr::apps::gallery {
+namespace dfr::study::gallery {
 namespace {
 
 Study Small() {
@@ -243,4 +243,4 @@ TEST(ImitatorTest, ALatePolicyGivesWhatItWantedBefore) {
 }
 
 }  // namespace
-}  // namespace dfr::apps::gallery
+}  // namespace dfr::study::gallery

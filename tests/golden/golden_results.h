@@ -74,7 +74,7 @@ inline std::string GuardFile(const std::filesystem::path& folder) {
 }
 
 inline void Gallery(const std::filesystem::path& folder, int episodes, Golden& golden) {
-  apps::gallery::Study study;
+  study::gallery::Study study;
   study.methods = {"alone", "dfr", "guided", "certified"};
   study.demonstrations = 20;
   study.trials = 1;
@@ -82,7 +82,7 @@ inline void Gallery(const std::filesystem::path& folder, int episodes, Golden& g
   for (const std::string task : {"push", "balance", "two-ways"}) {
     study.tasks = {task};
     Numbers numbers(folder / task);
-    for (const auto& recording : apps::gallery::Record(study, task, "weak", episodes)) {
+    for (const auto& recording : study::gallery::Record(study, task, "weak", episodes)) {
       numbers.Add(
           std::span(recording.states.data(), static_cast<std::size_t>(recording.states.size())));
       golden.outcomes[task + " " + recording.method].push_back(recording.outcome);

@@ -12,7 +12,7 @@
 #include "apps/planar/proof.h"
 #include "apps/planar/task.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 namespace {
 
 struct Counts {
@@ -152,4 +152,4 @@ TEST(CoverageTest, HeldOutDemonstrationsKeepThePromises) {
 }
 
 }  // namespace
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

@@ -17,7 +17,7 @@
 #include "apps/planar/task.h"
 #include "apps/video_writer.h"
 
-namespace dfr::apps::planar {
+namespace dfr::study::planar {
 namespace {
 
 PlanarStudy Small(const std::string& task, std::vector<std::string> methods) {
@@ -107,7 +107,7 @@ TEST(VideoWriterTest, WritesEvenSizesAndRefusesOtherEndings) {
   std::filesystem::create_directories(folder);
   const cv::Mat picture(49, 65, CV_8UC3, cv::Scalar(20, 120, 220));
   {
-    VideoWriter writer(folder / "odd.webm", picture.size(), 10.0);
+    apps::VideoWriter writer(folder / "odd.webm", picture.size(), 10.0);
     for (int i = 0; i < 3; ++i) writer.Write(picture);
   }
   cv::VideoCapture video((folder / "odd.webm").string(), cv::CAP_FFMPEG);
@@ -116,7 +116,7 @@ TEST(VideoWriterTest, WritesEvenSizesAndRefusesOtherEndings) {
   EXPECT_EQ(read.size(), cv::Size(64, 48));
   const auto message = [&](const char* name) {
     try {
-      VideoWriter(folder / name, {64, 48}, 10.0);
+      apps::VideoWriter(folder / name, {64, 48}, 10.0);
     } catch (const std::runtime_error& error) {
       return std::string(error.what());
     }
@@ -128,4 +128,4 @@ TEST(VideoWriterTest, WritesEvenSizesAndRefusesOtherEndings) {
 }
 
 }  // namespace
-}  // namespace dfr::apps::planar
+}  // namespace dfr::study::planar

@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "dfr/study/controller_factory.h"
 #include "apps/stress/study.h"
+#include "dfr/study/controller_factory.h"
 
-namespace dfr::apps::stress {
+namespace dfr::study::stress {
 namespace {
 
 using testing::HasSubstr;
@@ -225,4 +225,4 @@ TEST(MethodNameTest, HasThreeParts) {
 }
 
 }  // namespace
-}  // namespace dfr::apps::stress
+}  // namespace dfr::study::stress

@@ -12,7 +12,7 @@
 #include "dfr/core/random.h"
 #include "tests/support/no_alloc.h"
 
-namespace dfr::apps {
+namespace dfr::study {
 namespace {
 
 const LearnedModel& Corridor() {
@@ -123,4 +123,4 @@ TEST(SupportsTest, UnknownOnesAreNamed) {
 }
 
 }  // namespace
-}  // namespace dfr::apps
+}  // namespace dfr::study

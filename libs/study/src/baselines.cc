@@ -11,7 +11,7 @@
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 
-namespace dfr::apps {
+namespace dfr::study {
 namespace {
 
 // Streams of Teaching::seed.
@@ -348,4 +348,4 @@ std::unique_ptr<control::Controller> MakeTrueJacobianFilter(const safety::TaskMo
   return std::make_unique<TrueJacobianFilter>(task, policy, plant, horizon);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::study

@@ -8,7 +8,7 @@
 #include "dfr/control/finite_difference_recovery.h"
 #include "dfr/core/contract.h"
 
-namespace dfr::apps {
+namespace dfr::study {
 namespace {
 
 constexpr std::string_view kCertified = "certified";
@@ -174,4 +174,4 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
   return std::make_unique<control::GuidedPolicy>(policy, support->guided(), guided);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::study

@@ -1,6 +1,6 @@
 #include "dfr/study/learned_model.h"
 
-namespace dfr::apps {
+namespace dfr::study {
 
 LearnedModel::LearnedModel(imitation::MlpPolicy policy, safety::TaskModel task,
                            imitation::DemonstrationSet set, Teaching teaching)
@@ -20,4 +20,4 @@ LearnedModel LearnedModel::Load(const std::filesystem::path& folder) {
   return {std::move(policy), std::move(task), std::move(set)};
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::study

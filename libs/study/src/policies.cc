@@ -10,7 +10,7 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 
-namespace dfr::apps {
+namespace dfr::study {
 namespace {
 
 // The size of the largest demonstrated control.
@@ -247,4 +247,4 @@ std::shared_ptr<const EnsemblePolicy> PolicyFactory::Ensemble() const {
   return std::static_pointer_cast<const EnsemblePolicy>(policy);
 }
 
-}  // namespace dfr::apps
+}  // namespace dfr::study

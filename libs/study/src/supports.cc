@@ -8,13 +8,13 @@
 #include <string>
 #include <utility>
 
-#include "dfr/study/policies.h"
 #include "dfr/control/lambda.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/quantile.h"
+#include "dfr/study/policies.h"
 
-namespace dfr::apps {
+namespace dfr::study {
 namespace {
 
 constexpr double kNu = 0.05;
@@ -325,4 +325,4 @@ SupportModel::SupportModel(std::string_view name, const safety::TaskModel& task,
 
 SupportModel::~SupportModel() = default;
 
-}  // namespace dfr::apps
+}  // namespace dfr::study

@@ -14,7 +14,7 @@
 #include "dfr/imitation/fit_mlp.h"
 #include "dfr/safety/task_model.h"
 
-namespace dfr::apps {
+namespace dfr::study {
 
 /// What baselines need that learn anew.
 struct Teaching {
@@ -98,4 +98,4 @@ class EnsemblePolicy final : public core::Policy {
     const safety::TaskModel& task, const core::Policy& policy, const core::SimulatedPlant& plant,
     int horizon);
 
-}  // namespace dfr::apps
+}  // namespace dfr::study

@@ -7,15 +7,15 @@
 #include <string_view>
 #include <utility>
 
-#include "dfr/study/policies.h"
-#include "dfr/study/shared_cache.h"
-#include "dfr/study/supports.h"
 #include "dfr/core/plant.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/safety/task_model.h"
+#include "dfr/study/policies.h"
+#include "dfr/study/shared_cache.h"
+#include "dfr/study/supports.h"
 
-namespace dfr::apps {
+namespace dfr::study {
 
 /// The methods besides those of safety::ParseMethod() that every program has. Oracles, which try
 /// controls on a copy of the simulation: "finite-difference", that of Sec. V-A, and
@@ -80,4 +80,4 @@ class ControllerFactory {
   mutable SharedCache<std::string, SupportModel> supports_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::study

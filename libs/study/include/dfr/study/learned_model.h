@@ -4,12 +4,12 @@
 #include <memory>
 #include <utility>
 
-#include "dfr/study/controller_factory.h"
 #include "dfr/imitation/demonstrations.h"
 #include "dfr/imitation/mlp_policy.h"
 #include "dfr/safety/task_model.h"
+#include "dfr/study/controller_factory.h"
 
-namespace dfr::apps {
+namespace dfr::study {
 
 /// What is learned from one set of demonstrations: the policy, and the task's model.
 class LearnedModel {
@@ -51,4 +51,4 @@ class LearnedModel {
   std::unique_ptr<const Parts> parts_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::study

@@ -8,16 +8,16 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/study/baselines.h"
-#include "dfr/study/shared_cache.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/plant.h"
 #include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/imitation/locally_weighted_policy.h"
 #include "dfr/safety/task_model.h"
+#include "dfr/study/baselines.h"
+#include "dfr/study/shared_cache.h"
 
-namespace dfr::apps {
+namespace dfr::study {
 
 /// Regression by nearest neighbours on the demonstrations themselves: the mean control of those
 /// demonstrated states that are nearest in features, among those of near time steps.
@@ -88,4 +88,4 @@ class PolicyFactory {
   mutable SharedCache<std::string, std::shared_ptr<const core::Policy>> learned_anew_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::study

@@ -6,7 +6,7 @@
 #include <memory>
 #include <mutex>
 
-namespace dfr::apps {
+namespace dfr::study {
 
 /// Makes each value once, on the thread that asks for it first; others wait for it. What making it
 /// throws, all who ask get.
@@ -40,4 +40,4 @@ class SharedCache {
   std::map<Key, std::shared_future<std::shared_ptr<const Value>>> entries_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::study

@@ -13,7 +13,7 @@
 #include "dfr/core/trajectory.h"
 #include "dfr/safety/task_model.h"
 
-namespace dfr::apps {
+namespace dfr::study {
 
 /// Estimates of the demonstrated states' support that any controller can look at:
 ///   "raw"           the paper's: one one-class SVM per time step, of features as they are
@@ -51,4 +51,4 @@ class SupportModel {
   std::vector<double> lambda_;
 };
 
-}  // namespace dfr::apps
+}  // namespace dfr::study
