@@ -22,12 +22,10 @@ RUNS = {
         ("drift", "--trials 1 --episodes 2 --demonstrations 12 --methods baseline,guided --gamma 0.3 --task push",
          "--gamma=0.4", "settings.gamma"),
     ],
-    "gallery": [
+    "study": [
         ("run", "--tasks reach,push,goal --policies lwr,weak --methods guided,monitor --trials 1 --episodes 2 --demonstrations 12",
          "--demonstrations=13", "demonstrations"),
-    ],
-    "stress": [
-        ("run", "--tasks planar-corridor --policies lwr --controllers guided --trials 1 --episodes 2 "
+        ("stress", "--tasks planar-corridor --policies lwr --controllers guided --trials 1 --episodes 2 "
          "--demonstrations 12", "--controllers=dfr", "methods"),
         ("grid", "--tasks planar-corridor --conditions 'as demonstrated,turned 40 deg' --policies lwr "
          "--controllers guided/raw,dfr/whitened --trials 2 --episodes 2 --demonstrations 12", "--episodes=3", "episodes"),
@@ -46,8 +44,8 @@ RUNS = {
 }
 # A run of line_tracking calibrates first, which takes seconds.
 COUNTS = (7,) if PROGRAM.name == "line_tracking" else (2, 7)
-FILMS = {"planar": ["film.mp4"], "gallery": ["film.html"], "pusher": ["film.mp4"], "line_tracking": ["film.mp4"],
-         "stress": ["new/film.mp4", "film.html"]}
+FILMS = {"planar": ["film.mp4"], "pusher": ["film.mp4"], "line_tracking": ["film.mp4"],
+         "study": ["film.html"]}
 COMPARED = ("summary.json", "report.html", "run.toml")
 
 

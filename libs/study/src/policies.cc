@@ -140,12 +140,6 @@ class Adversary final : public LikeAnother {
 
 }  // namespace
 
-std::string Join(std::span<const std::string_view> names) {
-  std::string list;
-  for (const std::string_view name : names) list.append(list.empty() ? "" : ", ").append(name);
-  return list;
-}
-
 NearestNeighbourPolicy::NearestNeighbourPolicy(core::FeatureTransform features,
                                                std::span<const core::Trajectory> demonstrations)
     : features_(std::move(features)) {

@@ -59,7 +59,12 @@ inline constexpr std::array<std::string_view, 10> kPolicies = {
     "ensemble", "dart", "dagger", "at-constraints", "out-of-support"};
 
 /// The names with commas between them.
-[[nodiscard]] std::string Join(std::span<const std::string_view> names);
+template <typename Names>
+[[nodiscard]] std::string Join(const Names& names) {
+  std::string list;
+  for (const std::string_view name : names) list.append(list.empty() ? "" : ", ").append(name);
+  return list;
+}
 
 /// Makes these policies for one task. Borrows all that it is given.
 class PolicyFactory {

@@ -13,7 +13,7 @@
 #include "dfr/sim/gallery/gallery.h"
 #include "dfr/study/baselines.h"
 
-namespace dfr::study::gallery {
+namespace dfr::study {
 
 /// "good", "weak", "biased", and study::kPolicies.
 [[nodiscard]] const std::vector<std::string>& PolicyNames();
@@ -49,4 +49,4 @@ class Imitator {
                                const safety::TaskModel& model, const core::SimulatedPlant& plant,
                                const std::string& name, std::uint64_t seed);
 
-}  // namespace dfr::study::gallery
+}  // namespace dfr::study

@@ -1,3 +1,5 @@
+#include "apps/study/study.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -7,16 +9,16 @@
 #include <string>
 #include <vector>
 
-#include "apps/stress/study.h"
+#include "apps/study/tables.h"
 #include "dfr/study/controller_factory.h"
 
-namespace dfr::study::stress {
+namespace dfr::study {
 namespace {
 
 using testing::HasSubstr;
 
 std::filesystem::path Folder() {
-  return std::filesystem::temp_directory_path() / ("stress_test_" + std::to_string(getpid()));
+  return std::filesystem::temp_directory_path() / ("study_test_" + std::to_string(getpid()));
 }
 
 Study Small() {
@@ -225,4 +227,4 @@ TEST(MethodNameTest, HasThreeParts) {
 }
 
 }  // namespace
-}  // namespace dfr::study::stress
+}  // namespace dfr::study

@@ -4,33 +4,33 @@
 #include <string>
 #include <utility>
 
-#include "apps/gallery/study.h"
+#include "apps/study/study.h"
 
-namespace dfr::study::gallery {
+namespace dfr::study {
 namespace {
 
 // Those that learn anew or ask the supervisor work in tasks of the gallery, and the adversary knows
 // the plant that it drives. Takes seconds: DAgger and DART learn many times over.
-TEST(GalleryRunTest, RunsBaselinesAndAdversaries) {
-  Study study;
+TEST(GuardsTest, RunsBaselinesAndAdversaries) {
+  Study study = Study::OfGuards();
   study.tasks = {"reach"};
   study.demonstrations = 20;
   study.episodes = 6;
   study.trials = 1;
   study.seed = 3;
   study.policies = {"ensemble", "dart", "dagger", "zero", "at-constraints"};
-  study.methods = {"alone", "guided"};
+  study.controllers = {"guided"};
   std::map<std::pair<std::string, std::string>, Row> rows;
-  for (const Row& row : RunStudy(study)) rows[{row.policy, row.method}] = row;
+  for (const Row& row : RunStudy(study)) rows[{row.policy, row.controller}] = row;
   for (const char* policy : {"ensemble", "dart", "dagger"}) {
-    EXPECT_GE((rows[{policy, "alone"}].ok), 5) << policy;
-    EXPECT_GE((rows[{policy, "guided"}].ok), 5) << policy;
+    EXPECT_GE((rows[{policy, "baseline"}].completed), 5) << policy;
+    EXPECT_GE((rows[{policy, "guided"}].completed), 5) << policy;
   }
-  EXPECT_EQ((rows[{"zero", "alone"}].ok), 0);
-  EXPECT_EQ((rows[{"zero", "alone"}].failed), 0);
-  EXPECT_EQ((rows[{"at-constraints", "alone"}].failed), 6);
+  EXPECT_EQ((rows[{"zero", "baseline"}].completed), 0);
+  EXPECT_EQ((rows[{"zero", "baseline"}].collided), 0);
+  EXPECT_EQ((rows[{"at-constraints", "baseline"}].collided), 6);
   EXPECT_GE((rows[{"at-constraints", "guided"}].saved), 5);
 }
 
 }  // namespace
-}  // namespace dfr::study::gallery
+}  // namespace dfr::study

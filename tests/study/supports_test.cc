@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/stress/task.h"
+#include "apps/study/task.h"
 #include "dfr/core/random.h"
 #include "tests/support/no_alloc.h"
 
@@ -16,7 +16,7 @@ namespace dfr::study {
 namespace {
 
 const LearnedModel& Corridor() {
-  static const LearnedModel model = stress::MakeTask("planar-corridor").learn(30, 5);
+  static const LearnedModel model = MakeTask("planar-corridor").learn(30, 5);
   return model;
 }
 

@@ -1,4 +1,4 @@
-#include "apps/gallery/policies.h"
+#include "apps/study/imitator.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@
 #include "dfr/imitation/fit_mlp.h"
 #include "dfr/study/policies.h"
 
-namespace dfr::study::gallery {
+namespace dfr::study {
 
 const std::vector<std::string>& PolicyNames() {
   static const std::vector<std::string> names = [] {
@@ -67,9 +67,8 @@ void Imitator::Control(int t, std::span<const double> x, std::span<double> u) no
 Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory> demonstrations,
                  const safety::TaskModel& model, const core::SimulatedPlant& plant,
                  const std::string& name, std::uint64_t seed) {
-  DFR_THROW_UNLESS(
-      std::ranges::count(PolicyNames(), name) == 1,
-      "there is no policy '" << name << "'; there are good, weak, biased, " << Join(kPolicies));
+  DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), name) == 1,
+                   "there is no policy '" << name << "'; there are " << Join(PolicyNames()));
   const core::FeatureTransform& features = model.guided().features();
   // No network is needed.
   if (name == "lwr") {
@@ -111,4 +110,4 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
   return {std::shared_ptr<const core::Policy>(made, made->policy.get()), {}};
 }
 
-}  // namespace dfr::study::gallery
+}  // namespace dfr::study

@@ -1,4 +1,4 @@
-#include "apps/gallery/picture.h"
+#include "apps/study/picture.h"
 
 #include <algorithm>
 #include <utility>
@@ -7,10 +7,11 @@
 #include "dfr/core/features.h"
 #include "dfr/experiment/report.h"
 
-namespace dfr::study::gallery {
+namespace dfr::study {
 
-void SavePicture(const std::vector<Recording>& recordings, const sim::GalleryTask& task,
-                 const std::string& entries, const std::filesystem::path& path) {
+void SavePicture(const std::vector<experiment::FilmedEpisode>& recordings,
+                 const sim::GalleryTask& task, const std::string& entries,
+                 const std::filesystem::path& path) {
   const core::FeatureSelection all = core::FeatureSelection::All(task.plant->state_dim());
   const core::FeatureSelection chosen =
       entries.empty() ? all : core::FeatureSelection(task.plant->layout(), entries);
@@ -21,19 +22,19 @@ void SavePicture(const std::vector<Recording>& recordings, const sim::GalleryTas
   std::vector<experiment::ReportPlot> plots;
   double low = 0.0;
   double high = 0.0;
-  for (const Recording& recording : recordings) {
+  for (const experiment::FilmedEpisode& recording : recordings) {
     low = std::min(low, recording.states.col(up).minCoeff());
     high = std::max(high, recording.states.col(up).maxCoeff());
     if (plots.empty() || plots.back().title != recording.method) {
       plots.push_back({.title = recording.method});
     }
     std::vector<experiment::ReportSeries>& series = plots.back().series;
-    const std::string outcome = core::Name(recording.outcome);
+    const std::string outcome = core::Name(recording.result.outcome);
     // Named once each.
     const bool named = std::ranges::count(series, outcome, &experiment::ReportSeries::name) > 0;
     experiment::ReportSeries line;
     line.name = named ? "" : outcome;
-    line.style = static_cast<int>(recording.outcome);
+    line.style = static_cast<int>(recording.result.outcome);
     for (Eigen::Index i = 0; i < recording.states.rows(); ++i) {
       line.x.push_back(recording.states(i, across));
       line.y.push_back(recording.states(i, up));
@@ -53,4 +54,4 @@ void SavePicture(const std::vector<Recording>& recordings, const sim::GalleryTas
                          path);
 }
 
-}  // namespace dfr::study::gallery
+}  // namespace dfr::study

@@ -12,14 +12,16 @@
 #include <string>
 #include <vector>
 
-#include "apps/gallery/picture.h"
-#include "apps/gallery/study.h"
+#include "apps/study/imitator.h"
+#include "apps/study/picture.h"
+#include "apps/study/study.h"
+#include "apps/study/tables.h"
 
-namespace dfr::study::gallery {
+namespace dfr::study {
 namespace {
 
-Study Small() {
-  Study study;
+Study SmallGuards() {
+  Study study = Study::OfGuards();
   study.tasks = {"reach", "balance"};
   study.policies = {"good", "biased"};
   study.demonstrations = 12;
@@ -29,7 +31,7 @@ Study Small() {
   return study;
 }
 
-std::string MessageOf(const Study& study) {
+std::string GuardMessageOf(const Study& study) {
   try {
     (void)RunStudy(study);
   } catch (const std::invalid_argument& error) {
@@ -41,7 +43,7 @@ std::string MessageOf(const Study& study) {
 // As one thread gives them.
 const std::vector<Row>& SmallRows() {
   static const std::vector<Row> rows = [] {
-    Study study = Small();
+    Study study = SmallGuards();
     study.threads = 1;
     return RunStudy(study);
   }();
@@ -50,12 +52,12 @@ const std::vector<Row>& SmallRows() {
 
 const Row& RowOf(const std::string& task, const std::string& policy, const std::string& method) {
   return *std::ranges::find_if(SmallRows(), [&](const Row& row) {
-    return row.task == task && row.policy == policy && row.method == method;
+    return row.task == task && row.policy == policy && row.controller == method;
   });
 }
 
-TEST(GalleryRunTest, RowsDoNotDependOnTheNumberOfThreads) {
-  Study study = Small();
+TEST(GuardsTest, RowsDoNotDependOnTheNumberOfThreads) {
+  Study study = SmallGuards();
   study.policies = {"good"};
   study.threads = 2;
   std::vector<Row> one;
@@ -64,124 +66,138 @@ TEST(GalleryRunTest, RowsDoNotDependOnTheNumberOfThreads) {
   EXPECT_TRUE(one == RunStudy(study));
 }
 
-TEST(GalleryRunTest, CountsAreOfTheirEpisodes) {
-  ASSERT_EQ(SmallRows().size(), 2u * 2u * MethodNames().size());
+TEST(GuardsTest, CountsAreOfTheirEpisodes) {
+  ASSERT_EQ(SmallRows().size(), 2u * 2u * (GuardNames().size() + 1));
   for (const Row& row : SmallRows()) {
-    EXPECT_EQ(row.episodes, Small().episodes);
-    EXPECT_LE(row.ok + row.failed, row.episodes);
-    EXPECT_LE(row.saved_ok, row.saved);
-    EXPECT_LE(row.alarmed_failures, row.failed);
-    EXPECT_LE(row.alarmed_successes, row.ok);
-    if (row.method != "alone") continue;
+    EXPECT_EQ(row.episodes, SmallGuards().episodes);
+    EXPECT_LE(row.completed + row.collided, row.episodes);
+    EXPECT_LE(row.saved_completed, row.saved);
+    EXPECT_LE(row.alarmed_failures, row.collided);
+    EXPECT_LE(row.alarmed_successes, row.completed);
+    if (row.controller != "baseline") continue;
     EXPECT_EQ(row.saved, 0);
     EXPECT_EQ(row.harmed, 0);
   }
 }
 
 // The monitor passes every action on: its episodes are those of the policy alone.
-TEST(GalleryRunTest, AMonitorChangesNothing) {
+TEST(GuardsTest, AMonitorChangesNothing) {
   const std::vector<Row>& rows = SmallRows();
-  for (std::size_t i = 0; i < rows.size(); i += MethodNames().size()) {
-    ASSERT_EQ(rows[i].method, "alone");
-    ASSERT_EQ(rows[i + 1].method, "monitor");
-    EXPECT_EQ(rows[i].ok, rows[i + 1].ok);
-    EXPECT_EQ(rows[i].failed, rows[i + 1].failed);
+  for (std::size_t i = 0; i < rows.size(); i += (GuardNames().size() + 1)) {
+    ASSERT_EQ(rows[i].controller, "baseline");
+    ASSERT_EQ(rows[i + 1].controller, "monitor");
+    EXPECT_EQ(rows[i].completed, rows[i + 1].completed);
+    EXPECT_EQ(rows[i].collided, rows[i + 1].collided);
     EXPECT_EQ(rows[i].controls, rows[i + 1].controls);
   }
 }
 
 // Early stopping halts; the pole falls then, whereas a point stays where it is.
-TEST(GalleryRunTest, AHaltIsJudgedByWhatTheWorldDoesNext) {
-  EXPECT_EQ(RowOf("reach", "good", "early-stopping").failed, 0);
+TEST(GuardsTest, AHaltIsJudgedByWhatTheWorldDoesNext) {
+  EXPECT_EQ(RowOf("reach", "good", "early-stopping").collided, 0);
   const Row& pole = RowOf("balance", "good", "early-stopping");
-  EXPECT_EQ(pole.ok + pole.failed, pole.episodes);
+  EXPECT_EQ(pole.completed + pole.collided, pole.episodes);
 }
 
 // The adversary knows the plant that it drives. The system tier has policies that learn anew.
-TEST(GalleryRunTest, GuidedSavesFromAnAdversary) {
-  Study study = Small();
+TEST(GuardsTest, GuidedSavesFromAnAdversary) {
+  Study study = SmallGuards();
   study.tasks = {"reach"};
   study.policies = {"zero", "at-constraints"};
-  study.methods = {"alone", "guided"};
+  study.controllers = {"baseline", "guided"};
   const std::vector<Row> rows = RunStudy(study);
   ASSERT_EQ(rows.size(), 4u);
-  EXPECT_EQ(rows[0].ok + rows[0].failed, 0);
-  EXPECT_EQ(rows[2].failed, rows[2].episodes);
+  EXPECT_EQ(rows[0].completed + rows[0].collided, 0);
+  EXPECT_EQ(rows[2].collided, rows[2].episodes);
   EXPECT_EQ(rows[3].saved, rows[3].episodes);
 }
 
-TEST(GalleryRunTest, UnknownNamesAreNamedWithThoseThereAre) {
+TEST(GuardsTest, UnknownNamesAreNamedWithThoseThereAre) {
   using testing::AllOf;
   using testing::HasSubstr;
-  Study study = Small();
+  Study study = SmallGuards();
   study.tasks = {"magic"};
-  EXPECT_THAT(MessageOf(study), AllOf(HasSubstr("no task 'magic'"), HasSubstr("two-ways")));
-  study = Small();
+  EXPECT_THAT(GuardMessageOf(study), AllOf(HasSubstr("no task 'magic'"), HasSubstr("two-ways")));
+  study = SmallGuards();
   study.policies = {"magic"};
-  EXPECT_THAT(MessageOf(study), AllOf(HasSubstr("no policy 'magic'"), HasSubstr("biased")));
-  study = Small();
-  study.methods = {"magic"};
-  EXPECT_THAT(MessageOf(study), AllOf(HasSubstr("no method 'magic'"), HasSubstr("guided")));
+  EXPECT_THAT(GuardMessageOf(study), AllOf(HasSubstr("no policy 'magic'"), HasSubstr("biased")));
+  study = SmallGuards();
+  study.controllers = {"magic"};
+  EXPECT_THAT(GuardMessageOf(study), AllOf(HasSubstr("no method 'magic'"), HasSubstr("guided")));
 }
 
 TEST(SelectTasksTest, GroupsMeanTheirTasks) {
-  const auto all = SelectTasks({"all"});
+  const auto all = SelectTasks({"gallery"});
   auto both = SelectTasks({"design", "judgement"});
   EXPECT_EQ(both.size(), all.size());
   EXPECT_TRUE(std::ranges::is_permutation(both, all));
   EXPECT_EQ(SelectTasks({"push", "reach"}), (std::vector<std::string>{"push", "reach"}));
-  EXPECT_EQ(SelectTasks({"reach", "all", "reach"}).size(), all.size());
+  EXPECT_EQ(SelectTasks({"reach", "gallery", "reach"}).size(), all.size());
   EXPECT_THROW((void)SelectTasks({"magic"}), std::invalid_argument);
 }
 
-TEST(PrintTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
-  std::ostringstream out;
-  PrintTable({{.task = "reach",
-               .policy = "weak",
-               .method = "monitor",
-               .episodes = 200,
-               .ok = 150,
-               .failed = 40,
-               .alarmed_failures = 30,
-               .alarmed_successes = 15,
-               .controls = 12.5,
-               .causes = {{"halted: no-progress", 10}}}},
-             true, out);
-  for (const char* text : {" 75 [", " 20 [", "  5 [", " 10 [", "12.5", "10 halted: no-progress"}) {
-    EXPECT_THAT(out.str(), testing::HasSubstr(text));
-  }
+TEST(GuardTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
+  const auto tables = MakeGuardTables({{.task = "reach",
+                                        .condition = "as demonstrated",
+                                        .policy = "weak",
+                                        .controller = "monitor",
+                                        .episodes = 200,
+                                        .completed = 150,
+                                        .collided = 40,
+                                        .alarmed_failures = 30,
+                                        .alarmed_successes = 15,
+                                        .controls = 12.5,
+                                        .causes = {{"halted: no-progress", 10}}}},
+                                      true);
+  ASSERT_EQ(tables.size(), 3u);
+  const std::vector<std::string>& row = tables[0].rows.at(0);
+  ASSERT_EQ(row.size(), tables[0].header.size());
+  EXPECT_THAT(row[4], testing::StartsWith("75 ["));
+  EXPECT_THAT(row[5], testing::StartsWith("20 ["));
+  EXPECT_THAT(row[6], testing::StartsWith("5 ["));
+  EXPECT_EQ(row[10], "12.5");
+  EXPECT_THAT(row[11], testing::StartsWith("75 ["));
+  EXPECT_THAT(row[12], testing::StartsWith("10 ["));
+  EXPECT_EQ(tables[2].rows.at(0)[4], "10");
+  EXPECT_EQ(tables[2].rows.at(0)[5], "halted: no-progress");
 }
 
 TEST(RecordTest, EpisodesAreThoseOfTheStudy) {
-  Study study = Small();
+  Study study = SmallGuards();
   study.tasks = {"reach"};
   study.policies = {"biased"};
-  study.methods = {"guided"};
+  study.controllers = {"guided"};
   const auto count = static_cast<std::size_t>(study.episodes);
-  const std::vector<Recording> recordings = Record(study, "reach", "biased", study.episodes);
+  const auto recordings = RecordStudy(study, study.episodes);
   ASSERT_EQ(recordings.size(), 3u * count);
-  for (const char* method : {"alone", "guided"}) {
+  for (const char* method : {"baseline", "guided"}) {
     const Row& row = RowOf("reach", "biased", method);
     int ok = 0, failed = 0;
     double controls = 0.0;
-    for (const Recording& recording : recordings) {
-      if (recording.method != method) continue;
-      ok += recording.outcome == core::Outcome::kCompleted ? 1 : 0;
-      failed += recording.outcome == core::Outcome::kCollided ? 1 : 0;
+    for (const experiment::FilmedEpisode& recording : recordings) {
+      if (recording.method != (std::string(method) == "guided" ? method : "alone")) continue;
+      ok += recording.result.outcome == core::Outcome::kCompleted ? 1 : 0;
+      failed += recording.result.outcome == core::Outcome::kCollided ? 1 : 0;
       controls += static_cast<double>(recording.states.rows() - 1);
     }
-    EXPECT_EQ(ok, row.ok);
-    EXPECT_EQ(failed, row.failed);
+    EXPECT_EQ(ok, row.completed);
+    EXPECT_EQ(failed, row.collided);
     EXPECT_EQ(controls / row.episodes, row.controls);
   }
 }
 
 TEST(SavePictureTest, HasAPlotForTheDemonstrationsAndEachMethod) {
   const sim::GalleryTask& task = sim::FindGalleryTask("push");
-  const auto path = std::filesystem::path(testing::TempDir()) / "gallery_test.html";
-  const std::vector<Recording> recordings = {
-      {"demonstrations", core::Outcome::kCompleted, core::Matrix::Random(5, 5)},
-      {"alone", core::Outcome::kCollided, core::Matrix::Random(4, 5)}};
+  const auto path = std::filesystem::path(testing::TempDir()) / "guards_test.html";
+  const std::vector<experiment::FilmedEpisode> recordings = {
+      {.method = "demonstrations",
+       .result = {.outcome = core::Outcome::kCompleted, .cause = {}},
+       .states = core::Matrix::Random(5, 5),
+       .recovery = {}},
+      {.method = "alone",
+       .result = {.outcome = core::Outcome::kCollided, .cause = {}},
+       .states = core::Matrix::Random(4, 5),
+       .recovery = {}}};
   SavePicture(recordings, task, "box[0:2]", path);
   std::ifstream file(path);
   const std::string page((std::istreambuf_iterator<char>(file)), {});
@@ -243,4 +259,4 @@ TEST(ImitatorTest, ALatePolicyGivesWhatItWantedBefore) {
 }
 
 }  // namespace
-}  // namespace dfr::study::gallery
+}  // namespace dfr::study

@@ -1,10 +1,9 @@
-#include "apps/stress/task.h"
+#include "apps/study/task.h"
 
 #include <algorithm>
 #include <numbers>
 #include <utility>
 
-#include "apps/gallery/policies.h"
 #include "apps/line_tracking/model.h"
 #include "apps/line_tracking/rollout_video.h"
 #include "apps/line_tracking/trial_runner.h"
@@ -13,6 +12,7 @@
 #include "apps/planar/task.h"
 #include "apps/pusher/model.h"
 #include "apps/pusher/supervisor.h"
+#include "apps/study/imitator.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/imitation/fit_mlp.h"
@@ -21,7 +21,7 @@
 #include "dfr/sim/pusher/pusher_plant.h"
 #include "dfr/sim/pusher/pusher_view.h"
 
-namespace dfr::study::stress {
+namespace dfr::study {
 namespace {
 
 constexpr std::uint64_t kDemonstrationStream = 1;
@@ -100,7 +100,8 @@ Task Planar(const std::string& name) {
 
 Task Gallery(const std::string& name) {
   const sim::GalleryTask& small = sim::FindGalleryTask(name);
-  Task task{.name = name, .variants = {{"", [&small] { return small.plant->Clone(); }}}};
+  Task task{
+      .name = name, .variants = {{"", [&small] { return small.plant->Clone(); }}}, .small = &small};
   task.learn = [&small](int demonstrations, std::uint64_t seed) {
     std::vector<core::Trajectory> set =
         sim::Demonstrate(small, demonstrations, core::DeriveSeed(seed, {kDemonstrationStream}));
@@ -110,7 +111,7 @@ Task Gallery(const std::string& name) {
       options.horizon = std::max(options.horizon, 2 * d.num_steps());
     }
     return Learn(small.name, *small.plant, std::move(set), options,
-                 core::DeriveSeed(seed, {kLearnerStream}), gallery::SupervisorOf(small));
+                 core::DeriveSeed(seed, {kLearnerStream}), SupervisorOf(small));
   };
   if (small.aftermath > 0) {
     task.aftermath = [&small](core::SimulatedPlant& world) {
@@ -181,11 +182,28 @@ Task MakeTask(const std::string& name) {
   if (name == "planar-corridor" || name == "planar-push") return Planar(name);
   if (name == "line-tracking") return LineTracking();
   const std::vector<std::string> names = TaskNames();
-  if (std::ranges::count(names, name) == 1) return Gallery(name);
-  std::string list;
-  for (const std::string& known : names) list.append(list.empty() ? "" : ", ").append(known);
-  DFR_THROW_UNLESS(false, "there is no task '" << name << "'; there are " << list);
-  return {};
+  DFR_THROW_UNLESS(std::ranges::count(names, name) == 1,
+                   "there is no task '" << name << "'; there are " << Join(names));
+  return Gallery(name);
+}
+
+std::vector<std::string> SelectTasks(const std::vector<std::string>& words) {
+  std::vector<std::string> tasks;
+  const auto add = [&](const std::string& name) {
+    if (std::ranges::count(tasks, name) == 0) tasks.push_back(name);
+  };
+  for (const std::string& word : words) {
+    if (word == "all") {
+      for (const std::string& name : TaskNames()) add(name);
+    } else if (word == "gallery" || word == "design" || word == "judgement") {
+      for (const sim::GalleryTask& task : sim::GalleryTasks()) {
+        if (word == "gallery" || task.judgement == (word == "judgement")) add(task.name);
+      }
+    } else {
+      add(MakeTask(word).name);
+    }
+  }
+  return tasks;
 }
 
 const std::vector<Condition>& Conditions() {
@@ -217,4 +235,4 @@ const std::vector<Condition>& Conditions() {
   return conditions;
 }
 
-}  // namespace dfr::study::stress
+}  // namespace dfr::study

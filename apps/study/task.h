@@ -10,9 +10,10 @@
 #include "dfr/control/disturbed_plant.h"
 #include "dfr/core/plant.h"
 #include "dfr/safety/task_model.h"
+#include "dfr/sim/gallery/gallery.h"
 #include "dfr/study/learned_model.h"
 
-namespace dfr::study::stress {
+namespace dfr::study {
 
 /// A world to be run in.
 struct Variant {
@@ -40,12 +41,18 @@ struct Task {
   std::function<void(core::SimulatedPlant&)> aftermath = {};
   /// Draws the undisturbed plant, which has to outlive the drawing. Empty: there are no pictures.
   std::function<Drawing(const core::SimulatedPlant&)> draw = {};
+  /// What guards at their default settings are tried on; null of tasks outside the gallery.
+  const sim::GalleryTask* small = nullptr;
 };
 
 /// "pusher", "planar-corridor", "planar-push", the gallery's tasks, "line-tracking".
 [[nodiscard]] std::vector<std::string> TaskNames();
 /// @throws std::invalid_argument naming the tasks there are.
 [[nodiscard]] Task MakeTask(const std::string& name);
+/// The tasks that a command line means, each once: names, "all", or of the gallery's tasks
+/// "gallery", "design" or "judgement".
+/// @throws std::invalid_argument naming the tasks there are.
+[[nodiscard]] std::vector<std::string> SelectTasks(const std::vector<std::string>& words);
 
 /// How the world differs from the demonstrated one.
 struct Condition {
@@ -58,4 +65,4 @@ struct Condition {
 /// All conditions, "as demonstrated" first.
 [[nodiscard]] const std::vector<Condition>& Conditions();
 
-}  // namespace dfr::study::stress
+}  // namespace dfr::study
