@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/planar/polynomial_policy.h"
+#include "apps/study/planar/polynomial_policy.h"
 #include "dfr/control/certificate.h"
 #include "dfr/control/controller.h"
 #include "dfr/core/plant.h"

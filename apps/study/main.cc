@@ -14,8 +14,10 @@
 #include "apps/command_line.h"
 #include "apps/study/imitator.h"
 #include "apps/study/picture.h"
+#include "apps/study/planar/commands.h"
 #include "apps/study/study.h"
 #include "apps/study/tables.h"
+#include "dfr/control/guided_options.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/command_line.h"
@@ -27,25 +29,30 @@
 namespace dfr::study {
 namespace {
 
-void RunAndPrint(const Study& study, const std::string& kind, bool causes) {
-  const std::vector<Row> rows = RunStudy(study);
-  if (rows.empty()) return;
-  std::vector<experiment::ReportTable> tables = kind == "grid" ? MakeGrid(rows)
-                                                : study.guards ? MakeGuardTables(rows, causes)
-                                                               : MakeTables(rows);
-  for (const std::string& controller : study.controllers) {
-    if (controller == "guided" && !study.guards) tables.push_back(WhereItFails(rows, controller));
-  }
+void Print(const std::vector<experiment::ReportTable>& tables, std::size_t left_aligned) {
   for (const experiment::ReportTable& table : tables) {
-    experiment::PrintTable(table, std::cout, study.guards ? 4 : 2);
+    experiment::PrintTable(table, std::cout, left_aligned);
     std::cout << "  " << table.caption << "\n\n";
   }
+}
+
+void RunAndPrint(const Study& study, bool grid, bool causes) {
+  const std::vector<Row> rows = RunStudy(study);
+  if (rows.empty()) return;
+  const bool wide = study.kind == Kind::kControllers;
+  std::vector<experiment::ReportTable> tables = !wide  ? MakeRowTables(rows, causes)
+                                                : grid ? MakeGrid(rows)
+                                                       : MakeTables(rows);
+  for (const std::string& controller : study.controllers) {
+    if (controller == "guided" && wide) tables.push_back(WhereItFails(rows, controller));
+  }
+  Print(tables, wide ? 2 : 4);
+  if (study.kind == Kind::kPlane) std::cout << MarksOf(study.controllers);
   if (study.out.empty()) return;
   SaveCsv(rows, study.out / "study.csv");
   experiment::SaveReport(
       {},
-      {.title = study.guards ? "Guards at their default settings"
-                             : "Disturbed policies, alone and guarded",
+      {.title = wide ? "Disturbed policies, alone and guarded" : "Policies, alone and guarded",
        .program = "study",
        .introduction =
            "Saved: the policy alone collides from this start state, and with the controller it "
@@ -61,20 +68,20 @@ void RunAndPrint(const Study& study, const std::string& kind, bool causes) {
   std::cout << (study.out / "report.html").string() << " and study.csv\n";
 }
 
-void AddOptions(CLI::App& command, Study& study) {
+void AddChoices(CLI::App& command, Study& study) {
   command.add_option("--tasks", study.tasks, "names, gallery, design, judgement or all")
       ->delimiter(',')
       ->capture_default_str();
   command
-      .add_option(
-          "--policies", study.policies,
-          study.guards ? Join(PolicyNames()) : "learned (a weak network), or " + Join(kPolicies))
+      .add_option("--policies", study.policies,
+                  study.kind == Kind::kGuards ? Join(PolicyNames())
+                                              : "learned (a weak network), or " + Join(kPolicies))
       ->delimiter(',')
       ->capture_default_str();
   command
-      .add_option(
-          "--methods,--controllers", study.controllers,
-          std::string("besides the policy alone") + (study.guards ? ": strategies of guards" : ""))
+      .add_option("--methods,--controllers", study.controllers,
+                  std::string("besides the policy alone") +
+                      (study.kind == Kind::kGuards ? ": strategies of guards" : ""))
       ->delimiter(',')
       ->capture_default_str();
   command.add_option("--conditions", study.conditions, "by their names in the table; default: all")
@@ -84,7 +91,42 @@ void AddOptions(CLI::App& command, Study& study) {
       ->capture_default_str();
   command.add_option("--episodes", study.episodes, "start states per trial and row")
       ->capture_default_str();
+  if (study.kind == Kind::kPlane) planar::AddMethodOptions(command, study.plane);
+}
+
+void AddOptions(CLI::App& command, Study& study) {
+  AddChoices(command, study);
   experiment::AddRunOptions(command, study);
+}
+
+// Every part of guided recovery off, one at a time; then the features' and the support's.
+void Ablate(Study study, bool causes) {
+  study.controllers = {"guided", "lwr"};
+  for (const std::string_view part : control::GuidedPartNames()) {
+    if (part != "drift") study.controllers.push_back("guided-without-" + std::string(part));
+  }
+  // Parts can hide each other's work, or harm.
+  for (const std::string_view parts : {"reach+demonstrated", "online-jacobian+own-motion+observer",
+                                       "reach+demonstrated+online-jacobian+own-motion+observer"}) {
+    study.controllers.push_back("guided-without-" + std::string(parts));
+  }
+  std::vector<Row> rows = RunStudy(study);
+  study.controllers = {"guided"};
+  const auto add = [&](const char* name, const auto& change) {
+    Study variant = study;
+    change(variant.plane);
+    for (Row& row : RunStudy(variant)) {
+      if (row.controller != "guided") continue;
+      row.controller = name;
+      rows.push_back(std::move(row));
+    }
+  };
+  using Options = planar::MethodOptions;
+  add("guided-without-whitening", [](Options& options) { options.whitening = false; });
+  add("guided-without-phase-whitening", [](Options& options) { options.phase_whitening = false; });
+  add("guided-without-held-goals", [](Options& options) { options.hold_ended = false; });
+  add("guided-without-pooling", [](Options& options) { options.window = 0; });
+  Print(MakeRowTables(rows, causes), 4);
 }
 
 void List() {
@@ -203,10 +245,9 @@ int main(int argc, char** argv) try {
   app.require_subcommand(1);
   auto* list = app.add_subcommand("list", "The tasks of the gallery");
   Study guards = Study::OfGuards();
+  bool causes = false;
   auto* run = app.add_subcommand(
       "run", "Guards at their default settings around every policy from the same start states");
-  bool causes = false;
-  run->add_flag("--causes", causes, "why episodes were not completed");
   Study stress;
   auto* stress_command = app.add_subcommand(
       "stress", "Every controller around every policy under disturbances, as tables");
@@ -222,6 +263,29 @@ int main(int argc, char** argv) try {
   }
   auto* grid_command = app.add_subcommand(
       "grid", "What the support buys and what the controller buys: every support with every one");
+  Study plane = Study::OfPlane();
+  auto* experiment = app.add_subcommand(
+      "experiment", "Controllers and certified modes around a polynomial in the plane");
+  Study drift = plane;
+  drift.controllers = {"dfr", "guided", "lwr"};
+  drift.conditions = {"as demonstrated",  "turned 10 deg",     "turned 20 deg",
+                      "turned 40 deg",    "scaled 0.2",        "scaled 0.4",
+                      "biased 0.1",       "biased 0.2",        "states noisy 0.5 %",
+                      "states noisy 2 %", "10 demonstrations", "20 demonstrations",
+                      "40 demonstrations"};
+  auto* drift_command = app.add_subcommand(
+      "drift", "The same as demonstrated, under disturbances and after few demonstrations");
+  auto* ablate =
+      app.add_subcommand("ablate", "The same with each part of guided recovery off, one at a time");
+  Study ablated = plane;
+  AddChoices(*ablate, ablated);
+  ablate->add_option("--seed", ablated.seed)->capture_default_str();
+  ablate->add_option("--threads", ablated.threads, "0: one per core")->capture_default_str();
+  for (CLI::App* command : {run, experiment, drift_command, ablate}) {
+    command->add_flag("--causes", causes, "why episodes were not completed");
+  }
+  AddOptions(*experiment, plane);
+  AddOptions(*drift_command, drift);
   AddOptions(*run, guards);
   AddOptions(*stress_command, stress);
   AddOptions(*grid_command, grid);
@@ -254,19 +318,30 @@ int main(int argc, char** argv) try {
       ->capture_default_str();
   picture->add_option("--seed", shown.seed)->capture_default_str();
   picture->add_option("--out", page)->capture_default_str();
+  Commands commands;
+  planar::AddProof(app, commands);
+  planar::AddCoverage(app, commands);
+  planar::AddCertificate(app, commands);
+  planar::AddFigure(app, commands);
   dfr::apps::CheckNumbers(app);
   if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
 
   if (*list) List();
-  if (*run) RunAndPrint(guards, "run", causes);
-  if (*stress_command) RunAndPrint(stress, "stress", false);
-  if (*grid_command) RunAndPrint(grid, "grid", false);
+  if (*run) RunAndPrint(guards, false, causes);
+  if (*stress_command) RunAndPrint(stress, false, false);
+  if (*grid_command) RunAndPrint(grid, true, false);
+  if (*experiment) RunAndPrint(plane, false, causes);
+  if (*drift_command) RunAndPrint(drift, false, causes);
+  if (*ablate) Ablate(ablated, causes);
   if (*compare) CompareAndPrint(comparison);
   if (*power_command) PrintPower(power);
   if (*supervise) Supervise(shown.tasks, supervised, shown.seed);
   if (*picture) {
     SavePicture(RecordStudy(shown, count), dfr::sim::FindGalleryTask(shown.tasks[0]), entries,
                 page);
+  }
+  for (const auto& [command, run_it] : commands) {
+    if (*command) run_it();
   }
   return EXIT_SUCCESS;
 } catch (const std::exception& e) {

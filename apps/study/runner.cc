@@ -99,18 +99,26 @@ class Guarded final : public control::Controller {
   bool alarmed_ = false;
 };
 
-Prepared Prepare(const Task& task, bool guards, int demonstrations, std::uint64_t seed, int trial) {
+Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t seed, int trial,
+                 const planar::MethodOptions& plane) {
   const auto stream = static_cast<std::uint64_t>(trial);
   const std::uint64_t shown = core::DeriveSeed(seed, {2, stream});
-  if (!guards) {
-    return {.model = std::make_unique<const LearnedModel>(task.learn(demonstrations, shown))};
+  const std::uint64_t learned = core::DeriveSeed(seed, {3, stream});
+  Prepared prepared;
+  if (kind == Kind::kControllers) {
+    prepared.model = std::make_unique<const LearnedModel>(task.learn(demonstrations, shown));
+  } else if (kind == Kind::kPlane) {
+    DFR_THROW_UNLESS(task.plane, "'" << task.name << "' is not a planar task");
+    prepared.plane = std::make_unique<const planar::Methods>(
+        *task.plane, planar::Demonstrate(*task.plane, demonstrations, shown), plane, learned);
+  } else {
+    DFR_THROW_UNLESS(task.small != nullptr,
+                     "guards are tried on tasks of the gallery, not on '" << task.name << "'");
+    prepared.demonstrations = sim::Demonstrate(*task.small, demonstrations, shown);
+    prepared.seed = learned;
+    prepared.guard = safety::GuardModel::Fit(task.small->plant->layout(), prepared.demonstrations,
+                                             {.features = task.small->features});
   }
-  DFR_THROW_UNLESS(task.small != nullptr,
-                   "guards are tried on tasks of the gallery, not on '" << task.name << "'");
-  Prepared prepared{.demonstrations = sim::Demonstrate(*task.small, demonstrations, shown),
-                    .seed = core::DeriveSeed(seed, {3, stream})};
-  prepared.guard = safety::GuardModel::Fit(task.small->plant->layout(), prepared.demonstrations,
-                                           {.features = task.small->features});
   return prepared;
 }
 
@@ -122,6 +130,10 @@ Runner::Runner(const Place& place, std::shared_ptr<const Prepared> prepared,
   for (const std::string& method : methods) {
     if (prepared_->model != nullptr) {
       Add(method, prepared_->model->controllers().Make(method, &driven(), task_->controllers));
+      continue;
+    }
+    if (prepared_->plane != nullptr) {
+      Add(method, prepared_->plane->Make(method, driven()));
       continue;
     }
     const auto [strategy, policy, support] = Split(method);
@@ -188,7 +200,25 @@ std::string Runner::CauseOf(const control::RolloutResult& result) const {
   if (!guarded_.empty() && result.outcome == core::Outcome::kCollided) {
     return guarded_[static_cast<std::size_t>(method_)]->chooser();
   }
+  const bool filtered = prepared_->plane != nullptr && result.last_step.filtered;
+  if (result.outcome == core::Outcome::kCollided && filtered) return "filter";
   return RolloutRunner::CauseOf(result);
+}
+
+bool Runner::Inside(std::span<const double> x) const {
+  if (prepared_->plane == nullptr) return true;
+  const planar::Methods& plane = *prepared_->plane;
+  return plane.raw_support().Decision(0, x) >= 0.0 &&
+         plane.Level(planar::SupportKind::kGuided, 0, x) >= 0.0 &&
+         plane.Level(planar::SupportKind::kCertified, 0, x) >= 0.0;
+}
+
+std::map<std::string, std::vector<int>> Runner::Counts() {
+  std::map<std::string, std::vector<int>> counts;
+  for (std::size_t m = 0; prepared_->plane != nullptr && m < recovery_lengths().size(); ++m) {
+    counts[MethodName(static_cast<int>(m))] = recovery_lengths()[m];
+  }
+  return counts;
 }
 
 bool Runner::CollidesAfterHalt() {

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "apps/study/planar/methods.h"
 #include "apps/study/task.h"
 #include "dfr/control/disturbed_plant.h"
 #include "dfr/core/trajectory.h"
@@ -22,24 +23,29 @@ namespace dfr::study {
 /// The policy by itself, whether methods are controllers or guards. Tables call it "alone".
 inline constexpr const char* kAlone = "baseline";
 
+/// What methods are: controllers around a policy, strategies of guards around one, or those of
+/// planar::Methods.
+enum class Kind { kControllers, kGuards, kPlane };
+
 /// What all methods of a task in one trial share.
 struct Prepared {
-  std::unique_ptr<const LearnedModel> model = nullptr;  ///< Null: methods are guards.
-  std::vector<core::Trajectory> demonstrations = {};    ///< Of guards,
+  std::unique_ptr<const LearnedModel> model = nullptr;     ///< For controllers.
+  std::unique_ptr<const planar::Methods> plane = nullptr;  ///< For planar::Methods.
+  std::vector<core::Trajectory> demonstrations = {};       ///< For guards,
   std::shared_ptr<const safety::GuardModel> guard = nullptr;
   std::uint64_t seed = 0;  ///< and that of their policies.
 
   [[nodiscard]] const safety::TaskModel& task() const noexcept {
-    return model != nullptr ? model->task() : guard->task();
+    return model != nullptr ? model->task() : plane != nullptr ? plane->model() : guard->task();
   }
 };
 using PreparedCache = SharedCache<std::pair<std::string, int>, Prepared>;
 
 /// Learns what methods need: controllers the task's models, guards those of their default settings.
 /// `seed` is the study's.
-/// @throws std::invalid_argument if guards are not tried on this task.
-[[nodiscard]] Prepared Prepare(const Task& task, bool guards, int demonstrations,
-                               std::uint64_t seed, int trial);
+/// @throws std::invalid_argument if such methods are not tried on this task.
+[[nodiscard]] Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t seed,
+                               int trial, const planar::MethodOptions& plane = {});
 
 /// How the world is run in.
 struct Place {
@@ -51,8 +57,8 @@ struct Place {
 class Guarded;
 class Imitator;
 
-/// Methods in one place. No start state is drawn anew: one outside the support counts like any
-/// other.
+/// Methods in one place. No start state is drawn anew but in planar tasks: one outside the support
+/// counts like any other.
 class Runner final : public experiment::RolloutRunner {
  public:
   /// `methods` are those of ParseMethod(), or "<guard's strategy>@<policy>" where `prepared` is of
@@ -68,6 +74,8 @@ class Runner final : public experiment::RolloutRunner {
             std::uint64_t controller_seed, const std::filesystem::path& path) override;
   /// Episodes of each monitor with an alarm: AlarmsIn() of the method.
   std::map<std::string, double> Measures() override { return alarms_; }
+  /// [method]: controls of each recovery. In planar tasks alone.
+  std::map<std::string, std::vector<int>> Counts() override;
 
   /// What one episode is worth.
   double Credit(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
@@ -75,7 +83,7 @@ class Runner final : public experiment::RolloutRunner {
 
  private:
   void Begin(int method, std::uint64_t start_seed) override;
-  [[nodiscard]] bool Inside(std::span<const double> /*x*/) const override { return true; }
+  [[nodiscard]] bool Inside(std::span<const double> x) const override;
   [[nodiscard]] std::string CauseOf(const control::RolloutResult& result) const override;
   [[nodiscard]] bool CollidesAfterHalt() override;
 

@@ -10,6 +10,7 @@
 #include "apps/study/tables.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "dfr/experiment/ledger.h"
 #include "dfr/safety/guard.h"
 
 namespace dfr::study {
@@ -32,7 +33,7 @@ std::map<std::string, Place> Places(const std::vector<std::string>& wanted,
   std::map<std::string, Place> places;
   for (const Task& task : tasks) {
     for (const Condition& condition : Conditions()) {
-      if (!wanted.empty() && std::ranges::count(wanted, condition.name) == 0) {
+      if (wanted.empty() ? condition.on_request : std::ranges::count(wanted, condition.name) == 0) {
         continue;
       }
       const auto variant = std::ranges::find(task.variants, condition.variant, &Variant::name);
@@ -53,7 +54,7 @@ class Units {
     for (const std::string& name : study.controllers) {
       if (name != kAlone && name != "alone") controllers_.push_back(name);
     }
-    if (study.guards) {
+    if (study.kind == Kind::kGuards) {
       CheckNames("policy", study.policies, PolicyNames());
       CheckNames("method", controllers_, GuardNames());
     }
@@ -61,7 +62,11 @@ class Units {
     for (const std::string& policy : study.policies) {
       for (const std::string& controller : controllers_) {
         plan_.methods.push_back(MethodOf(controller, policy));
-        if (!study.guards) static_cast<void>(ParseMethod(plan_.methods.back()));
+        if (study.kind == Kind::kControllers) {
+          static_cast<void>(ParseMethod(plan_.methods.back()));
+        } else if (study.kind == Kind::kPlane) {
+          static_cast<void>(ParseMethod(plan_.methods.back(), planar::kPlanarMethods));
+        }
       }
     }
     plan_.demonstrations = {study.demonstrations};
@@ -75,9 +80,11 @@ class Units {
   }
   [[nodiscard]] std::shared_ptr<const Prepared> PreparedFor(
       const experiment::EvaluationUnit& unit) {
-    const Task& task = *PlaceOf(unit.learner).task;
-    return prepared_.Get({task.name, unit.trial}, [&] {
-      return Prepare(task, study_.guards, unit.demonstrations, plan_.seed, unit.trial);
+    const auto& [task, variant, condition] = PlaceOf(unit.learner);
+    const int count =
+        condition->demonstrations > 0 ? condition->demonstrations : unit.demonstrations;
+    return prepared_.Get({task->name + "/" + std::to_string(count), unit.trial}, [&] {
+      return Prepare(*task, study_.kind, count, plan_.seed, unit.trial, study_.plane);
     });
   }
   [[nodiscard]] std::unique_ptr<Runner> Make(const experiment::EvaluationUnit& unit) {
@@ -92,6 +99,28 @@ class Units {
   experiment::EvaluationPlan plan_;
   PreparedCache prepared_;
 };
+
+const char* NameOf(Kind kind) {
+  switch (kind) {
+    case Kind::kControllers:
+      return "stress";
+    case Kind::kGuards:
+      return "guards";
+    case Kind::kPlane:
+      break;
+  }
+  return "planar";
+}
+
+std::map<std::string, std::string> SettingsOf(const Study& study) {
+  using experiment::Exactly;
+  if (study.kind != Kind::kPlane) return {};
+  return {{"gamma", Exactly(study.plane.gamma)},
+          {"raw gamma", Exactly(study.plane.raw_gamma)},
+          {"certified gamma", Exactly(study.plane.certified_gamma)},
+          {"certified level", Exactly(study.plane.certified_level)},
+          {"factor", Exactly(study.plane.gain_factor)}};
+}
 
 void AddUnit(const experiment::UnitResult& unit, std::size_t alone, std::size_t method,
              const std::string& name, Row& row) {
@@ -114,6 +143,10 @@ void AddUnit(const experiment::UnitResult& unit, std::size_t alone, std::size_t 
     const auto measure = unit.measures.find(AlarmsIn(outcome, name));
     return measure == unit.measures.end() ? 0 : static_cast<int>(measure->second);
   };
+  const auto counts = unit.counts.find(name);
+  if (counts != unit.counts.end()) {
+    row.recoveries.insert(row.recoveries.end(), counts->second.begin(), counts->second.end());
+  }
   row.alarmed_failures += alarms(Outcome::kCollided);
   row.alarmed_successes += alarms(Outcome::kCompleted);
 }
@@ -125,11 +158,30 @@ Study Study::OfGuards() {
   study.out.clear();
   study.seed = 1;
   study.episodes = 100;
-  study.guards = true;
+  study.kind = Kind::kGuards;
   study.tasks = {"gallery"};
   study.policies = {"good", "weak", "biased", "lwr", "knn"};
   study.controllers = GuardNames();
   study.conditions = {"as demonstrated"};
+  return study;
+}
+
+Study Study::OfPlane() {
+  Study study;
+  study.out.clear();
+  study.seed = 1;
+  study.trials = 10;
+  study.episodes = 100;
+  study.kind = Kind::kPlane;
+  study.tasks = {"planar-corridor"};
+  study.policies = {"learned"};
+  study.controllers = {"early-stopping", "dfr",  "guided", "true-jacobian", "lwr", "knn",
+                       "ensemble",       "dart", "dagger"};
+  for (const std::string_view method : planar::kPlanarMethods) {
+    if (method.starts_with("certified")) study.controllers.emplace_back(method);
+  }
+  study.conditions = {"as demonstrated"};
+  study.demonstrations = 120;
   return study;
 }
 
@@ -147,8 +199,9 @@ std::vector<Row> RunStudy(const Study& study) {
   const std::vector<std::string>& controllers = units.controllers();
   const experiment::OutputFolder folder(study);
   const auto found = experiment::RunExperiment(
-      study.guards ? "guards" : "stress", plan,
-      [&](const experiment::EvaluationUnit& unit) { return units.Make(unit); }, {}, study);
+      NameOf(study.kind), plan,
+      [&](const experiment::EvaluationUnit& unit) { return units.Make(unit); }, SettingsOf(study),
+      study);
   std::vector<Row> rows;
   if (!found) return rows;
   for (const std::string& learner : plan.learners) {
@@ -212,8 +265,9 @@ experiment::SequentialTest Compare(const Comparison& comparison) {
     if (trial == runners.size()) {
       runners.push_back(std::make_unique<Runner>(
           place,
-          std::make_shared<const Prepared>(Prepare(*place.task, false, comparison.demonstrations,
-                                                   comparison.seed, static_cast<int>(trial))),
+          std::make_shared<const Prepared>(Prepare(*place.task, Kind::kControllers,
+                                                   comparison.demonstrations, comparison.seed,
+                                                   static_cast<int>(trial))),
           methods));
     }
     const std::uint64_t start = core::DeriveSeed(comparison.seed, {0, i});

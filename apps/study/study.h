@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "apps/study/planar/methods.h"
+#include "apps/study/runner.h"
 #include "apps/study/task.h"
 #include "dfr/experiment/experiment.h"
 #include "dfr/experiment/film.h"
@@ -26,8 +28,10 @@ struct Study : experiment::ExperimentOptions {
   }
   /// Guards at their default settings, as demonstrated, in the tasks of the gallery.
   [[nodiscard]] static Study OfGuards();
+  /// Controllers and certified modes around a polynomial, as demonstrated, in a planar task.
+  [[nodiscard]] static Study OfPlane();
 
-  bool guards = false;                       ///< Methods are strategies of guards, not controllers.
+  Kind kind = Kind::kControllers;
   std::vector<std::string> tasks = {"all"};  ///< As SelectTasks() takes them.
   /// Around controllers names from kPolicies, or "learned": the weak network. Inside guards
   /// PolicyNames().
@@ -35,6 +39,7 @@ struct Study : experiment::ExperimentOptions {
   std::vector<std::string> controllers = {"early-stopping", "dfr", "guided"};
   std::vector<std::string> conditions = {};  ///< Names of Conditions(); empty: all.
   int demonstrations = 60;
+  planar::MethodOptions plane = {};  ///< For planar tasks.
 };
 
 /// The strategies of guards.
@@ -55,6 +60,7 @@ struct Row {
   int alarmed_failures = 0;   ///< Of `collided`, those with an alarm before. Monitor alone.
   int alarmed_successes = 0;  ///< Of `completed`, those with an alarm. Monitor alone.
   double controls = 0.0;      ///< In an episode, on average.
+  std::vector<int> recoveries = {};  ///< Controls of each. In planar tasks alone.
   /// Why others than `completed` ended: "halted: no-progress", or who chose the control that
   /// collided.
   std::map<std::string, int> causes = {};

@@ -143,11 +143,24 @@ experiment::ReportTable MeansTable(const std::vector<Row>& rows,
   return table;
 }
 
-// "90 [84, 94]": per cent with its interval.
+// "90.0 [84.1, 94.2]": per cent with its interval.
 std::string Percent(int count, int of) {
   if (of == 0) return "-";
   const experiment::Interval i = experiment::ProportionInterval(count, of);
-  return core::Format("%.0f [%3.0f,%4.0f]", 100.0 * count / of, 100.0 * i.low, 100.0 * i.high);
+  return core::Format("%.1f [%.1f, %.1f]", 100.0 * count / of, 100.0 * i.low, 100.0 * i.high);
+}
+
+// "12.3 (8, 30)": mean, median and 90 % quantile.
+std::string Lengths(std::vector<int> lengths) {
+  if (lengths.empty()) return "";
+  std::ranges::sort(lengths);
+  double sum = 0.0;
+  for (const int length : lengths) sum += length;
+  const auto quantile = [&](double q) {
+    return lengths[static_cast<std::size_t>(q * static_cast<double>(lengths.size() - 1))];
+  };
+  return core::Format("%.1f (%d, %d)", sum / static_cast<double>(lengths.size()), quantile(0.5),
+                      quantile(0.9));
 }
 
 }  // namespace
@@ -238,12 +251,13 @@ experiment::ReportTable WhereItFails(const std::vector<Row>& rows, const std::st
   return table;
 }
 
-std::vector<experiment::ReportTable> MakeGuardTables(const std::vector<Row>& rows, bool causes) {
+std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows, bool causes) {
   experiment::ReportTable table{
-      .heading = "Guards at their default settings",
+      .heading = "Episodes",
       .caption = "In per cent of the episodes, with 95 % intervals that take them as independent.",
       .header = {"task", "condition", "policy", "method", "ok %", "failed %", "halted %", "saved",
-                 "saved-ok", "harmed", "controls", "alarms in fail.", "false alarms"},
+                 "saved-ok", "harmed", "controls", "alarms in fail.", "false alarms",
+                 "controls per recovery"},
       .rows = {}};
   experiment::ReportTable why{
       .heading = "Why episodes were not completed",
@@ -254,18 +268,18 @@ std::vector<experiment::ReportTable> MakeGuardTables(const std::vector<Row>& row
     const bool alone = row.controller == kAlone;
     const bool monitor = row.controller == safety::Name(safety::Strategy::kMonitor);
     const auto share = [&](int count) { return core::Format("%.0f", Share(count, row.episodes)); };
-    table.rows.push_back({row.task, row.condition, row.policy, Shown(row.controller),
-                          Percent(row.completed, row.episodes), Percent(row.collided, row.episodes),
-                          Percent(row.episodes - row.completed - row.collided, row.episodes),
-                          share(row.saved), share(row.saved_completed), share(row.harmed),
-                          core::Format("%.1f", row.controls),
-                          monitor ? Percent(row.alarmed_failures, row.collided) : "",
-                          monitor ? Percent(row.alarmed_successes, row.completed) : ""});
+    table.rows.push_back(
+        {row.task, row.condition, row.policy, Shown(row.controller),
+         Percent(row.completed, row.episodes), Percent(row.collided, row.episodes),
+         Percent(row.episodes - row.completed - row.collided, row.episodes), share(row.saved),
+         share(row.saved_completed), share(row.harmed), core::Format("%.1f", row.controls),
+         monitor ? Percent(row.alarmed_failures, row.collided) : "",
+         monitor ? Percent(row.alarmed_successes, row.completed) : "", Lengths(row.recoveries)});
     table.commands.push_back({"", "", "", "", CommandOf(row, {"completed"}),
                               CommandOf(row, {"collided"}), CommandOf(row, {"halted"}),
                               alone ? "" : SavedCommand(row),
                               alone ? "" : CommandOf(row, {"completed"}, {"collided"}),
-                              alone ? "" : HarmedCommand(row), "", "", ""});
+                              alone ? "" : HarmedCommand(row), "", "", "", ""});
     for (const auto& [cause, count] : row.causes) {
       why.rows.push_back({row.task, row.condition, row.policy, Shown(row.controller),
                           std::to_string(count), cause});

@@ -21,8 +21,8 @@ inline constexpr const char* kBetween = ": ";
 /// A row for each of `rows`, shares in per cent with 95 % intervals, and the table of means. The
 /// intervals take episodes as independent; those of one trial share demonstrations and policy. With
 /// `causes` a table of them.
-[[nodiscard]] std::vector<experiment::ReportTable> MakeGuardTables(const std::vector<Row>& rows,
-                                                                   bool causes);
+[[nodiscard]] std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
+                                                                 bool causes);
 
 /// What support and controller buy, a table a policy, from rows whose controllers are
 /// "<controller>/<support>": means over all tasks and conditions of completed / collided in per

@@ -7,12 +7,12 @@
 #include "apps/line_tracking/model.h"
 #include "apps/line_tracking/rollout_video.h"
 #include "apps/line_tracking/trial_runner.h"
-#include "apps/planar/methods.h"
-#include "apps/planar/picture.h"
-#include "apps/planar/task.h"
 #include "apps/pusher/model.h"
 #include "apps/pusher/supervisor.h"
 #include "apps/study/imitator.h"
+#include "apps/study/planar/methods.h"
+#include "apps/study/planar/picture.h"
+#include "apps/study/planar/task.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
 #include "dfr/imitation/fit_mlp.h"
@@ -76,10 +76,11 @@ Task Pusher() {
 }
 
 Task Planar(const std::string& name) {
-  const planar::Task planar = planar::MakeTask(name == "planar-push" ? "push" : "corridor");
+  const planar::Task planar = planar::MakeTask(name.substr(std::string_view("planar-").size()));
   Task task{.name = name,
             .variants = {{"", [planar] { return planar.plant->Clone(); }}},
-            .length = planar.name == "corridor" ? 1.0 : 0.1};
+            .length = planar.name == "corridor" ? 1.0 : 0.1,
+            .plane = planar};
   task.learn = [planar](int demonstrations, std::uint64_t seed) {
     return Learn(
         planar.name, *planar.plant,
@@ -179,7 +180,7 @@ std::vector<std::string> TaskNames() {
 
 Task MakeTask(const std::string& name) {
   if (name == "pusher") return Pusher();
-  if (name == "planar-corridor" || name == "planar-push") return Planar(name);
+  if (name.starts_with("planar-")) return Planar(name);
   if (name == "line-tracking") return LineTracking();
   const std::vector<std::string> names = TaskNames();
   DFR_THROW_UNLESS(std::ranges::count(names, name) == 1,
@@ -231,6 +232,11 @@ const std::vector<Condition>& Conditions() {
       {.name = "latency 0 ms", .variant = "latency 0 ms"},
       {.name = "latency 100 ms", .variant = "latency 100 ms"},
       {.name = "the world stops", .variant = "the world stops"},
+      {.name = "turned 10 deg", .disturbance = {.rotation_sd = 10.0 * kDegree}, .on_request = true},
+      {.name = "scaled 0.2", .disturbance = {.scale_sd = 0.2}, .on_request = true},
+      {.name = "10 demonstrations", .demonstrations = 10, .on_request = true},
+      {.name = "20 demonstrations", .demonstrations = 20, .on_request = true},
+      {.name = "40 demonstrations", .demonstrations = 40, .on_request = true},
   };
   return conditions;
 }

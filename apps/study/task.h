@@ -3,10 +3,12 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "apps/rollout_video.h"
+#include "apps/study/planar/task.h"
 #include "dfr/control/disturbed_plant.h"
 #include "dfr/core/plant.h"
 #include "dfr/safety/task_model.h"
@@ -43,9 +45,11 @@ struct Task {
   std::function<Drawing(const core::SimulatedPlant&)> draw = {};
   /// What guards at their default settings are tried on; null of tasks outside the gallery.
   const sim::GalleryTask* small = nullptr;
+  std::optional<planar::Task> plane = {};  ///< What planar::Methods is made for; empty elsewhere.
 };
 
-/// "pusher", "planar-corridor", "planar-push", the gallery's tasks, "line-tracking".
+/// "pusher", "planar-corridor", "planar-push", the gallery's tasks, "line-tracking". MakeTask()
+/// also knows "planar-push-weak", planar-push with a worse learner of its own.
 [[nodiscard]] std::vector<std::string> TaskNames();
 /// @throws std::invalid_argument naming the tasks there are.
 [[nodiscard]] Task MakeTask(const std::string& name);
@@ -59,7 +63,9 @@ struct Condition {
   std::string name;
   std::string variant = {};  ///< Runs where a task has that variant.
   control::DisturbanceOptions disturbance = {};
-  double noise = 0.0;  ///< Standard deviation in observations, in Task::length.
+  double noise = 0.0;       ///< Standard deviation in observations, in Task::length.
+  int demonstrations = 0;   ///< In place of the study's, unless 0.
+  bool on_request = false;  ///< Not one of those that a study of all conditions runs.
 };
 
 /// All conditions, "as demonstrated" first.

@@ -136,28 +136,28 @@ TEST(SelectTasksTest, GroupsMeanTheirTasks) {
   EXPECT_THROW((void)SelectTasks({"magic"}), std::invalid_argument);
 }
 
-TEST(GuardTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
-  const auto tables = MakeGuardTables({{.task = "reach",
-                                        .condition = "as demonstrated",
-                                        .policy = "weak",
-                                        .controller = "monitor",
-                                        .episodes = 200,
-                                        .completed = 150,
-                                        .collided = 40,
-                                        .alarmed_failures = 30,
-                                        .alarmed_successes = 15,
-                                        .controls = 12.5,
-                                        .causes = {{"halted: no-progress", 10}}}},
-                                      true);
+TEST(RowTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
+  const auto tables = MakeRowTables({{.task = "reach",
+                                      .condition = "as demonstrated",
+                                      .policy = "weak",
+                                      .controller = "monitor",
+                                      .episodes = 200,
+                                      .completed = 150,
+                                      .collided = 40,
+                                      .alarmed_failures = 30,
+                                      .alarmed_successes = 15,
+                                      .controls = 12.5,
+                                      .causes = {{"halted: no-progress", 10}}}},
+                                    true);
   ASSERT_EQ(tables.size(), 3u);
   const std::vector<std::string>& row = tables[0].rows.at(0);
   ASSERT_EQ(row.size(), tables[0].header.size());
-  EXPECT_THAT(row[4], testing::StartsWith("75 ["));
-  EXPECT_THAT(row[5], testing::StartsWith("20 ["));
-  EXPECT_THAT(row[6], testing::StartsWith("5 ["));
+  EXPECT_THAT(row[4], testing::StartsWith("75.0 ["));
+  EXPECT_THAT(row[5], testing::StartsWith("20.0 ["));
+  EXPECT_THAT(row[6], testing::StartsWith("5.0 ["));
   EXPECT_EQ(row[10], "12.5");
-  EXPECT_THAT(row[11], testing::StartsWith("75 ["));
-  EXPECT_THAT(row[12], testing::StartsWith("10 ["));
+  EXPECT_THAT(row[11], testing::StartsWith("75.0 ["));
+  EXPECT_THAT(row[12], testing::StartsWith("10.0 ["));
   EXPECT_EQ(tables[2].rows.at(0)[4], "10");
   EXPECT_EQ(tables[2].rows.at(0)[5], "halted: no-progress");
 }

@@ -1,11 +1,11 @@
-#include "apps/planar/coverage.h"
+#include "apps/study/planar/coverage.h"
 
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 
-#include "apps/planar/task.h"
+#include "apps/study/planar/task.h"
 #include "dfr/control/assumptions.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"

@@ -7,76 +7,58 @@
 #include <utility>
 #include <vector>
 
-#include "apps/planar/coverage.h"
-#include "apps/planar/evaluation.h"
-#include "apps/planar/proof.h"
-#include "apps/planar/task.h"
+#include "apps/study/planar/coverage.h"
+#include "apps/study/planar/proof.h"
+#include "apps/study/planar/task.h"
+#include "apps/study/study.h"
 
 namespace dfr::study::planar {
 namespace {
 
-struct Counts {
-  int completed = 0;
-  int collided = 0;
-};
-
-Counts Count(const PlanarResult& result, std::size_t method) {
-  Counts counts;
-  for (const auto& unit : result.units) {
-    for (const auto& episode : unit.episodes[method]) {
-      counts.completed += episode.outcome == core::Outcome::kCompleted ? 1 : 0;
-      counts.collided += episode.outcome == core::Outcome::kCollided ? 1 : 0;
-    }
-  }
-  return counts;
-}
-
-PlanarStudy Small(const std::string& task, std::vector<std::string> methods) {
-  PlanarStudy study;
-  study.task = task;
-  study.plan.methods = std::move(methods);
-  study.plan.learners = {"polynomial"};
-  study.plan.demonstrations = {60};
-  study.plan.trials = 2;
-  study.plan.episodes = 20;
-  study.plan.seed = 11;
-  return study;
+// One row a method, "baseline" first.
+std::vector<Row> Run(const std::string& task, std::vector<std::string> methods) {
+  Study study = Study::OfPlane();
+  study.tasks = {"planar-" + task};
+  study.controllers = std::move(methods);
+  study.demonstrations = 60;
+  study.trials = 2;
+  study.episodes = 20;
+  study.seed = 11;
+  return RunStudy(study);
 }
 
 TEST(PlanarTest, GuidedRecoveryCompletesTheCorridorWithoutCollisions) {
-  const auto result = RunStudy(Small("corridor", {"guided", "certified-radius"}));
-  EXPECT_GE(Count(result, 0).completed, 38);
-  EXPECT_EQ(Count(result, 0).collided, 0);
-  EXPECT_GE(Count(result, 1).completed, 36);
-  EXPECT_EQ(Count(result, 1).collided, 0);
+  const auto rows = Run("corridor", {"guided", "certified-radius"});
+  EXPECT_GE(rows[1].completed, 38);
+  EXPECT_EQ(rows[1].collided, 0);
+  EXPECT_GE(rows[2].completed, 36);
+  EXPECT_EQ(rows[2].collided, 0);
 }
 
 // In contact J is wrong, and a certificate has to leave room for it.
 TEST(PlanarTest, TheDirectionCertificateCompletesPushingWithoutAViolation) {
   for (const char* task : {"push", "push-weak"}) {
     SCOPED_TRACE(task);
-    const auto result = RunStudy(Small(task, {"certified-direction"}));
-    EXPECT_GE(Count(result, 0).completed, 28);
-    EXPECT_EQ(Count(result, 0).collided, 0);
-    for (const auto& unit : result.units) {
-      for (const auto& episode : unit.episodes[0]) {
-        EXPECT_NE(episode.cause, control::Name(control::HaltCause::kViolated));
-      }
-    }
+    const Row row = Run(task, {"certified-direction"})[1];
+    EXPECT_GE(row.completed, 28);
+    EXPECT_EQ(row.collided, 0);
+    EXPECT_EQ(
+        row.causes.count(std::string("halted: ") + control::Name(control::HaltCause::kViolated)),
+        0u);
   }
 }
 
 TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
-  const auto result = RunStudy(Small("push-weak", {"baseline", "guided"}));
-  EXPECT_GT(Count(result, 1).completed, Count(result, 0).completed);
-  EXPECT_LT(Count(result, 1).collided, Count(result, 0).collided);
+  const auto rows = Run("push-weak", {"guided"});
+  EXPECT_GT(rows[1].completed, rows[0].completed);
+  EXPECT_LT(rows[1].collided, rows[0].collided);
 }
 
 constexpr std::array kKinds = {control::CertificateKind::kLipschitz,
                                control::CertificateKind::kRadius,
                                control::CertificateKind::kDirection};
 
-// Prop. IV.3 as mended, 3 x 150 000 controls; `planar prove --steps 10000000` is the long version.
+// Prop. IV.3 as mended, 3 x 150 000 controls; `study prove --steps 10000000` is the long version.
 // A false certificate shows itself once in thousands of controls.
 TEST(ProofTest, NoCertifiedModeEverLeavesTheUnionOfSupports) {
   for (const auto kind : kKinds) {

@@ -1,4 +1,4 @@
-#include "apps/planar/methods.h"
+#include "apps/study/planar/methods.h"
 
 #include <utility>
 

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "apps/planar/methods.h"
-#include "apps/planar/task.h"
+#include "apps/study/planar/methods.h"
+#include "apps/study/planar/task.h"
 #include "dfr/control/controller.h"
 #include "dfr/control/rollout.h"
 #include "dfr/core/trajectory.h"

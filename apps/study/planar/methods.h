@@ -8,8 +8,8 @@
 #include <string_view>
 #include <vector>
 
-#include "apps/planar/polynomial_policy.h"
-#include "apps/planar/task.h"
+#include "apps/study/planar/polynomial_policy.h"
+#include "apps/study/planar/task.h"
 #include "dfr/control/assumptions.h"
 #include "dfr/control/controller.h"
 #include "dfr/control/guided_policy.h"
@@ -77,6 +77,7 @@ class Methods {
   [[nodiscard]] const std::vector<core::Trajectory>& demonstrations() const noexcept {
     return demonstrations_;
   }
+  [[nodiscard]] const safety::TaskModel& model() const noexcept { return model_; }
   /// The paper's support, of whole states.
   [[nodiscard]] const kernel::TimeVaryingSupport& raw_support() const noexcept {
     return *model_.published();

@@ -1,4 +1,4 @@
-#include "apps/planar/proof.h"
+#include "apps/study/planar/proof.h"
 
 #include <Eigen/Core>
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "apps/planar/polynomial_policy.h"
+#include "apps/study/planar/polynomial_policy.h"
 
 #include <Eigen/Cholesky>
 #include <algorithm>

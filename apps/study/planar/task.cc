@@ -1,4 +1,4 @@
-#include "apps/planar/task.h"
+#include "apps/study/planar/task.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "apps/planar/picture.h"
+#include "apps/study/planar/picture.h"
 
 #include <algorithm>
 #include <cmath>
