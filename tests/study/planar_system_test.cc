@@ -16,7 +16,7 @@ namespace dfr::study::planar {
 namespace {
 
 // One row a method, "baseline" first.
-std::vector<Row> Run(const std::string& task, std::vector<std::string> methods) {
+std::vector<Row> RunPlane(const std::string& task, std::vector<std::string> methods) {
   Study study = Study::OfPlane();
   study.tasks = {"planar-" + task};
   study.controllers = std::move(methods);
@@ -28,7 +28,7 @@ std::vector<Row> Run(const std::string& task, std::vector<std::string> methods) 
 }
 
 TEST(PlanarTest, GuidedRecoveryCompletesTheCorridorWithoutCollisions) {
-  const auto rows = Run("corridor", {"guided", "certified-radius"});
+  const auto rows = RunPlane("corridor", {"guided", "certified-radius"});
   EXPECT_GE(rows[1].completed, 38);
   EXPECT_EQ(rows[1].collided, 0);
   EXPECT_GE(rows[2].completed, 36);
@@ -39,7 +39,7 @@ TEST(PlanarTest, GuidedRecoveryCompletesTheCorridorWithoutCollisions) {
 TEST(PlanarTest, TheDirectionCertificateCompletesPushingWithoutAViolation) {
   for (const char* task : {"push", "push-weak"}) {
     SCOPED_TRACE(task);
-    const Row row = Run(task, {"certified-direction"})[1];
+    const Row row = RunPlane(task, {"certified-direction"})[1];
     EXPECT_GE(row.completed, 28);
     EXPECT_EQ(row.collided, 0);
     EXPECT_EQ(
@@ -49,7 +49,7 @@ TEST(PlanarTest, TheDirectionCertificateCompletesPushingWithoutAViolation) {
 }
 
 TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
-  const auto rows = Run("push-weak", {"guided"});
+  const auto rows = RunPlane("push-weak", {"guided"});
   EXPECT_GT(rows[1].completed, rows[0].completed);
   EXPECT_LT(rows[1].collided, rows[0].collided);
 }
