@@ -16,7 +16,7 @@
 #include "dfr/core/trajectory.h"
 #include "dfr/safety/guided_recovery.h"
 #include "dfr/safety/task_model.h"
-#include "dfr/sim/planar/corridor.h"
+#include "dfr/sim/gallery/corridor.h"
 
 namespace dfr::apps::planar_page {
 

@@ -57,12 +57,9 @@ safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options
 Teaching SupervisorOf(const Task& task) {
   Teaching teaching;
   teaching.plant = task.plant;
-  teaching.supervise = [supervisor = task.supervisor](const core::SimulatedPlant& plant, int t,
-                                                      std::uint64_t /*episode*/,
-                                                      std::span<double> u) {
-    std::vector<double> x(static_cast<std::size_t>(plant.state_dim()));
-    plant.Observe(x);
-    supervisor->Control(t, x, u);
+  teaching.supervise = [](const core::SimulatedPlant& plant, int /*t*/, std::uint64_t /*episode*/,
+                          std::span<double> u) {
+    static_cast<const sim::GalleryPlant&>(plant).Supervise({}, u);
   };
   return teaching;
 }

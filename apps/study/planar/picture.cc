@@ -9,8 +9,8 @@
 
 #include "apps/video_writer.h"
 #include "dfr/core/format.h"
-#include "dfr/sim/planar/corridor.h"
-#include "dfr/sim/planar/disc_push.h"
+#include "dfr/sim/gallery/corridor.h"
+#include "dfr/sim/gallery/disc_push.h"
 
 namespace dfr::study::planar {
 namespace {

@@ -4,8 +4,8 @@
 
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
-#include "dfr/sim/planar/corridor.h"
-#include "dfr/sim/planar/disc_push.h"
+#include "dfr/sim/gallery/corridor.h"
+#include "dfr/sim/gallery/disc_push.h"
 
 namespace dfr::study::planar {
 
@@ -20,7 +20,6 @@ Task MakeTask(std::string_view name) {
   if (name == "corridor") {
     const sim::CorridorOptions options;
     task.plant = std::make_shared<sim::CorridorPlant>(options);
-    task.supervisor = std::make_shared<sim::CorridorSupervisor>(options);
     task.supervisor_noise = 0.5;
     task.degree = 2;
     task.horizon = 200;
@@ -30,9 +29,7 @@ Task MakeTask(std::string_view name) {
   }
   DFR_THROW_UNLESS(name == "push" || name == "push-weak",
                    "there is no planar task '" << name << "'; there are corridor, push, push-weak");
-  const sim::DiscPushOptions options;
-  task.plant = std::make_shared<sim::DiscPushPlant>(options);
-  task.supervisor = std::make_shared<sim::DiscPushSupervisor>(options);
+  task.plant = std::make_shared<sim::DiscPushPlant>();
   task.supervisor_noise = 0.2;
   task.degree = name == "push" ? 3 : 1;
   task.horizon = 120;
@@ -42,9 +39,10 @@ Task MakeTask(std::string_view name) {
 
 std::vector<core::Trajectory> Demonstrate(const Task& task, int count, std::uint64_t seed) {
   std::vector<core::Trajectory> demonstrations;
-  const auto plant = task.plant->Clone();
-  const int n = plant->state_dim();
-  const int m = plant->control_dim();
+  const std::unique_ptr<core::SimulatedPlant> clone = task.plant->Clone();
+  auto& plant = static_cast<sim::GalleryPlant&>(*clone);
+  const int n = plant.state_dim();
+  const int m = plant.control_dim();
   // Far more attempts than any sensible supervisor needs.
   const int most = 100 * count + 1000;
   for (int attempt = 0; static_cast<int>(demonstrations.size()) < count; ++attempt) {
@@ -52,21 +50,21 @@ std::vector<core::Trajectory> Demonstrate(const Task& task, int count, std::uint
     core::Trajectory trajectory;
     trajectory.seed = core::DeriveSeed(seed, {static_cast<std::uint64_t>(attempt)});
     core::Random random(core::DeriveSeed(trajectory.seed, {1}));
-    plant->Reset(trajectory.seed);
+    plant.Reset(trajectory.seed);
     trajectory.states.resize(task.horizon + 1, n);
     trajectory.controls.resize(task.horizon, m);
-    plant->Observe(core::Row(trajectory.states, 0));
+    plant.Observe(core::Row(trajectory.states, 0));
     int t = 0;
-    for (; t < task.horizon && !plant->completed() && !plant->collided(); ++t) {
+    for (; t < task.horizon && !plant.completed() && !plant.collided(); ++t) {
       const auto u = core::Row(trajectory.controls, t);
-      task.supervisor->Control(t, core::Row(trajectory.states, t), u);
+      plant.Supervise({}, u);
       for (double& entry : u) {
         entry = std::clamp(entry + task.supervisor_noise * random.Normal(), -1.0, 1.0);
       }
-      if (plant->Apply(u) != core::PlantStatus::kOk) break;
-      plant->Observe(core::Row(trajectory.states, t + 1));
+      if (plant.Apply(u) != core::PlantStatus::kOk) break;
+      plant.Observe(core::Row(trajectory.states, t + 1));
     }
-    if (!plant->completed()) continue;
+    if (!plant.completed()) continue;
     trajectory.outcome = core::Outcome::kCompleted;
     trajectory.states.conservativeResize(t + 1, n);
     trajectory.controls.conservativeResize(t, m);

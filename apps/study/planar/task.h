@@ -6,17 +6,15 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/core/plant.h"
-#include "dfr/core/policy.h"
 #include "dfr/core/trajectory.h"
+#include "dfr/sim/gallery/gallery.h"
 
 namespace dfr::study::planar {
 
 /// A planar task: who demonstrates it, and who tries to imitate that.
 struct Task {
   std::string name;
-  std::shared_ptr<const core::SimulatedPlant> plant;  ///< To be cloned.
-  std::shared_ptr<const core::Policy> supervisor;
+  std::shared_ptr<const sim::GalleryPlant> plant;  ///< To be cloned. Its supervisor demonstrates.
   double supervisor_noise = 0.0;  ///< Standard deviation, added to each control entry.
   int degree = 1;                 ///< Degree of the learner's polynomial.
   int horizon = 100;

@@ -1,4 +1,4 @@
-#include "dfr/sim/planar/disc_push.h"
+#include "dfr/sim/gallery/disc_push.h"
 
 #include <gtest/gtest.h>
 
@@ -54,16 +54,13 @@ TEST(DiscPushPlantTest, TheObjectMovesOnlyWhenTouchedAndStaysTouching) {
 }
 
 TEST(DiscPushPlantTest, TheSupervisorPushesThroughTheGate) {
-  const DiscPushOptions options;
-  DiscPushPlant plant(options);
-  const DiscPushSupervisor supervisor(options);
-  std::vector<double> x(4), u(2);
+  DiscPushPlant plant;
+  std::vector<double> u(2);
   int completed = 0;
   for (std::uint64_t seed = 0; seed < 100; ++seed) {
     plant.Reset(seed);
     for (int t = 0; t < 120 && !plant.completed() && !plant.collided(); ++t) {
-      plant.Observe(x);
-      supervisor.Control(t, x, u);
+      plant.Supervise({}, u);
       ASSERT_LE(std::hypot(u[0], u[1]), 0.7 + 1e-12);
       ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
     }

@@ -1,4 +1,4 @@
-#include "dfr/sim/planar/corridor.h"
+#include "dfr/sim/gallery/corridor.h"
 
 #include <gtest/gtest.h>
 
@@ -56,15 +56,13 @@ TEST(CorridorPlantTest, LeavingCollidesAndTheEndCompletes) {
 }
 
 TEST(CorridorPlantTest, TheSupervisorReachesTheEndWithAMargin) {
-  const CorridorOptions options;
-  CorridorPlant plant(options);
-  const CorridorSupervisor supervisor(options);
+  CorridorPlant plant;
   std::vector<double> x(2), u(2);
   for (std::uint64_t seed = 0; seed < 50; ++seed) {
     plant.Reset(seed);
     for (int t = 0; t < 150 && !plant.completed(); ++t) {
       plant.Observe(x);
-      supervisor.Control(t, x, u);
+      plant.Supervise({}, u);
       ASSERT_EQ(plant.Apply(u), core::PlantStatus::kOk);
       plant.Observe(x);
       ASSERT_GT(plant.Clearance(x[0], x[1]), 0.02);
@@ -96,7 +94,6 @@ TEST(CorridorPlantTest, Errors) {
   EXPECT_THROW(CorridorPlant({.length = 0.0}), std::invalid_argument);
   EXPECT_THROW(CorridorPlant({.half_width = -1.0}), std::invalid_argument);
   EXPECT_THROW(CorridorPlant({.gain = 0.0}), std::invalid_argument);
-  EXPECT_THROW(CorridorSupervisor({}, 1.5), std::invalid_argument);
 }
 
 }  // namespace

@@ -1,19 +1,20 @@
-#include "dfr/sim/planar/disc_push.h"
+#include "dfr/sim/gallery/disc_push.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/random.h"
 
 namespace dfr::sim {
 namespace {
 
 constexpr double kSubstep = 0.001;
+constexpr double kSpeed = 0.7;  // the norm of the supervisor's control at most
 
 }  // namespace
 
-DiscPushPlant::DiscPushPlant(const DiscPushOptions& options) : options_(options) {
+DiscPushPlant::DiscPushPlant(const DiscPushOptions& options)
+    : GalleryPlant({{"pusher", 0, 2}, {"object", 0, 2}}, 0, 2), options_(options) {
   DFR_THROW_UNLESS(options.object_radius > 0.0 && options.pusher_radius > 0.0 &&
                        options.red_radius > 0.0 && options.goal_radius > 0.0,
                    "radii must be positive");
@@ -26,35 +27,28 @@ DiscPushPlant::DiscPushPlant(const DiscPushOptions& options) : options_(options)
                    "start, gate and goal must follow one another along x");
   DFR_THROW_UNLESS(options.step > 0.0 && options.step < 0.1, "step must lie in (0, 0.1)");
   DFR_THROW_UNLESS(std::isfinite(options.rotation), "rotation must be finite");
-  layout_.Add("pusher", 2);
-  layout_.Add("object", 2);
 }
 
 void DiscPushPlant::Look() noexcept {
-  const auto touches = [&](double x, double y, double radius) {
-    const double dx = x - options_.gate_x;
+  const auto touches = [&](double px, double py, double radius) {
+    const double dx = px - options_.gate_x;
     const double reach = radius + options_.red_radius;
-    return std::hypot(dx, y - options_.gate_y) < reach ||
-           std::hypot(dx, y + options_.gate_y) < reach;
+    return std::hypot(dx, py - options_.gate_y) < reach ||
+           std::hypot(dx, py + options_.gate_y) < reach;
   };
-  collided_ = collided_ || touches(state_[0], state_[1], options_.pusher_radius) ||
-              touches(state_[2], state_[3], options_.object_radius);
+  FailIf(touches(x(0), x(1), options_.pusher_radius) ||
+         touches(x(2), x(3), options_.object_radius));
 }
 
-void DiscPushPlant::Reset(std::uint64_t seed) {
-  core::Random random(seed);
-  state_ = {0.0, 0.0, options_.start_x + random.Uniform(-0.02, 0.02),
-            random.Uniform(-options_.start_y, options_.start_y)};
-  collided_ = false;
+void DiscPushPlant::Start(core::Random& random) noexcept {
+  x(2) = options_.start_x + random.Uniform(-0.02, 0.02);
+  x(3) = random.Uniform(-options_.start_y, options_.start_y);
   Look();
 }
 
-core::PlantStatus DiscPushPlant::Apply(std::span<const double> control) noexcept {
-  if (control.size() != 2 || !std::isfinite(control[0]) || !std::isfinite(control[1])) {
-    return core::PlantStatus::kRefused;
-  }
-  const double a = options_.step * std::clamp(control[0], -1.0, 1.0);
-  const double b = options_.step * std::clamp(control[1], -1.0, 1.0);
+void DiscPushPlant::Step(std::span<const double> u) noexcept {
+  const double a = options_.step * u[0];
+  const double b = options_.step * u[1];
   const double cosine = std::cos(options_.rotation);
   const double sine = std::sin(options_.rotation);
   const double dx = cosine * a - sine * b;
@@ -62,55 +56,38 @@ core::PlantStatus DiscPushPlant::Apply(std::span<const double> control) noexcept
   const int substeps = std::max(1, static_cast<int>(std::ceil(std::hypot(dx, dy) / kSubstep)));
   const double contact = options_.object_radius + options_.pusher_radius;
   for (int i = 0; i < substeps; ++i) {
-    state_[0] += dx / substeps;
-    state_[1] += dy / substeps;
-    const double nx = state_[2] - state_[0];
-    const double ny = state_[3] - state_[1];
+    x(0) += dx / substeps;
+    x(1) += dy / substeps;
+    const double nx = x(2) - x(0);
+    const double ny = x(3) - x(1);
     const double distance = std::hypot(nx, ny);
     if (distance < contact && distance > 0.0) {
-      state_[2] = state_[0] + contact * nx / distance;
-      state_[3] = state_[1] + contact * ny / distance;
+      x(2) = x(0) + contact * nx / distance;
+      x(3) = x(1) + contact * ny / distance;
     }
     Look();
   }
-  return core::PlantStatus::kOk;
 }
 
-void DiscPushPlant::Observe(std::span<double> state) const noexcept {
-  std::copy(state_.begin(), state_.end(), state.begin());
-}
-
-bool DiscPushPlant::completed() const noexcept {
-  return !collided_ && std::hypot(state_[2] - options_.goal_x, state_[3]) <= options_.goal_radius;
+bool DiscPushPlant::Done() const noexcept {
+  return std::hypot(x(2) - options_.goal_x, x(3)) <= options_.goal_radius;
 }
 
 std::unique_ptr<core::SimulatedPlant> DiscPushPlant::Clone() const {
   return std::make_unique<DiscPushPlant>(*this);
 }
 
-void DiscPushPlant::CopyStateFrom(const core::SimulatedPlant& other) noexcept {
-  const auto& from = static_cast<const DiscPushPlant&>(other);
-  state_ = from.state_;
-  collided_ = from.collided_;
-}
-
-DiscPushSupervisor::DiscPushSupervisor(const DiscPushOptions& options, double speed)
-    : options_(options), speed_(speed) {
-  DFR_THROW_UNLESS(speed > 0.0 && speed <= 1.0, "speed must lie in (0, 1], not " << speed);
-}
-
-void DiscPushSupervisor::Control(int /*t*/, std::span<const double> x,
-                                 std::span<double> u) const noexcept {
+void DiscPushPlant::Supervise(const Habit& /*habit*/, std::span<double> u) const noexcept {
   // The object heads for a point on the axis 0.1 m ahead of it, the goal at the latest: that brings
   // it to the axis before the gate.
-  const double aim_x = std::min(options_.goal_x + 0.02, x[2] + 0.1);
-  const double length = std::hypot(aim_x - x[2], x[3]);
-  const double hx = (aim_x - x[2]) / length;
-  const double hy = -x[3] / length;
+  const double aim_x = std::min(options_.goal_x + 0.02, x(2) + 0.1);
+  const double length = std::hypot(aim_x - x(2), x(3));
+  const double hx = (aim_x - x(2)) / length;
+  const double hy = -x(3) / length;
   const double contact = options_.object_radius + options_.pusher_radius;
   // The pusher's place relative to the object, along the heading and across.
-  const double along = (x[0] - x[2]) * hx + (x[1] - x[3]) * hy;
-  const double across = -(x[0] - x[2]) * hy + (x[1] - x[3]) * hx;
+  const double along = (x(0) - x(2)) * hx + (x(1) - x(3)) * hy;
+  const double across = -(x(0) - x(2)) * hy + (x(1) - x(3)) * hx;
   double forward = 1.0;
   double sideways = -6.0 * across / contact;
   if (std::abs(across) > 0.35 * contact) {
@@ -118,7 +95,7 @@ void DiscPushSupervisor::Control(int /*t*/, std::span<const double> x,
     forward = along > -1.25 * contact ? -1.0 : 0.0;
     sideways = along > -1.05 * contact ? 0.0 : (across > 0.0 ? -1.0 : 1.0);
   }
-  const double scale = speed_ / std::max(1.0, std::hypot(forward, sideways));
+  const double scale = kSpeed / std::max(1.0, std::hypot(forward, sideways));
   const double vx = scale * (forward * hx - sideways * hy);
   const double vy = scale * (forward * hy + sideways * hx);
   const double cosine = std::cos(options_.rotation);

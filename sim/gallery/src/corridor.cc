@@ -1,11 +1,10 @@
-#include "dfr/sim/planar/corridor.h"
+#include "dfr/sim/gallery/corridor.h"
 
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/random.h"
 
 namespace dfr::sim {
 namespace {
@@ -14,6 +13,7 @@ constexpr double kPolygonStep = 0.05;
 // A control moves the point by 0.28 at most in the default scene, a tenth of the wavelength; these
 // many looks on the way leave no room to cut a bend unseen.
 constexpr int kLooks = 4;
+constexpr double kSpeed = 0.6;  // the norm of the supervisor's control
 
 double Centre(const CorridorOptions& options, double x) noexcept {
   return options.amplitude * std::sin(2.0 * std::numbers::pi * x / options.wavelength);
@@ -21,7 +21,8 @@ double Centre(const CorridorOptions& options, double x) noexcept {
 
 }  // namespace
 
-CorridorPlant::CorridorPlant(const CorridorOptions& options) : options_(options) {
+CorridorPlant::CorridorPlant(const CorridorOptions& options)
+    : GalleryPlant({{"point", 0, 2}}, 0, 2), options_(options) {
   DFR_THROW_UNLESS(options.length > 0.0 && options.length <= 1000.0,
                    "length must lie in (0, 1000], not " << options.length);
   DFR_THROW_UNLESS(options.amplitude >= 0.0, "amplitude must not be negative");
@@ -30,7 +31,6 @@ CorridorPlant::CorridorPlant(const CorridorOptions& options) : options_(options)
   DFR_THROW_UNLESS(options.start_spread >= 0.0, "start_spread must not be negative");
   DFR_THROW_UNLESS(options.gain > 0.0, "gain must be positive");
   DFR_THROW_UNLESS(std::isfinite(options.rotation), "rotation must be finite");
-  layout_.Add("point", 2);
   // The line goes on beyond both ends, so that a step past the goal is not a collision.
   const int points = static_cast<int>(std::ceil((options.length + 2.0) / kPolygonStep));
   for (int i = 0; i < points; ++i) {
@@ -74,63 +74,41 @@ std::vector<std::array<double, 2>> CorridorPlant::Wall(double side, double left,
   return wall;
 }
 
-void CorridorPlant::Reset(std::uint64_t seed) {
-  core::Random random(seed);
+void CorridorPlant::Start(core::Random& random) noexcept {
   do {
-    point_ = {0.0, options_.start_spread * random.Normal()};
-  } while (Clearance(point_[0], point_[1]) < 0.3 * options_.half_width);
-  collided_ = false;
+    x(1) = options_.start_spread * random.Normal();
+  } while (Clearance(x(0), x(1)) < 0.3 * options_.half_width);
 }
 
-core::PlantStatus CorridorPlant::Apply(std::span<const double> control) noexcept {
-  if (control.size() != 2 || !std::isfinite(control[0]) || !std::isfinite(control[1])) {
-    return core::PlantStatus::kRefused;
-  }
-  const double a = options_.gain * std::clamp(control[0], -1.0, 1.0);
-  const double b = options_.gain * std::clamp(control[1], -1.0, 1.0);
+void CorridorPlant::Step(std::span<const double> u) noexcept {
+  const double a = options_.gain * u[0];
+  const double b = options_.gain * u[1];
   const double cosine = std::cos(options_.rotation);
   const double sine = std::sin(options_.rotation);
   const double dx = cosine * a - sine * b;
   const double dy = sine * a + cosine * b;
-  const std::array<double, 2> from = point_;
+  const double from_x = x(0);
+  const double from_y = x(1);
   for (int look = 1; look <= kLooks; ++look) {
     const double share = static_cast<double>(look) / kLooks;
-    point_ = {from[0] + share * dx, from[1] + share * dy};
-    collided_ = collided_ || Clearance(point_[0], point_[1]) < 0.0;
+    x(0) = from_x + share * dx;
+    x(1) = from_y + share * dy;
+    FailIf(Clearance(x(0), x(1)) < 0.0);
   }
-  return core::PlantStatus::kOk;
 }
 
-void CorridorPlant::Observe(std::span<double> state) const noexcept {
-  std::copy(point_.begin(), point_.end(), state.begin());
-}
-
-bool CorridorPlant::completed() const noexcept {
-  return !collided_ && point_[0] >= options_.length;
-}
+bool CorridorPlant::Done() const noexcept { return x(0) >= options_.length; }
 
 std::unique_ptr<core::SimulatedPlant> CorridorPlant::Clone() const {
   return std::make_unique<CorridorPlant>(*this);
 }
 
-void CorridorPlant::CopyStateFrom(const core::SimulatedPlant& other) noexcept {
-  const auto& from = static_cast<const CorridorPlant&>(other);
-  point_ = from.point_;
-  collided_ = from.collided_;
-}
-
-CorridorSupervisor::CorridorSupervisor(const CorridorOptions& options, double speed)
-    : options_(options), speed_(speed) {
-  DFR_THROW_UNLESS(speed > 0.0 && speed <= 1.0, "speed must lie in (0, 1], not " << speed);
-}
-
-void CorridorSupervisor::Control(int /*t*/, std::span<const double> x,
-                                 std::span<double> u) const noexcept {
+void CorridorPlant::Supervise(const Habit& /*habit*/, std::span<double> u) const noexcept {
   // A point two steps ahead: near enough to follow the bends, far enough not to zigzag.
-  const double ahead = x[0] + 2.0 * speed_ * options_.gain;
-  const double dx = ahead - x[0];
-  const double dy = Centre(options_, ahead) - x[1];
-  const double scale = speed_ / std::hypot(dx, dy);
+  const double ahead = x(0) + 2.0 * kSpeed * options_.gain;
+  const double dx = ahead - x(0);
+  const double dy = Centre(options_, ahead) - x(1);
+  const double scale = kSpeed / std::hypot(dx, dy);
   const double cosine = std::cos(options_.rotation);
   const double sine = std::sin(options_.rotation);
   u[0] = scale * (cosine * dx + sine * dy);
