@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include "dfr/control/published/switching_policy.h"
 #include "dfr/control/rollout.h"
-#include "dfr/control/switching_policy.h"
 
 namespace {
 

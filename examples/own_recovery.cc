@@ -6,8 +6,8 @@
 #include <cstdio>
 #include <memory>
 
-#include "dfr/control/recovery_strategy.h"
-#include "dfr/control/switching_policy.h"
+#include "dfr/control/published/recovery_strategy.h"
+#include "dfr/control/published/switching_policy.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/policy.h"
 

@@ -79,7 +79,7 @@ Support SupportAt(int index) {
   return static_cast<Support>(index);
 }
 
-// With what the certified methods need, where it is meant.
+// With what the certified method needs, where it is meant.
 World& Fitted(Support support) {
   World& world = Fitted();
   if (support == Support::kCertified) world.FitCertified();
@@ -265,11 +265,10 @@ int page_look(int support, int t, double x, double y) {
     const Support of = SupportAt(support);
     const World& world = Fitted(of);
     constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-    const SafeRegion region = world.fitted_certified()
-                                  ? world.Certified(t, {x, y})
-                                  : SafeRegion{kUnknown, {kUnknown, kUnknown}, kUnknown};
-    Write({world.LogDecision(of, t, {x, y}), world.Decision(of, t, {x, y}), region.lipschitz,
-           region.centre[0], region.centre[1], region.radius});
+    const SafeRegion region = world.fitted_certified() ? world.Certified(t, {x, y})
+                                                       : SafeRegion{{kUnknown, kUnknown}, kUnknown};
+    Write({world.LogDecision(of, t, {x, y}), world.Decision(of, t, {x, y}), region.centre[0],
+           region.centre[1], region.radius});
     return 0;
   });
 }

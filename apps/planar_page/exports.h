@@ -20,7 +20,7 @@ int page_draw(int points, int repeats, int seed);
 int page_clear();
 /// Writes demonstration `index` to the array. @returns its number of points.
 int page_demonstration(int index);
-/// Fits all but what the certified methods need.
+/// Fits all but what the certified method needs.
 int page_fit();
 /// Fits that, too. Every call that needs it does so itself, where it has not been done.
 int page_fit_certified();
@@ -30,8 +30,8 @@ int page_num_steps(int support);
 /// l_t at columns x rows points of a grid, row by row from (left, top), `spacing` apart and
 /// downwards, to the array.
 int page_levels(int support, int t, double left, double top, double spacing, int columns, int rows);
-/// To the array: l_t, g_t, the Lipschitz radius, x and y of the safe disc's centre and its radius;
-/// the last four are NaN before the fit of the certified methods.
+/// To the array: l_t, g_t, x and y of the safe disc's centre and its radius;
+/// the last three are NaN before the fit of the certified method.
 int page_look(int support, int t, double x, double y);
 int page_nearest_step(int support, double x, double y);
 

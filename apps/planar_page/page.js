@@ -11,9 +11,7 @@ const METHODS = {
   "early-stopping": ["Early stopping", "Halts where the next control could leave the support: g ≤ λ|u|."],
   "dfr": ["DFR, as published", "Where g ≤ λ|u|, small random probes find out which way g rises."],
   "guided": ["Guided recovery", "Every applied control teaches how the robot answers. The policy's control is changed as little as it takes."],
-  "certified-lipschitz": ["Certified: Lipschitz", "A control passes only as far as the Lipschitz constant of g allows."],
-  "certified-radius": ["Certified: ball", "A control passes only as far as a ball inside the support reaches."],
-  "certified-direction": ["Certified: direction", "The same ball, and what is known about where a control leads."],
+  "certified-direction": ["Certified", "A control passes only if the state that it leads to is provably inside the support."],
 };
 
 let kernel, world;  // the libraries; what they say of scenes and methods
@@ -166,8 +164,8 @@ function control() {
 // l, g and what is certified at a point.
 function measures(t, point) {
   call("look", support(), t, ...point);
-  const n = numbers(6);
-  return {l: n[0], g: n[1], lipschitz: n[2], centre: [n[3], n[4]], radius: n[5]};
+  const n = numbers(5);
+  return {l: n[0], g: n[1], centre: [n[2], n[3]], radius: n[4]};
 }
 
 function way(method, point, phase) {
@@ -488,7 +486,6 @@ function draw() {
   if (page.fitted && state && $("show-certificate").checked && state.radius > 0) {
     c.lineWidth = 1.8;
     disc(c, [...state.centre, state.radius], null, colours.edge, [5, 4]);
-    disc(c, [...(past ? seen.from : page.robot), state.lipschitz], null, colours.edge, [2, 3]);
   }
   if (page.outcome === 2 && !past) ended(c, page.robot, 2);
   const decided = page.history[past ? page.at : last];

@@ -6,8 +6,8 @@
 #include <limits>
 #include <utility>
 
-#include "dfr/control/assumptions.h"
-#include "dfr/control/guided_policy.h"
+#include "dfr/control/certified/assumptions.h"
+#include "dfr/control/certified/certified_policy.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/random.h"
@@ -150,7 +150,7 @@ safety::TaskOptions Options() {
   return options;
 }
 
-// The certified modes' features: both coordinates in one unit, so that |dz| is |dx| times a factor.
+// The certified mode's features: both coordinates in one unit, so that |dz| is |dx| times a factor.
 core::FeatureTransform OneUnit(std::span<const core::Trajectory> demonstrations) {
   const core::FeatureSelection all = core::FeatureSelection::All(2);
   std::vector<core::Matrix> states;
@@ -161,10 +161,6 @@ core::FeatureTransform OneUnit(std::span<const core::Trajectory> demonstrations)
   const double scale = 2.0 / whitening.scale().diagonal().cwiseInverse().sum();
   return {all, Eigen::VectorXd::Zero(2), scale * core::Matrix::Identity(2, 2)};
 }
-
-const std::array<control::CertificateKind, 3> kCertificates = {
-    control::CertificateKind::kLipschitz, control::CertificateKind::kRadius,
-    control::CertificateKind::kDirection};
 
 }  // namespace
 
@@ -250,9 +246,8 @@ void PushedPolicy::Control(int t, std::span<const double> x, std::span<double> u
 }
 
 const std::vector<std::string>& MethodNames() {
-  static const std::vector<std::string> names = {
-      "baseline",         "early-stopping",     "dfr", "guided", "certified-lipschitz",
-      "certified-radius", "certified-direction"};
+  static const std::vector<std::string> names = {"baseline", "early-stopping", "dfr", "guided",
+                                                 "certified-direction"};
   return names;
 }
 
@@ -297,7 +292,7 @@ Decision Episode::Step() noexcept {
 
 namespace {
 
-// What the certified methods need.
+// What the certified method needs.
 struct CertifiedModel {
   explicit CertifiedModel(std::span<const core::Trajectory> demonstrations)
       : guided(OneUnit(demonstrations), demonstrations,
@@ -332,14 +327,12 @@ struct World::Learned {
     if (planar_page::SupportOf(method) != Support::kCertified) {
       return model.MakeController(safety::ParseMethod(name), with, {.first_step = first_step});
     }
-    control::GuidedOptions options;
-    options.horizon = kHorizon;
-    options.first_step = first_step;
-    options.certificate.kind = kCertificates.at(method - 4);
-    // K is known. Its two factors are rounded apart.
-    options.certificate.gain = PointPlant::kGain * certified->scale * (1.0 + 1e-12);
-    options.certificate.direction_error = certified->direction_error + 1e-9;
-    return std::make_unique<control::GuidedPolicy>(with, certified->guided.model(), options);
+    return std::make_unique<control::CertifiedPolicy>(
+        with, certified->guided.model(),
+        control::CertifiedOptions{
+            .horizon = kHorizon,
+            .first_step = first_step,
+            .certificate = {.direction_error = certified->direction_error + 1e-9}});
   }
 };
 
@@ -484,9 +477,7 @@ SafeRegion World::Certified(int t, const Point& x) const noexcept {
   const Point z = scale * x;
   Point shift{};
   const control::SafeBall ball = control::ComputeSafeBall(support, t, z, shift);
-  return {.lipschitz = std::max(0.0, support.Decision(t, z) / support.lipschitz_bound(t)) / scale,
-          .centre = x + (1.0 / scale) * shift,
-          .radius = ball.radius / scale};
+  return {.centre = x + (1.0 / scale) * shift, .radius = ball.radius / scale};
 }
 
 Episode World::Start(std::size_t method, const Point& start, int first_step,

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "apps/study/planar/polynomial_policy.h"
-#include "dfr/control/certificate.h"
+#include "dfr/control/certified/certificate.h"
 #include "dfr/control/controller.h"
 #include "dfr/core/plant.h"
 #include "dfr/core/policy.h"
@@ -106,18 +106,17 @@ class PushedPolicy final : public core::Policy {
   Point push_{};
 };
 
-/// Whose support is meant: Algorithm 1's, guided recovery's or the certified modes'.
+/// Whose support is meant: Algorithm 1's, guided recovery's or the certified mode's.
 enum class Support { kPublished, kGuided, kCertified };
 
-/// Names of the methods, as the program `planar` takes them.
+/// Names of the methods, as the program `study` takes them.
 [[nodiscard]] const std::vector<std::string>& MethodNames();
 [[nodiscard]] Support SupportOf(std::size_t method) noexcept;
 
-/// What a certificate allows in one state, as lengths in the plane.
+/// What a certificate allows in one state, as lengths in the plane: any motion into this disc stays
+/// inside, by the curvature bound.
 struct SafeRegion {
-  double lipschitz =
-      0.0;              ///< Any motion up to this length stays inside, by the Lipschitz constant.
-  Point centre{};       ///< Any motion into this disc stays inside, by the curvature bound.
+  Point centre{};
   double radius = 0.0;  ///< Negative outside the support, where nothing is certified.
 };
 
@@ -189,7 +188,7 @@ class World {
   /// @throws std::invalid_argument if they do not suffice.
   void Fit();
   [[nodiscard]] bool fitted() const noexcept { return learned_ != nullptr; }
-  /// Learns what the certified methods need besides, unless that is there. For a world that is
+  /// Learns what the certified method needs besides, unless that is there. For a world that is
   /// fitted(). It takes as long as Fit(), so that a page can show what Fit() learned meanwhile.
   void FitCertified();
   [[nodiscard]] bool fitted_certified() const noexcept;

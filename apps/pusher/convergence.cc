@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "dfr/control/gradient_recovery.h"
+#include "dfr/control/published/gradient_recovery.h"
 #include "dfr/control/rollout.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"

@@ -23,7 +23,7 @@ constexpr int kFewDemonstrations = 20;
 // What differs from the experiment.
 struct Condition {
   std::string name;
-  control::DisturbanceOptions disturbance = {};
+  experiment::DisturbanceOptions disturbance = {};
   double supervisor_noise = 1.0;
   sim::Gripper gripper = sim::Gripper::kBar;
   bool few_demonstrations = false;

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "commands.h"
-#include "dfr/control/guided_policy.h"
+#include "dfr/control/guided/guided_policy.h"
 #include "dfr/control/rollout.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"

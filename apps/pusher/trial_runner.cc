@@ -74,7 +74,7 @@ double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set
 PusherTrialRunner::PusherTrialRunner(Model model, const std::vector<safety::Method>& methods,
                                      const sim::PusherOptions& plant_options,
                                      std::map<std::string, double> measures,
-                                     const control::DisturbanceOptions& disturbance)
+                                     const experiment::DisturbanceOptions& disturbance)
     : RolloutRunner(std::make_unique<sim::PusherPlant>(plant_options), disturbance),
       model_(std::move(model)),
       methods_(methods),

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "apps/rollout_video.h"
-#include "dfr/control/disturbed_plant.h"
+#include "dfr/experiment/disturbed_plant.h"
 #include "dfr/experiment/rollout_runner.h"
 #include "dfr/imitation/gaussian_policy.h"
 #include "dfr/sim/pusher/pusher_plant.h"
@@ -31,7 +31,7 @@ class PusherTrialRunner final : public experiment::RolloutRunner {
   /// @param disturbance  of the plant that methods run on; start states are accepted without it.
   PusherTrialRunner(Model model, const std::vector<safety::Method>& methods,
                     const sim::PusherOptions& plant_options, std::map<std::string, double> measures,
-                    const control::DisturbanceOptions& disturbance = {});
+                    const experiment::DisturbanceOptions& disturbance = {});
 
   /// Those given, and for each method that recovered "controls_per_recovery <method>", the median.
   [[nodiscard]] std::map<std::string, double> Measures() override;
@@ -76,8 +76,8 @@ struct TrialRunnerOptions {
   std::vector<safety::Method> methods;
   ModelOptions model;  ///< Learner and seed are the unit's.
   sim::PusherOptions plant;
-  control::DisturbanceOptions disturbance;  ///< At test time only.
-  double supervisor_noise = 1.0;            ///< Factor on the supervisor's standard deviation.
+  experiment::DisturbanceOptions disturbance;  ///< At test time only.
+  double supervisor_noise = 1.0;               ///< Factor on the supervisor's standard deviation.
   int most_demonstrations = 120;
   std::uint64_t seed = 1;
 };

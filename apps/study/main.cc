@@ -17,7 +17,7 @@
 #include "apps/study/planar/commands.h"
 #include "apps/study/study.h"
 #include "apps/study/tables.h"
-#include "dfr/control/guided_options.h"
+#include "dfr/control/guided/guided_options.h"
 #include "dfr/core/build_info.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/command_line.h"
@@ -265,7 +265,7 @@ int main(int argc, char** argv) try {
       "grid", "What the support buys and what the controller buys: every support with every one");
   Study plane = Study::OfPlane();
   auto* experiment = app.add_subcommand(
-      "experiment", "Controllers and certified modes around a polynomial in the plane");
+      "experiment", "Controllers, the certified one among them, around a polynomial in the plane");
   Study drift = plane;
   drift.controllers = {"dfr", "guided", "lwr"};
   drift.conditions = {"as demonstrated",  "turned 10 deg",     "turned 20 deg",

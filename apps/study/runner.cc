@@ -35,8 +35,8 @@ class Progress final : public control::RolloutObserver {
   int reached_ = 0;
 };
 
-control::DisturbanceOptions WithNoise(const Condition& condition, const Task& task) {
-  control::DisturbanceOptions disturbance = condition.disturbance;
+experiment::DisturbanceOptions WithNoise(const Condition& condition, const Task& task) {
+  experiment::DisturbanceOptions disturbance = condition.disturbance;
   disturbance.observation_noise = condition.noise * task.length;
   return disturbance;
 }
@@ -206,11 +206,7 @@ std::string Runner::CauseOf(const control::RolloutResult& result) const {
 }
 
 bool Runner::Inside(std::span<const double> x) const {
-  if (prepared_->plane == nullptr) return true;
-  const planar::Methods& plane = *prepared_->plane;
-  return plane.raw_support().Decision(0, x) >= 0.0 &&
-         plane.Level(planar::SupportKind::kGuided, 0, x) >= 0.0 &&
-         plane.Level(planar::SupportKind::kCertified, 0, x) >= 0.0;
+  return prepared_->plane == nullptr || prepared_->plane->Begins(x);
 }
 
 std::map<std::string, std::vector<int>> Runner::Counts() {

@@ -10,7 +10,6 @@
 
 #include "apps/study/planar/methods.h"
 #include "apps/study/task.h"
-#include "dfr/control/disturbed_plant.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/experiment/rollout_runner.h"
 #include "dfr/experiment/sequential_test.h"

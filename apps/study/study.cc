@@ -117,9 +117,8 @@ std::map<std::string, std::string> SettingsOf(const Study& study) {
   if (study.kind != Kind::kPlane) return {};
   return {{"gamma", Exactly(study.plane.gamma)},
           {"raw gamma", Exactly(study.plane.raw_gamma)},
-          {"certified gamma", Exactly(study.plane.certified_gamma)},
           {"certified level", Exactly(study.plane.certified_level)},
-          {"factor", Exactly(study.plane.gain_factor)}};
+          {"factor", Exactly(study.plane.error_factor)}};
 }
 
 void AddUnit(const experiment::UnitResult& unit, std::size_t alone, std::size_t method,
@@ -175,11 +174,8 @@ Study Study::OfPlane() {
   study.kind = Kind::kPlane;
   study.tasks = {"planar-corridor"};
   study.policies = {"learned"};
-  study.controllers = {"early-stopping", "dfr",  "guided", "true-jacobian", "lwr", "knn",
-                       "ensemble",       "dart", "dagger"};
-  for (const std::string_view method : planar::kPlanarMethods) {
-    if (method.starts_with("certified")) study.controllers.emplace_back(method);
-  }
+  study.controllers = {"early-stopping", "dfr",  "guided", "true-jacobian",      "lwr", "knn",
+                       "ensemble",       "dart", "dagger", "certified-direction"};
   study.conditions = {"as demonstrated"};
   study.demonstrations = 120;
   return study;

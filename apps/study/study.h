@@ -28,7 +28,8 @@ struct Study : experiment::ExperimentOptions {
   }
   /// Guards at their default settings, as demonstrated, in the tasks of the gallery.
   [[nodiscard]] static Study OfGuards();
-  /// Controllers and certified modes around a polynomial, as demonstrated, in a planar task.
+  /// Controllers, the certified one among them, around a polynomial, as demonstrated, in a planar
+  /// task.
   [[nodiscard]] static Study OfPlane();
 
   Kind kind = Kind::kControllers;

@@ -9,8 +9,8 @@
 
 #include "apps/rollout_video.h"
 #include "apps/study/planar/task.h"
-#include "dfr/control/disturbed_plant.h"
 #include "dfr/core/plant.h"
+#include "dfr/experiment/disturbed_plant.h"
 #include "dfr/safety/task_model.h"
 #include "dfr/sim/gallery/gallery.h"
 #include "dfr/study/learned_model.h"
@@ -62,7 +62,7 @@ struct Task {
 struct Condition {
   std::string name;
   std::string variant = {};  ///< Runs where a task has that variant.
-  control::DisturbanceOptions disturbance = {};
+  experiment::DisturbanceOptions disturbance = {};
   double noise = 0.0;       ///< Standard deviation in observations, in Task::length.
   int demonstrations = 0;   ///< In place of the study's, unless 0.
   bool on_request = false;  ///< Not one of those that a study of all conditions runs.

@@ -14,8 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/finite_difference_recovery.h"
-#include "dfr/control/switching_policy.h"
+#include "dfr/control/published/switching_policy.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 #if DFR_BENCH_HAS_KERNEL
@@ -57,35 +56,6 @@ class Linear final : public core::Policy {
   void Control(int, std::span<const double> x, std::span<double> u) const noexcept override {
     for (std::size_t i = 0; i < u.size(); ++i) u[i] = 0.1 * x[i] - 0.05 * x[i + 5];
   }
-};
-
-// x' = x + B u, for the oracle.
-class Integrator final : public core::SimulatedPlant {
- public:
-  Integrator() : x(kStateDim, 0.0) { layout_.Add("x", kStateDim); }
-  const core::StateLayout& layout() const noexcept override { return layout_; }
-  int control_dim() const noexcept override { return kControlDim; }
-  void Reset(std::uint64_t) override {}
-  core::PlantStatus Apply(std::span<const double> u) noexcept override {
-    for (std::size_t i = 0; i < u.size(); ++i) x[i] += u[i];
-    return core::PlantStatus::kOk;
-  }
-  void Observe(std::span<double> state) const noexcept override {
-    std::copy(x.begin(), x.end(), state.begin());
-  }
-  bool completed() const noexcept override { return false; }
-  bool collided() const noexcept override { return false; }
-  void Halt() noexcept override {}
-  std::unique_ptr<core::SimulatedPlant> Clone() const override {
-    return std::make_unique<Integrator>(*this);
-  }
-  void CopyStateFrom(const core::SimulatedPlant& other) noexcept override {
-    x = static_cast<const Integrator&>(other).x;
-  }
-  std::vector<double> x;
-
- private:
-  core::StateLayout layout_;
 };
 
 #if DFR_BENCH_HAS_KERNEL
@@ -140,18 +110,14 @@ void BM_Clock(benchmark::State& state) {
   AddPercentiles(state, nanoseconds);
 }
 
-void BM_Next(benchmark::State& state, Recovery recovery, bool oracle, bool kernel, bool open) {
+void BM_Next(benchmark::State& state, Recovery recovery, bool kernel, bool open) {
   const auto support = MakeSupport(kernel);
   const Linear policy;
-  Integrator plant;
   // A tiny lambda opens the gate wherever g > 0, a huge one shuts it.
   const std::vector<double> lambda = {open ? 1e-9 : 1e9};
   const SwitchingPolicyOptions options{
       .recovery = recovery, .horizon = kHorizon, .max_iterations = 1 << 30};
-  SwitchingPolicy controller =
-      oracle ? SwitchingPolicy(policy, *support, lambda,
-                               std::make_unique<FiniteDifferenceRecovery>(plant, *support), options)
-             : SwitchingPolicy(policy, *support, lambda, options);
+  SwitchingPolicy controller(policy, *support, lambda, options);
   core::Random random(2);
   core::Matrix queries(1024 * kHorizon, kStateDim);
   for (Eigen::Index i = 0; i < queries.rows(); ++i) {
@@ -169,7 +135,6 @@ void BM_Next(benchmark::State& state, Recovery recovery, bool oracle, bool kerne
     if (query % kHorizon == 0 && open) controller.Reset(static_cast<std::uint64_t>(query));
     if (query == 0 && !open) controller.Reset(1);
     const std::span<const double> x = core::Row(std::as_const(queries), query);
-    std::copy(x.begin(), x.end(), plant.x.begin());
     const auto start = Clock::now();
     const Step step = controller.Next(x, u);
     nanoseconds.push_back(std::chrono::duration<double, std::nano>(Clock::now() - start).count());
@@ -180,13 +145,12 @@ void BM_Next(benchmark::State& state, Recovery recovery, bool oracle, bool kerne
   AddPercentiles(state, nanoseconds);
 }
 
-#define DFR_BENCH_NEXT(kernel, support)                                                       \
-  BENCHMARK_CAPTURE(BM_Next, Baseline_##support, Recovery::kNone, false, kernel, true);       \
-  BENCHMARK_CAPTURE(BM_Next, EarlyStopping_##support##_Open, Recovery::kEarlyStopping, false, \
-                    kernel, true);                                                            \
-  BENCHMARK_CAPTURE(BM_Next, Dfr_##support##_Open, Recovery::kDfr, false, kernel, true);      \
-  BENCHMARK_CAPTURE(BM_Next, Dfr_##support##_Shut, Recovery::kDfr, false, kernel, false);     \
-  BENCHMARK_CAPTURE(BM_Next, Oracle_##support##_Shut, Recovery::kDfr, true, kernel, false)
+#define DFR_BENCH_NEXT(kernel, support)                                                        \
+  BENCHMARK_CAPTURE(BM_Next, Baseline_##support, Recovery::kNone, kernel, true);               \
+  BENCHMARK_CAPTURE(BM_Next, EarlyStopping_##support##_Open, Recovery::kEarlyStopping, kernel, \
+                    true);                                                                     \
+  BENCHMARK_CAPTURE(BM_Next, Dfr_##support##_Open, Recovery::kDfr, kernel, true);              \
+  BENCHMARK_CAPTURE(BM_Next, Dfr_##support##_Shut, Recovery::kDfr, kernel, false)
 
 BENCHMARK(BM_Clock);
 DFR_BENCH_NEXT(false, Analytic);

@@ -22,8 +22,8 @@
 #include <vector>
 
 #include "bench/kernel/trajectories.h"
-#include "dfr/control/guided_model.h"
-#include "dfr/control/guided_policy.h"
+#include "dfr/control/guided/guided_model.h"
+#include "dfr/control/guided/guided_policy.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/random.h"
 #include "dfr/kernel/one_class_svm.h"

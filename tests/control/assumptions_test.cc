@@ -1,4 +1,4 @@
-#include "dfr/control/assumptions.h"
+#include "dfr/control/certified/assumptions.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "dfr/control/correction.h"
+#include "dfr/control/guided/correction.h"
 
 #include <gtest/gtest.h>
 
@@ -30,7 +30,7 @@ class CorrectionTest : public testing::Test {
   Eigen::VectorXd z_ = Eigen::Vector2d(0.0, 0.35);
   LocalModel local_{support_, estimate_, core::AsSpan(z_)};
   StepTarget target_{1, model_.gate_level(1)};
-  StepLimits limits_ = Limits({}, model_.control_unit());
+  StepLimits limits_ = Limits(GuidedOptions{}, model_.control_unit());
   // One that leads out of the disk, and one that leads far into it.
   Eigen::VectorXd outwards_ = Eigen::Vector2d(0.0, 3.0);
   Eigen::VectorXd inwards_ = Eigen::Vector2d(test::kSpeed, -0.35) / model_.control_unit();
@@ -76,20 +76,16 @@ TEST_F(CorrectionTest, WhatEndsInsideIsFiltered) {
   EXPECT_TRUE(v == between) << "it is tolerated";
 }
 
-// Without demonstrations, and with a certificate, the learned control itself is raised.
+// Without demonstrations the learned control itself is raised.
 TEST_F(CorrectionTest, WithoutDemonstrationsTheLearnedControlIsRaised) {
   Eigen::VectorXd expected = outwards_;
   const double level = RaiseLevel(local_, target_, limits_, expected);
   ASSERT_GE(level, 0.0);
-  GuidedOptions certified;
-  certified.certificate = {CertificateKind::kRadius, 1.0};
-  for (const GuidedOptions& options : {Without({}, "demonstrated"), certified}) {
-    Eigen::VectorXd v = outwards_;
-    const Choice choice = Choose(options, v);
-    EXPECT_EQ(choice.mode, Mode::kPolicy);
-    EXPECT_EQ(choice.level, level);
-    EXPECT_TRUE(v == expected);
-  }
+  Eigen::VectorXd v = outwards_;
+  const Choice choice = Choose(Without({}, "demonstrated"), v);
+  EXPECT_EQ(choice.mode, Mode::kPolicy);
+  EXPECT_EQ(choice.level, level);
+  EXPECT_TRUE(v == expected);
 }
 
 TEST_F(CorrectionTest, RemembersNothingAndNeverAllocates) {

@@ -1,4 +1,4 @@
-#include "dfr/control/gradient_recovery.h"
+#include "dfr/control/published/gradient_recovery.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "dfr/control/switching_policy.h"
+#include "dfr/control/published/switching_policy.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
 #include "tests/support/no_alloc.h"

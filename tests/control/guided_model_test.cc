@@ -1,4 +1,4 @@
-#include "dfr/control/guided_model.h"
+#include "dfr/control/guided/guided_model.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "dfr/control/jacobian_estimate.h"
+#include "dfr/control/guided/jacobian_estimate.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/matrix.h"
 #include "tests/control/rightwards.h"

@@ -1,4 +1,4 @@
-#include "dfr/control/guided_policy.h"
+#include "dfr/control/guided/guided_policy.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/switching_policy.h"
+#include "dfr/control/published/switching_policy.h"
 #include "tests/control/analytic.h"
 #include "tests/control/rightwards.h"
 #include "tests/support/no_alloc.h"
@@ -31,12 +31,6 @@ using test::Rightwards;
 using Turned = test::TurnedPoint;
 
 core::FeatureTransform Identity() { return test::IdentityFeatures(); }
-
-GuidedOptions Certified(CertificateKind kind, double gain, double direction_error) {
-  GuidedOptions options;
-  options.certificate = {kind, gain, direction_error};
-  return options;
-}
 
 // What is off the middle goes further by itself; controls bring it back all the same.
 std::vector<core::Trajectory> Toppling() {
@@ -56,9 +50,6 @@ core::FeatureTransform Thirtyfold() {
 test::GaussianSupport ThirtyfoldDisk() {
   return {{{0.0, 0.0}}, 4.0 / 900.0, 0.5, {30.0 * kSpeed, 0.0}, kSteps + 1};
 }
-
-constexpr std::array kCertificates = {CertificateKind::kLipschitz, CertificateKind::kRadius,
-                                      CertificateKind::kDirection};
 
 TEST(GuidedPolicyTest, PassesTheLearnedControlDeepInside) {
   const auto support = MovingDisk();
@@ -716,192 +707,26 @@ TEST(GuidedPolicyTest, ControlsStayWithinThePlantsLimit) {
   }
 }
 
-// The assumption |dz| <= K |u| is watched: a plant with a larger gain than promised is stopped
-// after the first control that shows it.
-TEST(GuidedPolicyTest, CertifiedModesHaltAtTheFirstViolation) {
-  const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
-  const auto policy = test::ConstantPolicy(2, 0.05);
-  for (const auto kind : kCertificates) {
-    SCOPED_TRACE(Name(kind));
-    GuidedPolicy guided(policy, model, Certified(kind, 1.0, 0.1));
-    guided.Reset(1);
-    std::vector<double> x = {0.0, 0.0}, u(2);
-    for (int i = 0; i < 2; ++i) {
-      const Step step = guided.Next(x, u);
-      ASSERT_NE(step.mode, Mode::kHalt);
-      EXPECT_TRUE(step.certified);
-      // The first control does as promised, the second twice as much.
-      for (std::size_t k = 0; k < 2; ++k) x[k] += (i == 0 ? 1.0 : 2.0) * u[k];
-    }
-    EXPECT_EQ(guided.Next(x, u).cause, HaltCause::kViolated);
-    EXPECT_EQ(guided.violation().control, 1);
-    EXPECT_GT(guided.violation().observed, guided.violation().allowed);
-  }
-}
-
-TEST(GuidedPolicyTest, CertifiedModesHaltOutside) {
-  const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
-  const auto policy = test::ConstantPolicy(2, 0.05);
-  for (const auto kind : kCertificates) {
-    GuidedPolicy guided(policy, model, Certified(kind, 1.0, 1.0));
-    guided.Reset(1);
-    std::vector<double> u(2);
-    EXPECT_EQ(guided.Next(std::vector{0.0, 2.0}, u).cause, HaltCause::kOutsideSupport);
-  }
-}
-
-// Time is consumed as far as learned controls are applied: of ever the same control only a part may
-// pass, and the one step of the horizon is over once the parts make a whole.
-TEST(GuidedPolicyTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) {
-  const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards(), {.gate_quantile = 0.5});
-  const auto policy = test::ConstantPolicy(2, 0.08);
-  for (const auto kind : {CertificateKind::kLipschitz, CertificateKind::kRadius}) {
-    SCOPED_TRACE(Name(kind));
-    GuidedOptions options = Certified(kind, 17.0, 0.0);
-    options.horizon = 1;
-    GuidedPolicy guided(policy, model, options);
-    guided.Reset(1);
-    std::vector<double> u(2);
-    double time = 0.0;
-    int controls = 0;
-    for (;; ++controls) {
-      const Step step = guided.Next(std::vector{0.05, 0.0}, u);
-      if (step.mode == Mode::kHalt) break;
-      ASSERT_EQ(step.mode, Mode::kPolicy);
-      ASSERT_FALSE(step.filtered && u[1] != 0.0);
-      ASSERT_LT(time, 1.0) << "the time was used up before";
-      time += u[0] / 0.08;
-    }
-    EXPECT_EQ(guided.halt_cause(), HaltCause::kTimeUp);
-    EXPECT_GE(time, 1.0);
-    EXPECT_GE(controls, 2);
-  }
-}
-
-// At x = 0.05 the state is as deep in B_0 as in B_1: the phase is the one that a control, which
-// passes by half at least, was meant to lead to.
-TEST(GuidedPolicyTest, HalfALearnedControlAdvancesACertifiedPhase) {
-  const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
-  const auto policy = test::ConstantPolicy(2, 0.08);
-  const std::vector<double> x = {0.05, 0.0};
-  std::vector<double> u(2);
-  int advanced = 0;
-  for (int i = 0; i < 34; ++i) {
-    const double gain = 5.0 + 0.3 * i;
-    SCOPED_TRACE(gain);
-    GuidedPolicy guided(policy, model, Certified(CertificateKind::kRadius, gain, 0.0));
-    guided.Reset(1);
-    ASSERT_EQ(guided.Next(x, u).mode, Mode::kPolicy);
-    const double share = u[0] / 0.08;
-    EXPECT_EQ(guided.Next(x, u).t, share >= 0.5 ? 1 : 0) << share;
-    advanced += share >= 0.5 ? 1 : 0;
-  }
-  EXPECT_GT(advanced, 3);
-  EXPECT_LT(advanced, 30);
-}
-
-// g_t(x) = exp(-(x - c_t)^2) - 0.5 with c_0 = 0, c_1 = 1, K = 1: at x = -0.6 the published gate
-// g_0(x) > L K |u| lets u = 0.001 pass, whatever its direction, and the state is then outside B_1,
-// which the proof by induction excludes. The phase is held instead.
-TEST(Proposition1Test, ThePublishedGateLeavesItsOwnInvariantAndPhaseHoldKeepsIt) {
-  const test::GaussianSupport support({{0.0}}, 1.0, 0.5, {1.0}, 2);
-  const auto policy = test::ConstantPolicy(1, 0.001);
-  std::vector<double> x = {-0.6}, u(1);
-  SwitchingPolicy published(policy, support, support.lipschitz_bound(0));
-  published.Reset(1);
-  ASSERT_EQ(published.Next(x, u).mode, Mode::kPolicy);
-  x[0] += u[0];
-  EXPECT_NEAR(support.Decision(1, x), -0.422, 1e-3);
-  EXPECT_EQ(published.Next(x, u).cause, HaltCause::kOutsideSupport);
-
-  std::vector<core::Trajectory> demonstrations(2);
-  for (std::size_t d = 0; d < 2; ++d) {
-    demonstrations[d].states.resize(2, 1);
-    demonstrations[d].states << 0.0 + 0.1 * static_cast<double>(d), 1.0;
-    demonstrations[d].controls.resize(1, 1);
-    demonstrations[d].controls << 1.0;
-  }
-  const GuidedModel model(core::FeatureTransform::Identity(core::FeatureSelection::All(1)), support,
-                          demonstrations);
-  for (const auto kind : kCertificates) {
-    SCOPED_TRACE(Name(kind));
-    GuidedPolicy held(policy, model, Certified(kind, 1.0, 1.0));
-    held.Reset(1);
-    x = {-0.6};
-    for (int i = 0; i < 50; ++i) {
-      const Step step = held.Next(x, u);
-      if (step.mode == Mode::kHalt) {
-        ASSERT_EQ(step.cause, HaltCause::kNoProgress);
-        break;
-      }
-      ASSERT_GE(support.Decision(step.t, x), 0.0) << "the phase is one that holds the state";
-      x[0] += u[0];
-      ASSERT_GE(std::max(support.Decision(0, x), support.Decision(1, x)), 0.0);
-    }
-  }
-}
-
-// Prop. IV.3 with its induction mended: |dz| <= K |u| in a random direction each time, a policy
-// that runs for the boundary, supports that move on: the state never leaves the union of the B_t.
-TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {
-  const auto support = MovingDisk();
-  const GuidedModel model(Identity(), support, Rightwards());
-  core::Random random(7);
-  const test::FunctionPolicy policy(2, 2,
-                                    [](int t, std::span<const double> x, std::span<double> u) {
-                                      u[0] = x[0] - t * kSpeed;
-                                      u[1] = 3.0 * x[1] + 0.01;
-                                    });
-  for (const auto kind : {CertificateKind::kLipschitz, CertificateKind::kRadius}) {
-    SCOPED_TRACE(Name(kind));
-    constexpr double kGain = 2.0;
-    GuidedPolicy guided(policy, model, Certified(kind, kGain, 0.0));
-    std::vector<double> x(2), u(2), direction(2);
-    int controls = 0;
-    for (std::uint64_t seed = 0; controls < 20'000; ++seed) {
-      guided.Reset(seed);
-      x = {0.1 * random.Normal(), 0.1 * random.Normal()};
-      while (guided.Next(x, u).mode != Mode::kHalt) {
-        random.Direction(direction);
-        const double move = kGain * test::Norm(u) * (1.0 - 1e-12);
-        for (std::size_t i = 0; i < 2; ++i) x[i] += move * direction[i];
-        double best = -1.0;
-        for (int t = 0; t <= kSteps; ++t) best = std::max(best, support.LogDecision(t, x, {}));
-        ASSERT_GE(best, -1e-12);  // rounding of a difference of logarithms
-        ++controls;
-      }
-      ASSERT_NE(guided.halt_cause(), HaltCause::kOutsideSupport);
-      ASSERT_NE(guided.halt_cause(), HaltCause::kViolated);
-    }
-  }
-}
-
 // Nothing is random, and nothing is left of an episode that was before.
 TEST(GuidedPolicyTest, TheSameStatesGiveTheSameControls) {
   const auto support = MovingDisk();
   const GuidedModel model(Identity(), support, Sideless());
   const auto policy = test::ConstantPolicy(2, 0.1);
-  for (const auto kind : {CertificateKind::kNone, CertificateKind::kRadius}) {
-    GuidedPolicy guided(policy, model, Certified(kind, 2.0, 0.0));
-    const auto controls = [&](std::uint64_t seed) {
-      guided.Reset(seed);
-      Turned plant{.x = {0.0, 0.3}};
-      std::vector<double> all, u(2);
-      for (int i = 0; i < 10; ++i) {
-        (void)guided.Next(plant.x, u);
-        all.insert(all.end(), u.begin(), u.end());
-        plant.Apply(u);
-      }
-      return all;
-    };
-    const auto first = controls(1);
-    EXPECT_EQ(controls(1), first);
-    EXPECT_EQ(controls(2), first);
-  }
+  GuidedPolicy guided(policy, model);
+  const auto controls = [&](std::uint64_t seed) {
+    guided.Reset(seed);
+    Turned plant{.x = {0.0, 0.3}};
+    std::vector<double> all, u(2);
+    for (int i = 0; i < 10; ++i) {
+      (void)guided.Next(plant.x, u);
+      all.insert(all.end(), u.begin(), u.end());
+      plant.Apply(u);
+    }
+    return all;
+  };
+  const auto first = controls(1);
+  EXPECT_EQ(controls(1), first);
+  EXPECT_EQ(controls(2), first);
 }
 
 TEST(GuidedPolicyTest, HaltsAtEveryDoubt) {
@@ -923,23 +748,17 @@ TEST(GuidedPolicyTest, NextNeverAllocates) {
   const auto support = MovingDisk();
   const GuidedModel model(Identity(), support, Rightwards());
   const auto policy = test::ConstantPolicy(2, 0.1);
-  for (const auto kind : {CertificateKind::kNone, CertificateKind::kLipschitz,
-                          CertificateKind::kRadius, CertificateKind::kDirection}) {
-    GuidedOptions options;
-    options.certificate = {kind, 2.0, 2.0};
-    if (kind == CertificateKind::kNone) options.drift_time = {.rest = 0.5, .travel = 1.0};
-    GuidedPolicy guided(policy, model, options);
-    core::Random random(1);
-    std::vector<double> x(2), u(2);
-    const test::NoAlloc guard;
-    for (std::uint64_t episode = 0; episode < 30; ++episode) {
-      guided.Reset(episode);
-      x[0] = 0.3 * random.Normal();
-      x[1] = 0.3 * random.Normal();
-      for (int i = 0; i < 30; ++i) {
-        (void)guided.Next(x, u);
-        for (std::size_t k = 0; k < 2; ++k) x[k] += u[k];
-      }
+  GuidedPolicy guided(policy, model, {.drift_time = {.rest = 0.5, .travel = 1.0}});
+  core::Random random(1);
+  std::vector<double> x(2), u(2);
+  const test::NoAlloc guard;
+  for (std::uint64_t episode = 0; episode < 30; ++episode) {
+    guided.Reset(episode);
+    x[0] = 0.3 * random.Normal();
+    x[1] = 0.3 * random.Normal();
+    for (int i = 0; i < 30; ++i) {
+      (void)guided.Next(x, u);
+      for (std::size_t k = 0; k < 2; ++k) x[k] += u[k];
     }
   }
 }
@@ -961,10 +780,6 @@ TEST(GuidedPolicyTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({.horizon = 0}), HasSubstr("horizon"));
   EXPECT_THAT(message({.max_controls = 0}), HasSubstr("max_controls"));
   EXPECT_THAT(message({.control_limit = 0}), HasSubstr("control_limit"));
-  EXPECT_THAT(message({.certificate = {CertificateKind::kRadius, 0.0, 0.0}}),
-              HasSubstr("certified-radius needs a gain"));
-  EXPECT_THAT(message({.certificate = {CertificateKind::kDirection, 0.0, 0.0}}),
-              HasSubstr("certified-direction needs an eps"));
   EXPECT_THAT(message({.drift_time = {.rest = -1.0}}), HasSubstr("drift times"));
   EXPECT_THAT(message({.first_step = -1}), HasSubstr("first_step"));
   EXPECT_THAT(message({.iterations = -1}), HasSubstr("iterations"));
@@ -974,9 +789,6 @@ TEST(GuidedPolicyTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message({.probe_size = -0.1}), HasSubstr("probe_size"));
   EXPECT_THAT(message({.online_weight = -1.0}), HasSubstr("online_weight"));
   EXPECT_THAT(message({.online_weight = std::nan("")}), HasSubstr("online_weight"));
-  EXPECT_THAT(
-      message({.drift_time = {.travel = 1.0}, .certificate = {CertificateKind::kRadius, 1.0, 0.0}}),
-      HasSubstr("certified-radius holds only where nothing else moves"));
   EXPECT_THROW(GuidedModel(Identity(), support, {}), std::invalid_argument);
   EXPECT_THROW(GuidedModel(Identity(), support, Rightwards(), {.slack = -0.1}),
                std::invalid_argument);

@@ -1,4 +1,4 @@
-#include "dfr/control/halt_rule.h"
+#include "dfr/control/guided/halt_rule.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "dfr/control/jacobian_estimate.h"
+#include "dfr/control/guided/jacobian_estimate.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

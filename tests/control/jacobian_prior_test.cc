@@ -1,4 +1,4 @@
-#include "dfr/control/jacobian_prior.h"
+#include "dfr/control/guided/jacobian_prior.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

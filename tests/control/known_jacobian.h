@@ -4,7 +4,7 @@
 #include <memory>
 #include <vector>
 
-#include "dfr/control/jacobian_estimate.h"
+#include "dfr/control/guided/jacobian_estimate.h"
 #include "dfr/core/matrix.h"
 
 namespace dfr::test {

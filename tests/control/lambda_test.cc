@@ -1,4 +1,4 @@
-#include "dfr/control/lambda.h"
+#include "dfr/control/published/lambda.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

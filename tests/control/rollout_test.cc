@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "dfr/control/switching_policy.h"
+#include "dfr/control/published/switching_policy.h"
 #include "tests/control/analytic.h"
 #include "tests/support/no_alloc.h"
 

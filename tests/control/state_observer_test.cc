@@ -1,4 +1,4 @@
-#include "dfr/control/state_observer.h"
+#include "dfr/control/guided/state_observer.h"
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,7 @@
 #include <memory>
 #include <vector>
 
-#include "dfr/control/jacobian_estimate.h"
+#include "dfr/control/guided/jacobian_estimate.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 #include "tests/support/all_close.h"

@@ -1,4 +1,4 @@
-#include "dfr/control/support_step.h"
+#include "dfr/control/guided/support_step.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "dfr/control/switching_policy.h"
+#include "dfr/control/published/switching_policy.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -14,7 +14,6 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/finite_difference_recovery.h"
 #include "tests/control/analytic.h"
 #include "tests/support/no_alloc.h"
 
@@ -363,8 +362,6 @@ TEST(SwitchingPolicyTest, NextNeverAllocates) {
   for (const Recovery recovery : {Recovery::kNone, Recovery::kEarlyStopping, Recovery::kDfr}) {
     drive(SwitchingPolicy(policy, ball, lambda, {.recovery = recovery}));
   }
-  drive(SwitchingPolicy(policy, ball, lambda,
-                        std::make_unique<FiniteDifferenceRecovery>(plant, ball)));
 }
 
 // Says what it was asked, and answers as told.

@@ -19,7 +19,7 @@ RUNS = {
     "study": [
         ("run", "--tasks reach,push,goal --policies lwr,weak --methods guided,monitor --trials 1 --episodes 2 --demonstrations 12",
          "--demonstrations=13", "demonstrations"),
-        ("experiment", "--trials 4 --episodes 3 --demonstrations 20 --methods guided,certified-radius "
+        ("experiment", "--trials 4 --episodes 3 --demonstrations 20 --methods guided,certified-direction "
          "--certified-level 0.1 --factor 1.2 --seed 3", "--certified-level=0.2", "settings.certified level"),
         ("drift", "--trials 1 --episodes 2 --demonstrations 12 --methods guided --gamma 0.3 --tasks planar-push",
          "--gamma=0.4", "settings.gamma"),

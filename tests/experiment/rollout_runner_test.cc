@@ -47,7 +47,7 @@ class Script final : public control::Controller {
 class PointRunner final : public RolloutRunner {
  public:
   PointRunner(double wall, double goal, bool moves_on,
-              const control::DisturbanceOptions& disturbance = {})
+              const experiment::DisturbanceOptions& disturbance = {})
       : RolloutRunner(std::make_unique<test::PointPlant>(
                           test::PointPlantOptions{.start = {0.0}, .wall = wall, .goal = goal}),
                       disturbance),
@@ -93,7 +93,7 @@ TEST(RolloutRunnerTest, NamesWhoCollided) {
 
 TEST(RolloutRunnerTest, AHaltMayCollideWhereTheWorldMovesOn) {
   for (const bool disturbed : {false, true}) {
-    const control::DisturbanceOptions disturbance{.control_delay = disturbed ? 1 : 0};
+    const experiment::DisturbanceOptions disturbance{.control_delay = disturbed ? 1 : 0};
     PointRunner runner(2.0, kNone, true, disturbance);
     const EpisodeResult result = runner.Run(0, 1, 2);
     EXPECT_EQ(result.outcome, core::Outcome::kCollided);

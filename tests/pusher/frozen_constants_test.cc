@@ -7,10 +7,15 @@
 #include <string>
 
 #include "apps/pusher/model.h"
-#include "dfr/control/derivative_free_recovery.h"
-#include "dfr/control/guided_model.h"
-#include "dfr/control/guided_policy.h"
-#include "dfr/control/jacobian_estimate.h"
+#include "dfr/control/certified/certified_options.h"
+#include "dfr/control/certified/constants.h"
+#include "dfr/control/guided/constants.h"
+#include "dfr/control/guided/guided_model.h"
+#include "dfr/control/guided/guided_policy.h"
+#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/state_observer.h"
+#include "dfr/control/phase_tracker.h"
+#include "dfr/control/published/derivative_free_recovery.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/imitation/locally_weighted_policy.h"
 #include "dfr/kernel/whitened_support.h"
@@ -32,6 +37,7 @@ std::map<std::string, double> InTheCode() {
   const control::GuidedOptions guided;
   const control::GuidedModelOptions model;
   const control::JacobianOptions jacobian;
+  const control::CertifiedOptions certified;
   const kernel::WhitenedSupportOptions support;
   const pusher::ModelOptions pusher;
   const control::DfrOptions dfr;
@@ -54,6 +60,30 @@ std::map<std::string, double> InTheCode() {
           {"JacobianPrior::kBandwidth", control::JacobianPrior::kBandwidth},
           {"JacobianPrior::kNearest", control::JacobianPrior::kNearest},
           {"JacobianPrior::kSpread", control::JacobianPrior::kSpread},
+          {"guided::kMostLeft", control::guided::kMostLeft},
+          {"guided::kSlackQuantile", control::guided::kSlackQuantile},
+          {"guided::kWeightFloor", control::guided::kWeightFloor},
+          {"guided::kDemonstratedRidge", control::guided::kDemonstratedRidge},
+          {"guided::kNearness", control::guided::kNearness},
+          {"guided::kPowerIterations", control::guided::kPowerIterations},
+          {"guided::kLeastWeight", control::guided::kLeastWeight},
+          {"guided::kEvidence", control::guided::kEvidence},
+          {"guided::kNegligible", control::guided::kNegligible},
+          {"guided::kLeastGain", control::guided::kLeastGain},
+          {"guided::kUnknown", control::guided::kUnknown},
+          {"guided::kMostReach", control::guided::kMostReach},
+          {"StateObserver::kMaxLag", control::StateObserver::kMaxLag},
+          {"PhaseTracker::kWindow", control::PhaseTracker::kWindow},
+          {"PhaseTracker::kPenalty", control::PhaseTracker::kPenalty},
+          {"CertifiedOptions::iterations", certified.iterations},
+          {"CertifiedOptions::patience", certified.patience},
+          {"CertifiedOptions::probe_size", certified.probe_size},
+          {"certified::kReach", control::certified::kReach},
+          {"certified::kRounds", control::certified::kRounds},
+          {"certified::kOvershoot", control::certified::kOvershoot},
+          {"certified::kLeastPart", control::certified::kLeastPart},
+          {"certified::kLeastShare", control::certified::kLeastShare},
+          {"certified::kMaxStalls", control::certified::kMaxStalls},
           {"WhitenedSupportOptions::svm.nu", support.svm.nu},
           {"WhitenedSupportOptions::svm.gamma", support.svm.gamma},
           {"WhitenedSupportOptions::window", support.window},

@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/guided_policy.h"
-#include "dfr/control/switching_policy.h"
+#include "dfr/control/guided/guided_policy.h"
+#include "dfr/control/published/switching_policy.h"
 #include "tests/safety/corridor.h"
 #include "tests/support/no_alloc.h"
 

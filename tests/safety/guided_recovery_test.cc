@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "dfr/control/jacobian_estimate.h"
+#include "dfr/control/guided/jacobian_estimate.h"
 #include "dfr/core/folds.h"
 #include "dfr/kernel/whitened_support.h"
 #include "tests/safety/corridor.h"

@@ -18,7 +18,7 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/lambda.h"
+#include "dfr/control/published/lambda.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/random.h"
 #include "tests/safety/corridor.h"

@@ -34,13 +34,11 @@ TEST(PlanarTest, ResultsDoNotDependOnTheNumberOfThreads) {
   EXPECT_TRUE(one == RunStudy(study));
 }
 
-class ProofTest : public testing::TestWithParam<control::CertificateKind> {};
-
 // The system tier goes on for longer, and finds every mutation.
-TEST_P(ProofTest, ACertifiedModeStaysInsideTheUnionOfSupports) {
+TEST(ProofTest, StaysInsideTheUnionOfSupports) {
   for (const double error : {0.0, 0.05}) {
     SCOPED_TRACE(error);
-    const ProofResult result = Prove({.kind = GetParam(), .steps = 2000, .state_error = error});
+    const ProofResult result = Prove({.steps = 2000, .state_error = error});
     EXPECT_EQ(result.controls, 2000);
     EXPECT_EQ(result.left, 0);
     EXPECT_EQ(result.violations, 0);
@@ -49,23 +47,17 @@ TEST_P(ProofTest, ACertifiedModeStaysInsideTheUnionOfSupports) {
   }
 }
 
-TEST_P(ProofTest, AMistakenControllerIsFound) {
-  const ProofResult result =
-      Prove({.kind = GetParam(), .steps = 4000, .mutation = Mutation::kConstant});
+TEST(ProofTest, AMistakenControllerIsFound) {
+  const ProofResult result = Prove({.steps = 4000, .mutation = Mutation::kConstant});
   EXPECT_GT(result.left, 0);
 }
 
-// Half of the true K or eps: whoever leaves was found out at that very control.
-TEST_P(ProofTest, AWrongConstantEndsInAViolation) {
-  const ProofResult result = Prove({.kind = GetParam(), .steps = 1000, .assumed = 0.5});
+// Half of the true eps: whoever leaves was found out at that very control.
+TEST(ProofTest, AWrongConstantEndsInAViolation) {
+  const ProofResult result = Prove({.steps = 1000, .assumed = 0.5});
   EXPECT_GT(result.violations, 3);
   EXPECT_LE(result.left, result.violations + 1) << "the last control is not looked at any more";
 }
-
-INSTANTIATE_TEST_SUITE_P(Kinds, ProofTest,
-                         testing::Values(control::CertificateKind::kLipschitz,
-                                         control::CertificateKind::kRadius,
-                                         control::CertificateKind::kDirection));
 
 TEST(CoverageTest, UnknownWorldsAreRefused) {
   EXPECT_THROW((void)MeasureCoverage({.world = "moon"}), std::invalid_argument);
@@ -74,10 +66,9 @@ TEST(CoverageTest, UnknownWorldsAreRefused) {
 TEST(PlanarTest, EveryMethodRunsAndUnknownNamesAreNamed) {
   const Task task = MakeTask("push");
   const Methods methods(task, Demonstrate(task, 20, 1));
-  for (const auto& name :
-       {"baseline", "early-stopping", "dfr", "finite-difference", "true-jacobian", "lwr",
-        "ensemble", "dart", "dagger", "guided", "guided-without-filter+reach",
-        "certified-lipschitz", "certified-radius", "certified-direction"}) {
+  for (const auto& name : {"baseline", "early-stopping", "dfr", "finite-difference",
+                           "true-jacobian", "lwr", "ensemble", "dart", "dagger", "guided",
+                           "guided-without-filter+reach", "certified-direction"}) {
     EXPECT_EQ(methods.Make(name, *task.plant)->state_dim(), 4) << name;
   }
   EXPECT_THROW((void)methods.Make("magic", *task.plant), std::invalid_argument);

@@ -17,7 +17,7 @@
 #include "apps/study/planar/coverage.h"
 #include "apps/study/planar/picture.h"
 #include "apps/study/planar/proof.h"
-#include "dfr/control/certifier.h"
+#include "dfr/control/certified/certifier.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/intervals.h"
 #include "dfr/kernel/cover_radius.h"
@@ -33,27 +33,22 @@ struct PlanarStudy {
 };
 
 void PrintProof(ProofOptions options, bool mutations) {
-  std::printf("%-20s %-10s %10s %12s %12s %9s %10s %9s %9s\n", "mode", "mutation", "controls",
-              "left support", "violations", "probes", "recoveries", "filtered", "episodes");
+  std::printf("%-10s %10s %12s %12s %9s %10s %9s %9s\n", "mutation", "controls", "left support",
+              "violations", "probes", "recoveries", "filtered", "episodes");
   std::string failures;
-  for (const auto kind : {control::CertificateKind::kLipschitz, control::CertificateKind::kRadius,
-                          control::CertificateKind::kDirection}) {
-    for (const Mutation mutation : MutationsOf(kind)) {
-      if (mutation != Mutation::kNone && !mutations) continue;
-      options.kind = kind;
-      options.mutation = mutation;
-      const ProofResult r = Prove(options);
-      std::printf("%-20s %-10s %10lld %12lld %12lld %9lld %10lld %9lld %9lld\n", Name(kind),
-                  Name(mutation), static_cast<long long>(r.controls),
-                  static_cast<long long>(r.left), static_cast<long long>(r.violations),
-                  static_cast<long long>(r.probes), static_cast<long long>(r.recoveries),
-                  static_cast<long long>(r.filtered), static_cast<long long>(r.episodes));
-      if (mutation != Mutation::kNone && r.left == 0) {
-        failures.append(" the mutation ").append(Name(mutation));
-        failures.append(" of ").append(Name(kind)).append(" was not found;");
-      } else if (mutation == Mutation::kNone && (r.left > 0 || r.violations > 0)) {
-        failures.append(" ").append(Name(kind)).append(" left its support;");
-      }
+  for (const Mutation mutation : kMutations) {
+    if (mutation != Mutation::kNone && !mutations) continue;
+    options.mutation = mutation;
+    const ProofResult r = Prove(options);
+    std::printf("%-10s %10lld %12lld %12lld %9lld %10lld %9lld %9lld\n", Name(mutation),
+                static_cast<long long>(r.controls), static_cast<long long>(r.left),
+                static_cast<long long>(r.violations), static_cast<long long>(r.probes),
+                static_cast<long long>(r.recoveries), static_cast<long long>(r.filtered),
+                static_cast<long long>(r.episodes));
+    if (mutation != Mutation::kNone && r.left == 0) {
+      failures.append(" the mutation ").append(Name(mutation)).append(" was not found;");
+    } else if (mutation == Mutation::kNone && (r.left > 0 || r.violations > 0)) {
+      failures.append(" the support was left;");
     }
   }
   if (!failures.empty()) throw std::runtime_error("the proof failed:" + failures);
@@ -104,16 +99,16 @@ void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worl
   }
 }
 
-// How many demonstrated steps from time step t a mode would let pass.
+// How many demonstrated steps from time step t a certificate would let pass.
 struct Passing {
   int steps = 0;
   int passed = 0;
   [[nodiscard]] double percent() const { return steps > 0 ? 100.0 * passed / steps : 0.0; }
 };
 
-Passing CountPassing(const Methods& methods, control::CertificateKind kind, int t) {
-  const control::GuidedModel& model = methods.recovery(SupportOf(control::Name(kind))).model();
-  control::Certifier certifier(methods.certificate(kind), model.features().num_features(),
+Passing CountPassing(const Methods& methods, int t) {
+  const control::GuidedModel& model = methods.guided().model();
+  control::Certifier certifier(methods.certificate(), model.features().num_features(),
                                model.control_dim(), model.control_unit());
   // What a certificate assumes.
   control::JacobianEstimate estimate(model.prior(), {}, /*own_motion=*/false);
@@ -136,63 +131,42 @@ void PrintCertificate(const PlanarStudy& study) {
   const Methods methods(
       task, Demonstrate(task, study.demonstrations, core::DeriveSeed(study.seed, {2, 0})),
       study.methods);
-  const safety::GuidedRecovery& certified = methods.recovery(SupportKind::kCertified);
-  const core::LogDecisionFunction& support = certified.model().support();
-  const control::Certificate certificate = methods.certificate(control::CertificateKind::kRadius);
-  const control::EstimatedConstant& gain = methods.gain();
+  const safety::GuidedRecovery& guided = methods.guided();
+  const kernel::WhitenedSupport& support = guided.support();
+  const control::Certificate certificate = methods.certificate();
   const control::EstimatedConstant& error = methods.direction_error();
-  const double unit = 1.0 / certified.features().scale()(0, 0);
-  std::printf("assumptions of %s, %d demonstrations; features of K are in units of %.4g\n",
-              task.name.c_str(), gain.demonstrations, unit);
+  std::printf("assumptions of %s, %d demonstrations, in whitened features\n", task.name.c_str(),
+              error.demonstrations);
   std::printf(
       "  no B_t(%.3g) meets the constraints: not checked, for they are unknown. It is so if\n"
       "  demonstrations kept the clearance below\n",
       certificate.level);
-  std::printf("  K   = %.4f per unit of control, %s\n", certificate.gain,
-              task.gain > 0.0 ? "given" : "estimated");
-  std::printf(
-      "  K^  = %.4f from demonstrations: with %.0f %% confidence %.1f %% of further ones "
-      "stay below\n",
-      gain.value, 100 * gain.confidence, 100 * gain.coverage);
-  std::printf("  eps = %.4f, whitened features, so far approximately; times %.3g it is trusted\n",
-              error.value, study.methods.gain_factor);
+  std::printf("  eps = %.4f, so far approximately; times %.3g it is trusted\n", error.value,
+              study.methods.error_factor);
   std::printf(
       "  features show the constraints; states are exact; what is issued is applied; states\n"
       "  are certified, not the paths between them\n");
-  std::printf("%4s %9s %9s %11s %9s %12s %12s %40s\n", "t", "L", "lambda=LK", "g/L median",
-              "r median", "clearance K", "of direction",
-              "demonstrated steps that pass, % (L, r, direction)");
-  const core::FeatureTransform& whitening = methods.recovery(SupportKind::kGuided).features();
+  std::printf("%4s %9s %12s %40s\n", "t", "R median", "clearance",
+              "demonstrated steps that pass, %");
   for (int t = 0; t < support.num_steps(); t += std::max(1, support.num_steps() / 12)) {
-    std::vector<double> lipschitz, radius;
+    std::vector<double> radius;
     for (const core::Trajectory& d : methods.demonstrations()) {
       if (t >= d.controls.rows()) continue;
-      const core::Matrix z = certified.features().Apply(d.states);
+      const core::Matrix z = guided.features().Apply(d.states);
       Eigen::VectorXd shift(z.cols());
       const auto ball = control::ComputeSafeBall(support, t, core::Row(z, t), core::AsSpan(shift),
                                                  certificate.level);
-      lipschitz.push_back(
-          std::max(0.0, support.Decision(t, core::Row(z, t)) / support.lipschitz_bound(t)));
-      radius.push_back(std::max(0.0, ball.worst_radius()));
+      radius.push_back(std::max(0.0, ball.radius));
     }
     if (radius.empty()) continue;
-    const auto median = [](std::vector<double>& v) {
-      std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
-      return v[v.size() / 2];
-    };
+    std::nth_element(radius.begin(),
+                     radius.begin() + static_cast<std::ptrdiff_t>(radius.size() / 2), radius.end());
     // In the state's own unit, in its worst direction.
-    const auto& guided = methods.recovery(SupportKind::kGuided).support();
-    const Eigen::MatrixXd inverse = (guided.map(t) * whitening.scale()).inverse();
-    const double by_gain =
-        unit * kernel::CoverRadius(certified.support().estimate(t), certificate.level);
-    const double by_direction =
-        inverse.operatorNorm() * kernel::CoverRadius(guided.estimate(t), certificate.level);
-    std::printf("%4d %9.4f %9.4f %11.4f %9.4f %12.4g %12.4g %12.1f %12.1f %12.1f\n", t,
-                support.lipschitz_bound(t), support.lipschitz_bound(t) * certificate.gain,
-                median(lipschitz), median(radius), by_gain, by_direction,
-                CountPassing(methods, control::CertificateKind::kLipschitz, t).percent(),
-                CountPassing(methods, control::CertificateKind::kRadius, t).percent(),
-                CountPassing(methods, control::CertificateKind::kDirection, t).percent());
+    const Eigen::MatrixXd inverse = (support.map(t) * guided.features().scale()).inverse();
+    const double clearance =
+        inverse.operatorNorm() * kernel::CoverRadius(support.estimate(t), certificate.level);
+    std::printf("%4d %9.4f %12.4g %40.1f\n", t, radius[radius.size() / 2], clearance,
+                CountPassing(methods, t).percent());
   }
 }
 
@@ -238,12 +212,11 @@ void AddMethodOptions(CLI::App& command, MethodOptions& options) {
       ->capture_default_str();
   command.add_option("--raw-gamma", options.raw_gamma, "of DFR's support; 0: the task's")
       ->capture_default_str();
-  command.add_option("--certified-gamma", options.certified_gamma)->capture_default_str();
-  command.add_option("--factor", options.gain_factor, "safety factor on estimated K, eps")
+  command.add_option("--factor", options.error_factor, "safety factor on estimated eps")
       ->capture_default_str();
   command
       .add_option("--certified-level", options.certified_level,
-                  "eta: the certified modes keep l >= -eta")
+                  "eta: certified-direction keeps l >= -eta")
       ->check(apps::kNotNegative)
       ->capture_default_str();
 }
@@ -251,8 +224,8 @@ void AddMethodOptions(CLI::App& command, MethodOptions& options) {
 void AddProof(CLI::App& app, Commands& commands) {
   const auto proof = std::make_shared<ProofOptions>();
   const auto mutations = std::make_shared<bool>(false);
-  auto* prove = app.add_subcommand("prove", "Stress Proposition 1 of each certified mode");
-  prove->add_option("--steps", proof->steps, "controls of each mode")->capture_default_str();
+  auto* prove = app.add_subcommand("prove", "Stress Proposition 1 of certified-direction");
+  prove->add_option("--steps", proof->steps, "controls")->capture_default_str();
   prove->add_option("--seed", proof->seed)->capture_default_str();
   prove->add_option("--dimensions", proof->most_dimensions, "worlds have 2 to so many")
       ->check(CLI::Range(2, 64))
@@ -286,7 +259,7 @@ void AddCoverage(CLI::App& app, Commands& commands) {
 
 void AddCertificate(CLI::App& app, Commands& commands) {
   const auto study = std::make_shared<PlanarStudy>();
-  auto* certificate = app.add_subcommand("certificate", "What the certified modes rest on");
+  auto* certificate = app.add_subcommand("certificate", "What certified-direction rests on");
   AddTask(*certificate, *study);
   commands.emplace_back(certificate, [=] { PrintCertificate(*study); });
 }

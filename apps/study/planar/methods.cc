@@ -2,7 +2,9 @@
 
 #include <utility>
 
+#include "dfr/control/certified/certified_policy.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/folds.h"
 
 namespace dfr::study::planar {
 namespace {
@@ -17,7 +19,7 @@ core::FeatureSelection All(const Task& task) {
   return core::FeatureSelection::All(task.plant->state_dim());
 }
 
-// One common scale for all entries, so that |dz| is |dx| up to that factor.
+// One common scale for all entries.
 core::FeatureTransform Isotropic(const Task& task,
                                  std::span<const core::Trajectory> demonstrations) {
   const int n = task.plant->state_dim();
@@ -25,6 +27,17 @@ core::FeatureTransform Isotropic(const Task& task,
       All(task), States(demonstrations), {.decorrelate = false, .local = false});
   const double scale = static_cast<double>(n) / whitening.scale().diagonal().cwiseInverse().sum();
   return {All(task), Eigen::VectorXd::Zero(n), scale * core::Matrix::Identity(n, n)};
+}
+
+// As GuidedRecovery fits it: in the order of contents.
+kernel::WhitenedSupport StartSupport(const core::FeatureTransform& features,
+                                     std::span<const core::Trajectory> demonstrations) {
+  std::vector<core::Matrix> points;
+  for (const core::Trajectory& d : core::InContentOrder(demonstrations)) {
+    points.push_back(features.Apply(d.states));
+  }
+  return kernel::WhitenedSupport::Fit(
+      points, {.svm = {.gamma = 0.35, .tolerance = 1e-6}, .phase_whitening = false});
 }
 
 Teaching Teach(const Task& task, std::uint64_t seed) {
@@ -71,36 +84,31 @@ Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
       demonstrations_(std::move(demonstrations)),
       policy_(demonstrations_, task.degree),
       model_(task.plant->layout(), demonstrations_, TaskOptionsOf(task, options)),
-      certified_(
-          Isotropic(task, demonstrations_), demonstrations_,
-          {.svm = {.gamma = options.certified_gamma, .tolerance = 1e-6}, .phase_whitening = false}),
+      start_features_(Isotropic(task, demonstrations_)),
+      start_support_(StartSupport(start_features_, demonstrations_)),
       controllers_(model_, policy_, task.plant->layout(), demonstrations_, Teach(task, seed)),
-      gain_(control::EstimateGain(certified_.features(), demonstrations_)),
       direction_error_(
           control::EstimateDirectionError(model_.guided().features(), demonstrations_)) {}
 
 SupportKind SupportOf(std::string_view method) {
-  if (method.starts_with("guided") || method == "certified-direction") return SupportKind::kGuided;
-  if (method.starts_with("certified")) return SupportKind::kCertified;
-  return SupportKind::kRaw;
+  return method.starts_with("guided") || method == "certified-direction" ? SupportKind::kGuided
+                                                                         : SupportKind::kRaw;
 }
 
 double Methods::Level(SupportKind kind, int t, std::span<const double> x) const {
   if (kind == SupportKind::kRaw) return raw_support().LogDecision(t, x, {});
-  const safety::GuidedRecovery& guided = recovery(kind);
-  std::vector<double> z(static_cast<std::size_t>(guided.features().num_features()));
-  guided.features().Apply(x, z);
-  return guided.support().LogDecision(t, z, {});
+  return model_.guided_support().LogDecision(t, x, {});
 }
 
-control::Certificate Methods::certificate(control::CertificateKind kind) const noexcept {
-  const double scale = certified_.features().scale()(0, 0);
-  // A known K needs no safety factor, but its two factors are rounded apart.
-  const double gain =
-      task_.gain > 0.0 ? task_.gain * scale * (1.0 + 1e-12) : gain_.value * options_.gain_factor;
-  return {.kind = kind,
-          .gain = gain,
-          .direction_error = direction_error_.value * options_.gain_factor + 1e-9,
+bool Methods::Begins(std::span<const double> x) const {
+  std::vector<double> z(static_cast<std::size_t>(start_features_.num_features()));
+  start_features_.Apply(x, z);
+  return raw_support().Decision(0, x) >= 0.0 && Level(SupportKind::kGuided, 0, x) >= 0.0 &&
+         start_support_.LogDecision(0, z, {}) >= 0.0;
+}
+
+control::Certificate Methods::certificate() const noexcept {
+  return {.direction_error = direction_error_.value * options_.error_factor + 1e-9,
           .level = options_.certified_level};
 }
 
@@ -112,15 +120,10 @@ std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
     return controllers_.Make(method, &plant, {.guided = options_.guided});
   }
   DFR_THROW_UNLESS(Split(method).policy.empty(),
-                   "method '" << method << "': certified modes run around the learned policy only");
-  control::GuidedOptions guided = options_.guided;
-  guided.horizon = task_.horizon;
-  for (const auto kind : {control::CertificateKind::kLipschitz, control::CertificateKind::kRadius,
-                          control::CertificateKind::kDirection}) {
-    if (method == control::Name(kind)) guided.certificate = certificate(kind);
-  }
-  return std::make_unique<control::GuidedPolicy>(policy_, recovery(SupportOf(method)).model(),
-                                                 guided);
+                   "method '" << method << "': it runs around the learned policy only");
+  return std::make_unique<control::CertifiedPolicy>(
+      policy_, model_.guided().model(),
+      control::CertifiedOptions{.horizon = task_.horizon, .certificate = certificate()});
 }
 
 }  // namespace dfr::study::planar

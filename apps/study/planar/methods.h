@@ -10,9 +10,10 @@
 
 #include "apps/study/planar/polynomial_policy.h"
 #include "apps/study/planar/task.h"
-#include "dfr/control/assumptions.h"
+#include "dfr/control/certified/assumptions.h"
+#include "dfr/control/certified/certificate.h"
 #include "dfr/control/controller.h"
-#include "dfr/control/guided_policy.h"
+#include "dfr/control/guided/guided_policy.h"
 #include "dfr/kernel/time_varying_support.h"
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/task_model.h"
@@ -29,28 +30,23 @@ struct MethodOptions {
   bool hold_ended = true;
   int window = 2;
   control::GuidedOptions guided = {};
-  double raw_gamma = 0.0;  ///< The paper's support; 0: the task's.
-  /// The support of certified-lipschitz and certified-radius, in standard deviations.
-  double certified_gamma = 0.35;
-  double gain_factor = 2.0;      ///< Safety factor on an estimated K or eps.
-  double certified_level = 0.0;  ///< control::Certificate::level of the certified modes.
+  double raw_gamma = 0.0;        ///< The paper's support; 0: the task's.
+  double error_factor = 2.0;     ///< Safety factor on eps.
+  double certified_level = 0.0;  ///< control::Certificate::level of certified-direction.
 };
 
-/// study::kOtherMethods and the certified modes.
-inline constexpr std::array<std::string_view, 10> kPlanarMethods = {"certified-lipschitz",
-                                                                    "certified-radius",
-                                                                    "certified-direction",
-                                                                    "finite-difference",
-                                                                    "true-jacobian",
-                                                                    "lwr",
-                                                                    "knn",
-                                                                    "ensemble",
-                                                                    "dart",
-                                                                    "dagger"};
+/// study::kOtherMethods and the certified mode.
+inline constexpr std::array<std::string_view, 8> kPlanarMethods = {"certified-direction",
+                                                                   "finite-difference",
+                                                                   "true-jacobian",
+                                                                   "lwr",
+                                                                   "knn",
+                                                                   "ensemble",
+                                                                   "dart",
+                                                                   "dagger"};
 
-/// Which of the supports a method looks at. A bound on |dz| wants features of one scale;
-/// certified-direction looks at guided recovery's, for J tells how each of them answers.
-enum class SupportKind { kRaw, kGuided, kCertified };
+/// Which of the supports a method looks at.
+enum class SupportKind { kRaw, kGuided };
 [[nodiscard]] SupportKind SupportOf(std::string_view method);
 
 /// How the model of a planar task is fitted.
@@ -82,19 +78,18 @@ class Methods {
   [[nodiscard]] const kernel::TimeVaryingSupport& raw_support() const noexcept {
     return *model_.published();
   }
-  /// What guided recovery, or the modes by K, know: `kind` is kGuided or kCertified.
-  [[nodiscard]] const safety::GuidedRecovery& recovery(SupportKind kind) const noexcept {
-    return kind == SupportKind::kGuided ? model_.guided() : certified_;
-  }
+  [[nodiscard]] const safety::GuidedRecovery& guided() const noexcept { return model_.guided(); }
   /// l_t(x) of a whole state.
   [[nodiscard]] double Level(SupportKind kind, int t, std::span<const double> x) const;
-  [[nodiscard]] const control::EstimatedConstant& gain() const noexcept { return gain_; }
-  /// In the features of kGuided.
+  /// Whether an episode may begin at x: inside the paper's support, guided recovery's, and one of
+  /// all entries in one scale.
+  [[nodiscard]] bool Begins(std::span<const double> x) const;
+  /// In guided recovery's features.
   [[nodiscard]] const control::EstimatedConstant& direction_error() const noexcept {
     return direction_error_;
   }
-  /// With the constants that Make() gives to a certified mode.
-  [[nodiscard]] control::Certificate certificate(control::CertificateKind kind) const noexcept;
+  /// That of certified-direction.
+  [[nodiscard]] control::Certificate certificate() const noexcept;
 
  private:
   Task task_;
@@ -102,9 +97,9 @@ class Methods {
   std::vector<core::Trajectory> demonstrations_;
   PolynomialPolicy policy_;
   safety::TaskModel model_;
-  safety::GuidedRecovery certified_;
+  core::FeatureTransform start_features_;
+  kernel::WhitenedSupport start_support_;
   ControllerFactory controllers_;
-  control::EstimatedConstant gain_;
   control::EstimatedConstant direction_error_;
 };
 

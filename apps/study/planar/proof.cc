@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "dfr/control/guided_model.h"
-#include "dfr/control/guided_policy.h"
+#include "dfr/control/certified/certified_policy.h"
+#include "dfr/control/guided/guided_model.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
@@ -19,7 +19,7 @@ namespace dfr::study::planar {
 namespace {
 
 constexpr int kPhases = 12;
-constexpr double kGain = 0.7;  // K, and eps
+constexpr double kError = 0.7;  // eps
 
 // One of a world's supports as a controller with a mistake sees it.
 class Mistaken final : public core::LogDecisionFunction {
@@ -35,9 +35,7 @@ class Mistaken final : public core::LogDecisionFunction {
                   std::span<double> gradient) const noexcept override {
     return inner_->Gradient(t, z, gradient);
   }
-  double lipschitz_bound(int t) const noexcept override {
-    return (mutation_ == Mutation::kLipschitz ? 0.5 : 1.0) * inner_->lipschitz_bound(t);
-  }
+  double lipschitz_bound(int t) const noexcept override { return inner_->lipschitz_bound(t); }
   double LogDecision(int t, std::span<const double> z,
                      std::span<double> gradient) const noexcept override {
     return inner_->LogDecision(t, z, gradient);
@@ -162,14 +160,14 @@ class Adversary final : public core::Policy {
   core::Random* random_;
 };
 
-// A plant that does its worst within |dz| <= K |u| or |dz - J u| <= eps |u|.
+// A plant that does its worst within |dz - J u| <= eps |u|.
 enum class Malice { kRandom, kAwayFromThePhase, kAwayFromAll };
 
 class World {
  public:
   World(const ProofOptions& options, std::uint64_t world)
       : options_(options),
-        random_(core::DeriveSeed(options.seed, {static_cast<std::uint64_t>(options.kind), world})),
+        random_(core::DeriveSeed(options.seed, {3, world})),
         dim_(2 + static_cast<int>(
                      random_.Below(static_cast<std::uint64_t>(options.most_dimensions - 1)))),
         demonstrations_(Wander(dim_, random_)),
@@ -205,14 +203,12 @@ class World {
       result.recoveries += step.mode == control::Mode::kRecovery ? 1 : 0;
       result.filtered += step.filtered ? 1 : 0;
       const Eigen::VectorXd issued = core::AsVector(std::span<const double>(u));
-      if (options_.kind == control::CertificateKind::kDirection) {
-        core::AsVector(std::span<double>(z)) +=
-            controller_.jacobian() * issued / model_.control_unit();
-      }
+      core::AsVector(std::span<double>(z)) +=
+          controller_.jacobian() * issued / model_.control_unit();
       // A hair less than allowed: the last digit of a sum of rounded terms is nobody's claim.
       // More than that now and then, or the watch for violations would end each episode at once.
       const double excess = random_.Below(8) == 0 ? Excess() : 1.0;
-      const double reach = kGain * excess * issued.norm() * (1.0 - 1e-12);
+      const double reach = kError * excess * issued.norm() * (1.0 - 1e-12);
       random_.Direction(direction);
       if (malice == Malice::kAwayFromThePhase) {
         support_.LogDecision(phase, z, direction);
@@ -269,15 +265,10 @@ class World {
     return knowledge;
   }
 
-  [[nodiscard]] control::GuidedOptions Options() const {
-    control::GuidedOptions options;
-    options.horizon = 60;
-    const double constant = kGain * options_.assumed;
-    options.certificate = {.kind = options_.kind,
-                           .gain = constant,
-                           .direction_error = constant,
-                           .state_error = options_.state_error};
-    return options;
+  [[nodiscard]] control::CertifiedOptions Options() const {
+    return {.horizon = 60,
+            .certificate = {.direction_error = kError * options_.assumed,
+                            .state_error = options_.state_error}};
   }
 
   ProofOptions options_;
@@ -288,7 +279,7 @@ class World {
   Mistaken seen_;
   control::GuidedModel model_;
   Adversary policy_;
-  control::GuidedPolicy controller_;
+  control::CertifiedPolicy controller_;
   int lost_;
 };
 
@@ -302,20 +293,12 @@ const char* Name(Mutation mutation) noexcept {
       return "share";
     case Mutation::kConstant:
       return "constant";
-    case Mutation::kLipschitz:
-      return "lipschitz";
     case Mutation::kCurvature:
       return "curvature";
     case Mutation::kLostPhase:
       return "lost-phase";
   }
   return "unknown";
-}
-
-std::vector<Mutation> MutationsOf(control::CertificateKind kind) {
-  const Mutation bound =
-      kind == control::CertificateKind::kLipschitz ? Mutation::kLipschitz : Mutation::kCurvature;
-  return {Mutation::kNone, Mutation::kShare, Mutation::kConstant, bound, Mutation::kLostPhase};
 }
 
 ProofResult Prove(const ProofOptions& options) {

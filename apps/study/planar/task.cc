@@ -24,7 +24,6 @@ Task MakeTask(std::string_view name) {
     task.degree = 2;
     task.horizon = 200;
     task.raw_gamma = 1.0;
-    task.gain = options.gain;
     return task;
   }
   DFR_THROW_UNLESS(name == "push" || name == "push-weak",

@@ -19,7 +19,6 @@ struct Task {
   int degree = 1;                 ///< Degree of the learner's polynomial.
   int horizon = 100;
   double raw_gamma = 1.0;  ///< Kernel width of the paper's support, in the state's own units.
-  double gain = 0.0;       ///< K of |dx| <= K |u| where it is known; 0: to be estimated.
 };
 
 /// "corridor", "push" (a learner that imitates well) or "push-weak".

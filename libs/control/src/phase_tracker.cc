@@ -57,8 +57,6 @@ double PhaseTracker::Enter(std::span<const double> z, double least) noexcept {
 }
 
 bool PhaseTracker::Take(int q, int expected, double l, double& best) noexcept {
-  // A phase to the side costs little, so that within a wide support the clock decides.
-  constexpr double kPenalty = 0.05;
   const double score = l - kPenalty * std::abs(q - expected);
   if (!(score > best)) return false;
   best = score;

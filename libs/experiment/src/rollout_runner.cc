@@ -55,10 +55,10 @@ class StateRecorder final : public control::RolloutObserver {
 }  // namespace
 
 RolloutRunner::RolloutRunner(std::unique_ptr<core::SimulatedPlant> plant,
-                             const control::DisturbanceOptions& disturbance)
+                             const experiment::DisturbanceOptions& disturbance)
     : plant_(std::move(plant)), start_(static_cast<std::size_t>(plant_->state_dim())) {
-  if (disturbance != control::DisturbanceOptions()) {
-    disturbed_ = std::make_unique<control::DisturbedPlant>(plant_->Clone(), disturbance);
+  if (disturbance != experiment::DisturbanceOptions()) {
+    disturbed_ = std::make_unique<experiment::DisturbedPlant>(plant_->Clone(), disturbance);
   }
 }
 

@@ -45,7 +45,7 @@ std::string LastWords(const std::filesystem::path& folder) {
 // alone is a task that failed before it had a ledger.
 void Collect(const std::filesystem::path& folder, int depth,
              std::vector<std::filesystem::path>& ledgers) {
-  constexpr int kDeepest = 2;
+  constexpr int kDeepestFolder = 2;
   const std::filesystem::path ledger = folder / "ledger.jsonl";
   if (std::filesystem::is_regular_file(ledger)) {
     ledgers.push_back(ledger);
@@ -61,7 +61,7 @@ void Collect(const std::filesystem::path& folder, int depth,
   // dfr-cluster's own folder is none of a task.
   std::erase_if(below, [](const auto& path) { return path.filename() == "cluster"; });
   if (below.empty() && has_log) ledgers.push_back(ledger);
-  if (depth == kDeepest) return;
+  if (depth == kDeepestFolder) return;
   std::ranges::sort(below);
   for (const std::filesystem::path& path : below) Collect(path, depth + 1, ledgers);
 }

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <utility>
 
-#include "dfr/control/lambda.h"
 #include "dfr/control/phase_tracker.h"
+#include "dfr/control/published/lambda.h"
 #include "dfr/core/folds.h"
 #include "state_decision.h"
 

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "dfr/control/certified/certified_policy.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/policy.h"
 
@@ -48,13 +49,13 @@ Method MethodOf(Strategy strategy) {
   switch (strategy) {
     case Strategy::kGuided:
     case Strategy::kSoft:
-    case Strategy::kCertified:
       return {.name = "guided", .kind = Method::Kind::kGuided};
     case Strategy::kDfr:
       return {.name = "dfr", .recovery = control::Recovery::kDfr};
     case Strategy::kEarlyStopping:
       return {.name = "early-stopping", .recovery = control::Recovery::kEarlyStopping};
     case Strategy::kMonitor:
+    case Strategy::kCertified:  // Not a method of a task model.
       break;
   }
   return {.name = "baseline"};
@@ -64,12 +65,19 @@ std::unique_ptr<control::Controller> MakeController(
     const Proposal& proposal, const GuardModel& model,
     std::unique_ptr<control::RecoveryStrategy> strategy) {
   const GuardSettings& settings = model.settings();
+  if (strategy == nullptr && settings.strategy == Strategy::kCertified) {
+    const TaskModel& task = model.task();
+    return std::make_unique<control::CertifiedPolicy>(
+        proposal, task.guided().model(),
+        control::CertifiedOptions{
+            .horizon = settings.horizon != 0 ? settings.horizon : task.horizon(),
+            .max_controls = settings.max_actions,
+            .control_limit = settings.action_limit,
+            .certificate = model.certificate()});
+  }
   ControllerOptions options{.horizon = settings.horizon};
   options.guided.max_controls = settings.max_actions;
   options.guided.control_limit = settings.action_limit;
-  if (strategy == nullptr && settings.strategy == Strategy::kCertified) {
-    options.guided.certificate = model.certificate();
-  }
   if (settings.strategy == Strategy::kSoft) {
     options.guided.tolerance = std::max(0.0, settings.alarm_level);
   }

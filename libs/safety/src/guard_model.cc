@@ -10,7 +10,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "dfr/control/certifier.h"
+#include "dfr/control/certified/certifier.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/archive.h"
@@ -279,8 +279,7 @@ control::Certificate GuardModel::certificate() const {
                    "direction_error");
   DFR_THROW_UNLESS(!recovery().single_precision(),
                    "a certificate is to hold to the last digit: fit the guard in double precision");
-  return {.kind = control::CertificateKind::kDirection,
-          .direction_error = settings_.direction_error,
+  return {.direction_error = settings_.direction_error,
           .level = std::max(0.0, settings_.alarm_level)};
 }
 

@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "dfr/control/lambda.h"
+#include "dfr/control/published/lambda.h"
 #include "dfr/core/contract.h"
 #include "state_decision.h"
 
@@ -124,10 +124,6 @@ std::unique_ptr<control::Controller> TaskModel::MakeController(
                    "the method '" << method.name << "' is not one of a task model");
   if (method.kind == Method::Kind::kGuided) {
     control::GuidedOptions guided = control::Without(options.guided, method.without);
-    DFR_THROW_UNLESS(
-        guided.certificate.kind == control::CertificateKind::kNone || !guided_->single_precision(),
-        control::Name(guided.certificate.kind)
-            << " is to hold to the last digit: fit the model in double precision");
     guided.horizon = options.horizon != 0 ? options.horizon : horizon_;
     guided.first_step = options.first_step;
     return std::make_unique<control::GuidedPolicy>(policy, guided_->model(), guided);

@@ -4,9 +4,10 @@
 #include <array>
 #include <utility>
 
-#include "dfr/control/assumptions.h"
-#include "dfr/control/finite_difference_recovery.h"
+#include "dfr/control/certified/assumptions.h"
+#include "dfr/control/certified/certified_policy.h"
 #include "dfr/core/contract.h"
+#include "dfr/experiment/finite_difference_recovery.h"
 
 namespace dfr::study {
 namespace {
@@ -138,7 +139,7 @@ std::unique_ptr<control::Controller> ControllerFactory::Make(
     DFR_THROW_UNLESS(plant != nullptr, "oracles need the plant they drive");
     controller = Split(method).controller == kTrueJacobian
                      ? MakeTrueJacobianFilter(*task_, policy, *plant, horizon)
-                     : task_->MakeController(std::make_unique<control::FiniteDifferenceRecovery>(
+                     : task_->MakeController(std::make_unique<experiment::FiniteDifferenceRecovery>(
                                                  *plant, task_->support()),
                                              policy, options);
   }
@@ -163,14 +164,19 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
             .first_step = options.first_step,
             .dfr = method.published_dfr ? control::DfrOptions{} : options.dfr});
   }
+  if (name.controller == kCertified) {
+    // Twice what demonstrations show, as in a guard.
+    const double error =
+        control::EstimateDirectionError(support->guided().features(), demonstrations_).value;
+    return std::make_unique<control::CertifiedPolicy>(
+        policy, support->guided(),
+        control::CertifiedOptions{.horizon = horizon,
+                                  .first_step = options.first_step,
+                                  .certificate = {.direction_error = 2.0 * error + 1e-9}});
+  }
   control::GuidedOptions guided = control::Without(options.guided, method.without);
   guided.horizon = horizon;
   guided.first_step = options.first_step;
-  if (name.controller == kCertified) {
-    guided.certificate = {
-        .kind = control::CertificateKind::kRadius,
-        .gain = control::EstimateGain(support->guided().features(), demonstrations_).value};
-  }
   return std::make_unique<control::GuidedPolicy>(policy, support->guided(), guided);
 }
 

@@ -8,7 +8,7 @@
 #include <string>
 #include <utility>
 
-#include "dfr/control/lambda.h"
+#include "dfr/control/published/lambda.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/quantile.h"

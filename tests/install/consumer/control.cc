@@ -1,7 +1,7 @@
 #include <array>
 #include <cmath>
 
-#include "dfr/control/switching_policy.h"
+#include "dfr/control/published/switching_policy.h"
 
 namespace {
 

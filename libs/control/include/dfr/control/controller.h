@@ -58,6 +58,13 @@ struct Step {
   bool certified = false;
 };
 
+/// `step` as one that halts.
+[[nodiscard]] constexpr Step Halted(Step step, HaltCause cause) noexcept {
+  step.mode = Mode::kHalt;
+  step.cause = cause;
+  return step;
+}
+
 /// What drives a plant: observation in, command out. The loop around it belongs to the caller
 /// (Rollout(), or a robot's node):
 ///

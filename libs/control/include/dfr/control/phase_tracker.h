@@ -23,6 +23,9 @@ class PhaseTracker {
  public:
   /// Phases that are looked at to either side of the expected one.
   static constexpr int kWindow = 3;
+  /// What a phase to the side costs, in l, for each phase between: so little that within a wide
+  /// support the clock decides.
+  static constexpr double kPenalty = 0.05;
 
   explicit PhaseTracker(const core::LogDecisionFunction& support) : support_(&support) {}
 

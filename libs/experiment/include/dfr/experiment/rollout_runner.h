@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "dfr/control/controller.h"
-#include "dfr/control/disturbed_plant.h"
 #include "dfr/control/rollout.h"
 #include "dfr/core/plant.h"
+#include "dfr/experiment/disturbed_plant.h"
 #include "dfr/experiment/film.h"
 #include "dfr/experiment/paired_evaluation.h"
 
@@ -47,7 +47,7 @@ class RolloutRunner : public TrialRunner {
   /// @param disturbance  of the plant that methods drive: where it is not zero, they drive a
   ///   disturbed copy of `plant`.
   explicit RolloutRunner(std::unique_ptr<core::SimulatedPlant> plant,
-                         const control::DisturbanceOptions& disturbance = {});
+                         const experiment::DisturbanceOptions& disturbance = {});
   /// Appends the controller of the plan's next method, which has that name.
   void Add(std::string method, std::unique_ptr<control::Controller> controller);
   [[nodiscard]] const std::string& MethodName(int method) const {
@@ -78,7 +78,7 @@ class RolloutRunner : public TrialRunner {
 
  private:
   std::unique_ptr<core::SimulatedPlant> plant_;
-  std::unique_ptr<control::DisturbedPlant> disturbed_;  // null: plant_ itself is driven
+  std::unique_ptr<experiment::DisturbedPlant> disturbed_;  // null: plant_ itself is driven
   std::vector<std::string> names_;
   std::vector<std::unique_ptr<control::Controller>> controllers_;
   std::vector<std::vector<int>> recovery_lengths_;

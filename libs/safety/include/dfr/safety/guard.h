@@ -7,7 +7,7 @@
 #include <span>
 
 #include "dfr/control/controller.h"
-#include "dfr/control/recovery_strategy.h"
+#include "dfr/control/published/recovery_strategy.h"
 #include "dfr/safety/guard_model.h"
 
 namespace dfr::safety {

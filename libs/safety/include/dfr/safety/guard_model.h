@@ -9,8 +9,8 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/control/assumptions.h"
-#include "dfr/control/certificate.h"
+#include "dfr/control/certified/assumptions.h"
+#include "dfr/control/certified/certificate.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/features.h"
 #include "dfr/core/matrix.h"

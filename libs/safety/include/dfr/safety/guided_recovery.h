@@ -3,7 +3,7 @@
 #include <memory>
 #include <span>
 
-#include "dfr/control/guided_model.h"
+#include "dfr/control/guided/guided_model.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/features.h"
 #include "dfr/core/trajectory.h"

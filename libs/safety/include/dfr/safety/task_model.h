@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "dfr/control/guided_policy.h"
-#include "dfr/control/recovery_strategy.h"
-#include "dfr/control/switching_policy.h"
+#include "dfr/control/guided/guided_policy.h"
+#include "dfr/control/published/recovery_strategy.h"
+#include "dfr/control/published/switching_policy.h"
 #include "dfr/core/archive.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/features.h"

@@ -28,7 +28,7 @@ inline constexpr std::array<std::string_view, 7> kOtherMethods = {
 
 /// The parts of a method's name, "guided@lwr/density" for one.
 struct MethodName {
-  std::string_view controller;  ///< With a support also "certified", guided recovery's of radius.
+  std::string_view controller;  ///< With a support also "certified": certified-direction.
   std::string_view policy;      ///< One of kPolicies; empty: the learned one.
   std::string_view support;     ///< One of kSupports; empty: the controller's own.
 };

@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-#include "dfr/control/guided_model.h"
+#include "dfr/control/guided/guided_model.h"
 #include "dfr/core/decision_function.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/features.h"

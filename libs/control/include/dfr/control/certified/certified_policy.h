@@ -1,0 +1,83 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "dfr/control/certified/certified_options.h"
+#include "dfr/control/certified/certifier.h"
+#include "dfr/control/controller.h"
+#include "dfr/control/guided/guided_model.h"
+#include "dfr/control/guided/halt_rule.h"
+#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/support_step.h"
+#include "dfr/control/phase_tracker.h"
+#include "dfr/core/policy.h"
+
+namespace dfr::control {
+
+/// Certified recovery: applies a control only if it provably ends inside a support B_q(eta) with
+/// |q - tau| <= PhaseTracker::kWindow. In a state with features z in phase tau, with the learned
+/// control v_hat and the prediction z'(v) = z + J v:
+///
+///   1. The phase is one whose l_q(z) >= -eta: time advances only into supports that the state is
+///      in. Outside all of them nothing is certified: the controller halts, kOutsideSupport.
+///   2. v <- RaiseLevel(v_hat, hi) towards the support of tau + 1, hi its
+///      GuidedModel::median_level(): every bit of depth costs controls that pass. Where l_tau(z),
+///      l_{tau+1}(z) >= hi and v_hat is no larger than demonstrated, v = v_hat.
+///   3. If that is not predicted to end inside and J hardly knows a direction of control, a probe
+///      along it takes the place of v.
+///   4. Certifier::Admit() changes or shrinks v until it passes. Where next to nothing of it does,
+///      it becomes a recovery that climbs l_tau from v = 0. A shrunk learned control consumes its
+///      share of a time step. kNoProgress halts where nothing passes.
+///   5. HaltRule ends what does not get on.
+///
+/// A certificate assumes that controls act at once and alone, and that states are what is seen.
+/// After each control the assumption is compared with what happened; kViolated halts on the first
+/// contradiction, see violation(). docs/certificates.md has the proof.
+///
+/// Next() neither allocates nor locks.
+class CertifiedPolicy final : public Controller {
+ public:
+  /// Borrows both.
+  /// @throws std::invalid_argument if sizes differ, or an option is out of range.
+  CertifiedPolicy(const core::Policy& policy, const GuidedModel& model,
+                  const CertifiedOptions& options);
+
+  [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override { return policy_->control_dim(); }
+
+  [[nodiscard]] const Violation& violation() const noexcept { return certifier_.violation(); }
+  /// J of the last Next(), in features per GuidedModel::control_unit().
+  [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return estimate_.jacobian(); }
+
+ private:
+  void DoReset(std::uint64_t seed) noexcept override;
+  [[nodiscard]] Step DoNext(std::span<const double> x, std::span<double> u) noexcept override;
+
+  [[nodiscard]] bool DeepInside(double level, double hi) const noexcept;
+  [[nodiscard]] Mode Correct(const LocalModel& model, const StepTarget& target) noexcept;
+  [[nodiscard]] bool Probe(const LocalModel& model, int phase) noexcept;
+  [[nodiscard]] bool Certify(const LocalModel& model, Step& step) noexcept;
+
+  const core::Policy* policy_;
+  const GuidedModel* model_;
+  int first_step_;
+  StepLimits limits_;
+  double reach_;
+  double probe_size_;
+  HaltRule halt_rule_;
+  JacobianEstimate estimate_;
+  PhaseTracker tracker_;
+  Certifier certifier_;
+
+  Progress progress_;
+  Eigen::VectorXd z_;
+  Eigen::VectorXd last_z_;
+  Eigen::VectorXd dz_;
+  Eigen::VectorXd v_;       ///< The control that is applied, from then on the one applied last.
+  Eigen::VectorXd effect_;  ///< J v of the control applied last.
+  Eigen::VectorXd learned_;
+  Eigen::VectorXd trial_;
+};
+
+}  // namespace dfr::control

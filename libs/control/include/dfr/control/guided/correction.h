@@ -1,0 +1,53 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+
+#include "dfr/control/controller.h"
+#include "dfr/control/guided/guided_model.h"
+#include "dfr/control/guided/guided_options.h"
+#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/support_step.h"
+
+namespace dfr::control {
+
+/// The recovery of GuidedPolicy, its steps 1 to 4: decides whether a learned control passes, and
+/// what takes its place. What it knows comes from the estimate of J; nothing is remembered from one
+/// call to the next. Never allocates, locks or throws; one object belongs to one thread.
+class Correction {
+ public:
+  /// Borrows the model. The options are checked ones.
+  Correction(const GuidedModel& model, const GuidedOptions& options);
+
+  struct Choice {
+    Mode mode = Mode::kPolicy;
+    double level = 0.0;  ///< That v is predicted to reach in the next phase; 0 where tolerated.
+  };
+  /// At features `z`, about which `estimate` was computed last, with the learned control `v` within
+  /// the limits: `v` becomes the control that is to be applied. `target` is the next phase, and hi
+  /// there. kRecovery: `v` does not come from the learned control. kProbe: `v` is there to find out
+  /// what it does.
+  [[nodiscard]] Choice Choose(JacobianEstimate& estimate, std::span<const double> z,
+                              const StepTarget& target, Eigen::VectorXd& v) noexcept;
+
+  /// GuidedOptions::reach as a level: how far outside a support what passes may end, >= 0.
+  [[nodiscard]] double reach() const noexcept { return reach_; }
+
+ private:
+  [[nodiscard]] Choice Replace(JacobianEstimate& estimate, const LocalModel& model,
+                               const StepTarget& target, Eigen::VectorXd& v) noexcept;
+  [[nodiscard]] bool Probe(JacobianEstimate& estimate, const LocalModel& model,
+                           const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept;
+
+  const GuidedModel* model_;
+  StepLimits limits_;
+  double reach_;
+  double tolerance_;
+  double probe_size_;
+  bool demonstrates_;  ///< Demonstrated controls are tried.
+  bool drifts_;
+  Eigen::VectorXd trial_;
+  Eigen::VectorXd demonstrated_;
+};
+
+}  // namespace dfr::control

@@ -1,0 +1,63 @@
+#pragma once
+
+#include <span>
+#include <string_view>
+
+#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/support_step.h"
+
+namespace dfr::control {
+
+/// Options for GuidedPolicy: what the task says, then five constants that are meant for every
+/// task, and switches for ablations. Levels are values of l, controls are in units of the
+/// demonstrations' root mean square.
+struct GuidedOptions {
+  int horizon = 100;           ///< T: time steps of the learned policy in an episode, > 0.
+  int first_step = 0;          ///< Time step and phase that an episode begins with, in [0, T).
+  int max_controls = 1200;     ///< In an episode, of any kind, > 0.
+  double control_limit = 1.0;  ///< Each entry of an applied control is within +- this.
+  /// Where something else moves the world: the time that controls take, |v| = 1 an ordinary one.
+  DriftTime drift_time = {};
+
+  /// Gradients of l in one step, >= 0. Fewer decide faster and reach less where the learned control
+  /// is far off; 0 changes nothing and leaves the learned control alone.
+  int iterations = 6;
+  /// Where no control is predicted to end inside, the best one passes down to this multiple of
+  /// GuidedModel::slack() outside, at most .8 in all: what no control can mend, an object off to
+  /// the side, must not stop the task. More completes more and collides more.
+  double reach = 2.0;
+  /// HaltRule::patience. More completes little and collides more.
+  int patience = 12;
+  /// The learned control passes as it is while it is predicted to end no further outside than this,
+  /// >= 0. More harms less and saves less; 0 is for policies that are not to be trusted.
+  double tolerance = 0.0;
+  /// Size of a probe, >= 0: above the noise of observations and what drifts meanwhile, below what a
+  /// wrong direction may cost. 0: directions of control that nobody has used stay unknown.
+  double probe_size = 0.35;
+  /// Not to be tuned. Weight of an applied control as a measurement of J, relative to the
+  /// demonstrations' (in JacobianOptions), >= 0. 0: J is the demonstrations' alone.
+  double online_weight = 1.0;
+  /// Not to be tuned. Whether what demonstrations did nearby is tried before the learned control is
+  /// changed.
+  bool demonstrated = true;
+  /// Not to be tuned. Whether features may move by themselves, where demonstrations say so
+  /// (GuidedModel::own_motion()).
+  bool own_motion = true;
+  /// Not to be tuned. Whether late effects are found and noise in what is seen is smoothed
+  /// (StateObserver).
+  bool observer = true;
+};
+
+/// The parts of guided recovery that can be taken out, for ablations: "filter", "reach",
+/// "demonstrated", "online-jacobian" (and the probes for it), "own-motion", "observer", and
+/// "drift", the drift_time of a task that has one.
+[[nodiscard]] std::span<const std::string_view> GuidedPartNames() noexcept;
+/// The options with these parts at their neutral values; "filter+reach" takes out both.
+/// @throws std::invalid_argument naming the part that does not exist, and those that do.
+[[nodiscard]] GuidedOptions Without(GuidedOptions options, std::string_view parts);
+/// What its controls have to respect, |u| = control_unit |v|.
+[[nodiscard]] StepLimits Limits(const GuidedOptions& options, double control_unit) noexcept;
+/// @throws std::invalid_argument naming the option that is out of range.
+void Check(const GuidedOptions& options);
+
+}  // namespace dfr::control

@@ -1,0 +1,85 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "dfr/control/controller.h"
+#include "dfr/control/guided/correction.h"
+#include "dfr/control/guided/guided_model.h"
+#include "dfr/control/guided/guided_options.h"
+#include "dfr/control/guided/halt_rule.h"
+#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/state_observer.h"
+#include "dfr/control/guided/support_step.h"
+#include "dfr/control/phase_tracker.h"
+#include "dfr/core/policy.h"
+
+namespace dfr::control {
+
+/// Guided recovery: drives a learned policy inside a support without a dynamics model, as
+/// Algorithm 1 does, but learns from every applied control how features change (JacobianEstimate),
+/// so that the gradient of the support becomes a direction for controls. In a state with features
+/// z, those that controls under way will lead to, in phase tau, with the learned control v_hat and
+/// the prediction z'(v) = z + J v + m:
+///
+///   1. l_{tau+1}(z'(v_hat)) >= hi: v_hat passes (hi is GuidedModel::gate_level). Where l_tau(z),
+///      l_{tau+1}(z) >= hi and v_hat is no larger than demonstrated, it passes without a look at J.
+///      A tolerance takes the place of hi.
+///   2. v <- RaiseLevel(v_d, hi), from the control v_d that does what demonstrations did nearby
+///      (JacobianEstimate::Demonstrated()). If it leads inside, l_{tau+1}(z'(v)) >= 0, v is
+///      applied.
+///   3. v <- RaiseLevel(v_hat, hi). If it leads inside, v is applied; if it does not, the better of
+///      both is, where the support is near (reach). Otherwise v_d is: where nothing leads inside,
+///      what demonstrations did is known to go on, and what J promises is not. In the last phase 2
+///      raises to l = 0 alone, and nothing passes within reach: that support does not move on.
+///   4. If that is not predicted to end inside (in a drift: not to end at hi) and J hardly knows a
+///      direction of control, a probe along it is applied instead.
+///   5. Where the prediction is inside B_{tau+1}, the phase advances by one. Otherwise it advances
+///      to the one of the next three whose support fits the prediction best, or waits where it is
+///      out of reach and the present support fits better (PhaseTracker).
+///   6. HaltRule ends what does not get on.
+///
+/// A step is a recovery, Mode::kRecovery, where z'(v_hat) is outside B_{tau+1} and v does not come
+/// from v_hat. Otherwise it is Step::filtered where v is not v_hat.
+///
+/// docs/recovery.md derives all this. Next() neither allocates nor locks.
+class GuidedPolicy final : public Controller {
+ public:
+  /// Borrows both.
+  /// @throws std::invalid_argument if sizes differ, or an option is out of range.
+  GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
+               const GuidedOptions& options = {});
+
+  [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override { return policy_->control_dim(); }
+
+  /// J of the last Next() that needed one, in features per GuidedModel::control_unit().
+  [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return estimate_.jacobian(); }
+
+ private:
+  void DoReset(std::uint64_t seed) noexcept override;
+  [[nodiscard]] Step DoNext(std::span<const double> x, std::span<double> u) noexcept override;
+
+  [[nodiscard]] bool DeepInside(double level) const noexcept;
+  void Advance(double level) noexcept;
+
+  const core::Policy* policy_;
+  const GuidedModel* model_;
+  GuidedOptions options_;
+  StepLimits limits_;
+  HaltRule halt_rule_;
+  JacobianEstimate estimate_;
+  StateObserver observer_;
+  Correction correction_;
+  PhaseTracker tracker_;
+
+  Progress progress_;
+  Eigen::VectorXd z_;
+  Eigen::VectorXd v_;  ///< The control that is applied, from then on the one applied last.
+  Eigen::VectorXd seen_;
+  Eigen::VectorXd last_seen_;
+  Eigen::VectorXd dz_;
+  Eigen::VectorXd learned_;
+};
+
+}  // namespace dfr::control

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#include "dfr/control/guided/guided_model.h"
+#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/guided/support_step.h"
+#include "dfr/control/published/recovery_strategy.h"
+
+namespace dfr::control {
+
+/// Guided recovery's step as a RecoveryStrategy, in place of DFR's probes: from v = 0 towards the
+/// gate level of the present support, with a J that learns from the recovery's own controls. One
+/// control an iteration. Where J shows no way up there is no direction.
+class GradientRecovery final : public RecoveryStrategy {
+ public:
+  /// Borrows `model`. Each entry of a control is within +- `control_limit`.
+  /// @throws std::invalid_argument unless control_limit > 0.
+  explicit GradientRecovery(const GuidedModel& model, double control_limit = 1.0);
+
+  void Reset(std::uint64_t seed) noexcept override;
+  [[nodiscard]] Mode Next(const RecoverySituation& situation,
+                          std::span<double> u) noexcept override;
+
+ private:
+  const GuidedModel* model_;
+  StepLimits limits_;
+  JacobianEstimate estimate_;
+  Eigen::VectorXd z_;
+  Eigen::VectorXd last_z_;
+  Eigen::VectorXd dz_;
+  Eigen::VectorXd v_;
+};
+
+}  // namespace dfr::control

@@ -1,0 +1,145 @@
+#include "dfr/control/certified/certified_policy.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "dfr/control/certified/constants.h"
+#include "dfr/control/guided/constants.h"
+#include "dfr/core/contract.h"
+#include "dfr/core/matrix.h"
+
+namespace dfr::control {
+
+using core::AsSpan;
+
+StepLimits Limits(const CertifiedOptions& options, double control_unit) noexcept {
+  return {options.control_limit / control_unit, options.iterations};
+}
+
+void Check(const CertifiedOptions& options) {
+  DFR_THROW_UNLESS(options.horizon > 0, "horizon must be positive, not " << options.horizon);
+  DFR_THROW_UNLESS(options.first_step >= 0 && options.first_step < options.horizon,
+                   "first_step must lie in [0, horizon), not " << options.first_step);
+  DFR_THROW_UNLESS(options.max_controls > 0,
+                   "max_controls must be positive, not " << options.max_controls);
+  DFR_THROW_UNLESS(options.control_limit > 0.0,
+                   "control_limit must be positive, not " << options.control_limit);
+  DFR_THROW_UNLESS(options.iterations >= 0,
+                   "iterations must not be negative: " << options.iterations);
+  DFR_THROW_UNLESS(options.patience > 0, "patience must be positive, not " << options.patience);
+  DFR_THROW_UNLESS(options.probe_size >= 0.0,
+                   "probe_size must not be negative: " << options.probe_size);
+}
+
+CertifiedPolicy::CertifiedPolicy(const core::Policy& policy, const GuidedModel& model,
+                                 const CertifiedOptions& options)
+    : policy_(&policy),
+      model_(&model),
+      first_step_((CheckFits(policy, model), Check(options), options.first_step)),
+      limits_(Limits(options, model.control_unit())),
+      reach_(std::min(certified::kReach * model.slack(), guided::kMostReach)),
+      probe_size_(options.probe_size),
+      halt_rule_{options.horizon, options.max_controls, options.patience},
+      estimate_(model.prior(), {}, /*own_motion=*/false),
+      tracker_(model.support()),
+      certifier_(options.certificate, model.features().num_features(), model.control_dim(),
+                 model.control_unit()) {
+  for (Eigen::VectorXd* z : {&z_, &last_z_, &dz_, &effect_}) {
+    *z = Eigen::VectorXd::Zero(model.features().num_features());
+  }
+  v_ = learned_ = trial_ = Eigen::VectorXd::Zero(model.control_dim());
+}
+
+void CertifiedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
+  estimate_.Reset();
+  tracker_.Reset(first_step_);
+  certifier_.Reset();
+  progress_ = {.time = static_cast<double>(first_step_)};
+}
+
+Step CertifiedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexcept {
+  const core::LogDecisionFunction& support = model_->support();
+  model_->features().Apply(x, AsSpan(z_));
+  Step step{.t = tracker_.phase(), .iteration = tracker_.waited()};
+  if (progress_.controls > 0) {
+    dz_ = z_ - last_z_;
+    if (!certifier_.Confirms(progress_.controls - 1, v_, effect_, dz_)) {
+      return Halted(step, HaltCause::kViolated);
+    }
+    estimate_.Update(AsSpan(last_z_), AsSpan(v_), AsSpan(dz_));
+  }
+
+  const double least = -certifier_.level();
+  step.log_g = tracker_.Enter(AsSpan(z_), least);
+  step.t = tracker_.phase();
+  step.g = support.FromLog(step.t, step.log_g);
+  if (!std::isfinite(step.log_g)) return Halted(step, HaltCause::kSupportInvalid);
+  if (step.log_g < least) return Halted(step, HaltCause::kOutsideSupport);
+  progress_.waited = tracker_.waited();
+  if (const HaltCause cause = halt_rule_(progress_); cause != HaltCause::kNone) {
+    return Halted(step, cause);
+  }
+
+  policy_->Control(step.t, x, u);
+  learned_ = core::AsVector(std::span<const double>(u)) / model_->control_unit();
+  if (!learned_.allFinite()) return Halted(step, HaltCause::kControlInvalid);
+  learned_ = learned_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
+  v_ = learned_;
+  estimate_.Compute(step.t, AsSpan(z_));
+  const LocalModel model{support, estimate_, AsSpan(z_)};
+  const StepTarget target{step.t + 1, model_->median_level(step.t + 1)};
+  step.log_threshold = target.level;
+  step.threshold = support.FromLog(step.t, step.log_threshold);
+  const bool deep = DeepInside(step.log_g, target.level);
+  step.mode = deep ? Mode::kPolicy : Correct(model, target);
+  if (!Certify(model, step)) return Halted(step, HaltCause::kNoProgress);
+  step.filtered = step.mode == Mode::kPolicy && !deep && v_ != learned_;
+  core::AsVector(u) = v_ * model_->control_unit();
+  last_z_ = z_;
+  ++progress_.controls;
+  return step;
+}
+
+bool CertifiedPolicy::DeepInside(double level, double hi) const noexcept {
+  return level >= hi && learned_.norm() <= model_->largest_control() &&
+         model_->support().LogDecision(tracker_.phase() + 1, AsSpan(z_), {}) >= hi;
+}
+
+// Raises v_, the learned control, or makes it a probe.
+Mode CertifiedPolicy::Correct(const LocalModel& model, const StepTarget& target) noexcept {
+  const double level = RaiseLevel(model, target, limits_, v_);
+  if (level < 0.0 && Probe(model, target.phase)) return Mode::kProbe;
+  return level >= -reach_ ? Mode::kPolicy : Mode::kRecovery;
+}
+
+bool CertifiedPolicy::Probe(const LocalModel& model, int phase) noexcept {
+  if (probe_size_ == 0.0 || estimate_.Ignorance() <= guided::kUnknown ||
+      estimate_.LeastKnown(AsSpan(trial_)) <= guided::kUnknown) {
+    return false;
+  }
+  v_ = (probe_size_ * trial_).cwiseMax(-limits_.control).cwiseMin(limits_.control);
+  trial_ = -v_;
+  if (model.Level(phase, trial_) > model.Level(phase, v_)) v_ = trial_;
+  return true;
+}
+
+bool CertifiedPolicy::Certify(const LocalModel& model, Step& step) noexcept {
+  const Certifier::Admission admission =
+      certifier_.Admit(model, estimate_, limits_, {step.t, step.mode}, v_);
+  if (!admission.any) return false;
+  step.mode = admission.mode;
+  step.certified = true;
+  effect_.noalias() = estimate_.jacobian().lazyProduct(v_);
+  // Enter() finds the phase that the control leads to, from the one it is meant to lead to.
+  if (!admission.gets_on) {
+    tracker_.Wait();
+  } else {
+    // Small shares add up to time steps.
+    const double before = std::floor(progress_.time + 0.5);
+    progress_.time += admission.share;
+    tracker_.Reset(step.t + static_cast<int>(std::floor(progress_.time + 0.5) - before));
+  }
+  return true;
+}
+
+}  // namespace dfr::control

@@ -1,0 +1,161 @@
+#include "dfr/control/certified/certifier.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "dfr/control/certified/constants.h"
+#include "dfr/control/phase_tracker.h"
+#include "dfr/core/contract.h"
+
+namespace dfr::control {
+
+using core::AsSpan;
+
+// Phases beside the present one, in the order in which they are looked at: a control is meant for
+// the next one.
+constexpr std::array kOutwards = {1, 0, 2, -1, 3, -2, -3};
+static_assert(kOutwards.size() == 2 * PhaseTracker::kWindow + 1);
+
+Certifier::Certifier(const Certificate& certificate, int num_features, int control_dim,
+                     double control_unit)
+    : certificate_(certificate),
+      control_unit_(control_unit),
+      effect_(Eigen::VectorXd::Zero(num_features)),
+      shift_(Eigen::VectorXd::Zero(num_features)),
+      part_(Eigen::VectorXd::Zero(control_dim)),
+      chosen_(Eigen::VectorXd::Zero(control_dim)) {
+  DFR_THROW_UNLESS(certificate.direction_error > 0.0 && std::isfinite(certificate.direction_error),
+                   "a certificate needs an eps that is positive and finite, not "
+                       << certificate.direction_error);
+  DFR_THROW_UNLESS(
+      certificate.level >= 0.0 && std::isfinite(certificate.level),
+      "the level of a certificate must not be negative, and finite: " << certificate.level);
+  DFR_THROW_UNLESS(certificate.state_error >= 0.0 && std::isfinite(certificate.state_error),
+                   "the state error of a certificate must not be negative, and finite: "
+                       << certificate.state_error);
+}
+
+void Certifier::Reset() noexcept {
+  violation_ = {};
+  stalls_ = 0;
+}
+
+Certifier::Need Certifier::Check(const LocalModel& model, int phase,
+                                 const Eigen::VectorXd& v) const noexcept {
+  return Check(model, phase, v, model.Predict(phase, v));
+}
+
+Certifier::Need Certifier::Check(const LocalModel& model, int phase, const Eigen::VectorXd& v,
+                                 const PredictedLevel& there) const noexcept {
+  // Rounding of l must not carry a control that just passes out of the support.
+  constexpr double kRounding = 1e-12;
+  const double e =
+      certificate_.direction_error * v.norm() * control_unit_ + certificate_.state_error;
+  const double level =
+      there.gradient.norm() * e + model.support.curvature_bound(phase) * e * e - certificate_.level;
+  return {phase, level, level + kRounding - there.level};
+}
+
+Certifier::Need Certifier::Predict(const LocalModel& model, int phase,
+                                   const Eigen::VectorXd& v) const noexcept {
+  Need best{.phase = phase, .missing = std::numeric_limits<double>::infinity()};
+  for (const int offset : kOutwards) {
+    if (phase + offset < 0) continue;
+    const Need need = Check(model, phase + offset, v);
+    if (need.missing < best.missing) best = need;
+    if (best.met()) break;
+  }
+  return best;
+}
+
+double Certifier::Share(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept {
+  return !v.isZero(0.0) && Predict(model, phase, v).met() ? 1.0 : Part(model, phase, v);
+}
+
+double Certifier::Part(const LocalModel& model, int phase, const Eigen::VectorXd& v) noexcept {
+  const double norm = v.norm() * control_unit_;
+  if (norm == 0.0) return 1.0;
+  effect_.noalias() = model.answer.jacobian().lazyProduct(v);
+  double best = 0.0;
+  for (int q = std::max(0, phase - PhaseTracker::kWindow);
+       q <= phase + PhaseTracker::kWindow && best < 1.0; ++q) {
+    SafeBall ball = ComputeSafeBall(model.support, q, model.z, AsSpan(shift_), certificate_.level);
+    ball.radius -= certificate_.state_error;
+    const double share =
+        LargestShare(ball, AsSpan(shift_), AsSpan(effect_), certificate_.direction_error * norm);
+    best = std::max(best, std::clamp(share, 0.0, 1.0));
+  }
+  for (double share = 0.5; share >= certified::kLeastPart && share > best; share /= 2.0) {
+    part_ = share * v;
+    if (Check(model, phase + 1, part_).met()) best = share;
+  }
+  return best;
+}
+
+// Changes `v` by the smallest steps that surely help until it provably ends inside `phase`.
+bool Certifier::Project(const LocalModel& model, const StepLimits& limits, int phase,
+                        Eigen::VectorXd& v) const noexcept {
+  PredictedLevel there = model.Predict(phase, v);
+  Need need = Check(model, phase, v, there);
+  for (int round = 0; round < certified::kRounds && !need.met(); ++round) {
+    if (RaiseLevel(model, {phase, need.level + certified::kOvershoot}, limits, v, there) <
+        need.level)
+      break;
+    need = Check(model, phase, v, there);
+  }
+  return need.met();
+}
+
+Certifier::Admission Certifier::Admit(const LocalModel& model, JacobianEstimate& estimate,
+                                      const StepLimits& limits, const Request& request,
+                                      Eigen::VectorXd& v) noexcept {
+  Admission admission{.mode = request.mode, .gets_on = request.mode != Mode::kProbe};
+  if (admission.gets_on) {
+    chosen_ = v;
+    if (!Project(model, limits, request.phase + 1, v)) {
+      // What demonstrations did nearby, as near to it as is certified.
+      const bool known = estimate.Demonstrated(v);
+      v = v.cwiseMax(-limits.control).cwiseMin(limits.control);
+      if (known && Project(model, limits, request.phase + 1, v)) {
+        admission.mode = Mode::kRecovery;
+      } else {
+        v = chosen_;
+        admission.share = Part(model, request.phase, v);
+      }
+    }
+  } else {
+    admission.share = Share(model, request.phase, v);
+  }
+  if (admission.share < certified::kLeastShare) {
+    // So near to the boundary in this direction: make all the room there is first.
+    v.setZero();
+    static_cast<void>(
+        RaiseLevel(model, {request.phase, std::numeric_limits<double>::infinity()}, limits, v));
+    admission = {
+        .share = Share(model, request.phase, v), .mode = Mode::kRecovery, .gets_on = false};
+  }
+  stalls_ = admission.share < certified::kLeastShare || v.isZero() ? stalls_ + 1 : 0;
+  admission.any = stalls_ < certified::kMaxStalls;
+  v *= admission.share;
+  return admission;
+}
+
+bool Certifier::Confirms(int control, const Eigen::VectorXd& v, const Eigen::VectorXd& effect,
+                         const Eigen::VectorXd& dz) noexcept {
+  // Rounding of the features is all that may come on top.
+  constexpr double kRounding = 1e-9;
+  const double norm = v.norm() * control_unit_;
+  const double change = (dz - effect).norm();
+  const double allowed = certificate_.direction_error;
+  // Both states are observed ones.
+  if (change <= allowed * norm * (1.0 + kRounding) + 2.0 * certificate_.state_error + kRounding) {
+    return true;
+  }
+  const double observed = norm > 0.0 ? change / norm : std::numeric_limits<double>::infinity();
+  violation_ = {control, observed, allowed};
+  return false;
+}
+
+}  // namespace dfr::control

@@ -1,0 +1,90 @@
+#include "dfr/control/guided/correction.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "dfr/control/guided/constants.h"
+#include "dfr/core/matrix.h"
+
+namespace dfr::control {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+// Inside, whatever rounding does.
+constexpr double kInside = 1e-6;
+
+}  // namespace
+
+Correction::Correction(const GuidedModel& model, const GuidedOptions& options)
+    : model_(&model),
+      limits_(Limits(options, model.control_unit())),
+      reach_(std::min(options.reach * model.slack(), guided::kMostReach)),
+      tolerance_(options.tolerance),
+      probe_size_(options.probe_size),
+      demonstrates_(options.demonstrated),
+      drifts_(options.drift_time.rest > 0.0 || options.drift_time.travel > 0.0),
+      trial_(Eigen::VectorXd::Zero(model.control_dim())),
+      demonstrated_(Eigen::VectorXd::Zero(model.control_dim())) {}
+
+Correction::Choice Correction::Choose(JacobianEstimate& estimate, std::span<const double> z,
+                                      const StepTarget& target, Eigen::VectorXd& v) noexcept {
+  const LocalModel model{model_->support(), estimate, z};
+  Choice choice = Replace(estimate, model, target, v);
+  if (Probe(estimate, model, target, v, choice.level)) choice.mode = Mode::kProbe;
+  return choice;
+}
+
+Correction::Choice Correction::Replace(JacobianEstimate& estimate, const LocalModel& model,
+                                       const StepTarget& target, Eigen::VectorXd& v) noexcept {
+  const int next = target.phase;
+  // The last support does not move on: deep inside it, or where it is nearest, a task would stop.
+  const bool last = next >= model.support.num_steps();
+  const double learned = model.Level(next, v);
+  if (learned >= (tolerance_ > 0.0 ? -tolerance_ : target.level)) {
+    return {Mode::kPolicy, std::max(learned, 0.0)};
+  }
+  const Mode corrected = learned >= 0.0 ? Mode::kPolicy : Mode::kRecovery;
+  const bool known = demonstrates_ && estimate.Demonstrated(trial_);
+  double demonstrated = -kInfinity;
+  if (known) {
+    trial_ = trial_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
+    demonstrated_ = trial_;
+    demonstrated = RaiseLevel(model, {next, last ? kInside : target.level}, limits_, trial_);
+    if (demonstrated >= 0.0) {
+      v = trial_;
+      return {corrected, demonstrated};
+    }
+  }
+  const double filtered = RaiseLevel(model, target, limits_, v);
+  if (filtered >= 0.0) return {Mode::kPolicy, filtered};
+  if (!(known && last) && std::max(demonstrated, filtered) >= -reach_) {
+    if (demonstrated <= filtered) return {Mode::kPolicy, filtered};
+    v = trial_;
+    return {corrected, demonstrated};
+  }
+  if (!known) return {Mode::kRecovery, filtered};
+  v = demonstrated_;
+  return {Mode::kRecovery, model.Level(next, v)};
+}
+
+bool Correction::Probe(JacobianEstimate& estimate, const LocalModel& model,
+                       const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept {
+  // What is predicted inside is worth no probe, unless the prediction needs to know a drift.
+  if (probe_size_ == 0.0 || level >= (drifts_ ? target.level : 0.0) ||
+      estimate.Ignorance() <= guided::kUnknown ||
+      estimate.LeastKnown(core::AsSpan(trial_)) <= guided::kUnknown) {
+    return false;
+  }
+  v = (probe_size_ * trial_).cwiseMax(-limits_.control).cwiseMin(limits_.control);
+  level = model.Level(target.phase, v);
+  // In a drift the sign says which of the two is not known.
+  if (drifts_) return true;
+  trial_ = -v;
+  if (const double other = model.Level(target.phase, trial_); other > level) {
+    v = trial_;
+    level = other;
+  }
+  return true;
+}
+
+}  // namespace dfr::control

@@ -1,0 +1,73 @@
+#include "dfr/control/guided/guided_options.h"
+
+#include <algorithm>
+#include <array>
+#include <string>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::control {
+namespace {
+
+constexpr std::array<std::string_view, 7> kParts = {
+    "filter", "reach", "demonstrated", "online-jacobian", "own-motion", "observer", "drift"};
+
+}  // namespace
+
+std::span<const std::string_view> GuidedPartNames() noexcept { return kParts; }
+
+GuidedOptions Without(GuidedOptions options, std::string_view parts) {
+  while (!parts.empty()) {
+    const std::string_view part = parts.substr(0, parts.find('+'));
+    parts.remove_prefix(std::min(parts.size(), part.size() + 1));
+    if (part == "filter") {
+      options.iterations = 0;
+    } else if (part == "reach") {
+      options.reach = 0.0;
+    } else if (part == "demonstrated") {
+      options.demonstrated = false;
+    } else if (part == "online-jacobian") {
+      options.online_weight = 0.0;
+      options.probe_size = 0.0;  // A probe that is not measured is for nothing.
+    } else if (part == "own-motion") {
+      options.own_motion = false;
+    } else if (part == "observer") {
+      options.observer = false;
+    } else if (part == "drift") {
+      options.drift_time = {};
+    } else {
+      std::string known;
+      for (const std::string_view name : kParts) {
+        known.append(known.empty() ? "" : ", ").append(name);
+      }
+      DFR_THROW_UNLESS(false, "guided recovery has no part '" << part << "'; it has: " << known);
+    }
+  }
+  return options;
+}
+
+StepLimits Limits(const GuidedOptions& options, double control_unit) noexcept {
+  return {options.control_limit / control_unit, options.iterations};
+}
+
+void Check(const GuidedOptions& options) {
+  DFR_THROW_UNLESS(options.horizon > 0, "horizon must be positive, not " << options.horizon);
+  DFR_THROW_UNLESS(options.first_step >= 0 && options.first_step < options.horizon,
+                   "first_step must lie in [0, horizon), not " << options.first_step);
+  DFR_THROW_UNLESS(options.max_controls > 0,
+                   "max_controls must be positive, not " << options.max_controls);
+  DFR_THROW_UNLESS(options.control_limit > 0.0,
+                   "control_limit must be positive, not " << options.control_limit);
+  DFR_THROW_UNLESS(options.iterations >= 0,
+                   "iterations must not be negative: " << options.iterations);
+  DFR_THROW_UNLESS(options.patience > 0, "patience must be positive, not " << options.patience);
+  DFR_THROW_UNLESS(options.probe_size >= 0.0,
+                   "probe_size must not be negative: " << options.probe_size);
+  DFR_THROW_UNLESS(options.reach >= 0.0, "reach must not be negative: " << options.reach);
+  DFR_THROW_UNLESS(options.tolerance >= 0.0,
+                   "tolerance must not be negative: " << options.tolerance);
+  DFR_THROW_UNLESS(options.online_weight >= 0.0,
+                   "online_weight must not be negative: " << options.online_weight);
+}
+
+}  // namespace dfr::control

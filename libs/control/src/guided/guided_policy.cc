@@ -1,0 +1,100 @@
+#include "dfr/control/guided/guided_policy.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/matrix.h"
+
+namespace dfr::control {
+
+using core::AsSpan;
+
+GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
+                           const GuidedOptions& options)
+    : policy_(&policy),
+      model_(&model),
+      options_((CheckFits(policy, model), Check(options), options)),
+      limits_(Limits(options, model.control_unit())),
+      halt_rule_{options.horizon, options.max_controls, options.patience},
+      estimate_(model.prior(), options.drift_time, options.own_motion && model.own_motion()),
+      observer_(model.features().num_features(), model.control_dim(),
+                model.prior()->options().forgetting, options.observer),
+      correction_(model, options),
+      tracker_(model.support()) {
+  for (Eigen::VectorXd* v : {&z_, &seen_, &last_seen_, &dz_}) {
+    *v = Eigen::VectorXd::Zero(model.features().num_features());
+  }
+  v_ = learned_ = Eigen::VectorXd::Zero(model.control_dim());
+}
+
+void GuidedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
+  estimate_.Reset();
+  observer_.Reset();
+  tracker_.Reset(options_.first_step);
+  progress_ = {};
+}
+
+Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexcept {
+  const core::LogDecisionFunction& support = model_->support();
+  model_->features().Apply(x, AsSpan(seen_));
+  Step step{.t = tracker_.phase(), .iteration = tracker_.waited()};
+  if (progress_.controls > 0) {
+    dz_ = seen_ - last_seen_;
+    observer_.Update(estimate_, AsSpan(v_), AsSpan(dz_));
+    estimate_.Update(AsSpan(last_seen_), observer_.acting(), AsSpan(dz_), estimate_.Time(v_),
+                     options_.online_weight);
+  }
+  z_ = seen_;
+  observer_.Observe(estimate_, z_);
+
+  step.log_g = support.LogDecision(step.t, AsSpan(z_), {});
+  step.g = support.FromLog(step.t, step.log_g);
+  if (!std::isfinite(step.log_g)) return Halted(step, HaltCause::kSupportInvalid);
+  progress_.time = step.t;
+  progress_.waited = tracker_.waited();
+  if (const HaltCause cause = halt_rule_(progress_); cause != HaltCause::kNone) {
+    return Halted(step, cause);
+  }
+
+  policy_->Control(step.t, x, u);
+  learned_ = core::AsVector(std::span<const double>(u)) / model_->control_unit();
+  if (!learned_.allFinite()) return Halted(step, HaltCause::kControlInvalid);
+  learned_ = learned_.cwiseMax(-limits_.control).cwiseMin(limits_.control);
+  step.log_threshold = model_->gate_level(step.t + 1);
+  step.threshold = support.FromLog(step.t, step.log_threshold);
+
+  v_ = learned_;
+  const bool deep = DeepInside(step.log_g);
+  // J is most of the work. Deep inside only the first controls ask for it, because they show a lag.
+  if (!deep || (options_.observer && progress_.controls <= StateObserver::kMaxLag)) {
+    estimate_.Compute(step.t, AsSpan(z_));
+  }
+  Correction::Choice choice{Mode::kPolicy, step.log_threshold};
+  if (!deep) {
+    choice = correction_.Choose(estimate_, AsSpan(z_), {step.t + 1, step.log_threshold}, v_);
+  }
+  step.mode = choice.mode;
+  Advance(choice.level);
+  step.filtered = step.mode == Mode::kPolicy && !deep && v_ != learned_;
+  core::AsVector(u) = v_ * model_->control_unit();
+  last_seen_ = seen_;
+  ++progress_.controls;
+  return step;
+}
+
+bool GuidedPolicy::DeepInside(double level) const noexcept {
+  const int phase = tracker_.phase();
+  const double hi = model_->gate_level(phase + 1);
+  return level >= hi && learned_.norm() <= model_->largest_control() &&
+         model_->support().LogDecision(phase + 1, AsSpan(z_), {}) >= hi;
+}
+
+void GuidedPolicy::Advance(double level) noexcept {
+  if (level >= 0.0) return tracker_.Advance();
+  dz_ = z_;
+  estimate_.AddEffect(v_, dz_);
+  tracker_.Advance(AsSpan(dz_), level, !(level >= -correction_.reach()));
+}
+
+}  // namespace dfr::control

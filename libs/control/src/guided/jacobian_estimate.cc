@@ -1,0 +1,202 @@
+#include "dfr/control/guided/jacobian_estimate.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "dfr/control/guided/constants.h"
+#include "dfr/core/contract.h"
+
+namespace dfr::control {
+
+JacobianEstimate::JacobianEstimate(std::shared_ptr<const JacobianPrior> prior,
+                                   const DriftTime& drift_time, bool own_motion)
+    : prior_(std::move(prior)),
+      drift_time_(drift_time),
+      drifts_(drift_time.rest > 0.0 || drift_time.travel > 0.0) {
+  DFR_THROW_UNLESS(drift_time.rest >= 0.0 && std::isfinite(drift_time.rest) &&
+                       drift_time.travel >= 0.0 && std::isfinite(drift_time.travel),
+                   "drift times must not be negative, and finite: rest "
+                       << drift_time.rest << ", travel " << drift_time.travel);
+  const int n = prior_->feature_dim();
+  const int m = prior_->control_dim();
+  motion_rows_ = own_motion ? n + 1 : 0;
+  const int rows = motion_rows_ + (drifts_ ? 1 : 0) + m;
+  a_online_ = Eigen::MatrixXd::Zero(rows, rows);
+  b_online_ = core::Matrix::Zero(rows, n);
+  center_ = Eigen::VectorXd::Zero(n);
+  a_ = Eigen::MatrixXd::Identity(rows, rows);
+  b_ = core::Matrix::Zero(rows, n);
+  cholesky_ = Eigen::LLT<Eigen::MatrixXd>(a_);
+  inverse_ = Eigen::MatrixXd::Identity(rows - motion_rows_, rows - motion_rows_);
+  jacobian_ = Eigen::MatrixXd::Zero(n, m);
+  drift_ = Eigen::VectorXd::Zero(n);
+  own_motion_ = Eigen::VectorXd::Zero(n);
+  regressor_ = Eigen::VectorXd::Zero(rows);
+  direction_ = Eigen::VectorXd::Zero(m);
+  scratch_ = Eigen::VectorXd::Zero(m);
+  workspace_ = prior_->MakeWorkspace();
+  a_demo_ = Eigen::MatrixXd::Identity(n + 1, n + 1);
+  unit_ = Eigen::VectorXd::Zero(n + 1);
+  cholesky_demo_ = Eigen::LLT<Eigen::MatrixXd>(a_demo_);
+  h_ = Eigen::MatrixXd::Identity(m, m);
+  cholesky_controls_ = Eigen::LLT<Eigen::MatrixXd>(h_);
+  did_ = Eigen::MatrixXd::Zero(m, 1);
+  wanted_ = Eigen::VectorXd::Zero(n);
+}
+
+void JacobianEstimate::Reset() noexcept {
+  a_online_.setZero();
+  b_online_.setZero();
+  fresh_ = false;
+}
+
+void JacobianEstimate::Update(std::span<const double> z, std::span<const double> v,
+                              std::span<const double> dz, double time, double weight) noexcept {
+  fresh_ = false;
+  if (motion_rows_ > 0) {
+    regressor_.head(motion_rows_ - 1) = core::AsVector(z) - center_;
+    regressor_[motion_rows_ - 1] = 1.0;
+  }
+  if (drifts_) regressor_[motion_rows_] = time;
+  regressor_.tail(jacobian_.cols()) = core::AsVector(v);
+  const double keep = prior_->options().forgetting;
+  a_online_ *= keep;
+  b_online_ *= keep;
+  a_online_.noalias() += weight * regressor_.lazyProduct(regressor_.transpose());
+  b_online_.noalias() += weight * regressor_.lazyProduct(core::AsVector(dz).transpose());
+}
+
+// With y = z' - z, sums of [y; 1] about another z are those of [y + shift; 1].
+void JacobianEstimate::MoveTo(std::span<const double> z) noexcept {
+  if (motion_rows_ == 0) return;
+  const Eigen::Index n = motion_rows_ - 1;
+  wanted_ = center_ - core::AsVector(z);
+  center_ = core::AsVector(z);
+  a_online_.topRows(n) += wanted_.lazyProduct(a_online_.row(n));
+  a_online_.leftCols(n) += a_online_.col(n).lazyProduct(wanted_.transpose());
+  b_online_.topRows(n) += wanted_.lazyProduct(b_online_.row(n));
+}
+
+void JacobianEstimate::AddDemonstrations() noexcept {
+  const auto& sums = workspace_.sums;
+  const Eigen::Index n = jacobian_.rows();
+  const Eigen::Index m = jacobian_.cols();
+  const Eigen::Index moves = motion_rows_;
+  const Eigen::Index states = workspace_.states;
+  const Eigen::Index v = n + 1;  // In the sums; then the changes.
+  a_.bottomRightCorner(m, m) += sums.block(0, v, m, m).cast<double>();
+  b_.bottomRows(m) += sums.block(0, v + m, m, n).cast<double>();
+  if (moves == 0) return;
+  prior_->SumStates(workspace_);
+  // The lower triangle is enough.
+  a_.topLeftCorner(moves, moves) += sums.block(states, 0, moves, moves).cast<double>();
+  a_.bottomLeftCorner(m, moves) += sums.block(states, v, moves, m).transpose().cast<double>();
+  b_.topRows(moves) += sums.block(states, v + m, moves, n).cast<double>();
+}
+
+void JacobianEstimate::Compute(int t, std::span<const double> z) noexcept {
+  const JacobianOptions& options = prior_->options();
+  MoveTo(z);
+  a_ = a_online_;
+  b_ = b_online_;
+  a_.diagonal().array() += options.ridge;
+  if (motion_rows_ > 0) {
+    a_.diagonal().head(motion_rows_ - 1).array() += options.slope_ridge - options.ridge;
+    a_(motion_rows_ - 1, motion_rows_ - 1) += options.motion_ridge - options.ridge;
+  }
+  has_sums_ = prior_->SumControls(t, z, workspace_);
+  if (has_sums_) AddDemonstrations();
+  cholesky_.compute(a_);
+  const auto& lower = cholesky_.matrixLLT();
+  // B becomes L^-1 B; of A^-1 B only the rows below the slopes matter.
+  const Eigen::Index first = std::max(0, motion_rows_ - 1);
+  for (Eigen::Index i = 0; i < b_.rows(); ++i) {
+    for (Eigen::Index k = 0; k < i; ++k) b_.row(i) -= lower(i, k) * b_.row(k);
+    b_.row(i) /= lower(i, i);
+  }
+  for (Eigen::Index i = b_.rows() - 1; i >= first; --i) {
+    for (Eigen::Index k = i + 1; k < b_.rows(); ++k) b_.row(i) -= lower(k, i) * b_.row(k);
+    b_.row(i) /= lower(i, i);
+  }
+  if (motion_rows_ > 0) own_motion_ = b_.row(first);
+  if (drifts_) drift_ = b_.row(motion_rows_);
+  jacobian_ = b_.bottomRows(jacobian_.cols()).transpose();
+  fresh_ = true;
+}
+
+bool JacobianEstimate::Demonstrated(Eigen::VectorXd& v) noexcept {
+  const auto& sums = workspace_.sums;
+  const Eigen::Index n = jacobian_.rows();
+  const Eigen::Index m = jacobian_.cols();
+  if (!has_sums_) return false;
+  prior_->SumNearStates(workspace_);
+  const Eigen::Index states = workspace_.states;
+  a_demo_ = sums.block(states, 0, n + 1, n + 1).cast<double>();
+  const double weight = a_demo_(n, n);
+  if (!(weight > 0.0)) return false;
+  a_demo_.diagonal().head(n).array() += guided::kDemonstratedRidge * weight;
+  cholesky_demo_.compute(a_demo_);
+  // At z itself, [z' - z; 1] is the last unit vector, and L^-1 of it a multiple.
+  const auto& lower = cholesky_demo_.matrixLLT();
+  for (Eigen::Index i = n; i >= 0; --i) {
+    double sum = i == n ? 1.0 / lower(n, n) : 0.0;
+    for (Eigen::Index k = i + 1; k <= n; ++k) sum -= lower(k, i) * unit_[k];
+    unit_[i] = sum / lower(i, i);
+  }
+  v.noalias() = sums.block(states, n + 1, n + 1, m).transpose().cast<double>().lazyProduct(unit_);
+  wanted_.noalias() =
+      sums.block(states, n + 1 + m, n + 1, n).transpose().cast<double>().lazyProduct(unit_);
+  wanted_ -= own_motion_;
+  if (drifts_) wanted_ -= Time(v) * drift_;
+  h_.noalias() = jacobian_.transpose().lazyProduct(jacobian_);
+  const double nearness = guided::kNearness * h_.trace() / static_cast<double>(m);
+  if (!(nearness > 0.0)) return true;
+  h_.diagonal().array() += nearness;
+  scratch_.noalias() = jacobian_.transpose().lazyProduct(wanted_);
+  did_ = scratch_ + nearness * v;
+  cholesky_controls_.compute(h_);
+  cholesky_controls_.solveInPlace(did_);
+  v = did_.col(0);
+  return true;
+}
+
+void JacobianEstimate::AddEffect(const Eigen::Ref<const Eigen::VectorXd>& v, double time,
+                                 Eigen::Ref<Eigen::VectorXd> z) const noexcept {
+  z.noalias() += jacobian_.lazyProduct(v);
+  z += own_motion_;
+  if (drifts_) z += time * drift_;
+}
+
+double JacobianEstimate::Ignorance() noexcept {
+  const Eigen::Index rows = inverse_.rows();
+  inverse_.setIdentity();
+  const auto lower =
+      cholesky_.matrixLLT().bottomRightCorner(rows, rows).triangularView<Eigen::Lower>();
+  lower.solveInPlace(inverse_);
+  lower.adjoint().solveInPlace(inverse_);
+  return inverse_.diagonal().tail(jacobian_.cols()).sum();
+}
+
+double JacobianEstimate::LeastKnown(std::span<double> direction) noexcept {
+  static_cast<void>(Ignorance());
+  // Power iteration.
+  direction_.setConstant(1.0 / std::sqrt(static_cast<double>(direction_.size())));
+  // Off the constant vector, which may by symmetry be orthogonal to the answer.
+  for (Eigen::Index i = 0; i < direction_.size(); ++i) {
+    direction_[i] += 0.01 * static_cast<double>(i);
+  }
+  const Eigen::Index m = jacobian_.cols();
+  double value = 0.0;
+  for (int i = 0; i < guided::kPowerIterations; ++i) {
+    scratch_.noalias() = inverse_.bottomRightCorner(m, m).lazyProduct(direction_);
+    value = scratch_.norm();
+    direction_ = scratch_ / value;
+  }
+  // Time always passes forwards: [v; s] and [-v; s] are not known equally well.
+  if (drifts_ && inverse_.row(0).tail(m).dot(direction_) < 0.0) direction_ = -direction_;
+  std::copy(direction_.begin(), direction_.end(), direction.begin());
+  return value;
+}
+
+}  // namespace dfr::control

@@ -1,0 +1,259 @@
+#include "dfr/control/guided/jacobian_prior.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <stdexcept>
+
+#include "dfr/control/guided/constants.h"
+#include "dfr/core/contract.h"
+#include "transition_sums.h"
+
+namespace dfr::control {
+namespace {
+
+// Transitions that one estimate may look at.
+constexpr int kMaxTransitions = 1024;
+int RoundUp(int value, std::size_t multiple) {
+  const int m = static_cast<int>(multiple);
+  return (value + m - 1) / m * m;
+}
+
+// Entries of features and of a control: each decision solves a problem of the size of the control.
+constexpr int kMaxEntries = 256;
+
+void Check(const JacobianOptions& options) {
+  DFR_THROW_UNLESS(options.ridge > 0.0, "ridge must be positive, not " << options.ridge);
+  DFR_THROW_UNLESS(options.motion_ridge > 0.0,
+                   "motion_ridge must be positive, not " << options.motion_ridge);
+  DFR_THROW_UNLESS(options.slope_ridge > 0.0,
+                   "slope_ridge must be positive, not " << options.slope_ridge);
+  DFR_THROW_UNLESS(options.prior_weight >= 0.0,
+                   "prior_weight must not be negative: " << options.prior_weight);
+  DFR_THROW_UNLESS(options.window >= 0, "window must not be negative: " << options.window);
+  DFR_THROW_UNLESS(options.max_per_step > 0,
+                   "max_per_step must be positive, not " << options.max_per_step);
+  DFR_THROW_UNLESS(options.window < kMaxTransitions &&
+                       options.max_per_step <= kMaxTransitions / (2 * options.window + 1),
+                   "(2 window + 1) max_per_step must be at most "
+                       << kMaxTransitions << "; window is " << options.window << ", max_per_step "
+                       << options.max_per_step);
+  DFR_THROW_UNLESS(options.forgetting >= 0.0 && options.forgetting < 1.0,
+                   "forgetting must lie in [0, 1), not be " << options.forgetting);
+}
+
+}  // namespace
+
+JacobianPrior::JacobianPrior(std::span<const core::Matrix> features,
+                             std::span<const core::Matrix> controls, const JacobianOptions& options)
+    : options_(options) {
+  Check(options);
+  DFR_THROW_UNLESS(!features.empty() && features.size() == controls.size(),
+                   features.size()
+                       << " demonstrations of features, " << controls.size() << " of controls");
+  feature_dim_ = static_cast<int>(features[0].cols());
+  control_dim_ = static_cast<int>(controls[0].cols());
+  const int n = feature_dim_;
+  const int m = control_dim_;
+  DFR_THROW_UNLESS(n >= 1 && n <= kMaxEntries && m >= 1 && m <= kMaxEntries,
+                   "features have " << n << " entries, controls " << m << "; from 1 to "
+                                    << kMaxEntries << " are possible");
+  Eigen::Index longest = 0;
+  for (std::size_t d = 0; d < features.size(); ++d) {
+    DFR_THROW_UNLESS(features[d].cols() == n && controls[d].cols() == m &&
+                         features[d].rows() == controls[d].rows() + 1,
+                     "demonstration " << d << ": features " << features[d].rows() << " x "
+                                      << features[d].cols() << ", controls " << controls[d].rows()
+                                      << " x " << controls[d].cols());
+    longest = std::max(longest, controls[d].rows());
+  }
+
+  std::vector<std::pair<std::size_t, Eigen::Index>> chosen;
+  std::vector<std::size_t> moving;
+  for (Eigen::Index t = 0; t < longest; ++t) {
+    begin_.push_back(static_cast<int>(chosen.size()));
+    moving.clear();
+    for (std::size_t d = 0; d < controls.size(); ++d) {
+      if (t < controls[d].rows() && controls[d].row(t).squaredNorm() > 0.0) moving.push_back(d);
+    }
+    const std::size_t most =
+        std::min<std::size_t>(moving.size(), static_cast<std::size_t>(options.max_per_step));
+    // Others than at the time step before: the window sees as many demonstrations as it can.
+    for (std::size_t i = 0; i < most; ++i) {
+      const std::size_t first = i * moving.size() / most;
+      chosen.emplace_back(moving[(first + static_cast<std::size_t>(t)) % moving.size()], t);
+    }
+  }
+  begin_.push_back(static_cast<int>(chosen.size()));
+
+  transitions_.setZero(static_cast<Eigen::Index>(chosen.size()), Width());
+  for (Eigen::Index row = 0; row < transitions_.rows(); ++row) {
+    const auto [d, t] = chosen[static_cast<std::size_t>(row)];
+    transitions_.row(row).head(2 * n + 1 + m) << features[d].row(t).cast<float>(), 1.0F,
+        controls[d].row(t).cast<float>(),
+        (features[d].row(t + 1) - features[d].row(t)).cast<float>();
+  }
+  Finish();
+}
+
+int JacobianPrior::Width() const noexcept {
+  // The controls of a row are read in steps of kWidth.
+  const int controls = feature_dim_ + 1 + RoundUp(control_dim_, internal::kWidth);
+  return RoundUp(std::max(2 * feature_dim_ + 1 + control_dim_, controls), internal::kWidth);
+}
+
+void JacobianPrior::Finish() {
+  points_.setZero(transitions_.rows() + Eigen::Index{internal::kPadding}, feature_dim_);
+  points_.topRows(transitions_.rows()) = transitions_.leftCols(feature_dim_);
+  for (int t = 0; t + 1 < static_cast<int>(begin_.size()); ++t) {
+    const auto [first, last] = Near(t);
+    largest_ = std::max(largest_, last - first);
+  }
+}
+
+void JacobianPrior::Save(core::ArchiveWriter& archive) const {
+  archive.Number(options_.ridge);
+  archive.Number(options_.prior_weight);
+  archive.Integer(options_.window);
+  archive.Integer(options_.max_per_step);
+  archive.Number(options_.forgetting);
+  archive.Number(options_.motion_ridge);
+  archive.Number(options_.slope_ridge);
+  archive.Integer(feature_dim_);
+  archive.Integer(control_dim_);
+  archive.Integers(begin_);
+  archive.MatrixBlock(transitions_.leftCols(2 * feature_dim_ + 1 + control_dim_).cast<double>());
+}
+
+JacobianPrior JacobianPrior::Load(core::ArchiveReader& archive) {
+  JacobianPrior prior;
+  try {
+    JacobianOptions& options = prior.options_;
+    options.ridge = archive.Number();
+    options.prior_weight = archive.Number();
+    options.window = archive.IntegerIn(0, kMaxTransitions);
+    options.max_per_step = archive.IntegerIn(1, kMaxTransitions);
+    options.forgetting = archive.Number();
+    options.motion_ridge = archive.Number();
+    options.slope_ridge = archive.Number();
+    Check(options);
+    prior.feature_dim_ = archive.IntegerIn(1, kMaxEntries);
+    prior.control_dim_ = archive.IntegerIn(1, kMaxEntries);
+    prior.begin_ = archive.Integers();
+    const core::Matrix transitions = archive.MatrixBlock();
+    const std::vector<int>& begin = prior.begin_;
+    DFR_THROW_UNLESS(
+        begin.size() >= 2 && begin.front() == 0 && begin.back() == transitions.rows(),
+        "the transitions of the Jacobian prior do not begin and end where they should");
+    for (std::size_t t = 1; t < begin.size(); ++t) {
+      DFR_THROW_UNLESS(begin[t] >= begin[t - 1] && begin[t] - begin[t - 1] <= options.max_per_step,
+                       "time step " << t - 1 << " of the Jacobian prior has "
+                                    << begin[t] - begin[t - 1] << " transitions");
+    }
+    const Eigen::Index n = prior.feature_dim_;
+    DFR_THROW_UNLESS(transitions.cols() == 2 * n + 1 + prior.control_dim_,
+                     "the matrix of the Jacobian prior does not fit its numbers of features and "
+                     "control entries");
+    prior.transitions_.setZero(transitions.rows(), prior.Width());
+    prior.transitions_.leftCols(transitions.cols()) = transitions.cast<float>();
+    DFR_THROW_UNLESS(prior.transitions_.allFinite() && (transitions.col(n).array() == 1.0).all(),
+                     "the Jacobian prior has an entry that cannot be");
+    prior.Finish();
+  } catch (const std::invalid_argument& e) {
+    archive.Fail(e.what());
+  }
+  return prior;
+}
+
+std::pair<int, int> JacobianPrior::Near(int t) const noexcept {
+  const int steps = static_cast<int>(begin_.size()) - 1;
+  t = std::min(t, steps - 1);
+  return {begin_[static_cast<std::size_t>(std::clamp(t - options_.window, 0, steps))],
+          begin_[static_cast<std::size_t>(std::clamp(t + options_.window + 1, 0, steps))]};
+}
+
+JacobianPrior::Workspace JacobianPrior::MakeWorkspace() const {
+  Workspace workspace;
+  workspace.states = RoundUp(control_dim_, internal::kWidth);
+  const int left = workspace.states + RoundUp(feature_dim_ + 1, internal::kWidth);
+  workspace.distances.setZero(largest_ + Eigen::Index{internal::kPadding});
+  workspace.weights.setZero(largest_ + Eigen::Index{internal::kPadding});
+  workspace.spread.setZero(kSpread);
+  workspace.nearest.setZero(kNearest + 1);
+  workspace.z.setZero(Width());
+  workspace.left.setZero(Eigen::Index{std::min(largest_, kSpread)} * left);
+  workspace.right.setZero(Eigen::Index{std::min(largest_, kSpread)} * Width());
+  workspace.sums.setZero(left, Width());
+  return workspace;
+}
+
+bool JacobianPrior::SumControls(int t, std::span<const double> z,
+                                Workspace& workspace) const noexcept {
+  const auto [first, last] = Near(t);
+  const int rows = last - first;
+  if (rows <= 0) return false;
+  const auto count = static_cast<std::size_t>(rows);
+  const auto n = static_cast<std::size_t>(feature_dim_);
+  const auto width = static_cast<std::size_t>(transitions_.cols());
+  const auto left_width = static_cast<std::size_t>(workspace.sums.rows());
+  workspace.first = first;
+  workspace.rows = rows;
+  workspace.z.head(feature_dim_) = core::AsVector(z).cast<float>();
+  internal::SquaredDistances(points_.data() + first, static_cast<std::size_t>(points_.rows()), n,
+                             workspace.z.data(), count, workspace.distances.data());
+  const auto distances = workspace.distances.head(rows);
+  if (!std::isfinite(distances.sum())) return false;
+  internal::Weights(distances.data(), count, distances.minCoeff(),
+                    kBandwidth / static_cast<double>(n), workspace.weights.data());
+  // Evenly over demonstrations and time steps.
+  const int stride = (rows + kSpread - 1) / kSpread;
+  workspace.used = (rows + stride - 1) / stride;
+  double sum = 0.0;
+  for (int i = 0; i < workspace.used; ++i) {
+    workspace.spread[i] = i * stride;
+    sum += workspace.weights[i * stride] += guided::kWeightFloor;
+  }
+  workspace.factor = options_.prior_weight / sum;
+  const float* row = transitions_.row(first).data();
+  const std::size_t row_stride = static_cast<std::size_t>(stride) * width;
+  const auto used = static_cast<std::size_t>(workspace.used);
+  internal::ScaleRows(row + n + 1, row_stride, workspace.spread.data(), used,
+                      workspace.weights.data(), workspace.factor,
+                      static_cast<std::size_t>(workspace.states), workspace.left.data(),
+                      left_width);
+  // Most of the work of an estimate. Of r all that may follow z and 1.
+  const std::size_t begin = (n + 1) / internal::kWidth * internal::kWidth;
+  internal::TransposedProduct(workspace.left.data(), left_width,
+                              static_cast<std::size_t>(workspace.states), row + begin, row_stride,
+                              width - begin, used, workspace.sums.data() + begin, width);
+  return true;
+}
+
+void JacobianPrior::SumStates(Workspace& workspace) const noexcept {
+  SumRows(workspace.spread, workspace.used, workspace.factor, workspace);
+}
+
+void JacobianPrior::SumNearStates(Workspace& workspace) const noexcept {
+  const int count = std::min(workspace.rows, kNearest);
+  internal::Nearest(workspace.distances.data(), static_cast<std::size_t>(workspace.rows),
+                    static_cast<std::size_t>(count), workspace.nearest.data());
+  SumRows(workspace.nearest, count, 1.0, workspace);
+}
+
+void JacobianPrior::SumRows(const Eigen::VectorXi& indices, int count, double factor,
+                            Workspace& workspace) const noexcept {
+  const auto rows = static_cast<std::size_t>(count);
+  const auto width = static_cast<std::size_t>(transitions_.cols());
+  const auto left_width = static_cast<std::size_t>(workspace.sums.rows());
+  const auto begin = static_cast<std::size_t>(workspace.states);
+  // As they differ from z: sums about the origin would lose the digits that matter.
+  internal::Differences(transitions_.row(workspace.first).data(), width, indices.data(), rows,
+                        workspace.z.data(), workspace.right.data());
+  internal::ScaleRows(workspace.right.data(), width, indices.data(), rows, workspace.weights.data(),
+                      factor, left_width - begin, workspace.left.data() + begin, left_width);
+  internal::TransposedProduct(workspace.left.data() + begin, left_width, left_width - begin,
+                              workspace.right.data(), width, width, rows,
+                              workspace.sums.data() + begin * width, width);
+}
+
+}  // namespace dfr::control

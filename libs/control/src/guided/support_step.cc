@@ -1,0 +1,93 @@
+#include "dfr/control/guided/support_step.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+
+#include "dfr/control/guided/constants.h"
+#include "dfr/core/matrix.h"
+
+namespace dfr::control {
+namespace {
+
+// On the stack, whatever the size.
+using Vector = decltype(PredictedLevel::gradient);
+
+double LevelAfter(const LocalModel& model, int phase, const Eigen::VectorXd& v, Vector& there,
+                  std::span<double> gradient) noexcept {
+  there = core::AsVector(model.z);
+  model.answer.AddEffect(v, there);
+  return model.support.LogDecision(phase, {there.data(), model.z.size()}, gradient);
+}
+
+}  // namespace
+
+double LocalModel::Level(int phase, const Eigen::VectorXd& v) const noexcept {
+  Vector there;
+  return LevelAfter(*this, phase, v, there, {});
+}
+
+PredictedLevel LocalModel::Predict(int phase, const Eigen::VectorXd& v) const noexcept {
+  Vector there;
+  PredictedLevel predicted;
+  predicted.gradient.resize(static_cast<Eigen::Index>(z.size()));
+  predicted.level = LevelAfter(*this, phase, v, there, {predicted.gradient.data(), z.size()});
+  return predicted;
+}
+
+double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
+                  Eigen::VectorXd& v) noexcept {
+  PredictedLevel there = model.Predict(target.phase, v);
+  return RaiseLevel(model, target, limits, v, there);
+}
+
+double RaiseLevel(const LocalModel& model, const StepTarget& target, const StepLimits& limits,
+                  Eigen::VectorXd& v, PredictedLevel& there) noexcept {
+  const Eigen::MatrixXd& j = model.answer.jacobian();
+  const auto n = static_cast<Eigen::Index>(model.z.size());
+  assert(n <= kMaxStepEntries && v.size() <= kMaxStepEntries && there.gradient.size() == n);
+  const double curvature = model.support.curvature_bound(target.phase);
+  Vector after(n);
+  Vector next_gradient(n);
+  Vector d(v.size());
+  Vector effect(n);
+  Vector before(v.size());
+  for (int i = 0; i < limits.iterations && there.level < target.level; ++i) {
+    d.noalias() = j.transpose().lazyProduct(there.gradient);
+    // What the limits forbid is left out of the direction.
+    for (Eigen::Index k = 0; k < d.size(); ++k) {
+      if ((v[k] >= limits.control && d[k] > 0.0) || (v[k] <= -limits.control && d[k] < 0.0)) {
+        d[k] = 0.0;
+      }
+    }
+    const double slope = d.squaredNorm();
+    effect.noalias() = j.lazyProduct(d);
+    const double bend = curvature * effect.squaredNorm();
+    if (!(slope > 0.0)) break;
+    // A step s gains slope s - bend s^2 at least, most of all at `best`.
+    const double best = slope / (2.0 * bend);
+    const double gain = slope * best / 2.0;
+    const double missing = target.level - there.level;
+    if (!(gain >= std::min(guided::kLeastGain, missing))) break;
+    // Where the level is nearer than `best`, in the form that neither cancels nor needs a
+    // curvature.
+    const double step =
+        gain > missing ? 2.0 * missing / (slope * (1.0 + std::sqrt(1.0 - missing / gain))) : best;
+    before = v;
+    v = (v + step * d).cwiseMax(-limits.control).cwiseMin(limits.control);
+    const double reached =
+        LevelAfter(model, target.phase, v, after, {next_gradient.data(), model.z.size()});
+    if (reached <= there.level) {
+      // Only a limit that was met on the way can do that.
+      v = before;
+      break;
+    }
+    const double gained = reached - there.level;
+    there.level = reached;
+    there.gradient.swap(next_gradient);
+    if (gained < guided::kLeastGain) break;
+  }
+  return there.level;
+}
+
+}  // namespace dfr::control

@@ -1,0 +1,39 @@
+#include "dfr/control/published/gradient_recovery.h"
+
+#include "dfr/core/contract.h"
+#include "dfr/core/matrix.h"
+
+namespace dfr::control {
+
+using core::AsSpan;
+
+GradientRecovery::GradientRecovery(const GuidedModel& model, double control_limit)
+    : model_(&model),
+      limits_{control_limit / model.control_unit()},
+      // Algorithm 1 recovers at rest: nothing moves but by its controls.
+      estimate_(model.prior(), {}, /*own_motion=*/false),
+      z_(Eigen::VectorXd::Zero(model.features().num_features())),
+      last_z_(z_),
+      dz_(z_),
+      v_(Eigen::VectorXd::Zero(model.control_dim())) {
+  DFR_THROW_UNLESS(control_limit > 0.0, "control_limit must be positive, not " << control_limit);
+}
+
+void GradientRecovery::Reset(std::uint64_t /*seed*/) noexcept { estimate_.Reset(); }
+
+Mode GradientRecovery::Next(const RecoverySituation& situation, std::span<double> u) noexcept {
+  model_->features().Apply(situation.x, AsSpan(z_));
+  if (situation.iteration > 0) {
+    dz_ = z_ - last_z_;
+    estimate_.Update(AsSpan(last_z_), AsSpan(v_), AsSpan(dz_));
+  }
+  estimate_.Compute(situation.t, AsSpan(z_));
+  v_.setZero();
+  static_cast<void>(RaiseLevel({model_->support(), estimate_, AsSpan(z_)},
+                               {situation.t, model_->gate_level(situation.t)}, limits_, v_));
+  core::AsVector(u) = v_ * model_->control_unit();
+  last_z_ = z_;
+  return v_.isZero(0.0) ? Mode::kHalt : Mode::kRecovery;
+}
+
+}  // namespace dfr::control

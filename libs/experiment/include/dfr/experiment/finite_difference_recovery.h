@@ -1,0 +1,45 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "dfr/control/published/derivative_free_recovery.h"
+#include "dfr/control/published/recovery_strategy.h"
+#include "dfr/core/decision_function.h"
+#include "dfr/core/plant.h"
+
+namespace dfr::experiment {
+
+/// The finite-difference oracle that Sec. V-A holds DFR against. It cheats: it takes the true state
+/// of a simulated plant and tries controls on a copy before it applies one, which no robot can.
+///
+/// Each iteration applies one control, eta = step_fraction g_t(x) / lambda_t along the gradient of
+/// g_t by the control, from central differences of DFR's probe size. Where that gradient vanishes
+/// or the copy refuses a control, it finds no direction.
+class FiniteDifferenceRecovery final : public control::RecoveryStrategy {
+ public:
+  /// Borrows both. `plant` is the one that is driven: it is copied from, never touched.
+  /// The fractions are those of DfrOptions.
+  /// @throws std::invalid_argument if the sizes of plant and support differ, or a fraction is not
+  ///   in (0, 1).
+  FiniteDifferenceRecovery(const core::SimulatedPlant& plant, const core::DecisionFunction& support,
+                           double probe_fraction = control::DfrOptions().probe_fraction,
+                           double step_fraction = control::DfrOptions().step_fraction);
+
+  void Reset(std::uint64_t seed) noexcept override;
+  [[nodiscard]] control::Mode Next(const control::RecoverySituation& situation,
+                                   std::span<double> u) noexcept override;
+
+ private:
+  [[nodiscard]] double DecisionAfter(int t, std::span<const double> u) noexcept;
+
+  const core::SimulatedPlant* plant_;
+  const core::DecisionFunction* support_;
+  double probe_fraction_;
+  double step_fraction_;
+  std::unique_ptr<core::SimulatedPlant> copy_;
+  std::vector<double> state_;
+  std::vector<double> gradient_;
+};
+
+}  // namespace dfr::experiment

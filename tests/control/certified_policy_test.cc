@@ -1,0 +1,248 @@
+#include "dfr/control/certified/certified_policy.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "dfr/control/published/switching_policy.h"
+#include "tests/control/analytic.h"
+#include "tests/control/rightwards.h"
+#include "tests/support/message_of.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::control {
+namespace {
+
+using testing::HasSubstr;
+
+using test::kSteps;
+using test::MovingDisk;
+using test::Rightwards;
+
+CertifiedOptions Certified(double direction_error) {
+  return {.certificate = {.direction_error = direction_error}};
+}
+
+// The assumption |dz - J u| <= eps |u| is watched: a plant that does otherwise is stopped after the
+// first control that shows it.
+TEST(CertifiedPolicyTest, HaltsAtTheFirstViolation) {
+  const auto support = MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, 0.05);
+  CertifiedPolicy certified(policy, model, Certified(0.1));
+  certified.Reset(1);
+  std::vector<double> x = {0.0, 0.0}, u(2);
+  for (int i = 0; i < 2; ++i) {
+    const Step step = certified.Next(x, u);
+    ASSERT_NE(step.mode, Mode::kHalt);
+    EXPECT_TRUE(step.certified);
+    // The first control does as promised, the second twice as much.
+    for (std::size_t k = 0; k < 2; ++k) x[k] += (i == 0 ? 1.0 : 2.0) * u[k];
+  }
+  EXPECT_EQ(certified.Next(x, u).cause, HaltCause::kViolated);
+  EXPECT_EQ(certified.violation().control, 1);
+  EXPECT_GT(certified.violation().observed, certified.violation().allowed);
+}
+
+TEST(CertifiedPolicyTest, HaltsOutside) {
+  const auto support = MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, 0.05);
+  CertifiedPolicy certified(policy, model, Certified(1.0));
+  certified.Reset(1);
+  std::vector<double> u(2);
+  EXPECT_EQ(certified.Next(std::vector{0.0, 2.0}, u).cause, HaltCause::kOutsideSupport);
+}
+
+// Time is consumed as far as learned controls are applied: of ever the same control only a part may
+// pass, and the one step of the horizon is over once the parts make a whole.
+TEST(CertifiedPolicyTest, AShrunkLearnedControlConsumesItsShareOfATimeStep) {
+  const auto support = MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, Rightwards(), {.gate_quantile = 0.5});
+  const auto policy = test::ConstantPolicy(2, 0.08);
+  CertifiedOptions options = Certified(17.0);
+  options.horizon = 1;
+  CertifiedPolicy certified(policy, model, options);
+  certified.Reset(1);
+  std::vector<double> u(2);
+  double time = 0.0;
+  int controls = 0;
+  for (;; ++controls) {
+    const Step step = certified.Next(std::vector{0.05, 0.0}, u);
+    if (step.mode == Mode::kHalt) break;
+    ASSERT_EQ(step.mode, Mode::kPolicy);
+    ASSERT_FALSE(step.filtered && u[1] != 0.0);
+    ASSERT_LT(time, 1.0) << "the time was used up before";
+    time += u[0] / 0.08;
+  }
+  EXPECT_EQ(certified.halt_cause(), HaltCause::kTimeUp);
+  EXPECT_GE(time, 1.0);
+  EXPECT_GE(controls, 2);
+}
+
+// At x = 0.05 the state is as deep in B_0 as in B_1: the phase is the one that a control, which
+// passes by half at least, was meant to lead to.
+TEST(CertifiedPolicyTest, HalfALearnedControlAdvancesACertifiedPhase) {
+  const auto support = MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, 0.08);
+  const std::vector<double> x = {0.05, 0.0};
+  std::vector<double> u(2);
+  int advanced = 0;
+  for (int i = 0; i < 34; ++i) {
+    const double error = 5.0 + 0.3 * i;
+    SCOPED_TRACE(error);
+    CertifiedPolicy certified(policy, model, Certified(error));
+    certified.Reset(1);
+    ASSERT_EQ(certified.Next(x, u).mode, Mode::kPolicy);
+    const double share = u[0] / 0.08;
+    EXPECT_EQ(certified.Next(x, u).t, share >= 0.5 ? 1 : 0) << share;
+    advanced += share >= 0.5 ? 1 : 0;
+  }
+  EXPECT_GT(advanced, 3);
+  EXPECT_LT(advanced, 30);
+}
+
+// g_t(x) = exp(-(x - c_t)^2) - 0.5 with c_0 = 0, c_1 = 1, K = 1: at x = -0.6 the published gate
+// g_0(x) > L K |u| lets u = 0.001 pass, whatever its direction, and the state is then outside B_1,
+// which the proof by induction excludes. The phase is held instead.
+TEST(Proposition1Test, ThePublishedGateLeavesItsOwnInvariantAndPhaseHoldKeepsIt) {
+  const test::GaussianSupport support({{0.0}}, 1.0, 0.5, {1.0}, 2);
+  const auto policy = test::ConstantPolicy(1, 0.001);
+  std::vector<double> x = {-0.6}, u(1);
+  SwitchingPolicy published(policy, support, support.lipschitz_bound(0));
+  published.Reset(1);
+  ASSERT_EQ(published.Next(x, u).mode, Mode::kPolicy);
+  x[0] += u[0];
+  EXPECT_NEAR(support.Decision(1, x), -0.422, 1e-3);
+  EXPECT_EQ(published.Next(x, u).cause, HaltCause::kOutsideSupport);
+
+  std::vector<core::Trajectory> demonstrations(2);
+  for (std::size_t d = 0; d < 2; ++d) {
+    demonstrations[d].states.resize(2, 1);
+    demonstrations[d].states << 0.0 + 0.1 * static_cast<double>(d), 1.0;
+    demonstrations[d].controls.resize(1, 1);
+    demonstrations[d].controls << 1.0;
+  }
+  const GuidedModel model(core::FeatureTransform::Identity(core::FeatureSelection::All(1)), support,
+                          demonstrations);
+  CertifiedPolicy held(policy, model, Certified(1.0));
+  held.Reset(1);
+  x = {-0.6};
+  for (int i = 0; i < 50; ++i) {
+    const Step step = held.Next(x, u);
+    if (step.mode == Mode::kHalt) {
+      ASSERT_EQ(step.cause, HaltCause::kNoProgress);
+      break;
+    }
+    ASSERT_GE(support.Decision(step.t, x), 0.0) << "the phase is one that holds the state";
+    x[0] += u[0];
+    ASSERT_GE(std::max(support.Decision(0, x), support.Decision(1, x)), 0.0);
+  }
+}
+
+// Prop. IV.3 with its induction mended: |dz - J u| <= eps |u| in a random direction each time, a
+// policy that runs for the boundary, supports that move on: the state never leaves the union of the
+// B_t.
+TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {
+  const auto support = MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  core::Random random(7);
+  const test::FunctionPolicy policy(2, 2,
+                                    [](int t, std::span<const double> x, std::span<double> u) {
+                                      u[0] = x[0] - t * test::kSpeed;
+                                      u[1] = 3.0 * x[1] + 0.01;
+                                    });
+  constexpr double kError = 0.7;
+  CertifiedPolicy certified(policy, model, Certified(kError));
+  std::vector<double> x(2), u(2), direction(2);
+  int controls = 0;
+  for (std::uint64_t seed = 0; controls < 20'000; ++seed) {
+    certified.Reset(seed);
+    x = {0.1 * random.Normal(), 0.1 * random.Normal()};
+    while (certified.Next(x, u).mode != Mode::kHalt) {
+      random.Direction(direction);
+      const Eigen::VectorXd effect =
+          certified.jacobian() * core::AsVector(std::span<const double>(u)) / model.control_unit();
+      const double move = kError * test::Norm(u) * (1.0 - 1e-12);
+      for (std::size_t i = 0; i < 2; ++i) {
+        x[i] += effect[static_cast<Eigen::Index>(i)] + move * direction[i];
+      }
+      double best = -1.0;
+      for (int t = 0; t <= kSteps; ++t) best = std::max(best, support.LogDecision(t, x, {}));
+      ASSERT_GE(best, -1e-12);  // rounding of a difference of logarithms
+      ++controls;
+    }
+    ASSERT_NE(certified.halt_cause(), HaltCause::kOutsideSupport);
+    ASSERT_NE(certified.halt_cause(), HaltCause::kViolated);
+  }
+}
+
+// Nothing is random, and nothing is left of an episode that was before. Nothing allocates.
+TEST(CertifiedPolicyTest, TheSameStatesGiveTheSameControls) {
+  const auto support = MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  const auto policy = test::ConstantPolicy(2, 0.1);
+  CertifiedPolicy certified(policy, model, Certified(2.0));
+  std::vector<double> all(60), first(60), x(2);
+  const auto episode = [&](std::uint64_t seed) {
+    const test::NoAlloc guard;
+    certified.Reset(seed);
+    std::ranges::copy(std::array{0.0, 0.3}, x.begin());
+    for (std::size_t i = 0; i < all.size(); i += 2) {
+      const std::span<double> u(&all[i], 2);
+      (void)certified.Next(x, u);
+      for (std::size_t k = 0; k < 2; ++k) x[k] += u[k];
+    }
+  };
+  episode(1);
+  first = all;
+  episode(1);
+  EXPECT_EQ(all, first);
+  episode(2);
+  EXPECT_EQ(all, first);
+}
+
+TEST(CertifiedPolicyTest, HaltsAtEveryDoubt) {
+  const auto support = MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  std::vector<double> u(2);
+  const auto nothing = test::ConstantPolicy(2, std::nan(""));
+  CertifiedPolicy certified(nothing, model, Certified(1.0));
+  certified.Reset(1);
+  EXPECT_EQ(certified.Next(std::vector{0.0, 0.0}, u).cause, HaltCause::kControlInvalid);
+  certified.Reset(1);
+  EXPECT_EQ(certified.Next(std::vector{1e200, 0.0}, u).cause, HaltCause::kSupportInvalid);
+}
+
+TEST(CertifiedPolicyTest, ErrorsNameTheCulprit) {
+  const auto support = MovingDisk();
+  const GuidedModel model(test::IdentityFeatures(), support, Rightwards());
+  const auto message = [&](CertifiedOptions options, int control_dim = 2) {
+    if (options.certificate.direction_error == 0.0) options.certificate.direction_error = 1.0;
+    const test::FunctionPolicy policy(2, control_dim,
+                                      [](int, std::span<const double>, std::span<double>) {});
+    return test::MessageOf<std::invalid_argument>(
+        [&] { const CertifiedPolicy certified(policy, model, options); });
+  };
+  EXPECT_THAT(message({}, 3), HasSubstr("3 control entries"));
+  EXPECT_THAT(message({.horizon = 0}), HasSubstr("horizon"));
+  EXPECT_THAT(message({.first_step = -1}), HasSubstr("first_step"));
+  EXPECT_THAT(message({.max_controls = 0}), HasSubstr("max_controls"));
+  EXPECT_THAT(message({.control_limit = 0}), HasSubstr("control_limit"));
+  EXPECT_THAT(message({.certificate = {.direction_error = -1.0}}), HasSubstr("needs an eps"));
+  EXPECT_THAT(message({.iterations = -1}), HasSubstr("iterations"));
+  EXPECT_THAT(message({.patience = 0}), HasSubstr("patience"));
+  EXPECT_THAT(message({.probe_size = -0.1}), HasSubstr("probe_size"));
+}
+
+}  // namespace
+}  // namespace dfr::control
