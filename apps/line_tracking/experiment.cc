@@ -42,7 +42,7 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   plan.episodes = paper ? 50 : 15;
   plan = experiment::ApplyTo(std::move(plan), options);
   for (const std::string& method : plan.methods) {
-    static_cast<void>(ParseMethod(method, kOtherLineMethods));
+    static_cast<void>(study::ParseMethod(method, kOtherLineMethods));
   }
   return plan;
 }
@@ -121,7 +121,7 @@ std::vector<StudiedMethod> StudyProbes(LineTrialRunner& runner,
                                        std::span<const std::uint64_t> starts) {
   std::vector<StudiedMethod> studied;
   for (std::size_t m = 0; m < methods.size(); ++m) {
-    const control::DfrOptions dfr = ParseMethod(methods[m], kOtherLineMethods).published_dfr
+    const control::DfrOptions dfr = study::ParseMethod(methods[m], kOtherLineMethods).published_dfr
                                         ? control::DfrOptions{}
                                         : Controllers().dfr;
     studied.push_back({methods[m],
@@ -238,7 +238,8 @@ experiment::ReportFigure RecoveryFigure(LineTrialRunner& runner,
                               .y_min = 0.0,
                               .y_max = 1.0};
   for (std::size_t m = 0; m < plan.methods.size(); ++m) {
-    if (ParseMethod(plan.methods[m], kOtherLineMethods).recovery != control::Recovery::kDfr) {
+    if (study::ParseMethod(plan.methods[m], kOtherLineMethods).recovery !=
+        control::Recovery::kDfr) {
       continue;
     }
     RecoveryCurves curves(kCurves);
@@ -338,7 +339,7 @@ void RunExperiment(const ExperimentOptions& options) {
   if (options.video) report.media = RecordEpisodes(*again, plan, first, options.out);
   experiment::SaveReport(summary, report, options.out / "report.html");
   experiment::PrintTable(summary, std::cout);
-  std::cout << MarksOf(plan.methods);
+  std::cout << study::MarksOf(plan.methods);
   std::cout << '\n';
   experiment::PrintTable(probes, std::cout);
   std::cout << '\n'

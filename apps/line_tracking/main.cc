@@ -110,7 +110,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
   CLI::App& command = *app.add_subcommand("experiment", "the paper's comparison of all methods");
   experiment::AddExperimentOptions(
       command, options, "quick: 2 trials of 15 episodes; paper: 5 trials of 50",
-      "the first is the reference; of " + MethodHelp(kOtherLineMethods));
+      "the first is the reference; of " + study::MethodHelp(kOtherLineMethods));
   command
       .add_option("--worlds", options.worlds,
                   "rows of their own: a latency in real time, as in 30ms, where the platform never "
@@ -183,7 +183,7 @@ void AddRun(CLI::App& app, RunOptions& options) {
                      "`line_tracking --config FILE` is short for this");
   command.add_option("--model", options.model, "folder of fit (default: model)");
   command.add_option("--method", options.method,
-                     MethodHelp(kOtherLineMethods) + " (default: guided)");
+                     study::MethodHelp(kOtherLineMethods) + " (default: guided)");
   command.add_option("--recordings", options.recordings,
                      "folder of the logs that runs leave (default: recordings); none: no log");
   command.add_option("--episodes", options.episodes, "start states")->capture_default_str();
@@ -217,7 +217,7 @@ void AddRender(CLI::App& app, RenderOptions& options) {
   options.scene.plant.disturbance.wave = sim::Wave::kRandom;
   CLI::App& command = *app.add_subcommand("render", "a video of one episode, without a display");
   command.add_option("--model", options.model, "folder of fit")->capture_default_str();
-  command.add_option("--method", options.method, MethodHelp(kOtherLineMethods))
+  command.add_option("--method", options.method, study::MethodHelp(kOtherLineMethods))
       ->capture_default_str();
   command.add_option("--seed", options.seed, "of the episode")->capture_default_str();
   command.add_option("--out", options.out, "a video: .mp4 or .webm")->capture_default_str();

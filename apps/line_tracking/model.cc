@@ -99,17 +99,18 @@ LineModel LineModel::Fit(const imitation::DemonstrationSet& set, const LineModel
   task.published_features = options.support_features;
   task.published = support_options;
   task.horizon = options.horizon;
-  return {LearnedModel(std::move(policy), safety::TaskModel(set.layout, set.trajectories, task),
-                       set, TeachMlp(set, fit))};
+  return {study::LearnedModel(std::move(policy),
+                              safety::TaskModel(set.layout, set.trajectories, task), set,
+                              study::TeachMlp(set, fit))};
 }
 
 LineModel LineModel::Load(const std::filesystem::path& folder) {
-  return {LearnedModel::Load(folder)};
+  return {study::LearnedModel::Load(folder)};
 }
 
 std::unique_ptr<control::Controller> LineModel::MakeController(
     const std::string& method, const core::SimulatedPlant* plant) const {
-  const safety::Method parsed = ParseMethod(method, kOtherLineMethods);
+  const safety::Method parsed = study::ParseMethod(method, kOtherLineMethods);
   if (parsed.name == "proportional") {
     return task().MakeController({.name = "baseline"}, ProportionalPolicy(), Controllers());
   }

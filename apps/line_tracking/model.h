@@ -9,10 +9,10 @@
 #include <utility>
 #include <vector>
 
-#include "apps/learned_model.h"
 #include "dfr/control/controller.h"
 #include "dfr/core/policy.h"
 #include "dfr/kernel/model_selection.h"
+#include "dfr/study/learned_model.h"
 
 namespace dfr::apps::line_tracking {
 
@@ -40,7 +40,7 @@ struct LineModelOptions {
 /// platform does for the answer to controls.
 [[nodiscard]] safety::ControllerOptions Controllers();
 
-/// Those of apps::kOtherMethods that need no supervisor to ask, for the demonstrations here are
+/// Those of study::kOtherMethods that need no supervisor to ask, for the demonstrations here are
 /// open-loop, and "proportional": a scripted policy that goes on along the line by 1 mm a
 /// control and corrects 0.8 of the distance that was seen, without learning or support.
 inline constexpr std::array<std::string_view, 6> kOtherLineMethods = {
@@ -50,7 +50,7 @@ inline constexpr std::array<std::string_view, 6> kOtherLineMethods = {
 [[nodiscard]] const core::Policy& ProportionalPolicy() noexcept;
 
 /// LearnedModel of line tracking.
-class LineModel : public LearnedModel {
+class LineModel : public study::LearnedModel {
  public:
   /// @throws std::invalid_argument if there are fewer than 8 demonstrations, or they do not fit.
   static LineModel Fit(const imitation::DemonstrationSet& set, const LineModelOptions& options,
@@ -58,7 +58,7 @@ class LineModel : public LearnedModel {
 
   static LineModel Load(const std::filesystem::path& folder);
 
-  /// Borrows this model; `method` is one that apps::ParseMethod() takes, with
+  /// Borrows this model; `method` is one that study::ParseMethod() takes, with
   /// kOtherLineMethods; `plant`, the plant that is driven, is for "finite-difference" only.
   /// @throws std::invalid_argument naming what is unknown and what there is.
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(
@@ -66,7 +66,7 @@ class LineModel : public LearnedModel {
 
  private:
   // NOLINTNEXTLINE(google-explicit-constructor): made here only
-  LineModel(LearnedModel learned) : LearnedModel(std::move(learned)) {}
+  LineModel(study::LearnedModel learned) : study::LearnedModel(std::move(learned)) {}
 };
 
 }  // namespace dfr::apps::line_tracking

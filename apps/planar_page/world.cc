@@ -314,7 +314,7 @@ struct World::Learned {
         unpushed(polynomial),
         model(plant.layout(), demonstrations, Options()) {}
 
-  planar::PolynomialPolicy polynomial;
+  study::planar::PolynomialPolicy polynomial;
   PushedPolicy policy;
   PushedPolicy unpushed;  ///< For Run(), which nobody pushes.
   safety::TaskModel model;

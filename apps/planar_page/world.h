@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/planar/polynomial_policy.h"
+#include "apps/study/planar/polynomial_policy.h"
 #include "dfr/control/certified/certificate.h"
 #include "dfr/control/controller.h"
 #include "dfr/core/plant.h"
@@ -16,7 +16,7 @@
 #include "dfr/core/trajectory.h"
 #include "dfr/safety/guided_recovery.h"
 #include "dfr/safety/task_model.h"
-#include "dfr/sim/planar/corridor.h"
+#include "dfr/sim/gallery/corridor.h"
 
 namespace dfr::apps::planar_page {
 
@@ -109,7 +109,7 @@ class PushedPolicy final : public core::Policy {
 /// Whose support is meant: Algorithm 1's, guided recovery's or the certified mode's.
 enum class Support { kPublished, kGuided, kCertified };
 
-/// Names of the methods, as the program `planar` takes them.
+/// Names of the methods, as the program `study` takes them.
 [[nodiscard]] const std::vector<std::string>& MethodNames();
 [[nodiscard]] Support SupportOf(std::size_t method) noexcept;
 

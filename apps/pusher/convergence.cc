@@ -27,7 +27,7 @@ struct Gate {
 
 std::vector<Gate> FindGates(PusherTrialRunner& runner, int count, std::uint64_t seed) {
   const std::unique_ptr<core::SimulatedPlant> plant = runner.plant().Clone();
-  const auto stopping = runner.model().MakeController(ParseMethod("early-stopping"));
+  const auto stopping = runner.model().MakeController(study::ParseMethod("early-stopping"));
   std::vector<Gate> gates;
   for (std::uint64_t i = 0; static_cast<int>(gates.size()) < count; ++i) {
     if (i == kMostStarts) {
@@ -175,7 +175,7 @@ std::vector<ConvergenceCurve> MeasureConvergence(PusherTrialRunner& runner, int 
           name == "guided" ? model.task().MakeController(
                                  std::make_unique<control::GradientRecovery>(paper_support),
                                  model.policy(), {.first_step = gate.t})
-                           : model.MakeController(ParseMethod(name), plant.get(), gate.t);
+                           : model.MakeController(study::ParseMethod(name), plant.get(), gate.t);
       climbs.push_back(Climb(model, gate, *plant, *controller, core::DeriveSeed(seed, {i, 1})));
     }
     curves.push_back(Average(name, std::move(climbs)));
@@ -227,7 +227,7 @@ std::vector<ConvergenceCurve> MeasureEveryRecovery(PusherTrialRunner& runner, in
   std::vector<ConvergenceCurve> curves;
   for (const std::string name : {"dfr", "finite-difference"}) {
     const std::unique_ptr<core::SimulatedPlant> plant = runner.plant().Clone();
-    const auto controller = model.MakeController(ParseMethod(name), plant.get());
+    const auto controller = model.MakeController(study::ParseMethod(name), plant.get());
     RecoveryCurves climbs(model, plant->control_dim());
     for (std::uint64_t i = 0; climbs.curves().size() < most; ++i) {
       if (i == kMostStarts) {

@@ -65,7 +65,7 @@ void RunDrift(const DriftOptions& options) {
       imitation::GaussianPolicy::Load(supervisor_file)};
   TrialRunnerOptions site_options;
   for (const std::string& name : options.methods) {
-    site_options.methods.push_back(ParseMethod(name));
+    site_options.methods.push_back(study::ParseMethod(name));
   }
   site_options.most_demonstrations = std::max(options.demonstrations, kFewDemonstrations);
   site_options.seed = options.seed;
@@ -122,7 +122,7 @@ void RunDrift(const DriftOptions& options) {
                   100.0 * collided.interval.low, 100.0 * collided.interval.high);
     }
   }
-  std::fputs(MarksOf(options.methods).c_str(), stdout);
+  std::fputs(study::MarksOf(options.methods).c_str(), stdout);
 }
 
 }  // namespace dfr::apps::pusher

@@ -327,7 +327,7 @@ TrialRunnerFactory MakeFactory(const ExperimentOptions& options,
                                const experiment::EvaluationPlan& plan,
                                const std::vector<std::string>& methods) {
   TrialRunnerOptions site_options;
-  for (const std::string& name : methods) site_options.methods.push_back(ParseMethod(name));
+  for (const std::string& name : methods) site_options.methods.push_back(study::ParseMethod(name));
   for (const std::string& name : plan.learners) static_cast<void>(Learner::Parse(name));
   site_options.model = options.model;
   site_options.plant = options.plant;
@@ -370,7 +370,7 @@ void RunExperiment(const ExperimentOptions& options) {
   if (!found) return;
   const auto& [results, summary] = *found;
   experiment::PrintTable(summary, std::cout);
-  std::cout << MarksOf(plan.methods);
+  std::cout << study::MarksOf(plan.methods);
   std::printf("overlap P(red | g >= 0): %s on average over the data points\n",
               Percent(MeanMeasure(summary, "overlap")).c_str());
 

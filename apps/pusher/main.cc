@@ -76,7 +76,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
       "120; authors: as "
       "quick, with the constants of the authors' scripts where those are others, Adam's rate .01, "
       "T = 100, gamma 1, nu .1",
-      "the first is the reference; of " + MethodHelp(), {"quick", "paper", "authors"});
+      "the first is the reference; of " + study::MethodHelp(), {"quick", "paper", "authors"});
   command
       ->add_option("--supervisor", options.supervisor,
                    "file of train-supervisor (default: those that are shipped)")

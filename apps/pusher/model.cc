@@ -91,7 +91,7 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
   task.horizon = options.horizon;
   imitation::MlpPolicy policy = imitation::FitMlp(some, fit);
   safety::TaskModel model(set.layout, some.trajectories, task);
-  Teaching teaching = TeachMlp(some, fit);
+  study::Teaching teaching = study::TeachMlp(some, fit);
   if (supervisor != nullptr) {
     teaching.plant = std::make_shared<sim::PusherPlant>(scene);
     teaching.supervise = [mean = std::make_shared<imitation::MlpPolicy>(supervisor->mean())](
@@ -102,10 +102,13 @@ Model Model::Fit(const imitation::DemonstrationSet& set, int demonstrations,
       mean->Control(t, x, u);
     };
   }
-  return {LearnedModel(std::move(policy), std::move(model), std::move(some), std::move(teaching))};
+  return {study::LearnedModel(std::move(policy), std::move(model), std::move(some),
+                              std::move(teaching))};
 }
 
-Model Model::Load(const std::filesystem::path& folder) { return {LearnedModel::Load(folder)}; }
+Model Model::Load(const std::filesystem::path& folder) {
+  return {study::LearnedModel::Load(folder)};
+}
 
 std::unique_ptr<control::Controller> Model::MakeController(const safety::Method& method,
                                                            const core::SimulatedPlant* plant,

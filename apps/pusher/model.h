@@ -8,13 +8,13 @@
 #include <utility>
 #include <vector>
 
-#include "apps/learned_model.h"
 #include "dfr/control/controller.h"
 #include "dfr/core/plant.h"
 #include "dfr/imitation/gaussian_policy.h"
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/method.h"
 #include "dfr/sim/pusher/pusher_plant.h"
+#include "dfr/study/learned_model.h"
 
 namespace dfr::apps::pusher {
 
@@ -44,7 +44,7 @@ struct ModelOptions {
 };
 
 /// LearnedModel of the Pusher.
-class Model : public LearnedModel {
+class Model : public study::LearnedModel {
  public:
   /// Fits to the first `demonstrations` trajectories of the set. `supervisor` and the scene that it
   /// demonstrates in are for baselines that ask it; without them those are refused.
@@ -64,7 +64,7 @@ class Model : public LearnedModel {
 
  private:
   // NOLINTNEXTLINE(google-explicit-constructor): made here only
-  Model(LearnedModel learned) : LearnedModel(std::move(learned)) {}
+  Model(study::LearnedModel learned) : study::LearnedModel(std::move(learned)) {}
 };
 
 }  // namespace dfr::apps::pusher

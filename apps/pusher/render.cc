@@ -30,7 +30,7 @@ void Save(const std::vector<RolloutVideo>& videos, const std::filesystem::path& 
 
 void RunRender(const RenderOptions& options) {
   std::vector<safety::Method> methods;
-  for (const std::string& name : options.methods) methods.push_back(ParseMethod(name));
+  for (const std::string& name : options.methods) methods.push_back(study::ParseMethod(name));
   PusherTrialRunner runner(Model::Load(options.model), methods, options.plant, {});
   const std::vector<RolloutVideo> videos =
       RecordRollouts(runner, options.methods, options.seed, core::DeriveSeed(options.seed, {1}),
@@ -78,8 +78,8 @@ class WindowObserver final : public control::RolloutObserver {
 }  // namespace
 
 void RunView(const ViewOptions& options) {
-  PusherTrialRunner runner(Model::Load(options.model), {ParseMethod(options.method)}, options.plant,
-                           {});
+  PusherTrialRunner runner(Model::Load(options.model), {study::ParseMethod(options.method)},
+                           options.plant, {});
   sim::PusherWindow window(runner.plant(), "pusher: " + options.method);
   bool open = true;
   for (std::uint64_t episode = 0; open; ++episode) {

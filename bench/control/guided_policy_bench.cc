@@ -1,4 +1,4 @@
-// One Next() of guided recovery and of the certified modes, decision included, as the robot would
+// One Next() of guided recovery and of certified recovery, decision included, as the robot would
 // call it: 12 features, 7 control entries, 120 demonstrations, 60 time steps. The counters are
 // percentiles of single calls in ns; each includes one reading of the clock.
 //

@@ -344,11 +344,12 @@ class _Unit:
         self.plant.reset(start_seed)
         return bool(self.support.decision(0, self._observe()) >= 0.0)
 
-    def run(self, method: int, start_seed: int, controller_seed: int) -> tuple[str, str, int, int, float]:
+    def run(self, method: int, start_seed: int, controller_seed: int) -> tuple[str, str, int, int, int, float]:
         begin = time.process_time()
         episode = self.episode(method, start_seed, controller_seed)
         recovery = sum(_recovers(episode))
-        return episode.outcome, episode.cause, len(episode.actions), recovery, time.process_time() - begin
+        changed = sum(info["changed"] for info in episode.infos[: len(episode.actions)])
+        return episode.outcome, episode.cause, len(episode.actions), recovery, changed, time.process_time() - begin
 
     def film(self, methods: list[int], start_seed: int, controller_seed: int, pictures: bool) -> tuple[list[Any], bytes]:
         """Of each method what `run` returns, states and whether recovery chose each action; and an animation.
@@ -367,7 +368,7 @@ class _Unit:
             frames: list[NDArray[np.uint8]] = []
             episode = self.episode(method, start_seed, controller_seed, frames if renders else None)
             recovery = _recovers(episode)
-            told = (episode.outcome, episode.cause, len(episode.actions), sum(recovery), 0.0)
+            told = (episode.outcome, episode.cause, len(episode.actions), sum(recovery), 0, 0.0)
             episodes.append((told, episode.states, recovery))
             films.append(frames)
         return episodes, _animation(films) if renders else b""

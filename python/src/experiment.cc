@@ -112,11 +112,12 @@ class PythonRunner final : public experiment::TrialRunner {
 
  private:
   static experiment::EpisodeResult ResultOf(const py::object& told) {
-    const auto [outcome, cause, controls, recovery_controls, seconds] =
-        told.cast<std::tuple<std::string, std::string, int, int, double>>();
+    const auto [outcome, cause, controls, recovery_controls, changed_controls, seconds] =
+        told.cast<std::tuple<std::string, std::string, int, int, int, double>>();
     experiment::EpisodeResult result{.cause = cause,
                                      .controls = controls,
                                      .recovery_controls = recovery_controls,
+                                     .changed_controls = changed_controls,
                                      .seconds = seconds};
     for (const auto known :
          {core::Outcome::kCompleted, core::Outcome::kHalted, core::Outcome::kCollided}) {

@@ -1,6 +1,6 @@
 """Keeps of a run what documents print: tests/docs/figures_test.py compares them.
 
-usage: record.py summary.json|gallery.csv FILE       as in record.py out/pusher/summary.json docs/recorded/pusher.json
+usage: record.py summary.json|study.csv FILE       as in record.py out/pusher/summary.json docs/recorded/pusher.json
 """
 import csv
 import json

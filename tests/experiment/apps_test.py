@@ -16,18 +16,14 @@ PROGRAM = pathlib.Path(sys.argv.pop()).resolve()
 # Of each program: command, options that are not the defaults, one option with another value, and what a ledger says
 # of that one.
 RUNS = {
-    "planar": [
-        ("experiment", "--trials 4 --episodes 3 --demonstrations 20 --methods baseline,guided,certified-direction "
-         "--certified-level 0.1 --factor 1.2 --seed 3", "--certified-level=0.2", "settings.certified level"),
-        ("drift", "--trials 1 --episodes 2 --demonstrations 12 --methods baseline,guided --gamma 0.3 --task push",
-         "--gamma=0.4", "settings.gamma"),
-    ],
-    "gallery": [
+    "study": [
         ("run", "--tasks reach,push,goal --policies lwr,weak --methods guided,monitor --trials 1 --episodes 2 --demonstrations 12",
          "--demonstrations=13", "demonstrations"),
-    ],
-    "stress": [
-        ("run", "--tasks planar-corridor --policies lwr --controllers guided --trials 1 --episodes 2 "
+        ("experiment", "--trials 4 --episodes 3 --demonstrations 20 --methods guided,certified-direction "
+         "--certified-level 0.1 --factor 1.2 --seed 3", "--certified-level=0.2", "settings.certified level"),
+        ("drift", "--trials 1 --episodes 2 --demonstrations 12 --methods guided --gamma 0.3 --tasks planar-push",
+         "--gamma=0.4", "settings.gamma"),
+        ("stress", "--tasks planar-corridor --policies lwr --controllers guided --trials 1 --episodes 2 "
          "--demonstrations 12", "--controllers=dfr", "methods"),
         ("grid", "--tasks planar-corridor --conditions 'as demonstrated,turned 40 deg' --policies lwr "
          "--controllers guided/raw,dfr/whitened --trials 2 --episodes 2 --demonstrations 12", "--episodes=3", "episodes"),
@@ -46,8 +42,8 @@ RUNS = {
 }
 # A run of line_tracking calibrates first, which takes seconds.
 COUNTS = (7,) if PROGRAM.name == "line_tracking" else (2, 7)
-FILMS = {"planar": ["film.mp4"], "gallery": ["film.html"], "pusher": ["film.mp4"], "line_tracking": ["film.mp4"],
-         "stress": ["new/film.mp4", "film.html"]}
+FILMS = {"pusher": ["film.mp4"], "line_tracking": ["film.mp4"],
+         "study": ["film.html"]}
 COMPARED = ("summary.json", "report.html", "run.toml")
 
 

@@ -255,29 +255,6 @@ TEST(ReportTest, ErrorsNameTheCulprit) {
   EXPECT_THAT(message(options), HasSubstr("/no/such/scene.png"));
 }
 
-// Most viewers know neither CSS variables nor the page's style sheet.
-TEST(ReportTest, SavesAPlotAsADocumentOfItsOwn) {
-  const std::filesystem::path path = test::EmptyFolder("plot_save") / "plot.svg";
-  ReportPlot plot{.title = "a < b", .x_label = "gamma", .log_x = true};
-  plot.series.push_back({.name = "full", .x = {0.1, 1.0, 10.0}, .y = {0.0, 0.5, 1.0}});
-  plot.series.push_back({.name = "dashed", .x = {0.1, 10.0}, .y = {1.0, 0.0}, .dashed = true});
-  SavePlot(plot, path);
-  std::ifstream file(path);
-  const std::string svg(std::istreambuf_iterator<char>(file), {});
-  ExpectNested(svg);
-  EXPECT_THAT(svg, testing::StartsWith("<svg xmlns=\"http://www.w3.org/2000/svg\""));
-  EXPECT_THAT(svg, HasSubstr("style=\"color:#c76a00\""));
-  EXPECT_THAT(svg, Not(HasSubstr("var(")));
-  // Equal ratios are equal distances: 1 is in the middle, at half the height.
-  EXPECT_THAT(svg, HasSubstr(" d=\"M46.00 218.00L162.00 126.00L278.00 34.00\""));
-  EXPECT_EQ(Count(svg, "stroke-dasharray"), 1);
-  for (const char* tick : {">0.1<", ">1<", ">10<"}) EXPECT_THAT(svg, HasSubstr(tick));
-
-  EXPECT_THROW(SavePlot(plot, path / "no" / "plot.svg"), std::runtime_error);
-  plot.series[0].x[0] = 0.0;
-  EXPECT_THROW(SavePlot(plot, path), std::invalid_argument);
-}
-
 TEST(ReportTest, SavesThePage) {
   const std::filesystem::path path = test::EmptyFolder("report_save") / "report.html";
   const Summary summary = MakeSummary();

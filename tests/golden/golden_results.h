@@ -15,8 +15,8 @@
 #include <string>
 #include <vector>
 
-#include "apps/gallery/study.h"
 #include "apps/pusher/trial_runner.h"
+#include "apps/study/study.h"
 #include "dfr/core/random.h"
 #include "dfr/experiment/ledger.h"
 #include "dfr/imitation/gaussian_policy.h"
@@ -74,18 +74,19 @@ inline std::string GuardFile(const std::filesystem::path& folder) {
 }
 
 inline void Gallery(const std::filesystem::path& folder, int episodes, Golden& golden) {
-  apps::gallery::Study study;
-  study.methods = {"alone", "dfr", "guided", "certified"};
+  study::Study study = study::Study::OfGuards();
+  study.controllers = {"dfr", "guard", "controller", "certified"};
+  study.policies = {"weak"};
   study.demonstrations = 20;
   study.trials = 1;
   study.seed = 7;
   for (const std::string task : {"push", "balance", "two-ways"}) {
     study.tasks = {task};
     Numbers numbers(folder / task);
-    for (const auto& recording : apps::gallery::Record(study, task, "weak", episodes)) {
+    for (const auto& recording : study::RecordStudy(study, episodes)) {
       numbers.Add(
           std::span(recording.states.data(), static_cast<std::size_t>(recording.states.size())));
-      golden.outcomes[task + " " + recording.method].push_back(recording.outcome);
+      golden.outcomes[task + " " + recording.method].push_back(recording.result.outcome);
     }
     golden.hashes["episodes of " + task] = numbers.Hash();
   }

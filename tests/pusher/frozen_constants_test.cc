@@ -6,8 +6,6 @@
 #include <sstream>
 #include <string>
 
-#include "apps/baselines.h"
-#include "apps/policies.h"
 #include "apps/pusher/model.h"
 #include "dfr/control/certified/certified_options.h"
 #include "dfr/control/certified/constants.h"
@@ -22,6 +20,8 @@
 #include "dfr/imitation/locally_weighted_policy.h"
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/sim/pusher/pusher_plant.h"
+#include "dfr/study/baselines.h"
+#include "dfr/study/policies.h"
 
 namespace dfr::apps {
 namespace {
@@ -103,8 +103,8 @@ std::map<std::string, double> InTheCode() {
           {"PusherOptions::start_x_min", scene.start_x_min},
           {"PusherOptions::start_x_max", scene.start_x_max},
           {"PusherOptions::start_y", scene.start_y},
-          {"EnsemblePolicy::kMembers", EnsemblePolicy::kMembers},
-          {"NearestNeighbourPolicy::kNeighbours", NearestNeighbourPolicy::kNeighbours},
+          {"EnsemblePolicy::kMembers", study::EnsemblePolicy::kMembers},
+          {"NearestNeighbourPolicy::kNeighbours", study::NearestNeighbourPolicy::kNeighbours},
           {"LocallyWeightedOptions::window", lwr.window},
           {"LocallyWeightedOptions::width", lwr.width},
           {"LocallyWeightedOptions::ridge", lwr.ridge}};

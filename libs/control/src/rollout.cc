@@ -30,11 +30,13 @@ class Stopwatch {
   double last_ = 0.0;
 };
 
-void Count(Mode mode, RolloutResult& result) noexcept {
+void Count(const Step& step, RolloutResult& result) noexcept {
+  const Mode mode = step.mode;
   const bool was_recovering =
       result.last_mode == Mode::kProbe || result.last_mode == Mode::kRecovery;
   if (mode == Mode::kPolicy) {
     ++result.policy_steps;
+    result.changed_steps += step.filtered ? 1 : 0;
   } else {
     ++(mode == Mode::kProbe ? result.probes : result.recovery_steps);
     if (!was_recovering) ++result.recoveries;
@@ -83,7 +85,7 @@ void Drive(core::Plant& plant, Controller& controller, const RolloutOptions& opt
     stopwatch.AddTo(result.plant_seconds);
 
     // A refused control was not applied, so it is not counted.
-    if (event.status != core::PlantStatus::kRefused) Count(result.last_step.mode, result);
+    if (event.status != core::PlantStatus::kRefused) Count(result.last_step, result);
     if (observer != nullptr) {
       event.x = workspace.x;
       event.u = workspace.u;

@@ -117,18 +117,21 @@ Json ToJson(const LedgerRecord& record) {
     Json causes = Json::array();
     Json controls = Json::array();
     Json recovery_controls = Json::array();
+    Json changed_controls = Json::array();
     Json seconds = Json::array();
     for (const EpisodeResult& episode : method) {
       outcomes += "CHX"[static_cast<int>(episode.outcome)];
       causes.push_back(episode.cause);
       controls.push_back(episode.controls);
       recovery_controls.push_back(episode.recovery_controls);
+      changed_controls.push_back(episode.changed_controls);
       seconds.push_back(episode.seconds);
     }
     episodes.push_back({{"outcomes", outcomes},
                         {"causes", causes},
                         {"controls", controls},
                         {"recovery_controls", recovery_controls},
+                        {"changed_controls", changed_controls},
                         {"seconds", seconds}});
   }
   return {{"trial", result.unit.trial},
@@ -211,7 +214,7 @@ LedgerRecord RecordFrom(const Json& json, const EvaluationPlan& plan) {
     for (std::size_t i = 0; i < count; ++i) {
       episodes.push_back({OutcomeOf(outcomes[i]), method.at("causes").at(i),
                           method.at("controls").at(i), method.at("recovery_controls").at(i),
-                          method.at("seconds").at(i)});
+                          method.at("changed_controls").at(i), method.at("seconds").at(i)});
     }
   }
   if (result.episodes.size() != plan.methods.size()) {

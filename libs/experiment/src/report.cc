@@ -522,10 +522,6 @@ class Page {
 
 }  // namespace
 
-void SavePlot(const ReportPlot& plot, const std::filesystem::path& path) {
-  internal::ReplaceFile(path, internal::SvgDocument(plot));
-}
-
 void PrintTable(const ReportTable& table, std::ostream& out, std::size_t left_aligned) {
   std::vector<std::size_t> widths;
   for (std::size_t c = 0; c < table.header.size(); ++c) {

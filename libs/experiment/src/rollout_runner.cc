@@ -3,8 +3,6 @@
 #include <cstddef>
 #include <utility>
 
-#include "dfr/experiment/film.h"
-
 namespace dfr::experiment {
 namespace {
 
@@ -79,6 +77,7 @@ bool RolloutRunner::Accepts(std::uint64_t start_seed) {
 control::RolloutResult RolloutRunner::Watch(int method, std::uint64_t start_seed,
                                             std::uint64_t controller_seed,
                                             control::RolloutObserver* observer, int max_controls) {
+  Begin(method, start_seed);
   return control::Rollout(
       driven(), *controllers_.at(static_cast<std::size_t>(method)),
       {.plant_seed = start_seed, .controller_seed = controller_seed, .max_controls = max_controls},
@@ -89,14 +88,18 @@ bool RolloutRunner::Film(const std::vector<int>& methods, std::uint64_t start_se
                          std::uint64_t controller_seed, const std::filesystem::path& path) {
   std::vector<FilmedEpisode> episodes;
   episodes.reserve(methods.size());
-  for (const int method : methods) {
-    FilmedEpisode& episode = episodes.emplace_back();
-    episode.method = MethodName(method);
-    StateRecorder recorder(world(), episode);
-    episode.result = ResultOf(Watch(method, start_seed, controller_seed, &recorder));
-  }
+  for (const int method : methods)
+    episodes.push_back(RecordStates(method, start_seed, controller_seed));
   SaveFilm("Episodes from one start state", world().layout(), episodes, path);
   return true;
+}
+
+FilmedEpisode RolloutRunner::RecordStates(int method, std::uint64_t start_seed,
+                                          std::uint64_t controller_seed) {
+  FilmedEpisode episode{.method = MethodName(method), .result = {}, .states = {}, .recovery = {}};
+  StateRecorder recorder(world(), episode);
+  episode.result = ResultOf(Watch(method, start_seed, controller_seed, &recorder));
+  return episode;
 }
 
 EpisodeResult RolloutRunner::Run(int method, std::uint64_t start_seed,
@@ -110,6 +113,7 @@ EpisodeResult RolloutRunner::ResultOf(const control::RolloutResult& result) {
                         .cause = CauseOf(result),
                         .controls = result.controls(),
                         .recovery_controls = result.recovery_controls(),
+                        .changed_controls = result.changed_controls(),
                         .seconds = result.seconds()};
   if (result.outcome == core::Outcome::kHalted && CollidesAfterHalt()) {
     episode.outcome = core::Outcome::kCollided;

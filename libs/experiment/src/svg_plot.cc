@@ -5,12 +5,10 @@
 #include <cmath>
 #include <cstddef>
 #include <numeric>
-#include <regex>
 #include <sstream>
 
 #include "dfr/core/contract.h"
 #include "html.h"
-#include "report.css.h"
 
 namespace dfr::experiment::internal {
 namespace {
@@ -62,15 +60,7 @@ void AddTicks(Axis& axis, double step) {
   for (int i = first; i <= last; ++i) axis.ticks.push_back(i * step);
 }
 
-// The powers of ten on the axis, or its ends where it holds fewer than two.
-void AddPowersOfTen(Axis& axis) {
-  const auto first = static_cast<int>(std::ceil(std::log10(axis.low) - 1e-9));
-  const auto last = static_cast<int>(std::floor(std::log10(axis.high) + 1e-9));
-  for (int i = first; i <= last; ++i) axis.ticks.push_back(std::pow(10.0, i));
-  if (axis.ticks.size() < 2) axis.ticks = {axis.low, axis.high};
-}
-
-// From zero, unless logarithmic, or the least value to the largest. Few distinct values are ticks
+// From zero or the least value to the largest. Few distinct values are ticks
 // themselves.
 Axis MakeXAxis(const ReportPlot& plot) {
   std::vector<double> values;
@@ -79,15 +69,11 @@ Axis MakeXAxis(const ReportPlot& plot) {
   }
   std::sort(values.begin(), values.end());
   values.erase(std::unique(values.begin(), values.end()), values.end());
-  if (values.empty()) values = {plot.log_x ? 0.1 : 0.0, 1.0};
+  if (values.empty()) values = {0.0, 1.0};
   Axis axis;
-  axis.low = plot.log_x ? values.front() : plot.x_min.value_or(std::min(0.0, values.front()));
-  axis.high = plot.log_x ? values.back() : plot.x_max.value_or(values.back());
+  axis.low = plot.x_min.value_or(std::min(0.0, values.front()));
+  axis.high = plot.x_max.value_or(values.back());
   if (!(axis.high > axis.low)) axis.high = axis.low + 1.0;
-  if (plot.log_x) {
-    AddPowersOfTen(axis);
-    return axis;
-  }
   // Ticks need room for their numbers: a fourteenth of the axis between any two.
   bool roomy = values.size() <= 8 && !plot.x_min && !plot.x_max;
   for (std::size_t i = 1; i < values.size(); ++i) {
@@ -178,9 +164,6 @@ void CheckPlot(const ReportPlot& plot) {
                       (series.commands.empty() || series.commands.size() == series.x.size());
     DFR_THROW_UNLESS(
         fits, "report series '" << series.name << "': x, y, low, high and commands differ in size");
-    DFR_THROW_UNLESS(!plot.log_x || std::all_of(series.x.begin(), series.x.end(),
-                                                [](double x) { return x > 0.0; }),
-                     "report series '" << series.name << "': a logarithmic axis needs x > 0");
   }
 }
 
@@ -239,17 +222,13 @@ class Panel {
   static constexpr double kPlotBottom = kHeight - kBottom;
 
   [[nodiscard]] double MapX(double x) const {
-    const auto place = [&](double value) { return plot_.log_x ? std::log(value) : value; };
-    return kLeft + (place(x) - place(x_axis_.low)) / (place(x_axis_.high) - place(x_axis_.low)) *
-                       (kPlotRight - kLeft);
+    return kLeft + (x - x_axis_.low) / (x_axis_.high - x_axis_.low) * (kPlotRight - kLeft);
   }
   [[nodiscard]] double MapY(double y) const {
     const double share = (y - y_axis_.low) / (y_axis_.high - y_axis_.low);
     return kPlotBottom - std::clamp(share, 0.0, 1.0) * (kPlotBottom - kTop);
   }
-  [[nodiscard]] std::string XText(double x) const {
-    return Number(x, DigitsOf(plot_.log_x ? x : x_step_));
-  }
+  [[nodiscard]] std::string XText(double x) const { return Number(x, DigitsOf(x_step_)); }
   [[nodiscard]] std::string YText(double y) const {
     return plot_.percent ? Number(100.0 * y, 1) + " %" : Number(y, 4);
   }
@@ -315,8 +294,7 @@ class Panel {
       markers << "</title></g>";
     }
     svg << "<g " << StyleAttribute(StyleOf(i)) << "><path class=\"line\""
-        << (series.dashed ? " stroke-dasharray=\"5 4\"" : "") << " d=\"" << path << "\"/>"
-        << markers.str() << "</g>\n";
+        << " d=\"" << path << "\"/>" << markers.str() << "</g>\n";
     return end;
   }
 
@@ -354,28 +332,6 @@ std::string StyleAttribute(int style) {
 std::string SvgPlot(const ReportPlot& plot) {
   CheckPlot(plot);
   return Panel(plot).Draw();
-}
-
-std::string SvgDocument(const ReportPlot& plot) {
-  const std::string css(embedded::kReportCss);
-  std::string svg = SvgPlot(plot);
-  svg.insert(svg.find('\n') + 1, "<style>\n" + css +
-                                     "</style>\n<rect width=\"100%\" height=\"100%\" "
-                                     "fill=\"var(--paper)\"/>\n");
-  svg.insert(4, " xmlns=\"http://www.w3.org/2000/svg\" style=\"font-family:sans-serif\"");
-  const auto replace_all = [&svg](const std::string& what, const std::string& by) {
-    for (std::size_t at = svg.find(what); at != std::string::npos; at = svg.find(what, at)) {
-      svg.replace(at, what.size(), by);
-    }
-  };
-  // The light scheme is the first to define each colour.
-  const std::regex definition("(--[a-z0-9]+): (#[0-9a-f]{6});");
-  for (std::sregex_iterator i(css.begin(), css.end(), definition), end; i != end; ++i) {
-    replace_all("var(" + (*i)[1].str() + ")", (*i)[2]);
-  }
-  replace_all("--c:", "color:");
-  replace_all("var(--c)", "currentColor");
-  return svg;
 }
 
 std::string SvgBars(const std::vector<Bar>& bars) {

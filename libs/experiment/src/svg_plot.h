@@ -14,10 +14,6 @@ namespace dfr::experiment::internal {
 /// style="..." for what is drawn in the colour of style `style`, 0 for the first. They repeat.
 [[nodiscard]] std::string StyleAttribute(int style);
 
-/// The plot as a document of its own. Its colours are those of the light scheme, written out: most
-/// viewers other than browsers know no CSS variables.
-[[nodiscard]] std::string SvgDocument(const ReportPlot& plot);
-
 /// One 100 % bar of `parts`, left to right.
 struct BarPart {
   std::string name;

@@ -26,6 +26,7 @@ struct RolloutResult {
   int policy_steps = 0;  ///< Controls of the learned policy.
   int probes = 0;
   int recovery_steps = 0;  ///< Controls of mode kRecovery, one per iteration of a recovery.
+  int changed_steps = 0;   ///< Controls of mode kPolicy that are not the policy's to the bit.
   int recoveries = 0;      ///< How often a recovery began.
   /// Who chose the last control that was applied: for a collision, who caused it.
   Mode last_mode = Mode::kHalt;
@@ -38,6 +39,10 @@ struct RolloutResult {
 
   /// Controls of recoveries, probes included.
   [[nodiscard]] int recovery_controls() const noexcept { return probes + recovery_steps; }
+  /// Controls that are not the learned policy's, to the bit.
+  [[nodiscard]] int changed_controls() const noexcept {
+    return changed_steps + recovery_controls();
+  }
   /// All applied controls: what a robot's time is proportional to.
   [[nodiscard]] int controls() const noexcept { return policy_steps + recovery_controls(); }
   [[nodiscard]] double seconds() const noexcept { return plant_seconds + decision_seconds; }

@@ -45,6 +45,7 @@ struct EpisodeResult {
   std::string cause;
   int controls = 0;           ///< All applied controls.
   int recovery_controls = 0;  ///< Applied by recoveries, probes included.
+  int changed_controls = 0;   ///< Not the policy's to the bit, those of recoveries included.
   double seconds = 0.0;       ///< Processor time.
   bool operator==(const EpisodeResult&) const = default;
 };

@@ -24,16 +24,14 @@ struct ReportSeries {
   std::vector<std::string> commands = {};
   /// Colour and marker: methods have theirs by their place in the plan. -1: by place in the plot.
   int style = -1;
-  bool dashed = false;
 };
 
 /// A further line plot, of a convergence or an overlap say.
 struct ReportPlot {
   std::string title = {};
   std::string x_label = {};
-  bool percent = false;              ///< y is a share: 0.25 reads 25 %.
-  bool log_x = false;                ///< Logarithmic x axis; every x must be > 0.
-  std::optional<double> x_min = {};  ///< Not of a logarithmic axis.
+  bool percent = false;  ///< y is a share: 0.25 reads 25 %.
+  std::optional<double> x_min = {};
   std::optional<double> x_max = {};
   std::optional<double> y_min = {};
   std::optional<double> y_max = {};
@@ -45,10 +43,6 @@ struct ReportFigure {
   std::string caption;
   std::vector<ReportPlot> plots;  ///< Side by side, up to three in a row.
 };
-
-/// Writes one plot as an SVG file, light and without a page around it.
-/// @throws std::invalid_argument as RenderReport(), std::runtime_error naming the file.
-void SavePlot(const ReportPlot& plot, const std::filesystem::path& path);
 
 /// A table of texts: the paper's figures beside ours, for one.
 struct ReportTable {

@@ -11,6 +11,7 @@
 #include "dfr/control/rollout.h"
 #include "dfr/core/plant.h"
 #include "dfr/experiment/disturbed_plant.h"
+#include "dfr/experiment/film.h"
 #include "dfr/experiment/paired_evaluation.h"
 
 namespace dfr::experiment {
@@ -28,6 +29,10 @@ class RolloutRunner : public TrialRunner {
   [[nodiscard]] bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
                           std::uint64_t controller_seed,
                           const std::filesystem::path& path) override;
+
+  /// Run(), with the undisturbed plant's states.
+  [[nodiscard]] FilmedEpisode RecordStates(int method, std::uint64_t start_seed,
+                                           std::uint64_t controller_seed);
 
   /// Run() with an observer, who may draw the plant; ends after `max_controls`.
   control::RolloutResult Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
@@ -58,6 +63,8 @@ class RolloutRunner : public TrialRunner {
   }
   [[nodiscard]] const core::SimulatedPlant& undisturbed() const noexcept { return *plant_; }
 
+  /// Called before each episode of a method.
+  virtual void Begin(int /*method*/, std::uint64_t /*start_seed*/) {}
   /// Whether a start state is inside the support.
   [[nodiscard]] virtual bool Inside(std::span<const double> x) const = 0;
   /// EpisodeResult::cause: why it halted, or the mode of the control that collided.

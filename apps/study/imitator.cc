@@ -1,0 +1,113 @@
+#include "apps/study/imitator.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/random.h"
+#include "dfr/imitation/fit_mlp.h"
+#include "dfr/study/policies.h"
+
+namespace dfr::study {
+
+const std::vector<std::string>& PolicyNames() {
+  static const std::vector<std::string> names = [] {
+    std::vector<std::string> all = {"good", "weak", "biased"};
+    all.insert(all.end(), kPolicies.begin(), kPolicies.end());
+    return all;
+  }();
+  return names;
+}
+
+Teaching SupervisorOf(const sim::GalleryTask& task) {
+  Teaching teaching;
+  teaching.plant = task.plant;
+  teaching.supervise = [](const core::SimulatedPlant& plant, int /*t*/, std::uint64_t episode,
+                          std::span<double> u) {
+    core::Random random(core::DeriveSeed(episode, {1}));
+    const sim::Habit habit{.way = random.Uniform(), .offset = random.Normal()};
+    static_cast<const sim::GalleryPlant&>(plant).Supervise(habit, u);
+  };
+  return teaching;
+}
+
+Imitator::Imitator(std::shared_ptr<const core::Policy> learned, const sim::Flaw& flaw)
+    : learned_(std::move(learned)), flaw_(flaw) {
+  wanted_.resize(static_cast<std::size_t>(learned_->control_dim()) *
+                 static_cast<std::size_t>(flaw.late));
+}
+
+void Imitator::Reset(std::uint64_t seed) noexcept {
+  core::Random random(core::DeriveSeed(seed, {1}));
+  share_ = random.Uniform();
+  late_ = random.Below(static_cast<std::uint64_t>(flaw_.late) + 1) *
+          static_cast<std::size_t>(learned_->control_dim());
+  std::fill(wanted_.begin(), wanted_.end(), 0.0);
+}
+
+void Imitator::Control(int t, std::span<const double> x, std::span<double> u) noexcept {
+  learned_->Control(t, x, u);
+  for (std::size_t i = 0; i < flaw_.bias.size(); ++i) u[i] += share_ * flaw_.bias[i];
+  if (flaw_.turn != 0.0) {
+    const double c = std::cos(share_ * flaw_.turn);
+    const double s = std::sin(share_ * flaw_.turn);
+    const double first = u[0];
+    u[0] = c * first - s * u[1];
+    u[1] = s * first + c * u[1];
+  }
+  for (double& entry : u) entry = std::clamp(entry, -1.0, 1.0);
+  if (late_ > 0) {
+    std::swap_ranges(u.begin(), u.end(), wanted_.begin());
+    std::rotate(wanted_.begin(), wanted_.begin() + std::ssize(u),
+                wanted_.begin() + static_cast<std::ptrdiff_t>(late_));
+  }
+}
+
+Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory> demonstrations,
+                 const safety::TaskModel& model, const core::SimulatedPlant& plant,
+                 const std::string& name, std::uint64_t seed) {
+  DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), name) == 1,
+                   "there is no policy '" << name << "'; there are " << Join(PolicyNames()));
+  const core::FeatureTransform& features = model.guided().features();
+  // No network is needed.
+  if (name == "lwr") {
+    return {std::make_shared<imitation::LocallyWeightedPolicy>(features, demonstrations), {}};
+  }
+  if (name == "knn") {
+    return {std::make_shared<NearestNeighbourPolicy>(features, demonstrations), {}};
+  }
+  const imitation::DemonstrationSet set{
+      .layout = task.plant->layout(),
+      .control_dim = task.plant->control_dim(),
+      .environment = task.name,
+      .trajectories = {demonstrations.begin(), demonstrations.end()},
+      .note = {}};
+  const bool weak = name == "weak";
+  const imitation::FitMlpOptions fit{.hidden = weak ? task.weak_hidden : task.hidden,
+                                     .epochs = weak ? task.weak_epochs : task.epochs,
+                                     .seed = seed};
+  auto learned = std::make_shared<const imitation::MlpPolicy>(imitation::FitMlp(set, fit));
+  if (weak || name == "good") return {std::move(learned), {}};
+  if (name == "biased") return {std::move(learned), task.flaw};
+
+  Teaching teaching = TeachMlp(set, fit);
+  const Teaching supervisor = SupervisorOf(task);
+  teaching.plant = supervisor.plant;
+  teaching.supervise = supervisor.supervise;
+  for (const core::Trajectory& d : demonstrations) {
+    teaching.horizon = std::max(teaching.horizon, 2 * d.num_steps());
+  }
+  // Some borrow the good one.
+  struct Made {
+    std::shared_ptr<const core::Policy> good;
+    std::shared_ptr<const core::Policy> policy;
+  };
+  const auto made = std::make_shared<Made>();
+  made->good = learned;
+  made->policy =
+      PolicyFactory(model, *learned, demonstrations, std::move(teaching)).Make(name, &plant);
+  return {std::shared_ptr<const core::Policy>(made, made->policy.get()), {}};
+}
+
+}  // namespace dfr::study

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "dfr/core/plant.h"
+#include "dfr/core/policy.h"
+#include "dfr/core/trajectory.h"
+#include "dfr/safety/task_model.h"
+#include "dfr/sim/gallery/gallery.h"
+#include "dfr/study/baselines.h"
+
+namespace dfr::study {
+
+/// "good", "weak", "biased", and study::kPolicies.
+[[nodiscard]] const std::vector<std::string>& PolicyNames();
+
+/// The task's supervisor, for policies that ask it while they learn.
+[[nodiscard]] Teaching SupervisorOf(const sim::GalleryTask& task);
+
+/// A policy of one episode at a time: a late one remembers what it wanted before. Never allocates
+/// once made.
+class Imitator {
+ public:
+  Imitator(std::shared_ptr<const core::Policy> learned, const sim::Flaw& flaw);
+  /// Begins an episode; the seed decides how large the flaw is.
+  void Reset(std::uint64_t seed) noexcept;
+  /// As core::Policy::Control(); entries of `u` lie within +-1.
+  void Control(int t, std::span<const double> x, std::span<double> u) noexcept;
+
+ private:
+  std::shared_ptr<const core::Policy> learned_;
+  sim::Flaw flaw_;
+  double share_ = 0.0;
+  std::size_t late_ = 0;        // entries of wanted_ that are in use
+  std::vector<double> wanted_;  // the last controls, oldest first
+};
+
+/// Imitates `demonstrations` of `task` as well as `name` says: by behaviour cloning "good", "weak"
+/// (few units and epochs) or "biased" (the good one with the task's flaw); one of study::kPolicies
+/// with the good one as the learned policy. `model` is of these demonstrations. `plant` is the one
+/// that is driven, for the adversaries only. Borrows all but the seed.
+/// @throws std::invalid_argument naming the policies there are.
+[[nodiscard]] Imitator Imitate(const sim::GalleryTask& task,
+                               std::span<const core::Trajectory> demonstrations,
+                               const safety::TaskModel& model, const core::SimulatedPlant& plant,
+                               const std::string& name, std::uint64_t seed);
+
+}  // namespace dfr::study

@@ -1,0 +1,350 @@
+// Policies alone, with each controller around them and inside guards, in the tasks of all programs.
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <cstdlib>
+#include <exception>
+#include <filesystem>
+#include <iostream>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "apps/command_line.h"
+#include "apps/study/imitator.h"
+#include "apps/study/picture.h"
+#include "apps/study/planar/commands.h"
+#include "apps/study/study.h"
+#include "apps/study/tables.h"
+#include "dfr/control/guided/guided_options.h"
+#include "dfr/core/build_info.h"
+#include "dfr/core/random.h"
+#include "dfr/experiment/command_line.h"
+#include "dfr/experiment/intervals.h"
+#include "dfr/experiment/report.h"
+#include "dfr/experiment/sequential_test.h"
+#include "dfr/study/controller_factory.h"
+
+namespace dfr::study {
+namespace {
+
+void Print(const std::vector<experiment::ReportTable>& tables, std::size_t left_aligned) {
+  for (const experiment::ReportTable& table : tables) {
+    experiment::PrintTable(table, std::cout, left_aligned);
+    std::cout << "  " << table.caption << "\n\n";
+  }
+}
+
+void RunAndPrint(const Study& study, bool grid, bool causes) {
+  const std::vector<Row> rows = RunStudy(study);
+  if (rows.empty()) return;
+  const bool wide = study.kind == Kind::kControllers;
+  std::vector<experiment::ReportTable> tables = !wide  ? MakeRowTables(rows, causes)
+                                                : grid ? MakeGrid(rows)
+                                                       : MakeTables(rows);
+  for (const std::string& controller : study.controllers) {
+    if (controller == "guided" && wide) tables.push_back(WhereItFails(rows, controller));
+  }
+  Print(tables, wide ? 2 : 4);
+  if (study.kind == Kind::kPlane) std::cout << MarksOf(study.controllers);
+  if (study.out.empty()) return;
+  SaveCsv(rows, study.out / "study.csv");
+  experiment::SaveReport(
+      {},
+      {.title = wide ? "Disturbed policies, alone and guarded" : "Policies, alone and guarded",
+       .program = "study",
+       .introduction =
+           "Saved: the policy alone collides from this start state, and with the controller it "
+           "does not. Harmed: the policy alone completes, and with the controller it does not. "
+           "Start states outside the support count like any other.",
+       .settings = {{"seed", std::to_string(study.seed)},
+                    {"commit", core::BuildCommit()},
+                    {"demonstrations", std::to_string(study.demonstrations)},
+                    {"trials", std::to_string(study.trials)},
+                    {"episodes a trial", std::to_string(study.episodes)}},
+       .tables = tables},
+      study.out / "report.html");
+  std::cout << (study.out / "report.html").string() << " and study.csv\n";
+}
+
+void AddChoices(CLI::App& command, Study& study) {
+  command.add_option("--tasks", study.tasks, "names, gallery, design, judgement or all")
+      ->delimiter(',')
+      ->capture_default_str();
+  command
+      .add_option("--policies", study.policies,
+                  study.kind == Kind::kGuards ? Join(PolicyNames())
+                                              : "learned (a weak network), or " + Join(kPolicies))
+      ->delimiter(',')
+      ->capture_default_str();
+  command
+      .add_option("--methods,--controllers", study.controllers,
+                  std::string("besides the policy alone") +
+                      (study.kind == Kind::kGuards ? ": strategies of guards" : ""))
+      ->delimiter(',')
+      ->capture_default_str();
+  command.add_option("--conditions", study.conditions, "by their names in the table; default: all")
+      ->delimiter(',');
+  command.add_option("--demonstrations", study.demonstrations)->capture_default_str();
+  command.add_option("--trials", study.trials, "each with its own demonstrations and policies")
+      ->capture_default_str();
+  command.add_option("--episodes", study.episodes, "start states per trial and row")
+      ->capture_default_str();
+  if (study.kind == Kind::kPlane) planar::AddMethodOptions(command, study.plane);
+}
+
+void AddOptions(CLI::App& command, Study& study) {
+  AddChoices(command, study);
+  experiment::AddRunOptions(command, study);
+}
+
+// Every part of guided recovery off, one at a time; then the features' and the support's.
+void Ablate(Study study, bool causes) {
+  study.controllers = {"guided", "lwr"};
+  for (const std::string_view part : control::GuidedPartNames()) {
+    if (part != "drift") study.controllers.push_back("guided-without-" + std::string(part));
+  }
+  // Parts can hide each other's work, or harm.
+  for (const std::string_view parts : {"reach+demonstrated", "online-jacobian+own-motion+observer",
+                                       "reach+demonstrated+online-jacobian+own-motion+observer"}) {
+    study.controllers.push_back("guided-without-" + std::string(parts));
+  }
+  std::vector<Row> rows = RunStudy(study);
+  study.controllers = {"guided"};
+  const auto add = [&](const char* name, const auto& change) {
+    Study variant = study;
+    change(variant.plane);
+    for (Row& row : RunStudy(variant)) {
+      if (row.controller != "guided") continue;
+      row.controller = name;
+      rows.push_back(std::move(row));
+    }
+  };
+  using Options = planar::MethodOptions;
+  add("guided-without-whitening", [](Options& options) { options.whitening = false; });
+  add("guided-without-phase-whitening", [](Options& options) { options.phase_whitening = false; });
+  add("guided-without-held-goals", [](Options& options) { options.hold_ended = false; });
+  add("guided-without-pooling", [](Options& options) { options.window = 0; });
+  Print(MakeRowTables(rows, causes), 4);
+}
+
+void List() {
+  for (const bool judgement : {false, true}) {
+    std::printf("%s\n", judgement ? "judgement" : "design");
+    for (const sim::GalleryTask& task : sim::GalleryTasks()) {
+      if (task.judgement != judgement) continue;
+      std::printf("  %-15s %s\n", task.name.c_str(), task.summary.c_str());
+      std::printf(
+          "  %-15s demonstrated in %d controls at most; the guard looks at %s; a control of zero "
+          "%s\n",
+          "", task.horizon, task.features.empty() ? "all" : task.features.c_str(),
+          task.aftermath == 0 ? "holds still" : "lets the world move on");
+    }
+  }
+}
+
+// How often the supervisor completes, and fails, in how many controls.
+void Supervise(const std::vector<std::string>& words, int count, std::uint64_t seed) {
+  std::printf("%-15s %7s %8s %9s\n", "task", "ok %", "failed %", "controls");
+  for (const std::string& name : SelectTasks(words)) {
+    const sim::GalleryTask& task = sim::FindGalleryTask(name);
+    int ok = 0, failed = 0, controls = 0;
+    for (int i = 0; i < count; ++i) {
+      const core::Trajectory trajectory =
+          sim::DemonstrateOnce(task, core::DeriveSeed(seed, {static_cast<std::uint64_t>(i)}));
+      ok += trajectory.outcome == core::Outcome::kCompleted ? 1 : 0;
+      failed += trajectory.outcome == core::Outcome::kCollided ? 1 : 0;
+      controls += trajectory.num_steps();
+    }
+    std::printf("%-15s %7.1f %8.1f %9.1f\n", name.c_str(), 100.0 * ok / count,
+                100.0 * failed / count, static_cast<double>(controls) / count);
+  }
+}
+
+struct Power {
+  double only_first = 0.02;
+  double only_second = 0.05;
+  double power = 0.8;
+  double bound = 0.005;
+};
+
+void PrintPower(const Power& power) {
+  std::printf(
+      "paired episodes that find, with probability %g, that one method alone fails from %g and the "
+      "other alone from %g of the start states: %d\n"
+      "episodes without a collision that show that there are fewer than %g: %d\n"
+      "(at 95 %%, episodes taken for independent: with trials that differ, as many times more as "
+      "the interval clustered by trial is wider, squared)\n",
+      power.power, power.only_first, power.only_second,
+      experiment::EpisodesForDifference(power.only_first, power.only_second, power.power),
+      power.bound, experiment::EpisodesForBound(power.bound));
+}
+
+void AddOptions(CLI::App& command, Power& power) {
+  command
+      .add_option("--only-first", power.only_first,
+                  "share of start states from which one method alone fails")
+      ->capture_default_str();
+  command.add_option("--only-second", power.only_second, "and the other alone")
+      ->capture_default_str();
+  command.add_option("--power", power.power, "probability of finding the difference")
+      ->capture_default_str();
+  command.add_option("--bound", power.bound, "share of collisions to be excluded")
+      ->capture_default_str();
+}
+
+void CompareAndPrint(const Comparison& comparison) {
+  const experiment::SequentialTest test = Compare(comparison);
+  const auto pairs = static_cast<long long>(test.pairs());
+  std::printf("%s: %s, %d demonstrations, %d trials in turn, seed %llu, commit %s\n",
+              comparison.task.c_str(), comparison.condition.c_str(), comparison.demonstrations,
+              comparison.trials, static_cast<unsigned long long>(comparison.seed),
+              std::string(core::BuildCommit()).c_str());
+  std::printf("credit of %s less that of %s, mean of %lld pairs: %+.3f (p %.2g at all times)\n",
+              comparison.first.c_str(), comparison.second.c_str(), pairs, test.mean(),
+              test.p_value());
+  if (test.settled()) {
+    std::printf("settled at %g after %lld of at most %d pairs: %lld episodes saved\n",
+                comparison.alpha, pairs, comparison.pairs, 2 * (comparison.pairs - pairs));
+  } else {
+    std::printf("not settled at %g: no episodes saved\n", comparison.alpha);
+  }
+}
+
+void AddOptions(CLI::App& command, Comparison& comparison) {
+  command.add_option("--task", comparison.task)->capture_default_str();
+  command.add_option("--condition", comparison.condition, "by its name in the table")
+      ->capture_default_str();
+  command.add_option("--first", comparison.first, MethodHelp())->capture_default_str();
+  command.add_option("--second", comparison.second, "another of these")->capture_default_str();
+  command.add_option("--demonstrations", comparison.demonstrations)->capture_default_str();
+  command
+      .add_option("--trials", comparison.trials,
+                  "each with its own demonstrations and policies; they take turns")
+      ->capture_default_str();
+  command.add_option("--pairs", comparison.pairs, "of episodes, at most")->capture_default_str();
+  command.add_option("--alpha", comparison.alpha, "probability of settling what is not so")
+      ->capture_default_str();
+  command
+      .add_option(
+          "--halted", comparison.credit.halted,
+          "credit of an episode that halts, times the share of the demonstrated time steps that "
+          "it came through; a completed one has 1, one that collides 0")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  command.add_option("--seed", comparison.seed, "of all that is random")->capture_default_str();
+}
+
+}  // namespace
+}  // namespace dfr::study
+
+int main(int argc, char** argv) try {
+  using namespace dfr::study;  // NOLINT: this is their main
+  CLI::App app("Policies, controllers and guards compared, in the tasks of all programs");
+  app.require_subcommand(1);
+  auto* list = app.add_subcommand("list", "The tasks of the gallery");
+  Study guards = Study::OfGuards();
+  bool causes = false;
+  auto* run = app.add_subcommand(
+      "run", "Guards at their default settings around every policy from the same start states");
+  Study stress;
+  auto* stress_command = app.add_subcommand(
+      "stress", "Every controller around every policy under disturbances, as tables");
+  Study grid;
+  grid.out = "out/grid";
+  grid.tasks = {"pusher", "planar-corridor", "planar-push"};
+  grid.conditions = {"as demonstrated", "turned 40 deg"};
+  grid.controllers.clear();
+  for (const std::string_view support : kSupports) {
+    for (const char* controller : {"early-stopping", "dfr", "guided", "certified"}) {
+      grid.controllers.push_back(std::string(controller) + "/" + std::string(support));
+    }
+  }
+  auto* grid_command = app.add_subcommand(
+      "grid", "What the support buys and what the controller buys: every support with every one");
+  Study plane = Study::OfPlane();
+  auto* experiment = app.add_subcommand(
+      "experiment", "Controllers, the certified one among them, around a polynomial in the plane");
+  Study drift = plane;
+  drift.controllers = {"dfr", "guided", "lwr"};
+  drift.conditions = {"as demonstrated",  "turned 10 deg",     "turned 20 deg",
+                      "turned 40 deg",    "scaled 0.2",        "scaled 0.4",
+                      "biased 0.1",       "biased 0.2",        "states noisy 0.5 %",
+                      "states noisy 2 %", "10 demonstrations", "20 demonstrations",
+                      "40 demonstrations"};
+  auto* drift_command = app.add_subcommand(
+      "drift", "The same as demonstrated, under disturbances and after few demonstrations");
+  auto* ablate =
+      app.add_subcommand("ablate", "The same with each part of guided recovery off, one at a time");
+  Study ablated = plane;
+  AddChoices(*ablate, ablated);
+  ablate->add_option("--seed", ablated.seed)->capture_default_str();
+  ablate->add_option("--threads", ablated.threads, "0: one per core")->capture_default_str();
+  for (CLI::App* command : {run, experiment, drift_command, ablate}) {
+    command->add_flag("--causes", causes, "why episodes were not completed");
+  }
+  AddOptions(*experiment, plane);
+  AddOptions(*drift_command, drift);
+  AddOptions(*run, guards);
+  AddOptions(*stress_command, stress);
+  AddOptions(*grid_command, grid);
+  auto* compare = app.add_subcommand(
+      "compare", "Two methods from the same start states, until it is settled that they differ");
+  Comparison comparison;
+  AddOptions(*compare, comparison);
+  auto* power_command = app.add_subcommand("power", "How many episodes a question needs");
+  Power power;
+  AddOptions(*power_command, power);
+  Study shown = Study::OfGuards();
+  shown.policies = {"weak"};
+  int supervised = 100;
+  auto* supervise = app.add_subcommand("supervise", "How well the gallery's supervisors do");
+  supervise->add_option("--tasks", shown.tasks, "names, gallery, design or judgement")
+      ->delimiter(',')
+      ->capture_default_str();
+  supervise->add_option("--episodes", supervised, "of each task")->capture_default_str();
+  supervise->add_option("--seed", shown.seed)->capture_default_str();
+  std::string entries;
+  std::filesystem::path page = "gallery.html";
+  int count = 5;
+  auto* picture = app.add_subcommand(
+      "picture", "A page with paths of one of the gallery's tasks, to open in a browser");
+  picture->add_option("task", shown.tasks)->required()->expected(1);
+  picture->add_option("--policy", shown.policies)->expected(1)->capture_default_str();
+  picture->add_option("--methods", shown.controllers)->delimiter(',')->capture_default_str();
+  picture->add_option("--entries", entries, "two of the state, tip or box[0:2]; the first two");
+  picture->add_option("--count", count, "demonstrations, and episodes of each method")
+      ->capture_default_str();
+  picture->add_option("--seed", shown.seed)->capture_default_str();
+  picture->add_option("--out", page)->capture_default_str();
+  Commands commands;
+  planar::AddProof(app, commands);
+  planar::AddCoverage(app, commands);
+  planar::AddCertificate(app, commands);
+  planar::AddFigure(app, commands);
+  dfr::apps::CheckNumbers(app);
+  if (const auto code = dfr::experiment::Parse(app, argc, argv)) return *code;
+
+  if (*list) List();
+  if (*run) RunAndPrint(guards, false, causes);
+  if (*stress_command) RunAndPrint(stress, false, false);
+  if (*grid_command) RunAndPrint(grid, true, false);
+  if (*experiment) RunAndPrint(plane, false, causes);
+  if (*drift_command) RunAndPrint(drift, false, causes);
+  if (*ablate) Ablate(ablated, causes);
+  if (*compare) CompareAndPrint(comparison);
+  if (*power_command) PrintPower(power);
+  if (*supervise) Supervise(shown.tasks, supervised, shown.seed);
+  if (*picture) {
+    SavePicture(RecordStudy(shown, count), dfr::sim::FindGalleryTask(shown.tasks[0]), entries,
+                page);
+  }
+  for (const auto& [command, run_it] : commands) {
+    if (*command) run_it();
+  }
+  return EXIT_SUCCESS;
+} catch (const std::exception& e) {
+  std::cerr << "study: " << e.what() << '\n';
+  return EXIT_FAILURE;
+}

@@ -1,0 +1,18 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "apps/study/study.h"
+
+namespace dfr::study {
+
+/// A page with a plot for the demonstrations and one a method: paths in the plane of two entries
+/// of the state, as core::FeatureSelection names them; "" for the first two.
+/// @throws std::invalid_argument unless `entries` are two; std::runtime_error naming the file.
+void SavePicture(const std::vector<experiment::FilmedEpisode>& recordings,
+                 const sim::GalleryTask& task, const std::string& entries,
+                 const std::filesystem::path& path);
+
+}  // namespace dfr::study

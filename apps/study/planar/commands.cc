@@ -1,0 +1,282 @@
+#include "apps/study/planar/commands.h"
+
+#include <CLI/CLI.hpp>
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "apps/command_line.h"
+#include "apps/study/planar/coverage.h"
+#include "apps/study/planar/picture.h"
+#include "apps/study/planar/proof.h"
+#include "dfr/control/certified/certifier.h"
+#include "dfr/core/random.h"
+#include "dfr/experiment/intervals.h"
+#include "dfr/kernel/cover_radius.h"
+
+namespace dfr::study::planar {
+namespace {
+
+struct PlanarStudy {
+  std::string task = "corridor";
+  int demonstrations = 120;
+  std::uint64_t seed = 1;
+  MethodOptions methods;
+};
+
+void PrintProof(ProofOptions options, bool mutations) {
+  std::printf("%-10s %10s %12s %12s %9s %10s %9s %9s\n", "mutation", "controls", "left support",
+              "violations", "probes", "recoveries", "filtered", "episodes");
+  std::string failures;
+  for (const Mutation mutation : kMutations) {
+    if (mutation != Mutation::kNone && !mutations) continue;
+    options.mutation = mutation;
+    const ProofResult r = Prove(options);
+    std::printf("%-10s %10lld %12lld %12lld %9lld %10lld %9lld %9lld\n", Name(mutation),
+                static_cast<long long>(r.controls), static_cast<long long>(r.left),
+                static_cast<long long>(r.violations), static_cast<long long>(r.probes),
+                static_cast<long long>(r.recoveries), static_cast<long long>(r.filtered),
+                static_cast<long long>(r.episodes));
+    if (mutation != Mutation::kNone && r.left == 0) {
+      failures.append(" the mutation ").append(Name(mutation)).append(" was not found;");
+    } else if (mutation == Mutation::kNone && (r.left > 0 || r.violations > 0)) {
+      failures.append(" the support was left;");
+    }
+  }
+  if (!failures.empty()) throw std::runtime_error("the proof failed:" + failures);
+}
+
+// A share of fits as per cent, with its 95 % interval and what exact promises would show.
+std::string ShareOf(int count, int fits, double chance) {
+  const auto interval = experiment::ProportionInterval(count, fits);
+  std::array<char, 64> text{};
+  if (chance < 0.0) {
+    std::snprintf(text.data(), text.size(), "%.1f [%.1f, %.1f] -", 100.0 * count / fits,
+                  100.0 * interval.low, 100.0 * interval.high);
+  } else {
+    std::snprintf(text.data(), text.size(), "%.1f [%.1f, %.1f] %.1f", 100.0 * count / fits,
+                  100.0 * interval.low, 100.0 * interval.high, 100.0 * chance);
+  }
+  return text.data();
+}
+
+// A row each for demonstrations that are left out in turn, held out, held out with a confidence.
+void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worlds,
+                   const std::vector<int>& demonstrations) {
+  struct Promise {
+    double hold_out;
+    double confidence;
+  };
+  std::printf(
+      "shares of fits in %%: measured [95 %% interval] as the law of exact promises has it\n");
+  std::printf("%-12s %4s %9s %11s %7s  %-18s %-28s %-24s %-24s\n", "world", "n", "hold-out",
+              "confidence", "alarms", "mean rate +- 1.96 se", "fits that keep it",
+              "eps falls short", "K falls short");
+  for (const std::string& world : worlds) {
+    for (const int n : demonstrations) {
+      for (const Promise& promise : {Promise{0.0, 0.0}, Promise{0.5, 0.0}, Promise{0.5, 0.8}}) {
+        options.world = world;
+        options.demonstrations = n;
+        options.hold_out = promise.hold_out;
+        options.confidence = promise.confidence;
+        const CoverageResult r = MeasureCoverage(options);
+        std::printf("%-12s %4d %9.1f %11.1f %7.3f  %.3f +- %.3f       %-28s %-24s %-24s\n",
+                    world.c_str(), n, promise.hold_out, r.confidence, r.promised, r.mean,
+                    1.96 * r.mean_error, ShareOf(r.kept, options.fits, r.kept_chance).c_str(),
+                    ShareOf(r.error_short, options.fits, r.short_chance).c_str(),
+                    ShareOf(r.gain_short, options.fits, r.short_chance).c_str());
+        std::fflush(stdout);
+      }
+    }
+  }
+}
+
+// How many demonstrated steps from time step t a certificate would let pass.
+struct Passing {
+  int steps = 0;
+  int passed = 0;
+  [[nodiscard]] double percent() const { return steps > 0 ? 100.0 * passed / steps : 0.0; }
+};
+
+Passing CountPassing(const Methods& methods, int t) {
+  const control::GuidedModel& model = methods.guided().model();
+  control::Certifier certifier(methods.certificate(), model.features().num_features(),
+                               model.control_dim(), model.control_unit());
+  // What a certificate assumes.
+  control::JacobianEstimate estimate(model.prior(), {}, /*own_motion=*/false);
+  Passing passing;
+  for (const core::Trajectory& d : methods.demonstrations()) {
+    if (t >= d.controls.rows()) continue;
+    const core::Matrix z = model.features().Apply(d.states);
+    const Eigen::VectorXd v = d.controls.row(t) / model.control_unit();
+    estimate.Compute(t, core::Row(z, t));
+    ++passing.steps;
+    passing.passed +=
+        certifier.Share({model.support(), estimate, core::Row(z, t)}, t, v) >= 1.0 ? 1 : 0;
+  }
+  return passing;
+}
+
+// What a certificate rests on, per time step, and how much of the demonstrations it would let pass.
+void PrintCertificate(const PlanarStudy& study) {
+  const Task task = MakeTask(study.task);
+  const Methods methods(
+      task, Demonstrate(task, study.demonstrations, core::DeriveSeed(study.seed, {2, 0})),
+      study.methods);
+  const safety::GuidedRecovery& guided = methods.guided();
+  const kernel::WhitenedSupport& support = guided.support();
+  const control::Certificate certificate = methods.certificate();
+  const control::EstimatedConstant& error = methods.direction_error();
+  std::printf("assumptions of %s, %d demonstrations, in whitened features\n", task.name.c_str(),
+              error.demonstrations);
+  std::printf(
+      "  no B_t(%.3g) meets the constraints: not checked, for they are unknown. It is so if\n"
+      "  demonstrations kept the clearance below\n",
+      certificate.level);
+  std::printf("  eps = %.4f, so far approximately; times %.3g it is trusted\n", error.value,
+              study.methods.error_factor);
+  std::printf(
+      "  features show the constraints; states are exact; what is issued is applied; states\n"
+      "  are certified, not the paths between them\n");
+  std::printf("%4s %9s %12s %40s\n", "t", "R median", "clearance",
+              "demonstrated steps that pass, %");
+  for (int t = 0; t < support.num_steps(); t += std::max(1, support.num_steps() / 12)) {
+    std::vector<double> radius;
+    for (const core::Trajectory& d : methods.demonstrations()) {
+      if (t >= d.controls.rows()) continue;
+      const core::Matrix z = guided.features().Apply(d.states);
+      Eigen::VectorXd shift(z.cols());
+      const auto ball = control::ComputeSafeBall(support, t, core::Row(z, t), core::AsSpan(shift),
+                                                 certificate.level);
+      radius.push_back(std::max(0.0, ball.radius));
+    }
+    if (radius.empty()) continue;
+    std::nth_element(radius.begin(),
+                     radius.begin() + static_cast<std::ptrdiff_t>(radius.size() / 2), radius.end());
+    // In the state's own unit, in its worst direction.
+    const Eigen::MatrixXd inverse = (support.map(t) * guided.features().scale()).inverse();
+    const double clearance =
+        inverse.operatorNorm() * kernel::CoverRadius(support.estimate(t), certificate.level);
+    std::printf("%4d %9.4f %12.4g %40.1f\n", t, radius[radius.size() / 2], clearance,
+                CountPassing(methods, t).percent());
+  }
+}
+
+void Picture(const PlanarStudy& study, const std::vector<std::string>& names, std::uint64_t start,
+             const std::filesystem::path& folder) {
+  const Task task = MakeTask(study.task);
+  const Methods methods(
+      task, Demonstrate(task, study.demonstrations, core::DeriveSeed(study.seed, {2, 0})),
+      study.methods);
+  std::filesystem::create_directories(folder);
+  const std::vector<Episode> episodes = Record(task, methods, names, start);
+  const Painter painter(task, methods);
+  for (const Episode& episode : episodes) {
+    // As in the paper's Fig. 2: (a) the learned policy deep inside, (b) the first control that is
+    // not the learned one, (c) when that is over; and the end.
+    const auto learned = [&](int i) {
+      const control::Step& step = episode.shots[static_cast<std::size_t>(i)].step;
+      return step.mode == control::Mode::kPolicy && !step.filtered;
+    };
+    const int last = static_cast<int>(episode.shots.size()) - 1;
+    int first = 0;
+    while (first < last && (learned(first) || first == 0)) ++first;
+    int over = first;
+    while (over < last && !learned(over)) ++over;
+    painter.WritePng(episode, std::array{first / 2, first, over, last},
+                     folder / (episode.method + ".png"));
+  }
+  painter.WriteVideo(episodes, folder / "planar.mp4");
+  std::printf("%s, and pictures beside it\n", (folder / "planar.mp4").c_str());
+}
+
+void AddTask(CLI::App& command, PlanarStudy& study) {
+  command.add_option("--task", study.task, "corridor, push or push-weak")->capture_default_str();
+  command.add_option("--demonstrations", study.demonstrations)->capture_default_str();
+  command.add_option("--seed", study.seed)->capture_default_str();
+  AddMethodOptions(command, study.methods);
+}
+
+}  // namespace
+
+void AddMethodOptions(CLI::App& command, MethodOptions& options) {
+  command.add_option("--gamma", options.gamma, "of guided recovery's support")
+      ->capture_default_str();
+  command.add_option("--raw-gamma", options.raw_gamma, "of DFR's support; 0: the task's")
+      ->capture_default_str();
+  command.add_option("--factor", options.error_factor, "safety factor on estimated eps")
+      ->capture_default_str();
+  command
+      .add_option("--certified-level", options.certified_level,
+                  "eta: certified-direction keeps l >= -eta")
+      ->check(apps::kNotNegative)
+      ->capture_default_str();
+}
+
+void AddProof(CLI::App& app, Commands& commands) {
+  const auto proof = std::make_shared<ProofOptions>();
+  const auto mutations = std::make_shared<bool>(false);
+  auto* prove = app.add_subcommand("prove", "Stress Proposition 1 of certified-direction");
+  prove->add_option("--steps", proof->steps, "controls")->capture_default_str();
+  prove->add_option("--seed", proof->seed)->capture_default_str();
+  prove->add_option("--dimensions", proof->most_dimensions, "worlds have 2 to so many")
+      ->check(CLI::Range(2, 64))
+      ->capture_default_str();
+  prove->add_option("--state-error", proof->state_error, "length of errors of observed states")
+      ->check(apps::kNotNegative)
+      ->capture_default_str();
+  prove->add_flag("--mutations", *mutations, "mistakes that must be found, too");
+  commands.emplace_back(prove, [=] { PrintProof(*proof, *mutations); });
+}
+
+void AddCoverage(CLI::App& app, Commands& commands) {
+  const auto options = std::make_shared<CoverageOptions>();
+  const auto worlds = std::make_shared<std::vector<std::string>>(CoverageWorlds());
+  const auto numbers = std::make_shared<std::vector<int>>(std::vector{10, 20, 60});
+  auto* cover = app.add_subcommand("coverage", "How often what fits promise comes true");
+  cover->add_option("--worlds", *worlds)->delimiter(',')->check(CLI::IsMember(CoverageWorlds()));
+  cover->add_option("--demonstrations", *numbers)
+      ->delimiter(',')
+      ->check(CLI::Range(6, 10'000))
+      ->capture_default_str();
+  cover->add_option("--fits", options->fits, "of each row")
+      ->check(CLI::Range(2, 1'000'000))
+      ->capture_default_str();
+  cover->add_option("--further", options->further, "demonstrations that judge a fit")
+      ->check(apps::kPositive)
+      ->capture_default_str();
+  cover->add_option("--seed", options->seed)->capture_default_str();
+  commands.emplace_back(cover, [=] { PrintCoverage(*options, *worlds, *numbers); });
+}
+
+void AddCertificate(CLI::App& app, Commands& commands) {
+  const auto study = std::make_shared<PlanarStudy>();
+  auto* certificate = app.add_subcommand("certificate", "What certified-direction rests on");
+  AddTask(*certificate, *study);
+  commands.emplace_back(certificate, [=] { PrintCertificate(*study); });
+}
+
+void AddFigure(CLI::App& app, Commands& commands) {
+  const auto study = std::make_shared<PlanarStudy>();
+  const auto start = std::make_shared<std::uint64_t>(3);
+  const auto folder = std::make_shared<std::filesystem::path>("planar");
+  const auto methods = std::make_shared<std::vector<std::string>>(
+      std::vector<std::string>{"baseline", "dfr", "guided"});
+  auto* figure = app.add_subcommand(
+      "figure", "Pictures and a video of one start state of a planar task, as the paper's Fig. 2");
+  AddTask(*figure, *study);
+  figure->add_option("--start", *start, "seed of the start state")->capture_default_str();
+  figure->add_option("--out", *folder)->capture_default_str();
+  figure->add_option("--methods", *methods)->delimiter(',');
+  commands.emplace_back(figure, [=] { Picture(*study, *methods, *start, *folder); });
+}
+
+}  // namespace dfr::study::planar

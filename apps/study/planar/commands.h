@@ -1,0 +1,30 @@
+#pragma once
+
+#include <functional>
+#include <utility>
+#include <vector>
+
+#include "apps/study/planar/methods.h"
+
+namespace CLI {
+class App;
+}
+
+namespace dfr::study {
+
+/// Commands of a program, and what each does.
+using Commands = std::vector<std::pair<CLI::App*, std::function<void()>>>;
+
+}  // namespace dfr::study
+
+namespace dfr::study::planar {
+
+void AddMethodOptions(CLI::App& command, MethodOptions& options);
+
+// What belongs to certificates, promises of fits and pictures in the plane.
+void AddProof(CLI::App& app, Commands& commands);
+void AddCoverage(CLI::App& app, Commands& commands);
+void AddCertificate(CLI::App& app, Commands& commands);
+void AddFigure(CLI::App& app, Commands& commands);
+
+}  // namespace dfr::study::planar

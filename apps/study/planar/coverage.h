@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace dfr::study::planar {
+
+/// "corridor": the task's demonstrations. "reach": 6 entries, 8 actions towards one goal, turned
+/// and noisy. "heavy-tails": the same in 2 dimensions with errors of Student's t, 3 degrees of
+/// freedom.
+[[nodiscard]] const std::vector<std::string>& CoverageWorlds();
+
+/// What MeasureCoverage() fits, and how often.
+struct CoverageOptions {
+  std::string world = "corridor";
+  int demonstrations = 20;
+  double hold_out = 0.0;    ///< GuardOptions::hold_out
+  double confidence = 0.0;  ///< GuardOptions::confidence
+  double false_alarms = 0.2;
+  int fits = 400;
+  int further = 200;  ///< Fresh demonstrations that each fit is judged by.
+  std::uint64_t seed = 1;
+};
+
+/// How often what a guard's fit promises of further demonstrations came true.
+struct CoverageResult {
+  double promised = 0.0;    ///< GuardSummary::false_alarms
+  double confidence = 0.0;  ///< GuardSummary::confidence
+  double mean = 0.0;        ///< Rate of alarms, on average over fits,
+  double mean_error = 0.0;  ///< and the standard error of that.
+  int kept = 0;             ///< Fits whose rate is at most `promised`.
+  int error_short = 0;      ///< Fits whose eps covers a smaller share than promised.
+  int gain_short = 0;       ///< The same of K.
+  /// What exact promises would show, `further` being a sample: the probabilities of the three
+  /// counts above by the law of order statistics. Negative where demonstrations are left out in
+  /// turn, of which no such law is known.
+  double kept_chance = -1.0;
+  double short_chance = -1.0;
+};
+
+/// Fits a guard `options.fits` times, each time to other demonstrations.
+/// @throws std::invalid_argument naming what is out of range, or the worlds that there are.
+[[nodiscard]] CoverageResult MeasureCoverage(const CoverageOptions& options);
+
+}  // namespace dfr::study::planar

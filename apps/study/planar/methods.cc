@@ -1,0 +1,129 @@
+#include "apps/study/planar/methods.h"
+
+#include <utility>
+
+#include "dfr/control/certified/certified_policy.h"
+#include "dfr/core/contract.h"
+#include "dfr/core/folds.h"
+
+namespace dfr::study::planar {
+namespace {
+
+std::vector<core::Matrix> States(std::span<const core::Trajectory> demonstrations) {
+  std::vector<core::Matrix> states;
+  for (const auto& d : demonstrations) states.push_back(d.states);
+  return states;
+}
+
+core::FeatureSelection All(const Task& task) {
+  return core::FeatureSelection::All(task.plant->state_dim());
+}
+
+// One common scale for all entries.
+core::FeatureTransform Isotropic(const Task& task,
+                                 std::span<const core::Trajectory> demonstrations) {
+  const int n = task.plant->state_dim();
+  const core::FeatureTransform whitening = core::FeatureTransform::Whitening(
+      All(task), States(demonstrations), {.decorrelate = false, .local = false});
+  const double scale = static_cast<double>(n) / whitening.scale().diagonal().cwiseInverse().sum();
+  return {All(task), Eigen::VectorXd::Zero(n), scale * core::Matrix::Identity(n, n)};
+}
+
+// As GuidedRecovery fits it: in the order of contents.
+kernel::WhitenedSupport StartSupport(const core::FeatureTransform& features,
+                                     std::span<const core::Trajectory> demonstrations) {
+  std::vector<core::Matrix> points;
+  for (const core::Trajectory& d : core::InContentOrder(demonstrations)) {
+    points.push_back(features.Apply(d.states));
+  }
+  return kernel::WhitenedSupport::Fit(
+      points, {.svm = {.gamma = 0.35, .tolerance = 1e-6}, .phase_whitening = false});
+}
+
+Teaching Teach(const Task& task, std::uint64_t seed) {
+  Teaching teaching = SupervisorOf(task);
+  teaching.seed = seed;
+  teaching.learn = [degree = task.degree](std::span<const core::Trajectory> demonstrations,
+                                          std::uint64_t /*seed*/) {
+    return std::make_unique<const PolynomialPolicy>(demonstrations, degree);
+  };
+  return teaching;
+}
+
+}  // namespace
+
+safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options) {
+  kernel::TimeVaryingSupportOptions raw;
+  raw.svm.gamma = options.raw_gamma > 0.0 ? options.raw_gamma : task.raw_gamma;
+  safety::TaskOptions result;
+  result.guided.svm.gamma = options.gamma;
+  result.guided.svm.tolerance = 1e-6;
+  result.guided.window = options.window;
+  result.guided.phase_whitening = options.whitening && options.phase_whitening;
+  result.guided.hold_ended = options.hold_ended;
+  result.whitening.decorrelate = options.whitening;
+  result.published = raw;
+  result.horizon = task.horizon;
+  return result;
+}
+
+Teaching SupervisorOf(const Task& task) {
+  Teaching teaching;
+  teaching.plant = task.plant;
+  teaching.supervise = [](const core::SimulatedPlant& plant, int /*t*/, std::uint64_t /*episode*/,
+                          std::span<double> u) {
+    static_cast<const sim::GalleryPlant&>(plant).Supervise({}, u);
+  };
+  return teaching;
+}
+
+Methods::Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
+                 const MethodOptions& options, std::uint64_t seed)
+    : task_(task),
+      options_(options),
+      demonstrations_(std::move(demonstrations)),
+      policy_(demonstrations_, task.degree),
+      model_(task.plant->layout(), demonstrations_, TaskOptionsOf(task, options)),
+      start_features_(Isotropic(task, demonstrations_)),
+      start_support_(StartSupport(start_features_, demonstrations_)),
+      controllers_(model_, policy_, task.plant->layout(), demonstrations_, Teach(task, seed)),
+      direction_error_(
+          control::EstimateDirectionError(model_.guided().features(), demonstrations_)) {}
+
+SupportKind SupportOf(std::string_view method) {
+  return method.starts_with("guided") || method == "certified-direction" ? SupportKind::kGuided
+                                                                         : SupportKind::kRaw;
+}
+
+double Methods::Level(SupportKind kind, int t, std::span<const double> x) const {
+  if (kind == SupportKind::kRaw) return raw_support().LogDecision(t, x, {});
+  return model_.guided_support().LogDecision(t, x, {});
+}
+
+bool Methods::Begins(std::span<const double> x) const {
+  std::vector<double> z(static_cast<std::size_t>(start_features_.num_features()));
+  start_features_.Apply(x, z);
+  return raw_support().Decision(0, x) >= 0.0 && Level(SupportKind::kGuided, 0, x) >= 0.0 &&
+         start_support_.LogDecision(0, z, {}) >= 0.0;
+}
+
+control::Certificate Methods::certificate() const noexcept {
+  return {.direction_error = direction_error_.value * options_.error_factor + 1e-9,
+          .level = options_.certified_level};
+}
+
+std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
+                                                   const core::SimulatedPlant& plant) const {
+  // Unknown names are refused here, with all that there are.
+  static_cast<void>(ParseMethod(method, kPlanarMethods));
+  if (!method.starts_with("certified") || !Split(method).support.empty()) {
+    return controllers_.Make(method, &plant, {.guided = options_.guided});
+  }
+  DFR_THROW_UNLESS(Split(method).policy.empty(),
+                   "method '" << method << "': it runs around the learned policy only");
+  return std::make_unique<control::CertifiedPolicy>(
+      policy_, model_.guided().model(),
+      control::CertifiedOptions{.horizon = task_.horizon, .certificate = certificate()});
+}
+
+}  // namespace dfr::study::planar

@@ -1,0 +1,106 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "apps/study/planar/polynomial_policy.h"
+#include "apps/study/planar/task.h"
+#include "dfr/control/certified/assumptions.h"
+#include "dfr/control/certified/certificate.h"
+#include "dfr/control/controller.h"
+#include "dfr/control/guided/guided_policy.h"
+#include "dfr/kernel/time_varying_support.h"
+#include "dfr/kernel/whitened_support.h"
+#include "dfr/safety/task_model.h"
+#include "dfr/study/controller_factory.h"
+
+namespace dfr::study::planar {
+
+/// What may be varied of the methods.
+struct MethodOptions {
+  /// Guided recovery's support, in whitened units.
+  double gamma = kernel::WhitenedSupportOptions().svm.gamma;
+  bool whitening = true;
+  bool phase_whitening = true;
+  bool hold_ended = true;
+  int window = 2;
+  control::GuidedOptions guided = {};
+  double raw_gamma = 0.0;        ///< The paper's support; 0: the task's.
+  double error_factor = 2.0;     ///< Safety factor on eps.
+  double certified_level = 0.0;  ///< control::Certificate::level of certified-direction.
+};
+
+/// study::kOtherMethods and the certified mode.
+inline constexpr std::array<std::string_view, 8> kPlanarMethods = {"certified-direction",
+                                                                   "finite-difference",
+                                                                   "true-jacobian",
+                                                                   "lwr",
+                                                                   "knn",
+                                                                   "ensemble",
+                                                                   "dart",
+                                                                   "dagger"};
+
+/// Which of the supports a method looks at.
+enum class SupportKind { kRaw, kGuided };
+[[nodiscard]] SupportKind SupportOf(std::string_view method);
+
+/// How the model of a planar task is fitted.
+[[nodiscard]] safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options);
+
+/// Who demonstrates a planar task and can be asked; the learner is left to the caller.
+[[nodiscard]] Teaching SupervisorOf(const Task& task);
+
+/// Everything that is learned from one set of demonstrations, and the controllers made of it.
+class Methods {
+ public:
+  /// `seed` is that of baselines which learn anew.
+  /// @throws std::invalid_argument if the demonstrations do not suffice.
+  Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
+          const MethodOptions& options = {}, std::uint64_t seed = 0);
+  Methods(const Methods&) = delete;
+  Methods& operator=(const Methods&) = delete;
+
+  /// One of safety::ParseMethod()'s, or of kPlanarMethods. `plant` is borrowed, by oracles only.
+  /// @throws std::invalid_argument for another name.
+  [[nodiscard]] std::unique_ptr<control::Controller> Make(std::string_view method,
+                                                          const core::SimulatedPlant& plant) const;
+
+  [[nodiscard]] const std::vector<core::Trajectory>& demonstrations() const noexcept {
+    return demonstrations_;
+  }
+  [[nodiscard]] const safety::TaskModel& model() const noexcept { return model_; }
+  /// The paper's support, of whole states.
+  [[nodiscard]] const kernel::TimeVaryingSupport& raw_support() const noexcept {
+    return *model_.published();
+  }
+  [[nodiscard]] const safety::GuidedRecovery& guided() const noexcept { return model_.guided(); }
+  /// l_t(x) of a whole state.
+  [[nodiscard]] double Level(SupportKind kind, int t, std::span<const double> x) const;
+  /// Whether an episode may begin at x: inside the paper's support, guided recovery's, and one of
+  /// all entries in one scale.
+  [[nodiscard]] bool Begins(std::span<const double> x) const;
+  /// In guided recovery's features.
+  [[nodiscard]] const control::EstimatedConstant& direction_error() const noexcept {
+    return direction_error_;
+  }
+  /// That of certified-direction.
+  [[nodiscard]] control::Certificate certificate() const noexcept;
+
+ private:
+  Task task_;
+  MethodOptions options_;
+  std::vector<core::Trajectory> demonstrations_;
+  PolynomialPolicy policy_;
+  safety::TaskModel model_;
+  core::FeatureTransform start_features_;
+  kernel::WhitenedSupport start_support_;
+  ControllerFactory controllers_;
+  control::EstimatedConstant direction_error_;
+};
+
+}  // namespace dfr::study::planar

@@ -1,0 +1,33 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "dfr/core/trajectory.h"
+#include "dfr/sim/gallery/gallery.h"
+
+namespace dfr::study::planar {
+
+/// A planar task: who demonstrates it, and who tries to imitate that.
+struct Task {
+  std::string name;
+  std::shared_ptr<const sim::GalleryPlant> plant;  ///< To be cloned. Its supervisor demonstrates.
+  double supervisor_noise = 0.0;  ///< Standard deviation, added to each control entry.
+  int degree = 1;                 ///< Degree of the learner's polynomial.
+  int horizon = 100;
+  double raw_gamma = 1.0;  ///< Kernel width of the paper's support, in the state's own units.
+};
+
+/// "corridor", "push" (a learner that imitates well) or "push-weak".
+/// @throws std::invalid_argument naming the tasks there are.
+[[nodiscard]] Task MakeTask(std::string_view name);
+[[nodiscard]] const std::vector<std::string>& TaskNames();
+
+/// Demonstrations that completed the task without violating a constraint; others are discarded.
+[[nodiscard]] std::vector<core::Trajectory> Demonstrate(const Task& task, int count,
+                                                        std::uint64_t seed);
+
+}  // namespace dfr::study::planar

@@ -1,0 +1,100 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "apps/study/planar/methods.h"
+#include "apps/study/task.h"
+#include "dfr/core/trajectory.h"
+#include "dfr/experiment/rollout_runner.h"
+#include "dfr/experiment/sequential_test.h"
+#include "dfr/safety/guard_model.h"
+#include "dfr/study/learned_model.h"
+#include "dfr/study/shared_cache.h"
+
+namespace dfr::study {
+
+/// The policy by itself, whether methods are controllers or guards. Tables call it "alone".
+inline constexpr const char* kAlone = "baseline";
+
+/// What methods are: controllers around a policy, strategies of guards around one, or those of
+/// planar::Methods.
+enum class Kind { kControllers, kGuards, kPlane };
+
+/// What all methods of a task in one trial share.
+struct Prepared {
+  std::unique_ptr<const LearnedModel> model = nullptr;     ///< For controllers.
+  std::unique_ptr<const planar::Methods> plane = nullptr;  ///< For planar::Methods.
+  std::vector<core::Trajectory> demonstrations = {};       ///< For guards,
+  std::shared_ptr<const safety::GuardModel> guard = nullptr;
+  std::uint64_t seed = 0;  ///< and that of their policies.
+
+  [[nodiscard]] const safety::TaskModel& task() const noexcept {
+    return model != nullptr ? model->task() : plane != nullptr ? plane->model() : guard->task();
+  }
+};
+using PreparedCache = SharedCache<std::pair<std::string, int>, Prepared>;
+
+/// Learns what methods need: controllers the task's models, guards those of their default settings.
+/// `seed` is the study's.
+/// @throws std::invalid_argument if such methods are not tried on this task.
+[[nodiscard]] Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t seed,
+                               int trial, const planar::MethodOptions& plane = {});
+
+/// How the world is run in.
+struct Place {
+  const Task* task;
+  const Variant* variant;
+  const Condition* condition;
+};
+
+class Guarded;
+class Imitator;
+
+/// Methods in one place. No start state is drawn anew but in planar tasks: one outside the support
+/// counts like any other.
+class Runner final : public experiment::RolloutRunner {
+ public:
+  /// `methods` are those of ParseMethod(), or "<guard's strategy>@<policy>" where `prepared` is of
+  /// guards. Borrows the place's parts.
+  Runner(const Place& place, std::shared_ptr<const Prepared> prepared,
+         const std::vector<std::string>& methods);
+  ~Runner() override;
+
+  experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
+                                std::uint64_t controller_seed) override;
+  /// A video where the task has pictures, and the file is not to be a page of paths.
+  bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
+            std::uint64_t controller_seed, const std::filesystem::path& path) override;
+  /// Episodes of each monitor with an alarm: AlarmsIn() of the method.
+  std::map<std::string, double> Measures() override { return alarms_; }
+  /// [method]: controls of each recovery. In planar tasks alone.
+  std::map<std::string, std::vector<int>> Counts() override;
+
+  /// What one episode is worth.
+  double Credit(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
+                const experiment::EpisodeCredit& credit);
+
+ private:
+  void Begin(int method, std::uint64_t start_seed) override;
+  [[nodiscard]] bool Inside(std::span<const double> x) const override;
+  [[nodiscard]] std::string CauseOf(const control::RolloutResult& result) const override;
+  [[nodiscard]] bool CollidesAfterHalt() override;
+
+  const Task* task_;
+  std::shared_ptr<const Prepared> prepared_;
+  std::map<std::string, std::shared_ptr<Imitator>> imitators_;  // guards' policies
+  std::vector<Guarded*> guarded_;                               // [method]
+  int method_ = 0;                                              // of the last episode
+  std::map<std::string, double> alarms_;
+};
+
+/// The measure that counts a monitor's episodes of this outcome in which it raised an alarm.
+[[nodiscard]] std::string AlarmsIn(core::Outcome outcome, const std::string& method);
+
+}  // namespace dfr::study

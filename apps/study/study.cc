@@ -1,0 +1,283 @@
+#include "apps/study/study.h"
+
+#include <algorithm>
+#include <map>
+#include <memory>
+#include <utility>
+
+#include "apps/study/imitator.h"
+#include "apps/study/runner.h"
+#include "apps/study/tables.h"
+#include "dfr/core/contract.h"
+#include "dfr/core/random.h"
+#include "dfr/experiment/ledger.h"
+#include "dfr/safety/guard.h"
+
+namespace dfr::study {
+namespace {
+
+void CheckNames(const char* what, const std::vector<std::string>& names,
+                const std::vector<std::string>& known) {
+  for (const std::string& name : names) {
+    DFR_THROW_UNLESS(std::ranges::count(known, name) == 1,
+                     "there is no " << what << " '" << name << "'; there are " << Join(known));
+  }
+}
+
+std::map<std::string, Place> Places(const std::vector<std::string>& wanted,
+                                    const std::vector<Task>& tasks,
+                                    std::vector<std::string>& names) {
+  std::vector<std::string> known;
+  for (const Condition& condition : Conditions()) known.push_back(condition.name);
+  CheckNames("condition", wanted, known);
+  std::map<std::string, Place> places;
+  for (const Task& task : tasks) {
+    for (const Condition& condition : Conditions()) {
+      if (wanted.empty() ? condition.on_request : std::ranges::count(wanted, condition.name) == 0) {
+        continue;
+      }
+      const auto variant = std::ranges::find(task.variants, condition.variant, &Variant::name);
+      if (variant == task.variants.end()) continue;
+      names.push_back(task.name + kBetween + condition.name);
+      places[names.back()] = {&task, &*variant, &condition};
+    }
+  }
+  return places;
+}
+
+// The units of a study, and what they share.
+class Units {
+ public:
+  explicit Units(const Study& study) : study_(study) {
+    for (const std::string& name : SelectTasks(study.tasks)) tasks_.push_back(MakeTask(name));
+    places_ = Places(study.conditions, tasks_, plan_.learners);
+    for (const std::string& name : study.controllers) {
+      if (name != kAlone && name != "alone") controllers_.push_back(name);
+    }
+    if (study.kind == Kind::kGuards) {
+      CheckNames("policy", study.policies, PolicyNames());
+      CheckNames("method", controllers_, GuardNames());
+    }
+    controllers_.insert(controllers_.begin(), kAlone);
+    for (const std::string& policy : study.policies) {
+      for (const std::string& controller : controllers_) {
+        plan_.methods.push_back(MethodOf(controller, policy));
+        if (study.kind == Kind::kControllers) {
+          static_cast<void>(ParseMethod(plan_.methods.back()));
+        } else if (study.kind == Kind::kPlane) {
+          static_cast<void>(ParseMethod(plan_.methods.back(), planar::kPlanarMethods));
+        }
+      }
+    }
+    plan_.demonstrations = {study.demonstrations};
+    plan_ = experiment::ApplyTo(std::move(plan_), study);
+  }
+
+  [[nodiscard]] const experiment::EvaluationPlan& plan() const { return plan_; }
+  [[nodiscard]] const std::vector<std::string>& controllers() const { return controllers_; }
+  [[nodiscard]] const Place& PlaceOf(const std::string& learner) const {
+    return places_.at(learner);
+  }
+  [[nodiscard]] std::shared_ptr<const Prepared> PreparedFor(
+      const experiment::EvaluationUnit& unit) {
+    const auto& [task, variant, condition] = PlaceOf(unit.learner);
+    const int count =
+        condition->demonstrations > 0 ? condition->demonstrations : unit.demonstrations;
+    return prepared_.Get({task->name + "/" + std::to_string(count), unit.trial}, [&] {
+      return Prepare(*task, study_.kind, count, plan_.seed, unit.trial, study_.plane);
+    });
+  }
+  [[nodiscard]] std::unique_ptr<Runner> Make(const experiment::EvaluationUnit& unit) {
+    return std::make_unique<Runner>(PlaceOf(unit.learner), PreparedFor(unit), plan_.methods);
+  }
+
+ private:
+  const Study& study_;
+  std::vector<Task> tasks_;
+  std::map<std::string, Place> places_;
+  std::vector<std::string> controllers_;
+  experiment::EvaluationPlan plan_;
+  PreparedCache prepared_;
+};
+
+const char* NameOf(Kind kind) {
+  switch (kind) {
+    case Kind::kControllers:
+      return "stress";
+    case Kind::kGuards:
+      return "guards";
+    case Kind::kPlane:
+      break;
+  }
+  return "planar";
+}
+
+std::map<std::string, std::string> SettingsOf(const Study& study) {
+  using experiment::Exactly;
+  if (study.kind != Kind::kPlane) return {};
+  return {{"gamma", Exactly(study.plane.gamma)},
+          {"raw gamma", Exactly(study.plane.raw_gamma)},
+          {"certified level", Exactly(study.plane.certified_level)},
+          {"factor", Exactly(study.plane.error_factor)}};
+}
+
+void AddUnit(const experiment::UnitResult& unit, std::size_t alone, std::size_t method,
+             const std::string& name, Row& row) {
+  using core::Outcome;
+  for (std::size_t i = 0; i < unit.starts.size(); ++i) {
+    const Outcome without = unit.episodes[alone][i].outcome;
+    const experiment::EpisodeResult& episode = unit.episodes[method][i];
+    const bool completed = episode.outcome == Outcome::kCompleted;
+    const bool collided = episode.outcome == Outcome::kCollided;
+    ++row.episodes;
+    row.completed += completed ? 1 : 0;
+    row.collided += collided ? 1 : 0;
+    row.saved += without == Outcome::kCollided && !collided ? 1 : 0;
+    row.saved_completed += without == Outcome::kCollided && completed ? 1 : 0;
+    row.harmed += without == Outcome::kCompleted && !completed ? 1 : 0;
+    row.controls += episode.controls;
+    row.changed += episode.changed_controls;
+    if (!completed) ++row.causes[(collided ? "failed: " : "halted: ") + episode.cause];
+  }
+  const auto alarms = [&](Outcome outcome) {
+    const auto measure = unit.measures.find(AlarmsIn(outcome, name));
+    return measure == unit.measures.end() ? 0 : static_cast<int>(measure->second);
+  };
+  const auto counts = unit.counts.find(name);
+  if (counts != unit.counts.end()) {
+    row.recoveries.insert(row.recoveries.end(), counts->second.begin(), counts->second.end());
+  }
+  row.alarmed_failures += alarms(Outcome::kCollided);
+  row.alarmed_successes += alarms(Outcome::kCompleted);
+}
+
+}  // namespace
+
+Study Study::OfGuards() {
+  Study study;
+  study.out.clear();
+  study.seed = 1;
+  study.episodes = 100;
+  study.kind = Kind::kGuards;
+  study.tasks = {"gallery"};
+  study.policies = {"good", "weak", "biased", "lwr", "knn"};
+  study.controllers = GuardNames();
+  study.conditions = {"as demonstrated"};
+  return study;
+}
+
+Study Study::OfPlane() {
+  Study study;
+  study.out.clear();
+  study.seed = 1;
+  study.trials = 10;
+  study.episodes = 100;
+  study.kind = Kind::kPlane;
+  study.tasks = {"planar-corridor"};
+  study.policies = {"learned"};
+  study.controllers = {"early-stopping", "dfr",  "guided", "true-jacobian",      "lwr", "knn",
+                       "ensemble",       "dart", "dagger", "certified-direction"};
+  study.conditions = {"as demonstrated"};
+  study.demonstrations = 120;
+  return study;
+}
+
+const std::vector<std::string>& GuardNames() {
+  using safety::Strategy;
+  static const std::vector<std::string> names = {
+      Name(Strategy::kMonitor), Name(Strategy::kEarlyStopping), Name(Strategy::kDfr),
+      Name(Strategy::kGuard),   Name(Strategy::kController),    Name(Strategy::kCertified)};
+  return names;
+}
+
+std::vector<Row> RunStudy(const Study& study) {
+  Units units(study);
+  const experiment::EvaluationPlan& plan = units.plan();
+  const std::vector<std::string>& controllers = units.controllers();
+  const experiment::OutputFolder folder(study);
+  const auto found = experiment::RunExperiment(
+      NameOf(study.kind), plan,
+      [&](const experiment::EvaluationUnit& unit) { return units.Make(unit); }, SettingsOf(study),
+      study);
+  std::vector<Row> rows;
+  if (!found) return rows;
+  for (const std::string& learner : plan.learners) {
+    const Place& place = units.PlaceOf(learner);
+    for (std::size_t method = 0; method < plan.methods.size(); ++method) {
+      const std::size_t alone = method / controllers.size() * controllers.size();
+      Row row{place.task->name, place.condition->name, study.policies[method / controllers.size()],
+              controllers[method - alone]};
+      for (const experiment::UnitResult& unit : found->units) {
+        if (unit.unit.learner == learner) AddUnit(unit, alone, method, plan.methods[method], row);
+      }
+      row.controls /= row.episodes;
+      row.changed /= row.episodes;
+      rows.push_back(std::move(row));
+    }
+  }
+  return rows;
+}
+
+std::vector<experiment::FilmedEpisode> RecordStudy(const Study& study, int count) {
+  Units units(study);
+  const experiment::EvaluationPlan& plan = units.plan();
+  const experiment::EvaluationUnit unit{.demonstrations = study.demonstrations,
+                                        .learner = plan.learners.front()};
+  std::vector<experiment::FilmedEpisode> episodes;
+  for (const core::Trajectory& demonstration : units.PreparedFor(unit)->demonstrations) {
+    if (std::ssize(episodes) == count) break;
+    episodes.push_back({.method = "demonstrations",
+                        .result = {.outcome = demonstration.outcome, .cause = {}},
+                        .states = demonstration.states,
+                        .recovery = {}});
+  }
+  const auto runner = units.Make(unit);
+  for (std::size_t method = 0; method < units.controllers().size(); ++method) {
+    for (int i = 0; i < count; ++i) {
+      // As experiment::Evaluate() has them.
+      const std::uint64_t start =
+          core::DeriveSeed(plan.seed, {0, 0, static_cast<std::uint64_t>(i), 0});
+      episodes.push_back(runner->RecordStates(static_cast<int>(method), start,
+                                              experiment::ControllerSeed(plan, 0, i)));
+      episodes.back().method = method > 0 ? units.controllers()[method] : "alone";
+    }
+  }
+  return episodes;
+}
+
+experiment::SequentialTest Compare(const Comparison& comparison) {
+  DFR_THROW_UNLESS(comparison.trials > 0 && comparison.pairs > 0,
+                   "a comparison needs a trial and a pair of episodes");
+  const std::vector<Task> tasks = {MakeTask(comparison.task)};
+  std::vector<std::string> names;
+  const auto places = Places({comparison.condition}, tasks, names);
+  DFR_THROW_UNLESS(!names.empty(), "task '" << comparison.task << "' has no condition '"
+                                            << comparison.condition << "'");
+  const Place& place = places.at(names.front());
+  const std::vector<std::string> methods = {comparison.first, comparison.second};
+  for (const std::string& method : methods) static_cast<void>(ParseMethod(method));
+  experiment::SequentialTest test(comparison.alpha);
+  std::vector<std::unique_ptr<Runner>> runners;
+  for (std::uint64_t i = 0; i < static_cast<std::uint64_t>(comparison.pairs); ++i) {
+    const std::uint64_t trial = i % static_cast<std::uint64_t>(comparison.trials);
+    if (trial == runners.size()) {
+      runners.push_back(std::make_unique<Runner>(
+          place,
+          std::make_shared<const Prepared>(Prepare(*place.task, Kind::kControllers,
+                                                   comparison.demonstrations, comparison.seed,
+                                                   static_cast<int>(trial))),
+          methods));
+    }
+    const std::uint64_t start = core::DeriveSeed(comparison.seed, {0, i});
+    const std::uint64_t controller = core::DeriveSeed(comparison.seed, {1, i});
+    const auto credit = [&](int method) {
+      return runners[trial]->Credit(method, start, controller, comparison.credit);
+    };
+    const double first = credit(0);
+    test.Add(first - credit(1));
+    if (test.settled()) break;
+  }
+  return test;
+}
+
+}  // namespace dfr::study

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "apps/study/study.h"
+#include "dfr/experiment/report.h"
+
+namespace dfr::study {
+
+/// Between task and condition in a learner's name.
+inline constexpr const char* kBetween = ": ";
+/// A method's name in ids: "guided@lwr/density".
+[[nodiscard]] std::string MethodOf(const std::string& controller, const std::string& policy);
+
+/// A table a policy, with a row for each task and condition: completed / collided of each
+/// controller, then saved / harmed, in per cent. Behind them a table of means and worst rows.
+[[nodiscard]] std::vector<experiment::ReportTable> MakeTables(const std::vector<Row>& rows);
+
+/// A row for each of `rows`, shares in per cent with 95 % intervals, and the table of means. The
+/// intervals take episodes as independent; those of one trial share demonstrations and policy. With
+/// `causes` a table of them.
+[[nodiscard]] std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
+                                                                 bool causes);
+
+/// What support and controller buy, a table a policy, from rows whose controllers are
+/// "<controller>/<support>": means over all tasks and conditions of completed / collided in per
+/// cent.
+[[nodiscard]] std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows);
+
+/// Rows of a good policy (one that completes at least half of the episodes) in which `controller`
+/// collides in more than .5 % or harms more than 2 %.
+[[nodiscard]] experiment::ReportTable WhereItFails(const std::vector<Row>& rows,
+                                                   const std::string& controller);
+
+/// The rows as counts. @throws std::runtime_error naming a file that cannot be written.
+void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path);
+
+}  // namespace dfr::study

@@ -1,0 +1,83 @@
+#pragma once
+
+#include <array>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "dfr/core/plant.h"
+#include "dfr/core/policy.h"
+#include "dfr/core/trajectory.h"
+#include "dfr/safety/task_model.h"
+#include "dfr/study/policies.h"
+#include "dfr/study/shared_cache.h"
+#include "dfr/study/supports.h"
+
+namespace dfr::study {
+
+/// The methods besides those of safety::ParseMethod() that every program has. Oracles, which try
+/// controls on a copy of the simulation: "finite-difference", that of Sec. V-A, and
+/// "true-jacobian", a filter of one step (MakeTrueJacobianFilter()). Baselines without a support:
+/// "lwr" and "knn", regressions on the demonstrations themselves; "ensemble", which halts where
+/// five policies disagree; "dart", learned from demonstrations with injected noise; "dagger", which
+/// asks the supervisor while it learns.
+inline constexpr std::array<std::string_view, 7> kOtherMethods = {
+    "finite-difference", "true-jacobian", "lwr", "knn", "ensemble", "dart", "dagger"};
+
+/// The parts of a method's name, "guided@lwr/density" for one.
+struct MethodName {
+  std::string_view controller;  ///< With a support also "certified": certified-direction.
+  std::string_view policy;      ///< One of kPolicies; empty: the learned one.
+  std::string_view support;     ///< One of kSupports; empty: the controller's own.
+};
+/// "lwr", "knn", "dart" and "dagger" are short for "baseline@lwr" and so on.
+[[nodiscard]] MethodName Split(std::string_view name) noexcept;
+
+/// safety::ParseMethod() with `others`, for names with a policy or support behind them too.
+/// @throws std::invalid_argument naming an unknown method, policy or support and those there are.
+[[nodiscard]] safety::Method ParseMethod(std::string_view name,
+                                         std::span<const std::string_view> others = kOtherMethods);
+
+/// What ParseMethod() takes, for help texts.
+[[nodiscard]] std::string MethodHelp(std::span<const std::string_view> others = kOtherMethods);
+
+/// What a reader of a table must know of these methods, a line each that ends in a newline: which
+/// of them are oracles, and which ask the supervisor while they learn. Empty if none does.
+[[nodiscard]] std::string MarksOf(std::span<const std::string> methods);
+
+/// Makes the controllers of one task by the names of their methods.
+class ControllerFactory {
+ public:
+  /// Borrows all, which must outlive this and its controllers.
+  ControllerFactory(const safety::TaskModel& task, const core::Policy& learned,
+                    const core::StateLayout& layout,
+                    std::span<const core::Trajectory> demonstrations, Teaching teaching = {})
+      : task_(&task),
+        learned_(&learned),
+        layout_(layout),
+        demonstrations_(demonstrations),
+        policies_(task, learned, demonstrations, std::move(teaching)) {}
+
+  /// `plant` is the one that is driven, for oracles and adversaries only.
+  /// @throws std::invalid_argument as ParseMethod(), or if the plant, or the Teaching of a method
+  ///   that learns anew, is lacking.
+  [[nodiscard]] std::unique_ptr<control::Controller> Make(
+      std::string_view method, const core::SimulatedPlant* plant,
+      const safety::ControllerOptions& options = {}) const;
+
+ private:
+  [[nodiscard]] std::unique_ptr<control::Controller> OnSupport(
+      const MethodName& name, const safety::Method& method, const core::Policy& policy,
+      const safety::ControllerOptions& options) const;
+
+  const safety::TaskModel* task_;
+  const core::Policy* learned_;
+  core::StateLayout layout_;
+  std::span<const core::Trajectory> demonstrations_;
+  PolicyFactory policies_;
+  mutable SharedCache<std::string, SupportModel> supports_;
+};
+
+}  // namespace dfr::study

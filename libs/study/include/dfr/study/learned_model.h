@@ -1,0 +1,54 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <utility>
+
+#include "dfr/imitation/demonstrations.h"
+#include "dfr/imitation/mlp_policy.h"
+#include "dfr/safety/task_model.h"
+#include "dfr/study/controller_factory.h"
+
+namespace dfr::study {
+
+/// What is learned from one set of demonstrations: the policy, and the task's model.
+class LearnedModel {
+ public:
+  /// Without `teaching` methods that learn anew are refused.
+  LearnedModel(imitation::MlpPolicy policy, safety::TaskModel task, imitation::DemonstrationSet set,
+               Teaching teaching = {});
+
+  /// Writes policy.dfr, demonstrations.hdf5 and the task's files into `folder`, which is made if
+  /// need be.
+  void Save(const std::filesystem::path& folder) const;
+  /// Reads what Save() wrote. @throws std::runtime_error naming the file and what is wrong with it.
+  static LearnedModel Load(const std::filesystem::path& folder);
+
+  [[nodiscard]] const imitation::MlpPolicy& policy() const noexcept { return parts_->policy; }
+  [[nodiscard]] const safety::TaskModel& task() const noexcept { return parts_->task; }
+  [[nodiscard]] const imitation::DemonstrationSet& demonstrations() const noexcept {
+    return parts_->set;
+  }
+  /// Controllers borrow this model.
+  [[nodiscard]] const ControllerFactory& controllers() const noexcept {
+    return parts_->controllers;
+  }
+
+ private:
+  struct Parts {
+    Parts(imitation::MlpPolicy p, safety::TaskModel t, imitation::DemonstrationSet s,
+          Teaching teaching)
+        : policy(std::move(p)),
+          task(std::move(t)),
+          set(std::move(s)),
+          controllers(task, policy, set.layout, set.trajectories, std::move(teaching)) {}
+    imitation::MlpPolicy policy;
+    safety::TaskModel task;
+    imitation::DemonstrationSet set;
+    ControllerFactory controllers;
+  };
+  // On the heap, so that what borrows them stays valid when a model moves.
+  std::unique_ptr<const Parts> parts_;
+};
+
+}  // namespace dfr::study

@@ -1,0 +1,96 @@
+#pragma once
+
+#include <array>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "dfr/core/feature_transform.h"
+#include "dfr/core/plant.h"
+#include "dfr/core/policy.h"
+#include "dfr/core/trajectory.h"
+#include "dfr/imitation/locally_weighted_policy.h"
+#include "dfr/safety/task_model.h"
+#include "dfr/study/baselines.h"
+#include "dfr/study/shared_cache.h"
+
+namespace dfr::study {
+
+/// Regression by nearest neighbours on the demonstrations themselves: the mean control of those
+/// demonstrated states that are nearest in features, among those of near time steps.
+class NearestNeighbourPolicy final : public core::Policy {
+ public:
+  static constexpr int kNeighbours = 5;
+  static constexpr int kWindow = 5;  ///< Time steps t - kWindow ... t + kWindow count.
+
+  /// @throws std::invalid_argument if there are fewer than kNeighbours demonstrated controls.
+  NearestNeighbourPolicy(core::FeatureTransform features,
+                         std::span<const core::Trajectory> demonstrations);
+  [[nodiscard]] int state_dim() const noexcept override { return features_.state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override {
+    return static_cast<int>(controls_.cols());
+  }
+  void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override;
+
+ private:
+  core::FeatureTransform features_;
+  std::vector<int> begin_;  // row at which a time step begins; one more entry at the end
+  core::Matrix points_;
+  core::Matrix controls_;
+};
+
+/// Policies that a controller can be put around, besides the learned one:
+///   "lwr", "knn"      regression on the demonstrations themselves, locally weighted or by nearest
+///                     neighbours
+///   "zero"            no control at all
+///   "random"          a direction that depends on state and time step alone, of demonstrated size
+///   "negated"         the learned policy's control with its sign turned
+///   "ensemble"        EnsemblePolicy: the mean of five
+///   "dart"            LearnWithNoise(): from demonstrations with injected noise
+///   "dagger"          LearnByAsking(): asks the supervisor, in ten rounds
+///   "at-constraints"  an adversary: tries directions on a copy of the plant, and takes one that
+///                     collides soonest; the learned policy's control where none does
+///   "out-of-support"  an adversary: of these directions the one after which l is least
+inline constexpr std::array<std::string_view, 10> kPolicies = {
+    "lwr",      "knn",  "zero",   "random",         "negated",
+    "ensemble", "dart", "dagger", "at-constraints", "out-of-support"};
+
+/// The names with commas between them.
+template <typename Names>
+[[nodiscard]] std::string Join(const Names& names) {
+  std::string list;
+  for (const std::string_view name : names) list.append(list.empty() ? "" : ", ").append(name);
+  return list;
+}
+
+/// Makes these policies for one task. Borrows all that it is given.
+class PolicyFactory {
+ public:
+  PolicyFactory(const safety::TaskModel& task, const core::Policy& learned,
+                std::span<const core::Trajectory> demonstrations, Teaching teaching = {})
+      : task_(&task),
+        learned_(&learned),
+        demonstrations_(demonstrations),
+        teaching_(std::move(teaching)) {}
+
+  /// `plant` is the one that is driven, for the adversaries only; one of those belongs to one
+  /// thread. What learns anew does so once for all threads.
+  /// @throws std::invalid_argument naming an unknown policy and those there are, or if an adversary
+  ///   lacks its plant, or a policy that learns anew its Teaching.
+  [[nodiscard]] std::shared_ptr<const core::Policy> Make(std::string_view name,
+                                                         const core::SimulatedPlant* plant) const;
+  /// Make("ensemble"). @throws std::invalid_argument as it does.
+  [[nodiscard]] std::shared_ptr<const EnsemblePolicy> Ensemble() const;
+
+ private:
+  const safety::TaskModel* task_;
+  const core::Policy* learned_;
+  std::span<const core::Trajectory> demonstrations_;
+  Teaching teaching_;
+  mutable SharedCache<std::string, std::shared_ptr<const core::Policy>> learned_anew_;
+};
+
+}  // namespace dfr::study

@@ -1,0 +1,183 @@
+#include "dfr/study/controller_factory.h"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include "dfr/control/certified/assumptions.h"
+#include "dfr/control/certified/certified_policy.h"
+#include "dfr/core/contract.h"
+#include "dfr/experiment/finite_difference_recovery.h"
+
+namespace dfr::study {
+namespace {
+
+constexpr std::string_view kCertified = "certified";
+constexpr std::string_view kEnsemble = "ensemble";
+constexpr std::string_view kTrueJacobian = "true-jacobian";
+// Methods that are a policy alone.
+constexpr std::array<std::pair<std::string_view, std::string_view>, 4> kAlone = {
+    {{"lwr", "baseline@lwr"},
+     {"knn", "baseline@knn"},
+     {"dart", "baseline@dart"},
+     {"dagger", "baseline@dagger"}}};
+
+// A controller with the policy that it borrows.
+class WithPolicy final : public control::Controller {
+ public:
+  WithPolicy(std::shared_ptr<const core::Policy> policy,
+             std::unique_ptr<control::Controller> controller)
+      : policy_(std::move(policy)), controller_(std::move(controller)) {}
+  [[nodiscard]] int state_dim() const noexcept override { return controller_->state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override { return controller_->control_dim(); }
+
+ private:
+  void DoReset(std::uint64_t seed) noexcept override { controller_->Reset(seed); }
+  control::Step DoNext(std::span<const double> x, std::span<double> u) noexcept override {
+    return controller_->Next(x, u);
+  }
+  std::shared_ptr<const core::Policy> policy_;
+  std::unique_ptr<control::Controller> controller_;
+};
+
+}  // namespace
+
+MethodName Split(std::string_view name) noexcept {
+  MethodName parts;
+  const std::size_t slash = std::min(name.find('/'), name.size());
+  if (slash < name.size()) parts.support = name.substr(slash + 1);
+  name = name.substr(0, slash);
+  for (const auto& [policy, whole] : kAlone) {
+    if (name == policy) name = whole;
+  }
+  const std::size_t at = std::min(name.find('@'), name.size());
+  if (at < name.size()) parts.policy = name.substr(at + 1);
+  parts.controller = name.substr(0, at);
+  return parts;
+}
+
+safety::Method ParseMethod(std::string_view name, std::span<const std::string_view> others) {
+  const MethodName parts = Split(name);
+  DFR_THROW_UNLESS(
+      name.find('@') == std::string_view::npos || std::ranges::count(kPolicies, parts.policy) == 1,
+      "method '" << name << "': there is no policy '" << parts.policy << "'; there are "
+                 << Join(kPolicies));
+  const bool on_support = name.find('/') != std::string_view::npos;
+  DFR_THROW_UNLESS(!on_support || std::ranges::count(kSupports, parts.support) == 1,
+                   "method '" << name << "': there is no support '" << parts.support
+                              << "'; there are " << Join(kSupports));
+  if (on_support && parts.controller == kCertified) {
+    return {.name = std::string(name), .kind = safety::Method::Kind::kGuided};
+  }
+  safety::Method method = safety::ParseMethod(parts.controller, others);
+  DFR_THROW_UNLESS(parts.controller != kEnsemble || parts.policy.empty(),
+                   "method '" << name << "': an ensemble is a policy of its own; to put a "
+                              << "controller around one write guided@ensemble");
+  DFR_THROW_UNLESS(
+      !on_support || method.kind != safety::Method::Kind::kOther,
+      "method '" << name << "': '" << parts.controller << "' runs without a choice of support");
+  method.name = name;
+  return method;
+}
+
+std::string MethodHelp(std::span<const std::string_view> others) {
+  return safety::MethodNames(others) +
+         "; lwr and knn are regressions on the demonstrations themselves, ensemble halts where "
+         "five "
+         "policies disagree, dart learns from demonstrations with injected noise, dagger asks the "
+         "supervisor while it learns, finite-difference and true-jacobian are oracles that know "
+         "the plant. Behind a method, @ and another policy than "
+         "the learned one, as in guided@lwr: " +
+         Join(kPolicies) +
+         ". Behind that, / and another support, as in dfr@lwr/density: " + Join(kSupports);
+}
+
+std::string MarksOf(std::span<const std::string> methods) {
+  std::string marks;
+  const auto mark = [&](std::string_view what, const auto& applies) {
+    std::string names;
+    for (const std::string& method : methods) {
+      if (applies(Split(method))) names.append(names.empty() ? "" : ", ").append(method);
+    }
+    if (!names.empty()) marks.append(names).append(what).append("\n");
+  };
+  mark(": an oracle, which tries controls on a copy of the plant", [](const MethodName& name) {
+    return name.controller == kTrueJacobian || name.controller == "finite-difference";
+  });
+  mark(": an adversary, which tries controls on a copy of the plant", [](const MethodName& name) {
+    return name.policy == "at-constraints" || name.policy == "out-of-support";
+  });
+  mark(": asks the supervisor while it learns, and collides meanwhile",
+       [](const MethodName& name) { return name.policy == "dagger"; });
+  mark(": learned from demonstrations of its own, with injected noise",
+       [](const MethodName& name) { return name.policy == "dart"; });
+  return marks;
+}
+
+std::unique_ptr<control::Controller> ControllerFactory::Make(
+    std::string_view method, const core::SimulatedPlant* plant,
+    const safety::ControllerOptions& options) const {
+  const safety::Method parsed = ParseMethod(method);
+  const std::string_view name = Split(method).policy;
+  std::shared_ptr<const core::Policy> other;
+  if (!name.empty()) {
+    DFR_THROW_UNLESS(plant != nullptr || name == "lwr" || name == "knn",
+                     "policy '" << name << "' is for simulations only");
+    other = policies_.Make(name, plant);
+  }
+  const core::Policy& policy = other != nullptr ? *other : *learned_;
+  const int horizon = options.horizon != 0 ? options.horizon : task_->horizon();
+  std::unique_ptr<control::Controller> controller;
+  if (parsed.kind == safety::Method::Kind::kOther && Split(method).controller == kEnsemble) {
+    return MakeEnsembleController(policies_.Ensemble(), horizon);
+  }
+  if (!Split(method).support.empty()) {
+    controller = OnSupport(Split(method), parsed, policy, options);
+  } else if (parsed.kind != safety::Method::Kind::kOther) {
+    controller = task_->MakeController(parsed, policy, options);
+  } else {
+    DFR_THROW_UNLESS(plant != nullptr, "oracles need the plant they drive");
+    controller = Split(method).controller == kTrueJacobian
+                     ? MakeTrueJacobianFilter(*task_, policy, *plant, horizon)
+                     : task_->MakeController(std::make_unique<experiment::FiniteDifferenceRecovery>(
+                                                 *plant, task_->support()),
+                                             policy, options);
+  }
+  if (other == nullptr) return controller;
+  return std::make_unique<WithPolicy>(std::move(other), std::move(controller));
+}
+
+std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
+    const MethodName& name, const safety::Method& method, const core::Policy& policy,
+    const safety::ControllerOptions& options) const {
+  const std::shared_ptr<const SupportModel> support = supports_.Get(std::string(name.support), [&] {
+    return SupportModel(name.support, *task_, layout_, demonstrations_);
+  });
+  // The cache keeps it for as long as this factory is there.
+  const int horizon = options.horizon != 0 ? options.horizon : task_->horizon();
+  if (method.kind != safety::Method::Kind::kGuided) {
+    return std::make_unique<control::SwitchingPolicy>(
+        policy, support->decision(), support->lambda(),
+        control::SwitchingPolicyOptions{
+            .recovery = method.recovery,
+            .horizon = horizon,
+            .first_step = options.first_step,
+            .dfr = method.published_dfr ? control::DfrOptions{} : options.dfr});
+  }
+  if (name.controller == kCertified) {
+    // Twice what demonstrations show, as in a guard.
+    const double error =
+        control::EstimateDirectionError(support->guided().features(), demonstrations_).value;
+    return std::make_unique<control::CertifiedPolicy>(
+        policy, support->guided(),
+        control::CertifiedOptions{.horizon = horizon,
+                                  .first_step = options.first_step,
+                                  .certificate = {.direction_error = 2.0 * error + 1e-9}});
+  }
+  control::GuidedOptions guided = control::Without(options.guided, method.without);
+  guided.horizon = horizon;
+  guided.first_step = options.first_step;
+  return std::make_unique<control::GuidedPolicy>(policy, support->guided(), guided);
+}
+
+}  // namespace dfr::study

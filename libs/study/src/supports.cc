@@ -1,0 +1,328 @@
+#include "dfr/study/supports.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <utility>
+
+#include "dfr/control/published/lambda.h"
+#include "dfr/core/contract.h"
+#include "dfr/core/matrix.h"
+#include "dfr/core/quantile.h"
+#include "dfr/study/policies.h"
+
+namespace dfr::study {
+namespace {
+
+constexpr double kNu = 0.05;
+constexpr int kWindow = 2;
+constexpr double kNever = -std::numeric_limits<double>::infinity();
+
+// Demonstrated features, those of time steps t - kWindow ... t + kWindow together. Demonstrations
+// hold their last state.
+class Pooled : public core::LogDecisionFunction {
+ public:
+  [[nodiscard]] int state_dim() const noexcept final { return static_cast<int>(points_[0].cols()); }
+  [[nodiscard]] int num_steps() const noexcept final { return static_cast<int>(points_.size()); }
+  [[nodiscard]] double Decision(int t, std::span<const double> z) const noexcept final {
+    return FromLog(t, LogDecision(t, z, {}));
+  }
+  double Gradient(int t, std::span<const double> z,
+                  std::span<double> gradient) const noexcept final {
+    const double g = FromLog(t, LogDecision(t, z, gradient));
+    if (g != kNever) {
+      for (double& entry : gradient) entry *= 1.0 + g;  // (e^l - 1)' = e^l l'
+    }
+    return g;
+  }
+  [[nodiscard]] double FromLog(int /*t*/, double l) const noexcept final {
+    return l == kNever ? l : std::expm1(l);
+  }
+  double LogDecision(int t, std::span<const double> z,
+                     std::span<double> gradient) const noexcept final {
+    std::ranges::fill(gradient, 0.0);
+    if (std::ssize(z) != state_dim() ||
+        !std::ranges::all_of(z, [](double entry) { return std::isfinite(entry); })) {
+      return kNever;
+    }
+    return Level(Clamped(t), z, gradient, -1);
+  }
+
+ protected:
+  Pooled(const core::FeatureTransform& features, std::span<const core::Trajectory> demonstrations) {
+    std::vector<core::Matrix> z;
+    Eigen::Index longest = 0;
+    for (const core::Trajectory& d : demonstrations) {
+      z.push_back(features.Apply(d.states));
+      longest = std::max(longest, d.states.rows());
+    }
+    const auto count = static_cast<Eigen::Index>(z.size());
+    for (Eigen::Index t = 0; t < longest; ++t) {
+      core::Matrix points((2 * kWindow + 1) * count, features.num_features());
+      for (Eigen::Index row = 0; row < points.rows(); ++row) {
+        const core::Matrix& states = z[static_cast<std::size_t>(row % count)];
+        points.row(row) =
+            states.row(std::clamp<Eigen::Index>(t + row / count - kWindow, 0, states.rows() - 1));
+      }
+      points_.push_back(std::move(points));
+    }
+    demonstrations_ = count;
+  }
+
+  // l_t, with its gradient unless that is empty; without the states of one demonstration, or of
+  // none (-1). Before q_ is chosen, its entries are those of an l that is only compared.
+  virtual double Level(std::size_t t, std::span<const double> z, std::span<double> gradient,
+                       Eigen::Index without) const noexcept = 0;
+
+  // The nu-quantile of the level of each time step's own demonstrated states.
+  [[nodiscard]] double LevelQuantile(std::size_t t) const {
+    std::vector<double> levels;
+    for (Eigen::Index d = 0; d < demonstrations_; ++d) {
+      const Eigen::Index own = kWindow * demonstrations_ + d;
+      levels.push_back(Level(t, core::Row(points_[t], own), {}, d));
+    }
+    return core::Quantile(levels, kNu);
+  }
+
+  [[nodiscard]] bool Counts(Eigen::Index row, Eigen::Index without) const noexcept {
+    return row % demonstrations_ != without;
+  }
+  [[nodiscard]] std::size_t Clamped(int t) const noexcept {
+    return static_cast<std::size_t>(std::clamp(t, 0, num_steps() - 1));
+  }
+
+  std::vector<core::Matrix> points_;
+  std::vector<double> q_;  // of each time step
+
+ private:
+  Eigen::Index demonstrations_ = 0;
+};
+
+class KnnDistance final : public Pooled {
+ public:
+  KnnDistance(const core::FeatureTransform& features,
+              std::span<const core::Trajectory> demonstrations)
+      : Pooled(features, demonstrations) {
+    q_.assign(points_.size(), 1.0);
+    for (std::size_t t = 0; t < points_.size(); ++t) q_[t] = std::max(1e-9, 1.0 - LevelQuantile(t));
+  }
+  // |l'| = 2 |z - mean| / q has no bound; within l >= -3 it is at most this.
+  [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
+    return 4.0 / std::sqrt(q_[Clamped(t)]);
+  }
+  // The mean over the nearest ones is the least mean over any, and each of these bends like that.
+  [[nodiscard]] double curvature_bound(int t) const noexcept override {
+    return 1.0 / q_[Clamped(t)];
+  }
+
+ private:
+  static constexpr std::size_t kNeighbours = 5;
+
+  double Level(std::size_t t, std::span<const double> z, std::span<double> gradient,
+               Eigen::Index without) const noexcept override {
+    const core::Matrix& points = points_[t];
+    std::array<std::pair<double, Eigen::Index>, kNeighbours> nearest;
+    nearest.fill({std::numeric_limits<double>::infinity(), -1});
+    for (Eigen::Index row = 0; row < points.rows(); ++row) {
+      if (!Counts(row, without)) continue;
+      const double distance = (points.row(row).transpose() - core::AsVector(z)).squaredNorm();
+      if (distance >= nearest.back().first) continue;
+      nearest.back() = {distance, row};
+      for (std::size_t i = kNeighbours - 1; i > 0 && nearest[i] < nearest[i - 1]; --i) {
+        std::swap(nearest[i], nearest[i - 1]);
+      }
+    }
+    const double scale = 1.0 / (static_cast<double>(kNeighbours) * q_[t]);
+    double l = 1.0;
+    for (const auto& [distance, row] : nearest) {
+      l -= scale * distance;
+      if (gradient.empty()) continue;
+      core::AsVector(gradient) -= 2.0 * scale * (core::AsVector(z) - points.row(row).transpose());
+    }
+    return l;
+  }
+};
+
+class Density final : public Pooled {
+ public:
+  Density(const core::FeatureTransform& features, std::span<const core::Trajectory> demonstrations)
+      : Pooled(features, demonstrations) {
+    // Silverman's width for features of unit variance.
+    const double n = static_cast<double>(demonstrations.size());
+    const double d = state_dim();
+    width_ = std::pow(4.0 / ((d + 2.0) * n), 1.0 / (d + 4.0));
+    q_.assign(points_.size(), 0.0);
+    for (std::size_t t = 0; t < points_.size(); ++t) q_[t] = LevelQuantile(t);
+  }
+  [[nodiscard]] double lipschitz_bound(int /*t*/) const noexcept override {
+    return std::numeric_limits<double>::infinity();
+  }
+  // The Hessian of the log of a mixture is at least that of its Gaussians.
+  [[nodiscard]] double curvature_bound(int /*t*/) const noexcept override {
+    return 0.5 / (width_ * width_);
+  }
+
+ private:
+  double Level(std::size_t t, std::span<const double> z, std::span<double> gradient,
+               Eigen::Index without) const noexcept override {
+    const core::Matrix& points = points_[t];
+    const double scale = 1.0 / (width_ * width_);
+    double largest = kNever;
+    for (Eigen::Index row = 0; row < points.rows(); ++row) {
+      if (!Counts(row, without)) continue;
+      largest = std::max(
+          largest, -0.5 * scale * (points.row(row).transpose() - core::AsVector(z)).squaredNorm());
+    }
+    double sum = 0.0;
+    double count = 0.0;
+    for (Eigen::Index row = 0; row < points.rows(); ++row) {
+      if (!Counts(row, without)) continue;
+      const double exponent =
+          -0.5 * scale * (points.row(row).transpose() - core::AsVector(z)).squaredNorm();
+      const double weight = std::exp(exponent - largest);
+      sum += weight;
+      count += 1.0;
+      if (gradient.empty()) continue;
+      core::AsVector(gradient) +=
+          weight * scale * (points.row(row).transpose() - core::AsVector(z));
+    }
+    for (double& entry : gradient) entry /= sum;
+    return largest + std::log(sum / count) - q_[t];
+  }
+
+  double width_ = 1.0;
+};
+
+class Mahalanobis final : public Pooled {
+ public:
+  Mahalanobis(const core::FeatureTransform& features,
+              std::span<const core::Trajectory> demonstrations)
+      : Pooled(features, demonstrations) {
+    constexpr double kRidge = 0.03;
+    for (const core::Matrix& points : points_) {
+      means_.emplace_back(points.colwise().mean());
+      const core::Matrix centred = points.rowwise() - means_.back().transpose();
+      const Eigen::MatrixXd covariance =
+          centred.transpose() * centred / static_cast<double>(points.rows()) +
+          kRidge * Eigen::MatrixXd::Identity(points.cols(), points.cols());
+      precisions_.emplace_back(covariance.inverse());
+      largest_.push_back(Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(precisions_.back())
+                             .eigenvalues()
+                             .maxCoeff());
+    }
+    q_.assign(points_.size(), 1.0);
+    for (std::size_t t = 0; t < points_.size(); ++t) q_[t] = std::max(1e-9, 1.0 - LevelQuantile(t));
+  }
+  // Within l >= -3.
+  [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
+    return 4.0 * std::sqrt(curvature_bound(t));
+  }
+  [[nodiscard]] double curvature_bound(int t) const noexcept override {
+    return largest_[Clamped(t)] / q_[Clamped(t)];
+  }
+
+ private:
+  double Level(std::size_t t, std::span<const double> z, std::span<double> gradient,
+               Eigen::Index /*without*/) const noexcept override {
+    // No product is stored: nothing is allocated.
+    double square = 0.0;
+    const Eigen::MatrixXd& precision = precisions_[t];
+    for (Eigen::Index i = 0; i < precision.rows(); ++i) {
+      double product = 0.0;
+      for (Eigen::Index k = 0; k < precision.cols(); ++k) {
+        product += precision(i, k) * (z[static_cast<std::size_t>(k)] - means_[t][k]);
+      }
+      square += product * (z[static_cast<std::size_t>(i)] - means_[t][i]);
+      if (!gradient.empty()) gradient[static_cast<std::size_t>(i)] = -2.0 * product / q_[t];
+    }
+    return 1.0 - square / q_[t];
+  }
+
+  std::vector<Eigen::VectorXd> means_;
+  std::vector<Eigen::MatrixXd> precisions_;
+  std::vector<double> largest_;
+};
+
+// g_t of features as one of whole states.
+class OfStates final : public core::DecisionFunction {
+ public:
+  OfStates(const core::FeatureTransform& features, const core::DecisionFunction& inner)
+      : features_(&features), inner_(&inner) {}
+  [[nodiscard]] int state_dim() const noexcept override { return features_->state_dim(); }
+  [[nodiscard]] int num_steps() const noexcept override { return inner_->num_steps(); }
+  [[nodiscard]] double Decision(int t, std::span<const double> x) const noexcept override {
+    std::array<double, core::FeatureDecision::kMaxFeatures> buffer;
+    return inner_->Decision(t, Features(x, buffer));
+  }
+  double Gradient(int t, std::span<const double> x,
+                  std::span<double> gradient) const noexcept override {
+    std::array<double, core::FeatureDecision::kMaxFeatures> buffer;
+    std::array<double, core::FeatureDecision::kMaxFeatures> by_features;
+    const std::span<const double> z = Features(x, buffer);
+    const std::span<double> slope = std::span(by_features).first(z.size());
+    const double g = inner_->Gradient(t, z, slope);
+    std::ranges::fill(gradient, 0.0);
+    for (Eigen::Index k = 0; k < features_->scale().cols(); ++k) {
+      const auto entry =
+          static_cast<std::size_t>(features_->selection().indices()[static_cast<std::size_t>(k)]);
+      for (Eigen::Index i = 0; i < features_->scale().rows(); ++i) {
+        gradient[entry] += features_->scale()(i, k) * slope[static_cast<std::size_t>(i)];
+      }
+    }
+    return g;
+  }
+  [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
+    return inner_->lipschitz_bound(t) * features_->scale().norm();
+  }
+
+ private:
+  std::span<const double> Features(std::span<const double> x,
+                                   std::span<double> buffer) const noexcept {
+    if (std::ssize(x) != state_dim()) return {};
+    const std::span<double> z = buffer.first(static_cast<std::size_t>(features_->num_features()));
+    features_->Apply(x, z);
+    return z;
+  }
+  const core::FeatureTransform* features_;
+  const core::DecisionFunction* inner_;
+};
+
+}  // namespace
+
+SupportModel::SupportModel(std::string_view name, const safety::TaskModel& task,
+                           const core::StateLayout& layout,
+                           std::span<const core::Trajectory> demonstrations) {
+  core::FeatureTransform features = task.guided().features();
+  const core::LogDecisionFunction* support = nullptr;
+  if (name == "raw") {
+    DFR_THROW_UNLESS(task.published() != nullptr, "this task has no raw support");
+    features = core::FeatureTransform::Identity(
+        task.published_features().empty()
+            ? core::FeatureSelection::All(layout.state_dim())
+            : core::FeatureSelection(layout, task.published_features()));
+    support = task.published();
+  } else if (name == "whitened") {
+    support = &task.guided().support();
+  } else if (name == "knn-distance") {
+    own_ = std::make_unique<KnnDistance>(features, demonstrations);
+  } else if (name == "density") {
+    own_ = std::make_unique<Density>(features, demonstrations);
+  } else if (name == "mahalanobis") {
+    own_ = std::make_unique<Mahalanobis>(features, demonstrations);
+  } else {
+    DFR_THROW_UNLESS(false, "there is no support '" << name << "'; there are " << Join(kSupports));
+  }
+  if (own_ != nullptr) support = own_.get();
+  guided_ = std::make_unique<const control::GuidedModel>(
+      features, *support, demonstrations,
+      control::GuidedModelOptions{.slack = task.guided().model().slack()});
+  decision_ = std::make_unique<const OfStates>(guided_->features(), *support);
+  lambda_ = control::EstimateLambda(*decision_, demonstrations);
+}
+
+SupportModel::~SupportModel() = default;
+
+}  // namespace dfr::study

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <memory>
+#include <span>
+
+#include "dfr/sim/gallery/gallery.h"
+
+namespace dfr::sim {
+
+/// Options for DiscPushPlant. Metres and radians.
+struct DiscPushOptions {
+  double object_radius = 0.04;
+  double pusher_radius = 0.015;
+  double start_x = 0.12;  ///< The object starts within +-0.02 of this,
+  double start_y = 0.08;  ///< and y within +-start_y.
+  double gate_x = 0.32;   ///< Two round stay-out regions at (gate_x, +-gate_y)
+  double gate_y = 0.13;
+  double red_radius = 0.06;  ///< of this radius, for object and pusher.
+  double goal_x = 0.44;  ///< Completed with the object's centre within goal_radius of (goal_x, 0).
+  double goal_radius = 0.03;
+  double step = 0.02;     ///< A control of norm 1 moves the pusher by this far.
+  double rotation = 0.5;  ///< By how much the control is turned. Controllers are not told.
+};
+
+/// A disc pushes a disc through a gate onto a goal: pushing as in the Pusher task, in the plane.
+///
+/// Quasi-static: the pusher moves in substeps of a millimetre, and where it would overlap the
+/// object the object yields along the line of centres, which is its motion under a frictionless
+/// contact and evenly spread support friction. A disc pushed by a disc slips off sideways unless it
+/// is steered, so weak policies fail.
+///
+/// State: pusher(2), object(2), centres in metres. The supervisor pushes the object through the
+/// gate to the goal by feedback, and goes around it where it is on the wrong side.
+class DiscPushPlant final : public GalleryPlant {
+ public:
+  /// @throws std::invalid_argument naming the option out of range.
+  explicit DiscPushPlant(const DiscPushOptions& options = {});
+
+  [[nodiscard]] const DiscPushOptions& options() const noexcept { return options_; }
+  [[nodiscard]] std::unique_ptr<core::SimulatedPlant> Clone() const override;
+  void Supervise(const Habit& habit, std::span<double> u) const noexcept override;
+
+ private:
+  void Start(core::Random& random) noexcept override;
+  void Step(std::span<const double> u) noexcept override;
+  [[nodiscard]] bool Done() const noexcept override;
+  void Look() noexcept;
+
+  DiscPushOptions options_;
+};
+
+}  // namespace dfr::sim

@@ -1,0 +1,36 @@
+#include <gtest/gtest.h>
+
+#include <map>
+#include <string>
+#include <utility>
+
+#include "apps/study/study.h"
+
+namespace dfr::study {
+namespace {
+
+// Those that learn anew or ask the supervisor work in tasks of the gallery, and the adversary knows
+// the plant that it drives. Takes seconds: DAgger and DART learn many times over.
+TEST(GuardsTest, RunsBaselinesAndAdversaries) {
+  Study study = Study::OfGuards();
+  study.tasks = {"reach"};
+  study.demonstrations = 20;
+  study.episodes = 6;
+  study.trials = 1;
+  study.seed = 3;
+  study.policies = {"ensemble", "dart", "dagger", "zero", "at-constraints"};
+  study.controllers = {"guard"};
+  std::map<std::pair<std::string, std::string>, Row> rows;
+  for (const Row& row : RunStudy(study)) rows[{row.policy, row.controller}] = row;
+  for (const char* policy : {"ensemble", "dart", "dagger"}) {
+    EXPECT_GE((rows[{policy, "baseline"}].completed), 5) << policy;
+    EXPECT_GE((rows[{policy, "guard"}].completed), 5) << policy;
+  }
+  EXPECT_EQ((rows[{"zero", "baseline"}].completed), 0);
+  EXPECT_EQ((rows[{"zero", "baseline"}].collided), 0);
+  EXPECT_EQ((rows[{"at-constraints", "baseline"}].collided), 6);
+  EXPECT_GE((rows[{"at-constraints", "guard"}].saved), 5);
+}
+
+}  // namespace
+}  // namespace dfr::study

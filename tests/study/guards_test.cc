@@ -1,0 +1,262 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "apps/study/imitator.h"
+#include "apps/study/picture.h"
+#include "apps/study/study.h"
+#include "apps/study/tables.h"
+
+namespace dfr::study {
+namespace {
+
+Study SmallGuards() {
+  Study study = Study::OfGuards();
+  study.tasks = {"reach", "balance"};
+  study.policies = {"good", "biased"};
+  study.demonstrations = 12;
+  study.episodes = 4;
+  study.trials = 1;
+  study.seed = 3;
+  return study;
+}
+
+std::string GuardMessageOf(const Study& study) {
+  try {
+    (void)RunStudy(study);
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "";
+}
+
+// As one thread gives them.
+const std::vector<Row>& SmallRows() {
+  static const std::vector<Row> rows = [] {
+    Study study = SmallGuards();
+    study.threads = 1;
+    return RunStudy(study);
+  }();
+  return rows;
+}
+
+const Row& RowOf(const std::string& task, const std::string& policy, const std::string& method) {
+  return *std::ranges::find_if(SmallRows(), [&](const Row& row) {
+    return row.task == task && row.policy == policy && row.controller == method;
+  });
+}
+
+TEST(GuardsTest, RowsDoNotDependOnTheNumberOfThreads) {
+  Study study = SmallGuards();
+  study.policies = {"good"};
+  study.threads = 2;
+  std::vector<Row> one;
+  std::ranges::copy_if(SmallRows(), std::back_inserter(one),
+                       [](const Row& row) { return row.policy == "good"; });
+  EXPECT_TRUE(one == RunStudy(study));
+}
+
+TEST(GuardsTest, CountsAreOfTheirEpisodes) {
+  ASSERT_EQ(SmallRows().size(), 2u * 2u * (GuardNames().size() + 1));
+  for (const Row& row : SmallRows()) {
+    EXPECT_EQ(row.episodes, SmallGuards().episodes);
+    EXPECT_LE(row.completed + row.collided, row.episodes);
+    EXPECT_LE(row.saved_completed, row.saved);
+    EXPECT_LE(row.alarmed_failures, row.collided);
+    EXPECT_LE(row.alarmed_successes, row.completed);
+    if (row.controller != "baseline") continue;
+    EXPECT_EQ(row.saved, 0);
+    EXPECT_EQ(row.harmed, 0);
+  }
+}
+
+// The monitor passes every action on: its episodes are those of the policy alone.
+TEST(GuardsTest, AMonitorChangesNothing) {
+  const std::vector<Row>& rows = SmallRows();
+  for (std::size_t i = 0; i < rows.size(); i += (GuardNames().size() + 1)) {
+    ASSERT_EQ(rows[i].controller, "baseline");
+    ASSERT_EQ(rows[i + 1].controller, "monitor");
+    EXPECT_EQ(rows[i].completed, rows[i + 1].completed);
+    EXPECT_EQ(rows[i].collided, rows[i + 1].collided);
+    EXPECT_EQ(rows[i].controls, rows[i + 1].controls);
+  }
+}
+
+// Early stopping halts; the pole falls then, whereas a point stays where it is.
+TEST(GuardsTest, AHaltIsJudgedByWhatTheWorldDoesNext) {
+  EXPECT_EQ(RowOf("reach", "good", "early-stopping").collided, 0);
+  const Row& pole = RowOf("balance", "good", "early-stopping");
+  EXPECT_EQ(pole.completed + pole.collided, pole.episodes);
+}
+
+// The adversary knows the plant that it drives. The system tier has policies that learn anew.
+TEST(GuardsTest, GuidedSavesFromAnAdversary) {
+  Study study = SmallGuards();
+  study.tasks = {"reach"};
+  study.policies = {"zero", "at-constraints"};
+  study.controllers = {"baseline", "guard"};
+  const std::vector<Row> rows = RunStudy(study);
+  ASSERT_EQ(rows.size(), 4u);
+  EXPECT_EQ(rows[0].completed + rows[0].collided, 0);
+  EXPECT_EQ(rows[2].collided, rows[2].episodes);
+  EXPECT_EQ(rows[3].saved, rows[3].episodes);
+}
+
+TEST(GuardsTest, UnknownNamesAreNamedWithThoseThereAre) {
+  using testing::AllOf;
+  using testing::HasSubstr;
+  Study study = SmallGuards();
+  study.tasks = {"magic"};
+  EXPECT_THAT(GuardMessageOf(study), AllOf(HasSubstr("no task 'magic'"), HasSubstr("two-ways")));
+  study = SmallGuards();
+  study.policies = {"magic"};
+  EXPECT_THAT(GuardMessageOf(study), AllOf(HasSubstr("no policy 'magic'"), HasSubstr("biased")));
+  study = SmallGuards();
+  study.controllers = {"magic"};
+  EXPECT_THAT(GuardMessageOf(study), AllOf(HasSubstr("no method 'magic'"), HasSubstr("guard")));
+}
+
+TEST(SelectTasksTest, GroupsMeanTheirTasks) {
+  const auto all = SelectTasks({"gallery"});
+  auto both = SelectTasks({"design", "judgement"});
+  EXPECT_EQ(both.size(), all.size());
+  EXPECT_TRUE(std::ranges::is_permutation(both, all));
+  EXPECT_EQ(SelectTasks({"push", "reach"}), (std::vector<std::string>{"push", "reach"}));
+  EXPECT_EQ(SelectTasks({"reach", "gallery", "reach"}).size(), all.size());
+  EXPECT_THROW((void)SelectTasks({"magic"}), std::invalid_argument);
+}
+
+TEST(RowTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
+  const auto tables = MakeRowTables({{.task = "reach",
+                                      .condition = "as demonstrated",
+                                      .policy = "weak",
+                                      .controller = "monitor",
+                                      .episodes = 200,
+                                      .completed = 150,
+                                      .collided = 40,
+                                      .alarmed_failures = 30,
+                                      .alarmed_successes = 15,
+                                      .controls = 12.5,
+                                      .causes = {{"halted: no-progress", 10}}}},
+                                    true);
+  ASSERT_EQ(tables.size(), 3u);
+  const std::vector<std::string>& row = tables[0].rows.at(0);
+  ASSERT_EQ(row.size(), tables[0].header.size());
+  EXPECT_THAT(row[4], testing::StartsWith("75.0 ["));
+  EXPECT_THAT(row[5], testing::StartsWith("20.0 ["));
+  EXPECT_THAT(row[6], testing::StartsWith("5.0 ["));
+  EXPECT_EQ(row[10], "12.5");
+  EXPECT_THAT(row[11], testing::StartsWith("75.0 ["));
+  EXPECT_THAT(row[12], testing::StartsWith("10.0 ["));
+  EXPECT_EQ(tables[2].rows.at(0)[4], "10");
+  EXPECT_EQ(tables[2].rows.at(0)[5], "halted: no-progress");
+}
+
+TEST(RecordTest, EpisodesAreThoseOfTheStudy) {
+  Study study = SmallGuards();
+  study.tasks = {"reach"};
+  study.policies = {"biased"};
+  study.controllers = {"guard"};
+  const auto count = static_cast<std::size_t>(study.episodes);
+  const auto recordings = RecordStudy(study, study.episodes);
+  ASSERT_EQ(recordings.size(), 3u * count);
+  for (const char* method : {"baseline", "guard"}) {
+    const Row& row = RowOf("reach", "biased", method);
+    int ok = 0, failed = 0;
+    double controls = 0.0;
+    for (const experiment::FilmedEpisode& recording : recordings) {
+      if (recording.method != (std::string(method) == "guard" ? method : "alone")) continue;
+      ok += recording.result.outcome == core::Outcome::kCompleted ? 1 : 0;
+      failed += recording.result.outcome == core::Outcome::kCollided ? 1 : 0;
+      controls += static_cast<double>(recording.states.rows() - 1);
+    }
+    EXPECT_EQ(ok, row.completed);
+    EXPECT_EQ(failed, row.collided);
+    EXPECT_EQ(controls / row.episodes, row.controls);
+  }
+}
+
+TEST(SavePictureTest, HasAPlotForTheDemonstrationsAndEachMethod) {
+  const sim::GalleryTask& task = sim::FindGalleryTask("push");
+  const auto path = std::filesystem::path(testing::TempDir()) / "guards_test.html";
+  const std::vector<experiment::FilmedEpisode> recordings = {
+      {.method = "demonstrations",
+       .result = {.outcome = core::Outcome::kCompleted, .cause = {}},
+       .states = core::Matrix::Random(5, 5),
+       .recovery = {}},
+      {.method = "alone",
+       .result = {.outcome = core::Outcome::kCollided, .cause = {}},
+       .states = core::Matrix::Random(4, 5),
+       .recovery = {}}};
+  SavePicture(recordings, task, "box[0:2]", path);
+  std::ifstream file(path);
+  const std::string page((std::istreambuf_iterator<char>(file)), {});
+  std::filesystem::remove(path);
+  EXPECT_THAT(page, testing::HasSubstr(">demonstrations<"));
+  EXPECT_THAT(page, testing::HasSubstr(">collided<"));
+  EXPECT_THROW(SavePicture(recordings, task, "box", path), std::invalid_argument);
+}
+
+class Constant final : public core::Policy {
+ public:
+  [[nodiscard]] int state_dim() const noexcept override { return 1; }
+  [[nodiscard]] int control_dim() const noexcept override { return 2; }
+  void Control(int t, std::span<const double>, std::span<double> u) const noexcept override {
+    u[0] = 0.01 * (t + 1);
+    u[1] = 0.5;
+  }
+};
+
+// Over episodes the flaw is spread from nothing to what the task says, and constant within one.
+TEST(ImitatorTest, AFlawDiffersBetweenEpisodes) {
+  Imitator imitator(std::make_shared<Constant>(), {.bias = {0.0, -0.4}});
+  std::vector<double> seen;
+  for (std::uint64_t seed = 0; seed < 200; ++seed) {
+    imitator.Reset(seed);
+    std::array<double, 2> u{}, v{};
+    imitator.Control(0, std::array{0.0}, u);
+    imitator.Control(0, std::array{0.0}, v);
+    EXPECT_EQ(u, v);
+    EXPECT_EQ(u[0], 0.01);
+    seen.push_back(u[1]);
+  }
+  const auto [low, high] = std::ranges::minmax(seen);
+  EXPECT_GE(low, 0.1);
+  EXPECT_LT(low, 0.12);
+  EXPECT_LE(high, 0.5);
+  EXPECT_GT(high, 0.48);
+}
+
+TEST(ImitatorTest, ALatePolicyGivesWhatItWantedBefore) {
+  Imitator imitator(std::make_shared<Constant>(), {.late = 3});
+  std::array<int, 4> episodes{};
+  for (std::uint64_t seed = 0; seed < 100; ++seed) {
+    imitator.Reset(seed);
+    std::vector<double> first;
+    for (int t = 0; t < 6; ++t) {
+      std::array<double, 2> u{};
+      imitator.Control(t, std::array{0.0}, u);
+      first.push_back(u[0]);
+    }
+    const auto late = static_cast<int>(std::ranges::count(first, 0.0));
+    ASSERT_LE(late, 3);
+    ++episodes[static_cast<std::size_t>(late)];
+    for (int t = 0; t < 6; ++t) {
+      EXPECT_EQ(first[static_cast<std::size_t>(t)], t < late ? 0.0 : 0.01 * (t - late + 1));
+    }
+  }
+  for (const int n : episodes) EXPECT_GT(n, 10);
+}
+
+}  // namespace
+}  // namespace dfr::study

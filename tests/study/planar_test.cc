@@ -1,0 +1,106 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <opencv2/core.hpp>
+#include <opencv2/videoio.hpp>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "apps/study/planar/coverage.h"
+#include "apps/study/planar/methods.h"
+#include "apps/study/planar/picture.h"
+#include "apps/study/planar/proof.h"
+#include "apps/study/planar/task.h"
+#include "apps/study/study.h"
+#include "apps/video_writer.h"
+
+namespace dfr::study::planar {
+namespace {
+
+TEST(PlanarTest, ResultsDoNotDependOnTheNumberOfThreads) {
+  Study study = Study::OfPlane();
+  study.tasks = {"planar-push"};
+  study.controllers = {"dfr", "guided"};
+  study.demonstrations = 20;
+  study.trials = 2;
+  study.episodes = 3;
+  study.seed = 11;
+  study.threads = 1;
+  const auto one = RunStudy(study);
+  study.threads = 2;
+  EXPECT_TRUE(one == RunStudy(study));
+}
+
+// The system tier goes on for longer, and finds every mutation.
+TEST(ProofTest, StaysInsideTheUnionOfSupports) {
+  for (const double error : {0.0, 0.05}) {
+    SCOPED_TRACE(error);
+    const ProofResult result = Prove({.steps = 2000, .state_error = error});
+    EXPECT_EQ(result.controls, 2000);
+    EXPECT_EQ(result.left, 0);
+    EXPECT_EQ(result.violations, 0);
+    EXPECT_GT(result.probes, 5);
+    EXPECT_GT(result.phases, 4);
+  }
+}
+
+TEST(ProofTest, AMistakenControllerIsFound) {
+  const ProofResult result = Prove({.steps = 4000, .mutation = Mutation::kConstant});
+  EXPECT_GT(result.left, 0);
+}
+
+// Half of the true eps: whoever leaves was found out at that very control.
+TEST(ProofTest, AWrongConstantEndsInAViolation) {
+  const ProofResult result = Prove({.steps = 1000, .assumed = 0.5});
+  EXPECT_GT(result.violations, 3);
+  EXPECT_LE(result.left, result.violations + 1) << "the last control is not looked at any more";
+}
+
+TEST(CoverageTest, UnknownWorldsAreRefused) {
+  EXPECT_THROW((void)MeasureCoverage({.world = "moon"}), std::invalid_argument);
+}
+
+TEST(PlanarTest, EveryMethodRunsAndUnknownNamesAreNamed) {
+  const Task task = MakeTask("push");
+  const Methods methods(task, Demonstrate(task, 20, 1));
+  for (const auto& name : {"baseline", "early-stopping", "dfr", "finite-difference",
+                           "true-jacobian", "lwr", "ensemble", "dart", "dagger", "guided",
+                           "guided-without-filter+reach", "certified-direction"}) {
+    EXPECT_EQ(methods.Make(name, *task.plant)->state_dim(), 4) << name;
+  }
+  EXPECT_THROW((void)methods.Make("magic", *task.plant), std::invalid_argument);
+  EXPECT_THROW((void)methods.Make("guided-without-magic", *task.plant), std::invalid_argument);
+  EXPECT_THROW((void)MakeTask("magic"), std::invalid_argument);
+}
+
+TEST(VideoWriterTest, WritesEvenSizesAndRefusesOtherEndings) {
+  const std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / ("dfr_video_" + std::to_string(getpid()));
+  std::filesystem::create_directories(folder);
+  const cv::Mat picture(49, 65, CV_8UC3, cv::Scalar(20, 120, 220));
+  {
+    apps::VideoWriter writer(folder / "odd.webm", picture.size(), 10.0);
+    for (int i = 0; i < 3; ++i) writer.Write(picture);
+  }
+  cv::VideoCapture video((folder / "odd.webm").string(), cv::CAP_FFMPEG);
+  cv::Mat read;
+  ASSERT_TRUE(video.read(read));
+  EXPECT_EQ(read.size(), cv::Size(64, 48));
+  const auto message = [&](const char* name) {
+    try {
+      apps::VideoWriter(folder / name, {64, 48}, 10.0);
+    } catch (const std::runtime_error& error) {
+      return std::string(error.what());
+    }
+    return std::string("nothing is wrong");
+  };
+  EXPECT_THAT(message("video.gif"), testing::HasSubstr("ends in .mp4 or .webm"));
+  EXPECT_THAT(message("no/video.mp4"), testing::HasSubstr("no/video.mp4: the video cannot be"));
+  std::filesystem::remove_all(folder);
+}
+
+}  // namespace
+}  // namespace dfr::study::planar

@@ -1,0 +1,230 @@
+#include "apps/study/study.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "apps/study/tables.h"
+#include "dfr/study/controller_factory.h"
+
+namespace dfr::study {
+namespace {
+
+using testing::HasSubstr;
+
+std::filesystem::path Folder() {
+  return std::filesystem::temp_directory_path() / ("study_test_" + std::to_string(getpid()));
+}
+
+Study Small() {
+  Study study;
+  study.out = Folder();
+  study.restart = true;
+  study.tasks = {"planar-corridor"};
+  study.conditions = {"as demonstrated", "turned 40 deg", "wider starts"};
+  study.demonstrations = 30;
+  study.trials = 2;
+  study.episodes = 10;
+  return study;
+}
+
+const Row& Find(const std::vector<Row>& rows, const std::string& condition,
+                const std::string& policy, const std::string& controller) {
+  for (const Row& row : rows) {
+    if (row.condition == condition && row.policy == policy && row.controller == controller) {
+      return row;
+    }
+  }
+  throw std::logic_error("no such row");
+}
+
+TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
+  const std::vector<Row> rows = RunStudy(Small());
+  std::filesystem::remove_all(Folder());
+  // The corridor has no wider starts.
+  ASSERT_EQ(rows.size(), 2u * 2u * 4u);
+  for (const Row& row : rows) {
+    EXPECT_EQ(row.episodes, 20);
+    if (row.controller == "baseline") {
+      EXPECT_EQ(row.saved + row.harmed, 0);
+    } else {
+      const Row& alone = Find(rows, row.condition, row.policy, "baseline");
+      EXPECT_LE(row.saved, alone.collided);
+      EXPECT_LE(row.harmed, alone.completed);
+      EXPECT_GE(row.completed, alone.completed - row.harmed);
+    }
+  }
+  // What a guard is for, and what it must not cost.
+  EXPECT_GE(Find(rows, "as demonstrated", "lwr", "baseline").completed, 18);
+  EXPECT_LE(Find(rows, "as demonstrated", "lwr", "guided").harmed, 1);
+  EXPECT_LE(Find(rows, "turned 40 deg", "lwr", "guided").collided,
+            Find(rows, "turned 40 deg", "lwr", "baseline").collided);
+  // Early stopping does stop, and a controller that never filters would save nothing.
+  EXPECT_GE(Find(rows, "as demonstrated", "learned", "early-stopping").harmed +
+                Find(rows, "as demonstrated", "learned", "early-stopping").saved,
+            1);
+
+  const auto tables = MakeTables(rows);
+  ASSERT_EQ(tables.size(), 3u);
+  EXPECT_EQ(tables[0].rows.size(), 2u);
+  for (const auto& table : tables) {
+    for (const auto& row : table.rows) EXPECT_EQ(row.size(), table.header.size());
+  }
+}
+
+TEST(StressTest, RowsDoNotDependOnTheNumberOfThreads) {
+  Study study = Small();
+  study.episodes = 3;
+  const auto run = [&](int threads) {
+    study.threads = threads;
+    std::vector<std::string> lines;
+    for (const Row& row : RunStudy(study)) {
+      lines.push_back(row.task + row.condition + row.policy + row.controller +
+                      std::to_string(row.completed) + "/" + std::to_string(row.collided));
+    }
+    return lines;
+  };
+  EXPECT_EQ(run(1), run(2));
+  std::filesystem::remove_all(Folder());
+}
+
+TEST(StressTest, TheGridHasARowASupportAndAColumnAController) {
+  Study study = Small();
+  study.conditions = {"as demonstrated"};
+  study.policies = {"lwr"};
+  study.episodes = 4;
+  study.controllers = {"dfr/raw", "guided/raw", "dfr/density", "guided/density",
+                       "certified/density"};
+  const auto tables = MakeGrid(RunStudy(study));
+  std::filesystem::remove_all(Folder());
+  ASSERT_EQ(tables.size(), 1u);
+  EXPECT_EQ(tables[0].header,
+            (std::vector<std::string>{"support", "alone", "dfr", "guided", "certified"}));
+  ASSERT_EQ(tables[0].rows.size(), 2u);
+  EXPECT_EQ(tables[0].rows[0][0], "raw");
+  EXPECT_EQ(tables[0].rows[0][4], "-");
+  EXPECT_EQ(tables[0].rows[1][0], "density");
+}
+
+TEST(StressTest, WhatFailsIsListedWithWhatWasHarmed) {
+  const std::vector<Row> rows = {{"a", "c", "lwr", "baseline", 100, 90, 5, 0, 0},
+                                 {"a", "c", "lwr", "guided", 100, 95, 0, 5, 2},
+                                 {"b", "c", "lwr", "baseline", 100, 90, 5, 0, 0},
+                                 {"b", "c", "lwr", "guided", 100, 95, 1, 4, 0},
+                                 {"c", "c", "lwr", "baseline", 100, 90, 5, 0, 0},
+                                 {"c", "c", "lwr", "guided", 100, 87, 0, 5, 3},
+                                 {"d", "c", "lwr", "baseline", 100, 40, 50, 0, 0},
+                                 {"d", "c", "lwr", "guided", 100, 30, 10, 40, 10}};
+  const auto table = WhereItFails(rows, "guided");
+  ASSERT_EQ(table.rows.size(), 2u);
+  EXPECT_EQ(table.rows[0][0], "b");
+  EXPECT_EQ(table.rows[1][0], "c");
+  EXPECT_EQ(table.rows[1][5], "5.0 / 3.0");
+}
+
+TEST(StressTest, WhatIsUnknownIsNamedWithWhatThereIs) {
+  const auto error = [](const Study& study) {
+    try {
+      static_cast<void>(RunStudy(study));
+    } catch (const std::invalid_argument& e) {
+      return std::string(e.what());
+    }
+    return std::string();
+  };
+  Study study = Small();
+  study.tasks = {"magic"};
+  EXPECT_THAT(error(study), HasSubstr("planar-corridor"));
+  study = Small();
+  study.conditions = {"magic"};
+  EXPECT_THAT(error(study), HasSubstr("turned 40 deg"));
+  study = Small();
+  study.policies = {"magic"};
+  EXPECT_THAT(error(study), HasSubstr("at-constraints"));
+  study = Small();
+  study.controllers = {"guided/magic"};
+  EXPECT_THAT(error(study), HasSubstr("mahalanobis"));
+  study.controllers = {"magic"};
+  EXPECT_THAT(error(study), HasSubstr("early-stopping"));
+}
+
+TEST(CompareTest, SettlesWhatIsPlainAndSavesTheRest) {
+  Comparison comparison;
+  comparison.task = "planar-corridor";
+  comparison.demonstrations = 20;
+  comparison.trials = 2;
+  comparison.pairs = 60;
+  comparison.first = "lwr";
+  comparison.second = "baseline@zero";
+  const auto plain = Compare(comparison);
+  EXPECT_TRUE(plain.settled());
+  EXPECT_LT(plain.pairs(), 30);
+  EXPECT_GT(plain.mean(), 0.9);  // completed against halted at the start
+  EXPECT_EQ(plain.pairs(), Compare(comparison).pairs());
+  comparison.second = "lwr";
+  const auto same = Compare(comparison);
+  EXPECT_FALSE(same.settled());
+  EXPECT_EQ(same.pairs(), 60);
+  EXPECT_EQ(same.mean(), 0.0);
+  // Most of DFR's episodes halt on the way. The second method's all do at the start.
+  comparison.task = "push";
+  comparison.first = "dfr@lwr";
+  comparison.second = "baseline@zero";
+  comparison.pairs = 40;
+  comparison.alpha = 1e-9;
+  comparison.credit.halted = 1.0;
+  const auto partial = Compare(comparison);
+  comparison.credit.halted = 0.0;
+  const auto whole = Compare(comparison);
+  EXPECT_EQ(partial.pairs(), whole.pairs());
+  EXPECT_GT(partial.mean(), whole.mean() + 0.02);
+  comparison.condition = "gripper: fork";
+  EXPECT_THROW(static_cast<void>(Compare(comparison)), std::invalid_argument);
+}
+
+// What each of them is, in the cheapest task: they learn, run, and are not the learned policy.
+TEST(BaselinesTest, LearnAnewAndRun) {
+  Study study = Small();
+  study.conditions = {"as demonstrated"};
+  study.policies = {"learned", "ensemble", "dart", "dagger"};
+  study.controllers = {"ensemble", "true-jacobian"};
+  EXPECT_THROW(static_cast<void>(RunStudy(study)), std::invalid_argument);  // ensemble@dart
+  study.controllers = {"true-jacobian"};
+  const std::vector<Row> rows = RunStudy(study);
+  std::filesystem::remove_all(Folder());
+  ASSERT_EQ(rows.size(), 4u * 2u);
+  const auto alone = [&](const std::string& policy) {
+    return Find(rows, "as demonstrated", policy, "baseline");
+  };
+  // Who was asked in the states that the learner comes to leaves them less often.
+  EXPECT_GE(alone("dagger").completed, alone("learned").completed);
+  for (const std::string& policy : study.policies) {
+    // The oracle knows where its control leads; the policies do not.
+    EXPECT_LE(Find(rows, "as demonstrated", policy, "true-jacobian").collided,
+              alone(policy).collided)
+        << policy;
+  }
+}
+
+TEST(MethodNameTest, HasThreeParts) {
+  const MethodName whole = Split("guided@lwr/density");
+  EXPECT_EQ(whole.controller, "guided");
+  EXPECT_EQ(whole.policy, "lwr");
+  EXPECT_EQ(whole.support, "density");
+  EXPECT_EQ(Split("dfr/raw").support, "raw");
+  EXPECT_EQ(Split("dfr/raw").policy, "");
+  EXPECT_EQ(Split("knn").controller, "baseline");
+  EXPECT_EQ(Split("knn").policy, "knn");
+  for (const char* bad :
+       {"guided@", "guided@magic", "guided/", "guided/magic", "certified", "finite-difference/raw",
+        "true-jacobian/raw", "magic@lwr", "ensemble@lwr", "ensemble/raw"}) {
+    EXPECT_THROW(static_cast<void>(ParseMethod(bad)), std::invalid_argument) << bad;
+  }
+}
+
+}  // namespace
+}  // namespace dfr::study

@@ -1,0 +1,126 @@
+#include "dfr/study/supports.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "apps/study/task.h"
+#include "dfr/core/random.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::study {
+namespace {
+
+const LearnedModel& Corridor() {
+  static const LearnedModel model = MakeTask("planar-corridor").learn(30, 5);
+  return model;
+}
+
+SupportModel Make(std::string_view name) {
+  return {name, Corridor().task(), Corridor().demonstrations().layout,
+          Corridor().demonstrations().trajectories};
+}
+
+// About a share nu of demonstrated states is outside, whatever the estimate.
+TEST(SupportsTest, DemonstratedStatesAreInside) {
+  for (const std::string_view name : kSupports) {
+    const SupportModel support = Make(name);
+    int states = 0;
+    int inside = 0;
+    for (const core::Trajectory& d : Corridor().demonstrations().trajectories) {
+      for (int t = 0; t < d.num_steps(); ++t) {
+        ++states;
+        inside += support.decision().Decision(t, core::Row(d.states, t)) >= 0.0 ? 1 : 0;
+      }
+    }
+    EXPECT_GT(inside, 0.88 * states) << name;
+    EXPECT_LT(support.decision().Decision(3, std::vector<double>{50.0, 50.0}), 0.0) << name;
+  }
+}
+
+TEST(SupportsTest, GradientsAreDerivatives) {
+  core::Random random(4);
+  for (const std::string_view name : kSupports) {
+    const SupportModel support = Make(name);
+    const auto& l = support.guided().support();
+    const auto n = static_cast<std::size_t>(l.state_dim());
+    std::vector<double> z(n);
+    std::vector<double> slope(n);
+    for (int i = 0; i < 20; ++i) {
+      const core::Trajectory& d = Corridor().demonstrations().trajectories[random.Below(30)];
+      const int t = static_cast<int>(random.Below(static_cast<std::uint64_t>(d.num_steps())));
+      support.guided().features().Apply(core::Row(d.states, t), z);
+      for (double& entry : z) entry += 0.3 * random.Normal();
+      const double level = l.LogDecision(t, z, slope);
+      EXPECT_EQ(level, l.LogDecision(t, z, {})) << name;
+      for (std::size_t k = 0; k < n; ++k) {
+        constexpr double kStep = 1e-6;
+        std::vector<double> there = z;
+        there[k] += kStep;
+        // One neighbour may take another's place on the way: then the slope changes by a little.
+        EXPECT_NEAR((l.LogDecision(t, there, {}) - level) / kStep, slope[k],
+                    1e-3 * (1.0 + std::abs(slope[k])))
+            << name;
+      }
+    }
+  }
+}
+
+// The filter and the certificates rest on this bound.
+TEST(SupportsTest, LevelsBendNoFurtherThanTheyClaim) {
+  core::Random random(5);
+  for (const std::string_view name : kSupports) {
+    const SupportModel support = Make(name);
+    const auto& l = support.guided().support();
+    const auto n = static_cast<std::size_t>(l.state_dim());
+    std::vector<double> z(n);
+    std::vector<double> there(n);
+    std::vector<double> slope(n);
+    for (int i = 0; i < 500; ++i) {
+      const core::Trajectory& d = Corridor().demonstrations().trajectories[random.Below(30)];
+      const int t = static_cast<int>(random.Below(static_cast<std::uint64_t>(d.num_steps())));
+      support.guided().features().Apply(core::Row(d.states, t), z);
+      for (double& entry : z) entry += 0.5 * random.Normal();
+      const double level = l.LogDecision(t, z, slope);
+      double bound = level;
+      double square = 0.0;
+      for (std::size_t k = 0; k < n; ++k) {
+        const double step = random.Normal();
+        there[k] = z[k] + step;
+        bound += slope[k] * step;
+        square += step * step;
+      }
+      bound -= l.curvature_bound(t) * square;
+      EXPECT_GE(l.LogDecision(t, there, {}), bound - 1e-9 * (1.0 + std::abs(bound))) << name;
+    }
+  }
+}
+
+TEST(SupportsTest, BrokenStatesAreOutsideAndNothingIsAllocated) {
+  for (const std::string_view name : kSupports) {
+    const SupportModel support = Make(name);
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    const std::vector<double> broken = {nan, 0.0};
+    const std::vector<double> whole = {0.1, 0.0};
+    std::vector<double> gradient(2);
+    const test::NoAlloc guard;
+    EXPECT_EQ(support.decision().Decision(0, broken), -std::numeric_limits<double>::infinity());
+    EXPECT_TRUE(std::isfinite(support.decision().Gradient(0, whole, gradient)));
+  }
+}
+
+TEST(SupportsTest, UnknownOnesAreNamed) {
+  try {
+    static_cast<void>(Make("magic"));
+    FAIL();
+  } catch (const std::invalid_argument& e) {
+    EXPECT_NE(std::string(e.what()).find("mahalanobis"), std::string::npos);
+  }
+}
+
+}  // namespace
+}  // namespace dfr::study
