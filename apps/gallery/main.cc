@@ -62,6 +62,7 @@ void Supervise(const std::vector<std::string>& words, int count, std::uint64_t s
 }  // namespace dfr::apps::gallery
 
 int main(int argc, char** argv) try {
+  dfr::apps::IgnoreFileSizeSignal();
   using namespace dfr::apps::gallery;  // NOLINT: this is their main
   CLI::App app("Small tasks of many kinds, with the guard at its default settings");
   app.require_subcommand(1);

@@ -303,6 +303,7 @@ void AddTune(CLI::App& app, TuneOptions& o) {
 }  // namespace
 
 int main(int argc, char** argv) try {
+  dfr::apps::IgnoreFileSizeSignal();
   CLI::App app(
       "One-class SVMs with the Gaussian kernel. DATA is LIBSVM's sparse form or "
       "comma-separated values, one sample a line; MODEL is LIBSVM's model file.");

@@ -366,6 +366,7 @@ void Picture(const PlanarStudy& study, std::uint64_t start, const std::filesyste
 }  // namespace dfr::apps::planar
 
 int main(int argc, char** argv) try {
+  dfr::apps::IgnoreFileSizeSignal();
   using namespace dfr::apps::planar;  // NOLINT: this is their main
   CLI::App app("Recovery and certificates on planar tasks");
   app.require_subcommand(1);

@@ -140,6 +140,7 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
 }  // namespace dfr::apps::stress
 
 int main(int argc, char** argv) try {
+  dfr::apps::IgnoreFileSizeSignal();
   using namespace dfr::apps::stress;  // NOLINT: this is their main
   CLI::App app("Disturbed policies, alone and guarded, in all tasks of all programs");
   app.require_subcommand(1);

@@ -649,6 +649,7 @@ int Main(int argc, char** argv) {
   app.add_flag("--far", far)->group("");
   CLI11_PARSE(app, argc, argv);
   signal(SIGPIPE, SIG_IGN);
+  signal(SIGXFSZ, SIG_IGN);
   if (!robot.empty()) {
     signal(SIGUSR1, [](int) { policy_is_broken = true; });
     RunRobot(robot, domain, image_age_s, far ? dds::Discovery::kNetwork : dds::Discovery::kLoopback,
