@@ -290,6 +290,19 @@ std::vector<Fault> Faults() {
                     },
                     false, false});
   faults.push_back({"foreign-hold", [](Site& s) { s.hold.Write({}); }, [](Site&) {}, false, false});
+  // Of a participant that joins, 20 times a second for .3 s: the console may be matched first.
+  const auto guest = std::make_shared<std::thread>();
+  faults.push_back({"late-hold",
+                    [guest](Site& s) {
+                      *guest = std::thread([&s] {
+                        dds::Participant joined({.domain = s.domain(),
+                                                 .name = "guest",
+                                                 .discovery = s.participant.options().discovery});
+                        dds::Publisher<dds::Signal> hold(joined, "/PSM1/hold", dds::Role::kRequest);
+                        for (int i = 0; i < 6; ++i, SleepMs(50.0)) hold.Write({});
+                      });
+                    },
+                    [guest](Site&) { guest->join(); }, false, false});
   const auto console = std::make_shared<std::optional<dds::Publisher<dds::JointState>>>();
   faults.push_back({"second-console",
                     [console](Site& s) {

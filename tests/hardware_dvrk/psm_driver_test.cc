@@ -333,6 +333,41 @@ TEST_F(PsmDriverTest, WhatOthersSayOfTheArmHolds) {
   holds(PsmStatus::kForeignWord, [&] { state.Write({{}, "", "enable"}); });
 }
 
+TEST_F(PsmDriverTest, AFloodOfTextsIsCountedAndAnErrorInItIsStillAReason) {
+  dds::Participant other({.domain = test::OwnDomain()});
+  dds::Publisher<dds::Text> status(other, "/PSM1/status", dds::Role::kEvent);
+  dds::Publisher<dds::Text> error(other, "/PSM1/error", dds::Role::kEvent);
+  Meet(other);
+  const auto driver = Armed();
+  std::vector<std::string> shown;
+  const auto take = [&] {
+    for (ConsoleWord word; driver->TakeWord(word);) shown.emplace_back(word.view());
+  };
+  for (int i = 0; i < 150; ++i) Step(*driver);  // what the console said is over
+  take();
+  shown.clear();
+  for (int i = 0; i < 50; ++i) {
+    // Until the driver has heard of it, while its loop's time stands still.
+    status.Write({"\x1b[2Jnothing " + std::to_string(i)});
+    Tick(*driver);
+  }
+  test::Eventually([&] {
+    error.Write({"the last straw"});
+    Tick(*driver);
+    take();
+    return driver->phase() == PsmPhase::kHolding && std::ranges::count(shown, "?[2Jnothing 4") > 0;
+  });
+  EXPECT_EQ(driver->status(), PsmStatus::kConsoleError);
+  EXPECT_THAT(shown, testing::Contains("the last straw"));
+  EXPECT_LE(shown.size(), 10U);
+  shown.clear();
+  Until(*driver, [&] {
+    take();
+    return !shown.empty();
+  });
+  EXPECT_THAT(shown.front(), HasSubstr("more texts came, and are not shown"));
+}
+
 // The console may have heard by then what is never heard here.
 TEST_F(PsmDriverTest, WhoeverJoinsHoldsBeforeSayingAnything) {
   const auto driver = Armed();

@@ -5,13 +5,16 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cstdio>
 #include <cstring>
 #include <ctime>
 #include <stdexcept>
 #include <thread>
+#include <tuple>
 
 #include "dfr/core/contract.h"
 #include "dfr/dds/channel.h"
+#include "dfr/hardware/word_limit.h"
 #include "dfr/runtime/latest.h"
 #include "dfr/runtime/queue.h"
 
@@ -206,21 +209,32 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
 
   void Receive() noexcept {
     // Words first: who learns of a FAULT has its reason.
-    for (const auto& [subscriber, severity] :
-         {std::pair{&error, ConsoleWord::Severity::kError},
-          std::pair{&warning, ConsoleWord::Severity::kWarning},
-          std::pair{&status, ConsoleWord::Severity::kStatus}}) {
+    const std::int64_t now_ns = tick_ns.load(std::memory_order_relaxed);
+    std::uint64_t left_out = 0;
+    for (const auto& [subscriber, severity, limit] :
+         {std::tuple{&error, ConsoleWord::Severity::kError, &error_limit},
+          std::tuple{&warning, ConsoleWord::Severity::kWarning, &warning_limit},
+          std::tuple{&status, ConsoleWord::Severity::kStatus, &status_limit}}) {
       while (subscriber->Take(text)) {
         ConsoleWord word;
         word.severity = severity;
         const std::size_t size = std::min(text.text.size(), word.text.size() - 1);
         std::memcpy(word.text.data(), text.text.data(), size);
-        words.Put(word);
+        MakePrintable(word.text.data());
+        if (limit->Passes(now_ns)) words.Put(word);
         if (severity == ConsoleWord::Severity::kError) {
           new_error.Put(word);
           num_errors.fetch_add(1, std::memory_order_acq_rel);
         }
       }
+      left_out += limit->TakeLeftOut(now_ns);
+    }
+    if (left_out > 0) {
+      ConsoleWord word;
+      word.severity = ConsoleWord::Severity::kWarning;
+      std::snprintf(word.text.data(), word.text.size(), "%llu more texts came, and are not shown",
+                    static_cast<unsigned long long>(left_out));
+      words.Put(word);
     }
     while (operating_state.Take(operating)) {
       PsmOperatingState state;
@@ -386,6 +400,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   runtime::Latest<PsmJawSample> new_jaw_setpoint;
   runtime::Latest<PsmOperatingState> new_operating;
   runtime::Queue<ConsoleWord, kMostWords> words;
+  std::atomic<std::int64_t> tick_ns{0};
   runtime::Latest<ConsoleWord> new_error;
   std::atomic<int> num_errors{0};
   std::atomic<int> state_publishers{0};
@@ -405,6 +420,9 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<int> servo_subscribers{0};
 
   // For the thread alone.
+  WordLimit error_limit;
+  WordLimit warning_limit;
+  WordLimit status_limit;
   std::uint64_t num_found = 0;
   std::uint32_t lapses = 0;
   PsmStatus last_lapse = PsmStatus::kOk;
@@ -478,6 +496,7 @@ PsmDriver::~PsmDriver() {
 PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept {
   Link& link = *link_;
   PsmInput input;
+  link.tick_ns.store(steady_ns, std::memory_order_relaxed);
   (void)link.new_error.Take(last_error_);
   // Before the number of publishers, which is never older.
   input.newcomers = link.newcomers.exchange(0, std::memory_order_acq_rel);

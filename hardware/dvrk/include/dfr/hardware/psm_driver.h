@@ -17,7 +17,8 @@ namespace dfr::hardware {
 struct ConsoleWord {
   enum class Severity { kError, kWarning, kStatus };
   Severity severity = Severity::kStatus;
-  std::array<char, 256> text{};  ///< Ends with a zero; what is longer is cut off.
+  /// Ends with a zero; what is longer is cut off. Control characters are question marks.
+  std::array<char, 256> text{};
 
   [[nodiscard]] std::string_view view() const noexcept { return text.data(); }
 };
@@ -95,8 +96,9 @@ class PsmDriver {
   [[nodiscard]] bool at_rest() const noexcept { return client_.at_rest(); }
   [[nodiscard]] const std::string& arm() const noexcept { return arm_; }
 
-  /// The oldest of the console's words that has not been taken. False if there is none. Up to 64
-  /// wait; what comes then is lost.
+  /// The oldest of the console's words that has not been taken. False if there is none. Of each
+  /// severity five come in a second of Tick()'s clock, and a warning says how many more there were.
+  /// Up to 64 wait; what comes then is lost.
   bool TakeWord(ConsoleWord& word) noexcept;
   /// The last error that the console reported, empty if none.
   [[nodiscard]] std::string_view last_error() const noexcept { return last_error_.view(); }
