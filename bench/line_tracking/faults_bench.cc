@@ -290,7 +290,7 @@ std::vector<Fault> Faults() {
                     },
                     false, false});
   faults.push_back({"foreign-hold", [](Site& s) { s.hold.Write({}); }, [](Site&) {}, false, false});
-  // Of a participant that joins, 20 times a second for .3 s: the console may be matched first.
+  // A participant joins and says it 20 times a second for .3 s. The console may be matched first.
   const auto guest = std::make_shared<std::thread>();
   faults.push_back({"late-hold",
                     [guest](Site& s) {

@@ -56,8 +56,8 @@ struct Newcomer {
   std::string topic;         ///< ROS 2 name of what it publishes; empty: the participant itself.
 };
 
-/// "'NAME' at ADDRESS" and what it publishes. Control characters are question marks, and a long name
-/// is cut.
+/// "'NAME' at ADDRESS" and what it publishes. Control characters are question marks, and a long
+/// name is cut.
 [[nodiscard]] std::string Describe(const Newcomer& newcomer);
 
 /// A process' membership in a DDS domain (Fast DDS 2.9): what publishers and subscribers are made
