@@ -1,6 +1,7 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <csignal>
 #include <cstdint>
 #include <string>
 
@@ -24,6 +25,10 @@ inline const CLI::Validator kNotNegative(
       return value && *value >= 0.0 ? std::string() : "must not be negative, as " + text + " is";
     },
     "NONNEGATIVE");
+
+/// A file that becomes larger than the system allows (ulimit -f) is an error of the write, as on a
+/// full disk, and not the program's end by a signal. To be called before the first thread is made.
+inline void IgnoreFileSizeSignal() { static_cast<void>(std::signal(SIGXFSZ, SIG_IGN)); }
 
 /// Makes every option of a program and of its commands that takes a number read it as all of this
 /// repository does (core/numbers.h): no NaN, no infinity, no hexadecimal or octal, no sign before

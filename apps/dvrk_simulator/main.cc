@@ -340,6 +340,7 @@ void Run(Options options) {
 }  // namespace
 
 int main(int argc, char** argv) try {
+  dfr::apps::IgnoreFileSizeSignal();
   Options options;
   CLI::App app(
       "Simulates a PSM, an endoscope and a platform behind the topics of a da Vinci Research Kit\n"

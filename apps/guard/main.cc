@@ -205,6 +205,7 @@ int Main(int argc, char** argv) {
 }  // namespace dfr::apps::guard
 
 int main(int argc, char** argv) try {
+  dfr::apps::IgnoreFileSizeSignal();
   return dfr::apps::guard::Main(argc, argv);
 } catch (const std::exception& e) {
   std::cerr << "guard: " << e.what() << '\n';

@@ -416,13 +416,16 @@ void MoveALittle(const CheckOptions& options, CheckedArm& arm, Permit& permit,
 }
 
 // What comes from the console in a while, and who else is there.
-void ListenToArm(const CheckOptions& options, CheckedArm& arm, DeviceReport& report) {
+// Says how the emergency stop stood at the end.
+dds::EmergencyStop ListenToArm(const CheckOptions& options, CheckedArm& arm, DeviceReport& report) {
   Say(options, "listening for " + Text(options.listen_s, 0) + " s");
   const std::int64_t start_ns = options.clock->SteadyNs();
   const std::uint64_t first = arm.client().num_samples();
   std::uint64_t last = first;
   std::vector<double> ages;
+  auto stop = dds::EmergencyStop::kSilent;
   Listen(options, arm, options.listen_s, [&] {
+    stop = arm.Stop(options.clock->SteadyNs());
     if (arm.client().num_samples() != last) {
       last = arm.client().num_samples();
       if (arm.client().measured_js().stamp.valid()) ages.push_back(arm.client().age_s());
@@ -444,6 +447,7 @@ void ListenToArm(const CheckOptions& options, CheckedArm& arm, DeviceReport& rep
     Wrong(report, hardware::Name(PsmStatus::kOtherPublisher),
           hardware::Remedy(PsmStatus::kOtherPublisher));
   }
+  return stop;
 }
 
 // Whether the arm can be armed, after homing it if asked to.
@@ -573,7 +577,16 @@ DeviceReport CheckArm(const CheckOptions& options, CheckedArm& arm) {
   Say(options, "looking for " + options.arm);
   Listen(options, arm, options.find_s, [&] { return AllFound(arm); });
   if (IsMissing(arm)) return report;
-  ListenToArm(options, arm, report);
+  const dds::EmergencyStop stop = ListenToArm(options, arm, report);
+  if (options.without_stop || stop == dds::EmergencyStop::kSilent) {
+    // Before all else.
+    report.findings.insert(
+        report.findings.begin(),
+        {Finding::Level::kNote,
+         options.without_stop ? "WITHOUT AN EMERGENCY STOP: only the console stops what moves here"
+                              : "NO EMERGENCY STOP is heard: only the console would stop the arm",
+         "run `hardware stop` in this domain, at the operator's hand"});
+  }
   Permit permit(options, arm);
   const PsmStatus status = CheckReady(options, arm, permit, report);
   if (options.move && status == PsmStatus::kOk &&

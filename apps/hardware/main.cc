@@ -179,6 +179,7 @@ int Main(int argc, char** argv) {
 }  // namespace dfr::apps::hardware_app
 
 int main(int argc, char** argv) try {
+  dfr::apps::IgnoreFileSizeSignal();
   return dfr::apps::hardware_app::Main(argc, argv);
 } catch (const std::exception& e) {
   std::cerr << "hardware: " << e.what() << '\n';

@@ -11,17 +11,26 @@ void RobotWatch::Hear(const dds::Origin& who, const std::string& state, std::int
   Robot* robot = Find(who);
   if (robot == nullptr) return;
   robot->heard_ns = steady_ns;
-  if (robot->gone || state != robot->state) *out_ << Name(*robot) << ": " << state << std::endl;
+  if (robot->gone || state != robot->state) Say(Name(*robot) + ": " + state, steady_ns);
   robot->gone = state == dds::kRunEnded;  // and is not missed
   robot->state = state;
 }
 
+void RobotWatch::Say(const std::string& text, std::int64_t steady_ns) {
+  constexpr std::size_t kMostCharacters = 80;
+  if (!limit_.Passes(steady_ns)) return;
+  *out_ << hardware::Printable(text.substr(0, kMostCharacters)) << std::endl;
+}
+
 void RobotWatch::Look(std::int64_t steady_ns) {
+  if (const std::uint64_t left_out = limit_.TakeLeftOut(steady_ns); left_out > 0) {
+    *out_ << "robots: " << left_out << " more changes came, and are not shown" << std::endl;
+  }
   constexpr std::int64_t kSilence = 150'000'000;  // ns
   for (Robot& robot : robots_) {
     if (robot.gone || steady_ns - robot.heard_ns <= kSilence) continue;
     robot.gone = true;
-    *out_ << Name(robot) << ": SILENT while " << robot.state
+    *out_ << Name(robot) << ": SILENT while " << hardware::Printable(robot.state.substr(0, 32))
           << ". Its program hangs, was killed or cannot be heard; the arm holds" << std::endl;
   }
 }

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "dfr/dds/channel.h"
+#include "dfr/hardware/word_limit.h"
 
 namespace dfr::apps::hardware_app {
 
@@ -16,7 +17,8 @@ class RobotWatch {
   /// @param out  where it is said, a line for each change; borrowed.
   explicit RobotWatch(std::ostream& out) : out_(&out) {}
 
-  /// One of them has announced its state.
+  /// One of them has announced its state. Ten changes a second are said, and how many more there
+  /// were; silence always is.
   /// @param steady_ns  a clock that never goes back, here and below.
   void Hear(const dds::Origin& who, const std::string& state, std::int64_t steady_ns);
   /// To be called some times in 150 ms, after which one that has not ended is missed.
@@ -29,6 +31,8 @@ class RobotWatch {
     std::int64_t heard_ns = 0;
     bool gone = true;  // ended, or told to be silent: another may have its place
   };
+  void Say(const std::string& text, std::int64_t steady_ns);
+
   static constexpr std::size_t kMost = 8;  // what others say beyond that is left out
 
   Robot* Find(const dds::Origin& who);
@@ -36,6 +40,7 @@ class RobotWatch {
   [[nodiscard]] std::string Name(const Robot& robot) const;
 
   std::ostream* out_;
+  hardware::WordLimit limit_{10};
   std::array<Robot, kMost> robots_;
 };
 

@@ -1,5 +1,6 @@
 #include "bring_up.h"
 
+#include <algorithm>
 #include <stdexcept>
 
 namespace dfr::apps::line_tracking {
@@ -23,6 +24,9 @@ void BringUpArm(const BringUpOptions& robot, const Say& say, const Confirms& con
     }
     static_cast<void>(loop.Clear());
   }
+  if (robot.accepts_others && !robot.accepts_others()) {
+    throw std::runtime_error("others can command " + robot.name + ", and nobody accepted them");
+  }
   if (!robot.arm->needs_homing()) return;
   if (!robot.simulated &&
       !(confirms && confirms(robot.name + " is not homed. Where it is clear of people and things, "
@@ -37,6 +41,28 @@ void BringUpArm(const BringUpOptions& robot, const Say& say, const Confirms& con
 }
 
 }  // namespace
+
+bool Company::Knows(const std::vector<dds::Newcomer>& present) const {
+  return std::ranges::all_of(present, [this](const dds::Newcomer& other) {
+    return std::ranges::find(accepted_, other.origin) != accepted_.end();
+  });
+}
+
+bool Company::Accepts(const std::vector<dds::Newcomer>& present, bool simulated, const Say& say,
+                      const Confirms& confirms) {
+  if (Knows(present)) return true;
+  for (const dds::Newcomer& other : present) {
+    if (say && !Knows({other})) say("also there: " + dds::Describe(other));
+  }
+  if (!simulated && !(confirms && confirms("They can make the arm hold, be free or change its "
+                                           "state. To go on in their presence, type together",
+                                           "together"))) {
+    return false;
+  }
+  accepted_.clear();
+  for (const dds::Newcomer& other : present) accepted_.push_back(other.origin);
+  return true;
+}
 
 void BringUp(const BringUpOptions& robot, const Say& say, const Confirms& confirms) {
   if (!robot.homed) BringUpArm(robot, say, confirms);

@@ -299,6 +299,7 @@ int Main(int argc, char** argv) {
 }  // namespace dfr::apps::line_tracking
 
 int main(int argc, char** argv) try {
+  dfr::apps::IgnoreFileSizeSignal();
   return dfr::apps::line_tracking::Main(argc, argv);
 } catch (const std::exception& e) {
   std::cerr << "line_tracking: " << e.what() << '\n';

@@ -6,9 +6,15 @@ namespace dfr::apps::line_tracking {
 
 std::optional<std::string> OperatorDesk::Answer(robot::ControlLoop& loop, std::string_view question,
                                                 std::span<const std::string_view> words) {
+  constexpr int kAgain = 50;  // looks at the keyboard: a second
   keyboard_->Discard();
-  screen_->Say("%.*s; q ends\n", static_cast<int>(question.size()), question.data());
-  while (!*interrupted_ && !keyboard_->ended()) {
+  std::int64_t asked = -1;  // what was shown when it was
+  for (int looks = 0; !*interrupted_ && !keyboard_->ended(); ++looks) {
+    // What others say may not push the question away.
+    if (looks % kAgain == 0 && screen_->said() != asked) {
+      screen_->Say("%.*s; q ends\n", static_cast<int>(question.size()), question.data());
+      asked = screen_->said();
+    }
     loop.Idle(0.02);
     std::optional<std::string> line = keyboard_->Line();
     if (!line) continue;

@@ -47,6 +47,7 @@ HoldReason ToHoldReason(PsmStatus status) noexcept {
     case PsmStatus::kOtherPublisher:
     case PsmStatus::kSecondConsole:
     case PsmStatus::kForeignWord:
+    case PsmStatus::kNewcomer:
     case PsmStatus::kForeignSetpoint:
     case PsmStatus::kTeleoperated:
     case PsmStatus::kClutched:
@@ -79,8 +80,20 @@ robot::Finding PsmArm::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexce
   found_ = was_active ? status : driver_->client().hold_reason();
   if (found_ == PsmStatus::kHeld) return {};  // by us: whoever asked for it knows why
   const bool says_why = found_ == PsmStatus::kConsoleFault || found_ == PsmStatus::kConsoleError;
-  const std::string_view error = says_why ? driver_->last_error() : std::string_view();
+  const std::string_view error = says_why                    ? driver_->last_error()
+                                 : driver_->held_by_others() ? SaidBy(driver_->who())
+                                                             : std::string_view();
   return {ToHoldReason(found_), error.empty() ? hardware::Name(found_) : error};
+}
+
+// The reason, and who it was.
+std::string_view PsmArm::SaidBy(std::string_view who) noexcept {
+  const char* const what = found_ == PsmStatus::kForeignWord      ? "told the arm something"
+                           : found_ == PsmStatus::kOtherPublisher ? "can command the arm"
+                                                                  : "has just joined";
+  std::snprintf(said_.data(), said_.size(), "%s: %.*s", what, static_cast<int>(who.size()),
+                who.data());
+  return said_.data();
 }
 
 bool PsmArm::needs_homing() const noexcept {

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <functional>
+#include <string_view>
 #include <utility>
 
 #include "dfr/hardware/psm_driver.h"
@@ -37,11 +38,14 @@ class PsmArm final : public robot::Manipulator {
   [[nodiscard]] bool at_rest() const noexcept override { return driver_->at_rest(); }
 
  private:
+  [[nodiscard]] std::string_view SaidBy(std::string_view who) noexcept;
+
   hardware::PsmDriver* driver_;
   const line_task::TipRegion* region_;
   std::function<void(const hardware::ConsoleWord&)> on_word_;
   hardware::PsmStatus found_ = hardware::PsmStatus::kNoConsole;  // by the last Tick()
   std::array<char, 96> refused_{};
+  std::array<char, 96> said_{};
 };
 
 }  // namespace dfr::apps::line_tracking

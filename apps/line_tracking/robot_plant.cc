@@ -378,6 +378,7 @@ struct RobotPlant::Impl {
   ImageWorker camera;
   robot::ControlLoop loop;
 
+  Company company;
   vision::LineObservation first_seen;
   SimulatorTruth truth;
 };
@@ -400,6 +401,7 @@ void RobotPlant::BringUp(const Say& say, const Confirms& confirms) {
        .simulated = i.simulated,
        .homed = i.lock_step != nullptr,
        .platform_home_s = i.platform ? hardware::SprkDriver::kHomeTime : 0.0,
+       .accepts_others = [&] { return AcceptsOthers(say, confirms); },
        .patience_s = std::max(10.0, i.answer_s),
        .remedy =
            [&i] {
@@ -408,6 +410,13 @@ void RobotPlant::BringUp(const Say& say, const Confirms& confirms) {
            }},
       say, confirms);
 }
+
+bool RobotPlant::AcceptsOthers(const Say& say, const Confirms& confirms) {
+  Impl& i = *impl_;
+  return i.company.Accepts(i.driver.Requesters(), i.simulated, say, confirms);
+}
+
+bool RobotPlant::KnowsOthers() const { return impl_->company.Knows(impl_->driver.Requesters()); }
 
 robot::ControlLoop& RobotPlant::loop() noexcept { return impl_->loop; }
 const robot::ControlLoop& RobotPlant::loop() const noexcept { return impl_->loop; }

@@ -51,6 +51,11 @@ class RobotPlant final : public core::Plant {
 
   /// As line_tracking::BringUp(). In lock-step the simulator homes its arm itself.
   void BringUp(const Say& say, const Confirms& confirms = {});
+  /// Whether the operator accepts who else can tell the arm to hold, to be free or to change its
+  /// state; those who have not been accepted yet are listed and asked about.
+  [[nodiscard]] bool AcceptsOthers(const Say& say, const Confirms& confirms);
+  /// Whether nobody has come since.
+  [[nodiscard]] bool KnowsOthers() const;
   /// What moves the robot, and why it does not.
   [[nodiscard]] robot::ControlLoop& loop() noexcept;
   [[nodiscard]] const robot::ControlLoop& loop() const noexcept;

@@ -35,8 +35,20 @@ struct Robot {
 
 // A robot's episodes begin with an operator's word, a simulation's by themselves as long as they
 // end as episodes do. False: no more episodes.
-bool MayBegin(RobotPlant& plant, bool simulated, OperatorDesk& desk) {
-  return simulated ? plant.loop().ended_regularly() : desk.AllowsEpisode(plant.loop());
+bool MayBegin(RobotPlant& plant, bool simulated, Terminal& terminal) {
+  OperatorDesk& desk = terminal.desk();
+  const auto say = [&](std::string_view words) {
+    terminal.screen().Say("  %.*s\n", static_cast<int>(words.size()), words.data());
+  };
+  const auto confirms = [&](std::string_view question, std::string_view word) {
+    return desk.Confirms(plant.loop(), question, word);
+  };
+  do {
+    if (!plant.AcceptsOthers(say, confirms)) return false;
+    if (simulated) return plant.loop().ended_regularly();
+    if (!desk.AllowsEpisode(plant.loop())) return false;
+  } while (!plant.KnowsOthers());  // someone has come while the operator was asked
+  return true;
 }
 
 std::string CauseOf(const control::RolloutResult& result, const Robot& robot) {
@@ -78,6 +90,9 @@ recording::RecordingMetadata Metadata(const RobotConfig& config, std::uint64_t s
   metadata.method = config.method;
   metadata.seed = seed;
   metadata.configuration = config.text;
+  if (config.robot == RobotPlace::kDds) {
+    metadata.more["emergency stop"] = config.emergency_stop ? "required" : "none";
+  }
   return metadata;
 }
 
@@ -133,7 +148,7 @@ bool RunEpisodes(const RunOptions& options, const RobotConfig& config, const Rob
   screen.Say("episode  outcome    controls  recovery  tracked [mm]  cause\n");
   bool stopped = false;
   for (int i = 0; i < options.episodes && !Terminal::interrupted(); ++i) {
-    if (robot.wire != nullptr && !MayBegin(*robot.wire, config.simulator, terminal.desk())) break;
+    if (robot.wire != nullptr && !MayBegin(*robot.wire, config.simulator, terminal)) break;
     const auto episode = static_cast<std::uint64_t>(i);
     controller.BeginEpisode(episode);
     const control::RolloutResult result =

@@ -21,6 +21,7 @@ Screen::~Screen() {
 }
 
 void Screen::Say(const char* format, ...) noexcept {
+  ++said_;
   Text text{};
   std::va_list arguments;
   va_start(arguments, format);

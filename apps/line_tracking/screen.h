@@ -25,6 +25,8 @@ class Screen {
   /// fit beside the 256 texts that wait is lost, and their number is shown.
   /// To be called by one thread.
   void Say(const char* format, ...) noexcept __attribute__((format(printf, 2, 3)));
+  /// How often that was called.
+  [[nodiscard]] std::int64_t said() const noexcept { return said_; }
 
  private:
   using Text = std::array<char, 512>;
@@ -35,6 +37,7 @@ class Screen {
   int file_;
   int patience_ms_;
   runtime::Queue<Text, 256> queue_;
+  std::int64_t said_ = 0;
   std::atomic<std::int64_t> lost_ = 0;
   std::atomic<bool> end_ = false;
   std::thread thread_;

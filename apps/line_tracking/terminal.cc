@@ -11,6 +11,9 @@ namespace {
 std::atomic<bool> interrupted = false;
 static_assert(std::atomic<bool>::is_always_lock_free);
 
+constexpr const char* kWithoutStop =
+    "WITHOUT AN EMERGENCY STOP: only the console and Ctrl-C here stop the arm";
+
 void Interrupt(int /*signal*/) { interrupted = true; }
 
 void Show(Screen& screen, const runtime::Transition& t) noexcept {
@@ -35,12 +38,17 @@ std::unique_ptr<RobotPlant> BringUpRobot(const RobotConfig& config,
                                          const line_task::LineCalibration& calibration,
                                          recording::Recorder* recorder, Terminal& terminal) {
   Screen& screen = terminal.screen();
+  const bool without_stop = !config.emergency_stop;
+  if (without_stop) screen.Say("%s\n", kWithoutStop);
   if (config.priority > 0) {
     const std::string refused = runtime::AskForRealTime(config.priority);
     if (!refused.empty()) screen.Say("note: %s\n", refused.c_str());
   }
   RunOperator run_operator;
-  run_operator.on_transition = [&screen](const runtime::Transition& t) { Show(screen, t); };
+  run_operator.on_transition = [&screen, without_stop](const runtime::Transition& t) {
+    if (without_stop && t.to == runtime::RunState::kArmed) screen.Say("  %s\n", kWithoutStop);
+    Show(screen, t);
+  };
   run_operator.on_word = [&screen](const hardware::ConsoleWord& word) {
     screen.Say("  the console says (%s): %s\n", hardware::Name(word.severity), word.text.data());
   };

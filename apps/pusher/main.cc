@@ -297,6 +297,7 @@ int Main(int argc, char** argv) {
 }  // namespace dfr::apps::pusher
 
 int main(int argc, char** argv) try {
+  dfr::apps::IgnoreFileSizeSignal();
   return dfr::apps::pusher::Main(argc, argv);
 } catch (const std::exception& e) {
   std::cerr << "pusher: " << e.what() << '\n';

@@ -240,6 +240,7 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
 }  // namespace dfr::study
 
 int main(int argc, char** argv) try {
+  dfr::apps::IgnoreFileSizeSignal();
   using namespace dfr::study;  // NOLINT: this is their main
   CLI::App app("Policies, controllers and guards compared, in the tasks of all programs");
   app.require_subcommand(1);

@@ -66,6 +66,12 @@ std::string Compared(const Row& row) {
                       Share(row.harmed, row.episodes));
 }
 
+// Per cent of the controls that are the policy's to the bit.
+std::string Passed(const Row& row) {
+  return row.controls > 0.0 ? core::Format("%.1f", 100.0 * (1.0 - row.changed / row.controls))
+                            : "-";
+}
+
 template <typename Member>
 std::vector<std::string> Distinct(const std::vector<Row>& rows, Member member) {
   std::vector<std::string> values;
@@ -144,12 +150,6 @@ experiment::ReportTable MeansTable(const std::vector<Row>& rows,
     }
   }
   return table;
-}
-
-// Per cent of the controls that are the policy's to the bit.
-std::string Passed(const Row& row) {
-  return row.controls > 0.0 ? core::Format("%.1f", 100.0 * (1.0 - row.changed / row.controls))
-                            : "-";
 }
 
 // "90.0 [84.1, 94.2]": per cent with its interval.

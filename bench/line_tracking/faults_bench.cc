@@ -290,6 +290,19 @@ std::vector<Fault> Faults() {
                     },
                     false, false});
   faults.push_back({"foreign-hold", [](Site& s) { s.hold.Write({}); }, [](Site&) {}, false, false});
+  // A participant joins and says it 20 times a second for .3 s. The console may be matched first.
+  const auto guest = std::make_shared<std::thread>();
+  faults.push_back({"late-hold",
+                    [guest](Site& s) {
+                      *guest = std::thread([&s] {
+                        dds::Participant joined({.domain = s.domain(),
+                                                 .name = "guest",
+                                                 .discovery = s.participant.options().discovery});
+                        dds::Publisher<dds::Signal> hold(joined, "/PSM1/hold", dds::Role::kRequest);
+                        for (int i = 0; i < 6; ++i, SleepMs(50.0)) hold.Write({});
+                      });
+                    },
+                    [guest](Site&) { guest->join(); }, false, false});
   const auto console = std::make_shared<std::optional<dds::Publisher<dds::JointState>>>();
   faults.push_back({"second-console",
                     [console](Site& s) {
@@ -649,6 +662,7 @@ int Main(int argc, char** argv) {
   app.add_flag("--far", far)->group("");
   CLI11_PARSE(app, argc, argv);
   signal(SIGPIPE, SIG_IGN);
+  signal(SIGXFSZ, SIG_IGN);
   if (!robot.empty()) {
     signal(SIGUSR1, [](int) { policy_is_broken = true; });
     RunRobot(robot, domain, image_age_s, far ? dds::Discovery::kNetwork : dds::Discovery::kLoopback,

@@ -6,6 +6,7 @@
 #include <fstream>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "tests/dds/domain.h"
@@ -46,6 +47,30 @@ TEST(ParticipantTest, IsFoundHoweverManyThereWereBeforeInItsProcess) {
   const Publisher<Text> publisher(one, "/topic", Role::kEvent);
   const Subscriber<Text> subscriber(other, "/topic", Role::kEvent);
   Eventually([&] { return publisher.num_subscribers() == 1; });
+}
+
+// The participant before its publishers, each with a number, and those that have left, too.
+TEST(ParticipantTest, WhoeverIsFoundIsToldInOrder) {
+  const Participant watcher({.domain = test::OwnDomain(), .name = "watcher"});
+  const auto any = [](std::string_view topic) { return topic == "/arm/hold"; };
+  {
+    Participant guest({.domain = test::OwnDomain(), .name = "guest"});
+    Publisher<Signal> hold(guest, "/arm/hold", Role::kRequest);
+    test::Eventually([&] { return watcher.OthersPublishers(any).size() == 1; });
+    const Newcomer there = watcher.OthersPublishers(any).front();
+    EXPECT_EQ(there.origin, hold.origin());
+    EXPECT_EQ(Describe(watcher.PublisherOf(hold.origin())),
+              "'guest' at 127.0.0.1 publishes /arm/hold");
+  }
+  test::Eventually([&] { return watcher.OthersPublishers(any).empty(); });
+  const std::vector<Newcomer> found = watcher.FoundAfter(0);
+  ASSERT_EQ(found.size(), 2U);
+  EXPECT_EQ(Describe(found[0]), "'guest' at 127.0.0.1");
+  EXPECT_EQ(found[0].number, 1U);
+  EXPECT_EQ(found[1].topic, "/arm/hold");
+  EXPECT_EQ(found[1].number, watcher.num_found());
+  EXPECT_TRUE(watcher.FoundAfter(2).empty());
+  EXPECT_EQ(watcher.PublisherOf(found[1].origin).topic, "") << "it has left";
 }
 
 TEST(ChannelTest, TopicsHaveOneTypeAndBeginWithASlash) {

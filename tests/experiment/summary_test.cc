@@ -30,11 +30,11 @@ struct ByHand {
     plan.trials = trials;
     plan.episodes = 2;
     plan.seed = 17;
-    const EpisodeResult collided{Outcome::kCollided, "policy", 5, 0, 0.5};
-    const EpisodeResult completed{Outcome::kCompleted, "", 10, 0, 1.0};
-    const EpisodeResult out_of_time{Outcome::kHalted, "time-up", 10, 0, 1.0};
-    const EpisodeResult halted{Outcome::kHalted, "iteration-limit", 1010, 1000, 20.0};
-    const EpisodeResult probe{Outcome::kCollided, "probe", 15, 11, 4.0};
+    const EpisodeResult collided{Outcome::kCollided, "policy", 5, 0, 0, 0.5};
+    const EpisodeResult completed{Outcome::kCompleted, "", 10, 0, 0, 1.0};
+    const EpisodeResult out_of_time{Outcome::kHalted, "time-up", 10, 0, 0, 1.0};
+    const EpisodeResult halted{Outcome::kHalted, "iteration-limit", 1010, 1000, 1000, 20.0};
+    const EpisodeResult probe{Outcome::kCollided, "probe", 15, 11, 11, 4.0};
     for (int trial = 0; trial < trials; ++trial) {
       results.push_back({{trial, 6, "8"}, 3, {1, 2}, {{collided, collided}, {halted, probe}}, {}});
       results.push_back(

@@ -179,6 +179,18 @@ TEST_F(ArmCheckTest, HomesAndMovesOnlyAfterAsking) {
   EXPECT_NEAR(arm_.console.setpoint_joints()[2], 0.12, 1e-9);
 }
 
+TEST_F(ArmCheckTest, SaysFirstThatThereIsNoEmergencyStop) {
+  const auto first = [this] {
+    const Finding finding = CheckArm(options_, arm_).findings.front();
+    return finding.level == Finding::Level::kNote ? finding.what : std::string();
+  };
+  EXPECT_THAT(first(), HasSubstr("NO EMERGENCY STOP is heard"));
+  arm_.stop = [] { return dds::EmergencyStop::kClear; };
+  EXPECT_EQ(first(), "");
+  options_.without_stop = true;
+  EXPECT_THAT(first(), HasSubstr("WITHOUT AN EMERGENCY STOP"));
+}
+
 TEST_F(ArmCheckTest, MovesNothingWithoutAnEmergencyStopThatIsReleased) {
   options_.home = options_.move = true;
   EXPECT_THAT(Check(), HasSubstr("nothing is heard of an emergency stop"));

@@ -61,6 +61,22 @@ TEST_F(RobotWatchTest, OneAfterTheOtherIsTheRobot) {
   EXPECT_EQ(Said(), "robot: running\nrobot: ended\nrobot: idle\n");
 }
 
+// Whoever announces what it likes neither scrolls the screen away nor writes where it likes.
+TEST_F(RobotWatchTest, WhatComesTooFastIsCountedAndSilenceIsSaidAllTheSame) {
+  for (int i = 0; i < 1000; ++i) watch_.Hear(kFirst, i % 2 == 0 ? "run\x1b[2Jning" : "idle", 0);
+  EXPECT_EQ(Said(),
+            "robot: run?[2Jning\nrobot: idle\nrobot: run?[2Jning\nrobot: idle\n"
+            "robot: run?[2Jning\nrobot: idle\nrobot: run?[2Jning\nrobot: idle\n"
+            "robot: run?[2Jning\nrobot: idle\n");
+  watch_.Look(900 * kMs);
+  EXPECT_EQ(Said().find("robot: SILENT while idle"), 0U);
+  watch_.Look(1000 * kMs);
+  EXPECT_EQ(Said(), "robots: 990 more changes came, and are not shown\n");
+  watch_.Hear(kFirst, "idle", 1001 * kMs);
+  watch_.Look(1002 * kMs);
+  EXPECT_EQ(Said(), "robot: idle\n");
+}
+
 TEST_F(RobotWatchTest, WhoIsOneTooManyIsLeftOut) {
   for (std::uint8_t n = 1; n <= 9; ++n) watch_.Hear({n}, "idle", 0);
   const std::string said = Said();

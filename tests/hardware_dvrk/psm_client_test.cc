@@ -315,11 +315,45 @@ TEST_F(PsmClientTest, WhatElseIsHeardHolds) {
   ExpectHold(PsmStatus::kOtherPublisher, [](PsmInput& input) { input.other_publishers = 1; });
   ExpectHold(PsmStatus::kSecondConsole, [](PsmInput& input) { input.state_publishers = 2; });
   ExpectHold(PsmStatus::kForeignWord, [](PsmInput& input) { input.foreign_words = 1; });
+  ExpectHold(PsmStatus::kNewcomer, [](PsmInput& input) { input.newcomers = 1; });
+  ExpectHold(PsmStatus::kBusy, [](PsmInput& input) { input.goals_reached = 1; });
   ExpectHold(PsmStatus::kTeleoperated, [](PsmInput& input) { input.teleoperated = true; });
   ExpectHold(PsmStatus::kClutched, [](PsmInput& input) { input.clutched = true; });
   ExpectHold(PsmStatus::kWrongTool, [](PsmInput& input) { input.wrong_tool = true; });
   ExpectHold(PsmStatus::kToolChanged, [](PsmInput& input) { input.tool_changes = 1; });
   ExpectHold(PsmStatus::kSendFailed, [](PsmInput& input) { input.send_failed = true; });
+}
+
+// Whether it is ours or was left alone.
+TEST_F(PsmClientTest, AJawThatOthersTurnHolds) {
+  const auto turned = [](PsmInput& input) {
+    if (input.jaw_setpoint) input.jaw_setpoint->angle += 0.1;
+  };
+  ExpectHold(PsmStatus::kForeignSetpoint, turned, 2, /*bound=*/true);
+  ASSERT_EQ(client_.MoveJaw(jaw_ + 0.2, 1.0), PsmStatus::kOk);
+  Steps(300);
+  ASSERT_EQ(client_.phase(), PsmPhase::kArmed) << Name(client_.status());
+  Step(turned);
+  Step(turned);
+  EXPECT_EQ(client_.status(), PsmStatus::kForeignSetpoint) << Name(client_.status());
+}
+
+// Who was found a moment ago may have publishers that are not known yet.
+TEST_F(PsmClientTest, IsNeitherArmedNorHomedBeforeDiscoveryIsQuiet) {
+  Become(PsmConsoleState::kEnabled, true, false);
+  Steps(4);
+  Step([](PsmInput& input) { input.newcomers = 1; });
+  EXPECT_EQ(client_.Arm(), PsmStatus::kNewcomer);
+  Steps(98);
+  EXPECT_EQ(client_.Arm(), PsmStatus::kNewcomer);
+  Steps(3);
+  Become(PsmConsoleState::kDisabled, false, false);
+  Step([](PsmInput& input) { input.newcomers = 1; });
+  ASSERT_EQ(client_.Request(PsmRequest::kHome), PsmStatus::kOk);
+  Steps(95);
+  EXPECT_EQ(requests_, "");
+  Steps(10);
+  EXPECT_EQ(requests_, "home ");
 }
 
 // To be armed at a set-point of before would take the arm back to it.
@@ -529,6 +563,7 @@ TEST_F(PsmClientTest, WhateverComesBetweenEndsHoming) {
   const std::vector<Doubt> doubts = {
       {PsmStatus::kHeld, [this](PsmInput&) { client_.Hold(); }, 1},
       {PsmStatus::kOtherPublisher, [](PsmInput& input) { input.other_publishers = 1; }, 1},
+      {PsmStatus::kNewcomer, [](PsmInput& input) { input.newcomers = 1; }, 1},
       {PsmStatus::kStateSilent, quiet, 12},
       {PsmStatus::kTickLate, [this](PsmInput&) { now_ns_ += 200 * kMs; }, 2},
       {PsmStatus::kPaused,

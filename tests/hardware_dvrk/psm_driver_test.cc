@@ -122,6 +122,15 @@ class PsmDriverTest : public testing::Test {
     EXPECT_EQ(driver.status(), cause) << driver.Explain();
   }
 
+  // Waits until the driver's participant has found the other.
+  void Meet(dds::Participant& other) {
+    const dds::Publisher<dds::Text> here(other, "/here", dds::Role::kRequest);
+    test::Eventually([&] {
+      return !participant_.OthersPublishers([](std::string_view topic) { return topic == "/here"; })
+                  .empty();
+    });
+  }
+
   BringUpClock InStep(PsmDriver& driver) {
     return {.steady_ns = [this] { return now_ns_; },
             .wall_ns = [this] { return wall_ns(); },
@@ -238,8 +247,9 @@ TEST_F(PsmDriverTest, SilenceHoldsAndNothingRestartsByItself) {
 }
 
 TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
-  const auto driver = Armed();
   dds::Participant intruder({.domain = test::OwnDomain()});
+  Meet(intruder);
+  const auto driver = Armed();
   // These do not: another arm's, and one that only begins alike.
   const dds::Publisher<dds::Text> elsewhere(intruder, "/PSM11/servo_cs", dds::Role::kRequest);
   const dds::Publisher<dds::Text> nearby(intruder, "/PSM1/servo", dds::Role::kRequest);
@@ -247,6 +257,8 @@ TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
     ExpectHolds(*driver, PsmStatus::kOtherPublisher);
     EXPECT_EQ(driver->Arm(), PsmStatus::kOtherPublisher);
     EXPECT_EQ(driver->other_publishers(), 1);
+    EXPECT_THAT(driver->who(), HasSubstr("'dfr' at 127.0.0.1 publishes /PSM1/"));
+    EXPECT_THAT(driver->Explain(), HasSubstr(driver->who()));
   };
   {
     const dds::Publisher<dds::PoseStamped> second(intruder, "/PSM1/servo_cp", dds::Role::kCommand);
@@ -265,8 +277,9 @@ TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
 
 // While the loop's time stands still: whatever is heard is acted upon by the next tick.
 TEST_F(PsmDriverTest, WhatOthersSayOfTheArmHolds) {
+  dds::Participant other({.domain = test::OwnDomain(), .name = "other"});
+  Meet(other);
   const auto driver = Armed();
-  dds::Participant other({.domain = test::OwnDomain()});
   const auto holds = [&](PsmStatus cause, const std::function<void()>& say,
                          const std::function<void()>& unsay = {}) {
     SCOPED_TRACE(Name(cause));
@@ -312,9 +325,76 @@ TEST_F(PsmDriverTest, WhatOthersSayOfTheArmHolds) {
   dds::Publisher<dds::Signal> hold(other, "/PSM1/hold", dds::Role::kRequest);
   dds::Publisher<dds::Signal> free(other, "/PSM1/free", dds::Role::kRequest);
   dds::Publisher<dds::StringStamped> state(other, "/PSM1/state_command", dds::Role::kRequest);
+  // Who was there before is known; whoever is found later is a reason to hold without a word.
+  test::Eventually([&] { return driver->Requesters().size() == 3; });
   holds(PsmStatus::kForeignWord, [&] { hold.Write({}); });
+  EXPECT_THAT(driver->who(), HasSubstr("'other' at 127.0.0.1 publishes /PSM1/hold"));
   holds(PsmStatus::kForeignWord, [&] { free.Write({}); });
   holds(PsmStatus::kForeignWord, [&] { state.Write({{}, "", "enable"}); });
+}
+
+TEST_F(PsmDriverTest, AFloodOfTextsIsCountedAndAnErrorInItIsStillAReason) {
+  dds::Participant other({.domain = test::OwnDomain()});
+  dds::Publisher<dds::Text> status(other, "/PSM1/status", dds::Role::kEvent);
+  dds::Publisher<dds::Text> error(other, "/PSM1/error", dds::Role::kEvent);
+  Meet(other);
+  const auto driver = Armed();
+  std::vector<std::string> shown;
+  const auto take = [&] {
+    for (ConsoleWord word; driver->TakeWord(word);) shown.emplace_back(word.view());
+  };
+  for (int i = 0; i < 150; ++i) Step(*driver);  // what the console said is over
+  take();
+  shown.clear();
+  for (int i = 0; i < 50; ++i) {
+    // Until the driver has heard of it, while its loop's time stands still.
+    status.Write({"\x1b[2Jnothing " + std::to_string(i)});
+    Tick(*driver);
+  }
+  test::Eventually([&] {
+    error.Write({"the last straw"});
+    Tick(*driver);
+    take();
+    return driver->phase() == PsmPhase::kHolding && std::ranges::count(shown, "?[2Jnothing 4") > 0;
+  });
+  EXPECT_EQ(driver->status(), PsmStatus::kConsoleError);
+  EXPECT_THAT(shown, testing::Contains("the last straw"));
+  EXPECT_LE(shown.size(), 10U);
+  shown.clear();
+  Until(*driver, [&] {
+    take();
+    return !shown.empty();
+  });
+  EXPECT_THAT(shown.front(), HasSubstr("more texts came, and are not shown"));
+}
+
+// The console may have heard by then what is never heard here.
+TEST_F(PsmDriverTest, WhoeverJoinsHoldsBeforeSayingAnything) {
+  const auto driver = Armed();
+  Until(*driver, [&] { return driver->MoveTo(Yaw(0.1), 5.0) == PsmStatus::kOk; });
+  dds::Participant guest({.domain = test::OwnDomain(), .name = "gu\x1b[2Jest"});
+  ExpectHolds(*driver, PsmStatus::kNewcomer);
+  EXPECT_EQ(driver->who(), "'gu?[2Jest' at 127.0.0.1");
+  EXPECT_TRUE(driver->Requesters().empty());
+  // What it publishes on other topics is its own business, and that it leaves.
+  Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
+  {
+    const std::uint64_t before = participant_.num_found();
+    const dds::Publisher<dds::Signal> elsewhere(guest, "/PSM2/hold", dds::Role::kRequest);
+    test::Eventually([&] { return participant_.num_found() > before; });
+  }
+  for (int i = 0; i < 5; ++i) Step(*driver);
+  EXPECT_EQ(driver->phase(), PsmPhase::kArmed) << driver->Explain();
+  for (const char* name : {"hold", "free", "state_command"}) {
+    SCOPED_TRACE(name);
+    const std::string topic = std::string("/PSM1/") + name;
+    const dds::Publisher<dds::Text> publisher(guest, topic, dds::Role::kRequest);
+    ExpectHolds(*driver, PsmStatus::kNewcomer);
+    EXPECT_EQ(driver->who(), "'gu?[2Jest' at 127.0.0.1 publishes " + topic);
+    ASSERT_EQ(driver->Requesters().size(), 1U);
+    // In its presence, once that is what its owner wants.
+    Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
+  }
 }
 
 // An Si takes no instrument of a Classic: who has one is a Classic, whatever the owner says.
@@ -327,8 +407,9 @@ TEST_F(PsmDriverTest, AnArmSaidToBeAnSiIsNotArmedWithAClassicsInstrument) {
 }
 
 TEST_F(PsmDriverTest, ASecondConsoleHolds) {
-  const auto driver = Armed();
   dds::Participant other({.domain = test::OwnDomain()});
+  Meet(other);
+  const auto driver = Armed();
   const dds::Publisher<dds::JointState> second(other, "/PSM1/measured_js", dds::Role::kState);
   ExpectHolds(*driver, PsmStatus::kSecondConsole);
 }

@@ -140,6 +140,41 @@ TEST_F(BringUpTest, AnArmThatIsHomedElsewhereIsNotHomed) {
   EXPECT_EQ(robot_.arm.homings, 0);
 }
 
+TEST_F(BringUpTest, NothingIsPoweredUpBeforeOthersAreAccepted) {
+  options_.accepts_others = [] { return false; };
+  EXPECT_EQ(Refusal(Answers(9)), "others can command PSM1, and nobody accepted them");
+  EXPECT_EQ(words_, std::vector<std::string>());
+  EXPECT_EQ(robot_.arm.homings, 0);
+}
+
+// They are listed, and asked about once each.
+TEST_F(BringUpTest, TheOperatorAcceptsThoseWhoWereThereBefore) {
+  Company company;
+  const Say say = [this](std::string_view text) { said_ += std::string(text) + '\n'; };
+  const dds::Newcomer window{
+      .number = 1, .origin = {1}, .name = "window", .address = "10.0.0.1", .topic = "/PSM1/hold"};
+  const dds::Newcomer script{
+      .number = 2, .origin = {2}, .name = "script", .address = "10.0.0.2", .topic = "/PSM1/free"};
+  EXPECT_TRUE(company.Accepts({}, false, say, Answers(0)));
+  EXPECT_FALSE(company.Accepts({window}, false, say, Answers(0)));
+  EXPECT_FALSE(company.Accepts({window}, false, say, {}));
+  EXPECT_FALSE(company.Knows({window}));
+  words_.clear();
+  said_.clear();
+  EXPECT_TRUE(company.Accepts({window}, false, say, Answers(1)));
+  EXPECT_EQ(said_, "also there: 'window' at 10.0.0.1 publishes /PSM1/hold\n");
+  EXPECT_EQ(words_, std::vector<std::string>{"together"});
+  for (int episode = 0; episode < 20; ++episode) {
+    EXPECT_TRUE(company.Accepts({window}, false, say, Answers(0)));
+  }
+  EXPECT_FALSE(company.Knows({window, script}));
+  said_.clear();
+  words_.clear();
+  EXPECT_TRUE(company.Accepts({window, script}, false, say, Answers(1)));
+  EXPECT_EQ(said_, "also there: 'script' at 10.0.0.2 publishes /PSM1/free\n");
+  EXPECT_TRUE(Company().Accepts({window, script}, true, say, {})) << "a simulation's";
+}
+
 TEST_F(BringUpTest, ThePlatformMovesOnAWordOfItsOwn) {
   options_.platform_home_s = 1.5;
   EXPECT_EQ(Refusal(Answers(1)), "the platform is not at home, and nobody asked for it");

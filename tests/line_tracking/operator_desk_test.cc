@@ -10,6 +10,7 @@
 
 #include "tests/line_tracking/pipe.h"
 #include "tests/robot/fake_robot.h"
+#include "tests/support/eventually.h"
 
 namespace dfr::apps::line_tracking {
 namespace {
@@ -111,6 +112,23 @@ TEST_F(OperatorDeskTest, TheLoopGoesOnAtThePrompt) {
   };
   EXPECT_TRUE(desk_.Confirms(robot_.loop, "?", "home"));
   EXPECT_EQ(robot_.loop.blocking(), HoldReason::kEmergencyStop);
+}
+
+TEST_F(OperatorDeskTest, TheQuestionIsAskedAgainBelowWhatOthersSay) {
+  robot_.clock.plan_ns = robot_.clock.now_ns + 500'000'000;
+  robot_.clock.plan = [this] {
+    for (int i = 0; i < 15; ++i) screen_.Say("  the console says (status): %d\n", i);
+    robot_.clock.plan_ns = robot_.clock.now_ns + 5'000'000'000;
+    robot_.clock.plan = [this] { typed_.Type("home\n"); };
+  };
+  EXPECT_TRUE(desk_.Confirms(robot_.loop, "the question", "home"));
+  std::string text;
+  test::Eventually([&] {
+    text += shown_.Text();
+    const std::size_t last = text.find("(status): 14\n");
+    return last != std::string::npos && text.find("the question; q ends\n", last) < text.size();
+  });
+  EXPECT_EQ(screen_.said(), 17) << "once again, not every second";
 }
 
 TEST_F(OperatorDeskTest, CtrlCAndTheEndOfInputSayNo) {

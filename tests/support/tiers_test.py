@@ -1,4 +1,5 @@
-"""Each test has one tier, no tier is empty, and only the tier system looks at the machine's clocks.
+"""Each test has one tier, no tier is empty, and only the tier system looks at the machine's clocks. Besides, every
+program ignores SIGXFSZ.
 
 usage: tiers_test.py SOURCE_DIR BINARY_DIR
 """
@@ -28,6 +29,11 @@ class Tiers(unittest.TestCase):
                 self.assertIn(labels[0], TIERS)
             count.update(labels)
         self.assertEqual(set(count), TIERS)
+
+    def test_no_program_is_ended_by_the_signal_of_a_file_that_is_too_large(self):
+        for path in sorted((SOURCE / "apps").glob("*/main.cc")):
+            with self.subTest(path.parent.name):
+                self.assertRegex(path.read_text(), r"\nint main\(.*\{\n  dfr::apps::IgnoreFileSizeSignal\(\);\n")
 
     def test_only_system_tests_look_at_the_clock(self):
         # What those start, and no other test does, counts as theirs.

@@ -42,6 +42,12 @@ PsmStatus FromFreshness(Freshness freshness) noexcept {
   return PsmStatus::kStateSilent;
 }
 
+PsmJoints InFirstPlace(double value) noexcept {
+  PsmJoints joints = PsmJoints::Zero();
+  joints[0] = value;
+  return joints;
+}
+
 Eigen::Isometry3d Transform(const PsmPoseSample& pose) noexcept {
   Eigen::Isometry3d transform = Eigen::Isometry3d::Identity();
   transform.translation() = pose.position_m;
@@ -153,6 +159,9 @@ void PsmClientOptions::Check() const {
   DFR_THROW_UNLESS(Positive(max_tick_gap_s), "max_tick_gap_s must be positive");
   DFR_THROW_UNLESS(Positive(max_lag), "max_lag must be positive and finite");
   DFR_THROW_UNLESS(Positive(max_setpoint_error), "max_setpoint_error must be positive and finite");
+  DFR_THROW_UNLESS(Positive(max_jaw_setpoint_error),
+                   "max_jaw_setpoint_error must be positive and finite");
+  DFR_THROW_UNLESS(discovery_s >= 0.0 && discovery_s < 1e3, "discovery_s must lie in [0, 1000)");
   DFR_THROW_UNLESS(Positive(reach_timeout_s), "reach_timeout_s must be positive");
   DFR_THROW_UNLESS(Positive(jump_speed), "jump_speed must be positive and finite");
   DFR_THROW_UNLESS(jump_noise.allFinite() && (jump_noise.array() >= 0.0).all(),
@@ -170,6 +179,7 @@ PsmClient::PsmClient(const PsmClientOptions& options)
       motion_(options.limits, options.profile),
       rest_(options.rest),
       recent_(kCommandTime + options.watchdog.max_age_s),
+      recent_jaw_(kCommandTime + options.watchdog.max_age_s),
       js_watchdog_(options.watchdog),
       cp_watchdog_(options.watchdog),
       local_watchdog_(options.watchdog),
@@ -251,6 +261,10 @@ void PsmClient::Take(const PsmInput& input) noexcept {
     operating_ = *input.operating_state;
     any_operating_ = true;
   }
+  if (input.newcomers > 0) {
+    newcomer_ns_ = now_ns_;
+    any_newcomer_ = true;
+  }
   had_publisher_ = had_publisher_ || input.state_publishers > 0 || any_js_;
   erred_ = input.errors > 0;
   age_s_ = any_js_ ? Seconds(wall_ns_ - js_.stamp.nanoseconds()) : kNan;
@@ -300,7 +314,14 @@ PsmStatus PsmClient::FindHoldReason(const PsmInput& input) const noexcept {
   if (ready != PsmStatus::kOk) return ready;
   const PsmStatus measured = MeasurementHoldReason();
   if (measured != PsmStatus::kOk) return measured;
-  return CommandHoldReason(input);
+  const PsmStatus others = CommandHoldReason(input);
+  if (others != PsmStatus::kOk) return others;
+  return phase_ != PsmPhase::kArmed && Discovering() ? PsmStatus::kNewcomer : PsmStatus::kOk;
+}
+
+bool PsmClient::Discovering() const noexcept {
+  return options_.sole_commander && any_newcomer_ &&
+         Seconds(now_ns_ - newcomer_ns_) < options_.discovery_s;
 }
 
 // Another client commands the arm, or may.
@@ -317,6 +338,7 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
       !recent_.Contain(setpoint_js_.position, options_.max_setpoint_error)) {
     return PsmStatus::kForeignSetpoint;
   }
+  if (options_.sole_commander && !JawIsOurs()) return PsmStatus::kForeignSetpoint;
   if (BaseMoved()) return PsmStatus::kBaseMoved;
   const PsmJoints lag = (js_.position - motion_.setpoint()).cwiseAbs();
   if ((lag.array() > options_.max_lag.array()).any()) return PsmStatus::kNotFollowing;
@@ -324,6 +346,12 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
     return PsmStatus::kNotReached;
   }
   return PsmStatus::kOk;
+}
+
+// A jaw that was not asked to move stays.
+bool PsmClient::JawIsOurs() const noexcept {
+  return !jaw_known_ || recent_jaw_.Contain(InFirstPlace(jaw_setpoint_.angle),
+                                            InFirstPlace(options_.max_jaw_setpoint_error));
 }
 
 // Two poses of one moment say where the arm's base is in the frame of the first. A console stamps
@@ -374,6 +402,7 @@ PsmStatus PsmClient::HomingHoldReason(const PsmInput& input, double dt) const no
   if (others != PsmStatus::kOk && others != PsmStatus::kWrongTool) return others;
   if (!homing()) return PsmStatus::kOk;
   if (options_.sole_commander && input.foreign_words > 0) return PsmStatus::kForeignWord;
+  if (options_.sole_commander && input.newcomers > 0) return PsmStatus::kNewcomer;
   if (hold_reason_ == PsmStatus::kConsoleGone || hold_reason_ == PsmStatus::kSecondConsole ||
       hold_reason_ == PsmStatus::kStateSilent || hold_reason_ == PsmStatus::kUnknownState ||
       hold_reason_ == PsmStatus::kPaused) {
@@ -389,6 +418,7 @@ bool PsmClient::homing() const noexcept {
 
 void PsmClient::Pursue(const PsmInput& input, double dt, PsmOutput& output) noexcept {
   const bool homing = request_ == PsmRequest::kHome;
+  const bool homes = homing || request_ == PsmRequest::kEnable;
   if (request_sent_) {
     const bool enabled = any_operating_ && operating_.state == PsmConsoleState::kEnabled;
     bool done = false;
@@ -425,6 +455,7 @@ void PsmClient::Pursue(const PsmInput& input, double dt, PsmOutput& output) noex
   }
   // A console that has not been found yet, or has not found us, hears nothing.
   if (input.command_subscribers == 0) return;
+  if (!request_sent_ && homes && Discovering()) return;
   const bool idle = !any_operating_ || (!operating_.busy &&
                                         (!homing || operating_.state != PsmConsoleState::kEnabled));
   if (!request_sent_ || (idle && Seconds(now_ns_ - request_sent_ns_) > options_.repeat_request_s)) {
@@ -466,10 +497,20 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   if (cause == PsmStatus::kOk && options_.sole_commander && input.foreign_words > 0) {
     cause = PsmStatus::kForeignWord;
   }
+  if (cause == PsmStatus::kOk && options_.sole_commander && input.newcomers > 0) {
+    cause = PsmStatus::kNewcomer;
+  }
+  if (cause == PsmStatus::kOk && options_.sole_commander && input.goals_reached > 0) {
+    cause = PsmStatus::kBusy;
+  }
   if (cause == PsmStatus::kOk && input.tool_changes > 0) cause = PsmStatus::kToolChanged;
   if (cause == PsmStatus::kOk && erred_) cause = PsmStatus::kConsoleError;
   if (cause == PsmStatus::kOk && dt > options_.max_tick_gap_s) cause = PsmStatus::kTickLate;
   if (cause == PsmStatus::kOk && input.send_failed) cause = PsmStatus::kSendFailed;
+  if (!jaw_known_ && any_jaw_setpoint_) {
+    jaw_known_ = true;
+    recent_jaw_.Start(InFirstPlace(jaw_setpoint_.angle), Seconds(now_ns_));
+  }
   if (cause == PsmStatus::kOk) cause = FollowHoldReason();
   if (cause != PsmStatus::kOk) {
     HoldBecause(cause, output);
@@ -491,6 +532,7 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
     const double way = jaw_goal_ - jaw_;
     jaw_moving_ = jaw_moving_ && std::abs(way) > most;
     jaw_ = jaw_moving_ ? jaw_ + std::copysign(most, way) : jaw_goal_;
+    recent_jaw_.Add(InFirstPlace(jaw_), Seconds(now_ns_));
     output.servo_jaw = true;
     output.jaw = jaw_;
   }
@@ -534,7 +576,7 @@ PsmStatus PsmClient::Arm() noexcept {
   rest_.Forget();
   at_rest_ = false;
   restless_ns_ = now_ns_;
-  jaw_ours_ = jaw_moving_ = false;
+  jaw_ours_ = jaw_moving_ = jaw_known_ = false;
   cause_ = PsmStatus::kOk;
   phase_ = PsmPhase::kArmed;
   return PsmStatus::kOk;

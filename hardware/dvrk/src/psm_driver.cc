@@ -5,13 +5,16 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cstdio>
 #include <cstring>
 #include <ctime>
 #include <stdexcept>
 #include <thread>
+#include <tuple>
 
 #include "dfr/core/contract.h"
 #include "dfr/dds/channel.h"
+#include "dfr/hardware/word_limit.h"
 #include "dfr/runtime/latest.h"
 #include "dfr/runtime/queue.h"
 
@@ -23,6 +26,18 @@ using dds::Role;
 constexpr long kPollNs = 1'000'000;
 constexpr int kPollsPerCount = 10;
 constexpr std::size_t kMostWords = 64;
+
+// Who it was that others said something, in words: cut where it is long.
+struct Who {
+  std::array<char, 160> text{};
+};
+
+Who InWords(const dds::Newcomer& newcomer) {
+  Who who;
+  const std::string text = dds::Describe(newcomer);
+  std::memcpy(who.text.data(), text.data(), std::min(text.size(), who.text.size() - 1));
+  return who;
+}
 
 std::int64_t SteadyNs() noexcept {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(
@@ -194,21 +209,32 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
 
   void Receive() noexcept {
     // Words first: who learns of a FAULT has its reason.
-    for (const auto& [subscriber, severity] :
-         {std::pair{&error, ConsoleWord::Severity::kError},
-          std::pair{&warning, ConsoleWord::Severity::kWarning},
-          std::pair{&status, ConsoleWord::Severity::kStatus}}) {
+    const std::int64_t now_ns = tick_ns.load(std::memory_order_relaxed);
+    std::uint64_t left_out = 0;
+    for (const auto& [subscriber, severity, limit] :
+         {std::tuple{&error, ConsoleWord::Severity::kError, &error_limit},
+          std::tuple{&warning, ConsoleWord::Severity::kWarning, &warning_limit},
+          std::tuple{&status, ConsoleWord::Severity::kStatus, &status_limit}}) {
       while (subscriber->Take(text)) {
         ConsoleWord word;
         word.severity = severity;
         const std::size_t size = std::min(text.text.size(), word.text.size() - 1);
         std::memcpy(word.text.data(), text.text.data(), size);
-        words.Put(word);
+        MakePrintable(word.text.data());
+        if (limit->Passes(now_ns)) words.Put(word);
         if (severity == ConsoleWord::Severity::kError) {
           new_error.Put(word);
           num_errors.fetch_add(1, std::memory_order_acq_rel);
         }
       }
+      left_out += limit->TakeLeftOut(now_ns);
+    }
+    if (left_out > 0) {
+      ConsoleWord word;
+      word.severity = ConsoleWord::Severity::kWarning;
+      std::snprintf(word.text.data(), word.text.size(), "%llu more texts came, and are not shown",
+                    static_cast<unsigned long long>(left_out));
+      words.Put(word);
     }
     while (operating_state.Take(operating)) {
       PsmOperatingState state;
@@ -247,12 +273,44 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     bool others = false;
     T message;
     dds::Origin from;
-    while (subscriber.Take(message, from)) others = others || from != ours;
+    while (subscriber.Take(message, from)) {
+      if (from == ours) continue;
+      if (!others) new_who.Put(InWords(p.PublisherOf(from)));
+      others = true;
+    }
     return others;
+  }
+
+  // Who has been found since the last look: the participant counts before its publishers are known,
+  // for the console may have heard these before.
+  void LookForNewcomers() noexcept {
+    const std::uint64_t num = p.num_found();
+    if (num == num_found) return;
+    int count = 0;
+    std::uint64_t last = num_found;
+    for (const dds::Newcomer& newcomer : p.FoundAfter(num_found)) {
+      // What was pushed out before it was seen may have been anybody.
+      const bool missed = newcomer.number > last + 1;
+      last = newcomer.number;
+      if (!newcomer.topic.empty() && !Commands(newcomer.topic) && !Requests(newcomer.topic) &&
+          !missed) {
+        continue;
+      }
+      if (count++ == 0) new_who.Put(InWords(newcomer));
+    }
+    num_found = std::max(num, last);
+    if (count == 0) return;
+    Count();
+    newcomers.fetch_add(count, std::memory_order_acq_rel);
   }
 
   // Who else has a hand on the arm.
   void Watch() noexcept {
+    LookForNewcomers();
+    dds::Flag reached;
+    int goals = 0;
+    while (goal_reached.Take(reached)) ++goals;
+    if (goals > 0) goals_reached.fetch_add(goals, std::memory_order_acq_rel);
     const int spoken = (HearsOthers(watched_hold, hold.origin()) ? 1 : 0) +
                        (HearsOthers(watched_free, {}) ? 1 : 0) +
                        (HearsOthers(watched_state_command, state_command.origin()) ? 1 : 0);
@@ -284,6 +342,14 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
                          (!is_si && tool.find("400006") != std::string::npos);
       wrong_tool.store(!known, std::memory_order_release);
     }
+  }
+
+  // Whether `topic` asks the arm to change its state.
+  [[nodiscard]] bool Requests(std::string_view topic) const {
+    for (const char* name : {"hold", "free", "state_command"}) {
+      if (topic == Topic(name)) return true;
+    }
+    return false;
   }
 
   // Whether `topic` commands the arm, whatever its type.
@@ -334,12 +400,16 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   runtime::Latest<PsmJawSample> new_jaw_setpoint;
   runtime::Latest<PsmOperatingState> new_operating;
   runtime::Queue<ConsoleWord, kMostWords> words;
+  std::atomic<std::int64_t> tick_ns{0};
   runtime::Latest<ConsoleWord> new_error;
   std::atomic<int> num_errors{0};
   std::atomic<int> state_publishers{0};
   std::atomic<int> incompatible{0};
   std::atomic<int> other_publishers{0};
   std::atomic<int> foreign_words{0};
+  std::atomic<int> newcomers{0};
+  std::atomic<int> goals_reached{0};
+  runtime::Latest<Who> new_who;
   std::atomic<int> tool_changes{0};
   std::atomic<bool> is_teleoperated{false};
   std::atomic<bool> was_teleoperated{false};
@@ -350,6 +420,10 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<int> servo_subscribers{0};
 
   // For the thread alone.
+  WordLimit error_limit;
+  WordLimit warning_limit;
+  WordLimit status_limit;
+  std::uint64_t num_found = 0;
   std::uint32_t lapses = 0;
   PsmStatus last_lapse = PsmStatus::kOk;
   dds::PoseStamped pose;
@@ -385,6 +459,8 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   dds::Subscriber<dds::Text> tool_type{p, Topic("tool_type"), Role::kEvent};
   dds::Subscriber<dds::Joy> arm_clutch{p, Topic("arm_clutch"), Role::kEvent};      // since 2.4
   dds::Subscriber<dds::Joy> manip_clutch{p, Topic("manip_clutch"), Role::kEvent};  // before
+  // A move that ends is another's.
+  dds::Subscriber<dds::Flag> goal_reached{p, Topic("goal_reached"), Role::kState};
   dds::Subscriber<dds::Signal> watched_hold{p, Topic("hold"), Role::kRequest};
   dds::Subscriber<dds::Signal> watched_free{p, Topic("free"), Role::kRequest};
   dds::Subscriber<dds::StringStamped> watched_state_command{p, Topic("state_command"),
@@ -420,7 +496,10 @@ PsmDriver::~PsmDriver() {
 PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept {
   Link& link = *link_;
   PsmInput input;
+  link.tick_ns.store(steady_ns, std::memory_order_relaxed);
   (void)link.new_error.Take(last_error_);
+  // Before the number of publishers, which is never older.
+  input.newcomers = link.newcomers.exchange(0, std::memory_order_acq_rel);
   const auto take = [](auto& mailbox, auto& entry) {
     if (!mailbox.Take(entry.emplace())) entry.reset();
   };
@@ -440,6 +519,7 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   servo_subscribers_ = link.servo_subscribers.load(std::memory_order_relaxed);
   input.command_subscribers = request_subscribers_ =
       link.command_subscribers.load(std::memory_order_relaxed);
+  input.goals_reached = link.goals_reached.exchange(0, std::memory_order_acq_rel);
   input.foreign_words = link.foreign_words.exchange(0, std::memory_order_acq_rel);
   input.tool_changes = link.tool_changes.exchange(0, std::memory_order_acq_rel);
   input.wrong_tool = link.wrong_tool.load(std::memory_order_acquire);
@@ -449,6 +529,8 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   input.clutched = link.is_clutched.load(std::memory_order_acquire) || input.clutched;
   input.send_failed = link.failed.exchange(false, std::memory_order_relaxed);
 
+  // The first of those that an arm holds because of.
+  if (Who who; link.new_who.Take(who) && !held_by_others()) who_ = who.text;
   const PsmOutput output = client_.Step(input, steady_ns, wall_ns);
   if (output.servo || output.servo_jaw || output.request != PsmRequest::kNone) {
     Outgoing next;
@@ -471,6 +553,18 @@ PsmStatus PsmDriver::Tick() noexcept { return Tick(SteadyNs(), dds::Stamp::Now()
 
 bool PsmDriver::TakeWord(ConsoleWord& word) noexcept { return link_->words.Take(word); }
 
+bool PsmDriver::held_by_others() const noexcept {
+  const PsmStatus now = status();
+  return client_.phase() == PsmPhase::kHolding &&
+         (now == PsmStatus::kNewcomer || now == PsmStatus::kForeignWord ||
+          now == PsmStatus::kOtherPublisher);
+}
+
+std::vector<dds::Newcomer> PsmDriver::Requesters() const {
+  return link_->p.OthersPublishers(
+      [this](std::string_view topic) { return link_->Requests(topic); });
+}
+
 std::string PsmDriver::Explain() const {
   const PsmStatus now = status();
   std::string text = arm_ + ": " + Name(now);
@@ -479,6 +573,7 @@ std::string PsmDriver::Explain() const {
       !last_error().empty()) {
     text += " (\"" + std::string(last_error()) + "\")";
   }
+  if (held_by_others() && !who().empty()) text += " (" + std::string(who()) + ")";
   if (*Remedy(now) != '\0') text += std::string("; ") + Remedy(now);
   return text;
 }

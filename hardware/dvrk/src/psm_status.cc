@@ -52,6 +52,8 @@ const char* Name(PsmStatus status) noexcept {
       return "more than one publishes the arm's state";
     case PsmStatus::kForeignWord:
       return "someone else told the arm to hold, to be free or to change its state";
+    case PsmStatus::kNewcomer:
+      return "someone who may command the arm has just joined";
     case PsmStatus::kForeignSetpoint:
       return "the console moves its set-point where it was not sent";
     case PsmStatus::kTeleoperated:
@@ -146,6 +148,8 @@ const char* Remedy(PsmStatus status) noexcept {
              "after some seconds";
     case PsmStatus::kForeignWord:
       return "ask who sent hold, free or state_command, then arm again";
+    case PsmStatus::kNewcomer:
+      return "what was said before it was found is not known: look at the arm, then arm again";
     case PsmStatus::kForeignSetpoint:
       return "is the arm teleoperated, or commanded inside the console? end that, then arm again";
     case PsmStatus::kTeleoperated:

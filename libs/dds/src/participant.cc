@@ -64,6 +64,29 @@ std::string GuidText(const rtps::GUID_t& guid) {
   return text.str();
 }
 
+Origin ToOrigin(const rtps::GUID_t& guid) noexcept {
+  Origin origin;
+  auto* const rest =
+      std::copy_n(std::begin(guid.guidPrefix.value), rtps::GuidPrefix_t::size, origin.begin());
+  std::copy_n(std::begin(guid.entityId.value), rtps::EntityId_t::size, rest);
+  return origin;
+}
+
+// Where a participant listens, which is what it says.
+std::string AddressOf(const rtps::RemoteLocatorList& locators) {
+  for (const rtps::Locator_t& locator : locators.unicast) {
+    if (locator.kind == LOCATOR_KIND_UDPv4) return rtps::IPLocator::toIPv4string(locator);
+  }
+  return "?";
+}
+
+constexpr std::string_view kRos = "rt";  // before a topic's ROS 2 name
+constexpr std::size_t kMostFound = 64;
+
+std::string_view RosName(std::string_view topic) {
+  return topic.starts_with(kRos) ? topic.substr(kRos.size()) : topic;
+}
+
 // The built-in plugins with one participant's files.
 void Secure(const SecurityFiles& files, fdds::DomainParticipantQos& qos) {
   auto& properties = qos.properties().properties();
@@ -159,10 +182,20 @@ void PeerListener::on_participant_discovery(fdds::DomainParticipant* /*participa
   if (info.status == Info::DISCOVERED_PARTICIPANT) {
     const auto& token = info.info.identity_token_;
     const std::string* authority = rtps::DataHolderHelper::find_property_value(token, "dds.ca.sn");
-    peers_[guid] = {.name = info.info.m_participantName.to_string(),
-                    .has_certificate = !token.class_id().empty(),
-                    .authority = authority == nullptr ? std::string() : *authority,
-                    .found = Clock::now()};
+    const auto& metatraffic = info.info.metatraffic_locators;
+    const Peer& peer = peers_[guid] = {
+        .name = info.info.m_participantName.to_string(),
+        .address =
+            AddressOf(metatraffic.unicast.empty() ? info.info.default_locators : metatraffic),
+        .has_certificate = !token.class_id().empty(),
+        .authority = authority == nullptr ? std::string() : *authority,
+        .found = Clock::now()};
+    if (Outside(peer)) return;
+    Newcomer newcomer{.origin = ToOrigin(info.info.m_guid),
+                      .name = peer.name,
+                      .address = peer.address,
+                      .topic = {}};
+    Found(newcomer);
   } else if (info.status != Info::CHANGED_QOS_PARTICIPANT) {
     // One that was admitted, or left before that was decided, is none of our business any more.
     const auto peer = peers_.find(guid);
@@ -174,21 +207,73 @@ void PeerListener::on_publisher_discovery(fdds::DomainParticipant* participant,
                                           rtps::WriterDiscoveryInfo&& info) {
   if (info.info.guid().guidPrefix == participant->guid().guidPrefix) return;
   const std::lock_guard lock(mutex_);
+  const rtps::GUID_t& guid = info.info.guid();
   if (info.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER) {
-    publishers_.erase(info.info.guid());
-  } else {
-    publishers_[info.info.guid()] = info.info.topicName().to_string();
+    publishers_.erase(guid);
+    return;
   }
+  const auto [place, is_new] = publishers_.try_emplace(guid);
+  if (!is_new) return;
+  Newcomer& publisher = place->second;
+  publisher.origin = ToOrigin(guid);
+  publisher.topic = info.info.topicName().to_string();
+  const auto peer =
+      peers_.find(GuidText(rtps::GUID_t(guid.guidPrefix, rtps::c_EntityId_RTPSParticipant)));
+  if (peer != peers_.end()) publisher.name = peer->second.name;
+  publisher.address =
+      peer != peers_.end() ? peer->second.address : AddressOf(info.info.remote_locators());
+  Found(publisher);
+}
+
+void PeerListener::Found(Newcomer& newcomer) {
+  newcomer.number = num_found_.load(std::memory_order_relaxed) + 1;
+  found_.push_back(newcomer);
+  found_.back().topic = RosName(newcomer.topic);
+  if (found_.size() > kMostFound) found_.pop_front();
+  num_found_.store(newcomer.number, std::memory_order_release);
 }
 
 int PeerListener::CountPublishers(const std::function<bool(std::string_view topic)>& counts) const {
-  constexpr std::string_view kRos = "rt";
+  return static_cast<int>(Publishers(counts).size());
+}
+
+std::vector<Newcomer> PeerListener::Publishers(
+    const std::function<bool(std::string_view topic)>& counts) const {
+  std::vector<Newcomer> publishers;
   const std::lock_guard lock(mutex_);
-  return static_cast<int>(
-      std::count_if(publishers_.begin(), publishers_.end(), [&](const auto& publisher) {
-        const std::string_view topic = publisher.second;
-        return topic.starts_with(kRos) && counts(topic.substr(kRos.size()));
-      }));
+  for (const auto& [guid, publisher] : publishers_) {
+    const std::string_view topic = publisher.topic;
+    if (!topic.starts_with(kRos) || !counts(RosName(topic))) continue;
+    publishers.push_back(publisher);
+    publishers.back().topic = RosName(topic);
+  }
+  std::ranges::sort(publishers, {}, &Newcomer::number);
+  return publishers;
+}
+
+std::vector<Newcomer> PeerListener::FoundAfter(std::uint64_t after) const {
+  const std::lock_guard lock(mutex_);
+  std::vector<Newcomer> found;
+  for (const Newcomer& newcomer : found_) {
+    if (newcomer.number > after) found.push_back(newcomer);
+  }
+  return found;
+}
+
+Newcomer PeerListener::PublisherOf(const Origin& origin) const {
+  const std::lock_guard lock(mutex_);
+  for (const auto& [guid, publisher] : publishers_) {
+    if (publisher.origin != origin) continue;
+    Newcomer found = publisher;
+    found.topic = RosName(publisher.topic);
+    return found;
+  }
+  return {.origin = origin, .name = {}, .address = "?", .topic = {}};
+}
+
+bool PeerListener::Outside(const Peer& peer) const {
+  return secured_ &&
+         (!peer.has_certificate || peer.authority.find(authority_) == std::string::npos);
 }
 
 void PeerListener::onParticipantAuthentication(fdds::DomainParticipant* /*participant*/,
@@ -317,6 +402,33 @@ std::string ExplainRefused(const Participant& participant) {
 int Participant::CountOthersPublishers(
     const std::function<bool(std::string_view topic)>& counts) const {
   return impl_->listener.CountPublishers(counts);
+}
+
+std::uint64_t Participant::num_found() const noexcept { return impl_->listener.num_found(); }
+
+std::vector<Newcomer> Participant::FoundAfter(std::uint64_t after) const {
+  return impl_->listener.FoundAfter(after);
+}
+
+std::vector<Newcomer> Participant::OthersPublishers(
+    const std::function<bool(std::string_view topic)>& counts) const {
+  return impl_->listener.Publishers(counts);
+}
+
+Newcomer Participant::PublisherOf(const Origin& origin) const {
+  return impl_->listener.PublisherOf(origin);
+}
+
+std::string Describe(const Newcomer& newcomer) {
+  constexpr std::size_t kMost = 32;
+  const bool is_long = newcomer.name.size() > kMost;
+  std::string text =
+      "'" + newcomer.name.substr(0, kMost) + (is_long ? "...' at " : "' at ") + newcomer.address;
+  if (!newcomer.topic.empty()) text += " publishes " + newcomer.topic;
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
+  }
+  return text;
 }
 
 const ParticipantOptions& Participant::options() const noexcept { return impl_->options; }

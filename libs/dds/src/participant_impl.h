@@ -1,6 +1,8 @@
 #pragma once
 
+#include <atomic>
 #include <chrono>
+#include <deque>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantListener.hpp>
 #include <fastdds/dds/publisher/Publisher.hpp>
@@ -35,6 +37,13 @@ class PeerListener : public eprosima::fastdds::dds::DomainParticipantListener {
                               eprosima::fastrtps::rtps::WriterDiscoveryInfo&& info) override;
   [[nodiscard]] int CountPublishers(
       const std::function<bool(std::string_view topic)>& counts) const;
+  [[nodiscard]] std::vector<Newcomer> Publishers(
+      const std::function<bool(std::string_view topic)>& counts) const;
+  [[nodiscard]] std::vector<Newcomer> FoundAfter(std::uint64_t after) const;
+  [[nodiscard]] Newcomer PublisherOf(const Origin& origin) const;
+  [[nodiscard]] std::uint64_t num_found() const noexcept {
+    return num_found_.load(std::memory_order_acquire);
+  }
   [[nodiscard]] std::vector<RefusedPeer> refused() const;
   [[nodiscard]] std::vector<RefusedPeer> TakeRefused();
 
@@ -42,6 +51,7 @@ class PeerListener : public eprosima::fastdds::dds::DomainParticipantListener {
   using Clock = std::chrono::steady_clock;
   struct Peer {
     std::string name;
+    std::string address;
     bool has_certificate = false;
     std::string authority;
     Clock::time_point found;
@@ -50,12 +60,18 @@ class PeerListener : public eprosima::fastdds::dds::DomainParticipantListener {
     bool told = false;
   };
   [[nodiscard]] std::string Reason(const Peer& peer) const;
+  // Whether nobody in a secured network admits it.
+  [[nodiscard]] bool Outside(const Peer& peer) const;
+  // Numbers it. The mutex is held.
+  void Found(Newcomer& newcomer);
 
   const bool secured_;
   const std::string authority_;
   mutable std::mutex mutex_;
-  std::map<std::string, Peer> peers_;                                   // by GUID
-  std::map<eprosima::fastrtps::rtps::GUID_t, std::string> publishers_;  // their topics
+  std::map<std::string, Peer> peers_;                                // by GUID
+  std::map<eprosima::fastrtps::rtps::GUID_t, Newcomer> publishers_;  // topics as DDS calls them
+  std::deque<Newcomer> found_;
+  std::atomic<std::uint64_t> num_found_{0};
 };
 
 struct Participant::Impl {

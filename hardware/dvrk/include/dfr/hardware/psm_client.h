@@ -21,9 +21,11 @@ struct PsmClientOptions {
   kinematics::PsmJoints max_lag =
       (kinematics::PsmJoints() << 0.09, 0.09, 0.01, 0.15, 0.15, 0.15).finished();
   /// How far the console's set-point may be from all that were sent in the last while, rad
-  /// (insertion: m), > 0: what inverse kinematics and rounding make of them.
+  /// (insertion: m), > 0: what inverse kinematics and rounding make of them. Another client's
+  /// set-points between these move it by 0.008 rad (insertion: 1 mm) within one step at most.
   kinematics::PsmJoints max_setpoint_error =
-      (kinematics::PsmJoints() << 0.01, 0.01, 0.001, 0.03, 0.03, 0.03).finished();
+      (kinematics::PsmJoints() << 0.003, 0.003, 0.0003, 0.01, 0.01, 0.01).finished();
+  double max_jaw_setpoint_error = 0.05;  ///< The same of the jaw, rad, > 0.
   /// Faster than this no sample follows another, rad/s (insertion: m/s), > 0: the console's own
   /// limits with a margin for noise.
   kinematics::PsmJoints jump_speed =
@@ -45,10 +47,13 @@ struct PsmClientOptions {
   double max_frame_angle = 0.05;  ///< rad
   double enable_timeout_s = 10.0;
   double home_timeout_s = 90.0;
+  /// Neither armed nor homed before everybody on the network has been found: so long after the last
+  /// one that was, >= 0.
+  double discovery_s = 0.5;
   double repeat_request_s = 2.0;  ///< A state command without any effect is sent again after that.
   PsmProfile profile = PsmProfile::kSmooth;
   /// Whether it is a reason to hold that others publish on the arm's command topics, tell it to
-  /// hold or to be free, or move its set-point.
+  /// hold or to be free, join the network while it is armed, or move its set-point.
   bool sole_commander = true;
 
   /// @throws std::invalid_argument naming the option that is out of range.
@@ -121,11 +126,15 @@ struct PsmInput {
   std::optional<PsmJawSample> jaw_measured;
   std::optional<PsmJawSample> jaw_setpoint;
   std::optional<PsmOperatingState> operating_state;
-  int errors = 0;               ///< Texts on the console's topic error.
-  int state_publishers = 0;     ///< Matched on measured_js.
-  int incompatible = 0;         ///< Refused there because of their quality of service.
-  int other_publishers = 0;     ///< On the command topics, besides us.
-  int foreign_words = 0;        ///< What others said on hold, free and state_command.
+  int errors = 0;            ///< Texts on the console's topic error.
+  int state_publishers = 0;  ///< Matched on measured_js.
+  int incompatible = 0;      ///< Refused there because of their quality of service.
+  int other_publishers = 0;  ///< On the command topics, besides us.
+  int foreign_words = 0;     ///< What others said on hold, free and state_command.
+  /// Participants that were found since the last step, and publishers on the topics of the two
+  /// above: what they said before is not known.
+  int newcomers = 0;
+  int goals_reached = 0;        ///< The console ended moves, which are never ours.
   bool teleoperated = false;    ///< A teleoperation is enabled, or was since the last step.
   bool clutched = false;        ///< The same of the arm's clutch.
   bool wrong_tool = false;      ///< The console names an instrument that is not known here.
@@ -229,6 +238,8 @@ class PsmClient {
   [[nodiscard]] PsmStatus MeasurementHoldReason() const noexcept;
   [[nodiscard]] PsmStatus CommandHoldReason(const PsmInput& input) const noexcept;
   [[nodiscard]] PsmStatus FollowHoldReason() const noexcept;
+  [[nodiscard]] bool JawIsOurs() const noexcept;
+  [[nodiscard]] bool Discovering() const noexcept;
   [[nodiscard]] bool FrameAgrees() const noexcept;
   [[nodiscard]] bool BaseMoved() const noexcept;
   void Pair() noexcept;
@@ -240,6 +251,7 @@ class PsmClient {
   PsmMotion motion_;
   PsmRest rest_;
   PsmRecentSetpoints recent_;
+  PsmRecentSetpoints recent_jaw_;  // in the first place
   dds::Watchdog js_watchdog_;
   dds::Watchdog cp_watchdog_;
   dds::Watchdog local_watchdog_;
@@ -263,6 +275,7 @@ class PsmClient {
   std::int64_t now_ns_ = 0;
   std::int64_t wall_ns_ = 0;
   std::int64_t restless_ns_ = 0;  // since then the arm has not been at rest
+  std::int64_t newcomer_ns_ = 0;
   std::int64_t request_start_ns_ = 0;
   std::int64_t request_sent_ns_ = 0;
   double jaw_ = 0.0;
@@ -282,6 +295,7 @@ class PsmClient {
   bool any_setpoint_ = false;
   bool any_jaw_setpoint_ = false;
   bool any_operating_ = false;
+  bool any_newcomer_ = false;
   bool had_publisher_ = false;
   bool jumped_ = false;
   bool erred_ = false;
@@ -290,6 +304,7 @@ class PsmClient {
   bool hold_first_ = false;
   bool request_sent_ = false;
   bool jaw_ours_ = false;
+  bool jaw_known_ = false;  // where it was when armed
   bool jaw_moving_ = false;
 };
 

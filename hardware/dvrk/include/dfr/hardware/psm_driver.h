@@ -17,7 +17,8 @@ namespace dfr::hardware {
 struct ConsoleWord {
   enum class Severity { kError, kWarning, kStatus };
   Severity severity = Severity::kStatus;
-  std::array<char, 256> text{};  ///< Ends with a zero; what is longer is cut off.
+  /// Ends with a zero; what is longer is cut off. Control characters are question marks.
+  std::array<char, 256> text{};
 
   [[nodiscard]] std::string_view view() const noexcept { return text.data(); }
 };
@@ -43,8 +44,10 @@ struct PsmDriverOptions {
 ///              manip_clutch
 ///   publishes  servo_cp or servo_cs, jaw/servo_jp hold state_command
 /// and it looks who else publishes on any servo_, move_ or interpolate_ topic of the arm, jaw and
-/// body included, what others say on hold, free and state_command, and whether a teleoperation is
-/// enabled.
+/// body included, what others say on hold, free and state_command, who joins the network, whether
+/// the console ends a move (goal_reached), which is never ours, and whether a teleoperation is
+/// enabled. The console may hear a newcomer before this driver does: that it is there counts as
+/// much as a word of it.
 ///
 /// A thread of its own talks to DDS, which allocates, locks and may wait; messages pass through
 /// mailboxes without locks. So everything marked noexcept here, Tick() above all, neither allocates
@@ -93,13 +96,21 @@ class PsmDriver {
   [[nodiscard]] bool at_rest() const noexcept { return client_.at_rest(); }
   [[nodiscard]] const std::string& arm() const noexcept { return arm_; }
 
-  /// The oldest of the console's words that has not been taken. False if there is none. Up to 64
-  /// wait; what comes then is lost.
+  /// The oldest of the console's words that has not been taken. False if there is none. Of each
+  /// severity five come in a second of Tick()'s clock, and a warning says how many more there were.
+  /// Up to 64 wait; what comes then is lost.
   bool TakeWord(ConsoleWord& word) noexcept;
   /// The last error that the console reported, empty if none.
   [[nodiscard]] std::string_view last_error() const noexcept { return last_error_.view(); }
-  /// status() in a sentence, with the console's last error where that is the reason, and the
-  /// remedy. Allocates.
+  /// Who published, spoke or joined last, in words, with address and topic: where the arm holds
+  /// because of it, the first that it holds because of. Empty if nobody did.
+  [[nodiscard]] std::string_view who() const noexcept { return who_.data(); }
+  /// Whether that is why it holds.
+  [[nodiscard]] bool held_by_others() const noexcept;
+  /// Who else can tell the arm to hold, to be free or to change its state. Allocates.
+  [[nodiscard]] std::vector<dds::Newcomer> Requesters() const;
+  /// status() in a sentence, with the console's last error or with who() where that is the reason,
+  /// and the remedy. Allocates.
   [[nodiscard]] std::string Explain() const;
 
   /// Publishers on the arm's command topics besides this driver, and on its measured_js, as of the
@@ -121,6 +132,7 @@ class PsmDriver {
   std::string arm_;
   PsmClient client_;
   ConsoleWord last_error_;
+  std::array<char, 160> who_{};
   int other_publishers_ = 0;
   int state_publishers_ = 0;
   int servo_subscribers_ = 0;

@@ -31,6 +31,7 @@ enum class PsmStatus {
   kOtherPublisher,   ///< Someone else publishes on the arm's command topics.
   kSecondConsole,    ///< More than one publishes the arm's state.
   kForeignWord,      ///< Someone else told the arm to hold, to be free or to change its state.
+  kNewcomer,         ///< Someone joined the network, or began to publish what commands the arm.
   kForeignSetpoint,  ///< The console's set-point is none of those that were sent to it.
   kTeleoperated,     ///< A teleoperation inside the console is enabled.
   kClutched,         ///< The operator holds the arm's clutch.

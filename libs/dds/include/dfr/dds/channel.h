@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -49,9 +48,6 @@ struct Health {
   int missed_deadlines = 0;  ///< Since the start.
   int incompatible = 0;      ///< Publishers refused because of what they offer, since the start.
 };
-
-/// Who sent a sample: the publisher's GUID, which no other publisher has.
-using Origin = std::array<std::uint8_t, 16>;
 
 /// Sends T = one of messages.h to a ROS 2 topic. One object belongs to one thread at a time.
 template <typename T>

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -43,6 +44,22 @@ struct RefusedPeer {
   std::string reason;  ///< In words: no certificate, one of another authority, ...
 };
 
+/// Who sent a sample: the publisher's GUID, which no other publisher has.
+using Origin = std::array<std::uint8_t, 16>;
+
+/// A participant or a publisher of another process. What it says of itself is not proven.
+struct Newcomer {
+  std::uint64_t number = 0;  ///< Counts all that were found, from 1 on.
+  Origin origin{};           ///< The publisher's GUID, or the participant's.
+  std::string name;          ///< The participant's; empty if it gives none.
+  std::string address;       ///< "192.168.1.5", or "?" if it gives none.
+  std::string topic;         ///< ROS 2 name of what it publishes; empty: the participant itself.
+};
+
+/// "'NAME' at ADDRESS" and what it publishes. Control characters are question marks, and a long
+/// name is cut.
+[[nodiscard]] std::string Describe(const Newcomer& newcomer);
+
 /// A process' membership in a DDS domain (Fast DDS 2.9): what publishers and subscribers are made
 /// from, which have to be destroyed first. Fast DDS runs threads of its own. Safe to use from
 /// several threads.
@@ -70,6 +87,19 @@ class Participant {
   /// process subscribes to.
   [[nodiscard]] int CountOthersPublishers(
       const std::function<bool(std::string_view topic)>& counts) const;
+
+  /// How many participants and publishers of others have been found since the start. One that was
+  /// forgotten and found again counts twice. In a secured network those whose certificate is of
+  /// another authority, or who have none, do not count.
+  [[nodiscard]] std::uint64_t num_found() const noexcept;
+  /// Those found after number `after`, those that have left included, oldest first: up to the last
+  /// 64. A participant is found before its publishers, and before any of its samples counts.
+  [[nodiscard]] std::vector<Newcomer> FoundAfter(std::uint64_t after) const;
+  /// The publishers behind CountOthersPublishers(), by number.
+  [[nodiscard]] std::vector<Newcomer> OthersPublishers(
+      const std::function<bool(std::string_view topic)>& counts) const;
+  /// Whose publisher sent a sample; its origin alone if it has left, or was never found.
+  [[nodiscard]] Newcomer PublisherOf(const Origin& origin) const;
 
   struct Impl;
   [[nodiscard]] Impl& impl() noexcept { return *impl_; }

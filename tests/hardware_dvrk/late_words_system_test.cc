@@ -1,0 +1,103 @@
+// Another participant that joins and tells the arm to hold, in real time and over the loopback.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <chrono>
+#include <memory>
+#include <optional>
+#include <thread>
+
+#include "dfr/dds/channel.h"
+#include "dfr/hardware/psm_driver.h"
+#include "dfr/sim/dvrk/psm_console_server.h"
+#include "tests/dds/domain.h"
+
+namespace dfr::hardware {
+namespace {
+
+using kinematics::PsmJoints;
+using Clock = std::chrono::steady_clock;
+
+class LateWordsSystemTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    PsmJoints start = PsmJoints::Zero();
+    start[2] = 0.12;
+    console_.Place(start);
+  }
+
+  // A period of 5 ms of both.
+  void Step() {
+    next_ += std::chrono::milliseconds(5);
+    std::this_thread::sleep_until(next_);
+    server_.Tick(0.005);
+    driver_->Tick();
+  }
+  // Under way to the other side.
+  void Begin() {
+    while (driver_->Arm() != PsmStatus::kOk) Step();
+    PsmJoints goal = driver_->client().setpoint();
+    goal[0] = goal[0] > 0.0 ? -0.3 : 0.3;
+    while (driver_->MoveTo(goal, 6.0) != PsmStatus::kOk) Step();
+    for (int i = 0; i < 40; ++i) Step();
+    ASSERT_TRUE(driver_->moving()) << driver_->Explain();
+  }
+  [[nodiscard]] Eigen::Vector3d tip() const { return console_.measured_pose().translation(); }
+
+  sim::PsmConsole console_{{.arm = "PSM1", .homing_s = 0.2}};
+  dds::Participant server_participant_{{.domain = test::OwnDomain()}};
+  sim::PsmConsoleServer server_{server_participant_, console_, {}};
+  dds::Participant participant_{{.domain = test::OwnDomain()}};
+  std::optional<PsmDriver> driver_{std::in_place, participant_, PsmDriverOptions{}};
+  Clock::time_point next_ = Clock::now();
+};
+
+// From the moment on that anybody may hear it, 1 mm: 50 ms of this motion, and discovery takes 10.
+TEST_F(LateWordsSystemTest, FiftyHoldsOfWhoHasJustJoinedAreFiftyHolds) {
+  double worst_m = 0.0;
+  for (int i = 0; i < 50; ++i) {
+    SCOPED_TRACE(i);
+    Begin();
+    dds::Participant guest({.domain = test::OwnDomain(), .name = "guest"});
+    dds::Publisher<dds::Signal> hold(guest, "/PSM1/hold", dds::Role::kRequest);
+    std::optional<Eigen::Vector3d> there;
+    double motion_m = 0.0;
+    // 20 times a second for .3 s, or once as soon as it may be heard.
+    for (int n = 0; n < 120; ++n) {
+      if (!there && hold.num_subscribers() > 0) {
+        there = tip();
+        if (i % 2 == 0) hold.Write({});
+      }
+      if (i % 2 != 0 && n % 10 == 0 && n < 60) hold.Write({});
+      Step();
+      if (there) motion_m = std::max(motion_m, (tip() - *there).norm());
+    }
+    ASSERT_EQ(driver_->phase(), PsmPhase::kHolding);
+    EXPECT_TRUE(driver_->held_by_others()) << driver_->Explain();
+    EXPECT_TRUE(there.has_value());
+    EXPECT_LT(motion_m, 1e-3);
+    worst_m = std::max(worst_m, motion_m);
+  }
+  RecordProperty("worst_mm", std::to_string(1e3 * worst_m));
+  std::printf("at most %.3f mm\n", 1e3 * worst_m);
+}
+
+TEST_F(LateWordsSystemTest, AWindowThatWasThereBeforeIsNoReason) {
+  dds::Participant window({.domain = test::OwnDomain(), .name = "window"});
+  const dds::Publisher<dds::Signal> hold(window, "/PSM1/hold", dds::Role::kRequest);
+  const dds::Publisher<dds::Signal> free(window, "/PSM1/free", dds::Role::kRequest);
+  const dds::Publisher<dds::StringStamped> state(window, "/PSM1/state_command",
+                                                 dds::Role::kRequest);
+  for (int i = 0; i < 20; ++i) {
+    SCOPED_TRACE(i);
+    Begin();
+    for (int n = 0; n < 200; ++n) Step();
+    ASSERT_EQ(driver_->phase(), PsmPhase::kArmed) << driver_->Explain();
+    driver_->Hold();
+    Step();
+  }
+  EXPECT_EQ(driver_->Requesters().size(), 3U);
+}
+
+}  // namespace
+}  // namespace dfr::hardware
