@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "dfr/experiment/experiment.h"
+#include "dfr/recording/records.h"
 #include "dfr/sim/line_tracking/line_tracking_plant.h"
 #include "model.h"
 #include "robot_config.h"
@@ -66,6 +67,9 @@ struct RunOptions {
   std::uint64_t seed = 1001;
 };
 void RunRun(const RunOptions& options);
+/// What a run's recording says of it, whether it had an emergency stop included.
+[[nodiscard]] recording::RecordingMetadata RunMetadata(const RobotConfig& config,
+                                                       std::uint64_t seed);
 
 struct ReplayOptions {
   std::filesystem::path recording;

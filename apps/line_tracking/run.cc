@@ -81,21 +81,6 @@ std::filesystem::path RecordingName(const std::filesystem::path& folder) {
   return path;
 }
 
-recording::RecordingMetadata Metadata(const RobotConfig& config, std::uint64_t seed) {
-  recording::RecordingMetadata metadata;
-  metadata.program = std::string("line_tracking ") + core::BuildVersion();
-  metadata.commit = core::BuildCommit();
-  metadata.model = config.model.string();
-  metadata.model_checksum = recording::Checksum(config.model);
-  metadata.method = config.method;
-  metadata.seed = seed;
-  metadata.configuration = config.text;
-  if (config.robot == RobotPlace::kDds) {
-    metadata.more["emergency stop"] = config.emergency_stop ? "required" : "none";
-  }
-  return metadata;
-}
-
 // The configuration file, with what the command line says otherwise.
 RobotConfig Configuration(const RunOptions& options) {
   RobotConfig config;
@@ -181,6 +166,21 @@ void PrintTimes(Screen& screen, const runtime::PeriodicTimer& timer, double peri
 
 }  // namespace
 
+recording::RecordingMetadata RunMetadata(const RobotConfig& config, std::uint64_t seed) {
+  recording::RecordingMetadata metadata;
+  metadata.program = std::string("line_tracking ") + core::BuildVersion();
+  metadata.commit = core::BuildCommit();
+  metadata.model = config.model.string();
+  metadata.model_checksum = recording::Checksum(config.model);
+  metadata.method = config.method;
+  metadata.seed = seed;
+  metadata.configuration = config.text;
+  if (config.robot == RobotPlace::kDds) {
+    metadata.more["emergency stop"] = config.emergency_stop ? "required" : "none";
+  }
+  return metadata;
+}
+
 void RunRun(const RunOptions& options) {
   if (options.episodes < 1) throw std::invalid_argument("--episodes must be positive");
   const RobotConfig config = Configuration(options);
@@ -192,7 +192,7 @@ void RunRun(const RunOptions& options) {
   std::filesystem::path log;
   if (!config.recordings.empty()) {
     log = RecordingName(config.recordings);
-    recorder.emplace(log, Metadata(config, options.seed));
+    recorder.emplace(log, RunMetadata(config, options.seed));
   }
   Terminal terminal;
   Screen& screen = terminal.screen();

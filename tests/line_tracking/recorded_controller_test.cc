@@ -31,6 +31,16 @@ TEST(RunTest, WhatWasSimulatedDrivesNoRobot) {
   }
 }
 
+TEST(RunTest, ItsRecordingSaysWhetherThereWasAnEmergencyStop) {
+  RobotConfig config;
+  config.model = Data().path / "model";
+  EXPECT_TRUE(RunMetadata(config, 1).more.empty()) << "nothing real moves";
+  config.robot = RobotPlace::kDds;
+  EXPECT_EQ(RunMetadata(config, 1).more.at("emergency stop"), "required");
+  config.emergency_stop = false;
+  EXPECT_EQ(RunMetadata(config, 1).more.at("emergency stop"), "none");
+}
+
 TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSeen) {
   const std::filesystem::path path = Data().path / "run.mcap";
   const std::filesystem::path folder = Data().path / "model";
