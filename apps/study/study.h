@@ -61,7 +61,7 @@ struct Row {
   int alarmed_failures = 0;   ///< Of `collided`, those with an alarm before. Monitor alone.
   int alarmed_successes = 0;  ///< Of `completed`, those with an alarm. Monitor alone.
   double controls = 0.0;      ///< In an episode, on average.
-  double changed = 0.0;       ///< Of these, those that are not the policy's to the bit.
+  double changed = 0.0;       ///< Those of `controls` that are not the policy's to the bit.
   std::vector<int> recoveries = {};  ///< Controls of each. In planar tasks alone.
   /// Why others than `completed` ended: "halted: no-progress", or who chose the control that
   /// collided.

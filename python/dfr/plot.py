@@ -21,7 +21,8 @@ _COLOURS = {
     "outside": "#56b4e9",
     "changed": "#009e73",
     "probe": "#e69f00",
-    "recovery": "#d55e00",
+    "demonstrations": "#d55e00",
+    "recovery": "#cc79a7",
     "halt": "#28292b",
 }
 

@@ -87,7 +87,7 @@ class GuardAppTest(unittest.TestCase):
 
     def test_minari_gives_the_same_guard(self):
         self.fit("a.guard")
-        self.fit("b.guard", "right-v0", "--strategy", "guided")
+        self.fit("b.guard", "right-v0", "--strategy", "guard")
         a, b = (self.run_guard("show", name).splitlines() for name in ("a.guard", "b.guard"))
         self.assertNotEqual(a[0], b[0])
         self.assertEqual(a[1:], b[1:])
@@ -411,7 +411,7 @@ class GuardAppTest(unittest.TestCase):
         for arguments, message in [
             (["fit", "missing.hdf5"], "missing.hdf5"),
             (["fit", "demos.hdf5", "--features", "gripper"], "feature 'gripper' is not part of the state; it has"),
-            (["fit", "demos.hdf5", "--strategy", "brave"], "no strategy 'brave'; there are: guided"),
+            (["fit", "demos.hdf5", "--strategy", "brave"], "no strategy 'brave'; there are: guard, controller"),
             (["fit", "demos.hdf5", "--features", "tip", "--nu", "2"], "nu"),
             (["check", "demos.hdf5", "--action-limit", "-1"], "--action-limit: must be positive, not -1\n"),
             (["check", "."], ".: has neither data/main_data.hdf5, as Minari's datasets, nor meta/info.json, as LeRobot's"),

@@ -46,7 +46,7 @@ class PlotTest(unittest.TestCase):
         for reason, count in drawn.items():
             told = [i for i in infos if (i["mode"] if i["mode"] == "halt" else i["reason"]) == reason]
             self.assertEqual(len(told), count, reason)
-        self.assertIn("changed", drawn)
+        self.assertIn("demonstrations", drawn)
         with self.assertRaisesRegex(ValueError, "infos is empty"):
             plot.episode([])
 

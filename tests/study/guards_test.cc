@@ -147,6 +147,7 @@ TEST(RowTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
                                       .alarmed_failures = 30,
                                       .alarmed_successes = 15,
                                       .controls = 12.5,
+                                      .changed = 5.0,
                                       .causes = {{"halted: no-progress", 10}}}},
                                     true);
   ASSERT_EQ(tables.size(), 3u);
@@ -155,9 +156,10 @@ TEST(RowTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
   EXPECT_THAT(row[4], testing::StartsWith("75.0 ["));
   EXPECT_THAT(row[5], testing::StartsWith("20.0 ["));
   EXPECT_THAT(row[6], testing::StartsWith("5.0 ["));
-  EXPECT_EQ(row[10], "12.5");
-  EXPECT_THAT(row[11], testing::StartsWith("75.0 ["));
-  EXPECT_THAT(row[12], testing::StartsWith("10.0 ["));
+  EXPECT_EQ(row[10], "60.0");  // passed
+  EXPECT_EQ(row[11], "12.5");
+  EXPECT_THAT(row[12], testing::StartsWith("75.0 ["));
+  EXPECT_THAT(row[13], testing::StartsWith("10.0 ["));
   EXPECT_EQ(tables[2].rows.at(0)[4], "10");
   EXPECT_EQ(tables[2].rows.at(0)[5], "halted: no-progress");
 }
