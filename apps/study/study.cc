@@ -80,11 +80,11 @@ class Units {
   }
   [[nodiscard]] std::shared_ptr<const Prepared> PreparedFor(
       const experiment::EvaluationUnit& unit) {
-    const auto& [task, variant, condition] = PlaceOf(unit.learner);
+    const Place& place = PlaceOf(unit.learner);
     const int count =
-        condition->demonstrations > 0 ? condition->demonstrations : unit.demonstrations;
-    return prepared_.Get({task->name + "/" + std::to_string(count), unit.trial}, [&] {
-      return Prepare(*task, study_.kind, count, plan_.seed, unit.trial, study_.plane);
+        place.condition->demonstrations > 0 ? place.condition->demonstrations : unit.demonstrations;
+    return prepared_.Get({place.task->name + "/" + std::to_string(count), unit.trial}, [&] {
+      return Prepare(*place.task, study_.kind, count, plan_.seed, unit.trial, study_.plane);
     });
   }
   [[nodiscard]] std::unique_ptr<Runner> Make(const experiment::EvaluationUnit& unit) {
