@@ -162,7 +162,7 @@ void Runner::Begin(int method, std::uint64_t start_seed) {
 
 experiment::EpisodeResult Runner::Run(int method, std::uint64_t start_seed,
                                       std::uint64_t controller_seed) {
-  const auto result = RolloutRunner::Run(method, start_seed, controller_seed);
+  experiment::EpisodeResult result = RolloutRunner::Run(method, start_seed, controller_seed);
   if (guarded_.empty()) return result;
   const Guarded& guarded = *guarded_[static_cast<std::size_t>(method)];
   if (guarded.monitors() && guarded.alarmed() && result.outcome != core::Outcome::kHalted) {

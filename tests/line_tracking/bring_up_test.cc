@@ -76,18 +76,18 @@ TEST_F(BringUpTest, WhatIsFoundInTheMiddleOfHomingEndsIt) {
     const char* detail;
   } const cases[] = {{HoldReason::kEmergencyStop, "pressed"},
                      {HoldReason::kEmergencyStopSilent, "gone"}};
-  for (const auto& [reason, detail] : cases) {
+  for (const auto& found : cases) {
     FakeRobot robot;
     robot.arm.unhomed = true;
     options_.loop = &robot.loop;
     options_.arm = &robot.arm;
     const Confirms confirms = [&](std::string_view, std::string_view) {
       robot.clock.plan_ns = robot.clock.now_ns + 500'000'000;
-      robot.clock.plan = [&] { robot.stop.found = {reason, detail}; };
+      robot.clock.plan = [&] { robot.stop.found = {found.reason, found.detail}; };
       return true;
     };
-    EXPECT_EQ(Refusal(confirms),
-              std::string("PSM1 was not homed: ") + runtime::Name(reason) + ": " + detail);
+    EXPECT_EQ(Refusal(confirms), std::string("PSM1 was not homed: ") + runtime::Name(found.reason) +
+                                     ": " + found.detail);
     EXPECT_TRUE(robot.arm.unhomed);
     EXPECT_EQ(robot.arm.disabled_ns, robot.clock.now_ns) << "in the same period";
   }
