@@ -57,8 +57,7 @@ template <typename T>
 /// A number, which stands for one of its kind, or several; 0 alone is none.
 [[nodiscard]] inline std::vector<double> RealsOption(const pybind11::object& value,
                                                      const char* name) {
-  if (pybind11::isinstance<pybind11::float_>(value) ||
-      pybind11::isinstance<pybind11::int_>(value)) {
+  if (!pybind11::isinstance<pybind11::sequence>(value)) {
     const double number = RealOption(value, name);
     return number == 0.0 ? std::vector<double>{} : std::vector<double>{number};
   }

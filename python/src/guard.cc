@@ -514,9 +514,12 @@ info : dict
     g : float or None, positive inside what was demonstrated at the time step `step`.
     threshold : float or None, the policy's action passes unseen where g is at least this.
     mode : "policy", "probe", "recovery" or "halt".
-    reason : "inside", "outside" (passed all the same), "changed", "probe", "recovery", or why it
-        halted.
+    reason : "inside", "outside" (passed all the same), "changed", "demonstrations", "probe",
+        "recovery", or why it halted.
+    source : who chose the action: "policy", "policy-changed", "demonstrations", "probe", "recovery" (of
+        Algorithm 1) or "halt".
     changed : bool, whether the action differs from the policy's.
+    change : float, how far; an ordinary demonstrated action has length 1.
     certified : bool, whether the next state provably raises no alarm, under the assumptions of
         docs/certificates.md (strategy "certified").
     alarm : bool, whether the state is further outside than demonstrations are.

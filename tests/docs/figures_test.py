@@ -54,7 +54,7 @@ class Figures(unittest.TestCase):
         table = {cells[0]: cells[1:] for cells in rows("README.md")}
         self.assertEqual((len(self.tasks), len(self.policies)), (18, 5))
         for name, method in (("five policies in eighteen small tasks, alone", "alone"),
-                             ("with guided recovery, default settings", "guided")):
+                             ("with guided recovery, strategy `controller`", "guided")):
             for cell, share in zip(table[name], self.gallery[method]):
                 self.assert_printed(cell, share)
         self.assert_outcomes(table["a weak policy on the paper's Pusher, alone"], self.average["8", "baseline"])

@@ -476,6 +476,14 @@ class GuardedEnvTest(unittest.TestCase):
         env.reset(seed=0)
         self.assertEqual(env.step(action_for(0.05, 0.0))[4]["guard"]["mode"], "policy")
 
+    def test_limits_are_one_for_all_or_one_each(self):
+        for limit in (0.05, np.float32(0.05), np.array([0.05, 0.05]), (0.05, 0.05)):
+            guard = self.guard.with_settings(action_limit=limit)
+            np.testing.assert_allclose(guard.settings["action_limit"], [0.05, 0.05], rtol=1e-6)
+        for wrong in ([0.05, -1.0], [0.05, np.nan], "wide", [0.1, 0.1, 0.1]):
+            with self.assertRaisesRegex((ValueError, TypeError), "action_limit"):
+                self.guard.with_settings(action_limit=wrong)
+
     def test_action_space_bounds_what_the_guard_gives(self):
         class Space:
             def __init__(self, low, high, dtype=np.float32):

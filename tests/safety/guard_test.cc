@@ -270,6 +270,15 @@ std::vector<Doubt> Doubts() {
        [](Guard& guard, std::span<double> safe) {
          return guard.Filter(3, kState, kAction, safe.first(1));
        }},
+      {"too much room for the result", HaltCause::kControlInvalid,
+       [](Guard& guard, std::span<double> safe) {
+         std::vector<double> more(1000, 1.0);
+         const Verdict verdict = guard.Filter(3, kState, kAction, more);
+         EXPECT_THAT(more, testing::Each(0.0));
+         EXPECT_TRUE(std::isnan(verdict.change));
+         std::fill(safe.begin(), safe.end(), 0.0);
+         return verdict;
+       }},
   };
 }
 

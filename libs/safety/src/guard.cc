@@ -193,7 +193,8 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
       std::copy(loop.bounded.begin(), loop.bounded.end(), loop.proposal.action().begin());
     }
   }
-  if (safe.size() != loop.proposed.size()) controller.Stop(HaltCause::kControlInvalid);
+  const bool room = safe.size() == loop.proposed.size();
+  if (!room) controller.Stop(HaltCause::kControlInvalid);
   const control::Step step = controller.Next(state, loop.chosen);
   if (step.mode == Mode::kHalt) {
     std::fill(safe.begin(), safe.end(), 0.0);
@@ -208,7 +209,7 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
   }
   // The one place where limits are kept, whatever chose the action. A recovery of the caller's own
   // knows none, and units round.
-  Clamp(model_->settings().action_limit, safe);
+  if (room) Clamp(model_->settings().action_limit, safe);
 
   Verdict verdict;
   verdict.mode = step.mode;
@@ -230,7 +231,7 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
   // Not against `action`, which may be the memory that has just been written to.
   verdict.changed = !action_usable || !std::equal(safe.begin(), safe.end(), loop.proposed.begin(),
                                                   loop.proposed.end());
-  verdict.change = action_usable ? model_->actions().Distance(loop.proposed, safe) : kNaN;
+  verdict.change = action_usable && room ? model_->actions().Distance(loop.proposed, safe) : kNaN;
   switch (step.mode) {
     case Mode::kPolicy:
       verdict.source = verdict.changed ? Source::kPolicyChanged : Source::kPolicy;

@@ -15,6 +15,7 @@ struct ActionEntry {
   double largest = 0.0;  ///< Largest demonstrated |u_i|.
   /// Whether a guard may choose values of its own. An entry with few demonstrated values, such as a
   /// gripper that opens or closes, is not steered: the policy's value passes, within the limit.
+  /// Where no other entry moves, those that do are steered all the same.
   bool steered = true;
   /// Size of an ordinary value: the root mean square of the demonstrated ones, times the square
   /// root of the number of steered entries, so that an ordinary action has |a| = 1 whatever its

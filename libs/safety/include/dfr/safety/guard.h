@@ -34,7 +34,7 @@ struct Verdict {
   control::HaltCause cause = control::HaltCause::kNone;  ///< Why it halted; else kNone.
   bool changed = false;                                  ///< The action differs from the policy's.
   /// How far it differs: the Euclidean norm over steered entries in ActionSpace's units, in which
-  /// an ordinary demonstrated action has length 1. NaN if the policy's action is not one.
+  /// an ordinary demonstrated action has length 1. NaN if one of the two is not an action.
   double change = 0.0;
   /// Strategy kCertified: under its assumptions the next state raises no alarm.
   bool certified = false;
