@@ -42,6 +42,9 @@ class Figures(unittest.TestCase):
         cls.tasks = {row["task"] for row in gallery}
         cls.policies = {row["policy"] for row in gallery}
 
+    def prose(self, page):
+        return re.sub(r"\s+", " ", (SOURCE / page).read_text())
+
     def assert_printed(self, cell, share, digits=1):
         """`cell` is `share` as printed in per cent."""
         self.assertAlmostEqual(number(cell), 100 * share, delta=0.5 * 10**-digits + 1e-9)
@@ -57,22 +60,28 @@ class Figures(unittest.TestCase):
                              ("with guided recovery, strategy `controller`", "guided")):
             for cell, share in zip(table[name], self.gallery[method]):
                 self.assert_printed(cell, share)
-        self.assert_outcomes(table["a weak policy on the paper's Pusher, alone"], self.average["8", "baseline"])
-        self.assert_outcomes(table["with guided recovery"], self.average["8", "guided"])
-        text = (SOURCE / "README.md").read_text()
-        lwr = re.search(r"locally weighted regression alone, without any guard, completes ([\d.]+) %",
-                        re.sub(r"\s+", " ", text))
-        self.assert_printed(lwr.group(1), self.average["8", "lwr"]["completed"])
-
-        drawn_anew = re.search(r"drawn anew on the Pusher, ([\d.]+) %", re.sub(r"\s+", " ", text))
-        alone = self.average["8", "baseline"]
-        self.assert_printed(drawn_anew.group(1),
-                            alone["redrawn_starts"] / (alone["episodes"] + alone["redrawn_starts"]))
+        for name, method in (("a weak policy on the paper's Pusher, alone (the time limit counts as halted)",
+                              "baseline"),
+                             ("with Derivative-Free Recovery, as published", "dfr"),
+                             ("with guided recovery", "guided"),
+                             ("locally weighted regression on the same demonstrations, no guard", "lwr")):
+            with self.subTest(name=name):
+                row = self.average["8", method]
+                self.assert_outcomes(table[name], row)
+                for cell, outcome in zip(table[name], ("completed", "halted", "collided")):
+                    self.assertEqual([int(n) for n in re.findall(r"\d+", cell.split("[")[1])],
+                                     [round(100 * x) for x in row[outcome + "_interval"]])
+        around = re.search(r"guided recovery around it completes ([\d.]+) %", self.prose("README.md"))
+        self.assert_printed(around.group(1), self.average["8", "guided@lwr"]["completed"])
 
     def test_results(self):
         text = (SOURCE / "docs/results.md").read_text()
         self.assertIn(f"--seed {self.pusher['seed']} ", text)
         self.assertIn(f"commit {self.pusher['commit'][:7]}", text)
+        redrawn = re.search(r"redraws ([\d.]+) % of the start states", self.prose("docs/results.md"))
+        alone = self.average["8", "baseline"]
+        self.assert_printed(redrawn.group(1),
+                            alone["redrawn_starts"] / (alone["episodes"] + alone["redrawn_starts"]))
         learner = None
         seen = set()
         # The first table of the page: the Pusher's.
