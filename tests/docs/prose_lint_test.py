@@ -24,6 +24,37 @@ class ProseLintTest(unittest.TestCase):
         # The second line of a sentence, a word, and code.
         self.assertEqual(self.found("a.h", "/// The mean\n/// Of all.\n// Offset\nint Of;\n// Of course\n"), [])
 
+    def test_openings_and_style_of_pages(self):
+        self.assertEqual([number for number, _ in prose_lint.markdown_problems(
+            "What it does.\n\n- Whether it holds\n\n**How many?** Two.\n\nIt holds\nWhat is left\n"
+            "```\nWhat\n```\n\nsit so that\nit stands\n")], [1, 3, 13])
+        self.assertEqual(self.found("a.md", "What it does.\n"), [])  # only README and docs have a style
+        self.assertEqual([number for number, _ in prose_lint.comment_problems(
+            "/// By how much it moves\n/// what is left\n", style=True)], [1])
+
+    def test_sentences_that_an_editor_would_rewrite(self):
+        comments = ("What a loop works with.", "naming what there is", "what controls under way will lead to",
+                    "the own motion of what goes on moving without one", "makes all the room there is",
+                    "Whether controls are certified", "How a certificate's assumption failed.",
+                    "Where this becomes true, units under way are finished.", "By how much any entry may change",
+                    "How far from the straight way", "What time a stamp says it is", "a camera that the model has not",
+                    "files of this robot could not be told from others", "trusted where there were some",
+                    "Actions must be such that zero holds the robot still")
+        for comment in comments:
+            self.assertTrue(list(prose_lint.comment_problems("/// " + comment, style=True)), comment)
+        for comment in ("Maximum deviation of the jaw tips, m.", "Returns a copy that shares the fitted data.",
+                        "A zero action must hold the robot still", "Once true, running units finish."):
+            self.assertFalse(list(prose_lint.comment_problems("/// " + comment, style=True)), comment)
+
+    def test_subjects_of_commits(self):
+        for subject in ("dds: that a participant leaves is not handed on", "docs: what was not measured is not said",
+                        "control: a view is passed as one", "kernel: a test's samples are reserved", "Adds a test",
+                        "Fixed a bug", "tests: renaming of cases", "kernel: " + "pad " * 17):
+            self.assertTrue(list(prose_lint.subject_problems(subject)), subject)
+        for subject in ("kernel: pad support vectors to whole lanes", "Print the cost of each task",
+                        "control: pass the view by value", "Focus, then embed and bring the view", "docs, tests: need it"):
+            self.assertEqual(list(prose_lint.subject_problems(subject)), [], subject)
+
     def test_words(self):
         self.assertEqual(self.found("a.md", "Utilize it.\nLikewise.\nuse it, like wise people\n"), [1, 2])
         self.assertEqual(self.found("a.cc", 'f("likewise");  // likewise\nf("likewise");\n'), [1])
