@@ -68,6 +68,11 @@ class Glossary(unittest.TestCase):
             names = set(re.findall(r'return "([a-z-]+)";', (SOURCE / source).read_text())) - {"unknown"}
             self.assertGreaterEqual(len(names), least, source)
             self.assertEqual(names - told, set(), source)
+        binding = (SOURCE / "python/src/guard.cc").read_text()
+        keys = set(re.findall(r'(?:info|result|values)\["(\w+)"\]', binding))
+        self.assertGreater(len(keys), 30)
+        told = set(re.findall(r"[a-z_]+", (SOURCE / "docs/glossary.md").read_text()))
+        self.assertEqual(keys - told, set())
 
 
 class FirstGuard(unittest.TestCase):
