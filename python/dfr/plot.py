@@ -117,8 +117,8 @@ def features(guard: Guard, episodes: Sequence[ArrayLike], *, most: int = 12, ax:
     ValueError
         If all states are inside: then no entry decides anything.
     """
-    rows = [guard.shortfall(states) for states in episodes]
-    outside = [row for shortfall in rows for row in shortfall if row.any()]
+    rows = [guard.attribution(states) for states in episodes]
+    outside = [row for attribution in rows for row in attribution if row.any()]
     if not outside:
         raise ValueError("all states are inside: pass episodes that leave the support, recorded with strategy "
                          "'monitor' for example")

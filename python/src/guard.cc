@@ -22,6 +22,7 @@
 #include "arrays.h"
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/contract.h"
+#include "dfr/safety/guard_advice.h"
 #include "dfr/safety/guard_model.h"
 #include "dfr/safety/onnx_export.h"
 
@@ -121,7 +122,7 @@ Guard Fit(const Arrays& all_states, const Arrays& all_actions, const py::object&
     demonstrations.push_back(std::move(demonstration));
   }
   safety::GuardOptions options;
-  options.features = safety::StripObservationPrefixes(FeaturesOption(features));
+  options.features = core::StripObservationPrefixes(FeaturesOption(features));
   options.support.svm.nu = RealOption(nu, "nu");
   options.support.svm.gamma = RealOption(gamma, "gamma");
   options.strategy = safety::ParseStrategy(TextOption(strategy, "strategy"));
@@ -583,16 +584,17 @@ Returns
 ndarray of shape (n_states,)
 )")
       .def(
-          "shortfall",
+          "attribution",
           [](const Guard& guard, const Array& states) {
             DFR_THROW_UNLESS(states.ndim() == 2, "states must have 2 dimensions");
             const core::Matrix rows = Rows(states, "states");
-            core::Matrix shortfall;
+            core::Matrix attribution;
             {
               const py::gil_scoped_release unlocked;
-              shortfall = guard.model().Shortfall(rows);
+              attribution = safety::Attribution(guard.model(), rows);
             }
-            return py::array_t<double>({shortfall.rows(), shortfall.cols()}, shortfall.data());
+            return py::array_t<double>({attribution.rows(), attribution.cols()},
+                                       attribution.data());
           },
           py::arg("states"),
           R"(Which entries of each state put it outside: what each adds to -l.

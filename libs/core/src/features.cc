@@ -149,4 +149,19 @@ double FeatureDecision::Gradient(int t, std::span<const double> x,
   return g;
 }
 
+std::string StripObservationPrefixes(std::string_view features) {
+  constexpr std::array<std::string_view, 2> kPrefixes = {"obs/", "observations/"};
+  std::string stripped;
+  while (!features.empty()) {
+    std::string_view item = features.substr(0, features.find(','));
+    features.remove_prefix(std::min(features.size(), item.size() + 1));
+    for (const std::string_view prefix : kPrefixes) {
+      if (item.starts_with(prefix)) item.remove_prefix(prefix.size());
+    }
+    if (!stripped.empty()) stripped += ',';
+    stripped += item;
+  }
+  return stripped;
+}
+
 }  // namespace dfr::core

@@ -85,4 +85,8 @@ class FeatureDecision final : public DecisionFunction {
   const DecisionFunction* inner_;
 };
 
+/// The feature list of a command line, "obs/object,obs/tip[0:2]", as FeatureSelection takes it:
+/// without the "obs/" or "observations/" that stands before a name in a file.
+[[nodiscard]] std::string StripObservationPrefixes(std::string_view features);
+
 }  // namespace dfr::core
