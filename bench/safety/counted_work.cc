@@ -149,8 +149,8 @@ void RunFits(Runner& runner) {
     int most_steps;
     double tolerance = 1e-3;
   };
-  for (const Fit& f : {Fit{"fit of 120", 120, 5.0, 0}, Fit{"whole fit of 1200", 1200, 5.0, 0},
-                       Fit{"fit of 1500, narrow kernel", 1500, 50.0, 50, 1e-7}}) {
+  for (const Fit& f : {Fit{"fit of 120", 120, 5.0, 0}, Fit{"whole fit of 700", 700, 5.0, 0},
+                       Fit{"fit of 1200, narrow kernel", 1200, 50.0, 30, 1e-7}}) {
     runner.Run(f.name, 10, [&]() -> Operation {
       return [f, samples = PooledTrajectories(f.n, kDim, 3)](int) {
         sink = kernel::OneClassSvm::Fit(
@@ -191,7 +191,7 @@ class Linear final : public core::Policy {
 void RunControllers(Runner& runner) {
   constexpr int kSteps = 20;
   constexpr int kEpisode = 12;  // steps of one operation
-  const auto demonstrations = Demonstrations(40, kSteps, 12, 7);
+  const auto demonstrations = Demonstrations(24, kSteps, 12, 7);
   // Near the demonstrated states and at the edge of their support.
   core::Random random(2);
   core::Matrix queries(kSteps, 12);
