@@ -5,16 +5,16 @@
 
 namespace dfr::core {
 
-/// Where data were made.
+/// Source of the data.
 enum class Origin {
   kUnknown,    ///< Nobody has said so: files of others, and of before there was provenance.
   kSimulated,  ///< In a simulation, whether in this process or behind a console.
   kReal,       ///< On a robot.
 };
-/// "unknown", "simulated" or "real".
+/// Returns "unknown", "simulated" or "real".
 [[nodiscard]] const char* Name(Origin origin) noexcept;
 
-/// Where a file's data are from. Files hold it as one text.
+/// Origin of a file's data. Files store it as one text.
 struct Provenance {
   Origin origin = Origin::kUnknown;
   std::string arm;     ///< Its name on the console: "PSM1".
@@ -25,14 +25,14 @@ struct Provenance {
   bool operator==(const Provenance&) const = default;
 };
 
-/// The text of a file: a line "key=value" for each member; empty for what is not known at all.
+/// Returns the text for a file: one line "key=value" for each member, empty if nothing is known.
 /// @throws std::invalid_argument naming the member that holds a control character.
 [[nodiscard]] std::string ToText(const Provenance& provenance);
-/// What ToText() wrote, to the bit.
-/// @throws std::invalid_argument saying which line is none of its.
+/// Parses the text of ToText(), to the bit.
+/// @throws std::invalid_argument naming the invalid line.
 [[nodiscard]] Provenance ParseProvenance(std::string_view text);
 
-/// The date, UTC, as Provenance has it.
+/// Returns the date in UTC, in the format of Provenance.
 [[nodiscard]] std::string Today();
 
 }  // namespace dfr::core
