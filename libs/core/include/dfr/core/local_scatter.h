@@ -13,8 +13,8 @@ struct LocalScatterOptions {
   /// Fraction of each group's points that count, in (0, 1]: those with the nearest neighbours.
   /// Outliers and points between the ways of a task have distant neighbours.
   double kept = 0.5;
-  int rounds = 3;  ///< > 0; distances of a round are in units of the scatter of the one before.
-  double ridge = 0.03;  ///< For those units, relative to a correlation; > 0.
+  int rounds = 3;  ///< > 0; each round measures distances in units of the previous round's scatter.
+  double ridge = 0.03;  ///< Ridge of those units, relative to a correlation; > 0.
 };
 
 /// Covariance of points about their neighbours. For data with several clusters it is the covariance

@@ -11,8 +11,8 @@ namespace dfr::core {
 /// Status of the last call on a plant. Any value except kOk ends the rollout with Halt().
 enum class PlantStatus {
   kOk,
-  kRefused,  ///< The control was not applied: wrong size, non-finite, or out of limits.
-  kFault,    ///< Applied or not is unknown: a device, or the simulation, failed.
+  kRefused,  ///< Control not applied: wrong size, non-finite, or out of limits.
+  kFault,    ///< Failure of a device or the simulation; the control may have been applied.
 };
 
 /// The whole world of one task, robot and objects, which comes to rest after every control (Sec.

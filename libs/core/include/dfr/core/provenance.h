@@ -7,9 +7,9 @@ namespace dfr::core {
 
 /// Source of the data.
 enum class Origin {
-  kUnknown,    ///< Nobody has said so: files of others, and of before there was provenance.
-  kSimulated,  ///< In a simulation, whether in this process or behind a console.
-  kReal,       ///< On a robot.
+  kUnknown,    ///< Not recorded: files of other programs, or older than this field.
+  kSimulated,  ///< A simulation, in this process or behind a console.
+  kReal,       ///< A robot.
 };
 /// Returns "unknown", "simulated" or "real".
 [[nodiscard]] const char* Name(Origin origin) noexcept;
@@ -17,10 +17,10 @@ enum class Origin {
 /// Origin of a file's data. Files store it as one text.
 struct Provenance {
   Origin origin = Origin::kUnknown;
-  std::string arm;     ///< Its name on the console: "PSM1".
-  std::string serial;  ///< What tells this arm from others of its kind.
-  std::string camera;  ///< What tells this camera from others.
-  std::string date;    ///< UTC: "2026-11-23".
+  std::string arm;     ///< Name on the console, for example "PSM1".
+  std::string serial;  ///< Identifies this arm among others of its kind.
+  std::string camera;  ///< Identifies this camera.
+  std::string date;    ///< UTC, for example "2026-11-23".
 
   bool operator==(const Provenance&) const = default;
 };

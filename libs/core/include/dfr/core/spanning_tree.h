@@ -9,10 +9,10 @@ namespace dfr::core {
 
 /// Link of a minimum spanning tree: one merge of single linkage.
 struct Link {
-  std::size_t from = 0;     ///< Row that the tree held already,
-  std::size_t to = 0;       ///< and the one that this link added.
-  double length = 0.0;      ///< Euclidean distance of the two.
-  std::size_t members = 1;  ///< Rows on the side of `to` if the link is cut.
+  std::size_t from = 0;     ///< Row that was already in the tree.
+  std::size_t to = 0;       ///< Row that this link added.
+  double length = 0.0;      ///< Euclidean distance between the two.
+  std::size_t members = 1;  ///< Number of rows on the side of `to` after cutting the link.
 };
 
 /// Returns the minimum spanning tree of the rows of `points`, by Prim's algorithm from row 0, in

@@ -44,18 +44,19 @@ struct SelectionOptions {
   double false_alarms = 0.1;
   /// SelectModel() replaces nu and gamma by the candidates. `threads` applies to the comparison.
   TimeVaryingSupportOptions support = {};
-  std::uint64_t seed = 1;  ///< Which demonstrations share a fold.
+  std::uint64_t seed = 1;  ///< Decides which demonstrations share a fold.
 };
 
 /// One row of the table: results of a pair of options on held-out demonstrations.
 struct SelectionRow {
   double nu = 0.0;
   double gamma = 0.0;
-  double acceptance = 0.0;         ///< Share of held-out states with g >= 0.
-  double inside_throughout = 0.0;  ///< Share of held-out demonstrations that never leave.
-  double threshold = 0.0;          ///< Conformal: alarm at l_t < -threshold.
-  double support_vectors = 0.0;    ///< Mean over time steps and folds.
-  double volume = 0.0;             ///< Share inside, of states drawn evenly from the box of all.
+  double acceptance = 0.0;  ///< Fraction of held-out states with g >= 0.
+  double inside_throughout =
+      0.0;                 ///< Fraction of held-out demonstrations whose states are all inside.
+  double threshold = 0.0;  ///< Conformal threshold: alarm if l_t < -threshold.
+  double support_vectors = 0.0;  ///< Mean number over time steps and folds.
+  double volume = 0.0;  ///< Fraction of states inside, sampled uniformly from the bounding box.
 };
 
 /// The table, in the order of nus and then gammas, and the chosen row. Among the rows with
@@ -64,7 +65,7 @@ struct SelectionRow {
 struct Selection {
   std::vector<SelectionRow> rows;
   std::size_t chosen = 0;
-  bool accepted = false;  ///< Whether the chosen row reaches the wanted acceptance.
+  bool accepted = false;  ///< Whether the chosen row reaches the required acceptance.
 
   /// Returns the table as text with the chosen row marked.
   [[nodiscard]] std::string Table() const;

@@ -13,18 +13,19 @@ namespace dfr::kernel {
 /// Argument of OneClassSvmOptions::progress.
 struct FitProgress {
   std::int64_t iterations = 0;
-  double kkt_gap = 0.0;  ///< Falls to the tolerance, not always monotonically.
+  double kkt_gap = 0.0;  ///< Decreases to the tolerance, not always monotonically.
   double tolerance = 0.0;
 };
 
 /// Options for OneClassSvm::Fit(). Defaults are the Pusher values of Sec. V-A.
 struct OneClassSvmOptions {
-  double nu = 0.05;         ///< Outlier bound and support-vector floor, in (0, 1].
-  double gamma = 5.0;       ///< Gaussian width, > 0, in 1/[state unit]^2.
-  double tolerance = 1e-4;  ///< Stop once the largest KKT violation is below this (FitSummary).
+  double nu = 0.05;    ///< Upper bound on the fraction of outliers, lower bound on that of support
+                       ///< vectors, in (0, 1].
+  double gamma = 5.0;  ///< Width parameter of the Gaussian kernel, > 0, in 1/[state unit]^2.
+  double tolerance = 1e-4;  ///< Stop when the largest KKT violation is below this (FitSummary).
   /// Maximum number of working-set steps; 0 selects a limit beyond any practical problem.
   std::int64_t max_iterations = 0;
-  double memory_mib = 512.0;  ///< Bound on the fit's own memory, >= 1. Slower where it is tight.
+  double memory_mib = 512.0;  ///< Limit on the fit's memory, >= 1. Tight limits slow the fit.
   /// Number of threads of this fit, >= 0; 0: one per core. The estimate has the same bits for any
   /// number.
   int threads = 1;
@@ -45,7 +46,8 @@ struct OneClassSvmOptions {
 struct FitSummary {
   enum class Reason {
     kConverged,      ///< kkt_gap is below the tolerance.
-    kMaxIterations,  ///< Stopped by max_iterations: the estimate is usable, kkt_gap says how well.
+    kMaxIterations,  ///< Stopped by max_iterations. The estimate is usable; kkt_gap gives its
+                     ///< accuracy.
     /// Stopped by `progress`. kkt_gap is finite as above, or infinity if no gap was computed yet.
     kInterrupted,
     /// No further progress: the tolerance is below the rounding error of doubles for these samples.
@@ -60,8 +62,9 @@ struct FitSummary {
   double objective = 0.0;  ///< alpha' K alpha / 2 in LIBSVM's scale.
   int num_support_vectors = 0;
   std::int64_t kernel_evaluations = 0;
-  double seconds = 0.0;   ///< Wall time.
-  Eigen::VectorXd alpha;  ///< One per sample, in the paper's scale: a start for a neighbour.
+  double seconds = 0.0;  ///< Wall time.
+  Eigen::VectorXd
+      alpha;  ///< One per sample, in the paper's scale; start for a neighbouring problem.
 };
 
 class OneClassSvm;

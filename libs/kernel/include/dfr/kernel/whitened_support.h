@@ -20,7 +20,7 @@ struct WhitenedSupportOptions {
   /// steps on either side. Demonstrations of longer tasks are further apart at a given time step. A
   /// larger value includes more of them but locates a state in the task less precisely.
   double window_share = 0.02;
-  double phase_ridge = 0.3;  ///< Added to each time step's covariance before it is inverted, > 0.
+  double phase_ridge = 0.3;  ///< Added to each time step's covariance before inversion, > 0.
   bool phase_whitening = true;
   /// On: the covariance of each time step is that of states about their neighbours
   /// (core::LocalScatter()), which for several ways is the covariance within one. Off: about their
@@ -44,13 +44,13 @@ struct WhitenedSupportOptions {
 ///
 /// Differences from TimeVaryingSupport:
 /// - It pools the states of neighbouring time steps. Few demonstrations suffice, and timing matters
-/// less.
+///   less.
 /// - Each time step has its own linear map y = V_t z, V_t = (Cov_t + phase_ridge I)^(-1/2), because
-/// the spread of demonstrations changes along a task. Cov_t is the covariance of the
-/// demonstrations' means over the pooled states about their neighbours, plus the covariance of each
-/// demonstration about its mean.
+///   the spread of demonstrations changes along a task. Cov_t is the covariance of the
+///   demonstrations' means over the pooled states about their neighbours, plus the covariance of
+///   each demonstration about its mean.
 /// - Demonstrations that have ended stop counting. The last estimates therefore describe the slow
-/// demonstrations, and the final one holds from then on.
+///   demonstrations, and the final one holds from then on.
 ///
 /// Immutable after construction. Concurrent calls are safe.
 class WhitenedSupport final : public core::LogDecisionFunction {
@@ -109,9 +109,9 @@ class WhitenedSupport final : public core::LogDecisionFunction {
 /// midpoint between two neighbouring clusters should be outside, unless a demonstration passes near
 /// it at another time. Chance also produces such clusters at a few time steps.
 struct GapTest {
-  int steps = 0;   ///< Time steps.
-  int points = 0;  ///< Middles between two clusters, at all of them.
-  int inside = 0;  ///< Those that the support takes for demonstrated.
+  int steps = 0;   ///< Number of time steps with clusters.
+  int points = 0;  ///< Number of midpoints between two clusters, over all time steps.
+  int inside = 0;  ///< Number of midpoints inside the support.
 };
 /// @throws std::invalid_argument if widths differ.
 [[nodiscard]] GapTest TestGaps(const WhitenedSupport& support,
