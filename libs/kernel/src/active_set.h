@@ -11,8 +11,8 @@ namespace dfr::kernel::internal {
 /// together could contain samples of one bound only, and no step would be possible.
 class ActiveSet {
  public:
-  /// Takes at least `margin` / 2 samples of each kind beyond those that violate their KKT
-  /// condition. Takes at most `most_violators` / 2 violators or half the number of free samples.
+  /// Of each kind, takes up to (`most_violators` + number of free samples) / 2 samples that violate
+  /// their KKT condition, and at least `margin` / 2 others.
   ActiveSet(std::size_t margin, std::size_t most_violators)
       : margin_(margin), most_violators_(most_violators) {}
 

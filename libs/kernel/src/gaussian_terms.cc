@@ -36,8 +36,8 @@ double MeanOf(const double* first, std::size_t count, std::size_t dim, double* m
   return *std::max_element(most, most + kWidth);
 }
 
-// Applies it to all columns, in registers. If their number is no multiple of kWidth, some are
-// visited twice.
+// MeanOf() of all columns, in registers. If their number is no multiple of kWidth, some are visited
+// twice.
 template <std::size_t kWidth>
 double Mean(const core::Matrix& points, std::vector<double>& mean) {
   const auto dim = static_cast<std::size_t>(points.cols());

@@ -110,7 +110,8 @@ void SmallProblem<T>::ChooseStart() {
   const double total = options_.nu * static_cast<double>(count);
   alpha_ = EvenlySpread(count, total);
   UpdateGradient();
-  // Mean contribution of a sample and of all others at one of the support vectors.
+  // Tests the mean over the support vectors of the kernel sum over all samples; a sample itself
+  // contributes 1.
   if (std::accumulate(gradient_.begin(), gradient_.begin() + static_cast<std::ptrdiff_t>(count),
                       0.0) < (1.0 + kFewNeighbors) * total) {
     alpha_.assign(count, options_.nu);

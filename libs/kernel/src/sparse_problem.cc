@@ -21,7 +21,8 @@ constexpr std::size_t kMostViolators = 2048;  // or n / 16
 constexpr double kTarget = 0.7;
 constexpr double kInner = 0.05;
 
-// Splits order[first, last) at the median of the coordinate with the largest range, down to groups.
+// Splits order[first, last) at the median of the coordinate with the largest variance, down to
+// groups.
 void SortIntoGroups(const core::Matrix& samples, std::span<std::size_t> order) {
   if (order.size() <= kSparseGroup) return;
   const auto dim = static_cast<std::size_t>(samples.cols());

@@ -129,8 +129,7 @@ double GaussianEstimate::Gradient(std::span<const double> x,
   if (gradient.size() != x.size()) return kOutside;
   const double g = Decision(x);
   const double distance = radius_ - g;
-  if (!(distance > 0.0) || !std::isfinite(distance))
-    return g;  // the gradient is undefined at the mean
+  if (!(distance > 0.0) || !std::isfinite(distance)) return g;  // not smooth at the mean
   for (Eigen::Index i = 0; i < root_.rows(); ++i) {
     double y = 0.0;
     for (Eigen::Index k = 0; k <= i; ++k) {

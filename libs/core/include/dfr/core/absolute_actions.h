@@ -12,12 +12,11 @@ namespace dfr::core {
 
 /// An action entry that is a target position for one entry of the state.
 struct AbsoluteAction {
-  int action = 0;     ///< Index of the action entry.
-  int state = 0;      ///< Index of the state entry that it is a target for.
-  bool leads = true;  ///< False if it only repeats the state at which it was recorded.
-  double correlation =
-      0.0;             ///< Correlation with that state entry, at the same step or the next one.
-  double slope = 0.0;  ///< Slope of the action over that state entry; 1 for a target.
+  int action = 0;            ///< Index of the action entry.
+  int state = 0;             ///< Index of the state entry that it is a target for.
+  bool leads = true;         ///< False if it only repeats the state at which it was recorded.
+  double correlation = 0.0;  ///< Correlation with that state entry, now or at the next step.
+  double slope = 0.0;        ///< Slope of the action over that state entry; 1 for a target.
 };
 
 /// Distinguishes target positions from velocities and increments, over all episodes of a set.

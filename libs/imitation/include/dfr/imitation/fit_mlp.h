@@ -39,10 +39,9 @@ struct FitReport {
   int skipped_rows = 0;  ///< Rows left out for u = 0.
   double initial_loss = 0.0;
   double final_loss = 0.0;
-  int iterations = 0;  ///< kAdam: epochs; otherwise accepted steps.
-  bool converged =
-      false;  ///< Whether a minimum was reached. Always false for kAdam, which does not check.
-  std::string message;  ///< Reason for the end.
+  int iterations = 0;      ///< kAdam: epochs; otherwise accepted steps.
+  bool converged = false;  ///< Whether a minimum was reached; always false for kAdam.
+  std::string message;     ///< Reason for the end.
 };
 
 /// Learns u = pi(x) by least squares on standardised features: minimises

@@ -47,11 +47,10 @@ struct TrpoOptions {
   double max_kl = 0.04;      ///< Bound on the mean KL divergence per iteration, > 0.
   int cg_iterations = 10;    ///< Number of conjugate gradient steps.
   double cg_damping = 0.1;   ///< Added to the diagonal of the Fisher matrix, >= 0.
-  double initial_log_std =
-      -0.7;  ///< Initial log standard deviation of the controls before their limit.
-  double min_log_std = -1.2;  ///< Minimum log standard deviation: keeps exploration.
-  int critic_epochs = 5;      ///< Number of Adam passes over each batch.
-  int critic_batch = 64;      ///< Samples per Adam step.
+  double initial_log_std = -0.7;  ///< Initial log deviation of the controls before their limit.
+  double min_log_std = -1.2;      ///< Minimum log standard deviation: keeps exploration.
+  int critic_epochs = 5;          ///< Number of Adam passes over each batch.
+  int critic_batch = 64;          ///< Samples per Adam step.
   double critic_learning_rate = 1e-3;
   std::uint64_t seed = 0;  ///< Seed of start states, noise, weights and shuffling.
 };

@@ -51,11 +51,10 @@ struct SelectionOptions {
 struct SelectionRow {
   double nu = 0.0;
   double gamma = 0.0;
-  double acceptance = 0.0;  ///< Fraction of held-out states with g >= 0.
-  double inside_throughout =
-      0.0;                 ///< Fraction of held-out demonstrations whose states are all inside.
-  double threshold = 0.0;  ///< Conformal threshold: alarm if l_t < -threshold.
-  double support_vectors = 0.0;  ///< Mean number over time steps and folds.
+  double acceptance = 0.0;         ///< Fraction of held-out states with g >= 0.
+  double inside_throughout = 0.0;  ///< Fraction of held-out demonstrations without an exit.
+  double threshold = 0.0;          ///< Conformal threshold: alarm if l_t < -threshold.
+  double support_vectors = 0.0;    ///< Mean number over time steps and folds.
   double volume = 0.0;  ///< Fraction of states inside, sampled uniformly from the bounding box.
 };
 

@@ -62,9 +62,8 @@ struct FitSummary {
   double objective = 0.0;  ///< alpha' K alpha / 2 in LIBSVM's scale.
   int num_support_vectors = 0;
   std::int64_t kernel_evaluations = 0;
-  double seconds = 0.0;  ///< Wall time.
-  Eigen::VectorXd
-      alpha;  ///< One per sample, in the paper's scale; start for a neighbouring problem.
+  double seconds = 0.0;   ///< Wall time.
+  Eigen::VectorXd alpha;  ///< One per sample, in the paper's scale; start for another fit.
 };
 
 class OneClassSvm;
