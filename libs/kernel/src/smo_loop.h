@@ -66,7 +66,7 @@ struct SparseSmoProblem {
 
 struct SmoSteps {
   std::int64_t taken = 0;
-  bool more = false;  ///< Whether it stopped at `most` steps before it was done.
+  bool more = false;  ///< True if it stopped at `most` steps before it was done.
 };
 
 template <typename T>

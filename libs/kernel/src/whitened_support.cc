@@ -25,7 +25,7 @@ struct Window {
   int first;
   int last;
   int stride;
-  bool hold;  // Whether a demonstration that has ended counts once with its last state.
+  bool hold;  // True if a demonstration that has ended counts once with its last state.
 };
 
 core::Matrix Pool(std::span<const core::Matrix> demonstrations, const Window& window) {

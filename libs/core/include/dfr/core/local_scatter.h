@@ -22,9 +22,9 @@ struct LocalScatterOptions {
 ///
 /// It is the mean of (x_i - x_j)(x_i - x_j)' / 2 over points i and their nearest neighbours j in
 /// the same group, divided by the same statistic of as many standard normal points. Normal points
-/// therefore nearly keep their covariance. Neighbours are chosen in units of the result; clusters
-/// of half of the points come out up to three times too wide. Each entry counts with at least a
-/// twentieth of its overall standard deviation.
+/// therefore nearly keep their covariance. Neighbours are chosen in units of the result. Clusters
+/// of half of the points come out with up to three times their actual width. Each entry counts with
+/// at least a twentieth of its overall standard deviation.
 ///
 /// @param groups  similar points, one a row, for example those of one time step. Groups with fewer
 ///   than 4 points are ignored. At most 128 points of a group are used.
@@ -37,8 +37,8 @@ struct LocalScatterOptions {
 /// @throws std::invalid_argument if there is no point or widths differ.
 [[nodiscard]] Matrix PooledCovariance(std::span<const Matrix> groups);
 
-/// Returns (covariance + ridge I)^(-1/2), symmetric. @throws std::invalid_argument unless ridge >
-/// 0.
+/// Returns (covariance + ridge I)^(-1/2), symmetric.
+/// @throws std::invalid_argument unless ridge > 0.
 [[nodiscard]] Matrix InverseSquareRoot(const Matrix& covariance, double ridge);
 
 }  // namespace dfr::core

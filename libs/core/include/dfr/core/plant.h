@@ -36,10 +36,11 @@ class Plant {
   /// Writes the current state (state_dim() entries).
   virtual void Observe(std::span<double> state) const noexcept = 0;
 
-  /// Whether the task is complete in the current state. For rollouts only; controllers do not use
-  /// it.
+  /// Returns true if the task is complete in the current state. For rollouts only; controllers do
+  /// not use it.
   [[nodiscard]] virtual bool completed() const noexcept = 0;
-  /// Whether a constraint was violated since Reset(). For rollouts only; controllers do not use it.
+  /// Returns true if a constraint was violated since Reset(). For rollouts only; controllers do not
+  /// use it.
   [[nodiscard]] virtual bool collided() const noexcept = 0;
 
   /// Holds the robot still. Must work from any state, any number of times.

@@ -40,7 +40,7 @@ struct FitReport {
   double initial_loss = 0.0;
   double final_loss = 0.0;
   int iterations = 0;      ///< kAdam: epochs; otherwise accepted steps.
-  bool converged = false;  ///< Whether a minimum was reached; always false for kAdam.
+  bool converged = false;  ///< True if a minimum was reached; never for kAdam.
   std::string message;     ///< Reason for the end.
 };
 

@@ -17,7 +17,7 @@ class Environment {
  public:
   struct StepResult {
     double reward = 0.0;
-    bool terminal = false;  ///< Whether the episode ends here, before its horizon.
+    bool terminal = false;  ///< True if the episode ends here, before its horizon.
   };
 
   virtual ~Environment() = default;
@@ -69,7 +69,7 @@ struct TrpoProgress {
   double entropy = 0.0;         ///< Entropy of the controls before their limit, in nats.
   /// Fraction of the returns' variance that the critic explains before its fit; 1 is perfect.
   double explained_variance = 0.0;
-  bool accepted = false;  ///< Whether the line search improved the surrogate within the bound.
+  bool accepted = false;  ///< True if the line search improved the surrogate within the bound.
 };
 
 /// Trust Region Policy Optimization (Schulman et al., 2015). Each iteration moves a Gaussian policy

@@ -64,7 +64,7 @@ struct SelectionRow {
 struct Selection {
   std::vector<SelectionRow> rows;
   std::size_t chosen = 0;
-  bool accepted = false;  ///< Whether the chosen row reaches the required acceptance.
+  bool accepted = false;  ///< True if the chosen row reaches the required acceptance.
 
   /// Returns the table as text with the chosen row marked.
   [[nodiscard]] std::string Table() const;
