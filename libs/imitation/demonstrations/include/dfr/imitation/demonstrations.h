@@ -53,7 +53,7 @@ class DemonstrationReader {
 /// @throws std::runtime_error with file and reason, also if the key does not exist.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenDemonstrations(
     const std::filesystem::path& path, const std::string& filter_key = "");
-/// Reads a whole file.
+/// Reads all demonstrations of a file or dataset.
 [[nodiscard]] DemonstrationSet LoadDemonstrations(const std::filesystem::path& path);
 
 // robomimic's HDF5 format: group data/demo_<i> per episode of N controls, with datasets
@@ -112,7 +112,7 @@ void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem
 /// - `filter_key` keeps the episodes listed in mask/FILTER_KEY.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenRobomimic(
     const std::filesystem::path& path, const std::string& filter_key = "");
-/// Reads a whole file.
+/// Reads all demonstrations of a file.
 [[nodiscard]] DemonstrationSet LoadRobomimic(const std::filesystem::path& path);
 
 }  // namespace dfr::imitation
