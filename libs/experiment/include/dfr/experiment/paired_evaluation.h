@@ -126,9 +126,8 @@ struct EvaluationOptions {
   /// the commit of this build. Numbers as written by Exactly(), input files as HashOfFile().
   std::map<std::string, std::string> settings = {};
   bool salvage = false;  ///< Drops damaged lines of the ledger and repeats their units.
-  std::function<void(const std::string&)> notice =
-      {};                          ///< Called with a description of dropped lines. May be empty.
-  ProgressCallback progress = {};  ///< In episodes. May be empty.
+  std::function<void(const std::string&)> notice = {};  ///< Reports dropped lines. May be empty.
+  ProgressCallback progress = {};                       ///< In episodes. May be empty.
   /// Once true, running units finish and no new unit starts. May be nullptr.
   const std::atomic<bool>* stop = nullptr;
 };

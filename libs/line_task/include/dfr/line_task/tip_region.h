@@ -47,7 +47,7 @@ class TipRegion {
   [[nodiscard]] Breach Along(const kinematics::PsmJoints& from,
                              const kinematics::PsmJoints& to) const noexcept;
   /// Sets the last observed pose of the gauze in the world frame. Until ForgetGauze(), the tips
-  /// must keep the same distance to its plane as the floor has to the gauze at rest.
+  /// must keep at least the distance to its plane that the floor has to the gauze at rest.
   void SetGauze(const Eigen::Isometry3d& p_world_gauze) noexcept;
   void ForgetGauze() noexcept { gauze_seen_ = false; }
 
