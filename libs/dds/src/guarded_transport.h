@@ -18,8 +18,8 @@ using ParticipantPrefix = std::array<std::uint8_t, 12>;  ///< Prefix of a partic
 /// Returns the number of bytes of an RTPS message that may be passed to Fast DDS: its well-formed
 /// beginning, up to the first of Fast DDS's statistics submessages (0x80), which are unused here.
 /// 0: none. Fast DDS 2.9 parses those before any security check, and an assertion ends the process
-/// if one is malformed. Samples (DATA, DATA_FRAG) whose parameters or payload exceed them are
-/// malformed, too.
+/// if one is malformed. A sample (DATA, DATA_FRAG) is malformed if its parameters or payload extend
+/// beyond its submessage.
 ///
 /// Unless `may_leave`, the message also ends before an announcement that a participant leaves.
 /// Anyone can send it for any participant, and an assertion ends the process if it arrives while
