@@ -172,13 +172,13 @@ struct Fault {
   std::string name;
   std::function<void(Site&)> begin;
   std::function<void(Site&)> end;
-  bool blind = false;        ///< The simulator cannot be asked meanwhile: it stands still.
-  bool to_operator = false;  ///< The robot's program itself fails: the operator's screen tells.
-  bool wire = false;         ///< Between two hosts, where the system allows to have two.
-  bool harmless = false;     ///< Nothing may come of it: counted where the run goes on.
-  bool homing = false;       ///< While the arm homes, which has to end.
-  bool ends = false;         ///< Ends a program, or needs another site than a soak's.
-  bool platform = false;     ///< At its port, which other faults do without.
+  bool blind = false;        ///< The simulator is stopped and cannot be queried during the fault.
+  bool to_operator = false;  ///< The robot's program fails; detected on the operator's screen.
+  bool wire = false;         ///< Between two hosts, if the system permits them.
+  bool harmless = false;     ///< Must have no effect: counted if the run continues.
+  bool homing = false;       ///< During homing, which the fault must end.
+  bool ends = false;         ///< Ends a program, or needs a different site from a soak's.
+  bool platform = false;     ///< At the platform's port; other faults run without a platform.
 };
 
 Fault Injected(const std::string& name, const std::string& fault, const std::string& on,
