@@ -163,7 +163,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     Outgoing next;
     bool servo = false;
     bool servo_jaw = false;
-    // Of several pending set-points only the last counts.
+    // Only the last of several pending set-points counts.
     while (outbox.Take(next)) {
       if (next.servo) {
         servo = true;

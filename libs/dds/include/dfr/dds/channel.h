@@ -42,12 +42,10 @@ enum class Role {
 /// State of the connection between a subscriber and its publishers.
 struct Health {
   int publishers = 0;  ///< Matched now. A command topic must not have more than one.
-  int found =
-      0;  ///< Matched since the start. A publisher that is lost and rediscovered counts twice.
-  int alive = 0;             ///< Matched publishers whose liveliness is asserted.
+  int found = 0;       ///< Matched since the start; one that is lost and rediscovered counts twice.
+  int alive = 0;       ///< Matched publishers whose liveliness is asserted.
   int missed_deadlines = 0;  ///< Since the start.
-  int incompatible =
-      0;  ///< Publishers refused for incompatible quality of service, since the start.
+  int incompatible = 0;      ///< Publishers refused since the start for their quality of service.
 };
 
 /// Sends messages of type T, one of messages.h, to a ROS 2 topic. One object belongs to one thread

@@ -12,7 +12,7 @@ namespace dfr::experiment {
 
 /// Disturbances of a DisturbedPlant. All zero: none.
 struct DisturbanceOptions {
-  double rotation_sd = 0.0;     ///< rad: of a normal rotation of the controls, drawn per episode.
+  double rotation_sd = 0.0;     ///< rad: of the rotation of the controls, drawn per episode.
   double scale_sd = 0.0;        ///< Controls are scaled by exp(normal), drawn per episode.
   double bias = 0.0;            ///< Norm of a vector added to all controls, drawn per episode.
   double actuator_noise = 0.0;  ///< Standard deviation of each control entry, drawn per control.

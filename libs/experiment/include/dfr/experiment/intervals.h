@@ -15,8 +15,9 @@ struct Interval {
 /// Wilson's score interval for a proportion of `successes` in `trials` independent trials. Short,
 /// with correct coverage on average over the unknown proportion; used for cells of figures and
 /// tables.
-/// @throws std::invalid_argument unless 0 <= successes <= trials, trials > 0, and confidence in (0,
-///   1). The functions below throw likewise.
+/// @throws std::invalid_argument unless trials > 0, 0 <= successes <= trials and 0 < confidence
+/// < 1.
+///   So do the functions below.
 [[nodiscard]] Interval WilsonInterval(int successes, int trials, double confidence = 0.95);
 
 /// Clopper and Pearson's interval, from binomial tails. Coverage is at least `confidence` for any

@@ -46,8 +46,7 @@ struct EpisodeResult {
   std::string cause;
   int controls = 0;           ///< All applied controls.
   int recovery_controls = 0;  ///< Applied by recoveries, probes included.
-  int changed_controls = 0;   ///< Applied controls that differ from the policy's in any bit,
-                              ///< including those of recoveries.
+  int changed_controls = 0;   ///< Differ from the policy's in any bit; includes recoveries.
   double seconds = 0.0;       ///< Processor time.
   bool operator==(const EpisodeResult&) const = default;
 };
@@ -99,8 +98,9 @@ struct UnitResult {
 [[nodiscard]] std::uint64_t ControllerSeed(const EvaluationPlan& plan, int trial,
                                            int start) noexcept;
 
-/// A part of a plan: block `index` of `count` contiguous blocks of units whose sizes differ by at
-/// most one. Contiguous blocks mostly keep units with the same demonstrations together.
+/// A part of a plan: block `index` of `count` contiguous blocks of its units, in order, whose sizes
+/// differ by at most one. Contiguous blocks mostly keep units with the same demonstrations
+/// together.
 struct Shard {
   int index = 1;  ///< From 1 to count.
   int count = 1;

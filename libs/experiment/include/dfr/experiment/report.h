@@ -73,8 +73,8 @@ struct ReportMedia {
 /// Content of a report in addition to the summary. All texts are escaped.
 struct ReportOptions {
   std::string title = {};
-  /// Program that wrote the report. Its command `episodes` prints the ids of the episodes behind a
-  /// number, which is shown on mouse hover. Empty: not shown.
+  /// Program that wrote the report. The page shows on mouse hover which of its `episodes` commands
+  /// prints the ids of the episodes behind a number. Empty: not shown.
   std::string program = {};
   std::string introduction = {};  ///< Paragraphs, as in ReportNote::text.
   /// Display names of methods: {"dfr", "DFR"}. The paper's methods have built-in names.

@@ -53,9 +53,9 @@ struct LineCalibration {
 /// Immutable and thread-safe. Only the constructor allocates or throws.
 class LineTask {
  public:
-  static constexpr double kStep = 0.002;        ///< m per unit of control.
-  static constexpr double kSpeed = 0.010;       ///< m/s of the tool.
-  static constexpr double kCollision = 0.004;   ///< Minimum distance of a collision, m.
+  static constexpr double kStep = 0.002;       ///< m per unit of control.
+  static constexpr double kSpeed = 0.010;      ///< m/s of the tool.
+  static constexpr double kCollision = 0.004;  ///< Collision beyond this distance from the line, m.
   static constexpr double kCompletion = 0.040;  ///< m of line to track.
 
   /// @param p_world_base  pose of the arm's base in the world frame.

@@ -24,8 +24,8 @@ struct ControlLoopOptions {
   double image_latency_s = 0.0;  ///< Maximum delay of a stamp after the exposure.
   double image_timeout_s = 2.0;  ///< Maximum time to an answer; longer is kImageSilent.
   int max_images = 3;            ///< Maximum number of pictures tried until one shows the state.
-  double max_camera_check_s =
-      0.25;  ///< Maximum time since the camera's thread last checked; longer is kImageSilent.
+  /// Maximum time since the camera's thread last checked; longer is kImageSilent.
+  double max_camera_check_s = 0.25;
   /// Maximum time since the emergency stop's thread last checked; longer is kEmergencyStopSilent.
   double max_stop_check_s = 0.1;
   /// Maximum distance between the state after a motion and the state that the motion should reach,
@@ -53,8 +53,8 @@ struct Devices {
   EmergencyStop* emergency_stop = nullptr;  ///< nullptr: no emergency stop.
   Recorder* recorder = nullptr;             ///< nullptr: no recording.
   Platform* platform = nullptr;             ///< nullptr: the target is stationary.
-  const std::atomic<bool>* interrupted =
-      nullptr;  ///< True once the operator requests a stop. nullptr: never.
+  /// True once the operator requests a stop. nullptr: never.
+  const std::atomic<bool>* interrupted = nullptr;
 };
 
 /// Control loop of a robot: executes controls one by one with an arm and observes each resulting

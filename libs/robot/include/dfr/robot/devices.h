@@ -15,8 +15,7 @@ namespace dfr::robot {
 /// Result of a device check: kNone, or a reason to hold.
 struct Finding {
   runtime::HoldReason reason = runtime::HoldReason::kNone;
-  std::string_view detail =
-      {};  ///< Text for the operator. Valid until the next call of the device.
+  std::string_view detail = {};  ///< For the operator. Valid until the next call of the device.
 
   [[nodiscard]] bool ok() const noexcept { return reason == runtime::HoldReason::kNone; }
 };
@@ -24,8 +23,7 @@ struct Finding {
 /// Result and time of the last check by a device's thread.
 struct ThreadFinding {
   Finding finding;
-  std::int64_t checked_ns =
-      0;  ///< By Clock::MachineNs(). An old value means that the thread hangs.
+  std::int64_t checked_ns = 0;  ///< By Clock::MachineNs(). Too old: the thread hangs.
 };
 
 /// Clock of a control loop. In real time it advances independently; in lock-step with a simulator
