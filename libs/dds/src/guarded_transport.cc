@@ -17,8 +17,8 @@ constexpr std::array<std::uint8_t, 4> kMagic = {'R', 'T', 'P', 'S'};
 constexpr std::size_t kPrefixAt = 8;    // in the message's header
 constexpr std::size_t kHeader = 20;     // of a message
 constexpr std::size_t kSubheader = 4;   // of a submessage: kind, flags, length
-constexpr std::uint8_t kPad = 0x01;     // may have no content, like kInfoTs
-constexpr std::uint8_t kInfoTs = 0x09;  // see kPad
+constexpr std::uint8_t kPad = 0x01;     // may be empty
+constexpr std::uint8_t kInfoTs = 0x09;  // may be empty
 constexpr std::uint8_t kData = 0x15;
 constexpr std::uint8_t kDataFragment = 0x16;
 constexpr std::uint8_t kStatistics = 0x80;
@@ -56,7 +56,7 @@ Parameters FindParameters(std::span<const std::uint8_t> bytes, bool little,
 }
 
 // Returns true if `content` holds all that the flags and sizes of a sample, or of its fragments,
-// declare. Otherwise Fast DDS 2.9 frees foreign memory, or reads beyond the message.
+// declare. Otherwise Fast DDS 2.9 frees memory that it does not own, or reads beyond the message.
 bool WholeSample(std::uint8_t kind, std::uint8_t flags,
                  std::span<const std::uint8_t> content) noexcept {
   constexpr std::uint8_t kParameters = 2;

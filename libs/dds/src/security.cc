@@ -116,7 +116,7 @@ std::string CheckSecurity(const std::filesystem::path& folder, std::time_t now) 
   const Owned<X509> certificate = internal::LoadCertificate(files.certificate);
   const Owned<EVP_PKEY> key = internal::LoadKey(files.key);
   internal::CheckPrivate(files.key);
-  // Whoever can replace the authority's certificate controls which participants this process
+  // A user who can replace the authority's certificate controls which participants this process
   // trusts.
   internal::CheckUnchangeable(folder);
   for (const auto& file : {files.identity_ca, files.certificate, files.permissions_ca,

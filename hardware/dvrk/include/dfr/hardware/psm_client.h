@@ -250,7 +250,7 @@ class PsmClient {
   PsmMotion motion_;
   PsmRest rest_;
   PsmRecentSetpoints recent_;
-  PsmRecentSetpoints recent_jaw_;  // position only
+  PsmRecentSetpoints recent_jaw_;  // in the first entry
   dds::Watchdog js_watchdog_;
   dds::Watchdog cp_watchdog_;
   dds::Watchdog local_watchdog_;
@@ -273,7 +273,7 @@ class PsmClient {
 
   std::int64_t now_ns_ = 0;
   std::int64_t wall_ns_ = 0;
-  std::int64_t restless_ns_ = 0;  // last time when the arm was not at rest
+  std::int64_t restless_ns_ = 0;  // last time when the arm was at rest or in a move
   std::int64_t newcomer_ns_ = 0;
   std::int64_t request_start_ns_ = 0;
   std::int64_t request_sent_ns_ = 0;

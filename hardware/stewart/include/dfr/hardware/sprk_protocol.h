@@ -32,7 +32,7 @@ inline constexpr double kSprkFramePeriod = 0.005;
 /// Each value is an integer from 0 to 99, units digit first: 100 (v + 0.5) for inches, v + 15 for
 /// degrees, 100 v for frequencies. The firmware reads +0.50 inch as -0.50 and a frequency of 0 as
 /// 1.00, uses left-handed pitch and yaw, and saturates silently at the limits of the mechanism. The
-/// functions below refuse commands that would trigger any of these.
+/// functions below convert the signs and refuse commands that would trigger the other effects.
 using SprkPositionFrame = std::array<char, 13>;
 using SprkWaveFrame = std::array<char, 25>;
 

@@ -61,7 +61,7 @@ class EmergencyStopButton {
 enum class EmergencyStop {
   kClear,    ///< Heard, and not pressed.
   kPressed,  ///< Pressed now, or since the last Acknowledge().
-  kSilent,   ///< A button was silent for too long or never heard, so it could not stop the robot.
+  kSilent,   ///< A button is silent, or none was ever heard: it could not stop the robot.
              ///< Also reported for more than eight buttons.
 };
 
