@@ -148,7 +148,7 @@ class Driven {
     }
     return basis_ * inner;
   }
-  // Computes a control towards the path plus a random component of norm `size`.
+  // Computes a control towards the path plus normal noise of standard deviation `size`.
   void Control(int t, std::span<const double> x, double size, core::Random& random,
                std::span<double> u) const {
     const Eigen::VectorXd inner = basis_.transpose() * core::AsVector(x);
@@ -157,7 +157,7 @@ class Driven {
           Mean(t + 1, k) - Mean(t, k) - 0.3 * (inner[k] - Mean(t, k)) + size * random.Normal();
     }
   }
-  // Perturbs the control by three per cent.
+  // Applies the control with a random error of three per cent of its norm.
   void Apply(std::span<const double> u, core::Random& random, std::span<double> x) const {
     Eigen::VectorXd change = Eigen::VectorXd::Zero(kStateDim);
     change.head(kControlDim) = core::AsVector(u);

@@ -1,7 +1,7 @@
 // Time of one Next() of each strategy, as on the robot: a new state every time, 12 state entries, 7
 // control entries, 120 demonstrations, 60 time steps. The counters are percentiles of single calls
-// in ns; each includes one clock reading, which BM_Clock measures separately. (Open) passes the
-// learned control, (Shut) calls a recovery.
+// in ns; each includes one clock reading, which BM_Clock measures separately. (Open) measures calls
+// that pass the learned control, (Shut) the calls of a recovery.
 
 #include <benchmark/benchmark.h>
 

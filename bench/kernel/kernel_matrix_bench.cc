@@ -119,7 +119,7 @@ double Between(double low, double high, core::Random& random) {
 }
 
 // max G over alpha > 0 minus min G over alpha < 1, in LIBSVM's scale, computed from the definition
-// for all samples, or for a subset of many.
+// for all samples, or for some of them if there are many.
 double Gap(const core::Matrix& samples, const kernel::FitSummary& summary, double nu,
            double gamma) {
   constexpr double kMostWork = 1e9;

@@ -175,7 +175,7 @@ struct Fault {
   bool blind = false;        ///< The simulator is stopped and cannot be queried during the fault.
   bool to_operator = false;  ///< The robot's program fails; detected on the operator's screen.
   bool wire = false;         ///< Between two hosts, if the system permits them.
-  bool harmless = false;     ///< Must have no effect: counted if the run continues.
+  bool harmless = false;     ///< Must have no effect: passes if the run continues.
   bool homing = false;       ///< During homing, which the fault must end.
   bool ends = false;         ///< Ends a program, or needs a different site from a soak's.
   bool platform = false;     ///< At the platform's port; other faults run without a platform.

@@ -49,7 +49,7 @@ struct EndoscopeOptions {
   int height = 480;  ///< Height of the intrinsics.
   /// Period of the pictures, s. Files are played at this rate, and gaps count as losses.
   double period_s = 1.0 / 30.0;
-  double max_age_s = 0.1;     ///< Maximum time since stamp and since arrival, > 0.
+  double max_age_s = 0.1;     ///< Maximum time since stamp and arrival: three periods, > 0.
   double max_ahead_s = 0.01;  ///< Maximum time of a stamp in the future, >= 0.
   int max_repeats = 3;  ///< Number of identical consecutive pictures that count as frozen, > 1.
   double open_timeout_s = 10.0;  ///< Maximum wait for the first picture of a device or file, > 0.
