@@ -68,8 +68,7 @@ class CdrReader {
     }
     return text.substr(0, text.size() - 1);
   }
-  /// Returns false if there are more numbers than `values` holds; the first `count` are then not
-  /// set.
+  /// Returns false, with `values` unchanged, if there are more numbers than it holds; sets `count`.
   bool Numbers(std::span<double> values, std::size_t& count) {
     count = Number<std::uint32_t>();
     if (count > values.size()) return encoding_ok_ = false;

@@ -112,7 +112,7 @@ class Reader {
       return complete_ ? GoOn(at, "a record is larger than the file") : false;
     }
     if (!header_ && op != Op::kHeader) file_.Damaged(at, "its header is missing");
-    // No record may move the position back.
+    // Rejects a record before reading its content, because the search resumes behind its head.
     const bool of_head = op == Op::kHeader || op == Op::kSchema || op == Op::kChannel ||
                          op == Op::kMetadata || op == Op::kAttachment;
     if (head_ && of_head) return GoOn(at, "what begins a log does not belong here");

@@ -31,7 +31,7 @@ class SprkPlatform {
   static constexpr double kLegLength = 2.33 * 0.0254;    ///< m
   static constexpr double kHomeHeight = 2.5 * 0.0254;    ///< m, top plate above the servo axes.
   static constexpr double kServoLimit = 1.745329251994;  ///< rad: 100 degrees in each direction.
-  static constexpr double kTimeConstant = 0.2;  ///< s, of the published first-order response.
+  static constexpr double kTimeConstant = 0.2;           ///< s, of the published first-order lag.
 
   /// Computes the servo angles, in rad from horizontal, for the plate pose `pose`.
   /// @returns false, with `angles` unspecified, if a leg is too short or too long, a servo would

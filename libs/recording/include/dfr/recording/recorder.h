@@ -99,8 +99,8 @@ class Recorder {
   [[nodiscard]] RecorderCounts counts() const noexcept;
 
   /// Writes all pending data and the file's summary, and closes the file. The loop must have ended.
-  /// @throws std::runtime_error naming the file and the first error since the start, if there was
-  ///   one.
+  /// @throws std::runtime_error naming the file and the error if anything has failed since the
+  ///   start.
   void Finish();
 
  private:
