@@ -1,10 +1,10 @@
-// The operations that must not get slower, for bench/compare.py: decisions, gradients, fits, a
-// guided step, a guard's filter. Under callgrind each is counted by itself and dumped by its name;
-// with --time it is timed.
+// Operations whose speed bench/compare.py guards: decisions, gradients, fits, a guided step, a
+// guard's filter. Under callgrind, each is counted separately and dumped by name; with --time it is
+// timed.
 //
 //   counted_work [--filter=TEXT] [--time=SECONDS] [--slow=PERCENT]
 //
-// --slow repeats that share of all operations: what a slow-down looks like, to test the comparison.
+// --slow repeats that percentage of all operations: simulates a slow-down, to test the comparison.
 #include <valgrind/callgrind.h>
 
 #include <algorithm>
@@ -36,7 +36,7 @@ namespace {
 
 using Operation = std::function<void(int)>;
 
-// What is computed must be seen to be used.
+// Keeps the compiler from removing computations.
 volatile double sink = 0.0;
 
 }  // namespace
@@ -54,12 +54,12 @@ class Runner {
  public:
   explicit Runner(Options options) : options_(std::move(options)) {}
 
-  // `make` returns the operation; it is not called where the name is not wanted.
+  // `make` returns the operation; it is not called if the name is filtered out.
   template <typename Make>
   void Run(const std::string& name, int operations, Make&& make) {
     if (name.find(options_.filter) == std::string::npos) return;
     const Operation operation = make();
-    // What comes before is not simulated, to save time.
+    // Preceding code is not simulated, to save time.
     CALLGRIND_START_INSTRUMENTATION;
     operation(0);  // warm
     const int count = operations + static_cast<int>(operations * options_.slow / 100.0);
@@ -73,7 +73,7 @@ class Runner {
       CALLGRIND_STOP_INSTRUMENTATION;
       return;
     }
-    // The least of several stretches: neighbours on the machine only ever add.
+    // The minimum of several intervals: other load on the machine only adds time.
     double least = 0.0;
     double spent = 0.0;
     while (spent < options_.seconds) {
@@ -130,7 +130,7 @@ void RunDecisions(Runner& runner) {
         sink = svm.Gradient(query(i), out);
       };
     });
-    // What a certificate costs.
+    // Cost of a certificate.
     runner.Run("gradient of the logarithm of 256" + precision, 100, [&]() -> Operation {
       return [svm = estimate(256), query, out = std::vector<double>(kDim)](int i) mutable {
         sink = svm.LogGradient(query(i), out);
@@ -140,7 +140,7 @@ void RunDecisions(Runner& runner) {
 }
 
 void RunFits(Runner& runner) {
-  // The largest takes its first steps alone, with all that comes before and after: the simulation
+  // The largest runs only its first steps, including set-up and completion, because the simulation
   // is slow.
   struct Fit {
     const char* name;

@@ -12,7 +12,7 @@
 namespace dfr::core {
 namespace {
 
-// "name" or "name[first:last]" -> its index range within the state.
+// Index range of "name" or "name[first:last]" within the state.
 struct Range {
   int first;
   int last;
