@@ -1,18 +1,19 @@
 #!/usr/bin/env python3
 """Compares the speed of two builds: bench/compare.py [BASE] [--filter TEXT] [--short]
 
-BASE is a commit, or a folder with a build of it; without it, where this branch left origin/main, or
-on main itself the commit before. Both builds do the same operations (bench/safety/counted_work.cc):
-decisions, gradients, fits, a guided step, a guard's filter.
+BASE is a commit, or a folder with a build of it. Default: the merge base with origin/main, or on main
+the previous commit. Both builds run the same operations (bench/safety/counted_work.cc): decisions,
+gradients, fits, a guided step, a guard's filter.
 
-Judged is what valgrind counts of each: instructions, and the cycles that they and its model of the
-caches make. The caches are the same on each machine and fully associative: those of a processor put
-some lines in conflict, others at each start, with where memory happens to lie. So instructions repeat
-exactly, whatever else runs on the machine, and 5 % more is a loss. Cycles also depend on what earlier
-operations left on the heap and on the length of the environment. An operation with 5 % more of them is
-counted again by itself in several layouts, and the least count of each build decides. Valgrind knows no
-AVX-512. The operations are therefore timed as well, in turn and pinned to one core, and a loss of time
-is measured again, longer, before it counts. Exits with 1 if there is a loss.
+The comparison uses valgrind's counts for each operation: instructions, and the cycles that valgrind
+estimates from them with a model of the caches. The modelled caches are the same on each machine and
+fully associative, because conflicts in a processor's caches depend on the memory layout of each run.
+Instruction counts repeat exactly, regardless of other load on the machine, and an increase of 5 % is a
+loss. Cycles also depend on the heap that earlier operations left and on the length of the environment.
+An operation with 5 % more cycles is counted again separately in several memory layouts, and the
+smallest count of each build decides. Valgrind does not support AVX-512. The operations are therefore
+also timed, alternately and pinned to one core, and a loss of time is confirmed by a longer measurement.
+Exits with 1 if there is a loss.
 """
 import argparse
 import math
@@ -27,20 +28,20 @@ import tempfile
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PROGRAM = "counted_work"
 MOST_COUNTED = 1.05
-# Bytes, ways, bytes of a line. The last level is too large to hold conflicts.
+# Bytes, ways, bytes of a line. The last level is too large for conflicts.
 CACHES = ("--cache-sim=yes", "--I1=32768,512,64", "--D1=49152,768,64", "--LL=33554432,16,64")
-PADDINGS = (0, 16, 32, 1000)  # Bytes of an environment variable: each gives another layout of memory.
+PADDINGS = (0, 16, 32, 1000)  # Bytes of an environment variable: each gives another memory layout.
 SOURCES = ("libs/core", "libs/kernel", "libs/control", "libs/safety", "bench", "cmake", "CMakeLists.txt",
            "CMakePresets.json")
 
 
 def compiles_in_units(source):
-    """Whether the tree at `source` can compile several sources as one unit, which takes half the time."""
+    """Returns True if the tree at `source` supports unity builds, which halve the build time."""
     return "CMAKE_UNITY_BUILD" in (pathlib.Path(source) / "CMakePresets.json").read_text()
 
 
 def build(source, folder, units=True):
-    """Builds the program of the tree at `source` in `folder`; returns it."""
+    """Builds the program of the tree at `source` in `folder`; returns its path."""
     subprocess.run(["cmake", "-S", source, "-B", folder, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release",
                     "-DDFR_BUILD_TESTS=OFF", "-DDFR_BUILD_BENCH=ON", "-DDFR_COMPONENTS=safety",
                     "-DDFR_PRECOMPILE=ON", f"-DCMAKE_UNITY_BUILD={'ON' if units else 'OFF'}"],
@@ -50,7 +51,7 @@ def build(source, folder, units=True):
 
 
 def read_counts(folder):
-    """(instructions, estimated cycles) of each operation, by its name, from what callgrind left in `folder`."""
+    """Reads callgrind's output in `folder`: (instructions, estimated cycles) of each operation by name."""
     counts = {}
     for dump in sorted(folder.iterdir()):
         of, name = {}, None
@@ -65,13 +66,13 @@ def read_counts(folder):
             continue  # the end of the program
         first = of["I1mr"] + of["D1mr"] + of["D1mw"]
         last = of["ILmr"] + of["DLmr"] + of["DLmw"]
-        # What KCachegrind takes a miss to cost.
+        # Costs of a miss as in KCachegrind.
         counts[name] = (of["Ir"], of["Ir"] + 10 * first + 100 * last)
     return counts
 
 
 def count(commands, pattern, padding=0):
-    """read_counts() of each command. They run side by side, and end with this program."""
+    """Returns read_counts() of each command. The commands run in parallel, and end with this program."""
     environment = {"PATH": os.environ["PATH"], "PADDING": "x" * padding}  # the same on each machine
     with tempfile.TemporaryDirectory() as work:
         folders = [pathlib.Path(work) / str(number) for number in range(len(commands))]
@@ -95,7 +96,7 @@ def count(commands, pattern, padding=0):
 
 
 def least_cycles(commands, names):
-    """Ratio new / base of the least cycles that each operation takes by itself in several layouts of memory."""
+    """Returns by operation the ratio new / base of the minimum cycles over several memory layouts."""
     ratios = {}
     for name in names:
         layouts = [count(commands, name, padding) for padding in PADDINGS]
@@ -105,15 +106,16 @@ def least_cycles(commands, names):
 
 
 def measure(command, pattern, seconds):
-    """CPU nanoseconds of each operation, by its name."""
+    """Returns the CPU time of each operation by name, ns."""
     done = subprocess.run([*command, f"--filter={pattern}", f"--time={seconds}"], check=True,
                           stdout=subprocess.PIPE, text=True)
     return {name: float(time) for name, time in (line.split("\t") for line in done.stdout.splitlines())}
 
 
 def alternate(commands, pattern, turns, seconds):
-    """Ratio new / base of the least times, as neighbours on the machine only ever add, by operation
-    that both have; NaN for one that is new."""
+    """Returns by operation the ratio new / base of the minimum times; NaN for a new operation.
+
+    Uses the minimum because other load on the machine only adds time."""
     samples = [{}, {}]
     for turn in range(turns):
         for which in (0, 1) if turn % 2 == 0 else (1, 0):
@@ -124,7 +126,7 @@ def alternate(commands, pattern, turns, seconds):
 
 
 def confirmed_losses(first, look_again, threshold, what):
-    """Operations that lost in both looks; the second is taken only if the first has a suspect."""
+    """Returns the operations with a loss in two measurements; the second covers suspects of the first."""
     suspects = [name for name, ratio in sorted(first.items()) if ratio > threshold]
     if not suspects:
         return {}
@@ -134,7 +136,7 @@ def confirmed_losses(first, look_again, threshold, what):
 
 
 def compare(base, new, options):
-    """Prints all ratios; returns the losses as lines. `base` and `new` are commands."""
+    """Prints all ratios and returns the losses as lines. `base` and `new` are commands."""
     counted = count((base, new), options.filter)
     if not counted[1]:
         sys.exit(f"compare.py: no operation has '{options.filter}' in its name")
@@ -160,8 +162,9 @@ def compare(base, new, options):
 
 
 def self_test(program, pattern):
-    """Does the comparison find slow-downs of 10, 15 and 25 % in each operation, and none where there
-    is none? Returns what it gets wrong, as lines."""
+    """Checks that the comparison detects slow-downs of 10, 15 and 25 % in each operation, and no others.
+
+    Returns the errors as lines."""
     wrong = []
     percents = (0, 10, 15, 25)
     base, *counts = count([[program], *([program, f"--slow={p}"] for p in percents)], pattern)
@@ -174,13 +177,13 @@ def self_test(program, pattern):
 
 
 def git(*arguments):
-    """What git prints, or None if it fails."""
+    """Returns git's output, or None if it fails."""
     done = subprocess.run(["git", "-C", ROOT, *arguments], capture_output=True, text=True)
     return None if done.returncode else done.stdout.strip()
 
 
 def default_base():
-    """The merge base with origin/main; on main itself, the first parent. None: no history."""
+    """Returns the merge base with origin/main, or on main the first parent. None: no history."""
     head = git("rev-parse", "HEAD")
     base = git("merge-base", "HEAD", "origin/main")
     if base is None or base == head:

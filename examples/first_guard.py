@@ -1,4 +1,4 @@
-"""A policy that cuts corners, alone and guarded, from the same 100 starts.
+"""Runs a policy that cuts corners, with and without a guard, from the same 100 starts.
 
 usage: first_guard.py GUARD
 """
@@ -13,7 +13,7 @@ import dfr
 
 
 def policy(tip):
-    """Heads for where the corridor is 0.8 further on."""
+    """Aims at the centre of the corridor 0.8 ahead."""
     way = np.array([0.8, Corridor.centre(tip[0] + 0.8) - tip[1]])
     return 0.08 * way / np.linalg.norm(way)
 

@@ -1,4 +1,4 @@
-// A guard from demonstrations in memory. From files, the program `guard` does it: guard fit --help.
+// Fits a guard to demonstrations in memory. For files, use the program `guard`: guard fit --help.
 #include <cstdio>
 #include <vector>
 
@@ -6,14 +6,14 @@
 #include "dfr/safety/guard_model.h"
 
 int main(int argc, char** argv) {
-  // A tip that is driven to the right for 20 steps; what it does sideways differs a little.
+  // A tip moves to the right for 20 steps; its sideways motion varies slightly.
   dfr::core::StateLayout layout;
   layout.Add("tip", 2);
   dfr::core::Random random(/*seed=*/1);
   std::vector<dfr::core::Trajectory> demonstrations(30);
   for (auto& demonstration : demonstrations) {
     demonstration.states.resize(21, 2);    // one row more than actions
-    demonstration.controls.resize(20, 2);  // such that zero holds the robot still
+    demonstration.controls.resize(20, 2);  // a zero action must hold the robot still
     demonstration.states.row(0) << 0.0, 0.1 * random.Normal();
     for (int t = 0; t < 20; ++t) {
       const double correction = -0.3 * demonstration.states(t, 1) + 0.05 * random.Normal();

@@ -1,4 +1,4 @@
-// A policy that drifts off, and the guard that keeps it where it was demonstrated.
+// A policy that drifts off, and a guard that keeps it near the demonstrations.
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -7,7 +7,7 @@
 #include "dfr/safety/guard.h"
 
 int main(int argc, char** argv) try {
-  auto guard = dfr::safety::Guard::Load(argc > 1 ? argv[1] : "task.guard");  // of fit_a_guard
+  auto guard = dfr::safety::Guard::Load(argc > 1 ? argv[1] : "task.guard");  // from fit_a_guard
   guard.Reset(/*seed=*/1);
   std::array<double, 2> tip = {0.0, 0.0};
   for (int t = 0; t < 40 && tip[0] < 1.8; ++t) {

@@ -1,10 +1,10 @@
-"""A policy that drifts off, and the guard that keeps it where it was demonstrated."""
+"""A policy that drifts off, and a guard that keeps it near the demonstrations."""
 
 import numpy as np
 
 import dfr
 
-# Demonstrations: a tip driven to the right for 20 steps. Yours come from files: `guard fit --help`.
+# Demonstrations: a tip moves to the right for 20 steps. For files, see `guard fit --help`.
 rng = np.random.default_rng(1)
 states, actions = [], []
 for _ in range(30):

@@ -1,6 +1,6 @@
-"""A guard through its C interface, as any language with a foreign function interface can use it.
+"""A guard through its C interface, for any language with a foreign function interface.
 
-usage: guard_by_ctypes.py LIBRARY GUARD     (libdfr_guard.so.0, and what fit_a_guard writes)
+usage: guard_by_ctypes.py LIBRARY GUARD     (libdfr_guard.so.0, and the file of fit_a_guard)
 """
 
 import ctypes

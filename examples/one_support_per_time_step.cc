@@ -1,6 +1,6 @@
-// Why there is one support estimate per time step (Sec. IV-A): a supervisor is in B_0 once, at the
-// start, and in B_1 ever after. The smallest set that holds most of the pooled states leaves B_0
-// out, although every demonstration was there. Exits 1 if that is not what comes out.
+// Shows the need for one support estimate per time step (Sec. IV-A). A supervisor is in B_0 once,
+// at the start, and in B_1 from then on. The smallest set that holds most of the pooled states
+// excludes B_0, although every demonstration was there. Exits 1 if the result differs.
 #include <cstdio>
 #include <vector>
 

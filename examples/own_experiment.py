@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A plant of your own in Python: methods compared over trials, in processes, in shards if need be.
+"""Compares methods on your own plant in Python, over trials, in processes, in shards if needed.
 
 usage: own_experiment.py experiment --trials 5 --threads 2 --out out/corridor
 """
@@ -33,7 +33,7 @@ class Tip:
     def completed(self):
         return self.at[0] >= END
 
-    def render(self):  # for films alone: an RGB picture
+    def render(self):  # for films only: an RGB picture
         y, x = np.mgrid[0.6:-0.6:120j, -0.2:3.2:340j]
         walls, tip = abs(y - centre(x)) > HALF_WIDTH, np.hypot(x - self.at[0], y - self.at[1]) < 0.04
         colours = np.array([[255, 255, 255], [240, 180, 180], [40, 40, 40]], dtype=np.uint8)
@@ -44,7 +44,7 @@ class Corridor(dfr.Experiment):
     """Recovery of a policy that cuts corners, in a corridor."""
 
     demonstrations = (20, 60)
-    parameters = {"ahead": 0.8}  # an option --ahead, and a key of configurations and grids
+    parameters = {"ahead": 0.8}  # an option --ahead, also a key of configurations and grids
 
     def plant(self):
         return Tip()
@@ -61,7 +61,7 @@ class Corridor(dfr.Experiment):
         return states, actions
 
     def learn(self, learner, states, actions, seed):
-        def policy(t, state):  # yours is learned from states and actions
+        def policy(t, state):  # learn yours from states and actions
             way = np.array([self.parameters["ahead"], centre(state[0] + self.parameters["ahead"]) - state[1]])
             return 0.8 * way / np.linalg.norm(way)
 

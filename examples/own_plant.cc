@@ -1,4 +1,4 @@
-// Your robot behind core::Plant: rollouts, recoveries and experiments then work with it.
+// Your robot as a core::Plant, for rollouts, recoveries and experiments.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,7 +11,7 @@ namespace {
 
 using dfr::core::PlantStatus;
 
-// A cart on a rail that is to stop at x = 1 and must not pass 1.2.
+// A cart on a rail that must stop at x = 1 and must not pass 1.2.
 class Cart final : public dfr::core::Plant {
  public:
   Cart() { layout_.Add("cart", 1); }
@@ -20,7 +20,7 @@ class Cart final : public dfr::core::Plant {
   void Reset(std::uint64_t seed) override { x_ = 0.001 * static_cast<double>(seed % 100); }
   PlantStatus Apply(std::span<const double> control) noexcept override {
     if (control.size() != 1 || !std::isfinite(control[0])) return PlantStatus::kRefused;
-    x_ += std::clamp(control[0], -0.1, 0.1);  // send it, and wait until the robot is at rest
+    x_ += std::clamp(control[0], -0.1, 0.1);  // send it and wait until the robot is at rest
     return PlantStatus::kOk;                  // kFault if it does not answer
   }
   void Observe(std::span<double> state) const noexcept override { state[0] = x_; }
@@ -42,7 +42,7 @@ class Forward final : public dfr::core::Policy {
   }
 };
 
-// Inside [-0.3, 1.1]; TimeVaryingSupport::Fit() makes one of demonstrations.
+// Inside [-0.3, 1.1]. TimeVaryingSupport::Fit() fits one to demonstrations.
 class Rail final : public dfr::core::DecisionFunction {
  public:
   int state_dim() const noexcept override { return 1; }

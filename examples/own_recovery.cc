@@ -1,5 +1,5 @@
-// Your own way to recover, as a control::RecoveryStrategy: here straight up the gradient of the
-// support, which is right where a control is a change of the state.
+// Your own recovery as a control::RecoveryStrategy. This one climbs the gradient of the support,
+// which is correct if a control is a change of the state.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -20,7 +20,7 @@ class Inward final : public dfr::control::RecoveryStrategy {
   Inward(const dfr::core::DecisionFunction& support, double size)
       : support_(&support), size_(size) {}
   void Reset(std::uint64_t) noexcept override {}
-  // One control of a recovery. States and controls are checked by the controller that asks.
+  // Returns one control of a recovery. The calling controller checks states and controls.
   Mode Next(const dfr::control::RecoverySituation& situation,
             std::span<double> u) noexcept override {
     support_->Gradient(situation.t, situation.x, u);

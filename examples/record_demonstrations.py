@@ -1,4 +1,4 @@
-"""Demonstrations of a task, in robomimic's layout, by h5py alone. Yours come from your robot.
+"""Writes demonstrations of a task in robomimic's layout with h5py. Replace them by those of your robot.
 
 usage: record_demonstrations.py FILE
 """
@@ -11,7 +11,7 @@ import numpy as np
 
 
 class Corridor:
-    """A tip in a winding corridor, whose actions are steps: zero holds it still."""
+    """A tip in a winding corridor. Actions are steps: zero holds the tip still."""
 
     HALF_WIDTH, END = 0.2, 3.0
 
@@ -35,7 +35,7 @@ class Corridor:
 
 
 def demonstrate(rng):
-    """States (T + 1, 2) and actions (T, 2) of a supervisor who keeps to the middle, more or less."""
+    """Return states (T + 1, 2) and actions (T, 2) of a supervisor that stays near the centre line."""
     world = Corridor(rng)
     states, actions = [world.tip], []
     while not world.completed:
@@ -62,7 +62,7 @@ if __name__ == "__main__":
             demo["actions"] = actions
             demo["states"] = states[:-1]
             demo["obs/tip"] = states[:-1]  # before each action,
-            demo["next_obs/tip"] = states[1:]  # and after it
+            demo["next_obs/tip"] = states[1:]  # after each action
             demo["rewards"] = np.zeros(len(actions))
             demo["dones"] = np.arange(1, len(actions) + 1) == len(actions)
             total += len(actions)

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <string>
 
+#include "dfr/safety/guard_advice.h"
 #include "dfr/safety/guard_model.h"
 
 namespace dfr::apps::guard {
@@ -44,7 +45,7 @@ bool RunFit(const FitOptions& options);
 
 /// Prints what a file holds, what its figures mean, and what speaks against using it.
 void Describe(const safety::GuardModel& model);
-/// Prints what safety::Findings() found, a line each.
+/// Prints what safety::Warnings() found, a line each.
 void Describe(const std::vector<std::string>& findings);
 
 struct ReportOptions {

@@ -38,7 +38,7 @@ void Describe(const safety::GuardModel& model) {
   std::printf(
       "alarm           at l < %.3g: a further demonstration raises one with probability %.3g "
       "at most, %s\n",
-      -settings.alarm_level, summary.false_alarms, safety::Promise(summary).c_str());
+      -settings.alarm_level, summary.false_alarms, safety::DescribeGuarantee(summary).c_str());
   std::printf("lambda_t        %.3g to %.3g, the change of g per unit of action\n", *low, *high);
   std::printf(
       "actions         %d entries, within +-%s; halts after %d of the policy's, or %d "
@@ -92,7 +92,7 @@ bool RunFit(const FitOptions& options) {
   }
 
   safety::GuardOptions guard = options.guard;
-  guard.features = safety::StripObservationPrefixes(guard.features);
+  guard.features = core::StripObservationPrefixes(guard.features);
   guard.strategy = safety::ParseStrategy(options.strategy);
   guard.source = options.demonstrations.filename().string();
   experiment::ProgressBar bar("fit");
@@ -108,7 +108,7 @@ bool RunFit(const FitOptions& options) {
   const std::vector<core::Trajectory>& chosen = choose ? completed : all;
   const auto model = safety::GuardModel::Fit(reader->layout(), chosen, guard);
   model->Save(options.out);
-  const std::vector<std::string> findings = safety::Findings(*model, chosen);
+  const std::vector<std::string> findings = safety::Warnings(*model, chosen);
   Describe(*model);
   Describe(findings);
   std::printf("%s\n", options.out.c_str());

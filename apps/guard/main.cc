@@ -138,7 +138,7 @@ void AddShow(CLI::App& app) {
   command->callback([path] {
     const auto model = safety::GuardModel::Load(*path);
     Describe(*model);
-    Describe(safety::Findings(*model));
+    Describe(safety::Warnings(*model));
   });
 }
 

@@ -232,7 +232,7 @@ std::string Introduction(const safety::GuardModel& model, const ReportOptions& o
              " (95 %% interval). The fit promises at most %.3g of further demonstrations, %s; "
              "those "
              "that it was fitted to raise fewer.",
-             model.summary().false_alarms, safety::Promise(model.summary()).c_str());
+             model.summary().false_alarms, safety::DescribeGuarantee(model.summary()).c_str());
 }
 
 std::string FailureNote(const std::vector<Episode>& failures) {

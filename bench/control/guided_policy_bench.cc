@@ -1,13 +1,13 @@
-// One Next() of guided recovery and of certified recovery, decision included, as the robot would
-// call it: 12 features, 7 control entries, 120 demonstrations, 60 time steps. The counters are
-// percentiles of single calls in ns; each includes one reading of the clock.
+// Time of one Next() of guided recovery and of certified recovery, decision included, as on the
+// robot: 12 features, 7 control entries, 120 demonstrations, 60 time steps. The counters are
+// percentiles of single calls in ns; each includes one clock reading.
 //
 // Guided: a new state every time. Deep: the learned control passes. Edge: states one to three
 // standard deviations off, where the control is filtered or a recovery runs. The budget is 20 000
-// ns (p99), with the support in single precision (Float), as the Pusher has it.
+// ns (p99), with the support in single precision (Float), as for the Pusher.
 //
-// Certified: in a world that answers as its demonstrations did, around a policy that is too bold,
-// with K and eps as they are found there. The budget is 25 000 ns (p99).
+// Certified: in a world with the demonstrated dynamics, around a policy with too large controls,
+// with the K and eps estimated there. The budget is 25 000 ns (p99).
 
 #include <benchmark/benchmark.h>
 
@@ -131,7 +131,8 @@ void BM_Next(benchmark::State& state, double spread, bool single) {
   state.counters["support_vectors"] = support.estimate(kHorizon / 2).num_support_vectors();
 }
 
-// The first seven of twelve directions answer controls, the rest differ between episodes alone.
+// The controls affect the first seven of twelve directions; the others only differ between
+// episodes.
 class Driven {
  public:
   Driven() {
@@ -147,7 +148,7 @@ class Driven {
     }
     return basis_ * inner;
   }
-  // Towards the path, and `size` of something else.
+  // Computes a control towards the path plus normal noise of standard deviation `size`.
   void Control(int t, std::span<const double> x, double size, core::Random& random,
                std::span<double> u) const {
     const Eigen::VectorXd inner = basis_.transpose() * core::AsVector(x);
@@ -156,7 +157,7 @@ class Driven {
           Mean(t + 1, k) - Mean(t, k) - 0.3 * (inner[k] - Mean(t, k)) + size * random.Normal();
     }
   }
-  // Three per cent of the control go astray.
+  // Applies the control with a random error of three per cent of its norm.
   void Apply(std::span<const double> u, core::Random& random, std::span<double> x) const {
     Eigen::VectorXd change = Eigen::VectorXd::Zero(kStateDim);
     change.head(kControlDim) = core::AsVector(u);

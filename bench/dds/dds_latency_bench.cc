@@ -1,8 +1,8 @@
-// How long a pose takes to another process and back, and a picture of 640 x 480 one way: through
-// the publishers and subscribers of dfr, over each transport, and beside them CycloneDDS over UDP
-// on the same loopback in the same run. Times are medians and 99th percentiles, in microseconds;
-// `of_cyclone` is the median in units of CycloneDDS'. One message is under way at a time. The other
-// process is this program itself. usage: dds_latency_bench [Google Benchmark's options]
+// Round-trip time of a pose to another process, and one-way time of a picture of 640 x 480, through
+// dfr's publishers and subscribers over each transport, compared with CycloneDDS over UDP on the
+// same loopback in the same run. Times are medians and 99th percentiles, in microseconds;
+// `of_cyclone` is the median relative to CycloneDDS'. One message is in transit at a time. The
+// other process is this program. usage: dds_latency_bench [Google Benchmark's options]
 #include <benchmark/benchmark.h>
 #include <dds/dds.h>
 #include <signal.h>
@@ -37,20 +37,20 @@ constexpr std::uint32_t kWidth = 640;
 constexpr std::uint32_t kHeight = 480;
 constexpr double kPatience_s = 20.0;
 
-// A clock that all processes of this machine share.
+// A clock shared by all processes of this machine.
 std::int64_t Now() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(
              std::chrono::steady_clock::now().time_since_epoch())
       .count();
 }
 
-// What comes back: which question it answers, and how long that one took.
+// Reply: the number of the question, and its one-way time.
 struct Answer {
   std::int64_t asked_ns = 0;
   double one_way_s = 0.0;
 };
 
-// One end of a pair of topics: questions, stamped, one way, and answers the other.
+// One end of a pair of topics: stamped questions in one direction, answers in the other.
 class End {
  public:
   End() = default;
@@ -87,7 +87,7 @@ class OurEnd final : public End {
   OurEnd(int domain, bool asks, bool shared_memory)
       : participant_(
             {.domain = domain, .name = "dds_latency_bench", .shared_memory = shared_memory}) {
-    // Roles without a lifespan: what is measured may not expire.
+    // Roles without a lifespan, because samples must not expire.
     const Role role = std::is_same_v<T, Image> ? Role::kImage : Role::kState;
     if (asks) {
       ask_ = std::make_unique<Publisher<T>>(participant_, "/ask", role);
@@ -125,7 +125,7 @@ class OurEnd final : public End {
   std::unique_ptr<Publisher<PoseStamped>> answer_;
 };
 
-// Through CycloneDDS, with the same types and the same depth.
+// Through CycloneDDS, with the same types and depth.
 class CycloneEnd final : public End {
  public:
   CycloneEnd(int domain, bool asks, bool image) : image_(image) {
@@ -171,7 +171,7 @@ class CycloneEnd final : public End {
     });
   }
   void Serve(double timeout_s) override {
-    // Copied out, as ours is.
+    // Copied, as in dfr.
     const auto reply = [this](const auto& message) {
       const std::int64_t asked_ns = Nanoseconds(message.header_);
       Write(asked_ns, 1e-9 * static_cast<double>(Now() - asked_ns));
@@ -210,7 +210,7 @@ class CycloneEnd final : public End {
     if (dds_waitset_wait(waitset_, nullptr, 0, static_cast<dds_duration_t>(1e9 * timeout_s)) <= 0) {
       return false;
     }
-    void* sample = nullptr;  // to be allocated by the take
+    void* sample = nullptr;  // allocated by the take
     dds_sample_info_t info;
     const dds_return_t count = dds_take(reader_, &sample, &info, 1, 1);
     Checked(count);
@@ -233,7 +233,7 @@ class CycloneEnd final : public End {
 enum class Way { kCyclone, kUdp, kSharedMemory, kSameProcess };
 
 std::unique_ptr<End> MakeEnd(Way way, bool image, bool asks) {
-  // Above those that tests take, and apart from each other.
+  // Above the domains of the tests, and all different.
   const int domain = 103 + 2 * static_cast<int>(way) + (image ? 1 : 0);
   if (way == Way::kCyclone) return std::make_unique<CycloneEnd>(domain, asks, image);
   const bool shared_memory = way == Way::kSharedMemory;
@@ -247,7 +247,7 @@ int ServeForEver(Way way, bool image) {
   return EXIT_SUCCESS;
 }
 
-// Both ends: this one, and that of another process or thread, for as long as this lives.
+// Both ends: this one, and that of another process or thread during the object's lifetime.
 class Link {
  public:
   Link(Way way, bool image) {
@@ -278,7 +278,7 @@ class Link {
   Link(const Link&) = delete;
   Link& operator=(const Link&) = delete;
 
-  /// There and back. False if there was no answer.
+  /// Sends a question and waits for the answer. Returns false if there was none.
   bool Exchange(double timeout_s, double& round_trip_s, double& one_way_s) {
     const std::int64_t start = Now();
     end_->Ask(start);
@@ -301,7 +301,7 @@ class Link {
 
 using Case = std::pair<Way, bool>;
 
-// Made once, for finding each other takes longer than what is measured.
+// Created once, because discovery takes longer than a measurement.
 std::map<Case, std::unique_ptr<Link>>& Links() {
   static std::map<Case, std::unique_ptr<Link>> links;
   return links;
@@ -354,7 +354,7 @@ DFR_CASE(BM_ImageOneWay, same_process, Way::kSameProcess);
 }  // namespace dfr::dds
 
 int main(int argc, char** argv) {
-  // As ours: on the loopback alone, which may have no multicast.
+  // As in dfr: loopback only, possibly without multicast.
   ::setenv("CYCLONEDDS_URI",
            "<CycloneDDS><Domain><General><Interfaces><NetworkInterface address=\"127.0.0.1\"/>"
            "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery>"

@@ -1,6 +1,6 @@
-// A command to another process and its answer, over UDP on the loopback: what a secured network
-// costs. Both run in turn, so that a disturbed machine disturbs both. The other process is this
-// program itself. usage: round_trip_bench [Google Benchmark's options]
+// Round-trip time of a command to another process over UDP on the loopback, with and without
+// security. Both cases alternate, which distributes disturbances of the machine equally. The other
+// process is this program. usage: round_trip_bench [Google Benchmark's options]
 #include <benchmark/benchmark.h>
 #include <signal.h>
 #include <spawn.h>
@@ -31,7 +31,7 @@ ParticipantOptions Options(int domain, const std::string& security) {
   return {.domain = domain, .name = "round_trip_bench", .security = security};
 }
 
-// Sends every command back.
+// Returns every command to the sender.
 int Echo(int domain, const std::string& security) {
   Participant participant(Options(domain, security));
   Subscriber<PoseStamped> ask(participant, kAsk, Role::kCommand);
@@ -39,11 +39,11 @@ int Echo(int domain, const std::string& security) {
   PoseStamped pose;
   for (;;) {
     if (ask.Wait(1.0) && ask.Take(pose)) answer.Write(pose);
-    if (::getppid() == 1) return EXIT_SUCCESS;  // left behind
+    if (::getppid() == 1) return EXIT_SUCCESS;  // orphaned
   }
 }
 
-// The program itself, as Echo(), for as long as this lives.
+// Runs this program as Echo() during its lifetime.
 class EchoProcess {
  public:
   EchoProcess(int domain, std::string security) {
@@ -66,7 +66,7 @@ class EchoProcess {
   pid_t pid_ = -1;
 };
 
-// Certificates that go with the program.
+// Certificates that are removed with the object.
 class Keystore {
  public:
   Keystore()
@@ -92,7 +92,7 @@ class Keystore {
 void BM_RoundTrip(benchmark::State& state) {
   static const Keystore kKeystore;
   const bool secured = state.range(0) != 0;
-  // Above those that tests take, and apart from each other.
+  // Above the domains of the tests, and all different.
   const int domain = secured ? 102 : 101;
   const EchoProcess echo(domain, secured ? kKeystore.enclave("answer") : "");
   Participant participant(Options(domain, secured ? kKeystore.enclave("ask") : ""));
@@ -107,7 +107,7 @@ void BM_RoundTrip(benchmark::State& state) {
     found = answer.Wait(0.1);
   }
   if (!found) return state.SkipWithError("the other process does not answer");
-  while (answer.Wait(0.2)) answer.Take(pose);  // answers that are still under way
+  while (answer.Wait(0.2)) answer.Take(pose);  // discard answers in transit
 
   std::vector<double> times_s;
   double number = 0.0;

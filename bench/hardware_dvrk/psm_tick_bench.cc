@@ -1,5 +1,5 @@
-// What a control loop pays for its arm: one tick of the driver while it moves, and the check of a
-// new goal. The console is a publisher of measurements at rest, in this process.
+// Cost of the arm in a control loop: one tick of the driver during a move, and the check of a new
+// goal. The console is a publisher of measurements at rest, in this process.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -20,7 +20,7 @@ kinematics::PsmJoints Home() {
   return q;
 }
 
-// A console that measures what it is told.
+// A console that reports given measurements.
 class Console {
  public:
   explicit Console(dds::Participant& participant)
@@ -56,7 +56,7 @@ class Console {
   dds::Publisher<dds::OperatingState> state_;
 };
 
-// Every tick is 2 ms after the last, as in a loop; only the tick itself is timed.
+// Ticks are 2 ms apart, as in a loop; only the tick is timed.
 void BM_DriverTick(benchmark::State& state) {
   dds::Participant participant({.domain = 19});
   Console console(participant);
@@ -95,13 +95,13 @@ void BM_DriverTick(benchmark::State& state) {
 }
 BENCHMARK(BM_DriverTick)->UseManualTime()->Iterations(1000)->Unit(benchmark::kMicrosecond);
 
-// Args: the way in mm of the tip, which is looked at every half millimetre.
+// Args: length of the tip's path in mm, which is checked every half millimetre.
 void BM_StartMove(benchmark::State& state) {
   hardware::PsmMotion motion({}, hardware::PsmProfile::kSmooth);
   motion.Rest(Home());
   kinematics::PsmJoints goal = Home();
   for (auto _ : state) {
-    // 2 mm per degree of yaw at home.
+    // Yaw at home moves the tip by 2 mm per degree.
     goal[0] = goal[0] > 0.0 ? -1e-9 : 0.0087 * static_cast<double>(state.range(0));
     benchmark::DoNotOptimize(motion.Start(goal, 1e3));
   }

@@ -1,5 +1,6 @@
-// The network's passes beside the same formulas in plain Eigen, and whole fits. The network is the
-// Pusher's: 12 inputs, 7 controls. `batch` is the number of samples; rates are per sample.
+// The network's passes compared with the same formulas in plain Eigen, and complete fits. The
+// network is the Pusher's: 12 inputs, 7 controls. `batch` is the number of samples; rates are per
+// sample.
 
 #include <benchmark/benchmark.h>
 
@@ -30,7 +31,7 @@ Mlp Network(int width) {
   return {{kInputs, width, width, kOutputs}, random};
 }
 
-// The same network as a user of Eigen would write it.
+// The same network in idiomatic Eigen.
 class EigenMlp {
  public:
   explicit EigenMlp(const Mlp& mlp) {
@@ -88,7 +89,7 @@ class EigenMlp {
   Matrix next_;
 };
 
-// Inputs change from call to call, out of a pool that stays in the second-level cache.
+// Inputs change between calls, from a pool that fits the second-level cache.
 struct Case {
   Mlp mlp;
   EigenMlp eigen;
@@ -168,7 +169,7 @@ void BM_ForwardBackwardEigen(benchmark::State& state) {
   CountSamples(state);
 }
 
-// What a control loop calls: one state, no workspace.
+// Called in a control loop: one state, no workspace.
 void BM_ForwardOne(benchmark::State& state) {
   Case c(state);
   if (!c.RightAnswers()) return state.SkipWithError("wrong answer");

@@ -23,8 +23,7 @@ void OpenOrThrow(std::ofstream& file, const std::string& path) {
   if (!file) throw std::runtime_error("cannot write " + path);
 }
 
-// Bars of how many times faster the subject is than each peer, on a logarithmic axis from 1 to
-// 1000.
+// Draws bars of the subject's speed-up over each peer, on a logarithmic axis from 1 to 1000.
 void WritePicture(const std::string& title, const std::vector<CaseResult>& results,
                   const std::string& path) {
   static constexpr const char* kColors[] = {"#4878a8", "#e08214", "#5aae61", "#9970ab", "#888888"};
@@ -141,7 +140,7 @@ std::vector<Timing> RunContest(const std::vector<Contestant>& contestants, int o
     c.run();
     const double once = std::max(CpuSeconds() - start, 1e-7);
     repetitions.back() = static_cast<int>(std::clamp(std::ceil(options.min_time / once), 1.0, 1e6));
-    // What takes this long is timed once: it is far from any noise.
+    // Longer cases are timed once, because noise is negligible.
     constexpr double kLong = 1.0;
     if (once > kLong) {
       repetitions.back() = 0;

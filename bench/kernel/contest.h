@@ -8,33 +8,33 @@
 
 namespace dfr::bench {
 
-/// Command line that every contest understands, in the words of Google Benchmark.
+/// Command line of all contests, with Google Benchmark's option names.
 struct ContestOptions {
   std::string filter;      ///< --benchmark_filter=TEXT: cases whose name contains it.
   double min_time = 0.01;  ///< --benchmark_min_time=SECONDS a round; 0: one repetition, untimed.
   int rounds = 9;          ///< --rounds=N; the median round counts.
   std::string json;        ///< --benchmark_out=FILE; PROGRAM.json unless it is a smoke run
   std::string picture;     ///< --picture=FILE.svg; PROGRAM.svg unless it is a smoke run
-  std::string target;      ///< --target=NAME: our instruction set, AVX2 say, not the best.
+  std::string target;      ///< --target=NAME: our instruction set, such as AVX2; empty: the best.
 
-  /// @throws std::invalid_argument naming the argument it does not know.
+  /// @throws std::invalid_argument naming the unknown argument.
   static ContestOptions Parse(int argc, char** argv);
   [[nodiscard]] bool Selects(const std::string& name) const;
-  /// Restricts our own code to --target, before any estimate is made.
-  /// @throws std::invalid_argument with the names there are, if this machine has none such.
+  /// Restricts our code to --target, before any estimate is made.
+  /// @throws std::invalid_argument listing the valid names if this machine lacks the target.
   void ForceTarget() const;
-  /// AVX2 where this machine has better and no --target was given: what else to time.
+  /// Returns AVX2 as a second target if this machine has a better one and no --target was given.
   [[nodiscard]] std::optional<std::int64_t> SecondTarget() const;
   [[nodiscard]] bool smoke() const { return min_time == 0.0; }
 };
 
-/// One way to do a job. `run` does `operations` of it; `wrong` says why its answers do not count
-/// (empty: they agree with the reference), and then it is not timed.
+/// One implementation of a job. `run` does `operations` of it. A nonempty `wrong` explains why its
+/// answers are wrong; it is then not timed.
 struct Contestant {
   std::string name;
   std::function<void()> run;
   std::string wrong;
-  bool peer = true;  ///< Another library; not the subject in another form.
+  bool peer = true;  ///< False if it is another form of the subject.
 };
 
 struct Timing {
@@ -44,8 +44,8 @@ struct Timing {
   bool peer = true;
 };
 
-/// Times contestants in turn, round after round, so that a machine that drifts treats all alike.
-/// The first one is the subject, the others its peers.
+/// Times contestants alternately in rounds, which distributes drift of the machine equally. The
+/// first one is the subject; the others are its peers.
 std::vector<Timing> RunContest(const std::vector<Contestant>& contestants, int operations,
                                const ContestOptions& options);
 
@@ -57,19 +57,19 @@ struct CaseResult {
   std::vector<std::pair<std::string, double>> counters;
 };
 
-/// Prints one row a case: the subject's time, every other's as a multiple of it, the best peer's
-/// with a mark where it is below kLeastRatio, and the subject's multiple of the bound.
+/// Prints one row per case: the subject's time, the others' as multiples of it, the best peer's
+/// with a mark if it is below kLeastRatio, and the subject's as a multiple of the bound.
 void PrintRow(const CaseResult& result);
 inline constexpr double kLeastRatio = 8.0;
 
-/// Writes what the options ask for: all cases as JSON, and the ratios as a bar chart.
+/// Writes the requested reports: all cases as JSON, and the ratios as a bar chart.
 void WriteReports(const std::string& title, const std::vector<CaseResult>& results,
                   const ContestOptions& options);
 
-/// Failure if the subject of any case gave a wrong answer.
+/// Returns failure if the subject of any case gave a wrong answer.
 [[nodiscard]] int ExitCode(const std::vector<CaseResult>& results);
 
-/// CPU time of this process, in seconds.
+/// Returns the CPU time of this process, s.
 [[nodiscard]] double CpuSeconds();
 
 }  // namespace dfr::bench

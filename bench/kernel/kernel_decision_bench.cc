@@ -1,4 +1,4 @@
-// One decision and batches of them, beside LIBSVM, OpenCV, dlib and plain Eigen.
+// Single decisions and batches, compared with LIBSVM, OpenCV, dlib and plain Eigen.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -42,7 +42,8 @@ struct Fitted {
       expected[static_cast<std::size_t>(i)] = static_cast<double>(sum) - svm->rho();
     }
   }
-  // Worst error over all queries, as a fraction of rho.
+  // Returns a message if the maximum error over all queries, as a fraction of rho, exceeds
+  // `tolerance`; otherwise an empty string.
   template <typename Decide>
   std::string Check(Decide&& decide, double tolerance) const {
     double worst = 0.0;
@@ -65,13 +66,13 @@ volatile double sink;
 
 using Decide = std::function<double(int)>;
 
-// Everyone who can decide about query i, in our scale, with the error that counts as wrong.
+// An implementation that decides query i, in our scale, with its error tolerance.
 struct Entrant {
   std::string name;
   Decide decide;
   std::function<void(std::span<double>)> decide_all;
   double factor;     // of the value that decide returns
-  double tolerance;  // peers are fitted by themselves, to a tolerance of 1e-3
+  double tolerance;  // peers are fitted separately, to a tolerance of 1e-3
 };
 
 class DecisionCase {
@@ -94,7 +95,7 @@ class DecisionCase {
     }
   }
 
-  // Queries change on every call, as on the robot: one repeated x flatters the branch predictor.
+  // Queries change on every call, as on the robot: a repeated x favours the branch predictor.
   void Warm(const ContestOptions& options, std::vector<CaseResult>& results) const {
     std::vector<Contestant> contestants;
     for (const Entrant& e : entrants_) {
@@ -117,8 +118,7 @@ class DecisionCase {
     Report("batch", RunContest(contestants, kQueries, options), results);
   }
 
-  // One query after the caches were filled with something else, by the wall clock: the median of
-  // many, in turn.
+  // Measures one query with cold caches by the wall clock: the median of many, alternately.
   void Cold(const ContestOptions& options, std::vector<CaseResult>& results) const {
     std::vector<char> other(std::size_t{48} << 20, 1);
     std::vector<std::vector<double>> times(entrants_.size());
@@ -159,7 +159,7 @@ class DecisionCase {
     return fitted_.Check([&](int i) { return e.factor * e.decide(i); }, e.tolerance);
   }
 
-  // A row for each of our two precisions, against the same peers.
+  // Reports one row for each of our two precisions, against the same peers.
   void Report(const char* what, const std::vector<Timing>& timings,
               std::vector<CaseResult>& results) const {
     const auto terms = static_cast<std::size_t>(fitted_.svm->num_support_vectors());

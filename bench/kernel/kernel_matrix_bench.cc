@@ -1,10 +1,10 @@
-// Does every fit converge? Problems drawn at random from all that a caller may ask for: sizes,
-// entries, widths of the kernel, nu, duplicates, clusters, scales, outliers. What a fit claims is
-// checked in double, and its objective is compared with LIBSVM's where that takes seconds.
+// Checks that every fit converges. Draws random problems from the whole range of valid input:
+// sizes, entries, kernel widths, nu, duplicates, clusters, scales, outliers. Verifies the results
+// of a fit in double, and compares its objective with LIBSVM's if that takes only seconds.
 //
 //   kernel_matrix_bench [--cells=N] [--most=SAMPLES] [--seed=N] [--seconds=S] [--minutes=M]
 //
-// A fit of more than S seconds is interrupted and counted as such; M bounds the whole run.
+// A fit of more than S seconds is interrupted and counted as such; M limits the whole run.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -112,14 +112,14 @@ double MedianSquaredDistance(const core::Matrix& samples, core::Random& random) 
   return *middle;
 }
 
-// From a bound (included now and then) to the other, on a logarithmic scale.
+// Draws from one bound (occasionally included) to the other, on a logarithmic scale.
 double Between(double low, double high, core::Random& random) {
   const double u = std::clamp(random.Uniform(-0.1, 1.1), 0.0, 1.0);
   return std::clamp(low * std::pow(high / low, u), low, high);
 }
 
-// max G over alpha > 0 minus min G over alpha < 1, in LIBSVM's scale, by the definition: for all
-// samples, or some of them where these are many.
+// max G over alpha > 0 minus min G over alpha < 1, in LIBSVM's scale, computed from the definition
+// for all samples, or for some of them if there are many.
 double Gap(const core::Matrix& samples, const kernel::FitSummary& summary, double nu,
            double gamma) {
   constexpr double kMostWork = 1e9;
@@ -145,7 +145,7 @@ double Gap(const core::Matrix& samples, const kernel::FitSummary& summary, doubl
   return std::max(0.0, largest - smallest);
 }
 
-// What became of the problems of up to `most` samples.
+// Results of the problems of up to `most` samples.
 struct Row {
   int most;
   int cells = 0;
@@ -163,7 +163,7 @@ class Matrix {
  public:
   explicit Matrix(const Options& options) : options_(options) {}
 
-  // Draws and judges the problem of this number.
+  // Draws the problem of this number, fits it and checks the result.
   void Fit(int number) {
     core::Random random(core::DeriveSeed(options_.seed, {static_cast<std::uint64_t>(number)}));
     const auto kind = static_cast<std::size_t>(random.Below(kKinds.size()));
@@ -210,7 +210,7 @@ class Matrix {
     ++row.converged;
     const double gap = Gap(samples, summary, nu, gamma);
     row.worst_gap = std::max(row.worst_gap, gap);
-    // The definition rounds, too.
+    // The definition also has rounding errors.
     if (gap > kTolerance * (1.0 + 1e-6) + 1e-12 * nu * n || !std::isfinite(svm.rho())) {
       ++row.wrong;
       std::printf("WRONG %s: the gap is %.3g, not %.3g\n", name.c_str(), gap, summary.kkt_gap);
@@ -220,7 +220,7 @@ class Matrix {
     const double objective = LibsvmObjective(*peer);
     ++row.compared;
     row.worst_excess = std::max(row.worst_excess, summary.objective / objective - 1.0);
-    // Both are within tolerance * nu n of the minimum, and LIBSVM's kernel is rounded to float.
+    // Both are within tolerance * nu n of the minimum, and LIBSVM rounds its kernel to float.
     if (summary.objective > objective * (1.0 + 1e-6) + kTolerance * nu * n) {
       ++row.wrong;
       std::printf("WRONG %s: the objective is %.9g, LIBSVM's %.9g\n", name.c_str(),
@@ -228,7 +228,7 @@ class Matrix {
     }
   }
 
-  // Returns whether all fits are what they claim to be.
+  // Returns true if all fits meet their tolerance.
   [[nodiscard]] bool Print() const {
     std::printf("%-15s %6s %10s %8s %12s %6s %10s %9s %13s %9s\n", "samples", "cells", "converged",
                 "stalled", "interrupted", "wrong", "worst gap", "beside", "worst excess",

@@ -1,6 +1,6 @@
-// How fits, fits per time step and batches of decisions scale with threads: wall time with one
-// thread and with one per core, and whether both give the same bits. Means something on an idle
-// machine alone.
+// Scaling of fits, fits per time step and batches of decisions with threads: wall time with one
+// thread and with one per core, and a bitwise comparison of the results. Meaningful only on an idle
+// machine.
 //
 //   kernel_threads_bench [--threads=N] [--filter=TEXT] [--rounds=N]
 #include <algorithm>
@@ -65,9 +65,9 @@ double CpuSeconds() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-// What was computed, to be compared bit by bit.
+// Results, for bitwise comparison.
 using Bits = std::vector<double>;
-// Does the work on so many threads.
+// Does the work on the given number of threads.
 using Job = std::function<Bits(int)>;
 
 struct Times {
@@ -79,7 +79,7 @@ class Runner {
  public:
   explicit Runner(Options options) : options_(std::move(options)) {}
 
-  // In turn, round after round; the least of each counts.
+  // Alternates over the rounds; the minimum of each counts.
   void Run(const std::string& name, const Job& job) {
     if (name.find(options_.filter) == std::string::npos) return;
     Times times[2];

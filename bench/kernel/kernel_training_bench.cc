@@ -1,4 +1,4 @@
-// Training beside LIBSVM, OpenCV and dlib, all stopping at the same tolerance.
+// Training compared with LIBSVM, OpenCV and dlib, with the same stopping tolerance.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -37,7 +37,7 @@ struct TrainingCase {
   bool libsvm_only = false;  // the others take minutes
 };
 
-// KKT gap and objective from the support vectors alone, in double, in LIBSVM's scale.
+// KKT gap and objective from the support vectors only, in double, in LIBSVM's scale.
 struct Audit {
   double gap = 0.0;
   double objective = 0.0;
@@ -110,7 +110,7 @@ void Train(const TrainingCase& c, const ContestOptions& options, std::vector<Cas
   }
   CaseResult result{name, RunContest(contestants, 1, options), 0.0, {}};
   const double excess = audit.objective / libsvm_objective - 1.0;
-  // Ours may be lower; 1e-4 above LIBSVM's minimum it is not the same solution.
+  // Ours may be lower; 1e-4 above LIBSVM's minimum indicates another solution.
   if (excess > 1e-4) result.timings[0].wrong = "objective " + std::to_string(excess) + " too high";
   const auto support = static_cast<std::size_t>(svm.num_support_vectors());
   result.bound_nanoseconds =
@@ -144,7 +144,7 @@ class PerStep {
     }
   }
 
-  // All at once; and each beginning with the alpha of the time step before.
+  // Trains all at once, and each from the alpha of the previous time step.
   void Train(const ContestOptions& options, std::vector<CaseResult>& results) const {
     const kernel::TimeVaryingSupportOptions ours{
         .svm = {.nu = kNu, .gamma = kGamma, .tolerance = kTolerance}};
@@ -164,7 +164,7 @@ class PerStep {
         results);
   }
 
-  // What SelectModel() fits for each fold.
+  // Fits the grid of one fold of SelectModel().
   void TrainGrid(const ContestOptions& options, std::vector<CaseResult>& results) const {
     const std::vector<double> gammas = {0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0};
     kernel::TimeVaryingSupportOptions ours{.svm = {.nu = kNu, .tolerance = kTolerance}};

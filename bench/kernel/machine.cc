@@ -19,7 +19,8 @@ using Tag = hn::CappedTag<float, 16>;
 
 std::size_t VectorBytes() { return hn::MaxLanes(Tag()) * sizeof(float); }
 
-// 12 chains hide the latency of an FMA on every machine with two ports of latency up to six.
+// 12 chains hide the latency of an FMA on every machine with two ports and a latency of at most
+// six.
 HWY_NOINLINE float Fma(std::size_t rounds) {
   constexpr Tag d;
   constexpr int kChains = 12;
@@ -73,7 +74,7 @@ HWY_EXPORT(Name);
 
 namespace {
 
-// Least of many runs: what the core can do, not what it did between interrupts.
+// Minimum of many runs, which excludes interrupts.
 template <typename Run>
 double Least(double operations, Run&& run) {
   double least = 1e9;

@@ -5,7 +5,7 @@
 
 namespace dfr::bench {
 
-/// What one core does at best, measured with the widest instruction set that dispatch chooses.
+/// Peak performance of one core, measured with the widest instruction set that dispatch chooses.
 struct Machine {
   std::string instruction_set;
   std::size_t vector_bytes = 0;
@@ -14,15 +14,16 @@ struct Machine {
   double load_l2_nanoseconds = 0.0;  ///< One vector load from 256 KiB.
 };
 
-/// Measures once; later calls return the same.
+/// Measures once; later calls return the same result.
 [[nodiscard]] const Machine& Measure();
 [[nodiscard]] std::string Describe(const Machine& machine);
 
-/// Least time of one decision with `terms` support vectors of `dim` entries, of `bytes_per_value`
-/// (4 or 8): per vector of terms dim + 7 (float) or dim + 12 (double) operations on the
-/// multiply-add ports (one FMA a coordinate, the polynomial, and two to split and join the
-/// exponent), or dim + 1 loads, whichever takes longer. A single query loads from L1 where all
-/// terms fit 32 KiB, else from L2; a batch, whose queries share tiles of terms, always from L1.
+/// Returns the minimum time of one decision with `terms` support vectors of `dim` entries, of
+/// `bytes_per_value` (4 or 8). Per vector of terms it is the larger of two times: dim + 7 (float)
+/// or dim + 12 (double) operations on the multiply-add ports (one FMA per coordinate, the
+/// polynomial, and two to split and join the exponent), or dim + 1 loads. A single query loads from
+/// L1 if all terms fit 32 KiB, otherwise from L2. A batch, whose queries share tiles of terms,
+/// always loads from L1.
 [[nodiscard]] double DecisionBound(const Machine& machine, std::size_t terms, std::size_t dim,
                                    std::size_t bytes_per_value, bool batch);
 

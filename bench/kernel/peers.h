@@ -8,16 +8,16 @@
 
 namespace dfr::bench {
 
-/// A one-class SVM of another library, trained by itself on the same data and options, as its
-/// documentation has users do it.
+/// A one-class SVM of another library, trained separately on the same data and options, according
+/// to its documentation.
 class Peer {
  public:
   virtual ~Peer() = default;
-  /// Row `i` of the queries given to Prepare(), in LIBSVM's scale.
+  /// Decides row `i` of the queries given to Prepare(), in LIBSVM's scale.
   virtual double Decide(int i) = 0;
-  /// Every row, by the library's own batch call where it has one.
+  /// Decides every row, with the library's batch call if it has one.
   virtual void DecideAll(std::span<double> values) = 0;
-  /// Converts queries to the library's form, outside of the timing.
+  /// Converts queries to the library's format, outside the timing.
   virtual void Prepare(const core::Matrix& queries) = 0;
   [[nodiscard]] virtual int num_support_vectors() const = 0;
 };

@@ -20,7 +20,7 @@ void Standardise(core::Matrix& states) {
 
 core::Matrix PooledTrajectories(int n, int d, std::uint64_t seed) {
   constexpr int kSteps = 100;
-  constexpr int kTraits = 2;  // in which trajectories differ: start or goal, and pace
+  constexpr int kTraits = 2;  // trajectories differ in start or goal, and pace
   constexpr double kSpread = 0.3;
   constexpr double kNoise = 0.05;
   core::Random common(core::DeriveSeed(seed, {0}));

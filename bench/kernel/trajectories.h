@@ -6,14 +6,14 @@
 
 namespace dfr::bench {
 
-/// `n` states of `d` entries pooled from robot-like trajectories of 100 steps: a common smooth path
-/// that each follows at its own pace and with its own offset, and a little noise; standardised to
+/// Returns `n` states of `d` entries from robot-like trajectories of 100 steps: a common smooth
+/// path with a different pace and offset for each trajectory, plus small noise; standardised to
 /// mean 0 and variance 1.
 [[nodiscard]] core::Matrix PooledTrajectories(int n, int d, std::uint64_t seed);
 
-/// As above, of a task that drifts: what all trajectories share moves from the first to the last by
-/// about their whole spread, and each has an offset of its own in every entry. With many entries
-/// and a narrow kernel, samples are nearly isolated.
+/// Same, for a task that drifts: the common path moves from the first to the last trajectory by
+/// about the spread of all, and each trajectory has a separate offset in every entry. With many
+/// entries and a narrow kernel, samples are nearly isolated.
 [[nodiscard]] core::Matrix DriftingTrajectories(int n, int d, std::uint64_t seed);
 
 }  // namespace dfr::bench

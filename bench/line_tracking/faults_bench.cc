@@ -1,5 +1,5 @@
-// What happens when something goes wrong while line tracking runs over the network: each fault many
-// times at random moments of motion, in one table. The robot's program is this one with --robot.
+// Behaviour of line tracking over the network under faults: each fault many times at random moments
+// of motion, in one table. The robot's program is this one with --robot.
 #include <arpa/inet.h>
 #include <netinet/in.h>
 #include <poll.h>
@@ -51,7 +51,7 @@ constexpr double kMillisecond = 1e6;  // ns
 
 std::atomic<bool> policy_is_broken = false;
 
-// A policy that says NaN from some moment on.
+// A policy that returns NaN from a given moment on.
 class BreakingPolicy final : public control::Controller {
  public:
   explicit BreakingPolicy(control::Controller& inner) : inner_(&inner) {}
@@ -87,7 +87,7 @@ RobotConfig Configuration(int domain, dds::Discovery discovery) {
   return config;
 }
 
-// Whether something was typed, after some periods.
+// Checks for typed input after several periods.
 bool IsAskedToGo(RobotPlant& plant) {
   pollfd input{STDIN_FILENO, POLLIN, 0};
   plant.loop().Idle(0.02);
@@ -95,7 +95,7 @@ bool IsAskedToGo(RobotPlant& plant) {
   return poll(&input, 1, 0) > 0 && read(STDIN_FILENO, text.data(), text.size()) > 0;
 }
 
-// Until the arm is homed: what ends it is told, and "go" waited for.
+// Runs until the arm is homed. Reports an error that interrupts it, and waits for "go".
 void BringUp(RobotPlant& plant) {
   for (;;) {
     try {
@@ -112,7 +112,7 @@ void BringUp(RobotPlant& plant) {
   }
 }
 
-// Episode after episode until something makes it hold; then waits for "go" on its input.
+// Runs episodes until a reason to hold occurs; then waits for "go" on its input.
 void RunRobot(const std::filesystem::path& folder, int domain, double image_age_s,
               dds::Discovery discovery, const std::string& platform) {
   const LineModel model = LineModel::Load(folder / "model");
@@ -149,7 +149,7 @@ void RunRobot(const std::filesystem::path& folder, int domain, double image_age_
         plant.loop().Hold(runtime::HoldReason::kControlInvalid,
                           "the policy's control is not finite");
       }
-    } catch (const std::runtime_error& e) {  // it was not started: once more
+    } catch (const std::runtime_error& e) {  // not started: retry
       std::cerr << "robot: " << e.what() << std::endl;
     }
     if (const runtime::PeriodicTimer* timer = plant.timer()) {
@@ -166,19 +166,19 @@ void RunRobot(const std::filesystem::path& folder, int domain, double image_age_
   }
 }
 
-// -- one fault after the other ------------------------------------------------------------------
+// -- one fault after another --------------------------------------------------------------------
 
 struct Fault {
   std::string name;
   std::function<void(Site&)> begin;
   std::function<void(Site&)> end;
-  bool blind = false;        ///< The simulator cannot be asked meanwhile: it stands still.
-  bool to_operator = false;  ///< The robot's program itself fails: the operator's screen tells.
-  bool wire = false;         ///< Between two hosts, where the system allows to have two.
-  bool harmless = false;     ///< Nothing may come of it: counted where the run goes on.
-  bool homing = false;       ///< While the arm homes, which has to end.
-  bool ends = false;         ///< Ends a program, or needs another site than a soak's.
-  bool platform = false;     ///< At its port, which other faults do without.
+  bool blind = false;        ///< The simulator is stopped and cannot be queried during the fault.
+  bool to_operator = false;  ///< The robot's program fails; detected on the operator's screen.
+  bool wire = false;         ///< Between two hosts, if the system permits them.
+  bool harmless = false;     ///< Must have no effect: passes if the run continues.
+  bool homing = false;       ///< During homing, which the fault must end.
+  bool ends = false;         ///< Ends a program, or needs a different site from a soak's.
+  bool platform = false;     ///< At the platform's port; other faults run without a platform.
 };
 
 Fault Injected(const std::string& name, const std::string& fault, const std::string& on,
@@ -187,7 +187,7 @@ Fault Injected(const std::string& name, const std::string& fault, const std::str
           [=](Site& s) { s.link->Fault(fault, off); }, false, false};
 }
 
-// A bad cable; on one host, what it does to the measured state.
+// A defective cable; on one host, its effect on the measured state.
 Fault Lossy(const std::string& name, double loss) {
   const auto set = [](Site& s, double share, double jitter_s) {
     if (s.wire != nullptr) {
@@ -202,21 +202,21 @@ Fault Lossy(const std::string& name, double loss) {
       true};
 }
 
-// Two messages to every port that a process of the domain may listen at: 82 bytes with one of Fast
-// DDS' own statistics, and a fragment of a sample with parameters and without payload. Without a
-// filter Debian's Fast DDS ends the process at either.
+// Sends two messages to every port at which a process of the domain may listen: 82 bytes with one
+// of Fast DDS's statistics submessages, and a fragment of a sample with parameters and without
+// payload. Without a filter either ends a process with Debian's Fast DDS.
 void SendPackets(int domain) {
   std::vector<std::uint8_t> statistics = {'R', 'T', 'P', 'S', 2, 3, 1, 15};
   statistics.resize(20, 0xab);
   std::vector<std::uint8_t> fragment = statistics;
   statistics.insert(statistics.end(), {0x80, 1, 58});
   statistics.resize(82);
-  fragment.insert(fragment.end(), {0x16, 3, 36, 0});                          // kind, flags, length
-  fragment.insert(fragment.end(), {0, 0, 28, 0});                             // to the parameters
-  fragment.insert(fragment.end(), {0, 0, 0, 0, 0, 0, 1, 0xc2});               // reader, writer
-  fragment.insert(fragment.end(), {0, 0, 0, 0, 1, 0, 0, 0});                  // number
-  fragment.insert(fragment.end(), {1, 0, 0, 0, 1, 0, 100, 0, 100, 0, 0, 0});  // which part of what
-  fragment.insert(fragment.end(), {1, 0, 0, 0});                              // no more parameters
+  fragment.insert(fragment.end(), {0x16, 3, 36, 0});             // kind, flags, length
+  fragment.insert(fragment.end(), {0, 0, 28, 0});                // offset of the parameters
+  fragment.insert(fragment.end(), {0, 0, 0, 0, 0, 0, 1, 0xc2});  // reader, writer
+  fragment.insert(fragment.end(), {0, 0, 0, 0, 1, 0, 0, 0});     // sequence number
+  fragment.insert(fragment.end(), {1, 0, 0, 0, 1, 0, 100, 0, 100, 0, 0, 0});  // fragment and sizes
+  fragment.insert(fragment.end(), {1, 0, 0, 0});                              // end of parameters
   const int out = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   sockaddr_in to{};
   to.sin_family = AF_INET;
@@ -277,7 +277,7 @@ std::vector<Fault> Faults() {
        [second](Site&) { second->reset(); }, false, false});
   faults.push_back(Injected("frozen-noisy-image", "camera", "frozen_noisy", "none"));
   faults.push_back(Injected("image-late-1s", "camera", "late", "none"));
-  // Another hand on the arm. What others say and how they stand is published beforehand, as a
+  // Interference by another client. Messages and states of others are published beforehand, as a
   // console does.
   faults.push_back({"teleoperation", [](Site& s) { s.following.Write({true}); },
                     [](Site& s) { s.following.Write({false}); }, false, false});
@@ -290,7 +290,8 @@ std::vector<Fault> Faults() {
                     },
                     false, false});
   faults.push_back({"foreign-hold", [](Site& s) { s.hold.Write({}); }, [](Site&) {}, false, false});
-  // A participant joins and says it 20 times a second for .3 s. The console may be matched first.
+  // A participant joins and repeats its announcement 20 times per second for .3 s. The console may
+  // be matched first.
   const auto guest = std::make_shared<std::thread>();
   faults.push_back({"late-hold",
                     [guest](Site& s) {
@@ -309,10 +310,10 @@ std::vector<Fault> Faults() {
                       console->emplace(s.participant, "/PSM1/measured_js", dds::Role::kState);
                     },
                     [console](Site&) { console->reset(); }, false, false});
-  // Faster than the tip may follow.
+  // Faster than the tip can follow.
   faults.push_back(Injected("moving-platform", "platform", "0.06", "0"));
-  // The platform's port. Its firmware tells nothing: what it prints is no matter, and that it hangs
-  // shows nowhere.
+  // The platform's port. Its firmware reports nothing: its output is irrelevant, and a hang is not
+  // detectable.
   faults.push_back({"platform-unplugged", [](Site& s) { s.platform->Unplug(); },
                     [](Site& s) { s.StartPlatform(); }, false, false});
   faults.back().ends = faults.back().platform = true;
@@ -338,9 +339,9 @@ struct Row {
   int detected = 0;
   int restarts = 0;
   std::set<std::string> told;
-  std::vector<double> detection_ms;  // until the robot's program holds, or the operator is told
+  std::vector<double> detection_ms;  // until the robot's program holds, or informs the operator
   std::vector<double> rest_ms;       // until the tip is at rest
-  std::vector<double> motion_mm;     // of the tip, at most
+  std::vector<double> motion_mm;     // of the tip, maximum
 };
 
 double Quantile(std::vector<double> values, double q) {
@@ -350,7 +351,7 @@ double Quantile(std::vector<double> values, double q) {
 
 void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   constexpr double kObserved = 700.0;  // ms
-  constexpr double kStill = 0.02;      // mm: less is rounding and noise
+  constexpr double kStill = 0.02;      // mm; less is rounding and noise
   if (fault.homing) {
     site.StartSimulator(3.0);
     site.StartRobot();
@@ -374,7 +375,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   const auto now_ms = [&] {
     return static_cast<double>(runtime::SteadyNow() - start_ns) / kMillisecond;
   };
-  // The next episode, where one has ended as episodes do, moves again.
+  // After a regular end of an episode, the next one moves.
   const auto next = [&site] { return site.ToldOfAnEnd() && site.Moving(); };
   while (now_ms() < kObserved) {
     site.Listen();
@@ -387,13 +388,13 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
     homed = state.is_homed || state.state == "ENABLED";
   }
   fault.end(site);
-  // What was held up may come now, and nothing may begin anew.
+  // Delayed messages may arrive now, and no motion may start.
   for (const double end_ms = now_ms() + 300.0; now_ms() < end_ms; SleepMs(2.0)) {
     site.Listen();
     if (!next()) samples.push_back({now_ms(), site.link->Truth().tip_m});
   }
 
-  // A broken policy does no harm before it is asked.
+  // A broken policy is harmless until it is called.
   const double since_ms =
       site.broken_ns() ? static_cast<double>(*site.broken_ns() - start_ns) / kMillisecond : 0.0;
   std::erase_if(samples, [&](const Sample& sample) { return sample.ms < since_ms; });
@@ -405,7 +406,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
       (fault.to_operator ? site.operator_ns().has_value() : site.told().has_value()) &&
       !(fault.homing && homed);
   if (fault.harmless) {
-    // An episode may end meanwhile, and does so for its own reasons.
+    // An episode may end meanwhile for its regular reasons.
     const bool ended = site.told() && !site.ToldOfAnEnd();
     row.detected += ended || site.operator_ns() ? 0 : 1;
     row.restarts = 0;
@@ -415,7 +416,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   if (told) {
     ++row.detected;
     const std::int64_t ns = fault.to_operator ? *site.operator_ns() : site.told_ns();
-    // A period's hold reasons carry the time of its beginning.
+    // Hold reasons carry the time of the start of their period.
     row.detection_ms.push_back(
         std::max(0.0, static_cast<double>(ns - start_ns) / kMillisecond - since_ms));
     row.told.insert(fault.to_operator ? "operator's screen" : *site.told());
@@ -423,7 +424,7 @@ void Try(Site& site, const Fault& fault, core::Random& random, Row& row) {
   double motion_mm = 0.0;
   double rest_ms = 0.0;
   const Eigen::Vector3d last = samples.back().tip_m;
-  // A simulator that was started anew is another arm.
+  // A restarted simulator is another arm.
   if (fault.name != "kill-console" && fault.name != "arm-fault" && !fault.homing) {
     for (const Sample& sample : samples) {
       motion_mm = std::max(motion_mm, 1e3 * (sample.tip_m - before).norm());
@@ -471,8 +472,8 @@ void Measure(const std::filesystem::path& folder, int domain, double image_age_s
   }
 }
 
-// A minute for each of the faults that end no program, in the order of chance: what is missed of
-// them, what is told in between although nothing is wrong, and what memory does.
+// Runs a minute of each fault that ends no program, in random order. Counts missed faults, false
+// alarms, and the growth of memory.
 void Soak(const std::filesystem::path& folder, int domain, double image_age_s, double minutes,
           std::uint64_t seed) {
   Site site(folder, domain, nullptr, image_age_s);
@@ -539,18 +540,17 @@ void Soak(const std::filesystem::path& folder, int domain, double image_age_s, d
   }
 }
 
-// The longest times between two states of the console by their stamps, and between two words of the
-// emergency stop as they come here.
+// Maximum time between two states of the console by their stamps, and between two messages of the
+// emergency stop by arrival.
 struct Gaps {
   double state_ms = 0.0;
   double stop_ms = 0.0;
 };
 
-// Whoever can send packets sends them for some minutes, after one without. None of the programs may
-// end or stand still.
+// Sends a packet storm for several minutes, after one minute without. No program may end or hang.
 void Storm(const std::filesystem::path& folder, int domain, double image_age_s, double minutes,
            std::uint64_t seed) {
-  constexpr double kRate = 2000.0;  // packets a second
+  constexpr double kRate = 2000.0;  // packets per second
   Site site(folder, domain, nullptr, image_age_s);
   dds::Subscriber<dds::JointState> states(site.participant, "/PSM1/measured_js",
                                           dds::Role::kRequest);
@@ -620,7 +620,7 @@ void Storm(const std::filesystem::path& folder, int domain, double image_age_s, 
   std::printf("the robot goes on when asked to\n");
 }
 
-// A model and a calibration to run with.
+// Creates a model and a calibration for the run.
 void Prepare(const std::filesystem::path& folder) {
   std::filesystem::create_directories(folder);
   sim::LineTrackingOptions world;

@@ -62,7 +62,7 @@ sockaddr Address(const char* text) {
   return result;
 }
 
-// Root of a user namespace may make network namespaces.
+// The root user of a user namespace may create network namespaces.
 void BecomeRoot() {
   const uid_t uid = getuid();
   const gid_t gid = getgid();
@@ -79,8 +79,8 @@ void EnterNewNetwork() {
   if (unshare(CLONE_NEWNET) != 0) Fail("no network namespace");
 }
 
-// A new network namespace, and this process in it.
-/// @return the end of its cable: what is written there arrives at the host.
+// Moves this process to a new network namespace.
+// @return the end of its cable: data written there arrive at the host.
 int MakeHost(const char* address) {
   EnterNewNetwork();
   const int tap = open("/dev/net/tun", O_RDWR | O_NONBLOCK | O_CLOEXEC);
@@ -95,22 +95,22 @@ int MakeHost(const char* address) {
   Request(control, SIOCSIFADDR, request, "no address");
   request.ifr_netmask = Address("255.255.255.0");
   Request(control, SIOCSIFNETMASK, request, "no netmask");
-  // A picture comes as 615 packets in one go; the usual queue of 1000 is what users are left with.
+  // A picture arrives as a burst of 615 packets. Keep the usual queue of 1000, as users have it.
   request = Interface(kInterface);
   request.ifr_qlen = 10000;
   static_cast<void>(ioctl(control, SIOCSIFTXQLEN, &request));
   BringUp(control, kInterface);
   BringUp(control, "lo");
   close(control);
-  // Datagrams that lack a part would fill the memory for them for half a minute, as docs/robot.md
-  // has it for lossy networks. Where this may not be set, trials take that much longer.
+  // Incomplete datagrams would occupy their memory for half a minute; docs/robot.md recommends this
+  // setting for lossy networks. Without permission to set it, trials take that much longer.
   std::ofstream("/proc/sys/net/ipv4/ipfrag_time") << 1;
   std::ofstream("/proc/sys/net/ipv4/ipfrag_high_thresh") << (128 << 20);
   return tap;
 }
 
-// Tries in a process of its own: half a move could not be taken back.
-/// @throws std::runtime_error with the reason if there can be no hosts.
+// Tries in a separate process, because a partial move cannot be undone.
+// @throws std::runtime_error with the reason if hosts cannot be created.
 void Try() {
   std::array<int, 2> reason{};
   if (pipe2(reason.data(), O_CLOEXEC) != 0) Fail("no pipe");
@@ -134,7 +134,7 @@ void Try() {
 
 struct Packet {
   std::int64_t due_ns;
-  std::uint64_t number;  // keeps the order of those due at the same time
+  std::uint64_t number;  // order of packets due at the same time
   int to;
   std::vector<char> bytes;
   bool operator<(const Packet& other) const {  // the first one due is on top
@@ -175,7 +175,7 @@ void LossyWire::Carry(std::uint64_t seed) {
   std::array<char, 65536> buffer;
   std::array<pollfd, 2> taps = {pollfd{near_tap_, POLLIN, 0}, pollfd{far_tap_, POLLIN, 0}};
   while (!end_) {
-    constexpr std::int64_t kLongest = 50'000'000;  // until it looks whether to end
+    constexpr std::int64_t kLongest = 50'000'000;  // interval of the check for the end
     std::int64_t wait_ns = kLongest;
     if (!under_way.empty()) {
       wait_ns =
@@ -191,7 +191,7 @@ void LossyWire::Carry(std::uint64_t seed) {
         if (random.Uniform() < loss) continue;
         const std::size_t length = static_cast<std::size_t>(size);
         if (jitter_ns <= 0.0 && under_way.empty()) {
-          // A host that cannot take it loses it, as hosts do.
+          // A host that cannot accept the packet loses it, as real hosts do.
           static_cast<void>(!write(to, buffer.data(), length));
           continue;
         }

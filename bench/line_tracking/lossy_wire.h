@@ -7,26 +7,26 @@
 
 namespace dfr::bench {
 
-/// Two hosts on this machine (Linux network namespaces) and the cable between them, which loses and
-/// delays packets when told to: each by itself, in both directions, so that they also overtake each
-/// other. What a host says to itself does not go through the cable.
+/// Two hosts on this machine (Linux network namespaces) and a cable between them that loses and
+/// delays packets on command. Each packet is treated independently in both directions, so packets
+/// also overtake each other. Traffic of a host to itself does not use the cable.
 class LossyWire {
  public:
-  /// Moves this process to the near host, which has the address 10.77.0.1; the far one has
-  /// 10.77.0.2, and both have a loopback of their own. To be called before there are threads.
+  /// Moves this process to the near host, which has the address 10.77.0.1. The far one has
+  /// 10.77.0.2, and each has a separate loopback. Must be called before threads are started.
   /// @param seed  of losses and delays.
-  /// @throws std::runtime_error with the system's reason, where namespaces are not allowed.
+  /// @throws std::runtime_error with the system's reason if namespaces are not permitted.
   explicit LossyWire(std::uint64_t seed);
   ~LossyWire();
   LossyWire(const LossyWire&) = delete;
   LossyWire& operator=(const LossyWire&) = delete;
 
-  /// From now on each packet is lost with probability `loss`, or comes later by up to `jitter_s`,
-  /// uniformly.
+  /// From now on each packet is lost with probability `loss`, or delayed by up to `jitter_s`,
+  /// uniformly distributed.
   void Disturb(double loss, double jitter_s) noexcept;
 
   /// Moves the calling process to the far host; for a child of fork(), before exec().
-  /// @return whether it worked; errno says why not.
+  /// @return false on failure, with the reason in errno.
   [[nodiscard]] bool EnterFarHost() const noexcept;
 
  private:

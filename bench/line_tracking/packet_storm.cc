@@ -18,7 +18,7 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
-constexpr int kParticipants = 12;  // of a domain, at most, that it sends to
+constexpr int kParticipants = 12;  // maximum number of targeted participants of a domain
 constexpr std::size_t kMostKept = 64;
 
 sockaddr_in Address(std::uint32_t host, int port) {
@@ -38,19 +38,19 @@ class Writer {
  public:
   explicit Writer(std::uint64_t seed) : random_(seed) {}
 
-  /// A packet for DDS, made of one of `heard` or of nothing.
+  /// Creates a packet for DDS from one of `heard`, or from scratch.
   Bytes Message(const std::vector<Bytes>& heard) {
     const std::uint64_t kind = Below(10);
     if (kind == 0) return Noise(Below(300));
     if (kind < 5 || heard.empty()) return Submessages(heard);
     return Changed(heard[Below(heard.size())], kind < 8);
   }
-  /// A datagram of an emergency stop that no receiver may take.
+  /// Creates a datagram of an emergency stop that every receiver must reject.
   Bytes Stop(const std::vector<Bytes>& heard) {
     if (heard.empty() || Below(4) == 0) return Noise(Below(120));
     Bytes bytes = Changed(heard[Below(heard.size())], false);
-    // Without this some would be another button's, or a later word of this one: without security
-    // anyone may say that, and the robot holds. The time is in the far future.
+    // Otherwise some would be valid messages of another button, or later ones of this button.
+    // Without security anyone may send those, and the robot holds. The time is in the far future.
     if (bytes.size() > 32) bytes[32] = 255;
     return bytes;
   }
@@ -64,7 +64,7 @@ class Writer {
     return bytes;
   }
   void Prefix(Bytes& bytes, const std::vector<Bytes>& heard) {
-    // Sixteen strangers, and now and then one of those that were heard.
+    // Sixteen strangers, and occasionally a known sender.
     const bool known = !heard.empty() && Below(20) == 0;
     const Bytes* from = known ? &heard[Below(heard.size())] : nullptr;
     const auto stranger = static_cast<std::uint8_t>(1 + Below(16));
@@ -76,7 +76,7 @@ class Writer {
     constexpr std::array<std::uint8_t, 21> kKinds = {0x01, 0x06, 0x07, 0x08, 0x09, 0x0c, 0x0d,
                                                      0x0e, 0x0f, 0x12, 0x13, 0x15, 0x15, 0x15,
                                                      0x16, 0x30, 0x31, 0x32, 0x33, 0x34, 0x80};
-    // Ends of discovery, liveliness and security.
+    // Entity ids of discovery, liveliness and security.
     constexpr std::array<std::array<std::uint8_t, 4>, 12> kEnds = {{{0, 0, 0, 0},
                                                                     {0, 0, 1, 0xc1},
                                                                     {0, 1, 0, 0xc2},
@@ -97,7 +97,7 @@ class Writer {
       const std::uint8_t kind = kKinds[Below(kKinds.size())];
       const std::uint8_t flags = Below(4) == 0 ? Byte() : static_cast<std::uint8_t>(1 | Below(16));
       Bytes content = Noise(Below(5) == 0 ? Below(200) : 4 * Below(24));
-      // Small numbers are more often what a field means than large ones.
+      // Small numbers are more often valid field values than large ones.
       for (std::uint8_t& byte : content) byte = Below(3) == 0 ? byte : byte & 3U;
       const bool data = kind == 0x15 || kind == 0x16;
       for (const std::size_t at : {std::size_t{data ? 4U : 0U}, std::size_t{data ? 8U : 4U}}) {
@@ -117,7 +117,7 @@ class Writer {
     if (of_stranger && bytes.size() >= 20) Prefix(bytes, {});
     const std::uint64_t changes = 1 + Below(8);
     for (std::uint64_t n = 0; n < changes && bytes.size() > 20; ++n) {
-      // The header stays: what has a wrong one is not looked at.
+      // The header stays valid, because receivers ignore messages with an invalid one.
       std::uint8_t& byte = bytes[20 + Below(bytes.size() - 20)];
       const std::uint64_t how = Below(4);
       byte = how == 0   ? Byte()
@@ -190,7 +190,7 @@ void PacketStorm::Run(double rate, std::uint64_t seed) {
     next = std::max(next, Clock::now() - std::chrono::milliseconds(20)) +
            std::chrono::microseconds(std::lround(1e6 * kPause_s));
     keep(announcements_, announced);
-    // What it sends itself comes back here, and is not what a stop says.
+    // The storm's own packets return here and are no messages of a stop.
     std::vector<Bytes> said;
     keep(stops_, said);
     for (Bytes& bytes : said) {

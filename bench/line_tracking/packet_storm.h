@@ -7,24 +7,24 @@
 
 namespace dfr::bench {
 
-/// Sends packets to every UDP port of this machine that a program of a DDS domain may listen at,
-/// the emergency stop's included: random bytes, RTPS messages of random submessages, and what the
-/// programs themselves announce and say, with bytes changed, cut off or added. It has no key, and
-/// reads what it changes at a free port that announcements go to. A thread of its own, from
-/// construction to destruction.
+/// Sends packets to every UDP port of this machine at which a program of a DDS domain may listen,
+/// including the emergency stop's: random bytes, RTPS messages of random submessages, and the
+/// programs' own messages with bytes changed, removed or added. It has no key; it reads the
+/// messages at a free port that receives announcements. A separate thread runs from construction to
+/// destruction.
 class PacketStorm {
  public:
-  /// @param rate  packets a second.
+  /// @param rate  packets per second.
   /// @throws std::runtime_error if the system refuses a socket, or no port is free.
   PacketStorm(int domain, double rate, std::uint64_t seed);
   ~PacketStorm();
   PacketStorm(const PacketStorm&) = delete;
   PacketStorm& operator=(const PacketStorm&) = delete;
 
-  /// While false, it only listens.
+  /// Enables sending. If false, it only listens.
   void Blow(bool blows) noexcept { blows_ = blows; }
   [[nodiscard]] std::uint64_t sent() const noexcept { return sent_; }
-  /// Messages of others that it has read and may change.
+  /// Returns the number of messages of others that it has read and may change.
   [[nodiscard]] std::uint64_t heard() const noexcept { return heard_; }
 
  private:

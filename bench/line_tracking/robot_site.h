@@ -21,7 +21,7 @@ void SleepMs(double ms);
 /// A program with pipes to its input and from its output.
 class Program {
  public:
-  /// @param wire  whose far host it runs on; nullptr: here.
+  /// @param wire  runs it on the wire's far host; nullptr: on this host.
   explicit Program(const std::vector<std::string>& command, const bench::LossyWire* wire = nullptr);
   ~Program();
   Program(const Program&) = delete;
@@ -30,11 +30,11 @@ class Program {
   void Signal(int number) const;
   void Kill();
   void Type(const std::string& text) const;
-  /// The next whole line that it has printed, without waiting.
+  /// Returns the next complete line of output without waiting.
   std::optional<std::string> Line();
-  /// Whether it has ended without being killed.
+  /// Returns true if it has ended without being killed.
   [[nodiscard]] bool Ended() const;
-  /// Memory that it has in use, MB; 0 if it has ended.
+  /// Returns its resident memory, MB; 0 if it has ended.
   [[nodiscard]] double resident_mb() const;
 
  private:
@@ -44,57 +44,57 @@ class Program {
   std::string text_;
 };
 
-/// How the robot's control loop has kept its time so far.
+/// Timing statistics of the robot's control loop.
 struct LoopTimes {
   long long periods = 0;
   long long left_out = 0;
   double worst_ms = 0.0;
 };
 
-/// All processes of a run, and what each has said last.
+/// All processes of a run, and the last output of each.
 class Site {
  public:
-  /// @param wire_to_robot  at whose far end the robot's program and its emergency stop are;
-  ///   nullptr: all of them are on one host.
-  /// @param image_age_s  after which a picture is too old.
-  /// @param with_platform  the robot's program has one, whose port is an emulator's.
+  /// @param wire_to_robot  wire with the robot's program and its emergency stop at the far end;
+  ///   nullptr: one host for all.
+  /// @param image_age_s  maximum age of a picture.
+  /// @param with_platform  gives the robot's program a platform at an emulator's port.
   Site(std::filesystem::path folder, int domain, bench::LossyWire* wire_to_robot,
        double image_age_s, bool with_platform = false);
 
-  /// @param homing_s  what homing the arm takes.
+  /// @param homing_s  duration of homing the arm.
   void StartSimulator(double homing_s = 0.1);
   void StartStop();
   void StartRobot();
-  /// A new one, and the robot's program with it.
+  /// Starts a new platform and restarts the robot's program.
   void StartPlatform();
 
-  /// Reads what the robot's program and the stop have printed.
+  /// Reads the output of the robot's program and the stop.
   void Listen();
   [[nodiscard]] int domain() const { return domain_; }
   [[nodiscard]] bool Moving() const { return state_ == "running" || state_ == "recovering"; }
   [[nodiscard]] bool Stands() const { return state_ == "holding" || state_ == "faulted"; }
 
-  /// Until the robot moves. @throws std::runtime_error if it does not within a minute.
+  /// Waits until the robot moves. @throws std::runtime_error if it does not within a minute.
   void AwaitMotion();
-  /// Until the arm homes. @throws as AwaitMotion().
+  /// Waits until the arm homes. @throws as AwaitMotion().
   void AwaitHoming();
   void Forget();
 
-  /// The first reason to hold since Forget(), and when it was found.
+  /// Returns the first reason to hold since Forget(), and its time.
   [[nodiscard]] const std::optional<std::string>& told() const { return told_; }
   [[nodiscard]] std::int64_t told_ns() const { return told_ns_; }
-  /// Whether that is how episodes end.
+  /// Returns true if that reason is a regular end of an episode.
   [[nodiscard]] bool ToldOfAnEnd() const {
     return told_ && (*told_ == "controller-halted" || *told_ == "not-seen");
   }
   [[nodiscard]] const std::optional<std::int64_t>& operator_ns() const { return operator_ns_; }
-  /// When the policy first said NaN.
+  /// Returns the time of the policy's first NaN.
   [[nodiscard]] const std::optional<std::int64_t>& broken_ns() const { return broken_ns_; }
   [[nodiscard]] int restarts() const { return restarts_; }
-  /// As of the last episode's end.
+  /// As of the end of the last episode.
   [[nodiscard]] const LoopTimes& loop_times() const { return loop_times_; }
   [[nodiscard]] int episodes() const { return episodes_; }
-  /// What each program has in use, MB, by its name.
+  /// Returns the memory of each program, MB, by name.
   [[nodiscard]] std::map<std::string, double> Memory() const;
 
  private:

@@ -1,7 +1,6 @@
-// What decisions take without Python in between: prints the least processor time of one batch, in
-// milliseconds.
-// usage: decision_in_cpp FILE SAMPLES FEATURES GAMMA NU REPETITIONS, FILE of samples, then as many
-// queries, as doubles.
+// Time of decisions without Python: prints the minimum processor time of one batch in milliseconds.
+// usage: decision_in_cpp FILE SAMPLES FEATURES GAMMA NU REPETITIONS. FILE contains the samples,
+// then as many queries, as doubles.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>

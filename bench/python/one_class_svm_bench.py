@@ -1,11 +1,11 @@
 #!@DFR_PYTHON@
-"""Fits and decisions of dfr.OneClassSVM beside sklearn.svm.OneClassSVM, in turn in one run, and
-decisions beside the same ones without Python.
+"""Compares fits and decisions of dfr.OneClassSVM with sklearn.svm.OneClassSVM, alternately in one run,
+and decisions with the same ones in C++.
 
 usage: python_one_class_svm_bench [--benchmark_min_time=0]   (then small sizes, timed once: a smoke test)
 
-Times are processor seconds of the calling thread, the least of some repetitions. Different answers
-are not timed: the program fails.
+Times are processor seconds of the calling thread, the minimum of several repetitions. If answers
+differ, the program fails without timing them.
 """
 
 import os
@@ -44,7 +44,7 @@ def least_time(work, repetitions):
 
 
 def in_cpp(X, queries, svm, repetitions):
-    """Seconds of the same decisions in C++, which fits the same samples."""
+    """Returns the time of the same decisions in C++ after a fit to the same samples, s."""
     with tempfile.NamedTemporaryFile() as file:
         file.write(X.tobytes() + queries.tobytes())
         file.flush()
@@ -70,7 +70,7 @@ def main():
         theirs = sklearn.svm.OneClassSVM(nu=NU, gamma=gamma)
         fit = least_time(lambda: ours.fit(X), 1 if smoke else 5)
         peer_fit = least_time(lambda: theirs.fit(X), 1 if smoke else 2)
-        # Two solutions within the tolerance: 1e-3 in this scale, where values go up to rho.
+        # Two solutions within the tolerance: 1e-3 in this scale, in which rho is the maximum value.
         difference = np.abs(ours.decision_function(queries) - theirs.decision_function(queries)).max()
         if not difference < 5e-3 + 1e-3 * ours.offset_[0]:
             sys.exit(f"n {n}, d {d}, gamma {gamma}: decisions differ by {difference}")

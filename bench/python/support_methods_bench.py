@@ -1,14 +1,15 @@
 #!@DFR_PYTHON@
-"""What exactness costs: the exact support beside approximations of it and other estimates of a support.
+"""Cost of exactness: compares the exact support with approximations of it and other support estimates.
 
 usage: python_support_methods_bench [--samples N ...] [--gamma G] [--benchmark_min_time=0]
 
-Each method learns the same N states in a process of its own and says of the same queries whether they
-are inside: half of them states of new trajectories, half of them such states moved away. Its times are
-wall time (all cores where the method uses them), its memory what the process grew by from before
-learning to its peak. Judged beside the exact support of dfr.OneClassSVM: "false inside" is the share of
-the states outside of it that the method accepts, "false outside" that of the states inside which it
-refuses. A method of another kind estimates another set: then these say how different the two are.
+Each method learns the same N states in a separate process and classifies the same queries as inside or
+outside: half of them states of new trajectories, half of them such states moved away. Times are wall
+times (on all cores that the method uses). Memory is the growth of the process from before learning to
+its peak. The reference is the exact support of dfr.OneClassSVM: "false inside" is the fraction of the
+states outside it that the method accepts, "false outside" the fraction of the states inside it that the
+method rejects. A method of another kind estimates another set; these fractions then measure the
+difference of the sets.
 """
 
 import argparse
@@ -54,7 +55,7 @@ def forest(_):
 
 
 class Neighbors:
-    """Inside is what lies as near to its k-th neighbour as all but a share NU of the samples do."""
+    """A state is inside if its k-th neighbour is as near as that of all but a fraction NU of the samples."""
 
     COUNT = 10
 
@@ -65,7 +66,7 @@ class Neighbors:
         self.index_ = faiss.IndexFlatL2(X.shape[1])
         self.index_.add(X)
         some = np.random.default_rng(0).choice(len(X), min(len(X), 5000), replace=False)
-        # A sample is its own first neighbour.
+        # The first neighbour of a sample is the sample.
         squared, _ = self.index_.search(X[some], self.COUNT + 1)
         self.threshold_ = np.quantile(squared[:, self.COUNT], 1 - NU)
         return self
@@ -85,7 +86,7 @@ METHODS = {
 
 
 def trajectories(count, rng):
-    """States along trajectories that differ in phase and by noise."""
+    """Returns states along trajectories with random phases and noise."""
     phase = rng.uniform(0, 6, size=(count, 1))
     return np.sin(phase * (1 + np.arange(DIM)) / 2) + 0.3 * rng.normal(size=(count, DIM))
 
@@ -103,7 +104,7 @@ def peak_mib():
 
 
 def run_one(name, samples, gamma, labels):
-    """In a process of its own: prints what it cost, and writes which queries are inside."""
+    """Runs one method in a separate process: prints its cost and writes the queries that are inside."""
     try:
         estimate = METHODS[name](gamma)
         estimate.fit(problem(50)[0])  # imports and starts threads

@@ -1,4 +1,4 @@
-// What a control loop pays for being recorded.
+// Cost of recording in a control loop.
 #include <benchmark/benchmark.h>
 #include <unistd.h>
 
@@ -16,7 +16,7 @@
 namespace dfr::recording {
 namespace {
 
-// A log that is removed with it.
+// A log file that is removed with the object.
 class Log {
  public:
   Log()
@@ -36,8 +36,8 @@ class Log {
   std::filesystem::path path_;
 };
 
-// Lets the writing thread catch up, untimed, whenever half of what may wait does: a loop at 100 Hz
-// never gets there.
+// Lets the writing thread catch up, untimed, when the queue is half full, which never happens in a
+// loop at 100 Hz.
 void Pause(benchmark::State& state, int& since, int most) {
   if (++since < most) return;
   since = 0;

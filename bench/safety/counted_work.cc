@@ -1,10 +1,10 @@
-// The operations that must not get slower, for bench/compare.py: decisions, gradients, fits, a
-// guided step, a guard's filter. Under callgrind each is counted by itself and dumped by its name;
-// with --time it is timed.
+// Operations whose speed bench/compare.py guards: decisions, gradients, fits, a guided step, a
+// guard's filter. Under callgrind, each is counted separately and dumped by name; with --time it is
+// timed.
 //
 //   counted_work [--filter=TEXT] [--time=SECONDS] [--slow=PERCENT]
 //
-// --slow repeats that share of all operations: what a slow-down looks like, to test the comparison.
+// --slow repeats that percentage of all operations: simulates a slow-down, to test the comparison.
 #include <valgrind/callgrind.h>
 
 #include <algorithm>
@@ -36,7 +36,7 @@ namespace {
 
 using Operation = std::function<void(int)>;
 
-// What is computed must be seen to be used.
+// Keeps the compiler from removing computations.
 volatile double sink = 0.0;
 
 }  // namespace
@@ -54,12 +54,12 @@ class Runner {
  public:
   explicit Runner(Options options) : options_(std::move(options)) {}
 
-  // `make` returns the operation; it is not called where the name is not wanted.
+  // `make` returns the operation; it is not called if the name is filtered out.
   template <typename Make>
   void Run(const std::string& name, int operations, Make&& make) {
     if (name.find(options_.filter) == std::string::npos) return;
     const Operation operation = make();
-    // What comes before is not simulated, to save time.
+    // Preceding code is not simulated, to save time.
     CALLGRIND_START_INSTRUMENTATION;
     operation(0);  // warm
     const int count = operations + static_cast<int>(operations * options_.slow / 100.0);
@@ -73,7 +73,7 @@ class Runner {
       CALLGRIND_STOP_INSTRUMENTATION;
       return;
     }
-    // The least of several stretches: neighbours on the machine only ever add.
+    // The minimum of several intervals: other load on the machine only adds time.
     double least = 0.0;
     double spent = 0.0;
     while (spent < options_.seconds) {
@@ -130,7 +130,7 @@ void RunDecisions(Runner& runner) {
         sink = svm.Gradient(query(i), out);
       };
     });
-    // What a certificate costs.
+    // Cost of a certificate.
     runner.Run("gradient of the logarithm of 256" + precision, 100, [&]() -> Operation {
       return [svm = estimate(256), query, out = std::vector<double>(kDim)](int i) mutable {
         sink = svm.LogGradient(query(i), out);
@@ -140,7 +140,7 @@ void RunDecisions(Runner& runner) {
 }
 
 void RunFits(Runner& runner) {
-  // The largest takes its first steps alone, with all that comes before and after: the simulation
+  // The largest runs only its first steps, including set-up and completion, because the simulation
   // is slow.
   struct Fit {
     const char* name;
@@ -149,8 +149,8 @@ void RunFits(Runner& runner) {
     int most_steps;
     double tolerance = 1e-3;
   };
-  for (const Fit& f : {Fit{"fit of 120", 120, 5.0, 0}, Fit{"whole fit of 1200", 1200, 5.0, 0},
-                       Fit{"fit of 1500, narrow kernel", 1500, 50.0, 50, 1e-7}}) {
+  for (const Fit& f : {Fit{"fit of 120", 120, 5.0, 0}, Fit{"whole fit of 700", 700, 5.0, 0},
+                       Fit{"fit of 1200, narrow kernel", 1200, 50.0, 30, 1e-7}}) {
     runner.Run(f.name, 10, [&]() -> Operation {
       return [f, samples = PooledTrajectories(f.n, kDim, 3)](int) {
         sink = kernel::OneClassSvm::Fit(
@@ -191,7 +191,7 @@ class Linear final : public core::Policy {
 void RunControllers(Runner& runner) {
   constexpr int kSteps = 20;
   constexpr int kEpisode = 12;  // steps of one operation
-  const auto demonstrations = Demonstrations(40, kSteps, 12, 7);
+  const auto demonstrations = Demonstrations(24, kSteps, 12, 7);
   // Near the demonstrated states and at the edge of their support.
   core::Random random(2);
   core::Matrix queries(kSteps, 12);

@@ -1,6 +1,6 @@
-// Whether the simulated console keeps its rates: 100 states and 30 pictures a second arrive at a
-// client that takes them through DDS, the console's millisecond loop and the drawing thread on the
-// same machine. usage: dvrk_scene_bench [Google Benchmark's options]
+// Rates of the simulated console: 100 states and 30 pictures per second must arrive at a client
+// through DDS, with the console's millisecond loop and the drawing thread on the same machine.
+// usage: dvrk_scene_bench [Google Benchmark's options]
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -36,7 +36,7 @@ void BM_SceneStep(benchmark::State& state) {
 }
 BENCHMARK(BM_SceneStep)->Unit(benchmark::kMicrosecond);
 
-// CPU time of a picture, drawn and developed, of all threads that take part.
+// CPU time of a picture, drawn and developed, summed over all threads.
 void BM_Picture(benchmark::State& state) {
   DvrkScene scene;
   scene.Reset(1);
@@ -46,7 +46,7 @@ void BM_Picture(benchmark::State& state) {
 }
 BENCHMARK(BM_Picture)->MeasureProcessCPUTime()->UseRealTime()->Unit(benchmark::kMillisecond);
 
-// Seconds between one arrival and the next.
+// Intervals between arrivals, s.
 class Arrivals {
  public:
   void Add(Clock::time_point now) {
@@ -68,7 +68,7 @@ class Arrivals {
   std::vector<double> gaps_s_;
 };
 
-// An iteration is a second of real time.
+// One iteration is one second of real time.
 void BM_Rates(benchmark::State& state) {
   std::atomic<bool> stopped = false;
   std::thread console([&] {

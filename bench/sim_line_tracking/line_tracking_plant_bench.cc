@@ -15,8 +15,8 @@ LineTrackingOptions Options(Observation observation) {
   return options;
 }
 
-// One control with its settling and all looks for collisions, without a picture. Arg: the size of
-// the control in thousandths of the largest.
+// One control with its settling and all collision checks, without a picture. Arg: size of the
+// control in thousandths of the maximum.
 void BM_Control(benchmark::State& state) {
   LineTrackingPlant plant(Options(Observation::kGroundTruth));
   plant.Reset(1);
@@ -36,7 +36,7 @@ void BM_Render(benchmark::State& state) {
 }
 BENCHMARK(BM_Render)->Unit(benchmark::kMillisecond);
 
-// What vision costs a frame; pictures differ in their noise, as a sensor's do.
+// Time of vision per frame; pictures differ in their noise, like a sensor's.
 void BM_Vision(benchmark::State& state) {
   LineTrackingPlant plant(Options(Observation::kVision));
   plant.Reset(1);

@@ -13,8 +13,8 @@ namespace {
 
 using Control = std::array<double, 7>;
 
-// Opens the elbow and keeps the hand upright: the tip goes straight from home to the goal in 24
-// controls, with noise as the supervisor's.
+// Opens the elbow and keeps the hand upright: the tip moves straight from home to the goal in 24
+// controls, with noise like the supervisor's.
 Control Push(int t, double noise, core::Random& random) {
   Control control;
   for (double& u : control) u = noise * random.Normal();
@@ -59,7 +59,7 @@ void BM_Pushing(benchmark::State& state) {
 }
 BENCHMARK(BM_Pushing);
 
-// Whole episodes with a noisy push, resets and observations included.
+// Complete episodes with a noisy push, including resets and observations.
 void BM_Episode(benchmark::State& state) {
   PusherPlant plant;
   core::Random random(2);
@@ -81,7 +81,7 @@ void BM_Episode(benchmark::State& state) {
 }
 BENCHMARK(BM_Episode);
 
-// Away from everything: kinematics and distances only.
+// In free space: kinematics and distances only.
 void BM_Free(benchmark::State& state) {
   PusherPlant plant;
   core::Random random(3);

@@ -1,6 +1,6 @@
-// A new app: an own task, what is learned from demonstrations of it, and the comparison of methods
-// over trials, with intervals, in shards on a cluster if need be. Replace Task, Supervise() and
-// Policy by yours.
+// A new app: a custom task, models learned from its demonstrations, and the comparison of methods
+// over trials, with intervals, in shards on a cluster if needed. Replace Task, Supervise() and
+// Policy by your own.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
@@ -27,7 +27,7 @@ namespace safety = dfr::safety;
 
 namespace {
 
-constexpr double kHalfWidth = 0.2;  // of the corridor
+constexpr double kHalfWidth = 0.2;  // half width of the corridor
 constexpr double kEnd = 3.0;
 
 double Centre(double x) { return 0.3 * std::sin(2.0 * x); }
@@ -90,7 +90,7 @@ core::Trajectory Supervise(std::uint64_t seed) {
   return demonstration;
 }
 
-// Cuts corners. imitation::FitMlp() learns one from demonstrations.
+// Cuts corners. imitation::FitMlp() learns a policy from demonstrations.
 class Policy final : public core::Policy {
  public:
   int state_dim() const noexcept override { return 2; }
@@ -103,7 +103,7 @@ class Policy final : public core::Policy {
   }
 };
 
-// What is learned in one trial, with a controller for each method.
+// Models learned in one trial, with a controller for each method.
 class Runner final : public experiment::RolloutRunner {
  public:
   Runner(const experiment::EvaluationUnit& unit, std::uint64_t seed,
@@ -167,7 +167,7 @@ int main(int argc, char** argv) try {
         return std::make_unique<Runner>(unit, plan.seed, plan.methods, gamma);
       },
       {{"gamma", experiment::Exactly(gamma)}}, options);
-  if (!found) return EXIT_SUCCESS;  // a shard, to be merged
+  if (!found) return EXIT_SUCCESS;  // a shard, for merging
   experiment::PrintTable(found->summary, std::cout);
   experiment::SaveReport(found->summary, {.title = "Corridor", .program = "corridor"},
                          options.out / "report.html");

@@ -1,10 +1,11 @@
 """Safe execution of policies learned from demonstrations.
 
-`TimeVaryingSupport` estimates which states were demonstrated at each time step, `OneClassSVM` does so
-for any cloud of samples with scikit-learn's interface. Both fit and decide in C++, without holding
-the interpreter's lock. `Guard` keeps what any policy does inside what was demonstrated, and
-`GuardedEnv` puts it around an environment. `load_demonstrations` reads robomimic's, Minari's and
-LeRobot's files. `Experiment` compares methods on a plant of your own, in processes and shards.
+`TimeVaryingSupport` estimates the support of the demonstrated states at each time step.
+`OneClassSVM` estimates the support of any sample cloud, with scikit-learn's interface. Both fit and
+evaluate in C++ without holding the interpreter's lock. `Guard` is a run-time safety filter: it keeps
+any policy inside the demonstrated states. `GuardedEnv` wraps an environment in a guard.
+`load_demonstrations` reads files of robomimic, Minari and LeRobot. `Experiment` compares methods on
+your own plant, in processes and shards.
 """
 
 from dfr._core import FitSummary, Guard, SupportEstimate, TimeVaryingSupport, __version__

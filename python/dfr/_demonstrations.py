@@ -1,4 +1,4 @@
-"""Files of demonstrations as arrays."""
+"""Demonstration files as arrays."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from dfr import _core
 
 
 class Demonstrations(NamedTuple):
-    """What a file of demonstrations holds: `dfr.Guard.fit(d.states, d.actions, layout=d.layout)`."""
+    """Content of a demonstration file, for `dfr.Guard.fit(d.states, d.actions, layout=d.layout)`."""
 
     states: list[NDArray[np.float64]]
-    """One array (n_actions + 1, state_dim) per episode, the state after the last action included."""
+    """One array (n_actions + 1, state_dim) per episode, including the state after the last action."""
     actions: list[NDArray[np.float64]]
     """One array (n_actions, action_dim) per episode."""
     layout: list[tuple[str, int]]
     """Name and size of each part of a state."""
     completed: list[bool]
-    """Whether each episode completed its task; False where the file does not say."""
+    """Whether each episode completed its task; False if the file does not record it."""
     environment: str
     """Name of the environment, task or robot."""
     note: str
-    """What is left alone, images and videos say; empty if nothing is."""
+    """Skipped content, for example images and videos; empty if there is none."""
 
 
 def load_demonstrations(path: str | PathLike[str], *, filter_key: str = "") -> Demonstrations:
-    """Read demonstrations of robomimic (HDF5), Minari or LeRobot, whichever it is.
+    """Read demonstrations of robomimic (HDF5), Minari or LeRobot; detects the format.
 
     Parameters
     ----------
     path : path_like
         A robomimic file, or the folder of a Minari or LeRobot dataset.
     filter_key : str
-        Only the episodes that this key names: a mask of a robomimic file, a split of LeRobot's.
+        Reads only the episodes under this key: a mask of a robomimic file or a split of LeRobot.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def load_demonstrations(path: str | PathLike[str], *, filter_key: str = "") -> D
     Raises
     ------
     RuntimeError
-        Naming file, episode, dataset or column, and what is wrong.
+        With file, episode, dataset or column, and the problem.
     ImportError
         If this build of the module cannot read such files.
     """

@@ -1,4 +1,4 @@
-"""A plant of one's own in Python, evaluated by the engine of the programs."""
+"""Experiments on your own plant in Python, with the engine of the programs."""
 
 from __future__ import annotations
 
@@ -26,64 +26,64 @@ from dfr._core import Guard
 BASELINE = "baseline"
 METHODS = (BASELINE, "monitor", "early-stopping", "dfr", "guard", "controller", "certified")
 
-# Streams of the experiment's seed; 0 and 1 are start states and controllers.
+# Streams of the experiment's seed; 0 and 1 are for start states and controllers.
 _DEMONSTRATIONS, _LEARNING = 2, 3
 
 
 class Episode(NamedTuple):
-    """What `Experiment.replay` saw of one method."""
+    """Result of `Experiment.replay` for one method."""
 
     outcome: str
-    """completed, halted or collided."""
+    """"completed", "halted" or "collided"."""
     cause: str
-    """Why it halted, or who chose the action that collided; empty for completed ones."""
+    """Reason for the halt, or source of the action that collided; empty if completed."""
     states: NDArray[np.float64]
     """(n_actions + 1, state_dim)"""
     actions: NDArray[np.float64]
-    """(n_actions, action_dim): those that were applied."""
+    """(n_actions, action_dim): the applied actions."""
     infos: list[dict[str, Any]]
-    """What the guard said of each; of the baseline nothing."""
+    """The guard's info on each action; empty for the baseline."""
 
 
 class Experiment:
-    """Compares what guards make of policies on a plant of your own, in processes and shards.
+    """Compares guarded and unguarded policies on your own plant, in processes and shards.
 
-    Derive a class from it that says what the plant is, how it is demonstrated and how a policy is
-    learned; `main` makes a program of it with the commands `experiment`, `merge`, `status` and
-    `episodes`, which `dfr-cluster` runs on a Slurm cluster. Each trial has demonstrations of its
-    own; each method starts from the same states.
+    Derive a class that defines the plant, the demonstrations and the learning of a policy. `main`
+    then makes a program with the commands `experiment`, `merge`, `status` and `episodes`, which
+    `dfr-cluster` runs on a Slurm cluster. Each trial has its own demonstrations. All methods start
+    from the same states.
 
-    What a plant has to have: `reset(seed)`; `step(action)`, after which it rests; `observe()`, its
-    state; `completed` and `collided`, whether the task is done in the present state, and whether a
-    constraint was violated since `reset` (attributes or methods). It may have `render()`, an RGB
-    picture of the present state as a (height, width, 3) array of uint8, for films. What a policy has to be:
-    `policy(t, state)`, the action of time step t; where it has a method `reset(seed)`, that begins an
-    episode.
+    Required members of a plant: `reset(seed)`; `step(action)`, after which the plant is at rest;
+    `observe()`, which returns its state; `completed` and `collided` (attributes or methods), whether
+    the task is done in the current state and whether a constraint was violated since `reset`. For
+    films, it may have `render()`, which returns an RGB picture of the current state as a (height,
+    width, 3) array of uint8. A policy is a callable `policy(t, state)` that returns the action of
+    time step t. If it has a method `reset(seed)`, that method starts an episode.
 
-    Results are the same for any number of processes, because each unit (a trial, a data point and a
-    learner) is run by one process with a plant of its own, and all that is random follows from
-    seeds: those that are passed, and for code that draws from `random` or `numpy.random` itself,
-    these are seeded before each call of `demonstrate`, `learn` and `guard`, and each episode.
+    Results are the same for any number of processes. One process with its own plant runs each unit
+    (a trial, a data point and a learner), and all randomness follows from seeds. Code that draws from
+    `random` or `numpy.random` is covered, too: both are seeded before each call of `demonstrate`,
+    `learn` and `guard` and before each episode.
 
     Attributes
     ----------
     name : str
-        Of the folder out/<name>; by default the class's in lower case.
+        Name of the folder out/<name>; by default the class's name in lower case.
     methods : sequence of str
-        The first is the reference. "baseline" is the policy alone, the others are strategies of a guard:
+        The first is the reference. "baseline" is the unguarded policy, the others are strategies of a guard:
         "monitor", "early-stopping", "dfr", "guard", "controller", "certified".
     learners : sequence of str
-        Kinds of policies, or of anything else that `learn` is to vary.
+        Kinds of policies, or of anything else that `learn` varies.
     demonstrations : sequence of int
-        Data points, ascending.
+        Data points (numbers of demonstrations), ascending.
     trials, episodes : int
-        Independent repetitions of everything, and start states in each.
+        Number of independent repetitions, and of start states in each.
     parameters : mapping of str to bool, int, float or str
-        Numbers of your own, with their defaults. Each is an option of the command line, and so a key of
-        --config and of grids; `self.parameters["x"]` is what was chosen.
+        Your own parameters, with their defaults. Each is an option of the command line and a key of
+        --config and of grids; `self.parameters["x"]` is the chosen value.
     start_method : str
-        How processes are made, as multiprocessing has it. "fork" wants no program file that can be
-        imported; "spawn" is for libraries that do not survive a fork.
+        Start method of multiprocessing. "fork" does not require an importable program file; "spawn" is
+        for libraries that do not support a fork.
     """
 
     name: str = ""
@@ -97,25 +97,25 @@ class Experiment:
     _kept: tuple[Any, list[Any]] = (None, [])
 
     def plant(self) -> Any:
-        """A plant. Called once for each unit, in the process that runs it."""
+        """Return a plant. Called once per unit, in the process that runs it."""
         raise NotImplementedError(f"{type(self).__name__} must define plant()")
 
     def demonstrate(self, seed: int) -> tuple[ArrayLike, ArrayLike]:
-        """States (n + 1, state_dim) and actions (n, action_dim) of one demonstration."""
+        """Return states (n + 1, state_dim) and actions (n, action_dim) of one demonstration."""
         raise NotImplementedError(f"{type(self).__name__} must define demonstrate(seed)")
 
     def learn(
         self, learner: str, states: list[NDArray[np.float64]], actions: list[NDArray[np.float64]], seed: int
     ) -> Callable[[int, NDArray[np.float64]], ArrayLike]:
-        """A policy(t, state) from demonstrations."""
+        """Return a policy(t, state) learned from demonstrations."""
         raise NotImplementedError(f"{type(self).__name__} must define learn(learner, states, actions, seed)")
 
     def guard(self, states: list[NDArray[np.float64]], actions: list[NDArray[np.float64]]) -> Guard:
-        """The guard of these demonstrations; override it to choose features or options of the fit."""
+        """Return the guard of these demonstrations; override it to change features or options of the fit."""
         return Guard.fit(states, actions)
 
     def main(self) -> None:
-        """Run the command line of this program; errors are printed, and exit with 1."""
+        """Run the command line of this program; prints errors and exits with 1."""
         try:
             self.run()
         except (ImportError, RuntimeError, ValueError, OSError) as error:
@@ -129,21 +129,21 @@ class Experiment:
         Parameters
         ----------
         arguments : sequence of str, optional
-            As in ["experiment", "--out", "out", "--threads", "4"], --threads being processes; those of this
-            program if it is None.
+            For example ["experiment", "--out", "out", "--threads", "4"], where --threads is the number of
+            processes; None: the arguments of this program.
 
         Returns
         -------
         dict or None
-            The content of summary.json, which --out has with the report; None for a shard, which is to be
-            merged.
+            The content of summary.json, which is next to the report in --out; None for a shard, which must
+            be merged.
 
         Raises
         ------
         RuntimeError
-            Naming the unit and what its process raised; for a ledger of other settings the first that differs.
+            With the unit and the error of its process, or the first setting that differs from the ledger's.
         ValueError
-            Naming an unknown method or parameter.
+            With the unknown method or parameter.
         SystemExit
             After --help, wrong options, `status` and `episodes`.
         ImportError
@@ -181,16 +181,16 @@ class Experiment:
         return None if result is None else dict(json.loads(result))
 
     def replay(self, folder: Any, episode: str, methods: Sequence[str] = ()) -> dict[str, Episode]:
-        """Run an episode of an experiment again, by its id, as the command `episodes` prints it.
+        """Repeat an episode of an experiment, given its id from the command `episodes`.
 
         Parameters
         ----------
         folder : path_like
-            Of that experiment.
+            Folder of the experiment.
         episode : str
             TRIAL/DEMONSTRATIONS/LEARNER/METHOD/START
         methods : sequence of str
-            Further methods, from the same start state.
+            Additional methods, from the same start state.
 
         Returns
         -------
@@ -200,7 +200,7 @@ class Experiment:
         Raises
         ------
         RuntimeError
-            If it is of other settings than this program's, or of another version of dfr.
+            If the episode has other settings than this program or is from another version of dfr.
         """
         found = _core.find_episode(folder, episode)
         options = {_option(key): value for key, value in type(self).parameters.items()}
@@ -238,7 +238,7 @@ class Experiment:
         self.parameters = {key: chosen[_option(key)] for key in type(self).parameters}
 
     def _settings(self) -> dict[str, str]:
-        """What decides the results besides the plan: a ledger of others is refused."""
+        """Return the settings, other than the plan, that determine the results; a ledger with others is refused."""
         settings = {_option(key): _core.setting_of(value) for key, value in self.parameters.items()}
         source = self._source()
         if source:
@@ -251,7 +251,7 @@ def _option(parameter: str) -> str:
 
 
 def _like(default: Any, text: str) -> Any:
-    """A setting's text as the kind of value that its parameter has."""
+    """Convert a setting's text to the type of its parameter."""
     return text == "true" if isinstance(default, bool) else type(default)(text)
 
 
@@ -265,13 +265,13 @@ def _says(value: Any) -> bool:
 
 
 def _seed(seed: int) -> None:
-    """For code that draws from the interpreter's and NumPy's own generators."""
+    """Seed the interpreter's and NumPy's generators, for code that draws from them."""
     random.seed(seed)
     np.random.seed(seed % 2**32)
 
 
 def _recovers(episode: Episode) -> list[bool]:
-    """Whether a recovery chose each action; of the baseline nothing is known, and none did."""
+    """Return, for each action, whether a recovery chose it; always False for the baseline."""
     infos = episode.infos[: len(episode.actions)]
     return [info["mode"] in ("probe", "recovery") for info in infos] or [False] * len(episode.actions)
 
@@ -286,7 +286,7 @@ def _picture(plant: Any) -> NDArray[np.uint8]:
 
 
 def _animation(films: list[list[NDArray[np.uint8]]]) -> bytes:
-    """Pictures side by side as an animated PNG, 15 a second; one that ends early shows its last picture."""
+    """Return pictures side by side as an animated PNG, 15 a second; shorter films hold their last picture."""
     length = max(map(len, films))
     numbers = [*range(0, length - 1, length // 240 + 1), length - 1]
     shapes = {picture.shape for frames in films for picture in frames}
@@ -320,7 +320,7 @@ def _animation(films: list[list[NDArray[np.uint8]]]) -> bytes:
 
 
 class _Unit:
-    """A unit that was learned, with what it takes to run its episodes."""
+    """A learned unit and everything that its episodes need."""
 
     def __init__(
         self, experiment: Experiment, seed: int, methods: Sequence[str], trial: int, demonstrations: int, learner: str
@@ -339,7 +339,7 @@ class _Unit:
         return np.array(self.plant.observe(), dtype=np.float64).ravel()
 
     def accepts(self, start_seed: int) -> bool:
-        """Whether the start state is inside the support: no action could mend one outside."""
+        """Return whether the start state is inside the support: no action could correct one outside."""
         _seed(start_seed)
         self.plant.reset(start_seed)
         return bool(self.support.decision(0, self._observe()) >= 0.0)
@@ -352,9 +352,9 @@ class _Unit:
         return episode.outcome, episode.cause, len(episode.actions), recovery, changed, time.process_time() - begin
 
     def film(self, methods: list[int], start_seed: int, controller_seed: int, pictures: bool) -> tuple[list[Any], bytes]:
-        """Of each method what `run` returns, states and whether recovery chose each action; and an animation.
+        """Return, per method, the result of `run`, the states and the recovery flags; and an animation.
 
-        The animation is empty if the plant has none, which is an error where `pictures` are wanted.
+        The animation is empty if the plant has no pictures, which is an error if `pictures` is set.
         """
         renders = hasattr(self.plant, "render")
         if pictures and not renders:
@@ -376,7 +376,7 @@ class _Unit:
     def episode(
         self, method: int, start_seed: int, controller_seed: int, frames: list[NDArray[np.uint8]] | None = None
     ) -> Episode:
-        """One episode; `frames` is given the plant's picture of each state."""
+        """Run one episode; appends the plant's picture of each state to `frames`."""
         guard = self.guards[method]
         _seed(start_seed)
         self.plant.reset(start_seed)
@@ -414,7 +414,7 @@ class _Unit:
 
 
 def _demonstrations(experiment: Experiment, seed: int, trial: int, count: int) -> tuple[list[Any], list[Any]]:
-    """The first `count` demonstrations of a trial; those of the latest trial are kept."""
+    """Return the first `count` demonstrations of a trial; caches those of the latest trial."""
     key = (tuple(experiment.parameters.items()), seed, trial)
     if experiment._kept[0] != key:
         experiment._kept = (key, [])
@@ -428,10 +428,10 @@ def _demonstrations(experiment: Experiment, seed: int, trial: int, count: int) -
 
 
 def _work(experiment: Experiment, seed: int, methods: list[str], connection: Any, others: list[Any]) -> None:
-    """A worker process: answers until the connection ends, which is how it is told to end."""
-    for other in others:  # copies by fork, which would keep them open
+    """Run a worker process: answers requests until the connection ends."""
+    for other in others:  # copies due to fork, which would keep them open
         other.close()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):  # what a scheduler sends to all
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):  # schedulers send these to all processes
         signal.signal(number, signal.SIG_IGN)
     unit: Any = None
     while True:
@@ -446,14 +446,14 @@ def _work(experiment: Experiment, seed: int, methods: list[str], connection: Any
                 answer = None
             else:
                 answer = getattr(unit, what)(*arguments)
-        except BaseException:  # whatever a plant raises: the engine reports it
+        except BaseException:  # any error of a plant: the engine reports it
             connection.send((False, traceback.format_exc()))
         else:
             connection.send((True, answer))
 
 
 class _Pool:
-    """Worker processes, made before the engine has threads."""
+    """Worker processes, started before the engine has threads."""
 
     def __init__(self, experiment: Experiment, seed: int, methods: list[str], count: int) -> None:
         context = multiprocessing.get_context(experiment.start_method)
@@ -477,14 +477,14 @@ class _Pool:
             connection.close()
         for process, _ in self._workers:
             process.join(1.0)
-            process.kill()  # one that is in the middle of an episode which nobody waits for
+            process.kill()  # may be in an episode whose result is not needed
 
     def unit(self, trial: int, demonstrations: int, learner: str) -> _Remote:
         return _Remote(self, trial, demonstrations, learner)
 
 
 class _Remote:
-    """A unit in a worker process, which is its own until `close`."""
+    """A unit in a worker process, reserved for it until `close`."""
 
     def __init__(self, pool: _Pool, trial: int, demonstrations: int, learner: str) -> None:
         self._label = f"trial {trial}, {demonstrations} demonstrations, {learner}"

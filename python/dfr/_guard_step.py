@@ -11,48 +11,48 @@ from dfr._core import Guard
 
 
 def _to_numpy(values: Any) -> NDArray[np.float64]:
-    if hasattr(values, "detach"):  # a tensor of torch
+    if hasattr(values, "detach"):  # torch tensor
         values = values.detach().cpu().numpy()
     return np.asarray(values, dtype=np.float64)
 
 
 def _like(values: NDArray[np.float64], original: Any) -> Any:
-    if hasattr(original, "new_tensor"):  # of the same type and device
+    if hasattr(original, "new_tensor"):  # keeps type and device
         return original.new_tensor(values)
     return values.astype(np.asarray(original).dtype)
 
 
 class GuardStep:
-    """Filters the action of a transition, in the shape of LeRobot's `ProcessorStep`.
+    """Filters the action of a transition, with the interface of LeRobot's `ProcessorStep`.
 
-    A transition is a mapping with "observation" and "action", as LeRobot's `EnvTransition`. The step
-    returns a copy with the action to apply, and what the guard decided under "info" as
-    `transition["info"]["guard"]`. The action may be one of shape (n,) or (1, n). The guard decides
-    in the state that the robot is in now, so of a chunk (1, k, n) it takes one action in each call,
-    in order; `reset` and `next_chunk` start a chunk anew.
+    A transition is a mapping with "observation" and "action", like LeRobot's `EnvTransition`. The
+    step returns a copy with the action to apply and the guard's decision in
+    `transition["info"]["guard"]`. The action has the shape (n,) or (1, n). The guard needs the
+    current state for each decision. From a chunk (1, k, n), each call therefore takes one action, in
+    order; `reset` and `next_chunk` return to the front of a chunk.
 
-    LeRobot itself is not needed. Call `reset` at the start of each episode.
+    LeRobot need not be installed. Call `reset` at the start of each episode.
 
     Parameters
     ----------
     guard : Guard
-        Its layout names the features of the observation, as `guard fit` takes them from a LeRobot
-        dataset: "observation.state" and the like.
+        Its layout must use the names of the observation's features, for example
+        "observation.state", as `guard fit` does for a LeRobot dataset.
     positions : sequence of int or None, optional
-        For actions that are target positions: entry k of an action is a target for entry
-        positions[k] of the guard's state, and None leaves the entry as it is: zero must hold it
-        still. The guard then filters target minus present position, and the position is added to its
-        answer: a halt holds the pose in which it came. Give it for a guard that was fitted with
-        differences.
+        For actions that are target positions. Entry k of an action is a target for entry
+        positions[k] of the guard's state. None leaves the entry unchanged; zero must then hold it
+        still. The guard filters the target minus the current position, and the step adds the
+        position to the result: a halt holds the pose at that time. Required for a guard that was
+        fitted with differences.
     on_alarm : callable(info), optional
-        Called once when an alarm begins, and again only after it has ended: to ask for a human.
+        Called once when an alarm starts, and again only after it has ended; for example to call a human.
     on_halt : callable(info), optional
         Called once when the guard halts in an episode.
 
     Raises
     ------
     ValueError
-        If `positions` has not one entry for each entry of an action, or one out of range.
+        If `positions` does not have one entry per entry of an action, or an entry is out of range.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class GuardStep:
         return np.concatenate([_to_numpy(observation[name]).ravel() for name, _ in self.guard.layout])
 
     def _present(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The pose that actions are relative to; after a halt, or in a broken state, the last one."""
+        """Return the pose that actions are relative to; after a halt or for an invalid state, the last one."""
         present = np.zeros(self.guard.action_dim)
         for k, entry in enumerate(self.positions or ()):
             if entry is not None:
@@ -146,16 +146,16 @@ class GuardStep:
         return result
 
     def transform_features(self, features: Any) -> Any:
-        """An action keeps its shape."""
+        """Return `features`: an action keeps its shape."""
         return features
 
     def get_config(self) -> dict[str, Any]:
-        """What a pipeline stores; the guard has a file of its own."""
+        """Return the settings for a pipeline to store; the guard has a separate file."""
         return {"positions": self.positions}
 
     def state_dict(self) -> dict[str, Any]:
-        """Nothing: a guard is saved by `Guard.save`."""
+        """Return nothing: `Guard.save` saves the guard."""
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Nothing to load."""
+        """Load nothing."""

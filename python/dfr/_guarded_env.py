@@ -1,4 +1,4 @@
-"""A guard around an environment of Gymnasium's shape."""
+"""A guard around an environment with Gymnasium's interface."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ try:
 except ImportError:
 
     class Wrapper:
-        """What GuardedEnv takes of gymnasium.Wrapper, for where Gymnasium is not installed."""
+        """The part of gymnasium.Wrapper that GuardedEnv needs, for use without Gymnasium."""
 
         def __init__(self, env: Any) -> None:
             self.env = env
 
         def __getattr__(self, name: str) -> Any:
-            if name == "env":  # while being unpickled
+            if name == "env":  # during unpickling
                 raise AttributeError(name)
             return getattr(self.env, name)
 
@@ -31,7 +31,7 @@ else:
     Wrapper = gymnasium.Wrapper  # type: ignore[misc]
 
     class _Env(gymnasium.Env):  # type: ignore[misc]
-        """Makes a gymnasium.Env of an environment that only has the shape of one."""
+        """Adapts an environment with the interface of a gymnasium.Env."""
 
         def __init__(self, env: Any) -> None:
             self.env = env
@@ -40,7 +40,7 @@ else:
                     setattr(self, name, getattr(env, name))
 
         def __getattr__(self, name: str) -> Any:
-            if name == "env":  # while being unpickled
+            if name == "env":  # during unpickling
                 raise AttributeError(name)
             return getattr(self.env, name)
 
@@ -62,7 +62,7 @@ else:
 
 
 def _limits_of(space: Any) -> Any:
-    """For each entry of an action the largest c for which +-c is within its bounds."""
+    """Return, for each entry of an action, the largest c with +-c within its bounds."""
     dtype = getattr(space, "dtype", None)
     if dtype is not None and np.issubdtype(dtype, np.integer):
         raise ValueError(f"the environment's action_space is {space}: a guard needs continuous actions")
@@ -81,13 +81,13 @@ def _limits_of(space: Any) -> Any:
 
 
 class GuardedEnv(Wrapper):
-    """Passes actions on to an environment through a guard.
+    """Passes actions to an environment through a guard.
 
-    Where Gymnasium is installed this is a `gymnasium.Wrapper`, and the environment any that
-    Gymnasium makes. It may also have Gymnasium's `reset` and `step` alone; Gymnasium itself need not
-    be installed. Without Gymnasium, attributes that are not defined here are the environment's.
+    With Gymnasium installed, this class is a `gymnasium.Wrapper` for any of its environments. The
+    environment may also have only Gymnasium's `reset` and `step`, and Gymnasium need not be
+    installed. Without Gymnasium, undefined attributes are those of the environment.
 
-    Where the guard halts, the environment is given the action zero, and the episode is truncated.
+    When the guard halts, the environment receives a zero action, and the episode is truncated.
 
     Parameters
     ----------
@@ -95,10 +95,10 @@ class GuardedEnv(Wrapper):
         With `reset(seed=None, options=None) -> (obs, info)` and
         `step(action) -> (obs, reward, terminated, truncated, info)`.
     guard : Guard
-        Of states of this environment. One for each environment.
+        For states of this environment. Use one guard per environment.
     state : callable(obs) -> array_like, optional
-        Makes the guard's state of an observation. Without it an observation is the state, or a
-        mapping of the guard's layout: {"object": ..., "tip": ...}.
+        Converts an observation to the guard's state. By default, an observation is the state, or a
+        mapping with the names of the guard's layout: {"object": ..., "tip": ...}.
 
     Raises
     ------
@@ -107,12 +107,11 @@ class GuardedEnv(Wrapper):
 
     Notes
     -----
-    What a guard returns must be applied in full. If the environment has an `action_space` with
-    tighter bounds than `guard.settings["action_limit"]`, the attribute `guard` is a guard of the same
-    knowledge whose limit is, for each entry, the tighter of both.
+    The environment must apply the guard's action in full. If its `action_space` has tighter bounds
+    than `guard.settings["action_limit"]`, the attribute `guard` is a copy of the guard whose limit
+    is, for each entry, the tighter of the two.
 
-    `step` adds what the guard decided to its info, as `info["guard"]`, and the action that was
-    applied, as `info["action"]`.
+    `step` adds the guard's decision as `info["guard"]` and the applied action as `info["action"]`.
     """
 
     def __init__(self, env: Any, guard: Guard, state: Callable[[Any], ArrayLike] | None = None) -> None:
@@ -142,7 +141,7 @@ class GuardedEnv(Wrapper):
         return np.concatenate([np.ravel(obs[name]) for name, _ in self.guard.layout])
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode of the environment and of the guard, the latter with the same seed or 0."""
+        """Start an episode of the environment and of the guard; the guard's seed is the same, or 0 for None."""
         obs, info = self.env.reset(seed=seed, options=options)
         self.guard.reset(0 if seed is None else seed)
         self._observed = self._state(obs)
@@ -150,7 +149,7 @@ class GuardedEnv(Wrapper):
         return obs, dict(info)
 
     def step(self, action: ArrayLike) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Apply what the guard makes of `action`."""
+        """Apply the filtered `action`."""
         safe, verdict = self.guard.filter(self._t, self._observed, np.ravel(action))
         self._t += 1
         applied: NDArray[Any] = safe

@@ -20,7 +20,7 @@ from dfr._validation import (
     check_weights,
 )
 
-# Up to so many samples a fit goes on until this share of the sum of all kernels.
+# Up to this number of samples, a fit continues to this fraction of the sum of all kernels.
 _SMALL = 256
 _ROUNDING = 1e-13
 
@@ -28,64 +28,64 @@ _ROUNDING = 1e-13
 class OneClassSVM(OutlierMixin, BaseEstimator):
     """Estimate the support of a distribution, with scikit-learn's interface.
 
-    A drop-in for `sklearn.svm.OneClassSVM` with the Gaussian kernel: the same parameters, attributes
-    and decision values, faster. Works with or without scikit-learn; where it is installed, this is
-    one of its estimators.
+    A faster drop-in replacement for `sklearn.svm.OneClassSVM` with the Gaussian kernel: the same
+    parameters, attributes and decision values. Works with or without scikit-learn; if scikit-learn is
+    installed, this class is one of its estimators.
 
     Parameters
     ----------
     kernel : {"rbf"}, default="rbf"
-        The Gaussian kernel exp(-gamma |x - y|^2), the only one there is.
+        The Gaussian kernel exp(-gamma |x - y|^2), the only supported one.
     degree : int, default=3
-        Of polynomial kernels: not used.
+        Not used (polynomial kernels).
     gamma : {"scale", "auto"} or float, default="scale"
         "scale" is 1 / (n_features * X.var()), "auto" 1 / n_features; a number must be positive.
     coef0 : float, default=0.0
-        Of other kernels: not used.
+        Not used (other kernels).
     tol : float, default=1e-3
-        Stop once the largest violation of the optimality conditions is below it. Means the same as
-        scikit-learn's. Up to 256 samples are always solved as well as doubles allow, which costs
-        little and makes the result independent of their order.
+        Stop when the largest violation of the optimality conditions is below this, as in
+        scikit-learn. Problems of up to 256 samples are always solved to the precision of doubles, which
+        costs little and makes the result independent of their order.
     nu : float, default=0.5
-        In (0, 1]: bounds the share of samples left outside from above, that of support vectors from
-        below.
+        In (0, 1]: upper bound on the fraction of samples outside, lower bound on the fraction of support
+        vectors.
     shrinking : bool, default=True
         Not used: the solver always works on active sets.
     cache_size : float, default=200
-        MiB for kernel values, beside what grows with X alone.
+        Memory for kernel values in MiB, in addition to memory that grows with X alone.
     verbose : bool, default=False
         Print one line about each fit.
     max_iter : int, default=-1
-        Most solver steps; -1: no limit.
+        Maximum number of solver steps; -1: no limit.
     n_jobs : int or None, default=-1
-        Threads of a fit, None for 1; -1: one per core. The result has the same bits with any number.
+        Number of threads of a fit, None for 1; -1: one per core. The result has the same bits for any number.
 
     Attributes
     ----------
     dual_coef_ : ndarray of shape (1, n_SV)
     fit_status_ : int
-        0 if the fit reached `tol`, else 1, and then there was a `ConvergenceWarning`.
+        0 if the fit reached `tol`, else 1, with a `ConvergenceWarning`.
     intercept_, offset_ : ndarray of shape (1,)
         decision_function = score_samples - offset_, and intercept_ = -offset_.
     n_features_in_ : int
     feature_names_in_ : ndarray of shape (n_features_in_,)
-        Where X had column names.
+        Only if X had column names.
     n_iter_ : int
-        Solver steps. One step is not the same as one of LIBSVM's.
+        Number of solver steps, which differ from LIBSVM's.
     n_support_ : ndarray of shape (1,)
     shape_fit_ : tuple of int
     support_ : ndarray of shape (n_SV,)
         Indices of the support vectors.
     support_vectors_ : ndarray of shape (n_SV, n_features)
     fit_summary_ : FitSummary
-        How the fit ended and what it cost.
+        Result and cost of the fit.
     estimate_ : SupportEstimate
-        What was fitted, in the scale where the dual coefficients sum to 1.
+        The fitted estimate, in the scale in which the dual coefficients sum to 1.
 
     Notes
     -----
-    A C-contiguous array of float64 is not converted, and decisions read it in place. Fits and
-    decisions do not hold the interpreter's lock, and Ctrl-C stops a fit.
+    C-contiguous float64 arrays are not converted, and decisions read them in place. Fits and
+    decisions do not hold the interpreter's lock. Ctrl-C stops a fit.
 
     Examples
     --------
@@ -131,7 +131,7 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
             At least two samples.
         y : ignored
         sample_weight : array_like of shape (n_samples,), optional
-            How much each sample counts, >= 0. Weighted fits are slower.
+            Weight of each sample, >= 0. Weighted fits are slower.
 
         Returns
         -------
@@ -140,7 +140,7 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            Naming the parameter or the entry of X that is wrong.
+            With the invalid parameter or entry of X.
         """
         self._check_parameters()
         rows = check_rows(self, X, fitting=True)
@@ -149,7 +149,7 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         tolerance = float(self.tol)
         if rows.shape[0] <= _SMALL:
             tolerance = min(tolerance, _ROUNDING * self.nu * total)
-        # Beside the kernel values, the solver keeps X in its own order twice and some vectors.
+        # In addition to the kernel values, the solver keeps two reordered copies of X and some vectors.
         fixed_mib = rows.shape[0] * (16 * (rows.shape[1] + 1) + 128) / 2**20 + 1
         self._gamma = self._gamma_of(rows)
         estimate, summary = _core.SupportEstimate.fit(
@@ -186,7 +186,7 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         return self
 
     def decision_function(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Signed distance to the boundary in kernel space, positive inside.
+        """Return the signed distance to the boundary in kernel space, positive inside.
 
         Parameters
         ----------
@@ -195,25 +195,25 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         Returns
         -------
         ndarray of shape (n_samples,)
-            Values below their accuracy, 1e-12 of `offset_`, are 0: on the boundary is inside.
+            Values below their accuracy, 1e-12 of `offset_`, are 0: the boundary counts as inside.
         """
         self._check_fitted()
         return self.estimate_.decision(check_rows(self, X, fitting=False), libsvm_scale=True)
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
-        """The sum of the kernels at each row of X: decision_function + offset_."""
+        """Return the sum of the kernels at each row of X: decision_function + offset_."""
         scores = self.decision_function(X)
         scores += self.offset_
         return scores
 
     def predict(self, X: ArrayLike) -> NDArray[np.intp]:
-        """Tell which rows of X are inside (1) and which outside (-1)."""
+        """Return 1 for each row of X that is inside and -1 for each that is outside."""
         return np.where(self.decision_function(X) >= 0.0, np.intp(1), np.intp(-1))
 
     def export_onnx(self, path: str | PathLike[str]) -> None:
         """Write `decision_function` as an ONNX file in double.
 
-        Its input is x (rows, n_features_in_), its output g (rows).
+        The input is x (rows, n_features_in_), the output g (rows).
         """
         self._check_fitted()
         self.estimate_.export_onnx(path, libsvm_scale=True)
@@ -236,7 +236,7 @@ class OneClassSVM(OutlierMixin, BaseEstimator):
         return self._fitted().support_vectors
 
     def _fitted(self) -> _core.SupportEstimate:
-        # An attribute that is not there yet, as hasattr() expects it.
+        # Raises AttributeError before the fit, as hasattr() expects.
         if "estimate_" not in self.__dict__:
             raise AttributeError(f"This {type(self).__name__} instance is not fitted yet.")
         return self.estimate_

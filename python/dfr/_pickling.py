@@ -1,4 +1,4 @@
-"""What pickles call: the functions of the compiled module cannot be pickled by name."""
+"""Functions for pickles, which cannot name functions of the compiled module."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ from typing import Any
 
 
 def restore(cls: Any, state: Any) -> Any:
-    """The object of a compiled class of which this was pickled."""
+    """Restore an object of a compiled class from its pickled state."""
     return cls._from_state(state)

@@ -1,4 +1,4 @@
-"""What scikit-learn offers its estimators, and stand-ins for where it is not installed."""
+"""Base classes and checks of scikit-learn's estimators, with replacements for use without it."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ try:
 except ImportError:
 
     class NotFittedError(ValueError, AttributeError):
-        """An estimator is used before fit."""
+        """Use of an estimator before fit."""
 
     class ConvergenceWarning(UserWarning):
-        """A fit has not reached its tolerance."""
+        """A fit that did not reach its tolerance."""
 
     class BaseEstimator:
-        """get_params and set_params by the constructor's signature."""
+        """Implements get_params and set_params from the constructor's signature."""
 
         @classmethod
         def _get_param_names(cls) -> list[str]:
@@ -31,7 +31,7 @@ except ImportError:
             return sorted(name for name in parameters if name != "self")
 
         def get_params(self, deep: bool = True) -> dict[str, Any]:
-            """The constructor's parameters by name."""
+            """Return the constructor's parameters by name."""
             return {name: getattr(self, name) for name in self._get_param_names()}
 
         def set_params(self, **params: Any) -> BaseEstimator:
@@ -55,12 +55,12 @@ except ImportError:
             return f"{type(self).__name__}({', '.join(changed)})"
 
     class OutlierMixin:
-        """fit_predict."""
+        """Implements fit_predict."""
 
         _estimator_type = "outlier_detector"
 
         def fit_predict(self, X: ArrayLike, y: Any = None) -> NDArray[np.intp]:
-            """Fit to X and tell which of it is inside (1) and outside (-1)."""
+            """Fit to X and return 1 for its rows inside and -1 for those outside."""
             return self.fit(X).predict(X)
 
 
@@ -72,10 +72,10 @@ def _feature_names(X: Any) -> NDArray[np.object_] | None:
 
 
 def check_rows(estimator: Any, X: ArrayLike, fitting: bool) -> NDArray[np.float64]:
-    """X as C-contiguous float64, itself if it is that already.
+    """Return X as C-contiguous float64, without a copy if possible.
 
-    Checks it as scikit-learn does, with its messages; when fitting, notes number and names of the
-    features in the estimator.
+    Checks it as scikit-learn does, with the same messages. When fitting, stores number and names of
+    the features in the estimator.
     """
     name = type(estimator).__name__
     if hasattr(X, "toarray"):
@@ -135,7 +135,7 @@ def check_rows(estimator: Any, X: ArrayLike, fitting: bool) -> NDArray[np.float6
 
 
 def check_weights(sample_weight: ArrayLike | None, n_samples: int) -> NDArray[np.float64] | None:
-    """Weights as an array of their own kind, with the right number of them."""
+    """Return the weights as a float64 array after checking their number."""
     if sample_weight is None:
         return None
     weights = np.asarray(sample_weight, dtype=np.float64, order="C")

@@ -1,6 +1,6 @@
-"""Pictures of what a guard sees, for those who have matplotlib: import it as `from dfr import plot`.
+"""Plots of a guard's decisions; requires matplotlib. Import it as `from dfr import plot`.
 
-Every function draws on `ax`, or on matplotlib's current axes, and returns the axes.
+Every function draws on `ax` or, by default, on matplotlib's current axes, and returns the axes.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dfr._core import Guard
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Colours that all readers can tell apart, by who chose the action.
+# Colour-blind-safe colours, by the source of the action.
 _COLOURS = {
     "inside": "#0072b2",
     "outside": "#56b4e9",
@@ -36,28 +36,28 @@ def _axes(ax: Axes | None) -> Axes:
 
 
 def episode(infos: Sequence[dict[str, Any]], *, ax: Axes | None = None) -> Axes:
-    """g over the actions of one episode, coloured by what the guard did.
+    """Plot g over the actions of one episode, coloured by the guard's decision.
 
-    A dashed line is the threshold of Algorithm 1 where the guard's strategy has one. Red marks below
-    are alarms.
+    A dashed line is the threshold of Algorithm 1 if the guard's strategy has one. Red marks at the
+    bottom are alarms.
 
     Parameters
     ----------
     infos : sequence of dict
-        What `Guard.filter` returned, action by action; `GuardedEnv` and `GuardStep` give it as
+        The infos of `Guard.filter`, one per action; `GuardedEnv` and `GuardStep` return them as
         `info["guard"]`.
 
     Raises
     ------
     ValueError
-        If there are none.
+        If `infos` is empty.
     """
     if len(infos) == 0:
         raise ValueError("infos is empty: pass what Guard.filter returned in each step of an episode")
     ax = _axes(ax)
     g = np.array([info["g"] for info in infos], dtype=float)
     threshold = np.array([info["threshold"] for info in infos], dtype=float)
-    # A halt's reason is its cause.
+    # The reason of a halt is its cause.
     kinds = [info["mode"] if info["mode"] == "halt" else info["reason"] for info in infos]
     ax.axhline(0.0, color="0.5", linewidth=0.8)
     ax.plot(g, color="0.75", linewidth=1.0, zorder=1)
@@ -78,15 +78,16 @@ def episode(infos: Sequence[dict[str, Any]], *, ax: Axes | None = None) -> Axes:
 
 
 def levels(guard: Guard, demonstrations: Sequence[ArrayLike], *, ax: Axes | None = None) -> Axes:
-    """How far inside each demonstration stays: l over its states.
+    """Plot l over the states of each demonstration; l is positive inside the support.
 
-    The band between 0 and the dotted line is outside the support and raises no alarm yet. Of
-    demonstrations that the guard was fitted to, nearly all should lie above 0; fresh ones say more.
+    The band between 0 and the dotted line is outside the support but below the alarm. Nearly all
+    demonstrations that the guard was fitted to should be above 0. Demonstrations that were not
+    fitted are a stronger test.
 
     Parameters
     ----------
     demonstrations : sequence of array_like, (T + 1, guard.state_dim) each
-        States, as `Guard.fit` takes them.
+        States, as in `Guard.fit`.
     """
     ax = _axes(ax)
     for states in demonstrations:
@@ -101,24 +102,24 @@ def levels(guard: Guard, demonstrations: Sequence[ArrayLike], *, ax: Axes | None
 
 
 def features(guard: Guard, episodes: Sequence[ArrayLike], *, most: int = 12, ax: Axes | None = None) -> Axes:
-    """Which entries of the state put these episodes outside: what each adds to -l, mean over the states outside.
+    """Plot the contribution of each state entry to -l, averaged over the states outside the support.
 
-    One bar an entry, the largest on top. Entries that no feature looks at have none.
+    One bar per entry, the largest on top. Entries that are not in a feature have no bar.
 
     Parameters
     ----------
     episodes : sequence of array_like, (T + 1, guard.state_dim) each
-        States of episodes in which the guard had something to say.
+        States of episodes that leave the support.
     most : int
-        How many entries are shown.
+        Maximum number of entries.
 
     Raises
     ------
     ValueError
-        If all states are inside: then no entry decides anything.
+        If all states are inside: there is nothing to attribute.
     """
-    rows = [guard.shortfall(states) for states in episodes]
-    outside = [row for shortfall in rows for row in shortfall if row.any()]
+    rows = [guard.attribution(states) for states in episodes]
+    outside = [row for attribution in rows for row in attribution if row.any()]
     if not outside:
         raise ValueError("all states are inside: pass episodes that leave the support, recorded with strategy "
                          "'monitor' for example")

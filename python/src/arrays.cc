@@ -5,7 +5,7 @@ namespace py = pybind11;
 namespace dfr::python {
 namespace {
 
-// What numbers are not, by numpy.dtype.kind.
+// Descriptions of non-numeric types, by numpy.dtype.kind.
 const char* KindOf(char kind) {
   switch (kind) {
     case 'c':
@@ -23,7 +23,7 @@ const char* KindOf(char kind) {
   }
 }
 
-// Without the tape and the device of a tensor.
+// Removes the autograd graph and the device of a tensor.
 py::object Detached(const py::handle& values) {
   if (!py::hasattr(values, "detach")) return py::reinterpret_borrow<py::object>(values);
   const py::object detached = values.attr("detach")();
@@ -41,8 +41,7 @@ std::string Shortened(const py::handle& value) {
 }
 
 Array ToArray(const py::handle& values) {
-  // A masked array is a class of its own, which hides what its mask says from who takes it for
-  // plain.
+  // A masked array has its own class; plain access would ignore its mask.
   const bool plain = Py_TYPE(values.ptr()) == py::detail::npy_api::get().PyArray_Type_;
   if (plain && Array::check_(values)) return py::reinterpret_borrow<Array>(values);
   const py::module_ numpy = py::module_::import("numpy");

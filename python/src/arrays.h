@@ -20,27 +20,28 @@
 
 namespace dfr::python {
 
-/// What Python prints for an object, in one line of at most some 60 characters.
+/// Returns Python's text for an object, in one line of at most about 60 characters.
 [[nodiscard]] std::string Shortened(const pybind11::handle& value);
 
-/// Rows of doubles one after another. As an argument, a C-contiguous array of float64 is taken as
-/// it is; anything else that NumPy makes numbers of is converted, tensors of torch included. What
-/// holds no real numbers raises TypeError in one line (ToArray()).
+/// Contiguous rows of doubles. As an argument, a C-contiguous float64 array is used directly. Other
+/// arguments are converted if NumPy can make numbers of them, including torch tensors. Anything
+/// without real numbers raises TypeError in one line (ToArray()).
 struct Array : pybind11::array_t<double, pybind11::array::c_style | pybind11::array::forcecast> {
   using array_t::array_t;
 };
-/// @throws pybind11::type_error saying what `values` holds instead of numbers.
+/// @throws pybind11::type_error with the content of `values` if it is not numeric.
 [[nodiscard]] Array ToArray(const pybind11::handle& values);
 
-/// Demonstrations as an argument: an array each, from whatever can be iterated over.
+/// Demonstrations as an argument: one array each, from any iterable.
 struct Arrays {
   std::vector<Array> each;
 };
 /// @throws pybind11::type_error naming the demonstration.
 [[nodiscard]] Arrays ToArrays(const pybind11::handle& values);
 
-/// An option of a function as T. pybind11's own refusal repeats all arguments, arrays included.
-/// @param kind  what it has to be, as in "a number"
+/// Converts a function's option to T. pybind11's own error would repeat all arguments, including
+/// arrays.
+/// @param kind  the required type, for example "a number"
 /// @throws pybind11::type_error in one line.
 template <typename T>
 [[nodiscard]] T Option(const pybind11::object& value, const char* name, const char* kind) {
@@ -54,7 +55,7 @@ template <typename T>
 [[nodiscard]] inline double RealOption(const pybind11::object& value, const char* name) {
   return Option<double>(value, name, "a number");
 }
-/// A number, which stands for one of its kind, or several; 0 alone is none.
+/// Converts one number, which counts as a sequence of one, or several; 0 alone gives none.
 [[nodiscard]] inline std::vector<double> RealsOption(const pybind11::object& value,
                                                      const char* name) {
   if (!pybind11::isinstance<pybind11::sequence>(value)) {
@@ -75,8 +76,8 @@ template <typename T>
 
 using MatrixView = Eigen::Map<const core::Matrix>;
 
-/// The array's own memory. A vector is one row.
-/// @throws std::invalid_argument naming `what` unless it has one dimension or two.
+/// Returns a view of the array's memory. A vector is one row.
+/// @throws std::invalid_argument naming `what` unless it has one or two dimensions.
 inline MatrixView Rows(const Array& array, const char* what) {
   DFR_THROW_UNLESS(array.ndim() == 1 || array.ndim() == 2,
                    what << " must have 1 or 2 dimensions, not " << array.ndim());
@@ -91,7 +92,7 @@ inline std::span<double> Entries(pybind11::array_t<double>& array) {
   return {array.mutable_data(), static_cast<std::size_t>(array.size())};
 }
 
-/// Time steps as NumPy holds them, in 64 bits: none is wrapped around, and fractions are refused.
+/// Converts time steps to NumPy's 64-bit integers: no wrap-around, and fractions are rejected.
 /// @throws std::invalid_argument unless they are integers.
 inline pybind11::array_t<std::int64_t> Steps(const pybind11::object& t) {
   const auto array = pybind11::array::ensure(t);
@@ -100,25 +101,25 @@ inline pybind11::array_t<std::int64_t> Steps(const pybind11::object& t) {
   return pybind11::array_t<std::int64_t,
                            pybind11::array::c_style | pybind11::array::forcecast>::ensure(array);
 }
-/// The nearest int: time steps out of range use the nearest estimate.
+/// Returns the nearest int: time steps out of range use the nearest estimate.
 inline int NearestInt(std::int64_t value) noexcept {
   return static_cast<int>(std::clamp<std::int64_t>(value, std::numeric_limits<int>::min(),
                                                    std::numeric_limits<int>::max()));
 }
 
-/// Keeps Python from making an object without its C++ part: Class.__new__(Class) raises TypeError
-/// instead of leaving one whose members are not initialised. Such a class is pickled by
-/// __reduce__, because copyreg calls __new__.
+/// Prevents Python from creating an object without its C++ part: Class.__new__(Class) raises
+/// TypeError instead of returning uninitialised members. Such a class is pickled by __reduce__,
+/// because copyreg calls __new__.
 template <typename Class, typename... Options>
 void RefuseBareObjects(pybind11::class_<Class, Options...>& type) {
-  // A tp_new of its own makes Python refuse that of the base, object_new, for this class.
+  // With a separate tp_new, Python rejects the base's object_new for this class.
   reinterpret_cast<PyTypeObject*>(type.ptr())->tp_new = [](PyTypeObject* self, PyObject* /*args*/,
                                                            PyObject* /*kwargs*/) -> PyObject* {
     return pybind11::detail::make_new_instance(self);
   };
 }
 
-/// Pickles by `get(self)`, of which `from` makes an object again.
+/// Pickles with `get(self)`; `from` restores an object from it.
 template <typename Class, typename Get, typename From>
 void PickleBy(pybind11::class_<Class>& type, Get get, From from) {
   RefuseBareObjects(type);
@@ -129,8 +130,8 @@ void PickleBy(pybind11::class_<Class>& type, Get get, From from) {
   });
 }
 
-/// Memory of the C++ object behind `owner` as an array that cannot be written to and keeps the
-/// owner alive.
+/// Returns the memory of the C++ object behind `owner` as a read-only array that keeps the owner
+/// alive.
 inline pybind11::array_t<double> View(const core::Matrix& matrix, pybind11::handle owner) {
   pybind11::array_t<double> array({matrix.rows(), matrix.cols()}, matrix.data(), owner);
   array.attr("setflags")(pybind11::arg("write") = false);
@@ -142,16 +143,16 @@ inline pybind11::array_t<double> View(const Eigen::VectorXd& vector, pybind11::h
   return array;
 }
 
-/// What fits ask from time to time, without the interpreter's lock: whether to go on. False once
-/// Ctrl-C was pressed; Throw() then raises KeyboardInterrupt. Any thread may ask; the one that made
-/// it sees to the signals.
+/// Progress check of fits that run without the interpreter's lock. Returns false once Ctrl-C was
+/// pressed; Throw() then raises KeyboardInterrupt. Any thread may call it; the thread that created
+/// it handles the signals.
 class Interruptible {
  public:
   bool GoOn() {
     if (interrupted_ || std::this_thread::get_id() != owner_) return !interrupted_;
     const auto now = std::chrono::steady_clock::now();
     if (now < next_) return true;
-    // Often enough for a person, seldom enough for other Python threads.
+    // Often enough for users, rarely enough for other Python threads.
     next_ = now + std::chrono::milliseconds(100);
     const pybind11::gil_scoped_acquire lock;
     interrupted_ = PyErr_CheckSignals() != 0;
@@ -173,10 +174,10 @@ void AddSupportEstimate(pybind11::module_& module);
 void AddTimeVaryingSupport(pybind11::module_& module);
 void AddGuard(pybind11::module_& module);
 void AddDemonstrations(pybind11::module_& module);
-/// The engine of dfr/_experiment.py, which says what its functions are for.
+/// The engine of dfr/_experiment.py, which documents these functions.
 void AddExperiment(pybind11::module_& module);
 
-/// How SupportEstimate is pickled, which TimeVaryingSupport is a list of.
+/// Pickled state of a SupportEstimate; a TimeVaryingSupport is a list of them.
 pybind11::tuple GetState(const kernel::OneClassSvm& svm);
 kernel::OneClassSvm FromState(const pybind11::tuple& state);
 
@@ -184,7 +185,7 @@ kernel::OneClassSvm FromState(const pybind11::tuple& state);
 
 namespace pybind11::detail {
 
-// Where a function has several overloads, the first round takes arrays of float64 alone.
+// For functions with several overloads, the first round accepts only float64 arrays.
 template <>
 struct type_caster<dfr::python::Array> {
   PYBIND11_TYPE_CASTER(dfr::python::Array, const_name("ArrayLike"));

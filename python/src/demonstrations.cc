@@ -14,20 +14,20 @@ namespace py = pybind11;
 namespace dfr::python {
 namespace {
 
-// NumPy takes over the memory of the matrix.
+// Passes the matrix's memory to NumPy.
 py::array_t<double> ToArray(core::Matrix&& matrix) {
   auto* const owned = new core::Matrix(std::move(matrix));
   const py::capsule owner(owned, [](void* memory) { delete static_cast<core::Matrix*>(memory); });
   return py::array_t<double>({owned->rows(), owned->cols()}, owned->data(), owner);
 }
 
-// (states, actions, layout, completed, environment, note), see _demonstrations.py.
+// Returns (states, actions, layout, completed, environment, note), see _demonstrations.py.
 py::tuple Load(const std::filesystem::path& path, const std::string& filter_key) {
   const auto reader = imitation::OpenDemonstrations(path, filter_key);
   py::list states;
   py::list actions;
   py::list completed;
-  // libhdf5 is called from one thread at a time: the lock is kept.
+  // Keeps the lock: libhdf5 is called from one thread at a time.
   for (int i = 0; i < reader->num_episodes(); ++i) {
     core::Trajectory episode = reader->Read(i);
     completed.append(episode.outcome == core::Outcome::kCompleted);

@@ -39,13 +39,13 @@ using Value = std::variant<bool, std::int64_t, double, std::string>;
 using Values = std::map<std::string, Value>;
 using Settings = std::map<std::string, std::string>;
 
-// A unit that Python runs, in a process of its own. Threads of the engine call it.
+// A unit that runs in Python, in a separate process. Threads of the engine call it.
 class PythonRunner final : public experiment::TrialRunner {
  public:
   PythonRunner(py::object runner, const std::vector<std::string>& methods)
       : runner_(std::move(runner)), methods_(methods) {}
   ~PythonRunner() override {
-    // By Python's own interface, which does not throw.
+    // Uses Python's C interface, which does not throw.
     const PyGILState_STATE state = PyGILState_Ensure();
     PyObject* ended = PyObject_CallMethod(runner_.ptr(), "close", nullptr);
     if (ended == nullptr) PyErr_WriteUnraisable(runner_.ptr());
@@ -67,7 +67,8 @@ class PythonRunner final : public experiment::TrialRunner {
     return ResultOf(runner_.attr("run")(method, start_seed, controller_seed));
   }
 
-  // A page of states, with the plant's pictures before them if it has some; or these alone.
+  // Writes a page of states (.html), preceded by the plant's pictures if there are any, or only
+  // these pictures (.png).
   bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
             std::uint64_t controller_seed, const std::filesystem::path& path) override {
     const bool alone = path.extension() == ".png";
@@ -137,7 +138,7 @@ std::string TextOf(const Value& value) {
   return experiment::Exactly(std::get<double>(value));
 }
 
-// The plan as the class has it, and as options overrule it.
+// Returns the plan with the class's defaults and the options' overrides.
 experiment::EvaluationPlan PlanOf(const py::dict& defaults) {
   experiment::EvaluationPlan plan;
   plan.methods = defaults["methods"].cast<std::vector<std::string>>();
@@ -148,10 +149,10 @@ experiment::EvaluationPlan PlanOf(const py::dict& defaults) {
   return plan;
 }
 
-// Runs the command line `arguments` of an experiment in the file `program`, and returns its exit
-// code where nothing else is left to be done, otherwise the summary's text, or None for a shard.
-// `begin` is told what was chosen, before there are threads, and returns (settings, make), where
-// make(trial, demonstrations, learner) makes what a PythonRunner calls.
+// Runs the command line `arguments` of an experiment in the file `program`. Returns the exit code
+// if nothing else remains to be done, otherwise the summary's text, or None for a shard. Calls
+// `begin` with the chosen settings before there are threads. `begin` returns (settings, make),
+// where make(trial, demonstrations, learner) creates the callable of a PythonRunner.
 py::object RunExperiment(const std::vector<std::string>& arguments, const std::string& name,
                          const std::string& program, const std::string& title,
                          const py::dict& defaults, const Values& parameters,
@@ -214,7 +215,7 @@ py::object RunExperiment(const std::vector<std::string>& arguments, const std::s
   return found ? py::object(py::str(text)) : py::none();
 }
 
-// One episode of a ledger, and what it was run with.
+// Returns one episode of a ledger and the settings of its run.
 py::dict FindEpisode(const std::filesystem::path& folder, const std::string& name) {
   const experiment::RecordedEpisode episode = experiment::FindEpisode(folder, name);
   py::dict found;

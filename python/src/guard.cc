@@ -22,6 +22,7 @@
 #include "arrays.h"
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/contract.h"
+#include "dfr/safety/guard_advice.h"
 #include "dfr/safety/guard_model.h"
 #include "dfr/safety/onnx_export.h"
 
@@ -47,11 +48,11 @@ core::StateLayout Layout(const std::vector<std::pair<std::string, int>>& blocks,
   return layout;
 }
 
-// Converts actions that are positions if `differences` says so, refuses them else.
+// Converts actions that are positions if `differences` is set; rejects them otherwise.
 void MakeIncrements(const core::StateLayout& layout, bool differences, bool as_recorded,
                     std::vector<core::Trajectory>& demonstrations) {
   if (as_recorded && !differences) return;
-  // What does not fit together is named by the fit.
+  // The fit reports inconsistent sizes.
   for (const core::Trajectory& episode : demonstrations) {
     if (episode.states.cols() != layout.state_dim() ||
         episode.controls.cols() != demonstrations[0].controls.cols() ||
@@ -72,7 +73,7 @@ void MakeIncrements(const core::StateLayout& layout, bool differences, bool as_r
   for (core::Trajectory& episode : demonstrations) core::ToDifferences(absolute, episode);
 }
 
-// Pairs of name and size, or a dict of them.
+// Converts pairs of name and size, or a dict of them.
 core::StateLayout LayoutOption(const py::object& blocks, int state_dim) {
   using Blocks = std::vector<std::pair<std::string, int>>;
   const py::object pairs =
@@ -80,7 +81,7 @@ core::StateLayout LayoutOption(const py::object& blocks, int state_dim) {
   return Layout(Option<Blocks>(pairs, "layout", "a list of pairs (name, size)"), state_dim);
 }
 
-// "object,tip[0:2]", or a list of such names.
+// Converts "object,tip[0:2]", or a list of such names.
 std::string FeaturesOption(const py::object& features) {
   if (!py::isinstance<py::list>(features) && !py::isinstance<py::tuple>(features)) {
     return TextOption(features, "features");
@@ -121,7 +122,7 @@ Guard Fit(const Arrays& all_states, const Arrays& all_actions, const py::object&
     demonstrations.push_back(std::move(demonstration));
   }
   safety::GuardOptions options;
-  options.features = safety::StripObservationPrefixes(FeaturesOption(features));
+  options.features = core::StripObservationPrefixes(FeaturesOption(features));
   options.support.svm.nu = RealOption(nu, "nu");
   options.support.svm.gamma = RealOption(gamma, "gamma");
   options.strategy = safety::ParseStrategy(TextOption(strategy, "strategy"));
@@ -152,7 +153,7 @@ Guard Fit(const Arrays& all_states, const Arrays& all_actions, const py::object&
     MakeIncrements(blocks, convert, accept, demonstrations);
     model = GuardModel::Fit(blocks, demonstrations, options);
   } catch (const std::invalid_argument&) {
-    // Fits that were stopped halfway may not go together.
+    // Parts of interrupted fits may not be consistent.
     interruptible.Throw();
     throw;
   }
@@ -160,12 +161,12 @@ Guard Fit(const Arrays& all_states, const Arrays& all_actions, const py::object&
   return Guard(std::move(model));
 }
 
-// NaN has no place in what users compare and log: None says that there is no such value.
+// Returns None instead of NaN, which is inconvenient to compare and log.
 py::object Number(double value) {
   return std::isnan(value) ? py::object(py::none()) : py::object(py::float_(value));
 }
 
-// Integers beyond the range of int are not the next time step, whatever that is: -1 halts.
+// Integers beyond the range of int cannot be the next time step: -1 halts.
 int StepOf(const py::object& t) {
   const auto index = py::reinterpret_steal<py::object>(PyNumber_Index(t.ptr()));
   if (!index) throw py::error_already_set();
@@ -174,7 +175,7 @@ int StepOf(const py::object& t) {
   return overflow != 0 || value != NearestInt(value) ? -1 : static_cast<int>(value);
 }
 
-// A folder of its own for one file, because a guard is stored by its path alone.
+// A temporary folder for one file, because a guard is stored by its path alone.
 class TemporaryFile {
  public:
   TemporaryFile() : folder_((std::filesystem::temp_directory_path() / "dfr-XXXXXX").string()) {
@@ -197,7 +198,7 @@ class TemporaryFile {
   std::string folder_;
 };
 
-// The content of a guard's file, and back.
+// Converts a guard to the content of its file, and back.
 py::bytes ToBytes(const Guard& guard) {
   std::ostringstream content;
   {
@@ -263,7 +264,7 @@ py::object Decision(const Guard& guard, const py::object& time, const Array& x) 
   return g;
 }
 
-// None leaves a setting as it is.
+// None keeps a setting unchanged.
 Guard With(const Guard& guard, const py::object& strategy, const py::object& horizon,
            const py::object& max_actions, const py::object& action_limit,
            const py::object& alarm_level, const py::object& direction_error) {
@@ -583,16 +584,17 @@ Returns
 ndarray of shape (n_states,)
 )")
       .def(
-          "shortfall",
+          "attribution",
           [](const Guard& guard, const Array& states) {
             DFR_THROW_UNLESS(states.ndim() == 2, "states must have 2 dimensions");
             const core::Matrix rows = Rows(states, "states");
-            core::Matrix shortfall;
+            core::Matrix attribution;
             {
               const py::gil_scoped_release unlocked;
-              shortfall = guard.model().Shortfall(rows);
+              attribution = safety::Attribution(guard.model(), rows);
             }
-            return py::array_t<double>({shortfall.rows(), shortfall.cols()}, shortfall.data());
+            return py::array_t<double>({attribution.rows(), attribution.cols()},
+                                       attribution.data());
           },
           py::arg("states"),
           R"(Which entries of each state put it outside: what each adds to -l.

@@ -62,14 +62,14 @@ std::pair<OneClassSvm, FitSummary> Fit(const Array& samples, const py::object& n
   return {std::move(svm), std::move(summary)};
 }
 
-// g as scikit-learn gives it. On the boundary, where the sum and rho cancel, only rounding is left:
-// the same samples in another order would give it the other sign.
+// Returns g as scikit-learn does. On the boundary, the sum and rho cancel, and only rounding errors
+// remain: another order of the same samples could change the sign.
 double InLibsvmScale(const OneClassSvm& svm, double g) {
-  constexpr double kAccuracy = 1e-12;  // of sum and rho, see GaussianSum()
+  constexpr double kAccuracy = 1e-12;  // error of sum and rho, see GaussianSum()
   return std::abs(g) <= kAccuracy * svm.rho() ? 0.0 : svm.libsvm_scale() * g;
 }
 
-// g of one state as a number, of several as an array.
+// Returns g of one state as a number, of several as an array.
 py::object Decision(const OneClassSvm& svm, const Array& x, bool libsvm_scale) {
   const MatrixView rows = Rows(x, "x");
   DFR_THROW_UNLESS(rows.cols() == svm.state_dim(),
@@ -82,7 +82,7 @@ py::object Decision(const OneClassSvm& svm, const Array& x, bool libsvm_scale) {
   const std::span<double> values = Entries(g);
   {
     const py::gil_scoped_release unlocked;
-    // Threads are worth their start from about a millisecond of work on.
+    // Threads pay off from about a millisecond of work.
     constexpr double kMany = 1e6;
     const bool many = static_cast<double>(rows.rows()) * svm.num_support_vectors() > kMany;
     svm.DecisionBatch(rows, values, many ? 0 : 1);
@@ -112,12 +112,12 @@ py::tuple Gradient(const OneClassSvm& svm, const Array& x) {
   return py::make_tuple(g, std::move(gradient));
 }
 
-// The first entry that is not finite, or none.
+// Returns the position of the first entry that is not finite, or none.
 std::optional<std::pair<Eigen::Index, Eigen::Index>> FindNonFinite(const Array& x) {
   const MatrixView rows = Rows(x, "x");
   const py::gil_scoped_release unlocked;
   for (Eigen::Index i = 0; i < rows.rows(); ++i) {
-    // A non-finite entry makes its product with zero, and so the sum, NaN.
+    // A product of zero and a non-finite entry is NaN, and so is the sum.
     double sum = 0.0;
     for (Eigen::Index k = 0; k < rows.cols(); ++k) sum += 0.0 * rows(i, k);
     if (sum == 0.0) continue;

@@ -23,6 +23,7 @@
 #include "dfr/kernel/cover_radius.h"
 #include "dfr/kernel/whitened_support.h"
 #include "dfr/safety/guard.h"
+#include "dfr/safety/guard_advice.h"
 #include "tests/safety/corridor.h"
 #include "tests/support/all_close.h"
 #include "tests/support/message_of.h"
@@ -256,10 +257,10 @@ TEST(GuardModelTest, ASupervisorWhoCyclesThroughGoalsLosesNothing) {
   EXPECT_LT(cycled->settings().alarm_level, 1.0);
   EXPECT_LT(sorted->settings().alarm_level, 1.0);
   // Recorded one goal after the other, a stretch of the recording is a goal.
-  EXPECT_THAT(Findings(*sorted), testing::Contains(HasSubstr("conditions of recording drift")));
+  EXPECT_THAT(Warnings(*sorted), testing::Contains(HasSubstr("conditions of recording drift")));
   EXPECT_GT(sorted->summary().drift_level, sorted->settings().alarm_level + 0.2);
   EXPECT_LT(sorted->summary().drift_chance, 0.01);
-  EXPECT_THAT(Findings(*cycled),
+  EXPECT_THAT(Warnings(*cycled),
               testing::Not(testing::Contains(HasSubstr("conditions of recording drift"))));
 }
 
@@ -471,23 +472,23 @@ TEST(GuardModelTest, LevelsFollowFasterAndSlowerEpisodes) {
 }
 
 // Half of the demonstrations go round at y = 2.
-TEST(GuardModelTest, ShortfallNamesTheEntriesThatPutAStateOutside) {
+TEST(GuardModelTest, AttributionNamesTheEntriesThatPutAStateOutside) {
   const std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 40);
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
   core::Matrix states = demonstrations[3].states;
-  const core::Matrix inside = model->Shortfall(states);
+  const core::Matrix inside = Attribution(*model, states);
   states.rightCols(1).array() += 1.0;
   states.col(0).array() += 100.0;  // no feature looks at it
   const std::vector<double> levels = model->Levels(states);
-  const core::Matrix shortfall = model->Shortfall(states);
-  ASSERT_EQ(shortfall.rows(), states.rows());
-  ASSERT_EQ(shortfall.cols(), 3);
+  const core::Matrix attribution = Attribution(*model, states);
+  ASSERT_EQ(attribution.rows(), states.rows());
+  ASSERT_EQ(attribution.cols(), 3);
   for (Eigen::Index i = 0; i < states.rows(); ++i) {
     const double l = levels[static_cast<std::size_t>(i)];
     ASSERT_LT(l, 0.0);
-    EXPECT_NEAR(shortfall.row(i).sum(), -l, 1e-9 * -l);
-    EXPECT_EQ(shortfall(i, 0), 0.0);
-    EXPECT_GT(shortfall(i, 2), 0.6 * -l);
+    EXPECT_NEAR(attribution.row(i).sum(), -l, 1e-9 * -l);
+    EXPECT_EQ(attribution(i, 0), 0.0);
+    EXPECT_GT(attribution(i, 2), 0.6 * -l);
     const double own = model->Levels(demonstrations[3].states)[static_cast<std::size_t>(i)];
     if (own >= 0.0) {
       EXPECT_EQ(inside.row(i).cwiseAbs().sum(), 0.0);
@@ -496,16 +497,16 @@ TEST(GuardModelTest, ShortfallNamesTheEntriesThatPutAStateOutside) {
 }
 
 // The same demonstrations with one entry in other units: millimetres instead of metres.
-TEST(GuardModelTest, ShortfallDoesNotDependOnUnits) {
+TEST(GuardModelTest, AttributionDoesNotDependOnUnits) {
   std::vector<core::Trajectory> demonstrations = test::CorridorDemonstrations(1, 40);
   core::Matrix states = demonstrations[0].states;
   states.rightCols(2).array() += 0.7;
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
-  const core::Matrix shortfall = model->Shortfall(states);
+  const core::Matrix attribution = Attribution(*model, states);
   for (core::Trajectory& d : demonstrations) d.states.col(2) *= 1024.0;
   states.col(2) *= 1024.0;
   const auto scaled = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
-  EXPECT_TRUE(test::AllClose(scaled->Shortfall(states), shortfall, 1e-3));
+  EXPECT_TRUE(test::AllClose(Attribution(*scaled, states), attribution, 1e-3));
 }
 
 // Few long demonstrations at paces of their own: most states of one that was left out are where no
@@ -561,7 +562,7 @@ TEST(GuardModelTest, AKernelThatFillsTheRoomBetweenTwoWaysIsMadeNarrower) {
   options.support.svm.gamma = 1e-4;
   const auto wide = GuardModel::Fit(test::CorridorLayout(), demonstrations, options);
   EXPECT_EQ(wide->summary().gamma, 4e-4);
-  EXPECT_THAT(Findings(*wide), testing::Contains(HasSubstr("demonstrations take several ways")));
+  EXPECT_THAT(Warnings(*wide), testing::Contains(HasSubstr("demonstrations take several ways")));
 }
 
 TEST(GuardModelTest, EachEntryOfAnActionReachesHalfAsFarAgainUnlessALimitIsGiven) {
@@ -581,21 +582,21 @@ TEST(GuardModelTest, EachEntryOfAnActionReachesHalfAsFarAgainUnlessALimitIsGiven
 TEST(GuardModelTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
   const auto good = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                     {.features = "tip", .action_limit = {0.2}});
-  EXPECT_THAT(Findings(*good), testing::IsEmpty());
+  EXPECT_THAT(Warnings(*good), testing::IsEmpty());
   const auto few = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 4),
                                    {.features = "tip", .action_limit = {0.2}});
-  EXPECT_THAT(Findings(*few), testing::Contains(HasSubstr("4 demonstrations cannot tell")));
+  EXPECT_THAT(Warnings(*few), testing::Contains(HasSubstr("4 demonstrations cannot tell")));
   GuardSettings settings = good->settings();
   settings.alarm_level = 3.5;
   settings.action_limit = {50.0};
-  EXPECT_THAT(Findings(*good->With(settings)),
+  EXPECT_THAT(Warnings(*good->With(settings)),
               testing::ElementsAre(HasSubstr("alarm is raised below l = -3.5"),
                                    HasSubstr("entry 0 of an action may reach 50"),
                                    HasSubstr("give --action-limit")));
   // A kernel so narrow that no unseen state is inside.
   GuardOptions narrow{.features = "tip", .action_limit = {0.2}};
   narrow.support.svm.gamma = 1e3;
-  EXPECT_THAT(Findings(*GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
+  EXPECT_THAT(Warnings(*GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                         narrow)),
               testing::Contains(HasSubstr("of the states of left-out demonstrations are inside")));
 }
@@ -604,11 +605,11 @@ TEST(GuardModelTest, FindingsNameFeaturesThatFollowTheClock) {
   const auto demonstrations = test::CorridorDemonstrations(1, 40);
   const auto whole =
       GuardModel::Fit(test::CorridorLayout(), demonstrations, {.action_limit = {0.2}});
-  EXPECT_THAT(Findings(*whole, demonstrations),
+  EXPECT_THAT(Warnings(*whole, demonstrations),
               testing::Contains(testing::StartsWith("clock[0]: the same in all demonstrations")));
   const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations,
                                    {.features = "tip", .action_limit = {0.2}});
-  EXPECT_THAT(Findings(*tip, demonstrations), testing::IsEmpty());
+  EXPECT_THAT(Warnings(*tip, demonstrations), testing::IsEmpty());
 }
 
 TEST(GuardModelTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
@@ -617,16 +618,16 @@ TEST(GuardModelTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
   const auto whole = GuardModel::Fit(test::CorridorLayout(), demonstrations);
   auto slow = demonstrations;
   for (core::Trajectory& d : slow) d.states.col(0) *= 1e-6;
-  EXPECT_THAT(Findings(*whole, slow), testing::Contains(testing::StartsWith("clock[0]: the same")));
+  EXPECT_THAT(Warnings(*whole, slow), testing::Contains(testing::StartsWith("clock[0]: the same")));
   auto still = demonstrations;
   for (core::Trajectory& d : still) d.states.col(0).setConstant(3.0);
-  EXPECT_THAT(Findings(*whole, still), testing::Not(testing::Contains(HasSubstr(kClock))));
+  EXPECT_THAT(Warnings(*whole, still), testing::Not(testing::Contains(HasSubstr(kClock))));
   // Where one demonstration goes on alone, nothing can be the same in two.
   const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
   auto longer = test::CorridorDemonstrations(1, 40);
   longer.push_back(test::CorridorDemonstrations(2, 1, 25)[0]);
   longer.back().states.bottomRows(5).array() += 1e6;
-  EXPECT_THAT(Findings(*tip, longer), testing::Not(testing::Contains(HasSubstr(kClock))));
+  EXPECT_THAT(Warnings(*tip, longer), testing::Not(testing::Contains(HasSubstr(kClock))));
 }
 
 TEST(GuardModelTest, ActionsThatContradictWhatHappensExplainNothing) {
@@ -637,21 +638,22 @@ TEST(GuardModelTest, ActionsThatContradictWhatHappensExplainNothing) {
   back.states.resize(2, 3);
   back.states << 0.0, 0.0, 0.0, 1.0, -0.02, 0.0;
   back.controls = test::ActionFor(test::kSpeed, 0.0).transpose();
-  EXPECT_THAT(Findings(*model, std::vector{back}),
+  EXPECT_THAT(Warnings(*model, std::vector{back}),
               testing::Contains(testing::StartsWith("actions explain only 0 % of")));
   // Where nothing changes, there is nothing to explain.
   back.states.row(1) = back.states.row(0);
-  EXPECT_THAT(Findings(*model, std::vector{back}), testing::IsEmpty());
+  EXPECT_THAT(Warnings(*model, std::vector{back}), testing::IsEmpty());
 }
 
 TEST(GuardModelTest, APromiseSaysOfWhichFitsAndByWhichDemonstrations) {
   GuardSummary summary;
-  EXPECT_EQ(Promise(summary), "on average over fits, approximately: by fits that left some out");
+  EXPECT_EQ(DescribeGuarantee(summary),
+            "on average over fits, approximately: by fits that left some out");
   summary.held_out = 12;
-  EXPECT_EQ(Promise(summary),
+  EXPECT_EQ(DescribeGuarantee(summary),
             "on average over fits, by 12 demonstrations that nothing was fitted to");
   summary.confidence = 0.95;
-  EXPECT_EQ(Promise(summary),
+  EXPECT_EQ(DescribeGuarantee(summary),
             "with 95 % confidence for this fit, by 12 demonstrations that nothing was fitted to");
 }
 
@@ -665,7 +667,7 @@ TEST(GuardModelTest, FindingsNameActionsThatDoNotMoveWhatIsLookedAt) {
   }
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations,
                                      {.features = "tip", .action_limit = {0.2}});
-  EXPECT_THAT(Findings(*model, demonstrations),
+  EXPECT_THAT(Warnings(*model, demonstrations),
               testing::Contains(testing::StartsWith("actions explain only")));
 }
 
@@ -815,10 +817,10 @@ TEST(GuardModelTest, WrongDemonstrationsAndOptionsAreNamed) {
 }
 
 TEST(GuardModelTest, FileNamesOfObservationsAreStripped) {
-  EXPECT_EQ(StripObservationPrefixes("obs/object,obs/robot0_eef_pos[0:3]"),
+  EXPECT_EQ(core::StripObservationPrefixes("obs/object,obs/robot0_eef_pos[0:3]"),
             "object,robot0_eef_pos[0:3]");
-  EXPECT_EQ(StripObservationPrefixes("observations/tip,tilt"), "tip,tilt");
-  EXPECT_EQ(StripObservationPrefixes(""), "");
+  EXPECT_EQ(core::StripObservationPrefixes("observations/tip,tilt"), "tip,tilt");
+  EXPECT_EQ(core::StripObservationPrefixes(""), "");
 }
 
 }  // namespace

@@ -18,7 +18,7 @@ using kinematics::PsmJoints;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kCommandTime = 0.15;  // s, from a command to its set-point at the console
-constexpr double kTipSpeed = 1.0;      // m/s, more than any motion of the arm's wrist
+constexpr double kTipSpeed = 1.0;      // m/s, upper bound of the wrist's speed
 
 bool Positive(const PsmJoints& q) { return q.allFinite() && (q.array() > 0.0).all(); }
 bool Positive(double value) { return value > 0.0 && value < 1e6; }
@@ -55,14 +55,14 @@ Eigen::Isometry3d Transform(const PsmPoseSample& pose) noexcept {
   return transform;
 }
 
-// Whether the two are the same to within a distance, m, and an angle, rad.
+// Returns true if the poses agree within a distance, m, and an angle, rad.
 bool Near(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b, double distance_m,
           double angle) noexcept {
   return (a.translation() - b.translation()).norm() <= distance_m &&
          Eigen::Quaterniond(a.linear()).angularDistance(Eigen::Quaterniond(b.linear())) <= angle;
 }
 
-// The twist of the wrist in the frame that `base` is in: m/s, then rad/s.
+// Returns the twist of the wrist in the frame of `base`: m/s, then rad/s.
 Eigen::Matrix<double, 6, 1> Twist(const Eigen::Isometry3d& base, const PsmJoints& joints,
                                   const PsmJoints& velocity) noexcept {
   Eigen::Matrix<double, 6, 1> twist = Eigen::Matrix<double, 6, 1>::Zero();
@@ -77,7 +77,7 @@ Eigen::Matrix<double, 6, 1> Twist(const Eigen::Isometry3d& base, const PsmJoints
 }
 
 bool Finite(const PsmPoseSample& pose) noexcept {
-  // A quaternion of another length than 1 is no orientation.
+  // A quaternion that is not of unit length is no orientation.
   constexpr double kRounding = 1e-3;
   return pose.position_m.allFinite() && std::abs(pose.orientation.norm() - 1.0) <= kRounding;
 }
@@ -147,7 +147,7 @@ PsmStatus Readiness(const PsmOperatingState& state) noexcept {
     case PsmConsoleState::kEnabled:
       break;
   }
-  // Before the other, for an arm that homes is not homed either.
+  // Before the homed check, because a homing arm is not homed.
   if (state.busy) return PsmStatus::kBusy;
   return state.homed ? PsmStatus::kOk : PsmStatus::kNotHomed;
 }
@@ -213,7 +213,7 @@ void PsmClient::Take(const PsmInput& input) noexcept {
     ++num_samples_;
     js_arrival_ns_ = now_ns_;
     js_watchdog_.Arrived(next.stamp, now_ns_);
-    // While a move is under way, or nothing is known, no sample speaks for rest.
+    // During a move, or without valid data, no sample indicates rest.
     if (!next.well_formed || !next.stamp.valid() || !next.position.allFinite() ||
         !next.velocity.allFinite()) {
       rest_.Forget();
@@ -279,17 +279,17 @@ PsmStatus PsmClient::MeasurementHoldReason() const noexcept {
   const std::array<Stream, 3> streams = {
       Stream{js_watchdog_, js_.stamp, js_arrival_ns_},
       Stream{cp_watchdog_, cp_.stamp, cp_arrival_ns_},
-      Stream{local_watchdog_, local_cp_.stamp, local_arrival_ns_}};  // not of every console
+      Stream{local_watchdog_, local_cp_.stamp, local_arrival_ns_}};  // not on every console
   for (const Stream& stream : std::span(streams).first(any_local_ ? 3U : 2U)) {
     const PsmStatus status = FromFreshness(stream.watchdog.Check(wall_ns_, now_ns_));
-    // What was young when it came has only waited for its successor.
+    // The sample was recent on arrival; only its successor is missing.
     const std::int64_t waited_ns = now_ns_ - stream.arrival_ns;
     if (status == PsmStatus::kStateOld && wall_ns_ - stream.stamp.nanoseconds() < 2 * waited_ns) {
       return PsmStatus::kStateSilent;
     }
     if (status != PsmStatus::kOk) return status;
   }
-  // Where it was before is neither what others do to it nor where to be armed.
+  // An old set-point shows neither interference by others nor a pose for arming.
   if (any_setpoint_ && Seconds(now_ns_ - setpoint_arrival_ns_) > options_.watchdog.max_silence_s) {
     return PsmStatus::kStateSilent;
   }
@@ -324,7 +324,7 @@ bool PsmClient::Discovering() const noexcept {
          Seconds(now_ns_ - newcomer_ns_) < options_.discovery_s;
 }
 
-// Another client commands the arm, or may.
+// Another client commands the arm, or may do so.
 PsmStatus PsmClient::CommandHoldReason(const PsmInput& input) const noexcept {
   if (input.wrong_tool) return PsmStatus::kWrongTool;
   if (input.clutched) return PsmStatus::kClutched;
@@ -348,14 +348,15 @@ PsmStatus PsmClient::FollowHoldReason() const noexcept {
   return PsmStatus::kOk;
 }
 
-// A jaw that was not asked to move stays.
+// Returns true if a jaw without a command of ours stays still.
 bool PsmClient::JawIsOurs() const noexcept {
   return !jaw_known_ || recent_jaw_.Contain(InFirstPlace(jaw_setpoint_.angle),
                                             InFirstPlace(options_.max_jaw_setpoint_error));
 }
 
-// Two poses of one moment say where the arm's base is in the frame of the first. A console stamps
-// each message by itself; in the time between the wrist moves by a tenth of a millimetre at most.
+// Computes the arm's base in the frame of the first pose from two simultaneous poses. A console
+// stamps each message separately; between the stamps the wrist moves at most a tenth of a
+// millimetre.
 void PsmClient::Pair() noexcept {
   constexpr std::int64_t kOneMomentNs = 3'000'000;
   if (!any_cp_ || !any_local_ || !cp_.stamp.valid() || !local_cp_.stamp.valid() ||
@@ -379,7 +380,7 @@ bool PsmClient::BaseMoved() const noexcept {
 }
 
 void PsmClient::HoldBecause(PsmStatus cause, PsmOutput& output) noexcept {
-  // A console that powers up or homes goes on with that, whatever `hold` says.
+  // A console that powers up or homes ignores `hold`.
   if (homing() && operating_.state != PsmConsoleState::kFault) {
     output.request = PsmRequest::kDisable;
   }
@@ -391,13 +392,12 @@ void PsmClient::HoldBecause(PsmStatus cause, PsmOutput& output) noexcept {
   output.hold = true;
 }
 
-// While the arm powers up or homes it measures nothing yet: what there is to hear is heard all the
-// same.
+// During power-up and homing the arm measures nothing, but its messages are still checked.
 PsmStatus PsmClient::HomingHoldReason(const PsmInput& input, double dt) const noexcept {
   if (!homing() && request_ != PsmRequest::kHome && request_ != PsmRequest::kEnable) {
     return PsmStatus::kOk;
   }
-  // No tool is known before it is engaged, while homing.
+  // While homing, no tool is known until it is engaged.
   const PsmStatus others = CommandHoldReason(input);
   if (others != PsmStatus::kOk && others != PsmStatus::kWrongTool) return others;
   if (!homing()) return PsmStatus::kOk;
@@ -453,7 +453,7 @@ void PsmClient::Pursue(const PsmInput& input, double dt, PsmOutput& output) noex
     HoldBecause(had_publisher_ ? PsmStatus::kTimedOut : PsmStatus::kNoConsole, output);
     return;
   }
-  // A console that has not been found yet, or has not found us, hears nothing.
+  // A console that has not been discovered, or has not discovered this client, receives nothing.
   if (input.command_subscribers == 0) return;
   if (!request_sent_ && homes && Discovering()) return;
   const bool idle = !any_operating_ || (!operating_.busy &&
@@ -473,7 +473,7 @@ PsmOutput PsmClient::Step(const PsmInput& input, std::int64_t steady_ns,
   const double dt = stepped_ ? std::max(0.0, Seconds(steady_ns - now_ns_)) : 0.0;
   now_ns_ = steady_ns;
   wall_ns_ = wall_ns;
-  if (!stepped_) request_start_ns_ = steady_ns;  // of a request made before
+  if (!stepped_) request_start_ns_ = steady_ns;  // for a request made before the first step
   stepped_ = true;
   Take(input);
   hold_reason_ = FindHoldReason(input);

@@ -27,7 +27,7 @@ constexpr long kPollNs = 1'000'000;
 constexpr int kPollsPerCount = 10;
 constexpr std::size_t kMostWords = 64;
 
-// Who it was that others said something, in words: cut where it is long.
+// Description of the sender of a foreign message, truncated if necessary.
 struct Who {
   std::array<char, 160> text{};
 };
@@ -67,8 +67,7 @@ PsmJointSample Joints(const dds::JointState& message) {
   return sample;
 }
 
-// What Step() wants to be sent, less the hold, which has a flag of its own so that it always gets
-// through.
+// Output of Step(), except the hold, which has a separate flag and is therefore never lost.
 struct Outgoing {
   bool servo = false;
   bool servo_jaw = false;
@@ -94,8 +93,8 @@ const char* Name(ConsoleWord::Severity severity) noexcept {
   return "unknown";
 }
 
-// The DDS side: a thread that sends what Tick() has put into the mailboxes and puts there what has
-// come. Only that thread touches publishers and subscribers.
+// The DDS side: a thread that sends the contents of Tick()'s mailboxes and fills them with input.
+// Only that thread uses publishers and subscribers.
 struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): by meaning
   Link(dds::Participant& participant, const PsmDriverOptions& options)
       : p(participant),
@@ -104,7 +103,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     const std::vector<std::string> usual = {
         "/console/teleop/enabled", "/MTML_" + arm + "/following", "/MTMR_" + arm + "/following"};
     for (const std::string& topic : options.teleoperation.empty() ? usual : options.teleoperation) {
-      // A console keeps what it said last for late joiners; other programs may not.
+      // A console keeps its last messages for late joiners; other programs may not.
       for (const Role role : {Role::kEvent, Role::kRequest}) {
         teleoperations.push_back(std::make_unique<dds::Subscriber<dds::Flag>>(p, topic, role));
         teleoperated.push_back(false);
@@ -159,12 +158,12 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   }
 
   void Send() noexcept {
-    // Read before the set-points: those that were put before it are not sent any more.
+    // Read before the set-points, so set-points queued before the hold are not sent.
     const bool holding = hold_wanted.exchange(false, std::memory_order_acq_rel);
     Outgoing next;
     bool servo = false;
     bool servo_jaw = false;
-    // Where several wait, the last set-point is the only one that counts.
+    // Only the last of several pending set-points counts.
     while (outbox.Take(next)) {
       if (next.servo) {
         servo = true;
@@ -208,7 +207,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   }
 
   void Receive() noexcept {
-    // Words first: who learns of a FAULT has its reason.
+    // Messages first, so the reason of a FAULT is known when it is reported.
     const std::int64_t now_ns = tick_ns.load(std::memory_order_relaxed);
     std::uint64_t left_out = 0;
     for (const auto& [subscriber, severity, limit] :
@@ -267,7 +266,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     }
   }
 
-  // Whether another publisher has spoken, and takes what has been said.
+  // Returns true if another publisher has sent messages, and takes them.
   template <typename T>
   bool HearsOthers(dds::Subscriber<T>& subscriber, const dds::Origin& ours) noexcept {
     bool others = false;
@@ -281,15 +280,15 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     return others;
   }
 
-  // Who has been found since the last look: the participant counts before its publishers are known,
-  // for the console may have heard these before.
+  // Looks for new participants. They count before their publishers are known, because the console
+  // may already have received their messages.
   void LookForNewcomers() noexcept {
     const std::uint64_t num = p.num_found();
     if (num == num_found) return;
     int count = 0;
     std::uint64_t last = num_found;
     for (const dds::Newcomer& newcomer : p.FoundAfter(num_found)) {
-      // What was pushed out before it was seen may have been anybody.
+      // An entry that was overwritten before it was read may have been any participant.
       const bool missed = newcomer.number > last + 1;
       last = newcomer.number;
       if (!newcomer.topic.empty() && !Commands(newcomer.topic) && !Requests(newcomer.topic) &&
@@ -304,7 +303,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     newcomers.fetch_add(count, std::memory_order_acq_rel);
   }
 
-  // Who else has a hand on the arm.
+  // Looks for other participants that command the arm.
   void Watch() noexcept {
     LookForNewcomers();
     dds::Flag reached;
@@ -336,15 +335,15 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     while (tool_type.Take(text)) {
       if (!tool.empty() && text.text != tool) tool_changes.fetch_add(1, std::memory_order_acq_rel);
       tool = text.text;
-      // Both have the same kinematics. The latter is that of a da Vinci Si, which takes no other,
-      // and whose joint limits a Classic does not have.
+      // Both have the same kinematics. The latter is the only one for a da Vinci Si, whose joint
+      // limits a Classic does not have.
       const bool known = tool.find("420006") != std::string::npos ||
                          (!is_si && tool.find("400006") != std::string::npos);
       wrong_tool.store(!known, std::memory_order_release);
     }
   }
 
-  // Whether `topic` asks the arm to change its state.
+  // Returns true if `topic` asks the arm to change its state.
   [[nodiscard]] bool Requests(std::string_view topic) const {
     for (const char* name : {"hold", "free", "state_command"}) {
       if (topic == Topic(name)) return true;
@@ -352,7 +351,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     return false;
   }
 
-  // Whether `topic` commands the arm, whatever its type.
+  // Returns true if `topic` commands the arm, regardless of its type.
   [[nodiscard]] bool Commands(std::string_view topic) const {
     if (!topic.starts_with('/') || !topic.substr(1).starts_with(arm)) return false;
     topic.remove_prefix(1 + arm.size());
@@ -366,12 +365,12 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
     const dds::Health state = measured_js.health();
     state_publishers.store(state.publishers, std::memory_order_relaxed);
     incompatible.store(state.incompatible, std::memory_order_relaxed);
-    // The one that only watches is our own.
+    // Excludes our own monitoring subscriber.
     command_subscribers.store(std::max(0, state_command.num_subscribers() - 1),
                               std::memory_order_relaxed);
     servo_subscribers.store(std::max(0, servo_cp.num_subscribers() - 1), std::memory_order_relaxed);
     sends_state = servo_cs && servo_cs->num_subscribers() > 0;
-    // Our own is one of those on servo_cp.
+    // Excludes our own publisher on servo_cp.
     const int others = std::max(0, watched_servo_cp.health().publishers - 1) +
                        watched_servo_jp.health().publishers + watched_move_cp.health().publishers +
                        watched_move_jp.health().publishers;
@@ -419,7 +418,7 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   std::atomic<int> command_subscribers{0};
   std::atomic<int> servo_subscribers{0};
 
-  // For the thread alone.
+  // Thread only.
   WordLimit error_limit;
   WordLimit warning_limit;
   WordLimit status_limit;
@@ -459,13 +458,13 @@ struct PsmDriver::Link {  // NOLINT(clang-analyzer-optin.performance.Padding): b
   dds::Subscriber<dds::Text> tool_type{p, Topic("tool_type"), Role::kEvent};
   dds::Subscriber<dds::Joy> arm_clutch{p, Topic("arm_clutch"), Role::kEvent};      // since 2.4
   dds::Subscriber<dds::Joy> manip_clutch{p, Topic("manip_clutch"), Role::kEvent};  // before
-  // A move that ends is another's.
+  // A move that ends is a move of another client.
   dds::Subscriber<dds::Flag> goal_reached{p, Topic("goal_reached"), Role::kState};
   dds::Subscriber<dds::Signal> watched_hold{p, Topic("hold"), Role::kRequest};
   dds::Subscriber<dds::Signal> watched_free{p, Topic("free"), Role::kRequest};
   dds::Subscriber<dds::StringStamped> watched_state_command{p, Topic("state_command"),
                                                             Role::kRequest};
-  // Only to see who publishes there.
+  // Only to count publishers.
   dds::Subscriber<dds::PoseStamped> watched_servo_cp{p, Topic("servo_cp"), Role::kState};
   dds::Subscriber<dds::JointState> watched_servo_jp{p, Topic("servo_jp"), Role::kState};
   dds::Subscriber<dds::PoseStamped> watched_move_cp{p, Topic("move_cp"), Role::kState};
@@ -498,7 +497,7 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   PsmInput input;
   link.tick_ns.store(steady_ns, std::memory_order_relaxed);
   (void)link.new_error.Take(last_error_);
-  // Before the number of publishers, which is never older.
+  // Before the number of publishers, which is always at least as recent.
   input.newcomers = link.newcomers.exchange(0, std::memory_order_acq_rel);
   const auto take = [](auto& mailbox, auto& entry) {
     if (!mailbox.Take(entry.emplace())) entry.reset();
@@ -529,7 +528,7 @@ PsmStatus PsmDriver::Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept
   input.clutched = link.is_clutched.load(std::memory_order_acquire) || input.clutched;
   input.send_failed = link.failed.exchange(false, std::memory_order_relaxed);
 
-  // The first of those that an arm holds because of.
+  // The first participant that made the arm hold.
   if (Who who; link.new_who.Take(who) && !held_by_others()) who_ = who.text;
   const PsmOutput output = client_.Step(input, steady_ns, wall_ns);
   if (output.servo || output.servo_jaw || output.request != PsmRequest::kNone) {
@@ -604,7 +603,8 @@ PsmStatus BringUp(PsmDriver& driver, double timeout_s,
     if (say) say(text);
   };
   const std::int64_t end = clock.steady_ns() + static_cast<std::int64_t>(1e9 * timeout_s);
-  // What lasts no longer than discovery, or the first sample after homing, is not worth a word.
+  // Conditions shorter than discovery, or than the wait for the first sample after homing, are not
+  // reported.
   constexpr std::int64_t kPatienceNs = 1'000'000'000;
   PsmStatus told = PsmStatus::kOk;
   PsmStatus seen = PsmStatus::kOk;

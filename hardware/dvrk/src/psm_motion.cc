@@ -13,16 +13,16 @@ using kinematics::PsmJoints;
 using kinematics::PsmReach;
 
 constexpr double kTwoPi = 6.2831853071795865;
-// Clocks count whole nanoseconds, so that a sum of steps may miss the end by some of them.
+// Clocks count whole nanoseconds; a sum of steps may miss the end by several.
 constexpr double kClockError = 1e-6;
-// Error of a pose turned into joint values and back; sine and cosine leave 1e-15.
+// Tolerance of joint values converted to a pose and back; sine and cosine leave errors of 1e-15.
 constexpr double kRoundTrip = 1e-6;
-constexpr double kWayStep = 5e-4;  // m, between two looks at the way
+constexpr double kWayStep = 5e-4;  // m, spacing of the checks along the path
 constexpr int kMaxLooks = 1024;
 
 bool AllPositive(const PsmJoints& q) { return q.allFinite() && (q.array() > 0.0).all(); }
 
-// A pose, sent on its own, has to mean these joint values to its receiver.
+// Returns true if a receiver of the pose alone recovers these joint values.
 bool Unambiguous(const PsmJoints& q, kinematics::PsmGeneration generation) noexcept {
   PsmJoints back;
   return Psm::Inverse(Psm::Forward(q), back, generation) == PsmReach::kOk &&
@@ -74,7 +74,7 @@ void PsmMotion::Rest(const PsmJoints& joints) noexcept {
 
 double PsmMotion::ShortestDuration(const PsmJoints& goal) const noexcept {
   const PsmJoints way = goal - setpoint_;
-  // The tip's speed along the way is looked at where Start() looks.
+  // Check the tip's speed at the same points as Start().
   double tip = 0.0;
   Eigen::Vector3d before = Psm::Tip(setpoint_);
   constexpr int kParts = 32;
@@ -96,7 +96,7 @@ PsmStatus PsmMotion::Start(const PsmJoints& goal, double duration_s) noexcept {
     return PsmStatus::kBeyondLimits;
   }
   const PsmJoints way = goal - setpoint_;
-  // No point of the tool moves farther than this.
+  // Upper bound of the motion of any point of the tool.
   const double length = Psm::kReach * (way.cwiseAbs().sum() - std::abs(way[2])) + std::abs(way[2]);
   const int looks =
       std::clamp(static_cast<int>(std::ceil(std::min(length / kWayStep, 1e6))), 1, kMaxLooks);
@@ -106,7 +106,7 @@ PsmStatus PsmMotion::Start(const PsmJoints& goal, double duration_s) noexcept {
     const Eigen::Vector3d tip = Psm::Tip(q);
     const bool inside = (tip.array() >= limits_.workspace_min_m.array()).all() &&
                         (tip.array() <= limits_.workspace_max_m.array()).all();
-    // Where it is now nobody can help; from there on it must be inside.
+    // The start cannot be changed; all later points must be inside.
     if (i > 0 && !inside) return PsmStatus::kOutsideWorkspace;
   }
   if (duration_s < (1.0 - 1e-9) * ShortestDuration(goal)) return PsmStatus::kTooFast;
@@ -124,7 +124,7 @@ PsmStatus PsmMotion::Start(const Eigen::Isometry3d& goal, double duration_s) noe
   const PsmReach reach = Psm::Inverse(goal, joints, limits_.generation);
   if (reach == PsmReach::kInvalid) return PsmStatus::kInvalidGoal;
   if (reach == PsmReach::kSingular) return PsmStatus::kUnreachable;
-  // A roll of more than half a turn away is the same pose the other way round.
+  // A roll that differs by more than half a turn is the same pose in the other direction.
   for (const double turn : {kTwoPi, -kTwoPi}) {
     if (std::abs(joints[3] + turn - setpoint_[3]) < std::abs(joints[3] - setpoint_[3])) {
       return PsmStatus::kUnreachable;

@@ -7,13 +7,13 @@
 namespace dfr::hardware::internal {
 namespace {
 
-// Every 13th pixel tells the brightness.
+// Brightness is sampled at every 13th pixel.
 constexpr std::size_t kBrightnessStep = 13;
-// Below this a pixel is black; of a picture, at least a tenth is brighter.
+// Pixels below this are black. At least a tenth of the samples must not be black.
 constexpr std::uint8_t kBlack = 25;
 
 std::uint64_t Hash(const std::vector<std::uint8_t>& pixels) noexcept {
-  // FNV-1a over whole words, whose number of instructions keeps up with any camera.
+  // FNV-1a over whole words, fast enough for any camera.
   std::uint64_t hash = 14695981039346656037ULL;
   std::size_t at = 0;
   for (; at + 8 <= pixels.size(); at += 8) {
@@ -125,14 +125,14 @@ FrameStatus Feed::Grab(std::int64_t steady_ns, std::int64_t wall_ns, Frame& fram
     frame.image = {slot.pixels.data(), options_.width, options_.height,
                    3 * static_cast<std::size_t>(options_.width)};
   }
-  // What has come before the end is still to be seen.
+  // A picture that arrived before the end is still delivered.
   if (end != FrameStatus::kOk && !fresh) return end;
   if (!readable) return slot.judgement;
   if (slot.stamp_ns == 0) return FrameStatus::kInvalidStamp;
   const double silence_s = 1e-9 * static_cast<double>(steady_ns - slot.arrival_ns);
   if (silence_s > options_.max_age_s) return FrameStatus::kSilent;
   if (frame.age_s > options_.max_age_s) {
-    // What was young when it came has only waited for its successor.
+    // The picture was recent on arrival; only its successor is missing.
     return frame.age_s < 2.0 * silence_s ? FrameStatus::kSilent : FrameStatus::kOld;
   }
   if (-frame.age_s > options_.max_ahead_s) return FrameStatus::kAhead;

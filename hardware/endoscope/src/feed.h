@@ -9,21 +9,21 @@
 
 namespace dfr::hardware::internal {
 
-/// Where a reading thread puts pictures and a grabbing thread finds the newest: three buffers, of
-/// which each thread has one and the third is between them, so that neither waits.
+/// Passes pictures from a reading thread to a grabbing thread through three buffers. Each thread
+/// owns one and they exchange the third, so neither waits.
 ///
 /// Put() and End() belong to the reading thread, Grab() to the other.
 class Feed {
  public:
   explicit Feed(const EndoscopeOptions& options);
 
-  /// A picture of three bytes a pixel, blue, green, red, or red, green, blue with `swap`; or grey,
-  /// with one. Of another size it is only counted.
+  /// Puts a picture with three bytes per pixel (blue, green, red; or red, green, blue with `swap`)
+  /// or one (grey). A picture of another size is only counted.
   void Put(const std::uint8_t* data, int width, int height, std::size_t stride, int channels,
            bool swap, std::int64_t stamp_ns, std::int64_t arrival_ns);
-  /// A picture that nobody can read.
+  /// Puts a picture that cannot be decoded.
   void PutWrongEncoding(std::int64_t stamp_ns, std::int64_t arrival_ns);
-  /// No more pictures will come.
+  /// Reports that no more pictures will arrive.
   void End(FrameStatus why) noexcept;
 
   [[nodiscard]] FrameStatus Grab(std::int64_t steady_ns, std::int64_t wall_ns,
@@ -52,12 +52,12 @@ class Feed {
   std::atomic<FrameStatus> end_{FrameStatus::kOk};
   std::atomic<std::uint64_t> received_{0};
   std::atomic<std::uint64_t> lost_{0};
-  // The reader's.
+  // Reading thread only.
   unsigned back_ = 0;
   int repeats_ = 0;
   std::uint64_t last_hash_ = 0;
   std::int64_t last_stamp_ns_ = 0;
-  // The grabber's.
+  // Grabbing thread only.
   unsigned front_ = 2;
   std::uint64_t last_sequence_ = 0;
   std::atomic<std::uint64_t> missed_{0};

@@ -28,22 +28,22 @@ std::string_view Trimmed(std::string_view text) {
   return text.substr(0, text.find_last_not_of(kBlank) + 1);
 }
 
-// The part of YAML that OpenCV and ROS write calibrations in: keys with what stands behind them or
-// is indented below them, and lists in brackets.
+// The subset of YAML in which OpenCV and ROS write calibrations: keys with inline or indented
+// values, and lists in brackets.
 class Yaml {
  public:
   static std::optional<std::string> Find(std::string_view text, std::string_view key) {
-    // What the first key of this level is indented by.
+    // Indentation of the first key of this level.
     std::size_t level = std::string_view::npos;
     std::optional<std::string> found;
-    bool within = false;  // what belongs to the key
+    bool within = false;  // inside the key's value
     while (!text.empty()) {
       const std::string_view line = text.substr(0, text.find('\n'));
       text.remove_prefix(std::min(text.size(), line.size() + 1));
       const std::size_t indent = line.find_first_not_of(" \t");
       if (Trimmed(line).empty() || line[indent] == '#' || line[indent] == '%') continue;
       if (indent == 0 && (line.starts_with("---") || line.starts_with("..."))) continue;
-      // A list's entries may stand as far left as its key, and its bracket may still be open.
+      // Entries of a list may be indented as little as its key, and its bracket may still be open.
       const bool open =
           within && found->find('[') != std::string::npos && found->find(']') == std::string::npos;
       if (within && (open || indent > level || line[indent] == '-')) {
@@ -64,7 +64,7 @@ class Yaml {
   }
 
  private:
-  // OpenCV's type, !!opencv-matrix.
+  // Removes OpenCV's type tag, !!opencv-matrix.
   static std::string WithoutTag(std::string_view value) {
     value = Trimmed(value);
     if (value.starts_with("!!")) value.remove_prefix(std::min(value.find(' '), value.size()));
@@ -72,7 +72,7 @@ class Yaml {
   }
 };
 
-// The part of XML that OpenCV writes them in: elements without a namespace, an escape or a comment.
+// The subset of XML that OpenCV writes: elements without namespaces, escapes or comments.
 class Xml {
  public:
   static std::optional<std::string> Find(std::string_view text, std::string_view key) {
@@ -159,7 +159,7 @@ class Reader {
     return *std::move(node);
   }
 
-  // "[1., 2.]", entries that begin with "- " in lines of their own, or in XML the numbers alone.
+  // Parses "[1., 2.]", lines that begin with "- ", or, in XML, plain numbers.
   std::vector<double> Numbers(std::string_view text, const std::string& of_key) const {
     const bool brackets = text.starts_with('[');
     if (brackets) {
@@ -233,7 +233,7 @@ vision::CameraModel ReadIntrinsics(const std::filesystem::path& path) {
 void WriteIntrinsics(const std::filesystem::path& path, const vision::CameraModel& camera) {
   camera.Check();
   const auto& d = camera.distortion;
-  // 17 digits: what is read is what was written, to the bit.
+  // 17 digits reproduce every bit.
   core::ReplaceFile(
       path,
       core::Format("%%YAML:1.0\n---\n"

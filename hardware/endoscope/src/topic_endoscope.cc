@@ -56,8 +56,8 @@ internal::Read Subscribe(dds::Participant& participant, const std::string& topic
   return [&participant, topic, reliable](internal::Feed& feed, const std::atomic<bool>& stop) {
     constexpr double kLookForStop = 0.05;
     Message message;
-    // A camera that sends pictures as ROS 2 does sensor data, without repeating what is lost, is
-    // refused by a subscriber that relies on that.
+    // A reliable subscriber refuses best-effort publishers, which cameras use for ROS 2 sensor
+    // data.
     std::unique_ptr<Subscriber> best_effort;
     while (!stop.load(std::memory_order_relaxed)) {
       Subscriber& subscriber = best_effort ? *best_effort : *reliable;

@@ -30,7 +30,7 @@ using Clock = std::chrono::steady_clock;
   throw core::Error(source + ": " + what, remedy);
 }
 
-// What the system says of a device or a file, before OpenCV only says that it did not open.
+// Reports the system's error for a device or a file: OpenCV only reports that it did not open.
 void CheckReadable(const std::string& path, bool device) {
   const int fd = ::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
   if (fd >= 0) {
@@ -91,7 +91,7 @@ class Video {
       if (open && device) {
         capture_.set(cv::CAP_PROP_FRAME_WIDTH, options_.width);
         capture_.set(cv::CAP_PROP_FRAME_HEIGHT, options_.height);
-        capture_.set(cv::CAP_PROP_BUFFERSIZE, 1);  // old pictures are of no use
+        capture_.set(cv::CAP_PROP_BUFFERSIZE, 1);  // drop old pictures
       }
       if (file_ && open) {
         const double rate = capture_.get(cv::CAP_PROP_FPS);

@@ -56,7 +56,7 @@ int OpenPort(const std::string& device) {
     Fail(fd, device, "is not a serial port", errno,
          "give the platform's port, /dev/ttyACM0 for example");
   }
-  // Root may open a claimed port: the claim is asked for as well.
+  // The exclusive claim does not stop root: check it as well.
   int claimed = 0;
   if (::ioctl(fd, TIOCGEXCL, &claimed) == 0 && claimed != 0) {
     Fail(fd, device, "cannot be opened", EBUSY, OpenRemedy(EBUSY));
@@ -67,7 +67,7 @@ int OpenPort(const std::string& device) {
   port.c_cflag &= ~static_cast<tcflag_t>(CSTOPB | CRTSCTS | HUPCL);
   port.c_cflag |= CLOCAL | CREAD;
   termios set{};
-  // tcsetattr() succeeds when any of the settings could be made.
+  // tcsetattr() succeeds if any of the settings could be applied.
   if (::tcsetattr(fd, TCSANOW, &port) != 0 || ::tcgetattr(fd, &set) != 0) {
     Fail(fd, device, "cannot be set to 57600 8N1", errno, "");
   }
@@ -106,14 +106,14 @@ void SprkDriver::AwaitFrame() const noexcept {
 }
 
 SprkStatus SprkDriver::Send(std::span<const char> frame) noexcept {
-  // Whatever the firmware prints would otherwise fill the kernel's buffer.
+  // Discard the firmware's output, which would fill the kernel's buffer.
   ::tcflush(fd_, TCIFLUSH);
   ssize_t written = 0;
   do {
     written = ::write(fd_, frame.data(), frame.size());
   } while (written < 0 && errno == EINTR);
-  // The firmware takes the start of a frame for all of it: where the rest does not fit, what the
-  // platform does is anybody's guess.
+  // The firmware treats the start of a frame as the whole frame. After a partial write the
+  // platform's motion is unknown.
   if (written != static_cast<ssize_t>(frame.size())) {
     error_ = written < 0 ? errno : EIO;
     return SprkStatus::kDeviceFailed;
@@ -174,7 +174,7 @@ SprkStatus SprkDriver::Hold() noexcept {
   const PlatformPose here = lag_.At(clock_s_());
   SprkPositionFrame frame{};
   PlatformPose sent;
-  // Rounding may put a pose at the end of the reach just beyond it. Home, at the latest, is there.
+  // Rounding may move a pose slightly out of reach. Home is always reachable.
   for (int tenth = 10; tenth >= 0; --tenth) {
     const double share = 0.1 * tenth;
     const PlatformPose near{share * here.translation_m, share * here.angles_rad};
@@ -189,7 +189,7 @@ SprkStatus SprkDriver::Hold() noexcept {
 
 SprkStatus SprkDriver::Check() noexcept {
   pollfd port{fd_, 0, 0};
-  if (error_ == 0 && ::poll(&port, 1, 0) > 0) error_ = EIO;  // a port that is pulled is hung up
+  if (error_ == 0 && ::poll(&port, 1, 0) > 0) error_ = EIO;  // an unplugged port is hung up
   return error_ == 0 ? SprkStatus::kOk : SprkStatus::kDeviceFailed;
 }
 

@@ -22,13 +22,13 @@ double& Entry(PlatformPose& pose, int k) noexcept {
   return k < 3 ? pose.translation_m[k] : pose.angles_rad[k - 3];
 }
 
-// One step of the protocol in our units and directions: pitch and yaw turn the other way round.
+// One step of the protocol in our units and directions: pitch and yaw have the opposite sign.
 double Step(int k) noexcept {
   if (k < 3) return 0.01 * kInch;
   return k == 3 ? kDegree : -kDegree;
 }
 
-// Steps from home to the number that the firmware gets.
+// Offset from steps relative to home to the firmware's number.
 int Zero(int k) noexcept { return k < 3 ? 50 : kLargestDegrees; }
 
 bool Finite(const PlatformPose& pose) noexcept {
@@ -40,7 +40,7 @@ void PutDigits(int number, char* at) noexcept {
   at[1] = static_cast<char>('0' + number / 10);
 }
 
-// Entry k as the firmware's number, and what that means.
+// Encodes entry k as the firmware's number and writes its value to `sent`.
 bool EncodeEntry(double value, int k, char* at, double& sent) noexcept {
   const double steps = std::round(value / Step(k));
   const int largest = k < 3 ? 49 : kLargestDegrees;
@@ -59,8 +59,8 @@ bool EncodeFrequency(double per_second, char* at, double& sent) noexcept {
   return true;
 }
 
-// The straight way home of each of the 3^6 points with every entry at the ends or in the middle of
-// its range, less those that other points' ways cover.
+// Checks the straight lines to home from each of the 3^6 points with every entry at an end or the
+// middle of its range. Omits points covered by other points' lines.
 bool BoxReachable(const PlatformPose& low, const PlatformPose& high) noexcept {
   for (int corner = 0; corner < 729; ++corner) {
     PlatformPose pose;
@@ -115,7 +115,7 @@ SprkStatus EncodeSprkPosition(const PlatformPose& pose, SprkPositionFrame& frame
 SprkStatus EncodeSprkWave(SprkWaveKind kind, const SprkWave& wave, SprkWaveFrame& frame,
                           SprkWave& sent) noexcept {
   if (!Finite(wave.amplitude) || !wave.frequency_hz.allFinite()) return SprkStatus::kInvalid;
-  // The firmware multiplies the sine's frequency by 2 pi, the breath's not.
+  // The firmware multiplies the sine's frequency by 2 pi, but not the breath's.
   const double unit = kind == SprkWaveKind::kSine ? 1.0 : 2.0 * kPi;
   frame[0] = kind == SprkWaveKind::kSine ? 'c' : 'd';
   SprkWave rounded;

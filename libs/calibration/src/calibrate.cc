@@ -231,7 +231,7 @@ line_task::LineCalibration Calibrate(std::span<const vision::CalibrationFrame> f
   solver.linear_solver_ordering = ordering;
   solver.max_num_iterations = options.max_iterations;
   solver.function_tolerance = 1e-10;
-  solver.num_threads = 1;  // the same result for any number of cores
+  solver.num_threads = 1;  // identical results for any number of cores
   solver.logging_type = ceres::SILENT;
   ceres::Solver::Summary report;
   ceres::Solve(solver, &problem, &report);

@@ -10,8 +10,8 @@
 namespace dfr::core {
 namespace {
 
-// The share of the sum of squares (not of the variance) of a quantity that a regression through the
-// origin explains.
+// Share of a quantity's sum of squares (not variance) that a regression through the origin
+// explains.
 double ShareThroughOrigin(const Eigen::MatrixXd& uu, const Eigen::VectorXd& uy, double yy) {
   if (yy <= 0.0) return 0.0;
   Eigen::MatrixXd regular = uu;
@@ -39,13 +39,13 @@ void ActionAnalysis::Add(const Trajectory& episode) {
 std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
   constexpr double kSlope = 0.1;
   constexpr double kCorrelation = 0.9;
-  constexpr double kOffset = 0.5;  // of the spread
+  constexpr double kOffset = 0.5;  // fraction of the spread
   constexpr double kMoves = 0.3;   // share of the changes that the distance to the target explains
-  constexpr double kRepeats = 1e-3;  // of the spread: an action that is the state itself
+  constexpr double kRepeats = 1e-3;  // fraction of the spread: the action repeats the state
   if (count_ < 8.0) return {};
   const Eigen::VectorXd mean = sum_ / count_;
   const Eigen::MatrixXd covariance = products_ / count_ - mean * mean.transpose();
-  // Variance of a linear combination, and covariance of two, of (u_k, x_j(t), x_j(t + 1)).
+  // Variance of a linear combination of (u_k, x_j(t), x_j(t + 1)), and covariance of two.
   std::vector<AbsoluteAction> found;
   for (Eigen::Index k = 0; k < m_; ++k) {
     const double var_u = covariance(k, k);
@@ -73,7 +73,7 @@ std::vector<AbsoluteAction> ActionAnalysis::Absolute() const {
         fits = true;
       }
       if (!fits) continue;
-      // How much of the change is towards the target: dx = x(t + 1) - x(t) on d = u - x(t).
+      // Share of the change that is towards the target: dx = x(t + 1) - x(t) on d = u - x(t).
       const double var_d = var_u - 2.0 * covariance(k, now) + covariance(now, now);
       const double var_dx =
           covariance(next, next) - 2.0 * covariance(next, now) + covariance(now, now);
@@ -105,7 +105,7 @@ bool ActionAnalysis::MovesUnmatchedEntry(const std::vector<AbsoluteAction>& cand
     const Eigen::Index now = m_ + p;
     const Eigen::Index next = m_ + n_ + p;
     const double yy = products_(next, next) - 2.0 * products_(next, now) + products_(now, now);
-    // What is left of a constant entry by rounding is no change.
+    // Rounding residue of a constant entry is not a change.
     if (yy <= 1e-12 * products_(now, now)) continue;
     const Eigen::VectorXd uy = products_.col(next).head(m_) - products_.col(now).head(m_);
     if (ShareThroughOrigin(uu, uy, yy) >= kExplained) return true;

@@ -16,7 +16,8 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "archives are little-endian");
 
-// File: magic, kind (size + text), version, values (tag + content each), checksum of all before it.
+// File: magic, kind (size + text), version, values (tag + content each), checksum of all bytes
+// before.
 constexpr std::string_view kMagic = "dfr\x1a\r\n\x01\n";
 constexpr char kInteger = 'i';
 constexpr char kNumber = 'd';
@@ -25,7 +26,7 @@ constexpr char kNumbers = 'D';
 constexpr char kIntegers = 'I';
 constexpr char kMatrix = 'M';
 
-// FNV-1a, 64 bits: damage and truncation, not malice, is what it finds.
+// FNV-1a, 64 bits. Detects damage and truncation, not manipulation.
 std::uint64_t Checksum(std::string_view bytes) noexcept {
   std::uint64_t hash = 0xcbf29ce484222325u;
   for (const char c : bytes) {
@@ -40,7 +41,7 @@ void Append(std::string& bytes, const T& value) {
   bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
 }
 
-// Nothing may be behind the pointer of an empty span, which append() does not take.
+// The pointer of an empty span may be null, which append() does not accept.
 void AppendNumbers(std::string& bytes, std::span<const double> values) {
   if (values.empty()) return;
   bytes.append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
@@ -166,7 +167,7 @@ void ArchiveReader::Expect(char tag) {
   }
 }
 
-// A size read from the file, checked against what the file has left before anything is allocated.
+// Reads a size and checks it against the rest of the file before any allocation.
 std::uint64_t ArchiveReader::Size(std::size_t bytes_per_entry) {
   const auto size = Decode<std::uint64_t>(Take(sizeof(std::uint64_t)));
   if (size > (bytes_.size() - position_) / bytes_per_entry) {

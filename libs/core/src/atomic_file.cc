@@ -13,16 +13,17 @@
 namespace dfr::core {
 namespace {
 
-constexpr int kMostLinks = 40;  // as the kernel
+constexpr int kMostLinks = 40;  // the kernel's limit
 
-// The path behind symbolic links, the last of which may lead to nothing yet. Where there are more
-// than the kernel follows, the path itself: it cannot be opened.
+// Resolves symbolic links, the last of which may point to a missing file. Beyond the kernel's limit
+// it returns the path itself, which cannot be opened.
 std::string Resolve(const std::filesystem::path& from) {
   std::filesystem::path path = from;
   for (int i = 0; i <= kMostLinks; ++i) {
     std::error_code error;
     if (!std::filesystem::is_symlink(path, error)) return path.string();
-    // These lead to what a process has open, /dev/stdout say, and not to what is of that name.
+    // These links point to open files of a process (for example, /dev/stdout), not to the named
+    // file.
     if (path.string().starts_with("/proc/")) return path.string();
     const std::filesystem::path next = std::filesystem::read_symlink(path, error);
     if (error) return path.string();
@@ -60,7 +61,7 @@ AtomicFile::AtomicFile(const std::filesystem::path& path)
     Fail("cannot be created", error);
   }
   if (!exists) return;
-  // A group that must not be kept must not read either.
+  // If the group cannot be kept, the new group must not get read permission.
   const bool owned = ::fchown(descriptor_, old.st_uid, old.st_gid) == 0 ||
                      ::fchown(descriptor_, static_cast<uid_t>(-1), old.st_gid) == 0;
   const mode_t mode = old.st_mode & (owned ? 07777 : 0707);
@@ -91,7 +92,7 @@ void AtomicFile::Write(std::string_view bytes) {
 }
 
 void AtomicFile::Commit() {
-  // A rename may reach the disk before the bytes do; not with this between them.
+  // Without fsync, the rename may reach the disk before the bytes do.
   if (!temporary_.empty() && ::fsync(descriptor_) != 0) Fail("cannot be written", errno);
   const int closed = ::close(descriptor_);
   descriptor_ = -1;

@@ -60,7 +60,7 @@ FeatureTransform FeatureTransform::Whitening(FeatureSelection selection,
   Eigen::VectorXd sd = scatter.diagonal().cwiseSqrt();
   const double largest = sd.maxCoeff();
   DFR_THROW_UNLESS(largest > 0.0, "no selected feature ever differs between demonstrations");
-  // A constant feature carries no scale of its own; the floor keeps it harmless.
+  // A constant feature has no scale; the floor avoids a division by zero.
   constexpr double kConstant = 1e-9;
   for (double& s : sd) {
     if (s < kConstant * largest) s = largest;

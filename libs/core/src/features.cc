@@ -12,7 +12,7 @@
 namespace dfr::core {
 namespace {
 
-// "name" or "name[first:last]" -> its index range within the state.
+// Index range of "name" or "name[first:last]" within the state.
 struct Range {
   int first;
   int last;
@@ -147,6 +147,21 @@ double FeatureDecision::Gradient(int t, std::span<const double> x,
     gradient[static_cast<std::size_t>(selection_.indices()[i])] += inner_gradient[i];
   }
   return g;
+}
+
+std::string StripObservationPrefixes(std::string_view features) {
+  constexpr std::array<std::string_view, 2> kPrefixes = {"obs/", "observations/"};
+  std::string stripped;
+  while (!features.empty()) {
+    std::string_view item = features.substr(0, features.find(','));
+    features.remove_prefix(std::min(features.size(), item.size() + 1));
+    for (const std::string_view prefix : kPrefixes) {
+      if (item.starts_with(prefix)) item.remove_prefix(prefix.size());
+    }
+    if (!stripped.empty()) stripped += ',';
+    stripped += item;
+  }
+  return stripped;
 }
 
 }  // namespace dfr::core

@@ -16,11 +16,11 @@
 namespace dfr::core {
 namespace {
 
-// States of a demonstration that tell it from others.
+// Number of states that represent a demonstration.
 constexpr int kLandmarks = 5;
 
-// Number i of a demonstration's entries, its numbers of rows first, then states, then controls;
-// what is not a number comes last.
+// Entry i of a demonstration: first the numbers of rows, then states, then controls. NaN sorts
+// last.
 double Entry(std::span<const Matrix* const> parts, std::size_t i) {
   if (i < parts.size()) return static_cast<double>(parts[i]->rows());
   i -= parts.size();
@@ -47,7 +47,8 @@ Real Rounded(double value) {
   return static_cast<Real>(std::clamp(value, -kMost, kMost));
 }
 
-// The first entry that differs once both are a `Real`; as many as they share if none does.
+// First entry that differs after conversion to `Real`; the number of shared entries if none
+// differs.
 template <typename Real>
 std::size_t FirstDifference(std::span<const Matrix* const> a, std::span<const Matrix* const> b) {
   const std::size_t count = std::min(Entries(a), Entries(b));
@@ -64,12 +65,12 @@ int Compare(std::span<const Matrix* const> a, std::span<const Matrix* const> b) 
   return x < y ? -1 : static_cast<int>(x > y);
 }
 
-// To 12 binary digits: machines whose arithmetic differs in the last ones agree.
+// Rounds to 12 binary digits: machines whose arithmetic differs in the last bits agree.
 std::uint64_t CoarseBits(double value) {
   constexpr int kDigits = 12;
   int exponent = 0;
   const double fraction = std::frexp(value, &exponent);
-  // Adding zero gives both zeros the same sign.
+  // Adding zero removes the sign of a negative zero.
   const double coarse =
       std::ldexp(std::round(std::ldexp(fraction, kDigits)), exponent - kDigits) + 0.0;
   std::uint64_t bits = 0;
@@ -77,10 +78,9 @@ std::uint64_t CoarseBits(double value) {
   return bits;
 }
 
-// `parts_of(d)` is what demonstration d holds. The sorted order is shuffled: neighbors in it start
-// alike. The entries that decided it are part of the seed. With `seed` alone, whoever takes the
-// first few would always take the same ranks, never the lowest ones perhaps, and that is no random
-// sample of demonstrations.
+// `parts_of(d)` returns the content of demonstration d. The sorted order is shuffled because its
+// neighbours start alike. The seed includes the entries that decided the sort. With `seed` alone,
+// the first few would always be the same ranks, which is not a random sample of demonstrations.
 template <typename PartsOf>
 std::vector<std::size_t> Order(std::size_t demonstrations, std::uint64_t seed,
                                const PartsOf& parts_of) {
@@ -108,7 +108,7 @@ void Check(std::size_t demonstrations, int folds) {
                    folds << " folds need as many demonstrations, there are " << demonstrations);
 }
 
-// One row a demonstration: its landmarks, side by side.
+// One row a demonstration: its landmarks, concatenated.
 Matrix Landmarks(std::span<const Matrix> demonstrations) {
   const Eigen::Index n = demonstrations[0].cols();
   Matrix landmarks(std::ssize(demonstrations), kLandmarks * n);
@@ -118,7 +118,8 @@ Matrix Landmarks(std::span<const Matrix> demonstrations) {
                      "demonstration " << d << " is " << states.rows() << " x " << states.cols()
                                       << ", demonstration 0 has " << n << " columns");
     for (int i = 0; i < kLandmarks; ++i) {
-      // Between rows, or demonstrations of different lengths would differ by the rounding.
+      // Interpolates between rows. Rounding to a row would separate demonstrations of different
+      // lengths.
       const double at = static_cast<double>(states.rows() - 1) * i / (kLandmarks - 1);
       const auto row = std::min(static_cast<Eigen::Index>(at), states.rows() - 1);
       const Eigen::Index next = std::min(row + 1, states.rows() - 1);
@@ -129,7 +130,7 @@ Matrix Landmarks(std::span<const Matrix> demonstrations) {
   return landmarks;
 }
 
-// Which cluster each row belongs to.
+// Returns the cluster of each row.
 std::vector<std::size_t> Clusters(const Matrix& points) {
   const std::vector<Link> links = SpanningTree(points);
   const double longest = kClusterGap * LinkMedian(links);
@@ -171,7 +172,8 @@ Folds StratifiedFolds(std::span<const Matrix> demonstrations, int folds, std::ui
   const std::vector<std::size_t> order = ContentOrder(demonstrations, seed);
   std::vector<std::size_t> size(demonstrations.size(), 0);
   for (const std::size_t c : cluster) ++size[c];
-  // By the first of each cluster in `order`; those too small to be dealt out come together.
+  // Sorted by the first member of each cluster in `order`; clusters that are too small share a
+  // stratum.
   std::vector<std::size_t> strata;
   std::vector<std::size_t> dealt;
   const std::size_t rest = demonstrations.size();

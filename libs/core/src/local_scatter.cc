@@ -25,7 +25,7 @@ Matrix Thinned(const Matrix& points) {
   return thinned;
 }
 
-// Mean of (x_i - x_j)(x_i - x_j)' / 2; neighbours are those in the coordinates `map` x.
+// Mean of (x_i - x_j)(x_i - x_j)' / 2. Neighbours are chosen in the coordinates `map` x.
 Matrix Scatter(const Matrix& points, const Matrix& map, const LocalScatterOptions& options) {
   const Eigen::Index count = points.rows();
   const auto neighbours = std::clamp<Eigen::Index>(
@@ -38,7 +38,7 @@ Matrix Scatter(const Matrix& points, const Matrix& map, const LocalScatterOption
   distance.colwise() += square;
   distance.rowwise() += square.transpose();
 
-  // Pairs of distance and number: ties go by number, so that the choice is the same everywhere.
+  // Pairs of distance and index. The index breaks ties the same way on every machine.
   std::vector<std::pair<double, int>> others(static_cast<std::size_t>(count - 1));
   std::vector<std::vector<int>> nearest(static_cast<std::size_t>(count));
   std::vector<std::pair<double, int>> spread;
@@ -48,7 +48,7 @@ Matrix Scatter(const Matrix& points, const Matrix& map, const LocalScatterOption
       others[static_cast<std::size_t>(j)] = {distance(other, i), static_cast<int>(other)};
     }
     std::nth_element(others.begin(), others.begin() + neighbours - 1, others.end());
-    // The mean, not the farthest: that is the same for two points that are each other's.
+    // The mean, not the maximum, which is equal for two points that are each other's farthest.
     double sum = 0.0;
     std::vector<int>& chosen = nearest[static_cast<std::size_t>(i)];
     chosen.reserve(static_cast<std::size_t>(neighbours));
@@ -71,7 +71,7 @@ Matrix Scatter(const Matrix& points, const Matrix& map, const LocalScatterOption
   return sum / static_cast<double>(kept * neighbours);
 }
 
-// The statistic of `count` standard normal points in n dimensions.
+// Statistic of `count` standard normal points in n dimensions.
 double ComputeNormalScatter(Eigen::Index count, Eigen::Index n,
                             const LocalScatterOptions& options) {
   constexpr int kDraws = 4;
@@ -86,8 +86,8 @@ double ComputeNormalScatter(Eigen::Index count, Eigen::Index n,
   return trace / static_cast<double>(kDraws * n);
 }
 
-// The same, which each thread computes once: a fit asks for the same one at every time step. There
-// are kMost counts of points, and as many dimensions as features are ever chosen.
+// Cached per thread, because a fit requests the same value at every time step. Bounded: at most
+// kMost counts of points and as many dimensions as selected features.
 double NormalScatter(Eigen::Index count, Eigen::Index n, const LocalScatterOptions& options) {
   thread_local std::map<std::tuple<Eigen::Index, Eigen::Index, double, double>, double> known;
   const auto [at, is_new] = known.try_emplace({count, n, options.neighbours, options.kept}, 0.0);
@@ -112,7 +112,7 @@ Matrix LocalScatter(std::span<const Matrix> groups, const LocalScatterOptions& o
   if (points.empty()) return global;
 
   const Matrix least = 0.0025 * global.diagonal().asDiagonal().toDenseMatrix();
-  // A constant is no dimension.
+  // A constant coordinate does not count as a dimension.
   const Eigen::Index dimensions =
       std::max<Eigen::Index>(1, (global.diagonal().array() > 0.0).count());
   Matrix scatter = global;

@@ -10,15 +10,15 @@ namespace {
 
 bool IsDigit(char c) noexcept { return c >= '0' && c <= '9'; }
 
-// Whether a decimal number beyond the range of double is beyond it at the small end: its first
-// digit that is not zero stands behind the point, after the exponent has moved it.
+// Returns true if a decimal number outside the range of double is too small rather than too large:
+// its first non-zero digit is behind the point after applying the exponent.
 bool IsTiny(std::string_view text) noexcept {
   const std::size_t e = std::min(text.find_first_of("eE"), text.size());
   const std::string_view digits = text.substr(0, e);
   const std::size_t point = std::min(digits.find('.'), digits.size());
   const std::size_t first = digits.find_first_of("123456789");
   if (first == std::string_view::npos) return true;
-  // Saturates: an exponent beyond 64 bits outweighs every text.
+  // Saturates: an exponent beyond 64 bits outweighs any text.
   constexpr long long kFar = 1'000'000'000'000;
   long long exponent = 0;
   if (e < text.size()) {

@@ -16,7 +16,7 @@ static_assert(std::endian::native == std::endian::little, "raw_data of ONNX is l
 constexpr int kIrVersion = 8;
 constexpr int kOperatorSet = 17;
 
-// Protocol buffers' wire format, the part that ONNX needs: fields of integers and of bytes.
+// Subset of Protocol Buffers' wire format for ONNX: integer and byte fields.
 void AppendVarint(std::string& out, std::uint64_t value) {
   for (; value >= 0x80; value >>= 7) out.push_back(static_cast<char>(value | 0x80));
   out.push_back(static_cast<char>(value));
@@ -193,7 +193,7 @@ std::string OnnxGraph::Serialize() const {
 
 void OnnxGraph::Save(const std::filesystem::path& path) const {
   const std::string content = Serialize();
-  // Readers of protocol buffers refuse more.
+  // Readers of Protocol Buffers reject larger messages.
   constexpr std::size_t kMost = 0x7fffffff;
   if (content.size() > kMost) {
     throw std::runtime_error(path.string() + ": an ONNX file of " + std::to_string(content.size()) +

@@ -20,7 +20,7 @@ std::uint64_t DeriveSeed(std::uint64_t seed, std::initializer_list<std::uint64_t
   std::uint64_t counter = seed;
   std::uint64_t derived = SplitMix(counter);
   for (const std::uint64_t step : path) {
-    // Each step is hashed by itself before it is mixed in, so that {1, 2} and {2, 1} differ.
+    // Hashes each step separately before mixing: {1, 2} and {2, 1} give different seeds.
     std::uint64_t step_counter = step;
     counter = derived ^ std::rotl(SplitMix(step_counter), 23);
     derived = SplitMix(counter);

@@ -15,7 +15,7 @@ constexpr std::string_view kOfNames =
     "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-";
 constexpr std::string_view kOfWords =
     "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-+.:";
-constexpr std::size_t kDeepest = 32;  // Brackets within brackets.
+constexpr std::size_t kDeepest = 32;  // Maximum nesting of brackets.
 
 std::size_t EndOf(std::string_view characters, std::string_view text, std::size_t begin) noexcept {
   return std::min(text.find_first_not_of(characters, begin), text.size());
@@ -25,11 +25,12 @@ bool IsTriple(std::string_view text, std::size_t begin) noexcept {
   return text.substr(begin).starts_with(text[begin] == '"' ? "\"\"\"" : "'''");
 }
 
-// Where the string that begins at `begin` ends, one past its last quote; npos if it is not closed.
+// Returns the end (one past the last quote) of the string that starts at `begin`; npos if it is not
+// closed.
 std::size_t EndOfString(std::string_view text, std::size_t begin) noexcept {
   const char quote = text[begin];
   const bool triple = IsTriple(text, begin);
-  int quotes = 0;  // In a row. Two may stand before the three that close.
+  int quotes = 0;  // Consecutive. Up to two may precede the closing three.
   for (std::size_t i = begin + (triple ? 3 : 1); i < text.size(); ++i) {
     const char c = text[i];
     if (triple && quotes >= 3 && c != quote) return i;
@@ -41,7 +42,8 @@ std::size_t EndOfString(std::string_view text, std::size_t begin) noexcept {
   return quotes >= 3 ? text.size() : std::string_view::npos;
 }
 
-// Digits from `begin` on, single underscores between them. Where they end; `begin` if none do.
+// Returns the end of the digits from `begin` on, with single underscores between them; `begin` if
+// there are none.
 std::size_t EndOfDigits(std::string_view word, std::size_t begin) noexcept {
   std::size_t i = EndOf(kDigits, word, begin);
   while (i > begin && i + 1 < word.size() && word[i] == '_' &&
@@ -74,10 +76,10 @@ bool IsValue(std::string_view word) noexcept {
 
 struct Fault {
   std::size_t at;
-  const char* what;  // Null if there is none.
+  const char* what;  // Null if there is no fault.
 };
 
-// What is read next. A name is a key's or a table's, or a part of one between dots.
+// Next expected token. A name is a key's or table's name, or one dotted part of it.
 enum class Next { kLine, kName, kNameOrEnd, kAfterName, kValue, kEnd };
 
 constexpr const char* WhatIsNeeded(Next next) noexcept {
@@ -100,12 +102,12 @@ constexpr const char* WhatIsNeeded(Next next) noexcept {
          "that closes the list";
 }
 
-// What is outside quotes and comments and is not as TOML has it. So are dates and numbers that are
-// not decimal, which no configuration needs.
+// Finds the first fault outside quotes and comments. Dates and non-decimal numbers are faults too:
+// no configuration needs them.
 Fault FindFault(std::string_view text) noexcept {
-  std::array<std::size_t, kDeepest> open{};  // The brackets that are not closed yet.
+  std::array<std::size_t, kDeepest> open{};  // Brackets that are still open.
   std::size_t depth = 0;
-  std::size_t header = 0;  // How many brackets close the table's name; 0 outside a header.
+  std::size_t header = 0;  // Number of brackets that close the table's name; 0 outside a header.
   Next next = Next::kLine;
   std::size_t i = text.starts_with(kByteOrderMark) ? kByteOrderMark.size() : 0;
   while (i < text.size()) {
@@ -172,8 +174,7 @@ Fault FindFault(std::string_view text) noexcept {
   return {text.size(), nullptr};
 }
 
-// Appends a character beyond ASCII, the whole UTF-8 sequence at `at`, as an escape. Returns its
-// end.
+// Appends the non-ASCII character at `at` (a whole UTF-8 sequence) as an escape. Returns its end.
 std::size_t Escape(std::string_view text, std::size_t at, std::string& out) {
   constexpr std::string_view kHexadecimal = "0123456789abcdef";
   const auto first = static_cast<unsigned char>(text[at]);
@@ -192,7 +193,7 @@ std::size_t Escape(std::string_view text, std::size_t at, std::string& out) {
 
 bool IsAscii(char c) noexcept { return static_cast<unsigned char>(c) < 0x80; }
 
-// The string `whole`, quotes included, as a basic one in ASCII.
+// Appends the string `whole`, quotes included, as a basic ASCII string.
 void AppendString(std::string_view whole, std::string& out) {
   const bool literal = whole[0] == '\'';
   const std::string_view triple = literal ? "'''" : "\"\"\"";
@@ -204,7 +205,7 @@ void AppendString(std::string_view whole, std::string& out) {
     if (!IsAscii(c)) {
       i = Escape(whole, i, out);
     } else if (c == '\\' && !literal) {
-      // What is no escape stays none, as the parser will say.
+      // An invalid escape stays invalid; the parser reports it.
       const bool escapes = i + 1 < end && IsAscii(whole[i + 1]);
       out += c;
       out += escapes ? whole[i + 1] : '?';
@@ -218,8 +219,8 @@ void AppendString(std::string_view whole, std::string& out) {
   out.append(quotes.size(), '"');
 }
 
-// The same text in ASCII: characters beyond it become escapes in strings, and are left out of
-// comments. `text` is without a fault.
+// Returns the text in ASCII: non-ASCII characters become escapes in strings and are removed from
+// comments. `text` must be free of faults.
 std::string InAscii(std::string_view text) {
   std::string out;
   std::size_t i = text.starts_with(kByteOrderMark) ? kByteOrderMark.size() : 0;

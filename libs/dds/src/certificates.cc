@@ -24,13 +24,13 @@ namespace {
 
 using internal::Owned;
 
-constexpr int kAuthorityDays = 3650;  // beyond those of the first participants
+constexpr int kAuthorityDays = 3650;  // in addition to those of the first participants
 
 constexpr std::array kPermissions = {Permission::kController, Permission::kConsole,
                                      Permission::kButton, Permission::kMonitor};
 
-// Everything is authenticated, authorised and encrypted, discovery and liveliness included; what is
-// not data (acknowledgements, gaps) is signed. The same as ROS 2's.
+// Authenticates, authorises and encrypts everything, including discovery and liveliness, and signs
+// submessages without data (acknowledgements, gaps). The same as ROS 2's governance.
 constexpr std::string_view kGovernance =
     R"(<?xml version="1.0" encoding="UTF-8"?>
 <dds xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:noNamespaceSchemaLocation="http://www.omg.org/spec/DDS-SECURITY/20170901/omg_shared_ca_governance.xsd">
@@ -58,8 +58,8 @@ constexpr std::string_view kGovernance =
 </dds>
 )";
 
-// What moves an arm, and what an arm says of itself (CRTK). '*' stands for slashes, too.
-// A console has no say in who may stop it, or who lets go.
+// Topics that move an arm, and topics on which an arm reports (CRTK). '*' also matches slashes. A
+// console must not publish emergency stops.
 constexpr std::array<std::string_view, 9> kCommands = {
     "rt/*servo_*",         "rt/*move_*",         "rt/*/hold",
     "rt/*/free",           "rt/*/state_command", "rt/simulator/request",
@@ -71,7 +71,7 @@ constexpr std::array<std::string_view, 12> kMeasurements = {
 constexpr std::array<std::string_view, 1> kButtons = {"rt/*emergency_stop*"};
 constexpr std::array<std::string_view, 1> kEverything = {"*"};
 
-// Replaces what is not there yet, and nothing else.
+// Creates a file; never replaces an existing one.
 void Write(const std::filesystem::path& path, std::string_view content, mode_t mode) {
   const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode);
   const ssize_t written = file < 0 ? -1 : ::write(file, content.data(), content.size());
@@ -93,7 +93,7 @@ std::string Content(BIO& memory) {
   return {data, static_cast<std::size_t>(size)};
 }
 
-// OpenSSL's own failures, of memory or of random numbers, which no caller can avoid.
+// Checks for internal failures of OpenSSL (memory, random numbers), which no caller can avoid.
 void Require(bool good) {
   if (!good) throw std::runtime_error("OpenSSL fails: " + internal::Complaint());
 }
@@ -119,7 +119,7 @@ void AddExtension(X509& certificate, X509& issuer, int id, const char* value) {
   X509_EXTENSION_free(extension);
 }
 
-// A certificate of `name` for `key`, by `issuer`, or by itself without one.
+// Creates a certificate of `name` for `key`, signed by `issuer`, or self-signed without one.
 Owned<X509> Certify(const std::string& name, EVP_PKEY& key, int days, X509* issuer,
                     EVP_PKEY& issuer_key) {
   Owned<X509> certificate(X509_new());
@@ -139,7 +139,7 @@ Owned<X509> Certify(const std::string& name, EVP_PKEY& key, int days, X509* issu
                                      0) == 1);
   X509& by = issuer == nullptr ? *certificate : *issuer;
   Require(X509_set_issuer_name(certificate.get(), X509_get_subject_name(&by)) == 1);
-  // Clocks of two machines need not agree to the second.
+  // Tolerates clocks of two machines that differ.
   X509_gmtime_adj(X509_getm_notBefore(certificate.get()), -86400);
   Require(X509_time_adj_ex(X509_getm_notAfter(certificate.get()), days, 0, nullptr) != nullptr);
   if (issuer != nullptr &&
@@ -166,7 +166,7 @@ Owned<EVP_PKEY> MakeKey() {
   return key;
 }
 
-// S/MIME with a detached signature and a text header, as DDS Security wants it.
+// S/MIME with a detached signature and a text header, as DDS Security requires.
 std::string Sign(std::string_view document, X509& certificate, EVP_PKEY& key) {
   constexpr int kFlags = PKCS7_TEXT | PKCS7_DETACHED | PKCS7_STREAM;
   const Owned<BIO> in(BIO_new_mem_buf(document.data(), static_cast<int>(document.size())));
@@ -190,7 +190,7 @@ std::string Rule(const char* rule, const char* verb, const Topics& topics) {
   return text + "          </topics>\n        </" + verb + ">\n      </" + rule + ">\n";
 }
 
-// The first rule that fits a topic counts.
+// The first rule that matches a topic applies.
 std::string Permissions(const std::string& name, Permission permission, const X509& certificate) {
   std::string rules;
   switch (permission) {
@@ -263,7 +263,7 @@ void MakeAuthority(const std::filesystem::path& folder, const CertificateOptions
                              "another folder");
   }
   const Owned<EVP_PKEY> key = MakeKey();
-  // The name carries a part of the key, so that a certificate of another authority shows.
+  // The name contains a part of the key, to distinguish certificates of another authority.
   std::array<unsigned char, 4> mark{};
   Require(RAND_bytes(mark.data(), mark.size()) == 1);
   std::string name = "dfr authority ";
@@ -313,7 +313,7 @@ void AddParticipant(const std::filesystem::path& folder, const std::string& name
   Write(files.certificate, Pem(*certificate), 0644);
   Write(own / "permissions.xml", permissions, 0644);
   Write(files.permissions, Sign(permissions, *authority, *authority_key), 0644);
-  // Copies rather than links: a participant's folder is to be carried to another machine.
+  // Copies instead of links, because a participant's folder is moved to another machine.
   std::filesystem::copy_file(AuthorityCertificate(folder), files.identity_ca);
   std::filesystem::copy_file(AuthorityCertificate(folder), files.permissions_ca);
   std::filesystem::copy_file(folder / "enclaves" / "governance.p7s", files.governance);

@@ -26,7 +26,7 @@ constexpr int kConsoleDepth = 100;
 bool Commands(Role role) { return role == Role::kCommand || role == Role::kOwnCommand; }
 bool Latched(Role role) { return role == Role::kEvent || role == Role::kEmergencyStop; }
 
-// What a writer offers and what a reader asks for, in the same words.
+// Deadline and liveliness, offered by a writer and requested by a reader.
 template <typename Qos>
 void Contract(Qos& qos) {
   qos.deadline().period = Duration_t(0, 40 * kMillisecond);
@@ -35,7 +35,7 @@ void Contract(Qos& qos) {
   qos.liveliness().announcement_period = Duration_t(0, 50 * kMillisecond);
 }
 
-// A command that nobody took in time is not carried out late, wherever it waits.
+// An old command must never be executed, wherever it was delayed.
 const Duration_t kCommandLifespan(0, 50 * kMillisecond);
 
 int WriterDepth(Role role) {
@@ -45,7 +45,7 @@ int WriterDepth(Role role) {
     case Role::kRequest:
       return kConsoleDepth;
     case Role::kEmergencyStop:
-      return 10;  // who presses and lets go at once has pressed
+      return 10;  // keeps a press that is released at once
     case Role::kCommand:
     case Role::kOwnCommand:
     case Role::kImage:
@@ -64,16 +64,17 @@ fdds::DataWriterQos WriterQos(Role role) {
   fdds::DataWriterQos qos = fdds::DATAWRITER_QOS_DEFAULT;
   qos.reliability().kind = Reliability(role);
   qos.reliability().max_blocking_time = Duration_t(0, 100 * kMillisecond);
-  // By itself Fast DDS would share memory for types of fixed size, whatever the transports are.
+  // By default Fast DDS shares memory for types of fixed size, regardless of the transports.
   qos.data_sharing().off();
-  // Strings and sequences have no largest size.
+  // Strings and sequences have no maximum size.
   qos.endpoint().history_memory_policy =
       eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
   qos.history().kind = fdds::KEEP_LAST_HISTORY_QOS;
   qos.history().depth = WriterDepth(role);
   qos.durability().kind =
       Latched(role) ? fdds::TRANSIENT_LOCAL_DURABILITY_QOS : fdds::VOLATILE_DURABILITY_QOS;
-  // A late joiner gets what is kept at the next heartbeat, and a lost sample is asked for then.
+  // A late joiner receives the kept samples at the next heartbeat, which also triggers the request
+  // for a lost sample.
   qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0, 100 * kMillisecond);
   if (Commands(role)) {
     Contract(qos);
@@ -191,7 +192,7 @@ template <typename T>
 bool Subscriber<T>::Take(T& message, Origin& from) noexcept {
   try {
     fdds::SampleInfo info;
-    // Samples without data tell that a publisher has gone.
+    // Samples without data announce the departure of a publisher.
     while (impl_->reader->take_next_sample(&impl_->wire, &info) == ReturnCode_t::RETCODE_OK) {
       if (!info.valid_data) continue;
       internal::FromWire(impl_->wire, message);
@@ -278,8 +279,8 @@ int Service<Query, Answer>::Serve(const std::function<Answer(const Query&)>& ans
     Query query;
     internal::FromWire(impl_->query, query);
     internal::ToWire(answer(query), impl_->answer);
-    // A client knows its answer by the question's number and by whom it was for: the reader that
-    // waits for it where the question says so, else the writer that asked.
+    // A client recognises its reply by the request's number and by the addressee: its reader if the
+    // request names one, otherwise its writer.
     eprosima::fastrtps::rtps::WriteParams params;
     const auto& reader = info.related_sample_identity.writer_guid();
     params.related_sample_identity().sequence_number(info.sample_identity.sequence_number());

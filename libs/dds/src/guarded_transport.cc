@@ -17,14 +17,14 @@ constexpr std::array<std::uint8_t, 4> kMagic = {'R', 'T', 'P', 'S'};
 constexpr std::size_t kPrefixAt = 8;    // in the message's header
 constexpr std::size_t kHeader = 20;     // of a message
 constexpr std::size_t kSubheader = 4;   // of a submessage: kind, flags, length
-constexpr std::uint8_t kPad = 0x01;     // may have no content, and so may
-constexpr std::uint8_t kInfoTs = 0x09;  // this one
+constexpr std::uint8_t kPad = 0x01;     // may be empty
+constexpr std::uint8_t kInfoTs = 0x09;  // may be empty
 constexpr std::uint8_t kData = 0x15;
 constexpr std::uint8_t kDataFragment = 0x16;
 constexpr std::uint8_t kStatistics = 0x80;
-constexpr std::size_t kStatus = 0x71;  // the parameter that says that something has ended
+constexpr std::size_t kStatus = 0x71;  // the parameter that announces the end of an entity
 
-// The whole number of `size` bytes at `at`.
+// Returns the unsigned integer of `size` bytes at `at`.
 std::size_t Number(std::span<const std::uint8_t> bytes, std::size_t at, std::size_t size,
                    bool little) noexcept {
   std::size_t number = 0;
@@ -35,8 +35,8 @@ std::size_t Number(std::span<const std::uint8_t> bytes, std::size_t at, std::siz
 }
 
 struct Parameters {
-  std::size_t size = 0;  // up to and with their end; 0 if they do not end within the bytes
-  bool found = false;    // the one that was looked for
+  std::size_t size = 0;  // including the end marker; 0 if it is missing
+  bool found = false;    // the requested parameter is present
 };
 
 Parameters FindParameters(std::span<const std::uint8_t> bytes, bool little,
@@ -55,8 +55,8 @@ Parameters FindParameters(std::span<const std::uint8_t> bytes, bool little,
   return {};
 }
 
-// Whether a sample, or fragments of one, holds within `content` all that its flags and sizes say.
-// Where it does not, Fast DDS 2.9 frees memory that is not its own, or copies what is not there.
+// Returns true if `content` holds all that the flags and sizes of a sample, or of its fragments,
+// declare. Otherwise Fast DDS 2.9 frees memory that it does not own, or reads beyond the message.
 bool WholeSample(std::uint8_t kind, std::uint8_t flags,
                  std::span<const std::uint8_t> content) noexcept {
   constexpr std::uint8_t kParameters = 2;
@@ -85,19 +85,19 @@ bool WholeSample(std::uint8_t kind, std::uint8_t flags,
          (first - 1 + count - 1) * size < whole;
 }
 
-// Whether a sample that is whole says that a participant leaves, its own or another.
+// Returns true if a complete sample announces the departure of a participant, its own or another.
 bool EndsParticipant(std::uint8_t kind, std::uint8_t flags,
                      std::span<const std::uint8_t> content) noexcept {
   constexpr std::array<std::uint8_t, 4> kAnnouncer = {0, 1, 0, 0xc2};
   if (!std::equal(kAnnouncer.begin(), kAnnouncer.end(), content.begin() + 8)) return false;
-  const bool has_data = (kind == kData) == ((flags & 4U) != 0);  // in fragments that is the key
+  const bool has_data = (kind == kData) == ((flags & 4U) != 0);  // in fragments: the key flag
   if (!has_data) return true;
   if ((flags & 2U) == 0) return false;
   const bool little = (flags & 1U) != 0;
   return FindParameters(content.subspan(4 + Number(content, 2, 2, little)), little, kStatus).found;
 }
 
-// Those of this process that are about to end, or have ended some seconds ago.
+// Participants of this process that are ending, or ended a few seconds ago.
 class Leaving {
  public:
   void Add(const ParticipantPrefix& prefix) {
@@ -120,7 +120,7 @@ class Leaving {
   std::map<ParticipantPrefix, Clock::time_point> since_;
 };
 
-// Never destroyed: threads of Fast DDS may run as long as the process.
+// Never destroyed: threads of Fast DDS may run until the process ends.
 Leaving& TheLeaving() {
   static auto* const leaving = new Leaving;
   return *leaving;
@@ -152,7 +152,7 @@ class GuardedTransport final : public transport::ChainingTransport {
     try {
       if (!census_.Admits(address, prefix, std::chrono::nanoseconds(now).count())) return;
     } catch (const std::exception&) {
-      return;  // no memory left to count with
+      return;  // no memory for counting
     }
     next->OnDataReceived(data, static_cast<std::uint32_t>(safe), local, remote);
   }
@@ -186,7 +186,7 @@ std::size_t SafeSize(std::span<const std::uint8_t> message, bool may_leave) noex
     const std::size_t high = message[at + (little ? 3 : 2)];
     const std::size_t length = low + (high << 8U);
     const std::size_t rest = message.size() - at - kSubheader;
-    // A last submessage of length 0 goes on to the end.
+    // Length 0 in the last submessage means up to the end.
     const bool last = length == 0 && kind != kPad && kind != kInfoTs;
     if (length > rest) return 0;
     const auto content = message.subspan(at + kSubheader, last ? rest : length);

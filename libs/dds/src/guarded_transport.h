@@ -13,37 +13,40 @@
 
 namespace dfr::dds::internal {
 
-using ParticipantPrefix = std::array<std::uint8_t, 12>;  ///< A participant's, in its GUID.
+using ParticipantPrefix = std::array<std::uint8_t, 12>;  ///< Prefix of a participant's GUID.
 
-/// How much of an RTPS message is handed to Fast DDS, bytes: its well-formed beginning, up to the
-/// first of Fast DDS's own statistics submessages (0x80), which nobody here reads. 0: nothing. Fast
-/// DDS 2.9 parses those before any security, and assertions end the process where one is malformed.
-/// Samples (DATA, DATA_FRAG) whose parameters or payload are not within them are malformed, too.
+/// Returns the number of bytes of an RTPS message that may be passed to Fast DDS: its well-formed
+/// beginning, up to the first of Fast DDS's statistics submessages (0x80), which are unused here.
+/// 0: none. Fast DDS 2.9 parses those before any security check, and an assertion ends the process
+/// if one is malformed. A sample (DATA, DATA_FRAG) is malformed if its parameters or payload extend
+/// beyond its submessage.
 ///
-/// The word that a participant leaves is cut off with what follows, unless `may_leave`: anyone can
-/// say it of anyone, and an assertion ends the process where it comes as that participant's lease
-/// is looked at. Who leaves takes back its publishers and subscribers by other words, and is
-/// forgotten after its lease.
+/// Unless `may_leave`, the message also ends before an announcement that a participant leaves.
+/// Anyone can send it for any participant, and an assertion ends the process if it arrives while
+/// that participant's lease is checked. A departing participant removes its publishers and
+/// subscribers by other messages, and expires after its lease.
 [[nodiscard]] std::size_t SafeSize(std::span<const std::uint8_t> message,
                                    bool may_leave = false) noexcept;
 
-/// A participant of this process is about to end. The others in the process call it directly, and
-/// have to forget it at once: its word that it leaves is handed on, for some seconds.
+/// Reports that a participant of this process is about to end. The other participants in the
+/// process call it directly and must drop it at once, so its departure message is passed on for
+/// several seconds.
 void Leaves(const ParticipantPrefix& prefix);
 
-/// Counts who sends, so that a flood of invented participants ends here and not in Fast DDS's
-/// memory and discovery. Safe to use from several threads.
+/// Limits the number of senders, to protect Fast DDS's memory and discovery from a flood of
+/// invented participants. Thread-safe.
 class ParticipantCensus {
  public:
   using Address = std::array<std::uint8_t, 16>;
   using Prefix = ParticipantPrefix;
 
-  static constexpr std::size_t kPerAddress = 64;    ///< More at one address are not heard.
-  static constexpr std::size_t kInAll = 512;        ///< Nor more at all addresses together.
-  static constexpr std::int64_t kForgotten_s = 20;  ///< One that was silent for so long has left.
+  static constexpr std::size_t kPerAddress = 64;    ///< Maximum number of senders at one address.
+  static constexpr std::size_t kInAll = 512;        ///< Maximum number of senders in total.
+  static constexpr std::int64_t kForgotten_s = 20;  ///< Maximum silence of a sender.
 
-  /// Whether `prefix` at `address` is heard: one that was heard before stays so.
-  /// @param steady_ns  a clock that never goes back.
+  /// Returns true if messages of `prefix` at `address` are accepted. Acceptance is permanent until
+  /// the sender is removed.
+  /// @param steady_ns  a monotonic clock.
   [[nodiscard]] bool Admits(const Address& address, const Prefix& prefix, std::int64_t steady_ns);
 
  private:
@@ -55,8 +58,7 @@ class ParticipantCensus {
   std::int64_t swept_ns_ = 0;
 };
 
-/// A transport around another one, which hands on what SafeSize() and ParticipantCensus allow of
-/// what it receives.
+/// Wraps a transport, and passes on only received data that SafeSize() and ParticipantCensus allow.
 [[nodiscard]] std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface> Guarded(
     std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface> transport);
 

@@ -24,7 +24,7 @@ Owned<BIO> Open(const std::filesystem::path& file) {
   return bio;
 }
 
-// Keys with a passphrase are no keys for a program that starts by itself.
+// Rejects keys with a passphrase, which a program that starts unattended cannot enter.
 int NoPassphrase(char* /*buffer*/, int /*size*/, int /*writing*/, void* /*data*/) { return -1; }
 
 }  // namespace

@@ -11,7 +11,7 @@
 
 namespace dfr::dds::internal {
 
-/// OpenSSL's objects, freed by their own functions.
+/// Frees OpenSSL objects with their own functions.
 struct Deleter {
   void operator()(BIO* bio) const { BIO_free_all(bio); }
   void operator()(EVP_PKEY* key) const { EVP_PKEY_free(key); }
@@ -24,23 +24,23 @@ struct Deleter {
 template <typename T>
 using Owned = std::unique_ptr<T, Deleter>;
 
-/// What OpenSSL last complained of, and forgets it.
+/// Returns and clears the last error of OpenSSL.
 [[nodiscard]] std::string Complaint();
 
 /// @throws std::runtime_error naming the file and the remedy.
 [[nodiscard]] Owned<X509> LoadCertificate(const std::filesystem::path& file);
 [[nodiscard]] Owned<EVP_PKEY> LoadKey(const std::filesystem::path& file);
 
-/// The common name of its subject.
+/// Returns the common name of the subject.
 [[nodiscard]] std::string CommonName(const X509& certificate);
 
-/// A day of the calendar in UTC, "2026-11-21T00:00:00", as permissions have it.
+/// Returns a UTC date, "2026-11-21T00:00:00", in the format of permissions files.
 [[nodiscard]] std::string Timestamp(const ASN1_TIME& time);
 
-/// @throws core::Error if others than its user can read or change the file of a key.
+/// @throws core::Error if users other than the owner can read or change a key file.
 void CheckPrivate(const std::filesystem::path& key);
-/// @throws core::Error if others than its user can change a file or folder; what does not exist is
-///   fine.
+/// @throws core::Error if users other than the owner can change a file or folder. Missing paths are
+///   accepted.
 void CheckUnchangeable(const std::filesystem::path& path);
 
 }  // namespace dfr::dds::internal

@@ -28,9 +28,9 @@ namespace fdds = eprosima::fastdds::dds;
 namespace rtps = eprosima::fastrtps::rtps;
 using eprosima::fastrtps::Duration_t;
 
-// Processes on one machine and in one domain that a loopback participant looks for.
+// Number of processes on one machine and domain that a loopback participant can discover.
 constexpr std::uint32_t kLoopbackPeers = 24;
-// The prefix that Fast DDS tools give to a server with id 0.
+// GUID prefix that Fast DDS tools assign to a server with id 0.
 constexpr const char* kServerPrefix = "44.53.00.5f.45.50.52.4f.53.49.4d.41";
 
 rtps::Locator_t Ipv4(const std::string& address, std::uint16_t port) {
@@ -42,9 +42,9 @@ rtps::Locator_t Ipv4(const std::string& address, std::uint16_t port) {
   return locator;
 }
 
-// Participants of one process reach each other as those of two do. What Fast DDS 2.9 hands over
-// within a process crashes where an endpoint goes while another still finds it
-// (StatefulWriter::intraprocess_gap calls a reader that is no more).
+// Disables intraprocess delivery: participants of one process communicate like those of two.
+// Intraprocess delivery of Fast DDS 2.9 crashes if an endpoint ends while another discovers it
+// (StatefulWriter::intraprocess_gap calls a destroyed reader).
 void LeaveOutDeliveryWithinTheProcess() {
   static const bool done = [] {
     auto settings = eprosima::fastrtps::xmlparser::XMLProfileManager::library_settings();
@@ -55,7 +55,7 @@ void LeaveOutDeliveryWithinTheProcess() {
   static_cast<void>(done);
 }
 
-// Two participants that admit each other have done so by then, however busy their machines are.
+// Upper bound of the time in which two participants admit each other, even on busy machines.
 constexpr std::chrono::seconds kHandshake(5);
 
 std::string GuidText(const rtps::GUID_t& guid) {
@@ -72,7 +72,7 @@ Origin ToOrigin(const rtps::GUID_t& guid) noexcept {
   return origin;
 }
 
-// Where a participant listens, which is what it says.
+// Returns the address at which a participant says it listens.
 std::string AddressOf(const rtps::RemoteLocatorList& locators) {
   for (const rtps::Locator_t& locator : locators.unicast) {
     if (locator.kind == LOCATOR_KIND_UDPv4) return rtps::IPLocator::toIPv4string(locator);
@@ -80,14 +80,14 @@ std::string AddressOf(const rtps::RemoteLocatorList& locators) {
   return "?";
 }
 
-constexpr std::string_view kRos = "rt";  // before a topic's ROS 2 name
+constexpr std::string_view kRos = "rt";  // precedes a topic's ROS 2 name
 constexpr std::size_t kMostFound = 64;
 
 std::string_view RosName(std::string_view topic) {
   return topic.starts_with(kRos) ? topic.substr(kRos.size()) : topic;
 }
 
-// The built-in plugins with one participant's files.
+// Enables the built-in security plugins with one participant's files.
 void Secure(const SecurityFiles& files, fdds::DomainParticipantQos& qos) {
   auto& properties = qos.properties().properties();
   const auto set = [&](const char* name, const std::string& value) {
@@ -107,7 +107,7 @@ void Secure(const SecurityFiles& files, fdds::DomainParticipantQos& qos) {
   set("dds.sec.crypto.plugin", "builtin.AES-GCM-GMAC");
 }
 
-// Whose certificates this participant admits; empty without security.
+// Returns the authority whose certificates this participant admits; empty without security.
 std::string Authority(const ParticipantOptions& options) {
   if (options.security.empty()) return {};
   CheckSecurity(options.security);
@@ -120,13 +120,13 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
   qos.name(options.name);
   qos.transport().use_builtin_transports = false;
   auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-  // The system's default holds two or three parts of an image, and the others come again only after
-  // some ten milliseconds. What net.core.rmem_max does not allow is cut to it.
+  // The system's default buffer holds two or three fragments of an image, and the others are resent
+  // only after about ten milliseconds. The system limits this size to net.core.rmem_max.
   udp->receiveBufferSize = 4 << 20;
   udp->sendBufferSize = 4 << 20;
   auto& builtin = qos.wire_protocol().builtin;
-  // A peer that dies without a word is forgotten after 5 s; one whose first announcements were lost
-  // is found half a second later.
+  // A peer that dies silently is removed after 5 s. A peer whose first announcements were lost is
+  // discovered half a second later.
   builtin.discovery_config.leaseDuration = Duration_t(5, 0);
   builtin.discovery_config.leaseDuration_announcementperiod = Duration_t(0, 500'000'000);
   switch (options.discovery) {
@@ -134,9 +134,9 @@ fdds::DomainParticipantQos Qos(const ParticipantOptions& options) {
       udp->interfaceWhiteList.emplace_back("127.0.0.1");
       udp->maxInitialPeersRange = kLoopbackPeers;
       builtin.initialPeersList.push_back(Ipv4("127.0.0.1", 0));
-      // Own locators of the metatraffic leave out its multicast one. The first port that is free
-      // from the first on: by itself Fast DDS 2.9 counts on with each participant that the process
-      // ever had, beyond what others look at.
+      // Setting own metatraffic locators omits the multicast one. Port index 0 selects the first
+      // free port from the first on. By default Fast DDS 2.9 increments the index with each
+      // participant ever created by the process, beyond the range that others check.
       builtin.metatrafficUnicastLocatorList.push_back(
           Ipv4("127.0.0.1", static_cast<std::uint16_t>(qos.wire_protocol().port.getUnicastPort(
                                 static_cast<std::uint32_t>(options.domain), 0))));
@@ -197,7 +197,7 @@ void PeerListener::on_participant_discovery(fdds::DomainParticipant* /*participa
                       .topic = {}};
     Found(newcomer);
   } else if (info.status != Info::CHANGED_QOS_PARTICIPANT) {
-    // One that was admitted, or left before that was decided, is none of our business any more.
+    // A peer that was admitted, or left before the decision, is no longer tracked.
     const auto peer = peers_.find(guid);
     if (peer != peers_.end() && Reason(peer->second).empty()) peers_.erase(peer);
   }
@@ -293,13 +293,13 @@ std::string PeerListener::Reason(const Peer& peer) const {
   }
   if (!peer.has_certificate) return "it has no certificate";
   if (peer.admitted) return "";
-  // Implementations spell a whole name in different ways.
+  // Implementations format full names differently.
   if (peer.authority.find(authority_) == std::string::npos) {
     return "its certificate is of the authority '" + peer.authority + "', and this process' of '" +
            authority_ + "'";
   }
   if (peer.refused) return "its certificate or its permissions are forged, or have expired";
-  // Just one of two participants learns that the other's certificate is of no use to it.
+  // Only one of two participants learns that the other's certificate is invalid for it.
   return Clock::now() - peer.found < kHandshake ? ""
                                                 : "it does not accept this process' certificate, "
                                                   "or does not answer";

@@ -21,10 +21,10 @@
 
 namespace dfr::dds {
 
-/// Hears who is found, and who of them is admitted.
+/// Listens for discovered participants and for their admission.
 class PeerListener : public eprosima::fastdds::dds::DomainParticipantListener {
  public:
-  /// @param authority  common name of the one whose certificates are admitted.
+  /// @param authority  common name of the authority whose certificates are admitted.
   PeerListener(bool secured, std::string authority)
       : secured_(secured), authority_(std::move(authority)) {}
 
@@ -60,16 +60,16 @@ class PeerListener : public eprosima::fastdds::dds::DomainParticipantListener {
     bool told = false;
   };
   [[nodiscard]] std::string Reason(const Peer& peer) const;
-  // Whether nobody in a secured network admits it.
+  // Returns true if a secured network does not admit the peer.
   [[nodiscard]] bool Outside(const Peer& peer) const;
-  // Numbers it. The mutex is held.
+  // Assigns a number. @pre the mutex is locked
   void Found(Newcomer& newcomer);
 
   const bool secured_;
   const std::string authority_;
   mutable std::mutex mutex_;
   std::map<std::string, Peer> peers_;                                // by GUID
-  std::map<eprosima::fastrtps::rtps::GUID_t, Newcomer> publishers_;  // topics as DDS calls them
+  std::map<eprosima::fastrtps::rtps::GUID_t, Newcomer> publishers_;  // with DDS topic names
   std::deque<Newcomer> found_;
   std::atomic<std::uint64_t> num_found_{0};
 };
@@ -81,7 +81,7 @@ struct Participant::Impl {
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
 
-  /// The DDS topic of a ROS 2 topic, made if it is new.
+  /// Returns the DDS topic of a ROS 2 topic; creates it if necessary.
   /// @param kind  "rt"; "rq" for a service's requests, "rr" for its replies.
   eprosima::fastdds::dds::Topic* Topic(const std::string& ros_name,
                                        const eprosima::fastdds::dds::TypeSupport& type,

@@ -50,7 +50,7 @@ void CheckCertificate(const std::filesystem::path& file, X509& certificate,
   }
 }
 
-// The signed document.
+// Verifies a signed file and returns the document.
 std::string CheckSigned(const std::filesystem::path& file, const std::filesystem::path& ca_file,
                         X509& ca) {
   const Owned<BIO> in(BIO_new_file(file.c_str(), "r"));
@@ -80,7 +80,7 @@ std::string CheckSigned(const std::filesystem::path& file, const std::filesystem
   return {data, static_cast<std::size_t>(size)};
 }
 
-// The text of the first element of this name; empty if there is none.
+// Returns the text of the first element of this name; empty if there is none.
 std::string Element(const std::string& document, const std::string& name) {
   const std::size_t tag = document.find("<" + name + ">");
   if (tag == std::string::npos) return {};
@@ -116,7 +116,8 @@ std::string CheckSecurity(const std::filesystem::path& folder, std::time_t now) 
   const Owned<X509> certificate = internal::LoadCertificate(files.certificate);
   const Owned<EVP_PKEY> key = internal::LoadKey(files.key);
   internal::CheckPrivate(files.key);
-  // Who can exchange the authority's certificate decides whom this process trusts.
+  // A user who can replace the authority's certificate controls which participants this process
+  // trusts.
   internal::CheckUnchangeable(folder);
   for (const auto& file : {files.identity_ca, files.certificate, files.permissions_ca,
                            files.governance, files.permissions}) {
@@ -138,7 +139,7 @@ std::string CheckSecurity(const std::filesystem::path& folder, std::time_t now) 
                                  files.certificate.string() + " is of 'CN=" + name +
                                  "': take both from the same folder of `hardware certificates`");
   }
-  // Dates compare as their texts do.
+  // Dates in this format compare as strings.
   const std::string until = Element(permissions, "not_after");
   if (!until.empty() && until < TimestampAt(now)) {
     Wrong(files.permissions, "expired on " + until, kRemake);

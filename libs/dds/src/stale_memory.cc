@@ -13,10 +13,10 @@
 namespace dfr::dds::internal {
 namespace {
 
-// Between making a lock file and locking it a process that lives looks dead.
+// Between the creation and the locking of a lock file, a live process looks dead.
 constexpr std::time_t kGraceSeconds = 10;
 
-// Whether nobody holds the lock, and nobody is about to.
+// Returns true if no process holds the lock or is about to.
 bool Abandoned(const std::filesystem::path& lock, std::time_t now) {
   const int fd = ::open(lock.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) return false;
@@ -37,7 +37,7 @@ void RemoveStaleSegments(const std::filesystem::path& folder, std::time_t now) n
     std::error_code error;
     for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
       const std::string name = entry.path().filename().string();
-      // Ports, which processes share, have another form.
+      // Ports, which are shared between processes, have a different name format.
       if (name.size() != kPrefix.size() + kId + kSuffix.size() || !name.starts_with(kPrefix) ||
           !name.ends_with(kSuffix) ||
           name.find_first_not_of("0123456789abcdef", kPrefix.size()) != kPrefix.size() + kId ||

@@ -19,8 +19,8 @@ namespace dfr::dds::internal {
 namespace {
 
 constexpr std::string_view kMagic("dfrstop1", 8);
-// Magic, sender, number, time, pressed or not (0 or 1), then the certificate's size (2 bytes, most
-// significant first), the certificate and the signature of all before. All numbers have that order.
+// Magic, sender, number, time, pressed or not (0 or 1), size of the certificate (2 bytes),
+// certificate, and signature of all preceding bytes. All integers are big-endian.
 constexpr std::size_t kIdAt = 8;
 constexpr std::size_t kSequenceAt = 24;
 constexpr std::size_t kTimeAt = 32;
@@ -88,7 +88,7 @@ std::string Refused(const char* what) {
 }  // namespace
 
 std::uint16_t StopPort(int domain) noexcept {
-  // DDS: 7400 + 250 domain, and there 0, 1 and 10 onwards.
+  // DDS uses 7400 + 250 domain with offsets 0, 1 and from 10.
   return static_cast<std::uint16_t>(7400 + 250 * domain + 5);
 }
 
@@ -165,7 +165,7 @@ bool StopReader::New(const StopSenderId& who, std::uint64_t sequence, std::int64
   auto known = std::find_if(known_.begin(), known_.end(),
                             [&](const Known& k) { return k.sequence > 0 && k.who == who; });
   if (known == known_.end()) {
-    // One that has not been heard of for longer than a datagram is good has nothing to repeat.
+    // A sender silent for longer than a datagram's lifetime cannot be replayed.
     known = std::find_if(known_.begin(), known_.end(), [&](const Known& k) {
       return k.sequence == 0 || wall_ns - k.heard_ns > 2 * kMostAstrayNs;
     });

@@ -12,19 +12,19 @@
 #include "dfr/dds/participant.h"
 #include "openssl.h"
 
-/// The emergency stop's second way through the network: datagrams of its own, which share neither
-/// parser nor threads with DDS. Each says who sends it, its number, when it was sent, and whether
-/// the button is pressed. In a secured network it carries the sender's certificate and a signature
-/// by its key; without a valid one it is ignored.
+/// Second path of the emergency stop through the network: datagrams that share neither parser nor
+/// threads with DDS. Each contains its sender, its number, the time of sending, and whether the
+/// button is pressed. In a secured network it also contains the sender's certificate and a
+/// signature with its key. Datagrams without a valid signature are ignored.
 namespace dfr::dds::internal {
 
-/// Who sends: a number drawn at random for each button.
+/// Sender: a random number for each button.
 using StopSenderId = std::array<std::uint8_t, 16>;
 
-/// UDP port of a domain: between those that DDS uses there.
+/// Returns the UDP port of a domain, between the ports of DDS.
 [[nodiscard]] std::uint16_t StopPort(int domain) noexcept;
 
-/// A socket, closed with its owner.
+/// RAII socket.
 class StopSocket {
  public:
   StopSocket();  ///< @throws std::runtime_error if the system has none.
@@ -37,14 +37,14 @@ class StopSocket {
   int socket_;
 };
 
-/// Writes the datagrams of one button.
+/// Creates the datagrams of one button.
 class StopWriter {
  public:
   /// @param security  the participant's folder; empty: unsigned datagrams.
-  /// @throws std::runtime_error naming what the system or the security files refuse.
+  /// @throws std::runtime_error naming the error of the system or the security files.
   explicit StopWriter(const std::filesystem::path& security);
 
-  /// The next datagram, which says that it was sent at `wall_ns`.
+  /// Returns the next datagram, stamped `wall_ns`.
   [[nodiscard]] std::string Next(bool pressed, std::int64_t wall_ns);
 
  private:
@@ -54,15 +54,16 @@ class StopWriter {
   std::string certificate_;  // DER; empty without security
 };
 
-/// Reads what the StopWriters of all buttons write.
+/// Reads the datagrams of all buttons.
 class StopReader {
  public:
-  /// @param security  the participant's folder; empty: believes unsigned datagrams alone.
+  /// @param security  the participant's folder; empty: accepts only unsigned datagrams.
   /// @throws as StopWriter.
   explicit StopReader(const std::filesystem::path& security);
 
-  /// Whether a datagram is good: not malformed, of a valid signature, stamped at most a second from
-  /// `wall_ns`, and later than all others of its button. Only then sets `who` and `pressed`.
+  /// Returns true if a datagram is valid: well formed, with a valid signature, stamped within a
+  /// second of `wall_ns`, and later than all others of its button. Sets `who` and `pressed` only
+  /// then.
   bool Read(std::string_view datagram, std::int64_t wall_ns, StopSenderId& who, bool& pressed);
 
  private:
@@ -74,21 +75,21 @@ class StopReader {
   [[nodiscard]] bool Signed(std::string_view datagram);
   [[nodiscard]] bool New(const StopSenderId& who, std::uint64_t sequence, std::int64_t wall_ns);
 
-  Owned<X509_STORE> authority_;   // null without security
-  std::string last_certificate_;  // whose key is the next
+  Owned<X509_STORE> authority_;   // nullptr without security
+  std::string last_certificate_;  // certificate of last_key_
   Owned<EVP_PKEY> last_key_;
   std::array<Known, 16> known_{};
 };
 
-/// Sends to all listeners of the domain: on this machine, and unless discovery is loopback on every
-/// network that it is on. One object belongs to one thread at a time.
+/// Sends to all listeners of the domain on this machine and, unless discovery is loopback, on all
+/// its networks. One object belongs to one thread at a time.
 class StopSender {
  public:
-  /// @throws std::runtime_error naming what the system or the security files refuse.
+  /// @throws std::runtime_error naming the error of the system or the security files.
   explicit StopSender(const ParticipantOptions& options);
 
-  /// False if no datagram could be sent.
-  /// @param wall_ns  now, as the datagram says.
+  /// Returns false if no datagram could be sent.
+  /// @param wall_ns  present time, for the datagram's stamp.
   bool Send(bool pressed, std::int64_t wall_ns) noexcept;
 
  private:
@@ -97,14 +98,14 @@ class StopSender {
   StopWriter writer_;
 };
 
-/// Receives what StopSender sends. One object belongs to one thread at a time.
+/// Receives StopSender's datagrams. One object belongs to one thread at a time.
 class StopListener {
  public:
-  /// @throws as StopSender; also if the port is taken by others.
+  /// @throws as StopSender; also if another program uses the port.
   explicit StopListener(const ParticipantOptions& options);
 
-  /// Takes the next datagram that StopReader finds good. The others are passed over, at most 16 in
-  /// a call. False if there is none.
+  /// Takes the next datagram that StopReader accepts, skipping at most 16 others per call. Returns
+  /// false if there is none.
   bool Take(std::int64_t wall_ns, StopSenderId& who, bool& pressed) noexcept;
 
  private:

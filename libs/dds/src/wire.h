@@ -6,7 +6,7 @@
 
 namespace dfr::dds::internal {
 
-/// The generated type behind each message.
+/// Generated type of each message.
 template <typename T>
 struct WireOf;
 

@@ -29,7 +29,7 @@ using Arguments = std::vector<std::string>;
 constexpr const char* kConfiguration = "run.toml";
 constexpr const char* kLedger = "ledger.jsonl";
 
-// Other options concern one run, and not what it computes.
+// All other options concern one run and do not affect the results.
 bool DecidesResults(const std::string& name) {
   for (const char* other : {"help", "config", "out", "shard", "threads", "restart", "salvage"}) {
     if (name == other) return false;
@@ -43,18 +43,17 @@ std::string NameOf(const CLI::Option& option) {
   return option.get_lnames().empty() ? "" : option.get_lnames().front();
 }
 
-// What the options of this process were given, value by value, before CLI11's validators replaced
-// any of it.
+// Option values of this process before any change by CLI11's validators.
 std::map<const CLI::Option*, Arguments>& GivenValues() {
   static std::map<const CLI::Option*, Arguments> values;
   return values;
 }
 
-// Keeps in GivenValues() what the options of a program's commands are given.
+// Records the option values of a program's commands in GivenValues().
 void KeepGivenValues(CLI::App& app) {
   for (CLI::App* command : app.get_subcommands([](CLI::App*) { return true; })) {
     for (CLI::Option* option : command->get_options()) {
-      // A transform comes before all other validators.
+      // A transform runs before all other validators.
       option->transform(CLI::Validator(
           [option](std::string& value) {
             GivenValues()[option].push_back(value);
@@ -76,7 +75,7 @@ Arguments Split(const std::string& text, char delimiter) {
   return parts;
 }
 
-// As TOML: a number or a truth value where it is one, otherwise a string.
+// Formats a value as TOML: a number or a Boolean if it is one, otherwise a string.
 std::string Value(const std::string& text, bool is_number) {
   if (is_number) {
     double value = 0.0;
@@ -88,7 +87,7 @@ std::string Value(const std::string& text, bool is_number) {
          text.find(".e") == std::string::npos && text.find(".E") == std::string::npos);
     const bool zero = text.size() > 1 && text[0] == '0' && std::isdigit(text[1]) != 0;
     if (end.ec == std::errc() && end.ptr == text.data() + text.size() && plain && digits && !zero) {
-      // In one form, whether it was written, read or a default: 0.0006 and 6e-4 are the same run.
+      // One form for written, read and default values: 0.0006 and 6e-4 are the same run.
       return text.find_first_of(".eE") == std::string::npos ? text : Exactly(value);
     }
   }
@@ -110,7 +109,7 @@ bool IsNumeric(const CLI::Option& option) {
          type.find("INT") != std::string::npos || type.find("FLOAT") != std::string::npos;
 }
 
-// All options of a command with the values that they have, as a table of run.toml.
+// Formats all options of a command with their present values as a table of run.toml.
 std::string Resolve(const CLI::App& command) {
   std::string text = "# Starts the same run again: " + command.get_parent()->get_name() + " " +
                      command.get_name() + " --config FILE --out FOLDER\n[" + command.get_name() +
@@ -120,7 +119,7 @@ std::string Resolve(const CLI::App& command) {
     if (name.empty() || !DecidesResults(name)) continue;
     const bool list = option->get_items_expected_max() > 1;
     if (IsFlag(*option)) {
-      // In the sense of the flag's first name: --warm of "--cold,!--warm" is "cold = false".
+      // With the meaning of the flag's first name: --warm of "--cold,!--warm" is "cold = false".
       const bool negative = option->check_fname(name);
       if (option->count() > 0) {
         text.append(name).append(option->as<bool>() != negative ? " = true\n" : " = false\n");
@@ -158,8 +157,8 @@ std::string TextOf(const toml::node& node) {
   throw std::invalid_argument("must be a text, a number, true, false, or a list of these");
 }
 
-// Gives the options of `command` that have no value yet those of a file. It runs as the callback of
-// --config: what the command line says is known, and nothing was done with it yet.
+// Sets the options of `command` that have no value yet from a file. Runs as the callback of
+// --config, when the command line has been parsed but not yet processed.
 void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
   const std::string text = internal::ReadFile(file);
   const auto place = [&](const toml::source_region& where) {
@@ -214,7 +213,7 @@ void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
   }
 }
 
-// The ledgers of the folders, and of shards below those that have none.
+// Returns the ledgers of the folders, and those of the shards below folders without one.
 std::vector<std::filesystem::path> LedgersIn(const std::vector<std::filesystem::path>& folders) {
   std::vector<std::filesystem::path> ledgers;
   for (const std::filesystem::path& folder : folders) {
@@ -240,7 +239,7 @@ std::vector<std::filesystem::path> LedgersIn(const std::vector<std::filesystem::
   return ledgers;
 }
 
-// The name of the command that a folder's run.toml is of.
+// Returns the name of the command in a folder's run.toml.
 std::string CommandOf(const std::filesystem::path& configuration) {
   const std::string text = internal::ReadFile(configuration);
   toml::table root;
@@ -255,7 +254,7 @@ std::string CommandOf(const std::filesystem::path& configuration) {
   return std::string(root.begin()->first.str());
 }
 
-// The arguments that run an episode of the run in `folder` again.
+// Returns the arguments that repeat an episode of the run in `folder`.
 Arguments RerunOf(const std::filesystem::path& folder, const Rerun& rerun) {
   const std::filesystem::path configuration = folder / kConfiguration;
   Arguments arguments = {CommandOf(configuration), "--config",
@@ -266,7 +265,7 @@ Arguments RerunOf(const std::filesystem::path& folder, const Rerun& rerun) {
   return arguments;
 }
 
-// Merges and returns the arguments that make summary and report of it.
+// Merges the ledgers and returns the arguments that write summary and report.
 Arguments Merge(const std::vector<std::filesystem::path>& folders,
                 const std::filesystem::path& out) {
   std::vector<std::filesystem::path> ledgers = LedgersIn(folders);
@@ -277,7 +276,7 @@ Arguments Merge(const std::vector<std::filesystem::path>& folders,
   {
     const internal::Descriptor lock = internal::OpenLocked(out / "lock");
     const std::filesystem::path whole = out / kLedger;
-    // What is there already is not lost: it is merged, too, or refused.
+    // An existing ledger is merged, too, or refused; it is never lost.
     if (std::filesystem::exists(whole) && std::filesystem::file_size(whole) > 0) {
       ledgers.push_back(whole);
     }
@@ -338,7 +337,7 @@ void Add(CLI::App& app, Added& added) {
 
 void ParseArguments(CLI::App& app, Arguments arguments) {
   GivenValues().clear();
-  std::ranges::reverse(arguments);  // as CLI11 wants them
+  std::ranges::reverse(arguments);  // CLI11 expects them in reverse
   app.parse(std::move(arguments));
 }
 
@@ -376,11 +375,11 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
                    "forget what an interrupted run left in --out instead of going on with it");
   command.add_flag("--salvage", options.salvage,
                    "go on with a damaged ledger: its damaged lines are put aside and run again");
-  // What RerunOf() gives; users have the command rerun.
+  // Used by RerunOf(); users call the command rerun.
   command.add_option("--rerun-episode", options.rerun.episode)->group("");
   command.add_option("--rerun-with", options.rerun.methods)->group("");
   command.add_option("--rerun-film", options.rerun.film)->group("");
-  // Several commands may share the options: the one that was called is written.
+  // Several commands may share the options: write the one that was called.
   options.configuration = [&command, others = options.configuration] {
     return command.parsed() || !others ? Resolve(command) : others();
   };
@@ -388,7 +387,7 @@ void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
 
 std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   if (app.get_name().empty()) app.name(std::filesystem::path(argv[0]).filename().string());
-  // One line: of a task's log status shows the last.
+  // One line, because status shows the last line of a task's log.
   app.failure_message([](const CLI::App* program, const CLI::Error& e) {
     return program->get_name() + ": " + e.what() + "; --help says what there is\n";
   });

@@ -35,7 +35,7 @@ DisturbedPlant::DisturbedPlant(std::unique_ptr<core::SimulatedPlant> plant,
 
 void DisturbedPlant::Reset(std::uint64_t seed) {
   plant_->Reset(seed);
-  // A stream of its own: the start state is that of the undisturbed plant.
+  // A separate stream: the start state is that of the undisturbed plant.
   constexpr std::uint64_t kStream = 0x646973;
   random_ = core::Random(core::DeriveSeed(seed, {kStream}));
   const double angle = options_.rotation_sd * random_.Normal();
@@ -64,7 +64,7 @@ void DisturbedPlant::Reset(std::uint64_t seed) {
   for (std::size_t i = 0; i < happened_.size(); ++i) happened_[i] = seen_[i % seen_.size()];
 }
 
-// After every control: what the present state, or an earlier one, looks like.
+// Called after every control: observes the present state, or an earlier one.
 void DisturbedPlant::See() noexcept {
   const bool lost = options_.missing > 0.0 && random_.Uniform() < options_.missing;
   if (happened_.empty()) {
@@ -92,7 +92,7 @@ core::PlantStatus DisturbedPlant::Apply(std::span<const double> control) noexcep
     std::ranges::swap_ranges(asked_, std::span(given_).first(asked_.size()));
     std::rotate(given_.begin(), given_.begin() + std::ssize(asked_), given_.end());
   }
-  // One entry cannot be turned.
+  // A single entry cannot be rotated.
   double a = 0.0;
   double b = 0.0;
   if (control.size() >= 2) {

@@ -13,7 +13,8 @@
 namespace dfr::experiment {
 namespace {
 
-// What stands before the next slash, or behind the last one, taken from the text.
+// Removes the part before the next slash, or the rest after the last one, from the text and returns
+// it.
 std::string_view TakeFirst(std::string_view& text) {
   const std::size_t slash = std::min(text.find('/'), text.size());
   const std::string_view part = text.substr(0, slash);
@@ -28,7 +29,7 @@ std::string_view TakeLast(std::string_view& text) {
   return part;
 }
 
-// Whether any ledger has what a filter names: a name that was mistyped has no episodes either.
+// Checks that a ledger contains the names in a filter. A misspelled name would match no episode.
 class Known {
  public:
   void Add(const EvaluationPlan& plan, const EpisodeFilter& filter) {
@@ -96,7 +97,7 @@ EpisodeId ParseEpisode(std::string_view name, const EvaluationPlan& plan) {
                    name << ": there is no data point " << id.unit.demonstrations);
   DFR_THROW_UNLESS(0 <= id.start && id.start < plan.episodes,
                    name << ": there are start states 0 to " << plan.episodes - 1);
-  // Names may have slashes of their own.
+  // Names of learners may contain slashes.
   for (const std::string& learner : plan.learners) {
     const bool begins = rest.starts_with(learner) && rest.substr(learner.size()).starts_with('/');
     for (const std::string& method : plan.methods) {
@@ -190,7 +191,7 @@ void PrintEpisodes(const std::vector<std::filesystem::path>& ledgers, const Epis
     EpisodeResult result;
   };
   std::vector<Row> rows;
-  std::int64_t all = 0;  // whatever their outcome
+  std::int64_t all = 0;  // with any outcome
   Known known;
   const auto is_one_of = [](const std::vector<std::string>& outcomes, core::Outcome outcome) {
     return outcomes.empty() || std::ranges::count(outcomes, core::Name(outcome)) > 0;

@@ -26,8 +26,8 @@ std::filesystem::path LedgerOf(const ExperimentOptions& options) {
 std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free);
 
-// Turns SIGTERM and SIGUSR1, with which schedulers announce the end, into stop_requested. Those
-// before its lifetime do not count: each run has its own.
+// Converts SIGTERM and SIGUSR1, which schedulers send before the end, into stop_requested. Ignores
+// signals received before its lifetime: each run has a separate object.
 class StopOnSignals {
  public:
   StopOnSignals() {
@@ -136,7 +136,7 @@ std::optional<ExperimentResult> RunExperiment(const std::string& name, const Eva
     if (options.out.empty() || !options.configuration) return;
     internal::ReplaceFile(options.out / "run.toml", options.configuration());
   };
-  // Beside a ledger of other settings, which Evaluate() refuses, the file stays as it is.
+  // Evaluate() refuses a ledger of other settings; run.toml then stays unchanged.
   if (!std::filesystem::exists(LedgerOf(options))) save_configuration();
   std::vector<UnitResult> units;
   {

@@ -11,9 +11,9 @@
 namespace dfr::experiment {
 namespace {
 
-constexpr Eigen::Index kMostPoints = 1000;  // of a line: recoveries can have thousands of controls
+constexpr Eigen::Index kMostPoints = 1000;  // per line: recoveries can have thousands of controls
 
-// The states to be drawn: every stride-th one, and the last.
+// Returns the states to draw: every stride-th one, and the last.
 std::vector<Eigen::Index> Drawn(const FilmedEpisode& episode) {
   const Eigen::Index stride = episode.states.rows() / kMostPoints + 1;
   std::vector<Eigen::Index> rows;
@@ -23,7 +23,8 @@ std::vector<Eigen::Index> Drawn(const FilmedEpisode& episode) {
   return rows;
 }
 
-// A path in pieces, those of the policy in the first colour and those of recoveries in the second.
+// Splits a path into pieces: those of the policy in the first colour, those of recoveries in the
+// second.
 ReportPlot PathOf(const FilmedEpisode& episode, int across, int up) {
   ReportPlot plot{.title = episode.method};
   const std::vector<Eigen::Index> rows = Drawn(episode);
@@ -36,16 +37,16 @@ ReportPlot PathOf(const FilmedEpisode& episode, int across, int up) {
     const bool last = k + 1 == rows.size();
     const double x = episode.states(rows[k], across);
     const double y = episode.states(rows[k], up);
-    if (!std::isfinite(x) || !std::isfinite(y)) break;  // its plant has failed
+    if (!std::isfinite(x) || !std::isfinite(y)) break;  // the plant has failed
     if (k > 0) {
       plot.series.back().x.push_back(x);
       plot.series.back().y.push_back(y);
     }
-    // The last state is a point of its own where nothing was done.
+    // An episode without controls is drawn as a single point.
     const bool begins = k == 0 || (!last && recovery != recovers(rows[k - 1]));
     if (!begins) continue;
     const char* name = recovery ? "recovery" : "policy";
-    // Named once each.
+    // Each name appears once.
     const bool named = std::ranges::count(plot.series, name, &ReportSeries::name) > 0;
     plot.series.push_back(
         {.name = named ? "" : name, .x = {x}, .y = {y}, .style = recovery ? 1 : 0});
@@ -53,7 +54,7 @@ ReportPlot PathOf(const FilmedEpisode& episode, int across, int up) {
   return plot;
 }
 
-// All values of the plots, and a little more.
+// Returns the range of all values of the plots, with a margin.
 std::pair<double, double> RangeOf(const std::vector<ReportPlot>& plots,
                                   std::vector<double> ReportSeries::*values) {
   double low = std::numeric_limits<double>::infinity();

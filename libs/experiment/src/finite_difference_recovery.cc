@@ -40,8 +40,8 @@ double FiniteDifferenceRecovery::DecisionAfter(int t, std::span<const double> u)
 control::Mode FiniteDifferenceRecovery::Next(const control::RecoverySituation& situation,
                                              std::span<double> u) noexcept {
   if (u.size() != gradient_.size())
-    return control::Mode::kHalt;  // The policy is one of another plant.
-  // Central, not forward: a plant that creeps under a zero control would bias the latter.
+    return control::Mode::kHalt;  // The policy belongs to another plant.
+  // Central differences, because a plant that drifts at zero control would bias forward ones.
   const double h = probe_fraction_ * situation.g / situation.lambda;
   std::fill(u.begin(), u.end(), 0.0);
   double norm_squared = 0.0;
@@ -51,7 +51,7 @@ control::Mode FiniteDifferenceRecovery::Next(const control::RecoverySituation& s
     u[i] = -h;
     const double behind = DecisionAfter(situation.t, u);
     u[i] = 0.0;
-    // Only the direction matters, so the division by 2h is left out.
+    // Only the direction matters; the division by 2h is omitted.
     gradient_[i] = ahead - behind;
     norm_squared += gradient_[i] * gradient_[i];
   }

@@ -5,13 +5,13 @@
 
 namespace dfr::experiment::internal {
 
-/// `text` for element contents and quoted attributes.
+/// Escapes `text` for element contents and quoted attributes.
 [[nodiscard]] std::string Escape(std::string_view text);
 
-/// Paragraphs of escaped text; blank lines separate them.
+/// Converts text to escaped paragraphs, separated at blank lines.
 [[nodiscard]] std::string Paragraphs(std::string_view text);
 
-/// Fixed-point with `digits` places and a typographic minus; a rounded zero has none.
+/// Formats with `digits` decimal places and a typographic minus; a rounded zero has no sign.
 [[nodiscard]] std::string Number(double value, int digits);
 
 [[nodiscard]] std::string Base64(std::string_view bytes);

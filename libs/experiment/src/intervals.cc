@@ -24,7 +24,7 @@ void Check(int successes, int trials, double confidence) {
                    "confidence must lie in (0, 1), not be " << confidence);
 }
 
-// Where an increasing function crosses zero in [low, high], to the last bit.
+// Returns the zero of an increasing function in [low, high], to the last bit.
 template <typename Function>
 double Bisect(double low, double high, Function function) {
   while (true) {
@@ -34,13 +34,13 @@ double Bisect(double low, double high, Function function) {
   }
 }
 
-// z with P(|Z| <= z) = confidence, Z standard normal.
+// Returns z with P(|Z| <= z) = confidence, Z standard normal.
 double NormalQuantile(double confidence) {
   return Bisect(0.0, 40.0,
                 [&](double z) { return (1.0 - confidence) - std::erfc(z / std::sqrt(2.0)); });
 }
 
-// log Gamma(x), x > 0. std::lgamma would write a global in glibc.
+// log Gamma(x), x > 0. std::lgamma would write to a global in glibc.
 double LogGamma(double x) {
   int sign = 0;
   return ::lgamma_r(x, &sign);
@@ -72,18 +72,18 @@ double IncompleteBeta(double x, double a, double b) {
   return std::exp(log_front) * fraction;
 }
 
-// The q-quantile of the beta distribution, a and b > 0.
+// Returns the q-quantile of the beta distribution, a and b > 0.
 double BetaQuantile(double q, double a, double b) {
   return Bisect(0.0, 1.0, [&](double x) { return IncompleteBeta(x, a, b) - q; });
 }
 
-// t with P(|T| <= t) = confidence, T Student's with so many degrees of freedom.
+// Returns t with P(|T| <= t) = confidence, T Student-distributed with `degrees` degrees of freedom.
 double StudentQuantile(double confidence, double degrees) {
   const double x = BetaQuantile(1.0 - confidence, 0.5 * degrees, 0.5);
   return std::sqrt(degrees * (1.0 - x) / x);
 }
 
-// Clopper and Pearson's interval for counts that need not be whole.
+// Clopper and Pearson's interval for counts that need not be integers.
 Interval BetaInterval(double successes, double trials, double confidence) {
   const double tail = 0.5 * (1.0 - confidence);
   const double failures = trials - successes;
@@ -91,17 +91,17 @@ Interval BetaInterval(double successes, double trials, double confidence) {
           failures > 0.0 ? BetaQuantile(1.0 - tail, successes + 1.0, failures) : 1.0};
 }
 
-// log of n over k. std::lgamma would write a global in glibc; these n are thousands, so a sum will
-// do.
+// Logarithm of n over k. std::lgamma would write to a global in glibc; n is at most some thousands,
+// so a sum suffices.
 double LogChoose(int n, int k) {
   double sum = 0.0;
   for (int i = 1; i <= std::min(k, n - k); ++i) sum += std::log((n - i + 1.0) / i);
   return sum;
 }
 
-// Lower end of Clopper and Pearson: the p with P(X >= k) = tail for X binomial(n, p), 0 < k < n.
-// It lies below k/n, where the probabilities of k, k + 1, ... fall, so that their sum is safe to
-// take from the first term on.
+// Lower end of Clopper and Pearson's interval: the p with P(X >= k) = tail for X binomial(n, p), 0
+// < k < n. It lies below k/n, where the probabilities of k, k + 1, ... decrease; the sum can
+// therefore start with the first term.
 double LowerEnd(int k, int n, double tail) {
   const double log_choose = LogChoose(n, k);
   return Bisect(0.0, static_cast<double>(k) / n, [&](double p) {
@@ -117,7 +117,8 @@ double LowerEnd(int k, int n, double tail) {
   });
 }
 
-// Ends of the central `confidence` of the values, interpolated between order statistics.
+// Returns the ends of the central `confidence` of the values, interpolated between order
+// statistics.
 Interval PercentileInterval(std::vector<double>& values, double confidence) {
   std::sort(values.begin(), values.end());
   const auto quantile = [&](double q) {
@@ -149,7 +150,7 @@ Interval WilsonInterval(int successes, int trials, double confidence) {
   const double scale = 1.0 / (1.0 + z * z / n);
   const double centre = scale * (p + z * z / (2.0 * n));
   const double half = scale * z * std::sqrt(p * (1.0 - p) / n + z * z / (4.0 * n * n));
-  // At 0 and n one end is exact; rounding would leave it a bit off.
+  // One end is exact at 0 and n; rounding would shift it.
   return {successes == 0 ? 0.0 : centre - half, successes == trials ? 1.0 : centre + half};
 }
 
@@ -216,7 +217,7 @@ int EpisodesForDifference(double only_first, double only_second, double power, d
   DFR_THROW_UNLESS(power > 0.5 && power < 1.0, "power must lie in (0.5, 1), not be " << power);
   const double sum = only_first + only_second;
   const double difference = only_first - only_second;
-  // The one-sided quantile of the power is the two-sided one of 2 power - 1.
+  // The one-sided quantile of `power` is the two-sided one of 2 power - 1.
   const double root = NormalQuantile(confidence) * std::sqrt(sum) +
                       NormalQuantile(2.0 * power - 1.0) * std::sqrt(sum - difference * difference);
   return static_cast<int>(std::ceil(root * root / (difference * difference)));
@@ -232,7 +233,7 @@ double McNemarExact(int only_first, int only_second) {
                    "counts of pairs must not be negative: " << only_first << ", " << only_second);
   const int n = only_first + only_second;
   const int k = std::min(only_first, only_second);
-  // P(X <= k) for X binomial(n, 1/2); from k downwards the terms fall.
+  // P(X <= k) for X binomial(n, 1/2); the terms decrease from k downwards.
   double term = 1.0;
   double sum = 1.0;
   for (int i = k; i > 0 && term > 1e-18 * sum; --i) {
@@ -256,8 +257,8 @@ double ClusteredMcNemar(std::span<const DiscordantPairs> clusters) {
     sizes.push_back(static_cast<std::size_t>(std::abs(difference)));
     total += sizes.back();
   }
-  // [s]: the probability that the clusters with a positive sign add up to s. Their sum is 2 s -
-  // total then.
+  // [s]: the probability that the clusters with a positive sign add up to s. The sum of all is then
+  // 2 s - total.
   std::vector<double> probability(total + 1, 0.0);
   probability[0] = 1.0;
   for (const std::size_t size : sizes) {
@@ -275,8 +276,8 @@ double ClusteredMcNemar(std::span<const DiscordantPairs> clusters) {
 
 namespace {
 
-// The reduction of collisions by RateRatioInterval(), which knows what a bootstrap cannot: that no
-// events were seen does not mean that there are none.
+// Computes the interval of the collision reduction with RateRatioInterval(). Unlike a bootstrap, it
+// allows for events that were not observed.
 Interval ExactReduction(std::span<const PairedCounts> units, const PairedCounts& total,
                         double confidence) {
   const auto n = static_cast<double>(units.size());

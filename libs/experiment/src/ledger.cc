@@ -36,10 +36,10 @@ constexpr const char* kFormat = "dfr paired evaluation";
 constexpr int kVersion = 2;
 constexpr std::string_view kCheckKey = ",\"check\":\"";
 constexpr std::size_t kCheckSize = 10 + 16 + 2;  // key, digits, "}
-constexpr int kDeepest = 100;                    // of a line's brackets, those in names too
+constexpr int kDeepest = 100;  // maximum nesting of brackets in a line, including those in names
 
-// FNV-1a, then a mixing of its bits. Every step is one-to-one, so that no single change of a byte
-// goes unseen.
+// FNV-1a, followed by a mixing of bits. Every step is one-to-one; any change of a single byte is
+// therefore detected.
 std::uint64_t Hash(std::string_view bytes, std::uint64_t seed) {
   std::uint64_t hash = 0xcbf29ce484222325u ^ seed;
   for (const char byte : bytes) {
@@ -68,7 +68,7 @@ bool CheckHolds(std::string_view line, std::uint64_t seed) {
          tail.substr(kCheckKey.size(), 16) == Hex(Hash(body, seed));
 }
 
-// A discarded value for what is no JSON, or is nested deeper than a ledger.
+// Returns a discarded value for invalid JSON, or for JSON nested deeper than a ledger.
 Json Parse(std::string_view line) {
   bool too_deep = false;
   for (int depth = 0; const char c : line) {
@@ -83,7 +83,7 @@ Json ShardOf(const Shard& shard) {
   return std::to_string(shard.index) + "/" + std::to_string(shard.count);
 }
 
-// What two ledgers must have in common to hold the same results.
+// Returns the entries that must be equal in two ledgers with the same results.
 Json IdentityOf(const LedgerHeader& header) {
   const EvaluationPlan& plan = header.plan;
   return {{"format", kFormat},
@@ -108,7 +108,7 @@ std::string HeaderLine(const LedgerHeader& header) {
   return WithCheck(json, 0);
 }
 
-// Columns instead of one object per episode: a line of 240 episodes stays at a few kB.
+// Uses columns instead of one object per episode: a line of 240 episodes takes only a few kB.
 Json ToJson(const LedgerRecord& record) {
   const UnitResult& result = record.result;
   Json episodes = Json::array();
@@ -160,7 +160,7 @@ core::Outcome OutcomeOf(char letter) {
   }
 }
 
-// The start states that follow from the seed, as Evaluate() draws them.
+// Checks that the start states follow from the seed, as Evaluate() draws them.
 void CheckStarts(const UnitResult& result, const EvaluationPlan& plan) {
   if (std::ssize(result.starts) != plan.episodes) {
     throw std::runtime_error("it has another number of start states");
@@ -223,7 +223,7 @@ LedgerRecord RecordFrom(const Json& json, const EvaluationPlan& plan) {
   return record;
 }
 
-// What decides results, of two runs of one unit.
+// Returns the entries that must be equal in two runs of one unit.
 UnitResult WithoutTimes(UnitResult result) {
   for (auto& method : result.episodes) {
     for (EpisodeResult& episode : method) episode.seconds = 0.0;
@@ -241,7 +241,7 @@ std::string NameOf(const EvaluationUnit& unit) {
          " demonstrations, " + unit.learner;
 }
 
-// The first entry in which two objects differ, with both values.
+// Returns the first entry in which two objects differ, with both values.
 std::string DifferenceOf(const Json& there, const Json& here, const std::string& prefix) {
   Json all = there;
   all.update(here);
@@ -255,10 +255,10 @@ std::string DifferenceOf(const Json& there, const Json& here, const std::string&
   return "";
 }
 
-// Reads lines and adds up units. Problems are texts without the file's name.
+// Reads lines and accumulates units. Error texts omit the file's name.
 class Reader {
  public:
-  // The header's line. @throws with the reason and the remedy.
+  // Reads the header line. @throws with the reason and the remedy.
   static LedgerHeader Header(std::string_view line) {
     const Json json = Parse(line);
     const auto format = json.is_object() ? json.find("format") : json.end();
@@ -298,7 +298,8 @@ class Reader {
   explicit Reader(const LedgerHeader& header)
       : plan_(&header.plan), identity_(IdentityHash(header)) {}
 
-  // A unit's line; nothing for one that repeats an earlier unit with the same results.
+  // Reads the line of a unit; returns std::nullopt if it repeats an earlier unit with the same
+  // results.
   std::optional<LedgerRecord> Record(std::string_view line) {
     if (!CheckHolds(line, identity_)) {
       throw std::runtime_error("its checksum does not match, or it is of another run");
@@ -324,7 +325,7 @@ class Reader {
   std::map<Key, std::uint64_t> units_;
 };
 
-// Calls `use` for each whole line with its number from 1, and returns where the last one ends.
+// Calls `use` for each complete line with its number from 1, and returns the end of the last one.
 std::size_t ForEachLine(std::string_view text,
                         const std::function<void(std::string_view, int)>& use) {
   std::size_t begin = 0;
@@ -417,7 +418,7 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
   };
   std::map<Key, Line> lines;
   for (const std::filesystem::path& path : shards) {
-    // A shard that has not finished a unit, or of more shards than units.
+    // A shard without a finished unit, or one of more shards than units.
     if (std::filesystem::exists(path) && std::filesystem::file_size(path) == 0) continue;
     LedgerContents contents = ReadLedger(path);
     if (!header) {
@@ -444,7 +445,7 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
         Fail(path, "has other results of " + NameOf(unit) + " than " + found->second.from.string() +
                        "; run one of the two again, with the same build");
       }
-      // Times alone differ: any order of the shards has to give the same file.
+      // Only times differ: any order of the shards must give the same file.
       found->second.text = std::min(found->second.text, text);
     }
   }
@@ -496,7 +497,7 @@ Descriptor OpenLocked(const std::filesystem::path& path) {
     if (flock(file.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
       Fail(path, "another process is writing it; wait for that one, or choose another --out");
     }
-    // Between open and lock, who held it may have put another file in its place.
+    // Between open and lock, the lock's previous holder may have replaced the file.
     struct stat opened {};
     struct stat present {};
     if (fstat(file.get(), &opened) == 0 && stat(path.c_str(), &present) == 0 &&
@@ -586,13 +587,13 @@ LedgerWriter::LedgerWriter(const std::filesystem::path& path, const LedgerHeader
 void LedgerWriter::Write(const std::string& line) {
   try {
     WriteAll(file_.get(), line);
-    // Waiting for the disk once a second costs little; a machine that fails loses no more.
+    // One sync per second is cheap. A power failure loses at most the last second.
     if (const std::int64_t now = NowSeconds(); now != last_sync_) {
       if (fdatasync(file_.get()) != 0) throw std::system_error(errno, std::generic_category());
       last_sync_ = now;
     }
   } catch (const std::system_error& e) {
-    // What was written of the line is of no use; if this fails too, the next run cuts it off.
+    // Remove the partial line; if this fails too, the next run removes it.
     static_cast<void>(ftruncate(file_.get(), static_cast<off_t>(size_)) == 0);
     Fail(path_, "cannot be written: " + e.code().message() +
                     ". All units before are kept; the same command goes on from there");

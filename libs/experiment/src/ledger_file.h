@@ -28,31 +28,30 @@ class Descriptor {
   int descriptor_;
 };
 
-/// Opens or makes a file to append to, with a lock that ends with the descriptor or the process. A
-/// file system without locks is used without.
-/// @throws std::runtime_error naming the file that cannot be written, or that another process
-/// holds.
+/// Opens or creates a file for appending, with a lock that lasts as long as the descriptor or the
+/// process. Without a lock on file systems that do not support locks.
+/// @throws std::runtime_error naming the file if it cannot be written or another process holds it.
 [[nodiscard]] Descriptor OpenLocked(const std::filesystem::path& path);
 
-/// Whether a process holds OpenLocked()'s lock.
+/// Returns true if a process holds OpenLocked()'s lock.
 [[nodiscard]] bool IsLocked(const std::filesystem::path& path);
 
-/// A ledger to write to.
+/// A ledger open for writing.
 class LedgerWriter {
  public:
-  /// Opens or begins the file; its first line is written with the first unit. A last line without
-  /// its end, which a killed run leaves, is cut off; with options.salvage damaged lines are moved
-  /// to <path>.dropped. options.notice is told of both.
-  /// @throws std::runtime_error as Evaluate() says.
+  /// Opens or creates the file; the first line is written with the first unit. Removes an
+  /// incomplete last line, which a killed run leaves. With options.salvage, moves damaged lines to
+  /// <path>.dropped. Reports both to options.notice.
+  /// @throws std::runtime_error as Evaluate().
   LedgerWriter(const std::filesystem::path& path, const LedgerHeader& header,
                const EvaluationOptions& options);
 
-  /// What was there when it was opened.
+  /// Returns the records found when the ledger was opened.
   [[nodiscard]] const std::vector<LedgerRecord>& finished() const noexcept { return finished_; }
 
-  /// Appends a line and hands it to the system; at most a second of lines is not on the disk. When
-  /// it returns, the unit survives the death of this process.
-  /// @throws std::runtime_error naming file and reason; the file then ends with the unit before.
+  /// Appends a line and passes it to the system. When it returns, the unit survives the death of
+  /// this process; at most one second of lines is not yet on the disk.
+  /// @throws std::runtime_error naming file and reason; the file then ends with the previous unit.
   void Append(const LedgerRecord& record);
 
  private:

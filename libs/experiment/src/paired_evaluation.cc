@@ -27,7 +27,7 @@
 namespace dfr::experiment {
 namespace {
 
-// First steps of the seed paths, so that start states and controllers draw from unrelated streams.
+// First elements of the seed paths: start states and controllers draw from independent streams.
 constexpr std::uint64_t kStartStream = 0;
 constexpr std::uint64_t kControllerStream = 1;
 
@@ -155,7 +155,7 @@ std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeTrialRunn
   std::atomic<bool> stop{false};
   std::exception_ptr error;
   std::atomic<std::size_t> done{0};
-  std::mutex mutex;  // of error and ledger
+  std::mutex mutex;  // protects error and ledger
   const std::string host = HostName();
   const auto work = [&] {
     while (!stop && (options.stop == nullptr || !*options.stop)) {

@@ -93,8 +93,8 @@ void ProgressBar::Show(const Progress& progress) {
     *stream_ << line << std::endl;
     return;
   }
-  // Clears what a longer line before has left, and lets the terminal cut a line that is wider than
-  // itself (auto-wrap off): a wrapped one could not be drawn over.
+  // Clears the rest of a longer previous line, and truncates a line wider than the terminal
+  // (auto-wrap off): a wrapped line could not be overwritten.
   *stream_ << "\r\033[K\033[?7l" << line << "\033[?7h" << std::flush;
   line_is_open_ = !finished;
   if (finished) *stream_ << std::endl;

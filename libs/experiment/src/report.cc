@@ -44,7 +44,7 @@ class Page {
          << Escape(title) << "</title>\n<style>\n"
          << embedded::kReportCss << "</style>\n</head>\n<body>\n"
          << "<main>\n<h1>" << Escape(title) << "</h1>\n";
-    // Without methods to compare there are the options' own parts alone.
+    // Without methods to compare, the page shows only the options' content.
     const bool compared = !summary_.cells.empty();
     if (compared) {
       out_ << "<p class=\"meta\">experiment <code>" << Escape(summary_.experiment)
@@ -55,7 +55,7 @@ class Page {
     out_ << internal::Paragraphs(options_.introduction);
     HowToFindEpisodes();
     Contrasts();
-    // With one data point there are no curves: bars say it all.
+    // A single data point has no curves; bars show everything.
     const bool one_point = DataPoints() < 2;
     if (compared) one_point ? Endings() : Curves();
     Media();
@@ -100,7 +100,7 @@ class Page {
   }
 
   // The style sheet's colours differ in lightness as well as hue, and each has its marker. The
-  // first method is grey: the others are compared with it.
+  // first method is grey, because the others are compared with it.
   std::string ColourOf(const std::string& method) const {
     return internal::StyleAttribute(StyleOf(method));
   }
@@ -118,7 +118,7 @@ class Page {
     return text;
   }
 
-  // The change of collisions, negative where there are fewer.
+  // Formats the change of collisions, negative if there are fewer.
   static std::string Change(const std::optional<double>& reduction) {
     if (!reduction) return "\u2013";
     std::string text = *reduction < 0.0 ? "+" : "";
@@ -131,7 +131,7 @@ class Page {
     return Number(*ratio, *ratio < 10.0 ? 2 : 1) + "\u2009\u00d7";
   }
 
-  // Which commands print a number and the ids of its episodes, for element attributes.
+  // Formats the commands that print a number and the ids of its episodes, for element attributes.
   std::string Title(const std::vector<EpisodeFilter>& filters) const {
     const std::string commands = Commands(filters);
     return commands.empty() ? "" : " title=\"" + Escape(commands) + "\"";
@@ -154,14 +154,14 @@ class Page {
             .outcomes = outcomes};
   }
 
-  // Those of the method, then those of what it is compared with.
+  // Returns filters for the method's episodes, then for those of its reference.
   static std::vector<EpisodeFilter> FiltersOf(const Contrast& contrast,
                                               const std::vector<std::string>& outcomes = {}) {
     return {{.method = contrast.method, .learner = contrast.learner, .outcomes = outcomes},
             {.method = contrast.against, .learner = contrast.learner, .outcomes = outcomes}};
   }
 
-  // From which start states one of the two collides alone.
+  // Returns the filter for the start states from which only one of the two collides.
   static EpisodeFilter OnlyCollided(const Contrast& contrast, bool reference) {
     const std::string& one = reference ? contrast.against : contrast.method;
     const std::string& other = reference ? contrast.method : contrast.against;
@@ -250,7 +250,7 @@ class Page {
       for (const Panel& panel : kPanels) {
         ReportPlot plot{.title = panel.title, .x_label = "demonstrations", .percent = true};
         plot.y_min = 0.0;
-        // The same axis for all learners, so that their rows can be compared.
+        // The same axis for all learners makes their rows comparable.
         double highest = 0.0;
         for (const Cell& cell : summary_.cells) {
           highest = std::max(highest, (cell.*panel.share).interval.high);
@@ -424,7 +424,7 @@ class Page {
     out_ << "</tbody></table></div>\n";
   }
 
-  // Learner, named in its first row only, and method.
+  // Starts a row with the learner, in its first row only, and the method.
   void StartRow(const Cell& cell, std::string& learner) {
     const bool first = cell.learner != learner;
     learner = cell.learner;
@@ -440,7 +440,7 @@ class Page {
   }
 
   void Table(const ReportTable& table) {
-    // A caption of the table's own would be as narrow as the table.
+    // A <caption> would be as narrow as the table.
     out_ << "<h2>" << Escape(table.heading) << "</h2>\n<p class=\"caption\">"
          << Escape(table.caption) << "</p>\n<div class=\"wide\"><table><thead><tr>";
     for (const std::string& head : table.header) out_ << "<th>" << Escape(head) << "</th>";

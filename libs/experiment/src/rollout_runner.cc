@@ -25,7 +25,7 @@ class RecoveryCounter final : public control::RolloutObserver {
   int length_ = 0;
 };
 
-// The plant's states, whatever was observed of them, and who chose each control.
+// Records the plant's true states and the source of each control.
 class StateRecorder final : public control::RolloutObserver {
  public:
   StateRecorder(const core::Plant& plant, FilmedEpisode& episode)
@@ -49,7 +49,7 @@ class StateRecorder final : public control::RolloutObserver {
   const core::Plant* plant_;
   FilmedEpisode* episode_;
   std::vector<double> state_;
-  std::vector<double> states_;  // one after another
+  std::vector<double> states_;  // concatenated
 };
 
 }  // namespace

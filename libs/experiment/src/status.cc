@@ -21,7 +21,7 @@ bool IsLog(const std::filesystem::directory_entry& entry) {
   return entry.is_regular_file() && (ending == ".log" || ending == ".out");
 }
 
-// The last line that is not blank, of the newest *.log or *.out beside the ledger.
+// Returns the last non-blank line of the newest *.log or *.out beside the ledger.
 std::string LastWords(const std::filesystem::path& folder) {
   std::filesystem::path newest;
   std::filesystem::file_time_type time;
@@ -41,8 +41,8 @@ std::string LastWords(const std::filesystem::path& folder) {
   return newest.filename().string() + ": " + last;
 }
 
-// Appends the ledgers in `folder` and below it, as deep as a grid's shards are. A folder with logs
-// alone is a task that failed before it had a ledger.
+// Appends the ledgers in `folder` and below it, down to the depth of a grid's shards. A folder with
+// only logs is a task that failed before it created a ledger.
 void Collect(const std::filesystem::path& folder, int depth,
              std::vector<std::filesystem::path>& ledgers) {
   constexpr int kDeepestFolder = 2;
@@ -58,7 +58,7 @@ void Collect(const std::filesystem::path& folder, int depth,
     if (entry.is_directory()) below.push_back(entry.path());
     has_log = has_log || IsLog(entry);
   }
-  // dfr-cluster's own folder is none of a task.
+  // The folder of dfr-cluster belongs to no task.
   std::erase_if(below, [](const auto& path) { return path.filename() == "cluster"; });
   if (below.empty() && has_log) ledgers.push_back(ledger);
   if (depth == kDeepestFolder) return;
@@ -66,7 +66,7 @@ void Collect(const std::filesystem::path& folder, int depth,
   for (const std::filesystem::path& path : below) Collect(path, depth + 1, ledgers);
 }
 
-// What the ledgers of one run add up to.
+// Accumulates the ledgers of one run.
 class Run {
  public:
   explicit Run(const std::filesystem::path& folder) : folder_(folder) {}
@@ -74,10 +74,10 @@ class Run {
   [[nodiscard]] bool Has(const LedgerHeader& header) const {
     return header_ && Difference(*header_, header).empty();
   }
-  // Nothing else is known of a task without a unit.
+  // A task without a unit is identified only by its folder.
   [[nodiscard]] bool IsIn(const std::filesystem::path& folder) const { return folder_ == folder; }
 
-  // Null: no unit is finished yet.
+  // nullptr: no unit is finished yet.
   void Add(const std::filesystem::path& path, const LedgerContents* contents) {
     LedgerStatus& one = status_.ledgers.emplace_back();
     one.path = path;

@@ -16,11 +16,11 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Below this, resampling trials gives a handful of distinct values and intervals far too short, and
-// intervals clustered by trial are too wide to say anything.
+// With fewer clusters, resampling trials gives only a few distinct values and intervals that are
+// much too short, and intervals clustered by trial are too wide to be useful.
 constexpr int kFewTrials = 5;
 
-// Trial t belongs to cluster t % NumClusters(): what differs at the highest level is independent.
+// Trial t belongs to cluster t % NumClusters(). Only the highest level is independent.
 int NumClusters(const EvaluationPlan& plan) {
   return plan.supervisors >= kFewTrials ? std::min(plan.supervisors, plan.trials) : plan.trials;
 }
@@ -98,7 +98,7 @@ std::optional<double> Ratio(double value, double reference) {
   return value / reference;
 }
 
-// One unit per cluster, or one per start state where trials are too few to be resampled.
+// One unit per cluster, or one per start state if there are too few trials to resample.
 Contrast MakeContrast(const EvaluationPlan& plan, std::size_t method, const std::string& learner,
                       std::span<const UnitResult> results, const BootstrapOptions& options) {
   Contrast contrast;
@@ -369,7 +369,7 @@ void PrintTable(const Summary& summary, std::ostream& out) {
       out << "\n";
     }
   }
-  // One row per data point, a column per method: intervals are in the file.
+  // One row per data point, one column per method; the file contains the intervals.
   std::vector<std::string> methods;
   for (const Cell& cell : summary.averages) {
     if (std::find(methods.begin(), methods.end(), cell.method) == methods.end()) {

@@ -30,7 +30,7 @@ std::string Coordinate(double value) {
   return text.str();
 }
 
-// The smallest of 1, 2, 2.5, 5 times a power of ten that gives at most `most` steps.
+// Returns the smallest of 1, 2, 2.5, 5 times a power of ten that gives at most `most` steps.
 double NiceStep(double range, int most) {
   const double raw = range / most;
   const double power = std::pow(10.0, std::floor(std::log10(raw)));
@@ -60,8 +60,8 @@ void AddTicks(Axis& axis, double step) {
   for (int i = first; i <= last; ++i) axis.ticks.push_back(i * step);
 }
 
-// From zero or the least value to the largest. Few distinct values are ticks
-// themselves.
+// Creates an axis from zero or the smallest value to the largest. A few distinct values become the
+// ticks.
 Axis MakeXAxis(const ReportPlot& plot) {
   std::vector<double> values;
   for (const ReportSeries& series : plot.series) {
@@ -74,7 +74,7 @@ Axis MakeXAxis(const ReportPlot& plot) {
   axis.low = plot.x_min.value_or(std::min(0.0, values.front()));
   axis.high = plot.x_max.value_or(values.back());
   if (!(axis.high > axis.low)) axis.high = axis.low + 1.0;
-  // Ticks need room for their numbers: a fourteenth of the axis between any two.
+  // Two ticks need at least a fourteenth of the axis between them for their numbers.
   bool roomy = values.size() <= 8 && !plot.x_min && !plot.x_max;
   for (std::size_t i = 1; i < values.size(); ++i) {
     roomy = roomy && values[i] - values[i - 1] >= (axis.high - axis.low) / 14.0;
@@ -114,14 +114,14 @@ std::string TickText(double tick, double step, bool percent) {
   return Number(tick, DigitsOf(step));
 }
 
-// Where each name goes, so that none covers another: sorted by y, then pushed apart.
+// Computes the positions of the names without overlaps: sorts by y, then separates them.
 std::vector<double> SpreadLabels(const std::vector<double>& wanted) {
   std::vector<std::size_t> order(wanted.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::stable_sort(order.begin(), order.end(),
                    [&](std::size_t a, std::size_t b) { return wanted[a] < wanted[b]; });
   std::vector<double> placed = wanted;
-  // Groups of touching labels, each centred on the mean of what its members want.
+  // Groups of touching labels, each centred on the mean of its members' wanted positions.
   struct Group {
     double sum = 0.0;
     std::vector<std::size_t> members;
@@ -167,7 +167,7 @@ void CheckPlot(const ReportPlot& plot) {
   }
 }
 
-// The marker of lines of style `style`, at (x, y).
+// Returns the marker of style `style` at (x, y).
 std::string Marker(int style, double x, double y) {
   const auto at = [&](double dx, double dy) {
     return Coordinate(x + dx) + "," + Coordinate(y + dy) + " ";
@@ -208,7 +208,7 @@ class Panel {
         << Escape(plot_.title) << "\">\n"
         << "<text class=\"panel\" x=\"0\" y=\"14\">" << Escape(plot_.title) << "</text>\n";
     DrawAxes(svg);
-    // All bands first: a line must not vanish below a neighbour's band.
+    // All bands first: no band may cover a line.
     for (std::size_t i = 0; i < plot_.series.size(); ++i) DrawBand(i, svg);
     std::vector<double> ends;
     for (std::size_t i = 0; i < plot_.series.size(); ++i) ends.push_back(DrawLine(i, svg));
@@ -258,7 +258,7 @@ class Panel {
   void DrawBand(std::size_t i, std::ostream& svg) const {
     const ReportSeries& series = plot_.series[i];
     if (series.low.empty()) return;
-    // There along the upper ends, back along the lower ones.
+    // Along the upper ends, then back along the lower ones.
     svg << "<polygon class=\"band\" " << StyleAttribute(StyleOf(i)) << " points=\"";
     const std::size_t n = series.low.size();
     for (std::size_t j = 0; j < 2 * n; ++j) {
@@ -270,7 +270,7 @@ class Panel {
     svg << "\"/>\n";
   }
 
-  // Returns the height at which the line ends.
+  // Returns the height of the line's end.
   double DrawLine(std::size_t i, std::ostream& svg) const {
     const ReportSeries& series = plot_.series[i];
     std::string path;
@@ -283,7 +283,7 @@ class Panel {
       path += path.empty() ? "M" : "L";
       path.append(Coordinate(x)).append(" ").append(Coordinate(y));
       end = y;
-      // Long curves are lines only; a point of its own then says nothing.
+      // Long curves have no markers; an isolated point among them is omitted.
       if (series.x.size() > 40) continue;
       markers << "<g>" << Marker(StyleOf(i), x, y) << "<title>" << Escape(series.name) << ", "
               << Escape(plot_.x_label) << " " << XText(series.x[k]) << ": " << YText(series.y[k]);
@@ -298,7 +298,7 @@ class Panel {
     return end;
   }
 
-  // `ends` has the height at which each line ends.
+  // @param ends  height of the end of each line.
   void DrawNames(const std::vector<double>& ends, std::ostream& svg) const {
     std::vector<std::size_t> named;
     std::vector<double> wanted;

@@ -6,8 +6,8 @@
 
 namespace dfr::experiment::internal {
 
-/// Replaces a file through a temporary one beside it, so that a reader never sees half of it.
-/// @throws std::runtime_error naming the file and what the system said.
+/// Replaces a file by renaming a temporary one beside it: a reader never sees an incomplete file.
+/// @throws std::runtime_error naming the file and the system's error.
 void ReplaceFile(const std::filesystem::path& path, std::string_view text);
 
 /// @throws std::runtime_error naming the file.

@@ -12,11 +12,11 @@ class Adam {
  public:
   Adam(Eigen::Index parameters, double learning_rate);
 
-  /// One step down `gradient`. Never allocates.
+  /// Takes one step along -`gradient`. Never allocates.
   void Step(const Eigen::VectorXd& gradient, Eigen::VectorXd& parameters) noexcept;
 
   void Save(core::ArchiveWriter& archive) const;
-  /// Takes over a saved state. @throws std::runtime_error for another number of parameters.
+  /// Restores a saved state. @throws std::runtime_error for another number of parameters.
   void Load(core::ArchiveReader& archive);
 
  private:

@@ -7,11 +7,11 @@
 
 namespace dfr::imitation::internal {
 
-/// @throws std::invalid_argument naming the first entry of `rows` that is not finite, as in
+/// @throws std::invalid_argument naming the first entry of `rows` that is not finite, for example
 ///   "states: row 3, column 1 is nan".
 void CheckFinite(const core::Matrix& rows, std::string_view name);
 
-/// Whether every entry is finite. Never allocates.
+/// Returns whether every entry is finite. Never allocates.
 [[nodiscard]] bool AllFinite(std::span<const double> values) noexcept;
 
 }  // namespace dfr::imitation::internal

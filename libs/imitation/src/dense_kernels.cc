@@ -3,7 +3,7 @@
 #include <cmath>
 #include <cstdint>
 
-// The tiles below are arrays of vectors, which targets with vectors of unknown size cannot have.
+// The tiles below are arrays of vectors, which targets with variable vector length do not support.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 
 #undef HWY_TARGET_INCLUDE
@@ -19,7 +19,7 @@ using Tag = hn::ScalableTag<double>;
 using Vector = hn::Vec<Tag>;
 
 // A tile of kTileRows x kTileVectors accumulators, kTileVectors entries of B and one of A fill the
-// register file: 29 of AVX-512's 32, 15 of the others' 16.
+// register file: 29 of 32 registers with AVX-512, 15 of 16 otherwise.
 constexpr int kTileRows = 6;
 #if HWY_TARGET == HWY_AVX3 || HWY_TARGET == HWY_AVX3_DL
 constexpr int kTileVectors = 4;
@@ -27,8 +27,9 @@ constexpr int kTileVectors = 4;
 constexpr int kTileVectors = 2;
 #endif
 
-// The first `count` lanes, at least one and not all. Highway's masked loads touch the other lanes'
-// memory where the instruction set has no masks; there vectors have two lanes, so count is one.
+// Loads the first `count` lanes, at least one and not all. On instruction sets without masks,
+// Highway's masked loads access the memory of the other lanes. Vectors have two lanes there, so
+// count is one.
 #if HWY_TARGET == HWY_AVX3 || HWY_TARGET == HWY_AVX3_DL || HWY_TARGET == HWY_AVX2
 HWY_INLINE Vector LoadFirst(const double* from, std::size_t count) {
   return hn::MaskedLoad(hn::FirstN(Tag(), count), Tag(), from);
@@ -59,7 +60,7 @@ HWY_INLINE void Store(Vector v, double* to, std::size_t count) {
   }
 }
 
-// C's tile at (i, j). `lanes` counts the columns of a tile of one vector that ends within it.
+// Computes C's tile at (i, j). `lanes` is the number of columns of a tile of one partial vector.
 template <int kRows, int kVectors, bool kPartial>
 HWY_INLINE void Tile(const Product& p, int i, int j, std::size_t lanes) {
   static_assert(!kPartial || kVectors == 1);
@@ -118,9 +119,9 @@ void Multiply(const Product& p) {
   if (j < p.n) Columns<1, true>(p, j, static_cast<std::size_t>(p.n - j));
 }
 
-// tanh(x) = e / (e + 2) with e = exp(2|x|) - 1, which keeps its relative accuracy at 0:
-// 2|x| = n ln 2 + r, e = 2^n (exp(r) - 1) + (2^n - 1), and exp(r) - 1 by its Taylor series, whose
-// 14th term is below 2e-17 of the first for |r| <= ln(2)/2.
+// tanh(x) = e / (e + 2) with e = exp(2|x|) - 1, which keeps the relative accuracy at 0. With 2|x| =
+// n ln 2 + r, e = 2^n (exp(r) - 1) + (2^n - 1). exp(r) - 1 is a Taylor series, whose 14th term is
+// below 2e-17 of the first for |r| <= ln(2)/2.
 HWY_INLINE Vector TanhOf(Vector x) {
   const Tag d;
   const hn::RebindToUnsigned<Tag> du;
@@ -129,11 +130,11 @@ HWY_INLINE Vector TanhOf(Vector x) {
   const Vector clamped = hn::IfThenElse(hn::Gt(magnitude, limit), limit, magnitude);  // NaN stays
   const Vector y = hn::Add(clamped, clamped);
 
-  // Adding 1.5 2^52 rounds to an integer and leaves it in the lowest bits.
+  // Adding 1.5 2^52 rounds to an integer, which is then in the lowest bits.
   const Vector shift = hn::Set(d, 0x1.8p52);
   const Vector shifted = hn::MulAdd(y, hn::Set(d, 1.4426950408889634), shift);
   const Vector n = hn::Sub(shifted, shift);
-  // ln 2 in two parts, the first with so few bits that its product with n is exact.
+  // ln 2 in two parts. The first has few enough bits for an exact product with n.
   const Vector r = hn::NegMulAdd(n, hn::Set(d, 0x1.a39ef35793c76p-33),
                                  hn::NegMulAdd(n, hn::Set(d, 0x1.62e42feep-1), y));
   const Vector power = hn::BitCast(

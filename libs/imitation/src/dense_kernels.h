@@ -4,11 +4,11 @@
 
 namespace dfr::imitation::internal {
 
-/// C = start + A B for A (m x k), B (k x n), C (m x n). Rows of B and C are contiguous; A has any
-/// strides, so that a transposed A, or a constant one (both strides 0), costs nothing extra.
+/// C = start + A B for A (m x k), B (k x n), C (m x n). Rows of B and C are contiguous. A has any
+/// strides: a transposed or constant A (both strides 0) costs nothing extra.
 ///
-/// Each entry of C is summed over k in order, from the start value, whatever m, n and the position
-/// within C: a row of a batch gets bit for bit the result that it would get alone.
+/// Each entry of C is summed over k in order, from the start value, for any m, n and position in C.
+/// A row of a batch is bit-identical to the result of that row alone.
 struct Product {
   int m = 0;
   int n = 0;
@@ -20,18 +20,19 @@ struct Product {
   std::ptrdiff_t b_row = 0;
   double* c = nullptr;
   std::ptrdiff_t c_row = 0;
-  const double* bias = nullptr;  ///< n entries that every row of C starts from; null means zero.
-  bool accumulate = false;       ///< Start from C's present entries instead.
+  const double* bias = nullptr;  ///< n start values for every row of C; null: zero.
+  bool accumulate = false;       ///< Start from the current entries of C instead.
 };
 
-// Each runs on the widest instruction set of the machine, in one thread, and never allocates.
+// These functions use the widest instruction set of the machine and one thread. They never
+// allocate.
 void Multiply(const Product& product) noexcept;
 /// values = tanh(values), within 4 units in the last place; NaN stays NaN.
 void Tanh(double* values, std::size_t size) noexcept;
 /// gradients *= 1 - tanh(a)^2, given activations = tanh(a).
 void TimesTanhSlope(double* gradients, const double* activations, std::size_t size) noexcept;
 
-// The definitions of the above.
+// Reference implementations of the functions above.
 void MultiplyReference(const Product& product) noexcept;
 void TanhReference(double* values, std::size_t size) noexcept;
 void TimesTanhSlopeReference(double* gradients, const double* activations,

@@ -14,7 +14,7 @@ namespace {
 
 using core::Matrix;
 
-// What the random streams are for.
+// Purposes of the random streams.
 enum Purpose : std::uint64_t { kWeights, kShuffle };
 
 // Ceres keeps the whole Jacobian.
@@ -36,7 +36,7 @@ void CheckOptions(const FitMlpOptions& o) {
   }
 }
 
-// The rows of `values` whose index is in `rows`.
+// Returns the rows of `values` with the indices `rows`.
 Matrix Take(const Matrix& values, const std::vector<Eigen::Index>& rows) {
   Matrix taken(static_cast<Eigen::Index>(rows.size()), values.cols());
   for (std::size_t i = 0; i < rows.size(); ++i) {

@@ -73,12 +73,12 @@ void LocallyWeightedPolicy::Control(int t, std::span<const double> x,
   features_.Apply(x, z);
 
   const int steps = static_cast<int>(begin_.size()) - 1;
-  // Beyond the last step the last ones still say where to go.
+  // Beyond the last time step, the last pairs still apply.
   const int here = std::clamp(t, 0, steps - 1);
   const int first = begin_[static_cast<std::size_t>(std::max(0, here - options_.window))];
   const int last = begin_[static_cast<std::size_t>(std::min(steps, here + options_.window + 1))];
-  // Distances are taken relative to the nearest, so that far from all demonstrations the nearest
-  // ones decide instead of nothing.
+  // Uses distances relative to the nearest pair. Far from all demonstrations, the nearest pairs
+  // then decide; all weights would underflow otherwise.
   double nearest = std::numeric_limits<double>::infinity();
   for (int row = first; row < last; ++row) {
     nearest = std::min(nearest, (points_.row(row).transpose() - core::AsVector(z)).squaredNorm());

@@ -17,8 +17,8 @@ using internal::Multiply;
 using internal::Tanh;
 using internal::TimesTanhSlope;
 
-// Samples that go through all layers before the next ones do, so that their activations stay in the
-// first-level cache from layer to layer; a multiple of the rows of the kernels' tiles.
+// Number of samples that pass through all layers together, which keeps their activations in the
+// first-level cache. A multiple of the tile rows of the kernels.
 constexpr Eigen::Index kChunk = 96;
 
 constexpr double kOne = 1.0;
@@ -369,7 +369,7 @@ void Mlp::Save(core::ArchiveWriter& archive) const {
 Mlp Mlp::Load(core::ArchiveReader& archive) {
   const std::vector<int> sizes = archive.Integers();
   const std::vector<double> parameters = archive.Numbers();
-  // Before the network is made: a few sizes can ask for any number of weights.
+  // Checked before creating the network: a few sizes can request any number of weights.
   for (std::size_t i = 1; i < sizes.size(); ++i) {
     const auto inputs = static_cast<std::uint64_t>(std::clamp(sizes[i - 1], 0, kMaxWidth));
     const auto outputs = static_cast<std::uint64_t>(std::clamp(sizes[i], 0, kMaxWidth));

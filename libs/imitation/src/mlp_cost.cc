@@ -12,8 +12,8 @@
 namespace dfr::imitation::internal {
 namespace {
 
-// Both stop where an iteration changes the loss by less than this fraction, or the gradient's
-// largest entry falls below the other.
+// Both methods stop if an iteration changes the loss by less than this fraction, or if the largest
+// entry of the gradient is below the second value.
 constexpr double kFunctionTolerance = 1e-9;
 constexpr double kGradientTolerance = 1e-10;
 
@@ -25,7 +25,7 @@ class LossFunction final : public ceres::FirstOrderFunction {
 
   bool Evaluate(const double* parameters, double* cost, double* gradient) const override {
     const Eigen::Map<const Eigen::VectorXd> theta(parameters, size_);
-    if (!theta.allFinite()) return false;  // a step too far, to be shortened
+    if (!theta.allFinite()) return false;  // step too long, to be shortened
     *cost = loss_.Evaluate(theta, inputs_, targets_, gradient == nullptr ? nullptr : &gradient_);
     if (gradient != nullptr) Eigen::Map<Eigen::VectorXd>(gradient, size_) = gradient_;
     return std::isfinite(*cost);
@@ -40,7 +40,7 @@ class LossFunction final : public ceres::FirstOrderFunction {
   mutable Eigen::VectorXd gradient_;
 };
 
-// (mlp(x_i) - t_i) / sqrt(n) for a range of samples, so that half the squared norm is the loss.
+// (mlp(x_i) - t_i) / sqrt(n) for a range of samples; the loss is half the squared norm.
 class ErrorFunction final : public ceres::CostFunction {
  public:
   ErrorFunction(const core::Matrix& inputs, const core::Matrix& targets, Eigen::Index first,

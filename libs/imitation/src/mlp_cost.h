@@ -13,16 +13,18 @@ struct MinimizeSummary {
   std::string message;
 };
 
-/// Moves the parameters of `mlp` to a minimum of RegressionLoss over all rows, by Ceres's L-BFGS.
+/// Minimises RegressionLoss over all rows with Ceres's L-BFGS, starting from the parameters of
+/// `mlp`.
 MinimizeSummary MinimizeByLbfgs(const core::Matrix& inputs, const core::Matrix& targets,
                                 double weight_decay, int max_iterations, Mlp& mlp);
 
-/// The same by Ceres's Levenberg-Marquardt on the whole dense Jacobian: few, expensive iterations.
+/// Minimises the same loss with Ceres's Levenberg-Marquardt on the whole dense Jacobian: few,
+/// expensive iterations.
 MinimizeSummary MinimizeByLevenbergMarquardt(const core::Matrix& inputs,
                                              const core::Matrix& targets, double weight_decay,
                                              int max_iterations, Mlp& mlp);
 
-/// Bytes of that Jacobian.
+/// Returns the size of that Jacobian in bytes.
 [[nodiscard]] double JacobianBytes(const core::Matrix& targets, const Mlp& mlp);
 
 }  // namespace dfr::imitation::internal

@@ -8,14 +8,14 @@
 
 namespace dfr::imitation::internal {
 
-/// loss = mean_i |mlp(x_i) - t_i|^2 / 2 + weight_decay |W|^2 / 2 with W all weights, not the
-/// biases.
+/// loss = mean_i |mlp(x_i) - t_i|^2 / 2 + weight_decay |W|^2 / 2, where W are all weights without
+/// the biases.
 class RegressionLoss {
  public:
-  /// For networks of the sizes of `mlp`.
+  /// Uses networks of the layer sizes of `mlp`.
   RegressionLoss(Mlp mlp, double weight_decay);
 
-  /// The loss of `parameters`, and its gradient unless that is null.
+  /// Returns the loss of `parameters` and writes its gradient unless that is null.
   /// @throws std::invalid_argument for a parameter that is not finite.
   double Evaluate(const Eigen::Ref<const Eigen::VectorXd>& parameters, const Rows& inputs,
                   const Rows& targets, Eigen::VectorXd* gradient);
@@ -27,8 +27,8 @@ class RegressionLoss {
   Mlp::Workspace workspace_;
 };
 
-/// Passes of mini-batch Adam over the rows of `inputs` and `targets`, shuffled anew for each; the
-/// last batch of a pass has the rows that remain.
+/// Runs mini-batch Adam over the rows of `inputs` and `targets`, reshuffled in each pass. The last
+/// batch of a pass has the remaining rows.
 void FitByAdam(const core::Matrix& inputs, const core::Matrix& targets, int epochs, int batch,
                double weight_decay, Adam& adam, core::Random& random, Mlp& mlp);
 

@@ -20,10 +20,10 @@ namespace {
 constexpr std::string_view kCheckpointKind = "trpo-checkpoint";
 constexpr int kCheckpointVersion = 1;
 
-// What the random streams are for.
+// Purposes of the random streams.
 enum Purpose : std::uint64_t { kWeights, kCriticWeights, kEpisode, kNoise, kShuffle };
 
-// The line search tries the full step and then shorter ones, each by this factor.
+// The line search tries the full step, then steps shortened by this factor each.
 constexpr double kBacktrack = 0.8;
 constexpr int kMaxBacktracks = 15;
 
@@ -99,7 +99,7 @@ core::FeatureSelection Select(const core::StateLayout& layout, const std::string
                           : core::FeatureSelection(layout, features);
 }
 
-// Mean and variance of all rows seen, batch by batch (Chan, Golub and LeVeque, 1983).
+// Mean and variance of all rows so far, batch by batch (Chan, Golub and LeVeque, 1983).
 struct Moments {
   double count = 0.0;
   Eigen::RowVectorXd mean;
@@ -127,7 +127,7 @@ struct Moments {
   }
 };
 
-// The steps of some whole episodes, one row each.
+// Steps of several whole episodes, one row each.
 struct Batch {
   core::Matrix features;  // not whitened
   core::Matrix controls;  // before their limit
@@ -306,7 +306,7 @@ TrpoProgress Trpo::Learner::Iterate() {
       target_variance > 0.0 ? 1.0 - variance(targets - values) / target_variance : 0.0;
 
   const double spread = std::sqrt(variance(advantages));
-  if (spread > 0.0) {  // else no control was better than another
+  if (spread > 0.0) {  // otherwise all controls were equally good
     const Eigen::VectorXd normalised = (advantages.array() - advantages.mean()) / spread;
     UpdatePolicy(whitened, batch, normalised, progress);
   }
@@ -327,7 +327,7 @@ void Trpo::Learner::UpdatePolicy(const core::Matrix& whitened, const Batch& batc
   const Eigen::Index network = mlp_.num_parameters();
   Eigen::VectorXd gradient = problem.gradient();
   for (Eigen::Index i = 0; i < log_std_.size(); ++i) {
-    // At the floor a step further down would only use up the KL bound.
+    // At the minimum, a step further down would only consume the KL bound.
     if (log_std_[i] <= options_.min_log_std)
       gradient[network + i] = std::max(0.0, gradient[network + i]);
   }
@@ -358,8 +358,8 @@ void Trpo::Learner::UpdatePolicy(const core::Matrix& whitened, const Batch& batc
   }
 }
 
-// Changes the units of the critic's output without changing its values, so that Adam always sees
-// targets of size one (van Hasselt et al., 2016).
+// Changes the units of the critic's output without changing its values, which keeps Adam's targets
+// at size one (van Hasselt et al., 2016).
 void Trpo::Learner::RescaleCritic(double mean, double scale) {
   Eigen::VectorXd parameters = critic_.parameters();
   const int last_hidden = critic_.sizes()[critic_.sizes().size() - 2];

@@ -5,7 +5,7 @@
 namespace dfr::imitation::internal {
 namespace {
 
-// log N(u; mean, diag(exp(2 log_std))) up to the constant that all policies share.
+// log N(u; mean, diag(exp(2 log_std))) up to a constant common to all policies.
 Eigen::VectorXd LogDensity(const core::Matrix& controls, const Rows& means,
                            const Eigen::VectorXd& log_std) {
   const Eigen::RowVectorXd inverse_std = (-log_std.array()).exp().matrix().transpose();

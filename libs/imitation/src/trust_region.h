@@ -13,21 +13,21 @@ namespace dfr::imitation::internal {
 /// bounded, for a Gaussian policy whose deviation does not depend on the state.
 class TrustRegionProblem {
  public:
-  /// `inputs` (n x network inputs) and the `controls` drawn there (n x outputs, before any limit)
-  /// by the old policy (`mlp`, `log_std`); one advantage each. Borrows all matrices.
+  /// Takes `inputs` (n x network inputs), the `controls` that the old policy (`mlp`, `log_std`)
+  /// drew there (n x outputs, before any limit), and one advantage each. Borrows all matrices.
   TrustRegionProblem(const Mlp& mlp, const Eigen::VectorXd& log_std, const core::Matrix& inputs,
                      const core::Matrix& controls, const Eigen::VectorXd& advantages);
 
   /// Old network parameters, then log_std.
   [[nodiscard]] const Eigen::VectorXd& theta() const noexcept { return theta_; }
 
-  /// The gradient of the surrogate at the old policy.
+  /// Returns the gradient of the surrogate at the old policy.
   [[nodiscard]] const Eigen::VectorXd& gradient() const noexcept { return gradient_; }
 
-  /// `product` = F v with F the Hessian of the mean KL at the old policy, which for a Gaussian is
+  /// Computes `product` = F v with F the Hessian of the mean KL at the old policy. For a Gaussian,
   ///   F = diag(J' diag(exp(-2 log_std)) J / n, 2 I)
-  /// with J the derivative of the means by the network parameters. Costs a tangent and a backward
-  /// pass; F is never formed.
+  /// with J the derivative of the means with respect to the network parameters. Costs a tangent and
+  /// a backward pass; F is never formed.
   void FisherVectorProduct(const Eigen::VectorXd& v, Eigen::VectorXd& product);
 
   struct Value {
@@ -53,8 +53,8 @@ class TrustRegionProblem {
   Mlp::Workspace moved_workspace_;
 };
 
-/// Solves A x = b for a positive definite A, given as a product, from x = 0; at most `iterations`
-/// steps or until the residual is below 1e-10 |b| (Hestenes and Stiefel, 1952).
+/// Solves A x = b for a positive definite A, given as a product, starting at x = 0. Stops after
+/// `iterations` steps or when the residual is below 1e-10 |b| (Hestenes and Stiefel, 1952).
 [[nodiscard]] Eigen::VectorXd ConjugateGradient(
     const std::function<void(const Eigen::VectorXd&, Eigen::VectorXd&)>& product,
     const Eigen::VectorXd& b, int iterations);

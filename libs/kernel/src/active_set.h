@@ -6,13 +6,13 @@
 
 namespace dfr::kernel::internal {
 
-/// The samples that a solver moves while all others are fixed: the free ones, and of those at each
-/// bound the ones nearest to moving. Alpha moves from one bound to the other; chosen from both
-/// together, the nearest may all be of one kind, and nothing could move.
+/// The samples that a solver moves while all others are fixed: the free samples and, at each bound,
+/// those nearest to moving. Alpha moves from one bound to the other. A choice from both bounds
+/// together could contain samples of one bound only, and no step would be possible.
 class ActiveSet {
  public:
-  /// Takes of each kind at least `margin` / 2 samples more than violate their KKT condition, of
-  /// which `most_violators` / 2 or as many as half of the free samples are taken.
+  /// Takes, of each kind, up to (`most_violators` + number of free samples) / 2 samples that
+  /// violate their KKT condition, and at least `margin` / 2 others.
   ActiveSet(std::size_t margin, std::size_t most_violators)
       : margin_(margin), most_violators_(most_violators) {}
 
@@ -23,7 +23,7 @@ class ActiveSet {
 
  private:
   struct Candidate {
-    double slack;  // how far it is from moving; violators are below zero
+    double slack;  // distance from moving; negative for violators
     std::size_t sample;
   };
   void AddNearest(std::vector<Candidate>& candidates, std::size_t free);

@@ -11,8 +11,8 @@
 
 namespace dfr::kernel::internal {
 
-/// OneClassSvm::Fit(). Its bits depend on whether `scratch` has distances (they must be those of
-/// the samples), not on what was fitted with it before.
+/// OneClassSvm::Fit() with shared memory. The bits of the result depend on whether `scratch` has
+/// distances (those of the samples), not on previous fits with it.
 OneClassSvm FitSharing(const core::Matrix& samples, const OneClassSvmOptions& options,
                        Scratch& scratch, FitSummary* summary);
 
@@ -21,9 +21,9 @@ struct NuGamma {
   double gamma;
 };
 
-/// TimeVaryingSupport::Fit() for each pair of `grid` (their own in `options` count for nothing).
-/// What is small enough computes the distances between its samples once for the whole grid.
-/// `summaries`, if given, receives one entry per estimate of each pair in turn.
+/// TimeVaryingSupport::Fit() for each pair of `grid`, which replaces the values in `options`. Small
+/// problems compute the distances between their samples once for the whole grid. If given,
+/// `summaries` receives one entry per estimate, pair by pair.
 std::vector<TimeVaryingSupport> FitGrid(std::span<const StatesView> demonstrations,
                                         const TimeVaryingSupportOptions& options,
                                         std::span<const NuGamma> grid,

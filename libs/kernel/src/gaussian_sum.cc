@@ -14,8 +14,8 @@ HWY_BEFORE_NAMESPACE();
 namespace dfr::kernel::internal::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// 2^f on [0, 1) with relative error 8.3e-8 and 2.3e-16 (Remez, constant term 1 so that k(x, x) =
-// 1).
+// 2^f on [0, 1) with relative errors 8.3e-8 and 2.3e-16 (Remez; the constant term is 1 to make k(x,
+// x) = 1).
 template <class D, class V>
 HWY_INLINE V Exp2OfFraction(D d, V f) {
   if constexpr (sizeof(hn::TFromD<D>) == 4) {
@@ -40,15 +40,15 @@ HWY_INLINE V Exp2OfFraction(D d, V f) {
   }
 }
 
-// 2^e for e <= 1024, zero below the smallest normal number: Intel's processors take more than a
-// hundred cycles for a vector that a denormal number comes into or out of.
+// 2^e for e <= 1024, zero below the smallest normal number. Vector operations on denormal numbers
+// take more than a hundred cycles on Intel processors.
 template <class D, class V>
 HWY_INLINE V Exp2(D d, V e) {
   using T = hn::TFromD<D>;
   constexpr bool kSingle = sizeof(T) == 4;
   const auto normal = hn::Ge(e, hn::Set(d, kSingle ? T(-126) : T(-1022)));
 #if HWY_TARGET <= HWY_AVX3
-  // Two instructions that Highway has no name for: e - floor(e) and p * 2^floor(e).
+  // Two instructions without a Highway name: e - floor(e) and p * 2^floor(e).
   constexpr int kFloorNoException = 0x09;
   if constexpr (kSingle) {
     const V f{_mm512_reduce_ps(e.raw, kFloorNoException)};
@@ -61,7 +61,7 @@ HWY_INLINE V Exp2(D d, V e) {
   const hn::RebindToSigned<D> di;
   const V n = hn::Floor(e);
   const V p = Exp2OfFraction(d, hn::Sub(e, n));
-  // 1.5 * 2^mantissa bits puts n into the low bits of the mantissa.
+  // Adding 1.5 * 2^mantissa bits moves n into the low bits of the mantissa.
   const V shifted = hn::Add(n, hn::Set(d, kSingle ? T(12582912.0) : T(6755399441055744.0)));
   constexpr int kMantissaBits = kSingle ? 23 : 52;
   return hn::IfThenElseZero(
@@ -76,11 +76,11 @@ template <typename T>
 constexpr std::size_t VectorsPerBlock() {
   return GaussianTerms<T>::kLanes / hn::MaxLanes(Tag<T>());
 }
-// Vectors evaluated together: enough independent chains to hide the latency of an FMA. With 16
-// registers more than four spill.
+// Number of vectors evaluated together: enough independent chains to hide the latency of an FMA.
+// With 16 registers, more than four spill.
 constexpr std::size_t kTogether = HWY_TARGET <= HWY_AVX3 ? 8 : 4;
 
-// Exponents of kVectors successive vectors of terms, the first of which begins at `block`.
+// Exponents of kVectors successive vectors of terms, starting at `block`.
 template <std::size_t kVectors, typename T>
 HWY_INLINE void Exponents(const T* HWY_RESTRICT block, std::size_t dim, const T* HWY_RESTRICT x,
                           hn::Vec<Tag<T>>* HWY_RESTRICT exponent) {
@@ -104,8 +104,8 @@ HWY_INLINE void Exponents(const T* HWY_RESTRICT block, std::size_t dim, const T*
   }
 }
 
-// Hands the exponents of each vector of terms to `use(index, exponents, count)`, `count` vectors at
-// a time, in groups of kTogether and then of whole blocks.
+// Passes the exponents of each vector of terms to `use(index, exponents, count)`, `count` vectors
+// at a time, first in groups of kTogether, then in whole blocks.
 template <typename T, class Use>
 HWY_INLINE void ForGroups(const T* HWY_RESTRICT data, std::size_t num_blocks, std::size_t dim,
                           const T* HWY_RESTRICT x, Use&& use) {
@@ -132,7 +132,7 @@ HWY_INLINE void ForGroups(const T* HWY_RESTRICT data, std::size_t num_blocks, st
   while (b < num_blocks) group(std::integral_constant<std::size_t, 1>());
 }
 
-// Hands each vector of terms to `use(index, term)`.
+// Passes each vector of terms to `use(index, term)`.
 template <typename T, class Use>
 HWY_INLINE void ForTerms(const T* HWY_RESTRICT data, std::size_t num_blocks, std::size_t dim,
                          const T* HWY_RESTRICT x, Use&& use) {
@@ -145,13 +145,13 @@ HWY_INLINE void ForTerms(const T* HWY_RESTRICT data, std::size_t num_blocks, std
   });
 }
 
-// Sums terms in two chains, the same ones however the terms are visited.
+// Sums terms in two chains, which do not depend on the order of visits.
 template <typename T>
 struct Total {
   hn::Vec<Tag<T>> even;
   hn::Vec<Tag<T>> odd;
 
-  // Spelled out: an implicit constructor would not be compiled for the instruction set.
+  // Explicit because an implicit constructor would not be compiled for the instruction set.
   HWY_INLINE Total() : even(hn::Zero(Tag<T>())), odd(hn::Zero(Tag<T>())) {}
   template <class V>
   HWY_INLINE void Add(std::size_t j, V term) {
@@ -164,8 +164,8 @@ struct Total {
   HWY_INLINE T Value() const { return hn::GetLane(hn::SumOfLanes(Tag<T>(), hn::Add(even, odd))); }
 };
 
-// Terms that stay in L1 while a batch of queries passes over them: 16 KiB, and a multiple of every
-// group, so that the order of summation is Sum()'s.
+// Terms that stay in L1 while a batch of queries passes over them: 16 KiB, a multiple of every
+// group, which keeps Sum()'s order of summation.
 template <typename T>
 std::size_t TileBlocks(std::size_t dim) {
   constexpr std::size_t kGroup = 8;
@@ -224,7 +224,7 @@ void Row(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T* HWY_RESTRICT
                HWY_ATTR { hn::Store(term, d, row + j * hn::MaxLanes(d)); });
 }
 
-// Copies a square of kSide<T> entries a side, transposed.
+// Copies a square with kSide<T> entries per side, transposed.
 #if HWY_TARGET == HWY_SCALAR
 template <typename T>
 constexpr std::size_t kSide = 1;
@@ -258,8 +258,8 @@ HWY_INLINE void Transpose(const T* HWY_RESTRICT from, T* HWY_RESTRICT to, std::s
 }
 #endif
 
-// Row() of all points for the blocks from their own on; what is left of those has been computed by
-// the rows above, with the same bits.
+// Row() of all points, for the blocks from their own block on. The rows above have computed the
+// rest, with the same bits.
 template <typename T>
 void AllRows(const GaussianTerms<T>& terms, T* HWY_RESTRICT point, T* HWY_RESTRICT rows,
              T* HWY_RESTRICT sums) {
@@ -320,8 +320,9 @@ void Powers(const T* HWY_RESTRICT exponents, T factor, std::size_t size, T* HWY_
   }
 }
 
-// Adds sum_q weight_q term_i(x_q) to total_i for one group of kVectors vectors of terms that stay
-// in L1 while all queries pass over them. T sums run over few queries, then go into doubles.
+// Adds sum_q weight_q term_i(x_q) to total_i for one group of kVectors vectors of terms, which stay
+// in L1 while all queries pass over them. Sums in T run over few queries and are then added in
+// double.
 template <std::size_t kVectors, typename T>
 HWY_INLINE void AddRowsToGroup(const T* HWY_RESTRICT block, std::size_t dim,
                                const T* HWY_RESTRICT queries, const T* HWY_RESTRICT weights,
@@ -369,7 +370,7 @@ void AddRows(const GaussianTerms<T>& terms, std::size_t first, std::size_t last,
   }
 }
 
-// Features summed together in the second pass: each loads the term once.
+// Number of features summed together in the second pass: the term is loaded once for all of them.
 constexpr std::size_t kFeatures = 4;
 
 template <std::size_t kCount, typename T>
@@ -406,7 +407,8 @@ T SumShift(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T offset,
            T* HWY_RESTRICT shift) {
   constexpr Tag<T> d;
   constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
-  // Blocks whose terms fill 4 KiB; a multiple of every group, so that the sum equals Sum()'s.
+  // Number of blocks whose terms fill 4 KiB; a multiple of every group, which makes the sum equal
+  // to Sum()'s.
   constexpr std::size_t kChunk = 4096 / kLanes / sizeof(T);
   alignas(64) T row[kChunk * kLanes];
   std::fill_n(shift, terms.dim, T{0});
@@ -432,7 +434,7 @@ T SumShift(const GaussianTerms<T>& terms, const T* HWY_RESTRICT x, T offset,
   return total.Value();
 }
 
-// Appends to `groups` those whose box is within `reach` of x.
+// Appends the groups whose box is within `reach` of x to `groups`.
 template <typename T>
 std::size_t NearGroups(const GroupBoxes<T>& boxes, const T* HWY_RESTRICT x, T reach,
                        std::uint32_t* HWY_RESTRICT groups) {

@@ -36,7 +36,8 @@ double MeanOf(const double* first, std::size_t count, std::size_t dim, double* m
   return *std::max_element(most, most + kWidth);
 }
 
-// For all columns, in registers; where their number is no multiple of kWidth, some of them twice.
+// MeanOf() of all columns, in registers. If their number is no multiple of kWidth, some are visited
+// twice.
 template <std::size_t kWidth>
 double Mean(const core::Matrix& points, std::vector<double>& mean) {
   const auto dim = static_cast<std::size_t>(points.cols());
@@ -61,7 +62,7 @@ std::vector<double> Center(const core::Matrix& points, double scale) {
   const auto count = static_cast<std::size_t>(points.rows());
   std::vector<double> center(dim);
   const double most = Mean<8>(points, center);
-  // A sum may have overflowed.
+  // Detects overflow of a sum.
   const bool finite =
       std::all_of(center.begin(), center.end(), [](double c) { return std::isfinite(c); });
   if (finite && scale * most < kFar) return center;
@@ -83,7 +84,7 @@ GaussianTerms<T>::GaussianTerms(const core::Matrix& points, std::span<const doub
       count(static_cast<std::size_t>(points.rows())),
       num_blocks((count + kLanes - 1) / kLanes),
       scale(std::sqrt(gamma * std::numbers::log2e)),
-      // Centred, coordinates are about as large as the differences that matter, which keeps the
+      // Centred coordinates are about as large as the relevant differences, which keeps the
       // rounding of x' below that of the exponent.
       center(Center(points, scale)),
       data(num_blocks * (dim + 1) * kLanes) {
@@ -140,7 +141,7 @@ GroupBoxes<T>::GroupBoxes(const GaussianTerms<T>& terms)
     : dim(terms.dim), count(terms.row_size() / kGroup) {
   constexpr std::size_t kLanes = GaussianTerms<T>::kLanes;
   assert(terms.row_size() % kGroup == 0);
-  // Lanes without a group are out of reach of everything.
+  // Lanes without a group are out of reach of every query.
   constexpr T kFar = std::numeric_limits<T>::infinity();
   data.assign((count + kLanes - 1) / kLanes * 2 * dim * kLanes, kFar);
   for (std::size_t i = 0; i < terms.count; ++i) {

@@ -13,7 +13,7 @@
 
 namespace dfr::kernel::internal {
 
-/// std::vector's allocator for whole SIMD vectors. Entries without a value are left as they are:
+/// std::vector's allocator for whole SIMD vectors. Leaves entries without a value uninitialised:
 /// rows of the kernel matrix are written before they are read.
 template <typename T>
 struct AlignedAllocator {
@@ -38,11 +38,11 @@ struct AlignedAllocator {
 template <typename T>
 using AlignedVector = std::vector<T, AlignedAllocator<T>>;
 
-/// Most entries of a state: queries are scaled into a buffer on the stack.
+/// Maximum number of entries of a state: queries are scaled into a buffer on the stack.
 inline constexpr int kMaxStateDim = 2048;
 
-/// What the terms of `points` are centred at: their mean, or the median of each coordinate where
-/// some are so many widths away, 1 / scale each, that the mean may lie far from the most.
+/// Returns the centre for the terms of `points`: their mean, or the median of each coordinate if
+/// outliers (by many widths, 1 / scale each) may move the mean far from most points.
 [[nodiscard]] std::vector<double> Center(const core::Matrix& points, double scale);
 
 template <typename T>
@@ -50,7 +50,7 @@ struct GaussianTerms;
 template <typename T>
 struct GroupBoxes;
 
-/// The functions of gaussian_sum.h for one instruction set.
+/// Functions of gaussian_sum.h for one instruction set.
 template <typename T>
 struct GaussianFunctions {
   T (*sum)(const GaussianTerms<T>&, const T* x) = nullptr;
@@ -69,23 +69,23 @@ struct GaussianFunctions {
                           std::size_t count, T* values) = nullptr;
 };
 
-/// The terms w_i exp(-gamma |x - s_i|^2) of a sum, as the SIMD code reads them.
+/// Terms w_i exp(-gamma |x - s_i|^2) of a sum, in the layout of the SIMD code.
 ///
 /// A term is 2^(log2 w_i - |x' - s'_i|^2) with x' = sqrt(gamma log2 e) (x - center): weight, width
-/// and the change of base cost nothing per query. Terms stand in blocks of kLanes, one cache line
-/// per row: row 0 of a block holds log2 w_i, row 1 + k coordinate k. The last block is filled up
-/// with terms of weight zero (log2 w = -infinity), so there is no remainder loop.
+/// and the change of base cost nothing per query. Terms are stored in blocks of kLanes, one cache
+/// line per row: row 0 of a block holds log2 w_i, row 1 + k coordinate k. Terms of weight zero
+/// (log2 w = -infinity) fill the last block, which avoids a remainder loop.
 template <typename T>
 struct GaussianTerms {
   static constexpr std::size_t kLanes = 64 / sizeof(T);
 
   GaussianTerms() = default;
-  /// One term per row of `points`. No weights: all are one.
+  /// One term per row of `points`. Empty `weights`: all are one.
   /// @pre weights are positive and as many as points, or none; gamma > 0
   GaussianTerms(const core::Matrix& points, std::span<const double> weights, double gamma);
 
-  /// x' of `x` (dim entries). False where an entry is not finite or so far away that its square
-  /// overflows: every term is then zero.
+  /// Computes x' of `x` (dim entries). Returns false if an entry is not finite or so far away that
+  /// its square overflows; every term is then zero.
   [[nodiscard]] bool Scale(const double* x, T* scaled) const noexcept {
     constexpr double kFar = sizeof(T) == sizeof(double) ? 1e150 : 1e18;
     bool near = true;
@@ -97,22 +97,20 @@ struct GaussianTerms {
     return near;
   }
 
-  /// The terms of these indices, in this order, by themselves; filled up to a multiple of `whole`
-  /// terms.
+  /// Returns the terms of these indices, in this order, padded to a multiple of `whole` terms.
   [[nodiscard]] GaussianTerms Subset(std::span<const std::size_t> indices,
                                      std::size_t whole = kLanes) const;
 
-  /// x' of the point of term i (dim entries).
+  /// Writes x' of the point of term i (dim entries).
   void Point(std::size_t i, T* scaled) const noexcept {
     const T* column = data.data() + i / kLanes * (dim + 1) * kLanes + i % kLanes;
     for (std::size_t k = 0; k < dim; ++k) scaled[k] = column[(1 + k) * kLanes];
   }
 
-  /// Entries of a row over all terms.
+  /// Number of entries of a row over all terms.
   [[nodiscard]] std::size_t row_size() const noexcept { return num_blocks * kLanes; }
 
-  /// Chosen when the terms are made: a cold query then touches neither Highway's tables nor its
-  /// code.
+  /// Chosen at construction: a cold query then touches neither Highway's tables nor its code.
   GaussianFunctions<T> functions;
   std::size_t dim = 0;
   std::size_t count = 0;
@@ -122,7 +120,7 @@ struct GaussianTerms {
   AlignedVector<T> data;
 };
 
-/// The boxes around groups of successive terms, scaled as these.
+/// Bounding boxes of groups of successive terms, scaled like the terms.
 template <typename T>
 struct GroupBoxes {
   static constexpr std::size_t kGroup = 64;  ///< terms
@@ -132,7 +130,7 @@ struct GroupBoxes {
 
   std::size_t dim = 0;
   std::size_t count = 0;
-  /// Blocks of kLanes groups: a row of the lower and one of the upper corners per coordinate.
+  /// Blocks of kLanes groups: per coordinate, one row of lower and one of upper corners.
   AlignedVector<T> data;
 };
 

@@ -11,7 +11,7 @@
 
 namespace dfr::kernel::internal {
 
-/// Largest and smallest G that may still move, and with them the KKT gap and rho.
+/// Largest and smallest G of samples that may still move; gives the KKT gap and rho.
 struct KktBounds {
   double largest = -std::numeric_limits<double>::infinity();  ///< over alpha > 0
   double smallest = std::numeric_limits<double>::infinity();  ///< over alpha < 1
@@ -22,7 +22,7 @@ struct KktBounds {
 
   KktBounds() = default;
   KktBounds(std::span<const double> alpha, std::span<const double> gradient) {
-    // In registers, and without branches, which nothing could predict here.
+    // In registers and without branches, which would be unpredictable here.
     constexpr double kNever = std::numeric_limits<double>::infinity();
     KktBounds bounds;
     for (std::size_t i = 0; i < alpha.size(); ++i) {
@@ -41,12 +41,12 @@ struct KktBounds {
     }
     *this = bounds;
   }
-  /// nu = 1 has no alpha < 1 and no gap.
+  /// With nu = 1, no alpha is below 1, and there is no gap.
   [[nodiscard]] double gap() const {
     return std::isinf(smallest) ? 0.0 : std::max(0.0, largest - smallest);
   }
-  /// Near a solution; far from one, where hardly any alpha is free, the mean of G over alpha says
-  /// better where rho will be than the extremes do.
+  /// Estimate of rho. Near a solution it is rho(). Far from one, where few alpha are free, the mean
+  /// of G over alpha is a better estimate than the extremes.
   [[nodiscard]] double likely_rho() const {
     constexpr double kMostFree = 0.02;
     if (static_cast<double>(free) > kMostFree * alpha_sum || std::isinf(smallest)) return rho();
@@ -66,13 +66,13 @@ struct KktBounds {
   return 0.5 * sum;
 }
 
-/// Reports progress; false where the caller wants to stop.
+/// Reports progress. Returns false to stop.
 [[nodiscard]] inline bool GoOn(const OneClassSvmOptions& options, const FitSummary& summary) {
   return !options.progress ||
          options.progress({summary.iterations, summary.kkt_gap, options.tolerance});
 }
 
-/// Decides after every round with an exact gradient whether there is to be another one.
+/// Decides after every round with an exact gradient whether another round follows.
 class Rounds {
  public:
   Rounds(const OneClassSvmOptions& options, std::size_t samples, FitSummary& summary)
@@ -83,17 +83,18 @@ class Rounds {
                 ? options.max_iterations
                 : std::max<std::int64_t>(10'000'000, 100 * static_cast<std::int64_t>(samples))) {}
 
-  /// Writes gap and objective to the summary. True to go on, else with the reason there.
+  /// Writes gap and objective to the summary. Returns true to continue; otherwise the summary has
+  /// the reason.
   [[nodiscard]] bool Next(double gap, double objective) {
     summary_.kkt_gap = gap;
     summary_.objective = objective;
-    // A NaN in G is neither largest nor smallest, but shows in the objective.
+    // A NaN in G is neither largest nor smallest, but makes the objective NaN.
     if (gap < options_.tolerance && std::isfinite(objective)) {
       return End(FitSummary::Reason::kConverged);
     }
     if (interrupted_ || !Continue()) return End(FitSummary::Reason::kInterrupted);
     if (summary_.iterations >= most_iterations_) return End(FitSummary::Reason::kMaxIterations);
-    // Samples that enter may keep the gap up while the objective falls.
+    // New samples may keep the gap large while the objective decreases.
     constexpr int kPatience = 10;
     const bool gain = gap < 0.9 * least_gap_ || objective < (1.0 - 1e-6) * least_objective_;
     without_gain_ = gain ? 0 : without_gain_ + 1;
@@ -102,8 +103,8 @@ class Rounds {
     return without_gain_ <= kPatience || End(FitSummary::Reason::kStalled);
   }
 
-  /// Takes up to `most` steps: step(count) takes up to `count` and says how it went. Progress is
-  /// reported in between.
+  /// Takes up to `most` steps. step(count) takes up to `count` of them and returns the result.
+  /// Reports progress in between.
   template <typename Step>
   void Take(std::int64_t most, Step&& step) {
     constexpr std::int64_t kBetweenReports = 1024;
@@ -118,14 +119,14 @@ class Rounds {
     }
   }
 
-  /// Reports progress; false where the caller wants to stop.
+  /// Reports progress. Returns false to stop.
   [[nodiscard]] bool Continue() {
     interrupted_ = interrupted_ || !GoOn(options_, summary_);
     return !interrupted_;
   }
 
-  /// Ends for the caller, who wants to stop: alpha and G are those of the last Next(), or there has
-  /// been none, and nothing is known of them.
+  /// Ends because the caller stopped. alpha and G are those of the last Next(), or unknown if there
+  /// was none.
   void Stop() {
     (void)End(FitSummary::Reason::kInterrupted);
     if (std::isfinite(least_gap_)) return;

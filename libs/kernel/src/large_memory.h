@@ -10,8 +10,8 @@
 
 namespace dfr::kernel::internal {
 
-/// Memory in no defined state, in huge pages where the system has them: it takes longer to receive
-/// small ones than to fill them with kernel values.
+/// Uninitialised memory, in huge pages if the system supports them: obtaining small pages takes
+/// longer than filling them with kernel values.
 class LargeMemory {
  public:
   explicit LargeMemory(std::size_t size)

@@ -24,17 +24,17 @@
 namespace dfr::kernel {
 namespace {
 
-// A text file line by line, with errors that name the place.
+// Reads a text file line by line; errors name the position.
 class LineReader {
  public:
   LineReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {}
 
-  // The next line that is not blank. False at the end.
+  // Reads the next line that is not blank. Returns false at the end.
   bool Next() {
     while (std::getline(in_, line_)) {
       ++number_;
       bytes_ += line_.size() + 1;
-      // Spreadsheets mark UTF-8 so.
+      // Byte-order mark, which spreadsheets write for UTF-8.
       if (number_ == 1 && line_.starts_with("\xEF\xBB\xBF")) line_.erase(0, 3);
       if (!line_.empty() && line_.back() == '\r') line_.pop_back();
       if (line_.find_first_not_of(" \t") != std::string::npos) return true;
@@ -50,7 +50,7 @@ class LineReader {
     throw std::runtime_error(name_ + ":" + std::to_string(number_) + ": " + reason);
   }
 
-  // Cuts the next word, between spaces, from `text`.
+  // Cuts the next space-separated word from `text`.
   static std::string_view Word(std::string_view& text) {
     const auto first = std::min(text.find_first_not_of(" \t"), text.size());
     text.remove_prefix(first);
@@ -76,7 +76,7 @@ class LineReader {
     return *value;
   }
 
-  // Damaged files hold anything: short and printable.
+  // Damaged files may contain anything: keeps the quote short and printable.
   static std::string Quoted(std::string_view word) {
     std::string text(word.substr(0, 40));
     for (char& c : text) {
@@ -102,7 +102,7 @@ std::ifstream Open(const std::filesystem::path& path) {
   return in;
 }
 
-// What the system would give without swapping; none where it does not say.
+// Memory available without swapping; empty if the system does not report it.
 std::optional<std::uint64_t> AvailableMemory() {
   std::ifstream in("/proc/meminfo");
   std::string key;
@@ -114,8 +114,8 @@ std::optional<std::uint64_t> AvailableMemory() {
   return std::nullopt;
 }
 
-// Numbers take about as much memory as their text: a file of samples that is larger than what there
-// is would end in the middle, and perhaps with it other programs.
+// Numbers take about as much memory as their text. A file larger than the available memory would
+// fail midway and could affect other programs.
 void CheckFitsMemory(const std::filesystem::path& path) {
   std::error_code unknown;
   const std::uint64_t size = std::filesystem::file_size(path, unknown);
@@ -128,7 +128,7 @@ void CheckFitsMemory(const std::filesystem::path& path) {
                    static_cast<double>(*available) * 0x1p-30));
 }
 
-// The entries "1:v 3:v ..." of one line.
+// Entries "1:v 3:v ..." of one line.
 struct SparseRow {
   std::vector<std::pair<int, double>> entries;  // 0-based index, value
 
@@ -157,7 +157,7 @@ SparseRow ReadSparse(const LineReader& reader, std::string_view text) {
 }
 
 core::Matrix Dense(const LineReader& reader, const std::vector<SparseRow>& rows, int width) {
-  // One index makes every row as wide.
+  // One large index makes every row as wide.
   if (!core::ReadBudget(reader.bytes())
            .Take(rows.size() * sizeof(double), static_cast<std::uint64_t>(width))) {
     reader.Fail(std::to_string(rows.size()) + " rows of " + std::to_string(width) +
@@ -190,8 +190,8 @@ std::vector<double> ReadCommas(const LineReader& reader) {
   }
 }
 
-// The first line may name the columns. A line with a cell that is meant as a number, well written
-// or not, is a sample.
+// The first line may hold column names. A line with a cell that is meant as a number, valid or not,
+// is a sample.
 bool IsHeading(std::string_view line) {
   while (true) {
     const auto comma = line.find(',');
@@ -250,7 +250,7 @@ void SaveLibsvmModel(const OneClassSvm& svm, const std::filesystem::path& path) 
   for (Eigen::Index i = 0; i < svm.alpha().size(); ++i) {
     out << svm.alpha()[i] * svm.libsvm_scale();
     for (Eigen::Index k = 0; k < svm.support_vectors().cols(); ++k) {
-      // The last entry is written even if zero: it says how wide a state is.
+      // The last entry is written even if zero, because it gives the dimension of a state.
       const double value = svm.support_vectors()(i, k);
       if (value != 0.0 || k + 1 == svm.support_vectors().cols())
         out << ' ' << k + 1 << ':' << value;
@@ -349,7 +349,7 @@ core::Matrix LoadSamples(const std::filesystem::path& path, int state_dim) {
   CheckFitsMemory(path);
   LineReader reader(in, path.string());
   if (!reader.Next()) reader.Fail("the file is empty");
-  // One column of plain numbers is comma-separated too; a sparse line has a colon.
+  // A single column of plain numbers counts as comma-separated; sparse lines have a colon.
   const bool sparse = reader.line().find(':') != std::string_view::npos;
   return sparse ? LoadSparse(reader, state_dim) : LoadCommas(reader, state_dim);
 }

@@ -27,7 +27,7 @@ void CheckOptions(const SelectionOptions& options, std::size_t demonstrations) {
                                  << " demonstrations; there are " << demonstrations);
 }
 
-// Which fold holds each demonstration out.
+// Returns the fold of each demonstration.
 std::vector<int> AssignFolds(std::size_t demonstrations, const SelectionOptions& options) {
   std::vector<int> fold(demonstrations);
   for (std::size_t i = 0; i < fold.size(); ++i) {
@@ -38,7 +38,7 @@ std::vector<int> AssignFolds(std::size_t demonstrations, const SelectionOptions&
   return fold;
 }
 
-// States drawn evenly from the box that holds all demonstrations.
+// Returns states sampled uniformly from the bounding box of the demonstrations.
 core::Matrix DrawFromBox(std::span<const core::Matrix> demonstrations, std::uint64_t seed) {
   constexpr int kDraws = 2000;
   Eigen::RowVectorXd low = demonstrations[0].colwise().minCoeff();
@@ -55,7 +55,7 @@ core::Matrix DrawFromBox(std::span<const core::Matrix> demonstrations, std::uint
   return draws;
 }
 
-// What a row is counted from, over all folds.
+// Counts for one row, over all folds.
 struct Tally {
   std::int64_t states = 0;
   std::int64_t inside = 0;
@@ -109,8 +109,9 @@ struct Tally {
   }
 };
 
-// The smallest k with P(Beta(k, n + 1 - k) >= 1 - alpha) >= confidence; n + 1 if there is none.
-// That probability is the one of at most k - 1 successes in n trials of 1 - alpha each.
+// Returns the smallest k with P(Beta(k, n + 1 - k) >= 1 - alpha) >= confidence; n + 1 if there is
+// none. This probability equals that of at most k - 1 successes in n trials with probability 1 -
+// alpha each.
 double ToleranceRank(double n, double alpha, double confidence) {
   double sum = 0.0;
   for (double k = 0.0; k < n; ++k) {
@@ -129,7 +130,7 @@ double ConformalThreshold(std::span<const double> scores, double alpha, double c
   std::vector<double> sorted(scores.begin(), scores.end());
   for (const double s : sorted) DFR_THROW_UNLESS(!std::isnan(s), "a held-out score is NaN");
   const double n = static_cast<double>(sorted.size());
-  // 1e-9 keeps (n + 1)(1 - alpha) = 9.000000000000002 at rank 9.
+  // Subtracting 1e-9 keeps (n + 1)(1 - alpha) = 9.000000000000002 at rank 9.
   const double mean_rank = std::ceil((n + 1.0) * (1.0 - alpha) - 1e-9);
   DFR_THROW_UNLESS(confidence >= 0.0 && confidence < 1.0,
                    "confidence must lie in [0, 1), not be " << confidence);
@@ -157,7 +158,7 @@ Selection SelectModel(std::span<const core::Matrix> demonstrations,
   for (const double nu : options.nus) {
     for (const double gamma : options.gammas) grid.push_back({nu, gamma});
   }
-  // A pooled fit of each fold at a time, or else all time steps of one fold.
+  // Parallel over the folds of pooled fits, otherwise over the time steps of one fold.
   const bool pooled = options.support.pooled;
   TimeVaryingSupportOptions support = options.support;
   if (pooled) support.threads = 1;

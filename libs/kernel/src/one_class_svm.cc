@@ -28,7 +28,7 @@ struct OneClassSvm::Data {
   double rho;
   double libsvm_scale;
   double log_rho;
-  // Exactly one of them is filled.
+  // Exactly one of the two is filled.
   internal::GaussianTerms<double> in_double;
   internal::GaussianTerms<float> in_float;
   bool single = false;
@@ -39,7 +39,7 @@ namespace {
 constexpr double kOutside = -std::numeric_limits<double>::infinity();
 
 bool AllFinite(std::span<const double> x) noexcept {
-  // A non-finite entry makes its product with zero, and so the sum, NaN.
+  // A product of zero and a non-finite entry is NaN, and so is the sum.
   double sum = 0.0;
   for (const double v : x) sum += 0.0 * v;
   return sum == 0.0;
@@ -49,8 +49,8 @@ double OutsideOrFar(std::span<const double> x, double far) noexcept {
   return AllFinite(x) ? far : kOutside;
 }
 
-// One decision, in the precision of `terms`, for states of at most kCapacity entries. `x` has the
-// right size.
+// Returns one decision in the precision of `terms`, for states of at most kCapacity entries. `x`
+// must have the right size.
 template <int kCapacity, typename T>
 double DecideWithin(const internal::GaussianTerms<T>& terms, double rho,
                     std::span<const double> x) noexcept {
@@ -59,7 +59,7 @@ double DecideWithin(const internal::GaussianTerms<T>& terms, double rho,
   return static_cast<double>(internal::GaussianSum(terms, scaled)) - rho;
 }
 
-// The sum of all terms, for a state of the right size.
+// Returns the sum of all terms for a state of the right size.
 double SumAt(const internal::GaussianTerms<double>& terms, std::span<const double> x) noexcept {
   return DecideWithin<internal::kMaxStateDim>(terms, 0.0, x);
 }
@@ -69,13 +69,14 @@ double LogOfRho(double rho) { return rho > 0.0 ? std::log(rho) : kOutside; }
 template <typename T>
 double Decide(const internal::GaussianTerms<T>& terms, double rho,
               std::span<const double> x) noexcept {
-  // The usual small state stays on the part of the stack that the caller has in its cache.
+  // Small states, the usual case, use the part of the stack that is in the caller's cache.
   constexpr int kSmall = 64;
   return x.size() <= kSmall ? DecideWithin<kSmall>(terms, rho, x)
                             : DecideWithin<internal::kMaxStateDim>(terms, rho, x);
 }
 
-// Below this a sum has lost terms to underflow and is computed again around its largest term.
+// Below this value a sum has lost terms to underflow; it is then recomputed relative to its largest
+// term.
 template <typename T>
 constexpr T kSmallSum = sizeof(T) == sizeof(double) ? T(1e-280) : T(1e-25);
 
@@ -91,7 +92,7 @@ double LogSum(const internal::GaussianTerms<T>& terms, std::span<const double> x
   return std::log(static_cast<double>(shifted)) + std::numbers::ln2 * largest;
 }
 
-// log(sum), with sum_i w_i (x_i - x) in `mean_shift`.
+// Returns log(sum) and writes sum_i w_i (x_i - x) to `mean_shift`.
 template <typename T>
 double LogSumShift(const internal::GaussianTerms<T>& terms, std::span<const double> x,
                    std::span<double> mean_shift) noexcept {
@@ -153,8 +154,8 @@ void CheckSamples(const Eigen::Ref<const core::Matrix>& samples) {
   }
 }
 
-// Distances in kernel widths whose squares overflow tell nothing: to leave such a sample alone
-// would be to fit it as one that it is not.
+// Rejects distances in kernel widths whose squares overflow: the fit would treat such a sample
+// incorrectly.
 void CheckRange(const core::Matrix& samples, double gamma) {
   constexpr double kFar = 1e150;
   const double scale = std::sqrt(gamma * std::numbers::log2e);

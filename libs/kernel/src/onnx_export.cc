@@ -11,8 +11,8 @@ namespace {
 using core::OnnxGraph;
 using Type = OnnxGraph::Type;
 
-// |x - s|^2 of states (rows x n) and support vectors (S x n, or rows x S x n): rows x S. Summed
-// directly, as the library does: |x|^2 + |s|^2 - 2 x's would cancel.
+// |x - s|^2 of states (rows x n) and support vectors (S x n, or rows x S x n): rows x S. Sums
+// directly, as the library does, because |x|^2 + |s|^2 - 2 x's would cancel.
 std::string SquaredDistances(OnnxGraph& graph, const std::string& x, const std::string& vectors) {
   const std::string column = graph.Node("Unsqueeze", {x, graph.Integers({1})});
   const std::string difference = graph.Node("Sub", {column, vectors});
@@ -20,7 +20,7 @@ std::string SquaredDistances(OnnxGraph& graph, const std::string& x, const std::
   return graph.Node("ReduceSum", {squared, graph.Integers({2})}, {{"keepdims", 0}});
 }
 
-// t, or the nearest time step that has an estimate.
+// Returns t, or the nearest time step with an estimate.
 std::string ClippedStep(OnnxGraph& graph, const std::string& t, std::int64_t steps) {
   const std::int64_t first = 0;
   const std::int64_t last = steps - 1;

@@ -83,7 +83,7 @@ const T* SmallProblem<T>::Row(std::size_t i) {
   return row;
 }
 
-// G = K alpha, afresh: no rounding of earlier rounds is left in it.
+// Computes G = K alpha from scratch, which removes the rounding of earlier rounds.
 template <typename T>
 void SmallProblem<T>::UpdateGradient() {
   std::vector<std::size_t> support(alpha_.size());
@@ -101,8 +101,8 @@ void SmallProblem<T>::UpdateGradient() {
   smo_.combine(rows.data(), weights.data(), rows.size(), row_size_, gradient_.data());
 }
 
-// As few support vectors as there may be, evenly spread: none of the rows that are never asked for
-// are computed. Where kernels hardly overlap most samples become support vectors, and all are.
+// Uses the minimum number of support vectors, evenly spread: rows that are never requested are not
+// computed. If kernels overlap little, most samples become support vectors, and the start uses all.
 template <typename T>
 void SmallProblem<T>::ChooseStart() {
   constexpr double kFewNeighbors = 6.0;
@@ -110,7 +110,8 @@ void SmallProblem<T>::ChooseStart() {
   const double total = options_.nu * static_cast<double>(count);
   alpha_ = EvenlySpread(count, total);
   UpdateGradient();
-  // The mean of what a sample and all others contribute at one of the support vectors.
+  // Tests the mean over the support vectors of the kernel sum over all samples; a sample itself
+  // contributes 1.
   if (std::accumulate(gradient_.begin(), gradient_.begin() + static_cast<std::ptrdiff_t>(count),
                       0.0) < (1.0 + kFewNeighbors) * total) {
     alpha_.assign(count, options_.nu);
@@ -154,7 +155,7 @@ void SmallProblem<T>::Run(std::span<const double> start) {
     for (std::size_t i = 0; i < alpha_.size(); ++i) {
       gradient[i] = static_cast<T>(gradient_[i] - bounds.rho());
     }
-    // A tenth of the tolerance is left for the rounding of T.
+    // Leaves a tenth of the tolerance for the rounding of T.
     const double target = 0.9 * options_.tolerance;
     rounds.Take(std::numeric_limits<std::int64_t>::max(),
                 [&](std::int64_t most) { return smo_.loop(problem, target, most); });

@@ -14,8 +14,8 @@
 
 namespace dfr::kernel::internal {
 
-/// Squared distances from each sample to all others, row by row as they are asked for: what fits
-/// with another gamma or nu have in common. For one thread at a time.
+/// Squared distances from each sample to all others, computed by row on demand. Fits with different
+/// gamma or nu share them. For one thread at a time.
 template <typename T>
 class Distances {
  public:
@@ -33,7 +33,7 @@ class Distances {
   std::vector<T> point_;
 };
 
-/// Distances in the precisions that fits turn out to need. `samples` must outlive it.
+/// Distances in the precisions that fits turn out to need. `samples` must outlive this object.
 class SharedDistances {
  public:
   explicit SharedDistances(const core::Matrix& samples) : samples_(samples) {}
@@ -49,8 +49,8 @@ class SharedDistances {
   std::tuple<std::optional<Distances<float>>, std::optional<Distances<double>>> distances_;
 };
 
-/// What fits in turn hand on to each other: memory, and distances where their samples are the same.
-/// For one thread at a time.
+/// State that consecutive fits share: memory, and distances if their samples are the same. For one
+/// thread at a time.
 class Scratch {
  public:
   explicit Scratch(SharedDistances* distances = nullptr) : distances_(distances) {}
@@ -59,7 +59,7 @@ class Scratch {
   [[nodiscard]] Distances<T>* DistancesIn() {
     return distances_ == nullptr ? nullptr : &distances_->In<T>();
   }
-  /// Room for `size` entries, in no defined state.
+  /// Returns uninitialised memory for `size` entries.
   template <typename T>
   [[nodiscard]] T* Room(std::size_t size) {
     auto& room = std::get<AlignedVector<T>>(room_);
@@ -75,21 +75,21 @@ class Scratch {
   std::tuple<AlignedVector<float>, AlignedVector<double>> room_;
 };
 
-/// A dual whose whole kernel matrix is kept, in T: no active set, no row ever makes room, and the
-/// exact gradient is a sum of rows that are there already.
+/// A dual with the whole kernel matrix in memory, in T. It needs no active set and never evicts
+/// rows; the exact gradient is a sum of existing rows.
 template <typename T>
 class SmallProblem {
  public:
-  /// Whether the matrix is small enough to be read faster than it is computed, and `memory_mib`
-  /// holds it, with distances as large as it where these are shared.
+  /// Returns whether reading the matrix is faster than recomputing it, and it fits in `memory_mib`.
+  /// Shared distances count as a second matrix.
   [[nodiscard]] static bool Fits(const core::Matrix& samples, const OneClassSvmOptions& options,
                                  const Scratch& scratch);
 
-  /// All arguments must outlive the problem, and no other one use `scratch` meanwhile.
+  /// All arguments must outlive the problem, and no other problem may use `scratch` meanwhile.
   SmallProblem(const core::Matrix& samples, const OneClassSvmOptions& options, Scratch& scratch,
                FitSummary& summary);
 
-  /// Solves from `start`, which is feasible; empty: from where few steps are left. Writes reason,
+  /// Solves from a feasible `start`; empty: from a start that needs few steps. Writes reason,
   /// iterations, gap and objective to the summary.
   void Run(std::span<const double> start);
 

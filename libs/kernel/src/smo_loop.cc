@@ -15,8 +15,8 @@ using Tag = hn::CappedTag<T, 64 / sizeof(T)>;
 template <typename T>
 using Bits = hn::RebindToSigned<Tag<T>>;
 
-// 1 / v, to 14 bits where an instruction defines them: the choice of a pair need not be exact, the
-// step is.
+// 1 / v, to 14 bits if an instruction exists: the choice of a pair may be approximate, the step is
+// exact.
 template <class D, class V>
 HWY_INLINE V RoughReciprocal(D d, V v) {
 #if HWY_TARGET <= HWY_AVX3
@@ -25,13 +25,13 @@ HWY_INLINE V RoughReciprocal(D d, V v) {
   return hn::Div(hn::Set(d, hn::TFromD<D>(1)), v);
 }
 
-// 1 - K_ij where points are equal.
+// 1 - K_ij for equal points.
 template <typename T>
 constexpr T kLeastCurvature = sizeof(T) == 4 ? T(1.2e-7) : T(1e-12);
 
-// Finds the extreme of many vectors and where it is, by carrying the number of its vector in the
-// low bits of each value: then one reduction gives both. Values are cut by up to 2^-10 (float,
-// 10^5 samples) thereby, which the choice of a pair need not know.
+// Finds the extreme of many vectors and its index with one reduction: the low bits of each value
+// carry the number of its vector. This rounds values by up to 2^-10 (float, 10^5 samples), which
+// the choice of a pair tolerates.
 template <typename T>
 struct Numbered {
   using Int = hn::TFromD<Bits<T>>;
@@ -44,7 +44,8 @@ struct Numbered {
     const auto rest = hn::BitCast(Tag<T>(), hn::Set(Bits<T>(), ~low_bits));
     return hn::OrAnd(hn::BitCast(Tag<T>(), number), value, rest);
   }
-  // Where `extreme`, that of all lanes, stands in the vector of each lane's extremes.
+  // Returns the index of `extreme`, the extreme of all lanes, from the vector of each lane's
+  // extremes.
   template <class V>
   HWY_INLINE std::size_t Index(V extremes, V extreme) const {
     constexpr Tag<T> d;
@@ -66,7 +67,7 @@ HWY_INLINE const T* Row(const RowTable<T>& rows, std::size_t i, std::size_t keep
 template <typename T>
 struct Choice {
   std::size_t smallest_at;
-  hn::Vec<Tag<T>> smallest;  // cut; kNever, in about, if there is none
+  hn::Vec<Tag<T>> smallest;  // rounded; about kNever if there is none
   hn::Vec<Tag<T>> largest;
 };
 
@@ -95,8 +96,8 @@ HWY_INLINE Choice<T> Update(const SmoProblem<T>& p, Numbered<T> numbered, const 
   return {numbered.Index(smallest, least), least, hn::MaxOfLanes(d, largest)};
 }
 
-// The j that, paired with i, decreases the objective most (second order): the largest
-// (G_j - G_i)^2 / (1 - K_ij) among alpha_j > 0.
+// Returns the partner j of i that decreases the objective most (second order): the largest (G_j -
+// G_i)^2 / (1 - K_ij) among alpha_j > 0.
 template <typename T>
 HWY_INLINE std::size_t ChooseSecond(const SmoProblem<T>& p, Numbered<T> numbered, const T* row_i,
                                     hn::Vec<Tag<T>> g_i) {
@@ -112,7 +113,7 @@ HWY_INLINE std::size_t ChooseSecond(const SmoProblem<T>& p, Numbered<T> numbered
   for (std::size_t k = 0; k < p.count; k += hn::MaxLanes(d)) {
     const auto fall = hn::Add(hn::Load(d, p.gradient + k), hn::Load(d, p.may_fall + k));
     const auto slope = hn::Max(hn::Sub(fall, g_i), zero);
-    // Between nearly equal points K rounds to 1 or the next number: no division by zero, for an
+    // K rounds to 1 or above for nearly equal points. The bound prevents a division by zero:
     // infinity with a number in its low bits is a NaN.
     const auto curvature = hn::Max(hn::Sub(unit, hn::Load(d, row_i + k)), least);
     const auto decrease = hn::Mul(hn::Mul(slope, slope), RoughReciprocal(d, curvature));
@@ -122,18 +123,18 @@ HWY_INLINE std::size_t ChooseSecond(const SmoProblem<T>& p, Numbered<T> numbered
   return numbered.Index(best, hn::MaxOfLanes(d, best));
 }
 
-// Moves alpha from j to i and returns by how much, as G needs to know it.
+// Moves alpha from j to i and returns the amount, rounded as G needs it.
 template <class Problem, typename T>
 HWY_INLINE T Move(const Problem& p, std::size_t i, std::size_t j, T slope, T k_ij) {
-  // Between equal points the step ends at a bound.
+  // For equal points, the step ends at a bound.
   const T curvature = T(2) * std::max(T(1) - k_ij, kLeastCurvature<T>);
   const double alpha_i = p.alpha[i];
   const double alpha_j = p.alpha[j];
   const double room = std::min(alpha_j, 1.0 - alpha_i);
   const T wanted = slope / curvature;
   const T step = std::min(wanted, static_cast<T>(room));
-  // Exactly at a bound where one is reached, whatever the rounding. What may move is written only
-  // where it changes: reading a vector soon after writing a part of it takes long.
+  // Sets alpha exactly to the bound that was reached, whatever the rounding. Writes may_rise and
+  // may_fall only on changes: reading a vector soon after a partial write is slow.
   const double taken = std::min(static_cast<double>(wanted), room);
   const bool fills = taken >= 1.0 - alpha_i;
   const bool empties = taken >= alpha_j;
@@ -152,7 +153,7 @@ SmoSteps Loop(const SmoProblem<T>& problem, double target, std::int64_t most) {
   const Numbered<T> numbered(p.count / hn::MaxLanes(Tag<T>()));
   constexpr T kNever = SmoProblem<T>::kNever;
   std::int64_t steps = 0;
-  const T* row_i = p.gradient;  // any two equal rows leave G as it is
+  const T* row_i = p.gradient;  // any two equal rows leave G unchanged
   const T* row_j = p.gradient;
   T step = 0;
   while (true) {
@@ -204,7 +205,8 @@ HWY_INLINE void AddStep(const SparseSmoProblem<T>& p, const SparseRow<T>& row, T
   }
 }
 
-// The first entry of `values`, which ends with a whole vector, that equals `value`.
+// Returns the index of the first entry of `values` that equals `value`. `values` must end with a
+// whole vector.
 template <typename T>
 HWY_INLINE std::size_t FindValue(const T* values, T value) {
   constexpr Tag<T> d;
@@ -215,7 +217,7 @@ HWY_INLINE std::size_t FindValue(const T* values, T value) {
   }
 }
 
-// The first sample of `group` whose G + may equals `value`, one of them.
+// Returns the first sample of `group` whose G + may equals `value`; there must be one.
 template <typename T>
 HWY_INLINE std::size_t FindSample(const SparseSmoProblem<T>& p, const T* may, std::size_t group,
                                   T value) {
@@ -233,8 +235,9 @@ struct Partner {
   T k_ij;
 };
 
-// ChooseSecond(): among the samples that row i reaches, and, as the others have the same curvature,
-// the sample that may fall from the largest G, which stands in `far_group`.
+// ChooseSecond() for sparse rows. All samples out of reach of row i have the same curvature: among
+// them, the best is the one with the largest G that may fall, which is in `far_group`. The others
+// are the samples in reach.
 template <typename T>
 HWY_INLINE Partner<T> ChoosePartner(const SparseSmoProblem<T>& p, const SparseRow<T>& row_i, T g_i,
                                     std::size_t far_group) {
@@ -344,7 +347,7 @@ void AddSparse(const SparseRow<T>& row, double weight, std::size_t first, std::s
   }
 }
 
-// kVectors vectors of totals from the k-th entry on, which stay in registers.
+// kVectors vectors of totals, starting at entry k, which stay in registers.
 template <std::size_t kVectors, typename T>
 HWY_INLINE void CombineAt(const T* const* HWY_RESTRICT rows, const double* HWY_RESTRICT weights,
                           std::size_t rows_count, std::size_t k, double* HWY_RESTRICT totals) {
@@ -370,7 +373,7 @@ HWY_INLINE void CombineAt(const T* const* HWY_RESTRICT rows, const double* HWY_R
   for (std::size_t v = 0; v < kVectors; ++v) hn::Store(sum[v], d, totals + k + v * kStep);
 }
 
-// Several cache lines of each row at a time: rows are not in the nearest caches.
+// Processes several cache lines of each row at a time, because rows are not in the nearest caches.
 template <typename T>
 void Combine(const T* const* HWY_RESTRICT rows, const double* HWY_RESTRICT weights,
              std::size_t rows_count, std::size_t size, double* HWY_RESTRICT totals) {

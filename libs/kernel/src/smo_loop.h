@@ -5,89 +5,88 @@
 
 namespace dfr::kernel::internal {
 
-/// Rows of a kernel matrix, most of which have been computed: `known[i]` is row i, or null.
+/// Rows of a kernel matrix, most of them computed: `known[i]` is row i, or null.
 template <typename T>
 struct RowTable {
   const T** known = nullptr;
-  unsigned char* used = nullptr;  ///< Set to 1 where a row was looked at.
-  /// Computes row i, which is not known, without overwriting row `keep`.
+  unsigned char* used = nullptr;  ///< Set to 1 when a row is used.
+  /// Computes row i, which must be unknown, without overwriting row `keep`.
   const T* (*compute)(void* store, std::size_t i, std::size_t keep) = nullptr;
   void* store = nullptr;
 };
 
-/// A problem in the course of its solution. Arrays of T are aligned to 64 bytes and padded to whole
+/// State of a problem during its solution. Arrays of T are aligned to 64 bytes and padded to whole
 /// cache lines, as rows are; `count` includes the padding.
 template <typename T>
 struct SmoProblem {
-  /// Keeps a sample out of a choice, when added to its gradient. Finite, because a NaN is never
+  /// Added to a sample's gradient to exclude it from a choice. Finite, because a NaN is never
   /// chosen.
   static constexpr T kNever = sizeof(T) == 4 ? T(1e30) : T(1e300);
 
   std::size_t count = 0;
   RowTable<T> rows;
   double* alpha = nullptr;  ///< Without padding.
-  T* gradient = nullptr;    ///< Relative to whatever is common to all samples.
-  T* may_rise = nullptr;    ///< 0 where alpha < 1, else and in the padding kNever.
-  T* may_fall = nullptr;    ///< 0 where alpha > 0, else and in the padding -kNever.
+  T* gradient = nullptr;    ///< Relative to a constant common to all samples.
+  T* may_rise = nullptr;    ///< 0 if alpha < 1; otherwise, and in the padding, kNever.
+  T* may_fall = nullptr;    ///< 0 if alpha > 0; otherwise, and in the padding, -kNever.
 };
 
-/// Samples whose kernel values a sparse row keeps or leaves out together: neighbours, in whole
+/// Number of samples whose kernel values a sparse row keeps or drops together: neighbours, in whole
 /// cache lines of float and of double.
 inline constexpr std::size_t kSparseGroup = 64;
 
-/// Row of a kernel matrix without the groups in which all values are negligible.
+/// Row of a kernel matrix without the groups whose values are all negligible.
 template <typename T>
 struct SparseRow {
   const std::uint32_t* groups = nullptr;  ///< Ascending; null: not computed.
-  const T* values = nullptr;              ///< kSparseGroup of each, aligned to 64 bytes.
-  std::size_t count = 0;                  ///< Groups.
+  const T* values = nullptr;              ///< kSparseGroup values per group, aligned to 64 bytes.
+  std::size_t count = 0;                  ///< Number of groups.
 };
 
-/// SmoProblem with sparse rows. Sample i belongs to group i / kSparseGroup; arrays of T but for the
-/// two below are padded to whole groups.
+/// SmoProblem with sparse rows. Sample i belongs to group i / kSparseGroup. Arrays of T are padded
+/// to whole groups, except the two below.
 template <typename T>
 struct SparseSmoProblem {
   static constexpr T kNever = SmoProblem<T>::kNever;
 
   std::size_t groups = 0;
   const SparseRow<T>* known = nullptr;
-  /// Computes row i, which is not known, without overwriting row `keep`.
+  /// Computes row i, which must be unknown, without overwriting row `keep`.
   void (*compute)(void* store, std::size_t i, std::size_t keep) = nullptr;
   void* store = nullptr;
   double* alpha = nullptr;
   T* gradient = nullptr;
   T* may_rise = nullptr;
   T* may_fall = nullptr;
-  /// For each group: least G of what may rise, and largest of what may fall. Padded to whole cache
-  /// lines with kNever and -kNever. The loop fills them in.
+  /// Per group: smallest G that may rise, and largest G that may fall. Padded to whole cache lines
+  /// with kNever and -kNever. The loop fills them in.
   T* smallest = nullptr;
   T* largest = nullptr;
 };
 
 struct SmoSteps {
   std::int64_t taken = 0;
-  bool more = false;  ///< Stopped because `most` steps were taken, not because it was done.
+  bool more = false;  ///< True if it stopped at `most` steps before it was done.
 };
 
 template <typename T>
 struct SmoFunctions {
   /// Sequential minimal optimisation with second-order working-set selection (Fan, Chen and Lin,
-  /// "Working set selection using second order information", JMLR 6, 2005), until the KKT gap is
-  /// below `target`, nothing improves, or `most` steps were taken.
+  /// "Working set selection using second order information", JMLR 6, 2005). Ends when the KKT gap
+  /// is below `target`, nothing improves, or `most` steps were taken.
   SmoSteps (*loop)(const SmoProblem<T>& problem, double target, std::int64_t most) = nullptr;
-  /// totals = sum_q weights[q] rows[q], in double; `size` entries a row, whole cache lines.
+  /// totals = sum_q weights[q] rows[q], in double; `size` entries per row, whole cache lines.
   void (*combine)(const T* const* rows, const double* weights, std::size_t rows_count,
                   std::size_t size, double* totals) = nullptr;
   /// loop() for sparse rows.
   SmoSteps (*sparse_loop)(const SparseSmoProblem<T>& problem, double target,
                           std::int64_t most) = nullptr;
-  /// totals += weight * row for the groups from `first` to before `last`; `totals` begins with
-  /// group 0.
+  /// totals += weight * row for the groups [first, last); `totals` starts with group 0.
   void (*add_sparse)(const SparseRow<T>& row, double weight, std::size_t first, std::size_t last,
                      double* totals) = nullptr;
 };
 
-/// For the widest instruction set of this machine, or the one that ForceTarget() chose.
+/// Functions for the widest instruction set of this machine, or for that of ForceTarget().
 template <typename T>
 [[nodiscard]] SmoFunctions<T> BestSmoFunctions();
 

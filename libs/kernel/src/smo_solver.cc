@@ -24,13 +24,13 @@
 namespace dfr::kernel::internal {
 namespace {
 
-// A row that is this small, 16 MiB for all of them, is read faster than it is computed.
+// Below this total, 16 MiB for all rows, reading a row is faster than computing it.
 constexpr double kQuickCacheBytes = 16.0 * 0x1p20;
-// From this dimension on computing a row takes longer than reading it from memory.
+// From this dimension on, computing a row takes longer than reading it from memory.
 constexpr std::size_t kManyFeatures = 16;
 
-// Rows of a kernel matrix, computed when asked for and kept while there is room; then one that was
-// not used since the last round makes room.
+// Cache of kernel matrix rows, computed on demand. When it is full, it evicts a row not used since
+// the last round.
 template <typename T>
 class RowStore {
  public:
@@ -44,10 +44,10 @@ class RowStore {
     const double all = row_bytes * static_cast<double>(terms.count);
     const bool keep = all <= kQuickCacheBytes || terms.dim >= kManyFeatures;
     const double fit = keep ? std::min(budget_bytes_ / row_bytes, 1e9) : 0.0;
-    // A step looks at two rows; with three, the one that is used next is never overwritten.
+    // A step uses two rows. With a third, the next row to be used is never overwritten.
     capacity_ = std::min(terms.count, std::max<std::size_t>(3, static_cast<std::size_t>(fit)));
     if (values_.size() < capacity_ * stride_) {
-      values_.clear();  // nothing to carry over
+      values_.clear();  // no content to copy
       values_.resize(capacity_ * stride_);
     }
     known_.assign(terms.count, nullptr);
@@ -97,13 +97,13 @@ class RowStore {
   std::int64_t evaluations_ = 0;
 };
 
-// AddGaussianRows(), shared out among the workers: each entry sums in the same order with any
-// number of them. `go_on` is asked several times a second; false where it ended the sums.
+// AddGaussianRows(), distributed over the workers. Each entry sums in the same order for any number
+// of workers. Calls `go_on` several times a second; returns false if that ended the sums.
 template <typename T, class GoOn>
 [[nodiscard]] bool AddRows(const GaussianTerms<T>& terms, std::span<const T> points,
                            std::span<const T> weights, double* totals, Workers& workers,
                            GoOn&& go_on) {
-  constexpr std::size_t kBlocks = 64;  // of a part: enough to share out, too many to wait for
+  constexpr std::size_t kBlocks = 64;  // of a part: enough to distribute, short enough to wait for
   constexpr std::size_t kChunk = 512;  // points of a chunk stay in L2
   constexpr std::uint64_t kWork = std::uint64_t{1} << 33;
   const auto chunks = static_cast<std::size_t>(
@@ -125,9 +125,9 @@ template <typename T, class GoOn>
 
 // Kernel values in T, alpha and the gradient of all samples in double.
 //
-// The outer loop knows the exact gradient G = K alpha. It picks an active set (free alpha and the
-// samples nearest to or beyond their KKT condition), the inner loop does SMO on that set alone with
-// a gradient in T relative to rho, and one tiled pass brings G up to date.
+// The outer loop knows the exact gradient G = K alpha. It selects an active set (free alpha and the
+// samples nearest to or beyond their KKT condition). The inner loop does SMO on that set alone,
+// with a gradient in T relative to rho. One tiled pass then updates G.
 template <typename T>
 class Solver {
  public:
@@ -186,7 +186,7 @@ class Solver {
     return budget - fixed;
   }
 
-  // G += K change, for these samples' alpha. False where the caller stopped it in the middle.
+  // G += K change, for these samples' alpha. Returns false if the caller stopped it midway.
   [[nodiscard]] bool AddToGradient(std::span<const std::size_t> samples,
                                    std::span<const double> change) {
     std::vector<T> points(samples.size() * terms_.dim);
@@ -200,8 +200,8 @@ class Solver {
                       [this] { return rounds_.Continue(); });
   }
 
-  // SMO on the active samples, with all others fixed. False where the caller stopped it before G
-  // was known again: alpha and G are then those of before.
+  // SMO on the active samples, with all others fixed. Returns false if the caller stopped it before
+  // G was updated: alpha and G keep their previous values.
   [[nodiscard]] bool SolveActive(double rho) {
     const GaussianTerms<T> terms = terms_.Subset(active_.samples());
     rows_.Reset(terms);
@@ -219,9 +219,9 @@ class Solver {
     const SmoProblem<T> problem{count,           rows_.Table(),   alpha.data(),
                                 gradient.data(), may_rise.data(), may_fall.data()};
 
-    // Half the tolerance leaves room for the rounding of T and for what the others do. On the way
-    // there the others come in when the gap has fallen enough and as much was spent as bringing all
-    // of G up to date will cost, two samples an iteration.
+    // Half the tolerance is a margin for the rounding of T and for the other samples. The other
+    // samples join earlier if the gap has decreased enough and the inner loop has spent as much
+    // time as an update of all of G takes (two samples per iteration).
     const double target = 0.5 * options_.tolerance;
     const double early = std::max(target, kInnerTolerance * summary_.kkt_gap);
     const auto worthwhile = static_cast<std::int64_t>(kSpend * static_cast<double>(alpha_.size()));
@@ -256,7 +256,7 @@ class Solver {
     return true;
   }
 
-  // Found by experiment between n = 4000 and 100000; within a factor of two nothing much changes.
+  // Found by experiment between n = 4000 and 100000; a factor of two changes little.
   static constexpr std::size_t kLeastMargin = 256;
   static constexpr std::size_t kMostViolators = 2048;
   static constexpr double kInnerTolerance = 0.05;
@@ -275,8 +275,8 @@ class Solver {
   std::int64_t evaluations_ = 0;
 };
 
-// Samples whose G determines rho: free ones, or where there are none, those at both ends of the
-// interval that the KKT conditions leave. The mean of their G is rho.
+// Returns the samples whose G determines rho: the free ones or, if there are none, those at both
+// ends of the interval that the KKT conditions allow. rho is the mean of their G.
 std::vector<std::size_t> RhoSamples(std::span<const double> alpha,
                                     std::span<const double> gradient) {
   std::vector<std::size_t> free(alpha.size());
@@ -311,7 +311,7 @@ DualSolution Solution(const T& solver) {
   return solution;
 }
 
-// The start itself, of which nothing is known but what rho is at a few samples.
+// Returns the start itself; only rho at a few samples is known.
 DualSolution Unsolved(std::span<const double> start, FitSummary& summary) {
   struct Start {
     [[nodiscard]] std::span<const double> alpha() const { return alpha_; }
@@ -324,7 +324,7 @@ DualSolution Unsolved(std::span<const double> start, FitSummary& summary) {
   return Solution(Start{start, std::vector<double>(start.size(), 0.0)});
 }
 
-// Samples in random order, the same every time.
+// Returns the samples in a fixed random order.
 std::vector<std::size_t> Shuffled(std::size_t count) {
   std::vector<std::size_t> order(count);
   std::iota(order.begin(), order.end(), std::size_t{0});
@@ -333,7 +333,7 @@ std::vector<std::size_t> Shuffled(std::size_t count) {
   return order;
 }
 
-// Empty: the problem is to choose.
+// Returns a start; empty: the problem chooses.
 std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOptions& options,
                               Workers& workers, FitSummary& summary);
 
@@ -373,7 +373,7 @@ DualSolution SolveIn(const core::Matrix& samples, const OneClassSvmOptions& opti
   return Finish<T>(solver, samples, options, start, 0.0, workers, summary);
 }
 
-// Whether squared distances in kernel widths are within the range of float.
+// Returns whether squared distances in kernel widths are within the range of float.
 bool FitsFloat(const core::Matrix& samples, double gamma) {
   constexpr double kFar = 1e15;
   const double scale = std::sqrt(gamma * std::numbers::log2e);
@@ -386,7 +386,7 @@ DualSolution Solve(const core::Matrix& samples, const OneClassSvmOptions& option
                    Workers& workers, FitSummary& summary) {
   std::vector<double> start = FindStart(samples, options, workers, summary);
   if (summary.reason == FitSummary::Reason::kInterrupted) return Unsolved(start, summary);
-  // A kernel value in float is off by up to 1e-7, G by nu m times that at most.
+  // A kernel value in float has an error of up to 1e-7, and G of up to nu m times that.
   const double total = options.nu * static_cast<double>(samples.rows());
   if (options.tolerance >= 2e-7 * total && FitsFloat(samples, options.gamma)) {
     DualSolution solution = SolveIn<float>(samples, options, start, scratch, workers, summary);
@@ -405,7 +405,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   if (count < kWorthwhile) return {};
   std::vector<std::size_t> order = Shuffled(count);
 
-  // The estimate from every eighth sample says which ones lie outermost.
+  // The estimate from every eighth sample shows which samples are outermost.
   constexpr std::size_t kPart = 8;
   std::vector<Eigen::Index> chosen(order.begin(),
                                    order.begin() + static_cast<std::ptrdiff_t>(count / kPart));
@@ -414,7 +414,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   part_options.tolerance = std::max(options.tolerance, 1e-3 * options.nu * count / kPart);
   Scratch scratch;
   const DualSolution solution = Solve(part, part_options, scratch, workers, summary);
-  // What there is: alpha of the part, which are too few for all.
+  // Result when interrupted: alpha of the part, which are too few for all samples.
   const auto interrupted = [&] {
     summary.reason = FitSummary::Reason::kInterrupted;
     std::vector<double> known(count, 0.0);
@@ -428,7 +428,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   for (Eigen::Index i = 0; i < solution.alpha.size(); ++i) {
     if (solution.alpha[i] > 0.0) support.push_back(static_cast<std::size_t>(i));
   }
-  // Most samples are support vectors, with alpha that are free.
+  // Most samples are support vectors with free alpha.
   if (2 * support.size() > static_cast<std::size_t>(part.rows())) {
     return std::vector<double>(count, options.nu);
   }

@@ -9,12 +9,12 @@
 
 namespace dfr::kernel::internal {
 
-/// The dual of the one-class SVM in LIBSVM's scale: min alpha' K alpha / 2 subject to
-/// sum(alpha) = nu m, 0 <= alpha <= 1.
+/// Dual of the one-class SVM in LIBSVM's scale: min alpha' K alpha / 2 subject to sum(alpha) = nu
+/// m, 0 <= alpha <= 1.
 struct DualSolution {
   Eigen::VectorXd alpha;  ///< m entries.
-  /// Where G = rho, up to the tolerance: a few samples that show how far kernel values in float,
-  /// which are all off in the same direction, have moved rho.
+  /// A sample with G = rho, up to the tolerance. A few of them show how far kernel values in float,
+  /// whose errors all have the same sign, have shifted rho.
   struct RhoSample {
     Eigen::Index sample;
     double gradient;

@@ -17,11 +17,12 @@ constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
 
 constexpr std::size_t kMargin = 256;
 constexpr std::size_t kMostViolators = 2048;  // or n / 16
-// The inner loop ends at this part of the tolerance, and before that of the gap.
+// The inner loop ends at this fraction of the tolerance, and before that at a fraction of the gap.
 constexpr double kTarget = 0.7;
 constexpr double kInner = 0.05;
 
-// Splits order[first, last) at the median of the coordinate that varies most, down to groups.
+// Splits order[first, last) at the median of the coordinate with the largest variance, down to
+// groups.
 void SortIntoGroups(const core::Matrix& samples, std::span<std::size_t> order) {
   if (order.size() <= kSparseGroup) return;
   const auto dim = static_cast<std::size_t>(samples.cols());
@@ -98,7 +99,7 @@ std::size_t SparseRows<T>::Bytes(std::size_t count) {
 
 template <typename T>
 bool SparseRows<T>::HasRoom(std::size_t count) const {
-  // Until the memory has been filled once, the oldest row stands at its beginning.
+  // Before the memory has been filled once, the oldest row is at its beginning.
   return head_ + Bytes(count) <= memory_.size() && (places_.empty() || places_[0].begin == 0);
 }
 
@@ -113,7 +114,7 @@ void SparseRows<T>::Make(std::size_t i, std::size_t count, std::size_t keep) {
     }
     return true;
   };
-  // A row that is to stay becomes the youngest.
+  // A kept row becomes the youngest.
   const auto step_over = [&] {
     head_ = places_[0].end;
     places_.push_back(places_[0]);
@@ -204,7 +205,7 @@ SparseProblem<T>::SparseProblem(const core::Matrix& samples, const OneClassSvmOp
       alpha_(order_.size()),
       gradient_(order_.size()) {}
 
-// How many rows are computed before they are used: a few megabytes at most.
+// Number of rows computed before they are used: a few megabytes at most.
 template <typename T>
 std::size_t SparseProblem<T>::Together() const {
   constexpr std::size_t kMost = 256;
@@ -212,10 +213,10 @@ std::size_t SparseProblem<T>::Together() const {
   return std::clamp<std::size_t>(kBytes / (kernel_.terms().row_size() * sizeof(T)), 8, kMost);
 }
 
-// Rows are shared out in runs of neighbours.
+// Workers receive runs of neighbouring rows.
 constexpr std::size_t kRun = 8;
 
-// G += K change. False where the caller stopped it in the middle.
+// G += K change. Returns false if the caller stopped it midway.
 template <typename T>
 bool SparseProblem<T>::AddToGradient(std::span<const std::size_t> places,
                                      std::span<const double> change) {
@@ -231,7 +232,7 @@ bool SparseProblem<T>::AddToGradient(std::span<const std::size_t> places,
         kernel_.Compute(point.data(), drafts_[q]);
       }
     });
-    // Each entry of G sums in the order of the rows, whoever sums it.
+    // Each entry of G sums in the order of the rows, on any worker.
     constexpr std::size_t kParts = 16;
     workers_.Run(kParts, [&](std::size_t part) {
       const std::size_t begin = part * kernel_.groups() / kParts;
@@ -247,7 +248,7 @@ bool SparseProblem<T>::AddToGradient(std::span<const std::size_t> places,
   return true;
 }
 
-// Rows of these active samples, as far as there is room.
+// Computes rows of these active samples as far as memory allows.
 template <typename T>
 void SparseProblem<T>::ComputeAhead(std::span<const std::size_t> wanted) {
   std::vector<std::size_t> missing;
@@ -292,7 +293,7 @@ void SparseProblem<T>::Compute(std::size_t i, std::size_t keep) {
   rows_.Write(i, draft_.groups.data(), draft_.values.data());
 }
 
-// The rows that there are stay where they are over all samples that have to move.
+// Keeps existing rows while they cover all samples that have to move.
 template <typename T>
 void SparseProblem<T>::Activate() {
   const std::vector<std::size_t>& wanted = chosen_.samples();
@@ -305,7 +306,8 @@ void SparseProblem<T>::Activate() {
   rows_.Reset(wanted.size());
 }
 
-// False where the caller stopped it before G was known again: alpha and G are then those of before.
+// Returns false if the caller stopped it before G was updated: alpha and G keep their previous
+// values.
 template <typename T>
 bool SparseProblem<T>::SolveActive(double rho) {
   constexpr T kNever = SparseSmoProblem<T>::kNever;
@@ -344,7 +346,7 @@ bool SparseProblem<T>::SolveActive(double rho) {
                                     may_fall.data(),
                                     smallest.data(),
                                     largest.data()};
-  // Part of the tolerance is left for the rounding of T and for what the others do.
+  // Leaves a part of the tolerance for the rounding of T and for the other samples.
   const double target = std::max(kTarget * options_.tolerance, kInner * summary_.kkt_gap);
   rounds_.Take(std::numeric_limits<std::int64_t>::max(),
                [&](std::int64_t most) { return smo_.sparse_loop(problem, target, most); });
@@ -366,7 +368,7 @@ bool SparseProblem<T>::SolveActive(double rho) {
   return true;
 }
 
-// Rounds from alpha and G that belong together.
+// Runs rounds from alpha and its G.
 template <typename T>
 void SparseProblem<T>::Iterate() {
   const std::span<const double> gradient(placed_gradient_.data(), placed_alpha_.size());

@@ -18,24 +18,24 @@
 
 namespace dfr::kernel::internal {
 
-/// Sparse rows, the oldest of which make room where memory is short.
+/// Sparse rows. When memory is full, the oldest rows are evicted.
 template <typename T>
 class SparseRows {
  public:
-  /// Room for `bytes`, but for four rows of `groups` groups at least and no more than all `rows`.
+  /// Allocates `bytes`, but at least four rows of `groups` groups and at most all `rows`.
   SparseRows(std::size_t rows, std::size_t groups, double bytes);
 
-  /// None of `rows` rows, which are not longer than was said at first, is there.
+  /// Forgets all rows. From now on there are `rows` rows, no longer than at construction.
   void Reset(std::size_t rows);
 
   [[nodiscard]] const SparseRow<T>* table() const { return rows_.data(); }
   [[nodiscard]] bool Has(std::size_t i) const { return rows_[i].groups != nullptr; }
-  /// Whether a row of `count` groups would make none go.
+  /// Returns whether a row of `count` groups fits without evicting another.
   [[nodiscard]] bool HasRoom(std::size_t count) const;
-  /// Room for row i, which is not there, of `count` groups: to be written by the caller. Row `keep`
-  /// stays.
+  /// Reserves room for row i, which must be absent, of `count` groups. The caller writes it. Does
+  /// not evict row `keep`.
   void Make(std::size_t i, std::size_t count, std::size_t keep);
-  /// Copies what Make() made room for.
+  /// Writes the row that Make() reserved room for.
   void Write(std::size_t i, const std::uint32_t* groups, const T* values);
 
  private:
@@ -59,15 +59,15 @@ class SparseKernel {
   /// @pre terms are whole groups
   SparseKernel(GaussianTerms<T> terms, double reach);
 
-  /// A row before it is known how large it is.
+  /// A row before its size is known.
   struct Draft {
     std::vector<std::uint32_t> groups;
     AlignedVector<T> values;
-    std::size_t count = 0;     // groups
-    std::size_t computed = 0;  // kernel values
+    std::size_t count = 0;     // number of groups
+    std::size_t computed = 0;  // number of kernel values
     [[nodiscard]] SparseRow<T> row() const { return {groups.data(), values.data(), count}; }
   };
-  /// The row of x' = `point`.
+  /// Computes the row of x' = `point`.
   void Compute(const T* point, Draft& draft) const;
 
   [[nodiscard]] const GaussianTerms<T>& terms() const { return terms_; }
@@ -79,37 +79,36 @@ class SparseKernel {
   T reach_;
 };
 
-/// A dual whose kernel is narrow. As in the solver for others, an outer loop knows the exact
-/// gradient of all samples and an inner one does SMO on an active set; but rows hold only what is
-/// not negligible, so that a step costs what two samples reach and not what all are.
+/// A dual with a narrow kernel. As in the general solver, an outer loop knows the exact gradient of
+/// all samples, and an inner loop does SMO on an active set. Rows hold only values that are not
+/// negligible: a step costs the reach of two samples instead of all samples.
 template <typename T>
 class SparseProblem {
  public:
-  /// Whether most kernel values are negligible, judged by some of the samples.
+  /// Returns whether most kernel values are negligible, judged from some of the samples.
   [[nodiscard]] static bool Fits(const core::Matrix& samples, const OneClassSvmOptions& options);
 
   /// All arguments must outlive the problem.
   SparseProblem(const core::Matrix& samples, const OneClassSvmOptions& options, Workers& workers,
                 FitSummary& summary);
 
-  /// Solves from `start`, which is feasible. Writes reason, iterations, gap and objective to the
-  /// summary.
+  /// Solves from a feasible `start`. Writes reason, iterations, gap and objective to the summary.
   void Run(std::span<const double> start);
 
   [[nodiscard]] std::span<const double> alpha() const { return alpha_; }
   [[nodiscard]] std::span<const double> gradient() const { return gradient_; }
   [[nodiscard]] std::int64_t evaluations() const { return evaluations_; }
   [[nodiscard]] std::span<const double> center() const { return kernel_.terms().center; }
-  /// What entries of the gradient may lack.
+  /// Error bound for entries of the gradient.
   [[nodiscard]] double neglected() const { return kNegligible * options_.tolerance; }
 
  private:
-  // All values left out of G together, for alpha that sum to nu m, are below this part of the
-  // tolerance.
+  // The sum of all values left out of G is below this fraction of the tolerance, for alpha that sum
+  // to nu m.
   static constexpr double kNegligible = 1.0 / 32.0;
   static double Reach(const core::Matrix& samples, const OneClassSvmOptions& options);
 
-  // The samples that rows are over, and the rows that are known.
+  // Active samples, over which rows extend, and the known rows.
   struct Active {
     std::vector<std::size_t> places;  // ascending
     SparseKernel<T> kernel;

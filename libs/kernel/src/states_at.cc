@@ -7,8 +7,8 @@
 namespace dfr::kernel::internal {
 
 bool AllFinite(const Eigen::Ref<const core::Matrix>& states) {
-  // A non-finite entry makes its product with zero, and so the sum, NaN. Many times faster than a
-  // look at each.
+  // A product of zero and a non-finite entry is NaN, and so is the sum. Many times faster than a
+  // test of each entry.
   const auto finite = [](const auto& entries) { return (0.0 * entries.array()).sum() == 0.0; };
   if (states.outerStride() != states.cols()) return finite(states);
   return finite(Eigen::Map<const Eigen::VectorXd>(states.data(), states.size()));

@@ -8,10 +8,10 @@
 
 namespace dfr::kernel::internal {
 
-/// Whether no entry is NaN or infinite.
+/// Returns whether no entry is NaN or infinite.
 [[nodiscard]] bool AllFinite(const Eigen::Ref<const core::Matrix>& states);
 
-/// Demonstrations as the functions below take them, wherever their memory is.
+/// View of a demonstration's states in any memory.
 using StatesView = Eigen::Map<const core::Matrix>;
 [[nodiscard]] std::vector<StatesView> Views(std::span<const core::Matrix> demonstrations);
 
@@ -19,10 +19,11 @@ using StatesView = Eigen::Map<const core::Matrix>;
 ///   first, or not finite.
 void CheckDemonstrations(std::span<const StatesView> demonstrations);
 
-/// States of the longest demonstration.
+/// Number of states of the longest demonstration.
 [[nodiscard]] int LongestLength(std::span<const StatesView> demonstrations);
 
-/// The state of every demonstration at time step t; those that have ended hold their last one.
+/// Returns the state of every demonstration at time step t. Demonstrations that have ended hold
+/// their last state.
 [[nodiscard]] core::Matrix StatesAt(std::span<const StatesView> demonstrations, int t);
 
 }  // namespace dfr::kernel::internal

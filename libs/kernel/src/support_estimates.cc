@@ -32,7 +32,7 @@ void CheckNu(double nu) {
   DFR_THROW_UNLESS(nu > 0.0 && nu <= 1.0, "nu must lie in (0, 1], not " << nu);
 }
 
-// The value that floor(nu m) of the others exceed.
+// Returns the value that floor(nu m) of the others exceed.
 double ValueExceededBy(std::vector<double> values, double nu) {
   const auto m = static_cast<double>(values.size());
   const auto rank = std::min(static_cast<std::ptrdiff_t>(std::floor(nu * m)),
@@ -52,14 +52,14 @@ bool Fits(std::span<const double> x, int state_dim) noexcept {
   return std::all_of(x.begin(), x.end(), [](double v) { return std::isfinite(v); });
 }
 
-// The rows of the map: the directions of largest variance, with their variances.
+// Returns the rows of the map: the directions of largest variance, with their variances.
 std::pair<core::Matrix, Eigen::VectorXd> Principal(const Eigen::Ref<const core::Matrix>& samples,
                                                    const Eigen::VectorXd& mean, int components) {
   DFR_THROW_UNLESS(components >= 0 && components <= samples.cols(),
                    "components must lie in [0, " << samples.cols() << "], not " << components);
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(Covariance(samples, mean));
   const Eigen::Index count = components == 0 ? samples.cols() : components;
-  // Eigen sorts from small to large.
+  // Eigen sorts in ascending order.
   core::Matrix directions = eigen.eigenvectors().rightCols(count).rowwise().reverse().transpose();
   Eigen::VectorXd variances = eigen.eigenvalues().tail(count).reverse();
   DFR_THROW_UNLESS(variances[0] > 0.0, "all samples are equal: there is no direction of variance");
@@ -81,7 +81,7 @@ OneClassSvm FitKernelDensity(const Eigen::Ref<const core::Matrix>& samples, doub
   const OneClassSvm sum = OneClassSvm::FromParts(samples, weights, gamma, 0.0);
   std::vector<double> density(static_cast<std::size_t>(samples.rows()));
   sum.DecisionBatch(samples, density);
-  // Negated: rho is the value that a share nu stays below. Each sample without its own kernel.
+  // Negated, because a share nu stays below rho. Each sample excludes its own kernel.
   for (double& d : density) d = -(d - 1.0 / m) * m / (m - 1.0);
   const double rho = -ValueExceededBy(std::move(density), nu);
   return OneClassSvm::FromParts(samples, weights, gamma, rho);
@@ -129,7 +129,7 @@ double GaussianEstimate::Gradient(std::span<const double> x,
   if (gradient.size() != x.size()) return kOutside;
   const double g = Decision(x);
   const double distance = radius_ - g;
-  if (!(distance > 0.0) || !std::isfinite(distance)) return g;  // at the mean there is a kink
+  if (!(distance > 0.0) || !std::isfinite(distance)) return g;  // not smooth at the mean
   for (Eigen::Index i = 0; i < root_.rows(); ++i) {
     double y = 0.0;
     for (Eigen::Index k = 0; k <= i; ++k) {
@@ -162,7 +162,7 @@ NeighbourEstimate NeighbourEstimate::Fit(const Eigen::Ref<const core::Matrix>& s
 
 NeighbourEstimate::Neighbour NeighbourEstimate::Nearest(const double* x,
                                                         Eigen::Index except) const noexcept {
-  // The k nearest so far, nearest first.
+  // The k nearest so far, in ascending order.
   Neighbour nearest[kMostNeighbours];
   std::fill_n(nearest, k_, Neighbour{std::numeric_limits<double>::infinity(), 0});
   for (Eigen::Index i = 0; i < samples_.rows(); ++i) {

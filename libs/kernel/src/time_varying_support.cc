@@ -64,9 +64,9 @@ std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const StatesView> de
   const std::size_t count = options.pooled ? 1 : static_cast<std::size_t>(num_steps);
   std::vector<std::optional<OneClassSvm>> fitted(grid.size() * count);
   std::vector<FitSummary> results(fitted.size());
-  // A pooled fit shares its own work out.
+  // A pooled fit distributes its own work.
   Workers workers(options.pooled ? 1 : options.threads);
-  // Each worker takes the next time step in memory of its own.
+  // Each worker takes the next time step and uses its own memory.
   std::atomic<std::size_t> next = 0;
   workers.Run(std::min(workers.size(), count), [&](std::size_t) {
     Scratch alone;

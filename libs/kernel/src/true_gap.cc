@@ -14,13 +14,14 @@
 namespace dfr::kernel::internal {
 namespace {
 
-// How far G may be off, relative, at a sample that stands at `distance` from the centre in kernel
-// widths (of base 2).
+// Bound on the relative error of G at a sample at `distance` from the centre, in kernel widths
+// (base 2).
 //
-// Coordinates q and s are rounded, by u |q| and u |s|, and so is their difference: the exponent r^2
-// is off by 2 r u (|q| + |s| + r) and by (d + 2) u r^2 from its sum. As K sqrt(-log2 K) is concave,
-// the mean of r that counts is sqrt(log2(sum of alpha / G)) at most. exp2 adds 5 u, and sums of up
-// to 32 terms 34 u. The changes of alpha that G has followed are larger together than alpha.
+// Rounding changes coordinates q and s by u |q| and u |s|, and therefore their difference. The
+// exponent r^2 has an error of 2 r u (|q| + |s| + r), plus (d + 2) u r^2 from its sum. As K
+// sqrt(-log2 K) is concave, the relevant mean of r is at most sqrt(log2(sum of alpha / G)). exp2
+// adds 5 u, and sums of up to 32 terms 34 u. The sum of all changes of alpha that G has followed
+// exceeds alpha.
 template <typename T>
 double RelativeError(double distance, double r, double dim) {
   constexpr double kUnit = 0.5 * std::numeric_limits<T>::epsilon();
@@ -29,7 +30,7 @@ double RelativeError(double distance, double r, double dim) {
   return kChanges * kUnit * (std::numbers::ln2 * exponent + 39.0);
 }
 
-// G in double of `samples`.
+// Returns G of `samples` in double.
 std::vector<double> ExactGradient(const core::Matrix& samples, double gamma,
                                   std::span<const double> alpha,
                                   std::span<const std::size_t> chosen, bool far, Workers& workers) {
@@ -43,7 +44,7 @@ std::vector<double> ExactGradient(const core::Matrix& samples, double gamma,
   const core::Matrix points = samples(support, Eigen::all);
   const GaussianTerms<double> terms(points, weights, gamma);
   std::vector<double> gradient(chosen.size());
-  // Enough for a thread to be worth its start.
+  // Enough work to justify starting a thread.
   const std::size_t run_size = 32 + (std::size_t{1} << 18) / (support.size() + 1);
   workers.Run((chosen.size() + run_size - 1) / run_size, [&](std::size_t run) {
     std::vector<double> scaled(terms.dim);
@@ -76,13 +77,14 @@ double TrueGap(const core::Matrix& samples, const OneClassSvmOptions& options,
     for (std::size_t k = 0; k < dim; ++k) square += (x[k] - center[k]) * (x[k] - center[k]);
     distance[i] = scale * std::sqrt(square);
   }
-  // First with an r that no value above 2^-64 exceeds, for all; then with their own, for few.
+  // The first pass uses, for all samples, an r that no value above 2^-64 exceeds. The second uses
+  // their own r, for few samples.
   std::vector<std::size_t> chosen(alpha.size());
   std::iota(chosen.begin(), chosen.end(), std::size_t{0});
   std::vector<double> error(alpha.size());
   for (const bool first : {true, false}) {
     constexpr double kNever = std::numeric_limits<double>::infinity();
-    // G moved towards the other bound by its error, and away from it.
+    // G moved by its error towards the other bound, and away from it.
     double likely_largest = -kNever;
     double likely_smallest = kNever;
     KktBounds extreme;
@@ -109,7 +111,7 @@ double TrueGap(const core::Matrix& samples, const OneClassSvmOptions& options,
     });
   }
   const double farthest = *std::max_element(distance.begin(), distance.end());
-  // From here on doubles lose digits of differences to the distance from the centre.
+  // Beyond this distance from the centre, differences of doubles lose digits.
   constexpr double kFar = 1e6;
   const std::vector<double> exact =
       ExactGradient(samples, options.gamma, alpha, chosen, farthest > kFar, workers);

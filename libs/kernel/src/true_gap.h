@@ -8,13 +8,13 @@
 
 namespace dfr::kernel::internal {
 
-/// The KKT gap of `alpha`, which a solver with kernel values in T believes to have this gradient.
+/// Returns the KKT gap of `alpha` for a solver with kernel values in T that computed `gradient`.
 ///
-/// Bounds on what rounding has done to G leave few samples that may be the extreme ones; theirs is
-/// summed again in double. Where the bounds alone prove that the gap is below the tolerance, it is
-/// returned as they give it, which is an upper bound.
-/// @param center what the solver's terms are centred at
-/// @param neglected what sums may lack, in units of G
+/// Bounds on the rounding errors of G leave few samples that may be the extreme ones; only their G
+/// is summed again in double. If the bounds alone prove that the gap is below the tolerance,
+/// returns the upper bound that they give.
+/// @param center  centre of the solver's terms
+/// @param neglected  bound on the error of sums, in units of G
 template <typename T>
 [[nodiscard]] double TrueGap(const core::Matrix& samples, const OneClassSvmOptions& options,
                              std::span<const double> center, std::span<const double> alpha,

@@ -40,8 +40,8 @@ class WeightedSolver {
         options_.max_iterations > 0
             ? options_.max_iterations
             : std::max<std::int64_t>(10'000'000, 100 * static_cast<std::int64_t>(alpha_.size()));
-    // Steps add their rounding to the gradient. Where a fresh one does not confirm the end, the
-    // next round starts from it.
+    // Each step adds rounding errors to the gradient. If a recomputed gradient does not confirm the
+    // end, the next round starts from it.
     constexpr int kRounds = 3;
     for (int round = 0; round < kRounds; ++round) {
       ComputeGradient();
@@ -63,8 +63,8 @@ class WeightedSolver {
 
   [[nodiscard]] const std::vector<double>& alpha() const { return alpha_; }
 
-  // The mean of G over free samples; where there are none, the middle of what the KKT conditions
-  // leave.
+  // Mean of G over free samples; if there are none, the middle of the interval that the KKT
+  // conditions allow.
   [[nodiscard]] double Rho() const {
     double sum = 0.0;
     std::size_t free = 0;
@@ -118,8 +118,8 @@ class WeightedSolver {
     }
   }
 
-  // Moves alpha from the sample that gains most by it to sample i. False where rounding allows no
-  // move.
+  // Moves alpha to sample i from the sample that gains most. Returns false if rounding allows no
+  // step.
   bool Step(std::size_t i) {
     ComputeRow(i, row_i_);
     // Curvature between equal points: the step then ends at a bound.
@@ -142,7 +142,7 @@ class WeightedSolver {
     const double room = options_.weights[i] - alpha_[i];
     const double step = std::min({wanted, alpha_[j], room});
     if (alpha_[i] + step == alpha_[i] && alpha_[j] - step == alpha_[j]) return false;
-    // Exactly at a bound where one is reached, whatever the rounding.
+    // Exactly at the bound that was reached, whatever the rounding.
     alpha_[i] = step >= room ? options_.weights[i] : alpha_[i] + step;
     alpha_[j] = step >= alpha_[j] ? 0.0 : alpha_[j] - step;
     for (std::size_t k = 0; k < alpha_.size(); ++k) gradient_[k] += step * (row_i_[k] - row_j_[k]);

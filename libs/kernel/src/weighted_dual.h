@@ -6,9 +6,9 @@
 
 namespace dfr::kernel::internal {
 
-/// The dual with a bound of its own for each sample: min alpha' K alpha / 2 subject to
-/// sum(alpha) = nu sum(w), 0 <= alpha_i <= w_i. Sequential minimal optimisation as in SolveDual(),
-/// on all samples at once and in double throughout; rows of K are computed when they are needed.
+/// The dual with an individual bound for each sample: min alpha' K alpha / 2 subject to sum(alpha)
+/// = nu sum(w), 0 <= alpha_i <= w_i. Sequential minimal optimisation as in SolveDual(), on all
+/// samples at once and in double throughout. Computes rows of K on demand.
 /// @pre options and samples have been checked; options.weights has one entry per sample.
 [[nodiscard]] DualSolution SolveWeightedDual(const core::Matrix& samples,
                                              const OneClassSvmOptions& options,

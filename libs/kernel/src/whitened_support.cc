@@ -25,7 +25,7 @@ struct Window {
   int first;
   int last;
   int stride;
-  bool hold;  // A demonstration that has ended before counts once with its last state.
+  bool hold;  // True if a demonstration that has ended counts once with its last state.
 };
 
 core::Matrix Pool(std::span<const core::Matrix> demonstrations, const Window& window) {
@@ -43,8 +43,8 @@ core::Matrix Pool(std::span<const core::Matrix> demonstrations, const Window& wi
   return pool;
 }
 
-// How the demonstrations' means over the pooled states differ from their neighbours', and how each
-// demonstration moves about its mean.
+// Covariance of the demonstrations' means over the pooled states about their neighbours, plus that
+// of each demonstration about its mean.
 core::Matrix LocalCovariance(std::span<const core::Matrix> demonstrations, const Window& window) {
   core::Matrix means(std::ssize(demonstrations), demonstrations[0].cols());
   Eigen::Index rows = 0;
@@ -59,7 +59,7 @@ core::Matrix LocalCovariance(std::span<const core::Matrix> demonstrations, const
   return core::LocalScatter({&means, 1}, {.rounds = 1}) + core::PooledCovariance(own);
 }
 
-// Time steps that at least a share of the demonstrations reach, and two of them.
+// Number of time steps that at least a share of the demonstrations, and two of them, reach.
 int NumSteps(std::span<const core::Matrix> demonstrations, double share) {
   std::vector<Eigen::Index> lengths;
   for (const core::Matrix& states : demonstrations) lengths.push_back(states.rows());
@@ -193,7 +193,7 @@ double WhitenedSupport::curvature_bound(int t) const noexcept {
 
 namespace {
 
-// The distance of the nearest demonstrated state, of any time step, in the coordinates `map` z.
+// Distance to the nearest demonstrated state of any time step, in the coordinates `map` z.
 double Nearest(std::span<const core::Matrix> demonstrations, const core::Matrix& map,
                const Eigen::VectorXd& z) {
   double nearest = std::numeric_limits<double>::infinity();
@@ -232,7 +232,7 @@ GapTest TestGaps(const WhitenedSupport& support, std::span<const core::Matrix> d
       }
       const Eigen::VectorXd middle = 0.5 * (states.row(static_cast<Eigen::Index>(link.from)) +
                                             states.row(static_cast<Eigen::Index>(link.to)));
-      // Who is slower passes there later.
+      // Slower demonstrations pass there later.
       if (Nearest(demonstrations, support.map(t), middle) < 0.25 * link.length) continue;
       test.inside += support.LogDecision(t, core::AsSpan(middle), {}) >= 0.0 ? 1 : 0;
       ++test.points;
@@ -248,7 +248,7 @@ std::vector<double> HeldOutLevels(std::span<const core::Matrix> demonstrations,
                    "leaving demonstrations out needs at least 3, not " << demonstrations.size());
   DFR_THROW_UNLESS(folds >= 2, "folds must be at least 2: " << folds);
   DFR_THROW_UNLESS(phase_window >= 0, "phase_window must not be negative: " << phase_window);
-  // Two must remain to fit to.
+  // Two must remain for the fit.
   const int groups = std::clamp(
       static_cast<int>(std::min<std::size_t>(demonstrations.size() / 2, 1U << 20U)), 2, folds);
   const std::vector<std::size_t> order = core::ContentOrder(demonstrations);

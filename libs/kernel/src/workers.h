@@ -10,22 +10,22 @@
 
 namespace dfr::kernel::internal {
 
-/// Threads that share the work of one fit, begun when there is some to share. What they compute
-/// must not depend on who computes it.
+/// Threads that share the work of one fit, started on demand. Their results must not depend on the
+/// thread.
 class Workers {
  public:
-  /// @param threads how many work at a time, with the one that calls Run(); 0: one per core.
+  /// @param threads  number of threads, including the one that calls Run(); 0: one per core.
   /// @throws std::invalid_argument if it is negative.
   explicit Workers(int threads);
   ~Workers();
   Workers(const Workers&) = delete;
   Workers& operator=(const Workers&) = delete;
 
-  /// How many work at a time.
+  /// Number of threads.
   [[nodiscard]] std::size_t size() const noexcept { return wanted_; }
 
-  /// job(0), ..., job(count - 1), each once, in no order and on any thread; returns when all are
-  /// done. The first exception is thrown again here; what had not begun by then is left out.
+  /// Calls job(0), ..., job(count - 1), each once, in any order and on any thread. Returns when all
+  /// are done. Rethrows the first exception and skips the jobs that have not started by then.
   void Run(std::size_t count, const std::function<void(std::size_t)>& job);
 
  private:

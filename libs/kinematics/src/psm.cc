@@ -9,7 +9,7 @@ namespace dfr::kinematics {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
-// From the remote centre to the wrist-pitch axis at insertion 0, negative: 0.4162 m - 0.4318 m.
+// From the remote centre to the wrist-pitch axis at insertion 0; negative: 0.4162 m - 0.4318 m.
 constexpr double kShaftOffset = 0.4162 - 0.4318;
 constexpr double kWristLength = 0.0091;  // wrist-pitch to wrist-yaw axis
 
@@ -52,8 +52,8 @@ const char* Name(PsmReach reach) noexcept {
   return "unknown";
 }
 
-// Limits are those of sawIntuitiveResearchKit 2.4, share/kinematic/PSM.json and PSM_Si.json; roll
-// and wrist are its LARGE_NEEDLE_DRIVER_400006.json's and LARGE_NEEDLE_DRIVER_420006.json's.
+// Limits from sawIntuitiveResearchKit 2.4, share/kinematic/PSM.json and PSM_Si.json; roll and wrist
+// from LARGE_NEEDLE_DRIVER_400006.json and LARGE_NEEDLE_DRIVER_420006.json.
 PsmJoints Psm::lower_limits(PsmGeneration generation) noexcept {
   PsmJoints q;
   q << -91 * kDegree, -53 * kDegree, 0.0, -260 * kDegree, -80 * kDegree, -80 * kDegree;
@@ -95,10 +95,10 @@ PsmReach Psm::Inverse(const Eigen::Isometry3d& pose, PsmJoints& q,
   const Eigen::Matrix3d r6 = pose.linear() * ToolRotation().transpose();
   const Eigen::Vector3d p6 = pose.translation();
 
-  // x5, from the wrist-pitch to the wrist-yaw axis, is normal to the yaw axis z6, and the shaft's
-  // axis z4, which passes through the origin, lies in the plane of x5 and z6 (both are normal to
-  // the pitch axis). So the wrist-yaw axis p6, on that plane too, shows x5 once its part along z6
-  // is taken away. The other sign is a wrist folded back by more than a right angle.
+  // x5, from the wrist-pitch to the wrist-yaw axis, is normal to the yaw axis z6. The shaft's axis
+  // z4, which passes through the origin, lies in the plane of x5 and z6 (both are normal to the
+  // pitch axis). The wrist-yaw axis p6 lies in that plane, too; removing its component along z6
+  // therefore gives x5. The opposite sign is a wrist folded back by more than a right angle.
   const Eigen::Vector3d z6 = r6.col(2);
   const Eigen::Vector3d normal_part = p6 - p6.dot(z6) * z6;
   if (normal_part.norm() < 1e-9) return PsmReach::kSingular;

@@ -18,7 +18,7 @@ double JointAngle(int i) noexcept {
   return kPair[k] * std::numbers::pi / 180.0 + kSide[k] * kHalfPair;
 }
 
-// Direction in which servo i's arm points at angle 0: along the base's edge, away from its pair.
+// Direction of servo i's arm at angle 0: along the base's edge, away from its pair.
 double ArmDirection(int i) noexcept {
   constexpr std::array<double, 6> kBeta = {4 * std::numbers::pi / 3,
                                            std::numbers::pi / 3,
@@ -77,7 +77,7 @@ bool SprkPlatform::Reachable(const PlatformPose& pose) noexcept {
 }
 
 double SprkPlatform::ReachableShare(const PlatformPose& pose) noexcept {
-  constexpr int kSteps = 32;  // the reach is a connected region around home, not always convex
+  constexpr int kSteps = 32;  // the reachable set is connected around home, but not always convex
   double reached = 0.0;
   double beyond = 0.0;
   for (int i = 1; i <= kSteps; ++i) {

@@ -11,9 +11,9 @@ namespace {
 
 using kinematics::PsmJoints;
 
-constexpr double kLook = 5e-4;  // m of the tips' way from one look to the next
+constexpr double kLook = 5e-4;  // m, spacing of the checks along the tips' path
 constexpr int kMostLooks = 1024;
-// A straight way through joint space bends by this much over a control, m.
+// Maximum deviation of the jaw tips from a straight line during one control, m.
 constexpr double kBend = 5e-5;
 
 void Deeper(double depth_m, const char* what, Breach& worst) noexcept {
@@ -52,7 +52,7 @@ Breach TipRegion::At(const Eigen::Vector3d& tip_m) const noexcept {
                                   (tip_m - options_.box_max_m).maxCoeff());
   Deeper(outside, "the task's box", worst);
   for (const Eigen::AlignedBox3d& box : options_.forbidden) {
-    // Inside: the way to the nearest face.
+    // Inside: the distance to the nearest face.
     const double inside = std::min((tip_m - box.min()).minCoeff(), (box.max() - tip_m).minCoeff());
     Deeper(inside, "a forbidden box", worst);
   }
@@ -74,7 +74,7 @@ Breach TipRegion::Along(const PsmJoints& from, const PsmJoints& to) const noexce
   double allowed = At(task_->Tip(from)).depth_m;
   for (int i = 1; i <= looks; ++i) {
     const Breach here = At(task_->Tip(from + (static_cast<double>(i) / looks) * way));
-    // Where the way begins too deep it has to lead out.
+    // A path that starts in violation must lead out.
     if (here.any() && here.depth_m > allowed + kBend && here.depth_m > worst.depth_m) worst = here;
     allowed = std::min(allowed, here.depth_m);
   }

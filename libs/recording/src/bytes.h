@@ -12,7 +12,7 @@ namespace dfr::recording::internal {
 
 static_assert(std::endian::native == std::endian::little, "files are little-endian");
 
-/// Appends numbers and texts as MCAP has them: little-endian, without padding.
+/// Appends numbers and texts in MCAP's encoding: little-endian, without padding.
 class ByteWriter {
  public:
   explicit ByteWriter(std::string& out) : out_(out) {}
@@ -25,12 +25,12 @@ class ByteWriter {
     out_.append(bytes, sizeof value);
   }
   void Bytes(std::string_view bytes) { out_.append(bytes); }
-  /// With its size before it.
+  /// Prefixed with its size.
   void Text(std::string_view text) {
     Number(static_cast<std::uint32_t>(text.size()));
     Bytes(text);
   }
-  /// Overwrites a number that was written before.
+  /// Overwrites a number written earlier.
   template <typename T>
   void NumberAt(std::size_t position, T value) {
     std::memcpy(out_.data() + position, &value, sizeof value);
@@ -41,8 +41,8 @@ class ByteWriter {
   std::string& out_;
 };
 
-/// Takes the same from a piece of memory. Asking for more than there is gives zeros, after which
-/// ok() is false: callers check once, at the end.
+/// Reads the same encoding from memory. Reading beyond the end returns zeros and makes ok() false:
+/// callers check once, at the end.
 class ByteReader {
  public:
   explicit ByteReader(std::string_view bytes) : bytes_(bytes) {}

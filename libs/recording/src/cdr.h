@@ -11,8 +11,8 @@
 
 namespace dfr::recording::internal {
 
-/// Appends a message in the encoding of ROS 2 (plain CDR, little-endian): each number on a multiple
-/// of its size, counted behind the four bytes that name the encoding.
+/// Appends a message in ROS 2's encoding (plain CDR, little-endian): each number is aligned to its
+/// size, counted from the end of the four-byte encoding header.
 class CdrWriter {
  public:
   explicit CdrWriter(std::string& out) : out_(out), bytes_(out) {
@@ -46,7 +46,7 @@ class CdrWriter {
   std::size_t start_ = 0;
 };
 
-/// Takes the same apart; as ByteReader, ok() tells at the end.
+/// Reads the same encoding. As with ByteReader, check ok() at the end.
 class CdrReader {
  public:
   explicit CdrReader(std::string_view message) : reader_(message) {
@@ -68,7 +68,7 @@ class CdrReader {
     }
     return text.substr(0, text.size() - 1);
   }
-  /// False if there are more than `values` has room for; `count` of them are then not filled.
+  /// Returns false, with `values` unchanged, if there are more numbers than it holds; sets `count`.
   bool Numbers(std::span<double> values, std::size_t& count) {
     count = Number<std::uint32_t>();
     if (count > values.size()) return encoding_ok_ = false;
@@ -78,7 +78,7 @@ class CdrReader {
   std::string_view Bytes() { return reader_.Bytes(Number<std::uint32_t>()); }
 
   [[nodiscard]] std::size_t position() const noexcept { return reader_.position(); }
-  /// All was there, and nothing is left.
+  /// True if all data were present and none remain.
   [[nodiscard]] bool complete() const noexcept { return ok() && reader_.at_end(); }
 
  private:

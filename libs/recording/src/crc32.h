@@ -5,7 +5,7 @@
 
 namespace dfr::recording::internal {
 
-/// CRC-32 as in zlib and MCAP (polynomial 0xEDB88320). `crc` is the result for what came before.
+/// CRC-32 as in zlib and MCAP (polynomial 0xEDB88320). `crc` is the result for the preceding bytes.
 [[nodiscard]] std::uint32_t Crc32(std::string_view bytes, std::uint32_t crc = 0) noexcept;
 
 }  // namespace dfr::recording::internal

@@ -5,10 +5,10 @@
 
 namespace dfr::recording::internal {
 
-/// MCAP (mcap.dev/spec), version 0 of the format as its magic says.
+/// MCAP (mcap.dev/spec), format version 0, as in its magic.
 inline constexpr std::string_view kMagic("\x89MCAP0\r\n", 8);
 
-/// Kinds of records. Each is its kind, eight bytes of size, and its content.
+/// Kinds of records. A record is its kind, an eight-byte size, and its content.
 enum class Op : std::uint8_t {
   kHeader = 1,
   kFooter,

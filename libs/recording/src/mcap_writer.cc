@@ -16,7 +16,7 @@
 namespace dfr::recording::internal {
 namespace {
 
-// A record whose size is filled in once its content is there.
+// Writes a record and fills in its size once the content is complete.
 class RecordWriter : public ByteWriter {
  public:
   RecordWriter(Op op, std::string& out) : ByteWriter(out) {
@@ -277,7 +277,7 @@ void McapWriter::AppendSummary(std::string& out, std::uint64_t start) const {
     record.Number(group.length);
   }
   RecordWriter footer(Op::kFooter, out);
-  // Its checksum covers its own size, too, which is not yet there otherwise.
+  // Its checksum covers its size, which is otherwise not yet present.
   footer.Number(start);
   footer.Number(offsets_start);
   footer.NumberAt(out.size() - 24, std::uint64_t{20});
@@ -295,7 +295,7 @@ bool McapWriter::Finish() {
     const std::uint64_t summary_at = position_ + end.size();
     AppendSummary(end, summary_at);
     end += kMagic;
-    // Some file systems find out only now that the disk is full.
+    // Some file systems report a full disk only now.
     if (Write(end) && ::fsync(file_) != 0 && errno != EINVAL) error_ = Refused(errno);
   }
   if (::close(file_) != 0 && error_.empty()) error_ = Refused(errno);
@@ -310,7 +310,7 @@ bool McapWriter::Write(std::string_view bytes) {
     if (written < 0 && errno == EINTR) continue;
     if (written <= 0) {
       error_ = Refused(written == 0 ? ENOSPC : errno);
-      // Readers stop before half a record, so that it does no harm if it cannot be cut off.
+      // Readers stop before an incomplete record, so a failed truncation is harmless.
       std::ignore = ::ftruncate(file_, static_cast<off_t>(position_));
       return false;
     }

@@ -14,15 +14,15 @@
 
 namespace dfr::recording::internal {
 
-/// Writes the MCAP file of a recording: messages gather in a chunk, and each chunk goes to the file
-/// whole, with its checksum and its indexes, in one call. The system keeps what was written when
-/// the process dies, so that a killed one loses just the chunk it was gathering.
+/// Writes the MCAP file of a recording. Messages accumulate in a chunk; each complete chunk is
+/// written in one call with its checksum and indexes. The system keeps written data when the
+/// process dies, so a killed process loses only the current chunk.
 ///
-/// Once the file does not take something (disk full), it is cut back to the last whole chunk and
-/// nothing more is written; error() tells.
+/// After a failed write (disk full), truncates the file to the last complete chunk and writes
+/// nothing more; see error().
 class McapWriter {
  public:
-  /// Makes the file. @throws std::runtime_error naming it and the remedy.
+  /// Creates the file. @throws std::runtime_error naming it and the remedy.
   McapWriter(const std::filesystem::path& path, const std::map<std::string, std::string>& metadata,
              std::string_view configuration, std::int64_t now_ns);
   ~McapWriter();
@@ -33,12 +33,12 @@ class McapWriter {
   void Message(Channel channel, std::uint32_t sequence, std::int64_t time_ns,
                std::string_view message);
   [[nodiscard]] std::size_t chunk_bytes() const noexcept { return chunk_.size(); }
-  /// Writes the chunk, if there is something in it. False if the file did not take it.
+  /// Writes the chunk unless it is empty. Returns false if writing failed.
   bool Flush();
-  /// Writes the rest, and closes. False if the file did not take it, now or before.
+  /// Writes the rest and closes the file. Returns false if any write failed.
   bool Finish();
 
-  /// What the system said when it refused something; empty if it never did.
+  /// Returns the system's error; empty if there was none.
   [[nodiscard]] const std::string& error() const noexcept { return error_; }
 
  private:
@@ -62,8 +62,8 @@ class McapWriter {
   bool Write(std::string_view bytes);
 
   int file_ = -1;
-  std::uint64_t position_ = 0;  // whole records in the file end here
-  std::uint32_t crc_ = 0;       // of all up to there
+  std::uint64_t position_ = 0;  // end of the complete records in the file
+  std::uint32_t crc_ = 0;       // of all bytes up to there
   std::string error_;
   std::string chunk_;
   std::array<std::vector<Index>, kChannels.size()> chunk_index_;
@@ -71,7 +71,7 @@ class McapWriter {
   std::vector<Chunk> chunks_;
   std::string attachment_index_;
   std::string metadata_index_;
-  std::string out_;  // kept for its memory
+  std::string out_;  // member to reuse its memory
 };
 
 }  // namespace dfr::recording::internal

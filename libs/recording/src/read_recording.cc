@@ -26,11 +26,11 @@ using internal::kMagic;
 using internal::kRecordHead;
 using internal::Op;
 
-// A file that is read from the front, with a checksum of all that was read.
+// Reads a file sequentially, with a checksum of all bytes read.
 class File {
  public:
   explicit File(const std::filesystem::path& path) : name_(path.string()) {
-    // Each read says how much it wants, from where: a buffer would read that many times over.
+    // Reads specify size and position; a buffer would read the same bytes many times.
     in_.rdbuf()->pubsetbuf(nullptr, 0);
     in_.open(path, std::ios::binary | std::ios::ate);
     if (!in_) throw std::runtime_error("cannot read the log " + name_ + ": is it there?");
@@ -42,7 +42,7 @@ class File {
   [[nodiscard]] std::uint64_t position() const noexcept { return position_; }
   [[nodiscard]] std::uint32_t crc() const noexcept { return crc_; }
 
-  /// `size` <= left() bytes, without moving on.
+  /// Returns `size` <= left() bytes at `at` without moving the position.
   std::string Peek(std::uint64_t at, std::uint64_t size) {
     std::string bytes(size, '\0');
     in_.seekg(static_cast<std::streamoff>(at));
@@ -60,7 +60,7 @@ class File {
     return size_ >= 2 * kMagic.size() && Peek(size_ - kMagic.size(), kMagic.size()) == kMagic;
   }
   [[nodiscard]] std::uint64_t size() const noexcept { return size_; }
-  /// Goes on at `at`, whatever is in between.
+  /// Moves the position to `at`.
   void Seek(std::uint64_t at) noexcept { position_ = at; }
 
   [[noreturn]] void Damaged(std::uint64_t at, const std::string& what) const {
@@ -99,7 +99,7 @@ class Reader {
   }
 
  private:
-  // False at the end of what can be read.
+  // Returns false at the end of the readable data.
   bool Record() {
     const std::uint64_t at = file_.position();
     if (file_.left() < kRecordHead) return false;
@@ -112,7 +112,7 @@ class Reader {
       return complete_ ? GoOn(at, "a record is larger than the file") : false;
     }
     if (!header_ && op != Op::kHeader) file_.Damaged(at, "its header is missing");
-    // Nothing of a record is read that leads back to the bytes behind its head.
+    // Rejects a record before reading its content, because the search resumes behind its head.
     const bool of_head = op == Op::kHeader || op == Op::kSchema || op == Op::kChannel ||
                          op == Op::kMetadata || op == Op::kAttachment;
     if (head_ && of_head) return GoOn(at, "what begins a log does not belong here");
@@ -144,7 +144,7 @@ class Reader {
         Chunk(content_at, content);
         return true;
       case Op::kDataEnd:
-        // A chunk that is damaged spoils this one, too.
+        // A damaged chunk invalidates this checksum, too.
         if (recording_.damage.empty() && ByteReader(content).Number<std::uint32_t>() != crc) {
           Suffered(at,
                    "the checksum of all before does not match, though that of every chunk does");
@@ -160,14 +160,13 @@ class Reader {
     recording_.damage.push_back("damaged at byte " + std::to_string(at) + ": " + what);
   }
 
-  // After a record whose kind or size is damaged: the next chunk, or the end of all chunks. False
-  // if there is neither. Before the first chunk nothing can be trusted.
+  // Skips a record with a damaged kind or size: moves to the next chunk, or to the end of all
+  // chunks. Returns false if there is neither. Damage before the first chunk is fatal.
   bool GoOn(std::uint64_t at, const std::string& what) {
     if (!head_) file_.Damaged(at, what);
     Suffered(at, what);
     constexpr std::uint64_t kHead = kRecordHead + 40;  // of a chunk, up to its records
-    // What is looked at doubles each time: damage that returns often must not be paid for by the
-    // mebibyte.
+    // The window doubles each time, because frequent damage must not cost a mebibyte each.
     std::uint64_t window_size = 256;
     for (std::uint64_t base = at + 1; base + kHead <= file_.size(); base += window_size - kHead) {
       window_size = std::min<std::uint64_t>(2 * window_size, 1 << 20);
@@ -182,7 +181,7 @@ class Reader {
     return false;
   }
 
-  // `left`: how many bytes the file has from there on.
+  // @param left  number of bytes in the file from there on.
   static bool ChunkHead(std::string_view bytes, std::uint64_t left) {
     if (bytes[0] != static_cast<char>(Op::kChunk)) return false;
     ByteReader reader(bytes);
@@ -371,13 +370,13 @@ class Reader {
     }
   }
 
-  // Numbers without a message are those of messages that were dropped.
+  // Numbers without a message belong to dropped messages.
   void CountDropped(std::uint32_t sequence, std::uint32_t& last) {
     recording_.dropped_records += sequence - last - 1;
     last = sequence;
   }
 
-  // What repeats the file's content in brief; nothing is taken from it.
+  // Skips the summary, which repeats the file's content.
   void Summary() {
     constexpr std::uint64_t kFooter = kRecordHead + 20;
     if (!complete_) return;
@@ -403,12 +402,12 @@ class Reader {
 
   File file_;
   Recording recording_;
-  bool complete_ = false;  // by its last bytes
+  bool complete_ = false;  // its last bytes are present
   bool header_ = false;
   std::uint32_t steps_ = 0;
   std::uint32_t transitions_ = 0;
   std::uint32_t arms_ = 0;
-  bool head_ = false;  // all before the chunks has been read
+  bool head_ = false;  // everything before the chunks has been read
 };
 
 }  // namespace

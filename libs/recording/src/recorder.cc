@@ -25,7 +25,7 @@ constexpr std::int64_t kPeriodNs = 25'000'000;
 constexpr std::int64_t kFlushNs = 200'000'000;
 constexpr std::size_t kChunkBytes = std::size_t{1} << 20;
 
-// One of the three.
+// A record of one of the three kinds.
 struct WaitingRecord {
   StepRecord step;
   TransitionRecord transition;
@@ -35,7 +35,7 @@ struct WaitingRecord {
 };
 
 struct WaitingPicture {
-  PictureView view;  // its data is `bytes`
+  PictureView view;  // refers to `bytes`
   std::vector<std::uint8_t> bytes;
 };
 
@@ -81,7 +81,7 @@ std::string Lost(std::uint64_t records, std::uint64_t pictures) {
          "than agreed or not one";
 }
 
-// While one lives, threads that are started inherit no signals: those are for the program's own.
+// Blocks signals for threads started during its lifetime: signals belong to the program's threads.
 class BlockedSignals {
  public:
   BlockedSignals() {
@@ -122,7 +122,7 @@ struct Recorder::Impl {
     if (thread.joinable()) thread.join();
   }
 
-  // The thread that writes. A loop's priority is not for it.
+  // Runs the writing thread, without the priority of a control loop.
   void Run() noexcept {
     const sched_param none{};
     ::pthread_setschedparam(::pthread_self(), SCHED_OTHER, &none);
@@ -188,7 +188,7 @@ struct Recorder::Impl {
     if (writer.chunk_bytes() >= kChunkBytes) Check(writer.Flush());
   }
 
-  // Notes in the file what was lost since the last time.
+  // Writes a note of the losses since the last one.
   void Report() {
     const std::uint64_t lost_records = dropped_records.load(std::memory_order_relaxed);
     const std::uint64_t lost_pictures = dropped_pictures.load(std::memory_order_relaxed);
@@ -227,11 +227,11 @@ struct Recorder::Impl {
   std::atomic<std::uint64_t> pictures_written{0};
   std::atomic<bool> failed{false};
   std::atomic<bool> stopping{false};
-  // For the thread that records.
+  // Recording thread only.
   std::uint32_t steps = 0;
   std::uint32_t transitions = 0;
   std::uint32_t arms = 0;
-  // For the thread that writes, and for no other while it runs.
+  // Writing thread only, while it runs.
   MachineClock machine;
   RecorderClock* const clock;
   JpegEncoder jpeg;
@@ -250,7 +250,7 @@ Recorder::Recorder(const std::filesystem::path& path, const RecordingMetadata& m
 
 Recorder::~Recorder() = default;
 
-// Numbered even when dropped, so that a gap in the file shows how many.
+// Numbered even if dropped, to make the number of lost records visible as a gap in the file.
 bool Recorder::Record(const StepRecord& step) noexcept {
   return impl_->Push(internal::Channel::kStep, &WaitingRecord::step, step, ++impl_->steps);
 }

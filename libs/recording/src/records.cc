@@ -36,7 +36,7 @@ std::string Checksum(const std::filesystem::path& path) {
     }
     for (const auto& [name, file] : files) {
       Add(name, hash);
-      // Keeps a name and the content that follows it apart.
+      // Separates a name from the content that follows it.
       Add(std::string_view("\0", 1), hash);
       Add(std::to_string(std::filesystem::file_size(file)), hash);
       Add(std::string_view("\0", 1), hash);

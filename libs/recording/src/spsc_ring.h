@@ -6,15 +6,15 @@
 
 namespace dfr::recording::internal {
 
-/// A queue of fixed size from one thread to another, in which elements are filled and read where
-/// they lie. Neither side ever waits for the other.
+/// Fixed-size queue from one thread to another. Elements are written and read in place. Neither
+/// side waits for the other.
 template <typename T>
 class SpscRing {
  public:
-  /// Copies of `element`, whose own memory is thereby set aside.
+  /// Copies `element`, which preallocates the elements' memory.
   SpscRing(std::size_t size, const T& element) : elements_(size + 1, element) {}
 
-  /// The element to fill before Push(); null while all are waiting. Producer only.
+  /// Returns the element to fill before Push(); nullptr if the queue is full. Producer only.
   [[nodiscard]] T* Free() noexcept {
     const std::size_t head = head_.load(std::memory_order_relaxed);
     return After(head) == tail_.load(std::memory_order_acquire) ? nullptr : &elements_[head];
@@ -23,7 +23,8 @@ class SpscRing {
     head_.store(After(head_.load(std::memory_order_relaxed)), std::memory_order_release);
   }
 
-  /// The oldest element, to be read before Pop(); null where there is none. Consumer only.
+  /// Returns the oldest element, to read before Pop(); nullptr if the queue is empty. Consumer
+  /// only.
   [[nodiscard]] const T* Front() const noexcept {
     const std::size_t tail = tail_.load(std::memory_order_relaxed);
     return tail == head_.load(std::memory_order_acquire) ? nullptr : &elements_[tail];

@@ -61,7 +61,7 @@ void ControlLoop::Watch() noexcept {
                               "the thread that listens to it "
                               "hangs"});
   }
-  if (!homing_) {  // which needs no pictures
+  if (!homing_) {  // homing needs no pictures
     static_cast<void>(WatchThread(camera->Report(), Ns(options_.max_camera_check_s),
                                   {HoldReason::kImageSilent, "nobody looks at the pictures"}));
   }
@@ -77,7 +77,7 @@ void ControlLoop::Watch() noexcept {
   const bool ends_homing = arm->homing() && machine_.blocking() != HoldReason::kNone;
   if (ends_homing || (!machine_.may_move() && arm->armed())) {
     arm->Hold();
-    static_cast<void>(arm->Tick(clock->SteadyNs(), clock->WallNs()));  // not with the next period
+    static_cast<void>(arm->Tick(clock->SteadyNs(), clock->WallNs()));  // hold in this period
   }
 }
 
@@ -128,7 +128,7 @@ bool ControlLoop::AwaitHomeable(double timeout_s,
 
 bool ControlLoop::Await(double timeout_s, const std::function<void(std::string_view)>& say) {
   const std::int64_t start_ns = devices_.clock->MachineNs();
-  Idle(options_.calm_s + 0.05);  // long enough for the machine to know that all is calm
+  Idle(options_.calm_s + 0.05);  // long enough for the state machine to detect calm
   for (bool said = false;; Idle(0.1)) {
     if (blocking() == HoldReason::kNone) return true;
     if (blocking() == HoldReason::kEmergencyStop) return false;
@@ -142,7 +142,7 @@ bool ControlLoop::Await(double timeout_s, const std::function<void(std::string_v
   }
 }
 
-// -- words of the operator, the controller and the task -------------------------------------------
+// -- commands of the operator, the controller and the task ----------------------------------------
 
 HoldReason ControlLoop::Home() noexcept {
   if (devices_.arm->armed()) return HoldReason::kOperator;
@@ -281,7 +281,7 @@ PlantStatus ControlLoop::Move(std::span<const double> joints, double duration_s)
     if (!Tick(dt_s)) return PlantStatus::kFault;
   }
   if (clock->lock_step()) {
-    // The last set-point has still to be reached, and time to go on for that.
+    // The last set-point is not reached yet; time must advance for that.
     if (!Tick(dt_s)) return PlantStatus::kFault;
     if (const Finding lost = clock->Rest(); !lost.ok()) {
       Hold(lost.reason, lost.detail);
@@ -331,7 +331,7 @@ bool ControlLoop::Jumped(std::span<const double> change) const noexcept {
     const double off = observation_[k] - before_[k] - change[k];
     squared += off * off;
   }
-  return std::sqrt(squared) > options_.max_state_jump;  // false where the state was not seen
+  return std::sqrt(squared) > options_.max_state_jump;  // false if the state was not seen
 }
 
 bool ControlLoop::TargetJumped(std::span<const double> change) const noexcept {
@@ -345,7 +345,7 @@ bool ControlLoop::TargetJumped(std::span<const double> change) const noexcept {
 }
 
 void ControlLoop::Remember() noexcept {
-  if (!std::isfinite(observation_[0])) return;  // there was nothing to see
+  if (!std::isfinite(observation_[0])) return;  // no observation
   Waypoint& waypoint = way_[way_next_];
   std::copy(observation_.begin(), observation_.end(), waypoint.state.begin());
   std::copy(moved_.begin(), moved_.end(), waypoint.moved.begin());
@@ -386,7 +386,7 @@ void ControlLoop::Halt() noexcept {
   Tick();
 }
 
-// -- how it stands --------------------------------------------------------------------------------
+// -- state ----------------------------------------------------------------------------------------
 
 bool ControlLoop::ended_regularly() const noexcept {
   return state() != RunState::kFaulted &&

@@ -3,7 +3,7 @@
 namespace dfr::robot {
 
 Finding RealTimeClock::Wait(double /*dt_s*/) noexcept {
-  // Only now, so that no periods are missed before the loop begins.
+  // Created at the first call: no periods are missed before the loop begins.
   if (!timer_) timer_.emplace(period_s_, *steady_);
   timer_->Wait();
   return {};

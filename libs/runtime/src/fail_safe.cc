@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kNanoseconds = 1e9;
 
-// Cut if need be, and zero-terminated.
+// Truncates if necessary, and terminates with zero.
 void Copy(std::string_view text, std::array<char, 96>& to) {
   to.fill('\0');
   std::copy_n(text.begin(), std::min(text.size(), to.size() - 1), to.begin());

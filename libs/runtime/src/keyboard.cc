@@ -23,7 +23,7 @@ bool HasInput(int file, double timeout_s) noexcept {
 
 void Keyboard::Discard() noexcept {
   text_.clear();
-  ::tcflush(file_, TCIFLUSH);  // whole lines and half ones; a pipe has none of its own
+  ::tcflush(file_, TCIFLUSH);  // complete and partial lines; no effect on a pipe
   std::array<char, 256> dropped;
   while (!ended_ && HasInput(file_, 0.0)) {
     const ssize_t size = ::read(file_, dropped.data(), dropped.size());

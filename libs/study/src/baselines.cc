@@ -25,11 +25,11 @@ void CheckSupervisor(const Teaching& teaching, const char* name) {
                               << "and this program has none to ask here");
 }
 
-// What happens to the supervisor's control before it is applied.
+// Changes the supervisor's control before it is applied.
 using Change =
     std::function<void(int t, std::span<const double> x, std::span<double> u, core::Random&)>;
 
-// One episode: states that it came to, and what the supervisor wanted in them.
+// Runs one episode: returns the visited states and the supervisor's controls there.
 core::Trajectory Ask(const Teaching& teaching, core::SimulatedPlant& plant, std::uint64_t seed,
                      int horizon, const Change& change) {
   core::Trajectory trajectory;
@@ -58,7 +58,7 @@ core::Trajectory Ask(const Teaching& teaching, core::SimulatedPlant& plant, std:
   return trajectory;
 }
 
-// Sizes, time step and horizon of a controller that applies one control a time step.
+// Base of controllers that apply one control per time step: sizes, time step and horizon.
 class Stepwise : public control::Controller {
  public:
   Stepwise(const core::Policy& policy, int horizon) : policy_(&policy), horizon_(horizon) {}
@@ -79,7 +79,7 @@ class Stepwise : public control::Controller {
     }
     return step;
   }
-  // Writes the control, or says why to halt.
+  // Writes the control or returns the cause of a halt.
   virtual control::HaltCause Decide(int t, std::span<const double> x, std::span<double> u,
                                     control::Step& step) noexcept = 0;
 
@@ -123,7 +123,7 @@ class TrueJacobianFilter final : public Stepwise {
         jacobian_(z_.size(), plant.control_dim()) {}
 
  private:
-  static constexpr double kDifference = 1e-3;  // of a control entry, whose range is +-1
+  static constexpr double kDifference = 1e-3;  // in a control entry, whose range is +-1
   static constexpr int kIterations = 6;
 
   control::HaltCause Decide(int t, std::span<const double> x, std::span<double> u,
@@ -140,7 +140,7 @@ class TrueJacobianFilter final : public Stepwise {
     return level < -slack_ ? control::HaltCause::kOutsideSupport : control::HaltCause::kNone;
   }
 
-  // Features of the state that `u` leads to; false if the plant refuses it.
+  // Computes the features of the state after `u`. Returns false if the plant rejects it.
   bool Try(std::span<const double> u, Eigen::VectorXd& z) noexcept {
     copy_->CopyStateFrom(*plant_);
     if (copy_->Apply(u) != core::PlantStatus::kOk) return false;
@@ -149,17 +149,18 @@ class TrueJacobianFilter final : public Stepwise {
     return true;
   }
 
-  // l after `u`, with its gradient; -infinity if the plant refuses it.
+  // Returns l after `u`, with its gradient; -infinity if the plant rejects it.
   double LevelAfter(int t, std::span<const double> u) noexcept {
     if (!Try(u, z_)) return -std::numeric_limits<double>::infinity();
     return support_->LogDecision(t + 1, core::AsSpan(std::as_const(z_)), core::AsSpan(gradient_));
   }
 
-  // The Jacobian of the next features by the control at `u`, which leads to z_.
+  // Computes the Jacobian of the next features with respect to the control at `u`, which leads to
+  // z_.
   bool Differentiate(std::span<const double> u) noexcept {
     for (Eigen::Index k = 0; k < tried_.size(); ++k) {
       tried_ = core::AsVector(u);
-      // Away from the saturation.
+      // Away from saturation.
       const double h = tried_[k] > 0.0 ? -kDifference : kDifference;
       tried_[k] += h;
       if (!Try(core::AsSpan(std::as_const(tried_)), effect_)) return false;
@@ -168,8 +169,8 @@ class TrueJacobianFilter final : public Stepwise {
     return true;
   }
 
-  // A step that the bound on curvature says to be best, as control::RaiseLevel(), no farther than
-  // to l = 0 in the linear model; false if the plant says that it does not help.
+  // Takes the step that is optimal for the curvature bound, as in control::RaiseLevel(), at most to
+  // l = 0 in the linear model. Returns false if it does not help on the plant.
   bool Raise(int t, std::span<double> u, double& level) noexcept {
     direction_.noalias() = jacobian_.transpose() * gradient_;
     const double square = direction_.squaredNorm();
@@ -291,7 +292,7 @@ std::unique_ptr<const core::Policy> LearnWithNoise(const Teaching& teaching,
             }));
   }
   covariance /= std::max(1, pairs);
-  // A little more, so that no direction is singular.
+  // Regularisation: no direction is singular.
   covariance.diagonal().array() += 1e-12;
   const Eigen::MatrixXd root = covariance.llt().matrixL();
   Eigen::VectorXd noise(m);

@@ -15,14 +15,14 @@ namespace {
 constexpr std::string_view kCertified = "certified";
 constexpr std::string_view kEnsemble = "ensemble";
 constexpr std::string_view kTrueJacobian = "true-jacobian";
-// Methods that are a policy alone.
+// Methods that consist of a policy only.
 constexpr std::array<std::pair<std::string_view, std::string_view>, 4> kAlone = {
     {{"lwr", "baseline@lwr"},
      {"knn", "baseline@knn"},
      {"dart", "baseline@dart"},
      {"dagger", "baseline@dagger"}}};
 
-// A controller with the policy that it borrows.
+// A controller and the policy that it borrows.
 class WithPolicy final : public control::Controller {
  public:
   WithPolicy(std::shared_ptr<const core::Policy> policy,
@@ -153,7 +153,7 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
   const std::shared_ptr<const SupportModel> support = supports_.Get(std::string(name.support), [&] {
     return SupportModel(name.support, *task_, layout_, demonstrations_);
   });
-  // The cache keeps it for as long as this factory is there.
+  // The cache keeps it as long as this factory exists.
   const int horizon = options.horizon != 0 ? options.horizon : task_->horizon();
   if (method.kind != safety::Method::Kind::kGuided) {
     return std::make_unique<control::SwitchingPolicy>(
@@ -165,7 +165,7 @@ std::unique_ptr<control::Controller> ControllerFactory::OnSupport(
             .dfr = method.published_dfr ? control::DfrOptions{} : options.dfr});
   }
   if (name.controller == kCertified) {
-    // Twice what demonstrations show, as in a guard.
+    // Twice the value of the demonstrations, as in a guard.
     const double error =
         control::EstimateDirectionError(support->guided().features(), demonstrations_).value;
     return std::make_unique<control::CertifiedPolicy>(

@@ -13,13 +13,13 @@
 namespace dfr::study {
 namespace {
 
-// The size of the largest demonstrated control.
+// Norm of the largest demonstrated control.
 double SizeOf(const safety::TaskModel& task) {
   const control::GuidedModel& model = task.guided().model();
   return model.largest_control() * model.control_unit();
 }
 
-// A policy of as many entries as another one.
+// A policy with the dimensions of another one.
 class LikeAnother : public core::Policy {
  public:
   explicit LikeAnother(const core::Policy& learned) : learned_(&learned) {}
@@ -108,7 +108,7 @@ class Adversary final : public LikeAnother {
   static constexpr int kDirections = 12;
   static constexpr int kHorizon = 12;
 
-  // Steps of the same control again and again; infinite if it does not collide soon.
+  // Number of steps of one repeated control to a collision; infinite if there is none soon.
   double StepsToCollision() const noexcept {
     copy_->CopyStateFrom(*plant_);
     for (int i = 0; i < kHorizon; ++i) {
@@ -131,7 +131,7 @@ class Adversary final : public LikeAnother {
   Aim aim_;
   const safety::TaskModel* task_;
   const core::SimulatedPlant* plant_;
-  // What trying needs: this policy belongs to one thread.
+  // Scratch memory: this policy belongs to one thread.
   std::unique_ptr<core::SimulatedPlant> copy_;
   core::Matrix directions_;
   mutable std::vector<double> state_;
@@ -174,7 +174,7 @@ void NearestNeighbourPolicy::Control(int t, std::span<const double> x,
       std::span(buffer).first(static_cast<std::size_t>(features_.num_features()));
   features_.Apply(x, z);
   const int steps = static_cast<int>(begin_.size()) - 1;
-  // Beyond the last step the last ones still say where to go.
+  // Beyond the last time step, the last pairs still apply.
   const int here = std::clamp(t, 0, steps - 1);
   const int first = begin_[static_cast<std::size_t>(std::max(0, here - kWindow))];
   const int last = begin_[static_cast<std::size_t>(std::min(steps, here + kWindow + 1))];
@@ -196,7 +196,7 @@ void NearestNeighbourPolicy::Control(int t, std::span<const double> x,
     core::AsVector(u) += controls_.row(row).transpose();
     ++count;
   }
-  // None is near a state that is not finite.
+  // A state that is not finite has no neighbour.
   for (double& entry : u) {
     entry =
         count > 0 ? std::clamp(entry / count, -1.0, 1.0) : std::numeric_limits<double>::quiet_NaN();

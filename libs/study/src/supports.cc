@@ -21,8 +21,8 @@ constexpr double kNu = 0.05;
 constexpr int kWindow = 2;
 constexpr double kNever = -std::numeric_limits<double>::infinity();
 
-// Demonstrated features, those of time steps t - kWindow ... t + kWindow together. Demonstrations
-// hold their last state.
+// Demonstrated features, pooled over time steps t - kWindow ... t + kWindow. Demonstrations hold
+// their last state.
 class Pooled : public core::LogDecisionFunction {
  public:
   [[nodiscard]] int state_dim() const noexcept final { return static_cast<int>(points_[0].cols()); }
@@ -72,12 +72,12 @@ class Pooled : public core::LogDecisionFunction {
     demonstrations_ = count;
   }
 
-  // l_t, with its gradient unless that is empty; without the states of one demonstration, or of
-  // none (-1). Before q_ is chosen, its entries are those of an l that is only compared.
+  // Returns l_t and its gradient unless that is empty. Leaves out the states of one demonstration,
+  // or of none (-1). Before q_ is chosen, the value of l serves only for comparison.
   virtual double Level(std::size_t t, std::span<const double> z, std::span<double> gradient,
                        Eigen::Index without) const noexcept = 0;
 
-  // The nu-quantile of the level of each time step's own demonstrated states.
+  // Returns the nu-quantile of the level of each time step's own demonstrated states.
   [[nodiscard]] double LevelQuantile(std::size_t t) const {
     std::vector<double> levels;
     for (Eigen::Index d = 0; d < demonstrations_; ++d) {
@@ -95,7 +95,7 @@ class Pooled : public core::LogDecisionFunction {
   }
 
   std::vector<core::Matrix> points_;
-  std::vector<double> q_;  // of each time step
+  std::vector<double> q_;  // per time step
 
  private:
   Eigen::Index demonstrations_ = 0;
@@ -109,11 +109,12 @@ class KnnDistance final : public Pooled {
     q_.assign(points_.size(), 1.0);
     for (std::size_t t = 0; t < points_.size(); ++t) q_[t] = std::max(1e-9, 1.0 - LevelQuantile(t));
   }
-  // |l'| = 2 |z - mean| / q has no bound; within l >= -3 it is at most this.
+  // |l'| = 2 |z - mean| / q is unbounded; this bound holds for l >= -3.
   [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
     return 4.0 / std::sqrt(q_[Clamped(t)]);
   }
-  // The mean over the nearest ones is the least mean over any, and each of these bends like that.
+  // The mean over the nearest states is the minimum over all choices of states, and each choice has
+  // this curvature.
   [[nodiscard]] double curvature_bound(int t) const noexcept override {
     return 1.0 / q_[Clamped(t)];
   }
@@ -160,7 +161,7 @@ class Density final : public Pooled {
   [[nodiscard]] double lipschitz_bound(int /*t*/) const noexcept override {
     return std::numeric_limits<double>::infinity();
   }
-  // The Hessian of the log of a mixture is at least that of its Gaussians.
+  // The Hessian of the log of a mixture is bounded below by that of its Gaussians.
   [[nodiscard]] double curvature_bound(int /*t*/) const noexcept override {
     return 0.5 / (width_ * width_);
   }
@@ -216,7 +217,7 @@ class Mahalanobis final : public Pooled {
     q_.assign(points_.size(), 1.0);
     for (std::size_t t = 0; t < points_.size(); ++t) q_[t] = std::max(1e-9, 1.0 - LevelQuantile(t));
   }
-  // Within l >= -3.
+  // Valid for l >= -3.
   [[nodiscard]] double lipschitz_bound(int t) const noexcept override {
     return 4.0 * std::sqrt(curvature_bound(t));
   }
@@ -227,7 +228,7 @@ class Mahalanobis final : public Pooled {
  private:
   double Level(std::size_t t, std::span<const double> z, std::span<double> gradient,
                Eigen::Index /*without*/) const noexcept override {
-    // No product is stored: nothing is allocated.
+    // Stores no product: allocates nothing.
     double square = 0.0;
     const Eigen::MatrixXd& precision = precisions_[t];
     for (Eigen::Index i = 0; i < precision.rows(); ++i) {
@@ -246,7 +247,7 @@ class Mahalanobis final : public Pooled {
   std::vector<double> largest_;
 };
 
-// g_t of features as one of whole states.
+// Applies g_t of features to whole states.
 class OfStates final : public core::DecisionFunction {
  public:
   OfStates(const core::FeatureTransform& features, const core::DecisionFunction& inner)

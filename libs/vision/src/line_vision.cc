@@ -17,27 +17,27 @@ namespace {
 
 constexpr double kUnseen = std::numeric_limits<double>::quiet_NaN();
 
-// A colour counts where one channel exceeds both others by this share of the gauze's brightness,
-// which makes the segmentation independent of the light.
+// A pixel has a colour if one channel exceeds both others by this fraction of the gauze's
+// brightness, which makes the segmentation independent of the light.
 constexpr double kColorShare = 0.15;
-// The line's columns sum over many pixels of gauze, so the noise there must not count at all; half
-// of the red's own excess, about.
+// The columns of the line sum over many pixels of gauze, whose noise must not count at all. The
+// threshold is about half of the red line's excess.
 constexpr double kLineShare = 0.3;
 constexpr double kGoodMarkErrorPx = 0.15;  // RMS; sub-pixel centres of whole marks fit within 0.1
 constexpr double kMaxMarkErrorPx = 0.6;
-constexpr double kMaxLineErrorM = 2.5e-4;  // RMS over the columns that count
+constexpr double kMaxLineErrorM = 2.5e-4;  // RMS over the accepted columns
 constexpr double kMinLineLengthM = 0.015;
-constexpr double kMaxBeyondLineM = 0.002;  // how far the tip may be ahead of what is seen of it
+constexpr double kMaxBeyondLineM = 0.002;  // maximum distance of the tip ahead of the visible line
 constexpr int kMinColumns = 50;
 
 struct Exposure {
   double brightness = 0.0;  // 90 % quantile of the green channel: the gauze
   double mean = 0.0;
-  double saturated = 0.0;  // share of pixels
+  double saturated = 0.0;  // fraction of pixels
   std::uint64_t hash = 0;
 };
 
-// Every 13th pixel tells brightness and identity.
+// Brightness and identity are sampled at every 13th pixel.
 Exposure Measure(const ImageView& image) noexcept {
   std::array<int, 256> histogram{};
   Exposure exposure;
@@ -86,7 +86,7 @@ double SmallestDistance(const std::vector<Eigen::Vector2d>& points) {
 
 Eigen::Vector3d On(const Eigen::Vector2d& p) noexcept { return {p.x(), p.y(), 0.0}; }
 
-// Marks on one line leave the target free to turn about it.
+// Collinear marks do not determine the rotation about their line.
 bool OnOneLine(const std::vector<internal::MarkSighting>& sightings) noexcept {
   Eigen::Vector2d mean = Eigen::Vector2d::Zero();
   for (const auto& s : sightings) mean += s.on_target.head<2>();
@@ -96,14 +96,14 @@ bool OnOneLine(const std::vector<internal::MarkSighting>& sightings) noexcept {
     const Eigen::Vector2d d = s.on_target.head<2>() - mean;
     scatter += d * d.transpose();
   }
-  // The smaller eigenvalue against the larger: a thin row of marks has a small ratio.
+  // Ratio of the smaller to the larger eigenvalue: small for a thin row of marks.
   const double trace = scatter.trace();
   return !(scatter.determinant() > 0.01 * trace * trace);
 }
 
 struct Blob {
   Eigen::Vector2d center;
-  double area = 0.0;  // pixels, counting partly covered ones as parts
+  double area = 0.0;  // pixels; partly covered ones count fractionally
   bool round = false;
 };
 
@@ -112,14 +112,14 @@ struct LinePoint {
   double y = 0.0;
 };
 
-// y = c0 + c1 x + c2 x^2 by least squares with Tukey's weights, re-weighted until they settle. x in
-// units of 0.03 m, so that the normal equations are well scaled. Returns the inliers' share.
+// Fits y = c0 + c1 x + c2 x^2 by iteratively reweighted least squares with Tukey's weights. x is in
+// units of 0.03 m, which keeps the normal equations well scaled. Returns the fraction of inliers.
 class RobustQuadratic {
  public:
   bool Fit(const std::vector<LinePoint>& points, std::vector<double>& weights) noexcept {
     weights.assign(points.size(), 1.0);
     if (!Solve(points, weights)) return false;
-    // The first fit is pulled by outliers: start from a wide scale and narrow it.
+    // Outliers bias the first fit: start with a wide scale and narrow it.
     for (const double scale : {2e-3, 1e-3, 5e-4, 3e-4, 3e-4, 3e-4}) {
       for (std::size_t i = 0; i < points.size(); ++i) {
         const double r = (points[i].y - At(points[i].x)) / scale;
@@ -135,9 +135,9 @@ class RobustQuadratic {
   [[nodiscard]] double SlopeAt(double x) const noexcept { return c_[1] + 2.0 * c_[2] * x; }
   [[nodiscard]] const Eigen::Vector3d& coefficients() const noexcept { return c_; }
 
-  // Where the curve is nearest to a point a few millimetres away; NaN if it bends too much for
-  // that. Newton on (x - px) + (f(x) - py) f'(x) = 0, whose derivative stays positive for a gentle
-  // curve.
+  // Returns x of the curve's point nearest to a point a few millimetres away; NaN if the curve
+  // bends too much. Newton's method on (x - px) + (f(x) - py) f'(x) = 0, whose derivative stays
+  // positive for a gentle curve.
   [[nodiscard]] double Nearest(const Eigen::Vector2d& p) const noexcept {
     double x = p.x();
     for (int iteration = 0; iteration < 8; ++iteration) {
@@ -203,15 +203,15 @@ struct LineVision::Impl {
   CameraModel camera;
   LineVisionOptions options;
   std::array<cv::Mat, 3> channels;  // blue, green, red
-  cv::Mat other;                    // the larger of the two other channels
+  cv::Mat other;                    // maximum of the two other channels
   cv::Mat excess;                   // of one channel over both others, 0 where negative
   cv::Mat mask;
   cv::Mat labels;
   cv::Mat stats;
   cv::Mat centroids;
   std::vector<Blob> blobs;
-  std::vector<Eigen::Vector2d> mark_pixels;  // where each mark is expected
-  double mark_gate = 0.0;                    // px, the farthest from there
+  std::vector<Eigen::Vector2d> mark_pixels;  // expected position of each mark
+  double mark_gate = 0.0;                    // px, maximum distance from there
   std::vector<double> mark_distance;
   double mark_area = 0.0;  // px^2, expected
   double tip_area = 0.0;
@@ -233,14 +233,14 @@ struct LineVision::Impl {
     cv::split(view, channels.data());
   }
 
-  // Where channel `c` exceeds both others, by how much.
+  // Computes the excess of channel `c` over both others.
   void Excess(int c) {
     const auto i = static_cast<std::size_t>(c);
     cv::max(channels[(i + 1) % 3], channels[(i + 2) % 3], other);
     cv::subtract(channels[i], other, excess);
   }
 
-  // Connected regions of the present excess above `threshold`.
+  // Finds connected regions of the present excess above `threshold`.
   void FindBlobs(double threshold) {
     cv::threshold(excess, mask, threshold, 255.0, cv::THRESH_BINARY);
     const int count = cv::connectedComponentsWithStats(mask, labels, stats, centroids, 8, CV_16U);
@@ -252,7 +252,7 @@ struct LineVision::Impl {
     }
   }
 
-  // Sub-pixel centre and area: pixels at the edge count by how much of the full colour they have.
+  // Computes the sub-pixel centre and area: edge pixels count in proportion to their colour.
   Blob Refine(const int* row, double threshold) const {
     const int x0 = std::max(0, row[cv::CC_STAT_LEFT] - 2);
     const int y0 = std::max(0, row[cv::CC_STAT_TOP] - 2);
@@ -263,12 +263,12 @@ struct LineVision::Impl {
       const std::uint8_t* p = excess.ptr<std::uint8_t>(y);
       for (int x = x0; x < x1; ++x) ++histogram[p[x]];
     }
-    // The full colour: a high quantile of what is above the threshold, not to follow noise.
+    // Full colour: a high quantile of the values above the threshold, which is robust to noise.
     int remaining = row[cv::CC_STAT_AREA] / 3;
     int full = 255;
     while (full > threshold && remaining > 0)
       remaining -= histogram[static_cast<std::size_t>(full--)];
-    // Below a fifth of it is background and its noise, above four fifths is inside.
+    // Below a fifth of it is background with noise; above four fifths is inside.
     const double low = 0.2 * full;
     const double high = 0.8 * full;
     double sum = 0.0;
@@ -297,13 +297,13 @@ struct LineVision::Impl {
     return blob;
   }
 
-  // NaN for marks that are not seen; returns how many are.
+  // Writes NaN for marks that are not seen; returns the number seen.
   int MatchMarks(double threshold) {
     Excess(0);
     FindBlobs(threshold);
     marks.assign(mark_pixels.size(), Eigen::Vector2d(kUnseen, kUnseen));
-    // A mark belongs to the place that is nearest: motions up to half the distance of two marks,
-    // along the direction in which those two lie, cannot confuse them.
+    // A mark is assigned to the nearest expected position. Motions up to half the distance between
+    // two marks, along their direction, cannot confuse them.
     mark_distance.assign(mark_pixels.size(), mark_gate);
     int found = 0;
     for (const Blob& blob : blobs) {
@@ -329,14 +329,14 @@ struct LineVision::Impl {
     bool found = false;
     for (const Blob& blob : blobs) {
       if (blob.area < 0.5 * tip_area || blob.area > 2.0 * tip_area || !blob.round) continue;
-      if (found) return false;  // two candidates: do not guess
+      if (found) return false;  // two candidates: ambiguous
       tip = blob;
       found = true;
     }
     return found;
   }
 
-  // Sums over each column of [x0, x1) within rows [y0, y1).
+  // Computes sums over each column of [x0, x1) within rows [y0, y1).
   void SumColumns(int x0, int y0, int x1, int y1, int threshold) {
     const auto columns = static_cast<std::size_t>(excess.cols);
     weight.assign(columns, 0);
@@ -355,12 +355,13 @@ struct LineVision::Impl {
     }
   }
 
-  // Where the tip was seen, and how much of its expected area that is, or the reverse.
+  // Position of the tip, and the ratio of its area to the expected one or the reciprocal, whichever
+  // is smaller.
   struct Tip {
     Eigen::Vector3d p_cam;
     double share;
   };
-  // The line on the target, and the share of the line's points that are on it.
+  // Line on the target, and the fraction of the line's points on it.
   struct Line {
     RobustQuadratic curve;
     double share;
@@ -373,7 +374,7 @@ struct LineVision::Impl {
   NotSeen FitLine(LineObservation& seen, Line& line);
 };
 
-// The gauze's plane, from the marks.
+// Estimates the gauze's plane from the marks.
 NotSeen LineVision::Impl::LocateTarget(double threshold, LineObservation& seen) {
   if (MatchMarks(threshold) < 4) return NotSeen::kTarget;
   sightings.clear();
@@ -386,8 +387,7 @@ NotSeen LineVision::Impl::LocateTarget(double threshold, LineObservation& seen) 
   if (OnOneLine(sightings)) return NotSeen::kTarget;
   Eigen::Isometry3d pose = options.p_cam_target;
   seen.mark_error_px = camera.fx * internal::RefinePose(sightings, pose);
-  // A mark that the tool hides in part is out of place: leave the worst ones out, not more than
-  // two.
+  // A mark partly hidden by the tool is displaced: exclude the worst ones, at most two.
   for (int left_out = 0;
        left_out < 2 && sightings.size() > 4 && !(seen.mark_error_px < kGoodMarkErrorPx);
        ++left_out) {
@@ -424,7 +424,7 @@ NotSeen LineVision::Impl::LocateTip(double threshold, const Eigen::Hyperplane<do
   return NotSeen::kNothing;
 }
 
-// The centres of the red run of every image column within the marks, on the target.
+// Collects the centres of the red run in every image column within the marks, on the target.
 NotSeen LineVision::Impl::CollectLinePoints(double threshold, const Eigen::Isometry3d& pose) {
   double left = camera.width;
   double right = 0.0;
@@ -458,7 +458,7 @@ NotSeen LineVision::Impl::CollectLinePoints(double threshold, const Eigen::Isome
   for (int x = x0; x < x1; ++x) {
     const auto i = static_cast<std::size_t>(x);
     const double w = weight[i];
-    // A column that the tool hides in part has a displaced centre: leave it out.
+    // A column partly hidden by the tool has a displaced centre: skip it.
     if (w < 0.7 * median || w > 1.5 * median) continue;
     const double y = weighted_y[i] / w;
     const double variance = weighted_y2[i] / w - y * y;

@@ -6,15 +6,15 @@
 
 namespace dfr::vision::internal {
 
-/// One mark: where it is on its target, and where the camera saw it.
+/// One mark: its position on the target, and its observed position in the image.
 struct MarkSighting {
   Eigen::Vector3d on_target;   ///< m
   Eigen::Vector2d normalized;  ///< (x/z, y/z)
 };
 
-/// Pose of a target by Gauss-Newton on the reprojection error, from a first guess; at least four
-/// sightings that are not on one line. Returns the root mean square error in normalised units,
-/// +infinity if it did not converge.
+/// Estimates the pose of a target by Gauss-Newton on the reprojection error, from an initial guess.
+/// Requires at least four sightings that are not collinear. Returns the root mean square error in
+/// normalised units, or +infinity without convergence.
 [[nodiscard]] double RefinePose(std::span<const MarkSighting> sightings,
                                 Eigen::Isometry3d& p_cam_target) noexcept;
 

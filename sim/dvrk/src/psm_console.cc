@@ -33,7 +33,7 @@ PsmJoints SpeedLimits() {
   return limits;
 }
 
-// From 0 to 1, at rest at both ends; its largest slope is 1.5.
+// From 0 to 1, with zero slope at both ends; the largest slope is 1.5.
 double Smooth(double share) { return share * share * (3.0 - 2.0 * share); }
 
 }  // namespace
@@ -343,7 +343,7 @@ void PsmConsole::Step(double dt_s) {
     return;
   }
   if (!homed_) return;
-  // A set-point beyond what the joints can do in dt_s is approached at the limit.
+  // The joints approach a set-point beyond their reach in dt_s at the speed limit.
   const PsmJoints largest = dt_s * SpeedLimits();
   if (moving_) {
     move_s_ += dt_s;
@@ -358,7 +358,7 @@ void PsmConsole::Step(double dt_s) {
   } else {
     for (int i = 0; i < 6; ++i) {
       const double left = goal_[i] - setpoint_[i];
-      // Exactly there at last, which adding the difference need not give.
+      // Sets the final value exactly; adding the difference may round.
       setpoint_[i] = std::abs(left) <= largest[i]
                          ? goal_[i]
                          : setpoint_[i] + std::clamp(left, -largest[i], largest[i]);
@@ -389,7 +389,7 @@ Eigen::Isometry3d PsmConsole::setpoint_pose() const noexcept {
   return options_.base_frame * Psm::Forward(setpoint_);
 }
 Eigen::Matrix<double, 6, 1> PsmConsole::measured_twist() const noexcept {
-  // Central difference over a millisecond of motion: to 1e-7 of the speed.
+  // Central difference over a millisecond of motion, accurate to 1e-7 of the speed.
   constexpr double kHalf = 5e-4;
   const Eigen::Isometry3d before = Psm::Forward(measured_ - kHalf * velocity_);
   const Eigen::Isometry3d after = Psm::Forward(measured_ + kHalf * velocity_);

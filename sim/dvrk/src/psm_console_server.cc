@@ -26,7 +26,7 @@ const std::vector<std::string>& JointNames() {
   return kNames;
 }
 
-// All that is published about motion at one moment.
+// All published motion data of one time.
 struct Snapshot {
   double due_s = 0.0;
   dds::JointState measured_js;
@@ -69,7 +69,7 @@ dds::PoseStamped Pose(const dds::Stamp& stamp, const std::string& frame,
   return message;
 }
 
-// The pose of a PoseStamped, a CartesianState or a query.
+// Pose of a PoseStamped, a CartesianState or a query.
 template <typename Message>
 Eigen::Isometry3d Transform(const Message& message) {
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
@@ -78,13 +78,13 @@ Eigen::Isometry3d Transform(const Message& message) {
   if (std::abs(message.orientation.norm() - 1.0) <= kRounding) {
     pose.linear() = message.orientation.normalized().toRotationMatrix();
   } else {
-    // It is no orientation, and the console refuses what is not finite.
+    // Not an orientation: the console rejects values that are not finite.
     pose.linear().setConstant(std::numeric_limits<double>::quiet_NaN());
   }
   return pose;
 }
 
-// Joint values of another number are no goal.
+// A wrong number of joint values is not a goal.
 PsmJoints JointGoal(const dds::JointState& message) {
   if (message.position.size() != 6) {
     return PsmJoints::Constant(std::numeric_limits<double>::quiet_NaN());
@@ -92,7 +92,7 @@ PsmJoints JointGoal(const dds::JointState& message) {
   return Eigen::Map<const PsmJoints>(message.position.data());
 }
 
-// The entries of the twist that is the matrix [w] v; 0 0.
+// Entries of the twist with the matrix [w] v; 0 0.
 Eigen::Matrix<double, 6, 1> Twist(const Eigen::Matrix4d& matrix) {
   Eigen::Matrix<double, 6, 1> twist;
   twist << matrix.topRightCorner<3, 1>(), matrix(2, 1), matrix(0, 2), matrix(1, 0);
@@ -109,11 +109,11 @@ dds::Matrix ByRows(const Eigen::Matrix<double, 6, 6>& jacobian) {
   return message;
 }
 
-// The manipulator's Jacobians: column i is the twist, linear before angular, that joint i gives the
-// wrist, in the wrist's own frame (body) and in the base's, at its origin (spatial).
+// Jacobians of the manipulator: column i is the twist (linear before angular) of the wrist due to
+// joint i, in the wrist's own frame (body) and in the base's, at its origin (spatial).
 void Jacobians(const PsmJoints& joints, Eigen::Matrix<double, 6, 6>& body,
                Eigen::Matrix<double, 6, 6>& spatial) {
-  constexpr double kHalf = 1e-5;  // rad, m: errors of 1e-10
+  constexpr double kHalf = 1e-5;  // rad, m: error 1e-10
   const Eigen::Matrix4d inverse = Psm::Forward(joints).inverse().matrix();
   for (int i = 0; i < 6; ++i) {
     PsmJoints step = PsmJoints::Zero();
@@ -143,7 +143,7 @@ struct PsmConsoleServer::Impl {
     return "/" + console.options().arm + "/" + name;
   }
 
-  // A motion command that has come may have been lost on its way.
+  // Returns false if a received motion command counts as lost in transit.
   bool Counts() {
     ++commands_taken;
     return random.Uniform() >= faults.drop_commands;
@@ -203,14 +203,14 @@ struct PsmConsoleServer::Impl {
     }
     dds::Number wanted;
     while (set_ratio.Take(wanted)) console.SetTrajectoryRatio(wanted.value);
-    // What an arm without weight, force sensors and an instrument to change has no use for.
+    // Commands without effect: the arm has no weight, force sensors or exchangeable instrument.
     dds::Flag flag;
     for (auto* ignored : {&use_gravity_compensation, &orientation_absolute, &tool_present}) {
       while (ignored->Take(flag)) {
       }
     }
     AnswerQueries();
-    // A move that ends with the next step was begun all the same: clients wait for both.
+    // Reports a move that starts and ends in the same step: clients wait for both events.
     if (console.moves_begun() != moves_begun) PublishEvents();
   }
 
@@ -299,7 +299,7 @@ struct PsmConsoleServer::Impl {
     return now;
   }
 
-  // A state leaves for the clients, and may be some time on its way.
+  // Sends a state to the clients, with the configured delay.
   void SendState() {
     Snapshot shown = faults.freeze && measured_any ? last_measured : Measure();
     last_measured = shown;
@@ -474,7 +474,7 @@ void PsmConsoleServer::Publish(double dt_s, bool now) {
   const bool due = i.time_s >= i.next_motion_s;
   if (due) {
     i.next_motion_s += i.options.state_period_s;
-    // After a long pause, go on from here instead of catching up.
+    // After a long pause, continues from here instead of catching up.
     if (i.next_motion_s < i.time_s) i.next_motion_s = i.time_s;
   }
   if (due || now) i.SendState();

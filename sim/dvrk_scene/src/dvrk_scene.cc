@@ -8,7 +8,7 @@ namespace {
 DvrkSceneOptions Checked(DvrkSceneOptions options) {
   DFR_THROW_UNLESS(options.linger_s >= 0.0 && options.linger_s <= 10.0,
                    "linger_s must lie in [0, 10]");
-  // The plant would take and look at pictures of its own.
+  // With vision, the plant would take and evaluate its own pictures.
   options.world.observation = Observation::kGroundTruth;
   return options;
 }

@@ -22,7 +22,7 @@ using Clock = std::chrono::steady_clock;
 constexpr std::int64_t kSecond = 1'000'000'000;
 constexpr double kLongestStep = 0.02;  // s, of a run in lock-step
 constexpr double kLongestRun = 60.0;   // s
-constexpr double kPlatformWay = 5e-3;  // m, to either side
+constexpr double kPlatformWay = 5e-3;  // m, amplitude
 
 constexpr std::array<std::pair<std::string_view, CameraFault>, 6> kCameraFaults = {{
     {"none", CameraFault::kNone},
@@ -119,7 +119,7 @@ struct DvrkSceneServer::Impl {
 
   std::string Reset(std::string_view arguments) {
     const std::uint64_t seed = internal::ParseCount(arguments, "the seed");
-    console.TakeCommands();  // so that what came before is not carried out after
+    console.TakeCommands();  // drops earlier commands
     scene.Reset(seed);
     commands_before = console.commands_taken();
     if (camera) camera->Reset();
@@ -179,7 +179,7 @@ struct DvrkSceneServer::Impl {
     }
   }
 
-  // To and fro across the line, for as long as that fault is there.
+  // Back and forth across the line while the fault lasts.
   void DrivePlatform(double dt_s) {
     if (platform_speed == 0.0) return;
     platform_way += platform_speed * dt_s;
@@ -250,7 +250,7 @@ struct DvrkSceneServer::Impl {
   std::int64_t now_ns = 0;  // in lock-step
   std::uint64_t commands_before = 0;
   double platform_speed = 0.0;  // m/s
-  double platform_way = 0.0;    // m since the first such fault
+  double platform_way = 0.0;    // m since the first fault of this kind
   PsmConsoleServer console;
   dds::Publisher<dds::PoseStamped> platform_measured;
   dds::Publisher<dds::PoseStamped> platform_setpoint;
@@ -286,7 +286,7 @@ void DvrkSceneServer::Tick(double dt_s) {
 
 void DvrkSceneServer::Serve(double timeout_s) {
   Impl& i = *impl_;
-  // Commands expire where nobody takes them, and what the console says to them should be heard.
+  // Pending commands expire, and the console's replies to them should be published.
   constexpr double kGlance = 5e-3;
   const auto end = Clock::now() + std::chrono::duration<double>(timeout_s);
   do {

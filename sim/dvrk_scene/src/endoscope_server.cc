@@ -42,7 +42,7 @@ EndoscopeServer::EndoscopeServer(dds::Participant& participant, const DvrkScene&
   image_.height = static_cast<std::uint32_t>(camera.height);
   image_.step = 3 * image_.width;
   image_.data.resize(scene.plant().endoscope().image_size());
-  jpeg_.format = "bgr8; jpeg compressed bgr8";  // as image_transport says it
+  jpeg_.format = "bgr8; jpeg compressed bgr8";  // as in image_transport
   if (!options_.real_time) return;
   hand_ = Hand::kWanted;
   thread_ = std::thread([this] { Run(); });
@@ -122,7 +122,8 @@ void EndoscopeServer::Offer(const std::function<dds::Stamp()>& clock) {
 
 void EndoscopeServer::Run() {
   try {
-    // Its own: what draws belongs to one thread. The constructor waits meanwhile.
+    // A separate clone, because rendering objects belong to one thread. The constructor waits
+    // meanwhile.
     copy_.reset(static_cast<LineTrackingPlant*>(scene_->plant().Clone().release()));
     copy_->RenderPicture(0, image_.data);
     hand_ = Hand::kIdle;
@@ -130,7 +131,7 @@ void EndoscopeServer::Run() {
     const auto period = std::chrono::duration_cast<Clock::duration>(
         std::chrono::duration<double>(options_.period_s));
     for (auto next = Clock::now(); hand_ != Hand::kStopped;) {
-      // Where the machine falls behind, go on from here instead of catching up.
+      // If the machine falls behind, continues from here instead of catching up.
       next = std::max(next + period, Clock::now());
       std::this_thread::sleep_until(next);
       if (silent_ || !Watched()) continue;

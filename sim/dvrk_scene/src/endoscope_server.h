@@ -17,12 +17,12 @@
 
 namespace dfr::sim::internal {
 
-/// The endoscope's topics: image_raw, image_raw/compressed, camera_info.
+/// Publisher of the endoscope's topics: image_raw, image_raw/compressed, camera_info.
 ///
-/// In lock-step Look() takes a picture when it is told to. In real time a thread of its own draws a
-/// copy of the scene that the caller's thread hands over in Offer() when one is wanted: neither
-/// waits for the other, so that the arm's state is not late because a picture takes long. Pictures
-/// are drawn only while there is a subscriber.
+/// In lock-step, Look() takes a picture on request. In real time, a separate thread draws a copy of
+/// the scene, which the caller's thread passes in Offer() on demand. Neither thread waits for the
+/// other: slow pictures do not delay the arm's state. Pictures are drawn only while there is a
+/// subscriber.
 class EndoscopeServer {
  public:
   struct Options {
@@ -32,31 +32,32 @@ class EndoscopeServer {
     bool real_time = false;
   };
 
-  /// Borrows both, which must outlive it; `scene` is not looked at but within the methods.
+  /// Borrows both arguments, which must outlive it. Reads `scene` only within the methods.
   EndoscopeServer(dds::Participant& participant, const DvrkScene& scene, const Options& options);
   ~EndoscopeServer();
   EndoscopeServer(const EndoscopeServer&) = delete;
   EndoscopeServer& operator=(const EndoscopeServer&) = delete;
 
-  /// Lock-step: the next picture, stamped so.
+  /// Lock-step: takes the next picture with this timestamp.
   void Look(const dds::Stamp& stamp);
-  /// Real time: hands the scene over if a picture of it is wanted.
-  /// @throws what went wrong in the thread, std::runtime_error if nothing can be drawn.
+  /// Real time: passes the scene on if a picture of it is needed.
+  /// @throws the thread's exception; std::runtime_error if drawing fails.
   void Offer(const std::function<dds::Stamp()>& clock);
-  /// Pictures are counted from Reset() on. The count goes to the thread with the next scene.
+  /// Restarts the count of pictures. The thread receives it with the next scene.
   void Reset() noexcept { restart_ = true; }
-  /// Nothing comes from the camera any more.
+  /// Stops publishing pictures.
   void SetSilent(bool silent) noexcept { silent_ = silent; }
 
-  /// Every picture differs from the one before by noise of one grey level.
+  /// Adds noise of one grey level, different in every picture.
   void SetNoisy(bool noisy) noexcept { noisy_ = noisy; }
-  /// Pictures are of a second ago, with the stamps of now.
+  /// Delays pictures by a second but gives them current timestamps.
   void SetLate(bool late) noexcept { late_ = late; }
 
   [[nodiscard]] std::uint64_t published() const noexcept { return published_; }
 
  private:
-  // Who has the scene that is handed over: Wanted, the caller's thread; Filled, the camera's.
+  // Owner of the scene that is passed on: kWanted, the caller's thread; kFilled, the camera's
+  // thread.
   enum class Hand { kIdle, kWanted, kFilled, kStopped };
 
   void Run();
@@ -79,10 +80,10 @@ class EndoscopeServer {
   std::atomic<bool> noisy_ = false;
   std::atomic<bool> late_ = false;
   std::uint32_t noise_ = 1;
-  std::deque<std::vector<std::uint8_t>> delayed_;  // pictures, the oldest first
+  std::deque<std::vector<std::uint8_t>> delayed_;  // pictures, oldest first
   std::atomic<std::uint64_t> published_ = 0;
 
-  // Real time. What follows `hand_` belongs to whom it says.
+  // Real time. `hand_` names the owner of the following members.
   std::atomic<Hand> hand_ = Hand::kIdle;
   std::unique_ptr<LineTrackingPlant> copy_;
   dds::Stamp copy_stamp_;

@@ -7,7 +7,7 @@ namespace dfr::sim::internal {
 namespace {
 
 constexpr double kLink = 0.5;
-constexpr double kStep = 0.25;  // rad that a control of 1 turns a joint by
+constexpr double kStep = 0.25;  // rad, joint rotation by a control of 1
 const Disc kPillar{{0.327, 0.642}, 0.16};
 const Point kGoal{-0.417, 0.712};
 
@@ -22,7 +22,7 @@ class Arm2Plant final : public Cloned<Arm2Plant> {
   Arm2Plant() : Cloned({{"joints", 0, 2}, {"tip", 0, 2}}, 0, 2) {}
 
   void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
-    // Folds the elbow before the pillar and unfolds it behind.
+    // Folds the elbow before the pillar and unfolds it behind the pillar.
     const double fold = 2.15 + 0.03 * habit.offset;
     const std::array<Point, 4> path{{{-0.3, 0.9}, {-0.2, fold}, {1.0, fold}, {1.5, 1.2}}};
     const Point q{x(0), x(1)};

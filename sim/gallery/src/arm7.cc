@@ -9,7 +9,7 @@ namespace {
 
 constexpr int kJoints = 7;
 constexpr double kLink = 1.0 / kJoints;
-constexpr double kStep = 0.1;  // rad that a control of 1 turns a joint by
+constexpr double kStep = 0.1;  // rad, joint rotation by a control of 1
 const Disc kPillar{{0.8, 0.0}, 0.12};
 const Disc kGoal{{0.72, 0.36}, 0.05};
 // Bent away from the pillar.

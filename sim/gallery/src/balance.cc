@@ -8,8 +8,8 @@ namespace {
 constexpr double kStep = 0.04;  // s
 constexpr int kSteps = 120;
 
-// Barto, Sutton and Anderson's cart and pole (1983), their masses and lengths. Explicit Euler: a
-// force moves cart and pole one step later.
+// The cart and pole of Barto, Sutton and Anderson (1983), with their masses and lengths. Explicit
+// Euler: a force moves cart and pole one step later.
 // State: cart(2) as position in m and speed, pole(2) as angle in rad and speed; hidden: the clock.
 class BalancePlant final : public Cloned<BalancePlant> {
  public:
@@ -27,7 +27,7 @@ class BalancePlant final : public Cloned<BalancePlant> {
     x(3) = random.Uniform(-0.1, 0.1);
   }
   void Step(std::span<const double> u) noexcept override {
-    constexpr double kPole = 0.1;  // kg, of 1.1 kg in all
+    constexpr double kPole = 0.1;  // kg, part of the total of 1.1 kg
     constexpr double kMass = 1.1;
     constexpr double kHalf = 0.5;  // m
     const double c = std::cos(x(2));

@@ -10,14 +10,15 @@ constexpr double kTop = 0.45;
 constexpr double kForce = 0.0015;
 constexpr double kGravity = 0.0025;
 
-// Moore's car in a valley (1990), three of its steps a control, with a wall on the left.
+// Moore's car in a valley (1990), three of its steps per control, with a wall on the left.
 // State: car(2) as position and speed.
 class CarPlant final : public Cloned<CarPlant> {
  public:
   CarPlant() : Cloned({{"car", 0, 2}}, 0, 1) {}
 
   void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
-    // Along with the motion, but only as fast as the brakes can stop before the wall.
+    // Accelerates with the motion, but only to a speed at which the brakes can stop before the
+    // wall.
     const double turn = kWall + 0.12 + 0.02 * habit.offset;
     const double room =
         kForce * (x(0) - turn) + kGravity / 3.0 * (std::sin(3.0 * turn) - std::sin(3.0 * x(0)));

@@ -10,10 +10,10 @@ namespace dfr::sim {
 namespace {
 
 constexpr double kPolygonStep = 0.05;
-// A control moves the point by 0.28 at most in the default scene, a tenth of the wavelength; these
-// many looks on the way leave no room to cut a bend unseen.
+// A control moves the point by at most 0.28 in the default scene, a tenth of the wavelength. This
+// number of checks per motion detects a shortcut across a bend.
 constexpr int kLooks = 4;
-constexpr double kSpeed = 0.6;  // the norm of the supervisor's control
+constexpr double kSpeed = 0.6;  // norm of the supervisor's control
 
 double Centre(const CorridorOptions& options, double x) noexcept {
   return options.amplitude * std::sin(2.0 * std::numbers::pi * x / options.wavelength);
@@ -31,7 +31,7 @@ CorridorPlant::CorridorPlant(const CorridorOptions& options)
   DFR_THROW_UNLESS(options.start_spread >= 0.0, "start_spread must not be negative");
   DFR_THROW_UNLESS(options.gain > 0.0, "gain must be positive");
   DFR_THROW_UNLESS(std::isfinite(options.rotation), "rotation must be finite");
-  // The line goes on beyond both ends, so that a step past the goal is not a collision.
+  // The line extends beyond both ends: a step past the goal is not a collision.
   const int points = static_cast<int>(std::ceil((options.length + 2.0) / kPolygonStep));
   for (int i = 0; i < points; ++i) {
     const double x = -1.0 + kPolygonStep * i;
@@ -67,7 +67,7 @@ std::vector<std::array<double, 2>> CorridorPlant::Wall(double side, double left,
     const double offset = side * options_.half_width / std::hypot(dx, dy);
     const double x = 0.5 * (centre_[i][0] + centre_[i + 1][0]) - offset * dy;
     const double y = 0.5 * (centre_[i][1] + centre_[i + 1][1]) + offset * dx;
-    // Inside a bend tighter than the half width the offset line doubles back.
+    // Inside a bend tighter than the half width, the offset line doubles back.
     if (x < left || x > right || Clearance(x, y) > 1e-3) continue;
     wall.push_back({x, y});
   }
@@ -104,7 +104,7 @@ std::unique_ptr<core::SimulatedPlant> CorridorPlant::Clone() const {
 }
 
 void CorridorPlant::Supervise(const Habit& /*habit*/, std::span<double> u) const noexcept {
-  // A point two steps ahead: near enough to follow the bends, far enough not to zigzag.
+  // Aims two steps ahead: near enough to follow the bends, far enough not to zigzag.
   const double ahead = x(0) + 2.0 * kSpeed * options_.gain;
   const double dx = ahead - x(0);
   const double dy = Centre(options_, ahead) - x(1);

@@ -9,7 +9,7 @@ namespace dfr::sim {
 namespace {
 
 constexpr double kSubstep = 0.001;
-constexpr double kSpeed = 0.7;  // the norm of the supervisor's control at most
+constexpr double kSpeed = 0.7;  // largest norm of the supervisor's control
 
 }  // namespace
 
@@ -78,20 +78,20 @@ std::unique_ptr<core::SimulatedPlant> DiscPushPlant::Clone() const {
 }
 
 void DiscPushPlant::Supervise(const Habit& /*habit*/, std::span<double> u) const noexcept {
-  // The object heads for a point on the axis 0.1 m ahead of it, the goal at the latest: that brings
-  // it to the axis before the gate.
+  // Steers the object to a point on the axis 0.1 m ahead, at most to the goal. It reaches the axis
+  // before the gate.
   const double aim_x = std::min(options_.goal_x + 0.02, x(2) + 0.1);
   const double length = std::hypot(aim_x - x(2), x(3));
   const double hx = (aim_x - x(2)) / length;
   const double hy = -x(3) / length;
   const double contact = options_.object_radius + options_.pusher_radius;
-  // The pusher's place relative to the object, along the heading and across.
+  // Position of the pusher relative to the object, along the heading and across it.
   const double along = (x(0) - x(2)) * hx + (x(1) - x(3)) * hy;
   const double across = -(x(0) - x(2)) * hy + (x(1) - x(3)) * hx;
   double forward = 1.0;
   double sideways = -6.0 * across / contact;
   if (std::abs(across) > 0.35 * contact) {
-    // Not behind the object: back off before turning in, so as not to knock it aside.
+    // Not behind the object: backs off before turning in, to avoid knocking it aside.
     forward = along > -1.25 * contact ? -1.0 : 0.0;
     sideways = along > -1.05 * contact ? 0.0 : (across > 0.0 ? -1.0 : 1.0);
   }

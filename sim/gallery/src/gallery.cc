@@ -33,7 +33,7 @@ const GalleryTask& FindGalleryTask(std::string_view name) {
 }
 
 core::Trajectory DemonstrateOnce(const GalleryTask& task, std::uint64_t seed) {
-  // Noise of a hand is correlated: about four steps.
+  // The noise of a hand is correlated over about four steps.
   constexpr double kMemory = 0.8;
   const double fresh = std::sqrt(1.0 - kMemory * kMemory);
   core::Trajectory trajectory;

@@ -28,7 +28,7 @@ struct Disc {
   [[nodiscard]] bool Contains(Point p) const noexcept { return Norm(p - centre) < radius; }
 };
 
-/// Sides parallel to the axes.
+/// Axis-aligned box.
 struct Box {
   Point low;
   Point high;
@@ -37,14 +37,15 @@ struct Box {
   }
 };
 
-/// The point of the segment from a to b that is nearest to p.
+/// Returns the point of the segment from a to b nearest to p.
 inline Point Nearest(Point a, Point b, Point p) noexcept {
   const Point d = b - a;
   const double length = Dot(d, d);
   return a + (length > 0.0 ? std::clamp(Dot(p - a, d) / length, 0.0, 1.0) : 0.0) * d;
 }
 
-/// The point of a polygonal path that lies `ahead` beyond the one nearest to p, the end at most.
+/// Returns the point of a polyline at distance `ahead` beyond the point nearest to p, at most its
+/// end.
 inline Point Ahead(std::span<const Point> path, Point p, double ahead) noexcept {
   std::size_t at = 0;
   Point nearest = path[0];
@@ -64,7 +65,7 @@ inline Point Ahead(std::span<const Point> path, Point p, double ahead) noexcept 
   return nearest;
 }
 
-/// `a` shortened to the norm `longest` at most.
+/// Returns `a`, shortened to a norm of at most `longest`.
 inline Point Shortened(Point a, double longest) noexcept {
   const double norm = Norm(a);
   return norm > longest ? (longest / norm) * a : a;

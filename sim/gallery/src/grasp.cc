@@ -6,15 +6,15 @@
 namespace dfr::sim::internal {
 namespace {
 
-constexpr double kGain = 0.03;     // a control of 1 moves the gripper by this far
-constexpr double kHeight = 0.05;   // of the object
-constexpr double kSlack = 0.015;   // the object is between the fingers within this
-constexpr double kFingers = 0.05;  // and beside them beyond this
-constexpr double kLetsGo = 0.8;    // the object falls where the gripper opens to this
+constexpr double kGain = 0.03;     // displacement of the gripper by a control of 1
+constexpr double kHeight = 0.05;   // height of the object
+constexpr double kSlack = 0.015;   // maximum offset of an object between the fingers
+constexpr double kFingers = 0.05;  // minimum offset of fingers beside the object
+constexpr double kLetsGo = 0.8;    // opening at which the object falls
 constexpr double kLifted = 0.15;
 
-// A gripper takes an object from a table. Closing takes 3 to 8 steps, as it happens.
-// State: gripper(2), closed(1) in [0, 1], object(2); hidden: share that a control of 1 closes,
+// A gripper takes an object from a table. Closing takes 3 to 8 steps, at random.
+// State: gripper(2), closed(1) in [0, 1], object(2); hidden: fraction closed by a control of 1,
 // whether the object is held.
 class GraspPlant final : public Cloned<GraspPlant> {
  public:
@@ -63,7 +63,7 @@ class GraspPlant final : public Cloned<GraspPlant> {
       const double aside = std::abs(x(0) - x(3));
       // A finger hits the object.
       FailIf(x(1) < kHeight && aside > kSlack && aside < kFingers);
-      // Half closed it neither gets over the object nor away from it.
+      // Half closed, the gripper can neither pass over the object nor leave it.
       FailIf(!between() && x(2) > 0.4 && aside < kFingers && x(1) < 2.0 * kHeight);
     }
     FailIf(x(1) < -0.005 || x(1) > 0.5 || std::abs(x(0)) > 0.8);

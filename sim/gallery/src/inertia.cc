@@ -6,12 +6,12 @@
 namespace dfr::sim::internal {
 namespace {
 
-constexpr double kStep = 0.1;  // of time
+constexpr double kStep = 0.1;  // time step
 constexpr double kForce = 1.0;
 const Box kWall{{0.45, -0.8}, {0.55, 0.15}};
 const Disc kGoal{{1.0, 0.0}, 0.06};
 
-// A mass without friction that forces accelerate. State: point(2), velocity(2).
+// A frictionless mass accelerated by forces. State: point(2), velocity(2).
 class InertiaPlant final : public Cloned<InertiaPlant> {
  public:
   InertiaPlant() : Cloned({{"point", 0, 2}, {"velocity", 0, 2}}, 0, 2) {}

@@ -6,15 +6,15 @@
 namespace dfr::sim::internal {
 namespace {
 
-constexpr double kGain = 0.02;        // a control of norm 1 moves the peg by this far
-constexpr double kClearance = 0.012;  // half the width of the slot, less the peg's
-constexpr double kMouth = 0.03;       // the same at the surface, where the slot has chamfers
-constexpr double kChamfer = 0.03;     // their depth
-constexpr double kDepth = 0.1;        // where the peg is in
-constexpr double kForce = 0.4;        // a control may be blocked by this share of a whole one
+constexpr double kGain = 0.02;        // displacement of the peg by a control of norm 1
+constexpr double kClearance = 0.012;  // half the width of the slot, minus the peg's
+constexpr double kMouth = 0.03;       // the same at the surface, at the chamfers
+constexpr double kChamfer = 0.03;     // depth of the chamfers
+constexpr double kDepth = 0.1;        // depth of an inserted peg
+constexpr double kForce = 0.4;        // largest part of a control that may be blocked
 
-// A peg above a surface (y = 0) with a slot in it; what is solid stops it, and it slides.
-// State: peg(2), its tip; slot(1), where it is.
+// A peg above a surface (y = 0) with a slot. Solids stop the peg, and it slides along them.
+// State: peg(2), its tip; slot(1), the slot's position.
 class InsertionPlant final : public Cloned<InsertionPlant> {
  public:
   InsertionPlant() : Cloned({{"peg", 0, 2}, {"slot", 0, 1}}, 0, 2) {}
@@ -45,12 +45,12 @@ class InsertionPlant final : public Cloned<InsertionPlant> {
     }
     FailIf(blocked > kForce * kGain || std::abs(x(0)) > 0.5 || x(1) > 0.5);
   }
-  // The nearest free place, from little inside what is solid.
+  // Returns the nearest free point for a point slightly inside a solid.
   [[nodiscard]] Point Yield(Point p) const noexcept {
     const double aside = p.x - x(2);
     const double side = std::copysign(1.0, aside);
     if (p.y >= 0.0) return p;
-    // The chamfer's normal, out of it.
+    // Outward normal of the chamfer.
     const Point normal = (1.0 / std::hypot(kChamfer, kMouth - kClearance)) *
                          Point{-side * kChamfer, kMouth - kClearance};
     const double above = Dot(p - Point{x(2) + side * kMouth, 0.0}, normal);

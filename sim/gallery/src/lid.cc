@@ -6,10 +6,10 @@
 namespace dfr::sim::internal {
 namespace {
 
-constexpr double kGain = 0.03;      // a control of 1 moves the gripper by this far
-constexpr double kGripRate = 0.25;  // and closes it by this share
-constexpr double kRadius = 0.4;     // of the handle around the hinge, which is the origin
-constexpr double kGap = 0.03;       // the handle slips if it is held off its circle by this
+constexpr double kGain = 0.03;      // displacement of the gripper by a control of 1
+constexpr double kGripRate = 0.25;  // closing of the gripper by a control of 1
+constexpr double kRadius = 0.4;     // radius of the handle around the hinge, the origin
+constexpr double kGap = 0.03;       // distance from the circle at which the handle slips
 constexpr double kOpen = 1.2;       // rad
 
 // A gripper lifts a lid by its handle, which moves on a circle.
@@ -47,12 +47,12 @@ class LidPlant final : public Cloned<LidPlant> {
     const Point p{x(0), x(1)};
     if (held()) {
       x(3) = std::max(0.0, std::atan2(x(1), x(0)));
-      // It slips off the handle, or lets it go: the lid falls.
+      // The handle slips or is released: the lid falls.
       FailIf(std::abs(Norm(p) - kRadius) > kGap || x(1) < -kGap || x(2) < 0.5);
     } else {
       const double distance = Norm(p - Point{kRadius, 0.0});
       if (x(2) > 0.8 && distance < kGap) x(4) = 1.0;
-      // The chest below the lid; and a closed gripper knocks against the handle.
+      // The chest below the lid. A closed gripper collides with the handle.
       FailIf((x(1) < -0.02 && x(0) < kRadius + 0.02) || (x(2) > 0.8 && distance >= kGap));
     }
     FailIf(Norm(p) > 1.0);

@@ -7,19 +7,19 @@
 namespace dfr::sim::internal {
 namespace {
 
-/// A way to the goal, taken with this probability. Its points are shifted by the habit's offset
-/// across; the last one gives way to the goal once that is near.
+/// A way to the goal and its probability. The habit's offset shifts its points sideways. Near the
+/// goal, the goal replaces the last point.
 struct Route {
   double probability;
   std::vector<Point> points;
 };
 
 struct PointOptions {
-  double gain = 0.04;  ///< A control of norm 1 moves the point by this far.
+  double gain = 0.04;  ///< Displacement of the point by a control of norm 1.
   double speed = 0.8;  ///< Norm of the supervisor's control.
-  double carry = 0.0;  ///< Share of a motion that the next control's motion takes over.
+  double carry = 0.0;  ///< Fraction of a motion that carries over to the next one.
   double goal_x = 1.0;
-  double belt = 0.0;  ///< The goal moves this far up with each control, until kBelt.
+  double belt = 0.0;  ///< Upward motion of the goal per control, until kBelt.
   std::vector<Disc> discs = {};
   std::vector<Box> boxes = {};
   std::vector<Route> routes = {};
@@ -28,11 +28,10 @@ struct PointOptions {
 
 constexpr double kSpread = 0.05;  // half the side of the square of start states
 constexpr double kGoalRadius = 0.05;
-constexpr double kBelt = 0.35;  // a goal that moves does so from -kBelt or a little more to kBelt
+constexpr double kBelt = 0.35;  // a moving goal moves from -kBelt, or slightly higher, to kBelt
 
-// A point that starts near the origin and goes where it is told, to (goal_x, 0) or to a goal on a
-// belt. State: point(2), of a goal that moves also goal(2); hidden: otherwise the goal, the last
-// motion.
+// A point that starts near the origin and moves as commanded to (goal_x, 0) or to a goal on a belt.
+// State: point(2), with a moving goal also goal(2); hidden: the goal otherwise, the last motion.
 class PointPlant final : public Cloned<PointPlant> {
  public:
   explicit PointPlant(PointOptions options)
@@ -72,7 +71,7 @@ class PointPlant final : public Cloned<PointPlant> {
       const double wanted = options_.gain * u[static_cast<std::size_t>(i)];
       x(4 + i) = options_.carry * x(4 + i) + (1.0 - options_.carry) * wanted;
     }
-    constexpr int kLooks = 4;  // so that no corner is cut unseen
+    constexpr int kLooks = 4;  // detects shortcuts across corners
     for (int look = 0; look < kLooks; ++look) {
       x(0) += x(4) / kLooks;
       x(1) += x(5) / kLooks;
@@ -94,12 +93,12 @@ std::shared_ptr<const GalleryPlant> MakePoint(PointOptions options) {
   return std::make_shared<PointPlant>(std::move(options));
 }
 
-// Round a pillar at (0.55, 0), at this height.
+// Around a pillar at (0.55, 0), at this height.
 Route Over(double probability, double y) {
   return {probability, {{0.0, 0.0}, {0.35, 0.85 * y}, {0.55, y}, {0.75, 0.85 * y}, {1.0, 0.0}}};
 }
 
-// Past pillars at x = 0.85, at this height, decided soon.
+// Past pillars at x = 0.85, at this height; decided early.
 Route Past(double probability, double y) {
   return {probability, {{0.0, 0.0}, {0.15, 0.3 * y}, {0.6, y}, {1.05, y}, {1.3, 0.0}}};
 }

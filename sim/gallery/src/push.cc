@@ -6,23 +6,23 @@ namespace {
 
 constexpr double kHalf = 0.05;      // half the side of the box
 constexpr double kPusher = 0.012;   // radius
-constexpr double kGain = 0.012;     // a control of norm 1 moves the pusher by this far
+constexpr double kGain = 0.012;     // displacement of the pusher by a control of norm 1
 constexpr double kTurning = 0.035;  // the box's radius of support friction
 constexpr double kGoal = 0.35;
 
-// Quasi-static: the pusher moves in small substeps; where it would enter the box, the box yields
-// along the normal of the contact, frictionless, with the limit surface's ellipsoid deciding how
-// much it turns. State: pusher(2), box(3) as x, y and angle.
+// Quasi-static: the pusher moves in small substeps. On contact, the box moves along the
+// frictionless contact normal and rotates according to the ellipsoidal limit surface. State:
+// pusher(2), box(3) as x, y and angle.
 class PushPlant final : public Cloned<PushPlant> {
  public:
   PushPlant() : Cloned({{"pusher", 0, 2}, {"box", 0, 3}}, 0, 2) {}
 
   void Supervise(const Habit& habit, std::span<double> u) const noexcept override {
     const Point local = Turned(Point{x(0) - x(2), x(1) - x(3)}, -x(4));
-    // Push to one side of the centre, so that the box turns to where it has to go.
+    // Pushes off-centre to turn the box towards its target.
     const double angle = std::clamp(-3.0 * (x(3) - 0.004 * habit.offset), -0.35, 0.35);
     const double side = std::clamp(-0.08 * (angle - x(4)), -0.03, 0.03);
-    const double gap = -kHalf - kPusher - local.x;  // > 0 off the box
+    const double gap = -kHalf - kPusher - local.x;  // > 0 outside the box
     const double forward = std::abs(side - local.y) > 0.02 && gap < 0.01 ? 0.2 : 0.7;
     const Point wanted = Turned({forward, std::clamp((side - local.y) / kGain, -0.7, 0.7)}, x(4));
     u[0] = wanted.x;
@@ -37,14 +37,14 @@ class PushPlant final : public Cloned<PushPlant> {
     x(4) = random.Uniform(-0.15, 0.15);
   }
   void Step(std::span<const double> u) noexcept override {
-    if (u[0] == 0.0 && u[1] == 0.0) return;  // not even what is left of an overlap yields
+    if (u[0] == 0.0 && u[1] == 0.0) return;  // moves nothing, despite any overlap
     constexpr int kSubsteps = 8;
     for (int i = 0; i < kSubsteps; ++i) {
       x(0) += kGain / kSubsteps * u[0];
       x(1) += kGain / kSubsteps * u[1];
       Yield();
     }
-    // The lane, and an angle from which the box cannot be turned back.
+    // The lane's edges, and the angle beyond which the box cannot be turned back.
     FailIf(std::abs(x(3)) > 0.04 || std::abs(x(4)) > 0.6 || x(2) < -0.03);
     FailIf(std::abs(x(1)) > 0.15 || x(0) < -0.2 || x(0) > 0.5);
   }
@@ -54,7 +54,7 @@ class PushPlant final : public Cloned<PushPlant> {
     Point away = local - surface;
     double distance = Norm(away);
     if (distance >= kPusher) return;
-    if (distance < 1e-9) {  // inside: out by the nearest side
+    if (distance < 1e-9) {  // inside: exits by the nearest side
       const bool by_x = kHalf - std::abs(local.x) < kHalf - std::abs(local.y);
       away =
           by_x ? Point{std::copysign(1.0, local.x), 0.0} : Point{0.0, std::copysign(1.0, local.y)};
@@ -64,7 +64,7 @@ class PushPlant final : public Cloned<PushPlant> {
     } else {
       away = (1.0 / distance) * away;
     }
-    const Point normal = -1.0 * away;  // the box is pushed this way
+    const Point normal = -1.0 * away;  // push direction of the box
     const double lever = Cross(surface, normal) / kTurning;
     const double motion = (kPusher - distance) / (1.0 + lever * lever);
     const Point shift = Turned(motion * normal, x(4));

@@ -7,7 +7,7 @@
 
 namespace dfr::sim::internal {
 
-// Each in the file of its name.
+// Each is defined in the file of its name.
 std::vector<GalleryTask> PointTasks();
 GalleryTask PushTask();
 GalleryTask InsertionTask();

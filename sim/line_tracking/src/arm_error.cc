@@ -25,7 +25,7 @@ PsmJoints Centre() noexcept {
   return q;
 }
 
-// Mean distance of tips over a fixed sample of the workspace.
+// Mean distance between tips over a fixed sample of the workspace.
 template <typename Error>
 double MeanTipError(const Error& truth) {
   core::Random random(20170919);
@@ -49,7 +49,7 @@ ArmError::ArmError(const ArmErrorOptions& options) {
       options.mean_residual_m >= 0.0 && options.mean_residual_m <= options.mean_error_m,
       "arm error: mean_residual_m must lie in [0, mean_error_m], not " << options.mean_residual_m);
   core::Random random(options.seed);
-  // One unit of each moves the tip by a few millimetres; the amounts are scaled below.
+  // One unit of each moves the tip by a few millimetres; scaled below.
   PsmJoints unit;
   unit << 0.02, 0.02, 0.002, 0.05, 0.05, 0.05;
   ArmError raw;
@@ -74,7 +74,7 @@ ArmError::ArmError(const ArmErrorOptions& options) {
   creep_ = residual_share * raw.creep_;
   creep_phase_ = raw.creep_phase_;
   systematic_.reference = raw.systematic_.reference;
-  // The whole grows with the systematic part: bisection finds the share that gives the mean.
+  // The total grows with the systematic part: bisection finds the fraction for the required mean.
   double low = 0.0;
   double high = 20.0;
   for (int i = 0; i < 40; ++i) {

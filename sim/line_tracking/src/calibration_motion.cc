@@ -8,7 +8,7 @@
 namespace dfr::sim {
 namespace {
 
-// A reachable random pose of the platform: the furthest part of the way to a wilder one.
+// A reachable random pose of the platform: a larger random pose, shortened until it is in reach.
 kinematics::PlatformPose RandomPlatform(core::Random& random) {
   kinematics::PlatformPose pose;
   pose.translation_m = {random.Uniform(-0.008, 0.008), random.Uniform(-0.006, 0.006),
@@ -27,8 +27,8 @@ void MoveTipAnywhere(LineTrackingPlant& plant, core::Random& random) {
   }
 }
 
-// From where the tip is straight down, or up, until the true tip is in the gauze's plane, as an
-// operator does who feels the contact.
+// Moves the tip straight down, or up, until the true tip is in the gauze's plane, like an operator
+// who feels the contact.
 bool Touch(LineTrackingPlant& plant, core::Random& random) {
   Eigen::Vector3d command(random.Uniform(-0.03, 0.03), random.Uniform(-0.02, 0.015), 0.003);
   for (int i = 0; i < 8; ++i) {

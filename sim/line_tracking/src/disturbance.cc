@@ -16,8 +16,8 @@ double Breath(double phase) noexcept {
   return 2.0 * (std::exp(std::sin(phase)) - lowest) / (std::exp(1.0) - lowest);
 }
 
-// The phases at which a breath is at home: its lowest point, and for an angle, which swings about
-// home, where Breath() is 1.
+// Phase at which kBreath is at home: the minimum or, for an angle, which oscillates about home, the
+// phase at which Breath() is 1.
 double BreathStart(std::size_t entry) noexcept {
   return entry < 3 ? -std::numbers::pi / 2 : std::asin(std::log(std::cosh(1.0)));
 }
@@ -56,7 +56,7 @@ Disturbance::Disturbance(const DisturbanceOptions& options, std::uint64_t seed)
       std::isfinite(options.latency_s) && options.latency_s >= 0.0,
       "disturbance: the latency must not be negative, and finite: " << options.latency_s);
   if (wave_ == Wave::kSine || wave_ == Wave::kBreath) {
-    // Different frequencies visit every corner of the box of extremes sooner or later.
+    // Motions of different frequencies eventually visit every corner of the box of extremes.
     for (unsigned corner = 0; corner < 64; ++corner) {
       std::array<double, 6> v{};
       for (std::size_t k = 0; k < 6; ++k) {
@@ -68,7 +68,7 @@ Disturbance::Disturbance(const DisturbanceOptions& options, std::uint64_t seed)
                        "disturbance: the platform cannot reach x "
                            << 1e3 * v[0] + 0.0 << ", y " << 1e3 * v[1] + 0.0 << ", z "
                            << 1e3 * v[2] + 0.0 << " mm, roll " << v[3] + 0.0 << ", pitch "
-                           << v[4] + 0.0 << ", yaw " << v[5] + 0.0  // + 0.0: no "-0"
+                           << v[4] + 0.0 << ", yaw " << v[5] + 0.0  // + 0.0 avoids "-0"
                            << " rad; lower the amplitudes");
     }
   }

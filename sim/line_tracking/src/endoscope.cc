@@ -25,8 +25,8 @@ struct Endoscope::Tables {
   std::vector<float> u;  // x/z of each pixel's ray
   std::vector<float> v;
   std::vector<float> noise;  // standard normal
-  cv::Mat source;            // where in the pinhole picture each pixel's ray is, in whole pixels,
-  cv::Mat source_fraction;   // and in 32nds of them
+  cv::Mat source;            // each pixel's ray in the pinhole picture, whole pixels,
+  cv::Mat source_fraction;   // and the fraction in 32nds of a pixel
 };
 
 Endoscope::Endoscope(const vision::CameraModel& camera) : camera_(camera) {
@@ -49,7 +49,8 @@ Endoscope::Endoscope(const vision::CameraModel& camera) : camera_(camera) {
       farthest_v = std::max(farthest_v, std::abs(ray.y()));
     }
   }
-  // The pinhole's focal length in pixels: as long as all rays stay within the pixel centres.
+  // Focal length of the pinhole camera in pixels: the largest for which all rays stay within the
+  // pixel centres.
   const double center_x = 0.5 * (camera_.width - 1);
   const double center_y = 0.5 * (camera_.height - 1);
   const double focal = std::min(center_x / farthest_u, center_y / farthest_v);
@@ -60,7 +61,7 @@ Endoscope::Endoscope(const vision::CameraModel& camera) : camera_(camera) {
     for (int x = 0; x < camera_.width; ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x);
       map_x.at<float>(y, x) = static_cast<float>(center_x + focal * tables->u[i]);
-      // The bottom row comes first.
+      // The bottom row is first.
       map_y.at<float>(y, x) = static_cast<float>(center_y - focal * tables->v[i]);
     }
   }
@@ -84,10 +85,10 @@ vision::ImageView Endoscope::View(const std::uint8_t* bgr) const noexcept {
 void Endoscope::Develop(std::span<const std::uint8_t> pinhole_rgb, const EndoscopeLight& light,
                         std::uint64_t noise_seed, std::span<std::uint8_t> bgr) const {
   const auto to_float = [](double value) { return static_cast<float>(value); };
-  // OpenCV takes no pointer to const.
+  // OpenCV does not accept a pointer to const.
   const cv::Mat pinhole(camera_.height, camera_.width, CV_8UC3,
                         const_cast<std::uint8_t*>(pinhole_rgb.data()));
-  // Kept, for fresh megabytes cost as much as the work on them.
+  // Kept, because allocating megabytes costs as much as the computation.
   thread_local cv::Mat rgb;
   thread_local std::array<cv::Mat, 3> colours;
   thread_local std::vector<float> gain;
@@ -108,7 +109,7 @@ void Endoscope::Develop(std::span<const std::uint8_t> pinhole_rgb, const Endosco
     const std::size_t first = static_cast<std::size_t>(y) * width;
     internal::LightRow(exposure, tables_->u.data() + first, tables_->v.data() + first,
                        camera_.width, gain.data(), glare.data());
-    // Each row and colour begins somewhere else in the table.
+    // Each row and colour starts at another position of the table.
     std::uint64_t bits = random();
     for (cv::Mat& colour : colours) {
       internal::ExposeRow(gain.data(), glare.data(), tables_->noise.data() + bits % kNoiseEntries,

@@ -4,19 +4,19 @@
 
 namespace dfr::sim::internal {
 
-/// Light over a picture; coordinates are those of the normalised image.
+/// Light over a picture, in coordinates of the normalised image.
 struct Exposure {
   float gain;
   float gradient_x;
   float gradient_y;
-  float vignette;  // share lost per squared unit from the optical axis
+  float vignette;  // fraction lost per squared unit from the optical axis
   float glare;
   float glare_x;
   float glare_y;
   float noise;
 };
 
-/// How bright each pixel of a row is, and what glare adds to it.
+/// Computes the gain of each pixel of a row and the glare added to it.
 /// @param u, v  x/z and y/z of each pixel's ray.
 void LightRow(const Exposure& exposure, const float* u, const float* v, int width, float* gain,
               float* glare) noexcept;

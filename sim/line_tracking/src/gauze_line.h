@@ -12,14 +12,14 @@ struct GauzeLine {
   [[nodiscard]] double SlopeAt(double x) const noexcept { return c[1] + 2.0 * c[2] * x; }
 
   struct Nearest {
-    double x = 0.0;         ///< Where the nearest point is.
-    double distance = 0.0;  ///< Signed: positive where the point is to the left (+y) of the line.
+    double x = 0.0;         ///< x of the nearest point.
+    double distance = 0.0;  ///< Signed: positive if the point is to the left (+y) of the line.
   };
   [[nodiscard]] Nearest NearestTo(const Eigen::Vector2d& p) const noexcept;
 
-  /// Length along the line from x = a to x = b, negative if b < a.
+  /// Returns the length along the line from x = a to x = b, negative if b < a.
   [[nodiscard]] double Length(double a, double b) const noexcept;
-  /// The x at which Length(a, x) is `length`.
+  /// Returns the x with Length(a, x) = `length`.
   [[nodiscard]] double Along(double a, double length) const noexcept;
 };
 

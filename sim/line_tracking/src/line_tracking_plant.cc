@@ -24,15 +24,15 @@ using kinematics::PsmJoints;
 using kinematics::SprkPlatform;
 
 constexpr double kMillimetre = 1e3;
-constexpr double kSampleTime = 0.02;     // s, between two looks at the tip's distance
-constexpr double kArmLag = 0.02;         // s, of the joints behind their readings
-constexpr double kHover = 0.0025;        // m, the tip above the gauze at the start
-constexpr double kStartX = -0.023;       // m, in the middle of
-constexpr double kStartSpread = 0.0035;  // m, either way
+constexpr double kSampleTime = 0.02;     // s, sampling period of the tip's distance
+constexpr double kArmLag = 0.02;         // s, lag of the joints relative to their readings
+constexpr double kHover = 0.0025;        // m, initial height of the tip above the gauze
+constexpr double kStartX = -0.023;       // m, mean of the start
+constexpr double kStartSpread = 0.0035;  // m, largest deviation from it
 constexpr double kInclination = 40.0 * std::numbers::pi / 180.0;
 constexpr int kMaxLooks = 3;
 
-// Streams of random numbers below an episode's seed.
+// Random streams derived from an episode's seed.
 enum Purpose : std::uint64_t { kLineStream, kDisturbanceStream, kLightStream, kNoiseStream };
 
 line_task::LineCalibration TrueCalibration() {
@@ -42,8 +42,7 @@ line_task::LineCalibration TrueCalibration() {
   return truth;
 }
 
-// The positioning error of the individual platform: waves over its workspace, whose RMS is the
-// published one.
+// Positioning error of an individual platform: waves over its workspace with the published RMS.
 struct PlatformError {
   struct Term {
     double amplitude = 0.0;
@@ -57,7 +56,7 @@ struct PlatformError {
     core::Random random(seed);
     for (std::size_t k = 0; k < 3; ++k) {
       for (Term& term : terms[k]) {
-        // Two sines of random phase, each with half of the square.
+        // Two sines of random phase, each with half of the mean square.
         term.amplitude = kRms[k];
         for (int i = 0; i < 6; ++i) term.rate[i] = (i < 3 ? 150.0 : 15.0) * random.Normal();
         term.phase = random.Uniform(0.0, 2.0 * std::numbers::pi);
@@ -117,11 +116,11 @@ struct LineTrackingPlant::World {
     DFR_THROW_UNLESS(
         options.disturbance.pause_s >= 0 && options.disturbance.pause_s <= 10,
         "line tracking: pause_s must lie in [0, 10], not " << options.disturbance.pause_s);
-    static_cast<void>(Disturbance(options.disturbance, 0));  // checks it
+    static_cast<void>(Disturbance(options.disturbance, 0));  // validates the options
   }
 };
 
-// Everything that changes; plain values, so that copying it copies the plant.
+// All variable data, as plain values: copying it copies the plant.
 struct LineTrackingPlant::State {
   std::uint64_t seed = 0;
   GauzeLine line;
@@ -130,7 +129,7 @@ struct LineTrackingPlant::State {
   double arm_time_s = 0.0;  // of the arm's creep
   double drift_phase = 0.0;
   PlatformPose offset;                                  // MovePlatform()
-  PlatformPose platform;                                // where the lag has it
+  PlatformPose platform;                                // after the lag
   Eigen::Vector3d command_m = Eigen::Vector3d::Zero();  // tip, world
   PsmJoints reading = PsmJoints::Zero();
   double start_x = 0.0;
@@ -182,7 +181,7 @@ const vision::LineObservation& LineTrackingPlant::last_observation() const noexc
 }
 
 Eigen::Isometry3d LineTrackingPlant::p_world_base() noexcept {
-  // At home the tip is kHover above the world's origin. The tool points along -z of the base.
+  // At home, the tip is kHover above the world's origin. The tool points along -z of the base.
   const Eigen::Vector3d up(0.0, std::sin(kInclination), std::cos(kInclination));
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
   pose.linear().col(0) = Eigen::Vector3d::UnitX();
@@ -202,7 +201,7 @@ Eigen::Isometry3d LineTrackingPlant::p_world_cam() noexcept {
                           Eigen::AngleAxisd(-0.03, Eigen::Vector3d::UnitY()) *
                           Eigen::AngleAxisd(0.02, Eigen::Vector3d::UnitZ()))
                              .toRotationMatrix();
-  // The optical axis meets the gauze 1 mm from its middle.
+  // The optical axis meets the gauze 1 mm from its centre.
   pose.translation() = Eigen::Vector3d(0.001, 0.0, 0.0) - 0.125 * pose.linear().col(2);
   return pose;
 }
@@ -242,7 +241,7 @@ void LineTrackingPlant::Reset(std::uint64_t seed) {
 
   Place();
 
-  // The operator puts the true tip there, whatever the encoders say: corrections until it is.
+  // The operator places the true tip there regardless of the encoders, by repeated corrections.
   const Eigen::Isometry3d gauze = truth().p_world_gauze;
   const double slope = s.line.SlopeAt(start_x);
   const Eigen::Vector3d beside(-slope, 1.0, 0.0);
@@ -298,7 +297,7 @@ Eigen::Vector3d LineTrackingPlant::reported_tip_m() const noexcept {
   return world_->task.Tip(state_->reading);
 }
 
-// Joints and platform to where the state has them. After every change of it.
+// Moves joints and platform to the values in the state. Call after every change of the state.
 void LineTrackingPlant::Place() noexcept {
   const PlatformPose& platform = state_->platform;
   Eigen::Isometry3d gauze = platform.Transform();
@@ -328,7 +327,7 @@ std::array<double, 4> LineTrackingPlant::TrueState() const noexcept {
   return state;
 }
 
-// The arm goes from one reading to the other while the platform follows the disturbance.
+// Moves the arm from one reading to another while the platform follows the disturbance.
 void LineTrackingPlant::Travel(const PsmJoints& from, const PsmJoints& to,
                                double duration_s) noexcept {
   const State& s = *state_;
@@ -367,7 +366,7 @@ void LineTrackingPlant::Drive(const PsmJoints& reading, double dt_s, bool platfo
 }
 
 void LineTrackingPlant::Rest(const PsmJoints& reading) noexcept {
-  // The lags die out while the disturbance holds still.
+  // Lets the lags decay while the disturbance is constant.
   State& s = *state_;
   s.reading = reading;
   const DisturbanceOptions& disturbance = world_->options.disturbance;
@@ -437,7 +436,7 @@ void LineTrackingPlant::RenderPicture(std::uint64_t number, std::span<std::uint8
   const std::span<const std::uint8_t> pinhole = view->Draw(
       simulation_->data, {s.line, s.fault != CameraFault::kNoLine, s.fault != CameraFault::kNoTip});
   EndoscopeLight light;
-  // The light flickers a little and wanders over an episode.
+  // The light flickers slightly and varies slowly over an episode.
   const double t = 0.05 * static_cast<double>(number) + s.light_phase;
   light.gain = 0.95 * (1.0 + 0.8 * o.light_change * std::sin(0.7 * t) +
                        0.2 * o.light_change * std::sin(13.0 * t));

@@ -27,7 +27,7 @@ void SetPose(const Eigen::Isometry3d& pose, mjtNum* position, mjtNum* quaternion
   quaternion[3] = q.z();
 }
 
-// The displacement from home that a pose of the gauze is.
+// Returns the displacement of the gauze's pose from home.
 PlatformPose ToPlatformPose(const Eigen::Isometry3d& pose) noexcept {
   const Eigen::Matrix3d r = pose.linear();
   PlatformPose displacement;
@@ -37,7 +37,7 @@ PlatformPose ToPlatformPose(const Eigen::Isometry3d& pose) noexcept {
   return displacement;
 }
 
-// A triangle wave between -1 and 1 with period 1.
+// Triangle wave between -1 and 1 with period 1.
 double Triangle(double t) noexcept { return 4.0 * std::abs(t - std::floor(t) - 0.5) - 1.0; }
 
 }  // namespace
@@ -102,7 +102,7 @@ void SceneData::PlaceLegs() noexcept {
   const Eigen::Isometry3d gauze = p_world_gauze();
   const Eigen::Vector3d down(0.0, 0.0, -SprkPlatform::kHomeHeight);
   std::array<double, 6> servo{};
-  // The positioning error may take the plate a little beyond its reach: the arms then lie flat.
+  // The positioning error may move the plate slightly beyond its reach: the arms are then flat.
   if (!SprkPlatform::Inverse(ToPlatformPose(gauze), servo)) servo.fill(0.0);
   for (int i = 0; i < 6; ++i) {
     const auto k = static_cast<std::size_t>(i);
@@ -142,7 +142,7 @@ void DrawGauze(const SceneModel& scene, const GauzeLine& line, bool with_line, m
   const double texel_x = 2.0 * half_x / width;
   const double texel_y = 2.0 * half_y / height;
   constexpr double kHalfWidth = 0.5 * kLineWidth;
-  // Share of a texel inside an edge that is `inside` m away.
+  // Covered fraction of a texel at distance `inside` m inside an edge.
   const auto cover = [](double inside, double texel) {
     return std::clamp(0.5 + inside / texel, 0.0, 1.0);
   };
@@ -152,7 +152,7 @@ void DrawGauze(const SceneModel& scene, const GauzeLine& line, bool with_line, m
     const double weave_y = 0.03 * Triangle(y * 1000.0);
     for (int column = 0; column < width; ++column, pixel += 3) {
       const double x = (column + 0.5) * texel_x - half_x;
-      // Threads every millimetre, both ways.
+      // Threads every millimetre, in both directions.
       const double weave = 1.0 + 0.03 * Triangle(x * 1000.0) + weave_y;
       const double slope = line.SlopeAt(x);
       const double away = std::abs(y - line.At(x)) / std::sqrt(1.0 + slope * slope);

@@ -13,16 +13,16 @@
 
 namespace dfr::sim::internal {
 
-/// Where things are that other parts of the program decide.
+/// Positions that other parts of the program determine.
 struct ScenePlaces {
   Eigen::Isometry3d p_world_base = Eigen::Isometry3d::Identity();
-  Eigen::Isometry3d p_world_cam = Eigen::Isometry3d::Identity();  ///< OpenCV's axes.
+  Eigen::Isometry3d p_world_cam = Eigen::Isometry3d::Identity();  ///< In OpenCV's axes.
   double camera_fovy_rad = 0.7;
-  std::vector<Eigen::Vector2d> marks_m;  ///< Eight, in the gauze's frame.
+  std::vector<Eigen::Vector2d> marks_m;  ///< Eight marks, in the gauze's frame.
 };
 
-/// The MuJoCo model with everything in its place, and the indices to find it by. Immutable: who
-/// wants to draw on the gauze copies it.
+/// The MuJoCo model with all bodies in place, and the indices of its parts. Immutable: copy it to
+/// draw on the gauze.
 class SceneModel {
  public:
   /// @throws std::runtime_error if the model cannot be compiled.
@@ -43,16 +43,16 @@ class SceneModel {
   MjModelPtr model_;
 };
 
-/// The simulation's positions: joints and platform in, poses of all bodies out. Never allocates
-/// once made.
+/// Poses of the simulation: takes joints and platform, computes the poses of all bodies. Allocates
+/// only at construction.
 class SceneData {
  public:
   explicit SceneData(const SceneModel& model);
 
-  /// Puts the true joints and the gauze there.
+  /// Sets the true joints and the gauze's pose.
   void Place(const kinematics::PsmJoints& joints, const Eigen::Isometry3d& p_world_gauze) noexcept;
 
-  /// Puts the platform's servo arms and legs where they then are: for pictures only.
+  /// Sets the platform's servo arms and legs to match; for pictures only.
   void PlaceLegs() noexcept;
 
   [[nodiscard]] Eigen::Vector3d tip_m() const noexcept;  ///< World frame.

@@ -8,11 +8,11 @@
 
 namespace dfr::sim {
 
-/// MuJoCo's positions, which follow from the plant's state, and the cameras that look at them.
+/// MuJoCo's poses, which follow from the plant's state, and its cameras.
 struct LineTrackingPlant::Simulation {
   internal::SceneData data;
-  std::optional<internal::SceneView> endoscope;  ///< Made when it is needed.
-  std::optional<internal::SceneView> outside;    ///< The same.
+  std::optional<internal::SceneView> endoscope;  ///< Created on first use.
+  std::optional<internal::SceneView> outside;    ///< Created on first use.
 };
 
 }  // namespace dfr::sim

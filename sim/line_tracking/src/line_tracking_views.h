@@ -10,29 +10,29 @@
 
 namespace dfr::sim::internal {
 
-/// What is in the endoscope's view besides gauze and marks.
+/// Contents of the endoscope's view other than gauze and marks.
 struct Contents {
   GauzeLine line;
   bool with_line = true;
   bool with_tool = true;
 };
 
-/// One camera of the scene and the gauze that it sees, on the thread that made it.
+/// One camera of the scene and its copy of the gauze, on the thread that made it.
 class SceneView {
  public:
   static constexpr int kWidth = 640;
   static constexpr int kHeight = 480;
 
-  /// @param outside  the outside view with all there is, instead of the endoscope's.
-  /// @throws std::runtime_error if nothing can be drawn here.
+  /// @param outside  draws the outside view with everything instead of the endoscope's.
+  /// @throws std::runtime_error if rendering is not possible on this machine.
   SceneView(const SceneModel& scene, bool outside);
 
-  /// kWidth x kHeight RGB, bottom row first.
+  /// Returns kWidth x kHeight RGB, bottom row first.
   [[nodiscard]] std::span<const std::uint8_t> Draw(const SceneData& data, const Contents& contents);
 
  private:
   const SceneModel* scene_;
-  MjModelPtr model_;  // with the gauze as drawn last
+  MjModelPtr model_;  // with the most recently drawn gauze
   MujocoRenderer renderer_;
   std::optional<Contents> drawn_;
   std::vector<std::uint8_t> rgb_;

@@ -22,7 +22,7 @@ struct LineTrackingWindow::Impl {
                         .elevation = -30.0}) {}
 
   internal::SceneModel scene;
-  MjModelPtr model;  // with the gauze as drawn last
+  MjModelPtr model;  // with the most recently drawn gauze
   MujocoWindow window;
   std::optional<internal::GauzeLine> drawn;
 };

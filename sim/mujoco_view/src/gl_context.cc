@@ -15,8 +15,9 @@
 namespace dfr::sim::internal {
 namespace {
 
-// MuJoCo looks which of these libraries the process has loaded and takes OpenGL's functions from
-// there, from EGL's if it sees both. So neither is linked: the one that is used is loaded.
+// MuJoCo detects which of these libraries the process has loaded and takes OpenGL's functions from
+// there, from EGL if both are present. Therefore neither is linked, and only the one in use is
+// loaded.
 class Library {
  public:
   explicit Library(const char* file) : handle_(dlopen(file, RTLD_NOW | RTLD_GLOBAL)) {
@@ -31,7 +32,7 @@ class Library {
   }
 
  private:
-  void* handle_;  // stays loaded: MuJoCo keeps the functions
+  void* handle_;  // never unloaded: MuJoCo keeps the function pointers
 };
 
 class OsMesaContext final : public GlContext {
@@ -41,7 +42,7 @@ class OsMesaContext final : public GlContext {
         context_(library_.Get<decltype(OSMesaCreateContextExt)>("OSMesaCreateContextExt")(
             OSMESA_RGBA, 24, 8, 8, nullptr)) {
     if (context_ == nullptr) throw std::runtime_error("OSMesa makes no context");
-    // MuJoCo draws into a framebuffer of its own; this one only has to exist.
+    // MuJoCo draws into its own framebuffer; this one is only required to exist.
     if (library_.Get<decltype(OSMesaMakeCurrent)>("OSMesaMakeCurrent")(
             context_, buffer_.data(), GL_UNSIGNED_BYTE, kSize, kSize) == GL_FALSE) {
       destroy_(context_);
@@ -137,7 +138,7 @@ class EglContext final : public GlContext {
 };
 
 std::shared_ptr<GlContext> MakeOffscreen() {
-  // MuJoCo keeps the functions of the first.
+  // MuJoCo keeps the functions of the first choice.
   static const bool egl = [] {
     const char* wanted = std::getenv("DFR_GL");
     return wanted != nullptr && std::string_view(wanted) == "egl";

@@ -5,8 +5,8 @@
 
 namespace dfr::sim::internal {
 
-/// An OpenGL context, current on the thread that made it while it lives. All that draws on a thread
-/// shares one: a window's if there is a window, else one off screen.
+/// An OpenGL context, current on the thread that made it during its lifetime. All drawing on a
+/// thread shares one context: a window's if there is a window, otherwise an off-screen one.
 class GlContext {
  public:
   GlContext() = default;
@@ -17,12 +17,12 @@ class GlContext {
   /// "OSMesa", "EGL" or "GLFW".
   [[nodiscard]] virtual const std::string& name() const noexcept = 0;
 
-  /// This thread's context. Where there is none, a new one off screen: OSMesa, or EGL where that
-  /// fails or DFR_GL=egl asks for it.
-  /// @throws std::runtime_error with what each said.
+  /// Returns this thread's context. If there is none, creates one off screen: OSMesa, or EGL if
+  /// OSMesa fails or DFR_GL=egl requests it.
+  /// @throws std::runtime_error with the message of each.
   static std::shared_ptr<GlContext> OfThisThread();
 
-  /// Makes a window's context, current on this thread, the thread's own.
+  /// Makes a window's context, which is current on this thread, the thread's context.
   /// @throws std::logic_error if the thread has one already.
   static void Adopt(const std::shared_ptr<GlContext>& window);
 };

@@ -87,7 +87,7 @@ struct MujocoWindow::Impl {
                    &scene.scene, &scene.camera);
   }
 
-  // In the lower right corner; OpenGL's rows begin at the bottom.
+  // In the lower right corner; OpenGL's rows start at the bottom.
   void DrawInset(const Inset& inset, const mjrRect& window) {
     const auto row = 3 * static_cast<std::size_t>(inset.width);
     const auto rows = static_cast<std::size_t>(inset.height);

@@ -15,7 +15,7 @@ Scene::Scene(const mjModel& the_model) : model(&the_model), data_(mj_makeData(mo
   mjv_defaultScene(&scene);
   mjr_defaultContext(&context);
   mjv_makeScene(model, &scene, kMaxGeoms);
-  // The first context of a process looks up OpenGL's functions for all.
+  // The first context of a process resolves OpenGL's functions for all contexts.
   static std::mutex loading;
   const std::lock_guard lock(loading);
   mjr_makeContext(model, &context, mjFONTSCALE_150);

@@ -6,7 +6,7 @@
 
 namespace dfr::sim::internal {
 
-/// MuJoCo's visualisation of one model in the OpenGL context that is current when it is made.
+/// MuJoCo's visualisation of one model in the OpenGL context that is current at construction.
 class Scene {
  public:
   explicit Scene(const mjModel& the_model);
@@ -14,8 +14,8 @@ class Scene {
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
 
-  /// Places the geoms for the positions of `state`, as `camera` sees them. A plant computes the
-  /// poses that it needs; cameras and lights are placed here, in data of our own.
+  /// Places the geoms for the positions of `state`, in the view of `camera`. A plant computes only
+  /// the poses that it needs; this function places cameras and lights in separate data.
   void Update(const mjData& state);
   void Render(const mjrRect& viewport) { mjr_render(viewport, &scene, &context); }
 

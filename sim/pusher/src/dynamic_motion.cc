@@ -10,13 +10,13 @@ namespace dfr::sim::internal {
 namespace {
 
 constexpr double kGravity = 9.81;              // m/s^2
-constexpr double kArmature = 0.1;              // kg m^2, of each rotor behind its gear
+constexpr double kArmature = 0.1;              // kg m^2, of each geared rotor
 constexpr double kDamping = 60.0;              // kd, N m s/rad
 constexpr double kStiffness = 2000.0;          // kp, N m/rad
 constexpr double kJointFriction = 0.2;         // N m
 constexpr double kTorqueLimit = 100.0;         // N m
-constexpr double kObjectFriction = 0.5;        // Coulomb's, of the cylinder on the table
-constexpr double kLeastDuration = 0.04;        // s, of a control
+constexpr double kObjectFriction = 0.5;        // Coulomb friction of the cylinder on the table
+constexpr double kLeastDuration = 0.04;        // s, minimum duration of a control
 constexpr double kContactTimeConstant = 0.01;  // s
 
 void StepTwo(const mjModel* m, mjData* d) { mj_step2(m, d); }
@@ -42,7 +42,7 @@ void MakeDynamic(mjModel& m) {
     m.pair_solref[mjNREF * pair] = kContactTimeConstant;
     m.pair_solref[mjNREF * pair + 1] = 1.0;
   }
-  // What follows from inertia: how stiff constraints are.
+  // Updates quantities derived from inertia: the stiffness of constraints.
   const MjDataPtr data(mj_makeData(&m));
   mj_setConst(&m, data.get());
 }
@@ -55,10 +55,10 @@ DynamicMotion::DynamicMotion(const mjModel* model, mjData* data,
     start_[j] = data->qpos[j];
     farthest = std::max(farthest, std::abs(target[j] - start_[j]));
   }
-  // A minimum-jerk motion is fastest in its middle: 15/8 of its mean speed.
+  // A minimum-jerk motion is fastest at its midpoint: 15/8 of its mean speed.
   duration_ = std::max(kLeastDuration, 15.0 / 8.0 * farthest / kPeakSpeed);
   mju_zero(data->qvel, model->nv);
-  // No state of the solver is carried over.
+  // Clears the solver's state.
   mju_zero(data->qacc_warmstart, model->nv);
 }
 

@@ -25,17 +25,17 @@ constexpr int kObjectX = kNumJoints;  // index of the cylinder's coordinates in 
 constexpr int kMaxParts = 6;
 constexpr double kTableZ = -0.325;
 
-// How far the gripper moves in one substep at most (but for the curvature of its path): less than
-// the margin within which contacts are detected.
+// Maximum motion of the gripper per substep (except for the curvature of its path): less than the
+// margin for contact detection.
 constexpr double kSubstepMotion = 0.002;
-constexpr std::size_t kFirstGripperPart = 2;  // the hand, behind upper arm and forearm
+constexpr std::size_t kFirstGripperPart = 2;  // the hand; earlier parts are upper arm and forearm
 constexpr int kMaxSubsteps = 100;
-// The cylinder rests when it moves by less than 5 um in a substep.
+// The cylinder is at rest if it moves by less than 5 um in a substep.
 constexpr double kRestSpeed = 5e-4;
 constexpr int kMaxSettleSubsteps = 20;
-// More overlap than this at rest means that the arm presses the cylinder onto the table.
+// A larger overlap at rest means that the arm presses the cylinder onto the table.
 constexpr double kJammed = 5e-4;
-// No point of the arm is farther than this from the axis of any of its joints.
+// Maximum distance between any point of the arm and the axis of any of its joints.
 constexpr double kArmLength = 0.96;
 
 using JointAngles = std::array<double, kNumJoints>;
@@ -44,7 +44,7 @@ struct Arm {
   std::array<Segment, kMaxParts> axes;
 };
 
-// The capsule axes of the arm's parts in the pose of the last mj_kinematics().
+// Reads the capsule axes of the arm's parts in the pose of the last mj_kinematics().
 void ReadAxes(const PusherPlant::World& world, const mjData* d, Arm& arm) noexcept {
   for (std::size_t i = 0; i < world.parts.size(); ++i) {
     const Part& part = world.parts[i];
@@ -70,7 +70,7 @@ Segment ObjectAxis(const PusherPlant::World& world, const mjData* d) noexcept {
 
 double Square(double x) noexcept { return x * x; }
 
-// Horizontal, for both axes are vertical and the heights overlap.
+// Horizontal distance, because both axes are vertical and the heights overlap.
 double ObjectToRed(const Segment& object, const Segment& red) noexcept {
   return std::hypot(object.a[0] - red.a[0], object.a[1] - red.a[1]);
 }
@@ -90,7 +90,8 @@ std::string_view FindCollision(const PusherPlant::World& world, const Arm& arm,
   return {};
 }
 
-// Whether any part of the arm, moving by at most `motion`, could reach the cylinder or a region.
+// Returns whether any part of the arm, moving by at most `motion`, could reach the cylinder or a
+// region.
 bool CouldTouch(const PusherPlant::World& world, const Arm& arm, const Segment& object,
                 double motion) noexcept {
   for (std::size_t i = 0; i < world.parts.size(); ++i) {
@@ -108,8 +109,9 @@ bool CouldTouch(const PusherPlant::World& world, const Arm& arm, const Segment& 
   return false;
 }
 
-// Largest distance between a point on a part's axis in pose `a` and the same point in pose `b`: at
-// an end, for it is convex along the axis. (Turning a capsule about its axis does not move it.)
+// Returns the largest distance between a point on a part's axis in pose `a` and the same point in
+// pose `b`. It is at an end, because the distance is convex along the axis. (Turning a capsule
+// about its axis does not move it.)
 double MaxMotion(const PusherPlant::World& world, const Arm& a, const Arm& b,
                  std::size_t first_part) noexcept {
   double squared = 0.0;
@@ -144,11 +146,11 @@ LowPoint FindLowPoint(const PusherPlant::World& world, const Arm& arm) noexcept 
   return low;
 }
 
-// Bends `q` by the least change of joint angles (Gauss-Newton on the height of the lowest point)
-// until the arm is above the table, as a compliant arm slides along it. False if the joint limits
-// do not allow it. The kinematics of the last `q` are in `d` and `arm`.
+// Changes `q` by the smallest joint angles (Gauss-Newton on the height of the lowest point) that
+// keep the arm above the table: a compliant arm slides along it. Returns false if the joint limits
+// do not allow it. `d` and `arm` receive the kinematics of the last `q`.
 bool LiftOffTable(const PusherPlant::World& world, mjData* d, JointAngles& q, Arm& arm) noexcept {
-  constexpr double kClearance = 1e-4;  // m; aimed for, so that rounding cannot end below the table
+  constexpr double kClearance = 1e-4;  // m, target: rounding cannot end below the table
   const mjModel* m = world.model.get();
   for (int iteration = 0; iteration < 8; ++iteration) {
     const LowPoint low = FindLowPoint(world, arm);
@@ -156,7 +158,7 @@ bool LiftOffTable(const PusherPlant::World& world, mjData* d, JointAngles& q, Ar
     JointAngles gradient{};
     double norm = 0.0;
     for (int j = 0; j < kNumJoints; ++j) {
-      if (m->jnt_bodyid[j] > low.body) break;  // bodies are a chain: farther joints do not move it
+      if (m->jnt_bodyid[j] > low.body) break;  // bodies are a chain: later joints do not move it
       const mjtNum* axis = d->xaxis + 3 * j;
       const mjtNum* anchor = d->xanchor + 3 * j;
       gradient[j] =
@@ -237,7 +239,7 @@ void PusherPlant::SetState(std::span<const double> state) {
         state[j] >= m->jnt_range[2 * j] && state[j] <= m->jnt_range[2 * j + 1],
         "PusherPlant::SetState: joint " << j << " at " << state[j] << " rad is outside its limits");
   }
-  constexpr int kObjectEntry = kNumJoints + 3;  // behind qpos and tip
+  constexpr int kObjectEntry = kNumJoints + 3;  // after qpos and tip
   mjData* d = data_->mj.get();
   internal::ResetQuasiStatic(m, d);
   std::copy_n(state.data(), kNumJoints, d->qpos);
@@ -298,7 +300,8 @@ core::PlantStatus PusherPlant::Apply(std::span<const double> control) noexcept {
   double turn = 0.0;
   for (int j = 0; j < kNumJoints; ++j) turn += std::abs(target[j] - start[j]);
   const double chord = MaxMotion(world, at_start, at_target, 0);
-  // A path with second derivative <= kArmLength turn^2 stays within an eighth of that of its chord.
+  // A path with second derivative <= kArmLength turn^2 deviates from its chord by at most an eighth
+  // of that.
   const double motion = chord + kArmLength * turn * turn / 8.0;
   const Segment object = ObjectAxis(world, d);
   if (!CouldTouch(world, at_start, object, motion)) return core::PlantStatus::kOk;
@@ -334,8 +337,8 @@ core::PlantStatus PusherPlant::Apply(std::span<const double> control) noexcept {
     for (int c = 0; c < d->ncon; ++c) penetration = std::max(penetration, -d->contact[c].dist);
     deepest = std::max(deepest, penetration);
     speed = std::hypot(d->qvel[kObjectX], d->qvel[kObjectX + 1]);
-    // The kinematics are those of the substep's beginning: this checks the state before the
-    // substep, the last one is checked below.
+    // The kinematics are those at the start of the substep: checks the state before it. The last
+    // state is checked below.
     if (data.collided_part.empty()) {
       ReadAxes(world, d, arm);
       data.collided_part = FindCollision(world, arm, ObjectAxis(world, d));
@@ -382,7 +385,7 @@ core::PlantStatus PusherPlant::MoveDynamically(const std::array<double, kNumJoin
     penetration = 0.0;
     for (int c = 0; c < d->ncon; ++c) penetration = std::max(penetration, -d->contact[c].dist);
     statistics.max_penetration_m = std::max(statistics.max_penetration_m, penetration);
-    // The kinematics are those of the step's beginning; the state at the end is judged below.
+    // The kinematics are those at the start of the step; the final state is checked below.
     if (data_->collided_part.empty()) {
       ReadAxes(world, d, arm);
       data_->collided_part = FindCollision(world, arm, ObjectAxis(world, d));

@@ -18,7 +18,7 @@ void CheckOptions(const PusherOptions& o) {
                        << o.start_x_min << " and " << o.start_x_max);
   DFR_THROW_UNLESS(o.start_y >= 0.0 && o.start_y <= 0.2,
                    "PusherOptions: start_y must lie in [0, 0.2] m, got " << o.start_y);
-  // The corners of the start area that are nearest to a region.
+  // Corners of the start area nearest to a region.
   const double dx = 0.64 - o.start_x_max;
   const double dy = std::max(0.0, o.red_y - o.start_y);
   const double apart = PusherPlant::kObjectRadius + PusherPlant::kRedRadius;
@@ -28,7 +28,7 @@ void CheckOptions(const PusherOptions& o) {
                        << " m the cylinder can start inside a red region");
 }
 
-// Without prongs their geoms stay in the model: invisible, and never near anything.
+// The geoms of absent prongs stay in the model, invisible and never near anything.
 void ApplyGripper(Gripper gripper, mjModel& model) {
   const bool fork = gripper == Gripper::kFork;
   const double half_width = fork ? 0.07 : gripper == Gripper::kWideBar ? 0.05 : 0.025;
@@ -42,7 +42,7 @@ void ApplyGripper(Gripper gripper, mjModel& model) {
     model.geom_matid[prong] = -1;
     for (int pair = 0; pair < model.npair; ++pair) {
       if (model.pair_geom1[pair] == prong || model.pair_geom2[pair] == prong) {
-        model.pair_margin[pair] = -1.0;  // m of overlap before there is a contact
+        model.pair_margin[pair] = -1.0;  // m, minimum overlap of a contact
       }
     }
   }

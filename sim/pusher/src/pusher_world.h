@@ -13,7 +13,7 @@
 
 namespace dfr::sim {
 
-/// What all clones share: the model of one scene and where things are in it. Immutable.
+/// Data that all clones share: the model of one scene and the indices of its parts. Immutable.
 struct PusherPlant::World {
   /// A capsule of the arm.
   struct Part {
@@ -36,7 +36,7 @@ struct PusherPlant::World {
   double object_half_length = 0.0;          ///< Half the axis of its collision capsule.
 };
 
-/// One simulation. Between calls it is at rest, velocities zero, kinematics up to date.
+/// One simulation. Between calls it is at rest, with zero velocities and current kinematics.
 struct PusherPlant::Data {
   MjDataPtr mj;
   std::string_view collided_part;

@@ -9,12 +9,13 @@
 namespace dfr::sim::internal {
 namespace {
 
-// Where OnError() returns to on this thread. MuJoCo is C and holds nothing that a jump could leak.
+// Jump target of OnError() on this thread. MuJoCo is C and holds no resources that a jump could
+// leak.
 thread_local std::jmp_buf* resume = nullptr;
 
 void OnError(const char* message) {
   if (resume != nullptr) std::longjmp(*resume, 1);
-  // Outside a step MuJoCo's own rule: it cannot continue after an error.
+  // Outside a step, as MuJoCo requires: it cannot continue after an error.
   std::fprintf(stderr, "MuJoCo: %s\n", message);
   std::exit(EXIT_FAILURE);
 }
@@ -28,13 +29,12 @@ int NumWarnings(const mjData* data) noexcept {
   return sum;
 }
 
-// The stages of mj_step() that have an effect without gravity, actuators and velocity-dependent
-// forces.
+// Stages of mj_step() that have an effect without gravity, actuators and velocity-dependent forces.
 void Step(const mjModel* m, mjData* d) noexcept {
   mj_kinematics(m, d);
   mj_comPos(m, d);
   mj_collision(m, d);
-  // Detected within the pair's margin, but the surfaces themselves are what must not overlap.
+  // The margin only detects contacts; the constraint is on the surfaces themselves.
   for (int i = 0; i < d->ncon; ++i) d->contact[i].includemargin = 0.0;
   mj_makeConstraint(m, d);
   mj_referenceConstraint(m, d);

@@ -15,9 +15,9 @@ double Dot(const Point& a, const Point& b) noexcept {
 }  // namespace
 
 double SquaredDistance(const Segment& p, const Segment& q) noexcept {
-  // Minimises the convex quadratic |p(s) - q(t)|^2 over the unit square. The minimum for a fixed s
-  // is at a clamped t; with s from the unclamped minimum, clamping s, then t, then s again for that
-  // t ends in the constrained minimum of the square.
+  // Minimises the convex quadratic |p(s) - q(t)|^2 over the unit square. For a fixed s, the minimum
+  // is at a clamped t. Starting with s from the unclamped minimum, clamping s, then t, then s again
+  // for that t gives the constrained minimum.
   const Point u = Minus(p.b, p.a);
   const Point v = Minus(q.b, q.a);
   const Point w = Minus(p.a, q.a);
@@ -27,7 +27,7 @@ double SquaredDistance(const Segment& p, const Segment& q) noexcept {
   const double uw = Dot(u, w);
   const double vw = Dot(v, w);
   const double determinant = uu * vv - uv * uv;
-  // Parallel segments have a valley of minima along s: any start leads to one.
+  // Parallel segments have a line of minima along s: any start leads to one.
   double s =
       determinant > 1e-14 * uu * vv ? std::clamp((uv * vw - vv * uw) / determinant, 0.0, 1.0) : 0.0;
   const double t = vv > 0.0 ? std::clamp((uv * s + vw) / vv, 0.0, 1.0) : 0.0;

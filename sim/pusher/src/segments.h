@@ -11,7 +11,7 @@ struct Segment {
   Point b{};
 };
 
-/// Squared distance of two segments. Exact also for parallel and zero-length ones.
+/// Returns the squared distance of two segments. Exact also for parallel and zero-length segments.
 [[nodiscard]] double SquaredDistance(const Segment& p, const Segment& q) noexcept;
 
 }  // namespace dfr::sim::internal

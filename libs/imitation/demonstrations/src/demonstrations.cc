@@ -71,7 +71,7 @@ class RobomimicReader final : public internal::EpisodeReader {
     }
     if (const auto outcome = Outcome(episode)) {
       trajectory.outcome = *outcome;
-    } else if (const auto success = file().IntegerAttribute(episode, "success")) {  // Isaac Lab's
+    } else if (const auto success = file().IntegerAttribute(episode, "success")) {  // Isaac Lab
       trajectory.outcome = *success != 0 ? core::Outcome::kCompleted : core::Outcome::kHalted;
     } else if (file().Exists(episode + "/dones")) {
       const Matrix dones = internal::ReadRows(file(), episode + "/dones", n, kCount);
@@ -183,9 +183,9 @@ class RobomimicWriter::File {
   [[nodiscard]] int num_episodes() const noexcept { return episodes_; }
 
  private:
-  // A change of a list takes libhdf5 several writes, and a kill between them leaves a list that
-  // cannot be read. So what an episode is made of reaches the disk first, then its name in one
-  // list, then that in the other: at every moment one of them is whole.
+  // libhdf5 changes a list in several writes. A kill between them leaves a list that is unreadable.
+  // Therefore the episode's data reach the disk first, then its name in one list, then its name in
+  // the other. One of the lists is intact at any time.
   void Finish(const std::string& name) {
     file_.Flush();
     file_.LinkNewGroup(std::string(Hdf5File::kSecondList) + "/" + name);

@@ -23,10 +23,11 @@ struct Key {
 
 constexpr char kActions[] = "actions";
 
-// Groups within groups of observations. More are no format's: a link leads back.
+// Maximum nesting of groups of observations. No format has more; deeper nesting indicates a
+// circular link.
 constexpr int kDeepest = 8;
 
-// Appends the datasets at `path`, a dataset or a group of them; false where one has no offset.
+// Appends the datasets at `path`, a dataset or a group of them. Returns false if one has no offset.
 bool CollectKeys(const Hdf5Reader& file, const std::string& path, const std::string& name,
                  int depth, std::vector<Key>& keys) {
   if (file.IsGroup(path)) {
@@ -55,7 +56,7 @@ bool CollectKeys(const Hdf5Reader& file, const std::string& path, const std::str
   return offset.has_value();
 }
 
-// Members of `group` that are named <prefix><number>, as paths in the order of the numbers.
+// Returns the members of `group` named <prefix><number>, as paths in the order of the numbers.
 std::vector<std::string> NumberedMembers(const Hdf5Reader& file, const std::string& group,
                                          std::string_view prefix) {
   const std::string folder = group.empty() ? "" : group + "/";
@@ -77,13 +78,13 @@ std::vector<std::string> NumberedMembers(const Hdf5Reader& file, const std::stri
   return paths;
 }
 
-// The vector-valued datasets of a part of an episode, groups below it included ("goal/position"),
-// by their attributes `offset` where all have one, else by name. Those of more than two dimensions
-// (images) are left out. One dataset may stand in the group's place.
+// Returns the vector-valued datasets of a part of an episode, including nested groups
+// ("goal/position"), by their attributes `offset` if all have one, else by name. Skips datasets of
+// more than two dimensions (images). A single dataset may replace the group.
 core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode, const char* part) {
   const std::string path = episode + "/" + part;
   if (!file.Exists(path)) {
-    // A simulator's whole state is none that a robot observes.
+    // A simulator's full state is not an observation of a robot.
     const bool states_alone = std::string_view(part) == "obs" && file.Exists(episode + "/states");
     file.Fail(path, states_alone ? "does not exist: the file holds states of a simulator alone, as "
                                    "robosuite's recorder writes them. Add observations with "
@@ -210,8 +211,8 @@ void EpisodeReader::FindEpisodes(const std::string& group, std::string_view pref
   controls_ = PartLayout(file_, episodes_[0], kActions);
 }
 
-// The episodes of the list that has more of them, of those that can be opened: where the writer was
-// killed while it changed one of the lists, the other is whole.
+// Returns the readable episodes of the longer list. If the writer was killed while it changed one
+// list, the other is intact.
 std::vector<std::string> EpisodeReader::ListEpisodes(const std::string& group,
                                                      std::string_view prefix) {
   if (!file_.IntegerAttribute("/", Hdf5File::kSecondList)) {
@@ -223,7 +224,7 @@ std::vector<std::string> EpisodeReader::ListEpisodes(const std::string& group,
       episodes = NumberedMembers(file_, from, prefix);
       std::erase_if(episodes, [this](const std::string& path) { return !file_.IsGroup(path); });
     } catch (const std::runtime_error&) {
-      episodes.clear();  // The list was cut off.
+      episodes.clear();  // The list is truncated.
     }
     return episodes;
   };
@@ -242,7 +243,7 @@ void EpisodeReader::LeaveUnfinished(const char* last) {
     if (file_.IntegerAttribute(episode, last)) return;
   } catch (const std::runtime_error&) {  // NOLINT(bugprone-empty-catch): it is cut off, too
   }
-  // Other writers may give no episode the attribute.
+  // Other writers may not write this attribute for any episode.
   if (!file_.IntegerAttribute(episodes_[0], last)) return;
   episodes_.pop_back();
   note_ = Note(episodes_.size(), episode + ", which was being written, is left out");

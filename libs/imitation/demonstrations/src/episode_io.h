@@ -17,14 +17,14 @@
 
 namespace dfr::imitation::internal {
 
-/// What both formats of demonstrations share.
+/// Common code of the two HDF5 formats.
 
 /// @throws std::invalid_argument unless the trajectory has these dimensions, finite states and
-///   controls within [-1, 1]; the message names `episode`, step and entry.
+///   controls within [-1, 1]. The message names `episode`, step and entry.
 void CheckTrajectory(const core::Trajectory& trajectory, int state_dim, int control_dim,
                      int episode);
 
-/// Appends all trajectories of a set. All are checked before `create()` makes the writer, which
+/// Appends all trajectories of a set. Checks all of them before `create()` makes the writer, which
 /// replaces an existing file. Returns the writer.
 template <typename Create>
 auto WriteAll(const DemonstrationSet& demonstrations, const Create& create) {
@@ -38,20 +38,21 @@ auto WriteAll(const DemonstrationSet& demonstrations, const Create& create) {
   return writer;
 }
 
-/// @throws std::invalid_argument unless every block's name can name a dataset.
+/// @throws std::invalid_argument unless every block's name is a valid dataset name.
 void CheckLayout(const core::StateLayout& layout, int control_dim);
 
-/// A dataset of finite numbers with this many rows; `count` says in messages where that is from.
+/// Reads a dataset of finite numbers with this many rows. `count` tells the source of that number
+/// in messages.
 [[nodiscard]] core::Matrix ReadRows(const Hdf5Reader& file, const std::string& path,
                                     Eigen::Index rows, const char* count);
 
-/// The datasets of a layout side by side.
+/// Reads the datasets of a layout, concatenated by columns.
 [[nodiscard]] core::Matrix ReadBlocks(const Hdf5Reader& file, const std::string& group,
                                       const core::StateLayout& layout, Eigen::Index rows,
                                       const char* count);
 
-/// What the readers of both formats do alike: the episodes of a file in the order of their numbers,
-/// whose layouts must be those of the first.
+/// Common part of both readers: the episodes of a file in the order of their numbers. All must have
+/// the layout of the first.
 class EpisodeReader : public DemonstrationReader {
  public:
   [[nodiscard]] const core::StateLayout& layout() const noexcept override { return layout_; }
@@ -68,27 +69,27 @@ class EpisodeReader : public DemonstrationReader {
 
  protected:
   explicit EpisodeReader(Hdf5Reader file) : file_(std::move(file)) {}
-  /// @param group  that holds the episodes, "" for the file's top.
-  /// @param prefix  before the number in an episode's name; members with other names are refused.
-  /// @param states  the part of an episode that holds its states: "obs".
-  /// @param last  the attribute that writers give an episode last: an episode at the end of the
-  /// file
-  ///   that has none was cut off with its writer. It is left out, which note() says.
+  /// @param group  group with the episodes, "" for the root.
+  /// @param prefix  text before the number in an episode's name; members with other names are
+  ///   rejected.
+  /// @param states  the part of an episode with its states: "obs".
+  /// @param last  the attribute that writers set last. A final episode without it was cut off with
+  ///   its writer: it is dropped, and note() reports it.
   void FindEpisodes(const std::string& group, std::string_view prefix, const char* states,
                     const char* last);
 
-  /// Leaves the episodes that a mask names, in the order of their numbers.
+  /// Keeps the episodes listed in a mask, in the order of their numbers.
   void KeepMasked(const std::string& group, const std::string& mask);
 
   [[nodiscard]] const Hdf5Reader& file() const noexcept { return file_; }
-  /// The first dataset of the controls: its rows are the episode's steps.
+  /// Returns the first dataset of the controls, whose rows are the episode's steps.
   [[nodiscard]] std::string FirstActions(const std::string& episode) const;
   [[nodiscard]] core::Matrix ReadActions(const std::string& episode, Eigen::Index steps,
                                          const char* count) const;
-  /// States from a group of datasets, or from the one dataset that stands in its place.
+  /// Reads states from a group of datasets or from a single dataset.
   [[nodiscard]] core::Matrix ReadStates(const std::string& episode, Eigen::Index rows,
                                         const char* count) const;
-  /// That of the attribute `outcome`, which other writers leave out.
+  /// Returns the attribute `outcome`, which other writers omit.
   [[nodiscard]] std::optional<core::Outcome> Outcome(const std::string& episode) const;
 
   std::string environment_;

@@ -16,7 +16,7 @@ namespace {
 
 static_assert(std::is_same_v<hid_t, std::int64_t>);
 
-// Keeps libhdf5 from printing its errors, which Fail() reports.
+// Suppresses libhdf5's own error output; Fail() reports the errors.
 class Quiet {
  public:
   Quiet() {
@@ -50,7 +50,7 @@ class Handle {
   Close close_;
 };
 
-// The innermost entry of the error stack says what really happened.
+// The innermost entry of the error stack is the actual cause.
 std::string LastError() {
   std::string description;
   H5Ewalk2(
@@ -122,8 +122,8 @@ Hdf5File Hdf5File::Create(const std::filesystem::path& path, bool track_order) {
   if (track_order) {
     H5Pset_link_creation_order(properties.id(), H5P_CRT_ORDER_TRACKED | H5P_CRT_ORDER_INDEXED);
   }
-  // The library's default version bounds: with "latest" a file whose writer was killed does not
-  // open.
+  // Uses the library's default version bounds: with "latest", a file whose writer was killed does
+  // not open.
   constexpr std::size_t kGrowth = 1 << 16;
   const Handle memory(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
   H5Pset_fapl_core(memory.id(), kGrowth, /*backing_store=*/false);
@@ -144,8 +144,8 @@ Hdf5File Hdf5File::Create(const std::filesystem::path& path, bool track_order) {
   return file;
 }
 
-// libhdf5 writes what it knows of objects whenever its cache is full, in an order of its own: a
-// kill then leaves a file that points to what is not there yet.
+// libhdf5 writes object metadata whenever its cache is full, in any order. After a kill, such a
+// file would refer to data that were never written.
 void Hdf5File::HoldMetadata(bool hold) {
   H5AC_cache_config_t config{};
   config.version = H5AC__CURR_CACHE_CONFIG_VERSION;
@@ -160,8 +160,8 @@ void Hdf5File::HoldMetadata(bool hold) {
 Hdf5File Hdf5File::Open(const std::filesystem::path& path) {
   const Quiet quiet;
   if (!std::filesystem::exists(path)) FailFile(path.string(), "no such file");
-  // Not the driver that writes: libhdf5 would share a descriptor with one that is open, which a
-  // process that was forked does not have.
+  // Uses a different driver than the writer: with the same one, libhdf5 would share the descriptor
+  // of an open file, which a forked process does not have.
   const Handle driver(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
   H5Pset_fapl_stdio(driver.id());
   const hid_t id = H5Fopen(path.c_str(), H5F_ACC_RDONLY, driver.id());
@@ -193,7 +193,7 @@ void Hdf5File::WriteBlock(const std::string& path, std::int64_t type,
   std::vector<hsize_t> most = now;
   const Handle properties(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
   if (growable) {
-    // An episode's rows are read together: one chunk, within the mebibyte that libhdf5 caches.
+    // An episode's rows are read together: one chunk, within the 1 MiB that libhdf5 caches.
     constexpr hsize_t kChunkBytes = 1 << 20;
     std::vector<hsize_t> chunk = now;
     hsize_t row_bytes = H5Tget_size(type);
@@ -260,7 +260,7 @@ void Hdf5File::SetAttribute(const std::string& path, const char* name, std::int6
   const Place at = At(path);
   const Handle object(H5Oopen(at.object, at.path.c_str(), H5P_DEFAULT), H5Oclose);
   const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
-  // An existing attribute is overwritten in place, so that no moment is without it.
+  // Overwrites an existing attribute in place: it exists at any time.
   const Handle attribute(
       H5Aexists(object.id(), name) > 0
           ? H5Aopen(object.id(), name, H5P_DEFAULT)
@@ -290,7 +290,7 @@ void Hdf5File::SetAttribute(const std::string& path, const char* name, const std
 void Hdf5File::Flush() {
   const Quiet quiet;
   if (H5Fflush(id_, H5F_SCOPE_GLOBAL) < 0) FailFile(name_, "cannot be flushed: " + LastError());
-  // What is on the disk may leave the memory.
+  // Metadata on the disk may leave the cache.
   HoldMetadata(false);
   HoldMetadata(true);
 }
@@ -347,7 +347,7 @@ bool Hdf5File::Exists(const std::string& path) const {
   const Quiet quiet;
   const auto [object, place] = At(path);
   if (place == ".") return true;
-  // H5Lexists wants every parent to exist.
+  // H5Lexists requires every parent to exist.
   for (std::size_t end = place.find('/');; end = place.find('/', end + 1)) {
     const std::string part = place.substr(0, end);
     if (H5Lexists(object, part.c_str(), H5P_DEFAULT) <= 0) return false;
@@ -497,7 +497,7 @@ std::optional<std::int64_t> Hdf5File::IntegerAttribute(const std::string& path,
   const Handle space(H5Aget_space(attribute.id()), H5Sclose);
   const Handle type(H5Aget_type(attribute.id()), H5Tclose);
   std::int64_t value = 0;
-  // h5py's truth values are an enumeration.
+  // h5py stores truth values as an enumeration.
   const H5T_class_t kind = H5Tget_class(type.id());
   if (H5Sget_simple_extent_npoints(space.id()) != 1 || (kind != H5T_INTEGER && kind != H5T_ENUM) ||
       H5Aread(attribute.id(), H5T_NATIVE_INT64, &value) < 0) {

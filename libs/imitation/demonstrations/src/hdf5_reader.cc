@@ -21,8 +21,8 @@
 namespace dfr::imitation::internal {
 namespace {
 
-// Questions are a letter, then two texts; answers a size and so many bytes. The first byte of an
-// answer says whether the rest is one.
+// Requests are a letter and two texts; answers are a size and as many bytes. The first byte of an
+// answer marks success or an error.
 constexpr char kOpened = 'o';
 constexpr char kExists = 'e';
 constexpr char kIsGroup = 'g';
@@ -38,7 +38,7 @@ constexpr char kGood = '+';
 constexpr char kNone = '0';
 constexpr char kError = '-';
 
-// What libhdf5 needs beside the values, and seconds of computing for a small file.
+// Memory of libhdf5 in addition to the values, and seconds of computing for a small file.
 constexpr rlim_t kOverhead = rlim_t{128} << 20;
 constexpr rlim_t kSeconds = 2;
 constexpr rlim_t kBytesPerSecond = 20'000'000;
@@ -127,7 +127,7 @@ std::string AnswerTo(const Hdf5File& file, char question, const std::string& pat
   }
 }
 
-// From now on so many seconds more.
+// Grants this many more seconds from now on.
 void LimitComputing(std::uint64_t file_size) noexcept {
   rusage used{};
   getrusage(RUSAGE_SELF, &used);
@@ -140,12 +140,12 @@ void LimitComputing(std::uint64_t file_size) noexcept {
 }
 
 void LimitMemory(std::uint64_t file_size) noexcept {
-  // Addresses in use, in pages: the first number of the file.
+  // Pages of address space in use: the first number in the file.
   std::uint64_t pages = 0;
   std::ifstream("/proc/self/statm") >> pages;
   const rlim_t used = pages * static_cast<rlim_t>(sysconf(_SC_PAGESIZE));
   const std::uint64_t budget = core::ReadBudget(file_size).left();
-  // Values are there twice, once in the answer.
+  // Values exist twice, the second time in the answer.
   const rlim_t most = budget > (RLIM_INFINITY - used - kOverhead) / 3
                           ? RLIM_INFINITY
                           : used + kOverhead + 3 * budget;
@@ -153,7 +153,7 @@ void LimitMemory(std::uint64_t file_size) noexcept {
   setrlimit(RLIMIT_AS, &limit);
 }
 
-// The process that reads: answers until nobody asks any more.
+// The reading process: answers until the requests end.
 void Serve(int socket, const std::filesystem::path& path, std::uint64_t file_size) noexcept {
   const auto reply = [socket](const std::string& answer) {
     std::string size;
@@ -171,7 +171,7 @@ void Serve(int socket, const std::filesystem::path& path, std::uint64_t file_siz
       try {
         if (!file) {
           file.emplace(Hdf5File::Open(path));
-          // Whatever the file says: no other one is opened.
+          // Prevents opening any other file, whatever the file contains.
           const rlimit none{0, 0};
           setrlimit(RLIMIT_NOFILE, &none);
           answer = std::string(1, kGood);
@@ -194,17 +194,17 @@ void Serve(int socket, const std::filesystem::path& path, std::uint64_t file_siz
       }
     } while (true);
   } catch (const std::exception&) {
-    return;  // The other side sees that nothing comes any more.
+    return;  // The other side detects the end of the stream.
   }
 }
 
-// What the process has of the one that started it, and must not use.
+// Drops the inherited resources that this process must not use.
 void LeaveBehind(int& socket) noexcept {
-  constexpr int kFirst = 3;  // behind standard input, output and error
+  constexpr int kFirst = 3;  // after standard input, output and error
   for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGXCPU, SIGALRM, SIGTERM}) {
     std::signal(signal, SIG_DFL);
   }
-  std::signal(SIGINT, SIG_IGN);  // is meant for the one that started it
+  std::signal(SIGINT, SIG_IGN);  // meant for the parent process
   const rlimit none{0, 0};
   setrlimit(RLIMIT_CORE, &none);
   if (socket != kFirst) dup2(socket, kFirst);
@@ -214,7 +214,7 @@ void LeaveBehind(int& socket) noexcept {
 
 }  // namespace
 
-// Reads what the other process sent, piece by piece; it is not trusted either.
+// Reads an answer of the other process piece by piece. The answer is untrusted too.
 class Hdf5Reader::Answer {
  public:
   Answer(const Hdf5Reader& reader, std::string path, std::string bytes)
@@ -296,7 +296,7 @@ Hdf5Reader& Hdf5Reader::operator=(Hdf5Reader&& other) noexcept {
 Hdf5Reader::~Hdf5Reader() {
   if (socket_ >= 0) close(socket_);
   if (process_ <= 0) return;
-  // It only ever waits for a question or for libhdf5, and has nothing to tidy up.
+  // The process only waits for a request or for libhdf5 and needs no cleanup.
   kill(process_, SIGKILL);
   while (waitpid(process_, nullptr, 0) < 0 && errno == EINTR) {
   }
@@ -340,7 +340,7 @@ void Hdf5Reader::Receive(void* bytes, std::size_t size, const std::string& path)
 
 Hdf5Reader::Answer Hdf5Reader::Ask(char question, const std::string& path,
                                    std::string_view name) const {
-  // The first answer comes by itself.
+  // The first answer needs no request.
   if (question != kOpened) {
     std::string bytes(1, question);
     Append(bytes, path);

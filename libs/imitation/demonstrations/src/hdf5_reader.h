@@ -14,14 +14,13 @@
 
 namespace dfr::imitation::internal {
 
-/// Hdf5File for files from anywhere. libhdf5 trusts what it reads: files exist that crash it or
-/// keep it busy forever. So it reads in a process of its own, which this class starts and asks;
-/// what ends that process is an error like any other. The process may open no further file, has the
-/// memory that core::ReadBudget gives a file of this size, and a few seconds of computing for each
-/// answer.
+/// Hdf5File for untrusted files. libhdf5 does not validate its input: some files crash it or keep
+/// it busy forever. This class therefore runs it in a separate process. Any end of that process is
+/// reported as an ordinary error. The process cannot open further files. Its memory is limited to
+/// the core::ReadBudget of the file's size and its computing time to a few seconds per answer.
 ///
-/// Functions are those of Hdf5File. All throw std::runtime_error naming file, object and reason.
-/// One object belongs to one thread.
+/// The functions are those of Hdf5File. All throw std::runtime_error with file, object and reason.
+/// Each object belongs to one thread.
 class Hdf5Reader {
  public:
   explicit Hdf5Reader(const std::filesystem::path& path);
@@ -42,7 +41,7 @@ class Hdf5Reader {
                                                          const char* name) const;
 
   [[noreturn]] void Fail(const std::string& path, const std::string& reason) const;
-  /// Fails unless a file of this size may hold so many doubles.
+  /// Fails if the file is too small for this many doubles.
   void CheckSize(const std::string& path, std::int64_t rows, std::int64_t cols) const;
 
  private:

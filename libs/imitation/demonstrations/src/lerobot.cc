@@ -35,7 +35,7 @@ std::filesystem::path InfoFile(const std::filesystem::path& folder) {
   throw std::runtime_error(file.string() + ": " + reason);
 }
 
-// Numbers, in one dimension at most.
+// Returns whether a feature holds numbers in at most one dimension.
 bool IsNumeric(const json& feature) {
   static constexpr std::string_view kTypes[] = {"float16", "float32", "float64", "bool",
                                                 "int8",    "int16",   "int32",   "int64",
@@ -46,7 +46,7 @@ bool IsNumeric(const json& feature) {
              std::end(kTypes);
 }
 
-// Some rows of one row group of one file.
+// A range of rows of one row group of one file.
 struct Part {
   int file = 0;
   int row_group = 0;
@@ -116,7 +116,7 @@ class LeRobotReader final : public DemonstrationReader {
     return info;
   }
 
-  // The number of entries of a feature of one dimension at most; 0 for those of more.
+  // Returns the number of entries of a feature with at most one dimension; 0 for others.
   [[nodiscard]] int SizeOf(const std::string& name, const json& feature) const {
     const auto shape = feature.find("shape");
     if (shape == feature.end() || !shape->is_array()) {
@@ -139,7 +139,7 @@ class LeRobotReader final : public DemonstrationReader {
       Fail(InfoFile(folder_), "has no features");
     }
     std::string left;
-    for (const auto& [name, feature] : features->items()) {  // in the order of their names
+    for (const auto& [name, feature] : features->items()) {  // sorted by name
       if (!feature.is_object()) Fail(InfoFile(folder_), "feature " + name + " is no JSON object");
       const int size = IsNumeric(feature) ? SizeOf(name, feature) : 0;
       if (name == kSuccess) has_success_ = size == 1;
@@ -167,7 +167,7 @@ class LeRobotReader final : public DemonstrationReader {
     std::vector<std::filesystem::path> paths;
     for (std::filesystem::recursive_directory_iterator it(data, error), end; it != end;
          it.increment(error)) {
-      // A name with a dot in front is a file of some tool's: macOS leaves "._file-000.parquet".
+      // Names with a leading dot belong to other tools: macOS creates "._file-000.parquet".
       if (it->path().extension() == ".parquet" &&
           !it->path().filename().string().starts_with('.')) {
         paths.push_back(it->path());
@@ -178,7 +178,7 @@ class LeRobotReader final : public DemonstrationReader {
     for (auto& path : paths) files_.push_back(std::move(path));
   }
 
-  // Frames of an episode are rows that follow each other, perhaps from one file to the next.
+  // The frames of an episode are consecutive rows, which may continue in the next file.
   void FindEpisodes(const json& info) {
     std::map<std::int64_t, std::vector<Part>> found;
     std::int64_t frames = 0;
@@ -241,7 +241,7 @@ class LeRobotReader final : public DemonstrationReader {
     }
   }
 
-  // A split is a range of episodes: "0:50".
+  // A split is a range of episodes, for example "0:50".
   void KeepSplit(const json& info, const std::string& key) {
     const auto splits = info.find("splits");
     const bool any = splits != info.end() && splits->is_object();
@@ -281,7 +281,7 @@ class LeRobotReader final : public DemonstrationReader {
     if (kept == 0) Fail(InfoFile(folder_), "split '" + key + "' names no episode");
   }
 
-  // The file that was read last stays open: episodes follow each other.
+  // Keeps the last file open, because episodes follow each other.
   [[nodiscard]] const ParquetFile& File(int file) const {
     if (open_file_ != file) {
       columns_.clear();
@@ -292,7 +292,7 @@ class LeRobotReader final : public DemonstrationReader {
     return *open_;
   }
 
-  // So do the columns of its last row group, which holds many episodes in version 3.
+  // Caches the columns of its last row group, which holds many episodes in version 3.
   [[nodiscard]] const ParquetColumn& Column(const Part& part, const std::string& name) const {
     const ParquetFile& file = File(part.file);
     if (columns_group_ != part.row_group) columns_.clear();

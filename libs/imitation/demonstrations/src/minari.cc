@@ -24,13 +24,13 @@ using nlohmann::json;
 constexpr char kPrefix[] = "episode_";
 constexpr char kPlain[] = "observations";
 constexpr char kTotal[] = "total_steps";
-constexpr char kEnvironment[] = "environment";  // not Minari's: the name, whatever it is
+constexpr char kEnvironment[] = "environment";  // dfr's key: any name
 constexpr char kSteps[] = "the number of actions";
 constexpr char kStates[] = "that of actions plus one";
-// The version of the format written here, which Minari 0.5.1 and later read.
+// Format version of these files, which Minari 0.5.1 and later read.
 constexpr char kMinariVersion[] = "0.5.1";
 
-// What Minari and Gymnasium accept as names; their loaders refuse a dataset with others.
+// Valid names for Minari and Gymnasium. Their loaders reject other names.
 bool IsDatasetId(const std::string& id) {
   static const std::regex pattern(R"((?:[-\w][-\w/]*[-\w]+/)?[-\w]+?-v\d{1,9})");
   return std::regex_match(id, pattern);
@@ -40,7 +40,7 @@ bool IsEnvironmentId(const std::string& id) {
   return std::regex_match(id, pattern);
 }
 
-// As Gymnasium's EnvSpec reads it: additional_wrappers may not be missing.
+// In the form of Gymnasium's EnvSpec, which requires additional_wrappers.
 std::string EnvironmentSpec(const std::string& id) {
   return json({{"id", id},
                {"entry_point", nullptr},
@@ -50,7 +50,7 @@ std::string EnvironmentSpec(const std::string& id) {
       .dump();
 }
 
-// Minari keeps a space as JSON inside a string, with Python's names for infinities.
+// Minari stores a space as JSON in a string, with Python's names for infinities.
 std::string BoxText(int size, const char* low, const char* high) {
   const auto repeat = [size](const char* value) {
     std::string text = "[";
@@ -112,7 +112,7 @@ class MinariReader final : public internal::EpisodeReader {
 
   [[nodiscard]] core::Outcome OutcomeOf(const std::string& episode, Eigen::Index steps) const {
     if (const auto outcome = Outcome(episode)) return *outcome;
-    // Infos have an entry for the reset, too.
+    // Infos include an entry for the reset.
     const std::string success = episode + "/infos/success";
     Matrix values;
     if (file().Exists(success)) values = file().Read(success);
@@ -124,7 +124,7 @@ class MinariReader final : public internal::EpisodeReader {
     return completed ? core::Outcome::kCompleted : core::Outcome::kHalted;
   }
 
-  // The environment's name; a file without metadata has none.
+  // Reads the environment's name. Files without metadata have none.
   void ReadMetadata(const std::filesystem::path& path) {
     std::ifstream in(path);
     if (!in) return;
@@ -201,7 +201,7 @@ class MinariWriter::File {
     file_.SetAttribute(episode, "seed", static_cast<std::int64_t>(trajectory.seed));
     file_.SetAttribute(episode, "outcome", std::string(core::Name(trajectory.outcome)));
     file_.SetAttribute(episode, kTotal, static_cast<std::int64_t>(steps));
-    file_.Flush();  // all that the name will lead to
+    file_.Flush();  // all data of the name to come
     file_.LinkNewGroup(kPrefix + std::to_string(episodes_));
     file_.Flush();
     ++episodes_;
@@ -221,7 +221,7 @@ class MinariWriter::File {
     return Hdf5File::Create(folder_ / "main_data.hdf5", /*track_order=*/true);
   }
 
-  // Replaced as a whole, so that a reader never sees half of it.
+  // Replaces the file as a whole: readers never see a part of it.
   void WriteMetadata() const {
     std::error_code ignored;
     const auto bytes = std::filesystem::file_size(folder_ / "main_data.hdf5", ignored);
@@ -234,7 +234,7 @@ class MinariWriter::File {
                      {"minari_version", kMinariVersion},
                      {"observation_space", ObservationText(layout_)},
                      {"action_space", BoxText(control_dim_, "-1.0", "1.0")}};
-    // Minari reads a dataset without an environment, and none whose environment has another name.
+    // Minari reads datasets without an environment, but rejects environments with other names.
     if (IsEnvironmentId(environment_)) metadata["env_spec"] = EnvironmentSpec(environment_);
     if (!environment_.empty()) metadata[kEnvironment] = environment_;
     core::ReplaceFile(folder_ / "metadata.json",

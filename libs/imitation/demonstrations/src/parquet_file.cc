@@ -17,7 +17,7 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little);
 
-// Numbers of the format's definition.
+// Numbers from the format's specification.
 enum Type { kBoolean = 0, kInt32 = 1, kInt64 = 2, kFloat = 4, kDouble = 5, kFixedBytes = 7 };
 enum Converted { kUint32 = 13, kUint64 = 14 };
 constexpr int kLogicalFloat16 = 15;
@@ -46,12 +46,12 @@ std::string CodecName(int codec) {
                 {"UNCOMPRESSED", "SNAPPY", "GZIP", "LZO", "BROTLI", "LZ4", "ZSTD", "LZ4_RAW"});
 }
 
-// What ParquetFile turns into errors that name the file.
+// Internal error; ParquetFile adds the file's name.
 class Malformed : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// Takes bytes from the front of a buffer, never more than there are.
+// Takes bytes from the front of a buffer; never reads beyond its end.
 class Bytes {
  public:
   explicit Bytes(std::string_view bytes) : bytes_(bytes) {}
@@ -85,7 +85,7 @@ class Bytes {
   std::string_view bytes_;
 };
 
-// Thrift's compact protocol: structs of numbered fields.
+// Decoder of Thrift's compact protocol: structs of numbered fields.
 class Thrift {
  public:
   enum Kind {
@@ -106,7 +106,7 @@ class Thrift {
 
   explicit Thrift(Bytes& bytes) : bytes_(&bytes) {}
 
-  // Calls field(number, kind) for each field of a struct, which reads the value or skips it.
+  // Calls field(number, kind) for each field of a struct. `field` must read or skip the value.
   template <typename Field>
   void Struct(const Field& field) {
     const Deeper deeper(depth_);
@@ -119,7 +119,7 @@ class Thrift {
       field(number, static_cast<Kind>(head & 0x0f));
     }
   }
-  // Calls element(kind) as often as the list is long.
+  // Calls element(kind) for each element of the list.
   template <typename Element>
   void List(Kind kind, const Element& element) {
     if (kind != kList && kind != kSet) throw Malformed("has metadata of another type");
@@ -127,7 +127,7 @@ class Thrift {
     const std::uint8_t head = bytes_->Byte();
     std::uint64_t size = head >> 4;
     if (size == 15) size = bytes_->Varint();
-    // Every element takes a byte at least.
+    // Every element takes at least one byte.
     if (size > bytes_->left()) throw Malformed("claims a list longer than its metadata");
     for (std::uint64_t i = 0; i < size; ++i) element(static_cast<Kind>(head & 0x0f));
   }
@@ -196,7 +196,7 @@ class Thrift {
   }
 
  private:
-  // Structs within structs: more than any writer's are an attack on the stack.
+  // Limits the nesting of structs. More levels than any writer produces are an attack on the stack.
   class Deeper {
    public:
     explicit Deeper(int& depth) : depth_(depth) {
@@ -209,7 +209,7 @@ class Thrift {
    private:
     int& depth_;
   };
-  // Within lists and maps a truth value takes a byte.
+  // A truth value in a list or map takes a byte.
   void SkipElement(Kind kind) {
     if (kind == kTrue || kind == kFalse) {
       bytes_->Take(1);
@@ -222,7 +222,7 @@ class Thrift {
   int depth_ = 0;
 };
 
-// Runs of equal values, and groups of eight that are packed into bits.
+// Runs of equal values, and groups of eight bit-packed values.
 class RunLength {
  public:
   RunLength(std::string_view bytes, int bit_width) : bytes_(bytes), width_(bit_width) {
@@ -248,7 +248,7 @@ class RunLength {
 
  private:
   void NextRun() {
-    // Zeros of no width need no bytes.
+    // Zero-width values need no bytes.
     if (width_ == 0 && bytes_.empty()) {
       run_ = 1;
       value_ = 0;
@@ -324,7 +324,7 @@ struct PageHeader {
   std::int64_t compressed_size = 0;
   int num_values = 0;
   int encoding = -1;
-  int repetition_bytes = 0;  // of version 2
+  int repetition_bytes = 0;  // version 2 only
   int definition_bytes = 0;
   bool is_compressed = true;
 };
@@ -380,7 +380,7 @@ bool IsNumeric(const ParquetFile::Leaf& leaf) {
          leaf.type == kFloat || leaf.type == kDouble || leaf.is_half;
 }
 
-// Values one after another, without the levels.
+// Decodes consecutive values, without the levels.
 std::vector<double> DecodePlain(const ParquetFile::Leaf& leaf, Bytes& bytes, std::int64_t count) {
   std::vector<double> values;
   const auto fixed = [&]<typename T>(T) {
@@ -416,7 +416,7 @@ std::vector<double> DecodePlain(const ParquetFile::Leaf& leaf, Bytes& bytes, std
     case kDouble:
       fixed(double{});
       break;
-    default:  // of two bytes, as IsNumeric() says
+    default:  // two-byte float, as IsNumeric() checked
       fixed(std::uint16_t{});
       for (double& value : values) value = HalfToDouble(static_cast<std::uint16_t>(value));
   }
@@ -447,12 +447,12 @@ class FooterParser {
  private:
   struct Element {
     int type = -1;
-    int length = 0;  // of a value of fixed length
+    int length = 0;  // length of a fixed-size value
     int repetition = kRequired;
     std::string name;
     int children = 0;
     int converted = -1;
-    std::int64_t logical = 0;  // the field of Parquet's union LogicalType
+    std::int64_t logical = 0;  // field of Parquet's union LogicalType
   };
 
   Element ReadElement() {
@@ -482,7 +482,7 @@ class FooterParser {
     return element;
   }
 
-  // The tree of elements is stored depth first; the first is the root.
+  // The tree of elements is in depth-first order, starting with the root.
   void MakeLeaves() {
     if (!file_->leaves_.empty() || elements_.empty()) throw Malformed("has no schema");
     next_ = 1;
@@ -502,7 +502,7 @@ class FooterParser {
       ++leaf.max_repetition;
       leaf.repeated_definition = leaf.max_definition;
     }
-    // Every leaf repeats the names above it.
+    // Every leaf stores the names above it again.
     if (!budget_.Take(1, sizeof leaf + leaf.column.size() + leaf.path.size())) {
       throw Malformed("has more names in its schema than a file of this size may have");
     }
@@ -565,7 +565,7 @@ class FooterParser {
         thrift_.Skip(kind);
       }
     });
-    // Some writers say 0 where there is no dictionary.
+    // Some writers use 0 for "no dictionary".
     if (dictionary > 0) chunk.start = std::min(chunk.start, dictionary);
   }
 
@@ -611,7 +611,7 @@ class ChunkDecoder {
     }
     if (leaf_->max_repetition > 0) {
       column_.offsets.push_back(static_cast<std::int64_t>(column_.values.size()));
-      // The first row opened one before it.
+      // The first row opened an additional row before it.
       column_.offsets.erase(column_.offsets.begin());
     }
     if (column_.num_rows() != num_rows_) {
@@ -659,7 +659,7 @@ class ChunkDecoder {
     const std::int64_t count = std::count(present_.begin(), present_.end(), true);
     ReadValues(header.encoding, values, count);
     if (count == slots) return;
-    // Values are stored without those that are missing: from the last on, each goes to its slot.
+    // Stored values exclude missing ones: moves each value to its slot, from the last to the first.
     column_.values.resize(first + present_.size());
     std::size_t from = first + static_cast<std::size_t>(count);
     for (std::size_t slot = present_.size(); slot-- > 0;) {
@@ -668,7 +668,7 @@ class ChunkDecoder {
     }
   }
 
-  // Where rows begin, and which of their values are there.
+  // Determines the first value of each row and which values are present.
   void ReadLevels(std::string_view repetition, std::string_view definition, int count) {
     RunLength repetitions(repetition, BitWidth(leaf_->max_repetition));
     RunLength definitions(definition, BitWidth(leaf_->max_definition));
@@ -678,7 +678,7 @@ class ChunkDecoder {
       const bool continues = leaf_->max_repetition > 0 && repetitions.Next() > 0;
       const int level = leaf_->max_definition > 0 ? static_cast<int>(definitions.Next()) : 0;
       if (continues && column_.offsets.size() < 2) throw Malformed("begins in the middle of a row");
-      // A list opens a row with its first entry, of which there is none in an empty list.
+      // A list opens a row with its first entry; an empty list has none.
       if (leaf_->max_repetition > 0 && !continues) {
         column_.offsets.push_back(first + static_cast<std::int64_t>(present_.size()));
       }
@@ -719,7 +719,7 @@ class ChunkDecoder {
   std::int64_t num_rows_;
   core::ReadBudget budget_;
   std::vector<double> dictionary_;
-  std::vector<bool> present_;  // of the page
+  std::vector<bool> present_;  // for the current page
   ParquetColumn column_;
 };
 
@@ -748,7 +748,7 @@ std::string ParquetFile::ReadBytes(std::int64_t start, std::int64_t size) const 
 
 void ParquetFile::ReadFooter() {
   constexpr std::int64_t kMagic = 4;
-  constexpr std::int64_t kTail = 8;  // length of the metadata, and the magic again
+  constexpr std::int64_t kTail = 8;  // length of the metadata, and the trailing magic
   if (size_ < kMagic + kTail || ReadBytes(0, kMagic) != "PAR1") Fail("is no Parquet file");
   const std::string tail = ReadBytes(size_ - kTail, kTail);
   if (tail.substr(4) != "PAR1") Fail("is truncated: it does not end as a Parquet file does");

@@ -12,7 +12,7 @@
 namespace dfr::imitation::internal {
 
 /// Values of rows of a column, one row after another: row r is values [offsets[r], offsets[r + 1]).
-/// A flat column has one value per row. A missing value is NaN.
+/// A flat column has one value per row. Missing values are NaN.
 struct ParquetColumn {
   std::vector<double> values;
   std::vector<std::int64_t> offsets = {0};
@@ -22,26 +22,25 @@ struct ParquetColumn {
   }
 };
 
-/// Reads numbers (half precision and unsigned ones included) and truth values from an Apache
+/// Reader of numbers (including half precision and unsigned ones) and truth values in an Apache
 /// Parquet file: flat columns and lists of them; pages of version 1 and 2; plain, dictionary and
 /// run-length encodings; uncompressed, Snappy, Zstandard.
 ///
-/// A file is not trusted: no size that it claims is allocated before what it must fit into is
-/// known, and what is beyond core::ReadBudget of the file's size, for each column of a row group
-/// that is read, is refused. All functions throw std::runtime_error naming the file, the column and
-/// the reason.
+/// Files are untrusted. No claimed size is allocated before it is checked against the available
+/// data. Each column of a row group is limited to core::ReadBudget of the file's size. All
+/// functions throw std::runtime_error with the file, the column and the reason.
 class ParquetFile {
  public:
-  /// How a column, or the entries of its lists, is stored.
+  /// Storage of a column or of its lists' entries.
   struct Leaf {
-    std::string column;  // at the top
+    std::string column;  // name of the top-level column
     std::string path;    // "action.list.element"
     int type = 0;
     bool is_unsigned = false;
-    bool is_half = false;  // a float of two bytes
+    bool is_half = false;  // two-byte float
     int max_definition = 0;
     int max_repetition = 0;
-    int repeated_definition = 0;  // the level from which on a row's list has an entry
+    int repeated_definition = 0;  // level from which on a row's list has an entry
   };
 
   explicit ParquetFile(std::filesystem::path path);
@@ -50,10 +49,10 @@ class ParquetFile {
   [[nodiscard]] std::int64_t num_rows(int row_group) const {
     return row_groups_.at(static_cast<std::size_t>(row_group)).num_rows;
   }
-  /// Names of the columns at the file's top, in the order of the schema.
+  /// Names of the top-level columns, in the order of the schema.
   [[nodiscard]] const std::vector<std::string>& columns() const noexcept { return names_; }
 
-  /// All rows of a row group.
+  /// Reads all rows of a row group.
   [[nodiscard]] ParquetColumn Read(int row_group, const std::string& column) const;
 
  private:

@@ -7,7 +7,7 @@
 namespace dfr::sim {
 namespace {
 
-// Seen from above the arm's links hide what the gripper does.
+// From above, the arm's links hide the gripper.
 void FadeArm(mjvScene& scene) {
   constexpr mjtNum kAboveGripper = -0.2;  // m
   for (int i = 0; i < scene.ngeom; ++i) {

@@ -17,55 +17,55 @@ namespace dfr::hardware {
 struct PsmClientOptions {
   PsmLimits limits = {};
   PsmRestOptions rest = {};
-  /// How far the arm may lag behind its set-point, rad (insertion: m), > 0.
+  /// Maximum lag of the arm behind its set-point, rad (insertion: m), > 0.
   kinematics::PsmJoints max_lag =
       (kinematics::PsmJoints() << 0.09, 0.09, 0.01, 0.15, 0.15, 0.15).finished();
-  /// How far the console's set-point may be from all that were sent in the last while, rad
-  /// (insertion: m), > 0: what inverse kinematics and rounding make of them. Another client's
-  /// set-points between these move it by 0.008 rad (insertion: 1 mm) within one step at most.
+  /// Maximum distance of the console's set-point from all set-points sent recently, rad (insertion:
+  /// m), > 0. Covers the effect of inverse kinematics and rounding. Interleaved set-points of
+  /// another client move it by at most 0.008 rad (insertion: 1 mm) within one step.
   kinematics::PsmJoints max_setpoint_error =
       (kinematics::PsmJoints() << 0.003, 0.003, 0.0003, 0.01, 0.01, 0.01).finished();
-  double max_jaw_setpoint_error = 0.05;  ///< The same of the jaw, rad, > 0.
-  /// Faster than this no sample follows another, rad/s (insertion: m/s), > 0: the console's own
-  /// limits with a margin for noise.
+  double max_jaw_setpoint_error = 0.05;  ///< Same for the jaw, rad, > 0.
+  /// Maximum speed between two samples, rad/s (insertion: m/s), > 0: the console's limits with a
+  /// margin for noise.
   kinematics::PsmJoints jump_speed =
       (kinematics::PsmJoints() << 2.4, 2.4, 0.3, 2.4, 2.4, 2.4).finished();
-  /// Beyond that, what noise may do, rad (insertion: m), >= 0.
+  /// Allowance for noise in addition, rad (insertion: m), >= 0.
   kinematics::PsmJoints jump_noise =
       (kinematics::PsmJoints() << 0.01, 0.01, 0.002, 0.02, 0.02, 0.02).finished();
-  double jump_distance_m = 0.005;  ///< The same for measured_cp, which may move at 1 m/s, > 0.
-  /// Watches measured_js, measured_cp and local/measured_cp, and setpoint_js for its silence.
+  double jump_distance_m = 0.005;  ///< Same for measured_cp, which may move at 1 m/s, > 0.
+  /// Limits for measured_js, measured_cp and local/measured_cp, and for the silence of setpoint_js.
   dds::WatchdogOptions watchdog = {};
-  /// By how much a move goes on in one step at most, s, > 0: after a late one it takes longer
-  /// instead of catching up in one leap.
+  /// Maximum progress of a move in one step, s, > 0. After a late step the move takes longer
+  /// instead of catching up in one jump.
   double longest_step_s = 0.005;
-  double max_tick_gap_s = 0.1;   ///< From one step to the next while armed, > 0.
-  double reach_timeout_s = 2.0;  ///< From a move's end to rest, > 0.
-  /// How far local/measured_cp, or measured_cp where there is none, may be from where measured_js
-  /// puts the wrist when arming, and how far the frame of measured_cp may move while armed, > 0.
+  double max_tick_gap_s = 0.1;   ///< Maximum time between two steps while armed, > 0.
+  double reach_timeout_s = 2.0;  ///< Maximum time from the end of a move to rest, > 0.
+  /// Maximum distance of local/measured_cp (or measured_cp, if absent) from the wrist position of
+  /// measured_js when arming, and maximum motion of the frame of measured_cp while armed, > 0.
   double max_frame_distance_m = 0.002;
   double max_frame_angle = 0.05;  ///< rad
   double enable_timeout_s = 10.0;
   double home_timeout_s = 90.0;
-  /// Neither armed nor homed before everybody on the network has been found: so long after the last
-  /// one that was, >= 0.
+  /// Minimum time since the last participant was discovered before arming or homing, >= 0, to let
+  /// discovery complete.
   double discovery_s = 0.5;
-  double repeat_request_s = 2.0;  ///< A state command without any effect is sent again after that.
+  double repeat_request_s = 2.0;  ///< A state command without effect is repeated after this time.
   PsmProfile profile = PsmProfile::kSmooth;
-  /// Whether it is a reason to hold that others publish on the arm's command topics, tell it to
-  /// hold or to be free, join the network while it is armed, or move its set-point.
+  /// Hold if another participant publishes on the arm's command topics, tells it to hold or be
+  /// free, joins the network while it is armed, or moves its set-point.
   bool sole_commander = true;
 
   /// @throws std::invalid_argument naming the option that is out of range.
   void Check() const;
 };
 
-/// What a client does at the moment.
+/// State of a client.
 enum class PsmPhase {
-  kIdle,       ///< Listens. Nothing is sent.
-  kRequested,  ///< A state command (enable, home, ...) is under way.
+  kIdle,       ///< Listens and sends nothing.
+  kRequested,  ///< A state command (enable, home, ...) is in progress.
   kArmed,      ///< Sends set-points.
-  kHolding,    ///< Has stopped sending because of status(); only Arm() or a request goes on.
+  kHolding,    ///< Stopped sending because of status(). Only Arm() or a request resumes.
 };
 
 [[nodiscard]] const char* Name(PsmPhase phase) noexcept;
@@ -73,10 +73,10 @@ enum class PsmPhase {
 /// State commands of CRTK.
 enum class PsmRequest { kNone, kEnable, kDisable, kPause, kResume, kHome, kUnhome };
 
-/// As the console takes it: "enable", ...; empty for kNone.
+/// Returns the console's name: "enable", ...; empty for kNone.
 [[nodiscard]] const char* Name(PsmRequest request) noexcept;
 
-/// The states that CRTK has, by operating_state's words.
+/// CRTK states, named as in operating_state.
 enum class PsmConsoleState { kUnknown, kDisabled, kEnabled, kPaused, kFault };
 
 [[nodiscard]] const char* Name(PsmConsoleState state) noexcept;
@@ -108,16 +108,16 @@ struct PsmOperatingState {
   PsmConsoleState state = PsmConsoleState::kUnknown;
   bool homed = false;
   bool busy = false;
-  /// How many samples so far did not say ENABLED, homed and not busy, and what the last of these
-  /// said: one that was replaced by another before the client looked is not overlooked.
+  /// Number of samples that did not say ENABLED, homed and not busy, and the content of the last of
+  /// these. Detects a sample that was replaced before the client read it.
   std::uint32_t lapses = 0;
   PsmStatus last_lapse = PsmStatus::kOk;
 };
 
-/// kOk if the arm is ENABLED, homed and not busy; else what it is.
+/// Returns kOk if the arm is ENABLED, homed and not busy; otherwise its condition.
 [[nodiscard]] PsmStatus Readiness(const PsmOperatingState& state) noexcept;
 
-/// What has come since the last step.
+/// Input received since the last step.
 struct PsmInput {
   std::optional<PsmJointSample> measured_js;
   std::optional<PsmJointSample> setpoint_js;
@@ -126,24 +126,24 @@ struct PsmInput {
   std::optional<PsmJawSample> jaw_measured;
   std::optional<PsmJawSample> jaw_setpoint;
   std::optional<PsmOperatingState> operating_state;
-  int errors = 0;            ///< Texts on the console's topic error.
+  int errors = 0;            ///< Messages on the console's topic error.
   int state_publishers = 0;  ///< Matched on measured_js.
-  int incompatible = 0;      ///< Refused there because of their quality of service.
-  int other_publishers = 0;  ///< On the command topics, besides us.
-  int foreign_words = 0;     ///< What others said on hold, free and state_command.
-  /// Participants that were found since the last step, and publishers on the topics of the two
-  /// above: what they said before is not known.
+  int incompatible = 0;      ///< Publishers refused there because of their quality of service.
+  int other_publishers = 0;  ///< On the command topics, other than this client.
+  int foreign_words = 0;     ///< Messages of others on hold, free and state_command.
+  /// Participants discovered since the last step, and publishers on the topics of the two members
+  /// above. Their earlier messages are unknown.
   int newcomers = 0;
-  int goals_reached = 0;        ///< The console ended moves, which are never ours.
-  bool teleoperated = false;    ///< A teleoperation is enabled, or was since the last step.
-  bool clutched = false;        ///< The same of the arm's clutch.
-  bool wrong_tool = false;      ///< The console names an instrument that is not known here.
-  int tool_changes = 0;         ///< The console named another instrument than before.
+  int goals_reached = 0;      ///< Moves ended by the console; this client never starts such moves.
+  bool teleoperated = false;  ///< Teleoperation is enabled, or was since the last step.
+  bool clutched = false;      ///< Same for the arm's clutch.
+  bool wrong_tool = false;    ///< The console names an unknown instrument.
+  int tool_changes = 0;       ///< Number of changes of the instrument.
   int command_subscribers = 0;  ///< On state_command.
-  bool send_failed = false;     ///< Something to send did not fit.
+  bool send_failed = false;     ///< Output was dropped because a queue was full.
 };
 
-/// What is to be sent now.
+/// Output to send now.
 struct PsmOutput {
   /// Pose of the wrist and its twist, m/s and rad/s, in the frame of measured_cp.
   Eigen::Isometry3d servo_cp = Eigen::Isometry3d::Identity();
@@ -155,80 +155,79 @@ struct PsmOutput {
   bool hold = false;
 };
 
-/// A client of one PSM behind a da Vinci Research Kit console (CRTK), without the network: what it
-/// makes of what the console says, and what it sends. Time is what the caller says it is.
+/// A client of one PSM behind a da Vinci Research Kit console (CRTK), without the network:
+/// processes the console's messages and determines what to send. The caller provides the time.
 ///
-/// Whatever is wrong ends in kHolding: the console is told to hold, nothing more is sent, and
-/// status() keeps the first cause until Arm() is called anew. The console itself keeps the last
-/// set-point for ever, so that silence holds as well.
+/// Every error leads to kHolding: the client tells the console to hold, sends nothing more, and
+/// keeps the first cause in status() until the next Arm(). The console keeps the last set-point
+/// indefinitely, so silence also holds the arm.
 ///
-/// On a cart with setup joints or an endoscope arm measured_cp is relative to the camera. What
-/// local/measured_cp says at the same moment gives the arm's base in that frame; it is taken when
-/// the arm is armed, and may not move until it holds.
+/// On a cart with setup joints or an endoscope arm, measured_cp is relative to the camera. The
+/// simultaneous local/measured_cp then gives the arm's base in that frame. The client records it
+/// when arming, and it may not move while armed.
 ///
-/// After construction nothing here allocates, locks or throws. One object belongs to one thread at
-/// a time.
+/// Only the constructor allocates, locks or throws. One object belongs to one thread at a time.
 class PsmClient {
  public:
   /// @throws std::invalid_argument as PsmClientOptions::Check().
   explicit PsmClient(const PsmClientOptions& options);
 
-  /// Takes what has come, decides, and says what to send. To be called at 200 Hz or more.
-  /// @param steady_ns  a clock that never goes back.
-  /// @param wall_ns  since the epoch, as stamps are.
+  /// Processes the input, decides, and returns the output to send. Must be called at 200 Hz or
+  /// more.
+  /// @param steady_ns  a monotonic clock.
+  /// @param wall_ns  since the epoch, as in stamps.
   PsmOutput Step(const PsmInput& input, std::int64_t steady_ns, std::int64_t wall_ns) noexcept;
 
-  /// Asks for a state command with the next steps. An armed client holds first. Ends in kIdle, or
-  /// in kHolding with kTimedOut, kConsoleFault, or what came between while the arm powered up or
-  /// homed: then the console is told to disable, too. kPause, kDisable and kUnhome need no effect
-  /// to wait for. In FAULT a console only takes kDisable and kUnhome: others are refused with
+  /// Requests a state command in the next steps. An armed client holds first. Ends in kIdle, or in
+  /// kHolding with kTimedOut, kConsoleFault, or an error that occurred during power-up or homing;
+  /// the console is then also told to disable. kPause, kDisable and kUnhome do not wait for an
+  /// effect. In FAULT a console accepts only kDisable and kUnhome; others are refused with
   /// kConsoleFault.
   PsmStatus Request(PsmRequest request) noexcept;
 
-  /// Starts sending set-points, the console's own at first, if the last step found no reason
-  /// against; else says the reason and changes nothing. After a fault this is the only way back.
+  /// Starts sending set-points, beginning with the console's own, if the last step found no error.
+  /// Otherwise returns the reason without any change. The only way to resume after a fault.
   PsmStatus Arm() noexcept;
-  /// What Arm() would return, without doing it.
+  /// Returns the result of a call of Arm() without calling it.
   [[nodiscard]] PsmStatus Armable() const noexcept;
-  /// See PsmMotion::Start(). Replaces a move under way, from the present set-point.
+  /// See PsmMotion::Start(). Replaces a move in progress, from the present set-point.
   PsmStatus MoveTo(const kinematics::PsmJoints& goal, double duration_s) noexcept;
   PsmStatus MoveTo(const Eigen::Isometry3d& goal, double duration_s) noexcept;
   /// Turns the jaw to `angle`, rad, at constant speed.
   PsmStatus MoveJaw(double angle, double duration_s) noexcept;
-  /// Stops with the next step, with status kHeld unless it holds already. Always works: a console
-  /// that was asked to enable or home is told to hold and to disable, for `hold` alone does not end
-  /// either.
+  /// Stops at the next step, with status kHeld unless it already holds. Always succeeds. A console
+  /// that is enabling or homing is told to hold and to disable, because `hold` alone ends neither.
   void Hold() noexcept { hold_wanted_ = true; }
 
   [[nodiscard]] PsmPhase phase() const noexcept { return phase_; }
-  /// In kHolding: why. Otherwise: what now keeps the arm from being armed.
+  /// In kHolding: the cause. Otherwise: the reason that prevents arming.
   [[nodiscard]] PsmStatus status() const noexcept;
-  /// What the last step found, also while holding.
+  /// Returns the result of the last step, also while holding.
   [[nodiscard]] PsmStatus hold_reason() const noexcept { return hold_reason_; }
-  /// The console has been asked to power up or to home, and has not done so yet.
+  /// True while the console has been asked to power up or home and has not finished.
   [[nodiscard]] bool homing() const noexcept;
-  /// The state command under way.
+  /// Returns the state command in progress.
   [[nodiscard]] PsmRequest request() const noexcept { return request_; }
-  /// A move, the jaw's included, is under way.
+  /// True while a move, including the jaw's, is in progress.
   [[nodiscard]] bool moving() const noexcept { return motion_.moving() || jaw_moving_; }
-  /// No move is under way, and the arm has come to rest at its set-point by what it measures.
+  /// True if no move is in progress and the measured arm rests at its set-point.
   [[nodiscard]] bool at_rest() const noexcept { return at_rest_; }
 
   [[nodiscard]] const kinematics::PsmJoints& setpoint() const noexcept {
     return motion_.setpoint();
   }
   [[nodiscard]] const PsmMotion& motion() const noexcept { return motion_; }
-  /// The newest samples, as they came: see status() before relying on them.
+  /// Return the newest samples, unchecked: see status() before relying on them.
   [[nodiscard]] const PsmJointSample& measured_js() const noexcept { return js_; }
   [[nodiscard]] const PsmJointSample& setpoint_js() const noexcept { return setpoint_js_; }
   [[nodiscard]] const PsmPoseSample& measured_cp() const noexcept { return cp_; }
-  /// The arm's base in the frame of measured_cp and servo_cp, of the newest samples.
+  /// Returns the arm's base in the frame of measured_cp and servo_cp, from the newest samples.
   [[nodiscard]] const Eigen::Isometry3d& base_frame() const noexcept { return base_now_; }
   [[nodiscard]] const PsmJawSample& jaw() const noexcept { return jaw_measured_; }
   [[nodiscard]] const PsmOperatingState& operating_state() const noexcept { return operating_; }
-  /// Samples of measured_js so far.
+  /// Returns the number of samples of measured_js.
   [[nodiscard]] std::uint64_t num_samples() const noexcept { return num_samples_; }
-  /// By how much the newest stamp of measured_js lags behind the clock, s; NaN before the first.
+  /// Returns the age of the newest stamp of measured_js, s; NaN before the first.
   [[nodiscard]] double age_s() const noexcept { return age_s_; }
   [[nodiscard]] const PsmClientOptions& options() const noexcept { return options_; }
 
@@ -251,7 +250,7 @@ class PsmClient {
   PsmMotion motion_;
   PsmRest rest_;
   PsmRecentSetpoints recent_;
-  PsmRecentSetpoints recent_jaw_;  // in the first place
+  PsmRecentSetpoints recent_jaw_;  // in the first entry
   dds::Watchdog js_watchdog_;
   dds::Watchdog cp_watchdog_;
   dds::Watchdog local_watchdog_;
@@ -261,7 +260,7 @@ class PsmClient {
   PsmPoseSample cp_;
   PsmPoseSample local_cp_;
   Eigen::Isometry3d base_now_ = Eigen::Isometry3d::Identity();
-  Eigen::Isometry3d base_ = Eigen::Isometry3d::Identity();  // when armed
+  Eigen::Isometry3d base_ = Eigen::Isometry3d::Identity();  // at the time of arming
   PsmJawSample jaw_measured_;
   PsmJawSample jaw_setpoint_;
   PsmOperatingState operating_;
@@ -274,7 +273,7 @@ class PsmClient {
 
   std::int64_t now_ns_ = 0;
   std::int64_t wall_ns_ = 0;
-  std::int64_t restless_ns_ = 0;  // since then the arm has not been at rest
+  std::int64_t restless_ns_ = 0;  // last time when the arm was at rest or in a move
   std::int64_t newcomer_ns_ = 0;
   std::int64_t request_start_ns_ = 0;
   std::int64_t request_sent_ns_ = 0;
@@ -304,7 +303,7 @@ class PsmClient {
   bool hold_first_ = false;
   bool request_sent_ = false;
   bool jaw_ours_ = false;
-  bool jaw_known_ = false;  // where it was when armed
+  bool jaw_known_ = false;  // jaw position at the time of arming is known
   bool jaw_moving_ = false;
 };
 

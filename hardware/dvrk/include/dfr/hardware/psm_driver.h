@@ -13,11 +13,11 @@
 
 namespace dfr::hardware {
 
-/// Something that the console said on its topics error, warning and status, in its own words.
+/// A message from the console's topics error, warning and status.
 struct ConsoleWord {
   enum class Severity { kError, kWarning, kStatus };
   Severity severity = Severity::kStatus;
-  /// Ends with a zero; what is longer is cut off. Control characters are question marks.
+  /// Zero-terminated; longer text is truncated. Control characters become question marks.
   std::array<char, 256> text{};
 
   [[nodiscard]] std::string_view view() const noexcept { return text.data(); }
@@ -27,35 +27,37 @@ struct ConsoleWord {
 
 /// Options for PsmDriver.
 struct PsmDriverOptions {
-  std::string arm = "PSM1";  ///< First part of the topics' names.
+  std::string arm = "PSM1";  ///< First part of the topic names.
   /// Topics (std_msgs/Bool) that are true while the arm may be teleoperated. Empty:
   /// /console/teleop/enabled, and /MTML_ARM/following and /MTMR_ARM/following with the arm's name.
   std::vector<std::string> teleoperation = {};
-  /// Set-points are sent on servo_cs, with their twist, while the console listens to it (dVRK 2.4),
-  /// else on servo_cp.
+  /// Sends set-points on servo_cs, with their twist, while the console subscribes to it (dVRK 2.4),
+  /// otherwise on servo_cp.
   bool servo_cs = false;
   PsmClientOptions client = {};
 };
 
 /// A patient-side manipulator behind a da Vinci Research Kit console (CRTK over ROS 2, or
-/// dvrk_simulator): a PsmClient with its ends of the topics
-///   takes      measured_js setpoint_js measured_cp local/measured_cp jaw/measured_js
-///              jaw/setpoint_js operating_state error warning status tool_type arm_clutch
-///              manip_clutch
-///   publishes  servo_cp or servo_cs, jaw/servo_jp hold state_command
-/// and it looks who else publishes on any servo_, move_ or interpolate_ topic of the arm, jaw and
-/// body included, what others say on hold, free and state_command, who joins the network, whether
-/// the console ends a move (goal_reached), which is never ours, and whether a teleoperation is
-/// enabled. The console may hear a newcomer before this driver does: that it is there counts as
-/// much as a word of it.
+/// dvrk_simulator): a PsmClient connected to the topics
 ///
-/// A thread of its own talks to DDS, which allocates, locks and may wait; messages pass through
-/// mailboxes without locks. So everything marked noexcept here, Tick() above all, neither allocates
-/// nor locks nor waits. Those calls belong to one thread at a time. To be destroyed before the
-/// participant; an armed driver tells the console to hold when it is destroyed, and one that homes
-/// the arm to disable it as well.
+///   subscribes  measured_js setpoint_js measured_cp local/measured_cp jaw/measured_js
+///               jaw/setpoint_js operating_state error warning status tool_type arm_clutch
+///               manip_clutch
+///   publishes   servo_cp or servo_cs, jaw/servo_jp hold state_command
 ///
-/// A new driver only listens. Usual order: Home(), Arm(), MoveTo(), ..., with Tick() all along.
+/// It also monitors other publishers on all servo_, move_ and interpolate_ topics of the arm, jaw
+/// and body; messages of others on hold, free and state_command; new participants; moves ended by
+/// the console (goal_reached), which are never ours; and enabled teleoperations. The console may
+/// receive a newcomer's messages before this driver does, so the presence of a newcomer counts as a
+/// message.
+///
+/// A separate thread handles DDS, which allocates, locks and may wait. Lock-free mailboxes pass
+/// messages. All members marked noexcept, in particular Tick(), therefore neither allocate, lock
+/// nor wait. These calls belong to one thread at a time. The driver must be destroyed before the
+/// participant. On destruction an armed driver tells the console to hold, and a homing driver also
+/// tells it to disable.
+///
+/// A new driver only listens. Usual order: Home(), Arm(), MoveTo(), ..., with Tick() throughout.
 class PsmDriver {
  public:
   /// @throws std::invalid_argument naming the option that is out of range; std::runtime_error if
@@ -65,12 +67,12 @@ class PsmDriver {
   PsmDriver(const PsmDriver&) = delete;
   PsmDriver& operator=(const PsmDriver&) = delete;
 
-  /// One step, at 200 Hz or more: takes what has come, checks it, and sends the next set-point or
+  /// Runs one step, at 200 Hz or more: processes and checks input, and sends the next set-point or
   /// hold. Returns status().
-  /// @param steady_ns  a clock that never goes back.
-  /// @param wall_ns  since the epoch, as stamps are.
+  /// @param steady_ns  a monotonic clock.
+  /// @param wall_ns  since the epoch, as in stamps.
   PsmStatus Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept;
-  /// By this machine's clocks.
+  /// Same as above, by this machine's clocks.
   PsmStatus Tick() noexcept;
 
   /// See PsmClient for these.
@@ -96,35 +98,38 @@ class PsmDriver {
   [[nodiscard]] bool at_rest() const noexcept { return client_.at_rest(); }
   [[nodiscard]] const std::string& arm() const noexcept { return arm_; }
 
-  /// The oldest of the console's words that has not been taken. False if there is none. Of each
-  /// severity five come in a second of Tick()'s clock, and a warning says how many more there were.
-  /// Up to 64 wait; what comes then is lost.
+  /// Takes the oldest unread console message. Returns false if there is none. At most five per
+  /// severity are passed in a second of Tick()'s clock; a warning states the number suppressed. The
+  /// queue holds 64; further messages are lost.
   bool TakeWord(ConsoleWord& word) noexcept;
-  /// The last error that the console reported, empty if none.
+  /// Returns the last error reported by the console; empty if none.
   [[nodiscard]] std::string_view last_error() const noexcept { return last_error_.view(); }
-  /// Who published, spoke or joined last, in words, with address and topic: where the arm holds
-  /// because of it, the first that it holds because of. Empty if nobody did.
+  /// Describes the last participant that published, sent a request or joined, with address and
+  /// topic. While the arm holds because of others, describes the first one that caused it. Empty if
+  /// there was none.
   [[nodiscard]] std::string_view who() const noexcept { return who_.data(); }
-  /// Whether that is why it holds.
+  /// True if who() is the cause of the hold.
   [[nodiscard]] bool held_by_others() const noexcept;
-  /// Who else can tell the arm to hold, to be free or to change its state. Allocates.
+  /// Returns the participants that can tell the arm to hold, be free or change its state.
+  /// Allocates.
   [[nodiscard]] std::vector<dds::Newcomer> Requesters() const;
-  /// status() in a sentence, with the console's last error or with who() where that is the reason,
-  /// and the remedy. Allocates.
+  /// Describes status() in a sentence, with the console's last error or who() if applicable, and
+  /// the remedy. Allocates.
   [[nodiscard]] std::string Explain() const;
 
-  /// Publishers on the arm's command topics besides this driver, and on its measured_js, as of the
-  /// last Tick().
+  /// Returns the numbers of other publishers on the arm's command topics, and of publishers of its
+  /// measured_js, as of the last Tick().
   [[nodiscard]] int other_publishers() const noexcept { return other_publishers_; }
   [[nodiscard]] int state_publishers() const noexcept { return state_publishers_; }
-  /// Who listens to servo_cp, and who to state_command.
+  /// Return the numbers of subscribers to servo_cp and to state_command.
   [[nodiscard]] int servo_subscribers() const noexcept { return servo_subscribers_; }
   [[nodiscard]] int request_subscribers() const noexcept { return request_subscribers_; }
 
-  /// Set-points sent so far, the jaw's included. After Flush() all that were handed over count.
+  /// Returns the number of set-points sent, including the jaw's. After Flush() it includes all that
+  /// were queued.
   [[nodiscard]] std::uint64_t setpoints_sent() const noexcept;
-  /// Waits until all that was handed over has been sent, and all that had arrived before the call
-  /// is there for the next Tick(). For lock-step; blocks, so not for a control loop.
+  /// Waits until all queued output is sent, and all input that arrived before the call is available
+  /// to the next Tick(). For lock-step; blocks, so not for a control loop.
   void Flush();
 
  private:
@@ -140,21 +145,21 @@ class PsmDriver {
   std::unique_ptr<Link> link_;
 };
 
-/// What BringUp() ticks by.
+/// Clocks used by BringUp().
 struct BringUpClock {
-  std::function<std::int64_t()> steady_ns;  ///< Never goes back.
-  std::function<std::int64_t()> wall_ns;    ///< Since the epoch, as stamps are.
-  std::function<void()> wait;               ///< Returns when the next tick is due.
+  std::function<std::int64_t()> steady_ns;  ///< Monotonic.
+  std::function<std::int64_t()> wall_ns;    ///< Since the epoch, as in stamps.
+  std::function<void()> wait;               ///< Waits until the next tick is due.
 
-  /// This machine's clocks, and a tick every 5 ms.
+  /// Returns this machine's clocks, with a tick every 5 ms.
   [[nodiscard]] static BringUpClock Machine();
 };
 
-/// Homes (if need be) and arms, ticking all along: for programs' starts. Returns driver.status(),
-/// kOk if armed; gives up after `timeout_s` with the reason.
-/// @param say  called with each of the console's words and with what is waited for; may be empty.
-/// @param may_move  asked before each tick: emergency stop, Ctrl-C. False ends it with kHeld and
-///   tells the console to hold, and to disable an arm that homes. May be empty.
+/// Homes the arm if necessary and arms it, ticking throughout, at the start of a program. Returns
+/// driver.status(), which is kOk if armed. Gives up after `timeout_s` with the reason.
+/// @param say  called with each console message and each reason for waiting; may be empty.
+/// @param may_move  called before each tick: emergency stop, Ctrl-C. False ends the call with kHeld
+///   and tells the console to hold, and to disable a homing arm. May be empty.
 PsmStatus BringUp(PsmDriver& driver, double timeout_s,
                   const std::function<void(std::string_view)>& say = {},
                   const std::function<bool()>& may_move = {},

@@ -10,73 +10,75 @@
 
 namespace dfr::hardware {
 
-/// What a client allows itself. Goals beyond are refused, never clipped.
+/// Limits of a client. Goals beyond them are refused, never clipped.
 struct PsmLimits {
-  /// Whose joint limits bound `lower` and `upper`. Those of a Classic lie within those of an Si.
+  /// Generation whose joint limits bound `lower` and `upper`. A Classic's limits lie within an
+  /// Si's.
   kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic;
   kinematics::PsmJoints lower = kinematics::Psm::lower_limits();
   kinematics::PsmJoints upper = kinematics::Psm::upper_limits();
-  /// Per s, > 0: rad, insertion in m. In 5 ms no more than the console's own 90 degrees/s and 0.2
-  /// m/s allow in 1 ms, so that every set-point can be reached at once.
+  /// Maximum joint speed, > 0: rad/s, insertion m/s. The motion in 5 ms is at most what the
+  /// console's limits of 90 degrees/s and 0.2 m/s allow in 1 ms, so the arm can reach every
+  /// set-point at once.
   kinematics::PsmJoints max_speed =
       (kinematics::PsmJoints() << 0.31415926535897931, 0.31415926535897931, 0.04,
        0.31415926535897931, 0.31415926535897931, 0.31415926535897931)
           .finished();
-  double max_tip_speed = 0.05;  ///< The jaw tips', m/s, > 0.
-  /// Where the jaw tips may be, in the arm's base frame, m: a finite box. By default what is below
-  /// the cannula and within an arm's length of it.
+  double max_tip_speed = 0.05;  ///< Speed of the jaw tips, m/s, > 0.
+  /// Permitted region of the jaw tips in the arm's base frame, m: a finite box. Default: the region
+  /// below the cannula within the arm's length.
   Eigen::Vector3d workspace_min_m = Eigen::Vector3d(-0.15, -0.15, -0.25);
   Eigen::Vector3d workspace_max_m = Eigen::Vector3d(0.15, 0.15, 0.0);
-  double jaw_lower = -0.3490658503988659;     ///< rad; 420006 closes no farther.
+  double jaw_lower = -0.3490658503988659;     ///< rad; the 420006 closes no farther.
   double jaw_upper = 1.3962634015954636;      ///< rad
   double max_jaw_speed = 1.5707963267948966;  ///< rad/s, > 0.
 
-  /// The joint limits of `generation`, the rest by default.
+  /// Returns the joint limits of `generation` and the default values of the other limits.
   [[nodiscard]] static PsmLimits Of(kinematics::PsmGeneration generation);
 
-  /// @throws std::invalid_argument naming the limit that makes no sense.
+  /// @throws std::invalid_argument naming the invalid limit.
   void Check() const;
 };
 
-/// How a move's set-point runs from start to goal.
+/// Profile of a move's set-point from start to goal.
 enum class PsmProfile {
-  kSmooth,  ///< s^2 (3 - 2 s): at rest at both ends, 1.5 times the mean speed in the middle.
+  kSmooth,  ///< s^2 (3 - 2 s): at rest at both ends; peak speed 1.5 times the mean.
   kLinear,  ///< Constant speed.
 };
 
-/// The set-point of an arm: on a straight line through joint space, as the console interpolates, so
-/// that the tip's way curves a little. Needs neither a network nor a clock.
+/// Generates the set-points of an arm on a straight line in joint space, as the console
+/// interpolates. The path of the tip is slightly curved. Uses neither a network nor a clock.
 ///
-/// After construction nothing here allocates or throws. One object belongs to one thread at a time.
+/// Only the constructor allocates or throws. One object belongs to one thread at a time.
 class PsmMotion {
  public:
   /// @throws std::invalid_argument as PsmLimits::Check().
   PsmMotion(const PsmLimits& limits, PsmProfile profile);
 
-  /// At rest at `joints`, whatever the limits say.
+  /// Sets the state to rest at `joints`, regardless of the limits.
   void Rest(const kinematics::PsmJoints& joints) noexcept;
-  /// Starts a move from the present set-point. Refused, with nothing changed, unless all of the way
-  /// keeps to the limits; the way is looked at every 0.5 mm or closer, and everywhere a pose has to
-  /// lead back to its joint values, for servo_cp only says the pose.
-  /// @param duration_s  >= 0; zero only where there is nothing to do.
+  /// Starts a move from the present set-point. Refuses it, without any change, unless the whole
+  /// path satisfies the limits. Checks the path at least every 0.5 mm. Every pose on it must map
+  /// back to its joint values, because servo_cp transmits only the pose.
+  /// @param duration_s  >= 0; zero only if there is nothing to do.
   [[nodiscard]] PsmStatus Start(const kinematics::PsmJoints& goal, double duration_s) noexcept;
-  /// The same to a pose of the wrist in the base frame.
+  /// Same for a pose of the wrist in the base frame.
   [[nodiscard]] PsmStatus Start(const Eigen::Isometry3d& goal, double duration_s) noexcept;
-  /// The shortest duration that Start() takes for `goal` from here, as far as speed is concerned,
-  /// s.
+  /// Returns the shortest duration for which the move from here to `goal` satisfies the speed
+  /// limits, s.
   [[nodiscard]] double ShortestDuration(const kinematics::PsmJoints& goal) const noexcept;
-  /// Time goes on by `dt_s` >= 0.
+  /// Advances the time by `dt_s` >= 0.
   void Advance(double dt_s) noexcept;
 
   [[nodiscard]] bool moving() const noexcept { return moving_; }
   [[nodiscard]] const kinematics::PsmJoints& setpoint() const noexcept { return setpoint_; }
-  /// How fast the set-point moves there, rad/s (insertion: m/s).
+  /// Returns the velocity of the set-point, rad/s (insertion: m/s).
   [[nodiscard]] kinematics::PsmJoints velocity() const noexcept;
   [[nodiscard]] const kinematics::PsmJoints& goal() const noexcept { return goal_; }
   [[nodiscard]] const PsmLimits& limits() const noexcept { return limits_; }
 
  private:
-  // Speed at its largest over mean speed.
+  // Returns the ratio of maximum to mean speed.
   [[nodiscard]] double Peak() const noexcept;
 
   PsmLimits limits_;
@@ -89,17 +91,17 @@ class PsmMotion {
   kinematics::PsmJoints setpoint_ = kinematics::PsmJoints::Zero();
 };
 
-/// The range of the set-points of the last while, joint by joint, which those that a console
-/// reports have to be from. Never allocates or throws. One object belongs to one thread.
+/// Range of the recent set-points, joint by joint, for comparison with those reported by a console.
+/// Never allocates or throws. One object belongs to one thread.
 class PsmRecentSetpoints {
  public:
-  /// @param window_s  how long one is remembered at least, > 0.
+  /// @param window_s  minimum time for which a set-point is kept, > 0.
   explicit PsmRecentSetpoints(double window_s) : window_s_(window_s) {}
 
-  /// Only this one is known.
+  /// Discards all set-points except this one.
   void Start(const kinematics::PsmJoints& setpoint, double time_s) noexcept;
   void Add(const kinematics::PsmJoints& setpoint, double time_s) noexcept;
-  /// Whether every joint is within `tolerance` of that joint's range.
+  /// Returns true if every joint is within `tolerance` of that joint's range.
   [[nodiscard]] bool Contain(const kinematics::PsmJoints& setpoint,
                              const kinematics::PsmJoints& tolerance) const noexcept;
 
@@ -109,38 +111,38 @@ class PsmRecentSetpoints {
     kinematics::PsmJoints lower = kinematics::PsmJoints::Zero();
     kinematics::PsmJoints upper = kinematics::PsmJoints::Zero();
   };
-  static constexpr std::size_t kParts = 9;  // the oldest is complete until the window has passed it
+  static constexpr std::size_t kParts = 9;  // the oldest is complete until older than the window
 
   double window_s_;
   std::array<Part, kParts> parts_;
   std::size_t newest_ = 0;
 };
 
-/// When an arm counts as at rest.
+/// Criteria for an arm at rest.
 struct PsmRestOptions {
-  /// How far from the set-point each joint may be, rad (insertion: m), > 0.
+  /// Maximum distance of each joint from the set-point, rad (insertion: m), > 0.
   kinematics::PsmJoints max_distance =
       (kinematics::PsmJoints() << 0.01, 0.01, 0.001, 0.02, 0.02, 0.02).finished();
-  /// How fast each joint may be, rad/s (insertion: m/s), > 0.
+  /// Maximum speed of each joint, rad/s (insertion: m/s), > 0.
   kinematics::PsmJoints max_speed =
       (kinematics::PsmJoints() << 0.02, 0.02, 0.002, 0.05, 0.05, 0.05).finished();
-  double settle_s = 0.1;  ///< For how long all samples have to say so, >= 0.
+  double settle_s = 0.1;  ///< Time for which all samples must meet the criteria, >= 0.
 
   /// @throws std::invalid_argument naming the option that is out of range.
   void Check() const;
 };
 
-/// Whether an arm is at rest at its set-point, by its measurements. Never allocates or throws after
-/// construction. One object belongs to one thread at a time.
+/// Detects from measurements when an arm rests at its set-point. Only the constructor allocates or
+/// throws. One object belongs to one thread at a time.
 class PsmRest {
  public:
   /// @throws std::invalid_argument as PsmRestOptions::Check().
   explicit PsmRest(const PsmRestOptions& options);
 
-  /// A sample that has arrived at `time_s`.
+  /// Adds a sample that arrived at `time_s`.
   void Sample(const kinematics::PsmJoints& measured, const kinematics::PsmJoints& velocity,
               const kinematics::PsmJoints& setpoint, double time_s) noexcept;
-  /// The arm is on its way: what was seen before does not count.
+  /// Discards earlier samples because the arm starts to move.
   void Forget() noexcept { calm_ = false; }
   [[nodiscard]] bool At(double time_s) const noexcept;
 

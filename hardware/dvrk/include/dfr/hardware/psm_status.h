@@ -2,60 +2,60 @@
 
 namespace dfr::hardware {
 
-/// What stands between a client and a PSM's motion, and why a command was refused.
+/// Reasons that prevent a PSM's motion or cause a command to be refused.
 enum class PsmStatus {
   kOk,
-  // The console as a whole.
-  kNoConsole,         ///< Nobody publishes the arm's state, and nobody has.
-  kConsoleGone,       ///< Its publishers have left.
-  kIncompatible,      ///< Publishers are there, but their quality of service does not match.
-  kNoOperatingState,  ///< Measurements come, the operating state has not.
+  // State of the console.
+  kNoConsole,         ///< There is and was no publisher of the arm's state.
+  kConsoleGone,       ///< The console's publishers have left.
+  kIncompatible,      ///< Publishers exist, but their quality of service does not match.
+  kNoOperatingState,  ///< Measurements arrive, but no operating state.
   kConsoleFault,      ///< FAULT.
-  kConsoleError,      ///< It reported an error while the arm was ours.
+  kConsoleError,      ///< The console reported an error while this client controlled the arm.
   kDisabled,          ///< DISABLED.
   kPaused,            ///< PAUSED.
-  kUnknownState,      ///< An operating state that CRTK does not have.
+  kUnknownState,      ///< An operating state not defined by CRTK.
   kNotHomed,          ///< ENABLED, but is_homed is false.
-  kBusy,              ///< is_busy: homing, or another client's move, is under way.
-  // What it measures.
+  kBusy,              ///< is_busy: homing, or a move of another client.
+  // Measurements.
   kStateSilent,     ///< Nothing has arrived for too long.
-  kStateInvalid,    ///< Stamped zero, a console's mark for invalid data.
+  kStateInvalid,    ///< Stamped zero, as consoles stamp invalid data.
   kStateOld,        ///< Stamped too long ago: delayed, or the console is frozen.
-  kStateAhead,      ///< Stamped in the future: a clock has jumped, or the clocks differ.
+  kStateAhead,      ///< Stamped in the future: a clock jumped, or the clocks differ.
   kStateMalformed,  ///< Not six joints.
-  kStateNotFinite,  ///< NaN or infinite, or a quaternion of another length than 1.
-  kStateJumped,     ///< Farther from one sample to the next than the arm can move.
-  kFrameMismatch,   ///< local/measured_cp is not where measured_js puts the wrist.
-  kBaseMoved,       ///< The frame of measured_cp moves: the camera, or a setup joint.
-  // Who commands, and whether it helps.
-  kOtherPublisher,   ///< Someone else publishes on the arm's command topics.
-  kSecondConsole,    ///< More than one publishes the arm's state.
-  kForeignWord,      ///< Someone else told the arm to hold, to be free or to change its state.
-  kNewcomer,         ///< Someone joined the network, or began to publish what commands the arm.
-  kForeignSetpoint,  ///< The console's set-point is none of those that were sent to it.
-  kTeleoperated,     ///< A teleoperation inside the console is enabled.
+  kStateNotFinite,  ///< NaN or infinite, or a quaternion that is not of unit length.
+  kStateJumped,     ///< The change between two samples exceeds the arm's speed.
+  kFrameMismatch,   ///< local/measured_cp differs from the wrist pose computed from measured_js.
+  kBaseMoved,       ///< The frame of measured_cp moves because of the camera or a setup joint.
+  // Commands and their effect.
+  kOtherPublisher,   ///< Another program publishes on the arm's command topics.
+  kSecondConsole,    ///< Several publishers of the arm's state.
+  kForeignWord,      ///< Another program told the arm to hold, be free or change its state.
+  kNewcomer,         ///< A participant joined, or began to publish on a command topic.
+  kForeignSetpoint,  ///< The console's set-point does not match those sent to it.
+  kTeleoperated,     ///< Teleoperation is enabled in the console.
   kClutched,         ///< The operator holds the arm's clutch.
-  kWrongTool,        ///< Another instrument than those whose kinematics are known.
+  kWrongTool,        ///< An instrument whose kinematics are unknown.
   kToolChanged,      ///< The instrument was changed.
-  kNotFollowing,     ///< The arm is too far from its set-point.
-  kNotReached,       ///< The move has ended, but the arm has not come to rest at its goal.
-  kTickLate,         ///< The caller's loop stood still for too long.
-  kSendFailed,       ///< Commands cannot be sent as fast as they are made.
+  kNotFollowing,     ///< The distance to the set-point is too large.
+  kNotReached,       ///< The move ended, but the arm did not come to rest at its goal.
+  kTickLate,         ///< The caller's loop was late.
+  kSendFailed,       ///< Commands cannot be sent fast enough.
   kTimedOut,         ///< A state command had no effect in time.
   kHeld,             ///< Hold() was called.
-  // Why a command was refused; nothing was sent.
-  kNotArmed,          ///< Arm() comes first.
+  // Reasons for a refused command; nothing was sent.
+  kNotArmed,          ///< Requires Arm() first.
   kInvalidGoal,       ///< A non-finite entry, or a negative duration.
-  kBeyondLimits,      ///< A joint would leave its limits.
-  kUnreachable,       ///< No joint values for the pose, or the pose does not tell which.
-  kOutsideWorkspace,  ///< The jaw tips would leave the workspace, on the way or at the end.
+  kBeyondLimits,      ///< A joint would exceed its limits.
+  kUnreachable,       ///< No joint values for the pose, or ambiguous ones.
+  kOutsideWorkspace,  ///< The jaw tips would leave the workspace, at the goal or on the way.
   kTooFast,           ///< The duration is too short for the speed limits.
 };
 
-/// In plain words, lower case, without a full stop.
+/// Returns a short description in lower case, without a full stop.
 [[nodiscard]] const char* Name(PsmStatus status) noexcept;
 
-/// What the user can do about it; empty for kOk.
+/// Returns the remedy for the user; empty for kOk.
 [[nodiscard]] const char* Remedy(PsmStatus status) noexcept;
 
 }  // namespace dfr::hardware

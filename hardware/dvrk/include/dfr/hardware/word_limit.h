@@ -5,17 +5,17 @@
 
 namespace dfr::hardware {
 
-/// Lets through a few texts of others a second, and counts the rest. Time is what the caller says
-/// it is. Never allocates.
+/// Passes a few external messages per second and counts the rest. The caller provides the time.
+/// Never allocates.
 class WordLimit {
  public:
   /// @param per_second  > 0.
   explicit WordLimit(int per_second = 5) noexcept : per_second_(per_second) {}
 
-  /// Whether one more may be shown now.
+  /// Returns true if another message may be shown now.
   bool Passes(std::int64_t steady_ns) noexcept;
-  /// How many were left out since the last call that said so; 0 until a second has passed since
-  /// then, and where there were none.
+  /// Returns the number of messages suppressed since the last nonzero result; 0 if there were none,
+  /// or until a second has passed since then.
   std::uint64_t TakeLeftOut(std::int64_t steady_ns) noexcept;
 
  private:
@@ -27,7 +27,7 @@ class WordLimit {
   std::uint64_t left_out_ = 0;
 };
 
-/// Text of others as it may be shown at a terminal: control characters are question marks.
+/// Makes external text safe for a terminal: replaces control characters with question marks.
 void MakePrintable(char* text) noexcept;
 [[nodiscard]] std::string Printable(std::string text);
 

@@ -13,63 +13,64 @@ namespace dfr::hardware {
 /// Options for SprkDriver.
 struct SprkOptions {
   std::string device = "/dev/ttyACM0";
-  /// Seconds on a clock that never goes back; empty: std::chrono::steady_clock. Must not throw.
+  /// Monotonic clock, s; empty: std::chrono::steady_clock. Must not throw.
   std::function<double()> clock_s;
-  /// Returns so many seconds later by that clock; empty: this thread sleeps. Must not throw.
+  /// Waits the given number of seconds by that clock; empty: sleeps. Must not throw.
   std::function<void(double)> wait_s = {};
 };
 
-/// What is known of the platform's pose at a moment.
+/// Estimate of the platform's pose at one moment.
 struct SprkEstimate {
-  kinematics::PlatformPose pose;  ///< During a wave: the middle of what it sweeps.
-  /// By how much each entry may be off that, as commanded; zero unless a wave is under way. The lag
-  /// makes it smaller in truth.
+  kinematics::PlatformPose pose;  ///< During a wave: the centre of its sweep.
+  /// Maximum deviation of each entry from `pose`, as commanded. Zero unless a wave is running. The
+  /// lag reduces the true deviation.
   kinematics::PlatformPose sweep;
-  bool known = false;  ///< False until homed, and once the device has failed.
+  bool known = false;  ///< False until homed, and after a device failure.
 };
 
-/// The SPRK Stewart platform at a serial port (57600 8N1, no flow control).
+/// The SPRK Stewart platform on a serial port (57600 8N1, no flow control).
 ///
-/// The firmware neither answers nor measures, does not wait for the rest of a frame and has no
-/// timeout: it holds the last command for ever. So a frame goes out in one write, everything is
-/// checked before, and the state is the commanded one through the published lag.
+/// The firmware neither acknowledges nor measures, does not wait for the rest of a frame, and has
+/// no timeout: it holds the last command indefinitely. The driver therefore checks every command
+/// first, sends each frame in one write, and estimates the state from the commands and the
+/// published lag.
 ///
-/// Opening moves nothing; Home() comes first. Commands never block for longer than a write into the
-/// kernel's buffer (Hold() and Home() up to kSprkFramePeriod more), and never allocate or throw.
-/// The driver claims the port: a second one cannot open it. One object belongs to one thread at a
+/// Opening moves nothing; call Home() first. Commands block at most for one write into the kernel's
+/// buffer (Hold() and Home() up to kSprkFramePeriod longer), and never allocate or throw. The
+/// driver locks the port: a second driver cannot open it. One object belongs to one thread at a
 /// time.
 class SprkDriver {
  public:
-  static constexpr double kHomeTime = 1.5;  ///< s until it is at home: seven time constants.
+  static constexpr double kHomeTime = 1.5;  ///< Duration of homing, s: seven time constants.
 
-  /// @throws core::Error naming the device, what failed and the remedy.
+  /// @throws core::Error naming the device, the failure and the remedy.
   explicit SprkDriver(const SprkOptions& options);
-  /// Closes the port and leaves the platform as it is: call Hold() or Home() before.
+  /// Closes the port without moving the platform; call Hold() or Home() first.
   ~SprkDriver();
   SprkDriver(const SprkDriver&) = delete;
   SprkDriver& operator=(const SprkDriver&) = delete;
 
-  /// Sends the platform home. The estimate then counts from home at once if nothing was known
-  /// before, so wait a second after the first Home() before relying on it.
+  /// Sends the platform home. If the pose was unknown, the estimate is home at once; wait a
+  /// second after the first Home() before relying on it.
   [[nodiscard]] SprkStatus Home() noexcept;
-  /// Commands the pose nearest to `pose` that the protocol can say: see EncodeSprkPosition().
+  /// Commands the representable pose nearest to `pose`; see EncodeSprkPosition().
   [[nodiscard]] SprkStatus MoveTo(const kinematics::PlatformPose& pose) noexcept;
   /// Starts a wave: see EncodeSprkWave().
   [[nodiscard]] SprkStatus Start(SprkWaveKind kind, const SprkWave& wave) noexcept;
-  /// Stops where the platform is now by the estimate, to the protocol's steps; a wave stops in its
-  /// middle. A pose that the steps put out of reach is drawn towards home.
+  /// Stops the platform at its present estimated pose, rounded to the protocol's steps. A wave
+  /// stops at its centre. A pose made unreachable by rounding is scaled towards home.
   [[nodiscard]] SprkStatus Hold() noexcept;
 
-  /// Whether the port is still there, without a word to the platform: kOk or kDeviceFailed, which
-  /// is final. Never waits.
+  /// Checks the port without sending anything: returns kOk, or kDeviceFailed, which is permanent.
+  /// Never waits.
   [[nodiscard]] SprkStatus Check() noexcept;
 
   [[nodiscard]] SprkEstimate Estimate() const noexcept;
-  /// The last command, as sent.
+  /// Returns the last command, as sent.
   [[nodiscard]] const kinematics::PlatformPose& commanded() const noexcept {
     return lag_.commanded();
   }
-  /// errno of the write that failed, EIO of a port that is gone; 0: neither.
+  /// Returns errno of the failed write, EIO if the port is gone, or 0.
   [[nodiscard]] int error() const noexcept { return error_; }
 
  private:

@@ -4,16 +4,16 @@
 
 namespace dfr::hardware {
 
-/// Where the platform is by its published dynamics: every entry of its pose follows the commanded
-/// one with a first-order lag of SprkPlatform::kTimeConstant,
+/// Estimates the platform's pose from its published dynamics: each entry follows the commanded one
+/// with a first-order lag of SprkPlatform::kTimeConstant,
 ///   x(t) = c + (x(t_c) - c) exp(-(t - t_c) / tau),  c commanded at t_c.
-/// The platform has no sensor; published errors of its position are 1.22, 1.07 and 0.20 mm RMS in
-/// x, y and z. Nothing here allocates or throws.
+/// The platform has no sensor. Its published position errors are 1.22, 1.07 and 0.20 mm RMS in x, y
+/// and z. Nothing here allocates or throws.
 class SprkLag {
  public:
-  /// At rest at `pose`.
+  /// Sets the state to rest at `pose`.
   void Rest(const kinematics::PlatformPose& pose, double time_s) noexcept;
-  /// Commanded to `pose` at `time_s`, not before the last command.
+  /// Sets the command to `pose` at `time_s`, not before the last command.
   void Command(const kinematics::PlatformPose& pose, double time_s) noexcept;
   /// @pre time_s not before the last command.
   [[nodiscard]] kinematics::PlatformPose At(double time_s) const noexcept;

@@ -12,12 +12,13 @@
 
 namespace dfr::core {
 
-/// Writes one of this project's own files (a policy, a support, a checkpoint): a header with the
-/// kind of file and its version, tagged values in the order they are appended, and a checksum.
+/// Writes one of this project's files (a policy, a support, a checkpoint). The file holds a header
+/// with kind and version, tagged values in the order of their appending, and a checksum.
 /// Little-endian; doubles keep all bits.
 class ArchiveWriter {
  public:
-  /// `kind` names what is inside, "mlp-policy" say; `version` counts up when its values change.
+  /// `kind` names the content, for example "mlp-policy". `version` increases whenever the values
+  /// change.
   ArchiveWriter(std::string_view kind, int version);
 
   void Integer(std::int64_t value);
@@ -27,40 +28,41 @@ class ArchiveWriter {
   void Integers(std::span<const int> values);
   void MatrixBlock(const Matrix& values);
 
-  /// Writes the file as an AtomicFile: a full disk or a kill leaves the previous file as it was.
-  /// @throws std::runtime_error naming the file and what the system said.
+  /// Writes the file as an AtomicFile: a full disk or a kill leaves the previous file intact.
+  /// @throws std::runtime_error with the file and the system's message.
   void Save(const std::filesystem::path& path) const;
 
  private:
   std::string bytes_;
 };
 
-/// Reads what ArchiveWriter wrote. The whole file is checked before the first value is returned;
-/// every call throws std::runtime_error naming the file and the reason where the file is missing,
-/// truncated, damaged, of another kind or version, or holds another value than asked.
+/// Reads files of ArchiveWriter. The constructor checks the whole file before any value is
+/// returned. Every call throws std::runtime_error with the file and the reason if the file is
+/// missing, truncated, damaged, of another kind or version, or holds a value other than the
+/// requested one.
 class ArchiveReader {
  public:
-  /// @param version  the one version that the caller understands.
+  /// @param version  the only version that the caller reads.
   ArchiveReader(const std::filesystem::path& path, std::string_view kind, int version);
 
   [[nodiscard]] const std::string& file() const noexcept { return file_; }
 
   std::int64_t Integer();
-  /// Integer(), which must lie in [low, high].
+  /// Returns Integer(), which must lie in [low, high].
   int IntegerIn(int low, int high);
   double Number();
   std::string Text();
   std::vector<double> Numbers();
   std::vector<int> Integers();
   Matrix MatrixBlock();
-  /// Checks that nothing is left.
+  /// Checks that no value is left.
   void End();
 
-  /// For callers that are about to make `count` things of `bytes_each` each because the file says
-  /// so: fails where the file is too small to ask for that much. `what` names them in the message.
+  /// Call before creating `count` objects of `bytes_each` each at the file's request. Fails if the
+  /// file is too small to request that much. `what` names the objects in the message.
   void Spend(std::uint64_t count, std::uint64_t bytes_each, const char* what);
 
-  /// For callers that find a value wrong: throws the same kind of error, naming the file.
+  /// Reports an invalid value: throws the same kind of error with the file's name.
   [[noreturn]] void Fail(const std::string& reason) const;
 
  private:

@@ -6,21 +6,21 @@
 
 namespace dfr::core {
 
-/// A file that is written as a whole or not at all. The bytes go to a temporary file beside it,
-/// which Commit() renames when they are on the disk: a full disk, a kill or an exception leaves
-/// what was there before.
+/// A file that is written completely or not at all. The bytes go to a temporary file in the same
+/// folder. Commit() renames it once the bytes are on the disk. A full disk, a kill or an exception
+/// leaves the previous file intact.
 ///
-/// What is there is respected. A symbolic link stays one, and the file that it names is replaced. A
-/// device, a pipe or what a process has open (/dev/stdout) is written to. The new file has mode
-/// and, where the system permits, owner and group of the old one; a new one has what the umask
-/// leaves of 0666. A file that may not be written is not replaced. Further names of the same file
-/// (hard links) keep the old content.
+/// Existing targets: a symbolic link remains a link, and the file it points to is replaced. A
+/// device, a pipe or a file that a process has open (/dev/stdout) is written in place. The new file
+/// keeps the old file's mode and, if the system permits, its owner and group. A file that did not
+/// exist gets 0666 less the umask. A file without write permission is not replaced. Other hard
+/// links to the file keep the old content.
 ///
-/// All functions throw std::runtime_error naming the file and what the system said.
+/// All functions throw std::runtime_error with the file and the system's message.
 class AtomicFile {
  public:
   explicit AtomicFile(const std::filesystem::path& path);
-  /// Without Commit() nothing has happened.
+  /// Discards the data unless Commit() was called.
   ~AtomicFile();
   AtomicFile(const AtomicFile&) = delete;
   AtomicFile& operator=(const AtomicFile&) = delete;
@@ -32,9 +32,9 @@ class AtomicFile {
   [[noreturn]] void Fail(const char* what, int error);
   void Discard() noexcept;
 
-  std::string name_;       // what the caller calls it, in messages
-  std::string target_;     // behind symbolic links
-  std::string temporary_;  // empty where target_ is written to
+  std::string name_;       // the caller's name for the file, used in messages
+  std::string target_;     // after resolving symbolic links
+  std::string temporary_;  // empty if target_ is written in place
   int descriptor_ = -1;
 };
 

@@ -2,11 +2,11 @@
 
 namespace dfr::core {
 
-/// The version of this build, "0.1.0".
+/// Returns the version of this build, for example "0.1.0".
 [[nodiscard]] const char* BuildVersion() noexcept;
 
-/// The commit that was built, with "+changes" behind it where the tree had uncommitted ones;
-/// "unknown" for a build outside a git checkout. Results carry it.
+/// Returns the commit of this build, with the suffix "+changes" for a tree with uncommitted
+/// changes. Returns "unknown" for a build outside a git checkout. Results record it.
 [[nodiscard]] const char* BuildCommit() noexcept;
 
 }  // namespace dfr::core

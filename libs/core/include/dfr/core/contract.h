@@ -4,7 +4,7 @@
 #include <stdexcept>
 
 /// Throws std::invalid_argument with `message`, a chain of << operands, unless `condition` holds.
-/// For wrong calls at set-up; the control loop reports through PlantStatus and never throws.
+/// For calls at set-up only. The control loop reports through PlantStatus and never throws.
 #define DFR_THROW_UNLESS(condition, message)                  \
   do {                                                        \
     if (!(condition)) {                                       \

@@ -7,7 +7,7 @@
 
 namespace dfr::core {
 
-/// A failure with its remedy: what() is "problem; remedy", or the problem alone where no remedy is
+/// An error with its remedy. what() is "problem; remedy", or the problem alone if no remedy is
 /// known.
 class Error : public std::runtime_error {
  public:
@@ -15,18 +15,18 @@ class Error : public std::runtime_error {
       : std::runtime_error(remedy.empty() ? problem : problem + "; " + std::string(remedy)),
         problem_size_(problem.size()) {}
 
-  /// What went wrong, with the name of the file or device. Valid as long as this.
+  /// The problem, with the name of the file or device. Valid as long as this object.
   [[nodiscard]] std::string_view problem() const noexcept {
     return std::string_view(what()).substr(0, problem_size_);
   }
-  /// What the user can do about it; empty if that is not known.
+  /// The action that the user can take; empty if unknown.
   [[nodiscard]] std::string_view remedy() const noexcept {
     const std::string_view all = what();
     return all.size() == problem_size_ ? std::string_view() : all.substr(problem_size_ + 2);
   }
 
  private:
-  std::size_t problem_size_;  // rather than two texts, whose copies could throw
+  std::size_t problem_size_;  // instead of two strings, whose copies could throw
 };
 
 }  // namespace dfr::core

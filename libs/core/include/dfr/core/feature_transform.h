@@ -10,17 +10,18 @@ namespace dfr::core {
 
 /// Options for FeatureTransform::Whitening().
 struct WhiteningOptions {
-  /// Added to the diagonal of the correlation matrix, > 0: directions that the demonstrations never
-  /// moved in are not blown up beyond 1/sqrt(ridge).
+  /// Added to the diagonal of the correlation matrix, > 0. It limits the scaling of directions
+  /// without motion in the demonstrations to 1/sqrt(ridge).
   double ridge = 0.03;
   /// Off: each feature is only divided by its standard deviation.
   bool decorrelate = true;
-  /// How states differ: from their neighbours, so that several ways to do a task are not taken for
-  /// one wide one. Off: from the mean.
+  /// On: differences of states from their neighbours, which keeps several ways to do a task apart.
+  /// Off: differences from the mean.
   bool local = true;
 };
 
-/// Features as distances see them: z = W (f(x) - offset), f(x) the selected entries of a state.
+/// Map from a state to the coordinates in which distances are measured: z = W (f(x) - offset), with
+/// f(x) the selected entries of the state.
 ///
 /// Immutable. Concurrent calls are safe.
 class FeatureTransform {
@@ -29,14 +30,15 @@ class FeatureTransform {
   ///   per selected feature, or if an entry is not finite.
   FeatureTransform(FeatureSelection selection, Eigen::VectorXd offset, Matrix scale);
 
-  /// z = f(x).
+  /// Returns the transform z = f(x).
   static FeatureTransform Identity(FeatureSelection selection);
 
-  /// W = (Corr + ridge I)^(-1/2) diag(1/sd), of how demonstrated states differ from their
-  /// neighbours at the same time step (LocalScatter()), pooled over all t at which at least half of
-  /// the demonstrations are still under way. So z has about unit variance across demonstrations,
-  /// whatever the units, and progress of the task does not count as variance. `demonstrations` has
-  /// one matrix of whole states each, rows in order of time.
+  /// Uses W = (Corr + ridge I)^(-1/2) diag(1/sd). Corr and sd describe how demonstrated states
+  /// differ from their neighbours at the same time step (LocalScatter()), pooled over all t at
+  /// which at least half of the demonstrations are still running. z therefore has about unit
+  /// variance across demonstrations, whatever the units. Progress of the task does not count as
+  /// variance.
+  /// @param demonstrations  one matrix of whole states each, rows in order of time.
   /// @throws std::invalid_argument if there are fewer than two demonstrations, their widths do not
   ///   fit, a ridge is not positive, or no selected feature differs between them.
   static FeatureTransform Whitening(FeatureSelection selection,
@@ -49,10 +51,10 @@ class FeatureTransform {
   [[nodiscard]] const Matrix& scale() const noexcept { return scale_; }
   [[nodiscard]] const Eigen::VectorXd& offset() const noexcept { return offset_; }
 
-  /// z of one state (state_dim() entries) to `features` (num_features()). Never allocates; at most
-  /// FeatureDecision::kMaxFeatures features.
+  /// Writes z of one state (state_dim() entries) to `features` (num_features()). Never allocates.
+  /// Supports at most FeatureDecision::kMaxFeatures features.
   void Apply(std::span<const double> state, std::span<double> features) const noexcept;
-  /// z of each row.
+  /// Returns z of each row.
   [[nodiscard]] Matrix Apply(const Matrix& states) const;
 
  private:
@@ -61,8 +63,8 @@ class FeatureTransform {
   Matrix scale_;
 };
 
-/// How many states the demonstration of median length has: until then at least half of them are
-/// under way. @throws std::invalid_argument if there are none.
+/// Returns the number of states of the demonstration of median length: at least half of the
+/// demonstrations are running until then. @throws std::invalid_argument if there are none.
 [[nodiscard]] int MedianNumStates(std::span<const Matrix> demonstrations);
 
 }  // namespace dfr::core

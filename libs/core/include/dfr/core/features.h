@@ -11,8 +11,8 @@
 
 namespace dfr::core {
 
-/// Names for the parts of a state vector: "object" is entries [offset, offset + size). The same
-/// names are the `obs/<key>` datasets of a demonstration file.
+/// Names of the parts of a state vector: block "object" is entries [offset, offset + size). The
+/// same names are the `obs/<key>` datasets of a demonstration file.
 struct StateLayout {
   struct Block {
     std::string name;
@@ -22,36 +22,36 @@ struct StateLayout {
   };
   std::vector<Block> blocks;
 
-  /// Entries of a state at most.
+  /// Maximum number of entries of a state.
   static constexpr int kMaxStateDim = 1 << 20;
 
-  /// Appends a block behind the last one.
-  /// @throws std::invalid_argument if it has no entry, or the state more than kMaxStateDim.
+  /// Appends a block.
+  /// @throws std::invalid_argument if the block is empty or the state would exceed kMaxStateDim.
   void Add(std::string name, int size);
   [[nodiscard]] int state_dim() const noexcept;
   bool operator==(const StateLayout&) const = default;
 };
 
-/// The entries of a state that an estimator looks at.
+/// The entries of a state that an estimator uses.
 class FeatureSelection {
  public:
-  /// Parses "object,tip[0:2]": whole blocks or half-open index ranges within one, in this order.
-  /// @throws std::invalid_argument naming the unknown block, the range that does not fit, or what
-  /// is
-  ///   named twice, with the blocks there are.
+  /// Parses "object,tip[0:2]": whole blocks or half-open index ranges within one block, in this
+  /// order.
+  /// @throws std::invalid_argument naming the unknown block, the invalid range or the duplicate,
+  ///   and listing the valid blocks.
   FeatureSelection(const StateLayout& layout, std::string_view spec);
-  /// Every entry of a state of `state_dim` entries.
+  /// Selects every entry of a state of `state_dim` entries.
   static FeatureSelection All(int state_dim);
 
   [[nodiscard]] int state_dim() const noexcept { return state_dim_; }
   [[nodiscard]] int num_features() const noexcept { return static_cast<int>(indices_.size()); }
   [[nodiscard]] const std::vector<int>& indices() const noexcept { return indices_; }
-  /// What was parsed, empty for All().
+  /// Returns the parsed text; empty for All().
   [[nodiscard]] const std::string& spec() const noexcept { return spec_; }
 
   /// Copies the features of `state` (state_dim()) to `features` (num_features()). Never allocates.
   void Apply(std::span<const double> state, std::span<double> features) const noexcept;
-  /// The features of each row.
+  /// Returns the features of each row.
   [[nodiscard]] Matrix Apply(const Matrix& states) const;
 
  private:
@@ -61,14 +61,14 @@ class FeatureSelection {
   std::string spec_;
 };
 
-/// A decision function of selected features as one of the whole state. At most kMaxFeatures
-/// features, which are gathered on the stack. Borrows `inner`, which must outlive it.
+/// Applies a decision function of selected features to whole states. Gathers at most kMaxFeatures
+/// features on the stack. Borrows `inner`, which must outlive it.
 class FeatureDecision final : public DecisionFunction {
  public:
   static constexpr int kMaxFeatures = 256;
 
-  /// @throws std::invalid_argument if the selection's size is not inner's state_dim(), or over
-  ///   kMaxFeatures.
+  /// @throws std::invalid_argument if the selection's size differs from inner's state_dim() or
+  ///   exceeds kMaxFeatures.
   FeatureDecision(FeatureSelection selection, const DecisionFunction& inner);
 
   [[nodiscard]] int state_dim() const noexcept override { return selection_.state_dim(); }
@@ -84,5 +84,9 @@ class FeatureDecision final : public DecisionFunction {
   FeatureSelection selection_;
   const DecisionFunction* inner_;
 };
+
+/// The feature list of a command line, "obs/object,obs/tip[0:2]", as FeatureSelection takes it:
+/// without the "obs/" or "observations/" that stands before a name in a file.
+[[nodiscard]] std::string StripObservationPrefixes(std::string_view features);
 
 }  // namespace dfr::core

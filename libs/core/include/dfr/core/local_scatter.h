@@ -8,35 +8,37 @@ namespace dfr::core {
 
 /// Options for LocalScatter().
 struct LocalScatterOptions {
-  /// Each point is compared with this share of the others, the nearest ones; in (0, 1).
+  /// Fraction of the other points that count as neighbours of a point, nearest first, in (0, 1).
   double neighbours = 0.125;
-  /// Share of the points of each group that count, those whose neighbours are nearest, in (0, 1].
-  /// Points between the ways of a task, and outliers, have theirs far away.
+  /// Fraction of each group's points that count, in (0, 1]: those with the nearest neighbours.
+  /// Outliers and points between the ways of a task have distant neighbours.
   double kept = 0.5;
-  int rounds = 3;  ///< > 0; distances of a round are in units of the scatter of the one before.
-  double ridge = 0.03;  ///< For those units, relative to a correlation; > 0.
+  int rounds = 3;  ///< > 0; each round measures distances in units of the previous round's scatter.
+  double ridge = 0.03;  ///< Ridge of those units, relative to a correlation; > 0.
 };
 
-/// The covariance that points have about their neighbours: with several clusters that of one, where
-/// the sample covariance measures the distance between them. Mean of (x_i - x_j)(x_i - x_j)' / 2
-/// over points i and their nearest neighbours j in the same group, divided by the value of the same
-/// statistic for as many standard normal points, so that normal points nearly keep their covariance
-/// (neighbours are chosen in units of it; clusters of half of the points come out as up to three
-/// times as wide as they are). Each entry counts at least a twentieth of its standard
-/// deviation in all.
+/// Covariance of points about their neighbours. For data with several clusters it is the covariance
+/// within a cluster, whereas the sample covariance measures the distance between clusters.
 ///
-/// @param groups  points that are alike, one a row, e.g. those of one time step; those with fewer
-///   than 4 points are left out. Of more than 128 points of a group as many are looked at.
+/// It is the mean of (x_i - x_j)(x_i - x_j)' / 2 over points i and their nearest neighbours j in
+/// the same group, divided by the same statistic of as many standard normal points. Normal points
+/// therefore nearly keep their covariance. Neighbours are chosen in units of the result. Clusters
+/// of half of the points come out with up to three times their actual width. Each entry counts with
+/// at least a twentieth of its overall standard deviation.
+///
+/// @param groups  similar points, one a row, for example those of one time step. Groups with fewer
+///   than 4 points are ignored. At most 128 points of a group are used.
 /// @returns n x n; PooledCovariance() if no group has 4 points.
 /// @throws std::invalid_argument if there is no point, widths differ, or an option is out of range.
 [[nodiscard]] Matrix LocalScatter(std::span<const Matrix> groups,
                                   const LocalScatterOptions& options = {});
 
-/// The covariance of the points about the means of their groups, pooled over groups.
+/// Returns the covariance of the points about their group means, pooled over groups.
 /// @throws std::invalid_argument if there is no point or widths differ.
 [[nodiscard]] Matrix PooledCovariance(std::span<const Matrix> groups);
 
-/// (covariance + ridge I)^(-1/2), symmetric. @throws std::invalid_argument unless ridge > 0.
+/// Returns (covariance + ridge I)^(-1/2), symmetric.
+/// @throws std::invalid_argument unless ridge > 0.
 [[nodiscard]] Matrix InverseSquareRoot(const Matrix& covariance, double ridge);
 
 }  // namespace dfr::core

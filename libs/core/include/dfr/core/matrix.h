@@ -3,10 +3,10 @@
 #include <Eigen/Core>
 #include <span>
 
-// How Eigen aligns and frees memory depends on the vector flags of each program (-march=native):
-// what a program allocates otherwise than the libraries do, they crash on when they free it. The
-// name of this variable says how, and the libraries define that of their own: other programs do not
-// link. See docs/packages.md for the remedy.
+// Eigen's alignment and deallocation depend on the vector flags of each program (-march=native). A
+// library that frees memory allocated under other flags crashes. The name of this variable encodes
+// the alignment, and the libraries define only their variant: incompatible programs do not link.
+// See docs/packages.md for the remedy.
 #define DFR_EIGEN_ALIGNMENT_OF(bytes, malloc_aligns) \
   dfr_eigen_alignment_##bytes##_##malloc_aligns##_see_docs_packages_march
 #define DFR_EIGEN_ALIGNMENT(bytes, malloc_aligns) DFR_EIGEN_ALIGNMENT_OF(bytes, malloc_aligns)
@@ -19,10 +19,10 @@ namespace internal {
     &DFR_EIGEN_ALIGNMENT(EIGEN_MAX_ALIGN_BYTES, EIGEN_MALLOC_ALREADY_ALIGNED);
 }  // namespace internal
 
-/// Samples and trajectories: one state or control per row, rows contiguous, as NumPy lays them out.
+/// Samples and trajectories: one state or control per row, rows contiguous as in NumPy.
 using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// Row `i` of a matrix, without a copy. Valid as long as the matrix is.
+/// Returns row `i` of a matrix without a copy. Valid as long as the matrix.
 [[nodiscard]] inline std::span<const double> Row(const Matrix& m, Eigen::Index i) noexcept {
   return {m.data() + i * m.cols(), static_cast<std::size_t>(m.cols())};
 }
@@ -30,7 +30,7 @@ using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowM
   return {m.data() + i * m.cols(), static_cast<std::size_t>(m.cols())};
 }
 
-/// A vector as the span that the control loop's interfaces take, without a copy.
+/// Returns a vector as a span, the argument type of the control loop's interfaces, without a copy.
 [[nodiscard]] inline std::span<const double> AsSpan(const Eigen::VectorXd& v) noexcept {
   return {v.data(), static_cast<std::size_t>(v.size())};
 }
@@ -38,7 +38,7 @@ using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowM
   return {v.data(), static_cast<std::size_t>(v.size())};
 }
 
-/// A span as an Eigen vector, without a copy.
+/// Returns a span as an Eigen vector, without a copy.
 [[nodiscard]] inline Eigen::Map<const Eigen::VectorXd> AsVector(
     std::span<const double> v) noexcept {
   return {v.data(), static_cast<Eigen::Index>(v.size())};

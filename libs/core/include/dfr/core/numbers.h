@@ -8,14 +8,14 @@
 
 namespace dfr::core {
 
-/// The one reading of numbers that users write: on command lines, in tables, in configurations.
-/// The whole text is the number; there is no white space, no hexadecimal, no locale.
+/// Parser for all numbers that users write: on command lines, in tables, in configurations. The
+/// whole text must be the number. White space, hexadecimal and locales are not supported.
 
-/// A decimal number, "-1.5e-3" or "+7". One too small for a double is rounded to zero; one too
-/// large, NaN and infinity are refused.
+/// Parses a decimal number, "-1.5e-3" or "+7". Rounds a number too small for a double to zero.
+/// Rejects a number that is too large, NaN and infinity.
 [[nodiscard]] std::optional<double> ParseNumber(std::string_view text) noexcept;
 
-/// A decimal whole number within the range of T; a sign before an unsigned one is refused.
+/// Parses a decimal whole number within the range of T. Rejects a sign before an unsigned number.
 template <std::integral T>
 [[nodiscard]] std::optional<T> ParseInteger(std::string_view text) noexcept {
   if (text.size() > 1 && text[0] == '+' && text[1] != '-') text.remove_prefix(1);
@@ -26,8 +26,8 @@ template <std::integral T>
   return value;
 }
 
-/// Whether the text is meant as a number, well written or not: it begins with a digit, behind a
-/// sign and a point perhaps, or is NaN or an infinity. A heading of a table is none.
+/// Returns whether the text is meant as a number, valid or not. Such a text starts with a digit
+/// after an optional sign and point, or is NaN or infinity. A column heading is not one.
 [[nodiscard]] bool LooksLikeNumber(std::string_view text) noexcept;
 
 }  // namespace dfr::core

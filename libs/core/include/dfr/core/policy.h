@@ -4,7 +4,7 @@
 
 namespace dfr::core {
 
-/// A policy u = pi(x), learned or scripted. The control loop calls it: Control() must not allocate,
+/// A policy u = pi(x), learned or scripted. The control loop calls Control(): it must not allocate,
 /// lock or throw, and must be safe to call from several threads.
 class Policy {
  public:
@@ -14,8 +14,8 @@ class Policy {
   [[nodiscard]] virtual int control_dim() const noexcept = 0;
 
   /// Writes the control for state `x` (state_dim() entries) at time step `t` to `u`
-  /// (control_dim()). Policies of the paper ignore t. Where no control can be given (a non-finite
-  /// state, say), all entries of `u` are NaN, which every controller here turns into a halt.
+  /// (control_dim()). The paper's policies ignore t. If no control exists (for example, for a
+  /// non-finite state), all entries of `u` are NaN, and every controller in this library halts.
   virtual void Control(int t, std::span<const double> x, std::span<double> u) const noexcept = 0;
 };
 

@@ -6,7 +6,7 @@
 
 namespace dfr::core {
 
-/// The value with `rank` others before it in ascending order. Rearranges `values`; allocates
+/// Returns the value of rank `rank` in ascending order, from 0. Rearranges `values`; allocates
 /// nothing. @pre 0 <= rank < number of values, none of which is NaN
 template <std::ranges::random_access_range Values>
 [[nodiscard]] auto ValueOfRank(Values&& values, std::ptrdiff_t rank) noexcept {
@@ -15,15 +15,15 @@ template <std::ranges::random_access_range Values>
   return *nth;
 }
 
-/// The median; for an even number of values the upper one of the two in the middle, so that the
-/// result is one of them. Otherwise as ValueOfRank(). @pre there is a value
+/// Returns the median. For an even number of values, it is the upper of the two middle ones: the
+/// result is always one of the values. Otherwise as ValueOfRank(). @pre values are not empty
 template <std::ranges::random_access_range Values>
 [[nodiscard]] auto Median(Values&& values) noexcept {
   return ValueOfRank(values, std::ranges::ssize(values) / 2);
 }
 
-/// The q-quantile without interpolation: the value of rank floor(q (n - 1)). Otherwise as
-/// ValueOfRank(). @pre there is a value, 0 <= q <= 1
+/// Returns the q-quantile without interpolation: the value of rank floor(q (n - 1)). Otherwise as
+/// ValueOfRank(). @pre values are not empty, 0 <= q <= 1
 template <std::ranges::random_access_range Values>
 [[nodiscard]] auto Quantile(Values&& values, double q) noexcept {
   const auto last = static_cast<double>(std::ranges::ssize(values) - 1);

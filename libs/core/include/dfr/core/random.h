@@ -8,35 +8,35 @@
 
 namespace dfr::core {
 
-/// The seed of one independent stream below `seed`: DeriveSeed(seed, {trial, episode, purpose}).
-/// The same path gives the same seed on every machine; different paths give unrelated ones, so work
-/// may be spread over any number of threads in any order.
+/// Returns the seed of an independent stream: DeriveSeed(seed, {trial, episode, purpose}). The same
+/// path gives the same seed on every machine. Different paths give unrelated seeds, which allows
+/// any number of threads and any order of the work.
 [[nodiscard]] std::uint64_t DeriveSeed(std::uint64_t seed,
                                        std::initializer_list<std::uint64_t> path) noexcept;
 
-/// Random numbers by xoshiro256++ (Blackman and Vigna, 2019), seeded through SplitMix64.
+/// Random number generator xoshiro256++ (Blackman and Vigna, 2019), seeded through SplitMix64.
 ///
-/// Unlike the distributions of the standard library, the sequence is defined by this class alone
-/// and so the same with every standard library. Never allocates, never throws. One object belongs
-/// to one thread.
+/// This class alone defines the sequence: it is the same with every standard library, unlike the
+/// distributions of the standard library. Never allocates, never throws. Each object belongs to one
+/// thread.
 class Random {
  public:
   using result_type = std::uint64_t;
 
   explicit Random(std::uint64_t seed) noexcept;
 
-  /// 64 uniform bits.
+  /// Returns 64 uniform bits.
   std::uint64_t operator()() noexcept;
   static constexpr std::uint64_t min() noexcept { return 0; }
   static constexpr std::uint64_t max() noexcept { return ~std::uint64_t{0}; }
 
-  /// Uniform in [0, 1), a multiple of 2^-53.
+  /// Returns a uniform number in [0, 1), a multiple of 2^-53.
   double Uniform() noexcept;
-  /// Uniform in [low, high).
+  /// Returns a uniform number in [low, high).
   double Uniform(double low, double high) noexcept { return low + (high - low) * Uniform(); }
-  /// Normal with mean 0 and variance 1 (Marsaglia's polar method).
+  /// Returns a normal number with mean 0 and variance 1 (Marsaglia's polar method).
   double Normal() noexcept;
-  /// Uniform in {0, ..., n - 1}, without modulo bias. @pre n > 0
+  /// Returns a uniform integer in {0, ..., n - 1}, without modulo bias. @pre n > 0
   std::uint64_t Below(std::uint64_t n) noexcept;
 
   /// Fills `direction` with a uniformly distributed unit vector. @pre not empty

@@ -4,9 +4,9 @@
 
 namespace dfr::core {
 
-/// What reading a file may cost: a reader asks before it allocates or computes what the file asks
-/// for, so that a small file cannot ask for much. The cost is bounded by the size of the file:
-/// kAllowance + kPerByte bytes for each of its bytes.
+/// Limit on the cost of reading a file. A reader takes from the budget before it allocates or
+/// computes at the file's request, which prevents a small file from requesting much. The file size
+/// bounds the cost: kAllowance + kPerByte bytes for each byte of the file.
 class ReadBudget {
  public:
   static constexpr std::uint64_t kAllowance = std::uint64_t{64} << 20;
@@ -17,8 +17,8 @@ class ReadBudget {
                   ? UINT64_MAX
                   : kAllowance + kPerByte * file_bytes) {}
 
-  /// Takes `count` times `bytes_each`. False where that is more than is left; nothing is taken
-  /// then, and the file is to be refused.
+  /// Takes `count` times `bytes_each`. Returns false and takes nothing if that exceeds the rest;
+  /// the caller must then reject the file.
   [[nodiscard]] constexpr bool Take(std::uint64_t count, std::uint64_t bytes_each) noexcept {
     if (bytes_each > 0 && count > left_ / bytes_each) return false;
     left_ -= count * bytes_each;

@@ -7,22 +7,22 @@
 
 namespace dfr::core {
 
-/// A link of a minimum spanning tree: what single linkage merges.
+/// Link of a minimum spanning tree: one merge of single linkage.
 struct Link {
-  std::size_t from = 0;     ///< Row that the tree held already,
-  std::size_t to = 0;       ///< and the one that this link added.
-  double length = 0.0;      ///< Euclidean distance of the two.
-  std::size_t members = 1;  ///< Rows on the side of `to` if the link is cut.
+  std::size_t from = 0;     ///< Row that was already in the tree.
+  std::size_t to = 0;       ///< Row that this link added.
+  double length = 0.0;      ///< Euclidean distance between the two.
+  std::size_t members = 1;  ///< Number of rows on the side of `to` after cutting the link.
 };
 
-/// The minimum spanning tree of the rows of `points` by Prim's algorithm, from row 0, in the order
-/// in which rows join. O(n^2 d). A link that is long against LinkMedian() separates clusters.
+/// Returns the minimum spanning tree of the rows of `points`, by Prim's algorithm from row 0, in
+/// the order in which rows join. O(n^2 d). A link much longer than LinkMedian() separates clusters.
 [[nodiscard]] std::vector<Link> SpanningTree(const Matrix& points);
 
-/// The median of the links' lengths; 0 if there are none.
+/// Returns the median length of the links; 0 if there are none.
 [[nodiscard]] double LinkMedian(const std::vector<Link>& links);
 
-/// Links longer than this times the median separate two clusters.
+/// Links longer than this multiple of the median separate two clusters.
 inline constexpr double kClusterGap = 3.0;
 
 }  // namespace dfr::core

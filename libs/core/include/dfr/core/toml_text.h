@@ -6,13 +6,13 @@
 
 namespace dfr::core {
 
-/// To be asked before toml++ parses `text`: version 3.3 is undone by what is not as TOML has it, by
-/// broken UTF-8, by brackets that do not match, by a value that is missing. So the whole is checked
-/// here: every name, value, bracket and line. Dates, numbers that are not decimal and brackets
-/// nested more than 32 deep are refused, too.
-/// @returns what to parse in place of `text`: it means the same, line by line, in ASCII.
-/// @throws std::runtime_error naming `file`, the line and what is wrong; also if the text is longer
-///   than a mebibyte.
+/// Validates `text` before toml++ parses it. Version 3.3 of toml++ does not survive some invalid
+/// input: broken UTF-8, unmatched brackets, missing values. This function therefore checks every
+/// name, value, bracket and line. It also rejects dates, non-decimal numbers and brackets nested
+/// more than 32 deep.
+/// @returns the text to parse instead of `text`: the same meaning, line by line, in ASCII.
+/// @throws std::runtime_error with `file`, the line and the problem; also if the text exceeds 1
+///   MiB.
 [[nodiscard]] std::string CheckToml(const std::filesystem::path& file, std::string_view text);
 
 }  // namespace dfr::core

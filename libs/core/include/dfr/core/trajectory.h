@@ -6,11 +6,11 @@
 
 namespace dfr::core {
 
-/// How a rollout ended (Sec. V-A).
+/// Result of a rollout (Sec. V-A).
 enum class Outcome {
   kCompleted,  ///< Reached the goal without a collision.
-  kHalted,     ///< Neither: stopped by the controller, or out of time.
-  kCollided,   ///< Violated a constraint, probes and recovery controls included.
+  kHalted,     ///< Neither: the controller stopped it, or the time ran out.
+  kCollided,   ///< Violated a constraint; probes and recovery controls count.
 };
 
 [[nodiscard]] constexpr const char* Name(Outcome outcome) noexcept {

@@ -6,37 +6,38 @@
 
 namespace dfr::dds {
 
-/// What a participant of a secured network may publish. All may subscribe to everything.
+/// Publication rights of a participant in a secured network. Every participant may subscribe to all
+/// topics.
 enum class Permission {
-  kController,  ///< Commands, and everything else but what consoles measure.
-  kConsole,     ///< Measurements, and everything else but commands and emergency stops.
-  kButton,      ///< Emergency stops, nothing else.
+  kController,  ///< Everything, including commands, except console measurements.
+  kConsole,     ///< Everything, including measurements, except commands and emergency stops.
+  kButton,      ///< Emergency stops only.
   kMonitor,     ///< Nothing.
 };
 
 [[nodiscard]] const char* Name(Permission permission) noexcept;
-/// The reverse. @throws std::invalid_argument naming the permissions there are.
+/// Inverse of Name(). @throws std::invalid_argument listing the valid names.
 [[nodiscard]] Permission ParsePermission(std::string_view name);
 
 /// Options for MakeAuthority() and AddParticipant().
 struct CertificateOptions {
-  int days = 1095;  ///< From today until they expire, >= 1. The authority's own: ten years longer.
+  int days = 1095;  ///< Validity from today, >= 1. The authority is valid ten years longer.
 };
 
-/// Makes the authority of a lab in a new folder, laid out as a keystore of ROS 2:
+/// Creates the certificate authority of a lab in a new folder, laid out as a ROS 2 keystore:
 ///
-///   public/ca.cert.pem          the authority's certificate, for everybody
-///   private/ca.key.pem          its key: whoever has it can admit participants. Keep it off the
-///   robot. enclaves/governance.p7s     what is encrypted (everything), signed enclaves/NAME/ one
-///   folder for each participant: SecurityFiles
+///   public/ca.cert.pem          certificate of the authority, for everyone
+///   private/ca.key.pem          its key, which can admit participants; keep it off the robot
+///   enclaves/governance.p7s     signed encryption rules (everything is encrypted)
+///   enclaves/NAME/              one folder per participant, see SecurityFiles
 ///
-/// Keys are readable for their user alone.
+/// Only the user can read the keys.
 /// @throws std::invalid_argument if an option is out of range; std::runtime_error naming the file
 ///   if it exists, or cannot be written.
 void MakeAuthority(const std::filesystem::path& folder, const CertificateOptions& options = {});
 
-/// Adds a participant: its key, certificate and signed permissions. They stay valid for
-/// `options.days`, or until the authority's own certificate ends.
+/// Adds a participant: creates its key, certificate and signed permissions. They are valid for
+/// `options.days`, but not beyond the authority's certificate.
 /// @param name  letters, digits, '_', '-' and '.'.
 /// @throws as MakeAuthority(), and if the participant exists, there is no authority in `folder`, or
 ///   others can read its key.

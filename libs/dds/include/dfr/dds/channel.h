@@ -10,62 +10,62 @@
 
 namespace dfr::dds {
 
-/// What a topic is for, which decides its quality of service. All but kSensorImage are reliable.
-/// Publishers of every role match subscribers of the same role, and both match a plain ROS 2 peer,
-/// except where noted.
+/// Purpose of a topic, which determines its quality of service. All roles except kSensorImage are
+/// reliable. Publishers of a role match subscribers of the same role, and both match a plain ROS 2
+/// peer, except where noted.
 enum class Role {
-  /// Set-points in quick succession: only the newest counts. The publisher offers a deadline of
-  /// 40 ms and liveliness by writing with a lease of 100 ms. Samples that were not taken expire
-  /// 50 ms after they were sent, so clocks of two machines must agree to a few milliseconds. The
-  /// subscriber asks for nothing, as a console does.
+  /// Set-points at a high rate; only the newest counts. The publisher offers a deadline of 40 ms
+  /// and liveliness by writing with a lease of 100 ms. Samples expire 50 ms after sending, which
+  /// requires the clocks of two machines to agree within a few milliseconds. The subscriber
+  /// requests no deadline or liveliness, as on a console.
   kCommand,
-  /// The same, and the subscriber asks for deadline and liveliness: its Health() then tells within
-  /// 100 ms that the publisher has died or hangs. Refuses a plain ROS 2 publisher.
+  /// Same as kCommand, but the subscriber requests deadline and liveliness. Its health() reports a
+  /// dead or hanging publisher within 100 ms. Refuses a plain ROS 2 publisher.
   kOwnCommand,
-  /// Measured state: the publisher keeps 100 samples, the subscriber the newest.
+  /// Measured state. The publisher keeps 100 samples, the subscriber keeps the newest.
   kState,
-  /// What changes seldom and may not be missed (operating_state, error): the publisher keeps the
-  /// last
-  /// 100 for late joiners.
+  /// Rare messages that must not be lost (operating_state, error). The publisher keeps the last 100
+  /// for late joiners.
   kEvent,
-  /// What is asked for once (state_command, hold): nothing is kept, so that who joins late does not
-  /// get a `home` of long ago.
+  /// One-time requests (state_command, hold). The publisher keeps none: a late joiner must not
+  /// receive an old `home`.
   kRequest,
-  /// Images: the newest alone.
+  /// Images. Only the newest is kept.
   kImage,
-  /// Images that are not sent again when they are lost (best effort), as ROS 2's sensor data: a
-  /// subscriber of kImage refuses their publisher.
+  /// Images without retransmission (best effort), as with ROS 2's sensor data. A kImage subscriber
+  /// refuses such a publisher.
   kSensorImage,
-  /// The latched emergency stop: the last ten reach late joiners within 200 ms.
+  /// Latched emergency stop. Late joiners receive the last ten samples within 200 ms.
   kEmergencyStop,
 };
 
-/// How a subscriber stands with its publishers.
+/// State of the connection between a subscriber and its publishers.
 struct Health {
-  int publishers = 0;  ///< Matched now. More than one on a command topic is one too many.
-  int found = 0;  ///< Matched since the start; one that was forgotten and found again counts twice.
-  int alive = 0;  ///< Matched publishers that kept their liveliness.
+  int publishers = 0;  ///< Matched now. A command topic must not have more than one.
+  int found = 0;       ///< Matched since the start; one that is lost and rediscovered counts twice.
+  int alive = 0;       ///< Matched publishers whose liveliness is asserted.
   int missed_deadlines = 0;  ///< Since the start.
-  int incompatible = 0;      ///< Publishers refused because of what they offer, since the start.
+  int incompatible = 0;      ///< Publishers refused since the start for their quality of service.
 };
 
-/// Sends T = one of messages.h to a ROS 2 topic. One object belongs to one thread at a time.
+/// Sends messages of type T, one of messages.h, to a ROS 2 topic. One object belongs to one thread
+/// at a time.
 template <typename T>
 class Publisher {
  public:
-  /// @param topic  as ROS 2 calls it, "/PSM1/servo_cp".
+  /// @param topic  ROS 2 name, "/PSM1/servo_cp".
   /// @throws std::invalid_argument if the topic does not begin with a slash; std::runtime_error if
-  ///   DDS refuses to make the writer (another type under this name, no permission).
+  ///   DDS cannot create the writer (another type under this name, no permission).
   Publisher(Participant& participant, const std::string& topic, Role role);
   ~Publisher();
   Publisher(const Publisher&) = delete;
   Publisher& operator=(const Publisher&) = delete;
 
-  /// Sends. False if DDS could not take it within 100 ms.
+  /// Sends a message. Returns false if DDS could not accept it within 100 ms.
   bool Write(const T& message) noexcept;
-  /// Subscribers matched now.
+  /// Returns the number of subscribers matched now.
   [[nodiscard]] int num_subscribers() const noexcept;
-  /// What Subscriber::Take() says of its samples.
+  /// Returns the origin that Subscriber::Take() reports for its samples.
   [[nodiscard]] Origin origin() const noexcept;
 
  private:
@@ -73,8 +73,8 @@ class Publisher {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Receives T from a ROS 2 topic. Never calls back: samples wait to be taken. One object belongs to
-/// one thread at a time.
+/// Receives messages of type T from a ROS 2 topic by polling, without callbacks. One object belongs
+/// to one thread at a time.
 template <typename T>
 class Subscriber {
  public:
@@ -84,14 +84,14 @@ class Subscriber {
   Subscriber(const Subscriber&) = delete;
   Subscriber& operator=(const Subscriber&) = delete;
 
-  /// Takes the oldest sample that has not been taken. False, with `message` unchanged, if there is
-  /// none.
+  /// Takes the oldest unread sample. Returns false, with `message` unchanged, if there is none.
   bool Take(T& message) noexcept;
-  /// The same, and who sent it.
+  /// Also returns the sender.
   bool Take(T& message, Origin& from) noexcept;
-  /// Takes all samples and keeps the newest. False, with `message` unchanged, if there is none.
+  /// Takes all samples and keeps the newest. Returns false, with `message` unchanged, if there is
+  /// none.
   bool TakeNewest(T& message) noexcept;
-  /// Waits until there is a sample to take, for `timeout_s` at most. True if there is.
+  /// Waits for a sample, at most `timeout_s`. Returns true if there is one.
   bool Wait(double timeout_s) noexcept;
   [[nodiscard]] Health health() const noexcept;
 
@@ -100,19 +100,19 @@ class Subscriber {
   std::unique_ptr<Impl> impl_;
 };
 
-/// The server of a ROS 2 service, as Fast DDS' middleware for ROS 2 has them. One object belongs to
+/// Server of a ROS 2 service, compatible with ROS 2's Fast DDS middleware. One object belongs to
 /// one thread at a time.
 template <typename Query, typename Answer>
 class Service {
  public:
-  /// @param name  as ROS 2 calls it, "/PSM1/forward_kinematics".
+  /// @param name  ROS 2 name, "/PSM1/forward_kinematics".
   /// @throws as Publisher.
   Service(Participant& participant, const std::string& name);
   ~Service();
   Service(const Service&) = delete;
   Service& operator=(const Service&) = delete;
 
-  /// Answers all queries that have come. Returns how many.
+  /// Answers all pending queries. Returns their number.
   int Serve(const std::function<Answer(const Query&)>& answer);
 
  private:

@@ -17,18 +17,17 @@ class StopSender;
 /// Default topic of the emergency stop (std_msgs/Bool: true while it is pressed).
 inline constexpr const char* kEmergencyStopTopic = "/emergency_stop";
 
-/// Where line tracking's program says how its control loop stands (crtk_msgs/OperatingState, the
-/// states of runtime::RunState), so that whoever is at the emergency stop sees it.
+/// Topic on which the line tracking program reports the state of its control loop
+/// (crtk_msgs/OperatingState, the states of runtime::RunState), for display at the emergency stop.
 inline constexpr const char* kRunStateTopic = "/line_tracking/run_state";
-/// The last state of a program that ends in order. Silence without it is a reason to worry.
+/// Last state of a program that ends normally. Silence without it indicates a problem.
 inline constexpr const char* kRunEnded = "ended";
 
-/// The sending end of an emergency stop over the network: an operator's button. It says at least
-/// ten times a second how it stands, because its silence stops, too. It says so twice, over DDS and
-/// in datagrams of its own (UDP port 7405 + 250 domain, to all on this machine and, unless
-/// discovery is loopback, on its networks), so that no failure of DDS' keeps it from being heard.
-/// Never the only emergency stop: the robot's own is a switch. One object belongs to one thread at
-/// a time.
+/// Sender of an emergency stop over the network: an operator's button. Must send its state at least
+/// ten times per second, because silence also stops the robot. Sends over two independent paths,
+/// DDS and UDP datagrams (port 7405 + 250 domain, to this machine and, unless discovery is
+/// loopback, its networks). A DDS failure therefore cannot block it. Never use it as the only
+/// emergency stop: the robot needs a hardware switch. One object belongs to one thread at a time.
 class EmergencyStopButton {
  public:
   /// @throws as Publisher; std::runtime_error if the system refuses a socket.
@@ -38,19 +37,19 @@ class EmergencyStopButton {
   EmergencyStopButton(const EmergencyStopButton&) = delete;
   EmergencyStopButton& operator=(const EmergencyStopButton&) = delete;
 
-  /// Says how it stands. To be called every kBeat_s or more often. False if it could not be sent
-  /// either way.
-  /// @param wall_ns  now, as the datagram says.
+  /// Sends the state. Must be called every kBeat_s or more often. Returns false if neither path
+  /// could send it.
+  /// @param wall_ns  present time, for the datagram's stamp.
   bool Beat(std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;
-  /// Latches, and says so at once.
+  /// Latches the stop and sends it at once.
   void Press(std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;
-  /// The operator pulls it out again: who was stopped stays stopped until told otherwise.
+  /// Releases the button. Stopped robots stay stopped until an operator restarts them.
   void Release(std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;
   [[nodiscard]] bool pressed() const noexcept { return pressed_; }
-  /// Robots that listen now.
+  /// Returns the number of robots that are listening.
   [[nodiscard]] int num_listeners() const noexcept { return publisher_.num_subscribers(); }
 
-  static constexpr double kBeat_s = 0.02;  ///< 50 times a second.
+  static constexpr double kBeat_s = 0.02;  ///< 50 times per second.
 
  private:
   Publisher<Flag> publisher_;
@@ -58,38 +57,39 @@ class EmergencyStopButton {
   bool pressed_ = false;
 };
 
-/// How an emergency stop stands, as its receiver knows.
+/// State of an emergency stop, as known to its receiver.
 enum class EmergencyStop {
-  kClear,    ///< Heard of, and not pressed.
+  kClear,    ///< Heard, and not pressed.
   kPressed,  ///< Pressed now, or since the last Acknowledge().
-  kSilent,  ///< Nothing was heard for too long of one of them, or ever: it could not stop anything.
-            ///< Also where there are more than eight.
+  kSilent,   ///< A button is silent, or none was ever heard: it could not stop the robot.
+             ///< Also reported for more than eight buttons.
 };
 
-/// Tells from what was heard of the buttons, and when, how the emergency stop stands. Every doubt
-/// counts against the robot. Never allocates.
+/// Determines the state of the emergency stop from the buttons' messages and their times. Ambiguity
+/// is resolved to a stop. Never allocates.
 class EmergencyStopJudge {
  public:
   enum class Way { kDds, kDatagrams };
 
-  /// @param max_silence_s  after which a button counts as absent, in [0.05, 10].
-  /// @param datagrams  whether each has to be heard in datagrams, too.
-  /// @throws std::invalid_argument for another max_silence_s.
+  /// @param max_silence_s  maximum silence of a button, in [0.05, 10].
+  /// @param datagrams  whether each button must also be heard by datagram.
+  /// @throws std::invalid_argument if max_silence_s is out of range.
   explicit EmergencyStopJudge(double max_silence_s, bool datagrams = true);
 
-  /// A button has said how it stands.
-  /// @param steady_ns  a clock that never goes back, as in Check().
+  /// Processes one message of a button.
+  /// @param steady_ns  a monotonic clock, the same as in Check().
   void Hear(Way way, const Origin& who, bool pressed, std::int64_t steady_ns) noexcept;
   EmergencyStop Check(std::int64_t steady_ns) noexcept;
   /// As EmergencyStopReceiver::Acknowledge().
   void Acknowledge() noexcept;
-  /// Buttons that were heard over DDS and not forgotten.
+  /// Returns the number of buttons heard over DDS and not forgotten.
   [[nodiscard]] int num_buttons() const noexcept { return over_dds_.size; }
-  /// Why the last Check() found it silent: DDS is heard, the datagrams are not.
+  /// True if the last Check() returned kSilent although DDS is heard: only the datagrams are
+  /// missing.
   [[nodiscard]] bool only_datagrams_silent() const noexcept { return only_datagrams_silent_; }
 
  private:
-  // Who was heard on one of the ways, and when last.
+  // Buttons heard on one path, with the time of the last message.
   struct Buttons {
     struct Button {
       Origin who{};
@@ -113,16 +113,16 @@ class EmergencyStopJudge {
   bool only_datagrams_silent_ = false;
 };
 
-/// The receiving end. It keeps track of every button that it has heard, over DDS and in datagrams:
-/// where one of them is silent on either way, another that goes on does not hide that; where one is
-/// pressed on either way, it is. One object belongs to one thread at a time.
+/// Receiver of the emergency stop. Tracks every button separately on each path: one button cannot
+/// hide the silence of another. A button counts as pressed if either path reports it. One object
+/// belongs to one thread at a time.
 class EmergencyStopReceiver {
  public:
-  /// @param max_silence_s  after which it counts as absent, in [0.05, 10].
-  /// @param datagrams  whether it has to be heard in datagrams, too. A button that is none of ours,
-  ///   or in another subnet, is heard over DDS alone.
-  /// @throws as Subscriber, std::invalid_argument for another max_silence_s; std::runtime_error if
-  ///   the system refuses a socket.
+  /// @param max_silence_s  maximum silence of a button, in [0.05, 10].
+  /// @param datagrams  whether datagrams are required. Third-party buttons, and buttons in another
+  ///   subnet, are heard over DDS only.
+  /// @throws as Subscriber; std::invalid_argument if max_silence_s is out of range;
+  ///   std::runtime_error if the system refuses a socket.
   explicit EmergencyStopReceiver(Participant& participant, double max_silence_s = 0.06,
                                  const std::string& topic = kEmergencyStopTopic,
                                  bool datagrams = true);
@@ -130,16 +130,17 @@ class EmergencyStopReceiver {
   EmergencyStopReceiver(const EmergencyStopReceiver&) = delete;
   EmergencyStopReceiver& operator=(const EmergencyStopReceiver&) = delete;
 
-  /// @param steady_ns  a clock that never goes back.
-  /// @param wall_ns  the system's clock, by which datagrams are too old.
+  /// @param steady_ns  a monotonic clock.
+  /// @param wall_ns  the system time, used to reject old datagrams.
   EmergencyStop Check(std::int64_t steady_ns,
                       std::int64_t wall_ns = Stamp::Now().nanoseconds()) noexcept;
-  /// The operator knows that it was pressed, and which buttons are gone: those that are silent now
-  /// are forgotten. Without effect on those that are still pressed.
+  /// Confirms that the operator has noticed the stop and the absence of buttons. Forgets buttons
+  /// that are silent now. No effect on buttons that are still pressed.
   void Acknowledge() noexcept { judge_.Acknowledge(); }
-  /// Buttons that were heard over DDS and not forgotten.
+  /// Returns the number of buttons heard over DDS and not forgotten.
   [[nodiscard]] int num_buttons() const noexcept { return judge_.num_buttons(); }
-  /// Why the last Check() found it silent: DDS is heard, the datagrams are not.
+  /// True if the last Check() returned kSilent although DDS is heard: only the datagrams are
+  /// missing.
   [[nodiscard]] bool only_datagrams_silent() const noexcept {
     return judge_.only_datagrams_silent();
   }

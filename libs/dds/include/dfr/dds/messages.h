@@ -9,8 +9,8 @@
 
 namespace dfr::dds {
 
-/// The messages that a console (CRTK convention over ROS 2) and we exchange, as plain structs.
-/// Publisher and Subscriber turn them into the ROS 2 wire types named at each.
+/// Messages exchanged with a console (CRTK convention over ROS 2), as plain structs. Publisher and
+/// Subscriber convert them to the ROS 2 wire types named below.
 
 /// Time since the Unix epoch, as ROS 2 stamps it. Consoles stamp invalid data with zero.
 struct Stamp {
@@ -29,7 +29,7 @@ struct PoseStamped {
   Stamp stamp;
   std::string frame_id;
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
-  /// As received: not normalised, not checked.
+  /// As received: not normalised or checked.
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
 };
 
@@ -55,7 +55,7 @@ struct CartesianState {
   std::string frame_id;
   bool pose_valid = false;
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
-  /// As received: not normalised, not checked.
+  /// As received: not normalised or checked.
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
   bool twist_valid = false;
   Eigen::Vector3d linear_m_s = Eigen::Vector3d::Zero();
@@ -88,7 +88,7 @@ struct StringStamped {
   std::string text;
 };
 
-/// sensor_msgs/Joy: pedals and buttons, pressed where they are 1.
+/// sensor_msgs/Joy: pedals and buttons; 1 means pressed.
 struct Joy {
   Stamp stamp;
   std::string frame_id;
@@ -112,11 +112,11 @@ struct Image {
 struct CompressedImage {
   Stamp stamp;
   std::string frame_id;
-  std::string format;  ///< "jpeg", "png", or as image_transport writes it, "bgr8; jpeg compressed".
+  std::string format;  ///< "jpeg", "png", or image_transport's form "bgr8; jpeg compressed".
   std::vector<std::uint8_t> data;
 };
 
-/// sensor_msgs/CameraInfo: camera_info. Matrices by rows.
+/// sensor_msgs/CameraInfo: camera_info. Row-major matrices.
 struct CameraInfo {
   Stamp stamp;
   std::string frame_id;
@@ -124,11 +124,11 @@ struct CameraInfo {
   std::uint32_t width = 0;
   std::string distortion_model;    ///< "plumb_bob", "rational_polynomial", ...
   std::vector<double> d;           ///< Distortion; plumb_bob: k1, k2, p1, p2, k3.
-  std::array<double, 9> k{};       ///< fx 0 cx, 0 fy cy, 0 0 1: of the image as it comes.
+  std::array<double, 9> k{};       ///< fx 0 cx, 0 fy cy, 0 0 1, of the raw image.
   std::array<double, 9> r{};       ///< Rectifying rotation; identity with one camera.
   std::array<double, 12> p{};      ///< Projection of the rectified image, 3 x 4.
-  std::uint32_t binning_x = 0;     ///< Pixels made into one; 0 is 1.
-  std::uint32_t binning_y = 0;     ///< The same.
+  std::uint32_t binning_x = 0;     ///< Binning factor; 0 means 1.
+  std::uint32_t binning_y = 0;     ///< Binning factor; 0 means 1.
   std::uint32_t roi_x_offset = 0;  ///< Region of interest; all zero is the whole image.
   std::uint32_t roi_y_offset = 0;
   std::uint32_t roi_height = 0;
@@ -151,11 +151,11 @@ struct Number {
   double value = 0.0;
 };
 
-/// std_msgs/Float64MultiArray with two dimensions: body/jacobian. By rows.
+/// std_msgs/Float64MultiArray with two dimensions: body/jacobian. Row-major.
 struct Matrix {
   std::uint32_t rows = 0;
   std::uint32_t cols = 0;
-  std::vector<double> data;  ///< rows x cols entries where the message is well formed.
+  std::vector<double> data;  ///< rows x cols entries if the message is well formed.
 };
 
 /// std_msgs/Empty: hold, free.
@@ -171,14 +171,14 @@ struct ForwardKinematicsAnswer {
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
   bool good = false;
-  std::string message;  ///< What is wrong, where it is not good.
+  std::string message;  ///< Description of the error if not good.
 };
 
-/// crtk_msgs/QueryInverseKinematics, the request: a pose, and joint values near which the solution
-/// is wanted.
+/// crtk_msgs/QueryInverseKinematics, the request: a pose, and joint values near the desired
+/// solution.
 struct InverseKinematicsQuery {
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();
-  /// As received: not normalised, not checked.
+  /// As received: not normalised or checked.
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
   std::vector<double> joints;
 };
@@ -187,7 +187,7 @@ struct InverseKinematicsQuery {
 struct InverseKinematicsAnswer {
   std::vector<double> joints;
   bool good = false;
-  std::string message;  ///< What is wrong, where it is not good.
+  std::string message;  ///< Description of the error if not good.
 };
 
 }  // namespace dfr::dds

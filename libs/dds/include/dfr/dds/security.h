@@ -6,16 +6,16 @@
 
 namespace dfr::dds {
 
-/// The folder of one participant in a secured network (DDS Security 1.1: PKI-DH, access
-/// permissions, AES-GCM), with the names that ROS 2's enclaves have, so that one of those will do:
+/// Folder of one participant in a secured network (DDS Security 1.1: PKI-DH, access permissions,
+/// AES-GCM). The file names are those of a ROS 2 enclave, which can be used directly:
 ///
-///   identity_ca.cert.pem     who signs certificates
-///   cert.pem, key.pem        who this participant is; the key belongs to its user alone
-///   permissions_ca.cert.pem  who signs the next two
-///   governance.p7s           what is encrypted, the same for all participants
-///   permissions.p7s          what this participant may publish and subscribe to
+///   identity_ca.cert.pem     authority that signs certificates
+///   cert.pem, key.pem        identity of this participant; only its user may read the key
+///   permissions_ca.cert.pem  authority that signs the next two files
+///   governance.p7s           encryption rules, the same for all participants
+///   permissions.p7s          topics this participant may publish and subscribe to
 ///
-/// AddParticipant() makes such folders.
+/// AddParticipant() creates such folders.
 struct SecurityFiles {
   explicit SecurityFiles(const std::filesystem::path& folder);
 
@@ -27,12 +27,12 @@ struct SecurityFiles {
   std::filesystem::path permissions;
 };
 
-/// Checks all that can be wrong with a participant's folder, for DDS itself says just that it
-/// refuses: a file is missing, the key is not the certificate's or can be read by others, others
-/// can change the folder or a file in it, a certificate or the permissions are of another
-/// authority, expired, not valid yet, or made for another participant.
-/// @return the participant's name, as its certificate has it.
-/// @param now  when all that is in it has to be valid.
+/// Checks a participant's folder, because DDS itself reports a refusal without the reason. Detects
+/// a missing file; a key that does not match the certificate or is readable by others; a folder or
+/// file that others can change; and a certificate or permissions that are of another authority,
+/// expired, not yet valid, or for another participant.
+/// @return the participant's name from its certificate.
+/// @param now  time at which all files must be valid.
 /// @throws std::runtime_error naming the file, what is wrong with it, and the remedy.
 std::string CheckSecurity(const std::filesystem::path& folder,
                           std::time_t now = std::time(nullptr));

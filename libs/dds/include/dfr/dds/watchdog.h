@@ -6,30 +6,30 @@
 
 namespace dfr::dds {
 
-/// Limits of a Watchdog. Defaults are those of measured state at 100 Hz.
+/// Limits of a Watchdog. The defaults suit measured state at 100 Hz.
 struct WatchdogOptions {
-  double max_age_s = 0.05;      ///< From a sample's stamp to now, > 0.
-  double max_silence_s = 0.05;  ///< From a sample's arrival to now, > 0.
-  double max_ahead_s = 0.01;    ///< By how much a stamp may lie in the future, >= 0.
+  double max_age_s = 0.05;      ///< Maximum time from a sample's stamp to now, > 0.
+  double max_silence_s = 0.05;  ///< Maximum time from a sample's arrival to now, > 0.
+  double max_ahead_s = 0.01;    ///< Maximum time of a stamp in the future, >= 0.
 };
 
 enum class Freshness {
   kFresh,
   kNever,         ///< Nothing has arrived yet.
-  kInvalidStamp,  ///< The last sample is stamped zero, the console's mark for invalid data.
-  kSilent,        ///< Nothing has arrived for too long.
-  kOld,           ///< What arrives is too old: delayed on its way, or the sender is frozen.
-  kAhead,         ///< Stamped in the future: a clock has jumped, or the machines' clocks differ.
+  kInvalidStamp,  ///< The last sample is stamped zero, as consoles stamp invalid data.
+  kSilent,        ///< No sample has arrived for too long.
+  kOld,           ///< Arriving samples are too old: delayed in transit, or the sender is frozen.
+  kAhead,         ///< Stamped in the future: a clock jumped, or the machines' clocks differ.
 };
 
 [[nodiscard]] const char* Name(Freshness freshness) noexcept;
 
-/// Whether a stream of stamped samples can still be relied on: looks at the age of the newest
-/// sample's stamp and at how long ago it came, because a network can be silent and a sender can
-/// repeat an old sample forever. A console makes no promises that DDS could watch.
+/// Monitors a stream of stamped samples. Checks the age of the newest stamp and the time since its
+/// arrival: a network can fail silently, and a sender can repeat an old sample. Consoles offer no
+/// DDS deadline or liveliness that could be monitored.
 ///
-/// Two clocks: `wall_ns` is the system's, as stamps are; `steady_ns` one that never jumps, so that
-/// setting the clock cannot hide silence. Never allocates or throws.
+/// Uses two clocks: `wall_ns` is the system time, as in stamps; `steady_ns` is a monotonic clock,
+/// so a change of the system time cannot hide silence. Never allocates or throws.
 class Watchdog {
  public:
   /// @throws std::invalid_argument naming the limit that is out of range.

@@ -12,32 +12,33 @@ class App;
 
 namespace dfr::experiment {
 
-/// Adds to a command --out, --seed, --threads, --shard, --config, --restart and --salvage, and sets
-/// options.configuration. Both have to outlive what is parsed. Options of the command whose type
-/// name is FILE are written to run.toml with absolute paths.
+/// Adds --out, --seed, --threads, --shard, --config, --restart and --salvage to a command, and sets
+/// options.configuration. Both arguments must outlive parsing. Command options with type name FILE
+/// are written to run.toml with absolute paths.
 void AddRunOptions(CLI::App& command, ExperimentOptions& options);
 
-/// AddRunOptions(), and what else all commands that compare methods let their users choose.
-/// `presets` says what each preset runs, `methods` which methods there are.
+/// Calls AddRunOptions() and adds the other options of all commands that compare methods. `presets`
+/// describes each preset; `methods` lists the methods.
 void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const std::string& presets,
                           const std::string& methods,
                           const std::vector<std::string>& names = {"quick", "paper"});
 
-/// Parses a program's arguments, for its commands that have AddRunOptions() and those that
-/// it adds:
+/// Parses the arguments of a program, for its commands with AddRunOptions() and for the commands
+/// added here:
 ///
-///   merge FOLDER... --out FOLDER   shards become one ledger, then the shards' own command goes on
-///                                  with it to summary and report
-///   status FOLDER...               how many units are finished, by whom, and when the rest will be
-///   episodes FOLDER                episodes by their ids, those that ended worst first
-///   rerun FOLDER ID                one episode again, with other methods beside it, and its film
 ///
-/// --config FILE of a command reads the table of the command's name, as in [experiment], whose keys
-/// are the command's options without their dashes; what stands on the command line comes first.
-/// Errors of such a value name the file and its line.
+///   merge FOLDER... --out FOLDER   merges shards into one ledger; the shards' command then writes
+///                                  summary and report from it
+///   status FOLDER...               finished units, who finished them, and the remaining time
+///   episodes FOLDER                ids of episodes, worst outcomes first
+///   rerun FOLDER ID                repeats one episode, compares other methods, and films them
 ///
-/// @returns the exit code where nothing is left to be done (help, errors, status and episodes), and
-///   otherwise nothing: then the app's commands are parsed.
+/// --config FILE of a command reads the table with the command's name, as in [experiment]. The keys
+/// are the command's options without dashes. The command line takes precedence. Errors in a value
+/// name the file and its line.
+///
+/// @returns the exit code if no command remains to run (help, errors, status and episodes);
+///   otherwise std::nullopt, and the app's commands are parsed.
 /// @throws std::runtime_error for files that cannot be read, and as MergeLedgers().
 [[nodiscard]] std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv);
 

@@ -10,27 +10,27 @@
 
 namespace dfr::experiment {
 
-/// What DisturbedPlant does to a plant. All zero: nothing.
+/// Disturbances of a DisturbedPlant. All zero: none.
 struct DisturbanceOptions {
-  double rotation_sd = 0.0;     ///< rad: controls are turned by a normal angle, drawn per episode.
+  double rotation_sd = 0.0;     ///< rad: of the rotation of the controls, drawn per episode.
   double scale_sd = 0.0;        ///< Controls are scaled by exp(normal), drawn per episode.
-  double bias = 0.0;            ///< Norm of a vector added to every control, drawn per episode.
-  double actuator_noise = 0.0;  ///< Standard deviation of each control entry, at every control.
-  /// Standard deviation of each state entry as observed; drawn anew at every control.
+  double bias = 0.0;            ///< Norm of a vector added to all controls, drawn per episode.
+  double actuator_noise = 0.0;  ///< Standard deviation of each control entry, drawn per control.
+  /// Standard deviation of each observed state entry, drawn per control.
   double observation_noise = 0.0;
-  int control_delay = 0;      ///< Controls come so many steps late; zeros come first.
-  double dropped = 0.0;       ///< Probability that a control is lost: zero is applied instead.
-  int observation_delay = 0;  ///< States are seen so many controls late.
-  double missing = 0.0;       ///< Probability that a state is lost: the one before is seen again.
+  int control_delay = 0;      ///< Delay of controls, in steps; the first are zero.
+  double dropped = 0.0;       ///< Probability that a control is lost and replaced by zero.
+  int observation_delay = 0;  ///< Delay of observed states, in controls.
+  double missing = 0.0;  ///< Probability that a state is lost and replaced by the previous one.
 
   bool operator==(const DisturbanceOptions&) const = default;
 };
 
-/// A plant that differs from the one that was demonstrated on: control turned, scaled, biased,
-/// noisy, late or lost, observations noisy, late or lost. For studies of how methods degrade.
+/// A plant that differs from the demonstrated one: controls are rotated, scaled, biased, noisy,
+/// late or lost; observations are noisy, late or lost. For studies of the degradation of methods.
 ///
-/// Controls of more than two entries are turned in a random plane. Collisions and completion are
-/// those of the plant itself.
+/// Controls of more than two entries are rotated in a random plane. Collisions and completion are
+/// those of the underlying plant.
 class DisturbedPlant final : public core::SimulatedPlant {
  public:
   /// @throws std::invalid_argument if an option is negative or not finite, or a probability > 1.
@@ -40,7 +40,7 @@ class DisturbedPlant final : public core::SimulatedPlant {
     return plant_->layout();
   }
   [[nodiscard]] int control_dim() const noexcept override { return plant_->control_dim(); }
-  /// The plant itself.
+  /// Returns the underlying plant.
   [[nodiscard]] core::SimulatedPlant& undisturbed() noexcept { return *plant_; }
   void Reset(std::uint64_t seed) override;
   [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;
@@ -61,15 +61,15 @@ class DisturbedPlant final : public core::SimulatedPlant {
   double cosine_ = 1.0;
   double sine_ = 0.0;
   double scale_ = 1.0;
-  std::vector<double> first_;  ///< Orthonormal vectors that span the plane of rotation.
+  std::vector<double> first_;  ///< Orthonormal basis of the rotation plane.
   std::vector<double> second_;
   std::vector<double> bias_;
   std::vector<double> noise_;
   std::vector<double> asked_;
   std::vector<double> control_;
-  std::vector<double> given_;     ///< Controls that are under way, oldest first.
+  std::vector<double> given_;     ///< Pending controls, oldest first.
   std::vector<double> happened_;  ///< The last states, oldest first.
-  std::vector<double> seen_;      ///< What Observe() says, without noise.
+  std::vector<double> seen_;      ///< Observe() without noise.
 };
 
 }  // namespace dfr::experiment

@@ -14,47 +14,48 @@
 
 namespace dfr::experiment {
 
-/// An episode that is to be run again instead of an experiment.
+/// An episode to repeat instead of running an experiment.
 struct Rerun {
-  std::string episode;               ///< Its id; empty: none.
-  std::vector<std::string> methods;  ///< Shown beside it, from the same start state.
-  std::filesystem::path film;        ///< Empty: without pictures.
+  std::string episode;               ///< Episode id; empty: none.
+  std::vector<std::string> methods;  ///< Methods to compare, from the same start state.
+  std::filesystem::path film;        ///< Empty: no pictures.
 };
 
-/// What all commands that compare methods let their users choose.
+/// Options shared by all commands that compare methods.
 struct ExperimentOptions {
   std::string preset = "quick";
-  std::filesystem::path out;  ///< Empty: no file is written.
+  std::filesystem::path out;  ///< Empty: no files are written.
   std::uint64_t seed = 2018;
   int threads = 0;  ///< 0: one per core.
   bool restart = false;
   bool salvage = false;
   bool video = true;
-  Shard shard = {};  ///< Other than 1/1: there is a ledger alone, to be merged.
-  Rerun rerun = {};  ///< Without an episode: none.
-  /// The text of run.toml, which starts the same run again. Empty: there is none.
+  Shard shard = {};  ///< Other than 1/1: writes only a ledger, to be merged.
+  Rerun rerun = {};  ///< Empty episode: none.
+  /// Returns the text of run.toml, which reproduces the run. Empty: no run.toml.
   std::function<std::string()> configuration = {};
-  // Empty, or 0: as the preset says.
+  // Empty, or 0: value of the preset.
   std::vector<std::string> methods = {};
   int trials = 0;
   int episodes = 0;
 };
 
-/// The preset's plan, with the seed and what else `options` chooses.
+/// Returns the preset's plan with the seed and the other choices of `options`.
 [[nodiscard]] EvaluationPlan ApplyTo(EvaluationPlan preset, const ExperimentOptions& options);
 
-/// What an experiment found.
+/// Results of an experiment.
 struct ExperimentResult {
   std::vector<UnitResult> units;
   Summary summary;
 };
 
-/// A folder that belongs to one process, until this is destroyed or the process ends.
+/// Exclusive lock of a folder by one process, until destruction or the end of the process.
 class OutputFolder {
  public:
-  /// Makes the folder options.out unless that is empty, with ledger.jsonl of an earlier run removed
-  /// if options.restart.
-  /// @throws std::runtime_error naming the folder if it cannot be made, or another process has it.
+  /// Creates the folder options.out unless it is empty. Removes ledger.jsonl of an earlier run if
+  /// options.restart.
+  /// @throws std::runtime_error naming the folder if it cannot be created, or another process holds
+  ///   it.
   explicit OutputFolder(const ExperimentOptions& options);
   ~OutputFolder();
   OutputFolder(OutputFolder&&) noexcept;
@@ -65,16 +66,16 @@ class OutputFolder {
   std::unique_ptr<Lock> lock_;
 };
 
-/// Runs the plan, or options.shard of it, with a progress bar and a ledger in options.out, of which
-/// an OutputFolder has been made, and writes there:
-/// - run.toml, as options.configuration has it;
-/// - of the whole plan summary.json, which is the same for any number of threads, shards and
+/// Runs the plan, or options.shard of it, with a progress bar and a ledger in options.out, for
+/// which an OutputFolder must exist. Writes there:
+/// - run.toml, from options.configuration;
+/// - for the whole plan, summary.json, which is identical for any number of threads, shards and
 ///   machines, and times.json, which is not.
-/// With options.rerun it runs that episode of the run in options.out instead, as TrialRunner::Run()
-/// and Film() do, and prints how it ends; the ledger must say the same.
-/// Of a shard and of a rerun there is no result to return. After SIGTERM or SIGUSR1 no further unit
-/// begins; a second one ends the process. `settings` are all that decides the results besides the
-/// plan.
+///
+/// With options.rerun, repeats that episode of the run in options.out as TrialRunner::Run() and
+/// Film() do, and prints its outcome, which must match the ledger. Returns std::nullopt for a shard
+/// or a rerun. After SIGTERM or SIGUSR1 no new unit starts; a second signal ends the process.
+/// @param settings  everything except the plan that determines the results.
 /// @throws as Evaluate() and SaveSummary() do.
 [[nodiscard]] std::optional<ExperimentResult> RunExperiment(
     const std::string& name, const EvaluationPlan& plan, const MakeTrialRunner& make,

@@ -12,23 +12,23 @@
 
 namespace dfr::experiment {
 
-/// What one method did in an episode.
+/// States and outcome of one method in an episode.
 struct FilmedEpisode {
   std::string method;
   EpisodeResult result;
   core::Matrix states;         ///< (controls + 1) x state_dim, the start state first.
-  std::vector<bool> recovery;  ///< Whether control t was of a recovery; empty: none was.
+  std::vector<bool> recovery;  ///< True if a recovery chose control t; empty: none.
 };
 
-/// "collided: policy after 17 controls, 4 of them recovery".
+/// Returns "collided: policy after 17 controls, 4 of them recovery".
 [[nodiscard]] std::string DescribeEnd(const EpisodeResult& result);
 
-/// Writes a page about episodes from one start state: their paths in the plane of two entries of
-/// the state, side by side, and each entry over the controls, one line a method. States need no
-/// pictures, so that this works for every plant.
-/// @param entries  two of `layout`, as core::FeatureSelection has them; empty: the first two. A
-///   state of one entry has no paths.
-/// @param media    pictures of the same episodes, to be embedded before.
+/// Writes a page about episodes from one start state: their paths in the plane of two state
+/// entries, side by side, and each entry as a function of the controls, one line per method. Needs
+/// no pictures and works for every plant.
+/// @param entries  two entries of `layout`, in the format of core::FeatureSelection; empty: the
+///   first two. A one-dimensional state has no paths.
+/// @param media    pictures of the same episodes, embedded first.
 /// @throws std::runtime_error naming the file if it does not end with .html or cannot be written;
 ///   std::invalid_argument unless there are two entries.
 void SaveFilm(const std::string& title, const core::StateLayout& layout,

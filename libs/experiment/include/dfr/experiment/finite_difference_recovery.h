@@ -10,16 +10,17 @@
 
 namespace dfr::experiment {
 
-/// The finite-difference oracle that Sec. V-A holds DFR against. It cheats: it takes the true state
-/// of a simulated plant and tries controls on a copy before it applies one, which no robot can.
+/// Finite-difference oracle, the reference for DFR in Sec. V-A. It uses the true state of a
+/// simulated plant and tries controls on a copy before it applies one, which is impossible on a
+/// robot.
 ///
 /// Each iteration applies one control, eta = step_fraction g_t(x) / lambda_t along the gradient of
-/// g_t by the control, from central differences of DFR's probe size. Where that gradient vanishes
-/// or the copy refuses a control, it finds no direction.
+/// g_t with respect to the control, from central differences with DFR's probe size. It finds no
+/// direction if the gradient vanishes or the copy refuses a control.
 class FiniteDifferenceRecovery final : public control::RecoveryStrategy {
  public:
-  /// Borrows both. `plant` is the one that is driven: it is copied from, never touched.
-  /// The fractions are those of DfrOptions.
+  /// Borrows both. `plant` is the driven plant; it is copied and never modified. The fractions are
+  /// those of DfrOptions.
   /// @throws std::invalid_argument if the sizes of plant and support differ, or a fraction is not
   ///   in (0, 1).
   FiniteDifferenceRecovery(const core::SimulatedPlant& plant, const core::DecisionFunction& support,

@@ -6,89 +6,92 @@
 
 namespace dfr::experiment {
 
-/// An interval of confidence, both ends included.
+/// Confidence interval, both ends included.
 struct Interval {
   double low = 0.0;
   double high = 0.0;
 };
 
-/// Wilson's score interval for a proportion, `successes` of `trials` independent ones. Short, and
-/// right on average over the unknown proportion; for cells of figures and tables.
-/// @throws std::invalid_argument unless 0 <= successes <= trials, trials > 0, and confidence in
-///   (0, 1). So do the functions below.
+/// Wilson's score interval for a proportion of `successes` in `trials` independent trials. Short,
+/// with correct coverage on average over the unknown proportion; used for cells of figures and
+/// tables.
+/// @throws std::invalid_argument unless trials > 0, 0 <= successes <= trials and 0 < confidence
+/// < 1.
+///   So do the functions below.
 [[nodiscard]] Interval WilsonInterval(int successes, int trials, double confidence = 0.95);
 
-/// Clopper and Pearson's interval, from binomial tails: covers at least with `confidence` whatever
-/// the proportion is. For safety claims from few or no events; its two-sided upper end after 0 of
-/// n is 1 - (0.025)^(1/n).
+/// Clopper and Pearson's interval, from binomial tails. Coverage is at least `confidence` for any
+/// proportion. For safety claims from few or no events; the upper end of the two-sided interval for
+/// 0 events in n is 1 - (0.025)^(1/n).
 [[nodiscard]] Interval ClopperPearsonInterval(int successes, int trials, double confidence = 0.95);
 
-/// What tables show: Clopper-Pearson with fewer than 5 successes or failures, where Wilson's
-/// approximation by a normal law is at its worst, otherwise Wilson.
+/// Interval used in tables: Clopper-Pearson with fewer than 5 successes or failures, where the
+/// normal approximation of Wilson's interval is least accurate, otherwise Wilson.
 [[nodiscard]] Interval ProportionInterval(int successes, int trials, double confidence = 0.95);
 
-/// What happened in one independent unit of an experiment: a trial, whose episodes share
-/// demonstrations, learner and supervisor.
+/// Counts of one independent unit of an experiment: a trial, whose episodes share demonstrations,
+/// learner and supervisor.
 struct ClusterCount {
   int successes = 0;
   int episodes = 0;
 };
 
-/// The interval of Korn and Graubard (Survey Methodology, 1998) for a proportion in clusters:
-/// Clopper and Pearson's with the effective sample size p (1 - p) / v, v the variance of the share
-/// between clusters, and the degrees of freedom that so many clusters leave. It takes at most as
-/// many episodes as there are. With one cluster, or without a success or without a failure, there
-/// is no variance between clusters to see: then episodes count as independent.
-/// @throws std::invalid_argument as above; clusters without episodes are left out.
+/// Interval of Korn and Graubard (Survey Methodology, 1998) for a proportion in clusters: Clopper
+/// and Pearson's with the effective sample size p (1 - p) / v, where v is the variance of the
+/// proportion between clusters, and the degrees of freedom of the number of clusters. The effective
+/// sample size is at most the number of episodes. With one cluster, without a success, or without a
+/// failure, the variance cannot be estimated and episodes count as independent.
+/// @throws std::invalid_argument as above; clusters without episodes are ignored.
 [[nodiscard]] Interval ClusteredInterval(std::span<const ClusterCount> clusters,
                                          double confidence = 0.95);
 
-/// The exact conditional interval for the ratio of two rates with the same exposure: `events`
-/// given events + reference_events is binomial, with odds that are the ratio. Counts may be
-/// effective ones, not whole.
+/// Exact conditional interval for the ratio of two rates with the same exposure: `events` given
+/// events + reference_events is binomial, with odds equal to the ratio. Effective, non-integer
+/// counts are allowed.
 /// @throws std::invalid_argument unless events >= 0 and reference_events > 0.
 [[nodiscard]] Interval RateRatioInterval(double events, double reference_events,
                                          double confidence = 0.95);
 
-/// Episodes from which a paired comparison finds a difference with probability `power`, two-sided
-/// at 1 - confidence (Connor, Biometrics 1987): `only_first` and `only_second` are the shares of
-/// start states at which just one of the two methods fails.
+/// Returns the number of episodes with which a paired comparison detects a difference with
+/// probability `power`, two-sided at 1 - confidence (Connor, Biometrics 1987). `only_first` and
+/// `only_second` are the fractions of start states at which exactly one of the two methods fails.
 /// @throws std::invalid_argument unless these differ and add up to at most 1, and power lies in
 ///   (0.5, 1).
 [[nodiscard]] int EpisodesForDifference(double only_first, double only_second, double power = 0.8,
                                         double confidence = 0.95);
-/// Independent episodes without a single event that show, by ClopperPearsonInterval(), that events
-/// are rarer than `bound`. @throws std::invalid_argument unless bound lies in (0, 1).
+/// Returns the number of independent episodes without an event that shows, by
+/// ClopperPearsonInterval(), an event rate below `bound`. @throws std::invalid_argument unless
+/// bound lies in (0, 1).
 [[nodiscard]] int EpisodesForBound(double bound, double confidence = 0.95);
 
-/// McNemar's exact test for pairs, two-sided: the probability, if both methods were equally likely
-/// to be the one that fails where just one does, of a split at least as uneven as `only_first` to
-/// `only_second`.
+/// McNemar's exact two-sided test for pairs: the probability of a split at least as uneven as
+/// `only_first` to `only_second`, if either method is equally likely to be the one that fails in a
+/// discordant pair.
 [[nodiscard]] double McNemarExact(int only_first, int only_second);
 
-/// Pairs of one cluster in which just one of two methods fails.
+/// Pairs of one cluster in which exactly one of two methods fails.
 struct DiscordantPairs {
   int only_first = 0;
   int only_second = 0;
 };
 
-/// McNemar's test for pairs in clusters, exact and two-sided: pairs of one cluster may depend on
-/// each other, clusters do not. If the methods were alike, each cluster's difference only_first -
-/// only_second would be as likely with the other sign; the result is the probability of a sum at
-/// least as large over all signs (the permutation test of Fisher, 1935, sec. 21). With one pair a
-/// cluster that is McNemarExact(). With c clusters it is at least 2^(1 - c).
+/// McNemar's exact two-sided test for clustered pairs: pairs of one cluster may be dependent,
+/// clusters are independent. Under the null hypothesis, each cluster's difference only_first -
+/// only_second is equally likely with either sign. Returns the probability of a sum at least as
+/// large over all signs (the permutation test of Fisher, 1935, sec. 21). Equals McNemarExact() with
+/// one pair per cluster. With c clusters it is at least 2^(1 - c).
 /// @throws std::invalid_argument if a count is negative.
 [[nodiscard]] double ClusteredMcNemar(std::span<const DiscordantPairs> clusters);
 
-/// What two methods did from the same start states, summed over one independent unit of an
+/// Outcomes of two methods from the same start states, summed over one independent unit of an
 /// experiment (a trial).
 struct PairedCounts {
-  int episodes = 0;  ///< Episodes of each method.
+  int episodes = 0;  ///< Episodes per method.
   int completed = 0;
   int collided = 0;
   int reference_completed = 0;
   int reference_collided = 0;
-  int stratum = 0;  ///< Units are resampled among those of the same stratum.
+  int stratum = 0;  ///< Units are resampled within the same stratum.
 };
 
 struct BootstrapOptions {
@@ -97,11 +100,11 @@ struct BootstrapOptions {
   std::uint64_t seed = 0;
 };
 
-/// A method against a reference. With fewer than 5 collisions of the method, of which a bootstrap
-/// makes too little, the interval of the reduction includes RateRatioInterval()'s as well, with the
-/// reference's collisions divided by their dispersion between units. Absent where the reference has
-/// no event to divide by; an interval is absent too where that is so in more than half of the
-/// resamples, or where fewer than two units were given.
+/// Comparison of a method with a reference. With fewer than 5 collisions of the method, the
+/// bootstrap interval is too narrow. The interval of the reduction then also includes
+/// RateRatioInterval()'s, with the reference's collisions divided by their dispersion between
+/// units. A ratio is absent if the reference has no event. Its interval is also absent if that
+/// holds in more than half of the resamples, or if fewer than two units were given.
 struct PairedContrast {
   std::optional<double> collision_reduction;  ///< 1 - collisions / reference's
   std::optional<Interval> collision_reduction_interval;
@@ -109,9 +112,9 @@ struct PairedContrast {
   std::optional<Interval> completion_ratio_interval;
 };
 
-/// Ratios of totals over all units, with percentile intervals of a bootstrap that draws whole units
-/// with replacement: episodes of one trial share demonstrations and learner, so that they are not
-/// independent, whereas trials are.
+/// Estimates ratios of totals over all units, with percentile intervals of a bootstrap that draws
+/// whole units with replacement. Episodes of one trial share demonstrations and learner and are
+/// therefore dependent; trials are independent.
 [[nodiscard]] PairedContrast EstimateContrast(std::span<const PairedCounts> units,
                                               const BootstrapOptions& options);
 

@@ -11,55 +11,55 @@
 
 namespace dfr::experiment {
 
-/// What a ledger's first line says: all that decides the results.
+/// Header line of a ledger: everything that determines the results.
 struct LedgerHeader {
-  EvaluationPlan plan;  ///< But for max_redraws, which decides no result.
+  EvaluationPlan plan;  ///< Except max_redraws, which does not affect results.
   std::map<std::string, std::string> settings;
   std::string commit;
-  Shard shard;  ///< Which units the file is for.
+  Shard shard;  ///< Units covered by the file.
 };
 
-/// One finished unit, and how it came about.
+/// One finished unit and its origin.
 struct LedgerRecord {
   UnitResult result;
   std::string host;
-  double wall_s = 0.0;        ///< How long the unit took, on one thread.
+  double wall_s = 0.0;        ///< Duration of the unit on one thread.
   std::int64_t finished = 0;  ///< Seconds since 1970, UTC.
 };
 
 struct LedgerContents {
   LedgerHeader header;
   std::vector<LedgerRecord> records;  ///< In the order of the file, each unit once.
-  bool cut = false;  ///< The last line has no end: its writer was killed, or is at it.
+  bool cut = false;  ///< The last line is incomplete: its writer was killed, or is writing it.
 };
 
-/// Reads a ledger, one line of JSON a finished unit behind a header. Each line ends with a checksum
-/// of its bytes and of the header's, so that neither a flipped bit nor a line of another run
-/// passes; start states have to be those that follow from the plan's seed. Needs no lock.
-/// @throws std::runtime_error naming file, line and remedy for a file that is no ledger, one of
-///   another format version, or a damaged one.
+/// Reads a ledger: a header and one line of JSON per finished unit. Each line ends with a checksum
+/// of its bytes and of the header, which detects flipped bits and lines of another run. The start
+/// states must follow from the plan's seed. Needs no lock.
+/// @throws std::runtime_error naming file, line and remedy for a file that is no ledger, has
+///   another format version, or is damaged.
 [[nodiscard]] LedgerContents ReadLedger(const std::filesystem::path& path);
 
-/// The first entry that decides results in which two ledgers differ, as "seed is 3 there and 4
-/// now"; empty where they may be merged. Shards may differ.
+/// Returns the first difference of two headers that affects results, such as "seed is 3 there and 4
+/// now"; empty if the ledgers may be merged. Shards may differ.
 [[nodiscard]] std::string Difference(const LedgerHeader& there, const LedgerHeader& now);
 
-/// The plan's units in the order in which Evaluate() returns them.
+/// Returns the plan's units in the order of Evaluate()'s results.
 [[nodiscard]] std::vector<EvaluationUnit> UnitsOf(const EvaluationPlan& plan);
 
-/// Writes the ledger of the whole plan from those of its shards, in the plan's order; the same file
-/// for any split. Shards without a finished unit are left out. A unit that several of them have
+/// Merges the ledgers of the shards into one ledger of the whole plan, in the plan's order. The
+/// file is identical for any split. Skips shards without a finished unit. A unit in several shards
 /// must have the same results in each.
-/// @throws std::runtime_error naming the field, the unit or the units that are missing; and as
-///   ReadLedger().
+/// @throws std::runtime_error naming the field, the unit or the missing units; and as ReadLedger().
 void MergeLedgers(const std::vector<std::filesystem::path>& shards,
                   const std::filesystem::path& whole);
 
-/// 16 hexadecimal digits that change with the file's content, for settings: what a run has read.
+/// Returns 16 hexadecimal digits that change with the file's content, for settings that identify
+/// input files.
 /// @throws std::runtime_error naming a file that cannot be read.
 [[nodiscard]] std::string HashOfFile(const std::filesystem::path& path);
 
-/// The shortest text that reads back as the same number, for settings.
+/// Returns the shortest text that reads back as the same number, for settings.
 [[nodiscard]] std::string Exactly(double value);
 
 }  // namespace dfr::experiment

@@ -9,28 +9,28 @@
 
 namespace dfr::experiment {
 
-/// How far a long command has come.
+/// Progress of a long command.
 struct Progress {
   std::int64_t done = 0;
   std::int64_t total = 0;
   double elapsed_s = 0.0;
-  std::optional<double> remaining_s;  ///< Absent until there is something to go by.
-  std::string label;                  ///< What is being done, or the latest figures.
+  std::optional<double> remaining_s;  ///< Absent until it can be estimated.
+  std::string label;                  ///< Current work, or the latest results.
 };
 
 using ProgressCallback = std::function<void(const Progress&)>;
 
-/// Counts finished work from any number of threads and tells a callback, at most every
-/// `interval_s` and at the end. The callback is called by one thread at a time.
+/// Counts completed work from any number of threads and reports it to a callback at most every
+/// `interval_s` and at the end. Calls to the callback never overlap.
 class ProgressMeter {
  public:
-  /// `already_done` of `total` were done by an earlier run: they count as done, but not for the
-  /// estimate of the remaining time. `callback` may be empty.
-  /// @param clock_s  seconds on a clock that never goes back; empty: std::chrono::steady_clock.
+  /// `already_done` of `total` were completed by an earlier run. They count as done but do not
+  /// affect the estimate of the remaining time. `callback` may be empty.
+  /// @param clock_s  seconds of a monotonic clock; empty: std::chrono::steady_clock.
   ProgressMeter(std::int64_t total, ProgressCallback callback, std::int64_t already_done = 0,
                 double interval_s = 0.1, std::function<double()> clock_s = {});
 
-  /// `work` more is done. An empty label keeps the previous one.
+  /// Adds `work` to the completed work. An empty label keeps the previous one.
   void Advance(std::int64_t work = 1, std::string label = {});
 
  private:
@@ -46,16 +46,17 @@ class ProgressMeter {
   std::optional<double> last_call_s_;
 };
 
-/// Shows progress on a stream: a bar that redraws itself on a terminal, otherwise a plain line now
-/// and then. A ProgressCallback through std::ref or a lambda; belongs to one thread at a time.
+/// Shows progress on a stream: a redrawn bar on a terminal, otherwise occasional plain lines. Use
+/// as a ProgressCallback through std::ref or a lambda. Belongs to one thread at a time.
 class ProgressBar {
  public:
-  /// On stderr, as a bar where that is a terminal.
+  /// Writes to stderr, as a bar if it is a terminal.
   explicit ProgressBar(std::string title);
-  /// On `stream`, which must outlive this. Without a bar, a line every `line_interval_s`.
+  /// Writes to `stream`, which must outlive this. Without a bar, writes a line every
+  /// `line_interval_s`.
   ProgressBar(std::string title, std::ostream& stream, bool is_terminal,
               double line_interval_s = 10.0);
-  /// Ends an unfinished bar's line.
+  /// Ends the line of an unfinished bar.
   ~ProgressBar();
   ProgressBar(const ProgressBar&) = delete;
   ProgressBar& operator=(const ProgressBar&) = delete;
@@ -71,7 +72,7 @@ class ProgressBar {
   bool line_is_open_ = false;
 };
 
-/// "7 s", "3:07 min", "2:03:07 h".
+/// Returns "7 s", "3:07 min", "2:03:07 h".
 [[nodiscard]] std::string FormatDuration(double seconds);
 
 }  // namespace dfr::experiment

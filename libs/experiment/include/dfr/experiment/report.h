@@ -13,24 +13,24 @@
 
 namespace dfr::experiment {
 
-/// One line of a ReportPlot. Points with a non-finite y are left out.
+/// One line of a ReportPlot. Points with a non-finite y are skipped.
 struct ReportSeries {
-  std::string name;  ///< At the line's right end; empty: the line has none.
+  std::string name;  ///< Label at the line's right end; empty: none.
   std::vector<double> x;
   std::vector<double> y;
   std::vector<double> low = {};   ///< Lower edge of a band around the line; empty: no band.
-  std::vector<double> high = {};  ///< Its upper edge, as long as `low`.
-  /// Which command prints the episodes behind each point, shown where the mouse is on it; or empty.
+  std::vector<double> high = {};  ///< Upper edge, as long as `low`.
+  /// Command that prints the episodes behind each point, shown on mouse hover; or empty.
   std::vector<std::string> commands = {};
-  /// Colour and marker: methods have theirs by their place in the plan. -1: by place in the plot.
+  /// Colour and marker, by index of the method in the plan. -1: by index in the plot.
   int style = -1;
 };
 
-/// A further line plot, of a convergence or an overlap say.
+/// An additional line plot, for example of a convergence or an overlap.
 struct ReportPlot {
   std::string title = {};
   std::string x_label = {};
-  bool percent = false;  ///< y is a share: 0.25 reads 25 %.
+  bool percent = false;  ///< y is a fraction: 0.25 is shown as 25 %.
   std::optional<double> x_min = {};
   std::optional<double> x_max = {};
   std::optional<double> y_min = {};
@@ -44,19 +44,19 @@ struct ReportFigure {
   std::vector<ReportPlot> plots;  ///< Side by side, up to three in a row.
 };
 
-/// A table of texts: the paper's figures beside ours, for one.
+/// A table of texts, for example of the paper's figures beside ours.
 struct ReportTable {
   std::string heading;
   std::string caption;
   std::vector<std::string> header;
   std::vector<std::vector<std::string>> rows;  ///< Each as long as `header`.
-  /// Which command prints the episodes behind an entry, shown where the mouse is on it: as `rows`,
+  /// Command that prints the episodes behind an entry, shown on mouse hover: same shape as `rows`,
   /// or empty.
   std::vector<std::vector<std::string>> commands = {};
 };
 
-/// Prints the heading, then the table with its columns in line, for a terminal: the first
-/// `left_aligned` columns at the left.
+/// Prints the heading and the table with aligned columns for a terminal. The first `left_aligned`
+/// columns are left-aligned.
 void PrintTable(const ReportTable& table, std::ostream& out, std::size_t left_aligned = 2);
 
 struct ReportNote {
@@ -70,14 +70,14 @@ struct ReportMedia {
   std::string caption;
 };
 
-/// What a report holds besides the summary. All texts are escaped.
+/// Content of a report in addition to the summary. All texts are escaped.
 struct ReportOptions {
   std::string title = {};
-  /// The program that made it, whose command `episodes` prints the ids of the episodes behind a
-  /// number: numbers say how, where the mouse is on them. Empty: they do not.
+  /// Program that wrote the report. The page shows on mouse hover which of its `episodes` commands
+  /// prints the ids of the episodes behind a number. Empty: not shown.
   std::string program = {};
-  std::string introduction = {};  ///< Paragraphs, as ReportNote::text.
-  /// How methods are called: {"dfr", "DFR"}. The paper's methods have names already.
+  std::string introduction = {};  ///< Paragraphs, as in ReportNote::text.
+  /// Display names of methods: {"dfr", "DFR"}. The paper's methods have built-in names.
   std::map<std::string, std::string> method_names = {};
   std::map<std::string, std::string> learner_names = {};
   std::vector<std::pair<std::string, std::string>> settings = {};
@@ -87,16 +87,16 @@ struct ReportOptions {
   std::vector<ReportNote> notes = {};
 };
 
-/// A page that needs nothing but itself: the ratios between methods, the paper's three curves per
-/// learner with bands, how episodes ended, the tables, and what the options add. Figures are inline
-/// SVG, media are data URIs; light and dark, narrow and wide, and print are all looked after. A
-/// summary without cells gives a page of what the options hold alone. Measured times are not in it,
-/// so that it has the same bytes whoever ran which units.
-/// @throws std::invalid_argument if a series, a table or a kind of media does not fit its
+/// Renders a self-contained page: the ratios between methods, the paper's three curves per learner
+/// with bands, how episodes ended, the tables, and the content of the options. Figures are inline
+/// SVG, media are data URIs. The layout supports light and dark themes, narrow and wide windows,
+/// and print. A summary without cells gives a page of the options' content only. The page contains
+/// no measured times and is therefore identical bit for bit, whichever machine ran the units.
+/// @throws std::invalid_argument if a series, a table or a kind of media does not match its
 ///   description; std::runtime_error naming a media file that cannot be read.
 [[nodiscard]] std::string RenderReport(const Summary& summary, const ReportOptions& options);
 
-/// Writes RenderReport() through a temporary file that is renamed when complete.
+/// Writes RenderReport() to a temporary file and renames it when complete.
 /// @throws as RenderReport(), and std::runtime_error naming the file.
 void SaveReport(const Summary& summary, const ReportOptions& options,
                 const std::filesystem::path& path);

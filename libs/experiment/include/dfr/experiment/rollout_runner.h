@@ -19,45 +19,45 @@ namespace dfr::experiment {
 /// A unit whose methods are controllers of one plant, rolled out from the same start states.
 class RolloutRunner : public TrialRunner {
  public:
-  /// Accepts the start states of which Inside() says so, as observed without disturbance.
+  /// Accepts the start states, observed without disturbance, for which Inside() returns true.
   [[nodiscard]] bool Accepts(std::uint64_t start_seed) override;
-  /// One rollout, with CauseOf() as its cause.
+  /// Runs one rollout, with CauseOf() as its cause.
   [[nodiscard]] EpisodeResult Run(int method, std::uint64_t start_seed,
                                   std::uint64_t controller_seed) override;
-  /// A page of the undisturbed plant's states, as SaveFilm() writes it; derived classes that can
-  /// draw their plant may do better.
+  /// Writes a page of the undisturbed plant's states with SaveFilm(). Derived classes that can draw
+  /// their plant may override it.
   [[nodiscard]] bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
                           std::uint64_t controller_seed,
                           const std::filesystem::path& path) override;
 
-  /// Run(), with the undisturbed plant's states.
+  /// Same as Run(), but also returns the undisturbed plant's states.
   [[nodiscard]] FilmedEpisode RecordStates(int method, std::uint64_t start_seed,
                                            std::uint64_t controller_seed);
 
-  /// Run() with an observer, who may draw the plant; ends after `max_controls`.
+  /// Same as Run(), with an observer that may draw the plant; ends after `max_controls`.
   control::RolloutResult Watch(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
                                control::RolloutObserver* observer, int max_controls = 1'000'000);
 
-  /// [method]: how many controls each recovery of Run() took.
+  /// [method]: number of controls of each recovery in Run().
   [[nodiscard]] const std::vector<std::vector<int>>& recovery_lengths() const noexcept {
     return recovery_lengths_;
   }
 
  protected:
-  /// @param disturbance  of the plant that methods drive: where it is not zero, they drive a
-  ///   disturbed copy of `plant`.
+  /// @param disturbance  disturbance of the plant that methods drive. If it is not zero, they drive
+  ///   a disturbed copy of `plant`.
   explicit RolloutRunner(std::unique_ptr<core::SimulatedPlant> plant,
                          const experiment::DisturbanceOptions& disturbance = {});
-  /// Appends the controller of the plan's next method, which has that name.
+  /// Appends the controller of the plan's next method, named `method`.
   void Add(std::string method, std::unique_ptr<control::Controller> controller);
   [[nodiscard]] const std::string& MethodName(int method) const {
     return names_.at(static_cast<std::size_t>(method));
   }
-  /// What methods drive.
+  /// Returns the plant that methods drive.
   [[nodiscard]] core::SimulatedPlant& driven() noexcept {
     return disturbed_ != nullptr ? static_cast<core::SimulatedPlant&>(*disturbed_) : *plant_;
   }
-  /// The plant inside of what methods drive.
+  /// Returns the undisturbed plant inside driven().
   [[nodiscard]] core::SimulatedPlant& world() noexcept {
     return disturbed_ != nullptr ? disturbed_->undisturbed() : *plant_;
   }
@@ -65,20 +65,20 @@ class RolloutRunner : public TrialRunner {
 
   /// Called before each episode of a method.
   virtual void Begin(int /*method*/, std::uint64_t /*start_seed*/) {}
-  /// Whether a start state is inside the support.
+  /// Returns true if a start state is inside the support.
   [[nodiscard]] virtual bool Inside(std::span<const double> x) const = 0;
-  /// EpisodeResult::cause: why it halted, or the mode of the control that collided.
+  /// Returns EpisodeResult::cause: the cause of the halt, or the mode of the control that collided.
   [[nodiscard]] virtual std::string CauseOf(const control::RolloutResult& result) const;
-  /// Whether the world, which the controller has left to itself, collides after a halt: the episode
-  /// has collided then, with the cause "after <why it halted>".
+  /// Returns true if the world, without further control, collides after a halt. The episode then
+  /// counts as collided, with the cause "after <cause of the halt>".
   [[nodiscard]] virtual bool CollidesAfterHalt() { return false; }
 
-  /// The episode of a rollout that has just ended.
+  /// Returns the result of a rollout that has just ended.
   [[nodiscard]] EpisodeResult ResultOf(const control::RolloutResult& result);
 
  private:
   std::unique_ptr<core::SimulatedPlant> plant_;
-  std::unique_ptr<experiment::DisturbedPlant> disturbed_;  // null: plant_ itself is driven
+  std::unique_ptr<experiment::DisturbedPlant> disturbed_;  // nullptr: plant_ is driven
   std::vector<std::string> names_;
   std::vector<std::unique_ptr<control::Controller>> controllers_;
   std::vector<std::vector<int>> recovery_lengths_;

@@ -14,14 +14,14 @@
 
 namespace dfr::experiment {
 
-/// A share of the episodes, with ClusteredInterval() of trials or supervisors; with fewer than 5 of
-/// them with ProportionInterval(), which takes episodes for independent.
+/// A fraction of the episodes, with ClusteredInterval() over trials or supervisors. With fewer than
+/// 5 of them, with ProportionInterval(), which treats episodes as independent.
 struct Share {
   double value = 0.0;
   Interval interval;
 };
 
-/// One method with one kind of learner at one data point, over all trials.
+/// Results of one method with one kind of learner at one data point, over all trials.
 struct Cell {
   std::string method;
   std::string learner;
@@ -34,30 +34,30 @@ struct Cell {
   double seconds_per_trajectory = 0.0;  ///< Processor time.
   double controls_per_trajectory = 0.0;
   double recovery_controls = 0.0;  ///< Per trajectory, probes included.
-  int redrawn_starts = 0;          ///< Start states outside the support, drawn anew.
+  int redrawn_starts = 0;          ///< Start states outside the support, redrawn.
   std::map<std::string, int> halt_causes;
-  std::map<std::string, int> collision_causes;  ///< By who chose the control that collided.
+  std::map<std::string, int> collision_causes;  ///< By the source of the control that collided.
 };
 
-/// A method against the reference with one kind of learner, over all data points: totals against
-/// totals, which is the ratio of the averages, as every data point has as many episodes.
+/// Comparison of a method with the reference for one kind of learner, over all data points. Ratios
+/// of totals equal ratios of averages, because every data point has the same number of episodes.
 struct Contrast {
   std::string method;
   std::string against;
   std::string learner;
   PairedContrast ratios;
-  /// What was resampled for the intervals: "supervisors" from 5 of them on, "trials", or "episodes"
-  /// of each trial where there are fewer than 5 trials to resample. The last say nothing of how
-  /// trials differ.
+  /// Resampled unit of the intervals: "supervisors" with 5 or more of them, "trials", or "episodes"
+  /// of each trial with fewer than 5 trials. The last does not account for differences between
+  /// trials.
   std::string resampled;
   std::optional<double> seconds_ratio;   ///< Seconds per trajectory / reference's.
   std::optional<double> controls_ratio;  ///< Controls per trajectory / reference's.
-  int only_method_collided = 0;     ///< Pairs (one start state) in which just the method collided,
-  int only_reference_collided = 0;  ///< or just the reference.
-  double mcnemar_p = 1.0;           ///< ClusteredMcNemar() of these, by what was resampled.
+  int only_method_collided = 0;     ///< Pairs (one start state) in which only the method collided,
+  int only_reference_collided = 0;  ///< or only the reference.
+  double mcnemar_p = 1.0;           ///< ClusteredMcNemar() of these, clustered by `resampled`.
 };
 
-/// The mean over trials of a figure that the runners reported.
+/// Mean over trials of a quantity reported by the runners.
 struct MeasureMean {
   std::string name;
   std::string learner;
@@ -70,10 +70,10 @@ struct Summary {
   std::string preset;
   std::string commit;
   std::uint64_t seed = 0;
-  std::vector<Cell> cells;     ///< By learner, method, demonstrations.
-  std::vector<Cell> averages;  ///< By learner, method: all data points together.
+  std::vector<Cell> cells;     ///< Ordered by learner, method, demonstrations.
+  std::vector<Cell> averages;  ///< Ordered by learner, method: over all data points.
   std::vector<Contrast> contrasts;
-  std::vector<MeasureMean> measures;  ///< By name, learner, demonstrations.
+  std::vector<MeasureMean> measures;  ///< Ordered by name, learner, demonstrations.
 };
 
 struct SummaryOptions {
@@ -83,12 +83,12 @@ struct SummaryOptions {
   BootstrapOptions bootstrap = {};
 };
 
-/// Aggregates what Evaluate() returned for `plan`; the plan's first method is the reference.
+/// Aggregates Evaluate()'s results for `plan`, whose first method is the reference.
 /// @throws std::invalid_argument if the results are not those of the whole plan.
 [[nodiscard]] Summary Summarize(const EvaluationPlan& plan, std::span<const UnitResult> results,
                                 const SummaryOptions& options);
 
-/// The summary as JSON; figures that do not exist are null:
+/// Returns the summary as JSON; undefined quantities are null:
 ///   {"experiment": "pusher", "preset": ..., "commit": ..., "seed": ...,
 ///    "cells": [{"method": "dfr", "learner": "8", "demonstrations": 120, "trials": 10,
 ///      "episodes": 600, "completed": 0.41, "completed_interval": [lo, hi], "halted": ...,
@@ -102,11 +102,11 @@ struct SummaryOptions {
 ///      "controls_ratio": ..., "only_method_collided": ...,
 ///      "only_reference_collided": ..., "mcnemar_p": ...}, ...],
 ///    "measures": [{"name": ..., "learner": ..., "demonstrations": ..., "mean": ...}, ...]}
-/// "interval" of a contrast is that of its collision reduction. Nothing in it is a measured time,
-/// so that the text is the same whoever ran which units how often.
+/// "interval" of a contrast is that of its collision reduction. Contains no measured times, so the
+/// text is identical for any distribution of units over machines.
 [[nodiscard]] std::string ToJson(const Summary& summary);
 
-/// Writes ToJson() through a temporary file that is renamed when complete.
+/// Writes ToJson() to a temporary file and renames it when complete.
 /// @throws std::runtime_error naming the file.
 void SaveSummary(const Summary& summary, const std::filesystem::path& path);
 

@@ -9,9 +9,9 @@
 
 namespace dfr::imitation {
 
-/// A stochastic policy u ~ N(mlp(z), diag(exp(2 log_std))), clipped to the control limit: what
-/// Trpo trains, and what supervisors are shipped as. The standard deviation does not depend on the
-/// state. Immutable; concurrent calls are safe, each with its own random stream.
+/// A stochastic policy u ~ N(mlp(z), diag(exp(2 log_std))), clipped to the control limit. Trpo
+/// trains such policies, and supervisors are stored as such. The standard deviation does not depend
+/// on the state. Immutable; concurrent calls are safe if each uses its own random stream.
 class GaussianPolicy {
  public:
   /// @throws std::invalid_argument unless `log_std` has one finite entry per control.
@@ -20,17 +20,17 @@ class GaussianPolicy {
   [[nodiscard]] int state_dim() const noexcept { return mean_.state_dim(); }
   [[nodiscard]] int control_dim() const noexcept { return mean_.control_dim(); }
 
-  /// Draws a control: the noise is added to the network's output, then the sum is clipped. All
-  /// entries are NaN where the mean's are. Never allocates.
+  /// Samples a control: adds noise to the network's output, then clips the sum. All entries are NaN
+  /// where the mean's are. Never allocates.
   void Sample(std::span<const double> x, core::Random& random, std::span<double> u) const noexcept;
 
-  /// The policy without noise.
+  /// Returns the policy without noise.
   [[nodiscard]] const MlpPolicy& mean() const noexcept { return mean_; }
   [[nodiscard]] const Eigen::VectorXd& log_std() const noexcept { return log_std_; }
 
-  /// Writes a file of kind "gaussian-policy". @throws std::runtime_error naming the file.
+  /// Writes a file of kind "gaussian-policy". @throws std::runtime_error with the file.
   void Save(const std::filesystem::path& path) const;
-  /// @throws std::runtime_error naming the file and what is wrong with it.
+  /// @throws std::runtime_error with the file and the problem.
   static GaussianPolicy Load(const std::filesystem::path& path);
 
  private:

@@ -11,14 +11,14 @@ namespace dfr::imitation {
 
 /// Options for LocallyWeightedPolicy.
 struct LocallyWeightedOptions {
-  int window = 5;         ///< Demonstrated pairs of time steps t - window ... t + window count.
+  int window = 5;         ///< Uses demonstrated pairs of time steps t - window ... t + window.
   double width = 1.0;     ///< Weights are exp(-|z - z_i|^2 / (2 width^2)), > 0.
-  double ridge = 0.1;     ///< Pulls the local slope to zero, > 0.
-  int max_per_step = 24;  ///< Most demonstrations kept of one time step: bounds the time.
+  double ridge = 0.1;     ///< Regularises the local slope towards zero, > 0.
+  int max_per_step = 24;  ///< Maximum number of demonstrations per time step; bounds the time.
 };
 
-/// Locally weighted linear regression on the demonstrations themselves (Atkeson, Moore and Schaal,
-/// 1997): u = a + B (z - z_0), fitted by weighted least squares around the present features z.
+/// Locally weighted linear regression on the demonstrations (Atkeson, Moore and Schaal, 1997): u =
+/// a + B (z - z_0), fitted by weighted least squares around the current features z.
 ///
 /// The time step only selects the window. Immutable; concurrent calls are safe. The equations are
 /// on the stack, which limits a policy to kMaxFeatures features and kMaxControls control entries.
@@ -27,7 +27,7 @@ class LocallyWeightedPolicy final : public core::Policy {
   static constexpr int kMaxFeatures = 24;
   static constexpr int kMaxControls = 16;
 
-  /// Pairs with u = 0 (padding) are left out; controls are clipped to +-1.
+  /// Leaves out pairs with u = 0 (padding) and clips controls to +-1.
   /// @throws std::invalid_argument if shapes do not fit, no control differs from zero, or an option
   ///   is out of range.
   LocallyWeightedPolicy(core::FeatureTransform features,
@@ -43,7 +43,7 @@ class LocallyWeightedPolicy final : public core::Policy {
  private:
   core::FeatureTransform features_;
   LocallyWeightedOptions options_;
-  std::vector<int> begin_;  ///< Row at which time step t begins; one more entry at the end.
+  std::vector<int> begin_;  ///< First row of time step t; one more entry at the end.
   core::Matrix points_;
   core::Matrix controls_;
 };

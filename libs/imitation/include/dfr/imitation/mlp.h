@@ -10,36 +10,35 @@
 
 namespace dfr::imitation {
 
-/// A batch: one sample per row, without a copy where the rows are contiguous.
+/// A batch: one sample per row, without a copy if the rows are contiguous.
 using Rows = Eigen::Ref<const core::Matrix>;
 
 /// Multi-layer perceptron: tanh hidden layers, a linear output layer,
 ///   h_0 = x,  h_l = tanh(W_l' h_{l-1} + b_l),  y = W_L' h_{L-1} + b_L.
 ///
-/// All weights and biases are one flat vector theta, for the optimisers: per layer first W_l
-/// (inputs x outputs, row-major), then b_l.
+/// All weights and biases are one flat vector theta for the optimisers: per layer first W_l (inputs
+/// x outputs, row-major), then b_l.
 ///
-/// Batched calls take a Workspace, which grows to the largest batch seen and is then reused:
-/// nothing allocates in a loop over batches of one size. Every sample's result is, bit for bit,
-/// what the batch of this sample alone gives; sums over a batch depend on its order as rounding
-/// does. The kernels use the widest instruction set of the machine, so that other machines differ
-/// by rounding.
+/// Batched calls take a Workspace, which grows to the largest batch and is then reused: loops over
+/// batches of one size do not allocate. Each sample's result is bit-identical to that of a batch
+/// with this sample alone. Sums over a batch depend on its order within rounding. The kernels use
+/// the widest instruction set of the machine: results of different machines differ by rounding.
 ///
 /// Const calls are safe from several threads, each with its own workspace.
 class Mlp {
  public:
-  /// Units of the widest layer allowed, so that one sample's activations fit on the stack.
+  /// Maximum number of units per layer: one sample's activations must fit on the stack.
   static constexpr int kMaxWidth = 1024;
 
-  /// Where a layer's part of the parameters begins.
+  /// Offsets of a layer's parameters.
   struct Layer {
     int inputs;
     int outputs;
-    Eigen::Index weights;  ///< inputs x outputs of them, row-major.
+    Eigen::Index weights;  ///< inputs x outputs entries, row-major.
     Eigen::Index biases;   ///< One per output.
   };
 
-  /// Buffers of the batched calls, and the activations that Forward() leaves to the calls after it.
+  /// Buffers of the batched calls, including the activations that Forward() stores for later calls.
   class Workspace {
    public:
     Workspace() = default;
@@ -50,19 +49,20 @@ class Mlp {
     std::vector<double> outputs_;
     std::vector<double> tangents_;
     std::vector<double> input_gradient_;
-    std::vector<double> transposed_;  // the weights of all layers, outputs x inputs
-    std::vector<double> front_;       // one chunk's derivatives at a layer, and at the next
+    std::vector<double> transposed_;  // weights of all layers, outputs x inputs
+    std::vector<double> front_;       // derivatives of one chunk at a layer and at the next
     std::vector<double> back_;
     Eigen::Index samples_ = 0;
   };
 
-  /// All parameters zero. `sizes`: inputs, units of each hidden layer, outputs.
-  /// @throws std::invalid_argument if there are fewer than two sizes, or one is not in
-  ///   [1, kMaxWidth].
+  /// All parameters are zero. `sizes`: inputs, units of each hidden layer, outputs.
+  /// @throws std::invalid_argument if there are fewer than two sizes, or one is not in [1,
+  ///   kMaxWidth].
   explicit Mlp(std::vector<int> sizes);
 
-  /// Biases zero, weights normal with variance 1/inputs of their layer (LeCun et al., 1998), those
-  /// of the output layer scaled by `output_scale`. The same random stream gives the same network.
+  /// Biases are zero. Weights are normal with variance 1/inputs of their layer (LeCun et al.,
+  /// 1998); `output_scale` multiplies those of the output layer. The same random stream gives the
+  /// same network.
   Mlp(std::vector<int> sizes, core::Random& random, double output_scale = 1.0);
 
   [[nodiscard]] const std::vector<int>& sizes() const noexcept { return sizes_; }
@@ -76,38 +76,40 @@ class Mlp {
   /// @throws std::invalid_argument unless there are num_parameters() finite entries.
   void SetParameters(const Eigen::Ref<const Eigen::VectorXd>& parameters);
 
-  /// y for one x. Never allocates. @pre x.size() == input_dim(), y.size() == output_dim()
+  /// Computes y for one x. Never allocates. @pre x.size() == input_dim(), y.size() == output_dim()
   void Forward(std::span<const double> x, std::span<double> y) const noexcept;
 
-  /// The outputs (n x output_dim()) for n inputs (n x input_dim()); valid until the workspace's
-  /// next use.
+  /// Returns the outputs (n x output_dim()) for n inputs (n x input_dim()). Valid until the
+  /// workspace's next use.
   /// @throws std::invalid_argument if the inputs have another number of columns.
   Eigen::Map<const core::Matrix> Forward(const Rows& inputs, Workspace& workspace) const;
 
-  /// The gradient of a loss by the parameters, given its gradient by the outputs (n x
-  /// output_dim()), after Forward() of the same `inputs` with the same parameters.
+  /// Computes the gradient of a loss with respect to the parameters from its gradient with respect
+  /// to the outputs (n x output_dim()). Requires Forward() of the same `inputs` with the same
+  /// parameters first.
   /// @param gradient  num_parameters() entries, overwritten.
   /// @throws std::invalid_argument for shapes that do not fit the network or the last Forward().
   void Backward(const Rows& inputs, const Rows& output_gradient, Workspace& workspace,
                 Eigen::VectorXd& gradient) const;
 
-  /// The gradient by the inputs instead (n x input_dim()); valid until the workspace's next use.
+  /// Returns the gradient with respect to the inputs instead (n x input_dim()). Valid until the
+  /// workspace's next use.
   Eigen::Map<const core::Matrix> InputGradient(const Rows& output_gradient,
                                                Workspace& workspace) const;
 
-  /// The derivative of the outputs (n x output_dim()) when the parameters move along `direction`,
-  /// after Forward() as for Backward(); valid until the workspace's next use.
+  /// Returns the derivative of the outputs (n x output_dim()) along the parameter direction
+  /// `direction`, after Forward() as for Backward(). Valid until the workspace's next use.
   Eigen::Map<const core::Matrix> Tangent(const Rows& inputs,
                                          const Eigen::Ref<const Eigen::VectorXd>& direction,
                                          Workspace& workspace) const;
 
-  /// Row i output_dim() + o of `jacobian` is the gradient of output o of sample i by the
-  /// parameters, after Forward() as for Backward(). Meant for small networks: plain loops.
+  /// Row i output_dim() + o of `jacobian` is the gradient of output o of sample i with respect to
+  /// the parameters, after Forward() as for Backward(). Intended for small networks: plain loops.
   void Jacobian(const Rows& inputs, Workspace& workspace, Eigen::Ref<core::Matrix> jacobian) const;
 
-  /// Appends sizes and parameters; a reader restores them bit for bit.
+  /// Appends sizes and parameters. A reader restores them bit for bit.
   void Save(core::ArchiveWriter& archive) const;
-  /// @throws std::runtime_error naming the file if they do not make a network.
+  /// @throws std::runtime_error with the file if the data are not a valid network.
   static Mlp Load(core::ArchiveReader& archive);
 
  private:
@@ -120,7 +122,7 @@ class Mlp {
 
   std::vector<int> sizes_;
   std::vector<Layer> layers_;
-  int width_ = 0;  // of the widest layer, inputs and outputs included
+  int width_ = 0;  // widest layer, inputs and outputs included
   Eigen::VectorXd parameters_;
 };
 

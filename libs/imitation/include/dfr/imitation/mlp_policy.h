@@ -18,24 +18,24 @@ namespace dfr::imitation {
 /// Immutable; concurrent calls are safe.
 class MlpPolicy final : public core::Policy {
  public:
-  /// @param layout  the entries of the state. Files carry it, so that a policy cannot be run on a
-  ///   plant with other states unnoticed.
+  /// @param layout  entries of the state. Files store it, which prevents running a policy on a
+  ///   plant with other states.
   /// @param features  as in core::FeatureSelection; empty for the whole state.
   /// @param whitening  of the features.
   /// @param mlp  from whitened features to controls.
   /// @param control_limit  per entry of the control, > 0: the actuators' range.
-  /// @throws std::invalid_argument if these do not fit together; the message names which.
+  /// @throws std::invalid_argument naming the arguments that do not fit together.
   MlpPolicy(core::StateLayout layout, std::string_view features, Whitening whitening, Mlp mlp,
             Eigen::VectorXd control_limit);
 
   [[nodiscard]] int state_dim() const noexcept override { return selection_.state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return mlp_.output_dim(); }
 
-  /// All entries of `u` are NaN where an entry of x is not finite, or x has the wrong size. Never
+  /// Writes NaN to all entries of `u` if an entry of x is not finite or x has the wrong size. Never
   /// allocates.
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override;
 
-  /// The network's output itself, without the limit: what a Gaussian policy adds its noise to.
+  /// Writes the network's output without the limit, to which a Gaussian policy adds its noise.
   /// Otherwise as Control().
   void Unlimited(std::span<const double> x, std::span<double> u) const noexcept;
 
@@ -45,12 +45,12 @@ class MlpPolicy final : public core::Policy {
   [[nodiscard]] const Mlp& mlp() const noexcept { return mlp_; }
   [[nodiscard]] const Eigen::VectorXd& control_limit() const noexcept { return control_limit_; }
 
-  /// Writes a file of its own, kind "mlp-policy". @throws std::runtime_error naming the file.
+  /// Writes a file of kind "mlp-policy". @throws std::runtime_error with the file.
   void Save(const std::filesystem::path& path) const;
-  /// @throws std::runtime_error naming the file and what is wrong with it.
+  /// @throws std::runtime_error with the file and the problem.
   static MlpPolicy Load(const std::filesystem::path& path);
 
-  /// As part of another file.
+  /// Appends the policy to another file.
   void Save(core::ArchiveWriter& archive) const;
   static MlpPolicy Load(core::ArchiveReader& archive);
 

@@ -8,13 +8,14 @@
 
 namespace dfr::imitation {
 
-/// A policy as an ONNX file, in double: input `x` (rows x state_dim), the whole state; output `u`
-/// (rows x control_dim), within 1e-12 of Control(). Features, whitening and the control's limits
-/// are inside. Control() answers a non-finite state by NaN throughout; an ONNX runtime need not.
-/// @throws std::runtime_error naming the file and what the system said.
+/// Writes a policy as an ONNX file, in double: input `x` (rows x state_dim), the whole state;
+/// output `u` (rows x control_dim), within 1e-12 of Control(). The graph includes features,
+/// whitening and control limits. For a non-finite state, Control() gives NaN in all entries; an
+/// ONNX runtime may not.
+/// @throws std::runtime_error with the file and the system's message.
 void ExportOnnx(const MlpPolicy& policy, const std::filesystem::path& path);
 
-/// The same as a part of a larger graph: the name of x leads to that of u.
+/// Appends the computation to a larger graph. Takes the name of x and returns the name of u.
 std::string AppendControl(core::OnnxGraph& graph, const MlpPolicy& policy, const std::string& x);
 
 }  // namespace dfr::imitation

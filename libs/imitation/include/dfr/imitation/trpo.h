@@ -12,21 +12,21 @@
 
 namespace dfr::imitation {
 
-/// A task to be learned: a plant, and a reward for what it does.
+/// A task to learn: a plant with a reward.
 class Environment {
  public:
   struct StepResult {
     double reward = 0.0;
-    bool terminal = false;  ///< The episode ends here, before its horizon.
+    bool terminal = false;  ///< True if the episode ends here, before its horizon.
   };
 
   virtual ~Environment() = default;
 
-  /// The plant inside. Trpo reads its layout, states, completed() and collided(), and drives it
+  /// Returns the plant. Trpo reads its layout, states, completed() and collided(), and drives it
   /// through the environment alone.
   [[nodiscard]] virtual const core::Plant& plant() const noexcept = 0;
 
-  /// Begins an episode; the same seed gives the same start state.
+  /// Starts an episode. The same seed gives the same start state.
   virtual void Reset(std::uint64_t seed) = 0;
 
   /// Applies one control, already within Trpo's control limit.
@@ -36,59 +36,60 @@ class Environment {
 
 /// Options of Trpo. Defaults are the Pusher's.
 struct TrpoOptions {
-  std::vector<int> hidden = {64, 64};         ///< Tanh units of the policy's layers.
-  std::vector<int> critic_hidden = {64, 64};  ///< And of the critic's.
-  std::string features = {};   ///< What the policy sees, as core::FeatureSelection; empty: all.
-  double control_limit = 1.0;  ///< Controls are clipped to +-this, > 0.
-  int horizon = 60;            ///< Steps of an episode, T.
-  int batch_steps = 4000;      ///< An iteration collects whole episodes of at least so many steps.
+  std::vector<int> hidden = {64, 64};         ///< Numbers of tanh units of the policy.
+  std::vector<int> critic_hidden = {64, 64};  ///< Numbers of tanh units of the critic.
+  std::string features = {};   ///< Inputs of the policy, as core::FeatureSelection; empty: all.
+  double control_limit = 1.0;  ///< Controls are clipped to +-this value, > 0.
+  int horizon = 60;            ///< Steps per episode, T.
+  int batch_steps = 4000;      ///< Minimum number of steps per iteration, in whole episodes.
   double discount = 0.98;      ///< gamma in [0, 1].
-  double gae_lambda = 0.97;    ///< Bias (0) against variance (1) of the advantages, in [0, 1].
-  double max_kl = 0.04;        ///< Bound of the mean KL divergence per iteration, > 0.
-  int cg_iterations = 10;      ///< Conjugate gradient steps towards the natural gradient.
-  double cg_damping = 0.1;     ///< Added to the Fisher matrix's diagonal, >= 0.
-  double initial_log_std = -0.7;  ///< Log deviation of the controls before their limit.
-  double min_log_std = -1.2;      ///< Exploration never falls below this.
-  int critic_epochs = 5;          ///< Passes of Adam over each batch.
-  int critic_batch = 64;          ///< Samples of one Adam step.
+  double gae_lambda = 0.97;  ///< Trades bias (0) against variance (1) of the advantages, in [0, 1].
+  double max_kl = 0.04;      ///< Bound on the mean KL divergence per iteration, > 0.
+  int cg_iterations = 10;    ///< Number of conjugate gradient steps.
+  double cg_damping = 0.1;   ///< Added to the diagonal of the Fisher matrix, >= 0.
+  double initial_log_std = -0.7;  ///< Initial log deviation of the controls before their limit.
+  double min_log_std = -1.2;      ///< Minimum log standard deviation: keeps exploration.
+  int critic_epochs = 5;          ///< Number of Adam passes over each batch.
+  int critic_batch = 64;          ///< Samples per Adam step.
   double critic_learning_rate = 1e-3;
-  std::uint64_t seed = 0;  ///< Seeds start states, noise, weights and shuffling.
+  std::uint64_t seed = 0;  ///< Seed of start states, noise, weights and shuffling.
 };
 
-/// One iteration in numbers.
+/// Statistics of one iteration.
 struct TrpoProgress {
   int iteration = 0;            ///< From 1.
   std::int64_t steps = 0;       ///< Controls applied so far.
-  int episodes = 0;             ///< In this iteration.
+  int episodes = 0;             ///< Number of episodes in this iteration.
   double mean_return = 0.0;     ///< Undiscounted sum of rewards per episode.
   double mean_length = 0.0;     ///< Steps per episode.
   double completed = 0.0;       ///< Fraction of episodes that ended completed without a collision.
   double collided = 0.0;        ///< Fraction of episodes with a collision.
-  double kl = 0.0;              ///< Divergence of the update; 0 if it was rejected.
+  double kl = 0.0;              ///< KL divergence of the update; 0 if it was rejected.
   double surrogate_gain = 0.0;  ///< In standard deviations of the advantage; 0 if rejected.
   double entropy = 0.0;         ///< Entropy of the controls before their limit, in nats.
-  /// Share of the returns' variance that the critic explains before its fit; 1 is perfect.
+  /// Fraction of the returns' variance that the critic explains before its fit; 1 is perfect.
   double explained_variance = 0.0;
-  bool accepted = false;  ///< Whether the line search found an improvement within the bound.
+  bool accepted = false;  ///< True if the line search improved the surrogate within the bound.
 };
 
-/// Trust Region Policy Optimization (Schulman et al., 2015): each iteration moves a Gaussian policy
-/// along the natural gradient of the surrogate return, as far as a bound on the KL divergence
-/// allows. Advantages by GAE(lambda) (Schulman et al., 2016) from a critic that also sees t/T, so
-/// that the horizon is a proper end. The inputs are whitened by the states seen so far, frozen
-/// during an iteration; before the first, a quarter of a batch is collected for that.
+/// Trust Region Policy Optimization (Schulman et al., 2015). Each iteration moves a Gaussian policy
+/// along the natural gradient of the surrogate return as far as a bound on the KL divergence
+/// allows. Advantages are GAE(lambda) (Schulman et al., 2016). The critic's inputs include t/T,
+/// because the value depends on the time left. Inputs are whitened by the statistics of all states
+/// so far, which are constant during an iteration. A quarter of a batch before the first iteration
+/// initialises them.
 ///
-/// Deterministic: the same seed, environment and machine give the same policy. One object belongs
+/// Deterministic: the same seed, environment and machine give the same policy. Each object belongs
 /// to one thread.
 class Trpo {
  public:
-  /// Borrows `environment`, which must outlive this.
-  /// @throws std::invalid_argument if an option is out of range; the message names it.
+  /// Borrows `environment`, which must outlive this object.
+  /// @throws std::invalid_argument naming the option out of range.
   explicit Trpo(Environment& environment, TrpoOptions options = {});
 
-  /// Continues from a checkpoint as if never interrupted, to the last bit. The environment may be a
-  /// different one of the same layout, to continue on a harder task.
-  /// @throws std::runtime_error naming the file and what is wrong with it.
+  /// Continues from a checkpoint as if never interrupted, to the last bit. The environment may
+  /// differ but must have the same layout, for example to continue on a harder task.
+  /// @throws std::runtime_error with the file and the problem.
   static Trpo Resume(Environment& environment, const std::filesystem::path& checkpoint);
 
   Trpo(Trpo&&) noexcept;
@@ -96,18 +97,18 @@ class Trpo {
   ~Trpo();
 
   /// Collects a batch, updates the policy, fits the critic.
-  /// @throws std::runtime_error if the environment gives a state or reward that is not finite, or
-  ///   throws itself.
+  /// @throws std::runtime_error if the environment throws or returns a state or reward that is not
+  ///   finite.
   TrpoProgress Iterate();
 
-  /// The present policy.
+  /// Returns the current policy.
   [[nodiscard]] GaussianPolicy policy() const;
 
-  [[nodiscard]] int iteration() const noexcept;       ///< Completed iterations.
-  [[nodiscard]] std::int64_t steps() const noexcept;  ///< Controls applied so far.
+  [[nodiscard]] int iteration() const noexcept;       ///< Number of completed iterations.
+  [[nodiscard]] std::int64_t steps() const noexcept;  ///< Number of controls applied so far.
   [[nodiscard]] const TrpoOptions& options() const noexcept;
 
-  /// Writes a checkpoint. @throws std::runtime_error naming the file.
+  /// Writes a checkpoint. @throws std::runtime_error with the file.
   void Save(const std::filesystem::path& checkpoint) const;
 
  private:

@@ -8,17 +8,17 @@
 
 namespace dfr::imitation {
 
-/// Standardisation feature by feature: z = (x - mean) / scale. Features keep their meaning: nothing
-/// is rotated. Immutable; concurrent calls are safe.
+/// Standardisation of each feature: z = (x - mean) / scale. There is no rotation, and features keep
+/// their meaning. Immutable; concurrent calls are safe.
 class Whitening {
  public:
-  /// z = x.
+  /// Returns the map z = x.
   static Whitening Identity(int dim);
 
-  /// Mean and standard deviation (divisor n) of the rows of `samples`. A feature that is constant
-  /// up to rounding (deviation below 1e-9 of its magnitude) gets scale 1.
-  /// @throws std::invalid_argument if there is no row or column, or an entry is not finite; the
-  ///   message names it.
+  /// Uses mean and standard deviation (divisor n) of the rows of `samples`. A feature that is
+  /// constant up to rounding (deviation below 1e-9 of its magnitude) gets scale 1.
+  /// @throws std::invalid_argument if there is no row or column, or naming the entry that is not
+  ///   finite.
   static Whitening FromData(const core::Matrix& samples);
 
   /// @throws std::invalid_argument if sizes differ, an entry is not finite, or a scale not
@@ -29,13 +29,13 @@ class Whitening {
   [[nodiscard]] const Eigen::VectorXd& mean() const noexcept { return mean_; }
   [[nodiscard]] const Eigen::VectorXd& scale() const noexcept { return scale_; }
 
-  /// x to z, dim() entries each; they may be the same memory. Never allocates.
+  /// Maps x to z, dim() entries each, which may be the same memory. Never allocates.
   void Apply(std::span<const double> x, std::span<double> z) const noexcept;
-  /// The same for each row. @throws std::invalid_argument for another number of columns.
+  /// Maps each row. @throws std::invalid_argument for another number of columns.
   [[nodiscard]] core::Matrix Apply(const core::Matrix& samples) const;
 
   void Save(core::ArchiveWriter& archive) const;
-  /// @throws std::runtime_error naming the file.
+  /// @throws std::runtime_error with the file.
   static Whitening Load(core::ArchiveReader& archive);
 
  private:

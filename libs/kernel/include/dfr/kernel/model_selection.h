@@ -12,64 +12,66 @@
 
 namespace dfr::kernel {
 
-/// Split-conformal threshold: with `scores` of n exchangeable held-out items (larger is stranger),
-/// the value that a further item of the same kind exceeds with probability at most `alpha`. It is
-/// the score of rank ceil((n + 1)(1 - alpha)); +infinity where that is beyond n: n items
-/// cannot promise so little.
+/// Split-conformal threshold. For `scores` of n exchangeable held-out items (larger is stranger),
+/// returns a value that a new item of the same kind exceeds with probability at most `alpha`. It is
+/// the score of rank ceil((n + 1)(1 - alpha)), or +infinity if that rank exceeds n: n items are too
+/// few for this alpha.
 ///
-/// That is on average over sets of held-out items: of one set, the probability that a further item
-/// stays below the score of rank k is Beta(k, n + 1 - k) distributed. With a `confidence`, k is the
-/// smallest rank at which it is at least 1 - alpha for that share of sets.
+/// This probability is an average over sets of held-out items. For one set, the probability that a
+/// new item stays below the score of rank k is Beta(k, n + 1 - k) distributed. With a `confidence`,
+/// k is the smallest rank for which this probability is at least 1 - alpha in that share of sets.
 /// @throws std::invalid_argument if there are no scores, one is NaN, alpha is not in (0, 1), or
 ///   confidence not in [0, 1).
 [[nodiscard]] double ConformalThreshold(std::span<const double> scores, double alpha,
                                         double confidence = 0.0);
 
-/// max over t of -l_t(x_t), l_t the log form of g_t: how far a demonstration leaves the support,
-/// over its whole length. Negative if it never does. The score for ConformalThreshold().
+/// Returns max over t of -l_t(x_t), with l_t the log form of g_t: the largest distance of a
+/// demonstration from the support. Negative if all its states are inside. Score for
+/// ConformalThreshold().
 [[nodiscard]] double ExcursionScore(const TimeVaryingSupport& support, const core::Matrix& states);
 
 /// Options for SelectModel().
 struct SelectionOptions {
   std::vector<double> gammas = {0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0};
   std::vector<double> nus = {0.05};
-  /// Parts that are held out in turn, >= 2. Whole demonstrations: states of one demonstration
-  /// resemble each other, and single ones held out would all seem familiar.
+  /// Number of folds for cross-validation, >= 2. Folds hold out whole demonstrations, because
+  /// states of one demonstration resemble each other.
   int folds = 4;
-  /// Share of held-out states that must lie inside, in (0, 1].
+  /// Fraction of held-out states that must lie inside, in (0, 1].
   double acceptance = 0.90;
-  /// Held-out demonstrations that may raise a false alarm, in (0, 1); sets the threshold.
+  /// Fraction of held-out demonstrations that may raise a false alarm, in (0, 1). Sets the
+  /// threshold.
   double false_alarms = 0.1;
-  /// Its nu and gamma are replaced by the candidates; its threads are those of the comparison.
+  /// SelectModel() replaces nu and gamma by the candidates. `threads` applies to the comparison.
   TimeVaryingSupportOptions support = {};
-  std::uint64_t seed = 1;  ///< Which demonstrations share a fold.
+  std::uint64_t seed = 1;  ///< Decides which demonstrations share a fold.
 };
 
-/// One row of the table: what a pair of options gave on held-out demonstrations.
+/// One row of the table: results of a pair of options on held-out demonstrations.
 struct SelectionRow {
   double nu = 0.0;
   double gamma = 0.0;
-  double acceptance = 0.0;         ///< Share of held-out states with g >= 0.
-  double inside_throughout = 0.0;  ///< Share of held-out demonstrations that never leave.
-  double threshold = 0.0;          ///< Conformal: alarm at l_t < -threshold.
-  double support_vectors = 0.0;    ///< Mean over time steps and folds.
-  double volume = 0.0;             ///< Share inside, of states drawn evenly from the box of all.
+  double acceptance = 0.0;         ///< Fraction of held-out states with g >= 0.
+  double inside_throughout = 0.0;  ///< Fraction of held-out demonstrations without an exit.
+  double threshold = 0.0;          ///< Conformal threshold: alarm if l_t < -threshold.
+  double support_vectors = 0.0;    ///< Mean number over time steps and folds.
+  double volume = 0.0;  ///< Fraction of states inside, sampled uniformly from the bounding box.
 };
 
-/// The table, in the order of nus and then gammas, and the row that was chosen: of those that
-/// accept enough the one of least volume, so that the support holds the demonstrations and little
-/// else; where none does, the one that accepts most.
+/// The table, in the order of nus and then gammas, and the chosen row. Among the rows with
+/// sufficient acceptance, it is the row with the smallest volume. If no row suffices, it is the row
+/// with the largest acceptance.
 struct Selection {
   std::vector<SelectionRow> rows;
   std::size_t chosen = 0;
-  bool accepted = false;  ///< Whether the chosen row reaches the wanted acceptance.
+  bool accepted = false;  ///< True if the chosen row reaches the required acceptance.
 
-  /// The table as text, the chosen row marked.
+  /// Returns the table as text with the chosen row marked.
   [[nodiscard]] std::string Table() const;
 };
 
-/// Compares pairs of nu and gamma by cross-validation over whole demonstrations. The distances
-/// between samples are computed once for the whole grid.
+/// Compares pairs of nu and gamma by cross-validation over whole demonstrations. Computes the
+/// distances between samples once for the whole grid.
 /// @throws std::invalid_argument naming the option out of range, or if there are fewer
 ///   demonstrations than 2 folds.
 Selection SelectModel(std::span<const core::Matrix> demonstrations,

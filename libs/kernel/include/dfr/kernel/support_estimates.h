@@ -13,21 +13,21 @@
 
 namespace dfr::kernel {
 
-/// One estimate of the support of a sample cloud, whatever the method: what OneClassSvm is compared
-/// with. Immutable once made: concurrent calls are safe; nothing here allocates, locks or throws.
+/// Interface for support estimates of a sample cloud by any method, to compare with OneClassSvm.
+/// Immutable after construction: concurrent calls are safe. No member allocates, locks or throws.
 class SupportEstimate {
  public:
   virtual ~SupportEstimate() = default;
   [[nodiscard]] virtual int state_dim() const noexcept = 0;
-  /// g(x), positive inside; -infinity for a wrong size or a non-finite entry.
+  /// Returns g(x), positive inside; -infinity for a wrong size or a non-finite entry.
   [[nodiscard]] virtual double Decision(std::span<const double> x) const noexcept = 0;
-  /// g(x), with its derivative in `gradient`; zero where there is none.
+  /// Returns g(x) and writes its derivative to `gradient`; zero where there is none.
   virtual double Gradient(std::span<const double> x, std::span<double> gradient) const noexcept = 0;
-  /// L with |g(x) - g(y)| <= L |x - y|.
+  /// Returns L with |g(x) - g(y)| <= L |x - y|.
   [[nodiscard]] virtual double lipschitz_bound() const noexcept = 0;
 };
 
-/// A OneClassSvm, or a kernel density, among the estimates.
+/// Adapter for a OneClassSvm or a kernel density.
 class SvmEstimate final : public SupportEstimate {
  public:
   explicit SvmEstimate(OneClassSvm svm) : svm_(std::move(svm)) {}
@@ -45,21 +45,21 @@ class SvmEstimate final : public SupportEstimate {
   OneClassSvm svm_;
 };
 
-/// Gaussian kernel density with a quantile threshold: every sample weighs 1/m, and rho is the value
-/// that a share nu of the samples stay below when each is judged by the others alone. The form is
-/// that of a OneClassSvm, and so is the speed.
+/// Fits a Gaussian kernel density with a quantile threshold. All samples have the weight 1/m. A
+/// share nu of the samples have a density below rho, where each sample's density excludes the
+/// sample itself. The result has the form and speed of a OneClassSvm.
 /// @throws std::invalid_argument as OneClassSvm::Fit() does.
 OneClassSvm FitKernelDensity(const Eigen::Ref<const core::Matrix>& samples, double nu,
                              double gamma);
 
-/// Mahalanobis distance to a normal distribution: g(x) = r - sqrt((x - mean)' C^-1 (x - mean)),
-/// with C the samples' covariance plus `ridge` times its mean variance on the diagonal, and r such
-/// that a share nu of the samples lies outside.
+/// Mahalanobis distance to a normal distribution: g(x) = r - sqrt((x - mean)' C^-1 (x - mean)). C
+/// is the samples' covariance plus `ridge` times its mean variance on the diagonal. r leaves a
+/// share nu of the samples outside.
 class GaussianEstimate final : public SupportEstimate {
  public:
   /// @throws std::invalid_argument if there are fewer than 2 samples, one is not finite, nu is not
-  ///   in (0, 1], ridge is negative, or C is singular (constant features need ridge > 0, and some
-  ///   variance at all).
+  ///   in (0, 1], ridge is negative, or C is singular (constant features need ridge > 0 and at
+  ///   least one feature that varies).
   static GaussianEstimate Fit(const Eigen::Ref<const core::Matrix>& samples, double nu,
                               double ridge = 1e-6);
 
@@ -77,9 +77,9 @@ class GaussianEstimate final : public SupportEstimate {
   double lipschitz_bound_ = 0.0;
 };
 
-/// Distance to the k-th nearest sample: g(x) = r - d_k(x), with r such that a share nu of the
-/// samples has its k-th nearest other sample beyond. 1-Lipschitz by the triangle inequality, so no
-/// estimate says more about its own boundary. Scans all samples: per time step they are hundreds.
+/// Distance to the k-th nearest sample: g(x) = r - d_k(x). r is such that a share nu of the samples
+/// is farther than r from its k-th nearest other sample. 1-Lipschitz by the triangle inequality.
+/// Scans all samples, which are a few hundred per time step.
 class NeighbourEstimate final : public SupportEstimate {
  public:
   static constexpr int kMostNeighbours = 64;
@@ -102,7 +102,7 @@ class NeighbourEstimate final : public SupportEstimate {
     Eigen::Index sample;
   };
   NeighbourEstimate() = default;
-  // The k-th nearest sample to x, not counting `except`.
+  // Returns the k-th nearest sample to x, not counting `except`.
   [[nodiscard]] Neighbour Nearest(const double* x, Eigen::Index except) const noexcept;
 
   core::Matrix samples_;
@@ -110,22 +110,22 @@ class NeighbourEstimate final : public SupportEstimate {
   double radius_ = 0.0;
 };
 
-/// A map in front of an estimate, from a cloud of samples: the directions of largest variance, each
-/// scaled to variance 1; `components` of them, 0 for all. A variance below `floor` times the
-/// largest counts as that.
+/// Fits a map for use before an estimate: projection on the `components` (0: all) directions of
+/// largest variance of a sample cloud, each scaled to variance 1. Variances below `floor` times the
+/// largest are raised to that value.
 /// @throws std::invalid_argument if there are fewer than 2 samples, one is not finite, all are
 ///   equal, components is not in [0, features], or there are more than
 ///   core::FeatureDecision::kMaxFeatures features.
 [[nodiscard]] core::FeatureTransform FitWhitening(const Eigen::Ref<const core::Matrix>& samples,
                                                   int components = 0, double floor = 1e-6);
-/// The same directions without the scaling.
+/// Fits the same directions without the scaling.
 [[nodiscard]] core::FeatureTransform FitPca(const Eigen::Ref<const core::Matrix>& samples,
                                             int components);
 
-/// An estimate of mapped states, as one of the states themselves.
+/// Applies an estimate of mapped states to the states themselves.
 class MappedEstimate final : public SupportEstimate {
  public:
-  /// @throws std::invalid_argument if sizes do not fit, or exceed
+  /// @throws std::invalid_argument if sizes do not fit or exceed
   ///   core::FeatureDecision::kMaxFeatures.
   MappedEstimate(core::FeatureTransform map, std::shared_ptr<const SupportEstimate> inner);
 
@@ -140,15 +140,16 @@ class MappedEstimate final : public SupportEstimate {
   double lipschitz_bound_ = 0.0;
 };
 
-/// Makes an estimate of one cloud of samples.
+/// Fits an estimate to one sample cloud.
 using EstimateFitter =
     std::function<std::shared_ptr<const SupportEstimate>(const core::Matrix& samples)>;
 
-/// One estimate of any kind per time step, as TimeVaryingSupport has one OneClassSvm.
+/// One estimate of any kind per time step, the counterpart of TimeVaryingSupport.
 class EstimatePerStep final : public core::DecisionFunction {
  public:
   /// Demonstrations and `num_steps` as in TimeVaryingSupport::Fit().
-  /// @throws std::invalid_argument as there, and what `fit` throws.
+  /// @throws std::invalid_argument as TimeVaryingSupport::Fit() does, and everything that `fit`
+  ///   throws.
   static EstimatePerStep Fit(std::span<const core::Matrix> demonstrations,
                              const EstimateFitter& fit, int num_steps = 0);
 

@@ -9,49 +9,53 @@
 
 namespace dfr::kernel {
 
-/// Options for WhitenedSupport::Fit(). Defaults suit features that are whitened already
-/// (core::FeatureTransform): gamma is then in units that all tasks share.
+/// Options for WhitenedSupport::Fit(). Defaults suit whitened features (core::FeatureTransform),
+/// for which gamma has the same units in all tasks.
 struct WhitenedSupportOptions {
-  /// One gamma for all tasks, whose features are whitened; docs/recovery.md tells what others do.
+  /// One gamma for all tasks. Features are whitened. docs/recovery.md compares other values.
   OneClassSvmOptions svm = {.nu = 0.05, .gamma = 0.25, .tolerance = 1e-6};
-  /// The estimate at t sees the states of t - window k, t - (window - 1) k, ..., t + window k,
+  /// The estimate at t uses the states of t - window k, t - (window - 1) k, ..., t + window k.
   int window = 2;
-  /// k = 1, or such that they reach this share of the time steps to either side where that is more:
-  /// the longer a task, the further apart demonstrations are at a time step. More has more of them
-  /// inside, and knows less of where a state belongs.
+  /// Sets the stride k: 1, or larger if needed for the window to span this fraction of the time
+  /// steps on either side. Demonstrations of longer tasks are further apart at a given time step. A
+  /// larger value includes more of them but locates a state in the task less precisely.
   double window_share = 0.02;
-  double phase_ridge = 0.3;  ///< Added to each time step's covariance before it is inverted, > 0.
+  double phase_ridge = 0.3;  ///< Added to each time step's covariance before inversion, > 0.
   bool phase_whitening = true;
-  /// Each time step's covariance is that of states about their neighbours (core::LocalScatter()):
-  /// where there are several ways, that of one. Off: about their mean.
+  /// On: the covariance of each time step is that of states about their neighbours
+  /// (core::LocalScatter()), which for several ways is the covariance within one. Off: about their
+  /// mean.
   bool local = true;
-  /// Evaluates in float, in about half the time; OneClassSvm::InSinglePrecision() says how near.
-  /// Not for certificates, which are to hold to the last digit.
+  /// Evaluates in float, in about half the time; see OneClassSvm::InSinglePrecision() for the
+  /// error. Not for certificates, which need full precision.
   bool single_precision = false;
-  /// A demonstration that has ended counts, once, with its last state: the goal stays inside.
+  /// A demonstration that has ended counts once, with its last state, which keeps the goal inside.
   bool hold_ended = true;
-  /// There are estimates for the time steps that at least this share of the demonstrations, and two
-  /// of them, are still under way at.
+  /// Minimum fraction of demonstrations, at least two of them, that are still running at a time
+  /// step with an estimate.
   double least_share = 0.1;
 
-  /// k of a support with so many time steps.
+  /// Returns the stride k for a support with this many time steps.
   [[nodiscard]] int Stride(int num_steps) const noexcept;
 };
 
-/// The support of demonstrated features at each time step, as guided recovery wants it: a tight
-/// core of what was demonstrated rather than an estimate that accepts nearly everything.
+/// Support of demonstrated features at each time step, for guided recovery: a tight core of the
+/// demonstrations rather than an estimate that accepts nearly everything.
 ///
-/// Against TimeVaryingSupport: states of neighbouring time steps are pooled, so that few
-/// demonstrations suffice and timing matters less; each time step has its own linear map
-/// y = V_t z, V_t = (Cov_t + phase_ridge I)^(-1/2), Cov_t how the demonstrations' means over the
-/// pooled states differ from their neighbours' plus how each moves about its mean, because the
-/// spread of demonstrations changes along a task; and demonstrations that have ended count no more,
-/// so the last estimates are of the slow ones and the very last holds from then on.
+/// Differences from TimeVaryingSupport:
+/// - It pools the states of neighbouring time steps. Few demonstrations suffice, and timing matters
+///   less.
+/// - Each time step has its own linear map y = V_t z, V_t = (Cov_t + phase_ridge I)^(-1/2), because
+///   the spread of demonstrations changes along a task. Cov_t is the covariance of the
+///   demonstrations' means over the pooled states about their neighbours, plus the covariance of
+///   each demonstration about its mean.
+/// - Demonstrations that have ended stop counting. The last estimates therefore describe the slow
+///   demonstrations, and the final one holds from then on.
 ///
-/// Immutable once made. Concurrent calls are safe.
+/// Immutable after construction. Concurrent calls are safe.
 class WhitenedSupport final : public core::LogDecisionFunction {
  public:
-  /// Most features: queries are mapped into a buffer on the stack.
+  /// Maximum number of features: queries are mapped into a buffer on the stack.
   static constexpr int kMaxFeatures = 256;
 
   /// Fits to one matrix of features a demonstration, rows in order of time.
@@ -60,14 +64,14 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   static WhitenedSupport Fit(std::span<const core::Matrix> demonstrations,
                              const WhitenedSupportOptions& options = {});
 
-  /// g_t in coordinates of its own: y = map z.
+  /// g_t in its own coordinates y = map z.
   struct Estimate {
     core::Matrix map;  ///< state_dim x state_dim
     OneClassSvm svm;
   };
-  /// Puts estimates together, g_0 first, as Fit() would have made them.
-  /// @throws std::invalid_argument naming the one whose sizes do not fit or whose map is not
-  /// finite.
+  /// Combines the estimates that Fit() computes, g_0 first.
+  /// @throws std::invalid_argument naming the estimate whose sizes do not fit or whose map is not
+  ///   finite.
   explicit WhitenedSupport(std::vector<Estimate> estimates);
 
   [[nodiscard]] int state_dim() const noexcept override;
@@ -75,15 +79,15 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   [[nodiscard]] double Decision(int t, std::span<const double> z) const noexcept override;
   double Gradient(int t, std::span<const double> z,
                   std::span<double> gradient) const noexcept override;
-  /// OneClassSvm::lipschitz_bound() times the spectral norm of V_t.
+  /// Returns OneClassSvm::lipschitz_bound() times the spectral norm of V_t.
   [[nodiscard]] double lipschitz_bound(int t) const noexcept override;
   double LogDecision(int t, std::span<const double> z,
                      std::span<double> gradient) const noexcept override;
   [[nodiscard]] double FromLog(int t, double l) const noexcept override;
-  /// gamma times the squared spectral norm of V_t (OneClassSvm::LogGradient()).
+  /// Returns gamma times the squared spectral norm of V_t (see OneClassSvm::LogGradient()).
   [[nodiscard]] double curvature_bound(int t) const noexcept override;
 
-  /// g_t in the coordinates y = map(t) z; times out of range use the nearest one.
+  /// Returns g_t in the coordinates y = map(t) z; times out of range use the nearest one.
   [[nodiscard]] const OneClassSvm& estimate(int t) const noexcept { return at(t).svm; }
   [[nodiscard]] const core::Matrix& map(int t) const noexcept { return at(t).map; }
 
@@ -98,25 +102,26 @@ class WhitenedSupport final : public core::LogDecisionFunction {
   std::vector<Phase> phases_;
 };
 
-/// What a support makes of the room between ways. Where the demonstrated states of a time step fall
-/// into clusters of a tenth of them and at least three (core::SpanningTree(), in the coordinates of
-/// that time step), four standard deviations of states about their neighbours apart and more, the
-/// middle between two neighbouring clusters should be outside, unless a demonstration passes near
-/// it at another time. Chance makes such clusters, too, at a few time steps.
+/// Result of the test whether a support excludes the space between ways. The test looks for time
+/// steps at which the demonstrated states form clusters (core::SpanningTree(), in the coordinates
+/// of that time step). A cluster has at least three states and a tenth of all states, and its
+/// distance to the next is at least four standard deviations of states about their neighbours. The
+/// midpoint between two neighbouring clusters should be outside, unless a demonstration passes near
+/// it at another time. Chance also produces such clusters at a few time steps.
 struct GapTest {
-  int steps = 0;   ///< Time steps.
-  int points = 0;  ///< Middles between two clusters, at all of them.
-  int inside = 0;  ///< Those that the support takes for demonstrated.
+  int steps = 0;   ///< Number of time steps with clusters.
+  int points = 0;  ///< Number of midpoints between two clusters, over all time steps.
+  int inside = 0;  ///< Number of midpoints inside the support.
 };
 /// @throws std::invalid_argument if widths differ.
 [[nodiscard]] GapTest TestGaps(const WhitenedSupport& support,
                                std::span<const core::Matrix> demonstrations);
 
-/// How deep inside demonstrations are that a support has not seen: l_t of each state of each
-/// demonstration under an estimate fitted without it, the largest over the time steps t -
-/// phase_window ... t + phase_window, as a controller that re-aligns its phase finds it. Whole
-/// demonstrations are left out, because the states of one are alike, in core::StratifiedFolds():
-/// the order in which they come changes no bit. Values come in no particular order.
+/// Returns the levels of held-out demonstrations: l_t of each state under an estimate fitted
+/// without its demonstration, the largest over the time steps t - phase_window ... t +
+/// phase_window. A controller that re-aligns its phase finds the same value. Whole demonstrations
+/// are left out, because the states of one are alike, in the folds of core::StratifiedFolds(). The
+/// order of the demonstrations changes no bit. The order of the returned values is unspecified.
 /// @throws as WhitenedSupport::Fit(), and std::invalid_argument if there are fewer than three
 ///   demonstrations, fewer than two folds, or phase_window is negative.
 [[nodiscard]] std::vector<double> HeldOutLevels(std::span<const core::Matrix> demonstrations,

@@ -9,72 +9,75 @@ namespace dfr::kinematics {
 /// (rad), in the order of the console's `measured_js`.
 using PsmJoints = Eigen::Matrix<double, 6, 1>;
 
-/// Why a pose has, or has not, joint values.
+/// Result of an inverse kinematics query.
 enum class PsmReach {
   kOk,
   kInvalid,     ///< A non-finite entry.
   kSingular,    ///< At the remote centre of motion, or on the axis of the wrist.
-  kJointLimit,  ///< The arm would have to leave a joint's limits.
+  kJointLimit,  ///< The pose requires a joint value beyond its limit.
 };
 
 [[nodiscard]] const char* Name(PsmReach reach) noexcept;
 
-/// Which da Vinci an arm is of. The kinematics are the same; yaw, pitch and insertion of an Si arm
-/// go farther.
+/// Generation of the da Vinci arm. The kinematics are identical; the limits of yaw, pitch and
+/// insertion are wider on an Si arm.
 enum class PsmGeneration { kClassic, kSi };
 
 /// Kinematics of the da Vinci Classic PSM with a Large Needle Driver (400006), modified
-/// Denavit-Hartenberg, in metres and radians. Those of an Si PSM with its Large Needle Driver
-/// (420006) are the same: the longer shaft begins as much farther back.
+/// Denavit-Hartenberg, in metres and radians. An Si PSM with its Large Needle Driver (420006) has
+/// the same kinematics: its longer shaft starts farther back by the same length.
 ///
-/// The base frame has its origin at the remote centre of motion, which no joint moves: the shaft's
-/// axis passes through it in every configuration. The pose is that of the wrist-yaw axis with the
-/// console's tool orientation (z along the closed jaws), what `measured_cp` reports; the jaw tips
-/// are kJawLength further along z. All yaw, pitch, roll and wrist angles zero, insertion 0.12 m:
-/// the wrist is at (0, 0, -0.1135) and the tool points down.
+/// The origin of the base frame is the remote centre of motion, which no joint moves: the shaft's
+/// axis passes through it in every configuration. The pose is that of the wrist-yaw axis in the
+/// console's tool orientation (z along the closed jaws), as `measured_cp` reports it. The jaw tips
+/// are kJawLength further along z. With yaw, pitch, roll and wrist angles zero and insertion 0.12
+/// m, the wrist is at (0, 0, -0.1135) and the tool points down.
 ///
 /// Nothing here allocates or throws.
 class Psm {
  public:
   static constexpr double kJawLength = 0.0102;  ///< m, from the wrist-yaw axis to the jaw tips.
-  /// No point of the tool is farther from the remote centre, m.
+  /// Upper bound of the distance of any point of the tool from the remote centre, m.
   static constexpr double kReach = 0.31;
 
   [[nodiscard]] static PsmJoints lower_limits(
       PsmGeneration generation = PsmGeneration::kClassic) noexcept;
   [[nodiscard]] static PsmJoints upper_limits(
       PsmGeneration generation = PsmGeneration::kClassic) noexcept;
-  /// Finite and within all limits.
+  /// Returns true if all entries are finite and within their limits.
   [[nodiscard]] static bool WithinLimits(
       const PsmJoints& q, PsmGeneration generation = PsmGeneration::kClassic) noexcept;
 
-  /// The pose of the wrist in the base frame. Any `q` is accepted, also beyond the limits.
+  /// Returns the pose of the wrist in the base frame. Accepts any `q`, including values beyond the
+  /// limits.
   [[nodiscard]] static Eigen::Isometry3d Forward(const PsmJoints& q) noexcept;
-  /// The jaw tips' position in the base frame, m.
+  /// Returns the position of the jaw tips in the base frame, m.
   [[nodiscard]] static Eigen::Vector3d Tip(const PsmJoints& q) noexcept;
 
-  /// Where the shaft ends: the wrist-pitch axis in the base frame, m.
+  /// Returns the end of the shaft, which is the wrist-pitch axis, in the base frame, m.
   [[nodiscard]] static Eigen::Vector3d ShaftEnd(const PsmJoints& q) noexcept;
 
-  /// The joint values for a pose of the wrist, in closed form: the solution with the wrist bent by
-  /// less than a right angle, the only one within the limits. Except for kInvalid and kSingular,
-  /// `q` is written, so that a message can tell which joint is too far.
+  /// Computes the joint values for a pose of the wrist in closed form. Returns the solution with
+  /// the wrist bent by less than a right angle, the only one within the limits. Writes `q` unless
+  /// the result is kInvalid or kSingular: a message can then name the joint that is beyond its
+  /// limit.
   [[nodiscard]] static PsmReach Inverse(
       const Eigen::Isometry3d& pose, PsmJoints& q,
       PsmGeneration generation = PsmGeneration::kClassic) noexcept;
 };
 
-/// A systematic error of the arm's joint readings: the joints really are at
+/// Systematic error of the arm's joint readings. The true joint values are
 ///   q + offset + scale * (q - reference),
-/// entry by entry. Cables stretch and potentiometers drift; a calibration estimates this part.
+/// entry by entry. Cable stretch and potentiometer drift cause it; a calibration estimates it.
 struct PsmCorrection {
   PsmJoints offset = PsmJoints::Zero();
   PsmJoints scale = PsmJoints::Zero();
   PsmJoints reference = PsmJoints::Zero();
 
-  /// Reading to truth.
+  /// Converts readings to true joint values.
   [[nodiscard]] PsmJoints Apply(const PsmJoints& q) const noexcept;
-  /// Truth to reading: what to command to be at `q`. @pre every scale > -1
+  /// Converts true joint values to readings: returns the command that moves the joints to `q`. @pre
+  /// every scale > -1
   [[nodiscard]] PsmJoints Invert(const PsmJoints& q) const noexcept;
 };
 

@@ -6,7 +6,7 @@
 namespace dfr::kinematics {
 
 /// One row of the PSM's modified Denavit-Hartenberg table: Rx(alpha) Tx(a) Rz(theta) Tz(d). The
-/// joint value is added to d where `prismatic`, else to theta. Metres and radians.
+/// joint value is added to d if `prismatic`, else to theta. Metres and radians.
 struct PsmLink {
   double alpha;
   double a;
@@ -24,14 +24,14 @@ inline constexpr std::array<PsmLink, 6> kPsmLinks = {{
     {-1.5707963267948966, 0.0091, 0.0, -1.5707963267948966, false},
 }};
 
-/// Psm::Tip() for any number type, automatic differentiation's included.
+/// Psm::Tip() for any number type, including types for automatic differentiation.
 /// @param q  six joint values.
 /// @param tip  three coordinates in the base frame, overwritten.
 template <typename T>
 void PsmTip(const T* q, double jaw_length, T* tip) {
   using std::cos;
   using std::sin;
-  // In the last link's frame the tool points along y (the console's tool frame is turned).
+  // In the last link's frame the tool points along y: the console's tool frame is rotated.
   T x = T(0.0);
   T y = T(jaw_length);
   T z = T(0.0);

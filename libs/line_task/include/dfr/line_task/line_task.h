@@ -13,7 +13,7 @@
 
 namespace dfr::line_task {
 
-/// What is known of camera and arm: what a calibration finds, and what vision works with.
+/// Calibration of camera and arm, used by vision and control.
 struct LineCalibration {
   vision::CameraModel camera;
   Eigen::Isometry3d p_base_cam =
@@ -21,73 +21,75 @@ struct LineCalibration {
   kinematics::PsmCorrection arm;
   core::Provenance provenance = {};
 
-  /// Where the camera sees the jaw tips when the arm reports `joints`, camera frame, m.
+  /// Returns the position of the jaw tips, as the camera sees them, when the arm reports `joints`;
+  /// camera frame, m.
   [[nodiscard]] Eigen::Vector3d TipInCamera(const kinematics::PsmJoints& joints) const noexcept;
 
-  /// A file of kind "calibration". @throws std::runtime_error naming the file.
+  /// Writes a file of kind "calibration". @throws std::runtime_error naming the file.
   void Save(const std::filesystem::path& path) const;
-  /// @throws std::runtime_error naming the file and what is wrong with it.
+  /// @throws std::runtime_error naming the file and the error.
   static LineCalibration Load(const std::filesystem::path& path);
 };
 
-/// Marks and sizes of the gauze and its frame, as printed.
+/// Returns the marks and sizes of the gauze and its frame, as printed.
 [[nodiscard]] vision::LineTarget StandardTarget();
 
-/// The line tracking task of Sec. V-B without saying whose arm and whose camera: which state an
-/// image shows, and where a control sends the arm. A simulation and a robot share it, so that what
-/// was learned on one means the same on the other.
+/// The line tracking task of Sec. V-B, independent of arm and camera: the mapping from images to
+/// states and from controls to arm motions. Simulation and robot share it, which makes learned
+/// models transferable between them.
 ///
-/// World frame: the gauze's when nothing moves it; origin in its middle, z up, the line roughly
-/// along x.
+/// World frame: that of the gauze at rest; origin at its centre, z up, the line roughly along x.
 ///
-/// State (4), in millimetres so that its entries are of one magnitude:
-///   tip(2)       the tool's tip, x and y in the world frame
-///   distance(1)  of the tip to the line in the gauze's plane, positive to the left (+y)
+/// State (4), in millimetres to give all entries the same order of magnitude:
+///
+///   tip(2)       position of the tool's tip in the world frame, x and y
+///   distance(1)  from the tip to the line in the gauze's plane, positive to the left (+y)
 ///   heading(1)   direction of the line next to the tip: 10 mm times its angle to the x-axis, rad
-/// All entries are NaN when the image does not show line and tip, which every controller turns into
-/// a halt.
+/// All entries are NaN if the image does not show line and tip. Every controller then halts.
 ///
-/// Control (2): displacement of the tool in x and y, in units of kStep; it keeps its height and its
-/// orientation, that of the arm's home. Entries beyond +-1 saturate.
+/// Control (2): displacement of the tool in x and y, in units of kStep. Height and orientation of
+/// the tool stay those of the arm's home. Entries beyond +-1 saturate.
 ///
-/// Immutable: safe to share between threads. Nothing but the constructor allocates or throws.
+/// Immutable and thread-safe. Only the constructor allocates or throws.
 class LineTask {
  public:
-  static constexpr double kStep = 0.002;        ///< m per unit of control.
-  static constexpr double kSpeed = 0.010;       ///< m/s of the tool.
-  static constexpr double kCollision = 0.004;   ///< m: further from the line is a collision.
+  static constexpr double kStep = 0.002;       ///< m per unit of control.
+  static constexpr double kSpeed = 0.010;      ///< m/s of the tool.
+  static constexpr double kCollision = 0.004;  ///< Collision beyond this distance from the line, m.
   static constexpr double kCompletion = 0.040;  ///< m of line to track.
 
-  /// @param p_world_base  the arm's base in the world frame.
-  /// @param generation  whose joint limits count.
+  /// @param p_world_base  pose of the arm's base in the world frame.
+  /// @param generation  determines the joint limits.
   LineTask(const LineCalibration& calibration, const Eigen::Isometry3d& p_world_base,
            kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic);
 
   [[nodiscard]] const core::StateLayout& layout() const noexcept { return layout_; }
   [[nodiscard]] const LineCalibration& calibration() const noexcept { return calibration_; }
   [[nodiscard]] const Eigen::Isometry3d& p_world_base() const noexcept { return p_world_base_; }
-  /// For vision::LineVision, which looks for the gauze where it is when nothing moves it.
+  /// For vision::LineVision, which expects the gauze at its rest pose.
   [[nodiscard]] const vision::LineVisionOptions& vision() const noexcept { return vision_; }
 
-  /// The encoder readings to command for a tip position in the world frame. False, with `reading`
-  /// perhaps changed, if the arm cannot reach it.
+  /// Computes the encoder readings to command for a tip position in the world frame. Returns false,
+  /// with `reading` unspecified, if the arm cannot reach it.
   [[nodiscard]] bool Reading(const Eigen::Vector3d& tip_m,
                              kinematics::PsmJoints& reading) const noexcept;
-  /// The tip in the world frame where the encoders say `reading`, m.
+  /// Returns the position of the tip in the world frame for encoder readings `reading`, m.
   [[nodiscard]] Eigen::Vector3d Tip(const kinematics::PsmJoints& reading) const noexcept;
-  /// What `control` asks of the tip, world frame, m. @pre 2 finite entries
+  /// Returns the displacement of the tip commanded by `control`, world frame, m. @pre 2 finite
+  /// entries
   [[nodiscard]] static Eigen::Vector3d Displacement(std::span<const double> control) noexcept;
-  /// The plane that the tip is on, camera frame: the arm knows how high its tip is, one camera does
-  /// not.
+  /// Returns the plane that contains the tip, camera frame. The arm's kinematics give the height of
+  /// the tip, which one camera cannot measure.
   [[nodiscard]] Eigen::Hyperplane<double, 3> TipPlane(
       const kinematics::PsmJoints& reading) const noexcept;
-  /// Writes the state that `seen` shows (4 entries).
+  /// Writes the state observed in `seen` (4 entries).
   void State(const vision::LineObservation& seen, std::span<double> state) const noexcept;
-  /// The length of line between the tips of two observations of an episode, along the line as the
-  /// second shows it, m; NaN unless both were seen.
+  /// Returns the length of line between the tips of two observations of an episode, along the line
+  /// in the second observation, m; NaN unless both are seen().
   [[nodiscard]] static double Progress(const vision::LineObservation& first,
                                        const vision::LineObservation& now) noexcept;
-  /// The state of a tip in the world frame and a line with this distance and angle to the x-axis.
+  /// Writes the state for a tip in the world frame and a line with this distance and angle to the
+  /// x-axis.
   static void State(const Eigen::Vector3d& tip_m, double distance_m, double heading_rad,
                     std::span<double> state) noexcept;
 

@@ -8,46 +8,46 @@
 
 namespace dfr::line_task {
 
-/// Where the jaw tips may be, in the task's world frame: metres, z above the gauze at rest.
+/// Permitted region of the jaw tips in the task's world frame: metres, z above the gauze at rest.
 struct TipRegionOptions {
-  /// A box that they may not leave. Its lower z is the floor.
+  /// A box that the tips may not leave. Its lower z is the floor.
   Eigen::Vector3d box_min_m = Eigen::Vector3d(-0.06, -0.05, 0.0005);
   Eigen::Vector3d box_max_m = Eigen::Vector3d(0.06, 0.05, 0.06);
-  /// Boxes that they may not enter.
+  /// Boxes that the tips may not enter.
   std::vector<Eigen::AlignedBox3d> forbidden = {};
-  /// Planes whose positive side they may not leave.
+  /// Planes whose positive side the tips may not leave.
   std::vector<Eigen::Hyperplane<double, 3>> planes = {};
 
-  /// @throws std::invalid_argument naming what is not finite, empty, or not of length 1.
+  /// @throws std::invalid_argument naming the entry that is not finite, empty, or not of length 1.
   void Check() const;
 };
 
-/// Where a way leaves the region.
+/// Violation of the region by a path.
 struct Breach {
-  double depth_m = 0.0;        ///< By how much at that place.
-  const char* what = nullptr;  ///< What is left or entered: "the floor", ...; nullptr: nothing.
+  double depth_m = 0.0;        ///< Depth of the violation.
+  const char* what = nullptr;  ///< Boundary violated: "the floor", ...; nullptr: none.
 
   [[nodiscard]] bool any() const noexcept { return what != nullptr; }
 };
 
-/// Looks whether an arm's way keeps the tips where they may be. Neither allocates nor throws but in
-/// the constructor. Immutable but for SetGauze(), which belongs to the thread that asks.
+/// Checks whether a path of the arm keeps the tips in the permitted region. Only the constructor
+/// allocates or throws. Immutable except for SetGauze() and ForgetGauze(), which belong to the
+/// thread that queries.
 class TipRegion {
  public:
-  /// Borrows `task`, which knows where the tips are.
+  /// Borrows `task`, which computes tip positions.
   /// @throws as TipRegionOptions::Check().
   TipRegion(const LineTask& task, const TipRegionOptions& options);
 
-  /// How deep `tip_m` (world frame) is where it may not be, and where that is; nothing inside.
-  /// A position that is not finite is infinitely deep.
+  /// Returns the depth and the boundary of the violation at `tip_m` (world frame), or none inside
+  /// the region. A non-finite position has infinite depth.
   [[nodiscard]] Breach At(const Eigen::Vector3d& tip_m) const noexcept;
-  /// The straight way through joint space between two readings of the encoders, looked at every 0.5
-  /// mm: where it is deepest in what is forbidden. A way that begins there may lead out, and never
-  /// farther in.
+  /// Checks the straight path in joint space between two encoder readings every 0.5 mm, and returns
+  /// its deepest violation. A path that starts in violation may lead out, but never deeper.
   [[nodiscard]] Breach Along(const kinematics::PsmJoints& from,
                              const kinematics::PsmJoints& to) const noexcept;
-  /// The gauze as it was last seen, pose in the world frame: the tips may not come nearer to its
-  /// plane than to the floor at rest. Until ForgetGauze().
+  /// Sets the last observed pose of the gauze in the world frame. Until ForgetGauze(), the tips
+  /// must keep at least the distance to its plane that the floor has to the gauze at rest.
   void SetGauze(const Eigen::Isometry3d& p_world_gauze) noexcept;
   void ForgetGauze() noexcept { gauze_seen_ = false; }
 

@@ -6,7 +6,7 @@
 
 namespace dfr::recording {
 
-/// Makes JPEG files of pictures. One object belongs to one thread.
+/// Encodes pictures as JPEG. One object belongs to one thread.
 class JpegEncoder {
  public:
   /// @param quality  in [1, 100].
@@ -16,8 +16,8 @@ class JpegEncoder {
   JpegEncoder(const JpegEncoder&) = delete;
   JpegEncoder& operator=(const JpegEncoder&) = delete;
 
-  /// The JPEG file, valid until the next call; empty if it cannot be made. Pictures that are one
-  /// already are returned as they are.
+  /// Returns the JPEG data, valid until the next call; empty if encoding fails. JPEG pictures are
+  /// returned unchanged.
   [[nodiscard]] std::string_view Encode(const PictureView& picture);
 
  private:

@@ -13,7 +13,7 @@
 
 namespace dfr::recording {
 
-/// At most N bytes of text, without an allocation. What does not fit is cut off.
+/// Text of at most N bytes, without allocation. Longer text is truncated.
 template <std::size_t N>
 class Text {
  public:
@@ -33,13 +33,13 @@ class Text {
   std::size_t size_ = 0;
 };
 
-/// At most N numbers, without an allocation.
+/// At most N numbers, without allocation.
 template <std::size_t N>
 class Numbers {
  public:
   static constexpr std::size_t kCapacity = N;
 
-  /// False, and none is kept, if there are more than kCapacity: check sizes at set-up.
+  /// Returns false, and stores none, if there are more than kCapacity: check sizes at set-up.
   bool Assign(std::span<const double> values) noexcept {
     size_ = values.size() <= N ? values.size() : 0;
     std::copy_n(values.begin(), size_, values_.begin());
@@ -52,70 +52,70 @@ class Numbers {
   std::size_t size_ = 0;
 };
 
-/// One decision of a control loop: what it saw, what it chose, and on what grounds. Times are in ns
-/// since the Unix epoch. Words rather than numbers stand for modes, so that a log is understood
-/// without the program that wrote it.
+/// One decision of a control loop: its inputs, the chosen command and the reasons. Times are in ns
+/// since the Unix epoch. Modes are stored as words, to keep a log readable without the program that
+/// wrote it.
 struct StepRecord {
-  std::int64_t time_ns = 0;    ///< When the decision was made.
+  std::int64_t time_ns = 0;    ///< Time of the decision.
   std::uint64_t episode = 0;   ///< Counts from 0.
-  std::uint64_t seed = 0;      ///< The controller's Reset() seed in this episode.
-  std::int32_t t = 0;          ///< The time step whose support and policy were used.
-  std::int32_t iteration = 0;  ///< Iteration within the recovery under way.
+  std::uint64_t seed = 0;      ///< Seed of the controller's Reset() in this episode.
+  std::int32_t t = 0;          ///< Time step of the support and policy used.
+  std::int32_t iteration = 0;  ///< Iteration within the active recovery.
   Text<24> mode;               ///< control::Name(Mode)
   Text<40> cause;              ///< control::Name(HaltCause)
-  Text<24> machine;            ///< State of the machine around the controller: "running", ...
-  bool applied = false;        ///< The command was handed to the robot.
+  Text<24> machine;            ///< State of the state machine around the controller: "running", ...
+  bool applied = false;        ///< The command was sent to the robot.
   bool filtered = false;       ///< control::Step::filtered
   bool certified = false;      ///< control::Step::certified
   double g = std::numeric_limits<double>::quiet_NaN();
   double log_g = std::numeric_limits<double>::quiet_NaN();
   double threshold = std::numeric_limits<double>::quiet_NaN();
-  double decision_s = std::numeric_limits<double>::quiet_NaN();  ///< Time that it took.
+  double decision_s = std::numeric_limits<double>::quiet_NaN();  ///< Duration of the decision.
   Numbers<64> state;
   Numbers<16> command;
-  std::uint64_t image_sequence = 0;  ///< The picture that the state was taken from; 0: none.
-  std::int64_t image_time_ns = 0;    ///< When that was taken.
+  std::uint64_t image_sequence = 0;  ///< Picture from which the state was estimated; 0: none.
+  std::int64_t image_time_ns = 0;    ///< Time of that picture.
 };
 
-/// A change of the machine around the controller.
+/// A transition of the state machine around the controller.
 struct TransitionRecord {
   std::int64_t time_ns = 0;
   Text<24> from;
   Text<24> to;
-  Text<200> cause;  ///< In words for the operator.
+  Text<200> cause;  ///< Description for the operator.
 };
 
-/// How the arm stood at one moment, and what the operator's stop said.
+/// State of the arm and the emergency stop at one moment.
 struct ArmRecord {
-  std::int64_t time_ns = 0;      ///< When it was taken, since the Unix epoch.
-  std::int64_t measured_ns = 0;  ///< The stamp of what was measured.
+  std::int64_t time_ns = 0;      ///< Time of the record, since the Unix epoch.
+  std::int64_t measured_ns = 0;  ///< Stamp of the measurement.
   Numbers<8> position;           ///< Measured joints, rad (insertion: m).
-  Numbers<8> velocity;           ///< The same per s.
-  Numbers<8> setpoint;           ///< What the console was last sent; empty while not armed.
-  Numbers<8> console_setpoint;   ///< What the console says that its set-point is.
+  Numbers<8> velocity;           ///< Joint velocities, in the same units per s.
+  Numbers<8> setpoint;           ///< Last set-point sent to the console; empty while not armed.
+  Numbers<8> console_setpoint;   ///< Set-point reported by the console.
   Text<16> operating_state;      ///< "ENABLED", ...
   bool homed = false;
   bool busy = false;
-  Text<24> machine;  ///< State of the machine around the controller.
-  Text<96> fault;    ///< What speaks against moving; empty: nothing.
+  Text<24> machine;  ///< State of the state machine around the controller.
+  Text<96> fault;    ///< Reason that prevents motion; empty: none.
   Text<24> stop;     ///< The emergency stop: "released", "pressed", "silent", "none".
 };
 
-/// Where a run came from: what it takes to repeat its decisions.
+/// Origin of a run: everything needed to reproduce its decisions.
 struct RecordingMetadata {
-  std::string program;  ///< And its version.
+  std::string program;  ///< Program and version.
   std::string commit;
   std::string model;           ///< Path of the policy and its support.
   std::string model_checksum;  ///< Checksum() of that path.
   std::string method;
   std::uint64_t seed = 0;
-  std::string configuration;  ///< Whole text of the configuration file.
+  std::string configuration;  ///< Full text of the configuration file.
   std::map<std::string, std::string> more;
   bool operator==(const RecordingMetadata&) const = default;
 };
 
-/// 16 hexadecimal digits that tell a file, or all files below a folder with their names, from other
-/// ones (FNV-1a, 64 bits: by accident, not by malice).
+/// Returns 16 hexadecimal digits that identify a file, or all files below a folder with their names
+/// (FNV-1a, 64 bits: detects accidental changes, not malicious ones).
 /// @throws std::runtime_error naming the file that cannot be read.
 [[nodiscard]] std::string Checksum(const std::filesystem::path& path);
 

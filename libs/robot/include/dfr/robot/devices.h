@@ -7,12 +7,12 @@
 
 #include "dfr/runtime/fail_safe.h"
 
-/// The devices of a ControlLoop, as interfaces that drivers, simulators and tests implement. All
-/// calls come from the loop's thread. None of them may allocate, lock, wait (Clock::Wait()
-/// excepted) or throw; a device that has to gives that work to a thread of its own.
+/// Device interfaces of a ControlLoop, implemented by drivers, simulators and tests. All calls come
+/// from the loop's thread. No call may allocate, lock, wait (except Clock::Wait()) or throw. A
+/// device that needs any of these must do so in a separate thread.
 namespace dfr::robot {
 
-/// What a device found: kNone, or a reason to hold.
+/// Result of a device check: kNone, or a reason to hold.
 struct Finding {
   runtime::HoldReason reason = runtime::HoldReason::kNone;
   std::string_view detail = {};  ///< For the operator. Valid until the next call of the device.
@@ -20,141 +20,141 @@ struct Finding {
   [[nodiscard]] bool ok() const noexcept { return reason == runtime::HoldReason::kNone; }
 };
 
-/// What the thread of a device found, and when.
+/// Result and time of the last check by a device's thread.
 struct ThreadFinding {
   Finding finding;
-  std::int64_t checked_ns = 0;  ///< By Clock::MachineNs(). Too long ago: the thread hangs.
+  std::int64_t checked_ns = 0;  ///< By Clock::MachineNs(). Too old: the thread hangs.
 };
 
-/// The time of a control loop. In real time it passes by itself; in lock-step with a simulator it
-/// passes in Wait() only.
+/// Clock of a control loop. In real time it advances independently; in lock-step with a simulator
+/// only Wait() advances it.
 class Clock {
  public:
   virtual ~Clock() = default;
 
-  /// Returns when the next period begins, `dt_s` later where the loop decides how time passes; in
-  /// real time periods have a fixed length.
+  /// Waits until the next period begins. In lock-step it begins `dt_s` later; in real time periods
+  /// have a fixed length.
   [[nodiscard]] virtual Finding Wait(double dt_s) noexcept = 0;
-  /// The loop's time, ns. Never goes back.
+  /// Time of the loop, ns. Monotonic.
   [[nodiscard]] virtual std::int64_t SteadyNs() const noexcept = 0;
-  /// The loop's time as samples are stamped, ns since the Unix epoch.
+  /// Time of the loop as used in sample stamps, ns since the Unix epoch.
   [[nodiscard]] virtual std::int64_t WallNs() const noexcept = 0;
-  /// This machine's steady clock, ns, which threads and operators live by.
+  /// Steady clock of this machine, ns, used for threads and operators.
   [[nodiscard]] virtual std::int64_t MachineNs() const noexcept = 0;
 
   [[nodiscard]] virtual bool lock_step() const noexcept { return false; }
-  /// In lock-step: everything that was sent is done and at rest.
+  /// In lock-step: waits until the robot has executed all commands and is at rest.
   [[nodiscard]] virtual Finding Rest() noexcept { return {}; }
 };
 
-/// An arm, which sends set-points while armed and holds otherwise.
+/// An arm. Sends set-points while armed and holds otherwise.
 class Manipulator {
  public:
   virtual ~Manipulator() = default;
 
-  /// Once a period: takes what was measured, sends the next set-point. Returns what makes an armed
-  /// arm hold, or what now keeps it from being armed.
+  /// Called once per period: processes measurements and sends the next set-point. Returns the
+  /// reason why an armed arm must hold, or the reason that prevents arming.
   [[nodiscard]] virtual Finding Tick(std::int64_t steady_ns, std::int64_t wall_ns) noexcept = 0;
-  /// What the last Tick() found is only that the arm is not powered or not homed, which Home()
-  /// mends.
+  /// True if the only problem found by the last Tick() is that the arm is not powered or not homed.
+  /// Home() fixes that.
   [[nodiscard]] virtual bool needs_homing() const noexcept = 0;
-  /// Starts to power up and home the arm, which moves it, or says what is against it.
+  /// Starts to power up and home the arm, which moves it, or returns the reason against it.
   [[nodiscard]] virtual Finding Home() noexcept = 0;
-  /// Home() is under way.
+  /// True while Home() is in progress.
   [[nodiscard]] virtual bool homing() const noexcept = 0;
-  /// Starts sending set-points, the present one at first, or says what is against it.
+  /// Starts sending set-points, beginning with the present one, or returns the reason against it.
   [[nodiscard]] virtual Finding Arm() noexcept = 0;
-  /// Stops sending, and ends homing, with the next Tick(). Always works.
+  /// Stops set-points and homing at the next Tick(). Always succeeds.
   virtual void Hold() noexcept = 0;
-  /// Starts a motion to `joints` (in the units of the arm) that takes `duration_s`, or says what is
-  /// against it.
+  /// Starts a motion to `joints` (in the arm's units) of duration `duration_s`, or returns the
+  /// reason against it.
   [[nodiscard]] virtual Finding MoveTo(std::span<const double> joints,
                                        double duration_s) noexcept = 0;
   [[nodiscard]] virtual bool armed() const noexcept = 0;
-  /// A motion is under way.
+  /// True while a motion is in progress.
   [[nodiscard]] virtual bool moving() const noexcept = 0;
-  /// No motion is under way, and what is measured has come to rest at the set-point.
+  /// True if no motion is in progress and the measured joints rest at the set-point.
   [[nodiscard]] virtual bool at_rest() const noexcept = 0;
 };
 
-/// Where states come from.
+/// Source of states.
 class Camera {
  public:
   enum class Answer {
-    kPending,  ///< Not there yet.
-    kNotSeen,  ///< The picture does not show the state, which is NaN.
+    kPending,  ///< Not available yet.
+    kNotSeen,  ///< The picture does not show the state; its entries are NaN.
     kSeen,
   };
   virtual ~Camera() = default;
 
-  /// What its thread thinks of the pictures.
+  /// Returns the check of the picture stream by the camera's thread.
   [[nodiscard]] virtual ThreadFinding Report() noexcept = 0;
-  /// Asks for the state in the first picture stamped `after_ns` (ns since the Unix epoch) or later.
-  /// Replaces a question that was not answered.
+  /// Requests the state in the first picture stamped `after_ns` (ns since the Unix epoch) or later.
+  /// Replaces a pending request.
   [[nodiscard]] virtual Finding Ask(std::int64_t after_ns) noexcept = 0;
-  /// Writes the state unless it is pending.
+  /// Writes the state unless the answer is kPending.
   [[nodiscard]] virtual Answer Take(std::span<double> state) noexcept = 0;
 };
 
-/// Listens to an emergency stop, and tells the operator's programs how the loop fares.
+/// Receives the emergency stop and reports the loop's state to the operator's programs.
 class EmergencyStop {
  public:
   virtual ~EmergencyStop() = default;
 
   [[nodiscard]] virtual ThreadFinding Report() noexcept = 0;
-  /// Once a period: the loop is alive, and this is its state.
+  /// Called once per period: signals that the loop is alive and reports its state.
   virtual void Beat(runtime::RunState state) noexcept = 0;
-  /// The operator knows that it was pressed.
+  /// Confirms that the operator has noticed the stop.
   virtual void Acknowledge() noexcept = 0;
 };
 
-/// Moves the target. It rests unless it was told to move, and comes to rest when told to.
+/// Moves the target. It rests unless commanded to move, and stops when commanded.
 class Platform {
  public:
   virtual ~Platform() = default;
 
-  /// Once a period: whether it can still be told anything.
+  /// Called once per period: checks whether the platform still accepts commands.
   [[nodiscard]] virtual Finding Check() noexcept = 0;
-  /// Starts on its way home, or says what is against it.
+  /// Starts the motion home, or returns the reason against it.
   [[nodiscard]] virtual Finding Home() noexcept = 0;
-  /// Its motion begins, and goes on until Rest(). Or says what is against it.
+  /// Starts the motion, which lasts until Rest(), or returns the reason against it.
   [[nodiscard]] virtual Finding Begin() noexcept = 0;
-  /// Once a period in which the robot may not move: it comes to rest, by the shortest way to a
-  /// place that is known. Nothing to do if it rests. Says so where it cannot be told.
+  /// Called in every period in which the robot may not move: stops the platform at a known position
+  /// by the shortest path. No effect if it rests. Returns a reason if it cannot be commanded.
   [[nodiscard]] virtual Finding Rest() noexcept = 0;
 };
 
-/// Keeps the transitions of a run.
+/// Records the transitions of a run.
 class Recorder {
  public:
   virtual ~Recorder() = default;
 
   virtual void Write(const runtime::Transition& transition, std::int64_t wall_ns) noexcept = 0;
-  /// Once a period: what arm and emergency stop were found to be, and the loop's state.
+  /// Called once per period with the findings of arm and emergency stop and the loop's state.
   virtual void Period(const Finding& /*arm*/, const Finding& /*stop*/, runtime::RunState /*state*/,
                       std::int64_t /*wall_ns*/) noexcept {}
-  /// Nothing more can be written.
+  /// True if recording is no longer possible.
   [[nodiscard]] virtual bool failed() const noexcept = 0;
 };
 
-/// How a control is carried out.
+/// Execution of one control.
 struct Motion {
-  std::span<const double> joints;  ///< Where the arm goes. Valid until the next Plan().
+  std::span<const double> joints;  ///< Target of the arm. Valid until the next Plan().
   double duration_s = 0.0;
-  std::span<const double> change;  ///< By how much the first entries of the state should change.
+  std::span<const double> change;  ///< Expected change of the first entries of the state.
 };
 
-/// What controls mean.
+/// Meaning of the controls.
 class Task {
  public:
   virtual ~Task() = default;
 
   [[nodiscard]] virtual int state_dim() const noexcept = 0;
   [[nodiscard]] virtual int control_dim() const noexcept = 0;
-  /// The arm was armed: motions begin where it is.
+  /// Called after arming: motions begin at the arm's present position.
   virtual void Begin() noexcept = 0;
-  /// The motion of `control` (control_dim() finite entries), from where the last one ended. Nothing
-  /// if the arm cannot reach it.
+  /// Plans the motion of `control` (control_dim() finite entries) from the end of the last motion.
+  /// Returns std::nullopt if the arm cannot reach the target.
   [[nodiscard]] virtual std::optional<Motion> Plan(std::span<const double> control) noexcept = 0;
 };
 

@@ -7,7 +7,7 @@
 
 namespace dfr::robot {
 
-/// Periods of a fixed length by this machine's clocks. The first Wait() allocates.
+/// Fixed-length periods by this machine's clocks. The first Wait() allocates.
 class RealTimeClock final : public Clock {
  public:
   /// @param period_s  in [0.0001, 10], s.
@@ -20,7 +20,7 @@ class RealTimeClock final : public Clock {
   [[nodiscard]] std::int64_t WallNs() const noexcept override { return runtime::WallNow(); }
   [[nodiscard]] std::int64_t MachineNs() const noexcept override { return steady_->Now(); }
 
-  /// How the loop kept its time; nullptr before the first period.
+  /// Timing statistics of the loop; nullptr before the first period.
   [[nodiscard]] const runtime::PeriodicTimer* timer() const noexcept {
     return timer_ ? &*timer_ : nullptr;
   }

@@ -5,19 +5,19 @@
 
 namespace dfr::runtime {
 
-/// What an operator types, line by line, without ever waiting for more. One object belongs to one
-/// thread.
+/// Non-blocking, line-by-line keyboard input of an operator. One object belongs to one thread.
 class Keyboard {
  public:
   /// @param file  a terminal or a pipe to read from: borrowed.
   explicit Keyboard(int file = 0) : file_(file) {}
 
-  /// Throws away all that was typed before, so that no answer is older than its question.
+  /// Discards earlier input, which cannot answer a later question.
   void Discard() noexcept;
-  /// The next whole line, without its end; nothing if there is none, or no more will come. Waits
-  /// for it for `timeout_s` at most. A line of more than 4096 characters is cut.
+  /// Returns the next complete line without its line end, waiting at most `timeout_s`. Returns
+  /// std::nullopt if there is none, or the input has ended. Lines longer than 4096 characters are
+  /// truncated.
   [[nodiscard]] std::optional<std::string> Line(double timeout_s = 0.0);
-  /// Nobody types there any more.
+  /// True once the input has ended.
   [[nodiscard]] bool ended() const noexcept { return ended_; }
 
  private:

@@ -7,12 +7,12 @@
 
 namespace dfr::runtime {
 
-/// Hands the newest value from one thread to another, neither of which ever waits (a triple
-/// buffer): Put() never blocks the writer, and Take() sees whole values only. What was put twice
-/// between two calls of Take() is lost but for the newest.
+/// Passes the newest value from one thread to another without blocking either (a triple buffer):
+/// Put() never blocks the writer, and Take() returns complete values only. Of several values put
+/// between two calls of Take(), only the newest is kept.
 ///
-/// One thread calls Put(), one other thread Take(). Both never lock, and neither allocate nor throw
-/// where copying a T does neither.
+/// One thread calls Put() and another calls Take(). Neither call locks. Neither allocates or throws
+/// unless copying a T does.
 template <typename T>
 class Latest {
   static_assert(std::is_copy_assignable_v<T>);
@@ -23,7 +23,7 @@ class Latest {
     back_ = shared_.exchange(back_ | kFresh, std::memory_order_acq_rel) & kIndex;
   }
 
-  /// False, with `value` unchanged, if nothing was put since the last call.
+  /// Returns false, with `value` unchanged, if no value was put since the last call.
   bool Take(T& value) noexcept {
     if ((shared_.load(std::memory_order_relaxed) & kFresh) == 0) return false;
     front_ = shared_.exchange(front_, std::memory_order_acq_rel) & kIndex;
@@ -37,7 +37,7 @@ class Latest {
 
   std::array<T, 3> slots_{};
   std::uint8_t back_ = 0;                 // the writer's
-  std::atomic<std::uint8_t> shared_ = 1;  // which one is between, and whether it is fresh
+  std::atomic<std::uint8_t> shared_ = 1;  // index of the middle slot, and whether it is fresh
   std::uint8_t front_ = 2;                // the reader's
 };
 

@@ -6,26 +6,26 @@
 
 namespace dfr::runtime {
 
-/// Nanoseconds on a clock that never goes back (CLOCK_MONOTONIC).
+/// Returns the time of a monotonic clock, ns (CLOCK_MONOTONIC).
 [[nodiscard]] std::int64_t SteadyNow() noexcept;
-/// Nanoseconds since the Unix epoch, by the system's clock.
+/// Returns the system time, ns since the Unix epoch.
 [[nodiscard]] std::int64_t WallNow() noexcept;
 
-/// A steady clock, by which a PeriodicTimer waits.
+/// Steady clock used by PeriodicTimer.
 class SteadyClock {
  public:
   virtual ~SteadyClock() = default;
 
-  /// ns. Never goes back.
+  /// Returns the time, ns. Monotonic.
   [[nodiscard]] virtual std::int64_t Now() noexcept = 0;
-  /// Returns at `due_ns` or later, and at once where that is over.
+  /// Returns at `due_ns` or later; immediately if it has passed.
   virtual void WaitUntil(std::int64_t due_ns) noexcept = 0;
 };
 
-/// SteadyNow() as a SteadyClock, for any number of threads.
+/// Returns a SteadyClock of SteadyNow(). Thread-safe.
 [[nodiscard]] SteadyClock& MachineClock() noexcept;
 
-/// Wakes a loop at equal times and keeps book of how late each period was. One object belongs to
+/// Wakes a loop at equal intervals and records the lateness of each period. One object belongs to
 /// one thread. Only the constructor allocates or throws.
 class PeriodicTimer {
  public:
@@ -36,18 +36,18 @@ class PeriodicTimer {
   PeriodicTimer(const PeriodicTimer&) = delete;
   PeriodicTimer& operator=(const PeriodicTimer&) = delete;
 
-  /// Sleeps until the present period ends. Periods that are over already are left out, so that a
-  /// loop that was held up does not hurry afterwards.
+  /// Sleeps until the present period ends. Skips periods that have already passed: a delayed loop
+  /// does not run faster afterwards.
   void Wait() noexcept;
 
-  /// Periods so far.
+  /// Returns the number of periods.
   [[nodiscard]] std::int64_t periods() const noexcept { return periods_; }
-  /// Periods that were left out.
+  /// Returns the number of skipped periods.
   [[nodiscard]] std::int64_t missed() const noexcept { return missed_; }
-  /// The quantile of | time between two wake-ups - period |, s; to 1 us, and at most 0.02 s.
-  /// @pre 0 <= quantile <= 1
+  /// Returns the given quantile of | time between two wake-ups - period |, s, with a resolution of
+  /// 1 us and a maximum of 0.02 s. @pre 0 <= quantile <= 1
   [[nodiscard]] double Jitter(double quantile) const noexcept;
-  /// The largest of all, s.
+  /// Returns the maximum, s.
   [[nodiscard]] double worst() const noexcept { return worst_s_; }
 
  private:
@@ -61,12 +61,12 @@ class PeriodicTimer {
   std::unique_ptr<std::int64_t[]> histogram_;
 };
 
-/// Asks the system to favour the calling thread: SCHED_FIFO at `priority` in [1, 99], and the
-/// process's memory locked against paging. Empty if both were granted; else in words what was not,
-/// and which right is missing. The program works all the same.
-/// Threads that it makes from then on are favoured, too.
+/// Requests real-time scheduling for the calling thread (SCHED_FIFO at `priority` in [1, 99]) and
+/// locks the memory of the process against paging. Threads created afterwards inherit the
+/// scheduling. Returns an empty string if both were granted, else a description of what was refused
+/// and of the missing right. The program works without them.
 [[nodiscard]] std::string AskForRealTime(int priority);
-/// The calling thread is scheduled as usual again: for work that may wait, in a favoured process.
+/// Returns the calling thread to normal scheduling, for non-urgent work in a real-time process.
 void GiveUpRealTime() noexcept;
 
 }  // namespace dfr::runtime

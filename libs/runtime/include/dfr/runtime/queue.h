@@ -6,11 +6,11 @@
 
 namespace dfr::runtime {
 
-/// All values, in order, from one thread to one other. Neither side ever waits or allocates.
+/// Passes all values in order from one thread to another. Neither side waits or allocates.
 template <typename T, std::size_t kCapacity>
 class Queue {
  public:
-  /// False if it is full.
+  /// Returns false if the queue is full.
   bool Put(const T& value) noexcept {
     const std::size_t end = end_.load(std::memory_order_relaxed);
     if (end - begin_.load(std::memory_order_acquire) == kCapacity) return false;
@@ -18,7 +18,7 @@ class Queue {
     end_.store(end + 1, std::memory_order_release);
     return true;
   }
-  /// False, with `value` unchanged, if it is empty.
+  /// Returns false, with `value` unchanged, if the queue is empty.
   bool Take(T& value) noexcept {
     const std::size_t begin = begin_.load(std::memory_order_relaxed);
     if (begin == end_.load(std::memory_order_acquire)) return false;

@@ -182,13 +182,6 @@ class GuardModel {
   [[nodiscard]] std::vector<double> Levels(const core::Matrix& states,
                                            std::vector<int>* steps = nullptr) const;
 
-  /// Which entries of a state put it outside: row i is what each entry of states row i adds to -l,
-  /// the sum of the row; zeros where Levels() says l >= 0. It is the rise of l along each entry on
-  /// the way back to l = 0 that is steepest in the units of the features, so that the unit of an
-  /// entry does not matter. A negative entry means that it compensates for others.
-  /// @throws std::invalid_argument if states are not state_dim() wide.
-  [[nodiscard]] core::Matrix Shortfall(const core::Matrix& states) const;
-
   /// What is certain of the next state at `state`, in time step `t`, under the assumptions of a
   /// certificate with this model's constants; of `action` with the J of the demonstrations alone.
   /// @throws std::invalid_argument if sizes differ, the model is in single precision, or no
@@ -209,34 +202,5 @@ class GuardModel {
   GuardSummary summary_;
   std::shared_ptr<const TaskModel> task_;
 };
-
-/// What speaks against using a guard, each with its remedy: too few demonstrations to tell ways
-/// apart, states of left-out demonstrations that are mostly outside, an alarm level far outside, an
-/// action limit far beyond the demonstrated actions. Empty if nothing does.
-[[nodiscard]] std::vector<std::string> Findings(const GuardModel& model);
-/// These, and what the demonstrations that it was fitted to say besides: features that only follow
-/// the clock, actions that explain little of how features change.
-[[nodiscard]] std::vector<std::string> Findings(const GuardModel& model,
-                                                std::span<const core::Trajectory> demonstrations);
-
-/// In which sense `false_alarms` and the constants of a certificate are promised: exactly or
-/// approximately, on average over fits or of this one.
-[[nodiscard]] std::string Promise(const GuardSummary& summary);
-
-/// How far a state that raises no alarm may be from all demonstrated ones, in the entries of one
-/// block of the state that features look at, and in their unit.
-struct Clearance {
-  std::string block;     ///< Its name in the layout.
-  double largest = 0.0;  ///< Over time steps: |x_b - x_b^(i)| <= largest for a demonstrated x^(i).
-  int step = 0;          ///< Where that is.
-  double median = 0.0;   ///< Over time steps.
-};
-/// If demonstrations kept a distance of `largest` from every constraint, no support meets one: the
-/// hypothesis of a certificate in the units of the state (kernel::CoverRadius()).
-[[nodiscard]] std::vector<Clearance> Clearances(const GuardModel& model);
-
-/// The feature list of a command line, "obs/object,obs/tip[0:2]", as FeatureSelection takes it:
-/// without the "obs/" or "observations/" that stands before a name in a file.
-[[nodiscard]] std::string StripObservationPrefixes(std::string_view features);
 
 }  // namespace dfr::safety

@@ -16,38 +16,38 @@
 
 namespace dfr::study {
 
-/// What baselines need that learn anew.
+/// Inputs of baselines that train new policies.
 struct Teaching {
-  /// Fits the program's learner to all state-control pairs, as the learned policy was fitted but
-  /// for the seed. Empty: nothing can be learned anew.
+  /// Fits the program's learner to all state-control pairs, with the learned policy's settings
+  /// except the seed. Empty: no baseline can train a policy.
   std::function<std::unique_ptr<const core::Policy>(std::span<const core::Trajectory>,
                                                     std::uint64_t seed)>
       learn = {};
-  std::uint64_t seed = 0;  ///< What is random in these baselines follows.
-  /// Where the supervisor demonstrates; to be cloned. Null: there is no supervisor to be asked.
+  std::uint64_t seed = 0;  ///< Seed of all randomness in these baselines.
+  /// Plant for the supervisor's demonstrations; cloned before use. Null: no supervisor is
+  /// available.
   std::shared_ptr<const core::SimulatedPlant> plant = nullptr;
-  /// Writes what the supervisor would do in the plant's present state at time step t, without its
-  /// noise, to `u`. The episode's seed decides a supervisor's habits.
+  /// Writes the supervisor's control for the plant's current state at time step t, without its
+  /// noise, to `u`. The episode's seed selects the supervisor's habits.
   std::function<void(const core::SimulatedPlant& plant, int t, std::uint64_t episode,
                      std::span<double> u)>
       supervise = {};
-  int horizon =
-      0;  ///< Controls of an episode that the supervisor is asked in; 0: the task model's.
+  int horizon = 0;  ///< Maximum number of supervised controls per episode; 0: the task model's.
 };
 
-/// Teaching by imitation::FitMlp() on sets like `like`, with `options` but for the seed; the
-/// supervisor is left to the caller.
+/// Returns a Teaching that uses imitation::FitMlp() on sets like `like`, with `options` except the
+/// seed. The caller provides the supervisor.
 [[nodiscard]] Teaching TeachMlp(const imitation::DemonstrationSet& like,
                                 const imitation::FitMlpOptions& options);
 
-/// The mean of five policies, each learned from demonstrations that were drawn with replacement.
-/// Immutable; concurrent calls are safe.
+/// Mean of five policies, each learned from demonstrations sampled with replacement. Immutable;
+/// concurrent calls are safe.
 class EnsemblePolicy final : public core::Policy {
  public:
   static constexpr int kMembers = 5;
   static constexpr int kMostControls = 32;
 
-  /// @throws std::invalid_argument if nothing can be learned anew, or controls have more than
+  /// @throws std::invalid_argument if `teaching` cannot train policies, or controls have more than
   ///   kMostControls entries.
   EnsemblePolicy(const Teaching& teaching, std::span<const core::Trajectory> demonstrations);
   [[nodiscard]] int state_dim() const noexcept override { return members_[0]->state_dim(); }
@@ -55,9 +55,9 @@ class EnsemblePolicy final : public core::Policy {
   void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override {
     static_cast<void>(Mean(t, x, u));
   }
-  /// As Control(); returns the root mean square distance of the members from their mean.
+  /// Works as Control() and returns the root mean square distance of the members from their mean.
   double Mean(int t, std::span<const double> x, std::span<double> u) const noexcept;
-  /// The largest disagreement in a demonstrated state.
+  /// Largest disagreement in a demonstrated state.
   [[nodiscard]] double demonstrated_disagreement() const noexcept { return demonstrated_; }
 
  private:
@@ -65,35 +65,39 @@ class EnsemblePolicy final : public core::Policy {
   double demonstrated_ = 0.0;
 };
 
-/// Applies the ensemble's mean, and halts (HaltCause::kEarlyStopping) where its members disagree
-/// more than in any demonstrated state; and after `horizon` controls. As ensembles gate a learner
-/// in EnsembleDAgger (Menda et al., IROS 2019), without the supervisor to hand over to.
+/// Returns a controller that applies the ensemble's mean. It halts (HaltCause::kEarlyStopping) if
+/// the members disagree more than in any demonstrated state, and after `horizon` controls.
+/// EnsembleDAgger (Menda et al., IROS 2019) gates a learner by the same test but hands over to the
+/// supervisor.
 [[nodiscard]] std::unique_ptr<control::Controller> MakeEnsembleController(
     std::shared_ptr<const EnsemblePolicy> ensemble, int horizon);
 
-/// DART (Laskey et al., CoRL 2017): as many demonstrations as there are, in which normal noise is
-/// added to what the supervisor wants, with the covariance of the learned policy's errors on ten
-/// episodes of the supervisor. Learned are the supervisor's controls. Demonstrations that do not
-/// complete the task within `horizon` controls are discarded.
-/// @throws std::invalid_argument if there is no supervisor, or it hardly ever succeeds.
+/// DART (Laskey et al., CoRL 2017). Collects as many demonstrations as there are in the set, with
+/// normal noise added to the supervisor's controls. The noise has the covariance of the learned
+/// policy's errors on ten episodes of the supervisor. The policy learns the supervisor's controls
+/// without the noise. Discards demonstrations that do not complete the task within `horizon`
+/// controls.
+/// @throws std::invalid_argument if there is no supervisor, or it rarely succeeds.
 [[nodiscard]] std::unique_ptr<const core::Policy> LearnWithNoise(
     const Teaching& teaching, const core::Policy& learned,
     std::span<const core::Trajectory> demonstrations, int horizon);
 
-/// DAgger (Ross et al., AISTATS 2011) in ten rounds: the policy so far runs, the supervisor is
-/// asked in every state that it comes to, and the next policy is learned from all states so far.
-/// The rounds share as many episodes as there are demonstrations. The episodes collide as the
-/// policy so far does: no other method here asks the supervisor, or collides while it learns.
+/// DAgger (Ross et al., AISTATS 2011) in ten rounds. In each round the current policy runs, the
+/// supervisor labels every visited state, and the next policy learns from all states so far. The
+/// rounds together use as many episodes as there are demonstrations. The current policy's
+/// collisions occur during training; no other method here queries the supervisor or collides while
+/// it learns.
 /// @throws std::invalid_argument if there is no supervisor.
 [[nodiscard]] std::unique_ptr<const core::Policy> LearnByAsking(
     const Teaching& teaching, const core::Policy& learned,
     std::span<const core::Trajectory> demonstrations, int horizon);
 
-/// An oracle: a filter of one step that knows the plant. The policy's control is tried on a copy;
-/// where guided recovery's support is left after it, l < 0, it is changed along the gradient of l
-/// by the true Jacobian of the state by the control, from differences on the copy, by as little as
-/// leads back to l = 0. Halts (kOutsideSupport) where the control found leads farther outside than
-/// guided recovery allows, and after `horizon` controls. Borrows all.
+/// An oracle: a one-step filter that knows the plant. It tries the policy's control on a copy of
+/// the plant. If the result is outside guided recovery's support (l < 0), it changes the control by
+/// the least amount that restores l = 0. The change is along the gradient of l, mapped by the true
+/// Jacobian of the state with respect to the control (finite differences on the copy). Halts
+/// (kOutsideSupport) if the changed control leads farther outside than guided recovery allows, and
+/// after `horizon` controls. Borrows all arguments.
 [[nodiscard]] std::unique_ptr<control::Controller> MakeTrueJacobianFilter(
     const safety::TaskModel& task, const core::Policy& policy, const core::SimulatedPlant& plant,
     int horizon);

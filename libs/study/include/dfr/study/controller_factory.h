@@ -17,40 +17,41 @@
 
 namespace dfr::study {
 
-/// The methods besides those of safety::ParseMethod() that every program has. Oracles, which try
-/// controls on a copy of the simulation: "finite-difference", that of Sec. V-A, and
-/// "true-jacobian", a filter of one step (MakeTrueJacobianFilter()). Baselines without a support:
-/// "lwr" and "knn", regressions on the demonstrations themselves; "ensemble", which halts where
-/// five policies disagree; "dart", learned from demonstrations with injected noise; "dagger", which
-/// asks the supervisor while it learns.
+/// Methods of every program in addition to those of safety::ParseMethod(). Oracles, which try
+/// controls on a copy of the simulation: "finite-difference" (Sec. V-A) and "true-jacobian", a
+/// one-step filter (MakeTrueJacobianFilter()). Baselines without a support: "lwr" and "knn",
+/// regressions on the demonstrations; "ensemble", which halts if five policies disagree; "dart",
+/// learned from demonstrations with injected noise; "dagger", which queries the supervisor while it
+/// learns.
 inline constexpr std::array<std::string_view, 7> kOtherMethods = {
     "finite-difference", "true-jacobian", "lwr", "knn", "ensemble", "dart", "dagger"};
 
-/// The parts of a method's name, "guided@lwr/density" for one.
+/// Parts of a method's name, for example "guided@lwr/density".
 struct MethodName {
-  std::string_view controller;  ///< With a support also "certified": certified-direction.
+  std::string_view controller;  ///< Also "certified" (certified-direction) with a support.
   std::string_view policy;      ///< One of kPolicies; empty: the learned one.
-  std::string_view support;     ///< One of kSupports; empty: the controller's own.
+  std::string_view support;     ///< One of kSupports; empty: the controller's default.
 };
 /// "lwr", "knn", "dart" and "dagger" are short for "baseline@lwr" and so on.
 [[nodiscard]] MethodName Split(std::string_view name) noexcept;
 
-/// safety::ParseMethod() with `others`, for names with a policy or support behind them too.
-/// @throws std::invalid_argument naming an unknown method, policy or support and those there are.
+/// safety::ParseMethod() with `others`, also for names with a policy or support.
+/// @throws std::invalid_argument naming the unknown method, policy or support and listing the valid
+///   ones.
 [[nodiscard]] safety::Method ParseMethod(std::string_view name,
                                          std::span<const std::string_view> others = kOtherMethods);
 
-/// What ParseMethod() takes, for help texts.
+/// Valid arguments of ParseMethod(), for help texts.
 [[nodiscard]] std::string MethodHelp(std::span<const std::string_view> others = kOtherMethods);
 
-/// What a reader of a table must know of these methods, a line each that ends in a newline: which
-/// of them are oracles, and which ask the supervisor while they learn. Empty if none does.
+/// Footnotes for tables of these methods, one line each with a newline: which methods are oracles,
+/// and which query the supervisor while they learn. Empty if none.
 [[nodiscard]] std::string MarksOf(std::span<const std::string> methods);
 
-/// Makes the controllers of one task by the names of their methods.
+/// Factory for the controllers of one task, by the names of their methods.
 class ControllerFactory {
  public:
-  /// Borrows all, which must outlive this and its controllers.
+  /// Borrows all arguments, which must outlive this object and its controllers.
   ControllerFactory(const safety::TaskModel& task, const core::Policy& learned,
                     const core::StateLayout& layout,
                     std::span<const core::Trajectory> demonstrations, Teaching teaching = {})
@@ -60,9 +61,9 @@ class ControllerFactory {
         demonstrations_(demonstrations),
         policies_(task, learned, demonstrations, std::move(teaching)) {}
 
-  /// `plant` is the one that is driven, for oracles and adversaries only.
-  /// @throws std::invalid_argument as ParseMethod(), or if the plant, or the Teaching of a method
-  ///   that learns anew, is lacking.
+  /// `plant` is the driven plant; only oracles and adversaries use it.
+  /// @throws std::invalid_argument as ParseMethod(), or if the plant or the Teaching that the
+  ///   method needs is missing.
   [[nodiscard]] std::unique_ptr<control::Controller> Make(
       std::string_view method, const core::SimulatedPlant* plant,
       const safety::ControllerOptions& options = {}) const;

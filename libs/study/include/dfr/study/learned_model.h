@@ -11,17 +11,17 @@
 
 namespace dfr::study {
 
-/// What is learned from one set of demonstrations: the policy, and the task's model.
+/// Models learned from one set of demonstrations: the policy and the task model.
 class LearnedModel {
  public:
-  /// Without `teaching` methods that learn anew are refused.
+  /// Without `teaching`, methods that train new policies are rejected.
   LearnedModel(imitation::MlpPolicy policy, safety::TaskModel task, imitation::DemonstrationSet set,
                Teaching teaching = {});
 
-  /// Writes policy.dfr, demonstrations.hdf5 and the task's files into `folder`, which is made if
-  /// need be.
+  /// Writes policy.dfr, demonstrations.hdf5 and the task's files into `folder`; creates it if
+  /// needed.
   void Save(const std::filesystem::path& folder) const;
-  /// Reads what Save() wrote. @throws std::runtime_error naming the file and what is wrong with it.
+  /// Reads the files of Save(). @throws std::runtime_error with the file and the problem.
   static LearnedModel Load(const std::filesystem::path& folder);
 
   [[nodiscard]] const imitation::MlpPolicy& policy() const noexcept { return parts_->policy; }
@@ -29,7 +29,7 @@ class LearnedModel {
   [[nodiscard]] const imitation::DemonstrationSet& demonstrations() const noexcept {
     return parts_->set;
   }
-  /// Controllers borrow this model.
+  /// Returns the controllers, which borrow this model.
   [[nodiscard]] const ControllerFactory& controllers() const noexcept {
     return parts_->controllers;
   }
@@ -47,7 +47,7 @@ class LearnedModel {
     imitation::DemonstrationSet set;
     ControllerFactory controllers;
   };
-  // On the heap, so that what borrows them stays valid when a model moves.
+  // On the heap: pointers to them stay valid when the model moves.
   std::unique_ptr<const Parts> parts_;
 };
 

@@ -19,12 +19,12 @@
 
 namespace dfr::study {
 
-/// Regression by nearest neighbours on the demonstrations themselves: the mean control of those
-/// demonstrated states that are nearest in features, among those of near time steps.
+/// Nearest-neighbour regression on the demonstrations: the mean control of the demonstrated states
+/// nearest in features, among those of near time steps.
 class NearestNeighbourPolicy final : public core::Policy {
  public:
   static constexpr int kNeighbours = 5;
-  static constexpr int kWindow = 5;  ///< Time steps t - kWindow ... t + kWindow count.
+  static constexpr int kWindow = 5;  ///< Uses time steps t - kWindow ... t + kWindow.
 
   /// @throws std::invalid_argument if there are fewer than kNeighbours demonstrated controls.
   NearestNeighbourPolicy(core::FeatureTransform features,
@@ -37,28 +37,27 @@ class NearestNeighbourPolicy final : public core::Policy {
 
  private:
   core::FeatureTransform features_;
-  std::vector<int> begin_;  // row at which a time step begins; one more entry at the end
+  std::vector<int> begin_;  // first row of each time step; one more entry at the end
   core::Matrix points_;
   core::Matrix controls_;
 };
 
-/// Policies that a controller can be put around, besides the learned one:
-///   "lwr", "knn"      regression on the demonstrations themselves, locally weighted or by nearest
-///                     neighbours
-///   "zero"            no control at all
+/// Policies for controllers, in addition to the learned one:
+///   "lwr", "knn"      regression on the demonstrations, locally weighted or by nearest neighbours
+///   "zero"            zero control
 ///   "random"          a direction that depends on state and time step alone, of demonstrated size
-///   "negated"         the learned policy's control with its sign turned
+///   "negated"         the learned policy's control with opposite sign
 ///   "ensemble"        EnsemblePolicy: the mean of five
 ///   "dart"            LearnWithNoise(): from demonstrations with injected noise
-///   "dagger"          LearnByAsking(): asks the supervisor, in ten rounds
-///   "at-constraints"  an adversary: tries directions on a copy of the plant, and takes one that
-///                     collides soonest; the learned policy's control where none does
-///   "out-of-support"  an adversary: of these directions the one after which l is least
+///   "dagger"          LearnByAsking(): queries the supervisor, in ten rounds
+///   "at-constraints"  an adversary: tries directions on a copy of the plant and takes the one that
+///                     collides first; the learned policy's control if none collides
+///   "out-of-support"  an adversary: the one of these directions with the smallest l afterwards
 inline constexpr std::array<std::string_view, 10> kPolicies = {
     "lwr",      "knn",  "zero",   "random",         "negated",
     "ensemble", "dart", "dagger", "at-constraints", "out-of-support"};
 
-/// The names with commas between them.
+/// Returns the names, separated by commas.
 template <typename Names>
 [[nodiscard]] std::string Join(const Names& names) {
   std::string list;
@@ -66,7 +65,7 @@ template <typename Names>
   return list;
 }
 
-/// Makes these policies for one task. Borrows all that it is given.
+/// Factory for the policies of one task. Borrows all arguments.
 class PolicyFactory {
  public:
   PolicyFactory(const safety::TaskModel& task, const core::Policy& learned,
@@ -76,13 +75,13 @@ class PolicyFactory {
         demonstrations_(demonstrations),
         teaching_(std::move(teaching)) {}
 
-  /// `plant` is the one that is driven, for the adversaries only; one of those belongs to one
-  /// thread. What learns anew does so once for all threads.
-  /// @throws std::invalid_argument naming an unknown policy and those there are, or if an adversary
-  ///   lacks its plant, or a policy that learns anew its Teaching.
+  /// `plant` is the driven plant; only adversaries use it, and each of them belongs to one thread.
+  /// Policies that need training are trained once for all threads.
+  /// @throws std::invalid_argument naming an unknown policy and listing the valid ones, or if an
+  ///   adversary lacks its plant or a policy that needs training its Teaching.
   [[nodiscard]] std::shared_ptr<const core::Policy> Make(std::string_view name,
                                                          const core::SimulatedPlant* plant) const;
-  /// Make("ensemble"). @throws std::invalid_argument as it does.
+  /// Returns Make("ensemble"). @throws std::invalid_argument as Make() does.
   [[nodiscard]] std::shared_ptr<const EnsemblePolicy> Ensemble() const;
 
  private:

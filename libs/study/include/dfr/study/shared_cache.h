@@ -8,8 +8,8 @@
 
 namespace dfr::study {
 
-/// Makes each value once, on the thread that asks for it first; others wait for it. What making it
-/// throws, all who ask get.
+/// Computes each value once, on the first thread that requests it. Other threads wait. An exception
+/// of the computation reaches all of them.
 template <typename Key, typename Value>
 class SharedCache {
  public:
@@ -27,7 +27,7 @@ class SharedCache {
     }
     if (first) {
       try {
-        promise.set_value(std::shared_ptr<const Value>(new Value(make())));  // need not move
+        promise.set_value(std::shared_ptr<const Value>(new Value(make())));  // need not be movable
       } catch (...) {
         promise.set_exception(std::current_exception());
       }

@@ -15,37 +15,37 @@
 
 namespace dfr::study {
 
-/// Estimates of the demonstrated states' support that any controller can look at:
-///   "raw"           the paper's: one one-class SVM per time step, of features as they are
+/// Support estimates for any controller:
+///   "raw"           the paper's: one one-class SVM per time step, on unscaled features
 ///   "whitened"      guided recovery's: one-class SVMs of whitened features, pooled over t +- 2
 ///   "knn-distance"  l = 1 - D / q, D the mean squared distance to the 5 nearest states
 ///   "density"       l = log p - q, p a Gaussian kernel density
 ///   "mahalanobis"   l = 1 - (z - m)' S^-1 (z - m) / q
-/// The last three are of the same features, pooled alike; q is chosen for each time step so that
-/// all but a share nu = .05 of the demonstrated states are inside when their own demonstration is
-/// left out (with "mahalanobis": is not).
+/// The last three use the features and pooling of "whitened". For each time step, q leaves a share
+/// nu = .05 of the demonstrated states outside, when their own demonstration is left out
+/// ("mahalanobis": not left out).
 inline constexpr std::array<std::string_view, 5> kSupports = {"raw", "whitened", "knn-distance",
                                                               "density", "mahalanobis"};
 
-/// One of these supports with all that controllers need of it. Immutable; stays where it was made.
+/// One of these supports with everything that controllers need of it. Immutable; not movable.
 class SupportModel {
  public:
-  /// `layout` is that of the demonstrated states.
-  /// @throws std::invalid_argument naming an unknown support and those there are, or if the task
-  ///   has no "raw" one.
+  /// `layout` is the layout of the demonstrated states.
+  /// @throws std::invalid_argument naming an unknown support and listing the valid ones, or if the
+  ///   task has no "raw" one.
   SupportModel(std::string_view name, const safety::TaskModel& task,
                const core::StateLayout& layout, std::span<const core::Trajectory> demonstrations);
   SupportModel(const SupportModel&) = delete;
   SupportModel& operator=(const SupportModel&) = delete;
   ~SupportModel();
 
-  /// g_t of whole states.
+  /// Returns g_t of whole states.
   [[nodiscard]] const core::DecisionFunction& decision() const noexcept { return *decision_; }
   [[nodiscard]] const std::vector<double>& lambda() const noexcept { return lambda_; }
   [[nodiscard]] const control::GuidedModel& guided() const noexcept { return *guided_; }
 
  private:
-  std::unique_ptr<const core::LogDecisionFunction> own_;  // null: one of the task's
+  std::unique_ptr<const core::LogDecisionFunction> own_;  // null: the support belongs to the task
   std::unique_ptr<const control::GuidedModel> guided_;
   std::unique_ptr<const core::DecisionFunction> decision_;
   std::vector<double> lambda_;

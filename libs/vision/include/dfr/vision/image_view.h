@@ -5,7 +5,7 @@
 
 namespace dfr::vision {
 
-/// A colour image of 8 bits a channel, blue, green, red interleaved, rows from the top. Borrowed.
+/// 8-bit colour image with interleaved blue, green and red channels, rows from the top. Borrowed.
 struct ImageView {
   const std::uint8_t* data = nullptr;
   int width = 0;

@@ -11,16 +11,16 @@
 
 namespace dfr::vision {
 
-/// Why an image says nothing.
+/// Reasons for an image without a result.
 enum class NotSeen {
-  kNothing,        ///< Nothing is missing: all was seen.
-  kWrongSize,      ///< The image has not the camera's size.
+  kNothing,        ///< No reason: everything was seen.
+  kWrongSize,      ///< The image size differs from the camera's.
   kDark,           ///< Nearly black.
   kOverexposed,    ///< Mostly saturated.
-  kFrozen,         ///< The same image as before, bit for bit: a living sensor has noise.
+  kFrozen,         ///< Identical to the previous image, bit for bit: a working sensor has noise.
   kTarget,         ///< Fewer than four marks of the gauze's frame, or all on one line.
-  kForeignCamera,  ///< The marks do not fit together: another camera's intrinsics, or a bent frame.
-  kLine,           ///< No red line, too short a piece of it, or not near the tip.
+  kForeignCamera,  ///< Inconsistent marks: intrinsics of another camera, or a bent frame.
+  kLine,           ///< No red line, or a piece that is too short or not near the tip.
   kTip,            ///< No end-effector.
   kFault,          ///< OpenCV failed (out of memory).
 };
@@ -28,41 +28,41 @@ inline constexpr int kNumNotSeen = static_cast<int>(NotSeen::kFault) + 1;
 
 [[nodiscard]] const char* Name(NotSeen reason) noexcept;
 
-/// What LineVision looks for. Metres; the target's frame lies in the gauze, z towards the camera's
-/// side.
+/// Objects that LineVision detects. Metres; the target's frame lies in the gauze, z towards the
+/// camera.
 struct LineTarget {
   std::vector<Eigen::Vector2d> marks_m;  ///< Centres of the blue marks on the gauze's frame.
   double mark_radius_m = 0.002;
   double line_width_m = 0.0015;
-  double tip_radius_m = 0.001;  ///< Radius of the green ball on the end-effector.
+  double tip_radius_m = 0.001;  ///< Radius of the green ball at the end-effector.
 };
 
 /// Options for LineVision.
 struct LineVisionOptions {
   LineTarget target;
-  /// The target's pose when nothing disturbs it, in the camera's frame: a mark is the one whose
-  /// place then is the nearest.
+  /// Pose of the target at rest, in the camera's frame. A detected mark is assigned to the nearest
+  /// mark in this pose.
   Eigen::Isometry3d p_cam_target = Eigen::Isometry3d::Identity();
-  /// How far the target can be from there. A pose beyond is that of another camera's intrinsics,
-  /// which trade focal length for distance.
+  /// Maximum displacement of the target from there. A larger one indicates the intrinsics of
+  /// another camera, which trade focal length for distance.
   double max_motion_m = 0.03;
-  double min_confidence = 0.3;  ///< Below this, nothing is reported.
+  double min_confidence = 0.3;  ///< Minimum confidence of a result.
 };
 
-/// What one image shows. Numbers are NaN unless seen().
+/// Result for one image. Numbers are NaN unless seen().
 struct LineObservation {
   NotSeen missing = NotSeen::kTarget;
-  /// In [0, 1]: the smallest of the shares of marks, line points and tip area that fit.
+  /// In [0, 1]: the smallest of the fractions of marks, line points and tip area that fit.
   double confidence = 0.0;
-  /// From the tip, projected along the gauze's normal, to the line; in the gauze's plane, positive
-  /// if the tip is to the left of the line's direction (its +y side), m.
+  /// Distance from the tip, projected along the gauze's normal, to the line, in the gauze's plane,
+  /// m. Positive if the tip is to the left of the line's direction (its +y side).
   double distance_m = std::numeric_limits<double>::quiet_NaN();
   Eigen::Vector3d p_cam_tip = Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
-  /// Unit tangent of the line where it is nearest to the tip, in the camera's frame.
+  /// Unit tangent of the line at the point nearest to the tip, in the camera's frame.
   Eigen::Vector3d tangent_cam = Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
-  /// Pose of the gauze in the camera's frame; valid as soon as the marks were seen.
+  /// Pose of the gauze in the camera's frame. Valid if the marks were seen.
   Eigen::Isometry3d p_cam_target = Eigen::Isometry3d::Identity();
-  /// The line in the gauze's frame, y = c0 + c1 x + c2 x^2, for x in [x_min, x_max], m.
+  /// Line in the gauze's frame, y = c0 + c1 x + c2 x^2, for x in [x_min, x_max], m.
   Eigen::Vector3d line = Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
   double x_min = std::numeric_limits<double>::quiet_NaN();
   double x_max = std::numeric_limits<double>::quiet_NaN();
@@ -73,38 +73,39 @@ struct LineObservation {
   [[nodiscard]] bool seen() const noexcept { return missing == NotSeen::kNothing; }
 };
 
-/// Finds a red line on gauze and the tip of the tool in an endoscope's image.
+/// Detects a red line on gauze and the tip of the tool in an endoscope's image.
 ///
-/// The gauze's plane comes from blue marks on the frame that holds it, so that millimetres in the
-/// gauze stay millimetres when the platform below moves. The line is the robust quadratic through
-/// the centres of the red run of every image column; it has to run along the image's width, within
-/// 45 degrees. The tip is the green ball at the tool's end; one camera does not see how far away it
-/// is, so the caller gives a plane that it is on, from the arm's kinematics.
+/// Blue marks on the gauze's frame give the gauze's plane, which keeps distances metric when the
+/// platform moves. The line is a robust quadratic fit through the centres of the red run in every
+/// image column. It must run along the image's width, within 45 degrees. The tip is the green ball
+/// at the tool's end. One camera does not measure its distance; the caller provides a plane that
+/// contains the tip, from the arm's kinematics.
 ///
-/// Observe() neither throws nor guesses: what is not there is reported as NotSeen. OpenCV may
-/// allocate inside. One object belongs to one thread.
+/// Observe() never throws, and reports missing objects as NotSeen. OpenCV may allocate internally.
+/// One object belongs to one thread.
 class LineVision {
  public:
-  /// @throws std::invalid_argument if the camera or the target makes no sense; names which.
+  /// @throws std::invalid_argument naming the invalid part of the camera or the target.
   LineVision(const CameraModel& camera, const LineVisionOptions& options);
   ~LineVision();
   LineVision(LineVision&&) noexcept;
   LineVision& operator=(LineVision&&) noexcept;
 
-  /// @param tip_plane_cam  the plane that the tip is on, in the camera's frame.
+  /// @param tip_plane_cam  the plane that contains the tip, in the camera's frame.
   [[nodiscard]] LineObservation Observe(const ImageView& image,
                                         const Eigen::Hyperplane<double, 3>& tip_plane_cam) noexcept;
 
-  /// The tip alone, in pixels: what a calibration records. NaN if it is not seen.
+  /// Detects only the tip, for a calibration. Returns pixels; NaN if not seen.
   [[nodiscard]] Eigen::Vector2d FindTip(const ImageView& image) noexcept;
 
-  /// The marks alone, in pixels, in the target's order; NaN for those not seen. Needs no valid
-  /// intrinsics, but the nominal pose has to be right to a third of the distance of two marks.
+  /// Detects only the marks. Writes pixels in the target's order, NaN for marks not seen. Works
+  /// without valid intrinsics, but the nominal pose must be accurate to a third of the distance
+  /// between two marks.
   /// @param marks  as many entries as the target has marks.
   [[nodiscard]] bool FindMarks(const ImageView& image,
                                std::vector<Eigen::Vector2d>& marks) noexcept;
 
-  /// Forgets the last image, so that the next one is not compared with it.
+  /// Discards the last image: the next one is not compared with it.
   void ForgetLastImage() noexcept;
 
   [[nodiscard]] const CameraModel& camera() const noexcept;

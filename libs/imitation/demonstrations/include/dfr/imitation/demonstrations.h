@@ -11,19 +11,19 @@
 
 namespace dfr::imitation {
 
-/// What a supervisor has shown.
+/// Demonstrations of a supervisor.
 struct DemonstrationSet {
   core::StateLayout layout;  ///< Layout of the trajectories' states.
   int control_dim = 0;
-  std::string environment;  ///< The name of the plant or task.
+  std::string environment;  ///< Name of the plant or task.
   std::vector<core::Trajectory> trajectories;
-  int discarded = 0;  ///< Demonstrations that violated a constraint and are not among these.
+  int discarded = 0;  ///< Number of demonstrations that violated a constraint and were left out.
   std::string note;   ///< DemonstrationReader::note() of the file.
   core::Provenance provenance = {};
 };
 
-/// A file of demonstrations that is read one episode at a time: it takes the memory of its longest
-/// episode, whatever its size. One object belongs to one thread.
+/// Reader of a demonstration file, one episode at a time. Needs memory for the longest episode
+/// only. Each object belongs to one thread.
 class DemonstrationReader {
  public:
   virtual ~DemonstrationReader() = default;
@@ -31,50 +31,49 @@ class DemonstrationReader {
   [[nodiscard]] virtual const core::StateLayout& layout() const noexcept = 0;
   [[nodiscard]] virtual int control_dim() const noexcept = 0;
   [[nodiscard]] virtual const std::string& environment() const noexcept = 0;
-  /// DemonstrationSet::discarded, where the file says so.
+  /// DemonstrationSet::discarded, if the file records it.
   [[nodiscard]] virtual int discarded() const noexcept { return 0; }
-  /// Unknown where the file does not say.
+  /// Origin of the data; unknown if the file does not record it.
   [[nodiscard]] virtual const core::Provenance& provenance() const noexcept;
   [[nodiscard]] virtual int num_episodes() const noexcept = 0;
-  /// What a user should know of how the file is read: "images and videos are left alone: ..."; may
-  /// be empty.
+  /// Note to the user about how the file is read, for example "images and videos are left alone:
+  /// ..."; may be empty.
   [[nodiscard]] virtual const std::string& note() const noexcept;
 
-  /// What the file calls episode i, in [0, num_episodes()): "data/demo_7".
+  /// Returns the file's name of episode i, in [0, num_episodes()), for example "data/demo_7".
   [[nodiscard]] virtual const std::string& name(int i) const = 0;
-  /// @throws std::runtime_error naming file, episode, dataset and reason.
+  /// @throws std::runtime_error with file, episode, dataset and reason.
   [[nodiscard]] virtual core::Trajectory Read(int i) const = 0;
 };
 
-/// Opens demonstrations of robomimic, Minari (see minari.h) or LeRobot (see lerobot.h), whichever
-/// it is.
-/// @param filter_key  only the episodes that this key names, as robomimic's mask/train or a split
-/// of
-///   LeRobot does; empty: all.
-/// @throws std::runtime_error naming file and reason, among them a key that does not exist.
+/// Opens demonstrations of robomimic, Minari (see minari.h) or LeRobot (see lerobot.h); detects the
+/// format.
+/// @param filter_key  reads only the episodes under this key, for example robomimic's mask/train or
+///   a split of LeRobot; empty: all.
+/// @throws std::runtime_error with file and reason, also if the key does not exist.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenDemonstrations(
     const std::filesystem::path& path, const std::string& filter_key = "");
-/// Reads all of it.
+/// Reads all demonstrations of a file or dataset.
 [[nodiscard]] DemonstrationSet LoadDemonstrations(const std::filesystem::path& path);
 
 // robomimic's HDF5 format: group data/demo_<i> per episode of N controls, with datasets
 //   actions (N x control_dim, within [-1, 1]),  states (N x state_dim),
 //   obs/<block> and next_obs/<block> (N x block size) for each block of the layout,
 //   rewards (N; 1 at the step that completes the task, else 0) and dones (N; 1 at the same step).
-// The last state is the last row of next_obs. On top of the format, each demo has the attributes
-// `seed` and `outcome`, each obs dataset its `offset` within the state, and data has `discarded`
-// and, where it is known, `provenance` (core::ToText()); other readers ignore them.
+// The last state is the last row of next_obs. dfr adds attributes that other readers ignore: `seed`
+// and `outcome` of each demo, `offset` of each obs dataset (its position in the state), `discarded`
+// of data and, if known, its `provenance` (core::ToText()).
 //
-// The functions below throw std::runtime_error naming file, episode, dataset and reason. Files are
-// read by libhdf5 in a process of its own, because it trusts what it reads; they are written in
-// this one, from one thread at a time.
+// The functions below throw std::runtime_error with file, episode, dataset and reason. libhdf5
+// reads files in a separate process because it does not validate them. It writes in this process,
+// from one thread at a time.
 
-/// Writes episodes as they come. Each is flushed and only then named: a process that is killed at
-/// any moment leaves a file with all episodes appended before.
+/// Writes episodes one at a time. Flushes each episode before naming it: a process killed at any
+/// time leaves a file with all episodes appended before.
 class RobomimicWriter {
  public:
-  /// Creates the file, replacing any.
-  /// @param model_xml  the simulation's model, kept with each episode as robomimic wants it.
+  /// Creates the file, replacing any existing one.
+  /// @param model_xml  the simulation's model, stored with each episode as robomimic requires.
   RobomimicWriter(const std::filesystem::path& path, core::StateLayout layout, int control_dim,
                   const std::string& environment, std::string model_xml = "");
   RobomimicWriter(RobomimicWriter&&) noexcept;
@@ -82,13 +81,13 @@ class RobomimicWriter {
   ~RobomimicWriter();
 
   /// @throws std::invalid_argument if the trajectory is empty, has other dimensions, an entry that
-  ///   is not finite or a control beyond [-1, 1]; nothing is written then.
+  ///   is not finite or a control beyond [-1, 1]. Writes nothing in that case.
   void Append(const core::Trajectory& trajectory);
 
-  /// Where all of them are from; said once. @throws std::invalid_argument as core::ToText().
+  /// Sets the origin of all episodes; call once. @throws std::invalid_argument as core::ToText().
   void SetProvenance(const core::Provenance& provenance);
 
-  /// Counts one that was left out.
+  /// Counts a discarded episode.
   void CountDiscarded();
 
   [[nodiscard]] int num_episodes() const noexcept;
@@ -102,16 +101,18 @@ class RobomimicWriter {
 void SaveRobomimic(const DemonstrationSet& demonstrations, const std::filesystem::path& path,
                    const std::string& model_xml = "");
 
-/// Opens a file written here or by others. Episodes come in the order of their numbers. A state is
-/// all vector-valued obs datasets one after another, by `offset` where all have one, else by name;
-/// those of more than two dimensions (images) are left out. Without next_obs the state after the
-/// last control is not in the file, and that control is left out. An episode at the end that was
-/// cut off with its writer is left out, which note() says. Without `outcome`, an episode completed
-/// if its attribute `success` is not zero, as Isaac Lab has it, or, without that, its last done is
-/// 1. A `filter_key` leaves the episodes that mask/FILTER_KEY names.
+/// Opens a robomimic file of any writer. Episodes are in the order of their numbers.
+/// - State: all vector-valued obs datasets, concatenated by `offset` if all have one, else by name.
+///   Datasets of more than two dimensions (images) are skipped.
+/// - Without next_obs, the file lacks the state after the last control, and that control is
+///   dropped.
+/// - An incomplete episode at the end (its writer was killed) is dropped, and note() reports it.
+/// - Without `outcome`, an episode is completed if its attribute `success` is not zero (Isaac Lab)
+///   or, without that attribute, if its last done is 1.
+/// - `filter_key` keeps the episodes listed in mask/FILTER_KEY.
 [[nodiscard]] std::unique_ptr<DemonstrationReader> OpenRobomimic(
     const std::filesystem::path& path, const std::string& filter_key = "");
-/// Reads all of it.
+/// Reads all demonstrations of a file.
 [[nodiscard]] DemonstrationSet LoadRobomimic(const std::filesystem::path& path);
 
 }  // namespace dfr::imitation

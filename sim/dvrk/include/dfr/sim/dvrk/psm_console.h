@@ -10,13 +10,13 @@
 
 namespace dfr::sim {
 
-/// The states of an arm as CRTK names them.
+/// Operating states of an arm, with CRTK's names.
 enum class ArmState { kDisabled, kEnabled, kPaused, kFault };
 
-/// "DISABLED", "ENABLED", "PAUSED", "FAULT": what operating_state says.
+/// Returns "DISABLED", "ENABLED", "PAUSED" or "FAULT", the values of operating_state.
 [[nodiscard]] const char* Name(ArmState state) noexcept;
 
-/// Something that the console says: on its topic error, warning or status.
+/// A message on the console's topic error, warning or status.
 struct ConsoleMessage {
   enum class Severity { kError, kWarning, kStatus };
   Severity severity = Severity::kStatus;
@@ -26,108 +26,108 @@ struct ConsoleMessage {
 /// Options for PsmConsole.
 struct PsmConsoleOptions {
   std::string arm = "PSM1";
-  double homing_s = 2.0;  ///< How long homing takes, >= 0.
-  double lag_s = 0.02;    ///< Time constant of the joints behind their set-points, > 0.
-  /// What the encoders do not show: the tip is where this puts it.
+  double homing_s = 2.0;  ///< Duration of homing, >= 0.
+  double lag_s = 0.02;    ///< Time constant of the joints relative to their set-points, > 0.
+  /// Joint error that the encoders do not measure; it determines the tip's true position.
   kinematics::PsmCorrection joint_error = {};
-  /// The arm's base in the frame that poses are relative to, the camera's on a cart with setup
-  /// joints and an endoscope arm, and that frame's name; empty: the arm's own base.
+  /// The arm's base in the reference frame of poses (the camera's on a cart with setup joints and
+  /// an endoscope arm), and that frame's name. Empty: the arm's own base.
   Eigen::Isometry3d base_frame = Eigen::Isometry3d::Identity();
   std::string base_frame_name = {};
-  /// Whose limits goals are clipped at, and whose Large Needle Driver tool_type names.
+  /// Determines the joint limits and the Large Needle Driver in tool_type.
   kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic;
 };
 
-/// A patient-side manipulator behind a da Vinci Research Kit console, as its clients see it: the
-/// operating state and what it accepts when, the motion, and the words that the console finds.
-/// Without a network and without a clock: Step() is its time, so that it runs in lock-step as well.
+/// Model of a patient-side manipulator behind a da Vinci Research Kit console, as its clients see
+/// it: operating state, accepted commands, motion, and messages. Uses no network and no clock:
+/// Step() advances the time, which allows lock-step.
 ///
-/// State commands: "enable", "disable", "pause", "resume", "home", "unhome". Homing enables, takes
-/// homing_s and ends with the instrument inserted by 0.12 m, all other joints zero. In FAULT only
-/// disable and unhome are taken. Motion commands are dropped with a warning unless the arm is
-/// ENABLED, homed and done with homing. Goals beyond a joint's limits are clipped at them, as a
-/// console does, which the first of several says with a warning; so the arm does not go where it
-/// was sent. Goals that are not finite, and poses without joint values, are dropped with an error.
+/// State commands: "enable", "disable", "pause", "resume", "home", "unhome". Homing enables the
+/// arm, takes homing_s and ends with the instrument inserted by 0.12 m and all other joints at
+/// zero. FAULT accepts only disable and unhome. The console drops motion commands with a warning
+/// unless the arm is ENABLED, homed and not homing. As on a console, goals beyond a joint's limits
+/// are clipped, and the first of several gives a warning; the arm then does not reach the commanded
+/// goal. Goals that are not finite, and poses without an inverse kinematics solution, are dropped
+/// with an error.
 ///
-/// servo_* sets the set-point, which the joints approach no faster than 90 degrees/s and 0.2 m/s.
-/// move_* interpolates in joint space, so that the tip's way is not straight, at that speed times
-/// the trajectory's ratio, and reports the goal.
-/// *_jr and *_cr are relative to the last goal of the same kind, or where there is none to the
-/// set-point. The last goal is held for ever: there is no timeout for commands, as on a real
-/// console. The simulated arm has no dynamics: free leaves it where it is, servo_jf is dropped with
-/// an error.
+/// servo_* sets the set-point. The joints approach it at up to 90 degrees/s and 0.2 m/s. move_*
+/// interpolates in joint space at that speed times the trajectory's ratio and reports the goal; the
+/// tip's path is not straight. *_jr and *_cr are relative to the last goal of the same kind or, if
+/// there is none, to the set-point. The arm holds the last goal forever: commands have no timeout,
+/// as on a real console. The simulated arm has no dynamics: free does not move it, and servo_jf is
+/// dropped with an error.
 ///
-/// Until the arm is homed nothing it measures is valid. One object belongs to one thread at a time.
+/// Measurements are invalid until the arm is homed. Each object belongs to one thread at a time.
 class PsmConsole {
  public:
-  /// @throws std::invalid_argument naming the option that is out of range.
+  /// @throws std::invalid_argument naming the option out of range.
   explicit PsmConsole(const PsmConsoleOptions& options);
 
   void StateCommand(std::string_view command);
-  /// Poses are in the frame of options().base_frame_name.
+  /// Poses are in the frame options().base_frame_name.
   void ServoCp(const Eigen::Isometry3d& goal);
   void ServoJp(const kinematics::PsmJoints& goal);
-  /// The translation is added, the rotation goes before the present one. (The real console's own
-  /// servo_cr is marked as not working.)
+  /// Adds the translation and premultiplies the current rotation. (The real console's servo_cr is
+  /// marked as not working.)
   void ServoCr(const Eigen::Isometry3d& difference);
   void ServoJr(const kinematics::PsmJoints& difference);
-  /// An effort of any kind, by its name.
+  /// Handles an effort command of any kind, given its name.
   void ServoEffort(const char* command);
-  /// The share of the speed limits that moves use, in ]0, 1]; others are ignored with a warning.
+  /// Sets the fraction of the speed limits for moves, in ]0, 1]. Ignores other values with a
+  /// warning.
   void SetTrajectoryRatio(double ratio);
   void MoveCp(const Eigen::Isometry3d& goal);
   void MoveJp(const kinematics::PsmJoints& goal);
   void MoveJr(const kinematics::PsmJoints& difference);
-  /// The jaw's angle, rad, clipped to [-40, 80] degrees, on an Si arm to [-20, 80].
+  /// Sets the jaw's angle, rad, clipped to [-40, 80] degrees, on an Si arm to [-20, 80].
   void ServoJaw(double angle);
   void MoveJaw(double angle);
-  /// Stops where the set-point is.
+  /// Stops at the set-point.
   void Hold();
-  /// Gives up the goal: the set-point becomes what is measured.
+  /// Abandons the goal: the set-point becomes the measured position.
   void Free();
-  /// The arm fails: FAULT, at rest, `reason` on the topic error.
+  /// Fails the arm: FAULT, at rest, with `reason` on the topic error.
   void Fail(const std::string& reason);
 
-  /// For a simulation: homed, ENABLED and at rest there, whatever was before.
+  /// For simulations: places the arm there, homed, ENABLED and at rest, from any state.
   /// @throws std::invalid_argument if a joint is beyond its limits.
   void Place(const kinematics::PsmJoints& joints);
-  /// For a simulation: everything that was asked for is done and at rest, as if there had been time
-  /// for it.
+  /// For simulations: completes all commands at once and brings the arm to rest.
   void Settle();
 
-  /// Time goes on. @pre dt_s >= 0, at most 0.1
+  /// Advances the time. @pre dt_s >= 0, at most 0.1
   void Step(double dt_s);
 
   [[nodiscard]] const PsmConsoleOptions& options() const noexcept { return options_; }
-  /// What tool_type says.
+  /// Returns the value of tool_type.
   [[nodiscard]] const char* tool() const noexcept;
   [[nodiscard]] ArmState state() const noexcept { return state_; }
   [[nodiscard]] bool homed() const noexcept { return homed_; }
-  /// Homing, or a move, is under way.
+  /// Returns whether homing or a move is in progress.
   [[nodiscard]] bool busy() const noexcept {
     return homing_left_s_ > 0.0 || moving_ || jaw_moving_;
   }
-  /// Whether what follows means anything.
+  /// Returns whether the following measurements are valid.
   [[nodiscard]] bool valid() const noexcept { return homed_; }
   [[nodiscard]] const kinematics::PsmJoints& measured_joints() const noexcept { return measured_; }
   [[nodiscard]] const kinematics::PsmJoints& joint_velocity() const noexcept { return velocity_; }
   [[nodiscard]] const kinematics::PsmJoints& setpoint_joints() const noexcept { return setpoint_; }
   [[nodiscard]] double measured_jaw() const noexcept { return jaw_; }
   [[nodiscard]] double setpoint_jaw() const noexcept { return jaw_setpoint_; }
-  /// Pose of the wrist in the frame of options().base_frame_name, by the encoders and as commanded.
+  /// Poses of the wrist in the frame options().base_frame_name, from the encoders and as commanded.
   [[nodiscard]] Eigen::Isometry3d measured_pose() const noexcept;
   [[nodiscard]] Eigen::Isometry3d setpoint_pose() const noexcept;
-  /// Twist of the wrist in the same frame, by the encoders: m/s, then rad/s.
+  /// Twist of the wrist in the same frame, from the encoders: m/s, then rad/s.
   [[nodiscard]] Eigen::Matrix<double, 6, 1> measured_twist() const noexcept;
   [[nodiscard]] double trajectory_ratio() const noexcept { return trajectory_ratio_; }
-  /// Moves begun since the start, the jaw's included.
+  /// Number of moves since the start, including the jaw's.
   [[nodiscard]] int moves_begun() const noexcept { return moves_begun_; }
-  /// Where the joints really are.
+  /// True joint positions.
   [[nodiscard]] kinematics::PsmJoints true_joints() const noexcept;
 
-  /// What the console has said since the last call.
+  /// Returns the console's messages since the last call.
   [[nodiscard]] std::vector<ConsoleMessage> TakeMessages();
-  /// How the moves that ended since the last call ended: true at their goals, false on the way.
+  /// Returns the results of the moves that ended since the last call: true if at the goal.
   [[nodiscard]] std::vector<bool> TakeGoals();
 
  private:

@@ -9,49 +9,50 @@ namespace dfr::sim {
 
 /// Options for DvrkScene.
 struct DvrkSceneOptions {
-  PsmConsoleOptions arm;  ///< Its joint_error is not used: the plant's arm has one of its own.
-  /// The rest of the world. Its observations are not used: only clients look.
+  PsmConsoleOptions arm;  ///< `joint_error` is ignored: the plant's arm has its own.
+  /// The rest of the world. `observations` are ignored: only clients observe.
   LineTrackingOptions world;
-  std::uint64_t seed = 0;  ///< Seeds the first episode: line, light, disturbance.
-  /// Seconds after the set-point's last change for which the arm still counts as moving, >= 0. The
-  /// disturbance acts while the arm moves, and a client's set-points come with pauses. Zero for
-  /// lock-step, where there are no pauses.
+  std::uint64_t seed = 0;  ///< Seed of the first episode: line, light, disturbance.
+  /// Time in seconds after the last change of the set-point during which the arm still counts as
+  /// moving, >= 0. The disturbance acts while the arm moves, and a client's set-points have pauses
+  /// between them. Zero for lock-step, which has no pauses.
   double linger_s = 0.05;
 };
 
-/// The arm of a PsmConsole at work in the world of a LineTrackingPlant: where the console's
-/// encoders say the joints are, the arm believes to be; its tip goes where its cables put it, over
-/// the gauze on the platform, below the camera. Without a network and without a clock, as both of
-/// them.
+/// The arm of a PsmConsole in the world of a LineTrackingPlant: above the gauze on the platform,
+/// below the camera. The console's encoders give the arm's assumed joint positions; cable errors
+/// determine the tip's true position. Uses no network and no clock, like its two parts.
 ///
-/// Until the arm is homed it stays at the line's beginning, where the plant's Reset() put it;
-/// homing moves it to its home, over the gauze's middle.
+/// Until it is homed, the arm stays at the start of the line, where the plant's Reset() placed it.
+/// Homing moves it to its home, above the middle of the gauze.
 ///
-/// The disturbance's time goes on while the arm moves if it acts during controls, and, if linger_s
-/// is not zero, while it does not if it acts between them; in lock-step Rest() is between.
+/// The disturbance's time advances while the arm moves if the disturbance acts during controls. If
+/// linger_s is not zero and it acts between controls, its time advances also while the arm does not
+/// move. In lock-step, Rest() is the time between controls.
 ///
-/// Everything the state depends on is seeded, so the same calls give the same world, to the bit.
-/// One object belongs to the thread that made it.
+/// Everything that affects the state is seeded: the same calls give the same world, to the bit.
+/// Each object belongs to the thread that made it.
 class DvrkScene {
  public:
-  /// @param calibration  what the operator knows who puts the tip over the line's beginning; as
-  ///   with LineTrackingPlant.
+  /// @param calibration  known to the operator who places the tip at the start of the line; as in
+  ///   LineTrackingPlant.
   /// @throws as PsmConsole and LineTrackingPlant; std::invalid_argument if linger_s is negative.
   explicit DvrkScene(const DvrkSceneOptions& options = {},
                      const line_task::LineCalibration* calibration = nullptr);
 
-  /// The next episode: as LineTrackingPlant::Reset(), and the arm ENABLED, homed and at rest there.
+  /// Starts the next episode as LineTrackingPlant::Reset() does, with the arm ENABLED, homed and at
+  /// rest.
   void Reset(std::uint64_t seed);
-  /// The console and the world go on by `dt_s`. @pre 0 <= dt_s <= 0.1
+  /// Advances the console and the world by `dt_s`. @pre 0 <= dt_s <= 0.1
   void Step(double dt_s);
-  /// The world alone follows the console, which was stepped by `dt_s`.
+  /// Advances only the world after the caller stepped the console by `dt_s`.
   void Follow(double dt_s) noexcept;
-  /// Everything that was asked for is done and at rest, as after a control of LineTrackingPlant.
+  /// Completes all commands and brings everything to rest, as after a control of LineTrackingPlant.
   void Rest();
-  /// Puts the platform's rest pose there, on top of the disturbance.
+  /// Sets the platform's rest pose, to which the disturbance is added.
   /// @throws std::invalid_argument if it is beyond the platform's reach.
   void MovePlatform(const kinematics::PlatformPose& pose) { plant_.MovePlatform(pose); }
-  /// Until another is set, also over Reset().
+  /// Sets a fault, which lasts until the next call; Reset() does not clear it.
   void SetCameraFault(CameraFault fault) noexcept;
   [[nodiscard]] CameraFault camera_fault() const noexcept { return camera_fault_; }
 

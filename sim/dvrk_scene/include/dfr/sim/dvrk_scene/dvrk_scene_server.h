@@ -13,67 +13,66 @@ namespace dfr::sim {
 
 /// Options for DvrkSceneServer.
 struct DvrkSceneServerOptions {
-  /// Its clock is not used: in lock-step, time stands still unless it is asked to go on.
+  /// `clock` is ignored: in lock-step, time advances only on request.
   PsmConsoleServerOptions console;
   bool lock_step = false;
-  /// How long a run waits for its commands, s, in [0, 60].
+  /// Maximum time that a run waits for its commands, s, in [0, 60].
   double command_timeout_s = 1.0;
   bool camera = true;
-  double image_period_s = 1.0 / 30.0;  ///< From one picture to the next in real time, > 0.
+  double image_period_s = 1.0 / 30.0;  ///< Period of pictures in real time, > 0.
   int jpeg_quality = 90;               ///< In [1, 100].
-  std::string camera_name = "ECM";     ///< First part of the camera's topics, and its frame.
-  std::string platform_name = "SPRK";  ///< The same of the platform.
+  std::string camera_name = "ECM";     ///< First part of the camera's topics; its frame.
+  std::string platform_name = "SPRK";  ///< The same for the platform.
 };
 
-/// A DvrkScene on topics: those of PsmConsoleServer, and
+/// Publishes a DvrkScene on topics: those of PsmConsoleServer, and
 ///   ECM/image_raw  ECM/image_raw/compressed  ECM/camera_info   bgr8 640 x 480 and JPEG, 30 Hz
 ///   SPRK/measured_cp  SPRK/setpoint_cp                         the platform's pose, with the state
 /// Pictures are drawn only while one of the camera's topics has a subscriber.
 ///
-/// And the simulator's own, which no console has: who sends a StringStamped to /simulator/request
-/// gets one on /simulator/reply with the same stamp, whose text begins with "ok", or is "error: "
-/// and why. The requests:
+/// The simulator has an additional interface, which no console has. A client sends a StringStamped
+/// to /simulator/request and receives one on /simulator/reply with the same timestamp. The reply's
+/// text starts with "ok", or is "error: " and the reason. Requests:
 ///   reset SEED          the next episode: DvrkScene::Reset(). "ok NOW"
 ///   truth               "ok COMPLETED COLLIDED PROGRESS_M DISTANCE_M TIP_X TIP_Y TIP_Z", flags as
-///   0
-///                       or 1, the tip in the world frame, m
+///                       0 or 1, the tip in the world frame, m
 ///   fault NAME VALUE    any of SetFault(); camera none|frozen|black|overexposed|no_line|no_tip|
 ///                       silent|frozen_noisy|late; arm_fault REASON (the arm fails); none (all
 ///                       faults end). "ok"
 /// and in lock-step:
-///   run DT_S [COMMANDS] takes all commands that have come, goes on by DT_S in equal steps of at
-///                       most 20 ms, and publishes the state once. With COMMANDS it first waits,
-///                       for command_timeout_s at most, until so many motion commands have come
-///                       since the last run, reset or rest, and is an error with nothing done if
-///                       they do not: topics do not keep each other's order. "ok NOW"
+///   run DT_S [COMMANDS] takes all pending commands, advances by DT_S in equal steps of at most
+///                       20 ms, and publishes the state once. With COMMANDS it first waits, for
+///                       command_timeout_s at most, for this number of motion commands since the
+///                       last run, reset or rest. On a timeout it does nothing and replies with an
+///                       error. The wait is needed because topics have no common order. "ok NOW"
 ///   rest                DvrkScene::Rest(); publishes the state. "ok NOW"
 ///   look                takes the next picture and publishes it. "ok NOW"
-/// NOW, in nanoseconds since the epoch, is what time it is for stamps: those of the state or
-/// picture that was published. In lock-step time begins at a whole second near the present and goes
-/// on with runs alone. Numbers in replies are the shortest that read back the same.
+/// NOW is the timestamp of the published state or picture, in nanoseconds since the epoch. In
+/// lock-step, time starts at a whole second near the current time and advances only with runs.
+/// Numbers in replies are the shortest text that reads back as the same value.
 ///
-/// One object belongs to the thread that made it.
+/// Each object belongs to the thread that made it.
 class DvrkSceneServer {
  public:
-  /// Borrows all, which must outlive it. `images` is for the camera, and may be the same as
-  /// `participant`.
-  /// @throws std::invalid_argument naming the option that is out of range; std::runtime_error if
-  ///   DDS refuses a topic, or with a camera nothing can be drawn here.
+  /// Borrows all arguments, which must outlive it. `images` is for the camera and may be the same
+  /// as `participant`.
+  /// @throws std::invalid_argument naming the option out of range; std::runtime_error if DDS
+  ///   refuses a topic or, with a camera, if rendering is not possible on this machine.
   DvrkSceneServer(dds::Participant& participant, dds::Participant& images, DvrkScene& scene,
                   const DvrkSceneServerOptions& options = {});
   ~DvrkSceneServer();
   DvrkSceneServer(const DvrkSceneServer&) = delete;
   DvrkSceneServer& operator=(const DvrkSceneServer&) = delete;
 
-  /// Real time: takes what has come, goes on by `dt_s`, publishes what is due. To be called every
-  /// millisecond or so. @pre 0 <= dt_s <= 0.1
+  /// Real time: takes all pending input, advances by `dt_s`, publishes all due messages. Call about
+  /// every millisecond. @pre 0 <= dt_s <= 0.1
   void Tick(double dt_s);
-  /// Lock-step: waits up to `timeout_s` for requests, and answers those that have come. Commands
-  /// are taken meanwhile, but nothing moves.
+  /// Lock-step: waits up to `timeout_s` for requests and answers all pending ones. Takes commands
+  /// meanwhile, but does not move anything.
   void Serve(double timeout_s);
 
-  /// As the request "fault".
-  /// @throws std::invalid_argument naming what is unknown, and what there is.
+  /// Applies the request "fault".
+  /// @throws std::invalid_argument naming the unknown name or value and listing the valid ones.
   void SetFault(std::string_view name, std::string_view value);
 
   [[nodiscard]] std::uint64_t states_published() const noexcept;

@@ -11,21 +11,21 @@ namespace dfr::sim {
 
 /// Options for CorridorPlant. Lengths share one arbitrary unit.
 struct CorridorOptions {
-  double length = 4.0;     ///< The goal is at x >= length.
+  double length = 4.0;     ///< Goal: x >= length.
   double amplitude = 0.5;  ///< Centre line y = amplitude sin(2 pi x / wavelength).
   double wavelength = 3.0;
-  double half_width = 0.2;     ///< Leaving it collides: the distance to the centre line.
-  double start_spread = 0.06;  ///< Start y is normal around 0 with this standard deviation.
-  double gain = 0.1;           ///< K: a control of norm 1 moves the point by this far.
-  double rotation = 0.6;  ///< rad: by how much the control is turned. Controllers are not told.
+  double half_width = 0.2;  ///< Maximum distance to the centre line; beyond it, the point collides.
+  double start_spread = 0.06;  ///< Standard deviation of the start y, normal around 0.
+  double gain = 0.1;           ///< K: displacement by a control of norm 1.
+  double rotation = 0.6;       ///< Rotation of the control, rad, unknown to controllers.
 };
 
-/// A point in a curved corridor: x' = x + K R u, the smallest system that satisfies
-/// |x' - x| <= K |u| (Sec. IV-C) with a control whose direction has to be found out.
+/// A point in a curved corridor: x' = x + K R u, the smallest system with |x' - x| <= K |u| (Sec.
+/// IV-C) and an unknown direction of the control.
 ///
-/// State: point(2). Start: x = 0, y normal, drawn anew until it is 0.7 half widths from the centre
-/// line at most. The supervisor follows the centre line at a fixed speed: it aims at the point of
-/// the line a little ahead.
+/// State: point(2). Start: x = 0, y normal, resampled until it is at most 0.7 half widths from the
+/// centre line. The supervisor follows the centre line at a fixed speed by aiming at a point
+/// slightly ahead on the line.
 class CorridorPlant final : public GalleryPlant {
  public:
   /// @throws std::invalid_argument naming the option out of range.
@@ -35,10 +35,10 @@ class CorridorPlant final : public GalleryPlant {
   [[nodiscard]] std::unique_ptr<core::SimulatedPlant> Clone() const override;
   void Supervise(const Habit& habit, std::span<double> u) const noexcept override;
 
-  /// Distance of (x, y) to the centre line, negated beyond the half width: > 0 inside.
+  /// Returns half_width minus the distance of (x, y) to the centre line: > 0 inside.
   [[nodiscard]] double Clearance(double x, double y) const noexcept;
-  /// Points along the wall on one side (1: above the centre line, -1: below), for drawing: those
-  /// whose x lies in [left, right], a twentieth of a unit apart along the centre line.
+  /// Returns points along the wall on one side (1: above the centre line, -1: below) for drawing.
+  /// Their x is in [left, right], and they are a twentieth of a unit apart along the centre line.
   [[nodiscard]] std::vector<std::array<double, 2>> Wall(double side, double left,
                                                         double right) const;
 
@@ -48,7 +48,7 @@ class CorridorPlant final : public GalleryPlant {
   [[nodiscard]] bool Done() const noexcept override;
 
   CorridorOptions options_;
-  std::vector<std::array<double, 2>> centre_;  ///< The centre line as a polygon.
+  std::vector<std::array<double, 2>> centre_;  ///< Centre line as a polyline.
 };
 
 }  // namespace dfr::sim

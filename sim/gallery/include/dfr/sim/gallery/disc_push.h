@@ -11,26 +11,26 @@ namespace dfr::sim {
 struct DiscPushOptions {
   double object_radius = 0.04;
   double pusher_radius = 0.015;
-  double start_x = 0.12;  ///< The object starts within +-0.02 of this,
-  double start_y = 0.08;  ///< and y within +-start_y.
+  double start_x = 0.12;  ///< Object start: x within +-0.02 of this,
+  double start_y = 0.08;  ///< y within +-start_y.
   double gate_x = 0.32;   ///< Two round stay-out regions at (gate_x, +-gate_y)
   double gate_y = 0.13;
   double red_radius = 0.06;  ///< of this radius, for object and pusher.
-  double goal_x = 0.44;  ///< Completed with the object's centre within goal_radius of (goal_x, 0).
+  double goal_x = 0.44;      ///< Goal: the object's centre within goal_radius of (goal_x, 0).
   double goal_radius = 0.03;
-  double step = 0.02;     ///< A control of norm 1 moves the pusher by this far.
-  double rotation = 0.5;  ///< By how much the control is turned. Controllers are not told.
+  double step = 0.02;     ///< Displacement of the pusher by a control of norm 1.
+  double rotation = 0.5;  ///< Rotation of the control, rad, unknown to controllers.
 };
 
-/// A disc pushes a disc through a gate onto a goal: pushing as in the Pusher task, in the plane.
+/// A disc pushes a disc through a gate onto a goal: the Pusher task in the plane.
 ///
-/// Quasi-static: the pusher moves in substeps of a millimetre, and where it would overlap the
-/// object the object yields along the line of centres, which is its motion under a frictionless
-/// contact and evenly spread support friction. A disc pushed by a disc slips off sideways unless it
-/// is steered, so weak policies fail.
+/// Quasi-static: the pusher moves in substeps of a millimetre. On overlap, the object moves along
+/// the line of centres, which is its motion under a frictionless contact and uniform support
+/// friction. A disc pushed by a disc slips off sideways without active steering: weak policies
+/// fail.
 ///
 /// State: pusher(2), object(2), centres in metres. The supervisor pushes the object through the
-/// gate to the goal by feedback, and goes around it where it is on the wrong side.
+/// gate to the goal by feedback and goes around it if it is on the wrong side.
 class DiscPushPlant final : public GalleryPlant {
  public:
   /// @throws std::invalid_argument naming the option out of range.

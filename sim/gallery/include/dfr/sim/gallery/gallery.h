@@ -13,17 +13,17 @@
 
 namespace dfr::sim {
 
-/// What a supervisor made up its mind about before a demonstration.
+/// A supervisor's choices before a demonstration.
 struct Habit {
-  double way = 0.5;     ///< Uniform in [0, 1): which of several ways it takes.
-  double offset = 0.0;  ///< Standard normal: how far to the side it keeps.
+  double way = 0.5;     ///< Uniform in [0, 1): selects one of several ways.
+  double offset = 0.0;  ///< Standard normal: lateral offset of the path.
 };
 
-/// The plant of one small task: deterministic physics in a few numbers, thousands of episodes a
-/// second. Lengths, angles and times have units of their own in each task.
+/// Plant of one small task: deterministic physics with few numbers, thousands of episodes a second.
+/// Units of length, angle and time are specific to each task.
 ///
 /// Control: entries saturate at +-1. A control of another size or with a non-finite entry is
-/// refused. One object belongs to one thread.
+/// rejected. Each object belongs to one thread.
 class GalleryPlant : public core::SimulatedPlant {
  public:
   [[nodiscard]] const core::StateLayout& layout() const noexcept final { return layout_; }
@@ -36,12 +36,12 @@ class GalleryPlant : public core::SimulatedPlant {
   void Halt() noexcept final {}
   void CopyStateFrom(const core::SimulatedPlant& other) noexcept final;
 
-  /// What a supervisor of this habit does in the present state, without noise. It sees all of the
-  /// state, hidden entries included. Entries of `u` may exceed +-1.
+  /// Writes the control of a supervisor with this habit in the current state, without noise. It
+  /// knows the whole state, including hidden entries. Entries of `u` may exceed +-1.
   virtual void Supervise(const Habit& habit, std::span<double> u) const noexcept = 0;
 
  protected:
-  /// @param hidden  entries of the state behind those of `layout`, which nobody observes.
+  /// @param hidden  number of state entries after those of `layout`; they are never observed.
   GalleryPlant(std::vector<core::StateLayout::Block> blocks, int hidden, int control_dim);
 
   [[nodiscard]] double& x(int i) noexcept { return state_[static_cast<std::size_t>(i)]; }
@@ -49,61 +49,60 @@ class GalleryPlant : public core::SimulatedPlant {
   void FailIf(bool failed) noexcept { failed_ = failed_ || failed; }
 
  private:
-  /// Draws the start state; all entries are zero before.
+  /// Samples the start state; all entries are zero before the call.
   virtual void Start(core::Random& random) noexcept = 0;
-  /// Moves the world by one control, whose entries lie within +-1, and calls FailIf().
+  /// Advances the world by one control, whose entries are within +-1, and calls FailIf().
   virtual void Step(std::span<const double> u) noexcept = 0;
   [[nodiscard]] virtual bool Done() const noexcept = 0;
 
   core::StateLayout layout_;
   std::vector<double> state_;
-  std::vector<double> control_;  // saturated, so that Apply() does not allocate
+  std::vector<double> control_;  // saturated; a member because Apply() must not allocate
   bool failed_ = false;
   bool completed_ = false;
 };
 
-/// In what way the biased policy of a task is wrong. How much differs between episodes: a share of
-/// the figures below that is uniform in [0, 1], of `late` a whole number uniform in {0, ..., late}.
+/// Errors of a task's biased policy. Their size varies by episode: a fraction of the values below,
+/// uniform in [0, 1]; for `late`, an integer uniform in {0, ..., late}.
 struct Flaw {
   std::vector<double> bias = {};  ///< Added to the first entries of every control.
-  double turn = 0.0;              ///< rad: the first two entries are turned by this.
-  int late = 0;                   ///< Controls come this many steps late; zeros come first.
+  double turn = 0.0;              ///< Rotation of the first two entries, rad.
+  int late = 0;                   ///< Delay of controls in steps; zeros come first.
 };
 
-/// One task: what happens, who demonstrates it, and who imitates that how well. Controllers are
-/// told the layout, the demonstrations and `features`.
+/// One task: its plant, its supervisor, and the quality of its policies. Controllers know the
+/// layout, the demonstrations and `features`.
 struct GalleryTask {
   std::string name;
-  std::string summary;     ///< What is to be done, what fails, what is difficult.
-  bool judgement = false;  ///< Kept for the final judgement: nothing is chosen on it.
-  std::shared_ptr<const GalleryPlant> plant;  ///< To be cloned.
-  std::string features = {};                  ///< What a guard looks at; empty: all.
-  int horizon = 100;                          ///< Controls that a supervisor needs at most.
-  /// Zero where a control of zero holds everything still. Elsewhere the world moves on, and an
-  /// episode does so for this many controls of zero after a halt: a halt may fail.
+  std::string summary;     ///< Goal, failure and difficulty of the task.
+  bool judgement = false;  ///< Held out for the final evaluation: no choice depends on it.
+  std::shared_ptr<const GalleryPlant> plant;  ///< Cloned before use.
+  std::string features = {};                  ///< Features of a guard; empty: all.
+  int horizon = 100;                          ///< Maximum number of controls of a supervisor.
+  /// Number of zero controls after a halt. Zero if a zero control holds everything still. In other
+  /// tasks the world keeps moving, and a halt may fail.
   int aftermath = 0;
-  double noise = 0.2;  ///< Standard deviation of the supervisor's noise, in each entry.
-  /// Controls of a demonstration are scaled by one factor, between these and uniform in its
-  /// logarithm.
+  double noise = 0.2;  ///< Standard deviation of the supervisor's noise per entry.
+  /// Range of a factor on all controls of a demonstration, uniform in its logarithm.
   double slowest = 1.0;
   double fastest = 1.0;
-  double pause = 0.0;  ///< Probability that a pause of 5 to 30 steps begins, at each step.
-  std::vector<int> hidden = {64, 64};  ///< Units of the good policy,
-  int epochs = 100;                    ///< and how often it sees the demonstrations.
-  std::vector<int> weak_hidden = {8};  ///< The same of the weak one.
+  double pause = 0.0;                  ///< Probability per step of a pause of 5 to 30 steps.
+  std::vector<int> hidden = {64, 64};  ///< Hidden units of the good policy.
+  int epochs = 100;                    ///< Training epochs of the good policy.
+  std::vector<int> weak_hidden = {8};  ///< Hidden units of the weak policy.
   int weak_epochs = 10;
-  Flaw flaw = {};  ///< Makes the biased policy of the good one.
+  Flaw flaw = {};  ///< Turns the good policy into the biased policy.
 };
 
-/// All tasks, design and judgement, in a fixed order.
+/// Returns all tasks, design and held-out, in a fixed order.
 [[nodiscard]] const std::vector<GalleryTask>& GalleryTasks();
-/// @throws std::invalid_argument naming the tasks there are.
+/// @throws std::invalid_argument listing the valid names.
 [[nodiscard]] const GalleryTask& FindGalleryTask(std::string_view name);
 
-/// One demonstration, whatever comes of it; the seed decides start state, habit and noise.
+/// Returns one demonstration with any outcome. The seed determines start state, habit and noise.
 [[nodiscard]] core::Trajectory DemonstrateOnce(const GalleryTask& task, std::uint64_t seed);
-/// Demonstrations that completed the task; others are discarded.
-/// @throws std::runtime_error if the supervisor hardly ever succeeds.
+/// Returns demonstrations that complete the task and discards others.
+/// @throws std::runtime_error if the supervisor rarely succeeds.
 [[nodiscard]] std::vector<core::Trajectory> Demonstrate(const GalleryTask& task, int count,
                                                         std::uint64_t seed);
 

@@ -6,34 +6,34 @@
 
 namespace dfr::sim {
 
-/// Options for ArmError. The defaults are the accuracy reported for an uncalibrated PSM.
+/// Options for ArmError. Defaults are the reported accuracy of an uncalibrated PSM.
 struct ArmErrorOptions {
-  std::uint64_t seed = 1;         ///< Identifies the arm: equal seeds are the same arm.
+  std::uint64_t seed = 1;         ///< Identifies the arm: equal seeds give the same arm.
   double mean_error_m = 4.5e-3;   ///< Mean of |true tip - reported tip| over the workspace.
-  double mean_residual_m = 5e-4;  ///< The part of it that a PsmCorrection cannot describe.
+  double mean_residual_m = 5e-4;  ///< Part of it that a PsmCorrection cannot describe.
 };
 
-/// How a cable-driven arm deceives itself: the joints are not where its encoders, on the motors'
-/// side of the cables, have them. Per joint: a constant offset and a scale, which a calibration can
-/// find; waves over the joint's range (pulleys, friction) and over time (cables creep), which it
-/// cannot.
+/// Errors of a cable-driven arm: its encoders, on the motors' side of the cables, differ from the
+/// joint positions. Per joint, there are a constant offset and a scale, which a calibration can
+/// identify, and waves over the joint's range (pulleys, friction) and over time (cable creep),
+/// which it cannot identify.
 ///
-/// The joints that count are yaw, pitch, insertion and the wrist's; roll has an error too, but
-/// turns the tool about itself.
+/// Yaw, pitch, insertion and the wrist's joints affect the tip. Roll has an error too, but only
+/// rotates the tool about its axis.
 class ArmError {
  public:
   /// No error.
   ArmError() = default;
-  /// @throws std::invalid_argument if a mean is negative or not finite, or the residual is larger
-  ///   than the whole.
+  /// @throws std::invalid_argument if a mean is negative or not finite, or the residual exceeds the
+  ///   total.
   explicit ArmError(const ArmErrorOptions& options);
 
-  /// Where the joints are when the encoders say `q`. `drift` is the phase of the creep, rad. Never
-  /// allocates.
+  /// Returns the true joint positions for the encoder reading `q`. `drift` is the phase of the
+  /// creep, rad. Never allocates.
   [[nodiscard]] kinematics::PsmJoints Truth(const kinematics::PsmJoints& q,
                                             double drift) const noexcept;
 
-  /// The part that a calibration can find.
+  /// Part of the error that a calibration can identify.
   [[nodiscard]] const kinematics::PsmCorrection& systematic() const noexcept { return systematic_; }
 
  private:

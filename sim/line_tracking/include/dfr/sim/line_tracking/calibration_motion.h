@@ -8,19 +8,20 @@
 
 namespace dfr::sim {
 
-/// What is known before a calibration: the maker's data of lens and mounting, without distortion
-/// and with errors of a few millimetres and degrees, and an arm taken at its word.
+/// Returns the prior knowledge before a calibration: the manufacturer's data of lens and mounting,
+/// without distortion and with errors of a few millimetres and degrees, and an arm without
+/// correction.
 [[nodiscard]] line_task::LineCalibration NominalCalibration();
 
 /// Moves platform and arm through `frames` random poses (tilted, raised and lowered; the tip over
-/// and above the gauze, and in every other frame down to its touch) and records what the endoscope
-/// shows, found with NominalCalibration() only. Leaves the plant in the last of these poses.
+/// and above the gauze, and touching it in every other frame). Records the endoscope's view,
+/// evaluated with NominalCalibration() only. Leaves the plant in the last of these poses.
 /// @throws std::invalid_argument unless frames > 0.
 [[nodiscard]] std::vector<vision::CalibrationFrame> RecordCalibrationMotion(
     LineTrackingPlant& plant, int frames, std::uint64_t seed);
 
-/// Tip errors in mm over `poses` random poses that were not recorded: the true tip against the one
-/// that a calibration has for the arm's readings, both in the camera's frame.
+/// Returns tip errors in mm over `poses` random poses that were not recorded: the true tip against
+/// the calibration's estimate from the arm's readings, both in the camera's frame.
 [[nodiscard]] std::vector<double> HeldOutTipErrors(LineTrackingPlant& plant,
                                                    const line_task::LineCalibration& calibration,
                                                    int poses, std::uint64_t seed);

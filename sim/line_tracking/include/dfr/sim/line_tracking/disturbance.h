@@ -7,15 +7,15 @@
 
 namespace dfr::sim {
 
-/// How the platform moves.
+/// Waveform of the platform's motion.
 enum class Wave {
-  kNone,  ///< It stays at home.
-  kSine,  ///< amplitude sin(2 pi frequency t), as the firmware's 'c'.
-  /// The firmware's 'd': (exp(sin(frequency t)) - 1/e) 2 amplitude / (e - 1/e), in [0, 2
-  /// amplitude]; the angles less amplitude. Its frequency is in rad/s. Time starts where it is at
-  /// home.
+  kNone,  ///< No motion.
+  kSine,  ///< amplitude sin(2 pi frequency t), the firmware's command 'c'.
+  /// The firmware's command 'd': (exp(sin(frequency t)) - 1/e) 2 amplitude / (e - 1/e), in [0, 2
+  /// amplitude]; the angles less amplitude. Its frequency is in rad/s. Time starts at the home
+  /// pose.
   kBreath,
-  kRandom,  ///< Per entry a sum of three sines of random frequency and sign, at most `amplitude`.
+  kRandom,  ///< Per entry, a sum of three sines of random frequency and sign, at most `amplitude`.
 };
 
 /// "none", "sine", "breath", "random".
@@ -25,18 +25,18 @@ enum class Wave {
 struct DisturbanceOptions {
   Wave wave = Wave::kNone;
   std::array<double, 6> amplitude = {0.008, 0.017, 0.001, 0.01, 0.01, 0.1};
-  /// Hz, for kBreath rad/s; kRandom draws its own between half and one and a half of it.
+  /// Hz; rad/s for kBreath. kRandom samples frequencies between half and one and a half of it.
   std::array<double, 6> frequency = {0.04, 0.04, 0.04, 0.04, 0.04, 0.04};
-  bool during = true;    ///< The platform moves while the arm does, for as long as that takes.
-  bool between = false;  ///< It also moves for pause_s after every control, probes included.
+  bool during = true;    ///< The platform moves while the arm moves.
+  bool between = false;  ///< It also moves for pause_s after every control, including probes.
   double pause_s = 0.05;
-  /// The platform never stops: not during a control, not while the robot looks and computes, and
-  /// not at rest. `during` and `between` do not matter then.
+  /// The platform never stops, neither during observation and computation nor at rest. Overrides
+  /// `during` and `between`.
   bool real_time = false;
-  double latency_s = 0.03;  ///< With real_time: from a look to the control that follows from it.
+  double latency_s = 0.03;  ///< With real_time: delay from an observation to its control.
 };
 
-/// A seeded movement of the platform: its commanded pose as a function of time. Starts at home.
+/// A seeded motion of the platform: its commanded pose as a function of time. Starts at home.
 class Disturbance {
  public:
   Disturbance() = default;
@@ -44,7 +44,7 @@ class Disturbance {
   ///   not finite, or if sine or breath would leave the platform's reach.
   Disturbance(const DisturbanceOptions& options, std::uint64_t seed);
 
-  /// Never allocates. What the platform cannot reach is shortened towards home to its boundary.
+  /// Never allocates. Poses out of reach are shortened towards home to the boundary.
   [[nodiscard]] kinematics::PlatformPose At(double t_s) const noexcept;
 
  private:

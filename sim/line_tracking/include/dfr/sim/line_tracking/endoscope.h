@@ -10,43 +10,44 @@
 
 namespace dfr::sim {
 
-/// The light and the state of the optics.
+/// Light and state of the optics.
 struct EndoscopeLight {
-  double gain = 1.0;  ///< 1 shows the gauze at four fifths of white.
-  Eigen::Vector2d gradient = Eigen::Vector2d::Zero();  ///< Brighter towards +x, +y: share per unit
-                                                       ///< of (x/z, y/z).
-  double glare = 0.0;  ///< Added in the middle of a bright spot, of 255.
+  double gain = 1.0;  ///< With gain 1, the gauze appears at four fifths of white.
+  Eigen::Vector2d gradient = Eigen::Vector2d::Zero();  ///< Increase in brightness towards +x, +y:
+                                                       ///< fraction per unit of (x/z, y/z).
+  double glare = 0.0;  ///< Added at the centre of a bright spot, of 255.
   Eigen::Vector2d glare_at = Eigen::Vector2d::Zero();  ///< (x/z, y/z)
-  double blur_px = 0.5;                                ///< Standard deviation of the focus' blur.
+  double blur_px = 0.5;                                ///< Standard deviation of the focus blur.
   double noise = 3.0;                                  ///< Standard deviation, of 255.
 };
 
-/// An endoscope's lens, lamp and sensor: makes what it delivers, 8-bit BGR, of a pinhole camera's
-/// rendering. Stages, in order: distortion, by bilinear look-up in the pinhole picture, whose field
-/// of view is just as wide as the lens needs; blur; light with vignette and glare; noise.
+/// Model of an endoscope's lens, lamp and sensor: converts a pinhole camera's rendering to the
+/// endoscope's picture, 8-bit BGR. Stages, in order: distortion, by bilinear look-up in the pinhole
+/// picture, whose field of view is as wide as the lens needs; blur; light with vignette and glare;
+/// noise.
 ///
-/// Const and thread-safe; copies share the tables. Uses OpenCV, whose number of threads is the
-/// program's to set.
+/// Const and thread-safe; copies share the tables. Uses OpenCV, whose number of threads the program
+/// sets.
 class Endoscope {
  public:
-  /// @throws std::invalid_argument if the camera makes no sense, or its distortion folds over
-  ///   within the image.
+  /// @throws std::invalid_argument if the camera is invalid, or its distortion folds over within
+  ///   the image.
   explicit Endoscope(const vision::CameraModel& camera);
 
   [[nodiscard]] const vision::CameraModel& camera() const noexcept { return camera_; }
-  /// The vertical field of view that the pinhole picture must have, rad. It is as many pixels wide
-  /// and high as the camera's.
+  /// Required vertical field of view of the pinhole picture, rad. The picture has the size of the
+  /// camera's in pixels.
   [[nodiscard]] double pinhole_fovy_rad() const noexcept;
-  /// Bytes of a picture.
+  /// Number of bytes of a picture.
   [[nodiscard]] std::size_t image_size() const noexcept;
 
   /// Writes the endoscope's picture to `bgr`, rows from the top.
-  /// @param pinhole_rgb  what a pinhole camera at the same place sees, RGB, bottom row first.
+  /// @param pinhole_rgb  rendering of a pinhole camera at the same place, RGB, bottom row first.
   /// @pre both have image_size() bytes.
   void Develop(std::span<const std::uint8_t> pinhole_rgb, const EndoscopeLight& light,
                std::uint64_t noise_seed, std::span<std::uint8_t> bgr) const;
 
-  /// `bgr` as what vision takes.
+  /// Returns `bgr` as an image for vision.
   [[nodiscard]] vision::ImageView View(const std::uint8_t* bgr) const noexcept;
 
  private:

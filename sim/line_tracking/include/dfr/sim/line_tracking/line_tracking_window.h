@@ -8,19 +8,19 @@
 namespace dfr::sim {
 
 /// A window that shows a line tracking plant from outside; the mouse turns, moves and zooms the
-/// view. To be opened before the first plant with Observation::kVision is made on its thread: the
+/// view. Open it before creating the first plant with Observation::kVision on its thread. The
 /// plant's endoscope is then drawn in the window's OpenGL context.
 class LineTrackingWindow {
  public:
-  /// @throws std::runtime_error if there is no display, naming how to render without one.
+  /// @throws std::runtime_error if there is no display; the message tells how to render without
+  ///   one.
   explicit LineTrackingWindow(const std::string& title);
   ~LineTrackingWindow();
   LineTrackingWindow(const LineTrackingWindow&) = delete;
   LineTrackingWindow& operator=(const LineTrackingWindow&) = delete;
 
-  /// Draws the plant with up to two lines of text over it, and in the lower right corner a picture
-  /// of 320 x 240 RGB bytes, top row first, if there is one; handles input for `seconds`.
-  /// @return false once the window has been closed.
+  /// Draws the plant with up to two lines of text and an optional picture of 320 x 240 RGB bytes,
+  /// top row first, in the lower right corner. Handles input for `seconds`.
   bool Show(const LineTrackingPlant& plant, const std::string& first_line,
             const std::string& second_line, double seconds, std::span<const std::uint8_t> rgb = {});
 

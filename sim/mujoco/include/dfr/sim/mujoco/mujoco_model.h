@@ -17,14 +17,13 @@ struct MjDeleter {
 using MjModelPtr = std::unique_ptr<mjModel_, MjDeleter>;
 using MjDataPtr = std::unique_ptr<mjData_, MjDeleter>;
 
-/// Compiles an MJCF text that a library carries with it. `name` is what messages call it.
-/// Thread-safe.
-/// @throws std::runtime_error if the text is no model, with MuJoCo's reason, or if the MuJoCo found
-///   at run time is not the one that this was built against.
+/// Compiles an MJCF text that is part of a library. Messages call it `name`. Thread-safe.
+/// @throws std::runtime_error if the text is not a valid model, with MuJoCo's reason, or if
+///   MuJoCo's version at run time differs from the build's.
 [[nodiscard]] MjModelPtr LoadMujocoModel(std::string_view xml, const std::string& name);
 
-/// The index of an object of type `type`, an mjtObj.
-/// @throws std::runtime_error if the model has none of this name.
+/// Returns the index of an object of type `type`, an mjtObj.
+/// @throws std::runtime_error if the model has no object of this name.
 [[nodiscard]] int MujocoId(const mjModel_& model, int type, const std::string& name);
 
 }  // namespace dfr::sim

@@ -7,7 +7,7 @@
 #include <span>
 #include <string>
 
-// MuJoCo's own types, by name only: plants hand theirs over.
+// MuJoCo's own types, by name only: plants pass theirs.
 struct mjModel_;
 struct mjData_;
 struct mjvScene_;
@@ -19,36 +19,37 @@ struct MujocoRendererOptions {
   int width = 640;          ///< In [16, 1920], and at most the model's offwidth.
   int height = 480;         ///< In [16, 1080], and at most the model's offheight.
   std::string camera = {};  ///< A fixed camera of the model.
-  /// Shadows, reflections, haze and sky. They cost more than all else where OpenGL is software.
+  /// Shadows, reflections, haze and sky. They dominate the time of software OpenGL.
   bool effects = true;
-  /// Changes the scene before it is drawn, to fade what is in the way, say. May be empty.
+  /// Changes the scene before it is drawn, for example to fade obstructing parts. May be empty.
   std::function<void(mjvScene_&)> decorate = {};
 };
 
-/// Draws a MuJoCo model without a display, in software by OSMesa or through EGL: OSMesa unless it
-/// fails, or the environment variable DFR_GL says egl; the first choice holds for the whole
-/// process. On a thread that has opened a MujocoWindow, in that window's context.
+/// Draws a MuJoCo model without a display, in software by OSMesa or through EGL. Uses EGL if OSMesa
+/// fails or the environment variable DFR_GL is egl; the first choice applies to the whole process.
+/// On a thread with an open MujocoWindow, uses the window's context.
 ///
-/// One object belongs to the thread that made it; a thread can have any number. Borrows the model.
+/// Each object belongs to the thread that made it; a thread may have several. Borrows the model.
 class MujocoRenderer {
  public:
-  /// @throws std::invalid_argument for a size out of range or a camera that the model has not;
-  ///   std::runtime_error if nothing can be drawn here, with what OSMesa and EGL said.
+  /// @throws std::invalid_argument for a size out of range or a camera not in the model;
+  ///   std::runtime_error if rendering is not possible on this machine, with the messages of OSMesa
+  ///   and EGL.
   MujocoRenderer(const mjModel_& model, const MujocoRendererOptions& options);
   ~MujocoRenderer();
   MujocoRenderer(MujocoRenderer&&) noexcept;
   MujocoRenderer& operator=(MujocoRenderer&&) noexcept;
 
-  /// Writes what the camera sees at the positions of `data` as height x width RGB bytes, top row
+  /// Writes the camera's view at the positions of `data` as height x width RGB bytes, top row
   /// first.
   /// @pre rgb.size() == 3 * width * height
   void Draw(const mjData_& data, std::span<std::uint8_t> rgb);
-  /// As Draw(), but as OpenGL has it: bottom row first. Saves a copy.
+  /// As Draw(), but in OpenGL's order: bottom row first. Saves a copy.
   void DrawBottomUp(const mjData_& data, std::span<std::uint8_t> rgb);
 
-  /// Takes over the model's present pixels of a texture.
+  /// Uploads the model's current pixels of a texture.
   void UploadTexture(int texture);
-  /// Whether geoms of `group` (0 to 5) are drawn. At first, 0 to 2 are.
+  /// Sets whether geoms of `group` (0 to 5) are drawn. Initially, 0 to 2 are.
   void ShowGroup(int group, bool visible);
 
   /// "OSMesa", "EGL" or "GLFW".
@@ -62,38 +63,37 @@ class MujocoRenderer {
 /// Options for MujocoWindow.
 struct MujocoWindowOptions {
   std::string title = {};
-  std::string instead =
-      {};  ///< What to use where there is no display: the end of an error message.
+  std::string instead = {};  ///< Alternative without a display, as the end of an error message.
   std::array<double, 3> look_at = {};  ///< m
-  double distance = 1.0;               ///< m, from there.
+  double distance = 1.0;               ///< m, from `look_at`.
   double azimuth = 90.0;               ///< degrees
   double elevation = -45.0;            ///< degrees
 };
 
-/// A picture to show in a corner of a window: RGB bytes, top row first. Borrowed.
+/// A picture in a corner of a window: RGB bytes, top row first. Borrowed.
 struct Inset {
   std::span<const std::uint8_t> rgb = {};
   int width = 0;
   int height = 0;
 };
 
-/// A window that shows a MuJoCo model; the mouse turns, moves and zooms the view. Opens before
-/// anything else is drawn on its thread, which it then draws for. Borrows the model.
+/// A window that shows a MuJoCo model; the mouse turns, moves and zooms the view. Open it before
+/// drawing anything else on its thread, which then uses its context. Borrows the model.
 class MujocoWindow {
  public:
-  /// @throws std::runtime_error if there is no display, saying what to use instead.
+  /// @throws std::runtime_error if there is no display; the message names the alternative.
   MujocoWindow(const mjModel_& model, const MujocoWindowOptions& options);
   ~MujocoWindow();
   MujocoWindow(const MujocoWindow&) = delete;
   MujocoWindow& operator=(const MujocoWindow&) = delete;
 
-  /// Draws the positions of `data` with up to two lines of text, and a picture in the lower right
-  /// corner if there is one, and handles input, for `seconds`.
+  /// Draws the positions of `data` with up to two lines of text and an optional picture in the
+  /// lower right corner. Handles input for `seconds`.
   /// @return false once the window has been closed.
   bool Show(const mjData_& data, const std::string& first_line, const std::string& second_line,
             double seconds, const Inset& inset = {});
 
-  /// Takes over the model's present pixels of a texture.
+  /// Uploads the model's current pixels of a texture.
   void UploadTexture(int texture);
 
  private:

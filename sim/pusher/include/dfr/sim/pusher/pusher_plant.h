@@ -10,31 +10,31 @@
 
 namespace dfr::sim {
 
-/// What the arm pushes with.
+/// The arm's pushing tool.
 enum class Gripper {
-  kBar,      ///< A flat bar of half width 0.025 m: the cylinder can slip off either end.
-  kWideBar,  ///< A flat bar of half width 0.05 m.
-  kFork,     ///< A bar of half width 0.07 m with prongs of 0.04 m: the cylinder is caged.
+  kBar,      ///< Flat bar of half width 0.025 m: the cylinder can slip off either end.
+  kWideBar,  ///< Flat bar of half width 0.05 m.
+  kFork,     ///< Bar of half width 0.07 m with prongs of 0.04 m: the cylinder is caged.
 };
 
 [[nodiscard]] std::string_view Name(Gripper gripper) noexcept;
 
-/// What moves arm and cylinder.
+/// Physics of arm and cylinder.
 enum class PusherPhysics {
-  kQuasiStatic,  ///< The arm is moved along its path; nothing has momentum.
+  kQuasiStatic,  ///< The arm moves along its path; there is no momentum.
   kDynamic,      ///< Motors move an arm with inertia, damping and friction, by mj_step().
 };
 
 [[nodiscard]] std::string_view Name(PusherPhysics physics) noexcept;
 
-/// Options for PusherPlant. The defaults are the scene of the experiment. Metres.
+/// Options for PusherPlant. Defaults are the experiment's scene. Metres.
 struct PusherOptions {
   Gripper gripper = Gripper::kBar;
   /// The red regions are at y = +-red_y; in (0.1, 0.3], because the cylinder has to fit between
-  /// them. Supervisors are trained at a tighter gate than they are judged at, which gives their
+  /// them. Supervisors are trained with a narrower gate than in the evaluation, which gives their
   /// demonstrations a margin.
   double red_y = 0.15;
-  /// The cylinder starts uniformly in [start_x_min, start_x_max] x [-start_y, start_y]. In front of
+  /// The cylinder starts uniformly in [start_x_min, start_x_max] x [-start_y, start_y], in front of
   /// the gripper and before the gate: x in [0.42, 0.54], start_y in [0, 0.2].
   double start_x_min = 0.43;
   double start_x_max = 0.49;
@@ -42,24 +42,23 @@ struct PusherOptions {
   PusherPhysics physics = PusherPhysics::kQuasiStatic;
 };
 
-/// Counts since construction. Speeds in m/s of simulated time; a substep takes 0.01 s,
-/// 0.002 s under full dynamics. `saturated`
-/// to `simulated` count controls.
+/// Counts since construction. Speeds in m/s of simulated time; a substep takes 0.01 s, or 0.002 s
+/// under full dynamics. `saturated` to `simulated` count controls.
 struct PusherStatistics {
-  std::int64_t controls = 0;            ///< Applied, kOk or not.
-  std::int64_t saturated = 0;           ///< With an entry beyond +-1.
-  std::int64_t stopped_by_table = 0;    ///< Deflected so as not to enter the table.
-  std::int64_t stalled = 0;             ///< Undone because they pressed the cylinder down.
-  std::int64_t unsettled = 0;           ///< Dynamic: not at rest after 3 s.
-  std::int64_t simulated = 0;           ///< Near enough to touch: MuJoCo steps were taken.
-  std::int64_t substeps = 0;            ///< MuJoCo steps, settling included.
+  std::int64_t controls = 0;            ///< Applied controls, with or without kOk.
+  std::int64_t saturated = 0;           ///< Controls with an entry beyond +-1.
+  std::int64_t stopped_by_table = 0;    ///< Controls deflected to keep the arm above the table.
+  std::int64_t stalled = 0;             ///< Controls undone because they pressed the cylinder down.
+  std::int64_t unsettled = 0;           ///< Dynamic: controls not at rest after 3 s.
+  std::int64_t simulated = 0;           ///< Controls close enough to contact to need MuJoCo steps.
+  std::int64_t substeps = 0;            ///< MuJoCo steps, including settling.
   double max_residual_speed = 0.0;      ///< Largest residual_speed() so far.
-  double max_penetration_m = 0.0;       ///< Deepest overlap of gripper and cylinder in motion.
-  double max_rest_penetration_m = 0.0;  ///< The same at rest.
+  double max_penetration_m = 0.0;       ///< Deepest overlap of gripper and cylinder during motion.
+  double max_rest_penetration_m = 0.0;  ///< Deepest overlap at rest.
 };
 
-/// The Pusher task of Sec. V-A in MuJoCo 2.2: a 7-joint arm pushes a cylinder over the goal without
-/// touching, with cylinder, gripper or arm, one of two red regions.
+/// The Pusher task of Sec. V-A in MuJoCo 2.2: a 7-joint arm pushes a cylinder over the goal.
+/// Cylinder, gripper and arm must not touch one of two red regions.
 ///
 /// State, in metres and radians, world frame (x from the arm to the goal, z up):
 ///   qpos(7)      joint angles: shoulder pan and lift, upper-arm roll, elbow flex, forearm roll,
@@ -70,38 +69,38 @@ struct PusherStatistics {
 ///   red(6)       centres of the two red regions on the table, constant: left (y > 0), then right
 ///   tip_tilt(3)  0.1 m times the sines of the gripper's turn from its home pose, from its rotation
 ///                matrix R: yaw R_yx, pitch R_zx, roll R_zy
-/// The support of Sec. V-A looks at "red,object,tip". The paper's state also has joint velocities;
-/// at rest, where states are observed, they are zero and left out.
+/// The support of Sec. V-A uses "red,object,tip". The paper's state also has joint velocities.
+/// States are observed at rest, where these are zero, and omit them.
 ///
 /// Control (7): change of each joint angle, in units of kJointStep = 0.06 rad. Entries beyond +-1
-/// saturate: that is the actuators' limit, not an error. The arm stops at its joint limits, and
-/// slides along the table rather than enter it; it stalls (the control changes nothing) where it
+/// saturate, because this is the actuators' limit, not an error. The arm stops at its joint limits
+/// and slides along the table instead of entering it. It stalls (the control changes nothing) if it
 /// would press the cylinder onto the table by more than 0.5 mm. A control of another size or with a
-/// non-finite entry is refused and moves nothing.
+/// non-finite entry is rejected and moves nothing.
 ///
 /// Physics: pushing is quasi-static. The arm moves along the straight line in joint space in
-/// substeps that displace the gripper by about 2 mm at most; each starts with the cylinder
-/// at rest, so that nothing has momentum, and MuJoCo's contact solver gives the cylinder's motion.
-/// Under Coulomb friction at the contact that is the motion of a point with isotropic friction
-/// on the table. The last substeps repeat with the arm at rest until the cylinder is, too. Controls
-/// that provably cannot touch anything need the arm's kinematics only.
+/// substeps that displace the gripper by at most about 2 mm. Each substep starts with the cylinder
+/// at rest, which excludes momentum, and MuJoCo's contact solver gives the cylinder's motion. Under
+/// Coulomb friction at the contact, this is the motion of a point with isotropic friction on the
+/// table. The last substeps repeat with the arm at rest until the cylinder is at rest, too.
+/// Controls that provably cannot touch anything need only the arm's kinematics.
 ///
-/// Under full dynamics motors with a torque limit follow a minimum-jerk reference of at most 0.25
-/// rad/s to the new joint angles and hold them, mj_step() by mj_step() of 2 ms, until every joint
-/// is slower than 1e-3 rad/s and the cylinder slower than 1e-3 m/s for 5 steps in a row, or 3 s
-/// have passed; then velocities are set to zero. Joints have rotor inertia, viscous damping and
-/// Coulomb friction, the cylinder slides with Coulomb friction along x and y, and goes on sliding
-/// after a push. Arm and table do not touch: references stay above it as above. Some fifty times
-/// slower.
+/// Under full dynamics, motors with a torque limit follow a minimum-jerk reference of at most 0.25
+/// rad/s to the new joint angles and hold them, in mj_step() steps of 2 ms. This ends when every
+/// joint is slower than 1e-3 rad/s and the cylinder slower than 1e-3 m/s for 5 consecutive steps,
+/// or after 3 s; then velocities are set to zero. Joints have rotor inertia, viscous damping and
+/// Coulomb friction. The cylinder slides with Coulomb friction along x and y and keeps sliding
+/// after a push. Arm and table do not touch: references stay above the table as above. About fifty
+/// times slower.
 ///
 /// The collision check runs after every substep for the cylinder, the upper arm, forearm, hand and
 /// gripper against both red regions, in 3-D by exact distances of capsules. (The shoulder cannot
 /// reach that far.) The regions are posts of radius 0.06 m, 0.1 m high with a rounded top.
 ///
-/// The next state is a function of the present one and the control: no solver state is carried
-/// over, so a clone, or the same state reached otherwise, continues bit for bit alike.
+/// The next state is a function of the current state and the control. There is no other solver
+/// state: a clone, or the same state reached in another way, continues bit for bit alike.
 ///
-/// One object belongs to one thread; clones share only the immutable model.
+/// Each object belongs to one thread; clones share only the immutable model.
 class PusherPlant final : public core::SimulatedPlant {
  public:
   static constexpr int kNumJoints = 7;
@@ -110,8 +109,8 @@ class PusherPlant final : public core::SimulatedPlant {
   static constexpr double kGoalRadius = 0.04;    ///< m
   static constexpr double kRedRadius = 0.06;     ///< m
 
-  /// @throws std::invalid_argument naming the option out of range; std::runtime_error if the MuJoCo
-  ///   library found at run time is not the version built against.
+  /// @throws std::invalid_argument naming the option out of range; std::runtime_error if MuJoCo's
+  ///   version at run time differs from the build's.
   explicit PusherPlant(const PusherOptions& options = {});
   ~PusherPlant() override;
   PusherPlant(const PusherPlant&) = delete;
@@ -121,27 +120,28 @@ class PusherPlant final : public core::SimulatedPlant {
   [[nodiscard]] int control_dim() const noexcept override { return kNumJoints; }
   [[nodiscard]] const PusherOptions& options() const noexcept;
 
-  /// The arm at home, tip at (0.35, 0, -0.285), and the cylinder at a start position drawn by
-  /// core::Random(seed).
+  /// Moves the arm home, tip at (0.35, 0, -0.285), and the cylinder to a start position sampled
+  /// with core::Random(seed).
   void Reset(std::uint64_t seed) override;
 
-  /// Puts arm and cylinder where an observed `state` says (its qpos and object entries), at rest,
-  /// collided() judged for that state alone. For replays and for tests.
+  /// Sets arm and cylinder to an observed `state` (its qpos and object entries), at rest.
+  /// collided() then refers to that state alone. For replays and tests.
   /// @throws std::invalid_argument if the size is wrong, an entry is not finite, or a joint is
   ///   outside its limits.
   void SetState(std::span<const double> state);
 
-  /// kFault once MuJoCo reports an error or a diverging state; then until Reset() or SetState().
+  /// Returns kFault after MuJoCo reports an error or a diverging state, until Reset() or
+  /// SetState().
   [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;
   void Observe(std::span<double> state) const noexcept override;
 
-  /// The cylinder's centre is over the goal, and collided() is false.
+  /// Returns whether the cylinder's centre is over the goal and collided() is false.
   [[nodiscard]] bool completed() const noexcept override;
   [[nodiscard]] bool collided() const noexcept override;
-  /// What touched a red region first: "object", "upper_arm", "forearm", "hand", "bar",
-  /// "prong_left" or "prong_right"; empty if nothing has.
+  /// Returns the first part that touched a red region: "object", "upper_arm", "forearm", "hand",
+  /// "bar", "prong_left" or "prong_right"; empty if there is none.
   [[nodiscard]] std::string_view collided_part() const noexcept;
-  /// Every state is at rest: nothing to do.
+  /// Does nothing: every state is at rest.
   void Halt() noexcept override {}
 
   [[nodiscard]] std::unique_ptr<core::SimulatedPlant> Clone() const override;
@@ -149,16 +149,16 @@ class PusherPlant final : public core::SimulatedPlant {
   void CopyStateFrom(const core::SimulatedPlant& other) noexcept override;
 
   /// Speed of the cylinder, in m/s, in the last substep of the last control, before it was set to
-  /// zero. Zero if nothing was touched.
+  /// zero. Zero without contact.
   [[nodiscard]] double residual_speed() const noexcept;
   [[nodiscard]] const PusherStatistics& statistics() const noexcept;
 
-  /// Centre of the cylinder, of the bar, and of the goal.
+  /// Centres of the cylinder, the bar and the goal.
   [[nodiscard]] std::array<double, 3> object_m() const noexcept;
   [[nodiscard]] std::array<double, 3> tip_m() const noexcept;
   [[nodiscard]] std::array<double, 3> goal_m() const noexcept;
 
-  /// The MuJoCo side, for the renderer in this folder.
+  /// MuJoCo's part, for the renderer in this folder.
   struct World;
   struct Data;
   [[nodiscard]] const World& world() const noexcept { return *world_; }

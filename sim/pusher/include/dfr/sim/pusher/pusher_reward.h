@@ -8,22 +8,22 @@ namespace dfr::sim {
 
 /// Weights of PusherReward. Distances in metres.
 struct PusherRewardOptions {
-  double scale = 20.0;      ///< Scales the potential.
-  double reach = 1.0;       ///< Times the distance from tip to cylinder.
-  double forward = 1.0;     ///< Times |c_x - g_x|, cylinder to goal.
-  double sideways = 4.0;    ///< Times |c_y - g_y|.
-  double success = 10.0;    ///< Once, when completed.
-  double collision = -1.0;  ///< Once, when collided.
-  double step = 0.0;        ///< Each control.
-  double effort = -0.05;    ///< Times |u|^2, u clipped to +-1.
+  double scale = 20.0;      ///< Scale of the potential.
+  double reach = 1.0;       ///< Weight of the distance from tip to cylinder.
+  double forward = 1.0;     ///< Weight of |c_x - g_x|, cylinder to goal.
+  double sideways = 4.0;    ///< Weight of |c_y - g_y|.
+  double success = 10.0;    ///< Once, on completion.
+  double collision = -1.0;  ///< Once, on collision.
+  double step = 0.0;        ///< For each control.
+  double effort = -0.05;    ///< Weight of |u|^2, u clipped to +-1.
 };
 
-/// The reward that supervisors of the Pusher are trained with. Learners never see it.
+/// Reward for training the Pusher's supervisors. Learners do not use it.
 ///
 /// Each control earns the change of the potential
 ///   -scale (reach |tip - object| + forward |c_x - g_x| + sideways |c_y - g_y|),
-/// which is largest where the task is done, plus the terms above. A collision costs little: much
-/// more, and policies learn not to push at all.
+/// which is largest at completion, plus the terms above. A collision costs little: with a much
+/// larger cost, policies learn not to push at all.
 class PusherReward {
  public:
   /// Borrows `plant`, which must outlive it.
@@ -31,7 +31,7 @@ class PusherReward {
 
   /// Call after the plant's Reset().
   void Reset() noexcept;
-  /// The reward of the control that the plant has just applied.
+  /// Returns the reward of the last applied control.
   [[nodiscard]] double Step(std::span<const double> control) noexcept;
 
  private:

@@ -12,7 +12,7 @@ namespace dfr::sim {
 
 /// A fixed camera of the scene.
 enum class PusherCamera {
-  kAngled,    ///< From beside the goal, over the table.
+  kAngled,    ///< From beside the goal, above the table.
   kOverhead,  ///< Straight down, the goal on top, the arm's links translucent.
 };
 
@@ -23,21 +23,21 @@ struct PusherRendererOptions {
   PusherCamera camera = PusherCamera::kAngled;
 };
 
-/// Draws a Pusher without a display, in software by OSMesa or through EGL: OSMesa unless it fails,
-/// or the environment variable DFR_GL says egl; the first choice holds for the whole process.
-/// About 0.1 s a picture in software.
-/// One object belongs to the thread that made it, which must have no OpenGL context of its own.
+/// Draws a Pusher without a display, in software by OSMesa or through EGL. Uses EGL if OSMesa fails
+/// or the environment variable DFR_GL is egl; the first choice applies to the whole process. About
+/// 0.1 s a picture in software.
+/// Each object belongs to the thread that made it, which must not have another OpenGL context.
 class PusherRenderer {
  public:
-  /// @param plant  gives the model; any plant with the same options can be drawn.
+  /// @param plant  provides the model; any plant with the same options can be drawn.
   /// @throws std::invalid_argument for a size out of range; std::runtime_error if neither OSMesa
-  ///   nor EGL works here, with what each said.
+  ///   nor EGL works on this machine, with the message of each.
   explicit PusherRenderer(const PusherPlant& plant, const PusherRendererOptions& options = {});
   ~PusherRenderer();
   PusherRenderer(PusherRenderer&&) noexcept;
   PusherRenderer& operator=(PusherRenderer&&) noexcept;
 
-  /// Writes the plant's present state as height x width RGB bytes, top row first.
+  /// Writes the plant's current state as height x width RGB bytes, top row first.
   /// @pre rgb.size() == 3 * width * height
   void Draw(const PusherPlant& plant, std::span<std::uint8_t> rgb);
 
@@ -52,13 +52,14 @@ class PusherRenderer {
 /// A window that shows a Pusher; the mouse turns, moves and zooms the view.
 class PusherWindow {
  public:
-  /// @throws std::runtime_error if there is no display, naming how to render without one.
+  /// @throws std::runtime_error if there is no display; the message tells how to render without
+  ///   one.
   PusherWindow(const PusherPlant& plant, const std::string& title);
   ~PusherWindow();
   PusherWindow(const PusherWindow&) = delete;
   PusherWindow& operator=(const PusherWindow&) = delete;
 
-  /// Draws the plant with up to two lines of text over it and handles input, for `seconds`.
+  /// Draws the plant with up to two lines of text and handles input for `seconds`.
   /// @return false once the window has been closed.
   bool Show(const PusherPlant& plant, const std::string& first_line, const std::string& second_line,
             double seconds);

@@ -1,0 +1,265 @@
+#include "dfr/safety/guard_advice.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "dfr/core/absolute_actions.h"
+#include "dfr/core/format.h"
+#include "dfr/kernel/cover_radius.h"
+#include "fit_task.h"
+
+namespace dfr::safety {
+
+core::Matrix Attribution(const GuardModel& model, const core::Matrix& states) {
+  constexpr int kSteps = 64;
+  std::vector<int> steps;
+  const std::vector<double> levels = model.Levels(states, &steps);
+  const core::FeatureTransform& features = model.recovery().features();
+  const std::vector<int>& entries = features.selection().indices();
+  const kernel::WhitenedSupport& support = model.recovery().support();
+  const Eigen::MatrixXd scale = features.scale();
+  const Eigen::PartialPivLU<Eigen::MatrixXd> inverse(scale);
+  Eigen::VectorXd z(features.num_features());
+  Eigen::VectorXd slope(z.size());
+  Eigen::VectorXd before(z.size());
+  core::Matrix attribution = core::Matrix::Zero(states.rows(), states.cols());
+  for (Eigen::Index i = 0; i < states.rows(); ++i) {
+    const double missing = -levels[static_cast<std::size_t>(i)];
+    if (!(missing > 0.0 && std::isfinite(missing))) continue;
+    const int t = steps[static_cast<std::size_t>(i)];
+    features.Apply(core::Row(states, i), core::AsSpan(z));
+    double l = support.LogDecision(t, core::AsSpan(z), core::AsSpan(before));
+    Eigen::VectorXd share = Eigen::VectorXd::Zero(z.size());
+    for (int step = 0; step < kSteps && l < 0.0; ++step) {
+      const double steepness = before.squaredNorm();
+      if (!(steepness > 0.0)) break;  // A place from which no way leads up.
+      // Each step makes up for the same part of what is missing.
+      const Eigen::VectorXd way = (-l / (kSteps - step) / steepness) * before;
+      z += way;
+      l = support.LogDecision(t, core::AsSpan(z), core::AsSpan(slope));
+      const Eigen::VectorXd along = inverse.solve(way);
+      share += (0.5 * scale.transpose() * (before + slope)).cwiseProduct(along);
+      before = slope;
+    }
+    // The trapezoids sum to the rise but for their error.
+    if (share.sum() > 0.0) share *= missing / share.sum();
+    for (std::size_t k = 0; k < entries.size(); ++k) {
+      attribution(i, entries[k]) += share[static_cast<Eigen::Index>(k)];
+    }
+  }
+  return attribution;
+}
+
+std::vector<std::string> Warnings(const GuardModel& model) {
+  constexpr int kFewest = 10;
+  constexpr double kLeastAcceptance = 0.7;
+  constexpr double kLowestAlarm = 3.0;
+  constexpr double kMostOvershoot = 5.0;
+  constexpr double kUnlikely = 0.01;
+  constexpr double kLeastDrift = 0.2;
+  const GuardSummary& summary = model.summary();
+  const GuardSettings& settings = model.settings();
+  std::vector<std::string> warnings;
+  if (summary.demonstrations < kFewest) {
+    warnings.push_back(core::Format(
+        "%d demonstrations cannot tell several ways of doing the task from one: record %d or more",
+        summary.demonstrations, kFewest));
+  }
+  if (summary.acceptance < kLeastAcceptance) {
+    warnings.push_back(core::Format(
+        "only %.0f %% of the states of left-out demonstrations are inside, so that a good policy "
+        "will be held up: record more demonstrations, look at fewer features, or at every k-th "
+        "state where demonstrations are long or differ in pace",
+        100.0 * summary.acceptance));
+  }
+  if (internal::TooManyInGaps(summary.gaps)) {
+    warnings.push_back(core::Format(
+        "demonstrations take several ways, and of %d points halfway between two of them %d are "
+        "inside: record more demonstrations of each way, or give a larger --gamma",
+        summary.gaps.points, summary.gaps.inside));
+  }
+  if (settings.alarm_level > kLowestAlarm) {
+    warnings.push_back(core::Format(
+        "the alarm is raised below l = %.3g only, far outside: look for a demonstration that is "
+        "unlike the others, or allow more --false-alarms",
+        -settings.alarm_level));
+  }
+  if (summary.drift_chance < kUnlikely &&
+      summary.drift_level > settings.alarm_level + kLeastDrift) {
+    warnings.push_back(core::Format(
+        "conditions of recording drift: supports that have not seen a stretch of the recording "
+        "would need an alarm at l < %.3g instead of %.3g. Record in all conditions that the policy "
+        "will meet, and mix them",
+        -summary.drift_level, -settings.alarm_level));
+  }
+  std::string passed;
+  for (std::size_t i = 0; i < model.actions().entries().size(); ++i) {
+    const ActionEntry& entry = model.actions().entries()[i];
+    const double limit = settings.action_limit[i];
+    if (!entry.steered) {
+      passed.append(passed.empty() ? "" : ", ").append(std::to_string(i));
+    } else if (limit > kMostOvershoot * entry.largest) {
+      warnings.push_back(
+          core::Format("entry %zu of an action may reach %.3g, demonstrated ones reach %.3g: give "
+                       "--action-limit",
+                       i, limit, entry.largest));
+    }
+  }
+  if (!passed.empty()) {
+    warnings.push_back("entries " + passed +
+                       " of an action take few values in the demonstrations: the guard passes the "
+                       "policy's values of them and steers by the others alone");
+  }
+  return warnings;
+}
+
+namespace {
+
+// Whether an entry of the states is the same in all demonstrations at the same time step, but
+// differs from step to step: next to none of its variance is left within time steps.
+bool FollowsClock(std::span<const core::Trajectory> demonstrations, Eigen::Index entry) {
+  constexpr double kMostWithin = 1e-6;
+  Eigen::Index longest = 0;
+  for (const auto& d : demonstrations) longest = std::max(longest, d.states.rows());
+  double count = 0.0;
+  double sum = 0.0;
+  double squares = 0.0;
+  double within = 0.0;
+  const double origin = demonstrations[0].states(0, entry);
+  for (Eigen::Index t = 0; t < longest; ++t) {
+    double here = 0.0;
+    double sum_here = 0.0;
+    double squares_here = 0.0;
+    for (const auto& d : demonstrations) {
+      if (t >= d.states.rows()) continue;
+      const double x = d.states(t, entry) - origin;
+      here += 1.0;
+      sum_here += x;
+      squares_here += x * x;
+    }
+    if (here < 2.0) continue;
+    count += here;
+    sum += sum_here;
+    squares += squares_here;
+    within += squares_here - sum_here * sum_here / here;
+  }
+  const double total = count > 0.0 ? squares - sum * sum / count : 0.0;
+  return total > 0.0 && within <= kMostWithin * total;
+}
+
+// The share of the squared changes of features that the estimate of demonstrated answers and own
+// motion explains, in some hundred demonstrated transitions.
+double Explained(const GuardModel& model, std::span<const core::Trajectory> demonstrations) {
+  constexpr std::size_t kSamples = 400;
+  const control::GuidedModel& guided = model.recovery().model();
+  control::JacobianEstimate answer(guided.prior(), {}, guided.own_motion());
+  std::size_t transitions = 0;
+  for (const auto& d : demonstrations) transitions += static_cast<std::size_t>(d.controls.rows());
+  const std::size_t stride = std::max<std::size_t>(1, transitions / kSamples);
+  double squares = 0.0;
+  double missed = 0.0;
+  std::size_t i = 0;
+  Eigen::VectorXd v(model.actions().steered_dim());
+  for (const auto& d : demonstrations) {
+    const core::Matrix points = guided.features().Apply(d.states);
+    for (Eigen::Index t = 0; t < d.controls.rows(); ++t, ++i) {
+      if (i % stride != 0) continue;
+      model.actions().Measure(core::Row(d.controls, t), core::AsSpan(v));
+      v /= guided.control_unit();
+      Eigen::VectorXd expected = points.row(t).transpose();
+      answer.Compute(static_cast<int>(t), core::Row(points, t));
+      answer.AddEffect(v, expected);
+      squares += (points.row(t + 1) - points.row(t)).squaredNorm();
+      missed += (points.row(t + 1).transpose() - expected).squaredNorm();
+    }
+  }
+  return squares > 0.0 ? 1.0 - missed / squares : 1.0;
+}
+
+}  // namespace
+
+std::vector<std::string> Warnings(const GuardModel& model,
+                                  std::span<const core::Trajectory> demonstrations) {
+  // Guided recovery predicts so little then that its corrections are guesses.
+  constexpr double kLeastExplained = 0.5;
+  std::vector<std::string> warnings = Warnings(model);
+  if (demonstrations.empty()) return warnings;
+  std::string clocks;
+  for (const int entry : model.recovery().features().selection().indices()) {
+    if (!FollowsClock(demonstrations, entry)) continue;
+    clocks.append(clocks.empty() ? "" : ", ").append(core::EntryName(model.layout(), entry));
+  }
+  if (!clocks.empty()) {
+    warnings.push_back(
+        clocks +
+        ": the same in all demonstrations at the same time step, as a clock is. A "
+        "robot that is slower than they were is outside: leave it out of --features");
+  }
+  const double explained = Explained(model, demonstrations);
+  if (explained < kLeastExplained) {
+    warnings.push_back(core::Format(
+        "actions explain only %.0f %% of how features change: look at features that the robot "
+        "moves, and let guard check see whether actions belong to the states beside them",
+        100.0 * std::max(0.0, explained)));
+  }
+  return warnings;
+}
+
+std::string DescribeGuarantee(const GuardSummary& summary) {
+  const std::string whom =
+      summary.confidence > 0.0
+          ? core::Format("with %.3g %% confidence for this fit", 100.0 * summary.confidence)
+          : std::string("on average over fits");
+  return summary.held_out > 0
+             ? whom + core::Format(", by %d demonstrations that nothing was fitted to",
+                                   summary.held_out)
+             : whom + ", approximately: by fits that left some out";
+}
+
+std::vector<Clearance> Clearances(const GuardModel& model) {
+  const core::FeatureTransform& features = model.recovery().features();
+  const kernel::WhitenedSupport& support = model.recovery().support();
+  const std::vector<int>& entries = features.selection().indices();
+  const double level = std::max(0.0, model.settings().alarm_level);
+  std::vector<Clearance> clearances;
+  std::vector<std::vector<double>> lengths;
+  std::vector<std::vector<Eigen::Index>> columns;
+  for (const auto& block : model.layout().blocks) {
+    std::vector<Eigen::Index> own;
+    for (std::size_t k = 0; k < entries.size(); ++k) {
+      if (entries[k] >= block.offset && entries[k] < block.offset + block.size) {
+        own.push_back(static_cast<Eigen::Index>(k));
+      }
+    }
+    if (own.empty()) continue;
+    clearances.push_back({.block = block.name});
+    columns.push_back(std::move(own));
+  }
+  lengths.resize(clearances.size());
+  for (int t = 0; t < support.num_steps(); ++t) {
+    const double radius = kernel::CoverRadius(support.estimate(t), level);
+    // y = M x: |y - y_i| <= radius bounds a block of x - x_i by its rows of the inverse of M.
+    const Eigen::MatrixXd map = support.map(t) * features.scale();
+    const Eigen::MatrixXd inverse = map.completeOrthogonalDecomposition().pseudoInverse();
+    for (std::size_t b = 0; b < clearances.size(); ++b) {
+      const double length =
+          radius * Eigen::MatrixXd(inverse(columns[b], Eigen::all)).operatorNorm();
+      lengths[b].push_back(length);
+      if (length > clearances[b].largest) {
+        clearances[b].largest = length;
+        clearances[b].step = t;
+      }
+    }
+  }
+  for (std::size_t b = 0; b < clearances.size(); ++b) {
+    const auto middle = lengths[b].begin() + std::ssize(lengths[b]) / 2;
+    std::nth_element(lengths[b].begin(), middle, lengths[b].end());
+    clearances[b].median = *middle;
+  }
+  return clearances;
+}
+}  // namespace dfr::safety

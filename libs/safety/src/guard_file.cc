@@ -1,0 +1,129 @@
+#include <cstdint>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "dfr/core/archive.h"
+#include "dfr/safety/guard_model.h"
+
+namespace dfr::safety {
+namespace {
+
+constexpr std::string_view kGuardKind = "guard";
+constexpr int kGuardVersion = 1;
+constexpr int kMostCount = 1 << 30;
+
+void Write(core::ArchiveWriter& archive, const control::EstimatedConstant& constant) {
+  archive.Number(constant.value);
+  archive.Number(constant.confidence);
+  archive.Number(constant.coverage);
+  archive.Integer(constant.demonstrations);
+}
+
+control::EstimatedConstant ReadConstant(core::ArchiveReader& archive) {
+  control::EstimatedConstant constant;
+  constant.value = archive.Number();
+  constant.confidence = archive.Number();
+  constant.coverage = archive.Number();
+  constant.demonstrations = archive.IntegerIn(0, 1 << 30);
+  return constant;
+}
+
+}  // namespace
+
+void GuardModel::Save(const std::filesystem::path& path) const {
+  core::ArchiveWriter archive(kGuardKind, kGuardVersion);
+  archive.Integer(static_cast<std::int64_t>(layout_.blocks.size()));
+  for (const auto& block : layout_.blocks) {
+    archive.Text(block.name);
+    archive.Integer(block.size);
+  }
+  archive.Text(recovery().features().selection().spec());
+  archive.Text(Name(settings_.strategy));
+  archive.Integer(settings_.horizon);
+  archive.Integer(settings_.max_actions);
+  archive.Numbers(settings_.action_limit);
+  archive.Number(settings_.alarm_level);
+  archive.Number(settings_.direction_error);
+  archive.Text(summary_.source);
+  archive.Text(summary_.version);
+  archive.Integer(summary_.demonstrations);
+  archive.Integer(summary_.transitions);
+  for (const double value : {summary_.nu, summary_.gamma, summary_.acceptance,
+                             summary_.inside_throughout, summary_.false_alarms}) {
+    archive.Number(value);
+  }
+  archive.Number(summary_.confidence);
+  archive.Integer(summary_.held_out);
+  archive.Number(summary_.drift_level);
+  archive.Number(summary_.drift_chance);
+  for (const int count : {summary_.gaps.steps, summary_.gaps.points, summary_.gaps.inside}) {
+    archive.Integer(count);
+  }
+  Write(archive, summary_.direction_error);
+  Write(archive, summary_.gain);
+  archive.Numbers(lambda());
+  actions_->Save(archive);
+  recovery().Save(archive);
+  archive.Save(path);
+}
+
+std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& path) {
+  core::ArchiveReader archive(path, kGuardKind, kGuardVersion);
+  try {
+    core::StateLayout layout;
+    const int blocks = archive.IntegerIn(1, 1 << 16);
+    for (int i = 0; i < blocks; ++i) {
+      std::string name = archive.Text();
+      layout.Add(std::move(name), archive.IntegerIn(1, 1 << 20));
+    }
+    const std::string spec = archive.Text();
+    core::FeatureSelection selection = spec.empty()
+                                           ? core::FeatureSelection::All(layout.state_dim())
+                                           : core::FeatureSelection(layout, spec);
+    GuardSettings settings;
+    settings.strategy = ParseStrategy(archive.Text());
+    settings.horizon = archive.IntegerIn(1, kMostCount);
+    settings.max_actions = archive.IntegerIn(1, kMostCount);
+    settings.action_limit = archive.Numbers();
+    settings.alarm_level = archive.Number();
+    settings.direction_error = archive.Number();
+    GuardSummary summary;
+    summary.source = archive.Text();
+    summary.version = archive.Text();
+    summary.demonstrations = archive.IntegerIn(0, kMostCount);
+    summary.transitions = archive.IntegerIn(0, kMostCount);
+    summary.nu = archive.Number();
+    summary.gamma = archive.Number();
+    summary.acceptance = archive.Number();
+    summary.inside_throughout = archive.Number();
+    summary.false_alarms = archive.Number();
+    summary.confidence = archive.Number();
+    summary.held_out = archive.IntegerIn(0, kMostCount);
+    summary.drift_level = archive.Number();
+    summary.drift_chance = archive.Number();
+    summary.gaps.steps = archive.IntegerIn(0, kMostCount);
+    summary.gaps.points = archive.IntegerIn(0, kMostCount);
+    summary.gaps.inside = archive.IntegerIn(0, kMostCount);
+    summary.direction_error = ReadConstant(archive);
+    summary.gain = ReadConstant(archive);
+    std::vector<double> lambda = archive.Numbers();
+    auto actions = std::make_shared<const ActionSpace>(ActionSpace::Load(archive));
+    auto recovery = GuidedRecovery::Load(archive, std::move(selection));
+    archive.End();
+    std::shared_ptr<GuardModel> model(new GuardModel);
+    if (recovery->model().control_dim() != actions->steered_dim()) {
+      archive.Fail("recovery steers another number of entries of an action");
+    }
+    model->Complete(std::move(layout), std::move(actions),
+                    std::make_shared<const TaskModel>(std::move(recovery), std::move(lambda)),
+                    settings);
+    model->summary_ = std::move(summary);
+    return model;
+  } catch (const std::invalid_argument& e) {
+    archive.Fail(e.what());
+  }
+}
+}  // namespace dfr::safety
