@@ -226,10 +226,10 @@ std::vector<experiment::FilmedEpisode> RecordStudy(const Study& study, int count
   std::vector<experiment::FilmedEpisode> episodes;
   for (const core::Trajectory& demonstration : units.PreparedFor(unit)->demonstrations) {
     if (std::ssize(episodes) == count) break;
-    episodes.push_back({.method = "demonstrations",
-                        .result = {.outcome = demonstration.outcome, .cause = {}},
-                        .states = demonstration.states,
-                        .recovery = {}});
+    experiment::FilmedEpisode& episode = episodes.emplace_back();
+    episode.method = "demonstrations";
+    episode.result.outcome = demonstration.outcome;
+    episode.states = demonstration.states;
   }
   const auto runner = units.Make(unit);
   for (std::size_t method = 0; method < units.controllers().size(); ++method) {
