@@ -258,6 +258,7 @@ class Panel {
   void DrawBand(std::size_t i, std::ostream& svg) const {
     const ReportSeries& series = plot_.series[i];
     if (series.low.empty()) return;
+    if (series.low.size() == 1) return DrawBar(i, svg);
     // There along the upper ends, back along the lower ones.
     svg << "<polygon class=\"band\" " << StyleAttribute(StyleOf(i)) << " points=\"";
     const std::size_t n = series.low.size();
@@ -268,6 +269,16 @@ class Panel {
           << Coordinate(MapY(j < n ? series.high[k] : series.low[k])) << " ";
     }
     svg << "\"/>\n";
+  }
+
+  // The interval of a single point, which has no band.
+  void DrawBar(std::size_t i, std::ostream& svg) const {
+    const ReportSeries& series = plot_.series[i];
+    if (!std::isfinite(series.low[0]) || !std::isfinite(series.high[0])) return;
+    const std::string x = Coordinate(MapX(series.x[0]));
+    svg << "<g " << StyleAttribute(StyleOf(i)) << "><line class=\"bar\" x1=\"" << x << "\" x2=\""
+        << x << "\" y1=\"" << Coordinate(MapY(series.low[0])) << "\" y2=\""
+        << Coordinate(MapY(series.high[0])) << "\"/></g>\n";
   }
 
   // Returns the height at which the line ends.

@@ -47,6 +47,9 @@ struct EpisodeResult {
   int recovery_controls = 0;  ///< Applied by recoveries, probes included.
   int changed_controls = 0;   ///< Not the policy's to the bit, those of recoveries included.
   double seconds = 0.0;       ///< Processor time.
+  /// Sum of control::Step::change over the changed controls whose size is known.
+  double change = 0.0;
+  int sized_changes = 0;  ///< Number of these controls.
   bool operator==(const EpisodeResult&) const = default;
 };
 

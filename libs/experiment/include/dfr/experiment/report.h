@@ -18,7 +18,7 @@ struct ReportSeries {
   std::string name;  ///< At the line's right end; empty: the line has none.
   std::vector<double> x;
   std::vector<double> y;
-  std::vector<double> low = {};   ///< Lower edge of a band around the line; empty: no band.
+  std::vector<double> low = {};   ///< Lower edge of a band, or of a point's bar; empty: none.
   std::vector<double> high = {};  ///< Its upper edge, as long as `low`.
   /// Which command prints the episodes behind each point, shown where the mouse is on it; or empty.
   std::vector<std::string> commands = {};
