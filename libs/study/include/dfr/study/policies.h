@@ -45,7 +45,8 @@ class NearestNeighbourPolicy final : public core::Policy {
 /// Policies that a controller can be put around, besides the learned one:
 ///   "lwr", "knn"      regression on the demonstrations themselves, locally weighted or by nearest
 ///                     neighbours
-///   "zero"            no control at all
+///   "lwr-cv"          "lwr" with imitation::CrossValidatedWidth()
+///   "none"            no policy: the control is zero
 ///   "random"          a direction that depends on state and time step alone, of demonstrated size
 ///   "negated"         the learned policy's control with its sign turned
 ///   "ensemble"        EnsemblePolicy: the mean of five
@@ -54,9 +55,9 @@ class NearestNeighbourPolicy final : public core::Policy {
 ///   "at-constraints"  an adversary: tries directions on a copy of the plant, and takes one that
 ///                     collides soonest; the learned policy's control where none does
 ///   "out-of-support"  an adversary: of these directions the one after which l is least
-inline constexpr std::array<std::string_view, 10> kPolicies = {
-    "lwr",      "knn",  "zero",   "random",         "negated",
-    "ensemble", "dart", "dagger", "at-constraints", "out-of-support"};
+inline constexpr std::array<std::string_view, 11> kPolicies = {
+    "lwr",      "lwr-cv", "knn",    "none",           "random",        "negated",
+    "ensemble", "dart",   "dagger", "at-constraints", "out-of-support"};
 
 /// The names with commas between them.
 template <typename Names>
@@ -65,6 +66,12 @@ template <typename Names>
   for (const std::string_view name : names) list.append(list.empty() ? "" : ", ").append(name);
   return list;
 }
+
+/// "lwr", "lwr-cv", "knn" or "none", the policies that need no learned one; null for another name.
+/// @throws std::invalid_argument as imitation::LocallyWeightedPolicy and NearestNeighbourPolicy do.
+[[nodiscard]] std::shared_ptr<const core::Policy> MakeUnlearned(
+    std::string_view name, const core::FeatureTransform& features,
+    std::span<const core::Trajectory> demonstrations);
 
 /// Makes these policies for one task. Borrows all that it is given.
 class PolicyFactory {
@@ -90,7 +97,7 @@ class PolicyFactory {
   const core::Policy* learned_;
   std::span<const core::Trajectory> demonstrations_;
   Teaching teaching_;
-  mutable SharedCache<std::string, std::shared_ptr<const core::Policy>> learned_anew_;
+  mutable SharedCache<std::string, std::shared_ptr<const core::Policy>> made_;
 };
 
 }  // namespace dfr::study
