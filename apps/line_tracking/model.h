@@ -43,8 +43,8 @@ struct LineModelOptions {
 /// Those of study::kOtherMethods that need no supervisor to ask, for the demonstrations here are
 /// open-loop, and "proportional": a scripted policy that goes on along the line by 1 mm a
 /// control and corrects 0.8 of the distance that was seen, without learning or support.
-inline constexpr std::array<std::string_view, 6> kOtherLineMethods = {
-    "finite-difference", "true-jacobian", "lwr", "knn", "ensemble", "proportional"};
+inline constexpr std::array<std::string_view, 7> kOtherLineMethods = {
+    "finite-difference", "true-jacobian", "lwr", "lwr-cv", "knn", "ensemble", "proportional"};
 
 /// What drives "proportional".
 [[nodiscard]] const core::Policy& ProportionalPolicy() noexcept;

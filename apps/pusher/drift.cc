@@ -96,7 +96,7 @@ void RunDrift(const DriftOptions& options) {
       experiment::RunExperiment("drift", plan, make,
                                 {{"learner", options.learner},
                                  {"supervisor's hash", experiment::HashOfFile(supervisor_file)}},
-                                options, {.seed = options.seed});
+                                options);
   if (!found) return;
   if (!options.out.empty()) {
     experiment::SaveReport(found->summary,

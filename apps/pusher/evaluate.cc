@@ -33,12 +33,11 @@ void RunEvaluate(const EvaluateOptions& options) {
                                                    options.plant, std::map<std::string, double>());
       },
       evaluation);
-  experiment::PrintTable(experiment::Summarize(plan, results,
-                                               {.experiment = "pusher",
-                                                .preset = "evaluate",
-                                                .commit = core::BuildCommit(),
-                                                .bootstrap = {.seed = options.seed}}),
-                         std::cout);
+  experiment::PrintTable(
+      experiment::Summarize(
+          plan, results,
+          {.experiment = "pusher", .preset = "evaluate", .commit = core::BuildCommit()}),
+      std::cout);
 }
 
 }  // namespace dfr::apps::pusher

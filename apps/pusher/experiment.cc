@@ -366,7 +366,7 @@ void RunExperiment(const ExperimentOptions& options) {
       Settings(options, SupervisorOf(options), plan);
   const std::optional<experiment::ExperimentResult> found = experiment::RunExperiment(
       "pusher", plan, [&](const experiment::EvaluationUnit& unit) { return factory.Make(unit); },
-      settings, options, {.seed = plan.seed});
+      settings, options);
   if (!found) return;
   const auto& [results, summary] = *found;
   experiment::PrintTable(summary, std::cout);

@@ -69,13 +69,8 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
                  const std::string& name, std::uint64_t seed) {
   DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), name) == 1,
                    "there is no policy '" << name << "'; there are " << Join(PolicyNames()));
-  const core::FeatureTransform& features = model.guided().features();
-  // No network is needed.
-  if (name == "lwr") {
-    return {std::make_shared<imitation::LocallyWeightedPolicy>(features, demonstrations), {}};
-  }
-  if (name == "knn") {
-    return {std::make_shared<NearestNeighbourPolicy>(features, demonstrations), {}};
+  if (auto unlearned = MakeUnlearned(name, model.guided().features(), demonstrations)) {
+    return {std::move(unlearned), {}};
   }
   const imitation::DemonstrationSet set{
       .layout = task.plant->layout(),

@@ -14,6 +14,7 @@
 #include "apps/command_line.h"
 #include "apps/study/imitator.h"
 #include "apps/study/picture.h"
+#include "apps/study/placebo.h"
 #include "apps/study/planar/commands.h"
 #include "apps/study/study.h"
 #include "apps/study/tables.h"
@@ -63,6 +64,7 @@ void RunAndPrint(const Study& study, bool grid, bool causes) {
                     {"demonstrations", std::to_string(study.demonstrations)},
                     {"trials", std::to_string(study.trials)},
                     {"episodes a trial", std::to_string(study.episodes)}},
+       .figures = {MakeFigure(rows)},
        .tables = tables},
       study.out / "report.html");
   std::cout << (study.out / "report.html").string() << " and study.csv\n";
@@ -81,7 +83,11 @@ void AddChoices(CLI::App& command, Study& study) {
   command
       .add_option("--methods,--controllers", study.controllers,
                   std::string("besides the policy alone") +
-                      (study.kind == Kind::kGuards ? ": strategies of guards" : ""))
+                      (study.kind == Kind::kGuards ? ": strategies of guards" : "") +
+                      (study.kind == Kind::kPlane
+                           ? ""
+                           : "; " + Join(PlaceboNames()) +
+                                 " interrupt the policy as often as guard, at random times"))
       ->delimiter(',')
       ->capture_default_str();
   command.add_option("--conditions", study.conditions, "by their names in the table; default: all")
@@ -299,6 +305,7 @@ int main(int argc, char** argv) try {
   AddOptions(*power_command, power);
   Study shown = Study::OfGuards();
   shown.policies = {"weak"};
+  shown.controllers = GuardNames();
   int supervised = 100;
   auto* supervise = app.add_subcommand("supervise", "How well the gallery's supervisors do");
   supervise->add_option("--tasks", shown.tasks, "names, gallery, design or judgement")

@@ -1,13 +1,17 @@
 #include "apps/study/runner.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "apps/rollout_video.h"
 #include "apps/study/imitator.h"
+#include "apps/study/placebo.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/matrix.h"
 #include "dfr/core/random.h"
 #include "dfr/safety/guard.h"
+#include "dfr/study/policies.h"
 
 namespace dfr::study {
 namespace {
@@ -87,6 +91,7 @@ class Guarded final : public control::Controller {
             .g = verdict.g,
             .threshold = verdict.threshold,
             .filtered = verdict.changed,
+            .change = verdict.change,
             .certified = verdict.certified};
   }
 
@@ -123,45 +128,103 @@ Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t 
 }
 
 Runner::Runner(const Place& place, std::shared_ptr<const Prepared> prepared,
-               const std::vector<std::string>& methods)
+               const std::vector<std::string>& methods, std::vector<EpisodeSeeds> judged)
     : RolloutRunner(place.variant->make(), WithNoise(*place.condition, *place.task)),
       task_(place.task),
-      prepared_(std::move(prepared)) {
+      prepared_(std::move(prepared)),
+      judged_(std::move(judged)) {
   for (const std::string& method : methods) {
-    if (prepared_->model != nullptr) {
-      Add(method, prepared_->model->controllers().Make(method, &driven(), task_->controllers));
-      continue;
+    Compared compared;
+    std::unique_ptr<control::Controller> controller;
+    const std::size_t at = std::min(method.find('@'), method.size());
+    if (IsPlacebo(method.substr(0, at))) {
+      const std::string wanted = std::string(kJudged) + method.substr(at);
+      const auto found = std::ranges::find(methods, wanted);
+      DFR_THROW_UNLESS(found != methods.end(), "method '" << method
+                                                          << "' takes its rate from the method '"
+                                                          << wanted << "', which is not run");
+      compared.judged = static_cast<int>(found - methods.begin());
+      controller = MakePlacebo(method);
+      compared.placebo = static_cast<Placebo*>(controller.get());
+    } else {
+      controller = MakeController(method);
     }
-    if (prepared_->plane != nullptr) {
-      Add(method, prepared_->plane->Make(method, driven()));
-      continue;
-    }
-    const auto [strategy, policy, support] = Split(method);
-    auto& imitator = imitators_[std::string(policy)];
-    if (imitator == nullptr) {
-      imitator = std::make_shared<Imitator>(Imitate(*task_->small, prepared_->demonstrations,
-                                                    prepared_->task(), driven(),
-                                                    std::string(policy), prepared_->seed));
-    }
-    auto guarded = std::make_unique<Guarded>(imitator, *prepared_->guard, std::string(strategy));
-    guarded_.push_back(guarded.get());
-    Add(method, std::move(guarded));
-    if (!guarded_.back()->monitors()) continue;
+    placebos_.push_back(compared);
+    Add(method, std::move(controller));
+  }
+}
+
+std::unique_ptr<control::Controller> Runner::MakeController(const std::string& method) {
+  if (prepared_->model != nullptr) {
+    return prepared_->model->controllers().Make(method, &driven(), task_->controllers);
+  }
+  if (prepared_->plane != nullptr) return prepared_->plane->Make(method, driven());
+  const auto [strategy, policy, support] = Split(method);
+  auto& imitator = imitators_[std::string(policy)];
+  if (imitator == nullptr) {
+    imitator = std::make_shared<Imitator>(Imitate(*task_->small, prepared_->demonstrations,
+                                                  prepared_->task(), driven(), std::string(policy),
+                                                  prepared_->seed));
+  }
+  auto guarded = std::make_unique<Guarded>(imitator, *prepared_->guard, std::string(strategy));
+  guarded_.push_back(guarded.get());
+  if (guarded->monitors()) {
     for (const auto outcome : {core::Outcome::kCompleted, core::Outcome::kCollided}) {
       alarms_[AlarmsIn(outcome, method)] = 0.0;
     }
   }
+  return guarded;
+}
+
+std::unique_ptr<control::Controller> Runner::MakePlacebo(const std::string& method) {
+  const std::size_t at = std::min(method.find('@'), method.size());
+  auto alone = MakeController(kAlone + method.substr(at));
+  const std::span<const core::Trajectory> demonstrations =
+      prepared_->model != nullptr ? prepared_->model->demonstrations().trajectories
+                                  : prepared_->demonstrations;
+  const bool corrects = method.substr(0, at) == PlaceboNames()[0];
+  auto nominal = corrects
+                     ? MakeUnlearned("lwr", prepared_->task().guided().features(), demonstrations)
+                     : nullptr;
+  if (const auto& guard = prepared_->guard; guard != nullptr) {
+    return std::make_unique<Placebo>(std::move(alone), std::move(nominal), [guard](auto a, auto b) {
+      return guard->actions().Distance(a, b);
+    });
+  }
+  const double unit = prepared_->task().guided().model().control_unit();
+  return std::make_unique<Placebo>(std::move(alone), std::move(nominal), [unit](auto a, auto b) {
+    return (core::AsVector(a) - core::AsVector(b)).norm() / unit;
+  });
 }
 
 Runner::~Runner() = default;
 
 void Runner::Begin(int method, std::uint64_t start_seed) {
+  if (Compared& compared = placebos_.at(static_cast<std::size_t>(method));
+      compared.placebo != nullptr && !compared.has_rate) {
+    compared.placebo->SetRate(RateOf(compared.judged));
+    compared.has_rate = true;
+  }
   method_ = method;
   if (!guarded_.empty()) guarded_[static_cast<std::size_t>(method)]->policy().Reset(start_seed);
 }
 
+double Runner::RateOf(int judged) {
+  std::int64_t changed = 0;
+  std::int64_t controls = 0;
+  for (const EpisodeSeeds& seeds : judged_) {
+    const experiment::EpisodeResult result = Run(judged, seeds.start, seeds.controller);
+    known_[{judged, seeds}] = result;
+    changed += result.changed_controls;
+    controls += result.controls;
+  }
+  return controls > 0 ? static_cast<double>(changed) / static_cast<double>(controls) : 0.0;
+}
+
 experiment::EpisodeResult Runner::Run(int method, std::uint64_t start_seed,
                                       std::uint64_t controller_seed) {
+  const auto known = known_.find({method, {start_seed, controller_seed}});
+  if (known != known_.end()) return known->second;
   experiment::EpisodeResult result = RolloutRunner::Run(method, start_seed, controller_seed);
   if (guarded_.empty()) return result;
   const Guarded& guarded = *guarded_[static_cast<std::size_t>(method)];
@@ -197,6 +260,10 @@ double Runner::Credit(int method, std::uint64_t start_seed, std::uint64_t contro
 }
 
 std::string Runner::CauseOf(const control::RolloutResult& result) const {
+  const bool placebo = placebos_[static_cast<std::size_t>(method_)].placebo != nullptr;
+  if (placebo && result.outcome == core::Outcome::kCollided && result.last_step.filtered) {
+    return "placebo";
+  }
   if (!guarded_.empty() && result.outcome == core::Outcome::kCollided) {
     return guarded_[static_cast<std::size_t>(method_)]->chooser();
   }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <compare>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -53,17 +54,26 @@ struct Place {
   const Condition* condition;
 };
 
+/// The seeds of an episode.
+struct EpisodeSeeds {
+  std::uint64_t start = 0;
+  std::uint64_t controller = 0;
+  auto operator<=>(const EpisodeSeeds&) const = default;
+};
+
 class Guarded;
 class Imitator;
+class Placebo;
 
 /// Methods in one place. No start state is drawn anew but in planar tasks: one outside the support
 /// counts like any other.
 class Runner final : public experiment::RolloutRunner {
  public:
   /// `methods` are those of ParseMethod(), or "<guard's strategy>@<policy>" where `prepared` is of
-  /// guards. Borrows the place's parts.
+  /// guards; around both also PlaceboNames(), which take their rate from the method kJudged around
+  /// the same policy in the episodes of `judged`. Borrows the place's parts.
   Runner(const Place& place, std::shared_ptr<const Prepared> prepared,
-         const std::vector<std::string>& methods);
+         const std::vector<std::string>& methods, std::vector<EpisodeSeeds> judged = {});
   ~Runner() override;
 
   experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
@@ -86,11 +96,26 @@ class Runner final : public experiment::RolloutRunner {
   [[nodiscard]] std::string CauseOf(const control::RolloutResult& result) const override;
   [[nodiscard]] bool CollidesAfterHalt() override;
 
+  [[nodiscard]] std::unique_ptr<control::Controller> MakeController(const std::string& method);
+  [[nodiscard]] std::unique_ptr<control::Controller> MakePlacebo(const std::string& method);
+  // Share of the controls that the judged method changed.
+  [[nodiscard]] double RateOf(int judged);
+
+  // A placebo, and the place of the method that it is compared with.
+  struct Compared {
+    Placebo* placebo = nullptr;  // null: the method is none
+    int judged = 0;
+    bool has_rate = false;
+  };
+
   const Task* task_;
   std::shared_ptr<const Prepared> prepared_;
-  std::map<std::string, std::shared_ptr<Imitator>> imitators_;  // guards' policies
-  std::vector<Guarded*> guarded_;                               // [method]
-  int method_ = 0;                                              // of the last episode
+  std::vector<EpisodeSeeds> judged_;
+  std::map<std::pair<int, EpisodeSeeds>, experiment::EpisodeResult> known_;  // that gave rates
+  std::vector<Compared> placebos_;                                           // [method]
+  std::map<std::string, std::shared_ptr<Imitator>> imitators_;               // guards' policies
+  std::vector<Guarded*> guarded_;                                            // [method]
+  int method_ = 0;                                                           // of the last episode
   std::map<std::string, double> alarms_;
 };
 

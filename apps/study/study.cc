@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "apps/study/imitator.h"
+#include "apps/study/placebo.h"
 #include "apps/study/runner.h"
 #include "apps/study/tables.h"
 #include "dfr/core/contract.h"
@@ -56,13 +57,18 @@ class Units {
     }
     if (study.kind == Kind::kGuards) {
       CheckNames("policy", study.policies, PolicyNames());
-      CheckNames("method", controllers_, GuardNames());
+      std::vector<std::string> known = GuardNames();
+      known.insert(known.end(), PlaceboNames().begin(), PlaceboNames().end());
+      CheckNames("method", controllers_, known);
     }
+    CheckPlacebos();
     controllers_.insert(controllers_.begin(), kAlone);
     for (const std::string& policy : study.policies) {
       for (const std::string& controller : controllers_) {
         plan_.methods.push_back(MethodOf(controller, policy));
         if (study.kind == Kind::kControllers) {
+          // A placebo is made around the policy alone.
+          if (IsPlacebo(controller)) continue;
           static_cast<void>(ParseMethod(plan_.methods.back()));
         } else if (study.kind == Kind::kPlane) {
           static_cast<void>(ParseMethod(plan_.methods.back(), planar::kPlanarMethods));
@@ -88,10 +94,26 @@ class Units {
     });
   }
   [[nodiscard]] std::unique_ptr<Runner> Make(const experiment::EvaluationUnit& unit) {
-    return std::make_unique<Runner>(PlaceOf(unit.learner), PreparedFor(unit), plan_.methods);
+    std::vector<EpisodeSeeds> seeds;
+    for (int i = 0; i < plan_.episodes; ++i) {
+      // No start state is drawn anew where there are placebos.
+      seeds.push_back({experiment::StartSeed(plan_, unit.trial, i, 0),
+                       experiment::ControllerSeed(plan_, unit.trial, i)});
+    }
+    return std::make_unique<Runner>(PlaceOf(unit.learner), PreparedFor(unit), plan_.methods,
+                                    std::move(seeds));
   }
 
  private:
+  void CheckPlacebos() const {
+    const auto placebo =
+        std::ranges::find_if(controllers_, [](const std::string& name) { return IsPlacebo(name); });
+    if (placebo == controllers_.end() || study_.kind == Kind::kPlane) return;
+    DFR_THROW_UNLESS(std::ranges::count(controllers_, kJudged) > 0,
+                     "the method '" << *placebo << "' intervenes as often as the method '"
+                                    << kJudged << "' does: add '" << kJudged << "' to the methods");
+  }
+
   const Study& study_;
   std::vector<Task> tasks_;
   std::map<std::string, Place> places_;
@@ -124,21 +146,32 @@ std::map<std::string, std::string> SettingsOf(const Study& study) {
 void AddUnit(const experiment::UnitResult& unit, std::size_t alone, std::size_t method,
              const std::string& name, Row& row) {
   using core::Outcome;
+  TrialCounts& trial = row.trials.at(static_cast<std::size_t>(unit.unit.trial));
   for (std::size_t i = 0; i < unit.starts.size(); ++i) {
     const Outcome without = unit.episodes[alone][i].outcome;
     const experiment::EpisodeResult& episode = unit.episodes[method][i];
     const bool completed = episode.outcome == Outcome::kCompleted;
     const bool collided = episode.outcome == Outcome::kCollided;
-    ++row.episodes;
-    row.completed += completed ? 1 : 0;
-    row.collided += collided ? 1 : 0;
-    row.saved += without == Outcome::kCollided && !collided ? 1 : 0;
+    ++trial.episodes;
+    trial.completed += completed ? 1 : 0;
+    trial.collided += collided ? 1 : 0;
+    trial.halted += completed || collided ? 0 : 1;
+    trial.saved += without == Outcome::kCollided && !collided ? 1 : 0;
+    trial.harmed += without == Outcome::kCompleted && !completed ? 1 : 0;
+    trial.controls += episode.controls;
+    trial.changed += episode.changed_controls;
     row.saved_completed += without == Outcome::kCollided && completed ? 1 : 0;
-    row.harmed += without == Outcome::kCompleted && !completed ? 1 : 0;
-    row.controls += episode.controls;
-    row.changed += episode.changed_controls;
+    row.change += episode.change;
+    row.sized_changes += episode.sized_changes;
     if (!completed) ++row.causes[(collided ? "failed: " : "halted: ") + episode.cause];
   }
+  row.episodes += trial.episodes;
+  row.completed += trial.completed;
+  row.collided += trial.collided;
+  row.saved += trial.saved;
+  row.harmed += trial.harmed;
+  row.controls += trial.controls;
+  row.changed += trial.changed;
   const auto alarms = [&](Outcome outcome) {
     const auto measure = unit.measures.find(AlarmsIn(outcome, name));
     return measure == unit.measures.end() ? 0 : static_cast<int>(measure->second);
@@ -160,8 +193,9 @@ Study Study::OfGuards() {
   study.episodes = 100;
   study.kind = Kind::kGuards;
   study.tasks = {"gallery"};
-  study.policies = {"good", "weak", "biased", "lwr", "knn"};
+  study.policies = {"good", "weak", "biased", "lwr", "lwr-cv", "knn", "none"};
   study.controllers = GuardNames();
+  study.controllers.insert(study.controllers.end(), PlaceboNames().begin(), PlaceboNames().end());
   study.conditions = {"as demonstrated"};
   return study;
 }
@@ -207,6 +241,7 @@ std::vector<Row> RunStudy(const Study& study) {
       const std::size_t alone = method / controllers.size() * controllers.size();
       Row row{place.task->name, place.condition->name, study.policies[method / controllers.size()],
               controllers[method - alone]};
+      row.trials.resize(static_cast<std::size_t>(plan.trials));
       for (const experiment::UnitResult& unit : found->units) {
         if (unit.unit.learner == learner) AddUnit(unit, alone, method, plan.methods[method], row);
       }

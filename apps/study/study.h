@@ -43,8 +43,21 @@ struct Study : experiment::ExperimentOptions {
   planar::MethodOptions plane = {};  ///< For planar tasks.
 };
 
-/// The strategies of guards.
+/// The strategies of guards. A study of guards or controllers takes PlaceboNames() besides.
 [[nodiscard]] const std::vector<std::string>& GuardNames();
+
+/// What one trial adds to a Row.
+struct TrialCounts {
+  int episodes = 0;
+  int completed = 0;
+  int collided = 0;
+  int halted = 0;
+  int saved = 0;
+  int harmed = 0;
+  double controls = 0.0;  ///< In all episodes.
+  double changed = 0.0;   ///< Controls among them that are not the policy's to the bit.
+  bool operator==(const TrialCounts&) const = default;
+};
 
 /// One method around one policy, in one task under one condition, over all trials.
 struct Row {
@@ -66,6 +79,9 @@ struct Row {
   /// Why others than `completed` ended: "halted: no-progress", or who chose the control that
   /// collided.
   std::map<std::string, int> causes = {};
+  double change = 0.0;    ///< Sum of control::Step::change over changed controls that have one.
+  int sized_changes = 0;  ///< Number of these.
+  std::vector<TrialCounts> trials = {};  ///< [trial]
   bool operator==(const Row&) const = default;
 };
 

@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <fstream>
+#include <iterator>
 #include <map>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 
 #include "apps/study/runner.h"
+#include "apps/study/totals.h"
 #include "dfr/core/format.h"
 #include "dfr/experiment/episodes.h"
 #include "dfr/experiment/intervals.h"
@@ -18,6 +21,10 @@ namespace {
 std::string Shown(const std::string& controller) {
   return controller == kAlone ? "alone" : controller;
 }
+
+constexpr const char* kChangeUnit =
+    "Passed: controls that are the policy's to the bit. Change: mean size of the others' changes, "
+    "in ordinary demonstrated controls.";
 
 double Share(int count, int of) { return 100.0 * count / of; }
 
@@ -66,10 +73,50 @@ std::string Compared(const Row& row) {
                       Share(row.harmed, row.episodes));
 }
 
-// Per cent of the controls that are the policy's to the bit.
-std::string Passed(const Row& row) {
-  return row.controls > 0.0 ? core::Format("%.1f", 100.0 * (1.0 - row.changed / row.controls))
-                            : "-";
+std::string Number(const std::optional<double>& value, int digits, double factor = 1.0) {
+  return value ? core::Format("%.*f", digits, factor * *value) : "-";
+}
+
+// "96.3 / 0.41": per cent of the controls that are the policy's to the bit, and the mean size of
+// the others' changes.
+std::string Interventions(const Totals& totals) {
+  return Number(totals.passed(), 1, 100.0) + " / " + Number(totals.change(), 2);
+}
+
+// "90.0 [84.1, 94.2]": per cent with its interval.
+std::string Percent(double share, const std::optional<experiment::Interval>& interval, int digits) {
+  std::string text = core::Format("%.*f", digits, 100.0 * share);
+  if (interval) {
+    text += core::Format(" [%.*f, %.*f]", digits, 100.0 * interval->low, digits,
+                         100.0 * interval->high);
+  }
+  return text;
+}
+
+std::string Percent(const Totals& totals, int TrialCounts::*count, int digits) {
+  return Percent(static_cast<double>(totals.counts().*count) / totals.episodes(),
+                 totals.IntervalOf(count), digits);
+}
+
+std::string PassedPercent(const Totals& totals, int digits) {
+  const std::optional<double> passed = totals.passed();
+  return passed ? Percent(*passed, totals.PassedInterval(), digits) : "-";
+}
+
+std::vector<Row> Select(const std::vector<Row>& rows, const std::string& policy,
+                        const std::string& controller) {
+  std::vector<Row> selected;
+  std::ranges::copy_if(rows, std::back_inserter(selected), [&](const Row& row) {
+    return row.policy == policy && row.controller == controller;
+  });
+  return selected;
+}
+
+const char* ClusterText(const Totals& totals) {
+  const std::string clusters = totals.clusters();
+  if (clusters == "task") return "clustered by task";
+  return clusters == "trial" ? "clustered by trial"
+                             : "that take episodes as independent: there are fewer than 3 trials";
 }
 
 template <typename Member>
@@ -87,11 +134,15 @@ experiment::ReportTable PolicyTable(const std::vector<Row>& rows, const std::str
   table.heading = "Policy: " + policy;
   table.caption =
       "Completed / collided, then saved / harmed against the policy alone, in per cent of " +
-      std::to_string(rows.front().episodes) + " episodes a cell.";
+      std::to_string(rows.front().episodes) +
+      " episodes a cell; then per cent of the controls passed to the bit / mean size of the "
+      "others' changes, in ordinary demonstrated controls.";
   table.header = {"task", "condition"};
   for (const std::string& controller : controllers) {
     table.header.push_back(Shown(controller));
-    if (controller != kAlone) table.header.emplace_back("saved / harmed");
+    if (controller == kAlone) continue;
+    table.header.emplace_back("saved / harmed");
+    table.header.emplace_back("passed / change");
   }
   for (const Row& row : rows) {
     if (row.policy != policy) continue;
@@ -104,6 +155,8 @@ experiment::ReportTable PolicyTable(const std::vector<Row>& rows, const std::str
     if (row.controller == kAlone) continue;
     table.rows.back().push_back(Compared(row));
     table.commands.back().push_back(ComparedCommand(row));
+    table.rows.back().push_back(Interventions(Totals(row)));
+    table.commands.back().emplace_back();
   }
   return table;
 }
@@ -112,51 +165,39 @@ experiment::ReportTable MeansTable(const std::vector<Row>& rows,
                                    const std::vector<std::string>& policies,
                                    const std::vector<std::string>& controllers) {
   experiment::ReportTable table;
-  table.heading = "Over all rows";
-  table.caption = "Means in per cent, and the worst row of each.";
-  table.header = {"policy", "controller", "completed",       "collided", "saved",
-                  "harmed", "passed",     "most collisions", "most harm"};
+  table.heading = "Over all tasks and conditions";
+  table.caption = std::string("Means in per cent with 95 % intervals ") +
+                  ClusterText(Totals(Select(rows, policies[0], controllers[0]))) +
+                  ", and the worst row of each. " + kChangeUnit;
+  table.header = {"policy", "controller", "completed", "collided",        "saved",
+                  "harmed", "passed",     "change",    "most collisions", "most harm"};
   for (const std::string& policy : policies) {
     for (const std::string& controller : controllers) {
-      Row sum{.task = "", .condition = "", .policy = policy, .controller = controller};
-      const Row* collides = nullptr;
-      const Row* harms = nullptr;
-      for (const Row& row : rows) {
-        if (row.policy != policy || row.controller != controller) continue;
-        sum.episodes += row.episodes;
-        sum.completed += row.completed;
-        sum.collided += row.collided;
-        sum.saved += row.saved;
-        sum.harmed += row.harmed;
-        // A mean over rows: long episodes count no more than short ones.
-        sum.controls += 1.0;
-        sum.changed += row.controls > 0.0 ? row.changed / row.controls : 0.0;
-        if (collides == nullptr || row.collided > collides->collided) collides = &row;
-        if (harms == nullptr || row.harmed > harms->harmed) harms = &row;
-      }
-      const auto text = [&](int count) { return core::Format("%.2f", Share(count, sum.episodes)); };
+      const std::vector<Row> selected = Select(rows, policy, controller);
+      const Totals totals(selected);
+      const Row sum{.task = "", .condition = "", .policy = policy, .controller = controller};
+      const Row& collides = *std::ranges::max_element(selected, {}, &Row::collided);
+      const Row& harms = *std::ranges::max_element(selected, {}, &Row::harmed);
+      const bool alone = controller == kAlone;
+      const auto against = [&](int TrialCounts::*count) {
+        return alone ? "" : Percent(totals, count, 2);
+      };
       const auto worst = [](const Row& row, int count) {
         return core::Format("%.1f %s%s%s", Share(count, row.episodes), row.task.c_str(), kBetween,
                             row.condition.c_str());
       };
-      table.rows.push_back({policy, Shown(controller), text(sum.completed), text(sum.collided),
-                            text(sum.saved), text(sum.harmed), Passed(sum),
-                            worst(*collides, collides->collided), worst(*harms, harms->harmed)});
-      const bool alone = controller == kAlone;
+      table.rows.push_back(
+          {policy, Shown(controller), Percent(totals, &TrialCounts::completed, 2),
+           Percent(totals, &TrialCounts::collided, 2), against(&TrialCounts::saved),
+           against(&TrialCounts::harmed), PassedPercent(totals, 1), Number(totals.change(), 2),
+           worst(collides, collides.collided), alone ? "" : worst(harms, harms.harmed)});
       table.commands.push_back({"", "", CommandOf(sum, {"completed"}), CommandOf(sum, {"collided"}),
                                 alone ? "" : SavedCommand(sum), alone ? "" : HarmedCommand(sum), "",
-                                CommandOf(*collides, {"collided"}),
-                                alone ? "" : HarmedCommand(*harms)});
+                                "", CommandOf(collides, {"collided"}),
+                                alone ? "" : HarmedCommand(harms)});
     }
   }
   return table;
-}
-
-// "90.0 [84.1, 94.2]": per cent with its interval.
-std::string Percent(int count, int of) {
-  if (of == 0) return "-";
-  const experiment::Interval i = experiment::ProportionInterval(count, of);
-  return core::Format("%.1f [%.1f, %.1f]", 100.0 * count / of, 100.0 * i.low, 100.0 * i.high);
 }
 
 // "12.3 (8, 30)": mean, median and 90 % quantile.
@@ -197,7 +238,7 @@ std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows) {
   for (const std::string& policy : Distinct(rows, &Row::policy)) {
     std::vector<std::string> names;
     std::vector<std::string> supports;
-    std::map<std::pair<std::string, std::string>, Row> sums;  // by support and controller
+    std::map<std::pair<std::string, std::string>, std::vector<Row>> sums;  // support, controller
     for (const Row& row : rows) {
       if (row.policy != policy) continue;
       const std::size_t slash = std::min(row.controller.find('/'), row.controller.size());
@@ -208,16 +249,13 @@ std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows) {
       if (!support.empty() && std::ranges::count(supports, support) == 0) {
         supports.push_back(support);
       }
-      Row& sum = sums[{support, name}];
-      sum.policy = row.policy;
-      sum.controller = row.controller;
-      sum.episodes += row.episodes;
-      sum.completed += row.completed;
-      sum.collided += row.collided;
+      sums[{support, name}].push_back(row);
     }
     experiment::ReportTable table{
         .heading = "Support and controller, policy: " + policy,
-        .caption = "Completed / collided in per cent, means over all tasks and conditions.",
+        .caption = std::string("Completed / collided / passed in per cent / change, means over all "
+                               "tasks and conditions. ") +
+                   kChangeUnit,
         .header = {"support"},
         .rows = {}};
     for (const std::string& name : names) table.header.push_back(Shown(name));
@@ -226,9 +264,22 @@ std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows) {
       table.commands.push_back({""});
       for (const std::string& name : names) {
         // The policy alone looks at no support.
-        const auto sum = sums.find({name == kAlone ? "" : support, name});
-        table.rows.back().push_back(sum == sums.end() ? "-" : Outcomes(sum->second));
-        table.commands.back().push_back(sum == sums.end() ? "" : OutcomesCommand(sum->second));
+        const auto found = sums.find({name == kAlone ? "" : support, name});
+        if (found == sums.end()) {
+          table.rows.back().emplace_back("-");
+          table.commands.back().emplace_back();
+          continue;
+        }
+        const Totals totals(found->second);
+        const Row sum{.task = "",
+                      .condition = "",
+                      .policy = policy,
+                      .controller = found->second.front().controller,
+                      .episodes = totals.episodes(),
+                      .completed = totals.counts().completed,
+                      .collided = totals.counts().collided};
+        table.rows.back().push_back(Outcomes(sum) + " / " + Interventions(totals));
+        table.commands.back().push_back(OutcomesCommand(sum));
       }
     }
     tables.push_back(std::move(table));
@@ -242,7 +293,8 @@ experiment::ReportTable WhereItFails(const std::vector<Row>& rows, const std::st
   experiment::ReportTable table;
   table.heading = "Where " + controller + " fails around a policy that completes half or more";
   table.caption = "It collides in more than 0.5 % of the episodes, or harms more than 2 %.";
-  table.header = {"task", "condition", "policy", "alone", "guarded", "saved / harmed"};
+  table.header = {"task",    "condition",      "policy",         "alone",
+                  "guarded", "saved / harmed", "passed / change"};
   const Row* alone = nullptr;
   for (const Row& row : rows) {
     if (row.controller == kAlone) alone = &row;
@@ -252,21 +304,24 @@ experiment::ReportTable WhereItFails(const std::vector<Row>& rows, const std::st
         Share(row.harmed, row.episodes) <= kMostHarmed) {
       continue;
     }
-    table.rows.push_back(
-        {row.task, row.condition, row.policy, Outcomes(*alone), Outcomes(row), Compared(row)});
+    table.rows.push_back({row.task, row.condition, row.policy, Outcomes(*alone), Outcomes(row),
+                          Compared(row), Interventions(Totals(row))});
     table.commands.push_back(
-        {"", "", "", OutcomesCommand(*alone), OutcomesCommand(row), ComparedCommand(row)});
+        {"", "", "", OutcomesCommand(*alone), OutcomesCommand(row), ComparedCommand(row), ""});
   }
   return table;
 }
 
 std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows, bool causes) {
+  std::vector<experiment::ReportTable> tables;
+  if (rows.empty()) return tables;
   experiment::ReportTable table{
       .heading = "Episodes",
-      .caption = "In per cent of the episodes, with 95 % intervals that take them as independent.",
+      .caption = std::string("In per cent of the episodes, with 95 % intervals ") +
+                 ClusterText(Totals(rows.front())) + ". " + kChangeUnit,
       .header = {"task", "condition", "policy", "method", "ok %", "failed %", "halted %", "saved",
-                 "saved-ok", "harmed", "passed %", "controls", "alarms in fail.", "false alarms",
-                 "controls per recovery"},
+                 "saved-ok", "harmed", "passed %", "change", "controls", "alarms in fail.",
+                 "false alarms", "controls per recovery"},
       .rows = {}};
   experiment::ReportTable why{
       .heading = "Why episodes were not completed",
@@ -277,41 +332,84 @@ std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
     const bool alone = row.controller == kAlone;
     const bool monitor = row.controller == safety::Name(safety::Strategy::kMonitor);
     const auto share = [&](int count) { return core::Format("%.0f", Share(count, row.episodes)); };
-    table.rows.push_back({row.task, row.condition, row.policy, Shown(row.controller),
-                          Percent(row.completed, row.episodes), Percent(row.collided, row.episodes),
-                          Percent(row.episodes - row.completed - row.collided, row.episodes),
-                          share(row.saved), share(row.saved_completed), share(row.harmed),
-                          Passed(row), core::Format("%.1f", row.controls),
-                          monitor ? Percent(row.alarmed_failures, row.collided) : "",
-                          monitor ? Percent(row.alarmed_successes, row.completed) : "",
-                          Lengths(row.recoveries)});
+    const auto alarms = [&](int count, int of) -> std::string {
+      if (!monitor) return "";
+      if (of == 0) return "-";
+      return Percent(static_cast<double>(count) / of, experiment::ProportionInterval(count, of), 1);
+    };
+    const Totals totals(row);
+    table.rows.push_back(
+        {row.task, row.condition, row.policy, Shown(row.controller),
+         Percent(totals, &TrialCounts::completed, 1), Percent(totals, &TrialCounts::collided, 1),
+         Percent(totals, &TrialCounts::halted, 1), share(row.saved), share(row.saved_completed),
+         share(row.harmed), PassedPercent(totals, 1), Number(totals.change(), 2),
+         core::Format("%.1f", row.controls), alarms(row.alarmed_failures, row.collided),
+         alarms(row.alarmed_successes, row.completed), Lengths(row.recoveries)});
     table.commands.push_back({"", "", "", "", CommandOf(row, {"completed"}),
                               CommandOf(row, {"collided"}), CommandOf(row, {"halted"}),
                               alone ? "" : SavedCommand(row),
                               alone ? "" : CommandOf(row, {"completed"}, {"collided"}),
-                              alone ? "" : HarmedCommand(row), "", "", "", "", ""});
+                              alone ? "" : HarmedCommand(row), "", "", "", "", "", ""});
     for (const auto& [cause, count] : row.causes) {
       why.rows.push_back({row.task, row.condition, row.policy, Shown(row.controller),
                           std::to_string(count), cause});
     }
   }
-  std::vector<experiment::ReportTable> tables = {
-      std::move(table),
-      MeansTable(rows, Distinct(rows, &Row::policy), Distinct(rows, &Row::controller))};
+  tables.push_back(std::move(table));
+  tables.push_back(
+      MeansTable(rows, Distinct(rows, &Row::policy), Distinct(rows, &Row::controller)));
   if (causes) tables.push_back(std::move(why));
   return tables;
+}
+
+experiment::ReportFigure MakeFigure(const std::vector<Row>& rows) {
+  experiment::ReportFigure figure{
+      .heading = "Completion over intervention",
+      .caption =
+          "A plot a policy and a point a method, over all tasks and conditions. A guard "
+          "stands at the upper left: it completes much and changes little.",
+      .plots = {}};
+  if (rows.empty()) return figure;
+  const std::vector<std::string> controllers = Distinct(rows, &Row::controller);
+  for (const std::string& policy : Distinct(rows, &Row::policy)) {
+    experiment::ReportPlot plot{.title = "Policy: " + policy,
+                                .x_label = "controls not passed, %",
+                                .percent = true,
+                                .y_min = 0.0,
+                                .y_max = 1.0};
+    for (std::size_t i = 0; i < controllers.size(); ++i) {
+      const Totals totals(Select(rows, policy, controllers[i]));
+      const experiment::Interval interval = totals.IntervalOf(&TrialCounts::completed);
+      plot.series.push_back(
+          {.name = Shown(controllers[i]),
+           .x = {100.0 * (1.0 - totals.passed().value_or(1.0))},
+           .y = {static_cast<double>(totals.counts().completed) / totals.episodes()},
+           .low = {interval.low},
+           .high = {interval.high},
+           .commands = {CommandOf(
+               {.task = "", .condition = "", .policy = policy, .controller = controllers[i]},
+               {"completed"})},
+           .style = static_cast<int>(i)});
+    }
+    figure.plots.push_back(std::move(plot));
+  }
+  figure.caption += std::string(" Bars are 95 % intervals ") +
+                    ClusterText(Totals(Select(rows, rows[0].policy, controllers[0]))) + ".";
+  return figure;
 }
 
 void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path) {
   std::ofstream out(path);
   out << "task,condition,policy,method,episodes,ok,failed,halted,saved,saved_ok,harmed,"
-         "alarmed_failures,alarmed_successes,controls,changed\n";
+         "alarmed_failures,alarmed_successes,controls,changed,change\n";
   for (const Row& row : rows) {
     out << row.task << ',' << row.condition << ',' << row.policy << ',' << Shown(row.controller)
         << ',' << row.episodes << ',' << row.completed << ',' << row.collided << ','
         << row.episodes - row.completed - row.collided << ',' << row.saved << ','
         << row.saved_completed << ',' << row.harmed << ',' << row.alarmed_failures << ','
-        << row.alarmed_successes << ',' << row.controls << ',' << row.changed << '\n';
+        << row.alarmed_successes << ',' << row.controls << ',' << row.changed << ','
+        << (row.sized_changes > 0 ? core::Format("%.6g", row.change / row.sized_changes) : "")
+        << '\n';
   }
   if (!out.flush()) throw std::runtime_error(path.string() + ": cannot be written");
 }

@@ -15,19 +15,22 @@ inline constexpr const char* kBetween = ": ";
 [[nodiscard]] std::string MethodOf(const std::string& controller, const std::string& policy);
 
 /// A table a policy, with a row for each task and condition: completed / collided of each
-/// controller, then saved / harmed, in per cent. Behind them a table of means and worst rows.
+/// controller, then saved / harmed and passed, in per cent, with the size of changes. Behind them a
+/// table of means and worst rows.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeTables(const std::vector<Row>& rows);
 
-/// A row for each of `rows`, shares in per cent with 95 % intervals, and the table of means. The
-/// intervals take episodes as independent; those of one trial share demonstrations and policy. With
-/// `causes` a table of them.
+/// A row for each of `rows`, shares in per cent with the 95 % intervals of Totals, and the table of
+/// means. With `causes` a table of them.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
                                                                  bool causes);
 
 /// What support and controller buy, a table a policy, from rows whose controllers are
-/// "<controller>/<support>": means over all tasks and conditions of completed / collided in per
-/// cent.
+/// "<controller>/<support>": means over all tasks and conditions of completed / collided /
+/// passed in per cent / size of changes.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows);
+
+/// Completion over intervention: a plot a policy, a point with its interval a method.
+[[nodiscard]] experiment::ReportFigure MakeFigure(const std::vector<Row>& rows);
 
 /// Rows of a good policy (one that completes at least half of the episodes) in which `controller`
 /// collides in more than .5 % or harms more than 2 %.

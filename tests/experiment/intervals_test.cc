@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <vector>
@@ -237,7 +238,7 @@ TEST(McNemarTest, IsTheTwoSidedSignTest) {
 TEST(ContrastTest, RatiosAreThoseOfTheTotals) {
   const std::vector<PairedCounts> units = {
       {60, 20, 1, 40, 10, 0}, {60, 30, 2, 40, 20, 0}, {60, 10, 0, 40, 0, 0}};
-  const PairedContrast contrast = EstimateContrast(units, {.resamples = 500});
+  const PairedContrast contrast = EstimateContrast(units);
   EXPECT_NEAR(contrast.collision_reduction.value(), 1.0 - 3.0 / 30.0, 1e-15);
   EXPECT_NEAR(contrast.completion_ratio.value(), 60.0 / 120.0, 1e-15);
   EXPECT_LE(contrast.completion_ratio_interval.value().low, 0.5);
@@ -246,23 +247,22 @@ TEST(ContrastTest, RatiosAreThoseOfTheTotals) {
 
 TEST(ContrastTest, WhatIsUndefinedIsAbsent) {
   const std::vector<PairedCounts> no_collisions = {{60, 20, 1, 40, 0, 0}, {60, 20, 1, 40, 0, 0}};
-  const PairedContrast contrast = EstimateContrast(no_collisions, {.resamples = 100});
+  const PairedContrast contrast = EstimateContrast(no_collisions);
   EXPECT_FALSE(contrast.collision_reduction);
   EXPECT_FALSE(contrast.collision_reduction_interval);
   EXPECT_TRUE(contrast.completion_ratio_interval);
   const std::vector<PairedCounts> one_trial = {{60, 20, 1, 40, 10, 0}};
-  EXPECT_TRUE(EstimateContrast(one_trial, {}).collision_reduction);
-  EXPECT_FALSE(EstimateContrast(one_trial, {}).collision_reduction_interval);
+  EXPECT_TRUE(EstimateContrast(one_trial).collision_reduction);
+  EXPECT_FALSE(EstimateContrast(one_trial).collision_reduction_interval);
   // Each a stratum of its own: nothing to draw from either.
   const std::vector<PairedCounts> strata = {{60, 20, 1, 40, 10, 0}, {60, 20, 1, 40, 10, 1}};
-  EXPECT_FALSE(EstimateContrast(strata, {}).collision_reduction_interval);
+  EXPECT_FALSE(EstimateContrast(strata).collision_reduction_interval);
 }
 
 // No collision was seen: that is not the same as that there is none.
 TEST(ContrastTest, ZeroCollisionsHaveAnExactBound) {
   const std::vector<PairedCounts> units(5, {60, 20, 0, 40, 10, 0});
-  const Interval interval =
-      EstimateContrast(units, {.resamples = 500}).collision_reduction_interval.value();
+  const Interval interval = EstimateContrast(units).collision_reduction_interval.value();
   EXPECT_EQ(interval.high, 1.0);
   const double share = 1.0 - std::pow(0.025, 1.0 / 50);
   EXPECT_NEAR(interval.low, 1.0 - share / (1.0 - share), 1e-12);
@@ -270,56 +270,103 @@ TEST(ContrastTest, ZeroCollisionsHaveAnExactBound) {
   std::vector<PairedCounts> uneven = units;
   uneven[0].reference_collided = 40;
   for (std::size_t i = 1; i < 5; ++i) uneven[i].reference_collided = i == 1 ? 10 : 0;
-  EXPECT_LT(EstimateContrast(uneven, {.resamples = 500}).collision_reduction_interval.value().low,
-            interval.low);
+  EXPECT_LT(EstimateContrast(uneven).collision_reduction_interval.value().low, interval.low);
 }
 
-TEST(ContrastTest, UnitsAreDrawnWithinTheirStratum) {
-  // Two strata of identical units: however they are drawn, the totals are the same.
+TEST(ContrastTest, UnitsVaryAboutTheirStratum) {
+  // Two strata of identical units: nothing varies.
   const std::vector<PairedCounts> units = {
       {1, 1, 0, 1, 1, 0}, {1, 1, 0, 1, 1, 0}, {1, 0, 1, 1, 1, 1}, {1, 0, 1, 1, 1, 1}};
-  const PairedContrast contrast = EstimateContrast(units, {.resamples = 200});
+  const PairedContrast contrast = EstimateContrast(units);
   EXPECT_EQ(contrast.completion_ratio_interval.value().low, 0.5);
   EXPECT_EQ(contrast.completion_ratio_interval.value().high, 0.5);
 }
 
-TEST(ContrastTest, TheSeedDecides) {
-  const std::vector<PairedCounts> units = {
-      {60, 20, 1, 40, 10, 0}, {60, 30, 2, 40, 20, 0}, {60, 10, 0, 40, 5, 0}};
-  const auto low = [&](std::uint64_t seed) {
-    return EstimateContrast(units, {.resamples = 50, .seed = seed})
-        .completion_ratio_interval.value()
-        .low;
-  };
-  EXPECT_EQ(low(1), low(1));
-  EXPECT_NE(low(1), low(2));
+// By hand: totals 9 and 6, variances 3/2 (1 + 0 + 1) = 3 and 0, t = 4.302653 with 2 degrees of
+// freedom: (9 +- 4.302653 sqrt(3)) / 6.
+TEST(RatioTest, IsStudentsWhereTheDenominatorIsConstant) {
+  const std::vector<RatioPart> units = {{2.0, 2.0}, {3.0, 2.0}, {4.0, 2.0}};
+  ExpectInterval(RatioInterval(units).value(), 1.5 - 1.242069, 1.5 + 1.242069, 1e-6);
 }
 
-// Trials that differ (the rates are drawn per trial), 10 of 60 episodes as in the paper. The
-// percentile bootstrap of 10 units is known to cover less than it says, about 90 %; the bounds are
-// that with four standard errors of 400 repetitions on either side.
-TEST(ContrastTest, IntervalsCoverTheTrueRatioWhenTrialsDiffer) {
-  constexpr int kRepetitions = 400;
-  constexpr double kTrueRatio = 0.65;
-  int covered = 0;
+// Both ends r are where the t test of numerator - r denominator turns: |mean| = t s / sqrt(n).
+TEST(RatioTest, EndsAreWhereTheTTestTurns) {
+  const std::vector<RatioPart> units = {
+      {5.0, 9.0}, {8.0, 12.0}, {4.0, 10.0}, {9.0, 11.0}, {6.0, 8.0}};
+  const Interval interval = RatioInterval(units).value();
+  for (const double r : {interval.low, interval.high}) {
+    double sum = 0.0;
+    double squares = 0.0;
+    for (const RatioPart& unit : units) {
+      const double residual = unit.numerator - r * unit.denominator;
+      sum += residual;
+      squares += residual * residual;
+    }
+    const double variance = (squares - sum * sum / 5.0) / 4.0;
+    EXPECT_NEAR(std::abs(sum / 5.0), 2.776445 * std::sqrt(variance / 5.0), 1e-6);
+  }
+}
+
+TEST(RatioTest, IsAbsentWhereNothingIsKnown) {
+  EXPECT_FALSE(RatioInterval({}));
+  EXPECT_FALSE(RatioInterval(std::vector<RatioPart>{{1.0, 2.0}}));
+  EXPECT_FALSE(RatioInterval(std::vector<RatioPart>{{1.0, 2.0, 0}, {1.0, 2.0, 1}}));
+  // The denominator may be zero.
+  EXPECT_FALSE(RatioInterval(std::vector<RatioPart>{{1.0, 0.0}, {1.0, 0.0}, {1.0, 1.0}}));
+  EXPECT_THROW((void)RatioInterval({}, 1.0), std::invalid_argument);
+}
+
+// The ends of the central 95 % of the ratio in resamples of whole units.
+Interval PercentileBootstrap(const std::vector<PairedCounts>& units, core::Random& random) {
+  constexpr std::size_t kResamples = 200;
+  std::vector<double> ratios;
+  for (std::size_t i = 0; i < kResamples; ++i) {
+    int completed = 0;
+    int reference = 0;
+    for (std::size_t k = 0; k < units.size(); ++k) {
+      const PairedCounts& unit = units[random.Below(units.size())];
+      completed += unit.completed;
+      reference += unit.reference_completed;
+    }
+    ratios.push_back(static_cast<double>(completed) / reference);
+  }
+  std::ranges::sort(ratios);
+  return {ratios[kResamples / 40], ratios[kResamples - 1 - kResamples / 40]};
+}
+
+// Five trials that differ, 60 episodes each: the case of five supervisors.
+TEST(CoverageTest, FiveClustersAreEnoughForTButNotForABootstrap) {
+  constexpr int kRepetitions = 2000;
+  constexpr double kTrueRatio = 0.4 / 0.6;
+  int ratio = 0;
+  int proportion = 0;
+  int bootstrap = 0;
   for (int repetition = 0; repetition < kRepetitions; ++repetition) {
     core::Random random(core::DeriveSeed(11, {static_cast<std::uint64_t>(repetition)}));
-    std::vector<PairedCounts> units(10);
+    std::vector<PairedCounts> units(5);
+    std::vector<ClusterCount> trials;
     for (PairedCounts& unit : units) {
       const double reference = random.Uniform(0.3, 0.9);
+      const double rate = random.Uniform(0.1, 0.7);
       for (int i = 0; i < 60; ++i) {
         ++unit.episodes;
         unit.reference_completed += random.Uniform() < reference ? 1 : 0;
-        unit.completed += random.Uniform() < kTrueRatio * reference ? 1 : 0;
+        unit.completed += random.Uniform() < rate ? 1 : 0;
       }
+      trials.push_back({unit.completed, unit.episodes});
     }
-    const Interval interval =
-        EstimateContrast(units, {.resamples = 500, .seed = 5}).completion_ratio_interval.value();
-    covered += interval.low <= kTrueRatio && kTrueRatio <= interval.high ? 1 : 0;
+    const auto covers = [](Interval interval, double value) {
+      return interval.low <= value && value <= interval.high ? 1 : 0;
+    };
+    const auto interval = EstimateContrast(units).completion_ratio_interval;
+    ratio += interval ? covers(*interval, kTrueRatio) : 1;
+    proportion += covers(ClusteredInterval(trials), 0.4);
+    bootstrap += covers(PercentileBootstrap(units, random), kTrueRatio);
   }
-  const double coverage = static_cast<double>(covered) / kRepetitions;
-  EXPECT_GT(coverage, 0.84);
-  EXPECT_LT(coverage, 0.96);
+  EXPECT_GE(ratio, 0.93 * kRepetitions);
+  EXPECT_LE(ratio, 0.98 * kRepetitions);
+  EXPECT_GE(proportion, 0.93 * kRepetitions);
+  EXPECT_LE(bootstrap, 0.88 * kRepetitions);
 }
 
 }  // namespace

@@ -91,17 +91,36 @@ TEST(ReportTest, NumbersAreThoseOfTheSummary) {
   EXPECT_THAT(html, HasSubstr("41.2 <small>[37.3, 45.2]</small>"));
 }
 
-TEST(ReportTest, SaysWhatWasResampled) {
+TEST(ReportTest, NamesTheClusters) {
   Summary summary = MakeSummary();
-  const auto caption = [&](const char* resampled) {
-    summary.contrasts.front().resampled = resampled;
+  const auto caption = [&](const char* clusters) {
+    summary.contrasts.front().clusters = clusters;
     const std::string html = RenderReport(summary, {.title = "Pusher"});
-    const std::size_t begin = html.find("intervals of a bootstrap over ");
+    const std::size_t begin = html.find("intervals of Fieller's");
     return html.substr(begin, html.find("</p>", begin) - begin);
   };
-  EXPECT_EQ(caption("supervisors"), "intervals of a bootstrap over supervisors.");
-  EXPECT_EQ(caption("trials"), "intervals of a bootstrap over trials.");
-  EXPECT_THAT(caption("episodes"), testing::HasSubstr("too few trials to resample"));
+  EXPECT_EQ(caption("supervisors"), "intervals of Fieller's by t, clustered by supervisor.");
+  EXPECT_EQ(caption("trials"), "intervals of Fieller's by t, clustered by trial.");
+  EXPECT_THAT(caption("episodes"), testing::HasSubstr("too few trials to cluster by"));
+}
+
+TEST(ReportTest, APointHasItsIntervalAsABar) {
+  ReportPlot plot{.title = "Completion", .x_label = "not passed, %", .percent = true};
+  plot.series = {{.name = "guard", .x = {4.0}, .y = {0.9}, .low = {0.8}, .high = {0.95}}};
+  const auto page = [&] {
+    return RenderReport({}, {.figures = {{.heading = "F", .caption = "C", .plots = {plot}}}});
+  };
+  EXPECT_THAT(page(), HasSubstr("<line class=\"bar\""));
+  plot.series[0].low.clear();
+  plot.series[0].high.clear();
+  EXPECT_THAT(page(), testing::Not(HasSubstr("<line class=\"bar\"")));
+}
+
+TEST(ReportTest, ShowsWhatPassed) {
+  Summary summary = MakeSummary();
+  summary.averages[0].passed = 0.9627;
+  summary.averages[0].change = 0.415;
+  EXPECT_THAT(RenderReport(summary, {}), HasSubstr("<td class=\"n\">96.3</td><td class=\"n\">0.4"));
 }
 
 TEST(ReportTest, WhatDoesNotExistIsADash) {

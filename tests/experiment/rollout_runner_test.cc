@@ -36,6 +36,8 @@ class Script final : public control::Controller {
                                Mode::kRecovery, Mode::kPolicy, Mode::kRecovery, Mode::kHalt};
     u[0] = 0.1;
     control::Step step;
+    // Known of all but the probe.
+    if (next_ != 2) step.change = 0.5;
     step.mode = kModes[next_++];
     if (step.mode == Mode::kHalt) step.cause = control::HaltCause::kOutsideSupport;
     return step;
@@ -77,6 +79,10 @@ TEST(RolloutRunnerTest, CountsTheControlsOfEachRecovery) {
   EXPECT_EQ(result.cause, "outside-support");
   EXPECT_EQ(result.controls, 7);
   EXPECT_EQ(result.recovery_controls, 4);
+  // A size counts where the control was changed.
+  EXPECT_EQ(result.changed_controls, 4);
+  EXPECT_EQ(result.sized_changes, 3);
+  EXPECT_EQ(result.change, 1.5);
   EXPECT_EQ(runner.recovery_lengths()[0], (std::vector<int>{3, 1}));
 }
 

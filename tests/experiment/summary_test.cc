@@ -34,7 +34,7 @@ struct ByHand {
     const EpisodeResult completed{Outcome::kCompleted, "", 10, 0, 0, 1.0};
     const EpisodeResult out_of_time{Outcome::kHalted, "time-up", 10, 0, 0, 1.0};
     const EpisodeResult halted{Outcome::kHalted, "iteration-limit", 1010, 1000, 1000, 20.0};
-    const EpisodeResult probe{Outcome::kCollided, "probe", 15, 11, 11, 4.0};
+    const EpisodeResult probe{Outcome::kCollided, "probe", 15, 11, 11, 4.0, 6.0, 4};
     for (int trial = 0; trial < trials; ++trial) {
       results.push_back({{trial, 6, "8"}, 3, {1, 2}, {{collided, collided}, {halted, probe}}, {}});
       results.push_back(
@@ -60,6 +60,10 @@ TEST(SummarizeTest, CountsByHand) {
   EXPECT_EQ(dfr.seconds_per_trajectory, 12.0);
   EXPECT_EQ(dfr.controls_per_trajectory, (1010 + 15) / 2.0);
   EXPECT_EQ(dfr.recovery_controls, 1011 / 2.0);
+  EXPECT_EQ(dfr.passed, 1.0 - 1011.0 / 1025.0);
+  EXPECT_EQ(dfr.change.value(), 6.0 / 4.0);
+  EXPECT_EQ(summary.cells[0].passed, 1.0);
+  EXPECT_FALSE(summary.cells[0].change);
   EXPECT_EQ(dfr.redrawn_starts, 9);
   EXPECT_EQ(dfr.halt_causes.at("iteration-limit"), 3);
   EXPECT_EQ(dfr.collision_causes.at("probe"), 3);
@@ -85,13 +89,13 @@ TEST(SummarizeTest, CountsByHand) {
   EXPECT_EQ(summary.measures[0].mean, 1.0);
 }
 
-TEST(SummarizeTest, TrialsAreResampledWhereThereAreEnough) {
+TEST(SummarizeTest, TrialsAreTheClustersWhereThereAreEnough) {
   const ByHand few(4);
-  EXPECT_EQ(Summarize(few.plan, few.results, {}).contrasts[0].resampled, "episodes");
+  EXPECT_EQ(Summarize(few.plan, few.results, {}).contrasts[0].clusters, "episodes");
   const ByHand enough(5);
   const Contrast contrast = Summarize(enough.plan, enough.results, {}).contrasts[0];
-  EXPECT_EQ(contrast.resampled, "trials");
-  // All trials are alike, so that resampling them changes nothing.
+  EXPECT_EQ(contrast.clusters, "trials");
+  // All trials are alike, so nothing varies.
   EXPECT_EQ(contrast.ratios.collision_reduction_interval.value().low, 0.5);
   EXPECT_EQ(contrast.ratios.collision_reduction_interval.value().high, 0.5);
 }
@@ -105,10 +109,10 @@ TEST(SummarizeTest, FromFiveSupervisorsOnTheseAreTheClusters) {
     for (EpisodeResult& episode : result.episodes[1]) episode.outcome = Outcome::kCollided;
   }
   const Summary by_trial = Summarize(input.plan, input.results, {});
-  EXPECT_EQ(by_trial.contrasts[0].resampled, "trials");
+  EXPECT_EQ(by_trial.contrasts[0].clusters, "trials");
   input.plan.supervisors = 5;
   const Summary by_supervisor = Summarize(input.plan, input.results, {});
-  EXPECT_EQ(by_supervisor.contrasts[0].resampled, "supervisors");
+  EXPECT_EQ(by_supervisor.contrasts[0].clusters, "supervisors");
   const std::vector<ClusterCount> clusters = {{6, 8}, {2, 8}, {2, 8}, {2, 8}, {2, 8}};
   const Interval expected = ClusteredInterval(clusters);
   const Cell& dfr = by_supervisor.averages[1];
@@ -160,6 +164,8 @@ TEST(SummaryJsonTest, HasItsShapeToTheLetter) {
     EXPECT_NEAR(sum, 1.0, 1e-12);
     EXPECT_GT(cell.at("controls_per_trajectory"), 0.0);
     EXPECT_TRUE(cell.at("recovery_controls").is_number());
+    EXPECT_TRUE(cell.at("passed").is_number());
+    EXPECT_TRUE(cell.at("change").is_null() || cell.at("change").is_number());
   }
   ASSERT_EQ(parsed.at("contrasts").size(), 2u);
   for (const json& contrast : parsed.at("contrasts")) {
@@ -203,6 +209,8 @@ TEST(PrintTableTest, ShowsEveryCellAndTheContrast) {
               HasSubstr("learner 8: all data points, 20 episodes a method in 5 trials, %; "
                         "42.9 % of the start states drawn were outside"));
   EXPECT_THAT(out.str(), HasSubstr("dfr        50.0 [ 27.2, 72.8]"));
+  // 1011 of 1045 controls are not the policy's.
+  EXPECT_THAT(out.str(), testing::ContainsRegex("dfr +50.0 .* 3.3 +1.50\n"));
   EXPECT_THAT(out.str(), HasSubstr("against baseline: completions 200 % [200, 200], "
                                    "collisions -50 % [-50, -50], time x8.67"));
   EXPECT_THAT(out.str(), HasSubstr("  demos              baseline                   dfr\n"

@@ -69,6 +69,24 @@ TEST(LocallyWeightedPolicyTest, FarAwayItStillGivesAControlWithinTheLimits) {
   for (const double entry : u) EXPECT_LE(std::abs(entry), 1.0);
 }
 
+// A law that bends needs a narrow width, a straight one under noise a wide one.
+TEST(CrossValidatedWidthTest, FollowsTheLaw) {
+  auto demonstrations = Linear();
+  core::Random random(3);
+  for (auto& d : demonstrations) {
+    for (double& u : d.controls.reshaped()) u += random.Uniform(-0.2, 0.2);
+  }
+  const double wide = CrossValidatedWidth(Identity(), demonstrations);
+  for (auto& d : demonstrations) {
+    d.controls = 0.5 * (4.0 * d.states.topRows(10).array()).sin().matrix();
+  }
+  const double narrow = CrossValidatedWidth(Identity(), demonstrations);
+  EXPECT_GE(wide, 1.0);
+  EXPECT_LE(narrow, 0.35);
+  demonstrations.resize(1);
+  EXPECT_THROW((void)CrossValidatedWidth(Identity(), demonstrations), std::invalid_argument);
+}
+
 TEST(LocallyWeightedPolicyTest, Errors) {
   EXPECT_THROW(LocallyWeightedPolicy(Identity(), {}), std::invalid_argument);
   EXPECT_THROW(LocallyWeightedPolicy(Identity(), Linear(), {.width = 0.0}), std::invalid_argument);

@@ -51,10 +51,10 @@ class PusherSystemTest(ProgramTest):
 
     def test_a_method_runs_around_other_policies(self):
         self.run_pusher("experiment", *ALL[:2], *ALL[4:], "--out", "policies", "--demonstrations", "16", "--methods",
-                        "baseline@zero,lwr,baseline@lwr,guided@lwr,baseline@negated,baseline@random,"
+                        "baseline@none,lwr,baseline@lwr,guided@lwr,baseline@negated,baseline@random,"
                         "baseline@at-constraints,baseline@out-of-support,guided@at-constraints")
         by_method = {c["method"]: c for c in self.summary("policies")["averages"]}
-        self.assertEqual(by_method["baseline@zero"]["halted"], 1.0, "what does not move does not arrive")
+        self.assertEqual(by_method["baseline@none"]["halted"], 1.0, "what does not move does not arrive")
         self.assertEqual(by_method["lwr"] | {"method": ""}, by_method["baseline@lwr"] | {"method": ""})
         self.assertEqual(by_method["baseline@negated"]["completed"], 0.0)
         self.assertGreater(by_method["baseline@at-constraints"]["collided"], 0.5)

@@ -18,7 +18,7 @@ TEST(GuardsTest, RunsBaselinesAndAdversaries) {
   study.episodes = 6;
   study.trials = 1;
   study.seed = 3;
-  study.policies = {"ensemble", "dart", "dagger", "zero", "at-constraints"};
+  study.policies = {"ensemble", "dart", "dagger", "none", "at-constraints"};
   study.controllers = {"guard"};
   std::map<std::pair<std::string, std::string>, Row> rows;
   for (const Row& row : RunStudy(study)) rows[{row.policy, row.controller}] = row;
@@ -26,8 +26,8 @@ TEST(GuardsTest, RunsBaselinesAndAdversaries) {
     EXPECT_GE((rows[{policy, "baseline"}].completed), 5) << policy;
     EXPECT_GE((rows[{policy, "guard"}].completed), 5) << policy;
   }
-  EXPECT_EQ((rows[{"zero", "baseline"}].completed), 0);
-  EXPECT_EQ((rows[{"zero", "baseline"}].collided), 0);
+  EXPECT_EQ((rows[{"none", "baseline"}].completed), 0);
+  EXPECT_EQ((rows[{"none", "baseline"}].collided), 0);
   EXPECT_EQ((rows[{"at-constraints", "baseline"}].collided), 6);
   EXPECT_GE((rows[{"at-constraints", "guard"}].saved), 5);
 }

@@ -24,6 +24,7 @@ Study SmallGuards() {
   Study study = Study::OfGuards();
   study.tasks = {"reach", "balance"};
   study.policies = {"good", "biased"};
+  study.controllers = GuardNames();
   study.demonstrations = 12;
   study.episodes = 4;
   study.trials = 1;
@@ -103,7 +104,7 @@ TEST(GuardsTest, AHaltIsJudgedByWhatTheWorldDoesNext) {
 TEST(GuardsTest, GuidedSavesFromAnAdversary) {
   Study study = SmallGuards();
   study.tasks = {"reach"};
-  study.policies = {"zero", "at-constraints"};
+  study.policies = {"none", "at-constraints"};
   study.controllers = {"baseline", "guard"};
   const std::vector<Row> rows = RunStudy(study);
   ASSERT_EQ(rows.size(), 4u);
@@ -148,7 +149,9 @@ TEST(RowTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
                                       .alarmed_successes = 15,
                                       .controls = 12.5,
                                       .changed = 5.0,
-                                      .causes = {{"halted: no-progress", 10}}}},
+                                      .causes = {{"halted: no-progress", 10}},
+                                      .change = 6.0,
+                                      .sized_changes = 8}},
                                     true);
   ASSERT_EQ(tables.size(), 3u);
   const std::vector<std::string>& row = tables[0].rows.at(0);
@@ -157,9 +160,10 @@ TEST(RowTableTest, SharesAreOfEpisodesAndAlarmsOfOutcomes) {
   EXPECT_THAT(row[5], testing::StartsWith("20.0 ["));
   EXPECT_THAT(row[6], testing::StartsWith("5.0 ["));
   EXPECT_EQ(row[10], "60.0");  // passed
-  EXPECT_EQ(row[11], "12.5");
-  EXPECT_THAT(row[12], testing::StartsWith("75.0 ["));
-  EXPECT_THAT(row[13], testing::StartsWith("10.0 ["));
+  EXPECT_EQ(row[11], "0.75");  // the size of changes
+  EXPECT_EQ(row[12], "12.5");
+  EXPECT_THAT(row[13], testing::StartsWith("75.0 ["));
+  EXPECT_THAT(row[14], testing::StartsWith("10.0 ["));
   EXPECT_EQ(tables[2].rows.at(0)[4], "10");
   EXPECT_EQ(tables[2].rows.at(0)[5], "halted: no-progress");
 }

@@ -159,7 +159,7 @@ TEST(CompareTest, SettlesWhatIsPlainAndSavesTheRest) {
   comparison.trials = 2;
   comparison.pairs = 60;
   comparison.first = "lwr";
-  comparison.second = "baseline@zero";
+  comparison.second = "baseline@none";
   const auto plain = Compare(comparison);
   EXPECT_TRUE(plain.settled());
   EXPECT_LT(plain.pairs(), 30);
@@ -173,7 +173,7 @@ TEST(CompareTest, SettlesWhatIsPlainAndSavesTheRest) {
   // Most of DFR's episodes halt on the way. The second method's all do at the start.
   comparison.task = "push";
   comparison.first = "dfr@lwr";
-  comparison.second = "baseline@zero";
+  comparison.second = "baseline@none";
   comparison.pairs = 40;
   comparison.alpha = 1e-9;
   comparison.credit.halted = 1.0;

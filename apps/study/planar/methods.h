@@ -36,10 +36,11 @@ struct MethodOptions {
 };
 
 /// study::kOtherMethods and the certified mode.
-inline constexpr std::array<std::string_view, 8> kPlanarMethods = {"certified-direction",
+inline constexpr std::array<std::string_view, 9> kPlanarMethods = {"certified-direction",
                                                                    "finite-difference",
                                                                    "true-jacobian",
                                                                    "lwr",
+                                                                   "lwr-cv",
                                                                    "knn",
                                                                    "ensemble",
                                                                    "dart",

@@ -2,6 +2,7 @@
 
 #include <time.h>
 
+#include <cmath>
 #include <cstddef>
 
 #include "dfr/core/contract.h"
@@ -40,6 +41,11 @@ void Count(const Step& step, RolloutResult& result) noexcept {
   } else {
     ++(mode == Mode::kProbe ? result.probes : result.recovery_steps);
     if (!was_recovering) ++result.recoveries;
+  }
+  const bool changed = mode != Mode::kPolicy || step.filtered;
+  if (changed && std::isfinite(step.change)) {
+    result.change += step.change;
+    ++result.sized_changes;
   }
   result.last_mode = mode;
 }

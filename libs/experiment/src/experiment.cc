@@ -126,8 +126,7 @@ OutputFolder& OutputFolder::operator=(OutputFolder&&) noexcept = default;
 std::optional<ExperimentResult> RunExperiment(const std::string& name, const EvaluationPlan& plan,
                                               const MakeTrialRunner& make,
                                               const std::map<std::string, std::string>& settings,
-                                              const ExperimentOptions& options,
-                                              const BootstrapOptions& bootstrap) {
+                                              const ExperimentOptions& options) {
   if (!options.rerun.episode.empty()) {
     RunAgain(plan, make, settings, options);
     return std::nullopt;
@@ -160,11 +159,9 @@ std::optional<ExperimentResult> RunExperiment(const std::string& name, const Eva
   }
   ExperimentResult result;
   result.units = std::move(units);
-  result.summary = Summarize(plan, result.units,
-                             {.experiment = name,
-                              .preset = options.preset,
-                              .commit = core::BuildCommit(),
-                              .bootstrap = bootstrap});
+  result.summary =
+      Summarize(plan, result.units,
+                {.experiment = name, .preset = options.preset, .commit = core::BuildCommit()});
   if (options.out.empty()) return result;
   SaveSummary(result.summary, options.out / "summary.json");
   SaveTimes(result.summary, options.out / "times.json");

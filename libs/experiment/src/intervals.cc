@@ -8,10 +8,10 @@
 #include <cstdint>
 #include <cstdlib>
 #include <map>
+#include <set>
 #include <vector>
 
 #include "dfr/core/contract.h"
-#include "dfr/core/random.h"
 
 namespace dfr::experiment {
 namespace {
@@ -115,20 +115,6 @@ double LowerEnd(int k, int n, double tail) {
     const double log_first = log_choose + k * std::log(p) + (n - k) * std::log1p(-p);
     return log_first + std::log(sum) - std::log(tail);
   });
-}
-
-// Returns the ends of the central `confidence` of the values, interpolated between order
-// statistics.
-Interval PercentileInterval(std::vector<double>& values, double confidence) {
-  std::sort(values.begin(), values.end());
-  const auto quantile = [&](double q) {
-    const double position = q * static_cast<double>(values.size() - 1);
-    const auto below = static_cast<std::size_t>(position);
-    const std::size_t above = std::min(below + 1, values.size() - 1);
-    const double weight = position - static_cast<double>(below);
-    return (1.0 - weight) * values[below] + weight * values[above];
-  };
-  return {quantile(0.5 * (1.0 - confidence)), quantile(0.5 * (1.0 + confidence))};
 }
 
 PairedCounts Sum(PairedCounts a, const PairedCounts& b) {
@@ -276,8 +262,15 @@ double ClusteredMcNemar(std::span<const DiscordantPairs> clusters) {
 
 namespace {
 
-// Computes the interval of the collision reduction with RateRatioInterval(). Unlike a bootstrap, it
-// allows for events that were not observed.
+// Degrees of freedom that units leave to vary about the means of their strata.
+std::size_t Degrees(std::span<const RatioPart> units) {
+  std::set<int> strata;
+  for (const RatioPart& unit : units) strata.insert(unit.stratum);
+  return units.size() - strata.size();
+}
+
+// The reduction of collisions by RateRatioInterval(), which knows what a variance does not: that no
+// events were seen does not mean that there are none.
 Interval ExactReduction(std::span<const PairedCounts> units, const PairedCounts& total,
                         double confidence) {
   const auto n = static_cast<double>(units.size());
@@ -294,55 +287,81 @@ Interval ExactReduction(std::span<const PairedCounts> units, const PairedCounts&
 
 }  // namespace
 
-PairedContrast EstimateContrast(std::span<const PairedCounts> units,
-                                const BootstrapOptions& options) {
-  DFR_THROW_UNLESS(options.resamples > 0, "resamples must be positive, not " << options.resamples);
-  DFR_THROW_UNLESS(options.confidence > 0.0 && options.confidence < 1.0,
-                   "confidence must lie in (0, 1), not be " << options.confidence);
-  PairedContrast contrast;
+std::optional<Interval> RatioInterval(std::span<const RatioPart> units, double confidence) {
+  DFR_THROW_UNLESS(confidence > 0.0 && confidence < 1.0,
+                   "confidence must lie in (0, 1), not be " << confidence);
+  struct Stratum {
+    int units = 0;
+    double numerator = 0.0;
+    double denominator = 0.0;
+  };
+  std::map<int, Stratum> strata;
+  double numerator = 0.0;
+  double denominator = 0.0;
+  for (const RatioPart& unit : units) {
+    Stratum& stratum = strata[unit.stratum];
+    ++stratum.units;
+    stratum.numerator += unit.numerator;
+    stratum.denominator += unit.denominator;
+    numerator += unit.numerator;
+    denominator += unit.denominator;
+  }
+  // Variances and covariance of the two totals.
+  double squares = 0.0;
+  double products = 0.0;
+  double denominator_squares = 0.0;
+  for (const RatioPart& unit : units) {
+    const Stratum& stratum = strata[unit.stratum];
+    if (stratum.units < 2) continue;
+    const double n = stratum.units;
+    const double dy = unit.numerator - stratum.numerator / n;
+    const double dx = unit.denominator - stratum.denominator / n;
+    const double weight = n / (n - 1.0);
+    squares += weight * dy * dy;
+    products += weight * dx * dy;
+    denominator_squares += weight * dx * dx;
+  }
+  const std::size_t degrees = Degrees(units);
+  if (degrees == 0) return std::nullopt;
+  const double t = StudentQuantile(confidence, static_cast<double>(degrees));
+  // (numerator - r denominator)^2 <= t^2 variance(r), as a r^2 - 2 b r + c <= 0.
+  const double a = denominator * denominator - t * t * denominator_squares;
+  const double b = numerator * denominator - t * t * products;
+  const double c = numerator * numerator - t * t * squares;
+  if (!(a > 0.0)) return std::nullopt;
+  const double root = std::sqrt(std::max(0.0, b * b - a * c));
+  return Interval{std::max(0.0, (b - root) / a), std::max(0.0, (b + root) / a)};
+}
+
+PairedContrast EstimateContrast(std::span<const PairedCounts> units, double confidence) {
   PairedCounts total;
-  std::map<int, std::vector<PairedCounts>> strata;
+  std::vector<RatioPart> collided;
+  std::vector<RatioPart> completed;
   for (const PairedCounts& unit : units) {
     total = Sum(total, unit);
-    strata[unit.stratum].push_back(unit);
+    collided.push_back({static_cast<double>(unit.collided),
+                        static_cast<double>(unit.reference_collided), unit.stratum});
+    completed.push_back({static_cast<double>(unit.completed),
+                         static_cast<double>(unit.reference_completed), unit.stratum});
   }
-  const auto reduction = [](const PairedCounts& counts) {
-    return 1.0 - static_cast<double>(counts.collided) / counts.reference_collided;
-  };
-  const auto ratio = [](const PairedCounts& counts) {
-    return static_cast<double>(counts.completed) / counts.reference_completed;
-  };
-  if (total.reference_collided > 0) contrast.collision_reduction = reduction(total);
-  if (total.reference_completed > 0) contrast.completion_ratio = ratio(total);
-  const bool can_resample = std::any_of(
-      strata.begin(), strata.end(), [](const auto& stratum) { return stratum.second.size() > 1; });
-  if (!can_resample) return contrast;
-
-  core::Random random(options.seed);
-  std::vector<double> reductions;
-  std::vector<double> ratios;
-  for (int i = 0; i < options.resamples; ++i) {
-    PairedCounts drawn;
-    for (const auto& [name, stratum] : strata) {
-      for (std::size_t k = 0; k < stratum.size(); ++k) {
-        drawn = Sum(drawn, stratum[random.Below(stratum.size())]);
-      }
-    }
-    if (drawn.reference_collided > 0) reductions.push_back(reduction(drawn));
-    if (drawn.reference_completed > 0) ratios.push_back(ratio(drawn));
+  PairedContrast contrast;
+  if (total.reference_completed > 0) {
+    contrast.completion_ratio = static_cast<double>(total.completed) / total.reference_completed;
+    contrast.completion_ratio_interval = RatioInterval(completed, confidence);
   }
-  const auto enough = static_cast<std::size_t>(options.resamples / 2);
-  if (contrast.collision_reduction && reductions.size() > enough) {
-    Interval interval = PercentileInterval(reductions, options.confidence);
-    constexpr int kFew = 5;
-    if (total.collided < kFew) {
-      const Interval exact = ExactReduction(units, total, options.confidence);
-      interval = {std::min(interval.low, exact.low), std::max(interval.high, exact.high)};
-    }
-    contrast.collision_reduction_interval = interval;
-  }
-  if (contrast.completion_ratio && ratios.size() > enough) {
-    contrast.completion_ratio_interval = PercentileInterval(ratios, options.confidence);
+  if (total.reference_collided == 0) return contrast;
+  contrast.collision_reduction =
+      1.0 - static_cast<double>(total.collided) / total.reference_collided;
+  if (Degrees(collided) == 0) return contrast;
+  const std::optional<Interval> ratio = RatioInterval(collided, confidence);
+  std::optional<Interval>& interval = contrast.collision_reduction_interval;
+  if (ratio) interval = Interval{1.0 - ratio->high, 1.0 - ratio->low};
+  constexpr int kFew = 5;
+  if (total.collided < kFew) {
+    const Interval exact = ExactReduction(units, total, confidence);
+    interval = interval ? Interval{std::min(interval->low, exact.low),
+                                   std::max(interval->high, exact.high)}
+                        : exact;
   }
   return contrast;
 }

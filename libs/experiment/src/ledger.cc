@@ -119,6 +119,8 @@ Json ToJson(const LedgerRecord& record) {
     Json recovery_controls = Json::array();
     Json changed_controls = Json::array();
     Json seconds = Json::array();
+    Json changes = Json::array();
+    Json sized_changes = Json::array();
     for (const EpisodeResult& episode : method) {
       outcomes += "CHX"[static_cast<int>(episode.outcome)];
       causes.push_back(episode.cause);
@@ -126,13 +128,17 @@ Json ToJson(const LedgerRecord& record) {
       recovery_controls.push_back(episode.recovery_controls);
       changed_controls.push_back(episode.changed_controls);
       seconds.push_back(episode.seconds);
+      changes.push_back(episode.change);
+      sized_changes.push_back(episode.sized_changes);
     }
     episodes.push_back({{"outcomes", outcomes},
                         {"causes", causes},
                         {"controls", controls},
                         {"recovery_controls", recovery_controls},
                         {"changed_controls", changed_controls},
-                        {"seconds", seconds}});
+                        {"seconds", seconds},
+                        {"changes", changes},
+                        {"sized_changes", sized_changes}});
   }
   return {{"trial", result.unit.trial},
           {"demonstrations", result.unit.demonstrations},
@@ -214,7 +220,8 @@ LedgerRecord RecordFrom(const Json& json, const EvaluationPlan& plan) {
     for (std::size_t i = 0; i < count; ++i) {
       episodes.push_back({OutcomeOf(outcomes[i]), method.at("causes").at(i),
                           method.at("controls").at(i), method.at("recovery_controls").at(i),
-                          method.at("changed_controls").at(i), method.at("seconds").at(i)});
+                          method.at("changed_controls").at(i), method.at("seconds").at(i),
+                          method.at("changes").at(i), method.at("sized_changes").at(i)});
     }
   }
   if (result.episodes.size() != plan.methods.size()) {

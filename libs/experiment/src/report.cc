@@ -214,15 +214,17 @@ class Page {
       }
       out_ << "</div>\n";
     }
-    const std::string& resampled = summary_.contrasts.front().resampled;
-    out_ << "<p class=\"caption\">Totals over all data points against " << reference
-         << "'s, from the same start states; in brackets 95 % intervals of a bootstrap over "
-         << (resampled == "episodes"
-                 ? "the start states of each trial. There are too few trials to resample these, so "
-                   "the intervals say nothing of how trials differ"
-                 : resampled)
-         << "."
-         << "</p>\n";
+    const std::string& clusters = summary_.contrasts.front().clusters;
+    out_
+        << "<p class=\"caption\">Totals over all data points against " << reference
+        << "'s, from the same start states; in brackets 95 % intervals of Fieller's by t, "
+           "clustered by "
+        << (clusters == "episodes"
+                ? "start state within each trial. There are too few trials to cluster by these, so "
+                  "the intervals say nothing of how trials differ"
+            : clusters == "trials" ? "trial"
+                                   : "supervisor")
+        << ".</p>\n";
   }
 
   [[nodiscard]] std::size_t DataPoints() const {
@@ -316,10 +318,16 @@ class Page {
     }
   }
 
+  void InterventionCells(const Cell& cell) {
+    out_ << "<td class=\"n\">" << Number(100.0 * cell.passed, 1) << "</td><td class=\"n\">"
+         << (cell.change ? Number(*cell.change, 2) : "\u2013") << "</td>";
+  }
+
   void Averages() {
     out_ << "<h2>All data points together</h2>\n<div class=\"wide\"><table><thead><tr>"
             "<th>Learner</th><th>Method</th><th class=\"n\">Completed, %</th>"
             "<th class=\"n\">Halted, %</th><th class=\"n\">Collided, %</th>"
+            "<th class=\"n\">Passed, %</th><th class=\"n\">Mean<br>change</th>"
             "<th class=\"n\">Controls per<br>trajectory</th><th class=\"n\">Ratio</th>"
             "<th class=\"n\">of these<br>recovery</th><th class=\"n\">Collided alone,<br>reference "
             "alone</th></tr></thead><tbody>\n";
@@ -327,6 +335,7 @@ class Page {
     for (const Cell& cell : summary_.averages) {
       StartRow(cell, learner);
       ShareCells(cell);
+      InterventionCells(cell);
       const Contrast* contrast = nullptr;
       for (const Contrast& candidate : summary_.contrasts) {
         if (candidate.method == cell.method && candidate.learner == learner) contrast = &candidate;
@@ -350,7 +359,10 @@ class Page {
          << Percent(static_cast<double>(any.redrawn_starts) / (any.redrawn_starts + any.episodes),
                     1)
          << " of the start states drawn were outside the first support, and were drawn anew. "
-            "Alone: start states from which just one of the two collided. Measured times, which "
+            "Passed: controls that are the policy's to the bit. Mean change: the distance of the "
+            "others from the policy's, in units of an ordinary demonstrated control, where it is "
+            "measured. Alone: start states from which just one of the two collided. Measured "
+            "times, which "
             "differ from run to run, are in times.json.</p>\n";
   }
 
@@ -481,7 +493,8 @@ class Page {
          << " cells</summary>\n<div class=\"wide\"><table><thead><tr><th>Learner</th>"
             "<th>Method</th><th class=\"n\">Demonstrations</th><th class=\"n\">Episodes</th>"
             "<th class=\"n\">Completed, %</th><th class=\"n\">Halted, %</th>"
-            "<th class=\"n\">Collided, %</th>"
+            "<th class=\"n\">Collided, %</th><th class=\"n\">Passed, %</th>"
+            "<th class=\"n\">Mean<br>change</th>"
             "<th class=\"n\">Controls per<br>trajectory</th><th class=\"n\">Start states<br>redrawn"
             "</th></tr></thead><tbody>\n";
     const Cell* previous = nullptr;
@@ -493,6 +506,7 @@ class Page {
            << "</td><td>" << Escape(NameOf(cell.method)) << "</td><td class=\"n\">"
            << cell.demonstrations << "</td><td class=\"n\">" << cell.episodes << "</td>";
       ShareCells(cell);
+      InterventionCells(cell);
       out_ << "<td class=\"n\"" << Title({FilterOf(cell)}) << ">"
            << Number(cell.controls_per_trajectory, 1) << "</td><td class=\"n\">"
            << cell.redrawn_starts << "</td></tr>\n";

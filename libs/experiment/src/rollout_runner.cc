@@ -114,7 +114,9 @@ EpisodeResult RolloutRunner::ResultOf(const control::RolloutResult& result) {
                         .controls = result.controls(),
                         .recovery_controls = result.recovery_controls(),
                         .changed_controls = result.changed_controls(),
-                        .seconds = result.seconds()};
+                        .seconds = result.seconds(),
+                        .change = result.change,
+                        .sized_changes = result.sized_changes};
   if (result.outcome == core::Outcome::kHalted && CollidesAfterHalt()) {
     episode.outcome = core::Outcome::kCollided;
     episode.cause.insert(0, "after ");

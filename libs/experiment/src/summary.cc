@@ -16,8 +16,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// With fewer clusters, resampling trials gives only a few distinct values and intervals that are
-// much too short, and intervals clustered by trial are too wide to be useful.
+// Below this, intervals clustered by trial are too wide to say anything.
 constexpr int kFewTrials = 5;
 
 // Trial t belongs to cluster t % NumClusters(). Only the highest level is independent.
@@ -33,6 +32,9 @@ struct Tally {
   int collided = 0;
   std::int64_t controls = 0;
   std::int64_t recovery_controls = 0;
+  std::int64_t changed_controls = 0;
+  std::int64_t sized_changes = 0;
+  double change = 0.0;
   double seconds = 0.0;
   int redrawn = 0;
   // By outcome and cluster.
@@ -51,6 +53,9 @@ struct Tally {
     }
     controls += episode.controls;
     recovery_controls += episode.recovery_controls;
+    changed_controls += episode.changed_controls;
+    sized_changes += episode.sized_changes;
+    change += episode.change;
     seconds += episode.seconds;
     switch (episode.outcome) {
       case core::Outcome::kCompleted:
@@ -86,6 +91,10 @@ struct Tally {
     cell.seconds_per_trajectory = seconds / episodes;
     cell.controls_per_trajectory = static_cast<double>(controls) / episodes;
     cell.recovery_controls = static_cast<double>(recovery_controls) / episodes;
+    if (controls > 0) {
+      cell.passed = 1.0 - static_cast<double>(changed_controls) / static_cast<double>(controls);
+    }
+    if (sized_changes > 0) cell.change = change / static_cast<double>(sized_changes);
     cell.redrawn_starts = redrawn;
     cell.halt_causes = halt_causes;
     cell.collision_causes = collision_causes;
@@ -98,16 +107,16 @@ std::optional<double> Ratio(double value, double reference) {
   return value / reference;
 }
 
-// One unit per cluster, or one per start state if there are too few trials to resample.
+// One unit per cluster, or one per start state where trials are too few to cluster by.
 Contrast MakeContrast(const EvaluationPlan& plan, std::size_t method, const std::string& learner,
-                      std::span<const UnitResult> results, const BootstrapOptions& options) {
+                      std::span<const UnitResult> results) {
   Contrast contrast;
   contrast.method = plan.methods[method];
   contrast.against = plan.methods[0];
   contrast.learner = learner;
   const bool by_trial = plan.trials >= kFewTrials;
   const int clusters = by_trial ? NumClusters(plan) : plan.trials;
-  contrast.resampled = !by_trial ? "episodes" : clusters < plan.trials ? "supervisors" : "trials";
+  contrast.clusters = !by_trial ? "episodes" : clusters < plan.trials ? "supervisors" : "trials";
   const auto units_per_trial = static_cast<std::size_t>(by_trial ? 1 : plan.episodes);
   std::vector<PairedCounts> units(static_cast<std::size_t>(clusters) * units_per_trial);
   std::vector<DiscordantPairs> pairs(units.size());
@@ -132,7 +141,7 @@ Contrast MakeContrast(const EvaluationPlan& plan, std::size_t method, const std:
       pairs[i].only_second += reference_collided && !collided ? 1 : 0;
     }
   }
-  contrast.ratios = EstimateContrast(units, options);
+  contrast.ratios = EstimateContrast(units);
   for (const DiscordantPairs& pair : pairs) {
     contrast.only_method_collided += pair.only_first;
     contrast.only_reference_collided += pair.only_second;
@@ -180,6 +189,8 @@ Json ToJson(const Cell& cell) {
   add("collided", cell.collided);
   json["controls_per_trajectory"] = cell.controls_per_trajectory;
   json["recovery_controls"] = cell.recovery_controls;
+  json["passed"] = cell.passed;
+  json["change"] = ToJson(cell.change);
   json["redrawn_starts"] = cell.redrawn_starts;
   json["halt_causes"] = cell.halt_causes;
   json["collision_causes"] = cell.collision_causes;
@@ -195,7 +206,7 @@ Json ToJson(const Contrast& contrast) {
           {"collision_reduction_interval", ToJson(contrast.ratios.collision_reduction_interval)},
           {"completion_ratio", ToJson(contrast.ratios.completion_ratio)},
           {"completion_ratio_interval", ToJson(contrast.ratios.completion_ratio_interval)},
-          {"resampled", contrast.resampled},
+          {"clusters", contrast.clusters},
           {"controls_ratio", ToJson(contrast.controls_ratio)},
           {"only_method_collided", contrast.only_method_collided},
           {"only_reference_collided", contrast.only_reference_collided},
@@ -255,7 +266,7 @@ Summary Summarize(const EvaluationPlan& plan, std::span<const UnitResult> result
       seconds.push_back(average.seconds_per_trajectory);
       controls.push_back(average.controls_per_trajectory);
       if (method == 0) continue;
-      Contrast contrast = MakeContrast(plan, method, learner, results, options.bootstrap);
+      Contrast contrast = MakeContrast(plan, method, learner, results);
       contrast.seconds_ratio = Ratio(seconds.back(), seconds.front());
       contrast.controls_ratio = Ratio(controls.back(), controls.front());
       summary.contrasts.push_back(std::move(contrast));
@@ -330,7 +341,7 @@ void PrintTable(const Summary& summary, std::ostream& out) {
   std::size_t width = 6;
   for (const Cell& cell : summary.averages) width = std::max(width, cell.method.size());
   const int name_width = static_cast<int>(width);
-  const char* const heads = "  %-*s  %19s  %19s  %19s  %9s  %8s";
+  const char* const heads = "  %-*s  %19s  %19s  %19s  %9s  %8s  %8s  %6s";
   std::string learner;
   for (const Cell& average : summary.averages) {
     if (average.learner != learner) {
@@ -344,13 +355,15 @@ void PrintTable(const Summary& summary, std::ostream& out) {
           << core::Format("; %.1f %% of the start states drawn were outside and drawn anew\n",
                           100.0 * average.redrawn_starts / drawn)
           << core::Format(heads, name_width, "method", "completed", "halted", "collided",
-                          "ms/traj.", "controls")
+                          "ms/traj.", "controls", "passed %", "change")
           << "\n";
     }
-    out << core::Format("  %-*s  %s  %s  %s  %9.3f  %8.1f", name_width, average.method.c_str(),
-                        Percent(average.completed).c_str(), Percent(average.halted).c_str(),
-                        Percent(average.collided).c_str(), 1e3 * average.seconds_per_trajectory,
-                        average.controls_per_trajectory)
+    out << core::Format("  %-*s  %s  %s  %s  %9.3f  %8.1f  %8.1f  %6s", name_width,
+                        average.method.c_str(), Percent(average.completed).c_str(),
+                        Percent(average.halted).c_str(), Percent(average.collided).c_str(),
+                        1e3 * average.seconds_per_trajectory, average.controls_per_trajectory,
+                        100.0 * average.passed,
+                        average.change ? core::Format("%.2f", *average.change).c_str() : "-")
         << "\n";
     for (const Contrast& contrast : summary.contrasts) {
       if (contrast.learner != learner || contrast.method != average.method) continue;

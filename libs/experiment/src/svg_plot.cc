@@ -258,7 +258,8 @@ class Panel {
   void DrawBand(std::size_t i, std::ostream& svg) const {
     const ReportSeries& series = plot_.series[i];
     if (series.low.empty()) return;
-    // Along the upper ends, then back along the lower ones.
+    if (series.low.size() == 1) return DrawBar(i, svg);
+    // There along the upper ends, back along the lower ones.
     svg << "<polygon class=\"band\" " << StyleAttribute(StyleOf(i)) << " points=\"";
     const std::size_t n = series.low.size();
     for (std::size_t j = 0; j < 2 * n; ++j) {
@@ -270,7 +271,17 @@ class Panel {
     svg << "\"/>\n";
   }
 
-  // Returns the height of the line's end.
+  // The interval of a single point, which has no band.
+  void DrawBar(std::size_t i, std::ostream& svg) const {
+    const ReportSeries& series = plot_.series[i];
+    if (!std::isfinite(series.low[0]) || !std::isfinite(series.high[0])) return;
+    const std::string x = Coordinate(MapX(series.x[0]));
+    svg << "<g " << StyleAttribute(StyleOf(i)) << "><line class=\"bar\" x1=\"" << x << "\" x2=\""
+        << x << "\" y1=\"" << Coordinate(MapY(series.low[0])) << "\" y2=\""
+        << Coordinate(MapY(series.high[0])) << "\"/></g>\n";
+  }
+
+  // Returns the height at which the line ends.
   double DrawLine(std::size_t i, std::ostream& svg) const {
     const ReportSeries& series = plot_.series[i];
     std::string path;

@@ -105,4 +105,39 @@ void LocallyWeightedPolicy::Control(int t, std::span<const double> x,
   }
 }
 
+double CrossValidatedWidth(const core::FeatureTransform& features,
+                           std::span<const core::Trajectory> demonstrations,
+                           const LocallyWeightedOptions& options) {
+  constexpr std::array kWidths = {0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0};
+  constexpr std::size_t kMostFolds = 5;
+  DFR_THROW_UNLESS(
+      demonstrations.size() >= 2,
+      "a width by cross-validation needs two demonstrations, not " << demonstrations.size());
+  const std::size_t folds = std::min(kMostFolds, demonstrations.size());
+  std::array<double, kWidths.size()> errors{};
+  for (std::size_t fold = 0; fold < folds; ++fold) {
+    std::vector<core::Trajectory> others;
+    for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+      if (d % folds != fold) others.push_back(demonstrations[d]);
+    }
+    Eigen::VectorXd u(demonstrations[0].controls.cols());
+    for (std::size_t i = 0; i < kWidths.size(); ++i) {
+      LocallyWeightedOptions tried = options;
+      tried.width = kWidths[i];
+      const LocallyWeightedPolicy policy(features, others, tried);
+      for (std::size_t d = fold; d < demonstrations.size(); d += folds) {
+        const core::Matrix& controls = demonstrations[d].controls;
+        for (Eigen::Index t = 0; t < controls.rows(); ++t) {
+          if (controls.row(t).squaredNorm() == 0.0) continue;  // padding
+          policy.Control(static_cast<int>(t), core::Row(demonstrations[d].states, t),
+                         core::AsSpan(u));
+          errors[i] += (u - controls.row(t).transpose()).squaredNorm();
+        }
+      }
+    }
+  }
+  const auto best = std::ranges::min_element(errors) - errors.begin();
+  return kWidths[static_cast<std::size_t>(best)];
+}
+
 }  // namespace dfr::imitation

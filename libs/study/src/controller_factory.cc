@@ -15,9 +15,10 @@ namespace {
 constexpr std::string_view kCertified = "certified";
 constexpr std::string_view kEnsemble = "ensemble";
 constexpr std::string_view kTrueJacobian = "true-jacobian";
-// Methods that consist of a policy only.
-constexpr std::array<std::pair<std::string_view, std::string_view>, 4> kAlone = {
+// Methods that are a policy alone.
+constexpr std::array<std::pair<std::string_view, std::string_view>, 5> kAlone = {
     {{"lwr", "baseline@lwr"},
+     {"lwr-cv", "baseline@lwr-cv"},
      {"knn", "baseline@knn"},
      {"dart", "baseline@dart"},
      {"dagger", "baseline@dagger"}}};
@@ -82,12 +83,12 @@ safety::Method ParseMethod(std::string_view name, std::span<const std::string_vi
 
 std::string MethodHelp(std::span<const std::string_view> others) {
   return safety::MethodNames(others) +
-         "; lwr and knn are regressions on the demonstrations themselves, ensemble halts where "
-         "five "
+         "; lwr, lwr-cv and knn are regressions on the demonstrations themselves (lwr-cv with a "
+         "width by cross-validation), ensemble halts where five "
          "policies disagree, dart learns from demonstrations with injected noise, dagger asks the "
          "supervisor while it learns, finite-difference and true-jacobian are oracles that know "
          "the plant. Behind a method, @ and another policy than "
-         "the learned one, as in guided@lwr: " +
+         "the learned one, as in guided@lwr, or none for a zero control: " +
          Join(kPolicies) +
          ". Behind that, / and another support, as in dfr@lwr/density: " + Join(kSupports);
 }
@@ -121,7 +122,8 @@ std::unique_ptr<control::Controller> ControllerFactory::Make(
   const std::string_view name = Split(method).policy;
   std::shared_ptr<const core::Policy> other;
   if (!name.empty()) {
-    DFR_THROW_UNLESS(plant != nullptr || name == "lwr" || name == "knn",
+    const bool unlearned = name == "lwr" || name == "lwr-cv" || name == "knn" || name == "none";
+    DFR_THROW_UNLESS(plant != nullptr || unlearned,
                      "policy '" << name << "' is for simulations only");
     other = policies_.Make(name, plant);
   }

@@ -33,13 +33,19 @@ class LikeAnother : public core::Policy {
   const core::Policy* learned_;
 };
 
-class Zero final : public LikeAnother {
+class Zero final : public core::Policy {
  public:
-  using LikeAnother::LikeAnother;
+  Zero(int state_dim, int control_dim) : state_dim_(state_dim), control_dim_(control_dim) {}
+  [[nodiscard]] int state_dim() const noexcept override { return state_dim_; }
+  [[nodiscard]] int control_dim() const noexcept override { return control_dim_; }
   void Control(int /*t*/, std::span<const double> /*x*/,
                std::span<double> u) const noexcept override {
     std::ranges::fill(u, 0.0);
   }
+
+ private:
+  int state_dim_;
+  int control_dim_;
 };
 
 class Negated final : public LikeAnother {
@@ -203,22 +209,37 @@ void NearestNeighbourPolicy::Control(int t, std::span<const double> x,
   }
 }
 
+std::shared_ptr<const core::Policy> MakeUnlearned(
+    std::string_view name, const core::FeatureTransform& features,
+    std::span<const core::Trajectory> demonstrations) {
+  if (name == "lwr") {
+    return std::make_shared<imitation::LocallyWeightedPolicy>(features, demonstrations);
+  }
+  if (name == "lwr-cv") {
+    imitation::LocallyWeightedOptions options;
+    options.width = imitation::CrossValidatedWidth(features, demonstrations, options);
+    return std::make_shared<imitation::LocallyWeightedPolicy>(features, demonstrations, options);
+  }
+  if (name == "knn") return std::make_shared<NearestNeighbourPolicy>(features, demonstrations);
+  if (name != "none") return nullptr;
+  DFR_THROW_UNLESS(!demonstrations.empty(), "there are no demonstrations");
+  return std::make_shared<Zero>(features.state_dim(),
+                                static_cast<int>(demonstrations[0].controls.cols()));
+}
+
 std::shared_ptr<const core::Policy> PolicyFactory::Make(std::string_view name,
                                                         const core::SimulatedPlant* plant) const {
-  if (name == "lwr") {
-    return std::make_shared<imitation::LocallyWeightedPolicy>(task_->guided().features(),
-                                                              demonstrations_);
+  if (name == "lwr" || name == "lwr-cv" || name == "knn" || name == "none") {
+    return *made_.Get(std::string(name), [&] {
+      return MakeUnlearned(name, task_->guided().features(), demonstrations_);
+    });
   }
-  if (name == "knn") {
-    return std::make_shared<NearestNeighbourPolicy>(task_->guided().features(), demonstrations_);
-  }
-  if (name == "zero") return std::make_shared<Zero>(*learned_);
   if (name == "random") return std::make_shared<Haphazard>(*learned_, *task_);
   if (name == "negated") return std::make_shared<Negated>(*learned_);
   if (name == "ensemble") return Ensemble();
   if (name == "dart" || name == "dagger") {
     const auto learn = name == "dart" ? LearnWithNoise : LearnByAsking;
-    return *learned_anew_.Get(std::string(name), [&] {
+    return *made_.Get(std::string(name), [&] {
       return std::shared_ptr<const core::Policy>(
           learn(teaching_, *learned_, demonstrations_,
                 teaching_.horizon > 0 ? teaching_.horizon : task_->horizon()));
@@ -234,7 +255,7 @@ std::shared_ptr<const core::Policy> PolicyFactory::Make(std::string_view name,
 }
 
 std::shared_ptr<const EnsemblePolicy> PolicyFactory::Ensemble() const {
-  const auto policy = *learned_anew_.Get("ensemble", [&] {
+  const auto policy = *made_.Get("ensemble", [&] {
     return std::shared_ptr<const core::Policy>(
         std::make_shared<EnsemblePolicy>(teaching_, demonstrations_));
   });

@@ -82,7 +82,10 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   const bool passes = step.mode == Mode::kPolicy && within && v_ == learned_;
   step.filtered = step.mode == Mode::kPolicy && !passes;
   // What passes does so to the bit.
-  if (!passes) core::AsVector(u) = v_ * model_->control_unit();
+  if (!passes) {
+    step.change = (v_ - core::AsVector(u) / model_->control_unit()).norm();
+    core::AsVector(u) = v_ * model_->control_unit();
+  }
   last_seen_ = seen_;
   ++progress_.controls;
   return step;

@@ -54,6 +54,9 @@ struct Step {
   double log_threshold = std::numeric_limits<double>::quiet_NaN();
   /// Mode kPolicy: the learned control was changed or replaced so as to stay inside the support.
   bool filtered = false;
+  /// Distance between this control and the learned one, where they differ: a Euclidean norm in
+  /// units of an ordinary demonstrated control. NaN where the controller does not measure it.
+  double change = std::numeric_limits<double>::quiet_NaN();
   /// Under the assumptions of the controller's certificate, the next state is inside the support.
   bool certified = false;
 };

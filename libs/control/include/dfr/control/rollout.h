@@ -28,6 +28,8 @@ struct RolloutResult {
   int recovery_steps = 0;  ///< Controls of mode kRecovery, one per iteration of a recovery.
   int changed_steps = 0;   ///< Controls of mode kPolicy that are not the policy's to the bit.
   int recoveries = 0;      ///< How often a recovery began.
+  double change = 0.0;     ///< Sum of Step::change over the changed controls that have one.
+  int sized_changes = 0;   ///< Number of these controls.
   /// Who chose the last control that was applied: for a collision, who caused it.
   Mode last_mode = Mode::kHalt;
   /// What Next() returned last: where it halted, g and threshold say how near the boundary.

@@ -79,7 +79,6 @@ class OutputFolder {
 /// @throws as Evaluate() and SaveSummary() do.
 [[nodiscard]] std::optional<ExperimentResult> RunExperiment(
     const std::string& name, const EvaluationPlan& plan, const MakeTrialRunner& make,
-    const std::map<std::string, std::string>& settings, const ExperimentOptions& options,
-    const BootstrapOptions& bootstrap = {});
+    const std::map<std::string, std::string>& settings, const ExperimentOptions& options);
 
 }  // namespace dfr::experiment

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <cstdint>
 #include <optional>
 #include <span>
 
@@ -83,7 +82,23 @@ struct DiscordantPairs {
 /// @throws std::invalid_argument if a count is negative.
 [[nodiscard]] double ClusteredMcNemar(std::span<const DiscordantPairs> clusters);
 
-/// Outcomes of two methods from the same start states, summed over one independent unit of an
+/// What one independent unit adds to the two totals of a ratio.
+struct RatioPart {
+  double numerator = 0.0;
+  double denominator = 0.0;
+  int stratum = 0;  ///< Units vary about the mean of their stratum.
+};
+
+/// Fieller's interval for the ratio of two totals over independent units (Fieller, J. R. Stat. Soc.
+/// B, 1954): all ratios r that a t test of "numerator - r denominator is zero on average" does not
+/// reject, with the degrees of freedom that so many units leave. Unlike a percentile bootstrap it
+/// holds its confidence with five units. The lower end is at least 0. Absent where no stratum has
+/// two units, or the denominator cannot be told from zero.
+/// @throws std::invalid_argument unless confidence lies in (0, 1).
+[[nodiscard]] std::optional<Interval> RatioInterval(std::span<const RatioPart> units,
+                                                    double confidence = 0.95);
+
+/// What two methods did from the same start states, summed over one independent unit of an
 /// experiment (a trial).
 struct PairedCounts {
   int episodes = 0;  ///< Episodes per method.
@@ -91,20 +106,14 @@ struct PairedCounts {
   int collided = 0;
   int reference_completed = 0;
   int reference_collided = 0;
-  int stratum = 0;  ///< Units are resampled within the same stratum.
+  int stratum = 0;  ///< Units vary about the mean of their stratum.
 };
 
-struct BootstrapOptions {
-  int resamples = 10'000;
-  double confidence = 0.95;
-  std::uint64_t seed = 0;
-};
-
-/// Comparison of a method with a reference. With fewer than 5 collisions of the method, the
-/// bootstrap interval is too narrow. The interval of the reduction then also includes
-/// RateRatioInterval()'s, with the reference's collisions divided by their dispersion between
-/// units. A ratio is absent if the reference has no event. Its interval is also absent if that
-/// holds in more than half of the resamples, or if fewer than two units were given.
+/// A method against a reference. With fewer than 5 collisions of the method, of which a variance
+/// says too little, the interval of the reduction includes RateRatioInterval()'s as well, with the
+/// reference's collisions divided by their dispersion between units. Absent where the reference has
+/// no event to divide by; an interval is absent too where RatioInterval() is, unless it is one of
+/// fewer than 5 collisions and units can vary: then it is RateRatioInterval()'s alone.
 struct PairedContrast {
   std::optional<double> collision_reduction;  ///< 1 - collisions / reference's
   std::optional<Interval> collision_reduction_interval;
@@ -112,10 +121,10 @@ struct PairedContrast {
   std::optional<Interval> completion_ratio_interval;
 };
 
-/// Estimates ratios of totals over all units, with percentile intervals of a bootstrap that draws
-/// whole units with replacement. Episodes of one trial share demonstrations and learner and are
-/// therefore dependent; trials are independent.
+/// Ratios of totals over all units, with RatioInterval() over whole units: episodes of one trial
+/// share demonstrations and learner, so they are not independent, whereas trials are.
+/// @throws std::invalid_argument unless confidence lies in (0, 1).
 [[nodiscard]] PairedContrast EstimateContrast(std::span<const PairedCounts> units,
-                                              const BootstrapOptions& options);
+                                              double confidence = 0.95);
 
 }  // namespace dfr::experiment

@@ -48,6 +48,9 @@ struct EpisodeResult {
   int recovery_controls = 0;  ///< Applied by recoveries, probes included.
   int changed_controls = 0;   ///< Differ from the policy's in any bit; includes recoveries.
   double seconds = 0.0;       ///< Processor time.
+  /// Sum of control::Step::change over the changed controls whose size is known.
+  double change = 0.0;
+  int sized_changes = 0;  ///< Number of these controls.
   bool operator==(const EpisodeResult&) const = default;
 };
 

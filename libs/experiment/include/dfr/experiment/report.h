@@ -18,9 +18,9 @@ struct ReportSeries {
   std::string name;  ///< Label at the line's right end; empty: none.
   std::vector<double> x;
   std::vector<double> y;
-  std::vector<double> low = {};   ///< Lower edge of a band around the line; empty: no band.
-  std::vector<double> high = {};  ///< Upper edge, as long as `low`.
-  /// Command that prints the episodes behind each point, shown on mouse hover; or empty.
+  std::vector<double> low = {};   ///< Lower edge of a band, or of a point's bar; empty: none.
+  std::vector<double> high = {};  ///< Its upper edge, as long as `low`.
+  /// Which command prints the episodes behind each point, shown where the mouse is on it; or empty.
   std::vector<std::string> commands = {};
   /// Colour and marker, by index of the method in the plan. -1: by index in the plot.
   int style = -1;

@@ -34,7 +34,10 @@ struct Cell {
   double seconds_per_trajectory = 0.0;  ///< Processor time.
   double controls_per_trajectory = 0.0;
   double recovery_controls = 0.0;  ///< Per trajectory, probes included.
-  int redrawn_starts = 0;          ///< Start states outside the support, redrawn.
+  double passed = 1.0;             ///< Share of the controls that are the policy's to the bit.
+  /// Mean size of the other controls' changes (EpisodeResult::change), where sizes are known.
+  std::optional<double> change = {};
+  int redrawn_starts = 0;  ///< Start states outside the support, drawn anew.
   std::map<std::string, int> halt_causes;
   std::map<std::string, int> collision_causes;  ///< By the source of the control that collided.
 };
@@ -46,15 +49,14 @@ struct Contrast {
   std::string against;
   std::string learner;
   PairedContrast ratios;
-  /// Resampled unit of the intervals: "supervisors" with 5 or more of them, "trials", or "episodes"
-  /// of each trial with fewer than 5 trials. The last does not account for differences between
-  /// trials.
-  std::string resampled;
+  /// The clusters of the intervals: "supervisors" from 5 of them on, "trials", or "episodes" of
+  /// each trial with fewer than 5 trials. The last say nothing of how trials differ.
+  std::string clusters;
   std::optional<double> seconds_ratio;   ///< Seconds per trajectory / reference's.
   std::optional<double> controls_ratio;  ///< Controls per trajectory / reference's.
-  int only_method_collided = 0;     ///< Pairs (one start state) in which only the method collided,
-  int only_reference_collided = 0;  ///< or only the reference.
-  double mcnemar_p = 1.0;           ///< ClusteredMcNemar() of these, clustered by `resampled`.
+  int only_method_collided = 0;     ///< Pairs (one start state) in which just the method collided,
+  int only_reference_collided = 0;  ///< or just the reference.
+  double mcnemar_p = 1.0;           ///< ClusteredMcNemar() of these, by the same clusters.
 };
 
 /// Mean over trials of a quantity reported by the runners.
@@ -80,7 +82,6 @@ struct SummaryOptions {
   std::string experiment = {};
   std::string preset = {};
   std::string commit = {};
-  BootstrapOptions bootstrap = {};
 };
 
 /// Aggregates Evaluate()'s results for `plan`, whose first method is the reference.
@@ -93,12 +94,13 @@ struct SummaryOptions {
 ///    "cells": [{"method": "dfr", "learner": "8", "demonstrations": 120, "trials": 10,
 ///      "episodes": 600, "completed": 0.41, "completed_interval": [lo, hi], "halted": ...,
 ///      "halted_interval": ..., "collided": ..., "collided_interval": ...,
-///      "controls_per_trajectory": ..., "recovery_controls": ..., "redrawn_starts": ...,
+///      "controls_per_trajectory": ..., "recovery_controls": ..., "passed": ..., "change": ...,
+///      "redrawn_starts": ...,
 ///      "halt_causes": {"outside-support": 3, ...}, "collision_causes": {...}}, ...],
 ///    "averages": [the same with "demonstrations": null, ...],
 ///    "contrasts": [{"method": "dfr", "against": "baseline", "learner": "8",
 ///      "collision_reduction": ..., "interval": [..], "collision_reduction_interval": [..],
-///      "completion_ratio": ..., "completion_ratio_interval": [..], "resampled": "trials",
+///      "completion_ratio": ..., "completion_ratio_interval": [..], "clusters": "trials",
 ///      "controls_ratio": ..., "only_method_collided": ...,
 ///      "only_reference_collided": ..., "mcnemar_p": ...}, ...],
 ///    "measures": [{"name": ..., "learner": ..., "demonstrations": ..., "mean": ...}, ...]}

@@ -48,4 +48,12 @@ class LocallyWeightedPolicy final : public core::Policy {
   core::Matrix controls_;
 };
 
+/// The width of a fixed grid, .25 to 4, at which LocallyWeightedPolicy errs least on controls of
+/// demonstrations that are left out: the mean square over five folds of whole demonstrations (one
+/// demonstration each if there are fewer). The other options are `options`'.
+/// @throws std::invalid_argument with fewer than two demonstrations, and as LocallyWeightedPolicy.
+[[nodiscard]] double CrossValidatedWidth(const core::FeatureTransform& features,
+                                         std::span<const core::Trajectory> demonstrations,
+                                         const LocallyWeightedOptions& options = {});
+
 }  // namespace dfr::imitation

@@ -17,14 +17,14 @@
 
 namespace dfr::study {
 
-/// Methods of every program in addition to those of safety::ParseMethod(). Oracles, which try
-/// controls on a copy of the simulation: "finite-difference" (Sec. V-A) and "true-jacobian", a
-/// one-step filter (MakeTrueJacobianFilter()). Baselines without a support: "lwr" and "knn",
-/// regressions on the demonstrations; "ensemble", which halts if five policies disagree; "dart",
-/// learned from demonstrations with injected noise; "dagger", which queries the supervisor while it
-/// learns.
-inline constexpr std::array<std::string_view, 7> kOtherMethods = {
-    "finite-difference", "true-jacobian", "lwr", "knn", "ensemble", "dart", "dagger"};
+/// The methods besides those of safety::ParseMethod() that every program has. Oracles, which try
+/// controls on a copy of the simulation: "finite-difference", that of Sec. V-A, and
+/// "true-jacobian", a filter of one step (MakeTrueJacobianFilter()). Baselines without a support:
+/// "lwr", "lwr-cv" and "knn", regressions on the demonstrations themselves; "ensemble", which halts
+/// where five policies disagree; "dart", learned from demonstrations with injected noise; "dagger",
+/// which asks the supervisor while it learns.
+inline constexpr std::array<std::string_view, 8> kOtherMethods = {
+    "finite-difference", "true-jacobian", "lwr", "lwr-cv", "knn", "ensemble", "dart", "dagger"};
 
 /// Parts of a method's name, for example "guided@lwr/density".
 struct MethodName {
@@ -32,7 +32,7 @@ struct MethodName {
   std::string_view policy;      ///< One of kPolicies; empty: the learned one.
   std::string_view support;     ///< One of kSupports; empty: the controller's default.
 };
-/// "lwr", "knn", "dart" and "dagger" are short for "baseline@lwr" and so on.
+/// "lwr", "lwr-cv", "knn", "dart" and "dagger" are short for "baseline@lwr" and so on.
 [[nodiscard]] MethodName Split(std::string_view name) noexcept;
 
 /// safety::ParseMethod() with `others`, also for names with a policy or support.

@@ -42,20 +42,22 @@ class NearestNeighbourPolicy final : public core::Policy {
   core::Matrix controls_;
 };
 
-/// Policies for controllers, in addition to the learned one:
-///   "lwr", "knn"      regression on the demonstrations, locally weighted or by nearest neighbours
-///   "zero"            zero control
+/// Policies that a controller can be put around, besides the learned one:
+///   "lwr", "knn"      regression on the demonstrations themselves, locally weighted or by nearest
+///                     neighbours
+///   "lwr-cv"          "lwr" with imitation::CrossValidatedWidth()
+///   "none"            no policy: the control is zero
 ///   "random"          a direction that depends on state and time step alone, of demonstrated size
 ///   "negated"         the learned policy's control with opposite sign
 ///   "ensemble"        EnsemblePolicy: the mean of five
 ///   "dart"            LearnWithNoise(): from demonstrations with injected noise
-///   "dagger"          LearnByAsking(): queries the supervisor, in ten rounds
-///   "at-constraints"  an adversary: tries directions on a copy of the plant and takes the one that
-///                     collides first; the learned policy's control if none collides
-///   "out-of-support"  an adversary: the one of these directions with the smallest l afterwards
-inline constexpr std::array<std::string_view, 10> kPolicies = {
-    "lwr",      "knn",  "zero",   "random",         "negated",
-    "ensemble", "dart", "dagger", "at-constraints", "out-of-support"};
+///   "dagger"          LearnByAsking(): asks the supervisor, in ten rounds
+///   "at-constraints"  an adversary: tries directions on a copy of the plant, and takes one that
+///                     collides soonest; the learned policy's control where none does
+///   "out-of-support"  an adversary: of these directions the one after which l is least
+inline constexpr std::array<std::string_view, 11> kPolicies = {
+    "lwr",      "lwr-cv", "knn",    "none",           "random",        "negated",
+    "ensemble", "dart",   "dagger", "at-constraints", "out-of-support"};
 
 /// Returns the names, separated by commas.
 template <typename Names>
@@ -65,7 +67,13 @@ template <typename Names>
   return list;
 }
 
-/// Factory for the policies of one task. Borrows all arguments.
+/// "lwr", "lwr-cv", "knn" or "none", the policies that need no learned one; null for another name.
+/// @throws std::invalid_argument as imitation::LocallyWeightedPolicy and NearestNeighbourPolicy do.
+[[nodiscard]] std::shared_ptr<const core::Policy> MakeUnlearned(
+    std::string_view name, const core::FeatureTransform& features,
+    std::span<const core::Trajectory> demonstrations);
+
+/// Makes these policies for one task. Borrows all that it is given.
 class PolicyFactory {
  public:
   PolicyFactory(const safety::TaskModel& task, const core::Policy& learned,
@@ -89,7 +97,7 @@ class PolicyFactory {
   const core::Policy* learned_;
   std::span<const core::Trajectory> demonstrations_;
   Teaching teaching_;
-  mutable SharedCache<std::string, std::shared_ptr<const core::Policy>> learned_anew_;
+  mutable SharedCache<std::string, std::shared_ptr<const core::Policy>> made_;
 };
 
 }  // namespace dfr::study

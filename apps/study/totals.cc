@@ -1,0 +1,106 @@
+#include "apps/study/totals.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <map>
+#include <set>
+#include <utility>
+
+namespace dfr::study {
+namespace {
+
+constexpr std::size_t kFewTasks = 5;
+constexpr std::size_t kFewClusters = 3;
+
+void Add(const TrialCounts& trial, TrialCounts& sum) {
+  sum.episodes += trial.episodes;
+  sum.completed += trial.completed;
+  sum.collided += trial.collided;
+  sum.halted += trial.halted;
+  sum.saved += trial.saved;
+  sum.harmed += trial.harmed;
+  sum.controls += trial.controls;
+  sum.changed += trial.changed;
+}
+
+// A row without trials is one trial.
+std::vector<TrialCounts> TrialsOf(const Row& row) {
+  if (!row.trials.empty()) return row.trials;
+  return {{.episodes = row.episodes,
+           .completed = row.completed,
+           .collided = row.collided,
+           .halted = row.episodes - row.completed - row.collided,
+           .saved = row.saved,
+           .harmed = row.harmed,
+           .controls = row.controls * row.episodes,
+           .changed = row.changed * row.episodes}};
+}
+
+}  // namespace
+
+Totals::Totals(std::span<const Row> rows) {
+  std::set<std::string> tasks;
+  for (const Row& row : rows) tasks.insert(row.task);
+  by_task_ = tasks.size() >= kFewTasks;
+  std::map<std::pair<std::string, std::size_t>, std::size_t> places;
+  for (const Row& row : rows) {
+    const std::vector<TrialCounts> trials = TrialsOf(row);
+    for (std::size_t t = 0; t < trials.size(); ++t) {
+      const auto [place, is_new] =
+          places.try_emplace({row.task, by_task_ ? 0 : t}, clusters_.size());
+      if (is_new) {
+        clusters_.emplace_back();
+        passed_.emplace_back();
+      }
+      const TrialCounts& trial = trials[t];
+      Add(trial, all_);
+      Add(trial, clusters_[place->second]);
+      if (trial.controls == 0.0) continue;
+      passed_[place->second].numerator += 1.0 - trial.changed / trial.controls;
+      passed_[place->second].denominator += 1.0;
+    }
+    change_ += row.change;
+    sized_changes_ += row.sized_changes;
+  }
+}
+
+const char* Totals::clusters() const noexcept {
+  if (clusters_.size() < kFewClusters) return "episode";
+  return by_task_ ? "task" : "trial";
+}
+
+experiment::Interval Totals::IntervalOf(int TrialCounts::*count) const {
+  if (clusters_.size() < kFewClusters) {
+    return experiment::ProportionInterval(all_.*count, all_.episodes);
+  }
+  std::vector<experiment::ClusterCount> counts;
+  for (const TrialCounts& cluster : clusters_) {
+    counts.push_back({.successes = cluster.*count, .episodes = cluster.episodes});
+  }
+  return experiment::ClusteredInterval(counts);
+}
+
+std::optional<double> Totals::passed() const noexcept {
+  double shares = 0.0;
+  double weight = 0.0;
+  for (const experiment::RatioPart& part : passed_) {
+    shares += part.numerator;
+    weight += part.denominator;
+  }
+  if (weight == 0.0) return std::nullopt;
+  return shares / weight;
+}
+
+std::optional<experiment::Interval> Totals::PassedInterval() const {
+  if (clusters_.size() < kFewClusters) return std::nullopt;
+  auto interval = experiment::RatioInterval(passed_);
+  if (interval) interval->high = std::min(interval->high, 1.0);
+  return interval;
+}
+
+std::optional<double> Totals::change() const noexcept {
+  if (sized_changes_ == 0) return std::nullopt;
+  return change_ / sized_changes_;
+}
+
+}  // namespace dfr::study
