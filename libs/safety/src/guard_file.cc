@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::string_view kGuardKind = "guard";
 constexpr int kGuardVersion = 1;
-constexpr int kMost = 1 << 30;
+constexpr int kMostCount = 1 << 30;
 
 void Write(core::ArchiveWriter& archive, const control::EstimatedConstant& constant) {
   archive.Number(constant.value);
@@ -85,28 +85,28 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
                                            : core::FeatureSelection(layout, spec);
     GuardSettings settings;
     settings.strategy = ParseStrategy(archive.Text());
-    settings.horizon = archive.IntegerIn(1, kMost);
-    settings.max_actions = archive.IntegerIn(1, kMost);
+    settings.horizon = archive.IntegerIn(1, kMostCount);
+    settings.max_actions = archive.IntegerIn(1, kMostCount);
     settings.action_limit = archive.Numbers();
     settings.alarm_level = archive.Number();
     settings.direction_error = archive.Number();
     GuardSummary summary;
     summary.source = archive.Text();
     summary.version = archive.Text();
-    summary.demonstrations = archive.IntegerIn(0, kMost);
-    summary.transitions = archive.IntegerIn(0, kMost);
+    summary.demonstrations = archive.IntegerIn(0, kMostCount);
+    summary.transitions = archive.IntegerIn(0, kMostCount);
     summary.nu = archive.Number();
     summary.gamma = archive.Number();
     summary.acceptance = archive.Number();
     summary.inside_throughout = archive.Number();
     summary.false_alarms = archive.Number();
     summary.confidence = archive.Number();
-    summary.held_out = archive.IntegerIn(0, kMost);
+    summary.held_out = archive.IntegerIn(0, kMostCount);
     summary.drift_level = archive.Number();
     summary.drift_chance = archive.Number();
-    summary.gaps.steps = archive.IntegerIn(0, kMost);
-    summary.gaps.points = archive.IntegerIn(0, kMost);
-    summary.gaps.inside = archive.IntegerIn(0, kMost);
+    summary.gaps.steps = archive.IntegerIn(0, kMostCount);
+    summary.gaps.points = archive.IntegerIn(0, kMostCount);
+    summary.gaps.inside = archive.IntegerIn(0, kMostCount);
     summary.direction_error = ReadConstant(archive);
     summary.gain = ReadConstant(archive);
     std::vector<double> lambda = archive.Numbers();
