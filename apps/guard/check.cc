@@ -17,6 +17,7 @@
 #include "dfr/core/features.h"
 #include "dfr/core/format.h"
 #include "dfr/core/matrix.h"
+#include "dfr/core/rotations.h"
 #include "dfr/imitation/demonstrations.h"
 
 namespace dfr::apps::guard {
@@ -96,7 +97,7 @@ class LaggedFit {
   double count_ = 0.0;
 };
 
-// What is collected over all episodes, in memory of the size of one.
+// What is collected over all episodes, in memory of the size of one and of the quaternions of all.
 class Collected {
  public:
   Collected(const core::StateLayout& layout, int action_dim)
@@ -108,7 +109,8 @@ class Collected {
         action_high_(-action_low_),
         differ_(layout.state_dim(), layout.state_dim()),
         fits_(3, LaggedFit(layout.state_dim(), action_dim)),
-        actions_(layout.state_dim(), action_dim) {
+        actions_(layout.state_dim(), action_dim),
+        rotations_(layout) {
     differ_.setConstant(false);
   }
 
@@ -128,6 +130,7 @@ class Collected {
       fits_[i].Add(episode, static_cast<Eigen::Index>(i) - 1);
     }
     actions_.Add(episode);
+    rotations_.Add(episode.states);
     steps_.push_back(episode.num_steps());
   }
 
@@ -146,6 +149,7 @@ class Collected {
       }
     }
     Alignment(findings);
+    Rotations(findings);
     Actions(findings);
     std::sort(steps_.begin(), steps_.end());
     std::printf(
@@ -176,6 +180,17 @@ class Collected {
     }
     for (const std::string& pair : pairs) {
       findings.Warning("doubled", pair + ": one of them is enough");
+    }
+  }
+
+  void Rotations(Findings& findings) const {
+    for (const core::Rotation& rotation : rotations_.Find()) {
+      const std::string text = core::Describe(rotation, *layout_);
+      if (rotation.continuous) {
+        std::printf("rotation   %s\n", text.c_str());
+      } else {
+        findings.Warning("rotation", text);
+      }
     }
   }
 
@@ -220,6 +235,7 @@ class Collected {
   Eigen::Matrix<bool, Eigen::Dynamic, Eigen::Dynamic> differ_;  // below the diagonal
   std::vector<LaggedFit> fits_;
   core::ActionAnalysis actions_;
+  core::RotationFinder rotations_;
   std::vector<int> steps_;
 };
 

@@ -22,6 +22,7 @@ void WriteMatrix(std::ofstream& out, const core::Matrix& values) {
 // t_000.model, t_001.model, ... of y, and features.txt and t_000.csv that say how a state becomes
 // y.
 void ExportLibsvm(const safety::GuardModel& model, const std::filesystem::path& folder) {
+  safety::CheckExport(model);
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) {

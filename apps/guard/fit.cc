@@ -29,6 +29,12 @@ void Describe(const safety::GuardModel& model) {
       "%.1f %% of demonstrations never leave\n",
       100.0 * summary.acceptance, 100.0 * summary.inside_throughout);
   std::printf(
+      "                of their actions it would change %.1f %%, and predicts %.1f %% to end "
+      "outside; "
+      "what others did nearby explains %.1f %% of their variance, with an error of %.1f %%\n",
+      100.0 * summary.changed, 100.0 * summary.ends_outside, 100.0 * summary.explained,
+      100.0 * summary.action_error);
+  std::printf(
       "gap test        %d points halfway between groups of demonstrations, in %d time steps; of "
       "these "
       "%d are inside\n",
@@ -108,7 +114,7 @@ bool RunFit(const FitOptions& options) {
   const std::vector<core::Trajectory>& chosen = choose ? completed : all;
   const auto model = safety::GuardModel::Fit(reader->layout(), chosen, guard);
   model->Save(options.out);
-  const std::vector<std::string> findings = safety::Warnings(*model, chosen);
+  const std::vector<std::string> findings = safety::Warnings(*model);
   Describe(*model);
   Describe(findings);
   std::printf("%s\n", options.out.c_str());

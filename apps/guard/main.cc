@@ -123,6 +123,8 @@ void AddFit(CLI::App& app, int& result) {
   command->add_flag("--all", options->all, "episodes that did not complete the task count, too");
   command->add_flag("--as-recorded", options->as_recorded,
                     "take actions as they are, although they look like target positions");
+  command->add_flag("--accept-any", options->guard.accept_any,
+                    "fit even where next to no state of left-out demonstrations is inside");
   command->add_flag("--strict", options->strict,
                     "exit with status 3 if something speaks against the guard");
   command->callback([options, &result] {

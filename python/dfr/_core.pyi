@@ -105,6 +105,7 @@ class Guard:
         source: str = "",
         differences: bool = False,
         as_recorded: bool = False,
+        accept_any: bool = False,
         progress: Callable[[str, float], object] | None = None,
     ) -> Guard: ...
     @staticmethod
@@ -130,6 +131,7 @@ class Guard:
         action_limit: float | Sequence[float] | None = None,
         alarm_level: float | None = None,
         direction_error: float | None = None,
+        demonstrated: bool | None = None,
     ) -> Guard: ...
     @property
     def state_dim(self) -> int: ...

@@ -22,6 +22,7 @@
 #include "arrays.h"
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/rotations.h"
 #include "dfr/safety/guard_advice.h"
 #include "dfr/safety/guard_model.h"
 #include "dfr/safety/onnx_export.h"
@@ -100,7 +101,7 @@ Guard Fit(const Arrays& all_states, const Arrays& all_actions, const py::object&
           const py::object& strategy, const py::object& horizon, const py::object& action_limit,
           const py::object& false_alarms, const py::object& confidence, const py::object& hold_out,
           const py::object& error_factor, const py::object& source, const py::object& differences,
-          const py::object& as_recorded, const py::object& progress) {
+          const py::object& as_recorded, const py::object& accept_any, const py::object& progress) {
   const std::vector<Array>& states = all_states.each;
   const std::vector<Array>& actions = all_actions.each;
   DFR_THROW_UNLESS(states.size() == actions.size(),
@@ -135,6 +136,7 @@ Guard Fit(const Arrays& all_states, const Arrays& all_actions, const py::object&
   options.source = TextOption(source, "source");
   const bool convert = FlagOption(differences, "differences");
   const bool accept = FlagOption(as_recorded, "as_recorded");
+  options.accept_any = FlagOption(accept_any, "accept_any");
   Interruptible interruptible;
   options.support.svm.progress = [&](const kernel::FitProgress&) { return interruptible.GoOn(); };
   options.progress = [&](std::string_view stage, double share) {
@@ -158,6 +160,9 @@ Guard Fit(const Arrays& all_states, const Arrays& all_actions, const py::object&
     throw;
   }
   interruptible.Throw();
+  for (const std::string& warning : safety::Warnings(*model)) {
+    if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
+  }
   return Guard(std::move(model));
 }
 
@@ -237,6 +242,10 @@ py::tuple Filter(Guard& guard, const py::object& t, const Array& state, const Ar
   info["alarm"] = verdict.alarm;
   info["alarm_step"] = verdict.alarm_step;
   info["step"] = verdict.step;
+  info["entry"] =
+      verdict.entry < 0
+          ? py::object(py::none())
+          : py::object(py::str(core::EntryRange(guard.model().layout(), verdict.entry, 4)));
   return py::make_tuple(std::move(safe), std::move(info));
 }
 
@@ -267,7 +276,8 @@ py::object Decision(const Guard& guard, const py::object& time, const Array& x) 
 // None keeps a setting unchanged.
 Guard With(const Guard& guard, const py::object& strategy, const py::object& horizon,
            const py::object& max_actions, const py::object& action_limit,
-           const py::object& alarm_level, const py::object& direction_error) {
+           const py::object& alarm_level, const py::object& direction_error,
+           const py::object& demonstrated) {
   GuardSettings settings = guard.model().settings();
   const auto real = [](const py::object& value, const char* name, double& setting) {
     if (!value.is_none()) setting = RealOption(value, name);
@@ -285,6 +295,7 @@ Guard With(const Guard& guard, const py::object& strategy, const py::object& hor
   }
   real(alarm_level, "alarm_level", settings.alarm_level);
   real(direction_error, "direction_error", settings.direction_error);
+  if (!demonstrated.is_none()) settings.demonstrated = FlagOption(demonstrated, "demonstrated");
   return Guard(guard.model().With(settings));
 }
 
@@ -328,6 +339,11 @@ py::dict Summary(const Guard& guard) {
   values["direction_error"] = summary.direction_error.value;
   values["gain"] = summary.gain.value;
   values["coverage"] = summary.gain.coverage;
+  values["changed"] = summary.changed;
+  values["ends_outside"] = summary.ends_outside;
+  values["explained"] = summary.explained;
+  values["action_error"] = summary.action_error;
+  values["warnings"] = safety::Warnings(guard.model());
   return values;
 }
 
@@ -340,6 +356,7 @@ py::dict Settings(const Guard& guard) {
   values["action_limit"] = py::cast(settings.action_limit);
   values["alarm_level"] = settings.alarm_level;
   values["direction_error"] = settings.direction_error;
+  values["demonstrated"] = settings.demonstrated;
   return values;
 }
 
@@ -379,27 +396,31 @@ layout : list of (str, int)
 features : str
     What is looked at; empty for all of it.
 settings : dict
-    strategy, horizon, max_actions, action_limit, alarm_level, direction_error; `with_settings` changes
-    them.
+    strategy, horizon, max_actions, action_limit, alarm_level, direction_error, demonstrated (whether what
+    demonstrations did nearby may replace an action); `with_settings` changes them.
 summary : dict
     What the fit found, among it acceptance, the share of states inside of demonstrations that were left
-    out, and false_alarms, the share of further demonstrations that may raise an alarm.
+    out, and false_alarms, the share of further demonstrations that may raise an alarm. Of the actions in
+    left-out demonstrations: changed, the share that the guard would change; ends_outside, the share that is
+    predicted to end outside; explained, the share of their variance that the features tell; action_error, the squared error that
+    remains, as a share of the squared actions. warnings: what
+    speaks against the guard, each with its remedy.
 )");
   PickleBy(
       guard_class, [](const py::object& self) { return ToBytes(self.cast<const Guard&>()); },
       &FromBytes);
   guard_class
-      .def_static("fit", &Fit, py::arg("states"), py::arg("actions"), py::kw_only(),
-                  py::arg("layout") = std::vector<std::pair<std::string, int>>(),
-                  py::arg("features") = "", py::arg("nu") = safety::GuardOptions().support.svm.nu,
-                  py::arg("gamma") = safety::GuardOptions().support.svm.gamma,
-                  py::arg("strategy") = "guard", py::arg("horizon") = 0,
-                  py::arg("action_limit") = 0.0, py::arg("false_alarms") = 0.1,
-                  py::arg("confidence") = 0.0, py::arg("hold_out") = 0.0,
-                  py::arg("error_factor") = safety::GuardOptions().error_factor,
-                  py::arg("source") = "", py::arg("differences") = false,
-                  py::arg("as_recorded") = false, py::arg("progress") = py::none(),
-                  R"(Learn a guard from demonstrations.
+      .def_static(
+          "fit", &Fit, py::arg("states"), py::arg("actions"), py::kw_only(),
+          py::arg("layout") = std::vector<std::pair<std::string, int>>(), py::arg("features") = "",
+          py::arg("nu") = safety::GuardOptions().support.svm.nu,
+          py::arg("gamma") = safety::GuardOptions().support.svm.gamma,
+          py::arg("strategy") = "guard", py::arg("horizon") = 0, py::arg("action_limit") = 0.0,
+          py::arg("false_alarms") = 0.1, py::arg("confidence") = 0.0, py::arg("hold_out") = 0.0,
+          py::arg("error_factor") = safety::GuardOptions().error_factor, py::arg("source") = "",
+          py::arg("differences") = false, py::arg("as_recorded") = false,
+          py::arg("accept_any") = false, py::arg("progress") = py::none(),
+          R"(Learn a guard from demonstrations.
 
 Parameters
 ----------
@@ -441,14 +462,21 @@ differences : bool
     increments by subtracting states[t, j]. Subtract it from the policy's actions before `filter`, too.
 as_recorded : bool
     Accept actions that look like target positions, which are refused otherwise.
+accept_any : bool
+    Fit even where next to no state of left-out demonstrations is inside, which is refused otherwise.
 progress : callable(stage: str, share: float), optional
 
 Raises
 ------
 ValueError
-    Naming the demonstration or option that is wrong.
+    Naming the demonstration or option that is wrong, or the features to choose instead.
 TypeError
     Naming the demonstration that holds no numbers, or the option of another type.
+
+Warns
+-----
+UserWarning
+    For each of summary["warnings"].
 )")
       .def_static(
           "load",
@@ -526,6 +554,7 @@ info : dict
     alarm : bool, whether the state is further outside than demonstrations are.
     alarm_step : int, the time step of the demonstrations that the state fits best: the alarm's.
     step : int, the time step that the strategy is in: that of g and threshold.
+    entry : str or None, for the reason "quaternion-invalid": the entries of the state, as "quat[0:4]".
 )")
       .def("certify", &Certify, py::arg("t"), py::arg("state"), py::arg("action"),
            R"(What is certain of the state that `action` leads to, whatever the strategy.
@@ -609,7 +638,7 @@ ndarray of shape (n_states, state_dim)
       .def("with_settings", &With, py::kw_only(), py::arg("strategy") = py::none(),
            py::arg("horizon") = py::none(), py::arg("max_actions") = py::none(),
            py::arg("action_limit") = py::none(), py::arg("alarm_level") = py::none(),
-           py::arg("direction_error") = py::none(),
+           py::arg("direction_error") = py::none(), py::arg("demonstrated") = py::none(),
            "A guard of the same knowledge with other settings.")
       .def_property_readonly("state_dim", &Guard::state_dim)
       .def_property_readonly("action_dim", &Guard::action_dim)

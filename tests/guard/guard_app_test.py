@@ -74,16 +74,36 @@ class GuardAppTest(unittest.TestCase):
         self.assertNotRegex(page, "https?://")
 
     def test_a_strict_fit_fails_where_something_speaks_against_the_guard(self):
-        out = self.run_guard("fit", "demos.hdf5", "--gamma", "100", "-o", "narrow.guard")
+        out = self.run_guard("fit", "demos.hdf5", "--gamma", "100", "--accept-any", "-o", "narrow.guard")
         self.assertRegex(out, "warning .*of the states of left-out demonstrations are inside")
         self.assertIn("warning ", self.run_guard("show", "narrow.guard"))
         strict = subprocess.run(
-            [PROGRAM, "fit", "demos.hdf5", "--gamma", "100", "--strict", "-o", "narrow.guard"],
+            [PROGRAM, "fit", "demos.hdf5", "--gamma", "100", "--accept-any", "--strict", "-o", "narrow.guard"],
             cwd=self.folder, text=True, capture_output=True,
         )
         self.assertEqual(strict.returncode, 3, strict.stderr)
         out = self.run_guard("fit", "demos.hdf5", "--gamma", "1e6", "-o", "isolated.guard", fails=True)
         self.assertIn("choose a smaller gamma", out)
+
+    def test_rotations_and_features_that_are_too_many_are_named(self):
+        data = episodes(1, 30)
+        rng = np.random.default_rng(4)
+        for observations, _ in data:
+            angles = 0.1 * rng.normal() + 0.05 * np.arange(21)
+            zero = np.zeros(21)
+            observations["quat"] = np.stack([np.cos(angles), zero, zero, np.sin(angles)], axis=1)
+            observations["yaw"] = np.angle(np.exp(10j * angles))[:, None]
+            observations["noise"] = rng.normal(size=(21, 30))
+        write_robomimic(self.folder / "turned.hdf5", data)
+        out = self.run_guard("check", "turned.hdf5")
+        self.assertRegex(out, r"rotation +quat\[0:4\] is a unit quaternion: a guard takes q and -q for the same")
+        self.assertRegex(out, r"rotation: +yaw\[0\] is an angle that jumps by 6.28.* cosine and sine")
+        out = self.run_guard("fit", "turned.hdf5", "-f", "obs/tip,obs/yaw", "--accept-any", "-o", "yaw.guard")
+        self.assertRegex(out, r"warning +yaw\[0\] is an angle that jumps")
+        self.assertIn(" yaw[0] is an angle that jumps", self.run_guard("show", "yaw.guard"))
+        out = self.run_guard("fit", "turned.hdf5", "-f", "obs/tip,obs/noise", "-o", "noisy.guard", fails=True)
+        self.assertRegex(out, r"inside would be with .*tip \(\d+ %\).*--accept-any")
+        self.run_guard("fit", "turned.hdf5", "-f", "obs/tip,obs/noise", "--accept-any", "-o", "noisy.guard")
 
     def test_minari_gives_the_same_guard(self):
         self.fit("a.guard")
@@ -341,7 +361,7 @@ class GuardAppTest(unittest.TestCase):
         write_robomimic(self.folder / "masked.hdf5", episodes(1, 12), edit=mask)
         self.assertIn("3 episodes of", self.run_guard("check", "masked.hdf5", "--filter-key", "train"))
         self.assertIn("1 episodes of", self.run_guard("check", "masked.hdf5", "--filter-key", "valid"))
-        self.assertIn("3 with 60 actions", self.fit("k.guard", "masked.hdf5", "--filter-key", "train"))
+        self.assertIn("3 with 60 actions", self.fit("k.guard", "masked.hdf5", "--filter-key", "train", "--accept-any"))
         self.assertIn("of 1 episodes", self.run_guard("evaluate", "k.guard", "masked.hdf5", "--filter-key", "valid"))
         self.run_guard("report", "k.guard", "masked.hdf5", "--filter-key", "valid", "-o", "k.html")
         self.run_guard("convert", "masked.hdf5", "k.hdf5", "--filter-key", "train")

@@ -12,6 +12,7 @@ import tempfile
 import textwrap
 import threading
 import unittest
+import warnings
 
 import numpy as np
 
@@ -409,6 +410,76 @@ class GuardTest(unittest.TestCase):
         del guard
         gc.collect()
         np.testing.assert_array_equal(action, before)
+
+
+def turning(seed, count, turn):
+    """The corridor with `turn(angle)` in place of the clock; a third action turns."""
+    rng = np.random.default_rng(seed)
+    states, actions = demonstrations(seed, count)
+    turned = []
+    for x, u in zip(states, actions):
+        rates = 0.06 + 0.02 * rng.normal(size=len(u))
+        angles = 0.1 * rng.normal() + np.concatenate([[0.0], np.cumsum(rates)])
+        turned.append((np.c_[x[:, 1:], [turn(a) for a in angles]], np.c_[u, rates]))
+    return [x for x, _ in turned], [u for _, u in turned]
+
+
+class RotationsTest(unittest.TestCase):
+    LAYOUT = [("tip", 2), ("quat", 4)]
+
+    @staticmethod
+    def quaternion(angle):
+        return [np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
+
+    def test_a_quaternion_and_its_negative_are_one_and_zeros_halt_by_name(self):
+        states, actions = turning(1, 20, self.quaternion)
+        guard = dfr.Guard.fit(states, actions, layout=self.LAYOUT)
+        flipped = states[0] * [1, 1, -1, -1, -1, -1]
+        np.testing.assert_array_equal(guard.levels(states[0]), guard.levels(flipped))
+        same = pickle.loads(pickle.dumps(guard))
+        np.testing.assert_array_equal(guard.levels(states[0]), same.levels(flipped))
+        guard.reset()
+        self.assertIsNone(guard.filter(0, states[0][0], actions[0][0])[1]["entry"])
+        _, info = guard.filter(1, states[0][1] * [1, 1, 0, 0, 0, 0], actions[0][1])
+        self.assertEqual((info["mode"], info["reason"]), ("halt", "quaternion-invalid"))
+        self.assertEqual(info["entry"], "quat[0:4]")
+
+    def test_an_angle_that_goes_all_the_way_round_is_warned_of(self):
+        states, actions = turning(1, 20, lambda a: [np.angle(np.exp(12j * a))])
+        with self.assertWarnsRegex(UserWarning, r"angle\[0\] is an angle that jumps by 6.28"):
+            guard = dfr.Guard.fit(states, actions, layout=[("tip", 2), ("angle", 1)], accept_any=True)
+        self.assertTrue(any("angle[0]" in w for w in guard.summary["warnings"]))
+
+
+class WarningsTest(unittest.TestCase):
+    def test_what_speaks_against_a_guard_is_a_warning_and_in_the_summary(self):
+        states, actions = demonstrations(1, 4)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            guard = dfr.Guard.fit(states, actions, layout=LAYOUT, features="tip")
+        self.assertEqual([str(w.message) for w in caught], guard.summary["warnings"])
+        self.assertTrue(all(w.category is UserWarning and w.filename == __file__ for w in caught))
+        self.assertIn("4 demonstrations cannot tell", guard.summary["warnings"][0])
+
+    def test_a_good_guard_warns_of_nothing(self):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            guard = dfr.Guard.fit(*demonstrations(1, 40), layout=LAYOUT, features="tip", action_limit=0.2)
+        self.assertEqual(guard.summary["warnings"], [])
+        self.assertLess(guard.summary["changed"], 0.3)
+        self.assertLessEqual(guard.summary["ends_outside"], guard.summary["changed"])
+        self.assertTrue(guard.settings["demonstrated"])
+        self.assertFalse(guard.with_settings(demonstrated=False).settings["demonstrated"])
+
+    def test_features_with_which_nothing_is_inside_are_refused(self):
+        rng = np.random.default_rng(1)
+        states, actions = demonstrations(1, 12)
+        noisy = [np.c_[x, rng.normal(size=(len(x), 30))] for x in states]
+        layout = LAYOUT + [("noise", 30)]
+        with self.assertRaisesRegex(ValueError, r"inside would be with .*tip \("):
+            dfr.Guard.fit(noisy, actions, layout=layout)
+        with self.assertWarns(UserWarning):
+            dfr.Guard.fit(noisy, actions, layout=layout, accept_any=True)
 
 
 class DemonstrationsTest(unittest.TestCase):

@@ -304,6 +304,7 @@ TEST(GuardModelTest, AcceptanceIsOfStatesAndOfWholeDemonstrations) {
   EXPECT_EQ(40.0 * summary.inside_throughout, std::round(40.0 * summary.inside_throughout));
   EXPECT_NEAR(840.0 * summary.acceptance, std::round(840.0 * summary.acceptance), 1e-9);
   options.support.svm.gamma = 1e3;
+  options.accept_any = true;
   const auto narrow = GuardModel::Fit(test::CorridorLayout(), demonstrations, options);
   EXPECT_EQ(narrow->summary().inside_throughout, 0.0);
 }
@@ -594,7 +595,7 @@ TEST(GuardModelTest, FindingsNameWhatSpeaksAgainstAGuardAndTheRemedy) {
                                    HasSubstr("entry 0 of an action may reach 50"),
                                    HasSubstr("give --action-limit")));
   // A kernel so narrow that no unseen state is inside.
-  GuardOptions narrow{.features = "tip", .action_limit = {0.2}};
+  GuardOptions narrow{.features = "tip", .action_limit = {0.2}, .accept_any = true};
   narrow.support.svm.gamma = 1e3;
   EXPECT_THAT(Warnings(*GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
                                         narrow)),
@@ -605,11 +606,11 @@ TEST(GuardModelTest, FindingsNameFeaturesThatFollowTheClock) {
   const auto demonstrations = test::CorridorDemonstrations(1, 40);
   const auto whole =
       GuardModel::Fit(test::CorridorLayout(), demonstrations, {.action_limit = {0.2}});
-  EXPECT_THAT(Warnings(*whole, demonstrations),
+  EXPECT_THAT(Findings(*whole, demonstrations),
               testing::Contains(testing::StartsWith("clock[0]: the same in all demonstrations")));
   const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations,
                                    {.features = "tip", .action_limit = {0.2}});
-  EXPECT_THAT(Warnings(*tip, demonstrations), testing::IsEmpty());
+  EXPECT_THAT(Findings(*tip, demonstrations), testing::IsEmpty());
 }
 
 TEST(GuardModelTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
@@ -618,16 +619,16 @@ TEST(GuardModelTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
   const auto whole = GuardModel::Fit(test::CorridorLayout(), demonstrations);
   auto slow = demonstrations;
   for (core::Trajectory& d : slow) d.states.col(0) *= 1e-6;
-  EXPECT_THAT(Warnings(*whole, slow), testing::Contains(testing::StartsWith("clock[0]: the same")));
+  EXPECT_THAT(Findings(*whole, slow), testing::Contains(testing::StartsWith("clock[0]: the same")));
   auto still = demonstrations;
   for (core::Trajectory& d : still) d.states.col(0).setConstant(3.0);
-  EXPECT_THAT(Warnings(*whole, still), testing::Not(testing::Contains(HasSubstr(kClock))));
+  EXPECT_THAT(Findings(*whole, still), testing::Not(testing::Contains(HasSubstr(kClock))));
   // Where one demonstration goes on alone, nothing can be the same in two.
   const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
   auto longer = test::CorridorDemonstrations(1, 40);
   longer.push_back(test::CorridorDemonstrations(2, 1, 25)[0]);
   longer.back().states.bottomRows(5).array() += 1e6;
-  EXPECT_THAT(Warnings(*tip, longer), testing::Not(testing::Contains(HasSubstr(kClock))));
+  EXPECT_THAT(Findings(*tip, longer), testing::Not(testing::Contains(HasSubstr(kClock))));
 }
 
 TEST(GuardModelTest, ActionsThatContradictWhatHappensExplainNothing) {
@@ -638,11 +639,11 @@ TEST(GuardModelTest, ActionsThatContradictWhatHappensExplainNothing) {
   back.states.resize(2, 3);
   back.states << 0.0, 0.0, 0.0, 1.0, -0.02, 0.0;
   back.controls = test::ActionFor(test::kSpeed, 0.0).transpose();
-  EXPECT_THAT(Warnings(*model, std::vector{back}),
+  EXPECT_THAT(Findings(*model, std::vector{back}),
               testing::Contains(testing::StartsWith("actions explain only 0 % of")));
   // Where nothing changes, there is nothing to explain.
   back.states.row(1) = back.states.row(0);
-  EXPECT_THAT(Warnings(*model, std::vector{back}), testing::IsEmpty());
+  EXPECT_THAT(Findings(*model, std::vector{back}), testing::IsEmpty());
 }
 
 TEST(GuardModelTest, APromiseSaysOfWhichFitsAndByWhichDemonstrations) {
@@ -667,7 +668,7 @@ TEST(GuardModelTest, FindingsNameActionsThatDoNotMoveWhatIsLookedAt) {
   }
   const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations,
                                      {.features = "tip", .action_limit = {0.2}});
-  EXPECT_THAT(Warnings(*model, demonstrations),
+  EXPECT_THAT(Findings(*model, demonstrations),
               testing::Contains(testing::StartsWith("actions explain only")));
 }
 

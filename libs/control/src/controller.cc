@@ -37,6 +37,8 @@ const char* Name(HaltCause cause) noexcept {
       return "time-up";
     case HaltCause::kStateInvalid:
       return "state-invalid";
+    case HaltCause::kBadQuaternion:
+      return "quaternion-invalid";
     case HaltCause::kControlInvalid:
       return "control-invalid";
     case HaltCause::kSupportInvalid:

@@ -77,12 +77,9 @@ FeatureTransform FeatureTransform::Whitening(FeatureSelection selection,
 void FeatureTransform::Apply(std::span<const double> state,
                              std::span<double> features) const noexcept {
   std::array<double, FeatureDecision::kMaxFeatures> selected;
-  const auto& indices = selection_.indices();
-  const auto n = static_cast<Eigen::Index>(indices.size());
-  for (std::size_t i = 0; i < indices.size(); ++i) {
-    selected[i] =
-        state[static_cast<std::size_t>(indices[i])] - offset_[static_cast<Eigen::Index>(i)];
-  }
+  const auto n = static_cast<Eigen::Index>(selection_.num_features());
+  selection_.Apply(state, selected);
+  for (Eigen::Index i = 0; i < n; ++i) selected[static_cast<std::size_t>(i)] -= offset_[i];
   AsVector(features).noalias() =
       scale_.lazyProduct(Eigen::Map<const Eigen::VectorXd>(selected.data(), n));
 }

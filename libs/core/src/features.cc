@@ -5,6 +5,7 @@
 #include <limits>
 #include <numeric>
 #include <optional>
+#include <utility>
 
 #include "dfr/core/contract.h"
 #include "dfr/core/numbers.h"
@@ -98,8 +99,26 @@ FeatureSelection FeatureSelection::All(int state_dim) {
   return selection;
 }
 
+FeatureSelection FeatureSelection::Of(const StateLayout& layout, std::string_view spec) {
+  return spec.empty() ? All(layout.state_dim()) : FeatureSelection(layout, spec);
+}
+
+FeatureSelection FeatureSelection::Mapped(StateMap map) const {
+  DFR_THROW_UNLESS(map.least_state_dim() <= state_dim_,
+                   "rotations of states with " << map.least_state_dim()
+                                               << " entries or more do not fit states of "
+                                               << state_dim_);
+  FeatureSelection mapped = *this;
+  mapped.map_ = std::move(map);
+  return mapped;
+}
+
 void FeatureSelection::Apply(std::span<const double> state,
                              std::span<double> features) const noexcept {
+  if (!map_.empty()) {
+    for (std::size_t i = 0; i < indices_.size(); ++i) features[i] = map_.Value(state, indices_[i]);
+    return;
+  }
   for (std::size_t i = 0; i < indices_.size(); ++i) {
     features[i] = state[static_cast<std::size_t>(indices_[i])];
   }
@@ -144,7 +163,9 @@ double FeatureDecision::Gradient(int t, std::span<const double> x,
   selection_.Apply(x, features);
   const double g = inner_->Gradient(t, features, inner_gradient);
   for (std::size_t i = 0; i < size; ++i) {
-    gradient[static_cast<std::size_t>(selection_.indices()[i])] += inner_gradient[i];
+    const int entry = selection_.indices()[i];
+    gradient[static_cast<std::size_t>(entry)] +=
+        selection_.map().Slope(x, entry) * inner_gradient[i];
   }
   return g;
 }

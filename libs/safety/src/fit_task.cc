@@ -41,12 +41,15 @@ int NumFolds(std::size_t demonstrations, int most) {
 }
 
 // The demonstrations of each fold under a support that has not seen them, in the order of `order`;
-// nothing if `going_on` says so. Where there are three, one has no support.
+// nothing if `going_on` says so. Where there are three, one has no support. `without`, if given,
+// receives the supports.
 std::optional<HeldOut> LeaveOut(std::span<const core::Matrix> points, const core::Folds& folds,
                                 std::span<const std::size_t> order,
                                 const kernel::WhitenedSupportOptions& options,
-                                const std::function<bool(double share)>& going_on) {
+                                const std::function<bool(double share)>& going_on,
+                                std::vector<std::optional<kernel::WhitenedSupport>>* without) {
   std::vector<HeldOut> each(points.size());
+  if (without != nullptr) without->assign(folds.size(), std::nullopt);
   for (std::size_t fold = 0; fold < folds.size(); ++fold) {
     if (!going_on(static_cast<double>(fold) / static_cast<double>(folds.size()))) {
       return std::nullopt;
@@ -55,8 +58,9 @@ std::optional<HeldOut> LeaveOut(std::span<const core::Matrix> points, const core
     others.reserve(points.size());
     for (const std::size_t d : core::Others(folds, fold, order)) others.push_back(points[d]);
     if (others.size() < 2) continue;
-    const auto support = kernel::WhitenedSupport::Fit(others, options);
+    auto support = kernel::WhitenedSupport::Fit(others, options);
     for (const std::size_t d : folds[fold]) each[d].Add(support, points[d]);
+    if (without != nullptr) (*without)[fold] = std::move(support);
   }
   HeldOut all;
   for (const std::size_t d : order) {
@@ -135,10 +139,14 @@ std::optional<TaskFit> FitTask(const Recorded& recorded,
   const int num_folds = NumFolds(points.size(), folds);
   const core::Folds stratified = core::StratifiedFolds(points, num_folds);
   std::optional<HeldOut> left_out;
+  std::vector<std::optional<kernel::WhitenedSupport>> without;
   for (int widened = 0;; ++widened) {
-    left_out = LeaveOut(points, stratified, recorded.order, support, [&](double s) {
-      return going_on("leaving demonstrations out", 0.3 * (widened + s) / (1 + kMostWidenings));
-    });
+    left_out = LeaveOut(
+        points, stratified, recorded.order, support,
+        [&](double s) {
+          return going_on("leaving demonstrations out", 0.3 * (widened + s) / (1 + kMostWidenings));
+        },
+        &without);
     if (!left_out) return std::nullopt;
     if (left_out->inside >= kWantedInside * left_out->states || widened == kMostWidenings) break;
     kernel::WhitenedSupportOptions wider = support;
@@ -151,11 +159,12 @@ std::optional<TaskFit> FitTask(const Recorded& recorded,
     support = wider;
     to_all = std::move(wider_to_all);
   }
-  std::optional<HeldOut> contiguous =
-      LeaveOut(points, core::ContiguousFolds(points.size(), num_folds), recorded.order, support,
-               [&](double s) { return going_on("leaving stretches out", 0.3 + 0.3 * s); });
+  std::optional<HeldOut> contiguous = LeaveOut(
+      points, core::ContiguousFolds(points.size(), num_folds), recorded.order, support,
+      [&](double s) { return going_on("leaving stretches out", 0.3 + 0.3 * s); }, nullptr);
   if (!contiguous) return std::nullopt;
-  return TaskFit{support, *std::move(to_all), gaps, *std::move(left_out), *std::move(contiguous)};
+  return TaskFit{support,    *std::move(to_all), gaps, *std::move(left_out), *std::move(contiguous),
+                 stratified, std::move(without)};
 }
 
 std::shared_ptr<const TaskModel> MakeTask(const core::FeatureSelection& selection,

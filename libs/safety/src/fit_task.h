@@ -11,6 +11,7 @@
 #include "dfr/core/decision_function.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/features.h"
+#include "dfr/core/folds.h"
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
 #include "dfr/kernel/whitened_support.h"
@@ -58,6 +59,9 @@ struct TaskFit {
   kernel::GapTest gaps;                    ///< Of `to_all`.
   HeldOut left_out;                        ///< In core::StratifiedFolds().
   HeldOut contiguous;                      ///< In core::ContiguousFolds().
+  core::Folds folds;                       ///< Those of `left_out`,
+  /// and the support without each; none where fewer than two demonstrations remain.
+  std::vector<std::optional<kernel::WhitenedSupport>> without;
 };
 
 /// Chooses gamma by the gap test and window_share by demonstrations left out, as GuardOptions says.

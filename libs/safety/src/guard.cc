@@ -91,6 +91,7 @@ std::unique_ptr<control::Controller> MakeController(
   }
   ControllerOptions options{.horizon = settings.horizon};
   options.guided.max_controls = settings.max_actions;
+  options.guided.demonstrated = settings.demonstrated;
   options.guided.control_limit = model.actions().MeasuredLimits(settings.action_limit);
   return strategy != nullptr
              ? model.task().MakeController(std::move(strategy), proposal, options)
@@ -119,6 +120,7 @@ struct Guard::Loop {
   std::vector<double> bounded;  // `proposed` within the limits.
   std::vector<double> chosen;   // The controller's control.
   int next = 0;
+  int entry = -1;  // The quaternion that it halted for.
 };
 
 const char* Name(Source source) noexcept {
@@ -167,6 +169,7 @@ void Guard::Reset(std::uint64_t seed) noexcept {
   loop_->controller->Reset(seed);
   loop_->tracker.Reset();
   loop_->next = 0;
+  loop_->entry = -1;
 }
 
 void Guard::Stop(HaltCause cause) noexcept { loop_->controller->Stop(cause); }
@@ -175,12 +178,18 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
                       std::span<double> safe) noexcept {
   Loop& loop = *loop_;
   control::Controller& controller = *loop.controller;
+  const bool state_usable = static_cast<int>(state.size()) == state_dim() && AllFinite(state);
+  const core::StateMap& map = model_->recovery().features().selection().map();
+  const int off = state_usable ? map.FindInvalid(state) : -1;
   const bool action_usable = action.size() == loop.proposed.size() && AllFinite(action);
   if (action_usable) std::copy(action.begin(), action.end(), loop.proposed.begin());
   if (t != loop.next) {
     controller.Stop(HaltCause::kStepSkipped);
-  } else if (static_cast<int>(state.size()) != state_dim() || !AllFinite(state)) {
+  } else if (!state_usable) {
     controller.Stop(HaltCause::kStateInvalid);
+  } else if (off >= 0) {
+    controller.Stop(HaltCause::kBadQuaternion);
+    if (controller.halt_cause() == HaltCause::kBadQuaternion && loop.entry < 0) loop.entry = off;
   } else if (!action_usable) {
     controller.Stop(HaltCause::kControlInvalid);
   } else {
@@ -217,7 +226,8 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
   verdict.step = step.t;
   verdict.threshold = step.threshold;
   verdict.certified = step.certified;
-  if (static_cast<int>(state.size()) == state_dim() && AllFinite(state)) {
+  verdict.entry = loop.entry;
+  if (state_usable) {
     double level = loop.tracker.Follow(state);
     // What is certified is a level at the controller's time step, which may be another one.
     if (step.certified) level = std::max(level, step.log_g);

@@ -7,10 +7,12 @@
 #include <cmath>
 #include <utility>
 
+#include "choose_features.h"
 #include "dfr/core/absolute_actions.h"
 #include "dfr/core/format.h"
 #include "dfr/kernel/cover_radius.h"
 #include "fit_task.h"
+#include "left_out.h"
 
 namespace dfr::safety {
 
@@ -57,6 +59,8 @@ core::Matrix Attribution(const GuardModel& model, const core::Matrix& states) {
 std::vector<std::string> Warnings(const GuardModel& model) {
   constexpr int kFewest = 10;
   constexpr double kLeastAcceptance = 0.7;
+  constexpr double kMostChanged = 0.3;
+  constexpr double kMostOutside = 0.3;
   constexpr double kLowestAlarm = 3.0;
   constexpr double kMostOvershoot = 5.0;
   constexpr double kUnlikely = 0.01;
@@ -75,6 +79,22 @@ std::vector<std::string> Warnings(const GuardModel& model) {
         "will be held up: record more demonstrations, look at fewer features, or at every k-th "
         "state where demonstrations are long or differ in pace",
         100.0 * summary.acceptance));
+  }
+  if (summary.changed > kMostChanged || summary.ends_outside > kMostOutside) {
+    warnings.push_back(core::Format(
+        "the guard would change %.0f %% of the actions of left-out demonstrations, and predicts "
+        "%.0f %% of them to end outside: record more demonstrations, or look at fewer features",
+        100.0 * summary.changed, 100.0 * summary.ends_outside));
+  }
+  if (internal::Replay::Guesses(summary.explained, summary.action_error)) {
+    warnings.push_back(core::Format(
+        "the features tell only %.0f %% of how actions of left-out demonstrations vary: look at "
+        "what the demonstrator looked at.%s",
+        100.0 * std::max(0.0, summary.explained),
+        settings.demonstrated
+            ? ""
+            : " The guard does not use what demonstrations did nearby: it corrects the policy's "
+              "own action, or halts"));
   }
   if (internal::TooManyInGaps(summary.gaps)) {
     warnings.push_back(core::Format(
@@ -114,6 +134,7 @@ std::vector<std::string> Warnings(const GuardModel& model) {
                        " of an action take few values in the demonstrations: the guard passes the "
                        "policy's values of them and steers by the others alone");
   }
+  warnings.insert(warnings.end(), summary.findings.begin(), summary.findings.end());
   return warnings;
 }
 
@@ -182,12 +203,17 @@ double Explained(const GuardModel& model, std::span<const core::Trajectory> demo
 
 }  // namespace
 
-std::vector<std::string> Warnings(const GuardModel& model,
+std::vector<std::string> Findings(const GuardModel& model,
                                   std::span<const core::Trajectory> demonstrations) {
   // Guided recovery predicts so little then that its corrections are guesses.
   constexpr double kLeastExplained = 0.5;
-  std::vector<std::string> warnings = Warnings(model);
-  if (demonstrations.empty()) return warnings;
+  std::vector<std::string> warnings;
+  for (const core::Rotation& rotation : internal::Rotations(model.recovery().features().selection(),
+                                                            model.layout(), demonstrations)) {
+    // A matrix is continuous.
+    if (rotation.continuous || rotation.kind == core::Rotation::Kind::kMatrix) continue;
+    warnings.push_back(core::Describe(rotation, model.layout()));
+  }
   std::string clocks;
   for (const int entry : model.recovery().features().selection().indices()) {
     if (!FollowsClock(demonstrations, entry)) continue;

@@ -14,6 +14,7 @@ namespace {
 constexpr std::string_view kGuardKind = "guard";
 constexpr int kGuardVersion = 1;
 constexpr int kMostCount = 1 << 30;
+constexpr int kMostFindings = 1 << 16;
 
 void Write(core::ArchiveWriter& archive, const control::EstimatedConstant& constant) {
   archive.Number(constant.value);
@@ -41,12 +42,14 @@ void GuardModel::Save(const std::filesystem::path& path) const {
     archive.Integer(block.size);
   }
   archive.Text(recovery().features().selection().spec());
+  recovery().features().selection().map().Save(archive);
   archive.Text(Name(settings_.strategy));
   archive.Integer(settings_.horizon);
   archive.Integer(settings_.max_actions);
   archive.Numbers(settings_.action_limit);
   archive.Number(settings_.alarm_level);
   archive.Number(settings_.direction_error);
+  archive.Integer(settings_.demonstrated ? 1 : 0);
   archive.Text(summary_.source);
   archive.Text(summary_.version);
   archive.Integer(summary_.demonstrations);
@@ -64,6 +67,12 @@ void GuardModel::Save(const std::filesystem::path& path) const {
   }
   Write(archive, summary_.direction_error);
   Write(archive, summary_.gain);
+  archive.Number(summary_.changed);
+  archive.Number(summary_.ends_outside);
+  archive.Number(summary_.explained);
+  archive.Number(summary_.action_error);
+  archive.Integer(std::ssize(summary_.findings));
+  for (const std::string& finding : summary_.findings) archive.Text(finding);
   archive.Numbers(lambda());
   actions_->Save(archive);
   recovery().Save(archive);
@@ -80,9 +89,9 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
       layout.Add(std::move(name), archive.IntegerIn(1, 1 << 20));
     }
     const std::string spec = archive.Text();
-    core::FeatureSelection selection = spec.empty()
-                                           ? core::FeatureSelection::All(layout.state_dim())
-                                           : core::FeatureSelection(layout, spec);
+    core::FeatureSelection selection =
+        core::FeatureSelection::Of(layout, spec)
+            .Mapped(core::StateMap::Load(archive, layout.state_dim()));
     GuardSettings settings;
     settings.strategy = ParseStrategy(archive.Text());
     settings.horizon = archive.IntegerIn(1, kMostCount);
@@ -90,6 +99,7 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     settings.action_limit = archive.Numbers();
     settings.alarm_level = archive.Number();
     settings.direction_error = archive.Number();
+    settings.demonstrated = archive.IntegerIn(0, 1) == 1;
     GuardSummary summary;
     summary.source = archive.Text();
     summary.version = archive.Text();
@@ -109,6 +119,12 @@ std::shared_ptr<const GuardModel> GuardModel::Load(const std::filesystem::path& 
     summary.gaps.inside = archive.IntegerIn(0, kMostCount);
     summary.direction_error = ReadConstant(archive);
     summary.gain = ReadConstant(archive);
+    summary.changed = archive.Number();
+    summary.ends_outside = archive.Number();
+    summary.explained = archive.Number();
+    summary.action_error = archive.Number();
+    const int findings = archive.IntegerIn(0, kMostFindings);
+    for (int i = 0; i < findings; ++i) summary.findings.push_back(archive.Text());
     std::vector<double> lambda = archive.Numbers();
     auto actions = std::make_shared<const ActionSpace>(ActionSpace::Load(archive));
     auto recovery = GuidedRecovery::Load(archive, std::move(selection));

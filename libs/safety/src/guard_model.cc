@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "choose_features.h"
 #include "dfr/control/certified/certifier.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/absolute_actions.h"
@@ -14,7 +15,9 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/kernel/model_selection.h"
+#include "dfr/safety/guard_advice.h"
 #include "fit_task.h"
+#include "left_out.h"
 
 namespace dfr::safety {
 namespace {
@@ -166,9 +169,14 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   const auto going_on = [&](std::string_view stage, double share) {
     return !options.progress || options.progress(stage, share);
   };
-  const core::FeatureSelection selection = options.features.empty()
-                                               ? core::FeatureSelection::All(layout.state_dim())
-                                               : core::FeatureSelection(layout, options.features);
+  const std::span<const core::Trajectory> as_recorded = demonstrations;
+  const core::FeatureSelection selection = internal::Continuous(
+      core::FeatureSelection::Of(layout, options.features), layout, as_recorded);
+  std::vector<core::Trajectory> mapped;
+  if (!selection.map().empty()) {
+    mapped = internal::Mapped(selection.map(), as_recorded);
+    demonstrations = mapped;
+  }
   const auto actions = std::make_shared<const ActionSpace>(demonstrations);
   const internal::Recorded recorded(selection, demonstrations, *actions);
   const std::span<const core::Trajectory> ordered = recorded.ordered;
@@ -185,13 +193,18 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
 
   std::optional<internal::TaskFit> fit =
       internal::FitTask(recorded, options.support, options.folds, going_on);
-  if (!fit || !going_on("fitting the support", 0.6)) return nullptr;
+  if (!fit) return nullptr;
+  if (!options.accept_any) {
+    internal::RefuseUnlessInside(layout, recorded, *fit, *actions, options.folds);
+  }
+  if (!going_on("fitting the support", 0.6)) return nullptr;
   auto task = held_out.empty() ? internal::MakeTask(recorded, std::move(fit->to_all), fit->options)
                                : internal::MakeTask(selection, fitted,
                                                     measured.subspan(num_held_out), fit->options);
   if (!going_on("estimating the alarm level", 0.95)) return nullptr;
 
   const control::GuidedModel& guided = task->guided().model();
+  const internal::Replay replay = internal::ReplayLeftOut(recorded, *fit, guided);
   internal::HeldOut levels = fit->left_out;
   if (!held_out.empty()) {
     levels = {};
@@ -241,9 +254,15 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
           held_out.empty() ? control::EstimateDirectionError(guided.features(), measured)
                            : control::EstimateDirectionError(guided, measured.first(num_held_out)),
       .gain = control::EstimateGain(guided.features(),
-                                    held_out.empty() ? measured : measured.first(num_held_out))};
+                                    held_out.empty() ? measured : measured.first(num_held_out)),
+      .changed = replay.changed,
+      .ends_outside = replay.ends_outside,
+      .explained = replay.explained,
+      .action_error = replay.error};
+  settings.demonstrated = !replay.guesses();
   settings.direction_error = options.error_factor * model->summary_.direction_error.value;
   model->Complete(layout, actions, std::move(task), settings);
+  model->summary_.findings = Findings(*model, as_recorded);
   if (!going_on("done", 1.0)) return nullptr;
   return model;
 }

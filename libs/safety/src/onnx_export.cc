@@ -1,19 +1,39 @@
 #include "dfr/safety/onnx_export.h"
 
 #include <cstdint>
+#include <stdexcept>
 #include <vector>
 
+#include "dfr/core/absolute_actions.h"
 #include "dfr/core/feature_transform.h"
 #include "dfr/core/matrix.h"
+#include "dfr/core/rotations.h"
 #include "dfr/kernel/onnx_export.h"
 
 namespace dfr::safety {
 
 using core::OnnxGraph;
 
+void CheckExport(const GuardModel& model) {
+  const core::StateMap& map = model.recovery().features().selection().map();
+  if (!map.quaternions().empty()) {
+    const int first = map.quaternions()[0].first;
+    throw std::invalid_argument("cannot export a guard that looks at the quaternion " +
+                                core::EntryRange(model.layout(), first, 4) +
+                                ", whose sign no linear map chooses: fit one to two columns of the "
+                                "rotation matrix instead");
+  }
+  if (!map.angles().empty()) {
+    throw std::invalid_argument("cannot export a guard that looks at the angle " +
+                                core::EntryName(model.layout(), map.angles()[0].entry) +
+                                ", which jumps: fit one to its cosine and sine instead");
+  }
+}
+
 std::string AppendDecision(OnnxGraph& graph, const GuardModel& model, const std::string& t,
                            const std::string& x) {
   const core::FeatureTransform& features = model.recovery().features();
+  CheckExport(model);
   const std::vector<int>& chosen = features.selection().indices();
   const std::vector<std::int64_t> indices(chosen.begin(), chosen.end());
   const std::int64_t count[] = {static_cast<std::int64_t>(indices.size())};

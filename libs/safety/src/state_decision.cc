@@ -42,7 +42,7 @@ double StateDecision::Gradient(int t, std::span<const double> x,
   const std::span<double> inner(inner_buffer.data(), n);
   features_->Apply(x, z);
   const double g = inner_->Gradient(t, z, inner);
-  Pull(inner, gradient);
+  Pull(x, inner, gradient);
   return g;
 }
 
@@ -59,16 +59,18 @@ double StateDecision::LogDecision(int t, std::span<const double> x,
   Buffer inner_buffer;
   const std::span<double> inner(inner_buffer.data(), n);
   const double l = inner_->LogDecision(t, z, inner);
-  Pull(inner, gradient);
+  Pull(x, inner, gradient);
   return l;
 }
 
-void StateDecision::Pull(std::span<const double> inner, std::span<double> gradient) const noexcept {
+void StateDecision::Pull(std::span<const double> x, std::span<const double> inner,
+                         std::span<double> gradient) const noexcept {
   const std::vector<int>& indices = features_->selection().indices();
   const core::Matrix& scale = features_->scale();
   for (Eigen::Index k = 0; k < scale.cols(); ++k) {
-    gradient[static_cast<std::size_t>(indices[static_cast<std::size_t>(k)])] +=
-        scale.col(k).dot(core::AsVector(inner));
+    const int entry = indices[static_cast<std::size_t>(k)];
+    gradient[static_cast<std::size_t>(entry)] +=
+        features_->selection().map().Slope(x, entry) * scale.col(k).dot(core::AsVector(inner));
   }
 }
 

@@ -30,8 +30,9 @@ class StateDecision final : public core::LogDecisionFunction {
   }
 
  private:
-  // The chain rule: from a gradient in z to one in x.
-  void Pull(std::span<const double> inner, std::span<double> gradient) const noexcept;
+  // The chain rule: from a gradient in z to one in x, at x.
+  void Pull(std::span<const double> x, std::span<const double> inner,
+            std::span<double> gradient) const noexcept;
 
   const core::FeatureTransform* features_;
   const core::LogDecisionFunction* inner_;

@@ -20,6 +20,7 @@ enum class HaltCause {
   kNotReset,        ///< Next() before the first Reset().
   kTimeUp,          ///< t = T.
   kStateInvalid,    ///< A state of the wrong size or with a non-finite entry.
+  kBadQuaternion,   ///< A quaternion in a state has another length than 1.
   kControlInvalid,  ///< A policy or a recovery gave a non-finite control.
   kSupportInvalid,  ///< g is not finite at a finite state.
   kOutsideSupport,  ///< g <= 0: no control is small enough to be safe.

@@ -8,6 +8,7 @@
 
 #include "dfr/core/decision_function.h"
 #include "dfr/core/matrix.h"
+#include "dfr/core/state_map.h"
 
 namespace dfr::core {
 
@@ -42,12 +43,19 @@ class FeatureSelection {
   FeatureSelection(const StateLayout& layout, std::string_view spec);
   /// Selects every entry of a state of `state_dim` entries.
   static FeatureSelection All(int state_dim);
+  /// What `spec` names, or every entry if it is empty.
+  static FeatureSelection Of(const StateLayout& layout, std::string_view spec);
+  /// The same entries, of states that `map` has made continuous. What it maps and this does not
+  /// select has no effect. @throws std::invalid_argument if a state is too short for it.
+  [[nodiscard]] FeatureSelection Mapped(StateMap map) const;
 
   [[nodiscard]] int state_dim() const noexcept { return state_dim_; }
   [[nodiscard]] int num_features() const noexcept { return static_cast<int>(indices_.size()); }
   [[nodiscard]] const std::vector<int>& indices() const noexcept { return indices_; }
   /// Returns the parsed text; empty for All().
   [[nodiscard]] const std::string& spec() const noexcept { return spec_; }
+  /// Applied to states before features are taken from them.
+  [[nodiscard]] const StateMap& map() const noexcept { return map_; }
 
   /// Copies the features of `state` (state_dim()) to `features` (num_features()). Never allocates.
   void Apply(std::span<const double> state, std::span<double> features) const noexcept;
@@ -59,6 +67,7 @@ class FeatureSelection {
   int state_dim_ = 0;
   std::vector<int> indices_;
   std::string spec_;
+  StateMap map_;
 };
 
 /// Applies a decision function of selected features to whole states. Gathers at most kMaxFeatures

@@ -43,6 +43,9 @@ struct Verdict {
   /// alarm's. Demonstrations and robots go at paces of their own.
   int alarm_step = 0;
   int step = 0;  ///< The time step that the strategy is in: g's and threshold's.
+  /// Cause kBadQuaternion: the first of the four entries of the state, by the model's layout();
+  /// else -1.
+  int entry = -1;
   /// g at that time step, positive inside; NaN if the state is not one.
   double g = std::numeric_limits<double>::quiet_NaN();
   /// The policy's action passes unseen where g is at least this; NaN where there is no such gate.
@@ -65,8 +68,9 @@ struct Verdict {
 /// The guard learns from every applied action how states answer. It takes each call to mean that
 /// the action it gave last was applied in full and that `state` is what it led to; `t` counts the
 /// calls, so that a lost or doubled one is noticed. It fails closed: a state or action of the wrong
-/// size or with a non-finite entry, a `t` that is not the next one, a call before Reset() and
-/// whatever else is doubtful halt it, and then every action is zero until Reset().
+/// size or with a non-finite entry, a quaternion whose length is not 1, a `t` that is not the next
+/// one, a call before Reset() and whatever else is doubtful halt it, and then every action is zero
+/// until Reset().
 ///
 /// One object belongs to one thread; guards of several share a model. Reset() and Filter() neither
 /// allocate, lock nor throw.

@@ -11,12 +11,13 @@
 namespace dfr::safety {
 
 /// What speaks against using a guard, each with its remedy: too few demonstrations to tell ways
-/// apart, states of left-out demonstrations that are mostly outside, an alarm level far outside, an
-/// action limit far beyond the demonstrated actions. Empty if nothing does.
+/// apart, states or predictions of left-out demonstrations that are mostly outside, actions of
+/// these that it would change or that features do not tell, an alarm level far outside, an action
+/// limit far beyond the demonstrated actions, and GuardSummary::findings. Empty if nothing does.
 [[nodiscard]] std::vector<std::string> Warnings(const GuardModel& model);
-/// These, and what the demonstrations that it was fitted to say besides: features that only follow
-/// the clock, actions that explain little of how features change.
-[[nodiscard]] std::vector<std::string> Warnings(const GuardModel& model,
+/// GuardSummary::findings: features that only follow the clock, rotations that jump, actions that
+/// explain little of how features change.
+[[nodiscard]] std::vector<std::string> Findings(const GuardModel& model,
                                                 std::span<const core::Trajectory> demonstrations);
 
 /// In which sense `false_alarms` and the constants of a certificate are promised: exactly or

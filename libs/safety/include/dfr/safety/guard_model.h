@@ -54,6 +54,10 @@ struct GuardSettings {
   /// For kCertified: eps >= 0 of |dz - J u| <= eps |u|: what the answer of the whitened features to
   /// an action may differ from the predicted one, per unit of action. 0: not known.
   double direction_error = 0.0;
+  /// Whether what demonstrations did nearby may replace an action of the policy. A fit turns it off
+  /// where the features do not tell the actions of left-out demonstrations
+  /// (GuardSummary::explained, action_error): the guard then corrects the policy's own action, or halts.
+  bool demonstrated = true;
 };
 
 /// What a fit found, kept in the file.
@@ -82,6 +86,14 @@ struct GuardSummary {
   /// eps and K of |dz| <= K |u|, in whitened features per unit of action.
   control::EstimatedConstant direction_error = {};
   control::EstimatedConstant gain = {};
+  double changed = 0.0;       ///< Share of left-out actions that strategy kGuard would change,
+  double ends_outside = 0.0;  ///< that are predicted to end outside.
+  /// Share of the variance of left-out actions that what other demonstrations did nearby explains.
+  double explained = 1.0;
+  double action_error = 0.0;  ///< Its squared error, as a share of the squared actions.
+  /// What the demonstrations say against the guard, which the model alone does not tell: see
+  /// Warnings().
+  std::vector<std::string> findings = {};
 };
 
 /// Options for GuardModel::Fit().
@@ -108,6 +120,9 @@ struct GuardOptions {
   /// GuardSettings::direction_error as a multiple of the one that demonstrations show, > 0: a
   /// policy asks for controls that no demonstration would have made.
   double error_factor = 2.0;
+  /// Fit even where next to no state of left-out demonstrations is inside. Such a guard halts
+  /// nearly everything.
+  bool accept_any = false;
   std::string source = {};  ///< Kept in the file: where the demonstrations came from.
   /// Called with what is being done and the share of the work that is behind; false stops.
   std::function<bool(std::string_view stage, double share)> progress = {};
@@ -140,8 +155,12 @@ class GuardModel {
   /// the demonstrations changes no bit of what is fitted, and only GuardSummary::drift_level and
   /// drift_chance.
   /// @returns nothing if `options.progress` stopped it.
+  /// Unit quaternions and angles that jump by a period are made continuous where features look at
+  /// them (core::FindRotations()), in these demonstrations and in every later state.
   /// @throws std::invalid_argument if there are fewer than three demonstrations, they do not fit
   ///   each other, an option is out of range or a feature does not exist; the message names which.
+  ///   Also if next to no state of left-out demonstrations is inside, naming the features to
+  ///   choose, unless options.accept_any.
   static std::shared_ptr<const GuardModel> Fit(const core::StateLayout& layout,
                                                std::span<const core::Trajectory> demonstrations,
                                                const GuardOptions& options = {});

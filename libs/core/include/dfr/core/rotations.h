@@ -1,0 +1,107 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "dfr/core/features.h"
+#include "dfr/core/matrix.h"
+#include "dfr/core/state_map.h"
+#include "dfr/core/trajectory.h"
+
+namespace dfr::core {
+
+/// Entries of a state that hold a rotation.
+struct Rotation {
+  enum class Kind {
+    kQuaternion,  ///< 4 entries; q and -q are the same orientation.
+    kAngle,       ///< 1 entry that jumps by a period, 2 pi or 360.
+    kMatrix,      ///< 9 entries; continuous and redundant.
+    kAxisAngle,   ///< 3 entries whose length is an angle; jumps at pi.
+    kRunning,     ///< 1 entry; episodes begin at one angle, but on three revolutions or more.
+  };
+  Kind kind = Kind::kAngle;
+  int first = 0;
+  int size = 1;
+  double period = 0.0;  ///< For kAngle and kRunning.
+  /// It jumps between consecutive states of a demonstration.
+  bool jumps = false;
+  /// A StateMap makes it continuous: all quaternions are within 150 degrees of `reference`; the
+  /// values of an angle leave at least an eighth of the period free around its opposite.
+  bool continuous = false;
+  std::array<double, 4> reference = {};  ///< The mean orientation, for kQuaternion.
+  double centre = 0.0;                   ///< For kAngle.
+};
+
+/// Finds rotations in states, one episode at a time.
+///
+/// Tolerances: lengths and orthonormality are right within 1e-3 in all states. A block of four
+/// entries is a quaternion if its length is 1; four entries of a larger block only if they change
+/// sign together, or all of them vary. An angle that runs on without a jump looks like a length; it
+/// is found where 8 episodes or more begin a whole number of periods apart. Memory grows with the
+/// number of states only where quaternions are.
+class RotationFinder {
+ public:
+  explicit RotationFinder(const StateLayout& layout);
+  /// States (T + 1) x state_dim, all finite.
+  void Add(const Matrix& states);
+  /// In the order of the entries. The order of the episodes changes the rounding of a reference.
+  [[nodiscard]] std::vector<Rotation> Find() const;
+
+ private:
+  // What four adjacent entries of one block have been so far.
+  struct Four {
+    int first = 0;
+    bool whole = false;  // All of the block.
+    bool flips = false;
+    bool one_hot = true;
+    std::vector<Eigen::Vector4d> seen;
+  };
+  struct Three {
+    int first = 0;
+    bool jumps = false;
+  };
+  // What one entry has been, if it is an angle with this period.
+  struct Circle {
+    double low = 0.0;
+    double high = 0.0;
+    bool jumps = false;
+    bool possible = true;            // No two states are too far apart for an angle.
+    std::uint64_t occupied[2] = {};  // Which of 128 equal parts of the circle.
+    // Where episodes begin.
+    double first_low = 0.0;
+    double first_high = 0.0;
+    double cosines = 0.0;
+    double sines = 0.0;
+  };
+
+  void AddFour(const Matrix& states);
+  void AddNine(const Matrix& states);
+  void AddThree(const Matrix& states);
+  void AddAngles(const Matrix& states);
+
+  StateLayout layout_;
+  int episodes_ = 0;
+  std::vector<Four> fours_;
+  std::vector<int> nines_;
+  std::vector<Three> threes_;
+  std::vector<std::array<Circle, 2>> circles_;  // Radians, degrees; one an entry.
+};
+
+/// Finds rotations in a whole set at once. The order of the demonstrations changes no bit.
+[[nodiscard]] std::vector<Rotation> FindRotations(const StateLayout& layout,
+                                                  std::span<const Trajectory> demonstrations);
+
+/// What makes the continuous ones so.
+[[nodiscard]] StateMap MapOf(std::span<const Rotation> rotations);
+
+/// "object[2:6]": adjacent entries of one block as users name them.
+[[nodiscard]] std::string EntryRange(const StateLayout& layout, int first, int size);
+
+/// One or two sentences for a warning or a report: what it is, and the remedy if one is needed.
+[[nodiscard]] std::string Describe(const Rotation& rotation, const StateLayout& layout);
+
+}  // namespace dfr::core

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include "dfr/core/archive.h"
+
+namespace dfr::core {
+
+/// Makes rotations in a state continuous. Of the unit quaternions q and -q, which are the same
+/// orientation, it takes the one in the hemisphere of a reference. Of the values of an angle that
+/// are a whole number of periods apart it takes the one nearest to a centre. Both are exact: states
+/// of the same pose map to the same bits, and a mapped state maps to itself. All other entries stay
+/// as they are.
+///
+/// Immutable. No call allocates or throws, unless it says so.
+class StateMap {
+ public:
+  struct Quaternion {
+    int first = 0;  ///< The state's entries [first, first + 4).
+    std::array<double, 4> reference = {};
+  };
+  struct Angle {
+    int entry = 0;
+    double centre = 0.0;
+    double period = 0.0;
+  };
+
+  /// Maps nothing.
+  StateMap() = default;
+  /// @throws std::invalid_argument if an entry is negative, a reference is not a unit quaternion, a
+  ///   centre is not finite, or a period not positive and finite.
+  StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angles);
+  /// Appends all of it to a file.
+  void Save(ArchiveWriter& archive) const;
+  /// Reads what Save() wrote for states of `state_dim` entries.
+  /// @throws std::runtime_error naming the file and what is wrong with it.
+  static StateMap Load(ArchiveReader& archive, int state_dim);
+
+  [[nodiscard]] bool empty() const noexcept { return quaternions_.empty() && angles_.empty(); }
+  [[nodiscard]] const std::vector<Quaternion>& quaternions() const noexcept { return quaternions_; }
+  [[nodiscard]] const std::vector<Angle>& angles() const noexcept { return angles_; }
+  /// Entries of a state that it takes at least.
+  [[nodiscard]] int least_state_dim() const noexcept;
+
+  /// The mapped value of one entry.
+  [[nodiscard]] double Value(std::span<const double> state, int entry) const noexcept;
+  /// Its derivative with respect to that entry: 1 or -1.
+  [[nodiscard]] double Slope(std::span<const double> state, int entry) const noexcept;
+  /// Maps a state in place.
+  void Apply(std::span<double> state) const noexcept;
+  /// The first entry of a quaternion whose length differs from 1 by more than 10 %; -1 if there is
+  /// none.
+  [[nodiscard]] int FindInvalid(std::span<const double> state) const noexcept;
+
+ private:
+  std::vector<Quaternion> quaternions_;
+  std::vector<Angle> angles_;
+};
+
+}  // namespace dfr::core

@@ -1,0 +1,318 @@
+#include "dfr/core/rotations.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include "dfr/core/absolute_actions.h"
+#include "dfr/core/folds.h"
+#include "dfr/core/format.h"
+
+namespace dfr::core {
+namespace {
+
+using Kind = Rotation::Kind;
+
+constexpr double kTolerance = 1e-3;
+constexpr double kPi = std::numbers::pi;
+constexpr std::array<double, 2> kPeriods = {2.0 * kPi, 360.0};
+constexpr int kParts = 128;
+// Parts of a circle that must be free for an angle to be made continuous: an eighth.
+constexpr int kLeastFree = kParts / 8;
+// An entry that moves by more than this share of a period in one step cannot be told from a jump.
+constexpr double kMostMotion = 0.25;
+// cos(150 degrees / 2): beyond that the nearer of q and -q is soon the other one.
+constexpr double kLeastAlong = 0.2588190451025207;
+// Episodes that begin at one angle on several revolutions: how many, how far apart in revolutions,
+// and how long the mean of their unit vectors is. Lengths hardly ever do.
+constexpr int kFewest = 8;
+constexpr double kLeastApart = 1.5;
+constexpr double kSameAngle = 0.97;
+
+// Calls `visit` with the first of `size` adjacent entries of a block, and whether they are all.
+template <typename Visit>
+void EachWindow(const StateLayout& layout, int size, const Visit& visit) {
+  for (const auto& block : layout.blocks) {
+    for (int first = block.offset; first + size <= block.offset + block.size; ++first) {
+      visit(first, size == block.size);
+    }
+  }
+}
+
+bool IsOneHot(const Eigen::Vector4d& q) {
+  return (q.array() * (q.array() - 1.0)).cwiseAbs().maxCoeff() <= kTolerance;
+}
+
+bool AllVary(const std::vector<Eigen::Vector4d>& seen) {
+  Eigen::Vector4d low = seen[0];
+  Eigen::Vector4d high = seen[0];
+  for (const Eigen::Vector4d& q : seen) {
+    // The sign says nothing about the orientation.
+    const Eigen::Vector4d near = q.dot(seen[0]) < 0.0 ? Eigen::Vector4d(-q) : q;
+    low = low.cwiseMin(near);
+    high = high.cwiseMax(near);
+  }
+  return (high - low).minCoeff() > kTolerance;
+}
+
+// The orientation with the largest sum of squared cosines, which has no sign: the one whose first
+// large entry is positive.
+Eigen::Vector4d MeanOrientation(const std::vector<Eigen::Vector4d>& seen) {
+  constexpr double kTie = 1e-6;
+  Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
+  for (const Eigen::Vector4d& q : seen) sum += q * q.transpose();
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> solver(sum);
+  Eigen::Vector4d mean = solver.eigenvectors().col(3).normalized();
+  const double largest = mean.cwiseAbs().maxCoeff();
+  for (const double entry : mean) {
+    if (std::abs(entry) < largest - kTie) continue;
+    if (entry < 0.0) mean = -mean;
+    break;
+  }
+  return mean;
+}
+
+// The longest run of free parts of a circle, around its end: how many, and where it begins.
+std::pair<int, int> LongestFree(const std::uint64_t (&occupied)[2]) {
+  const auto taken = [&](int part) {
+    const auto i = static_cast<unsigned>(part % kParts);
+    return ((occupied[i / 64] >> (i % 64)) & 1U) != 0;
+  };
+  std::pair<int, int> longest{0, 0};
+  for (int begin = 0; begin < kParts; ++begin) {
+    if (taken(begin)) continue;
+    int length = 0;
+    while (length < kParts && !taken(begin + length)) ++length;
+    longest = std::max(longest, {length, begin},
+                       [](const auto& a, const auto& b) { return a.first < b.first; });
+  }
+  return longest;
+}
+
+}  // namespace
+
+RotationFinder::RotationFinder(const StateLayout& layout)
+    : layout_(layout), circles_(static_cast<std::size_t>(layout.state_dim())) {
+  EachWindow(layout, 4, [&](int first, bool whole) {
+    fours_.push_back({.first = first, .whole = whole, .seen = {}});
+  });
+  EachWindow(layout, 9, [&](int first, bool) { nines_.push_back(first); });
+  EachWindow(layout, 3, [&](int first, bool) { threes_.push_back({.first = first}); });
+}
+
+void RotationFinder::Add(const Matrix& states) {
+  if (states.rows() == 0) return;
+  AddFour(states);
+  AddNine(states);
+  AddThree(states);
+  AddAngles(states);
+  ++episodes_;
+}
+
+void RotationFinder::AddFour(const Matrix& states) {
+  std::erase_if(fours_, [&](Four& four) {
+    const auto rows = states.middleCols(four.first, 4);
+    if ((rows.rowwise().norm().array() - 1.0).cwiseAbs().maxCoeff() > kTolerance) return true;
+    for (Eigen::Index t = 0; t < rows.rows(); ++t) {
+      const Eigen::Vector4d q = rows.row(t);
+      four.flips = four.flips || (t > 0 && four.seen.back().dot(q) < 0.0);
+      four.one_hot = four.one_hot && IsOneHot(q);
+      four.seen.push_back(q);
+    }
+    return false;
+  });
+}
+
+void RotationFinder::AddNine(const Matrix& states) {
+  std::erase_if(nines_, [&](int first) {
+    for (Eigen::Index t = 0; t < states.rows(); ++t) {
+      const Eigen::Vector<double, 9> entries = states.row(t).segment(first, 9);
+      const Eigen::Map<const Eigen::Matrix3d> r(entries.data());
+      const Eigen::Matrix3d off = r.transpose() * r - Eigen::Matrix3d::Identity();
+      if (off.cwiseAbs().maxCoeff() > kTolerance || r.determinant() < 0.0) return true;
+    }
+    return false;
+  });
+}
+
+// At pi, v turns into v - 2 pi v / |v|.
+void RotationFinder::AddThree(const Matrix& states) {
+  std::erase_if(threes_, [&](Three& three) {
+    const auto rows = states.middleCols(three.first, 3);
+    if (rows.rowwise().norm().maxCoeff() > kPi + kTolerance) return true;
+    for (Eigen::Index t = 0; t + 1 < rows.rows(); ++t) {
+      const Eigen::Vector3d v = rows.row(t);
+      const Eigen::Vector3d next = rows.row(t + 1);
+      if ((next - v).norm() <= kPi) continue;
+      const Eigen::Vector3d other = v - 2.0 * kPi * v.normalized();
+      if ((next - other).norm() > kMostMotion * kPeriods[0]) return true;
+      three.jumps = true;
+    }
+    return false;
+  });
+}
+
+void RotationFinder::AddAngles(const Matrix& states) {
+  for (std::size_t k = 0; k < circles_.size(); ++k) {
+    const auto column = states.col(static_cast<Eigen::Index>(k));
+    for (std::size_t i = 0; i < kPeriods.size(); ++i) {
+      Circle& circle = circles_[k][i];
+      const double period = kPeriods[i];
+      const bool empty = episodes_ == 0;
+      circle.low = empty ? column.minCoeff() : std::min(circle.low, column.minCoeff());
+      circle.high = empty ? column.maxCoeff() : std::max(circle.high, column.maxCoeff());
+      circle.first_low = empty ? column[0] : std::min(circle.first_low, column[0]);
+      circle.first_high = empty ? column[0] : std::max(circle.first_high, column[0]);
+      circle.cosines += std::cos(2.0 * kPi * column[0] / period);
+      circle.sines += std::sin(2.0 * kPi * column[0] / period);
+      for (Eigen::Index t = 0; t < column.size(); ++t) {
+        const double turns = column[t] / period;
+        const auto part =
+            static_cast<unsigned>(kParts * (turns - std::floor(turns))) % unsigned{kParts};
+        circle.occupied[part / 64] |= std::uint64_t{1} << (part % 64);
+        if (t == 0) continue;
+        const double moved = (column[t] - column[t - 1]) / period;
+        const double jumped = std::round(moved);
+        circle.possible = circle.possible && std::abs(moved - jumped) <= kMostMotion;
+        circle.jumps = circle.jumps || std::abs(jumped) >= 0.5;
+      }
+    }
+  }
+}
+
+std::vector<Rotation> RotationFinder::Find() const {
+  std::vector<Rotation> found;
+  std::vector<bool> taken(static_cast<std::size_t>(layout_.state_dim()), episodes_ == 0);
+  const auto take = [&](Rotation rotation) {
+    const auto begin = taken.begin() + rotation.first;
+    if (std::any_of(begin, begin + rotation.size, [](bool t) { return t; })) return;
+    std::fill(begin, begin + rotation.size, true);
+    found.push_back(rotation);
+  };
+  for (const int first : nines_) take({.kind = Kind::kMatrix, .first = first, .size = 9});
+  for (const Four& four : fours_) {
+    if (four.seen.empty() || (four.one_hot && !four.flips)) continue;
+    if (!four.whole && !four.flips && !AllVary(four.seen)) continue;
+    const Eigen::Vector4d mean = MeanOrientation(four.seen);
+    const bool near = std::all_of(four.seen.begin(), four.seen.end(), [&](const auto& q) {
+      return std::abs(mean.dot(q)) >= kLeastAlong;
+    });
+    take({.kind = Kind::kQuaternion,
+          .first = four.first,
+          .size = 4,
+          .jumps = four.flips,
+          .continuous = near,
+          .reference = {mean[0], mean[1], mean[2], mean[3]}});
+  }
+  for (std::size_t k = 0; k < circles_.size(); ++k) {
+    for (std::size_t i = 0; i < kPeriods.size(); ++i) {
+      const Circle& circle = circles_[k][i];
+      const double period = kPeriods[i];
+      const double slack = kTolerance * period;
+      const bool centred =
+          circle.low >= -0.5 * period - slack && circle.high <= 0.5 * period + slack;
+      const bool positive = circle.low >= -slack && circle.high <= period + slack;
+      if (!circle.jumps || !circle.possible || !(centred || positive)) continue;
+      const auto [length, begin] = LongestFree(circle.occupied);
+      const double free = (begin + 0.5 * length) / kParts;  // Its middle, in revolutions.
+      take({.kind = Kind::kAngle,
+            .first = static_cast<int>(k),
+            .size = 1,
+            .period = period,
+            .jumps = true,
+            .continuous = length >= kLeastFree,
+            .centre = period * (free < 0.5 ? free + 0.5 : free - 0.5)});
+    }
+  }
+  for (const Three& three : threes_) {
+    if (!three.jumps) continue;
+    take({.kind = Kind::kAxisAngle, .first = three.first, .size = 3, .jumps = true});
+  }
+  for (std::size_t k = 0; k < circles_.size(); ++k) {
+    for (std::size_t i = 0; i < kPeriods.size(); ++i) {
+      const Circle& circle = circles_[k][i];
+      if (episodes_ < kFewest || !circle.possible ||
+          circle.first_high - circle.first_low < kLeastApart * kPeriods[i] ||
+          std::hypot(circle.cosines, circle.sines) < kSameAngle * episodes_) {
+        continue;
+      }
+      take(
+          {.kind = Kind::kRunning, .first = static_cast<int>(k), .size = 1, .period = kPeriods[i]});
+    }
+  }
+  std::sort(found.begin(), found.end(),
+            [](const Rotation& a, const Rotation& b) { return a.first < b.first; });
+  return found;
+}
+
+std::vector<Rotation> FindRotations(const StateLayout& layout,
+                                    std::span<const Trajectory> demonstrations) {
+  RotationFinder finder(layout);
+  for (const std::size_t d : ContentOrder(demonstrations)) finder.Add(demonstrations[d].states);
+  return finder.Find();
+}
+
+StateMap MapOf(std::span<const Rotation> rotations) {
+  std::vector<StateMap::Quaternion> quaternions;
+  std::vector<StateMap::Angle> angles;
+  for (const Rotation& r : rotations) {
+    if (!r.continuous) continue;
+    if (r.kind == Kind::kQuaternion) quaternions.push_back({r.first, r.reference});
+    if (r.kind == Kind::kAngle) angles.push_back({r.first, r.centre, r.period});
+  }
+  return {std::move(quaternions), std::move(angles)};
+}
+
+std::string EntryRange(const StateLayout& layout, int first, int size) {
+  const auto block = std::find_if(layout.blocks.begin(), layout.blocks.end(),
+                                  [&](const auto& b) { return first < b.offset + b.size; });
+  return block->name + Format("[%d:%d]", first - block->offset, first - block->offset + size);
+}
+
+std::string Describe(const Rotation& rotation, const StateLayout& layout) {
+  const std::string name = rotation.size == 1 ? EntryName(layout, rotation.first)
+                                              : EntryRange(layout, rotation.first, rotation.size);
+  switch (rotation.kind) {
+    case Kind::kQuaternion:
+      if (rotation.continuous) {
+        return name + " is a unit quaternion: a guard takes q and -q for the same orientation";
+      }
+      return name +
+             " is a unit quaternion whose orientations are more than 150 degrees from their mean: "
+             "q "
+             "and -q remain two states. Give the first two columns of the rotation matrix instead";
+    case Kind::kAngle:
+      if (rotation.continuous) {
+        return name + Format(" is an angle that jumps by %g: a guard takes the value nearest to %g",
+                             rotation.period, rotation.centre);
+      }
+      return name + Format(
+                        " is an angle that jumps by %g and goes all the way round: the jump "
+                        "remains. Give its cosine and sine instead, or the running angle "
+                        "unwrapped where the revolution matters",
+                        rotation.period);
+    case Kind::kMatrix:
+      return name +
+             " is a rotation matrix: it is continuous, but redundant. Six of its entries, two rows "
+             "or two columns, are enough";
+    case Kind::kAxisAngle:
+      return name +
+             " is a rotation vector (axis times angle) that jumps at pi. Give the first two "
+             "columns "
+             "of the rotation matrix instead";
+    case Kind::kRunning:
+      return name + Format(
+                        " is an angle that runs on: episodes begin a whole number of %g apart, "
+                        "and an orientation is another state on each revolution. Give its "
+                        "cosine and sine instead, or let each episode begin on the same "
+                        "revolution",
+                        rotation.period);
+  }
+  return name;
+}
+
+}  // namespace dfr::core

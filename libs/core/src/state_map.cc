@@ -1,0 +1,139 @@
+#include "dfr/core/state_map.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+#include "dfr/core/contract.h"
+
+namespace dfr::core {
+namespace {
+
+constexpr int kSize = 4;
+// Quaternions of sensors and of single precision are off by less than this.
+constexpr double kMostOff = 0.1;
+// References are normalised.
+constexpr double kRounding = 1e-6;
+constexpr int kMost = 1 << 16;
+
+template <typename Values>
+double Dot(const Values& a, std::span<const double> b) noexcept {
+  double sum = 0.0;
+  for (std::size_t k = 0; k < static_cast<std::size_t>(kSize); ++k) sum += a[k] * b[k];
+  return sum;
+}
+
+std::span<const double> Of(std::span<const double> state, const StateMap::Quaternion& q) noexcept {
+  return state.subspan(static_cast<std::size_t>(q.first), static_cast<std::size_t>(kSize));
+}
+
+double Sign(std::span<const double> state, const StateMap::Quaternion& q) noexcept {
+  return Dot(q.reference, Of(state, q)) < 0.0 ? -1.0 : 1.0;
+}
+
+double Near(double value, const StateMap::Angle& angle) noexcept {
+  return value - angle.period * std::round((value - angle.centre) / angle.period);
+}
+
+}  // namespace
+
+StateMap::StateMap(std::vector<Quaternion> quaternions, std::vector<Angle> angles)
+    : quaternions_(std::move(quaternions)), angles_(std::move(angles)) {
+  for (const Quaternion& q : quaternions_) {
+    DFR_THROW_UNLESS(q.first >= 0, "a quaternion begins at entry " << q.first);
+    const double length = std::sqrt(Dot(q.reference, q.reference));
+    DFR_THROW_UNLESS(
+        std::abs(length - 1.0) <= kRounding,
+        "a reference orientation must be a unit quaternion, not one of length " << length);
+  }
+  for (const Angle& angle : angles_) {
+    DFR_THROW_UNLESS(angle.entry >= 0, "an angle is entry " << angle.entry);
+    DFR_THROW_UNLESS(
+        std::isfinite(angle.centre) && angle.period > 0.0 && std::isfinite(angle.period),
+        "the centre of an angle must be finite, its period positive and finite: "
+            << angle.centre << ", " << angle.period);
+  }
+}
+
+void StateMap::Save(ArchiveWriter& archive) const {
+  archive.Integer(std::ssize(quaternions_));
+  for (const Quaternion& q : quaternions_) {
+    archive.Integer(q.first);
+    archive.Numbers(q.reference);
+  }
+  archive.Integer(std::ssize(angles_));
+  for (const Angle& angle : angles_) {
+    archive.Integer(angle.entry);
+    archive.Number(angle.centre);
+    archive.Number(angle.period);
+  }
+}
+
+StateMap StateMap::Load(ArchiveReader& archive, int state_dim) {
+  std::vector<Quaternion> quaternions;
+  const int num_quaternions = archive.IntegerIn(0, kMost);
+  for (int i = 0; i < num_quaternions; ++i) {
+    const int first = archive.IntegerIn(0, std::max(0, state_dim - kSize));
+    const std::vector<double> reference = archive.Numbers();
+    if (reference.size() != kSize || state_dim < kSize) {
+      archive.Fail("a quaternion has 4 entries of the state");
+    }
+    quaternions.push_back({first, {reference[0], reference[1], reference[2], reference[3]}});
+  }
+  std::vector<Angle> angles;
+  const int num_angles = archive.IntegerIn(0, kMost);
+  for (int i = 0; i < num_angles; ++i) {
+    const int entry = archive.IntegerIn(0, state_dim - 1);
+    const double centre = archive.Number();
+    angles.push_back({entry, centre, archive.Number()});
+  }
+  try {
+    return {std::move(quaternions), std::move(angles)};
+  } catch (const std::invalid_argument& e) {
+    archive.Fail(e.what());
+  }
+}
+
+int StateMap::least_state_dim() const noexcept {
+  int least = 0;
+  for (const Quaternion& q : quaternions_) least = std::max(least, q.first + kSize);
+  for (const Angle& angle : angles_) least = std::max(least, angle.entry + 1);
+  return least;
+}
+
+double StateMap::Value(std::span<const double> state, int entry) const noexcept {
+  const double value = state[static_cast<std::size_t>(entry)];
+  for (const Angle& angle : angles_) {
+    if (angle.entry == entry) return Near(value, angle);
+  }
+  return Slope(state, entry) * value;
+}
+
+double StateMap::Slope(std::span<const double> state, int entry) const noexcept {
+  for (const Quaternion& q : quaternions_) {
+    if (entry >= q.first && entry < q.first + kSize) return Sign(state, q);
+  }
+  return 1.0;
+}
+
+void StateMap::Apply(std::span<double> state) const noexcept {
+  for (const Quaternion& q : quaternions_) {
+    const double sign = Sign(state, q);
+    for (int k = q.first; k < q.first + kSize; ++k) state[static_cast<std::size_t>(k)] *= sign;
+  }
+  for (const Angle& angle : angles_) {
+    double& value = state[static_cast<std::size_t>(angle.entry)];
+    value = Near(value, angle);
+  }
+}
+
+int StateMap::FindInvalid(std::span<const double> state) const noexcept {
+  for (const Quaternion& q : quaternions_) {
+    const std::span<const double> entries = Of(state, q);
+    if (!(std::abs(std::sqrt(Dot(entries, entries)) - 1.0) <= kMostOff)) return q.first;
+  }
+  return -1;
+}
+
+}  // namespace dfr::core

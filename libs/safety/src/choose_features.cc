@@ -1,0 +1,176 @@
+#include "choose_features.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "dfr/core/contract.h"
+#include "dfr/core/format.h"
+#include "dfr/core/local_scatter.h"
+
+namespace dfr::safety::internal {
+namespace {
+
+// Below this share of states inside, a guard halts nearly everything.
+constexpr double kLeastInside = 0.2;
+
+// A choice of features, and what share of left-out states is inside with it.
+struct Candidate {
+  std::string spec;
+  double inside = 0.0;
+};
+
+std::optional<Candidate> Try(const core::StateLayout& layout, const std::string& spec,
+                             const Recorded& recorded,
+                             const kernel::WhitenedSupportOptions& options,
+                             const ActionSpace& actions, int folds) {
+  try {
+    const Recorded part(
+        core::FeatureSelection(layout, spec).Mapped(recorded.features.selection().map()),
+        recorded.ordered, actions);
+    const std::optional<TaskFit> fit =
+        FitTask(part, options, folds, [](std::string_view, double) { return true; });
+    return Candidate{spec, fit->left_out.inside / fit->left_out.states};
+  } catch (const std::invalid_argument&) {
+    return std::nullopt;  // Nothing in it differs between demonstrations.
+  }
+}
+
+// "object[0:2],tip[1:2]" of entries in ascending order.
+std::string Spec(const core::StateLayout& layout, const std::vector<int>& entries) {
+  std::string spec;
+  for (const auto& block : layout.blocks) {
+    for (std::size_t i = 0; i < entries.size();) {
+      std::size_t end = i + 1;
+      if (entries[i] >= block.offset && entries[i] < block.offset + block.size) {
+        while (end < entries.size() && entries[end] == entries[end - 1] + 1 &&
+               entries[end] < block.offset + block.size) {
+          ++end;
+        }
+        spec +=
+            (spec.empty() ? "" : ",") + block.name +
+            core::Format("[%d:%d]", entries[i] - block.offset, entries[end - 1] + 1 - block.offset);
+      }
+      i = end;
+    }
+  }
+  return spec;
+}
+
+// Entries whose linear functions the others nearly are, in how demonstrations differ at a time
+// step: pivoted Cholesky of their correlation, until a hundredth of it is left.
+std::vector<int> Independent(const Recorded& recorded) {
+  constexpr double kLeft = 0.01;
+  constexpr double kConstant = 1e-9;
+  const core::FeatureSelection& selection = recorded.features.selection();
+  std::vector<core::Matrix> states;
+  for (const core::Trajectory& d : recorded.ordered) states.push_back(selection.Apply(d.states));
+  std::vector<core::Matrix> steps;
+  for (int t = 0; t < core::MedianNumStates(states); ++t) {
+    core::Matrix here(0, selection.num_features());
+    for (const core::Matrix& x : states) {
+      if (t >= x.rows()) continue;
+      here.conservativeResize(here.rows() + 1, Eigen::NoChange);
+      here.bottomRows(1) = x.row(t);
+    }
+    steps.push_back(std::move(here));
+  }
+  Eigen::MatrixXd left = core::PooledCovariance(steps);
+  Eigen::VectorXd sd = left.diagonal().cwiseSqrt();
+  // Entries that never differ have no variance to explain.
+  sd = (sd.array() > kConstant * sd.maxCoeff()).select(sd.cwiseInverse(), 0.0);
+  left = sd.asDiagonal() * left * sd.asDiagonal();
+  const double all = left.trace();
+  std::vector<int> chosen;
+  Eigen::Index pivot = 0;
+  while (left.trace() > kLeft * all && left.diagonal().maxCoeff(&pivot) > 0.0) {
+    chosen.push_back(selection.indices()[static_cast<std::size_t>(pivot)]);
+    const Eigen::VectorXd column = left.col(pivot) / std::sqrt(left(pivot, pivot));
+    left -= column * column.transpose();
+    left.diagonal() = left.diagonal().cwiseMax(0.0);
+    left.row(pivot).setZero();
+    left.col(pivot).setZero();
+  }
+  std::sort(chosen.begin(), chosen.end());
+  return chosen;
+}
+
+std::string Share(double share) { return core::Format("%.0f %%", 100.0 * share); }
+
+}  // namespace
+
+std::vector<core::Rotation> Rotations(const core::FeatureSelection& features,
+                                      const core::StateLayout& layout,
+                                      std::span<const core::Trajectory> demonstrations) {
+  std::vector<core::Rotation> rotations = core::FindRotations(layout, demonstrations);
+  std::erase_if(rotations, [&](const core::Rotation& rotation) {
+    return std::none_of(features.indices().begin(), features.indices().end(), [&](int entry) {
+      return entry >= rotation.first && entry < rotation.first + rotation.size;
+    });
+  });
+  return rotations;
+}
+
+core::FeatureSelection Continuous(core::FeatureSelection features, const core::StateLayout& layout,
+                                  std::span<const core::Trajectory> demonstrations) {
+  return features.Mapped(core::MapOf(Rotations(features, layout, demonstrations)));
+}
+
+std::vector<core::Trajectory> Mapped(const core::StateMap& map,
+                                     std::span<const core::Trajectory> demonstrations) {
+  std::vector<core::Trajectory> mapped(demonstrations.begin(), demonstrations.end());
+  for (core::Trajectory& demonstration : mapped) {
+    for (Eigen::Index t = 0; t < demonstration.states.rows(); ++t) {
+      map.Apply(core::Row(demonstration.states, t));
+    }
+  }
+  return mapped;
+}
+
+void RefuseUnlessInside(const core::StateLayout& layout, const Recorded& recorded,
+                        const TaskFit& fit, const ActionSpace& actions, int folds) {
+  const double inside = fit.left_out.inside / fit.left_out.states;
+  if (inside >= kLeastInside) return;
+  const core::FeatureSelection& selection = recorded.features.selection();
+  std::vector<Candidate> candidates;
+  const auto consider = [&](const std::string& spec) {
+    auto candidate = Try(layout, spec, recorded, fit.options, actions, folds);
+    if (candidate && candidate->inside > inside) candidates.push_back(*std::move(candidate));
+  };
+  for (const auto& block : layout.blocks) {
+    const bool looked_at = std::any_of(
+        selection.indices().begin(), selection.indices().end(),
+        [&](int entry) { return entry >= block.offset && entry < block.offset + block.size; });
+    if (looked_at && block.size < selection.num_features()) consider(block.name);
+  }
+  const std::vector<int> independent = Independent(recorded);
+  const bool redundant = std::ssize(independent) < selection.num_features();
+  if (redundant) consider(Spec(layout, independent));
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const Candidate& a, const Candidate& b) { return a.inside > b.inside; });
+  constexpr std::size_t kMostNamed = 3;
+  std::string better;
+  for (std::size_t i = 0; i < std::min(kMostNamed, candidates.size()); ++i) {
+    better += (i == 0 ? "" : "; ") + candidates[i].spec + " (" + Share(candidates[i].inside) + ")";
+  }
+  std::string message =
+      "only " + Share(inside) +
+      " of the states of left-out demonstrations are inside: the guard would halt nearly "
+      "everything. ";
+  if (redundant) {
+    message += core::Format("Of its %d features %zu tell the others: ", selection.num_features(),
+                            independent.size()) +
+               Spec(layout, independent) + ". ";
+  }
+  message += better.empty() ? "Record more demonstrations, or look at fewer features"
+                            : "Look at fewer features; inside would be with " + better;
+  if (fit.options.svm.gamma > kernel::WhitenedSupportOptions().svm.gamma) {
+    message += core::Format(", or choose a smaller gamma than %g", fit.options.svm.gamma);
+  }
+  throw std::invalid_argument(message + ". To fit all the same: --accept-any, accept_any=True");
+}
+
+}  // namespace dfr::safety::internal

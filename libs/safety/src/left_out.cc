@@ -1,0 +1,96 @@
+#include "left_out.h"
+
+#include <algorithm>
+#include <memory>
+
+#include "dfr/control/guided/jacobian_estimate.h"
+
+namespace dfr::safety::internal {
+namespace {
+
+constexpr std::size_t kMostActions = 1000;
+
+// Sums over replayed actions v, in units of an ordinary one.
+struct Sums {
+  explicit Sums(Eigen::Index control_dim) : v(Eigen::VectorXd::Zero(control_dim)) {}
+  double count = 0.0;
+  double changed = 0.0;
+  double outside = 0.0;
+  double guessed = 0.0;  // Actions that the regression knows something of,
+  Eigen::VectorXd v;     // their sum,
+  double squares = 0.0;  // the sum of their squares,
+  double missed = 0.0;   // and of squared errors.
+
+  [[nodiscard]] Replay Shares() const {
+    if (!(count > 0.0)) return {};
+    const double variance = guessed > 0.0 ? squares - v.squaredNorm() / guessed : 0.0;
+    // The same action everywhere is as well known as can be.
+    constexpr double kConstant = 1e-9;
+    const double explained = variance > kConstant * squares ? 1.0 - missed / variance : 1.0;
+    return {changed / count, outside / count, explained, squares > 0.0 ? missed / squares : 0.0};
+  }
+};
+
+void Judge(int phase, std::span<const double> z, const Eigen::VectorXd& v,
+           const core::LogDecisionFunction& support, const control::GuidedModel& guided,
+           control::JacobianEstimate& estimate, Sums& sums) {
+  estimate.Compute(phase, z);
+  Eigen::VectorXd next = core::AsVector(z);
+  estimate.AddEffect(v, next);
+  const double level = support.LogDecision(phase + 1, core::AsSpan(next), {});
+  sums.count += 1.0;
+  sums.changed += level >= guided.pass_level(phase + 1) ? 0.0 : 1.0;
+  sums.outside += level >= 0.0 ? 0.0 : 1.0;
+  Eigen::VectorXd guess = Eigen::VectorXd::Zero(v.size());
+  if (!estimate.Demonstrated(guess)) return;
+  sums.guessed += 1.0;
+  sums.v += v;
+  sums.squares += v.squaredNorm();
+  sums.missed += (guess - v).squaredNorm();
+}
+
+}  // namespace
+
+Replay ReplayLeftOut(const Recorded& recorded, const TaskFit& fit,
+                     const control::GuidedModel& guided) {
+  const std::vector<std::size_t>& order = recorded.order;
+  // One for each demonstration, in the order of recording.
+  std::vector<core::Matrix> controls(order.size());
+  std::size_t actions = 0;
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    controls[order[i]] = recorded.measured[i].controls / guided.control_unit();
+    actions += static_cast<std::size_t>(controls[order[i]].rows());
+  }
+  const std::size_t stride = std::max<std::size_t>(1, actions / kMostActions);
+  Sums sums(guided.control_dim());
+  for (std::size_t fold = 0; fold < fit.folds.size(); ++fold) {
+    if (!fit.without[fold]) continue;
+    const kernel::WhitenedSupport& support = *fit.without[fold];
+    std::vector<core::Matrix> others;
+    std::vector<core::Matrix> other_controls;
+    for (const std::size_t d : core::Others(fit.folds, fold, order)) {
+      others.push_back(recorded.points[d]);
+      other_controls.push_back(controls[d]);
+    }
+    control::JacobianEstimate estimate(std::make_shared<const control::JacobianPrior>(
+                                           others, other_controls, guided.prior()->options()),
+                                       {}, guided.own_motion());
+    // In an order that does not depend on that of recording.
+    std::size_t next = 0;
+    for (const std::size_t d : order) {
+      if (std::find(fit.folds[fold].begin(), fit.folds[fold].end(), d) == fit.folds[fold].end()) {
+        continue;
+      }
+      std::vector<int> steps;
+      Follow(support, recorded.points[d], &steps);
+      for (Eigen::Index t = 0; t < controls[d].rows(); ++t, ++next) {
+        if (next % stride != 0) continue;
+        Judge(steps[static_cast<std::size_t>(t)], core::Row(recorded.points[d], t),
+              controls[d].row(t), support, guided, estimate, sums);
+      }
+    }
+  }
+  return sums.Shares();
+}
+
+}  // namespace dfr::safety::internal

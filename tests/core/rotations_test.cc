@@ -1,0 +1,283 @@
+#include "dfr/core/rotations.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <stdexcept>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "tests/support/message_of.h"
+
+namespace dfr::core {
+namespace {
+
+using testing::HasSubstr;
+using testing::IsEmpty;
+using Kind = Rotation::Kind;
+
+constexpr double kPi = std::numbers::pi;
+constexpr int kEpisodes = 10;
+constexpr int kSteps = 30;
+
+StateLayout Layout(int size) {
+  StateLayout layout;
+  layout.Add("position", 2);
+  layout.Add("rotation", size);
+  return layout;
+}
+
+// Ten episodes of states [noise, noise, entries(episode, share of the episode)].
+std::vector<Trajectory> Episodes(int size,
+                                 const std::function<Eigen::VectorXd(int, double)>& entries) {
+  Random random(5);
+  std::vector<Trajectory> episodes;
+  for (int d = 0; d < kEpisodes; ++d) {
+    Trajectory episode;
+    episode.states.resize(kSteps + 1, 2 + size);
+    episode.controls = Matrix::Ones(kSteps, 1);
+    for (int t = 0; t <= kSteps; ++t) {
+      episode.states.row(t).head(2) << random.Normal(), random.Normal();
+      episode.states.row(t).tail(size) = entries(d, static_cast<double>(t) / kSteps).transpose();
+    }
+    episodes.push_back(episode);
+  }
+  return episodes;
+}
+
+Eigen::Quaterniond Turn(int d, double share, double angle = 1.2) {
+  const Eigen::Vector3d axis = Eigen::Vector3d(0.2 * d, 1.0, 0.5).normalized();
+  return Eigen::Quaterniond(Eigen::AngleAxisd(angle * share + 0.05 * d, axis));
+}
+
+// w, x, y, z; the sign changes at random.
+std::vector<Trajectory> Quaternions(double angle, bool flips) {
+  auto random = std::make_shared<Random>(9);
+  return Episodes(4, [=](int d, double share) -> Eigen::VectorXd {
+    const Eigen::Quaterniond q = Turn(d, share, angle);
+    const double sign = flips && random->Uniform() < 0.3 ? -1.0 : 1.0;
+    return sign * Eigen::Vector4d(q.w(), q.x(), q.y(), q.z());
+  });
+}
+
+// In [-pi, pi] if `centred`, else in [0, 2 pi].
+double Wrapped(double angle, bool centred, double period = 2.0 * kPi) {
+  return angle - period * (centred ? std::round(angle / period) : std::floor(angle / period));
+}
+
+TEST(RotationsTest, AQuaternionIsMadeContinuousWhicheverItsSign) {
+  for (const bool flips : {false, true}) {
+    const auto found = FindRotations(Layout(4), Quaternions(1.2, flips));
+    ASSERT_EQ(found.size(), 1U);
+    EXPECT_EQ(found[0].kind, Kind::kQuaternion);
+    EXPECT_EQ(found[0].first, 2);
+    EXPECT_EQ(found[0].size, 4);
+    EXPECT_EQ(found[0].jumps, flips);
+    EXPECT_TRUE(found[0].continuous);
+    EXPECT_THAT(Describe(found[0], Layout(4)), HasSubstr("rotation[0:4] is a unit quaternion"));
+  }
+  const auto plain = Quaternions(1.2, false);
+  const auto flipped = Quaternions(1.2, true);
+  const StateMap map = MapOf(FindRotations(Layout(4), plain));
+  const StateMap same = MapOf(FindRotations(Layout(4), flipped));
+  double last = 1.0;
+  for (std::size_t d = 0; d < plain.size(); ++d) {
+    for (Eigen::Index t = 0; t <= kSteps; ++t) {
+      Eigen::VectorXd a = plain[d].states.row(t);
+      Eigen::VectorXd b = flipped[d].states.row(t);
+      map.Apply({a.data(), 6});
+      same.Apply({b.data(), 6});
+      ASSERT_EQ(a, b);
+      if (t > 0) {
+        ASSERT_LT(std::abs(a[2] - last), 0.1) << "it jumps";
+      }
+      last = a[2];
+      Eigen::VectorXd again = a;
+      map.Apply({again.data(), 6});
+      ASSERT_EQ(again, a);
+    }
+  }
+}
+
+TEST(RotationsTest, OrientationsTooFarApartAreNamedWithTheRemedy) {
+  const auto found = FindRotations(Layout(4), Quaternions(6.0, true));
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_FALSE(found[0].continuous);
+  EXPECT_TRUE(MapOf(found).empty());
+  EXPECT_THAT(Describe(found[0], Layout(4)), HasSubstr("first two columns"));
+}
+
+TEST(RotationsTest, AQuaternionIsFoundWithinALargerBlock) {
+  const auto quaternions = Quaternions(1.2, false);
+  StateLayout layout;
+  layout.Add("state", 6);
+  const auto found = FindRotations(layout, quaternions);
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].first, 2);
+  EXPECT_THAT(Describe(found[0], layout), HasSubstr("state[2:6]"));
+}
+
+// Four entries of length 1 that are no quaternion: states of opposite sign are not the same.
+TEST(RotationsTest, CosineAndSineBesideDeadEntriesAndOneHotCodesAreNoQuaternions) {
+  const auto circle = Episodes(5, [](int d, double share) -> Eigen::VectorXd {
+    const double angle = 0.1 * d + share;
+    return Eigen::Vector<double, 5>(std::cos(angle), std::sin(angle), 0.0, 0.0, 0.3 * d);
+  });
+  EXPECT_THAT(FindRotations(Layout(5), circle), IsEmpty());
+  const auto code = Episodes(4, [](int, double share) -> Eigen::VectorXd {
+    return Eigen::Vector4d::Unit(std::min(3, static_cast<int>(4.0 * share)));
+  });
+  EXPECT_THAT(FindRotations(Layout(4), code), IsEmpty());
+}
+
+TEST(RotationsTest, AnAngleThatWrapsIsMadeContinuousWhereACircleHasRoom) {
+  for (const double period : {2.0 * kPi, 360.0}) {
+    for (const bool centred : {true, false}) {
+      // From 110 to 250 degrees, and from -70 to 70: each crosses one of the two cuts.
+      const double begin = (centred ? 110.0 : -70.0) / 360.0 * period;
+      const auto episodes = Episodes(1, [&](int d, double share) -> Eigen::VectorXd {
+        const double angle = begin + period * (0.01 * d + 0.3 * share);
+        return Eigen::VectorXd::Constant(1, Wrapped(angle, centred, period));
+      });
+      const auto found = FindRotations(Layout(1), episodes);
+      ASSERT_EQ(found.size(), 1U) << period << ' ' << centred;
+      EXPECT_EQ(found[0].kind, Kind::kAngle);
+      EXPECT_EQ(found[0].first, 2);
+      EXPECT_EQ(found[0].period, period);
+      EXPECT_TRUE(found[0].continuous);
+      const StateMap map = MapOf(found);
+      for (const Trajectory& episode : episodes) {
+        std::vector<double> angles;
+        for (Eigen::Index t = 0; t <= kSteps; ++t) {
+          angles.push_back(map.Value(Row(episode.states, t), 2));
+          if (t > 0) {
+            ASSERT_LT(std::abs(angles[angles.size() - 2] - angles.back()), 0.1 * period);
+          }
+        }
+      }
+      // The same angle on any revolution is the same bits.
+      const std::vector<double> state = {0.0, 0.0, 0.75};
+      for (const double revolutions : {-2.0, 1.0, 3.0}) {
+        const std::vector<double> other = {0.0, 0.0, 0.75 + revolutions * period};
+        EXPECT_NEAR(map.Value(state, 2), map.Value(other, 2), 1e-12 * period);
+      }
+    }
+  }
+}
+
+TEST(RotationsTest, AnAngleThatGoesAllTheWayRoundIsNamedWithTheRemedy) {
+  const auto episodes = Episodes(1, [](int d, double share) -> Eigen::VectorXd {
+    return Eigen::VectorXd::Constant(1, Wrapped(0.05 * d + 5.0 * kPi * share, true));
+  });
+  const auto found = FindRotations(Layout(1), episodes);
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].kind, Kind::kAngle);
+  EXPECT_FALSE(found[0].continuous);
+  EXPECT_TRUE(MapOf(found).empty());
+  EXPECT_THAT(Describe(found[0], Layout(1)),
+              HasSubstr("rotation[0] is an angle that jumps by 6.28"));
+  EXPECT_THAT(Describe(found[0], Layout(1)), HasSubstr("cosine and sine"));
+}
+
+TEST(RotationsTest, AnAngleThatRunsOnIsNamedWhereEpisodesBeginOnOtherRevolutions) {
+  const auto episodes = [](int revolutions) {
+    return Episodes(1, [=](int d, double share) -> Eigen::VectorXd {
+      return Eigen::VectorXd::Constant(
+          1, 0.02 * d + 2.0 * kPi * (d % revolutions) + 5.0 * kPi * share);
+    });
+  };
+  const auto found = FindRotations(Layout(1), episodes(3));
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].kind, Kind::kRunning);
+  EXPECT_THAT(Describe(found[0], Layout(1)), HasSubstr("cosine and sine"));
+  EXPECT_TRUE(MapOf(found).empty());
+  // On one revolution it is as good as a length.
+  EXPECT_THAT(FindRotations(Layout(1), episodes(1)), IsEmpty());
+}
+
+TEST(RotationsTest, LengthsThatJumpOrSpreadAreNoAngles) {
+  auto random = std::make_shared<Random>(3);
+  const auto apart = Episodes(1, [](int, double share) -> Eigen::VectorXd {
+    return Eigen::VectorXd::Constant(1, share < 0.5 ? -2.0 : 2.0);
+  });
+  EXPECT_THAT(FindRotations(Layout(1), apart), IsEmpty());
+  const auto wide = Episodes(1, [=](int d, double share) -> Eigen::VectorXd {
+    return Eigen::VectorXd::Constant(1, 7.3 * d + 20.0 * share);
+  });
+  EXPECT_THAT(FindRotations(Layout(1), wide), IsEmpty());
+}
+
+TEST(RotationsTest, ARotationMatrixIsRedundantAndARotationVectorJumps) {
+  const auto matrices = Episodes(9, [](int d, double share) -> Eigen::VectorXd {
+    const Eigen::Matrix3d r = Turn(d, share, 3.0).toRotationMatrix();
+    return Eigen::Map<const Eigen::VectorXd>(r.data(), 9);
+  });
+  auto found = FindRotations(Layout(9), matrices);
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].kind, Kind::kMatrix);
+  EXPECT_FALSE(found[0].jumps);
+  EXPECT_THAT(Describe(found[0], Layout(9)), HasSubstr("rotation[0:9] is a rotation matrix"));
+
+  const auto vectors = Episodes(3, [](int d, double share) -> Eigen::VectorXd {
+    const Eigen::AngleAxisd turn(Turn(d, share, 4.0));
+    return turn.angle() > kPi ? Eigen::Vector3d(-(2.0 * kPi - turn.angle()) * turn.axis())
+                              : Eigen::Vector3d(turn.angle() * turn.axis());
+  });
+  found = FindRotations(Layout(3), vectors);
+  ASSERT_EQ(found.size(), 1U);
+  EXPECT_EQ(found[0].kind, Kind::kAxisAngle);
+  EXPECT_TRUE(found[0].jumps);
+  EXPECT_THAT(Describe(found[0], Layout(3)), HasSubstr("rotation vector"));
+}
+
+TEST(RotationsTest, TheOrderOfTheDemonstrationsChangesNoBit) {
+  auto episodes = Quaternions(1.2, true);
+  const auto found = FindRotations(Layout(4), episodes);
+  std::rotate(episodes.begin(), episodes.begin() + 3, episodes.end());
+  EXPECT_EQ(FindRotations(Layout(4), episodes)[0].reference, found[0].reference);
+}
+
+TEST(StateMapTest, NamesQuaternionsThatAreNone) {
+  const StateMap map({{1, {1.0, 0.0, 0.0, 0.0}}}, {});
+  EXPECT_EQ(map.FindInvalid(std::vector{9.0, 1.05, 0.0, 0.0, 0.0}), -1);
+  EXPECT_EQ(map.FindInvalid(std::vector{9.0, 0.0, 0.0, 0.0, 0.0}), 1);
+  EXPECT_EQ(map.FindInvalid(std::vector{9.0, 0.0, 1.12, 0.0, 0.0}), 1);
+  EXPECT_EQ(map.least_state_dim(), 5);
+}
+
+TEST(StateMapTest, WrongPartsAreNamed) {
+  const auto refusal = [](std::vector<StateMap::Quaternion> quaternions,
+                          std::vector<StateMap::Angle> angles) {
+    return test::MessageOf<std::invalid_argument>(
+        [&] { static_cast<void>(StateMap(quaternions, angles)); });
+  };
+  EXPECT_THAT(refusal({{0, {1.0, 1.0, 0.0, 0.0}}}, {}), HasSubstr("must be a unit quaternion"));
+  EXPECT_THAT(refusal({{-1, {1.0, 0.0, 0.0, 0.0}}}, {}), HasSubstr("begins at entry -1"));
+  EXPECT_THAT(refusal({}, {{0, 0.0, 0.0}}), HasSubstr("its period positive"));
+  EXPECT_THAT(refusal({}, {{-1, 0.0, 1.0}}), HasSubstr("entry -1"));
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>([] {
+                static_cast<void>(
+                    FeatureSelection::All(3).Mapped(StateMap({{0, {1.0, 0.0, 0.0, 0.0}}}, {})));
+              }),
+              HasSubstr("do not fit states of 3"));
+}
+
+TEST(StateMapTest, SlopesAreThoseOfTheMappedEntries) {
+  const StateMap map({{1, {1.0, 0.0, 0.0, 0.0}}}, {{0, 0.0, 2.0 * kPi}});
+  const std::vector<double> state = {4.0, -0.8, 0.6, 0.0, 0.0, 7.0};
+  EXPECT_EQ(map.Slope(state, 0), 1.0);
+  EXPECT_EQ(map.Slope(state, 1), -1.0);
+  EXPECT_EQ(map.Slope(state, 4), -1.0);
+  EXPECT_EQ(map.Slope(state, 5), 1.0);
+  EXPECT_EQ(map.Value(state, 1), 0.8);
+  EXPECT_EQ(map.Value(state, 0), 4.0 - 2.0 * kPi);
+  EXPECT_EQ(map.Value(state, 5), 7.0);
+}
+
+}  // namespace
+}  // namespace dfr::core

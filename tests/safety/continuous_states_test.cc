@@ -1,0 +1,222 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <numbers>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "dfr/safety/guard.h"
+#include "dfr/safety/guard_advice.h"
+#include "dfr/safety/onnx_export.h"
+#include "tests/safety/corridor.h"
+#include "tests/support/message_of.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::safety {
+namespace {
+
+using control::HaltCause;
+using control::Mode;
+using testing::Contains;
+using testing::HasSubstr;
+using testing::Not;
+
+constexpr double kPi = std::numbers::pi;
+
+// The corridor, with a tool that turns about z by kTurnRate a step and little besides; actions have
+// a third entry, the turn. `rotation` writes the angle as entries of the state.
+constexpr double kTurnRate = 0.06;
+using Writer = std::function<std::vector<double>(double angle, core::Random& random)>;
+
+std::vector<core::Trajectory> Turning(const Writer& rotation, std::uint64_t seed, int count,
+                                      double begin, double rate = kTurnRate) {
+  core::Random random(seed);
+  core::Random own(seed + 1000);  // Of `rotation` alone, so that all else is the same.
+  auto corridor = test::CorridorDemonstrations(seed, count);
+  for (core::Trajectory& d : corridor) {
+    const Eigen::Index steps = d.controls.rows();
+    d.controls.conservativeResize(steps, 3);
+    core::Matrix states(steps + 1, 0);
+    double angle = begin + 0.1 * random.Normal();
+    for (Eigen::Index t = 0; t <= steps; ++t) {
+      const std::vector<double> entries = rotation(angle, own);
+      if (t == 0) states.resize(steps + 1, 2 + std::ssize(entries));
+      states.row(t).head(2) = d.states.row(t).tail(2);
+      states.row(t).tail(std::ssize(entries)) = core::AsVector(std::span(entries)).transpose();
+      if (t == steps) break;
+      d.controls(t, 2) = rate + 0.02 * random.Normal();
+      angle += d.controls(t, 2);
+    }
+    d.states = states;
+  }
+  return corridor;
+}
+
+core::StateLayout Layout(const std::string& name, int size) {
+  core::StateLayout layout;
+  layout.Add("tip", 2);
+  layout.Add(name, size);
+  return layout;
+}
+
+std::vector<double> Quaternion(double angle, double sign) {
+  return {sign * std::cos(angle / 2.0), 0.0, 0.0, sign * std::sin(angle / 2.0)};
+}
+std::vector<double> Plain(double angle, core::Random& /*random*/) { return Quaternion(angle, 1.0); }
+std::vector<double> Flipped(double angle, core::Random& random) {
+  return Quaternion(angle, random.Uniform() < 0.3 ? -1.0 : 1.0);
+}
+std::vector<double> Wrapped(double angle, core::Random& /*random*/) {
+  return {angle - 2.0 * kPi * std::round(angle / (2.0 * kPi))};
+}
+
+void Flip(Eigen::Ref<core::Matrix> quaternions) { quaternions *= -1.0; }
+
+TEST(ContinuousStatesTest, AQuaternionAndItsNegativeAreOneOrientation) {
+  const auto layout = Layout("quat", 4);
+  const auto model = GuardModel::Fit(layout, Turning(Flipped, 1, 30, 0.3));
+  // What was recorded with other signs is the same model.
+  const auto same = GuardModel::Fit(layout, Turning(Plain, 1, 30, 0.3));
+  EXPECT_GT(model->summary().acceptance, 0.7);
+  const auto fresh = Turning(Plain, 2, 5, 0.3);
+  for (const core::Trajectory& d : fresh) {
+    core::Matrix flipped = d.states;
+    Flip(flipped.rightCols(4));
+    EXPECT_EQ(model->Levels(d.states), model->Levels(flipped));
+    EXPECT_EQ(model->Levels(d.states), same->Levels(d.states));
+    EXPECT_EQ(Attribution(*model, d.states), Attribution(*model, flipped));
+    const auto row = core::Row(d.states, 3);
+    const auto other = core::Row(flipped, 3);
+    EXPECT_EQ(model->Certify(3, row, core::Row(d.controls, 3)).margin,
+              model->Certify(3, other, core::Row(d.controls, 3)).margin);
+    EXPECT_EQ(model->support().Decision(3, row), model->support().Decision(3, other));
+    std::vector<double> gradient(6);
+    std::vector<double> mirrored(6);
+    model->support().Gradient(3, row, gradient);
+    model->support().Gradient(3, other, mirrored);
+    EXPECT_EQ(gradient[0], mirrored[0]);
+    EXPECT_EQ(gradient[2], -mirrored[2]);
+  }
+}
+
+TEST(ContinuousStatesTest, FilterGivesTheSameBitsForBothSignsAndAllocatesNothing) {
+  const auto model = GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3));
+  Guard ours(model);
+  Guard theirs(model);
+  ours.Reset(1);
+  theirs.Reset(1);
+  const auto fresh = Turning(Plain, 3, 1, 0.3)[0];
+  std::vector<double> safe(3);
+  std::vector<double> same(3);
+  for (int t = 0; t < fresh.num_steps(); ++t) {
+    core::Matrix flipped = fresh.states.row(t);
+    if (t % 3 != 0) Flip(flipped.rightCols(4));
+    Verdict a;
+    {
+      const test::NoAlloc none;
+      a = ours.Filter(t, core::Row(fresh.states, t), core::Row(fresh.controls, t), safe);
+    }
+    const Verdict b = theirs.Filter(t, core::Row(flipped, 0), core::Row(fresh.controls, t), same);
+    ASSERT_NE(a.mode, Mode::kHalt) << a.reason();
+    ASSERT_EQ(safe, same);
+    ASSERT_EQ(a.g, b.g);
+    ASSERT_EQ(a.alarm, b.alarm);
+    ASSERT_EQ(a.mode, b.mode);
+    ASSERT_EQ(a.entry, -1);
+  }
+}
+
+TEST(ContinuousStatesTest, AQuaternionThatIsNoneHaltsByName) {
+  const auto model = GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3));
+  const auto fresh = Turning(Plain, 3, 1, 0.3)[0];
+  for (const double length : {0.0, 0.85, 1.15}) {
+    Guard guard(model);
+    guard.Reset(1);
+    std::vector<double> safe(3);
+    core::Matrix state = fresh.states.row(0);
+    state.rightCols(4) *= length;
+    Verdict verdict = guard.Filter(0, core::Row(state, 0), core::Row(fresh.controls, 0), safe);
+    EXPECT_EQ(verdict.mode, Mode::kHalt);
+    EXPECT_EQ(verdict.cause, HaltCause::kBadQuaternion);
+    EXPECT_STREQ(verdict.reason(), "quaternion-invalid");
+    EXPECT_EQ(verdict.entry, 2);
+    EXPECT_EQ(safe, std::vector<double>(3, 0.0));
+    // Until the next episode.
+    verdict = guard.Filter(1, core::Row(fresh.states, 0), core::Row(fresh.controls, 0), safe);
+    EXPECT_EQ(verdict.cause, HaltCause::kBadQuaternion);
+    EXPECT_EQ(verdict.entry, 2);
+    guard.Reset(1);
+    verdict = guard.Filter(0, core::Row(fresh.states, 0), core::Row(fresh.controls, 0), safe);
+    EXPECT_NE(verdict.mode, Mode::kHalt);
+    EXPECT_EQ(verdict.entry, -1);
+  }
+  // Where no feature looks at it, it may be anything.
+  Guard blind(
+      GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3), {.features = "tip"}));
+  blind.Reset(1);
+  std::vector<double> safe(3);
+  core::Matrix state = fresh.states.row(0);
+  state.rightCols(4).setZero();
+  EXPECT_NE(blind.Filter(0, core::Row(state, 0), core::Row(fresh.controls, 0), safe).mode,
+            Mode::kHalt);
+}
+
+TEST(ContinuousStatesTest, AnAngleThatWrapsIsContinuousOnEveryRevolution) {
+  const auto layout = Layout("angle", 1);
+  // From 2.6 to 3.8.
+  const auto model = GuardModel::Fit(layout, Turning(Wrapped, 1, 30, 2.6));
+  EXPECT_GT(model->summary().acceptance, 0.7);
+  EXPECT_THAT(Warnings(*model), Not(Contains(HasSubstr("angle[0]"))));
+  const auto fresh = Turning(Wrapped, 2, 1, 2.6)[0];
+  core::Matrix later = fresh.states;
+  later.col(2).array() += 4.0 * kPi;
+  const std::vector<double> levels = model->Levels(fresh.states);
+  const std::vector<double> others = model->Levels(later);
+  for (std::size_t i = 0; i < levels.size(); ++i) EXPECT_NEAR(levels[i], others[i], 1e-9);
+  EXPECT_GT(*std::min_element(levels.begin(), levels.end()), -1.0);
+}
+
+TEST(ContinuousStatesTest, RotationsThatJumpAreWarnedOf) {
+  const auto round =
+      GuardModel::Fit(Layout("angle", 1), Turning(Wrapped, 1, 30, 0.3, 0.7), {.accept_any = true});
+  EXPECT_THAT(Warnings(*round), Contains(HasSubstr("angle[0] is an angle that jumps by 6.28")));
+  const auto spun =
+      GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3, 0.5), {.accept_any = true});
+  EXPECT_THAT(Warnings(*spun), Contains(HasSubstr("quat[0:4] is a unit quaternion whose")));
+  // Not where nothing looks at them.
+  const auto blind =
+      GuardModel::Fit(Layout("angle", 1), Turning(Wrapped, 1, 30, 0.3, 0.7), {.features = "tip"});
+  EXPECT_THAT(Warnings(*blind), Not(Contains(HasSubstr("angle"))));
+}
+
+TEST(ContinuousStatesTest, AFileKeepsRotationsAndWarnings) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "continuous_states.guard";
+  const auto model = GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3));
+  model->Save(path);
+  const auto loaded = GuardModel::Load(path);
+  const auto fresh = Turning(Flipped, 2, 1, 0.3)[0];
+  EXPECT_EQ(loaded->Levels(fresh.states), model->Levels(fresh.states));
+  EXPECT_EQ(Warnings(*loaded), Warnings(*model));
+  const auto round =
+      GuardModel::Fit(Layout("angle", 1), Turning(Wrapped, 1, 30, 0.3, 0.7), {.accept_any = true});
+  round->Save(path);
+  EXPECT_EQ(Warnings(*GuardModel::Load(path)), Warnings(*round));
+  std::filesystem::remove(path);
+}
+
+TEST(ContinuousStatesTest, ExportsThatCannotMapAreRefused) {
+  const auto model = GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3));
+  EXPECT_THAT(test::MessageOf<std::invalid_argument>([&] {
+                ExportOnnx(*model, std::filesystem::path(testing::TempDir()) / "g.onnx");
+              }),
+              HasSubstr("quat[0:4]"));
+}
+
+}  // namespace
+}  // namespace dfr::safety

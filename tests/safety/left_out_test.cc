@@ -1,0 +1,140 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "dfr/safety/guard.h"
+#include "dfr/safety/guard_advice.h"
+#include "tests/safety/corridor.h"
+#include "tests/support/message_of.h"
+
+namespace dfr::safety {
+namespace {
+
+using testing::Contains;
+using testing::HasSubstr;
+using testing::Not;
+
+// The corridor, where half of the demonstrators walk along it and half come back by a rule that no
+// feature shows.
+std::vector<core::Trajectory> Undecided(std::uint64_t seed, int count) {
+  core::Random random(seed);
+  auto demonstrations = test::CorridorDemonstrations(seed, count);
+  for (core::Trajectory& d : demonstrations) {
+    for (Eigen::Index t = 0; t < d.controls.rows(); ++t) {
+      const double dx = random.Uniform() < 0.5 ? -test::kSpeed : test::kSpeed;
+      const double dy = -0.3 * d.states(t, 2) + 0.02 * random.Normal();
+      d.controls.row(t) = test::ActionFor(dx, dy).transpose();
+      d.states.row(t + 1) << t + 1.0, d.states(t, 1) + dx, d.states(t, 2) + dy;
+    }
+  }
+  return demonstrations;
+}
+
+// `copies` noisy readings of a few quantities, and 14 actions that move them.
+std::vector<core::Trajectory> Redundant(int count, int copies, double noise) {
+  constexpr int kHidden = 14;
+  constexpr int kSteps = 30;
+  core::Random random(4);
+  core::Matrix mix(copies, kHidden);
+  for (Eigen::Index i = 0; i < mix.size(); ++i) mix.data()[i] = random.Normal();
+  std::vector<core::Trajectory> demonstrations;
+  for (int d = 0; d < count; ++d) {
+    core::Trajectory demonstration;
+    demonstration.states.resize(kSteps + 1, copies + 2);
+    demonstration.controls.resize(kSteps, kHidden);
+    Eigen::VectorXd x(kHidden);
+    for (double& entry : x) entry = random.Normal();
+    for (int t = 0; t <= kSteps; ++t) {
+      Eigen::VectorXd readings = mix * x;
+      for (double& entry : readings) entry += noise * random.Normal();
+      demonstration.states.row(t).head(copies) = readings.transpose();
+      demonstration.states.row(t).tail(2) = x.head(2).transpose();
+      if (t == kSteps) break;
+      for (int k = 0; k < kHidden; ++k) {
+        demonstration.controls(t, k) = -0.1 * x[k] + 0.1 * random.Normal();
+      }
+      x += demonstration.controls.row(t).transpose();
+    }
+    demonstrations.push_back(demonstration);
+  }
+  return demonstrations;
+}
+
+core::StateLayout RedundantLayout(int copies) {
+  core::StateLayout layout;
+  layout.Add("arms", copies);
+  layout.Add("object", 2);
+  return layout;
+}
+
+TEST(LeftOutTest, AGoodFitChangesFewActionsAndKnowsThem) {
+  const auto model = GuardModel::Fit(test::CorridorLayout(), test::CorridorDemonstrations(1, 40),
+                                     {.features = "tip"});
+  EXPECT_LT(model->summary().changed, 0.25);
+  EXPECT_LE(model->summary().ends_outside, model->summary().changed);
+  EXPECT_TRUE(model->settings().demonstrated);
+  // Where all go the same way, noise is most of the variance and little of the action.
+  EXPECT_LT(model->summary().action_error, 0.4);
+}
+
+TEST(LeftOutTest, ActionsThatFeaturesDoNotTellAreNotUsed) {
+  const auto model = GuardModel::Fit(test::CorridorLayout(), Undecided(1, 40), {.features = "tip"});
+  EXPECT_LT(model->summary().explained, 0.2);
+  EXPECT_GT(model->summary().action_error, 0.5);
+  EXPECT_FALSE(model->settings().demonstrated);
+  EXPECT_THAT(Warnings(*model), Contains(HasSubstr("the features tell only")));
+  // Far outside, where what demonstrations did nearby would be tried first, the policy is asked.
+  const auto sources = [&](bool demonstrated) {
+    GuardSettings settings = model->settings();
+    settings.demonstrated = demonstrated;
+    Guard guard(model->With(settings));
+    guard.Reset(1);
+    test::CorridorPlant plant;
+    plant.x = {0.0, 0.0, 0.35};
+    int demonstrations = 0;
+    std::vector<double> safe(2);
+    const Eigen::Vector2d up = test::ActionFor(0.0, 0.2);
+    for (int t = 0; t < 10; ++t) {
+      const Verdict verdict = guard.Filter(t, plant.x, std::vector{up[0], up[1]}, safe);
+      demonstrations += verdict.source == Source::kDemonstrations ? 1 : 0;
+      plant.Apply(safe);
+    }
+    return demonstrations;
+  };
+  EXPECT_GT(sources(true), 0);
+  EXPECT_EQ(sources(false), 0);
+}
+
+TEST(LeftOutTest, TheOrderOfTheDemonstrationsChangesNoShare) {
+  auto demonstrations = test::CorridorDemonstrations(1, 20);
+  const auto model = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  std::rotate(demonstrations.begin(), demonstrations.begin() + 7, demonstrations.end());
+  const auto same = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
+  EXPECT_EQ(model->summary().changed, same->summary().changed);
+  EXPECT_EQ(model->summary().ends_outside, same->summary().ends_outside);
+  EXPECT_EQ(model->summary().explained, same->summary().explained);
+}
+
+TEST(LeftOutTest, RedundantFeaturesAreRefusedAndBetterOnesNamed) {
+  const auto demonstrations = Redundant(20, 28, 0.05);
+  const auto layout = RedundantLayout(28);
+  const std::string refusal = test::MessageOf<std::invalid_argument>(
+      [&] { static_cast<void>(GuardModel::Fit(layout, demonstrations)); });
+  EXPECT_THAT(refusal, HasSubstr("of the states of left-out demonstrations are inside"));
+  EXPECT_THAT(refusal, HasSubstr("Of its 30 features"));
+  EXPECT_THAT(refusal, HasSubstr("object ("));
+  EXPECT_THAT(refusal, HasSubstr("accept_any"));
+  const auto model = GuardModel::Fit(layout, demonstrations, {.accept_any = true});
+  EXPECT_THAT(Warnings(*model), Contains(HasSubstr("the guard would change")));
+  const auto chosen = GuardModel::Fit(layout, demonstrations, {.features = "object"});
+  EXPECT_GT(chosen->summary().acceptance, 0.5);
+}
+
+}  // namespace
+}  // namespace dfr::safety
