@@ -10,6 +10,31 @@
 #include "dfr/study/policies.h"
 
 namespace dfr::study {
+namespace {
+
+// A policy that was learned in the units of the task, with the two values of its switches.
+class InUnits final : public core::Policy {
+ public:
+  InUnits(imitation::MlpPolicy learned, const sim::GalleryTask& task)
+      : learned_(std::move(learned)), units_(task.units), switches_(task.switches) {}
+  [[nodiscard]] int state_dim() const noexcept override { return learned_.state_dim(); }
+  [[nodiscard]] int control_dim() const noexcept override { return learned_.control_dim(); }
+  void Control(int t, std::span<const double> x, std::span<double> u) const noexcept override {
+    learned_.Control(t, x, u);
+    for (std::size_t i = 0; i < units_.size(); ++i) u[i] *= units_[i];
+    for (const int entry : switches_) {
+      double& value = u[static_cast<std::size_t>(entry)];
+      value = std::copysign(1.0, value);
+    }
+  }
+
+ private:
+  imitation::MlpPolicy learned_;
+  std::vector<double> units_;
+  std::vector<int> switches_;
+};
+
+}  // namespace
 
 const std::vector<std::string>& PolicyNames() {
   static const std::vector<std::string> names = [] {
@@ -82,7 +107,13 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
   const imitation::FitMlpOptions fit{.hidden = weak ? task.weak_hidden : task.hidden,
                                      .epochs = weak ? task.weak_epochs : task.epochs,
                                      .seed = seed};
-  auto learned = std::make_shared<const imitation::MlpPolicy>(imitation::FitMlp(set, fit));
+  imitation::DemonstrationSet scaled = set;
+  for (core::Trajectory& d : scaled.trajectories) {
+    for (std::size_t i = 0; i < task.units.size(); ++i) {
+      d.controls.col(static_cast<Eigen::Index>(i)) /= task.units[i];
+    }
+  }
+  auto learned = std::make_shared<const InUnits>(imitation::FitMlp(scaled, fit), task);
   if (weak || name == "good") return {std::move(learned), {}};
   if (name == "biased") return {std::move(learned), task.flaw};
 

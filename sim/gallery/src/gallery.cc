@@ -12,9 +12,12 @@ namespace dfr::sim {
 const std::vector<GalleryTask>& GalleryTasks() {
   static const std::vector<GalleryTask> tasks = [] {
     std::vector<GalleryTask> all = internal::PointTasks();
-    for (const auto make : {internal::PushTask, internal::InsertionTask, internal::GraspTask,
-                            internal::LidTask, internal::InertiaTask, internal::BalanceTask,
-                            internal::CarTask, internal::Arm2Task, internal::Arm7Task}) {
+    for (const auto make :
+         {internal::PushTask, internal::InsertionTask, internal::GraspTask, internal::LidTask,
+          internal::InertiaTask, internal::BalanceTask, internal::CarTask, internal::Arm2Task,
+          internal::Arm7Task, internal::PickTask, internal::DoorTask, internal::WipeTask,
+          internal::EightTask, internal::JointsTask, internal::ScrewTask, internal::BimanualTask,
+          internal::RopeTask, internal::CrossingTask}) {
       all.push_back(make());
     }
     return all;
@@ -48,6 +51,9 @@ core::Trajectory DemonstrateOnce(const GalleryTask& task, std::uint64_t seed) {
   trajectory.controls.resize(task.horizon, plant.control_dim());
   plant.Observe(core::Row(trajectory.states, 0));
   std::vector<double> noise(static_cast<std::size_t>(plant.control_dim()), 0.0);
+  std::vector<double> spread(noise.size(), task.noise);
+  for (std::size_t i = 0; i < task.units.size(); ++i) spread[i] *= task.units[i];
+  for (const int entry : task.switches) spread[static_cast<std::size_t>(entry)] = 0.0;
   int pause = 0;
   int t = 0;
   for (; t < task.horizon && !plant.completed() && !plant.collided(); ++t) {
@@ -59,7 +65,7 @@ core::Trajectory DemonstrateOnce(const GalleryTask& task, std::uint64_t seed) {
     const double scale = pause > 0 ? 0.0 : pace;
     if (pause > 0) --pause;
     for (std::size_t i = 0; i < u.size(); ++i) {
-      noise[i] = kMemory * noise[i] + fresh * task.noise * random.Normal();
+      noise[i] = kMemory * noise[i] + fresh * spread[i] * random.Normal();
       u[i] = std::clamp(scale * (u[i] + noise[i]), -1.0, 1.0);
     }
     if (plant.Apply(u) != core::PlantStatus::kOk) break;

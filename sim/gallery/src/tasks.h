@@ -18,6 +18,15 @@ GalleryTask BalanceTask();
 GalleryTask CarTask();
 GalleryTask Arm2Task();
 GalleryTask Arm7Task();
+GalleryTask PickTask();
+GalleryTask DoorTask();
+GalleryTask WipeTask();
+GalleryTask EightTask();
+GalleryTask JointsTask();
+GalleryTask ScrewTask();
+GalleryTask BimanualTask();
+GalleryTask RopeTask();
+GalleryTask CrossingTask();
 
 /// Adds Clone() to a plant.
 template <typename Derived>

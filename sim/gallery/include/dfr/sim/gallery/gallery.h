@@ -83,6 +83,10 @@ struct GalleryTask {
   /// tasks the world keeps moving, and a halt may fail.
   int aftermath = 0;
   double noise = 0.2;  ///< Standard deviation of the supervisor's noise per entry.
+  /// Scale of each entry of a control, for example metres. Noise and the targets of the learners
+  /// are multiples of it. Empty: 1 for all entries.
+  std::vector<double> units = {};
+  std::vector<int> switches = {};  ///< Entries with the two values +-1, which have no noise.
   /// Range of a factor on all controls of a demonstration, uniform in its logarithm.
   double slowest = 1.0;
   double fastest = 1.0;
