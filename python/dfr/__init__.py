@@ -2,17 +2,19 @@
 
 `TimeVaryingSupport` estimates which states were demonstrated at each time step, `OneClassSVM` does so
 for any cloud of samples with scikit-learn's interface. Both fit and decide in C++, without holding
-the interpreter's lock. `Guard` keeps what any policy does inside what was demonstrated, and
-`GuardedEnv` puts it around an environment. `load_demonstrations` reads robomimic's, Minari's and
-LeRobot's files. `Experiment` compares methods on a plant of your own, in processes and shards.
+the interpreter's lock. `Guard` keeps what any policy does inside what was demonstrated, `GuardedEnv` puts
+it around an environment, and `dfr.lerobot.GuardStep` into a pipeline of LeRobot. `load_demonstrations`
+reads robomimic's, Minari's and LeRobot's files. `Experiment` compares methods on a plant of your own, in
+processes and shards.
 """
 
 from dfr._core import FitSummary, Guard, SupportEstimate, TimeVaryingSupport, __version__
 from dfr._demonstrations import Demonstrations, load_demonstrations
 from dfr._experiment import Episode, Experiment
-from dfr._guard_step import GuardStep
 from dfr._guarded_env import GuardedEnv
 from dfr._one_class_svm import OneClassSVM
+from dfr._options import named_options as _named
+from dfr._progress import shows_progress as _shows
 
 __all__ = [
     "Demonstrations",
@@ -20,7 +22,6 @@ __all__ = [
     "Experiment",
     "FitSummary",
     "Guard",
-    "GuardStep",
     "GuardedEnv",
     "OneClassSVM",
     "SupportEstimate",
@@ -31,4 +32,9 @@ __all__ = [
 
 for _public in (FitSummary, Guard, SupportEstimate, TimeVaryingSupport):
     _public.__module__ = "dfr"
-del _public
+for _class, _names in ((Guard, ("fit", "load", "with_settings")), (TimeVaryingSupport, ("fit", "load"))):
+    for _name in _names:
+        _function = _named(getattr(_class, _name))
+        setattr(_class, _name, _function if _name == "with_settings" else staticmethod(_function))
+Guard.fit = staticmethod(_shows(Guard.fit))  # type: ignore[assignment]
+del _class, _function, _name, _names, _named, _public, _shows
