@@ -1,12 +1,54 @@
 from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
-from typing import Any, overload
+from typing import Any, Literal, TypedDict, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __version__: str
 build_commit: str
+
+Strategy = Literal["guard", "controller", "dfr", "early-stopping", "monitor", "certified"]
+
+class GuardInfo(TypedDict):
+    """What Guard.filter decided."""
+
+    g: float | None
+    threshold: float | None
+    mode: Literal["policy", "probe", "recovery", "halt"]
+    reason: str
+    source: Literal["policy", "policy-changed", "demonstrations", "probe", "recovery", "halt"]
+    why: str
+    changed: bool
+    change: float | None
+    certified: bool
+    alarm: bool
+    alarm_step: int
+    step: int
+
+class OutsideEntry(TypedDict):
+    """An entry of a state that puts it outside."""
+
+    name: str
+    entry: int
+    excess: float
+    share: float
+
+class NearestDemonstration(TypedDict):
+    """Where demonstrations come nearest to a state."""
+
+    demonstration: int
+    step: int
+    distance: float
+
+class StateExplanation(TypedDict):
+    """What Guard.explain finds."""
+
+    text: str
+    l: float
+    step: int
+    entries: list[OutsideEntry]
+    nearest: NearestDemonstration | None
 
 class FitSummary:
     @property
@@ -95,7 +137,7 @@ class Guard:
         features: str | Sequence[str] = "",
         nu: float = 0.05,
         gamma: float = 0.25,
-        strategy: str = "guard",
+        strategy: Strategy = "guard",
         horizon: int = 0,
         action_limit: float | Sequence[float] = 0.0,
         false_alarms: float = 0.1,
@@ -106,7 +148,7 @@ class Guard:
         differences: bool = False,
         as_recorded: bool = False,
         accept_any: bool = False,
-        progress: Callable[[str, float], object] | None = None,
+        progress: Callable[[str, float], object] | bool | None = None,
     ) -> Guard: ...
     @staticmethod
     def load(path: str | PathLike[str]) -> Guard: ...
@@ -114,7 +156,11 @@ class Guard:
     def export_onnx(self, path: str | PathLike[str]) -> None: ...
     def reset(self, seed: int | None = 0) -> None: ...
     def stop(self) -> None: ...
-    def filter(self, t: int, state: ArrayLike, action: ArrayLike) -> tuple[NDArray[np.float64], dict[str, Any]]: ...
+    def filter(self, t: int, state: ArrayLike, action: ArrayLike) -> tuple[NDArray[np.float64], GuardInfo]: ...
+    def filter_chunk(self, t: int, state: ArrayLike, actions: ArrayLike) -> int: ...
+    def explain(
+        self, state: ArrayLike, *, t: int | None = None, demonstrations: Iterable[ArrayLike] = ()
+    ) -> StateExplanation: ...
     @overload
     def decision(self, t: int, x: ArrayLike) -> float | NDArray[np.float64]: ...
     @overload
@@ -125,7 +171,7 @@ class Guard:
     def with_settings(
         self,
         *,
-        strategy: str | None = None,
+        strategy: Strategy | None = None,
         horizon: int | None = None,
         max_actions: int | None = None,
         action_limit: float | Sequence[float] | None = None,

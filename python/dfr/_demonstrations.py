@@ -44,6 +44,8 @@ def load_demonstrations(path: str | PathLike[str], *, filter_key: str = "") -> D
 
     Raises
     ------
+    FileNotFoundError
+        If there is no such file or folder.
     RuntimeError
         With file, episode, dataset or column, and the problem.
     ImportError

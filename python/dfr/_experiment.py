@@ -15,13 +15,16 @@ import sys
 import time
 import traceback
 import zlib
-from typing import Any, Callable, Mapping, NamedTuple, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Mapping, NamedTuple, Sequence, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dfr import _core
 from dfr._core import Guard
+
+if TYPE_CHECKING:
+    from dfr._core import GuardInfo, Strategy
 
 BASELINE = "baseline"
 METHODS = (BASELINE, "monitor", "early-stopping", "dfr", "guard", "controller", "certified")
@@ -41,7 +44,7 @@ class Episode(NamedTuple):
     """(n_actions + 1, state_dim)"""
     actions: NDArray[np.float64]
     """(n_actions, action_dim): the applied actions."""
-    infos: list[dict[str, Any]]
+    infos: list[GuardInfo]
     """The guard's info on each action; empty for the baseline."""
 
 
@@ -332,7 +335,9 @@ class _Unit:
         _seed(learning)
         guard = experiment.guard(states, actions)
         self.support = guard
-        self.guards = [None if m == BASELINE else guard.with_settings(strategy=m) for m in methods]
+        # A method that is no strategy is refused by name.
+        strategies = cast("list[Strategy]", methods)
+        self.guards = [None if m == BASELINE else guard.with_settings(strategy=m) for m in strategies]
         self.plant = experiment.plant()
 
     def _observe(self) -> NDArray[np.float64]:

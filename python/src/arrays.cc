@@ -1,5 +1,7 @@
 #include "arrays.h"
 
+#include <cerrno>
+
 namespace py = pybind11;
 
 namespace dfr::python {
@@ -67,6 +69,14 @@ Array ToArray(const py::handle& values) {
     throw py::type_error(remedy + "; rows of different lengths or other objects are in " +
                          Shortened(values));
   }
+}
+
+void RequireFile(const std::filesystem::path& path) {
+  std::error_code error;
+  if (std::filesystem::exists(path, error) || error) return;
+  errno = ENOENT;
+  PyErr_SetFromErrnoWithFilename(PyExc_OSError, path.c_str());
+  throw py::error_already_set();
 }
 
 Arrays ToArrays(const py::handle& values) {

@@ -8,6 +8,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <filesystem>
 #include <limits>
 #include <span>
 #include <string>
@@ -168,6 +169,9 @@ class Interruptible {
       std::chrono::steady_clock::now() + std::chrono::milliseconds(100);
   std::atomic<bool> interrupted_ = false;
 };
+
+/// @throws FileNotFoundError if nothing is at `path`.
+void RequireFile(const std::filesystem::path& path);
 
 /// Each adds its classes to the module.
 void AddSupportEstimate(pybind11::module_& module);

@@ -23,6 +23,7 @@ py::array_t<double> ToArray(core::Matrix&& matrix) {
 
 // Returns (states, actions, layout, completed, environment, note), see _demonstrations.py.
 py::tuple Load(const std::filesystem::path& path, const std::string& filter_key) {
+  RequireFile(path);
   const auto reader = imitation::OpenDemonstrations(path, filter_key);
   py::list states;
   py::list actions;

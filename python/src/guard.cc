@@ -26,6 +26,7 @@
 #include "dfr/safety/guard_advice.h"
 #include "dfr/safety/guard_model.h"
 #include "dfr/safety/onnx_export.h"
+#include "guard_advice.h"
 
 namespace py = pybind11;
 
@@ -171,15 +172,6 @@ py::object Number(double value) {
   return std::isnan(value) ? py::object(py::none()) : py::object(py::float_(value));
 }
 
-// Integers beyond the range of int cannot be the next time step: -1 halts.
-int StepOf(const py::object& t) {
-  const auto index = py::reinterpret_steal<py::object>(PyNumber_Index(t.ptr()));
-  if (!index) throw py::error_already_set();
-  int overflow = 0;
-  const long long value = PyLong_AsLongLongAndOverflow(index.ptr(), &overflow);
-  return overflow != 0 || value != NearestInt(value) ? -1 : static_cast<int>(value);
-}
-
 // A temporary folder for one file, because a guard is stored by its path alone.
 class TemporaryFile {
  public:
@@ -231,6 +223,7 @@ py::tuple Filter(Guard& guard, const py::object& t, const Array& state, const Ar
   py::array_t<double> safe(guard.action_dim());
   const Verdict verdict = guard.Filter(StepOf(t), Entries(state), Entries(action), Entries(safe));
   py::dict info;
+  info["why"] = safety::Explain(guard.model(), verdict, Entries(state), Entries(action));
   info["g"] = Number(verdict.g);
   info["threshold"] = Number(verdict.threshold);
   info["mode"] = control::Name(verdict.mode);
@@ -464,7 +457,8 @@ as_recorded : bool
     Accept actions that look like target positions, which are refused otherwise.
 accept_any : bool
     Fit even where next to no state of left-out demonstrations is inside, which is refused otherwise.
-progress : callable(stage: str, share: float), optional
+progress : callable(stage: str, share: float) or bool, optional
+    None: in a terminal or notebook, a fit of more than 2 s says how far it is. True: says so anywhere. False: never.
 
 Raises
 ------
@@ -481,6 +475,7 @@ UserWarning
       .def_static(
           "load",
           [](const std::filesystem::path& path) {
+            RequireFile(path);
             const py::gil_scoped_release unlocked;
             return Guard::Load(path);
           },
@@ -488,6 +483,8 @@ UserWarning
 
 Raises
 ------
+FileNotFoundError
+    If there is no such file.
 RuntimeError
     Naming the file and what is wrong with it: truncated, damaged, or of another version.
 )")
@@ -548,6 +545,7 @@ info : dict
     source : who chose the action: "policy", "policy-changed", "demonstrations", "probe", "recovery" (of
         Algorithm 1) or "halt".
     changed : bool, whether the action differs from the policy's.
+    why : str, why the policy's action did not pass, "" where it did.
     change : float, how far; an ordinary demonstrated action has length 1.
     certified : bool, whether the next state provably raises no alarm, under the assumptions of
         docs/certificates.md (strategy "certified").
@@ -591,50 +589,6 @@ Returns
 -------
 float or ndarray of shape (n,)
 )")
-      .def(
-          "levels",
-          [](const Guard& guard, const Array& states) {
-            DFR_THROW_UNLESS(states.ndim() == 2, "states must have 2 dimensions");
-            const core::Matrix rows = Rows(states, "states");
-            std::vector<double> levels;
-            {
-              const py::gil_scoped_release unlocked;
-              levels = guard.model().Levels(rows);
-            }
-            return py::array_t<double>(static_cast<py::ssize_t>(levels.size()), levels.data());
-          },
-          py::arg("states"),
-          R"(l, the log form of g, of each state of an episode, followed through the time steps.
-
-An alarm is raised where l < -settings["alarm_level"].
-
-Returns
--------
-ndarray of shape (n_states,)
-)")
-      .def(
-          "attribution",
-          [](const Guard& guard, const Array& states) {
-            DFR_THROW_UNLESS(states.ndim() == 2, "states must have 2 dimensions");
-            const core::Matrix rows = Rows(states, "states");
-            core::Matrix attribution;
-            {
-              const py::gil_scoped_release unlocked;
-              attribution = safety::Attribution(guard.model(), rows);
-            }
-            return py::array_t<double>({attribution.rows(), attribution.cols()},
-                                       attribution.data());
-          },
-          py::arg("states"),
-          R"(Which entries of each state put it outside: what each adds to -l.
-
-Rows sum to -l of `levels`, and are zero where that is not positive. An entry's share is the rise of
-l along it on the way back inside, whatever its unit. A negative one compensates for others.
-
-Returns
--------
-ndarray of shape (n_states, state_dim)
-)")
       .def("with_settings", &With, py::kw_only(), py::arg("strategy") = py::none(),
            py::arg("horizon") = py::none(), py::arg("max_actions") = py::none(),
            py::arg("action_limit") = py::none(), py::arg("alarm_level") = py::none(),
@@ -657,6 +611,7 @@ ndarray of shape (n_states, state_dim)
                " entries, actions of " + std::to_string(guard.action_dim()) + ", " +
                safety::Name(guard.model().settings().strategy) + ">";
       });
+  AddGuardAdvice(guard_class);
 }
 
 }  // namespace dfr::python

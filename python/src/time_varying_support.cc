@@ -163,6 +163,7 @@ ValueError
       .def_static(
           "load",
           [](const std::filesystem::path& path) {
+            RequireFile(path);
             const py::gil_scoped_release unlocked;
             return TimeVaryingSupport::Load(path);
           },
@@ -170,6 +171,8 @@ ValueError
 
 Raises
 ------
+FileNotFoundError
+    If there is no such file.
 RuntimeError
     Naming the file and what is wrong with it.
 )")

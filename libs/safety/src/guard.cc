@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "dfr/control/certified/certified_policy.h"
+#include "dfr/control/guided/guided_policy.h"
 #include "dfr/control/phase_tracker.h"
 #include "dfr/core/policy.h"
 
@@ -44,6 +45,13 @@ class Proposal final : public core::Policy {
   int state_dim_;
   std::vector<double> action_;
 };
+
+bool Within(const std::vector<double>& limits, std::span<const double> action) noexcept {
+  for (std::size_t i = 0; i < action.size(); ++i) {
+    if (std::abs(action[i]) > limits[i]) return false;
+  }
+  return true;
+}
 
 void Clamp(const std::vector<double>& limits, std::span<double> action) noexcept {
   for (std::size_t i = 0; i < action.size(); ++i) {
@@ -109,12 +117,17 @@ struct Guard::Loop {
         tracker(model.support()),
         proposed(static_cast<std::size_t>(model.action_dim()), 0.0),
         bounded(proposed),
-        chosen(proposal.action().size(), 0.0) {}
+        chosen(proposal.action().size(), 0.0) {
+    guided = dynamic_cast<const control::GuidedPolicy*>(controller.get());
+    if (guided != nullptr) ahead = std::make_unique<control::GuidedPolicy>(*guided);
+  }
 
   bool monitors;  // Nothing looks at g but the alarm.
   bool steers;    // The controller's controls are ActionSpace's.
   Proposal proposal;
   std::unique_ptr<control::Controller> controller;
+  const control::GuidedPolicy* guided = nullptr;  // The controller, if it predicts.
+  std::unique_ptr<control::GuidedPolicy> ahead;   // Its twin that looks ahead.
   control::PhaseTracker tracker;
   std::vector<double> proposed;
   std::vector<double> bounded;  // `proposed` within the limits.
@@ -172,6 +185,8 @@ void Guard::Reset(std::uint64_t seed) noexcept {
   loop_->entry = -1;
 }
 
+int Guard::next_step() const noexcept { return loop_->next; }
+
 void Guard::Stop(HaltCause cause) noexcept { loop_->controller->Stop(cause); }
 
 Verdict Guard::Filter(int t, std::span<const double> state, std::span<const double> action,
@@ -225,12 +240,15 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
   verdict.cause = step.cause;
   verdict.step = step.t;
   verdict.threshold = step.threshold;
+  verdict.predicted = step.log_learned;
+  verdict.pass_level = step.log_threshold;
   verdict.certified = step.certified;
   verdict.entry = loop.entry;
   if (state_usable) {
     double level = loop.tracker.Follow(state);
     // What is certified is a level at the controller's time step, which may be another one.
     if (step.certified) level = std::max(level, step.log_g);
+    verdict.level = level;
     verdict.alarm = !(level >= -model_->settings().alarm_level);
     verdict.alarm_step = loop.tracker.phase();
     if (loop.monitors) verdict.step = verdict.alarm_step;
@@ -255,6 +273,41 @@ Verdict Guard::Filter(int t, std::span<const double> state, std::span<const doub
     case Mode::kHalt:
       verdict.source = Source::kHalt;
       break;
+  }
+  return verdict;
+}
+
+ChunkVerdict Guard::FilterChunk(int t, std::span<const double> state,
+                                std::span<const double> actions) noexcept {
+  Loop& loop = *loop_;
+  ChunkVerdict verdict;
+  const std::size_t width = loop.proposed.size();
+  verdict.cause = loop.controller->halt_cause();
+  verdict.halted = verdict.cause != HaltCause::kNone;
+  if (verdict.halted) return verdict;
+  if (t != loop.next) {
+    verdict.cause = HaltCause::kStepSkipped;
+  } else if (static_cast<int>(state.size()) != state_dim() || !AllFinite(state)) {
+    verdict.cause = HaltCause::kStateInvalid;
+  } else if (actions.empty() || actions.size() % width != 0 || !AllFinite(actions)) {
+    verdict.cause = HaltCause::kControlInvalid;
+  }
+  if (verdict.cause != HaltCause::kNone || !(loop.monitors || loop.ahead != nullptr)) {
+    return verdict;
+  }
+  verdict.judged = static_cast<int>(std::min<std::size_t>(actions.size() / width, kLongestChunk));
+  if (loop.ahead != nullptr) loop.ahead->Foresee(*loop.guided, state);
+  for (int i = 0; i < verdict.judged; ++i) {
+    const std::span<const double> action =
+        actions.subspan(static_cast<std::size_t>(i) * width, width);
+    if (!Within(model_->settings().action_limit, action)) break;
+    if (loop.monitors) {
+      if (t + i >= model_->settings().horizon) break;
+    } else {
+      model_->actions().Measure(action, loop.chosen);
+      if (!loop.ahead->PassesNext(loop.chosen)) break;
+    }
+    ++verdict.playable;
   }
   return verdict;
 }

@@ -1,7 +1,6 @@
 #include "dfr/safety/guard_advice.h"
 
 #include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
@@ -15,46 +14,6 @@
 #include "left_out.h"
 
 namespace dfr::safety {
-
-core::Matrix Attribution(const GuardModel& model, const core::Matrix& states) {
-  constexpr int kSteps = 64;
-  std::vector<int> steps;
-  const std::vector<double> levels = model.Levels(states, &steps);
-  const core::FeatureTransform& features = model.recovery().features();
-  const std::vector<int>& entries = features.selection().indices();
-  const kernel::WhitenedSupport& support = model.recovery().support();
-  const Eigen::MatrixXd scale = features.scale();
-  const Eigen::PartialPivLU<Eigen::MatrixXd> inverse(scale);
-  Eigen::VectorXd z(features.num_features());
-  Eigen::VectorXd slope(z.size());
-  Eigen::VectorXd before(z.size());
-  core::Matrix attribution = core::Matrix::Zero(states.rows(), states.cols());
-  for (Eigen::Index i = 0; i < states.rows(); ++i) {
-    const double missing = -levels[static_cast<std::size_t>(i)];
-    if (!(missing > 0.0 && std::isfinite(missing))) continue;
-    const int t = steps[static_cast<std::size_t>(i)];
-    features.Apply(core::Row(states, i), core::AsSpan(z));
-    double l = support.LogDecision(t, core::AsSpan(z), core::AsSpan(before));
-    Eigen::VectorXd share = Eigen::VectorXd::Zero(z.size());
-    for (int step = 0; step < kSteps && l < 0.0; ++step) {
-      const double steepness = before.squaredNorm();
-      if (!(steepness > 0.0)) break;  // A place from which no way leads up.
-      // Each step makes up for the same part of what is missing.
-      const Eigen::VectorXd way = (-l / (kSteps - step) / steepness) * before;
-      z += way;
-      l = support.LogDecision(t, core::AsSpan(z), core::AsSpan(slope));
-      const Eigen::VectorXd along = inverse.solve(way);
-      share += (0.5 * scale.transpose() * (before + slope)).cwiseProduct(along);
-      before = slope;
-    }
-    // The trapezoids sum to the rise but for their error.
-    if (share.sum() > 0.0) share *= missing / share.sum();
-    for (std::size_t k = 0; k < entries.size(); ++k) {
-      attribution(i, entries[k]) += share[static_cast<Eigen::Index>(k)];
-    }
-  }
-  return attribution;
-}
 
 std::vector<std::string> Warnings(const GuardModel& model) {
   constexpr int kFewest = 10;

@@ -29,19 +29,19 @@ Correction::Choice Correction::Choose(JacobianEstimate& estimate, std::span<cons
                                       const StepTarget& target, double pass,
                                       Eigen::VectorXd& v) noexcept {
   const LocalModel model{model_->support(), estimate, z};
-  Choice choice = Replace(estimate, model, target, pass, v);
+  const double learned = model.Level(target.phase, v);
+  Choice choice{Mode::kPolicy, learned};
+  if (!(learned >= pass)) choice = Replace(estimate, model, target, v);
+  choice.learned = learned;
   if (Probe(estimate, model, target, v, choice.level)) choice.mode = Mode::kProbe;
   return choice;
 }
 
 Correction::Choice Correction::Replace(JacobianEstimate& estimate, const LocalModel& model,
-                                       const StepTarget& target, double pass,
-                                       Eigen::VectorXd& v) noexcept {
+                                       const StepTarget& target, Eigen::VectorXd& v) noexcept {
   const int next = target.phase;
   // The last support does not move on: deep inside it, or where it is nearest, a task would stop.
   const bool last = next >= model.support.num_steps();
-  const double learned = model.Level(next, v);
-  if (learned >= pass) return {Mode::kPolicy, learned};
   const bool known = demonstrates_ && estimate.Demonstrated(trial_);
   double demonstrated = -kInfinity;
   if (known) {

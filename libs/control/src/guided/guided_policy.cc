@@ -25,7 +25,7 @@ GuidedPolicy::GuidedPolicy(const core::Policy& policy, const GuidedModel& model,
   for (Eigen::VectorXd* v : {&z_, &seen_, &last_seen_, &dz_}) {
     *v = Eigen::VectorXd::Zero(model.features().num_features());
   }
-  v_ = learned_ = Eigen::VectorXd::Zero(model.control_dim());
+  v_ = learned_ = foreseen_ = Eigen::VectorXd::Zero(model.control_dim());
 }
 
 void GuidedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
@@ -36,9 +36,15 @@ void GuidedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
 }
 
 Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexcept {
-  const core::LogDecisionFunction& support = model_->support();
+  See(x);
+  const Step step = Look();
+  if (step.cause != HaltCause::kNone) return step;
+  policy_->Control(step.t, x, u);
+  return Decide(step, u);
+}
+
+void GuidedPolicy::See(std::span<const double> x) noexcept {
   model_->features().Apply(x, AsSpan(seen_));
-  Step step{.t = tracker_.phase(), .iteration = tracker_.waited()};
   if (progress_.controls > 0) {
     dz_ = seen_ - last_seen_;
     observer_.Update(estimate_, AsSpan(v_), AsSpan(dz_));
@@ -47,17 +53,21 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   }
   z_ = seen_;
   observer_.Observe(estimate_, z_);
+}
 
+Step GuidedPolicy::Look() noexcept {
+  const core::LogDecisionFunction& support = model_->support();
+  Step step{.t = tracker_.phase(), .iteration = tracker_.waited()};
   step.log_g = support.LogDecision(step.t, AsSpan(z_), {});
   step.g = support.FromLog(step.t, step.log_g);
   if (!std::isfinite(step.log_g)) return Halted(step, HaltCause::kSupportInvalid);
   progress_.time = step.t;
   progress_.waited = tracker_.waited();
-  if (const HaltCause cause = halt_rule_(progress_); cause != HaltCause::kNone) {
-    return Halted(step, cause);
-  }
+  const HaltCause cause = halt_rule_(progress_);
+  return cause != HaltCause::kNone ? Halted(step, cause) : step;
+}
 
-  policy_->Control(step.t, x, u);
+Step GuidedPolicy::Decide(Step step, std::span<double> u) noexcept {
   learned_ = core::AsVector(std::span<const double>(u)) / model_->control_unit();
   if (!learned_.allFinite()) return Halted(step, HaltCause::kControlInvalid);
   const double asked = learned_.squaredNorm();
@@ -65,7 +75,7 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   const bool within = learned_.squaredNorm() == asked;
   const double hi = model_->gate_level(step.t + 1);
   step.log_threshold = options_.least_intervention ? model_->pass_level(step.t + 1) : hi;
-  step.threshold = support.FromLog(step.t, step.log_threshold);
+  step.threshold = model_->support().FromLog(step.t, step.log_threshold);
 
   v_ = learned_;
   const bool deep = DeepInside(step.log_g);
@@ -78,6 +88,7 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
     choice = correction_.Choose(estimate_, AsSpan(z_), {step.t + 1, hi}, step.log_threshold, v_);
   }
   step.mode = choice.mode;
+  step.log_learned = choice.learned;
   Advance(choice.level);
   const bool passes = step.mode == Mode::kPolicy && within && v_ == learned_;
   step.filtered = step.mode == Mode::kPolicy && !passes;
@@ -89,6 +100,29 @@ Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexce
   last_seen_ = seen_;
   ++progress_.controls;
   return step;
+}
+
+void GuidedPolicy::Foresee(const GuidedPolicy& present, std::span<const double> x) noexcept {
+  *this = present;
+  if (halt_cause() == HaltCause::kNone) See(x);
+}
+
+bool GuidedPolicy::PassesNext(std::span<const double> control) noexcept {
+  if (halt_cause() != HaltCause::kNone) return false;
+  Step step = Look();
+  if (step.cause == HaltCause::kNone) {
+    foreseen_ = core::AsVector(control);
+    step = Decide(step, AsSpan(foreseen_));
+  }
+  if (step.mode == Mode::kPolicy && !step.filtered) {
+    // Nothing is learned from what was only predicted.
+    if (std::isnan(step.log_learned)) estimate_.Compute(step.t, AsSpan(z_));
+    estimate_.AddEffect(v_, z_);
+    const double level = model_->support().LogDecision(step.t + 1, AsSpan(z_), {});
+    if (level >= step.log_threshold) return true;
+  }
+  Stop(step.cause != HaltCause::kNone ? step.cause : HaltCause::kOutsideSupport);
+  return false;
 }
 
 bool GuidedPolicy::DeepInside(double level) const noexcept {

@@ -53,6 +53,8 @@ struct Step {
   /// l_t(x), the log form of g_t(x), and that of the threshold, where the controller works with l.
   double log_g = std::numeric_limits<double>::quiet_NaN();
   double log_threshold = std::numeric_limits<double>::quiet_NaN();
+  /// l_{t+1} that the learned control is predicted to reach, where the controller predicted it.
+  double log_learned = std::numeric_limits<double>::quiet_NaN();
   /// Mode kPolicy: the learned control was changed or replaced so as to stay inside the support.
   bool filtered = false;
   /// Distance between this control and the learned one, where they differ: a Euclidean norm in

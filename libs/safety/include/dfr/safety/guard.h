@@ -50,10 +50,29 @@ struct Verdict {
   double g = std::numeric_limits<double>::quiet_NaN();
   /// The policy's action passes unseen where g is at least this; NaN where there is no such gate.
   double threshold = std::numeric_limits<double>::quiet_NaN();
+  /// l, the log form of g, at alarm_step; NaN if the state is not one.
+  double level = std::numeric_limits<double>::quiet_NaN();
+  /// kGuard and kController: l that the policy's action is predicted to reach at step + 1, and the
+  /// one from which on it passes. NaN where there was no need to predict it.
+  double predicted = std::numeric_limits<double>::quiet_NaN();
+  double pass_level = std::numeric_limits<double>::quiet_NaN();
 
   /// For kPolicy: "inside", "changed", or "outside" (passed unmodified, as a monitor does).
   /// For kHalt control::Name(cause), otherwise Name(source).
   [[nodiscard]] const char* reason() const noexcept;
+};
+
+/// What a guard says of a chunk of actions.
+struct ChunkVerdict {
+  /// This many of the leading actions pass as they are, by prediction.
+  int playable = 0;
+  /// So many were looked at: all, or Guard::kLongestChunk. 0 for bad input, a halted guard, and a
+  /// strategy that predicts nothing: kDfr, kEarlyStopping, kCertified or a recovery of the
+  /// caller's own.
+  int judged = 0;
+  bool halted = false;  ///< The guard had halted before.
+  /// Why it had, or what is wrong with the input.
+  control::HaltCause cause = control::HaltCause::kNone;
 };
 
 /// Stands between any policy and its robot, and keeps what is applied inside what was demonstrated:
@@ -98,6 +117,28 @@ class Guard {
   /// Reset() and goes up by one with each.
   [[nodiscard]] Verdict Filter(int t, std::span<const double> state, std::span<const double> action,
                                std::span<double> safe) noexcept;
+
+  /// How many of a chunk's `actions`, one after another in one row, may be played from `state` on.
+  /// An action counts if it is within the limits and predicted to end inside, at the level from
+  /// which on Filter() passes it; counting stops at the first that is not. A monitor counts what is
+  /// within the limits. Predictions use what demonstrations and applied actions showed; the first
+  /// action is judged as Filter() would, the later ones at predicted states. No more than
+  /// kLongestChunk are judged. It takes as long as that many calls of Filter().
+  ///
+  /// The guard stays as it is, also after bad input: `t` is the number that the next Filter() will
+  /// have. The caller then plays the counted actions, each by a Filter() of its own with the state
+  /// that was reached, because a prediction is no observation and Filter() has the last word. After
+  /// these, or after the first that Filter() changes, it asks the policy for a new chunk.
+  ///
+  /// kStepSkipped: another `t`. kStateInvalid: a state of the wrong size or not finite.
+  /// kControlInvalid: no action, a number of entries that is no multiple of action_dim(), or one
+  /// that is not finite. A halted guard gives its own cause.
+  [[nodiscard]] ChunkVerdict FilterChunk(int t, std::span<const double> state,
+                                         std::span<const double> actions) noexcept;
+  static constexpr int kLongestChunk = 256;
+
+  /// `t` of the next Filter().
+  [[nodiscard]] int next_step() const noexcept;
 
   /// Halts from outside, if an operator asks or the robot failed.
   void Stop(control::HaltCause cause = control::HaltCause::kStopRequested) noexcept;

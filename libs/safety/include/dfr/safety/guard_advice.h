@@ -6,6 +6,7 @@
 
 #include "dfr/core/matrix.h"
 #include "dfr/core/trajectory.h"
+#include "dfr/safety/guard.h"
 #include "dfr/safety/guard_model.h"
 
 namespace dfr::safety {
@@ -42,5 +43,43 @@ struct Clearance {
 /// features. It does not depend on the units of the entries. A negative one compensates for others.
 /// @throws std::invalid_argument if states are not state_dim() wide.
 [[nodiscard]] core::Matrix Attribution(const GuardModel& model, const core::Matrix& states);
+
+/// An entry of a state that puts it outside the support of a time step.
+struct OutsideEntry {
+  int entry = 0;
+  double share = 0.0;  ///< Its part of -l, as in Attribution().
+  /// How far it is above what was demonstrated (below, if negative), in its own unit: the way back
+  /// inside undoes it.
+  double excess = 0.0;
+};
+/// The entries that put `state` outside the support of time step `t`, those with the largest share
+/// first; empty inside. @throws std::invalid_argument if the state is not state_dim() wide.
+[[nodiscard]] std::vector<OutsideEntry> OutsideEntries(const GuardModel& model, int t,
+                                                       std::span<const double> state);
+
+/// "tip[1] is 0.12 above, tip[0] 0.03 below what was demonstrated at step 7"; "" for none.
+[[nodiscard]] std::string Describe(const GuardModel& model, int t,
+                                   std::span<const OutsideEntry> entries);
+
+/// Where demonstrations come nearest to a state.
+struct NearestDemonstration {
+  int demonstration = -1;  ///< Its number; -1 if there is none.
+  int step = 0;            ///< The time step at which it does,
+  double distance = 0.0;   ///< and how far it then is, in whitened features.
+};
+/// The nearest demonstrated state is looked for at time steps within three of `t`, or at all of
+/// them where `t` is negative. `demonstrations` has one matrix of states for each.
+/// @throws std::invalid_argument naming the demonstration or state of another width.
+[[nodiscard]] NearestDemonstration Nearest(const GuardModel& model, int t,
+                                           std::span<const double> state,
+                                           std::span<const core::Matrix> demonstrations);
+
+/// Why a guard decided as it did, in one sentence: what of the state or of the predicted next one
+/// is how far outside, at which time step of the demonstrations. `state` and `action` are what
+/// Guard::Filter() was given. The next state is predicted from what demonstrations show alone. ""
+/// for a policy's action that passed. Not for a control loop: it allocates, and takes as long as
+/// some hundred decisions.
+[[nodiscard]] std::string Explain(const GuardModel& model, const Verdict& verdict,
+                                  std::span<const double> state, std::span<const double> action);
 
 }  // namespace dfr::safety

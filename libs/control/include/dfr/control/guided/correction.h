@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <limits>
 #include <span>
 
 #include "dfr/control/controller.h"
@@ -22,6 +23,7 @@ class Correction {
   struct Choice {
     Mode mode = Mode::kPolicy;
     double level = 0.0;  ///< That v is predicted to reach in the next phase; 0 where tolerated.
+    double learned = std::numeric_limits<double>::quiet_NaN();  ///< The same of the learned one.
   };
   /// At features `z`, about which `estimate` was computed last, with the learned control `v` within
   /// the limits: `v` becomes the control that is to be applied. `target` is the next phase, and hi
@@ -35,7 +37,7 @@ class Correction {
 
  private:
   [[nodiscard]] Choice Replace(JacobianEstimate& estimate, const LocalModel& model,
-                               const StepTarget& target, double pass, Eigen::VectorXd& v) noexcept;
+                               const StepTarget& target, Eigen::VectorXd& v) noexcept;
   [[nodiscard]] bool Probe(JacobianEstimate& estimate, const LocalModel& model,
                            const StepTarget& target, Eigen::VectorXd& v, double& level) noexcept;
 

@@ -53,6 +53,14 @@ class GuidedPolicy final : public Controller {
   [[nodiscard]] int state_dim() const noexcept override { return policy_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return policy_->control_dim(); }
 
+  /// Takes the place of `present`, a policy of the same model and options, in state `x`: what
+  /// PassesNext() then says is what `present` would do from there on, which itself stays as it is.
+  void Foresee(const GuidedPolicy& present, std::span<const double> x) noexcept;
+  /// Whether `control` would pass as it is and is predicted to end inside, at step 1's level; false
+  /// once an answer was false. The next call is about the state that this control is predicted to
+  /// lead to. From Foresee() on Next() must not be called. Neither allocates nor locks.
+  [[nodiscard]] bool PassesNext(std::span<const double> control) noexcept;
+
   /// J of the last Next() that needed one, in features per GuidedModel::control_unit().
   [[nodiscard]] const Eigen::MatrixXd& jacobian() const noexcept { return estimate_.jacobian(); }
 
@@ -60,6 +68,12 @@ class GuidedPolicy final : public Controller {
   void DoReset(std::uint64_t seed) noexcept override;
   [[nodiscard]] Step DoNext(std::span<const double> x, std::span<double> u) noexcept override;
 
+  /// Learns from what the last control led to, and tells z_, which the next control will meet.
+  void See(std::span<const double> x) noexcept;
+  /// Level and phase at z_; with a cause if the episode ends here.
+  [[nodiscard]] Step Look() noexcept;
+  /// Chooses v_ in place of the learned control `u`, and writes it there if it is another one.
+  [[nodiscard]] Step Decide(Step step, std::span<double> u) noexcept;
   [[nodiscard]] bool DeepInside(double level) const noexcept;
   void Advance(double level) noexcept;
 
@@ -80,6 +94,7 @@ class GuidedPolicy final : public Controller {
   Eigen::VectorXd last_seen_;
   Eigen::VectorXd dz_;
   Eigen::VectorXd learned_;
+  Eigen::VectorXd foreseen_;  ///< PassesNext()'s control.
 };
 
 }  // namespace dfr::control

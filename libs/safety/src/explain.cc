@@ -1,0 +1,275 @@
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "dfr/control/phase_tracker.h"
+#include "dfr/core/absolute_actions.h"
+#include "dfr/core/contract.h"
+#include "dfr/core/format.h"
+#include "dfr/safety/guard_advice.h"
+
+namespace dfr::safety {
+namespace {
+
+using control::HaltCause;
+
+// The steepest way back to l = 0, by features: what of the rise of l belongs to each, and how far
+// it leads in the units of the state.
+class WayBack {
+ public:
+  explicit WayBack(const GuardModel& model)
+      : features_(&model.recovery().features()),
+        support_(&model.recovery().support()),
+        scale_(features_->scale()),
+        inverse_(scale_) {}
+
+  /// From features z at time step t, which are `missing` > 0 below l = 0.
+  void Go(int t, Eigen::VectorXd z, double missing) {
+    constexpr int kSteps = 64;
+    share_ = Eigen::VectorXd::Zero(z.size());
+    way_ = share_;
+    Eigen::VectorXd before(z.size());
+    Eigen::VectorXd slope(z.size());
+    double l = support_->LogDecision(t, core::AsSpan(z), core::AsSpan(before));
+    for (int step = 0; step < kSteps && l < 0.0; ++step) {
+      const double steepness = before.squaredNorm();
+      if (!(steepness > 0.0)) break;  // A place from which no way leads up.
+      // Each step makes up for the same part of what is missing.
+      const Eigen::VectorXd up = (-l / (kSteps - step) / steepness) * before;
+      z += up;
+      l = support_->LogDecision(t, core::AsSpan(z), core::AsSpan(slope));
+      const Eigen::VectorXd along = inverse_.solve(up);
+      share_ += (0.5 * scale_.transpose() * (before + slope)).cwiseProduct(along);
+      way_ += along;
+      before = slope;
+    }
+    // The trapezoids sum to the rise but for their error.
+    if (share_.sum() > 0.0) share_ *= missing / share_.sum();
+  }
+  [[nodiscard]] const Eigen::VectorXd& share() const { return share_; }
+  [[nodiscard]] const Eigen::VectorXd& way() const { return way_; }
+
+ private:
+  const core::FeatureTransform* features_;
+  const kernel::WhitenedSupport* support_;
+  Eigen::MatrixXd scale_;
+  Eigen::PartialPivLU<Eigen::MatrixXd> inverse_;
+  Eigen::VectorXd share_;
+  Eigen::VectorXd way_;
+};
+
+void CheckWidth(const GuardModel& model, std::span<const double> state) {
+  DFR_THROW_UNLESS(
+      static_cast<int>(state.size()) == model.state_dim(),
+      "the state has " << state.size() << " entries, the guard's have " << model.state_dim());
+}
+
+Eigen::VectorXd FeaturesOf(const GuardModel& model, std::span<const double> state) {
+  Eigen::VectorXd z(model.recovery().features().num_features());
+  model.recovery().features().Apply(state, core::AsSpan(z));
+  return z;
+}
+
+std::vector<OutsideEntry> EntriesAt(const GuardModel& model, int t, const Eigen::VectorXd& z) {
+  std::vector<OutsideEntry> found;
+  const double l = model.recovery().support().LogDecision(t, core::AsSpan(z), {});
+  if (!(l < 0.0 && std::isfinite(l))) return found;
+  WayBack back(model);
+  back.Go(t, z, -l);
+  const std::vector<int>& entries = model.recovery().features().selection().indices();
+  for (std::size_t k = 0; k < entries.size(); ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    found.push_back({.entry = entries[k], .share = back.share()[i], .excess = -back.way()[i]});
+  }
+  std::stable_sort(found.begin(), found.end(),
+                   [](const OutsideEntry& a, const OutsideEntry& b) { return a.share > b.share; });
+  return found;
+}
+
+// What demonstrations say of the features after `action`.
+Eigen::VectorXd Predicted(const GuardModel& model, int t, Eigen::VectorXd z,
+                          std::span<const double> action) {
+  const control::GuidedModel& guided = model.recovery().model();
+  control::JacobianEstimate answer(guided.prior(), {}, guided.own_motion());
+  answer.Compute(t, core::AsSpan(z));
+  Eigen::VectorXd v(model.actions().steered_dim());
+  model.actions().Measure(action, core::AsSpan(v));
+  v /= guided.control_unit();
+  answer.AddEffect(v, z);
+  return z;
+}
+
+std::optional<std::size_t> FirstNotFinite(std::span<const double> values) {
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (!std::isfinite(values[i])) return i;
+  }
+  return std::nullopt;
+}
+
+// What is wrong with the values themselves; "" if nothing is.
+std::string WrongInput(const GuardModel& model, std::span<const double> state,
+                       std::span<const double> action) {
+  if (static_cast<int>(state.size()) != model.state_dim()) {
+    return core::Format("state has %zu entries, %d needed", state.size(), model.state_dim());
+  }
+  if (const auto i = FirstNotFinite(state)) {
+    return core::EntryName(model.layout(), static_cast<Eigen::Index>(*i)) +
+           core::Format(" of the state is %g", state[*i]);
+  }
+  if (static_cast<int>(action.size()) != model.action_dim()) {
+    return core::Format("action has %zu entries, %d needed", action.size(), model.action_dim());
+  }
+  if (const auto i = FirstNotFinite(action)) {
+    return core::Format("entry %zu of the action is %g", *i, action[*i]);
+  }
+  return {};
+}
+
+const char* CauseOf(HaltCause cause) {
+  switch (cause) {
+    case HaltCause::kNotReset:
+      return "reset was not called";
+    case HaltCause::kTimeUp:
+      return "the episode is longer than the horizon";
+    case HaltCause::kIterationLimit:
+      return "the episode has used up max_actions";
+    case HaltCause::kStepSkipped:
+      return "t was not the next one: a call was lost or doubled";
+    case HaltCause::kStopRequested:
+      return "the caller asked for it";
+    case HaltCause::kNoProgress:
+      return "no action has led on for many steps";
+    case HaltCause::kStateInvalid:
+      return "an earlier state was not usable";
+    case HaltCause::kControlInvalid:
+      return "an earlier action was not usable";
+    default:
+      return control::Name(cause);
+  }
+}
+
+// Why the policy's action is not the one that is applied.
+std::string WhyNot(const GuardModel& model, const Verdict& verdict, std::span<const double> state,
+                   std::span<const double> action) {
+  const std::vector<double>& limits = model.settings().action_limit;
+  for (std::size_t i = 0; i < action.size(); ++i) {
+    if (std::abs(action[i]) > limits[i]) {
+      return core::Format("entry %zu of the action is %.3g, beyond its limit %.3g", i, action[i],
+                          limits[i]);
+    }
+  }
+  const Eigen::VectorXd z = FeaturesOf(model, state);
+  if (std::isfinite(verdict.predicted)) {
+    const int next = verdict.step + 1;
+    std::string text =
+        core::Format("the policy's action is predicted to reach l = %.3g and passes from %.3g on",
+                     verdict.predicted, verdict.pass_level);
+    const auto entries = EntriesAt(model, next, Predicted(model, verdict.step, z, action));
+    return entries.empty() ? text : text + ": then " + Describe(model, next, entries);
+  }
+  const auto entries = EntriesAt(model, verdict.alarm_step, z);
+  if (!entries.empty()) return Describe(model, verdict.alarm_step, entries);
+  return core::Format("g = %.3g, and an action of this size passes above %.3g", verdict.g,
+                      verdict.threshold);
+}
+
+}  // namespace
+
+core::Matrix Attribution(const GuardModel& model, const core::Matrix& states) {
+  std::vector<int> steps;
+  const std::vector<double> levels = model.Levels(states, &steps);
+  const std::vector<int>& entries = model.recovery().features().selection().indices();
+  WayBack back(model);
+  core::Matrix attribution = core::Matrix::Zero(states.rows(), states.cols());
+  for (Eigen::Index i = 0; i < states.rows(); ++i) {
+    const double missing = -levels[static_cast<std::size_t>(i)];
+    if (!(missing > 0.0 && std::isfinite(missing))) continue;
+    back.Go(steps[static_cast<std::size_t>(i)], FeaturesOf(model, core::Row(states, i)), missing);
+    for (std::size_t k = 0; k < entries.size(); ++k) {
+      attribution(i, entries[k]) += back.share()[static_cast<Eigen::Index>(k)];
+    }
+  }
+  return attribution;
+}
+
+std::vector<OutsideEntry> OutsideEntries(const GuardModel& model, int t,
+                                         std::span<const double> state) {
+  CheckWidth(model, state);
+  return EntriesAt(model, t, FeaturesOf(model, state));
+}
+
+std::string Describe(const GuardModel& model, int t, std::span<const OutsideEntry> entries) {
+  constexpr std::size_t kMost = 2;
+  constexpr double kLeastShare = 0.2;
+  if (entries.empty()) return {};
+  std::string text;
+  for (std::size_t i = 0; i < std::min(kMost, entries.size()); ++i) {
+    if (i > 0 && entries[i].share < kLeastShare * entries[0].share) break;
+    text += (i == 0 ? "" : ", ") + core::EntryName(model.layout(), entries[i].entry) +
+            (i == 0 ? " is " : " ") +
+            core::Format("%.3g %s", std::abs(entries[i].excess),
+                         entries[i].excess >= 0.0 ? "above" : "below");
+  }
+  return text +
+         core::Format(" what was demonstrated at step %d", std::clamp(t, 0, model.num_steps() - 1));
+}
+
+NearestDemonstration Nearest(const GuardModel& model, int t, std::span<const double> state,
+                             std::span<const core::Matrix> demonstrations) {
+  CheckWidth(model, state);
+  const Eigen::VectorXd z = FeaturesOf(model, state);
+  NearestDemonstration nearest{.distance = std::numeric_limits<double>::infinity()};
+  constexpr int kWindow = control::PhaseTracker::kWindow;
+  for (std::size_t d = 0; d < demonstrations.size(); ++d) {
+    DFR_THROW_UNLESS(demonstrations[d].cols() == std::ssize(state),
+                     "demonstration " << d << " has states of " << demonstrations[d].cols()
+                                      << " entries, the guard's have " << state.size());
+    const auto rows = static_cast<int>(demonstrations[d].rows());
+    const int first = t < 0 ? 0 : std::max(0, std::min(t, rows - 1) - kWindow);
+    const int last = t < 0 ? rows - 1 : std::min(rows - 1, t + kWindow);
+    for (int i = first; i <= last; ++i) {
+      const double distance = (FeaturesOf(model, core::Row(demonstrations[d], i)) - z).norm();
+      if (distance >= nearest.distance) continue;
+      nearest = {.demonstration = static_cast<int>(d), .step = i, .distance = distance};
+    }
+  }
+  return nearest;
+}
+
+std::string Explain(const GuardModel& model, const Verdict& verdict, std::span<const double> state,
+                    std::span<const double> action) {
+  const std::string wrong = WrongInput(model, state, action);
+  switch (verdict.source) {
+    case Source::kPolicy:
+      return {};
+    case Source::kHalt:
+      switch (verdict.cause) {
+        case HaltCause::kStateInvalid:
+        case HaltCause::kControlInvalid:
+          return std::string("halted: ") + (wrong.empty() ? CauseOf(verdict.cause) : wrong);
+        case HaltCause::kOutsideSupport:
+        case HaltCause::kEarlyStopping:
+          if (wrong.empty()) return "halted: " + WhyNot(model, verdict, state, action);
+          break;
+        default:
+          break;
+      }
+      return std::string("halted: ") + CauseOf(verdict.cause);
+    case Source::kPolicyChanged:
+      return "changed: " + WhyNot(model, verdict, state, action);
+    case Source::kDemonstrations:
+      return "replaced by what demonstrations did nearby: " + WhyNot(model, verdict, state, action);
+    case Source::kProbe:
+      return "probed, to see what an action does: " + WhyNot(model, verdict, state, action);
+    case Source::kRecovery:
+      return "replaced by a recovery: " + WhyNot(model, verdict, state, action);
+  }
+  return {};
+}
+
+}  // namespace dfr::safety

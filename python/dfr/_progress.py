@@ -1,0 +1,60 @@
+"""What a long fit prints while it runs, where somebody reads it."""
+
+from __future__ import annotations
+
+import functools
+import multiprocessing
+import sys
+import time
+from typing import Any, Callable
+
+
+def is_read() -> bool:
+    """Whether standard error is a terminal, or the cell of a notebook, and no worker's among others."""
+    if multiprocessing.parent_process() is not None:
+        return False
+    stream = sys.stderr
+    notebook = "ipykernel" in sys.modules and type(stream).__module__.startswith("ipykernel")
+    return notebook or bool(getattr(stream, "isatty", lambda: False)())
+
+
+class Display:
+    """Prints stage and share on one line of standard error, from the third second of a fit on."""
+
+    AFTER, EVERY = 2.0, 0.2  # seconds
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._begun = clock()
+        self._next = self._begun + self.AFTER
+        self._width = 0
+
+    def __call__(self, stage: str, share: float) -> None:
+        now = self._clock()
+        if now < self._next:
+            return
+        self._next = now + self.EVERY
+        line = f"dfr: {stage}, {100 * share:.0f} %, {now - self._begun:.0f} s"
+        print("\r" + line.ljust(self._width), end="", file=sys.stderr, flush=True)
+        self._width = len(line)
+
+    def close(self) -> None:
+        """Clear the line."""
+        if self._width:
+            print("\r" + " " * self._width + "\r", end="", file=sys.stderr, flush=True)
+
+
+def shows_progress(fit: Callable[..., Any]) -> Callable[..., Any]:
+    """`fit` with a display where its `progress` is None and somebody reads it; False is none."""
+
+    @functools.wraps(fit)
+    def call(*args: Any, progress: Callable[[str, float], object] | bool | None = None, **options: Any) -> Any:
+        if progress is True or progress is None and is_read():
+            display = Display()
+            try:
+                return fit(*args, progress=display, **options)
+            finally:
+                display.close()
+        return fit(*args, progress=None if progress is False else progress, **options)
+
+    return call

@@ -1,0 +1,257 @@
+"""A guard as a step of a LeRobot pipeline."""
+
+from __future__ import annotations
+
+from os import PathLike, fspath
+from typing import TYPE_CHECKING, Any, Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dfr._core import Guard
+
+if TYPE_CHECKING:
+    from dfr._core import GuardInfo
+
+try:
+    from lerobot.processor import ProcessorStep
+except ImportError:
+
+    class ProcessorStep:  # type: ignore[no-redef]
+        """What GuardStep takes of LeRobot's ProcessorStep, for where LeRobot is not installed."""
+
+
+def _to_numpy(values: Any) -> NDArray[np.float64]:
+    if hasattr(values, "detach"):  # a tensor of torch; NumPy has no bfloat16
+        values = values.detach().cpu().double().numpy()
+    return np.asarray(values, dtype=np.float64)
+
+
+def _like(values: NDArray[np.float64], original: Any) -> Any:
+    if hasattr(original, "new_tensor"):  # of the same type and device
+        return original.new_tensor(values)
+    return values.astype(np.asarray(original).dtype)
+
+
+def _is_number(value: Any) -> bool:
+    return getattr(value, "shape", ()) == () and not isinstance(value, (str, bytes)) and np.isscalar(_item(value))
+
+
+def _item(value: Any) -> Any:
+    return value.item() if hasattr(value, "item") else value
+
+
+class GuardStep(ProcessorStep):  # type: ignore[misc]
+    """Filters actions in a pipeline of LeRobot, whose `ProcessorStep` it is where LeRobot is installed.
+
+    It is called with a transition, a mapping with "observation" and "action", and returns a copy with
+    the action to apply and `transition["info"]["guard"]`, what `Guard.filter` decided. Called with a
+    pair (action, observation), as a robot_action_processor is, it returns the action to apply.
+    `info` has the last decision in both cases. Call `reset` at the start of each episode.
+
+    An action is a tensor or array of n entries, in whatever shape, or a dictionary of n numbers,
+    {"shoulder_pan.pos": ...}, and comes back as the same. The guard decides in the state that the
+    robot is in now, so of a chunk (1, k, n) it takes one action in each call, in order; `reset` and
+    `next_chunk` start a chunk anew.
+
+    A transition of a policy's post-processor has no observation. Then `observe` has to be called
+    with one before each action.
+
+    Parameters
+    ----------
+    guard : Guard or path_like
+        Its layout names the features of the observation, as `guard fit` takes them from a LeRobot
+        dataset: "observation.state" and the like. A path is loaded. If the observation lacks one part
+        of the layout, its numbers, {"shoulder_pan.pos": ...}, are that part, if there are as many.
+    positions : sequence of int or None, optional
+        For actions that are target positions: entry k of an action is a target for entry
+        positions[k] of the guard's state, and None leaves the entry as it is: zero must hold it
+        still. The guard then filters target minus present position, and the position is added to its
+        answer: a halt holds the pose in which it came. Give it for a guard that was fitted with
+        differences.
+    action_names : sequence of str, optional
+        The order of the entries of an action that is a dictionary; without it that of the first one.
+    on_alarm : callable(info), optional
+        Called once when an alarm begins, and again only after it has ended: to ask for a human.
+    on_halt : callable(info), optional
+        Called once when the guard halts in an episode.
+
+    Attributes
+    ----------
+    info : dict or None
+        What `Guard.filter` decided last.
+
+    Raises
+    ------
+    TypeError
+        If `guard` is neither a guard nor a path.
+    ValueError
+        If `positions` or `action_names` has not one entry for each entry of an action, or one out of
+        range.
+    """
+
+    def __init__(
+        self,
+        guard: Guard | str | PathLike[str],
+        *,
+        positions: Sequence[int | None] | None = None,
+        action_names: Sequence[str] | None = None,
+        on_alarm: Callable[[GuardInfo], object] | None = None,
+        on_halt: Callable[[GuardInfo], object] | None = None,
+    ) -> None:
+        self._path = None
+        if isinstance(guard, (str, PathLike)):
+            self._path = fspath(guard)
+            guard = Guard.load(guard)
+        if not isinstance(guard, Guard):
+            raise TypeError(f"guard must be a dfr.Guard or the path of one, not {guard!r}")
+        self.guard = guard
+        self.on_alarm = on_alarm
+        self.on_halt = on_halt
+        self.positions = None if positions is None else list(positions)
+        self.action_names = None if action_names is None else list(action_names)
+        for name, entries in (("positions", self.positions), ("action_names", self.action_names)):
+            if entries is not None and len(entries) != guard.action_dim:
+                raise ValueError(f"{name} has {len(entries)} entries; actions of this guard have {guard.action_dim}")
+        for entry in self.positions or ():
+            if entry is not None and not 0 <= entry < guard.state_dim:
+                raise ValueError(f"positions names entry {entry} of a state of {guard.state_dim}")
+        self._forget()
+        self.guard.stop()  # halts until reset()
+
+    def _forget(self) -> None:
+        self._t = 0
+        self._chunk = 0
+        self._alarm = self._halted = False
+        self._pose: NDArray[np.float64] | None = None
+        self._observed: Mapping[str, Any] | None = None
+        self.info: GuardInfo | None = None
+
+    def reset(self) -> None:
+        """Start an episode."""
+        self.guard.reset()
+        self._forget()
+
+    def next_chunk(self) -> None:
+        """Take the next action from the front of a new chunk."""
+        self._chunk = 0
+
+    def observe(self, observation: Mapping[str, Any]) -> None:
+        """The robot's observation now, for the next action, whose transition has none."""
+        self._observed = observation
+
+    def _state(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
+        numbers = [float(_item(value)) for value in observation.values() if _is_number(value)]
+        missing = [(name, size) for name, size in self.guard.layout if name not in observation]
+        if missing and (len(missing) > 1 or len(numbers) != missing[0][1]):
+            raise ValueError(
+                f"the observation has no {', '.join(name for name, _ in missing)}; it has "
+                f"{', '.join(map(str, observation))}"
+                + (f", of which {len(numbers)} are numbers, {missing[0][1]} needed" if len(missing) == 1 else "")
+            )
+        parts = [
+            _to_numpy(observation[name]).ravel() if name in observation else np.array(numbers)
+            for name, _ in self.guard.layout
+        ]
+        return np.concatenate(parts)
+
+    def _present(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The pose that actions are relative to; after a halt, or in a broken state, the last one."""
+        present = np.zeros(self.guard.action_dim)
+        for k, entry in enumerate(self.positions or ()):
+            if entry is not None:
+                present[k] = state[entry] if entry < len(state) else np.nan
+        if np.isfinite(present).all() and not self._halted:
+            self._pose = present
+        if self._pose is None:
+            raise RuntimeError("there is no pose to hold: the first state of the episode is not finite")
+        return self._pose
+
+    def _entries(self, action: Mapping[str, Any]) -> list[str]:
+        """The order of an action's names."""
+        if self.action_names is None and len(action) == self.guard.action_dim:
+            self.action_names = list(action)
+        names = self.action_names or []
+        if set(names) != set(action):
+            raise ValueError(
+                f"the action has the entries {', '.join(map(str, action))}; the guard needs "
+                + (", ".join(names) if names else f"{self.guard.action_dim}: give action_names")
+            )
+        return names
+
+    def _decide(self, wish: NDArray[np.float64], observation: Mapping[str, Any] | None) -> NDArray[np.float64]:
+        """What to apply instead of `wish`."""
+        if observation is None:
+            observation, self._observed = self._observed, None
+        if observation is None:
+            raise ValueError(
+                "the transition has no observation, as in a policy's post-processor: call observe(observation) of "
+                "this step before each action, or put the step into the robot_action_processor"
+            )
+        state = self._state(observation)
+        present = self._present(state)
+        if wish.shape == present.shape:
+            wish = wish - present
+        safe, info = self.guard.filter(self._t, state, wish)
+        self._t += 1
+        self.info = info
+        if info["alarm"] and not self._alarm and self.on_alarm is not None:
+            self.on_alarm(info)
+        self._alarm = info["alarm"]
+        halted = info["mode"] == "halt"
+        if halted and not self._halted and self.on_halt is not None:
+            self.on_halt(info)
+        self._halted = halted
+        return safe + present
+
+    def _filter(self, original: Any, observation: Mapping[str, Any] | None) -> Any:
+        if isinstance(original, Mapping):
+            names = self._entries(original)
+            safe = self._decide(np.array([float(_item(original[name])) for name in names]), observation)
+            filtered = dict(zip(names, safe))
+            # A tensor of one number stays one.
+            return {
+                name: _like(np.array(filtered[name]), value) if hasattr(value, "shape") else float(filtered[name])
+                for name, value in original.items()
+            }
+        shape = tuple(np.shape(original))
+        if len(shape) == 3 and shape[:2] != (1, 1):
+            if shape[0] != 1 or self._chunk >= shape[1]:
+                raise ValueError(
+                    f"a chunk of shape {shape} has no action {self._chunk}: one robot at a time, and "
+                    "next_chunk() where a new chunk begins"
+                )
+            original = original[:, self._chunk]
+            self._chunk += 1
+            shape = tuple(np.shape(original))
+        if any(n != 1 for n in shape[:-1]):
+            raise ValueError(f"actions of shape {shape}: a guard is for one robot")
+        wish = _to_numpy(original)
+        safe = self._decide(wish.ravel(), observation)
+        return _like(safe.reshape(shape if wish.size == safe.size else safe.shape), original)
+
+    def __call__(self, transition: Any) -> Any:
+        if isinstance(transition, tuple):
+            action, observation = transition
+            return self._filter(action, observation)
+        self._current_transition = transition
+        result = dict(transition)
+        result["action"] = self._filter(transition["action"], transition.get("observation"))
+        result["info"] = {**(transition.get("info") or {}), "guard": self.info}
+        return result
+
+    def transform_features(self, features: Any) -> Any:
+        """An action keeps its shape."""
+        return features
+
+    def get_config(self) -> dict[str, Any]:
+        """What a pipeline stores and makes the step of again; a guard that was loaded is named by its path."""
+        config: dict[str, Any] = {"positions": self.positions, "action_names": self.action_names}
+        return config if self._path is None else {"guard": self._path, **config}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Nothing: a guard is saved by `Guard.save`."""
+        return {}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Nothing to load."""

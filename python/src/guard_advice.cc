@@ -1,0 +1,239 @@
+#include "guard_advice.h"
+
+#include <pybind11/numpy.h>
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "arrays.h"
+#include "dfr/core/absolute_actions.h"
+#include "dfr/core/contract.h"
+#include "dfr/safety/guard_advice.h"
+
+namespace py = pybind11;
+
+namespace dfr::python {
+namespace {
+
+using control::HaltCause;
+using safety::Guard;
+
+// The number of its leading actions that may be played.
+int FilterChunk(Guard& guard, const py::object& t, const Array& state, const Array& actions) {
+  DFR_THROW_UNLESS(state.size() == guard.state_dim(),
+                   "state has " << state.size() << " entries, " << guard.state_dim() << " needed");
+  DFR_THROW_UNLESS(actions.ndim() == 2, "a chunk has 2 dimensions, (k, "
+                                            << guard.action_dim() << "), not " << actions.ndim());
+  DFR_THROW_UNLESS(actions.shape(0) > 0, "the chunk has no actions");
+  DFR_THROW_UNLESS(actions.shape(1) == guard.action_dim(), "the actions of the chunk have "
+                                                               << actions.shape(1) << " entries, "
+                                                               << guard.action_dim() << " needed");
+  for (py::ssize_t i = 0; i < state.size(); ++i) {
+    DFR_THROW_UNLESS(std::isfinite(state.data()[i]), core::EntryName(guard.model().layout(), i)
+                                                         << " of the state is " << state.data()[i]);
+  }
+  for (py::ssize_t i = 0; i < actions.size(); ++i) {
+    DFR_THROW_UNLESS(std::isfinite(actions.data()[i]),
+                     "entry " << i % actions.shape(1) << " of action " << i / actions.shape(1)
+                              << " is " << actions.data()[i]);
+  }
+  const int step = StepOf(t);
+  const safety::ChunkVerdict verdict = guard.FilterChunk(step, Entries(state), Entries(actions));
+  if (verdict.halted) return 0;
+  DFR_THROW_UNLESS(verdict.cause != HaltCause::kStepSkipped,
+                   "t is " << step << ", the next call of filter has t = " << guard.next_step());
+  DFR_THROW_UNLESS(verdict.judged > 0,
+                   "strategy '" << safety::Name(guard.model().settings().strategy)
+                                << "' predicts nothing: filter each action, or take strategy "
+                                   "'guard', 'controller' or 'monitor'");
+  return verdict.playable;
+}
+
+// The time step whose support fits the state best.
+int BestStep(const Guard& guard, std::span<const double> state) {
+  int best = 0;
+  double highest = -std::numeric_limits<double>::infinity();
+  for (int t = 0; t < guard.model().num_steps(); ++t) {
+    const double l = guard.model().support().LogDecision(t, state, {});
+    if (l > highest) {
+      highest = l;
+      best = t;
+    }
+  }
+  return best;
+}
+
+py::dict Explain(const Guard& guard, const Array& state, const py::object& t,
+                 const Arrays& demonstrations) {
+  DFR_THROW_UNLESS(state.size() == guard.state_dim(),
+                   "state has " << state.size() << " entries, " << guard.state_dim() << " needed");
+  const safety::GuardModel& model = guard.model();
+  const std::span<const double> x = Entries(state);
+  const int asked = t.is_none() ? -1 : std::max(0, StepOf(t));
+  const int step = t.is_none() ? BestStep(guard, x) : std::min(asked, model.num_steps() - 1);
+  const std::vector<safety::OutsideEntry> outside = safety::OutsideEntries(model, step, x);
+  std::string text = outside.empty()
+                         ? "inside what was demonstrated at step " + std::to_string(step)
+                         : safety::Describe(model, step, outside);
+  py::list entries;
+  for (const safety::OutsideEntry& one : outside) {
+    py::dict entry;
+    entry["name"] = core::EntryName(model.layout(), one.entry);
+    entry["entry"] = one.entry;
+    entry["excess"] = one.excess;
+    entry["share"] = one.share;
+    entries.append(std::move(entry));
+  }
+  py::object nearest = py::none();
+  std::vector<core::Matrix> states;
+  for (const Array& one : demonstrations.each) {
+    DFR_THROW_UNLESS(one.ndim() == 2, "demonstration " << states.size()
+                                                       << " must have 2 dimensions, not "
+                                                       << one.ndim());
+    states.push_back(Rows(one, "demonstrations"));
+  }
+  const safety::NearestDemonstration found = safety::Nearest(model, asked, x, states);
+  if (found.demonstration >= 0) {
+    py::dict values;
+    values["demonstration"] = found.demonstration;
+    values["step"] = found.step;
+    values["distance"] = found.distance;
+    nearest = std::move(values);
+    text += "; demonstration " + std::to_string(found.demonstration) + " comes nearest, at step " +
+            std::to_string(found.step);
+  }
+  py::dict result;
+  result["text"] = text;
+  result["l"] = model.support().LogDecision(step, x, {});
+  result["step"] = step;
+  result["entries"] = std::move(entries);
+  result["nearest"] = std::move(nearest);
+  return result;
+}
+
+}  // namespace
+
+int StepOf(const py::object& t) {
+  const auto index = py::reinterpret_steal<py::object>(PyNumber_Index(t.ptr()));
+  if (!index) throw py::error_already_set();
+  int overflow = 0;
+  const long long value = PyLong_AsLongLongAndOverflow(index.ptr(), &overflow);
+  return overflow != 0 || value != NearestInt(value) ? -1 : static_cast<int>(value);
+}
+
+void AddGuardAdvice(py::class_<Guard>& guard_class) {
+  guard_class
+      .def("filter_chunk", &FilterChunk, py::arg("t"), py::arg("state"), py::arg("actions"),
+           R"(How many of a chunk's actions may be played from `state` on, by prediction.
+
+An action counts if it is within the limits and predicted to end inside, at the level from which on
+`filter` passes it. Counting stops at the first that is not. A monitor counts what is within the
+limits. The guard stays as it is.
+
+Play the counted actions, each by a `filter` of its own with the state that was reached, because a
+prediction is no observation and `filter` has the last word. After these, or after the first that
+`filter` changes, ask the policy for a new chunk. Where nothing is counted, `filter` the first
+action: the guard then says what to do instead.
+
+Parameters
+----------
+t : int
+    The number that the next `filter` will have.
+state : array_like of shape (state_dim,)
+actions : array_like of shape (k, action_dim)
+    At most 256 are judged.
+
+Returns
+-------
+int
+    From 0 to k; 0 of a guard that has halted.
+
+Raises
+------
+ValueError
+    If a shape is wrong, an entry is not finite, `t` is not the next one, or the strategy predicts
+    nothing ("dfr", "early-stopping", "certified").
+)")
+      .def("explain", &Explain, py::arg("state"), py::kw_only(), py::arg("t") = py::none(),
+           py::arg("demonstrations") = py::tuple(),
+           R"(What of a state is how far outside, at which time of the demonstrations.
+
+Not for a control loop. `filter` says why an action did not pass, as info["why"].
+
+Parameters
+----------
+state : array_like of shape (state_dim,)
+t : int, optional
+    The time step of the demonstrations to compare with; without it the one that fits best.
+demonstrations : iterable of array_like of shape (n_states_i, state_dim), optional
+    Among which the nearest is looked for, at time steps near `t`.
+
+Returns
+-------
+dict
+    text : str, all of it in one sentence.
+    l : float, the log form of g; negative outside.
+    step : int, the time step.
+    entries : list of dict with name, entry, excess (how far the entry is above what was
+        demonstrated, negative below, in its unit) and share (its part of -l). The largest share
+        comes first. Empty inside.
+    nearest : dict with demonstration, step and distance (in whitened features), or None.
+
+Raises
+------
+ValueError
+    If the state or a demonstration has another number of entries.
+)")
+      .def(
+          "levels",
+          [](const Guard& guard, const Array& states) {
+            DFR_THROW_UNLESS(states.ndim() == 2, "states must have 2 dimensions");
+            const core::Matrix rows = Rows(states, "states");
+            std::vector<double> levels;
+            {
+              const py::gil_scoped_release unlocked;
+              levels = guard.model().Levels(rows);
+            }
+            return py::array_t<double>(static_cast<py::ssize_t>(levels.size()), levels.data());
+          },
+          py::arg("states"),
+          R"(l, the log form of g, of each state of an episode, followed through the time steps.
+
+An alarm is raised where l < -settings["alarm_level"].
+
+Returns
+-------
+ndarray of shape (n_states,)
+)")
+      .def(
+          "attribution",
+          [](const Guard& guard, const Array& states) {
+            DFR_THROW_UNLESS(states.ndim() == 2, "states must have 2 dimensions");
+            const core::Matrix rows = Rows(states, "states");
+            core::Matrix attribution;
+            {
+              const py::gil_scoped_release unlocked;
+              attribution = safety::Attribution(guard.model(), rows);
+            }
+            return py::array_t<double>({attribution.rows(), attribution.cols()},
+                                       attribution.data());
+          },
+          py::arg("states"),
+          R"(Which entries of each state put it outside: what each adds to -l.
+
+Rows sum to -l of `levels`, and are zero where that is not positive. An entry's share is the rise of
+l along it on the way back inside, whatever its unit. A negative one compensates for others.
+
+Returns
+-------
+ndarray of shape (n_states, state_dim)
+)");
+}
+
+}  // namespace dfr::python

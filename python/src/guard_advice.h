@@ -1,0 +1,17 @@
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+#include "dfr/safety/guard.h"
+
+namespace dfr::python {
+
+/// An index as a time step. Integers beyond the range of int are not the next time step, whatever
+/// that is: -1.
+/// @throws pybind11::error_already_set if it is no index.
+[[nodiscard]] int StepOf(const pybind11::object& t);
+
+/// What dfr.Guard says of chunks and states: filter_chunk, explain, levels, attribution.
+void AddGuardAdvice(pybind11::class_<safety::Guard>& guard_class);
+
+}  // namespace dfr::python

@@ -1,0 +1,253 @@
+"""What dfr.Guard says: why an action did not pass, what is wrong with a call, how far a fit is. And of chunks."""
+
+import io
+import pathlib
+import sys
+import tempfile
+import typing
+import unittest
+from unittest import mock
+
+import numpy as np
+
+import dfr
+from corridor import LAYOUT, Corridor, action_for, demonstrations
+from dfr import _progress
+
+CHUNK = 8
+DRIFT = action_for(0.09, 0.06)
+
+
+def fit(count=30, **options):
+    return dfr.Guard.fit(*demonstrations(1, count), layout=LAYOUT, features="tip", **options)
+
+
+class ChunkTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.guard = fit()
+
+    def play(self, policy, seed):
+        """A policy that is asked every 8 steps. Plays what is counted, or one action that is corrected."""
+        plant = Corridor()
+        x, _ = plant.reset(seed=seed)
+        self.guard.reset(seed)
+        t = asked = counted = passed = 0
+        furthest = 0.0
+        while x[1] < 1.8 and t < 100:
+            chunk = policy(x)
+            playable = self.guard.filter_chunk(t, x, chunk)
+            asked += 1
+            counted += playable
+            for k in range(max(1, playable)):
+                action, info = self.guard.filter(t, x, chunk[k])
+                self.assertNotEqual(info["mode"], "halt", info["why"])
+                passed += k < playable and not info["changed"]
+                x = plant.step(action)[0]
+                furthest = max(furthest, abs(x[2]))
+                t += 1
+        return asked, counted, passed, furthest
+
+    def test_a_policy_that_is_asked_every_eight_steps(self):
+        def good(x):
+            return np.tile(action_for(0.0997, -x[2] / CHUNK), (CHUNK, 1))
+
+        def drifting(x):
+            return np.tile(DRIFT, (CHUNK, 1))
+
+        for seed in range(3):
+            with self.subTest(seed=seed):
+                asked, counted, passed, _ = self.play(good, seed)
+                self.assertLessEqual(asked, 5)  # of 19 actions
+                self.assertEqual(passed, counted)
+                asked, counted, passed, furthest = self.play(drifting, seed)
+                self.assertGreater(asked, 5)
+                self.assertEqual(passed, counted)
+                self.assertLess(furthest, 0.6)
+
+    def test_it_changes_nothing(self):
+        blind = self.guard.with_settings()
+        for guard in (self.guard, blind):
+            guard.reset()
+        plant = Corridor()
+        x, _ = plant.reset(seed=1)
+        for t in range(20):
+            self.guard.filter_chunk(t, x, np.tile(DRIFT, (CHUNK, 1)))
+            action, info = self.guard.filter(t, x, DRIFT)
+            expected, same = blind.filter(t, x, DRIFT)
+            np.testing.assert_array_equal(action, expected)
+            self.assertEqual(info, same)
+            x = plant.step(action)[0]
+
+    def test_bad_input_is_named(self):
+        state, chunk = np.zeros(3), np.tile(action_for(0.0997, 0.0), (CHUNK, 1))
+        fresh = self.guard.with_settings()
+        self.assertEqual(fresh.filter_chunk(0, state, chunk), 0)  # waits for reset
+        fresh.reset()
+        broken = chunk.copy()
+        broken[2, 1] = np.nan
+        for t, x, actions, message in [
+            (0, state[:2], chunk, "state has 2 entries, 3 needed"),
+            (0, [0.0, np.inf, 0.0], chunk, r"tip\[0\] of the state is inf"),
+            (0, state, chunk[:0], "the chunk has no actions"),
+            (0, state, chunk[:, :1], "actions of the chunk have 1 entries, 2 needed"),
+            (0, state, chunk[0], r"a chunk has 2 dimensions, \(k, 2\), not 1"),
+            (0, state, broken, "entry 1 of action 2 is nan"),
+            (3, state, chunk, "t is 3, the next call of filter has t = 0"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(ValueError, message):
+                fresh.filter_chunk(t, x, actions)
+        self.assertEqual(fresh.filter_chunk(0, state, chunk), CHUNK)
+        fresh.stop()
+        self.assertEqual(fresh.filter_chunk(0, state, chunk), 0)
+        published = self.guard.with_settings(strategy="dfr")
+        published.reset()
+        with self.assertRaisesRegex(ValueError, "strategy 'dfr' predicts nothing: filter each action"):
+            published.filter_chunk(0, state, chunk)
+
+
+class WhyTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.guard = fit()
+
+    def why(self, t, state, action):
+        self.guard.reset()
+        return self.guard.filter(t, state, action)[1]["why"]
+
+    def test_what_does_not_pass_says_why(self):
+        plant = Corridor()
+        x, _ = plant.reset(seed=3)
+        self.guard.reset(3)
+        named = 0
+        for t in range(20):
+            action, info = self.guard.filter(t, x, DRIFT)
+            self.assertEqual(info["why"] == "", info["source"] == "policy", info)
+            named += "tip[1] is" in info["why"] and "above what was demonstrated at step" in info["why"]
+            x = plant.step(action)[0]
+        self.assertGreater(named, 3)
+
+    def test_a_halt_names_what_is_wrong(self):
+        good = np.zeros(3), action_for(0.0997, 0.0)
+        for t, state, action, why in [
+            (0, [0.0, 0.0], good[1], "halted: state has 2 entries, 3 needed"),
+            (0, [[0.0, 0.0]], good[1], "halted: state has 2 entries, 3 needed"),
+            (0, [0.0, np.nan, 0.0], good[1], "halted: tip[0] of the state is nan"),
+            (0, good[0], [0.1, 0.1, 0.1], "halted: action has 3 entries, 2 needed"),
+            (0, good[0], [0.1, -np.inf], "halted: entry 1 of the action is -inf"),
+            (2, *good, "halted: t was not the next one: a call was lost or doubled"),
+            (0, *good, ""),
+        ]:
+            with self.subTest(why):
+                self.assertEqual(self.why(t, state, action), why)
+        self.assertRegex(self.why(0, good[0], [9.0, 0.0]), "entry 0 of the action is 9, beyond its limit")
+        self.assertEqual(self.guard.with_settings().filter(0, *good)[1]["why"], "halted: reset was not called")
+
+    def test_a_state_is_explained(self):
+        states, _ = demonstrations(1, 30)
+        found = self.guard.explain([3.0, 0.3, 0.6], t=3, demonstrations=states)
+        entry = found["entries"][0]
+        self.assertEqual((found["step"], entry["name"], entry["entry"]), (3, "tip[1]", 2))
+        self.assertGreater(entry["excess"], 0.1)
+        self.assertLess(entry["excess"], 0.6)
+        self.assertAlmostEqual(sum(e["share"] for e in found["entries"]), -found["l"], places=9)
+        nearest = found["nearest"]
+        distances = [abs(x[max(0, 3 - 3) : 7, 2] - 0.6).min() for x in states]
+        self.assertLess(distances[nearest["demonstration"]], np.quantile(distances, 0.2))
+        self.assertIn("what was demonstrated at step 3; demonstration", found["text"])
+        inside = self.guard.explain(states[4][6], demonstrations=states)
+        self.assertEqual(inside["entries"], [])
+        self.assertEqual((inside["nearest"]["demonstration"], inside["nearest"]["step"]), (4, 6))
+        self.assertIsNone(self.guard.explain(states[4][6])["nearest"])
+        with self.assertRaisesRegex(ValueError, "state has 2 entries, 3 needed"):
+            self.guard.explain([0.0, 0.0])
+        with self.assertRaisesRegex(ValueError, "demonstration 1 has states of 2 entries"):
+            self.guard.explain(np.zeros(3), demonstrations=[states[0], states[1][:, :2]])
+
+
+class MistakesTest(unittest.TestCase):
+    def test_a_missing_file(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "no.guard"
+            for load in (dfr.Guard.load, dfr.TimeVaryingSupport.load, dfr.load_demonstrations):
+                with self.subTest(load.__qualname__), self.assertRaises(FileNotFoundError) as raised:
+                    load(path)
+                self.assertEqual(raised.exception.filename, str(path))
+
+    def test_an_unknown_keyword(self):
+        states, actions = demonstrations(1, 4)
+        for call, message in [
+            (lambda: dfr.Guard.fit(states, actions, strateggy="guard"),
+             r"fit\(\) has no parameter 'strateggy': did you mean 'strategy'\?"),
+            (lambda: dfr.Guard.fit(states, actions, alarms=0.1), "did you mean 'false_alarms'"),
+            (lambda: dfr.Guard.fit(states, actions, zzzz=0.1), "no parameter 'zzzz'; it has states, actions, layout"),
+            (lambda: dfr.Guard.load("x", pth=1), "did you mean 'path'"),
+            (lambda: fit(8).with_settings(actionlimit=1.0), "did you mean 'action_limit'"),
+            (lambda: dfr.TimeVaryingSupport.fit(states, gama=1.0), "did you mean 'gamma'"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(TypeError, message) as raised:
+                call()
+            self.assertNotIn("\n", str(raised.exception))
+
+    def test_wrapped_functions_keep_their_documentation(self):
+        for function in (dfr.Guard.fit, dfr.Guard.load, dfr.Guard.with_settings, dfr.TimeVaryingSupport.fit):
+            self.assertTrue(function.__doc__)
+        self.assertEqual(dfr.Guard.fit.__name__, "fit")
+
+    def test_info_has_the_keys_of_its_type(self):
+        stub = (pathlib.Path(dfr.__file__).parent / "_core.pyi").read_text()
+        guard = fit(8)
+        guard.reset()
+        info = guard.filter(0, np.zeros(3), DRIFT)[1]
+        block = stub[stub.index("class GuardInfo") :].split("\nclass ")[0]
+        named = [line.split(":")[0].strip() for line in block.splitlines() if ":" in line and '"""' not in line]
+        self.assertEqual(set(named[1:]), set(info))
+        strategies = stub[stub.index("Strategy = ") :].splitlines()[0].split("=", 1)[1].strip()
+        for strategy in typing.get_args(eval(strategies, {"Literal": typing.Literal})):
+            guard.with_settings(strategy=strategy)
+        with self.assertRaises(ValueError) as raised:
+            guard.with_settings(strategy="gided")
+        for strategy in typing.get_args(eval(strategies, {"Literal": typing.Literal})):
+            self.assertIn(strategy, str(raised.exception))
+
+
+class ProgressTest(unittest.TestCase):
+    def shown(self, terminal, **options):
+        stream = io.StringIO()
+        stream.isatty = lambda: terminal
+        with mock.patch.object(sys, "stderr", stream), mock.patch.object(_progress.Display, "AFTER", 0.0), \
+                mock.patch.object(_progress.Display, "EVERY", 0.0):
+            fit(8, **options)
+        return stream.getvalue()
+
+    def test_a_terminal_sees_it_and_a_log_does_not(self):
+        shown = self.shown(True)
+        self.assertRegex(shown, r"dfr: .*, \d+ %, \d+ s")
+        self.assertTrue(shown.endswith("\r"))  # cleared
+        self.assertEqual(self.shown(False), "")
+        self.assertEqual(self.shown(True, progress=False), "")
+        self.assertIn("dfr:", self.shown(False, progress=True))
+        calls = []
+        self.assertEqual(self.shown(True, progress=lambda *call: calls.append(call)), "")
+        self.assertTrue(calls)
+
+    def test_short_fits_say_nothing(self):
+        now = [0.0]
+        stream = io.StringIO()
+        with mock.patch.object(sys, "stderr", stream):
+            display = _progress.Display(lambda: now[0])
+            display("fitting", 0.1)
+            now[0] = 1.9
+            display("fitting", 0.4)
+            self.assertEqual(stream.getvalue(), "")
+            now[0] = 2.0
+            display("fitting", 0.5)
+            now[0] = 2.1  # too soon
+            display("fitting", 0.51)
+            display.close()
+        self.assertEqual(stream.getvalue().count("dfr:"), 1)
+        self.assertIn("dfr: fitting, 50 %, 2 s", stream.getvalue())
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,300 @@
+"""dfr.lerobot.GuardStep: transitions, pairs of dictionaries, tensors, chunks, and LeRobot's own contract."""
+
+import inspect
+import pathlib
+import subprocess
+import sys
+import tempfile
+import textwrap
+import unittest
+
+import numpy as np
+
+import dfr
+from corridor import LAYOUT, action_for, demonstrations
+from dfr.lerobot import GuardStep
+
+sys.path.insert(0, str(pathlib.Path(__file__).parent / "stand_ins"))
+from tensor import Tensor  # noqa: E402
+
+DRIFT = action_for(0.09, 0.06)
+
+# What LeRobot 0.4 asks of a step: huggingface/lerobot at 066308c, src/lerobot/processor/pipeline.py.
+CONTRACT = {
+    "__call__": ["self", "transition"],
+    "get_config": ["self"],
+    "state_dict": ["self"],
+    "load_state_dict": ["self", "state"],
+    "reset": ["self"],
+    "transform_features": ["self", "features"],
+}
+
+
+def fit(count=30, **options):
+    return dfr.Guard.fit(*demonstrations(1, count), layout=LAYOUT, features="tip", **options)
+
+
+class GuardStepTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.guard = fit()
+
+    def transition(self, x, action, **more):
+        return {"observation": {"clock": x[:1], "tip": x[1:][None]}, "action": action, **more}
+
+    def test_it_filters_as_the_guard_does(self):
+        guard = self.guard.with_settings()
+        step = GuardStep(self.guard)
+        x = np.array([0.0, 0.02, 0.0])
+        self.assertEqual(step(self.transition(x, DRIFT))["info"]["guard"]["mode"], "halt")  # before reset
+        step.reset()
+        guard.reset()
+        for t in range(30):
+            expected, info = guard.filter(t, x, DRIFT.astype(np.float32))
+            before = self.transition(x, DRIFT[None].astype(np.float32), info={"own": 1}, reward=2.0)
+            after = step(before)
+            self.assertEqual((after["info"]["guard"], after["info"]["own"], after["reward"]), (info, 1, 2.0))
+            self.assertEqual((after["action"].shape, after["action"].dtype), ((1, 2), np.float32))
+            np.testing.assert_allclose(after["action"][0], expected, atol=1e-7)
+            self.assertNotIn("guard", before["info"])
+            x = x + [1, *(np.array([[0, 0]]) + expected)[0]]
+
+    def test_a_chunk_is_taken_action_by_action(self):
+        step = GuardStep(self.guard.with_settings(strategy="monitor"))  # passes every action
+        step.reset()
+        chunk = np.stack([action_for(0.05, 0.0), action_for(0.06, 0.0)])[None]
+        x = np.zeros(3)
+        for k in range(2):
+            np.testing.assert_allclose(step(self.transition(x, chunk))["action"], chunk[:, k], atol=1e-12)
+        with self.assertRaisesRegex(ValueError, "has no action 2"):
+            step(self.transition(x, chunk))
+        step.next_chunk()
+        np.testing.assert_allclose(step(self.transition(x, chunk))["action"], chunk[:, 0], atol=1e-12)
+
+    def test_targets_are_filtered_as_steps_from_the_present_pose(self):
+        step = GuardStep(self.guard, positions=[1, 2])
+        step.reset()
+        x = np.array([0.0, 0.3, -0.02])
+        wish = action_for(0.05, 0.0)
+        np.testing.assert_allclose(step(self.transition(x, x[1:] + wish))["action"], x[1:] + wish, atol=1e-12)
+        x[1] += 0.1
+        held = x[1:].copy()
+        step.guard.stop()
+        for _ in range(3):  # the pose of the halt, not where the arm sags to
+            np.testing.assert_array_equal(step(self.transition(x, x[1:] + wish))["action"], held)
+            x[2] -= 0.05
+        step.reset()
+        step(self.transition(x, x[1:] + wish))
+        held = x[1:].copy()
+        x[1] = np.nan
+        after = step(self.transition(x, held + wish))
+        self.assertEqual(after["info"]["guard"]["reason"], "state-invalid")
+        np.testing.assert_array_equal(after["action"], held)
+        step.reset()
+        with self.assertRaisesRegex(RuntimeError, "no pose to hold"):
+            step(self.transition(x, held))
+
+    def test_alarms_and_halts_call_once(self):
+        calls = []
+        guard = self.guard.with_settings(strategy="monitor")
+        step = GuardStep(guard, on_alarm=lambda info: calls.append("alarm"),
+                             on_halt=lambda info: calls.append("halt"))
+        step.reset()
+        for y in (0.0, 0.9, 0.9, 0.0, 0.9):
+            step(self.transition(np.array([0.0, 0.0, y]), action_for(0.05, 0.0)))
+        self.assertEqual(calls, ["alarm", "alarm"])
+        guard.stop()
+        for _ in range(2):
+            step(self.transition(np.zeros(3), action_for(0.05, 0.0)))
+        self.assertEqual(calls[2:], ["halt"])
+
+    def test_mistakes_are_named(self):
+        for positions, message in [([1], "positions has 1 entries; actions of this guard have 2"),
+                                   ([1, 3], "names entry 3 of a state of 3")]:
+            with self.assertRaisesRegex(ValueError, message):
+                GuardStep(self.guard, positions=positions)
+        step = GuardStep(self.guard)
+        step.reset()
+        with self.assertRaisesRegex(ValueError, "no clock, tip; it has pixels"):
+            step({"observation": {"pixels": 0}, "action": DRIFT})
+        with self.assertRaisesRegex(ValueError, "a guard is for one robot"):
+            step(self.transition(np.zeros(3), np.zeros((2, 2))))
+        self.assertEqual((step.get_config(), step.state_dict()), ({"positions": None, "action_names": None}, {}))
+        self.assertEqual(step.transform_features({"a": 1}), {"a": 1})
+
+    def test_a_path_is_loaded_and_stored_and_anything_else_refused(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "task.guard"
+            self.guard.save(path)
+            for form in (path, str(path)):
+                step = GuardStep(form, positions=[1, 2])
+                self.assertEqual(step.guard.settings, self.guard.settings)
+                again = GuardStep(**step.get_config())  # as a stored pipeline is made again
+                self.assertEqual((again.positions, again.guard.layout), ([1, 2], LAYOUT))
+            with self.assertRaises(FileNotFoundError):
+                GuardStep(path.with_name("other.guard"))
+        with self.assertRaisesRegex(TypeError, "guard must be a dfr.Guard or the path of one, not 7"):
+            GuardStep(7)
+
+
+class TensorTest(unittest.TestCase):
+    """Whatever is true of torch's tensors here is true of the stand-in's, and checked where torch is there."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.guard = fit()
+
+    def check(self, make, dtype_of):
+        observation = {"clock": make([0.0]), "tip": make([[0.02, 0.0]])}
+        expected = self.guard.with_settings()
+        expected.reset()
+        safe = expected.filter(0, [0.0, 0.02, 0.0], DRIFT.astype(np.float32))[0]
+        for shape in ((2,), (1, 2), (1, 1, 2)):
+            with self.subTest(shape=shape):
+                step = GuardStep(self.guard)
+                step.reset()
+                action = make(DRIFT.reshape(shape))
+                after = step({"observation": observation, "action": action})["action"]
+                self.assertIs(type(after), type(action))
+                self.assertEqual((tuple(after.shape), dtype_of(after)), (shape, dtype_of(action)))
+                np.testing.assert_allclose(np.ravel(after.cpu().numpy()), safe, atol=1e-6)
+        chunk = make(np.stack([DRIFT, DRIFT])[None])
+        step = GuardStep(self.guard)
+        step.reset()
+        for _ in range(2):
+            after = step({"observation": observation, "action": chunk})["action"]
+            self.assertEqual(tuple(after.shape), (1, 2))
+        with self.assertRaisesRegex(ValueError, r"chunk of shape \(1, 2, 2\) has no action 2"):
+            step({"observation": observation, "action": chunk})
+
+    def test_shape_type_and_device_are_kept(self):
+        self.check(lambda values: Tensor(np.asarray(values, dtype=np.float32), device="cuda:0"),
+                   lambda tensor: (tensor.dtype, tensor.device))
+
+    def test_those_of_torch(self):
+        try:
+            import torch
+        except ImportError:
+            self.skipTest("torch is not installed")
+        self.check(lambda values: torch.tensor(np.asarray(values), dtype=torch.float32), lambda tensor: tensor.dtype)
+        step = GuardStep(self.guard)
+        step.reset()
+        half = torch.tensor(DRIFT[None], dtype=torch.bfloat16, requires_grad=True)
+        after = step({"observation": {"clock": [0.0], "tip": [0.02, 0.0]}, "action": half})["action"]
+        self.assertEqual((after.dtype, tuple(after.shape)), (torch.bfloat16, (1, 2)))
+
+
+class DictionariesTest(unittest.TestCase):
+    """Actions and observations of a robot, {"x.pos": ...}."""
+
+    @classmethod
+    def setUpClass(cls):
+        states, actions = demonstrations(1, 30)
+        # The dataset's feature, of which the robot gives the names.
+        cls.guard = dfr.Guard.fit([x[:, 1:] for x in states], actions, layout=[("observation.state", 2)])
+
+    def observation(self, x, y):
+        return {"x.pos": x, "y.pos": y, "front": np.zeros((4, 4, 3))}
+
+    def filtered(self, state, action):
+        guard = self.guard.with_settings()
+        guard.reset()
+        return guard.filter(0, state, action)
+
+    def test_a_pair_gives_the_action_to_apply(self):
+        step = GuardStep(self.guard)
+        step.reset()
+        safe, info = self.filtered([0.02, 0.0], DRIFT)
+        action = dict(zip(("x.pos", "y.pos"), DRIFT.tolist()))
+        after = step((action, self.observation(0.02, 0.0)))
+        self.assertEqual(after, dict(zip(("x.pos", "y.pos"), safe)))
+        self.assertTrue(all(type(value) is float for value in after.values()))
+        self.assertEqual(step.info, info)
+        self.assertEqual(list(action.values()), DRIFT.tolist())  # left as it was
+
+    def test_names_decide_and_not_their_order(self):
+        step = GuardStep(self.guard, action_names=["x.pos", "y.pos"])
+        step.reset()
+        safe, _ = self.filtered([0.02, 0.0], DRIFT)
+        after = step(({"y.pos": DRIFT[1], "x.pos": DRIFT[0]}, self.observation(0.02, 0.0)))
+        self.assertEqual(list(after), ["y.pos", "x.pos"])
+        self.assertEqual((after["x.pos"], after["y.pos"]), tuple(safe))
+        with self.assertRaisesRegex(ValueError, "has the entries x.pos, z.pos; the guard needs x.pos, y.pos"):
+            step(({"x.pos": 0.0, "z.pos": 0.0}, self.observation(0.0, 0.0)))
+        unnamed = GuardStep(self.guard)
+        unnamed.reset()
+        with self.assertRaisesRegex(ValueError, "has the entries x.pos; the guard needs 2: give action_names"):
+            unnamed(({"x.pos": 0.0}, self.observation(0.0, 0.0)))
+        with self.assertRaisesRegex(ValueError, "action_names has 1 entries; actions of this guard have 2"):
+            GuardStep(self.guard, action_names=["x.pos"])
+
+    def test_an_observation_of_other_numbers_is_named(self):
+        step = GuardStep(self.guard)
+        step.reset()
+        with self.assertRaisesRegex(ValueError, "no observation.state; it has x.pos, front, of which 1 are numbers, 2 "):
+            step(({"x.pos": 0.0, "y.pos": 0.0}, {"x.pos": 0.0, "front": np.zeros(3)}))
+
+    def test_without_an_observation_the_one_that_was_given_counts_once(self):
+        step = GuardStep(self.guard)
+        step.reset()
+        transition = {"observation": None, "action": Tensor(DRIFT[None])}
+        with self.assertRaisesRegex(ValueError, r"no observation, .*: call observe\(observation\)"):
+            step(transition)
+        safe, info = self.filtered([0.02, 0.0], DRIFT)
+        step.observe(self.observation(0.02, 0.0))
+        after = step(transition)
+        np.testing.assert_array_equal(after["action"].cpu().numpy()[0], safe)
+        self.assertEqual(after["info"]["guard"], info)
+        with self.assertRaisesRegex(ValueError, "no observation"):
+            step(transition)
+
+
+class ContractTest(unittest.TestCase):
+    def test_the_step_has_the_recorded_methods(self):
+        for name, parameters in CONTRACT.items():
+            with self.subTest(name):
+                self.assertEqual(list(inspect.signature(getattr(GuardStep, name)).parameters), parameters)
+
+    def test_it_derives_from_lerobots_step_where_there_is_one(self):
+        """Runs with a stand-in of lerobot.processor that has the recorded methods and checks."""
+        folder = pathlib.Path(__file__).parent
+        script = f"""
+            import sys
+            sys.path[:0] = [{str(folder / "stand_ins")!r}, {str(folder)!r}]
+            import dfr
+            assert not any(name.startswith("lerobot") for name in sys.modules)  # import dfr stays light
+            from dfr.lerobot import GuardStep
+            from lerobot.processor import Pipeline, ProcessorStep
+            from corridor import LAYOUT, action_for, demonstrations
+
+            states, actions = demonstrations(1, 20)
+            guard = dfr.Guard.fit([x[:, 1:] for x in states], actions, layout={{"observation.state": 2}})
+            step = GuardStep(guard)
+            assert isinstance(step, ProcessorStep)
+            pipeline = Pipeline([step])
+            pipeline.reset()
+            action = dict(zip(("x.pos", "y.pos"), action_for(0.0997, 0.0)))
+            after = pipeline((action, {{"x.pos": 0.0, "y.pos": 0.0}}))
+            assert after["action"] == action, after
+            assert after["info"]["guard"]["source"] == "policy"
+            assert step.transition["action"] is action
+        """
+        done = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_lerobots_own_pipeline_takes_it(self):
+        try:
+            from lerobot.processor import DataProcessorPipeline, ProcessorStep
+        except ImportError:
+            self.skipTest("lerobot is not installed")
+        for name, parameters in CONTRACT.items():
+            self.assertEqual(list(inspect.signature(getattr(ProcessorStep, name)).parameters), parameters)
+        step = GuardStep(fit(8))
+        pipeline = DataProcessorPipeline([step], to_transition=dict, to_output=dict)
+        pipeline.reset()
+        after = pipeline({"observation": {"clock": [0.0], "tip": [0.0, 0.0]}, "action": DRIFT})
+        self.assertIn("guard", after["info"])
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,1 @@
+"""The top of the stand-in of LeRobot."""

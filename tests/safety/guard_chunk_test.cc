@@ -1,0 +1,340 @@
+// Chunks of actions, judged ahead, and the sentence that says why an action did not pass.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "dfr/safety/guard.h"
+#include "dfr/safety/guard_advice.h"
+#include "tests/safety/corridor.h"
+#include "tests/support/no_alloc.h"
+
+// A namespace of its own, because sources are compiled together.
+namespace dfr::safety::chunk_tests {
+namespace {
+
+using control::HaltCause;
+using test::ActionFor;
+using test::CorridorPlant;
+using testing::HasSubstr;
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr int kChunk = 8;
+
+std::shared_ptr<const GuardModel> Model(Strategy strategy = Strategy::kGuard) {
+  static const std::shared_ptr<const GuardModel> kModel = GuardModel::Fit(
+      test::CorridorLayout(), test::CorridorDemonstrations(1, 30), {.features = "tip"});
+  GuardSettings settings = kModel->settings();
+  settings.strategy = strategy;
+  return kModel->With(settings);
+}
+
+std::vector<double> Action(double dx, double dy) {
+  const Eigen::Vector2d u = ActionFor(dx, dy);
+  return {u[0], u[1]};
+}
+
+// The same action, `count` times in a row.
+std::vector<double> Repeated(const std::vector<double>& action, int count) {
+  std::vector<double> chunk;
+  for (int i = 0; i < count; ++i) chunk.insert(chunk.end(), action.begin(), action.end());
+  return chunk;
+}
+
+std::span<const double> ActionOf(const std::vector<double>& chunk, int i) {
+  return std::span(chunk).subspan(2 * static_cast<std::size_t>(i), 2);
+}
+
+// A policy that is asked every kChunk steps, at `y` of the tip.
+using Ask = std::vector<double> (*)(double y);
+
+struct Episode {
+  int asked = 0;
+  int counted = 0;  // Actions that chunks promised,
+  int passed = 0;   // and those of them that Filter() then passed.
+  double furthest = 0.0;
+  double reached = 0.0;
+  bool halted = false;
+};
+
+// Plays what is counted and, where nothing is, one action as the guard changes it.
+Episode Play(const std::shared_ptr<const GuardModel>& model, double y, Ask ask) {
+  Guard guard(model);
+  guard.Reset(1);
+  CorridorPlant plant;
+  plant.x[2] = y;
+  Episode episode;
+  std::vector<double> safe(2);
+  for (int t = 0; plant.x[1] < 1.8 && !episode.halted && t < 100;) {
+    const std::vector<double> chunk = ask(plant.x[2]);
+    const ChunkVerdict ahead = guard.FilterChunk(t, plant.x, chunk);
+    EXPECT_EQ(ahead.cause, HaltCause::kNone);
+    EXPECT_EQ(ahead.judged, kChunk);
+    ++episode.asked;
+    episode.counted += ahead.playable;
+    for (int i = 0; i < std::max(1, ahead.playable) && plant.x[1] < 1.8; ++i, ++t) {
+      const Verdict verdict = guard.Filter(t, plant.x, ActionOf(chunk, i), safe);
+      episode.halted = verdict.mode == control::Mode::kHalt;
+      if (i < ahead.playable) episode.passed += verdict.changed ? 0 : 1;
+      plant.Apply(safe);
+      episode.furthest = std::max(episode.furthest, std::abs(plant.x[2]));
+    }
+  }
+  episode.reached = plant.x[1];
+  return episode;
+}
+
+// Back to the middle within the chunk: what the policy saw when it was asked.
+std::vector<double> GoodPolicy(double y) { return Repeated(Action(0.0997, -y / kChunk), kChunk); }
+// It does not see where it is.
+std::vector<double> DriftingPolicy(double /*y*/) { return Repeated(Action(0.09, 0.06), kChunk); }
+
+TEST(GuardChunkTest, AGoodPolicyThatIsAskedEveryEightStepsPlaysItsChunks) {
+  for (const double y : {-0.05, 0.0, 0.08}) {
+    const Episode episode = Play(Model(), y, GoodPolicy);
+    EXPECT_GE(episode.reached, 1.8);
+    // An episode has 18 steps.
+    EXPECT_LE(episode.asked, 4) << y;
+    EXPECT_GE(episode.counted, 16) << y;
+    EXPECT_EQ(episode.passed, std::min(episode.counted, 18)) << y;
+  }
+}
+
+TEST(GuardChunkTest, ADriftingPolicyIsAskedAgainWhereItsChunkWouldLeave) {
+  const Episode episode = Play(Model(), 0.0, DriftingPolicy);
+  EXPECT_FALSE(episode.halted);
+  EXPECT_GE(episode.reached, 1.8);
+  EXPECT_LT(episode.furthest, 0.5);
+  EXPECT_GT(episode.asked, 4);
+  EXPECT_GT(episode.counted, 0);
+  EXPECT_EQ(episode.passed, episode.counted);
+}
+
+// Where a chunk is cut, it is at the first action whose predicted end is outside.
+TEST(GuardChunkTest, CountsUpToTheFirstActionThatLeaves) {
+  const auto model = Model();
+  Guard guard(model);
+  guard.Reset(1);
+  CorridorPlant plant;
+  for (int leaves = 0; leaves < kChunk; ++leaves) {
+    std::vector<double> chunk = Repeated(Action(0.0997, 0.0), kChunk);
+    const std::vector<double> off = Action(0.05, 0.12);
+    std::copy(off.begin(), off.end(), chunk.begin() + 2 * leaves);
+    const int alone = guard.FilterChunk(0, plant.x, Repeated(Action(0.0997, 0.0), kChunk)).playable;
+    ASSERT_EQ(alone, kChunk);
+    const int playable = guard.FilterChunk(0, plant.x, chunk).playable;
+    EXPECT_GE(playable, leaves);
+    // The tip's spread is .1 at first and .05 later: one such step may still end inside, and what
+    // follows stays there.
+    const std::vector<double> far = Action(0.05, 0.29);
+    ASSERT_LT(std::abs(far[0]), model->settings().action_limit[0] * 2.0);
+    std::copy(far.begin(), far.end(), chunk.begin() + 2 * leaves);
+    EXPECT_EQ(guard.FilterChunk(0, plant.x, chunk).playable, leaves);
+  }
+}
+
+// Nothing of the guard is changed: an episode goes on to the bit as without looking ahead.
+TEST(GuardChunkTest, ChangesNothing) {
+  for (const Strategy strategy : {Strategy::kGuard, Strategy::kController, Strategy::kMonitor}) {
+    Guard looks(Model(strategy));
+    Guard blind(Model(strategy));
+    looks.Reset(1);
+    blind.Reset(1);
+    CorridorPlant plant;
+    std::vector<double> safe(2);
+    std::vector<double> expected(2);
+    const std::vector<double> bad = {0.1, kNaN};
+    for (int t = 0; t < 30; ++t) {
+      const std::vector<double> action = Action(0.09, t % 3 == 0 ? 0.06 : -0.02);
+      static_cast<void>(looks.FilterChunk(t, plant.x, Repeated(action, kChunk)));
+      static_cast<void>(looks.FilterChunk(t, plant.x, bad));
+      static_cast<void>(looks.FilterChunk(t + 1, plant.x, action));
+      const Verdict verdict = looks.Filter(t, plant.x, action, safe);
+      ASSERT_EQ(verdict.mode, blind.Filter(t, plant.x, action, expected).mode) << t;
+      ASSERT_EQ(safe, expected) << t;
+      plant.Apply(safe);
+    }
+  }
+}
+
+// What is counted first, Filter() passes, at whatever state.
+TEST(GuardChunkTest, TheFirstActionIsJudgedAsByTheFilter) {
+  for (const Strategy strategy : {Strategy::kGuard, Strategy::kController}) {
+    core::Random random(3);
+    int counted = 0;
+    int refused = 0;
+    for (int episode = 0; episode < 40; ++episode) {
+      Guard guard(Model(strategy));
+      guard.Reset(1);
+      CorridorPlant plant;
+      std::vector<double> safe(2);
+      for (int t = 0; t < 15; ++t) {
+        const std::vector<double> action =
+            Action(0.1 + 0.02 * random.Normal(), 0.08 * random.Normal());
+        const int playable = guard.FilterChunk(t, plant.x, action).playable;
+        const Verdict verdict = guard.Filter(t, plant.x, action, safe);
+        if (verdict.mode == control::Mode::kHalt) break;
+        EXPECT_FALSE(playable == 1 && verdict.changed) << t;
+        counted += playable;
+        refused += 1 - playable;
+        plant.Apply(safe);
+      }
+    }
+    EXPECT_GT(counted, 50);
+    EXPECT_GT(refused, 50);
+  }
+}
+
+TEST(GuardChunkTest, LimitsAndLengthEndACount) {
+  const auto model = Model(Strategy::kMonitor);
+  Guard guard(model);
+  guard.Reset(1);
+  const CorridorPlant plant;
+  std::vector<double> chunk = Repeated(Action(0.05, 0.05), kChunk);
+  EXPECT_EQ(guard.FilterChunk(0, plant.x, chunk).playable, kChunk);
+  chunk[6] = 1.01 * model->settings().action_limit[0];
+  EXPECT_EQ(guard.FilterChunk(0, plant.x, chunk).playable, 3);
+  const std::vector<double> longest = Repeated(Action(0.0, 0.0), Guard::kLongestChunk + 7);
+  EXPECT_EQ(guard.FilterChunk(0, plant.x, longest).judged, Guard::kLongestChunk);
+  // The episode ends at the horizon.
+  EXPECT_EQ(guard.FilterChunk(0, plant.x, longest).playable, model->settings().horizon);
+}
+
+TEST(GuardChunkTest, BadInputIsNamedAndStopsNothing) {
+  Guard guard(Model());
+  const std::vector<double> state = {0.0, 0.0, 0.0};
+  const std::vector<double> chunk = Repeated(Action(0.0997, 0.0), 3);
+  EXPECT_EQ(guard.FilterChunk(0, state, chunk).cause, HaltCause::kNotReset);
+  guard.Reset(1);
+  const auto cause = [&](int t, const std::vector<double>& x, const std::vector<double>& actions) {
+    const ChunkVerdict verdict = guard.FilterChunk(t, x, actions);
+    EXPECT_EQ(verdict.playable, 0);
+    EXPECT_EQ(verdict.judged, 0);
+    return verdict.cause;
+  };
+  EXPECT_EQ(cause(1, state, chunk), HaltCause::kStepSkipped);
+  EXPECT_EQ(cause(0, {0.0, 0.0}, chunk), HaltCause::kStateInvalid);
+  EXPECT_EQ(cause(0, {0.0, kNaN, 0.0}, chunk), HaltCause::kStateInvalid);
+  EXPECT_EQ(cause(0, state, {}), HaltCause::kControlInvalid);
+  EXPECT_EQ(cause(0, state, {0.1, 0.1, 0.1}), HaltCause::kControlInvalid);
+  EXPECT_EQ(cause(0, state, {0.1, 0.1, 0.1, kNaN}), HaltCause::kControlInvalid);
+  EXPECT_EQ(guard.FilterChunk(0, state, chunk).playable, 3);
+  guard.Stop();
+  EXPECT_EQ(cause(0, state, chunk), HaltCause::kStopRequested);
+  // Strategies that predict nothing judge nothing.
+  Guard published(Model(Strategy::kDfr));
+  published.Reset(1);
+  const ChunkVerdict none = published.FilterChunk(0, state, chunk);
+  EXPECT_EQ(none.judged, 0);
+  EXPECT_EQ(none.cause, HaltCause::kNone);
+}
+
+TEST(GuardChunkTest, NeverAllocates) {
+  Guard guard(Model());
+  guard.Reset(1);
+  CorridorPlant plant;
+  const std::vector<double> chunk = Repeated(Action(0.09, 0.06), Guard::kLongestChunk);
+  std::vector<double> safe(2);
+  const test::NoAlloc no_alloc;
+  for (int t = 0; t < 30; ++t) {
+    static_cast<void>(guard.FilterChunk(t, plant.x, chunk));
+    static_cast<void>(guard.Filter(t, plant.x, ActionOf(chunk, 0), safe));
+    plant.Apply(safe);
+  }
+}
+
+TEST(GuardExplainTest, NamesTheEntryThatEndsOutside) {
+  const auto model = Model();
+  Guard guard(model);
+  guard.Reset(1);
+  CorridorPlant plant;
+  std::vector<double> safe(2);
+  const std::vector<double> action = Action(0.09, 0.1);
+  int explained = 0;
+  for (int t = 0; t < 20; ++t) {
+    const Verdict verdict = guard.Filter(t, plant.x, action, safe);
+    const std::string why = Explain(*model, verdict, plant.x, action);
+    EXPECT_EQ(why.empty(), verdict.source == Source::kPolicy) << t;
+    if (verdict.source == Source::kDemonstrations) {
+      EXPECT_LT(verdict.predicted, verdict.pass_level);
+      EXPECT_THAT(why,
+                  HasSubstr("replaced by what demonstrations did nearby: the policy's action"));
+      if (why.find("tip[1] is") != std::string::npos) {
+        EXPECT_THAT(why, HasSubstr("above what was demonstrated at step"));
+        ++explained;
+      }
+    }
+    plant.Apply(safe);
+  }
+  EXPECT_GT(explained, 3);
+}
+
+// The excess is measured in the entry's unit: taking it away leads back to the boundary.
+TEST(GuardExplainTest, TheExcessLeadsBackToTheBoundary) {
+  const auto model = Model();
+  for (const double y : {-0.6, 0.4, 0.8}) {
+    std::vector<double> state = {3.0, 0.3, y};
+    ASSERT_LT(model->support().Decision(3, state), 0.0);
+    const double outside = -model->support().LogDecision(3, state, {});
+    const std::vector<OutsideEntry> entries = OutsideEntries(*model, 3, state);
+    ASSERT_EQ(entries.size(), 2U);
+    EXPECT_EQ(entries[0].entry, 2);
+    EXPECT_GT(entries[0].excess * y, 0.0);
+    EXPECT_NEAR(entries[0].share + entries[1].share, outside, 1e-9);
+    for (const OutsideEntry& entry : entries) {
+      state[static_cast<std::size_t>(entry.entry)] -= entry.excess;
+    }
+    // The way is followed in 64 straight pieces, the last of which misses by its curvature.
+    EXPECT_NEAR(model->support().LogDecision(3, state, {}), 0.0, 0.02 * outside);
+  }
+  EXPECT_TRUE(OutsideEntries(*model, 3, std::vector{3.0, 0.3, 0.0}).empty());
+}
+
+TEST(GuardExplainTest, SaysWhatIsWrongWithTheInput) {
+  const auto model = Model();
+  const std::vector<double> state = {0.0, 0.0, 0.0};
+  const std::vector<double> action = Action(0.0997, 0.0);
+  const auto why = [&](int t, const std::vector<double>& x, const std::vector<double>& u) {
+    Guard guard(model);
+    guard.Reset(1);
+    std::vector<double> safe(2);
+    const Verdict verdict = guard.Filter(t, x, u, safe);
+    return Explain(*model, verdict, x, u);
+  };
+  EXPECT_EQ(why(0, {0.0, 0.0}, action), "halted: state has 2 entries, 3 needed");
+  EXPECT_EQ(why(0, {0.0, 0.0, kNaN}, action), "halted: tip[1] of the state is nan");
+  EXPECT_EQ(why(0, state, {0.1}), "halted: action has 1 entries, 2 needed");
+  EXPECT_EQ(why(0, state, {0.1, kNaN}), "halted: entry 1 of the action is nan");
+  EXPECT_EQ(why(3, state, action), "halted: t was not the next one: a call was lost or doubled");
+  EXPECT_THAT(why(0, state, {9.0, 0.0}), HasSubstr("entry 0 of the action is 9, beyond its limit"));
+  EXPECT_EQ(why(0, state, action), "");
+}
+
+TEST(GuardExplainTest, FindsTheNearestDemonstration) {
+  const auto model = Model();
+  const std::vector<core::Trajectory> recorded = test::CorridorDemonstrations(1, 30);
+  std::vector<core::Matrix> states;
+  for (const core::Trajectory& d : recorded) states.push_back(d.states);
+  for (const int d : {0, 7, 29}) {
+    const NearestDemonstration found =
+        Nearest(*model, 5, core::Row(states[static_cast<std::size_t>(d)], 6), states);
+    EXPECT_EQ(found.demonstration, d);
+    EXPECT_EQ(found.step, 6);
+    EXPECT_NEAR(found.distance, 0.0, 1e-12);
+  }
+  // Far from the time step nothing is looked at, unless no time step is named.
+  const auto late = core::Row(states[4], 15);
+  EXPECT_GT(Nearest(*model, 3, late, states).distance, 0.1);
+  EXPECT_EQ(Nearest(*model, -1, late, states).step, 15);
+  EXPECT_EQ(Nearest(*model, 0, late, {}).demonstration, -1);
+  EXPECT_THROW(static_cast<void>(Nearest(*model, 0, std::vector{0.0}, states)),
+               std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace dfr::safety::chunk_tests
