@@ -1,7 +1,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -134,6 +136,51 @@ TEST(LeftOutTest, RedundantFeaturesAreRefusedAndBetterOnesNamed) {
   EXPECT_THAT(Warnings(*model), Contains(HasSubstr("the guard would change")));
   const auto chosen = GuardModel::Fit(layout, demonstrations, {.features = "object"});
   EXPECT_GT(chosen->summary().acceptance, 0.5);
+}
+
+// A tip in the plane goes right. A gripper, which moves by a quarter of its way in a step, closes
+// as soon as a demonstrator decides.
+std::vector<core::Trajectory> Gripping(int count) {
+  constexpr int kSteps = 30;
+  core::Random random(6);
+  std::vector<core::Trajectory> demonstrations;
+  for (int d = 0; d < count; ++d) {
+    core::Trajectory demonstration;
+    demonstration.states = core::Matrix::Zero(kSteps + 1, 3);
+    demonstration.controls = core::Matrix::Zero(kSteps, 3);
+    demonstration.states(0, 1) = 0.1 * random.Normal();
+    const double decides = random.Uniform(8.0, 20.0);
+    for (int t = 0; t < kSteps; ++t) {
+      auto x = demonstration.states.row(t);
+      auto u = demonstration.controls.row(t);
+      u << 0.02 + 0.003 * random.Normal(), -0.2 * x[1] + 0.003 * random.Normal(),
+          t >= decides ? 1.0 : -1.0;
+      demonstration.states.row(t + 1) << x[0] + u[0], x[1] + u[1],
+          std::clamp(x[2] + 0.25 * u[2], 0.0, 1.0);
+    }
+    demonstrations.push_back(demonstration);
+  }
+  return demonstrations;
+}
+
+TEST(LeftOutTest, AFeatureThatOnlyPassedEntriesMoveIsLeftOutAndNamed) {
+  auto demonstrations = Gripping(20);
+  core::StateLayout layout;
+  layout.Add("tip", 2);
+  layout.Add("closed", 1);
+  const auto model = GuardModel::Fit(layout, demonstrations);
+  EXPECT_EQ(model->recovery().features().selection().indices(), (std::vector{0, 1}));
+  EXPECT_THAT(Warnings(*model), Contains(HasSubstr("closed[0]: moved by entries")));
+  // An action that is steered answers for its feature.
+  for (core::Trajectory& d : demonstrations) {
+    core::Random random(static_cast<std::uint64_t>(d.states.sum() * 1e6));
+    for (double& grip : d.controls.col(2)) grip *= random.Uniform(0.9, 1.0);
+  }
+  const auto steered = GuardModel::Fit(layout, demonstrations);
+  EXPECT_EQ(steered->recovery().features().selection().num_features(), 3);
+  // It is all there is to look at.
+  const auto alone = GuardModel::Fit(layout, Gripping(20), {.features = "closed"});
+  EXPECT_EQ(alone->recovery().features().selection().num_features(), 1);
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #include "choose_features.h"
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -98,6 +99,12 @@ std::vector<int> Independent(const Recorded& recorded) {
   return chosen;
 }
 
+// Squares that a linear regression of y on the first `columns` columns of x leaves.
+double Left(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Eigen::Index columns) {
+  const auto used = x.leftCols(columns);
+  return (y - used * used.colPivHouseholderQr().solve(y)).squaredNorm();
+}
+
 std::string Share(double share) { return core::Format("%.0f %%", 100.0 * share); }
 
 }  // namespace
@@ -117,6 +124,64 @@ std::vector<core::Rotation> Rotations(const core::FeatureSelection& features,
 core::FeatureSelection Continuous(core::FeatureSelection features, const core::StateLayout& layout,
                                   std::span<const core::Trajectory> demonstrations) {
   return features.Mapped(core::MapOf(Rotations(features, layout, demonstrations)));
+}
+
+std::vector<int> MovedByPassed(const core::FeatureSelection& features, const ActionSpace& actions,
+                               std::span<const core::Trajectory> demonstrations) {
+  constexpr std::size_t kSamples = 4000;
+  // Shares of what is left that each kind of entry must explain, and may.
+  constexpr double kPassedExplain = 0.3;
+  constexpr double kSteeredExplain = 0.2;
+  const auto steered = static_cast<Eigen::Index>(actions.steered_dim());
+  const Eigen::Index passed = actions.dim() - steered;
+  if (passed == 0) return {};
+  std::size_t transitions = 0;
+  for (const auto& d : demonstrations) transitions += static_cast<std::size_t>(d.controls.rows());
+  const std::size_t stride = std::max<std::size_t>(1, transitions / kSamples);
+  const auto rows = static_cast<Eigen::Index>((transitions + stride - 1) / stride);
+  // 1, the entry, steered entries of the action, passed ones.
+  Eigen::MatrixXd x = Eigen::MatrixXd::Ones(rows, 2 + actions.dim());
+  std::vector<Eigen::VectorXd> before(features.indices().size(), Eigen::VectorXd(rows));
+  std::vector<Eigen::VectorXd> change(before);
+  std::size_t sample = 0;
+  Eigen::Index row = 0;
+  for (const auto& d : demonstrations) {
+    for (Eigen::Index t = 0; t < d.controls.rows(); ++t, ++sample) {
+      if (sample % stride != 0) continue;
+      for (std::size_t k = 0; k < before.size(); ++k) {
+        const int entry = features.indices()[k];
+        before[k][row] = d.states(t, entry);
+        change[k][row] = d.states(t + 1, entry) - d.states(t, entry);
+      }
+      Eigen::Index next_steered = 2;
+      Eigen::Index next_passed = 2 + steered;
+      for (std::size_t i = 0; i < actions.entries().size(); ++i) {
+        Eigen::Index& column = actions.entries()[i].steered ? next_steered : next_passed;
+        x(row, column++) = d.controls(t, static_cast<Eigen::Index>(i));
+      }
+      ++row;
+    }
+  }
+  std::vector<int> moved;
+  for (std::size_t k = 0; k < before.size(); ++k) {
+    x.col(1) = before[k];
+    const double alone = Left(x, change[k], 2);
+    const double by_steered = Left(x, change[k], 2 + steered);
+    const double by_all = Left(x, change[k], x.cols());
+    if (alone - by_steered <= kSteeredExplain * alone &&
+        by_steered - by_all > kPassedExplain * by_steered) {
+      moved.push_back(features.indices()[k]);
+    }
+  }
+  return moved.size() < before.size() ? moved : std::vector<int>{};
+}
+
+core::FeatureSelection Without(const core::FeatureSelection& features,
+                               const core::StateLayout& layout, std::span<const int> entries) {
+  std::vector<int> kept = features.indices();
+  std::erase_if(kept, [&](int entry) { return std::ranges::count(entries, entry) > 0; });
+  std::sort(kept.begin(), kept.end());
+  return core::FeatureSelection::Of(layout, Spec(layout, kept));
 }
 
 std::vector<core::Trajectory> Mapped(const core::StateMap& map,

@@ -18,6 +18,14 @@ std::vector<core::Rotation> Rotations(const core::FeatureSelection& features,
 /// The features with the map that makes these continuous where one does.
 core::FeatureSelection Continuous(core::FeatureSelection features, const core::StateLayout& layout,
                                   std::span<const core::Trajectory> demonstrations);
+/// Entries of a state among `features` that passed entries of an action move and steered ones do
+/// not, such as the opening of a gripper: a guard can neither predict nor correct them. Empty if
+/// that holds for all features.
+std::vector<int> MovedByPassed(const core::FeatureSelection& features, const ActionSpace& actions,
+                               std::span<const core::Trajectory> demonstrations);
+/// The features but for these entries.
+core::FeatureSelection Without(const core::FeatureSelection& features,
+                               const core::StateLayout& layout, std::span<const int> entries);
 /// The demonstrations with mapped states.
 std::vector<core::Trajectory> Mapped(const core::StateMap& map,
                                      std::span<const core::Trajectory> demonstrations);

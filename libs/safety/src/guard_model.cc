@@ -170,14 +170,16 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
     return !options.progress || options.progress(stage, share);
   };
   const std::span<const core::Trajectory> as_recorded = demonstrations;
+  const auto actions = std::make_shared<const ActionSpace>(as_recorded);
+  const auto asked = core::FeatureSelection::Of(layout, options.features);
+  const std::vector<int> moved = internal::MovedByPassed(asked, *actions, as_recorded);
   const core::FeatureSelection selection = internal::Continuous(
-      core::FeatureSelection::Of(layout, options.features), layout, as_recorded);
+      moved.empty() ? asked : internal::Without(asked, layout, moved), layout, as_recorded);
   std::vector<core::Trajectory> mapped;
   if (!selection.map().empty()) {
     mapped = internal::Mapped(selection.map(), as_recorded);
     demonstrations = mapped;
   }
-  const auto actions = std::make_shared<const ActionSpace>(demonstrations);
   const internal::Recorded recorded(selection, demonstrations, *actions);
   const std::span<const core::Trajectory> ordered = recorded.ordered;
   // By their content, which has nothing to do with what they are like: a random sample, so that
@@ -263,6 +265,16 @@ std::shared_ptr<const GuardModel> GuardModel::Fit(const core::StateLayout& layou
   settings.direction_error = options.error_factor * model->summary_.direction_error.value;
   model->Complete(layout, actions, std::move(task), settings);
   model->summary_.findings = Findings(*model, as_recorded);
+  if (!moved.empty()) {
+    std::string names;
+    for (const int entry : moved) {
+      names.append(names.empty() ? "" : ", ").append(core::EntryName(layout, entry));
+    }
+    model->summary_.findings.push_back(
+        names +
+        ": moved by entries of an action that the guard passes and not by those that it steers. "
+        "They are left out of the features: whether they are right is up to the policy");
+  }
   if (!going_on("done", 1.0)) return nullptr;
   return model;
 }

@@ -118,6 +118,7 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
     if (levels.empty()) break;
     gate_.push_back(std::max(0.0, Quantile(levels, options.gate_quantile)));
     pass_.push_back(std::max(0.0, Quantile(levels, options.pass_quantile)));
+    edge_.push_back(std::max(0.0, Quantile(levels, options.edge_quantile)));
     median_.push_back(std::max(0.0, Quantile(levels, 0.5)));
   }
 }
@@ -125,6 +126,7 @@ GuidedModel::GuidedModel(core::FeatureTransform features, const core::LogDecisio
 void GuidedModel::Save(core::ArchiveWriter& archive) const {
   archive.Numbers(gate_);
   archive.Numbers(pass_);
+  archive.Numbers(edge_);
   archive.Numbers(median_);
   archive.Number(largest_);
   archive.Number(slack_);
@@ -146,6 +148,7 @@ GuidedModel GuidedModel::Load(core::ArchiveReader& archive, core::FeatureTransfo
   };
   model.gate_ = levels("gate levels");
   model.pass_ = levels("pass levels");
+  model.edge_ = levels("edge levels");
   model.median_ = levels("median levels");
   model.largest_ = archive.Number();
   if (!(model.largest_ >= 0.0 && std::isfinite(model.largest_))) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "dfr/control/guided/constants.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/matrix.h"
 
@@ -33,6 +34,7 @@ void GuidedPolicy::DoReset(std::uint64_t /*seed*/) noexcept {
   observer_.Reset();
   tracker_.Reset(options_.first_step);
   progress_ = {};
+  at_edge_ = 0.0;
 }
 
 Step GuidedPolicy::DoNext(std::span<const double> x, std::span<double> u) noexcept {
@@ -74,7 +76,12 @@ Step GuidedPolicy::Decide(Step step, std::span<double> u) noexcept {
   limits_.Limit(learned_);
   const bool within = learned_.squaredNorm() == asked;
   const double hi = model_->gate_level(step.t + 1);
-  step.log_threshold = options_.least_intervention ? model_->pass_level(step.t + 1) : hi;
+  step.log_threshold = hi;
+  if (options_.least_intervention) {
+    const double lo = model_->pass_level(step.t + 1);
+    const double share = (at_edge_ - guided::kEdgeGrace) / guided::kEdgeRamp;
+    step.log_threshold = lo + (hi - lo) * std::clamp(share, 0.0, 1.0);
+  }
   step.threshold = model_->support().FromLog(step.t, step.log_threshold);
 
   v_ = learned_;
@@ -91,6 +98,8 @@ Step GuidedPolicy::Decide(Step step, std::span<double> u) noexcept {
   step.log_learned = choice.learned;
   Advance(choice.level);
   const bool passes = step.mode == Mode::kPolicy && within && v_ == learned_;
+  at_edge_ *= guided::kEdgeMemory;
+  if (passes && step.log_g < model_->edge_level(step.t)) at_edge_ += 1.0;
   step.filtered = step.mode == Mode::kPolicy && !passes;
   // What passes does so to the bit.
   if (!passes) {

@@ -23,6 +23,9 @@ struct GuidedModelOptions {
   /// or from l = 0. Higher corrects earlier: fewer failures of weak policies, more of a good one's
   /// controls changed (docs/recovery.md has the curve).
   double pass_quantile = 0.05;
+  /// States below this quantile are at the edge of the support. A policy that stays there has to end
+  /// deeper inside (guided::kEdgeGrace).
+  double edge_quantile = 0.25;
   /// How far outside the support states of the task still are, l = -slack: an object that is off
   /// to the side must not stop the rest. SlackFrom() has it from demonstrations.
   double slack = 0.2;
@@ -65,6 +68,8 @@ class GuidedModel {
   [[nodiscard]] double gate_level(int t) const noexcept { return Clamped(gate_, t); }
   /// lo_t <= hi_t, the level of l_t from which on the learned control may pass, >= 0.
   [[nodiscard]] double pass_level(int t) const noexcept { return Clamped(pass_, t); }
+  /// The level of l_t below which a state is at the edge of the support, >= 0.
+  [[nodiscard]] double edge_level(int t) const noexcept { return Clamped(edge_, t); }
   /// The median of l_t over demonstrated states, >= 0.
   [[nodiscard]] double median_level(int t) const noexcept { return Clamped(median_, t); }
   /// GuidedModelOptions::slack
@@ -88,6 +93,7 @@ class GuidedModel {
   std::shared_ptr<const JacobianPrior> prior_;
   std::vector<double> gate_;
   std::vector<double> pass_;
+  std::vector<double> edge_;
   std::vector<double> median_;
   double largest_ = 0.0;
   double slack_ = 0.0;

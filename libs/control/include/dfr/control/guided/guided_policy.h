@@ -24,7 +24,9 @@ namespace dfr::control {
 ///
 ///   1. l_{tau+1}(z'(v_hat)) >= hi: v_hat passes (hi is GuidedModel::gate_level). Where l_tau(z),
 ///      l_{tau+1}(z) >= hi and v_hat is no larger than demonstrated, it passes without a look at J.
-///      With GuidedOptions::least_intervention it passes at GuidedModel::pass_level already.
+///      With GuidedOptions::least_intervention it passes at GuidedModel::pass_level already, unless
+///      it has passed at the edge of the support for long: the level then rises to hi
+///      (guided::kEdgeGrace).
 ///   2. v <- RaiseLevel(v_d, hi), from the control v_d that does what demonstrations did nearby
 ///      (JacobianEstimate::Demonstrated()). If it leads inside, l_{tau+1}(z'(v)) >= 0, v is
 ///      applied.
@@ -88,6 +90,7 @@ class GuidedPolicy final : public Controller {
   PhaseTracker tracker_;
 
   Progress progress_;
+  double at_edge_ = 0.0;  ///< Recent steps at the edge that passed, by guided::kEdgeMemory.
   Eigen::VectorXd z_;
   Eigen::VectorXd v_;  ///< The control that is applied, from then on the one applied last.
   Eigen::VectorXd seen_;
