@@ -24,6 +24,7 @@ class GuardInfo(TypedDict):
     certified: bool
     alarm: bool
     alarm_step: int
+    entry: int
     step: int
 
 class OutsideEntry(TypedDict):
