@@ -161,8 +161,11 @@ Guard Fit(const Arrays& all_states, const Arrays& all_actions, const py::object&
     throw;
   }
   interruptible.Throw();
+  // Past the two wrappers of Guard.fit in dfr/__init__.py, to the caller's line.
+  constexpr int kCaller = 3;
   for (const std::string& warning : safety::Warnings(*model)) {
-    if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
+    if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), kCaller) != 0)
+      throw py::error_already_set();
   }
   return Guard(std::move(model));
 }

@@ -103,11 +103,13 @@ TEST(GuidedModelTest, AFileKeepsAllThatItKnows) {
 TEST(GuidedModelTest, AFileWithALevelThatCannotBeIsRefused) {
   const auto path = std::filesystem::path(testing::TempDir()) / "guided_model.dfr";
   const auto support = test::MovingDisk();
-  const auto message = [&](const std::vector<double>& gate, const std::vector<double>& median,
-                           double largest, double slack, double unit) -> std::string {
+  const auto message = [&](const std::vector<double>& gate, const std::vector<double>& edge,
+                           const std::vector<double>& median, double largest, double slack,
+                           double unit) -> std::string {
     core::ArchiveWriter archive("guided", 1);
     archive.Numbers(gate);
     archive.Numbers(gate);  // where the learned control may pass
+    archive.Numbers(edge);
     archive.Numbers(median);
     archive.Number(largest);
     archive.Number(slack);
@@ -126,15 +128,17 @@ TEST(GuidedModelTest, AFileWithALevelThatCannotBeIsRefused) {
   const std::vector<double> good = {0.5, 0.0};
   for (const double bad : {-0.1, kInfinity, -kInfinity, std::nan("")}) {
     SCOPED_TRACE(bad);
-    EXPECT_THAT(message({0.5, bad}, good, 1.0, 0.2, 1.0), HasSubstr("gate levels"));
-    EXPECT_THAT(message(good, {bad, 0.5}, 1.0, 0.2, 1.0), HasSubstr("median levels"));
-    EXPECT_THAT(message(good, good, bad, 0.2, 1.0), HasSubstr("the largest control"));
-    EXPECT_THAT(message(good, good, 1.0, bad, 1.0), HasSubstr("slack and the unit"));
-    EXPECT_THAT(message(good, good, 1.0, 0.2, bad), HasSubstr("slack and the unit"));
+    EXPECT_THAT(message({0.5, bad}, good, good, 1.0, 0.2, 1.0), HasSubstr("gate levels"));
+    EXPECT_THAT(message(good, {0.5, bad}, good, 1.0, 0.2, 1.0), HasSubstr("edge levels"));
+    EXPECT_THAT(message(good, good, {bad, 0.5}, 1.0, 0.2, 1.0), HasSubstr("median levels"));
+    EXPECT_THAT(message(good, good, good, bad, 0.2, 1.0), HasSubstr("the largest control"));
+    EXPECT_THAT(message(good, good, good, 1.0, bad, 1.0), HasSubstr("slack and the unit"));
+    EXPECT_THAT(message(good, good, good, 1.0, 0.2, bad), HasSubstr("slack and the unit"));
   }
-  EXPECT_THAT(message({}, good, 1.0, 0.2, 1.0), HasSubstr("gate levels"));
-  EXPECT_THAT(message(good, good, 1.0, 0.2, 0.0), HasSubstr("slack and the unit"));
-  EXPECT_THAT(message(good, good, 1.0, 0.0, 1.0), testing::Not(HasSubstr("slack and the unit")));
+  EXPECT_THAT(message({}, good, good, 1.0, 0.2, 1.0), HasSubstr("gate levels"));
+  EXPECT_THAT(message(good, good, good, 1.0, 0.2, 0.0), HasSubstr("slack and the unit"));
+  EXPECT_THAT(message(good, good, good, 1.0, 0.0, 1.0),
+              testing::Not(HasSubstr("slack and the unit")));
   std::filesystem::remove(path);
 }
 

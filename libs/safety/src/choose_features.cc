@@ -132,6 +132,7 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
   // Shares of what is left that each kind of entry must explain, and may.
   constexpr double kPassedExplain = 0.3;
   constexpr double kSteeredExplain = 0.2;
+  constexpr double kRounding = 1e-9;  // A share of the squared changes that explains nothing.
   const auto steered = static_cast<Eigen::Index>(actions.steered_dim());
   const Eigen::Index passed = actions.dim() - steered;
   if (passed == 0) return {};
@@ -168,7 +169,8 @@ std::vector<int> MovedByPassed(const core::FeatureSelection& features, const Act
     const double alone = Left(x, change[k], 2);
     const double by_steered = Left(x, change[k], 2 + steered);
     const double by_all = Left(x, change[k], x.cols());
-    if (alone - by_steered <= kSteeredExplain * alone &&
+    if (alone > kRounding * change[k].squaredNorm() &&
+        alone - by_steered <= kSteeredExplain * alone &&
         by_steered - by_all > kPassedExplain * by_steered) {
       moved.push_back(features.indices()[k]);
     }

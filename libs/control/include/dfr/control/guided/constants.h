@@ -39,11 +39,11 @@ inline constexpr double kLeastGain = 1e-3;
 
 /// GuidedPolicy, with least intervention: a step that passes at the edge counts, and a count is
 /// forgotten by this factor a step.
-inline constexpr double kEdgeMemory = 0.97;
+inline constexpr double kEdgeMemory = 0.98;
 /// So many counts are free. Beyond them the level at which the learned control passes rises to the
 /// gate level, over this many counts. A policy that stays at the edge for long would otherwise fail
 /// wherever the support reaches too far.
-inline constexpr double kEdgeGrace = 5.0;
+inline constexpr double kEdgeGrace = 10.0;
 inline constexpr double kEdgeRamp = 10.0;
 
 /// Correction: largest eigenvalue of A^-1 beyond which a direction of control counts as unknown, a
