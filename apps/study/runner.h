@@ -1,11 +1,11 @@
 #pragma once
 
-#include <compare>
 #include <cstdint>
 #include <filesystem>
 #include <map>
 #include <memory>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -58,7 +58,9 @@ struct Place {
 struct EpisodeSeeds {
   std::uint64_t start = 0;
   std::uint64_t controller = 0;
-  auto operator<=>(const EpisodeSeeds&) const = default;
+  friend bool operator<(const EpisodeSeeds& a, const EpisodeSeeds& b) noexcept {
+    return std::tie(a.start, a.controller) < std::tie(b.start, b.controller);
+  }
 };
 
 class Guarded;

@@ -95,6 +95,7 @@ class Units {
   }
   [[nodiscard]] std::unique_ptr<Runner> Make(const experiment::EvaluationUnit& unit) {
     std::vector<EpisodeSeeds> seeds;
+    seeds.reserve(static_cast<std::size_t>(plan_.episodes));
     for (int i = 0; i < plan_.episodes; ++i) {
       // No start state is drawn anew where there are placebos.
       seeds.push_back({experiment::StartSeed(plan_, unit.trial, i, 0),

@@ -12,6 +12,7 @@
 #include "dfr/safety/guard.h"
 #include "dfr/safety/guard_advice.h"
 #include "tests/safety/corridor.h"
+#include "tests/safety/corridor_guard.h"
 #include "tests/support/no_alloc.h"
 
 // A namespace of its own, because sources are compiled together.
@@ -19,25 +20,13 @@ namespace dfr::safety::chunk_tests {
 namespace {
 
 using control::HaltCause;
-using test::ActionFor;
+using test::Action;
 using test::CorridorPlant;
+using test::Model;
 using testing::HasSubstr;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr int kChunk = 8;
-
-std::shared_ptr<const GuardModel> Model(Strategy strategy = Strategy::kGuard) {
-  static const std::shared_ptr<const GuardModel> kModel = GuardModel::Fit(
-      test::CorridorLayout(), test::CorridorDemonstrations(1, 30), {.features = "tip"});
-  GuardSettings settings = kModel->settings();
-  settings.strategy = strategy;
-  return kModel->With(settings);
-}
-
-std::vector<double> Action(double dx, double dy) {
-  const Eigen::Vector2d u = ActionFor(dx, dy);
-  return {u[0], u[1]};
-}
 
 // The same action, `count` times in a row.
 std::vector<double> Repeated(const std::vector<double>& action, int count) {
@@ -319,6 +308,7 @@ TEST(GuardExplainTest, FindsTheNearestDemonstration) {
   const auto model = Model();
   const std::vector<core::Trajectory> recorded = test::CorridorDemonstrations(1, 30);
   std::vector<core::Matrix> states;
+  states.reserve(recorded.size());
   for (const core::Trajectory& d : recorded) states.push_back(d.states);
   for (const int d : {0, 7, 29}) {
     const NearestDemonstration found =

@@ -14,6 +14,7 @@
 #include "dfr/control/guided/guided_policy.h"
 #include "dfr/control/published/switching_policy.h"
 #include "tests/safety/corridor.h"
+#include "tests/safety/corridor_guard.h"
 #include "tests/support/no_alloc.h"
 
 namespace dfr::safety {
@@ -21,24 +22,12 @@ namespace {
 
 using control::HaltCause;
 using control::Mode;
-using test::ActionFor;
+using test::Action;
 using test::CorridorPlant;
+using test::Model;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-std::shared_ptr<const GuardModel> Model(Strategy strategy = Strategy::kGuard) {
-  static const std::shared_ptr<const GuardModel> kModel = GuardModel::Fit(
-      test::CorridorLayout(), test::CorridorDemonstrations(1, 30), {.features = "tip"});
-  GuardSettings settings = kModel->settings();
-  settings.strategy = strategy;
-  return kModel->With(settings);
-}
-
-std::vector<double> Action(double dx, double dy) {
-  const Eigen::Vector2d u = ActionFor(dx, dy);
-  return {u[0], u[1]};
-}
 
 // Where a state is deepest inside the first two supports.
 std::vector<double> Deepest() {

@@ -20,7 +20,6 @@ namespace {
 
 using testing::Contains;
 using testing::HasSubstr;
-using testing::Not;
 
 // The corridor, where half of the demonstrators walk along it and half come back by a rule that no
 // feature shows.

@@ -274,8 +274,8 @@ std::string EntryRange(const StateLayout& layout, int first, int size) {
 }
 
 std::string Describe(const Rotation& rotation, const StateLayout& layout) {
-  const std::string name = rotation.size == 1 ? EntryName(layout, rotation.first)
-                                              : EntryRange(layout, rotation.first, rotation.size);
+  std::string name = rotation.size == 1 ? EntryName(layout, rotation.first)
+                                        : EntryRange(layout, rotation.first, rotation.size);
   switch (rotation.kind) {
     case Kind::kQuaternion:
       if (rotation.continuous) {

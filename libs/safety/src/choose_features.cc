@@ -121,7 +121,8 @@ std::vector<core::Rotation> Rotations(const core::FeatureSelection& features,
   return rotations;
 }
 
-core::FeatureSelection Continuous(core::FeatureSelection features, const core::StateLayout& layout,
+core::FeatureSelection Continuous(const core::FeatureSelection& features,
+                                  const core::StateLayout& layout,
                                   std::span<const core::Trajectory> demonstrations) {
   return features.Mapped(core::MapOf(Rotations(features, layout, demonstrations)));
 }

@@ -16,7 +16,8 @@ std::vector<core::Rotation> Rotations(const core::FeatureSelection& features,
                                       const core::StateLayout& layout,
                                       std::span<const core::Trajectory> demonstrations);
 /// The features with the map that makes these continuous where one does.
-core::FeatureSelection Continuous(core::FeatureSelection features, const core::StateLayout& layout,
+core::FeatureSelection Continuous(const core::FeatureSelection& features,
+                                  const core::StateLayout& layout,
                                   std::span<const core::Trajectory> demonstrations);
 /// Entries of a state among `features` that passed entries of an action move and steered ones do
 /// not, such as the opening of a gripper: a guard can neither predict nor correct them. Empty if

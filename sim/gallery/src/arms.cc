@@ -22,6 +22,15 @@ std::array<Point, N + 1> ChainPoints(Point base, double link,
   return points;
 }
 
+// Whether a link of the chain reaches into the disc.
+template <std::size_t N>
+bool Touches(const std::array<Point, N>& points, const Disc& disc) noexcept {
+  for (std::size_t i = 0; i + 1 < N; ++i) {
+    if (disc.Contains(Nearest(points[i], points[i + 1], disc.centre))) return true;
+  }
+  return false;
+}
+
 // Writes J' (J J' + damping)^-1 `wanted`, the joint motion for this motion of the tip.
 template <std::size_t N>
 void MoveTip(const std::array<Point, N + 1>& points, Point wanted,
@@ -140,10 +149,7 @@ class Arm7Plant final : public Cloned<Arm7Plant> {
         x(i) += kStep / kLooks * u[static_cast<std::size_t>(i)];
         FailIf(std::abs(x(i)) > 2.5);
       }
-      const auto points = Points();
-      for (std::size_t i = 0; i < kJoints; ++i) {
-        FailIf(kPillar.Contains(Nearest(points[i], points[i + 1], kPillar.centre)));
-      }
+      FailIf(Touches(Points(), kPillar));
     }
     Place();
   }
@@ -207,10 +213,7 @@ class JointsPlant final : public Cloned<JointsPlant> {
         x(i) += x(kMotion + i) / kLooks;
         FailIf(std::abs(x(i)) > 2.5);
       }
-      const auto points = Points();
-      for (std::size_t i = 0; i < kJoints; ++i) {
-        FailIf(kPillar.Contains(Nearest(points[i], points[i + 1], kPillar.centre)));
-      }
+      FailIf(Touches(Points(), kPillar));
     }
     Place();
   }

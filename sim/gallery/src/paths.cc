@@ -151,10 +151,12 @@ class CrossingPlant final : public Cloned<CrossingPlant> {
   // Whether the point, going on from here, comes by the shuttle with room to spare.
   [[nodiscard]] bool Free() const noexcept {
     double phase = x(4);
-    for (double along = x(0); along < kLane + 0.25; along += kGain * kSpeed) {
+    double along = x(0);
+    while (along < kLane + 0.25) {
       const Point shuttle{kLane, kAmplitude * std::sin(phase)};
       if (Norm(Point{along, x(1)} - shuttle) < kRadius + 0.08) return false;
       phase += kRate;
+      along += kGain * kSpeed;
     }
     return true;
   }

@@ -56,7 +56,8 @@ struct GuardSettings {
   double direction_error = 0.0;
   /// Whether what demonstrations did nearby may replace an action of the policy. A fit turns it off
   /// where the features do not tell the actions of left-out demonstrations
-  /// (GuardSummary::explained, action_error): the guard then corrects the policy's own action, or halts.
+  /// (GuardSummary::explained, action_error): the guard then corrects the policy's own action, or
+  /// halts.
   bool demonstrated = true;
 };
 

@@ -23,8 +23,8 @@ struct GuidedModelOptions {
   /// or from l = 0. Higher corrects earlier: fewer failures of weak policies, more of a good one's
   /// controls changed (docs/recovery.md has the curve).
   double pass_quantile = 0.05;
-  /// States below this quantile are at the edge of the support. A policy that stays there has to end
-  /// deeper inside (guided::kEdgeGrace).
+  /// States below this quantile are at the edge of the support. A policy that stays there has to
+  /// end deeper inside (guided::kEdgeGrace).
   double edge_quantile = 0.25;
   /// How far outside the support states of the task still are, l = -slack: an object that is off
   /// to the side must not stop the rest. SlackFrom() has it from demonstrations.

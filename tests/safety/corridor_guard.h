@@ -1,0 +1,27 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "dfr/safety/guard_model.h"
+#include "tests/safety/corridor.h"
+
+namespace dfr::test {
+
+/// A guard of the corridor with this strategy, fitted once.
+inline std::shared_ptr<const safety::GuardModel> Model(
+    safety::Strategy strategy = safety::Strategy::kGuard) {
+  static const std::shared_ptr<const safety::GuardModel> kModel =
+      safety::GuardModel::Fit(CorridorLayout(), CorridorDemonstrations(1, 30), {.features = "tip"});
+  safety::GuardSettings settings = kModel->settings();
+  settings.strategy = strategy;
+  return kModel->With(settings);
+}
+
+/// The action that moves the tip by (dx, dy).
+inline std::vector<double> Action(double dx, double dy) {
+  const Eigen::Vector2d u = ActionFor(dx, dy);
+  return {u[0], u[1]};
+}
+
+}  // namespace dfr::test
