@@ -14,6 +14,7 @@
 #include "dfr/core/random.h"
 #include "gaussian_sum.h"
 #include "kkt.h"
+#include "row_store.h"
 #include "small_problem.h"
 #include "smo_loop.h"
 #include "sparse_problem.h"
@@ -24,78 +25,8 @@
 namespace dfr::kernel::internal {
 namespace {
 
-// Below this total, 16 MiB for all rows, reading a row is faster than computing it.
-constexpr double kQuickCacheBytes = 16.0 * 0x1p20;
-// From this dimension on, computing a row takes longer than reading it from memory.
-constexpr std::size_t kManyFeatures = 16;
-
-// Cache of kernel matrix rows, computed on demand. When it is full, it evicts a row not used since
-// the last round.
-template <typename T>
-class RowStore {
- public:
-  explicit RowStore(double budget_bytes) : budget_bytes_(budget_bytes) {}
-
-  void Reset(const GaussianTerms<T>& terms) {
-    terms_ = &terms;
-    stride_ = terms.row_size();
-    query_.resize(terms.dim);
-    const double row_bytes = static_cast<double>(stride_ * sizeof(T));
-    const double all = row_bytes * static_cast<double>(terms.count);
-    const bool keep = all <= kQuickCacheBytes || terms.dim >= kManyFeatures;
-    const double fit = keep ? std::min(budget_bytes_ / row_bytes, 1e9) : 0.0;
-    // A step uses two rows. With a third, the next row to be used is never overwritten.
-    capacity_ = std::min(terms.count, std::max<std::size_t>(3, static_cast<std::size_t>(fit)));
-    if (values_.size() < capacity_ * stride_) {
-      values_.clear();  // no content to copy
-      values_.resize(capacity_ * stride_);
-    }
-    known_.assign(terms.count, nullptr);
-    used_.assign(terms.count, 0);
-    owner_.assign(capacity_, kNone);
-    hand_ = 0;
-  }
-
-  [[nodiscard]] RowTable<T> Table() {
-    const auto compute = [](void* store, std::size_t i, std::size_t keep) {
-      return static_cast<RowStore*>(store)->Compute(i, keep);
-    };
-    return {known_.data(), used_.data(), compute, this};
-  }
-
-  [[nodiscard]] std::int64_t evaluations() const { return evaluations_; }
-
- private:
-  static constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
-
-  const T* Compute(std::size_t i, std::size_t keep) {
-    while (owner_[hand_] != kNone && (used_[owner_[hand_]] != 0 || owner_[hand_] == keep)) {
-      used_[owner_[hand_]] = 0;
-      hand_ = (hand_ + 1) % capacity_;
-    }
-    T* row = values_.data() + hand_ * stride_;
-    if (owner_[hand_] != kNone) known_[owner_[hand_]] = nullptr;
-    owner_[hand_] = i;
-    known_[i] = row;
-    hand_ = (hand_ + 1) % capacity_;
-    terms_->Point(i, query_.data());
-    GaussianRow(*terms_, query_.data(), row);
-    evaluations_ += static_cast<std::int64_t>(terms_->count);
-    return row;
-  }
-
-  double budget_bytes_;
-  const GaussianTerms<T>* terms_ = nullptr;
-  std::size_t stride_ = 0;
-  std::size_t capacity_ = 0;
-  std::size_t hand_ = 0;
-  std::vector<T> query_;
-  AlignedVector<T> values_;
-  std::vector<const T*> known_;
-  std::vector<unsigned char> used_;
-  std::vector<std::size_t> owner_;  // of each slot
-  std::int64_t evaluations_ = 0;
-};
+// From this number on, a part of the samples selects the start of the fit.
+constexpr Eigen::Index kManySamples = 4000;
 
 // AddGaussianRows(), distributed over the workers. Each entry sums in the same order for any number
 // of workers. Calls `go_on` several times a second; returns false if that ended the sums.
@@ -386,9 +317,11 @@ DualSolution Solve(const core::Matrix& samples, const OneClassSvmOptions& option
                    Workers& workers, FitSummary& summary) {
   std::vector<double> start = FindStart(samples, options, workers, summary);
   if (summary.reason == FitSummary::Reason::kInterrupted) return Unsolved(start, summary);
-  // A kernel value in float has an error of up to 1e-7, and G of up to nu m times that.
+  // A kernel value in float has an error of up to 1e-7, and G of up to nu m times that. Large sums
+  // average most of it out. The gap is verified in double; if it is too large, doubles continue.
   const double total = options.nu * static_cast<double>(samples.rows());
-  if (options.tolerance >= 2e-7 * total && FitsFloat(samples, options.gamma)) {
+  const double rounding = samples.rows() < kManySamples ? 2e-7 : 2e-8;
+  if (options.tolerance >= rounding * total && FitsFloat(samples, options.gamma)) {
     DualSolution solution = SolveIn<float>(samples, options, start, scratch, workers, summary);
     if (summary.reason != FitSummary::Reason::kStalled) return solution;
     start.assign(solution.alpha.begin(), solution.alpha.end());
@@ -401,8 +334,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   const auto count = static_cast<std::size_t>(samples.rows());
   const double total = options.nu * static_cast<double>(count);
   if (!options.start.empty()) return Feasible(options.start, total);
-  constexpr std::size_t kWorthwhile = 4000;
-  if (count < kWorthwhile) return {};
+  if (samples.rows() < kManySamples || options.nu == 1.0) return {};
   std::vector<std::size_t> order = Shuffled(count);
 
   // The estimate from every eighth sample shows which samples are outermost.
@@ -428,8 +360,10 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   for (Eigen::Index i = 0; i < solution.alpha.size(); ++i) {
     if (solution.alpha[i] > 0.0) support.push_back(static_cast<std::size_t>(i));
   }
-  // Most samples are support vectors with free alpha.
-  if (2 * support.size() > static_cast<std::size_t>(part.rows())) {
+  // Most samples are support vectors below the bound.
+  const auto free = std::count_if(solution.alpha.begin(), solution.alpha.end(),
+                                  [](double a) { return a > 0.0 && a < 1.0; });
+  if (2 * free > part.rows()) {
     return std::vector<double>(count, options.nu);
   }
   const GaussianTerms<float> terms(samples, {}, options.gamma);

@@ -1,0 +1,49 @@
+// Fits in which most alphas end at the upper bound.
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "dfr/kernel/one_class_svm.h"
+#include "tests/kernel/hard_problems.h"
+
+namespace dfr::kernel {
+namespace {
+
+using test::Kind;
+using test::KktGapOfSummary;
+using test::Samples;
+
+// One computation of G evaluates the kernel between each support vector and each sample.
+TEST(LargeNuTest, AFitEvaluatesLittleMoreThanOneGradient) {
+  constexpr int kSamples = 4100;
+  core::Random random(57);
+  const core::Matrix samples = Samples(Kind::kNormal, kSamples, 3, random);
+  for (const double nu : {0.5, 0.8, 0.95, 1.0}) {
+    SCOPED_TRACE(testing::Message() << "nu " << nu);
+    FitSummary summary;
+    const OneClassSvmOptions options{.nu = nu, .gamma = 0.3, .tolerance = 1e-3};
+    (void)OneClassSvm::Fit(samples, options, &summary);
+    EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+    EXPECT_LT(KktGapOfSummary(samples, summary, nu, options.gamma), 1e-3);
+    EXPECT_LT(static_cast<double>(summary.kernel_evaluations),
+              1.6 * static_cast<double>(summary.num_support_vectors) * kSamples);
+  }
+}
+
+TEST(LargeNuTest, AnyNumberOfThreadsGivesTheSameBits) {
+  core::Random random(58);
+  const core::Matrix samples = Samples(Kind::kNormal, 4100, 3, random);
+  FitSummary one;
+  (void)OneClassSvm::Fit(samples, {.nu = 0.7, .gamma = 0.3, .tolerance = 1e-3}, &one);
+  for (const int threads : {0, 3}) {
+    FitSummary summary;
+    (void)OneClassSvm::Fit(
+        samples, {.nu = 0.7, .gamma = 0.3, .tolerance = 1e-3, .threads = threads}, &summary);
+    EXPECT_EQ(summary.alpha, one.alpha);
+    EXPECT_EQ(summary.objective, one.objective);
+  }
+}
+
+}  // namespace
+}  // namespace dfr::kernel
