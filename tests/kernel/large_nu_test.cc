@@ -1,8 +1,6 @@
 // Fits in which most alphas end at the upper bound.
 #include <gtest/gtest.h>
 
-#include <vector>
-
 #include "dfr/core/random.h"
 #include "dfr/kernel/one_class_svm.h"
 #include "tests/kernel/hard_problems.h"
@@ -28,6 +26,23 @@ TEST(LargeNuTest, AFitEvaluatesLittleMoreThanOneGradient) {
     EXPECT_LT(KktGapOfSummary(samples, summary, nu, options.gamma), 1e-3);
     EXPECT_LT(static_cast<double>(summary.kernel_evaluations),
               1.6 * static_cast<double>(summary.num_support_vectors) * kSamples);
+  }
+}
+
+// The whole matrix is symmetric: half of it suffices, for the start too.
+TEST(LargeNuTest, ASmallFitEvaluatesHalfTheMatrix) {
+  constexpr int kSamples = 400;
+  core::Random random(60);
+  const core::Matrix samples = Samples(Kind::kNormal, kSamples, 3, random);
+  for (const double gamma : {0.3, 100.0}) {  // many neighbours, and few
+    for (const double nu : {0.3, 0.8}) {
+      SCOPED_TRACE(testing::Message() << "gamma " << gamma << ", nu " << nu);
+      FitSummary summary;
+      (void)OneClassSvm::Fit(samples, {.nu = nu, .gamma = gamma, .tolerance = 1e-3}, &summary);
+      EXPECT_EQ(summary.reason, FitSummary::Reason::kConverged);
+      EXPECT_LT(KktGapOfSummary(samples, summary, nu, gamma), 1e-3);
+      EXPECT_LE(summary.kernel_evaluations, kSamples * (kSamples + 1) / 2);
+    }
   }
 }
 

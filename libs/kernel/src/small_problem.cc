@@ -1,8 +1,11 @@
 #include "small_problem.h"
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
 #include <numbers>
 #include <numeric>
+#include <utility>
 
 #include "gaussian_sum.h"
 #include "kkt.h"
@@ -101,29 +104,66 @@ void SmallProblem<T>::UpdateGradient() {
   smo_.combine(rows.data(), weights.data(), rows.size(), row_size_, gradient_.data());
 }
 
+// Returns whether the mean over the support vectors of the kernel sum over all samples is small; a
+// sample itself contributes 1.
+template <typename T>
+bool SmallProblem<T>::FewNeighbors() const {
+  constexpr double kFewNeighbors = 6.0;
+  const double total = options_.nu * static_cast<double>(known_.size());
+  const std::span<const double> g = gradient();
+  return std::accumulate(g.begin(), g.end(), 0.0) < (1.0 + kFewNeighbors) * total;
+}
+
+// Gives all samples the same alpha. G is then proportional to the sums of the rows.
+template <typename T>
+void SmallProblem<T>::StartEqual() {
+  const std::size_t count = known_.size();
+  alpha_.assign(count, options_.nu);
+  if (distances_ != nullptr) return UpdateGradient();
+  std::vector<T> sums(count);
+  AllGaussianRows(*terms_, point_.data(), rows_, sums.data());
+  for (std::size_t i = 0; i < count; ++i) {
+    known_[i] = rows_ + i * row_size_;
+    gradient_[i] = options_.nu * static_cast<double>(sums[i]);
+  }
+  evaluations_ += static_cast<std::int64_t>(count * (count + 1) / 2);
+}
+
+// Gives the samples with the smallest kernel sums the largest alpha. If kernels overlap little, the
+// same alpha for all may be nearer to the minimum.
+template <typename T>
+void SmallProblem<T>::StartAtBound() {
+  StartEqual();
+  const std::size_t count = known_.size();
+  const double total = options_.nu * static_cast<double>(count);
+  std::vector<std::size_t> order(count);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  const auto outermost = std::min(count, static_cast<std::size_t>(std::ceil(total)));
+  std::nth_element(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(outermost) - 1,
+                   order.end(), [this](std::size_t a, std::size_t b) {
+                     return gradient_[a] != gradient_[b] ? gradient_[a] < gradient_[b] : a < b;
+                   });
+  const bool few = FewNeighbors();
+  const AlignedVector<double> equal_gradient = gradient_;
+  const std::vector<double> equal = std::exchange(alpha_, Fill(order, count, total));
+  UpdateGradient();
+  if (!few || Objective(alpha_, gradient()) <= Objective(equal, equal_gradient)) return;
+  alpha_ = equal;
+  gradient_ = equal_gradient;
+}
+
 // Uses the minimum number of support vectors, evenly spread: rows that are never requested are not
 // computed. If kernels overlap little, most samples become support vectors, and the start uses all.
+// A large nu needs most rows anyway; their sums show which samples are outermost.
 template <typename T>
 void SmallProblem<T>::ChooseStart() {
-  constexpr double kFewNeighbors = 6.0;
+  constexpr double kLargeNu = 0.25;
+  if (options_.nu >= kLargeNu) return StartAtBound();
   const std::size_t count = known_.size();
   const double total = options_.nu * static_cast<double>(count);
   alpha_ = EvenlySpread(count, total);
   UpdateGradient();
-  // Tests the mean over the support vectors of the kernel sum over all samples; a sample itself
-  // contributes 1.
-  if (std::accumulate(gradient_.begin(), gradient_.begin() + static_cast<std::ptrdiff_t>(count),
-                      0.0) < (1.0 + kFewNeighbors) * total) {
-    alpha_.assign(count, options_.nu);
-    if (distances_ != nullptr) return UpdateGradient();
-    std::vector<T> sums(count);
-    AllGaussianRows(*terms_, point_.data(), rows_, sums.data());
-    for (std::size_t i = 0; i < count; ++i) {
-      known_[i] = rows_ + i * row_size_;
-      gradient_[i] = options_.nu * static_cast<double>(sums[i]);
-    }
-    evaluations_ += static_cast<std::int64_t>(count * (count + 1) / 2);
-  }
+  if (FewNeighbors()) StartEqual();
 }
 
 template <typename T>
@@ -151,7 +191,7 @@ void SmallProblem<T>::Run(std::span<const double> start) {
   Rounds rounds(options_, alpha_.size(), summary_);
   while (true) {
     const KktBounds bounds(alpha_, this->gradient());
-    if (!rounds.Next(bounds.gap(), Objective(alpha_, this->gradient()))) return;
+    if (!rounds.Next(bounds.gap(), 0.5 * bounds.weighted_sum)) return;
     for (std::size_t i = 0; i < alpha_.size(); ++i) {
       gradient[i] = static_cast<T>(gradient_[i] - bounds.rho());
     }

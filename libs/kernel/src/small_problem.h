@@ -105,6 +105,9 @@ class SmallProblem {
  private:
   const T* Row(std::size_t i);
   void UpdateGradient();
+  [[nodiscard]] bool FewNeighbors() const;
+  void StartEqual();
+  void StartAtBound();
   void ChooseStart();
 
   const OneClassSvmOptions& options_;
