@@ -157,7 +157,6 @@ void SmallProblem<T>::StartAtBound() {
 // A large nu needs most rows anyway; their sums show which samples are outermost.
 template <typename T>
 void SmallProblem<T>::ChooseStart() {
-  constexpr double kLargeNu = 0.25;
   if (options_.nu >= kLargeNu) return StartAtBound();
   const std::size_t count = known_.size();
   const double total = options_.nu * static_cast<double>(count);

@@ -27,6 +27,8 @@ namespace {
 
 // From this number on, a part of the samples selects the start of the fit.
 constexpr Eigen::Index kManySamples = 4000;
+// The same with a large nu, unless the kernel matrix may be kept whole.
+constexpr Eigen::Index kMostWhole = 2048;
 
 // AddGaussianRows(), distributed over the workers. Each entry sums in the same order for any number
 // of workers. Calls `go_on` several times a second; returns false if that ended the sums.
@@ -334,7 +336,9 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   const auto count = static_cast<std::size_t>(samples.rows());
   const double total = options.nu * static_cast<double>(count);
   if (!options.start.empty()) return Feasible(options.start, total);
-  if (samples.rows() < kManySamples || options.nu == 1.0) return {};
+  const bool many = samples.rows() >= kManySamples;
+  const bool many_at_bound = options.nu >= kLargeNu && samples.rows() > kMostWhole;
+  if ((!many && !many_at_bound) || options.nu == 1.0) return {};
   std::vector<std::size_t> order = Shuffled(count);
 
   // The estimate from every eighth sample shows which samples are outermost.
@@ -360,12 +364,12 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
   for (Eigen::Index i = 0; i < solution.alpha.size(); ++i) {
     if (solution.alpha[i] > 0.0) support.push_back(static_cast<std::size_t>(i));
   }
-  // Most samples are support vectors below the bound.
   const auto free = std::count_if(solution.alpha.begin(), solution.alpha.end(),
                                   [](double a) { return a > 0.0 && a < 1.0; });
-  if (2 * free > part.rows()) {
-    return std::vector<double>(count, options.nu);
-  }
+  // A small part does not show which samples are outermost among many free ones.
+  if (!many && 10 * free > part.rows()) return {};
+  // Most samples are support vectors below the bound.
+  if (2 * free > part.rows()) return std::vector<double>(count, options.nu);
   const GaussianTerms<float> terms(samples, {}, options.gamma);
   std::vector<float> points(support.size() * terms.dim);
   std::vector<float> weights(support.size());

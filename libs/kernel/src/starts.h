@@ -6,6 +6,9 @@
 
 namespace dfr::kernel::internal {
 
+/// From this nu on, most rows of the kernel matrix are needed by any solution.
+inline constexpr double kLargeNu = 0.25;
+
 /// Initial values for solvers: alpha in [0, 1] that sums to `total` (LIBSVM's scale).
 
 /// Sets the first samples of `order` to the bound until alpha of all `count` samples sums to
