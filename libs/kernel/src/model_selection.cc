@@ -8,8 +8,8 @@
 #include "dfr/core/contract.h"
 #include "dfr/core/format.h"
 #include "dfr/core/random.h"
+#include "dfr/core/workers.h"
 #include "fit_sharing.h"
-#include "workers.h"
 
 namespace dfr::kernel {
 namespace {
@@ -164,7 +164,7 @@ Selection SelectModel(std::span<const core::Matrix> demonstrations,
   if (pooled) support.threads = 1;
   const auto folds = static_cast<std::size_t>(options.folds);
   std::vector<std::vector<Tally>> of_fold(folds, std::vector<Tally>(grid.size()));
-  internal::Workers workers(pooled ? options.support.threads : 1);
+  core::Workers workers(pooled ? options.support.threads : 1);
   workers.Run(folds, [&](std::size_t held_out) {
     std::vector<core::Matrix> training;
     std::vector<const core::Matrix*> held;

@@ -9,13 +9,13 @@
 #include <vector>
 
 #include "dfr/core/contract.h"
+#include "dfr/core/workers.h"
 #include "fit_sharing.h"
 #include "gaussian_sum.h"
 #include "gaussian_terms.h"
 #include "smo_solver.h"
 #include "states_at.h"
 #include "weighted_dual.h"
-#include "workers.h"
 
 namespace dfr::kernel {
 
@@ -389,7 +389,7 @@ void OneClassSvm::DecisionBatch(const Eigen::Ref<const core::Matrix>& x, std::sp
   };
   if (threads == 1) return decide(0, x.rows());
   constexpr Eigen::Index kRun = 1024;
-  internal::Workers workers(threads);
+  core::Workers workers(threads);
   workers.Run(static_cast<std::size_t>((x.rows() + kRun - 1) / kRun), [&](std::size_t run) {
     const Eigen::Index first = static_cast<Eigen::Index>(run) * kRun;
     decide(first, std::min(kRun, x.rows() - first));

@@ -12,6 +12,7 @@
 #include "active_set.h"
 #include "dfr/core/contract.h"
 #include "dfr/core/random.h"
+#include "dfr/core/workers.h"
 #include "gaussian_sum.h"
 #include "kkt.h"
 #include "row_store.h"
@@ -20,7 +21,6 @@
 #include "sparse_problem.h"
 #include "starts.h"
 #include "true_gap.h"
-#include "workers.h"
 
 namespace dfr::kernel::internal {
 namespace {
@@ -34,7 +34,7 @@ constexpr Eigen::Index kMostWhole = 2048;
 // of workers. Calls `go_on` several times a second; returns false if that ended the sums.
 template <typename T, class GoOn>
 [[nodiscard]] bool AddRows(const GaussianTerms<T>& terms, std::span<const T> points,
-                           std::span<const T> weights, double* totals, Workers& workers,
+                           std::span<const T> weights, double* totals, core::Workers& workers,
                            GoOn&& go_on) {
   constexpr std::size_t kBlocks = 64;  // of a part: enough to distribute, short enough to wait for
   constexpr std::size_t kChunk = 512;  // points of a chunk stay in L2
@@ -64,7 +64,7 @@ template <typename T, class GoOn>
 template <typename T>
 class Solver {
  public:
-  Solver(const core::Matrix& samples, const OneClassSvmOptions& options, Workers& workers,
+  Solver(const core::Matrix& samples, const OneClassSvmOptions& options, core::Workers& workers,
          FitSummary& summary)
       : options_(options),
         summary_(summary),
@@ -197,7 +197,7 @@ class Solver {
 
   const OneClassSvmOptions& options_;
   FitSummary& summary_;
-  Workers& workers_;
+  core::Workers& workers_;
   GaussianTerms<T> terms_;
   SmoFunctions<T> smo_;
   std::vector<double> alpha_;
@@ -268,12 +268,12 @@ std::vector<std::size_t> Shuffled(std::size_t count) {
 
 // Returns a start; empty: the problem chooses.
 std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOptions& options,
-                              Workers& workers, FitSummary& summary);
+                              core::Workers& workers, FitSummary& summary);
 
 template <typename T, class Problem>
 DualSolution Finish(Problem& problem, const core::Matrix& samples,
                     const OneClassSvmOptions& options, std::span<const double> start,
-                    double neglected, Workers& workers, FitSummary& summary) {
+                    double neglected, core::Workers& workers, FitSummary& summary) {
   problem.Run(start);
   summary.kernel_evaluations += problem.evaluations();
   if (summary.reason == FitSummary::Reason::kConverged) {
@@ -286,7 +286,7 @@ DualSolution Finish(Problem& problem, const core::Matrix& samples,
 
 template <typename T>
 DualSolution SolveIn(const core::Matrix& samples, const OneClassSvmOptions& options,
-                     std::span<const double> start, Scratch& scratch, Workers& workers,
+                     std::span<const double> start, Scratch& scratch, core::Workers& workers,
                      FitSummary& summary) {
   if (SmallProblem<T>::Fits(samples, options, scratch)) {
     SmallProblem<T> problem(samples, options, scratch, summary);
@@ -316,7 +316,7 @@ bool FitsFloat(const core::Matrix& samples, double gamma) {
 }
 
 DualSolution Solve(const core::Matrix& samples, const OneClassSvmOptions& options, Scratch& scratch,
-                   Workers& workers, FitSummary& summary) {
+                   core::Workers& workers, FitSummary& summary) {
   std::vector<double> start = FindStart(samples, options, workers, summary);
   if (summary.reason == FitSummary::Reason::kInterrupted) return Unsolved(start, summary);
   // A kernel value in float has an error of up to 1e-7, and G of up to nu m times that. Large sums
@@ -332,7 +332,7 @@ DualSolution Solve(const core::Matrix& samples, const OneClassSvmOptions& option
 }
 
 std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOptions& options,
-                              Workers& workers, FitSummary& summary) {
+                              core::Workers& workers, FitSummary& summary) {
   const auto count = static_cast<std::size_t>(samples.rows());
   const double total = options.nu * static_cast<double>(count);
   if (!options.start.empty()) return Feasible(options.start, total);
@@ -394,7 +394,7 @@ std::vector<double> FindStart(const core::Matrix& samples, const OneClassSvmOpti
 
 DualSolution SolveDual(const core::Matrix& samples, const OneClassSvmOptions& options,
                        Scratch& scratch, FitSummary& summary) {
-  Workers workers(options.threads);
+  core::Workers workers(options.threads);
   return Solve(samples, options, scratch, workers, summary);
 }
 

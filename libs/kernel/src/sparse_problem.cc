@@ -188,7 +188,7 @@ void SparseKernel<T>::Compute(const T* point, Draft& draft) const {
 
 template <typename T>
 SparseProblem<T>::SparseProblem(const core::Matrix& samples, const OneClassSvmOptions& options,
-                                Workers& workers, FitSummary& summary)
+                                core::Workers& workers, FitSummary& summary)
     : options_(options),
       summary_(summary),
       workers_(workers),

@@ -9,12 +9,12 @@
 
 #include "active_set.h"
 #include "dfr/core/matrix.h"
+#include "dfr/core/workers.h"
 #include "dfr/kernel/one_class_svm.h"
 #include "gaussian_terms.h"
 #include "kkt.h"
 #include "large_memory.h"
 #include "smo_loop.h"
-#include "workers.h"
 
 namespace dfr::kernel::internal {
 
@@ -89,8 +89,8 @@ class SparseProblem {
   [[nodiscard]] static bool Fits(const core::Matrix& samples, const OneClassSvmOptions& options);
 
   /// All arguments must outlive the problem.
-  SparseProblem(const core::Matrix& samples, const OneClassSvmOptions& options, Workers& workers,
-                FitSummary& summary);
+  SparseProblem(const core::Matrix& samples, const OneClassSvmOptions& options,
+                core::Workers& workers, FitSummary& summary);
 
   /// Solves from a feasible `start`. Writes reason, iterations, gap and objective to the summary.
   void Run(std::span<const double> start);
@@ -126,7 +126,7 @@ class SparseProblem {
 
   const OneClassSvmOptions& options_;
   FitSummary& summary_;
-  Workers& workers_;
+  core::Workers& workers_;
   SmoFunctions<T> smo_;
   double reach_;
   std::vector<std::size_t> order_;  // sample of each place

@@ -9,9 +9,9 @@
 
 #include "dfr/core/archive.h"
 #include "dfr/core/contract.h"
+#include "dfr/core/workers.h"
 #include "fit_sharing.h"
 #include "states_at.h"
-#include "workers.h"
 
 namespace dfr::kernel {
 namespace {
@@ -65,7 +65,7 @@ std::vector<TimeVaryingSupport> internal::FitGrid(std::span<const StatesView> de
   std::vector<std::optional<OneClassSvm>> fitted(grid.size() * count);
   std::vector<FitSummary> results(fitted.size());
   // A pooled fit distributes its own work.
-  Workers workers(options.pooled ? 1 : options.threads);
+  core::Workers workers(options.pooled ? 1 : options.threads);
   // Each worker takes the next time step and uses its own memory.
   std::atomic<std::size_t> next = 0;
   workers.Run(std::min(workers.size(), count), [&](std::size_t) {

@@ -33,7 +33,8 @@ double RelativeError(double distance, double r, double dim) {
 // Returns G of `samples` in double.
 std::vector<double> ExactGradient(const core::Matrix& samples, double gamma,
                                   std::span<const double> alpha,
-                                  std::span<const std::size_t> chosen, bool far, Workers& workers) {
+                                  std::span<const std::size_t> chosen, bool far,
+                                  core::Workers& workers) {
   std::vector<Eigen::Index> support;
   std::vector<double> weights;
   for (std::size_t i = 0; i < alpha.size(); ++i) {
@@ -66,7 +67,7 @@ std::vector<double> ExactGradient(const core::Matrix& samples, double gamma,
 template <typename T>
 double TrueGap(const core::Matrix& samples, const OneClassSvmOptions& options,
                std::span<const double> center, std::span<const double> alpha,
-               std::span<const double> gradient, double neglected, Workers& workers) {
+               std::span<const double> gradient, double neglected, core::Workers& workers) {
   const auto dim = static_cast<std::size_t>(samples.cols());
   const double total = options.nu * static_cast<double>(alpha.size());
   const double scale = std::sqrt(options.gamma * std::numbers::log2e);
@@ -122,9 +123,9 @@ double TrueGap(const core::Matrix& samples, const OneClassSvmOptions& options,
 
 template double TrueGap<float>(const core::Matrix&, const OneClassSvmOptions&,
                                std::span<const double>, std::span<const double>,
-                               std::span<const double>, double, Workers&);
+                               std::span<const double>, double, core::Workers&);
 template double TrueGap<double>(const core::Matrix&, const OneClassSvmOptions&,
                                 std::span<const double>, std::span<const double>,
-                                std::span<const double>, double, Workers&);
+                                std::span<const double>, double, core::Workers&);
 
 }  // namespace dfr::kernel::internal

@@ -3,8 +3,8 @@
 #include <span>
 
 #include "dfr/core/matrix.h"
+#include "dfr/core/workers.h"
 #include "dfr/kernel/one_class_svm.h"
-#include "workers.h"
 
 namespace dfr::kernel::internal {
 
@@ -18,6 +18,7 @@ namespace dfr::kernel::internal {
 template <typename T>
 [[nodiscard]] double TrueGap(const core::Matrix& samples, const OneClassSvmOptions& options,
                              std::span<const double> center, std::span<const double> alpha,
-                             std::span<const double> gradient, double neglected, Workers& workers);
+                             std::span<const double> gradient, double neglected,
+                             core::Workers& workers);
 
 }  // namespace dfr::kernel::internal

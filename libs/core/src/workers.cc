@@ -1,4 +1,4 @@
-#include "workers.h"
+#include "dfr/core/workers.h"
 
 #include <algorithm>
 #include <exception>
@@ -6,7 +6,7 @@
 
 #include "dfr/core/contract.h"
 
-namespace dfr::kernel::internal {
+namespace dfr::core {
 
 Workers::Workers(int threads)
     : wanted_(threads > 0 ? static_cast<std::size_t>(threads)
@@ -72,4 +72,4 @@ void Workers::Work(std::unique_lock<std::mutex>& lock) {
   if (--running_ == 0) end_.notify_all();
 }
 
-}  // namespace dfr::kernel::internal
+}  // namespace dfr::core

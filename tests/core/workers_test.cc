@@ -1,4 +1,4 @@
-#include "workers.h"
+#include "dfr/core/workers.h"
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <vector>
 
-namespace dfr::kernel::internal {
+namespace dfr::core {
 namespace {
 
 TEST(WorkersTest, EveryJobIsDoneOnce) {
@@ -35,4 +35,4 @@ TEST(WorkersTest, TheExceptionOfAJobIsThrownAndTheWorkersGoOn) {
 }
 
 }  // namespace
-}  // namespace dfr::kernel::internal
+}  // namespace dfr::core

@@ -8,7 +8,7 @@
 #include <thread>
 #include <vector>
 
-namespace dfr::kernel::internal {
+namespace dfr::core {
 
 /// Threads that share the work of one fit, started on demand. Their results must not depend on the
 /// thread.
@@ -45,4 +45,4 @@ class Workers {
   std::vector<std::thread> helpers_;
 };
 
-}  // namespace dfr::kernel::internal
+}  // namespace dfr::core
