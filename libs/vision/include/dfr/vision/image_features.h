@@ -1,0 +1,94 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "dfr/vision/line_vision.h"
+
+namespace dfr::vision {
+
+/// 8-bit picture with interleaved channels, rows from the top. Borrowed. Of a cv::Mat m of type
+/// CV_8UC1 or CV_8UC3: {m.data, m.cols, m.rows, m.channels(), m.step}.
+struct PictureView {
+  const std::uint8_t* data = nullptr;
+  int width = 0;
+  int height = 0;
+  int channels = 3;        ///< 1: grey. 3: colour, in the order of ImageFeaturesOptions.
+  std::size_t stride = 0;  ///< Bytes from one row to the next, >= channels width.
+};
+
+/// Order of the channels of a colour picture: OpenCV's, or that of datasets.
+enum class ChannelOrder { kBgr, kRgb };
+
+/// What ImageFeatures makes of the light of a picture.
+enum class LightNormalisation {
+  kNone,
+  kGain,           ///< Scales to a mean of 128: the same under any brightness.
+  kGainAndOffset,  ///< Scales and shifts to a mean of 128 and a standard deviation of 48.
+};
+
+/// Options for ImageFeatures.
+struct ImageFeaturesOptions {
+  int width = 0;  ///< Size of the pictures.
+  int height = 0;
+  int channels = 3;
+  ChannelOrder order = ChannelOrder::kRgb;
+  /// Part of the picture that is used: first column and row, then its size; 0: all of it.
+  int crop_x = 0;
+  int crop_y = 0;
+  int crop_width = 0;
+  int crop_height = 0;
+  /// Size that the part is reduced to, no larger than it; 0: its own.
+  int out_width = 0;
+  int out_height = 0;
+  bool grey = false;  ///< One channel, 0.299 R + 0.587 G + 0.114 B, instead of three.
+  LightNormalisation light = LightNormalisation::kGain;
+  double least_mean = 4.0;  ///< A picture with a darker mean is black, in [0, 255].
+  /// Number of identical pictures in a row from which on the camera is frozen; 0: never, as for a
+  /// simulator that draws the same state twice.
+  int frozen_after = 0;
+};
+
+/// Turns pictures into vectors of floats: crop, reduction by area averages, grey, light. The part
+/// before a reduction::Reduction.
+///
+/// Each object belongs to one camera and one thread. Apply() never allocates, locks or throws.
+class ImageFeatures {
+ public:
+  /// @throws std::invalid_argument naming the option that is out of range.
+  explicit ImageFeatures(const ImageFeaturesOptions& options);
+
+  /// Number of features: out_height x out_width x channels, in this order, channels as they came.
+  [[nodiscard]] int size() const noexcept { return static_cast<int>(rows_.size()) * row_floats_; }
+
+  /// Forgets the previous picture: call it at the start of an episode.
+  void Reset() noexcept { identical_ = 0; }
+
+  /// Writes the features of `picture` to `features` (size()).
+  /// @returns kNothing; or kWrongSize for another size, number of channels or stride, or no data;
+  ///   kDark; kFrozen; and then fills `features` with NaN, for which supports give "outside".
+  NotSeen Apply(const PictureView& picture, std::span<float> features) noexcept;
+
+ private:
+  /// Inputs first, ..., first + weights.size() - 1 make one output.
+  struct Average {
+    int first = 0;
+    std::vector<float> weights;
+  };
+  static std::vector<Average> Averages(int in, int out);
+  NotSeen Check(const PictureView& picture) noexcept;
+  void Resample(const PictureView& picture, std::span<float> features) noexcept;
+  NotSeen Normalise(std::span<float> features) const noexcept;
+
+  ImageFeaturesOptions options_;
+  std::vector<Average> rows_;
+  std::vector<Average> columns_;
+  int out_channels_ = 0;
+  int row_floats_ = 0;              ///< Floats of one output row.
+  std::vector<float> row_;          ///< One output row before its columns are averaged.
+  std::vector<std::uint8_t> last_;  ///< Previous picture.
+  int identical_ = 0;               ///< Pictures in a row that equal `last_`; 0: none yet.
+};
+
+}  // namespace dfr::vision
