@@ -1,0 +1,62 @@
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "dfr/core/trajectory.h"
+#include "dfr/kernel/whitened_support.h"
+
+namespace dfr::reduction {
+
+/// How a guard on k components does on demonstrations that it was not fitted to.
+struct ComponentsScore {
+  int components = 0;  ///< k
+  /// Share of states inside a kernel::WhitenedSupport.
+  double inside = 0.0;
+  /// Share of the variance of actions that control::JacobianEstimate::Demonstrated() explains.
+  double explained = 0.0;
+  double explained_error = 0.0;  ///< Its standard error over demonstrations.
+  /// Squared error of the predicted change of whitened components, J u + own motion, as a share of
+  /// the squared change.
+  double response_error = 0.0;
+};
+
+/// Options for ChooseComponents().
+struct ChooseComponentsOptions {
+  /// Numbers of components to try, ascending.
+  std::vector<int> candidates = {2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 48};
+  int folds = 5;
+  double least_inside = 0.5;     ///< Smallest acceptable share of states inside.
+  double least_explained = 0.2;  ///< Smallest acceptable share of actions explained.
+  kernel::WhitenedSupportOptions support = {};
+};
+
+/// Result of ChooseComponents().
+struct ComponentsChoice {
+  std::vector<ComponentsScore> table;  ///< One row for each candidate, ascending.
+  int components = 0;                  ///< 0: refused.
+  std::string reason;                  ///< Why this number, or why none and the remedy.
+};
+
+/// Chooses the number of components by left-out demonstrations.
+///
+/// Demonstrations are left out in core::StratifiedFolds(). For each fold and each k the whitening,
+/// the support and the transitions come from the other demonstrations. At most a thousand actions
+/// are judged. The components themselves come from all demonstrations: they do not depend on
+/// actions.
+///
+/// Rule: among the candidates with inside >= least_inside, the smallest k whose explained share is
+/// within one standard error of the best (Breiman et al., Classification and Regression Trees,
+/// 1984, Sec. 3.4.3). Refused if no candidate has least_inside, or the best one explains less than
+/// least_explained. docs/decisions.md has the reasons.
+/// @param demonstrations  scores as states (T + 1 x p), actions as controls (T x m). Candidates
+/// above
+///   p are left out.
+/// @throws std::invalid_argument if there are fewer than four demonstrations, shapes do not fit, an
+///   entry is not finite, no action differs from zero, no candidate is at most p, or an option is
+///   out of range.
+[[nodiscard]] ComponentsChoice ChooseComponents(std::span<const core::Trajectory> demonstrations,
+                                                const ChooseComponentsOptions& options = {});
+
+}  // namespace dfr::reduction

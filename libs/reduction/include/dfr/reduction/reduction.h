@@ -1,0 +1,79 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+
+#include "dfr/core/archive.h"
+#include "dfr/core/matrix.h"
+#include "dfr/reduction/principal_components.h"
+
+namespace dfr::reduction {
+
+/// Linear map from a high-dimensional block x (d entries) to k components,
+///   z = P ((x - mean) / scale).
+/// Entries with scale 0 never varied in the fit and are ignored.
+///
+/// Immutable. Concurrent calls are safe. Apply() and BackProject() never allocate, lock or throw
+/// and may be called in the control loop. Weights are in float, sums over more than 512 entries in
+/// double: z of the same x is the same to the last bit whatever the type of x.
+class Reduction {
+ public:
+  /// Maximum d and k.
+  static constexpr int kMaxInputs = 1 << 20;
+  static constexpr int kMaxComponents = 256;
+
+  /// @param mean        d.
+  /// @param scale       d, each >= 0.
+  /// @param projection  P, k x d.
+  /// @throws std::invalid_argument if sizes do not fit or exceed the maxima, a scale is negative,
+  /// or
+  ///   an entry is not finite.
+  Reduction(Eigen::VectorXd mean, Eigen::VectorXd scale, core::Matrix projection);
+
+  /// Projects on the first `components` principal components.
+  /// @throws std::invalid_argument if there are fewer.
+  static Reduction Principal(const PrincipalComponents& fit, int components);
+
+  [[nodiscard]] int input_dim() const noexcept { return static_cast<int>(mean_.size()); }
+  [[nodiscard]] int num_components() const noexcept { return static_cast<int>(projection_.rows()); }
+  [[nodiscard]] const Eigen::VectorXd& mean() const noexcept { return mean_; }
+  [[nodiscard]] const Eigen::VectorXd& scale() const noexcept { return scale_; }
+  [[nodiscard]] const core::Matrix& projection() const noexcept { return projection_; }
+
+  /// Writes the components of `x` (input_dim()) to `z` (num_components()). A wrong size of x or a
+  /// non-finite entry, one that is ignored included, makes z non-finite. Supports then treat the
+  /// state as outside.
+  void Apply(std::span<const double> x, std::span<double> z) const noexcept;
+  void Apply(std::span<const float> x, std::span<double> z) const noexcept;
+  void Apply(std::span<const std::uint8_t> x, std::span<double> z) const noexcept;
+  /// Returns the components of each row. @throws std::invalid_argument if the width differs.
+  [[nodiscard]] core::Matrix Apply(const core::Matrix& rows) const;
+
+  /// Maps a derivative with respect to z (num_components()) to one with respect to x (input_dim()):
+  /// J' dz, J = P diag(1 / scale). For the derivative of a support's level it gives how much each
+  /// input raises the level; times x - x0 for a state x0 inside, how much each contributed.
+  void BackProject(std::span<const double> dz, std::span<double> dx) const noexcept;
+
+  /// Appends all of it to a file.
+  void Save(core::ArchiveWriter& archive) const;
+  /// Reads what Save() wrote.
+  /// @throws std::runtime_error naming the file and what is wrong with it.
+  static Reduction Load(core::ArchiveReader& archive);
+  /// The same as a file that holds nothing else.
+  void Save(const std::filesystem::path& path) const;
+  static Reduction Load(const std::filesystem::path& path);
+
+ private:
+  template <typename Value>
+  void Project(std::span<const Value> x, std::span<double> z) const noexcept;
+
+  Eigen::VectorXd mean_;
+  Eigen::VectorXd scale_;
+  core::Matrix projection_;
+  /// P diag(1 / scale), k x d.
+  Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> weights_;
+};
+
+}  // namespace dfr::reduction

@@ -1,0 +1,249 @@
+#include "dfr/reduction/choose_components.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <utility>
+
+#include "dfr/control/guided/jacobian_estimate.h"
+#include "dfr/control/phase_tracker.h"
+#include "dfr/core/contract.h"
+#include "dfr/core/feature_transform.h"
+#include "dfr/core/folds.h"
+#include "dfr/core/format.h"
+
+namespace dfr::reduction {
+namespace {
+
+constexpr std::size_t kMostActions = 1000;
+// Scores that decide which demonstrations are alike.
+constexpr Eigen::Index kFoldScores = 8;
+constexpr std::size_t kLeastDemonstrations = 4;
+
+// Sums over the judged actions of one demonstration, in units of an ordinary one.
+struct Sums {
+  explicit Sums(Eigen::Index control_dim) : v(Eigen::VectorXd::Zero(control_dim)) {}
+  double inside = 0.0;
+  double states = 0.0;
+  double guessed = 0.0;  // Actions that the regression has neighbours of,
+  Eigen::VectorXd v;     // their sum,
+  double squares = 0.0;  // the sum of their squares,
+  double missed = 0.0;   // and of squared errors.
+  double changes = 0.0;  // Squared changes of components,
+  double wrong = 0.0;    // and squared errors of their predictions.
+};
+
+ComponentsScore Score(int components, const std::vector<Sums>& each) {
+  Sums all(each[0].v.size());
+  for (const Sums& one : each) {
+    all.inside += one.inside;
+    all.states += one.states;
+    all.guessed += one.guessed;
+    all.v += one.v;
+    all.squares += one.squares;
+    all.missed += one.missed;
+    all.changes += one.changes;
+    all.wrong += one.wrong;
+  }
+  ComponentsScore score{.components = components, .inside = all.inside / all.states};
+  if (all.changes > 0.0) score.response_error = all.wrong / all.changes;
+  if (!(all.guessed > 0.0)) return score;
+  const double variance = all.squares - all.v.squaredNorm() / all.guessed;
+  // The same action everywhere is as well known as can be.
+  constexpr double kConstant = 1e-9;
+  if (variance <= kConstant * all.squares) {
+    score.explained = 1.0;
+    return score;
+  }
+  score.explained = 1.0 - all.missed / variance;
+  // Standard error of a ratio of sums over demonstrations, linearised: from the residuals of
+  // missed - share * variance.
+  double square = 0.0;
+  const Eigen::VectorXd mean = all.v / all.guessed;
+  for (const Sums& one : each) {
+    const double own = one.squares - 2.0 * mean.dot(one.v) + one.guessed * mean.squaredNorm();
+    const double residual = one.missed - (1.0 - score.explained) * own;
+    square += residual * residual;
+  }
+  const auto count = static_cast<double>(each.size());
+  score.explained_error = std::sqrt(square * count / (count - 1.0)) / variance;
+  return score;
+}
+
+// All that is the same for each number of components.
+class Judge {
+ public:
+  Judge(std::span<const core::Trajectory> demonstrations, const ChooseComponentsOptions& options)
+      : demonstrations_(demonstrations), options_(options) {
+    std::vector<core::Matrix> first_scores;
+    double square = 0.0;
+    double moving = 0.0;
+    std::size_t actions = 0;
+    for (const core::Trajectory& d : demonstrations) {
+      first_scores.push_back(d.states.leftCols(std::min(kFoldScores, d.states.cols())));
+      for (Eigen::Index t = 0; t < d.controls.rows(); ++t) {
+        const double norm = d.controls.row(t).squaredNorm();
+        square += norm;
+        moving += norm > 0.0 ? 1.0 : 0.0;
+      }
+      actions += static_cast<std::size_t>(d.controls.rows());
+    }
+    DFR_THROW_UNLESS(square > 0.0, "no demonstrated action differs from zero");
+    unit_ = std::sqrt(square / moving);
+    stride_ = std::max<std::size_t>(1, actions / kMostActions);
+    order_ = core::ContentOrder(demonstrations);
+    const int folds =
+        std::min(options.folds, std::max(2, static_cast<int>(demonstrations.size() / 2)));
+    const auto whitening = core::FeatureTransform::Whitening(
+        core::FeatureSelection::All(static_cast<int>(first_scores[0].cols())), first_scores);
+    for (core::Matrix& scores : first_scores) scores = whitening.Apply(scores);
+    folds_ = core::StratifiedFolds(first_scores, folds);
+  }
+
+  [[nodiscard]] ComponentsScore operator()(int components) const {
+    std::vector<Sums> each(demonstrations_.size(), Sums(demonstrations_[0].controls.cols()));
+    std::size_t next = 0;
+    for (std::size_t fold = 0; fold < folds_.size(); ++fold) {
+      JudgeFold(fold, components, each, next);
+    }
+    return Score(components, each);
+  }
+
+ private:
+  void JudgeFold(std::size_t fold, int components, std::vector<Sums>& each,
+                 std::size_t& next) const {
+    const std::vector<std::size_t> others = core::Others(folds_, fold, order_);
+    std::vector<core::Matrix> points;
+    std::vector<core::Matrix> controls;
+    for (const std::size_t d : others) {
+      points.emplace_back(demonstrations_[d].states.leftCols(components));
+      controls.emplace_back(demonstrations_[d].controls / unit_);
+    }
+    const auto whitening =
+        core::FeatureTransform::Whitening(core::FeatureSelection::All(components), points);
+    for (core::Matrix& z : points) z = whitening.Apply(z);
+    const auto support = kernel::WhitenedSupport::Fit(points, options_.support);
+    control::JacobianEstimate estimate(std::make_shared<const control::JacobianPrior>(
+        points, controls, control::JacobianOptions{}));
+    // In an order that does not depend on that of recording.
+    for (const std::size_t d : order_) {
+      if (std::ranges::count(folds_[fold], d) == 0) continue;
+      JudgeOne(whitening.Apply(core::Matrix(demonstrations_[d].states.leftCols(components))),
+               demonstrations_[d].controls, support, estimate, each[d], next);
+    }
+  }
+
+  void JudgeOne(const core::Matrix& z, const core::Matrix& controls,
+                const kernel::WhitenedSupport& support, control::JacobianEstimate& estimate,
+                Sums& sums, std::size_t& next) const {
+    control::PhaseTracker tracker(support);
+    Eigen::VectorXd guess(controls.cols());
+    for (Eigen::Index t = 0; t < z.rows(); ++t) {
+      sums.states += 1.0;
+      sums.inside += tracker.Follow(core::Row(z, t)) >= 0.0 ? 1.0 : 0.0;
+      if (t >= controls.rows() || next++ % stride_ != 0) continue;
+      const Eigen::VectorXd v = controls.row(t).transpose() / unit_;
+      estimate.Compute(tracker.phase(), core::Row(z, t));
+      Eigen::VectorXd predicted = z.row(t);
+      estimate.AddEffect(v, predicted);
+      sums.changes += (z.row(t + 1) - z.row(t)).squaredNorm();
+      sums.wrong += (z.row(t + 1).transpose() - predicted).squaredNorm();
+      guess.setZero();
+      if (!estimate.Demonstrated(guess)) continue;
+      sums.guessed += 1.0;
+      sums.v += v;
+      sums.squares += v.squaredNorm();
+      sums.missed += (guess - v).squaredNorm();
+    }
+  }
+
+  std::span<const core::Trajectory> demonstrations_;
+  const ChooseComponentsOptions& options_;
+  double unit_ = 1.0;
+  std::size_t stride_ = 1;
+  std::vector<std::size_t> order_;
+  core::Folds folds_;
+};
+
+void Check(std::span<const core::Trajectory> demonstrations,
+           const ChooseComponentsOptions& options) {
+  DFR_THROW_UNLESS(demonstrations.size() >= kLeastDemonstrations,
+                   "the number of components is chosen by left-out demonstrations: it takes at "
+                   "least "
+                       << kLeastDemonstrations << ", there are " << demonstrations.size());
+  const Eigen::Index p = demonstrations[0].states.cols();
+  const Eigen::Index m = demonstrations[0].controls.cols();
+  DFR_THROW_UNLESS(p >= 1 && m >= 1, "demonstrations need scores and actions");
+  for (std::size_t i = 0; i < demonstrations.size(); ++i) {
+    const core::Trajectory& d = demonstrations[i];
+    DFR_THROW_UNLESS(d.states.cols() == p && d.controls.cols() == m && d.controls.rows() >= 1 &&
+                         d.states.rows() == d.controls.rows() + 1,
+                     "demonstration " << i << " has " << d.states.rows() << " x " << d.states.cols()
+                                      << " scores and " << d.controls.rows() << " x "
+                                      << d.controls.cols() << " actions");
+    DFR_THROW_UNLESS(d.states.allFinite() && d.controls.allFinite(),
+                     "demonstration " << i << " has a non-finite entry");
+  }
+  DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2: " << options.folds);
+  DFR_THROW_UNLESS(!options.candidates.empty() && options.candidates.front() >= 1 &&
+                       std::ranges::is_sorted(options.candidates, std::ranges::less_equal{}),
+                   "candidates must be positive and ascending");
+  DFR_THROW_UNLESS(options.candidates.front() <= p, "the smallest candidate is "
+                                                        << options.candidates.front()
+                                                        << ", but there are " << p << " scores");
+  DFR_THROW_UNLESS(options.least_inside >= 0.0 && options.least_inside <= 1.0,
+                   "least_inside must lie in [0, 1], not be " << options.least_inside);
+}
+
+void Decide(const ChooseComponentsOptions& options, ComponentsChoice& choice) {
+  const ComponentsScore* best = nullptr;
+  const ComponentsScore* most_inside = &choice.table[0];
+  for (const ComponentsScore& row : choice.table) {
+    if (row.inside > most_inside->inside) most_inside = &row;
+    if (row.inside < options.least_inside) continue;
+    if (best == nullptr || row.explained > best->explained) best = &row;
+  }
+  if (best == nullptr) {
+    choice.reason = core::Format(
+        "no number of components keeps %.0f %% of the states of left-out demonstrations inside: at "
+        "most %.0f %%, with %d components. Record more demonstrations",
+        100.0 * options.least_inside, 100.0 * most_inside->inside, most_inside->components);
+    return;
+  }
+  if (best->explained < options.least_explained) {
+    choice.reason = core::Format(
+        "the components do not explain the actions of left-out demonstrations: at most %.0f %% of "
+        "their variance, with %d components. Add what the demonstrator looks at, such as a second "
+        "camera or the joints, or record more demonstrations",
+        100.0 * std::max(0.0, best->explained), best->components);
+    return;
+  }
+  const double enough = best->explained - best->explained_error;
+  for (const ComponentsScore& row : choice.table) {
+    if (row.inside < options.least_inside || row.explained < enough) continue;
+    choice.components = row.components;
+    choice.reason = core::Format(
+        "%d components explain %.0f %% of the variance of left-out actions, within one standard "
+        "error (%.1f %%) of the best (%.0f %%, with %d), and keep %.0f %% of left-out states "
+        "inside",
+        row.components, 100.0 * row.explained, 100.0 * best->explained_error,
+        100.0 * best->explained, best->components, 100.0 * row.inside);
+    return;
+  }
+}
+
+}  // namespace
+
+ComponentsChoice ChooseComponents(std::span<const core::Trajectory> demonstrations,
+                                  const ChooseComponentsOptions& options) {
+  Check(demonstrations, options);
+  const Judge judge(demonstrations, options);
+  ComponentsChoice choice;
+  for (const int components : options.candidates) {
+    if (components <= demonstrations[0].states.cols()) choice.table.push_back(judge(components));
+  }
+  Decide(options, choice);
+  return choice;
+}
+
+}  // namespace dfr::reduction

@@ -1,0 +1,110 @@
+#include "dfr/reduction/choose_components.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "dfr/reduction/principal_components.h"
+#include "tests/reduction/gap_pictures.h"
+#include "tests/support/message_of.h"
+
+namespace dfr::reduction {
+namespace {
+
+using core::Matrix;
+using testing::HasSubstr;
+
+// Scores of `pictures`, as states.
+std::vector<core::Trajectory> Reduced(const test::GapPictures& pictures) {
+  const PrincipalComponents fit =
+      FitPrincipalComponents(ByteRows(pictures.pixels, test::GapPictures::kPixels),
+                             {.components = 24, .scale_floor = 1.0});
+  return pictures.WithScores(fit.scores);
+}
+
+TEST(ChooseComponentsTest, PicturesNeedMoreComponentsThanTheirStateHasEntries) {
+  const ComponentsChoice choice =
+      ChooseComponents(Reduced(test::MakeGapPictures(40, 1)), {.candidates = {3, 6, 10, 16, 24}});
+  ASSERT_EQ(choice.table.size(), 5U);
+  // The state has three entries, which the first three components do not tell.
+  EXPECT_LT(choice.table[0].explained, 0.0);
+  EXPECT_GT(choice.table[2].explained, 0.5);
+  EXPECT_GT(choice.table[0].response_error, choice.table[2].response_error);
+  // Each component more takes states out of the support.
+  EXPECT_GT(choice.table[0].inside, choice.table[2].inside);
+  EXPECT_GT(choice.table[2].inside, choice.table[4].inside);
+  EXPECT_EQ(choice.components, 10) << choice.reason;
+  EXPECT_THAT(choice.reason, HasSubstr("10 components explain"));
+}
+
+TEST(ChooseComponentsTest, TheStateItselfNeedsAllItsEntries) {
+  const ComponentsChoice choice =
+      ChooseComponents(test::MakeGapPictures(40, 2).truth, {.candidates = {2, 3, 4}});
+  ASSERT_EQ(choice.table.size(), 2U);  // There is no fourth.
+  EXPECT_EQ(choice.components, 3) << choice.reason;
+  EXPECT_GT(choice.table[1].explained, 0.8);
+  EXPECT_LT(choice.table[1].response_error, 0.05);
+  EXPECT_GT(choice.table[1].explained_error, 0.0);
+  EXPECT_LT(choice.table[1].explained_error, 0.05);
+}
+
+TEST(ChooseComponentsTest, RefusesWhatDoesNotExplainActions) {
+  // Actions have nothing to do with the pictures.
+  test::GapPictures pictures = test::MakeGapPictures(20, 3);
+  core::Random random(4);
+  for (core::Trajectory& d : pictures.truth) {
+    for (double& value : d.controls.reshaped()) value = random.Normal();
+  }
+  const ComponentsChoice choice = ChooseComponents(Reduced(pictures), {.candidates = {3, 6}});
+  EXPECT_EQ(choice.components, 0);
+  EXPECT_THAT(choice.reason, HasSubstr("do not explain the actions of left-out demonstrations: at "
+                                       "most 0 % of their variance"));
+}
+
+TEST(ChooseComponentsTest, RefusesWhatLeavesNothingInside) {
+  const ComponentsChoice choice = ChooseComponents(Reduced(test::MakeGapPictures(12, 5)),
+                                                   {.candidates = {20, 24}, .least_inside = 0.9});
+  EXPECT_EQ(choice.components, 0);
+  EXPECT_THAT(choice.reason, HasSubstr("no number of components keeps 90 %"));
+  EXPECT_THAT(choice.reason, HasSubstr("Record more demonstrations"));
+}
+
+TEST(ChooseComponentsTest, DoesNotDependOnTheOrderOfDemonstrations) {
+  std::vector<core::Trajectory> demonstrations = Reduced(test::MakeGapPictures(12, 6));
+  const ComponentsChoice before = ChooseComponents(demonstrations, {.candidates = {6}});
+  std::swap(demonstrations[0], demonstrations[7]);
+  std::swap(demonstrations[3], demonstrations[11]);
+  const ComponentsChoice after = ChooseComponents(demonstrations, {.candidates = {6}});
+  EXPECT_EQ(before.table[0].inside, after.table[0].inside);
+  // Sums over demonstrations round in their order.
+  EXPECT_NEAR(before.table[0].explained, after.table[0].explained, 1e-12);
+}
+
+TEST(ChooseComponentsTest, RefusesBadInput) {
+  std::vector<core::Trajectory> demonstrations = test::MakeGapPictures(5, 7).truth;
+  const auto message = [&](const ChooseComponentsOptions& options) {
+    return test::MessageOf([&] { (void)ChooseComponents(demonstrations, options); });
+  };
+  EXPECT_THAT(message({.candidates = {}}), HasSubstr("candidates must be positive and ascending"));
+  EXPECT_THAT(message({.candidates = {0}}), HasSubstr("candidates must be positive"));
+  EXPECT_THAT(message({.candidates = {3, 3}}), HasSubstr("candidates must be positive"));
+  EXPECT_THAT(message({.candidates = {4}}),
+              HasSubstr("the smallest candidate is 4, but there are 3 scores"));
+  EXPECT_THAT(message({.folds = 1}), HasSubstr("folds must be at least 2: 1"));
+  EXPECT_THAT(message({.least_inside = 2.0}), HasSubstr("least_inside must lie in [0, 1]"));
+  demonstrations[3].controls(2, 1) = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THAT(message({}), HasSubstr("demonstration 3 has a non-finite entry"));
+  demonstrations[2].controls.conservativeResize(4, Eigen::NoChange);
+  EXPECT_THAT(message({}), HasSubstr("demonstration 2 has"));
+  for (core::Trajectory& d : demonstrations) d.controls.setZero(d.states.rows() - 1, 2);
+  EXPECT_THAT(message({}), HasSubstr("no demonstrated action differs from zero"));
+  demonstrations.resize(3);
+  EXPECT_THAT(message({}), HasSubstr("at least 4, there are 3"));
+}
+
+}  // namespace
+}  // namespace dfr::reduction

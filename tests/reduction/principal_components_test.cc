@@ -1,0 +1,160 @@
+#include "dfr/reduction/principal_components.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/SVD>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "tests/support/all_close.h"
+#include "tests/support/message_of.h"
+
+namespace dfr::reduction {
+namespace {
+
+using core::Matrix;
+using testing::HasSubstr;
+
+// Rows of rank `rank` with falling variances, units of their own and far from zero.
+Matrix Rows(Eigen::Index n, Eigen::Index d, Eigen::Index rank, std::uint64_t seed) {
+  core::Random random(seed);
+  const auto normal = [&](Eigen::Index rows, Eigen::Index cols) {
+    Matrix m(rows, cols);
+    for (double& value : m.reshaped()) value = random.Normal();
+    return m;
+  };
+  Matrix factors = normal(n, rank);
+  for (Eigen::Index k = 0; k < rank; ++k) factors.col(k) *= std::pow(0.7, static_cast<double>(k));
+  Matrix rows = factors * normal(rank, d);
+  for (Eigen::Index j = 0; j < d; ++j) {
+    rows.col(j) = (rows.col(j) * random.Uniform(0.01, 100.0)).array() + random.Uniform(-1e3, 1e3);
+  }
+  return rows;
+}
+
+Matrix Standardised(const Matrix& rows, const PrincipalComponents& fit) {
+  Matrix a = rows.rowwise() - fit.mean.transpose();
+  for (Eigen::Index j = 0; j < a.cols(); ++j) {
+    a.col(j) *= fit.scale[j] > 0.0 ? 1.0 / fit.scale[j] : 0.0;
+  }
+  return a;
+}
+
+PrincipalComponents Fit(const Matrix& rows, const PrincipalComponentsOptions& options) {
+  return FitPrincipalComponents(MatrixRows({&rows, 1}), options);
+}
+
+TEST(PrincipalComponentsTest, AreThoseOfAnExactDecomposition) {
+  const Matrix rows = Rows(300, 200, 30, 1);
+  const PrincipalComponents fit = Fit(rows, {.components = 8});
+  const Matrix a = Standardised(rows, fit);
+  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(a, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  const Eigen::VectorXd exact = svd.singularValues().array().square() / 300.0;
+  ASSERT_EQ(fit.components.rows(), 8);
+  // Products in float.
+  EXPECT_TRUE(test::AllClose(fit.variance, exact.head(8), 0.0, 1e-5));
+  EXPECT_NEAR(fit.total_variance, exact.sum(), 1e-9 * exact.sum());
+  for (Eigen::Index k = 0; k < 8; ++k) {
+    EXPECT_NEAR(std::abs(fit.components.row(k) * svd.matrixV().col(k)), 1.0, 1e-6) << k;
+  }
+}
+
+TEST(PrincipalComponentsTest, AreOrthonormalWithPositiveLargestEntriesAndTheirScores) {
+  const Matrix rows = Rows(120, 90, 40, 2);
+  const PrincipalComponents fit = Fit(rows, {.components = 12});
+  EXPECT_TRUE(test::AllClose(Matrix(fit.components * fit.components.transpose()),
+                             Matrix(Matrix::Identity(12, 12)), 1e-6));
+  for (Eigen::Index k = 0; k < 12; ++k) {
+    EXPECT_EQ(fit.components.row(k).cwiseAbs().maxCoeff(), fit.components.row(k).maxCoeff());
+  }
+  const Matrix scores = Standardised(rows, fit) * fit.components.transpose();
+  EXPECT_TRUE(test::AllClose(fit.scores, scores, 1e-5));
+  EXPECT_TRUE(test::AllClose(Eigen::VectorXd(scores.colwise().squaredNorm().transpose() / 120.0),
+                             fit.variance, 0.0, 1e-5));
+}
+
+TEST(PrincipalComponentsTest, AreTheSameInOnePieceOrManyAndForAnyNumberOfThreads) {
+  const Matrix whole = Rows(200, 30000, 20, 3);  // More rows than a block holds.
+  const std::vector<Matrix> pieces = {whole.topRows(7), whole.middleRows(7, 150),
+                                      whole.bottomRows(43)};
+  const PrincipalComponentsOptions one{.components = 4, .oversampling = 4, .threads = 1};
+  const PrincipalComponents fit = Fit(whole, one);
+  for (const int threads : {1, 2, 3}) {
+    PrincipalComponentsOptions options = one;
+    options.threads = threads;
+    const PrincipalComponents other = FitPrincipalComponents(MatrixRows(pieces), options);
+    EXPECT_TRUE(fit.components == other.components) << threads;
+    EXPECT_TRUE(fit.scores == other.scores) << threads;
+    EXPECT_TRUE(fit.mean == other.mean && fit.scale == other.scale) << threads;
+  }
+  PrincipalComponentsOptions seeded = one;
+  seeded.seed = 2;
+  EXPECT_FALSE(fit.components == Fit(whole, seeded).components);
+}
+
+TEST(PrincipalComponentsTest, OfBytesAreThoseOfTheSameNumbers) {
+  core::Random random(4);
+  std::vector<std::uint8_t> bytes(40 * 60);
+  for (auto& byte : bytes) byte = static_cast<std::uint8_t>(random.Below(256));
+  Matrix numbers(40, 60);
+  for (Eigen::Index i = 0; i < numbers.size(); ++i) {
+    numbers.data()[i] = bytes[static_cast<std::size_t>(i)];
+  }
+  const PrincipalComponentsOptions options{.components = 5};
+  EXPECT_TRUE(FitPrincipalComponents(ByteRows(bytes, 60), options).components ==
+              Fit(numbers, options).components);
+}
+
+TEST(PrincipalComponentsTest, ConstantEntriesAreIgnoredAndNoiseKeptSmall) {
+  Matrix rows = Rows(100, 20, 5, 5);
+  core::Random random(6);
+  for (Eigen::Index i = 0; i < 100; ++i) {
+    rows(i, 3) = 0.1;
+    rows.row(i).tail(4).setConstant(random.Normal());
+    rows(i, 7) = 1e-3 * random.Normal();
+  }
+  const PrincipalComponents fit = Fit(rows, {.components = 5, .scale_floor = 0.5});
+  EXPECT_EQ(fit.scale[3], 0.0);
+  EXPECT_TRUE((fit.components.col(3).array() == 0.0).all());
+  double square = 0.0;
+  for (Eigen::Index j = 0; j < 20; ++j) {
+    if (j != 3) square += (rows.col(j).array() - rows.col(j).mean()).square().mean();
+  }
+  EXPECT_NEAR(fit.scale[7], 0.5 * std::sqrt(square / 19.0), 1e-9 * fit.scale[7]);
+}
+
+TEST(PrincipalComponentsTest, AreNoMoreThanTheDirectionsOfTheRows) {
+  EXPECT_EQ(Fit(Rows(50, 40, 6, 7), {.components = 30}).components.rows(), 6);
+  EXPECT_EQ(Fit(Rows(5, 40, 20, 8), {.components = 30}).components.rows(), 4);
+  EXPECT_EQ(Fit(Rows(50, 3, 3, 9), {.components = 30}).components.rows(), 3);
+}
+
+TEST(PrincipalComponentsTest, BadInputIsRefusedWithItsPlace) {
+  Matrix rows = Rows(10, 6, 3, 10);
+  EXPECT_THAT(test::MessageOf([&] { (void)Fit(Matrix::Constant(4, 3, 7.0), {}); }),
+              HasSubstr("all 4 rows are equal"));
+  EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows.topRows(1), {}); }),
+              HasSubstr("at least 2 rows"));
+  EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows, {.components = 0}); }),
+              HasSubstr("components must be at least 1: 0"));
+  EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows, {.power_iterations = 0}); }),
+              HasSubstr("power_iterations at least 1"));
+  EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows, {.scale_floor = 1.5}); }),
+              HasSubstr("scale_floor must lie in [0, 1], not be 1.5"));
+  rows(8, 4) = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THAT(test::MessageOf([&] { (void)Fit(rows, {}); }),
+              HasSubstr("entry 4 of row 8 is not finite"));
+  const std::vector<Matrix> unequal = {Rows(3, 4, 2, 1), Rows(3, 5, 2, 1)};
+  EXPECT_THAT(test::MessageOf([&] { (void)MatrixRows(unequal); }),
+              HasSubstr("matrix 1 has 5 columns, matrix 0 has 4"));
+  const std::vector<std::uint8_t> bytes(10);
+  EXPECT_THAT(test::MessageOf([&] { (void)ByteRows(bytes, 3); }),
+              HasSubstr("10 bytes are not a whole number of rows of 3"));
+  EXPECT_THAT(test::MessageOf([&] { (void)MatrixRows({}); }), HasSubstr("no rows"));
+}
+
+}  // namespace
+}  // namespace dfr::reduction

@@ -1,0 +1,201 @@
+#include "dfr/reduction/reduction.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "dfr/core/random.h"
+#include "tests/support/all_close.h"
+#include "tests/support/message_of.h"
+#include "tests/support/no_alloc.h"
+
+namespace dfr::reduction {
+namespace {
+
+using core::Matrix;
+using testing::HasSubstr;
+
+constexpr int kInputs = 1300;  // Several chunks and a rest.
+constexpr int kComponents = 7;
+
+Reduction Random(std::uint64_t seed) {
+  core::Random random(seed);
+  Eigen::VectorXd mean(kInputs);
+  Eigen::VectorXd scale(kInputs);
+  Matrix projection(kComponents, kInputs);
+  for (double& value : mean) value = random.Uniform(0.0, 255.0);
+  for (double& value : scale) value = random.Uniform(1.0, 60.0);
+  for (double& value : projection.reshaped()) value = random.Normal() / std::sqrt(kInputs);
+  scale[5] = 0.0;
+  return {mean, scale, projection};
+}
+
+std::vector<std::uint8_t> Picture(std::uint64_t seed) {
+  core::Random random(seed);
+  std::vector<std::uint8_t> picture(kInputs);
+  for (auto& pixel : picture) pixel = static_cast<std::uint8_t>(random.Below(256));
+  return picture;
+}
+
+TEST(ReductionTest, IsItsDefinitionForEachTypeOfInput) {
+  const Reduction reduction = Random(1);
+  const std::vector<std::uint8_t> picture = Picture(2);
+  const std::vector<double> x(picture.begin(), picture.end());
+  const std::vector<float> floats(picture.begin(), picture.end());
+  Eigen::VectorXd a = core::AsVector(x) - reduction.mean();
+  for (int i = 0; i < kInputs; ++i) {
+    a[i] = reduction.scale()[i] > 0.0 ? a[i] / reduction.scale()[i] : 0.0;
+  }
+  const Eigen::VectorXd expected = reduction.projection() * a;
+  Eigen::VectorXd z(kComponents);
+  reduction.Apply(x, core::AsSpan(z));
+  EXPECT_TRUE(test::AllClose(z, expected, 1e-5));  // Weights in float.
+  Eigen::VectorXd same(kComponents);
+  reduction.Apply(floats, core::AsSpan(same));
+  EXPECT_EQ(z, same);
+  reduction.Apply(picture, core::AsSpan(same));
+  EXPECT_EQ(z, same);
+  const Matrix rows = core::AsVector(x).transpose();
+  EXPECT_EQ(reduction.Apply(rows).row(0).transpose(), z);
+}
+
+TEST(ReductionTest, FarFromZeroKeepsSmallDifferences) {
+  const Reduction reduction(Eigen::VectorXd::Constant(2, 1e6), Eigen::VectorXd::Constant(2, 1e-3),
+                            Matrix::Identity(2, 2));
+  Eigen::VectorXd z(2);
+  reduction.Apply(std::vector<double>{1e6 + 1e-3, 1e6 - 2e-3}, core::AsSpan(z));
+  EXPECT_TRUE(test::AllClose(z, Eigen::Vector2d(1.0, -2.0), 1e-6));
+}
+
+TEST(ReductionTest, BackProjectionIsTheTransposedJacobian) {
+  const Reduction reduction = Random(3);
+  core::Random random(4);
+  std::vector<double> x(kInputs, 100.0);
+  Eigen::VectorXd before(kComponents);
+  Eigen::VectorXd after(kComponents);
+  Eigen::VectorXd dz(kComponents);
+  for (double& value : dz) value = random.Normal();
+  Eigen::VectorXd dx(kInputs);
+  reduction.BackProject(core::AsSpan(dz), core::AsSpan(dx));
+  reduction.Apply(x, core::AsSpan(before));
+  for (const int entry : {0, 5, 511, 512, kInputs - 1}) {
+    x[static_cast<std::size_t>(entry)] += 8.0;
+    reduction.Apply(x, core::AsSpan(after));
+    x[static_cast<std::size_t>(entry)] -= 8.0;
+    EXPECT_NEAR(dx[entry], dz.dot(after - before) / 8.0, 1e-6) << entry;
+  }
+  EXPECT_EQ(dx[5], 0.0);
+}
+
+TEST(ReductionTest, BadStatesAreNotFinite) {
+  const Reduction reduction = Random(5);
+  Eigen::VectorXd z(kComponents);
+  const auto none_finite = [&](std::span<const double> x) {
+    z.setZero();
+    reduction.Apply(x, core::AsSpan(z));
+    return !z.array().isFinite().any();
+  };
+  std::vector<double> x(kInputs, 1.0);
+  EXPECT_FALSE(none_finite(x));
+  EXPECT_TRUE(none_finite(std::span(x).first(kInputs - 1)));
+  for (const std::size_t entry : {0U, 5U, 900U}) {
+    for (const double bad : {std::numeric_limits<double>::quiet_NaN(),
+                             std::numeric_limits<double>::infinity(), 1e300}) {
+      x[entry] = bad;
+      EXPECT_TRUE(none_finite(x)) << entry << ' ' << bad;
+      x[entry] = 1.0;
+    }
+  }
+}
+
+TEST(ReductionTest, ApplyAndBackProjectAllocateNothing) {
+  const Reduction reduction = Random(6);
+  const std::vector<std::uint8_t> picture = Picture(7);
+  const std::vector<double> x(picture.begin(), picture.end());
+  Eigen::VectorXd z(kComponents);
+  Eigen::VectorXd dx(kInputs);
+  const test::NoAlloc guard;
+  reduction.Apply(picture, core::AsSpan(z));
+  reduction.Apply(x, core::AsSpan(z));
+  reduction.BackProject(core::AsSpan(z), core::AsSpan(dx));
+}
+
+TEST(ReductionTest, ProjectsOnPrincipalComponents) {
+  core::Random random(8);
+  Matrix rows(60, 20);
+  for (double& value : rows.reshaped()) value = random.Normal();
+  const PrincipalComponents fit = FitPrincipalComponents(MatrixRows({&rows, 1}), {.components = 6});
+  EXPECT_TRUE(test::AllClose(Reduction::Principal(fit, 4).Apply(rows),
+                             Matrix(fit.scores.leftCols(4)), 1e-5));
+  EXPECT_THAT(test::MessageOf([&] { (void)Reduction::Principal(fit, 7); }),
+              HasSubstr("there are 6 principal components, not 7"));
+}
+
+TEST(ReductionTest, RefusesWhatDoesNotFit) {
+  const Eigen::VectorXd three = Eigen::VectorXd::Ones(3);
+  const Matrix projection = Matrix::Ones(2, 3);
+  const auto message = [](const Eigen::VectorXd& mean, const Eigen::VectorXd& scale,
+                          const Matrix& p) {
+    return test::MessageOf([&] { (void)Reduction(mean, scale, p); });
+  };
+  EXPECT_THAT(message(three, Eigen::VectorXd::Ones(2), projection),
+              HasSubstr("mean, scale and projection have 3, 2 and 3 entries"));
+  EXPECT_THAT(message(three, three, Matrix(0, 3)), HasSubstr("1 to 256 components, not 0"));
+  EXPECT_THAT(message({}, {}, Matrix(1, 0)), HasSubstr("takes 1 to"));
+  EXPECT_THAT(message(three, -three, projection), HasSubstr("a scale is negative: -1"));
+  EXPECT_THAT(message(three, three * 1e-300, projection), HasSubstr("a scale is too small"));
+  EXPECT_THAT(message(three / 0.0, three, projection), HasSubstr("must be finite"));
+}
+
+TEST(ReductionTest, AFileKeepsAllBits) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "reduction.dfr";
+  const Reduction reduction = Random(9);
+  reduction.Save(path);
+  const Reduction loaded = Reduction::Load(path);
+  EXPECT_EQ(loaded.mean(), reduction.mean());
+  EXPECT_EQ(loaded.scale(), reduction.scale());
+  EXPECT_EQ(loaded.projection(), reduction.projection());
+}
+
+TEST(ReductionTest, HostileFilesAreRefusedByName) {
+  const auto path = std::filesystem::path(testing::TempDir()) / "hostile_reduction.dfr";
+  const auto message = [&] {
+    return test::MessageOf<std::runtime_error>([&] { (void)Reduction::Load(path); });
+  };
+  const auto write = [&](const Eigen::VectorXd& mean, const Eigen::VectorXd& scale,
+                         const Matrix& projection, bool more = false) {
+    core::ArchiveWriter archive("reduction", 1);
+    archive.Numbers(core::AsSpan(mean));
+    archive.Numbers(core::AsSpan(scale));
+    archive.MatrixBlock(projection);
+    if (more) archive.Integer(1);
+    archive.Save(path);
+  };
+  const Eigen::VectorXd three = Eigen::VectorXd::Ones(3);
+  write(three, -three, Matrix::Ones(1, 3));
+  EXPECT_THAT(message(), HasSubstr("hostile_reduction.dfr: holds no reduction: a scale is"));
+  write(three, three, Matrix::Ones(1, 4));
+  EXPECT_THAT(message(), HasSubstr("3, 3 and 4 entries"));
+  write(three, three, Matrix::Ones(300, 3));
+  EXPECT_THAT(message(), HasSubstr("1 to 256 components, not 300"));
+  write(three, three, Matrix::Constant(1, 3, std::numeric_limits<double>::quiet_NaN()));
+  EXPECT_THAT(message(), HasSubstr("must be finite"));
+  write({}, {}, Matrix(0, 0));
+  EXPECT_THAT(message(), HasSubstr("holds no reduction"));
+  write(three, three, Matrix::Ones(1, 3), /*more=*/true);
+  EXPECT_THAT(message(), HasSubstr("bytes more"));
+  core::ArchiveWriter("guard", 1).Save(path);
+  EXPECT_THAT(message(), HasSubstr("holds a guard, where a reduction is needed"));
+  Random(10).Save(path);
+  std::filesystem::resize_file(path, std::filesystem::file_size(path) / 2);
+  EXPECT_THAT(message(), HasSubstr("truncated or damaged"));
+}
+
+}  // namespace
+}  // namespace dfr::reduction
