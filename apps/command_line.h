@@ -3,16 +3,19 @@
 #include <CLI/CLI.hpp>
 #include <csignal>
 #include <cstdint>
+#include <cstdlib>
+#include <optional>
 #include <string>
 
 #include "dfr/core/numbers.h"
 
 namespace dfr::apps {
 
-/// Numbers of horizons, repetitions and the like: no more of them than files and counters hold.
+/// Range of horizons, repetitions and similar counts.
 inline const CLI::Range kCount(1, 1'000'000);
 
-/// For CLI::Option::check(). CLI11's own end with all 309 digits of the largest double.
+/// For CLI::Option::check(). The messages of CLI11's validators contain all 309 digits of the
+/// largest double.
 inline const CLI::Validator kPositive(
     [](std::string& text) {
       const auto value = core::ParseNumber(text);
@@ -22,18 +25,17 @@ inline const CLI::Validator kPositive(
 inline const CLI::Validator kNotNegative(
     [](std::string& text) {
       const auto value = core::ParseNumber(text);
-      return value && *value >= 0.0 ? std::string() : "must not be negative, as " + text + " is";
+      return value && *value >= 0.0 ? std::string() : "must not be negative, not " + text;
     },
     "NONNEGATIVE");
 
-/// A file that becomes larger than the system allows (ulimit -f) is an error of the write, as on a
-/// full disk, and not the program's end by a signal. To be called before the first thread is made.
+/// Makes a write beyond the file size limit (ulimit -f) fail as on a full disk, instead of killing
+/// the program by a signal. Call this before the first thread starts.
 inline void IgnoreFileSizeSignal() { static_cast<void>(std::signal(SIGXFSZ, SIG_IGN)); }
 
-/// Makes every option of a program and of its commands that takes a number read it as all of this
-/// repository does (core/numbers.h): no NaN, no infinity, no hexadecimal or octal, no sign before
-/// what cannot be negative, nothing that overflows. To be called when all options are added; checks
-/// of an option's own range come on top.
+/// Makes every numeric option of a program and its commands follow core/numbers.h: no NaN,
+/// infinity, hexadecimal, octal or overflow, and no sign where a number cannot be negative. Call
+/// this after all options are added. Options may have additional range checks.
 inline void CheckNumbers(CLI::App& app) {
   for (CLI::Option* option : app.get_options()) {
     const std::string type = option->get_type_name();
@@ -60,6 +62,20 @@ inline void CheckNumbers(CLI::App& app) {
   for (CLI::App* command : app.get_subcommands([](CLI::App*) { return true; })) {
     CheckNumbers(*command);
   }
+}
+
+/// Parses the arguments. Returns the exit code if the program is done: EXIT_SUCCESS after --help
+/// and --version, 2 after a usage error, which is printed in one line.
+inline std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
+  app.failure_message([](const CLI::App* program, const CLI::Error& e) {
+    return program->get_name() + ": " + e.what() + "; --help lists commands and options\n";
+  });
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return app.exit(e) == EXIT_SUCCESS ? EXIT_SUCCESS : 2;
+  }
+  return std::nullopt;
 }
 
 }  // namespace dfr::apps

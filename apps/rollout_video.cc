@@ -18,7 +18,8 @@ constexpr int kMargin = 12;
 constexpr double kFramesPerSecond = 15.0;
 constexpr int kHoldFrames = 20;  // after the longest video has ended
 
-// OpenCV's colours are blue, green, red. Chosen to be told apart by colour-blind eyes as well.
+// OpenCV's colours are blue, green, red. The colours are distinguishable for colour-blind readers,
+// too.
 const cv::Scalar kPaper(252, 251, 250);
 const cv::Scalar kInk(45, 42, 40);
 const cv::Scalar kFaint(205, 200, 196);
@@ -46,7 +47,7 @@ void Write(cv::Mat& canvas, const std::string& text, cv::Point at, double scale,
   cv::putText(canvas, text, at, cv::FONT_HERSHEY_SIMPLEX, scale, colour, thickness, cv::LINE_AA);
 }
 
-// What the scale of g must show: all values and thresholds, and zero.
+// Range of the scale of g: includes all values and thresholds, and zero.
 struct Range {
   double low = 0.0;
   double high = 1e-6;
@@ -160,7 +161,7 @@ void CheckVideos(std::span<const RolloutVideo> videos) {
   if (videos.empty() || std::any_of(videos.begin(), videos.end(), [](const RolloutVideo& video) {
         return video.frames.empty();
       })) {
-    throw std::runtime_error("there is no picture to write: no rollout was recorded");
+    throw std::runtime_error("no picture to write: no rollout was recorded");
   }
 }
 
@@ -209,7 +210,7 @@ void RolloutVideoRecorder::OnControl(const control::RolloutEvent& event) {
   if (!policy) ++recovery_controls_;
   if (policy || event.collided || event.completed || recovery_controls_ % recovery_stride_ == 1) {
     Capture(event.step, event.x);
-    // The first control was chosen in the start state, whose picture it did not know.
+    // The first control belongs to the start state, whose picture was taken before it.
     if (video_.frames.size() == 2) video_.frames.front().CopyLevel(video_.frames.back());
   }
 }

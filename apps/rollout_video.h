@@ -12,14 +12,14 @@
 
 namespace dfr::apps {
 
-/// One picture of a rollout with what the controller thought at that moment.
+/// One picture of a rollout, with the controller's values at that moment.
 struct VideoFrame {
   std::vector<std::uint8_t> jpeg;
   control::Step step;
-  double level = 0.0;      ///< g, or its log form where the controller works with that.
-  double threshold = 0.0;  ///< The gate's, in the same form; NaN: none.
+  double level = 0.0;      ///< g, or its log form if the controller uses that.
+  double threshold = 0.0;  ///< Threshold of the gate, in the same form; NaN: none.
   bool logarithmic = false;
-  int controls = 0;  ///< Applied so far.
+  int controls = 0;  ///< Number of controls applied so far.
 
   void CopyLevel(const VideoFrame& other) {
     level = other.level;
@@ -28,7 +28,7 @@ struct VideoFrame {
   }
 };
 
-/// A rollout as pictures, kept compressed.
+/// A rollout as compressed pictures.
 struct RolloutVideo {
   std::string title;
   control::RolloutResult result;
@@ -36,13 +36,13 @@ struct RolloutVideo {
 };
 
 /// Takes a picture after every control of the learned policy, and after every `recovery_stride`-th
-/// control of a recovery, which are many and small.
+/// control of a recovery, because recoveries have many small controls.
 class RolloutVideoRecorder final : public control::RolloutObserver {
  public:
   /// Draws the plant's present state: width x height RGB bytes, top row first.
   using Draw = std::function<void(std::span<std::uint8_t> rgb)>;
 
-  /// Borrows `support`, whose g is shown where the controller does not look at any.
+  /// Borrows `support`; its g is shown if the controller has none.
   RolloutVideoRecorder(std::string title, int width, int height, Draw draw,
                        const core::DecisionFunction& support, int recovery_stride = 8);
 
@@ -68,12 +68,12 @@ class RolloutVideoRecorder final : public control::RolloutObserver {
 };
 
 /// Writes videos side by side, each over its decision function g(t), the gate's threshold and the
-/// mode. A video that ends early holds its last picture with its outcome. The ending of `path`
-/// chooses the format: .mp4 (H.264) or .webm (VP8).
+/// mode. A video that ends early shows its last picture with its outcome until the end. The ending
+/// of `path` chooses the format: .mp4 (H.264) or .webm (VP8).
 /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
 void WriteVideo(const std::filesystem::path& path, std::span<const RolloutVideo> videos);
 
-/// Writes picture `index` of the same, or the last one, as a PNG or JPEG chosen by the ending.
+/// Writes picture `index` of the same videos, or the last one. The ending chooses PNG or JPEG.
 void WriteStill(const std::filesystem::path& path, std::span<const RolloutVideo> videos,
                 std::size_t index);
 

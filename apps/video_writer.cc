@@ -19,7 +19,7 @@ VideoWriter::VideoWriter(const std::filesystem::path& path, cv::Size size, doubl
       writer_(path.string(), cv::CAP_FFMPEG, CodecOf(path), frames_per_second, even_) {
   if (!writer_.isOpened()) {
     throw std::runtime_error(path.string() +
-                             ": the video cannot be written here; does its folder exist?");
+                             ": the video cannot be written; check that its folder exists");
   }
 }
 

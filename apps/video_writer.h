@@ -6,7 +6,7 @@
 namespace dfr::apps {
 
 /// Writes pictures of one size to a video file. The ending of its name chooses the format: .mp4
-/// (H.264) or .webm (VP8). Encoders want even sizes: an odd last row or column is left out.
+/// (H.264) or .webm (VP8). Encoders need even sizes, so an odd last row or column is left out.
 class VideoWriter {
  public:
   /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.

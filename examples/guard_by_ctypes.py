@@ -13,7 +13,8 @@ class Verdict(ctypes.Structure):
 
 
 if len(sys.argv) != 3:
-    sys.exit("usage: guard_by_ctypes.py libdfr_guard.so.0 GUARD   (fit_a_guard makes one)")
+    print("usage: guard_by_ctypes.py libdfr_guard.so.0 GUARD   (fit_a_guard makes one)", file=sys.stderr)
+    sys.exit(2)
 library = ctypes.CDLL(sys.argv[1])
 library.dfr_guard_load.restype = ctypes.c_void_p
 library.dfr_guard_last_error.restype = ctypes.c_char_p

@@ -49,7 +49,8 @@ def demonstrate(rng):
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:
-        sys.exit("usage: record_demonstrations.py FILE.hdf5")
+        print("usage: record_demonstrations.py FILE.hdf5", file=sys.stderr)
+        sys.exit(2)
     rng = np.random.default_rng(1)
     with h5py.File(sys.argv[1], "w") as file:
         data = file.create_group("data")

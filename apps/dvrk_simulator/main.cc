@@ -43,7 +43,7 @@ struct Options {
   std::vector<std::pair<std::string, std::string>> faults;
 };
 
-// One of a few words, and help and errors that show just these.
+// An option that takes one of a few words; help and errors list exactly these.
 template <typename T>
 CLI::Validator OneOf(const std::map<std::string, T>& words) {
   std::string list;
@@ -51,7 +51,7 @@ CLI::Validator OneOf(const std::map<std::string, T>& words) {
   list += "}";
   return {[words, list](std::string& text) {
             const auto found = words.find(text);
-            if (found == words.end()) return "'" + text + "' is none of " + list;
+            if (found == words.end()) return "'" + text + "' is not one of " + list;
             text = std::to_string(static_cast<int>(found->second));
             return std::string();
           },
@@ -66,7 +66,7 @@ void AddNetwork(CLI::App& app, Options& options) {
       ->check(CLI::Range(0, 232))
       ->group(group);
   app.add_option("--discovery", network.discovery,
-                 "who finds it: loopback (this machine), network, or server (--server)")
+                 "DDS discovery: loopback (this machine), network, or server (--server)")
       ->default_str("loopback")
       ->type_name("TEXT")
       ->transform(OneOf<Discovery>({{"loopback", Discovery::kLoopback},
@@ -76,44 +76,45 @@ void AddNetwork(CLI::App& app, Options& options) {
   app.add_option("--server", network.server_address, "IPv4 address of the discovery server")
       ->capture_default_str()
       ->group(group);
-  app.add_option("--server-port", network.server_port, "its port")
+  app.add_option("--server-port", network.server_port, "port of the discovery server")
       ->capture_default_str()
       ->group(group);
   app.add_option("--security", network.security,
-                 "its folder in a secured network, made by `hardware certificates`; who has none\n"
-                 "then neither hears nor commands it")
+                 "this program's folder in a secured network, made by `hardware "
+                 "certificates`;\nparticipants without one then neither hear nor command it")
       ->group(group);
   app.add_flag("--shared-memory,!--no-shared-memory", options.shared_memory,
-               "pictures go through shared memory to clients on this machine that offer it\n"
-               "(default: yes); the arm stays on UDP")
+               "send pictures through shared memory to clients on this machine that offer "
+               "it\n(default: yes); the arm stays on UDP")
       ->group(group);
 }
 
 void AddScene(CLI::App& app, Options& options) {
   auto& [arm, world, seed, linger_s] = options.scene;
   const std::string group = "Scene";
-  app.add_option("--arm", arm.arm, "the arm's name, first part of its topics")
+  app.add_option("--arm", arm.arm, "name of the arm, the first part of its topics")
       ->capture_default_str()
       ->group(group);
   app.add_option("--generation", arm.generation,
-                 "which da Vinci the arm is of: Classic, or Si, whose joints go farther")
+                 "generation of the da Vinci: Classic, or Si, which has larger joint ranges")
       ->transform(
           OneOf<PsmGeneration>({{"Classic", PsmGeneration::kClassic}, {"Si", PsmGeneration::kSi}}))
       ->type_name("TEXT")
       ->default_str("Classic")
       ->group(group);
-  app.add_option("--seed", seed, "of the first episode: line, light, disturbance")
+  app.add_option("--seed", seed, "random seed of the first episode: line, light, disturbance")
       ->capture_default_str()
       ->group(group);
-  app.add_option("--homing", arm.homing_s, "seconds that homing takes")
+  app.add_option("--homing", arm.homing_s, "duration of homing [s]")
       ->capture_default_str()
       ->group(group);
-  app.add_option("--arm-error-seed", world.arm.seed, "which individual arm: its cable errors")
+  app.add_option("--arm-error-seed", world.arm.seed,
+                 "random seed of the individual arm's cable errors")
       ->capture_default_str()
       ->group(group);
   app.add_option("--arm-error", world.arm.mean_error_m,
-                 "mean distance of the tip from where the encoders have it [m]; up to\n0.0005 of "
-                 "it is what no calibration finds")
+                 "mean distance of the tip from its position by the encoders [m];\ncalibration "
+                 "cannot remove up to 0.0005 of it")
       ->capture_default_str()
       ->group(group);
   app.add_flag_callback(
@@ -123,14 +124,15 @@ void AddScene(CLI::App& app, Options& options) {
            options.scene.arm.base_frame = Plant::p_world_cam().inverse() * Plant::p_world_base();
            options.scene.arm.base_frame_name = "ECM_view";
          },
-         "poses are relative to the camera, as on a cart with an endoscope arm; local/ is not")
+         "publish poses relative to the camera, as on a cart with an endoscope arm; local/ poses "
+         "stay in the base frame")
       ->group(group);
   app.add_option("--calibration", options.calibration,
-                 "what the operator knows who puts the tip over the line: a file of line_tracking\n"
-                 "calibrate; else the true camera and an uncorrected arm")
+                 "calibration by which the operator puts the tip over the line: a file "
+                 "of\nline_tracking calibrate; by default the true camera and an uncorrected arm")
       ->group(group);
   auto& d = world.disturbance;
-  app.add_option("--wave", d.wave, "how the platform moves: none, sine, breath or random")
+  app.add_option("--wave", d.wave, "motion of the platform: none, sine, breath or random")
       ->transform(OneOf<Wave>({{"none", Wave::kNone},
                                {"sine", Wave::kSine},
                                {"breath", Wave::kBreath},
@@ -138,46 +140,49 @@ void AddScene(CLI::App& app, Options& options) {
       ->type_name("TEXT")
       ->default_str(dfr::sim::Name(d.wave))
       ->group(group);
-  app.add_option("--amplitude", d.amplitude, "of x, y, z [m], roll, pitch, yaw [rad]; six numbers")
+  app.add_option("--amplitude", d.amplitude,
+                 "amplitudes of x, y, z [m], roll, pitch, yaw [rad]; six numbers")
       ->delimiter(',')
       ->group(group);
-  app.add_option("--frequency", d.frequency, "of the same [Hz], of breath [rad/s]; six numbers")
+  app.add_option("--frequency", d.frequency,
+                 "frequencies of the same [Hz], of breath [rad/s]; six numbers")
       ->delimiter(',')
       ->group(group);
   app.add_flag("--during,!--not-during", d.during,
                "the platform moves while the arm does (default: yes)")
       ->group(group);
   app.add_flag("--between", d.between,
-               "it moves while the arm does not; in lock-step, for --pause at each rest")
+               "the platform moves while the arm does not; in lock-step, for --pause at each rest")
       ->group(group);
   app.add_option("--pause", d.pause_s, "[s]")->capture_default_str()->group(group);
   app.add_flag("!--no-camera", options.server.camera,
-               "draw and publish no pictures; needs no OpenGL then")
+               "draw and publish no pictures; OpenGL is not needed then")
       ->group(group);
 }
 
 void AddTime(CLI::App& app, Options& options) {
   const std::string group = "Time";
   app.add_flag("--lock-step", options.server.lock_step,
-               "no time passes unless /simulator/request asks for it")
+               "advance time only when /simulator/request asks for it")
       ->group(group);
   app.add_option("--period", options.server.console.state_period_s,
-                 "seconds between published states")
+                 "time between published states [s]")
       ->capture_default_str()
       ->group(group);
-  app.add_option("--image-period", options.server.image_period_s, "seconds between pictures")
+  app.add_option("--image-period", options.server.image_period_s, "time between pictures [s]")
       ->default_str("1/30")
       ->group(group);
-  app.add_option("--priority", options.priority,
-                 "SCHED_FIFO of the arm, as a console has its own processor; 0: as usual")
+  app.add_option(
+         "--priority", options.priority,
+         "SCHED_FIFO priority of the arm's thread, as a console has a separate processor; 0: none")
       ->capture_default_str()
       ->check(CLI::Range(0, 99))
       ->group(group);
-  app.add_option("--duration", options.duration_s, "stop by itself after so many seconds; 0: never")
+  app.add_option("--duration", options.duration_s, "stop after this time [s]; 0: never")
       ->capture_default_str()
       ->group(group);
   app.add_option("--status", options.status_s,
-                 "print a line every so many seconds: state, rates, tip; 0: never")
+                 "time between printed lines (state, rates, tip) [s]; 0: print none")
       ->capture_default_str()
       ->group(group);
 }
@@ -196,19 +201,20 @@ void AddFaults(CLI::App& app, Options& options) {
            "--" + name, [&options, name] { options.faults.emplace_back(name, "1"); }, help)
         ->group(group);
   };
-  number("delay", "--delay", "what is measured arrives so many seconds late");
-  number("jitter", "--jitter", "and up to so many seconds later still");
-  number("drop", "--drop", "share of the state samples that are lost");
-  number("drop_commands", "--drop-commands", "share of the motion commands that are lost");
-  number("clock_jump", "--clock-jump", "seconds added to all stamps");
-  app.add_option("--fault-seed", options.server.console.seed, "of what is lost or late")
+  number("delay", "--delay", "delay of measurements [s]");
+  number("jitter", "--jitter", "largest additional random delay [s]");
+  number("drop", "--drop", "fraction of lost state samples");
+  number("drop_commands", "--drop-commands", "fraction of lost motion commands");
+  number("clock_jump", "--clock-jump", "offset added to all stamps [s]");
+  app.add_option("--fault-seed", options.server.console.seed, "random seed of losses and delays")
       ->capture_default_str()
       ->group(group);
-  flag("freeze", "the same state again and again");
-  flag("silent", "no state");
-  flag("invalid", "everything is stamped zero");
-  flag("corrupt", "positions are NaN");
-  number("platform", "--platform-speed", "m/s, 5 mm to and fro across the line");
+  flag("freeze", "repeat the same state");
+  flag("silent", "publish no state");
+  flag("invalid", "stamp everything zero");
+  flag("corrupt", "publish NaN as positions");
+  number("platform", "--platform-speed",
+         "speed of an additional motion across the line, 5 mm to and fro [m/s]");
   app.add_option_function<std::string>(
          "--camera-fault",
          [&options](const std::string& v) { options.faults.emplace_back("camera", v); },
@@ -229,18 +235,18 @@ void Introduce(const Options& options) {
     std::cout << "  pictures /ECM/image_raw image_raw/compressed camera_info";
     if (!options.server.lock_step) {
       std::cout << " at " << 1.0 / options.server.image_period_s
-                << " Hz, while somebody subscribes";
+                << " Hz, while a program subscribes";
     }
     std::cout << '\n';
   }
   std::cout << "  platform /SPRK/measured_cp setpoint_cp\n"
             << "  itself   /simulator/request: reset SEED, truth, fault NAME VALUE"
             << (options.server.lock_step ? ", run DT, rest, look" : "") << '\n'
-            << (options.server.lock_step ? "No time passes unless it is asked to. " : "")
+            << (options.server.lock_step ? "Time advances only on request. " : "")
             << "Ctrl-C ends it." << std::endl;
 }
 
-// A line about what goes on, every so often.
+// Prints a line of status at a fixed interval.
 class Status {
  public:
   Status(const Options& options, const dfr::sim::DvrkScene& scene,
@@ -277,7 +283,7 @@ class Status {
   std::uint64_t images_ = 0;
 };
 
-// Who was found and not admitted, once each.
+// Prints each participant that was found but not admitted, once.
 void ReportRefused(dfr::dds::Participant& participant) {
   for (const auto& [name, guid, reason] : participant.TakeRefusedPeers()) {
     std::cout << "dvrk_simulator: refused '" << name << "' (" << guid << "): " << reason
@@ -287,7 +293,7 @@ void ReportRefused(dfr::dds::Participant& participant) {
 
 void Run(Options options) {
   if (options.server.lock_step) options.scene.linger_s = 0.0;
-  // What no calibration finds is part of the whole.
+  // The residual that no calibration removes is a part of the mean error.
   auto& error = options.scene.world.arm;
   error.mean_residual_m = std::min(error.mean_residual_m, error.mean_error_m);
   options.network.name = "dvrk_simulator";
@@ -304,15 +310,15 @@ void Run(Options options) {
   for (const auto& [name, value] : options.faults) server.SetFault(name, value);
   Introduce(options);
 
-  // Here, so that whoever draws the pictures is not favoured.
+  // Set here, not earlier, so that the drawing threads do not inherit the priority.
   if (options.priority > 0) {
     const std::string refused = dfr::runtime::AskForRealTime(options.priority);
     if (!refused.empty()) std::cout << "note: " << refused << std::endl;
   }
   Status status(options, scene, server);
   constexpr std::chrono::milliseconds kPeriod(1);
-  // Simulated time is the clock's; where the machine falls behind, a step is longer, up to what the
-  // console takes.
+  // Simulated time follows the clock. If the machine falls behind, steps are longer, up to the
+  // console's limit.
   constexpr double kLongestStep = 0.1;
   const auto start = Clock::now();
   auto look_for_refused = start;
@@ -349,15 +355,14 @@ int main(int argc, char** argv) try {
       "dvrk_simulator");
   app.set_version_flag("--version",
                        std::string(dfr::core::BuildVersion()) + " " + dfr::core::BuildCommit());
-  app.failure_message(CLI::FailureMessage::simple);
   AddScene(app, options);
   AddTime(app, options);
   AddNetwork(app, options);
   AddFaults(app, options);
   dfr::apps::CheckNumbers(app);
-  CLI11_PARSE(app, argc, argv);
+  if (const auto code = dfr::apps::Parse(app, argc, argv)) return *code;
 
-  // Before any thread is made, and so before any time in which a signal would kill.
+  // Installed before any thread starts, so that a signal never kills the program.
   std::signal(SIGINT, Stop);
   std::signal(SIGTERM, Stop);
   Run(options);

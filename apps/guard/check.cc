@@ -25,7 +25,7 @@ namespace {
 
 using core::EntryName;
 
-// Tells problems as they are found; of one kind the first few.
+// Prints problems as they are found, up to a limit for each kind.
 class Findings {
  public:
   void Error(const std::string& what) { Say("error", what, errors_); }
@@ -72,7 +72,7 @@ class LaggedFit {
     }
   }
 
-  // The share of the variance of each entry's changes that actions explain.
+  // Share of the variance of each entry's changes that actions explain.
   [[nodiscard]] Eigen::VectorXd Shares() const {
     Eigen::VectorXd shares = Eigen::VectorXd::Zero(xx_.size());
     if (count_ == 0) return shares;
@@ -82,7 +82,7 @@ class LaggedFit {
     const Eigen::VectorXd xx = xx_ - x_.cwiseAbs2() / count_;
     const Eigen::VectorXd explained = (ux.array() * uu.ldlt().solve(ux).array()).colwise().sum();
     for (Eigen::Index k = 0; k < xx.size(); ++k) {
-      // What is left of a constant change by rounding is no variance.
+      // The rounding error of a constant change is not variance.
       if (xx[k] > 1e-12 * xx_[k]) shares[k] = explained[k] / xx[k];
     }
     return shares;
@@ -97,7 +97,7 @@ class LaggedFit {
   double count_ = 0.0;
 };
 
-// What is collected over all episodes, in memory of the size of one and of the quaternions of all.
+// Statistics over all episodes. Memory holds one episode and the quaternions of all.
 class Collected {
  public:
   Collected(const core::StateLayout& layout, int action_dim)
@@ -161,7 +161,7 @@ class Collected {
   }
 
  private:
-  // Few entries one by one, many in one line.
+  // Lists few entries one by one, and many in one line.
   void Doubled(Findings& findings) const {
     constexpr std::size_t kFew = 3;
     std::vector<std::string> pairs;
@@ -174,12 +174,12 @@ class Collected {
     }
     if (pairs.size() > kFew) {
       findings.Warning("doubled",
-                       core::Format("%zu entries repeat others, as %s: one of each is enough",
+                       core::Format("%zu entries repeat others, for example %s: keep one of each",
                                     pairs.size(), pairs[0].c_str()));
       return;
     }
     for (const std::string& pair : pairs) {
-      findings.Warning("doubled", pair + ": one of them is enough");
+      findings.Warning("doubled", pair + ": keep one of them");
     }
   }
 
@@ -194,11 +194,12 @@ class Collected {
     }
   }
 
-  // What actions seem to be: a guard for positions would take "hold still" for "go to zero".
+  // Finds actions that are positions: their guard would take "hold still" for "go to zero".
   void Actions(Findings& findings) const {
     const auto absolute = actions_.Absolute();
     if (absolute.empty()) {
-      std::printf("actions    are no positions of the state's entries: velocities or increments\n");
+      std::printf(
+          "actions    are not positions of the state's entries, but velocities or increments\n");
       return;
     }
     findings.Error(
@@ -207,8 +208,8 @@ class Collected {
   }
 
   void Alignment(Findings& findings) const {
-    // What actions explain best as recorded is what they move; there the neighbours must not do
-    // better.
+    // The entries that the recorded actions explain best are those that they move. There the
+    // neighbouring steps must not explain more.
     constexpr double kClearly = 0.1;
     const Eigen::VectorXd as_recorded = fits_[1].Shares();
     for (const std::size_t i : {std::size_t{0}, std::size_t{2}}) {
@@ -258,8 +259,7 @@ imitation::RobomimicWriter OpenRepaired(const CheckOptions& options,
                                         const imitation::DemonstrationReader& reader) {
   std::error_code error;
   if (std::filesystem::equivalent(options.repair, options.demonstrations, error)) {
-    throw std::runtime_error(options.repair.string() +
-                             ": is the file to repair; give another, so that nothing is lost");
+    throw std::runtime_error(options.repair.string() + ": is the file to repair; give another one");
   }
   return {options.repair, reader.layout(), reader.control_dim(), reader.environment()};
 }
@@ -286,10 +286,10 @@ bool RunCheck(const CheckOptions& options) {
     try {
       if (repaired) repaired->Append(episode);
     } catch (const std::invalid_argument& e) {
-      findings.Error(reader->name(i) + ": is not in the repaired file: " + e.what());
+      findings.Error(reader->name(i) + ": is left out of the repaired file: " + e.what());
     }
     CheckActions(reader->name(i), episode.controls, options.action_limit, findings);
-    // Equal sums to the last bit are equal episodes.
+    // Episodes with bitwise equal sums are equal.
     const std::pair<double, Eigen::Index> mark{
         episode.states.squaredNorm() + 3.0 * episode.controls.squaredNorm(), episode.states.rows()};
     const auto [first, fresh] = seen.emplace(mark, reader->name(i));

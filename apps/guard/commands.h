@@ -8,16 +8,16 @@
 
 namespace dfr::apps::guard {
 
-// One struct and one function a command; main.cc fills the one and calls the other. All throw
-// std::exception with a message for the user.
+// One struct and one function per command. main.cc fills the struct and calls the function. All
+// functions throw std::exception with a message for the user.
 
 struct CheckOptions {
   std::filesystem::path demonstrations;
   std::string filter_key;
   double action_limit = 1.0;
-  std::filesystem::path repair;  ///< Write the episodes that can be read to this file; empty: none.
+  std::filesystem::path repair;  ///< File for the readable episodes; empty: none.
 };
-/// Prints what is wrong with demonstrations. @returns whether nothing is that would spoil a fit.
+/// Prints the errors of demonstrations. @returns true if none of them affects a fit.
 bool RunCheck(const CheckOptions& options);
 
 struct ConvertOptions {
@@ -26,7 +26,7 @@ struct ConvertOptions {
   std::filesystem::path
       out;         ///< .hdf5: robomimic's format; otherwise the folder of a Minari dataset.
   std::string id;  ///< The dataset's id; empty: the names of the last two folders.
-  bool differences = false;  ///< Make increments of actions that are positions.
+  bool differences = false;  ///< Convert actions that are positions to increments.
 };
 void RunConvert(const ConvertOptions& options);
 
@@ -35,24 +35,24 @@ struct FitOptions {
   std::string filter_key;
   std::filesystem::path out = "task.guard";
   std::string strategy = "guard";
-  bool all = false;          ///< Episodes that did not complete the task, too.
-  bool as_recorded = false;  ///< Actions that look like positions are none.
-  bool strict = false;       ///< Findings are a failure.
+  bool all = false;          ///< Include episodes that did not complete the task.
+  bool as_recorded = false;  ///< Actions that look like positions are not positions.
+  bool strict = false;       ///< Treat warnings as a failure.
   safety::GuardOptions guard;
 };
-/// @returns false if `strict` and something speaks against the guard, which is saved all the same.
+/// @returns false if `strict` and there is a warning. The guard is saved in any case.
 bool RunFit(const FitOptions& options);
 
-/// Prints what a file holds, what its figures mean, and what speaks against using it.
+/// Prints the content of a file, the meaning of its figures, and warnings.
 void Describe(const safety::GuardModel& model);
-/// Prints what safety::Warnings() found, a line each.
+/// Prints each of safety::Warnings() in one line.
 void Describe(const std::vector<std::string>& findings);
 
 struct ReportOptions {
   std::filesystem::path guard;
   std::filesystem::path demonstrations;
   std::string filter_key;
-  std::filesystem::path failures;  ///< Episodes that went wrong; empty: none.
+  std::filesystem::path failures;  ///< Failed episodes; empty: none.
   std::filesystem::path out = "report.html";
 };
 void RunReport(const ReportOptions& options);

@@ -13,7 +13,7 @@
 namespace dfr::apps::guard {
 namespace {
 
-// One episode at a time, whatever the size of the file.
+// Converts one episode at a time, for files of any size.
 template <typename Writer>
 void Copy(const imitation::DemonstrationReader& reader,
           std::span<const core::AbsoluteAction> absolute, Writer& writer) {
@@ -47,7 +47,7 @@ imitation::MinariWriter OpenMinariWriter(const ConvertOptions& options,
   }
 }
 
-// The entries of actions that --differences converts. Prints which, and which stay.
+// Entries of actions that --differences converts. Prints these and the others.
 std::vector<core::AbsoluteAction> FindPositions(const imitation::DemonstrationReader& reader,
                                                 const std::filesystem::path& path) {
   core::ActionAnalysis analysis(reader.layout().state_dim(), reader.control_dim());

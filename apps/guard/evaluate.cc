@@ -17,7 +17,7 @@ void RunEvaluate(const EvaluateOptions& options) {
   const auto reader = imitation::OpenDemonstrations(options.demonstrations, options.filter_key);
   if (reader->layout() != model->layout()) {
     throw std::runtime_error(options.demonstrations.string() +
-                             ": its states have other parts than those of " +
+                             ": its states have different parts than those of " +
                              options.guard.string());
   }
   safety::Guard guard(model);
@@ -33,7 +33,7 @@ void RunEvaluate(const EvaluateOptions& options) {
     const auto alarm = std::find_if(levels.begin(), levels.end(),
                                     [&](double l) { return l < -model->settings().alarm_level; });
     alarms += alarm != levels.end() ? 1 : 0;
-    // After an action of its own the recorded states are no longer what the guard's led to.
+    // After the guard has changed an action, the recorded states no longer follow from its actions.
     std::string first = "-";
     guard.Reset();
     for (int t = 0; t < episode.num_steps(); ++t) {

@@ -19,14 +19,14 @@ void WriteMatrix(std::ofstream& out, const core::Matrix& values) {
   }
 }
 
-// t_000.model, t_001.model, ... of y, and features.txt and t_000.csv that say how a state becomes
-// y.
+// Writes t_000.model, t_001.model, ... of y, and features.csv and t_000.csv with the map of a state
+// to y.
 void ExportLibsvm(const safety::GuardModel& model, const std::filesystem::path& folder) {
   safety::CheckExport(model);
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) {
-    throw std::runtime_error(folder.string() + ": the folder cannot be made: " + error.message());
+    throw std::runtime_error(folder.string() + ": cannot be created: " + error.message());
   }
   const core::FeatureTransform& features = model.recovery().features();
   const kernel::WhitenedSupport& support = model.recovery().support();
@@ -37,7 +37,7 @@ void ExportLibsvm(const safety::GuardModel& model, const std::filesystem::path& 
     std::ofstream map(folder / (name + ".csv"));
     map.precision(17);
     WriteMatrix(map, support.map(t) * features.scale());
-    if (!map) throw std::runtime_error(folder.string() + ": cannot be written to");
+    if (!map) throw std::runtime_error(folder.string() + ": cannot be written");
   }
   std::ofstream out(folder / "features.csv");
   out.precision(17);
@@ -47,7 +47,7 @@ void ExportLibsvm(const safety::GuardModel& model, const std::filesystem::path& 
         << features.offset()[k] << '\n';
   }
   out.flush();
-  if (!out) throw std::runtime_error(folder.string() + ": cannot be written to");
+  if (!out) throw std::runtime_error(folder.string() + ": cannot be written");
 }
 
 }  // namespace

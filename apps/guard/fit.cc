@@ -82,7 +82,7 @@ bool RunFit(const FitOptions& options) {
     all.push_back(reader->Read(i));
     if (all.back().outcome == core::Outcome::kCompleted) completed.push_back(all.back());
   }
-  // Files that do not say what became of an episode hold good ones, one hopes.
+  // Episodes without an outcome are assumed to be successful.
   const bool choose = !options.all && !completed.empty() && completed.size() < all.size();
   if (choose) {
     std::printf("%zu episodes did not complete the task and are left out (--all takes them)\n",

@@ -27,13 +27,13 @@ struct Episode {
   int passing = 0;       // Actions that a certificate lets pass.
 };
 
-// Whether the guard's file holds what a certificate needs.
+// Returns whether the guard's file contains the data that a certificate needs.
 bool CanCertify(const safety::GuardModel& model) {
   return model.settings().direction_error > 0.0 && !model.recovery().single_precision();
 }
 
-// How much each entry of a state moves l: the mean of |dl/dx| times how far apart demonstrations
-// are in that entry at the same time.
+// Influence of each entry of a state on l: the mean of |dl/dx| times the standard deviation of that
+// entry over demonstrations at the same time.
 class Drivers {
  public:
   explicit Drivers(const safety::GuardModel& model)
@@ -110,7 +110,7 @@ std::vector<Episode> Follow(const safety::GuardModel& model, const std::filesyst
                             const std::string& filter_key, Drivers* drivers) {
   const auto reader = imitation::OpenDemonstrations(path, filter_key);
   if (reader->layout() != model.layout()) {
-    throw std::runtime_error(path.string() + ": its states have other parts than the guard's");
+    throw std::runtime_error(path.string() + ": its states have different parts than the guard's");
   }
   std::vector<Episode> episodes;
   for (int i = 0; i < reader->num_episodes(); ++i) {
@@ -150,7 +150,7 @@ double Quantile(std::vector<double> values, double q) {
   return values[static_cast<std::size_t>(std::lround(q * static_cast<double>(values.size() - 1)))];
 }
 
-// The middle half of l over time, with the lowest.
+// Plots median, interquartile range and minimum of l over time.
 experiment::ReportPlot LevelPlot(const std::string& title, const std::vector<Episode>& episodes,
                                  double alarm_level) {
   experiment::ReportPlot plot{.title = title, .x_label = "step"};
@@ -159,7 +159,7 @@ experiment::ReportPlot LevelPlot(const std::string& title, const std::vector<Epi
   experiment::ReportSeries alarm{.name = "alarm", .x = {}, .y = {}};
   std::size_t longest = 0;
   for (const Episode& episode : episodes) longest = std::max(longest, episode.levels.size());
-  // Far outside l falls with the square of the distance and would flatten all else.
+  // Far outside, l falls with the squared distance; the limit keeps the rest of the plot readable.
   const double floor = -4.0 * std::max(1.0, alarm_level);
   for (std::size_t t = 0; t < longest; ++t) {
     std::vector<double> here;
@@ -255,9 +255,9 @@ experiment::ReportTable FeatureTable(const safety::GuardModel& model, const Driv
   experiment::ReportTable table{
       .heading = "What drives g",
       .caption =
-          "Mean slope of l along each entry times how far apart demonstrations are in it, as "
-          "a share of the sum. An entry with next to none can be left out; one that dominates "
-          "should be one that matters.",
+          "Mean slope of l along each entry times how far apart demonstrations are in it, as a "
+          "share of the sum. An entry with a share near zero can be left out; check that the "
+          "largest shares belong to entries that matter.",
       .header = {"Entry", "Share, %"},
       .rows = {}};
   for (const auto& [share, entry] : drivers.Ranked()) {
@@ -266,7 +266,7 @@ experiment::ReportTable FeatureTable(const safety::GuardModel& model, const Driv
   return table;
 }
 
-// What a certificate of strategy certified would rest on, for whoever has to sign it.
+// Table of the assumptions of a certificate, for the person who approves it.
 experiment::ReportTable CertificateTable(const safety::GuardModel& model,
                                          const std::vector<Episode>& episodes) {
   const safety::GuardSummary& summary = model.summary();
@@ -282,13 +282,13 @@ experiment::ReportTable CertificateTable(const safety::GuardModel& model,
       100.0 * summary.direction_error.confidence, 100.0 * summary.direction_error.coverage,
       summary.held_out > 0 ? "" : ", approximately");
   experiment::ReportTable table{
-      .heading = "What a certificate rests on",
+      .heading = "Assumptions of the certificate",
       .caption = core::Format(
-          "Of the actions of these demonstrations, %.1f %% would pass as they are. States are "
-          "certified, one after each action, and not the paths between them; nothing is said of "
-          "what the features do not show. docs/certificates.md has theorem and proof.",
+          "Of the actions of these demonstrations, %.1f %% would pass unchanged. States are "
+          "certified, one after each action, but not the paths between them, and only as far as "
+          "the features show the state. docs/certificates.md has theorem and proof.",
           100.0 * passing / std::max(1.0, actions)),
-      .header = {"Assumption", "Value", "Where it comes from"},
+      .header = {"Assumption", "Value", "Source"},
       .rows = {
           {"no state with l >= -eta meets a constraint", core::Format("eta = %.3g", level),
            "assumed; eta is the alarm level"},
@@ -297,7 +297,7 @@ experiment::ReportTable CertificateTable(const safety::GuardModel& model,
                         summary.direction_error.value) +
                coverage},
           {"features are exact, and show the constraints", "-", "assumed"},
-          {"what was issued was applied, and nothing else moves", "-",
+          {"the issued action was applied, and nothing else moves", "-",
            "assumed; one call for each state is checked"}}};
   for (const safety::Clearance& clearance : safety::Clearances(model)) {
     table.rows.push_back(
@@ -339,8 +339,8 @@ void RunReport(const ReportOptions& options) {
   experiment::ReportFigure levels{
       .heading = "How far inside",
       .caption =
-          "l over time: median with the middle half of the episodes, the lowest, and the "
-          "alarm level. Values far outside are cut off.",
+          "l over time: median and interquartile range over the episodes, minimum, and alarm "
+          "level. Values far outside are cut off.",
       .plots = {LevelPlot("Demonstrations", episodes, alarm_level)}};
   page.tables.push_back(FeatureTable(*model, drivers));
   if (CanCertify(*model)) page.tables.push_back(CertificateTable(*model, episodes));

@@ -11,7 +11,7 @@
 namespace dfr::apps::hardware_app {
 namespace {
 
-// What our own programs are.
+// Permissions of dfr's programs.
 dds::Permission PermissionOf(const std::string& name) {
   static const std::map<std::string, dds::Permission> kKnown = {
       {"line_tracking", dds::Permission::kController},
@@ -20,8 +20,9 @@ dds::Permission PermissionOf(const std::string& name) {
       {"monitor", dds::Permission::kMonitor}};
   const auto known = kKnown.find(name);
   if (known == kKnown.end()) {
-    throw std::invalid_argument("what may '" + name + "' do? Write " + name + ":controller, " +
-                                name + ":console, " + name + ":button or " + name + ":monitor");
+    throw std::invalid_argument("'" + name + "' has no permission. Write " + name +
+                                ":controller, " + name + ":console, " + name + ":button or " +
+                                name + ":monitor");
   }
   return known->second;
 }
@@ -35,13 +36,13 @@ std::pair<std::string, dds::Permission> Parse(const std::string& participant) {
 const char* Meaning(dds::Permission permission) {
   switch (permission) {
     case dds::Permission::kController:
-      return "commands the arm; measures nothing";
+      return "may command the arm";
     case dds::Permission::kConsole:
-      return "measures; commands nothing";
+      return "may publish measurements";
     case dds::Permission::kButton:
-      return "stops; nothing else";
+      return "may stop the arm";
     case dds::Permission::kMonitor:
-      return "listens; says nothing";
+      return "may only listen";
   }
   return "";
 }
@@ -49,19 +50,19 @@ const char* Meaning(dds::Permission permission) {
 }  // namespace
 
 void RunCertificates(const CertificatesOptions& options) {
-  // All that can be wrong with what was asked for is found before anything is made.
+  // All arguments are checked before any file is written.
   std::vector<std::pair<std::string, dds::Permission>> participants;
   std::set<std::string> names;
   const auto enclaves = options.folder / "enclaves";
   for (const std::string& text : options.participants) {
     participants.push_back(Parse(text));
     const std::string& name = participants.back().first;
-    if (!names.insert(name).second) throw std::invalid_argument("'" + name + "' is named twice");
+    if (!names.insert(name).second) throw std::invalid_argument("'" + name + "' is given twice");
     if (std::filesystem::exists(enclaves / name)) {
-      throw std::runtime_error("there is a participant '" + name +
-                               "' already: leave it out, or "
+      throw std::runtime_error("participant '" + name +
+                               "' exists already: leave it out, or "
                                "remove " +
-                               (enclaves / name).string() + " to make it anew");
+                               (enclaves / name).string() + " to make it again");
     }
   }
   const bool is_new = !std::filesystem::exists(options.folder / "private");
@@ -84,7 +85,8 @@ void RunCertificates(const CertificatesOptions& options) {
          "the configuration file.\nA ROS 2 console takes one of these folders as its enclave.\n"
          "\nKeep "
       << (options.folder / "private").string()
-      << " away from the robot's network: who has it can admit anybody.\nIt is needed to add "
+      << " away from the robot's network: whoever has it can admit any program.\nIt is needed to "
+         "add "
          "participants, and to renew these before they expire.\n";
 }
 

@@ -10,13 +10,13 @@ namespace dfr::apps::hardware_app {
 
 struct CertificatesOptions {
   std::filesystem::path folder;
-  /// NAME or NAME:PERMISSION each.
+  /// Each is NAME or NAME:PERMISSION.
   std::vector<std::string> participants = {"line_tracking", "dvrk_simulator", "stop", "monitor"};
   dds::CertificateOptions certificates;
 };
 
-/// Makes a lab's authority, unless it is there, and certificates for the participants, and prints
-/// what belongs where. @throws as dds::AddParticipant(); then nothing was made.
+/// Makes a lab's authority unless it exists, and certificates for the participants, and prints
+/// where to copy them. @throws as dds::AddParticipant(); then no file was written.
 void RunCertificates(const CertificatesOptions& options);
 
 }  // namespace dfr::apps::hardware_app

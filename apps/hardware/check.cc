@@ -27,7 +27,7 @@ using hardware::FrameStatus;
 using hardware::PsmPhase;
 using hardware::PsmStatus;
 
-constexpr double kClockTolerance = 0.01;  // s, that two machines' clocks may differ
+constexpr double kClockTolerance = 0.01;  // s, largest difference of two machines' clocks
 constexpr double kLeastStateRate = 50.0;  // 1/s: the watchdog takes 50 ms for silence
 constexpr double kTinyMove = 0.002;       // m of insertion
 constexpr double kTinyMoveTime = 1.0;     // s
@@ -77,7 +77,7 @@ bool Ask(const CheckOptions& options, const std::string& question) {
   return options.ask && options.ask(question);
 }
 
-// Arms that publish on the network, though not the one that was asked for.
+// Other arms that publish on the network.
 std::vector<std::string> OtherArms(const CheckOptions& options, double seconds) {
   dds::Participant participant(options.network);
   struct Candidate {
@@ -109,18 +109,18 @@ bool PublishedIn(const dds::ParticipantOptions& network, const std::string& topi
   return Within(clock, seconds, [&] { return subscriber.health().publishers > 0; });
 }
 
-// Who is there and does not talk with us, for reasons of security.
+// Reports participants that security keeps from this one.
 void ExplainRefused(const CheckOptions& options, const dds::Participant& participant,
                     DeviceReport& report) {
   for (const dds::RefusedPeer& peer : participant.refused_peers()) {
-    Wrong(report, "'" + peer.name + "' is there, and not admitted: " + peer.reason,
+    Wrong(report, "'" + peer.name + "' is present, but not admitted: " + peer.reason,
           options.network.security.empty()
               ? "give --security with a folder of that network's `hardware certificates`"
               : "give both folders of the same `hardware certificates`");
   }
 }
 
-// Why nobody was found: another domain, another kind of discovery, another arm.
+// Reports why no console was found: another domain, another kind of discovery, another arm.
 void ExplainSilence(const CheckOptions& options, DeviceReport& report) {
   const std::string topic = "/" + options.arm + "/measured_js";
   const double seconds = std::min(options.find_s, 2.0);
@@ -154,7 +154,7 @@ void ExplainSilence(const CheckOptions& options, DeviceReport& report) {
     remedy += ": give --arm, or configure the console for " + options.arm;
   }
   Wrong(report,
-        "nobody publishes " + topic + " in domain " + std::to_string(options.network.domain) +
+        "no program publishes " + topic + " in domain " + std::to_string(options.network.domain) +
             " (discovery: " + Name(options.network.discovery) + ")",
         remedy);
 }
@@ -204,7 +204,7 @@ class ConsoleArm final : public CheckedArm {
                     const std::function<bool()>& may_move) override {
     return hardware::BringUp(driver_, timeout_s, say, may_move);
   }
-  // Listens from the first call on: what was pressed before is of no interest.
+  // Listens from the first call on and ignores earlier presses.
   [[nodiscard]] dds::EmergencyStop Stop(std::int64_t steady_ns) override {
     if (!stop_) stop_.emplace(*participant_, 0.1);
     return stop_->Check(steady_ns);
@@ -233,7 +233,7 @@ bool AllFound(const CheckedArm& arm) {
          arm.servo_subscribers() > 0;
 }
 
-// Who publishes the console's topics, and how.
+// Checks the publishers of the console's topics and their quality of service.
 void ReportTopics(const CheckOptions& options, const CheckedArm& arm, DeviceReport& report) {
   int published = 0;
   for (const auto& [name, health, needed] : arm.topics()) {
@@ -243,15 +243,16 @@ void ReportTopics(const CheckOptions& options, const CheckedArm& arm, DeviceRepo
     } else if (health.publishers > 1) {
       Wrong(report,
             std::to_string(health.publishers) + " publishers on " + full +
-                ": their samples get mixed up",
-            "end all consoles and simulators of this arm but one");
+                ": their samples are mixed",
+            "end all consoles and simulators of this arm except one");
     } else if (health.incompatible > 0) {
       Wrong(report, "a publisher on " + full + " does not match (QoS)",
-            "it has to be reliable, and transient-local for operating_state and error");
+            "itmust be reliable, and transient-local for operating_state and error");
     } else if (needed) {
-      Wrong(report, "nobody publishes " + full, "is this a CRTK console, dVRK 2.0 or later?");
+      Wrong(report, "no program publishes " + full, "is this a CRTK console, dVRK 2.0 or later?");
     } else {
-      Note(report, "nobody publishes " + full, "the arm works without, the driver says less");
+      Note(report, "no program publishes " + full,
+           "the arm works without it; the driver reports less");
     }
   }
   if (published > 0) Ok(report, std::to_string(published) + " of the console's topics found");
@@ -275,7 +276,7 @@ void Listen(const CheckOptions& options, CheckedArm& arm, double seconds, const 
   });
 }
 
-// In words, with the console's own where it has failed.
+// Describes a status, with the console's last error if it has failed.
 std::string Words(PsmStatus status, const CheckedArm& arm) {
   std::string what = hardware::Name(status);
   const bool failed = status == PsmStatus::kConsoleFault || status == PsmStatus::kConsoleError;
@@ -287,8 +288,8 @@ void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client,
                         std::vector<double>& ages) {
   if (rate < kLeastStateRate) {
     Wrong(report, "measured_js comes " + Text(rate, 0) + " times a second",
-          "a console publishes 100 times; below " + Text(kLeastStateRate, 0) +
-              " the driver takes it for silent: look at the console's period and the network");
+          "a console publishes 100 times a second; below " + Text(kLeastStateRate, 0) +
+              " the driver takes it for silent: check the console's period and the network");
   } else {
     Ok(report, "measured_js comes " + Text(rate, 0) + " times a second");
   }
@@ -301,7 +302,7 @@ void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client,
           hardware::Remedy(PsmStatus::kStateNotFinite));
   }
   if (!js.stamp.valid()) {
-    // An arm that is not homed measures nothing: that is said elsewhere.
+    // An arm that is not homed measures nothing. Another check reports that.
     if (client.operating_state().homed) {
       Wrong(report, "measurements are stamped zero though the arm is homed",
             hardware::Remedy(PsmStatus::kStateInvalid));
@@ -316,16 +317,17 @@ void ReportMeasurements(DeviceReport& report, const hardware::PsmClient& client,
               (age < 0.0 ? "ahead of" : "behind") + " this machine's clock",
           "set both machines' clocks by NTP or PTP; samples may be 50 ms old at most");
   } else {
-    Ok(report, "samples are " + Text(1e3 * age, 1) + " ms old when they come");
+    Ok(report, "samples are " + Text(1e3 * age, 1) + " ms old on arrival");
   }
 }
 
-// Whether the arm may be moved: the emergency stop is heard of and released, and nobody interrupts.
+// Decides whether the arm may be moved: the emergency stop is connected and released, and the user
+// has not interrupted.
 class Permit {
  public:
   Permit(const CheckOptions& options, CheckedArm& arm) : options_(&options), arm_(&arm) {}
 
-  // Waits for the stop to be heard of. False, and what is wrong, if it may not be moved.
+  // Waits for the emergency stop. Returns false and reports the reason if the arm may not be moved.
   [[nodiscard]] bool Granted(DeviceReport& report) {
     Say(*options_, "looking for the emergency stop");
     (void)Within(*options_->clock, std::min(options_->find_s, 5.0), [&] {
@@ -344,12 +346,12 @@ class Permit {
   }
   void Tell(DeviceReport& report) const {
     if (options_->interrupted != nullptr && *options_->interrupted) {
-      Wrong(report, "interrupted: the arm was not moved any more", "");
+      Wrong(report, "interrupted: the arm was not moved further", "");
     } else if (found_ == dds::EmergencyStop::kPressed) {
-      Wrong(report, "the emergency stop is pressed, or was meanwhile",
+      Wrong(report, "the emergency stop is pressed, or was pressed during the check",
             "release it, and run this check again");
     } else {
-      Wrong(report, "nothing is heard of an emergency stop, without which nothing is moved",
+      Wrong(report, "no emergency stop was found, and the arm is not moved without one",
             "run `hardware stop` in this domain, or give --without-stop in a simulation");
     }
   }
@@ -380,7 +382,7 @@ void MoveALittle(const CheckOptions& options, CheckedArm& arm, Permit& permit,
     if (status != PsmStatus::kOk) {
       Wrong(report, std::string("a move of 2 mm is refused: ") + hardware::Name(status),
             status == PsmStatus::kBeyondLimits
-                ? "lead the arm away from its limits at the console; where it is an Si arm, give "
+                ? "lead the arm away from its limits at the console; for an Si arm, give "
                   "--generation Si"
                 : hardware::Remedy(status));
       break;
@@ -407,7 +409,7 @@ void MoveALittle(const CheckOptions& options, CheckedArm& arm, Permit& permit,
                      Text(sign * moved, 2) + " mm, and came back");
     } else {
       Wrong(report, "told to insert by 2 mm, the arm measured " + Text(moved, 2) + " mm",
-            "does somebody else hold the arm, or is the instrument stuck?");
+            "does another program hold the arm, or is the instrument stuck?");
     }
   }
   arm.Hold();
@@ -415,8 +417,8 @@ void MoveALittle(const CheckOptions& options, CheckedArm& arm, Permit& permit,
   arm.Flush();
 }
 
-// What comes from the console in a while, and who else is there.
-// Says how the emergency stop stood at the end.
+// Checks the console's data over a while, and looks for other publishers. Reports the final state
+// of the emergency stop.
 dds::EmergencyStop ListenToArm(const CheckOptions& options, CheckedArm& arm, DeviceReport& report) {
   Say(options, "listening for " + Text(options.listen_s, 0) + " s");
   const std::int64_t start_ns = options.clock->SteadyNs();
@@ -437,11 +439,11 @@ dds::EmergencyStop ListenToArm(const CheckOptions& options, CheckedArm& arm, Dev
   ReportMeasurements(report, arm.client(), static_cast<double>(last - first) / listened, ages);
   if (arm.request_subscribers() == 0 || arm.servo_subscribers() == 0) {
     Wrong(report,
-          std::string("nobody listens to ") +
+          std::string("no program subscribes to ") +
               (arm.request_subscribers() == 0 ? "state_command" : "servo_cp"),
-          "is this a monitor only? a console takes both");
+          "is this only a monitor? a console subscribes to both");
   } else {
-    Ok(report, "the console listens to state_command and servo_cp");
+    Ok(report, "the console subscribes to state_command and servo_cp");
   }
   if (arm.other_publishers() > 0) {
     Wrong(report, hardware::Name(PsmStatus::kOtherPublisher),
@@ -450,13 +452,12 @@ dds::EmergencyStop ListenToArm(const CheckOptions& options, CheckedArm& arm, Dev
   return stop;
 }
 
-// Whether the arm can be armed, after homing it if asked to.
+// Checks that the arm can be armed, after homing it on request.
 PsmStatus CheckReady(const CheckOptions& options, CheckedArm& arm, Permit& permit,
                      DeviceReport& report) {
   PsmStatus status = arm.client().Armable();
   if ((status == PsmStatus::kDisabled || status == PsmStatus::kNotHomed) && options.home &&
-      Ask(options,
-          options.arm + " is going to move while it homes. Is it clear of people and things?") &&
+      Ask(options, options.arm + " will move while it homes. Is it clear of people and objects?") &&
       permit.Granted(report)) {
     (void)arm.BringUp(
         kBringUpTime, [&](std::string_view text) { Say(options, std::string(text)); },
@@ -477,13 +478,13 @@ PsmStatus CheckReady(const CheckOptions& options, CheckedArm& arm, Permit& permi
   return status;
 }
 
-// Nobody publishes what the arm measures, nor has.
+// No measurement of the arm was ever published.
 bool IsMissing(const CheckedArm& arm) {
   return arm.client().num_samples() == 0 && arm.state_publishers() == 0 &&
          arm.client().status() != PsmStatus::kIncompatible;
 }
 
-// What came from an endoscope in a while.
+// Pictures received from an endoscope in a while.
 struct Pictures {
   std::array<int, static_cast<std::size_t>(FrameStatus::kFrozen) + 1> times{};  // by FrameStatus
   std::vector<double> ages;                                                     // s
@@ -520,7 +521,7 @@ Pictures Watch(const CheckOptions& options, hardware::Endoscope& endoscope) {
   return pictures;
 }
 
-// How many are good, and what is wrong with most of the others.
+// Reports the number of good pictures and the most frequent error of the others.
 void ReportPictures(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
                     const Pictures& pictures, DeviceReport& report) {
   const auto& [times, ages, received, lost, rate, frame] = pictures;
@@ -538,7 +539,7 @@ void ReportPictures(const CheckOptions& options, const hardware::EndoscopeOption
   if (*worst > 0 && status == FrameStatus::kEnded) {
     Note(report, hardware::Name(status), hardware::Remedy(status));
   } else if (late && 10 * *worst > looks && 2 * *worst <= looks) {
-    Note(report, std::string("now and then ") + hardware::Name(status),
+    Note(report, std::string("occasionally: ") + hardware::Name(status),
          "is the network, or the machine, overloaded?");
   } else if (10 * *worst > looks) {
     std::string what = hardware::Name(status);
@@ -548,7 +549,7 @@ void ReportPictures(const CheckOptions& options, const hardware::EndoscopeOption
     } else if (status == FrameStatus::kOld || status == FrameStatus::kAhead) {
       what += ": by " + Text(std::abs(frame.age_s), 3) + " s";
     } else if (status == FrameStatus::kNever) {
-      what = "nobody publishes pictures on " + options.endoscope;
+      what = "no program publishes pictures on " + options.endoscope;
     }
     Wrong(report, what, hardware::Remedy(status));
   }
@@ -579,19 +580,19 @@ DeviceReport CheckArm(const CheckOptions& options, CheckedArm& arm) {
   if (IsMissing(arm)) return report;
   const dds::EmergencyStop stop = ListenToArm(options, arm, report);
   if (options.without_stop || stop == dds::EmergencyStop::kSilent) {
-    // Before all else.
+    // The missing emergency stop is reported first.
     report.findings.insert(
         report.findings.begin(),
         {Finding::Level::kNote,
-         options.without_stop ? "WITHOUT AN EMERGENCY STOP: only the console stops what moves here"
-                              : "NO EMERGENCY STOP is heard: only the console would stop the arm",
+         options.without_stop ? "WITHOUT AN EMERGENCY STOP: only the console can stop the arm"
+                              : "NO EMERGENCY STOP was found: only the console can stop the arm",
          "run `hardware stop` in this domain, at the operator's hand"});
   }
   Permit permit(options, arm);
   const PsmStatus status = CheckReady(options, arm, permit, report);
   if (options.move && status == PsmStatus::kOk &&
       Ask(options,
-          options.arm + " is going to insert its instrument by 2 mm and back. Is it clear?") &&
+          options.arm + " will insert its instrument by 2 mm and retract it. Is it clear?") &&
       permit.Granted(report)) {
     MoveALittle(options, arm, permit, report);
   }
@@ -622,7 +623,7 @@ DeviceReport CheckEndoscope(const CheckOptions& options) {
                      std::to_string(model.height) + " pixels, focal length " + Text(model.fx, 1) +
                      " x " + Text(model.fy, 1) + " pixels");
     } catch (const std::runtime_error& e) {
-      Wrong(report, e.what(), "calibrate the camera; docs/robot.md tells how");
+      Wrong(report, e.what(), "calibrate the camera; see docs/robot.md");
       return report;
     }
   }
@@ -659,7 +660,7 @@ void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camer
     Ok(report, "pictures are " + Text(1e3 * core::Median(pictures.ages), 1) + " ms old");
   }
   if (10 * pictures.lost > pictures.received) {
-    Note(report, std::to_string(pictures.lost) + " pictures were lost on the way",
+    Note(report, std::to_string(pictures.lost) + " pictures were lost",
          "is the network, or the machine, overloaded? send compressed pictures");
   }
 }
@@ -671,12 +672,12 @@ DeviceReport CheckPlatform(const CheckOptions& options) {
     hardware::SprkDriver driver({.device = options.platform, .clock_s = [&options] {
                                    return 1e-9 * static_cast<double>(options.clock->SteadyNs());
                                  }});
-    Ok(report, "the port opens at 57600 8N1 and is ours");
-    Note(report, "the firmware never answers, so whether the platform listens only a move shows",
+    Ok(report, "the port opens at 57600 8N1, and no other program uses it");
+    Note(report,
+         "the firmware never answers: only a motion shows whether the platform receives commands",
          "run this check with --move, and watch");
-    if (options.move && Ask(options,
-                            "the platform is going home and will tilt by 3 degrees and "
-                            "back. Is it clear?")) {
+    if (options.move &&
+        Ask(options, "the platform will go home and tilt by 3 degrees and back. Is it clear?")) {
       hardware::SprkStatus status = driver.Home();
       kinematics::PlatformPose tilted;
       tilted.angles_rad.x() = 3.0 * 0.017453292519943295;
@@ -689,7 +690,8 @@ DeviceReport CheckPlatform(const CheckOptions& options) {
               "is the cable in and the board powered?");
       } else {
         Ok(report,
-           "went home, tilted by 3 degrees and back: if it did not, power and plug it anew");
+           "was told to go home, tilt by 3 degrees and return: if it did not, switch its power off "
+           "and on and plug it in again");
       }
     }
   } catch (const core::Error& e) {
@@ -736,7 +738,7 @@ int RunCheck(CheckOptions options) {
   if (options.json) {
     PrintJson(reports, std::cout);
   } else {
-    std::cout << (ok ? "all is well" : "something is wrong: see above") << std::endl;
+    std::cout << (ok ? "no errors" : "errors were found: see above") << std::endl;
   }
   return ok ? EXIT_SUCCESS : EXIT_FAILURE;
 }

@@ -15,15 +15,15 @@
 
 namespace dfr::apps::hardware_app {
 
-/// One thing that was looked at.
+/// Result of one check.
 struct Finding {
   enum class Level { kOk, kNote, kWrong };
   Level level = Level::kOk;
   std::string what;
-  std::string remedy;  ///< Where level is not kOk.
+  std::string remedy;  ///< Set if level is not kOk.
 };
 
-/// All that was found out about one device.
+/// All findings about one device.
 struct DeviceReport {
   std::string device;
   std::vector<Finding> findings;
@@ -35,49 +35,49 @@ struct DeviceReport {
 struct CheckOptions {
   dds::ParticipantOptions network = {.name = "hardware_check"};
   std::string arm;  ///< Empty: no arm is checked.
-  /// Whose joint limits the arm keeps to, and which instrument it has.
+  /// Generation of the arm, which determines its joint limits and instrument.
   kinematics::PsmGeneration generation = kinematics::PsmGeneration::kClassic;
   std::string endoscope;         ///< Empty: none is checked.
   std::filesystem::path camera;  ///< The endoscope's intrinsics file; empty: 640 x 480.
   std::string platform;          ///< Serial port; empty: none is checked.
-  double find_s = 3.0;           ///< How long to look for a device on the network, > 0.
-  double listen_s = 3.0;         ///< How long to listen to it then, > 0.
+  double find_s = 3.0;           ///< Time to look for a device on the network, > 0.
+  double listen_s = 3.0;         ///< Time to listen to a device, > 0.
   bool home = false;             ///< Asks whether to home the arm.
-  bool move = false;             ///< Asks whether to move a device by a little.
-  /// The arm moves without an emergency stop: otherwise it has to be heard of and released, and
-  /// ends what goes on.
+  bool move = false;             ///< Asks whether to move a device by a small distance.
+  /// Allows the arm to move without an emergency stop. Otherwise the stop must be connected and
+  /// released, and pressing it ends the check.
   bool without_stop = false;
-  const std::atomic<bool>* interrupted = nullptr;  ///< Ends it, too. nullptr: nothing does.
+  const std::atomic<bool>* interrupted = nullptr;  ///< Ends the check when true; may be nullptr.
   bool json = false;
   Clock* clock = &MachineClock();  ///< Borrowed.
-  /// Asks the user; no moves where it is false.
+  /// Asks the user. The device does not move if it returns false.
   std::function<bool(const std::string& question)> ask;
-  /// Tells the user what goes on; may be empty.
+  /// Prints progress for the user; may be empty.
   std::function<void(const std::string& text)> say;
 };
 
-/// Listens to the console of options.arm, names what is wrong, and moves the arm if asked to.
+/// Checks the console of options.arm, and moves the arm on request.
 [[nodiscard]] DeviceReport CheckArm(const CheckOptions& options);
-/// The same with any arm, without the reasons why nobody is on the network.
+/// The same with a given arm, without the search for reasons why no console was found.
 [[nodiscard]] DeviceReport CheckArm(const CheckOptions& options, CheckedArm& arm);
-/// Looks at the pictures of options.endoscope: a ROS 2 topic where hardware::IsImageTopic() says
-/// so, else what hardware::OpenVideo() takes.
+/// Checks the pictures of options.endoscope: a ROS 2 topic if hardware::IsImageTopic() is true,
+/// else a source for hardware::OpenVideo().
 [[nodiscard]] DeviceReport CheckEndoscope(const CheckOptions& options);
-/// Looks at any endoscope's pictures, which ought to have the size that `camera` has, and adds what
-/// it finds.
+/// Checks the pictures of a given endoscope, whose size must be that of `camera`, and adds the
+/// findings.
 void LookAt(const CheckOptions& options, const hardware::EndoscopeOptions& camera,
             hardware::Endoscope& endoscope, DeviceReport& report);
-/// Opens the Stewart platform's port.
+/// Checks the port of the Stewart platform.
 [[nodiscard]] DeviceReport CheckPlatform(const CheckOptions& options);
 
-/// A report as the user reads it, or all of them as JSON:
+/// One report as text, or all reports as JSON:
 ///   {"ok": true, "devices": [{"device": "...", "ok": true,
 ///    "findings": [{"level": "ok", "what": "...", "remedy": ""}]}]}
 void Print(const DeviceReport& report, std::ostream& out);
 void PrintJson(const std::vector<DeviceReport>& reports, std::ostream& out);
 
-/// All checks that are asked for, in turn; without any, those of PSM1 and /ECM/image_raw. Prints to
-/// standard output. Returns the program's exit code: 1 if anything is wrong.
+/// Runs all requested checks one after the other; by default those of PSM1 and /ECM/image_raw.
+/// Prints to standard output. Returns the program's exit code: 1 if there is an error.
 int RunCheck(CheckOptions options);
 
 }  // namespace dfr::apps::hardware_app

@@ -11,11 +11,11 @@
 
 namespace dfr::apps::hardware_app {
 
-/// What a check needs of an arm: a driver at a console, and what else is on the network. The
-/// functions are those of hardware::PsmDriver unless said otherwise.
+/// Interface of an arm to be checked: a driver at a console, and the other participants of the
+/// network. Functions are those of hardware::PsmDriver unless stated otherwise.
 class CheckedArm {
  public:
-  /// A topic of the console's.
+  /// A topic of the console.
   struct Topic {
     const char* name;
     dds::Health health;
@@ -44,7 +44,7 @@ class CheckedArm {
                                       const std::function<void(std::string_view)>& say,
                                       const std::function<bool()>& may_move) = 0;
 
-  /// How the emergency stop stands: dds::EmergencyStopReceiver::Check().
+  /// State of the emergency stop: dds::EmergencyStopReceiver::Check().
   [[nodiscard]] virtual dds::EmergencyStop Stop(std::int64_t steady_ns) = 0;
 };
 

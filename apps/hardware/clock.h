@@ -4,7 +4,7 @@
 
 namespace dfr::apps::hardware_app {
 
-/// The time that a command lives by: this machine's, unless a test overrides it.
+/// Clock of a command: this machine's, unless a test overrides it.
 class Clock {
  public:
   virtual ~Clock() = default;
@@ -17,7 +17,7 @@ class Clock {
   virtual void Wait(double seconds);
 };
 
-/// This machine's.
+/// Clock of this machine.
 [[nodiscard]] Clock& MachineClock();
 
 /// Asks `condition()` every 5 ms until it holds. False if it does not within `seconds`.

@@ -28,7 +28,7 @@ StopWord Meaning(std::string_view line) noexcept {
 }
 
 void RunEmergencyStop(const EmergencyStopOptions& options) {
-  // Three missed beats stop a robot: better that nothing else delays them.
+  // Three missed beats stop a robot, so this thread gets priority.
   constexpr int kPriority = 30;
   if (const std::string refused = runtime::AskForRealTime(kPriority); !refused.empty()) {
     std::cout << "note: " << refused << std::endl;
@@ -40,12 +40,11 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
   std::cout << "emergency stop on " << dds::kEmergencyStopTopic << " in domain "
             << options.network.domain
             << (options.unattended ? ": unattended"
-                                   : ": Enter presses it, and so does anything but r and Enter, "
-                                     "which releases it; q and "
-                                     "Enter ends it (and stops)")
+                                   : ": Enter presses it, as does any other input. r and Enter "
+                                     "releases it; q and Enter presses it and quits")
             << std::endl;
   runtime::Keyboard keyboard;
-  // All that robots say: with the newest alone one could hide another.
+  // Reads all messages of robots: the newest alone could hide another robot's.
   dds::Subscriber<dds::OperatingState> states(participant, dds::kRunStateTopic,
                                               dds::Role::kRequest);
   RobotWatch robots(std::cout);
@@ -58,7 +57,8 @@ void RunEmergencyStop(const EmergencyStopOptions& options) {
       ends = word == StopWord::kEnd;
       if (word == StopWord::kRelease) {
         button.Release();
-        std::cout << "released. Who was stopped stays stopped until cleared there" << std::endl;
+        std::cout << "released. A stopped robot stays stopped until its operator clears it"
+                  << std::endl;
       } else {
         button.Press();
         std::cout << "PRESSED" << std::endl;

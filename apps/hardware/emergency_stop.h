@@ -8,18 +8,19 @@ namespace dfr::apps::hardware_app {
 
 struct EmergencyStopOptions {
   dds::ParticipantOptions network = {.name = "emergency_stop"};
-  bool unattended = false;  ///< Nobody sits at the terminal: it only says that nothing is pressed.
+  bool unattended =
+      false;  ///< There is no operator at the terminal: reports only that nothing is pressed.
 };
 
-/// What a line at the keyboard of an emergency stop means.
+/// Meaning of a line typed at an emergency stop.
 enum class StopWord { kPress, kRelease, kEnd };
-/// Only exactly "r" releases it, and only exactly "q" ends it, which stops, too.
+/// Exactly "r" releases it, and exactly "q" presses it and quits. Any other line presses it.
 [[nodiscard]] StopWord Meaning(std::string_view line) noexcept;
 
 /// An operator's emergency stop in a terminal, until Ctrl-C or q: Enter presses it, and so does any
 /// line but "r", which releases it.
-/// Also where nobody listens, for a robot may join later. Shows what line_tracking is doing, and
-/// when nothing is heard of it any more.
+/// Runs without a robot, too, because one may join later. Shows the state of line_tracking, and
+/// reports when it goes silent.
 void RunEmergencyStop(const EmergencyStopOptions& options);
 
 }  // namespace dfr::apps::hardware_app

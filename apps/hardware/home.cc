@@ -11,7 +11,7 @@ namespace {
 void Command(const std::string& platform, hardware::SprkStatus status) {
   if (status == hardware::SprkStatus::kOk) return;
   throw core::Error(platform + ": the platform cannot be commanded: " + hardware::Name(status),
-                    "cut its power: what it does now nobody knows");
+                    "cut its power: its state is unknown");
 }
 
 }  // namespace
@@ -22,9 +22,9 @@ int RunHome(const HomeOptions& options) {
                                  return 1e-9 * static_cast<double>(clock.SteadyNs());
                                }});
   if (!options.confirms("The platform at " + options.platform +
-                            " goes home. Where nothing touches the gauze, type platform: it moves.",
+                            " will go home and moves. If nothing touches the gauze, type platform.",
                         "platform")) {
-    options.say("Nobody asked for it: nothing was sent.");
+    options.say("Not confirmed: nothing was sent.");
     return EXIT_FAILURE;
   }
   Command(options.platform, driver.Home());
@@ -33,12 +33,12 @@ int RunHome(const HomeOptions& options) {
   });
   if (interrupted) {
     Command(options.platform, driver.Hold());
-    options.say("Interrupted: it was told to stop where it was.");
+    options.say("Interrupted: the platform was told to stop.");
     return EXIT_FAILURE;
   }
   options.say(
-      "It was told to go home and had the time. Its firmware never answers: look whether it is "
-      "there. If it is not, power and plug it anew.");
+      "The platform was told to go home and had enough time. Its firmware never answers: check its "
+      "position. If it is not at home, switch its power off and on and plug it in again.");
   return EXIT_SUCCESS;
 }
 

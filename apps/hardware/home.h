@@ -11,16 +11,16 @@ namespace dfr::apps::hardware_app {
 /// Options for RunHome().
 struct HomeOptions {
   std::string platform;  ///< Serial port.
-  /// Whether the operator has typed `word` to a question; nothing moves where not.
+  /// Returns whether the operator answered a question with `word`. Otherwise nothing moves.
   std::function<bool(const std::string& question, const std::string& word)> confirms;
-  /// Tells the user what goes on.
+  /// Prints progress for the user.
   std::function<void(const std::string& text)> say;
-  const std::atomic<bool>* interrupted = nullptr;  ///< Stops it on the way. nullptr: nothing does.
+  const std::atomic<bool>* interrupted = nullptr;  ///< Stops the motion when true; may be nullptr.
   Clock* clock = &MachineClock();                  ///< Borrowed.
 };
 
-/// Sends the Stewart platform home, where its power was left on in the middle of a wave, say.
-/// @return the program's exit code: 1 if it was not asked for, or was stopped on the way.
+/// Sends the Stewart platform home, for example if a killed program left it moving.
+/// @return the program's exit code: 1 if it was not confirmed, or was interrupted.
 /// @throws core::Error naming the port, what failed and the remedy.
 int RunHome(const HomeOptions& options);
 

@@ -1,4 +1,4 @@
-// Connects a robot: what has to be made and checked before line_tracking runs on one.
+// Program hardware: prepares and checks a robot before line_tracking runs on it.
 
 #include <termios.h>
 #include <unistd.h>
@@ -34,7 +34,7 @@ void AddNetwork(CLI::App& command, dds::ParticipantOptions& network) {
       ->check(CLI::Range(0, 232));
   command
       .add_option("--discovery", network.discovery,
-                  "who finds it: loopback (this machine), network, or server (--server)")
+                  "DDS discovery: loopback (this machine), network, or server (--server)")
       ->default_str("loopback")
       ->transform(CLI::CheckedTransformer(words).description("loopback, network or server"));
   command.add_option("--server", network.server_address, "IPv4 address of the discovery server")
@@ -43,15 +43,15 @@ void AddNetwork(CLI::App& command, dds::ParticipantOptions& network) {
                      "this participant's folder in a secured network (`hardware certificates`)");
 }
 
-// Nobody moves a device by mistake: without a terminal there is no answer.
+// Without a terminal the answer is no, so that no device moves by mistake.
 std::string AnswerAtTerminal(const std::string& question, const char* hint, const char* otherwise) {
   std::string answer;
   if (::isatty(STDIN_FILENO) == 0) {
-    std::cerr << question << " Nobody is at the terminal to answer" << otherwise << ": no.\n";
+    std::cerr << question << " There is no terminal to answer at" << otherwise << ": no.\n";
     return answer;
   }
   std::cerr << question << hint << std::flush;
-  ::tcflush(STDIN_FILENO, TCIFLUSH);  // what was typed before is no answer
+  ::tcflush(STDIN_FILENO, TCIFLUSH);  // earlier input is not an answer
   std::getline(std::cin, answer);
   return answer;
 }
@@ -59,7 +59,7 @@ std::string AnswerAtTerminal(const std::string& question, const char* hint, cons
 void ListenForInterrupts() {
   struct sigaction action {};
   action.sa_handler = [](int) { interrupted = true; };
-  action.sa_flags = static_cast<int>(SA_RESETHAND);  // a second one ends it at once
+  action.sa_flags = static_cast<int>(SA_RESETHAND);  // a second signal ends the program at once
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
 }
@@ -67,81 +67,86 @@ void ListenForInterrupts() {
 void Say(const std::string& text) { std::cerr << text << '\n'; }
 
 int Main(int argc, char** argv) {
-  CLI::App app("What a robot's network and devices need before a program drives them.", "hardware");
+  CLI::App app("Prepares and checks the network and devices of a robot.", "hardware");
   app.set_version_flag("--version",
                        std::string(core::BuildVersion()) + " (" + core::BuildCommit() + ")");
   app.require_subcommand(1);
-  app.failure_message(CLI::FailureMessage::simple);
   int result = EXIT_SUCCESS;
 
   EmergencyStopOptions stop;
-  CLI::App* command = app.add_subcommand(
-      "stop", "an emergency stop at the keyboard, whose silence stops, too; never the only one");
+  CLI::App* command = app.add_subcommand("stop",
+                                         "Run an emergency stop at the keyboard; the robot also "
+                                         "stops if it ends. Never use it as the only one");
   AddNetwork(*command, stop.network);
-  command->add_flag("--unattended", stop.unattended,
-                    "nobody sits here: only says that nothing is pressed, for simulations");
+  command->add_flag(
+      "--unattended", stop.unattended,
+      "run without an operator: only reports that nothing is pressed, for simulations");
   command->callback([&] { RunEmergencyStop(stop); });
 
   CertificatesOptions certificates;
-  command = app.add_subcommand(
-      "certificates",
-      "make a secured network's authority, and what each participant needs to be admitted.\n"
-      "Once more with other --participants, adds them");
-  command->add_option("FOLDER", certificates.folder, "where they are put; keep it safe")
+  command =
+      app.add_subcommand("certificates",
+                         "Make the authority of a secured network, and the files that each "
+                         "participant needs.\nRun again with other --participants, it adds them");
+  command
+      ->add_option("FOLDER", certificates.folder,
+                   "folder for the keys and certificates; keep it safe")
       ->required();
   command
-      ->add_option("-p,--participants", certificates.participants,
-                   "NAME or NAME:PERMISSION each, separated by commas. Permissions: controller "
-                   "(may command arms), console (may say what arms measure), button (may stop), "
-                   "monitor (may listen); all may listen")
+      ->add_option(
+          "-p,--participants", certificates.participants,
+          "NAME or NAME:PERMISSION, separated by commas. Permissions: controller "
+          "(may command arms), console (may publish what arms measure), button (may stop), "
+          "monitor (may listen); all may listen")
       ->delimiter(',')
       ->capture_default_str();
-  command->add_option("--days", certificates.certificates.days, "until they expire")
+  command
+      ->add_option("--days", certificates.certificates.days, "days until the certificates expire")
       ->check(CLI::Range(1, 36500))
       ->capture_default_str();
   command->callback([&] { RunCertificates(certificates); });
 
   CheckOptions check;
   bool yes = false;
-  command = app.add_subcommand(
-      "check",
-      "look at each device, name what is wrong and what to do about it. Without devices: PSM1 and\n"
-      "/ECM/image_raw. Moves nothing unless asked to, and asks before. Exit code 1 if anything is "
-      "wrong");
+  command = app.add_subcommand("check",
+                               "Check each device, and print each error with its remedy. Default "
+                               "devices: PSM1 and\n/ECM/image_raw. Moves a device only with --home "
+                               "or --move, and asks first. Exit code 1 if anything is "
+                               "wrong");
   AddNetwork(*command, check.network);
-  command->add_option("--arm", check.arm, "the arm's name at the console, PSM1 say");
+  command->add_option("--arm", check.arm, "name of the arm at the console, for example PSM1");
   command
-      ->add_option(
-          "--generation", check.generation,
-          "which da Vinci the arm is of: Classic, or Si, whose joints go farther and whose "
-          "Large Needle Driver is 420006")
+      ->add_option("--generation", check.generation,
+                   "generation of the da Vinci: Classic, or Si, which has larger joint ranges and "
+                   "whose Large Needle Driver is 420006")
       ->default_str("Classic")
       ->transform(CLI::CheckedTransformer(std::map<std::string, kinematics::PsmGeneration>{
                                               {"Classic", kinematics::PsmGeneration::kClassic},
                                               {"Si", kinematics::PsmGeneration::kSi}})
                       .description("Classic or Si"));
-  command->add_option(
-      "--endoscope", check.endoscope,
-      "an image topic (/ECM/image_raw), a video device (0, /dev/video0), a file, or "
-      "a GStreamer pipeline");
+  command->add_option("--endoscope", check.endoscope,
+                      "source of pictures: an image topic (/ECM/image_raw), a video device (0, "
+                      "/dev/video0), a file, or "
+                      "a GStreamer pipeline");
   command
       ->add_option("--camera", check.camera,
-                   "the endoscope's intrinsics, as OpenCV or ROS write them")
+                   "file of the endoscope's intrinsics, as written by OpenCV or ROS")
       ->check(CLI::ExistingFile);
   command->add_option("--platform", check.platform,
-                      "the Stewart platform's serial port, /dev/ttyACM0 say");
-  command->add_option("--wait", check.find_s, "seconds to look for a device on the network")
+                      "serial port of the Stewart platform, for example /dev/ttyACM0");
+  command->add_option("--wait", check.find_s, "time to look for a device on the network [s]")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 600.0));
-  command->add_option("--seconds", check.listen_s, "seconds to listen to it then")
+  command->add_option("--seconds", check.listen_s, "time to listen to a device [s]")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 600.0));
   command->add_flag("--home", check.home, "home the arm if it is not");
   command->add_flag("--move", check.move, "move the arm by 2 mm, tilt the platform by 3 degrees");
   command->add_flag("--without-stop", check.without_stop,
-                    "--home and --move without an emergency stop: in a simulation");
-  command->add_flag("--yes", yes, "answers all questions: nobody is near the arm");
-  command->add_flag("--json", check.json, "the report for programs");
+                    "allow --home and --move without an emergency stop, in a simulation");
+  command->add_flag("--yes", yes,
+                    "answer all questions with yes; only if no person is near the arm");
+  command->add_flag("--json", check.json, "print the report as JSON");
   command->callback([&] {
     check.interrupted = &interrupted;
     ListenForInterrupts();
@@ -155,11 +160,14 @@ int Main(int argc, char** argv) {
   });
 
   HomeOptions home;
-  command = app.add_subcommand("home",
-                               "send the Stewart platform home, on a word that is typed: a program "
-                               "that was killed leaves it "
-                               "moving.\nExit code 1 if it was not asked for");
-  command->add_option("--platform", home.platform, "its serial port, /dev/ttyACM0 say")->required();
+  command =
+      app.add_subcommand("home",
+                         "Send the Stewart platform home after a typed confirmation: it keeps "
+                         "moving after its program\nwas killed. Exit code 1 without confirmation");
+  command
+      ->add_option("--platform", home.platform,
+                   "serial port of the platform, for example /dev/ttyACM0")
+      ->required();
   command->callback([&] {
     home.interrupted = &interrupted;
     ListenForInterrupts();
@@ -171,8 +179,7 @@ int Main(int argc, char** argv) {
   });
 
   dfr::apps::CheckNumbers(app);
-  CLI11_PARSE(app, argc, argv);
-  return result;
+  return Parse(app, argc, argv).value_or(result);
 }
 
 }  // namespace

@@ -12,7 +12,7 @@ void RobotWatch::Hear(const dds::Origin& who, const std::string& state, std::int
   if (robot == nullptr) return;
   robot->heard_ns = steady_ns;
   if (robot->gone || state != robot->state) Say(Name(*robot) + ": " + state, steady_ns);
-  robot->gone = state == dds::kRunEnded;  // and is not missed
+  robot->gone = state == dds::kRunEnded;  // and is not reported as missing
   robot->state = state;
 }
 
@@ -24,7 +24,7 @@ void RobotWatch::Say(const std::string& text, std::int64_t steady_ns) {
 
 void RobotWatch::Look(std::int64_t steady_ns) {
   if (const std::uint64_t left_out = limit_.TakeLeftOut(steady_ns); left_out > 0) {
-    *out_ << "robots: " << left_out << " more changes came, and are not shown" << std::endl;
+    *out_ << "robots: " << left_out << " more changes are not shown" << std::endl;
   }
   constexpr std::int64_t kSilence = 150'000'000;  // ns
   for (Robot& robot : robots_) {

@@ -10,18 +10,20 @@
 
 namespace dfr::apps::hardware_app {
 
-/// Says how robots' programs fare, by what each announces on dds::kRunStateTopic: a second one that
-/// is refused and ends says nothing of the first. One object belongs to one thread.
+/// Reports the state of robots' programs, as each announces it on dds::kRunStateTopic. A second
+/// program that is refused and ends does not affect the report on the first. One object belongs to
+/// one thread.
 class RobotWatch {
  public:
-  /// @param out  where it is said, a line for each change; borrowed.
+  /// @param out  stream for the reports, one line per change; borrowed.
   explicit RobotWatch(std::ostream& out) : out_(&out) {}
 
-  /// One of them has announced its state. Ten changes a second are said, and how many more there
-  /// were; silence always is.
+  /// Handles a program's announcement. Reports at most ten changes per second and the number of
+  /// further ones; silence is always reported.
   /// @param steady_ns  a clock that never goes back, here and below.
   void Hear(const dds::Origin& who, const std::string& state, std::int64_t steady_ns);
-  /// To be called some times in 150 ms, after which one that has not ended is missed.
+  /// Call this several times in 150 ms. After 150 ms of silence a program that has not ended is
+  /// reported as missing.
   void Look(std::int64_t steady_ns);
 
  private:
@@ -29,14 +31,14 @@ class RobotWatch {
     dds::Origin who = {};
     std::string state;
     std::int64_t heard_ns = 0;
-    bool gone = true;  // ended, or told to be silent: another may have its place
+    bool gone = true;  // ended, or reported as silent: another program may take its place
   };
   void Say(const std::string& text, std::int64_t steady_ns);
 
-  static constexpr std::size_t kMost = 8;  // what others say beyond that is left out
+  static constexpr std::size_t kMost = 8;  // further programs are ignored
 
   Robot* Find(const dds::Origin& who);
-  // "robot", for all but the first with its number.
+  // "robot"; all but the first have a number.
   [[nodiscard]] std::string Name(const Robot& robot) const;
 
   std::ostream* out_;

@@ -1,30 +1,30 @@
 #pragma once
 
-/// What the page's script calls: the one World there is, through numbers and one shared array of
-/// doubles. Points in the array are x, y. Support and method are indices, as in world.h.
+/// Functions for the page's script: they use the single World through numbers and one shared array
+/// of doubles. Points in the array are x, y. Support and method are indices, as in world.h.
 ///
-/// A call that fails returns -1, and page_error() says why. Nothing here is for several threads.
+/// A call that fails returns -1; page_error() returns the reason. Use one thread only.
 extern "C" {
 
 /// Scenes and methods as JSON text, valid until the next call.
 const char* page_describe();
 const char* page_error();
-/// The shared array, with room for at least `count` doubles. Valid until it is asked for more.
+/// The shared array, with room for at least `count` doubles. Valid until a larger one is requested.
 double* page_array(int count);
 
 int page_open(int scene);
-/// Adds demonstrations. @returns how many there are.
+/// Adds demonstrations. @returns their total number.
 int page_demonstrate(int count, int seed);
-/// `points` points of the array are a line that a user drew; see World::Draw().
+/// Takes `points` points of the array as a line drawn by the user; see World::Draw().
 int page_draw(int points, int repeats, int seed);
 int page_clear();
 /// Writes demonstration `index` to the array. @returns its number of points.
 int page_demonstration(int index);
-/// Fits all but what the certified method needs.
+/// Fits everything except the certified method's parts.
 int page_fit();
-/// Fits that, too. Every call that needs it does so itself, where it has not been done.
+/// Fits these parts, too. Calls that need them fit them if necessary.
 int page_fit_certified();
-/// Time steps that have an estimate of their own.
+/// Number of time steps with a separate estimate.
 int page_num_steps(int support);
 
 /// l_t at columns x rows points of a grid, row by row from (left, top), `spacing` apart and
@@ -35,7 +35,7 @@ int page_levels(int support, int t, double left, double top, double spacing, int
 int page_look(int support, int t, double x, double y);
 int page_nearest_step(int support, double x, double y);
 
-/// Begins an episode at (x, y) in this time step.
+/// Begins an episode at (x, y) at this time step.
 int page_start(int method, double x, double y, int first_step, int seed);
 /// A start state of the scene, to the array.
 int page_start_state(int seed);
@@ -43,12 +43,12 @@ int page_start_state(int seed);
 /// step; g; threshold; 1 if the policy's control was changed; 1 if it is certified; outcome (-1
 /// while under way); halt cause.
 int page_step();
-/// Moves the robot of the episode, which does not know why.
+/// Moves the robot of the episode, without telling the controller.
 int page_displace(double x, double y);
-/// Pushes the policy's controls by a motion.
+/// Adds a motion to the policy's controls.
 int page_push(double dx, double dy);
-/// The way of an episode of its own, of at most `most` controls, as points in the array. @returns
-/// how many; the outcome is behind them, -1 where it is still under way.
+/// Runs a separate episode of at most `most` controls and writes its path to the array. @returns
+/// the number of points; the outcome follows them, -1 if not over.
 int page_preview(int method, double x, double y, int first_step, int most);
 /// Episodes from random start states. To the array: completed, halted, collided.
 int page_run(int method, int count, int seed);

@@ -20,7 +20,7 @@ namespace {
 constexpr double kSpeed = 0.6;      // Norm of a demonstrated control.
 constexpr double kUnsteady = 0.35;  // Noise on each entry of it, a standard deviation.
 constexpr int kHorizon = 200;       // Controls that a demonstration takes at most.
-constexpr int kLooks = 4;           // Looks along each motion, so that no corner is cut unseen.
+constexpr int kLooks = 4;  // Collision checks along each motion, so that no corner is missed.
 
 Point operator+(const Point& a, const Point& b) { return {a[0] + b[0], a[1] + b[1]}; }
 Point operator-(const Point& a, const Point& b) { return {a[0] - b[0], a[1] - b[1]}; }
@@ -45,7 +45,7 @@ double Distance(const Box& box, const Point& p) {
   return std::hypot(std::max(dx, 0.0), std::max(dy, 0.0));
 }
 
-// A polyline by its length.
+// A polyline parametrised by its length.
 class Route {
  public:
   explicit Route(std::vector<Point> points) : points_(std::move(points)), at_(points_.size(), 0.0) {
@@ -61,7 +61,7 @@ class Route {
     const double share = segment > 0.0 ? std::clamp((s - at_[i - 1]) / segment, 0.0, 1.0) : 1.0;
     return points_[i - 1] + share * (points_[i] - points_[i - 1]);
   }
-  // Where p is along the route, not before `from` and not far behind it.
+  // Position of p along the route, not before `from` and not far after it.
   [[nodiscard]] double Progress(const Point& p, double from) const {
     constexpr int kPlaces = 20;
     constexpr double kSpacing = 0.02;
@@ -129,14 +129,14 @@ std::vector<Scene> MakeScenes() {
        .wander = 0.02,
        .degree = 2},
       {.name = "Your own",
-       .summary = "Nothing is here yet. Draw a line from the start to the goal, by any way you "
+       .summary = "No demonstration yet. Draw a line from the start to the goal, by any way you "
                   "like.",
        .start = {{0.0, 0.0}, 0.16},
        .goal = {{4.0, 0.0}, 0.16}},
   };
 }
 
-// So close to the solution that every machine finds the same one, to all digits that are shown.
+// Tight, so that every machine finds the same solution to all printed digits.
 constexpr double kTolerance = 1e-10;
 
 safety::TaskOptions Options() {
@@ -292,7 +292,7 @@ Decision Episode::Step() noexcept {
 
 namespace {
 
-// What the certified method needs.
+// Data of the certified method.
 struct CertifiedModel {
   explicit CertifiedModel(std::span<const core::Trajectory> demonstrations)
       : guided(OneUnit(demonstrations), demonstrations,
@@ -316,7 +316,7 @@ struct World::Learned {
 
   study::planar::PolynomialPolicy polynomial;
   PushedPolicy policy;
-  PushedPolicy unpushed;  ///< For Run(), which nobody pushes.
+  PushedPolicy unpushed;  ///< For Run(), without the user's pushes.
   safety::TaskModel model;
   std::optional<CertifiedModel> certified;
 
@@ -345,7 +345,7 @@ void World::Demonstrate(int count, std::uint64_t seed) {
   for (int i = 0; i < count; ++i) {
     const auto& route = scene_->routes[static_cast<std::size_t>(i) % scene_->routes.size()];
     for (std::uint64_t attempt = 0;; ++attempt) {
-      DFR_THROW_UNLESS(attempt < 1000, "The demonstrator of this scene hardly ever succeeds.");
+      DFR_THROW_UNLESS(attempt < 1000, "The demonstrator of this scene rarely succeeds.");
       auto demonstration =
           Follow(route, true, core::DeriveSeed(seed, {static_cast<std::uint64_t>(i), attempt}));
       if (!demonstration) continue;
@@ -376,7 +376,7 @@ void World::Draw(std::span<const Point> line, int repeats, std::uint64_t seed) {
   route.push_back(goal.centre);
   std::vector<core::Trajectory> drawn;
   std::optional<core::Trajectory> exact = Follow(route, false, 0);
-  DFR_THROW_UNLESS(exact, "The line touches an obstacle: a demonstration must not.");
+  DFR_THROW_UNLESS(exact, "The line touches an obstacle: draw one that does not.");
   drawn.push_back(*std::move(exact));
   const int most = 50 * repeats;
   for (int attempt = 0; attempt < most && static_cast<int>(drawn.size()) <= repeats; ++attempt) {
@@ -403,7 +403,7 @@ bool World::fitted_certified() const noexcept {
   return fitted() && learned_->certified.has_value();
 }
 
-// Nothing if an obstacle is touched or the goal is not reached.
+// Empty if the path touches an obstacle or does not reach the goal.
 std::optional<core::Trajectory> World::Follow(const std::vector<Point>& points, bool unsteady,
                                               std::uint64_t seed) const {
   core::Random random(core::DeriveSeed(seed, {1}));

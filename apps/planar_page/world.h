@@ -41,16 +41,16 @@ struct Scene {
   std::vector<Disc> discs = {};
   std::vector<Box> boxes = {};
   bool corridor = false;  ///< The walls of sim::CorridorPlant are there too.
-  /// Ways that the demonstrator takes in turn, from the start to the goal.
+  /// Routes of the demonstrator from the start to the goal, taken in turn.
   std::vector<std::vector<Point>> routes = {};
-  double wander = 0.05;  ///< How far from its way a demonstrator keeps: a standard deviation.
+  double wander = 0.05;  ///< Standard deviation of the demonstrator's distance from its route.
   int degree = 3;        ///< The learned policy is a polynomial of this degree.
 };
 
 [[nodiscard]] const std::vector<Scene>& Scenes();
 
 /// A point among the obstacles of a scene: x' = x + K R u, as in sim::CorridorPlant. Controllers
-/// are told neither the obstacles nor the rotation R.
+/// get neither the obstacles nor the rotation R.
 ///
 /// State: point(2). Control (2): entries saturate at +-1. One object belongs to one thread.
 class PointPlant final : public core::SimulatedPlant {
@@ -63,7 +63,7 @@ class PointPlant final : public core::SimulatedPlant {
   [[nodiscard]] const core::StateLayout& layout() const noexcept override { return layout_; }
   [[nodiscard]] int control_dim() const noexcept override { return 2; }
   void Reset(std::uint64_t seed) override;
-  /// Puts the point somewhere else. What collided() says begins anew.
+  /// Moves the point to another position and resets collided().
   void MoveTo(const Point& point) noexcept;
   [[nodiscard]] core::PlantStatus Apply(std::span<const double> control) noexcept override;
   void Observe(std::span<double> state) const noexcept override;
@@ -87,11 +87,11 @@ class PointPlant final : public core::SimulatedPlant {
   bool collided_ = false;
 };
 
-/// How far the point moves for a control, and the control that moves it so far.
+/// Converts controls to motions of the point, and back.
 [[nodiscard]] Point Displacement(const Point& control) noexcept;
 [[nodiscard]] Point ControlFor(const Point& displacement) noexcept;
 
-/// A learned policy whose controls a user pushes off their way.
+/// A learned policy to whose controls a user adds a disturbance.
 class PushedPolicy final : public core::Policy {
  public:
   explicit PushedPolicy(const core::Policy& learned) : learned_(&learned) {}
@@ -106,18 +106,18 @@ class PushedPolicy final : public core::Policy {
   Point push_{};
 };
 
-/// Whose support is meant: Algorithm 1's, guided recovery's or the certified mode's.
+/// Selects Algorithm 1's, guided recovery's or the certified mode's support.
 enum class Support { kPublished, kGuided, kCertified };
 
-/// Names of the methods, as the program `study` takes them.
+/// Names of the methods, as in the program `study`.
 [[nodiscard]] const std::vector<std::string>& MethodNames();
 [[nodiscard]] Support SupportOf(std::size_t method) noexcept;
 
-/// What a certificate allows in one state, as lengths in the plane: any motion into this disc stays
-/// inside, by the curvature bound.
+/// Region that a certificate allows in one state, in lengths of the plane: by the curvature bound,
+/// any motion into this disc stays inside.
 struct SafeRegion {
   Point centre{};
-  double radius = 0.0;  ///< Negative outside the support, where nothing is certified.
+  double radius = 0.0;  ///< Negative outside the support: nothing is certified there.
 };
 
 /// One control of an episode.
@@ -125,20 +125,20 @@ struct Decision {
   control::Step step;
   Point from{};
   Point to{};      ///< The same as `from` after a halt.
-  Point wanted{};  ///< Where the policy, pushed or not, wanted to go.
+  Point wanted{};  ///< Target of the policy, including pushes.
 };
 
-/// An episode: a controller drives the point until it completes, collides or halts.
+/// An episode: a controller moves the point until it completes, collides or halts.
 class Episode {
  public:
   Episode(const Scene& scene, const PushedPolicy& policy,
           std::unique_ptr<control::Controller> controller, std::uint64_t seed);
-  /// One more control. Does nothing once over().
+  /// Applies one control. Does nothing once over().
   Decision Step() noexcept;
   [[nodiscard]] PointPlant& plant() noexcept { return plant_; }
   [[nodiscard]] const PointPlant& plant() const noexcept { return plant_; }
   [[nodiscard]] bool over() const noexcept;
-  /// Once over(): kHalted with the controller's cause where it neither completed nor collided.
+  /// Once over(): kHalted with the controller's cause if it neither completed nor collided.
   [[nodiscard]] core::Outcome outcome() const noexcept;
   [[nodiscard]] control::HaltCause cause() const noexcept { return cause_; }
 
@@ -152,18 +152,18 @@ class Episode {
   int controls_ = 0;
 };
 
-/// How episodes from random start states end.
+/// Outcomes of episodes from random start states.
 struct Tally {
   int completed = 0;
   int halted = 0;
   int collided = 0;
 };
 
-/// All that the page computes: demonstrations, what is learned from them, and episodes. Belongs to
-/// one thread.
+/// Computations of the page: demonstrations, models learned from them, and episodes. Belongs to one
+/// thread.
 class World {
  public:
-  /// @throws std::invalid_argument if there is no such scene.
+  /// @throws std::invalid_argument for an unknown scene.
   explicit World(std::size_t scene);
   World(const World&) = delete;
   World& operator=(const World&) = delete;
@@ -176,35 +176,36 @@ class World {
   void Demonstrate(int count, std::uint64_t seed);
   /// Adds the line that a user drew as a demonstration, and `repeats` more by an unsteady hand that
   /// follows it.
-  /// @throws std::invalid_argument telling the user why the line does not do.
+  /// @throws std::invalid_argument with the reason for the user.
   void Draw(std::span<const Point> line, int repeats, std::uint64_t seed);
-  /// Removes all demonstrations and what was learned from them.
+  /// Removes all demonstrations and models.
   void Clear();
   [[nodiscard]] const std::vector<core::Trajectory>& demonstrations() const noexcept {
     return demonstrations_;
   }
 
   /// Learns policy, supports and recoveries from the demonstrations.
-  /// @throws std::invalid_argument if they do not suffice.
+  /// @throws std::invalid_argument if there are too few.
   void Fit();
   [[nodiscard]] bool fitted() const noexcept { return learned_ != nullptr; }
-  /// Learns what the certified method needs besides, unless that is there. For a world that is
-  /// fitted(). It takes as long as Fit(), so that a page can show what Fit() learned meanwhile.
+  /// Fits the additional parts of the certified method, unless they exist. Requires fitted(). Takes
+  /// as long as Fit(); a page can show the results of Fit() meanwhile.
   void FitCertified();
   [[nodiscard]] bool fitted_certified() const noexcept;
 
-  // The rest is for a world that is fitted(), and fitted_certified() where Support::kCertified, a
-  // certified method or Certified() is asked for.
+  // The other functions require fitted(), and fitted_certified() for Support::kCertified, a
+  // certified method or Certified().
 
   [[nodiscard]] int num_steps(Support support) const noexcept;
-  /// l_t(x), the log form of g_t(x), and g_t(x) itself.
+  /// Return l_t(x), the log form of g_t(x), and g_t(x).
   [[nodiscard]] double LogDecision(Support support, int t, const Point& x) const noexcept;
   [[nodiscard]] double Decision(Support support, int t, const Point& x) const noexcept;
-  /// The time step whose support fits x best.
+  /// Returns the time step whose support fits x best.
   [[nodiscard]] int NearestStep(Support support, const Point& x) const noexcept;
   [[nodiscard]] SafeRegion Certified(int t, const Point& x) const noexcept;
 
-  /// An episode of this method (an index of MethodNames()) from `start`, at time step `first_step`.
+  /// Begins an episode of this method (an index of MethodNames()) from `start`, at time step
+  /// `first_step`.
   [[nodiscard]] Episode Start(std::size_t method, const Point& start, int first_step,
                               std::uint64_t seed) const;
   /// Pushes the policy of all episodes: added to its controls, as a motion of at most kGain.

@@ -11,8 +11,8 @@
 
 namespace dfr::apps::pusher {
 
-// One struct and one function a command; main.cc fills the one and calls the other. All throw
-// std::exception with a message for the user.
+// One struct and one function per command. main.cc fills the struct and calls the function. All
+// functions throw std::exception with a message for the user.
 
 struct DemonstrateOptions {
   std::filesystem::path supervisor;  ///< Empty: the shipped one.
@@ -54,10 +54,10 @@ void RunGuarded(const GuardedOptions& options);
 
 struct ExperimentOptions : experiment::ExperimentOptions {
   ExperimentOptions() { out = "out/pusher"; }
-  std::filesystem::path supervisor;  ///< Empty: those that are shipped.
-  int supervisors = 0;               ///< How many of these take turns; 0: as the preset says.
+  std::filesystem::path supervisor;  ///< Empty: the shipped ones.
+  int supervisors = 0;               ///< Number of these that take turns; 0: the preset's.
   bool convergence = true;
-  // Empty: as the preset says.
+  // Empty: the preset's.
   std::vector<std::string> learners;
   std::vector<int> demonstrations;
   ModelOptions model;
@@ -79,11 +79,11 @@ struct DriftOptions : experiment::ExperimentOptions {
 void RunDrift(const DriftOptions& options);
 
 struct RenderOptions {
-  std::string episode;                       ///< The id of one of an experiment's, or empty.
-  std::filesystem::path run = "out/pusher";  ///< That experiment's folder.
+  std::string episode;                       ///< Id of an experiment's episode, or empty.
+  std::filesystem::path run = "out/pusher";  ///< Folder of that experiment.
   std::filesystem::path model = "model";
   std::vector<std::string> methods = {"baseline", "dfr", "guided"};
-  std::uint64_t seed = 1;  ///< Draws the start state.
+  std::uint64_t seed = 1;  ///< Seed of the start state.
   std::filesystem::path out = "rollout.mp4";
   int width = 640;
   int height = 480;

@@ -19,7 +19,7 @@ namespace {
 constexpr int kMostControls = 1000;  // 500 iterations of two
 constexpr int kMostStarts = 100'000;
 
-// Where a recovery begins.
+// State in which a recovery begins.
 struct Gate {
   std::unique_ptr<core::SimulatedPlant> plant;
   int t = 0;
@@ -42,14 +42,14 @@ std::vector<Gate> FindGates(PusherTrialRunner& runner, int count, std::uint64_t 
   return gates;
 }
 
-// Guided recovery's model of the paper's support: its features as they are.
+// Guided recovery's model on the paper's support, with unscaled features.
 control::GuidedModel PaperSupport(const Model& model) {
   const core::FeatureSelection selection(model.demonstrations().layout,
                                          model.task().published_features());
   const int n = selection.num_features();
   const core::FeatureTransform features(selection, Eigen::VectorXd::Zero(n),
                                         core::Matrix::Identity(n, n));
-  // Its gate stays shut: the curves end at the paper's threshold.
+  // Its gate stays closed: the curves end at the paper's threshold.
   return {features, *model.task().published(), model.demonstrations().trajectories,
           control::GuidedModelOptions{.gate_quantile = 1.0}};
 }
@@ -62,12 +62,12 @@ double Threshold(const Model& model, int t, std::span<const double> x, std::span
          core::AsVector(u).norm();
 }
 
-// g_t over the threshold that Algorithm 1 has in state x, at most 1.
+// g_t divided by Algorithm 1's threshold in state x, at most 1.
 double Share(const Model& model, int t, std::span<const double> x, std::span<double> u) {
   return std::min(1.0, model.task().support().Decision(t, x) / Threshold(model, t, x, u));
 }
 
-// The level that g_t can be climbed to from x by entries begin ... end - 1 alone.
+// Level of g_t that ascent from x reaches if only entries begin ... end - 1 change.
 double Climbed(const core::DecisionFunction& g, int t, std::vector<double> x, std::size_t begin,
                std::size_t end) {
   constexpr double kFirstStep = 0.05;  // m
@@ -107,7 +107,7 @@ std::vector<double> Climb(const Model& model, const Gate& gate, core::SimulatedP
   }
 }
 
-// The curves of all recoveries of the rollouts that it looks on.
+// Collects the curves of all recoveries in the rollouts that it observes.
 class RecoveryCurves final : public control::RolloutObserver {
  public:
   RecoveryCurves(const Model& model, int control_dim)
@@ -197,7 +197,8 @@ GateReach MeasureReach(PusherTrialRunner& runner, int recoveries, std::uint64_t 
   for (const Gate& gate : FindGates(runner, recoveries, seed)) {
     gate.plant->Observe(x);
     const double threshold = Threshold(model, gate.t, x, u);
-    // The demonstrated state that is highest, and the demonstrated place of the gripper that is.
+    // The demonstrated state with the largest g, and the demonstrated gripper position with the
+    // largest g.
     std::vector<double> highest(x);
     std::vector<double> moved(x);
     for (const core::Trajectory& d : model.demonstrations().trajectories) {

@@ -19,7 +19,7 @@ void RunDemonstrate(const DemonstrateOptions& options) {
       Demonstrate(plant, supervisor, options.count, options.horizon, options.seed, &counts,
                   [&](int) { meter.Advance(); });
   imitation::SaveRobomimic(set, options.out);
-  std::printf("%s: %d demonstrations; discarded: %d with a violation, %d out of time\n",
+  std::printf("%s: %d demonstrations; discarded: %d with a violation, %d over the time limit\n",
               options.out.c_str(), counts.kept, counts.collided, counts.incomplete);
 }
 

@@ -44,11 +44,12 @@ experiment::EvaluationPlan MakePlan(const ExperimentOptions& options) {
   return experiment::ApplyTo(std::move(plan), options);
 }
 
-std::string Text(double value) { return core::Format("%g", value); }  // for people
+std::string Text(double value) { return core::Format("%g", value); }  // for readers
 
 std::string Percent(double share) { return core::Format("%.1f %%", 100.0 * share); }
 
-// All that decides the results besides the plan; a ledger with others is refused.
+// Settings that determine the results, in addition to the plan. A ledger with other settings is
+// refused.
 std::map<std::string, std::string> Settings(const ExperimentOptions& options,
                                             const std::filesystem::path& supervisor,
                                             const experiment::EvaluationPlan& plan) {
@@ -72,8 +73,8 @@ std::map<std::string, std::string> Settings(const ExperimentOptions& options,
           {"learning_rate", Exactly(model.learner.learning_rate)}};
 }
 
-// The start state that shows most: at the last data point of the first learner, one where the
-// reference collides and guided recovery, or the last method, completes; failing that, one where
+// Start state for the video: at the last data point of the first learner, one from which the
+// reference collides and guided recovery, or the last method, completes; otherwise one from which
 // the reference collides.
 struct Scene {
   experiment::EvaluationUnit unit;
@@ -200,7 +201,8 @@ experiment::ReportFigure OverlapFigure(const experiment::Summary& summary,
 
 constexpr int kRecoveries = 50;
 
-// The paper's Fig. 5, left: over iterations; and over what a robot's time is proportional to.
+// The paper's Fig. 5, left, over iterations; and over applied controls, which determine a robot's
+// time.
 experiment::ReportFigure ConvergenceFigure(const std::vector<ConvergenceCurve>& curves,
                                            const experiment::EvaluationPlan& plan,
                                            const std::string& which) {
@@ -262,9 +264,9 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
       "cylinder may touch. A policy is learned from a supervisor's demonstrations, and run alone "
       "(Baseline), until it comes near the boundary of the demonstrated states' support (Early "
       "Stopping), or with Derivative-Free Recovery (DFR) there: these are the paper's methods. "
-      "Guided recovery learns from every control how the state answers. Where a learned control "
-      "would not end well inside, it does what demonstrations did nearby, corrected towards the "
-      "inside. All methods start from the same states.";
+      "Guided recovery estimates the response of the state to controls online. Where a learned "
+      "control would not end well inside, it takes the control of nearby demonstrations, corrected "
+      "towards the inside. All methods start from the same states.";
   for (const std::string& learner : plan.learners) {
     report.learner_names[learner] = learner + " tanh";
   }
@@ -282,32 +284,32 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
       {"How to read this",
        "The weak learner (8 tanh units, 10 epochs of Adam) cannot match the supervisor: that is "
        "the paper's regime. The stronger one (64-64) stands beside it.\n\n"
-       "Demonstrations sample the supervisor's own Gaussian. With its mean action all of them "
-       "would have the same timing, and a learner that lags behind would leave the time-indexed "
+       "Demonstrations sample the supervisor's Gaussian policy. With its mean action all of them "
+       "would have the same timing, and a learner that lags would leave the time-indexed "
        "support at once.\n\n"
        "Demonstrations with a violation are discarded: " +
            Text(std::round(10.0 * MeanMeasure(summary, "discarded_demonstrations")) / 10.0) +
-           " per trial on average. Start states outside the support of t = 0 are drawn anew, for "
-           "no arm motion can mend them.\n\n"
+           " per trial on average. Start states outside the support of t = 0 are drawn again, "
+           "because no arm motion can correct them.\n\n"
            "The scene decides these figures as much as the method does: where the gate is tight, "
            "or the demonstrations spread, the support covers part of the red regions, and then "
            "DFR collides inside it. Start states, the supervisor's reward and the end of its "
            "training were chosen while looking at Baseline's and DFR's figures, with seeds that "
            "are "
-           "not used here; the algorithm and its constants are the authors'. docs/pusher.md tells "
+           "not used here; the algorithm and its constants are the authors'. docs/pusher.md lists "
            "what was tried."});
   report.notes.push_back(
-      {"What the methods know",
+      {"Information used by the methods",
        "LWR and nearest neighbours are regressions on the same demonstrations, without any "
        "support: "
-       "where they complete as much as guided recovery does, this task ranks what controllers do "
-       "to a policy, not policies.\n\n"
-       "Guided recovery is given no model. Local dynamics are learned from demonstrated and "
+       "where they complete as much as guided recovery does, this task ranks controllers, not "
+       "policies.\n\n"
+       "Guided recovery has no given model. Local dynamics are learned from demonstrated and "
        "applied "
        "transitions.\n\n"
        "The ensemble halts where five learners disagree more than in any demonstrated state. DART "
-       "learns from demonstrations of its own, in which noise is injected. DAgger asks the "
-       "supervisor in every state that it comes to, in ten rounds, and collides meanwhile. The "
+       "learns from separate demonstrations with injected noise. DAgger queries the supervisor in "
+       "every state that it visits, in ten rounds, and collides while it learns. The "
        "filter with the true Jacobian is an oracle: it tries controls on a copy of the plant, and "
        "looks at the support of guided recovery."});
   if (options.preset == "quick") {

@@ -16,7 +16,7 @@ void RunFit(const FitOptions& options) {
   const Model model = Model::Fit(set, use, model_options);
   model.Save(options.out);
 
-  // How far the demonstrations themselves stay inside: what the support makes of its own data.
+  // Prints the share of demonstrated states outside the support, as a check of the fit.
   int states = 0;
   int outside = 0;
   for (int i = 0; i < use; ++i) {

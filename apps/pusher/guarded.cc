@@ -38,8 +38,8 @@ class LinearPolicy final : public core::Policy {
   [[nodiscard]] int control_dim() const noexcept override {
     return static_cast<int>(gains_.rows());
   }
-  // One product after the other: a matrix product may add up in another order, and other programs
-  // are to get the same bits.
+  // Adds one product after the other. A matrix product may use another order, and other programs
+  // must get the same bits.
   void Control(int /*t*/, std::span<const double> x, std::span<double> u) const noexcept override {
     for (Eigen::Index i = 0; i < gains_.rows(); ++i) {
       double sum = gains_(i, 0);
@@ -60,7 +60,7 @@ void RunGuarded(const GuardedOptions& options) {
   const auto model = safety::GuardModel::Load(options.guard);
   sim::PusherPlant plant(options.plant);
   DFR_THROW_UNLESS(model->layout() == plant.layout(),
-                   options.guard.string() << ": is a guard of other states than the Pusher's");
+                   options.guard.string() << ": is not a guard of the Pusher's states");
   const LinearPolicy policy(options.policy, plant.state_dim(), plant.control_dim());
   safety::Guard guard(model);
   std::vector<double> x(static_cast<std::size_t>(plant.state_dim()));

@@ -1,4 +1,4 @@
-// The Pusher experiment of Sec. V-A: train a supervisor, demonstrate, fit, evaluate, compare, look.
+// Program pusher: the Pusher experiment of Sec. V-A.
 #include <CLI/CLI.hpp>
 #include <array>
 #include <cstdlib>
@@ -22,9 +22,10 @@ namespace dfr::apps::pusher {
 namespace {
 
 void AddScene(CLI::App& command, sim::PusherOptions& plant) {
-  command.add_option("--red-y", plant.red_y, "the red regions are at y = +- this [m]")
+  command.add_option("--red-y", plant.red_y, "the red regions are at y = +- this value [m]")
       ->capture_default_str();
-  command.add_option("--start-y", plant.start_y, "the cylinder starts within y = +- this [m]")
+  command
+      .add_option("--start-y", plant.start_y, "the cylinder starts within y = +- this value [m]")
       ->capture_default_str();
   command.add_option("--gripper", plant.gripper, "bar, wide-bar or fork")
       ->transform(CLI::CheckedTransformer(
@@ -35,8 +36,8 @@ void AddScene(CLI::App& command, sim::PusherOptions& plant) {
       ->option_text("TEXT=bar");
   command
       .add_option("--physics", plant.physics,
-                  "quasi-static: the arm is moved along its path; dynamic: motors move an arm with "
-                  "inertia and friction, slower to simulate")
+                  "quasi-static: the arm follows its path exactly; dynamic: motors move an arm "
+                  "with inertia and friction, which is slower to simulate")
       ->transform(CLI::CheckedTransformer(std::map<std::string, sim::PusherPhysics>{
           {"quasi-static", sim::PusherPhysics::kQuasiStatic},
           {"dynamic", sim::PusherPhysics::kDynamic}}))
@@ -47,19 +48,21 @@ void AddScene(CLI::App& command, sim::PusherOptions& plant) {
 void AddModelOptions(CLI::App& command, ModelOptions& model) {
   command.add_option("--nu", model.nu, "bound on the outliers of each support, in (0, 1]")
       ->capture_default_str();
-  command.add_option("--gamma", model.gamma, "width of the Gaussian kernel [1/m^2]")
+  command.add_option("--gamma", model.gamma, "parameter gamma of the Gaussian kernel [1/m^2]")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command
       .add_option("--features", model.support_features,
-                  "what the support looks at: blocks of the state, as in red,object,tip[0:2]")
+                  "features of the support: blocks of the state, as in red,object,tip[0:2]")
       ->capture_default_str();
-  command.add_option("--horizon", model.horizon, "T: controls of the learned policy per episode")
+  command
+      .add_option("--horizon", model.horizon,
+                  "T: number of the learned policy's controls per episode")
       ->check(kCount)
       ->capture_default_str();
   command
       .add_option("--guided-gamma", model.guided_gamma,
-                  "the same of guided recovery's support, whose features are whitened")
+                  "gamma of guided recovery's support, whose features are whitened")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command.add_option("--epochs", model.epochs, "passes of Adam over the demonstrations")
@@ -69,31 +72,34 @@ void AddModelOptions(CLI::App& command, ModelOptions& model) {
 
 void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void()> run) {
   CLI::App* command = app.add_subcommand(
-      "experiment", "the paper's comparison: all methods over the number of demonstrations");
+      "experiment", "Run the paper's comparison: all methods over the number of demonstrations");
   experiment::AddExperimentOptions(
       *command, options,
       "quick: 2 trials, demonstrations 20, 60, 120; paper: 10 trials of 5 supervisors, 6, 12, ..., "
       "120; authors: as "
-      "quick, with the constants of the authors' scripts where those are others, Adam's rate .01, "
+      "quick, with the constants of the authors' scripts where these differ, Adam's rate .01, "
       "T = 100, gamma 1, nu .1",
       "the first is the reference; of " + study::MethodHelp(), {"quick", "paper", "authors"});
   command
       ->add_option("--supervisor", options.supervisor,
-                   "file of train-supervisor (default: those that are shipped)")
+                   "file of train-supervisor (default: the shipped ones)")
       ->type_name("FILE");
   command
       ->add_option("--supervisors", options.supervisors,
-                   "how many of those that are shipped take turns, trial by trial (default: paper "
+                   "number of shipped supervisors that take turns, trial by trial (default: paper "
                    "5, else 1); from 5 on intervals are clustered by supervisor")
       ->check(CLI::Range(1, kShippedSupervisors))
       ->excludes("--supervisor");
   command->add_flag("!--no-convergence", options.convergence,
-                    "leave out how fast recoveries climb, which takes seconds");
+                    "skip the study of how fast recoveries climb, which takes seconds");
   command
-      ->add_option("--learners", options.learners,
-                   "hidden units of the learned policies, with x the epochs, as in 8,64-64,8x100")
+      ->add_option(
+          "--learners", options.learners,
+          "hidden units of the learned policies, after an x the epochs, as in 8,64-64,8x100")
       ->delimiter(',');
-  command->add_option("--demonstrations", options.demonstrations, "the data points, ascending")
+  command
+      ->add_option("--demonstrations", options.demonstrations,
+                   "numbers of demonstrations, ascending")
       ->delimiter(',');
   AddModelOptions(*command, options.model);
   AddScene(*command, options.plant);
@@ -101,7 +107,7 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
       ->capture_default_str();
   command->callback([&options, command, run = std::move(run)] {
     if (options.preset == "authors") {
-      // What the user has chosen stays.
+      // Options given by the user take precedence.
       const auto take = [command](const char* option, auto& value, auto authors) {
         if (command->count(option) > 0) return;
         value = authors;
@@ -118,33 +124,38 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options, std::function<void
 
 void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
   CLI::App* command =
-      app.add_subcommand("demonstrate", "write demonstrations of the supervisor as robomimic HDF5");
-  command->add_option("--out", options.out, "the file")->capture_default_str();
-  command->add_option("--count", options.count, "demonstrations, those discarded not counted")
+      app.add_subcommand("demonstrate", "Write demonstrations of the supervisor as robomimic HDF5");
+  command->add_option("--out", options.out, "file of the demonstrations")->capture_default_str();
+  command->add_option("--count", options.count, "number of demonstrations, without discarded ones")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->add_option("--supervisor", options.supervisor,
                       "file of train-supervisor (default: the shipped one)");
-  command->add_option("--horizon", options.horizon, "T: most controls of a demonstration")
+  command
+      ->add_option("--horizon", options.horizon, "T: largest number of controls in a demonstration")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
-  command->add_option("--seed", options.seed, "of start states and noise")->capture_default_str();
+  command->add_option("--seed", options.seed, "random seed of start states and noise")
+      ->capture_default_str();
   AddScene(*command, options.plant);
   command->callback([&options] { RunDemonstrate(options); });
 }
 
 void AddFit(CLI::App& app, FitOptions& options) {
   CLI::App* command =
-      app.add_subcommand("fit", "learn policy, support and lambda from demonstrations");
+      app.add_subcommand("fit", "Learn policy, support and lambda from demonstrations");
   command->add_option("--demonstrations", options.demonstrations, "robomimic HDF5 file")
       ->capture_default_str();
-  command->add_option("--use", options.use, "only the first so many demonstrations; 0: all")
+  command
+      ->add_option("--use", options.use, "number of demonstrations to use, from the first; 0: all")
       ->check(dfr::apps::kNotNegative)
       ->capture_default_str();
-  command->add_option("--out", options.out, "folder of the model's files")->capture_default_str();
+  command->add_option("--out", options.out, "folder for the model's files")->capture_default_str();
   command->add_option("--learner", options.learner, "hidden units of the policy, as in 8 or 64-64")
       ->capture_default_str();
-  command->add_option("--seed", options.model.seed, "of the network's initial weights and batches")
+  command
+      ->add_option("--seed", options.model.seed,
+                   "random seed of the network's initial weights and batches")
       ->capture_default_str();
   AddModelOptions(*command, options.model);
   command->callback([&options] { RunFit(options); });
@@ -152,54 +163,59 @@ void AddFit(CLI::App& app, FitOptions& options) {
 
 void AddEvaluate(CLI::App& app, EvaluateOptions& options) {
   CLI::App* command =
-      app.add_subcommand("evaluate", "run a model from fresh start states, by each method");
-  command->add_option("--model", options.model, "folder of fit")->capture_default_str();
-  command->add_option("--methods", options.methods, "those of experiment")
+      app.add_subcommand("evaluate", "Run a model from new start states, with each method");
+  command->add_option("--model", options.model, "folder written by fit")->capture_default_str();
+  command->add_option("--methods", options.methods, "methods, as for experiment")
       ->delimiter(',')
       ->capture_default_str();
   command->add_option("--episodes", options.episodes, "start states")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
-  command->add_option("--seed", options.seed, "of start states and recoveries")
+  command->add_option("--seed", options.seed, "random seed of start states and recoveries")
       ->capture_default_str();
-  command->add_option("--threads", options.threads, "0: one per core")->capture_default_str();
+  command->add_option("--threads", options.threads, "number of threads; 0: one per core")
+      ->capture_default_str();
   AddScene(*command, options.plant);
   command->callback([&options] { RunEvaluate(options); });
 }
 
 void AddGuarded(CLI::App& app, GuardedOptions& options) {
   CLI::App* command = app.add_subcommand(
-      "guarded", "a linear policy of your own inside a guard's file: an episode a line");
-  command->add_option("--guard", options.guard, "file of the program guard, from demonstrations")
-      ->capture_default_str();
+      "guarded", "Run your linear policy with a guard; prints one line per episode");
+  command->add_option("--guard", options.guard, "file written by guard fit")->capture_default_str();
   command
       ->add_option("--policy", options.policy,
-                   "text: for each of the 7 controls an offset, and a gain per state entry")
+                   "text file: for each of the 7 controls an offset, and a gain per state entry")
       ->capture_default_str();
   command->add_option("--episodes", options.episodes, "start states")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
-  command->add_option("--seed", options.seed, "of the first, counting up")->capture_default_str();
+  command
+      ->add_option("--seed", options.seed,
+                   "random seed of the first start state; each further one adds 1")
+      ->capture_default_str();
   AddScene(*command, options.plant);
   command->callback([&options] { RunGuarded(options); });
 }
 
 void AddDrift(CLI::App& app, DriftOptions& options) {
-  CLI::App* command = app.add_subcommand(
-      "drift",
-      "how methods degrade: noise, turned and scaled controls, other grippers, little data");
+  CLI::App* command = app.add_subcommand("drift",
+                                         "Measure how methods degrade: noise, turned and scaled "
+                                         "controls, other grippers, few demonstrations");
   command->add_option("--learner", options.learner, "hidden units of the policy, as in 8 or 64-64")
       ->capture_default_str();
-  command->add_option("--methods", options.methods, "those of experiment")
+  command->add_option("--methods", options.methods, "methods, as for experiment")
       ->delimiter(',')
       ->capture_default_str();
-  command->add_option("--demonstrations", options.demonstrations, "in each trial")
+  command
+      ->add_option("--demonstrations", options.demonstrations,
+                   "number of demonstrations in each trial")
       ->check(CLI::Range(2, 10'000))
       ->capture_default_str();
-  command->add_option("--trials", options.trials, "independent repetitions of everything")
+  command->add_option("--trials", options.trials, "number of independent repetitions")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
-  command->add_option("--episodes", options.episodes, "start states per trial")
+  command->add_option("--episodes", options.episodes, "number of start states per trial")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command
@@ -211,25 +227,27 @@ void AddDrift(CLI::App& app, DriftOptions& options) {
 }
 
 void AddRender(CLI::App& app, RenderOptions& options) {
-  CLI::App* command =
-      app.add_subcommand("render", "a video of rollouts from one start state, without a display");
-  command->add_option("--model", options.model, "folder of fit")->capture_default_str();
-  command->add_option("--methods", options.methods, "side by side, as in baseline,dfr")
+  CLI::App* command = app.add_subcommand(
+      "render", "Write a video of rollouts from one start state, without a display");
+  command->add_option("--model", options.model, "folder written by fit")->capture_default_str();
+  command
+      ->add_option("--methods", options.methods, "methods to show side by side, as in baseline,dfr")
       ->delimiter(',')
       ->capture_default_str();
-  command->add_option(
-      "--episode", options.episode,
-      "instead of a model: an episode of an experiment by its id, as episodes prints "
-      "it; --methods are shown beside it");
+  command->add_option("--episode", options.episode,
+                      "instead of a model: id of an experiment's episode, as printed by episodes; "
+                      "--methods are shown beside it");
   command->add_option("--run", options.run, "folder of that experiment")->capture_default_str();
-  command->add_option("--seed", options.seed, "of the start state")->capture_default_str();
-  command
-      ->add_option("--out", options.out, "a video (.mp4, .webm) or the last picture (.png, .jpg)")
+  command->add_option("--seed", options.seed, "random seed of the start state")
       ->capture_default_str();
-  command->add_option("--width", options.width, "of each picture")
+  command
+      ->add_option("--out", options.out,
+                   "file of the video (.mp4, .webm) or of the last picture (.png, .jpg)")
+      ->capture_default_str();
+  command->add_option("--width", options.width, "width of each picture [px]")
       ->check(CLI::Range(160, 1920))
       ->capture_default_str();
-  command->add_option("--height", options.height, "of each picture")
+  command->add_option("--height", options.height, "height of each picture [px]")
       ->check(CLI::Range(120, 1080))
       ->capture_default_str();
   AddScene(*command, options.plant);
@@ -250,10 +268,12 @@ void AddRender(CLI::App& app, RenderOptions& options) {
 }
 
 void AddView(CLI::App& app, ViewOptions& options) {
-  CLI::App* command = app.add_subcommand("view", "watch rollouts in a window; needs a display");
-  command->add_option("--model", options.model, "folder of fit")->capture_default_str();
-  command->add_option("--method", options.method, "who is in control")->capture_default_str();
-  command->add_option("--seed", options.seed, "of the first start state")->capture_default_str();
+  CLI::App* command = app.add_subcommand("view", "Show rollouts in a window; needs a display");
+  command->add_option("--model", options.model, "folder written by fit")->capture_default_str();
+  command->add_option("--method", options.method, "method that controls the arm")
+      ->capture_default_str();
+  command->add_option("--seed", options.seed, "random seed of the first start state")
+      ->capture_default_str();
   AddScene(*command, options.plant);
   command->callback([&options] { RunView(options); });
 }

@@ -11,13 +11,13 @@
 namespace dfr::apps::pusher {
 namespace {
 
-// The state of Sec. V-A at rest: without the entries that no controller of the paper saw.
+// The state of Sec. V-A at rest, without the entries that the paper's controllers do not observe.
 constexpr std::string_view kPolicyFeatures = "qpos,tip,object,goal";
 
-// What guided recovery's support looks at: where the cylinder is, and where and how the gripper.
+// Features of guided recovery's support: position of the cylinder, pose of the gripper.
 constexpr std::string_view kGuidedFeatures = "object[0:2],tip,tip_tilt";
 
-// Layers of 1 to 1024 units, four at the most: what a learner of this task may need.
+// Parses at most four layers of 1 to 1024 units.
 constexpr int kMostUnits = 1024;
 constexpr std::size_t kMostLayers = 4;
 constexpr int kMostEpochs = 100'000;

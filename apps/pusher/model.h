@@ -18,13 +18,14 @@
 
 namespace dfr::apps::pusher {
 
-/// The learned policy's network and how it is trained (Sec. V-A and the authors' scripts).
+/// Network and training of the learned policy (Sec. V-A and the authors' scripts).
 struct Learner {
   std::vector<int> hidden = {8};
-  std::optional<int> epochs = {};  ///< Passes of Adam over the demonstrations; else ModelOptions'.
-  double learning_rate = 1e-3;     ///< Adam's.
+  std::optional<int> epochs =
+      {};                       ///< Passes of Adam over the demonstrations; default: ModelOptions'.
+  double learning_rate = 1e-3;  ///< Adam's.
 
-  /// "8", "64-64": the units of each hidden layer; "8x100": trained for 100 epochs.
+  /// Parses "8" or "64-64", the units of each hidden layer; "8x100" is trained for 100 epochs.
   /// @throws std::invalid_argument for anything else.
   static Learner Parse(const std::string& name);
   [[nodiscard]] std::string Name() const;
@@ -33,21 +34,21 @@ struct Learner {
 /// Options for Model::Fit(). Defaults are the settings of the paper's experiments.
 struct ModelOptions {
   Learner learner;
-  int epochs = 10;  ///< Where the learner does not say how many.
+  int epochs = 10;  ///< Used if the learner has no number of epochs.
   std::string support_features = "red,object,tip";
   double nu = 0.05;
   double gamma = 5.0;  ///< 1/m^2
   int horizon = 60;    ///< T
   double guided_gamma = kernel::WhitenedSupportOptions()
-                            .svm.gamma;  ///< Guided recovery's support, in whitened units.
+                            .svm.gamma;  ///< Gamma of guided recovery's support, in whitened units.
   std::uint64_t seed = 1;
 };
 
 /// LearnedModel of the Pusher.
 class Model : public study::LearnedModel {
  public:
-  /// Fits to the first `demonstrations` trajectories of the set. `supervisor` and the scene that it
-  /// demonstrates in are for baselines that ask it; without them those are refused.
+  /// Fits to the first `demonstrations` trajectories of the set. Baselines that query the
+  /// supervisor need `supervisor` and its scene, and are refused without them.
   /// @throws std::invalid_argument if there are not as many, or they do not fit.
   static Model Fit(const imitation::DemonstrationSet& set, int demonstrations,
                    const ModelOptions& options,
@@ -56,8 +57,8 @@ class Model : public study::LearnedModel {
 
   static Model Load(const std::filesystem::path& folder);
 
-  /// Borrows this model; `plant`, the plant that is driven, is for "finite-difference" only.
-  /// Episodes begin at time step `first_step`.
+  /// Borrows this model. `plant` is the controlled plant, for "finite-difference" only. Episodes
+  /// begin at time step `first_step`.
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(
       const safety::Method& method, const core::SimulatedPlant* plant = nullptr,
       int first_step = 0) const;

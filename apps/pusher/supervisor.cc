@@ -11,7 +11,7 @@
 namespace dfr::apps::pusher {
 namespace {
 
-// One sampled episode. Its controls are those that the plant was given.
+// One sampled episode, with the controls that the plant received.
 core::Trajectory Episode(sim::PusherPlant& plant, const imitation::GaussianPolicy& supervisor,
                          int horizon, std::uint64_t seed) {
   const int state_dim = plant.state_dim();

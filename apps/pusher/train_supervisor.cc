@@ -24,10 +24,10 @@ namespace {
 constexpr int kJudgeEvery = 10;  // iterations
 constexpr int kJudgeEpisodes = 1000;
 
-// Streams below the seed that Trpo does not use.
+// Random streams of the seed that Trpo does not use.
 enum Stream : std::uint64_t { kJudge = 1'000'001, kFinal = 1'000'002 };
 
-// The Pusher at the training gate, as Trpo wants it.
+// Trpo's environment: the Pusher at the training gate.
 class PusherEnvironment final : public imitation::Environment {
  public:
   explicit PusherEnvironment(const sim::PusherOptions& options)
@@ -167,25 +167,26 @@ int TrainSupervisor(const TrainSupervisorOptions& options) {
             << " of the control's range: " << Describe(sampled) << ", " << sampled.mean_length
             << " controls\n";
   if (good) return EXIT_SUCCESS;
-  std::cerr << "not good enough after " << trpo.steps()
-            << " controls: try another --seed, or go on "
+  std::cerr << "the supervisor is not good enough after " << trpo.steps()
+            << " controls: try another --seed, or resume "
             << "with --resume and a larger --max-steps\n";
   return EXIT_FAILURE;
 }
 
 void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options) {
   CLI::App* command = app.add_subcommand(
-      "train-supervisor", "make a supervisor by TRPO from scratch, in a few minutes");
-  command->add_option("--out", options.out, "the policy's file")->capture_default_str();
+      "train-supervisor", "Train a supervisor by TRPO from scratch, in a few minutes");
+  command->add_option("--out", options.out, "file of the policy")->capture_default_str();
   command->add_option("--checkpoint", options.checkpoint,
-                      "file to resume from (default: the policy's with .checkpoint behind)");
-  command->add_flag("--resume", options.resume, "go on from the checkpoint");
-  command->add_option("--seed", options.seed, "of start states, noise and weights")
+                      "file to resume from (default: the policy's name and .checkpoint)");
+  command->add_flag("--resume", options.resume, "resume from the checkpoint");
+  command->add_option("--seed", options.seed, "random seed of start states, noise and weights")
       ->capture_default_str();
-  command->add_option("--red-y", options.scene.red_y, "the gate that it is judged at [m]")
+  command->add_option("--red-y", options.scene.red_y, "red_y of the gate for the evaluation [m]")
       ->capture_default_str();
   command
-      ->add_option("--training-red-y", options.training_red_y, "the gate that it is trained at [m]")
+      ->add_option("--training-red-y", options.training_red_y,
+                   "red_y of the gate for the training [m]")
       ->capture_default_str();
   command->add_option("--gripper", options.scene.gripper, "bar, wide-bar or fork")
       ->transform(CLI::CheckedTransformer(
@@ -193,10 +194,12 @@ void AddTrainSupervisor(CLI::App& app, TrainSupervisorOptions& options) {
                                               {"wide-bar", sim::Gripper::kWideBar},
                                               {"fork", sim::Gripper::kFork}}))
       ->default_str("bar");
-  command->add_option("--min-steps", options.min_steps, "controls before it is judged first")
+  command
+      ->add_option("--min-steps", options.min_steps,
+                   "number of controls before the first evaluation")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
-  command->add_option("--max-steps", options.max_steps, "controls at most")
+  command->add_option("--max-steps", options.max_steps, "largest number of controls")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
   command->callback([&options] {

@@ -131,7 +131,7 @@ bool PusherTrialRunner::Film(const std::vector<int>& methods, std::uint64_t star
 TrialRunnerFactory::TrialRunnerFactory(const std::vector<imitation::GaussianPolicy>& supervisors,
                                        TrialRunnerOptions options, int trials)
     : options_(std::move(options)) {
-  DFR_THROW_UNLESS(!supervisors.empty(), "there is no supervisor to demonstrate");
+  DFR_THROW_UNLESS(!supervisors.empty(), "give at least one supervisor");
   supervisors_.reserve(supervisors.size());
   for (const imitation::GaussianPolicy& supervisor : supervisors) {
     supervisors_.push_back(WithNoise(supervisor, options_.supervisor_noise));

@@ -20,8 +20,8 @@ namespace dfr::apps::pusher {
 
 /// An estimate's overlap with the red regions, P(red | g >= 0): states drawn around the
 /// demonstrated ones (cylinder displaced uniformly by at most 0.15 m, each joint by at most 0.1
-/// rad), kept where g_t >= 0, of which the share that collides. It is what no recovery on g can
-/// avoid.
+/// rad), kept if g_t >= 0. The overlap is the share of these that collides; no recovery on g can
+/// avoid it.
 [[nodiscard]] double SupportOverlap(const Model& model, const imitation::DemonstrationSet& set,
                                     sim::PusherPlant& plant, int samples, std::uint64_t seed);
 
@@ -33,7 +33,8 @@ class PusherTrialRunner final : public experiment::RolloutRunner {
                     const sim::PusherOptions& plant_options, std::map<std::string, double> measures,
                     const experiment::DisturbanceOptions& disturbance = {});
 
-  /// Those given, and for each method that recovered "controls_per_recovery <method>", the median.
+  /// The given measures, and for each method with recoveries the median "controls_per_recovery
+  /// <method>".
   [[nodiscard]] std::map<std::string, double> Measures() override;
 
   /// Pictures of 480 x 360 each.
@@ -42,11 +43,11 @@ class PusherTrialRunner final : public experiment::RolloutRunner {
                           const std::filesystem::path& path) override;
 
   [[nodiscard]] const std::vector<safety::Method>& methods() const noexcept { return methods_; }
-  /// The plant that Watch() drives, without its disturbance.
+  /// The plant that Watch() controls, without its disturbance.
   [[nodiscard]] const sim::PusherPlant& driven_plant() noexcept {
     return static_cast<const sim::PusherPlant&>(world());
   }
-  /// The same where there is no disturbance.
+  /// The same plant if there is no disturbance.
   [[nodiscard]] const sim::PusherPlant& plant() const noexcept {
     return static_cast<const sim::PusherPlant&>(undisturbed());
   }
@@ -67,14 +68,14 @@ class PusherTrialRunner final : public experiment::RolloutRunner {
                                                        std::uint64_t controller_seed, int width,
                                                        int height);
 
-/// Writes them side by side as a video, or their last pictures (.png, .jpg), and prints how each
-/// ended. @throws as WriteVideo().
+/// Writes the videos side by side, or their last pictures (.png, .jpg), and prints each outcome.
+/// @throws as WriteVideo().
 void Save(const std::vector<RolloutVideo>& videos, const std::filesystem::path& path);
 
-/// Options of the experiment that decide its results.
+/// Options of the experiment that determine its results.
 struct TrialRunnerOptions {
   std::vector<safety::Method> methods;
-  ModelOptions model;  ///< Learner and seed are the unit's.
+  ModelOptions model;  ///< The unit sets learner and seed.
   sim::PusherOptions plant;
   experiment::DisturbanceOptions disturbance;  ///< At test time only.
   double supervisor_noise = 1.0;               ///< Factor on the supervisor's standard deviation.
@@ -82,8 +83,8 @@ struct TrialRunnerOptions {
   std::uint64_t seed = 1;
 };
 
-/// Makes runners; each trial's demonstrations are collected once and shared by its units. Safe to
-/// call from several threads.
+/// Makes runners. Collects each trial's demonstrations once; its units share them. Safe to call
+/// from several threads.
 class TrialRunnerFactory {
  public:
   /// Trial t demonstrates with supervisors[t % supervisors.size()].

@@ -12,7 +12,7 @@
 namespace dfr::study {
 namespace {
 
-// A policy that was learned in the units of the task, with the two values of its switches.
+// A policy learned in the units of the task. Its switches have two values.
 class InUnits final : public core::Policy {
  public:
   InUnits(imitation::MlpPolicy learned, const sim::GalleryTask& task)
@@ -93,7 +93,7 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
                  const safety::TaskModel& model, const core::SimulatedPlant& plant,
                  const std::string& name, std::uint64_t seed) {
   DFR_THROW_UNLESS(std::ranges::count(PolicyNames(), name) == 1,
-                   "there is no policy '" << name << "'; there are " << Join(PolicyNames()));
+                   "unknown policy '" << name << "'; valid: " << Join(PolicyNames()));
   if (auto unlearned = MakeUnlearned(name, model.guided().features(), demonstrations)) {
     return {std::move(unlearned), {}};
   }
@@ -124,7 +124,7 @@ Imitator Imitate(const sim::GalleryTask& task, std::span<const core::Trajectory>
   for (const core::Trajectory& d : demonstrations) {
     teaching.horizon = std::max(teaching.horizon, 2 * d.num_steps());
   }
-  // Some borrow the good one.
+  // Some policies borrow the good one.
   struct Made {
     std::shared_ptr<const core::Policy> good;
     std::shared_ptr<const core::Policy> policy;

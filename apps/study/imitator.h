@@ -15,18 +15,18 @@
 
 namespace dfr::study {
 
-/// "good", "weak", "biased", and study::kPolicies.
+/// Returns "good", "weak", "biased" and study::kPolicies.
 [[nodiscard]] const std::vector<std::string>& PolicyNames();
 
-/// The task's supervisor, for policies that ask it while they learn.
+/// The task's supervisor, for policies that query it while they learn.
 [[nodiscard]] Teaching SupervisorOf(const sim::GalleryTask& task);
 
-/// A policy of one episode at a time: a late one remembers what it wanted before. Never allocates
-/// once made.
+/// A policy for one episode at a time: a late one stores its previous controls. Never allocates
+/// after construction.
 class Imitator {
  public:
   Imitator(std::shared_ptr<const core::Policy> learned, const sim::Flaw& flaw);
-  /// Begins an episode; the seed decides how large the flaw is.
+  /// Begins an episode; the seed determines the size of the flaw.
   void Reset(std::uint64_t seed) noexcept;
   /// As core::Policy::Control(); entries of `u` lie within +-1.
   void Control(int t, std::span<const double> x, std::span<double> u) noexcept;
@@ -39,11 +39,11 @@ class Imitator {
   std::vector<double> wanted_;  // the last controls, oldest first
 };
 
-/// Imitates `demonstrations` of `task` as well as `name` says: by behaviour cloning "good", "weak"
-/// (few units and epochs) or "biased" (the good one with the task's flaw); one of study::kPolicies
-/// with the good one as the learned policy. `model` is of these demonstrations. `plant` is the one
-/// that is driven, for the adversaries only. Borrows all but the seed.
-/// @throws std::invalid_argument naming the policies there are.
+/// Learns policy `name` from `demonstrations` of `task`: by behaviour cloning "good", "weak" (few
+/// units and epochs) or "biased" (the good one with the task's flaw); or one of study::kPolicies,
+/// with the good one as the learned policy. `model` is fitted to these demonstrations. `plant` is
+/// the controlled plant, for the adversaries only. Borrows everything except the seed.
+/// @throws std::invalid_argument listing the valid policies.
 [[nodiscard]] Imitator Imitate(const sim::GalleryTask& task,
                                std::span<const core::Trajectory> demonstrations,
                                const safety::TaskModel& model, const core::SimulatedPlant& plant,

@@ -1,4 +1,5 @@
-// Policies alone, with each controller around them and inside guards, in the tasks of all programs.
+// Program study: runs policies alone, with controllers and with guards, in the tasks of all
+// programs.
 
 #include <CLI/CLI.hpp>
 #include <cstdio>
@@ -55,10 +56,9 @@ void RunAndPrint(const Study& study, bool grid, bool causes) {
       {},
       {.title = wide ? "Disturbed policies, alone and guarded" : "Policies, alone and guarded",
        .program = "study",
-       .introduction =
-           "Saved: the policy alone collides from this start state, and with the controller it "
-           "does not. Harmed: the policy alone completes, and with the controller it does not. "
-           "Start states outside the support count like any other.",
+       .introduction = "Saved: the policy alone collides from this start state, and does not with "
+                       "the controller. Harmed: the policy alone completes from it, and does not "
+                       "with the controller. Start states outside the support are included.",
        .settings = {{"seed", std::to_string(study.seed)},
                     {"commit", core::BuildCommit()},
                     {"demonstrations", std::to_string(study.demonstrations)},
@@ -71,7 +71,7 @@ void RunAndPrint(const Study& study, bool grid, bool causes) {
 }
 
 void AddChoices(CLI::App& command, Study& study) {
-  command.add_option("--tasks", study.tasks, "names, gallery, design, judgement or all")
+  command.add_option("--tasks", study.tasks, "tasks: names, gallery, design, judgement or all")
       ->delimiter(',')
       ->capture_default_str();
   command
@@ -82,7 +82,7 @@ void AddChoices(CLI::App& command, Study& study) {
       ->capture_default_str();
   command
       .add_option("--methods,--controllers", study.controllers,
-                  std::string("besides the policy alone") +
+                  std::string("methods, in addition to the policy alone") +
                       (study.kind == Kind::kGuards ? ": strategies of guards" : "") +
                       (study.kind == Kind::kPlane
                            ? ""
@@ -90,12 +90,16 @@ void AddChoices(CLI::App& command, Study& study) {
                                  " interrupt the policy as often as guard, at random times"))
       ->delimiter(',')
       ->capture_default_str();
-  command.add_option("--conditions", study.conditions, "by their names in the table; default: all")
+  command
+      .add_option("--conditions", study.conditions,
+                  "conditions, by their names in the table; default: all")
       ->delimiter(',');
   command.add_option("--demonstrations", study.demonstrations)->capture_default_str();
-  command.add_option("--trials", study.trials, "each with its own demonstrations and policies")
+  command
+      .add_option("--trials", study.trials,
+                  "number of trials, each with separate demonstrations and policies")
       ->capture_default_str();
-  command.add_option("--episodes", study.episodes, "start states per trial and row")
+  command.add_option("--episodes", study.episodes, "number of start states per trial and row")
       ->capture_default_str();
   if (study.kind == Kind::kPlane) planar::AddMethodOptions(command, study.plane);
 }
@@ -105,13 +109,13 @@ void AddOptions(CLI::App& command, Study& study) {
   experiment::AddRunOptions(command, study);
 }
 
-// Every part of guided recovery off, one at a time; then the features' and the support's.
+// Runs guided recovery with each part off, one at a time; then parts of its features and support.
 void Ablate(Study study, bool causes) {
   study.controllers = {"guided", "lwr"};
   for (const std::string_view part : control::GuidedPartNames()) {
     if (part != "drift") study.controllers.push_back("guided-without-" + std::string(part));
   }
-  // Parts can hide each other's work, or harm.
+  // Parts can mask each other's benefit or harm.
   for (const std::string_view parts : {"reach+demonstrated", "online-jacobian+own-motion+observer",
                                        "reach+demonstrated+online-jacobian+own-motion+observer"}) {
     study.controllers.push_back("guided-without-" + std::string(parts));
@@ -142,7 +146,8 @@ void List() {
       if (task.judgement != judgement) continue;
       std::printf("  %-15s %s\n", task.name.c_str(), task.summary.c_str());
       std::printf(
-          "  %-15s demonstrated in %d controls at most; the guard looks at %s; a control of zero "
+          "  %-15s demonstrated in at most %d controls; features of the guard: %s; a control of "
+          "zero "
           "%s\n",
           "", task.horizon, task.features.empty() ? "all" : task.features.c_str(),
           task.aftermath == 0 ? "holds still" : "lets the world move on");
@@ -150,7 +155,7 @@ void List() {
   }
 }
 
-// How often the supervisor completes, and fails, in how many controls.
+// Prints the supervisor's rates of completion and failure, and its number of controls.
 void Supervise(const std::vector<std::string>& words, int count, std::uint64_t seed) {
   std::printf("%-15s %7s %8s %9s\n", "task", "ok %", "failed %", "controls");
   for (const std::string& name : SelectTasks(words)) {
@@ -190,9 +195,11 @@ void PrintPower(const Power& power) {
 void AddOptions(CLI::App& command, Power& power) {
   command
       .add_option("--only-first", power.only_first,
-                  "share of start states from which one method alone fails")
+                  "share of start states from which only the first method fails")
       ->capture_default_str();
-  command.add_option("--only-second", power.only_second, "and the other alone")
+  command
+      .add_option("--only-second", power.only_second,
+                  "share from which only the second method fails")
       ->capture_default_str();
   command.add_option("--power", power.power, "probability of finding the difference")
       ->capture_default_str();
@@ -211,26 +218,28 @@ void CompareAndPrint(const Comparison& comparison) {
               comparison.first.c_str(), comparison.second.c_str(), pairs, test.mean(),
               test.p_value());
   if (test.settled()) {
-    std::printf("settled at %g after %lld of at most %d pairs: %lld episodes saved\n",
+    std::printf("decided at %g after %lld of at most %d pairs: %lld episodes saved\n",
                 comparison.alpha, pairs, comparison.pairs, 2 * (comparison.pairs - pairs));
   } else {
-    std::printf("not settled at %g: no episodes saved\n", comparison.alpha);
+    std::printf("not decided at %g: no episodes saved\n", comparison.alpha);
   }
 }
 
 void AddOptions(CLI::App& command, Comparison& comparison) {
   command.add_option("--task", comparison.task)->capture_default_str();
-  command.add_option("--condition", comparison.condition, "by its name in the table")
+  command.add_option("--condition", comparison.condition, "condition, by its name in the table")
       ->capture_default_str();
   command.add_option("--first", comparison.first, MethodHelp())->capture_default_str();
-  command.add_option("--second", comparison.second, "another of these")->capture_default_str();
+  command.add_option("--second", comparison.second, "second method")->capture_default_str();
   command.add_option("--demonstrations", comparison.demonstrations)->capture_default_str();
   command
-      .add_option("--trials", comparison.trials,
-                  "each with its own demonstrations and policies; they take turns")
+      .add_option(
+          "--trials", comparison.trials,
+          "number of trials, each with separate demonstrations and policies; they take turns")
       ->capture_default_str();
-  command.add_option("--pairs", comparison.pairs, "of episodes, at most")->capture_default_str();
-  command.add_option("--alpha", comparison.alpha, "probability of settling what is not so")
+  command.add_option("--pairs", comparison.pairs, "largest number of pairs of episodes")
+      ->capture_default_str();
+  command.add_option("--alpha", comparison.alpha, "probability of a wrong decision")
       ->capture_default_str();
   command
       .add_option(
@@ -239,7 +248,7 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
           "it came through; a completed one has 1, one that collides 0")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
-  command.add_option("--seed", comparison.seed, "of all that is random")->capture_default_str();
+  command.add_option("--seed", comparison.seed, "random seed")->capture_default_str();
 }
 
 }  // namespace
@@ -248,16 +257,16 @@ void AddOptions(CLI::App& command, Comparison& comparison) {
 int main(int argc, char** argv) try {
   dfr::apps::IgnoreFileSizeSignal();
   using namespace dfr::study;  // NOLINT: this is their main
-  CLI::App app("Policies, controllers and guards compared, in the tasks of all programs");
+  CLI::App app("Compares policies, controllers and guards in the tasks of all programs.");
   app.require_subcommand(1);
-  auto* list = app.add_subcommand("list", "The tasks of the gallery");
+  auto* list = app.add_subcommand("list", "List the tasks of the gallery");
   Study guards = Study::OfGuards();
   bool causes = false;
   auto* run = app.add_subcommand(
-      "run", "Guards at their default settings around every policy from the same start states");
+      "run", "Run guards with default settings around every policy, from the same start states");
   Study stress;
-  auto* stress_command = app.add_subcommand(
-      "stress", "Every controller around every policy under disturbances, as tables");
+  auto* stress_command =
+      app.add_subcommand("stress", "Run every controller around every policy under disturbances");
   Study grid;
   grid.out = "out/grid";
   grid.tasks = {"pusher", "planar-corridor", "planar-push"};
@@ -269,10 +278,11 @@ int main(int argc, char** argv) try {
     }
   }
   auto* grid_command = app.add_subcommand(
-      "grid", "What the support buys and what the controller buys: every support with every one");
+      "grid", "Run every support with every controller, to separate the effects of both");
   Study plane = Study::OfPlane();
   auto* experiment = app.add_subcommand(
-      "experiment", "Controllers, the certified one among them, around a polynomial in the plane");
+      "experiment",
+      "Run controllers, also the certified one, around a polynomial policy in the plane");
   Study drift = plane;
   drift.controllers = {"dfr", "guided", "lwr"};
   drift.conditions = {"as demonstrated",  "turned 10 deg",     "turned 20 deg",
@@ -281,15 +291,16 @@ int main(int argc, char** argv) try {
                       "states noisy 2 %", "10 demonstrations", "20 demonstrations",
                       "40 demonstrations"};
   auto* drift_command = app.add_subcommand(
-      "drift", "The same as demonstrated, under disturbances and after few demonstrations");
-  auto* ablate =
-      app.add_subcommand("ablate", "The same with each part of guided recovery off, one at a time");
+      "drift", "Run experiment also under disturbances and after few demonstrations");
+  auto* ablate = app.add_subcommand(
+      "ablate", "Run experiment with each part of guided recovery off, one at a time");
   Study ablated = plane;
   AddChoices(*ablate, ablated);
   ablate->add_option("--seed", ablated.seed)->capture_default_str();
-  ablate->add_option("--threads", ablated.threads, "0: one per core")->capture_default_str();
+  ablate->add_option("--threads", ablated.threads, "number of threads; 0: one per core")
+      ->capture_default_str();
   for (CLI::App* command : {run, experiment, drift_command, ablate}) {
-    command->add_flag("--causes", causes, "why episodes were not completed");
+    command->add_flag("--causes", causes, "print why episodes were not completed");
   }
   AddOptions(*experiment, plane);
   AddOptions(*drift_command, drift);
@@ -297,32 +308,36 @@ int main(int argc, char** argv) try {
   AddOptions(*stress_command, stress);
   AddOptions(*grid_command, grid);
   auto* compare = app.add_subcommand(
-      "compare", "Two methods from the same start states, until it is settled that they differ");
+      "compare",
+      "Compare two methods from the same start states until their difference is significant");
   Comparison comparison;
   AddOptions(*compare, comparison);
-  auto* power_command = app.add_subcommand("power", "How many episodes a question needs");
+  auto* power_command =
+      app.add_subcommand("power", "Compute the number of episodes that a question needs");
   Power power;
   AddOptions(*power_command, power);
   Study shown = Study::OfGuards();
   shown.policies = {"weak"};
   shown.controllers = GuardNames();
   int supervised = 100;
-  auto* supervise = app.add_subcommand("supervise", "How well the gallery's supervisors do");
-  supervise->add_option("--tasks", shown.tasks, "names, gallery, design or judgement")
+  auto* supervise = app.add_subcommand("supervise", "Evaluate the gallery's supervisors");
+  supervise->add_option("--tasks", shown.tasks, "tasks: names, gallery, design or judgement")
       ->delimiter(',')
       ->capture_default_str();
-  supervise->add_option("--episodes", supervised, "of each task")->capture_default_str();
+  supervise->add_option("--episodes", supervised, "number of episodes of each task")
+      ->capture_default_str();
   supervise->add_option("--seed", shown.seed)->capture_default_str();
   std::string entries;
   std::filesystem::path page = "gallery.html";
   int count = 5;
-  auto* picture = app.add_subcommand(
-      "picture", "A page with paths of one of the gallery's tasks, to open in a browser");
+  auto* picture =
+      app.add_subcommand("picture", "Write a page with paths of one task of the gallery");
   picture->add_option("task", shown.tasks)->required()->expected(1);
   picture->add_option("--policy", shown.policies)->expected(1)->capture_default_str();
   picture->add_option("--methods", shown.controllers)->delimiter(',')->capture_default_str();
-  picture->add_option("--entries", entries, "two of the state, tip or box[0:2]; the first two");
-  picture->add_option("--count", count, "demonstrations, and episodes of each method")
+  picture->add_option("--entries", entries,
+                      "two entries of the state, tip or box[0:2]; default: the first two");
+  picture->add_option("--count", count, "number of demonstrations, and of episodes of each method")
       ->capture_default_str();
   picture->add_option("--seed", shown.seed)->capture_default_str();
   picture->add_option("--out", page)->capture_default_str();

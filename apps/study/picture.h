@@ -8,9 +8,10 @@
 
 namespace dfr::study {
 
-/// A page with a plot for the demonstrations and one a method: paths in the plane of two entries
-/// of the state, as core::FeatureSelection names them; "" for the first two.
-/// @throws std::invalid_argument unless `entries` are two; std::runtime_error naming the file.
+/// Writes a page with one plot for the demonstrations and one per method: paths in the plane of two
+/// entries of the state, as core::FeatureSelection names them; "" for the first two.
+/// @throws std::invalid_argument unless `entries` has two entries; std::runtime_error naming the
+///   file.
 void SavePicture(const std::vector<experiment::FilmedEpisode>& recordings,
                  const sim::GalleryTask& task, const std::string& entries,
                  const std::filesystem::path& path);

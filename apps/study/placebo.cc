@@ -6,7 +6,7 @@
 namespace dfr::study {
 namespace {
 
-// Apart from what else follows from a controller's seed.
+// Random stream, separate from others of a controller's seed.
 constexpr std::uint64_t kStream = 0x706c616365626f;
 
 }  // namespace

@@ -14,25 +14,25 @@
 
 namespace dfr::study {
 
-/// The method whose rate of intervention placebos have.
+/// Method whose rate of intervention the placebos use.
 inline constexpr std::string_view kJudged = "guard";
 
-/// "placebo-corrections" and "placebo-halts".
+/// Returns "placebo-corrections" and "placebo-halts".
 [[nodiscard]] const std::vector<std::string>& PlaceboNames();
-/// Whether `method` is one of PlaceboNames().
+/// Returns true if `method` is one of PlaceboNames().
 [[nodiscard]] bool IsPlacebo(std::string_view method) noexcept;
 
 /// A policy that is interrupted as often as a guard interrupts it, at random times: each control
-/// with the same probability, the rate. If the guard does better, its times or its corrections
-/// matter. Next() never allocates.
+/// with the same probability, the rate. If the guard does better, the timing or the content of its
+/// corrections matters. Next() never allocates.
 class Placebo final : public control::Controller {
  public:
   using Distance = std::function<double(std::span<const double>, std::span<const double>)>;
 
-  /// @param alone     The policy by itself.
-  /// @param nominal   Takes the place of the policy's control: what demonstrations do. Null: the
+  /// @param alone     The policy alone.
+  /// @param nominal   Replacement of the policy's control: the demonstrated action. Null: the
   ///   episode halts instead.
-  /// @param distance  Between two controls, for Step::change.
+  /// @param distance  Distance of two controls, for Step::change.
   Placebo(std::unique_ptr<control::Controller> alone, std::shared_ptr<const core::Policy> nominal,
           Distance distance);
   [[nodiscard]] int state_dim() const noexcept override { return alone_->state_dim(); }

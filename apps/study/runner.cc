@@ -16,8 +16,8 @@
 namespace dfr::study {
 namespace {
 
-// How far an episode came: the latest time step of the demonstrations whose support an observed
-// state was in.
+// Progress of an episode: the latest time step of the demonstrations whose support contained an
+// observed state.
 class Progress final : public control::RolloutObserver {
  public:
   explicit Progress(const core::LogDecisionFunction& support)
@@ -47,7 +47,7 @@ experiment::DisturbanceOptions WithNoise(const Condition& condition, const Task&
 
 }  // namespace
 
-// A policy by itself or inside a guard.
+// A policy alone or with a guard.
 class Guarded final : public control::Controller {
  public:
   Guarded(std::shared_ptr<Imitator> policy, const safety::GuardModel& model,
@@ -65,7 +65,7 @@ class Guarded final : public control::Controller {
   [[nodiscard]] int state_dim() const noexcept override { return state_dim_; }
   [[nodiscard]] int control_dim() const noexcept override { return control_dim_; }
   [[nodiscard]] Imitator& policy() noexcept { return *policy_; }
-  // Who chose the last control: "policy", or the guard's reason.
+  // Source of the last control: "policy", or the guard's reason.
   [[nodiscard]] const char* chooser() const noexcept { return chooser_; }
   [[nodiscard]] bool monitors() const noexcept { return monitors_; }
   [[nodiscard]] bool alarmed() const noexcept { return alarmed_; }
@@ -118,12 +118,12 @@ Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t 
         *task.plane, planar::Demonstrate(*task.plane, demonstrations, shown), plane, learned);
   } else {
     DFR_THROW_UNLESS(task.small != nullptr,
-                     "guards are tried on tasks of the gallery, not on '" << task.name << "'");
+                     "guards run on tasks of the gallery only, not on '" << task.name << "'");
     prepared.demonstrations = sim::Demonstrate(*task.small, demonstrations, shown);
     prepared.seed = learned;
     prepared.guard =
         safety::GuardModel::Fit(task.small->plant->layout(), prepared.demonstrations,
-                                // A study shows what a guard does, also a bad one.
+                                // A study also runs guards with warnings.
                                 {.features = task.small->features, .accept_any = true});
   }
   return prepared;

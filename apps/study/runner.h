@@ -20,14 +20,13 @@
 
 namespace dfr::study {
 
-/// The policy by itself, whether methods are controllers or guards. Tables call it "alone".
+/// Method name of the policy alone, with controllers and guards. Tables call it "alone".
 inline constexpr const char* kAlone = "baseline";
 
-/// What methods are: controllers around a policy, strategies of guards around one, or those of
-/// planar::Methods.
+/// Kind of methods: controllers around a policy, guards around a policy, or planar::Methods.
 enum class Kind { kControllers, kGuards, kPlane };
 
-/// What all methods of a task in one trial share.
+/// Data shared by all methods of a task in one trial.
 struct Prepared {
   std::unique_ptr<const LearnedModel> model = nullptr;     ///< For controllers.
   std::unique_ptr<const planar::Methods> plane = nullptr;  ///< For planar::Methods.
@@ -41,20 +40,20 @@ struct Prepared {
 };
 using PreparedCache = SharedCache<std::pair<std::string, int>, Prepared>;
 
-/// Learns what methods need: controllers the task's models, guards those of their default settings.
-/// `seed` is the study's.
-/// @throws std::invalid_argument if such methods are not tried on this task.
+/// Fits the models that methods need: the task's for controllers, those of default settings for
+/// guards. `seed` is the study's.
+/// @throws std::invalid_argument if the task does not support such methods.
 [[nodiscard]] Prepared Prepare(const Task& task, Kind kind, int demonstrations, std::uint64_t seed,
                                int trial, const planar::MethodOptions& plane = {});
 
-/// How the world is run in.
+/// Conditions of a run.
 struct Place {
   const Task* task;
   const Variant* variant;
   const Condition* condition;
 };
 
-/// The seeds of an episode.
+/// Seeds of an episode.
 struct EpisodeSeeds {
   std::uint64_t start = 0;
   std::uint64_t controller = 0;
@@ -67,28 +66,28 @@ class Guarded;
 class Imitator;
 class Placebo;
 
-/// Methods in one place. No start state is drawn anew but in planar tasks: one outside the support
-/// counts like any other.
+/// Runs methods in one task under one condition. Only planar tasks draw start states again;
+/// elsewhere one outside the support counts like any other.
 class Runner final : public experiment::RolloutRunner {
  public:
   /// `methods` are those of ParseMethod(), or "<guard's strategy>@<policy>" where `prepared` is of
   /// guards; around both also PlaceboNames(), which take their rate from the method kJudged around
-  /// the same policy in the episodes of `judged`. Borrows the place's parts.
+  /// the same policy in the episodes of `judged`. Borrows the parts of the place.
   Runner(const Place& place, std::shared_ptr<const Prepared> prepared,
          const std::vector<std::string>& methods, std::vector<EpisodeSeeds> judged = {});
   ~Runner() override;
 
   experiment::EpisodeResult Run(int method, std::uint64_t start_seed,
                                 std::uint64_t controller_seed) override;
-  /// A video where the task has pictures, and the file is not to be a page of paths.
+  /// Writes a video if the task has pictures and the file is not a page of paths.
   bool Film(const std::vector<int>& methods, std::uint64_t start_seed,
             std::uint64_t controller_seed, const std::filesystem::path& path) override;
-  /// Episodes of each monitor with an alarm: AlarmsIn() of the method.
+  /// Numbers of episodes of each monitor with an alarm: AlarmsIn() of the method.
   std::map<std::string, double> Measures() override { return alarms_; }
-  /// [method]: controls of each recovery. In planar tasks alone.
+  /// [method]: controls of each recovery, in planar tasks only.
   std::map<std::string, std::vector<int>> Counts() override;
 
-  /// What one episode is worth.
+  /// Credit of one episode.
   double Credit(int method, std::uint64_t start_seed, std::uint64_t controller_seed,
                 const experiment::EpisodeCredit& credit);
 
@@ -103,9 +102,9 @@ class Runner final : public experiment::RolloutRunner {
   // Share of the controls that the judged method changed.
   [[nodiscard]] double RateOf(int judged);
 
-  // A placebo, and the place of the method that it is compared with.
+  // A placebo, and the index of the method that it is compared with.
   struct Compared {
-    Placebo* placebo = nullptr;  // null: the method is none
+    Placebo* placebo = nullptr;  // null: the method is not a placebo
     int judged = 0;
     bool has_rate = false;
   };
@@ -113,15 +112,16 @@ class Runner final : public experiment::RolloutRunner {
   const Task* task_;
   std::shared_ptr<const Prepared> prepared_;
   std::vector<EpisodeSeeds> judged_;
-  std::map<std::pair<int, EpisodeSeeds>, experiment::EpisodeResult> known_;  // that gave rates
-  std::vector<Compared> placebos_;                                           // [method]
-  std::map<std::string, std::shared_ptr<Imitator>> imitators_;               // guards' policies
-  std::vector<Guarded*> guarded_;                                            // [method]
-  int method_ = 0;                                                           // of the last episode
+  std::map<std::pair<int, EpisodeSeeds>, experiment::EpisodeResult>
+      known_;                                                   // episodes that gave rates
+  std::vector<Compared> placebos_;                              // [method]
+  std::map<std::string, std::shared_ptr<Imitator>> imitators_;  // guards' policies
+  std::vector<Guarded*> guarded_;                               // [method]
+  int method_ = 0;                                              // of the last episode
   std::map<std::string, double> alarms_;
 };
 
-/// The measure that counts a monitor's episodes of this outcome in which it raised an alarm.
+/// Name of the measure that counts a monitor's episodes of this outcome with an alarm.
 [[nodiscard]] std::string AlarmsIn(core::Outcome outcome, const std::string& method);
 
 }  // namespace dfr::study

@@ -21,7 +21,7 @@ void CheckNames(const char* what, const std::vector<std::string>& names,
                 const std::vector<std::string>& known) {
   for (const std::string& name : names) {
     DFR_THROW_UNLESS(std::ranges::count(known, name) == 1,
-                     "there is no " << what << " '" << name << "'; there are " << Join(known));
+                     "unknown " << what << " '" << name << "'; valid: " << Join(known));
   }
 }
 
@@ -46,7 +46,7 @@ std::map<std::string, Place> Places(const std::vector<std::string>& wanted,
   return places;
 }
 
-// The units of a study, and what they share.
+// Units of a study, and their shared data.
 class Units {
  public:
   explicit Units(const Study& study) : study_(study) {
@@ -67,7 +67,7 @@ class Units {
       for (const std::string& controller : controllers_) {
         plan_.methods.push_back(MethodOf(controller, policy));
         if (study.kind == Kind::kControllers) {
-          // A placebo is made around the policy alone.
+          // A placebo wraps the policy alone.
           if (IsPlacebo(controller)) continue;
           static_cast<void>(ParseMethod(plan_.methods.back()));
         } else if (study.kind == Kind::kPlane) {
@@ -97,7 +97,7 @@ class Units {
     std::vector<EpisodeSeeds> seeds;
     seeds.reserve(static_cast<std::size_t>(plan_.episodes));
     for (int i = 0; i < plan_.episodes; ++i) {
-      // No start state is drawn anew where there are placebos.
+      // Studies with placebos draw no start state again.
       seeds.push_back({experiment::StartSeed(plan_, unit.trial, i, 0),
                        experiment::ControllerSeed(plan_, unit.trial, i)});
     }
@@ -270,7 +270,7 @@ std::vector<experiment::FilmedEpisode> RecordStudy(const Study& study, int count
   const auto runner = units.Make(unit);
   for (std::size_t method = 0; method < units.controllers().size(); ++method) {
     for (int i = 0; i < count; ++i) {
-      // As experiment::Evaluate() has them.
+      // Seeds as in experiment::Evaluate().
       const std::uint64_t start =
           core::DeriveSeed(plan.seed, {0, 0, static_cast<std::uint64_t>(i), 0});
       episodes.push_back(runner->RecordStates(static_cast<int>(method), start,

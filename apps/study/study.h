@@ -15,9 +15,9 @@
 
 namespace dfr::study {
 
-/// What is run: every method around every policy, in every task under every condition, from the
-/// same start states. None is drawn anew: one outside the support counts like any other. Each trial
-/// has demonstrations, policies and start states of its own. The policy alone runs in any case.
+/// A study: every method around every policy, in every task under every condition, from the same
+/// start states. No start state is drawn again: one outside the support counts like any other. Each
+/// trial has separate demonstrations, policies and start states. The policy alone always runs.
 struct Study : experiment::ExperimentOptions {
   /// Controllers under all conditions in all tasks.
   Study() {
@@ -28,13 +28,13 @@ struct Study : experiment::ExperimentOptions {
   }
   /// Guards at their default settings, as demonstrated, in the tasks of the gallery.
   [[nodiscard]] static Study OfGuards();
-  /// Controllers, the certified one among them, around a polynomial, as demonstrated, in a planar
-  /// task.
+  /// Controllers, including the certified one, around a polynomial policy in a planar task, as
+  /// demonstrated.
   [[nodiscard]] static Study OfPlane();
 
   Kind kind = Kind::kControllers;
-  std::vector<std::string> tasks = {"all"};  ///< As SelectTasks() takes them.
-  /// Around controllers names from kPolicies, or "learned": the weak network. Inside guards
+  std::vector<std::string> tasks = {"all"};  ///< Arguments of SelectTasks().
+  /// With controllers: names from kPolicies, or "learned", the weak network. With guards:
   /// PolicyNames().
   std::vector<std::string> policies = {"lwr", "learned"};
   std::vector<std::string> controllers = {"early-stopping", "dfr", "guided"};
@@ -43,10 +43,10 @@ struct Study : experiment::ExperimentOptions {
   planar::MethodOptions plane = {};  ///< For planar tasks.
 };
 
-/// The strategies of guards. A study of guards or controllers takes PlaceboNames() besides.
+/// Strategies of guards. Studies of guards or controllers also accept PlaceboNames().
 [[nodiscard]] const std::vector<std::string>& GuardNames();
 
-/// What one trial adds to a Row.
+/// Counts of one trial of a Row.
 struct TrialCounts {
   int episodes = 0;
   int completed = 0;
@@ -55,7 +55,7 @@ struct TrialCounts {
   int saved = 0;
   int harmed = 0;
   double controls = 0.0;  ///< In all episodes.
-  double changed = 0.0;   ///< Controls among them that are not the policy's to the bit.
+  double changed = 0.0;   ///< Controls that differ from the policy's.
   bool operator==(const TrialCounts&) const = default;
 };
 
@@ -67,16 +67,16 @@ struct Row {
   std::string controller;
   int episodes = 0;
   int completed = 0;
-  int collided = 0;           ///< Also where the world that moves on after a halt collides.
-  int saved = 0;              ///< Start states from which the policy alone collides, and this not,
-  int harmed = 0;             ///< from which it completes, and this does not.
-  int saved_completed = 0;    ///< Of `saved`, those that this completes.
-  int alarmed_failures = 0;   ///< Of `collided`, those with an alarm before. Monitor alone.
-  int alarmed_successes = 0;  ///< Of `completed`, those with an alarm. Monitor alone.
-  double controls = 0.0;      ///< In an episode, on average.
-  double changed = 0.0;       ///< Those of `controls` that are not the policy's to the bit.
-  std::vector<int> recoveries = {};  ///< Controls of each. In planar tasks alone.
-  /// Why others than `completed` ended: "halted: no-progress", or who chose the control that
+  int collided = 0;  ///< Includes collisions of a world that moves on after a halt.
+  int saved = 0;     ///< Start states from which the policy alone collides and this does not,
+  int harmed = 0;    ///< from which it completes, and this does not.
+  int saved_completed = 0;           ///< Those of `saved` that this completes.
+  int alarmed_failures = 0;          ///< Those of `collided` with a previous alarm; monitor only.
+  int alarmed_successes = 0;         ///< Those of `completed` with an alarm; monitor only.
+  double controls = 0.0;             ///< Mean number per episode.
+  double changed = 0.0;              ///< Those of `controls` that differ from the policy's.
+  std::vector<int> recoveries = {};  ///< Controls of each recovery, in planar tasks only.
+  /// Causes of the other outcomes: "halted: no-progress", or the source of the control that
   /// collided.
   std::map<std::string, int> causes = {};
   double change = 0.0;    ///< Sum of control::Step::change over changed controls that have one.
@@ -85,11 +85,10 @@ struct Row {
   bool operator==(const Row&) const = default;
 };
 
-/// Runs the study, with a progress bar and a ledger in study.out unless that is empty, and goes on
-/// where an earlier run was interrupted. Rows come in the order of tasks, conditions, policies and
-/// controllers, the policy alone first; the same for any number of threads. Of a shard there are
-/// none.
-/// @throws std::invalid_argument naming what is unknown and what there is; and as
+/// Runs the study, with a progress bar and a ledger in study.out unless that is empty, and resumes
+/// an interrupted run. Rows come in the order of tasks, conditions, policies and controllers, the
+/// policy alone first; the same for any number of threads. A shard returns no rows.
+/// @throws std::invalid_argument listing the valid names for an unknown one; and as
 ///   experiment::Evaluate() does.
 [[nodiscard]] std::vector<Row> RunStudy(const Study& study);
 
@@ -105,16 +104,16 @@ struct Comparison {
   std::string first = "guided@lwr";
   std::string second = "lwr";
   int demonstrations = 60;
-  int trials = 5;    ///< Each with its own demonstrations and policies; they take turns.
-  int pairs = 1000;  ///< At most.
+  int trials = 5;    ///< Each with separate demonstrations and policies; they take turns.
+  int pairs = 1000;  ///< Largest number.
   double alpha = 0.05;
   experiment::EpisodeCredit credit = {};
   std::uint64_t seed = 4711;
 };
 
 /// Runs pairs of episodes from the same start states until the difference of their credits is
-/// settled, or Comparison::pairs are run. No start state is drawn anew.
-/// @throws std::invalid_argument naming what is unknown and what there is.
+/// significant, or Comparison::pairs are run. No start state is drawn again.
+/// @throws std::invalid_argument listing the valid names for an unknown one.
 [[nodiscard]] experiment::SequentialTest Compare(const Comparison& comparison);
 
 }  // namespace dfr::study

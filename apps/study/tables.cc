@@ -23,17 +23,18 @@ std::string Shown(const std::string& controller) {
 }
 
 constexpr const char* kChangeUnit =
-    "Passed: controls that are the policy's to the bit. Change: mean size of the others' changes, "
+    "Passed: controls that equal the policy's bit for bit. Change: mean size of the others' "
+    "changes, "
     "in ordinary demonstrated controls.";
 
 double Share(int count, int of) { return 100.0 * count / of; }
 
-// The row's place in ids. Empty for a sum over tasks and conditions.
+// The row's part of ids. Empty for a sum over tasks and conditions.
 std::string LearnerOf(const Row& row) {
   return row.task.empty() ? "" : row.task + kBetween + row.condition;
 }
 
-// Which command prints the row's episodes of these outcomes, from start states from which the
+// Command that prints the row's episodes with these outcomes, from start states from which the
 // policy alone ended with one of `alone`.
 std::string CommandOf(const Row& row, const std::vector<std::string>& outcomes,
                       const std::vector<std::string>& alone = {}) {
@@ -77,8 +78,8 @@ std::string Number(const std::optional<double>& value, int digits, double factor
   return value ? core::Format("%.*f", digits, factor * *value) : "-";
 }
 
-// "96.3 / 0.41": per cent of the controls that are the policy's to the bit, and the mean size of
-// the others' changes.
+// "96.3 / 0.41": per cent of the controls that equal the policy's bit for bit, and the mean change
+// of the others.
 std::string Interventions(const Totals& totals) {
   return Number(totals.passed(), 1, 100.0) + " / " + Number(totals.change(), 2);
 }
@@ -116,7 +117,7 @@ const char* ClusterText(const Totals& totals) {
   const std::string clusters = totals.clusters();
   if (clusters == "task") return "clustered by task";
   return clusters == "trial" ? "clustered by trial"
-                             : "that take episodes as independent: there are fewer than 3 trials";
+                             : "that treat episodes as independent: there are fewer than 3 trials";
 }
 
 template <typename Member>
@@ -135,7 +136,7 @@ experiment::ReportTable PolicyTable(const std::vector<Row>& rows, const std::str
   table.caption =
       "Completed / collided, then saved / harmed against the policy alone, in per cent of " +
       std::to_string(rows.front().episodes) +
-      " episodes a cell; then per cent of the controls passed to the bit / mean size of the "
+      " episodes a cell; then per cent of the controls passed unchanged / mean size of the "
       "others' changes, in ordinary demonstrated controls.";
   table.header = {"task", "condition"};
   for (const std::string& controller : controllers) {
@@ -263,7 +264,7 @@ std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows) {
       table.rows.push_back({support});
       table.commands.push_back({""});
       for (const std::string& name : names) {
-        // The policy alone looks at no support.
+        // The policy alone uses no support.
         const auto found = sums.find({name == kAlone ? "" : support, name});
         if (found == sums.end()) {
           table.rows.back().emplace_back("-");
@@ -291,7 +292,8 @@ experiment::ReportTable WhereItFails(const std::vector<Row>& rows, const std::st
   constexpr double kMostCollided = 0.5;
   constexpr double kMostHarmed = 2.0;
   experiment::ReportTable table;
-  table.heading = "Where " + controller + " fails around a policy that completes half or more";
+  table.heading =
+      "Rows in which " + controller + " fails around a policy that completes half or more";
   table.caption = "It collides in more than 0.5 % of the episodes, or harms more than 2 %.";
   table.header = {"task",    "condition",      "policy",         "alone",
                   "guarded", "saved / harmed", "passed / change"};
@@ -366,8 +368,8 @@ experiment::ReportFigure MakeFigure(const std::vector<Row>& rows) {
   experiment::ReportFigure figure{
       .heading = "Completion over intervention",
       .caption =
-          "A plot a policy and a point a method, over all tasks and conditions. A guard "
-          "stands at the upper left: it completes much and changes little.",
+          "One plot per policy and one point per method, over all tasks and conditions. A good "
+          "guard is at the upper left: it completes many episodes and changes few controls.",
       .plots = {}};
   if (rows.empty()) return figure;
   const std::vector<std::string> controllers = Distinct(rows, &Row::controller);

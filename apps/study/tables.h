@@ -9,14 +9,14 @@
 
 namespace dfr::study {
 
-/// Between task and condition in a learner's name.
+/// Separator of task and condition in a learner's name.
 inline constexpr const char* kBetween = ": ";
 /// A method's name in ids: "guided@lwr/density".
 [[nodiscard]] std::string MethodOf(const std::string& controller, const std::string& policy);
 
-/// A table a policy, with a row for each task and condition: completed / collided of each
-/// controller, then saved / harmed and passed, in per cent, with the size of changes. Behind them a
-/// table of means and worst rows.
+/// Returns one table per policy, with a row for each task and condition: completed / collided of
+/// each controller, then saved / harmed and passed, in per cent, with the size of changes. The last
+/// table has means and worst rows.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeTables(const std::vector<Row>& rows);
 
 /// A row for each of `rows`, shares in per cent with the 95 % intervals of Totals, and the table of
@@ -24,12 +24,12 @@ inline constexpr const char* kBetween = ": ";
 [[nodiscard]] std::vector<experiment::ReportTable> MakeRowTables(const std::vector<Row>& rows,
                                                                  bool causes);
 
-/// What support and controller buy, a table a policy, from rows whose controllers are
+/// Effects of support and controller, one table per policy, from rows whose controllers are
 /// "<controller>/<support>": means over all tasks and conditions of completed / collided /
 /// passed in per cent / size of changes.
 [[nodiscard]] std::vector<experiment::ReportTable> MakeGrid(const std::vector<Row>& rows);
 
-/// Completion over intervention: a plot a policy, a point with its interval a method.
+/// Completion over intervention: one plot per policy, one point with its interval per method.
 [[nodiscard]] experiment::ReportFigure MakeFigure(const std::vector<Row>& rows);
 
 /// Rows of a good policy (one that completes at least half of the episodes) in which `controller`
@@ -37,7 +37,7 @@ inline constexpr const char* kBetween = ": ";
 [[nodiscard]] experiment::ReportTable WhereItFails(const std::vector<Row>& rows,
                                                    const std::string& controller);
 
-/// The rows as counts. @throws std::runtime_error naming a file that cannot be written.
+/// Writes the rows as counts. @throws std::runtime_error naming a file that cannot be written.
 void SaveCsv(const std::vector<Row>& rows, const std::filesystem::path& path);
 
 }  // namespace dfr::study

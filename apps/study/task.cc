@@ -27,7 +27,7 @@ namespace {
 constexpr std::uint64_t kDemonstrationStream = 1;
 constexpr std::uint64_t kLearnerStream = 2;
 
-// Imitates as the Pusher's weak learner does.
+// Imitates like the Pusher's weak learner.
 LearnedModel Learn(const std::string& name, const core::SimulatedPlant& plant,
                    std::vector<core::Trajectory> demonstrations, const safety::TaskOptions& options,
                    std::uint64_t seed, const Teaching& supervisor) {
@@ -106,7 +106,7 @@ Task Gallery(const std::string& name) {
   task.learn = [&small](int demonstrations, std::uint64_t seed) {
     std::vector<core::Trajectory> set =
         sim::Demonstrate(small, demonstrations, core::DeriveSeed(seed, {kDemonstrationStream}));
-    // As a guard has it: twice as many controls as the longest demonstration.
+    // A guard's default: twice as many controls as the longest demonstration.
     safety::TaskOptions options{.guided_features = small.features, .horizon = 1};
     for (const core::Trajectory& d : set) {
       options.horizon = std::max(options.horizon, 2 * d.num_steps());
@@ -129,7 +129,7 @@ Task LineTracking() {
   sim::LineTrackingOptions options;
   options.disturbance.wave = sim::Wave::kRandom;
   options.observation = sim::Observation::kGroundTruth;
-  // What a perfect calibration knows: all that is systematic.
+  // A perfect calibration: it removes all systematic errors.
   line_task::LineCalibration known;
   known.camera = sim::LineTrackingPlant::true_camera();
   known.p_base_cam =
@@ -184,7 +184,7 @@ Task MakeTask(const std::string& name) {
   if (name == "line-tracking") return LineTracking();
   const std::vector<std::string> names = TaskNames();
   DFR_THROW_UNLESS(std::ranges::count(names, name) == 1,
-                   "there is no task '" << name << "'; there are " << Join(names));
+                   "unknown task '" << name << "'; valid: " << Join(names));
   return Gallery(name);
 }
 

@@ -17,9 +17,9 @@
 
 namespace dfr::study {
 
-/// A world to be run in.
+/// A variant of a task's world.
 struct Variant {
-  std::string name;  ///< "" for the one that was demonstrated in.
+  std::string name;  ///< "" for the demonstrated one.
   std::function<std::unique_ptr<core::SimulatedPlant>()> make;
 };
 
@@ -30,45 +30,46 @@ struct Drawing {
   apps::RolloutVideoRecorder::Draw draw;
 };
 
-/// A task of any of the programs, as the stress table needs it.
+/// A task of any program, for tables of studies.
 struct Task {
   std::string name;
   std::vector<Variant> variants;  ///< The demonstrated one first.
-  double length = 1.0;            ///< What noise of observations is a share of.
+  double length = 1.0;            ///< Length by which observation noise is scaled.
   safety::ControllerOptions controllers = {};
-  /// Learns the task's models from so many demonstrations; the learned policy is a weak one, of 8
-  /// units and 10 epochs, but for line tracking, whose demonstrations are open-loop.
+  /// Learns the task's models from this number of demonstrations. The learned policy is a weak one,
+  /// of 8 units and 10 epochs, except in line tracking, whose demonstrations are open-loop.
   std::function<LearnedModel(int demonstrations, std::uint64_t seed)> learn = {};
-  /// What happens in the undisturbed plant after a halt. Empty: nothing.
+  /// Continues the undisturbed plant after a halt. Empty: nothing moves.
   std::function<void(core::SimulatedPlant&)> aftermath = {};
-  /// Draws the undisturbed plant, which has to outlive the drawing. Empty: there are no pictures.
+  /// Draws the undisturbed plant, which must outlive the drawing. Empty: no pictures.
   std::function<Drawing(const core::SimulatedPlant&)> draw = {};
-  /// What guards at their default settings are tried on; null of tasks outside the gallery.
+  /// The gallery's task for guards with default settings; null for other tasks.
   const sim::GalleryTask* small = nullptr;
-  std::optional<planar::Task> plane = {};  ///< What planar::Methods is made for; empty elsewhere.
+  std::optional<planar::Task> plane =
+      {};  ///< The planar task for planar::Methods; empty for other tasks.
 };
 
 /// "pusher", "planar-corridor", "planar-push", the gallery's tasks, "line-tracking". MakeTask()
-/// also knows "planar-push-weak", planar-push with a worse learner of its own.
+/// also knows "planar-push-weak", planar-push with a worse learner.
 [[nodiscard]] std::vector<std::string> TaskNames();
 /// @throws std::invalid_argument naming the tasks there are.
 [[nodiscard]] Task MakeTask(const std::string& name);
-/// The tasks that a command line means, each once: names, "all", or of the gallery's tasks
+/// Expands task names of a command line, each once: names, "all", or the gallery's groups
 /// "gallery", "design" or "judgement".
 /// @throws std::invalid_argument naming the tasks there are.
 [[nodiscard]] std::vector<std::string> SelectTasks(const std::vector<std::string>& words);
 
-/// How the world differs from the demonstrated one.
+/// Differences of the world from the demonstrated one.
 struct Condition {
   std::string name;
-  std::string variant = {};  ///< Runs where a task has that variant.
+  std::string variant = {};  ///< Runs only in tasks with that variant.
   experiment::DisturbanceOptions disturbance = {};
-  double noise = 0.0;       ///< Standard deviation in observations, in Task::length.
-  int demonstrations = 0;   ///< In place of the study's, unless 0.
-  bool on_request = false;  ///< Not one of those that a study of all conditions runs.
+  double noise = 0.0;       ///< Standard deviation of observation noise, in units of Task::length.
+  int demonstrations = 0;   ///< Replaces the study's number unless 0.
+  bool on_request = false;  ///< Excluded from studies of all conditions.
 };
 
-/// All conditions, "as demonstrated" first.
+/// Returns all conditions, "as demonstrated" first.
 [[nodiscard]] const std::vector<Condition>& Conditions();
 
 }  // namespace dfr::study

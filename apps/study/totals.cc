@@ -23,7 +23,7 @@ void Add(const TrialCounts& trial, TrialCounts& sum) {
   sum.changed += trial.changed;
 }
 
-// A row without trials is one trial.
+// A row without trials counts as one trial.
 std::vector<TrialCounts> TrialsOf(const Row& row) {
   if (!row.trials.empty()) return row.trials;
   return {{.episodes = row.episodes,

@@ -10,9 +10,9 @@
 
 namespace dfr::study {
 
-/// Rows of one method around one policy added up, in clusters that are independent of each other:
-/// tasks where there are at least 5, else the trials of each task. With fewer than 3 clusters
-/// episodes count as independent.
+/// Sums of the rows of one method around one policy, in independent clusters: tasks if there are at
+/// least 5, otherwise the trials of each task. With fewer than 3 clusters episodes count as
+/// independent.
 class Totals {
  public:
   explicit Totals(const Row& row) : Totals(std::span(&row, 1)) {}
@@ -20,17 +20,17 @@ class Totals {
 
   [[nodiscard]] int episodes() const noexcept { return all_.episodes; }
   [[nodiscard]] const TrialCounts& counts() const noexcept { return all_; }
-  /// "task", "trial" or "episode".
+  /// Kind of clusters: "task", "trial" or "episode".
   [[nodiscard]] const char* clusters() const noexcept;
 
   /// 95 % interval of the share of the episodes that `count` counts.
   [[nodiscard]] experiment::Interval IntervalOf(int TrialCounts::*count) const;
-  /// Share of the controls that are the policy's to the bit, a mean over rows and trials: long
-  /// episodes count no more than short ones. Absent without a control.
+  /// Share of the controls that equal the policy's bit for bit, averaged over rows and trials, so
+  /// that long episodes have no more weight than short ones. Absent without a control.
   [[nodiscard]] std::optional<double> passed() const noexcept;
-  /// Its interval, RatioInterval() over the clusters; absent where those are episodes.
+  /// Its interval, RatioInterval() over the clusters; absent if those are episodes.
   [[nodiscard]] std::optional<experiment::Interval> PassedInterval() const;
-  /// Mean size of a change. Absent where none is known.
+  /// Mean size of a change. Absent if none is known.
   [[nodiscard]] std::optional<double> change() const noexcept;
 
  private:

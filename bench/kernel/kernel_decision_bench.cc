@@ -209,6 +209,9 @@ int main(int argc, char** argv) try {
   }
   WriteReports("Decision function", results, options);
   return ExitCode(results);
+} catch (const std::invalid_argument& e) {
+  std::fprintf(stderr, "kernel_decision_bench: %s\n", e.what());
+  return 2;
 } catch (const std::exception& e) {
   std::fprintf(stderr, "kernel_decision_bench: %s\n", e.what());
   return EXIT_FAILURE;

@@ -274,6 +274,9 @@ int main(int argc, char** argv) try {
     matrix.Fit(number);
   }
   return matrix.Print() ? EXIT_SUCCESS : EXIT_FAILURE;
+} catch (const std::invalid_argument& e) {
+  std::fprintf(stderr, "kernel_matrix_bench: %s\n", e.what());
+  return 2;
 } catch (const std::exception& e) {
   std::fprintf(stderr, "kernel_matrix_bench: %s\n", e.what());
   return EXIT_FAILURE;

@@ -178,6 +178,9 @@ int main(int argc, char** argv) try {
   runner.TimeSteps(120, 100);
   runner.Batch(200000);
   return runner.right() ? EXIT_SUCCESS : EXIT_FAILURE;
+} catch (const std::invalid_argument& e) {
+  std::fprintf(stderr, "kernel_threads_bench: %s\n", e.what());
+  return 2;
 } catch (const std::exception& e) {
   std::fprintf(stderr, "kernel_threads_bench: %s\n", e.what());
   return EXIT_FAILURE;

@@ -259,6 +259,9 @@ int main(int argc, char** argv) try {
   per_step.TrainGrid(options, results);
   WriteReports("Training", results, options);
   return ExitCode(results);
+} catch (const std::invalid_argument& e) {
+  std::fprintf(stderr, "kernel_training_bench: %s\n", e.what());
+  return 2;
 } catch (const std::exception& e) {
   std::fprintf(stderr, "kernel_training_bench: %s\n", e.what());
   return EXIT_FAILURE;

@@ -660,7 +660,11 @@ int Main(int argc, char** argv) {
   app.add_option("--robot", robot)->group("");
   app.add_option("--platform", platform)->group("");
   app.add_flag("--far", far)->group("");
-  CLI11_PARSE(app, argc, argv);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return app.exit(e) == EXIT_SUCCESS ? EXIT_SUCCESS : 2;
+  }
   signal(SIGPIPE, SIG_IGN);
   signal(SIGXFSZ, SIG_IGN);
   if (!robot.empty()) {

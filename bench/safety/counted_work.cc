@@ -271,6 +271,9 @@ int main(int argc, char** argv) try {
   dfr::bench::RunFits(runner);
   dfr::bench::RunControllers(runner);
   return EXIT_SUCCESS;
+} catch (const std::invalid_argument& e) {
+  std::fprintf(stderr, "counted_work: %s\n", e.what());
+  return 2;
 } catch (const std::exception& e) {
   std::fprintf(stderr, "counted_work: %s\n", e.what());
   return EXIT_FAILURE;

@@ -260,7 +260,7 @@ def _like(default: Any, text: str) -> Any:
 
 def _check(method: str) -> None:
     if method not in METHODS:
-        raise ValueError(f"there is no method '{method}'; there are {', '.join(METHODS)}")
+        raise ValueError(f"unknown method '{method}'; valid: {', '.join(METHODS)}")
 
 
 def _says(value: Any) -> bool:
@@ -506,7 +506,7 @@ class _Remote:
             process.join(1.0)
             raise RuntimeError(
                 f"{self._label}: its process ended with exit code {process.exitcode}; finished units are kept, "
-                "and the same command goes on from there"
+                "and the same command resumes from there"
             ) from None
         if not done:
             raise RuntimeError(f"{self._label}: {answer}")

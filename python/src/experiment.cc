@@ -73,8 +73,8 @@ class PythonRunner final : public experiment::TrialRunner {
             std::uint64_t controller_seed, const std::filesystem::path& path) override {
     const bool alone = path.extension() == ".png";
     if (!alone && path.extension() != ".html") {
-      throw std::runtime_error(path.string() +
-                               ": of these episodes there are pages, .html, and animations, .png");
+      throw std::runtime_error(
+          path.string() + ": such episodes can be saved as a page, .html, or an animation, .png");
     }
     std::vector<experiment::FilmedEpisode> episodes;
     std::string pictures;
@@ -164,15 +164,19 @@ py::object RunExperiment(const std::vector<std::string>& arguments, const std::s
   options.out = "out/" + name;
   options.seed = 1;
   Values chosen = parameters;
-  CLI::App* command = app.add_subcommand("experiment", "all methods from the same start states");
+  CLI::App* command =
+      app.add_subcommand("experiment", "Compare all methods from the same start states");
   experiment::AddRunOptions(*command, options);
   command->option_defaults()->always_capture_default();
-  command->add_option("--methods", plan.methods, "the first is the reference")->delimiter(',');
-  command->add_option("--learners", plan.learners, "kinds of learned policies")->delimiter(',');
-  command->add_option("--demonstrations", plan.demonstrations, "the data points, ascending")
+  command->add_option("--methods", plan.methods, "methods; the first is the reference")
       ->delimiter(',');
-  command->add_option("--trials", plan.trials, "independent repetitions of everything");
-  command->add_option("--episodes", plan.episodes, "start states per trial and data point");
+  command->add_option("--learners", plan.learners, "kinds of learned policies")->delimiter(',');
+  command
+      ->add_option("--demonstrations", plan.demonstrations, "numbers of demonstrations, ascending")
+      ->delimiter(',');
+  command->add_option("--trials", plan.trials, "number of independent repetitions");
+  command->add_option("--episodes", plan.episodes,
+                      "number of start states per trial and number of demonstrations");
   for (auto& [parameter, value] : chosen) {
     std::visit([&, &key = parameter](auto& choice) { command->add_option("--" + key, choice); },
                value);

@@ -112,7 +112,8 @@ TEST_F(ArchiveTest, ErrorsNameFileAndReason) {
   }
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).Number(); }),
               testing::AllOf(HasSubstr("type 'i' at byte"), HasSubstr(", where 'd' is needed")));
-  EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).End(); }), HasSubstr("bytes more"));
+  EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).End(); }),
+              HasSubstr("bytes after its last value"));
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).IntegerIn(0, 5); }),
               HasSubstr("-7 where one in [0, 5]"));
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 2).IntegerIn(-20, -8); }),
@@ -137,7 +138,7 @@ TEST_F(ArchiveTest, AnnouncedSizesAreCheckedAgainstTheFile) {
   content.append(reinterpret_cast<const char*>(&hash), 8);
   Replace(content);
   EXPECT_THAT(Error([&] { ArchiveReader(File(), "sample", 1).Numbers(); }),
-              HasSubstr("does not hold them"));
+              HasSubstr("does not contain them"));
 }
 
 TEST_F(ArchiveTest, AFailedSaveNamesTheFile) {

@@ -111,7 +111,7 @@ TEST(FeatureSelectionTest, NoEntryIsNamedTwice) {
       const FeatureSelection selection(layout, spec);
       ADD_FAILURE() << spec;
     } catch (const std::invalid_argument& e) {
-      EXPECT_NE(std::string(e.what()).find("named before it"), std::string::npos) << e.what();
+      EXPECT_NE(std::string(e.what()).find("repeats an entry"), std::string::npos) << e.what();
     }
   }
   EXPECT_EQ(FeatureSelection(layout, "a[2:3],a[0:2]").indices(), (std::vector{2, 0, 1}));

@@ -120,7 +120,7 @@ TEST_F(CertificatesTest, FilesOfTwoParticipantsDoNotMix) {
   Replace(files_.key, console.key);
   EXPECT_THAT(Complaint(client_), HasSubstr("key.pem is not the key of"));
   Replace(files_.certificate, console.certificate);
-  EXPECT_THAT(Complaint(client_), HasSubstr("permissions.p7s is for 'CN=client', and"));
+  EXPECT_THAT(Complaint(client_), HasSubstr("permissions.p7s belongs to 'CN=client', and"));
   Replace(files_.permissions, console.permissions);
   EXPECT_EQ(CheckSecurity(client_), "console");
 }
@@ -153,7 +153,7 @@ TEST_F(CertificatesTest, WhatIsNotValidTodayIsRefused) {
   const std::time_t today = std::time(nullptr);
   EXPECT_EQ(Complaint(client_, today + 1000 * kDay), "nothing");
   EXPECT_THAT(Complaint(client_, today + 1100 * kDay), HasSubstr("cert.pem expired on 20"));
-  EXPECT_THAT(Complaint(client_, today - 2 * kDay), HasSubstr("cert.pem is valid from 20"));
+  EXPECT_THAT(Complaint(client_, today - 2 * kDay), HasSubstr("cert.pem is not valid before 20"));
   // The permissions end before the certificate.
   const path lasting = keystore_.folder() / "lasting";
   std::filesystem::rename(client_, lasting);

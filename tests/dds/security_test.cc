@@ -177,7 +177,7 @@ TEST_F(SecurityTest, APeerWithoutCertificateHearsAndCommandsNothing) {
   Participant stranger({.domain = test::OwnDomain(), .name = "stranger"});
   AwaitRefusal(lab, stranger, "it has no certificate");
   EXPECT_EQ(ExplainRefused(lab.client),
-            "; 'stranger' is there, and not admitted: it has no certificate");
+            "; 'stranger' is present, but not admitted: it has no certificate");
   EXPECT_EQ(lab.client.TakeRefusedPeers().size(), 1U);
   EXPECT_TRUE(lab.client.TakeRefusedPeers().empty());
   // It is told, too, why it hears nothing.

@@ -45,7 +45,8 @@ TEST(DemonstrationsTest, WhatIsNoProvenanceIsRefusedByName) {
     static_cast<void>(LoadRobomimic(folder / "demos.hdf5"));
     ADD_FAILURE() << "it was taken";
   } catch (const std::runtime_error& e) {
-    EXPECT_THAT(e.what(), AllOf(HasSubstr("demos.hdf5"), HasSubstr("origin is 'dreamt'")));
+    EXPECT_THAT(e.what(), AllOf(HasSubstr("demos.hdf5"),
+                                HasSubstr("must be unknown, simulated or real, not 'dreamt'")));
   }
 }
 
@@ -165,7 +166,7 @@ TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
                 f.Write("data/demo_1/obs/object", actions(3));
                 f.SetAttribute("data/demo_1", "num_samples", 3);
               }),
-              HasSubstr("data/demo_1/obs: has other datasets"));
+              HasSubstr("data/demo_1/obs: has datasets or shapes that differ"));
   EXPECT_THAT(message([&](Hdf5File& f) {
                 f.Write("data/demo_0/actions", actions(3));
                 f.SetAttribute("data/demo_0", "outcome", std::string("won"));

@@ -198,7 +198,7 @@ TEST(HostileFilesTest, AnEpisodeThatWasCutOffIsLeftOutAndSaidSo) {
   H5Fclose(file);
   const auto reader = OpenDemonstrations(path);
   EXPECT_EQ(reader->num_episodes(), 3);
-  EXPECT_THAT(reader->note(), AllOf(HasSubstr("its 3 whole episodes are read"),
+  EXPECT_THAT(reader->note(), AllOf(HasSubstr("its 3 complete episodes are read"),
                                     HasSubstr("data/demo_3"), HasSubstr("--repair")));
   EXPECT_EQ(LoadDemonstrations(path).note, reader->note());
 }

@@ -135,7 +135,7 @@ TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
   EXPECT_THAT(with_metadata(R"({"data_format": "arrow"})"),
               HasSubstr("data_format is 'arrow'; only hdf5 can be read"));
   EXPECT_THAT(with_metadata(R"({"data_format": 5})"),
-              AllOf(HasSubstr("metadata.json"), HasSubstr("data_format is not a text")));
+              AllOf(HasSubstr("metadata.json"), HasSubstr("data_format is not a string")));
   EXPECT_THAT(with_metadata(R"({"dataset_id": ["a"]})"), HasSubstr("dataset_id is not a text"));
   EXPECT_THAT(with_metadata(R"({"env_spec": "{\"id\": 1}"})"), HasSubstr("id is not a text"));
 

@@ -120,7 +120,7 @@ class ScriptTest(Folder):
                                 (["slurm", "--tasks", 1, "--out", out, "--grid", "gamma", "--", "x"], "--grid wants"),
                                 (["slurm", "--tasks", 1, "--out", out, "--grid", "gamma=1,1", "--", "x"],
                                  "two runs of the grid have the same folder gamma=1"),
-                                (["table", out], "there is no summary.json")]:
+                                (["table", out], "contains no summary.json")]:
             self.assertIn(says, run(CLUSTER, *arguments, fails=True))
 
 

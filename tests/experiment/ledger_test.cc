@@ -205,10 +205,10 @@ TEST_F(LedgerTest, AUnitOfAnotherRunIsRefused) {
   };
   EvaluationPlan seeded = FakePlan();
   seeded.seed = 4;
-  EXPECT_THAT(with_line_of(seeded, Options()), HasSubstr("it is of another run"));
+  EXPECT_THAT(with_line_of(seeded, Options()), HasSubstr("it belongs to another run"));
   EvaluationOptions other = Options();
   other.settings["gamma"] = "5.0000001";
-  EXPECT_THAT(with_line_of(FakePlan(), other), HasSubstr("it is of another run"));
+  EXPECT_THAT(with_line_of(FakePlan(), other), HasSubstr("it belongs to another run"));
 }
 
 TEST_F(LedgerTest, SalvagePutsDamagedLinesAsideAndSaysWhich) {
@@ -267,7 +267,7 @@ TEST_F(LedgerTest, WriteErrorsLoseAndRepeatNothing) {
       const bool failed = error != 0 && fault.after < 0;
       fault = {};
       EXPECT_THAT(message,
-                  failed ? HasSubstr("All units before are kept") : HasSubstr("nothing thrown"));
+                  failed ? HasSubstr("Earlier units are kept") : HasSubstr("nothing thrown"));
       const std::string before = Read(ledger);
       int made = 0;
       const auto counts = [&](const EvaluationUnit& unit) {
@@ -319,7 +319,7 @@ TEST_F(LedgerTest, RunsThatFailAgainAndAgainLoseAndRepeatNothing) {
       ASSERT_LE(made, 21 - lines) << "a unit that was acknowledged ran again";
       before = after.substr(0, after.rfind('\n') + 1);
       if (!done) {
-        ASSERT_THAT(message, HasSubstr("All units before are kept"));
+        ASSERT_THAT(message, HasSubstr("Earlier units are kept"));
         continue;
       }
       ASSERT_EQ(results, whole);

@@ -123,8 +123,9 @@ TEST(RolloutRunnerTest, AFilmIsAPageOfTheUndisturbedStates) {
     static_cast<void>(runner.Film({0}, 1, 2, folder / "film.mp4"));
     FAIL() << "there are no such pictures";
   } catch (const std::runtime_error& e) {
-    EXPECT_NE(std::string(e.what()).find("film.mp4: of these episodes there are pages, .html"),
-              std::string::npos)
+    EXPECT_NE(
+        std::string(e.what()).find("film.mp4: such episodes can be saved as a page only, .html"),
+        std::string::npos)
         << e.what();
   }
 }

@@ -56,7 +56,7 @@ class ShardsTest(unittest.TestCase):
         self.assertIn('settings.gamma is "5" there and "5.0000001" now', error)
         error = self.run_program("merge", "a", "--out", "c", fails=True)
         self.assertIn("10 of 20 units are missing", error)
-        self.assertIn("there is no ledger.jsonl", self.run_program("merge", "nowhere", "--out", "c", fails=True))
+        self.assertIn("contains no ledger.jsonl", self.run_program("merge", "nowhere", "--out", "c", fails=True))
         error = self.run_program("experiment", "--shard", "2/2", "--out", "a", fails=True)
         self.assertIn('shard is "1/2" there and "2/2" now', error)
 
@@ -122,7 +122,7 @@ class ShardsTest(unittest.TestCase):
         for arguments, says in [
                 (("run", "0/6/8/dfr"), "an episode is TRIAL/DEMONSTRATIONS/LEARNER/METHOD/START"),
                 (("run", name, "--methods", "magic"), "run: the run has no method 'magic'"),
-                (("run", name, "--film", "film.mp4"), "there are no pictures of such episodes"),
+                (("run", name, "--film", "film.mp4"), "this program cannot draw such episodes"),
                 (("nowhere", name), "nowhere/run.toml")]:
             self.assertIn(says, self.run_program("rerun", *arguments, fails=True))
         # A program that ends it otherwise than the ledger says.
@@ -130,12 +130,12 @@ class ShardsTest(unittest.TestCase):
 
     def test_mistakes_in_a_configuration_name_the_line(self):
         for text, says in [("[experiment]\nseed = 1\ngama = 5\n", "c.toml:3: experiment has no option 'gama'"),
-                           ("seed = 1\n", "c.toml:1: 'seed' is no table of a command"),
+                           ("seed = 1\n", "c.toml:1: 'seed' is not in a table"),
                            ("[experiment]\n\ntrials = \"many\"\n", "c.toml:3: "),
                            ("[experiment]\ntrials = [[1]]\n", "c.toml:2: 'trials' must be a text"),
                            ("[experiment]\ntrials = 1979-05-27\n", "c.toml:2: there must be a value"),
                            ("[experiment]\ntrials = \n", "c.toml:2"),
-                           ("[grid]\ngamma = [1]\n", "there is no table [experiment]")]:
+                           ("[grid]\ngamma = [1]\n", "has no table [experiment]")]:
             with self.subTest(text=text):
                 (self.folder / "c.toml").write_text(text)
                 self.assertIn(says, self.run_program("experiment", "--config", "c.toml", fails=True))
@@ -178,7 +178,7 @@ class ShardsTest(unittest.TestCase):
         self.assertNotIn("shard-", text)
         # A run of which no task came so far.
         self.assertIn("0 of 0 units are finished", self.run_program("status", failed))
-        self.assertIn("there is no ledger.jsonl", self.run_program("status", "nowhere", fails=True))
+        self.assertIn("contains no ledger.jsonl", self.run_program("status", "nowhere", fails=True))
 
     def test_status_sees_a_run_from_outside(self):
         ledger = self.folder / "run/ledger.jsonl"
@@ -237,12 +237,12 @@ class ShardsTest(unittest.TestCase):
                         if (c["method"], c["learner"]) == ("dfr", "8"))
         self.assertEqual(len(episodes("--method", "baseline", "--outcome", "collided", "--against", "dfr=halted,completed")),
                          contrast["only_reference_collided"])
-        for options, says in [(("--against", "dfr"), "--against wants METHOD=OUTCOME"),
-                              (("--against", "dfr=won"), "there is no outcome 'won'"),
-                              (("--against", "magic=halted"), "there is no method 'magic'; there are baseline, "),
-                              (("--method", "magic"), "there is no method 'magic'; there are baseline, "),
-                              (("--learner", "magic"), "there is no learner 'magic'; there are 8, 64-64"),
-                              (("--demonstrations", 7), "there is no data point '7'")]:
+        for options, says in [(("--against", "dfr"), "--against takes METHOD=OUTCOME"),
+                              (("--against", "dfr=won"), "unknown outcome 'won'"),
+                              (("--against", "magic=halted"), "unknown method 'magic'; valid: baseline, "),
+                              (("--method", "magic"), "unknown method 'magic'; valid: baseline, "),
+                              (("--learner", "magic"), "unknown learner 'magic'; valid: 8, 64-64"),
+                              (("--demonstrations", 7), "unknown data point '7'")]:
             self.assertIn(says, self.run_program("episodes", "run", *options, fails=True))
 
 

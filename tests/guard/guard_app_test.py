@@ -144,7 +144,7 @@ class GuardAppTest(unittest.TestCase):
 
         write_robomimic(self.folder / "cut.hdf5", episodes(1, 30), edit=cut_off)
         out = self.run_guard("check", "cut.hdf5", "--repair", "whole.hdf5")
-        self.assertIn("its 29 whole episodes are read; data/demo_29, which was being written, is left out", out)
+        self.assertIn("its 29 complete episodes are read; data/demo_29, which was being written, is left out", out)
         self.assertIn("whole.hdf5 has 29 of 29 episodes", out)
         self.assertIn("29 episodes of 20 to 20 actions", self.run_guard("check", "whole.hdf5"))
         self.assertIn("29 with 580 actions", self.fit("repaired.guard", "whole.hdf5"))
@@ -184,7 +184,7 @@ class GuardAppTest(unittest.TestCase):
             (replace("actions", shape=(2**40, 2), dtype="f8", chunks=(1024, 2)), "claims 1099511627776 x 2 entries"),
             (replace("actions", shape=(0, 2), dtype="f8"), "data/demo_3/actions: has 0 rows"),
             (outside, "data/demo_3/actions: is a link to another file"),
-            (cycle, "groups within groups"),
+            (cycle, "groups deep"),
             (lambda file: file["data/demo_3"].attrs.create("num_samples", "many"), "num_samples is neither an integer nor a truth value"),
             (lambda file: file.__delitem__("data"), "holds no episode"),
         ]:
@@ -204,7 +204,7 @@ class GuardAppTest(unittest.TestCase):
 
         write_robomimic(self.folder / "robosuite.hdf5", episodes(1, 3), edit=no_observations)
         message = self.run_guard("check", "robosuite.hdf5", fails=True)
-        self.assertIn("data/demo_0/obs: does not exist: the file holds states of a simulator alone", message)
+        self.assertIn("data/demo_0/obs: does not exist: the file holds only simulator states", message)
         self.assertIn("dataset_states_to_obs.py", message)
         with h5py.File(self.folder / "episode_0.hdf5", "w") as file:
             file["observations/qpos"] = file["action"] = np.zeros((5, 14))
@@ -347,7 +347,7 @@ class GuardAppTest(unittest.TestCase):
         for out, more in [("no-version", []), ("a b/x-v0", []), ("x-v0", ["--id", "x"])]:
             with self.subTest(out):
                 message = self.run_guard("convert", "demos.hdf5", out, *more, fails=True)
-                self.assertRegex(message, "is no id of a Minari dataset: it must be <namespace>/<name>-v<number>")
+                self.assertRegex(message, "is not the id of a Minari dataset: it must be <namespace>/<name>-v<number>")
                 self.assertEqual("give --id" in message, not more)
 
     def test_a_filter_key_chooses_episodes(self):
@@ -370,8 +370,8 @@ class GuardAppTest(unittest.TestCase):
             np.testing.assert_array_equal(file["data/demo_1/actions"], episodes(1, 12)[2][1])
         for file, key, message in [
             ("masked.hdf5", "test", "mask/test: does not exist; the filter keys of this file are: none, numbers, train"),
-            ("masked.hdf5", "wrong", "names 'demo_77', which is no episode"),
-            ("masked.hdf5", "numbers", "is not a list of texts"),
+            ("masked.hdf5", "wrong", "names 'demo_77', which is not an episode"),
+            ("masked.hdf5", "numbers", "is not a list of strings"),
             ("masked.hdf5", "none", "names no episode"),
             ("demos.hdf5", "train", "this file has no filter keys"),
             ("right-v0", "train", "has no filter keys"),
@@ -434,7 +434,7 @@ class GuardAppTest(unittest.TestCase):
             (["fit", "demos.hdf5", "--strategy", "brave"], "no strategy 'brave'; there are: guard, controller"),
             (["fit", "demos.hdf5", "--features", "tip", "--nu", "2"], "nu"),
             (["check", "demos.hdf5", "--action-limit", "-1"], "--action-limit: must be positive, not -1\n"),
-            (["check", "."], ".: has neither data/main_data.hdf5, as Minari's datasets, nor meta/info.json, as LeRobot's"),
+            (["check", "."], ".: has neither data/main_data.hdf5 (Minari) nor meta/info.json (LeRobot)"),
             (["show", "cut.guard"], "cut.guard: is truncated or damaged"),
             (["show", "demos.hdf5"], "is not a file written by dfr"),
             ([], "subcommand"),

@@ -184,7 +184,7 @@ TEST_F(ArmCheckTest, SaysFirstThatThereIsNoEmergencyStop) {
     const Finding finding = CheckArm(options_, arm_).findings.front();
     return finding.level == Finding::Level::kNote ? finding.what : std::string();
   };
-  EXPECT_THAT(first(), HasSubstr("NO EMERGENCY STOP is heard"));
+  EXPECT_THAT(first(), HasSubstr("NO EMERGENCY STOP was found"));
   arm_.stop = [] { return dds::EmergencyStop::kClear; };
   EXPECT_EQ(first(), "");
   options_.without_stop = true;
@@ -193,7 +193,7 @@ TEST_F(ArmCheckTest, SaysFirstThatThereIsNoEmergencyStop) {
 
 TEST_F(ArmCheckTest, MovesNothingWithoutAnEmergencyStopThatIsReleased) {
   options_.home = options_.move = true;
-  EXPECT_THAT(Check(), HasSubstr("nothing is heard of an emergency stop"));
+  EXPECT_THAT(Check(), HasSubstr("no emergency stop was found"));
   arm_.stop = [] { return dds::EmergencyStop::kPressed; };
   EXPECT_THAT(Check(), HasSubstr("the emergency stop is pressed"));
   EXPECT_EQ(arm_.console.state(), sim::ArmState::kDisabled);
@@ -230,7 +230,7 @@ TEST_F(ArmCheckTest, AStopOrAnInterruptEndsTheMove) {
     interrupted = interrupted || moves();
     return dds::EmergencyStop::kClear;
   };
-  EXPECT_THAT(Check(), HasSubstr("interrupted: the arm was not moved any more"));
+  EXPECT_THAT(Check(), HasSubstr("interrupted: the arm was not moved further"));
   EXPECT_LT(arm_.console.setpoint_joints()[2], 0.121) << "it went on";
 }
 
@@ -279,10 +279,10 @@ TEST_F(ArmCheckTest, NamesWhatIsWrongOnTheNetwork) {
   arm_.health(4).publishers = 0;
   EXPECT_THAT(Check(), AllOf(HasSubstr("someone else can command the arm"),
                              HasSubstr("2 publishers on /PSM1/measured_js"), HasSubstr("but one"),
-                             HasSubstr("[wrong] nobody publishes /PSM1/measured_cp"),
+                             HasSubstr("[wrong] no program publishes /PSM1/measured_cp"),
                              HasSubstr("a publisher on /PSM1/operating_state does not match (QoS)"),
-                             HasSubstr("[note]  nobody publishes /PSM1/jaw/measured_js"),
-                             HasSubstr("nobody listens to state_command")));
+                             HasSubstr("[note]  no program publishes /PSM1/jaw/measured_js"),
+                             HasSubstr("no program subscribes to state_command")));
 }
 
 class SiArmCheckTest : public ArmCheckTest {

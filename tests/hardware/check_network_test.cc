@@ -61,17 +61,17 @@ TEST_F(NetworkCheckTest, WhereNobodyIsItSaysWhatToStart) {
   options_.arm = "PSM1";
   const DeviceReport report = CheckArm(options_);
   EXPECT_FALSE(report.ok());
-  EXPECT_THAT(Shown(report),
-              AllOf(HasSubstr("nobody publishes /PSM1/measured_js"), HasSubstr("dvrk_simulator"),
-                    HasSubstr("ROS_DOMAIN_ID must be " + std::to_string(domain_))));
+  EXPECT_THAT(Shown(report), AllOf(HasSubstr("no program publishes /PSM1/measured_js"),
+                                   HasSubstr("dvrk_simulator"),
+                                   HasSubstr("ROS_DOMAIN_ID must be " + std::to_string(domain_))));
 }
 
 TEST_F(NetworkCheckTest, AnotherArmsNameIsNamed) {
   const dds::Publisher<dds::JointState> other(participant_, "/PSM1/measured_js", dds::Role::kState);
   options_.arm = "PSM2";
   stops_ = "looking for other arms";
-  EXPECT_THAT(Shown(CheckArm(options_)),
-              AllOf(HasSubstr("nobody publishes /PSM2/measured_js"), HasSubstr("there is PSM1")));
+  EXPECT_THAT(Shown(CheckArm(options_)), AllOf(HasSubstr("no program publishes /PSM2/measured_js"),
+                                               HasSubstr("there is PSM1")));
 }
 
 TEST_F(NetworkCheckTest, FindsTheConsolesTopics) {
@@ -83,7 +83,7 @@ TEST_F(NetworkCheckTest, FindsTheConsolesTopics) {
   starts_ = "listening";
   EXPECT_THAT(Shown(CheckArm(options_)),
               AllOf(HasSubstr("6 of the console's topics found"),
-                    HasSubstr("the console listens to state_command and servo_cp"),
+                    HasSubstr("the console subscribes to state_command and servo_cp"),
                     Not(HasSubstr("someone else"))));
 }
 
@@ -92,7 +92,7 @@ TEST_F(NetworkCheckTest, FindsTheEndoscopesTopic) {
   core::Random random(5);
   options_.endoscope = "/ECM/image_raw";
   EXPECT_THAT(Shown(CheckEndoscope(options_)),
-              HasSubstr("[wrong] nobody publishes pictures on /ECM/image_raw"));
+              HasSubstr("[wrong] no program publishes pictures on /ECM/image_raw"));
   goes_on = [&] {
     dds::Image image;
     image.stamp = dds::Stamp::Now();
@@ -155,7 +155,7 @@ TEST_F(PlatformHomeTest, MovesOnlyOnTheOperatorsWord) {
   for (const char* answer : {"", "y", "yes", "home"}) EXPECT_EQ(Home(answer).second, 1) << answer;
   const auto [said, code] = Home("platform");
   EXPECT_EQ(code, 0);
-  EXPECT_THAT(said, HasSubstr("look whether it is there"));
+  EXPECT_THAT(said, HasSubstr("check its position"));
   const auto commands = emulator_.Await(1);
   ASSERT_EQ(commands.size(), 1U);
   EXPECT_EQ(commands[0].letter, 'h');

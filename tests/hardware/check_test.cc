@@ -81,7 +81,7 @@ TEST_F(EndoscopeCheckTest, NamesWhatIsWrongWithMostPictures) {
     if (endoscope_.bad == FrameStatus::kWrongSize) {
       EXPECT_THAT(shown, HasSubstr("have 64 x 48 pixels, the intrinsics are for 640 x 480"));
     } else if (endoscope_.bad == FrameStatus::kNever) {
-      EXPECT_THAT(shown, HasSubstr("nobody publishes pictures on /ECM/image_raw"));
+      EXPECT_THAT(shown, HasSubstr("no program publishes pictures on /ECM/image_raw"));
     } else {
       EXPECT_THAT(shown, HasSubstr(hardware::Name(endoscope_.bad)));
     }
@@ -97,7 +97,7 @@ TEST_F(EndoscopeCheckTest, NowAndThenLateIsANote) {
   EXPECT_THAT(Check(), AllOf(HasSubstr("[note]  now and then "), Not(HasSubstr("[wrong]"))));
   endoscope_.bad_every = 20;
   endoscope_.lost_of_each = 1;
-  EXPECT_THAT(Check(), AllOf(Not(HasSubstr("now and then")), HasSubstr("were lost on the way")));
+  EXPECT_THAT(Check(), AllOf(Not(HasSubstr("now and then")), HasSubstr("pictures were lost")));
 }
 
 TEST_F(EndoscopeCheckTest, NamesWhatCannotBeOpened) {

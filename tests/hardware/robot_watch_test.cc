@@ -71,7 +71,7 @@ TEST_F(RobotWatchTest, WhatComesTooFastIsCountedAndSilenceIsSaidAllTheSame) {
   watch_.Look(900 * kMs);
   EXPECT_EQ(Said().find("robot: SILENT while idle"), 0U);
   watch_.Look(1000 * kMs);
-  EXPECT_EQ(Said(), "robots: 990 more changes came, and are not shown\n");
+  EXPECT_EQ(Said(), "robots: 990 more changes are not shown\n");
   watch_.Hear(kFirst, "idle", 1001 * kMs);
   watch_.Look(1002 * kMs);
   EXPECT_EQ(Said(), "robot: idle\n");

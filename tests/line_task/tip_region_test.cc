@@ -125,7 +125,7 @@ TEST_F(TipRegionTest, TheGauzeIsWhereItIsSeen) {
   gauze.linear() = Eigen::AngleAxisd(-0.2, Eigen::Vector3d::UnitY()).toRotationMatrix();
   region.SetGauze(gauze);  // its +x side is raised by 0.2 rad
   const Breach breach = region.At(tip);
-  EXPECT_EQ(Named(breach), "the gauze as it is seen");
+  EXPECT_EQ(Named(breach), "the observed gauze");
   EXPECT_NEAR(breach.depth_m, 0.0005 + 0.02 * std::sin(0.2) - 0.004 * std::cos(0.2), 1e-12);
   region.ForgetGauze();
   EXPECT_FALSE(region.At(tip).any());

@@ -160,7 +160,7 @@ class Page(unittest.TestCase):
           page.line = [0, 0, 4, 0];
           endLine();
           return [$("message").textContent, $("message").hidden, page.demonstrations.length];""")
-        self.assertEqual(result, ["The line touches an obstacle: a demonstration must not.", False, 60])
+        self.assertEqual(result, ["The line touches an obstacle: draw one that does not.", False, 60])
 
     def test_the_keyboard_runs_pushes_and_draws(self):
         result = in_page("""

@@ -139,7 +139,7 @@ TEST(WorldTest, ADrawnLineIsADemonstrationAndARefusedOneLosesNothing) {
   EXPECT_EQ(world.demonstrations().size(), 8u);
   World gap(kGap);
   EXPECT_EQ(Refusal(gap, {{0.0, 0.0}, {4.0, 0.0}}),
-            "The line touches an obstacle: a demonstration must not.");
+            "The line touches an obstacle: draw one that does not.");
   EXPECT_TRUE(gap.demonstrations().empty());
 }
 

@@ -82,7 +82,7 @@ class PusherTest(ProgramTest):
             (["experiment", *SMALL, "--red-y", "0.05", "--out", "r"], "red"),
             (["experiment", *SMALL, "--features", "gripper", "--out", "f"], "gripper"),
             (["drift", "--shard", "1/2"], "needs --out"),
-            (["render", "--run", "whole", "--episode", "7/8/8/guided/0"], "there are trials 0 to 1"),
+            (["render", "--run", "whole", "--episode", "7/8/8/guided/0"], "trials are 0 to 1"),
         ]:
             with self.subTest(arguments=arguments):
                 self.assertIn(says, self.run_pusher(*arguments, fails=True))

@@ -177,7 +177,7 @@ class ExperimentTest(unittest.TestCase):
         out = self.run_program(self.program, "rerun", "run", name, "--methods", "guard")
         self.assertIn(lines[0].split("  ")[1] + " after " + lines[0].split("  ")[2].split(",")[0], out)
         self.assertTrue(out.startswith("guided "))
-        with self.assertRaisesRegex(RuntimeError, "there is no method|no learner and method"):
+        with self.assertRaisesRegex(RuntimeError, "no pair of learner and method|unknown method"):
             try:
                 corridor.replay(self.folder / "run", "0/12/policy/magic/0")
             except ValueError as error:
@@ -210,7 +210,7 @@ class ExperimentTest(unittest.TestCase):
         self.assertEqual(both[0].shape, (pictures[0].shape[0], 2 * pictures[0].shape[1] + 4, 3))
         np.testing.assert_array_equal(both[0][:, : pictures[0].shape[1]], pictures[0])
         np.testing.assert_array_equal(both[-1][:, -pictures[0].shape[1] :], pictures[-1])
-        for film, says in (("film.mp4", "there are pages, .html, and animations, .png"), ("/proc/x/film.html", "/proc/x")):
+        for film, says in (("film.mp4", "as a page, .html, or an animation, .png"), ("/proc/x/film.html", "/proc/x")):
             self.assertIn(says, self.run_program(self.program, "rerun", "run", name, "--film", film, fails=True))
 
     def test_a_plant_without_pictures_has_a_page_of_its_states(self):
@@ -235,10 +235,10 @@ class ExperimentTest(unittest.TestCase):
         error = self.run_program(self.program, "experiment", "--config", "run/run.toml", "--out", "run", fails=True)
         self.assertIn("settings.hash of own_experiment.py", error)
         for arguments, says in [
-            (["experiment", "--methods", "baseline,magic"], "there is no method 'magic'; there are baseline, monitor"),
+            (["experiment", "--methods", "baseline,magic"], "unknown method 'magic'; valid: baseline, monitor"),
             (["experiment", "--aheda", "1"], "--aheda"),
             (["experiment", "--demonstrations", "20,10"], "ascending"),
-            (["merge", "nowhere", "--out", "x"], "there is no ledger.jsonl"),
+            (["merge", "nowhere", "--out", "x"], "contains no ledger.jsonl"),
         ]:
             self.assertIn(says, self.run_program(self.program, *arguments, fails=True))
 

@@ -196,7 +196,7 @@ TEST(ReadRecordingTest, OtherFilesAreRefusedByName) {
     }
     return "nothing";
   };
-  EXPECT_THAT(complaint("missing"), testing::HasSubstr("is it there?"));
+  EXPECT_THAT(complaint("missing"), testing::HasSubstr("does it exist?"));
   Save(folder / "text", "a text of some length");
   EXPECT_THAT(complaint("text"), testing::HasSubstr("does not begin as an MCAP file"));
   std::string foreign = SmallFile(folder);

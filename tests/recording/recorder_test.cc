@@ -210,10 +210,10 @@ TEST_F(RecorderTest, AFileThatExistsIsNotTouched) {
   std::ofstream(folder_ / "log.mcap") << "precious";
   EXPECT_THAT(Complaint([&] { Recorder(folder_ / "log.mcap", {}); }),
               testing::AllOf(testing::HasSubstr("log.mcap: File exists"),
-                             testing::HasSubstr("give it another name")));
+                             testing::HasSubstr("choose another name")));
   EXPECT_EQ(std::filesystem::file_size(folder_ / "log.mcap"), 8U);
   EXPECT_THAT(Complaint([&] { Recorder(folder_ / "missing/log.mcap", {}); }),
-              testing::HasSubstr("make its folder first"));
+              testing::HasSubstr("create its folder first"));
   EXPECT_THROW(Recorder(folder_ / "a", {}, {.jpeg_quality = 101}), std::invalid_argument);
   EXPECT_THROW(Recorder(folder_ / "b", {}, {.waiting_records = 0}), std::invalid_argument);
   EXPECT_THROW(Recorder(folder_ / "c", {}, {.waiting_pictures = 0}), std::invalid_argument);
@@ -227,7 +227,7 @@ TEST_F(RecorderTest, ADiskThatIsFullAtTheStartIsRefused) {
     complaint = Complaint([&] { Recorder(path, test::ExampleMetadata(), Options()); });
   }
   EXPECT_THAT(complaint,
-              testing::AllOf(testing::HasSubstr("may not grow"), testing::HasSubstr(path)));
+              testing::AllOf(testing::HasSubstr("cannot grow"), testing::HasSubstr(path)));
   EXPECT_FALSE(std::filesystem::exists(path));
 }
 
@@ -242,7 +242,7 @@ TEST_F(RecorderTest, ADiskThatFillsUpDoesNotStopTheRun) {
     const std::uint64_t dropped = recorder.dropped();
     for (int k = 0; k < 100; ++k) recorder.Record(test::ExampleStep(i++));
     EXPECT_THAT(Complaint([&] { recorder.Finish(); }),
-                testing::HasSubstr("is incomplete: the file may not grow"));
+                testing::HasSubstr("is incomplete: the file cannot grow"));
     EXPECT_EQ(recorder.dropped(), dropped + 100);
   }
   const Recording recording = ReadRecording(folder_ / "log.mcap");

@@ -439,7 +439,7 @@ TEST(ControlLoopTest, PicturesThatDoNotShowTheMotionHold) {
       robot.camera.frozen = true;
       robot.camera.off = {noise, -noise};
       EXPECT_LT(WayUntilHeld(robot, size), 3.0);
-      EXPECT_EQ(robot.loop.cause(), "image-invalid: pictures do not show how the arm has moved");
+      EXPECT_EQ(robot.loop.cause(), "image-invalid: the pictures do not show the arm's motion");
       EXPECT_EQ(robot.loop.state(), RunState::kFaulted);
     }
   }
@@ -498,7 +498,7 @@ TEST(ControlLoopTest, ATargetThatMovesFasterThanItCanBeFollowedHolds) {
     }
     robot.camera.target += jump;
     EXPECT_EQ(robot.loop.Apply(kControl), PlantStatus::kFault);
-    EXPECT_EQ(robot.loop.cause(), "state-jump: the line moves faster than it can be followed");
+    EXPECT_EQ(robot.loop.cause(), "state-jump: the line moves faster than the loop can follow");
     EXPECT_FALSE(robot.loop.ended_regularly());
   }
 }

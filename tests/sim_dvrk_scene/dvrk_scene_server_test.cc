@@ -197,7 +197,7 @@ TEST_F(DvrkSceneServerTest, InLockStepTimeStandsStillUnlessItIsAskedToGoOn) {
 TEST_F(DvrkSceneServerTest, WhatCannotBeDoneIsAnsweredWithTheReason) {
   command_timeout_s_ = 0.0;
   Serve(true, false);
-  EXPECT_THAT(Ask("dance"), StartsWith("error: there is no request 'dance'"));
+  EXPECT_THAT(Ask("dance"), StartsWith("error: unknown request 'dance'"));
   EXPECT_THAT(Ask("reset"), StartsWith("error: the seed must be a whole number, not ''"));
   EXPECT_THAT(Ask("reset -1"), StartsWith("error: the seed"));
   EXPECT_THAT(Ask("run soon"), StartsWith("error: the time to run must be a number, not 'soon'"));
@@ -205,10 +205,10 @@ TEST_F(DvrkSceneServerTest, WhatCannotBeDoneIsAnsweredWithTheReason) {
   EXPECT_THAT(Ask("run nan"), StartsWith("error: the time to run must be a number, not 'nan'"));
   EXPECT_THAT(Ask("run 0.01 2"), StartsWith("error: only 0 of 2 commands have come"));
   EXPECT_THAT(Ask("look"), StartsWith("error: there is no camera"));
-  EXPECT_THAT(Ask("fault dust 1"), HasSubstr("there is no fault 'dust'; there are: delay"));
+  EXPECT_THAT(Ask("fault dust 1"), HasSubstr("unknown fault 'dust'; valid: delay"));
   EXPECT_THAT(Ask("fault freeze maybe"), HasSubstr("freeze is switched on by 1 and off by 0"));
   EXPECT_THAT(Ask("fault drop 2"), HasSubstr("drop must lie in [0, 1]"));
-  EXPECT_THAT(Ask("fault camera upside_down"), HasSubstr("there is no camera fault"));
+  EXPECT_THAT(Ask("fault camera upside_down"), HasSubstr("unknown camera fault"));
   server_.reset();
   known_ = false;
   Serve(false, false);

@@ -54,7 +54,7 @@ void PrintProof(ProofOptions options, bool mutations) {
   if (!failures.empty()) throw std::runtime_error("the proof failed:" + failures);
 }
 
-// A share of fits as per cent, with its 95 % interval and what exact promises would show.
+// Share of fits in per cent, with its 95 % interval and the exact prediction.
 std::string ShareOf(int count, int fits, double chance) {
   const auto interval = experiment::ProportionInterval(count, fits);
   std::array<char, 64> text{};
@@ -68,15 +68,14 @@ std::string ShareOf(int count, int fits, double chance) {
   return text.data();
 }
 
-// A row each for demonstrations that are left out in turn, held out, held out with a confidence.
+// Prints rows for demonstrations left out in turn, held out, and held out with a confidence.
 void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worlds,
                    const std::vector<int>& demonstrations) {
   struct Promise {
     double hold_out;
     double confidence;
   };
-  std::printf(
-      "shares of fits in %%: measured [95 %% interval] as the law of exact promises has it\n");
+  std::printf("shares of fits in %%: measured [95 %% interval] as predicted by the exact law\n");
   std::printf("%-12s %4s %9s %11s %7s  %-18s %-28s %-24s %-24s\n", "world", "n", "hold-out",
               "confidence", "alarms", "mean rate +- 1.96 se", "fits that keep it",
               "eps falls short", "K falls short");
@@ -208,9 +207,9 @@ void AddTask(CLI::App& command, PlanarStudy& study) {
 }  // namespace
 
 void AddMethodOptions(CLI::App& command, MethodOptions& options) {
-  command.add_option("--gamma", options.gamma, "of guided recovery's support")
+  command.add_option("--gamma", options.gamma, "gamma of guided recovery's support")
       ->capture_default_str();
-  command.add_option("--raw-gamma", options.raw_gamma, "of DFR's support; 0: the task's")
+  command.add_option("--raw-gamma", options.raw_gamma, "gamma of DFR's support; 0: the task's")
       ->capture_default_str();
   command.add_option("--factor", options.error_factor, "safety factor on estimated eps")
       ->capture_default_str();
@@ -224,16 +223,19 @@ void AddMethodOptions(CLI::App& command, MethodOptions& options) {
 void AddProof(CLI::App& app, Commands& commands) {
   const auto proof = std::make_shared<ProofOptions>();
   const auto mutations = std::make_shared<bool>(false);
-  auto* prove = app.add_subcommand("prove", "Stress Proposition 1 of certified-direction");
+  auto* prove =
+      app.add_subcommand("prove", "Test Proposition 1 of certified-direction by random worlds");
   prove->add_option("--steps", proof->steps, "controls")->capture_default_str();
   prove->add_option("--seed", proof->seed)->capture_default_str();
-  prove->add_option("--dimensions", proof->most_dimensions, "worlds have 2 to so many")
+  prove
+      ->add_option("--dimensions", proof->most_dimensions,
+                   "largest number of dimensions; worlds have 2 or more")
       ->check(CLI::Range(2, 64))
       ->capture_default_str();
-  prove->add_option("--state-error", proof->state_error, "length of errors of observed states")
+  prove->add_option("--state-error", proof->state_error, "length of the errors of observed states")
       ->check(apps::kNotNegative)
       ->capture_default_str();
-  prove->add_flag("--mutations", *mutations, "mistakes that must be found, too");
+  prove->add_flag("--mutations", *mutations, "test also that deliberate mistakes are found");
   commands.emplace_back(prove, [=] { PrintProof(*proof, *mutations); });
 }
 
@@ -241,16 +243,16 @@ void AddCoverage(CLI::App& app, Commands& commands) {
   const auto options = std::make_shared<CoverageOptions>();
   const auto worlds = std::make_shared<std::vector<std::string>>(CoverageWorlds());
   const auto numbers = std::make_shared<std::vector<int>>(std::vector{10, 20, 60});
-  auto* cover = app.add_subcommand("coverage", "How often what fits promise comes true");
+  auto* cover = app.add_subcommand("coverage", "Measure how often the bounds of a fit hold");
   cover->add_option("--worlds", *worlds)->delimiter(',')->check(CLI::IsMember(CoverageWorlds()));
   cover->add_option("--demonstrations", *numbers)
       ->delimiter(',')
       ->check(CLI::Range(6, 10'000))
       ->capture_default_str();
-  cover->add_option("--fits", options->fits, "of each row")
+  cover->add_option("--fits", options->fits, "number of fits in each row")
       ->check(CLI::Range(2, 1'000'000))
       ->capture_default_str();
-  cover->add_option("--further", options->further, "demonstrations that judge a fit")
+  cover->add_option("--further", options->further, "number of demonstrations to evaluate a fit")
       ->check(apps::kPositive)
       ->capture_default_str();
   cover->add_option("--seed", options->seed)->capture_default_str();
@@ -259,7 +261,8 @@ void AddCoverage(CLI::App& app, Commands& commands) {
 
 void AddCertificate(CLI::App& app, Commands& commands) {
   const auto study = std::make_shared<PlanarStudy>();
-  auto* certificate = app.add_subcommand("certificate", "What certified-direction rests on");
+  auto* certificate =
+      app.add_subcommand("certificate", "Print the assumptions of certified-direction");
   AddTask(*certificate, *study);
   commands.emplace_back(certificate, [=] { PrintCertificate(*study); });
 }
@@ -271,9 +274,10 @@ void AddFigure(CLI::App& app, Commands& commands) {
   const auto methods = std::make_shared<std::vector<std::string>>(
       std::vector<std::string>{"baseline", "dfr", "guided"});
   auto* figure = app.add_subcommand(
-      "figure", "Pictures and a video of one start state of a planar task, as the paper's Fig. 2");
+      "figure",
+      "Write pictures and a video of one start state of a planar task, as the paper's Fig. 2");
   AddTask(*figure, *study);
-  figure->add_option("--start", *start, "seed of the start state")->capture_default_str();
+  figure->add_option("--start", *start, "random seed of the start state")->capture_default_str();
   figure->add_option("--out", *folder)->capture_default_str();
   figure->add_option("--methods", *methods)->delimiter(',');
   commands.emplace_back(figure, [=] { Picture(*study, *methods, *start, *folder); });

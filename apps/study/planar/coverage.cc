@@ -23,7 +23,7 @@ double HeavyTailed(core::Random& random) {
   return random.Normal() / std::sqrt(square / 3.0);
 }
 
-// Towards (1, ..., 1) in 8 actions that the plant turns, scales and adds an error to.
+// Moves towards (1, ..., 1) in 8 actions; the plant rotates and scales each and adds an error.
 std::vector<core::Trajectory> Reach(int dim, bool heavy, int count, std::uint64_t seed) {
   constexpr int kSteps = 8;
   core::Random random(seed);
@@ -54,7 +54,7 @@ std::vector<core::Trajectory> Draw(const std::string& world, int count, std::uin
   return Reach(2, true, count, seed);
 }
 
-// The probability of at most `most` of `n` successes whose probability is Beta(a, b).
+// Probability of at most `most` successes in `n` trials whose success probability is Beta(a, b).
 double BetaBinomial(int most, int n, double a, double b) {
   double sum = 0.0;
   for (int k = 0; k <= std::min(most, n); ++k) {
@@ -65,7 +65,7 @@ double BetaBinomial(int most, int n, double a, double b) {
   return sum;
 }
 
-// Of `n` demonstrations, how many of them make up at most a share.
+// Largest number of `n` demonstrations that is at most the given share.
 int AtMost(double share, int n) { return static_cast<int>(std::floor(share * n + 1e-9)); }
 
 }  // namespace
@@ -77,9 +77,8 @@ const std::vector<std::string>& CoverageWorlds() {
 
 CoverageResult MeasureCoverage(const CoverageOptions& options) {
   const auto& worlds = CoverageWorlds();
-  DFR_THROW_UNLESS(
-      std::find(worlds.begin(), worlds.end(), options.world) != worlds.end(),
-      "there is no world '" << options.world << "'; there are corridor, reach, heavy-tails");
+  DFR_THROW_UNLESS(std::find(worlds.begin(), worlds.end(), options.world) != worlds.end(),
+                   "unknown world '" << options.world << "'; valid: corridor, reach, heavy-tails");
   DFR_THROW_UNLESS(options.fits >= 2, "fits must be at least 2: " << options.fits);
   DFR_THROW_UNLESS(options.further > 0, "further must be positive, not " << options.further);
   CoverageResult result;

@@ -11,7 +11,7 @@ namespace dfr::study::planar {
 /// freedom.
 [[nodiscard]] const std::vector<std::string>& CoverageWorlds();
 
-/// What MeasureCoverage() fits, and how often.
+/// Options for MeasureCoverage().
 struct CoverageOptions {
   std::string world = "corridor";
   int demonstrations = 20;
@@ -19,28 +19,28 @@ struct CoverageOptions {
   double confidence = 0.0;  ///< GuardOptions::confidence
   double false_alarms = 0.2;
   int fits = 400;
-  int further = 200;  ///< Fresh demonstrations that each fit is judged by.
+  int further = 200;  ///< New demonstrations to evaluate each fit.
   std::uint64_t seed = 1;
 };
 
-/// How often what a guard's fit promises of further demonstrations came true.
+/// Results of MeasureCoverage(): how often the bounds of a fit hold for further demonstrations.
 struct CoverageResult {
   double promised = 0.0;    ///< GuardSummary::false_alarms
   double confidence = 0.0;  ///< GuardSummary::confidence
   double mean = 0.0;        ///< Rate of alarms, on average over fits,
-  double mean_error = 0.0;  ///< and the standard error of that.
+  double mean_error = 0.0;  ///< and its standard error.
   int kept = 0;             ///< Fits whose rate is at most `promised`.
   int error_short = 0;      ///< Fits whose eps covers a smaller share than promised.
   int gain_short = 0;       ///< The same of K.
-  /// What exact promises would show, `further` being a sample: the probabilities of the three
-  /// counts above by the law of order statistics. Negative where demonstrations are left out in
-  /// turn, of which no such law is known.
+  /// Predictions for exact bounds and a sample of size `further`: probabilities of the three counts
+  /// above by the law of order statistics. Negative if demonstrations are left out in turn, for
+  /// which no such law is known.
   double kept_chance = -1.0;
   double short_chance = -1.0;
 };
 
-/// Fits a guard `options.fits` times, each time to other demonstrations.
-/// @throws std::invalid_argument naming what is out of range, or the worlds that there are.
+/// Fits a guard `options.fits` times, each time to new demonstrations.
+/// @throws std::invalid_argument naming the option out of range, or listing the valid worlds.
 [[nodiscard]] CoverageResult MeasureCoverage(const CoverageOptions& options);
 
 }  // namespace dfr::study::planar

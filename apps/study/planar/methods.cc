@@ -114,7 +114,7 @@ control::Certificate Methods::certificate() const noexcept {
 
 std::unique_ptr<control::Controller> Methods::Make(std::string_view method,
                                                    const core::SimulatedPlant& plant) const {
-  // Unknown names are refused here, with all that there are.
+  // Throws for an unknown name and lists the valid ones.
   static_cast<void>(ParseMethod(method, kPlanarMethods));
   if (!method.starts_with("certified") || !Split(method).support.empty()) {
     return controllers_.Make(method, &plant, {.guided = options_.guided});

@@ -21,7 +21,7 @@
 
 namespace dfr::study::planar {
 
-/// What may be varied of the methods.
+/// Options of the methods.
 struct MethodOptions {
   /// Guided recovery's support, in whitened units.
   double gamma = kernel::WhitenedSupportOptions().svm.gamma;
@@ -30,7 +30,7 @@ struct MethodOptions {
   bool hold_ended = true;
   int window = 2;
   control::GuidedOptions guided = {};
-  double raw_gamma = 0.0;        ///< The paper's support; 0: the task's.
+  double raw_gamma = 0.0;        ///< Gamma of the paper's support; 0: the task's.
   double error_factor = 2.0;     ///< Safety factor on eps.
   double certified_level = 0.0;  ///< control::Certificate::level of certified-direction.
 };
@@ -46,27 +46,27 @@ inline constexpr std::array<std::string_view, 9> kPlanarMethods = {"certified-di
                                                                    "dart",
                                                                    "dagger"};
 
-/// Which of the supports a method looks at.
+/// Support that a method uses.
 enum class SupportKind { kRaw, kGuided };
 [[nodiscard]] SupportKind SupportOf(std::string_view method);
 
-/// How the model of a planar task is fitted.
+/// Options for the model of a planar task.
 [[nodiscard]] safety::TaskOptions TaskOptionsOf(const Task& task, const MethodOptions& options);
 
-/// Who demonstrates a planar task and can be asked; the learner is left to the caller.
+/// Supervisor of a planar task, which baselines can query; the caller sets the learner.
 [[nodiscard]] Teaching SupervisorOf(const Task& task);
 
-/// Everything that is learned from one set of demonstrations, and the controllers made of it.
+/// Everything learned from one set of demonstrations, and controllers that use it.
 class Methods {
  public:
-  /// `seed` is that of baselines which learn anew.
+  /// `seed` is for baselines that learn again.
   /// @throws std::invalid_argument if the demonstrations do not suffice.
   Methods(const Task& task, std::vector<core::Trajectory> demonstrations,
           const MethodOptions& options = {}, std::uint64_t seed = 0);
   Methods(const Methods&) = delete;
   Methods& operator=(const Methods&) = delete;
 
-  /// One of safety::ParseMethod()'s, or of kPlanarMethods. `plant` is borrowed, by oracles only.
+  /// One of safety::ParseMethod()'s, or of kPlanarMethods. Only oracles borrow `plant`.
   /// @throws std::invalid_argument for another name.
   [[nodiscard]] std::unique_ptr<control::Controller> Make(std::string_view method,
                                                           const core::SimulatedPlant& plant) const;
@@ -75,21 +75,21 @@ class Methods {
     return demonstrations_;
   }
   [[nodiscard]] const safety::TaskModel& model() const noexcept { return model_; }
-  /// The paper's support, of whole states.
+  /// The paper's support on whole states.
   [[nodiscard]] const kernel::TimeVaryingSupport& raw_support() const noexcept {
     return *model_.published();
   }
   [[nodiscard]] const safety::GuidedRecovery& guided() const noexcept { return model_.guided(); }
   /// l_t(x) of a whole state.
   [[nodiscard]] double Level(SupportKind kind, int t, std::span<const double> x) const;
-  /// Whether an episode may begin at x: inside the paper's support, guided recovery's, and one of
-  /// all entries in one scale.
+  /// Returns true if an episode may begin at x: inside the paper's support, guided recovery's, and
+  /// one of all entries in one scale.
   [[nodiscard]] bool Begins(std::span<const double> x) const;
-  /// In guided recovery's features.
+  /// Support in guided recovery's features.
   [[nodiscard]] const control::EstimatedConstant& direction_error() const noexcept {
     return direction_error_;
   }
-  /// That of certified-direction.
+  /// Options of certified-direction.
   [[nodiscard]] control::Certificate certificate() const noexcept;
 
  private:

@@ -125,7 +125,7 @@ void DrawWay(const Canvas& canvas, std::span<const Shot> shots) {
   }
 }
 
-// What moves, and how far the control can move it.
+// Draws the moving body and the circle that a control can reach.
 void DrawBodies(const Canvas& canvas, const Task& task, const Shot& shot) {
   const cv::Point place = canvas.At(shot.x[0], shot.x[1]);
   if (const auto* push = dynamic_cast<const sim::DiscPushPlant*>(task.plant.get())) {

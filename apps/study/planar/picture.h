@@ -29,7 +29,7 @@ struct Episode {
   std::string cause;
 };
 
-/// Makes an Episode of a rollout that it looks at.
+/// Records a rollout that it observes as an Episode.
 class EpisodeRecorder final : public control::RolloutObserver {
  public:
   explicit EpisodeRecorder(Episode& episode) : episode_(&episode) {}
@@ -47,16 +47,16 @@ class EpisodeRecorder final : public control::RolloutObserver {
                                           const std::vector<std::string>& names,
                                           std::uint64_t start_seed);
 
-/// The part of the plane that pictures show.
+/// Part of the plane shown in pictures.
 struct View {
   double left, right, bottom, top;
 };
 [[nodiscard]] View ViewOf(const Task& task);
 
-/// How far from its place the moving point or disc can get to by a control.
+/// Distance that one control can move the point or disc.
 [[nodiscard]] double Reach(const Task& task, std::span<const double> control);
 
-/// The task's plane and what moves in it, without demonstrations and supports.
+/// The task's plane and its moving bodies, without demonstrations and supports.
 class PlanePicture {
  public:
   explicit PlanePicture(const Task& task);
@@ -75,8 +75,8 @@ class PlanePicture {
 };
 
 /// Draws episodes as in the paper's Fig. 2: the stay-out regions, the demonstrations, level sets of
-/// the support at the time step at hand (over the point of the corridor; over the pushed object,
-/// with the pusher where it is), the way so far, and the circle that the control can reach.
+/// the support at the current time step (over the point of the corridor; over the pushed object,
+/// with the pusher at its position), the path so far, and the circle that the control can reach.
 class Painter {
  public:
   Painter(const Task& task, const Methods& methods);

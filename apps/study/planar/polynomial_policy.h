@@ -10,15 +10,14 @@
 namespace dfr::study::planar {
 
 /// The learner of the planar tasks: each control entry is a polynomial of the standardised state,
-/// by ridge regression on demonstrated pairs, clipped to +-1. Fitted in a moment, and how well it
-/// can imitate is a matter of its degree.
+/// by ridge regression on demonstrated pairs, clipped to +-1. The fit is fast, and the degree sets
+/// the quality of imitation.
 class PolynomialPolicy final : public core::Policy {
  public:
   static constexpr int kMaxStateDim = 8;
 
   /// @param degree  1, 2 or 3.
-  /// @throws std::invalid_argument if the degree is another, the state too large, or there is no
-  ///   pair.
+  /// @throws std::invalid_argument for another degree, a state that is too large, or no pair.
   PolynomialPolicy(std::span<const core::Trajectory> demonstrations, int degree);
 
   [[nodiscard]] int state_dim() const noexcept override { return static_cast<int>(mean_.size()); }

@@ -21,7 +21,7 @@ namespace {
 constexpr int kPhases = 12;
 constexpr double kError = 0.7;  // eps
 
-// One of a world's supports as a controller with a mistake sees it.
+// One of a world's supports, as used by a controller with a mistake.
 class Mistaken final : public core::LogDecisionFunction {
  public:
   Mistaken(const core::LogDecisionFunction& inner, Mutation mutation)
@@ -126,7 +126,7 @@ std::vector<core::Trajectory> Wander(int dim, core::Random& random) {
                                   spread * (1.0 + 0.5 * std::sin(0.7 * t)) * random.Normal();
       }
     }
-    // Controls that the states do not follow from: J is as wrong as can be.
+    // The states do not follow from these controls, so J is wrong.
     for (double& u : trajectory.controls.reshaped()) u = random.Uniform(-1.0, 1.0);
     demonstrations.push_back(std::move(trajectory));
   }
@@ -160,7 +160,7 @@ class Adversary final : public core::Policy {
   core::Random* random_;
 };
 
-// A plant that does its worst within |dz - J u| <= eps |u|.
+// An adversarial plant within |dz - J u| <= eps |u|.
 enum class Malice { kRandom, kAwayFromThePhase, kAwayFromAll };
 
 class World {
@@ -205,8 +205,8 @@ class World {
       const Eigen::VectorXd issued = core::AsVector(std::span<const double>(u));
       core::AsVector(std::span<double>(z)) +=
           controller_.jacobian() * issued / model_.control_unit();
-      // A hair less than allowed: the last digit of a sum of rounded terms is nobody's claim.
-      // More than that now and then, or the watch for violations would end each episode at once.
+      // Slightly less than allowed, because the last digit of a rounded sum is not exact. More than
+      // that now and then, or the watch for violations would end each episode at once.
       const double excess = random_.Below(8) == 0 ? Excess() : 1.0;
       const double reach = kError * excess * issued.norm() * (1.0 - 1e-12);
       random_.Direction(direction);
@@ -240,7 +240,7 @@ class World {
     return world % 2 == 0 ? 0 : kPhases;
   }
 
-  // By how much the plant exceeds what the controller trusts.
+  // Factor by which the plant exceeds the controller's assumption.
   [[nodiscard]] double Excess() const {
     if (options_.mutation == Mutation::kShare) return 1.0 + 1e-5;
     return options_.mutation == Mutation::kConstant ? 1.02 : 1.0;

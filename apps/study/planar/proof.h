@@ -5,47 +5,47 @@
 
 namespace dfr::study::planar {
 
-/// What a stress of certified-direction saw.
+/// Results of a stress test of certified-direction.
 struct ProofResult {
   std::int64_t controls = 0;  ///< Applied, probes and recoveries included.
   std::int64_t left = 0;      ///< States outside the union of all B_t afterwards.
-  /// Halts by HaltCause::kViolated: false alarms where the controller assumes what is true.
+  /// Halts by HaltCause::kViolated: false alarms if the controller's assumptions are true.
   std::int64_t violations = 0;
   std::int64_t probes = 0;
   std::int64_t recoveries = 0;
   std::int64_t filtered = 0;  ///< Learned controls that were changed before they passed.
   std::int64_t episodes = 0;
   std::int64_t phases = 0;  ///< Advances of the phase.
-  double least = 0.0;       ///< Least max_t l_t seen after a control.
+  double least = 0.0;       ///< Smallest max_t l_t after a control.
 };
 
-/// A mistake that a certified controller could make, for proofs that must find it.
+/// A mistake in a certified controller that the test must detect.
 enum class Mutation {
   kNone,
-  kShare,      ///< Controls are a hundred-thousandth larger than what passed.
+  kShare,      ///< Controls are larger by a factor of 1 + 1e-5 than certified.
   kConstant,   ///< eps is 2 % less than what the plant does.
   kCurvature,  ///< The curvature bound is 2 % too small.
-  kLostPhase,  ///< One of the supports that it trusts is none.
+  kLostPhase,  ///< One of its supports is wrong.
 };
 [[nodiscard]] const char* Name(Mutation mutation) noexcept;
 inline constexpr std::array kMutations = {Mutation::kNone, Mutation::kShare, Mutation::kConstant,
                                           Mutation::kCurvature, Mutation::kLostPhase};
 
-/// What Prove() does.
+/// Options for Prove().
 struct ProofOptions {
   std::int64_t steps = 1'000'000;
   std::uint64_t seed = 1;
   Mutation mutation = Mutation::kNone;
-  int most_dimensions = 12;  ///< Worlds have 2 to so many.
+  int most_dimensions = 12;  ///< Worlds have 2 to this number of dimensions.
   double state_error = 0.0;  ///< States are observed with errors of up to this length.
   double assumed = 1.0;      ///< The controller's eps as a multiple of the plant's.
 };
 
-/// Drives a certified controller for `options.steps` controls with policies and plants that do
-/// their worst within its assumption: supports of different shapes that wander with t, every third
-/// of a single kernel, where the bounds are attained; policies that run for the boundary, straight
-/// on, or anywhere; plants that turn the control at random, away from the certifying support, or
-/// to where the largest l over all phases is least, by eps |u|.
+/// Runs a certified controller for `options.steps` controls with adversarial policies and plants
+/// within its assumption: supports of different shapes that wander with t, every third of a single
+/// kernel, where the bounds are attained; policies that run for the boundary, straight on, or
+/// anywhere; plants that turn the control at random, away from the certifying support, or to where
+/// the largest l over all phases is least, by eps |u|.
 [[nodiscard]] ProofResult Prove(const ProofOptions& options);
 
 }  // namespace dfr::study::planar

@@ -27,7 +27,7 @@ Task MakeTask(std::string_view name) {
     return task;
   }
   DFR_THROW_UNLESS(name == "push" || name == "push-weak",
-                   "there is no planar task '" << name << "'; there are corridor, push, push-weak");
+                   "unknown planar task '" << name << "'; valid: corridor, push, push-weak");
   task.plant = std::make_shared<sim::DiscPushPlant>();
   task.supervisor_noise = 0.2;
   task.degree = name == "push" ? 3 : 1;
@@ -45,7 +45,7 @@ std::vector<core::Trajectory> Demonstrate(const Task& task, int count, std::uint
   // Far more attempts than any sensible supervisor needs.
   const int most = 100 * count + 1000;
   for (int attempt = 0; static_cast<int>(demonstrations.size()) < count; ++attempt) {
-    DFR_THROW_UNLESS(attempt < most, "the supervisor of " << task.name << " hardly ever succeeds");
+    DFR_THROW_UNLESS(attempt < most, "the supervisor of " << task.name << " rarely succeeds");
     core::Trajectory trajectory;
     trajectory.seed = core::DeriveSeed(seed, {static_cast<std::uint64_t>(attempt)});
     core::Random random(core::DeriveSeed(trajectory.seed, {1}));

@@ -11,10 +11,11 @@
 
 namespace dfr::study::planar {
 
-/// A planar task: who demonstrates it, and who tries to imitate that.
+/// A planar task with its supervisor and its learner.
 struct Task {
   std::string name;
-  std::shared_ptr<const sim::GalleryPlant> plant;  ///< To be cloned. Its supervisor demonstrates.
+  std::shared_ptr<const sim::GalleryPlant>
+      plant;  ///< Prototype of the plant, to be cloned; includes the supervisor.
   double supervisor_noise = 0.0;  ///< Standard deviation, added to each control entry.
   int degree = 1;                 ///< Degree of the learner's polynomial.
   int horizon = 100;
@@ -22,7 +23,7 @@ struct Task {
 };
 
 /// "corridor", "push" (a learner that imitates well) or "push-weak".
-/// @throws std::invalid_argument naming the tasks there are.
+/// @throws std::invalid_argument listing the valid tasks.
 [[nodiscard]] Task MakeTask(std::string_view name);
 [[nodiscard]] const std::vector<std::string>& TaskNames();
 

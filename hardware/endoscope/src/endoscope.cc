@@ -33,9 +33,9 @@ const char* Name(FrameStatus status) noexcept {
     case FrameStatus::kFailed:
       return "the video device delivers no more pictures";
     case FrameStatus::kWrongSize:
-      return "pictures have not the size of the intrinsics";
+      return "the size of the pictures differs from the intrinsics'";
     case FrameStatus::kWrongEncoding:
-      return "pictures are in an encoding that is not understood";
+      return "the encoding of the pictures is not supported";
     case FrameStatus::kDark:
       return "pictures are black";
     case FrameStatus::kFrozen:
@@ -49,15 +49,15 @@ const char* Remedy(FrameStatus status) noexcept {
     case FrameStatus::kOk:
       return "";
     case FrameStatus::kNever:
-      return "does anybody publish images on this topic, in this DDS domain?";
+      return "does any program publish images on this topic, in this DDS domain?";
     case FrameStatus::kSilent:
-      return "is the camera's program alive, the cable in, the network sound?";
+      return "check the camera's program, the cable and the network";
     case FrameStatus::kOld:
       return "set both machines' clocks by NTP or PTP; if they agree, the camera's program stalls";
     case FrameStatus::kAhead:
       return "set both machines' clocks by NTP or PTP";
     case FrameStatus::kInvalidStamp:
-      return "the camera's driver has to stamp its pictures";
+      return "the camera's driver must stamp its pictures";
     case FrameStatus::kEnded:
       return "a file plays once; open it again";
     case FrameStatus::kTruncated:

@@ -104,7 +104,7 @@ class Reader {
     in.read(text_.data(), static_cast<std::streamsize>(text_.size()));
     text_.resize(static_cast<std::size_t>(in.gcount()));
     if (in.bad() || text_.empty()) Fail("cannot be read, or is empty");
-    if (text_.size() > kMost) Fail("is no calibration: it is longer than a mebibyte");
+    if (text_.size() > kMost) Fail("is not a calibration: it is longer than a mebibyte");
     if (text_.find('\0') != std::string::npos) Fail(kNeither);
     xml_ = Trimmed(text_).starts_with("<");
     if (xml_ && text_.find("</opencv_storage>") == std::string::npos) Fail(kNeither);
@@ -143,7 +143,7 @@ class Reader {
 
  private:
   static constexpr char kNeither[] =
-      "is neither YAML nor XML as OpenCV and ROS write calibrations in them";
+      "is neither YAML nor XML in the form of OpenCV's and ROS' calibrations";
 
   [[nodiscard]] std::optional<std::string> Find(std::string_view text, const char* key) const {
     return xml_ ? Xml::Find(text, key) : Yaml::Find(text, key);
@@ -178,7 +178,7 @@ class Reader {
       const std::optional<double> value = core::ParseNumber(word);
       if (!value &&
           (core::LooksLikeNumber(word) || word.starts_with('.') || word.starts_with("-."))) {
-        Fail(of_key + "has an entry that is not finite or no number");
+        Fail(of_key + "has an entry that is not a finite number");
       }
       if (!value) Fail(of_key + "has an entry that is not a number");
       values.push_back(*value);
@@ -211,7 +211,7 @@ vision::CameraModel ReadIntrinsics(const std::filesystem::path& path) {
   const std::vector<double> d = reader.Matrix("distortion_coefficients", rows, cols);
   if (d.size() != 4 && d.size() != 5 && d.size() != 8 && d.size() != 12 && d.size() != 14) {
     reader.Fail("distortion_coefficients has " + std::to_string(d.size()) +
-                " entries; known are 4, 5, 8, 12 and 14");
+                " entries; supported: 4, 5, 8, 12 and 14");
   }
   for (std::size_t i = 0; i < d.size(); ++i) {
     if (i < camera.distortion.size()) {
@@ -225,7 +225,7 @@ vision::CameraModel ReadIntrinsics(const std::filesystem::path& path) {
   try {
     camera.Check();
   } catch (const std::invalid_argument& e) {
-    reader.Fail(std::string("camera_matrix makes no camera: ") + e.what());
+    reader.Fail(std::string("camera_matrix is not valid:  ") + e.what());
   }
   return camera;
 }

@@ -40,13 +40,13 @@ void CheckReadable(const std::string& path, bool device) {
   const int error = errno;
   std::string remedy = "is the path right?";
   if (device && (error == ENOENT || error == ENODEV || error == ENXIO)) {
-    remedy = "is the camera or frame grabber plugged in? `ls /dev/video*` shows what there is";
+    remedy = "is the camera or frame grabber plugged in? `ls /dev/video*` lists the devices";
   } else if (device && (error == EACCES || error == EPERM)) {
     remedy = "add the user to the group video (`sudo adduser $USER video`) and log in again";
   } else if (error == EACCES) {
     remedy = "may this user read it?";
   } else if (error == EBUSY) {
-    remedy = "another program has it open, `fuser` says which";
+    remedy = "another program has it open; `fuser` names it";
   }
   Fail(path, std::string("cannot be opened: ") + std::strerror(error), remedy);
 }
@@ -103,15 +103,15 @@ class Video {
       Fail(source_, std::string("OpenCV cannot open it: ") + e.what(), "is it a video?");
     }
     if (!open && pipeline) {
-      Fail(source_, "GStreamer does not make pictures of this pipeline",
-           "try it with gst-launch-1.0; it has to end with 'videoconvert ! video/x-raw,format=BGR "
-           "! appsink', and its elements' packages (gstreamer1.0-plugins-*) be installed");
+      Fail(source_, "GStreamer delivers no pictures from this pipeline",
+           "try it with gst-launch-1.0. It must end with 'videoconvert ! video/x-raw,format=BGR ! "
+           "appsink', and the packages of its elements (gstreamer1.0-plugins-*) must be installed");
     }
     if (!open && device) {
       Fail(source_, "delivers no pictures",
            "is it a capture device (`v4l2-ctl --list-devices`), and no other program using it?");
     }
-    if (!open) Fail(source_, "is not a video that can be decoded", "is it whole?");
+    if (!open) Fail(source_, "is not a video that can be decoded", "is it complete?");
     if (first_.cols != options_.width || first_.rows != options_.height) {
       Fail(source_,
            "delivers pictures of " + std::to_string(first_.cols) + " x " +

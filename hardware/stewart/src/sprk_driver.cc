@@ -36,7 +36,7 @@ const char* OpenRemedy(int error) {
     case EPERM:
       return "add the user to the port's group (`sudo adduser $USER dialout`) and log in again";
     case EBUSY:
-      return "another program has the port open, `fuser` says which";
+      return "another program has the port open; `fuser` names it";
     default:
       return "";
   }
@@ -74,7 +74,7 @@ int OpenPort(const std::string& device) {
   constexpr tcflag_t kShape = CSIZE | CSTOPB | PARENB | CRTSCTS;
   if (::cfgetospeed(&set) != B57600 || (set.c_cflag & kShape) != (port.c_cflag & kShape) ||
       (set.c_oflag & OPOST) != 0) {
-    Fail(fd, device, "does not take 57600 8N1", EINVAL, "is this the platform's port?");
+    Fail(fd, device, "does not accept 57600 8N1", EINVAL, "is this the platform's port?");
   }
   ::tcflush(fd, TCIOFLUSH);
   return fd;

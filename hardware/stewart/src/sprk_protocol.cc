@@ -85,7 +85,7 @@ const char* Name(SprkStatus status) noexcept {
     case SprkStatus::kInvalid:
       return "not a finite number";
     case SprkStatus::kOutOfRange:
-      return "beyond what the protocol can say";
+      return "beyond the range of the protocol";
     case SprkStatus::kOutOfReach:
       return "beyond the platform's reach";
     case SprkStatus::kNotHomed:

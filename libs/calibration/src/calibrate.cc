@@ -302,7 +302,7 @@ void Print(std::ostream& out, const line_task::LineCalibration& calibration,
   out << (summary.converged ? "converged" : "did NOT converge") << " after " << summary.iterations
       << " iterations; " << summary.marks << " marks with " << summary.mark_rms_px << " px RMS, "
       << summary.tips << " tips with " << summary.tip_rms_px << " px RMS\n";
-  if (!summary.has_covariance) out << "no covariance: the motion does not show everything\n";
+  if (!summary.has_covariance) out << "no covariance: the motion does not excite all parameters\n";
   const vision::CameraModel& camera = calibration.camera;
   constexpr std::array<const char*, 9> kCamera = {"fx", "fy", "cx", "cy", "k1",
                                                   "k2", "p1", "p2", "k3"};

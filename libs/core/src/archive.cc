@@ -128,7 +128,8 @@ ArchiveReader::ArchiveReader(const std::filesystem::path& path, std::string_view
   position_ = kMagic.size();
   const std::string_view found_kind = Take(Size(1));
   if (found_kind != kind) {
-    Fail("holds a " + std::string(found_kind) + ", where a " + std::string(kind) + " is needed");
+    Fail("is a " + std::string(found_kind) + " file, where a " + std::string(kind) +
+         " file is needed");
   }
   const auto found_version = Decode<std::int64_t>(Take(sizeof(std::int64_t)));
   if (found_version != version) {
@@ -171,8 +172,8 @@ void ArchiveReader::Expect(char tag) {
 std::uint64_t ArchiveReader::Size(std::size_t bytes_per_entry) {
   const auto size = Decode<std::uint64_t>(Take(sizeof(std::uint64_t)));
   if (size > (bytes_.size() - position_) / bytes_per_entry) {
-    Fail("announces " + std::to_string(size) + " entries at byte " + std::to_string(position_) +
-         " and does not hold them");
+    Fail("declares " + std::to_string(size) + " entries at byte " + std::to_string(position_) +
+         " and does not contain them");
   }
   return size;
 }
@@ -230,7 +231,7 @@ Matrix ArchiveReader::MatrixBlock() {
   constexpr auto kMost = static_cast<std::uint64_t>(std::numeric_limits<int>::max());
   if (rows > kMost || cols > kMost || (cols > 0 && rows > left / cols)) {
     Fail("announces a " + std::to_string(rows) + " x " + std::to_string(cols) +
-         " matrix and does not hold it");
+         " matrix and does not contain it");
   }
   Matrix values(static_cast<Eigen::Index>(rows), static_cast<Eigen::Index>(cols));
   const std::string_view content = Take(rows * cols * sizeof(double));
@@ -240,7 +241,7 @@ Matrix ArchiveReader::MatrixBlock() {
 
 void ArchiveReader::End() {
   if (position_ != bytes_.size()) {
-    Fail("has " + std::to_string(bytes_.size() - position_) + " bytes more than its values need");
+    Fail("has " + std::to_string(bytes_.size() - position_) + " bytes after its last value");
   }
 }
 

@@ -81,7 +81,7 @@ FeatureSelection::FeatureSelection(const StateLayout& layout, std::string_view s
     const Range range = ParseItem(layout, item);
     for (int i = range.first; i < range.last; ++i) {
       DFR_THROW_UNLESS(!taken[static_cast<std::size_t>(i)],
-                       "feature '" << item << "' names an entry that is named before it");
+                       "feature '" << item << "' repeats an entry");
       taken[static_cast<std::size_t>(i)] = true;
       indices_.push_back(i);
     }

@@ -21,14 +21,15 @@ void Set(Provenance& provenance, std::string_view key, std::string_view value) {
   if (key == "origin") {
     const auto* const found = std::find_if(kOrigins.begin(), kOrigins.end(),
                                            [&](Origin origin) { return value == Name(origin); });
-    DFR_THROW_UNLESS(found != kOrigins.end(),
-                     "provenance: origin is '" << value << "', not unknown, simulated or real");
+    DFR_THROW_UNLESS(
+        found != kOrigins.end(),
+        "provenance: origin must be unknown, simulated or real, not '" << value << "'");
     provenance.origin = *found;
     return;
   }
   const auto* const found = std::find_if(kTexts.begin(), kTexts.end(),
                                          [&](const auto& text) { return key == text.first; });
-  DFR_THROW_UNLESS(found != kTexts.end(), "provenance: there is no key '" << key << "'");
+  DFR_THROW_UNLESS(found != kTexts.end(), "provenance: unknown key '" << key << "'");
   provenance.*found->second = value;
 }
 
@@ -67,7 +68,7 @@ Provenance ParseProvenance(std::string_view text) {
     text.remove_prefix(std::min(text.size(), line.size() + 1));
     const std::size_t equals = line.find('=');
     DFR_THROW_UNLESS(equals != std::string_view::npos,
-                     "provenance: '" << line << "' is no line key=value");
+                     "provenance: '" << line << "' does not have the form key=value");
     Set(provenance, line.substr(0, equals), line.substr(equals + 1));
   }
   return provenance;

@@ -95,7 +95,7 @@ std::string Content(BIO& memory) {
 
 // Checks for internal failures of OpenSSL (memory, random numbers), which no caller can avoid.
 void Require(bool good) {
-  if (!good) throw std::runtime_error("OpenSSL fails: " + internal::Complaint());
+  if (!good) throw std::runtime_error("OpenSSL failed: " + internal::Complaint());
 }
 
 std::string Pem(const X509& certificate) {

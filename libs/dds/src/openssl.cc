@@ -17,9 +17,9 @@ Owned<BIO> Open(const std::filesystem::path& file) {
   Owned<BIO> bio(BIO_new_file(file.c_str(), "r"));
   if (bio == nullptr) {
     ERR_clear_error();
-    throw std::runtime_error("cannot read " + file.string() +
-                             ": `hardware certificates` makes it, and it must be readable for the "
-                             "user of this program");
+    throw std::runtime_error(
+        "cannot read " + file.string() +
+        ": `hardware certificates` makes it; this program's user must be able to read it");
   }
   return bio;
 }

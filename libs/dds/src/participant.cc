@@ -394,7 +394,7 @@ std::vector<RefusedPeer> Participant::TakeRefusedPeers() { return impl_->listene
 std::string ExplainRefused(const Participant& participant) {
   std::string text;
   for (const RefusedPeer& peer : participant.refused_peers()) {
-    text += "; '" + peer.name + "' is there, and not admitted: " + peer.reason;
+    text += "; '" + peer.name + "' is present, but not admitted: " + peer.reason;
   }
   return text;
 }

@@ -28,7 +28,7 @@ void CheckCertificate(const std::filesystem::path& file, X509& certificate,
   const Owned<X509_STORE_CTX> context(X509_STORE_CTX_new());
   if (store == nullptr || context == nullptr || X509_STORE_add_cert(store.get(), &ca) != 1 ||
       X509_STORE_CTX_init(context.get(), store.get(), &certificate, nullptr) != 1) {
-    throw std::runtime_error("OpenSSL fails: " + internal::Complaint());
+    throw std::runtime_error("OpenSSL failed: " + internal::Complaint());
   }
   X509_STORE_CTX_set_time(context.get(), 0, now);
   if (X509_verify_cert(context.get()) == 1) return;
@@ -41,8 +41,8 @@ void CheckCertificate(const std::filesystem::path& file, X509& certificate,
       Wrong(which, "expired on " + internal::Timestamp(*X509_get0_notAfter(&dated)),
             std::string(kRemake) + ", or is this machine's clock wrong?");
     case X509_V_ERR_CERT_NOT_YET_VALID:
-      Wrong(which, "is valid from " + internal::Timestamp(*X509_get0_notBefore(&dated)) +
-                       " on alone: is this machine's clock right?");
+      Wrong(which, "is not valid before " + internal::Timestamp(*X509_get0_notBefore(&dated)) +
+                       ": is this machine's clock right?");
     default:
       Wrong(file, "was not signed by the authority '" + internal::CommonName(ca) + "' of " +
                       ca_file.string() + " (" + X509_verify_cert_error_string(error) +
@@ -91,7 +91,7 @@ std::string Element(const std::string& document, const std::string& name) {
 
 std::string TimestampAt(std::time_t time) {
   const Owned<ASN1_TIME> owned(ASN1_TIME_set(nullptr, time));
-  if (owned == nullptr) throw std::runtime_error("OpenSSL fails: " + internal::Complaint());
+  if (owned == nullptr) throw std::runtime_error("OpenSSL failed: " + internal::Complaint());
   return internal::Timestamp(*owned);
 }
 
@@ -135,8 +135,8 @@ std::string CheckSecurity(const std::filesystem::path& folder, std::time_t now) 
       CheckSigned(files.permissions, files.permissions_ca, *permissions_ca);
   std::string name = internal::CommonName(*certificate);
   if (permissions.find("CN=" + name + "<") == std::string::npos) {
-    Wrong(files.permissions, "is for '" + Element(permissions, "subject_name") + "', and " +
-                                 files.certificate.string() + " is of 'CN=" + name +
+    Wrong(files.permissions, "belongs to '" + Element(permissions, "subject_name") + "', and " +
+                                 files.certificate.string() + " to 'CN=" + name +
                                  "': take both from the same folder of `hardware certificates`");
   }
   // Dates in this format compare as strings.

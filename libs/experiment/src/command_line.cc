@@ -28,6 +28,7 @@ using Arguments = std::vector<std::string>;
 
 constexpr const char* kConfiguration = "run.toml";
 constexpr const char* kLedger = "ledger.jsonl";
+constexpr int kUsage = 2;  // exit code of a usage error
 
 // All other options concern one run and do not affect the results.
 bool DecidesResults(const std::string& name) {
@@ -177,21 +178,22 @@ void ReadConfiguration(const std::filesystem::path& file, CLI::App& command) {
     const bool known =
         std::ranges::any_of(commands, [&](const CLI::App* c) { return c->get_name() == name; });
     if (!node.is_table() || !(known || name == "grid")) {
-      throw std::runtime_error(place(node.source()) + ": '" + name +
-                               "' is no table of a command; options stand in one, as in [" +
-                               command.get_name() + "]");
+      throw std::runtime_error(
+          place(node.source()) + ": '" + name +
+          "' is not in a table; options belong to the table of a command, as in [" +
+          command.get_name() + "]");
     }
   }
   const toml::node* table = root.get(command.get_name());
   if (table == nullptr) {
-    throw std::runtime_error(file.string() + ": there is no table [" + command.get_name() + "]");
+    throw std::runtime_error(file.string() + ": has no table [" + command.get_name() + "]");
   }
   for (const auto& [key, node] : *table->as_table()) {
     const std::string name(key.str());
     CLI::Option* const option = command.get_option_no_throw("--" + name);
     if (option == nullptr || name == "help" || name == "config") {
       throw std::runtime_error(place(node.source()) + ": " + command.get_name() +
-                               " has no option '" + name + "'; --help lists them");
+                               " has no option '" + name + "'; --help lists the options");
     }
     if (option->count() > 0) continue;
     const auto add = [&](const toml::node& value) {
@@ -230,8 +232,8 @@ std::vector<std::filesystem::path> LedgersIn(const std::vector<std::filesystem::
       }
     }
     if (below.empty()) {
-      throw std::runtime_error(folder.string() + ": there is no " + kLedger +
-                               " in it, nor in the folders below");
+      throw std::runtime_error(folder.string() + ": contains no " + kLedger +
+                               ", nor do the folders in it");
     }
     std::ranges::sort(below);
     ledgers.insert(ledgers.end(), below.begin(), below.end());
@@ -299,40 +301,54 @@ struct Added {
   Rerun again;
 };
 
+/// Makes an invalid argument of an option a usage error.
+template <typename Parser>
+auto Checked(Parser parse, const std::string& text) {
+  try {
+    return parse(text);
+  } catch (const std::invalid_argument& e) {
+    throw CLI::ValidationError(e.what());
+  }
+}
+
 void Add(CLI::App& app, Added& added) {
-  added.merge = app.add_subcommand("merge", "one ledger, summary and report of several shards");
-  added.merge->add_option("folders", added.folders, "of shards, or with shards in folders below")
+  added.merge = app.add_subcommand("merge", "Merge shards into one ledger, summary and report");
+  added.merge
+      ->add_option("folders", added.folders, "folders of shards, or folders that contain some")
       ->required();
-  added.merge->add_option("--out", added.out, "folder of the whole")->required();
-  added.status = app.add_subcommand("status", "how far runs are, from outside");
-  added.status->add_option("folders", added.folders, "of runs, or with shards in folders below")
+  added.merge->add_option("--out", added.out, "folder for the merged run")->required();
+  added.status = app.add_subcommand("status", "Print the progress of runs");
+  added.status
+      ->add_option("folders", added.folders, "folders of runs, or folders that contain some")
       ->required();
-  added.status->add_flag("--json", added.json, "for programs");
-  added.episodes = app.add_subcommand("episodes", "the ids of episodes, the worst first");
-  added.episodes->add_option("folder", added.folders, "of a run")->required()->expected(1);
-  added.episodes->add_option("--method", added.filter.method, "of one method alone");
-  added.episodes->add_option("--learner", added.filter.learner, "of one learner alone");
+  added.status->add_flag("--json", added.json, "print JSON");
+  added.episodes = app.add_subcommand("episodes", "List the ids of episodes, worst first");
+  added.episodes->add_option("folder", added.folders, "folder of a run")->required()->expected(1);
+  added.episodes->add_option("--method", added.filter.method, "only this method");
+  added.episodes->add_option("--learner", added.filter.learner, "only this learner");
   added.episodes->add_option("--demonstrations", added.filter.demonstrations,
-                             "of one data point alone");
+                             "only this number of demonstrations");
   added.episodes
-      ->add_option("--outcome", added.filter.outcomes, "completed, halted or collided alone")
+      ->add_option("--outcome", added.filter.outcomes,
+                   "only these outcomes: completed, halted, collided")
       ->delimiter(',')
       ->check(CLI::IsMember({"completed", "halted", "collided"}));
-  added.episodes->add_option("--cause", added.filter.cause, "of one cause alone");
+  added.episodes->add_option("--cause", added.filter.cause, "only this cause");
   added.episodes->add_option_function<std::string>(
-      "--against", [&added](const std::string& text) { added.filter.against = ParsePartner(text); },
-      "METHOD=OUTCOME: from start states alone from which that method ended so");
-  added.episodes->add_option("--most", added.most, "so many lines; 0: all")->capture_default_str();
-  added.rerun = app.add_subcommand("rerun", "one episode again, and other methods beside it");
-  added.rerun->add_option("folder", added.run, "of its run")->required();
-  added.rerun->add_option("episode", added.again.episode, "its id, as episodes prints it")
+      "--against",
+      [&added](const std::string& text) { added.filter.against = Checked(ParsePartner, text); },
+      "METHOD=OUTCOME: only start states from which METHOD had this outcome");
+  added.episodes->add_option("--most", added.most, "maximum number of lines; 0: all")
+      ->capture_default_str();
+  added.rerun = app.add_subcommand(
+      "rerun", "Run one episode again, and other methods from the same start state");
+  added.rerun->add_option("folder", added.run, "folder of its run")->required();
+  added.rerun->add_option("episode", added.again.episode, "its id, as printed by episodes")
       ->required();
-  added.rerun
-      ->add_option("--methods", added.again.methods, "of that run, from the same start state")
+  added.rerun->add_option("--methods", added.again.methods, "methods of that run to compare with")
       ->delimiter(',');
-  added.rerun->add_option(
-      "--film", added.again.film,
-      "a file of pictures, where the program has them: .mp4, or .html for paths");
+  added.rerun->add_option("--film", added.again.film,
+                          "file to draw the episodes to: .mp4, or .html for paths");
 }
 
 void ParseArguments(CLI::App& app, Arguments arguments) {
@@ -349,32 +365,36 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
       ->check(CLI::IsMember(names))
       ->capture_default_str();
   AddRunOptions(command, options);
-  command.add_flag("!--no-video", options.video, "leave the videos out");
+  command.add_flag("!--no-video", options.video, "write no videos");
   command.add_option("--methods", options.methods, methods)->delimiter(',');
-  command.add_option("--trials", options.trials, "independent repetitions of everything");
+  command.add_option("--trials", options.trials, "number of independent repetitions");
   command.add_option("--episodes", options.episodes, "start states per trial and data point");
 }
 
 void AddRunOptions(CLI::App& command, ExperimentOptions& options) {
-  command.add_option("--out", options.out, "folder of the ledger and of what comes of it")
+  command.add_option("--out", options.out, "folder for the ledger and the results")
       ->capture_default_str();
-  command.add_option("--seed", options.seed, "of all that is random")->capture_default_str();
-  command.add_option("--threads", options.threads, "0: one per core; the results are the same")
+  command.add_option("--seed", options.seed, "random seed")->capture_default_str();
+  command
+      .add_option("--threads", options.threads,
+                  "number of threads; 0: one per core. Does not change the results")
       ->capture_default_str();
   command
       .add_option_function<std::string>(
-          "--shard", [&options](const std::string& text) { options.shard = ParseShard(text); },
-          "K/N: the K-th of N parts alone, to be merged")
+          "--shard",
+          [&options](const std::string& text) { options.shard = Checked(ParseShard, text); },
+          "K/N: run only part K of N; merge the parts afterwards")
       ->default_str("1/1");
   command
       .add_option_function<std::string>(
           "--config", [&command](const std::string& file) { ReadConfiguration(file, command); },
-          "as run.toml of an earlier run; options overrule it")
+          "options as in the run.toml of an earlier run; the command line takes precedence")
       ->type_name("FILE");
   command.add_flag("--restart", options.restart,
-                   "forget what an interrupted run left in --out instead of going on with it");
-  command.add_flag("--salvage", options.salvage,
-                   "go on with a damaged ledger: its damaged lines are put aside and run again");
+                   "discard an interrupted run in --out instead of resuming it");
+  command.add_flag(
+      "--salvage", options.salvage,
+      "resume with a damaged ledger: move its damaged lines to a separate file and run them again");
   // Used by RerunOf(); users call the command rerun.
   command.add_option("--rerun-episode", options.rerun.episode)->group("");
   command.add_option("--rerun-with", options.rerun.methods)->group("");
@@ -389,7 +409,7 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   if (app.get_name().empty()) app.name(std::filesystem::path(argv[0]).filename().string());
   // One line, because status shows the last line of a task's log.
   app.failure_message([](const CLI::App* program, const CLI::Error& e) {
-    return program->get_name() + ": " + e.what() + "; --help says what there is\n";
+    return program->get_name() + ": " + e.what() + "; --help lists commands and options\n";
   });
   Added added;
   Add(app, added);
@@ -397,8 +417,8 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
   if (argc > 1 && argv[1][0] != '-' && std::ranges::none_of(commands, [&](const CLI::App* known) {
         return known->get_name() == argv[1];
       })) {
-    throw std::invalid_argument("there is no command '" + std::string(argv[1]) + "'; " +
-                                app.get_name() + " --help lists them");
+    std::cerr << app.get_name() << ": unknown command '" << argv[1] << "'; --help lists them\n";
+    return kUsage;
   }
   try {
     KeepGivenValues(app);
@@ -416,7 +436,8 @@ std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv) {
       ParseArguments(app, RerunOf(added.run, added.again));
     }
   } catch (const CLI::ParseError& e) {
-    return app.exit(e);
+    if (dynamic_cast<const CLI::RuntimeError*>(&e) != nullptr) return e.get_exit_code();
+    return app.exit(e) == EXIT_SUCCESS ? EXIT_SUCCESS : kUsage;
   }
   return std::nullopt;
 }

@@ -46,8 +46,8 @@ class Known {
     const auto check = [](bool known, const char* what, const std::string& name,
                           const std::string& names) {
       if (known) return;
-      throw std::runtime_error(std::string("there is no ") + what + " '" + name + "'" +
-                               (names.empty() ? "" : "; there are " + names));
+      throw std::runtime_error(std::string("unknown ") + what + " '" + name + "'" +
+                               (names.empty() ? "" : "; valid: " + names));
     };
     check(method_, "method", filter.method, methods_);
     check(partner_, "method", filter.against.method, methods_);
@@ -92,11 +92,11 @@ EpisodeId ParseEpisode(std::string_view name, const EvaluationPlan& plan) {
   DFR_THROW_UNLESS(numbers, "an episode is TRIAL/DEMONSTRATIONS/LEARNER/METHOD/START, as in "
                                 << "0/120/8/guided/17, not '" << name << "'");
   DFR_THROW_UNLESS(0 <= id.unit.trial && id.unit.trial < plan.trials,
-                   name << ": there are trials 0 to " << plan.trials - 1);
+                   name << ": trials are 0 to " << plan.trials - 1);
   DFR_THROW_UNLESS(std::ranges::count(plan.demonstrations, id.unit.demonstrations) == 1,
-                   name << ": there is no data point " << id.unit.demonstrations);
+                   name << ": no data point " << id.unit.demonstrations);
   DFR_THROW_UNLESS(0 <= id.start && id.start < plan.episodes,
-                   name << ": there are start states 0 to " << plan.episodes - 1);
+                   name << ": start states are 0 to " << plan.episodes - 1);
   // Names of learners may contain slashes.
   for (const std::string& learner : plan.learners) {
     const bool begins = rest.starts_with(learner) && rest.substr(learner.size()).starts_with('/');
@@ -108,7 +108,7 @@ EpisodeId ParseEpisode(std::string_view name, const EvaluationPlan& plan) {
       }
     }
   }
-  DFR_THROW_UNLESS(false, name << ": the plan has no learner and method '" << rest << "'");
+  DFR_THROW_UNLESS(false, name << ": the plan has no pair of learner and method '" << rest << "'");
   return id;
 }
 
@@ -141,7 +141,7 @@ RecordedEpisode FindEpisode(const std::filesystem::path& folder, std::string_vie
 EpisodePartner ParsePartner(std::string_view text) {
   const std::size_t equals = text.rfind('=');
   DFR_THROW_UNLESS(equals != std::string_view::npos && equals > 0,
-                   "--against wants METHOD=OUTCOME, as in baseline=collided, not '" << text << "'");
+                   "--against takes METHOD=OUTCOME, as in baseline=collided, not '" << text << "'");
   EpisodePartner partner{.method = std::string(text.substr(0, equals))};
   std::string_view rest = text.substr(equals + 1);
   do {
@@ -150,8 +150,8 @@ EpisodePartner ParsePartner(std::string_view text) {
     DFR_THROW_UNLESS(outcome == core::Name(core::Outcome::kCompleted) ||
                          outcome == core::Name(core::Outcome::kHalted) ||
                          outcome == core::Name(core::Outcome::kCollided),
-                     "--against " << text << ": there is no outcome '" << outcome
-                                  << "'; there are completed, halted and collided");
+                     "--against " << text << ": unknown outcome '" << outcome
+                                  << "'; valid: completed, halted, collided");
     rest.remove_prefix(std::min(comma + 1, rest.size()));
   } while (!rest.empty());
   return partner;

@@ -78,14 +78,14 @@ void RunAgain(const EvaluationPlan& plan, const MakeTrialRunner& make,
       throw std::runtime_error(options.out.string() + ": in its ledger the episode is " +
                                core::Name(recorded.result.outcome) + " after " +
                                std::to_string(recorded.result.controls) +
-                               " controls; what decides it is not in the settings");
+                               " controls; something outside the settings changes the result");
     }
   }
   const std::filesystem::path& film = options.rerun.film;
   if (film.empty()) return;
   if (film.has_parent_path()) std::filesystem::create_directories(film.parent_path());
   if (!runner->Film(methods, recorded.start_seed, recorded.controller_seed, film)) {
-    throw std::runtime_error("there are no pictures of such episodes; leave out --film");
+    throw std::runtime_error("this program cannot draw such episodes; leave out --film");
   }
   std::cout << film.string() << std::endl;
 }

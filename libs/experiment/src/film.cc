@@ -96,7 +96,7 @@ void SaveFilm(const std::string& title, const core::StateLayout& layout,
               std::span<const FilmedEpisode> episodes, const std::filesystem::path& path,
               const std::string& entries, const std::vector<ReportMedia>& media) {
   if (path.extension() != ".html") {
-    throw std::runtime_error(path.string() + ": of these episodes there are pages, .html");
+    throw std::runtime_error(path.string() + ": such episodes can be saved as a page only, .html");
   }
   const int dim = layout.state_dim();
   const std::vector<std::string> names = NamesOf(layout);

@@ -169,26 +169,26 @@ core::Outcome OutcomeOf(char letter) {
 // Checks that the start states follow from the seed, as Evaluate() draws them.
 void CheckStarts(const UnitResult& result, const EvaluationPlan& plan) {
   if (std::ssize(result.starts) != plan.episodes) {
-    throw std::runtime_error("it has another number of start states");
+    throw std::runtime_error("its number of start states differs");
   }
   int left = result.redrawn;
   for (int i = 0; i < plan.episodes; ++i) {
     const std::uint64_t start = result.starts[static_cast<std::size_t>(i)];
     int attempt = 0;
     while (StartSeed(plan, result.unit.trial, i, attempt) != start) {
-      if (attempt == left) throw std::runtime_error("its start states are those of another seed");
+      if (attempt == left) throw std::runtime_error("its start states belong to another seed");
       ++attempt;
     }
     left -= attempt;
   }
-  if (left != 0) throw std::runtime_error("its start states are those of another seed");
+  if (left != 0) throw std::runtime_error("its start states belong to another seed");
 }
 
 void CheckUnit(const EvaluationUnit& unit, const EvaluationPlan& plan) {
   if (unit.trial < 0 || unit.trial >= plan.trials ||
       std::ranges::find(plan.demonstrations, unit.demonstrations) == plan.demonstrations.end() ||
       std::ranges::find(plan.learners, unit.learner) == plan.learners.end()) {
-    throw std::runtime_error("its unit is none of the plan's");
+    throw std::runtime_error("its unit is not in the plan");
   }
 }
 
@@ -214,7 +214,7 @@ LedgerRecord RecordFrom(const Json& json, const EvaluationPlan& plan) {
   const auto count = static_cast<std::size_t>(plan.episodes);
   for (const Json& method : json.at("episodes")) {
     const auto outcomes = method.at("outcomes").get<std::string>();
-    if (outcomes.size() != count) throw std::runtime_error("it has another number of episodes");
+    if (outcomes.size() != count) throw std::runtime_error("its number of episodes differs");
     auto& episodes = result.episodes.emplace_back();
     episodes.reserve(count);
     for (std::size_t i = 0; i < count; ++i) {
@@ -225,7 +225,7 @@ LedgerRecord RecordFrom(const Json& json, const EvaluationPlan& plan) {
     }
   }
   if (result.episodes.size() != plan.methods.size()) {
-    throw std::runtime_error("it has another number of methods");
+    throw std::runtime_error("its number of methods differs");
   }
   return record;
 }
@@ -278,12 +278,12 @@ class Reader {
           "is a ledger of format version " + version.dump() + ", which " +
           (version.is_number() && version < kVersion ? "an older" : "another") +
           " dfr wrote; this one writes version " + std::to_string(kVersion) +
-          ". Choose another folder, or begin anew with --restart");
+          ". Choose another folder, or start over with --restart");
     }
     if (!CheckHolds(line, 0)) {
       throw std::runtime_error(
-          "line 1 is damaged: its checksum does not match. The command of its run with --salvage "
-          "writes it again where the settings are the same");
+          "line 1 is damaged: its checksum does not match. Run the same command with --salvage to "
+          "write it again");
     }
     LedgerHeader header;
     try {
@@ -309,13 +309,13 @@ class Reader {
   // results.
   std::optional<LedgerRecord> Record(std::string_view line) {
     if (!CheckHolds(line, identity_)) {
-      throw std::runtime_error("its checksum does not match, or it is of another run");
+      throw std::runtime_error("its checksum does not match, or it belongs to another run");
     }
     LedgerRecord record = RecordFrom(Parse(line), *plan_);
     const auto [found, added] = units_.try_emplace(KeyOf(record.result.unit), Fingerprint(record));
     if (added) return record;
     if (found->second != Fingerprint(record)) {
-      throw std::runtime_error("it repeats an earlier unit with other results");
+      throw std::runtime_error("it repeats an earlier unit with different results");
     }
     return std::nullopt;
   }
@@ -346,7 +346,7 @@ std::size_t ForEachLine(std::string_view text,
 
 std::string DamagedLine(int number, const std::exception& e) {
   return "line " + std::to_string(number) + " is damaged: " + e.what() +
-         ". The command of its run with --salvage moves it to a file of its own and runs its "
+         ". Run the same command with --salvage: it moves the line to a separate file and runs its "
          "unit again";
 }
 
@@ -416,7 +416,7 @@ std::vector<EvaluationUnit> UnitsOf(const EvaluationPlan& plan) {
 
 void MergeLedgers(const std::vector<std::filesystem::path>& shards,
                   const std::filesystem::path& whole) {
-  DFR_THROW_UNLESS(!shards.empty(), "there is no ledger to merge");
+  DFR_THROW_UNLESS(!shards.empty(), "no ledger to merge was given");
   std::optional<LedgerHeader> header;
   struct Line {
     std::uint64_t fingerprint;
@@ -449,14 +449,15 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
       const auto [found, added] = lines.try_emplace(KeyOf(unit), Line{fingerprint, path, text});
       if (added) continue;
       if (found->second.fingerprint != fingerprint) {
-        Fail(path, "has other results of " + NameOf(unit) + " than " + found->second.from.string() +
-                       "; run one of the two again, with the same build");
+        Fail(path, "has results of " + NameOf(unit) + " that differ from those in " +
+                       found->second.from.string() +
+                       "; run one of the two again with the same build");
       }
       // Only times differ: any order of the shards must give the same file.
       found->second.text = std::min(found->second.text, text);
     }
   }
-  if (!header) Fail(shards.front(), "no unit is finished yet, in none of the shards");
+  if (!header) Fail(shards.front(), "no unit is finished yet in any shard");
   const std::vector<EvaluationUnit> units = UnitsOf(header->plan);
   std::string text = HeaderLine(*header);
   std::size_t missing = 0;
@@ -473,7 +474,7 @@ void MergeLedgers(const std::vector<std::filesystem::path>& shards,
   if (missing > 0) {
     throw std::runtime_error(std::to_string(missing) + " of " + std::to_string(units.size()) +
                              " units are missing, the first is " + first +
-                             ". Run their shards again: each goes on where it ended");
+                             ". Run their shards again; each resumes where it stopped");
   }
   internal::ReplaceFile(whole, text);
 }
@@ -499,10 +500,10 @@ Descriptor OpenLocked(const std::filesystem::path& path) {
     Descriptor file(open(path.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666));
     if (file.get() < 0) {
       Fail(path, std::string("cannot be written: ") + std::strerror(errno) +
-                     "; does the folder exist, may you write there?");
+                     "; check that the folder exists and is writable");
     }
     if (flock(file.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
-      Fail(path, "another process is writing it; wait for that one, or choose another --out");
+      Fail(path, "another process is writing it; wait for it to finish, or choose another --out");
     }
     // Between open and lock, the lock's previous holder may have replaced the file.
     struct stat opened {};
@@ -543,7 +544,7 @@ LedgerWriter::LedgerWriter(const std::filesystem::path& path, const LedgerHeader
         }
         if (!difference.empty()) {
           Fail(path, "was begun with other settings: " + difference +
-                         ". Choose another folder, or begin anew with --restart");
+                         ". Choose another folder, or start over with --restart");
         }
         return;
       }
@@ -561,7 +562,8 @@ LedgerWriter::LedgerWriter(const std::filesystem::path& path, const LedgerHeader
   });
   size_ = complete;
   if (complete < text.size()) {
-    notice("the last line has no end and is dropped: its writer was killed; its unit runs again");
+    notice(
+        "the last line is incomplete and is dropped: its writer was killed. Its unit runs again");
   }
   if (!dropped.empty()) {
     std::filesystem::path aside = path;
@@ -587,7 +589,7 @@ LedgerWriter::LedgerWriter(const std::filesystem::path& path, const LedgerHeader
     size_ = kept.size();
   } else if (complete < text.size() && ftruncate(file_.get(), static_cast<off_t>(complete)) != 0) {
     Fail(path,
-         std::string("cannot be cut off behind its last whole line: ") + std::strerror(errno));
+         std::string("cannot be truncated after its last complete line: ") + std::strerror(errno));
   }
 }
 
@@ -603,7 +605,7 @@ void LedgerWriter::Write(const std::string& line) {
     // Remove the partial line; if this fails too, the next run removes it.
     static_cast<void>(ftruncate(file_.get(), static_cast<off_t>(size_)) == 0);
     Fail(path_, "cannot be written: " + e.code().message() +
-                    ". All units before are kept; the same command goes on from there");
+                    ". Earlier units are kept; the same command resumes from there");
   }
   size_ += line.size();
 }

@@ -192,7 +192,7 @@ std::vector<UnitResult> Evaluate(const EvaluationPlan& plan, const MakeTrialRunn
   if (done < to_do.size()) {
     throw Interrupted("interrupted after " + std::to_string(units.size() - to_do.size() + done) +
                       " of " + std::to_string(units.size()) +
-                      " units; the same command goes on from there");
+                      " units; the same command resumes from there");
   }
   return results;
 }

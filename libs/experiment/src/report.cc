@@ -178,10 +178,10 @@ class Page {
     }
     if (options_.program.empty() || !has_commands) return;
     const std::string program = Escape(options_.program);
-    out_ << "<p class=\"caption\">Where the mouse is on a number stands the command that prints it "
-            "with the ids of its episodes, the worst first. FOLDER is the folder of this page. "
+    out_ << "<p class=\"caption\">Hover over a number to see the command that prints it with the "
+            "ids of its episodes, worst first. FOLDER is the folder of this page. "
             "<code>"
-         << program << " rerun FOLDER ID --methods METHOD --film FILE</code> shows one of them "
+         << program << " rerun FOLDER ID --methods METHOD --film FILE</code> shows an episode "
          << "beside another method.</p>\n";
   }
 
@@ -221,7 +221,7 @@ class Page {
            "clustered by "
         << (clusters == "episodes"
                 ? "start state within each trial. There are too few trials to cluster by these, so "
-                  "the intervals say nothing of how trials differ"
+                  "the intervals do not include the variation between trials"
             : clusters == "trials" ? "trial"
                                    : "supervisor")
         << ".</p>\n";
@@ -281,7 +281,7 @@ class Page {
         << "<p class=\"caption\">Share of " << episodes
         << " episodes per point; bands are 95 % intervals of Korn and Graubard, clustered by "
            "trial, or by supervisor where 5 or more take turns; with fewer than 5 trials Wilson's, "
-           "which take episodes for independent.</p>\n";
+           "which treat episodes as independent.</p>\n";
   }
 
   void Media() {
@@ -355,15 +355,15 @@ class Page {
            << contrast->only_reference_collided << "</span></td></tr>\n";
     }
     const Cell& any = summary_.averages.front();
-    out_ << "</tbody></table></div>\n<p class=\"caption\">"
-         << Percent(static_cast<double>(any.redrawn_starts) / (any.redrawn_starts + any.episodes),
-                    1)
-         << " of the start states drawn were outside the first support, and were drawn anew. "
-            "Passed: controls that are the policy's to the bit. Mean change: the distance of the "
-            "others from the policy's, in units of an ordinary demonstrated control, where it is "
-            "measured. Alone: start states from which just one of the two collided. Measured "
-            "times, which "
-            "differ from run to run, are in times.json.</p>\n";
+    out_
+        << "</tbody></table></div>\n<p class=\"caption\">"
+        << Percent(static_cast<double>(any.redrawn_starts) / (any.redrawn_starts + any.episodes), 1)
+        << " of the start states drawn were outside the first support, and were drawn again. "
+           "Passed: controls that equal the policy's bit for bit. Mean change: the distance of the "
+           "others from the policy's, in units of an ordinary demonstrated control, where it is "
+           "measured. Alone: start states from which just one of the two collided. Measured "
+           "times, which "
+           "differ from run to run, are in times.json.</p>\n";
   }
 
   void Endings() {
@@ -513,12 +513,11 @@ class Page {
     }
     out_ << "</tbody></table></div>\n</details>\n";
     if (summary_.measures.empty()) return;
-    out_
-        << "<h3>Further figures, means over trials</h3>\n<p class=\"caption\">They are of what was "
-           "learned, not of episodes: the entries \"measures\" of "
-           "summary.json.</p>\n<details><summary>Show</summary>\n"
-           "<div class=\"wide\"><table><thead><tr><th>Figure</th><th>Learner</th>"
-           "<th class=\"n\">Demonstrations</th><th class=\"n\">Mean</th></tr></thead><tbody>\n";
+    out_ << "<h3>Further figures: means over trials</h3>\n<p class=\"caption\">They describe what "
+            "was learned, not episodes: the entries \"measures\" of "
+            "summary.json.</p>\n<details><summary>Show</summary>\n"
+            "<div class=\"wide\"><table><thead><tr><th>Figure</th><th>Learner</th>"
+            "<th class=\"n\">Demonstrations</th><th class=\"n\">Mean</th></tr></thead><tbody>\n";
     for (const MeasureMean& measure : summary_.measures) {
       out_ << "<tr><td>" << Escape(measure.name) << "</td><td>" << Escape(measure.learner)
            << "</td><td class=\"n\">" << measure.demonstrations << "</td><td class=\"n\">"

@@ -142,7 +142,7 @@ std::string TextOf(const Status& status) {
                          status.mean_wall_s, status.longest_wall_s);
   }
   if (status.remaining_s && status.done < status.units) {
-    text.append(FormatDuration(*status.remaining_s)).append(" left at the rate so far\n");
+    text.append(FormatDuration(*status.remaining_s)).append(" remaining at the present rate\n");
   }
   for (const LedgerStatus& ledger : status.ledgers) {
     const bool finished = ledger.units > 0 && ledger.done >= ledger.units;
@@ -190,7 +190,7 @@ std::vector<Status> StatusesOf(const std::vector<std::filesystem::path>& folders
     Collect(folder, 0, ledgers);
     if (ledgers.size() == before) {
       throw std::runtime_error(folder.string() +
-                               ": there is no ledger.jsonl in it, nor in the folders below");
+                               ": contains no ledger.jsonl, nor do the folders in it");
     }
   }
   std::vector<Run> runs;

@@ -352,7 +352,7 @@ void PrintTable(const Summary& summary, std::ostream& out) {
           << (average.trials < kFewTrials ? " (too few to cluster by: intervals take episodes for "
                                             "independent)"
                                           : "")
-          << core::Format("; %.1f %% of the start states drawn were outside and drawn anew\n",
+          << core::Format("; %.1f %% of the start states drawn were outside and drawn again\n",
                           100.0 * average.redrawn_starts / drawn)
           << core::Format(heads, name_width, "method", "completed", "halted", "collided",
                           "ms/traj.", "controls", "passed %", "change")

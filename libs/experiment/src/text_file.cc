@@ -15,8 +15,9 @@ void ReplaceFile(const std::filesystem::path& path, std::string_view text) {
     out.write(text.data(), static_cast<std::streamsize>(text.size()));
     out.close();
     if (!out) {
-      throw std::runtime_error(temporary.string() +
-                               ": cannot be written; does the folder exist, is the disk full?");
+      throw std::runtime_error(
+          temporary.string() +
+          ": cannot be written; check that the folder exists and that the disk is not full");
     }
   }
   std::error_code error;

@@ -66,8 +66,9 @@ MlpPolicy FitMlp(const core::StateLayout& layout, const Matrix& states, const Ma
   for (Eigen::Index i = 0; i < controls.rows(); ++i) {
     if (!options.skip_zero_controls || !controls.row(i).isZero(0.0)) rows.push_back(i);
   }
-  DFR_THROW_UNLESS(!rows.empty(),
-                   "all " << controls.rows() << " controls are zero, which are left out");
+  DFR_THROW_UNLESS(
+      !rows.empty(),
+      "all " << controls.rows() << " controls are zero, and zero controls are left out of the fit");
   const core::FeatureSelection selection = options.features.empty()
                                                ? core::FeatureSelection::All(layout.state_dim())
                                                : core::FeatureSelection(layout, options.features);

@@ -41,7 +41,7 @@ Mlp::Mlp(std::vector<int> sizes) : sizes_(std::move(sizes)) {
   Eigen::Index offset = 0;
   for (std::size_t i = 0; i < sizes_.size(); ++i) {
     DFR_THROW_UNLESS(sizes_[i] >= 1 && sizes_[i] <= kMaxWidth,
-                     "layer " << i << " of a network has " << sizes_[i] << " units; from 1 to "
+                     "layer " << i << " of a network has " << sizes_[i] << " units; 1 to "
                               << kMaxWidth << " are possible");
     width_ = std::max(width_, sizes_[i]);
     if (i == 0) continue;

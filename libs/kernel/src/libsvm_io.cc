@@ -123,7 +123,7 @@ void CheckFitsMemory(const std::filesystem::path& path) {
   if (unknown || !available || size <= *available) return;
   throw std::runtime_error(
       core::Format("%s: %.1f GiB of samples are more than the %.1f GiB of memory that are "
-                   "available: take a part of them, every tenth line say",
+                   "available: use fewer of them, for example every tenth line",
                    path.c_str(), static_cast<double>(size) * 0x1p-30,
                    static_cast<double>(*available) * 0x1p-30));
 }
@@ -162,7 +162,7 @@ core::Matrix Dense(const LineReader& reader, const std::vector<SparseRow>& rows,
            .Take(rows.size() * sizeof(double), static_cast<std::uint64_t>(width))) {
     reader.Fail(std::to_string(rows.size()) + " rows of " + std::to_string(width) +
                 " entries are too much for a file of " + std::to_string(reader.bytes()) +
-                " bytes: leave out entries that are hardly ever used");
+                " bytes: leave out entries that are rarely used");
   }
   core::Matrix matrix = core::Matrix::Zero(static_cast<Eigen::Index>(rows.size()), width);
   for (std::size_t i = 0; i < rows.size(); ++i) {

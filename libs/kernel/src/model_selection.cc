@@ -15,8 +15,8 @@ namespace dfr::kernel {
 namespace {
 
 void CheckOptions(const SelectionOptions& options, std::size_t demonstrations) {
-  DFR_THROW_UNLESS(!options.gammas.empty(), "there is no gamma to choose from");
-  DFR_THROW_UNLESS(!options.nus.empty(), "there is no nu to choose from");
+  DFR_THROW_UNLESS(!options.gammas.empty(), "gammas is empty: give at least one to choose from");
+  DFR_THROW_UNLESS(!options.nus.empty(), "nus is empty: give at least one to choose from");
   DFR_THROW_UNLESS(options.folds >= 2, "folds must be at least 2, not " << options.folds);
   DFR_THROW_UNLESS(options.acceptance > 0.0 && options.acceptance <= 1.0,
                    "acceptance must lie in (0, 1], not " << options.acceptance);

@@ -70,7 +70,8 @@ LineCalibration LineCalibration::Load(const std::filesystem::path& path) {
   archive.End();
   loaded.p_base_cam.matrix() = pose;
   const Eigen::Matrix3d r = loaded.p_base_cam.linear();
-  if (!(r * r.transpose()).isIdentity(1e-9)) archive.Fail("the camera's rotation is none");
+  if (!(r * r.transpose()).isIdentity(1e-9))
+    archive.Fail("the camera's rotation is not a rotation matrix");
   try {
     loaded.camera.Check();
     loaded.provenance = core::ParseProvenance(made);

@@ -46,7 +46,7 @@ Breach TipRegion::At(const Eigen::Vector3d& tip_m) const noexcept {
   Breach worst;
   Deeper(options_.box_min_m.z() - tip_m.z(), "the floor", worst);
   if (gauze_seen_) {
-    Deeper(options_.box_min_m.z() - gauze_.signedDistance(tip_m), "the gauze as it is seen", worst);
+    Deeper(options_.box_min_m.z() - gauze_.signedDistance(tip_m), "the observed gauze", worst);
   }
   const double outside = std::max((options_.box_min_m - tip_m).head<2>().maxCoeff(),
                                   (tip_m - options_.box_max_m).maxCoeff());

@@ -42,7 +42,7 @@ std::string Refused(int error) {
     case EDQUOT:
       return "the disk is full (" + std::string(std::strerror(error)) + ")";
     case EFBIG:
-      return "the file may not grow any more (" + std::string(std::strerror(error)) + ")";
+      return "the file cannot grow further (" + std::string(std::strerror(error)) + ")";
     default:
       return std::strerror(error);
   }
@@ -57,8 +57,8 @@ McapWriter::McapWriter(const std::filesystem::path& path,
   if (file_ < 0) {
     const int error = errno;
     std::string message = "cannot make the log " + path.string() + ": " + std::strerror(error);
-    if (error == EEXIST) message += "; give it another name, or move that file away";
-    if (error == ENOENT) message += "; make its folder first";
+    if (error == EEXIST) message += "; choose another name, or move that file away";
+    if (error == ENOENT) message += "; create its folder first";
     if (error == EACCES || error == EROFS) message += "; choose a folder that you may write to";
     throw std::runtime_error(message);
   }
@@ -113,7 +113,7 @@ McapWriter::McapWriter(const std::filesystem::path& path,
     ::close(file_);
     ::unlink(path.c_str());
     throw std::runtime_error("cannot write the log " + path.string() + ": " + error_ +
-                             "; choose a place with more room");
+                             "; choose a disk with more space");
   }
 }
 

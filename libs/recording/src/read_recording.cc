@@ -33,7 +33,7 @@ class File {
     // Reads specify size and position; a buffer would read the same bytes many times.
     in_.rdbuf()->pubsetbuf(nullptr, 0);
     in_.open(path, std::ios::binary | std::ios::ate);
-    if (!in_) throw std::runtime_error("cannot read the log " + name_ + ": is it there?");
+    if (!in_) throw std::runtime_error("cannot read the log " + name_ + ": does it exist?");
     size_ = static_cast<std::uint64_t>(in_.tellg());
     in_.seekg(0);
   }
@@ -115,7 +115,8 @@ class Reader {
     // Rejects a record before reading its content, because the search resumes behind its head.
     const bool of_head = op == Op::kHeader || op == Op::kSchema || op == Op::kChannel ||
                          op == Op::kMetadata || op == Op::kAttachment;
-    if (head_ && of_head) return GoOn(at, "what begins a log does not belong here");
+    if (head_ && of_head)
+      return GoOn(at, "a record from the beginning of a log does not belong here");
     if (!of_head && op != Op::kChunk && op != Op::kMessageIndex && op != Op::kDataEnd) {
       return GoOn(
           at, "there is no record of kind " + std::to_string(static_cast<unsigned>(op)) + " here");
@@ -146,8 +147,8 @@ class Reader {
       case Op::kDataEnd:
         // A damaged chunk invalidates this checksum, too.
         if (recording_.damage.empty() && ByteReader(content).Number<std::uint32_t>() != crc) {
-          Suffered(at,
-                   "the checksum of all before does not match, though that of every chunk does");
+          Suffered(
+              at, "the checksum of the whole data does not match, although those of all chunks do");
         }
         Summary();
         return false;
@@ -223,7 +224,7 @@ class Reader {
         reader.Text() == info.type && reader.Text() == "ros2msg" && reader.Text() == info.schema;
     if (!same || !reader.at_end()) {
       file_.Damaged(at, "the schema of " + std::string(info.topic) +
-                            " is not the one that this version writes");
+                            " differs from the one that this version writes");
     }
   }
 

@@ -63,7 +63,7 @@ void ControlLoop::Watch() noexcept {
   }
   if (!homing_) {  // homing needs no pictures
     static_cast<void>(WatchThread(camera->Report(), Ns(options_.max_camera_check_s),
-                                  {HoldReason::kImageSilent, "nobody looks at the pictures"}));
+                                  {HoldReason::kImageSilent, "no program processes the pictures"}));
   }
   if (platform != nullptr) {
     const Finding platform_found = platform->Check();
@@ -261,12 +261,12 @@ PlantStatus ControlLoop::Apply(std::span<const double> control) noexcept {
   std::copy(observation_.begin(), observation_.end(), before_.begin());
   if (!Observe()) return PlantStatus::kFault;
   if (Jumped(motion->change)) {
-    Hold(HoldReason::kStateJump, "the tip is not where the control took it");
+    Hold(HoldReason::kStateJump, "the tip is not where the control should have taken it");
   } else if (TargetJumped(motion->change)) {
-    Hold(HoldReason::kStateJump, "the line moves faster than it can be followed");
+    Hold(HoldReason::kStateJump, "the line moves faster than the loop can follow");
   }
   if (Drifted(motion->change)) {
-    Hold(HoldReason::kImageInvalid, "pictures do not show how the arm has moved");
+    Hold(HoldReason::kImageInvalid, "the pictures do not show the arm's motion");
   }
   return may_move() ? PlantStatus::kOk : PlantStatus::kFault;
 }
@@ -314,7 +314,7 @@ bool ControlLoop::Observe() noexcept {
     Camera::Answer answer = camera->Take(observation_);
     while (answer == Camera::Answer::kPending) {
       if (clock->MachineNs() > end_ns) {
-        Hold(HoldReason::kImageSilent, "no picture in which to look for the state");
+        Hold(HoldReason::kImageSilent, "no picture to measure the state in");
         return false;
       }
       if (!Tick()) return false;

@@ -87,8 +87,7 @@ struct DvrkSceneServer::Impl {
   }
 
   void LockStepOnly(std::string_view what) const {
-    DFR_THROW_UNLESS(options.lock_step,
-                     what << " is for lock-step alone; here time goes by itself");
+    DFR_THROW_UNLESS(options.lock_step, what << " is possible in lock-step only");
   }
 
   std::string Run(std::string_view arguments) {
@@ -171,9 +170,9 @@ struct DvrkSceneServer::Impl {
     } else if (sim::SetFault(faults, name, value)) {
       console.SetFaults(faults);
     } else {
-      DFR_THROW_UNLESS(false, "there is no fault '"
+      DFR_THROW_UNLESS(false, "unknown fault '"
                                   << name
-                                  << "'; there are: delay, jitter, drop, drop_commands, "
+                                  << "'; valid: delay, jitter, drop, drop_commands, "
                                      "clock_jump, freeze, silent, invalid, corrupt, camera, "
                                      "platform, arm_fault, none");
     }
@@ -205,10 +204,10 @@ struct DvrkSceneServer::Impl {
       scene.SetCameraFault(silent ? CameraFault::kNone : fault);
       return;
     }
-    DFR_THROW_UNLESS(false, "there is no camera fault '" << value
-                                                         << "'; there are: none, frozen, black, "
-                                                            "overexposed, no_line, no_tip, silent, "
-                                                            "frozen_noisy, late");
+    DFR_THROW_UNLESS(false, "unknown camera fault '" << value
+                                                     << "'; valid: none, frozen, black, "
+                                                        "overexposed, no_line, no_tip, silent, "
+                                                        "frozen_noisy, late");
   }
 
   std::string Answer(std::string_view text) {
@@ -224,9 +223,9 @@ struct DvrkSceneServer::Impl {
       LockStepOnly(what);
       return what == "run" ? Run(text) : what == "rest" ? Rest() : Look();
     }
-    DFR_THROW_UNLESS(false, "there is no request '"
+    DFR_THROW_UNLESS(false, "unknown request '"
                                 << what
-                                << "'; there are: reset, truth, fault, and in lock-step run, rest, "
+                                << "'; valid: reset, truth, fault, and in lock-step run, rest, "
                                    "look");
     return {};
   }

@@ -31,8 +31,8 @@ const GalleryTask& FindGalleryTask(std::string_view name) {
     if (task.name == name) return task;
     names += (names.empty() ? "" : ", ") + task.name;
   }
-  throw std::invalid_argument("there is no task '" + std::string(name) + "' in the gallery; " +
-                              "there are " + names);
+  throw std::invalid_argument("unknown task '" + std::string(name) + "' of the gallery; " +
+                              "valid: " + names);
 }
 
 core::Trajectory DemonstrateOnce(const GalleryTask& task, std::uint64_t seed) {
@@ -82,7 +82,7 @@ std::vector<core::Trajectory> Demonstrate(const GalleryTask& task, int count, st
   std::vector<core::Trajectory> demonstrations;
   for (int attempt = 0; std::ssize(demonstrations) < count; ++attempt) {
     if (attempt > 10 * count + 100) {
-      throw std::runtime_error("the supervisor of '" + task.name + "' hardly ever succeeds");
+      throw std::runtime_error("the supervisor of '" + task.name + "' rarely succeeds");
     }
     core::Trajectory trajectory =
         DemonstrateOnce(task, core::DeriveSeed(seed, {static_cast<std::uint64_t>(attempt)}));

@@ -41,12 +41,12 @@ class OsMesaContext final : public GlContext {
       : destroy_(library_.Get<decltype(OSMesaDestroyContext)>("OSMesaDestroyContext")),
         context_(library_.Get<decltype(OSMesaCreateContextExt)>("OSMesaCreateContextExt")(
             OSMESA_RGBA, 24, 8, 8, nullptr)) {
-    if (context_ == nullptr) throw std::runtime_error("OSMesa makes no context");
+    if (context_ == nullptr) throw std::runtime_error("OSMesa cannot create a context");
     // MuJoCo draws into its own framebuffer; this one is only required to exist.
     if (library_.Get<decltype(OSMesaMakeCurrent)>("OSMesaMakeCurrent")(
             context_, buffer_.data(), GL_UNSIGNED_BYTE, kSize, kSize) == GL_FALSE) {
       destroy_(context_);
-      throw std::runtime_error("OSMesa does not make its context current");
+      throw std::runtime_error("OSMesa cannot make its context current");
     }
   }
   ~OsMesaContext() override { destroy_(context_); }
@@ -109,9 +109,9 @@ class EglContext final : public GlContext {
           "has no configuration with 24 bits of depth");
     Check(egl_.bind_api(EGL_OPENGL_API) == EGL_TRUE, "has no OpenGL");
     context_ = egl_.create_context(display_, config, EGL_NO_CONTEXT, nullptr);
-    Check(context_ != EGL_NO_CONTEXT, "makes no context");
+    Check(context_ != EGL_NO_CONTEXT, "cannot create a context");
     Check(egl_.make_current(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, context_) == EGL_TRUE,
-          "does not make its context current");
+          "cannot make its context current");
   }
   ~EglContext() override { Release(); }
   [[nodiscard]] const std::string& name() const noexcept override { return name_; }
@@ -154,7 +154,7 @@ std::shared_ptr<GlContext> MakeOffscreen() {
   try {
     return std::make_shared<EglContext>();
   } catch (const std::runtime_error& e) {
-    throw std::runtime_error("nothing can be drawn here: " + failures + e.what());
+    throw std::runtime_error("cannot draw: " + failures + e.what());
   }
 }
 

@@ -16,8 +16,7 @@ struct MujocoRenderer::Impl {
       : options(chosen), gl(internal::GlContext::OfThisThread()), scene(model) {
     mjr_setBuffer(mjFB_OFFSCREEN, &scene.context);
     if (scene.context.currentBuffer != mjFB_OFFSCREEN) {
-      throw std::runtime_error("nothing can be drawn here: " + gl->name() +
-                               " has no off-screen buffer");
+      throw std::runtime_error("cannot draw: " + gl->name() + " has no off-screen buffer");
     }
     scene.camera.type = mjCAMERA_FIXED;
     scene.camera.fixedcamid = camera;

@@ -35,7 +35,7 @@ class RobomimicReader final : public internal::EpisodeReader {
  public:
   RobomimicReader(Hdf5Reader opened, const std::string& filter_key)
       : EpisodeReader(std::move(opened)) {
-    if (!file().Exists("data")) file().Fail("data", "does not exist: this is no robomimic file");
+    if (!file().Exists("data")) file().Fail("data", "does not exist: this is not a robomimic file");
     environment_ = EnvironmentName(file());
     discarded_ = static_cast<int>(file().IntegerAttribute("data", "discarded").value_or(0));
     try {

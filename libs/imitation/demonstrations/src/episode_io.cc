@@ -32,7 +32,7 @@ bool CollectKeys(const Hdf5Reader& file, const std::string& path, const std::str
                  int depth, std::vector<Key>& keys) {
   if (file.IsGroup(path)) {
     if (depth > kDeepest) {
-      file.Fail(path, "is beyond " + std::to_string(kDeepest) + " groups within groups");
+      file.Fail(path, "is nested more than " + std::to_string(kDeepest) + " groups deep");
     }
     bool all_have_offsets = true;
     for (const std::string& member : file.Members(path)) {
@@ -86,7 +86,7 @@ core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode,
   if (!file.Exists(path)) {
     // A simulator's full state is not an observation of a robot.
     const bool states_alone = std::string_view(part) == "obs" && file.Exists(episode + "/states");
-    file.Fail(path, states_alone ? "does not exist: the file holds states of a simulator alone, as "
+    file.Fail(path, states_alone ? "does not exist: the file holds only simulator states, as "
                                    "robosuite's recorder writes them. Add observations with "
                                    "robomimic's dataset_states_to_obs.py"
                                  : "does not exist");
@@ -110,7 +110,7 @@ core::StateLayout PartLayout(const Hdf5Reader& file, const std::string& episode,
 void CheckPart(const Hdf5Reader& file, const std::string& episode, const char* part,
                const core::StateLayout& layout) {
   if (PartLayout(file, episode, part) != layout) {
-    file.Fail(episode + "/" + part, "has other datasets or sizes than the first episode's");
+    file.Fail(episode + "/" + part, "has datasets or shapes that differ from the first episode's");
   }
 }
 
@@ -122,8 +122,8 @@ Matrix ReadPart(const Hdf5Reader& file, const std::string& episode, const char* 
 
 std::string Note(std::size_t episodes, const std::string& what) {
   return "the writer of this file was killed: its " + std::to_string(episodes) +
-         " whole episodes are read; " + what +
-         ". guard check --repair FILE writes a file of the whole ones";
+         " complete episodes are read; " + what +
+         ". guard check --repair FILE writes a file of these";
 }
 
 }  // namespace
@@ -263,7 +263,7 @@ void EpisodeReader::KeepMasked(const std::string& group, const std::string& mask
     std::string episode = group;
     episode.append("/").append(name);
     if (std::find(episodes_.begin(), episodes_.end(), episode) == episodes_.end()) {
-      file_.Fail(path, "names '" + name + "', which is no episode of this file");
+      file_.Fail(path, "names '" + name + "', which is not an episode of this file");
     }
     wanted.insert(episode);
   }

@@ -69,7 +69,7 @@ bool HoldsNumbers(H5T_class_t kind) {
 }
 
 constexpr char kOneFile[] =
-    "; only what is in this file is read: copy the data into it, with h5repack or h5py";
+    "; links to other files are not followed: copy the data into this file with h5repack or h5py";
 
 class GroupProperties {
  public:
@@ -167,8 +167,8 @@ Hdf5File Hdf5File::Open(const std::filesystem::path& path) {
   const hid_t id = H5Fopen(path.c_str(), H5F_ACC_RDONLY, driver.id());
   if (id < 0) {
     FailFile(path.string(),
-             "cannot be opened as HDF5 (is it one, and was its writer done with its "
-             "first episode?): " +
+             "cannot be opened as HDF5 (is it an HDF5 file, and did its writer finish the first "
+             "episode?): " +
                  LastError());
   }
   return {path.string(), id};
@@ -450,13 +450,13 @@ std::vector<std::string> Hdf5File::ReadTexts(const std::string& path) const {
   const std::vector<std::int64_t> shape = Shape(path);
   if (shape.size() != 1 || shape[0] < 0 ||
       !budget().Take(static_cast<std::uint64_t>(shape[0]), sizeof(std::string))) {
-    Fail(path, "is not a list of texts");
+    Fail(path, "is not a list of strings");
   }
   const Quiet quiet;
   const Place at = At(path);
   const Handle dataset(H5Dopen2(at.object, at.path.c_str(), H5P_DEFAULT), H5Dclose);
   const Handle type(H5Dget_type(dataset.id()), H5Tclose);
-  if (H5Tget_class(type.id()) != H5T_STRING) Fail(path, "is not a list of texts");
+  if (H5Tget_class(type.id()) != H5T_STRING) Fail(path, "is not a list of strings");
   const auto count = static_cast<std::size_t>(shape[0]);
   std::vector<std::string> texts;
   texts.reserve(count);

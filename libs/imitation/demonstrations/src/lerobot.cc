@@ -108,7 +108,7 @@ class LeRobotReader final : public DemonstrationReader {
         version != info.end() && version->is_string() ? version->get<std::string>() : "";
     if (!text.starts_with("v2.") && !text.starts_with("v3.")) {
       Fail(file, "codebase_version is '" + text +
-                     "'; v2.0 to v3.0 can be read, to which LeRobot's own scripts convert");
+                     "'; v2.0 to v3.0 can be read. LeRobot's scripts convert to these");
     }
     if (const auto robot = info.find("robot_type"); robot != info.end() && robot->is_string()) {
       environment_ = robot->get<std::string>();
@@ -140,7 +140,8 @@ class LeRobotReader final : public DemonstrationReader {
     }
     std::string left;
     for (const auto& [name, feature] : features->items()) {  // sorted by name
-      if (!feature.is_object()) Fail(InfoFile(folder_), "feature " + name + " is no JSON object");
+      if (!feature.is_object())
+        Fail(InfoFile(folder_), "feature " + name + " is not a JSON object");
       const int size = IsNumeric(feature) ? SizeOf(name, feature) : 0;
       if (name == kSuccess) has_success_ = size == 1;
       if (name == kAction) {
@@ -158,7 +159,7 @@ class LeRobotReader final : public DemonstrationReader {
     if (layout_.blocks.empty()) {
       Fail(InfoFile(folder_), "has no feature observation.<name> that is a vector of numbers");
     }
-    if (!left.empty()) note_ = "images and videos are left alone: " + left;
+    if (!left.empty()) note_ = "images and videos are skipped: " + left;
   }
 
   void FindFiles() {
@@ -202,7 +203,7 @@ class LeRobotReader final : public DemonstrationReader {
           std::vector<Part>& parts = found[episode];
           if (last != episode && !parts.empty()) {
             Fail(files_[static_cast<std::size_t>(file)],
-                 "the frames of episode " + std::to_string(episode) + " do not follow each other");
+                 "the frames of episode " + std::to_string(episode) + " are not consecutive");
           }
           last = episode;
           if (parts.empty() || parts.back().file != file || parts.back().row_group != group) {

@@ -79,8 +79,8 @@ std::filesystem::path MainFile(const std::filesystem::path& path) {
   if (std::filesystem::is_directory(path)) {
     throw std::runtime_error(
         path.string() +
-        ": has neither data/main_data.hdf5, as Minari's datasets, nor meta/info.json, as "
-        "LeRobot's: name the folder that has, or a robomimic file");
+        ": has neither data/main_data.hdf5 (Minari) nor meta/info.json (LeRobot): name the folder "
+        "that has one of them, or a robomimic file");
   }
   return path;
 }
@@ -134,7 +134,7 @@ class MinariReader final : public internal::EpisodeReader {
       const auto found = object.find(key);
       if (found == object.end()) return std::string(otherwise);
       if (!found->is_string()) {
-        throw std::runtime_error(path.string() + ": " + key + " is not a text");
+        throw std::runtime_error(path.string() + ": " + key + " is not a string");
       }
       return found->get<std::string>();
     };
@@ -256,7 +256,7 @@ MinariWriter::MinariWriter(const std::filesystem::path& folder, const std::strin
                            const std::string& environment) {
   internal::CheckLayout(layout, control_dim);
   DFR_THROW_UNLESS(IsDatasetId(dataset_id),
-                   "'" << dataset_id << "' is no id of a Minari dataset: it must be "
+                   "'" << dataset_id << "' is not the id of a Minari dataset: it must be "
                        << "<namespace>/<name>-v<number> of letters, digits, - and _");
   file_ = std::make_unique<File>(folder, dataset_id, std::move(layout), control_dim, environment);
 }

@@ -200,7 +200,7 @@ class Thrift {
   class Deeper {
    public:
     explicit Deeper(int& depth) : depth_(depth) {
-      if (++depth_ > 32) throw Malformed("has metadata nested too deep");
+      if (++depth_ > 32) throw Malformed("has metadata nested too deeply");
     }
     ~Deeper() { --depth_; }
     Deeper(const Deeper&) = delete;
@@ -494,7 +494,7 @@ class FooterParser {
   }
 
   void AddLeaves(ParquetFile::Leaf leaf, int depth) {
-    if (next_ >= elements_.size() || depth > 16) throw Malformed("has a schema that is no tree");
+    if (next_ >= elements_.size() || depth > 16) throw Malformed("has a schema that is not a tree");
     const Element& element = elements_[next_++];
     leaf.path += (leaf.path.empty() ? "" : ".") + element.name;
     if (element.repetition != kRequired) ++leaf.max_definition;
@@ -529,7 +529,7 @@ class FooterParser {
       }
     });
     if (group.chunks.size() != file_->leaves_.size()) {
-      throw Malformed("has a row group with other columns than its schema");
+      throw Malformed("has a row group whose columns differ from its schema");
     }
     if (group.num_rows < 0) throw Malformed("claims a negative number of rows");
     file_->row_groups_.push_back(std::move(group));
@@ -704,7 +704,7 @@ class ChunkDecoder {
       RunLength indices(bytes.Take(bytes.left()), width);
       for (std::int64_t i = 0; i < count; ++i) {
         const std::uint32_t index = indices.Next();
-        if (index >= dictionary_.size()) throw Malformed("points behind its dictionary");
+        if (index >= dictionary_.size()) throw Malformed("points past the end of its dictionary");
         column_.values.push_back(dictionary_[index]);
       }
     } else {
@@ -736,7 +736,7 @@ void ParquetFile::Fail(const std::string& reason) const {
 
 std::string ParquetFile::ReadBytes(std::int64_t start, std::int64_t size) const {
   if (start < 0 || size < 0 || start > size_ || size > size_ - start) {
-    Fail("points behind its end");
+    Fail("points past its end");
   }
   std::string bytes(static_cast<std::size_t>(size), '\0');
   in_.clear();
@@ -749,7 +749,7 @@ std::string ParquetFile::ReadBytes(std::int64_t start, std::int64_t size) const 
 void ParquetFile::ReadFooter() {
   constexpr std::int64_t kMagic = 4;
   constexpr std::int64_t kTail = 8;  // length of the metadata, and the trailing magic
-  if (size_ < kMagic + kTail || ReadBytes(0, kMagic) != "PAR1") Fail("is no Parquet file");
+  if (size_ < kMagic + kTail || ReadBytes(0, kMagic) != "PAR1") Fail("is not a Parquet file");
   const std::string tail = ReadBytes(size_ - kTail, kTail);
   if (tail.substr(4) != "PAR1") Fail("is truncated: it does not end as a Parquet file does");
   std::uint32_t length = 0;

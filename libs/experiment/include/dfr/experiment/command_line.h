@@ -37,8 +37,8 @@ void AddExperimentOptions(CLI::App& command, ExperimentOptions& options, const s
 /// are the command's options without dashes. The command line takes precedence. Errors in a value
 /// name the file and its line.
 ///
-/// @returns the exit code if no command remains to run (help, errors, status and episodes);
-///   otherwise std::nullopt, and the app's commands are parsed.
+/// @returns the exit code if no command remains to run: 0 after help, status and episodes, 2 after
+///   a usage error; otherwise std::nullopt, and the app's commands are parsed.
 /// @throws std::runtime_error for files that cannot be read, and as MergeLedgers().
 [[nodiscard]] std::optional<int> Parse(CLI::App& app, int argc, const char* const* argv);
 

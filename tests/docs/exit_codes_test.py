@@ -1,0 +1,35 @@
+#!/usr/bin/env python3
+"""Programs exit with 0 after --help, and with 2 and one line after a usage error.
+
+usage: exit_codes_test.py PROGRAM ...
+"""
+
+import pathlib
+import subprocess
+import sys
+import unittest
+
+PROGRAMS = [pathlib.Path(name) for name in sys.argv[1:]]
+
+
+class ExitCodesTest(unittest.TestCase):
+    def run_program(self, program, *arguments):
+        return subprocess.run([program, *arguments], text=True, capture_output=True, check=False, timeout=60)
+
+    def test_help_succeeds(self):
+        for program in PROGRAMS:
+            with self.subTest(program=program.name):
+                done = self.run_program(program, "--help")
+                self.assertEqual((done.returncode, done.stderr), (0, ""))
+
+    def test_usage_errors_give_two_and_one_line(self):
+        for program in PROGRAMS:
+            for arguments in (["--nonsense"], ["nonsense"]):
+                with self.subTest(program=program.name, arguments=arguments):
+                    done = self.run_program(program, *arguments)
+                    self.assertEqual((done.returncode, done.stdout), (2, ""))
+                    self.assertRegex(done.stderr, rf"\A{program.name}: .*--help lists .*\n\Z")
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
