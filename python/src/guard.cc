@@ -367,40 +367,41 @@ std::vector<std::pair<std::string, int>> Blocks(const Guard& guard) {
 }  // namespace
 
 void AddGuard(py::module_& module) {
-  py::class_<Guard> guard_class(module, "Guard",
-                                R"(Keeps what any policy does inside what was demonstrated.
+  py::class_<Guard> guard_class(
+      module, "Guard",
+      R"(Run-time safety filter that keeps any policy near its demonstrations.
 
 >>> guard = dfr.Guard.load("task.guard")                            # doctest: +SKIP
 >>> guard.reset(seed=0)                                             # doctest: +SKIP
 >>> action, info = guard.filter(t, state, policy(state))            # doctest: +SKIP
 
-It learns from every applied action how states answer, so each call of `filter` means that the action
-it gave last was applied and that `state` is what it led to. It fails closed: on a state or action of
+It estimates the response of states to actions online. Each call of `filter` therefore means that the
+last returned action was applied, and that `state` is its result. It fails closed: on a state or action of
 the wrong size or with a NaN, a `t` that is not the next one, or before `reset`, it halts, and all
 actions are zero until `reset`. Zero must hold the robot still: actions are velocities or increments.
 
-One object belongs to one thread. Copies and unpickled guards hold the same knowledge and settings, and wait
-for `reset`.
+One object belongs to one thread. Copies and unpickled guards have the same models and settings, and
+wait for `reset`.
 
 Attributes
 ----------
 state_dim, action_dim : int
 num_steps : int
-    Time steps with an estimate of their own; later ones use the last.
+    Number of time steps with a separate estimate; later ones use the last.
 layout : list of (str, int)
     Name and size of each part of a state.
 features : str
-    What is looked at; empty for all of it.
+    Features of a state; empty for all entries.
 settings : dict
-    strategy, horizon, max_actions, action_limit, alarm_level, direction_error, demonstrated (whether what
-    demonstrations did nearby may replace an action); `with_settings` changes them.
+    strategy, horizon, max_actions, action_limit, alarm_level, direction_error, demonstrated (whether nearby
+    demonstrated actions may replace an action); `with_settings` changes them.
 summary : dict
-    What the fit found, among it acceptance, the share of states inside of demonstrations that were left
-    out, and false_alarms, the share of further demonstrations that may raise an alarm. Of the actions in
-    left-out demonstrations: changed, the share that the guard would change; ends_outside, the share that is
-    predicted to end outside; explained, the share of their variance that the features tell; action_error, the squared error that
-    remains, as a share of the squared actions. warnings: what
-    speaks against the guard, each with its remedy.
+    Results of the fit, among them acceptance, the share of states of left-out demonstrations that are
+    inside, and false_alarms, the share of further demonstrations that may raise an alarm. For the actions
+    of left-out demonstrations: changed, the share that the guard would change; ends_outside, the share
+    that is predicted to end outside; explained, the share of their variance that the features explain;
+    action_error, the remaining squared error as a share of the squared actions. warnings: problems of the
+    guard, each with its remedy.
 )");
   PickleBy(
       guard_class, [](const py::object& self) { return ToBytes(self.cast<const Guard&>()); },
@@ -421,54 +422,55 @@ summary : dict
 Parameters
 ----------
 states : iterable of array_like of shape (n_actions_i + 1, state_dim)
-    One array a demonstration, the state after the last action included.
+    One array per demonstration, including the state after the last action.
 actions : iterable of array_like of shape (n_actions_i, action_dim)
 layout : sequence of (name, size) or dict, optional
-    What the entries of a state are called, for `features`. Without it there is one block "state".
+    Names of the entries of a state, for `features`. Default: one block "state".
 features : str or list of str
-    What is looked at, as in "object,tip[0:2]"; all entries if empty. "obs/object" is "object".
+    Features, as in "object,tip[0:2]"; all entries if empty. "obs/object" is "object".
 nu, gamma : float
-    Of the supports; gamma in whitened units, which all tasks share. It is doubled, twice at most, where supports
-    take the room between two ways for demonstrated.
+    Parameters of the supports; gamma in whitened units, which all tasks share. It is doubled at most twice
+    if a support contains the gap between two modes.
 strategy : {"guard", "controller", "dfr", "early-stopping", "monitor", "certified"}
-    Who drives. "guard": the policy, whose action passes unchanged while it is predicted to end inside; at the
-    boundary it is corrected. "controller": the demonstrations; the policy's action passes only deep inside. It is
-    for a policy that is known to be bad, or for none. "dfr": the policy, with Derivative-Free Recovery as published.
-    "early-stopping": the policy, until a halt at the boundary. "monitor": the policy alone, with alarms.
-    "certified": only what provably ends where no alarm is raised is applied, under the assumptions of
-    docs/certificates.md.
+    Source of the actions. "guard": the policy, whose action passes unchanged while it is predicted to end
+    inside; at the boundary it is corrected. "controller": the demonstrations; the policy's action passes
+    only deep inside. Use it for a policy that is known to be bad, or without one. "dfr": the policy, with
+    Derivative-Free Recovery as published. "early-stopping": the policy, until a halt at the boundary.
+    "monitor": the policy alone, with alarms. "certified": only actions that provably raise no alarm, under
+    the assumptions of docs/certificates.md.
 horizon : int
-    Actions of the policy in an episode; 0: twice as many as the longest demonstration has.
+    Largest number of the policy's actions in an episode; 0: twice that of the longest demonstration.
 action_limit : float or sequence of float
-    Each entry of an action is kept within +- its own, or all within the same; 0: 1.5 times the largest demonstrated
-    value of each entry.
+    Limit of the magnitude of each entry of an action, or of all entries; 0: 1.5 times the largest
+    demonstrated value of each entry.
 false_alarms : float
-    Demonstrations that may raise an alarm.
+    Share of demonstrations that may raise an alarm.
 confidence : float
-    Of false_alarms for this very fit; 0: on average over fits.
+    Confidence that this fit keeps false_alarms; 0: on average over fits.
 hold_out : float
-    Share of the demonstrations that nothing is fitted to: what the alarm and the certificate promise is
-    then exact. 0: none, and approximate.
+    Share of the demonstrations to leave out of the fit: the bounds of alarm and certificate are then
+    exact. 0: none, the bounds are approximate.
 error_factor : float
-    Of strategy "certified": how much further the answer to actions may be off than in demonstrations.
+    For strategy "certified": factor by which the predicted response to actions may be less accurate than
+    in demonstrations.
 source : str
-    Kept in the file: where the demonstrations came from.
+    Origin of the demonstrations, stored in the file.
 differences : bool
     Convert actions that are target positions, actions[t, k] = states[t, j] or the one after it, to
     increments by subtracting states[t, j]. Subtract it from the policy's actions before `filter`, too.
 as_recorded : bool
     Accept actions that look like target positions, which are refused otherwise.
 accept_any : bool
-    Fit even where next to no state of left-out demonstrations is inside, which is refused otherwise.
+    Accept a fit in which almost no state of left-out demonstrations is inside, which is refused otherwise.
 progress : callable(stage: str, share: float) or bool, optional
-    None: in a terminal or notebook, a fit of more than 2 s says how far it is. True: says so anywhere. False: never.
+    None: in a terminal or notebook, show the progress of a fit of more than 2 s. True: always. False: never.
 
 Raises
 ------
 ValueError
-    Naming the demonstration or option that is wrong, or the features to choose instead.
+    If a demonstration or option is invalid; the message names it, or the features to choose instead.
 TypeError
-    Naming the demonstration that holds no numbers, or the option of another type.
+    If a demonstration is not numeric or an option has the wrong type; the message names it.
 
 Warns
 -----
@@ -482,14 +484,14 @@ UserWarning
             const py::gil_scoped_release unlocked;
             return Guard::Load(path);
           },
-          py::arg("path"), R"(Read a file that `save`, the program `guard` or the C++ library wrote.
+          py::arg("path"), R"(Read a file written by `save`, the program `guard` or the C++ library.
 
 Raises
 ------
 FileNotFoundError
-    If there is no such file.
+    If the file does not exist.
 RuntimeError
-    Naming the file and what is wrong with it: truncated, damaged, or of another version.
+    If the file is truncated, damaged, or of another version; the message names it.
 )")
       .def(
           "save",
@@ -497,7 +499,7 @@ RuntimeError
             const py::gil_scoped_release unlocked;
             guard.model().Save(path);
           },
-          py::arg("path"), "Write one file, bit for bit, with a checksum.")
+          py::arg("path"), "Write the guard to one file, exactly and with a checksum.")
       .def(
           "export_onnx",
           [](const Guard& guard, const std::filesystem::path& path) {
@@ -521,12 +523,11 @@ Its inputs are t (rows, int64) and x (rows, state_dim), its output g (rows).
                                              seed, "seed", "a whole number from 0 to 2^64 - 1"));
           },
           py::arg("seed") = 0,
-          "Start an episode; all that is random follows from the seed. None is 0.")
+          "Start an episode. The seed determines all random choices; None is 0.")
       .def(
-          "stop", [](Guard& guard) { guard.Stop(); },
-          "Halt from outside: all actions are zero until `reset`.")
+          "stop", [](Guard& guard) { guard.Stop(); }, "Halt: all actions are zero until `reset`.")
       .def("filter", &Filter, py::arg("t"), py::arg("state"), py::arg("action"),
-           R"(What to apply instead of `action`.
+           R"(Return the action to apply instead of `action`.
 
 Parameters
 ----------
@@ -534,39 +535,39 @@ t : int
     0 in the first call after `reset`, one more in each.
 state : array_like of shape (state_dim,)
 action : array_like of shape (action_dim,)
-    The policy's.
+    Action of the policy.
 
 Returns
 -------
 action : ndarray of shape (action_dim,)
 info : dict
-    g : float or None, positive inside what was demonstrated at the time step `step`.
-    threshold : float or None, the policy's action passes unseen where g is at least this.
+    g : float or None, decision function at the time step `step`: positive inside the support.
+    threshold : float or None, value of g from which the policy's action passes unchecked.
     mode : "policy", "probe", "recovery" or "halt".
-    reason : "inside", "outside" (passed all the same), "changed", "demonstrations", "probe",
-        "recovery", or why it halted.
-    source : who chose the action: "policy", "policy-changed", "demonstrations", "probe", "recovery" (of
+    reason : "inside", "outside" (passed nevertheless), "changed", "demonstrations", "probe",
+        "recovery", or the cause of a halt.
+    source : str, source of the action: "policy", "policy-changed", "demonstrations", "probe", "recovery" (of
         Algorithm 1) or "halt".
     changed : bool, whether the action differs from the policy's.
-    why : str, why the policy's action did not pass, "" where it did.
-    change : float, how far; an ordinary demonstrated action has length 1.
+    why : str, why the policy's action did not pass; "" if it passed.
+    change : float, size of the change; an ordinary demonstrated action has length 1.
     certified : bool, whether the next state provably raises no alarm, under the assumptions of
         docs/certificates.md (strategy "certified").
     alarm : bool, whether the state is further outside than demonstrations are.
-    alarm_step : int, the time step of the demonstrations that the state fits best: the alarm's.
-    step : int, the time step that the strategy is in: that of g and threshold.
+    alarm_step : int, the time step of the alarm: the one that the state fits best.
+    step : int, the time step of the strategy, of g and of threshold.
     entry : str or None, for the reason "quaternion-invalid": the entries of the state, as "quat[0:4]".
 )")
       .def("certify", &Certify, py::arg("t"), py::arg("state"), py::arg("action"),
-           R"(What is certain of the state that `action` leads to, whatever the strategy.
+           R"(Return the certificate of the state after `action`, for any strategy.
 
-Under the assumptions of docs/certificates.md, with the answer to actions that demonstrations tell
-(`filter` learns from applied ones, too). Lengths are in whitened features.
+It holds under the assumptions of docs/certificates.md. It uses the response to actions estimated from
+demonstrations (`filter` also learns from applied actions). Lengths are in whitened features.
 
 Parameters
 ----------
 t : int
-    Time step of the demonstrations, near which supports are looked at.
+    Time step of the demonstrations. Supports near it are used.
 state : array_like of shape (state_dim,)
 action : array_like of shape (action_dim,)
 
@@ -574,11 +575,11 @@ Returns
 -------
 dict
     passes : bool, whether the next state provably raises no alarm.
-    step : int, the time step whose support says so, or is nearest to.
-    margin : float, by how much l of the predicted state is above what it must be.
-    radius : float, whatever changes the features by no more ends inside; negative outside.
-    ball_radius, shift : the ball around the features + shift that is inside.
-    effect : ndarray, how the features are predicted to change.
+    step : int, the time step whose support certifies the state, or comes nearest to it.
+    margin : float, l of the predicted state minus the required level.
+    radius : float, largest change of the features that provably ends inside; negative outside.
+    ball_radius, shift : radius of a ball inside the support, centred at the features + shift.
+    effect : ndarray, predicted change of the features.
 
 Raises
 ------
@@ -586,7 +587,7 @@ ValueError
     If the guard has no `direction_error`, or was fitted in single precision.
 )")
       .def("decision", &Decision, py::arg("t"), py::arg("x"),
-           R"(g at time step(s) `t`, of one state or of each row; positive inside.
+           R"(Return g at time step(s) `t`, of one state or of each row; positive inside.
 
 Returns
 -------
@@ -596,16 +597,16 @@ float or ndarray of shape (n,)
            py::arg("horizon") = py::none(), py::arg("max_actions") = py::none(),
            py::arg("action_limit") = py::none(), py::arg("alarm_level") = py::none(),
            py::arg("direction_error") = py::none(), py::arg("demonstrated") = py::none(),
-           "A guard of the same knowledge with other settings.")
+           "Return a guard with the same models and other settings.")
       .def_property_readonly("state_dim", &Guard::state_dim)
       .def_property_readonly("action_dim", &Guard::action_dim)
       .def_property_readonly("num_steps",
                              [](const Guard& guard) { return guard.model().num_steps(); })
-      .def_property_readonly("layout", &Blocks, "(name, size) of each part of a state.")
+      .def_property_readonly("layout", &Blocks, "Name and size of each part of a state.")
       .def_property_readonly(
           "features",
           [](const Guard& guard) { return guard.model().recovery().features().selection().spec(); },
-          "What is looked at; empty for all.")
+          "Features of a state; empty for all entries.")
       .def_property_readonly("settings", &Settings)
       .def_property_readonly("summary", &Summary)
       .def("__repr__", [](const Guard& guard) {

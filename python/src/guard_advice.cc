@@ -130,29 +130,28 @@ int StepOf(const py::object& t) {
 void AddGuardAdvice(py::class_<Guard>& guard_class) {
   guard_class
       .def("filter_chunk", &FilterChunk, py::arg("t"), py::arg("state"), py::arg("actions"),
-           R"(How many of a chunk's actions may be played from `state` on, by prediction.
+           R"(Return how many of a chunk's actions are predicted to be safe from `state` on.
 
-An action counts if it is within the limits and predicted to end inside, at the level from which on
-`filter` passes it. Counting stops at the first that is not. A monitor counts what is within the
-limits. The guard stays as it is.
+An action counts if it is within the limits and predicted to end inside, at the level at which
+`filter` passes it. Counting stops at the first action that does not count. A monitor counts actions
+within the limits. The guard is not changed.
 
-Play the counted actions, each by a `filter` of its own with the state that was reached, because a
-prediction is no observation and `filter` has the last word. After these, or after the first that
-`filter` changes, ask the policy for a new chunk. Where nothing is counted, `filter` the first
-action: the guard then says what to do instead.
+Pass each counted action to `filter` with the state that was reached, because predictions can be wrong
+and `filter` decides. After these, or after the first that `filter` changes, ask the policy for a new
+chunk. If no action counts, pass the first one to `filter`, which returns a replacement.
 
 Parameters
 ----------
 t : int
-    The number that the next `filter` will have.
+    Number of the next call of `filter`.
 state : array_like of shape (state_dim,)
 actions : array_like of shape (k, action_dim)
-    At most 256 are judged.
+    The first 256 are evaluated.
 
 Returns
 -------
 int
-    From 0 to k; 0 of a guard that has halted.
+    From 0 to k; 0 if the guard has halted.
 
 Raises
 ------
@@ -162,33 +161,33 @@ ValueError
 )")
       .def("explain", &Explain, py::arg("state"), py::kw_only(), py::arg("t") = py::none(),
            py::arg("demonstrations") = py::tuple(),
-           R"(What of a state is how far outside, at which time of the demonstrations.
+           R"(Explain which entries of a state are outside, how far, and at which time step.
 
-Not for a control loop. `filter` says why an action did not pass, as info["why"].
+Not for a control loop. `filter` returns why an action did not pass, as info["why"].
 
 Parameters
 ----------
 state : array_like of shape (state_dim,)
 t : int, optional
-    The time step of the demonstrations to compare with; without it the one that fits best.
+    Time step of the demonstrations to compare with; default: the one that fits best.
 demonstrations : iterable of array_like of shape (n_states_i, state_dim), optional
-    Among which the nearest is looked for, at time steps near `t`.
+    Demonstrations to search for the nearest one, at time steps near `t`.
 
 Returns
 -------
 dict
-    text : str, all of it in one sentence.
+    text : str, the explanation in one sentence.
     l : float, the log form of g; negative outside.
     step : int, the time step.
-    entries : list of dict with name, entry, excess (how far the entry is above what was
-        demonstrated, negative below, in its unit) and share (its part of -l). The largest share
+    entries : list of dict with name, entry, excess (distance of the entry above the
+        demonstrated range, negative below, in its unit) and share (its part of -l). The largest share
         comes first. Empty inside.
     nearest : dict with demonstration, step and distance (in whitened features), or None.
 
 Raises
 ------
 ValueError
-    If the state or a demonstration has another number of entries.
+    If the state or a demonstration has the wrong number of entries.
 )")
       .def(
           "levels",
@@ -203,9 +202,9 @@ ValueError
             return py::array_t<double>(static_cast<py::ssize_t>(levels.size()), levels.data());
           },
           py::arg("states"),
-          R"(l, the log form of g, of each state of an episode, followed through the time steps.
+          R"(Return l, the log form of g, for each state of an episode, with a tracked time step.
 
-An alarm is raised where l < -settings["alarm_level"].
+An alarm is raised if l < -settings["alarm_level"].
 
 Returns
 -------
@@ -225,10 +224,10 @@ ndarray of shape (n_states,)
                                        attribution.data());
           },
           py::arg("states"),
-          R"(Which entries of each state put it outside: what each adds to -l.
+          R"(Return the contribution of each entry of each state to -l.
 
-Rows sum to -l of `levels`, and are zero where that is not positive. An entry's share is the rise of
-l along it on the way back inside, whatever its unit. A negative one compensates for others.
+Rows sum to -l of `levels`, and are zero if that is not positive. An entry's contribution is the rise of
+l along it on the way back inside, independent of units. A negative one compensates for others.
 
 Returns
 -------

@@ -152,13 +152,13 @@ OneClassSvm FromState(const py::tuple& state) {
 }
 
 void AddSupportEstimate(py::module_& module) {
-  py::class_<FitSummary> summary(module, "FitSummary", R"(How a fit ended and what it cost.
+  py::class_<FitSummary> summary(module, "FitSummary", R"(Result and cost of a fit.
 
 Attributes
 ----------
 reason : str
-    "converged", "max_iterations" (usable, `kkt_gap` says how well), or "stalled" (the tolerance is
-    below what doubles can do).
+    "converged", "max_iterations" (usable, with the error `kkt_gap`), or "stalled" (the tolerance is
+    below the precision of doubles).
 iterations : int
 kkt_gap : float
     The largest violation of the optimality conditions, in LIBSVM's scale.
@@ -167,7 +167,7 @@ objective : float
 kernel_evaluations : int
 seconds : float
 alpha : ndarray of shape (n_samples,)
-    Of every sample; they sum to 1.
+    Coefficient of every sample; they sum to 1.
 )");
   summary.def_property_readonly("reason", [](const FitSummary& s) { return Name(s.reason); })
       .def_readonly("iterations", &FitSummary::iterations)
@@ -213,7 +213,7 @@ lipschitz_bound : float
     L with \|g(x) - g(y)\| <= L \|x - y\|.
 alpha : ndarray of shape (n_support_vectors,)
 support_vectors : ndarray of shape (n_support_vectors, state_dim)
-    Both are views that cannot be written to.
+    Both are read-only views.
 )");
   PickleBy(
       estimate, [](const py::object& self) { return GetState(self.cast<const OneClassSvm&>()); },
@@ -233,17 +233,17 @@ nu : float
     In (0, 1]: bounds the share of samples left outside from above, that of support vectors from
     below.
 gamma : float
-    Of the Gaussian kernel, in 1/unit^2.
+    Parameter of the Gaussian kernel, in 1/unit^2.
 tolerance : float
-    Stop once the largest violation of the optimality conditions is below it, in LIBSVM's scale.
+    Largest violation of the optimality conditions at which the fit stops, in LIBSVM's scale.
 max_iterations : int
-    0: no sensible limit.
+    Largest number of iterations; 0: no practical limit.
 memory_mib : float
-    Bound on the fit's own memory.
+    Bound on the memory of the fit.
 weights : array_like of shape (n_samples,), optional
-    How much each sample counts.
+    Weight of each sample.
 threads : int
-    0: one per core. The estimate has the same bits with any number.
+    Number of threads; 0: one per core. Does not change the estimate.
 
 Returns
 -------
@@ -253,22 +253,22 @@ summary : FitSummary
 Raises
 ------
 ValueError
-    Naming the sample, weight or option that is wrong.
+    If a sample, weight or option is invalid; the message names it.
 KeyboardInterrupt
-    Ctrl-C stops a fit. Other threads go on meanwhile: it does not hold the interpreter's lock.
+    After Ctrl-C. Other threads run during a fit: it does not hold the interpreter's lock.
 )")
       .def("decision", &Decision, py::arg("x"), py::kw_only(), py::arg("libsvm_scale") = false,
-           R"(g of one state (a float) or of one state per row (an array).
+           R"(Return g of one state (a float) or of one state per row (an array).
 
 Parameters
 ----------
 x : array_like of shape (state_dim,) or (n, state_dim)
     Read in place if C-contiguous float64. A state with a non-finite entry gives -inf.
 libsvm_scale : bool
-    Times `libsvm_scale`: what scikit-learn and LIBSVM give. Values below their accuracy of
+    Multiply by `libsvm_scale`, as in scikit-learn and LIBSVM. Values below their accuracy of
     1e-12 rho are 0, so that a sample on the boundary is inside.
 )")
-      .def("gradient", &Gradient, py::arg("x"), R"(g and its derivative at one state.
+      .def("gradient", &Gradient, py::arg("x"), R"(Return g and its derivative at one state.
 
 Returns
 -------
@@ -278,7 +278,7 @@ gradient : ndarray of shape (state_dim,)
       .def("export_onnx", &ExportOnnx, py::arg("path"), py::kw_only(),
            py::arg("libsvm_scale") = false,
            "Write g as an ONNX file in double: input x (rows, state_dim), output g. With "
-           "`libsvm_scale`, times that: what scikit-learn and LIBSVM give.")
+           "`libsvm_scale`, times that, as in scikit-learn and LIBSVM.")
       .def_property_readonly("state_dim", &OneClassSvm::state_dim)
       .def_property_readonly("gamma", &OneClassSvm::gamma)
       .def_property_readonly("rho", &OneClassSvm::rho)
@@ -299,7 +299,8 @@ gradient : ndarray of shape (state_dim,)
 
   module.def("find_non_finite", &FindNonFinite, py::arg("x"),
              "Row and column of the first entry that is not finite, or None.");
-  module.def("variance", &Variance, py::arg("x"), "Of all entries, without a temporary array.");
+  module.def("variance", &Variance, py::arg("x"),
+             "Variance of all entries, without a temporary array.");
 }
 
 }  // namespace dfr::python

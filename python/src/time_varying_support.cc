@@ -104,8 +104,8 @@ void AddTimeVaryingSupport(py::module_& module) {
   py::class_<TimeVaryingSupport> support_class(
       module, "TimeVaryingSupport", R"(The support of the demonstrated states at each time step.
 
-One `SupportEstimate` g_t per time step t, fitted to the states that all demonstrations were in at t.
-A demonstration that ends early counts with its last state from then on. Immutable: threads may
+One `SupportEstimate` g_t per time step t, fitted to the states of all demonstrations at t.
+A demonstration that ends early contributes its last state from then on. Immutable: threads may
 share one.
 
 Parameters
@@ -117,7 +117,7 @@ Attributes
 ----------
 state_dim : int
 num_steps : int
-    Times beyond use the last estimate, negative ones the first.
+    Later time steps use the last estimate, negative ones the first.
 )");
   PickleBy(
       support_class,
@@ -143,22 +143,22 @@ num_steps : int
 Parameters
 ----------
 demonstrations : sequence of array_like of shape (n_states_i, state_dim)
-    One array a demonstration, rows in order of time. Read in place if C-contiguous float64.
+    One array per demonstration, rows in order of time. Read in place if C-contiguous float64.
 nu, gamma, tolerance : float
-    As of `SupportEstimate.fit`, the same for every time step.
+    As in `SupportEstimate.fit`, the same for every time step.
 num_steps : int
-    How many time steps get an estimate; 0: as many as the longest demonstration has states.
+    Number of time steps with an estimate; 0: the number of states of the longest demonstration.
 pooled : bool
-    One estimate from all states of all time steps instead.
+    Fit a single estimate to the states of all time steps.
 threads : int
-    0: one per core. The estimates have the same bits with any number.
+    Number of threads; 0: one per core. Does not change the estimates.
 weights : array_like of shape (n_demonstrations,), optional
-    How much each demonstration counts.
+    Weight of each demonstration.
 
 Raises
 ------
 ValueError
-    Naming the demonstration and state, or the option, that is wrong.
+    If a demonstration, state or option is invalid; the message names it.
 )")
       .def_static(
           "load",
@@ -167,14 +167,14 @@ ValueError
             const py::gil_scoped_release unlocked;
             return TimeVaryingSupport::Load(path);
           },
-          py::arg("path"), R"(Read a file that `save`, or the C++ library, wrote.
+          py::arg("path"), R"(Read a file written by `save` or the C++ library.
 
 Raises
 ------
 FileNotFoundError
-    If there is no such file.
+    If the file does not exist.
 RuntimeError
-    Naming the file and what is wrong with it.
+    If the file is invalid; the message gives its name and the reason.
 )")
       .def(
           "save",
@@ -182,7 +182,7 @@ RuntimeError
             const py::gil_scoped_release unlocked;
             support.Save(path);
           },
-          py::arg("path"), "Write all estimates, bit for bit.")
+          py::arg("path"), "Write all estimates to a file, exactly.")
       .def(
           "export_onnx",
           [](const TimeVaryingSupport& support, const std::filesystem::path& path) {
@@ -194,12 +194,12 @@ RuntimeError
 Its inputs are t (rows, int64) and x (rows, state_dim), its output g (rows).
 )")
       .def("decision", &DecisionAt, py::arg("t"), py::arg("x"),
-           R"(g_t, positive inside the support.
+           R"(Return g_t, positive inside the support.
 
 Parameters
 ----------
 t : int or array_like of shape (n,)
-    The time step, of all rows or of each.
+    One time step, or one for each row.
 x : array_like of shape (state_dim,) or (n, state_dim)
     Read in place if C-contiguous float64. A state with a non-finite entry gives -inf.
 
@@ -209,7 +209,7 @@ float or ndarray of shape (n,)
 )")
       .def("decision", &DecisionOver, py::arg("t"), py::arg("x"))
       .def("gradient", &Gradient, py::arg("t"), py::arg("x"),
-           R"(g_t and its derivative at one state.
+           R"(Return g_t and its derivative at one state.
 
 Returns
 -------
