@@ -1,4 +1,4 @@
-"""What a long fit prints while it runs, where somebody reads it."""
+"""Progress of a long fit, printed to a terminal or notebook."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Callable
 
 
 def is_read() -> bool:
-    """Whether standard error is a terminal, or the cell of a notebook, and no worker's among others."""
+    """Return True if standard error is a terminal or the cell of a notebook, and this is not a worker process."""
     if multiprocessing.parent_process() is not None:
         return False
     stream = sys.stderr

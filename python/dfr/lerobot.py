@@ -18,7 +18,7 @@ try:
 except ImportError:
 
     class ProcessorStep:  # type: ignore[no-redef]
-        """What GuardStep takes of LeRobot's ProcessorStep, for where LeRobot is not installed."""
+        """Replacement for LeRobot's ProcessorStep, if LeRobot is not installed."""
 
 
 def _to_numpy(values: Any) -> NDArray[np.float64]:
@@ -180,7 +180,7 @@ class GuardStep(ProcessorStep):  # type: ignore[misc]
         return names
 
     def _decide(self, wish: NDArray[np.float64], observation: Mapping[str, Any] | None) -> NDArray[np.float64]:
-        """What to apply instead of `wish`."""
+        """Return the action to apply instead of `wish`."""
         if observation is None:
             observation, self._observed = self._observed, None
         if observation is None:

@@ -99,7 +99,7 @@ TEST(AssumptionsTest, CoverageHoldsForTheJacobianThatIsUsed) {
   EXPECT_LE(short_of, 5 + 7);
 }
 
-// What the coverage promises: over fresh demonstrations, the share that stays below the estimated
+// Meaning of the coverage: over new demonstrations, the share that stays below the estimated
 // constant falls short of `coverage` in about 5 % of estimates.
 TEST(AssumptionsTest, CoverageHolds) {
   core::Random random(3);

@@ -149,7 +149,7 @@ TEST(Proposition1Test, ThePublishedGateLeavesItsOwnInvariantAndPhaseHoldKeepsIt)
   }
 }
 
-// Prop. IV.3 with its induction mended: |dz - J u| <= eps |u| in a random direction each time, a
+// Prop. IV.3 with a corrected induction: |dz - J u| <= eps |u| in a random direction each time, a
 // policy that runs for the boundary, supports that move on: the state never leaves the union of the
 // B_t.
 TEST(Proposition1Test, NeverLeavesTheUnionOfSupports) {

@@ -132,8 +132,8 @@ TEST(CertifierTest, TheDirectionsShareIsTheLargerOfBothBalls) {
   }
 }
 
-// The level as the share: what Predict() says is needed is what suffices, and it finds a phase
-// where by definition, inequality (2) of docs/certificates.md, there is one.
+// The level returned by Predict() suffices, and Predict() finds a phase if inequality (2) of
+// docs/certificates.md has one.
 TEST(CertifierTest, PredictTellsTheLevelThatAControlNeeds) {
   const auto support = Moving();
   const JacobianEstimate answer = test::KnownJacobian(Jacobian());
@@ -247,7 +247,8 @@ TEST(CertifierTest, ConfirmsWhatItTrustsAndSaysWhatContradictsIt) {
   EXPECT_TRUE(std::isinf(certifier.violation().observed)) << "it moved by itself";
 }
 
-// What is admitted of a control ends inside some support near, whatever the assumption lets happen.
+// The admitted part of a control ends inside a nearby support for every outcome that the assumption
+// allows.
 TEST(CertifierTest, WhatItAdmitsIsCertified) {
   const auto support = Moving();
   JacobianEstimate answer = test::KnownJacobian(Jacobian());

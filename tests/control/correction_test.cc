@@ -59,8 +59,7 @@ TEST_F(CorrectionTest, WhatLeadsOutsideGivesWayToWhatDemonstrationsDid) {
   EXPECT_TRUE(v == expected);
 }
 
-// A learned control that ends inside passes or is replaced, as the level from which on it passes
-// says.
+// A learned control that ends inside passes or is replaced, depending on the pass level.
 TEST_F(CorrectionTest, WhatEndsInsidePassesFromTheGivenLevelOn) {
   Eigen::VectorXd between = inwards_;
   for (double share = 0.0; Level(between) >= target_.level; share += 0.01) {

@@ -61,7 +61,7 @@ TEST(GradientRecoveryTest, AimsAtTheGateLevelOfTheTimeStep) {
   }
 }
 
-// The plant turns controls by 0.9 rad, which the demonstrations know nothing of.
+// The plant turns controls by 0.9 rad, which the demonstrations do not contain.
 TEST(GradientRecoveryTest, LearnsFromItsOwnControls) {
   const auto support = test::MovingDisk();
   const GuidedModel model(test::IdentityFeatures(), support, test::Rightwards());
@@ -80,7 +80,8 @@ TEST(GradientRecoveryTest, LearnsFromItsOwnControls) {
   EXPECT_EQ(step.mode, Mode::kPolicy) << Name(step.cause);
   EXPECT_LE(controls, 8);
 
-  // Where the first control went wrong, the second one is not chosen alike; after a reset it is.
+  // After a first control in the wrong direction the second one differs; after a reset it is the
+  // same.
   plant.x = kStart;
   GradientRecovery recovery(model);
   std::vector<double> first(2), second(2);

@@ -32,7 +32,7 @@ using Turned = test::TurnedPoint;
 
 core::FeatureTransform Identity() { return test::IdentityFeatures(); }
 
-// What is off the middle goes further by itself; controls bring it back all the same.
+// A state off the middle drifts away; controls still bring it back.
 std::vector<core::Trajectory> Toppling() {
   auto demonstrations = Rightwards();
   for (core::Trajectory& demonstration : demonstrations) {
@@ -135,7 +135,7 @@ TEST(GuidedPolicyTest, DeepInsideIsInsideBothSupports) {
   EXPECT_GT(only_one, 5);
 }
 
-// What a step reports is what the support says of the state, here as it is seen.
+// A step reports the support's values of the state, here of the observed one.
 TEST(GuidedPolicyTest, AStepTellsItsGrounds) {
   const auto support = MovingDisk();
   const GuidedModel model(Identity(), support, Rightwards());
@@ -226,8 +226,8 @@ TEST(GuidedPolicyTest, FilterKeepsAWrongPolicyInsideAndMoving) {
   }
 }
 
-// With the policy at the wheel what is predicted inside passes to the bit, and the corridor is kept
-// all the same.
+// In strategy guard a control that is predicted to end inside passes unchanged, and the state still
+// stays in the corridor.
 TEST(GuidedPolicyTest, WithLeastInterventionWhatEndsInsidePasses) {
   const auto support = MovingDisk();
   const GuidedModel model(Identity(), support, Rightwards());
@@ -320,8 +320,8 @@ class Aside : public testing::Test {
 };
 using GuidedPolicySlackTest = Aside;
 
-// Where no control can mend anything the best one passes within a reach of twice the slack. Beyond,
-// recoveries do what demonstrations did, and the phase passes over the supports that they miss.
+// If no control can correct the state, the best one passes within a reach of twice the slack.
+// Beyond, recoveries apply the demonstrated controls, and the phase skips supports that they miss.
 TEST_F(GuidedPolicySlackTest, TheBestGoesOnWithinReachAndTheDemonstrationsBeyond) {
   const auto policy = Along(kSpeed);
   for (const double slack : {0.14, 0.16}) {
@@ -398,8 +398,8 @@ TEST(GuidedModelTest, SlackIsWhatUnseenDemonstrationsNeed) {
   EXPECT_THROW((void)SlackFrom({}), std::invalid_argument);
 }
 
-// Where no control changes anything there is nothing to gain, and it stops in the end.
-// The goal may lie at the edge of the last support, which does not move on.
+// If no control has an effect, the controller halts in the end. The goal may lie at the edge of the
+// last support, which does not move on.
 TEST(GuidedPolicyTest, DoesNotStandStillInTheLastSupport) {
   const auto support = MovingDisk();
   const GuidedModel model(Identity(), support, Rightwards());
@@ -408,7 +408,7 @@ TEST(GuidedPolicyTest, DoesNotStandStillInTheLastSupport) {
   options.horizon = 3 * kSteps;
   GuidedPolicy guided(policy, model, options);
   guided.Reset(1);
-  // Where the last support ends.
+  // Edge of the last support.
   double edge = kSteps * kSpeed;
   while (support.LogDecision(kSteps, std::vector{edge, 0.0}, {}) >= 0.0) edge += 0.01;
   Turned plant;
@@ -467,7 +467,7 @@ TEST(GuidedPolicyTest, HaltsAfterItsPatienceWhereItStaysOutside) {
 // not insisted on.
 TEST(GuidedPolicyTest, ThePhasePassesOverSupportsThatARecoveryMisses) {
   const auto support = MovingDisk();
-  // Demonstrations whose y never changes: nobody knows a way down.
+  // Demonstrations with constant y: they contain no way down.
   auto demonstrations = Rightwards();
   for (auto& d : demonstrations) {
     d.states.col(1).setConstant(d.states(0, 1));
@@ -515,8 +515,7 @@ TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
   GuidedPolicy never(along, model, {.probe_size = 0.0});
   never.Reset(1);
   EXPECT_NE(never.Next(x, u).mode, Mode::kProbe);
-  // Nor where everything is known, or where the prediction is inside. In a drift that is not enough
-  // to know.
+  // Nor if the response is known or the prediction is inside. In a drift that is not sufficient.
   const GuidedModel known(Identity(), support, Rightwards());
   GuidedPolicy knows(along, known);
   knows.Reset(1);
@@ -531,8 +530,9 @@ TEST(GuidedPolicyTest, ProbesAControlThatNobodyHasEverUsed) {
   EXPECT_EQ(drifts.Next(std::vector{0.0, 0.0}, u).mode, Mode::kPolicy) << "deep inside";
 }
 
-// The world drifts sideways by more than a probe moves it, which nobody ever did on purpose. Who
-// takes the drift for the probe's effect steers the wrong way; who knows that time passes does not.
+// The world drifts sideways by more than a probe moves it, in a direction without demonstrated
+// controls. A controller that takes the drift for the probe's effect steers the wrong way; one that
+// estimates the drift does not.
 TEST(GuidedPolicyTest, HoldsItsPlaceInADrift) {
   constexpr double kDrift = 0.06;  // a probe is 0.035
   const auto support = MovingDisk();
@@ -590,7 +590,7 @@ TEST(GuidedPolicyTest, ThePhaseWaitsForAPolicyThatIsLate) {
   EXPECT_GT(recoveries, 15) << "a third of the pace is two waits in three";
 }
 
-// What a controller does in a world: its modes, times and controls, one after another.
+// Runs a controller in a world and returns its modes, times and controls.
 std::vector<double> Trace(const core::Policy& policy, const GuidedModel& model,
                           const GuidedOptions& options, std::vector<double> x, int controls,
                           double angle = 0.0, double drift = 0.0, int late = 0,
@@ -658,7 +658,7 @@ TEST(GuidedPolicyTest, TakingOutAPartChangesADecisionThatItIsThereFor) {
   }
   EXPECT_THAT(seen, testing::ElementsAre("filter", "reach", "demonstrated", "online-jacobian",
                                          "own-motion", "observer", "drift"));
-  // What else two of them are there for: directions that nobody has used, and noise.
+  // Further purposes of two of them: unused directions of control, and noise.
   EXPECT_NE(Trace(along, sideless, {}, {0.0, 0.6}, 1),
             Trace(along, sideless, Without({}, "online-jacobian"), {0.0, 0.6}, 1));
   EXPECT_NE(Trace(along, model, {}, {0.0, 0.3}, 8, 0.0, 0.0, 0, 0.1),

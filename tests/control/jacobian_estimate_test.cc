@@ -138,7 +138,7 @@ TEST(JacobianEstimateTest, FollowsAPlantThatHasChanged) {
   EXPECT_LT((estimate.jacobian() - after).norm(), 0.6 * (before - after).norm());
 }
 
-// z' = z + J v + s d: whoever takes the drift for an answer to the control gets J wrong.
+// z' = z + J v + s d: an estimate that takes the drift for a response to the control has a wrong J.
 TEST(JacobianEstimateTest, TellsADriftFromTheAnswerToControls) {
   core::Random random(5);
   const core::Matrix truth = RandomMatrix(random, kN, kM);
@@ -265,7 +265,7 @@ TEST(JacobianEstimateTest, DriftTimesAreChecked) {
 }
 
 // Demonstrations take v = K (z* - z) exactly, dz = v. The plant turns controls by .6 and the world
-// drifts: the control that does what they did is the one turned back, less the drift.
+// drifts: the control with the demonstrated effect is the one turned back, minus the drift.
 TEST(JacobianEstimateTest, DoesWhatDemonstrationsDidWhateverControlsDoToday) {
   core::Random random(5);
   const Eigen::Vector2d goal(0.5, -0.3);

@@ -9,8 +9,7 @@
 
 namespace dfr::test {
 
-/// An estimate that has been shown z' = z + J v + s d so well that it knows J, and d, to about
-/// 1e-9.
+/// An estimate with enough samples of z' = z + J v + s d to have J and d to about 1e-9.
 inline control::JacobianEstimate KnownJacobian(const Eigen::MatrixXd& jacobian,
                                                const Eigen::VectorXd& drift = {},
                                                const control::DriftTime& drift_time = {}) {

@@ -138,7 +138,7 @@ TEST_F(RolloutTest, ARefusedControlHaltsAndIsNotCounted) {
   EXPECT_EQ(result.halt_cause, HaltCause::kPlantRefused);
   EXPECT_EQ(result.controls(), 2);
   EXPECT_EQ(plant.halts, 1);
-  // Whoever asks the controller again gets nothing out of it.
+  // Further calls of the controller have no effect.
   std::vector<double> u(2, 1.0);
   EXPECT_EQ(baseline.Next(plant.x, u).cause, HaltCause::kPlantRefused);
   EXPECT_THAT(u, testing::Each(0.0));

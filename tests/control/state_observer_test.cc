@@ -34,7 +34,7 @@ std::shared_ptr<const JacobianPrior> Linear(const core::Matrix& jacobian, core::
 
 class StateObserverTest : public testing::Test {
  protected:
-  // What a controller does once `v` was given and the state seen after it is `dz` from `before`.
+  // Performs a controller's update after control `v`, with the next state at `dz` from `before`.
   void Learn(const Eigen::VectorXd& before, const Eigen::VectorXd& v, const Eigen::VectorXd& dz) {
     observer_.Update(estimate_, core::AsSpan(v), core::AsSpan(dz));
     estimate_.Update(core::AsSpan(before), observer_.acting(), core::AsSpan(dz), 0.0, 1.0);
@@ -89,7 +89,8 @@ TEST_P(LagTest, IsFoundAtOnceAndWhatIsUnderWayIsPredicted) {
   EXPECT_EQ(observer_.lag(), 0);
 }
 
-// Noise as large as what a control does, for 200 controls: nothing is late, and nothing is said to.
+// Noise as large as the effect of a control, for 200 controls: nothing is late, and no lag is
+// reported.
 TEST_P(LagTest, NoiseIsNotTakenForALag) {
   int wrong = 0;
   for (int i = 0; i < 200; ++i) {

@@ -164,7 +164,7 @@ TEST(SwitchingPolicyTest, RecoveryDoesNotConsumeTime) {
   EXPECT_EQ(modes, "policy0 probe1 recovery1 probe1 recovery1 policy1 policy2 ");
   EXPECT_EQ(dfr.halt_cause(), HaltCause::kTimeUp);
   EXPECT_THAT(times, testing::ElementsAre(0, 1, 1, 1, 1, 1, 2));
-  // The learned control is asked for again in the state that each iteration led to (line 13).
+  // The policy is evaluated again in the state after each iteration (line 13).
   EXPECT_THAT(policy_times, testing::ElementsAre(0, 1, 1, 1, 2));
 }
 
@@ -236,7 +236,7 @@ TEST(SwitchingPolicyTest, NeverLeavesSupportWhenLambdaIsLipschitzTimesGain) {
 
 // The step of the proof that fails with one support per time step: g_{t+1}(x_{t+1}) is bounded by
 // g_t(x_t), although they are different functions. Here the gate passes u = 0.001 at time 0 and the
-// state ends at g_1 = -0.42, while g_0 says that it has hardly moved.
+// state ends at g_1 = -0.42, while g_0 has barely changed.
 TEST(SwitchingPolicyTest, ATimeVaryingSupportCanBeLeftThroughAnOpenGate) {
   const test::FunctionSupport moving(1, [](int t, std::span<const double> x) {
     const double centre = t == 0 ? 0.0 : 1.0;
@@ -364,7 +364,7 @@ TEST(SwitchingPolicyTest, NextNeverAllocates) {
   }
 }
 
-// Says what it was asked, and answers as told.
+// Records its arguments, and returns the given answers.
 class ScriptedRecovery final : public RecoveryStrategy {
  public:
   explicit ScriptedRecovery(std::vector<RecoverySituation>& asked, std::vector<Mode> answers)

@@ -120,9 +120,9 @@ TEST(FoldsTest, WhatDiffersInDoublePrecisionAloneIsStillTold) {
             Entries(Permuted(demonstrations, ContentOrder(demonstrations))));
 }
 
-// What split conformal prediction rests on: those that come first are a random sample, so that a
-// further demonstration is beyond all of them as often as chance says. The lowest must not always
-// be among the others.
+// Assumption of split conformal prediction: the first demonstrations are a random sample, and a
+// further one exceeds all of them with the probability of chance. The lowest must not always be
+// among the others.
 TEST(FoldsTest, TheFirstAreARandomSample) {
   constexpr int kCount = 20;
   constexpr int kHeldOut = 10;

@@ -12,7 +12,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// What files compute is checked in tests/onnx, by ONNX Runtime.
+// tests/onnx checks the values of the files with ONNX Runtime.
 
 TEST(OnnxGraphTest, IsProtocolBuffersByHand) {
   OnnxGraph graph("g");

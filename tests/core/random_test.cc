@@ -70,9 +70,8 @@ TEST(RandomTest, NormalHasTheMomentsOfTheNormalDistribution) {
   EXPECT_NEAR(fourth / kDraws, 3.0, 4.0 * std::sqrt(96.0 / kDraws));
 }
 
-// What a seed gives stays what it is: Marsaglia and Bray's polar method, pairs of uniform numbers
-// in
-// [-1, 1) until one lies inside the circle.
+// The numbers of a seed never change: Marsaglia and Bray's polar method, pairs of uniform numbers
+// in [-1, 1) until one lies inside the circle.
 TEST(RandomTest, NormalIsThePolarMethodOfTheUniformStream) {
   Random normal(9);
   Random uniform(9);

@@ -160,7 +160,7 @@ TEST(RotationsTest, AnAngleThatWrapsIsMadeContinuousWhereACircleHasRoom) {
           }
         }
       }
-      // The same angle on any revolution is the same bits.
+      // The same angle on any revolution gives the same bits.
       const std::vector<double> state = {0.0, 0.0, 0.75};
       for (const double revolutions : {-2.0, 1.0, 3.0}) {
         const std::vector<double> other = {0.0, 0.0, 0.75 + revolutions * period};

@@ -1,4 +1,4 @@
-// Nobody is missing because of what strangers send to Fast DDS.
+// Packets from strangers to Fast DDS remove no participant.
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>
@@ -103,7 +103,7 @@ TEST_F(AttackTest, NorDoesASampleWithoutItsPayload) {
   Talk();
 }
 
-// The publisher's participant leaves, says a stranger; its name is in each of its packets.
+// A stranger announces that the publisher's participant leaves; each packet contains its name.
 TEST_F(AttackTest, NobodyIsForgottenBecauseAStrangerSaysThatItLeaves) {
   Talk();
   const Origin writer = publisher_.origin();

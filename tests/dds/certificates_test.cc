@@ -25,7 +25,7 @@ std::string Load(const path& file) {
   return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
-// What is wrong with a participant's folder.
+// Returns the error about a participant's folder.
 std::string Complaint(const path& folder, std::time_t now = std::time(nullptr)) {
   try {
     CheckSecurity(folder, now);

@@ -20,7 +20,7 @@ using test::Eventually;
 
 ParticipantOptions Loopback() { return {.domain = test::OwnDomain()}; }
 
-// Which of Fast DDS's segments this process has mapped.
+// Returns Fast DDS's segments mapped by this process.
 std::vector<std::string> SharedSegments() {
   std::vector<std::string> segments;
   std::ifstream maps("/proc/self/maps");
@@ -130,7 +130,7 @@ TEST(ChannelTest, StateKeepsTheNewestAlone) {
   EXPECT_FALSE(subscriber.Take(got));
 }
 
-// The publisher's process lives on, but its loop hangs: nobody writes.
+// The publisher's process is alive, but its loop hangs and writes nothing.
 TEST(ChannelTest, SilentCommanderLosesItsLiveliness) {
   Participant first(Loopback());
   Participant second(Loopback());
@@ -210,7 +210,7 @@ TEST(ChannelTest, ImageOverSharedMemory) {
   EXPECT_EQ(got.encoding, "bgr8");
 }
 
-// Clients that were told of nobody but the server find each other.
+// Clients that have only the server's address find each other.
 TEST(ChannelTest, DiscoveryServerIntroducesItsClients) {
   ParticipantOptions options = Loopback();
   options.server_port = static_cast<std::uint16_t>(11811 + test::OwnDomain());

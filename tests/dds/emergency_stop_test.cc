@@ -1,4 +1,4 @@
-// What follows from what was heard of the buttons: every doubt stops.
+// Evaluation of the buttons' messages: every doubt stops.
 #include "dfr/dds/emergency_stop.h"
 
 #include <gtest/gtest.h>
@@ -25,7 +25,7 @@ Origin Button(int number) {
 
 class EmergencyStopJudgeTest : public testing::Test {
  protected:
-  // A button says on both ways how it stands.
+  // A button sends its state on both paths.
   void Hear(int button, std::int64_t now_ns, bool pressed = false) {
     judge_.Hear(Way::kDds, Button(button), pressed, now_ns);
     judge_.Hear(Way::kDatagrams, Button(button), pressed, now_ns);

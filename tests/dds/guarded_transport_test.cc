@@ -1,4 +1,4 @@
-// What is kept from Fast DDS's parser.
+// Messages that the filter keeps from Fast DDS's parser.
 #include "guarded_transport.h"
 
 #include <gtest/gtest.h>
@@ -24,7 +24,7 @@ bool Passes(const Sample& sample) {
   Bytes to_end = Header();
   Add(to_end, sample, true);
   EXPECT_EQ(SafeSize(alone) > 0, SafeSize(to_end) > 0);
-  // What comes behind is not a sample's own.
+  // Later bytes do not belong to the sample.
   Bytes first = Header();
   Add(first, sample);
   Add(first, 0x07, 28);

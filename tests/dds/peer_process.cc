@@ -12,7 +12,7 @@
 namespace dfr::test {
 namespace {
 
-// What a loopback without multicast needs.
+// Settings for a loopback without multicast.
 constexpr const char* kCycloneLoopback =
     "<CycloneDDS><Domain><General><Interfaces><NetworkInterface "
     "address=\"127.0.0.1\"/></Interfaces>"

@@ -15,7 +15,7 @@ inline Bytes Header(std::uint8_t who = 1) {
   return bytes;
 }
 
-// A submessage with `length` bytes of content, little-endian unless told.
+// A submessage with `length` bytes of content, little-endian by default.
 inline void Add(Bytes& bytes, std::uint8_t kind, std::uint16_t length, bool little = true) {
   const auto low = static_cast<std::uint8_t>(length & 255U);
   const auto high = static_cast<std::uint8_t>(length >> 8U);
@@ -31,7 +31,7 @@ inline void AddNumber(Bytes& bytes, std::uint32_t number, int size, bool little)
   }
 }
 
-// What a sample says of itself, and what there is of it.
+// Header of a sample, and its content.
 struct Sample {
   bool little = true;
   bool fragments = false;

@@ -73,7 +73,7 @@ class SecurityTest : public testing::Test {
     Subscriber<PoseStamped> seen{client, kMeasured, Role::kState};
   };
 
-  // Waits until both ends of a lab and `stranger` know that they do not admit each other.
+  // Waits until both ends of a lab and `stranger` have refused each other.
   static void AwaitRefusal(const Lab& lab, const Participant& stranger, const std::string& reason) {
     for (const Participant* member : {&lab.client, &lab.console}) {
       Eventually([&] { return member->refused_peers().size() == 1; });
@@ -180,7 +180,7 @@ TEST_F(SecurityTest, APeerWithoutCertificateHearsAndCommandsNothing) {
             "; 'stranger' is present, but not admitted: it has no certificate");
   EXPECT_EQ(lab.client.TakeRefusedPeers().size(), 1U);
   EXPECT_TRUE(lab.client.TakeRefusedPeers().empty());
-  // It is told, too, why it hears nothing.
+  // It also gets the reason for receiving nothing.
   EXPECT_THAT(stranger.refused_peers()[0].reason, testing::HasSubstr("secured network"));
   ExpectShutOut(lab, stranger);
 }

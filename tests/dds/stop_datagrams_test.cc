@@ -1,4 +1,5 @@
-// Which of the emergency stop's datagrams are believed, and that the others stop by their absence.
+// Acceptance of the emergency stop's datagrams. Refused ones count as absent, which stops the
+// robot.
 #include "stop_datagrams.h"
 
 #include <gtest/gtest.h>
@@ -24,7 +25,7 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kSecond = 1000 * kMs;
 constexpr std::int64_t kWall = 1'700'000'000 * kSecond;
 
-// What a reader makes of a datagram: nothing, or whether the button is pressed.
+// Result of a datagram at a reader: none, or the state of the button.
 std::optional<bool> Read(StopReader& reader, std::string_view datagram,
                          std::int64_t wall_ns = kWall) {
   StopSenderId who;
@@ -122,7 +123,7 @@ TEST_F(StopDatagramsTest, NothingMalformedIsBelieved) {
   EXPECT_EQ(Read(reader_, good), false);
 }
 
-// Who floods a reader with invented buttons displaces none that was heard before.
+// A flood of invented buttons displaces no button that was accepted before.
 TEST_F(StopDatagramsTest, InventedButtonsDisplaceNone) {
   EXPECT_EQ(Read(reader_, writer_.Next(false, kWall)), false);
   int believed = 0;

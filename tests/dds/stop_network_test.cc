@@ -43,7 +43,7 @@ TEST_F(StopNetworkTest, AButtonIsHeardMissedAndHeardAgain) {
   EXPECT_EQ(Check(), EmergencyStop::kSilent);
   BeatUntil(EmergencyStop::kClear);
   EXPECT_EQ(receiver_.num_buttons(), 1);
-  // What is still under way comes to an end.
+  // Pending messages arrive.
   Eventually([&] {
     now_ns_ += 101 * kMs;
     return Check() == EmergencyStop::kSilent;
@@ -93,7 +93,7 @@ TEST_F(StopWaysTest, APressInDatagramsAloneStops) {
   until(EmergencyStop::kPressed, true);
 }
 
-// Whoever joins late must not move before it knows.
+// A late robot must not move before it has the state of the stop.
 TEST_F(StopWaysTest, LateJoinersLearnThatItIsPressed) {
   Eventually([&] { return publisher_.Write({true}); });
   EmergencyStopReceiver late(robot_, 0.1);

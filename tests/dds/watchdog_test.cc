@@ -49,7 +49,7 @@ TEST(WatchdogTest, StampZeroIsInvalidHoweverOftenItComes) {
   EXPECT_EQ(dog.Check(kWall, kSteady), Freshness::kFresh);
 }
 
-// A console that hangs may go on publishing what it last knew.
+// A console that hangs may continue to publish its last values.
 TEST(WatchdogTest, RepeatedSampleGrowsOldAlthoughItKeepsArriving) {
   Watchdog dog = Make();
   Freshness last = Freshness::kFresh;

@@ -114,7 +114,7 @@ TEST(DemonstrationsTest, WhatDoesNotFitIsRefusedBeforeAnythingIsWritten) {
   EXPECT_FALSE(std::filesystem::exists(folder / "demos.hdf5"));
 }
 
-// Each damage is done to a good file by a writer that knows nothing of the format.
+// A writer without knowledge of the format damages a good file in each way.
 TEST(DemonstrationsTest, ErrorsNameFileEpisodeAndDataset) {
   const test::TempFolder folder;
   const std::filesystem::path path = folder / "demos.hdf5";

@@ -1,4 +1,4 @@
-"""Keeps of a run what documents print: tests/docs/figures_test.py compares them.
+"""Keeps the figures of a run that documents print; tests/docs/figures_test.py compares them.
 
 usage: record.py summary.json|study.csv FILE       as in record.py out/pusher/summary.json docs/recorded/pusher.json
 """

@@ -1,4 +1,4 @@
-"""A program's experiments, small ones: shards merge to the same bytes, run.toml starts the same run again, and each
+"""Small experiments of a program: shards merge to the same bytes, run.toml starts the same run again, and each
 number of the report is what its command prints.
 
 usage: apps_test.py PROGRAM

@@ -1,4 +1,4 @@
-"""dfr-cluster: a Slurm array on a cluster of this machine alone, and GNU parallel, over ssh too.
+"""dfr-cluster: a Slurm array on a cluster that is only this machine, and GNU parallel, also over ssh.
 
 What is absent is skipped, and said so: slurmctld, slurmd, munged and root to start them; GNU parallel; sshd.
 

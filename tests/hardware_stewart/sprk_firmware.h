@@ -25,7 +25,7 @@ class SprkFirmware {
 
     /// Entry values in m and rad, right-handed.
     [[nodiscard]] kinematics::PlatformPose Pose() const;
-    /// Where the platform is `time_s` into the command: at the pose, or on the wave.
+    /// Position of the platform `time_s` after the command: at the pose, or on the wave.
     [[nodiscard]] kinematics::PlatformPose PoseAt(double time_s) const;
   };
 

@@ -64,8 +64,8 @@ TEST(SprkProtocolTest, FramesAreThoseOfTheDescription) {
   EXPECT_EQ(Text(wave_frame), "d063605000500510051005100");
 }
 
-// What the firmware decodes is what the function says was sent, the nearest to what was asked for;
-// and it never gets a pose at which it would saturate.
+// The firmware decodes the values returned by the function, which are nearest to the requested
+// ones. It never receives a pose at which it would saturate.
 TEST(SprkProtocolTest, FirmwareUnderstandsWhatWasSent) {
   core::Random random(1);
   int accepted = 0;

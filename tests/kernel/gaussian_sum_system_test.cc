@@ -5,7 +5,7 @@
 namespace dfr::kernel::internal {
 namespace {
 
-// Takes seconds: the reference is long double. Only so many states are likely to meet the rare
+// Takes seconds: the reference is long double. This number of states is likely to include the rare
 // exponents at which float rounds worst.
 TEST(GaussianSumTargetsTest, GIsAccurateOnAMillionRandomAndAdversarialStates) {
   CheckDecisions(1'000'000);

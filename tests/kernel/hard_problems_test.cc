@@ -104,8 +104,8 @@ TEST(HardProblemsTest, ClustersManyWidthsApartConverge) {
   }
 }
 
-// Wherever it is stopped, in a pass over all samples too, a fit is an estimate that says how good
-// it is. Takes about a second: only from 4000 samples on does a fit begin with a part of them.
+// A fit that is stopped anywhere, even in a pass over all samples, is an estimate with its error.
+// Takes about a second: only from 4000 samples on does a fit begin with a part of them.
 TEST(HardProblemsTest, AFitMayBeStoppedAnywhere) {
   core::Random random(56);
   const int m = 4100;

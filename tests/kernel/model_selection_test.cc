@@ -57,8 +57,7 @@ TEST(ConformalThresholdTest, IsTheScoreOfRankCeilNPlusOneTimesOneMinusAlpha) {
   EXPECT_EQ(ConformalThreshold(scores, 0.09), std::numeric_limits<double>::infinity());
 }
 
-// The promise itself: a new score exceeds the threshold with probability at most alpha, and hardly
-// less.
+// A new score exceeds the threshold with probability at most alpha, and not much less.
 TEST(ConformalThresholdTest, NewScoresExceedItAsOftenAsPromised) {
   core::Random random(61);
   constexpr int kTrials = 20000;
@@ -200,7 +199,8 @@ TEST(ModelSelectionTest, SharesAreOfAllStatesDemonstrationsTimeStepsAndDraws) {
   // A wide kernel leaves the half outside that stands at the ends.
   EXPECT_NEAR(s.rows[0].acceptance, 0.5, 0.2);
   EXPECT_NEAR(s.rows[0].volume, 0.5, 0.2);
-  // Narrow ones know their own samples only: none of the others, and little of the room between.
+  // Narrow supports contain only their samples: none of the others, and little of the space
+  // between.
   EXPECT_EQ(s.rows[1].acceptance, 0.0);
   EXPECT_EQ(s.rows[1].support_vectors, 18.0);
   EXPECT_LT(s.rows[1].volume, 0.2);

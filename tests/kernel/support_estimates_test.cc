@@ -195,7 +195,7 @@ TEST(FitWhiteningTest, DirectionsOfNextToNoVarianceAreNotBlownUp) {
   EXPECT_EQ(FitWhitening(samples, 2).num_features(), 2);
 }
 
-// What lies at the end of a range is taken.
+// The end of a range is valid.
 TEST(SupportEstimatesEndsTest, TheFewestSamplesAndTheLargestNuAreTaken) {
   core::Matrix two(2, 1);
   two << -1.0, 1.0;

@@ -184,7 +184,7 @@ TEST(WhitenedSupportTest, LongDemonstrationsOfDifferingPaceAreCovered) {
   EXPECT_EQ(inside(0.002), inside(0.0)) << "below the window";
 }
 
-// Demonstrations with so many states each, of one entry.
+// Demonstrations with these numbers of states, each of one entry.
 std::vector<core::Matrix> OfLengths(const std::vector<int>& lengths) {
   core::Random random(5);
   std::vector<core::Matrix> demonstrations;

@@ -127,7 +127,7 @@ TEST(PsmTest, SaysWhyAPoseCannotBeReached) {
   EXPECT_EQ(Psm::Inverse(pose, q), PsmReach::kJointLimit);
 }
 
-// Whoever does not know which arm it is takes the Classic's limits, which hold on both.
+// Without a known generation the Classic's limits apply, which are valid for both.
 TEST(PsmTest, AnSiArmReachesWhatAClassicDoesAndMore) {
   constexpr PsmGeneration kSi = PsmGeneration::kSi;
   EXPECT_TRUE((Psm::lower_limits(kSi).array() <= Psm::lower_limits().array()).all());

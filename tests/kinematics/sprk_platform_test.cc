@@ -21,7 +21,7 @@ PlatformPose Along(int entry, double value) {
   return pose;
 }
 
-// How far one entry can go from home.
+// Returns the range of one entry about home.
 double Reach(int entry, double sign, double step) {
   double value = 0.0;
   while (SprkPlatform::Reachable(Along(entry, sign * (value + step)))) value += step;

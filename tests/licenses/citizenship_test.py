@@ -1,4 +1,4 @@
-"""The files that let others use the project are there and agree with each other.
+"""The files for users of the project exist and agree with each other.
 
 usage: citizenship_test.py SOURCE_DIR BINARY_DIR
 """

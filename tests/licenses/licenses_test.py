@@ -28,7 +28,7 @@ def installed(package):
 
 
 def refusal(source):
-    """What packing a component says that is built with a package without a copyright file."""
+    """Return the output of packing a component that needs a package without a copyright file."""
     command = ["cmake", "-DCPACK_COMPONENTS_ALL=guard", "-DCPACK_DFR_GUARD_BUILT_WITH=libabsent-dev",
                "-P", source / "cmake/CopyCopyrights.cmake"]
     out = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -101,7 +101,7 @@ def compile_tests(build, program, jobs):
 
 
 def outcome(build, program, limit_s, jobs):
-    """Whether the change that stands in a source is killed, survived or does not compile."""
+    """Return whether the present change of a source is killed, survives or does not compile."""
     if not compile_tests(build, program, jobs):
         return "does not compile"
     return "killed" if run_tests(build, program, limit_s) != 0 else "survived"
@@ -168,7 +168,7 @@ def main():
     # At random, and in the same order whatever becomes of other files.
     changes.sort(key=lambda change: hashlib.sha256(f"{options.seed} {change[1]}".encode()).digest())
     record = root / "build/mutation" / f"{name}.jsonl"
-    known = {}  # what became of a change, and under which tests
+    known = {}  # result of a change, and the tests
     if record.exists():
         known = {key: found for key, *found in map(json.loads, record.read_text().splitlines())}
     killed = survived = 0

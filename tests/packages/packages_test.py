@@ -36,7 +36,7 @@ def alternatives(field):
 
 
 class Host:
-    """What is installed on this machine, by package."""
+    """Files installed on this machine, by package."""
 
     def __init__(self):
         self.stanzas, self.providers = {}, {}
@@ -64,7 +64,7 @@ class Host:
 
 
 def owners(files):
-    """Packages that the files belong to; a merged /usr knows some of them by their old names."""
+    """Packages of the files; a merged /usr lists some of them under their old names."""
     files = sorted(set(files))
     names = files + [f.removeprefix("/usr") for f in files]
     out = subprocess.run(["dpkg-query", "-S", *names], capture_output=True, text=True).stdout

@@ -38,7 +38,7 @@ TEST(PointPlantTest, NoObstacleIsCrossedUnseen) {
   EXPECT_FALSE(plant.collided());
   EXPECT_EQ(plant.Apply(ControlFor({0.05, 0.0})), core::PlantStatus::kOk);
   EXPECT_TRUE(plant.collided());
-  // What happened is forgotten where the user puts the robot elsewhere, and only there.
+  // The outcome is reset if the user moves the robot, and only then.
   EXPECT_EQ(plant.Apply(ControlFor({-0.05, 0.0})), core::PlantStatus::kOk);
   EXPECT_TRUE(plant.collided());
   plant.MoveTo({0.0, 0.0});
@@ -63,7 +63,8 @@ TEST(WorldTest, DemonstrationsOfEverySceneReachTheGoalAndTouchNothing) {
   }
 }
 
-// What the page says of its scenes: the policy alone fails often, and guided recovery hardly ever.
+// Statements of the page about its scenes: the policy alone fails often, and guided recovery
+// rarely.
 TEST(WorldTest, GuidedRecoveryCompletesWhatThePolicyAloneDoesNot) {
   for (std::size_t scene : {kTwoWays, kGap, kCorridor}) {
     SCOPED_TRACE(Scenes()[scene].name);

@@ -1,4 +1,4 @@
-"""What each method makes of the Pusher, against a recorded run: a DFR that never moves fails here, and so does a
+"""Results of each method on the Pusher, against a recorded run: a DFR that never moves fails here, and so does a
 guided recovery that never filters.
 
 usage: performance_test.py PROGRAM

@@ -1,4 +1,4 @@
-"""What the tests of the program `pusher` share. Takes PROGRAM out of sys.argv."""
+"""Helpers of the tests of the program `pusher`. Takes PROGRAM out of sys.argv."""
 import json
 import pathlib
 import subprocess

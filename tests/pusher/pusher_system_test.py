@@ -112,7 +112,7 @@ class PusherSystemTest(ProgramTest):
                 reached[which, method] = count
                 if which == "first":
                     self.assertEqual(start, rows["dfr"][0], "all begin in the same states")
-        # What no place of the gripper is high enough for, no recovery reaches without pushing.
+        # A level that no gripper position reaches cannot be reached by a recovery without pushing.
         anywhere, gripper, best = (float(x) for x in re.search(
             r"any state in (\d+) of 50.*?as it is, in (\d+);.*?: ([\d.]+) of", blocks[0], re.S).groups())
         self.assertTrue(0 <= gripper <= anywhere <= 50)

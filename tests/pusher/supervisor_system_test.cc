@@ -20,7 +20,7 @@ TEST(ShippedSupervisorTest, CompletesAndHardlyEverCollides) {
   EXPECT_LE(mean.collided, 5);
 }
 
-// What demonstrations do: few of them may have to be discarded.
+// Rates of demonstrations: only few may be discarded.
 TEST(ShippedSupervisorTest, SamplesAreUsableDemonstrations) {
   const auto policy = imitation::GaussianPolicy::Load(DFR_SUPERVISOR);
   EXPECT_NEAR(policy.log_std().array().exp().mean(), 0.3, 0.02);

@@ -10,7 +10,7 @@
 namespace dfr::apps::pusher {
 namespace {
 
-// The system tier has the experiment's demands, over a thousand episodes.
+// The system tier tests the experiment's requirements, over a thousand episodes.
 TEST(ShippedSupervisorTest, CompletesAndItsSamplesDoToo) {
   const auto policy = imitation::GaussianPolicy::Load(DFR_SUPERVISOR);
   EXPECT_NEAR(policy.log_std().array().exp().mean(), 0.3, 0.02);

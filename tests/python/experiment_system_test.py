@@ -27,7 +27,7 @@ SMALL = ("--trials", "3", "--episodes", "2", "--demonstrations", "12,20")
 
 # Programs that differ from the example in one place each.
 PLANTS = {
-    # Draws from generators that are nobody's own.
+    # Draws from global generators.
     "careless": """
 class Careless(example.Tip):
     def reset(self, seed):

@@ -158,7 +158,7 @@ class GuardTest(unittest.TestCase):
             pickle.loads(content.replace(b"guard", b"guarf").replace(b"monitor", b"monitos"))
 
     def test_worker_processes_get_guards(self):
-        """A child that knows only the pickle runs the same episode."""
+        """A child process with only the pickle runs the same episode."""
         script = """
             import pickle, sys
             sys.path.insert(0, sys.argv[1])

@@ -19,7 +19,7 @@ from tensor import Tensor  # noqa: E402
 
 DRIFT = action_for(0.09, 0.06)
 
-# What LeRobot 0.4 asks of a step: huggingface/lerobot at 066308c, src/lerobot/processor/pipeline.py.
+# Interface of a step in LeRobot 0.4: huggingface/lerobot at 066308c, src/lerobot/processor/pipeline.py.
 CONTRACT = {
     "__call__": ["self", "transition"],
     "get_config": ["self"],
@@ -138,7 +138,7 @@ class GuardStepTest(unittest.TestCase):
 
 
 class TensorTest(unittest.TestCase):
-    """Whatever is true of torch's tensors here is true of the stand-in's, and checked where torch is there."""
+    """Stand-in tensors behave like torch's here, which is checked if torch is installed."""
 
     @classmethod
     def setUpClass(cls):

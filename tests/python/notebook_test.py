@@ -1,4 +1,4 @@
-"""The notebook of the first guard runs from top to bottom and shows what it says.
+"""The notebook of the first guard runs from top to bottom and prints its stated results.
 
 usage: notebook_test.py EXAMPLES_DIR     (without Jupyter: its cells are executed in order)
 """

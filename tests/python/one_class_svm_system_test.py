@@ -10,7 +10,7 @@ import dfr
 
 class ThreadsTest(unittest.TestCase):
     def count_during(self, work):
-        """How often another Python thread came to run while `work` did, and its seconds."""
+        """Number of times that another Python thread ran during `work`, and its seconds."""
         count, stop = 0, threading.Event()
 
         def ticker():

@@ -1,4 +1,4 @@
-"""dfr.plot: what is drawn is what the guard said."""
+"""dfr.plot draws the guard's values."""
 
 import unittest
 

@@ -33,7 +33,7 @@ class WheelTest(unittest.TestCase):
         cls.addClassCleanup(temporary.cleanup)
         cls.folder = pathlib.Path(temporary.name)
         source = cls.folder / "source"  # a build leaves files beside setup.py
-        # What is ignored is no source; an unpacked archive has no git.
+        # Ignored files are not sources; an unpacked archive has no git.
         shutil.copytree(SOURCE, source, ignore=shutil.ignore_patterns("build", ".git", "out", "_skbuild", "*.egg-info"))
         # What is tested is the package, not its speed; what was compiled before is taken from a cache.
         ENVIRONMENT["SKBUILD_CONFIGURE_OPTIONS"] = "-DCMAKE_CXX_FLAGS_RELEASE=-O1"

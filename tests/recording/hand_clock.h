@@ -8,8 +8,7 @@
 
 namespace dfr::test {
 
-/// A recorder's time, which passes when the test says so. The recorder writes only then, and when
-/// it finishes.
+/// A recorder's time, advanced by the test. The recorder writes only then, and when it finishes.
 class RecorderHandClock final : public recording::RecorderClock {
  public:
   [[nodiscard]] std::int64_t SteadyNs() override { return now_ns_; }

@@ -47,7 +47,7 @@ std::string SmallFile(const test::TempFolder& folder) {
   return Load(folder / "small.mcap");
 }
 
-// All that is there is right, and in its place.
+// All content is right, and in its place.
 void ExpectPart(const Recording& recording) {
   ASSERT_LE(recording.steps.size(), kSteps);
   ASSERT_EQ(recording.steps.size(), recording.step_numbers.size());
@@ -101,8 +101,7 @@ TEST(ReadRecordingTest, AFileCutOffAnywhereGivesWhatIsWhole) {
   EXPECT_TRUE(ReadRecording(folder / "small.mcap").finished);
 }
 
-// A byte that has changed is found: it is said, and of the messages only those of its chunk are
-// lost.
+// A changed byte is detected and reported, and only the messages of its chunk are lost.
 TEST(ReadRecordingTest, AChangedByteLosesItsChunkAlone) {
   const test::TempFolder folder;
   const std::string whole = SmallFile(folder);
@@ -123,7 +122,7 @@ TEST(ReadRecordingTest, AChangedByteLosesItsChunkAlone) {
     try {
       const Recording recording = ReadRecording(folder / "changed");
       ExpectPart(recording);
-      // Whatever has happened to one chunk, the other is there.
+      // Damage of one chunk does not affect the other.
       EXPECT_GE(recording.steps.size(), kSteps / 2);
       EXPECT_GE(recording.arm.size(), 1U);
       const bool whole_content = recording.steps.size() == kSteps &&
@@ -146,7 +145,8 @@ TEST(ReadRecordingTest, AChangedByteLosesItsChunkAlone) {
   }
   // The magic at the end, without which a file counts as cut off.
   EXPECT_EQ(unseen, 8);
-  // What a reader has to trust is before the first chunk: header, types, metadata, configuration.
+  // The content that a reader must trust precedes the first chunk: header, types, metadata,
+  // configuration.
   EXPECT_GT(refused, 0);
   EXPECT_LT(static_cast<std::size_t>(refused), whole.size() / 2);
   EXPECT_GT(lost, 250);

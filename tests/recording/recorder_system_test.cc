@@ -21,7 +21,7 @@
 namespace dfr::recording {
 namespace {
 
-// What came more than a second before is there, and right.
+// Messages older than a second are complete and right.
 TEST(KilledRecorderTest, AKilledProcessLosesLessThanTheLastSecond) {
   const test::TempFolder folder;
   core::Random random(3);

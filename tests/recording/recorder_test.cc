@@ -24,7 +24,7 @@
 namespace dfr::recording {
 namespace {
 
-// What a call throws.
+// Returns the message of a call's exception.
 template <typename F>
 std::string Complaint(F&& call) {
   try {
@@ -154,7 +154,7 @@ TEST_F(RecorderTest, PicturesThatAreNoneAreCounted) {
   EXPECT_THAT(recording.notes[0].text, testing::HasSubstr("pictures were lost"));
 }
 
-// A burst that the queue cannot take: the file says how many are missing, and which are there.
+// A burst that exceeds the queue: the file records the number of missing messages.
 TEST_F(RecorderTest, DroppedStepsAreCountedAndNoted) {
   {
     Recorder recorder(folder_ / "log.mcap", {}, {.waiting_records = 4, .clock = &clock_});
@@ -253,7 +253,7 @@ TEST_F(RecorderTest, ADiskThatFillsUpDoesNotStopTheRun) {
   }
 }
 
-// What the system has is what a killed process leaves.
+// A killed process leaves the data that the system has.
 TEST_F(RecorderTest, AStepIsInTheFileAQuarterOfASecondLaterAtMost) {
   const std::string path = folder_ / "log.mcap";
   Recorder recorder(path, test::ExampleMetadata(), Options());

@@ -550,7 +550,7 @@ TEST(ControlLoopTest, WaitsForReasonsToEndAsLongAsItHasPatience) {
 
 // -- homing ---------------------------------------------------------------------------------------
 
-// What is of no matter before the arm is armed: nothing but the encoders moves it.
+// Before arming, only the encoders may report motion.
 bool MattersForHoming(const Source& source) {
   return source.name != "camera" && source.name != "camera's thread hangs";
 }

@@ -6,7 +6,7 @@
 
 namespace dfr::test {
 
-/// Time passes during a wait, and when the test says so.
+/// Time advances during a wait, and on the test's request.
 class SteadyHandClock final : public runtime::SteadyClock {
  public:
   [[nodiscard]] std::int64_t Now() noexcept override { return now_ns; }
@@ -15,7 +15,7 @@ class SteadyHandClock final : public runtime::SteadyClock {
   }
 
   std::int64_t now_ns = 1'000'000'000'000;
-  std::int64_t late_ns = 0;  ///< By how much a sleeper wakes late.
+  std::int64_t late_ns = 0;  ///< Delay of a sleeper's wake-up.
 };
 
 }  // namespace dfr::test

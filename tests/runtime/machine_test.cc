@@ -1,4 +1,4 @@
-// What the runtime asks of the machine: its clocks, its scheduler, a terminal.
+// Uses of the machine by the runtime: its clocks, its scheduler, a terminal.
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <pty.h>
@@ -35,7 +35,7 @@ TEST(MachineTest, TheWallClockIsInNanoseconds) {
   EXPECT_LE(now_ns, (std::time(nullptr) + 2) * kSecond);
 }
 
-// Granted or not, which depends on the user's rights, the program goes on, and knows.
+// The program continues in both cases, which depend on the user's rights, and has the result.
 TEST(MachineTest, RealTimeIsGrantedOrTheMissingRightIsNamed) {
   std::string refused;
   int granted = -1;

@@ -107,7 +107,7 @@ TEST_F(CGuardTest, EveryDoubtHaltsWithZero) {
   dfr_guard_reset(guard_, 0);
   dfr_guard_stop(guard_);
   expect_halt(Filter(0), "stop-requested");
-  // An action of the wrong size: only as much is written as the caller says there is.
+  // An action of the wrong size: only the caller's number of entries is written.
   dfr_guard_reset(guard_, 0);
   safe_.assign(safe_.size(), 7.0);
   EXPECT_EQ(dfr_guard_filter(guard_, 0, state_.data(), state_.size(), action_.data(), 1,

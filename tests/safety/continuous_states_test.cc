@@ -81,7 +81,7 @@ void Flip(Eigen::Ref<core::Matrix> quaternions) { quaternions *= -1.0; }
 TEST(ContinuousStatesTest, AQuaternionAndItsNegativeAreOneOrientation) {
   const auto layout = Layout("quat", 4);
   const auto model = GuardModel::Fit(layout, Turning(Flipped, 1, 30, 0.3));
-  // What was recorded with other signs is the same model.
+  // Recordings with other signs give the same model.
   const auto same = GuardModel::Fit(layout, Turning(Plain, 1, 30, 0.3));
   EXPECT_GT(model->summary().acceptance, 0.7);
   const auto fresh = Turning(Plain, 2, 5, 0.3);
@@ -156,7 +156,7 @@ TEST(ContinuousStatesTest, AQuaternionThatIsNoneHaltsByName) {
     EXPECT_NE(verdict.mode, Mode::kHalt);
     EXPECT_EQ(verdict.entry, -1);
   }
-  // Where no feature looks at it, it may be anything.
+  // An entry that no feature uses may have any value.
   Guard blind(
       GuardModel::Fit(Layout("quat", 4), Turning(Flipped, 1, 30, 0.3), {.features = "tip"}));
   blind.Reset(1);

@@ -23,7 +23,7 @@ inline core::StateLayout CorridorLayout() {
 
 inline constexpr double kTurn = 0.8;
 
-/// What action `u` does to the tip.
+/// Effect of action `u` on the tip.
 inline Eigen::Vector2d Effect(double u0, double u1) {
   return {std::cos(kTurn) * u0 - std::sin(kTurn) * u1, std::sin(kTurn) * u0 + std::cos(kTurn) * u1};
 }
@@ -54,7 +54,7 @@ inline std::vector<core::Trajectory> CorridorDemonstrations(std::uint64_t seed, 
   return demonstrations;
 }
 
-/// A tip that moves as Effect() says.
+/// A tip that moves according to Effect().
 struct CorridorPlant {
   std::vector<double> x = {0.0, 0.0, 0.0};
   void Apply(const std::vector<double>& u) {

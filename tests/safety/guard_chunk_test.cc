@@ -1,4 +1,4 @@
-// Chunks of actions, judged ahead, and the sentence that says why an action did not pass.
+// Chunks of actions, and the sentence that explains why an action did not pass.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -104,7 +104,7 @@ TEST(GuardChunkTest, ADriftingPolicyIsAskedAgainWhereItsChunkWouldLeave) {
   EXPECT_EQ(episode.passed, episode.counted);
 }
 
-// Where a chunk is cut, it is at the first action whose predicted end is outside.
+// A chunk is cut at the first action that is predicted to end outside.
 TEST(GuardChunkTest, CountsUpToTheFirstActionThatLeaves) {
   const auto model = Model();
   Guard guard(model);
@@ -127,7 +127,7 @@ TEST(GuardChunkTest, CountsUpToTheFirstActionThatLeaves) {
   }
 }
 
-// Nothing of the guard is changed: an episode goes on to the bit as without looking ahead.
+// The guard is not changed: an episode continues with the same bits as without the call.
 TEST(GuardChunkTest, ChangesNothing) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController, Strategy::kMonitor}) {
     Guard looks(Model(strategy));
@@ -151,7 +151,7 @@ TEST(GuardChunkTest, ChangesNothing) {
   }
 }
 
-// What is counted first, Filter() passes, at whatever state.
+// Filter() passes a counted first action in every state.
 TEST(GuardChunkTest, TheFirstActionIsJudgedAsByTheFilter) {
   for (const Strategy strategy : {Strategy::kGuard, Strategy::kController}) {
     core::Random random(3);

@@ -56,7 +56,7 @@ class GuardFileTest : public testing::Test {
   void Replace(const std::string& content) const {
     std::ofstream(path_, std::ios::binary | std::ios::trunc) << content;
   }
-  // What Load() says of the file; "" if it takes it.
+  // Returns Load()'s error about the file; "" if it is valid.
   std::string Refusal() const {
     try {
       static_cast<void>(GuardModel::Load(path_));
@@ -623,7 +623,7 @@ TEST(GuardModelTest, AClockIsOneInAnyUnitAndWhatStandsStillIsNone) {
   auto still = demonstrations;
   for (core::Trajectory& d : still) d.states.col(0).setConstant(3.0);
   EXPECT_THAT(Findings(*whole, still), testing::Not(testing::Contains(HasSubstr(kClock))));
-  // Where one demonstration goes on alone, nothing can be the same in two.
+  // The last part of the longest demonstration has no other to compare with.
   const auto tip = GuardModel::Fit(test::CorridorLayout(), demonstrations, {.features = "tip"});
   auto longer = test::CorridorDemonstrations(1, 40);
   longer.push_back(test::CorridorDemonstrations(2, 1, 25)[0]);
@@ -641,7 +641,7 @@ TEST(GuardModelTest, ActionsThatContradictWhatHappensExplainNothing) {
   back.controls = test::ActionFor(test::kSpeed, 0.0).transpose();
   EXPECT_THAT(Findings(*model, std::vector{back}),
               testing::Contains(testing::StartsWith("actions explain only 0 % of")));
-  // Where nothing changes, there is nothing to explain.
+  // Constant states need no explanation.
   back.states.row(1) = back.states.row(0);
   EXPECT_THAT(Findings(*model, std::vector{back}), testing::IsEmpty());
 }

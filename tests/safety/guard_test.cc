@@ -29,7 +29,7 @@ using test::Model;
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// Where a state is deepest inside the first two supports.
+// Position of the state deepest inside the first two supports.
 std::vector<double> Deepest() {
   std::vector<double> deepest;
   double most = 0.0;

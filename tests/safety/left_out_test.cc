@@ -80,7 +80,8 @@ TEST(LeftOutTest, AGoodFitChangesFewActionsAndKnowsThem) {
   EXPECT_LT(model->summary().changed, 0.25);
   EXPECT_LE(model->summary().ends_outside, model->summary().changed);
   EXPECT_TRUE(model->settings().demonstrated);
-  // Where all go the same way, noise is most of the variance and little of the action.
+  // If all demonstrations go the same way, noise is most of the variance, but a small part of the
+  // action.
   EXPECT_LT(model->summary().action_error, 0.4);
 }
 

@@ -19,7 +19,7 @@ using Kind = Method::Kind;
 
 constexpr std::array<std::string_view, 2> kOthers = {"oracle", "lwr"};
 
-// What ParseMethod() says of a name; "" if it takes it.
+// Returns ParseMethod()'s error about a name; "" if it is valid.
 std::string Refusal(std::string_view name) {
   try {
     static_cast<void>(ParseMethod(name, kOthers));
@@ -70,7 +70,7 @@ TEST(MethodTest, TheCallersOwnNamesAreTakenWhereTheyAreGiven) {
   EXPECT_THROW(static_cast<void>(ParseMethod("oracle")), std::invalid_argument);
 }
 
-// What a help text lists can be typed.
+// Names listed by a help text are valid.
 TEST(MethodTest, EveryListedNameIsTaken) {
   const std::string names = MethodNames(kOthers);
   int count = 0;

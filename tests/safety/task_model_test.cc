@@ -82,7 +82,7 @@ class TaskModelTest : public testing::Test {
   void Replace(const std::string& content) const {
     std::ofstream(folder_ / "task.dfr", std::ios::binary | std::ios::trunc) << content;
   }
-  // What Load() says; "" if it takes the folder.
+  // Returns Load()'s error; "" if the folder is valid.
   [[nodiscard]] std::string Refusal(
       const core::StateLayout& layout = test::CorridorLayout()) const {
     try {
@@ -222,7 +222,7 @@ int Horizon(const TaskModel& model, std::string_view method, const ControllerOpt
   controller->Reset(1);
   std::vector<double> u(2);
   for (int i = 0;; ++i) {
-    // Where the demonstrations are on the average at that time step.
+    // Mean of the demonstrations at that time step.
     const std::vector<double> x = {0.0, test::kSpeed * (options.first_step + i), 0.0};
     const control::Step step = controller->Next(x, u);
     if (step.mode != Mode::kHalt) continue;

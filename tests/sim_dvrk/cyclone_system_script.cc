@@ -334,7 +334,8 @@ bool Ask(Psm& psm, const std::string& name, const dds_topic_descriptor_t& query_
     return published.current_count > 0 && subscribed.current_count > 0;
   });
   if (!found) return false;
-  // That we have found the server does not mean that it has found us: the reply could be missed.
+  // Discovery is not symmetric: the server may not have found this process yet, and its reply could
+  // be lost.
   dds_sleepfor(DDS_MSECS(500));
   Check(dds_write(writer, query));
   return psm.Until(5.0, [&] { return TakeAll<Answer>(reader, use); });

@@ -76,7 +76,7 @@ class PsmConsoleServerTest : public testing::Test {
       return times() > 0;
     });
   }
-  // How often the last command has been taken.
+  // Number of times that the last command was accepted.
   [[nodiscard]] double times() const {
     return static_cast<double>(server_.commands_taken() - before_);
   }
@@ -152,8 +152,8 @@ TEST_F(PsmConsoleServerTest, AllCommandsArriveAndAllStatesAgree) {
   console_.Place(HomeJoints());
   const auto yaw = [&] { return console_.setpoint_joints()[0]; };
   const dds::JointState turn = Joints({0.01, 0.0, 0.0, 0.0, 0.0, 0.0});
-  // What changes nothing is sent until the console hears the topic; copies of it do no harm. What
-  // counts is then sent once.
+  // Messages without effect are sent until the console receives the topic. The relevant message is
+  // then sent once.
   const dds::JointState nothing = Joints({0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
   Command(servo_jr, nothing);
   servo_jr.Write(turn);
@@ -261,7 +261,7 @@ class ConsoleFaultTest : public PsmConsoleServerTest {
     return poses;
   }
 
-  // What comes of `ticks` states with one fault, which then ends.
+  // Returns the received states of `ticks` with one fault, which then ends.
   std::vector<dds::PoseStamped> With(const std::string& name, const std::string& value, int ticks) {
     ConsoleFaults faults;
     EXPECT_TRUE(SetFault(faults, name, value));

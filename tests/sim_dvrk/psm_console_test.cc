@@ -88,7 +88,7 @@ TEST(PsmConsoleTest, CommandsWhenNotReadyAreDroppedWithAWarning) {
   EXPECT_THAT(console.TakeMessages(), testing::Not(Warns("dropped")));
 }
 
-// What each state makes of each command, as a table: the state afterwards.
+// Table of the state after each command in each state.
 TEST(PsmConsoleTest, StateCommandsAsInTheTable) {
   struct Row {
     const char* command;

@@ -108,8 +108,7 @@ class DvrkSceneServerTest : public testing::Test {
   dds::Publisher<dds::JointState> servo_jp_{client_, "/PSM1/servo_jp", dds::Role::kCommand};
 };
 
-// The episode that the plant goes through in one process, over the wire, to the bit: state and
-// pictures.
+// An episode over the network has the same bits as the plant's in one process: states and pictures.
 TEST_F(DvrkSceneServerTest, InLockStepTheWireChangesNothing) {
   Serve(true, true);
   dds::Subscriber<dds::Image> images(client_, "/ECM/image_raw", dds::Role::kImage);

@@ -32,7 +32,7 @@ DvrkSceneOptions RealTime(bool during, bool between) {
   return options;
 }
 
-// How long a control takes, as the plant has it.
+// Duration of a control in the plant.
 double Duration(const std::array<double, 2>& u) {
   const Eigen::Vector3d step(LineTrackingPlant::kStep * u[0], LineTrackingPlant::kStep * u[1], 0.0);
   return step.norm() / LineTrackingPlant::kSpeed;

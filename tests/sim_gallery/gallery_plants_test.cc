@@ -72,7 +72,7 @@ TEST_P(EveryTaskTest, ACloneAndACopyGoOnAsTheOriginalDoes) {
   }
 }
 
-// Where the world moves on, it does so in what is observed, a few steps after the start.
+// A world that moves on changes the observed state within a few steps after the start.
 TEST_P(EveryTaskTest, AControlOfZeroHoldsStillUnlessTheWorldMovesOn) {
   const auto plant = Make(task_);
   plant->Reset(3);
@@ -212,7 +212,7 @@ TEST(PushTest, TheBoxTurnsAwayFromThePusherAndNotWherePushedAtItsCentre) {
     plant->Reset(seed);
     Supervise(*plant, [](const std::vector<double>& x) { return x[0] - x[2] < -0.07; });
     const std::vector<double> before = State(*plant);
-    // Where the pusher's line meets the box, beside its centre, as the box sees it.
+    // Point where the pusher's line meets the box, relative to its centre, in the box's frame.
     const double lever = -std::sin(before[4]) * (before[0] - before[2]) +
                          std::cos(before[4]) * (before[1] - before[3]);
     for (int t = 0; t < 4; ++t) Apply(*plant, {std::cos(before[4]), std::sin(before[4])});

@@ -30,7 +30,7 @@ LineTrackingOptions Truth(Wave wave = Wave::kNone) {
   return options;
 }
 
-// What a perfect calibration would find.
+// Result of a perfect calibration.
 line_task::LineCalibration PerfectCalibration(const LineTrackingOptions& options) {
   line_task::LineCalibration known;
   known.camera = LineTrackingPlant::true_camera();

@@ -21,7 +21,7 @@ State Observe(const core::Plant& plant) {
   return x;
 }
 
-// What a perfect calibration would find.
+// Result of a perfect calibration.
 line_task::LineCalibration PerfectCalibration(const LineTrackingOptions& options) {
   line_task::LineCalibration known;
   known.camera = LineTrackingPlant::true_camera();

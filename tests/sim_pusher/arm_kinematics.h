@@ -10,7 +10,7 @@
 
 namespace dfr::test {
 
-// Where the state's blocks begin.
+// First entries of the state's blocks.
 constexpr int kTip = 7;
 constexpr int kObject = 10;
 constexpr int kTilt = 22;

@@ -9,8 +9,8 @@
 namespace dfr::study {
 namespace {
 
-// Those that learn anew or ask the supervisor work in tasks of the gallery, and the adversary knows
-// the plant that it drives. Takes seconds: DAgger and DART learn many times over.
+// Policies that learn again or query the supervisor work in tasks of the gallery, and the adversary
+// uses the controlled plant. Takes seconds: DAgger and DART learn many times over.
 TEST(GuardsTest, RunsBaselinesAndAdversaries) {
   Study study = Study::OfGuards();
   study.tasks = {"reach"};

@@ -100,7 +100,7 @@ TEST(GuardsTest, AHaltIsJudgedByWhatTheWorldDoesNext) {
   EXPECT_EQ(pole.completed + pole.collided, pole.episodes);
 }
 
-// The adversary knows the plant that it drives. The system tier has policies that learn anew.
+// The adversary uses the controlled plant. The system tier has policies that learn again.
 TEST(GuardsTest, GuidedSavesFromAnAdversary) {
   Study study = SmallGuards();
   study.tasks = {"reach"};
@@ -223,7 +223,7 @@ class Constant final : public core::Policy {
   }
 };
 
-// Over episodes the flaw is spread from nothing to what the task says, and constant within one.
+// The flaw varies over episodes from zero to the task's value, and is constant within one.
 TEST(ImitatorTest, AFlawDiffersBetweenEpisodes) {
   Imitator imitator(std::make_shared<Constant>(), {.bias = {0.0, -0.4}});
   std::vector<double> seen;

@@ -53,8 +53,8 @@ TEST(PlanarTest, GuidedRecoveryBeatsAWeakPolicyAtPushing) {
   EXPECT_LT(rows[1].collided, rows[0].collided);
 }
 
-// Prop. IV.3 as mended, 150 000 controls; `study prove --steps 10000000` is the long version.
-// A false certificate shows itself once in thousands of controls.
+// The corrected Prop. IV.3, 150 000 controls; `study prove --steps 10000000` is the long version. A
+// false certificate shows itself once in thousands of controls.
 TEST(ProofTest, NeverLeavesTheUnionOfSupports) {
   const ProofResult result = Prove({.steps = 150'000});
   EXPECT_EQ(result.controls, 150'000);
@@ -65,8 +65,8 @@ TEST(ProofTest, NeverLeavesTheUnionOfSupports) {
   EXPECT_GT(result.phases, 300);
 }
 
-// What a proof by stress is worth: it finds each mistake that a controller could make. Some take
-// tens of thousands of controls.
+// The stress test finds each deliberate mistake of a controller. Some take tens of thousands of
+// controls.
 TEST(ProofTest, EveryMutationIsFound) {
   for (const Mutation mutation : kMutations) {
     if (mutation == Mutation::kNone) continue;
@@ -76,22 +76,22 @@ TEST(ProofTest, EveryMutationIsFound) {
   }
 }
 
-// States that are observed with an error that the certificate knows of: as rare as above.
+// States are observed with an error that the certificate includes: violations are as rare as above.
 TEST(ProofTest, NoisyStatesStayInsideToo) {
   const ProofResult result = Prove({.steps = 30'000, .state_error = 0.05});
   EXPECT_EQ(result.left, 0);
   EXPECT_EQ(result.violations, 0);
 }
 
-// Half of the true eps: whoever leaves was found out at that very control. A hundred of them take
-// hundreds of worlds.
+// Half of the true eps: each state that leaves was detected at the same control. A hundred of them
+// take hundreds of worlds.
 TEST(ProofTest, AWrongConstantEndsInAViolation) {
   const ProofResult result = Prove({.steps = 30'000, .assumed = 0.5});
   EXPECT_GT(result.violations, 100);
   EXPECT_LE(result.left, result.violations + 1) << "the last control is not looked at any more";
 }
 
-// By demonstrations that nothing was fitted to: counts agree with the law of order statistics.
+// With held-out demonstrations the counts agree with the law of order statistics.
 TEST(CoverageTest, HeldOutDemonstrationsKeepThePromises) {
   constexpr int kFits = 80;
   for (const std::string world : {"reach", "heavy-tails"}) {

@@ -52,7 +52,7 @@ TEST(ProofTest, AMistakenControllerIsFound) {
   EXPECT_GT(result.left, 0);
 }
 
-// Half of the true eps: whoever leaves was found out at that very control.
+// Half of the true eps: each state that leaves was detected at the same control.
 TEST(ProofTest, AWrongConstantEndsInAViolation) {
   const ProofResult result = Prove({.steps = 1000, .assumed = 0.5});
   EXPECT_GT(result.violations, 3);

@@ -59,7 +59,7 @@ TEST(StressTest, CountsWhatAControllerSavesAndHarms) {
       EXPECT_GE(row.completed, alone.completed - row.harmed);
     }
   }
-  // What a guard is for, and what it must not cost.
+  // Benefit of a guard, and its largest permitted cost.
   EXPECT_GE(Find(rows, "as demonstrated", "lwr", "baseline").completed, 18);
   EXPECT_LE(Find(rows, "as demonstrated", "lwr", "guided").harmed, 1);
   EXPECT_LE(Find(rows, "turned 40 deg", "lwr", "guided").collided,
@@ -186,7 +186,7 @@ TEST(CompareTest, SettlesWhatIsPlainAndSavesTheRest) {
   EXPECT_THROW(static_cast<void>(Compare(comparison)), std::invalid_argument);
 }
 
-// What each of them is, in the cheapest task: they learn, run, and are not the learned policy.
+// Each policy in the cheapest task: it learns, runs, and differs from the learned policy.
 TEST(BaselinesTest, LearnAnewAndRun) {
   Study study = Small();
   study.conditions = {"as demonstrated"};
@@ -200,10 +200,10 @@ TEST(BaselinesTest, LearnAnewAndRun) {
   const auto alone = [&](const std::string& policy) {
     return Find(rows, "as demonstrated", policy, "baseline");
   };
-  // Who was asked in the states that the learner comes to leaves them less often.
+  // A policy trained in the states that the learner visits leaves them less often.
   EXPECT_GE(alone("dagger").completed, alone("learned").completed);
   for (const std::string& policy : study.policies) {
-    // The oracle knows where its control leads; the policies do not.
+    // The oracle has the result of its control; the policies do not.
     EXPECT_LE(Find(rows, "as demonstrated", policy, "true-jacobian").collided,
               alone(policy).collided)
         << policy;

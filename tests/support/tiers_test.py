@@ -36,7 +36,7 @@ class Tiers(unittest.TestCase):
                 self.assertRegex(path.read_text(), r"\nint main\(.*\{\n  dfr::apps::IgnoreFileSizeSignal\(\);\n")
 
     def test_only_system_tests_look_at_the_clock(self):
-        # What those start, and no other test does, counts as theirs.
+        # Programs started only by these tests belong to them.
         theirs = {"tests/support/tiers_test.py", "tests/mutation/mutate.py", "tests/support/busy.py"}
         for path in sorted((SOURCE / "tests").rglob("*")):
             name = path.relative_to(SOURCE).as_posix()

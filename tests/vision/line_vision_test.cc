@@ -23,8 +23,8 @@ LineVisionOptions Options() {
   return options;
 }
 
-// A picture of a target seen square on by an ideal camera, drawn by asking for each pixel what is
-// there; no code is shared with what is tested.
+// A picture of a target seen square on by an ideal camera, drawn by computing each pixel; it shares
+// no code with the tested library.
 class Picture {
  public:
   Picture() : data_(640 * 480 * 3) { Draw(); }

@@ -98,7 +98,7 @@ void PrintCoverage(CoverageOptions options, const std::vector<std::string>& worl
   }
 }
 
-// How many demonstrated steps from time step t a certificate would let pass.
+// Counts the demonstrated steps from time step t that a certificate would pass.
 struct Passing {
   int steps = 0;
   int passed = 0;
@@ -109,7 +109,7 @@ Passing CountPassing(const Methods& methods, int t) {
   const control::GuidedModel& model = methods.guided().model();
   control::Certifier certifier(methods.certificate(), model.features().num_features(),
                                model.control_dim(), model.control_unit());
-  // What a certificate assumes.
+  // Assumptions of the certificate.
   control::JacobianEstimate estimate(model.prior(), {}, /*own_motion=*/false);
   Passing passing;
   for (const core::Trajectory& d : methods.demonstrations()) {
@@ -124,7 +124,8 @@ Passing CountPassing(const Methods& methods, int t) {
   return passing;
 }
 
-// What a certificate rests on, per time step, and how much of the demonstrations it would let pass.
+// Prints the assumptions of a certificate per time step, and the share of demonstrated steps that
+// it would pass.
 void PrintCertificate(const PlanarStudy& study) {
   const Task task = MakeTask(study.task);
   const Methods methods(

@@ -21,7 +21,7 @@ namespace dfr::study::planar {
 
 void AddMethodOptions(CLI::App& command, MethodOptions& options);
 
-// What belongs to certificates, promises of fits and pictures in the plane.
+// Commands for certificates, bounds of fits and pictures in the plane.
 void AddProof(CLI::App& app, Commands& commands);
 void AddCoverage(CLI::App& app, Commands& commands);
 void AddCertificate(CLI::App& app, Commands& commands);

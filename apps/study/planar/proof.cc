@@ -258,7 +258,7 @@ class World {
                                                  .phase_whitening = random_.Below(2) == 0});
   }
 
-  // Half of the worlds know nothing of J and probe.
+  // In half of the worlds the controller has no estimate of J and probes.
   control::GuidedModelOptions Knowledge() {
     control::GuidedModelOptions knowledge;
     if (random_.Below(2) == 0) knowledge.jacobian.prior_weight = 0.0;

@@ -23,12 +23,14 @@ constexpr std::array<double, 2> kPeriods = {2.0 * kPi, 360.0};
 constexpr int kParts = 128;
 // Parts of a circle that must be free for an angle to be made continuous: an eighth.
 constexpr int kLeastFree = kParts / 8;
-// An entry that moves by more than this share of a period in one step cannot be told from a jump.
+// An entry that moves by more than this share of a period in one step cannot be distinguished from
+// a jump.
 constexpr double kMostMotion = 0.25;
 // cos(150 degrees / 2): beyond that the nearer of q and -q is soon the other one.
 constexpr double kLeastAlong = 0.2588190451025207;
-// Episodes that begin at one angle on several revolutions: how many, how far apart in revolutions,
-// and how long the mean of their unit vectors is. Lengths hardly ever do.
+// Criteria for episodes that begin at one angle on several revolutions: their number, their
+// distance in revolutions, and the length of the mean of their unit vectors. Lengths rarely meet
+// them.
 constexpr int kFewest = 8;
 constexpr double kLeastApart = 1.5;
 constexpr double kSameAngle = 0.97;

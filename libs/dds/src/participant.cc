@@ -72,7 +72,7 @@ Origin ToOrigin(const rtps::GUID_t& guid) noexcept {
   return origin;
 }
 
-// Returns the address at which a participant says it listens.
+// Returns the address announced by a participant.
 std::string AddressOf(const rtps::RemoteLocatorList& locators) {
   for (const rtps::Locator_t& locator : locators.unicast) {
     if (locator.kind == LOCATOR_KIND_UDPv4) return rtps::IPLocator::toIPv4string(locator);

@@ -269,8 +269,8 @@ std::size_t Degrees(std::span<const RatioPart> units) {
   return units.size() - strata.size();
 }
 
-// The reduction of collisions by RateRatioInterval(), which knows what a variance does not: that no
-// events were seen does not mean that there are none.
+// The reduction of collisions by RateRatioInterval(), which remains valid without events, unlike a
+// variance.
 Interval ExactReduction(std::span<const PairedCounts> units, const PairedCounts& total,
                         double confidence) {
   const auto n = static_cast<double>(units.size());

@@ -58,7 +58,7 @@ template <typename T, class GoOn>
 
 // Kernel values in T, alpha and the gradient of all samples in double.
 //
-// The outer loop knows the exact gradient G = K alpha. It selects an active set (free alpha and the
+// The outer loop has the exact gradient G = K alpha. It selects an active set (free alpha and the
 // samples nearest to or beyond their KKT condition). The inner loop does SMO on that set alone,
 // with a gradient in T relative to rho. One tiled pass then updates G.
 template <typename T>

@@ -79,7 +79,7 @@ class SparseKernel {
   T reach_;
 };
 
-/// A dual with a narrow kernel. As in the general solver, an outer loop knows the exact gradient of
+/// A dual with a narrow kernel. As in the general solver, an outer loop has the exact gradient of
 /// all samples, and an inner loop does SMO on an active set. Rows hold only values that are not
 /// negligible: a step costs the reach of two samples instead of all samples.
 template <typename T>

@@ -22,7 +22,7 @@ std::array<Point, N + 1> ChainPoints(Point base, double link,
   return points;
 }
 
-// Whether a link of the chain reaches into the disc.
+// Returns true if a link of the chain reaches into the disc.
 template <std::size_t N>
 bool Touches(const std::array<Point, N>& points, const Disc& disc) noexcept {
   for (std::size_t i = 0; i + 1 < N; ++i) {

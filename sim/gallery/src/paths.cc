@@ -148,7 +148,7 @@ class CrossingPlant final : public Cloned<CrossingPlant> {
   }
 
  private:
-  // Whether the point, going on from here, comes by the shuttle with room to spare.
+  // Returns true if the point, moving on from here, passes the shuttle with a margin.
   [[nodiscard]] bool Free() const noexcept {
     double phase = x(4);
     double along = x(0);

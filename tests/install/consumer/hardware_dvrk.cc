@@ -2,7 +2,7 @@
 
 #include "dfr/hardware/psm_driver.h"
 
-// Where there is no console, a driver says so and refuses to move anything.
+// Without a console, a driver reports that and refuses to move.
 int main() {
   dfr::dds::Participant participant({.domain = 101});
   dfr::hardware::PsmDriver driver(participant, {.arm = "PSM1"});

@@ -1,6 +1,6 @@
 #include "dfr/sim/dvrk_scene/dvrk_scene.h"
 
-// An arm at the line's beginning is where its console says.
+// An arm at the line's beginning has the pose that its console reports.
 int main() {
   dfr::sim::DvrkScene scene({.arm = {.arm = "PSM1"}, .world = {}, .seed = 1});
   scene.Reset(7);

@@ -1,4 +1,4 @@
-"""What GuardedEnv meets of Gymnasium 1.x, which Debian does not package: its own code, none of Gymnasium's.
+"""The part of Gymnasium 1.x that GuardedEnv uses, which Debian does not package; independent code.
 
 Wrapper refuses what is no Env, keeps the private attributes that its properties need, and forwards no
 attribute but through get_wrapper_attr.

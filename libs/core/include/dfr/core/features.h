@@ -43,7 +43,7 @@ class FeatureSelection {
   FeatureSelection(const StateLayout& layout, std::string_view spec);
   /// Selects every entry of a state of `state_dim` entries.
   static FeatureSelection All(int state_dim);
-  /// What `spec` names, or every entry if it is empty.
+  /// Selects the entries named by `spec`, or every entry if it is empty.
   static FeatureSelection Of(const StateLayout& layout, std::string_view spec);
   /// The same entries, of states that `map` has made continuous. What it maps and this does not
   /// select has no effect. @throws std::invalid_argument if a state is too short for it.

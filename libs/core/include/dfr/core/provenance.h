@@ -28,7 +28,7 @@ struct Provenance {
 /// Returns the text for a file: one line "key=value" for each member, empty if nothing is known.
 /// @throws std::invalid_argument naming the member that holds a control character.
 [[nodiscard]] std::string ToText(const Provenance& provenance);
-/// Parses the text of ToText(), to the bit.
+/// Parses the text of ToText(), without any loss.
 /// @throws std::invalid_argument naming the invalid line.
 [[nodiscard]] Provenance ParseProvenance(std::string_view text);
 

@@ -52,7 +52,7 @@ class RotationFinder {
   [[nodiscard]] std::vector<Rotation> Find() const;
 
  private:
-  // What four adjacent entries of one block have been so far.
+  // Statistics of four adjacent entries of one block.
   struct Four {
     int first = 0;
     bool whole = false;  // All of the block.
@@ -64,14 +64,14 @@ class RotationFinder {
     int first = 0;
     bool jumps = false;
   };
-  // What one entry has been, if it is an angle with this period.
+  // Statistics of one entry, as an angle with this period.
   struct Circle {
     double low = 0.0;
     double high = 0.0;
     bool jumps = false;
     bool possible = true;            // No two states are too far apart for an angle.
-    std::uint64_t occupied[2] = {};  // Which of 128 equal parts of the circle.
-    // Where episodes begin.
+    std::uint64_t occupied[2] = {};  // Visited ones of 128 equal parts of the circle.
+    // Angles at which episodes begin.
     double first_low = 0.0;
     double first_high = 0.0;
     double cosines = 0.0;
@@ -95,7 +95,7 @@ class RotationFinder {
 [[nodiscard]] std::vector<Rotation> FindRotations(const StateLayout& layout,
                                                   std::span<const Trajectory> demonstrations);
 
-/// What makes the continuous ones so.
+/// Returns the map that makes these rotations continuous.
 [[nodiscard]] StateMap MapOf(std::span<const Rotation> rotations);
 
 /// "object[2:6]": adjacent entries of one block as users name them.

@@ -110,8 +110,8 @@ class Participant {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Suffix for an error about a missing peer: "; 'NAME' is there, and not admitted: REASON" for each
-/// of the participant's refused_peers().
+/// Suffix for an error about a missing peer: "; 'NAME' is present, but not admitted: REASON" for
+/// each of the participant's refused_peers().
 [[nodiscard]] std::string ExplainRefused(const Participant& participant);
 
 }  // namespace dfr::dds

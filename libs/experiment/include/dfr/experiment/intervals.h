@@ -82,7 +82,7 @@ struct DiscordantPairs {
 /// @throws std::invalid_argument if a count is negative.
 [[nodiscard]] double ClusteredMcNemar(std::span<const DiscordantPairs> clusters);
 
-/// What one independent unit adds to the two totals of a ratio.
+/// Contribution of one independent unit to the two totals of a ratio.
 struct RatioPart {
   double numerator = 0.0;
   double denominator = 0.0;
@@ -91,14 +91,14 @@ struct RatioPart {
 
 /// Fieller's interval for the ratio of two totals over independent units (Fieller, J. R. Stat. Soc.
 /// B, 1954): all ratios r that a t test of "numerator - r denominator is zero on average" does not
-/// reject, with the degrees of freedom that so many units leave. Unlike a percentile bootstrap it
+/// reject, with the degrees of freedom of this number of units. Unlike a percentile bootstrap it
 /// holds its confidence with five units. The lower end is at least 0. Absent where no stratum has
 /// two units, or the denominator cannot be told from zero.
 /// @throws std::invalid_argument unless confidence lies in (0, 1).
 [[nodiscard]] std::optional<Interval> RatioInterval(std::span<const RatioPart> units,
                                                     double confidence = 0.95);
 
-/// What two methods did from the same start states, summed over one independent unit of an
+/// Counts of two methods from the same start states, summed over one independent unit of an
 /// experiment (a trial).
 struct PairedCounts {
   int episodes = 0;  ///< Episodes per method.

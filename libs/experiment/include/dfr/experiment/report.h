@@ -20,7 +20,7 @@ struct ReportSeries {
   std::vector<double> y;
   std::vector<double> low = {};   ///< Lower edge of a band, or of a point's bar; empty: none.
   std::vector<double> high = {};  ///< Its upper edge, as long as `low`.
-  /// Which command prints the episodes behind each point, shown where the mouse is on it; or empty.
+  /// Command that prints the episodes of each point, shown when the mouse is over it; or empty.
   std::vector<std::string> commands = {};
   /// Colour and marker, by index of the method in the plan. -1: by index in the plot.
   int style = -1;

@@ -34,10 +34,10 @@ struct Cell {
   double seconds_per_trajectory = 0.0;  ///< Processor time.
   double controls_per_trajectory = 0.0;
   double recovery_controls = 0.0;  ///< Per trajectory, probes included.
-  double passed = 1.0;             ///< Share of the controls that are the policy's to the bit.
+  double passed = 1.0;             ///< Share of the controls that equal the policy's bit for bit.
   /// Mean size of the other controls' changes (EpisodeResult::change), where sizes are known.
   std::optional<double> change = {};
-  int redrawn_starts = 0;  ///< Start states outside the support, drawn anew.
+  int redrawn_starts = 0;  ///< Start states outside the support, drawn again.
   std::map<std::string, int> halt_causes;
   std::map<std::string, int> collision_causes;  ///< By the source of the control that collided.
 };
