@@ -19,20 +19,21 @@ void BringUpArm(const BringUpOptions& robot, const Say& say, const Confirms& con
     const bool stopped = loop.blocking() == HoldReason::kEmergencyStop ||
                          loop.blocking() == HoldReason::kEmergencyStopSilent;
     if (!stopped || !confirms ||
-        !confirms(loop.blocking_words() + ". Mend it, then type clear", "clear")) {
+        !confirms(loop.blocking_words() + ". Correct it, then type clear", "clear")) {
       throw NotReady(robot);
     }
     static_cast<void>(loop.Clear());
   }
   if (robot.accepts_others && !robot.accepts_others()) {
-    throw std::runtime_error("others can command " + robot.name + ", and nobody accepted them");
+    throw std::runtime_error("others can command " + robot.name +
+                             ", and the operator did not accept them");
   }
   if (!robot.arm->needs_homing()) return;
   if (!robot.simulated &&
-      !(confirms && confirms(robot.name + " is not homed. Where it is clear of people and things, "
+      !(confirms && confirms(robot.name + " is not homed. If it is clear of people and objects, "
                                           "type home: it is powered up and moves",
                              "home"))) {
-    throw std::runtime_error(robot.name + " is not homed, and nobody asked for it");
+    throw std::runtime_error(robot.name + " is not homed, and the operator did not confirm homing");
   }
   if (say) say(robot.name + ": homing");
   if (loop.Home() != HoldReason::kNone) {
@@ -52,10 +53,10 @@ bool Company::Accepts(const std::vector<dds::Newcomer>& present, bool simulated,
                       const Confirms& confirms) {
   if (Knows(present)) return true;
   for (const dds::Newcomer& other : present) {
-    if (say && !Knows({other})) say("also there: " + dds::Describe(other));
+    if (say && !Knows({other})) say("also present: " + dds::Describe(other));
   }
-  if (!simulated && !(confirms && confirms("They can make the arm hold, be free or change its "
-                                           "state. To go on in their presence, type together",
+  if (!simulated && !(confirms && confirms("They can hold or free the arm, or change its state. To "
+                                           "continue in their presence, type together",
                                            "together"))) {
     return false;
   }
@@ -68,10 +69,11 @@ void BringUp(const BringUpOptions& robot, const Say& say, const Confirms& confir
   if (!robot.homed) BringUpArm(robot, say, confirms);
   if (!robot.loop->AwaitReady(robot.patience_s, say)) throw NotReady(robot);
   if (robot.platform_home_s == 0.0) return;
-  if (!(confirms && confirms("the platform goes home. Where nothing touches the gauze, type "
-                             "platform: it moves",
-                             "platform"))) {
-    throw std::runtime_error("the platform is not at home, and nobody asked for it");
+  if (!(confirms &&
+        confirms("the platform will go home and moves. If nothing touches the gauze, type platform",
+                 "platform"))) {
+    throw std::runtime_error(
+        "the platform is not at home, and the operator did not confirm homing");
   }
   if (robot.loop->HomePlatform(robot.platform_home_s) != HoldReason::kNone) {
     throw std::runtime_error("the platform was not homed: " + robot.loop->blocking_words());

@@ -62,7 +62,7 @@ std::optional<line_task::LineCalibration> FromPictures(
     std::istringstream lines(table.str());
     for (std::string line; std::getline(lines, line);) screen.Say("%s\n", line.c_str());
     if (!summary.converged || !summary.has_covariance) {
-      screen.Say("not calibrated: %s. More pictures are needed, elsewhere\n",
+      screen.Say("not calibrated: %s. Take more pictures at other poses\n",
                  summary.message.c_str());
       return std::nullopt;
     }
@@ -171,7 +171,7 @@ void RunCalibrate(const CalibrateOptions& options) {
             << "                         mean   95 %    max\n";
   SceneOptions uncalibrated;
   uncalibrated.calibration = kNoCalibration;
-  PrintErrors("arm taken at its word",
+  PrintErrors("arm without correction",
               sim::HeldOutTipErrors(plant, LoadCalibration(uncalibrated), options.held_out, seed));
   PrintErrors("calibrated", sim::HeldOutTipErrors(plant, found, options.held_out, seed));
   if (!summary.converged) {

@@ -50,20 +50,20 @@ std::optional<core::Trajectory> Drive(RobotPlant& plant, int steps, std::uint64_
 core::Trajectory Follow(RobotPlant& plant, int steps) {
   core::Trajectory trajectory = Empty(plant, steps);
   core::Matrix& x = trajectory.states;
-  if (!plant.Watch(Row(x, 0))) throw std::runtime_error("line or tip are not seen");
+  if (!plant.Watch(Row(x, 0))) throw std::runtime_error("line or tip are not visible");
   const vision::LineObservation first = plant.last_image().seen;
   for (int t = 0; t < steps; ++t) {
     constexpr int kPatience = 300;  // pictures
     for (int n = 0;; ++n) {
       if (Terminal::interrupted()) throw std::runtime_error("interrupted");
       if (n > kPatience) throw std::runtime_error("the tip rests");
-      if (!plant.Watch(Row(x, t + 1))) throw std::runtime_error("line or tip are not seen");
+      if (!plant.Watch(Row(x, t + 1))) throw std::runtime_error("line or tip are not visible");
       if (std::abs(x(t + 1, 2)) > 1e3 * LineTask::kCollision) throw std::runtime_error("collided");
       if ((x.row(t + 1) - x.row(t)).head(2).norm() >= kDemonstratedStep) break;
     }
     trajectory.controls.row(t) = (x.row(t + 1) - x.row(t)).head(2) / (1e3 * LineTask::kStep);
     if (!(trajectory.controls.row(t).cwiseAbs().maxCoeff() <= 1.0)) {
-      throw std::runtime_error("too fast: 2 mm between two pictures are the most");
+      throw std::runtime_error("too fast: at most 2 mm between two pictures");
     }
   }
   if (!(LineTask::Progress(first, plant.last_image().seen) >= LineTask::kCompletion)) {
@@ -93,8 +93,8 @@ void DemonstrateOnRobot(const DemonstrateOptions& options) {
   const line_task::LineCalibration known = LoadCalibration(config);
   if (std::filesystem::exists(options.out)) {
     throw std::runtime_error(options.out.string() +
-                             ": is there already, and an operator's work is not replaced. Move it "
-                             "away, or name another file with --out");
+                             ": exists already, and an operator's demonstrations are not replaced. "
+                             "Move it away, or give another file with --out");
   }
   const core::Provenance provenance = ProvenanceOf(config);
   Terminal terminal;
@@ -104,8 +104,8 @@ void DemonstrateOnRobot(const DemonstrateOptions& options) {
                                     "line-tracking");
   writer.SetProvenance(provenance);
   screen.Say(
-      "%d demonstrations, the platform at rest; begin elsewhere each time, up to 1 mm off "
-      "the line\n%s\n",
+      "%d demonstrations, the platform at rest; begin at a different place each time, up to 1 mm "
+      "off the line\n%s\n",
       options.count,
       options.teleoperation
           ? "Enter once the tip is over the beginning, then lead it along by teleoperation"
@@ -133,9 +133,9 @@ RobotConfig LoadRobot(const std::filesystem::path& file) {
                              "out, or set robot = \"dds\"");
   }
   if (config.lock_step) {
-    throw std::runtime_error(file.string() +
-                             ": simulator.lock_step is true, and an operator's time is not a "
-                             "program's: set it to false");
+    throw std::runtime_error(
+        file.string() +
+        ": simulator.lock_step is true, but an operator needs real time: set it to false");
   }
   config.platform.wave.reset();  // it rests while nothing is executed
   return config;
@@ -144,7 +144,7 @@ RobotConfig LoadRobot(const std::filesystem::path& file) {
 void RunDemonstrate(const DemonstrateOptions& options) {
   if (!options.config.empty()) return DemonstrateOnRobot(options);
   if (options.teleoperation) {
-    throw std::invalid_argument("--teleoperation needs --config: there is nobody to lead the tip");
+    throw std::invalid_argument("--teleoperation needs --config: the simulation has no operator");
   }
   experiment::ProgressBar bar("demonstrations");
   imitation::DemonstrationSet set = Demonstrate(

@@ -55,8 +55,8 @@ robot::ThreadFinding EmergencyStopMonitor::Report() noexcept {
   return {{runtime::HoldReason::kEmergencyStopSilent,
            only_datagrams_silent_
                ? "heard over DDS, but not in its datagrams: does a firewall drop UDP broadcasts?"
-           : num_buttons_ > 1 ? "one of several is no longer heard of"
-                              : "no word from it: is `hardware stop` running?"},
+           : num_buttons_ > 1 ? "one of several buttons went silent"
+                              : "no message from it: is `hardware stop` running?"},
           checked_ns};
 }
 

@@ -160,7 +160,8 @@ std::string Beside(const char* program) {
   const std::filesystem::path path =
       std::filesystem::read_symlink("/proc/self/exe").parent_path() / program;
   if (!std::filesystem::exists(path)) {
-    throw std::runtime_error(path.string() + " is not there: build it with ./dev build " + program);
+    throw std::runtime_error(path.string() + " does not exist: build it with ./dev build " +
+                             program);
   }
   return path.string();
 }
@@ -180,8 +181,8 @@ std::vector<std::string> InNetwork(std::vector<std::string> command,
   const std::filesystem::path folder = (network.security / "." / ".." / name).lexically_normal();
   if (!std::filesystem::exists(folder)) {
     throw std::runtime_error(folder.string() +
-                             " is not there: the certificate of the program that is launched. Make "
-                             "it with `hardware certificates`, which makes those of " +
+                             " does not exist: the certificate of the launched program. Make it "
+                             "with `hardware certificates`, which makes those of " +
                              name + " and line_tracking side by side");
   }
   command.insert(command.end(), {"--security", folder.string()});
@@ -267,7 +268,7 @@ void RunLaunch(const LaunchOptions& options) {
   for (Child* child : all) child->Stop(SIGINT);
   while (client.output() >= 0 && client.Show()) {
   }
-  if (client.status() != 0) throw std::runtime_error("the run failed; its words are above");
+  if (client.status() != 0) throw std::runtime_error("the run failed; its output is above");
 }
 
 }  // namespace dfr::apps::line_tracking

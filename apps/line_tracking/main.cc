@@ -26,7 +26,7 @@ CLI::Validator OneOf(const std::map<std::string, T>& words) {
   list += "}";
   return {[words, list](std::string& text) {
             const auto found = words.find(text);
-            if (found == words.end()) return "'" + text + "' is none of " + list;
+            if (found == words.end()) return "'" + text + "' is not one of " + list;
             text = std::to_string(static_cast<int>(found->second));
             return std::string();
           },
@@ -36,18 +36,19 @@ CLI::Validator OneOf(const std::map<std::string, T>& words) {
 void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed) {
   command
       .add_option("--observation", plant.observation,
-                  "images, or truth: the simulation's own numbers")
+                  "images, or truth: the simulation's exact numbers")
       ->transform(OneOf<sim::Observation>(
           {{"images", sim::Observation::kVision}, {"truth", sim::Observation::kGroundTruth}}))
       ->type_name("TEXT")
       ->default_str("images");
-  command.add_option("--arm", plant.arm.seed, "which individual arm: its cable errors")
+  command.add_option("--arm", plant.arm.seed, "random seed of the individual arm's cable errors")
       ->capture_default_str();
   command
       .add_option("--blur", plant.endoscope.blur_px,
                   "standard deviation of the blur in the image [px]")
       ->capture_default_str();
-  command.add_option("--noise", plant.endoscope.noise, "of the image, of 255")
+  command
+      .add_option("--noise", plant.endoscope.noise, "standard deviation of the image noise, of 255")
       ->capture_default_str();
   command
       .add_option("--start-scatter", plant.start_scatter_m,
@@ -55,7 +56,7 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
       ->capture_default_str();
   if (!disturbed) return;
   sim::DisturbanceOptions& d = plant.disturbance;
-  command.add_option("--wave", d.wave, "how the platform moves: none, sine, breath or random")
+  command.add_option("--wave", d.wave, "motion of the platform: none, sine, breath or random")
       ->transform(OneOf<sim::Wave>({{"none", sim::Wave::kNone},
                                     {"sine", sim::Wave::kSine},
                                     {"breath", sim::Wave::kBreath},
@@ -63,14 +64,17 @@ void AddPlant(CLI::App& command, sim::LineTrackingOptions& plant, bool disturbed
       ->type_name("TEXT")
       ->default_str(sim::Name(d.wave));
   command
-      .add_option("--amplitude", d.amplitude, "of x, y, z [m], roll, pitch, yaw [rad]; six numbers")
+      .add_option("--amplitude", d.amplitude,
+                  "amplitudes of x, y, z [m], roll, pitch, yaw [rad]; six numbers")
       ->delimiter(',');
   command
-      .add_option("--frequency", d.frequency, "of the same [Hz], of breath [rad/s]; six numbers")
+      .add_option("--frequency", d.frequency,
+                  "frequencies of the same [Hz], of breath [rad/s]; six numbers")
       ->delimiter(',');
   command.add_flag("--during,!--not-during", d.during,
-                   "the platform moves while the arm does, for as long (default: yes)");
-  command.add_flag("--between", d.between, "it moves for --pause after every control, too");
+                   "the platform moves during controls (default: yes)");
+  command.add_flag("--between", d.between,
+                   "the platform also moves for --pause after every control");
   command.add_option("--pause", d.pause_s, "[s]")->capture_default_str();
 }
 
@@ -78,7 +82,7 @@ void AddScene(CLI::App& command, SceneOptions& scene, bool disturbed) {
   AddPlant(command, scene.plant, disturbed);
   command
       .add_option("--calibration", scene.calibration,
-                  "file of calibrate; none: the true camera and an uncorrected arm")
+                  "file written by calibrate; none: the true camera and an uncorrected arm")
       ->capture_default_str();
 }
 
@@ -87,35 +91,39 @@ void AddModelOptions(CLI::App& command, LineModelOptions& model) {
       ->capture_default_str();
   command
       .add_option("--gammas", model.gammas,
-                  "kernel widths to choose from by held-out demonstrations [1/mm^2]")
+                  "values of gamma to choose from by held-out demonstrations [1/mm^2]")
       ->delimiter(',')
       ->capture_default_str();
-  command.add_option("--acceptance", model.acceptance, "held-out states that must be inside")
+  command
+      .add_option("--acceptance", model.acceptance, "share of held-out states that must be inside")
       ->capture_default_str();
   command
       .add_option("--features", model.support_features,
-                  "what the support looks at: blocks of the state tip, distance, heading")
+                  "features of the support: blocks of the state tip, distance, heading")
       ->capture_default_str();
   command
       .add_option("--guided-gamma", model.guided_gamma,
-                  "kernel width of guided recovery's support, in whitened units")
+                  "gamma of guided recovery's support, in whitened units")
       ->capture_default_str();
-  command.add_option("--horizon", model.horizon, "T: controls of the learned policy per episode")
+  command
+      .add_option("--horizon", model.horizon,
+                  "T: number of the learned policy's controls per episode")
       ->check(kCount)
       ->capture_default_str();
 }
 
 void AddExperiment(CLI::App& app, ExperimentOptions& options) {
   options.plant.disturbance.wave = sim::Wave::kRandom;
-  CLI::App& command = *app.add_subcommand("experiment", "the paper's comparison of all methods");
+  CLI::App& command =
+      *app.add_subcommand("experiment", "Run the paper's comparison of all methods");
   experiment::AddExperimentOptions(
       command, options, "quick: 2 trials of 15 episodes; paper: 5 trials of 50",
       "the first is the reference; of " + study::MethodHelp(kOtherLineMethods));
   command
       .add_option("--worlds", options.worlds,
-                  "rows of their own: a latency in real time, as in 30ms, where the platform never "
-                  "stops and may carry the line away until 5 s after a halt; frozen, where it "
-                  "stops while the robot looks, computes or has halted")
+                  "worlds, one table each: a latency in real time, as in 30ms: the platform never "
+                  "stops and may move the line until 5 s after a halt; frozen: it stops while the "
+                  "robot looks, computes or has halted")
       ->delimiter(',')
       ->capture_default_str();
   AddModelOptions(command, options.model);
@@ -125,50 +133,52 @@ void AddExperiment(CLI::App& app, ExperimentOptions& options) {
 
 void AddCalibrate(CLI::App& app, CalibrateOptions& options) {
   CLI::App& command = *app.add_subcommand(
-      "calibrate", "camera, its place, and the arm's joint errors from a motion");
-  command.add_option("--config", options.config,
-                     "file that says which robot, as of run: its operator moves it, and says when "
-                     "to look; without: a motion in the simulation of this process, which the "
-                     "other options are of");
+      "calibrate", "Calibrate camera, its pose, and the arm's joint errors from a motion");
+  command.add_option(
+      "--config", options.config,
+      "configuration of the robot, as for run: its operator moves it and triggers pictures; "
+      "default: a motion in the simulation of this process, which the other options describe");
   command.add_option("--out", options.out,
-                     "the file (default: calibration.dfr, or the configuration's)");
-  command.add_option("--frames", options.frames, "pictures of the motion")
+                     "file of the calibration (default: calibration.dfr, or the configuration's)");
+  command.add_option("--frames", options.frames, "number of pictures of the motion")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
-  command.add_option("--held-out", options.held_out, "poses to judge it at")->capture_default_str();
-  command.add_option("--seed", options.seed, "of the motion")->capture_default_str();
+  command.add_option("--held-out", options.held_out, "number of poses for the evaluation")
+      ->capture_default_str();
+  command.add_option("--seed", options.seed, "random seed of the motion")->capture_default_str();
   AddPlant(command, options.scene.plant, false);
   command.callback([&options] { RunCalibrate(options); });
 }
 
 void AddDemonstrate(CLI::App& app, DemonstrateOptions& options) {
   CLI::App& command = *app.add_subcommand(
-      "demonstrate", "write demonstrations without disturbance as robomimic HDF5");
+      "demonstrate", "Write demonstrations without disturbance as robomimic HDF5");
   command.add_option("--config", options.config,
-                     "file that says which robot, as of run; without: open-loop demonstrations in "
+                     "configuration of the robot, as for run; default: open-loop demonstrations in "
                      "the simulation of this process");
   command.add_flag("--teleoperation", options.teleoperation,
-                   "with --config: the operator leads the tip, which is watched; else the robot "
-                   "follows the line by itself, on the operator's word");
-  command.add_option("--out", options.out, "the file")->capture_default_str();
+                   "with --config: the operator leads the tip, and it is recorded; by default the "
+                   "robot follows the line by itself after the operator's confirmation");
+  command.add_option("--out", options.out, "file of the demonstrations")->capture_default_str();
   command.add_option("--count", options.count, "demonstrations")
       ->check(dfr::apps::kPositive)
       ->capture_default_str();
-  command.add_option("--steps", options.steps, "controls of 1 mm each")
+  command.add_option("--steps", options.steps, "number of controls of 1 mm each")
       ->check(CLI::Range(41, 54))
       ->capture_default_str();
-  command.add_option("--seed", options.seed, "of lines and start states")->capture_default_str();
+  command.add_option("--seed", options.seed, "random seed of lines and start states")
+      ->capture_default_str();
   AddScene(command, options.scene, false);
   command.callback([&options] { RunDemonstrate(options); });
 }
 
 void AddFit(CLI::App& app, FitOptions& options) {
   CLI::App& command =
-      *app.add_subcommand("fit", "learn policy, supports and lambda from demonstrations");
+      *app.add_subcommand("fit", "Learn policy, supports and lambda from demonstrations");
   command.add_option("--demonstrations", options.demonstrations, "robomimic HDF5 file")
       ->capture_default_str();
-  command.add_option("--out", options.out, "folder of the model's files")->capture_default_str();
-  command.add_option("--seed", options.model.seed, "of the network's first weights")
+  command.add_option("--out", options.out, "folder for the model's files")->capture_default_str();
+  command.add_option("--seed", options.model.seed, "random seed of the network's initial weights")
       ->capture_default_str();
   AddModelOptions(command, options.model);
   command.callback([&options] { RunFit(options); });
@@ -176,18 +186,20 @@ void AddFit(CLI::App& app, FitOptions& options) {
 
 void AddRun(CLI::App& app, RunOptions& options) {
   options.scene.plant.disturbance.wave = sim::Wave::kRandom;
-  CLI::App& command = *app.add_subcommand("run", "run a model on a moving platform, or on a robot");
+  CLI::App& command = *app.add_subcommand("run", "Run a model on a moving platform, or on a robot");
   command.add_option("--config", options.config,
-                     "file that says which robot, and how to reach it (docs/robot.md); its other\n"
-                     "settings can be overruled here. Without: the simulation in this process.\n"
+                     "configuration of the robot and its network (docs/robot.md). Options given "
+                     "here\ntake precedence. Default: the simulation in this process.\n"
                      "`line_tracking --config FILE` is short for this");
-  command.add_option("--model", options.model, "folder of fit (default: model)");
+  command.add_option("--model", options.model, "folder written by fit (default: model)");
   command.add_option("--method", options.method,
                      study::MethodHelp(kOtherLineMethods) + " (default: guided)");
   command.add_option("--recordings", options.recordings,
-                     "folder of the logs that runs leave (default: recordings); none: no log");
-  command.add_option("--episodes", options.episodes, "start states")->capture_default_str();
-  command.add_option("--seed", options.seed, "of start states, platform and recoveries")
+                     "folder for the logs of runs (default: recordings); none: no log");
+  command.add_option("--episodes", options.episodes, "number of start states")
+      ->capture_default_str();
+  command
+      .add_option("--seed", options.seed, "random seed of start states, platform and recoveries")
       ->capture_default_str();
   AddScene(command, options.scene, true);
   command.callback([&options] { RunRun(options); });
@@ -195,31 +207,36 @@ void AddRun(CLI::App& app, RunOptions& options) {
 
 void AddReplay(CLI::App& app, ReplayOptions& options) {
   CLI::App& command =
-      *app.add_subcommand("replay", "make the decisions of a log again, and say which differ");
-  command.add_option("LOG", options.recording, "what a run has recorded: .mcap")->required();
-  command.add_option("--model", options.model, "folder of fit; else the one that the log names");
+      *app.add_subcommand("replay", "Repeat the decisions of a log, and print the differences");
+  command.add_option("LOG", options.recording, "log of a run: .mcap")->required();
+  command.add_option("--model", options.model,
+                     "folder written by fit (default: the one named by the log)");
   command.callback([&options] { RunReplay(options); });
 }
 
 void AddLaunch(CLI::App& app, LaunchOptions& options) {
   CLI::App& command = *app.add_subcommand(
-      "launch", "a simulated console, an emergency stop and a run on it, all over the network");
-  command.add_option("--config", options.config, "as of run, with a simulator")->required();
-  command.add_option("--out", options.folder, "folder of what is learned on the way")
+      "launch", "Start a simulated console, an emergency stop and a run, all over the network");
+  command.add_option("--config", options.config, "configuration, as for run, with a simulator")
+      ->required();
+  command.add_option("--out", options.folder, "folder for calibration, demonstrations and model")
       ->capture_default_str();
-  command.add_option("--episodes", options.episodes, "start states")->capture_default_str();
-  command.add_option("--seed", options.seed, "of start states, platform and recoveries")
+  command.add_option("--episodes", options.episodes, "number of start states")
+      ->capture_default_str();
+  command
+      .add_option("--seed", options.seed, "random seed of start states, platform and recoveries")
       ->capture_default_str();
   command.callback([&options] { RunLaunch(options); });
 }
 
 void AddRender(CLI::App& app, RenderOptions& options) {
   options.scene.plant.disturbance.wave = sim::Wave::kRandom;
-  CLI::App& command = *app.add_subcommand("render", "a video of one episode, without a display");
-  command.add_option("--model", options.model, "folder of fit")->capture_default_str();
+  CLI::App& command =
+      *app.add_subcommand("render", "Write a video of one episode, without a display");
+  command.add_option("--model", options.model, "folder written by fit")->capture_default_str();
   command.add_option("--method", options.method, study::MethodHelp(kOtherLineMethods))
       ->capture_default_str();
-  command.add_option("--seed", options.seed, "of the episode")->capture_default_str();
+  command.add_option("--seed", options.seed, "random seed of the episode")->capture_default_str();
   command.add_option("--out", options.out, "a video: .mp4 or .webm")->capture_default_str();
   AddScene(command, options.scene, true);
   command.callback([&options] { RunRender(options); });
@@ -228,12 +245,16 @@ void AddRender(CLI::App& app, RenderOptions& options) {
 void AddView(CLI::App& app, ViewOptions& options) {
   options.scene.plant.disturbance.wave = sim::Wave::kRandom;
   CLI::App& command =
-      *app.add_subcommand("view", "watch episodes in a window, with what vision sees");
-  command.add_option("--model", options.model, "folder of fit")->capture_default_str();
-  command.add_option("--method", options.method, "as for run")->capture_default_str();
-  command.add_option("--seed", options.seed, "of the first episode; the next has the next")
+      *app.add_subcommand("view", "Show episodes in a window, with the results of vision");
+  command.add_option("--model", options.model, "folder written by fit")->capture_default_str();
+  command.add_option("--method", options.method, "method, as for run")->capture_default_str();
+  command
+      .add_option("--seed", options.seed,
+                  "random seed of the first episode; each further one adds 1")
       ->capture_default_str();
-  command.add_option("--episodes", options.episodes, "how many; 0: until the window is closed")
+  command
+      .add_option("--episodes", options.episodes,
+                  "number of episodes; 0: until the window is closed")
       ->capture_default_str();
   AddScene(command, options.scene, true);
   command.callback([&options] { RunView(options); });
@@ -241,9 +262,10 @@ void AddView(CLI::App& app, ViewOptions& options) {
 
 void AddVision(CLI::App& app, VisionOptions& options) {
   CLI::App& command = *app.add_subcommand(
-      "vision", "a table of vision's errors against the truth over poses, blur, light and noise");
-  command.add_option("--episodes", options.episodes, "per row")->capture_default_str();
-  command.add_option("--seed", options.seed, "of poses")->capture_default_str();
+      "vision", "Print a table of vision's errors over poses, blur, light and noise");
+  command.add_option("--episodes", options.episodes, "number of episodes per row")
+      ->capture_default_str();
+  command.add_option("--seed", options.seed, "random seed of the poses")->capture_default_str();
   AddScene(command, options.scene, true);
   command.callback([&options] { RunVision(options); });
 }

@@ -20,7 +20,7 @@ std::optional<std::string> OperatorDesk::Answer(robot::ControlLoop& loop, std::s
     if (!line) continue;
     if (std::ranges::find(words, std::string_view(*line)) != words.end()) return line;
     if (*line == "q") break;
-    screen_->Say("'%.40s' is not the word; q ends\n", line->c_str());
+    screen_->Say("'%.40s' is not the requested word; q ends\n", line->c_str());
   }
   return std::nullopt;
 }
@@ -41,8 +41,8 @@ bool OperatorDesk::AllowsEpisode(robot::ControlLoop& loop) {
                                             loop.blocking() == HoldReason::kEmergencyStopSilent);
     if (!faulted && !stopped) break;
     const std::string what = faulted ? "faulted: " + loop.cause() : loop.blocking_words();
-    if (!Confirms(loop, what + ". Mend it, then type clear", "clear")) return false;
-    if (!loop.Clear()) screen_->Say("it is still there: %s\n", loop.blocking_words().c_str());
+    if (!Confirms(loop, what + ". Correct it, then type clear", "clear")) return false;
+    if (!loop.Clear()) screen_->Say("the reason remains: %s\n", loop.blocking_words().c_str());
   }
   if (loop.ended_regularly()) {
     return Confirms(loop, "Put the tip over the line's beginning; Enter starts", "");

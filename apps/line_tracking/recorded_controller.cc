@@ -93,14 +93,14 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
       model_folder.empty() ? std::filesystem::path(log.metadata.model) : model_folder;
   if (!std::filesystem::exists(folder)) {
     throw std::runtime_error(folder.string() +
-                             ": the recording's model is not there; name it with "
+                             ": the recording's model does not exist; name it with "
                              "--model");
   }
   std::cout << path.string() << ": " << log.steps.size() << " decisions by " << log.metadata.method
             << ", seed " << log.metadata.seed << ", commit " << log.metadata.commit << '\n';
   if (log.metadata.commit != core::BuildCommit()) {
     std::cout << "  this program is of commit " << core::BuildCommit()
-              << ", whose methods may decide otherwise\n";
+              << ", whose methods may decide differently\n";
   }
   if (!log.finished) std::cout << "  it was cut off: its program was killed, or still runs\n";
   if (log.dropped_records > 0) {
@@ -108,7 +108,7 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
   }
   for (const std::string& damage : log.damage) std::cout << "  it is " << damage << '\n';
   if (log.steps.empty()) {
-    throw std::runtime_error(path.string() + " holds no decision: there is nothing to make again");
+    throw std::runtime_error(path.string() + " contains no decision to repeat");
   }
   if (recording::Checksum(folder) != log.metadata.model_checksum) {
     std::cout << "  the model in " << folder.string() << " is not the one of the recording\n";
@@ -151,9 +151,7 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
               << " decisions come after one that is missing, and were left out\n";
   }
   if (left_out == static_cast<int>(log.steps.size())) {
-    throw std::runtime_error(path.string() +
-                             " holds no episode from its beginning: there is nothing "
-                             "to make again");
+    throw std::runtime_error(path.string() + " contains no episode from its beginning to repeat");
   }
   std::cout << (differences == 0 ? "all decisions are the same\n"
                                  : std::to_string(differences) + " decisions differ\n");

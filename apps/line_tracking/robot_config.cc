@@ -156,8 +156,8 @@ class Section {
       std::string all;
       for (const std::string& known : known_) all += (all.empty() ? "" : ", ") + known;
       Fail(file_, node.source(),
-           "there is no key '" + Full(std::string(key.str()).c_str()) + "'" +
-               (name_.empty() ? "" : " in [" + name_ + "]") + ". There are: " + all);
+           "unknown key '" + Full(std::string(key.str()).c_str()) + "'" +
+               (name_.empty() ? "" : " in [" + name_ + "]") + "; valid: " + all);
     }
   }
 
@@ -383,8 +383,8 @@ core::Provenance ProvenanceOf(const RobotConfig& config) {
                                    std::pair("camera.name", &provenance.camera)}) {
     if (!value->empty()) continue;
     throw std::runtime_error(config.file.string() + ": " + key +
-                             " is not set: files of this robot could not be told from those of "
-                             "another. Write there what is written on the device");
+                             " is not set, so this robot's files cannot be identified. Set it to "
+                             "the text on the device");
   }
   return provenance;
 }

@@ -302,9 +302,9 @@ struct RobotPlant::Impl {
     static_cast<void>(loop.Look());
     if (!loop.may_move()) throw std::runtime_error("the tool was lifted: " + loop.cause());
     if (!seen().seen()) {
-      throw std::runtime_error(std::string("the tool was lifted, and the picture does not show "
-                                           "where it is: ") +
-                               vision::Name(seen().missing));
+      throw std::runtime_error(
+          std::string("the tool was lifted, and its position is not visible in the picture: ") +
+          vision::Name(seen().missing));
     }
     region.SetGauze(task.p_world_base() * task.calibration().p_base_cam * seen().p_cam_target);
     try {

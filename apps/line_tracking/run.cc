@@ -67,7 +67,7 @@ std::filesystem::path RecordingName(const std::filesystem::path& folder) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) {
-    throw std::runtime_error(folder.string() + ": the folder cannot be made: " + error.message());
+    throw std::runtime_error(folder.string() + ": cannot be created: " + error.message());
   }
   const std::time_t now = std::time(nullptr);
   std::tm utc{};
@@ -208,14 +208,14 @@ void RunRun(const RunOptions& options) {
   robot = {};  // its threads record no more
   if (recorder) {
     recorder->Finish();
-    screen.Say("%s written: line_tracking replay makes its decisions again\n", log.c_str());
+    screen.Say("%s written: line_tracking replay repeats its decisions\n", log.c_str());
   }
   if (stopped) throw std::runtime_error("the robot stands still: " + why);
 }
 
 void RunReplay(const ReplayOptions& options) {
   if (!ReplayRecording(options.recording, options.model)) {
-    throw std::runtime_error(options.recording.string() + ": its decisions are not made again");
+    throw std::runtime_error(options.recording.string() + ": its decisions cannot be repeated");
   }
 }
 

@@ -17,7 +17,7 @@ SimulatorTruth ReadTruth(const std::string& text) {
   SimulatorTruth truth;
   if (!(in >> truth.completed >> truth.collided >> truth.progress_m >> truth.distance_m >>
         truth.tip_m.x() >> truth.tip_m.y() >> truth.tip_m.z())) {
-    throw std::runtime_error("the simulator's truth is not understood: " + text);
+    throw std::runtime_error("cannot parse the simulator's truth:  " + text);
   }
   return truth;
 }
@@ -57,7 +57,7 @@ void SimulatorLink::Begin(const std::string& request) {
   message.stamp = dds::Stamp::FromNanoseconds(last_id_);
   message.text = request;
   if (!request_.Write(message)) {
-    throw std::runtime_error("the simulator cannot be asked: DDS does not take the message");
+    throw std::runtime_error("no request to the simulator is possible: DDS refuses the message");
   }
 }
 
@@ -96,7 +96,7 @@ void SimulatorLink::AskForTime(const std::string& request) {
   const std::string text = Ask(request);
   std::istringstream in(text);
   if (!(in >> now_ns_)) {
-    throw std::runtime_error("the simulator's time is not understood: '" + text + "'");
+    throw std::runtime_error("cannot parse the simulator's time '" + text + "'");
   }
 }
 

@@ -50,7 +50,8 @@ std::unique_ptr<RobotPlant> BringUpRobot(const RobotConfig& config,
     Show(screen, t);
   };
   run_operator.on_word = [&screen](const hardware::ConsoleWord& word) {
-    screen.Say("  the console says (%s): %s\n", hardware::Name(word.severity), word.text.data());
+    screen.Say("  message from the console (%s): %s\n", hardware::Name(word.severity),
+               word.text.data());
   };
   run_operator.interrupted = &interrupted;
   auto plant = std::make_unique<RobotPlant>(config, calibration, recorder, run_operator);

@@ -92,8 +92,8 @@ sim::LineTrackingOptions InWorld(sim::LineTrackingOptions plant, const std::stri
     latency_ms = core::ParseNumber(std::string_view(world).substr(0, world.size() - kUnit.size()));
   }
   DFR_THROW_UNLESS(latency_ms && *latency_ms >= 0.0,
-                   "there is no world '" << world << "'; there are frozen, and a latency in real "
-                                         << "time as in 30ms");
+                   "unknown world '" << world << "'; valid: frozen, and a latency in real "
+                                     << "time as in 30ms");
   plant.disturbance.real_time = true;
   plant.disturbance.latency_s = 1e-3 * *latency_ms;
   return plant;

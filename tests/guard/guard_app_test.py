@@ -257,7 +257,7 @@ class GuardAppTest(unittest.TestCase):
             observations["all"] = np.hstack([observations["tip"]] * 11)
         write_robomimic(self.folder / "doubled.hdf5", data)
         out = self.run_guard("check", "doubled.hdf5")
-        self.assertRegex(out, r"doubled: +22 entries repeat others, as all\[2\] always equals all\[0\]: one of each")
+        self.assertRegex(out, r"doubled: +22 entries repeat others, for example all\[2\] always equals all\[0\]: keep one of each")
         self.assertEqual(out.count("doubled"), 2)  # that line, and the file's name
 
     def test_failed_episodes_are_left_out(self):
@@ -433,7 +433,7 @@ class GuardAppTest(unittest.TestCase):
             (["fit", "demos.hdf5", "--features", "gripper"], "feature 'gripper' is not part of the state; it has"),
             (["fit", "demos.hdf5", "--strategy", "brave"], "no strategy 'brave'; there are: guard, controller"),
             (["fit", "demos.hdf5", "--features", "tip", "--nu", "2"], "nu"),
-            (["check", "demos.hdf5", "--action-limit", "-1"], "--action-limit: must be positive, not -1\n"),
+            (["check", "demos.hdf5", "--action-limit", "-1"], "--action-limit: must be positive, not -1; --help"),
             (["check", "."], ".: has neither data/main_data.hdf5 (Minari) nor meta/info.json (LeRobot)"),
             (["show", "cut.guard"], "cut.guard: is truncated or damaged"),
             (["show", "demos.hdf5"], "is not a file written by dfr"),

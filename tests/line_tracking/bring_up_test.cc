@@ -51,8 +51,8 @@ class BringUpTest : public testing::Test {
 };
 
 TEST_F(BringUpTest, NothingIsPoweredUpUnlessTheOperatorAsks) {
-  EXPECT_EQ(Refusal({}), "PSM1 is not homed, and nobody asked for it");
-  EXPECT_EQ(Refusal(Answers(0)), "PSM1 is not homed, and nobody asked for it");
+  EXPECT_EQ(Refusal({}), "PSM1 is not homed, and the operator did not confirm homing");
+  EXPECT_EQ(Refusal(Answers(0)), "PSM1 is not homed, and the operator did not confirm homing");
   EXPECT_EQ(words_, std::vector<std::string>{"home"});
   EXPECT_EQ(robot_.arm.homings, 0);
   words_.clear();
@@ -142,7 +142,7 @@ TEST_F(BringUpTest, AnArmThatIsHomedElsewhereIsNotHomed) {
 
 TEST_F(BringUpTest, NothingIsPoweredUpBeforeOthersAreAccepted) {
   options_.accepts_others = [] { return false; };
-  EXPECT_EQ(Refusal(Answers(9)), "others can command PSM1, and nobody accepted them");
+  EXPECT_EQ(Refusal(Answers(9)), "others can command PSM1, and the operator did not accept them");
   EXPECT_EQ(words_, std::vector<std::string>());
   EXPECT_EQ(robot_.arm.homings, 0);
 }
@@ -162,7 +162,7 @@ TEST_F(BringUpTest, TheOperatorAcceptsThoseWhoWereThereBefore) {
   words_.clear();
   said_.clear();
   EXPECT_TRUE(company.Accepts({window}, false, say, Answers(1)));
-  EXPECT_EQ(said_, "also there: 'window' at 10.0.0.1 publishes /PSM1/hold\n");
+  EXPECT_EQ(said_, "also present: 'window' at 10.0.0.1 publishes /PSM1/hold\n");
   EXPECT_EQ(words_, std::vector<std::string>{"together"});
   for (int episode = 0; episode < 20; ++episode) {
     EXPECT_TRUE(company.Accepts({window}, false, say, Answers(0)));
@@ -171,13 +171,14 @@ TEST_F(BringUpTest, TheOperatorAcceptsThoseWhoWereThereBefore) {
   said_.clear();
   words_.clear();
   EXPECT_TRUE(company.Accepts({window, script}, false, say, Answers(1)));
-  EXPECT_EQ(said_, "also there: 'script' at 10.0.0.2 publishes /PSM1/free\n");
+  EXPECT_EQ(said_, "also present: 'script' at 10.0.0.2 publishes /PSM1/free\n");
   EXPECT_TRUE(Company().Accepts({window, script}, true, say, {})) << "a simulation's";
 }
 
 TEST_F(BringUpTest, ThePlatformMovesOnAWordOfItsOwn) {
   options_.platform_home_s = 1.5;
-  EXPECT_EQ(Refusal(Answers(1)), "the platform is not at home, and nobody asked for it");
+  EXPECT_EQ(Refusal(Answers(1)),
+            "the platform is not at home, and the operator did not confirm homing");
   EXPECT_EQ(words_, (std::vector<std::string>{"home", "platform"}));
   EXPECT_EQ(robot_.platform.homings, 0);
   words_.clear();

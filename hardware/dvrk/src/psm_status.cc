@@ -7,9 +7,9 @@ const char* Name(PsmStatus status) noexcept {
     case PsmStatus::kOk:
       return "ok";
     case PsmStatus::kNoConsole:
-      return "nobody publishes the arm's state";
+      return "no program publishes the arm's state";
     case PsmStatus::kConsoleGone:
-      return "the console has gone";
+      return "the console has disappeared";
     case PsmStatus::kIncompatible:
       return "the console's quality of service does not match";
     case PsmStatus::kNoOperatingState:
@@ -49,7 +49,7 @@ const char* Name(PsmStatus status) noexcept {
     case PsmStatus::kOtherPublisher:
       return "someone else can command the arm";
     case PsmStatus::kSecondConsole:
-      return "more than one publishes the arm's state";
+      return "more than one program publishes the arm's state";
     case PsmStatus::kForeignWord:
       return "someone else told the arm to hold, to be free or to change its state";
     case PsmStatus::kNewcomer:
@@ -100,15 +100,15 @@ const char* Remedy(PsmStatus status) noexcept {
       return "is the console (or dvrk_simulator) running, with this arm's name, in this DDS domain "
              "and within reach of this kind of discovery?";
     case PsmStatus::kConsoleGone:
-      return "start the console again, home the arm and arm anew";
+      return "start the console again, home the arm and arm again";
     case PsmStatus::kIncompatible:
       return "the console must publish its state reliably, and operating_state transient-local";
     case PsmStatus::kNoOperatingState:
       return "does the console publish operating_state for this arm (CRTK, dVRK 2.0 or later)?";
     case PsmStatus::kConsoleFault:
-      return "read the console's own words, remove the cause, then disable, home and arm";
+      return "read the console's messages, remove the cause, then disable, home and arm";
     case PsmStatus::kConsoleError:
-      return "read the console's own words, remove the cause and arm again";
+      return "read the console's messages, remove the cause and arm again";
     case PsmStatus::kDisabled:
       return "home the arm";
     case PsmStatus::kPaused:
@@ -161,7 +161,7 @@ const char* Remedy(PsmStatus status) noexcept {
     case PsmStatus::kToolChanged:
       return "check the instrument and its calibration, then arm again";
     case PsmStatus::kNotFollowing:
-      return "is something in the arm's way, or does the console drop commands? its words tell";
+      return "is something in the arm's way, or does the console drop commands? see its messages";
     case PsmStatus::kNotReached:
       return "is something in the arm's way? the arm's steady error may exceed rest_distance";
     case PsmStatus::kTickLate:
@@ -169,7 +169,7 @@ const char* Remedy(PsmStatus status) noexcept {
     case PsmStatus::kSendFailed:
       return "is the network interface up? the machine may be overloaded";
     case PsmStatus::kTimedOut:
-      return "read the console's own words; press the emergency stop's release or power the arm";
+      return "read the console's messages; press the emergency stop's release or power the arm";
     case PsmStatus::kHeld:
       return "arm again when it is safe";
     case PsmStatus::kNotArmed:
