@@ -10,51 +10,51 @@
 
 namespace dfr::apps::line_tracking {
 
-/// Tells the operator something; may be empty.
+/// Prints a text for the operator; may be empty.
 using Say = std::function<void(std::string_view)>;
-/// Asks the operator a question, and goes on with the loop until exactly `word` is typed, or false;
-/// where it is empty, the operator says no to everything.
+/// Asks the operator a question, and continues the loop until the operator types exactly `word`, or
+/// returns false. If empty, all answers are no.
 using Confirms = std::function<bool(std::string_view question, std::string_view word)>;
 
-/// In whose presence the robot may move: of those who were there before, and whom the operator was
-/// told of.
+/// Accepted participants, in whose presence the robot may move: they were present before, and
+/// listed for the operator.
 class Company {
  public:
-  /// Tells of those of the `present` that were not accepted before, and asks whether to go on in
-  /// their presence. A simulation's are not asked about.
+  /// Lists those of `present` that are not accepted yet, and asks whether to continue in their
+  /// presence. Does not ask in a simulation.
   [[nodiscard]] bool Accepts(const std::vector<dds::Newcomer>& present, bool simulated,
                              const Say& say, const Confirms& confirms);
-  /// Whether all of them were accepted.
+  /// Returns true if all of them are accepted.
   [[nodiscard]] bool Knows(const std::vector<dds::Newcomer>& present) const;
 
  private:
   std::vector<dds::Origin> accepted_;
 };
 
-/// A robot that is to be brought up. What it points to outlives the call.
+/// A robot to bring up. The pointers must stay valid during the call.
 struct BringUpOptions {
   robot::ControlLoop* loop = nullptr;
   const robot::Manipulator* arm = nullptr;
-  std::string name = "PSM1";  ///< The arm's.
-  /// It is homed without being asked.
+  std::string name = "PSM1";  ///< Name of the arm.
+  /// True: the arm is homed without a question.
   bool simulated = false;
-  /// It is homed already, by the simulator.
+  /// True: the simulator has already homed the arm.
   bool homed = false;
-  /// How long the platform takes home, s; 0: there is none.
+  /// Time that the platform needs to go home, s; 0: no platform.
   double platform_home_s = 0.0;
-  /// Whether the operator accepts all those who can tell the arm to hold, to be free or to change
-  /// its state; may be empty.
+  /// Asks whether the operator accepts all participants that can hold or free the arm or change its
+  /// state; may be empty.
   std::function<bool()> accepts_others = {};
-  double patience_s = 10.0;  ///< The devices may be found one after the other.
-  /// What else is known of why the robot is not ready; may be empty.
+  double patience_s = 10.0;  ///< Time to wait for the devices.
+  /// Further reasons why the robot is not ready; may be empty.
   std::function<std::string()> remedy = {};
 };
 
-/// Waits until the robot can be started. An arm that is not homed is powered up and homed once the
-/// operator says so, and has accepted who else is there; a simulated one without being asked. Then
-/// the platform goes home, if there is one, on a word of its own. Nothing is sent before these
-/// words, nor while the emergency stop is pressed or not heard of.
-/// @throws std::runtime_error with what is wrong.
+/// Waits until the robot can start. Powers up and homes an arm that is not homed, after the
+/// operator has confirmed it and accepted the other participants; a simulated arm needs no
+/// confirmation. Then the platform, if present, goes home after a separate confirmation. Nothing is
+/// sent before these confirmations, or while the emergency stop is pressed or silent.
+/// @throws std::runtime_error with the reason.
 void BringUp(const BringUpOptions& robot, const Say& say, const Confirms& confirms);
 
 }  // namespace dfr::apps::line_tracking

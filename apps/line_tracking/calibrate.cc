@@ -29,7 +29,7 @@ void PrintErrors(const char* name, std::vector<double> errors_mm) {
               errors_mm.back());
 }
 
-// What is known of a robot before it is calibrated.
+// Approximate calibration of a robot, from its configuration.
 line_task::LineCalibration Guess(const RobotConfig& config) {
   if (config.intrinsics.empty()) {
     throw std::runtime_error(
@@ -46,7 +46,7 @@ line_task::LineCalibration Guess(const RobotConfig& config) {
   return guess;
 }
 
-// Nothing if these pictures do not say enough, which the operator is told.
+// Empty, with a message for the operator, if these pictures are not sufficient.
 std::optional<line_task::LineCalibration> FromPictures(
     const std::vector<vision::CalibrationFrame>& frames, const line_task::LineCalibration& guess,
     const RobotConfig& config, Screen& screen) {
@@ -74,7 +74,7 @@ std::optional<line_task::LineCalibration> FromPictures(
   }
 }
 
-// The operator moves arm and platform and says when to look. Nothing moves by itself.
+// The operator moves arm and platform and triggers each picture. Nothing moves by itself.
 void CalibrateRobot(const CalibrateOptions& options) {
   constexpr std::ptrdiff_t kTouching = 10;
   constexpr std::array<std::string_view, 3> kWords = {"", "t", "done"};

@@ -13,23 +13,23 @@
 
 namespace dfr::apps::line_tracking {
 
-// One struct and one function a command; main.cc fills the one and calls the other. All throw
-// std::exception with a message for the user.
+// One struct and one function per command. main.cc fills the struct and calls the function. All
+// functions throw std::exception with a message for the user.
 
 inline constexpr const char* kNoCalibration = "none";
 
 /// The world, for all commands.
 struct SceneOptions {
   sim::LineTrackingOptions plant;
-  /// A file of `calibrate`, or kNoCalibration: camera and mounting as they are, the arm
-  /// uncorrected.
+  /// A file of `calibrate`, or kNoCalibration: the true camera and mounting, and an uncorrected
+  /// arm.
   std::filesystem::path calibration = "calibration.dfr";
 };
 
 struct DemonstrateOptions {
   SceneOptions scene;
   std::filesystem::path config;  ///< A robot's; empty: the simulation in this process.
-  bool teleoperation = false;    ///< On a robot: the operator leads the tip, and it is watched.
+  bool teleoperation = false;    ///< On a robot: the operator leads the tip, and it is recorded.
   std::filesystem::path out = "demonstrations.hdf5";
   int count = 50;
   int steps = 50;
@@ -59,7 +59,7 @@ inline constexpr const char* kNoRecordings = "none";
 struct RunOptions {
   SceneOptions scene;
   std::filesystem::path config;  ///< A robot's; empty: the simulation in this process.
-  // Empty: as the configuration says, or "model", "guided", "recordings".
+  // Empty: the configuration's, or "model", "guided", "recordings".
   std::filesystem::path model;
   std::string method;
   std::filesystem::path recordings;  ///< Or kNoRecordings.
@@ -67,13 +67,13 @@ struct RunOptions {
   std::uint64_t seed = 1001;
 };
 void RunRun(const RunOptions& options);
-/// What a run's recording says of it, whether it had an emergency stop included.
+/// Metadata of a run's recording, including the presence of an emergency stop.
 [[nodiscard]] recording::RecordingMetadata RunMetadata(const RobotConfig& config,
                                                        std::uint64_t seed);
 
 struct ReplayOptions {
   std::filesystem::path recording;
-  std::filesystem::path model;  ///< Empty: the one that the recording names.
+  std::filesystem::path model;  ///< Empty: the one named by the recording.
 };
 void RunReplay(const ReplayOptions& options);
 
@@ -87,7 +87,7 @@ void RunLaunch(const LaunchOptions& options);
 
 struct ExperimentOptions : experiment::ExperimentOptions {
   ExperimentOptions() { out = "out/line_tracking"; }
-  std::vector<std::string> worlds = {"30ms", "frozen"};  ///< As InWorld() takes them.
+  std::vector<std::string> worlds = {"30ms", "frozen"};  ///< Arguments of InWorld().
   LineModelOptions model;
   sim::LineTrackingOptions plant;
 };
@@ -118,15 +118,15 @@ struct VisionOptions {
 };
 void RunVision(const VisionOptions& options);
 
-/// What the scene's calibration file holds, or the truth.
-/// @throws std::runtime_error naming the file, and what writes one, if it is not there.
+/// Returns the calibration of the scene's file, or the truth.
+/// @throws std::runtime_error naming the file and the command that writes it, if it does not exist.
 [[nodiscard]] line_task::LineCalibration LoadCalibration(const SceneOptions& scene);
-/// What the configuration's calibration file holds, which may drive its robot and is of its camera.
+/// Returns the calibration of the configuration's file, after checks of its provenance and camera.
 /// @throws std::runtime_error as the above, CheckProvenance() and CheckCamera().
 [[nodiscard]] line_task::LineCalibration LoadCalibration(const RobotConfig& config);
 
-/// The configuration of a robot that a command other than `run` works on.
-/// @throws std::runtime_error if it is of the simulation in this process, or in lock-step.
+/// Returns the configuration of a robot for a command other than `run`.
+/// @throws std::runtime_error if it selects the simulation in this process, or lock-step.
 [[nodiscard]] RobotConfig LoadRobot(const std::filesystem::path& file);
 
 }  // namespace dfr::apps::line_tracking

@@ -28,8 +28,8 @@ core::Trajectory Empty(const RobotPlant& plant, int steps) {
   return trajectory;
 }
 
-// The programmed supervisor follows the line from where the operator has put the tip. Nothing if it
-// did not complete the task; the robot holds, and its loop knows why.
+// The scripted supervisor follows the line from the operator's start. Empty if it did not complete
+// the task; the robot then holds, and its loop has the reason.
 std::optional<core::Trajectory> Drive(RobotPlant& plant, int steps, std::uint64_t seed) {
   core::Trajectory trajectory = Empty(plant, steps);
   trajectory.seed = seed;
@@ -45,8 +45,8 @@ std::optional<core::Trajectory> Drive(RobotPlant& plant, int steps, std::uint64_
   return trajectory;
 }
 
-// The operator leads the tip: a state for each millimetre that it goes, and as its control the way
-// to the next.
+// The operator leads the tip. Records a state per millimetre; its control is the displacement to
+// the next state.
 core::Trajectory Follow(RobotPlant& plant, int steps) {
   core::Trajectory trajectory = Empty(plant, steps);
   core::Matrix& x = trajectory.states;
@@ -72,7 +72,7 @@ core::Trajectory Follow(RobotPlant& plant, int steps) {
   return trajectory;
 }
 
-// One demonstration, if the operator's word and the robot let it be one.
+// One demonstration, if the operator confirms it and the robot completes it.
 std::optional<core::Trajectory> Demonstrated(RobotPlant& plant, const DemonstrateOptions& options,
                                              std::uint64_t seed, Screen& screen) {
   std::optional<core::Trajectory> trajectory;

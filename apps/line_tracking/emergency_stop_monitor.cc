@@ -79,7 +79,8 @@ void EmergencyStopMonitor::Run() {
     message.state = runtime::Name(state);
     announcer_.Write(message);
   }
-  // Who ends in order is not missed. What is lost is sent anew within that time.
+  // A program that ends regularly is not reported as missing. Lost messages are sent again within
+  // that time.
   dds::OperatingState farewell;
   farewell.stamp = dds::Stamp::Now();
   farewell.state = dds::kRunEnded;

@@ -10,12 +10,13 @@
 
 namespace dfr::apps::line_tracking {
 
-/// When the state of a loop is published: as soon as it has changed, else 50 times a second, and
-/// not while the loop hangs: without a beat for 0.1 s.
+/// Schedule for publishing the state of a loop: after each change, otherwise 50 times a second, and
+/// not while the loop hangs (no beat for 0.1 s).
 class RunAnnouncements {
  public:
-  /// True if `state` is to be published now. All times are of one clock that never goes back, ns.
-  /// @param beat_ns  of the loop's last beat.
+  /// Returns true if `state` must be published now. All times are of one clock that never goes
+  /// back, ns.
+  /// @param beat_ns  time of the loop's last beat.
   [[nodiscard]] bool Due(runtime::RunState state, std::int64_t beat_ns,
                          std::int64_t now_ns) noexcept;
 
@@ -24,11 +25,11 @@ class RunAnnouncements {
   runtime::RunState announced_ = runtime::RunState::kIdle;
 };
 
-/// The emergency stop of a robot::ControlLoop. A thread of its own listens to it over DDS, and
+/// The emergency stop of a robot::ControlLoop. A separate thread receives it over DDS, and
 /// publishes the loop's state on the topic dds::kRunStateTopic, which `hardware stop` shows.
 class EmergencyStopMonitor final : public robot::EmergencyStop {
  public:
-  /// @param with_stop  whether there is an emergency stop to listen to; else it is always clear.
+  /// @param with_stop  false: there is no emergency stop, and the state is always clear.
   /// @param datagrams  see dds::EmergencyStopReceiver.
   EmergencyStopMonitor(dds::Participant& participant, bool with_stop, double max_silence_s,
                        bool datagrams = true);

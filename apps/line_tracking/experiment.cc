@@ -23,8 +23,8 @@ constexpr int kDemonstrations = 50;
 constexpr int kDemonstratedSteps = 50;
 constexpr int kCalibrationFrames = 300;
 constexpr std::size_t kCurves = 30;
-// The study of probes: enough episodes for its figures, and few enough for the fine probes, which
-// from images take a thousand controls for nothing.
+// Episodes of the study of probes: enough for its figures, and few because fine probes from images
+// take a thousand controls without effect.
 constexpr int kStudiedEpisodes = 8;
 constexpr int kStudiedControls = 200;
 
@@ -155,7 +155,7 @@ experiment::ReportTable ProbeTable(const std::vector<StudiedMethod>& studied) {
                   "every demonstrated state.";
   table.header = {"method",     "probe, step", "probes", "size [um]",   "error [um]",
                   "sign right", "recoveries",  "ended",  "out of reach"};
-  // What is not in the ledger is printed by the run itself, which goes on from its end.
+  // The run itself prints results that are not in the ledger.
   const std::string again = "line_tracking experiment --config FOLDER/run.toml --out FOLDER";
   for (const StudiedMethod& method : studied) {
     const ProbeStudy& study = method.study;
@@ -229,7 +229,7 @@ experiment::ReportOptions MakeReport(const ExperimentOptions& options,
   return report;
 }
 
-// How g rises in recoveries of Algorithm 1, from a trial's start states.
+// Plots g over recoveries of Algorithm 1, from a trial's start states.
 experiment::ReportFigure RecoveryFigure(LineTrialRunner& runner,
                                         const experiment::EvaluationPlan& plan,
                                         std::span<const std::uint64_t> starts) {
@@ -283,8 +283,7 @@ void RunExperiment(const ExperimentOptions& options) {
   const experiment::EvaluationPlan plan = MakePlan(options);
   for (const std::string& world : plan.learners) static_cast<void>(InWorld(options.plant, world));
   const experiment::OutputFolder folder(options);
-  // Takes seconds, so only where it is needed: not for a shard without units, or one that is
-  // refused.
+  // Takes seconds, so it is skipped for a shard without units and for one that is refused.
   calibration::CalibrationSummary calibration_summary;
   line_task::LineCalibration calibrated;
   std::once_flag once;
@@ -302,7 +301,7 @@ void RunExperiment(const ExperimentOptions& options) {
     return calibrated;
   };
 
-  // The first trial's model stays, for videos and for those who want to run it.
+  // The first trial's model is saved, for videos and for users.
   const std::filesystem::path model_folder = options.out / "model";
   const auto make = [&](const experiment::EvaluationUnit& unit) {
     const auto trial = static_cast<std::uint64_t>(unit.trial);

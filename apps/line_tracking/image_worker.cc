@@ -43,7 +43,7 @@ std::unique_ptr<hardware::Endoscope> Open(dds::Participant& images, const RobotC
   options.max_age_s = config.image_max_age_s;
   options.max_repeats = 2;
   if (config.lock_step) {
-    // Stamps are the simulator's time, which has nothing to do with ours.
+    // Stamps are in the simulator's time, which is unrelated to this machine's.
     options.max_age_s = 1e5;  // s
     options.max_ahead_s = 1e5;
   }
@@ -72,7 +72,7 @@ ImageWorker::~ImageWorker() {
 
 robot::ThreadFinding ImageWorker::Report() noexcept {
   static_cast<void>(healths_.Take(health_));
-  // In lock-step pictures come when they are asked for.
+  // In lock-step pictures arrive on request.
   if (lock_step_ != nullptr) return {{}, runtime::SteadyNow()};
   return {{ToHoldReason(health_.status), hardware::Name(health_.status)}, health_.checked_ns};
 }

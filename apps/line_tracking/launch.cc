@@ -29,8 +29,8 @@ static_assert(std::atomic<bool>::is_always_lock_free);
 
 void Interrupt(int /*signal*/) { interrupted = true; }
 
-/// A program that runs beside this one. What it says appears line by line behind its name. It ends
-/// with this process, however that ends.
+/// A child program. Its output is printed line by line after its name. It ends with this process,
+/// however that ends.
 class Child {
  public:
   Child(std::string name, const std::vector<std::string>& command) : name_(std::move(name)) {
@@ -46,7 +46,7 @@ class Child {
     pid_ = fork();
     if (pid_ < 0) Fail("cannot be started");
     if (pid_ == 0) {
-      // Its own group: Ctrl-C reaches this process, which stops all in their order.
+      // A separate process group: Ctrl-C reaches only this process, which stops all in order.
       setpgid(0, 0);
       prctl(PR_SET_PDEATHSIG, SIGINT);
       if (getppid() != parent) _exit(1);
@@ -71,10 +71,10 @@ class Child {
 
   [[nodiscard]] int output() const noexcept { return output_; }
   [[nodiscard]] bool running() const noexcept { return pid_ > 0; }
-  /// 0 if it ended well.
+  /// Exit status; 0 after success.
   [[nodiscard]] int status() const noexcept { return status_; }
 
-  /// Shows what it has said. False at the end of its output.
+  /// Prints its new output. Returns false at the end of its output.
   bool Show() {
     std::array<char, 4096> buffer;
     const ssize_t size = read(output_, buffer.data(), buffer.size());
@@ -96,14 +96,14 @@ class Child {
     return true;
   }
 
-  /// Looks whether it has ended, and says how unless it was asked to.
+  /// Checks whether it has ended, and prints how unless it was asked to.
   void Look() {
     int how = 0;
     if (pid_ <= 0 || waitpid(pid_, &how, WNOHANG) != pid_) return;
     Ended(how);
   }
 
-  /// Asks it to end, and after five seconds makes it.
+  /// Asks it to end, and kills it after five seconds.
   void Stop(int with) {
     if (pid_ <= 0) return;
     asked_ = true;
@@ -189,7 +189,7 @@ std::vector<std::string> InNetwork(std::vector<std::string> command,
   return command;
 }
 
-// Whatever is missing of calibration and model, made as the commands of these names make it.
+// Makes a missing calibration or model, like the commands of these names.
 void Prepare(const RobotConfig& config, const std::filesystem::path& folder) {
   std::filesystem::create_directories(folder);
   SceneOptions scene;
@@ -264,7 +264,7 @@ void RunLaunch(const LaunchOptions& options) {
     }
     for (Child* child : all) child->Look();
   }
-  // The robot first, so that it holds while everybody still listens.
+  // Stops the robot's program first, so that it holds while the others still run.
   for (Child* child : all) child->Stop(SIGINT);
   while (client.output() >= 0 && client.Show()) {
   }

@@ -10,7 +10,7 @@ using runtime::HoldReason;
 
 std::int64_t LockStep::MachineNs() const noexcept { return runtime::SteadyNow(); }
 
-// What `ask` throws is a reason to hold.
+// Makes an exception of `ask` a reason to hold.
 template <typename F>
 robot::Finding LockStep::Try(HoldReason otherwise, const F& ask) noexcept {
   try {
@@ -29,8 +29,8 @@ robot::Finding LockStep::Wait(double dt_s) noexcept {
   return found;
 }
 
-// Lets the simulator's time go on with the set-points that the driver has sent, and sends them
-// again if they have expired on the way.
+// Advances the simulator's time with the set-points sent by the driver, and sends them again if
+// they have expired.
 void LockStep::Run(double dt_s) {
   constexpr int kTries = 20;
   for (int n = 0; n < kTries; ++n) {

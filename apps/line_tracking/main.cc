@@ -1,5 +1,4 @@
-// The line tracking experiment of Sec. V-B in simulation: calibrate, demonstrate, fit, run,
-// compare.
+// Program line_tracking: the experiment of Sec. V-B in simulation, and its run on a robot.
 #include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <iostream>
@@ -18,7 +17,7 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-// One of a few words, and help and errors that show just these.
+// An option that takes one of a few words; help and errors list exactly these.
 template <typename T>
 CLI::Validator OneOf(const std::map<std::string, T>& words) {
   std::string list;
@@ -305,9 +304,9 @@ int Main(int argc, char** argv) {
   AddView(app, view);
   AddVision(app, vision);
 
-  // One thread a trial is enough; OpenCV's own would only wait for each other.
+  // One thread per trial is enough; OpenCV's threads would only wait for each other.
   cv::setNumThreads(1);
-  // A configuration file says enough: `line_tracking --config FILE` is a run.
+  // `line_tracking --config FILE` is short for `line_tracking run --config FILE`.
   std::vector<const char*> arguments(argv, argv + argc);
   if (argc > 1 && std::string_view(argv[1]).rfind("--config", 0) == 0) {
     arguments.insert(arguments.begin() + 1, "run");

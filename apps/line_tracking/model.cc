@@ -13,8 +13,8 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-// What guided recovery's support looks at: the progress, and what the task is about. The tip's y is
-// left out as in Algorithm 1's: the platform carries the line away.
+// Features of guided recovery's support: the progress and the task's errors. The tip's y is left
+// out as in Algorithm 1's, because the platform moves the line.
 constexpr std::string_view kGuidedFeatures = "tip[0:1],distance";
 
 // kOtherLineMethods' "proportional".
@@ -50,8 +50,8 @@ const core::Policy& ProportionalPolicy() noexcept {
 
 safety::ControllerOptions Controllers() {
   safety::ControllerOptions options;
-  // Algorithm 1 asks for |u_delta| << g / lambda and eta < g / lambda, no more. The constants of
-  // the paper's simulations are below what an image can tell.
+  // Algorithm 1 requires only |u_delta| << g / lambda and eta < g / lambda. The constants of the
+  // paper's simulations are below the resolution of an image.
   options.dfr.probe_fraction = 0.1;
   options.dfr.step_fraction = 0.5;
   // The platform moves on during each control, and for as long as the arm rests between two: half

@@ -6,11 +6,11 @@ namespace dfr::apps::line_tracking {
 
 std::optional<std::string> OperatorDesk::Answer(robot::ControlLoop& loop, std::string_view question,
                                                 std::span<const std::string_view> words) {
-  constexpr int kAgain = 50;  // looks at the keyboard: a second
+  constexpr int kAgain = 50;  // keyboard checks: one second
   keyboard_->Discard();
-  std::int64_t asked = -1;  // what was shown when it was
+  std::int64_t asked = -1;  // lines shown at that time
   for (int looks = 0; !*interrupted_ && !keyboard_->ended(); ++looks) {
-    // What others say may not push the question away.
+    // Repeats the question if other output has scrolled it away.
     if (looks % kAgain == 0 && screen_->said() != asked) {
       screen_->Say("%.*s; q ends\n", static_cast<int>(question.size()), question.data());
       asked = screen_->said();
@@ -35,7 +35,7 @@ bool OperatorDesk::AllowsEpisode(robot::ControlLoop& loop) {
   using runtime::RunState;
   while (true) {
     const bool faulted = loop.state() == RunState::kFaulted;
-    // An emergency stop that was pressed, or has gone, while nothing was asked of the robot.
+    // The emergency stop was pressed, or went silent, while the robot was idle.
     const bool stopped =
         loop.state() == RunState::kIdle && (loop.blocking() == HoldReason::kEmergencyStop ||
                                             loop.blocking() == HoldReason::kEmergencyStopSilent);

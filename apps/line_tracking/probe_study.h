@@ -10,11 +10,11 @@
 
 namespace dfr::apps::line_tracking {
 
-/// What Algorithm 1's probes could tell in the episodes that this observer watched: each is
-/// compared with what really happened, which the simulation knows.
+/// Information in Algorithm 1's probes: compares each probe of the observed episodes with the
+/// simulation's true values.
 class ProbeStudy final : public control::RolloutObserver {
  public:
-  /// Borrows both.
+  /// Borrows both arguments.
   ProbeStudy(const LineModel& model, const sim::LineTrackingPlant& plant);
 
   void OnStart(std::span<const double> x) override;
@@ -24,9 +24,9 @@ class ProbeStudy final : public control::RolloutObserver {
   [[nodiscard]] int probes() const noexcept { return static_cast<int>(sizes_um_.size()); }
   /// Median length of a probe [um].
   [[nodiscard]] double size_um() const;
-  /// Median error of the change of the distance to the line that was seen across a probe [um].
+  /// Median error of the measured change of the distance to the line across a probe [um].
   [[nodiscard]] double error_um() const;
-  /// Share of probes after which g was seen to rise where it rose, or to fall where it fell.
+  /// Share of probes for which the measured sign of the change of g is correct.
   [[nodiscard]] double right_sign() const noexcept;
   [[nodiscard]] int recoveries() const noexcept { return recoveries_; }
   /// Recoveries that ended in a control of the learned policy.

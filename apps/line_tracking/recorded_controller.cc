@@ -20,7 +20,7 @@ bool Same(double a, double b) {
   return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b) || (a != a && b != b);
 }
 
-// In words what differs between a decision as recorded and as made now; empty: nothing.
+// Describes the difference between a recorded and a repeated decision; empty: none.
 std::string Difference(const recording::StepRecord& was, const control::Step& step,
                        std::span<const double> u) {
   const auto number = [](const char* name, double then, double now) {
@@ -119,8 +119,8 @@ bool ReplayRecording(const std::filesystem::path& path, const std::filesystem::p
   constexpr int kShown = 10;
   int differences = 0;
   const recording::StepRecord* last = nullptr;
-  // What a controller decides depends on what it decided before in the episode: after a decision
-  // that is missing the others of its episode cannot be made again.
+  // Decisions depend on earlier ones of the episode. After a missing decision the rest of the
+  // episode cannot be repeated.
   bool gap = false;
   int left_out = 0;
   std::uint32_t number = 0;

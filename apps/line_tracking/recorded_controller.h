@@ -10,8 +10,8 @@
 
 namespace dfr::apps::line_tracking {
 
-/// Passes everything on to another controller and shows each decision to whom it concerns, before
-/// the control is applied. Neither allocates nor throws if who looks does not.
+/// Wraps another controller and passes each decision to observers before the control is applied.
+/// Neither allocates nor throws if the observers do not.
 class RecordedController final : public control::Controller {
  public:
   /// Borrows `controller`. @param recorder  may be nullptr, else outlives this.
@@ -21,15 +21,15 @@ class RecordedController final : public control::Controller {
   [[nodiscard]] int state_dim() const noexcept override { return controller_->state_dim(); }
   [[nodiscard]] int control_dim() const noexcept override { return controller_->control_dim(); }
 
-  /// From now on decisions belong to this episode.
+  /// Begins this episode for the following decisions.
   void BeginEpisode(std::uint64_t episode) noexcept { episode_ = episode; }
-  /// Records a decision that was made without asking the controller: about a state that is none.
+  /// Records a decision that was made without the controller, for an invalid state.
   void Record(const control::Step& step, std::span<const double> x,
               std::span<const double> u) noexcept;
 
-  /// What the records say of picture and machine; empty: nothing.
+  /// Adds picture and machine state to the records; may be empty.
   std::function<void(recording::StepRecord&)> describe;
-  /// Sees each decision before it is applied.
+  /// Receives each decision before it is applied.
   std::function<void(const control::Step&)> on_decision;
 
  private:
@@ -44,8 +44,8 @@ class RecordedController final : public control::Controller {
   double decision_s_ = 0.0;
 };
 
-/// Makes the decisions of a recording again, with the model that it names or with `model`, and says
-/// which differ, and how. True if none does.
+/// Repeats the decisions of a recording, with the model that it names or with `model`, and prints
+/// the differences. Returns true if there are none.
 /// @throws std::runtime_error if recording or model cannot be read.
 [[nodiscard]] bool ReplayRecording(const std::filesystem::path& recording,
                                    const std::filesystem::path& model);

@@ -24,7 +24,7 @@ namespace {
   throw std::runtime_error(file.string() + ":" + std::to_string(where.begin.line) + ": " + what);
 }
 
-// One table of the file; at the end all of its keys must have been asked for.
+// One table of the file; at the end each of its keys must have been read.
 class Section {
  public:
   Section(const std::filesystem::path& file, const toml::table& table, std::string name)
@@ -71,7 +71,7 @@ class Section {
       value = static_cast<int>(*number);
     }
   }
-  // False if the key is not there.
+  // Returns false if the key is missing.
   bool Get(const char* key, std::span<double> values) {
     const toml::node* node = Find(key);
     if (node == nullptr) return false;
@@ -107,7 +107,7 @@ class Section {
       Wrong(*node, key, "names of topics in brackets, each with a slash in front");
     }
   }
-  // Rows of so many numbers each; none if the key is not there.
+  // Rows of this number of numbers each; none if the key is missing.
   [[nodiscard]] std::vector<std::vector<double>> Rows(const char* key, std::size_t columns,
                                                       const char* meaning) {
     std::vector<std::vector<double>> rows;
@@ -185,7 +185,7 @@ class Section {
   std::vector<std::string> known_;
 };
 
-// A pose of two keys; nothing where neither is there.
+// A pose of two keys; empty if both are missing.
 std::optional<Eigen::Isometry3d> GetPose(Section& section, const char* position,
                                          const char* quaternion) {
   std::array<double, 3> place{};
@@ -419,7 +419,7 @@ void CheckCamera(const RobotConfig& config, const line_task::LineCalibration& ca
   if (config.intrinsics.empty()) return;
   const vision::CameraModel is = hardware::ReadIntrinsics(config.intrinsics);
   const vision::CameraModel& was = calibration.camera;
-  constexpr double kAlike = 0.05;  // what a calibration finds beyond the maker's data, and more
+  constexpr double kAlike = 0.05;  // larger than the deviations that a calibration finds
   const auto near = [](double a, double b, double scale) {
     return std::abs(a - b) <= kAlike * scale;
   };

@@ -47,7 +47,7 @@ class ToolTask final : public robot::Task {
     change_mm_ = {1e3 * step.x(), 1e3 * step.y()};
     return robot::Motion{{joints_.data(), 6}, step.norm() / speed_m_s_, change_mm_};
   }
-  // The joints that hold the tool upright where it is. False if the arm cannot.
+  // Joints that hold the tool upright at its position. Returns false if the arm cannot.
   [[nodiscard]] bool Upright(PsmJoints& joints) const noexcept {
     return task_->Reading(command_m_, joints);
   }
@@ -61,7 +61,7 @@ class ToolTask final : public robot::Task {
   std::array<double, 2> change_mm_{};
 };
 
-// Transitions go to the recording and to the operator, and how the arm stood to the recording.
+// Sends transitions to the recording and to the operator, and the arm's states to the recording.
 class RunLog final : public robot::Recorder {
  public:
   RunLog(recording::Recorder* recorder, const hardware::PsmDriver& driver, bool stop_required,
@@ -146,7 +146,7 @@ hardware::PsmDriverOptions DriverOptions(const RobotConfig& config) {
   options.client = config.arm_client;
   options.teleoperation = config.teleoperation;
   options.servo_cs = config.servo_cs;
-  // As the simulation moves: the controls are small, and come to rest in between.
+  // As in the simulation: controls are small, and the arm comes to rest in between.
   options.client.profile = hardware::PsmProfile::kLinear;
   return options;
 }
@@ -218,14 +218,14 @@ struct RobotPlant::Impl {
 
   [[nodiscard]] const vision::LineObservation& seen() const noexcept { return camera.last().seen; }
 
-  // A way of straight pieces through joint space, and what the operator is told that it is for.
+  // A path of straight pieces through joint space, and its purpose in words for the operator.
   struct Leg {
     const char* what;
     std::vector<PsmJoints> way;
   };
 
-  // Throws unless the arm can go all of the legs, one after the other, and the tips stay where they
-  // may be: before anything moves.
+  // Throws, before anything moves, unless the arm can follow all legs and the tips stay in their
+  // region.
   void Allow(std::span<const Leg> legs) const {
     hardware::PsmMotion motion = driver.client().motion();
     for (const Leg& leg : legs) {
@@ -258,7 +258,7 @@ struct RobotPlant::Impl {
     }
   }
 
-  // The tips straight from one place to another while the tool turns.
+  // Moves the tips straight from one place to another while the tool turns.
   [[nodiscard]] Leg Turning(const char* what, const PsmJoints& from,
                             const std::optional<PsmJoints>& to) const {
     const auto way = to ? TurnAboutTip(from, *to, generation) : std::nullopt;
@@ -269,9 +269,9 @@ struct RobotPlant::Impl {
     return {what, *way};
   }
 
-  // The tool may not be upright yet, or not as upright as the calibration has it. A little is
-  // turned in place. Otherwise the tool is lifted, the gauze looked at from there, and the tool
-  // turned and lowered to where its tip was, above the gauze as it was seen.
+  // The tool may not be upright, or not in the sense of the calibration. A small angle is turned in
+  // place. Otherwise the tool is lifted, the gauze observed, and the tool turned and lowered to the
+  // tip's place above the observed gauze.
   void TurnUpright() {
     PsmJoints upright;
     if (!tool.Upright(upright)) {
@@ -318,7 +318,7 @@ struct RobotPlant::Impl {
     region.ForgetGauze();
   }
 
-  // What is seen from now on, while nothing is armed.
+  // Waits for a new picture while nothing is armed.
   robot::Camera::Answer Watch(std::span<double> state, bool marks) {
     const std::int64_t after_ns = real_time.WallNs() + std::llround(1e9 * image_latency_s);
     if (marks) {
@@ -330,7 +330,7 @@ struct RobotPlant::Impl {
     auto answer = robot::Camera::Answer::kPending;
     for (int n = 0; answer == robot::Camera::Answer::kPending; ++n) {
       loop.Tick();
-      // Others may move the arm; anything else is a reason not to believe what is seen.
+      // Other programs may move the arm. Any other reason makes the picture invalid.
       const HoldReason found = loop.blocking();
       const bool others =
           found == HoldReason::kSecondCommander || found == HoldReason::kArmNotReady;
@@ -436,8 +436,8 @@ void RobotPlant::Reset(std::uint64_t seed) {
   if (i.lock_step) i.lock_step->Forget();
   i.camera.Forget();
   i.truth = {};
-  // States and pictures may come late while a simulator sets up its scene. A robot begins at once
-  // on its operator's word, or not at all.
+  // States and pictures may be late while a simulator sets up its scene. A robot begins at once
+  // after its operator's confirmation, or not at all.
   if (const HoldReason reason = i.loop.Start(i.lock_step ? i.answer_s
                                              : i.link    ? 3.0
                                                          : 0.0);

@@ -25,7 +25,7 @@ void Write(cv::Mat& canvas, const std::string& text, cv::Point at, const cv::Sca
   cv::putText(canvas, text, at, cv::FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv::LINE_AA);
 }
 
-// What vision sees, over the picture that it saw.
+// Draws the results of vision over its picture.
 void DrawSeen(cv::Mat& picture, const LineTrackingPlant& plant) {
   if (plant.options().observation == sim::Observation::kGroundTruth) {
     Write(picture,
@@ -91,7 +91,7 @@ RolloutVideo Record(LineTrialRunner& runner, int method, const std::string& titl
 control::RolloutResult RecordEpisode(LineTrialRunner& runner, int method, const std::string& title,
                                      std::uint64_t start_seed, std::uint64_t controller_seed,
                                      const std::filesystem::path& path) {
-  VideoWriter::CheckName(path);  // before an episode runs for nothing
+  VideoWriter::CheckName(path);  // before the episode runs
   const RolloutVideo video = Record(runner, method, title, start_seed, controller_seed);
   WriteVideo(path, {&video, 1});
   return video.result;

@@ -12,15 +12,14 @@
 
 namespace dfr::apps::line_tracking {
 
-/// The endoscope's picture that was looked at last, with what vision saw in it, BGR, rows from the
-/// top.
+/// The endoscope's last picture with the results of vision, BGR, rows from the top.
 [[nodiscard]] std::vector<std::uint8_t> DrawWhatVisionSees(const sim::LineTrackingPlant& plant);
 
 /// Size of DrawBothViews()'s picture.
 inline constexpr int kPictureWidth = 1280;
 inline constexpr int kPictureHeight = 480;
 
-/// What vision sees, and beside it an outside view of arm and platform: kPictureWidth x
+/// The results of vision, beside an outside view of arm and platform: kPictureWidth x
 /// kPictureHeight, RGB, rows from the top.
 void DrawBothViews(const sim::LineTrackingPlant& plant, std::span<std::uint8_t> rgb);
 
@@ -28,10 +27,10 @@ void DrawBothViews(const sim::LineTrackingPlant& plant, std::span<std::uint8_t> 
 [[nodiscard]] RolloutVideo Record(LineTrialRunner& runner, int method, const std::string& title,
                                   std::uint64_t start_seed, std::uint64_t controller_seed);
 
-/// Runs one episode and writes it as a video: the endoscope's picture with what vision sees, an
-/// outside view of arm and platform, and g(t), threshold and mode below. The ending of `path`
-/// chooses the format: .mp4 (H.264) or .webm (VP8). Recoveries are shown every tenth control, for
-/// they are many and small.
+/// Runs one episode and writes it as a video: the endoscope's picture with the results of vision,
+/// an outside view of arm and platform, and g(t), threshold and mode below. The ending of `path`
+/// chooses the format: .mp4 (H.264) or .webm (VP8). Recoveries are shown every tenth control,
+/// because their controls are many and small.
 /// @throws std::runtime_error naming the file if it cannot be written or its ending is unknown.
 control::RolloutResult RecordEpisode(LineTrialRunner& runner, int method, const std::string& title,
                                      std::uint64_t start_seed, std::uint64_t controller_seed,

@@ -19,7 +19,7 @@
 namespace dfr::apps::line_tracking {
 namespace {
 
-// The plant of a run, and what only one kind of it knows.
+// Plant of a run, with the specific interface of its kind.
 struct Robot {
   std::unique_ptr<core::Plant> plant;
   sim::LineTrackingPlant* simulation = nullptr;  // one of these two
@@ -33,8 +33,8 @@ struct Robot {
   }
 };
 
-// A robot's episodes begin with an operator's word, a simulation's by themselves as long as they
-// end as episodes do. False: no more episodes.
+// A robot's episodes begin after the operator's confirmation, a simulation's by themselves after a
+// regular end. Returns false if there are no more episodes.
 bool MayBegin(RobotPlant& plant, bool simulated, Terminal& terminal) {
   OperatorDesk& desk = terminal.desk();
   const auto say = [&](std::string_view words) {
@@ -47,7 +47,7 @@ bool MayBegin(RobotPlant& plant, bool simulated, Terminal& terminal) {
     if (!plant.AcceptsOthers(say, confirms)) return false;
     if (simulated) return plant.loop().ended_regularly();
     if (!desk.AllowsEpisode(plant.loop())) return false;
-  } while (!plant.KnowsOthers());  // someone has come while the operator was asked
+  } while (!plant.KnowsOthers());  // a participant joined during the question
   return true;
 }
 
@@ -81,7 +81,7 @@ std::filesystem::path RecordingName(const std::filesystem::path& folder) {
   return path;
 }
 
-// The configuration file, with what the command line says otherwise.
+// Reads the configuration file; the command line takes precedence.
 RobotConfig Configuration(const RunOptions& options) {
   RobotConfig config;
   if (!options.config.empty()) {
@@ -114,7 +114,7 @@ Robot MakeRobot(const RobotConfig& config, const RunOptions& options,
   return robot;
 }
 
-// What the controller decides is told to the robot, and recorded with what the robot says.
+// Passes the controller's decisions to the robot, and records them with the robot's state.
 void Connect(RecordedController& controller, RobotPlant& plant) {
   controller.on_decision = [&plant](const control::Step& step) { plant.loop().Decided(step); };
   controller.describe = [&plant](recording::StepRecord& record) {
@@ -124,7 +124,7 @@ void Connect(RecordedController& controller, RobotPlant& plant) {
   };
 }
 
-// Runs episode after episode and prints how each went. True if the robot ended it before.
+// Runs the episodes and prints each outcome. Returns true if the robot ended the run early.
 bool RunEpisodes(const RunOptions& options, const RobotConfig& config, const Robot& robot,
                  RecordedController& controller, Terminal& terminal) {
   Screen& screen = terminal.screen();

@@ -33,14 +33,14 @@ void Screen::Say(const char* format, ...) noexcept {
 bool Screen::Print(const char* text) noexcept {
   const char* const end = text + std::strlen(text);
   while (text != end) {
-    // write() alone would wait for a terminal that stands still.
+    // write() would wait for a stopped terminal.
     pollfd output{file_, POLLOUT, 0};
     if (::poll(&output, 1, end_ ? patience_ms_ : 100) <= 0) {
       if (end_) return false;
       continue;
     }
     const ssize_t size = ::write(file_, text, static_cast<std::size_t>(end - text));
-    if (size <= 0) return true;  // nobody reads any more
+    if (size <= 0) return true;  // the reader has closed
     text += size;
   }
   return true;

@@ -9,29 +9,28 @@
 
 namespace dfr::apps::line_tracking {
 
-/// What a run tells its operator, printed by a thread of its own: a terminal that stands still
-/// (Ctrl-S) does not stop the robot's loop, nor the program's end.
+/// Output for the operator of a run, printed by a separate thread: a stopped terminal (Ctrl-S)
+/// blocks neither the robot's loop nor the program's end.
 class Screen {
  public:
   /// @param file  borrowed.
-  /// @param patience_ms  how long the end waits for a terminal that takes nothing.
+  /// @param patience_ms  largest time that the end waits for a stopped terminal.
   explicit Screen(int file = 1, int patience_ms = 1000);
-  /// Prints what is left, unless the terminal takes nothing for so long.
+  /// Prints the remaining lines, unless the terminal stays stopped for this time.
   ~Screen();
   Screen(const Screen&) = delete;
   Screen& operator=(const Screen&) = delete;
 
-  /// Prints as std::printf does, up to 511 characters. Neither waits nor allocates. What does not
-  /// fit beside the 256 texts that wait is lost, and their number is shown.
-  /// To be called by one thread.
+  /// Prints as std::printf does, up to 511 characters. Neither waits nor allocates. Texts beyond
+  /// 256 waiting ones are lost, and their number is printed. Call it from one thread.
   void Say(const char* format, ...) noexcept __attribute__((format(printf, 2, 3)));
-  /// How often that was called.
+  /// Number of these calls.
   [[nodiscard]] std::int64_t said() const noexcept { return said_; }
 
  private:
   using Text = std::array<char, 512>;
   void Run() noexcept;
-  // False if it was not printed in time.
+  // Returns false if the output was not printed in time.
   bool Print(const char* text) noexcept;
 
   int file_;

@@ -37,7 +37,7 @@ std::int64_t SimulatorLink::In(double seconds) const {
 }
 
 void SimulatorLink::Await(double timeout_s) {
-  // Each end learns of the other at its own time: only an answer says that both have.
+  // Each end discovers the other at a different time: only an answer shows that both have.
   constexpr double kTry = 0.1;
   const std::int64_t end_ns = In(timeout_s);
   while (!TryAsk("truth", kTry)) {
@@ -51,7 +51,7 @@ void SimulatorLink::Await(double timeout_s) {
 }
 
 void SimulatorLink::Begin(const std::string& request) {
-  // The stamp is the question's number: never the same twice.
+  // The stamp identifies the request and is unique.
   last_id_ = std::max(last_id_ + 1, dds::Stamp::Now().nanoseconds());
   dds::StringStamped message;
   message.stamp = dds::Stamp::FromNanoseconds(last_id_);

@@ -11,7 +11,7 @@
 
 namespace dfr::apps::line_tracking {
 
-/// What dvrk_simulator knows of its world and a robot does not.
+/// True state of dvrk_simulator's world, unknown on a robot.
 struct SimulatorTruth {
   bool completed = false;
   bool collided = false;
@@ -20,31 +20,31 @@ struct SimulatorTruth {
   Eigen::Vector3d tip_m = Eigen::Vector3d::Zero();  ///< World frame.
 };
 
-/// Asks dvrk_simulator for what a robot's console has no topic for: episodes, the truth, and in
-/// lock-step that its time goes on. Calls wait for the answer. One object belongs to one thread.
+/// Requests to dvrk_simulator for which a robot's console has no topic: episodes, the truth, and in
+/// lock-step the advance of time. Calls wait for the answer. One object belongs to one thread.
 class SimulatorLink {
  public:
-  /// @param answer_s  how long an answer is waited for: drawing a picture may take a while.
+  /// @param answer_s  timeout of an answer: drawing a picture may take a while.
   /// @param steady_ns  a clock that never goes back.
   explicit SimulatorLink(dds::Participant& participant, double answer_s = 5.0,
                          std::function<std::int64_t()> steady_ns = runtime::SteadyNow);
 
   /// @throws std::runtime_error if there is no simulator after `timeout_s`.
   void Await(double timeout_s);
-  /// A new episode, as sim::LineTrackingPlant::Reset(seed).
+  /// Begins a new episode, as sim::LineTrackingPlant::Reset(seed).
   void Reset(std::uint64_t seed);
   [[nodiscard]] SimulatorTruth Truth();
-  /// The same with `go_on` called over and over until the answer has come. False, with `truth`
-  /// untouched, as soon as it says no.
+  /// The same, calling `go_on` repeatedly until the answer arrives. Returns false, with `truth`
+  /// unchanged, as soon as it returns false.
   [[nodiscard]] bool Truth(SimulatorTruth& truth, const std::function<bool()>& go_on);
-  /// From now on something goes wrong; `name` and `value` as DvrkSceneServer::SetFault() has them.
+  /// Injects a fault; `name` and `value` as in DvrkSceneServer::SetFault().
   void Fault(const std::string& name, const std::string& value);
   // In lock-step:
-  /// Time goes on, after `commands` motion commands have come since the last time. False, and time
-  /// stands still, if they have not: set-points expire after 50 ms where the machine is busy.
+  /// Advances time after `commands` motion commands have arrived since the last call. Returns false
+  /// without an advance if they have not: set-points expire after 50 ms on a busy machine.
   [[nodiscard]] bool Run(double dt_s, int commands);
-  void Rest();  ///< Everything comes to rest.
-  void Look();  ///< The next picture is taken and published.
+  void Rest();  ///< Runs until everything is at rest.
+  void Look();  ///< Takes and publishes the next picture.
 
   /// The simulator's time, ns since the epoch: that of the last answer to the above but Truth().
   [[nodiscard]] std::int64_t now_ns() const noexcept { return now_ns_; }

@@ -55,7 +55,7 @@ std::unique_ptr<RobotPlant> BringUpRobot(const RobotConfig& config,
   };
   run_operator.interrupted = &interrupted;
   auto plant = std::make_unique<RobotPlant>(config, calibration, recorder, run_operator);
-  // The loop, which is this thread, before those of the network.
+  // The loop's thread gets priority over the network's.
   if (config.priority > 0) static_cast<void>(runtime::AskForRealTime(config.priority + 1));
   plant->BringUp(
       [&screen](std::string_view words) {

@@ -10,11 +10,10 @@
 
 namespace dfr::apps::line_tracking {
 
-/// The terminal of a program that drives a robot: what it says, what is typed, and Ctrl-C. There is
-/// one in a process.
+/// Terminal of a program that controls a robot: output, input, and Ctrl-C. One per process.
 class Terminal {
  public:
-  /// From now on SIGINT and SIGTERM end what goes on in order.
+  /// Makes SIGINT and SIGTERM end the program in order.
   Terminal();
 
   [[nodiscard]] Screen& screen() noexcept { return screen_; }
@@ -27,8 +26,8 @@ class Terminal {
   OperatorDesk desk_;
 };
 
-/// The robot of the configuration, brought up as its operator at the terminal says: see
-/// RobotPlant::BringUp(). Both that and the recorder, which may be nullptr, outlive it.
+/// Brings up the robot of the configuration with its operator at the terminal: see
+/// RobotPlant::BringUp(). Terminal and recorder, which may be nullptr, must outlive it.
 /// @throws std::runtime_error with what is wrong.
 [[nodiscard]] std::unique_ptr<RobotPlant> BringUpRobot(
     const RobotConfig& config, const line_task::LineCalibration& calibration,

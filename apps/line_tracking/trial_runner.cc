@@ -73,7 +73,7 @@ line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& option
                                           calibration::CalibrationSummary* summary) {
   sim::LineTrackingOptions still = options;
   still.disturbance.wave = sim::Wave::kNone;
-  still.observation = sim::Observation::kGroundTruth;  // the motion looks for itself
+  still.observation = sim::Observation::kGroundTruth;  // the motion renders its pictures
   sim::LineTrackingPlant plant(still);
   const line_task::LineCalibration nominal = sim::NominalCalibration();
   line_task::LineCalibration found = calibration::Calibrate(
@@ -120,7 +120,7 @@ bool LineTrialRunner::CollidesAfterHalt() {
 }
 
 std::string LineTrialRunner::CauseOf(const control::RolloutResult& result) const {
-  // The state is invalid where the picture does not show it: better to say what is missing.
+  // The state is invalid if the picture does not show it; reports what is missing.
   if (result.halt_cause == control::HaltCause::kStateInvalid &&
       plant().options().observation == sim::Observation::kVision) {
     return std::string("not-seen-") + vision::Name(plant().last_observation().missing);

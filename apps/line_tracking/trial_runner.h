@@ -16,23 +16,23 @@
 
 namespace dfr::apps::line_tracking {
 
-/// Runs `count` open-loop demonstrations without disturbance, whatever `options` says of one, and
-/// keeps those that complete without a collision. Start states are a stream of `seed`. `progress`
-/// may be empty. Their provenance says simulated, and which individual arm, but no date: the same
-/// options have the same bytes.
+/// Runs `count` open-loop demonstrations without the disturbance of `options`, and keeps those that
+/// complete without a collision. Start states are a stream of `seed`. `progress` may be empty.
+/// Their provenance says simulated, and which individual arm, but no date: the same options have
+/// the same bytes.
 /// @throws std::runtime_error if more than half are unusable.
 [[nodiscard]] imitation::DemonstrationSet Demonstrate(const sim::LineTrackingOptions& options,
                                                       const line_task::LineCalibration& known,
                                                       int count, int steps, std::uint64_t seed,
                                                       experiment::ProgressCallback progress = {});
 
-/// Records a motion with the plant's own arm and platform, and calibrates from it. Its provenance
-/// is as that of Demonstrate().
+/// Records a motion with the plant's arm and platform, and calibrates from it. Its provenance is
+/// that of Demonstrate().
 [[nodiscard]] line_task::LineCalibration CalibratePlant(const sim::LineTrackingOptions& options,
                                                         int frames, std::uint64_t seed,
                                                         calibration::CalibrationSummary* summary);
 
-/// Collects how g rises during recoveries: g over the gate's threshold after each iteration.
+/// Collects the progress of recoveries: g divided by the gate's threshold after each iteration.
 class RecoveryCurves final : public control::RolloutObserver {
  public:
   explicit RecoveryCurves(std::size_t wanted) : wanted_(wanted) {}
@@ -50,13 +50,13 @@ class RecoveryCurves final : public control::RolloutObserver {
   std::vector<std::vector<double>> curves_;
 };
 
-/// The world of a row: "frozen", where the platform stops while the robot looks, computes or has
-/// halted, as `plant` has it otherwise; or a latency in real time, "30ms".
-/// @throws std::invalid_argument naming what there is.
+/// The world of a row: "frozen", in which the platform stops while the robot looks, computes or has
+/// halted, otherwise as in `plant`; or a latency in real time, "30ms".
+/// @throws std::invalid_argument listing the valid worlds.
 [[nodiscard]] sim::LineTrackingOptions InWorld(sim::LineTrackingOptions plant,
                                                const std::string& world);
 
-/// Seconds after a halt until which the platform may carry the line away from the tip.
+/// Seconds after a halt during which the platform may move the line away from the tip.
 inline constexpr double kAftermath = 5.0;
 
 /// One unit of the experiment: a model, and a plant to run it on.

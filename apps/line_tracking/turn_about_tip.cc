@@ -11,11 +11,11 @@ using kinematics::Psm;
 using kinematics::PsmJoints;
 using kinematics::PsmReach;
 
-constexpr double kTurn = 0.05;      // rad, from one of the way's points to the next
-constexpr double kWay = 5e-4;       // m, the same of the tips
-constexpr double kMostJoint = 0.5;  // rad: more from one point to the next is another posture
+constexpr double kTurn = 0.05;      // rad, between two points of the path
+constexpr double kWay = 5e-4;       // m, between two points of the tips' path
+constexpr double kMostJoint = 0.5;  // rad: a larger step between two points is another posture
 
-// Whether the tips stay near the straight line while the joints go from one point to the next.
+// Returns true if the tips stay near the straight line while the joints move between two points.
 bool StaysNear(const PsmJoints& a, const PsmJoints& b, const Eigen::Vector3d& tip_a,
                const Eigen::Vector3d& tip_b) {
   constexpr int kLooks = 4;

@@ -53,7 +53,7 @@ class WindowObserver final : public control::RolloutObserver {
 
 void RunView(const ViewOptions& options) {
   LineModel model = LineModel::Load(options.model);
-  // Before the plant, whose endoscope is drawn with the window's OpenGL.
+  // Created before the plant, whose endoscope uses the window's OpenGL.
   sim::LineTrackingWindow window("line_tracking: " + options.method);
   LineTrialRunner runner(std::move(model), {options.method}, options.scene.plant,
                          LoadCalibration(options.scene));
