@@ -136,8 +136,8 @@ TEST(MinariErrorsTest, NameTheDatasetAndTheReason) {
               HasSubstr("data_format is 'arrow'; only hdf5 can be read"));
   EXPECT_THAT(with_metadata(R"({"data_format": 5})"),
               AllOf(HasSubstr("metadata.json"), HasSubstr("data_format is not a string")));
-  EXPECT_THAT(with_metadata(R"({"dataset_id": ["a"]})"), HasSubstr("dataset_id is not a text"));
-  EXPECT_THAT(with_metadata(R"({"env_spec": "{\"id\": 1}"})"), HasSubstr("id is not a text"));
+  EXPECT_THAT(with_metadata(R"({"dataset_id": ["a"]})"), HasSubstr("dataset_id is not a string"));
+  EXPECT_THAT(with_metadata(R"({"env_spec": "{\"id\": 1}"})"), HasSubstr("id is not a string"));
 
   DemonstrationSet beyond = Episodes(false);
   beyond.trajectories[2].controls(7, 1) = 1.5;

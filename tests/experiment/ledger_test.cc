@@ -397,7 +397,7 @@ TEST_F(MergeTest, AUnitWithOtherResultsIsRefused) {
   EXPECT_THAT(test::MessageOf([&] {
                 MergeLedgers({first, second}, whole);
               }),
-              HasSubstr("has other results of trial 3"));
+              HasSubstr("has results of trial 3"));
 }
 
 TEST(SettingsTest, NumbersKeepAllTheirDigits) {

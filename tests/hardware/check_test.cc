@@ -94,10 +94,10 @@ TEST_F(EndoscopeCheckTest, NamesWhatIsWrongWithMostPictures) {
 TEST_F(EndoscopeCheckTest, NowAndThenLateIsANote) {
   endoscope_.bad = FrameStatus::kOld;
   endoscope_.bad_every = 5;
-  EXPECT_THAT(Check(), AllOf(HasSubstr("[note]  now and then "), Not(HasSubstr("[wrong]"))));
+  EXPECT_THAT(Check(), AllOf(HasSubstr("[note]  occasionally: "), Not(HasSubstr("[wrong]"))));
   endoscope_.bad_every = 20;
   endoscope_.lost_of_each = 1;
-  EXPECT_THAT(Check(), AllOf(Not(HasSubstr("now and then")), HasSubstr("pictures were lost")));
+  EXPECT_THAT(Check(), AllOf(Not(HasSubstr("occasionally:")), HasSubstr("pictures were lost")));
 }
 
 TEST_F(EndoscopeCheckTest, NamesWhatCannotBeOpened) {

@@ -211,7 +211,7 @@ TEST_F(DvrkSceneServerTest, WhatCannotBeDoneIsAnsweredWithTheReason) {
   server_.reset();
   known_ = false;
   Serve(false, false);
-  EXPECT_THAT(Ask("run 0.01"), StartsWith("error: run is for lock-step alone"));
+  EXPECT_THAT(Ask("run 0.01"), StartsWith("error: run is possible in lock-step only"));
   EXPECT_THROW(server_->SetFault("dust", "1"), std::invalid_argument);
   DvrkSceneServerOptions bad;
   bad.jpeg_quality = 0;
