@@ -203,7 +203,7 @@ TEST_F(DvrkSceneServerTest, WhatCannotBeDoneIsAnsweredWithTheReason) {
   EXPECT_THAT(Ask("run -1"), StartsWith("error: the time to run must lie in [0, 60] s"));
   EXPECT_THAT(Ask("run nan"), StartsWith("error: the time to run must be a number, not 'nan'"));
   EXPECT_THAT(Ask("run 0.01 2"), StartsWith("error: only 0 of 2 commands have come"));
-  EXPECT_THAT(Ask("look"), StartsWith("error: there is no camera"));
+  EXPECT_THAT(Ask("look"), StartsWith("error: this simulator has no camera"));
   EXPECT_THAT(Ask("fault dust 1"), HasSubstr("unknown fault 'dust'; valid: delay"));
   EXPECT_THAT(Ask("fault freeze maybe"), HasSubstr("freeze is switched on by 1 and off by 0"));
   EXPECT_THAT(Ask("fault drop 2"), HasSubstr("drop must lie in [0, 1]"));

@@ -32,7 +32,7 @@ void TipRegionOptions::Check() const {
   }
   for (const Eigen::Hyperplane<double, 3>& plane : planes) {
     DFR_THROW_UNLESS(plane.coeffs().allFinite() && std::abs(plane.normal().norm() - 1.0) < 1e-6,
-                     "a plane must be finite, its normal of length 1");
+                     "a plane must be finite and have a normal of length 1");
   }
 }
 

@@ -135,7 +135,7 @@ struct DvrkSceneServer::Impl {
   }
 
   std::string Look() {
-    DFR_THROW_UNLESS(camera.has_value(), "there is no camera");
+    DFR_THROW_UNLESS(camera.has_value(), "this simulator has no camera");
     camera->Look(console.now());
     return Now();
   }
