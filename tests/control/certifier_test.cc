@@ -41,7 +41,7 @@ double Deepest(const test::GaussianSupport& support, int phase, std::span<const 
   return best;
 }
 
-// By brute force: the state after the control s v, and whatever the assumption lets it do, is
+// By brute force: the state after the control s v, with every error that the assumption allows, is
 // inside some B_q of the window.
 TEST(CertifierTest, EveryStateThatTheAssumptionAllowsIsInsideSomeSupport) {
   const auto support = Moving();
@@ -293,7 +293,7 @@ TEST(CertifierTest, WhatItAdmitsIsCertified) {
 }
 
 TEST(CertifierTest, ThreeControlsOfWhichNextToNothingPassesAreTheEnd) {
-  // A peak at which no step gains anything, and whose ball no control stays in.
+  // A peak at which no step raises l, and whose ball every control leaves.
   const test::GaussianSupport support({{0.0, 0.0}}, 1.0, 1.0);
   JacobianEstimate answer = test::KnownJacobian(Jacobian());
   const std::vector<double> z = {0.0, 0.0};

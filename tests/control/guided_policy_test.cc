@@ -488,7 +488,7 @@ TEST(GuidedPolicyTest, ThePhasePassesOverSupportsThatARecoveryMisses) {
   EXPECT_GE(step.t, kSteps / 2);
 }
 
-// Demonstrations that never move sideways say nothing of what the second control does.
+// Demonstrations that never move sideways have no data on the effect of the second control.
 std::vector<core::Trajectory> Sideless() {
   auto demonstrations = Rightwards();
   for (auto& d : demonstrations) d.controls.col(1).setZero();
@@ -736,7 +736,7 @@ TEST(GuidedPolicyTest, ControlsStayWithinThePlantsLimit) {
   }
 }
 
-// Nothing is random, and nothing is left of an episode that was before.
+// Episodes are deterministic and independent of earlier ones.
 TEST(GuidedPolicyTest, TheSameStatesGiveTheSameControls) {
   const auto support = MovingDisk();
   const GuidedModel model(Identity(), support, Sideless());

@@ -18,7 +18,7 @@ TEST(HaltRuleTest, EachLimitIsReachedExactly) {
   EXPECT_EQ(kRule({.waited = 5}), HaltCause::kNoProgress);
 }
 
-// A task that is over is no failure, whatever else has run out with it.
+// A completed task is not a failure, even if a limit is reached at the same time.
 TEST(HaltRuleTest, TimeComesBeforeControlsAndControlsBeforePatience) {
   EXPECT_EQ(kRule({.time = 10.0, .controls = 50, .waited = 4}), HaltCause::kTimeUp);
   EXPECT_EQ(kRule({.time = 10.0, .waited = 4}), HaltCause::kTimeUp);

@@ -118,7 +118,7 @@ TEST_P(LagTest, SwitchedOffItTakesControlsToActAtOnceAndStatesForWhatIsSeen) {
 
 INSTANTIATE_TEST_SUITE_P(All, LagTest, testing::Range(0, StateObserver::kMaxLag + 1));
 
-// A point that is seen with noise, and one that is pushed about by more than its controls.
+// A point with observation noise, and one with process noise.
 TEST_F(StateObserverTest, NoiseIsSmoothedAndDisturbancesAreNot) {
   for (const bool noisy : {true, false}) {
     estimate_.Reset();

@@ -139,7 +139,7 @@ TEST_F(OneGaussianTest, WhereControlsDoNothingNothingIsChanged) {
   EXPECT_TRUE(v == before);
 }
 
-// One entry at its limit: the other alone makes the room that there is.
+// One entry at its limit: only the other can raise the margin.
 TEST_F(OneGaussianTest, AnEntryAtItsLimitLeavesTheDirection) {
   Eigen::VectorXd v = Eigen::Vector2d(-0.25, 0.0);
   const double l =

@@ -141,7 +141,8 @@ TEST(SwitchingPolicyTest, HaltsAtAndOutsideTheBoundary) {
 }
 
 TEST(SwitchingPolicyTest, RecoveryDoesNotConsumeTime) {
-  // g_t opens the gate at times 0 and 2; at time 1 from the fifth look on, two iterations later.
+  // g_t opens the gate at times 0 and 2, and at time 1 after the fifth evaluation, two iterations
+  // later.
   int looks = 0;
   std::vector<int> times;
   const test::FunctionSupport support(1, [&](int t, std::span<const double>) {

@@ -146,7 +146,7 @@ TEST_F(ArchiveTest, AFailedSaveNamesTheFile) {
   EXPECT_THAT(Error([&] { Sample().Save(File()); }), HasSubstr("values.dfr"));
 }
 
-// A few bytes may not ask for gigabytes; much of a large file may ask for as much.
+// A small file must not request gigabytes; a large file may request memory of its size.
 TEST_F(ArchiveTest, WhatAFileAsksForIsBoundedByItsSize) {
   Sample().Save(File());
   ArchiveReader reader(File(), "sample", 2);

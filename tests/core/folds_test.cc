@@ -154,8 +154,8 @@ TEST(FoldsTest, TheFirstAreARandomSample) {
 }
 
 TEST(FoldsTest, NoFoldHoldsAWholeCluster) {
-  // d mod 5, as one would do it by hand, would put each goal into a fold of its own. Of ten each
-  // fold has two, give or take one that is far from the others of its goal.
+  // d mod 5 would put each goal into a separate fold. Of ten each fold has two, give or take one
+  // that is far from the others of its goal.
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     const auto demonstrations = Cycle(5, 10, seed);
     for (const auto& fold : StratifiedFolds(demonstrations, 5, seed)) {

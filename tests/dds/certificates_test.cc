@@ -133,7 +133,8 @@ TEST_F(CertificatesTest, AnotherAuthorityIsRefused) {
               HasSubstr("cert.pem was not signed by the authority 'dfr authority"));
   Replace(files_.certificate, others.certificate);
   Replace(files_.key, others.key);
-  EXPECT_EQ(Complaint(client_), "nothing");  // who I am and what I may do may come from two
+  EXPECT_EQ(Complaint(client_),
+            "nothing");  // identity and permissions may come from two authorities
   Replace(files_.permissions_ca, others.permissions_ca);
   EXPECT_THAT(Complaint(client_), HasSubstr("governance.p7s was changed after it was signed"));
 }

@@ -11,7 +11,7 @@
 
 namespace dfr::test {
 
-/// A lab's certificates in a folder of their own, removed with it.
+/// A lab's certificates in a separate folder, removed at the end.
 class Keystore {
  public:
   Keystore(std::initializer_list<std::pair<const char*, dds::Permission>> participants) {

@@ -8,8 +8,7 @@
 
 namespace dfr::test {
 
-/// Another program that runs beside the test, and ends with it, however it ends: with the thread
-/// that made it, to be exact.
+/// A child program of the test. It ends with the thread that created it, however that ends.
 class PeerProcess {
  public:
   /// Runs `command` (program and arguments) with CycloneDDS kept to the loopback.

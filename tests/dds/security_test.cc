@@ -1,4 +1,4 @@
-// A secured network, as its users and as those who do not belong to it see it.
+// A secured network, from the inside and from the outside.
 #include "dfr/dds/security.h"
 
 #include <gmock/gmock.h>
@@ -207,7 +207,7 @@ TEST_F(SecurityTest, APeerOfAnotherImplementationWithoutCertificateIsShutOut) {
       return stranger.reason == "it has no certificate";
     });
   });
-  // It answers those without security, and them alone.
+  // It answers only participants without security.
   Participant open({.domain = test::OwnDomain()});
   Publisher<PoseStamped> open_ask(open, "/peer/ask/pose", Role::kCommand);
   Subscriber<PoseStamped> open_answers(open, "/peer/answer/pose", Role::kState);

@@ -72,8 +72,8 @@ TEST_F(StopDatagramsTest, WhatIsNotOfNowIsPassedOver) {
   }
 }
 
-// A datagram that is too old does not tell that nothing is pressed. Nor does it have to tell that
-// something is: what is not heard stops.
+// An old datagram is not evidence of a released button. It need not be evidence of a pressed one:
+// silence stops.
 TEST_F(StopDatagramsTest, ANetworkThatDelaysThemTooMuchStops) {
   constexpr std::int64_t kSilence = 100 * kMs;
   for (const bool pressed : {false, true}) {

@@ -134,7 +134,7 @@ TEST_F(StopSocketsTest, AllListenersOfADomainHearHowItStands) {
   EXPECT_FALSE(Hears(first));
 }
 
-// A flood is passed over, sixteen at a time, and a good datagram behind it is heard.
+// A flood is skipped, sixteen datagrams at a time, and a valid datagram after it is accepted.
 TEST_F(StopSocketsTest, WhatIsNoDatagramOfOursIsPassedOver) {
   const StopSocket mouth;
   const int yes = 1;

@@ -178,7 +178,7 @@ TEST(HostileFilesTest, NoOtherFileIsRead) {
                         }),
               HasSubstr("data/demo_0/actions: is a link to another file"));
 
-  // Whatever way leads to another file: the process that reads opens none.
+  // The reading process opens no other file, for any kind of link.
   const hid_t file =
       H5Fcreate((folder / "below.hdf5").c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
   H5Lcreate_external(other.c_str(), "data", file, "data", H5P_DEFAULT, H5P_DEFAULT);

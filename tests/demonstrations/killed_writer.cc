@@ -44,8 +44,8 @@ using imitation::RobomimicWriter;
 
 constexpr int kEpisodes = 10;  // More than libhdf5 keeps in one piece of a list.
 
-// Appends kEpisodes episodes and dies at the given write; returns how many were acknowledged, and
-// whether it came to the end.
+// Appends kEpisodes episodes and dies at the given write. Returns the number of acknowledged ones,
+// and whether it completed.
 template <typename MakeWriter>
 int AppendUntilKilled(int writes, const MakeWriter& make_writer, bool* done) {
   int pipe_ends[2];
@@ -60,7 +60,7 @@ int AppendUntilKilled(int writes, const MakeWriter& make_writer, bool* done) {
       if (write(pipe_ends[1], &acknowledged, 1) != 1) _exit(2);
     }
     writer.CountDiscarded();
-    // Not the destructor: nothing of what was acknowledged may be left to it.
+    // Without the destructor: acknowledged data must not depend on it.
     _exit(0);
   }
   close(pipe_ends[1]);

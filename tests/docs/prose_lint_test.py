@@ -21,7 +21,7 @@ class ProseLintTest(unittest.TestCase):
 
     def test_dangling_of(self):
         self.assertEqual(self.found("a.h", "int a;  ///< Of the action.\n/// Of a set.\n"), [1, 2])
-        # The second line of a sentence, a word, and code.
+        # Allowed: the second line of a sentence, a word, and code.
         self.assertEqual(self.found("a.h", "/// The mean\n/// Of all.\n// Offset\nint Of;\n// Of course\n"), [])
 
     def test_openings_and_style_of_pages(self):

@@ -163,7 +163,7 @@ class AppsTest(unittest.TestCase):
                     self.compare(f"merged{count}", "whole")
                 self.check_report()
                 self.rerun_the_worst("whole")
-                # From its own configuration alone, and with one value of it overruled.
+                # From its configuration alone, and with one value overridden.
                 self.run_program(command, "--config", "whole/run.toml", "--out", "again", "--restart")
                 self.compare("again", "whole")
                 error = self.run_program(command, "--config", "whole/run.toml", other, "--out", "again", fails=True)

@@ -1,5 +1,5 @@
-// A program like those of apps/, of episodes that follow by hashing and take no time: for tests of
-// what runs such programs.
+// A program like those of apps/, whose episodes are hashes and take no time, for tests of tools
+// that run such programs.
 #include <CLI/CLI.hpp>
 #include <atomic>
 #include <cstdlib>

@@ -124,7 +124,7 @@ TEST(ClusteredTest, IsClopperPearsonWhereTrialsDoNotDiffer) {
   EXPECT_THROW((void)ClusteredInterval({}), std::invalid_argument);
 }
 
-// Trials whose rates differ: episodes that are taken for independent cover far too little.
+// Trials with different rates: intervals that treat episodes as independent cover far too little.
 TEST(ClusteredTest, CoversWhenTrialsDiffer) {
   constexpr int kRepetitions = 400;
   int covered = 0;
@@ -259,7 +259,7 @@ TEST(ContrastTest, WhatIsUndefinedIsAbsent) {
   EXPECT_FALSE(EstimateContrast(strata).collision_reduction_interval);
 }
 
-// No collision was seen: that is not the same as that there is none.
+// No observed collision does not imply a rate of zero.
 TEST(ContrastTest, ZeroCollisionsHaveAnExactBound) {
   const std::vector<PairedCounts> units(5, {60, 20, 0, 40, 10, 0});
   const Interval interval = EstimateContrast(units).collision_reduction_interval.value();

@@ -332,7 +332,7 @@ TEST_F(LedgerTest, RunsThatFailAgainAndAgainLoseAndRepeatNothing) {
 
 class MergeTest : public testing::Test {
  protected:
-  // A ledger of shard index/count in a file of its own.
+  // A ledger of shard index/count in a separate file.
   std::filesystem::path Run(int index, int count, const EvaluationPlan& plan = FakePlan(),
                             const std::string& gamma = "5") const {
     std::filesystem::path path =

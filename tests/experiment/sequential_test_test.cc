@@ -41,8 +41,8 @@ TEST(SequentialTestTest, ASettledQuestionStaysSettled) {
   EXPECT_EQ(test.pairs(), at + 50);
 }
 
-// Looked at after every pair, methods that do not differ are told apart in at most a share alpha of
-// the runs.
+// Evaluated after every pair, equal methods are found different in at most a share alpha of the
+// runs.
 TEST(SequentialTestTest, LooksAsOftenAsOneLikes) {
   constexpr int kRuns = 2000;
   constexpr double kAlpha = 0.1;

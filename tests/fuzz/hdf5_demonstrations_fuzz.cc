@@ -1,4 +1,4 @@
-// Demonstrations in HDF5. libhdf5 reads in a process of its own, which may crash: ours may not.
+// Demonstrations in HDF5. libhdf5 reads in a separate process, which may crash; this one must not.
 #include <algorithm>
 #include <cstdlib>
 #include <stdexcept>

@@ -1,4 +1,4 @@
-// Ledgers: as they come, and as one line behind another one's header.
+// Ledgers: the input unchanged, and as one line after another ledger's header.
 #include <stdexcept>
 
 #include "dfr/experiment/ledger.h"

@@ -1,5 +1,5 @@
-// Poses and waves from anywhere: what is encoded, the firmware decodes as what is said to be sent,
-// within its reach; anything else is refused.
+// Arbitrary poses and waves: the firmware decodes encoded ones as reported, within its reach;
+// others are refused.
 #include <array>
 #include <cmath>
 #include <cstdlib>

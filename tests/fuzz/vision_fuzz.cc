@@ -1,4 +1,4 @@
-// Pictures from anywhere: what is seen has finite numbers, and what is not has a reason.
+// Arbitrary pictures: detected features have finite numbers, missing ones a reason.
 #include <cmath>
 #include <cstdlib>
 #include <vector>

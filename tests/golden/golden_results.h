@@ -154,8 +154,8 @@ inline std::string Lines(const std::map<std::string, std::string>& hashes) {
   return lines.str();
 }
 
-/// What changes a hash changes what users get from the same seed: CHANGELOG.md names it, and the
-/// new lines replace those of the file.
+/// A changed hash changes the users' results of a seed. CHANGELOG.md names the change, and the new
+/// lines replace those of the file.
 inline void ExpectRecordedBits(const char* recorded_in, int episodes) {
 #if __GNUC__ != 12 || defined(__clang__) || !defined(__OPTIMIZE__) || \
     defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

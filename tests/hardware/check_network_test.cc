@@ -30,8 +30,8 @@ using testing::Not;
 
 constexpr double kForEver = 1e9;  // s
 
-// Time passes only between the words that start it and those that stop it; the test's own doings go
-// on with each Wait().
+// Time advances only between the texts that start and stop it; the test's actions run in each
+// Wait().
 class NetworkCheckTest : public testing::Test {
  protected:
   NetworkCheckTest() {

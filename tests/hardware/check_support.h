@@ -9,7 +9,7 @@
 
 namespace dfr::test {
 
-/// Goes on when it is waited for, and does what is planned for a moment when it comes.
+/// Advances during waits, and runs planned actions at their times.
 class HandMovedClock final : public apps::hardware_app::Clock {
  public:
   std::int64_t SteadyNs() override { return now_ns; }

@@ -324,7 +324,7 @@ TEST_F(PsmClientTest, WhatElseIsHeardHolds) {
   ExpectHold(PsmStatus::kSendFailed, [](PsmInput& input) { input.send_failed = true; });
 }
 
-// Whether it is ours or was left alone.
+// Returns whether the set-point is the client's or unchanged.
 TEST_F(PsmClientTest, AJawThatOthersTurnHolds) {
   const auto turned = [](PsmInput& input) {
     if (input.jaw_setpoint) input.jaw_setpoint->angle += 0.1;

@@ -228,7 +228,7 @@ TEST_F(PsmDriverTest, PauseHoldsUntilResumedAndArmed) {
   Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
 }
 
-// A console that stops without a word, and goes on.
+// A console that stops without a message, and resumes.
 TEST_F(PsmDriverTest, SilenceHoldsAndNothingRestartsByItself) {
   const auto driver = Armed();
   ASSERT_EQ(driver->MoveTo(Yaw(0.2), 3.0), PsmStatus::kOk);
@@ -275,7 +275,7 @@ TEST_F(PsmDriverTest, EveryTopicThatCommandsTheArmIsWatched) {
   }
 }
 
-// While the loop's time stands still: whatever is heard is acted upon by the next tick.
+// While the loop's time is stopped: the next tick acts on each received message.
 TEST_F(PsmDriverTest, WhatOthersSayOfTheArmHolds) {
   dds::Participant other({.domain = test::OwnDomain(), .name = "other"});
   Meet(other);
@@ -376,7 +376,7 @@ TEST_F(PsmDriverTest, WhoeverJoinsHoldsBeforeSayingAnything) {
   ExpectHolds(*driver, PsmStatus::kNewcomer);
   EXPECT_EQ(driver->who(), "'gu?[2Jest' at 127.0.0.1");
   EXPECT_TRUE(driver->Requesters().empty());
-  // What it publishes on other topics is its own business, and that it leaves.
+  // Its publications on other topics, and its departure, have no effect.
   Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
   {
     const std::uint64_t before = participant_.num_found();
@@ -392,12 +392,13 @@ TEST_F(PsmDriverTest, WhoeverJoinsHoldsBeforeSayingAnything) {
     ExpectHolds(*driver, PsmStatus::kNewcomer);
     EXPECT_EQ(driver->who(), "'gu?[2Jest' at 127.0.0.1 publishes " + topic);
     ASSERT_EQ(driver->Requesters().size(), 1U);
-    // In its presence, once that is what its owner wants.
+    // In its presence, after its owner has accepted it.
     Until(*driver, [&] { return driver->Arm() == PsmStatus::kOk; });
   }
 }
 
-// An Si takes no instrument of a Classic: who has one is a Classic, whatever the owner says.
+// An Si does not accept a Classic's instrument: an arm with one is a Classic, whatever the
+// configuration.
 TEST_F(PsmDriverTest, AnArmSaidToBeAnSiIsNotArmedWithAClassicsInstrument) {
   PsmDriverOptions options;
   options.client.limits.generation = kinematics::PsmGeneration::kSi;

@@ -12,8 +12,7 @@ namespace dfr::test {
 constexpr int kWidth = 64;
 constexpr int kHeight = 48;
 
-/// For pictures of that size, which never grow old: tests with a clock of their own set another
-/// age.
+/// For pictures of that size without an age limit; tests with a separate clock set one.
 inline hardware::EndoscopeOptions SmallPictures() {
   hardware::EndoscopeOptions options;
   options.width = kWidth;

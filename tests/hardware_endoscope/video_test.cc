@@ -142,7 +142,7 @@ TEST_F(VideoTest, TruncatedFileIsToldFromOneThatEnded) {
     });
     EXPECT_EQ(status, FrameStatus::kTruncated);
   }
-  // All but a head: nothing to see.
+  // Only the file's head: no picture.
   std::filesystem::resize_file(path, 300);
   EXPECT_THAT(ErrorOf(path, test::SmallPictures()),
               HasSubstr("is not a video that can be decoded"));

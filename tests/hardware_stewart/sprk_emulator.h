@@ -12,7 +12,7 @@
 
 namespace dfr::test {
 
-/// A SprkFirmware behind a pseudo-terminal, on a thread of its own.
+/// A SprkFirmware behind a pseudo-terminal, on a separate thread.
 class SprkEmulator {
  public:
   /// @throws std::runtime_error if there is no pseudo-terminal.

@@ -7,7 +7,7 @@
 
 namespace dfr::test {
 
-/// An empty folder of the running test's own, removed with all that is in it.
+/// An empty folder for the running test, removed with its content.
 class TempFolder {
  public:
   TempFolder()

@@ -69,7 +69,7 @@ TEST(TrpoTest, LearnsToReachAGoalFromEverySeed) {
     EXPECT_EQ(progress.steps, trpo.steps());
     EXPECT_GT(progress.explained_variance, 0.5);
 
-    // The mean action on starts of its own; 200 episodes.
+    // The mean action on separate start states; 200 episodes.
     const GaussianPolicy policy = trpo.policy();
     test::PointPlant plant;
     int completed = 0;

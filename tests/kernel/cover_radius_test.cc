@@ -62,7 +62,7 @@ TEST(CoverRadiusTest, IsAttainedByASingleKernel) {
   EXPECT_EQ(CoverRadius(svm, -1.0), 0.0) << "nothing is that deep inside";
 }
 
-// Two samples far apart share the weight: near one, the other is as good as gone.
+// Two distant samples share the weight: near one, the other has almost no effect.
 TEST(CoverRadiusTest, IsSmallerThanThePlainRadiusWhereSamplesAreSpread) {
   core::Matrix samples(2, 1);
   samples << -5.0, 5.0;

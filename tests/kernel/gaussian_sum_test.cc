@@ -204,7 +204,7 @@ void CheckSmallTerms() {
     }
     EXPECT_TRUE(term == T{0} || std::isnormal(term)) << exponent;
   }
-  // The sum of those that are left, whatever it is made with.
+  // The sum of the remaining terms, for every instruction set.
   double sum = 0.0;
   for (const T term : row) sum += static_cast<double>(term);
   EXPECT_NEAR(static_cast<double>(GaussianSum(terms, scaled.data())), sum, 1e-5 * sum);
@@ -230,7 +230,7 @@ TEST_P(GaussianSumTest, NeverAllocates) {
 // The system tier has a million.
 TEST(GaussianSumTargetsTest, GIsAccurateOnRandomAndAdversarialStates) { CheckDecisions(20'000); }
 
-// Instruction sets round in another order: each is as near to the truth, so they are to each other.
+// Instruction sets round in different orders: each is equally close to the exact sum.
 TEST(GaussianSumTargetsTest, InstructionSetsDifferByRoundingOnly) {
   const Problem p(600, 9, 1.0 / 9.0, 15);
   core::Random random(16);

@@ -1,5 +1,5 @@
-// Problems over all that a caller may ask for: sizes, widths of the kernel, nu, duplicates,
-// clusters, scales, outliers. What a fit claims is checked against the definition.
+// Problems over all valid arguments: sizes, kernel widths, nu, duplicates, clusters, scales,
+// outliers. The results of a fit are checked against their definition.
 #pragma once
 
 #include <gtest/gtest.h>

@@ -343,7 +343,7 @@ TEST(WhitenedSupportTest, HeldOutLevelsAreOneForEachStateAndTheBestOfThePhaseWin
     std::sort(levels.begin(), levels.end());
     EXPECT_EQ(levels, LevelsByDefinition(demonstrations, 3, window)) << window;
   }
-  // Two of four are left out at a time, however many folds are asked for.
+  // Two of four are left out at a time, for any number of folds.
   EXPECT_EQ(HeldOutLevels(std::span(demonstrations).first(4), {}, 9, 0).size(), 40u);
 }
 

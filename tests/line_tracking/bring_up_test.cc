@@ -1,4 +1,4 @@
-// Bringing up a robot, and what its operator is asked meanwhile.
+// Bringing up a robot, and the questions to its operator.
 #include "bring_up.h"
 
 #include <gtest/gtest.h>
@@ -37,7 +37,7 @@ class BringUpTest : public testing::Test {
       return e.what();
     }
   }
-  // What `plan` does comes so long from now, in the loop's time.
+  // Runs `plan` after this time of the loop.
   void Later(double seconds, std::function<void()> plan) {
     robot_.clock.plan_ns = robot_.clock.now_ns + static_cast<std::int64_t>(1e9 * seconds);
     robot_.clock.plan = std::move(plan);

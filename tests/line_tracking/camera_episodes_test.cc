@@ -67,7 +67,7 @@ TEST(CameraEpisodesTest, IntrinsicsOfAnotherCameraHaltTheEpisode) {
   }
 }
 
-// Each thread with its own OpenGL context.
+// Each thread has a separate OpenGL context.
 TEST(CameraEpisodesTest, TheNumberOfThreadsDoesNotMatter) {
   const sim::LineTrackingOptions options = Disturbed();
   const experiment::EvaluationPlan plan{.methods = {"baseline"},

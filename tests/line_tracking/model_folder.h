@@ -44,7 +44,7 @@ inline const ModelFolder& Data() {
   return folder;
 }
 
-/// How an episode ends.
+/// Outcome of an episode.
 struct Ending {
   core::Outcome outcome;
   control::HaltCause cause;

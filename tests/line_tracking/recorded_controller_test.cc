@@ -1,4 +1,4 @@
-// What is left of a run, and what no run begins with.
+// Recordings of runs, and files that a run refuses.
 #include "recorded_controller.h"
 
 #include <gtest/gtest.h>
@@ -67,7 +67,7 @@ TEST(RecordedControllerTest, ARecordingIsDecidedAgainToTheBitAndADifferenceIsSee
   EXPECT_EQ(log.steps.front().state.view().size(), 4U);
   testing::internal::CaptureStdout();
   EXPECT_TRUE(ReplayRecording(path, {}));
-  // Where methods have changed since, it says why decisions may differ.
+  // If methods have changed since, it prints why decisions may differ.
   EXPECT_NE(testing::internal::GetCapturedStdout().find("this program is of commit "),
             std::string::npos);
 

@@ -24,7 +24,7 @@ class RobotConfigTest : public testing::Test {
     std::ofstream(file_) << text;
     return RobotConfig::Load(file_);
   }
-  // What the error says of `text`; empty if there is none.
+  // Returns the error about `text`; empty if it is valid.
   std::string Error(const std::string& text) {
     try {
       static_cast<void>(Load(text));
@@ -175,7 +175,7 @@ TEST_F(RobotConfigTest, BoundsThatAreNoneAreRefused) {
               HasSubstr(":2: task.box_max_m must be such that box_min_m must be below box_max_m"));
   EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 1]]\n"),
               HasSubstr(":2: task.planes must be a list of planes, each 4 finite numbers"));
-  EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 2, 0]]\n"), HasSubstr("its normal of length 1"));
+  EXPECT_THAT(Error("[task]\nplanes = [[0, 0, 2, 0]]\n"), HasSubstr("have a normal of length 1"));
 }
 
 TEST_F(RobotConfigTest, ACalibrationOfAnotherCameraIsRefused) {
@@ -205,7 +205,7 @@ class ProvenanceTest : public RobotConfigTest {
  protected:
   static constexpr char kRobot[] =
       "robot = 'dds'\n[arm]\nname = 'PSM1'\nserial = 'A7'\n[camera]\nname = 'left eye'\n";
-  // What is said against a calibration of `provenance`; empty: nothing.
+  // Returns the error about a calibration of `provenance`; empty if it is accepted.
   static std::string Refusal(const RobotConfig& config, const core::Provenance& provenance) {
     try {
       CheckProvenance(config, "c.dfr", provenance, "Do it again");

@@ -19,7 +19,7 @@ inline sim::LineTrackingOptions FromTruth() {
   return options;
 }
 
-/// What a perfect calibration knows: all that is systematic.
+/// A perfect calibration: it removes all systematic errors.
 inline line_task::LineCalibration Known(const sim::LineTrackingOptions& options) {
   line_task::LineCalibration known;
   known.camera = sim::LineTrackingPlant::true_camera();

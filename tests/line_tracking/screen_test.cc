@@ -1,4 +1,4 @@
-// What a run tells its operator, printed by a thread of its own.
+// Output for the operator of a run, printed by a separate thread.
 #include "screen.h"
 
 #include <fcntl.h>
@@ -24,7 +24,7 @@ TEST(ScreenTest, PrintsAllInOrder) {
   EXPECT_EQ(shown.Text(), "line 0 of three\nline 1 of three\nline 2 of three\n");
 }
 
-// As a terminal after Ctrl-S: neither the loop nor the program's end waits for it for ever.
+// Like a terminal after Ctrl-S: neither the loop nor the program's end waits for it without limit.
 TEST(ScreenTest, NobodyWaitsForATerminalThatStandsStill) {
   const Pipe shown;
   ::fcntl(shown.out(), F_SETFL, O_NONBLOCK);

@@ -70,7 +70,7 @@ TEST(LineTrialRunnerTest, SameSeedsGiveTheSameEpisode) {
   }
 }
 
-// Where the platform never stops, a halt is no way out: it carries the line away from the tip.
+// If the platform never stops, a halt does not help: the line moves away from the tip.
 TEST(LineTrialRunnerTest, InRealTimeAHaltMayCollide) {
   const std::vector<std::string> methods = {"early-stopping", "proportional"};
   std::array<int, 2> collided_after_halt{};

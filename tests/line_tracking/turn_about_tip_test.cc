@@ -22,7 +22,7 @@ bool UprightAt(const PsmJoints& from, PsmJoints& upright) {
   return Psm::Inverse(pose, upright) == kinematics::PsmReach::kOk;
 }
 
-// How far the tips get from their place, and how far down, over moves through joint space.
+// Largest distance of the tips from their place, and downwards, over moves through joint space.
 struct Way {
   double astray_m = 0.0;
   double down_m = 0.0;

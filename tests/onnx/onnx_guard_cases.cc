@@ -13,7 +13,7 @@
 namespace dfr::test {
 namespace {
 
-// States of seven entries, of which four are looked at, not in their order.
+// States of seven entries, of which four are features, in another order.
 std::shared_ptr<const safety::GuardModel> FitGuard(core::Random& random) {
   core::StateLayout layout;
   layout.Add("object", 3);

@@ -12,7 +12,7 @@
 namespace dfr::apps::pusher {
 namespace {
 
-// The experiment's demand. Shares of a percent want a thousand episodes.
+// The experiment's requirement. Shares of one per cent need a thousand episodes.
 TEST(ShippedSupervisorTest, CompletesAndHardlyEverCollides) {
   const auto policy = imitation::GaussianPolicy::Load(DFR_SUPERVISOR);
   const Counts mean = Episodes(policy, false, 1000);
@@ -40,7 +40,7 @@ TEST(TrainSupervisorTest, GoesOnFromACheckpointAsIfNeverInterrupted) {
       std::filesystem::path(testing::TempDir()) / "dfr_train_supervisor_system";
   std::filesystem::remove_all(folder);
   std::filesystem::create_directories(folder);
-  // One iteration makes about 5000 controls, two about 9000: too few to be any good.
+  // One iteration has about 5000 controls, two about 9000: too few for a good supervisor.
   TrainSupervisorOptions options;
   options.seed = 4;
   options.min_steps = 1;

@@ -1,4 +1,4 @@
-// Writes a finished log and, beside it, what is in it, numbers as their bits: for log_peer.mjs.
+// Writes a finished log and, in a second file, its content with numbers as bits, for log_peer.mjs.
 // usage: recording_cases FOLDER
 #include <bit>
 #include <cstdint>

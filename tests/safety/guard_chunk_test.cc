@@ -15,7 +15,7 @@
 #include "tests/safety/corridor_guard.h"
 #include "tests/support/no_alloc.h"
 
-// A namespace of its own, because sources are compiled together.
+// A separate namespace, because sources are compiled together.
 namespace dfr::safety::chunk_tests {
 namespace {
 
@@ -80,7 +80,7 @@ Episode Play(const std::shared_ptr<const GuardModel>& model, double y, Ask ask) 
 
 // Back to the middle within the chunk: what the policy saw when it was asked.
 std::vector<double> GoodPolicy(double y) { return Repeated(Action(0.0997, -y / kChunk), kChunk); }
-// It does not see where it is.
+// It does not observe its position.
 std::vector<double> DriftingPolicy(double /*y*/) { return Repeated(Action(0.09, 0.06), kChunk); }
 
 TEST(GuardChunkTest, AGoodPolicyThatIsAskedEveryEightStepsPlaysItsChunks) {

@@ -66,8 +66,8 @@ TEST(GuardTest, PassesTheActionDeepInside) {
   EXPECT_NEAR(verdict.g, guard.model().support().Decision(verdict.step, state), 1e-15);
 }
 
-// A policy that drifts off sideways leaves the demonstrated corridor; guarded it does not, and
-// still gets to the end.
+// A policy that drifts sideways leaves the demonstrated corridor. With the guard it stays inside
+// and reaches the end.
 TEST(GuardTest, KeepsADriftingPolicyInsideAndMoving) {
   const std::vector<double> action = Action(0.09, 0.06);
   CorridorPlant alone;

@@ -65,7 +65,7 @@ TaskModel Fit(bool published) {
   return {test::CorridorLayout(), Demonstrations(), Options(published)};
 }
 
-// Folder of a test's own, gone with it.
+// Folder for the test, removed at its end.
 class TaskModelTest : public testing::Test {
  protected:
   TaskModelTest()
@@ -169,7 +169,7 @@ TEST_F(TaskModelTest, WholeStatesAreSavedAsWholeStates) {
   ExpectSameDecisions(model, TaskModel::Load(folder_, test::CorridorLayout()));
 }
 
-// A folder is used again: what an earlier model left there does not come back.
+// A folder is used again: files of an earlier model have no effect.
 TEST_F(TaskModelTest, APublishedSupportOfBeforeIsNotTakenForTheModels) {
   Fit(true).Save(folder_);
   Fit(false).Save(folder_);

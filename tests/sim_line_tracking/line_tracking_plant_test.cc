@@ -347,7 +347,7 @@ TEST(LineTrackingPlantTest, ThePictureShowsMarksWhereTheCameraProjectsThem) {
   EXPECT_LT(mean.norm(), 0.06);
 }
 
-// Each thread draws in an OpenGL context of its own; pictures, and so states, are the same bits.
+// Each thread draws in a separate OpenGL context; pictures and states have the same bits.
 TEST(LineTrackingPlantTest, ImagesDoNotDependOnTheThread) {
   LineTrackingOptions options;
   options.disturbance.wave = Wave::kRandom;

@@ -83,8 +83,8 @@ TEST(ProofTest, NoisyStatesStayInsideToo) {
   EXPECT_EQ(result.violations, 0);
 }
 
-// Half of the true eps: each state that leaves was detected at the same control. A hundred of them
-// take hundreds of worlds.
+// Half of the true eps: each state that leaves was detected at the same control. One hundred of
+// these states need hundreds of worlds.
 TEST(ProofTest, AWrongConstantEndsInAViolation) {
   const ProofResult result = Prove({.steps = 30'000, .assumed = 0.5});
   EXPECT_GT(result.violations, 100);

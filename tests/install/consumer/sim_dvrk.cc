@@ -1,6 +1,6 @@
 #include "dfr/sim/dvrk/psm_console.h"
 
-// An arm is homed in its own time.
+// An arm needs time for homing.
 int main() {
   dfr::sim::PsmConsole console({.arm = "PSM1", .homing_s = 0.5});
   console.StateCommand("home");
