@@ -19,25 +19,25 @@
 
 namespace dfr::apps::line_tracking {
 
-/// What a picture that was asked for shows.
+/// Results of a requested picture.
 struct ImageAnswer {
-  std::uint64_t question = 0;  ///< Counts from 1.
+  std::uint64_t question = 0;  ///< Number of the request, from 1.
   std::uint64_t sequence = 0;
   std::int64_t stamp_ns = 0;
   vision::LineObservation seen;
-  /// Where AskForMarks() asked, and instead: the marks as in a vision::CalibrationFrame, none where
-  /// they were not found, and the tip.
+  /// After AskForMarks(), instead of the state: the marks as in a vision::CalibrationFrame, empty
+  /// if not found, and the tip.
   std::vector<Eigen::Vector2d> marks_px;
   Eigen::Vector2d tip_px = Eigen::Vector2d::Zero();
 };
 
-/// The endoscope of line tracking as the camera of a robot::ControlLoop. A thread of its own looks
-/// at the pictures, so that the loop never waits for OpenCV.
+/// The endoscope of line tracking as the camera of a robot::ControlLoop. A separate thread
+/// processes the pictures, so that the loop never waits for OpenCV.
 class ImageWorker final : public robot::Camera {
  public:
-  /// Opens config.camera. Borrows all that it is given.
+  /// Opens config.camera. Borrows all arguments.
   /// @param lock_step  nullptr in real time; else Ask() waits for the answer.
-  /// @param recorder  gets every picture; may be nullptr.
+  /// @param recorder  receives every picture; may be nullptr.
   /// @throws std::runtime_error as hardware::OpenVideo() and hardware::OpenTopic().
   ImageWorker(dds::Participant& images, const RobotConfig& config,
               const hardware::PsmDriver& driver, const line_task::LineTask& task,
@@ -49,13 +49,13 @@ class ImageWorker final : public robot::Camera {
   [[nodiscard]] robot::ThreadFinding Report() noexcept override;
   [[nodiscard]] robot::Finding Ask(std::int64_t after_ns) noexcept override;
   [[nodiscard]] Answer Take(std::span<double> state) noexcept override;
-  /// In place of Ask(), for a calibration, in real time: marks and tip alone, whatever is known of
-  /// camera and arm. The answer allocates.
+  /// Replaces Ask() for a calibration, in real time: finds only marks and tip, without the
+  /// calibration of camera and arm. The answer allocates.
   void AskForMarks(std::int64_t after_ns) noexcept;
-  /// A new episode: the next picture is not compared with the one before.
+  /// Begins a new episode: the next picture is not compared with the previous one.
   void Forget() noexcept { forget_ = true; }
 
-  /// The picture that the last state was taken from, and what it shows.
+  /// Picture of the last state, and the features in it.
   [[nodiscard]] const ImageAnswer& last() const noexcept { return last_; }
 
  private:
@@ -76,19 +76,19 @@ class ImageWorker final : public robot::Camera {
   const hardware::PsmDriver* driver_;
   const line_task::LineTask* task_;
   LockStep* lock_step_;
-  std::int64_t answer_ns_;  // how long a question is waited for in lock-step
+  std::int64_t answer_ns_;  // timeout of a request in lock-step
   recording::Recorder* recorder_;
   runtime::Latest<Question> questions_;
   runtime::Latest<ImageAnswer> answers_;
   runtime::Latest<Health> healths_;
   std::atomic<bool> forget_ = false;
   std::atomic<bool> stop_ = false;
-  // The loop's.
+  // Used by the loop's thread.
   std::uint64_t question_ = 0;
   Health health_;
   ImageAnswer answer_;
   ImageAnswer last_;
-  // The thread's.
+  // Used by the worker's thread.
   std::unique_ptr<hardware::Endoscope> endoscope_;
   vision::LineVision vision_;
   std::thread thread_;

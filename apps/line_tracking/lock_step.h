@@ -8,12 +8,12 @@
 
 namespace dfr::apps::line_tracking {
 
-/// The time of dvrk_simulator --lock-step as that of a robot::ControlLoop. A simulator that does
-/// not answer is HoldReason::kArmSilent, and is not waited for again until Retry(). Calls wait for
-/// answers, and may allocate.
+/// Clock of a robot::ControlLoop on dvrk_simulator --lock-step. A simulator that does not answer
+/// causes HoldReason::kArmSilent, and gets no request until Retry(). Calls wait for answers, and
+/// may allocate.
 class LockStep final : public robot::Clock {
  public:
-  /// Borrows both.
+  /// Borrows both arguments.
   LockStep(SimulatorLink& link, hardware::PsmDriver& driver) : link_(&link), driver_(&driver) {}
 
   [[nodiscard]] robot::Finding Wait(double dt_s) noexcept override;
@@ -23,9 +23,9 @@ class LockStep final : public robot::Clock {
   [[nodiscard]] bool lock_step() const noexcept override { return true; }
   [[nodiscard]] robot::Finding Rest() noexcept override;
 
-  /// A picture is taken and published.
+  /// Requests a picture.
   [[nodiscard]] robot::Finding Look() noexcept;
-  /// Set-points that were sent so far are not waited for: they have expired.
+  /// Forgets the set-points sent so far, because they have expired.
   void Forget() noexcept { setpoints_seen_ = driver_->setpoints_sent(); }
   void Retry() noexcept { lost_ = false; }
 

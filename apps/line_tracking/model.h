@@ -20,33 +20,33 @@ namespace dfr::apps::line_tracking {
 struct LineModelOptions {
   std::vector<int> hidden = {64, 64};  ///< Tanh units of the policy's layers.
   std::string support_features = "tip[0:1],distance";
-  double nu = 0.05;  ///< The quantile of the demonstrated states that may be outside.
-  /// Candidates for the kernel's width, 1/mm^2. Where there are several, kernel::SelectModel()
-  /// chooses by held-out demonstrations (Sec. V-B): the tightest support that accepts `acceptance`
-  /// of their states; where none does, the one that accepts most.
+  double nu = 0.05;  ///< Largest share of the demonstrated states outside.
+  /// Candidates for gamma, 1/mm^2. With several, kernel::SelectModel() chooses by held-out
+  /// demonstrations (Sec. V-B): the tightest support that accepts `acceptance` of their states, or
+  /// the one that accepts most.
   std::vector<double> gammas = {0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0};
-  /// What nu promises, 1 - nu. A tighter support has its gate's threshold lambda |u| beyond the
-  /// largest g at some time step, and DFR halts there.
+  /// Share accepted according to nu, 1 - nu. The gate's threshold lambda |u| of a tighter support
+  /// exceeds the largest g at some time step, and DFR halts there.
   double acceptance = 0.95;
   double guided_gamma = kernel::WhitenedSupportOptions()
-                            .svm.gamma;  ///< Guided recovery's support, in whitened units.
-  int horizon = 55;                      ///< T: controls of the learned policy in an episode.
-  std::uint64_t seed = 1;                ///< Draws the network's first weights.
+                            .svm.gamma;  ///< Gamma of guided recovery's support, in whitened units.
+  int horizon = 55;        ///< T: number of the learned policy's controls per episode.
+  std::uint64_t seed = 1;  ///< Seed of the network's initial weights.
 };
 
-/// The constants of this task's controllers. "dfr" is Algorithm 1 with steps larger than the noise
-/// of images, probe g / (10 lambda), step g / (2 lambda); "dfr-fine" has the paper's. "guided"
-/// knows that the platform moves on during a control; "guided-without-drift" takes what the
-/// platform does for the answer to controls.
+/// Constants of this task's controllers. "dfr" is Algorithm 1 with steps larger than the noise of
+/// images, probe g / (10 lambda), step g / (2 lambda); "dfr-fine" has the paper's. "guided"
+/// estimates the platform's drift during a control; "guided-without-drift" attributes it to the
+/// control.
 [[nodiscard]] safety::ControllerOptions Controllers();
 
-/// Those of study::kOtherMethods that need no supervisor to ask, for the demonstrations here are
-/// open-loop, and "proportional": a scripted policy that goes on along the line by 1 mm a
-/// control and corrects 0.8 of the distance that was seen, without learning or support.
+/// Methods of study::kOtherMethods that query no supervisor, because the demonstrations are
+/// open-loop, and "proportional": a scripted policy that moves along the line by 1 mm per control
+/// and corrects 0.8 of the measured distance, without learning or support.
 inline constexpr std::array<std::string_view, 7> kOtherLineMethods = {
     "finite-difference", "true-jacobian", "lwr", "lwr-cv", "knn", "ensemble", "proportional"};
 
-/// What drives "proportional".
+/// Returns the policy of "proportional".
 [[nodiscard]] const core::Policy& ProportionalPolicy() noexcept;
 
 /// LearnedModel of line tracking.
@@ -59,8 +59,8 @@ class LineModel : public study::LearnedModel {
   static LineModel Load(const std::filesystem::path& folder);
 
   /// Borrows this model; `method` is one that study::ParseMethod() takes, with
-  /// kOtherLineMethods; `plant`, the plant that is driven, is for "finite-difference" only.
-  /// @throws std::invalid_argument naming what is unknown and what there is.
+  /// kOtherLineMethods; `plant` is the controlled plant, for "finite-difference" only.
+  /// @throws std::invalid_argument listing the valid names for an unknown one.
   [[nodiscard]] std::unique_ptr<control::Controller> MakeController(
       const std::string& method, const core::SimulatedPlant* plant = nullptr) const;
 

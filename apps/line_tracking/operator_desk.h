@@ -12,23 +12,24 @@
 
 namespace dfr::apps::line_tracking {
 
-/// Asks the operator of a robot at the terminal, while its loop goes on. What was typed before a
-/// question is no answer to it. All that it is given outlives it.
+/// Asks the operator of a robot at the terminal, while its loop continues. Text typed before a
+/// question is ignored. All arguments must outlive it.
 class OperatorDesk {
  public:
-  /// @param interrupted  Ctrl-C: every question ends with no.
+  /// @param interrupted  set by Ctrl-C: every answer is then no.
   OperatorDesk(runtime::Keyboard& keyboard, Screen& screen, const std::atomic<bool>& interrupted)
       : keyboard_(&keyboard), screen_(&screen), interrupted_(&interrupted) {}
 
-  /// Which of `words` is typed, exactly; nothing for q, at the end of input and if interrupted.
+  /// Returns the one of `words` that is typed exactly; empty for q, at the end of input and if
+  /// interrupted.
   [[nodiscard]] std::optional<std::string> Answer(robot::ControlLoop& loop,
                                                   std::string_view question,
                                                   std::span<const std::string_view> words);
   /// True once exactly `word` is typed; false for q, at the end of input and if interrupted.
   [[nodiscard]] bool Confirms(robot::ControlLoop& loop, std::string_view question,
                               std::string_view word);
-  /// Whether the next episode may begin. Enter is enough after an episode that ended as episodes
-  /// do; after any other reason to hold `start` has to be typed, after a fault `clear` before it.
+  /// Returns true if the next episode may begin. After a regular end Enter suffices; after any
+  /// other reason to hold the operator types `start`, after a fault `clear` before it.
   [[nodiscard]] bool AllowsEpisode(robot::ControlLoop& loop);
 
  private:

@@ -8,32 +8,32 @@
 
 namespace dfr::apps::line_tracking {
 
-/// How a run moves the SPRK platform.
+/// Motion of the SPRK platform in a run.
 struct PlatformOptions {
-  std::string device;  ///< Its serial port; empty: nothing here moves the gauze.
-  std::optional<hardware::SprkWaveKind> wave;  ///< Absent: it rests.
+  std::string device;                          ///< Serial port; empty: no platform.
+  std::optional<hardware::SprkWaveKind> wave;  ///< Absent: the platform rests.
   hardware::SprkWave motion;
 };
 
-/// The platform of a run as a control loop's. Its firmware has no timeout and tells nothing: a
-/// program that is killed leaves the wave going, and only its power supply or another command ends
-/// it. Commands wait for the end of the last frame at most (hardware::kSprkFramePeriod).
+/// Platform of a run for a control loop. Its firmware has no timeout and reports nothing: after a
+/// killed program the wave continues until the power is cut or another command arrives. Commands
+/// wait at most for the end of the last frame (hardware::kSprkFramePeriod).
 class PlatformMotion final : public robot::Platform {
  public:
-  /// Opens the port. Nothing moves.
+  /// Opens the port, without motion.
   /// @throws core::Error as hardware::SprkDriver.
   explicit PlatformMotion(const PlatformOptions& options);
-  /// It comes to rest.
+  /// Stops the platform.
   ~PlatformMotion() override;
   PlatformMotion(const PlatformMotion&) = delete;
   PlatformMotion& operator=(const PlatformMotion&) = delete;
 
   [[nodiscard]] robot::Finding Check() noexcept override;
   [[nodiscard]] robot::Finding Home() noexcept override;
-  /// The wave begins, if there is one.
+  /// Begins the wave, if there is one.
   [[nodiscard]] robot::Finding Begin() noexcept override;
-  /// Where it is by the estimate. Where in a wave it is, nobody knows: that ends in the wave's
-  /// middle, an amplitude away at most.
+  /// Holds the estimated pose. The phase of a wave is unknown: a stop takes the platform to the
+  /// wave's middle, at most an amplitude away.
   [[nodiscard]] robot::Finding Rest() noexcept override;
 
  private:

@@ -125,7 +125,7 @@ class ShardsTest(unittest.TestCase):
                 (("run", name, "--film", "film.mp4"), "this program cannot draw such episodes"),
                 (("nowhere", name), "nowhere/run.toml")]:
             self.assertIn(says, self.run_program("rerun", *arguments, fails=True))
-        # A program that ends it otherwise than the ledger says.
+        # A program whose outcome differs from the ledger's.
         self.assertIn("in its ledger the episode is", self.run_program("rerun", "run", name, fails=True, differs="yes"))
 
     def test_mistakes_in_a_configuration_name_the_line(self):

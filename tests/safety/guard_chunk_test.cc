@@ -51,7 +51,7 @@ struct Episode {
   bool halted = false;
 };
 
-// Plays what is counted and, where nothing is, one action as the guard changes it.
+// Applies the counted actions or, if there are none, one action as changed by the guard.
 Episode Play(const std::shared_ptr<const GuardModel>& model, double y, Ask ask) {
   Guard guard(model);
   guard.Reset(1);

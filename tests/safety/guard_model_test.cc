@@ -206,7 +206,7 @@ TEST(GuardModelTest, AlarmsOnFewUnseenDemonstrations) {
   EXPECT_LT(alarms, 400 * (0.1 + 3 * 0.04));
 }
 
-// Nothing that is fitted depends on who was recorded first.
+// The fit does not depend on the order of recording.
 TEST_F(GuardFileTest, TheOrderOfDemonstrationsChangesNoBitOfTheFit) {
   const auto demonstrations = test::CorridorDemonstrations(5, 14, 6);
   const auto fit = [&](const std::vector<core::Trajectory>& some, double hold_out) {

@@ -122,7 +122,7 @@ const char* Remedy(PsmStatus status) noexcept {
     case PsmStatus::kStateSilent:
       return "is the console alive and the network sound? then arm again";
     case PsmStatus::kStateInvalid:
-      return "the console does not know where the arm is: home it";
+      return "the console has no valid pose of the arm: home it";
     case PsmStatus::kStateOld:
       return "set both machines' clocks by NTP or PTP; if they agree, the console or network "
              "stalls";
